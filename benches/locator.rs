@@ -4,10 +4,10 @@ use std::hint::black_box;
 use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use insonify::imaging::synth::slab::Slab;
-use insonify::imaging::synth::tables::Tables;
-use insonify::mechanics::mesh::{Displacement, Locator, TetMesh};
 use insonify::{DEFAULT_SCENE, FrameState, SceneFile};
+use insonify_imaging::synth::slab::Slab;
+use insonify_imaging::synth::tables::Tables;
+use insonify_mesh::{Displacement, Locator, TetMesh};
 
 /// Nodes of the meshes, about.
 const NODES: [usize; 2] = [5_000, 50_000];

@@ -7,13 +7,13 @@ use std::time::Duration;
 
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use faer::Mat;
-use insonify::mechanics::mesh::TetMesh;
-use insonify::mechanics::tissue::assembly::Stiffness;
-use insonify::mechanics::tissue::dofs::Dofs;
-use insonify::mechanics::tissue::factor::Factor;
-use insonify::mechanics::tissue::material::{Material, Materials};
-use insonify::mechanics::tissue::nonlinear::{Options, Scheme, Solid, Solver, Stiffening, Supports, Target};
-use insonify::mechanics::tissue::problem::{Fix, Load, StaticProblem};
+use insonify_mechanics::tissue::assembly::Stiffness;
+use insonify_mechanics::tissue::dofs::Dofs;
+use insonify_mechanics::tissue::factor::Factor;
+use insonify_mechanics::tissue::material::{Material, Materials};
+use insonify_mechanics::tissue::nonlinear::{Options, Scheme, Solid, Solver, Stiffening, Supports, Target};
+use insonify_mechanics::tissue::problem::{Fix, Load, StaticProblem};
+use insonify_mesh::TetMesh;
 use nalgebra::Matrix4;
 
 /// Cells of the lattice, of 10 mm each.

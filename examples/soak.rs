@@ -7,12 +7,12 @@
 use std::error::Error;
 use std::io;
 
-use insonify::gpu::adapter;
-use insonify::study::bench::compare::SCENE;
 use insonify::{
     AdapterChoice, Backend, FrameState, Observer, Record, Requests, ScenarioFile, SceneFile, Step, Synthesizer,
     run_scenario,
 };
+use insonify_gpu::adapter;
+use insonify_study::bench::compare::SCENE;
 use nalgebra::Matrix4;
 
 /// Most growth a frame and a step, bytes.

@@ -1,18 +1,18 @@
 //! Top-level error type, and whether the user or the machine is at fault.
 
-use crate::anatomy::volume::VolumeError;
-use crate::base::cause::Cause;
-use crate::base::csv::CsvError;
-use crate::base::document::InputError;
-use crate::base::output::OutputError;
-use crate::gpu::GpuError;
-use crate::imaging::synth::SynthError;
-use crate::mechanics::insertion::StepError;
-use crate::mechanics::mesh::file::MeshFileError;
-use crate::mechanics::mesh::generate::GenerateError;
-use crate::mechanics::needle::beam::BeamError;
 use crate::simulator::SimulatorError;
-use crate::tracking::TrackingError;
+use insonify_anatomy::volume::VolumeError;
+use insonify_base::cause::Cause;
+use insonify_base::csv::CsvError;
+use insonify_base::document::InputError;
+use insonify_base::output::OutputError;
+use insonify_gpu::GpuError;
+use insonify_imaging::synth::SynthError;
+use insonify_mechanics::insertion::StepError;
+use insonify_mechanics::needle::beam::BeamError;
+use insonify_mesh::file::MeshFileError;
+use insonify_mesh::generate::GenerateError;
+use insonify_tracking::TrackingError;
 
 /// Any error between a command and its output.
 #[derive(Debug, thiserror::Error)]
@@ -100,13 +100,13 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::input::scene::SceneFile;
+    use insonify_imaging::scene::SceneFile;
 
     #[test]
     fn input_is_told_from_machine() {
         let full = OutputError::write(Path::new("frame.png"), io::Error::from(io::ErrorKind::StorageFull));
         assert_eq!(Error::from(full).exit_status(), MACHINE);
-        let missing = crate::anatomy::volume::load(Path::new("/nowhere/labels.nii"))
+        let missing = insonify_anatomy::volume::load(Path::new("/nowhere/labels.nii"))
             .map(drop)
             .unwrap_err();
         assert_eq!(Error::from(missing).exit_status(), INPUT);

@@ -23,17 +23,17 @@ use std::time::Duration;
 
 use nalgebra::Matrix4;
 
-use crate::base::cause::Cause;
 use crate::error::Error;
-use crate::imaging::synth::{Backend, Frame, SynthError, Synthesizer};
 use crate::input::scenario::Scenario;
-use crate::mechanics::insertion::{Instruments, LevelChange, Model, StepError};
-use crate::mechanics::tissue::remesh::Level;
-use crate::tracking::template::UnknownHole;
 pub use devices::{Damper, Guided, HoldOptions, LateralHold, PointsPose, TwoPoints};
 pub use forces::Forces;
 pub use haptic::Haptic;
 pub use imaging::Imaging;
+use insonify_base::cause::Cause;
+use insonify_imaging::synth::{Backend, Frame, SynthError, Synthesizer};
+use insonify_mechanics::insertion::{Instruments, LevelChange, Model, StepError};
+use insonify_mechanics::tissue::remesh::Level;
+use insonify_tracking::template::UnknownHole;
 
 /// Why a device, a hole or a model to be imaged is refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

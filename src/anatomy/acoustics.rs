@@ -16,7 +16,10 @@ pub mod totalsegmentator;
 
 pub use overrides::{TissueError, TissueOverride};
 pub use resolve::{Origin, Preset};
-pub(crate) use resolve::{fallback, known, without_side};
+pub use resolve::{fallback, known, without_side};
+
+/// Young's modulus from which a tissue is rigid by default, kPa.
+pub const RIGID_KPA: f64 = 1e6;
 
 /// Acoustic and mechanical properties of a tissue.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -16,7 +16,7 @@ use nalgebra::{Matrix4, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::anatomy::volume::{LabelVolume, VolumeError};
+use crate::volume::{LabelVolume, VolumeError};
 
 /// Finest and coarsest resolution, mm.
 const RESOLUTION_RANGE_MM: [f64; 2] = [0.3, 5.0];
@@ -128,9 +128,9 @@ fn pose_at(origin: Vector3<f64>, axial: Vector3<f64>, towards_mark: Vector3<f64>
 /// Declares the named label values of a phantom and their table.
 macro_rules! label_table {
     ($($label:ident = $value:literal $name:literal,)*) => {
-        $(pub(in crate::anatomy::phantom) const $label: u8 = $value;)*
+        $(pub(in crate::phantom) const $label: u8 = $value;)*
         /// Value and name of each label.
-        pub(in crate::anatomy::phantom) const TABLE: &[(u8, &str)] = &[$(($value, $name)),*];
+        pub(in crate::phantom) const TABLE: &[(u8, &str)] = &[$(($value, $name)),*];
     };
 }
 use label_table;

@@ -5,19 +5,42 @@
 //! Image and Vision Computing 10, 1992). The map leads from the world to the volume, so that slicing needs no inverse.
 
 pub mod markers;
-#[cfg(feature = "cli")]
-pub mod report;
 mod resample;
 pub mod skin;
 pub mod surface;
+impl fmt::Display for Registration {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (rigid, quadratic) = (&self.rigid, &self.quadratic);
+        writeln!(
+            f,
+            "rigid:     RMS {:.2} mm, 95 % below {:.2} mm",
+            rigid.rms_mm, rigid.p95_mm
+        )?;
+        writeln!(
+            f,
+            "quadratic: RMS {:.2} mm, 95 % below {:.2} mm, least Jacobian {:.2}",
+            quadratic.rms_mm, quadratic.p95_mm, quadratic.jacobian_min
+        )?;
+        for it in &self.landmarks_mm {
+            writeln!(
+                f,
+                "landmark {}: {:.2} mm rigid, {:.2} mm quadratic",
+                it.name, it.rigid_mm, it.quadratic_mm
+            )?;
+        }
+        Ok(())
+    }
+}
+
 #[cfg(test)]
 mod tests;
 
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix4, Matrix6, Point3, Rotation3, SVector, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
+use std::fmt;
 
 use super::volume::{LabelVolume, VolumeError};
-use crate::base::matrix::Rows;
+use insonify_base::matrix::Rows;
 pub use resample::resample;
 use skin::{Foot, Skin};
 
@@ -132,8 +155,8 @@ impl Quadratic {
     /// [`VolumeError`] if a number is not finite, or the scale is not above 0.
     pub fn check(&self) -> Result<(), VolumeError> {
         let mut all = self.coefficients.iter().flatten().chain(&self.centre_mm);
-        let finite = all.all(|number| number.abs() <= crate::base::matrix::FARTHEST_MM);
-        match finite && self.scale_mm > 0.0 && self.scale_mm <= crate::base::matrix::FARTHEST_MM {
+        let finite = all.all(|number| number.abs() <= insonify_base::matrix::FARTHEST_MM);
+        match finite && self.scale_mm > 0.0 && self.scale_mm <= insonify_base::matrix::FARTHEST_MM {
             true => Ok(()),
             false => Err(VolumeError::new(
                 "a registration holds numbers beyond 1e6, or a scale that is not above 0",
@@ -146,7 +169,7 @@ impl Quadratic {
     /// # Errors
     /// [`VolumeError`] with a point of the world at which the map folds.
     pub fn least_jacobian(&self, corners: &[Point3<f64>], rigid: &Matrix4<f64>) -> Result<f64, VolumeError> {
-        let back = crate::base::matrix::inverse_rigid(rigid);
+        let back = insonify_base::matrix::inverse_rigid(rigid);
         let [low, high] = bounds(corners.iter().map(|corner| back.transform_point(corner)));
         let counts = [0, 1, 2].map(|axis| ((high[axis] - low[axis]) / CHECK_MM).ceil().clamp(1.0, 200.0) as usize);
         let mut least = f64::INFINITY;
@@ -173,7 +196,7 @@ impl Quadratic {
 }
 
 /// Least and largest coordinates of points.
-pub(super) fn bounds(points: impl Iterator<Item = Point3<f64>>) -> [[f64; 3]; 2] {
+pub fn bounds(points: impl Iterator<Item = Point3<f64>>) -> [[f64; 3]; 2] {
     let start = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
     points.fold(start, |[low, high], at| {
         [

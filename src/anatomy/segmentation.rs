@@ -7,8 +7,8 @@ mod table;
 
 use std::path::Path;
 
-use crate::anatomy::acoustics::{Preset, known};
-use crate::anatomy::volume::{LabelVolume, Loaded, VolumeError, load};
+use crate::acoustics::{Preset, known};
+use crate::volume::{LabelVolume, Loaded, VolumeError, load};
 pub use info::Info;
 use naming::Sizes;
 pub use table::Names;

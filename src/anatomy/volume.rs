@@ -5,10 +5,10 @@
 
 pub mod complete;
 mod data;
-pub(crate) mod distance;
-pub(crate) mod element;
+pub mod distance;
+pub mod element;
 mod error;
-pub(crate) mod header;
+pub mod header;
 mod labels;
 mod load;
 mod metaimage;
@@ -24,10 +24,10 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix4, Point3, Vector3};
 
-pub(crate) use data::read as read_data;
+pub use data::read as read_data;
 pub use error::{At, VolumeError};
 pub use load::{Loaded, ScalarImage, load, load_scalar};
-pub(crate) use load::{numbers, read_header};
+pub use load::{numbers, read_header};
 pub use save::save;
 
 /// One label of a volume.
@@ -163,12 +163,12 @@ impl LabelVolume {
     }
 
     /// Stores the volume as it was before structures were drawn.
-    pub(crate) fn set_undivided(&mut self, undivided: Self) {
+    pub fn set_undivided(&mut self, undivided: Self) {
         self.undivided = Some(Arc::new(undivided));
     }
 
     /// Names a label.
-    pub(crate) fn name(&mut self, label_index: usize, name: String) {
+    pub fn name(&mut self, label_index: usize, name: String) {
         self.labels[label_index].name = Some(name);
     }
 

@@ -1,5 +1,6 @@
 //! Cache of generated data: in memory across synthesizers and, for the command, in the user's cache folder across runs.
 
+use std::cell::Cell;
 use std::collections::VecDeque;
 use std::env;
 use std::fs;
@@ -74,11 +75,19 @@ pub fn switch_on() {
     IS_ON.store(true, Ordering::Relaxed);
 }
 
+thread_local! {
+    static IS_BYPASSED: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Lets [`cached`] on this thread make every result anew, as a check that results do not depend on where they were made.
+pub fn bypass() {
+    IS_BYPASSED.set(true);
+}
+
 /// The result of `make` (`length` bytes), which the key determines: from memory, else from a file that this very program wrote, else newly made.
 /// Without a readable and writable cache folder only memory is used.
 pub fn cached(key: &str, length: usize, make: impl FnOnce() -> Vec<u8>) -> Vec<u8> {
-    #[cfg(test)]
-    if tests::IS_OFF.get() {
+    if IS_BYPASSED.get() {
         return make();
     }
     let recent = || IN_MEMORY.lock().unwrap_or_else(PoisonError::into_inner);
@@ -157,19 +166,8 @@ fn put(path: &Path, bytes: &[u8]) -> Option<()> {
 }
 
 #[cfg(test)]
-pub mod tests {
+mod tests {
     use super::*;
-
-    thread_local! {
-        pub(super) static IS_OFF: std::cell::Cell<bool> = const { std::cell::Cell::new(false) };
-    }
-
-    /// The result of `make` on this many threads, none of which uses the cache.
-    pub fn made_on<T: Send>(threads: usize, make: impl FnOnce() -> T + Send) -> T {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
-        let pool = pool.start_handler(|_| IS_OFF.set(true)).build().unwrap();
-        pool.install(make)
-    }
 
     #[test]
     fn results_are_made_once_and_large_or_old_ones_make_room() {

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 
 use csv::StringRecord;
 
-use crate::base::cause::Cause;
-use crate::base::read;
-use crate::base::text::{clipped, head};
+use crate::cause::Cause;
+use crate::read;
+use crate::text::{clipped, head};
 
 /// Maximum number of columns of a quoted cell.
 const QUOTED: usize = 60;

@@ -6,9 +6,9 @@ mod renamed;
 mod suggest;
 
 pub use fault::{Excerpt, InputError};
-pub(crate) use region::{Names, plain};
+pub use region::{Names, plain};
 pub use region::{NoRegion, RegionName};
-pub(crate) use suggest::nearest;
+pub use suggest::nearest;
 
 use std::borrow::Cow;
 use std::io;
@@ -22,8 +22,8 @@ use serde::{Deserialize, Serialize, Serializer};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use crate::base::cause::Cause;
-use crate::base::read;
+use crate::cause::Cause;
+use crate::read;
 use renamed::now;
 
 /// Error in the text of a file, its keys or its numbers.
@@ -70,22 +70,22 @@ pub enum InvalidFile {
 }
 
 impl InvalidFile {
-    pub(crate) fn keys(found: impl Into<String>, expected: impl Into<String>) -> Self {
+    pub fn keys(found: impl Into<String>, expected: impl Into<String>) -> Self {
         let (found, expected) = (found.into(), expected.into());
         Self::Keys { found, expected }
     }
 
-    pub(crate) fn number(found: f64, expected: impl Into<String>) -> Self {
+    pub fn number(found: f64, expected: impl Into<String>) -> Self {
         Self::keys(found.to_string(), expected)
     }
 
     /// A name that is unknown in the file.
-    pub(crate) fn name(found: &str, expected: &str) -> Self {
+    pub fn name(found: &str, expected: &str) -> Self {
         Self::Unknown(format!("unknown name \"{found}\"; expected {expected}"))
     }
 
     /// A node number outside the mesh.
-    pub(crate) fn node(found: i64, nodes: usize) -> Self {
+    pub fn node(found: i64, nodes: usize) -> Self {
         Self::Unknown(format!(
             "found node {found}; the mesh has {nodes} nodes, numbered from 0"
         ))
@@ -104,6 +104,7 @@ impl Cause for InvalidFile {
 
 /// Implements reading, parsing and errors at keys for the type of an input file, which keeps its text in `source`; with the name `in_ranges`, also
 /// that check.
+#[macro_export]
 macro_rules! input_file {
     ($file:ty $(, $in_ranges:ident)?) => {
         impl $file {
@@ -111,50 +112,50 @@ macro_rules! input_file {
             ///
             /// # Errors
             /// An unreadable file, and those of [`parse`](Self::parse).
-            pub fn read(path: &std::path::Path) -> Result<Self, $crate::base::document::InputError> {
-                Self::parse(&$crate::base::document::read(path)?, &path.display().to_string())
+            pub fn read(path: &std::path::Path) -> Result<Self, $crate::document::InputError> {
+                Self::parse(&$crate::document::read(path)?, &path.display().to_string())
             }
 
             /// Parses the text of a file; `name` is the file name shown in errors.
             ///
             /// # Errors
             /// A syntax error, an unknown key or a value of the wrong type, with its line.
-            pub fn parse(text: &str, name: &str) -> Result<Self, $crate::base::document::InputError> {
-                let (mut file, source): (Self, _) = $crate::base::document::parse(text, name)?;
+            pub fn parse(text: &str, name: &str) -> Result<Self, $crate::document::InputError> {
+                let (mut file, source): (Self, _) = $crate::document::parse(text, name)?;
                 file.source = Some(source);
                 Ok(file)
             }
 
             /// Error at a key of this file.
-            pub(crate) fn fault(
+            pub fn fault(
                 &self,
                 key: impl Into<String>,
-                wrong: impl $crate::base::cause::Cause,
-            ) -> $crate::base::document::InputError {
-                $crate::base::document::InputError::new(wrong).at_key(key, self.source.as_ref())
+                wrong: impl $crate::cause::Cause,
+            ) -> $crate::document::InputError {
+                $crate::document::InputError::new(wrong).at_key(key, self.source.as_ref())
             }
 
             /// Error of keys that contradict each other or are incomplete.
-            pub(crate) fn wrong_keys(
+            pub fn wrong_keys(
                 &self,
                 key: impl Into<String>,
                 found: impl Into<String>,
                 expected: impl Into<String>,
-            ) -> $crate::base::document::InputError {
-                self.fault(key, $crate::base::document::InvalidFile::keys(found, expected))
+            ) -> $crate::document::InputError {
+                self.fault(key, $crate::document::InvalidFile::keys(found, expected))
             }
 
             $(
                 /// Checks the numbers of a table of this file, if it is there, against their ranges.
-                pub(crate) fn $in_ranges<'a, T: $crate::base::range::Ranges>(
+                pub fn $in_ranges<'a, T: $crate::range::Ranges>(
                     &self,
                     table: &str,
                     of: impl Into<Option<&'a T>>,
-                ) -> Result<(), $crate::base::document::InputError> {
+                ) -> Result<(), $crate::document::InputError> {
                     match of.into().and_then(T::out_of_range) {
                         None => Ok(()),
                         Some((key, found, expected)) => {
-                            let wrong = $crate::base::document::InvalidFile::number(found, expected);
+                            let wrong = $crate::document::InvalidFile::number(found, expected);
                             Err(self.fault(format!("{table}.{key}"), wrong))
                         }
                     }
@@ -163,10 +164,16 @@ macro_rules! input_file {
         }
     };
 }
-pub(crate) use input_file;
+pub use input_file;
+
+/// Name and text of the built-in file that a path names, unless there is such a file.
+pub fn bundled(files: &[(&'static str, &'static str)], path: &Path) -> Option<(&'static str, &'static str)> {
+    let named = |(name, _): &&(&str, &str)| path.as_os_str() == *name && !path.is_file();
+    files.iter().find(named).copied()
+}
 
 /// Reads the text of a file.
-pub(crate) fn read(path: &Path) -> Result<String, InputError> {
+pub fn read(path: &Path) -> Result<String, InputError> {
     let bytes = read::bytes(path, read::TOML);
     let path = || path.to_owned();
     let bytes = bytes.map_err(|cause| InputError::new(InvalidFile::Read { path: path(), cause }))?;
@@ -177,7 +184,7 @@ pub(crate) fn read(path: &Path) -> Result<String, InputError> {
 }
 
 /// Parses a text and keeps it for errors that point into it; `name` is the file name shown in them.
-pub(crate) fn parse<T: DeserializeOwned + JsonSchema>(text: &str, name: &str) -> Result<(T, Arc<Source>), InputError> {
+pub fn parse<T: DeserializeOwned + JsonSchema>(text: &str, name: &str) -> Result<(T, Arc<Source>), InputError> {
     let source = Arc::new(Source::new(name, text));
     match toml::Deserializer::parse(text).and_then(T::deserialize) {
         Ok(parsed) => Ok((parsed, source)),
@@ -229,7 +236,7 @@ fn unreadable<T: JsonSchema>(source: &Arc<Source>, error: &toml::de::Error) -> I
 }
 
 /// The first of some keys that a table of a file states. The keys are optional ones or lists; an empty list counts as not stated.
-pub(crate) fn stated<'a>(table: &impl Serialize, keys: &[&'a str]) -> Option<&'a str> {
+pub fn stated<'a>(table: &impl Serialize, keys: &[&'a str]) -> Option<&'a str> {
     let table = toml::Table::try_from(table).ok()?;
     let is_empty = |value: &toml::Value| value.as_array().is_some_and(Vec::is_empty);
     let mut keys = keys.iter().copied();
@@ -307,7 +314,7 @@ impl JsonSchema for Version {
 pub struct Source {
     /// Name of the file as shown in errors.
     name: String,
-    pub(crate) text: String,
+    pub text: String,
 }
 
 impl Source {

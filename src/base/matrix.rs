@@ -18,7 +18,7 @@ pub struct Rows(pub Matrix4<f64>);
 const RIGID_TOLERANCE: f64 = 5e-3;
 
 /// Largest translation of a rigid transform along an axis, mm: a kilometre, so that later products cannot overflow.
-pub(crate) const FARTHEST_MM: f64 = 1e6;
+pub const FARTHEST_MM: f64 = 1e6;
 
 /// Returns the rigid transform nearest to a matrix: its 3 x 3 part is replaced by the rotation of its polar decomposition.
 /// An error, which says what is wrong, if that changes an entry by more than 0.005.
@@ -84,7 +84,7 @@ fn nearest_rotation(axes: &Matrix3<f64>) -> Result<Matrix3<f64>, String> {
 }
 
 /// Inverse of a rigid transform.
-pub(crate) fn inverse_rigid(matrix: &Matrix4<f64>) -> Matrix4<f64> {
+pub fn inverse_rigid(matrix: &Matrix4<f64>) -> Matrix4<f64> {
     let back = matrix.fixed_view::<3, 3>(0, 0).transpose();
     let position = -(back * matrix.fixed_view::<3, 1>(0, 3));
     let mut inverse = back.to_homogeneous();

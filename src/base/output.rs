@@ -3,12 +3,10 @@
 pub mod atomic;
 mod error;
 pub mod folder;
-#[cfg(feature = "cli")]
-pub mod gif;
 pub mod place;
 pub mod png;
 pub mod queue;
-pub(crate) mod staged;
+pub mod staged;
 
 pub use error::OutputError;
 pub use staged::abandon;

@@ -4,9 +4,9 @@
 //! The mixing steps are those of the PCG output permutation family in three dimensions (M. Jarzynski and M. Olano, "Hash Functions for
 //! GPU Rendering", JCGT 9(3), 2020), on 32-bit integers only, since 64-bit ones are optional on GPUs.
 
-pub(crate) mod noise;
+pub mod noise;
 
-use crate::base::simd::map;
+use crate::simd::map;
 
 /// Folds a 64-bit seed to the two 32-bit words that the hashes take.
 pub fn seed_words(seed: u64) -> [u32; 2] {

@@ -1,6 +1,6 @@
 //! Ranges of numbers: declared once with their parameters, and checked.
 
-use crate::base::cause::Cause;
+use crate::cause::Cause;
 
 use std::fmt;
 
@@ -19,7 +19,7 @@ pub struct OutOfRange {
 impl Cause for OutOfRange {}
 
 impl OutOfRange {
-    pub(crate) fn new(key: impl Into<String>, found: impl fmt::Display, expected: impl Into<String>) -> Self {
+    pub fn new(key: impl Into<String>, found: impl fmt::Display, expected: impl Into<String>) -> Self {
         Self {
             key: key.into(),
             found: found.to_string(),
@@ -29,7 +29,7 @@ impl OutOfRange {
 }
 
 /// Parses finite numbers separated by commas.
-pub(crate) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+pub fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     let found: Option<Vec<f64>> = text
         .split(',')
         .map(|part| part.trim().parse().ok().filter(|number: &f64| number.is_finite()))
@@ -39,7 +39,7 @@ pub(crate) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
 }
 
 /// Checks that a number is finite and `holds`.
-pub(crate) fn check(key: &str, found: f64, holds: bool, expected: impl Into<String>) -> Result<(), OutOfRange> {
+pub fn check(key: &str, found: f64, holds: bool, expected: impl Into<String>) -> Result<(), OutOfRange> {
     match found.is_finite() && holds {
         true => Ok(()),
         false => Err(OutOfRange::new(key, found, expected)),
@@ -47,7 +47,7 @@ pub(crate) fn check(key: &str, found: f64, holds: bool, expected: impl Into<Stri
 }
 
 /// Checks that a number is in a range.
-pub(crate) fn within(key: &str, found: f64, range: std::ops::RangeInclusive<f64>) -> Result<(), OutOfRange> {
+pub fn within(key: &str, found: f64, range: std::ops::RangeInclusive<f64>) -> Result<(), OutOfRange> {
     let expected = || format!("a number from {} to {}", range.start(), range.end());
     match range.contains(&found) {
         true => Ok(()),
@@ -147,6 +147,7 @@ impl<N: Number> Number for Option<N> {
 ///
 /// A range begins with `in LOW` or, without that number itself, `above LOW`; it ends with `..=HIGH`, with `..HIGH`, which is not in it, or nowhere.
 /// In a table `with required keys`, all keys are required but those that are an `Option` or `#[serde(default)]`, and there is no `Default`.
+#[macro_export]
 macro_rules! parameters {
     ($(#[$meta:meta])* pub struct $name:ident $(with $required:ident keys)? {
         $(
@@ -155,20 +156,20 @@ macro_rules! parameters {
             $(, above $over:literal $(..=$most:literal)? $(..$under:literal)? $($of:literal)?)?;
         )+
     }) => {
-        $crate::base::range::parameters! {
+        $crate::range::parameters! {
             @table [$($required)?]
             $(#[$meta])*
             pub struct $name {
                 $(
                     $(#[$doc])*
                     $(
-                        #[doc = concat!("Range: ", $crate::base::range::parameters!(@in $low $(..=$high)? $(..$below)? $(, $unit)?), ".")]
+                        #[doc = concat!("Range: ", $crate::range::parameters!(@in $low $(..=$high)? $(..$below)? $(, $unit)?), ".")]
                         #[schemars(extend("minimum" = $low))]
                         $(#[schemars(extend("maximum" = $high))])?
                         $(#[schemars(extend("exclusiveMaximum" = $below))])?
                     )?
                     $(
-                        #[doc = concat!("Range: ", $crate::base::range::parameters!(@above $over $(..=$most)? $(..$under)? $(, $of)?), ".")]
+                        #[doc = concat!("Range: ", $crate::range::parameters!(@above $over $(..=$most)? $(..$under)? $(, $of)?), ".")]
                         #[schemars(extend("exclusiveMinimum" = $over))]
                         $(#[schemars(extend("maximum" = $most))])?
                         $(#[schemars(extend("exclusiveMaximum" = $under))])?
@@ -178,21 +179,21 @@ macro_rules! parameters {
                 )+
             }
         }
-        $crate::base::range::parameters! { @default [$($required)?] $name $($key [$($default)?])+ }
+        $crate::range::parameters! { @default [$($required)?] $name $($key [$($default)?])+ }
 
-        impl $crate::base::range::Ranges for $name {
-            const RANGES: &'static [$crate::base::range::Range<Self>] = &[$(
-                $($crate::base::range::Range {
+        impl $crate::range::Ranges for $name {
+            const RANGES: &'static [$crate::range::Range<Self>] = &[$(
+                $($crate::range::Range {
                     key: stringify!($key),
-                    stated: |table| $crate::base::range::Number::stated(&table.$key),
+                    stated: |table| $crate::range::Number::stated(&table.$key),
                     holds: |x| x >= f64::from($low) $(&& x <= f64::from($high))? $(&& x < f64::from($below))?,
-                    expected: $crate::base::range::parameters!(@in $low $(..=$high)? $(..$below)? $(, $unit)?),
+                    expected: $crate::range::parameters!(@in $low $(..=$high)? $(..$below)? $(, $unit)?),
                 },)?
-                $($crate::base::range::Range {
+                $($crate::range::Range {
                     key: stringify!($key),
-                    stated: |table| $crate::base::range::Number::stated(&table.$key),
+                    stated: |table| $crate::range::Number::stated(&table.$key),
                     holds: |x| x > f64::from($over) $(&& x <= f64::from($most))? $(&& x < f64::from($under))?,
-                    expected: $crate::base::range::parameters!(@above $over $(..=$most)? $(..$under)? $(, $of)?),
+                    expected: $crate::range::parameters!(@above $over $(..=$most)? $(..$under)? $(, $of)?),
                 },)?
             )+];
         }
@@ -210,7 +211,7 @@ macro_rules! parameters {
     (@default [] $name:ident $($key:ident [$($default:expr)?])+) => {
         impl Default for $name {
             fn default() -> Self {
-                Self { $($key: $crate::base::range::parameters!(@value $($default)?),)+ }
+                Self { $($key: $crate::range::parameters!(@value $($default)?),)+ }
             }
         }
     };
@@ -224,4 +225,4 @@ macro_rules! parameters {
     (@above $low:literal..$below:literal $(, $unit:literal)?) => { concat!("above ", $low, ", below ", $below $(, " ", $unit)?) };
     (@above $low:literal $(, $unit:literal)?) => { concat!("above ", $low $(, " ", $unit)?) };
 }
-pub(crate) use parameters;
+pub use parameters;

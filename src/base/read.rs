@@ -4,11 +4,11 @@ use std::fs::{self, File, FileType};
 use std::io::{self, Read};
 use std::path::Path;
 
-use crate::base::memory::{self, TooLarge};
+use crate::memory::{self, TooLarge};
 
 /// A kind of file that is read into memory at once.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Kind {
+pub struct Kind {
     /// Name of the kind, with an article.
     name: &'static str,
     /// Maximum size, bytes.
@@ -16,37 +16,37 @@ pub(crate) struct Kind {
 }
 
 /// Limit for pictures: 16-bit RGBA of 4096 x 4096 pixels fits.
-pub(crate) const PNG: Kind = Kind {
+pub const PNG: Kind = Kind {
     name: "a PNG file",
     most: 128 << 20,
 };
 /// Limit for DICOM files: some minutes of compressed frames.
-pub(crate) const DICOM: Kind = Kind {
+pub const DICOM: Kind = Kind {
     name: "a DICOM file",
     most: 512 << 20,
 };
 /// Limit for recordings: half an hour of steps of a millisecond.
-pub(crate) const RECORDING: Kind = Kind {
+pub const RECORDING: Kind = Kind {
     name: "a recording",
     most: 512 << 20,
 };
 /// Limit for scenes, scenarios and problems: a list of a million numbers fits.
-pub(crate) const TOML: Kind = Kind {
+pub const TOML: Kind = Kind {
     name: "a TOML file",
     most: 16 << 20,
 };
 /// Limit for paths, curves and points: a million poses fit.
-pub(crate) const CSV: Kind = Kind {
+pub const CSV: Kind = Kind {
     name: "a CSV file",
     most: 128 << 20,
 };
 /// Limit for configurations of PLUS, which have some kilobytes.
-pub(crate) const XML: Kind = Kind {
+pub const XML: Kind = Kind {
     name: "an XML file",
     most: 16 << 20,
 };
 /// Limit for meshes: ten million nodes in text fit.
-pub(crate) const MESH: Kind = Kind {
+pub const MESH: Kind = Kind {
     name: "a mesh file",
     most: 4 << 30,
 };
@@ -73,7 +73,7 @@ impl From<Refused> for io::Error {
 
 /// Opens a regular file, following symbolic links. Anything else is refused at once: a pipe or a device may never
 /// end.
-pub(crate) fn open(path: &Path) -> io::Result<File> {
+pub fn open(path: &Path) -> io::Result<File> {
     let kind = metadata(path)?.file_type();
     if kind.is_file() {
         File::open(path)
@@ -83,7 +83,7 @@ pub(crate) fn open(path: &Path) -> io::Result<File> {
 }
 
 /// Reads a regular file, or a pipe that this program was started with (`<(…)` of a shell, `/dev/stdin`).
-pub(crate) fn bytes(path: &Path, kind: Kind) -> io::Result<Vec<u8>> {
+pub fn bytes(path: &Path, kind: Kind) -> io::Result<Vec<u8>> {
     let found = metadata(path)?;
     let handed_over = ["/dev/fd", "/dev/stdin", "/proc/self/fd"]
         .iter()
@@ -105,13 +105,13 @@ pub(crate) fn bytes(path: &Path, kind: Kind) -> io::Result<Vec<u8>> {
 }
 
 /// Reads a file as [`bytes`] does, as UTF-8 text.
-pub(crate) fn text(path: &Path, kind: Kind) -> io::Result<String> {
+pub fn text(path: &Path, kind: Kind) -> io::Result<String> {
     let utf8 = |bytes| String::from_utf8(bytes).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error));
     bytes(path, kind).and_then(utf8)
 }
 
 /// Allocates capacity for exactly `count` values, which are part of `what`, after checking the available memory.
-pub(crate) fn room<T>(count: usize, what: &str) -> Result<Vec<T>, TooLarge> {
+pub fn room<T>(count: usize, what: &str) -> Result<Vec<T>, TooLarge> {
     let needed = (count as u64).saturating_mul(size_of::<T>() as u64);
     if needed > UNCHECKED {
         memory::check(needed, what)?;
@@ -127,7 +127,7 @@ pub(crate) fn room<T>(count: usize, what: &str) -> Result<Vec<T>, TooLarge> {
 
 /// Whether an error is a failure of the machine, in contrast to files that are missing, forbidden, too long or not
 /// regular.
-pub(crate) fn is_machine(cause: &io::Error) -> bool {
+pub fn is_machine(cause: &io::Error) -> bool {
     use io::ErrorKind as Kind;
     !matches!(
         cause.kind(),

@@ -23,20 +23,13 @@ pub trait Real: Float + FromPrimitive + NumAssign + Default + Send + Sync + std:
 pub struct Numbers {
     wide: Vec<f64>,
     narrow: Vec<f32>,
-    #[cfg(feature = "internals")]
-    pub(super) lossy: Vec<super::lossy::Lossy>,
 }
 
 impl Numbers {
     /// Stores the numbers and their rounded copies.
     pub fn new(wide: Vec<f64>) -> Self {
         let narrow: Vec<f32> = wide.iter().map(|&x| x as f32).collect();
-        Self {
-            #[cfg(feature = "internals")]
-            lossy: narrow.iter().map(|&x| x.into()).collect(),
-            wide,
-            narrow,
-        }
+        Self { wide, narrow }
     }
 
     /// Returns the copy in the scalar of a backend.

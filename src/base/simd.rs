@@ -3,11 +3,11 @@
 use std::ops::{Add, Div, Mul, Sub};
 
 use pulp::Arch;
-pub(crate) use pulp::{Simd, WithSimd};
+pub use pulp::{Simd, WithSimd};
 
 /// A loop with its arguments. `run` and all that it calls must be `#[inline(always)]`: only code inlined into
 /// [`vectorised`] is compiled for the wide registers.
-pub(crate) trait Kernel {
+pub trait Kernel {
     /// Result of the loop.
     type Output;
 
@@ -18,20 +18,20 @@ pub(crate) trait Kernel {
 /// Runs a kernel, compiled for every supported vector extension and selected at run time. Results do not depend on the
 /// selection: Rust neither fuses nor reorders floating-point operations.
 #[inline(always)]
-pub(crate) fn vectorised<K: Kernel>(kernel: K) -> K::Output {
+pub fn vectorised<K: Kernel>(kernel: K) -> K::Output {
     dispatch(Call(kernel))
 }
 
 /// Runs a kernel written with explicit registers. Results of multiply-add depend on whether the machine fuses the two
 /// operations, but never on the number of threads.
 #[inline(always)]
-pub(crate) fn dispatch<K: WithSimd>(kernel: K) -> K::Output {
+pub fn dispatch<K: WithSimd>(kernel: K) -> K::Output {
     Arch::new().dispatch(kernel)
 }
 
 /// Array whose elements are a function of their index. Unlike `std::array::from_fn` it is always inlined, as everything in a kernel must be.
 #[inline(always)]
-pub(crate) fn array<T: Copy, const N: usize>(value: impl Fn(usize) -> T) -> [T; N] {
+pub fn array<T: Copy, const N: usize>(value: impl Fn(usize) -> T) -> [T; N] {
     let mut values = [value(0); N];
     for at in 1..N {
         values[at] = value(at);
@@ -41,7 +41,7 @@ pub(crate) fn array<T: Copy, const N: usize>(value: impl Fn(usize) -> T) -> [T; 
 
 /// Elements of an array, each transformed. Unlike `map` of the standard library it is always inlined.
 #[inline(always)]
-pub(crate) fn map<T: Copy, U: Copy, const N: usize>(elements: [T; N], function: impl Fn(T) -> U) -> [U; N] {
+pub fn map<T: Copy, U: Copy, const N: usize>(elements: [T; N], function: impl Fn(T) -> U) -> [U; N] {
     array(|at| function(elements[at]))
 }
 

@@ -41,7 +41,7 @@ pub fn escape(text: &str) -> String {
 }
 
 /// Resolves the entities of XML.
-pub(crate) fn unescape(text: &str) -> String {
+pub fn unescape(text: &str) -> String {
     text.replace("&lt;", "<")
         .replace("&gt;", ">")
         .replace("&quot;", "\"")
@@ -84,7 +84,7 @@ pub fn clipped(text: &str, columns: usize) -> String {
 }
 
 /// Lists the first names and the number of the others.
-pub(crate) fn some_of(names: &[String]) -> String {
+pub fn some_of(names: &[String]) -> String {
     const SHOWN: usize = 16;
     match names.len().saturating_sub(SHOWN) {
         0 => names.join(", "),

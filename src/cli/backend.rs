@@ -4,15 +4,15 @@ pub mod timing;
 
 use std::sync::Arc;
 
-use crate::base::cause::Cause;
-use crate::base::report::machine::Machine;
-use crate::gpu::adapter::{self, AdapterReport, hardware};
-use crate::gpu::{AdapterChoice, Gpu, Needs};
-use crate::imaging::quality::cache::Cache;
-use crate::imaging::synth::tables::{Anatomy, Settings, Tables};
-use crate::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
-use crate::study::tradeoff::gather::Devices;
 use clap::{Args, ValueEnum};
+use insonify_base::cause::Cause;
+use insonify_base::machine::Machine;
+use insonify_gpu::adapter::{self, AdapterReport, hardware};
+use insonify_gpu::{AdapterChoice, Gpu, Needs};
+use insonify_imaging::quality::cache::Cache;
+use insonify_imaging::synth::tables::{Anatomy, Settings, Tables};
+use insonify_imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
+use insonify_study::tradeoff::gather::Devices;
 use timing::{FrameTimes, Kept};
 
 use super::failure::Failure;

@@ -9,13 +9,13 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 
-use crate::cli::failure::Failure;
-use crate::cli::output::{self, Force};
-use crate::cli::study::Printed;
-use crate::cli::terminal;
-use crate::input::beam_case::{self, CaseFile, Report, plot};
-use crate::mechanics::needle::beam::inverse::Wanted;
-use crate::study::beam::table_one;
+use crate::failure::Failure;
+use crate::output::{self, Force};
+use crate::study::Printed;
+use crate::terminal;
+use insonify_mechanics::needle::beam::inverse::Wanted;
+use insonify_study::beam::table_one;
+use insonify_study::beam_case::{self, CaseFile, Report, plot};
 
 const EXAMPLES: &str = "\
 The case file names the needle, how its base is moved, and layers of tissue from the entry on:

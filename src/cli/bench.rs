@@ -3,14 +3,14 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use crate::gpu::adapter::{self, SOFTWARE};
-use crate::gpu::{AdapterChoice, AdapterReport};
-use crate::imaging::synth::{Backend, FrameState, SynthError};
-use crate::input::scene::SceneFile;
-use crate::study::bench::compare::{CompareOptions, SCENE, Subject, compare};
-use crate::study::bench::{BenchOptions, BenchReport, bench};
-use crate::study::tradeoff::gather::Devices;
 use clap::Args;
+use insonify_gpu::adapter::{self, SOFTWARE};
+use insonify_gpu::{AdapterChoice, AdapterReport};
+use insonify_imaging::scene::SceneFile;
+use insonify_imaging::synth::{Backend, FrameState, SynthError};
+use insonify_study::bench::compare::{CompareOptions, SCENE, Subject, compare};
+use insonify_study::bench::{BenchOptions, BenchReport, bench};
+use insonify_study::tradeoff::gather::Devices;
 use nalgebra::Matrix4;
 
 use super::backend::{BackendArgs, BackendName};

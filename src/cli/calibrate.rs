@@ -7,15 +7,15 @@ use clap::Args;
 use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 
-use crate::base::csv::Csv;
-use crate::base::range::numbers;
-use crate::tracking::TrackingError;
-use crate::tracking::calibrate::points::{Feature, ImageCalibration, Pixel, calibrate, follow};
-use crate::tracking::calibrate::poses::Poses;
-use crate::tracking::calibrate::report::Sheet;
-use crate::tracking::calibrate::{between, held, pivot, spin};
-use crate::tracking::plus::PlusConfig;
-use crate::tracking::sequence::{Sequence, TrackedTransform};
+use insonify_base::csv::Csv;
+use insonify_base::range::numbers;
+use insonify_study::calibration::Sheet;
+use insonify_tracking::TrackingError;
+use insonify_tracking::calibrate::points::{Feature, ImageCalibration, Pixel, calibrate, follow};
+use insonify_tracking::calibrate::poses::Poses;
+use insonify_tracking::calibrate::{between, held, pivot, spin};
+use insonify_tracking::plus::PlusConfig;
+use insonify_tracking::sequence::{Sequence, TrackedTransform};
 
 use super::failure::Failure;
 use super::output::{self, Force};
@@ -358,14 +358,14 @@ fn wires(config: Option<&PlusConfig>, tracker: &str) -> Result<Vec<(String, Feat
 fn pixels(path: &Path, wires: &[(String, Feature)]) -> Result<Vec<Pixel>, TrackingError> {
     const PLACE: [&str; 3] = ["x_mm", "y_mm", "z_mm"];
     let table = Csv::read(path, &["frame", "u_px", "v_px"], &["x_mm", "y_mm", "z_mm", "wire"])?;
-    let pixel = |row: crate::base::csv::Row<'_>| {
+    let pixel = |row: insonify_base::csv::Row<'_>| {
         let name = row.text("wire");
         let feature = match wires.iter().find(|(wire, _)| wire == name) {
             _ if name.is_empty() => Feature::Point(row.numbers(PLACE)?.into()),
             Some((_, wire)) => *wire,
             None => {
                 let names: Vec<String> = wires.iter().map(|(name, _)| name.clone()).collect();
-                let names = crate::base::text::some_of(&names);
+                let names = insonify_base::text::some_of(&names);
                 return Err(row.wrong("wire", format!("a wire of --plus-config: {names}")));
             }
         };

@@ -5,19 +5,19 @@ mod unseen;
 use std::fmt;
 use std::path::PathBuf;
 
-use crate::base::cache;
-use crate::base::report::machine::Machine;
-use crate::gpu::adapter::{self, ADAPTER_VARIABLE, AdapterReport};
-use crate::gpu::{AdapterChoice, Gpu, GpuError, Needs};
-use crate::imaging::quality::cache::Cache;
 use clap::Args;
+use insonify_base::cache;
+use insonify_base::machine::Machine;
+use insonify_gpu::adapter::{self, ADAPTER_VARIABLE, AdapterReport};
+use insonify_gpu::{AdapterChoice, Gpu, GpuError, Needs};
+use insonify_imaging::quality::cache::Cache;
 use serde::Serialize;
 
 use super::backend::BEST;
 use super::backend::timing::{FrameTimes, Kept};
 use super::failure::Failure;
 use super::terminal;
-use crate::gpu::adapter::hardware;
+use insonify_gpu::adapter::hardware;
 
 /// Lists GPU adapters and their limits, the processor, and the selected backend with the reason
 #[derive(Args)]

@@ -4,10 +4,10 @@ use std::path::{Component, Path, PathBuf};
 
 use clap::Args;
 
-use crate::base::range::numbers;
-use crate::input::scenario::{self, ScenarioFile};
-use crate::study::score::exercise::{Conditions, csv, study};
-use crate::study::score::page::study_notes;
+use insonify::input::scenario::{self, ScenarioFile};
+use insonify_base::range::numbers;
+use insonify_study::score::exercise::{Conditions, csv, study};
+use insonify_study::score::page::study_notes;
 
 use super::failure::Failure;
 use super::insert::resolve;
@@ -98,7 +98,7 @@ impl Make {
             radius_mm: self.radius_mm,
             seed: self.seed,
         };
-        conditions.check().map_err(crate::study::StudyError::from)?;
+        conditions.check().map_err(insonify_study::StudyError::from)?;
         let (text, base) = source(&self.scenario)?;
         let file = ScenarioFile::parse(&text, &self.scenario.display().to_string())?;
         let scenario = resolve(&file, &base)?;

@@ -2,9 +2,9 @@
 
 use std::io;
 
-use crate::base::cause::Cause;
-use crate::base::document::{Excerpt, InputError};
-use crate::error::{INPUT, MACHINE};
+use insonify::error::{INPUT, MACHINE};
+use insonify_base::cause::Cause;
+use insonify_base::document::{Excerpt, InputError};
 
 /// Why a subcommand failed.
 #[derive(Debug, thiserror::Error)]

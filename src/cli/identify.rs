@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use crate::base::output::OutputError;
-use crate::input::identification::{self, CaseFile};
-use crate::study::identify::identify;
+use insonify_base::output::OutputError;
+use insonify_study::identification::{self, CaseFile};
+use insonify_study::identify::identify;
 
 use super::failure::Failure;
 use super::output::{self, Force};

@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
-use crate::anatomy::segmentation;
-use crate::tracking::plus::PlusInfo;
-use crate::tracking::sequence::SequenceInfo;
 use clap::Args;
+use insonify_anatomy::segmentation;
+use insonify_tracking::plus::PlusInfo;
+use insonify_tracking::sequence::SequenceInfo;
 
 use super::failure::Failure;
 use super::input::NamesArg;

@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::anatomy::segmentation::{Names, Naming, stem};
-use crate::anatomy::volume::VolumeError;
-use crate::imaging::quality::Picked;
-use crate::input::scene::{self, PoseTable, Scene, SceneFile, VolumeSpec};
 use clap::Args;
+use insonify_anatomy::segmentation::{Names, Naming, stem};
+use insonify_anatomy::volume::VolumeError;
+use insonify_imaging::quality::Picked;
+use insonify_imaging::scene::{self, PoseTable, Scene, SceneFile, VolumeSpec};
 
 use super::backend::BackendArgs;
 use super::failure::Failure;

@@ -4,15 +4,16 @@ mod writer;
 
 use std::path::{Path, PathBuf};
 
-use crate::base::read;
-use crate::imaging::quality::Picked;
-use crate::imaging::synth::FrameState;
-use crate::input::scenario::run::{Requests, run};
-use crate::input::scenario::{self, Scenario, ScenarioFile, Summary};
-use crate::mechanics::insertion::Recording;
-use crate::study::score::hands::{HANDS, hand};
 use clap::builder::PossibleValuesParser;
 use clap::{Args, ValueEnum};
+use insonify::Summary;
+use insonify::input::scenario::{self, Scenario, ScenarioFile};
+use insonify::run::{Requests, run};
+use insonify_base::read;
+use insonify_imaging::quality::Picked;
+use insonify_imaging::synth::FrameState;
+use insonify_mechanics::insertion::Recording;
+use insonify_study::score::hands::{HANDS, hand};
 use serde::Serialize;
 
 use super::backend::BackendArgs;

@@ -1,8 +1,8 @@
 //! `insonify inspect`: contributions to one pixel.
 
-use crate::imaging::synth::FrameState;
-use crate::study::inspect::{PixelReport, inspect};
 use clap::Args;
+use insonify_imaging::synth::FrameState;
+use insonify_study::inspect::{PixelReport, inspect};
 use nalgebra::Matrix4;
 use serde::Serialize;
 

@@ -2,18 +2,18 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::base::csv::{Csv, CsvError};
-use crate::base::output::png;
-use crate::base::report::plot::{Axis, Plot, Series};
-use crate::base::report::table::{Cell, Table};
-use crate::imaging::overlay;
-use crate::imaging::synth::FrameState;
-use crate::input::scenario::ScenarioFile;
-use crate::input::scenario::manipulator::Guided;
-use crate::tracking::TrackingError;
-use crate::tracking::manipulator::drive::{Control, PERIOD_S};
-use crate::tracking::manipulator::{Guide, InPlane, Posture};
 use clap::{Args, Subcommand};
+use insonify::input::scenario::ScenarioFile;
+use insonify::input::scenario::manipulator::Guided;
+use insonify_base::csv::{Csv, CsvError};
+use insonify_base::output::png;
+use insonify_base::table::{Cell, Table};
+use insonify_imaging::overlay;
+use insonify_imaging::synth::FrameState;
+use insonify_report::plot::{Axis, Plot, Series};
+use insonify_tracking::TrackingError;
+use insonify_tracking::manipulator::drive::{Control, PERIOD_S};
+use insonify_tracking::manipulator::{Guide, InPlane, Posture};
 use serde::Serialize;
 use serde_json::json;
 
@@ -148,7 +148,7 @@ impl Kinematics {
         };
         let columns = if forward { SLIDES } else { NEEDLE };
         let table = Csv::open(&self.file, &columns)?;
-        let place = |row: crate::base::csv::Row<'_>| -> Result<Place, CsvError> {
+        let place = |row: insonify_base::csv::Row<'_>| -> Result<Place, CsvError> {
             let [a, b, c] = row.numbers(columns)?;
             let posture = match forward {
                 true => guide.posture([a, b, c]),

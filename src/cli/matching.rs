@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use crate::study::matching::fit;
-use crate::study::realism::picture;
 use clap::Args;
+use insonify_study::matching::fit;
+use insonify_study::realism::picture;
 
 use super::failure::Failure;
 use super::output::{self, Force};

@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
-use crate::base::csv::CsvError;
-use crate::input::material_case::fit::{Fit, Measured};
-use crate::input::material_case::{self, CaseFile};
-use crate::mechanics::tissue::viscoelastic::point::Structure;
 use clap::{Args, Subcommand};
+use insonify_base::csv::CsvError;
+use insonify_mechanics::tissue::viscoelastic::point::Structure;
+use insonify_study::material_case::fit::{Fit, Measured};
+use insonify_study::material_case::{self, CaseFile};
 
 use super::failure::Failure;
 use super::output::{self, Force};

@@ -8,12 +8,12 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde::Serialize;
 
-use crate::base::text;
-use crate::cli::failure::Failure;
-use crate::cli::terminal;
-use crate::cli::variants::variants;
-use crate::mechanics::mesh::file::{MeshFile, ReadOptions, Unit, read_mesh};
-use crate::mechanics::mesh::quality::{Bin, Quality};
+use crate::failure::Failure;
+use crate::terminal;
+use crate::variants::variants;
+use insonify_base::text;
+use insonify_mesh::file::{MeshFile, ReadOptions, Unit, read_mesh};
+use insonify_mesh::quality::{Bin, Quality};
 
 /// Makes and inspects tetrahedral meshes
 #[derive(Args)]

@@ -8,15 +8,15 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde::Serialize;
 
-use crate::base::csv::Csv;
-use crate::base::output::{atomic, png};
-use crate::imaging::rf::SPEED_M_S;
-use crate::imaging::rf::file::Echoes;
-use crate::imaging::rf::motion::{Estimate, Options, Tracker};
-use crate::study::stability::Effort;
-use crate::study::tradeoff::Axis;
-use crate::study::tradeoff::motion::validation::{self, Course};
-use crate::tracking::TrackingError;
+use insonify_base::csv::Csv;
+use insonify_base::output::{atomic, png};
+use insonify_imaging::rf::SPEED_M_S;
+use insonify_imaging::rf::file::Echoes;
+use insonify_imaging::rf::motion::{Estimate, Options, Tracker};
+use insonify_study::stability::Effort;
+use insonify_study::tradeoff::Axis;
+use insonify_study::tradeoff::motion::validation::{self, Course};
+use insonify_tracking::TrackingError;
 
 use super::failure::Failure;
 use super::output::Force;

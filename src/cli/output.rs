@@ -4,11 +4,11 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use crate::base::output::atomic;
-use crate::base::output::folder::Folder;
-use crate::base::output::place;
-use crate::base::report::plot::Plot;
 use clap::Args;
+use insonify_base::output::atomic;
+use insonify_base::output::folder::Folder;
+use insonify_base::output::place;
+use insonify_report::plot::Plot;
 
 use super::failure::Failure;
 

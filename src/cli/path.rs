@@ -2,13 +2,13 @@
 
 use std::path::PathBuf;
 
-use crate::base::output::png;
-use crate::base::range::numbers;
-use crate::imaging::overview::overview;
-use crate::imaging::synth::FrameState;
-use crate::input::scenario::{ScenarioFile, TissueModel};
-use crate::study::path::{Entry, FILES, Goal, PathOptions, plan};
 use clap::{Args, ValueEnum};
+use insonify::input::scenario::{ScenarioFile, TissueModel};
+use insonify_base::output::png;
+use insonify_base::range::numbers;
+use insonify_imaging::overview::overview;
+use insonify_imaging::synth::FrameState;
+use insonify_study::path::{Entry, FILES, Goal, PathOptions, plan};
 
 use super::backend::BackendArgs;
 use super::exercise::{relocated, source};

@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
-use crate::anatomy::phantom::{PhantomOptions, make};
-use crate::anatomy::segmentation::{Info, Segmentation};
-use crate::anatomy::volume::save;
 use clap::Args;
+use insonify_anatomy::phantom::{PhantomOptions, make};
+use insonify_anatomy::segmentation::{Info, Segmentation};
+use insonify_anatomy::volume::save;
 
 use super::failure::Failure;
 use super::output::Force;
@@ -16,8 +16,8 @@ use super::variants::variants;
 #[derive(Args)]
 pub struct Phantom {
     /// Name of the phantom
-    #[arg(value_name = "NAME", value_parser = variants::<crate::anatomy::phantom::Phantom>())]
-    name: crate::anatomy::phantom::Phantom,
+    #[arg(value_name = "NAME", value_parser = variants::<insonify_anatomy::phantom::Phantom>())]
+    name: insonify_anatomy::phantom::Phantom,
     /// File to write: .nii, .nii.gz, .nrrd, .seg.nrrd or .mha
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,

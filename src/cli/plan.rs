@@ -1,7 +1,7 @@
 //! `insonify plan`: passes and resources of a frame.
 
-use crate::imaging::synth::tables::Tables;
 use clap::Args;
+use insonify_imaging::synth::tables::Tables;
 
 use super::backend::BackendArgs;
 use super::failure::Failure;
@@ -25,7 +25,7 @@ impl Plan {
     pub fn run(&self) -> Result<(), Failure> {
         let (scene, picked) = self.input.scene(&self.backend)?;
         let tables = Tables::new(scene.anatomy, scene.settings)?;
-        let mut plan = crate::imaging::plan::Plan::new(&tables).report();
+        let mut plan = insonify_imaging::plan::Plan::new(&tables).report();
         plan.quality = picked;
         plan.warnings.iter().for_each(terminal::warn);
         if self.json {

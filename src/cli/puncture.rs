@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::study::puncture::fit::{self, Fitted};
-use crate::study::puncture::{self, PunctureOptions, curves, puncture};
 use clap::Args;
+use insonify_study::puncture::fit::{self, Fitted};
+use insonify_study::puncture::{self, PunctureOptions, curves, puncture};
 use serde::Serialize;
 
 use super::failure::Failure;

@@ -6,21 +6,22 @@ use std::time::Duration;
 use clap::Args;
 use nalgebra::Matrix4;
 
-use crate::base::range::Ranges;
-use crate::base::report::machine::Machine;
-use crate::base::report::statistics::Spread;
-use crate::cli::backend::BackendArgs;
-use crate::cli::failure::Failure;
-use crate::cli::study::watched;
-use crate::cli::terminal;
-use crate::imaging::quality::cache::Cache;
-use crate::imaging::quality::trial::{Tried, pick_tried};
-use crate::imaging::quality::{Costs, Picked, QualitySpec, grid, pick};
-use crate::imaging::synth::FrameState;
-use crate::input::scenario::{NeedleModel, NeedleTable, Scenario, ScenarioFile, TissueModel, Trial};
-use crate::input::scene::Scene;
-use crate::mechanics::tissue::remesh::Level;
-use crate::study::step_costs::{self, Nodes, Situation, StepCosts};
+use crate::backend::BackendArgs;
+use crate::failure::Failure;
+use crate::study::watched;
+use crate::terminal;
+use insonify::input::scenario::{NeedleModel, NeedleTable, Scenario, ScenarioFile, TissueModel};
+use insonify::run::Trial;
+use insonify_base::machine::Machine;
+use insonify_base::range::Ranges;
+use insonify_base::statistics::Spread;
+use insonify_imaging::quality::cache::Cache;
+use insonify_imaging::quality::trial::{Tried, pick_tried};
+use insonify_imaging::quality::{Costs, Picked, QualitySpec, grid, pick};
+use insonify_imaging::scene::Scene;
+use insonify_imaging::synth::FrameState;
+use insonify_mechanics::tissue::remesh::Level;
+use insonify_study::step_costs::{self, Nodes, Situation, StepCosts};
 
 #[derive(Args)]
 pub struct QualityArgs {

@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use crate::study::realism::{compare, picture};
 use clap::Args;
+use insonify_study::realism::{compare, picture};
 
 use super::failure::Failure;
 use super::output::{self, Force};

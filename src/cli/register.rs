@@ -5,18 +5,18 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use nalgebra::Point3;
 
-use crate::anatomy::registration::skin::Skin;
-use crate::anatomy::registration::surface::{landmarks, read};
-use crate::anatomy::registration::{Quadratic, Registration, corners, register, resample};
-use crate::anatomy::segmentation;
-use crate::anatomy::volume::complete::{CompleteOptions, complete};
-use crate::anatomy::volume::{LabelVolume, save};
-use crate::base::range::numbers;
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::mesh::file::{MeshFileError, ReadOptions, read_mesh, write_vtu_with};
-use crate::tracking::calibrate::poses::Poses;
-use crate::tracking::sequence::Sequence;
-use crate::tracking::world::World;
+use insonify_anatomy::registration::skin::Skin;
+use insonify_anatomy::registration::surface::{landmarks, read};
+use insonify_anatomy::registration::{Quadratic, Registration, corners, register, resample};
+use insonify_anatomy::segmentation;
+use insonify_anatomy::volume::complete::{CompleteOptions, complete};
+use insonify_anatomy::volume::{LabelVolume, save};
+use insonify_base::range::numbers;
+use insonify_mesh::TetMesh;
+use insonify_mesh::file::{MeshFileError, ReadOptions, read_mesh, write_vtu_with};
+use insonify_tracking::calibrate::poses::Poses;
+use insonify_tracking::sequence::Sequence;
+use insonify_tracking::world::World;
 
 use super::failure::Failure;
 use super::input::NamesArg;
@@ -138,7 +138,7 @@ impl Register {
             carry(mesh, output, map)?;
         }
         if let Some(page) = &self.page {
-            output::text(page, &found.page(&skin)?)?;
+            output::text(page, &insonify_study::registration::page(&found, &skin)?)?;
         }
         terminal::print(&found, self.json)
     }

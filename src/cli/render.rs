@@ -20,9 +20,9 @@ use super::input::Input;
 use super::output::Force;
 use super::terminal;
 use super::variants::ranged;
-use crate::imaging::quality::Picked;
-use crate::imaging::synth::{FrameState, PassTime, Synthesizer};
-use crate::input::scene::Scene;
+use insonify_imaging::quality::Picked;
+use insonify_imaging::scene::Scene;
+use insonify_imaging::synth::{FrameState, PassTime, Synthesizer};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -113,7 +113,7 @@ impl Render {
         scene.settings.layers = self.extras.layers();
         if let Some(path) = &self.save_labels {
             self.force.check(&[path], &self.input.files())?;
-            crate::anatomy::volume::save(&scene.anatomy.volume, path)?;
+            insonify_anatomy::volume::save(&scene.anatomy.volume, path)?;
         }
         let count = self.frames.unwrap_or_else(|| scene.frames());
         self.extras.check(&scene)?;

@@ -1,8 +1,8 @@
 //! `insonify scene`: built-in scenes to edit.
 
-use crate::input::scene::EXAMPLES;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
+use insonify_imaging::scene::EXAMPLES;
 
 use super::failure::Failure;
 use super::terminal;
@@ -22,6 +22,6 @@ fn names() -> PossibleValuesParser {
 impl Scene {
     pub fn run(&self) -> Result<(), Failure> {
         let text = EXAMPLES.iter().find(|(name, _)| *name == self.name);
-        terminal::emit(text.map_or(crate::input::scene::DEFAULT, |(_, text)| text))
+        terminal::emit(text.map_or(insonify_imaging::scene::DEFAULT, |(_, text)| text))
     }
 }

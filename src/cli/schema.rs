@@ -1,11 +1,11 @@
 //! `insonify schema`: JSON schemas of input and output files.
 
-use crate::imaging::sidecar::Sidecar;
-use crate::input::beam_case;
-use crate::input::identification;
-use crate::input::material_case;
-use crate::input::statics::ProblemFile;
 use clap::{Args, ValueEnum};
+use insonify::input::statics::ProblemFile;
+use insonify_imaging::sidecar::Sidecar;
+use insonify_study::beam_case;
+use insonify_study::identification;
+use insonify_study::material_case;
 use schemars::schema_for;
 
 use super::failure::Failure;
@@ -42,12 +42,12 @@ enum Of {
 impl Schema {
     pub fn run(&self) -> Result<(), Failure> {
         terminal::emit_json(&match self.of {
-            Of::Scene => crate::input::scene::schema(),
+            Of::Scene => insonify_imaging::scene::schema(),
             Of::Solve => schema_for!(ProblemFile).to_value(),
             Of::Material => schema_for!(material_case::CaseFile).to_value(),
             Of::Identify => schema_for!(identification::CaseFile).to_value(),
             Of::Beam => schema_for!(beam_case::CaseFile).to_value(),
-            Of::Insert => crate::input::scenario::schema(),
+            Of::Insert => insonify::input::scenario::schema(),
             Of::Sidecar => schema_for!(Sidecar).to_value(),
         })
     }

@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::study::score::groups::{compare, read};
-use crate::study::score::page::picture;
-use crate::study::score::{Score, groups};
+use insonify_study::score::groups::{compare, read};
+use insonify_study::score::page::picture;
+use insonify_study::score::{Score, groups};
 
 use super::failure::Failure;
 use super::output::{self, Force};

@@ -2,9 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::input::statics::{self, Model, ProblemFile, Report};
-use crate::mechanics::mesh::file::{DISPLACEMENT, Values, write_vtu_with};
 use clap::{Args, ValueEnum};
+use insonify::input::statics::{self, Model, ProblemFile};
+use insonify::solve::Report;
+use insonify_mesh::file::{DISPLACEMENT, Values, write_vtu_with};
 
 use super::failure::Failure;
 use super::output::{self, Force};

@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::study::stability::{Case, Effort, GROUPS, Report, run, select};
 use clap::Args;
+use insonify_study::stability::{Case, Effort, GROUPS, Report, run, select};
 
 use super::failure::Failure;
 use super::output::{Force, text};

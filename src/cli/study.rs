@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use crate::base::output::folder::Folder;
-use crate::study::tradeoff::Study;
 use clap::Args;
+use insonify_base::output::folder::Folder;
+use insonify_study::tradeoff::Study;
 
 use super::failure::Failure;
 use super::output::Force;

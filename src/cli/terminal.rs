@@ -5,9 +5,9 @@ use std::fmt::{self, Display};
 use std::io::{self, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::base::document::Excerpt;
-use crate::base::text::{MESSAGE, clipped, printable};
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
+use insonify_base::document::Excerpt;
+use insonify_base::text::{MESSAGE, clipped, printable};
 use miette::{
     Diagnostic, LabeledSpan, MietteError, MietteHandlerOpts, MietteSpanContents, SourceCode, SourceSpan, SpanContents,
 };

@@ -4,11 +4,11 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use crate::anatomy::volume::VolumeError;
-use crate::anatomy::volume::texture::synthesis::Exemplars;
-use crate::base::range::numbers;
-use crate::study::realism::picture::{Picture, read};
-use crate::study::texture::{Content, Preparation, Prepared, Region, make};
+use insonify_anatomy::volume::VolumeError;
+use insonify_base::range::numbers;
+use insonify_study::realism::picture::{Picture, read};
+use insonify_study::texture::synthesis::Exemplars;
+use insonify_study::texture::{Content, Preparation, Prepared, Region, make};
 
 use super::failure::Failure;
 use super::output::{self, Force};

@@ -11,11 +11,11 @@ mod tissue;
 
 use std::path::PathBuf;
 
-use crate::study::stability::Effort;
-use crate::study::tradeoff::Rates;
-use crate::study::tradeoff::gather::{STUDIES, gather};
-use crate::study::tradeoff::report::Report;
 use clap::Args;
+use insonify_study::stability::Effort;
+use insonify_study::tradeoff::Rates;
+use insonify_study::tradeoff::gather::{STUDIES, gather};
+use insonify_study::tradeoff::report::Report;
 
 use super::backend::BackendArgs;
 use super::failure::Failure;

@@ -1,12 +1,6 @@
 //! Stand-in for the GPU in a library built without the feature `gpu`: there is no device, and to open one is an error.
 
-#[path = "access.rs"]
-mod access;
-#[path = "error.rs"]
-mod error;
-
-pub use access::Access;
-pub use error::GpuError;
+use crate::GpuError;
 
 /// A device, of which there is none.
 #[derive(Debug, Clone)]

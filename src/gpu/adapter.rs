@@ -200,8 +200,8 @@ fn in_order<A>(found: Vec<A>, info: impl Fn(&A) -> wgpu::AdapterInfo) -> Vec<A> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::cause::Cause;
-    use crate::gpu::testing;
+    use crate::testing;
+    use insonify_base::cause::Cause;
 
     fn info(name: &str, device_type: wgpu::DeviceType, bus: &str) -> wgpu::AdapterInfo {
         wgpu::AdapterInfo {

@@ -224,7 +224,7 @@ impl Parameters {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gpu::{Readback, testing};
+    use crate::{Readback, testing};
 
     fn contents(gpu: &Gpu, buffer: &StorageBuffer, bytes: usize) -> Vec<u8> {
         let mut readback = Readback::new(gpu, "contents", buffer.bytes()).unwrap();

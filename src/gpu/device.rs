@@ -201,7 +201,7 @@ impl Gpu {
 
     /// Runs `work` and returns the errors that wgpu raised in it; `what` names the work in these errors. Within another scope of the same device it
     /// only runs `work`: a frame has one scope.
-    pub(crate) fn scoped<T, E: From<GpuError>>(&self, what: &str, work: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
+    pub fn scoped<T, E: From<GpuError>>(&self, what: &str, work: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
         let outer = SCOPED.replace(self.faults.id());
         if outer == self.faults.id() {
             return work();

@@ -1,6 +1,6 @@
 //! Errors of the GPU layer.
 
-use crate::base::cause::Cause;
+use insonify_base::cause::Cause;
 
 /// An error of the GPU layer.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -178,7 +178,7 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
-    use crate::gpu::{Access, Dispatch, Parameters, PassSource, Pipeline, StorageBuffer, testing};
+    use crate::{Access, Dispatch, Parameters, PassSource, Pipeline, StorageBuffer, testing};
 
     fn filled(gpu: &Gpu, bytes: usize) -> Readback {
         let data: Vec<u8> = (0..bytes).map(|i| i as u8).collect();

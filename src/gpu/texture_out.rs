@@ -79,7 +79,7 @@ impl TextureOut {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gpu::{Readback, testing};
+    use crate::{Readback, testing};
 
     #[test]
     fn strides_are_whole_multiples_of_256() {

@@ -118,9 +118,7 @@ impl Timer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gpu::{
-        Access, AdapterChoice, Dispatch, Parameters, PassSource, Pipeline, StorageBuffer, adapter, testing,
-    };
+    use crate::{Access, AdapterChoice, Dispatch, Parameters, PassSource, Pipeline, StorageBuffer, adapter, testing};
 
     const SPIN: &str = "
         override rounds: u32;

@@ -2,7 +2,7 @@
 
 use image::{Rgb, RgbImage};
 
-pub(crate) type Colour = [u8; 3];
+pub type Colour = [u8; 3];
 pub(super) type Point = [f64; 2];
 
 /// Blends `colour` over a pixel with an opacity of 0 to 1.
@@ -115,13 +115,13 @@ fn glyph(letter: char) -> [u8; 7] {
 }
 
 /// Width and height of a text, pixels.
-pub(crate) fn text_size(text: &str, dot: u32) -> [u32; 2] {
+pub fn text_size(text: &str, dot: u32) -> [u32; 2] {
     let letters = text.chars().count() as u32;
     [(letters * 6).saturating_sub(1) * dot, 7 * dot]
 }
 
 /// Draws a text whose upper left dot is at `at`, with dots of `dot` pixels and a dark rim.
-pub(crate) fn text(picture: &mut RgbImage, at: [u32; 2], text: &str, dot: u32, colour: Colour) {
+pub fn text(picture: &mut RgbImage, at: [u32; 2], text: &str, dot: u32, colour: Colour) {
     for (rim, ink) in [(1i64, [0, 0, 0]), (0, colour)] {
         for (place, letter) in text.chars().enumerate() {
             for (row, bits) in glyph(letter).into_iter().enumerate() {

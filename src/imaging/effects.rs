@@ -35,13 +35,13 @@ pub mod warp;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::base::range::{OutOfRange, Ranges};
-use crate::base::real::Real;
-use crate::imaging::effects::buffers::Buffer;
-use crate::imaging::effects::pass::Pass;
-use crate::imaging::plan::Plan;
-use crate::imaging::synth::tables::{Inputs, LabelRow, Settings, Tables};
-use crate::imaging::synth::{FrameState, SynthError};
+use crate::effects::buffers::Buffer;
+use crate::effects::pass::Pass;
+use crate::plan::Plan;
+use crate::synth::tables::{Inputs, LabelRow, Settings, Tables};
+use crate::synth::{FrameState, SynthError};
+use insonify_base::range::{OutOfRange, Ranges};
+use insonify_base::real::Real;
 
 /// Whether a scene calls for an effect, and why.
 pub type Verdict = Result<String, String>;

@@ -3,8 +3,8 @@
 //! A pass follows another in the same invocation, or in the same workgroup behind a barrier, where it uses what the other wrote at its own
 //! sample or on its own scanline ([`Use`]). Passes that need nothing of each other run side by side in workgroups of their own.
 
-use crate::imaging::effects::buffers::Buffer;
-use crate::imaging::effects::pass::{Grid, Pass, Use};
+use crate::effects::buffers::Buffer;
+use crate::effects::pass::{Grid, Pass, Use};
 
 /// Largest number of buffers of a dispatch; devices are opened for as many, where they can bind them.
 pub const MAX_BUFFERS: usize = 32;

@@ -4,9 +4,9 @@ use image::{Rgb, RgbImage};
 use nalgebra::{Matrix4, Point3};
 
 use super::canvas::{self, Colour, Point};
-use crate::imaging::effects::point_spread::PointSpread;
-use crate::imaging::effects::tone::Tone;
-use crate::imaging::synth::tables::Tables;
+use crate::effects::point_spread::PointSpread;
+use crate::effects::tone::Tone;
+use crate::synth::tables::Tables;
 
 /// Colours of a workspace and of a path in it.
 const REACH: Colour = [64, 220, 120];
@@ -190,7 +190,7 @@ fn mark(picture: &mut RgbImage, tables: &Tables) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::study::testing::scene;
+    use crate::anatomies::two_layers as scene;
 
     fn tables(width: usize, height: usize) -> Tables {
         let (anatomy, mut settings, _) = scene();

@@ -5,10 +5,10 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::canvas::{self, Colour, Point};
-use crate::anatomy::volume::LabelVolume;
-use crate::tracking::needle::NeedlePose;
-use crate::tracking::pose::Pose;
-use crate::tracking::probe::BeamGrid;
+use insonify_anatomy::volume::LabelVolume;
+use insonify_tracking::needle::NeedlePose;
+use insonify_tracking::pose::Pose;
+use insonify_tracking::probe::BeamGrid;
 
 /// Size of one view, pixels.
 const PANEL: u32 = 360;
@@ -272,8 +272,8 @@ mod tests {
     use nalgebra::Matrix4;
 
     use super::*;
-    use crate::anatomy::volume::Label;
-    use crate::tracking::probe::{Probe, ProbeShape};
+    use insonify_anatomy::volume::Label;
+    use insonify_tracking::probe::{Probe, ProbeShape};
 
     const COLOURS: [[u8; 3]; 4] = [[0, 0, 0], [216, 180, 140], [180, 80, 70], [240, 235, 215]];
 

@@ -8,12 +8,12 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::imaging::effects::REGISTRY;
-use crate::imaging::effects::buffers::{self, Buffer};
-use crate::imaging::effects::pass::{Band, Pass};
-use crate::imaging::fusion::{Bound, Fused, MAX_BUFFERS, fuse};
-use crate::imaging::quality::Picked;
-use crate::imaging::synth::tables::Tables;
+use crate::effects::REGISTRY;
+use crate::effects::buffers::{self, Buffer};
+use crate::effects::pass::{Band, Pass};
+use crate::fusion::{Bound, Fused, MAX_BUFFERS, fuse};
+use crate::quality::Picked;
+use crate::synth::tables::Tables;
 
 /// One pass of a plan.
 pub struct PlannedPass {

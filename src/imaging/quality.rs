@@ -21,9 +21,9 @@ pub mod trial;
 
 use serde::{Deserialize, Serialize};
 
-use crate::base::range::parameters;
-use crate::base::report::number::milliseconds;
-use crate::base::report::pareto;
+use insonify_base::number::milliseconds;
+use insonify_base::pareto;
+use insonify_base::range::parameters;
 
 parameters! {
     /// Time budgets of frames and steps. What a scene leaves open is picked from what it costs on this machine.

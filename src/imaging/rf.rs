@@ -14,7 +14,7 @@ pub mod truth;
 
 use serde::Serialize;
 
-use crate::base::range::{OutOfRange, within};
+use insonify_base::range::{OutOfRange, within};
 
 /// Speed of sound in soft tissue, m/s.
 pub const SPEED_M_S: f64 = 1540.0;

@@ -10,9 +10,9 @@ use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
 use nalgebra::Matrix4;
 
-use crate::base::output::atomic::folder_of;
-use crate::base::output::{OutputError, atomic};
-use crate::tracking::sequence::SequenceFrame;
+use insonify_base::output::atomic::folder_of;
+use insonify_base::output::{OutputError, atomic};
+use insonify_tracking::sequence::SequenceFrame;
 
 /// Metadata of an image.
 #[derive(Clone, Debug, Default)]
@@ -351,8 +351,8 @@ fn pixel_file(path: &Path) -> Result<BufWriter<File>, OutputError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::cause::Cause;
-    use crate::tracking::sequence::{Sequence, TrackedTransform};
+    use insonify_base::cause::Cause;
+    use insonify_tracking::sequence::{Sequence, TrackedTransform};
 
     #[test]
     fn sequences_come_back() {

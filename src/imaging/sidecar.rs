@@ -7,11 +7,11 @@ use nalgebra::{Matrix4, Point3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::base::matrix::Rows;
-use crate::base::output::{OutputError, atomic};
-use crate::tracking::needle::NeedlePose;
-use crate::tracking::pose::Pose;
-use crate::tracking::probe::ImageGrid;
+use insonify_base::matrix::Rows;
+use insonify_base::output::{OutputError, atomic};
+use insonify_tracking::needle::NeedlePose;
+use insonify_tracking::pose::Pose;
+use insonify_tracking::probe::ImageGrid;
 
 /// Version of the sidecar layout.
 pub const VERSION: u32 = 2;

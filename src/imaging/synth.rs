@@ -26,16 +26,16 @@ use local_origin::LocalFrame;
 use nalgebra::{Matrix4, Point3, Vector3};
 use tables::{Anatomy, Settings, Tables};
 
-use crate::anatomy::volume::VolumeError;
-use crate::base::cause::Cause;
-use crate::base::memory::TooLarge;
-use crate::base::range::OutOfRange;
-use crate::gpu::{AdapterChoice, Gpu, GpuError, adapter};
-use crate::imaging::effects::REGISTRY;
-use crate::imaging::effects::buffers::Buffer;
-use crate::imaging::plan::Plan;
-use crate::mechanics::mesh::{InvalidMesh, check_positions};
-use crate::tracking::TrackingError;
+use crate::effects::REGISTRY;
+use crate::effects::buffers::Buffer;
+use crate::plan::Plan;
+use insonify_anatomy::volume::VolumeError;
+use insonify_base::cause::Cause;
+use insonify_base::memory::TooLarge;
+use insonify_base::range::OutOfRange;
+use insonify_gpu::{AdapterChoice, Gpu, GpuError, adapter};
+use insonify_mesh::{InvalidMesh, check_positions};
+use insonify_tracking::TrackingError;
 
 /// Why a frame cannot be synthesised.
 #[derive(Debug, thiserror::Error)]
@@ -189,7 +189,7 @@ impl Synthesizer {
     }
 
     /// A synthesizer with tables that others may share.
-    pub(crate) fn of(tables: Arc<Tables>, backend: Backend) -> Result<Self, SynthError> {
+    pub fn of(tables: Arc<Tables>, backend: Backend) -> Result<Self, SynthError> {
         let plan = Plan::new(&tables);
         let executor = backend.executor(&plan, &tables)?;
         let frame = Frame {
@@ -345,7 +345,7 @@ impl Synthesizer {
     }
 
     /// The GPU and its adapter, on the GPU backend.
-    pub fn gpu(&self) -> Option<&crate::gpu::Gpu> {
+    pub fn gpu(&self) -> Option<&insonify_gpu::Gpu> {
         match &self.executor {
             Executor::Gpu(gpu) => Some(gpu.gpu()),
             _ => None,
@@ -409,7 +409,7 @@ impl Synthesizer {
     }
 
     /// Runs the passes one by one and returns the beam-space results after each; nothing is displayed.
-    pub(crate) fn render_each(&mut self, state: &FrameState) -> Result<Vec<layers::Beam>, SynthError> {
+    pub fn render_each(&mut self, state: &FrameState) -> Result<Vec<layers::Beam>, SynthError> {
         self.begin_alone(state)?;
         let mut beams = Vec::with_capacity(self.plan.passes.len());
         for at in 0..self.plan.passes.len() {

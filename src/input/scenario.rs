@@ -26,12 +26,10 @@
 //! # Ok::<(), insonify::input::InputError>(())
 //! ```
 
-pub(crate) mod aim;
-pub(crate) mod carried;
-pub(crate) mod clearance;
+pub mod aim;
+pub mod clearance;
 mod cut;
 mod cylinder;
-pub mod deformed;
 pub mod file;
 pub mod guidance;
 pub mod instruments;
@@ -45,35 +43,27 @@ mod plan;
 pub mod planned;
 pub mod points;
 mod probe;
-#[cfg(feature = "cli")]
-pub mod record;
 mod regions;
 mod resolve;
-pub mod run;
 mod scene;
-#[cfg(feature = "cli")]
 mod section;
 pub mod stiffened;
-mod summary;
 pub mod tissue;
-mod trial;
 
 pub use file::{ScenarioFile, SceneSource};
 pub use instruments::{NeedleModel, NeedleTable};
 pub use resolve::Scenario;
-pub use summary::Summary;
 pub use tissue::{DEFAULT_NODES, TissueModel};
-pub use trial::Trial;
 
 use std::path::Path;
 
 use nalgebra::Point3;
 
-use crate::base::document::InputError;
-use crate::base::document::{self, InvalidFile};
-use crate::input::scene::SceneFile;
-use crate::mechanics::mesh::generate::{GenerateReport, NEAR_MM};
-use crate::tracking::trajectory::Trajectory;
+use insonify_base::document::InputError;
+use insonify_base::document::{self, InvalidFile};
+use insonify_imaging::scene::SceneFile;
+use insonify_mesh::generate::{GenerateReport, NEAR_MM};
+use insonify_tracking::trajectory::Trajectory;
 
 /// Built-in scenarios, by name.
 pub const EXAMPLES: &[(&str, &str)] = &[
@@ -97,7 +87,7 @@ pub const EXAMPLES: &[(&str, &str)] = &[
 
 /// Name and text of the built-in scenario that a path names, unless there is such a file.
 pub fn bundled(path: &Path) -> Option<(&'static str, &'static str)> {
-    super::bundled(EXAMPLES, path)
+    insonify_base::document::bundled(EXAMPLES, path)
 }
 
 /// Reference scenario that explains every key.
@@ -192,7 +182,7 @@ impl ScenarioFile {
 
     /// Returns a point of this file.
     fn place(&self, key: &str, found: [f64; 3]) -> Result<nalgebra::Point3<f64>, InputError> {
-        if found.iter().all(|x| x.abs() <= crate::base::matrix::FARTHEST_MM) {
+        if found.iter().all(|x| x.abs() <= insonify_base::matrix::FARTHEST_MM) {
             Ok(found.into())
         } else {
             let expected = "finite coordinates of at most 1e6 mm";

@@ -1,7 +1,7 @@
 //! Problem files for static problems: mesh, materials, constraints and loads in one TOML file.
 //!
 //! [`ProblemFile`] is the file as written; [`ProblemFile::resolve`] reads its mesh and selects nodes;
-//! [`Problem::solve`] solves it (see [`mechanics::tissue`](crate::mechanics::tissue)). Errors point at the line.
+//! [`Problem::solve`] solves it (see [`mechanics::tissue`](insonify_mechanics::tissue)). Errors point at the line.
 //!
 //! ```
 //! use insonify::input::statics::ProblemFile;
@@ -29,23 +29,21 @@
 pub mod course;
 pub mod file;
 mod loads;
-mod report;
 mod resolve;
-mod run;
 pub mod selection;
 
 pub use course::{Model, SchemeName};
 pub use file::ProblemFile;
-pub use report::Report;
 
 use std::collections::BTreeMap;
 
-use crate::base::document::InputError;
-use crate::base::document::InvalidFile;
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::tissue::material::Material;
-use crate::mechanics::tissue::nonlinear::{Solid, Stiffening, von_mises};
 use file::MaterialSpec;
+use insonify_base::document::InputError;
+use insonify_base::document::InvalidFile;
+use insonify_mechanics::tissue::material::Material;
+use insonify_mechanics::tissue::nonlinear::Stiffening;
+use insonify_mesh::TetMesh;
+pub use resolve::Problem;
 use resolve::Regions;
 use selection::SelectionError;
 
@@ -77,43 +75,9 @@ impl ProblemFile {
     }
 }
 
-/// Symmetric tensors of each element: xx, yy, zz, xy, yz and xz.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Fields {
-    /// Strain; shear as tensor components, half of the engineering shear strain.
-    pub strain: Vec<[f64; 6]>,
-    /// Stress, kPa.
-    pub stress_kpa: Vec<[f64; 6]>,
-}
-
-fn six(m: [[f64; 3]; 3]) -> [f64; 6] {
-    [m[0][0], m[1][1], m[2][2], m[0][1], m[1][2], m[0][2]]
-}
-
-impl Fields {
-    /// Fields of a body displaced by `displacement`, with the stress due to `strained`, both in mm.
-    fn of(body: &Solid, displacement: &[f64], strained: &[f64]) -> Fields {
-        Self::with(body, displacement, &body.stresses_kpa(displacement, strained))
-    }
-
-    /// Fields of a displaced body with known stress, kPa.
-    fn with(body: &Solid, displacement: &[f64], stress_kpa: &[[[f64; 3]; 3]]) -> Fields {
-        Fields {
-            strain: body.strains(displacement).into_iter().map(six).collect(),
-            stress_kpa: stress_kpa.iter().copied().map(six).collect(),
-        }
-    }
-
-    /// Von Mises stress of each element, kPa.
-    pub fn von_mises_kpa(&self) -> Vec<f64> {
-        let equivalent = |&[xx, yy, zz, xy, yz, xz]: &[f64; 6]| von_mises(&[[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]);
-        self.stress_kpa.iter().map(equivalent).collect()
-    }
-}
-
 /// Material of a region.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Made {
+pub struct Made {
     pub law: Stiffening,
     /// Index of its `[[material]]` table.
     pub table: usize,

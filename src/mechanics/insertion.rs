@@ -19,11 +19,11 @@ use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
 use super::needle::CentreLine;
 use super::tissue::remesh::Level;
-use crate::base::cause::Cause;
+use insonify_base::cause::Cause;
 pub use interaction::{Anatomy, Bone, Interaction, MeshRegions, Peak};
 pub use outcome::{Event, EventKind, Outcome, Wrench};
 pub use probe::ProbeContact;
-pub(crate) use probe::{lever, pointed};
+pub use probe::{lever, pointed};
 pub use recording::{Input, Recording, State};
 pub use validation::InvalidSetup;
 

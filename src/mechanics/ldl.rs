@@ -4,7 +4,7 @@
 //! negative pivots shows whether tissue supports them (Sylvester's law of inertia). Each solution is one step of an
 //! iteration, which corrects its rounding errors.
 
-use crate::base::simd::{Kernel, vectorised};
+use insonify_base::simd::{Kernel, vectorised};
 
 /// Smallest pivot relative to its diagonal entry. Below it, an unknown is nearly dependent on the earlier ones and is
 /// dropped. Divisions by larger pivots keep forces accurate to better than 1e-7.
@@ -12,7 +12,7 @@ const DEPENDENT: f64 = 1e-9;
 
 /// Factor stored column by column; its memory is reused by the next factorisation.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Ldl {
+pub struct Ldl {
     size: usize,
     entries: Vec<f64>,
     /// Reciprocals of D; 0 for a dropped row.
@@ -21,7 +21,7 @@ pub(crate) struct Ldl {
 
 /// Counts of dependent and negative pivots in D.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Signs {
+pub struct Signs {
     /// Rows dropped as dependent on earlier rows.
     pub dependent: usize,
     /// Negative pivots.

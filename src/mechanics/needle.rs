@@ -12,15 +12,15 @@ mod rigid;
 mod tangent;
 
 pub use flexible::{ELEMENT_MM, Flexible, LINK_MM, Stiffness};
-pub(crate) use line::across;
+pub use line::across;
 pub use line::{CentreLine, ShaftPoint};
-pub use rigid::{BendingConstraint, Constrained, Rigid};
+pub use rigid::{Constrained, Rigid};
 
 use std::fmt::Debug;
 
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
-use crate::base::range::{OutOfRange, Ranges, check, parameters};
+use insonify_base::range::{OutOfRange, Ranges, check, parameters};
 
 /// A force on the needle.
 #[derive(Clone, Copy, Debug, PartialEq)]

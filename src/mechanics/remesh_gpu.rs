@@ -1,7 +1,7 @@
 //! Remeshing levels I to IV with the dense inverse on a GPU; the only module that depends on both mechanics and GPUs.
 //!
-//! [`follow`] creates a [`Remesher`](crate::mechanics::tissue::remesh::Remesher) like those of [`levels`](crate::mechanics::tissue::remesh::levels),
-//! with which it shares all but the [`Store`](crate::mechanics::tissue::remesh::levels::Store); `Adaptation::replace` switches to it during a run,
+//! [`follow`] creates a [`Remesher`](crate::tissue::remesh::Remesher) like those of [`levels`](crate::tissue::remesh::levels),
+//! with which it shares all but the [`Store`](crate::tissue::remesh::levels::Store); `Adaptation::replace` switches to it during a run,
 //! and with [`maker`] an insertion uses a GPU. The inverse stays on the device. After each change, dK goes up, the columns Y around the moved node
 //! are taken, C = (I + dK G)^-1 dK is computed from their rows G in f64, and K^c comes back, in one submission. The update of all entries is a second
 //! one, for which nobody waits: a pass over the tiles of the lower triangle, which reads and writes each once. At rank 48 that is 24 multiply-adds
@@ -23,12 +23,12 @@ pub mod tiles;
 
 use std::sync::Arc;
 
-use crate::base::memory;
-use crate::gpu::{Gpu, GpuError};
-use crate::mechanics::tissue::dofs::NONE;
-use crate::mechanics::tissue::remesh::levels::DenseInverseRemesher;
-use crate::mechanics::tissue::remesh::{AdaptedMesh, Level, Maker, Options, Precision, RemeshError, Source, make};
-use crate::mechanics::tissue::symmetric::Symmetric;
+use crate::tissue::dofs::NONE;
+use crate::tissue::remesh::levels::DenseInverseRemesher;
+use crate::tissue::remesh::{AdaptedMesh, Level, Maker, Options, Precision, RemeshError, Source, make};
+use crate::tissue::symmetric::Symmetric;
+use insonify_base::memory;
+use insonify_gpu::{Gpu, GpuError};
 pub use store::DeviceStore;
 
 /// Remesher of the levels I to IV with a dense inverse in f32 on a GPU.
@@ -40,7 +40,7 @@ pub type DeviceLevels = DenseInverseRemesher<DeviceStore>;
 /// # Errors
 /// [`RemeshError::Unsuited`] where the source is not dense, the inverse does not fit the device or f32 does not suffice
 /// for the materials; [`RemeshError::Device`] where the device fails; otherwise those of
-/// [`Levels::new`](crate::mechanics::tissue::remesh::levels::Levels::new).
+/// [`Levels::new`](crate::tissue::remesh::levels::Levels::new).
 pub fn follow(
     gpu: &Gpu,
     mesh: &AdaptedMesh,

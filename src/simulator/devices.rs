@@ -6,8 +6,8 @@
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
 use super::SimulatorError;
-use crate::mechanics::insertion::{Instruments, Outcome, Wrench, lever, pointed};
-use crate::tracking::template::Template;
+use insonify_mechanics::insertion::{Instruments, Outcome, Wrench, lever, pointed};
+use insonify_tracking::template::Template;
 
 /// Two points on the axis of a probe, each driven by a device that measures and renders three axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,7 +18,7 @@ pub struct TwoPoints {
 /// Pose of a probe from two measured points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointsPose {
-    /// Probe frame to world (see [`ProbeContact`](crate::mechanics::insertion::ProbeContact)).
+    /// Probe frame to world (see [`ProbeContact`](insonify_mechanics::insertion::ProbeContact)).
     pub pose: Isometry3<f64>,
     /// Excess of the distance between the points over that on the probe, mm, due to calibration and play of the devices. The
     /// pose leaves half of it at each point.
@@ -27,7 +27,7 @@ pub struct PointsPose {
 
 impl TwoPoints {
     /// Takes points that lie `at_mm` (mm, at least 1 apart) behind the origin of the probe, as in
-    /// [`ProbeContact::driven_at_mm`](crate::mechanics::insertion::ProbeContact::driven_at_mm).
+    /// [`ProbeContact::driven_at_mm`](insonify_mechanics::insertion::ProbeContact::driven_at_mm).
     ///
     /// # Errors
     /// [`SimulatorError`].
@@ -57,7 +57,7 @@ impl TwoPoints {
     }
 
     /// Returns the forces on the points, N, that are equivalent to a wrench on the probe at `pose`, about its origin: see
-    /// [`ProbeContact::split`](crate::mechanics::insertion::ProbeContact::split).
+    /// [`ProbeContact::split`](insonify_mechanics::insertion::ProbeContact::split).
     pub fn split(&self, wrench: &Wrench, pose: &Isometry3<f64>) -> [Vector3<f64>; 2] {
         lever(self.at_mm, wrench, pose)
     }

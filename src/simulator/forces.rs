@@ -5,7 +5,7 @@ use std::time::Duration;
 use nalgebra::Vector3;
 
 use super::{Policy, TwoPoints};
-use crate::mechanics::insertion::{Instruments, Outcome, Wrench};
+use insonify_mechanics::insertion::{Instruments, Outcome, Wrench};
 
 /// Forces on the hands after a step.
 ///

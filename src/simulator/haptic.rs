@@ -8,11 +8,11 @@ use nalgebra::Isometry3;
 use super::forces::{Easing, Forces, Given};
 use super::imaging::Imaging;
 use super::{Options, SimulatorError};
-use crate::imaging::synth::Synthesizer;
-use crate::mechanics::insertion::{
+use insonify_imaging::synth::Synthesizer;
+use insonify_mechanics::insertion::{
     Input, Instruments, LevelChange, Model, Outcome, Recording, Snapshot, State, StepError,
 };
-use crate::mechanics::tissue::remesh::Level;
+use insonify_mechanics::tissue::remesh::Level;
 
 /// Steps a model on the caller's thread.
 ///

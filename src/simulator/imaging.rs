@@ -7,10 +7,10 @@ use nalgebra::{Matrix4, Point3, Vector3, center};
 
 use super::SimulatorError;
 use super::haptic::Latest;
-use crate::imaging::synth::{Frame, FrameState, NeedleShaft, SynthError, Synthesizer};
-use crate::mechanics::insertion::{NodeSolver, Snapshot, Tissue};
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::mesh::locator::{Locator, NONE};
+use insonify_imaging::synth::{Frame, FrameState, NeedleShaft, SynthError, Synthesizer};
+use insonify_mechanics::insertion::{NodeSolver, Snapshot, Tissue};
+use insonify_mesh::TetMesh;
+use insonify_mesh::locator::{Locator, NONE};
 
 /// Renders frames of the latest complete state.
 pub struct Imaging {

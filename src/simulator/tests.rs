@@ -14,11 +14,11 @@ use std::time::Duration;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::{Options, Policy};
-use crate::mechanics::insertion::{
+use insonify_mechanics::insertion::{
     Field, Instruments, LevelChange, Model, NodeSolver, Outcome, Saved, Snapshot, StepError, Tissue,
 };
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::tissue::remesh::Level;
+use insonify_mechanics::tissue::remesh::Level;
+use insonify_mesh::TetMesh;
 
 /// Counts of the calls to a fake model.
 #[derive(Default)]

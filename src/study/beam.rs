@@ -7,8 +7,8 @@ pub mod compare;
 pub mod measure;
 
 use super::tradeoff::{Axis, Factor, Figure, Study, Table};
-use crate::base::report::machine::Machine;
-use crate::mechanics::needle::beam::{
+use insonify_base::machine::Machine;
+use insonify_mechanics::needle::beam::{
     Base, BeamError, Compression, FoundationBeam, Layer, Material, Problem, Shape, bending_stiffness_nmm2,
 };
 

@@ -12,15 +12,15 @@ use std::num::NonZero;
 use std::thread::available_parallelism;
 use std::time::{Duration, Instant};
 
-use crate::base::output::folder::Folder;
-use crate::base::output::png::{self, Compression};
-use crate::base::output::queue::Queue;
-use crate::gpu::Traffic;
-use crate::imaging::effects::{Effect, LISTED};
-use crate::imaging::synth::tables::{Anatomy, Settings};
-use crate::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
+use insonify_base::output::folder::Folder;
+use insonify_base::output::png::{self, Compression};
+use insonify_base::output::queue::Queue;
+use insonify_gpu::Traffic;
+use insonify_imaging::effects::{Effect, LISTED};
+use insonify_imaging::synth::tables::{Anatomy, Settings};
+use insonify_imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 
-pub use crate::base::report::statistics::Spread;
+pub use insonify_base::statistics::Spread;
 pub use report::{BackendReport, BatchRates, BenchReport, Exchange, PassSpread, Rung};
 
 /// Duration of a measurement.

@@ -1,18 +1,18 @@
 //! Errors of studies.
 
-use crate::base::cause::Cause;
-use crate::base::csv::CsvError;
-use crate::base::document::InputError;
-use crate::base::output::OutputError;
-use crate::base::range::OutOfRange;
-use crate::gpu::GpuError;
-use crate::imaging::synth::SynthError;
-use crate::mechanics::insertion::{InvalidSetup, StepError};
-use crate::mechanics::mesh::InvalidMesh;
-use crate::mechanics::tissue::error::LinearError;
-use crate::mechanics::tissue::nonlinear::NonlinearError;
-use crate::mechanics::tissue::remesh::RemeshError;
-use crate::tracking::TrackingError;
+use insonify_base::cause::Cause;
+use insonify_base::csv::CsvError;
+use insonify_base::document::InputError;
+use insonify_base::output::OutputError;
+use insonify_base::range::OutOfRange;
+use insonify_gpu::GpuError;
+use insonify_imaging::synth::SynthError;
+use insonify_mechanics::insertion::{InvalidSetup, StepError};
+use insonify_mechanics::tissue::error::LinearError;
+use insonify_mechanics::tissue::nonlinear::NonlinearError;
+use insonify_mechanics::tissue::remesh::RemeshError;
+use insonify_mesh::InvalidMesh;
+use insonify_tracking::TrackingError;
 
 #[derive(Debug, thiserror::Error)]
 pub enum StudyError {

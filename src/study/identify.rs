@@ -17,12 +17,12 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::base::report::statistics;
-use crate::base::search::nelder_mead;
-use crate::input::identification::{Case, Cost, Crossed};
-use crate::study::StudyError;
+use crate::StudyError;
+use crate::identification::{Case, Cost, Crossed};
 use data::{Data, Motion, thinned};
 use force::Piecewise;
+use insonify_base::search::nelder_mead;
+use insonify_base::statistics;
 use simulate::{Course, Layer, Simulator};
 
 /// Largest relative change of a force parameter at which the inner loop ends, and most simulations in it.

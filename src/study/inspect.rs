@@ -6,16 +6,16 @@ mod report;
 
 use nalgebra::{Matrix4, Point3, Vector4};
 
-use crate::imaging::effects::buffers::AMPLITUDE;
-use crate::imaging::effects::pass::Pass;
-use crate::imaging::effects::shadow::{UNITS_PER_DB, transmittance};
-use crate::imaging::effects::tone::Tone;
-use crate::imaging::effects::tone::auto_gain::{self, AutoGain};
-use crate::imaging::effects::warp::{BACKGROUND, FOLDED};
-use crate::imaging::synth::layers::{Beam, world_position};
-use crate::imaging::synth::tables::{Anatomy, Settings, Tables};
-use crate::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
-use crate::mechanics::mesh::locator::NONE;
+use insonify_imaging::effects::buffers::AMPLITUDE;
+use insonify_imaging::effects::pass::Pass;
+use insonify_imaging::effects::shadow::{UNITS_PER_DB, transmittance};
+use insonify_imaging::effects::tone::Tone;
+use insonify_imaging::effects::tone::auto_gain::{self, AutoGain};
+use insonify_imaging::effects::warp::{BACKGROUND, FOLDED};
+use insonify_imaging::synth::layers::{Beam, world_position};
+use insonify_imaging::synth::tables::{Anatomy, Settings, Tables};
+use insonify_imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
+use insonify_mesh::locator::NONE;
 
 pub use report::{
     BlurNeighbour, Corner, LabelReport, MeshReport, PixelReport, SampleReport, ShadowReport, Stage, Taken,

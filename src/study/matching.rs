@@ -20,14 +20,14 @@ mod report;
 
 use serde::Serialize;
 
-use super::anatomies::PLAIN;
 use super::realism::picture::Picture;
 use super::realism::sector_of;
 use super::realism::texture::Texture;
-use crate::anatomy::volume::{At, VolumeError};
-use crate::error::Error;
-use crate::imaging::effects::Effects;
 use bench::{Bench, WINDOW};
+use insonify::error::Error;
+use insonify_anatomy::volume::{At, VolumeError};
+use insonify_imaging::anatomies::PLAIN;
+use insonify_imaging::effects::Effects;
 use model::Model;
 use outline::{Outline, Shape};
 

@@ -19,15 +19,15 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::base::range::check;
-use crate::base::text::some_of;
-use crate::input::scenario::aim::middle;
-use crate::input::scenario::{EXAMPLES, Scenario, ScenarioFile};
-use crate::study::StudyError;
+use crate::StudyError;
 pub(super) use candidates::DEFORMED_BONE;
 use candidates::Entries;
 use correct::Corrected;
 use insertion::{Course, Until};
+use insonify::input::scenario::aim::middle;
+use insonify::input::scenario::{EXAMPLES, Scenario, ScenarioFile};
+use insonify_base::range::check;
+use insonify_base::text::some_of;
 pub use report::FILES;
 
 /// Target of the needle.

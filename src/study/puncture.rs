@@ -12,14 +12,14 @@ mod liver;
 
 use serde::Serialize;
 
-use crate::base::output::OutputError;
-use crate::base::range::{OutOfRange, check};
-use crate::base::report::plot::{Axis, Plot, Series};
-use crate::mechanics::insertion::pushing::{Phase, Pushing};
-use crate::mechanics::tissue::nonlinear::creep::{Creep, Memory};
-use crate::mechanics::tissue::nonlinear::{Options, Scheme, Solver, Structure};
-use crate::mechanics::tissue::viscoelastic::{Rule, Span};
-use crate::study::StudyError;
+use crate::StudyError;
+use insonify_base::output::OutputError;
+use insonify_base::range::{OutOfRange, check};
+use insonify_mechanics::insertion::pushing::{Phase, Pushing};
+use insonify_mechanics::tissue::nonlinear::creep::{Creep, Memory};
+use insonify_mechanics::tissue::nonlinear::{Options, Scheme, Solver, Structure};
+use insonify_mechanics::tissue::viscoelastic::{Rule, Span};
+use insonify_report::plot::{Axis, Plot, Series};
 use liver::Liver;
 
 /// Travel of the needle, mm.

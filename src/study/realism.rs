@@ -5,16 +5,16 @@
 
 mod measures;
 pub mod picture;
-pub(in crate::study) mod report;
+pub(crate) mod report;
 pub mod sector;
 pub mod texture;
 
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::anatomy::volume::{At, VolumeError};
-use crate::base::report::statistics::percentile;
-use crate::base::report::statistics::{correlation, mean, std};
+use insonify_anatomy::volume::{At, VolumeError};
+use insonify_base::statistics::percentile;
+use insonify_base::statistics::{correlation, mean, std};
 pub use measures::{MEASURES, Measure};
 use picture::Picture;
 use texture::{Patch, Texture, Window, dark_windows, uniform_windows};
@@ -117,7 +117,7 @@ impl Parts {
 ///
 /// # Errors
 /// [`VolumeError`] for a frame smaller than a window, or without a sector at least that large.
-pub(in crate::study) fn sector_of(picture: &Picture) -> Result<Vec<bool>, VolumeError> {
+pub(crate) fn sector_of(picture: &Picture) -> Result<Vec<bool>, VolumeError> {
     let refuse = |found, expected: String| {
         let path = picture.name.as_ref();
         Err(VolumeError::malformed(path, At::Pixels, found, expected))
@@ -293,7 +293,7 @@ pub fn compare(frames: &[Picture], real: &[Picture]) -> Result<Report, VolumeErr
         .map(|it| it.name.clone())
         .collect();
     if !unscaled.is_empty() {
-        let names = crate::base::text::some_of(&unscaled);
+        let names = insonify_base::text::some_of(&unscaled);
         notes.push(format!(
             "measures in mm are left out of {names}: nothing states the size of their pixels"
         ));

@@ -13,9 +13,9 @@ use std::path::{Path, PathBuf};
 use nalgebra::{Point3, Vector3};
 use serde::{Serialize, Serializer};
 
-use crate::base::csv::{Csv, CsvError, Row};
-use crate::input::scenario::run::{Observer, Step};
-use crate::study::StudyError;
+use crate::StudyError;
+use insonify::run::{Observer, Step};
+use insonify_base::csv::{Csv, CsvError, Row};
 
 /// Number of metrics.
 pub const COUNT: usize = 10;

@@ -32,7 +32,7 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-use crate::base::report::machine::Machine;
+use insonify_base::machine::Machine;
 pub use record::{Record, Unexpected};
 pub use report::{CaseReport, Report};
 

@@ -7,11 +7,11 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::imaging::quality::{Costs, SettingOption, VariedSetting};
-use crate::input::scenario::DEFAULT_NODES;
-use crate::study::StudyError;
-use crate::study::tradeoff::insertion::{InsertionOptions, Part, study};
-use crate::study::tradeoff::{Row, SHIFT_MM, Study, Table};
+use crate::StudyError;
+use crate::tradeoff::insertion::{InsertionOptions, Part, study};
+use crate::tradeoff::{Row, SHIFT_MM, Study, Table};
+use insonify::input::scenario::DEFAULT_NODES;
+use insonify_imaging::quality::{Costs, SettingOption, VariedSetting};
 
 /// Key of the condensation level in a scenario.
 pub const LEVEL: &str = "tissue.level";

@@ -1,6 +1,7 @@
 //! Solid textures from ultrasound images: preparation of exemplars, synthesis, and comparison of the result with them.
 
 mod report;
+pub mod synthesis;
 #[cfg(test)]
 mod tests;
 
@@ -9,12 +10,12 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use crate::anatomy::volume::VolumeError;
-use crate::anatomy::volume::texture::synthesis::{Exemplar, Exemplars, MIN, correlations, synthesise};
-use crate::base::output::{OutputError, atomic};
-use crate::base::report::statistics::full_width;
-use crate::study::realism::picture::Picture;
-use crate::study::realism::texture::Patch;
+use crate::realism::picture::Picture;
+use crate::realism::texture::Patch;
+use crate::texture::synthesis::{Exemplar, Exemplars, MIN, correlations, synthesise};
+use insonify_anatomy::volume::VolumeError;
+use insonify_base::output::{OutputError, atomic};
+use insonify_base::statistics::full_width;
 
 /// Standard deviation of the trend that counts as gain, share of the smaller side of a region.
 const TREND: f64 = 0.25;

@@ -38,7 +38,7 @@ use serde::Serialize;
 pub use advice::{FORCE_N, GREY_LEVELS, Goal, SHIFT_MM};
 pub use real_time::{Deadline, Rates, RealTimeChoice};
 
-use crate::base::report::machine::Machine;
+use insonify_base::machine::Machine;
 
 /// Parameter that distinguishes the rows of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

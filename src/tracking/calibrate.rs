@@ -6,7 +6,6 @@
 
 pub mod points;
 pub mod poses;
-pub mod report;
 #[cfg(test)]
 mod tests;
 
@@ -14,7 +13,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use serde::Serialize;
 
 use super::TrackingError;
-use crate::base::report::statistics::median;
+use insonify_base::statistics::median;
 use poses::{MarkerPose, Poses};
 
 /// Deviation from the median above which a residual counts as an outlier, standard deviations as estimated from the median absolute

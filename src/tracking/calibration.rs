@@ -10,7 +10,7 @@ use nalgebra::{Matrix4, Vector3, Vector4};
 
 use super::TrackingError;
 use super::probe::ImageGrid;
-use crate::base::matrix;
+use insonify_base::matrix;
 
 /// Largest deviation of image axes from perpendicular, rad: the worst calibration among the configurations of PlusLibData
 /// (`SpinePhantomFreehandReconstructionOnly`) is off by 0.05.

@@ -4,10 +4,10 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::trajectory::SkipReason;
-use crate::base::cause::Cause;
-use crate::base::csv::CsvError;
-use crate::base::range::Ranges;
-use crate::base::read;
+use insonify_base::cause::Cause;
+use insonify_base::csv::CsvError;
+use insonify_base::range::Ranges;
+use insonify_base::read;
 
 /// Why a probe, pose, needle, image grid, path, placement or calibration is invalid.
 #[derive(Debug, thiserror::Error)]
@@ -69,13 +69,13 @@ pub enum TrackingError {
 
 impl TrackingError {
     /// An error of a table as a whole.
-    pub(crate) fn new(text: impl Into<String>) -> Self {
+    pub fn new(text: impl Into<String>) -> Self {
         let (key, text) = (None, text.into());
         Self::Value { key, text }
     }
 
     /// An error at a key.
-    pub(crate) fn at(key: &'static str, text: impl Into<String>) -> Self {
+    pub fn at(key: &'static str, text: impl Into<String>) -> Self {
         let (key, text) = (Some(key), text.into());
         Self::Value { key, text }
     }
@@ -85,7 +85,7 @@ impl TrackingError {
         Self::Read { path, source }
     }
 
-    pub(crate) fn file(path: &Path, text: impl Into<String>) -> Self {
+    pub fn file(path: &Path, text: impl Into<String>) -> Self {
         let (path, text) = (path.to_owned(), text.into());
         Self::File { path, text }
     }
@@ -142,7 +142,7 @@ fn outside(of: &str, key: &'static str, found: f64, expected: &str) -> TrackingE
 
 /// Key at fault in a result that must be a [`TrackingError::Value`].
 #[cfg(test)]
-pub(crate) fn key<T>(result: Result<T, TrackingError>) -> Option<&'static str> {
+pub fn key<T>(result: Result<T, TrackingError>) -> Option<&'static str> {
     match result {
         Err(TrackingError::Value { key, .. }) => key,
         Err(error) => panic!("{error}"),

@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 
 use super::TrackingError;
 use super::pose::Pose;
-use crate::base::range::parameters;
+use insonify_base::range::parameters;
 
 /// Range of horizontal positioning about its middle, mm: a travel of 40 mm (section 2.3).
 pub const POSITION_MM: [f64; 2] = [-20.0, 20.0];

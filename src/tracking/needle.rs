@@ -2,14 +2,13 @@
 
 mod path;
 
-pub use crate::mechanics::needle::BendingConstraint;
 pub use path::NeedlePath;
 
 use nalgebra::{Matrix4, Point3, Unit, Vector3};
 
 use super::error::{TrackingError, in_range};
 use super::pose::unit;
-use crate::base::range::parameters;
+use insonify_base::range::parameters;
 
 /// Default diameter, mm: 18 gauge, a usual core biopsy needle.
 pub const DEFAULT_DIAMETER_MM: f64 = 1.27;
@@ -20,7 +19,7 @@ pub const DEFAULT_LENGTH_MM: f64 = 150.0;
 pub const MAX_NODES: usize = 65;
 
 /// Largest coordinate of a needle, mm.
-const FARTHEST_MM: f64 = crate::base::matrix::FARTHEST_MM;
+const FARTHEST_MM: f64 = insonify_base::matrix::FARTHEST_MM;
 
 /// A needle in the world (LPS, mm): a shaft as a polyline from hub to tip, and a diameter. Always finite, of positive length.
 #[derive(Clone, Debug, PartialEq)]
@@ -281,7 +280,7 @@ mod tests {
             }
             let moved = needle.transformed(&motion);
             prop_assert!((moved.length_mm() - needle.length_mm()).abs() < 1e-9);
-            let back = moved.transformed(&crate::base::matrix::inverse_rigid(&motion));
+            let back = moved.transformed(&insonify_base::matrix::inverse_rigid(&motion));
             for (a, b) in back.nodes_mm().iter().zip(needle.nodes_mm()) {
                 prop_assert!((a - b).norm() < 1e-9);
             }

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::TrackingError;
 use super::probe::ProbeShape;
-use crate::anatomy::volume::LabelVolume;
+use insonify_anatomy::volume::LabelVolume;
 
 /// Number of rays of the fan that scores a position.
 pub const RAYS: usize = 15;
@@ -402,7 +402,7 @@ fn pose(origin: Point3<f64>, axial: Vector3<f64>, plane: ScanPlane) -> Matrix4<f
 }
 
 /// Points of the target to aim at: the voxel nearest to its centre, then voxels spread through it. `None` without voxels.
-pub(crate) fn aims(volume: &LabelVolume, target: &[u8]) -> Option<Vec<Point3<f64>>> {
+pub fn aims(volume: &LabelVolume, target: &[u8]) -> Option<Vec<Point3<f64>>> {
     let [nx, ny, _] = volume.size();
     let voxels: Vec<usize> = volume
         .voxels()

@@ -12,9 +12,9 @@ use serde::Serialize;
 use super::TrackingError;
 use super::probe::{ProbeKind, ProbeSpec};
 use super::sequence::{TrackedTransform, ends};
-use crate::base::matrix::Rows;
-use crate::base::read;
-use crate::base::text;
+use insonify_base::matrix::Rows;
+use insonify_base::read;
+use insonify_base::text;
 
 pub use info::PlusInfo;
 
@@ -343,10 +343,10 @@ impl<'a> Element<'a> {
 mod tests {
     use super::super::calibration::Calibration;
     use super::*;
-    use crate::base::cause::Cause;
+    use insonify_base::cause::Cause;
 
     fn data(name: &str) -> Option<PathBuf> {
-        let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data/config")).join(name);
+        let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data/config")).join(name);
         if path.exists() {
             return Some(path);
         }

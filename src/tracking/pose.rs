@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Matrix4, Point3, Rotation3, Unit, UnitQuaternion, Vector
 
 use super::error::TrackingError;
 use super::world::World;
-use crate::base::matrix::{self, Rows};
+use insonify_base::matrix::{self, Rows};
 
 /// Smallest sine of the angle between the axial direction and a lateral hint: below it (a twentieth of a degree) the hint
 /// is ambiguous.
@@ -198,6 +198,7 @@ fn too_large(key: &'static str, found: &[f64]) -> TrackingError {
 }
 
 /// Declares a table that ends with the keys of a pose, which convert to a [`PoseSpec`].
+#[macro_export]
 macro_rules! pose_table {
     ($(#[$meta:meta])* pub struct $name:ident { $($(#[$doc:meta])* $key:ident: $type:ty;)* }) => {
         $(#[$meta])*
@@ -226,10 +227,10 @@ macro_rules! pose_table {
             pub tilt_deg: Option<f64>,
             /// Probe-to-world transform, mm: rigid.
             #[serde(default, skip_serializing_if = "Option::is_none")]
-            pub matrix: Option<$crate::base::matrix::Rows>,
+            pub matrix: Option<insonify_base::matrix::Rows>,
         }
 
-        impl From<&$name> for $crate::tracking::pose::PoseSpec {
+        impl From<&$name> for $crate::pose::PoseSpec {
             fn from(table: &$name) -> Self {
                 Self {
                     position_mm: table.position_mm,
@@ -244,7 +245,7 @@ macro_rules! pose_table {
         }
     };
 }
-pub(crate) use pose_table;
+pub use pose_table;
 
 pose_table! {
     /// Keys of a pose: either `matrix`, or `position_mm` and `direction` with optional keys.
@@ -314,7 +315,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::tracking::error::key;
+    use crate::error::key;
 
     #[test]
     fn axes_follow_direction_and_hint() {

@@ -127,11 +127,11 @@ impl Probe {
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
+pub mod tests {
     use super::*;
 
     /// One probe of each kind, with few scanlines so that a complete grid is quickly traversed.
-    pub(crate) fn one_of_each() -> [Probe; 5] {
+    pub fn one_of_each() -> [Probe; 5] {
         [
             ProbeShape::Linear { width_mm: 40.0 },
             ProbeShape::Curvilinear {

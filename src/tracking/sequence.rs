@@ -7,15 +7,15 @@ use std::path::Path;
 
 use nalgebra::Matrix4;
 
-use crate::anatomy::volume::header::Header;
-use crate::anatomy::volume::{VolumeError, read_data, read_header};
+use insonify_anatomy::volume::header::Header;
+use insonify_anatomy::volume::{VolumeError, read_data, read_header};
 
 mod info;
 mod keys;
 
 pub use info::SequenceInfo;
 pub use keys::Orientation;
-pub(crate) use keys::ends;
+pub use keys::ends;
 
 /// A transform of one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -241,7 +241,7 @@ pub fn chain(transforms: &BTreeMap<String, TrackedTransform>, from: &str, to: &s
 }
 
 /// Adds transforms defined elsewhere to the recorded ones, where neither they nor their inverses are recorded.
-pub(crate) fn merged(
+pub fn merged(
     recorded: &BTreeMap<String, TrackedTransform>,
     defined: &BTreeMap<String, TrackedTransform>,
 ) -> BTreeMap<String, TrackedTransform> {

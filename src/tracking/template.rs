@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 
-use crate::base::document::nearest;
+use insonify_base::document::nearest;
 
 /// A plate with rows and columns of holes, perpendicular to the needles that it guides.
 #[derive(Clone, Debug, PartialEq)]

@@ -39,7 +39,7 @@ pub struct Key {
 ///
 /// ```
 /// use insonify::Pose;
-/// use insonify::tracking::trajectory::{Interpolation, Trajectory};
+/// use insonify_tracking::trajectory::{Interpolation, Trajectory};
 /// use nalgebra::{Point3, UnitQuaternion};
 ///
 /// let at = |x| Pose::from_rotation(Point3::new(x, 0.0, 0.0), &UnitQuaternion::identity());
@@ -173,7 +173,7 @@ impl Trajectory {
     ///
     /// # Errors
     /// [`TrackingError`] for poses beyond the range of positions.
-    pub(crate) fn carried(&self, carrier: &Self) -> Result<Self, TrackingError> {
+    pub fn carried(&self, carrier: &Self) -> Result<Self, TrackingError> {
         let at = |time_s: f64, pose: &Pose| {
             let matrix = carrier.at(time_s).probe_to_world() * pose.probe_to_world();
             Ok((time_s, Pose::from_matrix(&matrix)?))

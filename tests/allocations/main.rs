@@ -7,9 +7,9 @@ mod support;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering::Relaxed};
 
-use insonify::imaging::synth::tables::{Anatomy, Settings};
-use insonify::imaging::synth::{Backend, FrameState, NeedleShaft, Synthesizer};
-use insonify::study::parity::Case;
+use insonify_imaging::parity::Case;
+use insonify_imaging::synth::tables::{Anatomy, Settings};
+use insonify_imaging::synth::{Backend, FrameState, NeedleShaft, Synthesizer};
 use nalgebra::Vector3;
 
 use support::scene;

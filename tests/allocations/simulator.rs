@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use insonify::imaging::synth::Synthesizer;
-use insonify::mechanics::insertion::{
+use insonify::simulator::{Options, Simulator};
+use insonify_imaging::synth::Synthesizer;
+use insonify_mechanics::insertion::{
     Field, Instruments, Model, NodeSolver, Outcome, Saved, Snapshot, StepError, Tissue,
 };
-use insonify::mechanics::mesh::TetMesh;
-use insonify::simulator::{Options, Simulator};
+use insonify_mesh::TetMesh;
 use nalgebra::{Isometry3, Matrix4, Point3};
 
 /// A needle that advances with two seeds behind it, and tissue that swings.

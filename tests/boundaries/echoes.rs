@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 use std::mem::offset_of;
 
-use insonify::gpu::Access;
-use insonify::imaging::rf::device::{BIN, INVOCATIONS, OWN, Params, SHADER, STORAGE};
-use insonify::imaging::rf::echoes::PHASES;
+use insonify_gpu::Access;
+use insonify_imaging::rf::device::{BIN, INVOCATIONS, OWN, Params, SHADER, STORAGE};
+use insonify_imaging::rf::echoes::PHASES;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{AddressSpace, StorageAccess};
 

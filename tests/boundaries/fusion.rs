@@ -1,13 +1,13 @@
 //! Passes fused into dispatches: order, barriers, and the shaders that are linked of them.
 
-use insonify::imaging::effects::buffers::Buffer;
-use insonify::imaging::effects::pass::{Grid, Use};
-use insonify::imaging::fusion::{Bound, Fused, MAX_BUFFERS, fuse};
-use insonify::imaging::plan::Plan;
-use insonify::imaging::synth::linker::{ENTRY, link};
-use insonify::imaging::synth::tables::Tables;
-use insonify::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
-use insonify::input::scene::SceneFile;
+use insonify_imaging::effects::buffers::Buffer;
+use insonify_imaging::effects::pass::{Grid, Use};
+use insonify_imaging::fusion::{Bound, Fused, MAX_BUFFERS, fuse};
+use insonify_imaging::plan::Plan;
+use insonify_imaging::scene::SceneFile;
+use insonify_imaging::synth::linker::{ENTRY, link};
+use insonify_imaging::synth::tables::Tables;
+use insonify_imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{AddressSpace, StorageAccess};
 

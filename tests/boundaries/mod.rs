@@ -2,8 +2,6 @@
 
 mod echoes;
 mod fusion;
-mod names;
-mod parameters;
+mod parameter_blocks;
 mod plans;
-mod remesh;
 mod shaders;

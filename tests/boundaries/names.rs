@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use insonify::imaging::effects::{Effects, REGISTRY};
+use insonify_imaging::effects::{Effects, REGISTRY};
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))

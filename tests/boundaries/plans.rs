@@ -1,12 +1,12 @@
 //! Only what a scene calls for is there: passes, resources, pipelines, memory.
 
-use insonify::imaging::effects::Effects;
-use insonify::imaging::effects::buffers::{IMAGE, PIXELS, SCAN_MAP};
-use insonify::imaging::effects::shadow::Shadow;
-use insonify::imaging::plan::Plan;
-use insonify::imaging::synth::layers::Layer;
-use insonify::imaging::synth::tables::{Anatomy, Settings, Tables};
-use insonify::imaging::synth::{Backend, Synthesizer};
+use insonify_imaging::effects::Effects;
+use insonify_imaging::effects::buffers::{IMAGE, PIXELS, SCAN_MAP};
+use insonify_imaging::effects::shadow::Shadow;
+use insonify_imaging::plan::Plan;
+use insonify_imaging::synth::layers::Layer;
+use insonify_imaging::synth::tables::{Anatomy, Settings, Tables};
+use insonify_imaging::synth::{Backend, Synthesizer};
 
 use super::shaders::tables;
 use crate::support::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};
@@ -317,7 +317,7 @@ pub fn scenes() -> Vec<Scene> {
             "shadow switched off in all its parts",
             box_of(lossy()),
             |s| {
-                s.effects.shadow = Some(insonify::imaging::effects::shadow::Shadow {
+                s.effects.shadow = Some(insonify_imaging::effects::shadow::Shadow {
                     attenuation: false,
                     occlusion: false,
                     needle_db_mm: 0.0,
@@ -419,7 +419,7 @@ pub fn scenes() -> Vec<Scene> {
         scene(
             "tone",
             box_of(lossy()),
-            |s| s.effects.tone = Some(insonify::imaging::effects::tone::Tone::linear()),
+            |s| s.effects.tone = Some(insonify_imaging::effects::tone::Tone::linear()),
             &[],
             &[],
         ),
@@ -499,7 +499,7 @@ fn plans_list_the_passes_called_for_and_no_other() {
         let effects: std::collections::BTreeSet<&str> = plan.passes.iter().map(|planned| planned.effect).collect();
         assert_eq!(
             effects.len() + plan.without.len(),
-            insonify::imaging::effects::REGISTRY.len(),
+            insonify_imaging::effects::REGISTRY.len(),
             "{}",
             scene.name
         );
@@ -624,11 +624,11 @@ fn lengths_that_a_grid_cannot_have_are_told() {
     let settings = |samples: u32, axial_mm: f64, blur_mm: f64| {
         let probe = scene::probe(scene::SHAPES[0].1, 150.0, 128, samples);
         let mut settings = scene::settings(probe, scene::bare());
-        settings.effects.speckle = Some(insonify::imaging::effects::speckle::Speckle {
+        settings.effects.speckle = Some(insonify_imaging::effects::speckle::Speckle {
             axial_mm: Some(axial_mm),
             ..Default::default()
         });
-        settings.effects.blur = Some(insonify::imaging::effects::blur::Blur {
+        settings.effects.blur = Some(insonify_imaging::effects::blur::Blur {
             width_mm: Some(blur_mm),
             growth_mm_cm: Some(0.0),
         });

@@ -2,14 +2,14 @@
 
 use std::collections::BTreeMap;
 
-use insonify::gpu::buffer::SLOT_BYTES;
-use insonify::imaging::effects::REGISTRY;
-use insonify::imaging::effects::buffers::Buffer;
-use insonify::imaging::effects::pass::{Band, Pass};
-use insonify::imaging::effects::shadow::aperture::RAYS;
-use insonify::imaging::synth::tables::Tables;
+use insonify_imaging::effects::REGISTRY;
+use insonify_imaging::effects::buffers::Buffer;
+use insonify_imaging::effects::pass::{Band, Pass};
+use insonify_imaging::effects::shadow::aperture::RAYS;
+use insonify_imaging::synth::tables::Tables;
+pub use insonify_testing::shader::{block_of, layout};
 use naga::valid::{Capabilities, GlobalUse, ModuleInfo, ValidationFlags, Validator};
-use naga::{AddressSpace, Module, StorageAccess, TypeInner};
+use naga::{AddressSpace, Module, StorageAccess};
 
 use super::plans::{Scene, everything, scenes};
 
@@ -227,11 +227,11 @@ fn work(pass: &Pass, tables: &Tables) -> [u64; 3] {
         "shadow_loss" | "shadow_reflectors" | "refraction" => [256, lines, 1],
         "refraction_phase" => [
             256,
-            lines / insonify::imaging::effects::refraction::reach(tables) as u64,
+            lines / insonify_imaging::effects::refraction::reach(tables) as u64,
             1,
         ],
         "shadow_rays" => [256, lines, RAYS as u64],
-        "tone_auto_gain" => [256, insonify::imaging::effects::tone::auto_gain::BANDS as u64, 1],
+        "tone_auto_gain" => [256, insonify_imaging::effects::tone::auto_gain::BANDS as u64, 1],
         "truth_depth" => [256, lines, 1],
         name if name.starts_with("truth_") => [samples, lines, 1],
         "scan_conversion" | "noise" => [tables.width() as u64, tables.height() as u64, 1],
@@ -242,8 +242,8 @@ fn work(pass: &Pass, tables: &Tables) -> [u64; 3] {
 
 #[test]
 fn rows_of_tables_have_the_layout_of_their_structs() {
-    use insonify::anatomy::volume::texture::AtlasEntry;
-    use insonify::imaging::synth::tables::LabelRow;
+    use insonify_anatomy::volume::texture::AtlasEntry;
+    use insonify_imaging::synth::tables::LabelRow;
     use std::mem::offset_of;
     let expected: [(&str, usize, &[(&str, usize)]); 2] = [
         (
@@ -283,33 +283,4 @@ fn rows_of_tables_have_the_layout_of_their_structs() {
         }
     }
     assert!(found >= 5, "{found}");
-}
-
-/// Offsets of the members of a struct of a shader, and its size.
-pub fn layout(module: &Module, name: &str) -> Option<(BTreeMap<String, usize>, usize)> {
-    let (_, ty) = module.types.iter().find(|(_, ty)| ty.name.as_deref() == Some(name))?;
-    let TypeInner::Struct { members, span } = &ty.inner else {
-        return None;
-    };
-    let offsets = members
-        .iter()
-        .filter_map(|member| Some((member.name.clone()?, member.offset as usize)))
-        .collect();
-    Some((offsets, *span as usize))
-}
-
-/// The struct that a pass binds as its parameter block.
-pub fn block_of(module: &Module) -> (BTreeMap<String, usize>, usize) {
-    let (_, variable) = module
-        .global_variables
-        .iter()
-        .find(|(_, variable)| variable.binding.is_some_and(|at| at.binding == 0))
-        .expect("a parameter block");
-    let name = module.types[variable.ty].name.as_deref().expect("a named struct");
-    let (members, span) = layout(module, name).expect("a struct");
-    assert!(
-        span as u64 <= SLOT_BYTES,
-        "{name} takes {span} bytes, a slot holds {SLOT_BYTES}"
-    );
-    (members, span)
 }

@@ -1,7 +1,7 @@
 //! `render` on GPU adapters.
 
-use crate::gpu::gpu_or_skip;
 use crate::support::{Bench, Run, SCENE, grey};
+use insonify_testing::gpu::gpu_or_skip;
 
 #[test]
 fn a_gpu_is_named_and_shows_the_same_picture() {

@@ -1,7 +1,7 @@
 //! `insonify beam measure` and `compare` on synthetic CT: volumes painted from solved needles, with slices of 0.5 mm and markers out of place
 //! by 0.1 mm (stage) and 0.2 mm (container), as Wang et al. 2023 (section III-B) measured theirs: they were built so, the same in all scans.
 
-use insonify::mechanics::needle::beam::{
+use insonify_mechanics::needle::beam::{
     Base, Compression, FoundationBeam, Layer, Material, Problem, Shape, bending_stiffness_nmm2,
 };
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};

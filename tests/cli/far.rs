@@ -1,10 +1,10 @@
 //! Scenes far from the origin of the world: their frames are those of the same scene at the origin, and all that is told of them is
 //! in the world.
 
-use insonify::anatomy::phantom::{Phantom, PhantomOptions, make};
-use insonify::anatomy::volume::save;
-use insonify::imaging::sidecar::Sidecar;
-use insonify::tracking::sequence::Sequence;
+use insonify_anatomy::phantom::{Phantom, PhantomOptions, make};
+use insonify_anatomy::volume::save;
+use insonify_imaging::sidecar::Sidecar;
+use insonify_tracking::sequence::Sequence;
 use nalgebra::Vector3;
 use serde_json::Value;
 
@@ -104,7 +104,7 @@ fn a_scene_moved_far_away_gives_the_same_frames_and_places_in_the_world() {
     assert_eq!(names.len(), 2, "{files:?}");
     for file in names {
         let [near, far] = ["near", "far"].map(|name| bench.read::<Sidecar>(&format!("{name}/{file}")));
-        let place = |rows: &insonify::base::matrix::Rows| [0, 1, 2].map(|row| rows.0[(row, 3)]);
+        let place = |rows: &insonify_base::matrix::Rows| [0, 1, 2].map(|row| rows.0[(row, 3)]);
         moved(
             &place(&near.probe_to_world),
             &place(&far.probe_to_world),

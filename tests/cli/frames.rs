@@ -1,7 +1,7 @@
 //! `render`: frames and what goes with them.
 
-use insonify::imaging::sidecar::Sidecar;
-use insonify::tracking::sequence::Sequence;
+use insonify_imaging::sidecar::Sidecar;
+use insonify_tracking::sequence::Sequence;
 use serde_json::json;
 
 use crate::support::{Bench, Run, SCENE, grey, grey16, names};

@@ -6,9 +6,9 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-use insonify::imaging::plan::Plan;
-use insonify::imaging::synth::tables::Tables;
 use insonify::{Backend, Frame, SceneFile};
+use insonify_imaging::plan::Plan;
+use insonify_imaging::synth::tables::Tables;
 use serde_json::Value;
 
 use crate::support::Bench;
@@ -76,7 +76,7 @@ impl Record {
         let mode = std::env::var("INSONIFY_GOLDEN").unwrap_or_default();
         let group = format!("{group} ");
         if mode == "write" {
-            let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/cli/golden/record.txt");
+            let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/cli/golden/record.txt");
             let old = Record::parse(&std::fs::read_to_string(path).expect("the record"));
             let kept = old.0.iter().filter(|(key, _)| !key.starts_with(&group));
             let all: BTreeMap<_, _> = kept.chain(&self.0).collect();

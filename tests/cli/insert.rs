@@ -3,11 +3,11 @@
 
 use std::fs;
 
-use insonify::mechanics::mesh::file::{ReadOptions, read_mesh};
+use insonify_mesh::file::{ReadOptions, read_mesh};
 use serde_json::Value;
 
-use crate::gpu::gpu_or_skip;
 use crate::support::{Bench, grey};
+use insonify_testing::gpu::gpu_or_skip;
 
 /// A coarse block, held at its far side, with a needle that goes in 25 mm along z in 0.5 s.
 pub const BLOCK: &str = r#"version = 1

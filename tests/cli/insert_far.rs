@@ -1,9 +1,9 @@
 //! `insonify insert` far from the origin of the world: steps and frames are those of the same scenario near it.
 
-use insonify::anatomy::phantom::{Phantom, PhantomOptions, make};
-use insonify::anatomy::volume::save;
-use insonify::mechanics::mesh::TetMesh;
-use insonify::mechanics::mesh::file::write_vtu;
+use insonify_anatomy::phantom::{Phantom, PhantomOptions, make};
+use insonify_anatomy::volume::save;
+use insonify_mesh::TetMesh;
+use insonify_mesh::file::write_vtu;
 use nalgebra::Vector3;
 
 use crate::support::{Bench, grey};

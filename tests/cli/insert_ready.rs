@@ -8,7 +8,7 @@ use insonify::input::scenario::EXAMPLES;
 /// A segmentation of TotalSegmentator, where there is one.
 const SEGMENTATION: &str = concat!(
     env!("CARGO_MANIFEST_DIR"),
-    "/../shared/data/volumes/tsd_s0328_labels.nii.gz"
+    "/../../../shared/data/volumes/tsd_s0328_labels.nii.gz"
 );
 
 #[test]

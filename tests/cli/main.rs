@@ -8,9 +8,6 @@ mod calibrate;
 mod far;
 mod frames;
 mod golden;
-#[path = "../support/gpu.rs"]
-#[allow(dead_code, reason = "each test binary uses its own part of what is shared")]
-mod gpu;
 mod hostile_text;
 mod insert;
 mod insert_far;

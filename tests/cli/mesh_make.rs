@@ -1,7 +1,7 @@
 //! `insonify mesh make`.
 
-use insonify::mechanics::mesh::file::{ReadOptions, read_mesh};
-use insonify::mechanics::mesh::quality::Quality;
+use insonify_mesh::file::{ReadOptions, read_mesh};
+use insonify_mesh::quality::Quality;
 use serde_json::{Value, json};
 
 use crate::support::Bench;

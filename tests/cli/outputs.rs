@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use insonify::tracking::sequence::Sequence;
+use insonify_tracking::sequence::Sequence;
 use serde_json::Value;
 
 use crate::insert::BLOCK;
@@ -358,7 +358,7 @@ mod unix {
     #[test]
     fn a_header_that_is_not_utf_8_finds_its_image() {
         let bench = bench();
-        let formats = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/formats");
+        let formats = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/formats");
         if !formats.is_dir() {
             eprintln!("skipped: {} is missing", formats.display());
             return;

@@ -1,9 +1,9 @@
 //! What is picked where a scene says how long a frame or a step may take.
 
-use insonify::base::report::machine::Machine;
-use insonify::imaging::quality::cache::Cache;
-use insonify::imaging::quality::{SettingOption, VariedSetting};
-use insonify::study::step_costs::{LEVEL, StepCosts};
+use insonify_base::machine::Machine;
+use insonify_imaging::quality::cache::Cache;
+use insonify_imaging::quality::{SettingOption, VariedSetting};
+use insonify_study::step_costs::{LEVEL, StepCosts};
 
 use crate::insert::BLOCK;
 use crate::support::{Bench, Run, SCENE};

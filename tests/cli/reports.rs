@@ -117,7 +117,7 @@ fn the_default_scene_can_be_edited_and_rendered() {
 #[test]
 fn every_scene_that_comes_along_is_printed() {
     let bench = Bench::new();
-    for (name, text) in insonify::input::scene::EXAMPLES {
+    for (name, text) in insonify_imaging::scene::EXAMPLES {
         assert_eq!(bench.run(&format!("scene {name}")).text().trim_end(), text.trim_end());
     }
 }

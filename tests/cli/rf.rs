@@ -139,7 +139,7 @@ fn samples_of_32_bits_are_those_of_16_bits_without_rounding() {
         bench
             .run(&format!("rf scene.toml -o rf.igs.mha --frames 1 --force {options}"))
             .text();
-        let echoes = insonify::imaging::rf::file::Echoes::read(&bench.path("rf.igs.mha")).expect("echoes");
+        let echoes = insonify_imaging::rf::file::Echoes::read(&bench.path("rf.igs.mha")).expect("echoes");
         echoes.frames[0].clone()
     };
     let whole = read("--backend cpu");
@@ -207,7 +207,7 @@ fn bad_echoes_and_options_are_refused() {
 fn the_example_of_an_identification_asks_for_its_measurement() {
     let bench = Bench::new();
     let text = bench.run("identify --example").text().to_owned();
-    assert_eq!(text, insonify::input::identification::EXAMPLE);
+    assert_eq!(text, insonify_study::identification::EXAMPLE);
     bench.write("case.toml", &text);
     bench
         .run("identify case.toml -o out")

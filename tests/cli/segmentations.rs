@@ -1,6 +1,6 @@
 //! Segmentations as people have them: folders of masks, single masks, tables of names.
 
-use insonify::anatomy::volume::{Label, LabelVolume, load, save};
+use insonify_anatomy::volume::{Label, LabelVolume, load, save};
 use serde_json::json;
 
 use crate::support::{Bench, grey};
@@ -32,7 +32,7 @@ fn split(volume: &LabelVolume, names: &[(i64, String)], bench: &Bench, folder: &
 fn a_folder_of_masks_is_imaged_as_the_label_file_of_them_all() {
     let path = concat!(
         env!("CARGO_MANIFEST_DIR"),
-        "/../shared/data/volumes/ts_example_seg_full.nii.gz"
+        "/../../../shared/data/volumes/ts_example_seg_full.nii.gz"
     );
     let Ok(loaded) = load(path.as_ref()) else {
         println!("SKIPPED: {path} is not there");

@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use insonify::mechanics::mesh::file::{ReadOptions, read_mesh};
+use insonify_mesh::file::{ReadOptions, read_mesh};
 
 use crate::support::Bench;
 
@@ -418,7 +418,7 @@ fn a_failed_run_leaves_an_older_output() {
 
 /// A file of the shared data, if it is there.
 fn data(name: &str) -> Option<PathBuf> {
-    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data/meshes")).join(name);
+    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data/meshes")).join(name);
     if path.exists() {
         return Some(path);
     }

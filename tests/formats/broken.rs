@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use insonify::Cause;
-use insonify::anatomy::volume::{self, Label, LabelVolume};
-use insonify::tracking::sequence::Sequence;
+use insonify_anatomy::volume::{self, Label, LabelVolume};
+use insonify_tracking::sequence::Sequence;
 use nalgebra::Matrix4;
 use tempfile::TempDir;
 

@@ -5,15 +5,15 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use insonify::Cause;
-use insonify::anatomy::volume;
 use insonify::error::{Error, INPUT};
-use insonify::input::beam_case::points;
 use insonify::input::scenario::ScenarioFile;
-use insonify::input::scene::SceneFile;
-use insonify::mechanics::mesh::file::{ReadOptions, read_mesh, read_mesh_bytes};
-use insonify::tracking::plus::PlusConfig;
-use insonify::tracking::sequence::Sequence;
-use insonify::tracking::trajectory::{Interpolation, Trajectory};
+use insonify_anatomy::volume;
+use insonify_imaging::scene::SceneFile;
+use insonify_mesh::file::{ReadOptions, read_mesh, read_mesh_bytes};
+use insonify_study::beam_case::points;
+use insonify_tracking::plus::PlusConfig;
+use insonify_tracking::sequence::Sequence;
+use insonify_tracking::trajectory::{Interpolation, Trajectory};
 
 use crate::broken::largest_of;
 

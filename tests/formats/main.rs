@@ -12,7 +12,7 @@ use std::path::PathBuf;
 
 /// A file of the shared data; none, said aloud, where this checkout has no such folder.
 fn data(name: &str) -> Option<PathBuf> {
-    let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data"));
+    let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data"));
     if folder.is_dir() {
         Some(folder.join(name))
     } else {

@@ -2,8 +2,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use insonify::Cause;
-use insonify::mechanics::mesh::TetMesh;
-use insonify::mechanics::mesh::file::{MeshFile, ReadOptions, read_mesh, read_mesh_bytes};
+use insonify_mesh::TetMesh;
+use insonify_mesh::file::{MeshFile, ReadOptions, read_mesh, read_mesh_bytes};
 
 use crate::broken::largest_of;
 use crate::data;

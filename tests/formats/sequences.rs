@@ -1,5 +1,5 @@
-use insonify::imaging::sequence::{FrameInfo, SequenceWriter};
-use insonify::tracking::sequence::{Sequence, SequenceInfo};
+use insonify_imaging::sequence::{FrameInfo, SequenceWriter};
+use insonify_tracking::sequence::{Sequence, SequenceInfo};
 
 use crate::data;
 
@@ -9,7 +9,7 @@ fn read(name: &str) -> Option<Sequence> {
 }
 
 fn valid(sequence: &Sequence, name: &str) -> usize {
-    let is_valid = |transforms: &std::collections::BTreeMap<_, insonify::tracking::sequence::TrackedTransform>| {
+    let is_valid = |transforms: &std::collections::BTreeMap<_, insonify_tracking::sequence::TrackedTransform>| {
         transforms.get(name).is_some_and(|transform| transform.valid)
     };
     sequence

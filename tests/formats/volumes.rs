@@ -3,8 +3,8 @@ use std::io::Read;
 use std::path::Path;
 
 use insonify::Cause;
-use insonify::anatomy::segmentation::Info;
-use insonify::anatomy::volume::{self, LabelVolume, Loaded};
+use insonify_anatomy::segmentation::Info;
+use insonify_anatomy::volume::{self, LabelVolume, Loaded};
 use nalgebra::{Point3, Vector3};
 
 use crate::data;

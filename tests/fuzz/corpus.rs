@@ -3,9 +3,9 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use insonify::anatomy::volume::{Label, LabelVolume, save};
-use insonify::mechanics::mesh::TetMesh;
-use insonify::mechanics::mesh::file::write_vtu;
+use insonify_anatomy::volume::{Label, LabelVolume, save};
+use insonify_mesh::TetMesh;
+use insonify_mesh::file::write_vtu;
 use nalgebra::Matrix4;
 
 /// Voxels along an axis.

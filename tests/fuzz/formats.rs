@@ -6,27 +6,27 @@ use std::time::Duration;
 
 use flate2::Compression as Level;
 use flate2::write::GzEncoder;
-use insonify::anatomy::segmentation::{self, Names, Naming};
-use insonify::anatomy::volume::texture::{SolidTexture, TextureOptions};
-use insonify::anatomy::volume::{load_scalar, save};
 use insonify::error::Error;
-use insonify::imaging::effects::Effects;
-use insonify::imaging::quality::cache::Cache;
-use insonify::imaging::quality::{Costs, pick};
-use insonify::imaging::synth::{Backend, FrameState, Synthesizer};
-use insonify::input::beam_case::{self, points};
-use insonify::input::material_case;
 use insonify::input::scenario::{self, ScenarioFile, SceneSource};
-use insonify::input::scene::{self, ImageSpec, SceneFile};
 use insonify::input::statics::{self, ProblemFile};
-use insonify::mechanics::mesh::file::{ReadOptions, read_mesh, read_mesh_bytes, write_vtu};
-use insonify::mechanics::mesh::generate::{GenerateOptions, LabelGrid, generate};
-use insonify::mechanics::mesh::quality::Quality;
-use insonify::mechanics::needle::beam::{Compression, fit};
-use insonify::tracking::calibration::Calibration;
-use insonify::tracking::plus::PlusConfig;
-use insonify::tracking::sequence::Sequence;
-use insonify::tracking::trajectory::Trajectory;
+use insonify_anatomy::segmentation::{self, Names, Naming};
+use insonify_anatomy::volume::texture::{SolidTexture, TextureOptions};
+use insonify_anatomy::volume::{load_scalar, save};
+use insonify_imaging::effects::Effects;
+use insonify_imaging::quality::cache::Cache;
+use insonify_imaging::quality::{Costs, pick};
+use insonify_imaging::scene::{self, ImageSpec, SceneFile};
+use insonify_imaging::synth::{Backend, FrameState, Synthesizer};
+use insonify_mechanics::needle::beam::{Compression, fit};
+use insonify_mesh::file::{ReadOptions, read_mesh, read_mesh_bytes, write_vtu};
+use insonify_mesh::generate::{GenerateOptions, LabelGrid, generate};
+use insonify_mesh::quality::Quality;
+use insonify_study::beam_case::{self, points};
+use insonify_study::material_case;
+use insonify_tracking::calibration::Calibration;
+use insonify_tracking::plus::PlusConfig;
+use insonify_tracking::sequence::Sequence;
+use insonify_tracking::trajectory::Trajectory;
 use nalgebra::Matrix4;
 
 use crate::corpus;
@@ -381,7 +381,7 @@ fn problem(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
     let problem = file.resolve(beside(path, "").0)?;
     if !long {
         let solved = problem.solve(true)?;
-        let _ = statics::Report::new(&problem, &solved).to_string();
+        let _ = insonify::solve::Report::new(&problem, &solved).to_string();
     }
     Ok(())
 }

@@ -1,6 +1,6 @@
 //! Seeded mutations of files: of bytes, of numbers in binary fields, and of the numbers, words and lines of text.
 
-use insonify::base::random::pcg3d;
+use insonify_base::random::pcg3d;
 
 /// Longest mutated file, bytes.
 const LONGEST: usize = 200_000;

@@ -3,5 +3,5 @@
 mod beam;
 mod insertion;
 mod nonlinear;
-mod statics;
+mod remesh_gpu;
 mod viscoelastic;

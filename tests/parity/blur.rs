@@ -1,6 +1,6 @@
 //! Blur: a convolution across scanlines with weights that sum to 1.
 
-use insonify::imaging::effects::blur::Blur;
+use insonify_imaging::effects::blur::Blur;
 
 use super::case::{check_all, random};
 use crate::support::scene::{self, SHAPES};

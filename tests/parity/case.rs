@@ -1,10 +1,10 @@
 //! Scenes that are compared on every backend.
 
-use insonify::base::lossy::Bias;
-pub use insonify::study::parity::Case;
-use insonify::study::parity::{check, check_lossy};
+pub use insonify_imaging::parity::Case;
+use insonify_imaging::parity::{check, check_lossy};
+pub use insonify_testing::lossy::BIASES;
 
-use insonify::imaging::synth::tables::Settings;
+use insonify_imaging::synth::tables::Settings;
 
 use super::scenes;
 use crate::support::gpu::gpu_or_skip;
@@ -14,9 +14,6 @@ use crate::support::image::assert_within;
 pub fn random(name: impl Into<String>, settings: Settings) -> Case {
     Case::new(name, scenes::random_anatomy(), settings, scenes::oblique_pose())
 }
-
-/// Directions of rounding of the least accurate arithmetic that WGSL allows.
-pub const BIASES: [Bias; 3] = [Bias::Random(1), Bias::TowardZero, Bias::AwayFromZero];
 
 /// Compares the twins with the reference after every pass and at the pixels, for each of the cases.
 pub fn check_all(test: &str, cases: &[Case]) {

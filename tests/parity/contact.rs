@@ -1,7 +1,7 @@
 //! Contact: gaps found once for all backends, then a shift along the beam.
 
-use insonify::imaging::effects::contact::Contact;
-use insonify::imaging::effects::thickness::Thickness;
+use insonify_imaging::effects::contact::Contact;
+use insonify_imaging::effects::thickness::Thickness;
 
 use super::case::{Case, check_all};
 use super::scenes;

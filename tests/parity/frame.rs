@@ -1,8 +1,8 @@
 //! Whole frames: the pixels themselves.
 
-use insonify::gpu::{Gpu, Readback, row_stride};
-use insonify::imaging::synth::Synthesizer;
-use insonify::study::parity::check_lossy;
+use insonify_gpu::{Gpu, Readback, row_stride};
+use insonify_imaging::parity::check_lossy;
+use insonify_imaging::synth::Synthesizer;
 
 use super::case::{BIASES, Case, check_all};
 use super::scenes;
@@ -17,7 +17,7 @@ fn all_effects_on_every_probe_shape() {
         let mut settings = scene::settings(scene::probe(shape, 40.0, 24, 96), scenes::all_effects());
         settings.has_needle = true;
         settings.effects.slice.boundary =
-            [Default::default(), insonify::imaging::effects::slice::Boundary::Nearest][at % 2];
+            [Default::default(), insonify_imaging::effects::slice::Boundary::Nearest][at % 2];
         settings.effects.thickness = None;
         let state = scenes::with_needle(scenes::oblique_pose());
         cases.push(Case::new(
@@ -105,7 +105,7 @@ fn the_hosts_texture_shows_new_frames_after_a_change_of_settings() {
 fn realistic_frames_differ_by_one_grey_level_at_most() {
     // Layers under a realistic grid: no sample is near a label's edge by design, so no bound is wide.
     let probe = scene::probe(SHAPES[1].1, 80.0, 128, 256);
-    let mut effects = insonify::imaging::effects::Effects::usual();
+    let mut effects = insonify_imaging::effects::Effects::usual();
     effects.texture = None;
     let case = Case::new(
         "realistic",
@@ -161,7 +161,7 @@ fn an_image_larger_than_one_binding_is_cut_into_bands() {
     assert!(bands.len() > 1, "the image must not fit one binding: {bands:?}");
     let found = on_gpu.render(&case.state).expect("a frame").pixels.clone();
     drop(on_gpu);
-    let mut on_cpu = case.on(insonify::imaging::synth::Backend::Cpu).expect("the CPU");
+    let mut on_cpu = case.on(insonify_imaging::synth::Backend::Cpu).expect("the CPU");
     let expected = &on_cpu.render(&case.state).expect("a frame").pixels;
     let allowed: Vec<[u8; 2]> = expected
         .iter()

@@ -1,6 +1,6 @@
 //! Interface: normals of labels and roughness at positions known to within rounding, with and without a point spread.
 
-use insonify::imaging::effects::interface::Interface;
+use insonify_imaging::effects::interface::Interface;
 
 use super::case::{Case, check_all, random};
 use super::scenes;

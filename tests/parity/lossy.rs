@@ -1,10 +1,10 @@
 //! The least accurate arithmetic that WGSL allows: as far off as permitted, and no farther.
 
-use insonify::base::lossy::{Lossy, with};
-use insonify::base::real::Real;
+use insonify_base::real::Real;
+use insonify_testing::lossy::{Lossy, with};
 use num_traits::Float;
 
-use super::case::BIASES;
+use insonify_testing::lossy::BIASES;
 
 #[test]
 fn every_operation_is_as_far_off_as_wgsl_allows_and_no_farther() {

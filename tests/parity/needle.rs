@@ -1,15 +1,15 @@
 //! Needle: chords through a cylinder. The chord ends in a square root, so at the edge of the shaft rounding shows by its
 //! root; in front of the tip and behind the hub the share may jump within rounding of the end.
 
-use insonify::imaging::effects::needle::NeedleEcho;
-use insonify::imaging::synth::NeedleShaft;
+use insonify_imaging::effects::needle::NeedleEcho;
+use insonify_imaging::synth::NeedleShaft;
 
 use super::case::{Case, check_all, random};
 use super::scenes;
 use crate::support::scene::{self, SHAPES};
 
 /// A straight needle through the small probe's plane, in and out of it by angle and offset.
-fn shaft(points: &[[f64; 3]], state: &mut insonify::imaging::synth::FrameState) {
+fn shaft(points: &[[f64; 3]], state: &mut insonify_imaging::synth::FrameState) {
     let nodes = points
         .iter()
         .map(|&point| state.probe_to_world.transform_point(&point.into()))

@@ -1,6 +1,6 @@
 //! Noise: integers until the last product.
 
-use insonify::imaging::effects::noise::Noise;
+use insonify_imaging::effects::noise::Noise;
 
 use super::case::{Case, check_all};
 use super::scenes;

@@ -1,7 +1,7 @@
 //! Receiver: integers up to the power drawn, then a sum of squares and a root.
 
-use insonify::imaging::effects::receiver::Receiver;
-use insonify::imaging::effects::shadow::Shadow;
+use insonify_imaging::effects::receiver::Receiver;
+use insonify_imaging::effects::shadow::Shadow;
 
 use super::case::{Case, check_all};
 use super::scenes;

@@ -1,6 +1,6 @@
 //! Refraction: whole numbers of phase, and the sum of their curvature, with few scanlines and many samples.
 
-use insonify::imaging::effects::refraction::Refraction;
+use insonify_imaging::effects::refraction::Refraction;
 
 use super::case::{Case, check_all};
 use super::scenes;

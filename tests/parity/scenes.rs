@@ -1,9 +1,9 @@
 //! Anatomies and poses of the parity tests.
 
-use insonify::imaging::effects::Effects;
-use insonify::imaging::synth::tables::Anatomy;
-use insonify::imaging::synth::{FrameState, NeedleShaft};
-use insonify::mechanics::mesh::Displacement;
+use insonify_imaging::effects::Effects;
+use insonify_imaging::synth::tables::Anatomy;
+use insonify_imaging::synth::{FrameState, NeedleShaft};
+use insonify_mesh::Displacement;
 use nalgebra::Vector3;
 
 use crate::support::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};

@@ -1,6 +1,6 @@
 //! Shadow: a sum of integers, which agree exactly wherever the labels above agree, one exponential, and its mean over the beam.
 
-use insonify::imaging::effects::shadow::Shadow;
+use insonify_imaging::effects::shadow::Shadow;
 
 use super::case::{Case, check_all, random};
 use super::scenes;

@@ -3,8 +3,8 @@
 
 use std::collections::BTreeSet;
 
-use insonify::imaging::effects::slice::{Beyond, Boundary};
-use insonify::study::parity::possible_labels;
+use insonify_imaging::effects::slice::{Beyond, Boundary};
+use insonify_imaging::parity::possible_labels;
 
 use super::case::{Case, check_all};
 use super::scenes;

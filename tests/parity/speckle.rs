@@ -1,6 +1,6 @@
 //! Speckle: a lattice interpolated at positions known to within rounding, then two convolutions and a modulus.
 
-use insonify::imaging::effects::speckle::Speckle;
+use insonify_imaging::effects::speckle::Speckle;
 
 use super::case::{Case, check_all, random};
 use super::scenes;

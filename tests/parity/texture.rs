@@ -1,6 +1,6 @@
 //! Texture: trilinear look-up in the atlas at a position known to within rounding.
 
-use insonify::imaging::effects::texture::Texture;
+use insonify_imaging::effects::texture::Texture;
 
 use super::case::{check_all, random};
 use crate::support::scene::{self, SHAPES};

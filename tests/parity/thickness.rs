@@ -1,8 +1,8 @@
 //! Thickness: a power average over sub-planes. Only the central sub-plane is read back; the others are followed as the
 //! central planes of probes moved along the elevation, and there every label that rounding allows counts.
 
-use insonify::imaging::effects::slice::Boundary;
-use insonify::imaging::effects::thickness::Thickness;
+use insonify_imaging::effects::slice::Boundary;
+use insonify_imaging::effects::thickness::Thickness;
 
 use super::case::{Case, check_all, random};
 use super::scenes;

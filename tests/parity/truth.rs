@@ -1,7 +1,7 @@
 //! Ground truth: every layer on every backend, alone and in a batch.
 
-use insonify::imaging::synth::layers::Layer;
-use insonify::imaging::synth::{Backend, SynthError, Synthesizer};
+use insonify_imaging::synth::layers::Layer;
+use insonify_imaging::synth::{Backend, SynthError, Synthesizer};
 
 use crate::support::gpu::{backend, gpu_or_skip};
 use crate::support::scene::{everything, frame_of};

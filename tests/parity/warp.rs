@@ -1,8 +1,8 @@
 //! Warp: the reference position of every sample. A twin may choose another element only if the sample provably lies within
 //! rounding of it, and another side of the mesh's surface only within rounding of that surface.
 
-use insonify::imaging::effects::warp::{BACKGROUND, MAPPED};
-use insonify::mechanics::mesh::Displacement;
+use insonify_imaging::effects::warp::{BACKGROUND, MAPPED};
+use insonify_mesh::Displacement;
 use nalgebra::{Point3, Vector3};
 
 use super::case::{Case, check_all};
@@ -26,7 +26,7 @@ fn pressed_tissue_under_every_probe_shape() {
 fn samples_on_faces_edges_and_nodes_of_the_mesh() {
     // A lattice of whole millimetres under an axis-aligned probe: samples lie on shared faces, edges, nodes and the surface.
     let settings = {
-        let shape = insonify::tracking::probe::ProbeShape::Linear { width_mm: 24.0 };
+        let shape = insonify_tracking::probe::ProbeShape::Linear { width_mm: 24.0 };
         scene::settings(scene::probe(shape, 40.0, 25, 80), scene::bare())
     };
     let mut state = scene::straight();

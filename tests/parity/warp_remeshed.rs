@@ -1,11 +1,11 @@
 //! Warp between states that both move: tissue moves the current nodes, remeshing the reference nodes.
 
-use insonify::base::random::{hash3, unit};
-use insonify::imaging::effects::warp::{BACKGROUND, MAPPED};
-use insonify::imaging::synth::tables::Anatomy;
-use insonify::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
-use insonify::mechanics::mesh::InvalidMesh;
-use insonify::mechanics::mesh::{Displacement, TetMesh};
+use insonify_base::random::{hash3, unit};
+use insonify_imaging::effects::warp::{BACKGROUND, MAPPED};
+use insonify_imaging::synth::tables::Anatomy;
+use insonify_imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
+use insonify_mesh::InvalidMesh;
+use insonify_mesh::{Displacement, TetMesh};
 use nalgebra::Vector3;
 
 use super::case::{Case, check_all};

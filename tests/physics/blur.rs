@@ -1,9 +1,9 @@
 //! Radial blur: its impulse response is the kernel, a constant stays constant, and depth is untouched.
 
-use insonify::imaging::effects::blur::Blur;
-use insonify::imaging::effects::slice::Boundary;
-use insonify::imaging::synth::tables::{Anatomy, Settings};
-use insonify::tracking::probe::ProbeShape;
+use insonify_imaging::effects::blur::Blur;
+use insonify_imaging::effects::slice::Boundary;
+use insonify_imaging::synth::tables::{Anatomy, Settings};
+use insonify_tracking::probe::ProbeShape;
 
 use super::{beam_after, precisions};
 use crate::support::anatomy::{self, Frame, PLAIN, SILENT};

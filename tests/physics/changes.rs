@@ -1,10 +1,10 @@
 //! Live changes: only what depends on a change is rebuilt, and the result is that of a synthesizer made anew.
 
-use insonify::gpu::Gpu;
-use insonify::imaging::effects::slice::Boundary;
-use insonify::imaging::effects::tone::Tone;
-use insonify::imaging::synth::tables::{Settings, Tables};
-use insonify::imaging::synth::{Backend, Synthesizer};
+use insonify_gpu::Gpu;
+use insonify_imaging::effects::slice::Boundary;
+use insonify_imaging::effects::tone::Tone;
+use insonify_imaging::synth::tables::{Settings, Tables};
+use insonify_imaging::synth::{Backend, Synthesizer};
 
 use super::synthesizer;
 use crate::support::gpu::{backend, gpu_or_skip};

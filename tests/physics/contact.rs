@@ -1,9 +1,9 @@
 //! Skin conforms to the array: no gap within reach, none closed beyond it, and tissue at depth stays.
 
-use insonify::imaging::effects::contact::Contact;
-use insonify::imaging::effects::slice::Beyond;
-use insonify::imaging::synth::layers::Layer;
-use insonify::tracking::probe::ProbeShape;
+use insonify_imaging::effects::contact::Contact;
+use insonify_imaging::effects::slice::Beyond;
+use insonify_imaging::synth::layers::Layer;
+use insonify_tracking::probe::ProbeShape;
 
 use super::{beam_after, precisions};
 use crate::support::anatomy::{self, Frame, PLAIN, SILENT};
@@ -73,8 +73,8 @@ fn a_body_goes_on_where_the_volume_is_cut() {
         let mut labels = |beyond: Beyond| {
             settings.effects.slice.beyond = beyond;
             let backend = match backend {
-                insonify::imaging::synth::Backend::CpuF64 => insonify::imaging::synth::Backend::CpuF64,
-                _ => insonify::imaging::synth::Backend::Cpu,
+                insonify_imaging::synth::Backend::CpuF64 => insonify_imaging::synth::Backend::CpuF64,
+                _ => insonify_imaging::synth::Backend::Cpu,
             };
             let beam = beam_after(&body, &settings, backend, "slice", &scene::straight());
             (0..LINES as usize)
@@ -103,7 +103,7 @@ fn the_layer_beyond_marks_what_is_continued() {
     settings.layers = vec![Layer::Beyond, Layer::Sector];
     for (beyond, expected) in [(Beyond::Void, 0.0), (Beyond::Continue, 19.5 / 60.0)] {
         settings.effects.slice.beyond = beyond;
-        let mut synth = super::synthesizer(&body, &settings, insonify::imaging::synth::Backend::Cpu);
+        let mut synth = super::synthesizer(&body, &settings, insonify_imaging::synth::Backend::Cpu);
         let state = scene::straight();
         let frame = synth.render(&state).expect("a frame");
         let [beyond_it, sector] = [0, 1].map(|at| frame.layers[at].iter().map(|&value| f64::from(value)).sum::<f64>());

@@ -1,8 +1,8 @@
 //! The same frame has the same bytes on every run and at any number of threads.
 
-use insonify::imaging::synth::layers::Layer;
-use insonify::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
-use insonify::mechanics::mesh::TetMesh;
+use insonify_imaging::synth::layers::Layer;
+use insonify_imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
+use insonify_mesh::TetMesh;
 
 use super::synthesizer;
 use crate::support::gpu::{backend, gpu_or_skip};

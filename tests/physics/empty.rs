@@ -1,8 +1,8 @@
 //! Where there is nothing, nothing shows.
 
-use insonify::imaging::effects::Effects;
-use insonify::imaging::synth::FrameState;
-use insonify::mechanics::mesh::Displacement;
+use insonify_imaging::effects::Effects;
+use insonify_imaging::synth::FrameState;
+use insonify_mesh::Displacement;
 use nalgebra::{Matrix4, Vector3};
 
 use super::{beam_after, precisions, synthesizer};

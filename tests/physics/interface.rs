@@ -1,8 +1,8 @@
 //! Specular echoes of a plane: the reflection coefficient at a right angle, less of it at an angle.
 
-use insonify::imaging::effects::interface::Interface;
-use insonify::imaging::synth::Backend;
-use insonify::tracking::probe::ProbeShape;
+use insonify_imaging::effects::interface::Interface;
+use insonify_imaging::synth::Backend;
+use insonify_tracking::probe::ProbeShape;
 
 use super::{beam_after, precisions};
 use crate::support::anatomy::{self, Acoustics, Frame, SILENT};
@@ -98,7 +98,7 @@ fn spread(roughness: f64, lines: u32) -> (Vec<Vec<f64>>, f64) {
         directivity: 4.0,
         roughness,
     });
-    settings.effects.speckle = Some(insonify::imaging::effects::speckle::Speckle {
+    settings.effects.speckle = Some(insonify_imaging::effects::speckle::Speckle {
         axial_mm: Some(0.8),
         ..Default::default()
     });

@@ -1,6 +1,6 @@
 //! The largest frame that users have asked for.
 
-use insonify::imaging::synth::Backend;
+use insonify_imaging::synth::Backend;
 
 use super::synthesizer;
 use crate::support::anatomy::{self, PLAIN};

@@ -22,9 +22,9 @@ mod thickness;
 mod tissue_motion;
 mod tone;
 
-use insonify::imaging::synth::layers::Beam;
-use insonify::imaging::synth::tables::{Anatomy, Settings};
-use insonify::imaging::synth::{Backend, FrameState, Synthesizer};
+use insonify_imaging::synth::layers::Beam;
+use insonify_imaging::synth::tables::{Anatomy, Settings};
+use insonify_imaging::synth::{Backend, FrameState, Synthesizer};
 
 /// Both precisions of the reference.
 pub fn precisions() -> [(&'static str, Backend); 2] {

@@ -1,9 +1,9 @@
 //! The needle's share of the scan plane adds up to the volume of the cylinder inside it, in every geometry.
 
-use insonify::imaging::effects::needle::NeedleEcho;
-use insonify::imaging::synth::layers::Beam;
-use insonify::imaging::synth::tables::Settings;
-use insonify::imaging::synth::{Backend, FrameState, NeedleShaft, Synthesizer};
+use insonify_imaging::effects::needle::NeedleEcho;
+use insonify_imaging::synth::layers::Beam;
+use insonify_imaging::synth::tables::Settings;
+use insonify_imaging::synth::{Backend, FrameState, NeedleShaft, Synthesizer};
 use std::f64::consts::PI;
 
 use super::{beam_after, precisions, synthesizer};

@@ -1,7 +1,7 @@
 //! Additive noise: mean, variance, whiteness, and a new draw each frame, where no clamp interferes.
 
-use insonify::imaging::effects::noise::Noise;
-use insonify::tracking::probe::ProbeShape;
+use insonify_imaging::effects::noise::Noise;
+use insonify_tracking::probe::ProbeShape;
 
 use super::{precisions, synthesizer};
 use crate::support::anatomy::{self, Acoustics, PLAIN};
@@ -11,7 +11,7 @@ use crate::support::stats::{correlation, mean, std};
 const SIDE: usize = 200;
 
 /// Noise on a grey of 127.5 in a square sector that fills the image, one row of pixels after another.
-fn draws(backend: insonify::imaging::synth::Backend, std_grey: f64, frames: &[u64]) -> Vec<Vec<f64>> {
+fn draws(backend: insonify_imaging::synth::Backend, std_grey: f64, frames: &[u64]) -> Vec<Vec<f64>> {
     let anatomy = anatomy::uniform(Acoustics {
         echo_db: 20.0 * 0.5f64.log10(),
         ..PLAIN

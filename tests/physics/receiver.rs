@@ -1,10 +1,10 @@
 //! Noise and clutter: Rayleigh statistics where nothing echoes, powers that add, the laws in depth, a new draw each frame.
 
-use insonify::imaging::effects::receiver::Receiver;
-use insonify::imaging::effects::shadow::Shadow;
-use insonify::imaging::synth::Backend;
-use insonify::imaging::synth::layers::Beam;
-use insonify::tracking::probe::ProbeShape;
+use insonify_imaging::effects::receiver::Receiver;
+use insonify_imaging::effects::shadow::Shadow;
+use insonify_imaging::synth::Backend;
+use insonify_imaging::synth::layers::Beam;
+use insonify_tracking::probe::ProbeShape;
 
 use super::{beam_after, precisions};
 use crate::support::anatomy::{self, Acoustics, PLAIN};
@@ -161,11 +161,11 @@ fn clutter_stands_still_and_fades() {
     for attenuates in [false, true] {
         settings.effects.shadow = attenuates.then(Shadow::default);
         let beam = |seed: u64, frame: u64| {
-            let settings = insonify::imaging::synth::tables::Settings {
+            let settings = insonify_imaging::synth::tables::Settings {
                 seed,
                 ..settings.clone()
             };
-            let state = insonify::imaging::synth::FrameState {
+            let state = insonify_imaging::synth::FrameState {
                 frame,
                 ..scene::straight()
             };

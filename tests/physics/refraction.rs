@@ -1,8 +1,8 @@
 //! Refraction by a cylinder across the beam, against geometrical optics.
 
-use insonify::imaging::effects::refraction::{F_NUMBER, Refraction, index};
-use insonify::imaging::synth::Backend;
-use insonify::tracking::probe::ProbeShape;
+use insonify_imaging::effects::refraction::{F_NUMBER, Refraction, index};
+use insonify_imaging::synth::Backend;
+use insonify_tracking::probe::ProbeShape;
 
 use super::{beam_after, precisions};
 use crate::support::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};

@@ -1,7 +1,7 @@
 //! Scan conversion: a constant has no seams, a ramp in depth stays one, and the sector has its area.
 
-use insonify::imaging::effects::scan_conversion::bilinear;
-use insonify::imaging::effects::tone::{MID_GREY, Tone};
+use insonify_imaging::effects::scan_conversion::bilinear;
+use insonify_imaging::effects::tone::{MID_GREY, Tone};
 
 use super::{precisions, synthesizer};
 use crate::support::anatomy::{self, PLAIN};
@@ -97,7 +97,7 @@ fn a_pixel_shows_the_tissue_at_its_place_in_the_world() {
     for (kind, shape) in SHAPES {
         let mut settings = scene::sized(scene::probe(shape, 40.0, 200, 400), scene::bare(), 240, 200);
         settings.image.fill = 0;
-        let mut synthesizer = synthesizer(&anatomy, &settings, insonify::imaging::synth::Backend::Cpu);
+        let mut synthesizer = synthesizer(&anatomy, &settings, insonify_imaging::synth::Backend::Cpu);
         let frame = synthesizer.render(&scene::straight()).expect("a frame");
         let (mut bright, mut dark) = (0, 0);
         for (index, &pixel) in frame.pixels.iter().enumerate() {

@@ -2,12 +2,12 @@
 
 use std::f64::consts::FRAC_PI_4;
 
-use insonify::imaging::effects::needle::NeedleEcho;
-use insonify::imaging::effects::shadow::{Shadow, UNITS_PER_DB};
-use insonify::imaging::synth::layers::Beam;
-use insonify::imaging::synth::tables::Settings;
-use insonify::imaging::synth::{FrameState, NeedleShaft, SEED_DIAMETER_MM, SEED_LENGTH_MM};
-use insonify::tracking::probe::ProbeShape;
+use insonify_imaging::effects::needle::NeedleEcho;
+use insonify_imaging::effects::shadow::{Shadow, UNITS_PER_DB};
+use insonify_imaging::synth::layers::Beam;
+use insonify_imaging::synth::tables::Settings;
+use insonify_imaging::synth::{FrameState, NeedleShaft, SEED_DIAMETER_MM, SEED_LENGTH_MM};
+use insonify_tracking::probe::ProbeShape;
 use nalgebra::{Point3, Vector3};
 
 use super::{precisions, synthesizer};

@@ -1,10 +1,10 @@
 //! Loss down the beam: Beer and Lambert's law through layers, bone, and the needle.
 
-use insonify::imaging::effects::shadow::{Shadow, UNITS_PER_DB};
-use insonify::imaging::synth::layers::Beam;
-use insonify::imaging::synth::tables::{Anatomy, Settings};
-use insonify::imaging::synth::{Backend, NeedleShaft};
-use insonify::tracking::probe::ProbeShape;
+use insonify_imaging::effects::shadow::{Shadow, UNITS_PER_DB};
+use insonify_imaging::synth::layers::Beam;
+use insonify_imaging::synth::tables::{Anatomy, Settings};
+use insonify_imaging::synth::{Backend, NeedleShaft};
+use insonify_tracking::probe::ProbeShape;
 
 use super::{beam_after, precisions};
 use crate::support::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};

@@ -1,10 +1,10 @@
 //! Areas of sliced bodies converge as voxels shrink.
 
-use insonify::base::random::{hash3, unit};
-use insonify::imaging::effects::slice::Boundary;
-use insonify::imaging::synth::Backend;
-use insonify::imaging::synth::tables::Anatomy;
-use insonify::tracking::probe::ProbeShape;
+use insonify_base::random::{hash3, unit};
+use insonify_imaging::effects::slice::Boundary;
+use insonify_imaging::synth::Backend;
+use insonify_imaging::synth::tables::Anatomy;
+use insonify_tracking::probe::ProbeShape;
 
 use super::beam_after;
 use crate::support::anatomy::{self, Frame, PLAIN, SILENT};

@@ -1,10 +1,10 @@
 //! Speckle on a constant tissue, before any blur: first- and second-order statistics.
 
-use insonify::imaging::effects::speckle::Speckle;
-use insonify::imaging::synth::layers::Beam;
-use insonify::imaging::synth::tables::Settings;
-use insonify::imaging::synth::{Backend, FrameState, Synthesizer};
-use insonify::tracking::probe::ProbeShape;
+use insonify_imaging::effects::speckle::Speckle;
+use insonify_imaging::synth::layers::Beam;
+use insonify_imaging::synth::tables::Settings;
+use insonify_imaging::synth::{Backend, FrameState, Synthesizer};
+use insonify_tracking::probe::ProbeShape;
 use nalgebra::{Matrix4, Vector3};
 
 use super::{precisions, synthesizer};

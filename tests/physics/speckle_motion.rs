@@ -1,9 +1,9 @@
 //! Speckle moves with the tissue: a rigid motion of the mesh moves the pattern by as much.
 
-use insonify::imaging::synth::layers::Beam;
-use insonify::imaging::synth::tables::{Anatomy, Settings};
-use insonify::imaging::synth::{Backend, FrameState};
-use insonify::tracking::probe::ProbeShape;
+use insonify_imaging::synth::layers::Beam;
+use insonify_imaging::synth::tables::{Anatomy, Settings};
+use insonify_imaging::synth::{Backend, FrameState};
+use insonify_tracking::probe::ProbeShape;
 
 use super::{precisions, synthesizer};
 use crate::support::anatomy::{self, PLAIN};
@@ -21,7 +21,7 @@ fn scene() -> (Anatomy, Settings) {
     };
     let probe = scene::probe(shape, SAMPLE_MM * SAMPLES as f64, LINES as u32, SAMPLES as u32);
     let mut settings = scene::settings(probe, scene::bare());
-    settings.effects.speckle = Some(insonify::imaging::effects::speckle::Speckle {
+    settings.effects.speckle = Some(insonify_imaging::effects::speckle::Speckle {
         axial_mm: Some(0.8),
         lateral_mm: Some(1.5),
         elevational_mm: Some(1.8),

@@ -1,7 +1,7 @@
 //! Elevational thickness: a constant is unchanged, and a layer across the elevation counts by its share of the beam.
 
-use insonify::imaging::effects::thickness::Thickness;
-use insonify::imaging::synth::tables::Settings;
+use insonify_imaging::effects::thickness::Thickness;
+use insonify_imaging::synth::tables::Settings;
 
 use super::{beam_after, precisions};
 use crate::support::anatomy::{self, Frame, PLAIN, SILENT};

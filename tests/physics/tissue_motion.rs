@@ -1,14 +1,14 @@
 //! The image moves with the tissue: patches of frames, tracked by correlation, go where the mechanics say, to a tenth of a
 //! pixel, through a deforming mesh whose reference nodes move too.
 
-use insonify::base::random::{hash3, unit};
-use insonify::imaging::effects::Effects;
-use insonify::imaging::effects::speckle::Speckle;
-use insonify::imaging::effects::tone::Tone;
-use insonify::imaging::synth::tables::{Anatomy, Settings};
-use insonify::imaging::synth::{Frame, FrameState, Synthesizer};
-use insonify::mechanics::mesh::TetMesh;
-use insonify::tracking::probe::ProbeShape;
+use insonify_base::random::{hash3, unit};
+use insonify_imaging::effects::Effects;
+use insonify_imaging::effects::speckle::Speckle;
+use insonify_imaging::effects::tone::Tone;
+use insonify_imaging::synth::tables::{Anatomy, Settings};
+use insonify_imaging::synth::{Frame, FrameState, Synthesizer};
+use insonify_mesh::TetMesh;
+use insonify_tracking::probe::ProbeShape;
 use nalgebra::{Matrix3, Vector3};
 
 use super::{precisions, synthesizer};

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use insonify::input::scene::SceneFile;
+use insonify_imaging::scene::SceneFile;
 
 /// Parses and, if that succeeds, resolves; the error has a text, and a place within its lines.
 fn refuse(text: &str) {

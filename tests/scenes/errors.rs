@@ -1,8 +1,8 @@
 //! Every mistake is named, with its key, its line and a caret on it.
 
-use insonify::Cause;
-use insonify::InputError;
-use insonify::base::range::OutOfRange;
+use insonify_base::cause::Cause;
+use insonify_base::document::InputError;
+use insonify_base::range::OutOfRange;
 
 use super::support::{fault, small};
 

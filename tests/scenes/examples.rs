@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use insonify::imaging::synth::Frame;
-use insonify::input::scene::{EXAMPLES, SceneFile};
+use insonify_imaging::scene::{EXAMPLES, SceneFile};
+use insonify_imaging::synth::Frame;
 
 use super::support::{render, shrink, synthesizer, without_textures};
 

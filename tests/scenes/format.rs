@@ -3,8 +3,8 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use insonify::imaging::effects::Effects;
-use insonify::input::scene::{DEFAULT, SceneFile, schema};
+use insonify_imaging::effects::Effects;
+use insonify_imaging::scene::{DEFAULT, SceneFile, schema};
 use serde_json::Value;
 
 use super::support::{parse, uncommented};
@@ -13,7 +13,7 @@ use super::support::{parse, uncommented};
 fn the_default_scene_writes_the_defaults() {
     let file = parse(DEFAULT).expect("default");
     assert_eq!(file.effects, Some(Effects::usual()));
-    assert_eq!(file.image, Some(insonify::input::scene::ImageSpec::default()));
+    assert_eq!(file.image, Some(insonify_imaging::scene::ImageSpec::default()));
     let mut bare = parse("version = 1\n[volume]\nphantom = \"abdomen\"").expect("bare");
     let mut full = file;
     for file in [&mut bare, &mut full] {

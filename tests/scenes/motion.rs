@@ -1,7 +1,7 @@
 //! Probe and needle move, tissue deforms, frame by frame.
 
-use insonify::InputError;
-use insonify::imaging::synth::FrameState;
+use insonify_base::document::InputError;
+use insonify_imaging::synth::FrameState;
 use nalgebra::{Matrix4, Point3, Vector3};
 
 use super::support::{data, fault, resolve, small};
@@ -96,7 +96,7 @@ fn a_csv_path_is_read_beside_the_scene() {
     let rows = "time_s,x_mm,y_mm,z_mm,dx,dy,dz\n0,0,-90,0,0,1,0\n0.5,0,-90,10,0,1,0\n2,0,-90,30,0,1,0\n";
     std::fs::write(folder.path().join("path.csv"), rows).expect("file");
     std::fs::write(folder.path().join("mine.toml"), small("[motion]\ncsv = \"path.csv\"")).expect("file");
-    let file = insonify::input::scene::SceneFile::read(&folder.path().join("mine.toml")).expect("file");
+    let file = insonify_imaging::scene::SceneFile::read(&folder.path().join("mine.toml")).expect("file");
     let scene = file.resolve(folder.path()).expect("scene");
     assert_eq!((scene.frames(), scene.time_s(1, 3), scene.time_s(1, 2)), (3, 0.5, 2.0));
 }
@@ -198,7 +198,7 @@ const CONFIG: &str = "<PlusConfiguration><ScanConversion TransducerName='L12' Tr
     <Transform From='Image' To='Probe' Matrix='1 0.05 0 0 0 1 0 0 0 0 1 0 0 0 0 1'/></CoordinateDefinitions></PlusConfiguration>";
 
 /// The scene of a recording of that, with more keys of its tables; of a cube in a corner of the axes for a stated probe.
-fn recorded(motion: &str, sequence: &str, more: &str) -> Result<insonify::input::scene::Scene, InputError> {
+fn recorded(motion: &str, sequence: &str, more: &str) -> Result<insonify_imaging::scene::Scene, InputError> {
     recorded_as([TRACKED, CONFIG], motion, sequence, more)
 }
 
@@ -208,7 +208,7 @@ fn recorded_as(
     motion: &str,
     sequence: &str,
     more: &str,
-) -> Result<insonify::input::scene::Scene, InputError> {
+) -> Result<insonify_imaging::scene::Scene, InputError> {
     let folder = tempfile::tempdir().expect("folder");
     std::fs::write(folder.path().join("a.mha"), [tracked.as_bytes(), &[0; 2400]].concat()).expect("file");
     std::fs::write(folder.path().join("plus.xml"), config).expect("file");
@@ -236,7 +236,7 @@ fn says(all: &[String], parts: &[&str]) -> bool {
 fn poses_in_ras_are_turned_and_offered() {
     let lps = recorded("", "", "").expect("scene");
     let ras = recorded("world = \"ras\"", "", "").expect("scene");
-    let place = |scene: &insonify::input::scene::Scene| scene.probe_pose(0, 2).position_mm();
+    let place = |scene: &insonify_imaging::scene::Scene| scene.probe_pose(0, 2).position_mm();
     assert_eq!(place(&lps), Point3::new(-20.0, -70.0, 0.0));
     assert_eq!(place(&ras), Point3::new(20.0, 70.0, 0.0));
     assert!(
@@ -268,7 +268,7 @@ fn poses_and_needles_take_either_world() {
         let [lps, ras] = [lps, ras].map(|text| resolve(&small(text)).unwrap_or_else(|error| panic!("{error}")));
         assert_eq!(lps.probe_pose(1, 3), ras.probe_pose(1, 3));
         let nodes =
-            |scene: &insonify::input::scene::Scene| scene.needle_pose(1, 3).map(|needle| needle.nodes_mm().to_vec());
+            |scene: &insonify_imaging::scene::Scene| scene.needle_pose(1, 3).map(|needle| needle.nodes_mm().to_vec());
         let turned = nodes(&ras)
             .unwrap_or_default()
             .into_iter()
@@ -310,7 +310,7 @@ fn poses_and_needles_take_either_world() {
 #[test]
 fn a_configuration_fills_in_the_probe() {
     let plus = "plus_config = \"plus.xml\"";
-    let probe = |scene: &insonify::input::scene::Scene| toml::to_string(&scene.settings.probe).expect("toml");
+    let probe = |scene: &insonify_imaging::scene::Scene| toml::to_string(&scene.settings.probe).expect("toml");
     let scene = recorded("", plus, "").expect("scene");
     let told = [
         "kind = linear, width_mm = 30, depth_mm = 25, lines = 50",
@@ -406,7 +406,7 @@ fn a_needle_is_read_in_the_axes_of_the_motion() {
     let needle = |world: &str| {
         format!("[needle]\n{world}[needle.motion.sequence]\nfile = \"a.mha\"\ntransform = \"ProbeToTracker\"")
     };
-    let tip = |scene: &insonify::input::scene::Scene| scene.needle_pose(0, 2).expect("needle").tip_mm();
+    let tip = |scene: &insonify_imaging::scene::Scene| scene.needle_pose(0, 2).expect("needle").tip_mm();
     let inherited = recorded("world = \"ras\"", "", &needle("")).expect("scene");
     assert_eq!(tip(&inherited), Point3::new(20.0, 70.0, 0.0));
     assert!(
@@ -453,7 +453,7 @@ fn transforms_of_the_configuration_are_part_of_the_chain() {
         "{:?}",
         scene.notes
     );
-    let tip = |scene: &insonify::input::scene::Scene| scene.needle_pose(0, 2).expect("needle").tip_mm();
+    let tip = |scene: &insonify_imaging::scene::Scene| scene.needle_pose(0, 2).expect("needle").tip_mm();
     let needle = "[needle.motion.sequence]\nfile = \"a.mha\"\ntransform = \"NeedleTipToTracker\"";
     let shared = of("plus_config = \"plus.xml\"", needle).expect("scene");
     assert!((tip(&shared) - Point3::new(-20.0, -67.0, 0.0)).norm() < 1e-9);
@@ -476,7 +476,7 @@ fn transforms_of_the_configuration_are_part_of_the_chain() {
 }
 
 /// The place of a pixel of the first frame in the world.
-fn pixel_mm(scene: &insonify::input::scene::Scene, column: f64, row: f64) -> Point3<f64> {
+fn pixel_mm(scene: &insonify_imaging::scene::Scene, column: f64, row: f64) -> Point3<f64> {
     let grid = scene.settings.image.placed.as_ref().expect("the recorded grid");
     let place = scene.probe_pose(0, scene.frames()).probe_to_world() * grid.image_to_probe();
     place.transform_point(&Point3::new(column, row, 0.0))
@@ -549,7 +549,7 @@ fn a_real_cropped_recording_lies_where_its_pixels_were() {
     )))
     .unwrap_or_else(|error| panic!("{error}"));
     assert_eq!((scene.settings.image.width, scene.settings.image.height), (200, 150));
-    let image = insonify::tracking::plus::PlusConfig::read(&config)
+    let image = insonify_tracking::plus::PlusConfig::read(&config)
         .and_then(|config| config.transform("Image", "Probe"))
         .expect("calibration");
     let probe = scene.recorded(0, scene.frames()).expect("recorded").transforms["ProbeToTracker"].matrix;

@@ -1,11 +1,11 @@
 //! Small scenes and what tests do with them.
 
-use insonify::InputError;
+use insonify_base::document::InputError;
 use std::path::{Path, PathBuf};
 
-use insonify::imaging::effects::Effects;
-use insonify::imaging::synth::{Backend, Frame, FrameState, Synthesizer};
-use insonify::input::scene::{DEFAULT, Scene, SceneFile};
+use insonify_imaging::effects::Effects;
+use insonify_imaging::scene::{DEFAULT, Scene, SceneFile};
+use insonify_imaging::synth::{Backend, Frame, FrameState, Synthesizer};
 use nalgebra::Matrix4;
 
 /// A phantom scene that resolves in milliseconds, with more text behind it.
@@ -60,7 +60,7 @@ pub fn render(scene: &Scene, synthesizer: &mut Synthesizer, frame: usize, of: us
 
 /// A file among the real data, if it is there.
 pub fn data(name: &str) -> Option<PathBuf> {
-    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data")).join(name);
+    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data")).join(name);
     if path.exists() {
         return Some(path);
     }

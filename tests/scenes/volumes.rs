@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use insonify::anatomy::volume::complete::Unlabelled;
-use insonify::input::scene::SceneFile;
+use insonify_anatomy::volume::complete::Unlabelled;
+use insonify_imaging::scene::SceneFile;
 
 use super::support::{data, fault, render, resolve, shrink, small, synthesizer, without_textures};
 
@@ -150,7 +150,7 @@ fn a_probe_outside_the_volume_is_warned_of() {
 
 #[test]
 fn effects_are_the_usual_ones_or_those_named() {
-    use insonify::imaging::effects::Effects;
+    use insonify_imaging::effects::Effects;
     assert_eq!(resolve(&small("")).expect("scene").settings.effects, Effects::usual());
     assert_eq!(
         resolve(&small("[effects]")).expect("scene").settings.effects,

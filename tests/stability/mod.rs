@@ -1,13 +1,13 @@
 //! The table of hard cases, run quickly, and tables that must fail.
 
-use insonify::mechanics::mesh::TetMesh;
-use insonify::mechanics::tissue::assembly::Stiffness;
-use insonify::mechanics::tissue::dofs::Dofs;
-use insonify::mechanics::tissue::factor::Factor;
-use insonify::mechanics::tissue::inverse::{invert, sampled_residual};
-use insonify::mechanics::tissue::material::Material;
-use insonify::mechanics::tissue::symmetric::Symmetric;
-use insonify::study::stability::{Case, Effort, GROUPS, Record, Unexpected, run, select};
+use insonify_mechanics::tissue::assembly::Stiffness;
+use insonify_mechanics::tissue::dofs::Dofs;
+use insonify_mechanics::tissue::factor::Factor;
+use insonify_mechanics::tissue::inverse::{invert, sampled_residual};
+use insonify_mechanics::tissue::material::Material;
+use insonify_mechanics::tissue::symmetric::Symmetric;
+use insonify_mesh::TetMesh;
+use insonify_study::stability::{Case, Effort, GROUPS, Record, Unexpected, run, select};
 
 /// Runs a group; what does not hold is named with its figure, its limit and, where there is one, the error.
 fn check(name: &str) {

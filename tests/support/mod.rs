@@ -5,7 +5,7 @@
     reason = "each test binary uses its own part of what is shared"
 )]
 
-pub use insonify::study::anatomies as anatomy;
+pub use insonify_imaging::anatomies as anatomy;
 pub mod gpu;
 pub mod image;
 pub mod scene;

@@ -1,10 +1,10 @@
 //! Probes, settings and poses.
 
-use insonify::imaging::effects::Effects;
-use insonify::imaging::synth::tables::{Anatomy, ImageSize, Settings};
-use insonify::imaging::synth::{FrameState, NeedleShaft};
-use insonify::mechanics::mesh::Displacement;
-use insonify::tracking::probe::{Probe, ProbeShape};
+use insonify_imaging::effects::Effects;
+use insonify_imaging::synth::tables::{Anatomy, ImageSize, Settings};
+use insonify_imaging::synth::{FrameState, NeedleShaft};
+use insonify_mesh::Displacement;
+use insonify_tracking::probe::{Probe, ProbeShape};
 use nalgebra::{Matrix4, Rotation3, Translation3, Vector3};
 
 use super::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};

@@ -1,6 +1,6 @@
 //! Statistics of fields and fits of orders.
 
-pub use insonify::base::report::statistics::{correlation, mean, slope, std};
+pub use insonify_base::statistics::{correlation, mean, slope, std};
 
 /// Root mean square.
 pub fn rms(values: &[f64]) -> f64 {
@@ -34,7 +34,7 @@ pub fn order(steps: &[f64], errors: &[f64]) -> f64 {
 
 /// Full width at half maximum of a correlation that falls below one half.
 pub fn full_width(correlations: &[f64], step: f64) -> f64 {
-    insonify::base::report::statistics::full_width(correlations, step).expect("a correlation that falls below one half")
+    insonify_base::statistics::full_width(correlations, step).expect("a correlation that falls below one half")
 }
 
 /// Where a correlation peaks between whole lags: the vertex of a parabola through the logarithms of the largest value and

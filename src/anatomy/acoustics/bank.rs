@@ -10,8 +10,8 @@ mod field;
 
 use field::{Cells, Grid, Seed, Strands, bump, smoothstep};
 
-use crate::anatomy::volume::texture::SolidTexture;
-use crate::base::cache::cached;
+use crate::volume::texture::SolidTexture;
+use insonify_base::cache::cached;
 
 /// Recipe of a texture: its grid and the function that fills it with decibels.
 struct Recipe {

@@ -3,8 +3,8 @@
 use std::borrow::Cow;
 
 use super::{Tissue, presets};
-use crate::base::cause::Cause;
-use crate::base::range::{Ranges, parameters};
+use insonify_base::cause::Cause;
+use insonify_base::range::{Ranges, parameters};
 
 parameters! {
     /// A `[[tissue]]` of a scene. Keys left open keep the value of the base preset: `like`, else the preset of the same

@@ -166,7 +166,7 @@ static PRESETS: &[Tissue] = &[
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::anatomy::acoustics::{bank, overrides};
+    use crate::acoustics::{bank, overrides};
 
     #[test]
     fn every_preset_is_within_its_ranges_and_names_a_texture_of_the_bank() {

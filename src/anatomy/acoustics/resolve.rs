@@ -4,9 +4,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Tissue, TissueError, TissueOverride, TissueTable, presets, totalsegmentator};
-use crate::anatomy::volume::Label;
-use crate::base::document::plain;
-use crate::base::text;
+use crate::volume::Label;
+use insonify_base::document::plain;
+use insonify_base::text;
 
 /// Assignment of tissues to labels without an explicit one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
@@ -138,12 +138,12 @@ const KEYWORDS: &[(&str, &str)] = &[
 ];
 
 /// Tissue of labels without evidence.
-pub(crate) fn fallback() -> &'static Tissue {
+pub fn fallback() -> &'static Tissue {
     presets::get("soft_tissue").unwrap_or(&presets::all()[0])
 }
 
 /// A normalised name without the words left and right.
-pub(crate) fn without_side(normalised: &str) -> String {
+pub fn without_side(normalised: &str) -> String {
     let words: Vec<&str> = normalised
         .split('_')
         .filter(|&word| word != "left" && word != "right")
@@ -176,7 +176,7 @@ fn by_keyword(normalised: &str) -> Option<&'static Tissue> {
 }
 
 /// Tissue identified by a name alone, and the evidence.
-pub(crate) fn known(name: &str) -> Option<(&'static Tissue, Origin)> {
+pub fn known(name: &str) -> Option<(&'static Tissue, Origin)> {
     let name = plain(name);
     let tissue = |name: &str| presets::get(name).map(|tissue| (tissue, Origin::Name));
     tissue(&name)
@@ -231,19 +231,19 @@ impl TissueTable {
     /// In this order: an override that claims the label by value or name; an override or preset of the same name; a TotalSegmentator class of that
     /// name (case, spaces and side are ignored); a word such as "rib"; else soft tissue, with a warning. `hint` restricts this, except for the labels
     /// appended by completion. An override named as a preset changes that preset wherever it is used. Unnamed labels have been named before by
-    /// [`segmentation::open`](crate::anatomy::segmentation::open).
+    /// [`segmentation::open`](crate::segmentation::open).
     ///
     /// Returns the table and the warnings: the assumptions, and which key of the scene overrides them.
     ///
     /// ```
-    /// use insonify::anatomy::acoustics::{Preset, TissueTable};
-    /// use insonify::anatomy::volume::Label;
+    /// use insonify_anatomy::acoustics::{Preset, TissueTable};
+    /// use insonify_anatomy::volume::Label;
     /// let label = |value, name: &str| Label { value, name: Some(name.into()), voxels: 1 };
     /// let labels = [label(0, "background"), label(7, "Right kidney")];
     /// let (table, warnings) = TissueTable::resolve(&labels, &[], Preset::Auto)?;
     /// assert_eq!(table.of(1).name, "kidney_cortex");
     /// assert!(warnings.is_empty());
-    /// # Ok::<(), insonify::anatomy::acoustics::TissueError>(())
+    /// # Ok::<(), insonify_anatomy::acoustics::TissueError>(())
     /// ```
     pub fn resolve(
         labels: &[Label],

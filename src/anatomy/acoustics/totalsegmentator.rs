@@ -262,13 +262,13 @@ impl Preset {
 mod tests {
     use super::super::TissueTable;
     use super::*;
-    use crate::anatomy::volume::Label;
+    use crate::volume::Label;
 
     #[test]
     fn classes_equal_the_published_list() {
         let path = concat!(
             env!("CARGO_MANIFEST_DIR"),
-            "/../shared/data/volumes/totalsegmentator_total_classes.csv"
+            "/../../../shared/data/volumes/totalsegmentator_total_classes.csv"
         );
         let Ok(text) = std::fs::read_to_string(path) else {
             println!("SKIPPED: {path} is not there");

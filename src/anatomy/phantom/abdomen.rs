@@ -11,13 +11,13 @@ use nalgebra::Matrix4;
 use super::geometry::{Bounds, Point, Uneven};
 use super::paint::{Dent, Over, Painting};
 use super::pose_at;
-use crate::anatomy::phantom::geometry::{Ellipsoid, Shape, Solid, Tube, frame, path, smooth_max, smooth_min};
-use crate::anatomy::volume::{LabelVolume, VolumeError};
-use crate::base::random::noise::{Noise, choice};
+use crate::phantom::geometry::{Ellipsoid, Shape, Solid, Tube, frame, path, smooth_max, smooth_min};
+use crate::volume::{LabelVolume, VolumeError};
+use insonify_base::random::noise::{Noise, choice};
 
 pub(super) mod labels {
     //! Label values of the abdomen.
-    crate::anatomy::phantom::label_table! {
+    crate::phantom::label_table! {
         SKIN = 1 "skin",
         FAT = 2 "fat",
         FASCIA = 3 "fascia",

@@ -2,7 +2,7 @@
 
 use nalgebra::{Unit, Vector3};
 
-use crate::base::random::noise::Noise;
+use insonify_base::random::noise::Noise;
 
 /// A point or direction in the world, LPS mm.
 pub(super) type Point = Vector3<f64>;

@@ -9,11 +9,11 @@ use nalgebra::Matrix4;
 use super::geometry::{Bounds, Point};
 use super::paint::Painting;
 use super::pose_at;
-use crate::anatomy::volume::{LabelVolume, VolumeError};
+use crate::volume::{LabelVolume, VolumeError};
 
 pub(super) mod labels {
     //! Label values of the liver with a vein.
-    crate::anatomy::phantom::label_table! {
+    crate::phantom::label_table! {
         LIVER = 1 "liver",
         VESSEL = 2 "vessel",
     }

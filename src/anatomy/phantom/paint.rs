@@ -4,9 +4,9 @@ use nalgebra::{Matrix4, Vector3};
 use rayon::prelude::*;
 
 use super::geometry::{Bounds, Point, Shape, step};
-use crate::anatomy::volume::{Label, LabelVolume, VolumeError};
-use crate::base::cache::cached;
-use crate::base::memory;
+use crate::volume::{Label, LabelVolume, VolumeError};
+use insonify_base::cache::cached;
+use insonify_base::memory;
 
 /// Set of labels that a layer may paint over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

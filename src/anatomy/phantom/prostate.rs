@@ -6,12 +6,12 @@ use nalgebra::Matrix4;
 use super::geometry::{Block, Bounds, Ellipsoid, Point, Shape, Solid, Tube, Uneven, path, smooth_max, step};
 use super::paint::{Over, Painting};
 use super::pose_at;
-use crate::anatomy::volume::{LabelVolume, VolumeError};
-use crate::base::random::noise::Noise;
+use crate::volume::{LabelVolume, VolumeError};
+use insonify_base::random::noise::Noise;
 
 pub(super) mod labels {
     //! Label values of the prostate phantom.
-    crate::anatomy::phantom::label_table! {
+    crate::phantom::label_table! {
         SKIN = 1 "skin",
         FAT = 2 "fat",
         FASCIA = 3 "fascia",

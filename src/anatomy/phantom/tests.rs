@@ -4,7 +4,7 @@ use std::sync::OnceLock;
 use nalgebra::Point3;
 
 use super::*;
-use crate::base::cache::tests::made_on;
+use insonify_testing::made_on;
 
 /// A phantom with names and bounds of its contents.
 type Case<T> = (Phantom, &'static [T]);

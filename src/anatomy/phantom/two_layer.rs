@@ -10,11 +10,11 @@ use nalgebra::Matrix4;
 use super::geometry::{Bounds, Point, Tube};
 use super::paint::{Over, Painting};
 use super::pose_at;
-use crate::anatomy::volume::{LabelVolume, VolumeError};
+use crate::volume::{LabelVolume, VolumeError};
 
 pub(super) mod labels {
     //! Label values of the two-layer phantom.
-    crate::anatomy::phantom::label_table! {
+    crate::phantom::label_table! {
         SURROUNDING = 1 "phantom_top",
         INCLUSION = 2 "phantom_inclusion",
     }

@@ -4,7 +4,7 @@
 //! PNAS 12, 1926).
 
 use super::geometry::{Point, Shape, Tube, frame};
-use crate::base::random::noise::choice;
+use insonify_base::random::noise::choice;
 
 /// Growth conditions of a tree.
 pub(super) struct Growth<'a> {

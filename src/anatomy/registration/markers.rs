@@ -7,7 +7,7 @@
 use nalgebra::{Isometry3, Matrix4, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use super::{Landmark, kabsch};
-use crate::anatomy::volume::{ScalarImage, VolumeError};
+use crate::volume::{ScalarImage, VolumeError};
 
 /// Maximum share of the voxels of a volume in bright bodies: more is a threshold within the tissue.
 const MAX_BRIGHT: f64 = 0.02;

@@ -7,8 +7,8 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{Quadratic, bounds};
-use crate::anatomy::volume::{LabelVolume, VolumeError};
-use crate::base::read;
+use crate::volume::{LabelVolume, VolumeError};
+use insonify_base::read;
 
 /// Intervals along an edge of the grid on the faces.
 const FACE: usize = 20;

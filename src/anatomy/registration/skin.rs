@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector3};
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
 
-use crate::anatomy::volume::{LabelVolume, VolumeError};
+use crate::volume::{LabelVolume, VolumeError};
 
 /// Least spacing of the grid on which the surface is found, mm.
 const GRID_MM: f64 = 1.5;

@@ -10,9 +10,9 @@ use ply_rs_bw::parser::Parser;
 use ply_rs_bw::ply::{DefaultElement, Property};
 
 use super::Landmark;
-use crate::anatomy::volume::VolumeError;
-use crate::base::csv::Csv;
-use crate::base::read;
+use crate::volume::VolumeError;
+use insonify_base::csv::Csv;
+use insonify_base::read;
 
 /// Reads the vertices of a surface by the ending of its file: CSV with the columns `x_mm`, `y_mm`, `z_mm`, STL, or PLY (mm).
 ///
@@ -46,7 +46,7 @@ pub fn read(path: &Path) -> Result<Vec<Point3<f64>>, VolumeError> {
     match points
         .iter()
         .flat_map(|at| at.iter())
-        .all(|x| x.abs() <= crate::base::matrix::FARTHEST_MM)
+        .all(|x| x.abs() <= insonify_base::matrix::FARTHEST_MM)
     {
         true => Ok(points),
         false => Err(wrong("a coordinate is not finite or beyond 1e6 mm".to_owned())),

@@ -4,10 +4,10 @@ use nalgebra::{Matrix4, Point3, Rotation3, Vector3};
 
 use super::skin::Skin;
 use super::*;
-use crate::anatomy::segmentation;
-use crate::anatomy::volume::complete::{CompleteOptions, complete};
-use crate::anatomy::volume::{Label, LabelVolume};
-use crate::base::random::{hash3, unit};
+use crate::segmentation;
+use crate::volume::complete::{CompleteOptions, complete};
+use crate::volume::{Label, LabelVolume};
+use insonify_base::random::{hash3, unit};
 
 fn random(item: i32, stream: i32) -> f64 {
     f64::from(unit(hash3([item, stream, 77], [3, 4])[0]))
@@ -305,7 +305,7 @@ fn maps_are_written_and_read() {
 
 #[test]
 fn a_real_body_deformed_is_fitted_back() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/volumes/tsd_s0328_labels.nii.gz");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/volumes/tsd_s0328_labels.nii.gz");
     if !path.exists() {
         return;
     }

@@ -7,9 +7,9 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 
 use super::{Segmentation, stem};
-use crate::anatomy::acoustics::totalsegmentator;
-use crate::anatomy::volume::complete::is_body;
-use crate::anatomy::volume::{At, Label, LabelVolume, Loaded, VolumeError, load};
+use crate::acoustics::totalsegmentator;
+use crate::volume::complete::is_body;
+use crate::volume::{At, Label, LabelVolume, Loaded, VolumeError, load};
 
 /// Value of the first label whose name is not a class of TotalSegmentator.
 const FREE: i64 = 301;

@@ -6,9 +6,9 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::Segmentation;
-use crate::anatomy::acoustics::{Origin, Preset, TissueTable, fallback, known, presets};
-use crate::anatomy::volume::LabelVolume;
-use crate::base::text::{self, column};
+use crate::acoustics::{Origin, Preset, TissueTable, fallback, known, presets};
+use crate::volume::LabelVolume;
+use insonify_base::text::{self, column};
 
 /// Name of the background in listings.
 const BACKGROUND: &str = "unlabelled";
@@ -184,7 +184,7 @@ mod tests {
     use nalgebra::Matrix4;
 
     use super::*;
-    use crate::anatomy::volume::Label;
+    use crate::volume::Label;
 
     #[test]
     fn axes_are_named_by_what_they_run_towards() {

@@ -1,11 +1,11 @@
 //! Naming of labels by their values, and plausibility checks of names.
 
 use super::{Naming, Segmentation};
-use crate::anatomy::acoustics::{Preset, totalsegmentator, without_side};
-use crate::anatomy::volume::LabelVolume;
-use crate::anatomy::volume::complete::has_body_values;
-use crate::base::document::plain;
-use crate::base::text::some_of;
+use crate::acoustics::{Preset, totalsegmentator, without_side};
+use crate::volume::LabelVolume;
+use crate::volume::complete::has_body_values;
+use insonify_base::document::plain;
+use insonify_base::text::some_of;
 
 /// Mass of an organ of a newborn and of an adult man, g (ICRP Publication 89, 2002, table 2.8; one of a pair; hollow organs with
 /// their contents), by its name without a side. For a vessel, without a newborn's: the blood in all large arteries or all large

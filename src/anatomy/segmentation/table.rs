@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use crate::anatomy::volume::{At, VolumeError};
-use crate::base::read;
+use crate::volume::{At, VolumeError};
+use insonify_base::read;
 
 /// Accepted headers of the value and name columns, without capitals, blanks and punctuation; the first one present counts.
 const VALUES: [&str; 5] = ["value", "labelvalue", "index", "id", "label"];

@@ -5,8 +5,8 @@ use nalgebra::Matrix4;
 use tempfile::TempDir;
 
 use super::*;
-use crate::anatomy::acoustics::TissueTable;
-use crate::anatomy::volume::{Label, save};
+use crate::acoustics::TissueTable;
+use crate::volume::{Label, save};
 
 /// Edge of the grid of [`organs`], voxels of 1 ml.
 const SIDE: usize = 18;

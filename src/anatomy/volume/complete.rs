@@ -13,10 +13,10 @@ use rayon::prelude::*;
 use nalgebra::Point3;
 
 use super::{Label, LabelVolume, VolumeError};
-use crate::anatomy::acoustics::{known, totalsegmentator};
-use crate::base::random::noise::Noise;
-use crate::base::text::some_of;
+use crate::acoustics::{known, totalsegmentator};
 pub use ct::with_ct;
+use insonify_base::random::noise::Noise;
+use insonify_base::text::some_of;
 use outline::Outline;
 
 /// Spacing of the grid for the outline of the body, mm.
@@ -153,7 +153,7 @@ pub fn has_body(volume: &LabelVolume) -> bool {
 
 /// Whether unnamed labels form a body by their values: 201, 202 and 204 (fat, soft tissue and skin), which together have a third
 /// of the labelled voxels. Otherwise these values have another meaning.
-pub(crate) fn has_body_values(volume: &LabelVolume) -> bool {
+pub fn has_body_values(volume: &LabelVolume) -> bool {
     let voxels = |value: i64| {
         let own = |label: &&Label| label.value == value && label.name.is_none() && label.voxels > 0;
         volume.labels().iter().find(own).map(|label| label.voxels)
@@ -164,7 +164,7 @@ pub(crate) fn has_body_values(volume: &LabelVolume) -> bool {
 }
 
 /// Whether a name occurs only in volumes with an explicit body.
-pub(crate) fn is_body(name: &str) -> bool {
+pub fn is_body(name: &str) -> bool {
     BODY_NAMES.contains(&name.to_ascii_lowercase().replace([' ', '-'], "_").as_str())
 }
 
@@ -421,4 +421,4 @@ fn cut_faces(volume: &LabelVolume, slice_axis: usize, skin: u8) -> Vec<String> {
 }
 
 #[cfg(test)]
-pub(crate) mod tests;
+pub mod tests;

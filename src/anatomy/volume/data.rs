@@ -9,11 +9,11 @@ use flate2::bufread::{GzDecoder, ZlibDecoder};
 use super::element::Element;
 use super::error::{At, VolumeError, quoted};
 use super::header::{Encoding, Header, Skip};
-use crate::base::memory::TooLarge;
-use crate::base::read;
+use insonify_base::memory::TooLarge;
+use insonify_base::read;
 
 /// Maximum number of bytes decompressed past the last needed one, to reach the checksum at the end.
-pub(crate) const MAX_EXCESS: u64 = 64 << 20;
+pub const MAX_EXCESS: u64 = 64 << 20;
 
 /// Maximum number of bytes skipped where each must be read: lines, and bytes of compressed data.
 const MAX_SKIP: u64 = 256 << 20;
@@ -26,7 +26,7 @@ const CHUNK: usize = 64 << 10;
 
 /// Reads the numbers of an image into values, one for each `group` of bytes. `push` appends those of a slice of complete
 /// groups; numbers have the byte order of [`Header::data_order`].
-pub(crate) fn read_into<V>(header: &mut Header, group: usize, push: Push<V>) -> Result<Vec<V>, VolumeError> {
+pub fn read_into<V>(header: &mut Header, group: usize, push: Push<V>) -> Result<Vec<V>, VolumeError> {
     let (_, expected) = header.extent()?;
     let (reader, begin, stored) = open(header, expected)?;
     let most = match header.data.encoding {
@@ -59,7 +59,7 @@ pub(crate) fn read_into<V>(header: &mut Header, group: usize, push: Push<V>) -> 
 }
 
 /// Reads exactly the bytes required by an image's sizes and element type.
-pub(crate) fn read(header: &mut Header) -> Result<Vec<u8>, VolumeError> {
+pub fn read(header: &mut Header) -> Result<Vec<u8>, VolumeError> {
     read_into(header, 1, &mut |bytes, all| {
         all.extend_from_slice(bytes);
         Ok(())
@@ -67,7 +67,7 @@ pub(crate) fn read(header: &mut Header) -> Result<Vec<u8>, VolumeError> {
 }
 
 /// Appends the values of a slice of bytes.
-pub(crate) type Push<'a, V> = &'a mut dyn FnMut(&[u8], &mut Vec<V>) -> Result<(), VolumeError>;
+pub type Push<'a, V> = &'a mut dyn FnMut(&[u8], &mut Vec<V>) -> Result<(), VolumeError>;
 
 /// Opens the data file after the lines to skip, and returns its position and remaining length; an error if these cannot hold
 /// `expected` bytes.
@@ -325,7 +325,7 @@ fn broken(header: &Header, at: u64, unpacked: usize, expected: usize, cause: &io
 }
 
 /// Whether an error of a decoder is due to the data rather than the system.
-pub(crate) fn is_corrupt_data(cause: &io::Error) -> bool {
+pub fn is_corrupt_data(cause: &io::Error) -> bool {
     use io::ErrorKind as Kind;
     matches!(
         cause.kind(),

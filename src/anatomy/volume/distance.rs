@@ -6,7 +6,7 @@ use rayon::prelude::*;
 const NONE: f32 = 1e12;
 
 /// A grid of numbers, x fastest.
-pub(crate) struct Grid {
+pub struct Grid {
     /// Number of cells along each axis.
     pub size: [usize; 3],
     /// Distance between cells, mm.

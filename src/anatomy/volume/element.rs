@@ -2,7 +2,7 @@
 
 /// Type of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Element {
+pub enum Element {
     U8,
     I8,
     U16,
@@ -17,12 +17,12 @@ pub(crate) enum Element {
 
 impl Element {
     /// Bytes of one number.
-    pub(crate) fn bytes(self) -> usize {
+    pub fn bytes(self) -> usize {
         with_sample!(self, T => T::BYTES)
     }
 
     /// Name for messages.
-    pub(crate) fn name(self) -> &'static str {
+    pub fn name(self) -> &'static str {
         match self {
             Self::U8 => "uint8",
             Self::I8 => "int8",
@@ -38,7 +38,7 @@ impl Element {
     }
 
     /// Smallest integer type that holds every value from `low` to `high`.
-    pub(crate) fn smallest(low: i64, high: i64) -> Self {
+    pub fn smallest(low: i64, high: i64) -> Self {
         let holds = |min: i64, max: i64| low >= min && high <= max;
         if holds(0, u8::MAX.into()) {
             Self::U8
@@ -58,7 +58,7 @@ impl Element {
     }
 
     /// Appends the number spelled by `text`, little-endian; `None` if it is not a number of this type.
-    pub(crate) fn push_text(self, text: &str, out: &mut Vec<u8>) -> Option<()> {
+    pub fn push_text(self, text: &str, out: &mut Vec<u8>) -> Option<()> {
         with_sample!(self, T => out.extend_from_slice(&text.parse::<T>().ok()?.to_le_bytes()));
         Some(())
     }
@@ -66,31 +66,31 @@ impl Element {
 
 /// Byte order of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum ByteOrder {
+pub enum ByteOrder {
     Little,
     Big,
 }
 
 /// Linear scale of stored numbers: `slope * number + intercept`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Scale {
-    pub(crate) slope: f64,
-    pub(crate) intercept: f64,
+pub struct Scale {
+    pub slope: f64,
+    pub intercept: f64,
 }
 
 impl Scale {
     /// Creates the scale; `None` for the identity.
-    pub(crate) fn new(slope: f64, intercept: f64) -> Option<Self> {
+    pub fn new(slope: f64, intercept: f64) -> Option<Self> {
         (slope != 1.0 || intercept != 0.0).then_some(Self { slope, intercept })
     }
 
-    pub(crate) fn apply(self, stored: f64) -> f64 {
+    pub fn apply(self, stored: f64) -> f64 {
         self.slope * stored + self.intercept
     }
 }
 
 /// A number of a type known at compile time.
-pub(crate) trait Sample: Copy {
+pub trait Sample: Copy {
     /// Bytes of one number.
     const BYTES: usize;
     /// Decodes the number in `bytes`, which must have length [`Self::BYTES`].
@@ -102,7 +102,7 @@ pub(crate) trait Sample: Copy {
 }
 
 /// Converts an integral double to a label value.
-pub(crate) fn label_of(value: f64) -> Option<i64> {
+pub fn label_of(value: f64) -> Option<i64> {
     const LIMIT: f64 = 9_007_199_254_740_992.0; // 2^53: beyond it doubles skip whole numbers.
     (value.fract() == 0.0 && value.abs() <= LIMIT).then_some(value as i64)
 }
@@ -146,7 +146,7 @@ sample!(f64, label_of);
 /// Runs `$body` with `$type` bound to the Rust type of an [`Element`].
 macro_rules! with_sample {
     ($element:expr, $type:ident => $body:expr) => {{
-        use $crate::anatomy::volume::element::Element;
+        use $crate::volume::element::Element;
         macro_rules! run {
             ($concrete:ty) => {{
                 type $type = $concrete;

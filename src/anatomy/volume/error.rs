@@ -4,12 +4,12 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::base::cause::Cause;
-use crate::base::csv::CsvError;
-use crate::base::memory::TooLarge;
-use crate::base::output::OutputError;
-use crate::base::read;
-use crate::base::text;
+use insonify_base::cause::Cause;
+use insonify_base::csv::CsvError;
+use insonify_base::memory::TooLarge;
+use insonify_base::output::OutputError;
+use insonify_base::read;
+use insonify_base::text;
 
 /// Position of an error in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -135,19 +135,19 @@ pub enum VolumeError {
 
 impl VolumeError {
     /// Name of the option at fault, if it is one.
-    pub(crate) fn key(&self) -> Option<&'static str> {
+    pub fn key(&self) -> Option<&'static str> {
         match self {
             Self::Value { key, .. } => *key,
             _ => None,
         }
     }
 
-    pub(crate) fn new(text: impl Into<String>) -> Self {
+    pub fn new(text: impl Into<String>) -> Self {
         let (key, text) = (None, text.into());
         Self::Value { key, text }
     }
 
-    pub(crate) fn option(key: &'static str, text: String) -> Self {
+    pub fn option(key: &'static str, text: String) -> Self {
         let key = Some(key);
         Self::Value { key, text }
     }
@@ -157,7 +157,7 @@ impl VolumeError {
     }
 
     /// An error if there are more labels than a byte can index.
-    pub(crate) fn check_labels(labels: usize) -> Result<(), Self> {
+    pub fn check_labels(labels: usize) -> Result<(), Self> {
         match labels > 256 {
             true => Err(Self::TooManyLabels(labels)),
             false => Ok(()),
@@ -165,19 +165,19 @@ impl VolumeError {
     }
 
     /// The error as one of a file.
-    pub(crate) fn in_file(self, path: &Path) -> Self {
+    pub fn in_file(self, path: &Path) -> Self {
         let (path, cause) = (path.to_owned(), Box::new(self));
         Self::Volume { path, cause }
     }
 
-    pub(crate) fn read(path: &Path, cause: io::Error) -> Self {
+    pub fn read(path: &Path, cause: io::Error) -> Self {
         Self::Read {
             path: path.to_owned(),
             cause,
         }
     }
 
-    pub(crate) fn malformed(path: &Path, at: At, found: impl Into<String>, expected: impl Into<String>) -> Self {
+    pub fn malformed(path: &Path, at: At, found: impl Into<String>, expected: impl Into<String>) -> Self {
         Self::Malformed {
             path: path.to_owned(),
             at,
@@ -186,7 +186,7 @@ impl VolumeError {
         }
     }
 
-    pub(crate) fn unsupported(path: &Path, at: At, found: impl Into<String>, expected: impl Into<String>) -> Self {
+    pub fn unsupported(path: &Path, at: At, found: impl Into<String>, expected: impl Into<String>) -> Self {
         Self::Unsupported {
             path: path.to_owned(),
             at,
@@ -209,7 +209,7 @@ impl Cause for VolumeError {
 }
 
 /// Text of a file as shown in an error: quoted and truncated to a readable length.
-pub(crate) fn quoted(text: &str) -> String {
+pub fn quoted(text: &str) -> String {
     const SHOWN: usize = 60;
     let mut shown: String = text.chars().take(SHOWN).collect();
     if shown.len() < text.len() {

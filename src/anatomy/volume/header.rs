@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Matrix4, Vector3};
 
 use super::element::{ByteOrder, Element, Scale};
 use super::error::{At, VolumeError};
-use crate::base::matrix::FARTHEST_MM;
+use insonify_base::matrix::FARTHEST_MM;
 
 /// Largest image, bytes of decoded data. A header that requires more is considered broken.
 const MAX_DATA_BYTES: u64 = 16 << 30;
@@ -25,16 +25,16 @@ const SHEAR_DEG: f64 = 0.1;
 
 /// An index axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Axis {
+pub struct Axis {
     /// Number of samples along the axis.
-    pub(crate) size: usize,
+    pub size: usize,
     /// Step from one sample to the next, LPS mm; `None` if the axis is not spatial.
-    pub(crate) direction: Option<Vector3<f64>>,
+    pub direction: Option<Vector3<f64>>,
 }
 
 /// Encoding of the data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Encoding {
+pub enum Encoding {
     Raw,
     Gzip,
     Zlib,
@@ -44,7 +44,7 @@ pub(crate) enum Encoding {
 
 /// Bytes between the start of the encoded data and the first number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Skip {
+pub enum Skip {
     /// A number of bytes, counted after decompression.
     Bytes(u64),
     /// All but as many bytes as the image needs, counted from the end.
@@ -53,67 +53,67 @@ pub(crate) enum Skip {
 
 /// Location of the data.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct DataPlace {
+pub struct DataPlace {
     /// File that holds the data.
-    pub(crate) path: PathBuf,
+    pub path: PathBuf,
     /// Position in the header of the name of that file, if it is a separate one.
-    pub(crate) named: Option<At>,
+    pub named: Option<At>,
     /// Offset in that file of the data, or of the lines to skip, bytes.
-    pub(crate) start: u64,
+    pub start: u64,
     /// Number of lines to skip before decompression.
-    pub(crate) skip_lines: usize,
-    pub(crate) skip: Skip,
-    pub(crate) encoding: Encoding,
+    pub skip_lines: usize,
+    pub skip: Skip,
+    pub encoding: Encoding,
 }
 
 /// A parsed image header.
 #[derive(Clone, Debug)]
-pub(crate) struct Header {
+pub struct Header {
     /// File that holds the header.
-    pub(crate) path: PathBuf,
+    pub path: PathBuf,
     /// Index axes, fastest first.
-    pub(crate) axes: Vec<Axis>,
+    pub axes: Vec<Axis>,
     /// Centre of the first voxel, LPS mm.
-    pub(crate) origin: Vector3<f64>,
+    pub origin: Vector3<f64>,
     /// Type of the numbers; `None` if the file states that it holds no image.
-    pub(crate) element: Option<Element>,
-    pub(crate) order: ByteOrder,
-    pub(crate) scale: Option<Scale>,
-    pub(crate) data: DataPlace,
+    pub element: Option<Element>,
+    pub order: ByteOrder,
+    pub scale: Option<Scale>,
+    pub data: DataPlace,
     /// User-defined keys and values, in file order.
-    pub(crate) key_values: Vec<(String, String)>,
+    pub key_values: Vec<(String, String)>,
     /// Names of label values.
-    pub(crate) names: BTreeMap<i64, String>,
-    pub(crate) warnings: Vec<String>,
+    pub names: BTreeMap<i64, String>,
+    pub warnings: Vec<String>,
 }
 
 /// Size and position of a three-dimensional image.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Grid {
-    pub(crate) size: [usize; 3],
+pub struct Grid {
+    pub size: [usize; 3],
     /// Transform from voxel index to LPS mm.
-    pub(crate) index_to_world: Matrix4<f64>,
+    pub index_to_world: Matrix4<f64>,
     /// Largest deviation of the axes from right angles, degrees, if they are not perpendicular.
-    pub(crate) shear_deg: Option<f64>,
+    pub shear_deg: Option<f64>,
 }
 
 impl Header {
     /// Sizes as text, fastest axis first.
-    pub(crate) fn sizes(&self) -> String {
+    pub fn sizes(&self) -> String {
         let sizes: Vec<String> = self.axes.iter().map(|axis| axis.size.to_string()).collect();
         sizes.join(" x ")
     }
 
-    pub(crate) fn malformed(&self, found: impl Into<String>, expected: impl Into<String>) -> VolumeError {
+    pub fn malformed(&self, found: impl Into<String>, expected: impl Into<String>) -> VolumeError {
         VolumeError::malformed(&self.path, At::Header, found, expected)
     }
 
-    pub(crate) fn unsupported(&self, found: impl Into<String>, expected: impl Into<String>) -> VolumeError {
+    pub fn unsupported(&self, found: impl Into<String>, expected: impl Into<String>) -> VolumeError {
         VolumeError::unsupported(&self.path, At::Header, found, expected)
     }
 
     /// An error about the data file.
-    pub(crate) fn unreadable(&self, cause: io::Error) -> VolumeError {
+    pub fn unreadable(&self, cause: io::Error) -> VolumeError {
         match self.data.named {
             None => VolumeError::read(&self.path, cause),
             Some(at) => VolumeError::Data {
@@ -126,7 +126,7 @@ impl Header {
     }
 
     /// Byte order of the decompressed numbers; numbers in text become little-endian.
-    pub(crate) fn data_order(&self) -> ByteOrder {
+    pub fn data_order(&self) -> ByteOrder {
         match self.data.encoding {
             Encoding::Text => ByteOrder::Little,
             _ => self.order,
@@ -134,7 +134,7 @@ impl Header {
     }
 
     /// Type of the numbers.
-    pub(crate) fn element(&self) -> Result<Element, VolumeError> {
+    pub fn element(&self) -> Result<Element, VolumeError> {
         self.element.ok_or_else(|| {
             self.malformed(
                 format!("no image (sizes {})", self.sizes()),
@@ -144,7 +144,7 @@ impl Header {
     }
 
     /// Number of elements and bytes of the complete image.
-    pub(crate) fn extent(&self) -> Result<(usize, usize), VolumeError> {
+    pub fn extent(&self) -> Result<(usize, usize), VolumeError> {
         let element = self.element()?;
         if self.axes.is_empty() || self.axes.iter().any(|axis| axis.size == 0) {
             return Err(self.malformed(
@@ -166,7 +166,7 @@ impl Header {
     }
 
     /// Grid of the image. A two-dimensional image is one slice of 1 mm.
-    pub(crate) fn grid(&self) -> Result<Grid, VolumeError> {
+    pub fn grid(&self) -> Result<Grid, VolumeError> {
         let mut size = [1; 3];
         let mut directions: Vec<Vector3<f64>> = Vec::with_capacity(3);
         for (number, axis) in self.axes.iter().enumerate() {
@@ -247,10 +247,10 @@ impl Header {
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
+pub mod tests {
     use super::*;
 
-    pub(crate) fn header(axes: Vec<Axis>) -> Header {
+    pub fn header(axes: Vec<Axis>) -> Header {
         Header {
             path: PathBuf::from("test"),
             axes,

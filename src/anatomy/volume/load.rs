@@ -9,7 +9,7 @@ use super::element::{Sample, with_sample};
 use super::error::{At, VolumeError, quoted};
 use super::header::Header;
 use super::{LabelVolume, data, labels, metaimage, nifti, nrrd};
-use crate::base::read;
+use insonify_base::read;
 
 /// A label volume with the warnings of the reader.
 #[derive(Clone, Debug)]
@@ -60,7 +60,7 @@ pub fn load_scalar(path: &Path) -> Result<ScalarImage, VolumeError> {
 }
 
 /// Reads the numbers of an image, with the file's own scale applied.
-pub(crate) fn numbers(header: &mut Header) -> Result<Vec<f32>, VolumeError> {
+pub fn numbers(header: &mut Header) -> Result<Vec<f32>, VolumeError> {
     let (order, scale) = (header.data_order(), header.scale);
     let values = with_sample!(header.element()?, T => {
         let value = |number: &[u8]| {
@@ -82,7 +82,7 @@ pub(crate) fn numbers(header: &mut Header) -> Result<Vec<f32>, VolumeError> {
 }
 
 /// Parses the header of an image of any known format.
-pub(crate) fn read_header(path: &Path) -> Result<Header, VolumeError> {
+pub fn read_header(path: &Path) -> Result<Header, VolumeError> {
     let fail = |cause| VolumeError::read(path, cause);
     if path
         .extension()

@@ -11,10 +11,10 @@ use super::error::{At, VolumeError, quoted};
 use super::header::{Axis, DataPlace, Encoding, Header, Skip};
 use super::names;
 use super::text::{Field, Lines};
-use crate::base::read;
+use insonify_base::read;
 
 /// Whether these first bytes of a file are those of a MetaImage header.
-pub(crate) fn is_header(start: &[u8]) -> bool {
+pub fn is_header(start: &[u8]) -> bool {
     let line = start.split(|&byte| byte == b'\n').next().unwrap_or_default();
     let mut parts = line.splitn(2, |&byte| byte == b'=');
     let tag = String::from_utf8_lossy(parts.next().unwrap_or_default());
@@ -22,7 +22,7 @@ pub(crate) fn is_header(start: &[u8]) -> bool {
 }
 
 /// Reads the header of a MetaImage file.
-pub(crate) fn read_header(path: &Path) -> Result<Header, VolumeError> {
+pub fn read_header(path: &Path) -> Result<Header, VolumeError> {
     let file = read::open(path).map_err(|cause| VolumeError::read(path, cause))?;
     parse(path, BufReader::new(file))
 }
@@ -49,7 +49,7 @@ struct Tags {
 }
 
 /// Parses a header up to its `ElementDataFile`.
-pub(crate) fn parse(path: &Path, reader: impl BufRead) -> Result<Header, VolumeError> {
+pub fn parse(path: &Path, reader: impl BufRead) -> Result<Header, VolumeError> {
     let mut lines = Lines::new(reader);
     let mut tags = Tags::default();
     while tags.data_file.is_none() {

@@ -3,17 +3,17 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-use crate::base::text::unescape;
+use insonify_base::text::unescape;
 
 const PREFIX: &str = "LabelName_";
 
 /// Key of the name of a label value.
-pub(crate) fn key(value: i64) -> String {
+pub fn key(value: i64) -> String {
     format!("{PREFIX}{value}")
 }
 
 /// Parses the label names among the keys of a file.
-pub(crate) fn from_keys(key_values: &[(String, String)]) -> BTreeMap<i64, String> {
+pub fn from_keys(key_values: &[(String, String)]) -> BTreeMap<i64, String> {
     key_values
         .iter()
         .filter_map(|(key, name)| Some((key.strip_prefix(PREFIX)?.parse().ok()?, name.clone())))
@@ -23,17 +23,17 @@ pub(crate) fn from_keys(key_values: &[(String, String)]) -> BTreeMap<i64, String
 // Segments of a `.seg.nrrd` of 3D Slicer: names by layer and value.
 
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Segment {
-    pub(crate) name: Option<String>,
+pub struct Segment {
+    pub name: Option<String>,
     /// Value within its layer; 1 if not stated.
-    pub(crate) value: Option<i64>,
+    pub value: Option<i64>,
     /// Layer; 0 if not stated.
-    pub(crate) layer: usize,
+    pub layer: usize,
 }
 
 /// Parses the segments among the keys of a file, in file order, by layer and value. If two share both, the first
 /// counts.
-pub(crate) fn segments(key_values: &[(String, String)]) -> BTreeMap<(usize, i64), Option<String>> {
+pub fn segments(key_values: &[(String, String)]) -> BTreeMap<(usize, i64), Option<String>> {
     let mut by_number: BTreeMap<usize, Segment> = BTreeMap::new();
     for (key, value) in key_values {
         let Some((number, what)) = key.strip_prefix("Segment").and_then(|rest| rest.split_once('_')) else {
@@ -62,10 +62,10 @@ pub(crate) fn segments(key_values: &[(String, String)]) -> BTreeMap<(usize, i64)
 // XML label table of Connectome Workbench (Caret) and TotalSegmentator in a NIfTI header extension.
 
 /// Extension code of Caret's XML (`nifti1_io.h`: `NIFTI_ECODE_CARET`).
-pub(crate) const EXTENSION_CODE: i32 = 30;
+pub const EXTENSION_CODE: i32 = 30;
 
 /// Names by label value: the text of every `<Label Key="..">`.
-pub(crate) fn label_names(xml: &str) -> BTreeMap<i64, String> {
+pub fn label_names(xml: &str) -> BTreeMap<i64, String> {
     let mut names = BTreeMap::new();
     let mut rest = xml;
     while let Some(start) = rest.find("<Label ") {
@@ -105,7 +105,7 @@ fn plain(text: &str) -> String {
 }
 
 /// Label table as XML, for writing.
-pub(crate) fn table<'a>(names: impl Iterator<Item = (i64, &'a str)>) -> String {
+pub fn table<'a>(names: impl Iterator<Item = (i64, &'a str)>) -> String {
     let mut xml = String::from(
         "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<CaretExtension>\n<VolumeInformation Index=\"0\">\n<LabelTable>\n",
     );

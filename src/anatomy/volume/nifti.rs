@@ -13,12 +13,12 @@ use super::data;
 use super::element::{ByteOrder, Element, Scale};
 use super::error::{At, VolumeError, quoted};
 use super::header::{Axis, DataPlace, Encoding, Header, Skip};
-use crate::base::read;
+use insonify_base::read;
 
 /// Size of the header proper, bytes (`nifti1.h`: `sizeof_hdr`).
-pub(crate) const HEADER_BYTES: usize = 348;
+pub const HEADER_BYTES: usize = 348;
 /// Bytes before the first extension: the header and four flags.
-pub(crate) const EXTENSIONS_START: usize = HEADER_BYTES + 4;
+pub const EXTENSIONS_START: usize = HEADER_BYTES + 4;
 /// Maximum total size of header extensions, bytes.
 const MAX_EXTENSION_BYTES: u64 = 64 << 20;
 
@@ -30,14 +30,14 @@ const AT_VOX_OFFSET: At = At::Byte(108);
 const AT_MAGIC: At = At::Byte(344);
 
 /// Whether these first bytes of a file (decompressed) are those of a NIfTI or Analyze header.
-pub(crate) fn is_header(start: &[u8]) -> bool {
+pub fn is_header(start: &[u8]) -> bool {
     [348i32, 540]
         .iter()
         .any(|size| start.starts_with(&size.to_le_bytes()) || start.starts_with(&size.to_be_bytes()))
 }
 
 /// Reads the header of a NIfTI-1 file, plain or gzipped.
-pub(crate) fn read_header(path: &Path) -> Result<Header, VolumeError> {
+pub fn read_header(path: &Path) -> Result<Header, VolumeError> {
     let mut file = BufReader::new(read::open(path).map_err(|cause| VolumeError::read(path, cause))?);
     let start = file.fill_buf().map_err(|cause| VolumeError::read(path, cause))?;
     if start.starts_with(&[0x1f, 0x8b]) {
@@ -66,7 +66,7 @@ fn blame_gzip(path: &Path, mut unpacked: GzDecoder<BufReader<File>>, error: Volu
 }
 
 /// Parses the header at the start of `reader`, which yields decompressed bytes.
-pub(crate) fn parse(path: &Path, mut reader: impl Read, encoding: Encoding) -> Result<Header, VolumeError> {
+pub fn parse(path: &Path, mut reader: impl Read, encoding: Encoding) -> Result<Header, VolumeError> {
     let mut start = Vec::with_capacity(EXTENSIONS_START);
     take(path, &mut reader, EXTENSIONS_START as u64, &mut start)?;
     let attached = is_attached(path, &start)?;

@@ -11,13 +11,13 @@ use super::error::{At, VolumeError, quoted};
 use super::header::{Axis, DataPlace, Encoding, Header, Skip};
 use super::names;
 use super::text::{Field, Lines};
-use crate::base::read;
+use insonify_base::read;
 
 /// Magic number of NRRD files.
-pub(crate) const MAGIC: &[u8] = b"NRRD";
+pub const MAGIC: &[u8] = b"NRRD";
 
 /// Reads the header of an NRRD file.
-pub(crate) fn read_header(path: &Path) -> Result<Header, VolumeError> {
+pub fn read_header(path: &Path) -> Result<Header, VolumeError> {
     let file = read::open(path).map_err(|cause| VolumeError::read(path, cause))?;
     parse(path, BufReader::new(file))
 }
@@ -49,7 +49,7 @@ struct Fields {
 }
 
 /// Parses a header up to its blank line.
-pub(crate) fn parse(path: &Path, reader: impl BufRead) -> Result<Header, VolumeError> {
+pub fn parse(path: &Path, reader: impl BufRead) -> Result<Header, VolumeError> {
     let mut lines = Lines::new(reader);
     let fail = |cause| VolumeError::read(path, cause);
     let magic = lines.next().map_err(fail)?.map(|line| line.text).unwrap_or_default();
@@ -368,17 +368,17 @@ fn encoding(field: &Field) -> Result<Encoding, VolumeError> {
 
 /// A named space.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Space {
+pub struct Space {
     /// Number of components of its vectors.
-    pub(crate) dimension: usize,
+    pub dimension: usize,
     /// Sign of each of its axes in LPS.
-    pub(crate) to_lps: Vector3<f64>,
+    pub to_lps: Vector3<f64>,
 }
 
 impl Space {
     /// Parses a `space` field: three directions by name or letter, or one of the spaces without anatomy, which are taken
     /// as LPS with a warning. A trailing `-time` or `T` adds a dimension.
-    pub(crate) fn parse(field: &Field, warnings: &mut Vec<String>) -> Result<Self, VolumeError> {
+    pub fn parse(field: &Field, warnings: &mut Vec<String>) -> Result<Self, VolumeError> {
         let name = field.value.to_ascii_lowercase();
         let (name, timed) = match name.strip_suffix("-time") {
             Some(name) => (name, true),
@@ -429,7 +429,7 @@ fn sign(word: &str, positive: &str, negative: &str) -> Option<f64> {
 }
 
 /// Parses vectors such as `(1,0,0) (0,1,0) none`.
-pub(crate) fn vectors(field: &Field) -> Result<Vec<Option<Vec<f64>>>, VolumeError> {
+pub fn vectors(field: &Field) -> Result<Vec<Option<Vec<f64>>>, VolumeError> {
     let expected = "vectors such as (1,0,0), or none";
     let mut rest = field.value;
     let mut out = Vec::new();

@@ -11,7 +11,7 @@ use flate2::write::{GzEncoder, ZlibEncoder};
 use super::element::Element;
 use super::error::{At, VolumeError};
 use super::{Label, LabelVolume, names, nifti};
-use crate::base::output::{OutputError, atomic};
+use insonify_base::output::{OutputError, atomic};
 
 /// Number of voxels encoded at a time.
 const CHUNK: usize = 64 << 10;

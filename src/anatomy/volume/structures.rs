@@ -9,15 +9,15 @@
 //! Sources: kidney, W. C. O'Neill, Am. J. Kidney Dis. 35 (2000) 1021 (parenchyma of 15 to 20 mm); heart, R. M. Lang et al., J. Am. Soc. Echocardiogr.
 //! 28 (2015) 1 (walls of 6 to 10 mm). Patches, the proportion of pyramids and fat around kidneys are set by eye.
 
-pub(crate) mod organ;
+pub mod organ;
 mod vessels;
 
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{Label, LabelVolume, VolumeError};
-use crate::anatomy::acoustics::known;
-use crate::base::random::noise::Noise;
+use crate::acoustics::known;
+use insonify_base::random::noise::Noise;
 use organ::Organ;
 use vessels::{Root, Tree};
 

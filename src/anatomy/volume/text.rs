@@ -10,22 +10,22 @@ const MAX_HEADER_BYTES: u64 = 256 << 20;
 
 /// One line of a header.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Line {
+pub struct Line {
     /// Line number, counted from 1.
-    pub(crate) number: usize,
+    pub number: usize,
     /// Text without the line end; bytes that are not UTF-8 are replaced.
-    pub(crate) text: String,
+    pub text: String,
 }
 
 /// Reads lines and counts their bytes.
-pub(crate) struct Lines<R> {
+pub struct Lines<R> {
     reader: R,
     number: usize,
     offset: u64,
 }
 
 impl<R: BufRead> Lines<R> {
-    pub(crate) fn new(reader: R) -> Self {
+    pub fn new(reader: R) -> Self {
         Self {
             reader,
             number: 0,
@@ -34,7 +34,7 @@ impl<R: BufRead> Lines<R> {
     }
 
     /// Reads the next line; `None` at the end of the file.
-    pub(crate) fn next(&mut self) -> io::Result<Option<Line>> {
+    pub fn next(&mut self) -> io::Result<Option<Line>> {
         let mut bytes = Vec::new();
         let left = MAX_HEADER_BYTES.saturating_sub(self.offset);
         let read = (&mut self.reader).take(left).read_until(b'\n', &mut bytes)?;
@@ -57,40 +57,40 @@ impl<R: BufRead> Lines<R> {
     }
 
     /// Number of bytes read so far.
-    pub(crate) fn offset(&self) -> u64 {
+    pub fn offset(&self) -> u64 {
         self.offset
     }
 
     /// Number of lines read so far.
-    pub(crate) fn count(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.number
     }
 }
 
 /// A header field with its value and line number.
 #[derive(Clone, Debug)]
-pub(crate) struct Field<'a> {
-    pub(crate) path: &'a Path,
-    pub(crate) line: usize,
-    pub(crate) name: &'a str,
-    pub(crate) value: &'a str,
+pub struct Field<'a> {
+    pub path: &'a Path,
+    pub line: usize,
+    pub name: &'a str,
+    pub value: &'a str,
 }
 
 impl Field<'_> {
     /// An error about this field.
-    pub(crate) fn malformed(&self, expected: impl Into<String>) -> VolumeError {
+    pub fn malformed(&self, expected: impl Into<String>) -> VolumeError {
         let found = format!("{} {}", self.name, quoted(self.value));
         VolumeError::malformed(self.path, At::Line(self.line), found, expected)
     }
 
     /// An error about a valid but unsupported value of this field.
-    pub(crate) fn unsupported(&self, expected: impl Into<String>) -> VolumeError {
+    pub fn unsupported(&self, expected: impl Into<String>) -> VolumeError {
         let found = format!("{} {}", self.name, quoted(self.value));
         VolumeError::unsupported(self.path, At::Line(self.line), found, expected)
     }
 
     /// Parses the blank-separated words as numbers.
-    pub(crate) fn numbers<T: std::str::FromStr>(&self, what: &str) -> Result<Vec<T>, VolumeError> {
+    pub fn numbers<T: std::str::FromStr>(&self, what: &str) -> Result<Vec<T>, VolumeError> {
         self.value
             .split_whitespace()
             .map(|word| word.parse().map_err(|_| self.malformed(what)))
@@ -98,7 +98,7 @@ impl Field<'_> {
     }
 
     /// Parses exactly `count` numbers.
-    pub(crate) fn exactly<T: std::str::FromStr>(&self, count: usize, what: &str) -> Result<Vec<T>, VolumeError> {
+    pub fn exactly<T: std::str::FromStr>(&self, count: usize, what: &str) -> Result<Vec<T>, VolumeError> {
         let numbers = self.numbers(what)?;
         if numbers.len() == count {
             Ok(numbers)
@@ -108,7 +108,7 @@ impl Field<'_> {
     }
 
     /// Checks that a spacing is finite and above 0.
-    pub(crate) fn check_spacing(&self, spacing: f64) -> Result<f64, VolumeError> {
+    pub fn check_spacing(&self, spacing: f64) -> Result<f64, VolumeError> {
         if spacing > 0.0 && spacing.is_finite() {
             Ok(spacing)
         } else {

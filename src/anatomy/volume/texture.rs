@@ -2,16 +2,13 @@
 //!
 //! A texture's mean square is 1, so that a tissue's echogenicity is its mean echo power whatever its texture.
 
-#[cfg(feature = "cli")]
-pub mod synthesis;
-
 use bytemuck::{Pod, Zeroable};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::VolumeError;
-use crate::base::real::Real;
-use crate::base::simd::{Kernel, array, map, vectorised};
+use insonify_base::real::Real;
+use insonify_base::simd::{Kernel, array, map, vectorised};
 
 /// A periodic volume of amplitude multipliers with mean square 1. The centre of voxel (0, 0, 0) lies at the origin.
 #[derive(Clone, Debug, PartialEq)]

@@ -5,8 +5,8 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use super::Source;
-use crate::base::cause::Cause;
-use crate::base::text::{MESSAGE, clipped, head, printable, tail};
+use crate::cause::Cause;
+use crate::text::{MESSAGE, clipped, head, printable, tail};
 
 /// An error of an input file: its cause, the key concerned and the place in the text.
 ///
@@ -44,7 +44,7 @@ pub struct Excerpt {
 
 impl InputError {
     /// An error whose key and place are not known.
-    pub(crate) fn new(cause: impl Cause) -> Self {
+    pub fn new(cause: impl Cause) -> Self {
         Self(Box::new(Inner {
             cause: Box::new(cause),
             key: None,
@@ -54,14 +54,14 @@ impl InputError {
         }))
     }
 
-    pub(crate) fn in_text(mut self, source: &Arc<Source>, span: Option<Range<usize>>) -> Self {
+    pub fn in_text(mut self, source: &Arc<Source>, span: Option<Range<usize>>) -> Self {
         self.0.file = Some(source.name.clone());
         self.0.place = span.map(|span| Excerpt::new(source, &span));
         self
     }
 
     /// Attaches a key such as `effects.speckle.axial_mm`, with its position if there is a source text.
-    pub(crate) fn at_key(mut self, key: impl Into<String>, source: Option<&Arc<Source>>) -> Self {
+    pub fn at_key(mut self, key: impl Into<String>, source: Option<&Arc<Source>>) -> Self {
         let key = key.into();
         if let Some(source) = source {
             self = self.in_text(source, source.find(&key));
@@ -70,7 +70,7 @@ impl InputError {
         self
     }
 
-    pub(crate) fn with_help(mut self, help: Option<String>) -> Self {
+    pub fn with_help(mut self, help: Option<String>) -> Self {
         self.0.help = help;
         self
     }

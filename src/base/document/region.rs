@@ -7,8 +7,8 @@ use serde::de::{Deserializer, Visitor};
 use serde::{Deserialize, Serialize};
 
 use super::nearest;
-use crate::base::cause::Cause;
-use crate::base::text;
+use crate::cause::Cause;
+use crate::text;
 
 /// A region: its name, an unambiguous part of it, or its number, which is a label value.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
@@ -84,7 +84,7 @@ fn listed(known: &[String]) -> String {
 
 impl NoRegion {
     /// Suggests a similar name.
-    pub(crate) fn help(&self) -> Option<String> {
+    pub fn help(&self) -> Option<String> {
         let NoRegion::Unknown {
             found: RegionName::Name(found),
             known,
@@ -98,7 +98,7 @@ impl NoRegion {
 
 /// Regions with their numbers and names.
 #[derive(Clone, Debug)]
-pub(crate) struct Names<K>(Vec<(K, i64, Vec<String>)>);
+pub struct Names<K>(Vec<(K, i64, Vec<String>)>);
 
 impl<K: Copy + Ord> Names<K> {
     /// Creates the list from `regions`, each with its number and names.
@@ -181,7 +181,7 @@ fn words(plain: &str) -> Vec<&str> {
 }
 
 /// Normalises a name: lower case, and every run of other characters than letters and digits as a single underscore.
-pub(crate) fn plain(name: &str) -> String {
+pub fn plain(name: &str) -> String {
     let lower = name.to_lowercase();
     let words = lower.split(|c: char| !c.is_alphanumeric());
     words.filter(|word| !word.is_empty()).collect::<Vec<_>>().join("_")

@@ -32,7 +32,7 @@ pub(super) fn is_old(key: &str, known: &[String]) -> bool {
 
 impl Source {
     /// Notes about keys under old names, in the order of the text.
-    pub(crate) fn renamed(&self) -> Vec<String> {
+    pub fn renamed(&self) -> Vec<String> {
         let mut found = Vec::new();
         if let Ok(root) = DeTable::parse(&self.text) {
             collect("", root.get_ref(), &mut found);

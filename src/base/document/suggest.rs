@@ -8,7 +8,7 @@ use serde_json::Value;
 const SIMILAR: f64 = 0.8;
 
 /// Returns the candidate most similar to a word, if any is similar enough.
-pub(crate) fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+pub fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     // Similarity takes time proportional to the product of the lengths: no key is as long as what a broken file may
     // contain.
     let short: String = word.chars().take(60).collect();
@@ -108,7 +108,6 @@ fn collect(schema: &Value, at: &Value, [path, header]: [&str; 2], key: &str, dep
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::input::scene::SceneFile;
 
     #[test]
     fn slips_are_recognised_and_strangers_are_not() {
@@ -140,7 +139,34 @@ mod tests {
 
     #[test]
     fn a_key_in_the_wrong_table_is_sent_home() {
-        let home = |key| home_of::<SceneFile>(key).unwrap_or_default();
+        #[derive(JsonSchema)]
+        #[allow(dead_code, reason = "read by its schema alone")]
+        struct Tone {
+            dynamic_range_db: f64,
+        }
+        #[derive(JsonSchema)]
+        #[allow(dead_code, reason = "read by its schema alone")]
+        struct Effects {
+            tone: Option<Tone>,
+        }
+        #[derive(JsonSchema)]
+        #[allow(dead_code, reason = "read by its schema alone")]
+        struct Probe {
+            frequency_mhz: f64,
+        }
+        #[derive(JsonSchema)]
+        #[allow(dead_code, reason = "read by its schema alone")]
+        struct Tissue {
+            young_kpa: f64,
+        }
+        #[derive(JsonSchema)]
+        #[allow(dead_code, reason = "read by its schema alone")]
+        struct File {
+            probe: Probe,
+            effects: Option<Effects>,
+            tissue: Vec<Tissue>,
+        }
+        let home = |key| home_of::<File>(key).unwrap_or_default();
         assert_eq!(home("frequency_mhz"), "`frequency_mhz` belongs in [probe]");
         assert_eq!(home("dynamic_range_db"), "`dynamic_range_db` belongs in [effects.tone]");
         assert_eq!(home("young_kpa"), "`young_kpa` belongs in [[tissue]]");

@@ -41,7 +41,7 @@ fn write_whole(path: &Path, fill: impl FnOnce(&mut BufWriter<&mut File>) -> io::
 }
 
 /// Parent folder of a file.
-pub(crate) fn folder_of(path: &Path) -> &Path {
+pub fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),

@@ -4,7 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::staged;
-use crate::base::cause::Cause;
+use crate::cause::Cause;
 
 /// Why an output cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -100,7 +100,7 @@ impl OutputError {
         Self::Write { path, cause }
     }
 
-    pub(crate) fn contents(path: &Path, text: String) -> Self {
+    pub fn contents(path: &Path, text: String) -> Self {
         let path = path.to_owned();
         Self::Contents { path, text }
     }

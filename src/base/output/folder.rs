@@ -226,7 +226,7 @@ impl Folder {
 
     fn list(&self, staged: &Path, files: BTreeSet<String>) -> Result<(), OutputError> {
         let manifest = Manifest {
-            program: env!("CARGO_PKG_NAME").to_owned(),
+            program: "insonify".to_owned(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
             command: self.command.to_owned(),
             files,

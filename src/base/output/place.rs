@@ -7,7 +7,9 @@ use std::path::{Path, PathBuf};
 use super::OutputError;
 use super::atomic::folder_of;
 use super::staged::{self, StagedFile};
-use crate::base::report::page::GENERATOR;
+
+/// Mark of the pages of this program.
+pub const GENERATOR: &str = "<meta name=\"generator\" content=\"insonify\">";
 
 /// Number of leading bytes compared to identify the kind of an existing file.
 const START: u64 = 512;
@@ -93,7 +95,7 @@ fn is_same_kind(path: &Path) -> io::Result<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::cause::Cause;
+    use crate::cause::Cause;
 
     #[test]
     fn files_of_another_kind_and_inputs_stay() {

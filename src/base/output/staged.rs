@@ -46,7 +46,7 @@ impl Drop for Live {
 }
 
 /// A temporary file.
-pub(crate) struct StagedFile {
+pub struct StagedFile {
     pub file: NamedTempFile,
     _live: Live,
 }

@@ -6,14 +6,14 @@ use super::{hash3, seed_words, unit};
 
 /// A smooth random field over the world.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Noise {
+pub struct Noise {
     seed: [u32; 2],
     scale_mm: f64,
 }
 
 impl Noise {
     /// A field whose features are about `scale_mm` wide. Fields of different `stream` numbers are independent.
-    pub(crate) fn new(seed: u64, stream: u32, scale_mm: f64) -> Self {
+    pub fn new(seed: u64, stream: u32, scale_mm: f64) -> Self {
         let [low, high] = seed_words(seed);
         Self {
             seed: [
@@ -25,12 +25,12 @@ impl Noise {
     }
 
     /// Value in [-1, 1] at a world point: lattice values joined by a smooth step.
-    pub(crate) fn at(&self, p: &Vector3<f64>) -> f64 {
+    pub fn at(&self, p: &Vector3<f64>) -> f64 {
         self.nearby().at(p)
     }
 
     /// The same field with a cache of one lattice cell, for runs of neighbouring points.
-    pub(crate) fn nearby(&self) -> Nearby {
+    pub fn nearby(&self) -> Nearby {
         Nearby {
             noise: *self,
             cell: None,
@@ -40,7 +40,7 @@ impl Noise {
 }
 
 /// A field with the lattice values around the last point.
-pub(crate) struct Nearby {
+pub struct Nearby {
     noise: Noise,
     cell: Option<Vector3<f64>>,
     corners: [f64; 8],
@@ -48,7 +48,7 @@ pub(crate) struct Nearby {
 
 impl Nearby {
     /// As [`Noise::at`].
-    pub(crate) fn at(&mut self, p: &Vector3<f64>) -> f64 {
+    pub fn at(&mut self, p: &Vector3<f64>) -> f64 {
         let scaled = p / self.noise.scale_mm;
         let cell = scaled.map(f64::floor);
         if self.cell != Some(cell) {
@@ -71,6 +71,6 @@ impl Nearby {
 }
 
 /// A number in [0, 1) for the `item`-th choice of a stream.
-pub(crate) fn choice(seed: u64, stream: u32, item: [i32; 2]) -> f64 {
+pub fn choice(seed: u64, stream: u32, item: [i32; 2]) -> f64 {
     f64::from(unit(hash3([stream as i32, item[0], item[1]], seed_words(seed))[1]))
 }

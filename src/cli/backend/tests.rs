@@ -1,15 +1,17 @@
 use super::*;
-use crate::mechanics::mesh::TetMesh;
-use crate::study::testing;
+use insonify_imaging::anatomies;
+use insonify_mesh::TetMesh;
 
 #[test]
 fn a_measured_choice_is_kept_and_followed() {
-    let Some(gpu) = crate::gpu::testing::open() else { return };
+    let Some(gpu) = insonify_testing::gpu::gpu_or_skip(std::thread::current().name().unwrap_or("a test")) else {
+        return;
+    };
     // Software stands for hardware: which it is has been decided before.
     let adapter = gpu.report();
     let folder = tempfile::tempdir().unwrap();
     let cache = Cache::at(folder.path(), "here");
-    let (mut anatomy, settings, state) = testing::scene();
+    let (mut anatomy, settings, state) = anatomies::two_layers();
     let around = |by: f64| std::array::from_fn(|axis| state.probe_to_world[(axis, 3)] + by);
     anatomy.mesh = TetMesh::over_box(around(-70.0), around(70.0), 500).ok().map(Arc::new);
     let tables = Arc::new(Tables::new(anatomy.clone(), settings.clone()).unwrap());

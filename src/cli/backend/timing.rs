@@ -4,15 +4,15 @@ use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
-use crate::base::cache::program;
-use crate::base::output::OutputError;
-use crate::base::report::number::milliseconds;
-use crate::base::report::statistics::median;
-use crate::gpu::adapter::AdapterReport;
-use crate::imaging::plan::Plan;
-use crate::imaging::quality::cache::Cache;
-use crate::imaging::synth::tables::Tables;
-use crate::imaging::synth::{FrameState, SynthError, Synthesizer};
+use insonify_base::cache::program;
+use insonify_base::number::milliseconds;
+use insonify_base::output::OutputError;
+use insonify_base::statistics::median;
+use insonify_gpu::adapter::AdapterReport;
+use insonify_imaging::plan::Plan;
+use insonify_imaging::quality::cache::Cache;
+use insonify_imaging::synth::tables::Tables;
+use insonify_imaging::synth::{FrameState, SynthError, Synthesizer};
 
 /// Largest number of frames of which the median is taken.
 const FRAMES: usize = 5;
@@ -211,7 +211,9 @@ mod tests {
 
     #[test]
     fn the_last_times_are_kept_for_an_adapter() {
-        let Some(gpu) = crate::gpu::testing::open() else { return };
+        let Some(gpu) = insonify_testing::gpu::gpu_or_skip(std::thread::current().name().unwrap_or("a test")) else {
+            return;
+        };
         let folder = tempfile::tempdir().unwrap();
         let cache = Cache::at(folder.path(), "here");
         for number in 0..MAX_KEPT + 2 {

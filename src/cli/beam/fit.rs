@@ -3,19 +3,19 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
-use crate::base::csv::CsvError;
-use crate::base::report::plot::{Axis, Marker, Plot, Series};
-use crate::input::beam_case::points;
-use crate::mechanics::needle::beam::Compression;
-use crate::mechanics::needle::beam::fit::{self, PARTED, Sample};
-use crate::mechanics::needle::beam::material::Law;
 use clap::Args;
+use insonify_base::csv::CsvError;
+use insonify_mechanics::needle::beam::Compression;
+use insonify_mechanics::needle::beam::fit::{self, PARTED, Sample};
+use insonify_mechanics::needle::beam::material::Law;
+use insonify_report::plot::{Axis, Marker, Plot, Series};
+use insonify_study::beam_case::points;
 use serde_json::{Map, Value, json};
 
-use crate::cli::failure::Failure;
-use crate::cli::output::{self, Force};
-use crate::cli::terminal;
-use crate::cli::variants::variants;
+use crate::failure::Failure;
+use crate::output::{self, Force};
+use crate::terminal;
+use crate::variants::variants;
 
 /// Number of points of a curve.
 const FINE: usize = 120;

@@ -4,17 +4,17 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use crate::anatomy::volume::{VolumeError, load_scalar};
-use crate::base::report::number::decimal;
-use crate::base::report::table::{Cell, Table};
-use crate::cli::failure::Failure;
-use crate::cli::output::{self, Force};
-use crate::cli::study::Printed;
-use crate::cli::terminal;
-use crate::input::beam_case::{Case, CaseFile};
-use crate::mechanics::needle::beam::Base;
-use crate::study::beam::compare::compare;
-use crate::study::beam::measure::{Design, Measured, Scan, Thresholds, measure, scan};
+use crate::failure::Failure;
+use crate::output::{self, Force};
+use crate::study::Printed;
+use crate::terminal;
+use insonify_anatomy::volume::{VolumeError, load_scalar};
+use insonify_base::number::decimal;
+use insonify_base::table::{Cell, Table};
+use insonify_mechanics::needle::beam::Base;
+use insonify_study::beam::compare::compare;
+use insonify_study::beam::measure::{Design, Measured, Scan, Thresholds, measure, scan};
+use insonify_study::beam_case::{Case, CaseFile};
 
 /// Slope and straightness (mm) of a needle at rest beyond which a warning is given.
 const REST: [f64; 2] = [0.02, 0.3];

@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::cli::failure::Failure;
-use crate::cli::study::Printed;
-use crate::input::beam_case::{Case, CaseFile};
-use crate::study::beam::case::{Uncertainty, compression, map, sensitivity};
+use crate::failure::Failure;
+use crate::study::Printed;
+use insonify_study::beam::case::{Uncertainty, compression, map, sensitivity};
+use insonify_study::beam_case::{Case, CaseFile};
 
 /// Step of the remote centres of motion where none are given, mm.
 const STEP_MM: f64 = 5.0;

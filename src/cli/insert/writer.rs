@@ -5,30 +5,31 @@ use std::fs::{self, File};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use crate::base::output::OutputError;
-use crate::base::output::gif::Preview;
-use crate::base::output::{numbered, png};
-use crate::base::report::plot::SIZE;
-use crate::input::scenario::deformed::{NeedlePoly, seeds_poly};
-use crate::input::scenario::points::Displaced;
-use crate::input::scenario::record::Record;
-use crate::input::scenario::run::{Deformed, Moment, Observer, Requests, Step};
-use crate::input::scenario::{Scenario, Summary};
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::mesh::file::{DISPLACEMENT, MeshFileError, Poly, Values, write_pvd, write_vtp, write_vtu_with};
 use indicatif::ProgressBar;
+use insonify::Summary;
+use insonify::input::scenario::Scenario;
+use insonify::input::scenario::points::Displaced;
+use insonify::run::deformed::{NeedlePoly, seeds_poly};
+use insonify::run::record::Record;
+use insonify::run::{Deformed, Moment, Observer, Requests, Step};
+use insonify_base::output::OutputError;
+use insonify_base::output::{numbered, png};
+use insonify_mesh::TetMesh;
+use insonify_mesh::file::{DISPLACEMENT, MeshFileError, Poly, Values, write_pvd, write_vtp, write_vtu_with};
+use insonify_report::gif::Preview;
+use insonify_report::plot::SIZE;
 use serde::Serialize;
 
 use super::Images;
-use crate::cli::backend::Chosen;
-use crate::cli::failure::Failure;
-use crate::cli::output::text;
-use crate::cli::render::extras::Extras;
-use crate::cli::render::output::{Output, Shot};
-use crate::cli::render::target::Target;
-use crate::cli::terminal;
+use crate::backend::Chosen;
+use crate::failure::Failure;
+use crate::output::text;
+use crate::render::extras::Extras;
+use crate::render::output::{Output, Shot};
+use crate::render::target::Target;
+use crate::terminal;
 
-/// Files of a run, as [`crate::base::output::folder::Folder::open`] takes them; plots are not checked for in advance.
+/// Files of a run, as [`insonify_base::output::folder::Folder::open`] takes them; plots are not checked for in advance.
 pub const FILES: &[&str] = &[
     "steps.csv",
     "points.csv",

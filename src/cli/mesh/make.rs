@@ -4,21 +4,21 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use crate::anatomy::phantom::{self, Phantom, PhantomOptions};
-use crate::anatomy::segmentation::{self, Segmentation};
-use crate::anatomy::volume::complete::{CompleteOptions, complete};
-use crate::anatomy::volume::{Label, LabelVolume};
-use crate::base::text::column;
-use crate::mechanics::mesh::file::write_vtu_with;
-use crate::mechanics::mesh::generate::{GenerateOptions, GenerateReport, LabelGrid, generate};
 use clap::Args;
+use insonify_anatomy::phantom::{self, Phantom, PhantomOptions};
+use insonify_anatomy::segmentation::{self, Segmentation};
+use insonify_anatomy::volume::complete::{CompleteOptions, complete};
+use insonify_anatomy::volume::{Label, LabelVolume};
+use insonify_base::text::column;
+use insonify_mesh::file::write_vtu_with;
+use insonify_mesh::generate::{GenerateOptions, GenerateReport, LabelGrid, generate};
 use serde::Serialize;
 
-use crate::cli::failure::Failure;
-use crate::cli::input::NamesArg;
-use crate::cli::output::Force;
-use crate::cli::terminal;
-use crate::cli::variants::variants;
+use crate::failure::Failure;
+use crate::input::NamesArg;
+use crate::output::Force;
+use crate::terminal;
+use crate::variants::variants;
 
 const EXAMPLES: &str = "\
 Examples:

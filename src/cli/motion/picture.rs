@@ -3,14 +3,14 @@
 use image::{Rgb, RgbImage};
 
 use super::{Motion, TRUSTED};
-use crate::cli::failure::Failure;
-use crate::cli::rf::laid_out;
-use crate::cli::terminal;
-use crate::imaging::canvas;
-use crate::imaging::rf::bmode::{envelope, grey, scan_converted, white};
-use crate::imaging::rf::file::Echoes;
-use crate::imaging::rf::motion::Estimate;
-use crate::tracking::probe::{BeamGrid, ImageGrid};
+use crate::failure::Failure;
+use crate::rf::laid_out;
+use crate::terminal;
+use insonify_imaging::canvas;
+use insonify_imaging::rf::bmode::{envelope, grey, scan_converted, white};
+use insonify_imaging::rf::file::Echoes;
+use insonify_imaging::rf::motion::Estimate;
+use insonify_tracking::probe::{BeamGrid, ImageGrid};
 
 /// Windows over which strain is a slope.
 const SLOPE: usize = 9;

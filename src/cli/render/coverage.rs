@@ -1,7 +1,7 @@
 //! Warnings about the position of the scan plane in the volume.
 
-use crate::imaging::synth::layers::world_position;
-use crate::imaging::synth::tables::Tables;
+use insonify_imaging::synth::layers::world_position;
+use insonify_imaging::synth::tables::Tables;
 use nalgebra::{Matrix4, Point3};
 
 /// Largest gap without tissue under the outermost elements of a convex array on flat skin, mm: about the sagitta of 60 mm

@@ -1,19 +1,19 @@
 //! Optional companion files of a frame: ground-truth layers, a sidecar, an overview.
 
-use crate::imaging::overview::overview;
-use crate::imaging::synth::Synthesizer;
-use crate::imaging::synth::layers::Layer;
-use crate::input::scene::Scene;
-use crate::tracking::needle::NeedlePose;
-use crate::tracking::pose::Pose;
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use image::RgbImage;
+use insonify_imaging::overview::overview;
+use insonify_imaging::scene::Scene;
+use insonify_imaging::synth::Synthesizer;
+use insonify_imaging::synth::layers::Layer;
+use insonify_tracking::needle::NeedlePose;
+use insonify_tracking::pose::Pose;
 use serde_json::json;
 
-use crate::cli::failure::Failure;
-use crate::cli::terminal;
-use crate::cli::variants::{named, names};
+use crate::failure::Failure;
+use crate::terminal;
+use crate::variants::{named, names};
 
 /// Former names of layers, and their replacements.
 const EARLIER: [(&str, Layer); 2] = [("labels", Layer::LabelValue), ("shadowed", Layer::Loss)];

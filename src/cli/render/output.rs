@@ -10,22 +10,22 @@ use std::thread::available_parallelism;
 
 use nalgebra::Matrix4;
 
-use crate::base::matrix::Rows;
-use crate::base::output::png::{self, Compression};
-use crate::base::output::queue::{Job, Queue};
-use crate::base::output::{OutputError, atomic};
-use crate::imaging::overlay;
-use crate::imaging::sequence::{FrameInfo, SequenceWriter, transforms};
-use crate::imaging::sidecar::{self, Files, ImagePlace, LayerFile, NeedlePlace, Sidecar};
-use crate::imaging::synth::layers::Layer;
-use crate::imaging::synth::{FrameState, Synthesizer};
-use crate::input::scene::Scene;
-use crate::tracking::needle::{MAX_NODES, NeedlePose};
-use crate::tracking::pose::Pose;
+use insonify_base::matrix::Rows;
+use insonify_base::output::png::{self, Compression};
+use insonify_base::output::queue::{Job, Queue};
+use insonify_base::output::{OutputError, atomic};
+use insonify_imaging::overlay;
+use insonify_imaging::scene::Scene;
+use insonify_imaging::sequence::{FrameInfo, SequenceWriter, transforms};
+use insonify_imaging::sidecar::{self, Files, ImagePlace, LayerFile, NeedlePlace, Sidecar};
+use insonify_imaging::synth::layers::Layer;
+use insonify_imaging::synth::{FrameState, Synthesizer};
+use insonify_tracking::needle::{MAX_NODES, NeedlePose};
+use insonify_tracking::pose::Pose;
 
 use super::extras::{self, Extras};
 use super::target::{Target, name_of};
-use crate::cli::failure::Failure;
+use crate::failure::Failure;
 
 /// File of the parameters shared by many frames.
 pub const PARAMETERS: &str = "parameters.json";

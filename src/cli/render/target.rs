@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 
 use super::extras::Extras;
 use super::output::PARAMETERS;
-use crate::base::output::folder::{Folder, MANIFEST};
-use crate::base::output::png;
-use crate::cli::failure::Failure;
-use crate::cli::output::Force;
-use crate::imaging::sidecar::Sidecar;
-use crate::imaging::synth::layers::Layer;
+use crate::failure::Failure;
+use crate::output::Force;
+use insonify_base::output::folder::{Folder, MANIFEST};
+use insonify_base::output::png;
+use insonify_imaging::sidecar::Sidecar;
+use insonify_imaging::synth::layers::Layer;
 
 /// Extensions of unsupported pictures and films, which are not taken for folders.
 const OTHERS: [&str; 14] = [

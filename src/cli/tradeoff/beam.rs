@@ -1,10 +1,10 @@
 //! `insonify tradeoff beam`: options of the needle as a beam in tissue.
 
-use crate::study::tradeoff::beam::study;
 use clap::Args;
+use insonify_study::tradeoff::beam::study;
 
-use crate::cli::failure::Failure;
-use crate::cli::study::Printed;
+use crate::failure::Failure;
+use crate::study::Printed;
 
 const EXAMPLES: &str = "\
 Examples:

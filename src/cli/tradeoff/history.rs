@@ -1,11 +1,11 @@
 //! `insonify tradeoff history`: quadrature rules for fading memory.
 
-use crate::study::tradeoff::history::{HistoryOptions, study};
 use clap::Args;
+use insonify_study::tradeoff::history::{HistoryOptions, study};
 
-use crate::cli::failure::Failure;
-use crate::cli::study::Printed;
-use crate::cli::variants::ranged;
+use crate::failure::Failure;
+use crate::study::Printed;
+use crate::variants::ranged;
 
 const EXAMPLES: &str = "\
 Examples:

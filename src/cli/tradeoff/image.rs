@@ -2,13 +2,13 @@
 
 use std::time::Duration;
 
-use crate::study::tradeoff::gather::Devices;
-use crate::study::tradeoff::image::{ImageOptions, study};
 use clap::Args;
+use insonify_study::tradeoff::gather::Devices;
+use insonify_study::tradeoff::image::{ImageOptions, study};
 
-use crate::cli::backend::{BackendArgs, BackendName};
-use crate::cli::failure::Failure;
-use crate::cli::study::Printed;
+use crate::backend::{BackendArgs, BackendName};
+use crate::failure::Failure;
+use crate::study::Printed;
 
 const TEACHING: &str = "\
 Each table has a gold standard, made in the same run, and says which:

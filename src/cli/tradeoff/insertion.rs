@@ -1,11 +1,11 @@
 //! `insonify tradeoff insertion`: options of needle insertions.
 
-use crate::study::tradeoff::insertion::{InsertionOptions, Part, study};
 use clap::Args;
+use insonify_study::tradeoff::insertion::{InsertionOptions, Part, study};
 
-use crate::cli::failure::Failure;
-use crate::cli::study::Printed;
-use crate::cli::variants::variants;
+use crate::failure::Failure;
+use crate::study::Printed;
+use crate::variants::variants;
 
 const EXAMPLES: &str = "\
 Examples:

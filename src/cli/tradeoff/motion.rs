@@ -1,10 +1,10 @@
 //! `insonify tradeoff motion`: estimates of motion from radio-frequency echoes.
 
-use crate::study::tradeoff::motion::study;
 use clap::Args;
+use insonify_study::tradeoff::motion::study;
 
-use crate::cli::failure::Failure;
-use crate::cli::study::Printed;
+use crate::failure::Failure;
+use crate::study::Printed;
 
 const EXAMPLES: &str = "\
 Examples:

@@ -1,10 +1,10 @@
 //! `insonify tradeoff planning`: tissue of plans, meshes of identifications.
 
-use crate::study::tradeoff::planning::study;
 use clap::Args;
+use insonify_study::tradeoff::planning::study;
 
-use crate::cli::failure::Failure;
-use crate::cli::study::Printed;
+use crate::failure::Failure;
+use crate::study::Printed;
 
 const EXAMPLES: &str = "\
 Examples:

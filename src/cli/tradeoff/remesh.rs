@@ -3,18 +3,18 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::mesh::file::{ReadOptions, read_mesh};
-use crate::study::tradeoff::gather::Devices;
-use crate::study::tradeoff::remesh::subject::generated;
-use crate::study::tradeoff::remesh::{NODES, RemeshOptions, study};
 use clap::Args;
+use insonify_mesh::TetMesh;
+use insonify_mesh::file::{ReadOptions, read_mesh};
+use insonify_study::tradeoff::gather::Devices;
+use insonify_study::tradeoff::remesh::subject::generated;
+use insonify_study::tradeoff::remesh::{NODES, RemeshOptions, study};
 
-use crate::cli::backend::{BackendArgs, BackendName};
-use crate::cli::failure::Failure;
-use crate::cli::study::Printed;
-use crate::cli::terminal;
-use crate::cli::variants::ranged;
+use crate::backend::{BackendArgs, BackendName};
+use crate::failure::Failure;
+use crate::study::Printed;
+use crate::terminal;
+use crate::variants::ranged;
 
 use super::effort;
 

@@ -1,10 +1,10 @@
 //! `insonify tradeoff tissue`: schemes and models for stiffening and viscoelastic tissue.
 
-use crate::study::tradeoff::tissue::{TissueOptions, study};
 use clap::Args;
+use insonify_study::tradeoff::tissue::{TissueOptions, study};
 
-use crate::cli::failure::Failure;
-use crate::cli::study::Printed;
+use crate::failure::Failure;
+use crate::study::Printed;
 
 const EXAMPLES: &str = "\
 Examples:

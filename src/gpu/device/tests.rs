@@ -1,7 +1,7 @@
 use std::sync::Mutex;
 
 use super::*;
-use crate::gpu::{PassSource, Pipeline, Readback, StorageBuffer, testing};
+use crate::{PassSource, Pipeline, Readback, StorageBuffer, testing};
 
 #[test]
 fn limits_beyond_the_useful_ones_are_raised_only_where_needed() {

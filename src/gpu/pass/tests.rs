@@ -1,5 +1,5 @@
 use super::*;
-use crate::gpu::{Dispatch, Readback, testing};
+use crate::{Dispatch, Readback, testing};
 
 const SCALE: &str = "
     struct Parameters { factor: u32 }

@@ -11,13 +11,13 @@ use super::buffers::{AMPLITUDE, AMPLITUDE_NEXT, Buffer, bytes_of};
 use super::lateral::{BLOCK, FWHM_PER_SIGMA, LateralKernel, narrowed};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Parameters, Stage, Verdict};
-use crate::base::range::parameters;
-use crate::base::real::Real;
-use crate::base::simd::{Kernel, vectorised};
-use crate::imaging::synth::SynthError;
-use crate::imaging::synth::store::Store;
-use crate::imaging::synth::tables::{Inputs, Tables};
-use crate::tracking::probe::BeamGrid;
+use crate::synth::SynthError;
+use crate::synth::store::Store;
+use crate::synth::tables::{Inputs, Tables};
+use insonify_base::range::parameters;
+use insonify_base::real::Real;
+use insonify_base::simd::{Kernel, vectorised};
+use insonify_tracking::probe::BeamGrid;
 
 parameters! {
     /// Radial blur.

@@ -6,8 +6,8 @@ use std::fmt;
 use bytemuck::Pod;
 
 use super::pass::Band;
-use crate::imaging::synth::FrameState;
-use crate::imaging::synth::tables::{LabelRow, Tables};
+use crate::synth::FrameState;
+use crate::synth::tables::{LabelRow, Tables};
 
 /// Contents of a buffer from the tables; of a per-pixel one, those of a band of rows.
 type Contents = fn(&Tables, Band) -> Vec<u8>;
@@ -15,7 +15,7 @@ type Contents = fn(&Tables, Band) -> Vec<u8>;
 /// Computes the contents of a buffer for a frame.
 type PerFrame = fn(&Tables, &FrameState, &mut Vec<f32>);
 
-/// A buffer shared by passes. On the CPU it is a vector of [`Store`](crate::imaging::synth::store::Store) or a table; on the GPU a storage
+/// A buffer shared by passes. On the CPU it is a vector of [`Store`](crate::synth::store::Store) or a table; on the GPU a storage
 /// buffer.
 pub struct Buffer {
     /// Name, unique over all effects.
@@ -227,13 +227,13 @@ macro_rules! columns {
             $($(#[$field_doc])* pub $field: Vec<$type>,)+
         }
 
-        impl $(<$t: crate::base::real::Real>)? $name $(<$t>)? {
+        impl $(<$t: insonify_base::real::Real>)? $name $(<$t>)? {
             /// Allocates what a plan uses and frees the rest.
-            pub fn fit(&mut self, plan: &crate::imaging::plan::Plan, tables: &crate::imaging::synth::tables::Tables) {
+            pub fn fit(&mut self, plan: &crate::plan::Plan, tables: &crate::synth::tables::Tables) {
                 $(
-                    let len: fn(&crate::imaging::synth::tables::Tables) -> usize = $len;
+                    let len: fn(&crate::synth::tables::Tables) -> usize = $len;
                     let len = if plan.uses(&$buffer) { len(tables) } else { 0 };
-                    crate::imaging::synth::store::resize(&mut self.$field, len, $fill);
+                    crate::synth::store::resize(&mut self.$field, len, $fill);
                 )+
             }
 

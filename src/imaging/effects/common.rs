@@ -1,8 +1,8 @@
 //! Geometry and random numbers that several effects share; the shaders' share is in `shaders/common`.
 
-use crate::base::random::{pcg_mix, pcg_step, seeded};
-use crate::base::real::Real;
-use crate::imaging::synth::tables::Tables;
+use crate::synth::tables::Tables;
+use insonify_base::random::{pcg_mix, pcg_step, seeded};
+use insonify_base::real::Real;
 
 /// The first three rows of an affine matrix.
 pub fn rows<T: Real>(matrix: &nalgebra::Matrix4<f64>) -> [[T; 4]; 3] {

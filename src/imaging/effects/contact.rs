@@ -15,11 +15,11 @@ use super::buffers::{Buffer, POSITION, RAYS, columns};
 use super::common::{plane_step, rows};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Parameters, Stage, Verdict};
-use crate::base::range::parameters;
-use crate::base::real::Real;
-use crate::imaging::synth::FrameState;
-use crate::imaging::synth::store::Store;
-use crate::imaging::synth::tables::Tables;
+use crate::synth::FrameState;
+use crate::synth::store::Store;
+use crate::synth::tables::Tables;
+use insonify_base::range::parameters;
+use insonify_base::real::Real;
 
 parameters! {
     /// Contact between skin and array.

@@ -1,4 +1,4 @@
-//! Geometry: world position of each sample of each scanline, relative to the local origin ([`crate::imaging::synth::local_origin`]).
+//! Geometry: world position of each sample of each scanline, relative to the local origin ([`crate::synth::local_origin`]).
 //!
 //! Rays are computed once in double precision from the probe's shape; a frame only applies the probe's pose. With the
 //! `thickness` effect the same rays are repeated on parallel sub-planes; sub-plane 0 is always the central one.
@@ -11,10 +11,10 @@ use super::buffers::{POSITION, RAYS};
 use super::common::{plane_step, rows};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Stage, Verdict};
-use crate::base::real::Real;
-use crate::base::simd::map;
-use crate::imaging::synth::store::Store;
-use crate::imaging::synth::tables::Tables;
+use crate::synth::store::Store;
+use crate::synth::tables::Tables;
+use insonify_base::real::Real;
+use insonify_base::simd::map;
 
 /// Registry entry.
 pub const EFFECT: Effect = Effect {

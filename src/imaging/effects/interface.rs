@@ -21,12 +21,12 @@ use super::common::{rows, scatterers};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, reference};
 use super::slice::{Beyond, LabelReader};
 use super::{Effect, Parameters, Stage, Verdict};
-use crate::base::random::seed_words;
-use crate::base::range::parameters;
-use crate::base::real::Real;
-use crate::base::simd::{Kernel, map, vectorised};
-use crate::imaging::synth::store::Store;
-use crate::imaging::synth::tables::Tables;
+use crate::synth::store::Store;
+use crate::synth::tables::Tables;
+use insonify_base::random::seed_words;
+use insonify_base::range::parameters;
+use insonify_base::real::Real;
+use insonify_base::simd::{Kernel, map, vectorised};
 
 /// Correlation length of the echo along a rough surface, mm: of the order at which bright lines break up in clinical
 /// frames (strands of median 4 mm and up to 36 mm between breaks).

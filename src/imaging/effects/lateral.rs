@@ -3,7 +3,7 @@
 //! Shared by the lateral point spread of `speckle`, by `blur` and by `shadow`. Widths are given in scanlines for each sample depth, so
 //! that a kernel follows arcs of constant depth about the probe's virtual apex.
 
-use crate::base::real::{Numbers, Real};
+use insonify_base::real::{Numbers, Real};
 
 /// Weights across scanlines, one set per sample depth. Tap `t` applies to the scanline at offset `t - reach`.
 #[derive(Clone, Debug, Default, PartialEq)]

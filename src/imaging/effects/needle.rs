@@ -18,11 +18,11 @@ use rayon::prelude::*;
 use super::buffers::{AMPLITUDE, Buffer, NEEDLE_MASK, RAYS, SPECULAR, columns};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, reference};
 use super::{Effect, Parameters, Stage, Verdict};
-use crate::base::random::seed_words;
-use crate::base::range::parameters;
-use crate::base::real::Real;
-use crate::imaging::synth::store::Store;
-use crate::imaging::synth::tables::Tables;
+use crate::synth::store::Store;
+use crate::synth::tables::Tables;
+use insonify_base::random::seed_words;
+use insonify_base::range::parameters;
+use insonify_base::real::Real;
 
 pub use segments::{MAX_SEGMENTS, Segment, left_out, segments};
 pub use shaft::Shaft;

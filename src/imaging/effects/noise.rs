@@ -10,12 +10,12 @@ use rayon::prelude::*;
 use super::buffers::{IMAGE, SCAN_MAP};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Parameters, Stage, Verdict};
-use crate::base::random::{hash3, pcg3d, seed_words};
-use crate::base::range::parameters;
-use crate::base::real::Real;
-use crate::base::simd::{Kernel, map, vectorised};
-use crate::imaging::synth::store::Store;
-use crate::imaging::synth::tables::Tables;
+use crate::synth::store::Store;
+use crate::synth::tables::Tables;
+use insonify_base::random::{hash3, pcg3d, seed_words};
+use insonify_base::range::parameters;
+use insonify_base::real::Real;
+use insonify_base::simd::{Kernel, map, vectorised};
 
 parameters! {
     /// Additive noise.

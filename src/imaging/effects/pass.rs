@@ -3,11 +3,11 @@
 use bytemuck::Pod;
 
 use super::buffers::Buffer;
-#[cfg(feature = "internals")]
-use crate::base::lossy::Lossy;
-use crate::imaging::synth::slab::Slab;
-use crate::imaging::synth::store::Store;
-use crate::imaging::synth::{FrameState, tables::Tables};
+use crate::synth::slab::Slab;
+use crate::synth::store::Store;
+use crate::synth::{FrameState, tables::Tables};
+#[cfg(test)]
+use insonify_testing::lossy::Lossy;
 
 /// Inputs of a pass besides its resources.
 #[derive(Clone, Copy)]
@@ -55,7 +55,7 @@ pub struct Band {
 }
 
 /// What a pass does with a buffer, and where: at its own sample or pixel, on its own scanline or row of pixels, or anywhere. Passes are fused
-/// by it ([`crate::imaging::fusion`]). Where nothing in a frame writes a buffer, it does not matter where it is read.
+/// by it ([`crate::fusion`]). Where nothing in a frame writes a buffer, it does not matter where it is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Use {
     /// Read anywhere.
@@ -149,18 +149,18 @@ pub struct Reference {
     /// In double precision.
     pub double: fn(&View, &mut Store<f64>),
     /// In the least accurate single precision that WGSL allows.
-    #[cfg(feature = "internals")]
+    #[cfg(test)]
     pub lossy: fn(&View, &mut Store<Lossy>),
 }
 
 /// The reference of a pass, from a function that is generic over the scalar.
 macro_rules! reference {
     ($($run:ident)::+) => {
-        crate::imaging::effects::pass::Reference {
+        crate::effects::pass::Reference {
             single: $($run)::+::<f32>,
             double: $($run)::+::<f64>,
-            #[cfg(feature = "internals")]
-            lossy: $($run)::+::<crate::base::lossy::Lossy>,
+            #[cfg(test)]
+            lossy: $($run)::+::<insonify_testing::lossy::Lossy>,
         }
     };
 }

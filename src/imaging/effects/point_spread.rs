@@ -4,11 +4,11 @@
 //! MHz, 0.3 x 0.5 mm at 10 MHz, as in frames of phantoms and muscle at those frequencies.
 
 use super::speckle::Speckle;
-use crate::tracking::probe::{Probe, ProbeKind};
+use insonify_tracking::probe::{Probe, ProbeKind};
 
 /// Lengths at 1 MHz, mm: axial, lateral at the focus, elevational, and from the focus to where the lateral length has grown by sqrt 2 (a
 /// Rayleigh length, which scales with the wavelength at constant f-number).
-pub(crate) const AXIAL_MM: f64 = 2.8;
+pub const AXIAL_MM: f64 = 2.8;
 const LATERAL_MM: f64 = 5.25;
 const ELEVATIONAL_MM: f64 = 6.3;
 const FOCAL_ZONE_MM: f64 = 175.0;
@@ -65,7 +65,7 @@ impl PointSpread {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tracking::probe::ProbeShape;
+    use insonify_tracking::probe::ProbeShape;
 
     #[test]
     fn lengths_go_with_the_wavelength_unless_stated() {

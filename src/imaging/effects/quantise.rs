@@ -6,9 +6,9 @@ use rayon::prelude::*;
 use super::buffers::{IMAGE, PIXELS};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Stage, Verdict};
-use crate::base::real::Real;
-use crate::imaging::synth::store::Store;
-use crate::imaging::synth::tables::Tables;
+use crate::synth::store::Store;
+use crate::synth::tables::Tables;
+use insonify_base::real::Real;
 
 /// Registry entry.
 pub const EFFECT: Effect = Effect {

@@ -23,14 +23,14 @@ use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::point_spread::PointSpread;
 use super::shadow::average_db_cm;
 use super::{Effect, Parameters, Stage, Verdict};
-use crate::base::random::{hash3, pcg3d, seed_words};
-use crate::base::range::parameters;
-use crate::base::real::Real;
-use crate::base::simd::{Kernel, array, map, vectorised};
-use crate::imaging::synth::SynthError;
-use crate::imaging::synth::store::Store;
-use crate::imaging::synth::tables::{Inputs, Settings, Tables};
-use crate::tracking::probe::BeamGrid;
+use crate::synth::SynthError;
+use crate::synth::store::Store;
+use crate::synth::tables::{Inputs, Settings, Tables};
+use insonify_base::random::{hash3, pcg3d, seed_words};
+use insonify_base::range::parameters;
+use insonify_base::real::Real;
+use insonify_base::simd::{Kernel, array, map, vectorised};
+use insonify_tracking::probe::BeamGrid;
 
 parameters! {
     /// Electronic noise and acoustic clutter.

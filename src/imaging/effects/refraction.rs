@@ -19,10 +19,10 @@ use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, columns};
 use super::common::spacing;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Parameters, Stage, Verdict};
-use crate::base::range::parameters;
-use crate::base::real::Real;
-use crate::imaging::synth::store::Store;
-use crate::imaging::synth::tables::Tables;
+use crate::synth::store::Store;
+use crate::synth::tables::Tables;
+use insonify_base::range::parameters;
+use insonify_base::real::Real;
 
 parameters! {
     /// Refraction of beams.

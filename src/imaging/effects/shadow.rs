@@ -21,12 +21,12 @@ use super::common;
 use super::lateral::LateralKernel;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, reference};
 use super::{Effect, OutOfRange, Parameters, Stage, Verdict};
-use crate::anatomy::acoustics::Tissue;
-use crate::base::range::{check, parameters};
-use crate::base::real::Real;
-use crate::imaging::synth::SynthError;
-use crate::imaging::synth::store::Store;
-use crate::imaging::synth::tables::{Inputs, Settings, Tables};
+use crate::synth::SynthError;
+use crate::synth::store::Store;
+use crate::synth::tables::{Inputs, Settings, Tables};
+use insonify_anatomy::acoustics::Tissue;
+use insonify_base::range::{check, parameters};
+use insonify_base::real::Real;
 
 pub mod aperture;
 pub mod mirror;

@@ -16,10 +16,10 @@ use super::buffers::{AMPLITUDE, LABEL, LABEL_ROWS, POSITION, VOXELS};
 use super::common::rows;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Setting, Stage, Verdict};
-use crate::base::real::Real;
-use crate::base::simd::{Kernel, array, map, vectorised};
-use crate::imaging::synth::store::Store;
-use crate::imaging::synth::tables::Tables;
+use crate::synth::store::Store;
+use crate::synth::tables::Tables;
+use insonify_base::real::Real;
+use insonify_base::simd::{Kernel, array, map, vectorised};
 
 /// Sampling of labels.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]

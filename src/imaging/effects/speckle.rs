@@ -1,7 +1,7 @@
 //! Speckle: fully developed, anchored in the tissue.
 //!
 //! Space is filled with a cubic lattice of scatterers in the tissue's *reference* state, starting at the local origin
-//! ([`crate::imaging::synth::local_origin`]), each a complex random number from a hash of its lattice point. A sample interpolates the eight around its
+//! ([`crate::synth::local_origin`]), each a complex random number from a hash of its lattice point. A sample interpolates the eight around its
 //! reference position, weighted by its echo amplitude; the point spread of the probe is then applied in the beam frame as a separable convolution:
 //! across the plane (sub-planes of the same sample), along the beam, and across scanlines with a width that follows the focus. The envelope is the
 //! modulus. Sums of independent complex numbers make the amplitude Rayleigh distributed (mean over standard deviation 1.91; Wagner et al., IEEE
@@ -28,10 +28,10 @@ use super::lateral::narrowed;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, reference};
 use super::point_spread::PointSpread;
 use super::{Effect, Parameters, Stage, Verdict, needle};
-use crate::base::random::seed_words;
-use crate::base::range::parameters;
-use crate::imaging::synth::SynthError;
-use crate::imaging::synth::tables::{Inputs, Tables};
+use crate::synth::SynthError;
+use crate::synth::tables::{Inputs, Tables};
+use insonify_base::random::seed_words;
+use insonify_base::range::parameters;
 
 parameters! {
     /// Fully developed speckle. Lengths are full widths at half maximum of the autocorrelation of the echo intensity, as

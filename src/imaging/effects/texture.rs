@@ -1,7 +1,7 @@
 //! Texture: echo amplitude of a tissue's solid texture (Zhu et al. 2007, section 2.1), by trilinear interpolation.
 //!
 //! Texture coordinates are the reference position, rotated and scaled for the tissue, so that textures move with the tissue; like all positions in
-//! passes they are relative to the local origin ([`crate::imaging::synth::local_origin`]). A texture multiplies the tissue's mean echo; its own mean square is
+//! passes they are relative to the local origin ([`crate::synth::local_origin`]). A texture multiplies the tissue's mean echo; its own mean square is
 //! 1.
 
 use std::collections::BTreeMap;
@@ -13,14 +13,14 @@ use rayon::prelude::*;
 use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, POSITION, bytes_of};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Parameters, Stage, Verdict};
-use crate::anatomy::acoustics::{Tissue, bank};
-use crate::anatomy::volume::VolumeError;
-use crate::anatomy::volume::texture::{Atlas, AtlasEntry, Placement, SolidTexture};
-use crate::base::range::parameters;
-use crate::base::real::Real;
-use crate::imaging::synth::SynthError;
-use crate::imaging::synth::store::Store;
-use crate::imaging::synth::tables::{Anatomy, Inputs, Settings, Tables};
+use crate::synth::SynthError;
+use crate::synth::store::Store;
+use crate::synth::tables::{Anatomy, Inputs, Settings, Tables};
+use insonify_anatomy::acoustics::{Tissue, bank};
+use insonify_anatomy::volume::VolumeError;
+use insonify_anatomy::volume::texture::{Atlas, AtlasEntry, Placement, SolidTexture};
+use insonify_base::range::parameters;
+use insonify_base::real::Real;
 
 parameters! {
     /// Solid textures.

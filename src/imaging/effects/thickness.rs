@@ -11,10 +11,10 @@ use super::buffers::AMPLITUDE;
 use super::common::plane_step;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, OutOfRange, Parameters, Stage, Verdict};
-use crate::base::range::{check, parameters};
-use crate::base::real::Real;
-use crate::imaging::synth::store::Store;
-use crate::imaging::synth::tables::Tables;
+use crate::synth::store::Store;
+use crate::synth::tables::Tables;
+use insonify_base::range::{check, parameters};
+use insonify_base::real::Real;
 
 parameters! {
     /// Elevational thickness of the scan plane.

@@ -19,12 +19,12 @@ use super::pass::{
 };
 use super::shadow::average_db_cm;
 use super::{Effect, OutOfRange, Parameters, Stage, Verdict};
-use crate::base::range::{check, parameters, within};
-use crate::base::real::{Numbers, Real};
-use crate::imaging::synth::SynthError;
-use crate::imaging::synth::store::Store;
-use crate::imaging::synth::tables::{Inputs, Settings, Tables};
+use crate::synth::SynthError;
+use crate::synth::store::Store;
+use crate::synth::tables::{Inputs, Settings, Tables};
 use auto_gain::{AutoGain, BANDS};
+use insonify_base::range::{check, parameters, within};
+use insonify_base::real::{Numbers, Real};
 
 /// Grey level of an echo of 0 dB, as a fraction of the scale: phantom frames among real B-mode data have a mean grey
 /// level of 91 to 150 of 255.
@@ -119,7 +119,7 @@ impl Tone {
     }
 
     /// Blend of the S-shaped curve, 0 to 1.
-    pub(crate) fn bend(&self) -> f64 {
+    pub fn bend(&self) -> f64 {
         match self.curve {
             Curve::Linear => 0.0,
             Curve::S => S_BEND,

@@ -10,11 +10,11 @@ use super::buffers::{Buffer, LABEL, LOSS, NEEDLE_MASK, POSITION, RAYS, UNITS_PER
 use super::common::rows;
 use super::pass::{Band, Grid, ParamBlock, Pass, Reference, Use, Use::*, View, reference};
 use super::{Effect, Stage, Verdict, needle, shadow};
-use crate::anatomy::volume::Label;
-use crate::base::real::Real;
-use crate::imaging::synth::layers::{Layer, world_position};
-use crate::imaging::synth::store::Store;
-use crate::imaging::synth::tables::Tables;
+use crate::synth::layers::{Layer, world_position};
+use crate::synth::store::Store;
+use crate::synth::tables::Tables;
+use insonify_anatomy::volume::Label;
+use insonify_base::real::Real;
 
 /// Registry entry.
 pub const EFFECT: Effect = Effect {

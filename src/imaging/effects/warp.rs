@@ -8,7 +8,7 @@
 //! | the reference mesh only | unchanged: its tissue has moved away | [`BACKGROUND`] |
 //! | neither | unchanged | [`OUTSIDE`] |
 //!
-//! The elements in the slab of the frame ([`crate::imaging::synth::slab`]) are rasterised: each tests the samples of its scanlines between those where its barycentric
+//! The elements in the slab of the frame ([`crate::synth::slab`]) are rasterised: each tests the samples of its scanlines between those where its barycentric
 //! coordinates change sign, and of the elements that hold a sample the lowest is taken. The answer for a sample is that of a search of all
 //! elements; it depends on no other sample and on no other frame. A sample in an inverted element is in a fold.
 
@@ -20,12 +20,12 @@ use rayon::prelude::*;
 use super::buffers::{ELEMENT, ELEMENT_MAPS, HITS, POSITION};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Stage, Verdict};
-use crate::base::real::Real;
-use crate::imaging::synth::slab::Slab;
-use crate::imaging::synth::store::Store;
-use crate::imaging::synth::tables::Tables;
-use crate::mechanics::mesh::NONE;
-use crate::mechanics::mesh::element::{self, Frame};
+use crate::synth::slab::Slab;
+use crate::synth::store::Store;
+use crate::synth::tables::Tables;
+use insonify_base::real::Real;
+use insonify_mesh::NONE;
+use insonify_mesh::element::{self, Frame};
 
 /// Flag of a sample in the deformed mesh; its position is now a reference position.
 pub const MAPPED: u32 = 0;

@@ -7,10 +7,10 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::base::cache::folder;
-use crate::base::document::InvalidFile;
-use crate::base::output::place;
-use crate::base::output::{OutputError, atomic};
+use insonify_base::cache::folder;
+use insonify_base::document::InvalidFile;
+use insonify_base::output::place;
+use insonify_base::output::{OutputError, atomic};
 
 /// Maximum size of a file, bytes; a file of costs has a few thousand.
 const MAX_BYTES: u64 = 1 << 20;
@@ -33,7 +33,6 @@ impl Cache {
     }
 
     /// Cache in the given folder.
-    #[cfg(any(test, feature = "internals"))]
     pub fn at(folder: &Path, machine: &str) -> Self {
         Cache {
             folder: Some(folder.to_owned()),

@@ -1,7 +1,7 @@
 //! Candidate grids of scanlines and samples, and the frame time on each.
 
 use super::{Costs, SettingOption, VariedSetting};
-use crate::tracking::probe::Probe;
+use insonify_tracking::probe::Probe;
 
 /// Numbers of scanlines and samples, coarse to fine.
 pub const GRIDS: [[u32; 2]; 5] = [[64, 128], [128, 256], [256, 512], [512, 1024], [1024, 2048]];

@@ -1,7 +1,7 @@
 use super::cache::Cache;
 use super::*;
-use crate::base::range::Ranges;
-use crate::tracking::probe::{Probe, ProbeShape};
+use insonify_base::range::Ranges;
+use insonify_tracking::probe::{Probe, ProbeShape};
 
 fn option(value: &str, extra_ms: f64, error: f64) -> SettingOption {
     SettingOption {

@@ -1,7 +1,7 @@
 //! Verification of picked settings: costs are measured on a similar problem, and a trial runs the actual one.
 
 use super::{Choice, Costs, Picked, Setting, choose};
-use crate::base::report::pareto;
+use insonify_base::pareto;
 
 /// Maximum number of trials: each takes as long as the problem itself.
 const MAX: usize = 6;

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::file::Echoes;
 use super::signal::Lines;
-use crate::tracking::probe::{BeamGrid, ImageGrid, OUTSIDE, scan_map};
+use insonify_tracking::probe::{BeamGrid, ImageGrid, OUTSIDE, scan_map};
 
 /// Dynamic ranges, dB.
 pub const RANGE_DB: RangeInclusive<f64> = 10.0..=200.0;

@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 use super::echoes::{Pulse, REACH, Scatterer};
-use crate::gpu::{Access, Dispatch, Gpu, GpuError, Parameters, PassSource, Pipeline, Readback, StorageBuffer};
+use insonify_gpu::{Access, Dispatch, Gpu, GpuError, Parameters, PassSource, Pipeline, Readback, StorageBuffer};
 
 /// WGSL source of the pass.
 pub const SHADER: &str = include_str!("../../../shaders/echoes.wgsl");

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::Acquisition;
-use crate::base::real::Real;
+use insonify_base::real::Real;
 
 /// Lines rendered together: the pulse of a scatterer is interpolated once for all of them.
 const BLOCK: usize = 16;

@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use super::SPEED_M_S;
-use crate::anatomy::volume::header::Header;
-use crate::anatomy::volume::{At, VolumeError, numbers, read_header};
-use crate::tracking::sequence::Sequence;
+use insonify_anatomy::volume::header::Header;
+use insonify_anatomy::volume::{At, VolumeError, numbers, read_header};
+use insonify_tracking::sequence::Sequence;
 
 /// Names of the fields in which this program states sampling rate (MHz), distance between lines (mm), radius of the array (mm) and field of view
 /// (degrees).

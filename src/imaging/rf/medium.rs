@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::Acquisition;
 use super::echoes::{Pulse, Scatterer, echoes};
-use crate::base::random::{hash3, unit};
+use insonify_base::random::{hash3, unit};
 
 /// Standard deviation of the elevational profile, mm.
 const ELEVATIONAL_MM: f64 = 0.535;

@@ -5,7 +5,7 @@
 use rayon::prelude::*;
 
 use super::signal::upsampled;
-use crate::base::simd::{Lanes, Simd, WithSimd, dispatch};
+use insonify_base::simd::{Lanes, Simd, WithSimd, dispatch};
 
 /// Settings of the estimator.
 #[derive(Clone, Copy, Debug, PartialEq)]

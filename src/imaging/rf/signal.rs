@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use rustfft::num_complex::Complex32;
 use rustfft::{Fft, FftPlanner};
 
-use crate::base::simd::{Kernel, vectorised};
+use insonify_base::simd::{Kernel, vectorised};
 
 /// Transforms of lines of one length.
 pub struct Lines {

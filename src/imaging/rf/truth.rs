@@ -3,9 +3,9 @@
 use nalgebra::{Matrix4, Point3, Vector3};
 
 use super::scatterers::RfSynthesizer;
-use crate::base::matrix::inverse_rigid;
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::mesh::locator::{Locator, NONE};
+use insonify_base::matrix::inverse_rigid;
+use insonify_mesh::TetMesh;
+use insonify_mesh::locator::{Locator, NONE};
 
 /// A point of the tissue that is followed.
 #[derive(Clone, Copy, Debug)]

@@ -11,7 +11,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use super::cpu::CpuExecutor;
 use super::local_origin::LocalFrame;
 use super::{Backend, Executor, Frame, FrameState, IN_FLIGHT, SynthError, Synthesizer};
-use crate::base::memory;
+use insonify_base::memory;
 
 /// Frames of a thread that wait for the sink.
 const AHEAD: usize = 2;
@@ -69,7 +69,7 @@ impl Synthesizer {
 
     /// Like [`Synthesizer::render_batch`], but `take` converts each frame on the thread that rendered it, given its index, the
     /// synthesizer after `render`, and the time of the frame, ms.
-    pub(crate) fn batch<T: Send, E: From<SynthError>>(
+    pub fn batch<T: Send, E: From<SynthError>>(
         &mut self,
         states: &[FrameState],
         take: impl Fn(usize, &Self, f64) -> Result<T, SynthError> + Sync,

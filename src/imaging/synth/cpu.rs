@@ -6,13 +6,13 @@ use super::slab::States;
 use super::store::Store;
 use super::tables::Tables;
 use super::{Frame, FrameState, PassTime, SynthError};
-#[cfg(feature = "internals")]
-use crate::base::lossy::Lossy;
-use crate::base::memory;
-use crate::base::real::Real;
-use crate::imaging::effects::pass::{Pass, View};
-use crate::imaging::effects::truth;
-use crate::imaging::plan::{Plan, PlannedPass};
+use crate::effects::pass::{Pass, View};
+use crate::effects::truth;
+use crate::plan::{Plan, PlannedPass};
+use insonify_base::memory;
+use insonify_base::real::Real;
+#[cfg(test)]
+use insonify_testing::lossy::Lossy;
 
 /// Scalar type of a CPU reference.
 pub trait PassScalar: Real {
@@ -32,7 +32,7 @@ impl PassScalar for f64 {
     }
 }
 
-#[cfg(feature = "internals")]
+#[cfg(test)]
 impl PassScalar for Lossy {
     fn reference(pass: &Pass) -> fn(&View, &mut Store<Self>) {
         pass.cpu.lossy

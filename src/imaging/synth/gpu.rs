@@ -11,19 +11,19 @@ use super::linker::{self, ENTRY, Linked};
 use super::slab::{Slab, States};
 use super::tables::Tables;
 use super::{Frame, FrameState, PassTime, SynthError};
-use crate::base::memory;
-use crate::gpu::{
-    Access, Dispatch, Gpu, GpuError, Needs, PassSource, Pipeline, Readback, Recorder, StorageBuffer, TextureOut, Timer,
-};
-use crate::imaging::effects::buffers::{
+use crate::effects::buffers::{
     self, AMPLITUDE, Buffer, ELEMENT, ELEMENT_MAPS, HITS, LABEL, LOSS, NEEDLE_MASK, PIXELS, POSITION, SCAN_MAP,
 };
-use crate::imaging::effects::pass::{Band, ParamBlock, Pass, View};
-use crate::imaging::effects::truth::{self, LAYERS};
-use crate::imaging::fusion::{Bound, Fused, MAX_BUFFERS, Sequence};
-use crate::imaging::plan::{Plan, PlannedResource};
-use crate::mechanics::mesh::InvalidMesh;
-use crate::mechanics::mesh::element::{Carry, Frame as ElementFrame};
+use crate::effects::pass::{Band, ParamBlock, Pass, View};
+use crate::effects::truth::{self, LAYERS};
+use crate::fusion::{Bound, Fused, MAX_BUFFERS, Sequence};
+use crate::plan::{Plan, PlannedResource};
+use insonify_base::memory;
+use insonify_gpu::{
+    Access, Dispatch, Gpu, GpuError, Needs, PassSource, Pipeline, Readback, Recorder, StorageBuffer, TextureOut, Timer,
+};
+use insonify_mesh::InvalidMesh;
+use insonify_mesh::element::{Carry, Frame as ElementFrame};
 
 /// Device requirements of a plan beyond the default limits.
 pub fn needs(plan: &Plan) -> Needs {

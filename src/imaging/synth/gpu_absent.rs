@@ -3,9 +3,9 @@
 use super::layers::Beam;
 use super::tables::Tables;
 use super::{Frame, FrameState, PassTime, SynthError};
-use crate::gpu::{Gpu, Needs};
-use crate::imaging::effects::buffers::Buffer;
-use crate::imaging::plan::Plan;
+use crate::effects::buffers::Buffer;
+use crate::plan::Plan;
+use insonify_gpu::{Gpu, Needs};
 
 /// Device requirements of a plan.
 pub fn needs(_: &Plan) -> Needs {

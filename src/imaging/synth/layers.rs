@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use super::store::Store;
 use super::tables::Tables;
-use crate::anatomy::volume::Label;
-use crate::base::real::Real;
+use insonify_anatomy::volume::Label;
+use insonify_base::real::Real;
 
 /// Beam-space results: scanline by scanline of the central plane, widened to double precision. Results of omitted passes
 /// are empty.
@@ -31,7 +31,7 @@ pub struct Beam {
     pub needle: Vec<f64>,
     /// Fraction of the beam blocked by needle and seeds.
     pub shade: Vec<f64>,
-    /// Two-way loss, in units of [`crate::imaging::effects::buffers::UNITS_PER_DB`].
+    /// Two-way loss, in units of [`crate::effects::buffers::UNITS_PER_DB`].
     pub loss: Vec<u32>,
 }
 

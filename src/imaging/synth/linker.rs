@@ -1,16 +1,16 @@
 //! Linking of fused passes into one shader, for several frames at a time.
 //!
-//! Each pass is a shader of its own ([`Pass`](crate::imaging::effects::pass::Pass)). Of each, what its entry point reaches is taken over; declarations
+//! Each pass is a shader of its own ([`Pass`](crate::effects::pass::Pass)). Of each, what its entry point reaches is taken over; declarations
 //! that are the same in several passes are taken over once. Binding 0 has a block for each frame with the parameters of all passes, and bindings 1, 2,
 //! ... the buffers. Buffers that passes write hold consecutive copies, one per frame; indices into them are offset accordingly.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
-use crate::gpu::Access;
-use crate::imaging::effects::buffers::Buffer;
-use crate::imaging::effects::pass::{Grid, ParamBlock};
-use crate::imaging::fusion::{Bound, Fused, MAX_BUFFERS, depend_along_scanline};
+use crate::effects::buffers::Buffer;
+use crate::effects::pass::{Grid, ParamBlock};
+use crate::fusion::{Bound, Fused, MAX_BUFFERS, depend_along_scanline};
+use insonify_gpu::Access;
 
 /// Name of the entry point of a linked shader.
 pub const ENTRY: &str = "fused";

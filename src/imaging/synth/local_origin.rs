@@ -26,8 +26,8 @@ use nalgebra::{Matrix4, Point3, Vector3};
 
 use super::layers::Beam;
 use super::{FrameState, NeedleShaft};
-use crate::anatomy::volume::{LabelVolume, VolumeError};
-use crate::mechanics::mesh::TetMesh;
+use insonify_anatomy::volume::{LabelVolume, VolumeError};
+use insonify_mesh::TetMesh;
 
 /// Largest coordinate of a volume's centre without translation, mm. Below it, single precision resolves 2^-12 mm: stored and summed,
 /// a coordinate has at most this error, which is a tenth of a sample of 0.0024 mm, finer than 8,192 samples over 20 mm. Patients and
@@ -116,7 +116,7 @@ impl LocalOrigin {
     }
 
     /// Converts the positions of a beam to local coordinates, as in the passes.
-    pub(crate) fn beam_into_local(&self, mut world: Beam) -> Beam {
+    pub fn beam_into_local(&self, mut world: Beam) -> Beam {
         if !self.is_world() {
             place(&mut world, |point| self.into_local(point));
         }
@@ -133,7 +133,7 @@ fn place(beam: &mut Beam, at: impl Fn([f64; 3]) -> [f64; 3]) {
 
 /// State of a frame in local coordinates, in memory reused from frame to frame.
 #[derive(Debug)]
-pub(crate) struct LocalFrame {
+pub struct LocalFrame {
     origin: LocalOrigin,
     state: FrameState,
     nodes: Vec<[f64; 3]>,

@@ -13,11 +13,11 @@ use view::{Projection, SlabView};
 
 use super::FrameState;
 use super::tables::Tables;
-use crate::base::real::Real;
-use crate::base::simd::{Kernel, Pack, map, vectorised};
-use crate::mechanics::lists::Lists;
-use crate::mechanics::mesh::element::{self, Carry, Frame};
-use crate::mechanics::mesh::{InvalidMesh, TetMesh, check_positions};
+use insonify_base::real::Real;
+use insonify_base::simd::{Kernel, Pack, map, vectorised};
+use insonify_mesh::element::{self, Carry, Frame};
+use insonify_mesh::lists::Lists;
+use insonify_mesh::{InvalidMesh, TetMesh, check_positions};
 
 /// Number of elements that one task tests against the slab: fewer are not worth waking a thread.
 const TESTED: usize = 65_536;

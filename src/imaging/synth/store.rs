@@ -2,13 +2,13 @@
 
 use super::slab::Slab;
 use super::tables::Tables;
-use crate::base::real::Real;
-use crate::imaging::effects::EffectColumns;
-use crate::imaging::effects::buffers::{
+use crate::effects::EffectColumns;
+use crate::effects::buffers::{
     AMPLITUDE, AMPLITUDE_NEXT, Buffer, ELEMENT, IMAGE, LABEL, LOSS, NEEDLE_MASK, PIXELS, POSITION, SPECULAR, beam,
     planes,
 };
-use crate::imaging::plan::Plan;
+use crate::plan::Plan;
+use insonify_base::real::Real;
 
 /// Vectors that passes read and write, scanline by scanline. See their [`Buffer`] for the contents of each.
 #[derive(Debug, Default)]

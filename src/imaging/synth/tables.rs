@@ -9,14 +9,14 @@ use bytemuck::{Pod, Zeroable};
 use super::SynthError;
 use super::layers::Layer;
 use super::local_origin::LocalOrigin;
-use crate::anatomy::acoustics::TissueTable;
-use crate::anatomy::volume::LabelVolume;
-use crate::anatomy::volume::texture::SolidTexture;
-use crate::base::memory;
-use crate::imaging::effects::buffers::{Buffer, LABEL_ROWS, RAYS, SCAN_MAP};
-use crate::imaging::effects::{EffectTables, Effects, REGISTRY};
-use crate::mechanics::mesh::TetMesh;
-use crate::tracking::probe::{BeamGrid, ImageGrid, OUTSIDE, Probe, scan_map};
+use crate::effects::buffers::{Buffer, LABEL_ROWS, RAYS, SCAN_MAP};
+use crate::effects::{EffectTables, Effects, REGISTRY};
+use insonify_anatomy::acoustics::TissueTable;
+use insonify_anatomy::volume::LabelVolume;
+use insonify_anatomy::volume::texture::SolidTexture;
+use insonify_base::memory;
+use insonify_mesh::TetMesh;
+use insonify_tracking::probe::{BeamGrid, ImageGrid, OUTSIDE, Probe, scan_map};
 
 /// Imaged anatomy in the world: fixed for the life of a synthesizer.
 #[derive(Clone, Debug)]
@@ -109,7 +109,7 @@ pub struct LabelRow {
     pub echo: f32,
     /// Acoustic impedance, MRayl.
     pub impedance: f32,
-    /// Two-way loss over one sample, in units of [`crate::imaging::effects::buffers::UNITS_PER_DB`].
+    /// Two-way loss over one sample, in units of [`crate::effects::buffers::UNITS_PER_DB`].
     pub loss: u32,
     /// Index of its texture in the atlas plus one; 0 for none.
     pub texture: u32,

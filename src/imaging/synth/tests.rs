@@ -1,17 +1,18 @@
 use super::*;
-use crate::anatomy::phantom::{Phantom, PhantomOptions, make};
-use crate::mechanics::mesh::TetMesh;
-use crate::study::testing;
+use crate::anatomies;
+use insonify_anatomy::phantom::{Phantom, PhantomOptions, make};
+use insonify_mesh::TetMesh;
 
 /// The CPU, and the GPU of the tests, if there is one.
 fn backends() -> Vec<Backend> {
-    let gpu = crate::gpu::testing::open().map(|gpu| Backend::Gpu(Box::new(gpu)));
+    let gpu = insonify_testing::gpu::gpu_or_skip(std::thread::current().name().unwrap_or("a test"))
+        .map(|gpu| Backend::Gpu(Box::new(gpu)));
     [Backend::Cpu].into_iter().chain(gpu).collect()
 }
 
 /// A synthesizer, and states that differ in pose and noise.
 fn scene(backend: Backend) -> (Synthesizer, Vec<FrameState>) {
-    let (anatomy, settings, state) = testing::scene();
+    let (anatomy, settings, state) = anatomies::two_layers();
     let states = (0..5).map(|frame| {
         let mut state = FrameState { frame, ..state.clone() };
         state.probe_to_world[(0, 3)] += 0.5 * frame as f64;
@@ -79,14 +80,16 @@ fn frames_that_nobody_takes_are_dropped() {
 
 #[test]
 fn a_frame_in_an_encoder_of_the_host_is_the_one_rendered() {
-    let Some(gpu) = crate::gpu::testing::open() else { return };
+    let Some(gpu) = insonify_testing::gpu::gpu_or_skip(std::thread::current().name().unwrap_or("a test")) else {
+        return;
+    };
     let (mut synth, states) = scene(Backend::Gpu(Box::new(gpu.clone())));
     let expected = synth.render(&states[1]).unwrap().clone();
     let mut encoder = gpu.device().create_command_encoder(&Default::default());
     synth.encode(&mut encoder, &states[1]).unwrap();
     let texture = synth.texture().expect("a texture");
     let (width, height) = (texture.width(), texture.height());
-    let stride = crate::gpu::row_stride(width);
+    let stride = insonify_gpu::row_stride(width);
     let buffer = gpu.device().create_buffer(&wgpu::BufferDescriptor {
         label: None,
         size: stride * u64::from(height),
@@ -139,8 +142,8 @@ fn after_a_frame_that_fails_the_mesh_is_sent_again() {
 
 /// A scene with a mesh on a GPU.
 fn meshed() -> Option<(Gpu, Synthesizer, FrameState)> {
-    let gpu = crate::gpu::testing::open()?;
-    let (mut anatomy, settings, state) = testing::scene();
+    let gpu = insonify_testing::gpu::gpu_or_skip(std::thread::current().name().unwrap_or("a test"))?;
+    let (mut anatomy, settings, state) = anatomies::two_layers();
     let around = |by: f64| std::array::from_fn(|axis| state.probe_to_world[(axis, 3)] + by);
     anatomy.mesh = TetMesh::over_box(around(-70.0), around(70.0), 500).ok().map(Arc::new);
     let synth = Synthesizer::new(anatomy, settings, Backend::Gpu(Box::new(gpu.clone()))).unwrap();
@@ -229,8 +232,10 @@ fn displaced(synth: &Synthesizer) -> Vec<[f64; 3]> {
 
 #[test]
 fn synthesizers_on_one_device_share_the_volume() {
-    let Some(gpu) = crate::gpu::testing::open() else { return };
-    let (mut anatomy, settings, state) = testing::scene();
+    let Some(gpu) = insonify_testing::gpu::gpu_or_skip(std::thread::current().name().unwrap_or("a test")) else {
+        return;
+    };
+    let (mut anatomy, settings, state) = anatomies::two_layers();
     let fine = PhantomOptions {
         resolution_mm: Some(1.0),
         seed: 1,

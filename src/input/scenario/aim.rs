@@ -1,6 +1,6 @@
 //! Needles aimed by name: a target, an entry, and the straight path between them.
 
-pub(crate) mod place;
+pub mod place;
 
 use nalgebra::{Point3, Vector3};
 
@@ -9,12 +9,12 @@ use super::file::{ScenarioFile, SceneSource};
 use super::instruments::{BESIDE, EntrySpec};
 use super::needle::NeedleSettings;
 use super::tissue::TissueModel;
-use crate::base::document::InputError;
-use crate::base::document::{Names, NoRegion, RegionName};
-use crate::input::scene::{Body, NeedleKeyframe, Scene};
-use crate::tracking::placement::aims;
-use crate::tracking::pose::Pose;
-use crate::tracking::probe::ProbeKind;
+use insonify_base::document::InputError;
+use insonify_base::document::{Names, NoRegion, RegionName};
+use insonify_imaging::scene::{Body, NeedleKeyframe, Scene};
+use insonify_tracking::placement::aims;
+use insonify_tracking::pose::Pose;
+use insonify_tracking::probe::ProbeKind;
 use place::{array_end_mm, innermost, skin};
 
 /// Range of tried distances of an entry from the end of the array, mm.
@@ -32,7 +32,7 @@ const APPROACH_MM: f64 = 10.0;
 const AROUND_MM: f64 = 30.0;
 
 /// A straight path from an entry to a target.
-pub(super) struct Aim {
+pub struct Aim {
     /// Name of the target.
     pub name: String,
     /// Final position of the tip, mm.
@@ -65,7 +65,7 @@ struct Goal {
 
 impl ScenarioFile {
     /// Returns the path of a needle that is aimed by name.
-    pub(super) fn aim(&self, scene: &Scene, needle: &NeedleSettings) -> Result<Aim, InputError> {
+    pub fn aim(&self, scene: &Scene, needle: &NeedleSettings) -> Result<Aim, InputError> {
         let body = scene.body();
         let pose = scene.probe_path().at(scene.probe_path().start_s());
         let goal = self.goal(scene, &pose)?;
@@ -115,7 +115,7 @@ impl ScenarioFile {
     }
 
     /// Describes the choice in words, and as the equivalent lines of a scenario.
-    pub(super) fn aimed_in_words(&self, aim: &Aim, pace: [f64; 3]) -> [String; 2] {
+    pub fn aimed_in_words(&self, aim: &Aim, pace: [f64; 3]) -> [String; 2] {
         let file = self.boxed(aim);
         let mut lines = String::new();
         // A scenario without source text was made from a label file.
@@ -141,7 +141,7 @@ impl ScenarioFile {
     }
 
     /// Returns the scenario with the mesh restricted to a box around the path, unless it states a box.
-    pub(super) fn boxed(&self, aim: &Aim) -> Self {
+    pub fn boxed(&self, aim: &Aim) -> Self {
         let mut file = self.clone();
         if file.tissue.mesh.is_none() && file.tissue.model != TissueModel::MassSpring {
             file.tissue.box_mm.get_or_insert(aim.box_mm());
@@ -334,7 +334,7 @@ impl Aim {
 
 /// Innermost point of a label in the image, or else in the volume, to 0.01 mm, and whether it is in the image; `None` for a label without
 /// voxels.
-pub(crate) fn middle(scene: &Scene, pose: &Pose, label: u8) -> Option<(Point3<f64>, bool)> {
+pub fn middle(scene: &Scene, pose: &Pose, label: u8) -> Option<(Point3<f64>, bool)> {
     let in_view = innermost(scene, pose, label);
     let anywhere = || aims(&scene.anatomy.volume, &[label]).and_then(|aims| aims.first().copied());
     Some((hundredths(&in_view.or_else(anywhere)?), in_view.is_some()))

@@ -3,10 +3,9 @@
 use nalgebra::{Point3, Vector3};
 
 use super::guidance::Critical;
-use super::regions::RIGID_KPA;
 use super::resolve::Scenario;
-use crate::input::scene::{Body, Scene};
-use crate::tracking::trajectory::Trajectory;
+use insonify_imaging::scene::{Body, Scene};
+use insonify_tracking::trajectory::Trajectory;
 
 /// Largest distance at which bone is searched for, mm.
 const LOOKED_MM: f64 = 30.0;
@@ -16,11 +15,11 @@ const STEP_MM: f64 = 0.5;
 const NEAR_MM: f64 = 0.5;
 
 /// A label with a distance, mm: its depth along a path, or its distance from one.
-pub(super) type At = (u8, f64);
+pub type At = (u8, f64);
 
 /// Course of a path through the body, from its entry.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Course {
+pub struct Course {
     /// Labels in the order of traversal, with the length in each, mm; 0 outside the body.
     pub layers: Vec<At>,
     /// First bone on the path.
@@ -33,7 +32,7 @@ pub(super) struct Course {
 
 /// Obstacles on a path and their distances from it.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Obstacles {
+pub struct Obstacles {
     /// Whether the path leaves the body.
     pub leaves: bool,
     /// Whether the path meets gas or lung.
@@ -45,7 +44,7 @@ pub(crate) struct Obstacles {
 }
 
 /// Obstacles around a set of points.
-pub(crate) struct Surroundings<'a> {
+pub struct Surroundings<'a> {
     bones: Bones<'a>,
     critical: Option<Critical>,
 }
@@ -80,7 +79,7 @@ impl<'a> Surroundings<'a> {
 }
 
 /// Bone around a set of paths.
-pub(super) struct Bones<'a> {
+pub struct Bones<'a> {
     body: &'a Body<'a>,
     voxels: Vec<(Point3<f64>, u8)>,
     /// Mean half edge of a voxel, mm: bone is assumed to begin this far before the centres of its voxels.
@@ -168,13 +167,6 @@ impl<'a> Bones<'a> {
     }
 }
 
-impl Body<'_> {
-    /// Whether the tissue of a label is as stiff as bone.
-    pub(crate) fn is_bone(&self, label: u8) -> bool {
-        self.tissues.of(label).young_kpa >= RIGID_KPA
-    }
-}
-
 impl Course {
     /// Whether the path leaves the body.
     pub fn leaves(&self) -> bool {
@@ -194,7 +186,7 @@ impl Course {
 }
 
 /// Reports the clearance of the needle tip's path from bone, and warns of bone, gas and lung on it.
-pub(super) fn tell(scene: &Scene, tip: &Trajectory, notes: &mut Vec<String>, warnings: &mut Vec<String>) {
+pub fn tell(scene: &Scene, tip: &Trajectory, notes: &mut Vec<String>, warnings: &mut Vec<String>) {
     let mut points: Vec<Point3<f64>> = Vec::new();
     for key in tip.keys() {
         let at = key.pose.position_mm();

@@ -2,14 +2,14 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::anatomy::volume::LabelVolume;
-use crate::mechanics::mesh::{NONE, TetMesh};
+use insonify_anatomy::volume::LabelVolume;
+use insonify_mesh::{NONE, TetMesh};
 
 /// Step of the outward search, as a fraction of a voxel's shortest edge.
 const STEP: f64 = 0.5;
 
 /// Nodes of the faces beyond which tissue continues: outside the box, or beyond the end of the volume. Ascending.
-pub(super) fn nodes(
+pub fn nodes(
     mesh: &TetMesh,
     [low, high]: &[[f64; 3]; 2],
     volume: &LabelVolume,

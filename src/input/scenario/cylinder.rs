@@ -3,21 +3,21 @@
 use super::file::ScenarioFile;
 use super::labels::Labels;
 use super::tissue::{OF_REMESHING, TissueModel};
-use crate::base::document::InputError;
-use crate::base::document::stated;
-use crate::mechanics::insertion::InvalidSetup;
-use crate::mechanics::insertion::spring::{MassSpring, Parameters};
-use crate::mechanics::insertion::{Model, Snapshot, Tissue};
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::needle::{Rigid, Shaft};
-use crate::tracking::trajectory::Trajectory;
+use insonify_base::document::InputError;
+use insonify_base::document::stated;
+use insonify_mechanics::insertion::InvalidSetup;
+use insonify_mechanics::insertion::spring::{MassSpring, Parameters};
+use insonify_mechanics::insertion::{Model, Snapshot, Tissue};
+use insonify_mechanics::needle::{Rigid, Shaft};
+use insonify_mesh::TetMesh;
+use insonify_tracking::trajectory::Trajectory;
 
 /// Default length of the cylinder relative to the path of the tip: its far end is fixed.
 const BEYOND: f64 = 1.25;
 
 impl ScenarioFile {
     /// Parameters of the cylinder, for the mass-spring model.
-    pub(super) fn cylinder_of(&self, path: &Trajectory) -> Result<Option<Parameters>, InputError> {
+    pub fn cylinder_of(&self, path: &Trajectory) -> Result<Option<Parameters>, InputError> {
         let spec = &self.tissue;
         if spec.model != TissueModel::MassSpring {
             return match spec.cylinder {
@@ -48,7 +48,7 @@ impl ScenarioFile {
         Ok(Some(parameters))
     }
 
-    pub(super) fn spring_fault(&self, error: InvalidSetup) -> InputError {
+    pub fn spring_fault(&self, error: InvalidSetup) -> InputError {
         let key = match &error {
             InvalidSetup::Number(error) => format!("tissue.cylinder.{}", error.key),
             _ => "tissue.cylinder".to_owned(),
@@ -57,7 +57,7 @@ impl ScenarioFile {
     }
 
     /// Mesh of the cylinder. Its place is set when the needle enters.
-    pub(super) fn cylinder_mesh(&self, parameters: Parameters, labels: &Labels) -> Result<TetMesh, InputError> {
+    pub fn cylinder_mesh(&self, parameters: Parameters, labels: &Labels) -> Result<TetMesh, InputError> {
         let needle = Rigid::new(Shaft::default(), None).map_err(|error| self.fault("needle", error))?;
         let mut model = MassSpring::new(parameters, Box::new(labels.clone()), Box::new(needle))
             .map_err(|error| self.spring_fault(error))?;

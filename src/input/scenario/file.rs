@@ -13,12 +13,12 @@ use super::manipulator::ManipulatorSpec;
 use super::planned::PlanSpec;
 use super::points::ReportSpec;
 use super::tissue::TissueSpec;
-use crate::base::document::{self, Source, Version};
-use crate::base::range::parameters;
-use crate::gpu::AdapterChoice;
-use crate::imaging::quality::QualitySpec;
-use crate::input::scene::SceneFile;
-use crate::mechanics::tissue::remesh::Level;
+use insonify_base::document::{self, Source, Version};
+use insonify_base::range::parameters;
+use insonify_gpu::AdapterChoice;
+use insonify_imaging::quality::QualitySpec;
+use insonify_imaging::scene::SceneFile;
+use insonify_mechanics::tissue::remesh::Level;
 
 /// A needle insertion: scene, deformable tissue, and the motion of needle and probe. Paths are relative to the folder of the
 /// file.
@@ -54,7 +54,7 @@ pub struct ScenarioFile {
     pub report: Vec<ReportSpec>,
     /// Source text, for errors that point into it.
     #[serde(skip)]
-    pub(super) source: Option<Arc<Source>>,
+    pub source: Option<Arc<Source>>,
     /// Adapter for `tissue.device = "gpu"`. Default: that of the environment, else the best.
     #[serde(skip)]
     pub adapter: Option<AdapterChoice>,

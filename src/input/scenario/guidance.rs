@@ -2,13 +2,13 @@
 
 use nalgebra::{Isometry3, Matrix4, Point3, Vector3};
 
-use super::carried::Carried;
 use super::resolve::Scenario;
-use crate::anatomy::volume::distance::Grid;
-use crate::imaging::effects::shadow::Shadow;
-use crate::imaging::effects::thickness::Thickness;
-use crate::mechanics::insertion::{EventKind, Interaction, Model, NodeSolver, Outcome, Tissue};
-use crate::tracking::probe::BeamGrid;
+use crate::run::carried::Carried;
+use insonify_anatomy::volume::distance::Grid;
+use insonify_imaging::effects::shadow::Shadow;
+use insonify_imaging::effects::thickness::Thickness;
+use insonify_mechanics::insertion::{EventKind, Interaction, Model, NodeSolver, Outcome, Tissue};
+use insonify_tracking::probe::BeamGrid;
 
 /// Two-way loss above which a target counts as hidden, dB: the dynamic range of an image (60 dB) and the loss in average soft tissue
 /// (0.5 dB/cm/MHz) down to 100 mm at 4 MHz, which the gain for depth restores (40 dB).
@@ -40,7 +40,7 @@ pub struct Guidance {
 }
 
 /// Source of a run's guidance.
-pub(super) struct Guide<'a> {
+pub struct Guide<'a> {
     scenario: &'a Scenario,
     length_mm: f64,
     /// Reach of the target out of the image plane at which it is shown, mm.
@@ -148,7 +148,7 @@ impl<'a> Guide<'a> {
 }
 
 /// Distances from critical structures around some points.
-pub(super) struct Critical {
+pub struct Critical {
     grid: Grid,
     /// First voxel of the grid in the volume.
     origin: [usize; 3],

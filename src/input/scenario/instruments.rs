@@ -7,10 +7,11 @@ use serde::de::value::SeqAccessDeserializer;
 use serde::de::{Deserializer, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
-use crate::base::document::RegionName;
-use crate::base::range::parameters;
-use crate::input::scene::{NeedleFrame, NeedleMotionSpec};
-use crate::mechanics::needle::{BendingConstraint, Bevel};
+use insonify_base::bending::BendingConstraint;
+use insonify_base::document::RegionName;
+use insonify_base::range::parameters;
+use insonify_imaging::scene::{NeedleFrame, NeedleMotionSpec};
+use insonify_mechanics::needle::Bevel;
 
 parameters! {
     /// The needle. Its motion is that of an undeflected needle: base and direction are what the hand holds.
@@ -56,7 +57,7 @@ parameters! {
 }
 
 /// Value of `entry` that searches for an entry in the image plane.
-pub(super) const BESIDE: &str = "beside the probe";
+pub const BESIDE: &str = "beside the probe";
 
 /// Entry point of a needle.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]

@@ -4,17 +4,17 @@ use std::collections::BTreeMap;
 
 use nalgebra::Point3;
 
-use crate::anatomy::volume::LabelVolume;
-use crate::input::scene::Scene;
-use crate::mechanics::insertion::{Anatomy, Interaction};
-use crate::tracking::trajectory::Trajectory;
+use insonify_anatomy::volume::LabelVolume;
+use insonify_imaging::scene::Scene;
+use insonify_mechanics::insertion::{Anatomy, Interaction};
+use insonify_tracking::trajectory::Trajectory;
 
 /// Distance between samples of a path, mm.
 const STEP_MM: f64 = 0.5;
 
 /// Labels of a volume with their interactions.
 #[derive(Clone, Debug)]
-pub(super) struct Labels {
+pub struct Labels {
     volume: LabelVolume,
     /// Region of each label; `None` for excluded labels.
     regions: Vec<Option<i32>>,
@@ -60,7 +60,7 @@ impl Anatomy for Labels {
 
 /// Warning about tissue on a needle's path that is not meshed. `read`: the mesh is from a file, around which the tissue may be
 /// unknown.
-pub(super) fn unmeshed(scene: &Scene, path: &Trajectory, meshed: &dyn Anatomy, read: bool) -> Option<String> {
+pub fn unmeshed(scene: &Scene, path: &Trajectory, meshed: &dyn Anatomy, read: bool) -> Option<String> {
     let body = scene.body();
     let mut passed: BTreeMap<u8, f64> = BTreeMap::new();
     let mut begins_outside = false;
@@ -98,7 +98,7 @@ mod tests {
     use nalgebra::Matrix4;
 
     use super::*;
-    use crate::anatomy::volume::Label;
+    use insonify_anatomy::volume::Label;
 
     /// Body (1) below an oblique surface of 2 mm voxels, a skin (2) of one voxel on it, gel (3) above.
     fn labels(within: Option<[[f64; 3]; 2]>) -> Labels {

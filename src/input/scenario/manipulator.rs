@@ -7,17 +7,17 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::file::ScenarioFile;
-use crate::base::document::InputError;
-use crate::base::random::{normal, seed_words};
-use crate::base::range::parameters;
-use crate::input::scene::{NeedleKeyframe, Scene};
-use crate::mechanics::insertion::Wrench;
-use crate::tracking::TrackingError;
-use crate::tracking::manipulator::drive::{Control, Drive, Driven, PERIOD_S, follow};
-use crate::tracking::manipulator::{Guide, InPlane, Posture};
-use crate::tracking::needle::NeedlePath;
-use crate::tracking::pose::Pose;
-use crate::tracking::trajectory::{Interpolation, Trajectory};
+use insonify_base::document::InputError;
+use insonify_base::random::{normal, seed_words};
+use insonify_base::range::parameters;
+use insonify_imaging::scene::{NeedleKeyframe, Scene};
+use insonify_mechanics::insertion::Wrench;
+use insonify_tracking::TrackingError;
+use insonify_tracking::manipulator::drive::{Control, Drive, Driven, PERIOD_S, follow};
+use insonify_tracking::manipulator::{Guide, InPlane, Posture};
+use insonify_tracking::needle::NeedlePath;
+use insonify_tracking::pose::Pose;
+use insonify_tracking::trajectory::{Interpolation, Trajectory};
 
 /// Longest motion of a guide, s.
 const LONGEST_S: f64 = 1000.0;
@@ -175,7 +175,7 @@ impl ScenarioFile {
     }
 
     /// Motion of the guide for the planned paths of tip and probe in the world, if the scenario has one.
-    pub(super) fn guided(&self, tip: &Trajectory, probe: &Trajectory) -> Result<Option<Guided>, InputError> {
+    pub fn guided(&self, tip: &Trajectory, probe: &Trajectory) -> Result<Option<Guided>, InputError> {
         let Some(spec) = &self.manipulator else {
             return Ok(None);
         };
@@ -220,7 +220,7 @@ impl ScenarioFile {
     }
 
     /// The needle on the path that the guide makes of the planned one.
-    pub(super) fn through_guide(
+    pub fn through_guide(
         &self,
         path: NeedlePath,
         guided: Option<&Guided>,
@@ -275,7 +275,7 @@ impl ScenarioFile {
     }
 
     /// Motion of the tip in the frame of the probe by the keyframes of the guide, if there are any.
-    pub(super) fn guide_keyframes(&self) -> Result<Option<Vec<NeedleKeyframe>>, InputError> {
+    pub fn guide_keyframes(&self) -> Result<Option<Vec<NeedleKeyframe>>, InputError> {
         let Some(spec) = self.manipulator.as_ref().filter(|spec| !spec.keyframes.is_empty()) else {
             return Ok(None);
         };

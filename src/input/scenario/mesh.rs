@@ -10,33 +10,33 @@ use super::file::ScenarioFile;
 use super::regions::{Region, Regions};
 use super::tissue::{DEFAULT_NODES, TissueModel};
 use super::{mesh_note, path_pieces};
-use crate::anatomy::volume::LabelVolume;
-use crate::base::document::InputError;
-use crate::base::document::{RegionName, stated};
-use crate::input::scene::Scene;
 use crate::input::statics::selection::{Choice, SelectionError, axes, ordered};
-use crate::mechanics::mesh::file::{ReadOptions, read_mesh};
-use crate::mechanics::mesh::generate::{GenerateOptions, LabelGrid, generate};
-use crate::mechanics::mesh::quality::Quality;
-use crate::mechanics::mesh::{NONE, TetMesh};
-use crate::mechanics::tissue::dofs::Dofs;
-use crate::mechanics::tissue::error::LinearError;
-use crate::mechanics::tissue::rigid::{self, FreePart};
-use crate::tracking::trajectory::Trajectory;
+use insonify_anatomy::volume::LabelVolume;
+use insonify_base::document::InputError;
+use insonify_base::document::{RegionName, stated};
+use insonify_imaging::scene::Scene;
+use insonify_mechanics::tissue::dofs::Dofs;
+use insonify_mechanics::tissue::error::LinearError;
+use insonify_mechanics::tissue::rigid::{self, FreePart};
+use insonify_mesh::file::{ReadOptions, read_mesh};
+use insonify_mesh::generate::{GenerateOptions, LabelGrid, generate};
+use insonify_mesh::quality::Quality;
+use insonify_mesh::{NONE, TetMesh};
+use insonify_tracking::trajectory::Trajectory;
 
 /// Largest fraction of the nodes in an unsupported part of a generated mesh that is fixed automatically: small debris
 /// beside the intended anatomy.
 const SMALL_PART: f64 = 0.02;
 
 /// A mesh and the region names from its file.
-pub(super) struct Meshed {
+pub struct Meshed {
     pub mesh: TetMesh,
     pub names: BTreeMap<i32, String>,
 }
 
 impl ScenarioFile {
     /// Reads or generates the mesh. `progress` receives the completed fraction.
-    pub(super) fn mesh(
+    pub fn mesh(
         &self,
         scene: &Scene,
         base: &Path,
@@ -144,7 +144,7 @@ impl ScenarioFile {
     }
 
     /// Numbers of the labels excluded from the mesh.
-    pub(super) fn outside(&self, regions: &Regions<'_>) -> Result<Vec<i32>, InputError> {
+    pub fn outside(&self, regions: &Regions<'_>) -> Result<Vec<i32>, InputError> {
         let mut outside = Vec::new();
         for (at, name) in self.tissue.outside.iter().enumerate() {
             outside.extend(regions.numbers(&format!("tissue.outside[{at}]"), name)?);
@@ -176,7 +176,7 @@ impl ScenarioFile {
     }
 
     /// Returns fixed nodes and axes, ascending.
-    pub(super) fn fixed(
+    pub fn fixed(
         &self,
         mesh: &TetMesh,
         names: &Regions<'_>,

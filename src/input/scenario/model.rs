@@ -7,16 +7,16 @@ use super::path_pieces;
 use super::resolve::Scenario;
 use super::stiffened::Stiffened;
 use super::tissue::ColumnsName;
-use crate::base::document::InputError;
-use crate::base::range::OutOfRange;
-use crate::mechanics::insertion::finite::{Finite, Options, Setup};
-use crate::mechanics::insertion::spring::MassSpring;
-use crate::mechanics::insertion::{InvalidSetup, Model, nonlinear};
-use crate::mechanics::needle::{Constrained, Flexible, Needle, Rigid, Shaft, Stiffness};
+use insonify_base::document::InputError;
+use insonify_base::range::OutOfRange;
+use insonify_mechanics::insertion::finite::{Finite, Options, Setup};
+use insonify_mechanics::insertion::spring::MassSpring;
+use insonify_mechanics::insertion::{InvalidSetup, Model, nonlinear};
+use insonify_mechanics::needle::{Constrained, Flexible, Needle, Rigid, Shaft, Stiffness};
 #[cfg(feature = "gpu")]
-use crate::mechanics::remesh_gpu::maker;
-use crate::mechanics::tissue::error::LinearError;
-use crate::mechanics::tissue::remesh::{Level, RemeshError};
+use insonify_mechanics::remesh_gpu::maker;
+use insonify_mechanics::tissue::error::LinearError;
+use insonify_mechanics::tissue::remesh::{Level, RemeshError};
 
 /// Lateral deviation allowed for a needle of 18 gauge from its path in the tissue at rest, and for tissue under a
 /// probe, mm.
@@ -33,7 +33,7 @@ impl Scenario {
     }
 
     /// Builds the model without computing in advance what remeshing will read: for a single insertion.
-    pub(crate) fn unprepared_model(&self) -> Result<Box<dyn Model>, InputError> {
+    pub fn unprepared_model(&self) -> Result<Box<dyn Model>, InputError> {
         self.built(false, |_, _| {})
     }
 

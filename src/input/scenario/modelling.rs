@@ -3,9 +3,9 @@
 use super::file::ScenarioFile;
 use super::resolve::Timing;
 use super::tissue::{ColumnsName, DeviceName, TissueModel};
-use crate::base::document::InputError;
-use crate::gpu::{AdapterChoice, Gpu, Needs};
-use crate::mechanics::tissue::remesh::{Level, Precision};
+use insonify_base::document::InputError;
+use insonify_gpu::{AdapterChoice, Gpu, Needs};
+use insonify_mechanics::tissue::remesh::{Level, Precision};
 
 /// Tissue model settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,7 +23,7 @@ pub struct Modelling {
 }
 
 impl ScenarioFile {
-    pub(super) fn modelling(&self) -> Result<Modelling, InputError> {
+    pub fn modelling(&self) -> Result<Modelling, InputError> {
         let spec = &self.tissue;
         let level = spec.level.unwrap_or_default();
         let is_on_gpu = self.is_on_gpu();
@@ -82,7 +82,7 @@ impl ScenarioFile {
     }
 
     /// Opens the GPU, if requested.
-    pub(super) fn gpu(&self) -> Result<Option<Gpu>, InputError> {
+    pub fn gpu(&self) -> Result<Option<Gpu>, InputError> {
         if !self.is_on_gpu() {
             return Ok(None);
         }
@@ -92,7 +92,7 @@ impl ScenarioFile {
     }
 
     /// Times of changes of the level, and the new levels.
-    pub(super) fn changes(&self, timing: &Timing) -> Result<Vec<(f64, Level)>, InputError> {
+    pub fn changes(&self, timing: &Timing) -> Result<Vec<(f64, Level)>, InputError> {
         let mut changes: Vec<(f64, Level)> = Vec::new();
         for (at, change) in self.run.change.iter().enumerate() {
             let key = format!("run.change[{at}].at_s");

@@ -5,13 +5,14 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion};
 use super::file::ScenarioFile;
 use super::instruments::{NeedleModel, NeedleTable};
 use super::plan::{Deposit, Guide};
-use crate::base::document::InputError;
-use crate::base::document::stated;
-use crate::input::scene::{NeedleFrame, NeedleKeyframe, NeedleMotionSpec, NeedleTable as SceneNeedle};
-use crate::mechanics::needle::{self, Bevel, Shaft, beam::bending_stiffness_nmm2};
-use crate::tracking::needle::{BendingConstraint, DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM};
-use crate::tracking::pose::Pose;
-use crate::tracking::world::World;
+use insonify_base::bending::BendingConstraint;
+use insonify_base::document::InputError;
+use insonify_base::document::stated;
+use insonify_imaging::scene::{NeedleFrame, NeedleKeyframe, NeedleMotionSpec, NeedleTable as SceneNeedle};
+use insonify_mechanics::needle::{self, Bevel, Shaft, beam::bending_stiffness_nmm2};
+use insonify_tracking::needle::{DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM};
+use insonify_tracking::pose::Pose;
+use insonify_tracking::world::World;
 
 /// Length and diameter of the needle of Goksel et al. 2011, mm.
 const SPRINGS_MM: [f64; 2] = [200.0, 1.28];
@@ -50,7 +51,7 @@ pub enum Bending {
 }
 
 /// Motion of a needle, with its seeds and template guides.
-pub(super) struct Moving {
+pub struct Moving {
     pub needle: SceneNeedle,
     pub deposits: Vec<Deposit>,
     pub guides: Vec<Guide>,
@@ -69,7 +70,7 @@ pub struct NeedleSettings {
 
 impl NeedleSettings {
     /// Whether the needle goes straight through tissue.
-    pub(crate) fn is_straight(&self) -> bool {
+    pub fn is_straight(&self) -> bool {
         matches!(self.bending, Bending::None { bevel: None })
     }
 
@@ -85,14 +86,14 @@ impl NeedleSettings {
 }
 
 impl ScenarioFile {
-    pub(super) fn needle_table(&self) -> Result<&NeedleTable, InputError> {
+    pub fn needle_table(&self) -> Result<&NeedleTable, InputError> {
         self.needle
             .as_ref()
             .ok_or_else(|| self.wrong_keys("needle", "no `[needle]`", "the needle that goes in"))
     }
 
     /// Returns the needle settings, every number checked.
-    pub(super) fn needle_settings(&self) -> Result<NeedleSettings, InputError> {
+    pub fn needle_settings(&self) -> Result<NeedleSettings, InputError> {
         let table = self.needle_table()?;
         self.in_ranges("needle", table)?;
         self.in_ranges("needle.bending", table.bending.as_ref())?;
@@ -196,7 +197,7 @@ impl ScenarioFile {
     }
 
     /// Returns the key that moves the needle, and checks that there is exactly one.
-    pub(super) fn motion_key(&self) -> Result<&'static str, InputError> {
+    pub fn motion_key(&self) -> Result<&'static str, InputError> {
         let table = self.needle_table()?;
         let planned = self.plan.as_ref().is_some_and(|plan| !plan.needle.is_empty());
         let movers = [
@@ -238,11 +239,7 @@ impl ScenarioFile {
     }
 
     /// Returns the needle of the scene, the seeds to deposit and the guiding holes; `aimed` is the motion of an aimed needle.
-    pub(super) fn moving(
-        &self,
-        needle: &NeedleSettings,
-        aimed: Option<Vec<NeedleKeyframe>>,
-    ) -> Result<Moving, InputError> {
+    pub fn moving(&self, needle: &NeedleSettings, aimed: Option<Vec<NeedleKeyframe>>) -> Result<Moving, InputError> {
         let table = self.needle_table()?;
         let of_keyframes = |keyframes| NeedleMotionSpec {
             keyframes: Some(keyframes),

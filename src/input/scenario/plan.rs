@@ -4,9 +4,9 @@ use nalgebra::{Point3, Unit};
 
 use super::file::ScenarioFile;
 use super::planned::{PlannedNeedle, TargetSpec};
-use crate::base::document::InputError;
-use crate::input::scene::NeedleKeyframe;
-use crate::tracking::template::Template;
+use insonify_base::document::InputError;
+use insonify_imaging::scene::NeedleKeyframe;
+use insonify_tracking::template::Template;
 
 /// Default distance between holes, mm: that of brachytherapy templates.
 const DEFAULT_SPACING_MM: f64 = 5.0;
@@ -35,7 +35,7 @@ pub struct Deposit {
 
 /// Motion, seeds and guides of a planned needle.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Insertions {
+pub struct Insertions {
     pub keyframes: Vec<NeedleKeyframe>,
     pub deposits: Vec<Deposit>,
     pub guides: Vec<Guide>,
@@ -52,7 +52,7 @@ pub struct Guide {
 
 impl ScenarioFile {
     /// Targets of the plan.
-    pub(super) fn targets(&self) -> Result<Vec<Target>, InputError> {
+    pub fn targets(&self) -> Result<Vec<Target>, InputError> {
         let specs = self.plan.iter().flat_map(|plan| &plan.target);
         let one = |(at, spec): (usize, &TargetSpec)| {
             let table = format!("plan.target[{at}]");
@@ -67,7 +67,7 @@ impl ScenarioFile {
     }
 
     /// Planned insertions of a needle of the given length (mm), if there are any.
-    pub(super) fn insertions(&self, length_mm: f64) -> Result<Option<Insertions>, InputError> {
+    pub fn insertions(&self, length_mm: f64) -> Result<Option<Insertions>, InputError> {
         let Some(plan) = &self.plan else { return Ok(None) };
         // The template is checked whether or not a needle uses it.
         let template = self.template()?;
@@ -91,7 +91,7 @@ impl ScenarioFile {
     }
 
     /// Start (s), and default speed (mm/s) and pause at full depth (s) of the needles.
-    pub(super) fn pace(&self) -> Result<[f64; 3], InputError> {
+    pub fn pace(&self) -> Result<[f64; 3], InputError> {
         self.in_ranges("plan", self.plan.as_ref())?;
         let plan = self.plan.clone().unwrap_or_default();
         Ok([plan.start_s, plan.speed_mm_s, plan.pause_s])

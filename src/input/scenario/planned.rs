@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::base::range::parameters;
+use insonify_base::range::parameters;
 
 parameters! {
     /// Plan of insertions: template, needles and targets.

@@ -4,13 +4,13 @@ use nalgebra::{Isometry3, Point3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::carried::Carried;
 use super::file::ScenarioFile;
 use super::resolve::Scenario;
 use super::tissue::TissueModel;
-use crate::base::document::{InputError, InvalidFile};
-use crate::mechanics::insertion::{NodeSolver, Tissue};
-use crate::mechanics::mesh::{Locator, NONE, TetMesh};
+use crate::run::carried::Carried;
+use insonify_base::document::{InputError, InvalidFile};
+use insonify_mechanics::insertion::{NodeSolver, Tissue};
+use insonify_mesh::{Locator, NONE, TetMesh};
 
 /// A point of the tissue whose displacement is reported over time: one of `at_mm` and `node`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -76,7 +76,7 @@ pub struct Extremes {
 }
 
 impl Extremes {
-    pub(super) fn new(point: &Reported) -> Self {
+    pub fn new(point: &Reported) -> Self {
         Self {
             name: point.name.clone(),
             at_mm: point.at_mm.into(),
@@ -98,7 +98,7 @@ impl Extremes {
     }
 
     /// Takes a displacement into account.
-    pub(super) fn add(&mut self, time_s: f64, displacement_mm: &[f64; 6]) {
+    pub fn add(&mut self, time_s: f64, displacement_mm: &[f64; 6]) {
         for (range, value) in self.ranges_mm().into_iter().zip(displacement_mm) {
             *range = [range[0].min(*value), range[1].max(*value)];
         }
@@ -111,7 +111,7 @@ impl Extremes {
 }
 
 /// Follows the reported points of a run.
-pub(super) struct Points<'a> {
+pub struct Points<'a> {
     points: &'a [Reported],
     carried: Carried,
     displacement_mm: Vec<[f64; 6]>,
@@ -147,7 +147,7 @@ impl<'a> Points<'a> {
 
 impl ScenarioFile {
     /// Points whose displacement is reported.
-    pub(super) fn reports(&self, mesh: &TetMesh) -> Result<Vec<Reported>, InputError> {
+    pub fn reports(&self, mesh: &TetMesh) -> Result<Vec<Reported>, InputError> {
         // The cylinder of masses and springs takes its place when the needle enters.
         let locator = match self.tissue.model == TissueModel::MassSpring || self.report.is_empty() {
             true => None,

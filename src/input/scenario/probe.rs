@@ -5,11 +5,11 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use super::file::ScenarioFile;
 use super::instruments::ContactProbeSpec;
 use super::regions::Regions;
-use crate::base::document::InputError;
-use crate::input::scene::Scene;
-use crate::mechanics::insertion::{Outcome, ProbeContact};
-use crate::mechanics::mesh::{Face, TetMesh};
-use crate::tracking::pose::Pose;
+use insonify_base::document::InputError;
+use insonify_imaging::scene::Scene;
+use insonify_mechanics::insertion::{Outcome, ProbeContact};
+use insonify_mesh::{Face, TetMesh};
+use insonify_tracking::pose::Pose;
 
 /// Default maximum distance of a contact candidate from the cylinder, mm.
 const WITHIN_MM: f64 = 4.0;
@@ -28,7 +28,7 @@ pub struct Contact {
 impl Contact {
     /// Tissue force on the probe, split between the two points that drive it, N, world axes; `None` for a probe without such
     /// points, zero while the probe is away.
-    pub(super) fn driven(&self, pose: Option<&Isometry3<f64>>, outcome: &Outcome) -> Option<[Vector3<f64>; 2]> {
+    pub fn driven(&self, pose: Option<&Isometry3<f64>>, outcome: &Outcome) -> Option<[Vector3<f64>; 2]> {
         self.probe.driven_at_mm?;
         let pressing = outcome.on_probe.as_ref().zip(pose);
         let split = pressing.and_then(|(wrench, pose)| self.probe.split(wrench, pose));
@@ -37,13 +37,13 @@ impl Contact {
 }
 
 /// Rigid transform of a pose.
-pub(super) fn rigid(pose: &Pose) -> Isometry3<f64> {
+pub fn rigid(pose: &Pose) -> Isometry3<f64> {
     Isometry3::from_parts(pose.position_mm().coords.into(), pose.rotation())
 }
 
 impl ScenarioFile {
     /// Returns the probe in contact, if the scenario has one. Fixed nodes cannot touch it.
-    pub(super) fn contact(
+    pub fn contact(
         &self,
         scene: &Scene,
         mesh: &TetMesh,

@@ -1,20 +1,19 @@
 //! Names and materials of mesh regions.
 
+use insonify_anatomy::acoustics::RIGID_KPA;
 use std::collections::BTreeMap;
 
 use super::file::ScenarioFile;
 use super::tissue::MaterialSpec;
-use crate::anatomy::acoustics::Tissue;
-use crate::anatomy::volume::LabelVolume;
-use crate::base::document::InputError;
-use crate::base::document::{Names, RegionName};
-use crate::input::scene::{Body, Scene};
-use crate::mechanics::insertion::{Bone, Interaction};
-use crate::mechanics::tissue::material::Material;
-use crate::mechanics::tissue::nonlinear::Stiffening;
+use insonify_anatomy::acoustics::Tissue;
+use insonify_anatomy::volume::LabelVolume;
+use insonify_base::document::InputError;
+use insonify_base::document::{Names, RegionName};
+use insonify_imaging::scene::{Body, Scene};
+use insonify_mechanics::insertion::{Bone, Interaction};
+use insonify_mechanics::tissue::material::Material;
+use insonify_mechanics::tissue::nonlinear::Stiffening;
 
-/// Young's modulus from which a tissue is rigid by default, kPa.
-pub(super) const RIGID_KPA: f64 = 1e6;
 /// Default bone contact, felt as a stop: the force grows to 20 N within 0.5 mm and stays there, more than haptic devices render.
 const BONE: Bone = Bone {
     stiffness_n_per_mm: 40.0,
@@ -22,7 +21,7 @@ const BONE: Bone = Bone {
 };
 
 /// Regions that a scenario can refer to: labels of its scene.
-pub(super) struct Regions<'a> {
+pub struct Regions<'a> {
     file: &'a ScenarioFile,
     scene: &'a Scene,
     /// Region names from a mesh file.
@@ -31,7 +30,7 @@ pub(super) struct Regions<'a> {
 
 /// Properties of a region.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Region {
+pub struct Region {
     pub material: Material,
     /// The material with its stiffening.
     pub law: Stiffening,

@@ -17,19 +17,19 @@ use super::points::Reported;
 use super::probe::{Contact, rigid};
 use super::regions::Regions;
 use super::stiffened::Stiffened;
-use crate::base::document::InputError;
-use crate::gpu::Gpu;
-use crate::imaging::quality::QualitySpec;
-use crate::input::scene::Scene;
-use crate::mechanics::insertion::nonlinear::Plane;
-use crate::mechanics::insertion::spring::Parameters;
-use crate::mechanics::insertion::{Anatomy, Input, Instruments, Interaction, MeshRegions, Recording, Saved};
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::tissue::material::Material;
-use crate::mechanics::tissue::nonlinear::Stiffening;
-use crate::mechanics::tissue::remesh::Level;
-use crate::tracking::needle::NeedlePath;
-use crate::tracking::trajectory::Trajectory;
+use insonify_base::document::InputError;
+use insonify_gpu::Gpu;
+use insonify_imaging::quality::QualitySpec;
+use insonify_imaging::scene::Scene;
+use insonify_mechanics::insertion::nonlinear::Plane;
+use insonify_mechanics::insertion::spring::Parameters;
+use insonify_mechanics::insertion::{Anatomy, Input, Instruments, Interaction, MeshRegions, Recording, Saved};
+use insonify_mechanics::tissue::material::Material;
+use insonify_mechanics::tissue::nonlinear::Stiffening;
+use insonify_mechanics::tissue::remesh::Level;
+use insonify_mesh::TetMesh;
+use insonify_tracking::needle::NeedlePath;
+use insonify_tracking::trajectory::Trajectory;
 
 /// With fewer nodes in contact a probe presses on points rather than along its side.
 const FEW_CANDIDATES: usize = 6;
@@ -81,7 +81,7 @@ pub struct Scenario {
     /// Stiffening tissue, for nonlinear and viscoelastic models.
     pub stiffened: Option<Stiffened>,
     /// Sheet in place of the solid, with `mesh` as a slab around it.
-    pub(super) section: Option<Arc<Plane>>,
+    pub section: Option<Arc<Plane>>,
     /// Material of each element.
     pub materials: Vec<Material>,
     /// Node and axis of each fixed degree of freedom, ascending.
@@ -120,11 +120,11 @@ pub struct Scenario {
     pub notes: Vec<String>,
     /// Suspicious settings, for the user.
     pub warnings: Vec<String>,
-    pub(super) path: NeedlePath,
+    pub path: NeedlePath,
     /// Recorded inputs, in place of the motions.
     replayed: Option<Arc<Recording>>,
     /// Source file, for errors that point into it.
-    pub(super) file: ScenarioFile,
+    pub file: ScenarioFile,
 }
 
 impl Scenario {
@@ -160,24 +160,24 @@ impl Scenario {
     }
 
     /// Planned path of the needle's tip.
-    pub(crate) fn needle_tip(&self) -> &Trajectory {
+    pub fn needle_tip(&self) -> &Trajectory {
         self.path.tip()
     }
 
     /// Box of the meshed part of the volume, mm, if the file or the aim of the needle restricts it.
-    pub(crate) fn meshed_mm(&self) -> Option<[[f64; 3]; 2]> {
+    pub fn meshed_mm(&self) -> Option<[[f64; 3]; 2]> {
         let corners = self.file.tissue.box_mm?;
         let of = |pick: fn(f64, f64) -> f64| [0, 1, 2].map(|axis| pick(corners[0][axis], corners[1][axis]));
         Some([of(f64::min), of(f64::max)])
     }
 
     /// Whether elements are finer along the needle's path, as the file states it.
-    pub(crate) fn along_path(&self) -> Option<bool> {
+    pub fn along_path(&self) -> Option<bool> {
         self.file.tissue.along_path
     }
 
     /// Points that the tip is planned to pass, mm.
-    pub(super) fn planned_points(&self) -> Vec<Point3<f64>> {
+    pub fn planned_points(&self) -> Vec<Point3<f64>> {
         let keys = self.path.tip().keys();
         let recorded = self.replayed.iter().flat_map(|recording| &recording.inputs);
         let tip = Point3::new(0.0, 0.0, self.needle.length_mm);
@@ -191,7 +191,7 @@ impl Scenario {
     }
 
     /// State in which the model starts, if the run repeats a recording.
-    pub(super) fn start(&self) -> Option<&Saved> {
+    pub fn start(&self) -> Option<&Saved> {
         self.replayed.as_ref().map(|recording| &recording.start.model)
     }
 
@@ -223,7 +223,7 @@ impl Scenario {
     }
 
     /// The scenario with another path of the needle's tip, and of the probe if given, from the start of the needle's to its end.
-    pub(crate) fn moved(&self, tip: Trajectory, probe: Option<Trajectory>) -> Self {
+    pub fn moved(&self, tip: Trajectory, probe: Option<Trajectory>) -> Self {
         let mut moved = self.clone();
         moved.timing.start_s = tip.start_s();
         moved.timing.steps = ((tip.end_s() - tip.start_s()) / self.timing.dt_s - REACHED)
@@ -238,7 +238,7 @@ impl Scenario {
     }
 
     /// Whether a region is skin.
-    pub(super) fn is_skin(&self, region: i32) -> bool {
+    pub fn is_skin(&self, region: i32) -> bool {
         let anatomy = &self.scene.anatomy;
         let labels = anatomy.volume.labels().iter();
         let at = labels.clone().position(|label| label.value == i64::from(region));
@@ -469,7 +469,7 @@ impl ScenarioFile {
         Ok(numbers.filter(|region| !outside.contains(region)).collect())
     }
 
-    pub(super) fn during(&self, timing: &Timing, time_s: f64) -> bool {
+    pub fn during(&self, timing: &Timing, time_s: f64) -> bool {
         time_s >= timing.start_s && timing.step_at(time_s) <= timing.steps
     }
 

@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 use super::aim::Aim;
 use super::file::{ScenarioFile, SceneSource};
 use super::needle::{Moving, NeedleSettings};
-use crate::base::document::nearest;
-use crate::base::document::{InputError, InvalidFile};
-use crate::input::scene::{EXAMPLES, PoseTable, Scene, SceneFile};
+use insonify_base::document::nearest;
+use insonify_base::document::{InputError, InvalidFile};
+use insonify_imaging::scene::{EXAMPLES, PoseTable, Scene, SceneFile};
 
 impl ScenarioFile {
     /// Returns the scene with its needle, the motion of the needle, and its aim if the target is given by name.
-    pub(super) fn scene_with(
+    pub fn scene_with(
         &self,
         needle: &NeedleSettings,
         base_dir: &Path,
@@ -41,7 +41,7 @@ impl ScenarioFile {
     }
 
     /// The scene's file without needle and deformation, the base folder of its paths, and whether it is inline.
-    pub(super) fn scene_file(&self, base: &Path) -> Result<(SceneFile, PathBuf, bool), InputError> {
+    pub fn scene_file(&self, base: &Path) -> Result<(SceneFile, PathBuf, bool), InputError> {
         let (mut file, folder, is_inline) = match &self.scene {
             None => {
                 return Err(self.wrong_keys(

@@ -8,11 +8,11 @@ use nalgebra::{Point3, Vector3};
 use super::regions::Regions;
 use super::resolve::Scenario;
 use super::stiffened::Stiffened;
-use crate::base::document::InputError;
-use crate::mechanics::insertion::nonlinear::{Options, Plane};
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::mesh::outline::{Triangles, triangulate};
-use crate::mechanics::tissue::nonlinear::{Sheet, Stiffening};
+use insonify_base::document::InputError;
+use insonify_mechanics::insertion::nonlinear::{Options, Plane};
+use insonify_mechanics::tissue::nonlinear::{Sheet, Stiffening};
+use insonify_mesh::TetMesh;
+use insonify_mesh::outline::{Triangles, triangulate};
 
 /// Number of triangles of a section, about.
 const TRIANGLES: f64 = 1200.0;
@@ -30,7 +30,7 @@ impl Scenario {
     ///
     /// # Errors
     /// [`InputError`] for masses and springs.
-    pub(crate) fn check_path_independent(&self) -> Result<(), InputError> {
+    pub fn check_path_independent(&self) -> Result<(), InputError> {
         match self.cylinder {
             Some(_) => {
                 let found = "masses and springs, whose cylinder lies along one path";
@@ -45,7 +45,7 @@ impl Scenario {
     ///
     /// # Errors
     /// [`InputError`] for a scenario with parts that a plane cannot have, or without tissue in the plane.
-    pub(crate) fn section(&self, thickness_mm: f64) -> Result<Self, InputError> {
+    pub fn section(&self, thickness_mm: f64) -> Result<Self, InputError> {
         self.fits_a_plane()?;
         let pose = self.scene.probe_path().at(self.timing.start_s);
         let axes = [pose.lateral().into_inner(), pose.axial().into_inner()];
@@ -162,7 +162,7 @@ impl Outline {
     }
 
     /// The section as a slab of tetrahedra: three for each triangle, the nodes of one face before those of the other.
-    fn slab(&self, made: &Triangles) -> Result<TetMesh, crate::mechanics::mesh::InvalidMesh> {
+    fn slab(&self, made: &Triangles) -> Result<TetMesh, insonify_mesh::InvalidMesh> {
         let count = made.nodes.len() as u32;
         let face = |aside: f64| made.nodes.iter().map(move |at| self.world(*at, aside).into());
         let nodes = face(-HALF_MM).chain(face(HALF_MM)).collect();

@@ -6,16 +6,16 @@ use super::file::ScenarioFile;
 use super::instruments::NeedleModel;
 use super::needle::NeedleSettings;
 use super::tissue::{OF_REMESHING, TissueModel};
-use crate::base::document::InputError;
-use crate::base::document::stated;
-use crate::base::range::parameters;
 use crate::input::statics::SchemeName;
-use crate::mechanics::insertion::nonlinear::{Options, Viscosity, in_body, obstacle};
-use crate::mechanics::insertion::{Anatomy, InvalidSetup};
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::tissue::nonlinear::creep::Memory;
-use crate::mechanics::tissue::nonlinear::{Options as SolverOptions, Scheme, Solid, Stiffening};
-use crate::tracking::trajectory::{Key, Trajectory};
+use insonify_base::document::InputError;
+use insonify_base::document::stated;
+use insonify_base::range::parameters;
+use insonify_mechanics::insertion::nonlinear::{Options, Viscosity, in_body, obstacle};
+use insonify_mechanics::insertion::{Anatomy, InvalidSetup};
+use insonify_mechanics::tissue::nonlinear::creep::Memory;
+use insonify_mechanics::tissue::nonlinear::{Options as SolverOptions, Scheme, Solid, Stiffening};
+use insonify_mesh::TetMesh;
+use insonify_tracking::trajectory::{Key, Trajectory};
 
 /// Largest sideways motion of a needle in tissue, mm: rounding of the numbers in a file.
 const SIDEWAYS_MM: f64 = 0.05;
@@ -63,13 +63,13 @@ pub struct Stiffened {
 }
 
 /// Whether the tissue of a model stiffens.
-pub(super) fn stiffens(model: TissueModel) -> bool {
+pub fn stiffens(model: TissueModel) -> bool {
     matches!(model, TissueModel::Nonlinear | TissueModel::Viscoelastic)
 }
 
 impl ScenarioFile {
     /// Returns the viscosity and solver options of stiffening tissue; unsupported features are refused.
-    pub(super) fn stiffening(&self) -> Result<Option<(Option<Viscosity>, Options)>, InputError> {
+    pub fn stiffening(&self) -> Result<Option<(Option<Viscosity>, Options)>, InputError> {
         let spec = &self.tissue;
         let refuse = |key: String, found: String, expected: &str| Err(self.wrong_keys(key, found, expected));
         let (stiffens, creeps) = (stiffens(spec.model), spec.model == TissueModel::Viscoelastic);
@@ -154,7 +154,7 @@ impl ScenarioFile {
     }
 
     /// Refuses a path that the needle cannot follow: sideways in tissue, or into bone.
-    pub(super) fn is_straight(
+    pub fn is_straight(
         &self,
         path: &Trajectory,
         needle: &NeedleSettings,

@@ -11,7 +11,7 @@ mod stepped;
 use std::path::Path;
 
 use super::{Scenario, ScenarioFile};
-use crate::base::document::InputError;
+use insonify_base::document::InputError;
 
 /// Coarse block, fixed at the bottom, with a needle inserted 20 mm along z in 2 s.
 const BLOCK: &str = r#"version = 1

@@ -6,13 +6,13 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::stiffened::{StepSolverSpec, TissueViscositySpec};
-use crate::base::document::RegionName;
-use crate::base::range::parameters;
 use crate::input::statics::selection::CylinderChoice;
-use crate::mechanics::insertion::spring::Parameters;
-use crate::mechanics::insertion::{Bone, Interaction, Peak};
-use crate::mechanics::mesh::file::Unit;
-use crate::mechanics::tissue::remesh::{Level, Precision};
+use insonify_base::document::RegionName;
+use insonify_base::range::parameters;
+use insonify_mechanics::insertion::spring::Parameters;
+use insonify_mechanics::insertion::{Bone, Interaction, Peak};
+use insonify_mechanics::tissue::remesh::{Level, Precision};
+use insonify_mesh::file::Unit;
 
 /// Default number of nodes of a mesh made from the scene's volume: that of Goksel et al. 2011.
 pub const DEFAULT_NODES: u32 = 3300;
@@ -65,7 +65,7 @@ parameters! {
 }
 
 /// Keys of `[tissue]` that only finite elements remeshed at the tip have.
-pub(super) const OF_REMESHING: [&str; 5] = ["level", "device", "precision", "columns", "contact_spacing_mm"];
+pub const OF_REMESHING: [&str; 5] = ["level", "device", "precision", "columns", "contact_spacing_mm"];
 
 /// Tissue model.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -164,7 +164,7 @@ pub struct FixSpec {
 
 impl MaterialSpec {
     /// Interaction with the needle; keys left open are taken from `usual`.
-    pub(super) fn interaction(&self, usual: &Interaction) -> Interaction {
+    pub fn interaction(&self, usual: &Interaction) -> Interaction {
         Interaction {
             friction_n_per_mm: self.friction_n_per_mm.unwrap_or(usual.friction_n_per_mm),
             static_ratio: self.static_ratio.unwrap_or(usual.static_ratio),

@@ -4,13 +4,13 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::file::ProblemFile;
-use crate::base::document::InputError;
-use crate::base::document::InvalidFile;
-use crate::base::range::parameters;
-use crate::mechanics::tissue::nonlinear::creep::Memory;
-use crate::mechanics::tissue::nonlinear::{Options, Scheme, Slope};
-use crate::mechanics::tissue::viscoelastic::point::Method;
-use crate::mechanics::tissue::viscoelastic::{Rule, Span};
+use insonify_base::document::InputError;
+use insonify_base::document::InvalidFile;
+use insonify_base::range::parameters;
+use insonify_mechanics::tissue::nonlinear::creep::Memory;
+use insonify_mechanics::tissue::nonlinear::{Options, Scheme, Slope};
+use insonify_mechanics::tissue::viscoelastic::point::Method;
+use insonify_mechanics::tissue::viscoelastic::{Rule, Span};
 
 /// Maximum number of steps of a history.
 pub const MAX_STEPS: usize = 100_000;
@@ -94,7 +94,7 @@ impl Default for HistorySpec {
 
 /// A moment of a history: its time, and its position between the given times.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Moment {
+pub struct Moment {
     pub time_s: f64,
     pub after: usize,
     pub share: f64,
@@ -110,7 +110,7 @@ impl Moment {
 
 impl HistorySpec {
     /// Initial moment, and the end of each step.
-    pub(super) fn moments(&self) -> Vec<Moment> {
+    pub fn moments(&self) -> Vec<Moment> {
         let mut moments = vec![Moment {
             time_s: self.time_s[0],
             after: 0,
@@ -139,7 +139,7 @@ impl HistorySpec {
 }
 
 impl SolverSpec {
-    pub(super) fn options(&self) -> Options {
+    pub fn options(&self) -> Options {
         Options {
             scheme: self.scheme.into(),
             tolerance: self.tolerance,
@@ -163,7 +163,7 @@ impl From<SchemeName> for Scheme {
 
 impl ViscositySpec {
     /// Quadrature rule for steps between these moments.
-    pub(super) fn rule(&self, moments: &[Moment]) -> Rule {
+    pub fn rule(&self, moments: &[Moment]) -> Rule {
         match self.rule {
             Method::Rectangle => Rule::Rectangle,
             Method::TimeScaledTrapezoid => Rule::TimeScaledTrapezoid,
@@ -195,7 +195,7 @@ impl Model {
 
 impl ProblemFile {
     /// Checks the tables for the model, and their values.
-    pub(super) fn check_course(&self) -> Result<(), InputError> {
+    pub fn check_course(&self) -> Result<(), InputError> {
         let linear = self.model == Model::Linear;
         let tables = [
             ("solver", self.solver.is_some(), linear),
@@ -233,7 +233,7 @@ impl ProblemFile {
     }
 
     /// Returns the history, or the default one.
-    pub(super) fn course(&self) -> HistorySpec {
+    pub fn course(&self) -> HistorySpec {
         self.history.clone().unwrap_or_default()
     }
 

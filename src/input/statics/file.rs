@@ -8,9 +8,9 @@ use serde::Deserialize;
 
 use super::course::{HistorySpec, Model, SolverSpec, ViscositySpec};
 use super::selection::CylinderChoice;
-use crate::base::document::{self, RegionName, Source, Version};
-use crate::base::range::parameters;
-use crate::mechanics::mesh::file::Unit;
+use insonify_base::document::{self, RegionName, Source, Version};
+use insonify_base::range::parameters;
+use insonify_mesh::file::Unit;
 
 /// A static problem. Nodes are numbered from 0 in the order of the mesh file.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
@@ -55,7 +55,7 @@ pub struct ProblemFile {
     pub history: Option<HistorySpec>,
     /// Source text, for errors that point into it.
     #[serde(skip)]
-    pub(super) source: Option<Arc<Source>>,
+    pub source: Option<Arc<Source>>,
 }
 
 document::input_file!(ProblemFile, in_ranges);

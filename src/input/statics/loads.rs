@@ -6,9 +6,9 @@ use super::Made;
 use super::file::{LoadSpec, ProblemFile};
 use super::resolve::Regions;
 use super::selection::Choice;
-use crate::base::document::InputError;
-use crate::mechanics::mesh::{Face, TetMesh};
-use crate::mechanics::tissue::problem::Load;
+use insonify_base::document::InputError;
+use insonify_mechanics::tissue::problem::Load;
+use insonify_mesh::{Face, TetMesh};
 
 /// Largest force, N, and pressure, kPa.
 const STRONGEST: f64 = 1e9;
@@ -21,14 +21,14 @@ const NEWTON_PER_MM3: f64 = 1e-9;
 
 /// A nodal force, and the index of its `[[load]]`; weight has none.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Applied {
+pub struct Applied {
     pub load: Load,
     pub table: Option<usize>,
 }
 
 /// All nodal forces, and the area loaded by each `[[load]]`, mm^2 (0 for nodal forces).
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Loads {
+pub struct Loads {
     pub forces: Vec<Applied>,
     pub area_mm2: Vec<f64>,
 }
@@ -57,12 +57,7 @@ impl Loads {
 
 impl ProblemFile {
     /// Assembles all loads.
-    pub(super) fn loads(
-        &self,
-        mesh: &TetMesh,
-        regions: &Regions,
-        made: &BTreeMap<i32, Made>,
-    ) -> Result<Loads, InputError> {
+    pub fn loads(&self, mesh: &TetMesh, regions: &Regions, made: &BTreeMap<i32, Made>) -> Result<Loads, InputError> {
         let mut loads = Loads::default();
         for (at, spec) in self.load.iter().enumerate() {
             let area = self.load(at, spec, mesh, regions, &mut loads)?;

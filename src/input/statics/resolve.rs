@@ -4,22 +4,17 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
 
-use super::Fields;
 use super::Made;
-use super::course::Model;
 use super::file::ProblemFile;
 use super::loads::Loads;
-use super::run::History;
 use super::selection::{AXES, Choice, axes, numbered};
-use crate::base::document::InputError;
-use crate::base::document::{Names, RegionName};
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::mesh::file::{MeshFile, ReadOptions, read_mesh};
-use crate::mechanics::mesh::quality::Quality;
-use crate::mechanics::tissue::error::LinearError;
-use crate::mechanics::tissue::material::Materials;
-use crate::mechanics::tissue::problem::{Fix, Solution, StaticProblem};
-use crate::mechanics::tissue::viscoelastic::point::Method;
+use insonify_base::document::InputError;
+use insonify_base::document::{Names, RegionName};
+use insonify_mechanics::tissue::problem::Fix;
+use insonify_mechanics::tissue::viscoelastic::point::Method;
+use insonify_mesh::TetMesh;
+use insonify_mesh::file::{MeshFile, ReadOptions, read_mesh};
+use insonify_mesh::quality::Quality;
 
 /// Largest displacement, mm.
 const FARTHEST: f64 = 1e6;
@@ -31,13 +26,13 @@ pub struct Problem {
     pub file: ProblemFile,
     /// Mesh of the problem.
     pub mesh: TetMesh,
-    regions: Regions,
+    pub regions: Regions,
     /// Material of each region.
-    pub(super) made: BTreeMap<i32, Made>,
-    pub(super) fixes: Vec<Fix>,
+    pub made: BTreeMap<i32, Made>,
+    pub fixes: Vec<Fix>,
     /// Index of the `[[fix]]` of each entry of `fixes`.
-    pub(super) tables: Vec<usize>,
-    pub(super) loads: Loads,
+    pub tables: Vec<usize>,
+    pub loads: Loads,
     /// Nodes whose displacements are reported, in the order requested.
     pub report_nodes: Vec<u32>,
     /// Numbers of nodes held by each `[[fix]]`, for the user.
@@ -45,23 +40,12 @@ pub struct Problem {
     /// Warnings about a solvable problem.
     pub warnings: Vec<String>,
     /// Duration of reading the files, s.
-    pub(super) read_seconds: f64,
-}
-
-/// Solution of a problem, with its history for models that have one.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Solved {
-    /// Final state.
-    pub solution: Solution,
-    /// Final strain and stress, if requested.
-    pub fields: Option<Fields>,
-    /// History up to the final state.
-    pub history: Option<History>,
+    pub read_seconds: f64,
 }
 
 /// Numbers and names of the regions of a mesh.
 #[derive(Clone, Debug)]
-pub(super) struct Regions(BTreeMap<i32, String>, Names<i32>);
+pub struct Regions(pub(crate) BTreeMap<i32, String>, Names<i32>);
 
 impl Regions {
     fn new(mesh: &TetMesh, names: BTreeMap<i32, String>) -> Self {
@@ -143,7 +127,7 @@ impl ProblemFile {
     }
 
     /// Numbers of the regions that match a name.
-    pub(super) fn regions(&self, key: &str, name: &RegionName, regions: &Regions) -> Result<Vec<i32>, InputError> {
+    pub fn regions(&self, key: &str, name: &RegionName, regions: &Regions) -> Result<Vec<i32>, InputError> {
         regions.1.find(name).map_err(|error| {
             let help = error.help();
             self.fault(key, error).with_help(help)
@@ -151,7 +135,7 @@ impl ProblemFile {
     }
 
     /// Numbers of the regions that match the keys `region` and `surface_of` of a table, if it has them.
-    pub(super) fn chosen(
+    pub fn chosen(
         &self,
         table: &str,
         names: [Option<&RegionName>; 2],
@@ -237,115 +221,4 @@ fn mesh_warnings(quality: &Quality) -> Vec<String> {
         ));
     }
     odd
-}
-
-impl Problem {
-    /// Solves the problem, with final strain and stress if `fields` is set: for viscoelastic tissue with a memory of loads they
-    /// need a history of their own.
-    ///
-    /// # Errors
-    /// [`InputError`] with the offending key.
-    pub fn solve(&self, fields: bool) -> Result<Solved, InputError> {
-        if self.file.model != Model::Linear {
-            return self.run(fields);
-        }
-        let solution = self.linear()?;
-        let fields = fields.then(|| {
-            let displacement = solution.displacement_mm.as_flattened();
-            Ok(Fields::of(&self.body()?, displacement, displacement))
-        });
-        Ok(Solved {
-            solution,
-            fields: fields.transpose()?,
-            history: None,
-        })
-    }
-
-    /// Solution of the linear problem with loads and displacements as written.
-    pub(super) fn linear(&self) -> Result<Solution, InputError> {
-        let problem = StaticProblem {
-            mesh: &self.mesh,
-            materials: self.linear_materials()?,
-            fixes: self.fixes.clone(),
-            loads: self.loads.forces.iter().map(|applied| applied.load).collect(),
-        };
-        problem.solve().map_err(|error| self.blame(error))
-    }
-
-    fn linear_materials(&self) -> Result<Materials, InputError> {
-        let made = self.made.iter();
-        let materials: Vec<_> = made.map(|(region, made)| (*region, *made.law.material())).collect();
-        Materials::new(None, &materials).map_err(|error| self.blame(error))
-    }
-
-    /// Total force of each `[[load]]`, N.
-    pub fn load_n(&self) -> Vec<[f64; 3]> {
-        (0..self.file.load.len())
-            .map(|table| self.loads.sum_n(Some(table)))
-            .collect()
-    }
-
-    /// Total weight of the tissue, N, under gravity.
-    pub fn weight_n(&self) -> Option<[f64; 3]> {
-        self.file.gravity_m_per_s2.map(|_| self.loads.sum_n(None))
-    }
-
-    /// Total reaction force of each `[[fix]]` on the mesh, N; a degree of freedom fixed by two counts for the
-    /// first.
-    pub fn reactions(&self, solution: &Solution) -> Vec<[f64; 3]> {
-        let forces: BTreeMap<(u32, u8), f64> = solution
-            .reactions
-            .iter()
-            .map(|reaction| ((reaction.node, reaction.axis), reaction.force_n))
-            .collect();
-        self.held_by(|node, axis| forces.get(&(node, axis)).copied().unwrap_or(0.0))
-    }
-
-    /// Sums forces on the fixed degrees of freedom for each `[[fix]]`.
-    pub(super) fn held_by(&self, force_n: impl Fn(u32, u8) -> f64) -> Vec<[f64; 3]> {
-        let mut holder = BTreeMap::new();
-        for (fix, table) in self.fixes.iter().zip(&self.tables) {
-            holder.entry((fix.node, fix.axis)).or_insert(*table);
-        }
-        let mut sums = vec![[0.0; 3]; self.file.fix.len()];
-        for ((node, axis), table) in holder {
-            sums[table][axis as usize] += force_n(node, axis);
-        }
-        sums
-    }
-
-    /// Attaches the key concerned to an error.
-    fn blame(&self, error: LinearError) -> InputError {
-        let key = match &error {
-            LinearError::Contradiction { node, axis, .. } => self.contradicting(*node, *axis),
-            LinearError::FreeParts { .. } => "fix".to_owned(),
-            LinearError::Count { .. }
-            | LinearError::Element { .. }
-            | LinearError::TooLarge { .. }
-            | LinearError::LooseNodes { .. } => "mesh".to_owned(),
-            // Displacements and forces are within bounds.
-            LinearError::TwoMaterials { .. } | LinearError::NoMaterial { .. } | LinearError::Overflow => {
-                "material".to_owned()
-            }
-            // Node and axis numbers are valid here; the remaining errors concern the problem as a whole.
-            _ => return InputError::new(error),
-        };
-        match error {
-            LinearError::LooseNodes { .. } | LinearError::FreeParts { .. } => {
-                let help = "`region = \"NAME\"` or `region = NUMBER` in a [[fix]] holds all nodes of a region";
-                let error = error.named(&self.regions.0);
-                self.file.fault(key, error).with_help(Some(help.to_owned()))
-            }
-            error => self.file.fault(key, error),
-        }
-    }
-
-    /// Key of the fix that gives a displacement a value different from an earlier one.
-    fn contradicting(&self, node: u32, axis: u8) -> String {
-        let same = self.fixes.iter().zip(&self.tables);
-        let mut given = same.filter(|(fix, _)| (fix.node, fix.axis) == (node, axis));
-        let first = given.next().map(|(fix, _)| fix.displacement_mm);
-        let other = given.find(|(fix, _)| Some(fix.displacement_mm) != first);
-        other.map_or("fix".to_owned(), |(_, table)| format!("fix[{table}]"))
-    }
 }

@@ -4,14 +4,14 @@ use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::base::document::InvalidFile;
-use crate::base::range::{Ranges, parameters};
-use crate::mechanics::mesh::TetMesh;
+use insonify_base::document::InvalidFile;
+use insonify_base::range::{Ranges, parameters};
+use insonify_mesh::TetMesh;
 
 /// An invalid selection of nodes or axes, with the key concerned.
-pub(crate) type SelectionError = Box<(String, InvalidFile)>;
+pub type SelectionError = Box<(String, InvalidFile)>;
 
-pub(super) const AXES: [char; 3] = ['x', 'y', 'z'];
+pub const AXES: [char; 3] = ['x', 'y', 'z'];
 
 /// Default distance of a node from the wall of a cylinder, mm.
 const WITHIN_MM: f64 = 1.0;
@@ -87,7 +87,7 @@ impl CylinderChoice {
 /// Node selection of a table: by number, or as the intersection of a box, a cylinder, regions, the surface of regions and that of the
 /// mesh, where given.
 #[derive(Debug)]
-pub(crate) struct Choice<'a> {
+pub struct Choice<'a> {
     pub nodes: Option<&'a [i64]>,
     pub box_mm: Option<&'a [[f64; 3]; 2]>,
     pub cylinder: Option<&'a CylinderChoice>,
@@ -183,7 +183,7 @@ impl Choice<'_> {
 }
 
 /// Parses letters into axes (0 to 2).
-pub(crate) fn axes(table: &str, letters: &str) -> Result<Vec<u8>, SelectionError> {
+pub fn axes(table: &str, letters: &str) -> Result<Vec<u8>, SelectionError> {
     let place = |letter: char| AXES.iter().position(|axis| *axis == letter).map(|axis| axis as u8);
     let mut axes: Vec<u8> = letters.chars().filter_map(place).collect();
     axes.sort_unstable();
@@ -200,7 +200,7 @@ fn keys(key: String, found: impl Into<String>, expected: impl Into<String>) -> S
     Box::new((key, InvalidFile::keys(found, expected).into()))
 }
 
-pub(super) fn numbered(key: &str, nodes: &[i64], of: usize) -> Result<Vec<u32>, SelectionError> {
+pub fn numbered(key: &str, nodes: &[i64], of: usize) -> Result<Vec<u32>, SelectionError> {
     let check = |(at, &found): (usize, &i64)| match u32::try_from(found) {
         Ok(node) if (node as usize) < of => Ok(node),
         _ => Err(Box::new((format!("{key}[{at}]"), InvalidFile::node(found, of)))),
@@ -209,7 +209,7 @@ pub(super) fn numbered(key: &str, nodes: &[i64], of: usize) -> Result<Vec<u32>, 
 }
 
 /// Minimum and maximum corners of a box.
-pub(crate) fn ordered(key: &str, corners: &[[f64; 3]; 2]) -> Result<[[f64; 3]; 2], SelectionError> {
+pub fn ordered(key: &str, corners: &[[f64; 3]; 2]) -> Result<[[f64; 3]; 2], SelectionError> {
     if let Some((at, found)) = first(corners.as_flattened(), |x| x.is_nan()) {
         let expected = "a coordinate, mm, or `inf` for an open side";
         return Err(Box::new((

@@ -2,11 +2,12 @@ use std::path::Path;
 
 use super::file::MaterialSpec;
 use super::*;
-use crate::base::cause::Cause;
-use crate::base::document::InputError;
-use crate::base::document::RegionName;
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::mesh::file::write_vtu;
+use crate::solve::Report;
+use insonify_base::cause::Cause;
+use insonify_base::document::InputError;
+use insonify_base::document::RegionName;
+use insonify_mesh::TetMesh;
+use insonify_mesh::file::write_vtu;
 
 mod loads;
 

@@ -33,13 +33,12 @@ use super::{
     Event, EventKind, Instruments, InvalidSetup, LevelChange, Model, NodeSolver, Outcome, Saved, ShaftLoad, Snapshot,
     StepError, Wrench,
 };
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::needle::CentreLine;
-#[cfg(any(test, feature = "internals"))]
-use crate::mechanics::tissue::remesh::Adaptation;
-use crate::mechanics::tissue::remesh::{Level, Maker};
+use crate::needle::CentreLine;
+use crate::tissue::remesh::Adaptation;
+use crate::tissue::remesh::{Level, Maker};
 use body::Body;
 use contacts::Contacts;
+use insonify_mesh::TetMesh;
 use joint::Joint;
 use needle::PlacedNeedle;
 use prediction::Prediction;
@@ -120,7 +119,6 @@ impl Finite {
     }
 
     /// Returns the mesh with its remesher.
-    #[cfg(any(test, feature = "internals"))]
     pub fn adaptation(&self) -> &Adaptation {
         &self.tissue.adaptation
     }

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use super::{Field, NodeSolver, Snapshot, Tissue};
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::tissue::dofs::Dofs;
-use crate::mechanics::tissue::factor::Factor;
+use crate::tissue::dofs::Dofs;
+use crate::tissue::factor::Factor;
+use insonify_mesh::TetMesh;
 
 /// NodeSolver of a finite element mesh.
 pub(super) struct MeshImager {

@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use nalgebra::{Point3, Vector3};
 
-use crate::base::range::{OutOfRange, Ranges, check, parameters};
-use crate::mechanics::mesh::{Locator, NONE, TetMesh};
+use insonify_base::range::{OutOfRange, Ranges, check, parameters};
+use insonify_mesh::{Locator, NONE, TetMesh};
 
 /// Distance between samples around the tip, mm.
 const AROUND_MM: f64 = 0.25;

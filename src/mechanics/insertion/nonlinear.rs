@@ -1,7 +1,7 @@
 //! Insertion of a straight needle into tissue that stiffens with strain and may creep: it pushes, punctures and cuts.
 //!
 //! The tissue is that of Y. Kobayashi et al., "Development of an integrated needle insertion system with image guidance and
-//! deformation simulation", Computerized Medical Imaging and Graphics 34, 2010 ([`crate::mechanics::tissue::nonlinear`]),
+//! deformation simulation", Computerized Medical Imaging and Graphics 34, 2010 ([`crate::tissue::nonlinear`]),
 //! over tetrahedra; the needle is that of [`pushing`](super::pushing), and quasi-static. The mesh is not remeshed: the force
 //! at the tip acts on the corners of the element around it, so that the displacement of the tissue there depends on the
 //! element size.
@@ -34,10 +34,10 @@ use super::{
     Anatomy, Event, EventKind, Field, Instruments, Model, NodeSolver, Outcome, Saved, ShaftLoad, Snapshot, StepError,
     Wrench,
 };
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::needle::{CentreLine, Shaft};
-use crate::mechanics::tissue::nonlinear::Structure;
+use crate::needle::{CentreLine, Shaft};
+use crate::tissue::nonlinear::Structure;
 use frame::Frame;
+use insonify_mesh::TetMesh;
 use needle_line::NeedleLine;
 pub use needle_line::{in_body, obstacle};
 pub use setup::{Options, Plane, Setup, Viscosity};

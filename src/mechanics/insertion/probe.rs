@@ -53,14 +53,14 @@ impl ProbeContact {
 }
 
 /// Returns a rotation turned by the shortest rotation that brings its z axis to the unit vector `along`, without roll.
-pub(crate) fn pointed(rotation: &UnitQuaternion<f64>, along: &Vector3<f64>) -> UnitQuaternion<f64> {
+pub fn pointed(rotation: &UnitQuaternion<f64>, along: &Vector3<f64>) -> UnitQuaternion<f64> {
     let turn = UnitQuaternion::rotation_between(&(rotation * Vector3::z()), along)
         .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&(rotation * Vector3::x_axis()), std::f64::consts::PI));
     turn * rotation
 }
 
 /// Splits a wrench as [`ProbeContact::split`] does; `at_mm` are two different positions behind the probe's origin.
-pub(crate) fn lever([first, second]: [f64; 2], wrench: &Wrench, pose: &Isometry3<f64>) -> [Vector3<f64>; 2] {
+pub fn lever([first, second]: [f64; 2], wrench: &Wrench, pose: &Isometry3<f64>) -> [Vector3<f64>; 2] {
     let axis = pose.rotation * Vector3::z();
     // The torque of forces f at -b along the axis is -b axis x f: (axis x torque) gives back the sum of b f across.
     let moment = axis.cross(&wrench.torque_nmm);
@@ -96,7 +96,7 @@ fn spacing(places: &[(Point3<f64>, u32)]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::random::{hash3, seed_words, unit};
+    use insonify_base::random::{hash3, seed_words, unit};
     use nalgebra::Translation3;
 
     /// 20 rings of 16 points, 4 mm apart along a slanted axis, perturbed by a share of that.

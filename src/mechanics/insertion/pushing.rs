@@ -27,9 +27,9 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use crate::mechanics::insertion::InvalidSetup;
-use crate::mechanics::tissue::nonlinear::NonlinearError;
-use crate::mechanics::tissue::nonlinear::{Body, Contact, Structure};
+use crate::insertion::InvalidSetup;
+use crate::tissue::nonlinear::NonlinearError;
+use crate::tissue::nonlinear::{Body, Contact, Structure};
 pub use line::{Layer, crossings};
 use line::{Line, check};
 pub(super) use slide::At;

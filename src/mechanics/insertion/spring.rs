@@ -47,8 +47,8 @@ use super::imager::NetworkImager;
 use super::{
     Anatomy, EventKind, Field, Instruments, Model, NodeSolver, Outcome, Saved, ShaftLoad, Snapshot, StepError, Wrench,
 };
-use crate::mechanics::insertion::InvalidSetup;
-use crate::mechanics::needle::{CentreLine, Load, Needle};
+use crate::insertion::InvalidSetup;
+use crate::needle::{CentreLine, Load, Needle};
 use body::{Body, unloaded_tip};
 use contacts::Contacts;
 use cylinder::Cylinder;

@@ -4,11 +4,11 @@ use nalgebra::Isometry3;
 
 use super::spring::{MAX_NODES, MIN_DIHEDRAL_DEG};
 use super::{Interaction, StepError};
-use crate::base::cause::Cause;
-use crate::base::range::OutOfRange;
-use crate::mechanics::tissue::error::LinearError;
-use crate::mechanics::tissue::nonlinear::NonlinearError;
-use crate::mechanics::tissue::remesh::RemeshError;
+use crate::tissue::error::LinearError;
+use crate::tissue::nonlinear::NonlinearError;
+use crate::tissue::remesh::RemeshError;
+use insonify_base::cause::Cause;
+use insonify_base::range::OutOfRange;
 
 /// Reason why a model on a mesh cannot be set up.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -25,8 +25,8 @@
 //! | [`inverse`] | base motion for a given tip or a given centre of motion |
 //! | [`fit`] | materials from measured stretch and stress |
 
-use crate::base::cause::Cause;
-use crate::base::range::OutOfRange;
+use insonify_base::cause::Cause;
+use insonify_base::range::OutOfRange;
 
 pub mod fit;
 mod foundation;

@@ -10,8 +10,8 @@ use nalgebra::{Isometry3, Vector3};
 use super::chain::Chain;
 use super::tangent::Tangent;
 use super::{Bevel, CentreLine, Entry, Load, Needle, Row, Shaft};
-use crate::base::range::{OutOfRange, check};
-use crate::mechanics::ldl::Ldl;
+use crate::ldl::Ldl;
+use insonify_base::range::{OutOfRange, check};
 
 /// Length of a link for which Goksel et al. 2011 state the stiffness of its joint, mm.
 pub const LINK_MM: f64 = 10.0;

@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Point3, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Returns two unit vectors perpendicular to a unit vector and to each other.
-pub(crate) fn across(along: &Vector3<f64>) -> [Vector3<f64>; 2] {
+pub fn across(along: &Vector3<f64>) -> [Vector3<f64>; 2] {
     let mut aside = Vector3::zeros();
     aside[along.iamin()] = 1.0;
     let across = along.cross(&aside).normalize();
@@ -51,11 +51,7 @@ impl CentreLine {
     }
 
     /// Replaces the nodes, for a needle whose joints turn by `turns`.
-    pub(in crate::mechanics) fn set_turned(
-        &mut self,
-        nodes: impl IntoIterator<Item = (f64, Point3<f64>)>,
-        turns: &[Vector3<f64>],
-    ) {
+    pub(crate) fn set_turned(&mut self, nodes: impl IntoIterator<Item = (f64, Point3<f64>)>, turns: &[Vector3<f64>]) {
         self.nodes.clear();
         self.nodes.extend(nodes);
         self.turns.clear();
@@ -74,7 +70,7 @@ impl CentreLine {
     }
 
     /// Moves the line rigidly.
-    pub(in crate::mechanics) fn transform(&mut self, motion: &Isometry3<f64>) {
+    pub(crate) fn transform(&mut self, motion: &Isometry3<f64>) {
         self.nodes.iter_mut().for_each(|node| node.1 = motion * node.1);
         self.turns.iter_mut().for_each(|turn| *turn = motion.rotation * *turn);
     }
@@ -85,7 +81,7 @@ impl CentreLine {
     }
 
     /// Returns the rotations of the joints, rad, world axes, base first; empty if the needle that placed the line has none.
-    pub(in crate::mechanics) fn turns(&self) -> &[Vector3<f64>] {
+    pub(crate) fn turns(&self) -> &[Vector3<f64>] {
         &self.turns
     }
 

@@ -15,8 +15,8 @@ use nalgebra::{Matrix3, Vector3};
 use super::chain::Chain;
 use super::flexible::Resistance;
 use super::{CentreLine, Load, Row, across};
-use crate::base::simd::{Kernel, vectorised};
-use crate::mechanics::ldl::Ldl;
+use crate::ldl::Ldl;
+use insonify_base::simd::{Kernel, vectorised};
 
 /// Limit to which a force along an axis is clamped, N, so that no product of forces overflows.
 const MAX_FORCE_N: f64 = 1e60;

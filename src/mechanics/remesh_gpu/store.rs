@@ -6,13 +6,13 @@ use faer::{Mat, MatRef};
 
 use super::strips::{BankBindings, Shared, Strips};
 use super::tiles::{MAX_RANK, Params, Passes, SIDE, Tiles};
-use crate::base::memory;
-use crate::gpu::{Dispatch, Gpu, GpuError, Parameters, Pipeline, Readback, StorageBuffer, Timer};
-use crate::mechanics::tissue::compliance::Compliance;
-use crate::mechanics::tissue::error::LinearError;
-use crate::mechanics::tissue::remesh::levels::{Store, Which};
-use crate::mechanics::tissue::remesh::{Precision, RemeshError};
-use crate::mechanics::tissue::symmetric::{PANEL_ROWS, Symmetric};
+use crate::tissue::compliance::Compliance;
+use crate::tissue::error::LinearError;
+use crate::tissue::remesh::levels::{Store, Which};
+use crate::tissue::remesh::{Precision, RemeshError};
+use crate::tissue::symmetric::{PANEL_ROWS, Symmetric};
+use insonify_base::memory;
+use insonify_gpu::{Dispatch, Gpu, GpuError, Parameters, Pipeline, Readback, StorageBuffer, Timer};
 
 /// Columns of Y that the shader processes at once; their number is padded to a multiple of this.
 const DEPTH: usize = 16;
@@ -111,13 +111,11 @@ impl DeviceStore {
     }
 
     /// Number of buffers that the inverse is spread over.
-    #[cfg(feature = "internals")]
     pub fn bank_count(&self) -> usize {
         self.tiles.banks.len()
     }
 
     /// Frees the device's copy of the base, so that rebuilds upload it again, as where memory does not suffice.
-    #[cfg(feature = "internals")]
     pub fn free_base(&mut self) {
         self.base_tiles = None;
     }

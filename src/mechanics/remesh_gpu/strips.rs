@@ -1,7 +1,7 @@
 //! Columns set aside for an update, and what is computed from them.
 
 use super::tiles::{MAX_RANK, Passes, SIDE, Tiles};
-use crate::gpu::{Gpu, GpuError, Parameters, Pipeline, StorageBuffer};
+use insonify_gpu::{Gpu, GpuError, Parameters, Pipeline, StorageBuffer};
 
 /// Buffers of an update, with the bindings of all passes.
 pub(super) struct Strips {

@@ -5,8 +5,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::gpu::{Access, Gpu, GpuError, PassSource, Pipeline, Recorder, StorageBuffer};
-use crate::mechanics::tissue::symmetric::{PANEL_ROWS, Panel, Symmetric};
+use crate::tissue::symmetric::{PANEL_ROWS, Panel, Symmetric};
+use insonify_gpu::{Access, Gpu, GpuError, PassSource, Pipeline, Recorder, StorageBuffer};
 
 /// Rows and columns of a tile; must equal the shader's constant.
 pub const SIDE: usize = PANEL_ROWS;
@@ -169,10 +169,6 @@ pub struct Declared {
     /// Access modes of the buffers at bindings 1, 2, ...
     pub storage: &'static [Access],
     /// Invocations per workgroup.
-    #[cfg_attr(
-        not(feature = "internals"),
-        expect(dead_code, reason = "compared with the shader by tests")
-    )]
     pub workgroup: u32,
 }
 
@@ -206,7 +202,6 @@ pub const MULTIPLY: Declared = declared("multiply", &[R, R, W], 128);
 pub const CAPACITANCE: Declared = declared("capacitance", &[R, R, R, W, W, W], 256);
 
 /// Declarations of all passes.
-#[cfg(feature = "internals")]
 pub const ALL: [Declared; 8] = [
     TAKE,
     ENTRIES,

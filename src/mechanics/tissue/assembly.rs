@@ -6,7 +6,7 @@
 
 mod pattern;
 
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
 use std::sync::Arc;
 
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
@@ -15,7 +15,7 @@ use super::dofs::Dofs;
 use super::element::{DegenerateElement, NodeBlock, Shape};
 use super::factor::Symmetric;
 use super::material::Material;
-use crate::mechanics::mesh::TetMesh;
+use insonify_mesh::TetMesh;
 use pattern::{PAIRS, Pattern};
 
 /// Parts of a stiffness matrix that do not depend on node positions.

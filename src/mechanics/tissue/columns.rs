@@ -4,7 +4,7 @@
 //! touched. Columns prefetched along a needle's predicted path are solved together, which is several times faster than
 //! one by one.
 
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
 use std::collections::HashSet;
 use std::sync::Arc;
 

@@ -1,6 +1,6 @@
 //! Access to the compliance K^-1 (mm/N), from a dense inverse or by solving on demand.
 
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
 use std::sync::Arc;
 
 use faer::{Mat, MatMut};

@@ -1,6 +1,6 @@
 //! Degrees of freedom: three displacements per node, each free or prescribed.
 
-pub use crate::mechanics::mesh::NONE;
+pub use insonify_mesh::NONE;
 
 /// Numbering of the free displacements in the reduced system, ascending by node, then axis.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -170,7 +170,7 @@ impl Shape {
 /// # Errors
 /// [`DegenerateElement`] where the element is flat or inverted, or a corner is not finite.
 ///
-/// [`TetMesh`]: crate::mechanics::mesh::TetMesh
+/// [`TetMesh`]: insonify_mesh::TetMesh
 #[cfg(test)]
 pub fn element_stiffness(corners: &[[f64; 3]; 4], material: &Material) -> Result<ElementStiffness, DegenerateElement> {
     let shape = Shape::of(corners)?;

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::element::DegenerateElement;
 use super::material::Material;
 use super::rigid::{self, FreePart};
-use crate::base::cause::Cause;
+use insonify_base::cause::Cause;
 
 /// Error of linear tissue.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -17,8 +17,8 @@ use faer::traits::RealField;
 use faer::{Conj, MatMut, Par, Side};
 
 use super::assembly::Stiffness;
-use crate::base::real::Real;
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
+use insonify_base::real::Real;
 
 /// Backward error beyond which [`Factor::solve_refined`] takes a step of iterative refinement.
 const REFINE_ABOVE: f64 = 1e-14;
@@ -146,7 +146,7 @@ impl<R: Real + RealField> Factor<R> {
         };
         if self.spare.len() != length {
             let needed = length.saturating_mul(size_of::<R>());
-            if crate::base::memory::available().is_some_and(|available| needed > available) {
+            if insonify_base::memory::available().is_some_and(|available| needed > available) {
                 return Err(memory);
             }
             self.spare.try_reserve_exact(length).map_err(|_| memory.clone())?;

@@ -9,7 +9,7 @@
 #[cfg(test)]
 mod tests;
 
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
 use std::sync::{Mutex, PoisonError};
 
 use faer::{Mat, MatRef};
@@ -19,7 +19,7 @@ use super::assembly::Stiffness;
 use super::compliance::Compliance;
 use super::factor::Factor;
 use super::symmetric::{PANEL_ROWS, PanelMut, Scalar, Symmetric};
-use crate::base::memory;
+use insonify_base::memory;
 
 /// Right-hand sides solved together.
 const BLOCK: usize = 32;

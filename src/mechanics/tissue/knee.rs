@@ -1,6 +1,6 @@
 //! Strain-stiffening law.
 
-use crate::base::range::OutOfRange;
+use insonify_base::range::OutOfRange;
 
 /// Constant stiffness up to a knee, and 1 + a (|e| - e0)^2 times as much above (Y. Kobayashi et al., "Development of an
 /// integrated needle insertion system with image guidance and deformation simulation", Computerized Medical Imaging and

@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use crate::base::range::OutOfRange;
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
+use insonify_base::range::OutOfRange;
+use insonify_mesh::TetMesh;
 
 /// Isotropic linear elastic material, valid by construction.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -29,18 +29,17 @@ mod simplex;
 mod solver;
 mod tangent;
 
-pub use crate::mechanics::tissue::dofs::NONE;
+pub use crate::tissue::dofs::NONE;
 pub use body::{Body, Sheet, Solid};
-#[cfg(feature = "internals")]
 pub use law::relative_strain;
 pub use law::{Stiffening, von_mises};
 pub use solver::{Contact, Options, Progress, Scheme, Slope, Solver, Target};
 
-use crate::base::cause::Cause;
-use crate::mechanics::tissue::element::DegenerateElement;
-use crate::mechanics::tissue::error::LinearError;
-use crate::mechanics::tissue::viscoelastic::HistoryError;
+use crate::tissue::element::DegenerateElement;
+use crate::tissue::error::LinearError;
+use crate::tissue::viscoelastic::HistoryError;
 use creep::Creep;
+use insonify_base::cause::Cause;
 
 /// Why a nonlinear body cannot be made, or an increment of it not be solved. The solver is then unchanged.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

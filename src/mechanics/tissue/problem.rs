@@ -9,8 +9,8 @@ use super::element::Shape;
 use super::factor::Factor;
 use super::material::{Material, Materials};
 use super::rigid;
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
+use insonify_mesh::TetMesh;
 
 /// Prescribed displacement of one node along one axis.
 #[derive(Clone, Copy, Debug, PartialEq)]

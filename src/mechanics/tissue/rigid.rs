@@ -8,13 +8,13 @@
 mod motion;
 mod parts;
 
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
 use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, Vector3};
 
 use super::dofs::{Dofs, NONE};
-use crate::mechanics::mesh::TetMesh;
+use insonify_mesh::TetMesh;
 pub use motion::Motion;
 use parts::Parts;
 

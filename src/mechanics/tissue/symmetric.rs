@@ -20,9 +20,9 @@ use bytemuck::Pod;
 use rayon::prelude::*;
 
 use super::compliance::{check_dofs, check_shape};
-use crate::base::real::Real;
-use crate::base::simd::{Lanes, Simd, WithSimd, array, dispatch};
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
+use insonify_base::real::Real;
+use insonify_base::simd::{Lanes, Simd, WithSimd, array, dispatch};
 
 /// Rows of a panel. Measured from 64 to 256 at 9,834 rows: 128 and 256 are equally fast, 64 is up to a tenth slower,
 /// and the memory above the diagonal grows with the number of rows.

@@ -6,8 +6,8 @@ use super::assembly::Stiffness;
 use super::dofs::Dofs;
 use super::factor::Factor;
 use super::material::Material;
-use crate::base::random::{pcg3d, unit};
-use crate::mechanics::mesh::TetMesh;
+use insonify_base::random::{pcg3d, unit};
+use insonify_mesh::TetMesh;
 
 /// Returns a value in -1..1 that depends only on the arguments.
 pub fn value(i: usize, j: usize, salt: u32) -> f64 {

@@ -12,7 +12,7 @@
 //! [`History::commit`] then records the new value. The same trait serves the derivative of order k ([`Operator`]).
 //!
 //! ```
-//! use insonify::mechanics::tissue::viscoelastic::{Operator, Rule};
+//! use insonify_mechanics::tissue::viscoelastic::{Operator, Rule};
 //!
 //! // Creep of a spring-pot under a stress of 2 kPa that is there from the start: gamma = 2 t^k / (G Gamma(1 + k)).
 //! let (order, modulus_kpa) = (0.5, 4.0);
@@ -25,7 +25,7 @@
 //!     integral.commit(0.1, &[2.0])?;
 //! }
 //! assert!((strain - 2.0 / (4.0 * 0.886226925452758)).abs() < 1e-14);
-//! # Ok::<(), insonify::mechanics::tissue::viscoelastic::HistoryError>(())
+//! # Ok::<(), insonify_mechanics::tissue::viscoelastic::HistoryError>(())
 //! ```
 //!
 //! # Two structural laws

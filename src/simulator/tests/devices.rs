@@ -2,9 +2,9 @@
 
 use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 
-use crate::mechanics::insertion::{Outcome, Wrench};
 use crate::simulator::{Damper, Guided, Haptic, HoldOptions, LateralHold, Options, SimulatorError, TwoPoints};
-use crate::tracking::template::Template;
+use insonify_mechanics::insertion::{Outcome, Wrench};
+use insonify_tracking::template::Template;
 
 use super::{Fake, instruments, patient};
 

@@ -5,9 +5,9 @@ use std::time::Duration;
 use nalgebra::{Isometry3, Vector3};
 
 use super::{Fake, instruments, patient};
-use crate::mechanics::insertion::{Instruments, Outcome, Wrench};
 use crate::simulator::forces::{Easing, Given};
 use crate::simulator::{Haptic, Options, Policy};
+use insonify_mechanics::insertion::{Instruments, Outcome, Wrench};
 
 #[test]
 fn forces_are_on_the_hand_in_both_frames() {

@@ -5,8 +5,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 
 use super::Fake;
-use crate::mechanics::insertion::Field;
 use crate::simulator::haptic::hand_over;
+use insonify_mechanics::insertion::Field;
 
 #[test]
 fn no_state_is_ever_torn() {

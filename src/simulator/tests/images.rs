@@ -6,13 +6,13 @@ use std::sync::atomic::Ordering;
 use nalgebra::{Matrix4, Point3, Vector3};
 
 use super::{Fake, instruments, patient};
-use crate::imaging::synth::{Backend, FrameState, Synthesizer};
-use crate::input::scene::SceneFile;
-use crate::mechanics::insertion::{Snapshot, Tissue};
-use crate::mechanics::mesh::TetMesh;
 use crate::simulator::imaging::Seeds;
 use crate::simulator::{Haptic, Simulator};
-use crate::study::parity::Case;
+use insonify_imaging::parity::Case;
+use insonify_imaging::scene::SceneFile;
+use insonify_imaging::synth::{Backend, FrameState, Synthesizer};
+use insonify_mechanics::insertion::{Snapshot, Tissue};
+use insonify_mesh::TetMesh;
 
 /// Returns an anatomy of one block with or without a mesh of it, and a probe on it.
 fn scene(meshed: bool) -> (Synthesizer, Matrix4<f64>, Option<Arc<TetMesh>>) {

@@ -4,10 +4,10 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{Fake, instruments, patient};
 use crate::input::scenario::ScenarioFile;
-use crate::input::scenario::run::{Observer, Requests, Step, run};
-use crate::mechanics::insertion::{Input, Instruments, Outcome, Recording, Saved, State, StepError};
-use crate::mechanics::tissue::remesh::Level;
+use crate::run::{Observer, Requests, Step, run};
 use crate::simulator::{Forces, Haptic};
+use insonify_mechanics::insertion::{Input, Instruments, Outcome, Recording, Saved, State, StepError};
+use insonify_mechanics::tissue::remesh::Level;
 
 #[test]
 fn a_recording_replays_to_the_bit_also_from_a_file() {

@@ -1,13 +1,13 @@
 //! Studies of a user's own needle: compression of the tissue, remote centres of motion (RCM) for wanted corrections of the tip, and what
 //! uncertain tissue does.
 
-use crate::base::document::InputError;
-use crate::base::report::machine::Machine;
-use crate::base::report::number::decimal;
-use crate::input::beam_case::Case;
-use crate::mechanics::needle::beam::inverse::Wanted;
-use crate::mechanics::needle::beam::{BeamError, FoundationBeam, LayerLoad, Material, Problem, Shape};
-use crate::study::tradeoff::{Axis, Factor, Figure, Study, Table};
+use crate::beam_case::Case;
+use crate::tradeoff::{Axis, Factor, Figure, Study, Table};
+use insonify_base::document::InputError;
+use insonify_base::machine::Machine;
+use insonify_base::number::decimal;
+use insonify_mechanics::needle::beam::inverse::Wanted;
+use insonify_mechanics::needle::beam::{BeamError, FoundationBeam, LayerLoad, Material, Problem, Shape};
 
 fn study(name: &'static str, title: &'static str, case: &Case, tables: Vec<Table>, figures: Vec<Figure>) -> Study {
     let problem = &case.problem;

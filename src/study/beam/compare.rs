@@ -1,11 +1,11 @@
 //! Measured needles against computed ones: figures 6 to 8 and Table I of Wang et al. 2023 for a user's own scans.
 
 use super::measure::crossing;
-use crate::base::report::machine::Machine;
-use crate::base::report::statistics::{mean, percentile, std};
-use crate::input::beam_case::Case;
-use crate::mechanics::needle::beam::{Base, BeamError, FoundationBeam, Layer, Problem, Shape};
-use crate::study::tradeoff::{Axis, Factor, Figure, Study, Table};
+use crate::beam_case::Case;
+use crate::tradeoff::{Axis, Factor, Figure, Study, Table};
+use insonify_base::machine::Machine;
+use insonify_base::statistics::{mean, percentile, std};
+use insonify_mechanics::needle::beam::{Base, BeamError, FoundationBeam, Layer, Problem, Shape};
 
 /// Inserted depths and control distances are grouped to multiples of these, mm.
 const DEPTH_MM: f64 = 10.0;
@@ -142,8 +142,8 @@ pub fn compare(cases: &[(String, Case)], tissues: &[(String, Case)]) -> Study {
 /// Rows by tissue and another key, in the order of their first rows.
 fn groups<'a>(
     table: &'a Table,
-    key: impl Fn(&'a crate::study::tradeoff::Row) -> Vec<String>,
-) -> Vec<(Vec<String>, Vec<&'a crate::study::tradeoff::Row>)> {
+    key: impl Fn(&'a crate::tradeoff::Row) -> Vec<String>,
+) -> Vec<(Vec<String>, Vec<&'a crate::tradeoff::Row>)> {
     let mut groups: Vec<(Vec<String>, Vec<_>)> = Vec::new();
     for row in table.rows.iter().filter(|row| row.flag.is_none()) {
         let key = key(row);
@@ -156,7 +156,7 @@ fn groups<'a>(
 }
 
 /// Numbers on an axis, ascending.
-fn column(table: &Table, rows: &[&crate::study::tradeoff::Row], key: &str) -> Vec<f64> {
+fn column(table: &Table, rows: &[&crate::tradeoff::Row], key: &str) -> Vec<f64> {
     let mut values: Vec<f64> = rows.iter().filter_map(|row| table.value(row, key)).collect();
     values.sort_by(f64::total_cmp);
     values
@@ -205,7 +205,7 @@ fn centres(cases: &Table) -> Table {
         Factor::new("depth", "depth, mm"),
     ];
     let mut table = Table::new("centres", "Mean centres of motion, mm below the entry", &factors, &axes);
-    let key = |row: &crate::study::tradeoff::Row| {
+    let key = |row: &crate::tradeoff::Row| {
         let control = cases.value(row, "control_distance_mm").unwrap_or(f64::NAN);
         let control = (control / CONTROL_MM).round() * CONTROL_MM;
         vec![row.choices[1].clone(), control.to_string(), row.choices[2].clone()]

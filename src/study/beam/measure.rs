@@ -8,10 +8,10 @@ use std::path::Path;
 
 use nalgebra::{Isometry3, Point3};
 
-use crate::anatomy::registration::markers::{self, Body, Placement};
-use crate::anatomy::volume::{ScalarImage, VolumeError};
-use crate::base::csv::{Csv, CsvError};
-use crate::base::report::statistics::{mean, slope};
+use insonify_anatomy::registration::markers::{self, Body, Placement};
+use insonify_anatomy::volume::{ScalarImage, VolumeError};
+use insonify_base::csv::{Csv, CsvError};
+use insonify_base::statistics::{mean, slope};
 
 /// Columns of a marker design.
 const COLUMNS: [&str; 5] = ["body", "diameter_mm", "x_mm", "y_mm", "z_mm"];
@@ -317,7 +317,7 @@ mod tests {
     use nalgebra::Vector3;
 
     use super::*;
-    use crate::base::random::normal;
+    use insonify_base::random::normal;
 
     const CONTAINER: [[f64; 3]; 12] = [
         [0.0, -36.0, -24.0],

@@ -17,15 +17,15 @@ mod passes;
 use std::time::{Duration, Instant};
 
 use super::{BenchOptions, Clock};
-use crate::base::report::machine::Machine;
-use crate::gpu::Gpu;
-use crate::imaging::effects::Stage;
-use crate::imaging::synth::tables::{Anatomy, Settings};
-use crate::imaging::synth::{FrameState, SynthError, Synthesizer};
-use crate::study::StudyError;
-use crate::study::tradeoff::remesh::subject::generated;
-use crate::study::tradeoff::remesh::{RemeshOptions, study};
-use crate::study::tradeoff::{Axis, Factor, Figure, Row, Study, Table};
+use crate::StudyError;
+use crate::tradeoff::remesh::subject::generated;
+use crate::tradeoff::remesh::{RemeshOptions, study};
+use crate::tradeoff::{Axis, Factor, Figure, Row, Study, Table};
+use insonify_base::machine::Machine;
+use insonify_gpu::Gpu;
+use insonify_imaging::effects::Stage;
+use insonify_imaging::synth::tables::{Anatomy, Settings};
+use insonify_imaging::synth::{FrameState, SynthError, Synthesizer};
 
 /// Default scene, with every effect that a frame can have.
 pub const SCENE: &str = r#"

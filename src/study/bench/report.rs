@@ -4,9 +4,9 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::base::report::machine::Machine;
-use crate::base::report::statistics::Spread;
-use crate::imaging::synth::tables::{Anatomy, Settings};
+use insonify_base::machine::Machine;
+use insonify_base::statistics::Spread;
+use insonify_imaging::synth::tables::{Anatomy, Settings};
 
 /// Times of one pass.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -1,8 +1,8 @@
 use super::*;
-use crate::imaging::effects::Effect;
-use crate::imaging::plan::Plan;
-use crate::imaging::synth::tables::Tables;
-use crate::study::testing::scene;
+use insonify_imaging::anatomies::two_layers as scene;
+use insonify_imaging::effects::Effect;
+use insonify_imaging::plan::Plan;
+use insonify_imaging::synth::tables::Tables;
 
 #[test]
 fn percentiles_are_nearest_ranks() {

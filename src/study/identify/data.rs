@@ -6,12 +6,12 @@ use std::path::Path;
 use nalgebra::{Point3, Vector3};
 
 use super::force::Piecewise;
-use crate::base::csv::{Csv, CsvError};
-use crate::base::report::statistics::percentile;
-use crate::input::identification::Case;
-use crate::mechanics::mesh::{Locator, NONE};
-use crate::study::StudyError;
-use crate::tracking::probe::BeamGrid;
+use crate::StudyError;
+use crate::identification::Case;
+use insonify_base::csv::{Csv, CsvError};
+use insonify_base::statistics::percentile;
+use insonify_mesh::{Locator, NONE};
+use insonify_tracking::probe::BeamGrid;
 
 /// Way back that ends the first push, mm.
 const BACK_MM: f64 = 0.5;

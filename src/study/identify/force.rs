@@ -4,7 +4,7 @@
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
-use crate::base::search::nelder_mead;
+use insonify_base::search::nelder_mead;
 
 /// Places tried for a break along the curve.
 const PLACES: usize = 50;
@@ -190,7 +190,7 @@ impl Piecewise {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::random::{hash3, unit};
+    use insonify_base::random::{hash3, unit};
 
     fn curve(noise: f64) -> (Piecewise, Vec<[f64; 2]>) {
         let exact = Piecewise {

@@ -4,12 +4,12 @@ use std::fmt;
 use std::path::Path;
 
 use super::{Identification, Identified, errors_by_depth};
-use crate::base::document::{Names, RegionName};
-use crate::base::output::OutputError;
-use crate::base::report::number::{decimal, significant};
-use crate::base::report::page::Page;
-use crate::base::report::plot::{Axis, Marker, Plot, Series};
-use crate::base::report::table::{Cell, Table};
+use insonify_base::document::{Names, RegionName};
+use insonify_base::number::{decimal, significant};
+use insonify_base::output::OutputError;
+use insonify_base::table::{Cell, Table};
+use insonify_report::page::Page;
+use insonify_report::plot::{Axis, Marker, Plot, Series};
 use nalgebra::Vector3;
 use toml::Value;
 

@@ -6,12 +6,12 @@ use nalgebra::Point3;
 use serde::Serialize;
 
 use super::data::Motion;
-use crate::input::identification::Case;
-use crate::input::scenario::Scenario;
-use crate::mechanics::insertion::{Anatomy, Instruments, Interaction, Peak, Snapshot, Tissue};
-use crate::mechanics::mesh::{Locator, NONE};
-use crate::mechanics::tissue::material::Material;
-use crate::study::StudyError;
+use crate::StudyError;
+use crate::identification::Case;
+use insonify::input::scenario::Scenario;
+use insonify_mechanics::insertion::{Anatomy, Instruments, Interaction, Peak, Snapshot, Tissue};
+use insonify_mechanics::tissue::material::Material;
+use insonify_mesh::{Locator, NONE};
 
 /// Longest step of the needle, mm.
 const STEP_MM: f64 = 0.1;

@@ -7,10 +7,10 @@ use nalgebra::Point3;
 
 use super::data::Data;
 use super::{Identification, Identified, identify};
-use crate::input::identification::CaseFile;
-use crate::input::scenario::ScenarioFile;
-use crate::input::scenario::run::{Deformed, Observer, Requests, Step, run};
-use crate::mechanics::insertion::StepError;
+use crate::identification::CaseFile;
+use insonify::input::scenario::ScenarioFile;
+use insonify::run::{Deformed, Observer, Requests, Step, run};
+use insonify_mechanics::insertion::StepError;
 
 /// The two-layer phantom in a coarse mesh.
 const PHANTOM: &str = r#"version = 1

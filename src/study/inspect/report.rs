@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::base::text;
+use insonify_base::text;
 
 /// Explanation of a pixel.
 #[derive(Clone, Debug, PartialEq, Serialize)]

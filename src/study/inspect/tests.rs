@@ -1,8 +1,8 @@
 use std::sync::Arc;
 
 use super::*;
-use crate::mechanics::mesh::TetMesh;
-use crate::study::testing::scene;
+use insonify_imaging::anatomies::two_layers as scene;
+use insonify_mesh::TetMesh;
 
 fn sample_of(anatomy: &Anatomy, settings: &Settings, state: &FrameState) -> (u8, SampleReport) {
     let report = inspect(anatomy, settings, state, [16, 14]).unwrap().unwrap();

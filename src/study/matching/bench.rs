@@ -5,16 +5,16 @@ use rayon::prelude::*;
 use super::model::rounded;
 use super::outline::{Outline, Shape};
 use super::{AtDepth, Side, refuse};
-use crate::base::report::statistics::{mean, median, std};
-use crate::error::Error;
-use crate::imaging::effects::Effects;
-use crate::imaging::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
-use crate::imaging::synth::tables::Settings;
-use crate::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
-use crate::study::anatomies::{Acoustics, uniform};
-use crate::study::realism::picture::Picture;
-use crate::study::realism::texture::{Patch, Texture, Window, uniform_windows};
-use crate::tracking::probe::{BeamGrid, ImageGrid, Probe, ProbeShape};
+use crate::realism::picture::Picture;
+use crate::realism::texture::{Patch, Texture, Window, uniform_windows};
+use insonify::error::Error;
+use insonify_base::statistics::{mean, median, std};
+use insonify_imaging::anatomies::{Acoustics, uniform};
+use insonify_imaging::effects::Effects;
+use insonify_imaging::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
+use insonify_imaging::synth::tables::Settings;
+use insonify_imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
+use insonify_tracking::probe::{BeamGrid, ImageGrid, Probe, ProbeShape};
 
 /// Size of a window in scanlines and samples.
 pub(super) const WINDOW: [usize; 2] = [48, 40];

@@ -3,13 +3,13 @@
 use super::Side;
 use super::bench::{Bench, DEPTHS, WINDOWS};
 use super::model::Model;
-use crate::base::report::statistics::{mean, median, percentile, slope, std};
-use crate::imaging::effects::receiver::Receiver;
-use crate::imaging::synth::SynthError;
-use crate::study::anatomies::SILENT;
-use crate::study::realism::DARK_WINDOW;
-use crate::study::realism::picture::Picture;
-use crate::study::realism::texture::{Patch, Texture, Window, dark_windows};
+use crate::realism::DARK_WINDOW;
+use crate::realism::picture::Picture;
+use crate::realism::texture::{Patch, Texture, Window, dark_windows};
+use insonify_base::statistics::{mean, median, percentile, slope, std};
+use insonify_imaging::anatomies::SILENT;
+use insonify_imaging::effects::receiver::Receiver;
+use insonify_imaging::synth::SynthError;
 
 /// Number of correction rounds for noise and clutter.
 const DARK_ROUNDS: usize = 3;

@@ -5,11 +5,11 @@ use super::correct::Dark;
 use super::model::{Model, rounded};
 use super::outline::Outline;
 use super::{Figure, ROUNDS, SETTLED, Side, Unidentified};
-use crate::anatomy::phantom::Phantom;
-use crate::base::report::statistics::{median, std};
-use crate::input::scene::{ImageSpec, SceneFile, VolumeSpec};
-use crate::study::realism::texture::{Patch, Texture, Window};
-use crate::tracking::probe::{ProbeKind, ProbeSpec};
+use crate::realism::texture::{Patch, Texture, Window};
+use insonify_anatomy::phantom::Phantom;
+use insonify_base::statistics::{median, std};
+use insonify_imaging::scene::{ImageSpec, SceneFile, VolumeSpec};
+use insonify_tracking::probe::{ProbeKind, ProbeSpec};
 
 /// Scatter of the windows' standard deviation above which they hold more than one tissue or no speckle; in fully developed speckle it is
 /// 0.06.
@@ -34,7 +34,7 @@ impl Bench<'_> {
         let bounds = self.grid.bounds_mm();
         let pixels = |axis: usize| ((bounds.max[axis] - bounds.min[axis]) / self.image.pixel_mm()).ceil() as u32;
         let mut scene = SceneFile::default();
-        scene.version = Some(crate::base::document::Version);
+        scene.version = Some(insonify_base::document::Version);
         scene.seed = self.seed;
         scene.volume = Some(VolumeSpec {
             phantom: Some(Phantom::Abdomen),

@@ -1,12 +1,12 @@
 //! Parameters to estimate, and the effects built from them.
 
-use crate::base::report::statistics::mean;
-use crate::imaging::effects::point_spread::{self, PointSpread};
-use crate::imaging::effects::receiver::Receiver;
-use crate::imaging::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
-use crate::imaging::effects::tone::{MID_GREY, Tone};
-use crate::imaging::effects::{Effects, blur::Blur, speckle::Speckle};
-use crate::tracking::probe::Probe;
+use insonify_base::statistics::mean;
+use insonify_imaging::effects::point_spread::{self, PointSpread};
+use insonify_imaging::effects::receiver::Receiver;
+use insonify_imaging::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
+use insonify_imaging::effects::tone::{MID_GREY, Tone};
+use insonify_imaging::effects::{Effects, blur::Blur, speckle::Speckle};
+use insonify_tracking::probe::Probe;
 
 /// Width of the blur per lateral length and its growth per cm, with the ratios of the defaults: 2.1 mm over 5.25 mm at 1 MHz, and 0.21
 /// mm/cm.

@@ -3,14 +3,14 @@
 use std::fmt;
 
 use super::{Match, Score, Side};
-use crate::base::output::OutputError;
-use crate::base::report::number::fixed;
-use crate::base::report::page::Page;
-use crate::base::report::plot::{Axis, Plot, Series};
-use crate::base::report::table::{Cell, Table};
-use crate::base::text;
-use crate::input::scene::SceneFile;
-use crate::study::realism::report::{named, small};
+use crate::realism::report::{named, small};
+use insonify_base::number::fixed;
+use insonify_base::output::OutputError;
+use insonify_base::table::{Cell, Table};
+use insonify_base::text;
+use insonify_imaging::scene::SceneFile;
+use insonify_report::page::Page;
+use insonify_report::plot::{Axis, Plot, Series};
 
 impl Match {
     fn summary(&self) -> String {

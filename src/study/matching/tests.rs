@@ -1,15 +1,15 @@
 use nalgebra::Matrix4;
 
 use super::*;
-use crate::imaging::effects::receiver::Receiver;
-use crate::imaging::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
-use crate::imaging::effects::speckle::Speckle;
-use crate::imaging::effects::tone::Tone;
-use crate::imaging::synth::tables::{Anatomy, Settings};
-use crate::imaging::synth::{Backend, FrameState, Synthesizer};
-use crate::input::scene::SceneFile;
-use crate::study::anatomies::{self, Acoustics, Frame, SILENT};
-use crate::tracking::probe::{Probe, ProbeShape};
+use insonify_imaging::anatomies::{self, Acoustics, Frame, SILENT};
+use insonify_imaging::effects::receiver::Receiver;
+use insonify_imaging::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
+use insonify_imaging::effects::speckle::Speckle;
+use insonify_imaging::effects::tone::Tone;
+use insonify_imaging::scene::SceneFile;
+use insonify_imaging::synth::tables::{Anatomy, Settings};
+use insonify_imaging::synth::{Backend, FrameState, Synthesizer};
+use insonify_tracking::probe::{Probe, ProbeShape};
 
 const CURVED: ProbeShape = ProbeShape::Curvilinear {
     radius_mm: 60.0,

@@ -5,14 +5,14 @@ use nalgebra::{Point3, Vector3};
 use super::correct::correct;
 use super::insertion::APPROACH_MM;
 use super::{Candidate, Entry, PathOptions, no_path, unknown};
-use crate::base::document::{Names, RegionName};
-use crate::input::scenario::Scenario;
-use crate::input::scenario::aim::place::array_end_mm;
-use crate::input::scenario::clearance::Surroundings;
-use crate::input::scene::Body;
-use crate::study::StudyError;
-use crate::tracking::pose::Pose;
-use crate::tracking::probe::ProbeKind;
+use crate::StudyError;
+use insonify::input::scenario::Scenario;
+use insonify::input::scenario::aim::place::array_end_mm;
+use insonify::input::scenario::clearance::Surroundings;
+use insonify_base::document::{Names, RegionName};
+use insonify_imaging::scene::Body;
+use insonify_tracking::pose::Pose;
+use insonify_tracking::probe::ProbeKind;
 
 /// Step of the search for the skin, mm.
 const SKIN_MM: f64 = 0.25;
@@ -31,7 +31,7 @@ const LEAVES: &str = "the line leaves the body";
 const GAS: &str = "the line meets gas or lung";
 const BONE: &str = "too near to bone";
 const CRITICAL: &str = "too near to a critical structure";
-pub(in crate::study) const DEFORMED_BONE: &str = "too near to bone as the tissue deforms";
+pub(crate) const DEFORMED_BONE: &str = "too near to bone as the tissue deforms";
 const DEFORMED_CRITICAL: &str = "too near to a critical structure as the tissue deforms";
 
 /// A direction to the target, with its entry or the reason why there is none.
@@ -64,7 +64,7 @@ pub(super) fn permitted(scenario: &Scenario, name: &str, target: &Point3<f64>) -
     }
     let value = body.volume.labels()[usize::from(label)].value;
     let is_critical =
-        |(region, of): &(i32, crate::mechanics::insertion::Interaction)| i64::from(*region) == value && of.critical;
+        |(region, of): &(i32, insonify_mechanics::insertion::Interaction)| i64::from(*region) == value && of.critical;
     match scenario.interactions.iter().any(is_critical) {
         true => refuse(format!("lies in {}, which is marked `critical`", body.name(label))),
         false => Ok(()),

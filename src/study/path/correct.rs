@@ -11,9 +11,9 @@ use serde::Serialize;
 
 use super::candidates::DEFORMED_BONE;
 use super::insertion::{Course, Sample, Trial, Until, look_mm};
-use crate::input::scenario::Scenario;
-use crate::mechanics::needle::across;
-use crate::study::StudyError;
+use crate::StudyError;
+use insonify::input::scenario::Scenario;
+use insonify_mechanics::needle::across;
 
 /// Travel beyond the target at rest, and way back, within which the target is searched for, mm.
 const BEYOND_MM: f64 = 15.0;

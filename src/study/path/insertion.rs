@@ -2,13 +2,13 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::input::scenario::Scenario;
-use crate::input::scenario::carried::Carried;
-use crate::input::scenario::run::{Deformed, Observer, Requests, Step, run};
-use crate::mechanics::insertion::{EventKind, StepError};
-use crate::study::StudyError;
-use crate::tracking::needle::NeedlePath;
-use crate::tracking::trajectory::Interpolation;
+use crate::StudyError;
+use insonify::input::scenario::Scenario;
+use insonify::run::carried::Carried;
+use insonify::run::{Deformed, Observer, Requests, Step, run};
+use insonify_mechanics::insertion::{EventKind, StepError};
+use insonify_tracking::needle::NeedlePath;
+use insonify_tracking::trajectory::Interpolation;
 
 /// Distance of the tip from the entry at the start, mm.
 pub(super) const APPROACH_MM: f64 = 10.0;
@@ -90,7 +90,7 @@ pub struct Trial {
 /// Greatest speed of the scenario's needle, mm/s.
 pub(super) fn speed_mm_s(scenario: &Scenario) -> f64 {
     let keys = scenario.needle_tip().keys();
-    let speed = |pair: &[crate::tracking::trajectory::Key]| {
+    let speed = |pair: &[insonify_tracking::trajectory::Key]| {
         let way = (pair[1].pose.position_mm() - pair[0].pose.position_mm()).norm();
         way / (pair[1].time_s - pair[0].time_s)
     };

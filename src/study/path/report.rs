@@ -6,16 +6,16 @@ use nalgebra::Point3;
 use super::correct::Corrected;
 use super::insertion::{APPROACH_MM, Sample};
 use super::{Candidate, PathPlan};
-use crate::base::output::OutputError;
-use crate::base::report::number::fixed;
-use crate::base::report::page::Page;
-use crate::base::report::plot::{Axis, Marker, Plot, Series};
-use crate::base::report::table::{Cell, Table};
-use crate::imaging::overlay;
-use crate::imaging::synth::Synthesizer;
-use crate::input::scenario::Scenario;
-use crate::study::rewritten;
-use crate::tracking::needle::NeedlePose;
+use crate::rewritten;
+use insonify::input::scenario::Scenario;
+use insonify_base::number::fixed;
+use insonify_base::output::OutputError;
+use insonify_base::table::{Cell, Table};
+use insonify_imaging::overlay;
+use insonify_imaging::synth::Synthesizer;
+use insonify_report::page::Page;
+use insonify_report::plot::{Axis, Marker, Plot, Series};
+use insonify_tracking::needle::NeedlePose;
 
 /// Files of a plan.
 pub const FILES: &[&str] = &[

@@ -1,9 +1,9 @@
 //! Plans in tissue where the answer is known.
 
 use super::*;
-use crate::input::scenario::points::Displaced;
-use crate::input::scenario::run::{Observer, Requests, Step, run};
-use crate::mechanics::insertion::StepError;
+use insonify::input::scenario::points::Displaced;
+use insonify::run::{Observer, Requests, Step, run};
+use insonify_mechanics::insertion::StepError;
 
 /// The scenario `liver-puncture` with a coarse mesh and other changes.
 fn liver(changes: &[(&str, &str)]) -> Scenario {

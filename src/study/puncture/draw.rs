@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::liver::Liver;
-use crate::base::report::statistics::percentile;
+use insonify_base::statistics::percentile;
 
 /// Pixels per millimetre.
 const SCALE: f64 = 6.0;

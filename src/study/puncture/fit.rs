@@ -12,8 +12,8 @@ use nalgebra::{Matrix2, Vector2};
 use serde::Serialize;
 
 use super::{PunctureOptions, pushing};
-use crate::base::csv::Csv;
-use crate::study::StudyError;
+use crate::StudyError;
+use insonify_base::csv::Csv;
 
 /// Least number of points for three unknowns.
 const FEWEST: usize = 4;

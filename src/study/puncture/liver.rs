@@ -4,10 +4,10 @@ use std::f64::consts::PI;
 use std::sync::Arc;
 
 use super::PunctureOptions;
-use crate::mechanics::insertion::pushing::Layer;
-use crate::mechanics::tissue::material::Material;
-use crate::mechanics::tissue::nonlinear::{Sheet, Stiffening, Supports};
-use crate::study::StudyError;
+use crate::StudyError;
+use insonify_mechanics::insertion::pushing::Layer;
+use insonify_mechanics::tissue::material::Material;
+use insonify_mechanics::tissue::nonlinear::{Sheet, Stiffening, Supports};
 
 /// Width of the slice, mm.
 const WIDTH_MM: f64 = 140.0;

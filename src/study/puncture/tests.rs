@@ -1,8 +1,8 @@
 //! Tests of the shape of the force curve and of the vein.
 
 use super::*;
-use crate::mechanics::tissue::nonlinear::NonlinearError;
-use crate::study::StudyError;
+use crate::StudyError;
+use insonify_mechanics::tissue::nonlinear::NonlinearError;
 
 /// The needle's force rises faster than linearly up to the capsule, drops, rises, and drops at the vein, which has flattened.
 #[test]

@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::sector::BLACK;
 use super::texture::Texture;
 use super::{Parts, average};
-use crate::base::report::statistics::{mean, skewness};
+use insonify_base::statistics::{mean, skewness};
 
 /// Measure of one frame.
 #[derive(Debug, Serialize)]

@@ -8,11 +8,11 @@ use std::path::{Path, PathBuf};
 
 use image::{DynamicImage, ImageFormat, ImageReader, Limits};
 
-use crate::anatomy::volume::{At, VolumeError};
-use crate::base::read;
-use crate::imaging::sidecar::Sidecar;
-use crate::imaging::synth::layers::Layer;
-use crate::tracking::sequence::Sequence;
+use insonify_anatomy::volume::{At, VolumeError};
+use insonify_base::read;
+use insonify_imaging::sidecar::Sidecar;
+use insonify_imaging::synth::layers::Layer;
+use insonify_tracking::sequence::Sequence;
 
 /// Least difference between the channels of a coloured overlay pixel: grey maps of scanners are tinted by less.
 const COLOURED: u8 = 40;

@@ -6,12 +6,13 @@ use image::{GrayImage, imageops};
 
 use super::picture::Picture;
 use super::{CLASS, FrameReport, LIMIT, Report, Row, Verdict};
-use crate::base::output::OutputError;
-use crate::base::report::number::fixed;
-use crate::base::report::page::{Page, escape};
-use crate::base::report::plot::{Axis, Plot, Series};
-use crate::base::report::table::{Cell, Table};
-use crate::base::text;
+use insonify_base::number::fixed;
+use insonify_base::output::OutputError;
+use insonify_base::table::{Cell, Table};
+use insonify_base::text;
+use insonify_base::text::escape;
+use insonify_report::page::Page;
+use insonify_report::plot::{Axis, Plot, Series};
 
 /// Largest width of the pictures on a page, pixels.
 const WIDE: u32 = 480;
@@ -174,12 +175,12 @@ impl Report {
 }
 
 /// Shortens a name from a file to one line.
-pub(in crate::study) fn named(name: &str) -> String {
+pub(crate) fn named(name: &str) -> String {
     text::tail(name, 2 * text::WIDEST_NAME)
 }
 
 /// Returns a reduced copy of a frame; `None` if the number of pixels does not match its size.
-pub(in crate::study) fn small(picture: &Picture) -> Option<GrayImage> {
+pub(crate) fn small(picture: &Picture) -> Option<GrayImage> {
     let (width, height) = (u32::try_from(picture.width).ok()?, u32::try_from(picture.height).ok()?);
     let pixels = picture.grey.iter().map(|&grey| grey as u8).collect();
     let whole = GrayImage::from_raw(width, height, pixels)?;

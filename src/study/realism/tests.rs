@@ -2,7 +2,7 @@ use std::f64::consts::{LN_2, PI, TAU};
 
 use super::texture::RANGE_DB;
 use super::*;
-use crate::base::random::{hash3, unit};
+use insonify_base::random::{hash3, unit};
 
 /// Two independent normal deviates per position (G. E. P. Box and M. E. Muller 1958).
 fn normal(x: usize, y: usize, seed: u32) -> [f64; 2] {
@@ -179,7 +179,7 @@ fn blurred_noise_has_the_correlation_of_its_kernel() {
     near(
         "slope",
         texture.slopes[0],
-        crate::base::report::statistics::slope(&x, &y),
+        insonify_base::statistics::slope(&x, &y),
         0.15,
     );
     assert!(texture.slopes[1] < texture.slopes[0] - 1.0, "{:?}", texture.slopes);

@@ -8,7 +8,7 @@ use rustfft::num_complex::Complex32;
 
 use super::picture::Picture;
 use super::sector::{BLACK, dark_limit};
-use crate::base::report::statistics::{full_width, mean, skewness, slope, std};
+use insonify_base::statistics::{full_width, mean, skewness, slope, std};
 
 /// Dynamic range assumed for 255 grey levels when converting to echoes, dB: that of a real frame is unknown.
 pub const RANGE_DB: f64 = 60.0;

@@ -11,16 +11,16 @@ use serde::Serialize;
 use super::groups::{Comparison, Session, compare};
 use super::hands::{Draw, Hand, Plan, hand};
 use super::{Collector, NAMES, NO_TARGET, Score, unscored};
-use crate::base::random::hash3;
-use crate::base::range::{OutOfRange, check};
-use crate::input::scenario::Scenario;
-use crate::input::scenario::clearance::Surroundings;
-use crate::input::scenario::run::{Requests, run};
-use crate::mechanics::needle::across;
-use crate::study::path::unknown;
-use crate::study::{StudyError, rewritten};
-use crate::tracking::pose::Pose;
-use crate::tracking::probe::BeamGrid;
+use crate::path::unknown;
+use crate::{StudyError, rewritten};
+use insonify::input::scenario::Scenario;
+use insonify::input::scenario::clearance::Surroundings;
+use insonify::run::{Requests, run};
+use insonify_base::random::hash3;
+use insonify_base::range::{OutOfRange, check};
+use insonify_mechanics::needle::across;
+use insonify_tracking::pose::Pose;
+use insonify_tracking::probe::BeamGrid;
 
 /// Maximum number of random targets tried for each task.
 const TRIES: usize = 2000;

@@ -7,9 +7,9 @@ use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
 use super::{COUNT, NAMES, UNITS};
-use crate::base::csv::Csv;
-use crate::base::report::statistics::{mean, std};
-use crate::study::StudyError;
+use crate::StudyError;
+use insonify_base::csv::Csv;
+use insonify_base::statistics::{mean, std};
 
 /// Largest group for which the distribution of U is exact.
 const EXACT: usize = 20;
@@ -34,7 +34,7 @@ pub struct Session {
 pub fn read(path: &Path) -> Result<Vec<Session>, StudyError> {
     let required: Vec<&str> = ["group", "person", "session"].into_iter().chain(NAMES).collect();
     let table = Csv::read(path, &required, &[])?;
-    let session = |row: crate::base::csv::Row<'_>| {
+    let session = |row: insonify_base::csv::Row<'_>| {
         let name = |column: &str| match row.text(column) {
             "" => Err(row.wrong(column, "a name")),
             text => Ok(text.to_owned()),

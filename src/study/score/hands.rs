@@ -12,14 +12,14 @@ use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
 use serde::Serialize;
 
 use super::unscored;
-use crate::base::random::{hash3, seed_words, unit};
-use crate::input::scenario::Scenario;
-use crate::mechanics::needle::across;
-use crate::study::StudyError;
-use crate::tracking::TrackingError;
-use crate::tracking::needle::NeedlePath;
-use crate::tracking::pose::Pose;
-use crate::tracking::trajectory::{Interpolation, Key, Trajectory};
+use crate::StudyError;
+use insonify::input::scenario::Scenario;
+use insonify_base::random::{hash3, seed_words, unit};
+use insonify_mechanics::needle::across;
+use insonify_tracking::TrackingError;
+use insonify_tracking::needle::NeedlePath;
+use insonify_tracking::pose::Pose;
+use insonify_tracking::trajectory::{Interpolation, Key, Trajectory};
 
 /// Interval of keyframes, s: ten within the shortest period of tremor.
 const KEY_S: f64 = 0.01;

@@ -8,11 +8,11 @@ use image::GrayImage;
 use super::exercise::GROUPS;
 use super::groups::{Comparison, SIGNIFICANT, Spread, quantile};
 use super::{COUNT, MEANINGS, NAMES, Score, UNITS};
-use crate::base::output::OutputError;
-use crate::base::report::number::fixed;
-use crate::base::report::page::Page;
-use crate::base::report::plot::{Axis, Marker, Plot, Series};
-use crate::base::report::table::{Cell, Table};
+use insonify_base::number::fixed;
+use insonify_base::output::OutputError;
+use insonify_base::table::{Cell, Table};
+use insonify_report::page::Page;
+use insonify_report::plot::{Axis, Marker, Plot, Series};
 
 /// Largest number of points of a curve.
 const POINTS: usize = 1500;

@@ -4,7 +4,7 @@ use super::exercise::{Conditions, csv, perform, study};
 use super::groups::{compare, holm, mann_whitney, read, welch};
 use super::hands::hand;
 use super::*;
-use crate::input::scenario::{EXAMPLES, Scenario, ScenarioFile};
+use insonify::input::scenario::{EXAMPLES, Scenario, ScenarioFile};
 
 /// Table of a straight run: 100 steps from the entry at the origin along z to 99 mm, after one outside, and one after.
 fn straight(change: impl Fn(usize, &mut std::collections::BTreeMap<&str, [f64; 3]>)) -> String {

@@ -5,28 +5,28 @@ use std::sync::Arc;
 use nalgebra::{Matrix4, Point3, Vector3};
 
 use super::record::{Record, Unexpected, largest, noise};
-use crate::gpu::{AdapterChoice, Gpu, Needs, adapter};
-use crate::imaging::effects::Effects;
-use crate::imaging::synth::tables::{self, Settings};
-use crate::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
-use crate::mechanics::insertion::finite::{Finite, Setup};
-use crate::mechanics::insertion::spring::{MassSpring, Parameters};
-use crate::mechanics::insertion::{Anatomy, EventKind, Interaction, Model, Outcome, Snapshot, Tissue};
-use crate::mechanics::mesh::{self, TetMesh};
-use crate::mechanics::tissue::assembly::Stiffness;
-use crate::mechanics::tissue::dofs::{Dofs, NONE};
-use crate::mechanics::tissue::error::LinearError;
-use crate::mechanics::tissue::factor::Factor;
-use crate::mechanics::tissue::inverse::invert;
-use crate::mechanics::tissue::material::{Material, Materials};
-use crate::mechanics::tissue::problem::{Fix, Load, Solution, StaticProblem};
-use crate::mechanics::tissue::remesh::{
+use insonify_gpu::{AdapterChoice, Gpu, Needs, adapter};
+use insonify_imaging::effects::Effects;
+use insonify_imaging::parity::{Case, Verdict};
+use insonify_imaging::synth::tables::{self, Settings};
+use insonify_imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
+use insonify_mechanics::block;
+use insonify_mechanics::insertion::finite::{Finite, Setup};
+use insonify_mechanics::insertion::spring::{MassSpring, Parameters};
+use insonify_mechanics::insertion::{Anatomy, EventKind, Interaction, Model, Outcome, Snapshot, Tissue};
+use insonify_mechanics::tissue::assembly::Stiffness;
+use insonify_mechanics::tissue::dofs::{Dofs, NONE};
+use insonify_mechanics::tissue::error::LinearError;
+use insonify_mechanics::tissue::factor::Factor;
+use insonify_mechanics::tissue::inverse::invert;
+use insonify_mechanics::tissue::material::{Material, Materials};
+use insonify_mechanics::tissue::problem::{Fix, Load, Solution, StaticProblem};
+use insonify_mechanics::tissue::remesh::{
     Adaptation, AdaptedMesh, Level, Options, Precision, RemeshError, RemeshReport, Source,
 };
-use crate::mechanics::tissue::symmetric::Symmetric;
-use crate::study::block;
-use crate::study::parity::{Case, Verdict};
-use crate::tracking::probe::{Probe, ProbeShape};
+use insonify_mechanics::tissue::symmetric::Symmetric;
+use insonify_mesh::{self, TetMesh};
+use insonify_tracking::probe::{Probe, ProbeShape};
 
 /// Extent of the tissue block, mm.
 pub const EXTENT: [f64; 3] = [60.0, 60.0, 80.0];
@@ -415,7 +415,7 @@ pub fn two_parts() -> Result<(TetMesh, u32), Unexpected> {
 pub fn surface(mesh: &TetMesh) -> Vec<bool> {
     let mut on = vec![false; mesh.nodes().len()];
     for (corners, neighbours) in mesh.elements().iter().zip(mesh.neighbours()) {
-        for opposite in (0..4).filter(|corner| neighbours[*corner] == mesh::NONE) {
+        for opposite in (0..4).filter(|corner| neighbours[*corner] == insonify_mesh::NONE) {
             for corner in (0..4).filter(|corner| *corner != opposite) {
                 on[corners[corner] as usize] = true;
             }

@@ -2,9 +2,9 @@
 
 use super::record::{Record, Unexpected, largest};
 use super::{Case, Group};
-use crate::mechanics::tissue::viscoelastic::point::{Body, Control, Knee, Loading, Method, Point, Structure};
-use crate::mechanics::tissue::viscoelastic::{History, HistoryError, Operator, Rule, Span};
-use crate::study::fractional::{of_power, of_sine};
+use crate::fractional::{of_power, of_sine};
+use insonify_mechanics::tissue::viscoelastic::point::{Body, Control, Knee, Loading, Method, Point, Structure};
+use insonify_mechanics::tissue::viscoelastic::{History, HistoryError, Operator, Rule, Span};
 
 /// Group of fading-memory cases.
 pub const GROUP: Group = Group {

@@ -2,9 +2,9 @@
 
 use super::record::{Record, Unexpected, largest};
 use super::{Case, Group};
-use crate::base::random::{hash3, seed_words, unit};
-use crate::imaging::rf::medium::{Medium, PITCH_MM};
-use crate::imaging::rf::motion::{Estimate, Options, Tracker};
+use insonify_base::random::{hash3, seed_words, unit};
+use insonify_imaging::rf::medium::{Medium, PITCH_MM};
+use insonify_imaging::rf::motion::{Estimate, Options, Tracker};
 
 /// Group of motion cases.
 pub const GROUP: Group = Group {

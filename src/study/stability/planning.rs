@@ -4,16 +4,16 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::record::{Record, Unexpected, largest};
 use super::{Case, Group};
-use crate::anatomy::registration::markers::place;
-use crate::base::random::{normal, seed_words};
-use crate::mechanics::needle::beam::inverse::{Wanted, find};
-use crate::mechanics::needle::beam::{Base, FoundationBeam, Shape};
-use crate::study::StudyError;
-use crate::study::beam::{ELEMENT_MM, TISSUES, problem};
-use crate::study::identify::force::Piecewise;
-use crate::study::path::{DEFORMED_BONE, Entry, Goal, PathOptions, liver, plan};
-use crate::tracking::manipulator::drive::{Control, Drive, PERIOD_S, follow};
-use crate::tracking::manipulator::{Guide, Posture};
+use crate::StudyError;
+use crate::beam::{ELEMENT_MM, TISSUES, problem};
+use crate::identify::force::Piecewise;
+use crate::path::{DEFORMED_BONE, Entry, Goal, PathOptions, liver, plan};
+use insonify_anatomy::registration::markers::place;
+use insonify_base::random::{normal, seed_words};
+use insonify_mechanics::needle::beam::inverse::{Wanted, find};
+use insonify_mechanics::needle::beam::{Base, FoundationBeam, Shape};
+use insonify_tracking::manipulator::drive::{Control, Drive, PERIOD_S, follow};
+use insonify_tracking::manipulator::{Guide, Posture};
 
 /// Group of cases of plans and measurements.
 pub const GROUP: Group = Group {

@@ -5,7 +5,7 @@ use std::fmt::Display;
 use serde::{Serialize, Serializer};
 
 use super::Effort;
-use crate::base::random::{hash3, seed_words};
+use insonify_base::random::{hash3, seed_words};
 
 /// Measured figure.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -6,12 +6,13 @@ use serde::Serialize;
 
 use super::record::Measure;
 use super::{Case, Effort};
-use crate::base::output::OutputError;
-use crate::base::report::machine::Machine;
-use crate::base::report::number::figure;
-use crate::base::report::page::{Page, escape};
-use crate::base::report::plot::{Axis, Marker, Plot, Series};
-use crate::base::report::table::{Cell, Table};
+use insonify_base::machine::Machine;
+use insonify_base::number::figure;
+use insonify_base::output::OutputError;
+use insonify_base::table::{Cell, Table};
+use insonify_base::text::escape;
+use insonify_report::page::Page;
+use insonify_report::plot::{Axis, Marker, Plot, Series};
 
 /// Margin at which the plot shows an exact result and, on its other side, a figure that is no number.
 const ENDS: [f64; 2] = [0.1, 1e13];

@@ -1,5 +1,5 @@
 use super::*;
-use crate::study::testing::insertions;
+use crate::testing::insertions;
 
 fn option(value: &str, extra_ms: f64, error: f64) -> SettingOption {
     SettingOption {

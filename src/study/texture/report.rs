@@ -8,11 +8,12 @@ use rustfft::FftPlanner;
 use rustfft::num_complex::Complex32;
 
 use super::{Figures, LAGS, Made};
-use crate::anatomy::volume::texture::synthesis::correlations;
-use crate::base::output::OutputError;
-use crate::base::report::page::{Page, escape};
-use crate::base::report::plot::{Axis, Plot, Series};
-use crate::base::report::table::{Cell, Table};
+use crate::texture::synthesis::correlations;
+use insonify_base::output::OutputError;
+use insonify_base::table::{Cell, Table};
+use insonify_base::text::escape;
+use insonify_report::page::Page;
+use insonify_report::plot::{Axis, Plot, Series};
 
 /// Names of the axes.
 const AXES: [&str; 3] = ["x", "y", "z"];

@@ -1,5 +1,5 @@
 use super::*;
-use crate::base::random::{hash3, unit};
+use insonify_base::random::{hash3, unit};
 
 fn random(at: usize, stream: i32) -> f64 {
     f64::from(unit(hash3([at as i32, stream, 5], [6, 7])[0]))

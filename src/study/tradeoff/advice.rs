@@ -8,8 +8,8 @@ use serde::Serialize;
 
 use super::real_time::Deadline;
 use super::{Row, Table};
-use crate::base::report::number::significant;
-use crate::base::report::pareto;
+use insonify_base::number::significant;
+use insonify_base::pareto;
 
 /// Tolerance for positions in an image, mm, with its reason.
 pub const SHIFT_MM: (f64, &str) = (0.1, "a third of a pixel at 150 mm in 512 rows");

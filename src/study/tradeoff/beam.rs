@@ -8,10 +8,10 @@ use std::hint::black_box;
 
 use super::gather::Entry;
 use super::{Axis, Factor, Figure, Goal, SHIFT_MM, Study, Table};
-use crate::base::report::machine::Machine;
-use crate::base::report::statistics::Spread;
-use crate::mechanics::needle::beam::{Base, BeamError, Compression, FoundationBeam, Problem, Shape};
-use crate::study::beam::{ELEMENT_MM, INITIAL_LENGTH_MM, TISSUES, problem};
+use crate::beam::{ELEMENT_MM, INITIAL_LENGTH_MM, TISSUES, problem};
+use insonify_base::machine::Machine;
+use insonify_base::statistics::Spread;
+use insonify_mechanics::needle::beam::{Base, BeamError, Compression, FoundationBeam, Problem, Shape};
 
 /// Registration of this study.
 pub const ENTRY: Entry = Entry {

@@ -8,9 +8,9 @@ use std::time::Instant;
 
 use super::report::{Chapter, Missing, Report};
 use super::{Rates, Study, beam, history, image, insertion, motion, planning, remesh, tissue};
-use crate::base::report::machine::{self, Machine};
-use crate::gpu::{AdapterChoice, Gpu, GpuError, Needs, adapter};
-use crate::study::stability::Effort;
+use crate::stability::Effort;
+use insonify_base::machine::{self, Machine};
+use insonify_gpu::{AdapterChoice, Gpu, GpuError, Needs, adapter};
 
 /// Callback that receives the current task of a study and the completed fraction.
 pub type Progress<'a> = &'a mut (dyn FnMut(&str, f64) + Send);

@@ -11,9 +11,9 @@ use std::time::Instant;
 
 use super::Study;
 use super::gather::Entry;
-use crate::mechanics::tissue::viscoelastic::{HistoryError, Operator, Rule, Span};
-use crate::study::fractional::{of_power, of_sine};
-use crate::study::stability::Effort;
+use crate::fractional::{of_power, of_sine};
+use crate::stability::Effort;
+use insonify_mechanics::tissue::viscoelastic::{HistoryError, Operator, Rule, Span};
 use report::Report;
 
 /// Options of the study.

@@ -25,15 +25,15 @@ use nalgebra::Matrix4;
 
 use super::gather::Entry;
 use super::{Axis, Factor, Figure, Study, Table};
-use crate::base::report::machine::Machine;
-use crate::base::report::statistics::{Spread, percentile};
-use crate::gpu::Gpu;
-use crate::imaging::plan::Plan;
-use crate::imaging::synth::tables::{Settings, Tables};
-use crate::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
-use crate::input::scene::{Scene, SceneFile};
-use crate::study::StudyError;
-use crate::study::stability::Effort;
+use crate::StudyError;
+use crate::stability::Effort;
+use insonify_base::machine::Machine;
+use insonify_base::statistics::{Spread, percentile};
+use insonify_gpu::Gpu;
+use insonify_imaging::plan::Plan;
+use insonify_imaging::scene::{Scene, SceneFile};
+use insonify_imaging::synth::tables::{Settings, Tables};
+use insonify_imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 
 /// Options of the study.
 #[derive(Debug)]

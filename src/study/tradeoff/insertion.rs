@@ -23,18 +23,18 @@ use serde::Deserialize;
 
 use super::gather::Entry;
 use super::{Axis, Figure, Study};
-use crate::base::range::OutOfRange;
-use crate::base::report::machine::Machine;
-use crate::base::report::statistics::percentile;
-use crate::mechanics::insertion::finite::{Finite, Setup};
-use crate::mechanics::insertion::{Instruments, Model, ProbeContact};
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::needle::Needle;
-use crate::mechanics::tissue::material::Material;
-use crate::study::StudyError;
-use crate::study::block;
-use crate::study::stability::Effort;
-pub use crate::study::stability::record::largest;
+use crate::StudyError;
+use crate::stability::Effort;
+pub use crate::stability::record::largest;
+use insonify_base::machine::Machine;
+use insonify_base::range::OutOfRange;
+use insonify_base::statistics::percentile;
+use insonify_mechanics::block;
+use insonify_mechanics::insertion::finite::{Finite, Setup};
+use insonify_mechanics::insertion::{Instruments, Model, ProbeContact};
+use insonify_mechanics::needle::Needle;
+use insonify_mechanics::tissue::material::Material;
+use insonify_mesh::TetMesh;
 
 /// Part of the study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]

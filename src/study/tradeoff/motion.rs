@@ -11,12 +11,12 @@ use std::time::Instant;
 
 use super::gather::Entry;
 use super::{Axis, Factor, Figure, Goal, Study, Table};
-use crate::base::report::machine::Machine;
-use crate::base::report::statistics::{Spread, mean, std};
-use crate::imaging::rf::medium::{Medium, PITCH_MM};
-use crate::imaging::rf::motion::{Estimate, Options, Tracker};
-use crate::imaging::rf::{Acquisition, SPEED_M_S};
-use crate::study::stability::Effort;
+use crate::stability::Effort;
+use insonify_base::machine::Machine;
+use insonify_base::statistics::{Spread, mean, std};
+use insonify_imaging::rf::medium::{Medium, PITCH_MM};
+use insonify_imaging::rf::motion::{Estimate, Options, Tracker};
+use insonify_imaging::rf::{Acquisition, SPEED_M_S};
 
 /// Registration of this study.
 pub const ENTRY: Entry = Entry {

@@ -7,13 +7,13 @@ use nalgebra::{Point3, Vector3};
 
 use super::gather::Entry;
 use super::{Axis, Factor, Figure, Goal, Study, Table};
-use crate::base::report::machine::Machine;
-use crate::input::identification::{Case, CaseFile};
-use crate::input::scenario::ScenarioFile;
-use crate::study::StudyError;
-use crate::study::identify::returned;
-use crate::study::path::{Entry as Entries, Goal as Target, PathOptions, liver, miss_mm, plan};
-use crate::study::stability::Effort;
+use crate::StudyError;
+use crate::identification::{Case, CaseFile};
+use crate::identify::returned;
+use crate::path::{Entry as Entries, Goal as Target, PathOptions, liver, miss_mm, plan};
+use crate::stability::Effort;
+use insonify::input::scenario::ScenarioFile;
+use insonify_base::machine::Machine;
 
 /// Registration of this study.
 pub const ENTRY: Entry = Entry {

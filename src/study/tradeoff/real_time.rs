@@ -5,8 +5,8 @@ use serde::Serialize;
 use super::advice::{Goal, SAME, Variant};
 
 use super::{Row, Table};
-use crate::base::report::number::significant;
-use crate::base::report::pareto::{Choice, choose};
+use insonify_base::number::significant;
+use insonify_base::pareto::{Choice, choose};
 
 /// Share of the tolerance below which errors count as zero.
 pub(super) const NEGLIGIBLE_SHARE: f64 = 0.1;

@@ -8,7 +8,7 @@
 //!
 //! Guarantees are checked: a contender that claims to be exact up to rounding must keep the relative residual |K X e - e| / (|K| |X e|) and
 //! the errors of K^-1, K^c and displacements below the limits at which the levels rebuild themselves (see
-//! [`Options`](crate::mechanics::tissue::remesh::Options)), or its row is flagged.
+//! [`Options`](insonify_mechanics::tissue::remesh::Options)), or its row is flagged.
 //!
 //! | module | contents |
 //! |---|---|
@@ -24,15 +24,15 @@ use std::time::{Duration, Instant};
 
 use super::Study;
 use super::gather::Entry;
-use crate::base::memory;
-use crate::gpu::{Gpu, Traffic};
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::tissue::inverse::invert;
-use crate::mechanics::tissue::remesh::Source;
-use crate::mechanics::tissue::symmetric::Symmetric;
-use crate::study::StudyError;
-use crate::study::stability::Effort;
+use crate::StudyError;
+use crate::stability::Effort;
 use contender::{Contender, Kind, Sources};
+use insonify_base::memory;
+use insonify_gpu::{Gpu, Traffic};
+use insonify_mechanics::tissue::inverse::invert;
+use insonify_mechanics::tissue::remesh::Source;
+use insonify_mechanics::tissue::symmetric::Symmetric;
+use insonify_mesh::TetMesh;
 use report::Report;
 use subject::{Gold, Subject};
 

@@ -6,11 +6,11 @@ use std::path::Path;
 use serde_json::{Map, Value, json};
 
 use super::{Figure, Row, Study, Table};
-use crate::base::output::png;
-use crate::base::output::{OutputError, atomic};
-use crate::base::report::number;
-use crate::base::report::plot::{self, Marker, Plot, Series};
-use crate::base::report::table::{self, Cell};
+use insonify_base::number;
+use insonify_base::output::png;
+use insonify_base::output::{OutputError, atomic};
+use insonify_base::table::{self, Cell};
+use insonify_report::plot::{self, Marker, Plot, Series};
 
 impl Study {
     /// Returns the study as text: settings, tables, notes.

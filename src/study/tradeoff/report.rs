@@ -15,12 +15,12 @@ use serde::Serialize;
 use super::advice::Advice;
 use super::render::Files;
 use super::{Deadline, Rates, RealTimeChoice, Row, Study, Table, real_time};
-use crate::base::output::OutputError;
-use crate::base::report::machine::Machine;
-use crate::base::report::number::significant;
-use crate::base::report::plot::Plot;
-use crate::base::report::table::{self, Cell};
-use crate::study::stability::Effort;
+use crate::stability::Effort;
+use insonify_base::machine::Machine;
+use insonify_base::number::significant;
+use insonify_base::output::OutputError;
+use insonify_base::table::{self, Cell};
+use insonify_report::plot::Plot;
 
 /// Report of all studies.
 #[derive(Clone, Debug, PartialEq, Serialize)]

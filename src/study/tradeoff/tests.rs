@@ -1,5 +1,5 @@
 use super::*;
-use crate::base::report::plot::Marker;
+use insonify_report::plot::Marker;
 
 const FACTORS: [Factor; 3] = [
     Factor::new("size", "size"),

@@ -13,12 +13,12 @@ use super::gather::Entry;
 use super::{Axis, Deadline, FORCE_N, Factor, Figure, Goal, SHIFT_MM, Study, Table};
 use subject::{Model, Subject, Variant, Walked};
 
-use crate::base::report::machine::Machine;
-use crate::base::report::statistics::Spread;
-use crate::mechanics::tissue::nonlinear::creep::Memory;
-use crate::mechanics::tissue::nonlinear::{Scheme, Slope};
-use crate::study::StudyError;
-use crate::study::stability::Effort;
+use crate::StudyError;
+use crate::stability::Effort;
+use insonify_base::machine::Machine;
+use insonify_base::statistics::Spread;
+use insonify_mechanics::tissue::nonlinear::creep::Memory;
+use insonify_mechanics::tissue::nonlinear::{Scheme, Slope};
 
 /// Options of the study.
 #[derive(Clone, Copy, Debug, PartialEq)]

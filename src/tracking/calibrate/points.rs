@@ -9,10 +9,10 @@ use serde::Serialize;
 
 use super::poses::{MarkerPose, Poses};
 use super::{Residual, TRUNCATED, trimmed};
-use crate::base::matrix::Rows;
-use crate::tracking::TrackingError;
-use crate::tracking::plus::Wire;
-use crate::tracking::sequence::{GreyImage, Sequence};
+use crate::TrackingError;
+use crate::plus::Wire;
+use crate::sequence::{GreyImage, Sequence};
+use insonify_base::matrix::Rows;
 
 /// Parameters: rotation, two pixel sizes, position.
 const PARAMETERS: usize = 8;

@@ -5,12 +5,12 @@ use std::path::Path;
 
 use nalgebra::{Matrix3, Matrix4, Vector3};
 
-use crate::base::matrix;
-use crate::base::text::some_of;
-use crate::tracking::TrackingError;
-use crate::tracking::sequence::{Sequence, TrackedTransform, chain, ends, merged};
-use crate::tracking::trajectory::{Interpolation, Key, Trajectory};
-use crate::tracking::world::World;
+use crate::TrackingError;
+use crate::sequence::{Sequence, TrackedTransform, chain, ends, merged};
+use crate::trajectory::{Interpolation, Key, Trajectory};
+use crate::world::World;
+use insonify_base::matrix;
+use insonify_base::text::some_of;
 
 /// Pose of a marker in one frame.
 #[derive(Clone, Copy, Debug)]

@@ -6,9 +6,9 @@ use nalgebra::{Matrix3, Matrix4, Rotation3, Vector3, Vector4};
 use super::points::{Feature, Pixel, calibrate, follow};
 use super::poses::{MarkerPose, Poses};
 use super::*;
-use crate::base::random::{hash3, unit};
-use crate::tracking::plus::PlusConfig;
-use crate::tracking::sequence::Sequence;
+use crate::plus::PlusConfig;
+use crate::sequence::Sequence;
+use insonify_base::random::{hash3, unit};
 
 /// Normally distributed numbers by the method of Box and Muller.
 struct Normal(i32, i32);
@@ -270,7 +270,9 @@ fn pixels_that_leave_the_plane_open_are_refused() {
 }
 
 fn data(name: &str) -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data").join(name);
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../../shared/data")
+        .join(name);
     path.exists().then_some(path)
 }
 

@@ -14,8 +14,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Guide, Posture};
-use crate::base::range::parameters;
-use crate::tracking::TrackingError;
+use crate::TrackingError;
+use insonify_base::range::parameters;
 
 /// Period of the controller, s.
 pub const PERIOD_S: f64 = 1e-3;
@@ -68,7 +68,7 @@ impl Drive {
     /// # Errors
     /// [`TrackingError`] with the key.
     pub fn check(&self) -> Result<(), TrackingError> {
-        crate::tracking::error::in_ranges("manipulator.drive", self)
+        crate::error::in_ranges("manipulator.drive", self)
     }
 
     /// Travel of the slide for a travel of the rack of 1 mm, mm: `lead / (2 pi r)`.

@@ -2,11 +2,13 @@
 
 use nalgebra::{Matrix4, Point3, Rotation3, Unit, Vector3};
 
-use super::{BendingConstraint, NeedlePose};
-use crate::tracking::TrackingError;
-use crate::tracking::error::in_ranges;
-use crate::tracking::pose::{Pose, unit};
-use crate::tracking::trajectory::{Interpolation, TrackedFrame, Trajectory};
+use insonify_base::bending::BendingConstraint;
+
+use super::NeedlePose;
+use crate::TrackingError;
+use crate::error::in_ranges;
+use crate::pose::{Pose, unit};
+use crate::trajectory::{Interpolation, TrackedFrame, Trajectory};
 
 /// A moving needle: the path of its tip, whose frame has the y axis along the needle, and its constant properties.
 ///
@@ -97,7 +99,7 @@ impl NeedlePath {
     }
 
     /// The needle on another path of its tip.
-    pub(crate) fn with_tip(&self, tip: Trajectory) -> Self {
+    pub fn with_tip(&self, tip: Trajectory) -> Self {
         Self { tip, ..self.clone() }
     }
 
@@ -115,32 +117,30 @@ impl NeedlePath {
             diameter_mm: self.diameter_mm,
         };
         match &self.entry {
-            Some(entry) => entry.constraint.constrain(&measured, entry.point, &entry.direction),
+            Some(entry) => measured.constrained(&entry.constraint, entry.point, &entry.direction),
             None => measured,
         }
     }
 }
 
-// Bending constraint of a tracked needle.
-
-impl BendingConstraint {
-    /// Returns the constrained shape of a needle whose straight measured pose enters at `entry_mm`: from the measured hub to
-    /// the entry point, then along the constrained direction for the remaining length. A needle too short to reach the entry
-    /// point, or with its hub on it, is left as measured.
-    pub fn constrain(
+impl NeedlePose {
+    /// This straight measured pose, bent where it enters the body at `entry_mm`: from the hub to the entry point, then along the
+    /// constrained direction for the remaining length. A needle too short to reach the entry point, or with its hub on it, is left as
+    /// measured.
+    pub fn constrained(
         &self,
-        measured: &NeedlePose,
+        constraint: &BendingConstraint,
         entry_mm: Point3<f64>,
         entry_direction: &Unit<Vector3<f64>>,
-    ) -> NeedlePose {
-        let outside = (entry_mm - measured.hub_mm()).norm();
-        let inserted = measured.length_mm() - outside;
-        let direction = self.direction(entry_direction, &measured.direction(), inserted);
-        let nodes = vec![measured.hub_mm(), entry_mm, entry_mm + direction.scale(inserted)];
+    ) -> Self {
+        let outside = (entry_mm - self.hub_mm()).norm();
+        let inserted = self.length_mm() - outside;
+        let direction = constraint.direction(entry_direction, &self.direction(), inserted);
+        let nodes = vec![self.hub_mm(), entry_mm, entry_mm + direction.scale(inserted)];
         if inserted > 0.0 {
-            NeedlePose::bent(nodes, measured.diameter_mm()).unwrap_or_else(|_| measured.clone())
+            Self::bent(nodes, self.diameter_mm()).unwrap_or_else(|_| self.clone())
         } else {
-            measured.clone()
+            self.clone()
         }
     }
 }
@@ -148,8 +148,8 @@ impl BendingConstraint {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::range::Ranges;
-    use crate::tracking::error::key;
+    use crate::error::key;
+    use insonify_base::range::Ranges;
 
     #[test]
     fn the_needle_turns_along_the_great_circle() {
@@ -221,11 +221,11 @@ mod tests {
         let measured = NeedlePose::straight(Point3::new(40.0, 100.0, 0.0), Vector3::new(0.4, 1.0, 0.0), 200.0, 1.0);
         let measured = measured.expect("needle");
         let entry = Point3::new(0.0, 0.0, 0.0);
-        let bent = constraint.constrain(&measured, entry, &Vector3::y_axis());
+        let bent = measured.constrained(&constraint, entry, &Vector3::y_axis());
         assert_eq!(bent.nodes_mm().len(), 3);
         assert_eq!((bent.hub_mm(), bent.nodes_mm()[1]), (measured.hub_mm(), entry));
         assert!((bent.length_mm() - 200.0).abs() < 1e-9);
-        let far = constraint.constrain(&measured, Point3::new(0.0, 500.0, 0.0), &Vector3::y_axis());
+        let far = measured.constrained(&constraint, Point3::new(0.0, 500.0, 0.0), &Vector3::y_axis());
         assert_eq!(far, measured);
     }
 

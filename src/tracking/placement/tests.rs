@@ -1,7 +1,7 @@
 use super::*;
-use crate::anatomy::volume::Label;
-use crate::anatomy::volume::complete::{CompleteOptions, complete};
-use crate::tracking::error::key;
+use crate::error::key;
+use insonify_anatomy::volume::Label;
+use insonify_anatomy::volume::complete::{CompleteOptions, complete};
 
 /// Labels: background, body, target, bone.
 fn labels() -> Vec<Label> {
@@ -132,7 +132,9 @@ fn missing_targets_and_bad_depths_are_errors() {
 
 #[test]
 fn real_organs_are_seen_from_where_a_sonographer_would_stand() {
-    let Some(volume) = crate::anatomy::volume::complete::tests::nifti("tsd_s0328_labels.nii.gz") else {
+    let Some(volume) = insonify_testing::shared("volumes/tsd_s0328_labels.nii.gz")
+        .map(|path| insonify_anatomy::volume::load(&path).expect("a volume").volume)
+    else {
         return;
     };
     let volume = complete(&volume, &CompleteOptions::default()).unwrap().volume;

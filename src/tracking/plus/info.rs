@@ -6,10 +6,10 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::{DefinedTransform, PlusConfig};
-use crate::base::text;
-use crate::tracking::TrackingError;
-use crate::tracking::calibration::Calibration;
-use crate::tracking::probe::ProbeSpec;
+use crate::TrackingError;
+use crate::calibration::Calibration;
+use crate::probe::ProbeSpec;
+use insonify_base::text;
 
 /// Summary of a device-set configuration of PLUS.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -1,7 +1,7 @@
 //! Beam space, scanlines by samples, and its mapping to and from the probe's plane.
 
 use super::{Probe, ProbeShape};
-use crate::tracking::TrackingError;
+use crate::TrackingError;
 
 /// A scanline in the probe's x,y plane, mm.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -6,7 +6,7 @@ use nalgebra::Matrix4;
 use rayon::prelude::*;
 
 use super::{BeamGrid, Bounds, ImageSpec};
-use crate::tracking::error::{TrackingError, in_range};
+use crate::error::{TrackingError, in_range};
 
 /// Value in [`scan_map`] for a pixel outside the sector. Inside it the line coordinate is never negative.
 pub const OUTSIDE: [f32; 2] = [-1.0, -1.0];
@@ -141,7 +141,7 @@ mod tests {
 
     use super::super::tests::one_of_each;
     use super::*;
-    use crate::tracking::error::key;
+    use crate::error::key;
 
     fn counted_area(beam: &BeamGrid, side: usize) -> f64 {
         let image = ImageGrid::fit(beam, side, side, 0.03).expect("image");

@@ -6,8 +6,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Probe, ProbeShape};
-use crate::base::range::parameters;
-use crate::tracking::TrackingError;
+use crate::TrackingError;
+use insonify_base::range::parameters;
 
 /// Default number of scanlines.
 pub(super) const DEFAULT_LINES: u32 = 256;

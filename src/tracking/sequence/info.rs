@@ -7,7 +7,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::{Orientation, keys, stored_size};
-use crate::anatomy::volume::read_header;
+use insonify_anatomy::volume::read_header;
 
 /// Ratio of an interval between frames to the median above which a frame is missing.
 const GAP: f64 = 1.5;

@@ -6,11 +6,11 @@ use std::path::Path;
 use nalgebra::{Matrix4, Vector3};
 
 use super::{Interpolation, Key, Trajectory, check_time};
-use crate::base::read;
-use crate::base::text::head;
-use crate::tracking::TrackingError;
-use crate::tracking::pose::Pose;
-use crate::tracking::world::World;
+use crate::TrackingError;
+use crate::pose::Pose;
+use crate::world::World;
+use insonify_base::read;
+use insonify_base::text::head;
 
 /// Maximum length of a quoted name or cell, columns.
 const FOUND: usize = 60;

@@ -5,9 +5,9 @@ use std::fmt;
 use nalgebra::Matrix4;
 
 use super::{Interpolation, Key, Trajectory, check_time};
-use crate::base::matrix;
-use crate::tracking::TrackingError;
-use crate::tracking::pose::Pose;
+use crate::TrackingError;
+use crate::pose::Pose;
+use insonify_base::matrix;
 
 /// Interval assumed between frames without time stamps, s: ten frames per second, a common rate of optical
 /// trackers.
@@ -58,7 +58,7 @@ impl fmt::Display for SkipReason {
 impl Trajectory {
     /// Path of a transducer from recorded frames: probe to world = `tracker_to_world` x tool to tracker x
     /// `transducer_to_tool`, each on column vectors in mm and rigid (see
-    /// [`Calibration`](crate::tracking::calibration::Calibration) for the last). Frames without a valid pose are skipped
+    /// [`Calibration`](crate::calibration::Calibration) for the last). Frames without a valid pose are skipped
     /// and counted; a sequence without any valid pose is an error. If no frame has a time stamp, frames are a tenth of a
     /// second apart.
     pub fn from_tracked(

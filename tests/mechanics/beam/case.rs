@@ -1,6 +1,6 @@
 //! Needles in tissue that several tests share.
 
-use insonify::mechanics::needle::beam::{
+use insonify_mechanics::needle::beam::{
     Base, Compression, FoundationBeam, Layer, Material, Problem, Shape, bending_stiffness_nmm2,
 };
 

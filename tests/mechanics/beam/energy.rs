@@ -1,7 +1,7 @@
 //! What the hand does is what bends the needle and compresses the tissue.
 
-use insonify::mechanics::needle::beam::material::Law;
-use insonify::mechanics::needle::beam::{FoundationBeam, Layer, Problem, Shape};
+use insonify_mechanics::needle::beam::material::Law;
+use insonify_mechanics::needle::beam::{FoundationBeam, Layer, Problem, Shape};
 
 use super::case::{PSM, PVC, base, free, layer, problem, solve};
 

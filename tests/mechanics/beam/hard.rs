@@ -1,6 +1,6 @@
 //! Hard cases: a balance or an error that says why, never a number that is none.
 
-use insonify::mechanics::needle::beam::{
+use insonify_mechanics::needle::beam::{
     BeamError, Compression, FoundationBeam, Layer, Material, Shape, bending_stiffness_nmm2,
 };
 
@@ -172,7 +172,7 @@ fn answers_depend_on_the_motion_alone() {
 #[test]
 fn numbers_out_of_range_are_refused_by_name() {
     let good = problem(20.0, vec![layer(PSM, 60.0)]);
-    let key = |change: &dyn Fn(&mut insonify::mechanics::needle::beam::Problem)| {
+    let key = |change: &dyn Fn(&mut insonify_mechanics::needle::beam::Problem)| {
         let mut bad = good.clone();
         change(&mut bad);
         FoundationBeam::new(&bad).expect_err("refused").key

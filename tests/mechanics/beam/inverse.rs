@@ -1,7 +1,7 @@
 //! Base motions that bring about what is wanted, held against the forward solution.
 
-use insonify::mechanics::needle::beam::inverse::{TOLERANCE_MM, Wanted, find, reach};
-use insonify::mechanics::needle::beam::{BeamError, FoundationBeam, Problem};
+use insonify_mechanics::needle::beam::inverse::{TOLERANCE_MM, Wanted, find, reach};
+use insonify_mechanics::needle::beam::{BeamError, FoundationBeam, Problem};
 
 use super::case::{PSM, PVC, layer, problem, solve};
 

@@ -3,7 +3,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use insonify::mechanics::needle::beam::{Compression, Layer, Material, Problem};
+use insonify_mechanics::needle::beam::{Compression, Layer, Material, Problem};
 
 use super::case::{PSM, PVC, base, layer, problem, solve};
 

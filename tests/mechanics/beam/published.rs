@@ -1,6 +1,6 @@
 //! Wang et al.'s figures.
 
-use insonify::mechanics::needle::beam::Material;
+use insonify_mechanics::needle::beam::Material;
 
 use super::case::{PSM, PVC, base, free, layer, problem, solve};
 

@@ -3,7 +3,7 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use insonify::mechanics::needle::beam::{Compression, Material, Problem};
+use insonify_mechanics::needle::beam::{Compression, Material, Problem};
 
 use super::case::{PSM, base, distance, layer, problem, solve};
 

@@ -2,10 +2,11 @@
 
 use std::sync::Arc;
 
-use insonify::mechanics::insertion::finite::Finite;
-use insonify::mechanics::insertion::{Anatomy, Bone, EventKind, Interaction, Outcome, Peak};
-use insonify::mechanics::needle::{BendingConstraint, Bevel, Constrained, Flexible, Shaft, Stiffness};
-use insonify::mechanics::tissue::material::Material;
+use insonify_base::bending::BendingConstraint;
+use insonify_mechanics::insertion::finite::Finite;
+use insonify_mechanics::insertion::{Anatomy, Bone, EventKind, Interaction, Outcome, Peak};
+use insonify_mechanics::needle::{Bevel, Constrained, Flexible, Shaft, Stiffness};
+use insonify_mechanics::tissue::material::Material;
 use nalgebra::Point3;
 
 use super::support::{LENGTH, block, build, events, go, on_table, resistance, travel};
@@ -281,7 +282,7 @@ fn a_constrained_needle_is_deflected_from_the_measured_one() {
     let mut finite = build(setup);
     travel(&mut finite, -1.0, 40.0, 0.5);
     // The hand turns the needle about its base by 4 mm at the tip.
-    use insonify::mechanics::insertion::{Instruments, Model};
+    use insonify_mechanics::insertion::{Instruments, Model};
     let turn = nalgebra::UnitQuaternion::from_axis_angle(&nalgebra::Vector3::y_axis(), 4.0 / LENGTH);
     let base = nalgebra::Isometry3::from_parts(nalgebra::Translation3::new(31.3, 28.9, 40.0 - LENGTH), turn);
     let outcome = finite
@@ -398,7 +399,7 @@ fn a_needle_walks_off_bone() {
     let stopped = travel(&mut finite, -1.0, 35.0, 0.1);
     let stopped = stopped.last().expect("steps");
     assert!(stopped.tip_mm.z < 30.6 && resistance(stopped) > 19.0, "{stopped:?}");
-    use insonify::mechanics::insertion::{Instruments, Model};
+    use insonify_mechanics::insertion::{Instruments, Model};
     let mut at = |x: f64, z: f64| {
         let base = nalgebra::Isometry3::translation(x, 28.9, z - LENGTH);
         let instruments = Instruments {

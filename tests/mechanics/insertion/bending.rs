@@ -1,8 +1,8 @@
 //! Flexible needles in tissue.
 
-use insonify::mechanics::insertion::{Interaction, Model};
-use insonify::mechanics::needle::{Bevel, Flexible, Needle, Shaft, Stiffness};
-use insonify::mechanics::tissue::material::Material;
+use insonify_mechanics::insertion::{Interaction, Model};
+use insonify_mechanics::needle::{Bevel, Flexible, Needle, Shaft, Stiffness};
+use insonify_mechanics::tissue::material::Material;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
 use super::support::{LENGTH, USUAL, assert_finite, block, build, go, mirrored, on_table, tip_at};

@@ -1,6 +1,6 @@
 //! Friction, cutting and what they leave behind.
 
-use insonify::mechanics::insertion::{EventKind, Interaction, Model, Peak, Snapshot, StepError, Tissue};
+use insonify_mechanics::insertion::{EventKind, Interaction, Model, Peak, Snapshot, StepError, Tissue};
 use serde_json::json;
 
 use super::support::{USUAL, block, build, events, kinds, on_path, on_table, resistance, setup, tip_at, travel};

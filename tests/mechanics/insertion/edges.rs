@@ -1,7 +1,7 @@
 //! Hard cases: places, step lengths, materials, bone.
 
-use insonify::mechanics::insertion::{EventKind, Instruments, Interaction, Model, Outcome, StepError};
-use insonify::mechanics::mesh::TetMesh;
+use insonify_mechanics::insertion::{EventKind, Instruments, Interaction, Model, Outcome, StepError};
+use insonify_mesh::TetMesh;
 
 use super::support::{USUAL, assert_finite, block, build, events, on_table, resistance, setup, tip_at, travel};
 
@@ -70,7 +70,7 @@ fn regions_are_met_and_their_surfaces_hold() {
             .iter()
             .filter(|it| it.stuck == 0 && it.inserted_mm > from && it.inserted_mm < to)
             .collect();
-        let mean = |of: &dyn Fn(&insonify::mechanics::insertion::Outcome) -> f64| {
+        let mean = |of: &dyn Fn(&insonify_mechanics::insertion::Outcome) -> f64| {
             sliding.iter().map(|it| of(it)).sum::<f64>() / sliding.len() as f64
         };
         let (x, y) = (mean(&|it| it.inserted_mm), mean(&resistance));

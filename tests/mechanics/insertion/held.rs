@@ -1,8 +1,8 @@
 //! Bone and held tissue: what the needle meets where no node of the mesh can be moved to it.
 
-use insonify::mechanics::insertion::finite::{Finite, Setup};
-use insonify::mechanics::insertion::{Bone, EventKind, Interaction, Model};
-use insonify::mechanics::mesh::TetMesh;
+use insonify_mechanics::insertion::finite::{Finite, Setup};
+use insonify_mechanics::insertion::{Bone, EventKind, Interaction, Model};
+use insonify_mesh::TetMesh;
 
 use super::support::{USUAL, assert_finite, block, build, go, kinds, on_table, resistance, setup, travel};
 

@@ -1,7 +1,7 @@
 //! The levels of remeshing along one insertion, the probe moved sideways midway (Goksel et al. 2011, figure 14).
 
-use insonify::mechanics::insertion::{Instruments, Model, Outcome, ProbeContact};
-use insonify::mechanics::tissue::remesh::{Level, Precision};
+use insonify_mechanics::insertion::{Instruments, Model, Outcome, ProbeContact};
+use insonify_mechanics::tissue::remesh::{Level, Precision};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 
 use super::support::{USUAL, build, go, setup, tip_at, travel};

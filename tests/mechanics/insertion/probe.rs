@@ -1,7 +1,7 @@
 //! A probe that presses on the tissue.
 
-use insonify::mechanics::insertion::finite::{Finite, Setup};
-use insonify::mechanics::insertion::{Instruments, Model, Outcome, ProbeContact, Snapshot, Tissue};
+use insonify_mechanics::insertion::finite::{Finite, Setup};
+use insonify_mechanics::insertion::{Instruments, Model, Outcome, ProbeContact, Snapshot, Tissue};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::support::{USUAL, build, setup, tip_at};

@@ -1,12 +1,12 @@
 //! A block of tissue, and a hand that moves a needle.
 
-use insonify::mechanics::insertion::finite::{Finite, Setup};
-use insonify::mechanics::insertion::{Event, EventKind, Instruments, Interaction, Model, Outcome};
-use insonify::mechanics::mesh::TetMesh;
-use insonify::mechanics::needle::{Needle, Rigid, Shaft};
-use insonify::mechanics::tissue::material::Material;
-use insonify::study::block;
-pub use insonify::study::block::USUAL;
+use insonify_mechanics::block;
+pub use insonify_mechanics::block::USUAL;
+use insonify_mechanics::insertion::finite::{Finite, Setup};
+use insonify_mechanics::insertion::{Event, EventKind, Instruments, Interaction, Model, Outcome};
+use insonify_mechanics::needle::{Needle, Rigid, Shaft};
+use insonify_mechanics::tissue::material::Material;
+use insonify_mesh::TetMesh;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion};
 
 /// Length of the needle, mm.

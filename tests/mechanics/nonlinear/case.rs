@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use insonify::mechanics::mesh::TetMesh;
-use insonify::mechanics::tissue::material::Material;
-use insonify::mechanics::tissue::nonlinear::{
+use insonify_mechanics::tissue::material::Material;
+use insonify_mechanics::tissue::nonlinear::{
     Body, Options, Scheme, Sheet, Solid, Solver, Stiffening, Supports, Target,
 };
+use insonify_mesh::TetMesh;
 use nalgebra::Matrix4;
 
 /// 10 kPa that stiffens above a relative strain of 0.1.

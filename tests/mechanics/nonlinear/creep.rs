@@ -1,10 +1,10 @@
 //! Fractional viscosity in a body: closed forms, and where the two laws part.
 
-use insonify::mechanics::tissue::material::Material;
-use insonify::mechanics::tissue::nonlinear::NonlinearError;
-use insonify::mechanics::tissue::nonlinear::creep::{Creep, Memory};
-use insonify::mechanics::tissue::nonlinear::{Scheme, Stiffening};
-use insonify::mechanics::tissue::viscoelastic::Rule;
+use insonify_mechanics::tissue::material::Material;
+use insonify_mechanics::tissue::nonlinear::NonlinearError;
+use insonify_mechanics::tissue::nonlinear::creep::{Creep, Memory};
+use insonify_mechanics::tissue::nonlinear::{Scheme, Stiffening};
+use insonify_mechanics::tissue::viscoelastic::Rule;
 
 use super::case::{Held, at, block, difference, held, largest, law, options, pulled};
 

@@ -1,8 +1,8 @@
 //! Solutions by hand, and those of the linear solver.
 
-use insonify::mechanics::tissue::material::{Material, Materials};
-use insonify::mechanics::tissue::nonlinear::{Body, Contact, Scheme, Sheet, Stiffening, Target};
-use insonify::mechanics::tissue::problem::{Fix, Load, StaticProblem};
+use insonify_mechanics::tissue::material::{Material, Materials};
+use insonify_mechanics::tissue::nonlinear::{Body, Contact, Scheme, Sheet, Stiffening, Target};
+use insonify_mechanics::tissue::problem::{Fix, Load, StaticProblem};
 use std::sync::Arc;
 
 use super::case::{Held, at, block_mesh, difference, held, largest, law, options, pulled, target};

@@ -1,6 +1,6 @@
 //! Strain that crosses the knee back and forth, and what is refused.
 
-use insonify::mechanics::tissue::nonlinear::{NonlinearError, Options, Scheme, Solver, Supports};
+use insonify_mechanics::tissue::nonlinear::{NonlinearError, Options, Scheme, Solver, Supports};
 use std::sync::Arc;
 
 use super::case::{block, difference, held, largest, law, options, pressed, pulled, target};

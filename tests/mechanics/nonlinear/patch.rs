@@ -1,7 +1,7 @@
 //! Patch tests above the knee: where the boundary is strained uniformly, so is all of an irregular mesh, with the stress of the
 //! law. In floating point to the tolerance of the balance times the condition of the tangent.
 
-use insonify::mechanics::tissue::nonlinear::{Body, Scheme, relative_strain};
+use insonify_mechanics::tissue::nonlinear::{Body, Scheme, relative_strain};
 use std::sync::Arc;
 
 use super::case::{Held, block, difference, held, largest, law, options, sheet, target};

@@ -1,9 +1,9 @@
 //! How fast the schemes come to the solution.
 
-use insonify::mechanics::tissue::nonlinear::{Options, Scheme, Slope, Stiffening};
+use insonify_mechanics::tissue::nonlinear::{Options, Scheme, Slope, Stiffening};
 
 use super::case::{Held, at, block, difference, held, law, options, pressed, pulled, target};
-use insonify::mechanics::tissue::material::Material;
+use insonify_mechanics::tissue::material::Material;
 
 /// The number of correct digits doubles: in the last iterations before rounding the order is 2.
 #[test]
@@ -130,7 +130,7 @@ fn euler_has_its_order() {
 }
 
 fn orders(
-    body: &std::sync::Arc<insonify::mechanics::tissue::nonlinear::Solid>,
+    body: &std::sync::Arc<insonify_mechanics::tissue::nonlinear::Solid>,
     fixed: &Held,
     loads: &[f64],
     schemes: &[(Scheme, f64)],
@@ -150,7 +150,7 @@ fn orders(
 
 /// The error at the end, relative to full Newton's solution.
 fn error(
-    body: &std::sync::Arc<insonify::mechanics::tissue::nonlinear::Solid>,
+    body: &std::sync::Arc<insonify_mechanics::tissue::nonlinear::Solid>,
     fixed: &Held,
     loads: &[f64],
     scheme: Scheme,

@@ -1,6 +1,6 @@
 //! The knee in other measures of strain, its slope, and the two structures of stiffening tissue.
 
-use insonify::mechanics::tissue::viscoelastic::point::{Body, Control, Knee, Loading, Method, Point, Structure};
+use insonify_mechanics::tissue::viscoelastic::point::{Body, Control, Knee, Loading, Method, Point, Structure};
 
 const LIVER: Body = Body::SpringPot {
     order: 0.1,

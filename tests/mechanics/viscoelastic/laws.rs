@@ -1,6 +1,6 @@
 //! Creep and relaxation of bodies, from a jump at the start and from ramps.
 
-use insonify::mechanics::tissue::viscoelastic::point::{Body, Control, Knee, Loading, Method, Point, Structure};
+use insonify_mechanics::tissue::viscoelastic::point::{Body, Control, Knee, Loading, Method, Point, Structure};
 use libm::tgamma;
 
 use super::mittag_leffler::mittag_leffler;

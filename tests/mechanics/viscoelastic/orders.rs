@@ -1,6 +1,6 @@
 //! The order of every rule, and what a jump at the start does to it.
 
-use insonify::mechanics::tissue::viscoelastic::{Operator, Rule, Span};
+use insonify_mechanics::tissue::viscoelastic::{Operator, Rule, Span};
 use libm::tgamma;
 
 const SPAN: Span = Span {

@@ -1,6 +1,6 @@
 //! A pulse long ago.
 
-use insonify::mechanics::tissue::viscoelastic::{History, Operator, Rule, Span};
+use insonify_mechanics::tissue::viscoelastic::{History, Operator, Rule, Span};
 use libm::tgamma;
 
 const SPAN: Span = Span {

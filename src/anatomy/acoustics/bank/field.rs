@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::base::random::{hash3, seed_words, unit};
+use insonify_base::random::{hash3, seed_words, unit};
 
 /// A periodic grid of voxels; the centre of voxel (0, 0, 0) lies at the origin.
 pub(super) struct Grid {

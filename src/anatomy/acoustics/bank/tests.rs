@@ -2,7 +2,7 @@ use std::collections::HashMap;
 use std::sync::OnceLock;
 
 use super::*;
-use crate::base::cache::tests::made_on;
+use insonify_testing::made_on;
 
 /// All textures of the bank, generated once for all tests.
 fn bank() -> &'static HashMap<&'static str, SolidTexture> {

@@ -3,8 +3,8 @@
 use super::l;
 use super::wall::{CAVITY_MM, diaphragm, skin_depth};
 use super::{Noise, Over, Painting, Point, Uneven};
-use crate::anatomy::phantom::geometry::{Bounds, Ellipsoid, Shape, Solid, Tube, path, smooth_max};
-use crate::anatomy::phantom::vessels::Growth;
+use crate::phantom::geometry::{Bounds, Ellipsoid, Shape, Solid, Tube, path, smooth_max};
+use crate::phantom::vessels::Growth;
 
 /// Radius of the thinnest vessels drawn, mm.
 const THINNEST_MM: f64 = 1.15;

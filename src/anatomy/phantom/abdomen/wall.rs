@@ -1,8 +1,8 @@
 //! Body wall, spine and cavities: a label for every point of the abdomen before the organs are painted in.
 
 use super::l;
-use crate::anatomy::phantom::geometry::{Ellipsoid, Point, Shape, curve, smooth_min, step};
-use crate::base::random::noise::Noise;
+use crate::phantom::geometry::{Ellipsoid, Point, Shape, curve, smooth_min, step};
+use insonify_base::random::noise::Noise;
 
 /// Thickness of the skin, mm.
 const SKIN_MM: f64 = 2.0;

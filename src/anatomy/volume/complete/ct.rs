@@ -1,15 +1,15 @@
 //! Completion of a segmentation by its source CT.
 //!
 //! The body is the region denser than gas that is connected with the labels, without the table. Unlabelled voxels in it are classified by their grey
-//! values, smoothed over three voxels. The classes correspond to the values of [`totalsegmentator::body`](crate::anatomy::acoustics::totalsegmentator::body).
+//! values, smoothed over three voxels. The classes correspond to the values of [`totalsegmentator::body`](crate::acoustics::totalsegmentator::body).
 
 use nalgebra::Point3;
 use rayon::prelude::*;
 
 use super::{CompleteOptions, Completed, Filled, MIN_MM, Outline, label};
-use crate::anatomy::acoustics::known;
-use crate::anatomy::volume::distance::Grid;
-use crate::anatomy::volume::{Label, LabelVolume, ScalarImage, VolumeError};
+use crate::acoustics::known;
+use crate::volume::distance::Grid;
+use crate::volume::{Label, LabelVolume, ScalarImage, VolumeError};
 
 /// Upper limits of gas, fat and soft tissue, HU; denser voxels are bone.
 const LIMITS_HU: [f32; 3] = [-300.0, -30.0, 150.0];

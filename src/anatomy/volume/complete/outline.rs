@@ -3,9 +3,9 @@
 use rayon::prelude::*;
 
 use super::{CLOSING_MM, GRID_MM, MIN_MM, WALL_MM};
-use crate::anatomy::volume::LabelVolume;
-use crate::anatomy::volume::distance::Grid;
-use crate::base::cache::cached;
+use crate::volume::LabelVolume;
+use crate::volume::distance::Grid;
+use insonify_base::cache::cached;
 
 /// Standard deviation of the smoothing of the outline, within and across slices, mm.
 const SMOOTHING_MM: f64 = 9.0;

@@ -4,7 +4,7 @@ use std::io::Read;
 use nalgebra::{Matrix4, Point3, Vector3};
 
 use super::*;
-use crate::base::cache::tests::made_on;
+use insonify_testing::made_on;
 
 fn label(value: i64, name: Option<&str>) -> Label {
     Label {
@@ -158,15 +158,15 @@ fn fat_and_muscle_are_uneven_about_their_stated_thickness() {
         places.map(|(angle, z)| thickness(wanted, angle, z)).collect()
     };
     let fat = all(&["fat"]);
-    let mean = crate::base::report::statistics::mean(&fat);
-    let std = crate::base::report::statistics::std(&fat);
+    let mean = insonify_base::statistics::mean(&fat);
+    let std = insonify_base::statistics::std(&fat);
     println!("fat of {mean:.2} +- {std:.2} mm");
     // The noise is a mean of at most eight uniform numbers: a third to a half of its range.
     assert!(
         (mean - 12.0).abs() < 1.5 && (0.8..3.0).contains(&std),
         "{mean} +- {std}"
     );
-    let middle = crate::base::report::statistics::mean(&all(&["muscle_internal"]));
+    let middle = insonify_base::statistics::mean(&all(&["muscle_internal"]));
     assert!(middle > 0.5, "{middle}");
 }
 
@@ -229,9 +229,9 @@ fn volumes_with_a_body_and_empty_ones_stay_as_they_are() {
     thin.column_mut(1).scale_mut(1e-38);
     let thin = LabelVolume::new(plain.size(), plain.voxels().to_vec(), plain.labels().to_vec(), thin).unwrap();
     assert_eq!(run(&thin).filled, Filled::default());
-    let phantom = crate::anatomy::phantom::make(
-        crate::anatomy::phantom::Phantom::TwoLayer,
-        &crate::anatomy::phantom::PhantomOptions {
+    let phantom = crate::phantom::make(
+        crate::phantom::Phantom::TwoLayer,
+        &crate::phantom::PhantomOptions {
             resolution_mm: Some(4.0),
             seed: 0,
         },
@@ -333,8 +333,8 @@ fn the_thread_count_does_not_matter() {
 }
 
 /// Reads a `.nii.gz` of bytes or 16-bit integers, well formed, without names.
-pub(crate) fn nifti(file: &str) -> Option<LabelVolume> {
-    let path = format!("{}/../shared/data/volumes/{file}", env!("CARGO_MANIFEST_DIR"));
+pub fn nifti(file: &str) -> Option<LabelVolume> {
+    let path = format!("{}/../../../shared/data/volumes/{file}", env!("CARGO_MANIFEST_DIR"));
     let Ok(packed) = std::fs::File::open(&path) else {
         println!("SKIPPED: {path} is not there");
         return None;

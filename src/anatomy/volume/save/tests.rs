@@ -1,8 +1,8 @@
 use nalgebra::Matrix4;
 
 use super::*;
-use crate::anatomy::volume::load;
-use crate::base::cause::Cause;
+use crate::volume::load;
+use insonify_base::cause::Cause;
 
 fn sample(values: &[i64]) -> LabelVolume {
     #[rustfmt::skip]

@@ -1,10 +1,10 @@
 //! Voxels of an organ with their depths below its surface.
 
-use crate::anatomy::volume::LabelVolume;
-use crate::anatomy::volume::distance::Grid;
+use crate::volume::LabelVolume;
+use crate::volume::distance::Grid;
 
 /// Labelled voxels in their bounding box.
-pub(crate) struct Organ {
+pub struct Organ {
     low: [usize; 3],
     /// Distance from the centre of a voxel to that of the nearest one outside the organ, mm; 0 outside. Faces of the volume that cut an organ
     /// do not count as its surface.

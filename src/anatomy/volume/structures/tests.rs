@@ -1,8 +1,8 @@
 use nalgebra::{Matrix4, Vector3};
 
 use super::*;
-use crate::anatomy::volume::complete::tests::nifti;
-use crate::anatomy::volume::complete::{CompleteOptions, complete};
+use crate::volume::complete::tests::nifti;
+use crate::volume::complete::{CompleteOptions, complete};
 
 fn label(value: i64, name: &str, voxels: u64) -> Label {
     Label {
@@ -225,7 +225,7 @@ fn fat_lies_around_kidneys_and_in_patches_and_other_labels_stay() {
         return;
     };
     let mut named = plain.clone();
-    for class in crate::anatomy::acoustics::totalsegmentator::classes() {
+    for class in crate::acoustics::totalsegmentator::classes() {
         let found = named.labels().iter().position(|label| label.value == class.value);
         named.name(found.unwrap(), class.name.to_owned());
     }

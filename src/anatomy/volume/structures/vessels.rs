@@ -7,8 +7,8 @@
 use nalgebra::{Point3, Vector3};
 
 use super::organ::Organ;
-use crate::anatomy::volume::LabelVolume;
-use crate::base::random::{hash3, seed_words, unit};
+use crate::volume::LabelVolume;
+use insonify_base::random::{hash3, seed_words, unit};
 
 /// Distance between the terminals of a tree, mm.
 const SPACING_MM: f64 = 16.0;

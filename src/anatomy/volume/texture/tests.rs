@@ -1,5 +1,5 @@
 use super::*;
-use crate::base::random::{hash3, unit};
+use insonify_base::random::{hash3, unit};
 use proptest::prelude::*;
 
 fn noise(size: [usize; 3]) -> Vec<f32> {

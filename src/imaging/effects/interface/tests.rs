@@ -1,8 +1,8 @@
 use super::*;
-use crate::study::testing;
+use crate::anatomies;
 
 fn tables(roughness: f64) -> Tables {
-    let (anatomy, mut settings, _) = testing::scene();
+    let (anatomy, mut settings, _) = anatomies::two_layers();
     settings.effects.interface = Some(Interface {
         roughness,
         ..Interface::default()
@@ -39,7 +39,7 @@ fn without_roughness_the_multiplier_is_one() {
 #[test]
 fn capsules_count_where_impedances_agree() {
     let mut tables = tables(0.0);
-    let row = |impedance: f32, capsule: f32| crate::imaging::synth::tables::LabelRow {
+    let row = |impedance: f32, capsule: f32| crate::synth::tables::LabelRow {
         impedance,
         capsule,
         ..tables.label_rows[0]

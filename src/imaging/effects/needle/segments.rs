@@ -3,9 +3,9 @@
 use nalgebra::Point3;
 
 use super::present;
-use crate::imaging::synth::FrameState;
-use crate::imaging::synth::tables::Tables;
-use crate::tracking::needle::MAX_NODES;
+use crate::synth::FrameState;
+use crate::synth::tables::Tables;
+use insonify_tracking::needle::MAX_NODES;
 
 /// Start and end of a straight segment in the probe frame (mm), followed by its radius and by the thickness of the plane for it,
 /// mm. Then the distances of its start and end from the tip (mm), the number of its shaft (0 for the needle), and the factor on

@@ -1,8 +1,8 @@
 //! Straight cylinder in the thickened scan plane: filled fraction of the plane, and echo along a scanline.
 
 use super::{BEVEL, BEVEL_MM, GRAIN_MM, Params, Segment};
-use crate::base::real::Real;
-use crate::imaging::effects::common::scatterers;
+use crate::effects::common::scatterers;
+use insonify_base::real::Real;
 
 /// A straight segment of the needle in the probe frame.
 pub struct Shaft<T> {

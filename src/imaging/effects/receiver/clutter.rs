@@ -8,10 +8,10 @@ use std::f64::consts::TAU;
 
 use rayon::prelude::*;
 
-use crate::base::random::{hash3, seed_words};
-use crate::imaging::effects::lateral::{FWHM_PER_SIGMA, MAX_SIGMA, gaussian};
-use crate::imaging::effects::point_spread::PointSpread;
-use crate::tracking::probe::BeamGrid;
+use crate::effects::lateral::{FWHM_PER_SIGMA, MAX_SIGMA, gaussian};
+use crate::effects::point_spread::PointSpread;
+use insonify_base::random::{hash3, seed_words};
+use insonify_tracking::probe::BeamGrid;
 
 /// Lateral length relative to that of the point spread.
 const WIDENED: f64 = 1.8;
@@ -129,8 +129,8 @@ fn bands(grid: &BeamGrid, seed: [u32; 2]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::imaging::effects::speckle::Speckle;
-    use crate::tracking::probe::{Probe, ProbeShape};
+    use crate::effects::speckle::Speckle;
+    use insonify_tracking::probe::{Probe, ProbeShape};
 
     /// Mean 1, few echoes per cell, with the expected width: 1.8 times the lateral length of the point spread.
     #[test]

@@ -12,11 +12,11 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::{MAX_UNITS, Shadow, exponent_per_unit, needle_units, penumbra};
-use crate::base::real::Real;
-use crate::imaging::effects::pass::View;
-use crate::imaging::synth::store::Store;
-use crate::imaging::synth::tables::Tables;
-use crate::tracking::probe::BeamGrid;
+use crate::effects::pass::View;
+use crate::synth::store::Store;
+use crate::synth::tables::Tables;
+use insonify_base::real::Real;
+use insonify_tracking::probe::BeamGrid;
 
 /// Number of rays to a point, the middle one down its scanline.
 pub const RAYS: usize = 5;
@@ -96,7 +96,7 @@ pub(super) fn rays<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
     let loss = occluding(tables);
-    let needle = crate::imaging::effects::needle::present(tables).then_some(T::of(f64::from(needle_units(tables))));
+    let needle = crate::effects::needle::present(tables).then_some(T::of(f64::from(needle_units(tables))));
     let exponent = T::of(0.5 * exponent_per_unit());
     let (labels, mask) = (&store.label, &store.needle_mask);
     store
@@ -178,7 +178,7 @@ pub(super) fn mean<T: Real>(view: &View, store: &mut Store<T>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tracking::probe::{BeamGrid, Probe, ProbeShape};
+    use insonify_tracking::probe::{BeamGrid, Probe, ProbeShape};
 
     #[test]
     fn rays_lean_by_the_aperture_and_find_their_elements_again() {

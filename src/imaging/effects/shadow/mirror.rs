@@ -8,11 +8,11 @@
 use rayon::prelude::*;
 
 use super::{exponent_per_unit, penumbra, reverberation};
-use crate::base::real::Real;
-use crate::imaging::effects::common::spacing;
-use crate::imaging::effects::pass::View;
-use crate::imaging::synth::store::Store;
-use crate::imaging::synth::tables::{LabelRow, Tables};
+use crate::effects::common::spacing;
+use crate::effects::pass::View;
+use crate::synth::store::Store;
+use crate::synth::tables::{LabelRow, Tables};
+use insonify_base::real::Real;
 
 /// Impedance below which an opaque tissue is gas or lung rather than bone, MRayl.
 pub const GAS_MRAYL: f32 = 1.0;

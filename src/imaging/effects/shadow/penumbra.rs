@@ -9,12 +9,12 @@
 use rayon::prelude::*;
 
 use super::{Shadow, units};
-use crate::base::real::Real;
-use crate::base::simd::{Kernel, vectorised};
-use crate::imaging::effects::lateral::{BLOCK, FWHM_PER_SIGMA, LateralKernel};
-use crate::imaging::effects::pass::View;
-use crate::imaging::synth::store::Store;
-use crate::tracking::probe::BeamGrid;
+use crate::effects::lateral::{BLOCK, FWHM_PER_SIGMA, LateralKernel};
+use crate::effects::pass::View;
+use crate::synth::store::Store;
+use insonify_base::real::Real;
+use insonify_base::simd::{Kernel, vectorised};
+use insonify_tracking::probe::BeamGrid;
 
 /// Loss above which a tissue is opaque, dB per mm: above that of soft tissue and below that of bone, gas and lung.
 const OPAQUE_DB_MM: f64 = 6.0;

@@ -3,17 +3,17 @@
 //! An echo from depth z appears again at z + d, z + 2 d, ..., where d is the depth of the reflector: the A-lines of lung, and the haze of tissue
 //! above it in the shadow of gas. Each repeat is attenuated over the path to the reflector and back, multiplied by [`Shadow::reverberation`], by the
 //! reflection coefficient of the reflector (0.99 for gas, 0.65 for bone) and, for a reflector tilted by theta, by cos^4 theta (the law of
-//! [`interface`](crate::imaging::effects::interface)) and cos^4 2 theta (the angle at which it returns to the array). Powers are added, as the phases over
+//! [`interface`](crate::effects::interface)) and cos^4 2 theta (the angle at which it returns to the array). Powers are added, as the phases over
 //! such long paths are random. A lung's A-lines: D. Lichtenstein et al., Intensive Care Med. 24 (1998) 1331.
 
 use rayon::prelude::*;
 
 use super::{Shadow, exponent_per_unit, penumbra};
-use crate::base::real::Real;
-use crate::imaging::effects::common::spacing;
-use crate::imaging::effects::pass::View;
-use crate::imaging::synth::store::Store;
-use crate::imaging::synth::tables::Tables;
+use crate::effects::common::spacing;
+use crate::effects::pass::View;
+use crate::synth::store::Store;
+use crate::synth::tables::Tables;
+use insonify_base::real::Real;
 
 /// Number of scanlines to either side from which the tilt of a reflector is estimated.
 pub const SIDE: usize = 6;

@@ -15,14 +15,14 @@ fn what_the_voxels_hold_decides_not_what_a_file_counted() {
 
     use nalgebra::Matrix4;
 
-    use crate::anatomy::acoustics::{Preset, TissueTable};
-    use crate::anatomy::volume::LabelVolume;
-    use crate::imaging::effects::Effects;
-    use crate::imaging::synth::tables::{Anatomy, Settings};
-    use crate::tracking::probe::{Probe, ProbeShape};
+    use crate::effects::Effects;
+    use crate::synth::tables::{Anatomy, Settings};
+    use insonify_anatomy::acoustics::{Preset, TissueTable};
+    use insonify_anatomy::volume::LabelVolume;
+    use insonify_tracking::probe::{Probe, ProbeShape};
 
     let verdict = |voxels: Vec<u8>, counted: u64| {
-        let label = |value, name: &str| crate::anatomy::volume::Label {
+        let label = |value, name: &str| insonify_anatomy::volume::Label {
             value,
             name: Some(name.into()),
             voxels: counted,

@@ -4,14 +4,14 @@ use rayon::prelude::*;
 
 use super::BLOCK;
 use super::tables::MAX_PLANES;
-use crate::base::random::seed_words;
-use crate::base::real::Real;
-use crate::base::simd::{Kernel, map, vectorised};
-use crate::imaging::effects::common::scatterers;
-use crate::imaging::effects::pass::View;
-use crate::imaging::synth::store::Store;
-use crate::mechanics::mesh::NONE;
-use crate::mechanics::mesh::element::Carry;
+use crate::effects::common::scatterers;
+use crate::effects::pass::View;
+use crate::synth::store::Store;
+use insonify_base::random::seed_words;
+use insonify_base::real::Real;
+use insonify_base::simd::{Kernel, map, vectorised};
+use insonify_mesh::NONE;
+use insonify_mesh::element::Carry;
 
 pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;

@@ -2,11 +2,11 @@
 
 use rayon::prelude::*;
 
-use crate::base::real::Real;
-use crate::base::simd::{Kernel, vectorised};
-use crate::imaging::effects::lateral::{BLOCK, LateralKernel};
-use crate::imaging::effects::pass::View;
-use crate::imaging::synth::store::Store;
+use crate::effects::lateral::{BLOCK, LateralKernel};
+use crate::effects::pass::View;
+use crate::synth::store::Store;
+use insonify_base::real::Real;
+use insonify_base::simd::{Kernel, vectorised};
 
 pub(super) fn axial<T: Real>(view: &View, store: &mut Store<T>) {
     let Some(own) = &view.tables.effects.speckle else {

@@ -4,10 +4,10 @@ use rayon::prelude::*;
 
 use super::elevation::Elevation;
 use super::power::{lattice_correlation, power, restored, unit_power};
-use crate::base::real::Numbers;
-use crate::imaging::effects::lateral::{FWHM_PER_SIGMA, LateralKernel, MAX_SIGMA, gaussian};
-use crate::imaging::effects::point_spread::PointSpread;
-use crate::tracking::probe::BeamGrid;
+use crate::effects::lateral::{FWHM_PER_SIGMA, LateralKernel, MAX_SIGMA, gaussian};
+use crate::effects::point_spread::PointSpread;
+use insonify_base::real::Numbers;
+use insonify_tracking::probe::BeamGrid;
 
 /// Precomputed speckle data of a probe at given settings.
 #[derive(Clone, Debug, PartialEq)]

@@ -17,11 +17,11 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::{MID_GREY, NOISE_GREY, Tone};
-use crate::base::real::Real;
-use crate::base::simd::{Kernel, vectorised};
-use crate::imaging::effects::pass::View;
-use crate::imaging::synth::store::Store;
-use crate::imaging::synth::tables::Tables;
+use crate::effects::pass::View;
+use crate::synth::store::Store;
+use crate::synth::tables::Tables;
+use insonify_base::real::Real;
+use insonify_base::simd::{Kernel, vectorised};
 
 /// Number of bands of depth.
 pub const BANDS: usize = 16;

@@ -1,21 +1,21 @@
 use nalgebra::{Matrix4, Rotation3, Vector3};
 
 use super::*;
-use crate::imaging::effects::common::{plane_step, rows};
-use crate::imaging::effects::geometry;
-use crate::imaging::effects::thickness::Thickness;
-use crate::imaging::synth::FrameState;
-use crate::imaging::synth::slab::States;
-use crate::mechanics::mesh::{Displacement, TetMesh};
-use crate::study::testing;
-use crate::tracking::probe::ProbeShape;
+use crate::anatomies;
+use crate::effects::common::{plane_step, rows};
+use crate::effects::geometry;
+use crate::effects::thickness::Thickness;
+use crate::synth::FrameState;
+use crate::synth::slab::States;
+use insonify_mesh::{Displacement, TetMesh};
+use insonify_tracking::probe::ProbeShape;
 
 const LOW: [f64; 3] = [-50.0, 5.0, -30.0];
 const HIGH: [f64; 3] = [50.0, 90.0, 30.0];
 
 /// Tables of 24 scanlines of 96 samples in five sub-planes over a mesh of about `nodes` nodes.
 fn tables(shape: ProbeShape, nodes: usize) -> Tables {
-    let (mut anatomy, mut settings, _) = testing::scene();
+    let (mut anatomy, mut settings, _) = anatomies::two_layers();
     anatomy.mesh = Some(std::sync::Arc::new(TetMesh::over_box(LOW, HIGH, nodes).unwrap()));
     settings.probe.shape = shape;
     (settings.probe.lines, settings.probe.samples, settings.probe.depth_mm) = (24, 96, 100.0);

@@ -1,5 +1,5 @@
 use super::*;
-use crate::study::anatomies::{self, Frame, PLAIN, SILENT};
+use crate::anatomies::{self, Frame, PLAIN, SILENT};
 
 /// A volume of 20 mm about a point.
 fn about(centre: [f64; 3]) -> Arc<LabelVolume> {
@@ -70,10 +70,7 @@ fn all_of_a_frame_moves_together() {
         (needle.nodes[1], needle.diameter_mm),
         (Point3::new(4.5, 2.0, -3.0), 1.3)
     );
-    assert_eq!(
-        seen.seeds[0].nodes[0].x,
-        0.5 - crate::imaging::synth::SEED_LENGTH_MM / 2.0
-    );
+    assert_eq!(seen.seeds[0].nodes[0].x, 0.5 - crate::synth::SEED_LENGTH_MM / 2.0);
     assert_eq!(seen.nodes.as_deref(), Some(&[[0.25, 2.0, -3.0], [0.75, 2.0, -3.0]][..]));
     assert_eq!(seen.reference.as_deref(), Some(&[[0.125, 2.0, -3.0]][..]));
 

@@ -5,12 +5,12 @@ use std::f64::consts::FRAC_PI_2;
 use nalgebra::Matrix4;
 
 use super::LANES;
-use crate::base::real::Real;
-use crate::base::simd::{Kernel, Pack, array, map};
-use crate::imaging::effects::common::plane_step;
-use crate::imaging::synth::tables::Tables;
-use crate::mechanics::mesh::element::MAX_REACH;
-use crate::tracking::probe::BeamGrid;
+use crate::effects::common::plane_step;
+use crate::synth::tables::Tables;
+use insonify_base::real::Real;
+use insonify_base::simd::{Kernel, Pack, array, map};
+use insonify_mesh::element::MAX_REACH;
+use insonify_tracking::probe::BeamGrid;
 
 /// Bound on the rounding error of the position of a sample, in epsilons of the largest coordinate.
 const POINT_EPSILONS: f64 = 16.0;

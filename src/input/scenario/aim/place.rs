@@ -2,9 +2,9 @@
 
 use nalgebra::Point3;
 
-use crate::input::scene::{Body, Scene};
-use crate::tracking::pose::Pose;
-use crate::tracking::probe::BeamGrid;
+use insonify_imaging::scene::{Body, Scene};
+use insonify_tracking::pose::Pose;
+use insonify_tracking::probe::BeamGrid;
 
 /// Spacing of the search grid for the innermost point of a target, mm.
 const GRID_MM: f64 = 2.0;
@@ -15,7 +15,7 @@ const BEFORE_MM: f64 = 60.0;
 const SKIN_STEP_MM: f64 = 0.5;
 
 /// Innermost point of the visible cross-section of a label in the image plane, mm.
-pub(crate) fn innermost(scene: &Scene, pose: &Pose, label: u8) -> Option<Point3<f64>> {
+pub fn innermost(scene: &Scene, pose: &Pose, label: u8) -> Option<Point3<f64>> {
     let grid = BeamGrid::new(&scene.settings.probe).ok()?;
     let bounds = grid.bounds_mm();
     let along = |axis: usize| {
@@ -47,14 +47,14 @@ pub(crate) fn innermost(scene: &Scene, pose: &Pose, label: u8) -> Option<Point3<
 }
 
 /// Lateral position of the array's end on its marked side, mm.
-pub(crate) fn array_end_mm(scene: &Scene) -> f64 {
+pub fn array_end_mm(scene: &Scene) -> f64 {
     let grid = BeamGrid::new(&scene.settings.probe).ok();
     let last = grid.as_ref().and_then(|grid| grid.rays().last());
     last.map_or(0.0, |ray| ray.origin[0])
 }
 
 /// Skin point on a line of the image plane along the beam's axis, mm; `None` where the line starts in the body.
-pub(super) fn skin(body: &Body<'_>, pose: &Pose, lateral_mm: f64, depth_mm: f64) -> Option<Point3<f64>> {
+pub fn skin(body: &Body<'_>, pose: &Pose, lateral_mm: f64, depth_mm: f64) -> Option<Point3<f64>> {
     let steps = ((BEFORE_MM + depth_mm) / SKIN_STEP_MM) as usize;
     let at = |step: usize| Point3::new(lateral_mm, step as f64 * SKIN_STEP_MM - BEFORE_MM, 0.0);
     let mut points = (0..steps).map(|step| pose.probe_to_world().transform_point(&at(step)));

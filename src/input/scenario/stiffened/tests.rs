@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use crate::base::document::InputError;
-use crate::imaging::synth::{Backend, FrameState, Synthesizer};
-use crate::input::scenario::run::{Moment, Observer, Requests, Step, run};
 use crate::input::scenario::{EXAMPLES, Scenario, ScenarioFile};
-use crate::mechanics::insertion::{EventKind, Model, Saved, Snapshot, StepError};
-use crate::mechanics::tissue::nonlinear::creep::Memory;
+use crate::run::{Moment, Observer, Requests, Step, run};
+use insonify_base::document::InputError;
+use insonify_imaging::synth::{Backend, FrameState, Synthesizer};
+use insonify_mechanics::insertion::{EventKind, Model, Saved, Snapshot, StepError};
+use insonify_mechanics::tissue::nonlinear::creep::Memory;
 
 fn ready() -> String {
     let (_, text) = EXAMPLES.iter().find(|(name, _)| *name == "liver-puncture").unwrap();

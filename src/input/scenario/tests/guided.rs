@@ -3,10 +3,10 @@
 use nalgebra::{Point3, Vector3};
 
 use super::{BLOCK, resolved};
-use crate::base::cause::Cause;
 use crate::input::scenario::Scenario;
 use crate::input::scenario::manipulator::SensorSpec;
-use crate::mechanics::insertion::Wrench;
+use insonify_base::cause::Cause;
+use insonify_mechanics::insertion::Wrench;
 
 const POSE: &str = "[scene.pose]\nposition_mm = [0, 0, -60]\ndirection = [0, 0, 1]\nlateral = [1, 0, 0]\n";
 const MOVED: &str = "[[scene.motion.keyframes]]\ntime_s = 0\nposition_mm = [0, 0, -60]\ndirection = [0, 0, 1]\nlateral = [1, 0, 0]\n\

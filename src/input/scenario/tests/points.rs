@@ -6,9 +6,9 @@ use super::prescribed::PrescribedModel;
 use super::{BLOCK, resolved};
 use crate::input::scenario::Scenario;
 use crate::input::scenario::points::{Displaced, Extremes, Points};
-use crate::input::scenario::record::Record;
-use crate::input::scenario::run::{Deformed, Observer, Requests, Step, run};
-use crate::mechanics::insertion::{EventKind, Model, StepError, Tissue};
+use crate::run::record::Record;
+use crate::run::{Deformed, Observer, Requests, Step, run};
+use insonify_mechanics::insertion::{EventKind, Model, StepError, Tissue};
 
 /// The block with an oblique probe that turns on the way, and two points.
 fn reporting() -> String {
@@ -74,7 +74,7 @@ struct Kept {
 }
 
 impl Kept {
-    fn of(scenario: &Scenario, model: &mut dyn Model, asked: Requests) -> (Kept, crate::input::scenario::Summary) {
+    fn of(scenario: &Scenario, model: &mut dyn Model, asked: Requests) -> (Kept, crate::run::summary::Summary) {
         let mut kept = Kept {
             record: Record::new(scenario),
             steps: Vec::new(),

@@ -3,11 +3,11 @@
 use nalgebra::{Point3, Vector3};
 
 use crate::input::scenario::Scenario;
-use crate::mechanics::insertion::{
+use insonify_mechanics::insertion::{
     Event, EventKind, Field, Instruments, Model, NodeSolver, Outcome, Saved, Snapshot, StepError, Tissue, Wrench,
 };
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::needle::CentreLine;
+use insonify_mechanics::needle::CentreLine;
+use insonify_mesh::TetMesh;
 
 /// Holds the tip at its unloaded position, and pushes on the hand in proportion to depth.
 pub struct PrescribedModel {

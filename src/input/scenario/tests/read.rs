@@ -5,8 +5,8 @@ use std::collections::BTreeSet;
 use serde_json::Value;
 
 use super::{BLOCK, resolved};
-use crate::base::cause::Cause;
 use crate::input::scenario::{EXAMPLES, REFERENCE, ScenarioFile, schema};
+use insonify_base::cause::Cause;
 
 #[test]
 fn faults_point_at_their_line_and_say_what_is_expected() {

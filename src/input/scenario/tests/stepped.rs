@@ -4,10 +4,11 @@ use nalgebra::Point3;
 
 use super::prescribed::PrescribedModel;
 use super::{BLOCK, resolved, with_probe};
-use crate::input::scenario::record::Record;
-use crate::input::scenario::run::{Deformed, Moment, Observer, Requests, Step, run};
-use crate::input::scenario::{Scenario, Summary};
-use crate::mechanics::insertion::StepError;
+use crate::input::scenario::Scenario;
+use crate::run::record::Record;
+use crate::run::summary::Summary;
+use crate::run::{Deformed, Moment, Observer, Requests, Step, run};
+use insonify_mechanics::insertion::StepError;
 
 /// Records what the observer receives.
 #[derive(Default)]

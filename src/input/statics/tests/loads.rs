@@ -1,7 +1,8 @@
 //! Loads and stresses compared with closed-form solutions on several meshes.
 
 use super::*;
-use crate::input::statics::resolve::{Problem, Solved};
+use crate::input::statics::Problem;
+use crate::solve::{Report, Solved};
 
 /// Bar of 4 x 4 x 20 mm and 5 kPa without lateral strain, fixed at the bottom.
 const BAR: &str = r#"mesh = "bar.vtu"

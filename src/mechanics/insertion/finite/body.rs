@@ -6,8 +6,8 @@ use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::contact::SAMPLE_MM;
-use crate::mechanics::insertion::interaction::interaction;
-use crate::mechanics::insertion::{Anatomy, Interaction};
+use crate::insertion::interaction::interaction;
+use crate::insertion::{Anatomy, Interaction};
 
 /// Bisections of [`SAMPLE_MM`] to locate the start of a region, to 1e-13 mm.
 const HALVINGS: usize = 40;

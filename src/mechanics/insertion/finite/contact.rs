@@ -8,8 +8,8 @@
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
-use crate::mechanics::insertion::Anatomy;
-use crate::mechanics::insertion::interaction::interaction;
+use crate::insertion::Anatomy;
+use crate::insertion::interaction::interaction;
 
 /// Distance between samples of the regions along a path, mm.
 pub(super) const SAMPLE_MM: f64 = 0.25;
@@ -169,7 +169,7 @@ impl Slider {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mechanics::insertion::{Interaction, Peak};
+    use crate::insertion::{Interaction, Peak};
 
     #[test]
     fn the_path_grows_and_shrinks_by_region() {

@@ -6,8 +6,8 @@ use super::body::Body;
 use super::contact::{Contact, SAMPLE_MM};
 use super::contact::{Slider, State};
 use super::joint::{Joint, MAX_RELEASED};
-use crate::mechanics::insertion::ShaftLoad;
-use crate::mechanics::needle::{CentreLine, ShaftPoint};
+use crate::insertion::ShaftLoad;
+use crate::needle::{CentreLine, ShaftPoint};
 
 /// Force below which a released load is dropped, N.
 const FADED_N: f64 = 1e-12;

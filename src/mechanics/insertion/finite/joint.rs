@@ -23,8 +23,8 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use super::contact::Contact;
 use super::reduced::{Reduced, TipRow};
 use super::tissue::Tissue;
-use crate::mechanics::ldl::{Ldl, Signs};
-use crate::mechanics::needle::{CentreLine, across};
+use crate::ldl::{Ldl, Signs};
+use crate::needle::{CentreLine, across};
 
 /// Maximum number of released loads.
 pub(super) const MAX_RELEASED: usize = 4;

@@ -6,9 +6,9 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::tissue::Tissue;
-use crate::mechanics::insertion::Anatomy;
-use crate::mechanics::mesh::{NONE, TetMesh};
-use crate::mechanics::needle::CentreLine;
+use crate::insertion::Anatomy;
+use crate::needle::CentreLine;
+use insonify_mesh::{NONE, TetMesh};
 
 /// Maximum number of elements that a search passes: a substep passes a few.
 const MAX_ELEMENTS: usize = 64;

@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Matrix3, Point3};
 use super::contacts::Contacts;
 use super::joint::NeedleCompliance;
 use super::tip::Tip;
-use crate::mechanics::needle::{CentreLine, Entry, Load, Needle, Row, ShaftPoint};
+use crate::needle::{CentreLine, Entry, Load, Needle, Row, ShaftPoint};
 
 /// A needle and its centre line. Buffers are kept from step to step, to avoid allocation.
 pub(super) struct PlacedNeedle {

@@ -7,8 +7,8 @@ use super::contact::SAMPLE_MM;
 use super::contact::State;
 use super::location::Place;
 use super::tip::TipForce;
-use crate::mechanics::insertion::EventKind;
-use crate::mechanics::needle::{Entry, ShaftPoint};
+use crate::insertion::EventKind;
+use crate::needle::{Entry, ShaftPoint};
 
 /// Distance beyond the tip at which a node is released, mm: rounding must not release one just made at the tip.
 const BEYOND_MM: f64 = 0.05;

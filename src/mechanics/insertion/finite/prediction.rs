@@ -8,7 +8,7 @@ use super::location::Tetrahedron;
 use super::needle::PlacedNeedle;
 use super::tip::Tip;
 use super::tissue::Tissue;
-use crate::mechanics::mesh::NONE;
+use insonify_mesh::NONE;
 
 /// Maximum number of elements searched: a node is made every few.
 const MAX_ELEMENTS: usize = 16;

@@ -4,7 +4,7 @@ use faer::MatRef;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::reduced::ProbeRow;
-use crate::mechanics::insertion::{ProbeContact, pointed};
+use crate::insertion::{ProbeContact, pointed};
 
 /// A probe with its candidate nodes. Nodes beside the cylinder keep their positions across its axis from when the tissue was
 /// at rest, and slide along it without friction.

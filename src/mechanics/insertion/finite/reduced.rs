@@ -14,8 +14,8 @@ use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::contact::Slider;
-use crate::base::simd::{Kernel, vectorised};
-use crate::mechanics::ldl::Ldl;
+use crate::ldl::Ldl;
+use insonify_base::simd::{Kernel, vectorised};
 
 /// A displacement prescribed by the probe: contact and direction.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -10,10 +10,10 @@ use super::contact::Contact;
 use super::probe::ProbeNodes;
 use super::tissue::Tissue;
 use super::{Finite, Tip};
-use crate::mechanics::insertion::{Saved, StepError};
-use crate::mechanics::needle::{CentreLine, Entry};
-use crate::mechanics::tissue::dofs::NONE;
-use crate::mechanics::tissue::remesh::{Adaptation, RemeshError};
+use crate::insertion::{Saved, StepError};
+use crate::needle::{CentreLine, Entry};
+use crate::tissue::dofs::NONE;
+use crate::tissue::remesh::{Adaptation, RemeshError};
 
 /// Tolerance of the length of a unit vector.
 const UNIT: f64 = 1e-9;

@@ -7,7 +7,7 @@ use super::contact::Slider;
 use super::contacts::Contacts;
 use super::needle::PlacedNeedle;
 use super::tip::Tip;
-use crate::mechanics::needle::CentreLine;
+use crate::needle::CentreLine;
 
 /// Iterations before damping: after them the forces change by an ever smaller share, so that a buckling needle does not
 /// oscillate for ever.

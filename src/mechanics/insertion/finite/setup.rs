@@ -1,21 +1,21 @@
 //! Setup of a finite element insertion.
 
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
 use std::sync::Arc;
 
 use super::body::{Body, Channel};
 use super::{Attempt, Contacts, Finite, Joint, Log, PlacedNeedle, Prediction, ProbeNodes, Tip, Tissue};
-use crate::mechanics::insertion::interaction::MeshRegions;
-use crate::mechanics::insertion::{Anatomy, Interaction, InvalidSetup, ProbeContact, validation};
-use crate::mechanics::mesh::{Locator, TetMesh};
-use crate::mechanics::needle::{CentreLine, Needle};
-use crate::mechanics::tissue::columns::Columns;
-use crate::mechanics::tissue::dofs::{Dofs, NONE};
-use crate::mechanics::tissue::factor::Factor;
-use crate::mechanics::tissue::inverse::invert;
-use crate::mechanics::tissue::material::Material;
-use crate::mechanics::tissue::remesh::{Adaptation, AdaptedMesh, Level, Maker, Precision, Source};
-use crate::mechanics::tissue::rigid;
+use crate::insertion::interaction::MeshRegions;
+use crate::insertion::{Anatomy, Interaction, InvalidSetup, ProbeContact, validation};
+use crate::needle::{CentreLine, Needle};
+use crate::tissue::columns::Columns;
+use crate::tissue::dofs::{Dofs, NONE};
+use crate::tissue::factor::Factor;
+use crate::tissue::inverse::invert;
+use crate::tissue::material::Material;
+use crate::tissue::remesh::{Adaptation, AdaptedMesh, Level, Maker, Precision, Source};
+use crate::tissue::rigid;
+use insonify_mesh::{Locator, TetMesh};
 
 /// Options for the subdivision and iteration of steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,7 +34,7 @@ pub struct Options {
     /// tried.
     pub condition_limit: f64,
     /// Limits of the remesher.
-    pub remesh: crate::mechanics::tissue::remesh::Options,
+    pub remesh: crate::tissue::remesh::Options,
     /// Number of columns of the base's compliance that are cached where there is no dense inverse (exact level).
     pub columns: usize,
     /// Whether there is a dense inverse at the exact level too: it is used there if it is in f64, and a change to another
@@ -51,7 +51,7 @@ impl Default for Options {
             tolerance_mm: 1e-5,
             spacing_mm: 1.0,
             condition_limit: 100.0,
-            remesh: crate::mechanics::tissue::remesh::Options {
+            remesh: crate::tissue::remesh::Options {
                 deferred: true,
                 ..Default::default()
             },

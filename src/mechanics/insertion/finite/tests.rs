@@ -1,10 +1,10 @@
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::*;
-use crate::mechanics::insertion::{Instruments, Interaction, Model};
-use crate::mechanics::needle::{CentreLine, Entry, Load, Needle, Row};
-use crate::mechanics::tissue::material::Material;
-use crate::mechanics::tissue::remesh::{Level, Precision};
+use crate::insertion::{Instruments, Interaction, Model};
+use crate::needle::{CentreLine, Entry, Load, Needle, Row};
+use crate::tissue::material::Material;
+use crate::tissue::remesh::{Level, Precision};
 
 /// A straight needle.
 #[derive(Debug)]

@@ -12,10 +12,10 @@ use super::location::Place;
 use super::needle::PlacedNeedle;
 use super::reduced::TipRow;
 use super::tissue::Tissue;
-use crate::mechanics::insertion::interaction::BORDER_MM;
-use crate::mechanics::insertion::{Bone, EventKind};
-use crate::mechanics::needle::CentreLine;
-use crate::mechanics::tissue::dofs::NONE;
+use crate::insertion::interaction::BORDER_MM;
+use crate::insertion::{Bone, EventKind};
+use crate::needle::CentreLine;
+use crate::tissue::dofs::NONE;
 
 /// Distance by which a needle that was moved off bone catches up with the hand in each substep, mm.
 const CATCH_UP_MM: f64 = 0.5;

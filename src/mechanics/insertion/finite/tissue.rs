@@ -10,11 +10,11 @@ use super::contacts::Contacts;
 use super::probe::ProbeNodes;
 use super::reduced::Reduced;
 use super::tip::Tip;
-use crate::mechanics::insertion::{Field, Snapshot};
-use crate::mechanics::mesh::{Locator, TetMesh};
-use crate::mechanics::tissue::dofs::NONE;
-use crate::mechanics::tissue::remesh::corner::best_corner;
-use crate::mechanics::tissue::remesh::{Adaptation, RemeshError};
+use crate::insertion::{Field, Snapshot};
+use crate::tissue::dofs::NONE;
+use crate::tissue::remesh::corner::best_corner;
+use crate::tissue::remesh::{Adaptation, RemeshError};
+use insonify_mesh::{Locator, TetMesh};
 
 /// Tissue with the forces on it. Buffers are kept from step to step, to avoid allocation.
 pub(super) struct Tissue {

@@ -3,9 +3,9 @@
 use nalgebra::{Point3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::mechanics::insertion::pushing::{Layer, crossings};
-use crate::mechanics::insertion::{Anatomy, Interaction};
-use crate::mechanics::tissue::nonlinear::{Body, Solid};
+use crate::insertion::pushing::{Layer, crossings};
+use crate::insertion::{Anatomy, Interaction};
+use crate::tissue::nonlinear::{Body, Solid};
 
 use super::Frame;
 

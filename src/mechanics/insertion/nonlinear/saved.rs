@@ -4,9 +4,9 @@ use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
 use super::{NeedleLine, Nonlinear};
-use crate::mechanics::insertion::pushing::At;
-use crate::mechanics::insertion::{Saved, StepError};
-use crate::mechanics::needle::CentreLine;
+use crate::insertion::pushing::At;
+use crate::insertion::{Saved, StepError};
+use crate::needle::CentreLine;
 
 /// Everything that a step depends on.
 #[derive(Serialize, Deserialize)]

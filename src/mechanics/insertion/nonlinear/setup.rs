@@ -5,15 +5,15 @@ use std::sync::Arc;
 use nalgebra::{Point3, Vector3};
 
 use super::{Frame, Nonlinear};
-use crate::mechanics::insertion::pushing::Pushing;
-use crate::mechanics::insertion::{Anatomy, Interaction, InvalidSetup, MeshRegions, Outcome, validation};
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::needle::{CentreLine, Shaft};
-use crate::mechanics::tissue::nonlinear::creep::{Creep, Memory};
-use crate::mechanics::tissue::nonlinear::{
+use crate::insertion::pushing::Pushing;
+use crate::insertion::{Anatomy, Interaction, InvalidSetup, MeshRegions, Outcome, validation};
+use crate::needle::{CentreLine, Shaft};
+use crate::tissue::nonlinear::creep::{Creep, Memory};
+use crate::tissue::nonlinear::{
     Body, Options as Solving, Scheme, Sheet, Solid, Solver, Stiffening, Structure, Supports,
 };
-use crate::mechanics::tissue::viscoelastic::{Rule, Span};
+use crate::tissue::viscoelastic::{Rule, Span};
+use insonify_mesh::TetMesh;
 
 /// Options for the subdivision and solution of steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,7 +73,7 @@ pub struct Setup {
     pub shaft: Shaft,
     /// Viscosity of all tissue; `None` for elastic tissue.
     pub viscosity: Option<Viscosity>,
-    /// Whether the stress of viscous tissue is followed: see [`Model::stress_kpa`](crate::mechanics::insertion::Model::stress_kpa).
+    /// Whether the stress of viscous tissue is followed: see [`Model::stress_kpa`](crate::insertion::Model::stress_kpa).
     pub stress: bool,
     /// Options for the subdivision and solution of steps.
     pub options: Options,

@@ -5,11 +5,11 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::*;
-use crate::mechanics::insertion::{Bone, Interaction, InvalidSetup, MeshRegions, Tissue};
-use crate::mechanics::tissue::material::Material;
-use crate::mechanics::tissue::nonlinear::NonlinearError;
-use crate::mechanics::tissue::nonlinear::creep::Memory;
-use crate::mechanics::tissue::nonlinear::{Solid, Stiffening};
+use crate::insertion::{Bone, Interaction, InvalidSetup, MeshRegions, Tissue};
+use crate::tissue::material::Material;
+use crate::tissue::nonlinear::NonlinearError;
+use crate::tissue::nonlinear::creep::Memory;
+use crate::tissue::nonlinear::{Solid, Stiffening};
 
 const EDGE_MM: [f64; 3] = [30.0, 30.0, 24.0];
 
@@ -321,7 +321,7 @@ fn setups_are_checked() {
     let spoilt = refused(|setup| setup.interactions[0].1.cutting_n = -1.0);
     assert!(matches!(spoilt, InvalidSetup::Interaction { region: 2, .. }));
     let spoilt = refused(|setup| {
-        setup.interactions[1].1.peak = Some(crate::mechanics::insertion::Peak {
+        setup.interactions[1].1.peak = Some(crate::insertion::Peak {
             density_n_per_mm: 1.0,
             width_mm: 1.0,
         });

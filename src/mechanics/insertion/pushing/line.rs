@@ -1,8 +1,8 @@
 //! Line through a body, the points of the body on it, and the layers along it.
 
-use crate::base::range::OutOfRange;
-use crate::mechanics::insertion::InvalidSetup;
-use crate::mechanics::tissue::nonlinear::{Body, Contact};
+use crate::insertion::InvalidSetup;
+use crate::tissue::nonlinear::{Body, Contact};
+use insonify_base::range::OutOfRange;
 
 /// A layer of tissue along the line of the needle, behind a membrane.
 #[derive(Clone, Copy, Debug, PartialEq)]

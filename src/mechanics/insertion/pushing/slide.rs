@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Phase, Pushing, frictions};
-use crate::mechanics::tissue::nonlinear::Contact;
+use crate::tissue::nonlinear::Contact;
 
 /// Travel that counts as rest, mm.
 const STILL_MM: f64 = 1e-9;
@@ -13,7 +13,7 @@ const HALVINGS: usize = 60;
 
 /// State of the needle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(in crate::mechanics::insertion) struct At {
+pub(in crate::insertion) struct At {
     pub phase: Phase,
     /// Position of the tip beyond the entry, mm.
     pub travel_mm: f64,

@@ -1,11 +1,11 @@
 //! Hand calculation of a column that is pushed, punctured and cut.
 
 use super::*;
-use crate::mechanics::insertion::InvalidSetup;
-use crate::mechanics::tissue::material::Material;
-use crate::mechanics::tissue::nonlinear::creep::{Creep, Memory};
-use crate::mechanics::tissue::nonlinear::{Options, Sheet, Solver, Stiffening, Supports};
-use crate::mechanics::tissue::viscoelastic::Rule;
+use crate::insertion::InvalidSetup;
+use crate::tissue::material::Material;
+use crate::tissue::nonlinear::creep::{Creep, Memory};
+use crate::tissue::nonlinear::{Options, Sheet, Solver, Stiffening, Supports};
+use crate::tissue::viscoelastic::Rule;
 
 /// Two columns of 1 x 20 mm, 2 mm thick, whose nodes move along y only and in pairs: a bar of E (Poisson's ratio 0). The
 /// needle goes down between them, from the top at y = 20.

@@ -2,8 +2,8 @@
 
 use nalgebra::{Isometry3, Point3, Translation3, Unit, Vector3};
 
-use crate::mechanics::insertion::Bone;
-use crate::mechanics::needle::{CentreLine, Entry};
+use crate::insertion::Bone;
+use crate::needle::{CentreLine, Entry};
 
 /// State of the last node of the stack.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -17,9 +17,9 @@
 use nalgebra::{Unit, Vector3};
 
 use super::network::Network;
-use crate::mechanics::insertion::Interaction;
-use crate::mechanics::ldl::Ldl;
-use crate::mechanics::needle::{CentreLine, Load, Needle, Row, across};
+use crate::insertion::Interaction;
+use crate::ldl::Ldl;
+use crate::needle::{CentreLine, Load, Needle, Row, across};
 
 /// Difference below which two arcs are equal, mm.
 pub(super) const SAME_ARC_MM: f64 = 1e-9;

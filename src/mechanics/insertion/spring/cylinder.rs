@@ -1,10 +1,10 @@
 //! Parameters of the mass-spring model, and the cylinder of tetrahedra around the path of the needle.
 
-use crate::base::range::{Ranges, parameters};
-use crate::mechanics::insertion::InvalidSetup;
-use crate::mechanics::lists::Lists;
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::mesh::quality::Quality;
+use crate::insertion::InvalidSetup;
+use insonify_base::range::{Ranges, parameters};
+use insonify_mesh::TetMesh;
+use insonify_mesh::lists::Lists;
+use insonify_mesh::quality::Quality;
 
 parameters! {
     /// Masses and springs in a cylinder around the path of the needle (Zhu et al. 2007, section 2.2). Its side and its far end are fixed; its tissue

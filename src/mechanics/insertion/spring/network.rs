@@ -21,7 +21,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::cylinder::{Cylinder, Parameters, Topology};
 use super::geometry::{self, Simplex};
-use crate::mechanics::mesh::NONE;
+use insonify_mesh::NONE;
 
 /// N/mm^2 per kPa.
 const MEGAPASCAL: f64 = 1e-3;

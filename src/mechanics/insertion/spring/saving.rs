@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 use super::MassSpring;
 use super::body::{Body, BoneContact, TipNode};
 use super::contacts::Contact;
-use crate::mechanics::insertion::{Bone, Event, EventKind, Outcome, Saved, StepError, Wrench};
-use crate::mechanics::needle::{CentreLine, Entry};
+use crate::insertion::{Bone, Event, EventKind, Outcome, Saved, StepError, Wrench};
+use crate::needle::{CentreLine, Entry};
 
 const EVENTS: [EventKind; 10] = [
     EventKind::Skin,

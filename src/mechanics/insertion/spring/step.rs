@@ -5,9 +5,9 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::MassSpring;
 use super::body::TipNode;
 use super::contacts::{SAME_ARC_MM, Travel};
-use crate::mechanics::insertion::interaction::interaction;
-use crate::mechanics::insertion::{Event, EventKind};
-use crate::mechanics::needle::ShaftPoint;
+use crate::insertion::interaction::interaction;
+use crate::insertion::{Event, EventKind};
+use crate::needle::ShaftPoint;
 
 /// Travel of the tip that counts as rest, mm.
 pub(super) const STILL_MM: f64 = 1e-9;

@@ -3,8 +3,8 @@
 use nalgebra::{Isometry3, Point3, Translation3};
 
 use super::{Anatomy, MassSpring, Parameters};
-use crate::mechanics::insertion::{Instruments, Interaction, Model, Outcome};
-use crate::mechanics::needle::{CentreLine, Entry, Load, Needle, Row};
+use crate::insertion::{Instruments, Interaction, Model, Outcome};
+use crate::needle::{CentreLine, Entry, Load, Needle, Row};
 
 /// A rigid needle.
 #[derive(Debug)]

@@ -8,9 +8,9 @@ use super::contacts::{Contact, SAME_ARC_MM};
 use super::geometry::{FarFace, Simplex};
 use super::step::STILL_MM;
 
-use crate::mechanics::insertion::EventKind;
-use crate::mechanics::insertion::interaction::{BORDER_MM, interaction};
-use crate::mechanics::needle::{Entry, ShaftPoint};
+use crate::insertion::EventKind;
+use crate::insertion::interaction::{BORDER_MM, interaction};
+use crate::needle::{Entry, ShaftPoint};
 
 /// Bisections of a step to locate the tip at a surface: 0.4 mm become 1e-12 mm.
 const HALVINGS: usize = 40;

@@ -117,7 +117,7 @@ pub(super) fn load(bed: &Bed, length: f64, ends: [Vector2<f64>; 2]) -> Option<Lo
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mechanics::needle::beam::material::{Compression, Law, Material};
+    use crate::needle::beam::material::{Compression, Law, Material};
 
     fn bed() -> Bed {
         let material = Material::Ogden {

@@ -8,7 +8,7 @@ use super::BeamError;
 use super::newton::FoundationBeam;
 use super::problem::Base;
 use super::shape::Shape;
-use crate::base::range::check;
+use insonify_base::range::check;
 
 /// Convergence tolerance of the goals, mm.
 pub const TOLERANCE_MM: f64 = 1e-9;

@@ -12,7 +12,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::spec::LayerSpec;
-use crate::base::range::{OutOfRange, Ranges, check};
+use insonify_base::range::{OutOfRange, Ranges, check};
 
 /// Largest sum of the coefficients of Mooney and Rivlin, kPa.
 const MAX_KPA: f64 = 1e12;

@@ -8,7 +8,7 @@ use super::shape::Shape;
 use super::spec::BaseSpec;
 use super::sweep::{self, Change, Element, Push, Sweep};
 use super::{BeamError, TOLERANCE};
-use crate::base::range::{OutOfRange, Ranges};
+use insonify_base::range::{OutOfRange, Ranges};
 
 /// Size of corrections relative to the deflections below which the beam counts as solved too: rounding allows no better
 /// balance.

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use super::material::{Compression, Law, Material};
 use super::spec::{BaseSpec, LayerSpec, MeshSpec, NeedleSpec};
-use crate::base::range::{OutOfRange, Ranges, check};
+use insonify_base::range::{OutOfRange, Ranges, check};
 
 /// Maximum number of elements of a needle.
 const MAX_ELEMENTS: f64 = 1e5;

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Compression, Material};
-use crate::base::range::parameters;
+use insonify_base::range::parameters;
 
 parameters! {
     /// A round rod or tube; its bending stiffness follows from the material and the diameters, or is given.

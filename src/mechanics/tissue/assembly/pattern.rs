@@ -1,10 +1,10 @@
 //! Sparsity pattern of a stiffness matrix, and the entries that each element adds to.
 
-use crate::mechanics::lists::Lists;
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
 use faer::sparse::SymbolicSparseColMat;
+use insonify_mesh::lists::Lists;
 
-use crate::mechanics::tissue::dofs::{Dofs, NONE};
+use crate::tissue::dofs::{Dofs, NONE};
 
 /// Pairs of an element's corners, in the order of [`Pattern::places`].
 pub const PAIRS: [(usize, usize); 10] = [

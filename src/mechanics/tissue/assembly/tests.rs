@@ -1,13 +1,13 @@
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
 use nalgebra::DMatrix;
 
 use super::*;
-use crate::mechanics::tissue::dofs::NONE;
-use crate::mechanics::tissue::element::{ElementStiffness, element_stiffness};
+use crate::tissue::dofs::NONE;
+use crate::tissue::element::{ElementStiffness, element_stiffness};
 
 impl Stiffness {
     /// Reverses all signs, giving a matrix that no mesh has.
-    pub(in crate::mechanics::tissue) fn negate(&mut self) {
+    pub(in crate::tissue) fn negate(&mut self) {
         self.values.iter_mut().for_each(|value| *value = -*value);
     }
 }

@@ -1,8 +1,8 @@
 use super::*;
-use crate::mechanics::tissue::error::LinearError;
-use crate::mechanics::tissue::inverse::{invert, sampled_residual};
-use crate::mechanics::tissue::symmetric::Symmetric;
-use crate::mechanics::tissue::testing::Block;
+use crate::tissue::error::LinearError;
+use crate::tissue::inverse::{invert, sampled_residual};
+use crate::tissue::symmetric::Symmetric;
+use crate::tissue::testing::Block;
 
 fn kept(columns: &Columns) -> Vec<usize> {
     let dofs: Vec<usize> = (0..columns.size()).filter(|dof| columns.holds(*dof)).collect();

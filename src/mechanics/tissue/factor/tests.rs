@@ -1,10 +1,10 @@
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
 use faer::Mat;
 
 use super::*;
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::tissue::dofs::Dofs;
-use crate::mechanics::tissue::material::Material;
+use crate::tissue::dofs::Dofs;
+use crate::tissue::material::Material;
+use insonify_mesh::TetMesh;
 
 /// Returns the stiffness of a block of `nodes` nodes, its bottom fixed unless `loose`.
 fn block(nodes: usize, loose: bool) -> Stiffness {

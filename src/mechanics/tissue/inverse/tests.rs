@@ -1,8 +1,8 @@
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
 use nalgebra::DMatrix;
 
 use super::*;
-use crate::mechanics::tissue::testing::{Block, on_threads};
+use crate::tissue::testing::{Block, on_threads};
 
 fn dense(stiffness: &Stiffness) -> DMatrix<f64> {
     let size = stiffness.dofs().free();

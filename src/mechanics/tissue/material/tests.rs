@@ -1,5 +1,5 @@
 use super::*;
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
 
 #[test]
 fn lame_parameters_follow_the_text_books() {

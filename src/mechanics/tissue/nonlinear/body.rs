@@ -3,8 +3,8 @@
 use super::law::{Stiffening, relative_strain, von_mises};
 use super::simplex::{Simplex, dot, orientation};
 use super::tangent::Kind;
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::tissue::nonlinear::NonlinearError;
+use crate::tissue::nonlinear::NonlinearError;
+use insonify_mesh::TetMesh;
 
 /// Newtons per square millimetre in one kilopascal.
 const NEWTON_PER_MM2: f64 = 1e-3;
@@ -91,7 +91,7 @@ impl<const D: usize, const N: usize> Body<D, N> {
     ///
     /// # Errors
     /// [`NonlinearError`] for unusable elements, or a wrong number of `laws`.
-    pub(crate) fn of(
+    pub fn of(
         nodes: Vec<[f64; D]>,
         elements: Vec<[u32; N]>,
         laws: &[Stiffening],

@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 use super::NonlinearError;
 use super::solver::{Contact, Progress, Solver, Target};
-use crate::mechanics::tissue::viscoelastic::{History, Operator, Rule};
+use crate::tissue::viscoelastic::{History, Operator, Rule};
 
 /// Quantity whose history is kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -120,7 +120,6 @@ impl<const D: usize, const N: usize> Creep<D, N> {
     }
 
     /// Displacements, mm.
-    #[cfg(feature = "internals")]
     pub fn displacement(&self) -> &[f64] {
         self.solver.displacement()
     }

@@ -1,8 +1,8 @@
 //! Isotropic material that stiffens above a knee strain.
 
-use crate::base::range::OutOfRange;
-use crate::mechanics::tissue::knee::Knee;
-use crate::mechanics::tissue::material::Material;
+use crate::tissue::knee::Knee;
+use crate::tissue::material::Material;
+use insonify_base::range::OutOfRange;
 
 /// Secant law sigma = E(e_r) D epsilon, with D the elasticity of a unit modulus at the material's Poisson's ratio, and
 /// E(e_r) = E0 up to the knee e0, E0 (1 + a (e_r - e0)^2) above (Y. Kobayashi et al., "Development of an integrated
@@ -93,7 +93,7 @@ pub fn relative_strain<const D: usize>(strain: &[[f64; D]; D]) -> (f64, [[f64; D
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mechanics::tissue::nonlinear::Sheet;
+    use crate::tissue::nonlinear::Sheet;
 
     #[test]
     fn the_von_mises_stress_of_simple_states() {

@@ -1,6 +1,6 @@
 //! Constant-strain simplices: the triangle in plane strain and the tetrahedron.
 
-use crate::mechanics::tissue::element::{DegenerateElement, FLATTEST};
+use crate::tissue::element::{DegenerateElement, FLATTEST};
 
 /// Gradients and measure of a simplex with `N` = `D` + 1 corners.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -5,7 +5,7 @@ use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 use super::body::{Body, Response};
 use super::simplex::dot;
 use super::{NONE, Supports};
-use crate::mechanics::tissue::factor::Symmetric;
+use crate::tissue::factor::Symmetric;
 
 /// Kind of tangent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

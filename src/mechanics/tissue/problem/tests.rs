@@ -1,5 +1,5 @@
 use super::*;
-use crate::mechanics::tissue::material::Material;
+use crate::tissue::material::Material;
 
 fn mesh() -> TetMesh {
     TetMesh::over_box([0.0; 3], [3.0, 2.0, 2.0], 36).unwrap()

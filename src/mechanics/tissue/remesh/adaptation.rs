@@ -142,7 +142,6 @@ impl Adaptation {
     ///
     /// # Errors
     /// [`RemeshError`]; the remesher is then unchanged.
-    #[cfg(any(test, feature = "internals"))]
     pub fn switch(&mut self, level: Level, precision: Precision) -> Result<Option<RemeshReport>, RemeshError> {
         let same_kind = (level == Level::Exact) == (self.remesher.level() == Level::Exact);
         if same_kind && precision == self.remesher.precision() {

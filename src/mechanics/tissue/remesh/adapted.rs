@@ -13,14 +13,14 @@ use std::sync::Arc;
 use faer::Mat;
 
 use super::difference::Difference;
-use crate::mechanics::lists::Lists;
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::tissue::assembly::Stiffness;
-use crate::mechanics::tissue::dofs::{Dofs, NONE};
-use crate::mechanics::tissue::element::Shape;
-use crate::mechanics::tissue::error::LinearError;
-use crate::mechanics::tissue::material::Material;
-use crate::mechanics::tissue::remesh::RemeshError;
+use crate::tissue::assembly::Stiffness;
+use crate::tissue::dofs::{Dofs, NONE};
+use crate::tissue::element::Shape;
+use crate::tissue::error::LinearError;
+use crate::tissue::material::Material;
+use crate::tissue::remesh::RemeshError;
+use insonify_mesh::TetMesh;
+use insonify_mesh::lists::Lists;
 
 /// Largest Jacobian condition that a move may cause.
 ///

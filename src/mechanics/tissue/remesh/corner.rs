@@ -1,8 +1,8 @@
 //! Choice of the element corner to move to the needle tip.
 
 use super::adapted::AdaptedMesh;
-use crate::mechanics::tissue::dofs::NONE;
-use crate::mechanics::tissue::remesh::RemeshError;
+use crate::tissue::dofs::NONE;
+use crate::tissue::remesh::RemeshError;
 
 /// Corner chosen to be moved.
 #[derive(Clone, Copy, Debug, PartialEq)]

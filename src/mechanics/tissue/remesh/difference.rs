@@ -1,8 +1,8 @@
 //! Stiffness of the current mesh minus that of the base.
 
 use super::adapted::AdaptedMesh;
-use crate::mechanics::tissue::dofs::{Dofs, NONE};
-use crate::mechanics::tissue::element::{NodeBlock, Shape};
+use crate::tissue::dofs::{Dofs, NONE};
+use crate::tissue::element::{NodeBlock, Shape};
 
 /// K(now) - K(base) over the nodes touched by moves, N/mm: one 3 x 3 block per pair of them that shares an element, and
 /// exactly zero elsewhere. Always recomputed from both positions of the nodes, so no errors accumulate and a mesh back

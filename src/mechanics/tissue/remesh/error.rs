@@ -1,9 +1,9 @@
 //! Errors of moves and of remeshers.
 
 use super::{Level, Precision};
-use crate::base::cause::Cause;
-use crate::mechanics::tissue::element::DegenerateElement;
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::element::DegenerateElement;
+use crate::tissue::error::LinearError;
+use insonify_base::cause::Cause;
 
 /// Why a move, a change or another request is refused. Mesh and remesher are then unchanged.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

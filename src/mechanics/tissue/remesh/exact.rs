@@ -27,7 +27,7 @@ mod speculation;
 mod support;
 mod update;
 
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
 use std::fmt;
 
 use faer::{Mat, MatMut, MatRef};
@@ -36,7 +36,7 @@ use super::SampleSchedule;
 use super::adapted::{AdaptedMesh, Change};
 use super::difference::Difference;
 use super::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, check_step};
-use crate::mechanics::tissue::compliance::{Compliance, check_dofs};
+use crate::tissue::compliance::{Compliance, check_dofs};
 use contacts::Contacts;
 use speculation::Speculation;
 use support::Support;

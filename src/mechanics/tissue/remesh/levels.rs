@@ -33,9 +33,9 @@ use faer::{Mat, MatMut, MatRef};
 use super::adapted::{AdaptedMesh, Change};
 use super::make::Entry;
 use super::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, SampleSchedule, check_step};
-use crate::mechanics::tissue::compliance::{check_distinct, check_dofs, check_shape};
-use crate::mechanics::tissue::dofs::NONE;
-use crate::mechanics::tissue::symmetric::Symmetric;
+use crate::tissue::compliance::{check_distinct, check_dofs, check_shape};
+use crate::tissue::dofs::NONE;
+use crate::tissue::symmetric::Symmetric;
 use error_monitor::suits;
 use inverse::Inverse;
 

@@ -6,9 +6,9 @@ use super::adapted::AdaptedMesh;
 use super::exact::Exact;
 use super::levels::Levels;
 use super::{Level, Options, Precision, RemeshError, Remesher};
-use crate::mechanics::tissue::columns::Columns;
-use crate::mechanics::tissue::compliance::Compliance;
-use crate::mechanics::tissue::symmetric::{Scalar, Symmetric};
+use crate::tissue::columns::Columns;
+use crate::tissue::compliance::Compliance;
+use crate::tissue::symmetric::{Scalar, Symmetric};
 
 /// Source of the base compliance. A clone shares large data.
 #[derive(Clone, Debug)]

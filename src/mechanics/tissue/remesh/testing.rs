@@ -6,10 +6,10 @@ use faer::linalg::solvers::{DenseSolveCore, Llt};
 use faer::{Mat, Side};
 
 use super::adapted::AdaptedMesh;
-use crate::mechanics::tissue::assembly::Stiffness;
-use crate::mechanics::tissue::dofs::NONE;
-use crate::mechanics::tissue::symmetric::Symmetric;
-use crate::mechanics::tissue::testing::{Block, value};
+use crate::tissue::assembly::Stiffness;
+use crate::tissue::dofs::NONE;
+use crate::tissue::symmetric::Symmetric;
+use crate::tissue::testing::{Block, value};
 
 /// Block of about 130 nodes, all at their base.
 pub fn adapted(poisson: f64) -> AdaptedMesh {

@@ -1,6 +1,6 @@
 //! Parts of a mesh: tetrahedra connected across faces.
 
-use crate::mechanics::mesh::{NONE, TetMesh};
+use insonify_mesh::{NONE, TetMesh};
 
 /// Parts of a mesh, and the nodes that they share.
 pub struct Parts {

@@ -1,5 +1,5 @@
 use super::*;
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
 
 fn free(mesh: &TetMesh, fixed: &[(u32, u8)]) -> Vec<FreePart> {
     match check(mesh, &Dofs::new(mesh.nodes().len(), fixed.iter().copied())) {

@@ -1,10 +1,10 @@
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
 use faer::Mat;
 use nalgebra::DMatrix;
 
 use super::*;
-use crate::mechanics::tissue::compliance::Compliance;
-use crate::mechanics::tissue::testing::{on_threads, value};
+use crate::tissue::compliance::Compliance;
+use crate::tissue::testing::{on_threads, value};
 
 /// Sizes around a panel's edge, and around the eight columns of a tile.
 const SIZES: [usize; 8] = [1, 2, 7, 127, 128, 129, 300, 517];

@@ -1,7 +1,7 @@
 //! Symmetric updates A -= Y C Y^T: the change of an inverse by the matrix inversion lemma, in full (level I) or in some
 //! rows and columns (levels II and III).
 
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
 use std::ops::Range;
 
 use faer::linalg::matmul::matmul;
@@ -9,8 +9,8 @@ use faer::{Accum, Mat, MatMut, MatRef, Par};
 use rayon::prelude::*;
 
 use super::{Column, PANEL_ROWS, Scalar, Symmetric, panel_rows};
-use crate::base::simd::{Simd, WithSimd, dispatch};
-use crate::mechanics::tissue::compliance::{check_distinct, check_dofs, check_shape};
+use crate::tissue::compliance::{check_distinct, check_dofs, check_shape};
+use insonify_base::simd::{Simd, WithSimd, dispatch};
 
 /// Columns of the matrix that a tile covers.
 const WIDTH: usize = 8;

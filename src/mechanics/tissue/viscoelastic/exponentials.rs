@@ -5,7 +5,7 @@ mod quadrature;
 
 use super::history::{History, HistoryError, Span};
 use super::kernel::{Basis, Moments};
-use crate::base::simd::{Kernel, vectorised};
+use insonify_base::simd::{Kernel, vectorised};
 use quadrature::Quadrature;
 
 /// Fractional integral with the newest step exact and a sum of exponentials for all earlier ones.

@@ -2,7 +2,7 @@
 
 use super::history::{History, HistoryError};
 use super::kernel::{Basis, Moments};
-use crate::base::simd::{Kernel, vectorised};
+use insonify_base::simd::{Kernel, vectorised};
 
 /// Fractional integral by a product rule. Every step sums over all values so far.
 ///

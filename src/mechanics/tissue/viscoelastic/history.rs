@@ -2,8 +2,8 @@
 
 use std::fmt::Debug;
 
-use crate::base::cause::Cause;
-use crate::base::range::OutOfRange;
+use insonify_base::cause::Cause;
+use insonify_base::range::OutOfRange;
 
 /// Fractional integral or derivative of a vector-valued function of time, known step by step from a start at time 0.
 ///

@@ -15,11 +15,11 @@ mod balance;
 mod body;
 mod respond;
 
-pub use crate::mechanics::tissue::knee::Knee;
+pub use crate::tissue::knee::Knee;
 pub use body::Body;
 pub use respond::{Loading, Method, Response};
 
-use crate::base::range::OutOfRange;
+use insonify_base::range::OutOfRange;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -5,14 +5,14 @@ use std::time::{Duration, Instant};
 
 use super::super::{removable, take};
 use super::{CompareOptions, Factor, Subject};
-use crate::base::report::statistics::Spread;
-use crate::imaging::effects::Effect;
-use crate::imaging::effects::buffers::Buffer;
-use crate::imaging::plan::Plan;
-use crate::imaging::synth::tables::{Anatomy, Settings, Tables};
-use crate::imaging::synth::{Backend, FrameState, Synthesizer};
-use crate::study::StudyError;
-use crate::study::tradeoff::{Axis, Table};
+use crate::StudyError;
+use crate::tradeoff::{Axis, Table};
+use insonify_base::statistics::Spread;
+use insonify_imaging::effects::Effect;
+use insonify_imaging::effects::buffers::Buffer;
+use insonify_imaging::plan::Plan;
+use insonify_imaging::synth::tables::{Anatomy, Settings, Tables};
+use insonify_imaging::synth::{Backend, FrameState, Synthesizer};
 
 /// Minimum and maximum number of frame pairs.
 const MIN: usize = 3;

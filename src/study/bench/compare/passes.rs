@@ -1,17 +1,17 @@
 //! Times of passes, and of transfers to and from a GPU.
 
 use super::{CPU_MS, Clock, CompareOptions, Factor, GPU_MS, RATIO, Subject, clock_options, ratio};
-use crate::base::report::statistics::Spread;
-use crate::gpu::{Gpu, GpuError, Readback, StorageBuffer};
-use crate::imaging::effects::REGISTRY;
-use crate::imaging::effects::buffers::PIXELS;
-use crate::imaging::plan::Plan;
-use crate::imaging::synth::slab::Slab;
-use crate::imaging::synth::tables::Tables;
-use crate::imaging::synth::{Backend, SynthError, Synthesizer};
-use crate::study::StudyError;
-use crate::study::bench::PassSpread;
-use crate::study::tradeoff::{Axis, Table};
+use crate::StudyError;
+use crate::bench::PassSpread;
+use crate::tradeoff::{Axis, Table};
+use insonify_base::statistics::Spread;
+use insonify_gpu::{Gpu, GpuError, Readback, StorageBuffer};
+use insonify_imaging::effects::REGISTRY;
+use insonify_imaging::effects::buffers::PIXELS;
+use insonify_imaging::plan::Plan;
+use insonify_imaging::synth::slab::Slab;
+use insonify_imaging::synth::tables::Tables;
+use insonify_imaging::synth::{Backend, SynthError, Synthesizer};
 
 /// In place of the stage of a pass: the frame as a whole.
 pub const FRAME: &str = "frame";

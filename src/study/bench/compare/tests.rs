@@ -1,7 +1,7 @@
 use super::*;
-use crate::study::bench::tests::removable;
-use crate::study::testing::scene;
-use crate::study::tradeoff::Table;
+use crate::bench::tests::removable;
+use crate::tradeoff::Table;
+use insonify_imaging::anatomies::two_layers as scene;
 
 fn options() -> CompareOptions {
     CompareOptions {

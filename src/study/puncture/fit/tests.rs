@@ -1,7 +1,7 @@
 //! Tests that known parameters are recovered and malformed files are refused.
 
 use super::*;
-use crate::study::puncture::puncture;
+use crate::puncture::puncture;
 
 fn made() -> (PunctureOptions, Vec<Sample>) {
     let options = PunctureOptions {
@@ -14,7 +14,7 @@ fn made() -> (PunctureOptions, Vec<Sample>) {
         ..PunctureOptions::default()
     };
     let rows = puncture(&options, |_| {}).unwrap().rows;
-    let sample = |row: &crate::study::puncture::Row| Sample {
+    let sample = |row: &crate::puncture::Row| Sample {
         travel_mm: row.travel_mm,
         force_n: row.force_n,
     };

@@ -15,8 +15,8 @@ use dicom_pixeldata::{
 use image::{DynamicImage, GrayImage, RgbImage};
 
 use super::{LARGEST, Picture};
-use crate::anatomy::volume::{At, VolumeError};
-use crate::base::read;
+use insonify_anatomy::volume::{At, VolumeError};
+use insonify_base::read;
 
 /// Physical units of a region's pixels: centimetres (PS3.3 C.8.5.5.1.15).
 const CENTIMETRES: u16 = 3;

@@ -4,16 +4,16 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-use crate::mechanics::insertion::spring::MassSpring;
-use crate::mechanics::insertion::{Anatomy, Bone, EventKind, Instruments, Interaction, Model, Outcome};
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::needle::Shaft;
-use crate::mechanics::tissue::material::Material;
-use crate::study::block::{self, USUAL};
-use crate::study::stability::fixtures::{
+use crate::stability::fixtures::{
     ASIDE, CELL_MM, EXTENT, Layers, STEP_S, Watch, build, coarse, go, resistance, travel,
 };
-use crate::study::stability::record::{Record, Unexpected, largest};
+use crate::stability::record::{Record, Unexpected, largest};
+use insonify_mechanics::block::{self, USUAL};
+use insonify_mechanics::insertion::spring::MassSpring;
+use insonify_mechanics::insertion::{Anatomy, Bone, EventKind, Instruments, Interaction, Model, Outcome};
+use insonify_mechanics::needle::Shaft;
+use insonify_mechanics::tissue::material::Material;
+use insonify_mesh::TetMesh;
 
 const SOFT: Interaction = Interaction {
     friction_n_per_mm: 0.01,

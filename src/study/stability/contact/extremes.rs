@@ -2,19 +2,19 @@
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-use crate::mechanics::insertion::finite::{Finite, Options, Setup};
-use crate::mechanics::insertion::spring::MassSpring;
-use crate::mechanics::insertion::{
-    Anatomy, EventKind, Instruments, Interaction, Model, Outcome, ProbeContact, Snapshot,
-};
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::needle::{Bevel, Shaft, Stiffness};
-use crate::mechanics::tissue::material::Material;
-use crate::study::block::{self, USUAL};
-use crate::study::stability::fixtures::{
+use crate::stability::fixtures::{
     ASIDE, Layers, STEP_S, Watch, build, coarse, displaced, go, image, resistance, springs, tissue, travel,
 };
-use crate::study::stability::record::{Record, Unexpected, largest};
+use crate::stability::record::{Record, Unexpected, largest};
+use insonify_mechanics::block::{self, USUAL};
+use insonify_mechanics::insertion::finite::{Finite, Options, Setup};
+use insonify_mechanics::insertion::spring::MassSpring;
+use insonify_mechanics::insertion::{
+    Anatomy, EventKind, Instruments, Interaction, Model, Outcome, ProbeContact, Snapshot,
+};
+use insonify_mechanics::needle::{Bevel, Shaft, Stiffness};
+use insonify_mechanics::tissue::material::Material;
+use insonify_mesh::TetMesh;
 
 /// Insertion depth and advance per step, mm.
 const WAY_MM: [f64; 2] = [50.0, 0.5];
@@ -145,7 +145,7 @@ pub fn bent_far(record: &mut Record<'_>) -> Result<(), Unexpected> {
 pub fn large_step(record: &mut Record<'_>) -> Result<(), Unexpected> {
     const WAY_MM: [f64; 2] = [-2.0, 48.0];
     // Substeps are no longer than this, mm.
-    let part = crate::mechanics::insertion::finite::Options::default().part_mm;
+    let part = insonify_mechanics::insertion::finite::Options::default().part_mm;
     let both: [(&str, Box<dyn Fn() -> Result<Box<dyn Model>, Unexpected>>, f64); 2] = [
         (
             "finite elements",

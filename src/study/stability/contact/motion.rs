@@ -2,14 +2,14 @@
 
 use std::collections::BTreeMap;
 
-use crate::mechanics::insertion::finite::Finite;
-use crate::mechanics::insertion::spring::{MassSpring, Parameters};
-use crate::mechanics::insertion::{Interaction, Model, Outcome};
-use crate::study::block::{self, USUAL, tip_at};
-use crate::study::stability::fixtures::{
+use crate::stability::fixtures::{
     ASIDE, STEP_S, Watch, build, coarse, displaced, go, image, resistance, springs, tissue, travel,
 };
-use crate::study::stability::record::{Record, Unexpected, largest};
+use crate::stability::record::{Record, Unexpected, largest};
+use insonify_mechanics::block::{self, USUAL, tip_at};
+use insonify_mechanics::insertion::finite::Finite;
+use insonify_mechanics::insertion::spring::{MassSpring, Parameters};
+use insonify_mechanics::insertion::{Interaction, Model, Outcome};
 
 /// Depth of the needle, mm.
 const DEPTH_MM: f64 = 40.0;
@@ -71,7 +71,10 @@ pub fn chatter(record: &mut Record<'_>) -> Result<(), Unexpected> {
         record.under(format!("force over Coulomb's bound, {name}"), excess, BOUND);
         // The mass-spring tissue needs its own time to come to rest.
         for _ in 0..REST {
-            springs.step(&crate::study::block::tip_at(at_rest(turned(steps - 1, swing))), 0.1)?;
+            springs.step(
+                &insonify_mechanics::block::tip_at(at_rest(turned(steps - 1, swing))),
+                0.1,
+            )?;
         }
         // The mass-spring model reports only how many nodes stick, not which.
         let count = |it: &MassSpring| (0..it.outcome().stuck as u32).map(|at| (at, true)).collect();
@@ -82,8 +85,8 @@ pub fn chatter(record: &mut Record<'_>) -> Result<(), Unexpected> {
 
 fn at_rest(z: f64) -> [f64; 3] {
     [
-        crate::study::stability::fixtures::ASIDE[0],
-        crate::study::stability::fixtures::ASIDE[1],
+        crate::stability::fixtures::ASIDE[0],
+        crate::stability::fixtures::ASIDE[1],
         z,
     ]
 }
@@ -232,7 +235,7 @@ pub fn period(record: &mut Record<'_>) -> Result<(), Unexpected> {
             let Some((_, arc, force)) = finite.contact_forces().next() else {
                 break;
             };
-            let now = [-force.z, crate::mechanics::needle::Shaft::default().length_mm - arc];
+            let now = [-force.z, insonify_mechanics::needle::Shaft::default().length_mm - arc];
             if let Some([force, beyond]) = before {
                 if now[1] < beyond - 1e-9 {
                     slips += 1;
@@ -329,8 +332,8 @@ fn repeat(
     for _ in 0..20 {
         model.step(
             &block::tip_at([
-                crate::study::stability::fixtures::ASIDE[0],
-                crate::study::stability::fixtures::ASIDE[1],
+                crate::stability::fixtures::ASIDE[0],
+                crate::stability::fixtures::ASIDE[1],
                 out,
             ]),
             0.1,

@@ -1,16 +1,16 @@
 //! Cases of invalid meshes that the mechanics should never produce.
 
 use super::super::record::{Record, Unexpected};
-use crate::base::real::Real;
-use crate::imaging::effects::{Effects, slice::Boundary};
-use crate::imaging::synth::FrameState;
-use crate::imaging::synth::layers::Beam;
-use crate::imaging::synth::tables::Anatomy;
-use crate::mechanics::mesh::locator::{Locator, LocatorReport};
-use crate::mechanics::mesh::{NONE, TetMesh};
-use crate::study::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
-use crate::study::stability::fixtures::{everywhere, gpus, name, settings, straight};
-use crate::tracking::probe::ProbeShape;
+use crate::stability::fixtures::{everywhere, gpus, name, settings, straight};
+use insonify_base::real::Real;
+use insonify_imaging::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
+use insonify_imaging::effects::{Effects, slice::Boundary};
+use insonify_imaging::synth::FrameState;
+use insonify_imaging::synth::layers::Beam;
+use insonify_imaging::synth::tables::Anatomy;
+use insonify_mesh::locator::{Locator, LocatorReport};
+use insonify_mesh::{NONE, TetMesh};
+use insonify_tracking::probe::ProbeShape;
 
 /// Mesh with a defective state.
 struct Broken {

@@ -4,15 +4,15 @@ use nalgebra::{Matrix4, Rotation3, Translation3, Vector3};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
-use crate::imaging::effects::Effects;
-use crate::imaging::synth::tables::{Anatomy, ImageSize, Settings};
-use crate::imaging::synth::{FrameState, NeedleShaft};
-use crate::mechanics::mesh::Displacement;
-use crate::study::anatomies::{self, Acoustics, Frame, SILENT};
-use crate::study::parity::{Case, check};
-use crate::study::stability::fixtures::{Tally, gpus};
-use crate::study::stability::record::{Record, Unexpected, noise};
-use crate::tracking::probe::{Probe, ProbeShape};
+use crate::stability::fixtures::{Tally, gpus};
+use crate::stability::record::{Record, Unexpected, noise};
+use insonify_imaging::anatomies::{self, Acoustics, Frame, SILENT};
+use insonify_imaging::effects::Effects;
+use insonify_imaging::parity::{Case, check};
+use insonify_imaging::synth::tables::{Anatomy, ImageSize, Settings};
+use insonify_imaging::synth::{FrameState, NeedleShaft};
+use insonify_mesh::Displacement;
+use insonify_tracking::probe::{Probe, ProbeShape};
 
 /// Random number stream of one scene.
 struct Draw {

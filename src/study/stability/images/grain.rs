@@ -2,17 +2,17 @@
 
 use nalgebra::{Matrix4, Vector3};
 
-use crate::base::random::{hash3, seed_words};
-use crate::gpu::{Access, Dispatch, Gpu, GpuError, Parameters, PassSource, Pipeline, Readback, StorageBuffer};
-use crate::imaging::effects::Effects;
-use crate::imaging::effects::noise::Noise;
-use crate::imaging::effects::speckle::Speckle;
-use crate::imaging::synth::tables::Settings;
-use crate::imaging::synth::{FrameState, Synthesizer};
-use crate::study::anatomies::{self, Acoustics, PLAIN};
-use crate::study::stability::fixtures::{everywhere, gpus, name, settings, straight};
-use crate::study::stability::record::{Record, Unexpected};
-use crate::tracking::probe::ProbeShape;
+use crate::stability::fixtures::{everywhere, gpus, name, settings, straight};
+use crate::stability::record::{Record, Unexpected};
+use insonify_base::random::{hash3, seed_words};
+use insonify_gpu::{Access, Dispatch, Gpu, GpuError, Parameters, PassSource, Pipeline, Readback, StorageBuffer};
+use insonify_imaging::anatomies::{self, Acoustics, PLAIN};
+use insonify_imaging::effects::Effects;
+use insonify_imaging::effects::noise::Noise;
+use insonify_imaging::effects::speckle::Speckle;
+use insonify_imaging::synth::tables::Settings;
+use insonify_imaging::synth::{FrameState, Synthesizer};
+use insonify_tracking::probe::ProbeShape;
 
 /// Number of frames in the criterion.
 const FRAMES: u64 = 10_000;

@@ -1,18 +1,18 @@
 //! Cases of single passes: tone, attenuation and blur.
 
-use crate::gpu::Gpu;
-use crate::imaging::effects::Effects;
-use crate::imaging::effects::blur::Blur;
-use crate::imaging::effects::lateral::{FWHM_PER_SIGMA, MAX_REACH};
-use crate::imaging::effects::shadow::{MAX_PER_SAMPLE_DB, Shadow, UNITS_PER_DB};
-use crate::imaging::effects::tone::Tone;
-use crate::imaging::synth::layers::Beam;
-use crate::imaging::synth::tables::Anatomy;
-use crate::imaging::synth::{SynthError, Synthesizer};
-use crate::study::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
-use crate::study::stability::fixtures::{everywhere, gpus, name, settings, straight};
-use crate::study::stability::record::{Record, Unexpected, largest};
-use crate::tracking::probe::ProbeShape;
+use crate::stability::fixtures::{everywhere, gpus, name, settings, straight};
+use crate::stability::record::{Record, Unexpected, largest};
+use insonify_gpu::Gpu;
+use insonify_imaging::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
+use insonify_imaging::effects::Effects;
+use insonify_imaging::effects::blur::Blur;
+use insonify_imaging::effects::lateral::{FWHM_PER_SIGMA, MAX_REACH};
+use insonify_imaging::effects::shadow::{MAX_PER_SAMPLE_DB, Shadow, UNITS_PER_DB};
+use insonify_imaging::effects::tone::Tone;
+use insonify_imaging::synth::layers::Beam;
+use insonify_imaging::synth::tables::Anatomy;
+use insonify_imaging::synth::{SynthError, Synthesizer};
+use insonify_tracking::probe::ProbeShape;
 
 const LONG_SAMPLES: u32 = 8192;
 const DEPTH_MM: f64 = 160.0;
@@ -126,7 +126,7 @@ const LINE_MM: f64 = WIDTH_MM / (LINES as f64 - 1.0);
 const BLUR_ROUNDING: f64 = (1.5 + 2.0 * (2 * MAX_REACH + 1) as f64 + 2.5) / 8_388_608.0;
 
 /// Creates a slab of tissue in silence that only the middle scanline meets.
-fn impulse() -> crate::imaging::synth::tables::Anatomy {
+fn impulse() -> insonify_imaging::synth::tables::Anatomy {
     anatomies::of(
         Frame::around([0.0; 3], [81, 3, 3], 0.5).stretched([1.0, 400.0, 400.0]),
         &[SILENT, PLAIN],
@@ -309,7 +309,7 @@ fn refused_tones(record: &mut Record<'_>, anatomy: &Anatomy) {
             ..Effects::default()
         };
         let settings = settings(ProbeShape::Linear { width_mm: 10.0 }, 25.0, [2, 64], effects);
-        let answer = crate::imaging::synth::tables::Tables::new(anatomy.clone(), settings);
+        let answer = insonify_imaging::synth::tables::Tables::new(anatomy.clone(), settings);
         record.refused(
             what,
             answer,

@@ -5,18 +5,18 @@ use std::sync::Arc;
 use nalgebra::{Matrix4, Point3, Rotation3, Vector3};
 
 use super::drawn::scene;
-use crate::gpu::Gpu;
-use crate::imaging::effects::Effects;
-use crate::imaging::effects::slice::Boundary;
-use crate::imaging::synth::layers::{Beam, world_position};
-use crate::imaging::synth::tables::{Anatomy, Tables};
-use crate::imaging::synth::{FrameState, NeedleShaft, Synthesizer};
-use crate::mechanics::mesh::TetMesh;
-use crate::study::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
-use crate::study::parity::{Case, check};
-use crate::study::stability::fixtures::{Tally, everywhere, gpus, name, settings};
-use crate::study::stability::record::{Record, Unexpected, largest};
-use crate::tracking::probe::ProbeShape;
+use crate::stability::fixtures::{Tally, everywhere, gpus, name, settings};
+use crate::stability::record::{Record, Unexpected, largest};
+use insonify_gpu::Gpu;
+use insonify_imaging::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
+use insonify_imaging::effects::Effects;
+use insonify_imaging::effects::slice::Boundary;
+use insonify_imaging::parity::{Case, check};
+use insonify_imaging::synth::layers::{Beam, world_position};
+use insonify_imaging::synth::tables::{Anatomy, Tables};
+use insonify_imaging::synth::{FrameState, NeedleShaft, Synthesizer};
+use insonify_mesh::TetMesh;
+use insonify_tracking::probe::ProbeShape;
 
 /// Creates random labels at every voxel of 1 mm, with faces at whole millimetres.
 fn voxels(seed: u64) -> Anatomy {

@@ -4,11 +4,13 @@ use std::sync::Arc;
 
 use faer::{MatRef, Side};
 
-use crate::mechanics::remesh_gpu::follow;
-use crate::mechanics::tissue::inverse::sampled_residual;
-use crate::mechanics::tissue::remesh::{Adaptation, Level, Options, Precision, Rebuilt, RemeshError, Remesher, Source};
-use crate::study::stability::fixtures::{BACKENDS, Inverses, Now, Start, gpus};
-use crate::study::stability::record::{Record, Unexpected, largest};
+use crate::stability::fixtures::{BACKENDS, Inverses, Now, Start, gpus};
+use crate::stability::record::{Record, Unexpected, largest};
+use insonify_mechanics::remesh_gpu::follow;
+use insonify_mechanics::tissue::inverse::sampled_residual;
+use insonify_mechanics::tissue::remesh::{
+    Adaptation, Level, Options, Precision, Rebuilt, RemeshError, Remesher, Source,
+};
 
 const POISSON: [f64; 3] = [0.45, 0.499, 0.4999];
 

@@ -1,13 +1,13 @@
 //! Cases of moves: out and back, overlapping, refused, and chosen by where the tip is.
 
-use crate::base::real::Real;
-use crate::mechanics::mesh::{Locator, NONE};
-use crate::mechanics::tissue::element::DegenerateElement;
-use crate::mechanics::tissue::material::Material;
-use crate::mechanics::tissue::remesh::corner::best_corner;
-use crate::mechanics::tissue::remesh::{AdaptedMesh, Level, Options, Precision, RemeshError};
-use crate::study::stability::fixtures::{BACKENDS, Now, Problem, Start, bits, state, two_parts};
-use crate::study::stability::record::{Record, Unexpected};
+use crate::stability::fixtures::{BACKENDS, Now, Problem, Start, bits, state, two_parts};
+use crate::stability::record::{Record, Unexpected};
+use insonify_base::real::Real;
+use insonify_mechanics::tissue::element::DegenerateElement;
+use insonify_mechanics::tissue::material::Material;
+use insonify_mechanics::tissue::remesh::corner::best_corner;
+use insonify_mechanics::tissue::remesh::{AdaptedMesh, Level, Options, Precision, RemeshError};
+use insonify_mesh::{Locator, NONE};
 
 /// Moves a node away and back, many times.
 pub fn out_and_back(record: &mut Record<'_>) -> Result<(), Unexpected> {

@@ -3,19 +3,19 @@
 use nalgebra::Vector3;
 
 use super::manufactured::{EDGE, Wave, errors};
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::mesh::quality::jacobian_condition;
-use crate::mechanics::tissue::assembly::Stiffness;
-use crate::mechanics::tissue::dofs::Dofs;
-use crate::mechanics::tissue::element::{DegenerateElement, FLATTEST};
-use crate::mechanics::tissue::error::LinearError;
-use crate::mechanics::tissue::factor::Factor;
-use crate::mechanics::tissue::inverse::invert;
-use crate::mechanics::tissue::material::{Material, Materials};
-use crate::mechanics::tissue::problem::Solution;
-use crate::mechanics::tissue::symmetric::Symmetric;
-use crate::study::stability::fixtures::{Problem, condition, lattice, moved, shaken, surface, with_regions};
-use crate::study::stability::record::{Record, Unexpected, largest, noise, relative};
+use crate::stability::fixtures::{Problem, condition, lattice, moved, shaken, surface, with_regions};
+use crate::stability::record::{Record, Unexpected, largest, noise, relative};
+use insonify_mechanics::tissue::assembly::Stiffness;
+use insonify_mechanics::tissue::dofs::Dofs;
+use insonify_mechanics::tissue::element::{DegenerateElement, FLATTEST};
+use insonify_mechanics::tissue::error::LinearError;
+use insonify_mechanics::tissue::factor::Factor;
+use insonify_mechanics::tissue::inverse::invert;
+use insonify_mechanics::tissue::material::{Material, Materials};
+use insonify_mechanics::tissue::problem::Solution;
+use insonify_mechanics::tissue::symmetric::Symmetric;
+use insonify_mesh::TetMesh;
+use insonify_mesh::quality::jacobian_condition;
 
 /// Rounding units of error per unit of the condition number: a backward stable solution has a small multiple of one (N. J. Higham,
 /// "Accuracy and Stability of Numerical Algorithms", chapter 7), and the entries of matrix and right-hand side are themselves sums of some

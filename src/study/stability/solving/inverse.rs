@@ -3,15 +3,15 @@
 use faer::linalg::solvers::Llt;
 use faer::{Mat, Side};
 
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::tissue::error::LinearError;
-use crate::mechanics::tissue::factor::Factor;
-use crate::mechanics::tissue::inverse::{invert, sampled_residual};
-use crate::mechanics::tissue::material::Material;
-use crate::mechanics::tissue::rigid::Motion;
-use crate::mechanics::tissue::symmetric::{Scalar, Symmetric};
-use crate::study::stability::fixtures::{Problem, lattice, moved, two_parts};
-use crate::study::stability::record::{Record, Unexpected, largest, relative};
+use crate::stability::fixtures::{Problem, lattice, moved, two_parts};
+use crate::stability::record::{Record, Unexpected, largest, relative};
+use insonify_mechanics::tissue::error::LinearError;
+use insonify_mechanics::tissue::factor::Factor;
+use insonify_mechanics::tissue::inverse::{invert, sampled_residual};
+use insonify_mechanics::tissue::material::Material;
+use insonify_mechanics::tissue::rigid::Motion;
+use insonify_mechanics::tissue::symmetric::{Scalar, Symmetric};
+use insonify_mesh::TetMesh;
 
 /// Tests definiteness and symmetry of K^-1 in both precisions.
 pub fn definite(record: &mut Record<'_>) -> Result<(), Unexpected> {
@@ -95,7 +95,7 @@ pub fn units(record: &mut Record<'_>) -> Result<(), Unexpected> {
 
 /// Returns displacements with all moduli and forces times `factor`, which should be unchanged.
 fn scaled_stiffness(problem: &Problem, factor: f64) -> Result<Vec<f64>, Unexpected> {
-    use crate::mechanics::tissue::material::{Material, Materials};
+    use insonify_mechanics::tissue::material::{Material, Materials};
     let mut other = scaled(problem, 1.0, factor)?;
     other.materials = Materials::uniform(Material::new(10.0 * factor, 0.45)?);
     Ok(other.solve()?.displacement_mm.as_flattened().to_vec())
@@ -141,7 +141,7 @@ pub fn nothing_and_twice(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let single = problem.solve()?;
     let doubled = scaled(&problem, 1.0, 2.0)?.solve()?;
     let flat =
-        |solution: &crate::mechanics::tissue::problem::Solution| solution.displacement_mm.as_flattened().to_vec();
+        |solution: &insonify_mechanics::tissue::problem::Solution| solution.displacement_mm.as_flattened().to_vec();
     let twice = flat(&single).into_iter().map(|u| 2.0 * u);
     record.zero(
         "displacements not doubled by twice the load",

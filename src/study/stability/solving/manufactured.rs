@@ -3,14 +3,14 @@
 use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
 
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::tissue::factor::Factor;
-use crate::mechanics::tissue::inverse::invert;
-use crate::mechanics::tissue::material::Material;
-use crate::mechanics::tissue::problem::Load;
-use crate::mechanics::tissue::symmetric::Symmetric;
-use crate::study::stability::fixtures::{Problem, lattice, shaken};
-use crate::study::stability::record::{Record, Unexpected, largest, relative};
+use crate::stability::fixtures::{Problem, lattice, shaken};
+use crate::stability::record::{Record, Unexpected, largest, relative};
+use insonify_mechanics::tissue::factor::Factor;
+use insonify_mechanics::tissue::inverse::invert;
+use insonify_mechanics::tissue::material::Material;
+use insonify_mechanics::tissue::problem::Load;
+use insonify_mechanics::tissue::symmetric::Symmetric;
+use insonify_mesh::TetMesh;
 
 /// Edge length of the block, mm.
 pub const EDGE: f64 = 10.0;

@@ -1,5 +1,5 @@
 use super::*;
-use crate::study::tradeoff::{Axis, Factor};
+use crate::tradeoff::{Axis, Factor};
 
 const fn factor(key: &'static str) -> Factor {
     Factor { key, label: key }

@@ -5,12 +5,12 @@ use std::time::Instant;
 use nalgebra::{Isometry3, Vector3};
 
 use super::{Axis, FINE_MM, Factor, solve};
-use crate::base::range::OutOfRange;
-use crate::base::report::statistics::{Spread, percentile};
-use crate::mechanics::needle::beam::{Base, BeamError, Compression, FoundationBeam, Material};
-use crate::mechanics::needle::{CentreLine, Flexible, Load, Needle, Row, Shaft, Stiffness};
-use crate::study::beam::{CONTROLS_MM, DEPTHS_MM, DISPLACEMENTS_MM, ELEMENT_MM, TISSUES, Tissue, problem};
-use crate::study::tradeoff::{Figure, Goal, SHIFT_MM, Table};
+use crate::beam::{CONTROLS_MM, DEPTHS_MM, DISPLACEMENTS_MM, ELEMENT_MM, TISSUES, Tissue, problem};
+use crate::tradeoff::{Figure, Goal, SHIFT_MM, Table};
+use insonify_base::range::OutOfRange;
+use insonify_base::statistics::{Spread, percentile};
+use insonify_mechanics::needle::beam::{Base, BeamError, Compression, FoundationBeam, Material};
+use insonify_mechanics::needle::{CentreLine, Flexible, Load, Needle, Row, Shaft, Stiffness};
 
 const LENGTHS_MM: [f64; 5] = [20.0, 10.0, 5.0, 2.0, 1.0];
 /// Element length of the reference needle, mm.

@@ -1,5 +1,5 @@
 use super::*;
-use crate::study::tradeoff::{Rates, Row, Table};
+use crate::tradeoff::{Rates, Row, Table};
 
 fn value(table: &Table, row: &Row, key: &str) -> f64 {
     row.values[table.axis(key).expect("an axis")].expect("a value")

@@ -1,9 +1,9 @@
 //! Table and figures of the study.
 
 use super::{Contender, HistoryOptions, Lengths, MAX_UNEVEN, Measured};
-use crate::base::report::machine::Machine;
-use crate::mechanics::tissue::viscoelastic::Rule;
-use crate::study::tradeoff::{Axis, Factor, Figure, Goal, SHIFT_MM, Study, Table};
+use crate::tradeoff::{Axis, Factor, Figure, Goal, SHIFT_MM, Study, Table};
+use insonify_base::machine::Machine;
+use insonify_mechanics::tissue::viscoelastic::Rule;
 
 const FACTORS: [Factor; 3] = [
     Factor::new("rule", "rule"),

@@ -5,16 +5,16 @@ use super::{Factor, ImageOptions, MEDIAN, MEMORY, P95, PICTURE, Table};
 use super::{Subject, coarsened, without_grain};
 use nalgebra::Matrix4;
 
-use crate::imaging::effects::Effects;
-use crate::imaging::effects::noise::Noise;
-use crate::imaging::effects::speckle::Speckle;
-use crate::imaging::effects::tone::Tone;
-use crate::imaging::synth::tables::Settings;
-use crate::imaging::synth::{Backend, FrameState, Synthesizer};
-use crate::study::StudyError;
-use crate::study::anatomies::{self, PLAIN};
-use crate::study::tradeoff::{Axis, GREY_LEVELS, Goal};
-use crate::tracking::probe::{Probe, ProbeShape};
+use crate::StudyError;
+use crate::tradeoff::{Axis, GREY_LEVELS, Goal};
+use insonify_imaging::anatomies::{self, PLAIN};
+use insonify_imaging::effects::Effects;
+use insonify_imaging::effects::noise::Noise;
+use insonify_imaging::effects::speckle::Speckle;
+use insonify_imaging::effects::tone::Tone;
+use insonify_imaging::synth::tables::Settings;
+use insonify_imaging::synth::{Backend, FrameState, Synthesizer};
+use insonify_tracking::probe::{Probe, ProbeShape};
 
 /// Standard deviation of fully developed speckle after log compression, dB: pi / sqrt(24) neper of amplitude.
 const SPECKLE_DB: f64 = 5.57;

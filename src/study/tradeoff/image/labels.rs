@@ -6,17 +6,17 @@ use super::{
     Apart, BACKEND, Factor, ImageOptions, PICTURE, Subject, Table, coarsened, inside, picture, silent, single,
     too_large, values, without_grain,
 };
-use crate::gpu::Gpu;
-use crate::imaging::effects::slice::{Beyond, Boundary};
-use crate::imaging::effects::tone::Tone;
-use crate::imaging::effects::{Effects, REGISTRY};
-use crate::imaging::plan::Plan;
-use crate::imaging::synth::tables::{Anatomy, Settings};
-use crate::imaging::synth::{Backend, FrameState, Synthesizer};
-use crate::study::StudyError;
-use crate::study::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
-use crate::study::tradeoff::{Axis, Deadline, GREY_LEVELS, Goal, SHIFT_MM};
-use crate::tracking::probe::{Probe, ProbeShape};
+use crate::StudyError;
+use crate::tradeoff::{Axis, Deadline, GREY_LEVELS, Goal, SHIFT_MM};
+use insonify_gpu::Gpu;
+use insonify_imaging::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
+use insonify_imaging::effects::slice::{Beyond, Boundary};
+use insonify_imaging::effects::tone::Tone;
+use insonify_imaging::effects::{Effects, REGISTRY};
+use insonify_imaging::plan::Plan;
+use insonify_imaging::synth::tables::{Anatomy, Settings};
+use insonify_imaging::synth::{Backend, FrameState, Synthesizer};
+use insonify_tracking::probe::{Probe, ProbeShape};
 
 /// Voxel sizes compared, mm, and the finest, from which the standard of grey levels is sliced.
 const VOXELS_MM: [f64; 4] = [3.0, 2.0, 1.0, 0.5];
@@ -66,7 +66,7 @@ fn boundary_mm(synth: &mut Synthesizer, state: &FrameState) -> Result<f64, Study
     let (line_mm, sample_mm) = (tables.grid.lateral_spacing_mm(0.0), tables.sample_mm());
     let exact: Vec<u8> = (0..beam.label.len())
         .map(|at| {
-            let p = crate::imaging::synth::layers::world_position(
+            let p = insonify_imaging::synth::layers::world_position(
                 tables,
                 &state.probe_to_world,
                 at / beam.samples,

@@ -4,17 +4,17 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use super::{Apart, Factor, ImageOptions, PICTURE, Subject, Table, coarsened, inside, picture, values};
-use crate::anatomy::acoustics::bank;
-use crate::anatomy::volume::texture::SolidTexture;
-use crate::base::report::statistics::Spread;
-use crate::imaging::effects::Effects;
-use crate::imaging::effects::tone::Tone;
-use crate::imaging::synth::Backend;
-use crate::imaging::synth::tables::Settings;
-use crate::mechanics::mesh::locator::Locator;
-use crate::mechanics::mesh::{Displacement, NONE, TetMesh};
-use crate::study::StudyError;
-use crate::study::tradeoff::{Axis, GREY_LEVELS, Goal, SHIFT_MM};
+use crate::StudyError;
+use crate::tradeoff::{Axis, GREY_LEVELS, Goal, SHIFT_MM};
+use insonify_anatomy::acoustics::bank;
+use insonify_anatomy::volume::texture::SolidTexture;
+use insonify_base::statistics::Spread;
+use insonify_imaging::effects::Effects;
+use insonify_imaging::effects::tone::Tone;
+use insonify_imaging::synth::Backend;
+use insonify_imaging::synth::tables::Settings;
+use insonify_mesh::locator::Locator;
+use insonify_mesh::{Displacement, NONE, TetMesh};
 
 /// One effect on its own over slices, and the grids that refine its sums.
 struct Variant {
@@ -49,7 +49,7 @@ const VARIANTS: [Variant; 3] = [
             shadow: effects
                 .shadow
                 .clone()
-                .map(|shadow| crate::imaging::effects::shadow::Shadow { beam_mm: 0.0, ..shadow }),
+                .map(|shadow| insonify_imaging::effects::shadow::Shadow { beam_mm: 0.0, ..shadow }),
             ..bare(effects)
         },
         grids: SAMPLES,

@@ -1,10 +1,9 @@
 use super::labels::rounding;
 use super::*;
 use super::{Apart, picture};
-use crate::study::testing;
 
-fn frame(change: impl Fn(&mut crate::imaging::synth::tables::Settings)) -> (Vec<u8>, Vec<bool>) {
-    let (anatomy, mut settings, state) = testing::scene();
+fn frame(change: impl Fn(&mut insonify_imaging::synth::tables::Settings)) -> (Vec<u8>, Vec<bool>) {
+    let (anatomy, mut settings, state) = insonify_imaging::anatomies::two_layers();
     settings.effects.noise = None;
     change(&mut settings);
     let mut synth = Synthesizer::new(anatomy, settings, Backend::Cpu).unwrap();

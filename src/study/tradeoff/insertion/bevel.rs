@@ -3,14 +3,14 @@
 use super::{
     Course, InsertionOptions, Progress, Step, TIMES, UNSETTLED, largest, lines, points, timed, times, unsettled,
 };
-use crate::base::range::OutOfRange;
-use crate::mechanics::insertion::Interaction;
-use crate::mechanics::insertion::finite::Finite;
-use crate::mechanics::needle::{BEVEL_MM, Bevel, Needle, Shaft, Stiffness};
-use crate::mechanics::tissue::material::Material;
-use crate::study::StudyError;
-use crate::study::block;
-use crate::study::tradeoff::{Axis, Deadline, Factor, Figure, Goal, SHIFT_MM, Study, Table};
+use crate::StudyError;
+use crate::tradeoff::{Axis, Deadline, Factor, Figure, Goal, SHIFT_MM, Study, Table};
+use insonify_base::range::OutOfRange;
+use insonify_mechanics::block;
+use insonify_mechanics::insertion::Interaction;
+use insonify_mechanics::insertion::finite::Finite;
+use insonify_mechanics::needle::{BEVEL_MM, Bevel, Needle, Shaft, Stiffness};
+use insonify_mechanics::tissue::material::Material;
 
 /// Offsets r of the tip from the centre line, mm.
 const SWEEP_MM: [f64; 5] = [0.0, 0.4, 0.6, 0.8, 1.0];

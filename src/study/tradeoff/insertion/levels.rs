@@ -4,16 +4,16 @@ use super::{
     Course, ENTRY_MM, InsertionOptions, Progress, Step, TIMES, UNSETTLED, largest, lines, mean_square, points, times,
     unsettled,
 };
-use crate::base::memory;
-use crate::base::report::statistics::percentile;
-use crate::mechanics::insertion::finite::{Finite, Setup};
-use crate::mechanics::needle::Stiffness;
-use crate::mechanics::tissue::remesh::{Level, Precision};
-use crate::mechanics::tissue::symmetric::Symmetric;
-use crate::study::StudyError;
-use crate::study::block;
-use crate::study::tradeoff::remesh::FROZEN;
-use crate::study::tradeoff::{Axis, Deadline, FORCE_N, Factor, Figure, Goal, SHIFT_MM, Study, Table};
+use crate::StudyError;
+use crate::tradeoff::remesh::FROZEN;
+use crate::tradeoff::{Axis, Deadline, FORCE_N, Factor, Figure, Goal, SHIFT_MM, Study, Table};
+use insonify_base::memory;
+use insonify_base::statistics::percentile;
+use insonify_mechanics::block;
+use insonify_mechanics::insertion::finite::{Finite, Setup};
+use insonify_mechanics::needle::Stiffness;
+use insonify_mechanics::tissue::remesh::{Level, Precision};
+use insonify_mechanics::tissue::symmetric::Symmetric;
 
 /// Levels compared; the first is the gold standard.
 const LEVELS: [(Level, &str); 4] = [

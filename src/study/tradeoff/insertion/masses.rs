@@ -8,16 +8,16 @@ use nalgebra::{Point3, Vector3};
 use super::{InsertionOptions, Progress};
 use super::{Step, timed};
 use super::{TIMES, UNSETTLED, largest, mean_square, points, times, unsettled};
-use crate::mechanics::insertion::finite::{Finite, Options, Setup};
-use crate::mechanics::insertion::spring::{MassSpring, Parameters};
-use crate::mechanics::insertion::{Anatomy, Interaction, Model, NodeSolver, Snapshot, Tissue};
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::mesh::locator::{Locator, NONE};
-use crate::mechanics::tissue::material::Material;
-use crate::mechanics::tissue::remesh::{Level, Precision};
-use crate::study::StudyError;
-use crate::study::block;
-use crate::study::tradeoff::{Axis, FORCE_N, Factor, Goal, Study, Table};
+use crate::StudyError;
+use crate::tradeoff::{Axis, FORCE_N, Factor, Goal, Study, Table};
+use insonify_mechanics::block;
+use insonify_mechanics::insertion::finite::{Finite, Options, Setup};
+use insonify_mechanics::insertion::spring::{MassSpring, Parameters};
+use insonify_mechanics::insertion::{Anatomy, Interaction, Model, NodeSolver, Snapshot, Tissue};
+use insonify_mechanics::tissue::material::Material;
+use insonify_mechanics::tissue::remesh::{Level, Precision};
+use insonify_mesh::TetMesh;
+use insonify_mesh::locator::{Locator, NONE};
 
 /// Rings and layers of the cylinder: nodes every 5 mm and every 8.3 mm.
 const GRIDS: [[usize; 2]; 2] = [[5, 20], [3, 12]];
@@ -154,7 +154,7 @@ fn recommendation(table: &Table) -> Option<String> {
         rows.find(|row| row.choices[0] == model && (poisson.is_empty() || row.choices[1] == poisson))
     };
     let (finite, alike, springs) = (row(FINITE, "0.45")?, row(FINITE, "0.25")?, row(SPRINGS, "")?);
-    let value = |row: &crate::study::tradeoff::Row, key: &str| row.values[table.axis(key)?];
+    let value = |row: &crate::tradeoff::Row, key: &str| row.values[table.axis(key)?];
     let slower = value(springs, "median_ms")? / value(finite, "median_ms")?;
     let (off, material) = (value(springs, "tissue_percent")?, value(alike, "tissue_percent")?);
     let advice = match slower > 1.0 {

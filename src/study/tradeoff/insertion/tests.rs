@@ -1,7 +1,7 @@
 use super::*;
-use crate::study::StudyError;
-use crate::study::testing::insertions;
-use crate::study::tradeoff::{Row, Table};
+use crate::StudyError;
+use crate::testing::insertions;
+use crate::tradeoff::{Row, Table};
 
 fn small(part: Part) -> InsertionOptions {
     InsertionOptions {

@@ -2,15 +2,15 @@
 //! 5 mm out of the image plane.
 
 use super::validation::Course;
-use crate::imaging::rf::motion::{Options, Tracker};
-use crate::imaging::rf::scatterers::RfSynthesizer;
-use crate::imaging::rf::truth::{self, Followed};
-use crate::imaging::rf::{Acquisition, medium};
-use crate::input::scenario::ScenarioFile;
-use crate::input::scenario::run::{Moment, Observer, Requests, Step, run};
-use crate::study::error::StudyError;
-use crate::study::stability::Effort;
-use crate::study::tradeoff::{Axis, Factor, Figure, Table};
+use crate::error::StudyError;
+use crate::stability::Effort;
+use crate::tradeoff::{Axis, Factor, Figure, Table};
+use insonify::input::scenario::ScenarioFile;
+use insonify::run::{Moment, Observer, Requests, Step, run};
+use insonify_imaging::rf::motion::{Options, Tracker};
+use insonify_imaging::rf::scatterers::RfSynthesizer;
+use insonify_imaging::rf::truth::{self, Followed};
+use insonify_imaging::rf::{Acquisition, medium};
 
 /// Description of the insertion, in words.
 pub const ABOUT: &str = "two-layer phantom, 991 nodes, needle 5 mm out of the plane, in to 40 mm, half out and in again, out; 75 mm, 10 frames a \
@@ -86,7 +86,7 @@ struct Watch<'a> {
     tracker: Option<Tracker>,
     options: Options,
     followed: Vec<Followed>,
-    scene: &'a crate::input::scene::Scene,
+    scene: &'a insonify_imaging::scene::Scene,
     needle: Table,
     /// Depth of the tip (mm) and force on the hand (N) in the last step.
     last: [f64; 2],

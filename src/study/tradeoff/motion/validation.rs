@@ -4,14 +4,14 @@
 use std::f64::consts::TAU;
 
 use super::{Errors, MOTIONS, Moved, about, bound_um, field, insertion, medium, strained_correlation};
-use crate::base::report::machine::Machine;
-use crate::base::report::statistics::{mean, std};
-use crate::imaging::rf::medium::Medium;
-use crate::imaging::rf::motion::{Estimate, Options, Tracker};
-use crate::study::error::StudyError;
-use crate::study::stability::Effort;
-use crate::study::tradeoff::gather::Progress;
-use crate::study::tradeoff::{Axis, Factor, Figure, Study, Table};
+use crate::error::StudyError;
+use crate::stability::Effort;
+use crate::tradeoff::gather::Progress;
+use crate::tradeoff::{Axis, Factor, Figure, Study, Table};
+use insonify_base::machine::Machine;
+use insonify_base::statistics::{mean, std};
+use insonify_imaging::rf::medium::Medium;
+use insonify_imaging::rf::motion::{Estimate, Options, Tracker};
 
 /// Frames a second of the sinusoids.
 const FRAMES_PER_S: f64 = 20.0;

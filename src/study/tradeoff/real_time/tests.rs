@@ -1,5 +1,5 @@
 use super::*;
-use crate::study::tradeoff::{Axis, Factor};
+use crate::tradeoff::{Axis, Factor};
 
 const FACTORS: [Factor; 3] = [factor("content"), factor("way"), factor("load")];
 const AXES: [Axis; 3] = [

@@ -9,13 +9,13 @@ use rayon::prelude::*;
 
 use super::subject::Subject;
 use super::{Measured, RemeshOptions};
-use crate::gpu::{Gpu, GpuError, StorageBuffer, Traffic};
-use crate::mechanics::remesh_gpu::{DeviceLevels, follow};
-use crate::mechanics::tissue::assembly::Stiffness;
-use crate::mechanics::tissue::columns::Columns;
-use crate::mechanics::tissue::factor::Factor;
-use crate::mechanics::tissue::remesh::{AdaptedMesh, Change, Level, Options, Precision, Remesher, Source, make};
-use crate::study::StudyError;
+use crate::StudyError;
+use insonify_gpu::{Gpu, GpuError, StorageBuffer, Traffic};
+use insonify_mechanics::remesh_gpu::{DeviceLevels, follow};
+use insonify_mechanics::tissue::assembly::Stiffness;
+use insonify_mechanics::tissue::columns::Columns;
+use insonify_mechanics::tissue::factor::Factor;
+use insonify_mechanics::tissue::remesh::{AdaptedMesh, Change, Level, Options, Precision, Remesher, Source, make};
 
 /// Report of an update.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -3,12 +3,12 @@
 use super::contender::{self, Kind};
 use super::subject::Subject;
 use super::{FROZEN, Measured, RemeshOptions};
-use crate::base::report::machine::Machine;
-use crate::base::report::statistics::Spread;
-use crate::gpu::{Gpu, Traffic};
-use crate::mechanics::tissue::symmetric::Symmetric;
-use crate::study::StudyError;
-use crate::study::tradeoff::{Axis, Deadline, Factor, Figure, Goal, SHIFT_MM, Study, Table};
+use crate::StudyError;
+use crate::tradeoff::{Axis, Deadline, Factor, Figure, Goal, SHIFT_MM, Study, Table};
+use insonify_base::machine::Machine;
+use insonify_base::statistics::Spread;
+use insonify_gpu::{Gpu, Traffic};
+use insonify_mechanics::tissue::symmetric::Symmetric;
 
 const FACTORS: [Factor; 4] = [
     Factor::new("nodes", "nodes"),

@@ -6,18 +6,18 @@ use faer::{Mat, MatRef};
 
 use super::RemeshOptions;
 use super::contender::Contender;
-use crate::base::random::{hash3, seed_words, unit};
-use crate::mechanics::mesh::locator::{Locator, NONE};
-use crate::mechanics::mesh::{InvalidMesh, TetMesh};
-use crate::mechanics::tissue::assembly::Stiffness;
-use crate::mechanics::tissue::dofs::Dofs;
-use crate::mechanics::tissue::factor::Factor;
-use crate::mechanics::tissue::material::Material;
-use crate::mechanics::tissue::remesh::corner::best_corner;
-use crate::mechanics::tissue::remesh::{AdaptedMesh, Change};
-use crate::mechanics::tissue::rigid;
-use crate::study::StudyError;
-use crate::study::stability::record::largest;
+use crate::StudyError;
+use crate::stability::record::largest;
+use insonify_base::random::{hash3, seed_words, unit};
+use insonify_mechanics::tissue::assembly::Stiffness;
+use insonify_mechanics::tissue::dofs::Dofs;
+use insonify_mechanics::tissue::factor::Factor;
+use insonify_mechanics::tissue::material::Material;
+use insonify_mechanics::tissue::remesh::corner::best_corner;
+use insonify_mechanics::tissue::remesh::{AdaptedMesh, Change};
+use insonify_mechanics::tissue::rigid;
+use insonify_mesh::locator::{Locator, NONE};
+use insonify_mesh::{InvalidMesh, TetMesh};
 
 /// Number of nodes in contact: half of them with the needle, if it has moved that many, the others around its entry.
 const CONTACTS: usize = 20;

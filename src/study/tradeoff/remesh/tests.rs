@@ -3,8 +3,8 @@ use super::subject::generated;
 use super::*;
 use faer::{Mat, MatRef};
 
-use crate::mechanics::tissue::remesh::{AdaptedMesh, Change};
-use crate::study::StudyError;
+use crate::StudyError;
+use insonify_mechanics::tissue::remesh::{AdaptedMesh, Change};
 
 fn options() -> RemeshOptions {
     RemeshOptions {
@@ -29,9 +29,8 @@ fn every_level_is_measured_and_keeps_what_it_promises() {
         12,
         "five levels twice, columns on demand, refactorisation"
     );
-    let value = |row: &crate::study::tradeoff::Row, key: &str| {
-        row.values[table.axes.iter().position(|axis| axis.key == key).unwrap()]
-    };
+    let value =
+        |row: &crate::tradeoff::Row, key: &str| row.values[table.axes.iter().position(|axis| axis.key == key).unwrap()];
     for row in &table.rows {
         assert_eq!(row.flag, None, "{row:?}");
         assert_eq!(value(row, "updates"), Some(30.0));
@@ -97,11 +96,11 @@ fn an_exact_level_refuses_a_base_that_is_barely_held() {
         double: Source::Double(double),
     };
     let make =
-        |precision| Kind::Dense(crate::mechanics::tissue::remesh::Level::Exact, precision).make(&subject, &sources);
-    let refused = make(crate::mechanics::tissue::remesh::Precision::Single).err();
+        |precision| Kind::Dense(insonify_mechanics::tissue::remesh::Level::Exact, precision).make(&subject, &sources);
+    let refused = make(insonify_mechanics::tissue::remesh::Precision::Single).err();
     let refused = refused.expect("f32 is no base").to_string();
     assert!(refused.contains("hold more of the mesh"), "{refused}");
-    assert!(make(crate::mechanics::tissue::remesh::Precision::Double).is_ok());
+    assert!(make(insonify_mechanics::tissue::remesh::Precision::Double).is_ok());
 }
 
 /// Contender that follows exactly, except for an error too large for rounding.
@@ -155,8 +154,8 @@ fn a_level_that_is_wrong_is_flagged_by_its_error() {
         double: Source::Double(double),
     };
     let exact = Kind::Dense(
-        crate::mechanics::tissue::remesh::Level::Exact,
-        crate::mechanics::tissue::remesh::Precision::Double,
+        insonify_mechanics::tissue::remesh::Level::Exact,
+        insonify_mechanics::tissue::remesh::Precision::Double,
     );
     for (off, flagged) in [(0.0, false), (1e-5, true), (f64::NAN, true)] {
         let mut contender = Wrong {
@@ -252,14 +251,14 @@ fn offset(off: f64) -> Result<Study, StudyError> {
 
 #[test]
 fn a_level_seeded_with_an_offset_is_flagged_in_the_report_of_all_studies() {
-    use crate::study::tradeoff::gather::{Devices, gather};
+    use crate::tradeoff::gather::{Devices, gather};
     let report = |run| {
         let entry = Entry { run, ..ENTRY };
         gather(
             &[entry],
             &Devices::default(),
             Effort::Quick,
-            crate::study::tradeoff::Rates::default(),
+            crate::tradeoff::Rates::default(),
             &mut |_, _| {},
         )
     };

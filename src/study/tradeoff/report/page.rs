@@ -3,12 +3,13 @@
 use std::time::Duration;
 
 use super::{Chapter, Report, Section};
-use crate::base::output::OutputError;
-use crate::base::report::machine;
-use crate::base::report::number::significant;
-use crate::base::report::page::{Page, escape};
-use crate::base::report::table::{Cell, Table};
-use crate::study::tradeoff::{Rates, Study};
+use crate::tradeoff::{Rates, Study};
+use insonify_base::machine;
+use insonify_base::number::significant;
+use insonify_base::output::OutputError;
+use insonify_base::table::{Cell, Table};
+use insonify_base::text::escape;
+use insonify_report::page::Page;
 
 /// Number of table rows above which a table is folded.
 const ROWS: usize = 40;

@@ -1,7 +1,7 @@
 use super::*;
-use crate::base::report::page::escape;
-use crate::study::tradeoff::gather::{Devices, Entry, STUDIES, gather};
-use crate::study::tradeoff::{Axis, Deadline, Factor, Figure, Goal, Rates, RealTimeChoice};
+use crate::tradeoff::gather::{Devices, Entry, STUDIES, gather};
+use crate::tradeoff::{Axis, Deadline, Factor, Figure, Goal, Rates, RealTimeChoice};
+use insonify_base::text::escape;
 
 const FACTORS: [Factor; 1] = [Factor::new("way", "way")];
 const AXES: [Axis; 4] = [
@@ -57,11 +57,8 @@ const fn entry(name: &'static str, run: RunFn) -> Entry {
     }
 }
 
-type RunFn = fn(
-    &Devices,
-    Effort,
-    crate::study::tradeoff::gather::Progress<'_>,
-) -> Result<Study, crate::study::tradeoff::gather::StudyFailure>;
+type RunFn =
+    fn(&Devices, Effort, crate::tradeoff::gather::Progress<'_>) -> Result<Study, crate::tradeoff::gather::StudyFailure>;
 
 const RIGHT: Entry = entry("right", |_, _, _| Ok(study(0.5)));
 const WRONG: Entry = entry("wrong", |_, _, _| Ok(study(7.0)));

@@ -4,12 +4,12 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::TissueOptions;
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::tissue::material::Material;
-use crate::mechanics::tissue::nonlinear::creep::{Creep, Memory};
-use crate::mechanics::tissue::nonlinear::{Options, Scheme, Solid, Solver, Stiffening, Structure, Supports};
-use crate::mechanics::tissue::viscoelastic::Rule;
-use crate::study::StudyError;
+use crate::StudyError;
+use insonify_mechanics::tissue::material::Material;
+use insonify_mechanics::tissue::nonlinear::creep::{Creep, Memory};
+use insonify_mechanics::tissue::nonlinear::{Options, Scheme, Solid, Solver, Stiffening, Structure, Supports};
+use insonify_mechanics::tissue::viscoelastic::Rule;
+use insonify_mesh::TetMesh;
 
 /// Edge lengths of the block, mm.
 const EXTENT_MM: [f64; 3] = [60.0, 40.0, 40.0];

@@ -1,8 +1,8 @@
 //! Test of the complete study on a small block.
 
 use super::*;
-use crate::mechanics::tissue::nonlinear::NonlinearError;
-use crate::study::StudyError;
+use crate::StudyError;
+use insonify_mechanics::tissue::nonlinear::NonlinearError;
 
 #[test]
 fn a_small_block_is_studied() {

@@ -1,13 +1,13 @@
 use nalgebra::{Point3, Vector3};
 
 use super::*;
-use crate::imaging::effects::needle::NeedleEcho;
-use crate::imaging::synth::{NeedleShaft, SEED_DIAMETER_MM, SEED_LENGTH_MM};
-use crate::study::testing;
+use crate::anatomies;
+use crate::effects::needle::NeedleEcho;
+use crate::synth::{NeedleShaft, SEED_DIAMETER_MM, SEED_LENGTH_MM};
 
 /// Tables of a scene that shows needles, and a frame whose probe frame equals the world.
 fn scene(thickness_mm: Option<f64>) -> (Tables, FrameState) {
-    let (anatomy, mut settings, _) = testing::scene();
+    let (anatomy, mut settings, _) = anatomies::two_layers();
     settings.has_needle = true;
     settings.effects.needle = Some(NeedleEcho {
         thickness_mm,

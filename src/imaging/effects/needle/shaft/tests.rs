@@ -112,7 +112,7 @@ fn a_bevel_is_twice_as_loud_and_grains_have_the_spread_that_is_stated() {
     assert_eq!(needle.grain(98.0, 20.0, &even), [2.0 * 0.5, 0.0]);
     assert_eq!(needle.grain(96.0, 20.0, &even), [0.5, 0.0]);
     assert_eq!(seed.grain(98.0, 20.0, &even), [0.5, 0.0]);
-    let own = numbers(crate::imaging::effects::needle::NeedleEcho::default().roughness);
+    let own = numbers(crate::effects::needle::NeedleEcho::default().roughness);
     let db: Vec<f64> = (0..20_000)
         .map(|at| {
             let long = Shaft::new([[0.0, 20.0, 0.0, 0.6], [1e5, 20.0, 0.0, 1.2], [1e5, 0.0, 1.0, 1.0]]);

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::super::testing::*;
 use super::super::*;
-use crate::mechanics::insertion::Interaction;
+use crate::insertion::Interaction;
 
 /// A needle a thousand times softer than usual cannot be pushed against friction: tissue then has none.
 fn with_beam(young_kpa: f64, ei: f64) -> MassSpring {

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::super::testing::*;
 use super::super::*;
-use crate::mechanics::insertion::{Bone, Interaction, Tissue};
+use crate::insertion::{Bone, Interaction, Tissue};
 
 fn events(it: &mut MassSpring, way: [f64; 2], speed: f64) -> Vec<(EventKind, f64, Option<i32>)> {
     let mut found = Vec::new();

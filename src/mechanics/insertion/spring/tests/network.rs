@@ -6,7 +6,7 @@ use super::super::cylinder::Cylinder;
 use super::super::network::Network;
 use super::super::testing::*;
 use super::super::*;
-use crate::mechanics::insertion::InvalidSetup;
+use crate::insertion::InvalidSetup;
 
 fn small() -> Parameters {
     Parameters {

@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Translation3, Vector3};
 
 use super::super::testing::*;
 use super::super::*;
-use crate::mechanics::insertion::Interaction;
+use crate::insertion::Interaction;
 
 /// Asserts that everything is finite, and nothing has moved farther than the needle could push it.
 fn sane(it: &MassSpring, farthest: f64) {

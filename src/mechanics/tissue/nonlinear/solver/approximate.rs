@@ -1,8 +1,8 @@
 //! Cholesky factor for iterations, in the lowest sufficient precision.
 
-use crate::base::random::pcg_step;
-use crate::mechanics::tissue::error::LinearError;
-use crate::mechanics::tissue::factor::{Factor, Symmetric};
+use crate::tissue::error::LinearError;
+use crate::tissue::factor::{Factor, Symmetric};
+use insonify_base::random::pcg_step;
 
 /// Largest relative error with which a factor in single precision may reproduce a test vector. The vector contains all
 /// modes of n degrees of freedom equally; an error in a single mode, as large as that mode, leaves 1 / sqrt(n): 0.01 at

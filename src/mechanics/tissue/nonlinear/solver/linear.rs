@@ -7,7 +7,7 @@ use super::super::gmres::Gmres;
 use super::super::tangent::{Kind, Tangent};
 use super::Contact;
 use super::approximate::Approximate;
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
 
 /// Linear equations to solve, and the accuracy required.
 #[derive(Clone, Copy, Debug)]

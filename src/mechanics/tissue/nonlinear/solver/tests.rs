@@ -4,10 +4,10 @@ use super::super::body::{Body, Response, Sheet};
 use super::super::law::Stiffening;
 use super::super::tangent::{Kind, Tangent};
 use super::*;
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::tissue::factor::Symmetric;
-use crate::mechanics::tissue::material::Material;
-use crate::mechanics::tissue::testing::value;
+use crate::tissue::factor::Symmetric;
+use crate::tissue::material::Material;
+use crate::tissue::testing::value;
+use insonify_mesh::TetMesh;
 
 fn law() -> Stiffening {
     Stiffening::new(Material::new(10.0, 0.45).unwrap(), 0.1, 20.0).unwrap()

@@ -1,8 +1,6 @@
 use super::*;
-use crate::mechanics::tissue::remesh::RemeshError;
-use crate::mechanics::tissue::remesh::testing::{
-    adapted, dofs_of, error, gold, inner_nodes, inverse, nearby, part, rounding,
-};
+use crate::tissue::remesh::RemeshError;
+use crate::tissue::remesh::testing::{adapted, dofs_of, error, gold, inner_nodes, inverse, nearby, part, rounding};
 use faer::Mat;
 
 const LEVELS: [Level; 5] = [Level::I, Level::II, Level::III, Level::IV, Level::Exact];

@@ -1,9 +1,9 @@
 //! Moves of nodes, and their reversal.
 
 use super::{AdaptedMesh, Change};
-use crate::mechanics::mesh::quality::jacobian_condition;
-use crate::mechanics::tissue::element::Shape;
-use crate::mechanics::tissue::remesh::RemeshError;
+use crate::tissue::element::Shape;
+use crate::tissue::remesh::RemeshError;
+use insonify_mesh::quality::jacobian_condition;
 
 /// Effect of a change on the list of moves.
 #[derive(Clone, Copy, Debug)]

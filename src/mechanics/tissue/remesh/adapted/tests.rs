@@ -1,6 +1,6 @@
 use super::*;
-use crate::mechanics::tissue::remesh::RemeshError;
-use crate::mechanics::tissue::remesh::testing::{adapted, current, free_nodes, inner_nodes, nearby};
+use crate::tissue::remesh::RemeshError;
+use crate::tissue::remesh::testing::{adapted, current, free_nodes, inner_nodes, nearby};
 
 /// Returns the state that a refused move must not change.
 fn state(mesh: &AdaptedMesh) -> (Vec<[f64; 3]>, u64, Vec<u32>, Vec<u32>, usize) {

@@ -1,6 +1,6 @@
 use super::*;
-use crate::mechanics::tissue::remesh::RemeshError;
-use crate::mechanics::tissue::remesh::testing::{adapted, inner_nodes};
+use crate::tissue::remesh::RemeshError;
+use crate::tissue::remesh::testing::{adapted, inner_nodes};
 
 /// Returns an element whose corners are all free, and a point in it.
 fn inside(mesh: &AdaptedMesh) -> (u32, [f64; 3]) {

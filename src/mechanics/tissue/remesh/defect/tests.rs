@@ -1,6 +1,6 @@
 use super::*;
-use crate::mechanics::tissue::remesh::testing::{adapted, current, gold, inner_nodes, nearby};
-use crate::mechanics::tissue::testing::value;
+use crate::tissue::remesh::testing::{adapted, current, gold, inner_nodes, nearby};
+use crate::tissue::testing::value;
 
 #[test]
 fn it_is_what_is_missing_to_hold_the_forces() {

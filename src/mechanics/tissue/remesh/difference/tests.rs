@@ -1,8 +1,8 @@
 use faer::Mat;
 
 use super::*;
-use crate::mechanics::tissue::remesh::testing::{adapted, current, dense, free_nodes, inner_nodes, nearby};
-use crate::mechanics::tissue::testing::value;
+use crate::tissue::remesh::testing::{adapted, current, dense, free_nodes, inner_nodes, nearby};
+use crate::tissue::testing::value;
 
 fn moved() -> AdaptedMesh {
     let mut mesh = adapted(0.45);

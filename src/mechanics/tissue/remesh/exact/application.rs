@@ -1,14 +1,14 @@
 //! Corrected compliance beyond the contacts: other entries, and displacements of the entire mesh.
 
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
 use faer::prelude::{Reborrow, ReborrowMut};
 use faer::{Accum, Mat, MatMut, MatRef};
 
 use super::Exact;
 use super::update::product;
-use crate::mechanics::tissue::compliance::check_shape;
-use crate::mechanics::tissue::remesh::adapted::AdaptedMesh;
-use crate::mechanics::tissue::remesh::defect::{backward_error, defect};
+use crate::tissue::compliance::check_shape;
+use crate::tissue::remesh::adapted::AdaptedMesh;
+use crate::tissue::remesh::defect::{backward_error, defect};
 
 impl Exact {
     /// Computes the forces on the base mesh (N, one per free degree of freedom) that displace it as `forces` on the

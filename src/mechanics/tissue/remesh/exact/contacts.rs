@@ -1,13 +1,13 @@
 //! Compliance at the contacts.
 
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
 use faer::prelude::ReborrowMut;
 use faer::{Accum, Mat, MatRef};
 
 use super::support::{CHANGE_ROOM, CONTACTS_ROOM, HELD_ROOM, Support};
 use super::update::{Work, product};
-use crate::mechanics::tissue::compliance::{Compliance, check_distinct, check_dofs};
-use crate::mechanics::tissue::remesh::growable::Growable;
+use crate::tissue::compliance::{Compliance, check_distinct, check_dofs};
+use crate::tissue::remesh::growable::Growable;
 
 #[derive(Debug)]
 pub(super) struct Contacts {

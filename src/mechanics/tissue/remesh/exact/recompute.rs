@@ -5,9 +5,9 @@ use faer::prelude::{Reborrow, ReborrowMut};
 
 use super::Exact;
 use super::update::{product, symmetric_product};
-use crate::base::simd::{Kernel, vectorised};
-use crate::mechanics::tissue::remesh::SampleSchedule;
-use crate::mechanics::tissue::remesh::growable::symmetrise;
+use crate::tissue::remesh::SampleSchedule;
+use crate::tissue::remesh::growable::symmetrise;
+use insonify_base::simd::{Kernel, vectorised};
 
 impl Exact {
     /// Computes C and K^c by one LU factorisation from the base and `self.difference`, whose degrees of freedom all lie

@@ -1,12 +1,12 @@
 //! Matrices on the degrees of freedom around moved nodes.
 
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
 use faer::prelude::{Reborrow, ReborrowMut};
 
-use crate::mechanics::tissue::compliance::Compliance;
-use crate::mechanics::tissue::dofs::NONE;
-use crate::mechanics::tissue::remesh::adapted::AdaptedMesh;
-use crate::mechanics::tissue::remesh::growable::{Growable, symmetrise};
+use crate::tissue::compliance::Compliance;
+use crate::tissue::dofs::NONE;
+use crate::tissue::remesh::adapted::AdaptedMesh;
+use crate::tissue::remesh::growable::{Growable, symmetrise};
 
 /// Initial room for members of S, contacts and members of one change (degrees of freedom): those of a needle some 100
 /// mm deep in elements of 5 mm, beside a probe. Beyond, memory grows on demand, which takes some milliseconds once.

@@ -1,14 +1,14 @@
 use std::sync::Arc;
 
 use super::*;
-use crate::mechanics::tissue::columns::Columns;
-use crate::mechanics::tissue::dofs::NONE;
-use crate::mechanics::tissue::error::LinearError;
-use crate::mechanics::tissue::factor::Factor;
-use crate::mechanics::tissue::remesh::testing::{
+use crate::tissue::columns::Columns;
+use crate::tissue::dofs::NONE;
+use crate::tissue::error::LinearError;
+use crate::tissue::factor::Factor;
+use crate::tissue::remesh::testing::{
     adapted, dofs_of, free_nodes, gold, inner_nodes, inverse, nearby, part, rounding,
 };
-use crate::mechanics::tissue::testing::value;
+use crate::tissue::testing::value;
 
 mod sample_schedule;
 mod speculation;
@@ -240,7 +240,7 @@ fn displacements_are_those_of_the_moved_mesh_and_come_from_forces_on_the_base() 
 #[test]
 fn a_source_that_does_not_fit_is_refused() {
     let mesh = adapted(0.45);
-    let other = crate::mechanics::tissue::symmetric::Symmetric::<f64>::zeros(5);
+    let other = crate::tissue::symmetric::Symmetric::<f64>::zeros(5);
     let refused = Exact::new(&mesh, Box::new(other), Precision::Double, Options::default());
     let shape = LinearError::Shape {
         what: "rows of the compliance",

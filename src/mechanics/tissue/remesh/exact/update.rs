@@ -7,9 +7,9 @@ use faer::{Accum, MatMut, MatRef, Par};
 
 use super::Exact;
 use super::support::{CHANGE_ROOM, CONTACTS_ROOM, HELD_ROOM};
-use crate::mechanics::tissue::remesh::adapted::Change;
-use crate::mechanics::tissue::remesh::growable::{Growable, mirror, symmetrise};
-use crate::mechanics::tissue::remesh::lu::{Lu, capacitance};
+use crate::tissue::remesh::adapted::Change;
+use crate::tissue::remesh::growable::{Growable, mirror, symmetrise};
+use crate::tissue::remesh::lu::{Lu, capacitance};
 
 /// Buffers of an update, named after their contents.
 #[derive(Default)]

@@ -3,13 +3,13 @@
 use faer::Mat;
 
 use super::store::{Store, Which};
-use crate::mechanics::tissue::compliance::check_shape;
-use crate::mechanics::tissue::remesh::RemeshError;
-use crate::mechanics::tissue::remesh::adapted::{AdaptedMesh, Change};
-use crate::mechanics::tissue::remesh::defect::{backward_error, defect, largest};
-use crate::mechanics::tissue::remesh::difference::Difference;
-use crate::mechanics::tissue::remesh::growable::symmetrise;
-use crate::mechanics::tissue::remesh::lu::{Lu, capacitance};
+use crate::tissue::compliance::check_shape;
+use crate::tissue::remesh::RemeshError;
+use crate::tissue::remesh::adapted::{AdaptedMesh, Change};
+use crate::tissue::remesh::defect::{backward_error, defect, largest};
+use crate::tissue::remesh::difference::Difference;
+use crate::tissue::remesh::growable::symmetrise;
+use crate::tissue::remesh::lu::{Lu, capacitance};
 
 pub(super) struct Inverse<S> {
     pub store: S,

@@ -1,15 +1,15 @@
 //! Storage of a dense inverse, and its operations.
 
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
 use std::sync::Arc;
 
 use faer::{Mat, MatRef};
 use rayon::prelude::*;
 
-use crate::mechanics::tissue::compliance::{Compliance, check_shape};
-use crate::mechanics::tissue::remesh::make::Entry;
-use crate::mechanics::tissue::remesh::{Precision, RemeshError};
-use crate::mechanics::tissue::symmetric::{PANEL_ROWS, Scalar, Symmetric};
+use crate::tissue::compliance::{Compliance, check_shape};
+use crate::tissue::remesh::make::Entry;
+use crate::tissue::remesh::{Precision, RemeshError};
+use crate::tissue::symmetric::{PANEL_ROWS, Scalar, Symmetric};
 
 /// Inverse from which a store reads columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

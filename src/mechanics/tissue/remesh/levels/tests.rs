@@ -1,7 +1,5 @@
 use super::*;
-use crate::mechanics::tissue::remesh::testing::{
-    adapted, dofs_of, error, gold, inner_nodes, inverse, nearby, part, rounding,
-};
+use crate::tissue::remesh::testing::{adapted, dofs_of, error, gold, inner_nodes, inverse, nearby, part, rounding};
 
 fn levels(mesh: &AdaptedMesh, level: Level, options: Options) -> Levels<f64> {
     let mut levels = Levels::new(mesh, inverse(mesh), level, options).expect("a remesher");

@@ -2,7 +2,7 @@ use faer::Mat;
 use faer::linalg::solvers::{DenseSolveCore, PartialPivLu};
 
 use super::*;
-use crate::mechanics::tissue::testing::value;
+use crate::tissue::testing::value;
 
 fn random(size: usize, salt: u32) -> Mat<f64> {
     Mat::from_fn(size, size, |i, j| value(i, j, salt) + if i == j { 2.0 } else { 0.0 })

@@ -1,6 +1,6 @@
 use super::*;
-use crate::mechanics::tissue::factor::Factor;
-use crate::mechanics::tissue::remesh::testing::{adapted, inverse};
+use crate::tissue::factor::Factor;
+use crate::tissue::remesh::testing::{adapted, inverse};
 
 fn source(mesh: &AdaptedMesh, kind: &str) -> Source {
     match kind {

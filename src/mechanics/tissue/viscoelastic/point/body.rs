@@ -3,7 +3,7 @@
 use std::f64::consts::FRAC_PI_2;
 
 use super::{Control, check};
-use crate::mechanics::tissue::viscoelastic::{History, HistoryError, Operator, Rule};
+use crate::tissue::viscoelastic::{History, HistoryError, Operator, Rule};
 
 /// Linear viscoelastic body in shear.
 #[derive(Clone, Copy, Debug, PartialEq)]

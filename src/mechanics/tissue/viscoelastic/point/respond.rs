@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 
 use super::body::{Line, Memory};
 use super::{Control, Point, Structure, balance, check};
-use crate::base::range::OutOfRange;
-use crate::mechanics::tissue::viscoelastic::{HistoryError, Rule, Span};
+use crate::tissue::viscoelastic::{HistoryError, Rule, Span};
+use insonify_base::range::OutOfRange;
 
 /// Quadrature of the history.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]

@@ -1,5 +1,5 @@
 use super::*;
-use crate::mechanics::tissue::viscoelastic::HistoryError;
+use crate::tissue::viscoelastic::HistoryError;
 
 const LIVER: Point = Point {
     body: Body::SpringPot {

@@ -1,6 +1,6 @@
 //! Precision tests on chains of springs with known condition.
 
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 
 use super::*;

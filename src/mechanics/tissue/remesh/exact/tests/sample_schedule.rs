@@ -1,7 +1,7 @@
 //! Detection of errors by sampling.
 
 use super::*;
-use crate::mechanics::tissue::error::LinearError;
+use crate::tissue::error::LinearError;
 
 #[test]
 fn an_error_in_c_or_in_the_contacts_is_seen_and_mended() {

@@ -1,0 +1,22 @@
+//! Foundations without ultrasound: files, text, memory, numbers, reports.
+
+pub mod bending;
+pub mod cache;
+pub mod cause;
+pub mod csv;
+pub mod document;
+pub mod machine;
+pub mod matrix;
+pub mod memory;
+pub mod number;
+pub mod output;
+pub mod pareto;
+pub mod random;
+pub mod range;
+pub mod read;
+pub mod real;
+pub mod search;
+pub mod simd;
+pub mod statistics;
+pub mod table;
+pub mod text;

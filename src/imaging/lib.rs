@@ -1,0 +1,27 @@
+//! Frames from anatomy and motion: effects, the plan of passes, both backends, and image sequences.
+
+#[cfg(any(test, feature = "analysis"))]
+pub mod anatomies;
+pub mod canvas;
+pub mod effects;
+pub mod fusion;
+pub mod overlay;
+pub mod overview;
+#[cfg(any(test, feature = "analysis"))]
+pub mod parity;
+pub mod plan;
+pub mod quality;
+pub mod rf;
+pub mod scene;
+pub mod sequence;
+pub mod sidecar;
+pub mod synth;
+
+#[cfg(test)]
+extern crate self as insonify_imaging;
+#[cfg(test)]
+#[path = "../../tests/parity/mod.rs"]
+mod parity_tests;
+#[cfg(test)]
+#[path = "../../tests/support/mod.rs"]
+mod support;

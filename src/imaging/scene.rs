@@ -1,0 +1,370 @@
+//! Scene files, validated: a TOML file becomes a [`Scene`], in which every effect and model is optional.
+//!
+//! [`SceneFile`] is the file as written; [`SceneFile::resolve`] loads the files that it names, fills in defaults, checks
+//! every number against its range and reports its assumptions. The format is explained by the commented default scene,
+//! [`DEFAULT`], and described by [`schema`].
+//!
+//! ```
+//! use insonify::SceneFile;
+//!
+//! let file = SceneFile::parse("version = 1\n[volume]\nphantom = \"abdomen\"\nresolution_mm = 4\n", "mine.toml")?;
+//! let scene = file.resolve(".".as_ref())?;
+//! assert_eq!(scene.frames(), 1);
+//!
+//! let error = SceneFile::parse("version = 1\n[volume]\nphanton = \"abdomen\"\n", "mine.toml").unwrap_err();
+//! assert_eq!(error.location(), Some(("mine.toml", 3)));
+//! # Ok::<(), insonify::input::InputError>(())
+//! ```
+
+mod check;
+pub mod deform;
+mod file;
+mod motion;
+pub mod paths;
+mod recording;
+mod resolve;
+mod target;
+
+pub use file::{PoseTable, SceneFile, VolumeSpec};
+pub use insonify_tracking::probe::ImageSpec;
+pub use paths::{NeedleFrame, NeedleKeyframe, NeedleMotionSpec, NeedleTable};
+pub use target::Body;
+
+use std::path::Path;
+
+use nalgebra::{Matrix4, Point3};
+
+use crate::quality::QualitySpec;
+use crate::synth::tables::{Anatomy, Settings};
+use crate::synth::{Backend, FrameState, NeedleShaft, SynthError, Synthesizer};
+use deform::Deformation;
+use insonify_base::cause::Cause;
+use insonify_base::document::{InputError, InvalidFile};
+use insonify_tracking::needle::{NeedlePath, NeedlePose};
+use insonify_tracking::pose::Pose;
+use insonify_tracking::sequence::SequenceFrame;
+use insonify_tracking::trajectory::Trajectory;
+use insonify_tracking::world::World;
+use motion::Needle;
+
+/// Default scene, with every key explained.
+pub const DEFAULT: &str = include_str!("../../assets/default.toml");
+
+/// Built-in scenes, by name: an example of one feature each.
+pub const EXAMPLES: &[(&str, &str)] = &[
+    ("default", DEFAULT),
+    ("liver-needle", include_str!("../../assets/liver-needle.toml")),
+    ("prostate-trus", include_str!("../../assets/prostate-trus.toml")),
+    ("spine-linear", include_str!("../../assets/spine-linear.toml")),
+    ("sweep", include_str!("../../assets/sweep.toml")),
+];
+
+/// Reads a scene file, or the built-in scene of that name where there is no such file.
+pub fn read_or_bundled(path: &Path) -> Result<SceneFile, InputError> {
+    match insonify_base::document::bundled(EXAMPLES, path) {
+        Some((name, text)) => SceneFile::parse(text, name),
+        None => SceneFile::read(path),
+    }
+}
+
+/// The JSON schema of a scene file.
+pub fn schema() -> serde_json::Value {
+    schemars::schema_for!(SceneFile).to_value()
+}
+
+/// A scene ready to render: every number in its range, every file read.
+///
+/// It provides the inputs of a [`Synthesizer`](crate::synth::Synthesizer) and the poses of each frame.
+///
+/// ```
+/// use insonify::SceneFile;
+/// use insonify::FrameState;
+///
+/// let text = r#"
+/// version = 1
+/// volume = { phantom = "abdomen", resolution_mm = 5 }
+/// motion.frames = 5
+/// [[needle.motion.keyframes]]
+/// time_s = 0
+/// tip_mm = [-32.0, -79.6, -7.1]
+/// direction = [-20.3, 59.4, -18.0]
+/// [[needle.motion.keyframes]]
+/// time_s = 1
+/// tip_mm = [-52.3, -20.2, -25.1]
+/// direction = [-20.3, 59.4, -18.0]
+/// "#;
+/// let scene = SceneFile::parse(text, "insertion.toml")?.resolve(".".as_ref())?;
+/// assert!(scene.settings.has_needle);
+///
+/// let of = scene.frames();
+/// assert_eq!(of, 5);
+/// let mut state = FrameState::at(*scene.probe_pose(0, of).probe_to_world());
+/// for frame in 0..of {
+///     scene.state(frame, of, &mut state)?;
+///     let tip = state.needle.as_ref().and_then(|needle| needle.nodes.last());
+///     println!("{:.2} s: tip at {tip:?}", scene.time_s(frame, of));
+/// }
+/// assert!(scene.state(of, of, &mut state).is_err());
+/// # Ok::<(), insonify::input::InputError>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// Imaged anatomy.
+    pub anatomy: Anatomy,
+    /// Imaging settings.
+    pub settings: Settings,
+    /// Time budgets of frames and steps; empty where the scene states none.
+    pub quality: QualitySpec,
+    /// Whether the scene leaves the numbers of scanlines and samples open.
+    pub open_grid: [bool; 2],
+    /// Assumptions made, for the user.
+    pub notes: Vec<String>,
+    /// Suspicious settings, for the user.
+    pub warnings: Vec<String>,
+    /// The scene file with probe, image, effects and a constant pose filled in.
+    pub file: SceneFile,
+    probe: Trajectory,
+    recording: Vec<SequenceFrame>,
+    needle: Option<Needle>,
+    deformation: Option<Deformation>,
+    timeline: Timeline,
+}
+
+impl Scene {
+    /// Number of frames: the stated number, or else one for each pose of a recording, 25 per second of any other motion,
+    /// and 1 where nothing moves.
+    pub fn frames(&self) -> usize {
+        self.timeline.frames()
+    }
+
+    /// Time of frame `frame` of `of`, s. If there are as many frames as recorded poses, recorded times are used; otherwise
+    /// frames are evenly spaced.
+    pub fn time_s(&self, frame: usize, of: usize) -> f64 {
+        self.timeline.time_s(frame, of)
+    }
+
+    /// Pose of the probe in frame `frame` of `of`.
+    pub fn probe_pose(&self, frame: usize, of: usize) -> Pose {
+        self.probe.at(self.time_s(frame, of))
+    }
+
+    /// Recorded data for frame `frame` of `of` from the tracked sequence that moves the probe; `None` if the number of
+    /// frames differs from that of recorded poses.
+    pub fn recorded(&self, frame: usize, of: usize) -> Option<&SequenceFrame> {
+        let keys = self.probe.keys();
+        let key = keys.get(frame).filter(|_| keys.len() == of)?;
+        self.recording.get(key.source)
+    }
+
+    /// World axes in which the scene states the motion of the probe.
+    pub fn motion_world(&self) -> World {
+        let motion = self.file.motion.as_ref();
+        motion.and_then(|motion| motion.world).unwrap_or_default()
+    }
+
+    /// Pose of the needle in frame `frame` of `of`, if the scene has one.
+    pub fn needle_pose(&self, frame: usize, of: usize) -> Option<NeedlePose> {
+        match self.needle.as_ref()? {
+            Needle::Still(pose) => Some(pose.clone()),
+            Needle::Moving { path, .. } => Some(path.at(self.time_s(frame, of))),
+        }
+    }
+
+    /// Labels and their tissues.
+    pub fn body(&self) -> Body<'_> {
+        Body {
+            volume: &self.anatomy.volume,
+            tissues: &self.anatomy.tissues,
+        }
+    }
+
+    /// Returns the scene with a needle that moves as `table` states.
+    pub fn with_needle(mut self, table: NeedleTable) -> Result<Self, InputError> {
+        self.file.needle = Some(table);
+        self.needle = self
+            .file
+            .needle(Path::new(""), None, &mut self.notes, &mut self.warnings)?;
+        self.settings.has_needle = true;
+        Ok(self)
+    }
+
+    /// Path of the probe.
+    pub fn probe_path(&self) -> &Trajectory {
+        &self.probe
+    }
+
+    /// Replaces the path of the probe.
+    pub fn move_probe(&mut self, probe: Trajectory) {
+        self.probe = probe;
+    }
+
+    /// Path of the needle tip, if the scene has a needle that moves.
+    pub fn needle_path(&self) -> Option<&NeedlePath> {
+        match self.needle.as_ref()? {
+            Needle::Still(_) => None,
+            Needle::Moving { path, .. } => Some(path),
+        }
+    }
+
+    /// Fills in the state of frame `frame` of `of`, reusing what `into` already holds.
+    ///
+    /// # Errors
+    /// [`Cause::Unknown`] if there is no such frame.
+    pub fn state(&self, frame: usize, of: usize, into: &mut FrameState) -> Result<(), InputError> {
+        if frame >= of {
+            let wrong = format!("frame {frame} of {of}; frames count from 0");
+            return Err(InputError::new(InvalidFile::Unknown(wrong)));
+        }
+        self.fill(frame, of, into);
+        Ok(())
+    }
+
+    /// States of `of` frames, in order; [`frames`](Self::frames) are what the scene asks for.
+    pub fn states(&self, of: usize) -> impl ExactSizeIterator<Item = FrameState> + '_ {
+        (0..of).map(move |frame| {
+            let mut state = FrameState::at(Matrix4::identity());
+            self.fill(frame, of, &mut state);
+            state
+        })
+    }
+
+    /// Prepares the synthesis of the scene's frames.
+    ///
+    /// # Errors
+    /// The errors of [`Synthesizer::new`].
+    pub fn synthesizer(&self, backend: Backend) -> Result<Synthesizer, SynthError> {
+        Synthesizer::new(self.anatomy.clone(), self.settings.clone(), backend)
+    }
+
+    fn fill(&self, frame: usize, of: usize, into: &mut FrameState) {
+        let time_s = self.time_s(frame, of);
+        into.frame = frame as u64;
+        into.probe_to_world = *self.probe.at(time_s).probe_to_world();
+        match &self.needle {
+            None => into.needle = None,
+            Some(Needle::Still(pose)) => show(pose, &mut into.needle),
+            Some(Needle::Moving { path, .. }) => show(&path.at(time_s), &mut into.needle),
+        }
+        into.seeds.clear();
+        into.reference = None;
+        match &self.deformation {
+            None => into.nodes = None,
+            Some(deformation) => {
+                let time_s = time_s - self.timeline.start_s();
+                deformation.nodes_at(time_s, into.nodes.get_or_insert_default());
+            }
+        }
+    }
+}
+
+fn show(pose: &NeedlePose, shaft: &mut Option<NeedleShaft>) {
+    let shaft = shaft.get_or_insert_with(|| NeedleShaft {
+        nodes: Vec::new(),
+        diameter_mm: 0.0,
+    });
+    let nodes: &[Point3<f64>] = pose.nodes_mm();
+    shaft.nodes.clear();
+    shaft.nodes.extend_from_slice(nodes);
+    shaft.diameter_mm = pose.diameter_mm();
+}
+
+/// Attaches an error to a key of a scene file.
+trait At<T> {
+    fn at(self, file: &SceneFile, key: &str) -> Result<T, InputError>;
+}
+
+impl<T, E: Cause> At<T> for Result<T, E> {
+    fn at(self, file: &SceneFile, key: &str) -> Result<T, InputError> {
+        self.map_err(|cause| file.fault(key, cause))
+    }
+}
+
+/// Default number of frames per second of a motion.
+const PER_SECOND: f64 = 25.0;
+/// Maximum default number of frames.
+const MAX: f64 = 1000.0;
+
+#[derive(Clone, Debug, PartialEq)]
+enum Times {
+    /// A scene without motion.
+    Still,
+    /// Times of recorded poses, s.
+    Recorded(Vec<f64>),
+    /// First and last time of a motion, s.
+    Span([f64; 2]),
+}
+
+/// Frame times of a scene.
+#[derive(Clone, Debug, PartialEq)]
+struct Timeline {
+    times: Times,
+    stated: Option<usize>,
+}
+
+impl Timeline {
+    /// Creates the timeline from the times of a recording that moves probe or needle, or else from the union of all
+    /// spans (first and last time, s).
+    pub fn new(recorded: Option<Vec<f64>>, spans: &[[f64; 2]], stated: Option<usize>) -> Self {
+        let cover = |all: [f64; 2], span: [f64; 2]| [all[0].min(span[0]), all[1].max(span[1])];
+        let times = match (recorded, spans.iter().copied().reduce(cover)) {
+            (Some(times), _) => Times::Recorded(times),
+            (None, Some(span)) if span[1] > span[0] => Times::Span(span),
+            _ => Times::Still,
+        };
+        Self { times, stated }
+    }
+
+    /// Number of frames.
+    pub fn frames(&self) -> usize {
+        self.stated.unwrap_or_else(|| match &self.times {
+            Times::Still => 1,
+            Times::Recorded(times) => times.len(),
+            Times::Span([start, end]) => ((end - start) * PER_SECOND).ceil().clamp(1.0, MAX - 1.0) as usize + 1,
+        })
+    }
+
+    /// Time of the first frame, s.
+    pub fn start_s(&self) -> f64 {
+        match &self.times {
+            Times::Still => 0.0,
+            Times::Recorded(times) => times.first().copied().unwrap_or_default(),
+            Times::Span([start, _]) => *start,
+        }
+    }
+
+    /// Time of frame `frame` of `of`, s.
+    pub fn time_s(&self, frame: usize, of: usize) -> f64 {
+        let [start, end] = match &self.times {
+            Times::Still => return 0.0,
+            Times::Recorded(times) if times.len() == of => return times[frame.min(of - 1)],
+            Times::Recorded(times) => [self.start_s(), times.last().copied().unwrap_or_default()],
+            Times::Span(span) => *span,
+        };
+        let share = (frame as f64 / of.saturating_sub(1).max(1) as f64).min(1.0);
+        start * (1.0 - share) + end * share
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn recordings_keep_their_times_and_motions_are_spread() {
+        let recorded = Timeline::new(Some(vec![5.0, 5.1, 7.0]), &[[0.0, 99.0]], None);
+        assert_eq!(recorded.frames(), 3);
+        assert_eq!([0, 1, 2].map(|frame| recorded.time_s(frame, 3)), [5.0, 5.1, 7.0]);
+        assert_eq!([0, 1].map(|frame| recorded.time_s(frame, 2)), [5.0, 7.0]);
+        let span = Timeline::new(None, &[[1.0, 2.0], [0.0, 1.5]], None);
+        assert_eq!((span.frames(), span.start_s()), (51, 0.0));
+        assert_eq!([0, 1, 2].map(|frame| span.time_s(frame, 3)), [0.0, 1.0, 2.0]);
+        assert_eq!(Timeline::new(None, &[[0.0, 1e9]], None).frames(), 1000);
+    }
+
+    #[test]
+    fn nothing_moves_at_time_nought() {
+        let still = Timeline::new(None, &[[3.0, 3.0]], Some(4));
+        assert_eq!((still.frames(), still.time_s(3, 4), still.start_s()), (4, 0.0, 0.0));
+        assert_eq!(Timeline::new(None, &[], None).frames(), 1);
+    }
+}

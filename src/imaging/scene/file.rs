@@ -1,0 +1,192 @@
+//! Serde types of a scene file, as written: no files are read and nothing is validated here.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::deform::DeformSpec;
+use super::paths::{MotionSpec, NeedleTable};
+use crate::effects::Effects;
+use crate::quality::QualitySpec;
+use insonify_anatomy::acoustics::{Preset, TissueOverride};
+use insonify_anatomy::phantom::Phantom;
+use insonify_anatomy::volume::complete::Unlabelled;
+use insonify_anatomy::volume::texture::{Seam, Values};
+use insonify_base::document::{self, Source, Version};
+use insonify_base::range::parameters;
+use insonify_tracking::placement::ScanPlane;
+use insonify_tracking::pose::{PoseSpec, pose_table};
+use insonify_tracking::probe::{ImageSpec, ProbeSpec};
+use insonify_tracking::world::World;
+
+/// A scene file. Paths are relative to the folder of the file.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SceneFile {
+    /// Version of the format: 1, which is the default.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub version: Option<Version>,
+    /// Seed of all random numbers of a frame: speckle, noise, solid textures. Default 0.
+    #[serde(default)]
+    pub seed: u64,
+    /// Time budgets of frames and steps of an insertion: settings left open are chosen by their measured cost on this
+    /// machine. Without it, open keys have their defaults.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub quality: Option<QualitySpec>,
+    /// Imaged volume.
+    #[schemars(required)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub volume: Option<VolumeSpec>,
+    /// Transducer. Default: that of a recording's PLUS configuration; or the one that suits the phantom; for a file a
+    /// curvilinear one of 60 mm and 70 degrees, 150 mm deep.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub probe: Option<ProbeSpec>,
+    /// Constant pose of the probe. Default: the phantom's own pose, or on the skin over the largest soft organ.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pose: Option<PoseTable>,
+    /// Motion of the probe, and the number of frames.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub motion: Option<MotionSpec>,
+    /// Needle. Without it no needle is simulated.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub needle: Option<NeedleTable>,
+    /// Deformation of the tissue. Without it no mesh is made.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub deform: Option<DeformSpec>,
+    /// Pixels of the frame.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub image: Option<ImageSpec>,
+    /// Tissues that differ from the built-in ones.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub tissue: Vec<TissueOverride>,
+    /// Solid textures from files.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub texture: Vec<TextureSpec>,
+    /// Effects. Without any `[effects]` table the usual ones are enabled with their defaults; with one, exactly those
+    /// that it names, and an empty `[effects]` leaves only slicing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub effects: Option<Effects>,
+    /// Source text, for errors that point into it.
+    #[serde(skip)]
+    pub(super) source: Option<Arc<Source>>,
+}
+
+document::input_file!(SceneFile, in_ranges);
+
+impl SceneFile {
+    /// Default scene for a label file or folder of masks: the body completed, tissues by name or value, the probe on the skin
+    /// over the largest soft organ, the usual effects.
+    pub fn for_labels(path: &Path) -> Self {
+        Self {
+            version: Some(Version),
+            volume: Some(VolumeSpec {
+                file: Some(path.to_owned()),
+                ..VolumeSpec::default()
+            }),
+            ..Self::default()
+        }
+    }
+}
+
+parameters! {
+    /// Imaged volume: exactly one of `phantom` and `file`. It may lie anywhere in the world, with probe, needle and deformation in the
+    /// same coordinates: if a coordinate of its centre exceeds 4096 mm, synthesis uses a local origin at the nearest whole metres.
+    pub struct VolumeSpec {
+        /// A volume generated from code.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        phantom: Option<Phantom>;
+        /// Phantom only: voxel edge. Default: the phantom's own.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        resolution_mm: Option<f64>, in 0.3..=5 "mm";
+        /// Phantom only: seed of its irregular surfaces, vessels and gas. Default 0.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        seed: Option<u64>;
+        /// Label file (NIfTI, NRRD or MetaImage), or folder of binary masks named by their files. NIfTI stores its position in single precision, in steps
+        /// of 0.008 mm at 1e5 mm.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        file: Option<PathBuf>;
+        /// File only: table of label names: CSV with columns `value` and `name`, a colour table of 3D Slicer, or label
+        /// descriptions of ITK-SNAP. Default: for labels without names, the file of the same stem that ends in .csv.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        names: Option<PathBuf>;
+        /// File only: treatment of unlabelled voxels. Default `auto`: a body is closed around the labelled anatomy unless the
+        /// labels describe one.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        unlabelled: Option<Unlabelled>;
+        /// File only: registration by `insonify register`, which places the completed anatomy in the world.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        registration: Option<PathBuf>;
+        /// File only: CT that the labels were made from (NIfTI, NRRD or MetaImage, Hounsfield units). Unlabelled voxels in the body are then gas, fat,
+        /// muscle, soft tissue or bone by their grey value, gas in the bowel is gas, and contrast-enhanced vessels of the liver are drawn.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        ct: Option<PathBuf>;
+        /// File only: whether structures are drawn into organs that are labelled in one piece: veins of liver and spleen, sinus and pyramids of kidneys,
+        /// chambers of the heart, fat around the kidneys and in soft tissue. They are imaged only; meshes and needles use the undivided organs. Default
+        /// true.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        structures: Option<bool>;
+        /// File only: thickness of the muscle that `auto` adds under the fat. Default 8.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        muscle_mm: Option<f64>, in 0..=100 "mm";
+        /// File only: thickness of the fat that `auto` adds. Default 12.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        fat_mm: Option<f64>, in 0..=100 "mm";
+        /// File only: thickness of the skin that `auto` adds. Default 2.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        skin_mm: Option<f64>, in 0..=100 "mm";
+        /// Numbering by which labels without a `[[tissue]]` are assigned tissues. Default `auto`.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        preset: Option<Preset>;
+    }
+}
+
+pose_table! {
+    /// Constant pose of the probe: stated, or placed over a target. Rotations apply to either, and to the default pose.
+    #[derive(Default)]
+    pub struct PoseTable {
+        /// Target under the probe: the name of a label, a tissue or a TotalSegmentator class, a part of one such as
+        /// `kidney` (the largest matching label counts), or a label value.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        target: Option<String>;
+        /// Orientation of the scan plane of an automatically placed probe. Default: the one that shows more.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        plane: Option<ScanPlane>;
+        /// World axes of the pose: `lps` (default), or `ras` as in 3D Slicer.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        world: Option<World>;
+    }
+}
+
+impl PoseTable {
+    /// Returns the pose keys, in LPS.
+    pub fn pose(&self) -> PoseSpec {
+        PoseSpec::from(self).in_lps(self.world.unwrap_or_default())
+    }
+
+    /// Whether the table states the pose itself, rather than a change to a pose determined otherwise.
+    pub fn is_explicit(&self) -> bool {
+        self.position_mm.is_some() || self.direction.is_some() || self.lateral.is_some() || self.matrix.is_some()
+    }
+}
+
+/// A solid texture from a file, referred to by tissues.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TextureSpec {
+    /// Name of the texture; that of a built-in texture replaces it.
+    pub name: String,
+    /// Three-dimensional grey file: NIfTI, NRRD or MetaImage.
+    pub file: PathBuf,
+    /// Distance between voxel centres along each axis, mm, above 0. Default: that of the file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub spacing_mm: Option<[f64; 3]>,
+    /// Meaning of the voxel values. Default `amplitude`.
+    #[serde(default)]
+    pub values: Values,
+    /// Method for making the texture periodic. Default: the end of each axis fades into its beginning over a fifth
+    /// of it.
+    #[serde(default)]
+    pub seam: Seam,
+}

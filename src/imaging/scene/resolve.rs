@@ -1,0 +1,463 @@
+//! Resolution of a scene file to a renderable scene.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use nalgebra::{Point3, Vector3};
+
+use super::At;
+use super::Scene;
+use super::Timeline;
+use super::check::Framing;
+use super::deform::Deformation;
+use super::file::{PoseTable, SceneFile, TextureSpec};
+use super::motion::Needle;
+use super::paths::MotionSpec;
+use super::recording::{CROP, Recording};
+use super::target::Body;
+use crate::effects::Effects;
+use crate::synth::tables::{Anatomy, ImageSize, Settings};
+use insonify_anatomy::acoustics::{TissueError, TissueTable, bank};
+use insonify_anatomy::phantom::{self, PhantomOptions};
+use insonify_anatomy::registration::{Quadratic, resample};
+use insonify_anatomy::segmentation::{Names, Naming, open};
+use insonify_anatomy::volume::complete::{CompleteOptions, complete, with_ct};
+use insonify_anatomy::volume::texture::{SolidTexture, TextureOptions};
+use insonify_anatomy::volume::{LabelVolume, VolumeError, load_scalar, structures};
+use insonify_base::document::nearest;
+use insonify_base::document::{InputError, InvalidFile};
+use insonify_base::matrix::Rows;
+use insonify_tracking::pose::Pose;
+use insonify_tracking::probe::{BeamGrid, ProbeSpec, Ray};
+use insonify_tracking::trajectory::Trajectory;
+use insonify_tracking::world::World;
+
+impl SceneFile {
+    /// Loads or generates everything that the scene names, fills in defaults and checks it. Relative paths start at
+    /// `base_dir`, the folder of the scene file.
+    ///
+    /// # Errors
+    /// [`InputError`] with the key and its place in the file.
+    pub fn resolve(&self, base_dir: &Path) -> Result<Scene, InputError> {
+        let mut notes: Vec<String> = self.source.iter().flat_map(|source| source.renamed()).collect();
+        let mut warnings = Vec::new();
+        let plus = self.plus_config(base_dir)?;
+        let framing = self.framing(plus.as_ref(), &mut notes, &mut warnings)?;
+        let path = self.probe_path(base_dir, plus.as_ref(), &mut notes, &mut warnings)?;
+        if path.is_some() && self.pose.is_some() {
+            let found = "both `[pose]` and a path in `[motion]`";
+            return Err(self.wrong_keys("pose", found, "one of them"));
+        }
+        let needle = self.needle(base_dir, plus.as_ref(), &mut notes, &mut warnings)?;
+        let textures = self.textures(base_dir)?;
+        self.check_texture_names(&textures)?;
+
+        let volume = self.load_volume(base_dir, &mut notes, &mut warnings)?;
+        let preset = self.volume()?.preset.unwrap_or_default();
+        let (tissues, assumed) = TissueTable::resolve(volume.labels(), &self.tissue, preset)
+            .map_err(|error| self.fault(self.tissue_key(&error), error))?;
+        warnings.extend(assumed);
+        let deformation = self.deformation(&volume, base_dir)?;
+
+        let mut file = self.filled(&framing);
+        let (probe, recorded, mut tracked) = match path {
+            Some(path) => (path.trajectory, path.recorded, path.recording),
+            None => {
+                let body = Body {
+                    volume: &volume,
+                    tissues: &tissues,
+                };
+                let pose = self.fixed_pose(&body, &framing.probe, &mut notes, &mut warnings)?;
+                file.pose = Some(PoseTable {
+                    matrix: Some(Rows(*pose.probe_to_world())),
+                    ..PoseTable::default()
+                });
+                (Trajectory::fixed(pose), false, None)
+            }
+        };
+        let needle = self.in_world(needle, &probe)?;
+        let image = self.on_grid(framing.image, tracked.as_ref())?;
+        settle(&image, &mut file, tracked.as_mut());
+        let blind = outside(&volume, &framing.grid, &probe, self.stated_world());
+        if blind.is_none() {
+            notes.extend(self.assumed_worlds());
+            let contact = framing.effects.contact.as_ref();
+            warnings
+                .extend(contact.and_then(|contact| without_contact(&volume, &framing.grid, &probe, contact.reach_mm)));
+        }
+        warnings.extend(blind);
+
+        let timeline = self.timeline(&probe, recorded, needle.as_ref(), deformation.as_ref());
+        warnings.extend(unseen(&probe, needle.as_ref(), &timeline, &framing.effects));
+
+        Ok(Scene {
+            anatomy: Anatomy {
+                volume: Arc::new(volume),
+                tissues: Arc::new(tissues),
+                textures,
+                mesh: deformation.as_ref().map(|deformation| Arc::clone(&deformation.mesh)),
+            },
+            settings: Settings {
+                seed: self.seed,
+                probe: framing.probe,
+                image,
+                effects: framing.effects,
+                has_needle: needle.is_some(),
+                layers: Vec::new(),
+            },
+            quality: self.quality.unwrap_or_default(),
+            open_grid: framing.open_grid,
+            notes,
+            warnings,
+            file,
+            probe,
+            recording: tracked.map_or_else(Vec::new, |tracked| tracked.frames),
+            needle,
+            deformation,
+            timeline,
+        })
+    }
+
+    /// Times of frames; `recorded` tells whether each pose of the probe's path is a frame of its own.
+    fn timeline(
+        &self,
+        probe: &Trajectory,
+        recorded: bool,
+        needle: Option<&Needle>,
+        deformation: Option<&Deformation>,
+    ) -> Timeline {
+        let span = |path: &Trajectory| [path.start_s(), path.end_s()];
+        let times = |path: &Trajectory| path.keys().iter().map(|key| key.time_s).collect();
+        let mut spans = Vec::new();
+        let mut recording: Option<Vec<f64>> = recorded.then(|| times(probe));
+        if self.motion.is_some() && probe.keys().len() > 1 {
+            spans.push(span(probe));
+        }
+        if let Some(Needle::Moving { path, recorded }) = needle {
+            spans.push(span(path.tip()));
+            if *recorded && recording.is_none() && spans.len() == 1 {
+                recording = Some(times(path.tip()));
+            }
+        }
+        if let Some(ramp) = deformation.and_then(Deformation::span_s) {
+            let start = spans.iter().map(|span| span[0]).reduce(f64::min).unwrap_or(0.0);
+            spans.push(ramp.map(|time| start + time.max(0.0)));
+        }
+        let stated = self.motion.as_ref().and_then(|motion| motion.frames);
+        Timeline::new(recording, &spans, stated.map(|frames| frames as usize))
+    }
+
+    fn filled(&self, framing: &Framing) -> Self {
+        Self {
+            probe: Some(ProbeSpec::from(framing.probe)),
+            image: Some(self.image.unwrap_or_default()),
+            effects: Some(framing.effects.clone()),
+            source: None,
+            ..self.clone()
+        }
+    }
+
+    fn load_volume(
+        &self,
+        base: &Path,
+        notes: &mut Vec<String>,
+        warnings: &mut Vec<String>,
+    ) -> Result<LabelVolume, InputError> {
+        let spec = self.volume()?;
+        if let Some(kind) = spec.phantom {
+            let options = PhantomOptions {
+                resolution_mm: spec.resolution_mm,
+                seed: spec.seed.unwrap_or_default(),
+            };
+            return phantom::make(kind, &options).at(self, "volume.resolution_mm");
+        }
+        let path = base.join(spec.file.as_deref().unwrap_or(Path::new("")));
+        let table = spec.names.as_ref().map(|names| Names::read(&base.join(names)));
+        let claimed: Vec<i64> = self.tissue.iter().flat_map(|tissue| tissue.labels.clone()).collect();
+        let naming = Naming {
+            names: table.transpose().at(self, "volume.names")?,
+            preset: spec.preset.unwrap_or_default(),
+            claimed: &claimed,
+        };
+        let opened = open(&path, &naming).at(self, "volume.file")?;
+        notes.extend(opened.notes);
+        warnings.extend(opened.warnings);
+        let usual = CompleteOptions::default();
+        let options = CompleteOptions {
+            mode: spec.unlabelled.unwrap_or(usual.mode),
+            muscle_mm: spec.muscle_mm.unwrap_or(usual.muscle_mm),
+            fat_mm: spec.fat_mm.unwrap_or(usual.fat_mm),
+            skin_mm: spec.skin_mm.unwrap_or(usual.skin_mm),
+        };
+        let fault = |error: VolumeError| self.fault(format!("volume.{}", error.key().unwrap_or("file")), error);
+        let completed = match &spec.ct {
+            Some(ct) => with_ct(
+                &opened.volume,
+                &load_scalar(&base.join(ct)).at(self, "volume.ct")?,
+                &options,
+            ),
+            None => complete(&opened.volume, &options),
+        }
+        .map_err(fault)?;
+        notes.push(completed.note);
+        if spec.unlabelled.is_none() {
+            warnings.extend(completed.warning);
+        }
+        let mut volume = completed.volume;
+        if spec.structures.unwrap_or(true) {
+            let structured = structures::add(&volume).map_err(fault)?;
+            notes.extend(structured.note);
+            volume = structured.volume;
+        }
+        match &spec.registration {
+            Some(path) => {
+                let map = Quadratic::read(&base.join(path)).at(self, "volume.registration")?;
+                resample(&volume, &map).at(self, "volume.registration")
+            }
+            None => Ok(volume),
+        }
+    }
+
+    /// Key of the table that places the probe in the world, and its axes.
+    fn stated_world(&self) -> Option<(&'static str, World)> {
+        let moves =
+            |motion: &&MotionSpec| motion.keyframes.is_some() || motion.csv.is_some() || motion.sequence.is_some();
+        let motion = self.motion.as_ref().filter(moves);
+        let pose = self.pose.as_ref().filter(|pose| pose.is_explicit());
+        let motion = motion.map(|motion| ("motion", motion.world.unwrap_or_default()));
+        motion.or_else(|| pose.map(|pose| ("pose", pose.world.unwrap_or_default())))
+    }
+
+    /// Notes about tracked sequences whose position in the world is left open.
+    fn assumed_worlds(&self) -> Vec<String> {
+        let probe = self.motion.as_ref().filter(|motion| motion.world.is_none());
+        let probe = probe.and_then(|motion| motion.sequence.as_ref());
+        let needle = self.needle.as_ref().filter(|needle| needle.world.is_none());
+        let inherits = self.motion.as_ref().is_some_and(|motion| motion.world.is_some());
+        let needle = needle.filter(|_| !inherits);
+        let needle = needle.and_then(|needle| needle.motion.as_ref()?.sequence.as_ref());
+        let open = [
+            (
+                "motion",
+                probe.is_some_and(|sequence| sequence.tracker_to_world.is_none()),
+            ),
+            (
+                "needle",
+                needle.is_some_and(|sequence| sequence.tracker_to_world.is_none()),
+            ),
+        ];
+        let note = |(table, _): (&str, bool)| {
+            format!(
+                "the tracker's axes are taken as LPS; `world = \"ras\"` under [{table}] takes them as RAS, as 3D Slicer does"
+            )
+        };
+        open.into_iter().filter(|(_, open)| *open).map(note).collect()
+    }
+
+    fn textures(&self, base: &Path) -> Result<BTreeMap<String, Arc<SolidTexture>>, InputError> {
+        let mut textures = BTreeMap::new();
+        for (at, spec) in self.texture.iter().enumerate() {
+            let key = |key: &str| format!("texture[{at}].{key}");
+            if spec.name.trim().is_empty() || textures.contains_key(&spec.name) {
+                let found = format!("the name \"{}\"", spec.name);
+                return Err(self.wrong_keys(key("name"), found, "a name that no other texture has"));
+            }
+            let texture = self.texture(spec, base, &key)?;
+            textures.insert(spec.name.clone(), Arc::new(texture));
+        }
+        Ok(textures)
+    }
+
+    fn texture(
+        &self,
+        spec: &TextureSpec,
+        base: &Path,
+        key: &dyn Fn(&str) -> String,
+    ) -> Result<SolidTexture, InputError> {
+        let image = load_scalar(&base.join(&spec.file)).at(self, &key("file"))?;
+        let options = TextureOptions {
+            values: spec.values,
+            seam: spec.seam,
+        };
+        let spacing_mm = spec.spacing_mm.unwrap_or(image.spacing_mm);
+        SolidTexture::from_scalar(image.size, spacing_mm, image.data, &options).map_err(|error| {
+            let at = match error.key() {
+                Some("spacing_mm") if spec.spacing_mm.is_some() => "spacing_mm",
+                Some("db_per_unit") => "values",
+                Some("share") => "seam",
+                _ => "file",
+            };
+            self.fault(key(at), error)
+        })
+    }
+
+    fn check_texture_names(&self, textures: &BTreeMap<String, Arc<SolidTexture>>) -> Result<(), InputError> {
+        let mut known: Vec<&str> = bank::names().collect();
+        known.extend(textures.keys().map(String::as_str).chain(["none"]));
+        for (at, tissue) in self.tissue.iter().enumerate() {
+            if let Some(name) = &tissue.texture
+                && !known.contains(&name.as_str())
+            {
+                let help = nearest(name, known.iter().copied()).map(|meant| format!("did you mean \"{meant}\"?"));
+                let wrong = InvalidFile::name(name, &format!("one of {}", known.join(", ")));
+                let error = self.fault(format!("tissue[{at}].texture"), wrong);
+                return Err(error.with_help(help));
+            }
+        }
+        Ok(())
+    }
+
+    fn tissue_key(&self, error: &TissueError) -> String {
+        let at = match error {
+            TissueError::Unnamed { position } => position.checked_sub(1),
+            _ => error
+                .tissue()
+                .and_then(|name| self.tissue.iter().rposition(|tissue| tissue.name == name)),
+        };
+        at.map_or_else(|| "tissue".to_owned(), |at| format!("tissue[{at}].{}", error.key()))
+    }
+}
+
+/// Sets the frame size of the recorded grid; on other grids removes the recorded crop, as their pixels differ.
+fn settle(image: &ImageSize, file: &mut SceneFile, recording: Option<&mut Recording>) {
+    if image.placed.is_none() {
+        for frame in recording.into_iter().flat_map(|recording| &mut recording.frames) {
+            frame.transforms.remove(CROP);
+        }
+    } else if let Some(spec) = &mut file.image {
+        (spec.width, spec.height) = (image.width as u32, image.height as u32);
+    }
+}
+
+/// Warning about poses of a path that show nothing of the volume. If the other reading of the axes of `stated` (a table
+/// and its axes) shows more, it says what to change.
+fn outside(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, stated: Option<(&str, World)>) -> Option<String> {
+    let poses = path.keys().len();
+    let blind = |turn: World| {
+        let unseen = |pose: &Pose| !sees(volume, grid, &pose.in_lps(turn));
+        path.keys().iter().filter(|key| unseen(&key.pose)).count()
+    };
+    let black = blind(World::Lps);
+    let mut warning = match (black, poses) {
+        (0, _) => return None,
+        (1, 1) => "the probe sees nothing of the volume: the frame will be black".to_owned(),
+        _ => format!("the probe sees nothing of the volume in {black} of {poses} poses"),
+    };
+    let first = path.keys().iter().find(|key| !sees(volume, grid, &key.pose))?;
+    let axes = stated.map_or(World::Lps, |(_, world)| world);
+    warning.push_str(if poses == 1 {
+        ". The"
+    } else {
+        ". In the first of them the"
+    });
+    warning.push_str(&apart(volume, &first.pose, axes));
+    if let Some((table, world)) = stated {
+        let (other, seen) = (world.other(), poses - blind(World::Ras));
+        if seen > poses - black {
+            let key = other.to_string().to_lowercase();
+            let slicer = if other == World::Ras {
+                ", as 3D Slicer has them"
+            } else {
+                ""
+            };
+            warning.push_str(&format!(
+                ". Read as {other} it sees the volume in {seen}: state `world = \"{key}\"` under [{table}] if the poses are \
+                 in {other}{slicer}"
+            ));
+        }
+    }
+    Some(warning)
+}
+
+/// Describes the positions of an array and of the volume in the axes of `world`, and the distance between them.
+fn apart(volume: &LabelVolume, pose: &Pose, world: World) -> String {
+    let ends = volume.size().map(|count| [-0.5, count as f64 - 0.5]);
+    let [mut low, mut high] = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+    for corner in 0..8 {
+        let index = [0, 1, 2].map(|axis| ends[axis][corner >> axis & 1]);
+        let corner = volume.index_to_world().transform_point(&Point3::from(index));
+        let corner = world.vector(corner.into());
+        low = [0, 1, 2].map(|axis| low[axis].min(corner[axis]));
+        high = [0, 1, 2].map(|axis| high[axis].max(corner[axis]));
+    }
+    let at = world.vector(pose.position_mm().into());
+    let gaps = [0, 1, 2].map(|axis| (low[axis] - at[axis]).max(at[axis] - high[axis]).max(0.0));
+    let distance = Vector3::from(gaps).norm();
+    let [at, low, high] = [at, low, high].map(|point| {
+        let [x, y, z] = point.map(|along| along.round() as i64);
+        format!("({x}, {y}, {z})")
+    });
+    format!(
+        " centre of the array is at {at} mm and the volume spans {low} to {high} mm ({world}): {distance:.0} mm apart"
+    )
+}
+
+/// Warning about a recorded needle that is too far from the scan plane to be shown in any frame.
+fn unseen(probe: &Trajectory, needle: Option<&Needle>, timeline: &Timeline, effects: &Effects) -> Option<String> {
+    let Some(Needle::Moving { path, recorded: true }) = needle else {
+        return None;
+    };
+    let frames = timeline.frames();
+    let (mut nearest, mut reach) = (f64::INFINITY, 0.0);
+    for frame in 0..frames {
+        let time_s = timeline.time_s(frame, frames);
+        let shaft = path.at(time_s).transformed(&probe.at(time_s).world_to_probe());
+        let gaps = shaft.segments_mm().map(|[a, b]| match a.z * b.z <= 0.0 {
+            true => 0.0,
+            false => a.z.abs().min(b.z.abs()),
+        });
+        nearest = gaps.fold(nearest, f64::min);
+        let plane_mm = effects.needle.as_ref().and_then(|echo| echo.thickness_mm);
+        reach = (shaft.diameter_mm() + plane_mm.unwrap_or(shaft.diameter_mm())) / 2.0;
+    }
+    (nearest > reach).then(|| {
+        format!(
+            "the needle is in none of {frames} frames nearer than {nearest:.1} mm to the imaging plane: it is not seen. Do its path \
+             and that of the probe lead to the same world?"
+        )
+    })
+}
+
+/// Number of scanlines and of depths sampled by [`sees`]: a volume missed between them is smaller than a few beam
+/// widths.
+const LOOKS: usize = 24;
+
+/// Percentage of the array without contact above which a warning is given.
+const MAX_DARK_PERCENT: usize = 25;
+
+/// Warning about poses at which much of the array has no body within reach.
+fn without_contact(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, reach_mm: f64) -> Option<String> {
+    let dark = |pose: &Pose| {
+        let is_dark = |ray: &&Ray| {
+            let touches = |depth: f64| {
+                let [x, y] = [0, 1].map(|axis| ray.origin[axis] + depth * ray.direction[axis]);
+                let point = pose.probe_to_world().transform_point(&Point3::new(x, y, 0.0));
+                volume.label_index_at(&point).is_some_and(|label| label > 0)
+            };
+            !(0..=LOOKS).any(|at| touches(reach_mm * at as f64 / LOOKS as f64))
+        };
+        let step = (grid.lines() / LOOKS).max(1);
+        let looked = grid.rays().len().div_ceil(step);
+        100 * grid.rays().iter().step_by(step).filter(is_dark).count() / looked
+    };
+    let worst = path.keys().iter().map(|key| dark(&key.pose)).max()?;
+    (worst > MAX_DARK_PERCENT).then(|| {
+        format!(
+            "{worst} % of the array has no body within {reach_mm} mm (at the worst pose) and is dark: move the probe, or raise `effects.contact.reach_mm`"
+        )
+    })
+}
+
+fn sees(volume: &LabelVolume, grid: &BeamGrid, pose: &Pose) -> bool {
+    let step = (grid.lines() / LOOKS).max(1);
+    let depth_mm = grid.samples() as f64 * grid.sample_spacing_mm();
+    grid.rays().iter().step_by(step).any(|ray| {
+        (0..LOOKS).any(|at| {
+            let depth = (at as f64 + 0.5) / LOOKS as f64 * depth_mm;
+            let [x, y] = [0, 1].map(|axis| ray.origin[axis] + depth * ray.direction[axis]);
+            let point = pose.probe_to_world().transform_point(&Point3::new(x, y, 0.0));
+            volume.label_index_at(&point).is_some()
+        })
+    })
+}

@@ -1,0 +1,250 @@
+//! Automatic pose of a probe without a stated one.
+
+use nalgebra::{Point3, Vector3};
+
+use super::file::SceneFile;
+use insonify_anatomy::acoustics::RIGID_KPA;
+use insonify_anatomy::acoustics::TissueTable;
+use insonify_anatomy::phantom;
+use insonify_anatomy::volume::{Label, LabelVolume};
+use insonify_base::document::{InputError, InvalidFile};
+use insonify_base::document::{Names, RegionName, nearest, plain};
+use insonify_base::matrix::Rows;
+use insonify_base::text::{MESSAGE, clipped, some_of};
+use insonify_tracking::placement::{Meaning, PlacementOptions, place};
+use insonify_tracking::pose::{Pose, PoseSpec};
+use insonify_tracking::probe::Probe;
+
+/// Labels of the body and their tissues.
+pub struct Body<'a> {
+    pub volume: &'a LabelVolume,
+    pub tissues: &'a TissueTable,
+}
+
+impl SceneFile {
+    /// Constant pose of the probe, with the assumptions made.
+    pub(super) fn fixed_pose(
+        &self,
+        body: &Body<'_>,
+        probe: &Probe,
+        notes: &mut Vec<String>,
+        warnings: &mut Vec<String>,
+    ) -> Result<Pose, InputError> {
+        let table = self.pose.clone().unwrap_or_default();
+        let invalid = |error: insonify_tracking::TrackingError| {
+            let key = error
+                .key()
+                .map_or_else(|| "pose".to_owned(), |key| format!("pose.{key}"));
+            self.fault(key, error)
+        };
+        if table.is_explicit() {
+            if table.target.is_some() || table.plane.is_some() {
+                let found = "both where the probe is and `target` or `plane` to place it by";
+                return Err(self.wrong_keys("pose", found, "one of them"));
+            }
+            return table.pose().pose(None).map_err(invalid);
+        }
+        if table.world.is_some() {
+            let expected = "`position_mm` with `direction`, or `matrix`, beside it";
+            return Err(self.wrong_keys("pose.world", "`world` without a pose that is stated", expected));
+        }
+        let phantom = self.volume.as_ref().and_then(|volume| volume.phantom);
+        let base = match phantom {
+            Some(phantom) if table.target.is_none() && table.plane.is_none() => {
+                let pose = Pose::from_matrix(&phantom::default_pose(phantom)).map_err(invalid)?;
+                notes.push("the scene states no pose: the probe is at the default pose of this phantom".to_owned());
+                pose
+            }
+            _ => self.placed(body, probe, notes, warnings)?,
+        };
+        let turned = PoseSpec {
+            matrix: Some(Rows(*base.probe_to_world())),
+            ..table.pose()
+        };
+        turned.pose(None).map_err(invalid)
+    }
+
+    /// Error about a target that matches no label, with the most similar labels and the warnings about labels.
+    fn no_target(&self, target: &str, body: &Body<'_>, warnings: &[String]) -> InputError {
+        let names = Names::new(body.entries()).known();
+        let meant = nearest(target, names.iter().map(String::as_str)).map(|meant| format!("did you mean \"{meant}\"?"));
+        let of_file = body.volume.labels().iter().skip(1).filter(|label| label.voxels > 0);
+        let own = |label: &Label| label.name.clone().unwrap_or_else(|| label.value.to_string());
+        let mut like: Vec<String> = of_file.map(own).collect();
+        like.sort_by(|a, b| strsim::jaro_winkler(b, target).total_cmp(&strsim::jaro_winkler(a, target)));
+        let labels = some_of(&like);
+        let expected =
+            format!("a label such as {labels}, a part of its name, or its value; `insonify info FILE` lists them");
+        let error = self.fault("pose.target", InvalidFile::name(target, &expected));
+        let help: Vec<String> = meant.into_iter().chain(warnings.iter().cloned()).collect();
+        error.with_help((!help.is_empty()).then(|| clipped(&help.join("; "), MESSAGE)))
+    }
+
+    fn placed(
+        &self,
+        body: &Body<'_>,
+        probe: &Probe,
+        notes: &mut Vec<String>,
+        warnings: &mut Vec<String>,
+    ) -> Result<Pose, InputError> {
+        let table = self.pose.clone().unwrap_or_default();
+        let label = match &table.target {
+            Some(target) => {
+                let label = body.named(target);
+                let label = label.ok_or_else(|| self.no_target(target, body, warnings))?;
+                let names: Vec<String> = body.matching(target).iter().map(|label| body.name(*label)).collect();
+                if names.len() > 1 {
+                    let found = some_of(&names);
+                    notes.push(format!("the target \"{target}\" is the largest of {found}"));
+                }
+                label
+            }
+            None => body.largest_organ().ok_or_else(|| {
+                let expected = "labelled tissue, or a `[pose]`";
+                self.wrong_keys(
+                    "volume",
+                    "nothing to place the probe over: no voxel is labelled",
+                    expected,
+                )
+            })?,
+        };
+        let options = PlacementOptions {
+            plane: table.plane,
+            shape: probe.shape,
+            depth_mm: probe.depth_mm,
+        };
+        let (tissues, name) = (body.tissues, body.name_with_value(label));
+        let meaning = Meaning {
+            is_body: &|label| !body.is_outside(label),
+            is_bone_or_gas: &|label| tissues.of(label).occlusion_per_mm > 0.0,
+        };
+        match place(body.volume, &[label], &meaning, &options) {
+            Ok(placement) => {
+                notes.push(format!("placed over {name}: {}", placement.note));
+                Pose::from_matrix(&placement.probe_to_world).map_err(|error| self.fault("pose", error))
+            }
+            Err(error) => {
+                warnings.push(format!(
+                    "{error}. The probe is put before {name} at the front of the volume instead"
+                ));
+                body.before(label).map_err(|error| self.fault("pose", error))
+            }
+        }
+    }
+}
+
+impl Body<'_> {
+    /// Whether the tissue of a label is as stiff as bone.
+    pub fn is_bone(&self, label: u8) -> bool {
+        self.tissues.of(label).young_kpa >= RIGID_KPA
+    }
+
+    /// Whether a label is the air around the body.
+    pub fn is_outside(&self, label: u8) -> bool {
+        matches!(self.tissues.of(label).name.as_ref(), "background" | "air")
+    }
+
+    /// Label at a point of the body (world, mm); `None` in air and outside the volume.
+    pub fn label_at(&self, point: &Point3<f64>) -> Option<u8> {
+        let label = self.volume.label_index_at(point);
+        label.filter(|label| *label > 0 && !self.is_outside(*label))
+    }
+
+    fn counts(&self) -> [u64; 256] {
+        let mut counts = [0; 256];
+        for &label in self.volume.voxels() {
+            counts[usize::from(label)] += 1;
+        }
+        counts
+    }
+
+    /// Labels of the volume accepted by `wanted`, the largest first.
+    fn by_size(&self, wanted: impl Fn(u8, &Label) -> bool) -> Vec<u8> {
+        let counts = self.counts();
+        let mut labels: Vec<u8> = (0u8..=255)
+            .zip(self.volume.labels())
+            .skip(1)
+            .filter(|(label, of)| counts[usize::from(*label)] > 0 && wanted(*label, of))
+            .map(|(label, _)| label)
+            .collect();
+        labels.sort_by_key(|label| std::cmp::Reverse(counts[usize::from(*label)]));
+        labels
+    }
+
+    fn largest(&self, wanted: impl Fn(u8, &Label) -> bool) -> Option<u8> {
+        self.by_size(wanted).first().copied()
+    }
+
+    /// Largest soft organ, or else the largest label from the file itself.
+    fn largest_organ(&self) -> Option<u8> {
+        self.largest(|label, _| self.tissues.of(label).soft_organ)
+            .or_else(|| self.largest(|label, of| of.voxels > 0 && !self.is_outside(label)))
+            .or_else(|| self.largest(|label, _| !self.is_outside(label)))
+    }
+
+    /// Largest label that matches a target.
+    pub fn named(&self, target: &str) -> Option<u8> {
+        self.matching(target).first().copied()
+    }
+
+    /// Labels that match a target, the largest first: by value, by complete name, or by a part of a name.
+    fn matching(&self, target: &str) -> Vec<u8> {
+        let meant = Names::new(self.entries()).all(&RegionName::Name(target.to_owned()));
+        self.by_size(|label, _| meant.contains(&label))
+    }
+
+    /// Every label except the background, with its value and names.
+    pub fn entries(&self) -> Vec<(u8, i64, Vec<String>)> {
+        let labels = (0u8..=255).zip(self.volume.labels()).skip(1);
+        labels
+            .map(|(label, of)| (label, of.value, self.names_of(label, of)))
+            .collect()
+    }
+
+    fn names_of(&self, label: u8, of: &Label) -> Vec<String> {
+        let own = of.name.as_deref().into_iter();
+        own.chain([self.tissues.of(label).name.as_ref()]).map(plain).collect()
+    }
+
+    /// The name of a label, or its value.
+    pub fn name(&self, label: u8) -> String {
+        let of = &self.volume.labels()[usize::from(label)];
+        self.names_of(label, of)
+            .into_iter()
+            .next()
+            .unwrap_or_else(|| of.value.to_string())
+    }
+
+    /// The name of a label, or its value with the name of its tissue.
+    fn name_with_value(&self, label: u8) -> String {
+        let of = &self.volume.labels()[usize::from(label)];
+        match of.name {
+            Some(_) => self.name(label),
+            None => format!("label {} ({})", of.value, self.tissues.of(label).name),
+        }
+    }
+
+    /// Pose at the front face of the volume, in front of the centre of a label, directed backwards.
+    fn before(&self, label: u8) -> Result<Pose, insonify_tracking::TrackingError> {
+        let [nx, ny, nz] = self.volume.size();
+        let to_world = self.volume.index_to_world();
+        let (mut sum, mut count) = (Vector3::zeros(), 0.0);
+        for (at, _) in self
+            .volume
+            .voxels()
+            .iter()
+            .enumerate()
+            .filter(|(_, voxel)| **voxel == label)
+        {
+            sum += Vector3::new((at % nx) as f64, (at / nx % ny) as f64, (at / (nx * ny)) as f64);
+            count += 1.0;
+        }
+        let middle = to_world.transform_point(&Point3::from(sum / f64::max(count, 1.0)));
+        let ends = [nx, ny, nz].map(|n| [0.0, n as f64 - 1.0]);
+        let front = (0..8)
+            .map(|corner| Point3::new(ends[0][corner & 1], ends[1][corner >> 1 & 1], ends[2][corner >> 2]))
+            .map(|corner| to_world.transform_point(&corner).y)
+            .fold(f64::INFINITY, f64::min);
+        Pose::from_direction(Point3::new(middle.x, front, middle.z), Vector3::y(), None)
+    }
+}

@@ -1,0 +1,233 @@
+//! Tetrahedral mesh files. The format is recognised from the contents; coordinates are millimetres unless another [`Unit`]
+//! is given.
+//!
+//! | module | formats |
+//! |---|---|
+//! | `gmsh` | Gmsh meshes (`.msh`), read only |
+//! | [`vtk`] | unstructured grids of VTK, legacy (`.vtk`) and XML (`.vtu`) |
+
+mod error;
+mod gmsh;
+pub mod vtk;
+
+pub use error::MeshFileError;
+pub use vtk::write_vtu;
+pub use vtk::{Poly, Values, write_pvd, write_vtp, write_vtu_with};
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::TetMesh;
+use error::{Fault, quote};
+use insonify_base::{memory, read};
+
+/// Default name of the point array with the displacements.
+pub const DISPLACEMENT: &str = "displacement";
+
+/// Approximate memory per element for a mesh and its derived data, in addition to its part of the file, bytes.
+const BYTES_PER_ELEMENT: u64 = 256;
+
+/// Unit of length of the coordinates.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Unit {
+    /// A millimetre.
+    #[default]
+    Mm,
+    /// A centimetre.
+    Cm,
+    /// A metre.
+    M,
+}
+
+impl Unit {
+    /// Returns the unit in millimetres.
+    const fn mm(self) -> f64 {
+        match self {
+            Unit::Mm => 1.0,
+            Unit::Cm => 10.0,
+            Unit::M => 1000.0,
+        }
+    }
+}
+
+/// Longest side of a mesh, read as millimetres, below which it is assumed to be in metres, mm.
+const METRES: f64 = 1.0;
+
+/// Names of the arrays to read, and the unit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ReadOptions<'a> {
+    /// Name of the point array with the displacements (mm, three components), which must exist. Without a name, the array
+    /// [`DISPLACEMENT`] is read if the file has one.
+    pub displacement: Option<&'a str>,
+    /// Name of the cell array with the region numbers, which must exist. Without a name, the first of `region`, `label`,
+    /// `material`, `medit:ref`, `gmsh:physical` and `CellEntityIds` in the file is read; without any, all regions are 0. In
+    /// a Gmsh file the names are `gmsh:physical` (the first physical group, or the volume where there is none; also the
+    /// default) and `gmsh:geometrical` (the volume).
+    pub region: Option<&'a str>,
+    /// Unit of coordinates and displacements.
+    pub unit: Unit,
+}
+
+/// Contents of a mesh file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeshFile {
+    /// The mesh with the node positions of the file: its reference state.
+    pub mesh: TetMesh,
+    /// Displacement of each node, mm.
+    pub displacements: Option<Vec<[f64; 3]>>,
+    /// Number of ignored cells of lower dimension (vertices, lines, surfaces).
+    pub skipped_cells: usize,
+    /// Names of regions, where the file has any (physical groups of Gmsh).
+    pub region_names: BTreeMap<i32, String>,
+    /// Warnings for the user: where regions differ from what might be expected.
+    pub warnings: Vec<String>,
+}
+
+impl MeshFile {
+    /// Returns the current positions of the nodes (mm): reference plus displacement.
+    pub fn current(&self) -> Vec<[f64; 3]> {
+        let nodes = self.mesh.nodes();
+        match &self.displacements {
+            None => nodes.to_vec(),
+            Some(all) => nodes
+                .iter()
+                .zip(all)
+                .map(|(n, u)| [n[0] + u[0], n[1] + u[1], n[2] + u[2]])
+                .collect(),
+        }
+    }
+}
+
+/// The tetrahedra of a file, not yet a mesh.
+#[derive(Debug)]
+struct Parts {
+    nodes: Vec<[f64; 3]>,
+    elements: Vec<[u32; 4]>,
+    regions: Vec<i32>,
+    displacements: Option<Vec<[f64; 3]>>,
+    skipped_cells: usize,
+    region_names: BTreeMap<i32, String>,
+    warnings: Vec<String>,
+}
+
+/// Reads a tetrahedral mesh, with its displacements if there are any.
+///
+/// # Errors
+/// [`MeshFileError`], with the line and byte offset where the contents violate the format.
+pub fn read_mesh(path: &Path, options: &ReadOptions) -> Result<MeshFile, MeshFileError> {
+    let bytes = read::bytes(path, read::MESH).map_err(|source| MeshFileError::Read {
+        path: path.to_owned(),
+        source,
+    })?;
+    read_mesh_bytes(&bytes, path, options)
+}
+
+/// Reads a mesh from memory as [`read_mesh`] does; `path` is used only in errors.
+///
+/// # Errors
+/// As [`read_mesh`].
+pub fn read_mesh_bytes(bytes: &[u8], path: &Path, options: &ReadOptions) -> Result<MeshFile, MeshFileError> {
+    let parts = vtk::read(bytes, options).or_else(|| gmsh::read(bytes, options));
+    let parts = parts.unwrap_or_else(|| {
+        Err(Fault::at(
+            0,
+            quote(&bytes[..bytes.len().min(24)]),
+            "`# vtk DataFile` (legacy VTK), an XML VTKFile of type UnstructuredGrid, or `$MeshFormat` (Gmsh)",
+        ))
+    });
+    let parts = parts.and_then(|parts| {
+        memory::check(BYTES_PER_ELEMENT * parts.elements.len() as u64, "a mesh")?;
+        Ok(parts)
+    });
+    let mut parts = parts.map_err(|fault| fault.locate(bytes, path))?;
+    if options.unit != Unit::Mm {
+        let vectors = parts.nodes.iter_mut().chain(parts.displacements.iter_mut().flatten());
+        vectors.flatten().for_each(|x| *x *= options.unit.mm());
+    }
+    let mesh = TetMesh::new(parts.nodes, parts.elements, parts.regions).map_err(|source| MeshFileError::Mesh {
+        path: path.to_owned(),
+        source,
+    })?;
+    parts.warnings.extend(small(&mesh));
+    Ok(MeshFile {
+        mesh,
+        displacements: parts.displacements,
+        skipped_cells: parts.skipped_cells,
+        region_names: parts.region_names,
+        warnings: parts.warnings,
+    })
+}
+
+/// Returns a warning about a mesh whose coordinates seem to be metres.
+fn small(mesh: &TetMesh) -> Option<String> {
+    let [low, high] = mesh.bounds();
+    let longest = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
+    (longest < METRES).then(|| {
+        format!("the mesh is {longest:.3} mm long at most; if its coordinates are metres, state the unit: `mesh_unit = \"m\"`")
+    })
+}
+
+/// Reader of words and lines, each with its byte offset.
+struct Cursor<'a> {
+    pub bytes: &'a [u8],
+    pub at: usize,
+}
+
+impl<'a> Cursor<'a> {
+    pub fn new(bytes: &'a [u8]) -> Cursor<'a> {
+        Cursor { bytes, at: 0 }
+    }
+
+    /// Returns the unread bytes.
+    pub fn rest(&self) -> &'a [u8] {
+        &self.bytes[self.at..]
+    }
+
+    /// Reads the rest of the line, without its end.
+    pub fn line(&mut self) -> &'a [u8] {
+        let rest = self.rest();
+        let end = rest.iter().position(|b| *b == b'\n').unwrap_or(rest.len());
+        self.at += (end + 1).min(rest.len());
+        &rest[..end]
+    }
+
+    /// Returns the next word and its offset without consuming it; empty at the end.
+    pub fn peek(&self) -> (usize, &'a [u8]) {
+        let rest = self.rest();
+        let start = rest.iter().position(|b| !b.is_ascii_whitespace()).unwrap_or(rest.len());
+        let end = rest[start..]
+            .iter()
+            .position(u8::is_ascii_whitespace)
+            .map_or(rest.len(), |n| start + n);
+        (self.at + start, &rest[start..end])
+    }
+
+    /// Reads the next word and its offset; empty at the end.
+    pub fn word(&mut self) -> (usize, &'a [u8]) {
+        let (at, word) = self.peek();
+        self.at = at + word.len();
+        (at, word)
+    }
+
+    /// Reads the next word as a number; `expected` describes it.
+    pub fn number<T: std::str::FromStr>(&mut self, expected: impl FnOnce() -> String) -> Result<T, Fault> {
+        let (at, word) = self.word();
+        let number = std::str::from_utf8(word).ok().and_then(|word| word.parse().ok());
+        number.ok_or_else(|| Fault::at(at, quote(word), expected()))
+    }
+
+    pub fn count(&mut self) -> Result<usize, Fault> {
+        self.number(|| "a count".to_owned())
+    }
+
+    /// Reads the next `count` bytes.
+    pub fn take(&mut self, count: usize) -> Option<&'a [u8]> {
+        let taken = self.rest().get(..count)?;
+        self.at += count;
+        Some(taken)
+    }
+}

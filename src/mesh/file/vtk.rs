@@ -1,0 +1,119 @@
+//! VTK files of unstructured grids, legacy (`.vtk`) and XML (`.vtu`); poly-data (`.vtp`), written only.
+//!
+//! Formats as in "VTK File Formats" (Kitware, VTK documentation): legacy versions up to 5.1, ASCII and binary; XML with
+//! ascii, base64 and appended (raw or base64) arrays, uncompressed or compressed by zlib.
+
+mod grid;
+mod legacy;
+mod poly;
+mod write;
+mod xml;
+
+pub use poly::{Poly, write_vtp};
+pub use write::write_vtu;
+pub use write::{Values, write_vtu_with};
+
+use std::io::Write;
+use std::path::Path;
+
+use super::error::{Fault, MeshFileError, quote};
+use super::{Cursor, Parts, ReadOptions};
+use insonify_base::output::atomic;
+use insonify_base::text::escape;
+
+/// First bytes of a legacy file.
+const LEGACY: &[u8] = b"# vtk DataFile";
+
+/// Returns the tetrahedra of a VTK file, or `None` where the contents are not a VTK file.
+pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Option<Result<Parts, Fault>> {
+    let grid = if bytes.starts_with(LEGACY) {
+        legacy::parse(bytes)
+    } else if bytes.trim_ascii_start().starts_with(b"<") {
+        xml::parse(bytes, |of_points, name| grid::is_wanted(of_points, name, options))
+    } else {
+        return None;
+    };
+    Some(grid.and_then(|grid| grid.select(options)))
+}
+
+/// Number type.
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    F32,
+    F64,
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    I64,
+    U64,
+}
+
+impl Kind {
+    /// Returns the size of a value, bytes.
+    pub fn size(self) -> usize {
+        match self {
+            Kind::I8 | Kind::U8 => 1,
+            Kind::I16 | Kind::U16 => 2,
+            Kind::F32 | Kind::I32 | Kind::U32 => 4,
+            Kind::F64 | Kind::I64 | Kind::U64 => 8,
+        }
+    }
+
+    /// Returns the value whose bytes are the low ones of `word`.
+    pub fn value(self, word: u64) -> f64 {
+        match self {
+            Kind::F32 => f64::from(f32::from_bits(word as u32)),
+            Kind::F64 => f64::from_bits(word),
+            Kind::I8 => f64::from(word as i8),
+            Kind::I16 => f64::from(word as i16),
+            Kind::I32 => f64::from(word as i32),
+            Kind::I64 => word as i64 as f64,
+            Kind::U8 | Kind::U16 | Kind::U32 | Kind::U64 => word as f64,
+        }
+    }
+}
+
+/// Reads an unsigned word of up to eight bytes.
+fn word(bytes: &[u8], big_endian: bool) -> u64 {
+    let shift = |word: u64, byte: &u8| word << 8 | u64::from(*byte);
+    if big_endian {
+        bytes.iter().fold(0, shift)
+    } else {
+        bytes.iter().rev().fold(0, shift)
+    }
+}
+
+/// Writes a time series: the time of each file (any unit, finite) and its name, relative to the folder of `path`.
+///
+/// # Errors
+/// [`MeshFileError::Time`] for a time that is not finite; [`MeshFileError::Write`].
+pub fn write_pvd(path: &Path, files: &[(f64, String)]) -> Result<(), MeshFileError> {
+    if let Some((time, file)) = files.iter().find(|(time, _)| !time.is_finite()) {
+        return Err(MeshFileError::Time {
+            path: path.to_owned(),
+            file: file.clone(),
+            time: *time,
+        });
+    }
+    atomic::write(path, |out| {
+        writeln!(
+            out,
+            "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"1.0\" byte_order=\"LittleEndian\">\n<Collection>"
+        )?;
+        for (time, file) in files {
+            writeln!(
+                out,
+                "<DataSet timestep=\"{time:?}\" part=\"0\" file=\"{}\"/>",
+                escape(file)
+            )?;
+        }
+        writeln!(out, "</Collection>\n</VTKFile>")
+    })?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests;

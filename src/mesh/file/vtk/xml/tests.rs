@@ -1,0 +1,159 @@
+use std::io::Write as _;
+
+use super::super::tests::{expected, read, sample};
+use crate::TetMesh;
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+
+/// Every data array of the sample as VTK type, name, components and little-endian bytes.
+struct Arrays {
+    points: Vec<u8>,
+    connectivity: Vec<u8>,
+    offsets: Vec<u8>,
+    types: Vec<u8>,
+    regions: Vec<u8>,
+    displacement: Vec<u8>,
+}
+
+fn arrays(mesh: &TetMesh, displacements: &[[f64; 3]]) -> Arrays {
+    let floats = |v: &[[f64; 3]]| v.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect();
+    let cells = mesh.elements().len();
+    Arrays {
+        points: floats(mesh.nodes()),
+        connectivity: mesh
+            .elements()
+            .as_flattened()
+            .iter()
+            .flat_map(|n| i64::from(*n).to_le_bytes())
+            .collect(),
+        offsets: (1..=cells as i32).flat_map(|n| (4 * n).to_le_bytes()).collect(),
+        types: vec![10; cells],
+        regions: mesh.regions().iter().flat_map(|n| n.to_le_bytes()).collect(),
+        displacement: floats(displacements),
+    }
+}
+
+/// Returns a `.vtu` file whose arrays are written by `put`, which returns the attributes and the text of an array.
+fn vtu(header: &str, tail: &str, mut put: impl FnMut(&[u8]) -> (String, String)) -> String {
+    let (mesh, displacements) = sample();
+    let a = arrays(&mesh, &displacements);
+    let mut array = |kind: &str, name: &str, components: usize, bytes: &[u8]| {
+        let (attributes, text) = put(bytes);
+        format!(
+            "<DataArray type=\"{kind}\" Name=\"{name}\" NumberOfComponents='{components}' {attributes}>{text}</DataArray>\n"
+        )
+    };
+    let points = array("Float64", "Points", 3, &a.points);
+    let cells = array("Int64", "connectivity", 1, &a.connectivity)
+        + &array("Int32", "offsets", 1, &a.offsets)
+        + &array("UInt8", "types", 1, &a.types);
+    let point_data = array("Float64", "displacement", 3, &a.displacement);
+    let cell_data = array("Int32", "region", 1, &a.regions);
+    format!(
+        "<?xml version=\"1.0\"?>\n<!-- <Piece> -->\n<VTKFile type=\"UnstructuredGrid\" byte_order=\"LittleEndian\" {header}>\n\
+         <UnstructuredGrid>\n<Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n<PointData Vectors=\"displacement\">{point_data}\
+         </PointData>\n<CellData>{cell_data}</CellData>\n<Points>{points}</Points>\n<Cells>{cells}</Cells>\n</Piece>\n\
+         </UnstructuredGrid>\n{tail}</VTKFile>\n",
+        mesh.nodes().len(),
+        mesh.elements().len()
+    )
+}
+
+fn counted(bytes: &[u8]) -> Vec<u8> {
+    [&(bytes.len() as u32).to_le_bytes()[..], bytes].concat()
+}
+
+/// Compresses an array in blocks of `block` bytes: returns its header and its data.
+fn deflated(bytes: &[u8], block: usize) -> (Vec<u8>, Vec<u8>) {
+    let blocks: Vec<Vec<u8>> = bytes
+        .chunks(block)
+        .map(|chunk| {
+            let mut encoder = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::default());
+            encoder.write_all(chunk).unwrap();
+            encoder.finish().unwrap()
+        })
+        .collect();
+    let words = [blocks.len(), block, bytes.len() % block]
+        .into_iter()
+        .chain(blocks.iter().map(Vec::len));
+    (
+        words.flat_map(|word| (word as u64).to_le_bytes()).collect(),
+        blocks.concat(),
+    )
+}
+
+#[test]
+fn every_encoding_of_vtu_gives_the_same_mesh() {
+    let expected = expected();
+    let binary = |text: String| ("format=\"binary\"".to_owned(), format!("\n{text}\n"));
+
+    let inline = vtu("", "", |bytes| binary(STANDARD.encode(counted(bytes))));
+    assert_eq!(read(inline.as_bytes()).unwrap(), expected);
+
+    let header = "header_type='UInt64' compressor='vtkZLibDataCompressor'";
+    let zlib = vtu(header, "", |bytes| {
+        let (header, data) = deflated(bytes, 96);
+        binary(STANDARD.encode(header) + &STANDARD.encode(data))
+    });
+    assert_eq!(read(zlib.as_bytes()).unwrap(), expected);
+
+    for (encoding, compressed) in [("raw", false), ("raw", true), ("base64", false), ("base64", true)] {
+        let mut data: Vec<u8> = b"_".to_vec();
+        let body = vtu(if compressed { header } else { "" }, "@", |bytes| {
+            let attributes = format!("format=\"appended\" offset=\"{}\"", data.len() - 1);
+            match (encoding, compressed) {
+                ("raw", false) => data.extend(counted(bytes)),
+                ("raw", true) => data.extend([deflated(bytes, 96).0, deflated(bytes, 96).1].concat()),
+                (_, false) => data.extend(STANDARD.encode(counted(bytes)).bytes()),
+                (_, true) => {
+                    let (header, packed) = deflated(bytes, 96);
+                    data.extend((STANDARD.encode(header) + &STANDARD.encode(packed)).bytes());
+                }
+            }
+            (attributes, String::new())
+        });
+        let (start, end) = body.split_once('@').unwrap();
+        let open = format!("<AppendedData encoding=\"{encoding}\">\n  ");
+        let all = [
+            start.as_bytes(),
+            open.as_bytes(),
+            &data,
+            b"\n</AppendedData>",
+            end.as_bytes(),
+        ]
+        .concat();
+        assert_eq!(read(&all).unwrap(), expected, "{encoding} {compressed}");
+    }
+}
+
+#[test]
+fn ascii_vtu_is_read() {
+    let text = "<VTKFile type='UnstructuredGrid'><UnstructuredGrid><Piece NumberOfPoints='4' NumberOfCells='2'>
+        <Points><DataArray type='Float32' NumberOfComponents='3' format='ascii'>0 0 0 1 0 0 0 1 0 0 0 1</DataArray></Points>
+        <Cells><DataArray type='Int32' Name='connectivity' format='ascii'>0 1 2 3 0 1 2</DataArray>
+        <DataArray type='Int32' Name='offsets' format='ascii'>4 7</DataArray>
+        <DataArray type='UInt8' Name='types' format='ascii'>10 5</DataArray></Cells>
+        </Piece></UnstructuredGrid></VTKFile>";
+    let file = read(text.as_bytes()).unwrap();
+    assert_eq!((file.mesh.elements(), file.skipped_cells), (&[[0, 1, 2, 3]][..], 1));
+    let bad = text.replace("0 0 1</DataArray>", "0 0 l</DataArray>");
+    let error = read(bad.as_bytes()).unwrap_err().to_string();
+    assert!(error.contains("line 2") && error.contains("`l`"), "{error}");
+}
+
+#[test]
+fn hostile_headers_set_no_memory_aside() {
+    let header = "header_type='UInt64' compressor='vtkZLibDataCompressor'";
+    for words in [
+        [u64::MAX, 8, 0, 3],
+        [1, u64::MAX, 0, 3],
+        [1, 1 << 40, 0, 3],
+        [1, 8, 0, u64::MAX],
+    ] {
+        let bytes: Vec<u8> = words.iter().flat_map(|w| w.to_le_bytes()).collect();
+        let text = vtu(header, "", |_| {
+            ("format='binary'".into(), STANDARD.encode(&bytes) + "AAAA")
+        });
+        assert!(read(text.as_bytes()).is_err());
+    }
+}

@@ -1,0 +1,100 @@
+//! Connected parts of a mesh, and duplicated elements.
+
+use super::Shape;
+use crate::{NONE, TetMesh};
+
+pub(super) const ML_PER_MM3: f64 = 1e-3;
+
+/// A connected part of a mesh.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Part {
+    /// First element of the part.
+    pub first: u32,
+    /// Number of its elements.
+    pub elements: usize,
+    /// Sum of their signed volumes, ml.
+    pub volume_ml: f64,
+}
+
+/// Returns the parts connected through common nodes, by first element.
+pub(super) fn by_nodes(mesh: &TetMesh, shapes: &[Shape]) -> Vec<Part> {
+    let mut sets = Sets::new(mesh.nodes().len());
+    for corners in mesh.elements() {
+        corners[1..].iter().for_each(|corner| sets.join(corners[0], *corner));
+    }
+    // The part of a root node.
+    let mut part_of = vec![NONE; mesh.nodes().len()];
+    let mut parts: Vec<Part> = Vec::new();
+    for (element, (corners, shape)) in (0..).zip(mesh.elements().iter().zip(shapes)) {
+        let place = &mut part_of[sets.root(corners[0]) as usize];
+        if *place == NONE {
+            *place = parts.len() as u32;
+            parts.push(Part {
+                first: element,
+                elements: 0,
+                volume_ml: 0.0,
+            });
+        }
+        let part = &mut parts[*place as usize];
+        part.elements += 1;
+        part.volume_ml += shape.volume_mm3 * ML_PER_MM3;
+    }
+    parts
+}
+
+/// Returns the number of parts connected through common faces.
+pub(super) fn by_faces(mesh: &TetMesh) -> usize {
+    let mut sets = Sets::new(mesh.elements().len());
+    for (element, neighbours) in (0..).zip(mesh.neighbours()) {
+        let inside = neighbours.iter().filter(|other| **other != NONE);
+        inside.for_each(|other| sets.join(element, *other));
+    }
+    (0..mesh.elements().len() as u32)
+        .filter(|element| sets.root(*element) == *element)
+        .count()
+}
+
+/// Returns the elements with the corners of an earlier one, in any order, preceded by that one.
+pub(super) fn duplicates(elements: &[[u32; 4]]) -> Vec<[u32; 2]> {
+    let mut sorted: Vec<([u32; 4], u32)> = elements
+        .iter()
+        .zip(0..)
+        .map(|(corners, element)| {
+            let mut corners = *corners;
+            corners.sort_unstable();
+            (corners, element)
+        })
+        .collect();
+    sorted.sort_unstable();
+    let same = sorted.chunk_by(|a, b| a.0 == b.0);
+    let mut found: Vec<[u32; 2]> = same
+        .flat_map(|all| all[1..].iter().map(|(_, element)| [all[0].1, *element]))
+        .collect();
+    found.sort_unstable_by_key(|pair| pair[1]);
+    found
+}
+
+/// Disjoint sets of numbers, each represented by its least member.
+struct Sets(Vec<u32>);
+
+impl Sets {
+    fn new(members: usize) -> Sets {
+        Sets((0..members as u32).collect())
+    }
+
+    fn root(&mut self, member: u32) -> u32 {
+        let parents = &mut self.0;
+        let mut at = member;
+        while parents[at as usize] != at {
+            // Each step halves the path for the next time.
+            parents[at as usize] = parents[parents[at as usize] as usize];
+            at = parents[at as usize];
+        }
+        at
+    }
+
+    fn join(&mut self, a: u32, b: u32) {
+        let (a, b) = (self.root(a), self.root(b));
+        self.0[a.max(b) as usize] = a.min(b);
+    }
+}

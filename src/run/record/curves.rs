@@ -1,0 +1,126 @@
+//! Curves over the steps of a run, thinned to the resolution of a plot while keeping every peak.
+
+use crate::input::scenario::Scenario;
+use crate::run::Step;
+use insonify_report::plot::{Axis, Marker, Plot, Series};
+
+/// Number of intervals of steps for which a curve keeps minimum and maximum: about one per pixel.
+pub const STRETCHES: u64 = 800;
+/// Maximum number of individually marked steps that remesh.
+const MARKED: usize = 1500;
+/// Time of a step at haptic rate, ms.
+const HAPTIC_MS: f64 = 1.0;
+
+/// Minimum and maximum of an interval, each with its time, s.
+type Extremes = [[f64; 2]; 2];
+
+#[derive(Clone, Debug, Default)]
+pub struct Curve {
+    points: Vec<Extremes>,
+}
+
+impl Curve {
+    pub fn add(&mut self, time_s: f64, value: f64, starts: bool) {
+        let point = [time_s, value];
+        match self.points.last_mut().filter(|_| !starts) {
+            Some([least, most]) => {
+                if value < least[1] {
+                    *least = point;
+                }
+                if value > most[1] {
+                    *most = point;
+                }
+            }
+            None => self.points.push([point; 2]),
+        }
+    }
+
+    pub fn series(&self, name: &str, colour: usize) -> Series {
+        let mut points = Vec::with_capacity(2 * self.points.len());
+        for &[a, b] in &self.points {
+            let (first, last) = if a[0] <= b[0] { (a, b) } else { (b, a) };
+            points.push(first);
+            if first != last {
+                points.push(last);
+            }
+        }
+        Series::line(name, colour, points)
+    }
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct Curves {
+    steps_a_stretch: u64,
+    axial: Curve,
+    lateral: Curve,
+    probe: Option<Curve>,
+    inserted: Curve,
+    deflection: Curve,
+    target: Option<Curve>,
+    ms: Curve,
+    remeshed: Vec<[f64; 2]>,
+    end_s: f64,
+}
+
+impl Curves {
+    pub fn new(scenario: &Scenario) -> Self {
+        Self {
+            steps_a_stretch: scenario.timing.steps.div_ceil(STRETCHES).max(1),
+            probe: scenario.contact.is_some().then(Curve::default),
+            target: (!scenario.targets.is_empty()).then(Curve::default),
+            ..Self::default()
+        }
+    }
+
+    pub fn add(&mut self, step: &Step<'_>, target_mm: Option<f64>) {
+        let starts = (step.number - 1).is_multiple_of(self.steps_a_stretch);
+        let (time_s, outcome) = (step.time_s, step.outcome);
+        let force = outcome.on_hand.in_frame(&step.base).force_n;
+        self.axial.add(time_s, force.z, starts);
+        self.lateral.add(time_s, force.x.hypot(force.y), starts);
+        if let (Some(curve), Some(wrench)) = (&mut self.probe, &outcome.on_probe) {
+            curve.add(time_s, wrench.force_n.norm(), starts);
+        }
+        self.inserted.add(time_s, outcome.inserted_mm, starts);
+        self.deflection.add(time_s, outcome.tip_deflection_mm, starts);
+        if let (Some(curve), Some(distance)) = (&mut self.target, target_mm) {
+            curve.add(time_s, distance, starts);
+        }
+        self.ms.add(time_s, step.ms, starts);
+        if outcome.remeshes > 0 && self.remeshed.len() < MARKED {
+            self.remeshed.push([time_s, step.ms]);
+        }
+        self.end_s = time_s;
+    }
+
+    pub fn plots(&self) -> [Plot; 3] {
+        let mut forces = vec![
+            self.axial.series("along the needle", 0),
+            self.lateral.series("across the needle", 1),
+        ];
+        forces.extend(self.probe.iter().map(|curve| curve.series("on the probe", 2)));
+        let mut tip = vec![
+            self.inserted.series("inserted", 0),
+            self.deflection.series("tip deflection", 1),
+        ];
+        tip.extend(
+            self.target
+                .iter()
+                .map(|curve| curve.series("distance to the target", 2)),
+        );
+        let remeshed = Series::points("steps that remesh", 1, Marker::Cross, self.remeshed.clone());
+        let limit = vec![[0.0, HAPTIC_MS], [self.end_s, HAPTIC_MS]];
+        let haptic = Series::line("1 ms: haptic rate", 6, limit);
+        let times = vec![self.ms.series("all steps", 0), remeshed, haptic];
+        let plot = |title: &str, y, series| Plot::new(title, Axis::linear("simulated time, s"), y, series);
+        [
+            plot(
+                "Force on the hand (along: positive into the body)",
+                Axis::linear("force, N"),
+                forces,
+            ),
+            plot("Tip of the needle", Axis::linear("mm"), tip),
+            plot("Time of a step", Axis::log("ms"), times),
+        ]
+    }
+}

@@ -1,0 +1,405 @@
+//! Summary of a run.
+
+use nalgebra::Point3;
+use serde::Serialize;
+
+use super::Step;
+use crate::input::scenario::Scenario;
+use crate::input::scenario::points::{Displaced, Extremes};
+use insonify_base::statistics::Times;
+use insonify_mechanics::insertion::{Event, EventKind, LevelChange, Snapshot, Tissue};
+
+/// Maximum number of events kept: a run that never converges reports one per step.
+const MAX_EVENTS: usize = 10_000;
+
+/// Summary of a run, as `insonify insert --json` prints it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Summary {
+    /// Number of steps.
+    pub steps: u64,
+    /// Simulated time, s.
+    pub simulated_s: f64,
+    /// Number of nodes of the mesh.
+    pub nodes: usize,
+    /// Number of tetrahedra of the mesh.
+    pub elements: usize,
+    /// Number of nodes that the probe can touch.
+    pub probe_candidates: usize,
+    /// Largest force on the hand, N.
+    pub max_base_force_n: f64,
+    /// Largest force on the probe, N; `None` without a probe in contact.
+    pub max_probe_force_n: Option<f64>,
+    /// Largest distance of the tip from that of the unloaded needle, mm.
+    pub tip_deflection_mm: f64,
+    /// Largest depth of the tip, mm.
+    pub max_inserted_mm: f64,
+    /// Number of nodes moved to the tip or back.
+    pub remeshes: u64,
+    /// Number of steps that did not converge.
+    pub not_converged: u64,
+    /// Maximum number of inverted elements, evaluated at frames and mesh outputs: tissue was crushed there. `None` without such
+    /// outputs.
+    pub max_inverted_elements: Option<usize>,
+    /// Distribution of step times.
+    pub step_ms: StepMs,
+    /// Changes of the level of remeshing.
+    pub level_changes: Vec<LevelChanged>,
+    /// Events of the run.
+    pub events: Vec<EventRecord>,
+    /// Seeds, in the order of deposition.
+    pub seeds: Vec<Seed>,
+    /// Closest approach to each target.
+    pub targets: Vec<Reached>,
+    /// Displacement of each reported point: its extremes over the frames of the run; absent without any.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub points: Vec<Extremes>,
+    /// Critical structures near the tip; `None` if there is none within 30 mm of the planned path.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub critical: Option<CriticalMet>,
+    /// Warnings of the run.
+    pub warnings: Vec<String>,
+}
+
+/// Critical structures met in a run.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct CriticalMet {
+    /// Number of times that the tip entered one.
+    pub entries: usize,
+    /// Least distance of the tip from one in the anatomy at rest, mm.
+    pub clearance_mm: f64,
+}
+
+/// Distribution of step times, ms; percentiles to within 0.6 %.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct StepMs {
+    /// Median.
+    pub median: f64,
+    /// 95th percentile.
+    pub p95: f64,
+    /// 99th percentile.
+    pub p99: f64,
+    /// Maximum.
+    pub max: f64,
+    /// Median of steps that remesh; `None` if there are none.
+    pub remesh_median: Option<f64>,
+    /// Maximum of steps that remesh; `None` if there are none.
+    pub remesh_max: Option<f64>,
+}
+
+/// A change of the level of remeshing.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LevelChanged {
+    /// Time at the end of the step before the change, s from the start of the run.
+    pub time_s: f64,
+    /// Level before the change.
+    pub from: String,
+    /// Level after the change.
+    pub to: String,
+    /// Change of the force on the hand at the same pose, N.
+    pub force_jump_n: f64,
+    /// Largest change of an entry of the compliance at the contacts, over its largest entry.
+    pub compliance_change: f64,
+    /// Duration of the change on this machine, s.
+    pub seconds: f64,
+}
+
+/// An event.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct EventRecord {
+    /// Machine-readable kind: `surface`, `puncture`, `region`, `bone`, `critical`, `out`, `seed`, `not-remeshed`,
+    /// `not-converged`, `crushed` or `device-lost`.
+    pub kind: &'static str,
+    /// Description for the user.
+    pub text: String,
+    /// Time, s from the start of the run.
+    pub time_s: f64,
+    /// Position, mm.
+    pub at_mm: [f64; 3],
+    /// Region concerned.
+    pub region: Option<String>,
+}
+
+/// A deposited seed.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Seed {
+    /// Time of deposition, s from the start of the run.
+    pub time_s: f64,
+    /// Planned position in the anatomy at rest, mm; `None` for a seed that was only commanded.
+    pub planned_mm: Option<[f64; 3]>,
+    /// Position of the tip at deposition, mm.
+    pub left_at_mm: [f64; 3],
+    /// Position in the anatomy at rest of the tissue that contains it, mm; `None` if it was left outside tissue.
+    pub deposited_mm: Option<[f64; 3]>,
+    /// Distance from `planned_mm` to `deposited_mm`, mm.
+    pub distance_mm: Option<f64>,
+}
+
+/// Closest approach to a target, in the anatomy at rest.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Reached {
+    /// Name of the target.
+    pub name: String,
+    /// Position of the target, mm.
+    pub at_mm: [f64; 3],
+    /// Smallest distance of the tip from the target, mm.
+    pub nearest_tip_mm: f64,
+    /// Distance of the nearest seed from the target, mm; `None` without seeds in tissue.
+    pub nearest_seed_mm: Option<f64>,
+}
+
+/// Describes an event for the user.
+fn in_words(kind: EventKind, region: Option<&str>, is_skin: bool) -> String {
+    let surface = match region {
+        Some(_) if is_skin => "skin".to_owned(),
+        Some(region) => format!("surface of {region}"),
+        None => "surface".to_owned(),
+    };
+    let region = region.unwrap_or("tissue without a name");
+    match kind {
+        EventKind::Skin => format!("{surface} touched"),
+        EventKind::Puncture => format!("{surface} punctured"),
+        EventKind::Region => format!("entering {region}"),
+        EventKind::Bone => format!("bone met: {region}"),
+        EventKind::Critical => format!("critical structure entered: {region}"),
+        EventKind::Out => "needle out of the body".to_owned(),
+        EventKind::Seed => format!("seed left in {region}"),
+        EventKind::NotRemeshed => "the mesh does not follow the tip".to_owned(),
+        EventKind::NotConverged => "step not converged: its forces are approximate".to_owned(),
+        EventKind::Crushed => "elements inverted beside the needle or probe".to_owned(),
+        EventKind::DeviceLost => "the GPU failed: the CPU goes on".to_owned(),
+    }
+}
+
+/// Running summary of a run.
+pub struct Tally<'a> {
+    scenario: &'a Scenario,
+    ms: Times,
+    remesh_ms: Times,
+    summary: Summary,
+    /// Indices of the seeds taken by the model, among all seeds.
+    taken: Vec<usize>,
+    unheard: u64,
+}
+
+impl<'a> Tally<'a> {
+    pub fn new(scenario: &'a Scenario) -> Self {
+        let contact = scenario.contact.as_ref();
+        let summary = Summary {
+            nodes: scenario.mesh.nodes().len(),
+            elements: scenario.mesh.elements().len(),
+            probe_candidates: contact.map_or(0, |contact| contact.probe.candidates.len()),
+            max_probe_force_n: contact.map(|_| 0.0),
+            targets: scenario
+                .targets
+                .iter()
+                .map(|target| Reached {
+                    name: target.name.clone(),
+                    at_mm: target.at_mm.into(),
+                    nearest_tip_mm: f64::INFINITY,
+                    nearest_seed_mm: None,
+                })
+                .collect(),
+            points: scenario.reports.iter().map(Extremes::new).collect(),
+            warnings: scenario.warnings.clone(),
+            ..Summary::default()
+        };
+        Self {
+            scenario,
+            ms: Times::default(),
+            remesh_ms: Times::default(),
+            summary,
+            taken: Vec::new(),
+            unheard: 0,
+        }
+    }
+
+    pub fn add(&mut self, step: &Step<'_>) {
+        let (summary, outcome) = (&mut self.summary, step.outcome);
+        self.ms.add(step.ms);
+        if outcome.remeshes > 0 {
+            self.remesh_ms.add(step.ms);
+        }
+        summary.steps = step.number;
+        summary.simulated_s = step.time_s;
+        summary.max_base_force_n = summary.max_base_force_n.max(outcome.on_hand.force_n.norm());
+        if let (Some(most), Some(wrench)) = (&mut summary.max_probe_force_n, &outcome.on_probe) {
+            *most = most.max(wrench.force_n.norm());
+        }
+        summary.tip_deflection_mm = summary.tip_deflection_mm.max(outcome.tip_deflection_mm);
+        summary.max_inserted_mm = summary.max_inserted_mm.max(outcome.inserted_mm);
+        summary.remeshes += outcome.remeshes as u64;
+        summary.not_converged += u64::from(!outcome.converged);
+        // Outside the tissue the tip is not displaced.
+        let tip = outcome.tip_at_rest_mm.unwrap_or(outcome.tip_mm);
+        for target in &mut summary.targets {
+            let distance = (tip - Point3::from(target.at_mm)).norm();
+            target.nearest_tip_mm = target.nearest_tip_mm.min(distance);
+        }
+        if let Some(clearance) = step.guidance.clearance_mm {
+            let met = summary.critical.get_or_insert(CriticalMet {
+                entries: 0,
+                clearance_mm: f64::INFINITY,
+            });
+            met.clearance_mm = met.clearance_mm.min(clearance);
+        }
+        let entered = |event: &&Event| event.kind == EventKind::Critical;
+        let entries = outcome.events.iter().filter(entered).count();
+        if entries > 0 {
+            let none = CriticalMet {
+                entries: 0,
+                clearance_mm: 0.0,
+            };
+            summary.critical.get_or_insert(none).entries += entries;
+        }
+        self.seed(step);
+        for event in &outcome.events {
+            if self.summary.events.len() == MAX_EVENTS {
+                self.unheard += 1;
+                continue;
+            }
+            let scenario = self.scenario;
+            let region = event.region.map(|region| scenario.region_name(region).to_owned());
+            let is_skin = event.region.is_some_and(|region| scenario.is_skin(region));
+            self.summary.events.push(EventRecord {
+                kind: event.kind.name(),
+                text: in_words(event.kind, region.as_deref(), is_skin),
+                time_s: event.time_s,
+                at_mm: event.at_mm.into(),
+                region,
+            });
+        }
+    }
+
+    /// Records a change of level before a step.
+    pub fn change(&mut self, step: u64, change: &LevelChange) {
+        self.summary.level_changes.push(LevelChanged {
+            time_s: (step - 1) as f64 * self.scenario.timing.dt_s,
+            from: change.from.to_string(),
+            to: change.to.to_string(),
+            force_jump_n: change.force_jump_n,
+            compliance_change: change.compliance_change,
+            seconds: change.seconds,
+        });
+    }
+
+    /// Records displacements of the reported points.
+    pub fn displace(&mut self, displaced: &Displaced<'_>) {
+        for (point, moved) in self.summary.points.iter_mut().zip(displaced.displacement_mm) {
+            point.add(displaced.time_s, moved);
+        }
+    }
+
+    /// Records the tissue at a frame or mesh output.
+    pub fn see(&mut self, tissue: &Tissue) {
+        let most = &mut self.summary.max_inverted_elements;
+        *most = (*most).max(Some(tissue.inverted));
+    }
+
+    fn seed(&mut self, step: &Step<'_>) {
+        let timing = &self.scenario.timing;
+        let mut deposits = self.scenario.deposits.iter();
+        let Some(deposit) = deposits.find(|of| timing.step_at(of.time_s) == step.number) else {
+            return;
+        };
+        if step.outcome.events.iter().any(|event| event.kind == EventKind::Seed) {
+            self.taken.push(self.summary.seeds.len());
+        }
+        self.summary.seeds.push(Seed {
+            time_s: step.time_s,
+            planned_mm: deposit.planned_mm.map(Into::into),
+            left_at_mm: step.outcome.tip_mm.into(),
+            deposited_mm: None,
+            distance_mm: None,
+        });
+    }
+
+    pub fn finish(mut self, last: &Snapshot) -> Summary {
+        let rank = |share| self.ms.percentile(share).unwrap_or(0.0);
+        self.summary.step_ms = StepMs {
+            median: rank(0.5),
+            p95: rank(0.95),
+            p99: rank(0.99),
+            max: rank(1.0),
+            remesh_median: self.remesh_ms.percentile(0.5),
+            remesh_max: self.remesh_ms.percentile(1.0),
+        };
+        for (seed, place) in self.taken.iter().zip(&last.seeds) {
+            let seed = &mut self.summary.seeds[*seed];
+            seed.deposited_mm = Some((*place).into());
+            seed.distance_mm = seed.planned_mm.map(|planned| (place - Point3::from(planned)).norm());
+            for target in &mut self.summary.targets {
+                let distance = (place - Point3::from(target.at_mm)).norm();
+                target.nearest_seed_mm = Some(target.nearest_seed_mm.map_or(distance, |least| least.min(distance)));
+            }
+        }
+        self.warn();
+        self.summary
+    }
+
+    fn warn(&mut self) {
+        let summary = &mut self.summary;
+        let outside = summary.seeds.iter().filter(|seed| seed.deposited_mm.is_none()).count();
+        if outside > 0 {
+            summary.warnings.push(format!(
+                "{outside} of {} seeds were left outside the tissue",
+                summary.seeds.len()
+            ));
+        }
+        if summary.not_converged > 0 {
+            let (odd, of) = (summary.not_converged, summary.steps);
+            summary.warnings.push(format!(
+                "{odd} of {of} steps did not converge: their forces are approximate"
+            ));
+        }
+        if let Some(inverted @ 1..) = summary.max_inverted_elements {
+            summary.warnings.push(format!(
+                "up to {inverted} elements were inverted at once: tissue is crushed there, and where layers overlap \
+                 only one is imaged"
+            ));
+        }
+        for (kind, what) in [
+            (EventKind::Bone, "the needle hit bone"),
+            (EventKind::Critical, "the needle entered a critical structure"),
+        ] {
+            let met = summary.events.iter().filter(|event| event.kind == kind.name());
+            let mut regions: Vec<&str> = met.clone().filter_map(|event| event.region.as_deref()).collect();
+            regions.sort_unstable();
+            regions.dedup();
+            if let Some(first) = met.clone().next() {
+                let (at, named) = (first.time_s, regions.join(", "));
+                let times = match met.count() {
+                    1 => format!("at {at:.2} s"),
+                    times => format!("{times} times, first at {at:.2} s"),
+                };
+                summary.warnings.push(format!("{what}: {named} ({times})"));
+            }
+        }
+        let count = |kind: EventKind| summary.events.iter().filter(|event| event.kind == kind.name()).count();
+        for (kind, what) in [
+            (
+                EventKind::Crushed,
+                "elements beside the contacts were inverted: tissue is crushed there",
+            ),
+            (EventKind::DeviceLost, "the GPU failed; remeshing continued on the CPU"),
+            (
+                EventKind::NotRemeshed,
+                "the mesh did not follow the tip, as no node could be moved there without spoiling an element; the needle is held by the \
+                 nodes before and after, and forces are less exact there (a finer mesh helps: `tissue.nodes`)",
+            ),
+        ] {
+            let times = count(kind);
+            if times > 0 {
+                let plural = if times == 1 { "once" } else { "more than once" };
+                summary.warnings.push(format!("{what} ({plural}; see the events)"));
+            }
+        }
+        if summary.max_inserted_mm == 0.0 {
+            summary.warnings.push("the needle never met the tissue".to_owned());
+        }
+        if self.unheard > 0 {
+            summary
+                .warnings
+                .push(format!("{} more events are not listed", self.unheard));
+        }
+    }
+}

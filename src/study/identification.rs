@@ -1,0 +1,359 @@
+//! Case files for the identification of force parameters and Young's moduli from a measured insertion (Dehghan et al. 2008, section "Parameter
+//! identification method").
+//!
+//! [`CaseFile`] is the file as written; [`CaseFile::resolve`] reads its scenario and checks it. Errors point at the line.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Point3, Translation3, Unit, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use insonify::input::scenario::{self, Scenario, ScenarioFile, TissueModel};
+use insonify_base::document::InputError;
+use insonify_base::document::{self, InvalidFile, Names, RegionName, Source, Version, nearest};
+use insonify_base::range::parameters;
+use insonify_mechanics::tissue::material::Material;
+
+/// Example case file with every key.
+pub const EXAMPLE: &str = include_str!("../../assets/identification.toml");
+
+/// A measured insertion, and the scenario that is to reproduce it. Paths are relative to the folder of the file.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CaseFile {
+    /// Version of the format: 1, which is the default.
+    pub version: Option<Version>,
+    /// Scenario: mesh or volume, fixed nodes, straight line of the needle, probe. The name of one that comes with the program, or the path of
+    /// one (linear finite elements).
+    pub scenario: String,
+    /// Measured force.
+    pub force: ForceSpec,
+    /// Measured displacement of the tissue; required unless every Young's modulus is known.
+    pub motion: Option<MotionSpec>,
+    /// Poisson's ratios (0 to below 0.5): an identification for each, with all layers of that ratio. Default: one, with those of the scenario.
+    #[serde(default)]
+    pub poisson: Vec<f64>,
+    /// Quantity that is minimised. Default `points`.
+    #[serde(default)]
+    pub cost: Cost,
+    /// Weight W of the displacements measured in each region of the force, two regions a layer (0 or more, not all 0). Default 1 while a layer
+    /// is punctured, 4 behind.
+    pub weights: Option<Vec<f64>>,
+    /// Layers whose Young's modulus is known, or where its search starts.
+    #[serde(default)]
+    pub layer: Vec<LayerSpec>,
+    /// Source text, for errors that point into it.
+    #[serde(skip)]
+    source: Option<Arc<Source>>,
+}
+
+document::input_file!(CaseFile);
+
+/// Measured force.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ForceSpec {
+    /// CSV file with the columns `tip_mm` (tip depth below the surface at rest) and `force_n` (positive while the needle is
+    /// pushed in); or a table `steps.csv` of `insonify insert`.
+    pub file: PathBuf,
+}
+
+/// Measured displacement of the tissue.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MotionSpec {
+    /// CSV file: the table of `insonify motion`, or of `insonify rf --truth`; or the columns `tip_mm`, `node` or `x_mm,y_mm,z_mm` (at rest), and
+    /// `ux_mm`, `uy_mm`, `uz_mm` (some of them; empty cells are not measured).
+    pub file: PathBuf,
+    /// With frames: CSV file with the columns `frame` and `tip_mm`. Default: frames at the rate of the scenario, during its motion of the
+    /// needle.
+    pub frames: Option<PathBuf>,
+}
+
+/// Cost function.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Cost {
+    /// Sum of the squared errors of all displacements (Dehghan et al. 2008, equation 1).
+    #[default]
+    Points,
+    /// Squared error of the mean displacement (Dehghan et al. 2007).
+    Mean,
+}
+
+parameters! {
+    /// A layer.
+    pub struct LayerSpec with required keys {
+        /// Region: its name, a part of its name, or its number.
+        region: RegionName;
+        /// Young's modulus. Default: that of the scenario.
+        young_kpa: Option<f64>, above 0 "kPa";
+        /// Whether the modulus is known; otherwise the search starts there. Default false.
+        #[serde(default)]
+        known: bool;
+    }
+}
+
+/// Distance between samples along the needle's line, mm.
+const STEP_MM: f64 = 0.05;
+/// Largest distance of a straight path from its line, mm.
+const STRAIGHT_MM: f64 = 0.01;
+/// Shortest layer, mm.
+const THIN_MM: f64 = 0.5;
+
+/// A case with its scenario made.
+#[derive(Clone, Debug)]
+pub struct Case {
+    file: CaseFile,
+    /// Scenario whose parameters are identified.
+    pub scenario: Scenario,
+    /// Text of the scenario, and the folder of its paths.
+    pub text: (String, PathBuf),
+    /// Entry of the needle's line into the tissue at rest, mm.
+    pub entry: Point3<f64>,
+    /// Direction of the needle.
+    pub direction: Unit<Vector3<f64>>,
+    /// Base of the needle when its tip is at the entry.
+    base: Isometry3<f64>,
+    /// Way of the tip beyond the entry on the scenario's path, mm.
+    pub deepest_mm: f64,
+    /// Layers in the order in which the needle meets them.
+    pub layers: Vec<Crossed>,
+    /// Table of forces.
+    pub force: PathBuf,
+    /// Table of displacements, and that of frames.
+    pub motion: Option<MotionSpec>,
+    /// Poisson's ratios of the identifications; `None`: those of the scenario.
+    pub poisson: Vec<Option<f64>>,
+    /// Cost function.
+    pub cost: Cost,
+}
+
+/// A layer on the needle's line.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Crossed {
+    /// Number of its region.
+    pub region: i32,
+    /// Name of the region.
+    pub name: String,
+    /// Depth along the line at which it begins, mm.
+    pub begins_mm: f64,
+    /// Material at the start of the search.
+    pub material: Material,
+    /// Whether Young's modulus is known.
+    pub known: bool,
+}
+
+impl CaseFile {
+    /// Reads the scenario and checks every key. `progress` receives the completed fraction of mesh generation.
+    ///
+    /// # Errors
+    /// [`InputError`] with the key and its place in the file.
+    pub fn resolve(self, folder: &Path, progress: impl FnMut(f32)) -> Result<Case, InputError> {
+        let (scenario, text) = self.scenario(folder, progress)?;
+        let (entry, direction, base, deepest_mm) = self.line(&scenario)?;
+        let layers = self.layers(&scenario, &entry, &direction, deepest_mm)?;
+        for (at, found) in self.poisson.iter().enumerate() {
+            if !(0.0..0.5).contains(found) {
+                let wrong = InvalidFile::number(*found, "0 to below 0.5");
+                return Err(self.fault(format!("poisson[{at}]"), wrong));
+            }
+        }
+        let weights = self.weights.iter().flatten();
+        if weights.clone().any(|weight| !(weight.is_finite() && *weight >= 0.0)) {
+            let found = "a weight that is negative or not finite";
+            return Err(self.wrong_keys("weights", found, "numbers of 0 or more"));
+        }
+        if self.weights.is_some() && weights.sum::<f64>() <= 0.0 {
+            return Err(self.wrong_keys("weights", "weights of 0 alone", "a weight above 0"));
+        }
+        if let Some(weights) = self.weights.as_ref().filter(|found| found.len() != 2 * layers.len()) {
+            let found = format!("{} weights", weights.len());
+            let expected = format!("{}, two for each of {} layers", 2 * layers.len(), layers.len());
+            return Err(self.wrong_keys("weights", found, expected));
+        }
+        if self.motion.is_none() && layers.iter().any(|layer| !layer.known) {
+            let expected = "a table `[motion]`, or `known = true` and `young_kpa` for every layer";
+            return Err(self.wrong_keys("motion", "no displacements", expected));
+        }
+        let poisson = match self.poisson.is_empty() {
+            true => vec![None],
+            false => self.poisson.iter().copied().map(Some).collect(),
+        };
+        let path = |path: &Path| folder.join(path);
+        Ok(Case {
+            scenario,
+            text,
+            entry,
+            direction,
+            base,
+            deepest_mm,
+            layers,
+            force: path(&self.force.file),
+            motion: self.motion.as_ref().map(|motion| MotionSpec {
+                file: path(&motion.file),
+                frames: motion.frames.as_deref().map(path),
+            }),
+            poisson,
+            cost: self.cost,
+            file: self,
+        })
+    }
+
+    fn scenario(&self, folder: &Path, progress: impl FnMut(f32)) -> Result<(Scenario, (String, PathBuf)), InputError> {
+        let name = &self.scenario;
+        let path = folder.join(name);
+        let known = scenario::EXAMPLES.iter().find(|(known, _)| known == name);
+        let (text, called, base) = match known {
+            Some((known, text)) if !path.is_file() => ((*text).to_owned(), (*known).to_owned(), folder.to_owned()),
+            _ if path.extension().is_none() && !path.exists() => {
+                let names: Vec<&str> = scenario::EXAMPLES.iter().map(|(name, _)| *name).collect();
+                let help = nearest(name, names.iter().copied()).map(|meant| format!("did you mean \"{meant}\"?"));
+                let expected = format!("one of {}, or the path of a scenario", names.join(", "));
+                return Err(self
+                    .fault("scenario", InvalidFile::name(name, &expected))
+                    .with_help(help));
+            }
+            _ => {
+                let read = document::read(&path)
+                    .map_err(|error: InputError| error.at_key("scenario", self.source.as_ref()))?;
+                let base = path.parent().unwrap_or(Path::new("")).to_owned();
+                (read, path.display().to_string(), base)
+            }
+        };
+        let scenario = ScenarioFile::parse(&text, &called)?.resolve(&base, progress)?;
+        if scenario.modelling.model != TissueModel::FiniteElement {
+            let found = "a scenario whose tissue is not of linear finite elements";
+            return Err(self.wrong_keys("scenario", found, "`tissue.model = \"finite-element\"`"));
+        }
+        Ok((scenario, (text, base)))
+    }
+
+    /// Entry and direction of the needle's line, the base of the needle there, and the largest depth of its tip, mm.
+    fn line(&self, scenario: &Scenario) -> Result<(Point3<f64>, Unit<Vector3<f64>>, Isometry3<f64>, f64), InputError> {
+        let keys = scenario.needle_tip().keys();
+        let first = &keys[0].pose;
+        let (from, direction) = (first.position_mm(), first.axial());
+        let mut length = 0.0_f64;
+        for key in keys {
+            let offset = key.pose.position_mm() - from;
+            let along = offset.dot(&direction);
+            let apart = (offset - direction.into_inner() * along).norm();
+            let turned = key.pose.axial().angle(&direction);
+            if apart > STRAIGHT_MM || turned > 1e-4 {
+                let found = format!("a needle that leaves its line at {} s", key.time_s);
+                return Err(self.wrong_keys("scenario", found, "a scenario whose needle moves along its own axis"));
+            }
+            length = length.max(along);
+        }
+        let at = |distance: f64| from + direction.into_inner() * distance;
+        let steps = (length / STEP_MM) as usize;
+        let met = (0..steps).find(|step| scenario.anatomy.region(&at(*step as f64 * STEP_MM)).is_some());
+        let distance = match met {
+            Some(0) => {
+                let found = "a needle that begins in the tissue";
+                return Err(self.wrong_keys("scenario", found, "a scenario whose needle begins outside"));
+            }
+            Some(step) => (step as f64 - 0.5) * STEP_MM,
+            None => {
+                let found = "a needle that does not enter the tissue";
+                return Err(self.wrong_keys("scenario", found, "a scenario whose needle goes in"));
+            }
+        };
+        let base = Translation3::from(direction.into_inner() * distance) * scenario.needle.base(first);
+        Ok((at(distance), direction, base, length - distance))
+    }
+
+    fn layers(
+        &self,
+        scenario: &Scenario,
+        entry: &Point3<f64>,
+        direction: &Vector3<f64>,
+        deepest_mm: f64,
+    ) -> Result<Vec<Crossed>, InputError> {
+        let mut met: Vec<(i32, f64)> = Vec::new();
+        for step in 1..=(deepest_mm / STEP_MM) as usize {
+            let depth = (step as f64 - 0.5) * STEP_MM;
+            let Some(region) = scenario.anatomy.region(&(entry + direction * depth)) else {
+                let found = format!("a gap in the tissue on the needle's line, {depth:.1} mm deep");
+                return Err(self.wrong_keys("scenario", found, "a line that stays in the tissue"));
+            };
+            if met.last().is_some_and(|last| last.0 == region) {
+                continue;
+            }
+            if met.last().is_some_and(|last| depth - last.1 < THIN_MM) {
+                met.pop();
+            }
+            if met.last().is_none_or(|last| last.0 != region) {
+                met.push((region, if met.is_empty() { 0.0 } else { depth - 0.5 * STEP_MM }));
+            }
+        }
+        let mut layers = Vec::new();
+        for (at, (region, begins_mm)) in met.iter().enumerate() {
+            if met[..at].iter().any(|(before, _)| before == region) {
+                let found = format!("a needle that meets {} twice", scenario.region_name(*region));
+                return Err(self.wrong_keys("scenario", found, "a region for each layer on the line"));
+            }
+            let mut elements = scenario.mesh.regions().iter().zip(&scenario.materials);
+            let Some((_, material)) = elements.find(|(other, _)| *other == region) else {
+                let found = format!(
+                    "{} on the needle's line without an element",
+                    scenario.region_name(*region)
+                );
+                return Err(self.wrong_keys("scenario", found, "a finer mesh (`tissue.nodes`)"));
+            };
+            layers.push(Crossed {
+                region: *region,
+                name: scenario.region_name(*region).to_owned(),
+                begins_mm: *begins_mm,
+                material: *material,
+                known: false,
+            });
+        }
+        self.stated(scenario, &mut layers)?;
+        Ok(layers)
+    }
+
+    /// Applies the tables `[[layer]]`.
+    fn stated(&self, scenario: &Scenario, layers: &mut [Crossed]) -> Result<(), InputError> {
+        let names = scenario.region_names.iter();
+        let names = Names::new(names.map(|(region, name)| (*region, i64::from(*region), vec![name.clone()])));
+        let mut stated = Vec::new();
+        for (at, spec) in self.layer.iter().enumerate() {
+            let key = |key: &str| format!("layer[{at}].{key}");
+            let found = names.find(&spec.region).map_err(|error| {
+                let help = error.help();
+                self.fault(key("region"), error).with_help(help)
+            })?;
+            let Some(layer) = layers.iter_mut().find(|layer| found.contains(&layer.region)) else {
+                let found = format!("{}, which is not on the needle's line", spec.region);
+                return Err(self.wrong_keys(key("region"), found, "a layer that the needle crosses"));
+            };
+            if stated.contains(&layer.region) {
+                let found = format!("a second table for {}", layer.name);
+                return Err(self.wrong_keys(key("region"), found, "one for each layer"));
+            }
+            stated.push(layer.region);
+            let young_kpa = spec.young_kpa.unwrap_or(layer.material.young_kpa());
+            layer.material = Material::new(young_kpa, layer.material.poisson())
+                .map_err(|error| self.fault(key(&error.key.clone()), error))?;
+            layer.known = spec.known;
+        }
+        Ok(())
+    }
+}
+
+impl Case {
+    /// Base of the needle with its tip at a depth along the line, mm; negative outside the tissue.
+    pub fn base_at(&self, depth_mm: f64) -> Isometry3<f64> {
+        Translation3::from(self.direction.into_inner() * depth_mm) * self.base
+    }
+
+    /// Weights of the regions of the force, two a layer.
+    pub fn weights(&self) -> Vec<f64> {
+        let usual = || (0..2 * self.layers.len()).map(|at| if at % 2 == 0 { 1.0 } else { 4.0 });
+        self.file.weights.clone().unwrap_or_else(|| usual().collect())
+    }
+}

@@ -1,0 +1,44 @@
+//! Built-in measurements: benchmarks, accuracy studies, robustness cases and analyses of rendered frames.
+//!
+//! | module | contents |
+//! |---|---|
+//! | [`anatomies`] | synthetic volumes with closed-form geometry |
+//! | [`mod@bench`] | render times per frame and per pass, and with effects removed one by one |
+//! | [`mod@identify`] | parameters of tissue layers from a measured insertion |
+//! | [`mod@inspect`] | explanation of a single pixel |
+//! | [`beam`] | published centres of motion of a needle in tissue, reproduced |
+//! | [`tradeoff`] | accuracy against computing time |
+//! | `block` | tissue blocks and needles shared by the studies |
+//! | [`matching`] | probe and effects estimated from a real frame |
+//! | [`parity`] | agreement between backends, sample by sample |
+//! | [`path`] | straight needle paths to a target that allow for the deformation |
+//! | [`puncture`] | needle insertion into a slice of liver with a vein |
+//! | [`realism`] | image statistics of rendered and real frames, compared |
+//! | [`stability`] | hard cases for the numerics, with acceptance limits |
+//! | [`step_costs`] | cost of an insertion step for each setting, used by `quality` |
+
+pub mod beam;
+pub mod beam_case;
+pub mod bench;
+pub mod calibration;
+mod error;
+mod fractional;
+pub mod identification;
+pub mod identify;
+pub mod inspect;
+pub mod matching;
+pub mod material_case;
+pub mod path;
+pub mod puncture;
+pub mod realism;
+pub mod registration;
+mod rewritten;
+pub mod score;
+pub mod stability;
+pub mod step_costs;
+#[cfg(test)]
+pub mod testing;
+pub mod texture;
+pub mod tradeoff;
+
+pub use error::StudyError;

@@ -1,0 +1,230 @@
+//! Parameters of tissue from measurements of a rheometer, after Kobayashi et al. 2010 (section 3.1): order and modulus of a
+//! spring-pot from storage and loss moduli (figure 7), modulus, knee and stiffening from creep (equations 2 and 3, figure 8).
+
+mod curve;
+mod measured;
+mod report;
+
+pub use measured::{Creep, Measured, Modulus};
+
+use libm::tgamma;
+use serde::Serialize;
+
+use curve::Curve;
+use insonify_base::statistics::mean;
+use insonify_mechanics::tissue::viscoelastic::point::Structure;
+
+/// Least number of frequencies for two unknowns, and of strains for three.
+const FEWEST: [usize; 2] = [3, 4];
+/// Relative deviation of the loss tangent from that of a spring-pot above which a warning is given.
+const TANGENT: f64 = 0.1;
+
+/// A parameter with its standard error, from the scatter of the measurements about the fit.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Estimate {
+    /// Value.
+    pub value: f64,
+    /// Standard error.
+    pub standard_error: f64,
+}
+
+/// Spring-pot fitted to storage and loss moduli: `G* = G (i w)^k`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Dynamic {
+    /// Order k: common slope of both moduli against frequency on logarithmic scales.
+    pub order: Estimate,
+    /// Modulus G, kPa s^k: geometric mean of |G*| / w^k.
+    pub modulus_kpa: Estimate,
+    /// Slopes of G' and G'' on logarithmic scales.
+    pub slopes: [f64; 2],
+    /// Loss tangent G''/G', geometric mean.
+    pub loss_tangent: f64,
+    /// Loss tangent of a spring-pot of the fitted order, tan(pi k / 2).
+    pub spring_pot_loss_tangent: f64,
+    /// Measurements.
+    #[serde(skip)]
+    pub points: Vec<Modulus>,
+}
+
+/// Modulus against strain fitted to creep: `G = G0 (1 + a (gamma - gamma0)^2)` above the knee gamma0.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Stiffening {
+    /// Order k that the creep was evaluated with.
+    pub order: f64,
+    /// Modulus below the knee G0, kPa s^k.
+    pub modulus_kpa: Estimate,
+    /// Knee gamma0, shear strain; `None` if the modulus does not rise with strain.
+    pub knee_shear: Option<Estimate>,
+    /// Stiffening coefficient a; `None` without a knee.
+    pub stiffening: Option<Estimate>,
+    /// Root mean square of the relative deviation of measured moduli from the fit.
+    pub rms: f64,
+    /// Position of the stiffness relative to the memory.
+    pub memory: Structure,
+    /// Shear strain and modulus by equation 2, kPa s^k, of each measurement.
+    #[serde(skip)]
+    pub points: Vec<[f64; 2]>,
+}
+
+/// Parameters from all measurements given.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Fit {
+    /// From storage and loss moduli.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub dynamic: Option<Dynamic>,
+    /// From creep.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub creep: Option<Stiffening>,
+    /// Doubts about the result, for the user.
+    pub warnings: Vec<String>,
+}
+
+impl Fit {
+    /// Fits measurements. Creep is evaluated with the given order, else with that from the moduli, else with that of the strain in the test of
+    /// the least stress, `gamma ~ t^k`. Equation 2 assumes that the current stiffness divides the integral of the entire load history (`load-integral`); for `rate` the
+    /// parameters are corrected until simulated creep, evaluated in the same way, gives what the measurements give.
+    ///
+    /// # Errors
+    /// The reason, for the user, if the measurements do not determine the parameters.
+    pub fn new(measured: &Measured, order: Option<f64>, memory: Structure) -> Result<Fit, String> {
+        let mut fit = Fit::default();
+        if !measured.moduli.is_empty() {
+            fit.dynamic = Some(dynamic(&measured.moduli, &mut fit.warnings)?);
+        }
+        if !measured.creep.is_empty() {
+            let order = match order.or(fit.dynamic.as_ref().map(|dynamic| dynamic.order.value)) {
+                Some(order) => order,
+                None => of_creep(&measured.creep)?,
+            };
+            fit.creep = Some(creep(&measured.creep, order, memory, &mut fit.warnings)?);
+        }
+        Ok(fit)
+    }
+}
+
+fn dynamic(points: &[Modulus], warnings: &mut Vec<String>) -> Result<Dynamic, String> {
+    let mut frequencies: Vec<f64> = points.iter().map(|point| point.frequency_rad_s).collect();
+    frequencies.sort_by(f64::total_cmp);
+    frequencies.dedup();
+    if frequencies.len() < FEWEST[0] {
+        let (found, least) = (frequencies.len(), FEWEST[0]);
+        return Err(format!(
+            "found moduli at {found} frequencies; expected at least {least}"
+        ));
+    }
+    let of = |of: fn(&Modulus) -> f64| points.iter().map(|point| of(point).ln()).collect::<Vec<f64>>();
+    let (x, storage, loss) = (
+        of(|it| it.frequency_rad_s),
+        of(|it| it.storage_kpa),
+        of(|it| it.loss_kpa),
+    );
+    let complex = of(|it| it.storage_kpa.hypot(it.loss_kpa));
+    let middle = mean(&x);
+    let spread: f64 = x.iter().map(|x| (x - middle).powi(2)).sum();
+    let slope = |y: &[f64]| x.iter().zip(y).map(|(x, y)| (x - middle) * y).sum::<f64>() / spread;
+    let slopes = [slope(&storage), slope(&loss)];
+    let k = 0.5 * (slopes[0] + slopes[1]);
+    if !(k > 0.0 && k < 1.0) {
+        return Err(format!(
+            "both moduli together grow as the frequency to the power {k:.3}; expected a power above 0 and below 1, as of a spring-pot"
+        ));
+    }
+    let count = points.len() as f64;
+    let square = |y: &[f64]| -> f64 {
+        let level = mean(y) - k * middle;
+        x.iter().zip(y).map(|(x, y)| (y - level - k * x).powi(2)).sum()
+    };
+    let scatter = ((square(&storage) + square(&loss)) / (2.0 * count - 3.0)).sqrt();
+    let of_order = scatter / (2.0 * spread).sqrt();
+    let modulus_kpa = (mean(&complex) - k * middle).exp();
+    let (loss_tangent, expected) = (
+        (mean(&loss) - mean(&storage)).exp(),
+        (0.5 * std::f64::consts::PI * k).tan(),
+    );
+    if (loss_tangent / expected - 1.0).abs() > TANGENT {
+        warnings.push(format!(
+            "the loss tangent G''/G' is {loss_tangent:.3}, that of a spring-pot of order {k:.3} {expected:.3}: no spring-pot fits both slope and \
+             loss in this range of frequencies"
+        ));
+    }
+    Ok(Dynamic {
+        order: Estimate {
+            value: k,
+            standard_error: of_order,
+        },
+        modulus_kpa: Estimate {
+            value: modulus_kpa,
+            standard_error: modulus_kpa * (scatter * scatter / count + (middle * of_order).powi(2)).sqrt(),
+        },
+        slopes,
+        loss_tangent,
+        spring_pot_loss_tangent: expected,
+        points: points.to_vec(),
+    })
+}
+
+/// Order from the slope of strain against time, on logarithmic scales, in the test of the least stress.
+fn of_creep(tests: &[Creep]) -> Result<f64, String> {
+    let least = tests.iter().min_by(|a, b| a.stress_kpa.total_cmp(&b.stress_kpa));
+    let rows: Vec<[f64; 2]> = least.iter().flat_map(|test| test.rows.iter().copied()).collect();
+    let (x, y): (Vec<f64>, Vec<f64>) = rows.iter().map(|[time, strain]| (time.ln(), strain.ln())).unzip();
+    let expected = "expected `--order`, a file of moduli, or at least 3 times in that test at which the strain rises with a power above 0 and below 1";
+    if rows.len() < FEWEST[0] {
+        return Err(format!(
+            "the order cannot be found from {} times in the test of the least stress; {expected}",
+            rows.len()
+        ));
+    }
+    let order = insonify_base::statistics::slope(&x, &y);
+    match order > 0.0 && order < 1.0 {
+        true => Ok(order),
+        false => Err(format!(
+            "the strain in the test of the least stress grows as time to the power {order:.3}; {expected}"
+        )),
+    }
+}
+
+/// Shear strain and modulus by equation 2, `G = tau t^k / (gamma Gamma(1 + k))`.
+fn moduli(tests: &[Creep], order: f64) -> Vec<[f64; 2]> {
+    let scale = 1.0 / tgamma(1.0 + order);
+    let of = |test: &Creep| {
+        let stress = test.stress_kpa;
+        let one = move |[time, strain]: &[f64; 2]| [*strain, stress * scale * time.powf(order) / strain];
+        test.rows.iter().map(one).collect::<Vec<_>>()
+    };
+    tests.iter().flat_map(of).collect()
+}
+
+fn creep(tests: &[Creep], order: f64, memory: Structure, warnings: &mut Vec<String>) -> Result<Stiffening, String> {
+    let points = moduli(tests, order);
+    if points.len() < FEWEST[1] {
+        let (found, least) = (points.len(), FEWEST[1]);
+        return Err(format!("found {found} strains; expected at least {least}"));
+    }
+    let seen = Curve::fitted(&points);
+    let errors = seen.errors(&points);
+    let mut curve = seen;
+    if memory == Structure::Rate && curve.has_knee() {
+        curve = seen.corrected(tests, order).map_err(|error| error.to_string())?;
+    }
+    let estimate = |at: usize| Estimate {
+        value: curve.0[at],
+        standard_error: errors[at],
+    };
+    if seen.has_knee() {
+        curve.doubt(&points, warnings);
+    }
+    let knee = curve.has_knee();
+    Ok(Stiffening {
+        order,
+        modulus_kpa: estimate(0),
+        knee_shear: knee.then(|| estimate(1)),
+        stiffening: knee.then(|| estimate(2)),
+        rms: (seen.square(&points) / points.len() as f64).sqrt(),
+        memory,
+        points,
+    })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,240 @@
+//! Modulus against strain, fitted to creep.
+
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
+
+use super::{Creep, moduli};
+use insonify_mechanics::tissue::viscoelastic::HistoryError;
+use insonify_mechanics::tissue::viscoelastic::point::{Body, Control, Knee, Loading, Method, Point, Structure};
+
+/// Number of tried knees between 0 and the largest strain.
+const KNEES: usize = 400;
+/// Ratio of the measured strains on both sides of a knee above which a warning is given.
+const GAP: f64 = 1.3;
+/// Stiffening counts if it explains this many times the variance of its two parameters in noise, and more than this relative
+/// deviation from a constant modulus (root mean square).
+const EXPLAINED: [f64; 2] = [10.0, 1e-3];
+/// Iterations for `rate`, the change that ends them, and steps between two measured times.
+const ROUNDS: usize = 20;
+const SETTLED: f64 = 1e-6;
+const SUBSTEPS: usize = 4;
+/// Halvings of a step, and iterations for a strain.
+const HALVINGS: i32 = 12;
+const MAX_NEWTON: usize = 60;
+
+/// Modulus against strain: G0 (kPa s^k), gamma0 and a; gamma0 infinite and a 0 without a knee.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Curve(pub [f64; 3]);
+
+impl Curve {
+    pub fn has_knee(&self) -> bool {
+        self.0[1].is_finite()
+    }
+
+    fn knee(&self) -> Knee {
+        let [_, strain, stiffening] = self.0;
+        Knee { strain, stiffening }
+    }
+
+    fn at(&self, strain: f64) -> f64 {
+        self.0[0] * self.knee().factor(strain)
+    }
+
+    /// Sum of squared deviations of measured moduli, relative to each.
+    pub fn square(&self, points: &[[f64; 2]]) -> f64 {
+        points
+            .iter()
+            .map(|[strain, g]| (self.at(*strain) / g - 1.0).powi(2))
+            .sum()
+    }
+
+    /// Best curve with this knee: G0 and G0 a follow by linear least squares.
+    fn with_knee(points: &[[f64; 2]], knee: f64) -> Curve {
+        let (mut matrix, mut right) = (Matrix2::zeros(), Vector2::zeros());
+        for [strain, g] in points {
+            let row = Vector2::new(1.0, (strain - knee).max(0.0).powi(2)) / *g;
+            matrix += row * row.transpose();
+            right += row;
+        }
+        match matrix.try_inverse().map(|inverse| inverse * right) {
+            Some(found) if found[0] > 0.0 && found[1] > 0.0 => Curve([found[0], knee, found[1] / found[0]]),
+            _ => Curve([right[0] / matrix[(0, 0)], f64::INFINITY, 0.0]),
+        }
+    }
+
+    pub fn fitted(points: &[[f64; 2]]) -> Curve {
+        let largest = points.iter().map(|point| point[0]).fold(0.0, f64::max);
+        let step = largest / KNEES as f64;
+        let left = |knee: f64| Curve::with_knee(points, knee).square(points);
+        let knees = (0..KNEES).map(|at| step * at as f64);
+        let start = knees.min_by(|a, b| left(*a).total_cmp(&left(*b))).unwrap_or(0.0);
+        // Golden-section search.
+        let (mut low, mut high) = ((start - step).max(0.0), start + step);
+        let golden = 0.5 * (5.0f64.sqrt() - 1.0);
+        while high - low > 1e-9 * largest {
+            let [a, b] = [high - golden * (high - low), low + golden * (high - low)];
+            if left(a) < left(b) {
+                high = b;
+            } else {
+                low = a;
+            }
+        }
+        let (flat, curve) = (
+            Curve::with_knee(points, f64::INFINITY),
+            Curve::with_knee(points, 0.5 * (low + high)),
+        );
+        let (without, with) = (flat.square(points), curve.square(points));
+        let count = points.len() as f64;
+        let noise = with / (count - 3.0).max(1.0);
+        let counts = without - with > 2.0 * EXPLAINED[0] * noise && (without / count).sqrt() > EXPLAINED[1];
+        if counts { curve.refined(points) } else { flat }
+    }
+
+    /// Best curve in strain, by Gauss-Newton steps from this one: a measured strain that errs falsifies both coordinates of its modulus, and
+    /// a fit of moduli alone would find too little stiffening.
+    fn refined(self, points: &[[f64; 2]]) -> Curve {
+        let (mut best, mut left) = (self, self.left(points));
+        for _ in 0..ROUNDS {
+            let (matrix, right) = normal(&best, points);
+            let Some(step) = matrix.try_inverse().map(|inverse| inverse * right) else {
+                break;
+            };
+            let tried = (0..HALVINGS).map(|at| {
+                let share = 0.5f64.powi(at);
+                Curve([0, 1, 2].map(|axis| best.0[axis] - share * step[axis]))
+            });
+            let mut valid = tried.filter(|curve| curve.0[0] > 0.0 && curve.0[1] >= 0.0 && curve.0[2] > 0.0);
+            let Some((next, square)) = valid.find_map(|curve| {
+                let square = curve.left(points);
+                (square < left).then_some((curve, square))
+            }) else {
+                break;
+            };
+            let gained = left - square;
+            (best, left) = (next, square);
+            if gained <= SETTLED * left {
+                break;
+            }
+        }
+        best
+    }
+
+    /// Strain at which the modulus times the strain is `product`.
+    fn strain(&self, product: f64) -> f64 {
+        let (knee, g0) = (self.knee(), self.0[0]);
+        // From the strain without stiffening, Newton's iteration descends without overshoot: the product is convex.
+        let mut strain = product / g0;
+        for _ in 0..MAX_NEWTON {
+            let factor = knee.factor(strain);
+            let step = (g0 * factor * strain - product) / (g0 * (factor + knee.slope(strain) * strain));
+            strain -= step;
+            if step.abs() <= f64::EPSILON * strain {
+                break;
+            }
+        }
+        strain
+    }
+
+    /// Sum of squared logarithms of measured over expected strains.
+    fn left(&self, points: &[[f64; 2]]) -> f64 {
+        let off = |[strain, g]: &[f64; 2]| (strain / self.strain(strain * g)).ln().powi(2);
+        points.iter().map(off).sum()
+    }
+
+    /// Standard errors of the three parameters.
+    pub fn errors(&self, points: &[[f64; 2]]) -> [f64; 3] {
+        let g0 = self.0[0];
+        let count = points.len() as f64;
+        if !self.has_knee() {
+            return [g0 * (self.square(points) / (count - 1.0) / count).sqrt(), 0.0, 0.0];
+        }
+        let noise = self.left(points) / (count - 3.0).max(1.0);
+        match normal(self, points).0.try_inverse() {
+            Some(inverse) => [0, 1, 2].map(|at| (noise * inverse[(at, at)]).max(0.0).sqrt()),
+            None => [f64::INFINITY; 3],
+        }
+    }
+
+    /// Parameters with which simulated creep under the `rate` law, evaluated by equation 2, shows this curve.
+    pub fn corrected(self, tests: &[Creep], order: f64) -> Result<Curve, HistoryError> {
+        let mut trial = self;
+        for _ in 0..ROUNDS {
+            let simulated: Result<Vec<Creep>, HistoryError> =
+                tests.iter().map(|test| trial.creep(test, order)).collect();
+            let shown = Curve::fitted(&moduli(&simulated?, order));
+            if !shown.has_knee() {
+                break;
+            }
+            let mut change = 0.0f64;
+            for at in 0..3 {
+                let off = self.0[at] - shown.0[at];
+                let next = (trial.0[at] + off).max(0.1 * trial.0[at]);
+                change = change.max((next - trial.0[at]).abs() / self.0[at].max(f64::MIN_POSITIVE));
+                trial.0[at] = next;
+            }
+            if change < SETTLED {
+                break;
+            }
+        }
+        Ok(trial)
+    }
+
+    /// Creep at the stress and times of a test under the `rate` law.
+    fn creep(&self, test: &Creep, order: f64) -> Result<Creep, HistoryError> {
+        let point = Point {
+            body: Body::SpringPot {
+                order,
+                modulus_kpa: self.0[0],
+            },
+            knee: self.knee(),
+            structure: Structure::Rate,
+        };
+        let loading = Loading {
+            control: Control::Stress,
+            time_s: std::iter::once(0.0).chain(test.rows.iter().map(|row| row[0])).collect(),
+            value: vec![test.stress_kpa; test.rows.len() + 1],
+        };
+        let strain = point.respond_in(&loading, Method::Exponentials, SUBSTEPS)?.strain;
+        let rows = test
+            .rows
+            .iter()
+            .zip(&strain[1..])
+            .map(|(row, strain)| [row[0], *strain]);
+        Ok(Creep {
+            rows: rows.collect(),
+            ..*test
+        })
+    }
+
+    /// Warns of a knee outside the measured strains, or in a gap between them.
+    pub fn doubt(&self, points: &[[f64; 2]], warnings: &mut Vec<String>) {
+        let knee = self.0[1];
+        let strains = points.iter().map(|point| point[0]);
+        let below = strains.clone().filter(|strain| *strain < knee).fold(0.0, f64::max);
+        let above = strains.filter(|strain| *strain >= knee).fold(f64::INFINITY, f64::min);
+        if below == 0.0 {
+            warnings.push(format!(
+                "no strain below the knee of {knee:.3} was measured: the modulus is extrapolated from strains from {above:.3} on"
+            ));
+        } else if above > GAP * below {
+            warnings.push(format!(
+                "the knee of {knee:.3} lies in a gap: no strain was measured between {below:.3} and {above:.3}"
+            ));
+        }
+    }
+}
+
+/// Normal equations of the logarithms of strains about a curve: matrix, and right-hand side.
+fn normal(curve: &Curve, points: &[[f64; 2]]) -> (Matrix3<f64>, Vector3<f64>) {
+    let ([g0, _, a], knee) = (curve.0, curve.knee());
+    let (mut matrix, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    for [strain, g] in points {
+        let expected = curve.strain(strain * g);
+        let above = (expected - knee.strain).max(0.0);
+        let factor = knee.factor(expected);
+        let row = Vector3::new(factor, -2.0 * g0 * a * above, g0 * above * above);
+        let row = row / (g0 * (factor + knee.slope(expected) * expected));
+        matrix += row * row.transpose();
+        right += row * (strain / expected).ln();
+    }
+    (matrix, right)
+}

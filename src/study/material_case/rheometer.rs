@@ -1,0 +1,332 @@
+//! Virtual rheometer, after the measurements of Kobayashi et al. 2010 (section 3.1): a sine at many frequencies (figure 7), creep at
+//! many stresses (section 3.1.2), and the stiffness derived from creep against strain (figure 8).
+
+use std::f64::consts::TAU;
+use std::fmt;
+
+use super::Case;
+use insonify_base::document::InputError;
+use insonify_base::statistics;
+use insonify_base::table::{Cell, Table};
+use insonify_mechanics::tissue::viscoelastic::HistoryError;
+use insonify_mechanics::tissue::viscoelastic::point::{Body, Control, Knee, Loading, Method, Point, Structure};
+use insonify_report::plot::{Axis, Marker, Plot, Series};
+
+/// Storage and loss modulus at one frequency.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Dynamic {
+    /// Angular frequency, rad/s.
+    pub frequency: f64,
+    /// G' and G'' measured from the stress response to a sinusoidal strain, kPa.
+    pub found_kpa: [f64; 2],
+    /// G' and G'' of the constitutive law, kPa.
+    pub exact_kpa: [f64; 2],
+}
+
+/// Strain under a constant stress.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Creep {
+    /// Constant stress, kPa.
+    pub stress_kpa: f64,
+    /// Curve of time (s) and shear strain.
+    pub curve: Vec<[f64; 2]>,
+}
+
+/// Stiffness derived from creep: the ratio of the strain to that without a knee.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stiffness {
+    /// Position of the stiffness relative to the memory.
+    pub structure: Structure,
+    /// Shear strain after 100 s.
+    pub strain: f64,
+    /// G from equation 2 of Kobayashi et al. 2010, kPa.
+    pub found_kpa: f64,
+    /// G of the constitutive law at this strain, kPa.
+    pub law_kpa: f64,
+}
+
+/// All virtual measurements of a material.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rheometer {
+    /// Moduli at frequencies from 0.1 to 10 rad/s.
+    pub dynamic: Vec<Dynamic>,
+    /// Creep at stresses from below the knee to far above it, with the structure of the case.
+    pub creep: Vec<Creep>,
+    /// Stiffness at more stresses, with both structures.
+    pub stiffness: Vec<Stiffness>,
+}
+
+/// Duration of a creep test, s.
+const HELD_S: f64 = 100.0;
+/// Amplitude of the sinusoidal strain: 3 %, as in Kobayashi et al. 2010.
+const AMPLITUDE: f64 = 0.03;
+const FREQUENCIES: usize = 13;
+/// Number of periods of a sine: the initial transient has then decayed below 1e-4.
+const PERIODS: usize = 20;
+const STEPS_A_PERIOD: usize = 256;
+const CURVES: usize = 5;
+const STRESSES: usize = 16;
+
+impl Case {
+    /// Measures the material. Creep depends only on its knee and structure; the sine is as small as in Kobayashi et al. 2010.
+    ///
+    /// # Errors
+    /// [`InputError`] if stress or strain overflows.
+    pub fn rheometer(&self) -> Result<Rheometer, InputError> {
+        let point = &self.point;
+        let measured = || -> Result<Rheometer, HistoryError> {
+            Ok(Rheometer {
+                dynamic: dynamic(point)?,
+                creep: creep(point)?,
+                stiffness: stiffness(point)?,
+            })
+        };
+        measured().map_err(|error| self.file.blame(error))
+    }
+}
+
+fn dynamic(point: &Point) -> Result<Vec<Dynamic>, HistoryError> {
+    let at = |step: usize| -> Result<Dynamic, HistoryError> {
+        let frequency = 10f64.powf(2.0 * step as f64 / (FREQUENCIES - 1) as f64 - 1.0);
+        let steps = PERIODS * STEPS_A_PERIOD;
+        let phase = |step: usize| TAU * step as f64 / STEPS_A_PERIOD as f64;
+        let loading = Loading {
+            control: Control::Strain,
+            time_s: (0..=steps).map(|step| phase(step) / frequency).collect(),
+            value: (0..=steps).map(|step| AMPLITUDE * phase(step).sin()).collect(),
+        };
+        let response = point.respond_in(&loading, Method::Exponentials, 1)?;
+        let mut found_kpa = [0.0; 2];
+        for step in steps - STEPS_A_PERIOD..steps {
+            let (sin, cos) = phase(step).sin_cos();
+            let stress = response.stress_kpa[step].unwrap_or(0.0) / AMPLITUDE;
+            found_kpa[0] += stress * sin * 2.0 / STEPS_A_PERIOD as f64;
+            found_kpa[1] += stress * cos * 2.0 / STEPS_A_PERIOD as f64;
+        }
+        Ok(Dynamic {
+            frequency,
+            found_kpa,
+            exact_kpa: point.body.dynamic_kpa(frequency),
+        })
+    };
+    (0..FREQUENCIES).map(at).collect()
+}
+
+/// Strain under a constant stress from the start, at the given times.
+fn held(point: &Point, stress_kpa: f64, time_s: &[f64]) -> Result<Vec<f64>, HistoryError> {
+    let loading = Loading {
+        control: Control::Stress,
+        time_s: time_s.to_vec(),
+        value: vec![stress_kpa; time_s.len()],
+    };
+    Ok(point.respond(&loading, Method::Exponentials)?.strain)
+}
+
+/// Stress for which the final strain without a knee would be 1.
+fn unit_stress(point: &Point) -> Result<f64, HistoryError> {
+    let linear = Point {
+        knee: Knee::NONE,
+        ..*point
+    };
+    Ok(1.0 / held(&linear, 1.0, &[0.0, HELD_S])?[1])
+}
+
+/// A strain well above the knee, or 1 if there is none.
+fn far(point: &Point) -> f64 {
+    let Knee { strain, stiffening } = point.knee;
+    if strain.is_finite() && stiffening > 0.0 {
+        3.0 * strain.max(1.0 / stiffening.sqrt())
+    } else {
+        1.0
+    }
+}
+
+fn creep(point: &Point) -> Result<Vec<Creep>, HistoryError> {
+    let (unit, far) = (unit_stress(point)?, far(point));
+    let mut time_s = vec![0.0];
+    time_s.extend((0..=40).map(|at| HELD_S * 10f64.powf(0.1 * f64::from(at) - 4.0)));
+    let curve = |at: usize| -> Result<Creep, HistoryError> {
+        let stress_kpa = unit * far * (at + 1) as f64 / CURVES as f64;
+        let strain = held(point, stress_kpa, &time_s)?;
+        let curve = time_s
+            .iter()
+            .zip(&strain)
+            .skip(1)
+            .map(|(time, strain)| [*time, *strain]);
+        let curve = curve.collect();
+        Ok(Creep { stress_kpa, curve })
+    };
+    (0..CURVES).map(curve).collect()
+}
+
+fn stiffness(point: &Point) -> Result<Vec<Stiffness>, HistoryError> {
+    let (unit, far) = (unit_stress(point)?, far(point));
+    let modulus_kpa = match point.body {
+        Body::SpringPot { modulus_kpa, .. } => modulus_kpa,
+        Body::Zener {
+            modulus_kpa,
+            modulus_inf_kpa,
+            ..
+        } => modulus_kpa + modulus_inf_kpa,
+    };
+    let mut all = Vec::new();
+    for structure in [Structure::Rate, Structure::LoadIntegral] {
+        let point = Point { structure, ..*point };
+        for at in 0..STRESSES {
+            let linear = far * (at + 1) as f64 / STRESSES as f64;
+            let strain = held(&point, unit * linear, &[0.0, HELD_S])?[1];
+            all.push(Stiffness {
+                structure,
+                strain,
+                found_kpa: modulus_kpa * linear / strain,
+                law_kpa: modulus_kpa * point.knee.factor(strain),
+            });
+        }
+    }
+    Ok(all)
+}
+
+/// Least-squares slope of a straight line through points on logarithmic scales.
+fn slope(points: &[[f64; 2]]) -> f64 {
+    let [x, y] = [0, 1].map(|axis: usize| points.iter().map(|point| point[axis].ln()).collect::<Vec<_>>());
+    statistics::slope(&x, &y)
+}
+
+impl Rheometer {
+    /// Points of G' (`which` = 0) or G'' (1) against frequency.
+    fn moduli(&self, which: usize, exact: bool) -> Vec<[f64; 2]> {
+        let kpa = |dynamic: &Dynamic| if exact { dynamic.exact_kpa } else { dynamic.found_kpa };
+        self.dynamic
+            .iter()
+            .map(|dynamic| [dynamic.frequency, kpa(dynamic)[which]])
+            .collect()
+    }
+
+    /// Slopes of G' and G'' against frequency on logarithmic scales: k for a spring-pot.
+    pub fn slopes(&self) -> [f64; 2] {
+        [0, 1].map(|which| slope(&self.moduli(which, false)))
+    }
+
+    /// Largest error of the measured G' and G'' against the constitutive law, relative to |G*|.
+    pub fn dynamic_error(&self) -> f64 {
+        let error = |dynamic: &Dynamic| {
+            let [found, exact] = [dynamic.found_kpa, dynamic.exact_kpa];
+            (found[0] - exact[0]).hypot(found[1] - exact[1]) / exact[0].hypot(exact[1])
+        };
+        self.dynamic.iter().map(error).fold(0.0, f64::max)
+    }
+
+    /// Tables of moduli and creep as a rheometer exports them, each with the stem of its file: `insonify material fit` reads them.
+    pub fn tables(&self) -> [(&'static str, Table); 2] {
+        let moduli = self.dynamic.iter().map(|dynamic| {
+            let [storage, loss] = dynamic.found_kpa;
+            [dynamic.frequency, storage, loss].map(|x| x.to_string())
+        });
+        let creep = self.creep.iter().flat_map(|creep| {
+            let rows = creep.curve.iter();
+            rows.map(|[time, strain]| [creep.stress_kpa, *time, *strain].map(|x| x.to_string()))
+        });
+        [
+            (
+                "dynamic-moduli",
+                Table::new(["frequency_rad_s", "storage_kpa", "loss_kpa"]).with(moduli),
+            ),
+            ("creep", Table::new(["stress_kpa", "time_s", "strain"]).with(creep)),
+        ]
+    }
+
+    /// Plots, each with the stem of its file.
+    pub fn plots(&self) -> Vec<(&'static str, Plot)> {
+        let points = |name: &str, colour, points| Series::points(name, colour, Marker::Disc, points);
+        let names = ["G', storage", "G'', loss"];
+        let moduli = [0, 1].into_iter().flat_map(|which| {
+            [
+                Series::line(names[which], which, self.moduli(which, true)),
+                points(names[which], which, self.moduli(which, false)),
+            ]
+        });
+        let creep =
+            self.creep.iter().enumerate().map(|(colour, creep)| {
+                Series::line(format!("{:.3} kPa", creep.stress_kpa), colour, creep.curve.clone())
+            });
+        let of = |structure| self.stiffness.iter().filter(move |point| point.structure == structure);
+        let found = |structure| of(structure).map(|point| [point.strain, point.found_kpa]).collect();
+        let mut law: Vec<[f64; 2]> = self
+            .stiffness
+            .iter()
+            .map(|point| [point.strain, point.law_kpa])
+            .collect();
+        law.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        vec![
+            (
+                "dynamic-moduli",
+                Plot::new(
+                    "Dynamic moduli: points from a sine of 3 %, lines from the law",
+                    Axis::log("angular frequency, rad/s"),
+                    Axis::log("modulus, kPa"),
+                    moduli.collect(),
+                ),
+            ),
+            (
+                "creep",
+                Plot::new(
+                    "Creep under a stress that is put on and held",
+                    Axis::log("time, s"),
+                    Axis::log("shear strain"),
+                    creep.collect(),
+                ),
+            ),
+            (
+                "stiffness",
+                Plot::new(
+                    "Stiffness that creep shows after 100 s",
+                    Axis::linear("shear strain"),
+                    Axis::linear("G, kPa"),
+                    vec![
+                        Series::line("the law", 2, law),
+                        points("load-integral", 1, found(Structure::LoadIntegral)),
+                        Series {
+                            marker: Marker::Ring,
+                            ..points("rate", 0, found(Structure::Rate))
+                        },
+                    ],
+                ),
+            ),
+        ]
+    }
+}
+
+impl fmt::Display for Rheometer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "sine of 3 % strain: slopes of G' and G'' on logarithmic scales, and their moduli"
+        )?;
+        let [storage, loss] = self.slopes();
+        writeln!(
+            f,
+            "slopes {storage:.4} and {loss:.4}; off the law by {:.1e} at most",
+            self.dynamic_error()
+        )?;
+        let rows = self.dynamic.iter().map(|dynamic| {
+            let [storage, loss] = dynamic.found_kpa.map(|kpa| format!("{kpa:.6}"));
+            [format!("{:.4}", dynamic.frequency), storage, loss]
+        });
+        let head = ["rad/s", "G' kPa", "G'' kPa"].map(Cell::number);
+        writeln!(f, "\n{}", Table::new(head).with(rows).text(" ", &[12, 14, 14]))?;
+        writeln!(
+            f,
+            "creep after {HELD_S} s: the stiffness that it shows, and the law's at this strain\n"
+        )?;
+        let rows = self.stiffness.iter().map(|point| {
+            let name = match point.structure {
+                Structure::Rate => "rate",
+                Structure::LoadIntegral => "load-integral",
+            };
+            let [strain, found, law] = [point.strain, point.found_kpa, point.law_kpa].map(|it| format!("{it:.6}"));
+            [name.to_owned(), strain, found, law]
+        });
+        let head = ["structure", "strain", "G shown kPa", "G law kPa"].map(Cell::number);
+        f.write_str(&Table::new(head).with(rows).text(" ", &[14, 12, 14, 14]))
+    }
+}

@@ -1,0 +1,132 @@
+//! Report of a registration as text and as a page.
+
+use std::fmt::Write;
+
+use nalgebra::Point3;
+
+use insonify_anatomy::registration::skin::Skin;
+use insonify_anatomy::registration::{Registration, bounds};
+use insonify_base::output::OutputError;
+use insonify_base::table::{Cell, Table};
+use insonify_report::page::Page;
+use insonify_report::plot::{Axis, Plot, Series};
+
+/// Limits of the colours of distances, mm, and the colours.
+const LIMITS_MM: [f64; 4] = [1.0, 2.0, 5.0, f64::INFINITY];
+const COLOURS: [&str; 4] = ["#009e73", "#e69f00", "#d55e00", "#cc0044"];
+/// Largest number of points of a surface in the picture.
+const SHOWN: usize = 3000;
+/// Width of a view, pixels.
+const VIEW: f64 = 380.0;
+
+/// Returns the report as one self-contained HTML document, with both surfaces from three sides.
+///
+/// # Errors
+/// [`OutputError`] if a plot cannot be drawn.
+pub fn page(registration: &Registration, skin: &Skin) -> Result<String, OutputError> {
+    let mut page = Page::new("Registration of anatomy to a surface");
+    let number = |value: f64| Cell::number(format!("{value:.2}"));
+    let head = [Cell::from("stage"), Cell::number("RMS, mm"), Cell::number("95 %, mm")];
+    let (rigid, quadratic) = (&registration.rigid, &registration.quadratic);
+    let rows = [
+        ("rigid", rigid.rms_mm, rigid.p95_mm),
+        ("quadratic", quadratic.rms_mm, quadratic.p95_mm),
+    ];
+    page.table(&Table::new(head).with(rows.map(|(name, rms, p95)| [Cell::from(name), number(rms), number(p95)])));
+    page.paragraph(
+        "",
+        &format!(
+            "Distances of the {} surface points from the skin of the volume; RMS without outliers. Least Jacobian on the volume: {:.2}.",
+            registration.mapped.len(),
+            quadratic.jacobian_min
+        ),
+    );
+    if !registration.landmarks_mm.is_empty() {
+        let head = [
+            Cell::from("landmark"),
+            Cell::number("rigid, mm"),
+            Cell::number("quadratic, mm"),
+        ];
+        let rows = registration.landmarks_mm.iter();
+        let rows = rows.map(|it| {
+            [
+                Cell::from(it.name.as_str()),
+                number(it.rigid_mm),
+                number(it.quadratic_mm),
+            ]
+        });
+        page.table(&Table::new(head).with(rows));
+    }
+    page.wide_figure(
+        &views(registration, skin),
+        "Skin of the volume (grey) and surface points by distance: below 1 mm green, 2 mm yellow, 5 mm orange, above red. \
+         From the front, the side and the feet.",
+    );
+    page.plots(&[histogram(registration)])?;
+    Ok(page.finish())
+}
+
+fn views(registration: &Registration, skin: &Skin) -> String {
+    let [low, high] = bounds(skin.points().iter().copied());
+    let planes = [[0, 2], [1, 2], [0, 1]];
+    let largest = (0..3).map(|axis| high[axis] - low[axis]).fold(1.0, f64::max);
+    let scale = (VIEW - 20.0) / largest;
+    let mut svg = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {} {VIEW}\">",
+        3.0 * VIEW
+    );
+    for (view, [a, b]) in planes.into_iter().enumerate() {
+        // The head is up, the front of the body too.
+        let place = |at: &Point3<f64>| {
+            let x = view as f64 * VIEW + VIEW / 2.0 + scale * (at[a] - (low[a] + high[a]) / 2.0);
+            let y = scale * (at[b] - (low[b] + high[b]) / 2.0);
+            (x, if b == 2 { VIEW / 2.0 - y } else { VIEW / 2.0 + y })
+        };
+        let mut dot = |at: &Point3<f64>, radius: f64, colour: &str| {
+            let (x, y) = place(at);
+            // Writing to a string does not fail.
+            let _ = write!(
+                svg,
+                "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{colour}\"/>"
+            );
+        };
+        let step = 1 + skin.points().len() / SHOWN;
+        skin.points()
+            .iter()
+            .step_by(step)
+            .for_each(|at| dot(at, 0.7, "#b0b7be"));
+        for (at, distance) in registration
+            .mapped
+            .iter()
+            .step_by(1 + registration.mapped.len() / SHOWN)
+        {
+            let class = LIMITS_MM
+                .iter()
+                .position(|limit| distance < limit)
+                .unwrap_or(LIMITS_MM.len() - 1);
+            dot(at, 1.4, COLOURS[class]);
+        }
+    }
+    svg + "</svg>"
+}
+
+fn histogram(registration: &Registration) -> Plot {
+    const BINS: usize = 30;
+    let mut sorted: Vec<f64> = registration.mapped.iter().map(|(_, distance)| *distance).collect();
+    sorted.sort_by(f64::total_cmp);
+    let most = sorted.get(sorted.len() * 49 / 50).copied().unwrap_or(1.0).max(0.01);
+    let width = most / BINS as f64;
+    let mut points = vec![[0.0, 0.0]];
+    for bin in 0..BINS {
+        let range = bin as f64 * width..(bin + 1) as f64 * width;
+        let count = sorted.iter().filter(|distance| range.contains(distance)).count() as f64;
+        points.extend([[range.start, count], [range.end, count]]);
+    }
+    points.push([most, 0.0]);
+    Plot::new(
+        "Distances of surface points from the skin",
+        Axis::linear("distance, mm"),
+        Axis::linear("points"),
+        vec![Series::line("98 % of the points", 0, points)],
+    )
+}

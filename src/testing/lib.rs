@@ -1,0 +1,29 @@
+//! What tests of several crates share: a GPU or a visible skip, threads without a cache, the least accurate arithmetic of WGSL.
+
+use std::path::{Path, PathBuf};
+
+pub mod gpu;
+pub mod lossy;
+pub mod shader;
+
+/// The result of `make` on this many threads, none of which uses the cache.
+///
+/// # Panics
+/// If the threads cannot be started.
+pub fn made_on<T: Send>(threads: usize, make: impl FnOnce() -> T + Send) -> T {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+    let pool = pool.start_handler(|_| insonify_base::cache::bypass()).build();
+    pool.expect("threads").install(make)
+}
+
+/// A file of the real data beside the repository, or `None` after saying that the test is skipped.
+pub fn shared(path: &str) -> Option<PathBuf> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../../shared/data")
+        .join(path);
+    if !path.exists() {
+        println!("SKIPPED: {} is not there", path.display());
+        return None;
+    }
+    Some(path)
+}

@@ -1,0 +1,186 @@
+//! Tables of files: the JSON schema accepts what the program accepts.
+
+use insonify::input::scenario;
+use insonify::input::scenario::instruments::{ContactProbeSpec, NeedleTable};
+use insonify::input::scenario::manipulator::SensorSpec;
+use insonify::input::scenario::planned::{PlanSpec, PlannedNeedle, TargetSpec, TemplateSpec};
+use insonify::input::scenario::stiffened::{StepSolverSpec, TissueViscositySpec};
+use insonify::input::scenario::{file::RunSpec, tissue::TissueSpec};
+use insonify::input::statics::course::{SolverSpec, ViscositySpec};
+use insonify::input::statics::{file::MaterialSpec, selection::CylinderChoice};
+use insonify_anatomy::acoustics::TissueOverride;
+use insonify_base::bending::BendingConstraint;
+use insonify_base::range::Ranges;
+use insonify_imaging::effects::Effects;
+use insonify_imaging::quality::QualitySpec;
+use insonify_imaging::scene::{ImageSpec, VolumeSpec, deform::DeformSpec, paths};
+use insonify_mechanics::insertion::spring::Parameters;
+use insonify_mechanics::insertion::{Bone, Peak};
+use insonify_mechanics::needle::Bevel;
+use insonify_mechanics::needle::beam::spec;
+use insonify_study::identification;
+use insonify_study::material_case::CaseFile;
+use insonify_tracking::TrackingError;
+use insonify_tracking::manipulator::{Guide, drive::Drive};
+use insonify_tracking::probe::{BeamGrid, ImageGrid, Probe, ProbeShape, ProbeSpec};
+use schemars::{JsonSchema, schema_for};
+use serde::de::DeserializeOwned;
+use serde_json::{Value, json};
+
+fn read<T: DeserializeOwned>(table: Value) -> Result<T, String> {
+    serde_json::from_value(table).map_err(|error| error.to_string())
+}
+
+/// Follows the references of a node of a schema.
+fn resolved<'a>(schema: &'a Value, node: &'a Value) -> &'a Value {
+    let node = node.get("anyOf").map_or(node, |either| &either[0]);
+    match node["$ref"].as_str() {
+        Some(at) => schema.pointer(at.trim_start_matches('#')).expect("a definition"),
+        None => node,
+    }
+}
+
+/// Checks the keys of a table of a schema against what is accepted: the default, both ends of the range, nothing just outside. Returns how many have a
+/// range; numbers without one, whose range depends on other keys, do not count.
+fn assert_true(table: &Value, accepts: impl Fn(&str, Value) -> Result<(), String>) -> usize {
+    let mut ranges = 0;
+    for (key, described) in table["properties"].as_object().expect("keys") {
+        if let Some(default) = described.get("default").filter(|default| !default.is_null()) {
+            assert_eq!(accepts(key, default.clone()), Ok(()), "{key}: default");
+        }
+        let is = |name: &str| described["type"] == name || described["type"][0] == name;
+        let whole = is("integer");
+        let of = |name: &str| described[name].as_f64();
+        let (low, high) = (
+            of("exclusiveMinimum").or(of("minimum")),
+            of("exclusiveMaximum").or(of("maximum")),
+        );
+        if !(is("number") || whole) || low.is_none() || (whole && high.is_none()) {
+            continue;
+        }
+        let value = |number: f64| match whole {
+            true => Value::from(number as i64),
+            false => Value::from(number),
+        };
+        for (end, open, sign) in [(low, "exclusiveMinimum", -1.0), (high, "exclusiveMaximum", 1.0)] {
+            let Some(end) = end else { continue };
+            let step = sign * if whole { 1.0 } else { 1e-9 * end.abs().max(1e-9) };
+            let (good, bad) = match of(open) {
+                Some(_) => (value(end - step), value(end)),
+                None => (value(end), value(end + step)),
+            };
+            assert_eq!(
+                accepts(key, good.clone()),
+                Ok(()),
+                "{key}: {good} of {low:?} to {high:?}"
+            );
+            let refused = accepts(key, bad.clone()).expect_err(key);
+            assert!(refused.contains(key) || whole, "{key} = {bad}: {refused}");
+        }
+        ranges += 1;
+    }
+    ranges
+}
+
+/// Checks that the schema of a table has all its ranges, and no others; `keys` are the required ones.
+fn agree<T: DeserializeOwned + JsonSchema + Ranges>(keys: Value) {
+    let found = assert_true(schema_for!(T).as_value(), |key, value| {
+        let mut table = keys.clone();
+        table[key] = value;
+        read::<T>(table)?.check_ranges().map_err(|error| error.to_string())
+    });
+    assert_eq!(found, T::RANGES.len());
+}
+
+#[test]
+fn schemas_say_what_effects_accept() {
+    let schema = schema_for!(Effects).to_value();
+    let mut ranges = 0;
+    for (effect, table) in schema["properties"].as_object().expect("effects") {
+        ranges += assert_true(resolved(&schema, table), |key, value| {
+            let effects: Effects = read(json!({ effect: { key: value } }))?;
+            effects.validate().map_err(|error| error.to_string())
+        });
+    }
+    assert_eq!(ranges, 38);
+}
+
+#[test]
+fn schemas_say_what_other_tables_accept() {
+    let text = |error: TrackingError| format!("{:?}: {error}", error.key());
+    let probe = Probe::new(ProbeShape::Linear { width_mm: 40.0 }, 60.0).expect("a probe");
+    let beam = BeamGrid::new(&probe).expect("a grid");
+    let of_image = assert_true(schema_for!(ImageSpec).as_value(), |key, value| {
+        let image: ImageSpec = read(json!({ key: value }))?;
+        let fitted = ImageGrid::fit(&beam, image.width as usize, image.height as usize, image.margin);
+        fitted.map(drop).map_err(text)
+    });
+    assert_eq!(of_image, 4);
+    // Of probes the one with the widest range of a key.
+    let of_probe = assert_true(schema_for!(ProbeSpec).as_value(), |key, value| {
+        let mut table = match key {
+            "radius_mm" => json!({ "kind": "curvilinear", "angle_deg": 60 }),
+            "angle_deg" => json!({ "kind": "trus-transverse", "radius_mm": 10 }),
+            "length_mm" => json!({ "kind": "trus-sagittal" }),
+            _ => json!({ "kind": "linear", "width_mm": 40 }),
+        };
+        table["depth_mm"] = 60.into();
+        table[key] = value;
+        Probe::try_from(read::<ProbeSpec>(table)?).map(drop).map_err(text)
+    });
+    assert_eq!(of_probe, 8);
+}
+
+#[test]
+fn schemas_of_tables_have_their_ranges() {
+    agree::<QualitySpec>(json!({}));
+    agree::<BendingConstraint>(json!({}));
+    agree::<Guide>(json!({}));
+    agree::<Drive>(json!({}));
+    agree::<DeformSpec>(json!({}));
+    agree::<paths::MotionSpec>(json!({}));
+    agree::<paths::NeedleTable>(json!({}));
+    agree::<paths::BendingSpec>(json!({ "entry_mm": [0, 0, 0], "entry_direction": [0, 1, 0] }));
+    agree::<VolumeSpec>(json!({}));
+    agree::<scenario::tissue::MaterialSpec>(json!({}));
+    agree::<identification::LayerSpec>(json!({ "region": "liver" }));
+    let history = json!({ "control": "stress", "time_s": [0, 1], "value": [1, 1] });
+    agree::<CaseFile>(json!({ "law": "zener", "order": 0.1, "modulus_kpa": 1, "history": history }));
+    agree::<RunSpec>(json!({}));
+    agree::<TissueSpec>(json!({}));
+    agree::<SensorSpec>(json!({}));
+    agree::<Parameters>(json!({}));
+    agree::<NeedleTable>(json!({}));
+    agree::<StepSolverSpec>(json!({}));
+    agree::<TissueViscositySpec>(json!({}));
+    agree::<PlanSpec>(json!({}));
+    agree::<SolverSpec>(json!({}));
+    agree::<ViscositySpec>(json!({}));
+    agree::<spec::NeedleSpec>(json!({}));
+    agree::<spec::MeshSpec>(json!({}));
+    agree::<TissueOverride>(json!({ "name": "liver" }));
+    agree::<Bevel>(json!({ "r_mm": 0.6 }));
+    agree::<ContactProbeSpec>(json!({ "radius_mm": 10, "length_mm": 60 }));
+    agree::<Peak>(json!({ "density_n_per_mm": 0.1, "width_mm": 6 }));
+    agree::<Bone>(json!({ "stiffness_n_per_mm": 40, "penetration_mm": 0.5 }));
+    let names = json!({ "columns": ["A"], "rows": ["1"] });
+    agree::<TemplateSpec>(json!({ "origin_mm": [0, 0, 0], "x_axis": [1, 0, 0], "y_axis": [0, 1, 0], "names": names }));
+    agree::<PlannedNeedle>(json!({ "hole": "A1", "depth_mm": 60 }));
+    agree::<TargetSpec>(json!({ "name": "a", "at_mm": [0, 0, 0] }));
+    agree::<MaterialSpec>(json!({ "poisson": 0.4 }));
+    agree::<CylinderChoice>(json!({ "at_mm": [0, 0, 0], "axis": [0, 0, 1], "radius_mm": 9 }));
+    agree::<spec::BaseSpec>(json!({ "control_distance_mm": 20, "displacement_mm": 3 }));
+    let layer = json!({ "thickness_mm": 9, "model": "yeoh", "compression": "UTru", "initial_length_mm": 50 });
+    agree::<spec::LayerSpec>(layer);
+}
+
+#[test]
+#[should_panic(expected = "max_weight: 2.0 of Some(0.0) to Some(2.0)")]
+fn a_schema_that_says_otherwise_is_noticed() {
+    let mut schema = schema_for!(BendingConstraint).to_value();
+    schema["properties"]["max_weight"]["maximum"] = 2.into();
+    assert_true(&schema, |key, value| {
+        let table: BendingConstraint = read(json!({ key: value }))?;
+        table.check_ranges().map_err(|error| error.to_string())
+    });
+}

@@ -1,0 +1,5 @@
+//! Studies and what they need of every crate below: hard cases, static problems, tables of parameters.
+
+mod parameters;
+mod stability;
+mod statics;
