@@ -2,6 +2,7 @@
 
 mod echoes;
 mod fusion;
+mod names;
 mod parameter_blocks;
 mod plans;
 mod shaders;
