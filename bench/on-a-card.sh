@@ -2,7 +2,7 @@
 # Parity and benchmarks on the graphics card of this machine, in a few minutes: `bench/on-a-card.sh [FILE]`.
 # Writes one file (default on-a-card.txt): card and driver, the parity tests, GPU against CPU by pass and size, remeshing, and frames written to disk.
 # Ends with status 1 if any part failed. INSONIFY_ADAPTER picks a card. INSONIFY_BIN and INSONIFY_TESTS name binaries built elsewhere (`insonify`,
-# and the test binary `library`), for a machine without a Rust toolchain.
+# and the unit tests of insonify-imaging, which hold the parity tests), for a machine without a Rust toolchain.
 set -euo pipefail
 out=$(realpath -m "${1:-on-a-card.txt}")
 cd "$(dirname "$0")/.."
@@ -14,7 +14,7 @@ if [ -z "${INSONIFY_BIN:-}" ]; then
     INSONIFY_BIN=$PWD/target/release/insonify
 fi
 tests() {
-    if [ -n "${INSONIFY_TESTS:-}" ]; then "$INSONIFY_TESTS" "$@"; else cargo test --release --locked --test library -- "$@"; fi
+    if [ -n "${INSONIFY_TESTS:-}" ]; then "$INSONIFY_TESTS" "$@"; else cargo test --release --locked -p insonify-imaging --lib -- "$@"; fi
 }
 # Nothing is measured where no adapter is found.
 "$INSONIFY_BIN" render --backend gpu -o "$work/first.png"
@@ -27,7 +27,7 @@ section() { printf '\n== %s (%s)\n' "$1" "$(date -u +%H:%M:%S)"; }
     if command -v nvidia-smi > /dev/null; then nvidia-smi --query-gpu=name,driver_version,memory.total --format=csv || true; fi
 
     section "parity"
-    INSONIFY_REQUIRE_GPU=1 tests parity:: boundaries:: 2>&1 | tail -n 15 || failed=1
+    INSONIFY_REQUIRE_GPU=1 tests parity_tests:: 2>&1 | tail -n 15 || failed=1
 
     section "frames: the default scene, and one whose mesh moves in every frame"
     "$INSONIFY_BIN" bench --frames 200 || failed=1

@@ -3,17 +3,21 @@
 //!
 //! # Map
 //!
-//! | module | contents |
+//! This crate is what a simulator and a renderer need. What it does not have at its root stands in its modules and in the crates below it:
+//!
+//! | module or crate | contents |
 //! |---|---|
-//! | [`base`] | documents, text, memory, random numbers, output files, reports |
-//! | [`gpu`] | adapters, devices, pipelines, read-back; independent of ultrasound |
-//! | [`anatomy`] | labelled volumes and their formats, phantoms, segmentations, acoustics of tissue |
-//! | [`mechanics`] | meshes, tissue, needles, insertions, remeshing |
-//! | [`tracking`] | probe geometry, poses, trajectories, tracked sequences |
-//! | [`imaging`] | effects, plan, execution on the CPU or the GPU, accuracy levels, sequences of frames |
-//! | [`input`] | scenes, scenarios, static problems, beam and material cases as TOML files |
+//! | [`input`] | needle insertions and static problems as TOML files |
+//! | [`run`] | an insertion step by step, its summary and its record |
+//! | [`solve`] | static problems and problems in time, solved |
 //! | [`simulator`] | steps at haptic rate, images on another thread |
-//! | [`study`] | benchmarks, parity, stability cases, trade-offs of accuracy and time |
+//! | [`insonify_base`] | documents, text, memory, random numbers, output files |
+//! | [`insonify_gpu`] | adapters, devices, pipelines, read-back; independent of ultrasound |
+//! | [`insonify_mesh`] | tetrahedral meshes |
+//! | [`insonify_anatomy`] | labelled volumes and their formats, phantoms, segmentations, acoustics of tissue |
+//! | [`insonify_tracking`] | probe geometry, poses, trajectories, tracked sequences |
+//! | [`insonify_imaging`] | scenes, effects, plan, execution on the CPU or the GPU, sequences of frames |
+//! | [`insonify_mechanics`] | tissue, needles, insertions, remeshing |
 //!
 //! # Axes and units
 //!

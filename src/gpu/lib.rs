@@ -7,7 +7,7 @@
 //! | [`faults`] | [`Faults`]: errors reported only through handlers and callbacks |
 //! | [`error`] | [`GpuError`] |
 //! | [`pass`] | [`Pipeline`]: one compute pass and its bind group layout |
-//! | [`parameters`] | [`Parameters`]: the parameters of all passes in one buffer |
+//! | [`buffer`] | [`Parameters`]: the parameters of all passes in one buffer |
 //! | [`buffer`] | [`StorageBuffer`]: checked, labelled storage |
 //! | [`recorder`] | [`Recorder`]: dispatches and copies of one submission |
 //! | [`readback`] | [`Readback`]: bytes back to the CPU through one persistent staging buffer |

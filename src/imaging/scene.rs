@@ -74,7 +74,7 @@ pub fn schema() -> serde_json::Value {
 
 /// A scene ready to render: every number in its range, every file read.
 ///
-/// It provides the inputs of a [`Synthesizer`](crate::synth::Synthesizer) and the poses of each frame.
+/// It provides the inputs of a [`Synthesizer`] and the poses of each frame.
 ///
 /// ```
 /// use insonify::SceneFile;
@@ -209,7 +209,7 @@ impl Scene {
     /// Fills in the state of frame `frame` of `of`, reusing what `into` already holds.
     ///
     /// # Errors
-    /// [`Cause::Unknown`] if there is no such frame.
+    /// [`InvalidFile::Unknown`] if there is no such frame.
     pub fn state(&self, frame: usize, of: usize, into: &mut FrameState) -> Result<(), InputError> {
         if frame >= of {
             let wrong = format!("frame {frame} of {of}; frames count from 0");

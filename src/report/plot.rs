@@ -155,7 +155,7 @@ pub struct Plot {
     pub series: Vec<Series>,
     /// Meanings of the markers, in the order of [`Marker::nth`]; empty if they have none.
     pub markers: Vec<String>,
-    /// Points to mark as the best choices (see [`front`](super::pareto::front)), from left to right, as one front per set of competing points. A stepped line
+    /// Points to mark as the best choices (see [`front`](insonify_base::pareto::front)), from left to right, as one front per set of competing points. A stepped line
     /// joins the points of a front if no lines join the series.
     pub front: Vec<Vec<[f64; 2]>>,
     /// True if a unit has the same length along both axes, which are linear then.

@@ -2,7 +2,6 @@
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`anatomies`] | synthetic volumes with closed-form geometry |
 //! | [`mod@bench`] | render times per frame and per pass, and with effects removed one by one |
 //! | [`mod@identify`] | parameters of tissue layers from a measured insertion |
 //! | [`mod@inspect`] | explanation of a single pixel |
@@ -10,7 +9,6 @@
 //! | [`tradeoff`] | accuracy against computing time |
 //! | `block` | tissue blocks and needles shared by the studies |
 //! | [`matching`] | probe and effects estimated from a real frame |
-//! | [`parity`] | agreement between backends, sample by sample |
 //! | [`path`] | straight needle paths to a target that allow for the deformation |
 //! | [`puncture`] | needle insertion into a slice of liver with a vein |
 //! | [`realism`] | image statistics of rendered and real frames, compared |

@@ -223,7 +223,7 @@ fn check_step(step: u64, mesh: &AdaptedMesh, change: &Change) -> Result<(), Reme
     })
 }
 
-/// Tolerances and policies of a [`Remesher`](Remesher). The defaults suit tissue meshes of some thousand nodes.
+/// Tolerances and policies of a [`Remesher`]. The defaults suit tissue meshes of some thousand nodes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
     /// Smallest reciprocal condition of the capacitance matrix I + dK G; changes below it are refused. There an update
@@ -235,12 +235,12 @@ pub struct Options {
     /// Exact level: sampled backward error of C, or relative error of K^c against C, above which both are recomputed.
     pub exact_tolerance: f64,
     /// Level I in f64: largest residual. The inverse is rebuilt where a sample exceeds a tenth of it. See
-    /// [`Remesher::residual`](Remesher::residual).
+    /// [`Remesher::residual`].
     pub residual_double: f64,
     /// Level I in f32: largest residual. The inverse is rebuilt where a sample exceeds a tenth of it.
     pub residual_single: f64,
     /// Exact level: whether to defer work not needed at once, the last product that completes C and due samples of
-    /// errors, to [`Remesher::run_deferred`](Remesher::run_deferred), so that no step has to do it all. Work still pending at
+    /// errors, to [`Remesher::run_deferred`], so that no step has to do it all. Work still pending at
     /// the next change is done then.
     pub deferred: bool,
     /// Largest Poisson's ratio at which levels I to III may use f32.
@@ -285,7 +285,7 @@ pub struct RemeshReport {
     pub held: usize,
     /// Estimated reciprocal condition of I + dK G; 1 where nothing was solved.
     pub reciprocal_condition: f64,
-    /// Sampled residual, where taken (see [`Remesher::residual`](Remesher::residual)): at levels I to III for
+    /// Sampled residual, where taken (see [`Remesher::residual`]): at levels I to III for
     /// unit forces on single degrees of freedom, at the exact level for forces of 1 or -1 N on all of S at once.
     pub residual: Option<f64>,
     /// Why the compliance was recomputed, if it was.
