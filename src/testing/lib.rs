@@ -16,14 +16,20 @@ pub fn made_on<T: Send>(threads: usize, make: impl FnOnce() -> T + Send) -> T {
     pool.expect("threads").install(make)
 }
 
-/// A file of the real data beside the repository, or `None` after saying that the test is skipped.
+/// Environment variable that turns skips for missing data into failures.
+const REQUIRE_DATA: &str = "INSONIFY_REQUIRE_DATA";
+
+/// A file or folder of the real data beside the repository, or `None` after saying that the test is skipped.
+///
+/// # Panics
+/// If it is missing and the environment variable `INSONIFY_REQUIRE_DATA` is 1.
 pub fn shared(path: &str) -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../../../shared/data")
-        .join(path);
-    if !path.exists() {
-        println!("SKIPPED: {} is not there", path.display());
-        return None;
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data").join(path);
+    if path.exists() {
+        return Some(path);
     }
-    Some(path)
+    let required = std::env::var(REQUIRE_DATA).is_ok_and(|value| value == "1");
+    assert!(!required, "{REQUIRE_DATA}=1, and {} is not there", path.display());
+    println!("SKIPPED: {} is not there", path.display());
+    None
 }

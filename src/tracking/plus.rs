@@ -346,12 +346,7 @@ mod tests {
     use insonify_base::cause::Cause;
 
     fn data(name: &str) -> Option<PathBuf> {
-        let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data/config")).join(name);
-        if path.exists() {
-            return Some(path);
-        }
-        println!("SKIPPED: {} is not there", path.display());
-        None
+        insonify_testing::shared(&format!("config/{name}"))
     }
 
     #[test]

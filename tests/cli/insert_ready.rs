@@ -1,15 +1,7 @@
 //! The scenario of a segmentation runs. A coarser mesh and longer steps than its own keep the time short.
 
-use std::path::Path;
-
 use crate::support::Bench;
 use insonify::input::scenario::EXAMPLES;
-
-/// A segmentation of TotalSegmentator, where there is one.
-const SEGMENTATION: &str = concat!(
-    env!("CARGO_MANIFEST_DIR"),
-    "/../../../shared/data/volumes/tsd_s0328_labels.nii.gz"
-);
 
 #[test]
 fn a_segmentation_of_a_patient_takes_a_needle() {
@@ -22,15 +14,15 @@ fn a_segmentation_of_a_patient_takes_a_needle() {
         .replace("dt_ms = 1.0", "dt_ms = 4.0");
     assert_ne!(quick, *text);
     let bench = Bench::new();
-    if !Path::new(SEGMENTATION).exists() {
-        println!("skipped: {SEGMENTATION} is not there");
+    // A segmentation of TotalSegmentator, where there is one.
+    let Some(segmentation) = insonify_testing::shared("volumes/tsd_s0328_labels.nii.gz") else {
         bench.write("ready.toml", &quick);
         bench
             .run("insert ready.toml -o out")
             .fails(2, &["your-labels.nii.gz", "ready.toml"]);
         return;
-    }
-    bench.write("ready.toml", &quick.replace("your-labels.nii.gz", SEGMENTATION));
+    };
+    bench.write("ready.toml", &quick.replace("your-labels.nii.gz", &segmentation.display().to_string()));
     let summary = bench.run("insert ready.toml -o out --json -q").json();
     assert!(summary["max_base_force_n"].as_f64().expect("a force") > 0.5);
     assert!(summary["remeshes"].as_u64().expect("a count") > 5);

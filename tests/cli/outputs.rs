@@ -358,11 +358,9 @@ mod unix {
     #[test]
     fn a_header_that_is_not_utf_8_finds_its_image() {
         let bench = bench();
-        let formats = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/formats");
-        if !formats.is_dir() {
-            eprintln!("skipped: {} is missing", formats.display());
+        let Some(formats) = insonify_testing::shared("formats") else {
             return;
-        }
+        };
         for ending in ["hdr", "img"] {
             let to = bench
                 .path("")

@@ -30,14 +30,10 @@ fn split(volume: &LabelVolume, names: &[(i64, String)], bench: &Bench, folder: &
 
 #[test]
 fn a_folder_of_masks_is_imaged_as_the_label_file_of_them_all() {
-    let path = concat!(
-        env!("CARGO_MANIFEST_DIR"),
-        "/../../../shared/data/volumes/ts_example_seg_full.nii.gz"
-    );
-    let Ok(loaded) = load(path.as_ref()) else {
-        println!("SKIPPED: {path} is not there");
+    let Some(path) = insonify_testing::shared("volumes/ts_example_seg_full.nii.gz") else {
         return;
     };
+    let loaded = load(&path).expect("a volume");
     let named = |label: &Label| Some((label.value, label.name.clone()?));
     let names: Vec<_> = loaded.volume.labels().iter().skip(1).filter_map(named).collect();
     let bench = Bench::new();

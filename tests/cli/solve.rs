@@ -418,12 +418,7 @@ fn a_failed_run_leaves_an_older_output() {
 
 /// A file of the shared data, if it is there.
 fn data(name: &str) -> Option<PathBuf> {
-    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data/meshes")).join(name);
-    if path.exists() {
-        return Some(path);
-    }
-    println!("SKIPPED: {} is not there", path.display());
-    None
+    insonify_testing::shared(&format!("meshes/{name}"))
 }
 
 /// Liver, kidney and gallbladder of their own materials, held from behind and pressed on: the same answer from every format.

@@ -8,15 +8,4 @@ mod meshes;
 mod sequences;
 mod volumes;
 
-use std::path::PathBuf;
-
-/// A file of the shared data; none, said aloud, where this checkout has no such folder.
-fn data(name: &str) -> Option<PathBuf> {
-    let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data"));
-    if folder.is_dir() {
-        Some(folder.join(name))
-    } else {
-        eprintln!("SKIPPED: {name} needs {}", folder.display());
-        None
-    }
-}
+use insonify_testing::shared as data;

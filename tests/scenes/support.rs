@@ -58,15 +58,7 @@ pub fn render(scene: &Scene, synthesizer: &mut Synthesizer, frame: usize, of: us
     synthesizer.render(&state).expect("frame").clone()
 }
 
-/// A file among the real data, if it is there.
-pub fn data(name: &str) -> Option<PathBuf> {
-    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data")).join(name);
-    if path.exists() {
-        return Some(path);
-    }
-    println!("SKIPPED: {} is not there", path.display());
-    None
-}
+pub use insonify_testing::shared as data;
 
 /// The default scene with every key that it shows in a comment put in force.
 pub fn uncommented() -> String {

@@ -34,14 +34,10 @@ pub fn with_regions(mesh: &TetMesh, region: impl Fn(usize, [f64; 3]) -> i32) -> 
     fixtures::with_regions(mesh, region).unwrap()
 }
 
-/// A mesh of the shared data; none, said aloud, where this checkout has no such folder.
+/// A mesh of the shared data, if it is there.
 pub fn real(name: &str) -> Option<TetMesh> {
-    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data/meshes"));
-    if !folder.is_dir() {
-        println!("SKIPPED: {name} needs {}", folder.display());
-        return None;
-    }
-    Some(read_mesh(&folder.join(name), &ReadOptions::default()).unwrap().mesh)
+    let path = insonify_testing::shared(&format!("meshes/{name}"))?;
+    Some(read_mesh(&path, &ReadOptions::default()).unwrap().mesh)
 }
 
 pub fn material(young_kpa: f64, poisson: f64) -> Material {

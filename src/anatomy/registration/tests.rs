@@ -305,10 +305,9 @@ fn maps_are_written_and_read() {
 
 #[test]
 fn a_real_body_deformed_is_fitted_back() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/volumes/tsd_s0328_labels.nii.gz");
-    if !path.exists() {
+    let Some(path) = insonify_testing::shared("volumes/tsd_s0328_labels.nii.gz") else {
         return;
-    }
+    };
     let volume = segmentation::open(&path, &Default::default()).unwrap().volume;
     let completed = complete(&volume, &CompleteOptions::default()).unwrap().volume;
     let skin = Skin::of(&completed, |label| label > 0).unwrap();

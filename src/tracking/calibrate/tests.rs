@@ -269,20 +269,13 @@ fn pixels_that_leave_the_plane_open_are_refused() {
     assert!(error.contains("do not determine the plane"), "{error}");
 }
 
-fn data(name: &str) -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../../../shared/data")
-        .join(name);
-    path.exists().then_some(path)
-}
-
 #[test]
 fn wires_of_a_real_phantom_are_followed() {
     let files = [
         "tracked/NwirePhantomFreehand.igs.mha",
         "config/PlusDeviceSet_NwirePhantomFreehand_vtkVolumeReconstructorTest2.xml",
     ];
-    let [Some(file), Some(config)] = files.map(data) else {
+    let [Some(file), Some(config)] = files.map(insonify_testing::shared) else {
         return;
     };
     let config = PlusConfig::read(&config).unwrap();

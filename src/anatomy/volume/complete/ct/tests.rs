@@ -113,14 +113,13 @@ fn a_ct_that_lies_elsewhere_is_refused_and_a_doubtful_one_questioned() {
 /// smoothing.
 #[test]
 fn a_real_ct_gives_the_classes_that_its_voxels_were_given_elsewhere() {
-    let root = format!("{}/../../../shared/data/volumes", env!("CARGO_MANIFEST_DIR"));
     let Some(labels) = nifti("ts_example_seg_full.nii.gz") else {
         return;
     };
-    let known = crate::volume::load(format!("{root}/DERIVED_ts_example_body_labels.nii.gz").as_ref())
-        .unwrap()
-        .volume;
-    let ct = crate::volume::load_scalar(format!("{root}/ts_example_ct.nii.gz").as_ref()).unwrap();
+    let [known, ct] = ["DERIVED_ts_example_body_labels.nii.gz", "ts_example_ct.nii.gz"]
+        .map(|name| insonify_testing::shared(&format!("volumes/{name}")).unwrap());
+    let known = crate::volume::load(&known).unwrap().volume;
+    let ct = crate::volume::load_scalar(&ct).unwrap();
     let done = with_ct(&labels, &ct, &CompleteOptions::default()).unwrap();
     println!("{}", done.note);
     let class = |name: Option<&str>| match name {
