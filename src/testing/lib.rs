@@ -24,7 +24,9 @@ const REQUIRE_DATA: &str = "INSONIFY_REQUIRE_DATA";
 /// # Panics
 /// If it is missing and the environment variable `INSONIFY_REQUIRE_DATA` is 1.
 pub fn shared(path: &str) -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data").join(path);
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../../shared/data")
+        .join(path);
     if path.exists() {
         return Some(path);
     }

@@ -22,7 +22,10 @@ fn a_segmentation_of_a_patient_takes_a_needle() {
             .fails(2, &["your-labels.nii.gz", "ready.toml"]);
         return;
     };
-    bench.write("ready.toml", &quick.replace("your-labels.nii.gz", &segmentation.display().to_string()));
+    bench.write(
+        "ready.toml",
+        &quick.replace("your-labels.nii.gz", &segmentation.display().to_string()),
+    );
     let summary = bench.run("insert ready.toml -o out --json -q").json();
     assert!(summary["max_base_force_n"].as_f64().expect("a force") > 0.5);
     assert!(summary["remeshes"].as_u64().expect("a count") > 5);

@@ -1,10 +1,15 @@
 //! Live changes: only what depends on a change is rebuilt, and the result is that of a synthesizer made anew.
 
+use std::collections::BTreeSet;
+
 use insonify_gpu::Gpu;
+use insonify_imaging::effects::Effects;
 use insonify_imaging::effects::slice::Boundary;
 use insonify_imaging::effects::tone::Tone;
 use insonify_imaging::synth::tables::{Settings, Tables};
 use insonify_imaging::synth::{Backend, Synthesizer};
+
+use serde_json::{Value, json};
 
 use super::synthesizer;
 use crate::support::gpu::{backend, gpu_or_skip};
@@ -77,6 +82,85 @@ fn follow(make: impl Fn() -> Backend) {
         );
         assert_eq!(edited.memory_bytes(), fresh.memory_bytes(), "after {name}");
     }
+}
+
+/// Every single change of an effect's keys from `effects`: the effect left out, and each key with another value, as JSON.
+fn changed_keys(effects: &Effects) -> Vec<(String, Vec<Effects>)> {
+    let table = serde_json::to_value(effects).expect("effects as JSON");
+    let read = |changed: Value| serde_json::from_value::<Effects>(changed).ok();
+    let mut changes = Vec::new();
+    for (effect, keys) in table.as_object().expect("a table") {
+        let mut without = table.clone();
+        without[effect] = Value::Null;
+        changes.push((format!("no {effect}"), Vec::from_iter(read(without))));
+        for (key, value) in keys.as_object().expect("every effect is there") {
+            let others: Vec<Value> = match value {
+                Value::Bool(is_on) => vec![json!(!is_on)],
+                Value::String(_) => vec![json!("nearest")],
+                // Half, double, and numbers within the ranges of most keys.
+                _ => {
+                    let number = value.as_f64().unwrap_or(0.7);
+                    [0.5 * number, 2.0 * number, 0.3, 3.0]
+                        .map(|other| json!(other))
+                        .to_vec()
+                }
+            };
+            let with = |other: Value| {
+                let mut changed = table.clone();
+                changed[effect][key] = other;
+                read(changed).filter(|changed| changed != effects)
+            };
+            changes.push((format!("{effect}.{key}"), others.into_iter().filter_map(with).collect()));
+        }
+    }
+    changes
+}
+
+/// Each effect derives anew what a change of its keys, and of its presence, asks for, and so do the others.
+#[test]
+fn every_key_of_every_effect_changes_a_frame_as_a_fresh_synthesizer_would() {
+    let (anatomy, settings, _) = everything();
+    let state = frame_of(&anatomy, 2);
+    let mut edited = synthesizer(&anatomy, &settings, Backend::Cpu);
+    let mut tried = BTreeSet::new();
+    for (name, candidates) in changed_keys(&settings.effects) {
+        for effects in candidates {
+            let changed = Settings {
+                effects,
+                ..settings.clone()
+            };
+            if edited.set(changed.clone()).is_err() {
+                continue;
+            }
+            let found = edited
+                .render(&state)
+                .unwrap_or_else(|error| panic!("{name}: {error}"))
+                .clone();
+            let mut fresh = synthesizer(&anatomy, &changed, Backend::Cpu);
+            let expected = fresh.render(&state).unwrap_or_else(|error| panic!("{name}: {error}"));
+            assert!(
+                found.pixels == expected.pixels,
+                "after {name} the frame is not that of a fresh synthesizer"
+            );
+            assert_eq!(edited.memory_bytes(), fresh.memory_bytes(), "after {name}");
+            edited.set(settings.clone()).expect("the settings before");
+            tried.insert(
+                name.split('.')
+                    .next()
+                    .expect("an effect")
+                    .trim_start_matches("no ")
+                    .to_owned(),
+            );
+        }
+    }
+    let schema = schemars::schema_for!(Effects).to_value();
+    let all: BTreeSet<String> = schema["properties"]
+        .as_object()
+        .expect("effects")
+        .keys()
+        .cloned()
+        .collect();
+    assert_eq!(tried, all, "effects that were changed, and all");
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Small scenes and what tests do with them.
 
 use insonify_base::document::InputError;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use insonify_imaging::effects::Effects;
 use insonify_imaging::scene::{DEFAULT, Scene, SceneFile};
