@@ -162,7 +162,7 @@ fn image_threads() -> usize {
 
 /// Renders as fast as frames come.
 fn image(mut imaging: Imaging, probe: &Matrix4<f64>, over: &AtomicBool) -> Result<Times, String> {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(image_threads()).build();
+    let pool = insonify_base::parallel::Pool::new(image_threads());
     let pool = pool.map_err(|error| error.to_string())?;
     let mut times = Times::default();
     while !over.load(Ordering::Relaxed) {

@@ -10,6 +10,7 @@ pub mod matrix;
 pub mod memory;
 pub mod number;
 pub mod output;
+pub mod parallel;
 pub mod pareto;
 pub mod random;
 pub mod range;

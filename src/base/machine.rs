@@ -7,6 +7,8 @@ use std::time::SystemTime;
 
 use serde::Serialize;
 
+use crate::parallel;
+
 /// Processor as used by the CPU backend.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Machine {
@@ -26,7 +28,7 @@ impl Machine {
         Self {
             platform: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
             cores: available_parallelism().map_or(1, NonZero::get),
-            threads: rayon::current_num_threads(),
+            threads: parallel::threads(),
             vector: vector().to_owned(),
         }
     }

@@ -155,7 +155,7 @@ impl Render {
         let bar = terminal::progress(count);
         let start = Instant::now();
         let mut states = scene.states(count);
-        let size = BATCH.max(4 * rayon::current_num_threads());
+        let size = BATCH.max(4 * insonify_base::parallel::threads());
         loop {
             let first = frames.len();
             let batch: Vec<FrameState> = states.by_ref().take(size).collect();

@@ -1,8 +1,8 @@
 //! Overview picture of the probe against the anatomy.
 
 use image::{Rgb, RgbImage, imageops};
+use insonify_base::parallel::{chunks_mut, for_each};
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
 
 use super::canvas::{self, Colour, Point};
 use insonify_anatomy::volume::LabelVolume;
@@ -209,23 +209,20 @@ fn slice(volume: &LabelVolume, colours: &[[u8; 3]], frame: &Frame, view: &View) 
         None => PAPER,
     };
     let mut bytes = vec![0; (PANEL * PANEL * 3) as usize];
-    bytes
-        .par_chunks_mut((PANEL * 3) as usize)
-        .enumerate()
-        .for_each(|(row, bytes)| {
-            for (column, pixel) in bytes.chunks_exact_mut(3).enumerate() {
-                let mut sum = [0u32; 3];
-                for (dx, dy) in [(-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25)] {
-                    let colour = colour_at([column as f64 + dx, row as f64 + dy]);
-                    for (sum, part) in sum.iter_mut().zip(colour) {
-                        *sum += u32::from(part);
-                    }
-                }
-                for (byte, sum) in pixel.iter_mut().zip(sum) {
-                    *byte = ((sum + 2) / 4) as u8;
+    for_each((0.., chunks_mut(&mut bytes, (PANEL * 3) as usize)), &|(row, bytes)| {
+        for (column, pixel) in bytes.chunks_exact_mut(3).enumerate() {
+            let mut sum = [0u32; 3];
+            for (dx, dy) in [(-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25)] {
+                let colour = colour_at([column as f64 + dx, row as f64 + dy]);
+                for (sum, part) in sum.iter_mut().zip(colour) {
+                    *sum += u32::from(part);
                 }
             }
-        });
+            for (byte, sum) in pixel.iter_mut().zip(sum) {
+                *byte = ((sum + 2) / 4) as u8;
+            }
+        }
+    });
     RgbImage::from_raw(PANEL, PANEL, bytes).unwrap_or_else(|| RgbImage::new(PANEL, PANEL))
 }
 

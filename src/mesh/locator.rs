@@ -13,11 +13,11 @@
 //! elements is a valid answer there.
 
 use crate::{InvalidMesh, check_positions};
-use rayon::prelude::*;
 
 use super::TetMesh;
 use super::element::{self, Carry, Frame, Kind, Outline};
 use super::grid::CellGrid;
+use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::real::Real;
 
 /// Index that denotes no element.
@@ -170,21 +170,19 @@ impl<T: Real> Locator<T> {
     /// Prepares all elements, and counts the unsound ones.
     fn prepare(&mut self) -> LocatorReport {
         let (nodes, reference) = (&self.nodes, &self.reference);
-        let chunks = (
-            self.elements.par_chunks(UPDATE_CHUNK),
-            self.frames.par_chunks_mut(UPDATE_CHUNK),
-            self.carries.par_chunks_mut(UPDATE_CHUNK),
-            self.outlines.par_chunks_mut(UPDATE_CHUNK),
+        let rows = (
+            chunks(&self.elements, UPDATE_CHUNK),
+            chunks_mut(&mut self.frames, UPDATE_CHUNK),
+            chunks_mut(&mut self.carries, UPDATE_CHUNK),
+            chunks_mut(&mut self.outlines, UPDATE_CHUNK),
         );
-        chunks
-            .into_par_iter()
-            .for_each(|(elements, frames, carries, outlines)| {
-                for (index, corners) in elements.iter().enumerate() {
-                    let corners = corners.map(|node| node as usize);
-                    (frames[index], carries[index], outlines[index]) =
-                        element::prepare(corners.map(|node| nodes[node]), &corners.map(|node| reference[node]));
-                }
-            });
+        for_each(rows, &|(elements, frames, carries, outlines)| {
+            for (index, corners) in elements.iter().enumerate() {
+                let corners = corners.map(|node| node as usize);
+                (frames[index], carries[index], outlines[index]) =
+                    element::prepare(corners.map(|node| nodes[node]), &corners.map(|node| reference[node]));
+            }
+        });
         self.set_margins();
         self.grid.rebuild(&self.nodes, &self.outlines);
         let mut report = LocatorReport::default();
@@ -210,11 +208,11 @@ impl<T: Real> Locator<T> {
             }
         }
         let node_reaches = &self.node_reaches;
-        let pairs = (
-            self.elements.par_chunks(UPDATE_CHUNK),
-            self.frames.par_chunks_mut(UPDATE_CHUNK),
+        let rows = (
+            chunks(&self.elements, UPDATE_CHUNK),
+            chunks_mut(&mut self.frames, UPDATE_CHUNK),
         );
-        pairs.into_par_iter().for_each(|(elements, frames)| {
+        for_each(rows, &|(elements, frames)| {
             for (corners, frame) in elements.iter().zip(frames) {
                 let reach = corners
                     .iter()

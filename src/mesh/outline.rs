@@ -6,7 +6,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use rayon::prelude::*;
+use insonify_base::parallel;
 use spade::handles::FixedVertexHandle;
 use spade::{AngleLimit, ConstrainedDelaunayTriangulation, Point2, RefinementParameters, Triangulation};
 
@@ -96,10 +96,8 @@ impl Outlines {
             let inside = (0..2).all(|axis| (low[axis]..=high[axis]).contains(&point[axis]));
             inside.then(|| region(point)).flatten()
         };
-        let labels: Vec<Option<i32>> = (0..columns * rows)
-            .into_par_iter()
-            .map(|cell| at(place(cell % columns, cell / columns)))
-            .collect();
+        let labels: Vec<Option<i32>> =
+            parallel::map(0..columns * rows, &|cell| at(place(cell % columns, cell / columns)));
         let mut outlines = Outlines::default();
         let mut crossings: BTreeMap<[usize; 2], usize> = BTreeMap::new();
         for j in 0..rows - 1 {

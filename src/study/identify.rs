@@ -14,13 +14,13 @@ mod tests;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::StudyError;
 use crate::identification::{Case, Cost, Crossed};
 use data::{Data, Motion, thinned};
 use force::Piecewise;
+use insonify_base::parallel;
 use insonify_base::search::nelder_mead;
 use insonify_base::statistics;
 use simulate::{Course, Layer, Simulator};
@@ -127,7 +127,7 @@ pub fn identify(case: Case, progress: impl Fn(f64) + Sync) -> Result<Identificat
         progress(done / (done + 0.5 * expected).max(expected));
     };
     let one = |poisson: &Option<f64>| Search::new(&case, &data, &model, *poisson, &told).find();
-    let found = case.poisson.par_iter().map(one).collect::<Result<_, _>>()?;
+    let found = parallel::try_map(&case.poisson[..], &one)?;
     Ok(Identification {
         force_model: model,
         found,

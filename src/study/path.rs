@@ -16,7 +16,6 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering as Memory};
 
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::StudyError;
@@ -26,6 +25,7 @@ use correct::Corrected;
 use insertion::{Course, Until};
 use insonify::input::scenario::aim::middle;
 use insonify::input::scenario::{EXAMPLES, Scenario, ScenarioFile};
+use insonify_base::parallel;
 use insonify_base::range::check;
 use insonify_base::text::some_of;
 pub use report::FILES;
@@ -171,15 +171,11 @@ pub fn plan(
     let lines = entries.lines()?;
     let (done, of) = (AtomicUsize::new(0), lines.len());
     progress(0, of);
-    let mut lines: Vec<Candidate> = lines
-        .into_par_iter()
-        .enumerate()
-        .map(|(at, line)| {
-            let candidate = entries.simulated(at + 1, line, &tissue);
-            progress(done.fetch_add(1, Memory::Relaxed) + 1, of);
-            candidate
-        })
-        .collect::<Result<_, _>>()?;
+    let mut lines: Vec<Candidate> = parallel::try_map((0.., &lines[..]), &|(at, line)| {
+        let candidate = entries.simulated(at + 1, line, &tissue);
+        progress(done.fetch_add(1, Memory::Relaxed) + 1, of);
+        candidate
+    })?;
     lines.sort_by(|a, b| rank(a, b, options.tolerance_mm).then(a.number.cmp(&b.number)));
     let mut excluded: BTreeMap<&'static str, usize> = BTreeMap::new();
     for reason in lines.iter().filter_map(|line| line.excluded) {

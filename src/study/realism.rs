@@ -9,10 +9,10 @@ pub(crate) mod report;
 pub mod sector;
 pub mod texture;
 
-use rayon::prelude::*;
 use serde::Serialize;
 
 use insonify_anatomy::volume::{At, VolumeError};
+use insonify_base::parallel;
 use insonify_base::statistics::percentile;
 use insonify_base::statistics::{correlation, mean, std};
 pub use measures::{MEASURES, Measure};
@@ -259,7 +259,7 @@ pub struct Report {
 /// # Errors
 /// [`VolumeError`] for a frame smaller than a window, or without a sector at least that large.
 pub fn compare(frames: &[Picture], real: &[Picture]) -> Result<Report, VolumeError> {
-    let measured = |pictures: &[Picture]| pictures.par_iter().map(FrameReport::of).collect::<Result<Vec<_>, _>>();
+    let measured = |pictures: &[Picture]| parallel::try_map(pictures, &FrameReport::of);
     let (frames, real) = (measured(frames)?, measured(real)?);
     let rows = MEASURES.iter().enumerate().map(|(at, measure)| {
         let figures = [Figure::of(&frames, at), Figure::of(&real, at)];

@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use insonify_base::parallel::Pool;
+
 pub mod gpu;
 pub mod lossy;
 pub mod shader;
@@ -11,8 +13,7 @@ pub mod shader;
 /// # Panics
 /// If the threads cannot be started.
 pub fn made_on<T: Send>(threads: usize, make: impl FnOnce() -> T + Send) -> T {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
-    let pool = pool.start_handler(|_| insonify_base::cache::bypass()).build();
+    let pool = Pool::started(threads, insonify_base::cache::bypass);
     pool.expect("threads").install(make)
 }
 

@@ -11,6 +11,7 @@ use std::sync::{LazyLock, Mutex};
 
 use num_traits::{Float, FromPrimitive, Num, One, ToPrimitive, Zero};
 
+use insonify_base::parallel::{self, Pool};
 use insonify_base::real::{Numbers, Real};
 
 /// Direction of all errors of an arithmetic.
@@ -29,11 +30,8 @@ thread_local! {
 
 /// Runs a function on threads of its own whose errors have this bias.
 pub fn with<R: Send>(bias: Bias, run: impl FnOnce() -> R + Send) -> R {
-    rayon::ThreadPoolBuilder::new()
-        .start_handler(move |_| BIAS.set(bias))
-        .build()
-        .expect("threads")
-        .install(run)
+    let pool = Pool::started(parallel::threads(), move || BIAS.set(bias));
+    pool.expect("threads").install(run)
 }
 
 /// Directions of rounding of the least accurate arithmetic that WGSL allows.

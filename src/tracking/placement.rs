@@ -5,8 +5,8 @@
 //! target before bone or gas, how much of the target they see, how far away it is and how perpendicular the probe is to
 //! the skin.
 
+use insonify_base::parallel;
 use nalgebra::{Matrix4, Point3, Vector3};
-use rayon::prelude::*;
 
 use super::TrackingError;
 use super::probe::ProbeShape;
@@ -143,20 +143,18 @@ struct Search<'a> {
 impl Search<'_> {
     /// Best position over all aims and directions up to `widest` degrees from the front.
     fn best(&self, aims: &[Point3<f64>], widest: i32) -> Option<Placement> {
-        outwards(aims, widest)
-            .par_iter()
-            .flat_map_iter(|(aim, outward)| {
-                let planes = match self.options.plane {
-                    Some(plane) => vec![plane],
-                    None => vec![ScanPlane::Transverse, ScanPlane::Sagittal],
-                };
-                planes
-                    .into_iter()
-                    .filter_map(|plane| self.candidate(aim, outward, plane))
-            })
-            .collect::<Vec<_>>()
-            .into_iter()
-            .reduce(|best, next| if next.score > best.score { next } else { best })
+        let candidates = parallel::map(&outwards(aims, widest)[..], &|(aim, outward)| {
+            let planes = match self.options.plane {
+                Some(plane) => vec![plane],
+                None => vec![ScanPlane::Transverse, ScanPlane::Sagittal],
+            };
+            let candidates = planes
+                .into_iter()
+                .filter_map(|plane| self.candidate(aim, outward, plane));
+            candidates.collect::<Vec<_>>()
+        });
+        let candidates = candidates.into_iter().flatten();
+        candidates.reduce(|best, next| if next.score > best.score { next } else { best })
     }
 
     /// Whether any ray reaches skin.

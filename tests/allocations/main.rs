@@ -74,7 +74,7 @@ fn a_hundred_frames_allocate_nothing() {
     let (anatomy, settings, states) = scene();
     let (calls, held) = count(|| drop(std::hint::black_box(vec![0u8; 100])));
     assert_eq!((calls, held), (1, 0), "the allocator counts");
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("a pool");
+    let pool = insonify_base::parallel::Pool::new(2).expect("a pool");
     for backend in [Backend::Cpu, Backend::CpuF64] {
         let mut synthesizer = Synthesizer::new(anatomy.clone(), settings.clone(), backend).expect("a synthesizer");
         let mut run = || {

@@ -63,6 +63,19 @@ fn effects_name_no_wgpu() {
     assert_free("imaging/effects", &["wgpu"]);
 }
 
+/// Whatever runs in parallel does so through one module.
+#[test]
+fn rayon_is_named_in_one_file() {
+    for module in ["", "../tests", "../benches", "../examples"] {
+        for path in sources(module) {
+            if !path.ends_with("base/parallel.rs") && !path.ends_with("boundaries/names.rs") {
+                let named = words(&code(&path)).any(|word| word == "rayon");
+                assert!(!named, "{} names rayon", path.display());
+            }
+        }
+    }
+}
+
 #[test]
 fn whoever_renders_compiles_no_insertions_no_studies_no_plots_and_no_command() {
     let tree = std::process::Command::new(env!("CARGO"))

@@ -1,5 +1,6 @@
 //! The same frame has the same bytes on every run and at any number of threads.
 
+use insonify_base::parallel::Pool;
 use insonify_imaging::synth::layers::Layer;
 use insonify_imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 use insonify_mesh::TetMesh;
@@ -13,10 +14,7 @@ fn the_same_bytes_at_one_two_and_five_threads() {
     let (anatomy, settings, _) = everything();
     for precision in [|| Backend::Cpu, || Backend::CpuF64] {
         let frames = |threads: usize| -> Vec<Vec<u8>> {
-            let pool = rayon::ThreadPoolBuilder::new()
-                .num_threads(threads)
-                .build()
-                .expect("a pool");
+            let pool = Pool::new(threads).expect("a pool");
             pool.install(|| {
                 let mut synthesizer = synthesizer(&anatomy, &settings, precision());
                 (0..4)
@@ -57,9 +55,8 @@ fn a_frame_does_not_remember_the_frames_before_it() {
     }
 }
 
-fn pool(threads: usize) -> rayon::ThreadPool {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    pool.expect("a pool")
+fn pool(threads: usize) -> Pool {
+    Pool::new(threads).expect("a pool")
 }
 
 /// States in batches and alone: a probe and tissue that move and rest, nodes of the reference state that remeshing moves and moves back, and nodes that

@@ -1,12 +1,12 @@
 //! Voxelisation of shapes, slice by slice in parallel: later layers paint over earlier ones where allowed.
 
 use nalgebra::{Matrix4, Vector3};
-use rayon::prelude::*;
 
 use super::geometry::{Bounds, Point, Shape, step};
 use crate::volume::{Label, LabelVolume, VolumeError};
 use insonify_base::cache::cached;
 use insonify_base::memory;
+use insonify_base::parallel::{chunks_mut, for_each};
 
 /// Set of labels that a layer may paint over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -95,10 +95,9 @@ impl<B: Fn(&Point) -> u8 + Sync> Painting<B> {
         };
         let voxels = cached(&format!("phantom {key} {resolution_mm}"), count, || {
             let mut voxels = vec![0u8; count];
-            voxels
-                .par_chunks_mut(size[0] * size[1])
-                .enumerate()
-                .for_each(|(k, slice)| self.paint_slice(&grid, k, slice));
+            for_each((0.., chunks_mut(&mut voxels, size[0] * size[1])), &|(k, slice)| {
+                self.paint_slice(&grid, k, slice)
+            });
             voxels
         });
         let mut counts = [0u64; 256];

@@ -3,11 +3,11 @@
 use std::path::Path;
 
 use nalgebra::{Matrix4, Point3, Vector3};
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{Quadratic, bounds};
 use crate::volume::{LabelVolume, VolumeError};
+use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::read;
 
 /// Intervals along an edge of the grid on the faces.
@@ -36,21 +36,18 @@ pub fn resample(volume: &LabelVolume, map: &Quadratic) -> Result<LabelVolume, Vo
     let size = size.map(|n| n as usize);
     let mut voxels: Vec<u8> = read::room(size.iter().product(), "the resampled volume")?;
     voxels.resize(size.iter().product(), 0);
-    voxels
-        .par_chunks_mut(size[0] * size[1])
-        .enumerate()
-        .for_each(|(k, slice)| {
-            for (at, voxel) in slice.iter_mut().enumerate() {
-                let cell = [at % size[0], at / size[0], k];
-                let label = |share: [f64; 3]| {
-                    let at = [0, 1, 2].map(|axis| low[axis] + step * (cell[axis] as f64 + share[axis]));
-                    volume.label_index_at(&map.map(&Point3::from(at))).unwrap_or(0)
-                };
-                let corner = |at: usize| [0, 1, 2].map(|axis| if at >> axis & 1 == 0 { 0.25 } else { 0.75 });
-                let labels = [0, 1, 2, 3, 4, 5, 6, 7].map(|at| label(corner(at)));
-                *voxel = vote(labels, || label([0.5; 3]));
-            }
-        });
+    for_each((0.., chunks_mut(&mut voxels, size[0] * size[1])), &|(k, slice)| {
+        for (at, voxel) in slice.iter_mut().enumerate() {
+            let cell = [at % size[0], at / size[0], k];
+            let label = |share: [f64; 3]| {
+                let at = [0, 1, 2].map(|axis| low[axis] + step * (cell[axis] as f64 + share[axis]));
+                volume.label_index_at(&map.map(&Point3::from(at))).unwrap_or(0)
+            };
+            let corner = |at: usize| [0, 1, 2].map(|axis| if at >> axis & 1 == 0 { 0.25 } else { 0.75 });
+            let labels = [0, 1, 2, 3, 4, 5, 6, 7].map(|at| label(corner(at)));
+            *voxel = vote(labels, || label([0.5; 3]));
+        }
+    });
     let mut index_to_world = Matrix4::new_scaling(step);
     let origin = Vector3::from(low).add_scalar(step / 2.0);
     index_to_world.fixed_view_mut::<3, 1>(0, 3).copy_from(&origin);

@@ -3,8 +3,8 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use insonify_base::parallel;
 use nalgebra::Point3;
-use rayon::prelude::*;
 
 use super::{Segmentation, stem};
 use crate::acoustics::totalsegmentator;
@@ -106,8 +106,8 @@ pub(super) fn read(folder: &Path) -> Result<Segmentation, VolumeError> {
         overlaps: 0,
     };
     union.add(&masks[0], &first.volume)?;
-    for some in masks[1..].chunks(rayon::current_num_threads()) {
-        let loaded: Vec<_> = some.par_iter().map(Mask::load).collect();
+    for some in masks[1..].chunks(parallel::threads()) {
+        let loaded = parallel::map(some, &Mask::load);
         for (mask, loaded) in some.iter().zip(loaded) {
             let volume = loaded?.volume;
             same_grid(&masks[0].path, &first.volume, &mask.path, &volume)?;

@@ -8,13 +8,12 @@
 mod ct;
 mod outline;
 
-use rayon::prelude::*;
-
 use nalgebra::Point3;
 
 use super::{Label, LabelVolume, VolumeError};
 use crate::acoustics::{known, totalsegmentator};
 pub use ct::with_ct;
+use insonify_base::parallel::{self, chunks_mut};
 use insonify_base::random::noise::Noise;
 use insonify_base::text::some_of;
 use outline::Outline;
@@ -248,40 +247,38 @@ fn draw_layers(
     let to_world = volume.index_to_world();
     let [fat_noise, muscle_noise] = [23, 24].map(|stream| Noise::new(0, stream, UNEVEN_MM));
     let deepest = -(1.0 + UNEVEN) * options.muscle_mm - UNEVEN * options.fat_mm;
-    voxels
-        .par_chunks_mut(nx)
-        .enumerate()
-        .map(|(row, line)| {
-            let mut count = [0u64; 5];
-            let [j, k] = [row % ny, row / ny];
-            let (mut fat_noise, mut muscle_noise) = (fat_noise.nearby(), muscle_noise.nearby());
-            outline.along_row(j, k, line, |voxel, i, distance| {
-                let layer = if distance <= deepest {
+    let counts = parallel::map((0.., chunks_mut(voxels, nx)), &|(row, line)| {
+        let mut count = [0u64; 5];
+        let [j, k] = [row % ny, row / ny];
+        let (mut fat_noise, mut muscle_noise) = (fat_noise.nearby(), muscle_noise.nearby());
+        outline.along_row(j, k, line, |voxel, i, distance| {
+            let layer = if distance <= deepest {
+                0
+            } else if distance > options.fat_mm + skin_mm {
+                return;
+            } else if distance > options.fat_mm {
+                4
+            } else {
+                let at = to_world.transform_point(&Point3::new(i as f64, j as f64, k as f64));
+                let below = UNEVEN * options.fat_mm * fat_noise.at(&at.coords) - distance;
+                let thickness = options.muscle_mm * (1.0 + UNEVEN * muscle_noise.at(&at.coords));
+                if below < 0.0 {
+                    3
+                } else if below >= thickness {
                     0
-                } else if distance > options.fat_mm + skin_mm {
-                    return;
-                } else if distance > options.fat_mm {
-                    4
+                } else if (MIDDLE_MUSCLE[0]..MIDDLE_MUSCLE[1]).contains(&(below / thickness)) {
+                    2
                 } else {
-                    let at = to_world.transform_point(&Point3::new(i as f64, j as f64, k as f64));
-                    let below = UNEVEN * options.fat_mm * fat_noise.at(&at.coords) - distance;
-                    let thickness = options.muscle_mm * (1.0 + UNEVEN * muscle_noise.at(&at.coords));
-                    if below < 0.0 {
-                        3
-                    } else if below >= thickness {
-                        0
-                    } else if (MIDDLE_MUSCLE[0]..MIDDLE_MUSCLE[1]).contains(&(below / thickness)) {
-                        2
-                    } else {
-                        1
-                    }
-                };
-                *voxel = body[layer];
-                count[layer] += 1;
-            });
-            count
-        })
-        .reduce(|| [0; 5], |a, b| [0, 1, 2, 3, 4].map(|i| a[i] + b[i]))
+                    1
+                }
+            };
+            *voxel = body[layer];
+            count[layer] += 1;
+        });
+        count
+    });
+    let sum = |a: [u64; 5], b: [u64; 5]| [0, 1, 2, 3, 4].map(|i| a[i] + b[i]);
+    counts.into_iter().fold([0; 5], sum)
 }
 
 /// Note about a body that was closed around labels.
@@ -355,16 +352,11 @@ fn everywhere(volume: &LabelVolume) -> Result<Completed, VolumeError> {
     let soft = label(&mut labels, LAYERS[0]);
     VolumeError::check_labels(labels.len())?;
     let mut voxels = volume.voxels().to_vec();
-    let soft_tissue = voxels
-        .par_iter_mut()
-        .map(|voxel| {
-            let unlabelled = *voxel == 0;
-            if unlabelled {
-                *voxel = soft;
-            }
-            u64::from(unlabelled)
-        })
-        .sum();
+    let counts = parallel::map(chunks_mut(&mut voxels, volume.size()[0]), &|row| {
+        let unlabelled = row.iter_mut().filter(|voxel| **voxel == 0);
+        unlabelled.map(|voxel| *voxel = soft).count() as u64
+    });
+    let soft_tissue = counts.into_iter().sum();
     let values = unusual_values(&labels, &[soft]);
     Ok(Completed {
         volume: LabelVolume::new(volume.size(), voxels, labels, *volume.index_to_world())?,

@@ -1,6 +1,6 @@
 //! Euclidean distance transforms and smoothing on grids.
 
-use rayon::prelude::*;
+use insonify_base::parallel::{chunks_mut, for_each, for_each_init};
 
 /// Squared distance where there is no seed, mm^2: far beyond any volume and safe to add.
 const NONE: f32 = 1e12;
@@ -72,31 +72,30 @@ impl Grid {
         let (length, stride) = (self.size[axis], self.stride(axis));
         if axis < 2 {
             let slab = self.size[0] * self.size[1];
-            self.values
-                .par_chunks_mut(slab)
-                .for_each_init(Scratch::default, |scratch, slab| {
+            for_each_init(
+                chunks_mut(&mut self.values, slab),
+                &Scratch::default,
+                &|scratch, slab| {
                     for block in slab.chunks_mut(length * stride) {
                         lines(block, length, stride, scratch, &work);
                     }
-                });
+                },
+            );
             return;
         }
         // Along the last axis a line crosses every slab: columns are gathered, processed, and written back.
         let values = &self.values;
-        let columns: Vec<Vec<f32>> = (0..self.size[1])
-            .into_par_iter()
-            .map_init(Scratch::default, |scratch, j| {
-                let mut block = Vec::with_capacity(self.size[0] * length);
-                for i in 0..self.size[0] {
-                    let first = block.len();
-                    block.extend((0..length).map(|k| values[i + self.size[0] * j + stride * k]));
-                    work(&mut block[first..], scratch);
-                }
-                block
-            })
-            .collect();
+        let mut columns = vec![Vec::new(); self.size[1]];
+        for_each_init((0.., &mut columns[..]), &Scratch::default, &|scratch, (j, block)| {
+            block.reserve_exact(self.size[0] * length);
+            for i in 0..self.size[0] {
+                let first = block.len();
+                block.extend((0..length).map(|k| values[i + self.size[0] * j + stride * k]));
+                work(&mut block[first..], scratch);
+            }
+        });
         let row = self.size[0];
-        self.values.par_chunks_mut(stride).enumerate().for_each(|(k, slab)| {
+        for_each((0.., chunks_mut(&mut self.values, stride)), &|(k, slab)| {
             for (line, column) in slab.chunks_mut(row).zip(&columns) {
                 for (i, value) in line.iter_mut().enumerate() {
                     *value = column[i * length + k];

@@ -13,10 +13,10 @@ pub mod organ;
 mod vessels;
 
 use nalgebra::{Matrix3, Point3, Vector3};
-use rayon::prelude::*;
 
 use super::{Label, LabelVolume, VolumeError};
 use crate::acoustics::known;
+use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::random::noise::Noise;
 use organ::Organ;
 use vessels::{Root, Tree};
@@ -303,8 +303,7 @@ impl Drawing<'_> {
         let noise = Noise::new(0, 22, PATCH_MM);
         let [nx, ny, _] = self.volume.size();
         let to_world = self.volume.index_to_world();
-        let rows = self.voxels.par_chunks_mut(nx).enumerate();
-        rows.for_each(|(row, line)| {
+        for_each((0.., chunks_mut(&mut self.voxels, nx)), &|(row, line)| {
             let [j, k] = [row % ny, row / ny];
             let mut noise = noise.nearby();
             for (i, voxel) in line.iter_mut().enumerate().filter(|(_, voxel)| **voxel == soft) {

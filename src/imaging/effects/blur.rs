@@ -5,7 +5,6 @@
 //! neither is the apex.
 
 use bytemuck::{Pod, Zeroable};
-use rayon::prelude::*;
 
 use super::buffers::{AMPLITUDE, AMPLITUDE_NEXT, Buffer, bytes_of};
 use super::lateral::{BLOCK, FWHM_PER_SIGMA, LateralKernel, narrowed};
@@ -14,6 +13,7 @@ use super::{Effect, Parameters, Stage, Verdict};
 use crate::synth::SynthError;
 use crate::synth::store::Store;
 use crate::synth::tables::{Inputs, Tables};
+use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::range::parameters;
 use insonify_base::real::Real;
 use insonify_base::simd::{Kernel, vectorised};
@@ -136,17 +136,17 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let (lines, samples) = (tables.lines(), tables.samples());
     let Some(kernel) = &tables.effects.blur else { return };
     let input = &store.amplitude[..lines * samples];
-    store.amplitude_next[..lines * samples]
-        .par_chunks_mut(samples)
-        .enumerate()
-        .for_each(|(line, output)| {
+    for_each(
+        (0.., chunks_mut(&mut store.amplitude_next[..lines * samples], samples)),
+        &|(line, output)| {
             vectorised(Scanline {
                 kernel,
                 input,
                 place: [line, lines],
                 output,
             });
-        });
+        },
+    );
 }
 
 /// A blurred scanline.

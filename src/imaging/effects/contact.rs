@@ -9,7 +9,6 @@
 use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
 use nalgebra::Vector4;
-use rayon::prelude::*;
 
 use super::buffers::{Buffer, POSITION, RAYS, columns};
 use super::common::{plane_step, rows};
@@ -18,6 +17,7 @@ use super::{Effect, Parameters, Stage, Verdict};
 use crate::synth::FrameState;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
+use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::range::parameters;
 use insonify_base::real::Real;
 
@@ -165,22 +165,24 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     gaps(tables, view.state, &mut store.effects.contact.gaps);
     let matrix = rows::<T>(&view.state.probe_to_world);
     let (sample_mm, per_fade) = (T::of(tables.sample_mm()), T::of(per_fade(tables)));
-    store
-        .position
-        .par_chunks_mut(samples)
-        .zip(&store.effects.contact.gaps)
-        .enumerate()
-        .filter(|(_, (_, gap))| **gap > 0.0)
-        .for_each(|(index, (positions, gap))| {
-            let [_, _, dx, dy] = tables.rays[index % lines].map(T::of);
-            let step = matrix.map(|row| (row[0] * dx + row[1] * dy) * T::of(f64::from(*gap)));
-            for (i, position) in positions.iter_mut().enumerate() {
-                let s = (T::from_signed(i as i32) + T::of(0.5)) * sample_mm;
-                let left = (T::one() - s * per_fade).max(T::zero());
-                let share = left * left;
-                for axis in 0..3 {
-                    position[axis] += step[axis] * share;
-                }
+    let rows = (
+        0..,
+        chunks_mut(&mut store.position, samples),
+        &store.effects.contact.gaps[..],
+    );
+    for_each(rows, &|(index, positions, gap)| {
+        if *gap <= 0.0 {
+            return;
+        }
+        let [_, _, dx, dy] = tables.rays[index % lines].map(T::of);
+        let step = matrix.map(|row| (row[0] * dx + row[1] * dy) * T::of(f64::from(*gap)));
+        for (i, position) in positions.iter_mut().enumerate() {
+            let s = (T::from_signed(i as i32) + T::of(0.5)) * sample_mm;
+            let left = (T::one() - s * per_fade).max(T::zero());
+            let share = left * left;
+            for axis in 0..3 {
+                position[axis] += step[axis] * share;
             }
-        });
+        }
+    });
 }

@@ -5,7 +5,6 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
-use rayon::prelude::*;
 
 use super::buffers::{POSITION, RAYS};
 use super::common::{plane_step, rows};
@@ -13,6 +12,7 @@ use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Stage, Verdict};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
+use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::real::Real;
 use insonify_base::simd::map;
 
@@ -72,15 +72,14 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let (lines, samples) = (tables.lines(), tables.samples());
     let matrix = rows::<T>(&view.state.probe_to_world);
     let (sample_mm, plane_mm) = (T::of(tables.sample_mm()), T::of(tables.plane_mm()));
-    store
-        .position
-        .par_chunks_mut(samples)
-        .enumerate()
-        .for_each(|(index, positions)| {
-            let ray = tables.rays[index % lines].map(T::of);
-            let z = T::of(f64::from(plane_step(index / lines))) * plane_mm;
-            scanline(ray, z, sample_mm, &matrix, positions);
-        });
+    for_each((0.., chunks_mut(&mut store.position, samples)), &|(
+        index,
+        positions,
+    )| {
+        let ray = tables.rays[index % lines].map(T::of);
+        let z = T::of(f64::from(plane_step(index / lines))) * plane_mm;
+        scanline(ray, z, sample_mm, &matrix, positions);
+    });
 }
 
 /// Positions of the samples of one scanline; the fourth component, the flag, is cleared.

@@ -14,7 +14,6 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
-use rayon::prelude::*;
 
 use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, POSITION, SPECULAR, VOXELS};
 use super::common::{rows, scatterers};
@@ -23,6 +22,7 @@ use super::slice::{Beyond, LabelReader};
 use super::{Effect, Parameters, Stage, Verdict};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
+use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::random::seed_words;
 use insonify_base::range::parameters;
 use insonify_base::real::Real;
@@ -207,17 +207,13 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
         }
     };
     if tables.effects.speckle.is_some() {
-        store
-            .specular
-            .par_chunks_mut(samples)
-            .enumerate()
-            .for_each(|(line, out)| {
-                out.fill([T::zero(); 2]);
-                echoes(line, &mut |i, [re, im]| out[i] = [out[i][0] + re, out[i][1] + im]);
-            });
+        for_each((0.., chunks_mut(&mut store.specular, samples)), &|(line, out)| {
+            out.fill([T::zero(); 2]);
+            echoes(line, &mut |i, [re, im]| out[i] = [out[i][0] + re, out[i][1] + im]);
+        });
     } else {
         let amplitude = &mut store.amplitude[..lines * samples];
-        amplitude.par_chunks_mut(samples).enumerate().for_each(|(line, out)| {
+        for_each((0.., chunks_mut(amplitude, samples)), &|(line, out)| {
             echoes(line, &mut |i, [re, im]| out[i] += (re * re + im * im).sqrt());
         });
     }

@@ -13,13 +13,13 @@ mod segments;
 mod shaft;
 
 use bytemuck::{Pod, Zeroable};
-use rayon::prelude::*;
 
 use super::buffers::{AMPLITUDE, Buffer, NEEDLE_MASK, RAYS, SPECULAR, columns};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, reference};
 use super::{Effect, Parameters, Stage, Verdict};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
+use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::random::seed_words;
 use insonify_base::range::parameters;
 use insonify_base::real::Real;
@@ -225,28 +225,26 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
             shaft.scanline(ray.map(T::of), &numbers, mask, &mut *add);
         }
     };
-    let masks = store.needle_mask.par_chunks_mut(samples).zip(&tables.rays);
+    let masks = chunks_mut(&mut store.needle_mask, samples);
     if tables.effects.speckle.is_some() {
-        store
-            .specular
-            .par_chunks_mut(samples)
-            .zip(masks)
-            .for_each(|(out, (mask, ray))| {
-                if numbers.after_surfaces == 0 {
-                    out.fill([T::zero(); 2]);
-                }
-                each(ray, mask, &mut |i, [re, im]| {
-                    out[i][0] += re;
-                    out[i][1] += im;
-                });
+        let rows = (chunks_mut(&mut store.specular, samples), masks, &tables.rays[..]);
+        for_each(rows, &|(out, mask, ray)| {
+            if numbers.after_surfaces == 0 {
+                out.fill([T::zero(); 2]);
+            }
+            each(ray, mask, &mut |i, [re, im]| {
+                out[i][0] += re;
+                out[i][1] += im;
             });
+        });
     } else {
         let amplitude = &mut store.amplitude[..tables.lines() * samples];
-        amplitude
-            .par_chunks_mut(samples)
-            .zip(masks)
-            .for_each(|(out, (mask, ray))| {
-                each(ray, mask, &mut |i, [re, im]| out[i] += (re * re + im * im).sqrt());
-            });
+        for_each((chunks_mut(amplitude, samples), masks, &tables.rays[..]), &|(
+            out,
+            mask,
+            ray,
+        )| {
+            each(ray, mask, &mut |i, [re, im]| out[i] += (re * re + im * im).sqrt());
+        });
     }
 }

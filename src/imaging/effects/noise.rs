@@ -5,13 +5,13 @@
 //! beyond three standard deviations (excess kurtosis -0.1).
 
 use bytemuck::{Pod, Zeroable};
-use rayon::prelude::*;
 
 use super::buffers::{IMAGE, SCAN_MAP};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Parameters, Stage, Verdict};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
+use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::random::{hash3, pcg3d, seed_words};
 use insonify_base::range::parameters;
 use insonify_base::real::Real;
@@ -113,19 +113,21 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let width = tables.width();
     let numbers = numbers(view, 0);
-    store
-        .image
-        .par_chunks_mut(width)
-        .zip(tables.scan_map.par_chunks(width))
-        .enumerate()
-        .for_each(|(row, (pixels, map))| {
+    for_each(
+        (
+            0..,
+            chunks_mut(&mut store.image, width),
+            chunks(&tables.scan_map, width),
+        ),
+        &|(row, pixels, map)| {
             vectorised(Add {
                 pixels,
                 map,
                 row: row as i32,
                 numbers: &numbers,
             });
-        });
+        },
+    );
 }
 
 /// Adds noise to the pixels of one row that lie in the sector.

@@ -1,13 +1,13 @@
 //! Quantisation: grey levels to bytes, rounded to nearest.
 
 use bytemuck::{Pod, Zeroable};
-use rayon::prelude::*;
 
 use super::buffers::{IMAGE, PIXELS};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Stage, Verdict};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
+use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::real::Real;
 
 /// Registry entry.
@@ -57,13 +57,12 @@ fn params(view: &View, _: Band) -> ParamBlock {
 fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let width = view.tables.width();
     let half = T::of(0.5);
-    store
-        .pixels
-        .par_chunks_mut(width)
-        .zip(store.image.par_chunks(width))
-        .for_each(|(bytes, row)| {
+    for_each(
+        (chunks_mut(&mut store.pixels, width), chunks(&store.image, width)),
+        &|(bytes, row)| {
             for (byte, &grey) in bytes.iter_mut().zip(row) {
                 *byte = (grey + half).max(T::zero()).min(T::of(255.0)).to_u8().unwrap_or(0);
             }
-        });
+        },
+    );
 }

@@ -16,7 +16,6 @@
 mod clutter;
 
 use bytemuck::{Pod, Zeroable};
-use rayon::prelude::*;
 
 use super::buffers::{AMPLITUDE, Buffer, LABEL, beam, bytes_of};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
@@ -26,6 +25,7 @@ use super::{Effect, Parameters, Stage, Verdict};
 use crate::synth::SynthError;
 use crate::synth::store::Store;
 use crate::synth::tables::{Inputs, Settings, Tables};
+use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::random::{hash3, pcg3d, seed_words};
 use insonify_base::range::parameters;
 use insonify_base::real::Real;
@@ -208,12 +208,14 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let own = tables.settings.effects.receiver.as_ref();
     let noise = T::of(own.map_or(0.0, |own| own.noise_power() / DRAW_MEAN));
     let chunk = LINES * samples;
-    store.amplitude[..tables.lines() * samples]
-        .par_chunks_mut(chunk)
-        .zip(store.label.par_chunks(chunk))
-        .zip(tables.effects.receiver.clutter.par_chunks(chunk))
-        .enumerate()
-        .for_each(|(at, ((amplitudes, labels), clutter))| {
+    for_each(
+        (
+            0..,
+            chunks_mut(&mut store.amplitude[..tables.lines() * samples], chunk),
+            chunks(&store.label, chunk),
+            chunks(&tables.effects.receiver.clutter, chunk),
+        ),
+        &|(at, amplitudes, labels, clutter)| {
             vectorised(Scanlines {
                 first: (at * LINES) as i32,
                 numbers: &numbers,
@@ -222,7 +224,8 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
                 clutter,
                 amplitudes,
             });
-        });
+        },
+    );
 }
 
 /// Adds noise and clutter to a group of scanlines.

@@ -13,7 +13,6 @@
 //! m/s).
 
 use bytemuck::{Pod, Zeroable};
-use rayon::prelude::*;
 
 use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, columns};
 use super::common::spacing;
@@ -21,6 +20,7 @@ use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Parameters, Stage, Verdict};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
+use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::range::parameters;
 use insonify_base::real::Real;
 
@@ -219,10 +219,12 @@ fn phases<T: Real>(view: &View, store: &mut Store<T>) {
     let (samples, reach) = (tables.samples(), reach(tables));
     let halves = tables.lines() / reach;
     let own: [u32; 256] = std::array::from_fn(|label| tables.label_rows.get(label).map_or(0, |row| row.phase));
-    store.effects.refraction.phases[..halves * samples]
-        .par_chunks_mut(samples)
-        .zip(store.label.par_chunks(reach * samples))
-        .for_each(|(phases, labels)| {
+    for_each(
+        (
+            chunks_mut(&mut store.effects.refraction.phases[..halves * samples], samples),
+            chunks(&store.label, reach * samples),
+        ),
+        &|(phases, labels)| {
             phases.fill(T::zero());
             for labels in labels.chunks(samples) {
                 for (phase, label) in phases.iter_mut().zip(labels) {
@@ -234,7 +236,8 @@ fn phases<T: Real>(view: &View, store: &mut Store<T>) {
                 sum += *phase;
                 *phase = sum;
             }
-        });
+        },
+    );
 }
 
 fn run<T: Real>(view: &View, store: &mut Store<T>) {
@@ -242,10 +245,9 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let (lines, samples) = (tables.lines(), tables.samples());
     let phases = &store.effects.refraction.phases;
     let spread = Spread::<T>::new(tables);
-    store.amplitude[..lines * samples]
-        .par_chunks_mut(samples)
-        .enumerate()
-        .for_each(|(line, amplitudes)| {
+    for_each(
+        (0.., chunks_mut(&mut store.amplitude[..lines * samples], samples)),
+        &|(line, amplitudes)| {
             spread.factors(
                 line,
                 |half| &phases[half * samples..][..samples],
@@ -253,7 +255,8 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
                     amplitudes[sample] *= factor;
                 },
             );
-        });
+        },
+    );
 }
 
 /// Focusing and defocusing of the beams of a scene.

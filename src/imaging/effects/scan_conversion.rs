@@ -2,13 +2,13 @@
 //! sector take the fill level.
 
 use bytemuck::{Pod, Zeroable};
-use rayon::prelude::*;
 
 use super::buffers::{AMPLITUDE, IMAGE, SCAN_MAP};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Stage, Verdict};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
+use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::real::Real;
 
 /// Registry entry.
@@ -64,11 +64,9 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let (lines, samples, width) = (tables.lines(), tables.samples(), tables.width());
     let fill = T::of(f64::from(tables.settings.image.fill));
     let beam = &store.amplitude[..lines * samples];
-    store
-        .image
-        .par_chunks_mut(width)
-        .zip(tables.scan_map.par_chunks(width))
-        .for_each(|(row, map)| {
+    for_each(
+        (chunks_mut(&mut store.image, width), chunks(&tables.scan_map, width)),
+        &|(row, map)| {
             for (pixel, &at) in row.iter_mut().zip(map) {
                 *pixel = if at[0] < 0.0 {
                     fill
@@ -76,7 +74,8 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
                     bilinear(beam, lines, samples, at)
                 };
             }
-        });
+        },
+    );
 }
 
 /// Bilinear value at a scanline and sample coordinate, both within the grid.

@@ -11,7 +11,6 @@
 use std::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
-use rayon::prelude::*;
 
 pub use super::buffers::UNITS_PER_DB;
 use super::buffers::{
@@ -25,6 +24,7 @@ use crate::synth::SynthError;
 use crate::synth::store::Store;
 use crate::synth::tables::{Inputs, Settings, Tables};
 use insonify_anatomy::acoustics::Tissue;
+use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::range::{check, parameters};
 use insonify_base::real::Real;
 
@@ -466,12 +466,14 @@ fn losses<T: Real>(view: &View, store: &mut Store<T>) {
     let mask = &store.needle_mask;
     let exponent = T::of(0.5 * exponent_per_unit());
     let (opens, opaque) = (opens(tables), penumbra::opaque_units(tables.sample_mm()));
-    store.amplitude_next[..lines * samples]
-        .par_chunks_mut(samples)
-        .zip(store.label.par_chunks(samples))
-        .zip(store.loss.par_chunks_mut(samples))
-        .enumerate()
-        .for_each(|(line, ((through, labels), down_to))| {
+    for_each(
+        (
+            0..,
+            chunks_mut(&mut store.amplitude_next[..lines * samples], samples),
+            chunks(&store.label, samples),
+            chunks_mut(&mut store.loss, samples),
+        ),
+        &|(line, through, labels, down_to)| {
             let own = |i: usize| {
                 let tissue = loss[usize::from(labels[i])];
                 match needle {
@@ -494,7 +496,8 @@ fn losses<T: Real>(view: &View, store: &mut Store<T>) {
                 *through = power((above + own / 2).min(MAX_UNITS));
                 above = (above + own).min(MAX_UNITS);
             }
-        });
+        },
+    );
 }
 
 /// Accumulates the loss down to the centre of each sample, from each sample's own loss.

@@ -8,7 +8,6 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
-use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -18,6 +17,7 @@ use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Setting, Stage, Verdict};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
+use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::real::Real;
 use insonify_base::simd::{Kernel, array, map, vectorised};
 
@@ -137,12 +137,13 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let samples = tables.samples();
     let echo: [T; 256] =
         std::array::from_fn(|label| T::of(tables.label_rows.get(label).map_or(0.0, |row| f64::from(row.echo))));
-    store
-        .position
-        .par_chunks(samples)
-        .zip(store.label.par_chunks_mut(samples))
-        .zip(store.amplitude.par_chunks_mut(samples))
-        .for_each(|((positions, labels), amplitudes)| {
+    for_each(
+        (
+            chunks(&store.position, samples),
+            chunks_mut(&mut store.label, samples),
+            chunks_mut(&mut store.amplitude, samples),
+        ),
+        &|(positions, labels, amplitudes)| {
             vectorised(Scanline {
                 reader: &reader,
                 echo: &echo,
@@ -150,7 +151,8 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
                 labels,
                 amplitudes,
             });
-        });
+        },
+    );
 }
 
 /// Labels and echoes of a scanline.

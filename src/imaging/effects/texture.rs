@@ -8,7 +8,6 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
-use rayon::prelude::*;
 
 use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, POSITION, bytes_of};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
@@ -19,6 +18,7 @@ use crate::synth::tables::{Anatomy, Inputs, Settings, Tables};
 use insonify_anatomy::acoustics::{Tissue, bank};
 use insonify_anatomy::volume::VolumeError;
 use insonify_anatomy::volume::texture::{Atlas, AtlasEntry, Placement, SolidTexture};
+use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::range::parameters;
 use insonify_base::real::Real;
 
@@ -147,12 +147,13 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let samples = tables.samples();
     let strength = T::of(strength(tables));
     let texture: [u32; 256] = std::array::from_fn(|label| tables.label_rows.get(label).map_or(0, |row| row.texture));
-    store
-        .amplitude
-        .par_chunks_mut(samples)
-        .zip(store.position.par_chunks(samples))
-        .zip(store.label.par_chunks(samples))
-        .for_each(|((amplitudes, positions), labels)| {
+    for_each(
+        (
+            chunks_mut(&mut store.amplitude, samples),
+            chunks(&store.position, samples),
+            chunks(&store.label, samples),
+        ),
+        &|(amplitudes, positions, labels)| {
             let mut start = 0;
             for run in labels.chunk_by(|a, b| texture[usize::from(*a)] == texture[usize::from(*b)]) {
                 let end = start + run.len();
@@ -167,7 +168,8 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
                 }
                 start = end;
             }
-        });
+        },
+    );
 }
 
 /// Packs the solid textures named by the tissues of an anatomy's labels, in the order of their first use; `None`

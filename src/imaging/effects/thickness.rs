@@ -5,7 +5,6 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
-use rayon::prelude::*;
 
 use super::buffers::AMPLITUDE;
 use super::common::plane_step;
@@ -13,6 +12,7 @@ use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, OutOfRange, Parameters, Stage, Verdict};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
+use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::range::{check, parameters};
 use insonify_base::real::Real;
 
@@ -134,17 +134,14 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let weights = weights::<T>(tables);
     let (centre, others) = store.amplitude.split_at_mut(tables.lines() * samples);
     let stride = centre.len();
-    centre
-        .par_chunks_mut(samples)
-        .enumerate()
-        .for_each(|(line, amplitudes)| {
-            for (i, amplitude) in amplitudes.iter_mut().enumerate() {
-                let mut power = weights[0] * *amplitude * *amplitude;
-                for plane in 1..tables.planes() {
-                    let other = others[(plane - 1) * stride + line * samples + i];
-                    power += weights[plane] * other * other;
-                }
-                *amplitude = power.sqrt();
+    for_each((0.., chunks_mut(centre, samples)), &|(line, amplitudes)| {
+        for (i, amplitude) in amplitudes.iter_mut().enumerate() {
+            let mut power = weights[0] * *amplitude * *amplitude;
+            for plane in 1..tables.planes() {
+                let other = others[(plane - 1) * stride + line * samples + i];
+                power += weights[plane] * other * other;
             }
-        });
+            *amplitude = power.sqrt();
+        }
+    });
 }

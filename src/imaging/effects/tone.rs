@@ -7,7 +7,6 @@
 pub mod auto_gain;
 
 use bytemuck::{Pod, Zeroable};
-use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -23,6 +22,7 @@ use crate::synth::SynthError;
 use crate::synth::store::Store;
 use crate::synth::tables::{Inputs, Settings, Tables};
 use auto_gain::{AutoGain, BANDS};
+use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::range::{check, parameters, within};
 use insonify_base::real::{Numbers, Real};
 
@@ -357,12 +357,14 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let map = GreyMap::<T>::new(tables.settings.effects.tone.as_ref());
     let gain = tables.effects.tone.gain.of::<T>();
     let automatic = &store.effects.tone.auto_gain;
-    let scanlines = store.amplitude[..tables.lines() * samples].par_chunks_mut(samples);
+    let scanlines = chunks_mut(&mut store.amplitude[..tables.lines() * samples], samples);
     // Two loops: a single one would compute the power for every sample, needed or not.
     if map.gamma == T::one() {
-        scanlines.for_each(|line| map.show(line, gain, automatic, |share| share));
+        for_each(scanlines, &|line| map.show(line, gain, automatic, |share| share));
     } else {
-        scanlines.for_each(|line| map.show(line, gain, automatic, |share| share.powf(map.gamma)));
+        for_each(scanlines, &|line| {
+            map.show(line, gain, automatic, |share| share.powf(map.gamma))
+        });
     }
 }
 

@@ -4,7 +4,6 @@
 use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
 use nalgebra::Point3;
-use rayon::prelude::*;
 
 use super::buffers::{Buffer, LABEL, LOSS, NEEDLE_MASK, POSITION, RAYS, UNITS_PER_DB, beam, bytes_of, columns};
 use super::common::rows;
@@ -14,6 +13,7 @@ use crate::synth::layers::{Layer, world_position};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 use insonify_anatomy::volume::Label;
+use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::real::Real;
 
 /// Registry entry.
@@ -210,8 +210,7 @@ fn fill<T: Real>(layer: Layer, view: &View, store: &mut Store<T>, line: impl Fn(
     let (lines, samples) = (view.tables.lines(), view.tables.samples());
     let mut layers = std::mem::take(&mut store.effects.truth.layers);
     let own = &mut layers[place(layer, view.tables) * lines * samples..][..lines * samples];
-    let scanlines = own.par_chunks_mut(samples).enumerate();
-    scanlines.for_each(|(at, values)| line(store, at, values));
+    for_each((0.., chunks_mut(own, samples)), &|(at, values)| line(store, at, values));
     store.effects.truth.layers = layers;
 }
 

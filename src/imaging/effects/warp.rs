@@ -15,7 +15,6 @@
 use std::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
-use rayon::prelude::*;
 
 use super::buffers::{ELEMENT, ELEMENT_MAPS, HITS, POSITION};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
@@ -23,6 +22,7 @@ use super::{Effect, Stage, Verdict};
 use crate::synth::slab::Slab;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
+use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::real::Real;
 use insonify_mesh::NONE;
 use insonify_mesh::element::{self, Frame};
@@ -140,11 +140,12 @@ fn sort<T: Real>(view: &View, store: &mut Store<T>) {
 fn map<T: Real>(view: &View, store: &mut Store<T>) {
     let (lines, samples) = (view.tables.lines(), view.tables.samples());
     let Some(slab) = &store.slab else { return };
-    let scanlines = store
-        .position
-        .par_chunks_mut(samples)
-        .zip(store.element.par_chunks_mut(samples));
-    scanlines.enumerate().for_each(|(at, (positions, elements))| {
+    let scanlines = (
+        0..,
+        chunks_mut(&mut store.position, samples),
+        chunks_mut(&mut store.element, samples),
+    );
+    for_each(scanlines, &|(at, positions, elements)| {
         rasterise(slab, at % lines, positions, elements);
         carry(slab, positions, elements);
     });

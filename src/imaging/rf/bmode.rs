@@ -2,7 +2,7 @@
 
 use std::ops::RangeInclusive;
 
-use rayon::prelude::*;
+use insonify_base::parallel;
 
 use super::file::Echoes;
 use super::signal::Lines;
@@ -34,7 +34,7 @@ pub fn white(envelope: &[f32]) -> f32 {
 pub fn grey(envelope: &[f32], white: f32, range_db: f64) -> Vec<f32> {
     let level = |value: &f32| 20.0 * (value / white).max(1e-20).log10();
     let grey = |db: f32| (255.0 * (1.0 + f64::from(db) / range_db)).clamp(0.0, 255.0) as f32;
-    envelope.par_iter().map(|value| grey(level(value))).collect()
+    parallel::map(envelope, &|value| grey(level(value)))
 }
 
 /// Scan conversion of grey levels, bilinear between lines and samples; `fill` outside the sector. Lines with more samples than pixels are averaged
@@ -62,5 +62,5 @@ pub fn scan_converted(grey: &[f32], beam: &BeamGrid, image: &ImageGrid, fill: u8
     };
     let map = scan_map(beam, image, 0..image.height());
     let pixel = |place: &[f32; 2]| if *place == OUTSIDE { fill } else { value(*place) };
-    map.par_iter().map(pixel).collect()
+    parallel::map(&map[..], &pixel)
 }

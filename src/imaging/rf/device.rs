@@ -1,7 +1,7 @@
 //! Echoes of point scatterers on a GPU: the pass of `shaders/echoes.wgsl`.
 
 use bytemuck::{Pod, Zeroable};
-use rayon::prelude::*;
+use insonify_base::parallel;
 
 use super::echoes::{Pulse, REACH, Scatterer};
 use insonify_gpu::{Access, Dispatch, Gpu, GpuError, Parameters, PassSource, Pipeline, Readback, StorageBuffer};
@@ -200,22 +200,25 @@ impl Params {
 
 impl Binned {
     fn new(scatterers: &[Scatterer], params: &Params) -> Self {
-        let mut scatterers: Vec<Packed> = scatterers.par_iter().filter_map(|it| params.packed(it)).collect();
-        scatterers.par_sort_by(|a, b| params.bin(a).cmp(&params.bin(b)).then(a.line.total_cmp(&b.line)));
+        let mut scatterers: Vec<Packed> = parallel::filter_map(scatterers, &|it| params.packed(it));
+        parallel::sort_by(&mut scatterers, |a, b| {
+            params.bin(a).cmp(&params.bin(b)).then(a.line.total_cmp(&b.line))
+        });
         let lines = params.lines as usize;
-        let ranges = (0..params.bins()).into_par_iter().flat_map_iter(|bin| {
+        let ranges = parallel::map(0..params.bins(), &|bin| {
             let from = scatterers.partition_point(|it| params.bin(it) < bin);
             let own = &scatterers[from..];
             let own = &own[..own.partition_point(|it| params.bin(it) == bin)];
             // Rounding of the reach is far below a line.
             let widest = own.iter().map(|it| it.sigma).fold(0.0, f32::max) * REACH as f32 + 1.0;
-            (0..lines).map(move |line| {
+            let range = |line: usize| {
                 let low = own.partition_point(|it| it.line < line as f32 - widest);
                 let high = own.partition_point(|it| it.line <= line as f32 + widest);
                 [(from + low) as u32, (from + high) as u32]
-            })
+            };
+            (0..lines).map(range).collect::<Vec<_>>()
         });
-        let ranges: Vec<[u32; 2]> = ranges.collect();
+        let ranges: Vec<[u32; 2]> = ranges.concat();
         let near = params.ahead as usize / BIN + 1;
         let most = (0..lines).flat_map(|line| {
             let counts: Vec<u32> = ranges

@@ -1,8 +1,7 @@
 //! Radio-frequency echoes of point scatterers: each adds a pulse to the scanlines that its beam reaches.
 
-use rayon::prelude::*;
-
 use super::Acquisition;
+use insonify_base::parallel::{chunks_mut, for_each, sort_by};
 use insonify_base::real::Real;
 
 /// Lines rendered together: the pulse of a scatterer is interpolated once for all of them.
@@ -101,39 +100,37 @@ impl Scatterer {
 /// Adds the echoes of scatterers to `lines` scanlines of `samples`, line by line. The result does not depend on the number of threads. In double
 /// precision it is the gold standard of both backends.
 pub fn echoes<R: Real>(scatterers: &mut [Scatterer], pulse: &Pulse, lines: usize, samples: usize) -> Vec<R> {
-    scatterers.par_sort_by(|a, b| a.line.total_cmp(&b.line));
+    sort_by(scatterers, |a, b| a.line.total_cmp(&b.line));
     let widest = scatterers.iter().map(|it| it.sigma).fold(0.0, f32::max) * REACH as f32;
     let mut out = vec![R::default(); lines * samples];
-    out.par_chunks_mut(BLOCK * samples)
-        .enumerate()
-        .for_each(|(block, rows)| {
-            let (first, last) = (block * BLOCK, block * BLOCK + rows.len() / samples - 1);
-            let from = scatterers.partition_point(|it| it.line < first as f32 - widest);
-            let to = scatterers.partition_point(|it| it.line <= last as f32 + widest);
-            let mut wave = vec![R::default(); pulse.length()];
-            for it in &scatterers[from..to] {
-                let Some([low, high]) = it.lines(lines) else { continue };
-                let (low, high) = (low.max(first), high.min(last));
-                let start = it.sample.floor();
-                let begin = start - pulse.half as f64;
-                if low > high || begin >= samples as f64 || begin + (pulse.length() as f64) < 0.0 {
-                    continue;
-                }
-                pulse.at((it.sample - start) as f32, &mut wave);
-                let skip = ((-begin).max(0.0) as usize).min(wave.len());
-                let begin = begin.max(0.0) as usize;
-                let wave = &wave[skip..];
-                let count = wave.len().min(samples - begin);
-                let [centre, sigma, amplitude] = [it.line, it.sigma, it.amplitude].map(|value| R::of(f64::from(value)));
-                for line in low..=high {
-                    let away = (R::of(line as f64) - centre) / sigma;
-                    let weight = amplitude * (R::of(-0.5) * away * away).exp();
-                    let row = (line - first) * samples + begin;
-                    for (out, value) in rows[row..row + count].iter_mut().zip(wave) {
-                        *out += weight * *value;
-                    }
+    for_each((0.., chunks_mut(&mut out, BLOCK * samples)), &|(block, rows)| {
+        let (first, last) = (block * BLOCK, block * BLOCK + rows.len() / samples - 1);
+        let from = scatterers.partition_point(|it| it.line < first as f32 - widest);
+        let to = scatterers.partition_point(|it| it.line <= last as f32 + widest);
+        let mut wave = vec![R::default(); pulse.length()];
+        for it in &scatterers[from..to] {
+            let Some([low, high]) = it.lines(lines) else { continue };
+            let (low, high) = (low.max(first), high.min(last));
+            let start = it.sample.floor();
+            let begin = start - pulse.half as f64;
+            if low > high || begin >= samples as f64 || begin + (pulse.length() as f64) < 0.0 {
+                continue;
+            }
+            pulse.at((it.sample - start) as f32, &mut wave);
+            let skip = ((-begin).max(0.0) as usize).min(wave.len());
+            let begin = begin.max(0.0) as usize;
+            let wave = &wave[skip..];
+            let count = wave.len().min(samples - begin);
+            let [centre, sigma, amplitude] = [it.line, it.sigma, it.amplitude].map(|value| R::of(f64::from(value)));
+            for line in low..=high {
+                let away = (R::of(line as f64) - centre) / sigma;
+                let weight = amplitude * (R::of(-0.5) * away * away).exp();
+                let row = (line - first) * samples + begin;
+                for (out, value) in rows[row..row + count].iter_mut().zip(wave) {
+                    *out += weight * *value;
                 }
             }
-        });
+        }
+    });
     out
 }

@@ -2,10 +2,9 @@
 
 use std::f64::consts::TAU;
 
-use rayon::prelude::*;
-
 use super::Acquisition;
 use super::echoes::{Pulse, Scatterer, echoes};
+use insonify_base::parallel::{self, for_each};
 use insonify_base::random::{hash3, unit};
 
 /// Standard deviation of the elevational profile, mm.
@@ -57,8 +56,9 @@ impl Medium {
         let sample_mm = self.acquisition.sample_mm();
         let length_mm = self.samples as f64 * sample_mm + self.before_mm + 1.0;
         let lines = self.lines as f64 + 2.0 * ASIDE;
-        let count = (33.0 * length_mm * 3.2 * lines * PITCH_MM) as i32;
-        let place = |item: i32| {
+        let count = (33.0 * length_mm * 3.2 * lines * PITCH_MM) as usize;
+        let place = |item: usize| {
+            let item = item as i32;
             let z = random(item, 1) * length_mm - self.before_mm;
             let line = random(item, 2) * lines - ASIDE;
             let beyond = (random(item, 3) - 0.5) * 3.2 / ELEVATIONAL_MM;
@@ -70,7 +70,7 @@ impl Medium {
                 sigma: LATERAL as f32,
             }
         };
-        (0..count).into_par_iter().map(place).collect()
+        parallel::map(0..count, &place)
     }
 
     /// Echoes of the medium displaced by a function of depth, with the noise of a number.
@@ -84,10 +84,9 @@ impl Medium {
         );
         let rms = (found.iter().map(|value| f64::from(*value).powi(2)).sum::<f64>() / found.len() as f64).sqrt();
         let level = rms * 10_f64.powf(-self.acquisition.snr_db / 20.0);
-        found
-            .par_iter_mut()
-            .enumerate()
-            .for_each(|(at, value)| *value += (level * normal(at as i32, 50 + noise)) as f32);
+        for_each((0.., &mut found[..]), &|(at, value)| {
+            *value += (level * normal(at as i32, 50 + noise)) as f32
+        });
         found
     }
 }

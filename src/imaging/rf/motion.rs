@@ -2,9 +2,8 @@
 //! S. E. Salcudean, "Motion estimation in ultrasound images using time domain cross correlation with prior estimates", IEEE Transactions on
 //! Biomedical Engineering 53, 2006).
 
-use rayon::prelude::*;
-
 use super::signal::upsampled;
+use insonify_base::parallel::{self, chunks, chunks_mut, for_each};
 use insonify_base::simd::{Lanes, Simd, WithSimd, dispatch};
 
 /// Settings of the estimator.
@@ -143,8 +142,8 @@ impl Frame {
     fn new(values: Vec<f32>, samples: usize, summed: bool) -> Self {
         let running = |each: fn(f64) -> f64| {
             let mut sums = vec![0.0; values.len() / samples * (samples + 1)];
-            let rows = sums.par_chunks_mut(samples + 1).zip(values.par_chunks(samples));
-            rows.for_each(|(sums, row)| {
+            let rows = (chunks_mut(&mut sums, samples + 1), chunks(&values, samples));
+            for_each(rows, &|(sums, row)| {
                 for (at, value) in row.iter().enumerate() {
                     sums[at + 1] = sums[at] + each(f64::from(*value));
                 }
@@ -225,7 +224,7 @@ impl Tracker {
                 .filter(|pair| (pair[0] < 0.0) != (pair[1] < 0.0))
                 .count()
         };
-        let turns: usize = values.par_chunks(wide).map(turns).sum();
+        let turns: usize = parallel::map(chunks(&values, wide), &turns).into_iter().sum();
         Self {
             options,
             lines,
@@ -250,17 +249,16 @@ impl Tracker {
         let count = options.windows;
         let mut found = vec![([0.0; 2], 0.0); self.lines * count];
         let this = &*self;
-        let mut correlations: u64 = found
-            .par_chunks_mut(count)
-            .enumerate()
-            .map(|(line, found)| this.line(&current, line, found))
-            .sum();
+        let once = parallel::map((0.., chunks_mut(&mut found, count)), &|(line, found)| {
+            this.line(&current, line, found)
+        });
+        let mut correlations: u64 = once.into_iter().sum();
         for _ in 0..if options.prior { AGAIN } else { 0 } {
             let before = found.clone();
-            let again = found.par_chunks_mut(count).enumerate();
-            correlations += again
-                .map(|(line, found)| this.again(&current, line, &before, found))
-                .sum::<u64>();
+            let again = parallel::map((0.., chunks_mut(&mut found, count)), &|(line, found)| {
+                this.again(&current, line, &before, found)
+            });
+            correlations += again.into_iter().sum::<u64>();
         }
         self.correlations += correlations;
         let scale = [self.options.sample_um(), self.options.pitch_mm * 1e3];

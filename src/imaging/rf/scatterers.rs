@@ -3,7 +3,6 @@
 use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Matrix4, Point3};
-use rayon::prelude::*;
 
 use super::Acquisition;
 use super::device::Device;
@@ -15,6 +14,7 @@ use crate::synth::tables::{Anatomy, Inputs, Settings};
 use crate::synth::{Backend, FrameState, SynthError};
 use insonify_base::cause::Cause;
 use insonify_base::matrix::inverse_rigid;
+use insonify_base::parallel::{self, chunks_mut, for_each};
 use insonify_base::random::{hash3, seed_words, unit};
 use insonify_gpu::adapter::{self, hardware};
 use insonify_gpu::{AdapterChoice, Gpu, Needs};
@@ -187,7 +187,7 @@ impl RfSynthesizer {
         let unit_echo = (density * energy).sqrt().recip();
         let (grid, locator, spread) = (&self.grid, self.locator.as_ref(), &self.spread);
         let (sample_mm, last) = (self.acquisition.sample_mm(), self.lines() - 1);
-        let seen = self.points.par_iter_mut().filter_map(|point| {
+        let mut seen: Vec<Scatterer> = parallel::filter_map(&mut self.points[..], &|point| {
             let at = to_probe.transform_point(&carried(locator, point.at, &mut point.element));
             let (line, depth_mm) = grid.to_line_and_depth(at.x, at.y);
             let beyond = at.z / sigma_mm;
@@ -203,7 +203,6 @@ impl RfSynthesizer {
                 sigma: (spread.lateral_at(depth_mm) / FWHM / grid.lateral_spacing_mm(depth_mm)) as f32,
             })
         });
-        let mut seen: Vec<Scatterer> = seen.collect();
         let (lines, samples) = (self.lines(), self.samples);
         let mut out = match &mut self.means {
             Means::Single => echoes(&mut seen, &self.pulse, lines, samples),
@@ -306,11 +305,7 @@ impl RfSynthesizer {
             .texture
             .as_ref()
             .map_or(0.0, |texture| texture.strength);
-        let slices = range(2).into_par_iter().flat_map_iter(|k| {
-            let (rows, columns) = (range(1), range(0));
-            rows.flat_map(move |j| columns.clone().map(move |i| [i, j, k]))
-        });
-        let points = slices.filter_map(|cell| {
+        let point = |cell: [i32; 3]| {
             let words = hash3(cell, seed);
             let at = [0, 1, 2].map(|axis| (f64::from(cell[axis]) + f64::from(unit(words[axis]))) * side);
             let seen = to_probe.transform_point(&Point3::from(at));
@@ -335,8 +330,13 @@ impl RfSynthesizer {
                 amplitude,
                 element: NONE,
             })
+        };
+        let slices: Vec<i32> = range(2).collect();
+        let points = parallel::map(&slices[..], &|&k| {
+            let cells = range(1).flat_map(|j| range(0).map(move |i| [i, j, k]));
+            cells.filter_map(point).collect::<Vec<_>>()
         });
-        points.collect()
+        points.into_iter().flatten().collect()
     }
 
     /// Amplitude left at every half millimetre of each line, through the anatomy at rest.
@@ -359,7 +359,7 @@ impl RfSynthesizer {
             };
             (0..steps).map(step).collect()
         };
-        (0..self.lines()).into_par_iter().flat_map_iter(lost).collect()
+        parallel::map(0..self.lines(), &lost).concat()
     }
 
     fn db_per_mm(&self, shadow: &Shadow, at: &Point3<f64>) -> f64 {
@@ -372,7 +372,7 @@ impl RfSynthesizer {
     fn add_noise(&self, echoes: &mut [f32], frame: u64) {
         let level = 10_f64.powf(-self.acquisition.snr_db / 20.0);
         let seed = seed_words(self.settings.seed ^ NOISE ^ frame << 16);
-        echoes.par_chunks_mut(self.samples).enumerate().for_each(|(line, row)| {
+        for_each((0.., chunks_mut(echoes, self.samples)), &|(line, row)| {
             for (pair, values) in row.chunks_mut(2).enumerate() {
                 let [a, b, _] = hash3([line as i32, pair as i32, 0], seed).map(|word| f64::from(unit(word)));
                 let radius = level * (-2.0 * (1.0 - a).ln()).sqrt();

@@ -3,10 +3,10 @@
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-use rayon::prelude::*;
 use rustfft::num_complex::Complex32;
 use rustfft::{Fft, FftPlanner};
 
+use insonify_base::parallel::{chunks, chunks_mut, for_each_init};
 use insonify_base::simd::{Kernel, vectorised};
 
 /// Transforms of lines of one length.
@@ -41,21 +41,20 @@ impl Lines {
                 vec![Complex32::default(); self.length],
             )
         };
-        out.par_chunks_mut(self.samples)
-            .zip(lines.par_chunks(self.samples))
-            .for_each_init(buffers, |(buffer, scratch), (out, line)| {
-                buffer.fill(Complex32::default());
-                buffer.iter_mut().zip(line).for_each(|(to, from)| to.re = *from);
-                self.forward.process_with_scratch(buffer, scratch);
-                let half = self.length / 2;
-                let scale = 1.0 / self.length as f32;
-                buffer[0] *= scale;
-                buffer[half] *= scale;
-                buffer[1..half].iter_mut().for_each(|value| *value *= 2.0 * scale);
-                buffer[half + 1..].fill(Complex32::default());
-                self.inverse.process_with_scratch(buffer, scratch);
-                out.iter_mut().zip(&*buffer).for_each(|(to, from)| *to = from.norm());
-            });
+        let rows = (chunks_mut(&mut out, self.samples), chunks(lines, self.samples));
+        for_each_init(rows, &buffers, &|(buffer, scratch), (out, line)| {
+            buffer.fill(Complex32::default());
+            buffer.iter_mut().zip(line).for_each(|(to, from)| to.re = *from);
+            self.forward.process_with_scratch(buffer, scratch);
+            let half = self.length / 2;
+            let scale = 1.0 / self.length as f32;
+            buffer[0] *= scale;
+            buffer[half] *= scale;
+            buffer[1..half].iter_mut().for_each(|value| *value *= 2.0 * scale);
+            buffer[half + 1..].fill(Complex32::default());
+            self.inverse.process_with_scratch(buffer, scratch);
+            out.iter_mut().zip(&*buffer).for_each(|(to, from)| *to = from.norm());
+        });
         out
     }
 }
@@ -95,18 +94,17 @@ pub fn upsampled(lines: &[f32], samples: usize, upsampling: usize) -> Vec<f32> {
     let kernels = kernels(upsampling);
     let mut out = vec![0.0; lines.len() * upsampling];
     let buffer = || vec![0.0; samples + 2 * HALF + LANES];
-    out.par_chunks_mut(samples * upsampling)
-        .zip(lines.par_chunks(samples))
-        .for_each_init(buffer, |padded, (out, line)| {
-            padded[..HALF - 1].fill(line[0]);
-            padded[HALF - 1..HALF - 1 + samples].copy_from_slice(line);
-            padded[HALF - 1 + samples..].fill(line[samples - 1]);
-            vectorised(Between {
-                padded,
-                kernels: &kernels,
-                out,
-            });
+    let rows = (chunks_mut(&mut out, samples * upsampling), chunks(lines, samples));
+    for_each_init(rows, &buffer, &|padded, (out, line)| {
+        padded[..HALF - 1].fill(line[0]);
+        padded[HALF - 1..HALF - 1 + samples].copy_from_slice(line);
+        padded[HALF - 1 + samples..].fill(line[samples - 1]);
+        vectorised(Between {
+            padded,
+            kernels: &kernels,
+            out,
         });
+    });
     out
 }
 

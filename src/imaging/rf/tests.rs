@@ -348,7 +348,7 @@ fn both_backends_add_up_echoes_to_within_their_roundings() {
 #[test]
 fn results_do_not_depend_on_the_number_of_threads() {
     let made = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let pool = insonify_base::parallel::Pool::new(threads).unwrap();
         pool.install(|| {
             let first = frame(0, |_| [0.0; 2]);
             let mut tracker = Tracker::new(options(), LINES, &first);

@@ -6,19 +6,18 @@ use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-use rayon::{ThreadPool, ThreadPoolBuilder};
-
 use super::cpu::CpuExecutor;
 use super::local_origin::LocalFrame;
 use super::{Backend, Executor, Frame, FrameState, IN_FLIGHT, SynthError, Synthesizer};
 use insonify_base::memory;
+use insonify_base::parallel::{self, Pool};
 
 /// Frames of a thread that wait for the sink.
 const AHEAD: usize = 2;
 
 /// Threads of batches. On the CPU each has a synthesizer, the first the owner's; on a GPU they cut the mesh of the frames of a submission.
 pub(super) struct Team {
-    pool: ThreadPool,
+    pool: Pool,
     others: Vec<Synthesizer>,
     /// Number of threads asked for; memory may have allowed fewer.
     asked: usize,
@@ -30,7 +29,7 @@ impl Synthesizer {
     /// last of them. An error, of a frame or of the sink, ends the batch.
     ///
     /// On the CPU each thread renders frames of its own, which saves the waits between passes of a frame that is shared by all.
-    /// The threads belong to the synthesizer, as many as the caller's rayon pool has, or fewer where memory does not suffice; they
+    /// The threads belong to the synthesizer, as many as the caller's pool has, or fewer where memory does not suffice; they
     /// share its tables, and last until it is dropped or its settings change. On a GPU a submission has several frames, whose meshes are cut
     /// on such threads, and three submissions are in flight.
     ///
@@ -161,13 +160,13 @@ impl Synthesizer {
 
     /// Threads that cut the meshes of several frames; `None` without a mesh, on one thread, and where the system has no threads to spare.
     fn cutters(&mut self, frames: usize) -> Option<Team> {
-        let asked = rayon::current_num_threads().min(frames);
+        let asked = parallel::threads().min(frames);
         if asked < 2 || self.tables.mesh.is_none() {
             return None;
         }
         let kept = self.team.take().filter(|team| team.asked == asked);
         kept.or_else(|| {
-            let pool = ThreadPoolBuilder::new().num_threads(asked).build().ok()?;
+            let pool = Pool::new(asked).ok()?;
             let others = Vec::new();
             Some(Team { pool, others, asked })
         })
@@ -176,7 +175,7 @@ impl Synthesizer {
     /// Threads for a batch on the CPU; `None` where frames are rendered in turn: on a GPU, on one thread, for so few frames that most threads would have
     /// none, and where memory suffices for one frame at a time.
     fn team(&mut self, frames: usize) -> Result<Option<Team>, SynthError> {
-        let threads = rayon::current_num_threads();
+        let threads = parallel::threads();
         let asked = threads.min(frames);
         let backend = match &self.executor {
             Executor::Cpu(_) => Backend::Cpu,
@@ -193,7 +192,7 @@ impl Synthesizer {
         let fits = |others: &usize| memory::check(*others as u64 * each, "frames side by side").is_ok();
         let others = (1..asked).rev().find(fits).unwrap_or(0);
         // A system without threads to spare renders in turn, too.
-        let pool = ThreadPoolBuilder::new().num_threads(others + 1).build();
+        let pool = Pool::new(others + 1);
         let (Ok(pool), 1..) = (pool, others) else {
             return Ok(None);
         };
@@ -266,13 +265,11 @@ impl Team {
                 }
             }
         };
-        let work = &work;
-        let result = self.pool.in_place_scope(|scope| {
-            // A thread runs its own part of a broadcast alone, so none waits for the frames of another.
-            scope.spawn_broadcast(move |_, context| work(context.index()));
+        // A thread runs its own part of a broadcast alone, so none waits for the frames of another.
+        let result = self.pool.broadcast(&work, || {
             let receivers = receivers;
             for at in 0..states.len() {
-                // Where the other end is gone, its thread has panicked, which the scope passes on.
+                // Where the other end is gone, its thread has panicked, which the broadcast passes on.
                 let Ok(made) = receivers[at % count].recv() else { break };
                 sink(at, made?)?;
             }

@@ -112,7 +112,7 @@ impl<T: PassScalar> CpuExecutor<T> {
 
     /// Runs a sequence of passes of a plan, from a thread of the pool: one outside it would be woken after every pass.
     pub fn run(&mut self, passes: &[PlannedPass], tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
-        rayon::scope(|_| self.run_in_pool(passes, tables, state))
+        insonify_base::parallel::enter(|| self.run_in_pool(passes, tables, state))
     }
 
     fn run_in_pool(&mut self, passes: &[PlannedPass], tables: &Tables, state: &FrameState) -> Result<(), SynthError> {

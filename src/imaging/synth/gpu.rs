@@ -4,8 +4,6 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-use rayon::prelude::*;
-
 use super::layers::{Beam, numbered};
 use super::linker::{self, ENTRY, Linked};
 use super::slab::{Slab, States};
@@ -19,6 +17,7 @@ use crate::effects::truth::{self, LAYERS};
 use crate::fusion::{Bound, Fused, MAX_BUFFERS, Sequence};
 use crate::plan::{Plan, PlannedResource};
 use insonify_base::memory;
+use insonify_base::parallel::{for_each, try_for_each};
 use insonify_gpu::{
     Access, Dispatch, Gpu, GpuError, Needs, PassSource, Pipeline, Readback, Recorder, StorageBuffer, TextureOut, Timer,
 };
@@ -951,10 +950,7 @@ impl GpuExecutor {
 /// Cuts the mesh for several frames. Nodes that a frame leaves as they were are those of the frame before; the first slab has those of
 /// the last submission.
 fn cut(slabs: &mut [Slab<f32>], tables: &Tables, states: &[&FrameState]) -> Result<(), InvalidMesh> {
-    slabs
-        .par_iter_mut()
-        .zip(states)
-        .try_for_each(|(slab, state)| slab.move_nodes(state))?;
+    try_for_each((&mut *slabs, states), &|(slab, state)| slab.move_nodes(state))?;
     for (frame, state) in states.iter().enumerate().skip(1) {
         let unmoved = States {
             deformed: state.nodes.is_none(),
@@ -963,7 +959,7 @@ fn cut(slabs: &mut [Slab<f32>], tables: &Tables, states: &[&FrameState]) -> Resu
         let (before, slabs) = slabs.split_at_mut(frame);
         slabs[0].follow(&before[frame - 1], unmoved);
     }
-    slabs.par_iter_mut().zip(states).for_each(|(slab, state)| {
+    for_each((slabs, states), &|(slab, state)| {
         slab.cut(tables, &state.probe_to_world);
     });
     Ok(())

@@ -8,11 +8,11 @@ mod view;
 use std::sync::Arc;
 
 use nalgebra::Matrix4;
-use rayon::prelude::*;
 use view::{Projection, SlabView};
 
 use super::FrameState;
 use super::tables::Tables;
+use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::real::Real;
 use insonify_base::simd::{Kernel, Pack, map, vectorised};
 use insonify_mesh::element::{self, Carry, Frame};
@@ -107,7 +107,7 @@ impl<T: Real> Crossing<T> {
         reference: &[[f64; 3]],
     ) {
         let all = mesh.elements();
-        let test = |(task, (found, count)): (usize, (&mut [u32], &mut usize))| {
+        let test = |(task, found, count): (usize, &mut [u32], &mut usize)| {
             *count = 0;
             let first = task * TESTED;
             let of_task = &all[first..first + found.len()];
@@ -124,11 +124,8 @@ impl<T: Real> Crossing<T> {
             }
         };
         match &mut self.counts[..] {
-            [count] => test((0, (&mut self.found, count))),
-            counts => (self.found.par_chunks_mut(TESTED), counts)
-                .into_par_iter()
-                .enumerate()
-                .for_each(test),
+            [count] => test((0, &mut self.found, count)),
+            counts => for_each((0.., chunks_mut(&mut self.found, TESTED), counts), &test),
         }
         self.elements.clear();
         for (found, &count) in self.found.chunks(TESTED).zip(&self.counts) {
@@ -160,13 +157,13 @@ impl<T: Real> Crossing<T> {
             return prepare(parts);
         }
         let (elements, frames, carries, lines) = parts;
-        let chunks = (
-            elements.par_chunks(PREPARED),
-            frames.par_chunks_mut(PREPARED),
-            carries.par_chunks_mut(PREPARED),
-            lines.par_chunks_mut(PREPARED),
+        let rows = (
+            chunks(elements, PREPARED),
+            chunks_mut(frames, PREPARED),
+            chunks_mut(carries, PREPARED),
+            chunks_mut(lines, PREPARED),
         );
-        chunks.into_par_iter().for_each(prepare);
+        for_each(rows, &prepare);
     }
 }
 

@@ -1,7 +1,7 @@
 //! Dense inverse of the stiffness, solved for unit forces by row panels.
 //!
 //! The sparse factor solves a block of unit forces together, in f64 regardless of the result's precision, and only
-//! their part of the lower triangle is kept. Panels are distributed over the current rayon pool, each thread of which
+//! their part of the lower triangle is kept. Panels are distributed over the current pool, each thread of which
 //! needs two blocks beside the result. Compared with LAPACK's dense factorisation and inversion, this takes less work
 //! (four operations per entry of L and column, instead of one per entry of the dense triangle) and never stores a
 //! second dense matrix.
@@ -13,18 +13,18 @@ use crate::tissue::error::LinearError;
 use std::sync::{Mutex, PoisonError};
 
 use faer::{Mat, MatRef};
-use rayon::prelude::*;
 
 use super::assembly::Stiffness;
 use super::compliance::Compliance;
 use super::factor::Factor;
 use super::symmetric::{PANEL_ROWS, PanelMut, Scalar, Symmetric};
 use insonify_base::memory;
+use insonify_base::parallel;
 
 /// Right-hand sides solved together.
 const BLOCK: usize = 32;
 
-/// Computes K^-1 (mm/N) from the factor of K on the current rayon pool; the result is bitwise independent of the number
+/// Computes K^-1 (mm/N) from the factor of K on the current pool; the result is bitwise independent of the number
 /// of threads. `progress` receives the number of finished columns and their total, in ascending order, from any thread.
 ///
 /// # Errors
@@ -38,7 +38,7 @@ pub fn invert<T: Scalar>(
     check_memory::<T>(size)?;
     let mut inverse = Symmetric::zeros(size);
     let progress = Mutex::new((0, progress));
-    inverse.row_panels_mut().try_for_each(|panel| {
+    parallel::try_for_each(inverse.row_panels_mut(), &|panel| {
         let rows = panel.rows;
         fill(factor, panel)?;
         // A panic in the callback leaves the count intact.
@@ -52,7 +52,7 @@ pub fn invert<T: Scalar>(
 
 /// Checks the memory needed by an inverse and the blocks of all threads against what is available.
 pub(super) fn check_memory<T: Scalar>(size: usize) -> Result<(), LinearError> {
-    check_memory_of::<T>(size, rayon::current_num_threads(), memory::available())
+    check_memory_of::<T>(size, parallel::threads(), memory::available())
 }
 
 fn check_memory_of<T: Scalar>(size: usize, threads: usize, available: Option<usize>) -> Result<(), LinearError> {

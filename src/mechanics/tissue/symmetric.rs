@@ -17,10 +17,10 @@ mod update;
 use std::fmt;
 
 use bytemuck::Pod;
-use rayon::prelude::*;
 
 use super::compliance::{check_dofs, check_shape};
 use crate::tissue::error::LinearError;
+use insonify_base::parallel::{self, Rows, for_each, tasks};
 use insonify_base::real::Real;
 use insonify_base::simd::{Lanes, Simd, WithSimd, array, dispatch};
 
@@ -67,6 +67,39 @@ pub struct PanelMut<'a, T> {
     pub columns: &'a mut [Column<T>],
 }
 
+/// Consecutive panels of a matrix of `size` rows, handed out from the last to the first.
+struct PanelsMut<'a, T> {
+    size: usize,
+    /// Number of the first of them.
+    first: usize,
+    panels: &'a mut [Vec<Column<T>>],
+}
+
+impl<'a, T: Send> Rows for PanelsMut<'a, T> {
+    type Row = PanelMut<'a, T>;
+
+    fn count(&self) -> usize {
+        self.panels.len()
+    }
+
+    fn split_at(self, row: usize) -> (Self, Self) {
+        let (size, middle) = (self.size, self.panels.len() - row);
+        let (before, after) = self.panels.split_at_mut(middle);
+        let part = |first: usize, panels: &'a mut [Vec<Column<T>>]| Self { size, first, panels };
+        (part(self.first + middle, after), part(self.first, before))
+    }
+
+    fn next(&mut self) -> Option<PanelMut<'a, T>> {
+        let columns = self.panels.split_off_last_mut()?;
+        let [first_row, end] = panel_rows(self.first + self.panels.len(), self.size);
+        Some(PanelMut {
+            first_row,
+            rows: end - first_row,
+            columns,
+        })
+    }
+}
+
 /// Returns the first row of a panel and the one after its last.
 fn panel_rows(panel: usize, size: usize) -> [usize; 2] {
     let first = panel * PANEL_ROWS;
@@ -77,18 +110,19 @@ impl<T: Scalar> Symmetric<T> {
     /// Creates the zero matrix of `size` rows. It takes [`bytes_of`](Self::bytes_of) bytes: check them against the
     /// available memory first where `size` comes from a user, as [`invert`](super::inverse::invert) does.
     pub fn zeros(size: usize) -> Self {
-        let panels = (0..size.div_ceil(PANEL_ROWS)).into_par_iter();
         let zero = Column([T::of(0.0); PANEL_ROWS]);
         Self {
             size,
-            panels: panels.map(|panel| vec![zero; panel_rows(panel, size)[1]]).collect(),
+            panels: parallel::map(0..size.div_ceil(PANEL_ROWS), &|panel| {
+                vec![zero; panel_rows(panel, size)[1]]
+            }),
         }
     }
 
     /// Creates a matrix from its entries; `entry` is called only for row >= column.
     pub fn from_fn(size: usize, entry: impl Fn(usize, usize) -> T + Sync) -> Self {
         let mut matrix = Self::zeros(size);
-        matrix.row_panels_mut().for_each(|panel| {
+        for_each(matrix.row_panels_mut(), &|panel| {
             for (j, column) in panel.columns.iter_mut().enumerate() {
                 for i in j.saturating_sub(panel.first_row)..panel.rows {
                     column.0[i] = entry(panel.first_row + i, j);
@@ -101,10 +135,9 @@ impl<T: Scalar> Symmetric<T> {
     /// Converts to another precision, rounding each entry once.
     pub fn cast<U: Scalar>(&self) -> Symmetric<U> {
         let convert = |column: &Column<T>| Column(column.0.map(|value| U::of(value.wide())));
-        let panels = self.panels.par_iter().with_max_len(1);
         Symmetric {
             size: self.size,
-            panels: panels.map(|panel| panel.iter().map(convert).collect()).collect(),
+            panels: parallel::map(tasks(&self.panels[..]), &|panel| panel.iter().map(convert).collect()),
         }
     }
 
@@ -181,16 +214,11 @@ impl<T: Scalar> Symmetric<T> {
     }
 
     /// Mutable panels from the last to the first, to be taken by threads one by one: later ones are longer.
-    pub fn row_panels_mut(&mut self) -> impl IndexedParallelIterator<Item = PanelMut<'_, T>> {
-        let size = self.size;
-        let panels = self.panels.par_iter_mut().enumerate().rev().with_max_len(1);
-        panels.map(move |(panel, columns)| {
-            let [first_row, end] = panel_rows(panel, size);
-            PanelMut {
-                first_row,
-                rows: end - first_row,
-                columns,
-            }
+    pub fn row_panels_mut(&mut self) -> impl Rows<Row = PanelMut<'_, T>> {
+        tasks(PanelsMut {
+            size: self.size,
+            first: 0,
+            panels: &mut self.panels,
         })
     }
 }
@@ -225,19 +253,14 @@ const PARTS: usize = 16;
 const WIDTH: usize = 4;
 
 impl<T: Scalar> Symmetric<T> {
-    /// Computes y = A x on the current rayon pool.
+    /// Computes y = A x on the current pool.
     ///
     /// # Errors
     /// [`LinearError::Shape`] when a length is wrong.
     pub fn multiply(&self, x: &[T], y: &mut [T]) -> Result<(), LinearError> {
         check_shape("values of x", x.len(), self.size)?;
         check_shape("values of y", y.len(), self.size)?;
-        let parts: Vec<Vec<T>> = self
-            .parts()
-            .into_par_iter()
-            .with_max_len(1)
-            .map(|part| self.part(part, x))
-            .collect();
+        let parts = parallel::map(tasks(&self.parts()[..]), &|part| self.part(part.clone(), x));
         y.fill(T::of(0.0));
         for part in &parts {
             y.iter_mut().zip(part).for_each(|(y, &value)| *y += value);

@@ -17,7 +17,7 @@ pub fn value(i: usize, j: usize, salt: u32) -> f64 {
 
 /// Runs `work` on a dedicated thread pool.
 pub fn on_threads<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> R {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    let pool = insonify_base::parallel::Pool::new(threads);
     pool.expect("a pool").install(work)
 }
 

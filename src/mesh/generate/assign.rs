@@ -8,7 +8,7 @@
 //!
 //! An element is never added or removed where that would leave parts of the mesh that touch in a corner or an edge only.
 
-use rayon::prelude::*;
+use insonify_base::parallel;
 
 use super::draft::Draft;
 use super::sharpest_cosine;
@@ -83,15 +83,15 @@ pub(super) fn settle(draft: &mut Draft, tissue: &Tissue, limits: &Limits) {
 
 fn assign(draft: &mut Draft, tissue: &Tissue, limits: &Limits, stages: u32) {
     drop_pinches(draft);
-    let elements = 0..draft.elements.len() as u32;
-    let price = |element: u32| [0, 1, 2, 3].map(|face| FACE_PRICE * draft.area(element, face).powf(1.5));
-    let prices: Vec<_> = elements.clone().into_par_iter().map(price).collect();
+    let elements = 0..draft.elements.len();
+    let price = |element: usize| [0, 1, 2, 3].map(|face| FACE_PRICE * draft.area(element as u32, face).powf(1.5));
+    let prices = parallel::map(elements.clone(), &price);
     // Elements that refinement left sharper than the limit are no worse for being kept.
-    let is_sound = |element: u32| {
-        let sharpest = sharpest_cosine(&draft.corners(element));
+    let is_sound = |element: usize| {
+        let sharpest = sharpest_cosine(&draft.corners(element as u32));
         sharpest <= limits.kept.max(draft.sharpest_refined)
     };
-    let sound: Vec<_> = elements.into_par_iter().map(is_sound).collect();
+    let sound = parallel::map(elements, &is_sound);
     let mut volumes = draft.volumes(tissue.regions.len());
     for stage in 0..stages {
         let rules = Stage {

@@ -1,6 +1,6 @@
 //! Draft mesh, whose nodes move and whose elements change region.
 
-use rayon::prelude::*;
+use insonify_base::parallel;
 
 use super::bisection::Bisection;
 use super::contents::{Contents, Sampler};
@@ -53,10 +53,8 @@ impl Draft {
             star_elements,
         };
         // Bisection produces shapes that differ by rounding: a margin keeps them all sound.
-        let sharpest = (0..draft.elements.len() as u32)
-            .into_par_iter()
-            .map(|e| sharpest_cosine(&draft.corners(e)));
-        draft.sharpest_refined = sharpest.reduce(|| -1.0, f64::max) + 1e-9;
+        let sharpest = parallel::map(0..draft.elements.len(), &|e| sharpest_cosine(&draft.corners(e as u32)));
+        draft.sharpest_refined = sharpest.into_iter().fold(-1.0, f64::max) + 1e-9;
         draft.sample(tissue, sampler);
         draft.classes = draft.contents.iter().map(Contents::majority).collect();
         Ok(draft)
@@ -65,11 +63,10 @@ impl Draft {
     /// Samples the contents of the elements again.
     pub fn sample(&mut self, tissue: &Tissue, sampler: &Sampler) {
         let (nodes, elements) = (&self.nodes, &self.elements);
-        let contents = elements.par_iter().map(|corners| {
+        self.contents = parallel::map(&elements[..], &|corners| {
             let corners = corners.map(|node| nodes[node as usize]);
             sampler.contents(tissue, &corners)
         });
-        self.contents = contents.collect();
     }
 
     /// Returns the elements around a node, ascending.

@@ -1,13 +1,12 @@
 //! Measurement bench: a real frame resampled to scanlines by samples, its windows, and phantoms rendered at its pixels.
 
-use rayon::prelude::*;
-
 use super::model::rounded;
 use super::outline::{Outline, Shape};
 use super::{AtDepth, Side, refuse};
 use crate::realism::picture::Picture;
 use crate::realism::texture::{Patch, Texture, Window, uniform_windows};
 use insonify::error::Error;
+use insonify_base::parallel;
 use insonify_base::statistics::{mean, median, std};
 use insonify_imaging::anatomies::{Acoustics, uniform};
 use insonify_imaging::effects::Effects;
@@ -217,7 +216,7 @@ impl<'a> Bench<'a> {
                 .iter()
                 .flat_map(|beam| group.iter().map(move |&window| patch(beam, window)));
             let patches: Vec<Patch> = patches.collect();
-            let textures: Vec<Texture> = patches.par_iter().map(Patch::texture).collect();
+            let textures: Vec<Texture> = parallel::map(&patches[..], &Patch::texture);
             grey.extend(patches.into_iter().flat_map(|patch| patch.values));
             let over = |of: &dyn Fn(usize) -> Option<f64>| median((0..textures.len()).filter_map(of).collect());
             let width = |axis: usize| over(&|at| self.widths(&textures[at], places[at % places.len()])[axis]);

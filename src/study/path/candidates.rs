@@ -264,7 +264,7 @@ impl<'a> Entries<'a> {
     }
 
     /// Simulates a line in `tissue`, unless it is excluded.
-    pub fn simulated(&self, number: usize, line: Line, tissue: &Scenario) -> Result<Candidate, StudyError> {
+    pub fn simulated(&self, number: usize, line: &Line, tissue: &Scenario) -> Result<Candidate, StudyError> {
         let [lateral, axial] = [self.pose.lateral(), self.pose.axial()].map(|axis| axis.dot(&line.along));
         let entry = line.entry.ok();
         let mut candidate = Candidate {

@@ -57,7 +57,7 @@ fn the_middle_of_the_vein_is_met() {
             ..options([-30.0, -23.0], 2)
         };
         let on = |threads: usize| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let pool = insonify_base::parallel::Pool::new(threads).unwrap();
             pool.install(|| plan(&scenario, &options, |_, _| ()).unwrap())
         };
         let two = on(2);

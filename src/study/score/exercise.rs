@@ -5,7 +5,6 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use nalgebra::{Point3, Vector2, Vector3};
-use rayon::prelude::*;
 use serde::Serialize;
 
 use super::groups::{Comparison, Session, compare};
@@ -16,6 +15,7 @@ use crate::{StudyError, rewritten};
 use insonify::input::scenario::Scenario;
 use insonify::input::scenario::clearance::Surroundings;
 use insonify::run::{Requests, run};
+use insonify_base::parallel;
 use insonify_base::random::hash3;
 use insonify_base::range::{OutOfRange, check};
 use insonify_mechanics::needle::across;
@@ -365,7 +365,7 @@ pub fn study(
         }
     }
     let done = AtomicUsize::new(0);
-    let sessions = all.par_iter().map(|&(name, group, person, at, (task, scenario))| {
+    let sessions = parallel::try_map(&all[..], &|&(name, group, person, at, (task, scenario))| {
         let seeded = |stream: i32| {
             let words = hash3(
                 [group as i32, person as i32, stream],
@@ -387,7 +387,7 @@ pub fn study(
             values: score.metrics.0.map(|value| (value * 1e6).round() / 1e6),
         })
     });
-    let sessions: Vec<Session> = sessions.collect::<Result<_, StudyError>>()?;
+    let sessions: Vec<Session> = sessions?;
     Ok(Study {
         seed,
         comparison: compare(&sessions),

@@ -12,9 +12,8 @@
 
 use std::f64::consts::TAU;
 
-use rayon::prelude::*;
-
 use insonify_anatomy::volume::VolumeError;
+use insonify_base::parallel::{self, for_each, sort_by};
 use insonify_base::random::{hash3, seed_words, unit};
 use insonify_base::statistics::full_width;
 
@@ -285,7 +284,7 @@ fn covariance(values: &[f32], side: usize, axis: usize, most: usize) -> Vec<f64>
         };
         (0..values.len()).map(product).sum::<f64>() / values.len() as f64
     };
-    (0..=most).into_par_iter().map(lag).collect()
+    parallel::map(0..most + 1, &lag)
 }
 
 /// Power at frequencies from 0 to half of the sampling rate from an even autocovariance up to half of the period, under a Hann taper.
@@ -317,7 +316,7 @@ fn filter(values: &mut [f32], side: usize, axis: usize, gain: &[f64]) {
         .collect();
     let stride = side.pow(axis as u32);
     let before = values.to_vec();
-    values.par_iter_mut().enumerate().for_each(|(at, value)| {
+    for_each((0.., &mut values[..]), &|(at, value)| {
         let index = at / stride % side;
         let start = at - index * stride;
         let part = |other: usize| kernel[(index + side - other) % side] * before[start + other * stride];
@@ -409,10 +408,9 @@ impl<'a> Solid<'a> {
         for plane in 0..3 {
             let exemplar = self.exemplars[plane];
             let old = &self.matches[plane];
-            let found: Vec<([u16; 2], f32)> = (0..old.len())
-                .into_par_iter()
-                .map(|at| self.best(at, plane, exemplar, [round as i32, level as i32]))
-                .collect();
+            let found = parallel::map(0..old.len(), &|at| {
+                self.best(at, plane, exemplar, [round as i32, level as i32])
+            });
             let weight = |square: f32| ((f64::from(square) / floor) + 1.0).powf(EXPONENT / 2.0 - 1.0) as f32;
             self.weights[plane] = found.iter().map(|(_, square)| weight(*square)).collect();
             self.matches[plane] = found.into_iter().map(|(corner, _)| corner).collect();
@@ -483,30 +481,27 @@ impl<'a> Solid<'a> {
             let surplus = (present[at] / wanted[at].max(1e-4) - 1.0).max(0.0);
             held[at] = 1.0 / (1.0 + surplus);
         }
-        let values: Vec<f32> = (0..self.values.len())
-            .into_par_iter()
-            .map(|at| {
-                let (mut sum, mut total) = (0.0_f32, 0.0_f32);
-                for plane in 0..3 {
-                    let exemplar = self.exemplars[plane];
-                    let [columns, rows] = PLANES[plane];
-                    let mut row_start = at;
-                    for row in 0..SIDE {
-                        let mut corner = row_start;
-                        for column in 0..SIDE {
-                            let [x, y] = self.matches[plane][corner].map(usize::from);
-                            let value = exemplar.values[(y + row) * exemplar.size[0] + x + column];
-                            let weight = self.weights[plane][corner] * held[bin(value)];
-                            sum += weight * value;
-                            total += weight;
-                            corner = self.moved(corner, columns, -1);
-                        }
-                        row_start = self.moved(row_start, rows, -1);
+        let values: Vec<f32> = parallel::map(0..self.values.len(), &|at| {
+            let (mut sum, mut total) = (0.0_f32, 0.0_f32);
+            for plane in 0..3 {
+                let exemplar = self.exemplars[plane];
+                let [columns, rows] = PLANES[plane];
+                let mut row_start = at;
+                for row in 0..SIDE {
+                    let mut corner = row_start;
+                    for column in 0..SIDE {
+                        let [x, y] = self.matches[plane][corner].map(usize::from);
+                        let value = exemplar.values[(y + row) * exemplar.size[0] + x + column];
+                        let weight = self.weights[plane][corner] * held[bin(value)];
+                        sum += weight * value;
+                        total += weight;
+                        corner = self.moved(corner, columns, -1);
                     }
+                    row_start = self.moved(row_start, rows, -1);
                 }
-                sum / total
-            })
-            .collect();
+            }
+            sum / total
+        });
         self.values = values;
     }
 }
@@ -536,7 +531,9 @@ fn match_histogram(values: &mut [f32], like: &[f32]) {
     let mut sorted = like.to_vec();
     sorted.sort_by(f32::total_cmp);
     let mut order: Vec<u32> = (0..values.len() as u32).collect();
-    order.par_sort_by(|&a, &b| values[a as usize].total_cmp(&values[b as usize]).then(a.cmp(&b)));
+    sort_by(&mut order, |&a, &b| {
+        values[a as usize].total_cmp(&values[b as usize]).then(a.cmp(&b))
+    });
     let count = values.len();
     for (rank, at) in order.into_iter().enumerate() {
         values[at as usize] = sorted[(rank * sorted.len() + sorted.len() / 2) / count];

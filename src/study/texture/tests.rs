@@ -82,7 +82,7 @@ fn a_solid_is_the_same_at_any_number_of_threads_and_another_for_another_seed() {
         )
     };
     let with = |threads: usize, seed: u64| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let pool = insonify_base::parallel::Pool::new(threads).unwrap();
         pool.install(|| synthesise(&exemplars(), 32, seed, |_| ()).unwrap())
     };
     let one = with(1, 5);

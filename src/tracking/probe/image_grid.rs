@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
+use insonify_base::parallel::{chunks_mut, for_each};
 use nalgebra::Matrix4;
-use rayon::prelude::*;
 
 use super::{BeamGrid, Bounds, ImageSpec};
 use crate::error::{TrackingError, in_range};
@@ -124,7 +124,7 @@ pub fn scan_map(beam: &BeamGrid, image: &ImageGrid, rows: Range<usize>) -> Vec<[
     let first = rows.start.min(image.height);
     let rows = rows.end.clamp(first, image.height) - first;
     let mut map = vec![OUTSIDE; rows * image.width];
-    map.par_chunks_mut(image.width).enumerate().for_each(|(row, pixels)| {
+    for_each((0.., chunks_mut(&mut map, image.width)), &|(row, pixels)| {
         for (column, pixel) in pixels.iter_mut().enumerate() {
             let [x, y] = image.to_plane(column as f64, (first + row) as f64);
             if let Some((line, sample)) = beam.to_beam(x, y) {

@@ -1,7 +1,6 @@
 //! Random fields on a periodic grid.
 
-use rayon::prelude::*;
-
+use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::random::{hash3, seed_words, unit};
 
 /// A periodic grid of voxels; the centre of voxel (0, 0, 0) lies at the origin.
@@ -50,7 +49,7 @@ impl Grid {
     pub fn fill(&self, value: impl Fn(usize, [f32; 3]) -> f32 + Sync) -> Vec<f32> {
         let mut data = vec![0.0; self.size.iter().product()];
         let (nx, ny) = (self.size[0], self.size[1]);
-        data.par_chunks_mut(nx).enumerate().for_each(|(line, row)| {
+        for_each((0.., chunks_mut(&mut data, nx)), &|(line, row)| {
             let y = (line % ny) as f32 * self.spacing_mm[1];
             let z = (line / ny) as f32 * self.spacing_mm[2];
             for (i, out) in row.iter_mut().enumerate() {
@@ -88,7 +87,7 @@ impl Grid {
         let [nx, ny, nz] = self.size;
         let wrap = |at: usize, step: i64, n: usize| (at as i64 + step).rem_euclid(n as i64) as usize;
         let mut out = vec![0.0f32; data.len()];
-        out.par_chunks_mut(nx).enumerate().for_each(|(line, row)| {
+        for_each((0.., chunks_mut(&mut out, nx)), &|(line, row)| {
             let (j, k) = (line % ny, line / ny);
             for (&weight, step) in kernel.iter().zip(-reach..) {
                 match axis {
@@ -127,9 +126,7 @@ fn standardise(data: &mut [f32]) {
 
 /// Converts decibels to amplitudes.
 pub(super) fn to_amplitudes(decibels: &mut [f32]) {
-    decibels
-        .par_iter_mut()
-        .for_each(|value| *value = 10f32.powf(*value / 20.0));
+    for_each(&mut decibels[..], &|value| *value = 10f32.powf(*value / 20.0));
 }
 
 /// Smooth step: 0 below `low`, 1 above `high`.

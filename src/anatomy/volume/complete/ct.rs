@@ -3,8 +3,8 @@
 //! The body is the region denser than gas that is connected with the labels, without the table. Unlabelled voxels in it are classified by their grey
 //! values, smoothed over three voxels. The classes correspond to the values of [`totalsegmentator::body`](crate::acoustics::totalsegmentator::body).
 
+use insonify_base::parallel::{self, chunks_mut, for_each};
 use nalgebra::Point3;
-use rayon::prelude::*;
 
 use super::{CompleteOptions, Completed, Filled, MIN_MM, Outline, label};
 use crate::acoustics::known;
@@ -82,7 +82,7 @@ pub fn with_ct(volume: &LabelVolume, ct: &ScalarImage, options: &CompleteOptions
     let Some(outline) = Outline::around(volume, MIN_MM) else {
         return Err(elsewhere(0.0));
     };
-    voxels.par_chunks_mut(nx).enumerate().for_each(|(row, line)| {
+    for_each((0.., chunks_mut(&mut voxels, nx)), &|(row, line)| {
         let place = |i: usize| row * nx + i;
         for (i, voxel) in line.iter_mut().enumerate().filter(|(_, voxel)| **voxel != 0) {
             let hu = smooth[place(i)];
@@ -221,7 +221,7 @@ fn nearest(volume: &LabelVolume, ct: &ScalarImage) -> Vec<f32> {
             f32::NAN
         }
     };
-    (0..volume.voxels().len()).into_par_iter().map(value).collect()
+    parallel::map(0..volume.voxels().len(), &value)
 }
 
 /// Voxels outside the body: a flood fill from the sides of the box, after a morphological opening that removes table and

@@ -1,11 +1,10 @@
 //! Outline of the body around labelled anatomy: a signed distance on a coarse grid, smooth across slices.
 
-use rayon::prelude::*;
-
 use super::{CLOSING_MM, GRID_MM, MIN_MM, WALL_MM};
 use crate::volume::LabelVolume;
 use crate::volume::distance::Grid;
 use insonify_base::cache::cached;
+use insonify_base::parallel::{chunks_mut, for_each};
 
 /// Standard deviation of the smoothing of the outline, within and across slices, mm.
 const SMOOTHING_MM: f64 = 9.0;
@@ -108,20 +107,16 @@ fn signed_distance(labelled: &[bool], size: [usize; 3], spacing: [f64; 3], slice
     let mut signed = distance(&body, &[0, 1, 2]);
     let inward = distance(&body.iter().map(|inside| !inside).collect::<Vec<_>>(), &[0, 1, 2]);
     let cap = reach as f32;
-    signed
-        .values
-        .par_iter_mut()
-        .zip(&inward.values)
-        .for_each(|(value, inside)| *value = (value.sqrt() - inside.sqrt()).clamp(-cap, cap));
+    for_each((&mut signed.values[..], &inward.values[..]), &|(value, inside)| {
+        *value = (value.sqrt() - inside.sqrt()).clamp(-cap, cap)
+    });
     signed.smooth(SMOOTHING_MM);
     let near_label = distance(labelled, &[0, 1, 2]);
     let half_cell = 0.5 * spacing.iter().copied().fold(0.0, f64::max) as f32;
     let (wall, least) = (WALL_MM as f32, MIN_MM as f32);
-    signed
-        .values
-        .par_iter_mut()
-        .zip(&near_label.values)
-        .for_each(|(value, &label)| *value = (*value - wall).min(label.sqrt() - half_cell - least));
+    for_each((&mut signed.values[..], &near_label.values[..]), &|(value, &label)| {
+        *value = (*value - wall).min(label.sqrt() - half_cell - least)
+    });
     // Smooths corners of cells off the surface.
     (0..3).for_each(|axis| signed.convolve(axis, &[2.0, 1.0]));
     signed
@@ -143,19 +138,17 @@ fn closed(set: &[bool], distance: &impl Fn(&[bool], &[usize]) -> Grid, axes: &[u
 fn coarse_mask(volume: &LabelVolume, cell: [usize; 3], margin: [usize; 3], size: [usize; 3]) -> Vec<bool> {
     let [nx, ny, nz] = volume.size();
     let mut mask = vec![false; size.iter().product()];
-    mask.par_chunks_mut(size[0] * size[1])
-        .enumerate()
-        .for_each(|(c, slice)| {
-            let Some(c) = c.checked_sub(margin[2]) else { return };
-            for k in c * cell[2]..((c + 1) * cell[2]).min(nz) {
-                for j in 0..ny {
-                    let row = &volume.voxels()[nx * (j + ny * k)..][..nx];
-                    let line = &mut slice[size[0] * (j / cell[1] + margin[1]) + margin[0]..];
-                    for (cells, found) in row.chunks(cell[0]).zip(line) {
-                        *found |= cells.iter().any(|&label| label != 0);
-                    }
+    for_each((0.., chunks_mut(&mut mask, size[0] * size[1])), &|(c, slice)| {
+        let Some(c) = c.checked_sub(margin[2]) else { return };
+        for k in c * cell[2]..((c + 1) * cell[2]).min(nz) {
+            for j in 0..ny {
+                let row = &volume.voxels()[nx * (j + ny * k)..][..nx];
+                let line = &mut slice[size[0] * (j / cell[1] + margin[1]) + margin[0]..];
+                for (cells, found) in row.chunks(cell[0]).zip(line) {
+                    *found |= cells.iter().any(|&label| label != 0);
                 }
             }
-        });
+        }
+    });
     mask
 }

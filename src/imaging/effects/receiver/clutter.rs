@@ -6,10 +6,9 @@
 
 use std::f64::consts::TAU;
 
-use rayon::prelude::*;
-
 use crate::effects::lateral::{FWHM_PER_SIGMA, MAX_SIGMA, gaussian};
 use crate::effects::point_spread::PointSpread;
+use insonify_base::parallel::{self, chunks_mut, for_each};
 use insonify_base::random::{hash3, seed_words};
 use insonify_tracking::probe::BeamGrid;
 
@@ -43,27 +42,22 @@ pub(super) fn table(grid: &BeamGrid, spread: &PointSpread, seed: u64, power: imp
         .collect();
     let share = |sample: usize| (TO_A_CELL / (width(&axial) * width(&across[sample]))).min(1.0);
     let shares: Vec<f64> = (0..samples).map(share).collect();
-    let scanlines: Vec<Vec<Complex>> = (0..lines)
-        .into_par_iter()
-        .map(|line| {
-            let echoes: Vec<Complex> = (0..samples)
-                .map(|sample| echo([line as i32, sample as i32], shares[sample], seed))
-                .collect();
-            (0..samples)
-                .map(|sample| convolved(&axial, sample, samples, |at| echoes[at]))
-                .collect()
-        })
-        .collect();
-    (0..lines)
-        .into_par_iter()
-        .flat_map_iter(|line| {
-            let (across, means, scanlines) = (&across, &means, &scanlines);
-            (0..samples).map(move |sample| {
-                let [re, im] = convolved(&across[sample], line, lines, |at| scanlines[at][sample]);
-                (means[sample] * (re * re + im * im)) as f32
-            })
-        })
-        .collect()
+    let scanlines: Vec<Vec<Complex>> = parallel::map(0..lines, &|line| {
+        let echoes: Vec<Complex> = (0..samples)
+            .map(|sample| echo([line as i32, sample as i32], shares[sample], seed))
+            .collect();
+        (0..samples)
+            .map(|sample| convolved(&axial, sample, samples, |at| echoes[at]))
+            .collect()
+    });
+    let mut clutter = vec![0.0; lines * samples];
+    for_each((0.., chunks_mut(&mut clutter, samples)), &|(line, clutter)| {
+        for (sample, power) in clutter.iter_mut().enumerate() {
+            let [re, im] = convolved(&across[sample], line, lines, |at| scanlines[at][sample]);
+            *power = (means[sample] * (re * re + im * im)) as f32;
+        }
+    });
+    clutter
 }
 
 /// Gaussian kernel of a width (full, at half maximum of its square's autocorrelation) in samples.

@@ -9,12 +9,11 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
-
 use super::{MAX_UNITS, Shadow, exponent_per_unit, needle_units, penumbra};
 use crate::effects::pass::View;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
+use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::real::Real;
 use insonify_tracking::probe::BeamGrid;
 
@@ -99,41 +98,38 @@ pub(super) fn rays<T: Real>(view: &View, store: &mut Store<T>) {
     let needle = crate::effects::needle::present(tables).then_some(T::of(f64::from(needle_units(tables))));
     let exponent = T::of(0.5 * exponent_per_unit());
     let (labels, mask) = (&store.label, &store.needle_mask);
-    store
-        .effects
-        .shadow
-        .through
-        .par_chunks_mut(samples)
-        .enumerate()
-        .for_each(|(row, through)| {
-            let (ray, element) = (row / lines, row % lines);
-            let (mut above, mut left) = (0u32, T::one());
-            for run in &tables.effects.shadow.aperture_runs {
-                let out = &mut through[run.clone()];
-                let Some(line) = line_at(
-                    &tables.effects.shadow.aperture,
-                    samples,
-                    [ray, element, run.start],
-                    lines,
-                ) else {
-                    out.fill(left);
+    for_each((0.., chunks_mut(&mut store.effects.shadow.through, samples)), &|(
+        row,
+        through,
+    )| {
+        let (ray, element) = (row / lines, row % lines);
+        let (mut above, mut left) = (0u32, T::one());
+        for run in &tables.effects.shadow.aperture_runs {
+            let out = &mut through[run.clone()];
+            let Some(line) = line_at(
+                &tables.effects.shadow.aperture,
+                samples,
+                [ray, element, run.start],
+                lines,
+            ) else {
+                out.fill(left);
+                continue;
+            };
+            let first = line * samples + run.start;
+            for (at, (label, out)) in labels[first..].iter().zip(out).enumerate() {
+                let shade = |units: T| (mask[first + at][1] * units).to_u32().unwrap_or(0);
+                let own = loss[usize::from(*label)] + needle.map_or(0, shade);
+                if own == 0 {
+                    *out = left;
                     continue;
-                };
-                let first = line * samples + run.start;
-                for (at, (label, out)) in labels[first..].iter().zip(out).enumerate() {
-                    let shade = |units: T| (mask[first + at][1] * units).to_u32().unwrap_or(0);
-                    let own = loss[usize::from(*label)] + needle.map_or(0, shade);
-                    if own == 0 {
-                        *out = left;
-                        continue;
-                    }
-                    let to = |units: u32| (T::of(f64::from(units.min(MAX_UNITS))) * exponent).exp2();
-                    *out = to(above + own / 2);
-                    above = (above + own).min(MAX_UNITS);
-                    left = to(above);
                 }
+                let to = |units: u32| (T::of(f64::from(units.min(MAX_UNITS))) * exponent).exp2();
+                *out = to(above + own / 2);
+                above = (above + own).min(MAX_UNITS);
+                left = to(above);
             }
-        });
+        }
+    });
 }
 
 /// Multiplies the one-way transmittance of each sample by the mean transmittance of its rays.
@@ -141,10 +137,9 @@ pub(super) fn mean<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
     let through = &store.effects.shadow.through;
-    store.amplitude_next[..lines * samples]
-        .par_chunks_mut(samples)
-        .enumerate()
-        .for_each(|(line, left)| {
+    for_each(
+        (0.., chunks_mut(&mut store.amplitude_next[..lines * samples], samples)),
+        &|(line, left)| {
             for run in &tables.effects.shadow.aperture_runs {
                 let mut rays: [&[T]; RAYS] = [&[]; RAYS];
                 let mut count = 0;
@@ -172,7 +167,8 @@ pub(super) fn mean<T: Real>(view: &View, store: &mut Store<T>) {
                     }
                 }
             }
-        });
+        },
+    );
 }
 
 #[cfg(test)]

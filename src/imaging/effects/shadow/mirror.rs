@@ -5,13 +5,12 @@
 //! [`Shadow::mirror`](super::Shadow::mirror) and by the attenuation of the extra path, at the mean rate down to the surface. The artefact: M. K.
 //! Feldman et al., RadioGraphics 29 (2009) 1179.
 
-use rayon::prelude::*;
-
 use super::{exponent_per_unit, penumbra, reverberation};
 use crate::effects::common::spacing;
 use crate::effects::pass::View;
 use crate::synth::store::Store;
 use crate::synth::tables::{LabelRow, Tables};
+use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::real::Real;
 
 /// Impedance below which an opaque tissue is gas or lung rather than bone, MRayl.
@@ -116,8 +115,8 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
     };
     let (labels, losses) = (&store.label, &store.loss);
     let above = &store.amplitude[..lines * samples];
-    let scanlines = store.amplitude_next[..lines * samples].par_chunks_mut(samples);
-    scanlines.enumerate().for_each(|(line, amplitudes)| {
+    let scanlines = chunks_mut(&mut store.amplitude_next[..lines * samples], samples);
+    for_each((0.., scanlines), &|(line, amplitudes)| {
         amplitudes.copy_from_slice(&above[line * samples..][..samples]);
         let top = mirror.tops[line] as usize;
         if top >= samples || !is_gas(labels[line * samples + top]) {

@@ -6,12 +6,11 @@
 //! half plane that is a quarter of the amplitude. A sample inside an opaque tissue is seen only by the part of the beam that
 //! its own scanline represents, otherwise bone would appear bright where the beam passes it.
 
-use rayon::prelude::*;
-
 use super::{Shadow, units};
 use crate::effects::lateral::{BLOCK, FWHM_PER_SIGMA, LateralKernel};
 use crate::effects::pass::View;
 use crate::synth::store::Store;
+use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::real::Real;
 use insonify_base::simd::{Kernel, vectorised};
 use insonify_tracking::probe::BeamGrid;
@@ -47,11 +46,13 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let is_opaque: [bool; 256] =
         std::array::from_fn(|label| tables.label_rows.get(label).is_some_and(|row| row.loss >= opaque));
     let through = &store.amplitude_next[..lines * samples];
-    store.amplitude[..lines * samples]
-        .par_chunks_mut(samples)
-        .zip(store.label.par_chunks(samples))
-        .enumerate()
-        .for_each(|(line, (amplitudes, labels))| {
+    for_each(
+        (
+            0..,
+            chunks_mut(&mut store.amplitude[..lines * samples], samples),
+            chunks(&store.label, samples),
+        ),
+        &|(line, amplitudes, labels)| {
             vectorised(Scanline {
                 kernel,
                 through,
@@ -60,7 +61,8 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
                 labels,
                 amplitudes,
             });
-        });
+        },
+    );
 }
 
 /// A shaded scanline.

@@ -6,13 +6,12 @@
 //! [`interface`](crate::effects::interface)) and cos^4 2 theta (the angle at which it returns to the array). Powers are added, as the phases over
 //! such long paths are random. A lung's A-lines: D. Lichtenstein et al., Intensive Care Med. 24 (1998) 1331.
 
-use rayon::prelude::*;
-
 use super::{Shadow, exponent_per_unit, penumbra};
 use crate::effects::common::spacing;
 use crate::effects::pass::View;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
+use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::real::Real;
 
 /// Number of scanlines to either side from which the tilt of a reflector is estimated.
@@ -84,8 +83,8 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let spacing = spacing(tables).map(T::of);
     let exponent = T::of(exponent_per_unit());
     let (tops, losses, labels) = (&store.effects.shadow.reflectors, &store.loss, &store.label);
-    let scanlines = store.amplitude[..lines * samples].par_chunks_mut(samples).enumerate();
-    scanlines.for_each(|(line, amplitudes)| {
+    let scanlines = chunks_mut(&mut store.amplitude[..lines * samples], samples);
+    for_each((0.., scanlines), &|(line, amplitudes)| {
         let top = tops[line] as usize;
         if top >= samples {
             return;

@@ -1,12 +1,11 @@
 //! Complex echoes of the scatterers around each sample, gathered across the plane.
 
-use rayon::prelude::*;
-
 use super::BLOCK;
 use super::tables::MAX_PLANES;
 use crate::effects::common::scatterers;
 use crate::effects::pass::View;
 use crate::synth::store::Store;
+use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::random::seed_words;
 use insonify_base::real::Real;
 use insonify_base::simd::{Kernel, map, vectorised};
@@ -32,13 +31,9 @@ pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
         .as_ref()
         .map(|slab| (&slab.deformed.carries[..], &store.element[..]));
     // A fine scanline stores its real parts, then its imaginary parts.
-    store
-        .effects
-        .speckle
-        .scatter
-        .par_chunks_mut(2 * samples)
-        .enumerate()
-        .for_each(|(fine, echoes)| {
+    for_each(
+        (0.., chunks_mut(&mut store.effects.speckle.scatter, 2 * samples)),
+        &|(fine, echoes)| {
             let line = fine / own.oversampling;
             let part = T::of((fine % own.oversampling) as f64 / own.oversampling as f64);
             let next = (line + 1).min(lines - 1);
@@ -60,7 +55,8 @@ pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
                 amplitudes,
                 echoes,
             });
-        });
+        },
+    );
 }
 
 /// Adds the echoes of surfaces and needles, interpolated linearly between scanlines and scaled to preserve those of
@@ -71,13 +67,9 @@ pub(super) fn add_specular<T: Real>(view: &View, store: &mut Store<T>) {
     let (lines, samples) = (tables.lines(), tables.samples());
     let factors = own.specular.of::<T>();
     let specular = &store.specular;
-    store
-        .effects
-        .speckle
-        .scatter
-        .par_chunks_mut(2 * samples)
-        .enumerate()
-        .for_each(|(fine, echoes)| {
+    for_each(
+        (0.., chunks_mut(&mut store.effects.speckle.scatter, 2 * samples)),
+        &|(fine, echoes)| {
             let line = fine / own.oversampling;
             let part = T::of((fine % own.oversampling) as f64 / own.oversampling as f64);
             let row = |line: usize| &specular[line * samples..][..samples];
@@ -87,7 +79,8 @@ pub(super) fn add_specular<T: Real>(view: &View, store: &mut Store<T>) {
                 re[i] += factors[i] * (a[0] + part * (b[0] - a[0]));
                 im[i] += factors[i] * (a[1] + part * (b[1] - a[1]));
             }
-        });
+        },
+    );
 }
 
 /// Echoes of one fine scanline between two scanlines: its real parts, then its imaginary parts.

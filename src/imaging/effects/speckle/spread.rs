@@ -1,10 +1,9 @@
 //! Point spread in the beam frame: axial and lateral convolution, and the modulus.
 
-use rayon::prelude::*;
-
 use crate::effects::lateral::{BLOCK, LateralKernel};
 use crate::effects::pass::View;
 use crate::synth::store::Store;
+use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::real::Real;
 use insonify_base::simd::{Kernel, vectorised};
 
@@ -15,20 +14,17 @@ pub(super) fn axial<T: Real>(view: &View, store: &mut Store<T>) {
     let samples = view.tables.samples();
     let (weights, ends) = (own.axial.of::<T>(), own.ends.of::<T>());
     let input = &store.effects.speckle.scatter;
-    store
-        .effects
-        .speckle
-        .scatter_axial
-        .par_chunks_mut(samples)
-        .enumerate()
-        .for_each(|(part, output)| {
+    for_each(
+        (0.., chunks_mut(&mut store.effects.speckle.scatter_axial, samples)),
+        &|(part, output)| {
             vectorised(Along {
                 input: &input[part * samples..][..samples],
                 weights,
                 ends,
                 output,
             });
-        });
+        },
+    );
 }
 
 /// Convolution along a scanline, truncated at its ends and rescaled there to preserve its power.
@@ -79,10 +75,9 @@ pub(super) fn lateral<T: Real>(view: &View, store: &mut Store<T>) {
     let (lines, samples) = (tables.lines(), tables.samples());
     let fine_lines = own.fine_lines(lines);
     let input = &store.effects.speckle.scatter_axial;
-    store.amplitude[..lines * samples]
-        .par_chunks_mut(samples)
-        .enumerate()
-        .for_each(|(line, output)| {
+    for_each(
+        (0.., chunks_mut(&mut store.amplitude[..lines * samples], samples)),
+        &|(line, output)| {
             vectorised(Envelope {
                 input,
                 place: [line * own.oversampling, fine_lines],
@@ -92,7 +87,8 @@ pub(super) fn lateral<T: Real>(view: &View, store: &mut Store<T>) {
                     .map(|row| &own.edges.of()[row * samples..][..samples]),
                 output,
             });
-        });
+        },
+    );
 }
 
 /// Modulus of the lateral convolution at one fine scanline. Where the kernel extends past the array, the remainder is

@@ -1,11 +1,10 @@
 //! Lattice, kernels and factors of the speckle of a probe at given settings.
 
-use rayon::prelude::*;
-
 use super::elevation::Elevation;
 use super::power::{lattice_correlation, power, restored, unit_power};
 use crate::effects::lateral::{FWHM_PER_SIGMA, LateralKernel, MAX_SIGMA, gaussian};
 use crate::effects::point_spread::PointSpread;
+use insonify_base::parallel;
 use insonify_base::real::Numbers;
 use insonify_tracking::probe::BeamGrid;
 
@@ -99,14 +98,11 @@ impl SpeckleTables {
             .map(|weights| 1.0 / (step * weights.iter().sum::<f64>()))
             .collect();
         let edge_lines = lateral.reach.div_ceil(oversampling).min(grid.lines().div_ceil(2));
-        let edges = (0..edge_lines * grid.samples())
-            .into_par_iter()
-            .map(|at| {
-                let (line, sample) = (at / grid.samples(), at % grid.samples());
-                let across = |steps: f64| correlation(steps * fine_mm(sample));
-                restored(&by_depth[sample], line * oversampling, fine_lines, across)
-            })
-            .collect();
+        let edges = parallel::map(0..edge_lines * grid.samples(), &|at| {
+            let (line, sample) = (at / grid.samples(), at % grid.samples());
+            let across = |steps: f64| correlation(steps * fine_mm(sample));
+            restored(&by_depth[sample], line * oversampling, fine_lines, across)
+        });
         Self {
             spread,
             lattice_mm,

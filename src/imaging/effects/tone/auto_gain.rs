@@ -14,12 +14,11 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
-
 use super::{MID_GREY, NOISE_GREY, Tone};
 use crate::effects::pass::View;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
+use insonify_base::parallel::for_each;
 use insonify_base::real::Real;
 use insonify_base::simd::{Kernel, vectorised};
 
@@ -79,7 +78,7 @@ pub fn middle(band: usize, samples: usize) -> usize {
 pub fn gains<T: Real>(own: &AutoGain, gain: &[T], amplitude: &[T]) -> [T; BANDS] {
     let samples = gain.len();
     let mut octaves = [T::zero(); BANDS];
-    octaves.par_iter_mut().enumerate().for_each(|(band, octaves)| {
+    for_each((0.., &mut octaves[..]), &|(band, octaves)| {
         let range = range(band, samples);
         let count = (amplitude.len() / samples * range.len()) as f64;
         let prior = T::of(PRIOR) * T::of(count + 1.0);

@@ -39,7 +39,7 @@ use crate::tissue::symmetric::Symmetric;
 use error_monitor::suits;
 use inverse::Inverse;
 
-/// Remesher of the levels I to IV with a dense inverse in CPU memory. It runs on the current rayon pool; the result
+/// Remesher of the levels I to IV with a dense inverse in CPU memory. It runs on the current pool; the result
 /// does not depend on the number of threads.
 pub type Levels<T> = DenseInverseRemesher<Host<T>>;
 

@@ -6,10 +6,10 @@ use std::ops::Range;
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatMut, MatRef, Par};
-use rayon::prelude::*;
 
 use super::{Column, PANEL_ROWS, Scalar, Symmetric, panel_rows};
 use crate::tissue::compliance::{check_distinct, check_dofs, check_shape};
+use insonify_base::parallel::{chunks_mut, for_each, for_each_init};
 use insonify_base::simd::{Simd, WithSimd, dispatch};
 
 /// Columns of the matrix that a tile covers.
@@ -20,7 +20,7 @@ const DEPTH: usize = 2;
 
 impl<T: Scalar> Symmetric<T> {
     /// Computes A -= Y C Y^T with Y (size by s) and C (s by s, symmetric), on the lower triangle only: size^2 s
-    /// operations. It runs on the current rayon pool; the result does not depend on the number of threads.
+    /// operations. It runs on the current pool; the result does not depend on the number of threads.
     ///
     /// # Errors
     /// [`LinearError::Shape`] when Y or C has the wrong shape; the matrix is then unchanged.
@@ -30,7 +30,7 @@ impl<T: Scalar> Symmetric<T> {
             return Ok(());
         }
         let z = packed_product(y, c);
-        self.row_panels_mut().for_each_init(Vec::new, |rows, panel| {
+        for_each_init(self.row_panels_mut(), &Vec::new, &|rows, panel| {
             rows.clear();
             let own = panel.first_row..panel.first_row + panel.rows;
             rows.extend((0..rank).map(|k| packed_column(y, own.clone(), k)));
@@ -59,7 +59,7 @@ impl<T: Scalar> Symmetric<T> {
             return Ok(());
         }
         let changes = changes(y, c, &sorted);
-        self.row_panels_mut().for_each(|panel| {
+        for_each(self.row_panels_mut(), &|panel| {
             let own = panel.first_row..panel.first_row + panel.rows;
             let at = panel.first_row / PANEL_ROWS * sorted.len();
             // Columns: contiguous. Pairs of given rows are changed here.
@@ -116,18 +116,16 @@ fn packed_column<T: Scalar>(y: MatRef<'_, T>, rows: Range<usize>, k: usize) -> C
 fn packed_product<T: Scalar>(y: MatRef<'_, T>, c: MatRef<'_, T>) -> Vec<[T; WIDTH]> {
     let [size, rank] = [y.nrows(), y.ncols()];
     let mut z = vec![[T::of(0.0); WIDTH]; size.div_ceil(WIDTH) * rank];
-    z.par_chunks_mut(PANEL_ROWS / WIDTH * rank)
-        .enumerate()
-        .for_each(|(panel, z)| {
-            let [first, end] = panel_rows(panel, size);
-            let mut block = Mat::<T>::zeros(end - first, rank);
-            product(block.as_mut(), y.subrows(first, end - first), c);
-            for k in 0..rank {
-                for (i, &value) in block.col(k).iter().enumerate() {
-                    z[i / WIDTH * rank + k][i % WIDTH] = value;
-                }
+    for_each((0.., chunks_mut(&mut z, PANEL_ROWS / WIDTH * rank)), &|(panel, z)| {
+        let [first, end] = panel_rows(panel, size);
+        let mut block = Mat::<T>::zeros(end - first, rank);
+        product(block.as_mut(), y.subrows(first, end - first), c);
+        for k in 0..rank {
+            for (i, &value) in block.col(k).iter().enumerate() {
+                z[i / WIDTH * rank + k][i % WIDTH] = value;
             }
-        });
+        }
+    });
     z
 }
 
@@ -138,21 +136,18 @@ fn changes<T: Scalar>(y: MatRef<'_, T>, c: MatRef<'_, T>, rows: &[usize]) -> Vec
     let mut z = Mat::<T>::zeros(rows.len(), rank);
     product(z.as_mut(), own.as_ref(), c);
     let mut changes = vec![Column([T::of(0.0); PANEL_ROWS]); size.div_ceil(PANEL_ROWS) * rows.len()];
-    changes
-        .par_chunks_mut(rows.len())
-        .enumerate()
-        .for_each(|(panel, changes)| {
-            let [first, end] = panel_rows(panel, size);
-            let mut block = Mat::<T>::zeros(end - first, rows.len());
-            product(block.as_mut(), y.subrows(first, end - first), z.transpose());
-            for (column, change) in block.col_iter().zip(changes) {
-                change
-                    .0
-                    .iter_mut()
-                    .zip(column.iter())
-                    .for_each(|(to, &from)| *to = from);
-            }
-        });
+    for_each((0.., chunks_mut(&mut changes, rows.len())), &|(panel, changes)| {
+        let [first, end] = panel_rows(panel, size);
+        let mut block = Mat::<T>::zeros(end - first, rows.len());
+        product(block.as_mut(), y.subrows(first, end - first), z.transpose());
+        for (column, change) in block.col_iter().zip(changes) {
+            change
+                .0
+                .iter_mut()
+                .zip(column.iter())
+                .for_each(|(to, &from)| *to = from);
+        }
+    });
     changes
 }
 

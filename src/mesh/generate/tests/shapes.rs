@@ -266,10 +266,7 @@ fn mirrored_and_sheared_volumes_have_sound_elements() {
 fn the_same_input_gives_the_same_mesh_on_any_number_of_threads() {
     let volume = inclusion();
     let on = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .expect("threads");
+        let pool = insonify_base::parallel::Pool::new(threads).expect("threads");
         pool.install(|| volume.mesh(1200))
     };
     let one = on(1);

@@ -331,7 +331,7 @@ pub fn permuted(record: &mut Record<'_>) -> Result<(), Unexpected> {
 
 /// Returns solution, dense inverse, and the inverse after an update of rank 48, on a number of threads.
 fn on_threads(problem: &Problem, threads: usize) -> Result<(Vec<u64>, Symmetric<f64>, Symmetric<f64>), Unexpected> {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+    let pool = insonify_base::parallel::Pool::new(threads)?;
     pool.install(|| {
         let solution = problem.solve()?;
         let bits = solution.displacement_mm.as_flattened().iter().map(|u| u.to_bits());

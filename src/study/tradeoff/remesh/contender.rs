@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use faer::{Mat, MatRef};
-use rayon::prelude::*;
+use insonify_base::parallel::{chunks, chunks_mut, for_each};
 
 use super::subject::Subject;
 use super::{Measured, RemeshOptions};
@@ -404,9 +404,9 @@ pub fn of_cpu() -> f64 {
     let mut best = f64::INFINITY;
     for _ in 0..RUNS {
         let start = Instant::now();
-        to.par_chunks_mut(chunk)
-            .zip(from.par_chunks(chunk))
-            .for_each(|(to, from)| to.copy_from_slice(from));
+        for_each((chunks_mut(&mut to, chunk), chunks(&from, chunk)), &|(to, from)| {
+            to.copy_from_slice(from)
+        });
         std::hint::black_box(&mut to);
         best = best.min(start.elapsed().as_secs_f64());
     }

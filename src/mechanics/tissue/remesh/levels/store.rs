@@ -4,7 +4,7 @@ use crate::tissue::error::LinearError;
 use std::sync::Arc;
 
 use faer::{Mat, MatRef};
-use rayon::prelude::*;
+use insonify_base::parallel::{for_each, try_for_each};
 
 use crate::tissue::compliance::{Compliance, check_shape};
 use crate::tissue::remesh::make::Entry;
@@ -154,9 +154,9 @@ impl<T: Entry> Store for Host<T> {
 
     fn restart(&mut self, c: MatRef<'_, f64>) -> Result<(), RemeshError> {
         let panels: Vec<_> = self.base.row_panels().map(|panel| panel.columns).collect();
-        self.current
-            .row_panels_mut()
-            .for_each(|panel| panel.columns.copy_from_slice(panels[panel.first_row / PANEL_ROWS]));
+        for_each(self.current.row_panels_mut(), &|panel| {
+            panel.columns.copy_from_slice(panels[panel.first_row / PANEL_ROWS]);
+        });
         self.update(c, None, &[]).map(drop)
     }
 
@@ -183,14 +183,14 @@ impl<T: Entry> Store for Host<T> {
 /// Reads columns of a symmetric matrix.
 fn read_columns<T: Scalar>(matrix: &Symmetric<T>, columns: &[usize]) -> Result<Mat<T>, LinearError> {
     let mut y = Mat::<T>::zeros(matrix.size(), columns.len());
-    let read = y
-        .par_col_iter_mut()
-        .zip(columns)
-        .map(|(out, &column)| match out.try_as_col_major_mut() {
+    let mut out: Vec<_> = y.col_iter_mut().collect();
+    try_for_each(
+        (&mut out[..], columns),
+        &|(out, &column)| match out.as_mut().try_as_col_major_mut() {
             Some(out) => matrix.column_into(column, out.as_slice_mut()),
             None => Ok(()),
-        });
-    read.collect::<Result<(), _>>()?;
+        },
+    )?;
     Ok(y)
 }
 
