@@ -5,6 +5,7 @@ pub mod cache;
 pub mod cause;
 pub mod csv;
 pub mod document;
+pub mod fft;
 pub mod machine;
 pub mod matrix;
 pub mod memory;

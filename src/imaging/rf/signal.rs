@@ -1,33 +1,24 @@
 //! Envelopes and band-limited upsampling of lines.
 
 use std::f64::consts::PI;
-use std::sync::Arc;
 
-use rustfft::num_complex::Complex32;
-use rustfft::{Fft, FftPlanner};
-
+use insonify_base::fft::{Complex32, Fft};
 use insonify_base::parallel::{chunks, chunks_mut, for_each_init};
 use insonify_base::simd::{Kernel, vectorised};
 
 /// Transforms of lines of one length.
 pub struct Lines {
     samples: usize,
-    /// Length of the transform: the next power of two.
-    length: usize,
-    forward: Arc<dyn Fft<f32>>,
-    inverse: Arc<dyn Fft<f32>>,
+    /// Of the next power of two.
+    fft: Fft,
 }
 
 impl Lines {
     /// Plans transforms of lines of `samples`.
     pub fn new(samples: usize) -> Self {
-        let mut planner = FftPlanner::new();
-        let length = samples.next_power_of_two();
         Self {
             samples,
-            length,
-            forward: planner.plan_fft_forward(length),
-            inverse: planner.plan_fft_inverse(length),
+            fft: Fft::new(samples.next_power_of_two()),
         }
     }
 
@@ -35,24 +26,20 @@ impl Lines {
     /// S. L. Marple, IEEE Transactions on Signal Processing 47, 1999).
     pub fn envelope(&self, lines: &[f32]) -> Vec<f32> {
         let mut out = vec![0.0; lines.len()];
-        let buffers = || {
-            (
-                vec![Complex32::default(); self.length],
-                vec![Complex32::default(); self.length],
-            )
-        };
+        let length = self.fft.length();
+        let buffers = || (vec![Complex32::default(); length], self.fft.scratch());
         let rows = (chunks_mut(&mut out, self.samples), chunks(lines, self.samples));
         for_each_init(rows, &buffers, &|(buffer, scratch), (out, line)| {
             buffer.fill(Complex32::default());
             buffer.iter_mut().zip(line).for_each(|(to, from)| to.re = *from);
-            self.forward.process_with_scratch(buffer, scratch);
-            let half = self.length / 2;
-            let scale = 1.0 / self.length as f32;
+            self.fft.forward_with(buffer, scratch);
+            let half = length / 2;
+            let scale = 1.0 / length as f32;
             buffer[0] *= scale;
             buffer[half] *= scale;
             buffer[1..half].iter_mut().for_each(|value| *value *= 2.0 * scale);
             buffer[half + 1..].fill(Complex32::default());
-            self.inverse.process_with_scratch(buffer, scratch);
+            self.fft.inverse_with(buffer, scratch);
             out.iter_mut().zip(&*buffer).for_each(|(to, from)| *to = from.norm());
         });
         out

@@ -1,7 +1,6 @@
 use std::f64::consts::{PI, TAU};
 
-use rustfft::FftPlanner;
-use rustfft::num_complex::Complex32;
+use insonify_base::fft::{Complex32, Fft};
 
 use super::device::Device;
 use super::echoes::{PHASES, Pulse, Scatterer, echoes};
@@ -70,7 +69,7 @@ fn the_phase_of_an_echo_follows_its_depth() {
         }];
         let line: Vec<f32> = echoes(&mut one, &pulse, 1, 512);
         let mut spectrum: Vec<Complex32> = line.iter().map(|value| Complex32::new(*value, 0.0)).collect();
-        FftPlanner::new().plan_fft_forward(512).process(&mut spectrum);
+        Fft::new(512).forward(&mut spectrum);
         // 64 periods of 5 MHz in 512 samples of 40 MHz.
         f64::from(spectrum[64].arg())
     };
@@ -107,7 +106,7 @@ fn the_spectrum_is_that_of_the_pulse_and_the_envelope_is_rayleigh_distributed() 
     let mut power = vec![0.0; 1024];
     for line in found.chunks(SAMPLES) {
         let mut spectrum: Vec<Complex32> = line[..1024].iter().map(|value| Complex32::new(*value, 0.0)).collect();
-        FftPlanner::new().plan_fft_forward(1024).process(&mut spectrum);
+        Fft::new(1024).forward(&mut spectrum);
         power
             .iter_mut()
             .zip(&spectrum)

@@ -3,11 +3,10 @@
 use std::f64::consts::TAU;
 
 use nalgebra::{SMatrix, SVector};
-use rustfft::FftPlanner;
-use rustfft::num_complex::Complex32;
 
 use super::picture::Picture;
 use super::sector::{BLACK, dark_limit};
+use insonify_base::fft::{Complex32, Fft};
 use insonify_base::statistics::{full_width, mean, skewness, slope, std};
 
 /// Dynamic range assumed for 255 grey levels when converting to echoes, dB: that of a real frame is unknown.
@@ -150,15 +149,14 @@ impl Patch {
         let middle = mean(&self.values);
         let hann = |n: usize, of: usize| 0.5 - 0.5 * (TAU * n as f64 / (of as f64 - 1.0)).cos();
         let at = |x: usize, y: usize| (self.values[y * width + x] - middle) * hann(x, width) * hann(y, height);
-        let mut planner = FftPlanner::new();
         let mut rows: Vec<Complex32> = (0..width * height)
             .map(|n| (at(n % width, n / width) as f32).into())
             .collect();
-        planner.plan_fft_forward(width).process(&mut rows);
+        Fft::new(width).forward(&mut rows);
         let mut columns: Vec<Complex32> = (0..width * height)
             .map(|n| rows[n % height * width + n / height])
             .collect();
-        planner.plan_fft_forward(height).process(&mut columns);
+        Fft::new(height).forward(&mut columns);
         let power: Vec<f64> = (0..width * height)
             .map(|n| f64::from(columns[n % width * height + n / width].norm_sqr()))
             .collect();

@@ -4,11 +4,10 @@ use std::f64::consts::TAU;
 use std::fmt;
 
 use image::GrayImage;
-use rustfft::FftPlanner;
-use rustfft::num_complex::Complex32;
 
 use super::{Figures, LAGS, Made};
 use crate::texture::synthesis::correlations;
+use insonify_base::fft::{Complex32, Fft};
 use insonify_base::output::OutputError;
 use insonify_base::table::{Cell, Table};
 use insonify_base::text::escape;
@@ -186,7 +185,7 @@ fn power(lines: &[Vec<f32>], step_mm: f64) -> Vec<[f64; 2]> {
         values.map(|(at, value)| (hann(at) as f32 * value).into()).collect()
     };
     let mut spectra: Vec<Complex32> = lines.iter().flat_map(windowed).collect();
-    FftPlanner::new().plan_fft_forward(n).process(&mut spectra);
+    Fft::new(n).forward(&mut spectra);
     let mean = |frequency: usize| {
         let powers = spectra.iter().skip(frequency).step_by(n);
         let sum: f64 = powers.map(|value| f64::from(value.norm_sqr()) / n as f64).sum();
