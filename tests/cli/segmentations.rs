@@ -49,7 +49,7 @@ fn a_folder_of_masks_is_imaged_as_the_label_file_of_them_all() {
             load(&bench.path(&format!("{out}.nrrd"))).unwrap().volume,
         )
     };
-    let (one, one_labels) = render(path, "one");
+    let (one, one_labels) = render(&path.display().to_string(), "one");
     let (many, many_labels) = render("masks", "many");
     assert!(one == many, "frames differ");
     assert_eq!(

@@ -1,7 +1,7 @@
 //! `insonify solve`: what it prints and writes, and that whatever is wrong with a problem or its mesh ends with status 2, the
 //! line, and nothing written.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use insonify_mesh::file::{ReadOptions, read_mesh};
 

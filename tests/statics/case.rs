@@ -1,7 +1,6 @@
 //! Problems to solve, how well conditioned they are, and how near two displacements come.
 
 use std::ops::{Deref, DerefMut};
-use std::path::Path;
 
 use insonify_mechanics::tissue::material::Material;
 use insonify_mechanics::tissue::problem::Solution;

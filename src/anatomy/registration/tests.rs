@@ -1,4 +1,3 @@
-use std::path::Path;
 
 use nalgebra::{Matrix4, Point3, Rotation3, Vector3};
 

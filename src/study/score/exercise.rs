@@ -365,7 +365,7 @@ pub fn study(
         }
     }
     let done = AtomicUsize::new(0);
-    let sessions = parallel::try_map(&all[..], &|&(name, group, person, at, (task, scenario))| {
+    let sessions = parallel::try_map::<_, _, StudyError>(&all[..], &|&(name, group, person, at, (task, scenario))| {
         let seeded = |stream: i32| {
             let words = hash3(
                 [group as i32, person as i32, stream],

@@ -1,5 +1,4 @@
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
 
 use nalgebra::{Matrix3, Matrix4, Rotation3, Vector3, Vector4};
 
