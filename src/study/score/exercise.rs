@@ -379,7 +379,7 @@ pub fn study(
             .unwrap_or_else(|| super::hands::HANDS[0].1);
         let score = perform(scenario, &own, seeded(at as i32))?;
         progress(done.fetch_add(1, Ordering::Relaxed) + 1, all.len());
-        Ok(Session {
+        Ok::<_, StudyError>(Session {
             group: name.to_owned(),
             person: format!("{name} {}", person + 1),
             session: task.clone(),
