@@ -365,7 +365,7 @@ pub fn study(
         }
     }
     let done = AtomicUsize::new(0);
-    let sessions = parallel::try_map(&all[..], &|&(name, group, person, at, (task, scenario))| {
+    let sessions: Vec<Session> = parallel::try_map(&all[..], &|&(name, group, person, at, (task, scenario))| {
         let seeded = |stream: i32| {
             let words = hash3(
                 [group as i32, person as i32, stream],
@@ -386,8 +386,7 @@ pub fn study(
             // As many digits as the table of sessions has.
             values: score.metrics.0.map(|value| (value * 1e6).round() / 1e6),
         })
-    });
-    let sessions: Vec<Session> = sessions?;
+    })?;
     Ok(Study {
         seed,
         comparison: compare(&sessions),
