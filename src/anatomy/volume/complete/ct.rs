@@ -3,7 +3,7 @@
 //! The body is the region denser than gas that is connected with the labels, without the table. Unlabelled voxels in it are classified by their grey
 //! values, smoothed over three voxels. The classes correspond to the values of [`totalsegmentator::body`](crate::acoustics::totalsegmentator::body).
 
-use insonify_base::parallel::{self, chunks_mut, for_each};
+use insonify_base::parallel::{chunks_mut, for_each};
 use nalgebra::Point3;
 
 use super::{CompleteOptions, Completed, Filled, MIN_MM, Outline, label};
@@ -221,7 +221,9 @@ fn nearest(volume: &LabelVolume, ct: &ScalarImage) -> Vec<f32> {
             f32::NAN
         }
     };
-    parallel::map(0..volume.voxels().len(), &value)
+    let mut grey = vec![0.0; volume.voxels().len()];
+    for_each((0.., &mut grey[..]), &|(at, grey)| *grey = value(at));
+    grey
 }
 
 /// Voxels outside the body: a flood fill from the sides of the box, after a morphological opening that removes table and
