@@ -252,7 +252,7 @@ fn frames_of_a_scene_where_nothing_moves_are_told_of_once() {
 mod unix {
     use std::ffi::OsStr;
     use std::os::unix::ffi::OsStrExt;
-    
+
     use std::process::{Command, Stdio};
     use std::thread::sleep;
     use std::time::{Duration, Instant};

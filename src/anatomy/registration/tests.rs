@@ -1,4 +1,3 @@
-
 use nalgebra::{Matrix4, Point3, Rotation3, Vector3};
 
 use super::skin::Skin;
