@@ -1,9 +1,6 @@
 //! Search for the minimum of a function of a few numbers without its derivatives.
 
-use std::cell::RefCell;
-
-use argmin::core::{CostFunction, Executor};
-use argmin::solver::neldermead::NelderMead;
+use std::cmp::Ordering;
 
 /// Minimum found.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,25 +11,9 @@ pub struct Found {
     pub cost: f64,
 }
 
-struct Problem<F, E> {
-    cost: RefCell<F>,
-    failed: RefCell<Option<E>>,
-}
-
-impl<F: FnMut(&[f64]) -> Result<f64, E>, E> CostFunction for &Problem<F, E> {
-    type Param = Vec<f64>;
-    type Output = f64;
-
-    fn cost(&self, at: &Vec<f64>) -> Result<f64, argmin::core::Error> {
-        (self.cost.borrow_mut())(at).map_err(|error| {
-            self.failed.replace(Some(error));
-            argmin::core::Error::msg("the function failed")
-        })
-    }
-}
-
 /// Searches by the method of Nelder and Mead (1965) with its usual coefficients 1, 2, 1/2 and 1/2, from a simplex with a corner at `start` and one at
-/// a step along each axis. Ends when the standard deviation of the values at the corners is below `tolerance`, or after `most` iterations.
+/// a step along each axis. Ends when the standard deviation of the values at the corners is below `tolerance`, after `most` iterations, or at negative
+/// infinity. A trial value that cannot be compared (NaN) makes the search fail: it returns `start` with an infinite cost.
 ///
 /// # Errors
 /// Errors of `cost`.
@@ -41,35 +22,106 @@ pub fn nelder_mead<E>(
     steps: &[f64],
     tolerance: f64,
     most: u64,
-    cost: impl FnMut(&[f64]) -> Result<f64, E>,
+    mut cost: impl FnMut(&[f64]) -> Result<f64, E>,
 ) -> Result<Found, E> {
-    let mut simplex = vec![start.to_vec(); start.len() + 1];
+    let mut failed = None;
+    let mut value = |at: &[f64]| cost(at).map_err(|error| failed = Some(error)).ok();
+    let found = search(start, steps, tolerance, most, &mut value);
+    match failed {
+        Some(error) => Err(error),
+        None => Ok(found.unwrap_or_else(|| Found {
+            at: start.to_vec(),
+            cost: f64::INFINITY,
+        })),
+    }
+}
+
+/// Returns nothing where the function has no value or one that cannot be compared.
+fn search(
+    start: &[f64],
+    steps: &[f64],
+    tolerance: f64,
+    most: u64,
+    value: &mut dyn FnMut(&[f64]) -> Option<f64>,
+) -> Option<Found> {
+    let mut corner = |at: Vec<f64>| value(&at).map(|cost| Found { at, cost });
+    let mut simplex = vec![corner(start.to_vec())?];
     for (axis, step) in steps.iter().enumerate() {
-        simplex[axis + 1][axis] += step;
+        let mut at = start.to_vec();
+        at[axis] += step;
+        simplex.push(corner(at)?);
     }
-    let problem = Problem {
-        cost: RefCell::new(cost),
-        failed: RefCell::new(None),
-    };
-    let solver = NelderMead::new(simplex);
-    let solver = solver
-        .with_sd_tolerance(tolerance.max(0.0))
-        .unwrap_or_else(|_| NelderMead::new(vec![start.to_vec()]));
-    let run = Executor::new(&problem, solver)
-        .configure(|state| state.max_iters(most))
-        .timer(false)
-        .run();
-    let best = run.ok().and_then(|run| {
-        let cost = run.state.best_cost;
-        run.state.best_param.map(|at| Found { at, cost })
-    });
-    if let Some(error) = problem.failed.take() {
-        return Err(error);
-    }
-    Ok(best.unwrap_or_else(|| Found {
+    let last = simplex.len() - 1;
+    let mut best = Found {
         at: start.to_vec(),
         cost: f64::INFINITY,
-    }))
+    };
+    for iteration in 0.. {
+        // Equal corners keep their order.
+        simplex.sort_by(|a, b| a.cost.partial_cmp(&b.cost).unwrap_or(Ordering::Equal));
+        if simplex[0].cost < best.cost {
+            best.clone_from(&simplex[0]);
+        }
+        let spread = deviation(&simplex);
+        if last == 0 || iteration >= most || spread < tolerance || best.cost == f64::NEG_INFINITY {
+            break;
+        }
+        let centre = centroid(&simplex[..last]);
+        let [least, second, worst] = [0, last - 1, last].map(|at| simplex[at].cost);
+        let reflected = corner(moved(&centre, [&simplex[last].at, &centre], 1.0))?;
+        let better = if reflected.cost < least {
+            let expanded = corner(moved(&centre, [&centre, &reflected.at], 2.0))?;
+            Some(if expanded.cost < reflected.cost {
+                expanded
+            } else {
+                reflected
+            })
+        } else if reflected.cost < second && reflected.cost >= least {
+            Some(reflected)
+        } else if reflected.cost >= second {
+            // Towards the better of the worst corner and its reflection.
+            let outside = reflected.cost < worst;
+            let end = if outside { &reflected } else { &simplex[last] };
+            let contracted = corner(moved(&centre, [&centre, &end.at], 0.5))?;
+            let accepted = contracted.cost < end.cost || outside && contracted.cost == end.cost;
+            accepted.then_some(contracted)
+        } else {
+            return None;
+        };
+        match better {
+            Some(better) => simplex[last] = better,
+            None => {
+                let (kept, others) = simplex.split_first_mut()?;
+                for other in others {
+                    *other = corner(moved(&kept.at, [&kept.at, &other.at], 0.5))?;
+                }
+            }
+        }
+    }
+    Some(best)
+}
+
+/// Standard deviation of the values at the corners.
+fn deviation(simplex: &[Found]) -> f64 {
+    let count = simplex.len() as f64;
+    let mean = simplex.iter().map(|corner| corner.cost).sum::<f64>() / count;
+    let squares: f64 = simplex.iter().map(|corner| (corner.cost - mean).powi(2)).sum();
+    (1.0 / (count - 1.0) * squares).sqrt()
+}
+
+fn centroid(corners: &[Found]) -> Vec<f64> {
+    let share = 1.0 / corners.len() as f64;
+    let mut sum = corners[0].at.clone();
+    for corner in &corners[1..] {
+        sum.iter_mut().zip(&corner.at).for_each(|(sum, value)| *sum += value);
+    }
+    sum.into_iter().map(|sum| sum * share).collect()
+}
+
+/// The point a multiple `by` of the way `from` to `to` away from a point.
+fn moved(point: &[f64], [from, to]: [&[f64]; 2], by: f64) -> Vec<f64> {
+    let axes = point.iter().zip(from).zip(to);
+    axes.map(|((point, from), to)| point + (to - from) * by).collect()
 }
 
 #[cfg(test)]
@@ -104,5 +156,54 @@ mod tests {
             if calls < 5 { Ok(f64::from(calls)) } else { Err("fifth") }
         };
         assert_eq!(nelder_mead(&[0.0], &[1.0], 1e-9, 100, fails), Err("fifth"));
+        let fails = |_: &[f64]| Err("first");
+        assert_eq!(nelder_mead(&[0.0], &[1.0], 1e-9, 100, fails), Err("first"));
+    }
+
+    #[test]
+    fn points_are_those_of_the_method() {
+        let points = |cost: fn(f64) -> f64, most: u64| {
+            let mut points = Vec::new();
+            let run = |at: &[f64]| {
+                points.push(at[0]);
+                Ok::<f64, ()>(cost(at[0]))
+            };
+            let found = nelder_mead(&[0.0], &[1.0], 0.0, most, run).unwrap();
+            (points, found.at[0])
+        };
+        // Reflected and expanded.
+        assert_eq!(points(|x| -x, 1), (vec![0.0, 1.0, 2.0, 3.0], 3.0));
+        assert_eq!(points(|x| (x - 2.0).abs(), 1), (vec![0.0, 1.0, 2.0, 3.0], 2.0));
+        // Contracted inside, and outside.
+        assert_eq!(points(|x| (x - 0.4).abs(), 1), (vec![0.0, 1.0, -1.0, 0.5], 0.5));
+        assert_eq!(points(|x| (x + 0.2).abs(), 1), (vec![0.0, 1.0, -1.0, -0.5], 0.0));
+        // Contracted without success, and shrunk.
+        assert_eq!(
+            points(|x| if x == 0.0 { 0.0 } else { 1.0 }, 1),
+            (vec![0.0, 1.0, -1.0, 0.5, 0.5], 0.0)
+        );
+        assert_eq!(points(|x| x, 0), (vec![0.0, 1.0], 0.0));
+    }
+
+    #[test]
+    fn equal_values_and_values_that_are_not_finite_end_the_search() {
+        let run = |cost: fn(f64) -> f64, tolerance| {
+            let mut calls = 0;
+            let cost = |at: &[f64]| {
+                calls += 1;
+                Ok::<f64, ()>(cost(at[0]))
+            };
+            let found = nelder_mead(&[0.0], &[1.0], tolerance, 50, cost).unwrap();
+            (calls, found.at[0], found.cost)
+        };
+        assert_eq!(run(|_| 3.0, 1e-9), (2, 0.0, 3.0));
+        // The tolerance is not reached by equality.
+        assert!(run(|_| 3.0, 0.0).0 > 50);
+        assert_eq!(run(|x| if x < 1.0 { 1.0 } else { f64::NEG_INFINITY }, 1e-9).1, 1.0);
+        assert_eq!(run(|_| f64::INFINITY, 1e-9).1, 0.0);
+        assert_eq!(
+            run(|x| if x < 2.0 { -x } else { f64::NAN }, 1e-9),
+            (3, 0.0, f64::INFINITY)
+        );
     }
 }

@@ -24,6 +24,7 @@ mod bench;
 mod calibrate;
 mod completions;
 mod doctor;
+mod excerpt;
 mod exercise;
 mod failure;
 mod identify;
@@ -178,7 +179,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             let status = failure.status();
-            terminal::report(failure);
+            terminal::report(&failure);
             ExitCode::from(status)
         }
     }

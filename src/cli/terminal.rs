@@ -1,18 +1,16 @@
 //! Terminal output: results on standard output, everything else on standard error.
 
 use std::borrow::Cow;
+use std::env;
 use std::fmt::{self, Display};
 use std::io::{self, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
-use insonify_base::document::Excerpt;
 use insonify_base::text::{MESSAGE, clipped, printable};
-use miette::{
-    Diagnostic, LabeledSpan, MietteError, MietteHandlerOpts, MietteSpanContents, SourceCode, SourceSpan, SpanContents,
-};
 use serde::Serialize;
 
+use super::excerpt::drawn;
 use super::failure::Failure;
 
 /// Writes a result to standard output. A reader that stops reading causes no failure.
@@ -82,79 +80,19 @@ pub fn note(text: impl Display) {
     say(clipped(&format!("note: {text}"), MESSAGE));
 }
 
-/// Prints a failure with the lines of the file concerned. Lines are wrapped on a terminal only.
-pub fn report(failure: Failure) {
-    const UNWRAPPED: usize = 100_000;
-    let mut options = MietteHandlerOpts::new();
-    if !io::stderr().is_terminal() {
-        options = options.width(UNWRAPPED);
-    }
-    // Fails only if a hook is already set, which serves as well.
-    let _ = miette::set_hook(Box::new(move |_| Box::new(options.clone().build())));
+/// Prints a failure with the lines of the file concerned.
+pub fn report(failure: &Failure) {
+    let message = clipped(&failure.to_string(), MESSAGE);
+    let help = failure.help().map(|help| clipped(help, MESSAGE));
+    let text = drawn(&message, help.as_deref(), failure.excerpt(), has_colours());
     // Not through `say`: the colours are intended.
-    let _ = writeln!(io::stderr().lock(), "{:?}", miette::Report::new(Shown::from(failure)));
+    let _ = writeln!(io::stderr().lock(), "{text}");
 }
 
-/// A failure as displayed: on one line, without control characters. Its source code has none already.
-#[derive(Debug, thiserror::Error)]
-#[error("{message}")]
-struct Shown {
-    message: String,
-    help: Option<String>,
-    failure: Failure,
-}
-
-impl From<Failure> for Shown {
-    fn from(failure: Failure) -> Self {
-        Self {
-            message: clipped(&failure.to_string(), MESSAGE),
-            help: failure.help().map(|help| clipped(help, MESSAGE)),
-            failure,
-        }
-    }
-}
-
-impl Diagnostic for Shown {
-    fn help<'a>(&'a self) -> Option<Box<dyn Display + 'a>> {
-        self.help.as_ref().map(|help| Box::new(help) as Box<dyn Display>)
-    }
-
-    fn source_code(&self) -> Option<&dyn SourceCode> {
-        self.failure.excerpt().map(|_| self as &dyn SourceCode)
-    }
-
-    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
-        let span = self.failure.excerpt()?.span.clone();
-        let label = LabeledSpan::new_primary_with_span(Some("here".to_owned()), span);
-        Some(Box::new(std::iter::once(label)))
-    }
-}
-
-impl SourceCode for Shown {
-    fn read_span<'a>(
-        &'a self,
-        span: &SourceSpan,
-        before: usize,
-        after: usize,
-    ) -> Result<Box<dyn SpanContents<'a> + 'a>, MietteError> {
-        let Excerpt {
-            name,
-            column,
-            text,
-            lines_before,
-            ..
-        } = self.failure.excerpt().ok_or(MietteError::OutOfBounds)?;
-        let inner = text.read_span(span, before, after)?;
-        Ok(Box::new(MietteSpanContents::new_named(
-            name.clone(),
-            inner.data(),
-            *inner.span(),
-            lines_before + inner.line(),
-            // With context lines, the excerpt begins with a line.
-            if before == 0 { *column } else { 0 },
-            inner.line_count(),
-        )))
-    }
+/// Whether standard error is a terminal that shows colours and the user allows them (<https://no-color.org>).
+fn has_colours() -> bool {
+    let refused = env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
+    io::stderr().is_terminal() && !refused && env::var_os("TERM").is_none_or(|name| name != "dumb")
 }
 
 /// Number of steps of the bar created by [`share`].
