@@ -9,10 +9,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub mod bank;
-pub mod overrides;
+pub(crate) mod overrides;
 pub mod presets;
 mod resolve;
-pub mod totalsegmentator;
+pub(crate) mod totalsegmentator;
 
 pub use overrides::{TissueError, TissueOverride};
 pub use resolve::{Origin, Preset};

@@ -22,7 +22,7 @@ use crate::volume::{LabelVolume, VolumeError};
 const RESOLUTION_RANGE_MM: [f64; 2] = [0.3, 5.0];
 
 /// Maximum number of voxels of a phantom: one byte each, so 256 MiB.
-pub const MAX_VOXELS: usize = 256 << 20;
+pub(crate) const MAX_VOXELS: usize = 256 << 20;
 
 /// A built-in phantom.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]

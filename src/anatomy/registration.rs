@@ -69,7 +69,7 @@ const CHECK_MM: f64 = 10.0;
 
 /// A point known on both sides.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Landmark {
+pub(crate) struct Landmark {
     pub name: String,
     /// In the volume's frame, mm.
     pub volume_mm: Point3<f64>,
@@ -168,7 +168,7 @@ impl Quadratic {
     ///
     /// # Errors
     /// [`VolumeError`] with a point of the world at which the map folds.
-    pub fn least_jacobian(&self, corners: &[Point3<f64>], rigid: &Matrix4<f64>) -> Result<f64, VolumeError> {
+    pub(crate) fn least_jacobian(&self, corners: &[Point3<f64>], rigid: &Matrix4<f64>) -> Result<f64, VolumeError> {
         let back = insonify_base::matrix::inverse_rigid(rigid);
         let [low, high] = bounds(corners.iter().map(|corner| back.transform_point(corner)));
         let counts = [0, 1, 2].map(|axis| ((high[axis] - low[axis]) / CHECK_MM).ceil().clamp(1.0, 200.0) as usize);
@@ -248,7 +248,7 @@ pub struct Fitted {
 
 /// Distance of a landmark after each stage.
 #[derive(Clone, Debug, Serialize)]
-pub struct LandmarkError {
+pub(crate) struct LandmarkError {
     pub name: String,
     /// After the rigid stage, mm.
     pub rigid_mm: f64,

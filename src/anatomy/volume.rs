@@ -163,7 +163,7 @@ impl LabelVolume {
     }
 
     /// Stores the volume as it was before structures were drawn.
-    pub fn set_undivided(&mut self, undivided: Self) {
+    pub(crate) fn set_undivided(&mut self, undivided: Self) {
         self.undivided = Some(Arc::new(undivided));
     }
 

@@ -58,7 +58,7 @@ impl Faults {
     }
 
     /// Stores the loss of the device permanently; `message` may be empty.
-    pub fn report_lost(&self, reason: &str, message: &str) {
+    pub(crate) fn report_lost(&self, reason: &str, message: &str) {
         let separator = if message.is_empty() { "" } else { ": " };
         let lost = GpuError::Lost {
             reason: format!("{}{separator}{message}", reason.to_lowercase()),

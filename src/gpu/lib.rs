@@ -81,7 +81,7 @@ pub mod recorder;
 #[cfg(all(test, feature = "wgpu"))]
 mod testing;
 #[cfg(feature = "wgpu")]
-pub mod texture_out;
+pub(crate) mod texture_out;
 #[cfg(feature = "wgpu")]
 pub mod timing;
 #[cfg(feature = "wgpu")]

@@ -2,7 +2,7 @@
 
 use image::{Rgb, RgbImage};
 
-pub type Colour = [u8; 3];
+pub(crate) type Colour = [u8; 3];
 pub(super) type Point = [f64; 2];
 
 /// Blends `colour` over a pixel with an opacity of 0 to 1.

@@ -132,7 +132,7 @@ pub trait Parameters: Default + Ranges {
 }
 
 /// A key of [`Effects`].
-pub trait Setting: Default {
+pub(crate) trait Setting: Default {
     /// Its value among the usual effects.
     fn usual() -> Self;
 

@@ -56,7 +56,7 @@ fn between(a: &Bound, b: &Bound) -> Option<Reach> {
 }
 
 /// Whether two passes use a buffer that one of them writes, at different samples of a scanline.
-pub fn depend_along_scanline(a: &Bound, b: &Bound) -> bool {
+pub(crate) fn depend_along_scanline(a: &Bound, b: &Bound) -> bool {
     between(a, b).is_some_and(|reach| reach > Reach::Own)
 }
 

@@ -16,7 +16,7 @@ use crate::quality::Picked;
 use crate::synth::tables::Tables;
 
 /// One pass of a plan.
-pub struct PlannedPass {
+pub(crate) struct PlannedPass {
     /// Declaration of the pass.
     pub pass: &'static Pass,
     /// Name of the effect that the pass belongs to.
@@ -27,7 +27,7 @@ pub struct PlannedPass {
 
 /// An effect that the scene does not use.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Omitted {
+pub(crate) struct Omitted {
     /// Name of the effect.
     pub name: &'static str,
     /// Reason for the omission.
@@ -36,7 +36,7 @@ pub struct Omitted {
 
 /// A buffer and its size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct PlannedResource {
+pub(crate) struct PlannedResource {
     /// The buffer.
     pub resource: &'static Buffer,
     /// Size on the GPU, bytes.
@@ -193,7 +193,7 @@ const MAX_BAND_ROWS: u64 = 65_535;
 
 /// A pass in a report.
 #[derive(Clone, Debug, Serialize)]
-pub struct NamedPass {
+pub(crate) struct NamedPass {
     /// Name of the pass.
     pub name: &'static str,
     /// Name of the effect that the pass belongs to.
@@ -204,7 +204,7 @@ pub struct NamedPass {
 
 /// A plan as plain data.
 #[derive(Clone, Debug, Serialize)]
-pub struct PlanReport {
+pub(crate) struct PlanReport {
     /// Passes in order of execution.
     pub passes: Vec<NamedPass>,
     /// Passes that a GPU runs together, dispatch by dispatch.

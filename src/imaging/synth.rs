@@ -11,7 +11,7 @@ pub mod gpu;
 pub mod layers;
 #[cfg(feature = "gpu")]
 pub mod linker;
-pub mod local_origin;
+pub(crate) mod local_origin;
 pub mod slab;
 pub mod store;
 pub mod tables;
@@ -409,7 +409,7 @@ impl Synthesizer {
     }
 
     /// Runs the passes one by one and returns the beam-space results after each; nothing is displayed.
-    pub fn render_each(&mut self, state: &FrameState) -> Result<Vec<layers::Beam>, SynthError> {
+    pub(crate) fn render_each(&mut self, state: &FrameState) -> Result<Vec<layers::Beam>, SynthError> {
         self.begin_alone(state)?;
         let mut beams = Vec::with_capacity(self.plan.passes.len());
         for at in 0..self.plan.passes.len() {

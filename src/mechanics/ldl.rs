@@ -12,7 +12,7 @@ const DEPENDENT: f64 = 1e-9;
 
 /// Factor stored column by column; its memory is reused by the next factorisation.
 #[derive(Clone, Debug, Default)]
-pub struct Ldl {
+pub(crate) struct Ldl {
     size: usize,
     entries: Vec<f64>,
     /// Reciprocals of D; 0 for a dropped row.
@@ -21,7 +21,7 @@ pub struct Ldl {
 
 /// Counts of dependent and negative pivots in D.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Signs {
+pub(crate) struct Signs {
     /// Rows dropped as dependent on earlier rows.
     pub dependent: usize,
     /// Negative pivots.
@@ -60,7 +60,7 @@ impl Ldl {
     }
 
     /// Solves for `width` right-hand sides in place, stored row by row; unknowns of dropped rows are zero.
-    pub fn solve_rows(&self, x: &mut [f64], width: usize) {
+    pub(crate) fn solve_rows(&self, x: &mut [f64], width: usize) {
         self.forward(x, width);
         vectorised(Backward(self, x, width));
     }
@@ -72,7 +72,7 @@ impl Ldl {
     }
 
     /// Reciprocals of D; 0 for a dropped row.
-    pub fn reciprocals(&self) -> &[f64] {
+    pub(crate) fn reciprocals(&self) -> &[f64] {
         &self.reciprocals
     }
 }

@@ -225,7 +225,7 @@ fn greatest<const N: usize, const M: usize>(values: [Pack<N>; M]) -> Pack<N> {
 
 /// Sets the margin of a prepared frame, whose `clear` still holds the inverse of the element's least height, from the reach
 /// of the elements around it (mm).
-pub fn set_clear<T: Real>(frame: &mut Frame<T>, reach: T) {
+pub(crate) fn set_clear<T: Real>(frame: &mut Frame<T>, reach: T) {
     frame[1][3] = frame[0][3] + reach * frame[1][3];
 }
 

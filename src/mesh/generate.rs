@@ -53,12 +53,12 @@ pub const ROUNDS: usize = 5;
 /// Distance from the path within which a report has separate figures, mm.
 pub const NEAR_MM: f64 = 20.0;
 /// Distance from the path at which elements are twice as long as on it, mm.
-pub const GRADING_MM: f64 = 10.0;
+pub(crate) const GRADING_MM: f64 = 10.0;
 
 /// Longest edge of the elements within [`GRADING_MM`] of the path, as far as the nodes suffice, mm; shorter only where all
 /// elements are. It is the length over which tissue takes the force of a needle's tip: a point force indents linear tissue
 /// without limit as elements shrink.
-pub const PATH_EDGE_MM: f64 = 5.0;
+pub(crate) const PATH_EDGE_MM: f64 = 5.0;
 
 /// Input of the mesh generator: a labelled volume.
 #[derive(Clone, Copy, Debug)]

@@ -263,7 +263,7 @@ impl Plot {
     ///
     /// # Errors
     /// [`OutputError`] if drawing fails.
-    pub fn svg_for_page(&self) -> Result<String, OutputError> {
+    pub(crate) fn svg_for_page(&self) -> Result<String, OutputError> {
         let mut text = String::new();
         {
             let height = PAGE[1] + self.legend_height() as u32;

@@ -13,13 +13,13 @@ use insonify_mechanics::needle::beam::{
 };
 
 /// Length of the tissue before compression, mm. An assumption: Wang et al. 2023 do not state it.
-pub const INITIAL_LENGTH_MM: f64 = 50.0;
+pub(crate) const INITIAL_LENGTH_MM: f64 = 50.0;
 /// Displacements of the base, mm. Wang et al.'s stage also moves as far to the other side, which gives the same centres.
-pub const DISPLACEMENTS_MM: [f64; 6] = [2.5, 5.0, 7.5, 10.0, 12.5, 15.0];
+pub(crate) const DISPLACEMENTS_MM: [f64; 6] = [2.5, 5.0, 7.5, 10.0, 12.5, 15.0];
 /// Inserted depths, mm.
-pub const DEPTHS_MM: [f64; 3] = [20.0, 40.0, 60.0];
+pub(crate) const DEPTHS_MM: [f64; 3] = [20.0, 40.0, 60.0];
 /// Distances from the base to the entry, mm.
-pub const CONTROLS_MM: [f64; 2] = [20.0, 40.0];
+pub(crate) const CONTROLS_MM: [f64; 2] = [20.0, 40.0];
 /// Element length used by Wang et al., mm.
 pub const ELEMENT_MM: f64 = 1.0;
 
@@ -35,7 +35,7 @@ pub struct Tissue {
 }
 
 /// PVC phantom and porcine muscle.
-pub const TISSUES: [Tissue; 2] = [
+pub(crate) const TISSUES: [Tissue; 2] = [
     Tissue {
         name: "PVC",
         material: Material::Ogden {

@@ -35,7 +35,7 @@ pub struct BenchOptions {
 }
 
 /// Minimum number of frames per measurement, unless fewer are requested.
-pub const MIN_FRAMES: usize = 5;
+pub(crate) const MIN_FRAMES: usize = 5;
 
 impl Default for BenchOptions {
     fn default() -> Self {

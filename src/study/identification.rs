@@ -54,7 +54,7 @@ document::input_file!(CaseFile);
 /// Measured force.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct ForceSpec {
+pub(crate) struct ForceSpec {
     /// CSV file with the columns `tip_mm` (tip depth below the surface at rest) and `force_n` (positive while the needle is
     /// pushed in); or a table `steps.csv` of `insonify insert`.
     pub file: PathBuf,
@@ -75,7 +75,7 @@ pub struct MotionSpec {
 /// Cost function.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum Cost {
+pub(crate) enum Cost {
     /// Sum of the squared errors of all displacements (Dehghan et al. 2008, equation 1).
     #[default]
     Points,
@@ -133,7 +133,7 @@ pub struct Case {
 
 /// A layer on the needle's line.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Crossed {
+pub(crate) struct Crossed {
     /// Number of its region.
     pub region: i32,
     /// Name of the region.
@@ -347,7 +347,7 @@ impl CaseFile {
 
 impl Case {
     /// Base of the needle with its tip at a depth along the line, mm; negative outside the tissue.
-    pub fn base_at(&self, depth_mm: f64) -> Isometry3<f64> {
+    pub(crate) fn base_at(&self, depth_mm: f64) -> Isometry3<f64> {
         Translation3::from(self.direction.into_inner() * depth_mm) * self.base
     }
 

@@ -38,7 +38,7 @@ const SETTLED: f64 = 0.02;
 
 /// Parameter estimated from the frame.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Figure {
+pub(crate) struct Figure {
     /// Key in a scene file.
     pub key: &'static str,
     pub unit: &'static str,
@@ -50,7 +50,7 @@ pub struct Figure {
 
 /// Parameter that the frame does not identify.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Unidentified {
+pub(crate) struct Unidentified {
     /// Name of the parameter.
     pub what: &'static str,
     /// Reason, and the value used in the scene instead.
@@ -59,7 +59,7 @@ pub struct Unidentified {
 
 /// Means over the windows at one depth.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct AtDepth {
+pub(crate) struct AtDepth {
     /// Mean depth of the windows, mm.
     pub depth_mm: f64,
     /// Number of windows.

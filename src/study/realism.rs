@@ -20,9 +20,9 @@ use picture::Picture;
 use texture::{Patch, Texture, Window, dark_windows, uniform_windows};
 
 /// Side of the uniform windows, pixels.
-pub const WINDOW: usize = 48;
+pub(crate) const WINDOW: usize = 48;
 /// Side of the dark windows, pixels.
-pub const DARK_WINDOW: usize = 32;
+pub(crate) const DARK_WINDOW: usize = 32;
 /// Number of windows of each kind per frame.
 const WINDOWS: usize = 5;
 /// Accepted mean grey levels of uniform windows: much of a darker one is black.
@@ -194,7 +194,7 @@ impl FrameReport {
 
 /// Measure over the frames of one side.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Figure {
+pub(crate) struct Figure {
     /// Mean over the frames in which the measure exists.
     pub mean: f64,
     /// Standard deviation over those frames; `None` for a single one.

@@ -18,13 +18,13 @@ use insonify::run::{Observer, Step};
 use insonify_base::csv::{Csv, CsvError, Row};
 
 /// Number of metrics.
-pub const COUNT: usize = 10;
+pub(crate) const COUNT: usize = 10;
 /// Names of the metrics.
 pub const NAMES: [&str; COUNT] = ["m1", "m2", "m3", "m4", "m5", "m6", "m7", "m8", "m9", "m10"];
 /// Units of the metrics.
-pub const UNITS: [&str; COUNT] = ["mm", "deg", "mm", "deg", "deg", "mm", "deg", "%", "mm", "mm"];
+pub(crate) const UNITS: [&str; COUNT] = ["mm", "deg", "mm", "deg", "deg", "mm", "deg", "%", "mm", "mm"];
 /// Meanings of the metrics.
-pub const MEANINGS: [&str; COUNT] = [
+pub(crate) const MEANINGS: [&str; COUNT] = [
     "distance of the tip from the line from entry to target",
     "angle between needle and that line",
     "distance of the tip from the image plane",
@@ -39,7 +39,7 @@ pub const MEANINGS: [&str; COUNT] = [
 
 /// Values of the metrics, in the order of [`NAMES`]: means, but for m10, a minimum.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Metrics(pub [f64; COUNT]);
+pub(crate) struct Metrics(pub [f64; COUNT]);
 
 impl Serialize for Metrics {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {

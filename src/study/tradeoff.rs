@@ -139,7 +139,7 @@ pub struct Table {
 
 /// Plot of a table.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Figure {
+pub(crate) struct Figure {
     /// Stem of the file names.
     pub file: String,
     pub title: String,
@@ -236,7 +236,7 @@ impl Table {
     ///
     /// # Panics
     /// If a key does not exist in the table: a programming error.
-    pub fn seeking(mut self, goal: Goal) -> Self {
+    pub(crate) fn seeking(mut self, goal: Goal) -> Self {
         let timed = goal.every.map(|(_, key)| key);
         let axes = [goal.cost, goal.error].into_iter().chain(goal.beside.iter().copied());
         let mut axes = axes.chain(timed);
@@ -248,7 +248,7 @@ impl Table {
     }
 
     /// Marks the rows with this choice of a factor as the gold standard.
-    pub fn mark_gold(&mut self, factor: &str, choice: &str) {
+    pub(crate) fn mark_gold(&mut self, factor: &str, choice: &str) {
         let Some(at) = self.factor(factor) else { return };
         let own = self.rows.iter_mut().filter(|row| row.choices[at] == choice);
         own.for_each(|row| row.gold = true);

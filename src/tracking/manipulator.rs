@@ -25,11 +25,11 @@ use super::pose::Pose;
 use insonify_base::range::parameters;
 
 /// Range of horizontal positioning about its middle, mm: a travel of 40 mm (section 2.3).
-pub const POSITION_MM: [f64; 2] = [-20.0, 20.0];
+pub(crate) const POSITION_MM: [f64; 2] = [-20.0, 20.0];
 /// Range of posture about its middle, degrees (section 2.3).
-pub const POSTURE_DEG: [f64; 2] = [-30.0, 30.0];
+pub(crate) const POSTURE_DEG: [f64; 2] = [-30.0, 30.0];
 /// Range of insertion, mm (section 2.3).
-pub const INSERTION_MM: [f64; 2] = [0.0, 60.0];
+pub(crate) const INSERTION_MM: [f64; 2] = [0.0, 60.0];
 /// Least sine of the angle between crank and rod, and least cosine of that between rod and rail: nearer to a dead point the slide no longer
 /// moves the needle surely, or the needle the slide.
 pub const MIN: f64 = 0.1;

@@ -131,7 +131,7 @@ pub mod tests {
     use super::*;
 
     /// One probe of each kind, with few scanlines so that a complete grid is quickly traversed.
-    pub fn one_of_each() -> [Probe; 5] {
+    pub(crate) fn one_of_each() -> [Probe; 5] {
         [
             ProbeShape::Linear { width_mm: 40.0 },
             ProbeShape::Curvilinear {

@@ -45,7 +45,7 @@ pub enum Origin {
 
 impl Origin {
     /// Whether the tissue follows from a complete name.
-    pub fn is_sure(self) -> bool {
+    pub(crate) fn is_sure(self) -> bool {
         matches!(self, Self::Name | Self::ClassName)
     }
 }
@@ -143,7 +143,7 @@ pub fn fallback() -> &'static Tissue {
 }
 
 /// A normalised name without the words left and right.
-pub fn without_side(normalised: &str) -> String {
+pub(crate) fn without_side(normalised: &str) -> String {
     let words: Vec<&str> = normalised
         .split('_')
         .filter(|&word| word != "left" && word != "right")

@@ -5,7 +5,7 @@ use super::{Preset, Tissue, presets, totalsegmentator};
 
 /// A class: its value in a label map, its name, and its tissue preset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Class {
+pub(crate) struct Class {
     /// Value in a combined label map, 1 to 117, or 200 to 213 for body labels, which TotalSegmentator itself does not have.
     pub value: i64,
     /// Name as TotalSegmentator writes it.
@@ -28,7 +28,7 @@ impl Class {
 }
 
 /// Class of a value in a combined label map.
-pub fn by_value(value: i64) -> Option<&'static Class> {
+pub(crate) fn by_value(value: i64) -> Option<&'static Class> {
     CLASSES.iter().chain(BODY).find(|class| class.value == value)
 }
 
@@ -232,7 +232,7 @@ const AMOS: &[&str] = &[
 
 impl Preset {
     /// Presets that name labels by their values, the most common first.
-    pub const NUMBERINGS: [Self; 3] = [Self::TotalSegmentator, Self::Btcv, Self::Amos];
+    pub(crate) const NUMBERINGS: [Self; 3] = [Self::TotalSegmentator, Self::Btcv, Self::Amos];
 
     /// Organ of a label value; `None` for a value that the preset does not know.
     pub fn organ(self, value: i64) -> Option<&'static str> {

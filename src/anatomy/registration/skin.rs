@@ -120,7 +120,7 @@ impl Skin {
     }
 
     /// Nearest point of the skin.
-    pub fn foot(&self, at: &Point3<f64>) -> Foot {
+    pub(crate) fn foot(&self, at: &Point3<f64>) -> Foot {
         let found = self
             .tree
             .nearest_neighbor([at.x, at.y, at.z])
@@ -150,7 +150,7 @@ impl Skin {
 
 /// Relation of a point to the nearest point of the skin.
 #[derive(Clone, Copy, Debug)]
-pub struct Foot {
+pub(crate) struct Foot {
     /// Outward normal of the skin.
     pub normal: Vector3<f64>,
     /// Distance along the normal, mm: positive outside.

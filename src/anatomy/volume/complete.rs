@@ -21,9 +21,9 @@ use outline::Outline;
 /// Spacing of the grid for the outline of the body, mm.
 pub const GRID_MM: f64 = 3.0;
 /// Radius of the closing that joins the labelled anatomy, mm.
-pub const CLOSING_MM: f64 = 60.0;
+pub(crate) const CLOSING_MM: f64 = 60.0;
 /// Soft tissue added around the closed anatomy, mm: about the thickness of the abdominal wall.
-pub const WALL_MM: f64 = 7.0;
+pub(crate) const WALL_MM: f64 = 7.0;
 /// Thickness of soft tissue around labels that extend beyond the smooth outline, mm.
 pub const MIN_MM: f64 = 3.0;
 /// Largest thickness of muscle, fat or skin, mm.
@@ -115,7 +115,7 @@ impl CompleteOptions {
 
 /// Numbers of filled voxels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
-pub struct Filled {
+pub(crate) struct Filled {
     /// Voxels filled as soft tissue.
     pub soft_tissue: u64,
     /// Voxels filled as muscle.
@@ -128,7 +128,7 @@ pub struct Filled {
 
 /// A completed volume, with the changes made.
 #[derive(Clone, Debug)]
-pub struct Completed {
+pub(crate) struct Completed {
     /// Completed volume. Appended labels are named `soft_tissue`, `muscle`, `fat` and `skin`; their `voxels` stay 0, since the file had
     /// none.
     pub volume: LabelVolume,
@@ -145,14 +145,14 @@ pub struct Completed {
 const SMALLEST_MM: f64 = 0.5;
 
 /// Whether a volume has an explicit body: labels named skin, fat or body, or the values that `--save-labels` gives them.
-pub fn has_body(volume: &LabelVolume) -> bool {
+pub(crate) fn has_body(volume: &LabelVolume) -> bool {
     let mut names = volume.labels().iter().skip(1).filter_map(|label| label.name.as_deref());
     names.any(is_body) || has_body_values(volume)
 }
 
 /// Whether unnamed labels form a body by their values: 201, 202 and 204 (fat, soft tissue and skin), which together have a third
 /// of the labelled voxels. Otherwise these values have another meaning.
-pub fn has_body_values(volume: &LabelVolume) -> bool {
+pub(crate) fn has_body_values(volume: &LabelVolume) -> bool {
     let voxels = |value: i64| {
         let own = |label: &&Label| label.value == value && label.name.is_none() && label.voxels > 0;
         volume.labels().iter().find(own).map(|label| label.voxels)

@@ -13,7 +13,7 @@ use insonify_base::memory::TooLarge;
 use insonify_base::read;
 
 /// Maximum number of bytes decompressed past the last needed one, to reach the checksum at the end.
-pub const MAX_EXCESS: u64 = 64 << 20;
+pub(crate) const MAX_EXCESS: u64 = 64 << 20;
 
 /// Maximum number of bytes skipped where each must be read: lines, and bytes of compressed data.
 const MAX_SKIP: u64 = 256 << 20;
@@ -26,7 +26,7 @@ const CHUNK: usize = 64 << 10;
 
 /// Reads the numbers of an image into values, one for each `group` of bytes. `push` appends those of a slice of complete
 /// groups; numbers have the byte order of [`Header::data_order`].
-pub fn read_into<V>(header: &mut Header, group: usize, push: Push<V>) -> Result<Vec<V>, VolumeError> {
+pub(crate) fn read_into<V>(header: &mut Header, group: usize, push: Push<V>) -> Result<Vec<V>, VolumeError> {
     let (_, expected) = header.extent()?;
     let (reader, begin, stored) = open(header, expected)?;
     let most = match header.data.encoding {
@@ -325,7 +325,7 @@ fn broken(header: &Header, at: u64, unpacked: usize, expected: usize, cause: &io
 }
 
 /// Whether an error of a decoder is due to the data rather than the system.
-pub fn is_corrupt_data(cause: &io::Error) -> bool {
+pub(crate) fn is_corrupt_data(cause: &io::Error) -> bool {
     use io::ErrorKind as Kind;
     matches!(
         cause.kind(),

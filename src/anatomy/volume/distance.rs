@@ -51,7 +51,7 @@ impl Grid {
 
     /// Filters along an axis by a symmetric kernel, given from its centre, of any sum; the ends are extended as
     /// constants.
-    pub fn convolve(&mut self, axis: usize, kernel: &[f32]) {
+    pub(crate) fn convolve(&mut self, axis: usize, kernel: &[f32]) {
         let total = kernel[0] + 2.0 * kernel[1..].iter().sum::<f32>();
         self.along(axis, |line, scratch| {
             scratch.line.clear();

@@ -58,7 +58,7 @@ impl Element {
     }
 
     /// Appends the number spelled by `text`, little-endian; `None` if it is not a number of this type.
-    pub fn push_text(self, text: &str, out: &mut Vec<u8>) -> Option<()> {
+    pub(crate) fn push_text(self, text: &str, out: &mut Vec<u8>) -> Option<()> {
         with_sample!(self, T => out.extend_from_slice(&text.parse::<T>().ok()?.to_le_bytes()));
         Some(())
     }
@@ -66,14 +66,14 @@ impl Element {
 
 /// Byte order of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ByteOrder {
+pub(crate) enum ByteOrder {
     Little,
     Big,
 }
 
 /// Linear scale of stored numbers: `slope * number + intercept`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Scale {
+pub(crate) struct Scale {
     pub slope: f64,
     pub intercept: f64,
 }
@@ -102,7 +102,7 @@ pub trait Sample: Copy {
 }
 
 /// Converts an integral double to a label value.
-pub fn label_of(value: f64) -> Option<i64> {
+pub(crate) fn label_of(value: f64) -> Option<i64> {
     const LIMIT: f64 = 9_007_199_254_740_992.0; // 2^53: beyond it doubles skip whole numbers.
     (value.fract() == 0.0 && value.abs() <= LIMIT).then_some(value as i64)
 }

@@ -157,7 +157,7 @@ impl VolumeError {
     }
 
     /// An error if there are more labels than a byte can index.
-    pub fn check_labels(labels: usize) -> Result<(), Self> {
+    pub(crate) fn check_labels(labels: usize) -> Result<(), Self> {
         match labels > 256 {
             true => Err(Self::TooManyLabels(labels)),
             false => Ok(()),
@@ -165,7 +165,7 @@ impl VolumeError {
     }
 
     /// The error as one of a file.
-    pub fn in_file(self, path: &Path) -> Self {
+    pub(crate) fn in_file(self, path: &Path) -> Self {
         let (path, cause) = (path.to_owned(), Box::new(self));
         Self::Volume { path, cause }
     }

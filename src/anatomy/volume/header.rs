@@ -44,7 +44,7 @@ pub enum Encoding {
 
 /// Bytes between the start of the encoded data and the first number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Skip {
+pub(crate) enum Skip {
     /// A number of bytes, counted after decompression.
     Bytes(u64),
     /// All but as many bytes as the image needs, counted from the end.
@@ -53,7 +53,7 @@ pub enum Skip {
 
 /// Location of the data.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct DataPlace {
+pub(crate) struct DataPlace {
     /// File that holds the data.
     pub path: PathBuf,
     /// Position in the header of the name of that file, if it is a separate one.
@@ -126,7 +126,7 @@ impl Header {
     }
 
     /// Byte order of the decompressed numbers; numbers in text become little-endian.
-    pub fn data_order(&self) -> ByteOrder {
+    pub(crate) fn data_order(&self) -> ByteOrder {
         match self.data.encoding {
             Encoding::Text => ByteOrder::Little,
             _ => self.order,

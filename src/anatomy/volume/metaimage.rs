@@ -14,7 +14,7 @@ use super::text::{Field, Lines};
 use insonify_base::read;
 
 /// Whether these first bytes of a file are those of a MetaImage header.
-pub fn is_header(start: &[u8]) -> bool {
+pub(crate) fn is_header(start: &[u8]) -> bool {
     let line = start.split(|&byte| byte == b'\n').next().unwrap_or_default();
     let mut parts = line.splitn(2, |&byte| byte == b'=');
     let tag = String::from_utf8_lossy(parts.next().unwrap_or_default());

@@ -62,10 +62,10 @@ pub fn segments(key_values: &[(String, String)]) -> BTreeMap<(usize, i64), Optio
 // XML label table of Connectome Workbench (Caret) and TotalSegmentator in a NIfTI header extension.
 
 /// Extension code of Caret's XML (`nifti1_io.h`: `NIFTI_ECODE_CARET`).
-pub const EXTENSION_CODE: i32 = 30;
+pub(crate) const EXTENSION_CODE: i32 = 30;
 
 /// Names by label value: the text of every `<Label Key="..">`.
-pub fn label_names(xml: &str) -> BTreeMap<i64, String> {
+pub(crate) fn label_names(xml: &str) -> BTreeMap<i64, String> {
     let mut names = BTreeMap::new();
     let mut rest = xml;
     while let Some(start) = rest.find("<Label ") {

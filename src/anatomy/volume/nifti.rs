@@ -16,9 +16,9 @@ use super::header::{Axis, DataPlace, Encoding, Header, Skip};
 use insonify_base::read;
 
 /// Size of the header proper, bytes (`nifti1.h`: `sizeof_hdr`).
-pub const HEADER_BYTES: usize = 348;
+pub(crate) const HEADER_BYTES: usize = 348;
 /// Bytes before the first extension: the header and four flags.
-pub const EXTENSIONS_START: usize = HEADER_BYTES + 4;
+pub(crate) const EXTENSIONS_START: usize = HEADER_BYTES + 4;
 /// Maximum total size of header extensions, bytes.
 const MAX_EXTENSION_BYTES: u64 = 64 << 20;
 
@@ -30,7 +30,7 @@ const AT_VOX_OFFSET: At = At::Byte(108);
 const AT_MAGIC: At = At::Byte(344);
 
 /// Whether these first bytes of a file (decompressed) are those of a NIfTI or Analyze header.
-pub fn is_header(start: &[u8]) -> bool {
+pub(crate) fn is_header(start: &[u8]) -> bool {
     [348i32, 540]
         .iter()
         .any(|size| start.starts_with(&size.to_le_bytes()) || start.starts_with(&size.to_be_bytes()))

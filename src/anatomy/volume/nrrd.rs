@@ -14,7 +14,7 @@ use super::text::{Field, Lines};
 use insonify_base::read;
 
 /// Magic number of NRRD files.
-pub const MAGIC: &[u8] = b"NRRD";
+pub(crate) const MAGIC: &[u8] = b"NRRD";
 
 /// Reads the header of an NRRD file.
 pub fn read_header(path: &Path) -> Result<Header, VolumeError> {
@@ -368,7 +368,7 @@ fn encoding(field: &Field) -> Result<Encoding, VolumeError> {
 
 /// A named space.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Space {
+pub(crate) struct Space {
     /// Number of components of its vectors.
     pub dimension: usize,
     /// Sign of each of its axes in LPS.

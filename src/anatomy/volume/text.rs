@@ -108,7 +108,7 @@ impl Field<'_> {
     }
 
     /// Checks that a spacing is finite and above 0.
-    pub fn check_spacing(&self, spacing: f64) -> Result<f64, VolumeError> {
+    pub(crate) fn check_spacing(&self, spacing: f64) -> Result<f64, VolumeError> {
         if spacing > 0.0 && spacing.is_finite() {
             Ok(spacing)
         } else {

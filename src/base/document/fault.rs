@@ -54,7 +54,7 @@ impl InputError {
         }))
     }
 
-    pub fn in_text(mut self, source: &Arc<Source>, span: Option<Range<usize>>) -> Self {
+    pub(crate) fn in_text(mut self, source: &Arc<Source>, span: Option<Range<usize>>) -> Self {
         self.0.file = Some(source.name.clone());
         self.0.place = span.map(|span| Excerpt::new(source, &span));
         self

@@ -34,7 +34,7 @@ impl Parameters for Blur {}
 impl Blur {
     /// Full width at half maximum at a depth, mm: by default 0.6 mm and 0.06 mm/cm at 3.5 MHz, in proportion to the
     /// wavelength.
-    pub fn width_at(&self, depth_mm: f64, frequency_mhz: f64) -> f64 {
+    pub(crate) fn width_at(&self, depth_mm: f64, frequency_mhz: f64) -> f64 {
         let width = self.width_mm.unwrap_or((2.1 / frequency_mhz).min(20.0));
         width + self.growth_mm_cm.unwrap_or((0.21 / frequency_mhz).min(5.0)) * depth_mm / 10.0
     }
@@ -50,7 +50,7 @@ impl Blur {
 }
 
 /// Registry entry.
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     name: "blur",
     stage: Stage::Beam,
     wanted,
@@ -69,7 +69,7 @@ pub const EFFECT: Effect = Effect {
 };
 
 /// Kernel of the blur.
-pub type Derived = Option<LateralKernel>;
+pub(crate) type Derived = Option<LateralKernel>;
 
 /// Makes the kernel.
 pub fn derive(inputs: &Inputs) -> Result<Derived, SynthError> {

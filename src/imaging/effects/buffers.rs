@@ -58,7 +58,7 @@ impl Buffer {
     }
 
     /// The buffer, filled before every frame.
-    pub const fn per_frame(self, numbers: PerFrame) -> Self {
+    pub(crate) const fn per_frame(self, numbers: PerFrame) -> Self {
         let per_frame = Some(numbers);
         Self { per_frame, ..self }
     }
@@ -154,17 +154,17 @@ pub static POSITION: Buffer = Buffer::new(20, "Position", 16, planes);
 pub static ELEMENT: Buffer = Buffer::new(30, "Element", 4, planes);
 
 /// Affine maps of the elements in the slab: of the reference state four each, of the deformed state four and three (`vec4<f32>`).
-pub static ELEMENT_MAPS: Buffer = Buffer::new(40, "ElementMaps", 16, |tables| {
+pub(crate) static ELEMENT_MAPS: Buffer = Buffer::new(40, "ElementMaps", 16, |tables| {
     11 * tables.mesh.as_ref().map_or(0, |mesh| mesh.elements().len())
 })
 .packed();
 
 /// Per sample and sub-plane, during the warp on a GPU: complement of the lowest slot that contains it, and flags (`vec2<u32>`); cleared
 /// before every frame.
-pub static HITS: Buffer = Buffer::new(50, "Hits", 8, planes);
+pub(crate) static HITS: Buffer = Buffer::new(50, "Hits", 8, planes);
 
 /// Label indices of the volume, four to a `u32`.
-pub static VOXELS: Buffer =
+pub(crate) static VOXELS: Buffer =
     Buffer::new(80, "Voxels", 4, |tables| tables.volume.voxels().len().div_ceil(4)).of(|tables, _| {
         let mut bytes = tables.volume.voxels().to_vec();
         bytes.resize(bytes.len().next_multiple_of(4), 0);
@@ -172,23 +172,23 @@ pub static VOXELS: Buffer =
     });
 
 /// Per label index: its imaging properties ([`LabelRow`]).
-pub static LABEL_ROWS: Buffer = Buffer::new(90, "LabelRows", size_of::<LabelRow>(), |tables| tables.label_rows.len())
+pub(crate) static LABEL_ROWS: Buffer = Buffer::new(90, "LabelRows", size_of::<LabelRow>(), |tables| tables.label_rows.len())
     .of(|tables, _| bytes_of(&tables.label_rows));
 
 /// Per sample and sub-plane: label index (`u32`).
-pub static LABEL: Buffer = Buffer::new(120, "Label", 4, planes);
+pub(crate) static LABEL: Buffer = Buffer::new(120, "Label", 4, planes);
 
 /// Per sample (and sub-plane, up to their average): echo amplitude; after tone, grey level (`f32`).
 pub static AMPLITUDE: Buffer = Buffer::new(130, "Amplitude", 4, planes);
 
 /// Second buffer of the pair that [`AMPLITUDE`] is swapped with (`f32`).
-pub static AMPLITUDE_NEXT: Buffer = Buffer::new(140, "AmplitudeNext", 4, beam);
+pub(crate) static AMPLITUDE_NEXT: Buffer = Buffer::new(140, "AmplitudeNext", 4, beam);
 
 /// Per sample: complex echo of surfaces and needles, before the point spread (`vec2<f32>`).
-pub static SPECULAR: Buffer = Buffer::new(150, "Specular", 8, beam);
+pub(crate) static SPECULAR: Buffer = Buffer::new(150, "Specular", 8, beam);
 
 /// Per sample: fractions of the scan plane's thickness and of the beam filled by needle and seeds (`vec2<f32>`).
-pub static NEEDLE_MASK: Buffer = Buffer::new(230, "NeedleMask", 8, beam);
+pub(crate) static NEEDLE_MASK: Buffer = Buffer::new(230, "NeedleMask", 8, beam);
 
 /// Per sample: two-way loss down to it, in units of [`UNITS_PER_DB`] (`u32`).
 pub static LOSS: Buffer = Buffer::new(240, "Loss", 4, beam);

@@ -10,7 +10,7 @@ pub fn rows<T: Real>(matrix: &nalgebra::Matrix4<f64>) -> [[T; 4]; 3] {
 }
 
 /// Elevational offset of a sub-plane in units of the distance between sub-planes: 0, 1, -1, 2, -2, ...
-pub fn plane_step(plane: usize) -> i32 {
+pub(crate) fn plane_step(plane: usize) -> i32 {
     let away = plane.div_ceil(2) as i32;
     if plane % 2 == 1 { away } else { -away }
 }

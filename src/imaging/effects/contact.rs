@@ -34,7 +34,7 @@ parameters! {
 impl Parameters for Contact {}
 
 /// Registry entry.
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     name: "contact",
     stage: Stage::Tissue,
     wanted,

@@ -17,7 +17,7 @@ use insonify_base::real::Real;
 use insonify_base::simd::map;
 
 /// Registry entry.
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     name: "geometry",
     stage: Stage::Tissue,
     wanted,

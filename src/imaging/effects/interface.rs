@@ -30,7 +30,7 @@ use insonify_base::simd::{Kernel, map, vectorised};
 
 /// Correlation length of the echo along a rough surface, mm: of the order at which bright lines break up in clinical
 /// frames (strands of median 4 mm and up to 36 mm between breaks).
-pub const ROUGHNESS_MM: f64 = 6.0;
+pub(crate) const ROUGHNESS_MM: f64 = 6.0;
 
 /// Spacing of the voxels used for normals, mm; finer voxels are subsampled.
 pub const NORMAL_MM: f64 = 0.75;
@@ -50,7 +50,7 @@ parameters! {
 impl Parameters for Interface {}
 
 /// Registry entry.
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     name: "interface",
     stage: Stage::Echoes,
     wanted,
@@ -259,7 +259,7 @@ pub const REACH: i32 = 3;
 const LANES: usize = 8;
 
 /// Surfaces of a volume.
-pub struct Surfaces<'a, T> {
+pub(crate) struct Surfaces<'a, T> {
     reader: LabelReader<'a, T>,
     impedance: [T; 256],
     capsule: [T; 256],

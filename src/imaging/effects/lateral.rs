@@ -25,14 +25,14 @@ pub const FWHM_PER_SIGMA: f64 = 2.354_820_045_030_949_3;
 pub const MAX_REACH: usize = 64;
 
 /// Largest standard deviation of a kernel, in taps: truncated at three of them it still has a Gaussian's shape.
-pub const MAX_SIGMA: f64 = MAX_REACH as f64 / 3.0;
+pub(crate) const MAX_SIGMA: f64 = MAX_REACH as f64 / 3.0;
 
 /// Standard deviations to each side beyond which the weights of a depth are zero, if the widest kernel reaches so far: there a
 /// Gaussian is below -69 dB of its peak.
 const FARTHEST: f64 = 4.0;
 
 /// Warning about a length whose kernel would reach too far, given the share of it that comes out.
-pub fn narrowed(key: &str, share: f64, finer: &str) -> Option<String> {
+pub(crate) fn narrowed(key: &str, share: f64, finer: &str) -> Option<String> {
     (share < 0.99).then(|| {
         format!(
             "{key} is {:.0} % of the requested value where the grid is finest: a kernel reaches at most {MAX_REACH} {finer} to \

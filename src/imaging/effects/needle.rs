@@ -50,7 +50,7 @@ parameters! {
 impl Parameters for NeedleEcho {}
 
 /// Registry entry.
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     name: "needle",
     stage: Stage::Echoes,
     wanted,
@@ -125,7 +125,7 @@ const fn needle_pass(entry: &'static str, bindings: &'static [(&'static Buffer, 
 }
 
 /// Correlation length of the grains along a shaft, mm.
-pub const GRAIN_MM: f64 = 2.0;
+pub(crate) const GRAIN_MM: f64 = 2.0;
 /// Length of the brighter part of a needle from its tip, mm: that of a bevel.
 pub const BEVEL_MM: f64 = 3.0;
 /// Amplitude factor of the bevel: 6 dB.

@@ -30,7 +30,7 @@ impl Parameters for Noise {
 }
 
 /// Registry entry.
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     name: "noise",
     stage: Stage::Display,
     wanted,
@@ -156,7 +156,7 @@ impl<T: Real> Kernel for Add<'_, T> {
 
 /// Zero-mean sum of twelve bytes, -1530 to 1530.
 #[inline(always)]
-pub fn deviate(column: i32, row: i32, frame: u32, seed: [u32; 2]) -> i32 {
+pub(crate) fn deviate(column: i32, row: i32, frame: u32, seed: [u32; 2]) -> i32 {
     let first = hash3([column, row, frame as i32], seed);
     let second = pcg3d(first);
     // The upper halves of both triples: twelve bytes.

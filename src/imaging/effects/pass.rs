@@ -22,13 +22,13 @@ pub struct View<'a> {
 
 /// Parameter block of a pass: binding 0, at most 256 bytes.
 #[derive(Clone, Copy, Debug)]
-pub struct ParamBlock {
+pub(crate) struct ParamBlock {
     bytes: [u8; Self::CAPACITY],
 }
 
 impl ParamBlock {
     /// Capacity of a block, bytes; also the alignment of the blocks' offsets in WebGPU's default limits.
-    pub const CAPACITY: usize = 256;
+    pub(crate) const CAPACITY: usize = 256;
 
     /// Copies a parameter struct.
     pub fn of<P: Pod>(params: &P) -> Self {

@@ -11,7 +11,7 @@ use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::real::Real;
 
 /// Registry entry.
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     name: "quantise",
     stage: Stage::Display,
     wanted,

@@ -55,19 +55,19 @@ impl Parameters for Receiver {}
 
 impl Receiver {
     /// Power of the noise, relative to the echo of liver at the array.
-    pub fn noise_power(&self) -> f64 {
+    pub(crate) fn noise_power(&self) -> f64 {
         10f64.powf(self.noise_db / 10.0)
     }
 
     /// Mean power of the clutter at a depth, relative to the echo of liver at the array. `attenuation_db_cm` is its two-way
     /// attenuation.
-    pub fn clutter_power(&self, depth_mm: f64, attenuation_db_cm: f64) -> f64 {
+    pub(crate) fn clutter_power(&self, depth_mm: f64, attenuation_db_cm: f64) -> f64 {
         let fade_db = (attenuation_db_cm + self.clutter_decay_db_cm) * depth_mm / 10.0;
         10f64.powf((self.clutter_db - fade_db) / 10.0)
     }
 
     /// Power of the ring-down at a depth, relative to the echo of liver at the array.
-    pub fn ring_down_power(&self, depth_mm: f64, frequency_mhz: f64) -> f64 {
+    pub(crate) fn ring_down_power(&self, depth_mm: f64, frequency_mhz: f64) -> f64 {
         10f64.powf(self.ring_down_db / 10.0) * (-2.0 * depth_mm * frequency_mhz / RING_DOWN_MM).exp()
     }
 
@@ -87,7 +87,7 @@ impl Receiver {
 }
 
 /// Registry entry.
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     name: "receiver",
     stage: Stage::Beam,
     wanted,
@@ -114,7 +114,7 @@ pub const EFFECT: Effect = Effect {
 
 /// Tables of the receiver.
 #[derive(Clone, Debug)]
-pub struct Derived {
+pub(crate) struct Derived {
     /// Power of acoustic clutter and ring-down at each sample; empty without a receiver.
     pub clutter: Vec<f32>,
 }
@@ -173,7 +173,7 @@ pub struct Params {
 
 /// Mean of [`draw`]: two parts, each of the variance of six bytes, 6 (256^2 - 1) / 12, times 1 + 4 + 1 for the smoothing along the
 /// scanline, on two scanlines.
-pub const DRAW_MEAN: f64 = 2.0 * 12.0 * 32_767.5;
+pub(crate) const DRAW_MEAN: f64 = 2.0 * 12.0 * 32_767.5;
 
 /// Mean of the sum of six bytes.
 const SUM_MEAN: i32 = 6 * 255 / 2;

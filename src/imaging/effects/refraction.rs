@@ -61,7 +61,7 @@ pub fn index(impedance_mrayl: f64) -> f64 {
 
 /// Units of phase per sample distance: a power of two with which sums over half a beam are integers below 2^24, exact in any order in single
 /// precision.
-pub fn units_per_sample(tables: &Tables) -> f64 {
+pub(crate) fn units_per_sample(tables: &Tables) -> f64 {
     let summed = (tables.samples() * reach(tables).max(1)) as f64;
     let units = f64::from(1 << 24) / (2.0 * FURTHEST * summed);
     units.log2().floor().exp2()
@@ -73,7 +73,7 @@ pub fn units(impedance_mrayl: f64, tables: &Tables) -> u32 {
 }
 
 /// Registry entry.
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     name: "refraction",
     stage: Stage::Beam,
     wanted,

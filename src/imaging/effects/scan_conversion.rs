@@ -12,7 +12,7 @@ use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::real::Real;
 
 /// Registry entry.
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     name: "scan_conversion",
     stage: Stage::Display,
     wanted,

@@ -61,7 +61,7 @@ parameters! {
 pub const SOFT_TISSUE_DB_CM_MHZ: f64 = 0.5;
 
 /// Two-way attenuation of average soft tissue, dB/cm; 0 if no attenuation is simulated.
-pub fn average_db_cm(settings: &Settings) -> f64 {
+pub(crate) fn average_db_cm(settings: &Settings) -> f64 {
     let own = settings.effects.shadow.as_ref();
     if own.is_some_and(|own| own.attenuation) {
         2.0 * SOFT_TISSUE_DB_CM_MHZ * settings.probe.frequency_mhz
@@ -74,7 +74,7 @@ pub fn average_db_cm(settings: &Settings) -> f64 {
 pub const MAX_PER_SAMPLE_DB: f64 = 256.0;
 
 /// Saturation value of the running sum: 2^31 - 1 units, 2,048 dB.
-pub const MAX_UNITS: u32 = 0x7fff_ffff;
+pub(crate) const MAX_UNITS: u32 = 0x7fff_ffff;
 
 /// Loss for an occlusion of 1 per mm, which would be infinite, dB per mm.
 const FULL_OCCLUSION_DB_MM: f64 = 200.0;
@@ -101,7 +101,7 @@ pub fn units(db: f64) -> u32 {
 }
 
 /// Registry entry.
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     name: "shadow",
     stage: Stage::Beam,
     wanted,
@@ -143,7 +143,7 @@ pub const EFFECT: Effect = Effect {
 
 /// Tables of the shadow; empty without one.
 #[derive(Clone, Debug, Default)]
-pub struct Derived {
+pub(crate) struct Derived {
     /// Kernel of the beam.
     pub penumbra: Option<LateralKernel>,
     /// Scanlines between a point and the elements of the aperture that receive from it; empty if shadows do not widen.
@@ -447,7 +447,7 @@ fn params(view: &View, _: Band) -> ParamBlock {
 }
 
 /// log2 of the amplitude factor of one unit of loss, both ways.
-pub fn exponent_per_unit() -> f64 {
+pub(crate) fn exponent_per_unit() -> f64 {
     -(10.0f64.log2()) / 20.0 / UNITS_PER_DB
 }
 

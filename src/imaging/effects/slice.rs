@@ -65,7 +65,7 @@ pub enum Boundary {
 }
 
 /// Registry entry.
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     name: "slice",
     stage: Stage::Tissue,
     wanted,
@@ -251,10 +251,10 @@ impl<T: Real> Default for Cell<T> {
 
 /// Distance from a face of the volume within which a mirrored position is kept, voxels: in single precision, 10,000 voxels can
 /// still be distinguished from it.
-pub const WITHIN: f64 = 1e-3;
+pub(crate) const WITHIN: f64 = 1e-3;
 
 /// Reads labels at world positions.
-pub struct LabelReader<'a, T> {
+pub(crate) struct LabelReader<'a, T> {
     voxels: &'a [u8],
     size: [usize; 3],
     world_to_index: [[T; 4]; 3],

@@ -55,7 +55,7 @@ parameters! {
 impl Parameters for Speckle {}
 
 /// Registry entry.
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     name: "speckle",
     stage: Stage::Speckle,
     wanted,
@@ -80,7 +80,7 @@ pub const EFFECT: Effect = Effect {
 };
 
 /// Lattice and kernels of the speckle.
-pub type Derived = Option<SpeckleTables>;
+pub(crate) type Derived = Option<SpeckleTables>;
 
 /// Makes the lattice and the kernels.
 pub fn derive(inputs: &Inputs) -> Result<Derived, SynthError> {

@@ -33,7 +33,7 @@ parameters! {
 impl Parameters for Texture {}
 
 /// Registry entry.
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     name: "texture",
     stage: Stage::Tissue,
     wanted,
@@ -50,7 +50,7 @@ pub const EFFECT: Effect = Effect {
 };
 
 /// Solid textures of the tissues.
-pub type Derived = Option<Atlas>;
+pub(crate) type Derived = Option<Atlas>;
 
 /// Packs the textures.
 pub fn derive(inputs: &Inputs) -> Result<Derived, SynthError> {
@@ -202,7 +202,7 @@ pub fn atlas(anatomy: &Anatomy, settings: &Settings) -> Result<Option<Atlas>, Vo
 }
 
 /// Atlas entry of a label's tissue plus one; 0 for none.
-pub fn entry_of(anatomy: &Anatomy, label: u8) -> u32 {
+pub(crate) fn entry_of(anatomy: &Anatomy, label: u8) -> u32 {
     let tissue = anatomy.tissues.of(label);
     placed(anatomy)
         .iter()

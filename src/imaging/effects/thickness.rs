@@ -60,7 +60,7 @@ impl Thickness {
 const MAX_PLANES: usize = 9;
 
 /// Registry entry.
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     name: "thickness",
     stage: Stage::Tissue,
     wanted,

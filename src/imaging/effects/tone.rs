@@ -141,7 +141,7 @@ impl Tone {
 }
 
 /// Registry entry.
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     name: "tone",
     stage: Stage::Display,
     wanted,
@@ -166,7 +166,7 @@ pub const EFFECT: Effect = Effect {
 
 /// Tables of the tone.
 #[derive(Clone, Debug)]
-pub struct Derived {
+pub(crate) struct Derived {
     /// Linear gain at each sample depth.
     pub gain: Numbers,
 }

@@ -17,7 +17,7 @@ use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::real::Real;
 
 /// Registry entry.
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     name: "truth",
     stage: Stage::Display,
     wanted,

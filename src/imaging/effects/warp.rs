@@ -37,7 +37,7 @@ pub const FOLDED: u32 = 2;
 pub const OUTSIDE: u32 = 3;
 
 /// Registry entry.
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     name: "warp",
     stage: Stage::Tissue,
     wanted,
@@ -152,7 +152,7 @@ fn map<T: Real>(view: &View, store: &mut Store<T>) {
 }
 
 /// Finds the elements of the samples of one scanline, as slots in the list of deformed elements, and sets the flags of their positions.
-pub fn rasterise<T: Real>(slab: &Slab<T>, line: usize, positions: &mut [[T; 4]], elements: &mut [u32]) {
+pub(crate) fn rasterise<T: Real>(slab: &Slab<T>, line: usize, positions: &mut [[T; 4]], elements: &mut [u32]) {
     let ends = [0, positions.len() - 1].map(|at| positions[at].map(T::wide));
     let flag = |flag: u32| T::of(f64::from(flag));
     elements.fill(NONE);

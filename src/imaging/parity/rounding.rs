@@ -7,13 +7,13 @@
 pub const ULP: f64 = 1.0 / 8_388_608.0;
 
 /// Relative error of `x / y`: 2.5 ULP.
-pub const DIVIDE: f64 = 2.5 * ULP;
+pub(crate) const DIVIDE: f64 = 2.5 * ULP;
 
 /// Relative error of `sqrt(x)`, specified as that of `1 / inverseSqrt(x)`: 2 ULP for the inverse root and 2.5 for the division.
-pub const ROOT: f64 = 4.5 * ULP;
+pub(crate) const ROOT: f64 = 4.5 * ULP;
 
 /// Smallest normal number: results below it may be flushed to zero.
-pub const TINY: f64 = f32::MIN_POSITIVE as f64;
+pub(crate) const TINY: f64 = f32::MIN_POSITIVE as f64;
 
 /// Returns the relative error of `exp2(x)` when `x` has the error `off`: 3 + 2 |x| ULP.
 pub fn exp2(x: f64, off: f64) -> f64 {
@@ -36,7 +36,7 @@ pub fn pow(x: f64, y: f64) -> f64 {
 }
 
 /// Bounds the change of a square root whose argument, at least 0, has the error `off`.
-pub fn root_off(argument: f64, off: f64) -> f64 {
+pub(crate) fn root_off(argument: f64, off: f64) -> f64 {
     if argument <= off {
         off.sqrt() * std::f64::consts::SQRT_2
     } else {

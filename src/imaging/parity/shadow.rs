@@ -11,7 +11,7 @@ use super::rounding::{DIVIDE, ROOT, TINY, ULP, exp2};
 use super::slack::{Slack, Step};
 
 /// Propagates the bounds through the pass of the losses, which does not change echoes.
-pub fn carry_loss(step: &Step, slack: &mut Slack) {
+pub(crate) fn carry_loss(step: &Step, slack: &mut Slack) {
     let samples = step.samples();
     let scanlines = (0..step.lines()).flat_map(|line| {
         down(samples, |sample| {
@@ -188,7 +188,7 @@ fn norm(size: f64) -> f64 {
 }
 
 /// Propagates the bounds through the pass that adds mirror images.
-pub fn carry_mirror(step: &Step, slack: &mut Slack) {
+pub(crate) fn carry_mirror(step: &Step, slack: &mut Slack) {
     let (lines, samples) = (step.lines(), step.samples());
     let spacing = spacing(step.tables);
     let tops = tops(step);
@@ -256,7 +256,7 @@ pub fn carry_mirror(step: &Step, slack: &mut Slack) {
 }
 
 /// Propagates the bounds through the pass that adds reverberation.
-pub fn carry_reverberation(step: &Step, slack: &mut Slack) {
+pub(crate) fn carry_reverberation(step: &Step, slack: &mut Slack) {
     let (lines, samples) = (step.lines(), step.samples());
     let [tops, of_twin] = tops(step);
     for line in 0..lines {

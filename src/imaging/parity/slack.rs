@@ -10,7 +10,7 @@ use crate::synth::{FrameState, SynthError};
 
 /// Bounds on the deviation of a twin from the reference, for each sample of the central plane.
 #[derive(Clone, Default)]
-pub struct Slack {
+pub(crate) struct Slack {
     /// Bound of each coordinate of the position, mm.
     pub position: Vec<[f64; 3]>,
     /// Samples within rounding of a mesh surface that the twin assigned to its other side.

@@ -135,7 +135,7 @@ const TYPICAL: f64 = 1.0 / 20.0;
 
 /// Checks the root mean square of the deviations, which an error too small for the bounds would still raise. Samples with a wide bound
 /// because of a doubtful label nearby are excluded; only the bounds apply to them.
-pub fn check_typical(step: &Step, slack: &mut Slack) {
+pub(crate) fn check_typical(step: &Step, slack: &mut Slack) {
     let mut bounds = slack.amplitude.clone();
     bounds.sort_by(f64::total_cmp);
     let Some(&middle) = bounds.get(bounds.len() / 2) else {

@@ -18,7 +18,7 @@ const POINT: f64 = 2.0 * 2.0;
 
 /// Bounds each coordinate of a vector (mm, world) that a sample's element maps to the reference state: the difference between the elements
 /// of reference and twin, and the rounding of the map.
-pub fn vector_slack(step: &Step, index: usize, vector: Vector3<f64>) -> [f64; 3] {
+pub(crate) fn vector_slack(step: &Step, index: usize, vector: Vector3<f64>) -> [f64; 3] {
     let Some(mesh) = step.tables.mesh.as_deref() else {
         return [0.0; 3];
     };
@@ -183,7 +183,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
 }
 
 /// Finds the samples so close to a surface of the mesh, deformed or not, that rounding may move them across it.
-pub fn near_a_surface(step: &Step, slack: &Slack) -> Vec<bool> {
+pub(crate) fn near_a_surface(step: &Step, slack: &Slack) -> Vec<bool> {
     let Some(mesh) = step.tables.mesh.as_deref() else {
         return vec![false; step.before.position.len()];
     };

@@ -15,7 +15,7 @@ pub const PHASES: usize = 128;
 
 /// Gaussian pulse exp(-t^2 / 2 s^2) cos(2 pi f t).
 #[derive(Clone, Debug)]
-pub struct Pulse {
+pub(crate) struct Pulse {
     half: usize,
     /// `PHASES + 1` rows of `2 half + 2` samples.
     table: Vec<f32>,
@@ -76,7 +76,7 @@ impl Pulse {
 
 /// A scatterer in beam space.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Scatterer {
+pub(crate) struct Scatterer {
     /// Line coordinate.
     pub line: f32,
     /// Sample coordinate of its echo.

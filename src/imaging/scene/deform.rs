@@ -115,7 +115,7 @@ impl Deformation {
     }
 
     /// Writes the current node positions at a time into `nodes`, reusing its memory.
-    pub fn nodes_at(&self, time_s: f64, nodes: &mut Nodes) {
+    pub(crate) fn nodes_at(&self, time_s: f64, nodes: &mut Nodes) {
         let amplitude = self.amplitude_at(time_s);
         nodes.clear();
         nodes.extend(

@@ -166,7 +166,7 @@ impl PoseTable {
     }
 
     /// Whether the table states the pose itself, rather than a change to a pose determined otherwise.
-    pub fn is_explicit(&self) -> bool {
+    pub(crate) fn is_explicit(&self) -> bool {
         self.position_mm.is_some() || self.direction.is_some() || self.lateral.is_some() || self.matrix.is_some()
     }
 }
@@ -174,7 +174,7 @@ impl PoseTable {
 /// A solid texture from a file, referred to by tissues.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct TextureSpec {
+pub(crate) struct TextureSpec {
     /// Name of the texture; that of a built-in texture replaces it.
     pub name: String,
     /// Three-dimensional grey file: NIfTI, NRRD or MetaImage.

@@ -41,7 +41,7 @@ parameters! {
 /// Probe path from a tracked sequence file of PLUS. Matrices act on column vectors, lengths in mm.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct SequenceSpec {
+pub(crate) struct SequenceSpec {
     /// Sequence file: `.igs.mha`, `.igs.mhd`, `.igs.nrrd`.
     #[schemars(required)]
     pub file: Option<PathBuf>,
@@ -167,7 +167,7 @@ pub struct NeedleKeyframe {
 /// Needle path from a tracked sequence file of PLUS.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct NeedleSequenceSpec {
+pub(crate) struct NeedleSequenceSpec {
     /// Sequence file: `.igs.mha`, `.igs.mhd`, `.igs.nrrd`.
     #[schemars(required)]
     pub file: Option<PathBuf>,

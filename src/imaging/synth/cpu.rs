@@ -15,7 +15,7 @@ use insonify_base::real::Real;
 use insonify_testing::lossy::Lossy;
 
 /// Scalar type of a CPU reference.
-pub trait PassScalar: Real {
+pub(crate) trait PassScalar: Real {
     /// Returns the reference of a pass in this scalar.
     fn reference(pass: &Pass) -> fn(&View, &mut Store<Self>);
 }
@@ -40,7 +40,7 @@ impl PassScalar for Lossy {
 }
 
 /// The CPU backend.
-pub struct CpuExecutor<T: PassScalar> {
+pub(crate) struct CpuExecutor<T: PassScalar> {
     /// Working memory of the backend.
     pub store: Store<T>,
     /// Whether passes are timed.

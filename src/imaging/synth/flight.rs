@@ -3,7 +3,7 @@
 use super::{Executor, Frame, FrameState, SynthError, Synthesizer, gpu};
 
 /// Largest number of frames in flight.
-pub const IN_FLIGHT: usize = 3;
+pub(crate) const IN_FLIGHT: usize = 3;
 
 /// A submitted frame. Frames are finished in the order of their submission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -73,7 +73,7 @@ impl Synthesizer {
     }
 
     /// The oldest frame in flight with its ticket, if it is finished; never waits.
-    pub fn try_take(&mut self) -> Result<Option<(Ticket, &Frame)>, SynthError> {
+    pub(crate) fn try_take(&mut self) -> Result<Option<(Ticket, &Frame)>, SynthError> {
         let Some(oldest) = self.in_flight.front() else {
             return Ok(None);
         };

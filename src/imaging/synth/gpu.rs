@@ -46,7 +46,7 @@ fn uploads(plan: &Plan) -> u64 {
 }
 
 /// A submission of frames.
-pub type Submission = wgpu::SubmissionIndex;
+pub(crate) type Submission = wgpu::SubmissionIndex;
 
 /// Alignment of what is bound of a buffer, bytes.
 const ALIGNED: usize = ParamBlock::CAPACITY;
@@ -102,7 +102,7 @@ struct Uploads {
 }
 
 /// The GPU backend.
-pub struct GpuExecutor {
+pub(crate) struct GpuExecutor {
     gpu: Gpu,
     /// Pipelines by source, those of former settings included.
     pipelines: BTreeMap<String, Pipeline>,
@@ -172,7 +172,7 @@ impl GpuExecutor {
     }
 
     /// Makes memory for several frames of a submission, as many of these as limits and memory allow, and returns their number.
-    pub fn reserve_frames(&mut self, plan: &Plan, tables: &Tables, asked: usize) -> Result<usize, SynthError> {
+    pub(crate) fn reserve_frames(&mut self, plan: &Plan, tables: &Tables, asked: usize) -> Result<usize, SynthError> {
         let uploads = uploads(plan);
         let resources = plan.resources.iter();
         let written = || {
@@ -783,7 +783,7 @@ impl GpuExecutor {
     }
 
     /// Runs the steps up to and including a pass; all of them if there is none of that name.
-    pub fn run_until(
+    pub(crate) fn run_until(
         &mut self,
         pass: &str,
         plan: &Plan,
@@ -810,7 +810,7 @@ impl GpuExecutor {
     }
 
     /// Goes on with the frame that [`Self::run_until`] began: from behind a pass up to and including another.
-    pub fn run_on(&mut self, behind: &str, pass: &str) -> Result<(), SynthError> {
+    pub(crate) fn run_on(&mut self, behind: &str, pass: &str) -> Result<(), SynthError> {
         let start = self.end_of(behind);
         self.run_steps(start, self.end_of(pass).max(start))
     }

@@ -13,10 +13,10 @@ pub fn needs(_: &Plan) -> Needs {
 }
 
 /// A submission, of which there is none.
-pub enum Submission {}
+pub(crate) enum Submission {}
 
 /// An executor, of which there is none.
-pub enum GpuExecutor {}
+pub(crate) enum GpuExecutor {}
 
 /// Methods of the executor, which cannot be called.
 macro_rules! methods {

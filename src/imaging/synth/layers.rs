@@ -37,7 +37,7 @@ pub struct Beam {
 
 impl Beam {
     /// Copies the central plane out of a CPU store, with positions as in the passes: relative to the local origin.
-    pub fn of_store<T: Real>(store: &Store<T>, tables: &Tables) -> Self {
+    pub(crate) fn of_store<T: Real>(store: &Store<T>, tables: &Tables) -> Self {
         let count = tables.lines() * tables.samples();
         let wide = |values: &[T]| values.iter().take(count).map(|x| x.wide()).collect();
         Self {

@@ -16,7 +16,7 @@ use insonify_gpu::Access;
 pub const ENTRY: &str = "fused";
 
 /// A linked shader.
-pub struct Linked {
+pub(crate) struct Linked {
     /// WGSL source.
     pub source: String,
     /// Number of its passes.
@@ -26,7 +26,7 @@ pub struct Linked {
 }
 
 /// A buffer of a linked shader.
-pub struct BoundBuffer {
+pub(crate) struct BoundBuffer {
     /// The buffer.
     pub buffer: &'static Buffer,
     /// Widest access of the passes.
@@ -43,7 +43,7 @@ pub fn block_bytes(passes: usize) -> usize {
 }
 
 /// Whether each frame of a submission has its own part of a buffer, one behind the other.
-pub fn has_copy_per_frame(buffer: &Buffer) -> bool {
+pub(crate) fn has_copy_per_frame(buffer: &Buffer) -> bool {
     buffer.contents.is_none() && !buffer.is_packed
 }
 

@@ -40,7 +40,7 @@ pub const STEP_MM: f64 = 1000.0;
 
 /// Origin of local coordinates in the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LocalOrigin {
+pub(crate) struct LocalOrigin {
     world_mm: Vector3<f64>,
 }
 
@@ -63,7 +63,7 @@ impl LocalOrigin {
     }
 
     /// Whether it is the origin of the world.
-    pub fn is_world(&self) -> bool {
+    pub(crate) fn is_world(&self) -> bool {
         self.world_mm == Vector3::zeros()
     }
 
@@ -76,7 +76,7 @@ impl LocalOrigin {
     }
 
     /// Converts a point in local coordinates to the world, mm.
-    pub fn into_world(&self, local_mm: [f64; 3]) -> [f64; 3] {
+    pub(crate) fn into_world(&self, local_mm: [f64; 3]) -> [f64; 3] {
         if self.is_world() {
             return local_mm;
         }
@@ -116,7 +116,7 @@ impl LocalOrigin {
     }
 
     /// Converts the positions of a beam to local coordinates, as in the passes.
-    pub fn beam_into_local(&self, mut world: Beam) -> Beam {
+    pub(crate) fn beam_into_local(&self, mut world: Beam) -> Beam {
         if !self.is_world() {
             place(&mut world, |point| self.into_local(point));
         }
@@ -133,7 +133,7 @@ fn place(beam: &mut Beam, at: impl Fn([f64; 3]) -> [f64; 3]) {
 
 /// State of a frame in local coordinates, in memory reused from frame to frame.
 #[derive(Debug)]
-pub struct LocalFrame {
+pub(crate) struct LocalFrame {
     origin: LocalOrigin,
     state: FrameState,
     nodes: Vec<[f64; 3]>,

@@ -239,7 +239,7 @@ pub struct States {
 
 impl States {
     /// Both states.
-    pub const BOTH: Self = Self {
+    pub(crate) const BOTH: Self = Self {
         deformed: true,
         reference: true,
     };
@@ -360,7 +360,7 @@ impl<T: Real> Slab<T> {
     }
 
     /// Whether the elements of the reference state are those of another slab of the same mesh.
-    pub fn has_reference_of(&self, other: &Self) -> bool {
+    pub(crate) fn has_reference_of(&self, other: &Self) -> bool {
         self.pose == other.pose && Arc::ptr_eq(&self.at_rest, &other.at_rest)
     }
 
@@ -392,7 +392,7 @@ impl<T: Real> Slab<T> {
     }
 
     /// Sorts the elements by scanline, as the CPU reads them.
-    pub fn sort_by_line(&mut self, lines: usize) {
+    pub(crate) fn sort_by_line(&mut self, lines: usize) {
         self.deformed.sort_by_line(lines);
         self.reference.sort_by_line(lines);
     }

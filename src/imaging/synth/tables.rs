@@ -122,7 +122,7 @@ pub struct LabelRow {
 impl LabelRow {
     /// Amplitude reflection coefficient of the surface between two labels at perpendicular incidence: that of their impedances, or of a
     /// capsule if it is larger.
-    pub fn reflection(&self, other: &Self) -> f64 {
+    pub(crate) fn reflection(&self, other: &Self) -> f64 {
         let [a, b] = [self, other].map(|row| f64::from(row.impedance));
         let step = if a + b > 0.0 { (a - b).abs() / (a + b) } else { 0.0 };
         step.max(f64::from((self.capsule - other.capsule).abs()))

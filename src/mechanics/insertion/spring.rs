@@ -122,7 +122,7 @@ impl MassSpring {
     }
 
     /// Returns the least angle between two faces of an element at the original positions, degrees.
-    pub fn least_dihedral_deg(&self) -> f64 {
+    pub(crate) fn least_dihedral_deg(&self) -> f64 {
         self.least_dihedral_deg
     }
 

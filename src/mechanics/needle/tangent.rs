@@ -116,7 +116,7 @@ impl Tangent {
     }
 
     /// Writes the displacement of each row by a turn of each joint.
-    pub fn set_moves(&mut self, chain: &Chain, line: &CentreLine, rows: &[Row]) {
+    pub(crate) fn set_moves(&mut self, chain: &Chain, line: &CentreLine, rows: &[Row]) {
         let (nodes, width) = (line.nodes(), rows.len());
         self.moves.clear();
         self.moves.resize(2 * self.axes.len() * width, 0.0);
@@ -144,7 +144,7 @@ impl Tangent {
     }
 
     /// Adds the rows' flexibility. Consumes their displacements.
-    pub fn add_flexibility(&mut self, width: usize, out: &mut [f64]) {
+    pub(crate) fn add_flexibility(&mut self, width: usize, out: &mut [f64]) {
         self.stiffness.forward(&mut self.moves, width);
         vectorised(AddSquares {
             width,

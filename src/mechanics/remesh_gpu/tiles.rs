@@ -25,7 +25,7 @@ pub fn bytes_of(size: usize) -> u64 {
 
 /// Consecutive tiles in one buffer.
 #[derive(Debug)]
-pub struct Bank {
+pub(crate) struct Bank {
     /// Buffer of the tiles.
     pub buffer: StorageBuffer,
     /// Index of the first tile.
@@ -36,7 +36,7 @@ pub struct Bank {
 
 /// Symmetric matrix on a device.
 #[derive(Debug)]
-pub struct Tiles {
+pub(crate) struct Tiles {
     /// Banks in the order of their tiles.
     pub banks: Vec<Bank>,
 }
@@ -97,7 +97,7 @@ impl Tiles {
     }
 
     /// Copies all banks to a matrix of the same size in the same banks.
-    pub fn copy_to(&self, other: &Tiles, recorder: &mut Recorder<'_>) {
+    pub(crate) fn copy_to(&self, other: &Tiles, recorder: &mut Recorder<'_>) {
         for (from, to) in self.banks.iter().zip(&other.banks) {
             let (source, target) = (from.buffer.raw(), to.buffer.raw());
             recorder
@@ -163,7 +163,7 @@ pub struct Params {
 
 /// Declaration of a pass.
 #[derive(Clone, Copy, Debug)]
-pub struct Declared {
+pub(crate) struct Declared {
     /// Entry point in the shader.
     pub entry: &'static str,
     /// Access modes of the buffers at bindings 1, 2, ...
@@ -184,22 +184,22 @@ const fn declared(entry: &'static str, storage: &'static [Access], workgroup: u3
 }
 
 /// Pass that copies the listed columns of a bank to Y.
-pub const TAKE: Declared = declared("take", &[R, R, W], 128);
+pub(crate) const TAKE: Declared = declared("take", &[R, R, W], 128);
 /// Pass that copies the entries of a bank at the listed rows and columns, less those of Y Z^T, to a small block.
-pub const ENTRIES: Declared = declared("entries", &[R, R, W, R, R], 64);
+pub(crate) const ENTRIES: Declared = declared("entries", &[R, R, W, R, R], 64);
 /// Pass that computes Z = Y C.
-pub const PRODUCT: Declared = declared("product", &[R, R, W], 128);
+pub(crate) const PRODUCT: Declared = declared("product", &[R, R, W], 128);
 /// Pass that subtracts Y Z^T from a bank.
-pub const UPDATE_ALL: Declared = declared("update_all", &[W, R, R], 256);
+pub(crate) const UPDATE_ALL: Declared = declared("update_all", &[W, R, R], 256);
 /// Pass that subtracts Y Z^T from the listed rows and columns of a bank.
-pub const UPDATE_ROWS: Declared = declared("update_rows", &[W, R, R, R], 128);
+pub(crate) const UPDATE_ROWS: Declared = declared("update_rows", &[W, R, R, R], 128);
 /// Pass that computes a weighted sum of the columns of Y.
-pub const COMBINE: Declared = declared("combine", &[R, R, W], 128);
+pub(crate) const COMBINE: Declared = declared("combine", &[R, R, W], 128);
 /// Pass that multiplies a bank by a vector.
-pub const MULTIPLY: Declared = declared("multiply", &[R, R, W], 128);
+pub(crate) const MULTIPLY: Declared = declared("multiply", &[R, R, W], 128);
 
 /// Pass that computes C = (I + dK G)^-1 dK in f64 and the reciprocal condition of I + dK G.
-pub const CAPACITANCE: Declared = declared("capacitance", &[R, R, R, W, W, W], 256);
+pub(crate) const CAPACITANCE: Declared = declared("capacitance", &[R, R, R, W, W, W], 256);
 
 /// Declarations of all passes.
 pub const ALL: [Declared; 8] = [

@@ -58,7 +58,7 @@ impl Dofs {
     ///
     /// # Panics
     /// If the number is out of range.
-    pub fn node_of(&self, dof: u32) -> (u32, u8) {
+    pub(crate) fn node_of(&self, dof: u32) -> (u32, u8) {
         self.free[dof as usize]
     }
 

@@ -8,7 +8,7 @@
 use super::material::Material;
 
 /// Force on one node per displacement of another, N/mm; rows are force axes, columns displacement axes.
-pub type NodeBlock = [[f64; 3]; 3];
+pub(crate) type NodeBlock = [[f64; 3]; 3];
 
 /// Newtons per square millimetre in one kilopascal.
 const NEWTON_PER_MM2: f64 = 1e-3;
@@ -21,7 +21,7 @@ pub const FLATTEST: f64 = 1e-9;
 /// block `[b][a]` is the transpose of block `[a][b]`, bit for bit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg(test)]
-pub struct ElementStiffness(pub [[NodeBlock; 4]; 4]);
+pub(crate) struct ElementStiffness(pub [[NodeBlock; 4]; 4]);
 
 /// Why a tetrahedron has no usable volume.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -172,7 +172,7 @@ impl Shape {
 ///
 /// [`TetMesh`]: insonify_mesh::TetMesh
 #[cfg(test)]
-pub fn element_stiffness(corners: &[[f64; 3]; 4], material: &Material) -> Result<ElementStiffness, DegenerateElement> {
+pub(crate) fn element_stiffness(corners: &[[f64; 3]; 4], material: &Material) -> Result<ElementStiffness, DegenerateElement> {
     let shape = Shape::of(corners)?;
     let weights = shape.weights(material);
     Ok(ElementStiffness(std::array::from_fn(|a| {

@@ -215,7 +215,7 @@ impl<const D: usize, const N: usize> Structure<D, N> {
     ///
     /// # Errors
     /// [`NonlinearError`] where the stiffness cannot be factored.
-    pub fn put_state(&mut self) -> Result<[Vec<f64>; 2], NonlinearError> {
+    pub(crate) fn put_state(&mut self) -> Result<[Vec<f64>; 2], NonlinearError> {
         match self {
             Structure::Elastic(solver) => Ok([solver.put_state(false)?, Vec::new()]),
             Structure::Viscous(creep) => creep.put_state(),
@@ -226,7 +226,7 @@ impl<const D: usize, const N: usize> Structure<D, N> {
     ///
     /// # Errors
     /// [`NonlinearError`] for numbers that do not fit such a body.
-    pub fn take_state(&mut self, state: [&[f64]; 2]) -> Result<(), NonlinearError> {
+    pub(crate) fn take_state(&mut self, state: [&[f64]; 2]) -> Result<(), NonlinearError> {
         match self {
             Structure::Elastic(solver) => Ok(solver.take_state(state[0], false)?),
             Structure::Viscous(creep) => creep.take_state(state),

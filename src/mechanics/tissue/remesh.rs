@@ -315,7 +315,7 @@ impl SampleSchedule {
     }
 
     /// Counts an update; returns whether to sample it. With `every` 0 none is sampled.
-    pub fn is_due(&mut self, every: u64) -> bool {
+    pub(crate) fn is_due(&mut self, every: u64) -> bool {
         self.updates += 1;
         every > 0 && self.updates >= self.interval
     }

@@ -26,7 +26,7 @@ use insonify_base::simd::{Lanes, Simd, WithSimd, array, dispatch};
 
 /// Rows of a panel. Measured from 64 to 256 at 9,834 rows: 128 and 256 are equally fast, 64 is up to a tenth slower,
 /// and the memory above the diagonal grows with the number of rows.
-pub const PANEL_ROWS: usize = 128;
+pub(crate) const PANEL_ROWS: usize = 128;
 
 /// Scalar type of a dense matrix: `f32` or `f64`.
 pub trait Scalar: Real + Lanes + Pod + faer::traits::RealField {}
@@ -48,7 +48,7 @@ pub struct Symmetric<T> {
 
 /// Rows `first_row..first_row + rows` of a [`Symmetric`] with the columns up to the last of them.
 #[derive(Clone, Copy, Debug)]
-pub struct Panel<'a, T> {
+pub(crate) struct Panel<'a, T> {
     pub first_row: usize,
     /// Number of rows; [`PANEL_ROWS`] in all panels but the last.
     pub rows: usize,
@@ -59,7 +59,7 @@ pub struct Panel<'a, T> {
 
 /// Mutable version of [`Panel`].
 #[derive(Debug)]
-pub struct PanelMut<'a, T> {
+pub(crate) struct PanelMut<'a, T> {
     pub first_row: usize,
     /// Number of rows.
     pub rows: usize,
@@ -202,7 +202,7 @@ impl<T: Scalar> Symmetric<T> {
     }
 
     /// Panels from the first row to the last.
-    pub fn row_panels(&self) -> impl ExactSizeIterator<Item = Panel<'_, T>> {
+    pub(crate) fn row_panels(&self) -> impl ExactSizeIterator<Item = Panel<'_, T>> {
         self.panels.iter().enumerate().map(|(panel, columns)| {
             let [first_row, end] = panel_rows(panel, self.size);
             Panel {
@@ -214,7 +214,7 @@ impl<T: Scalar> Symmetric<T> {
     }
 
     /// Mutable panels from the last to the first, to be taken by threads one by one: later ones are longer.
-    pub fn row_panels_mut(&mut self) -> impl Rows<Row = PanelMut<'_, T>> {
+    pub(crate) fn row_panels_mut(&mut self) -> impl Rows<Row = PanelMut<'_, T>> {
         tasks(PanelsMut {
             size: self.size,
             first: 0,

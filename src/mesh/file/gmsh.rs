@@ -328,7 +328,7 @@ impl Kind {
         }
     }
 
-    pub fn is_tetrahedron(&self) -> bool {
+    pub(crate) fn is_tetrahedron(&self) -> bool {
         self.code == 4
     }
 }

@@ -110,7 +110,7 @@ impl Bisection {
 
     /// Bisects an element and any others required to keep the mesh conforming. `changed` receives the elements that are new
     /// or smaller than before, some of them more than once.
-    pub fn bisect(&mut self, element: u32, changed: &mut Vec<u32>) {
+    pub(crate) fn bisect(&mut self, element: u32, changed: &mut Vec<u32>) {
         let mut pending = vec![self.edge(element)];
         while let Some(&edge) = pending.last() {
             let around: Vec<u32> = self.around(edge);

@@ -52,7 +52,7 @@ impl Contents {
     }
 
     /// Returns the volume that is not of the majority class, mm^3.
-    pub fn impurity(&self) -> f64 {
+    pub(crate) fn impurity(&self) -> f64 {
         self.volume - self.of(self.majority())
     }
 }
@@ -91,7 +91,7 @@ impl Sampler {
     }
 
     /// Returns whether the limit is reached.
-    pub fn is_spent(&self) -> bool {
+    pub(crate) fn is_spent(&self) -> bool {
         self.work() >= self.most.load(Ordering::Relaxed)
     }
 

@@ -99,7 +99,7 @@ impl Draft {
     }
 
     /// Returns the kept elements around a node, in groups connected through faces at that node.
-    pub fn fans(&self, node: u32) -> Vec<Vec<u32>> {
+    pub(crate) fn fans(&self, node: u32) -> Vec<Vec<u32>> {
         let star = self.star(node);
         let mut open: Vec<u32> = star
             .iter()
@@ -143,7 +143,7 @@ impl Draft {
     }
 
     /// Returns the number of nodes of elements that are kept.
-    pub fn kept_nodes(&self) -> usize {
+    pub(crate) fn kept_nodes(&self) -> usize {
         let mut used = vec![false; self.nodes.len()];
         for element in self.kept() {
             for node in self.elements[element as usize] {

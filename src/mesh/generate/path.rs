@@ -52,7 +52,7 @@ impl Path {
 
     /// Returns the permitted edge length of an element with these corners relative to that on the path: 1 or more; `None`
     /// where no path grades the mesh.
-    pub fn grade(&self, corners: &[[f64; 3]; 4]) -> Option<f64> {
+    pub(crate) fn grade(&self, corners: &[[f64; 3]; 4]) -> Option<f64> {
         let (middle, radius) = ball(corners);
         let away = || (self.distance(&middle) - radius).max(0.0);
         self.is_graded.then(|| 1.0 + away() / GRADING_MM)

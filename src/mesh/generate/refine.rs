@@ -117,7 +117,7 @@ impl<'a> Refinement<'a> {
     }
 
     /// Returns whether an element is still too long.
-    pub fn is_overlong(&self) -> bool {
+    pub(crate) fn is_overlong(&self) -> bool {
         self.queue.iter().any(|entry| {
             entry.score >= OVERLONG.to_bits() && entry.version == self.states[entry.before.0 as usize].version
         })

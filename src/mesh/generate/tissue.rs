@@ -135,7 +135,7 @@ impl<'a> Tissue<'a> {
 
     /// Returns the class at a point of the frame.
     #[inline]
-    pub fn class_at(&self, point: [f64; 3]) -> u8 {
+    pub(crate) fn class_at(&self, point: [f64; 3]) -> u8 {
         let index = self.index_of(point);
         self.class_at_index(index)
     }
@@ -148,7 +148,7 @@ impl<'a> Tissue<'a> {
 
     /// Returns the class at an index from [`Tissue::index_of`].
     #[inline]
-    pub fn class_at_index(&self, index: [f64; 3]) -> u8 {
+    pub(crate) fn class_at_index(&self, index: [f64; 3]) -> u8 {
         let [nx, ny, nz] = self.size;
         // Negative numbers and NaN become 0 when cast, hence the check on the low side.
         let inside = index[0] >= 0.0 && index[1] >= 0.0 && index[2] >= 0.0;
@@ -160,7 +160,7 @@ impl<'a> Tissue<'a> {
     }
 
     /// Transforms a point from the world to the frame, mm.
-    pub fn to_frame(&self, point: [f64; 3]) -> Vector3<f64> {
+    pub(crate) fn to_frame(&self, point: [f64; 3]) -> Vector3<f64> {
         self.axes.transpose() * (Vector3::from(point) - self.origin)
     }
 

@@ -38,7 +38,7 @@ fn lowest(values: impl Iterator<Item = f64>) -> f64 {
 
 impl Bench<'_> {
     /// Corrects a model by its phantoms in one round and returns the largest relative change.
-    pub fn correct(&self, model: &mut Model, real: &Side, own: &Side) -> f64 {
+    pub(crate) fn correct(&self, model: &mut Model, real: &Side, own: &Side) -> f64 {
         let before = model.clone();
         let ratio = |of: &dyn Fn(&Texture) -> Option<f64>| {
             let [real, own] = [real, own].map(|side| median(side.windows.iter().flatten().filter_map(of).collect()));
@@ -112,7 +112,7 @@ impl Bench<'_> {
     }
 
     /// Sets noise and clutter from the dark windows of the real frame and returns what was found.
-    pub fn darkness(&self, model: &mut Model) -> Result<Dark, SynthError> {
+    pub(crate) fn darkness(&self, model: &mut Model) -> Result<Dark, SynthError> {
         let (beam, inside) = self.beam(self.picture);
         let windows = self.noise_and_clutter(model, &beam, &inside);
         let mut found = Dark {

@@ -105,7 +105,7 @@ impl Model {
     }
 
     /// Returns the level of a grey before gain, dB relative to the echo of liver at the array.
-    pub fn level_db(&self, grey: f64, depth_mm: f64) -> f64 {
+    pub(crate) fn level_db(&self, grey: f64, depth_mm: f64) -> f64 {
         self.shown_db(grey) - self.gain_db(depth_mm)
     }
 

@@ -14,7 +14,7 @@ use insonify_report::plot::{Axis, Marker, Plot, Series};
 
 /// Storage and loss modulus at one frequency.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Dynamic {
+pub(crate) struct Dynamic {
     /// Angular frequency, rad/s.
     pub frequency: f64,
     /// G' and G'' measured from the stress response to a sinusoidal strain, kPa.
@@ -47,7 +47,7 @@ pub struct Stiffness {
 
 /// All virtual measurements of a material.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Rheometer {
+pub(crate) struct Rheometer {
     /// Moduli at frequencies from 0.1 to 10 rad/s.
     pub dynamic: Vec<Dynamic>,
     /// Creep at stresses from below the knee to far above it, with the structure of the case.
@@ -208,7 +208,7 @@ impl Rheometer {
     }
 
     /// Largest error of the measured G' and G'' against the constitutive law, relative to |G*|.
-    pub fn dynamic_error(&self) -> f64 {
+    pub(crate) fn dynamic_error(&self) -> f64 {
         let error = |dynamic: &Dynamic| {
             let [found, exact] = [dynamic.found_kpa, dynamic.exact_kpa];
             (found[0] - exact[0]).hypot(found[1] - exact[1]) / exact[0].hypot(exact[1])

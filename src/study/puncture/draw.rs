@@ -30,7 +30,7 @@ pub struct State {
 }
 
 /// Stress shown in the darkest colour of all pictures, kPa: one, two or five times a power of ten.
-pub fn darkest_kpa(states: &[State]) -> f64 {
+pub(crate) fn darkest_kpa(states: &[State]) -> f64 {
     let covered = states.iter().filter_map(|state| {
         let mut stress = state.stress_kpa.clone();
         stress.sort_by(f64::total_cmp);

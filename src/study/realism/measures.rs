@@ -56,7 +56,7 @@ fn in_mm(parts: &Parts, axis: usize, pixels: Option<f64>) -> Option<f64> {
 }
 
 /// All measures, in the order of reports. Uniform windows are 48 x 48 pixels, dark ones 32 x 32, five per frame.
-pub const MEASURES: &[Measure] = &[
+pub(crate) const MEASURES: &[Measure] = &[
     measure(
         "grey_mean",
         [

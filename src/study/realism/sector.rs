@@ -97,7 +97,7 @@ pub(super) fn regions(set: &[bool], width: usize) -> Vec<Vec<usize>> {
 /// Returns the share of the first `depth_mm` below the array that is black or outside the sector. The outline of the array is the line, or
 /// downward-bulging arc, that most upper ends of the sector's columns lie on; only scanlines that meet the sector further down count.
 /// `None` if no outline fits a fifth of the columns.
-pub fn empty_share(picture: &Picture, mask: &[bool], depth_mm: f64) -> Option<f64> {
+pub(crate) fn empty_share(picture: &Picture, mask: &[bool], depth_mm: f64) -> Option<f64> {
     let (width, mm) = (picture.width, picture.mm?);
     let column = |x: usize| (0..picture.height).map(move |y| y * width + x);
     let top = |x: usize| column(x).position(|at| mask[at]);
@@ -215,7 +215,7 @@ const COLUMNS: usize = 16;
 const PROFILE: usize = 12;
 
 /// Far boundary of a dark region.
-pub struct Edge {
+pub(crate) struct Edge {
     /// Distance along the columns over which the mean profile across the boundary rises from 10 % to 90 %, pixels.
     pub width: f64,
     /// Mean distance of the boundary in a column from the mean of its neighbours, pixels, a measure of voxel staircases. `None` if no three

@@ -22,7 +22,7 @@ const STEP: usize = 8;
 
 /// Rectangle of grey levels, row by row.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Patch {
+pub(crate) struct Patch {
     /// Columns.
     pub width: usize,
     /// Rows.
@@ -33,7 +33,7 @@ pub struct Patch {
 
 /// Window of a frame, pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Window {
+pub(crate) struct Window {
     /// First column.
     pub x: usize,
     /// First row.
@@ -83,7 +83,7 @@ impl Patch {
     }
 
     /// Subtracts the least-squares quadratic surface, keeping the mean.
-    pub fn detrended(&self) -> Self {
+    pub(crate) fn detrended(&self) -> Self {
         let basis = |at: usize| {
             let x = (at % self.width) as f64 / self.width as f64 - 0.5;
             let y = (at / self.width) as f64 / self.height as f64 - 0.5;
@@ -222,7 +222,7 @@ impl Patch {
 
     /// Returns the standard deviation of the means of `across` x `across` equal blocks, a linear trend along depth removed, dB at
     /// [`RANGE_DB`].
-    pub fn block_spread_db(&self, across: usize) -> f64 {
+    pub(crate) fn block_spread_db(&self, across: usize) -> f64 {
         let block = |column: usize, row: usize| {
             let [x, y] = [column * self.width / across, row * self.height / across];
             let window = Window {
@@ -335,7 +335,7 @@ fn first_apart(mut windows: Vec<(f64, Window)>, most: usize, apart: impl Fn(Wind
 
 /// Selects the most uniform windows of a size in the sector: those whose quarters differ least in mean and in standard deviation, both
 /// added and relative to the mean. Their mean is in `grey`, at most 2 % of them is black or white, and they are half a window apart.
-pub fn uniform_windows(picture: &Picture, mask: &[bool], size: [usize; 2], most: usize, grey: [f64; 2]) -> Vec<Window> {
+pub(crate) fn uniform_windows(picture: &Picture, mask: &[bool], size: [usize; 2], most: usize, grey: [f64; 2]) -> Vec<Window> {
     let fits = |it: &WindowStatistics| {
         (grey[0]..=grey[1]).contains(&it.mean) && it.black <= 0.02 && it.white <= 0.02 && it.std > 0.0
     };
@@ -347,7 +347,7 @@ pub fn uniform_windows(picture: &Picture, mask: &[bool], size: [usize; 2], most:
 
 /// Selects the darkest windows of a size in the sector that show texture: mean below half that of the sector, standard deviation of at
 /// least one grey level, at most half black, and unevenness (see [`uniform_windows`]) of at most 1. They do not overlap.
-pub fn dark_windows(picture: &Picture, mask: &[bool], size: [usize; 2], most: usize) -> Vec<Window> {
+pub(crate) fn dark_windows(picture: &Picture, mask: &[bool], size: [usize; 2], most: usize) -> Vec<Window> {
     let limit = dark_limit(picture, mask);
     let fits = |it: &WindowStatistics| {
         it.mean < limit && it.std >= 1.0 && it.black <= 0.5 && it.uneven[0] + it.uneven[1] <= it.mean

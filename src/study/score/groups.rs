@@ -14,7 +14,7 @@ use insonify_base::statistics::{mean, std};
 /// Largest group for which the distribution of U is exact.
 const EXACT: usize = 20;
 /// Significance of a metric in the counts of the report.
-pub const SIGNIFICANT: f64 = 0.05;
+pub(crate) const SIGNIFICANT: f64 = 0.05;
 
 /// A session of a person.
 #[derive(Clone, Debug, PartialEq)]
@@ -62,7 +62,7 @@ pub struct Spread {
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Group {
+pub(crate) struct Group {
     pub name: String,
     /// Number of people.
     pub people: usize,
@@ -182,7 +182,7 @@ pub(super) fn quantile(ascending: &[f64], share: f64) -> f64 {
 }
 
 /// Two-sided p of Welch's t test (B. L. Welch, Biometrika 34, 1947); `None` for fewer than two values, or if none vary.
-pub fn welch(a: &[f64], b: &[f64]) -> Option<f64> {
+pub(crate) fn welch(a: &[f64], b: &[f64]) -> Option<f64> {
     if a.len() < 2 || b.len() < 2 {
         return None;
     }
@@ -196,7 +196,7 @@ pub fn welch(a: &[f64], b: &[f64]) -> Option<f64> {
 
 /// Two-sided p of the Mann-Whitney U test: exact for groups of up to 20 without ties, else by the normal approximation with corrections for
 /// ties and continuity; `None` for an empty group, or if none vary.
-pub fn mann_whitney(a: &[f64], b: &[f64]) -> Option<f64> {
+pub(crate) fn mann_whitney(a: &[f64], b: &[f64]) -> Option<f64> {
     let (n, m) = (a.len(), b.len());
     if n == 0 || m == 0 {
         return None;
@@ -249,7 +249,7 @@ fn above(u: usize, n: usize, m: usize) -> f64 {
 }
 
 /// Corrects p values for their number by the method of Holm; missing values stay missing.
-pub fn holm(p: &[Option<f64>]) -> Vec<Option<f64>> {
+pub(crate) fn holm(p: &[Option<f64>]) -> Vec<Option<f64>> {
     let mut order: Vec<(usize, f64)> = p.iter().enumerate().filter_map(|(at, p)| Some((at, (*p)?))).collect();
     order.sort_by(|a, b| a.1.total_cmp(&b.1));
     let mut corrected = vec![None; p.len()];

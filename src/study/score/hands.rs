@@ -34,7 +34,7 @@ const ENTRY_MM: f64 = 0.25;
 
 /// Errors of a hand; standard deviations where drawn for each session.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Hand {
+pub(crate) struct Hand {
     /// Error of the first aim in each direction, degrees.
     pub aim_deg: f64,
     /// Share of that error that remains.

@@ -7,7 +7,7 @@ mod motion;
 use super::{Case, Group};
 
 /// Group of contact cases.
-pub const GROUP: Group = Group {
+pub(crate) const GROUP: Group = Group {
     name: "Contact, needle, time",
     cases: &[
         Case {

@@ -31,11 +31,11 @@ use insonify_tracking::probe::{Probe, ProbeShape};
 /// Extent of the tissue block, mm.
 pub const EXTENT: [f64; 3] = [60.0, 60.0, 80.0];
 /// Edge length of the block's cells, mm.
-pub const CELL_MM: f64 = 10.0;
+pub(crate) const CELL_MM: f64 = 10.0;
 /// Entry point of the needle, mm: off all planes between cells.
 pub const ASIDE: [f64; 2] = [31.3, 28.9];
 /// Simulated time of a step where it does not matter, s.
-pub const STEP_S: f64 = 1e-3;
+pub(crate) const STEP_S: f64 = 1e-3;
 
 /// Returns a setup with a block of 60 x 60 x 80 mm at 10 kPa and a rigid needle.
 pub fn tissue(interaction: Interaction) -> Result<Setup, Unexpected> {
@@ -172,7 +172,7 @@ const CELL: f64 = 5.0;
 const PROMISED: f64 = 1e-11;
 
 /// Remesher backends. A backend added here runs in every case of levels.
-pub const BACKENDS: &[Inverses] = &[
+pub(crate) const BACKENDS: &[Inverses] = &[
     Inverses {
         name: "cpu f64",
         precision: Precision::Double,
@@ -192,7 +192,7 @@ pub const BACKENDS: &[Inverses] = &[
 ];
 
 /// Remesher backend in one precision.
-pub struct Inverses {
+pub(crate) struct Inverses {
     pub name: &'static str,
     pub precision: Precision,
     follow: fn(&Start, Level, Options) -> Result<Adaptation, RemeshError>,
@@ -297,7 +297,7 @@ impl Start {
 }
 
 /// Inverse of the current stiffness, computed from scratch in f64.
-pub struct Now {
+pub(crate) struct Now {
     pub inverse: Symmetric<f64>,
     pub condition: f64,
 }
@@ -313,7 +313,7 @@ impl Now {
     }
 
     /// Returns the largest error of K^c relative to its largest entry.
-    pub fn error_of_contacts(&self, adaptation: &Adaptation) -> f64 {
+    pub(crate) fn error_of_contacts(&self, adaptation: &Adaptation) -> f64 {
         let contacts = adaptation.remesher().contacts();
         let found = adaptation.remesher().condensed();
         let pairs = (0..contacts.len()).flat_map(|i| (0..contacts.len()).map(move |j| (i, j)));
@@ -323,7 +323,7 @@ impl Now {
     }
 
     /// Returns the largest error of K^-1 relative to its largest entry.
-    pub fn error_of_all(&self, adaptation: &mut Adaptation) -> Result<f64, Unexpected> {
+    pub(crate) fn error_of_all(&self, adaptation: &mut Adaptation) -> Result<f64, Unexpected> {
         let all: Vec<usize> = (0..self.inverse.size()).collect();
         let found = adaptation.parts().1.compliance(&all, &all)?;
         let pairs = all.iter().flat_map(|i| all.iter().map(move |j| (*i, *j)));
@@ -400,7 +400,7 @@ pub fn with_regions(mesh: &TetMesh, region: impl Fn(usize, [f64; 3]) -> i32) -> 
 }
 
 /// Creates two adjacent blocks that share no node; the second has the nodes from the returned number on.
-pub fn two_parts() -> Result<(TetMesh, u32), Unexpected> {
+pub(crate) fn two_parts() -> Result<(TetMesh, u32), Unexpected> {
     let one = lattice([2, 2, 2], [10.0; 3])?;
     let count = one.nodes().len() as u32;
     let mut nodes = one.nodes().to_vec();
@@ -482,7 +482,7 @@ impl Problem {
     }
 
     /// Applies a random force of up to 1 mN along each axis to every node.
-    pub fn load_all(&mut self, seed: u64) {
+    pub(crate) fn load_all(&mut self, seed: u64) {
         let load = |node: u32| Load {
             node,
             force_n: [0, 1, 2].map(|axis| 1e-3 * noise(seed, 1_000_000 + 3 * u64::from(node) + axis)),

@@ -12,7 +12,7 @@ use super::{Case, Group};
 const ALL: &[&str] = &["cpu f64", "cpu f32", "every gpu"];
 
 /// Group of image cases.
-pub const GROUP: Group = Group {
+pub(crate) const GROUP: Group = Group {
     name: "Images",
     cases: &[
         Case {

@@ -7,7 +7,7 @@ use insonify_mechanics::tissue::viscoelastic::point::{Body, Control, Knee, Loadi
 use insonify_mechanics::tissue::viscoelastic::{History, HistoryError, Operator, Rule, Span};
 
 /// Group of fading-memory cases.
-pub const GROUP: Group = Group {
+pub(crate) const GROUP: Group = Group {
     name: "Fading memory",
     cases: &[
         Case {

@@ -7,7 +7,7 @@ use insonify_imaging::rf::medium::{Medium, PITCH_MM};
 use insonify_imaging::rf::motion::{Estimate, Options, Tracker};
 
 /// Group of motion cases.
-pub const GROUP: Group = Group {
+pub(crate) const GROUP: Group = Group {
     name: "Motion from echoes",
     cases: &[
         Case {

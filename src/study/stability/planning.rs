@@ -16,7 +16,7 @@ use insonify_tracking::manipulator::drive::{Control, Drive, PERIOD_S, follow};
 use insonify_tracking::manipulator::{Guide, Posture};
 
 /// Group of cases of plans and measurements.
-pub const GROUP: Group = Group {
+pub(crate) const GROUP: Group = Group {
     name: "Paths, drives, measured needles",
     cases: &[
         Case {

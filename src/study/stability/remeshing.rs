@@ -6,7 +6,7 @@ mod moves;
 use super::{Case, Group};
 
 /// Group of remeshing cases.
-pub const GROUP: Group = Group {
+pub(crate) const GROUP: Group = Group {
     name: "Remeshing",
     cases: &[
         Case {

@@ -7,7 +7,7 @@ mod manufactured;
 use super::{Case, Group};
 
 /// Group of solver cases.
-pub const GROUP: Group = Group {
+pub(crate) const GROUP: Group = Group {
     name: "Elements, solvers, inverse",
     cases: &[
         Case {

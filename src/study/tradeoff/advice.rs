@@ -12,12 +12,12 @@ use insonify_base::number::significant;
 use insonify_base::pareto;
 
 /// Tolerance for positions in an image, mm, with its reason.
-pub const SHIFT_MM: (f64, &str) = (0.1, "a third of a pixel at 150 mm in 512 rows");
+pub(crate) const SHIFT_MM: (f64, &str) = (0.1, "a third of a pixel at 150 mm in 512 rows");
 /// Tolerance for forces on a hand, N, with its reason.
-pub const FORCE_N: (f64, &str) = (0.1, "less than a hand notices beside 1 to 2 N");
+pub(crate) const FORCE_N: (f64, &str) = (0.1, "less than a hand notices beside 1 to 2 N");
 
 /// Tolerance for grey levels, with its reason.
-pub const GREY_LEVELS: (f64, &str) = (5.0, "the eye sees less than that only side by side");
+pub(crate) const GREY_LEVELS: (f64, &str) = (5.0, "the eye sees less than that only side by side");
 
 /// Factor within which costs or errors count as equal.
 pub(super) const SAME: f64 = 1.05;
@@ -49,7 +49,7 @@ pub struct Goal {
 
 /// Recommendation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Advice {
+pub(crate) struct Advice {
     pub choosing: String,
     /// Fixed choices that the recommendation applies to; empty if there are none.
     pub given: String,
@@ -92,13 +92,13 @@ impl Goal {
     }
 
     /// Marks a choice of a factor as a baseline, which is not recommended for the given reason.
-    pub fn baseline(mut self, factor: &'static str, choice: &'static str, reason: &'static str) -> Self {
+    pub(crate) fn baseline(mut self, factor: &'static str, choice: &'static str, reason: &'static str) -> Self {
         self.baseline = Some((factor, choice, reason));
         self
     }
 
     /// Declares a task done in every frame or step, with its time on this axis, ms.
-    pub fn in_every(mut self, beat: Deadline, time: &'static str) -> Self {
+    pub(crate) fn in_every(mut self, beat: Deadline, time: &'static str) -> Self {
         self.every = Some((beat, time));
         self
     }
@@ -127,7 +127,7 @@ impl Advice {
 
 /// Variant, aggregated over all conditions.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Variant {
+pub(crate) struct Variant {
     /// Choices that identify the variant.
     pub name: String,
     /// Largest cost over the conditions.

@@ -16,7 +16,7 @@ use insonify_gpu::{AdapterChoice, Gpu, GpuError, Needs, adapter};
 pub type Progress<'a> = &'a mut (dyn FnMut(&str, f64) + Send);
 
 /// Error of a study that failed.
-pub type StudyFailure = Box<dyn Error + Send + Sync>;
+pub(crate) type StudyFailure = Box<dyn Error + Send + Sync>;
 
 /// Registration of a study.
 #[derive(Clone, Copy, Debug)]

@@ -258,12 +258,12 @@ impl Subject {
 }
 
 /// Returns a grid divided by the coarsening of the options.
-pub fn coarsened(options: &ImageOptions, grid: [u32; 2]) -> [u32; 2] {
+pub(crate) fn coarsened(options: &ImageOptions, grid: [u32; 2]) -> [u32; 2] {
     grid.map(|count| (count / options.coarsen.max(1)).max(1))
 }
 
 /// Returns settings without effects that are random for every grid, so that only structure remains.
-pub fn without_grain(mut settings: Settings) -> Settings {
+pub(crate) fn without_grain(mut settings: Settings) -> Settings {
     settings.effects.speckle = None;
     settings.effects.receiver = None;
     settings
@@ -338,7 +338,7 @@ pub fn picture(synth: &mut Synthesizer, state: &FrameState, patience: Duration) 
 
 /// Difference of a picture from its standard, in grey levels, over the pixels inside the sector.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Apart {
+pub(crate) struct Apart {
     pub rms: f64,
     pub p99: f64,
     /// Mean difference, positive if the picture is brighter.

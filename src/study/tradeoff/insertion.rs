@@ -187,7 +187,7 @@ pub fn study(options: &InsertionOptions, progress: &mut (dyn FnMut(&str, f64) + 
 }
 
 /// Axes for the step times of an insertion.
-pub const TIMES: [Axis; 7] = [
+pub(crate) const TIMES: [Axis; 7] = [
     Axis::log("median_ms", "ms", "time of a step (median), ms"),
     Axis::log("p95_ms", "p95 ms", "time of a step (95th percentile), ms"),
     Axis::log("p99_ms", "p99 ms", "time of a step (99th percentile), ms"),
@@ -206,7 +206,7 @@ pub const TIMES: [Axis; 7] = [
 ];
 
 /// Axis for the number of steps whose iterations did not converge.
-pub const UNSETTLED: Axis = Axis::linear("unsettled", "unsettled", "steps that did not converge");
+pub(crate) const UNSETTLED: Axis = Axis::linear("unsettled", "unsettled", "steps that did not converge");
 
 /// Returns the values of [`TIMES`].
 pub fn times(steps: &[Step]) -> [Option<f64>; 7] {
@@ -260,7 +260,7 @@ pub const EXTENT: [f64; 3] = [60.0, 60.0, 90.0];
 /// Entry point of the needle, mm: off all lattice planes, beside the probe.
 pub const ENTRY_MM: [f64; 2] = [31.3, 20.9];
 /// Simulated time of a step, s.
-pub const STEP_S: f64 = 1e-3;
+pub(crate) const STEP_S: f64 = 1e-3;
 /// Travel of an instrument per step, mm: 20 mm/s.
 const ADVANCE_MM: f64 = 0.02;
 /// Initial depth of the tip, mm.

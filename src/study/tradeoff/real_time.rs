@@ -14,7 +14,7 @@ pub(super) const NEGLIGIBLE_SHARE: f64 = 0.1;
 /// Recurring task with a deadline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Deadline {
+pub(crate) enum Deadline {
     /// Frame of an image.
     Frame,
     /// Step of the mechanics, for haptic feedback.
@@ -52,7 +52,7 @@ impl Rates {
 
 /// Recommendation at a required pace.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct RealTimeChoice {
+pub(crate) struct RealTimeChoice {
     /// Task with the deadline.
     pub beat: Deadline,
     /// Name of the choice.
@@ -79,7 +79,7 @@ impl RealTimeChoice {
     }
 
     /// Returns the recommended variant, and states if it is too slow.
-    pub fn recommended(&self) -> String {
+    pub(crate) fn recommended(&self) -> String {
         match self.met {
             true => self.take.name.clone(),
             false => format!("{}: the fastest, but too slow", self.take.name),

@@ -15,7 +15,7 @@
 //! | [`subject`] | mesh, supports, contacts and moves; reference solutions |
 //! | [`contender`] | update methods; memory bandwidth of this machine |
 
-pub mod contender;
+pub(crate) mod contender;
 mod report;
 pub mod subject;
 
@@ -40,7 +40,7 @@ use subject::{Gold, Subject};
 const STATES: usize = 8;
 
 /// Reason for never recommending level IV, however accurate it is after a few moves.
-pub const FROZEN: &str = "it never updates the compliance, so that its error grows with the moves of the mesh";
+pub(crate) const FROZEN: &str = "it never updates the compliance, so that its error grows with the moves of the mesh";
 
 /// Lower limit of times, ms: clocks are no finer, and level IV does nothing.
 const GRAIN_MS: f64 = 1e-3;
@@ -217,7 +217,7 @@ fn one(
 }
 
 /// Gold standards with the number of updates after which each applies.
-pub struct Truth(Vec<(usize, Gold)>);
+pub(crate) struct Truth(Vec<(usize, Gold)>);
 
 impl Truth {
     /// Computes the gold standards.

@@ -44,14 +44,14 @@ pub struct Report {
 
 /// Study that failed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Missing {
+pub(crate) struct Missing {
     pub name: &'static str,
     pub reason: String,
 }
 
 /// Results of one study.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Chapter {
+pub(crate) struct Chapter {
     pub name: &'static str,
     pub title: &'static str,
     pub question: &'static str,
@@ -107,7 +107,7 @@ pub struct Column {
 
 impl Report {
     /// Version of the format.
-    pub const FORMAT: u32 = 3;
+    pub(crate) const FORMAT: u32 = 3;
 
     /// Returns the flagged rows with their chapter and table.
     pub fn wrong(&self) -> impl Iterator<Item = (&Chapter, &Section, &Row)> {

@@ -41,7 +41,7 @@ impl Grid {
         Self { size, spacing_mm }
     }
 
-    pub fn period_mm(&self) -> [f32; 3] {
+    pub(crate) fn period_mm(&self) -> [f32; 3] {
         [0, 1, 2].map(|axis| self.size[axis] as f32 * self.spacing_mm[axis])
     }
 

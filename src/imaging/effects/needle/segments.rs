@@ -13,7 +13,7 @@ use insonify_tracking::needle::MAX_NODES;
 pub type Segment<T> = [[T; 4]; 3];
 
 /// Maximum number of segments of needle and seeds in a frame: at least 192 seeds in one plane.
-pub const MAX_SEGMENTS: usize = 256;
+pub(crate) const MAX_SEGMENTS: usize = 256;
 
 /// Segments of needle and seeds that meet the scan plane, for the CPU and for upload. For a needle of more than 64 segments
 /// those towards the tip, then those of the seeds in their order, up to [`MAX_SEGMENTS`]. Segments that are not finite or

@@ -14,10 +14,10 @@ use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::real::Real;
 
 /// Impedance below which an opaque tissue is gas or lung rather than bone, MRayl.
-pub const GAS_MRAYL: f32 = 1.0;
+pub(crate) const GAS_MRAYL: f32 = 1.0;
 
 /// Whether there are mirror images: the volume holds gas or lung.
-pub fn mirrors(tables: &Tables) -> bool {
+pub(crate) fn mirrors(tables: &Tables) -> bool {
     let opaque = penumbra::opaque_units(tables.sample_mm());
     let mut rows = tables.label_rows.iter().enumerate();
     let is_gas = |row: &LabelRow| row.loss >= opaque && row.impedance < GAS_MRAYL;

@@ -101,7 +101,7 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
 }
 
 /// Reflection coefficient of the surface between two labels.
-pub fn reflection(tables: &Tables, labels: [u8; 2]) -> f64 {
+pub(crate) fn reflection(tables: &Tables, labels: [u8; 2]) -> f64 {
     let [above, below] = labels.map(|label| &tables.label_rows[usize::from(label)]);
     above.reflection(below)
 }

@@ -39,7 +39,7 @@ const TOLERANCE: f64 = 0.03;
 impl Elevation {
     /// Smallest number of sub-planes whose echo intensity has a correlation of full width at half maximum `width` lattice
     /// steps; the closest one if none has it.
-    pub fn of_width(width: f64) -> Self {
+    pub(crate) fn of_width(width: f64) -> Self {
         let mut best = (f64::INFINITY, Self::spaced(FEWEST, DISTANCES[0].1[0]));
         for count in FEWEST..=MAX_PLANES {
             for (_, [low, high]) in DISTANCES.into_iter().filter(|(from, _)| count >= *from) {

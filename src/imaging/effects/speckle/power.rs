@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 ///
 /// With weights `1 - f` and `f` scaled to unit power everywhere it is a little wider than the cubic B-spline that the
 /// unscaled ones would give. Tabulated, with an error below 1e-4.
-pub fn lattice_correlation(steps: f64) -> f64 {
+pub(crate) fn lattice_correlation(steps: f64) -> f64 {
     const PER_STEP: usize = 128;
     static TABLE: LazyLock<Vec<f64>> = LazyLock::new(|| {
         (0..=2 * PER_STEP)

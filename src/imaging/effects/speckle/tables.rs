@@ -10,7 +10,7 @@ use insonify_tracking::probe::BeamGrid;
 
 /// Precomputed speckle data of a probe at given settings.
 #[derive(Clone, Debug, PartialEq)]
-pub struct SpeckleTables {
+pub(crate) struct SpeckleTables {
     /// Point spread.
     pub spread: PointSpread,
     /// Distance between lattice points, mm.
@@ -120,7 +120,7 @@ impl SpeckleTables {
 
     /// Gain of the axial kernel for an echo that extends over `reach_mm` to either side, sampled every `sample_mm`, relative to that of a
     /// surface.
-    pub fn thick_gain(&self, reach_mm: f64, sample_mm: f64) -> f64 {
+    pub(crate) fn thick_gain(&self, reach_mm: f64, sample_mm: f64) -> f64 {
         let axial = self.axial.of::<f64>();
         let middle = (axial.len() / 2) as f64;
         let inside = axial

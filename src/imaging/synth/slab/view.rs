@@ -16,7 +16,7 @@ use insonify_tracking::probe::BeamGrid;
 const POINT_EPSILONS: f64 = 16.0;
 
 /// The slab in the frame of the probe, mm.
-pub struct SlabView<'a> {
+pub(crate) struct SlabView<'a> {
     grid: &'a BeamGrid,
     to_probe: [[f64; 4]; 3],
     /// Largest factor by which lengths grow in the probe frame.
@@ -185,7 +185,7 @@ fn arctangent(of: Pack<LANES>) -> Pack<LANES> {
 }
 
 /// Positions of nodes in the frame of the probe.
-pub struct Projection<'a, T>(pub &'a SlabView<'a>, pub &'a [[T; 3]], pub &'a mut [Vec<f64>; 3]);
+pub(crate) struct Projection<'a, T>(pub &'a SlabView<'a>, pub &'a [[T; 3]], pub &'a mut [Vec<f64>; 3]);
 
 impl<T: Real> Kernel for Projection<'_, T> {
     type Output = ();

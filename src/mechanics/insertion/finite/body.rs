@@ -30,7 +30,7 @@ impl Body {
     }
 
     /// Returns the distance from a point back along the needle to the boundary of the regions `within`, mm.
-    pub fn border_behind(
+    pub(crate) fn border_behind(
         &self,
         from: &Point3<f64>,
         tangent: &Vector3<f64>,

@@ -42,7 +42,7 @@ pub(super) struct Contact {
 
 impl Contact {
     /// Extends the path by a length (mm) that the tip has advanced in a region.
-    pub fn lengthen(&mut self, region: Option<i32>, length: f64) {
+    pub(crate) fn lengthen(&mut self, region: Option<i32>, length: f64) {
         match self.layers.last_mut() {
             Some(last) if last.region == region => last.length += length,
             _ => self.layers.push(Layer { region, length }),
@@ -50,12 +50,12 @@ impl Contact {
     }
 
     /// Returns the length of the path from here to the next contact or the tip, mm.
-    pub fn path_mm(&self) -> f64 {
+    pub(crate) fn path_mm(&self) -> f64 {
         self.layers.iter().map(|layer| layer.length).sum()
     }
 
     /// Shortens the path to at most `length` (mm), after the tip was withdrawn.
-    pub fn shorten(&mut self, length: f64) {
+    pub(crate) fn shorten(&mut self, length: f64) {
         let mut left = length.max(0.0);
         self.layers.retain_mut(|layer| {
             layer.length = layer.length.min(left);
@@ -133,12 +133,12 @@ impl Slider {
         }
     }
 
-    pub fn is_stuck(&self) -> bool {
+    pub(crate) fn is_stuck(&self) -> bool {
         self.state == State::Stuck
     }
 
     /// Sets the bounds for both states.
-    pub fn set_bounds(&mut self, bounds: [f64; 2]) {
+    pub(crate) fn set_bounds(&mut self, bounds: [f64; 2]) {
         (self.sliding, self.static_limits) = (bounds, bounds);
     }
 
@@ -152,7 +152,7 @@ impl Slider {
 
     /// Returns the state to change to where Coulomb's law is violated: a force (N) out of bounds, or a slip (mm, of the
     /// tissue towards the tip) in the direction of the friction that should resist it.
-    pub fn violated(&self, force: f64, slip: f64) -> Option<State> {
+    pub(crate) fn violated(&self, force: f64, slip: f64) -> Option<State> {
         let [most, least] = self.static_limits;
         match self.state {
             State::Stuck if force > most + BOUND * most.abs() => Some(State::Slipping(1.0)),

@@ -39,7 +39,7 @@ impl Contacts {
     }
 
     /// Extrapolates the sliding of nodes that slip: a warm start that saves iterations.
-    pub fn extrapolate(&mut self, advance: f64) {
+    pub(crate) fn extrapolate(&mut self, advance: f64) {
         for contact in &mut self.nodes {
             if matches!(contact.slider.state, State::Slipping(direction) if direction * advance > 0.0) {
                 contact.arc += contact.drift * advance;
@@ -48,7 +48,7 @@ impl Contacts {
     }
 
     /// Records the sliding of the nodes in this substep.
-    pub fn note_drift(&mut self, advance: f64) {
+    pub(crate) fn note_drift(&mut self, advance: f64) {
         for (contact, start) in self.nodes.iter_mut().zip(&self.starts) {
             let drift = (contact.arc - start) / advance;
             contact.drift = if drift.is_finite() {
@@ -60,7 +60,7 @@ impl Contacts {
     }
 
     /// Lets nodes that have slipped stick again at rest, where static friction exceeds sliding friction.
-    pub fn stick_again(&mut self) {
+    pub(crate) fn stick_again(&mut self) {
         for contact in &mut self.nodes {
             let slider = &mut contact.slider;
             if slider.static_limits[1] < slider.sliding[1] {
@@ -70,7 +70,7 @@ impl Contacts {
     }
 
     /// Writes the arcs at which forces act.
-    pub fn write_arcs(&mut self, line: &CentreLine, has_tip: bool, guide: Option<Point3<f64>>) {
+    pub(crate) fn write_arcs(&mut self, line: &CentreLine, has_tip: bool, guide: Option<Point3<f64>>) {
         let guide = guide.map(|guide| line.nearest(&guide));
         self.arcs.clear();
         self.arcs.extend(self.nodes.iter().map(|contact| contact.arc));
@@ -81,7 +81,7 @@ impl Contacts {
 
     /// Makes room for the forces at the tip and on the guide behind those at the nodes; existing ones are kept. The cutting
     /// force (N) passes between the tip and the node that was made there.
-    pub fn set_others(&mut self, [has_tip, has_guide]: [bool; 2], line: &CentreLine, cutting: impl Fn() -> f64) {
+    pub(crate) fn set_others(&mut self, [has_tip, has_guide]: [bool; 2], line: &CentreLine, cutting: impl Fn() -> f64) {
         let [had_tip, had_guide] = self.has_others;
         let at = self.nodes.len();
         if has_tip && !had_tip {
@@ -125,7 +125,7 @@ impl Contacts {
 
     /// Removes the last node if it lies beyond an arc (mm), and returns it with its force. A flexible needle still lies
     /// under that force, which fades as a solution without it is found.
-    pub fn release_beyond(&mut self, arc: f64, is_flexible: bool) -> Option<(u32, Vector3<f64>)> {
+    pub(crate) fn release_beyond(&mut self, arc: f64, is_flexible: bool) -> Option<(u32, Vector3<f64>)> {
         let contact = self.nodes.pop_if(|contact| contact.arc > arc)?;
         let force = self.forces.remove(self.nodes.len());
         if is_flexible {
@@ -145,7 +145,7 @@ impl Contacts {
     }
 
     /// Drops the loads of released nodes, once the needle lies without them.
-    pub fn drop_faded_releases(&mut self) {
+    pub(crate) fn drop_faded_releases(&mut self) {
         let first = self.forces.len() - self.released.len();
         if self.forces[first..].iter().all(|force| force.norm() < FADED_N) {
             self.forces.truncate(first);
@@ -155,7 +155,7 @@ impl Contacts {
     }
 
     /// Passes the cutting force (N) from the node before the last to the last, which was made at the tip.
-    pub fn pass_cutting_on(&mut self, tip: &ShaftPoint, cutting: f64) {
+    pub(crate) fn pass_cutting_on(&mut self, tip: &ShaftPoint, cutting: f64) {
         if let [.., before, last] = &mut self.forces[..self.nodes.len()] {
             *last = tip.tangent.into_inner() * tip.tangent.dot(before).clamp(0.0, cutting);
             *before -= *last;
@@ -194,12 +194,12 @@ impl Contacts {
     }
 
     /// Records the forces at the beginning of an iteration.
-    pub fn keep_forces(&mut self) {
+    pub(crate) fn keep_forces(&mut self) {
         self.before.clone_from(&self.forces);
     }
 
     /// Moves the forces from those at the beginning of the iteration by a share of the step to the solution.
-    pub fn step_forces(&mut self, joint: &Joint, share: f64) {
+    pub(crate) fn step_forces(&mut self, joint: &Joint, share: f64) {
         for (at, (force, before)) in self.forces.iter_mut().zip(&self.before).enumerate() {
             *force = before + (joint.force(at) - before) * share;
         }
@@ -222,7 +222,7 @@ impl Contacts {
 
     /// Extends the path from the last node to the tip, which has moved in the reference state from `before` to `now`, or
     /// shortens it.
-    pub fn extend_path(&mut self, body: &Body, length: f64, before: &Point3<f64>, now: &Point3<f64>) {
+    pub(crate) fn extend_path(&mut self, body: &Body, length: f64, before: &Point3<f64>, now: &Point3<f64>) {
         let Some(last) = self.nodes.last_mut() else { return };
         let beyond = length - last.arc;
         let path = last.path_mm();

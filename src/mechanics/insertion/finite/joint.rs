@@ -90,7 +90,7 @@ fn frame(tangent: &Vector3<f64>) -> Matrix3<f64> {
 impl Joint {
     /// Takes the compliance at the contacts, if it has changed, the tissue at the tip, the guide behind it, if any, and the
     /// number of released loads behind that.
-    pub fn take_compliance(
+    pub(crate) fn take_compliance(
         &mut self,
         tissue: &Tissue,
         contacts: usize,

@@ -116,7 +116,7 @@ impl Tissue {
     }
 
     /// Returns the position of a place in the reference state, mm.
-    pub fn point_at(&self, place: &Place) -> Point3<f64> {
+    pub(crate) fn point_at(&self, place: &Place) -> Point3<f64> {
         self.adaptation.mesh().point(place.element, place.bary).into()
     }
 
@@ -148,7 +148,7 @@ impl Tissue {
 
     /// Locates the tip of a needle, searching from an element. Among inverted elements, which overlap others, returns the
     /// place nearest to `last` (reference state) along the needle whose tissue is as far along the needle as the tip.
-    pub fn locate_tip(&mut self, line: &CentreLine, last: Point3<f64>, from: u32) -> Option<Place> {
+    pub(crate) fn locate_tip(&mut self, line: &CentreLine, last: Point3<f64>, from: u32) -> Option<Place> {
         let (tip, inverted) = (line.tip(), self.crushed);
         let found = self.search(&tip, from);
         if self.crushed == inverted {
@@ -173,7 +173,7 @@ impl Tissue {
     }
 
     /// Locates a point in the reference state, searching from an element.
-    pub fn locate_at_rest(&self, point: &Point3<f64>, from: u32) -> Option<Place> {
+    pub(crate) fn locate_at_rest(&self, point: &Point3<f64>, from: u32) -> Option<Place> {
         let nodes = self.adaptation.mesh().nodes();
         search(&self.mesh, point, from, |element| {
             let corners = self.mesh.elements()[element as usize];

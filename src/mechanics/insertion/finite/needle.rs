@@ -39,7 +39,7 @@ impl PlacedNeedle {
         }
     }
 
-    pub fn is_flexible(&self) -> bool {
+    pub(crate) fn is_flexible(&self) -> bool {
         self.model.is_flexible()
     }
 
@@ -62,7 +62,7 @@ impl PlacedNeedle {
     }
 
     /// Moves the needle to a base, in its bent shape.
-    pub fn move_to(&mut self, base: &Isometry3<f64>) {
+    pub(crate) fn move_to(&mut self, base: &Isometry3<f64>) {
         match self.base.replace(*base) {
             Some(before) if self.is_flexible() => self.line.transform(&(base * before.inverse())),
             _ => self.model.place(base, self.entry.as_ref(), &[], &[], &mut self.line),

@@ -33,7 +33,7 @@ pub(super) struct Prediction {
 
 impl Prediction {
     /// Announces to the remesher the node that will be made next, or released if the needle `withdraws`.
-    pub fn renew(
+    pub(crate) fn renew(
         &mut self,
         withdraws: bool,
         contacts: &Contacts,

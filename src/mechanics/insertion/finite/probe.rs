@@ -61,7 +61,7 @@ impl ProbeNodes {
     }
 
     /// Returns, for each candidate, whether it is in contact.
-    pub fn touching_list(&self) -> &[bool] {
+    pub(crate) fn touching_list(&self) -> &[bool] {
         &self.touching
     }
 
@@ -101,7 +101,7 @@ impl ProbeNodes {
     }
 
     /// Moves the probe, or removes it. Returns whether the constrained rows have changed.
-    pub fn move_to(&mut self, pose: Option<&Isometry3<f64>>, condensed: MatRef<'_, f64>, forces: &[f64]) -> bool {
+    pub(crate) fn move_to(&mut self, pose: Option<&Isometry3<f64>>, condensed: MatRef<'_, f64>, forces: &[f64]) -> bool {
         self.find_places(condensed, forces);
         self.pose = pose.copied();
         let frame = pose.map(|pose| self.frame(pose));

@@ -61,7 +61,7 @@ pub(super) struct Reduced {
 impl Reduced {
     /// Takes the compliance at the contacts (`probes` of the probe first, then `contacts` of the needle, then others that
     /// form the tissue at the tip), and eliminates the probe.
-    pub fn condense(&mut self, condensed: MatRef<'_, f64>, probes: usize, contacts: usize, rows: &[ProbeRow]) {
+    pub(crate) fn condense(&mut self, condensed: MatRef<'_, f64>, probes: usize, contacts: usize, rows: &[ProbeRow]) {
         self.rows.clear();
         self.rows.extend_from_slice(rows);
         self.probe.start(rows.len());
@@ -94,7 +94,7 @@ impl Reduced {
 
     /// Places the tissue at the tip behind the contacts, or removes it. The compliance is that of the last
     /// [`condense`](Self::condense).
-    pub fn set_tip(&mut self, condensed: MatRef<'_, f64>, probes: usize, tip: Option<&TipRow>) {
+    pub(crate) fn set_tip(&mut self, condensed: MatRef<'_, f64>, probes: usize, tip: Option<&TipRow>) {
         self.clear_rest();
         self.has_tip = tip.is_some();
         let Some(tip) = tip else { return };
@@ -174,7 +174,7 @@ impl Reduced {
     }
 
     /// Returns the number of contacts, plus one for the tissue at the tip.
-    pub fn yielding(&self) -> usize {
+    pub(crate) fn yielding(&self) -> usize {
         self.contacts + usize::from(self.has_tip)
     }
 
@@ -185,7 +185,7 @@ impl Reduced {
     }
 
     /// Sets the displacements that the probe prescribes along its rows, mm.
-    pub fn set_probe(&mut self, displacements: impl Iterator<Item = f64>) {
+    pub(crate) fn set_probe(&mut self, displacements: impl Iterator<Item = f64>) {
         let room = self.room();
         self.multipliers.clear();
         self.multipliers.extend(displacements);
@@ -207,7 +207,7 @@ impl Reduced {
 
     /// Returns the forces of the probe on the tissue along its rows, N, given those of the needle at its contacts and at the
     /// tip.
-    pub fn probe_forces<'a>(&'a self, needle: &'a [Vector3<f64>]) -> impl Iterator<Item = (&'a ProbeRow, f64)> + 'a {
+    pub(crate) fn probe_forces<'a>(&'a self, needle: &'a [Vector3<f64>]) -> impl Iterator<Item = (&'a ProbeRow, f64)> + 'a {
         let rows = self
             .rows
             .iter()

@@ -107,7 +107,7 @@ impl TipForce {
         }
     }
 
-    pub fn row_mut(&mut self) -> Option<&mut TipRow> {
+    pub(crate) fn row_mut(&mut self) -> Option<&mut TipRow> {
         match self {
             TipForce::Tissue(row) | TipForce::Bone(row) => Some(row),
             TipForce::None | TipForce::Node => None,
@@ -121,17 +121,17 @@ impl TipForce {
         }
     }
 
-    pub fn is_on_node(&self) -> bool {
+    pub(crate) fn is_on_node(&self) -> bool {
         matches!(self, TipForce::Node)
     }
 
     /// Returns whether bone pins the tip, as with a flexible needle.
-    pub fn is_on_bone(&self) -> bool {
+    pub(crate) fn is_on_bone(&self) -> bool {
         matches!(self, TipForce::Bone(_))
     }
 
     /// Removes a cutting force; bone stays.
-    pub fn stop_cutting(&mut self) {
+    pub(crate) fn stop_cutting(&mut self) {
         if !self.is_on_bone() {
             *self = TipForce::None;
         }
@@ -174,7 +174,7 @@ impl Tip {
     }
 
     /// Returns the force of bone on the tip of a rigid needle, N: it grows with the demanded depth in the bone.
-    pub fn bone_force(&self, line: &CentreLine) -> Vector3<f64> {
+    pub(crate) fn bone_force(&self, line: &CentreLine) -> Vector3<f64> {
         let Some(met) = self.bone.filter(|_| !self.force.is_on_bone()) else {
             return Vector3::zeros();
         };
@@ -183,7 +183,7 @@ impl Tip {
     }
 
     /// Enters the tissue at a new place of the tip into the system.
-    pub fn add_to_system(&mut self, contacts: &mut Contacts, tissue: &mut Tissue, body: &Body) {
+    pub(crate) fn add_to_system(&mut self, contacts: &mut Contacts, tissue: &mut Tissue, body: &Body) {
         let Some(place) = self.found.take() else { return };
         let last = contacts.nodes.last();
         let node = last.map_or(NONE, |last| last.node);
@@ -229,7 +229,7 @@ impl Tip {
 
     /// Returns the arc length at which the needle in the tissue ends, mm: at the tip, unless that has come out on another
     /// side.
-    pub fn end_in_tissue(&self, contacts: &Contacts, line: &CentreLine) -> f64 {
+    pub(crate) fn end_in_tissue(&self, contacts: &Contacts, line: &CentreLine) -> f64 {
         let last = contacts.nodes.last().filter(|_| self.outside);
         last.map_or(line.length_mm(), |last| last.arc + last.path_mm())
     }
@@ -285,7 +285,7 @@ impl Tip {
     }
 
     /// Records that a surface is broken, once the tip slips into it.
-    pub fn break_surface(&mut self, contacts: &mut Contacts, line: &CentreLine, log: &mut Log) {
+    pub(crate) fn break_surface(&mut self, contacts: &mut Contacts, line: &CentreLine, log: &mut Log) {
         let cuts = self
             .slider(contacts)
             .is_some_and(|slider| slider.state == State::Slipping(1.0));
@@ -295,7 +295,7 @@ impl Tip {
     }
 
     /// Handles a surface in front of the tip that withstands more than the tissue behind it: it sticks until it breaks.
-    pub fn meet_surface(
+    pub(crate) fn meet_surface(
         &mut self,
         region: i32,
         body: &Body,
@@ -335,7 +335,7 @@ impl Tip {
     }
 
     /// Handles a tip that has entered bone during an `advance` (mm) of the base.
-    pub fn stop_at_bone(&mut self, region: i32, advance: f64, body: &Body, needle: &PlacedNeedle, log: &mut Log) {
+    pub(crate) fn stop_at_bone(&mut self, region: i32, advance: f64, body: &Body, needle: &PlacedNeedle, log: &mut Log) {
         // Bone is not met while the needle is withdrawn.
         let bone = body.interaction(Some(region)).bone;
         let Some(bone) = bone.filter(|_| !self.in_bone() && advance >= 0.0) else {
@@ -352,7 +352,7 @@ impl Tip {
 
     /// Records bone met `at` a point, unless some is already. The shape of a flexible needle is solved with bone as one of
     /// its contacts.
-    pub fn meet_bone(&mut self, bone: &Bone, at: &Point3<f64>, region: i32, is_flexible: bool, log: &mut Log) {
+    pub(crate) fn meet_bone(&mut self, bone: &Bone, at: &Point3<f64>, region: i32, is_flexible: bool, log: &mut Log) {
         if !self.in_bone() {
             self.bone = Some(Met {
                 at: *at,
@@ -372,7 +372,7 @@ impl Tip {
     }
 
     /// Limits the depth of the tip in bone, and drops bone that it has left. Returns whether the base has moved.
-    pub fn limit_depth_in_bone(&mut self, body: &Body, line: &CentreLine) -> bool {
+    pub(crate) fn limit_depth_in_bone(&mut self, body: &Body, line: &CentreLine) -> bool {
         let tangent = line.at(line.length_mm()).tangent;
         let (is_pinned, reference) = (self.force.is_on_bone(), self.reference);
         let Some(met) = &mut self.bone else { return false };
@@ -416,7 +416,7 @@ impl Tip {
     }
 
     /// Returns the depth of a tip that entered without a node, mm: fixed tissue stays where it is.
-    pub fn depth_without_node_mm(&self, needle: &PlacedNeedle) -> f64 {
+    pub(crate) fn depth_without_node_mm(&self, needle: &PlacedNeedle) -> f64 {
         let tangent = needle.tip().tangent;
         let entry = needle.entry.as_ref().filter(|_| self.bare);
         entry.map_or(0.0, |entry| tangent.dot(&(needle.line.tip() - entry.point_mm)).max(0.0))

@@ -86,7 +86,7 @@ impl Tissue {
     }
 
     /// Passes the contacts to the remesher: those of the probe, those of the needle, corners at the tip.
-    pub fn register_contacts(&mut self, needle: &[Contact], corners: &[u32]) {
+    pub(crate) fn register_contacts(&mut self, needle: &[Contact], corners: &[u32]) {
         self.dofs.clear();
         let mesh = self.adaptation.mesh();
         let nodes = system_nodes(self.probe.as_ref(), needle, corners);
@@ -100,7 +100,7 @@ impl Tissue {
     }
 
     /// Gathers the forces of a solution by degree of freedom on all contacts: those of the probe, then those of the needle.
-    pub fn take_forces(&mut self, solved: &Reduced, contacts: &Contacts, tip: &Tip) {
+    pub(crate) fn take_forces(&mut self, solved: &Reduced, contacts: &Contacts, tip: &Tip) {
         let forces = &mut self.contact_forces;
         forces.clear();
         let probes = self.probe.as_ref().map_or(0, |probe| probe.nodes().len());
@@ -136,13 +136,13 @@ impl Tissue {
     }
 
     /// Forgets all that was derived from a compliance that may now differ in every entry.
-    pub fn forget_compliance(&mut self) {
+    pub(crate) fn forget_compliance(&mut self) {
         self.version += 1;
         self.nearby = Nearby::default();
     }
 
     /// Returns the displacement of a node under the forces of the last solution, mm.
-    pub fn displacement_of(&mut self, node: u32) -> Vector3<f64> {
+    pub(crate) fn displacement_of(&mut self, node: u32) -> Vector3<f64> {
         let displacement = self
             .nearby
             .displacement(&mut self.adaptation, &self.carried, self.version, node);
@@ -218,7 +218,7 @@ impl Tissue {
     }
 
     /// Writes the moved nodes and what determines the displacements.
-    pub fn write_snapshot(&mut self, into: &mut Snapshot) {
+    pub(crate) fn write_snapshot(&mut self, into: &mut Snapshot) {
         into.moved.clear();
         let mesh = self.adaptation.mesh();
         into.moved
@@ -286,7 +286,7 @@ struct Nearby {
 
 impl Nearby {
     /// Discards the displacements, after the carried forces have changed.
-    pub fn renew(&mut self) {
+    pub(crate) fn renew(&mut self) {
         self.nodes.iter_mut().for_each(|near| near.displacement = None);
     }
 

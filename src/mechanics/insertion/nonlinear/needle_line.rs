@@ -75,7 +75,7 @@ impl NeedleLine {
     }
 
     /// Returns the distance of a point from the line, mm.
-    pub fn beside_mm(&self, point: &Point3<f64>) -> f64 {
+    pub(crate) fn beside_mm(&self, point: &Point3<f64>) -> f64 {
         (point - self.entry).cross(&self.direction).norm()
     }
 

@@ -73,7 +73,7 @@ impl BoneContact {
     }
 
     /// Returns whether the needle has been withdrawn from the bone.
-    pub fn is_left(&self, base: &Isometry3<f64>, length_mm: f64) -> bool {
+    pub(crate) fn is_left(&self, base: &Isometry3<f64>, length_mm: f64) -> bool {
         self.depth(base, length_mm) <= 0.0
     }
 

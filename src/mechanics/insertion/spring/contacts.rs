@@ -83,7 +83,7 @@ impl Contacts {
     }
 
     /// Records the positions of the nodes before the tissue moves.
-    pub fn remember(&mut self, network: &Network) {
+    pub(crate) fn remember(&mut self, network: &Network) {
         self.before.clear();
         let displacements = self
             .stack

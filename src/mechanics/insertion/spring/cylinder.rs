@@ -39,7 +39,7 @@ parameters! {
 }
 
 /// Least dihedral angle that is accepted, degrees. The default mesh has 35.
-pub const MIN_DIHEDRAL_DEG: f64 = 5.0;
+pub(crate) const MIN_DIHEDRAL_DEG: f64 = 5.0;
 /// Maximum number of nodes of a cylinder.
 pub const MAX_NODES: usize = 200_000;
 

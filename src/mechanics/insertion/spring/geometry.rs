@@ -112,12 +112,12 @@ impl FarFace {
     }
 
     /// Returns whether the tip is within `lambda` circumferences of the face.
-    pub fn is_met(&self, lambda: f64) -> bool {
+    pub(crate) fn is_met(&self, lambda: f64) -> bool {
         self.distance <= lambda * self.circumference
     }
 
     /// Returns the corners of the face, nearest to P_inter first; ties in element order.
-    pub fn nearest_first(&self, corners: &[Vector3<f64>; 4]) -> [usize; 3] {
+    pub(crate) fn nearest_first(&self, corners: &[Vector3<f64>; 4]) -> [usize; 3] {
         let mut places = face(self.opposite);
         places.sort_by(|&a, &b| {
             let [a, b] = [a, b].map(|place| (corners[place] - self.at).norm_squared());

@@ -127,7 +127,7 @@ impl Network {
     }
 
     /// Computes masses, springs and bounds of all nodes.
-    pub fn measure_all(&mut self) {
+    pub(crate) fn measure_all(&mut self) {
         (0..self.mass.len() as u32).for_each(|node| self.measure_mass(node));
         (0..self.spring.len() as u32).for_each(|edge| self.measure_spring(edge));
         (0..self.mass.len() as u32).for_each(|node| self.measure_bound(node));
@@ -201,7 +201,7 @@ impl Network {
 
     /// Returns the mass with which a node moves in a step of h: its own, or the mass that makes the step stable if that is
     /// larger.
-    pub fn moving_mass(&self, node: u32, h: f64) -> f64 {
+    pub(crate) fn moving_mass(&self, node: u32, h: f64) -> f64 {
         let node = node as usize;
         let h = h / SAFETY;
         let stability = self.bound[node] * (0.25 * h * h + 0.5 * self.spring_damping * h);
@@ -222,7 +222,7 @@ impl Network {
     }
 
     /// Computes the forces of the springs and their damping on the nodes.
-    pub fn find_forces(&mut self) {
+    pub(crate) fn find_forces(&mut self) {
         let moving = self.displacement.iter().zip(&self.velocity);
         for (strain, (displacement, velocity)) in self.strain.iter_mut().zip(moving) {
             *strain = displacement + velocity * self.spring_damping;
@@ -280,7 +280,7 @@ impl Network {
     }
 
     /// Returns the length of the shortest edge, mm.
-    pub fn shortest_edge_mm(&self) -> f64 {
+    pub(crate) fn shortest_edge_mm(&self) -> f64 {
         let lengths = self
             .topology
             .edges
@@ -353,7 +353,7 @@ impl Network {
     /// Moves the reference position of a node so that the node is now at a point of one of its elements with these
     /// coordinates: its displacement becomes that of the tissue at the new position. Refused, without change, where an
     /// element would become inverted or flat.
-    pub fn take_to(&mut self, node: u32, element: u32, coordinates: &[f64; 4], now: &Vector3<f64>) -> bool {
+    pub(crate) fn take_to(&mut self, node: u32, element: u32, coordinates: &[f64; 4], now: &Vector3<f64>) -> bool {
         let before = self.reference[node as usize];
         let to = self.to_reference(element, coordinates);
         let corners = self.elements[element as usize];

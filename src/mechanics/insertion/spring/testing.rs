@@ -8,7 +8,7 @@ use crate::needle::{CentreLine, Entry, Load, Needle, Row};
 
 /// A rigid needle.
 #[derive(Debug)]
-pub struct Stiff(pub f64);
+pub(crate) struct Stiff(pub f64);
 
 impl Needle for Stiff {
     fn length_mm(&self) -> f64 {

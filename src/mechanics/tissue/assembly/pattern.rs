@@ -7,7 +7,7 @@ use insonify_mesh::lists::Lists;
 use crate::tissue::dofs::{Dofs, NONE};
 
 /// Pairs of an element's corners, in the order of [`Pattern::places`].
-pub const PAIRS: [(usize, usize); 10] = [
+pub(crate) const PAIRS: [(usize, usize); 10] = [
     (0, 0),
     (0, 1),
     (0, 2),
@@ -26,7 +26,7 @@ const PAIR_OF: [[usize; 4]; 4] = [[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 
 /// Pairs of nodes that share an element, one block each: the lower node gives the column, the higher nodes the rows,
 /// ascending. Every node is paired with itself.
 #[derive(Debug)]
-pub struct Pattern {
+pub(crate) struct Pattern {
     /// Start of each node's column of blocks, with a final end.
     starts: Vec<u32>,
     /// Row node of each block.
@@ -105,7 +105,7 @@ impl Pattern {
 
     /// Calls `entry` with row, column, block and place in the block for each entry of the lower triangle, in order.
     #[inline]
-    pub fn for_each_entry(&self, dofs: &Dofs, mut entry: impl FnMut(u32, u32, usize, (usize, usize))) {
+    pub(crate) fn for_each_entry(&self, dofs: &Dofs, mut entry: impl FnMut(u32, u32, usize, (usize, usize))) {
         for node in 0..dofs.nodes() as u32 {
             let span = self.starts[node as usize] as usize..self.starts[node as usize + 1] as usize;
             for (j, column) in dofs

@@ -32,7 +32,7 @@ impl Anderson {
     }
 
     /// Replaces a proposed change by the accelerated one, from at most `memory` earlier steps.
-    pub fn accelerate(&mut self, memory: usize, change: &mut [f64]) {
+    pub(crate) fn accelerate(&mut self, memory: usize, change: &mut [f64]) {
         if memory == 0 {
             return;
         }

@@ -149,7 +149,7 @@ impl<const D: usize, const N: usize> Creep<D, N> {
     ///
     /// # Errors
     /// [`NonlinearError`] where the stiffness cannot be factored.
-    pub fn put_state(&mut self) -> Result<[Vec<f64>; 2], NonlinearError> {
+    pub(crate) fn put_state(&mut self) -> Result<[Vec<f64>; 2], NonlinearError> {
         let state = self.solver.put_state(self.memory == Memory::Rate)?;
         Ok([state, self.history.remembered()])
     }
@@ -159,7 +159,7 @@ impl<const D: usize, const N: usize> Creep<D, N> {
     ///
     /// # Errors
     /// [`NonlinearError`] for numbers that do not fit such a body.
-    pub fn take_state(&mut self, [state, past]: [&[f64]; 2]) -> Result<(), NonlinearError> {
+    pub(crate) fn take_state(&mut self, [state, past]: [&[f64]; 2]) -> Result<(), NonlinearError> {
         let before = self.history.clone();
         self.history.recall(past)?;
         if let Err(error) = self.solver.take_state(state, self.memory == Memory::Rate) {

@@ -17,18 +17,18 @@ pub(super) struct RefactorisationPolicy {
 
 impl RefactorisationPolicy {
     /// Resets the count for a new factor.
-    pub fn reset(&mut self) {
+    pub(crate) fn reset(&mut self) {
         *self = Self::default();
     }
 
     /// Counts the iterations of an increment with the current factor.
-    pub fn record_iterations(&mut self, iterations: usize) {
+    pub(crate) fn record_iterations(&mut self, iterations: usize) {
         let usual = *self.usual.get_or_insert(iterations);
         self.excess += iterations.saturating_sub(usual);
     }
 
     /// Whether a new factor is due.
-    pub fn is_due(&self) -> bool {
+    pub(crate) fn is_due(&self) -> bool {
         self.excess >= PRICE
     }
 }

@@ -4,7 +4,7 @@ use crate::tissue::element::{DegenerateElement, FLATTEST};
 
 /// Gradients and measure of a simplex with `N` = `D` + 1 corners.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Simplex<const D: usize, const N: usize> {
+pub(crate) struct Simplex<const D: usize, const N: usize> {
     /// Gradient of each corner's barycentric coordinate, 1/mm.
     pub gradients: [[f64; D]; N],
     /// Area (mm^2) or volume (mm^3).

@@ -78,7 +78,7 @@ impl Adaptation {
     ///
     /// # Errors
     /// The errors of the request, and of [`make`] if a device failed.
-    pub fn with_fallback<T>(
+    pub(crate) fn with_fallback<T>(
         &mut self,
         mut request: impl FnMut(&AdaptedMesh, &mut dyn Remesher) -> Result<T, RemeshError>,
     ) -> Result<T, RemeshError> {
@@ -92,7 +92,7 @@ impl Adaptation {
     }
 
     /// Takes the reason why a device was given up since the last call, if one was.
-    pub fn take_failure(&mut self) -> Option<String> {
+    pub(crate) fn take_failure(&mut self) -> Option<String> {
         self.failure.take()
     }
 
@@ -134,7 +134,7 @@ impl Adaptation {
     }
 
     /// Performs deferred work: see [`Remesher::run_deferred`].
-    pub fn run_deferred(&mut self) -> Option<RemeshReport> {
+    pub(crate) fn run_deferred(&mut self) -> Option<RemeshReport> {
         self.remesher.run_deferred(&self.mesh)
     }
 
@@ -155,7 +155,7 @@ impl Adaptation {
     ///
     /// # Errors
     /// [`RemeshError`]; the remesher and the base compliance are then unchanged.
-    pub fn switch_source(&mut self, level: Level, precision: Precision, source: Source) -> Result<(), RemeshError> {
+    pub(crate) fn switch_source(&mut self, level: Level, precision: Precision, source: Source) -> Result<(), RemeshError> {
         let maker = self.maker.as_deref().unwrap_or(&make);
         let next = maker(level, precision, &source, &self.mesh, self.options)?;
         self.replace(next)?;

@@ -135,7 +135,7 @@ impl AdaptedMesh {
     ///
     /// # Panics
     /// If the node does not exist.
-    pub fn is_touched(&self, node: u32) -> bool {
+    pub(crate) fn is_touched(&self, node: u32) -> bool {
         self.touched[node as usize] > 0
     }
 
@@ -149,7 +149,7 @@ impl AdaptedMesh {
     ///
     /// # Panics
     /// If the node does not exist.
-    pub fn support_of(&self, node: u32) -> impl Iterator<Item = u32> + '_ {
+    pub(crate) fn support_of(&self, node: u32) -> impl Iterator<Item = u32> + '_ {
         let all = self.neighbours(node).iter().flat_map(|node| self.dofs().of(*node));
         all.filter(|dof| *dof != NONE)
     }
@@ -181,7 +181,7 @@ impl AdaptedMesh {
     }
 
     /// Computes [`difference`](Self::difference) in existing memory.
-    pub fn difference_into(&self, difference: &mut Difference) {
+    pub(crate) fn difference_into(&self, difference: &mut Difference) {
         difference.assemble(self);
     }
 

@@ -8,7 +8,7 @@ use crate::tissue::element::{NodeBlock, Shape};
 /// exactly zero elsewhere. Always recomputed from both positions of the nodes, so no errors accumulate and a mesh back
 /// at its base has an empty difference.
 #[derive(Clone, Debug, Default)]
-pub struct Difference {
+pub(crate) struct Difference {
     /// Touched nodes, ascending.
     nodes: Vec<u32>,
     /// Degrees of freedom of the touched nodes.
@@ -65,7 +65,7 @@ impl Difference {
     ///
     /// # Panics
     /// If a slice ends before the last touched degree of freedom.
-    pub fn add_product(&self, x: &[f64], y: &mut [f64]) {
+    pub(crate) fn add_product(&self, x: &[f64], y: &mut [f64]) {
         for (row, column, value) in self.entries() {
             y[row as usize] += value * x[column as usize];
         }

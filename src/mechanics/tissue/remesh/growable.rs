@@ -23,7 +23,7 @@ impl Default for Growable {
 
 impl Growable {
     /// Creates an empty matrix with memory for this size.
-    pub fn with_room(rows: usize, columns: usize) -> Growable {
+    pub(crate) fn with_room(rows: usize, columns: usize) -> Growable {
         let mut grown = Growable::default();
         grown.shape(rows, columns).fill(0.0);
         (grown.rows, grown.columns) = (0, 0);
@@ -74,7 +74,7 @@ impl Growable {
     }
 
     /// Removes a row; the last one takes its place.
-    pub fn take_row(&mut self, row: usize) {
+    pub(crate) fn take_row(&mut self, row: usize) {
         let last = self.rows - 1;
         for mut column in self.get_mut().col_iter_mut() {
             column[row] = column[last];
@@ -83,7 +83,7 @@ impl Growable {
     }
 
     /// Removes a column; the last one takes its place.
-    pub fn take_column(&mut self, column: usize) {
+    pub(crate) fn take_column(&mut self, column: usize) {
         let last = self.columns - 1;
         if column < last {
             let (mut left, right) = self.get_mut().split_at_col_mut(last);

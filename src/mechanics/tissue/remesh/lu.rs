@@ -65,7 +65,7 @@ impl Lu {
     }
 
     /// Solves A^T X = B in place.
-    pub fn solve_transpose(&mut self, rhs: MatMut<'_, f64>) {
+    pub(crate) fn solve_transpose(&mut self, rhs: MatMut<'_, f64>) {
         self.solve_either(rhs, true);
     }
 

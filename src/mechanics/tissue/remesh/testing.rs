@@ -24,7 +24,7 @@ pub fn free_nodes(mesh: &AdaptedMesh) -> Vec<u32> {
 }
 
 /// Free nodes whose neighbours are all free, near the middle.
-pub fn inner_nodes(mesh: &AdaptedMesh) -> Vec<u32> {
+pub(crate) fn inner_nodes(mesh: &AdaptedMesh) -> Vec<u32> {
     let free = free_nodes(mesh);
     let is_inner = |node: &u32| mesh.neighbours(*node).iter().all(|other| free.contains(other));
     free.iter().copied().filter(is_inner).collect()
@@ -87,7 +87,7 @@ pub fn rounding(mesh: &AdaptedMesh, gold: &Mat<f64>) -> f64 {
 }
 
 /// Free degrees of freedom of nodes.
-pub fn dofs_of(mesh: &AdaptedMesh, nodes: &[u32]) -> Vec<usize> {
+pub(crate) fn dofs_of(mesh: &AdaptedMesh, nodes: &[u32]) -> Vec<usize> {
     let dofs = nodes.iter().flat_map(|node| mesh.dofs().of(*node));
     dofs.filter(|dof| *dof != NONE).map(|dof| dof as usize).collect()
 }

@@ -31,7 +31,7 @@ const NOTHING: f64 = 1e-4;
 /// `centre` times `size`): along and about the axes where possible, and linearly independent.
 ///
 /// Elimination with the rotations first leaves pure translations below and removes their directions from the rotations.
-pub fn simplest(columns: DMatrix<f64>, centre: Vector3<f64>, size: f64) -> Vec<Motion> {
+pub(crate) fn simplest(columns: DMatrix<f64>, centre: Vector3<f64>, size: f64) -> Vec<Motion> {
     const ORDER: [usize; 6] = [3, 4, 5, 0, 1, 2];
     let mut rows = columns.transpose();
     let mut rank = 0;

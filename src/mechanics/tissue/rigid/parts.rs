@@ -68,7 +68,7 @@ impl Parts {
     }
 
     /// Nodes of no element, ascending.
-    pub fn loose_nodes(&self) -> impl Iterator<Item = u32> + '_ {
+    pub(crate) fn loose_nodes(&self) -> impl Iterator<Item = u32> + '_ {
         let nodes = self.sharing.iter().enumerate();
         nodes.filter(|(_, parts)| parts.is_empty()).map(|(node, _)| node as u32)
     }

@@ -91,7 +91,7 @@ impl Elements {
 
     /// Adds a tetrahedron as [`Elements::push`] does, for files that repeat it for each of its groups: the first is kept.
     /// One repeated in the same group is a fault of the mesh and is kept too.
-    pub fn push_first(&mut self, corners: [u32; CORNERS], of: Membership) {
+    pub(crate) fn push_first(&mut self, corners: [u32; CORNERS], of: Membership) {
         if *self.first_groups.entry(corners).or_insert(of.group) == of.group {
             self.push(corners, of);
         } else {

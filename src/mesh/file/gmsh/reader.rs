@@ -35,16 +35,16 @@ impl<'a> Reader<'a> {
         }
     }
 
-    pub fn set_binary(&mut self, big_endian: bool, wide: bool) {
+    pub(crate) fn set_binary(&mut self, big_endian: bool, wide: bool) {
         self.encoding = Encoding::Binary { big_endian, wide };
     }
 
-    pub fn is_binary(&self) -> bool {
+    pub(crate) fn is_binary(&self) -> bool {
         matches!(self.encoding, Encoding::Binary { .. })
     }
 
     /// Skips the end of a line of text, after which binary data begin; does nothing in an ASCII file.
-    pub fn start_data(&mut self) {
+    pub(crate) fn start_data(&mut self) {
         if self.is_binary() {
             self.cursor.line();
         }
@@ -137,15 +137,15 @@ impl<'a> Reader<'a> {
         })
     }
 
-    pub fn skip_ints(&mut self, count: usize) -> Result<(), Fault> {
+    pub(crate) fn skip_ints(&mut self, count: usize) -> Result<(), Fault> {
         (0..count).try_for_each(|_| self.int().map(drop))
     }
 
-    pub fn skip_sizes(&mut self, count: usize) -> Result<(), Fault> {
+    pub(crate) fn skip_sizes(&mut self, count: usize) -> Result<(), Fault> {
         (0..count).try_for_each(|_| self.size().map(drop))
     }
 
-    pub fn skip_floats(&mut self, count: usize) -> Result<(), Fault> {
+    pub(crate) fn skip_floats(&mut self, count: usize) -> Result<(), Fault> {
         (0..count).try_for_each(|_| self.float().map(drop))
     }
 

@@ -188,7 +188,7 @@ impl Reader<'_> {
     }
 
     /// Returns whether the next word is this one.
-    pub fn is_next(&self, keyword: &str) -> bool {
+    pub(crate) fn is_next(&self, keyword: &str) -> bool {
         self.cursor.peek().1.eq_ignore_ascii_case(keyword.as_bytes())
     }
 
@@ -265,7 +265,7 @@ impl Reader<'_> {
     }
 
     /// Skips metadata, which end at the next blank line.
-    pub fn skip_metadata(&mut self) {
+    pub(crate) fn skip_metadata(&mut self) {
         self.cursor.line();
         while !self.cursor.rest().is_empty() && !self.cursor.line().trim_ascii().is_empty() {}
     }

@@ -29,7 +29,7 @@ type Timed = (String, &'static str, f64);
 /// Times of one backend at one size.
 type Times = Vec<Timed>;
 
-pub const WHOLE: &str = "frame, pixels on the CPU";
+pub(crate) const WHOLE: &str = "frame, pixels on the CPU";
 pub const LEFT: &str = "frame, pixels left on the GPU";
 
 /// Times frames and every pass of a backend at one size.

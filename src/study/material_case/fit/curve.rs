@@ -26,7 +26,7 @@ const MAX_NEWTON: usize = 60;
 pub(super) struct Curve(pub [f64; 3]);
 
 impl Curve {
-    pub fn has_knee(&self) -> bool {
+    pub(crate) fn has_knee(&self) -> bool {
         self.0[1].is_finite()
     }
 

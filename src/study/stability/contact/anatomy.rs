@@ -119,7 +119,7 @@ fn count(outcome: &Outcome, kind: EventKind) -> usize {
 }
 
 /// Tests that a layer of a tenth of an element punctures at its own position and force, wherever it lies in the element.
-pub fn thin_layer(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(crate) fn thin_layer(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let places = [11.0, 13.3, 15.7, 18.1, 19.6];
     let (mut place_off, mut force_off, mut missed) = (0.0, 0.0, 0);
     let mut watch = Watch::default();
@@ -211,7 +211,7 @@ pub fn oblique(record: &mut Record<'_>) -> Result<(), Unexpected> {
 }
 
 /// Meets bone whose surface lies at 5 degrees to the needle.
-pub fn grazed_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(crate) fn grazed_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let tilt = 5f64.to_radians();
     let normal = Vector3::new(tilt.cos(), 0.0, tilt.sin());
     let bone = Interaction {
@@ -249,7 +249,7 @@ pub fn grazed_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
 }
 
 /// Oscillates the tip by 0.05 mm at the border of a surface already punctured.
-pub fn wandering(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(crate) fn wandering(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let mut model = finite(Slab::level(20.0, f64::INFINITY, [SOFT, TOUGH]), 10.0)?;
     let mut depth = 0.0;
     // Until the surface is punctured: the tip is then at the undeformed border.

@@ -92,7 +92,7 @@ fn go_guided(finite: &mut Finite, z: f64) -> Result<&Outcome, Unexpected> {
 }
 
 /// Turns the base of an inserted needle about the skin, so that the shaft bends between hand and tip.
-pub fn bent_far(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(crate) fn bent_far(record: &mut Record<'_>) -> Result<(), Unexpected> {
     const DEPTH_MM: f64 = 50.0;
     const TURN_DEG: f64 = 60.0;
     let steps: usize = record.effort().pick(60, 600);
@@ -142,7 +142,7 @@ pub fn bent_far(record: &mut Record<'_>) -> Result<(), Unexpected> {
 }
 
 /// Compares 50 mm in one step with many steps.
-pub fn large_step(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(crate) fn large_step(record: &mut Record<'_>) -> Result<(), Unexpected> {
     const WAY_MM: [f64; 2] = [-2.0, 48.0];
     // Substeps are no longer than this, mm.
     let part = insonify_mechanics::insertion::finite::Options::default().part_mm;
@@ -392,7 +392,7 @@ fn run(case: &Case, by: &Vector3<f64>, watch: &mut Watch) -> Result<(Vec<Outcome
 }
 
 /// Compares forces, tip and tissue of both, step by step.
-pub fn moved_far(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(crate) fn moved_far(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let by = Vector3::from(AWAY_MM);
     for case in &cases() {
         let name = case.name;

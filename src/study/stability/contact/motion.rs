@@ -26,7 +26,7 @@ const STILL_N: f64 = 1e-4;
 const REST: usize = 20;
 
 /// Reverses the needle at every step.
-pub fn chatter(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(crate) fn chatter(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let steps = record.effort().pick(500, 10_000);
     let count = SWINGS_MM.len() as f64;
     for (at, swing) in SWINGS_MM.into_iter().enumerate() {
@@ -347,7 +347,7 @@ fn repeat(
 const STEPPED_DEPTH_MM: f64 = 40.0;
 
 /// Inserts and withdraws at time steps of 1e-5 to 0.1 s, at speeds that take some hundred steps each.
-pub fn any_length(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(crate) fn any_length(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let usual = Parameters::default().young_kpa;
     let steps: usize = record.effort().pick(20, 400);
     for (at, young_kpa) in [usual, 1e4 * usual].into_iter().enumerate() {

@@ -20,7 +20,7 @@ const DEPTH_MM: f64 = 160.0;
 const MHZ: f64 = 5.0;
 
 /// Tests a uniform tissue with attenuations from zero to unphysically large.
-pub fn any_attenuation(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(crate) fn any_attenuation(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let gpus = gpus(record);
     let losses_db_cm = [0.0, 1e-6, 1e-3, 0.1, 1.0, 10.0, 1e3, 1e6];
     for (at, db_cm) in losses_db_cm.into_iter().enumerate() {
@@ -198,7 +198,7 @@ fn one_scanline(record: &mut Record<'_>, shape: ProbeShape, gpus: &[Gpu]) -> Res
 }
 
 /// Tests identity, kernel and energy.
-pub fn any_blur(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(crate) fn any_blur(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let gpus = gpus(record);
     let shape = ProbeShape::Linear { width_mm: WIDTH_MM };
     let flat = anatomies::uniform(Acoustics { echo_db: 3.0, ..PLAIN });

@@ -251,7 +251,7 @@ const GRID_MM: f64 = 1.0 / (1 << 20) as f64;
 const DOUBLE_MM: f64 = 1e-9;
 
 /// Compares frames near and far, pixel by pixel, and the resulting world coordinates.
-pub fn moved_scenes(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(crate) fn moved_scenes(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let gpus = gpus(record);
     let count = record.effort().pick(12, 60);
     let mut sums: Vec<Sum> = Vec::new();

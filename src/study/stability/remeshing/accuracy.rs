@@ -284,7 +284,7 @@ pub fn difference(found: MatRef<'_, f64>, expected: MatRef<'_, f64>) -> f64 {
 }
 
 /// Makes the same moves in both precisions.
-pub fn single_and_double(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(crate) fn single_and_double(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let double = BACKENDS.iter().find(|backend| backend.precision == Precision::Double);
     let double = double.ok_or_else(|| Unexpected::new("no backend in f64"))?;
     for poisson in [0.45, 0.49, 0.499] {

@@ -10,7 +10,7 @@ use insonify_mechanics::tissue::remesh::{AdaptedMesh, Level, Options, Precision,
 use insonify_mesh::{Locator, NONE};
 
 /// Moves a node away and back, many times.
-pub fn out_and_back(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(crate) fn out_and_back(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let rounds = record.effort().pick(60, 1000);
     for poisson in [0.45, 0.499, 0.4999] {
         let start = Start::new(record.seed(), poisson)?;
@@ -53,7 +53,7 @@ pub fn out_and_back(record: &mut Record<'_>) -> Result<(), Unexpected> {
 }
 
 /// Moves nodes whose supports overlap.
-pub fn overlapping(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(crate) fn overlapping(record: &mut Record<'_>) -> Result<(), Unexpected> {
     for poisson in [0.45, 0.499] {
         let start = Start::new(record.seed(), poisson)?;
         let is_free = |corners: &&[u32; 4]| corners.iter().all(|node| start.free.contains(node));
@@ -179,7 +179,7 @@ pub fn spoiling(record: &mut Record<'_>) -> Result<(), Unexpected> {
 }
 
 /// Tests a mesh limit that lets a node come so close to a face that the update is nearly singular.
-pub fn near_singular(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(crate) fn near_singular(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let mut start = Start::new(record.seed(), 0.45)?;
     let (element, place) = flattenable(&start, 1e-8)?;
     let node = start.mesh.elements()[element as usize][place];

@@ -126,7 +126,7 @@ fn names(error: &LinearError, is_it: &mut dyn FnMut(usize, DegenerateElement) ->
 }
 
 /// Tests translations and rotations of bodies of several shapes, near and far.
-pub fn rigid_motions(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(crate) fn rigid_motions(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let seed = record.seed();
     let far = shaken([4, 4, 4], [10.0; 3], 0.15, seed)?;
     let bodies = [
@@ -188,7 +188,7 @@ const KEEPING_VOLUME: [Wave; 3] = [
 ];
 
 /// Tests near incompressibility, where linear tetrahedra lock: the solver must not make it worse, and the report must not hide it.
-pub fn near_incompressible(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(crate) fn near_incompressible(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let cells = record.effort().pick(6, 12);
     for fine in [cells, 3 * cells / 2] {
         let mesh = shaken([fine; 3], [EDGE; 3], 0.1, record.seed())?;

@@ -102,7 +102,7 @@ fn scaled_stiffness(problem: &Problem, factor: f64) -> Result<Vec<f64>, Unexpect
 }
 
 /// Scales by powers of four, for which lengths, volumes and the square roots of pivots scale without rounding, and by other factors.
-pub fn powers_of_four(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(crate) fn powers_of_four(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let problem = Problem::block(record, 0.45)?;
     let first = problem.solve()?.displacement_mm;
     for (length, force) in [(4.0, 1.0), (0.25, 4.0), (1024.0, 0.0625), (4f64.powi(-6), 4f64.powi(9))] {
@@ -136,7 +136,7 @@ fn unequal(a: impl IntoIterator<Item = f64>, b: impl IntoIterator<Item = f64>) -
 }
 
 /// Tests no load, rank zero, and doubled input.
-pub fn nothing_and_twice(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(crate) fn nothing_and_twice(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let mut problem = Problem::block(record, 0.45)?;
     let single = problem.solve()?;
     let doubled = scaled(&problem, 1.0, 2.0)?.solve()?;

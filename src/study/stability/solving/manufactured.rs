@@ -17,7 +17,7 @@ pub const EDGE: f64 = 10.0;
 
 /// Plane displacement wave: a sin(k . x + start).
 #[derive(Clone, Copy)]
-pub struct Wave {
+pub(crate) struct Wave {
     /// Amplitude a, mm.
     pub amplitude: [f64; 3],
     /// Wave vector k, 1/mm.
@@ -290,7 +290,7 @@ fn nodes_permuted(problem: &Problem, order: &[usize]) -> Result<Problem, Unexpec
 }
 
 /// Solves the same problem in other orders and on more threads.
-pub fn permuted(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(crate) fn permuted(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let problem = Problem::block(record, 0.45)?;
     let first = problem.solve()?.displacement_mm;
     for salt in 1..4 {

@@ -25,7 +25,7 @@ const SIDE: usize = 400;
 /// Tolerance of the correlation lengths, mm, with its reason.
 const HALF_A_CELL: (f64, &str) = (0.5, "half a cell of speckle");
 
-pub fn grains(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
+pub(crate) fn grains(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
     Ok(vec![textures(options)?, sampling::lookups(), models(options)?])
 }
 

@@ -150,7 +150,7 @@ fn decibels(amplitude: f64) -> f64 {
     20.0 * amplitude.max(DARKEST).log10()
 }
 
-pub fn lookups() -> Table {
+pub(crate) fn lookups() -> Table {
     let axes = [
         Axis::log(
             "look_ns",

@@ -13,7 +13,7 @@ use insonify_imaging::rf::truth::{self, Followed};
 use insonify_imaging::rf::{Acquisition, medium};
 
 /// Description of the insertion, in words.
-pub const ABOUT: &str = "two-layer phantom, 991 nodes, needle 5 mm out of the plane, in to 40 mm, half out and in again, out; 75 mm, 10 frames a \
+pub(crate) const ABOUT: &str = "two-layer phantom, 991 nodes, needle 5 mm out of the plane, in to 40 mm, half out and in again, out; 75 mm, 10 frames a \
                          second";
 
 const SCENARIO: &str = r#"

@@ -42,7 +42,7 @@ pub fn broken(limit: Option<f64>, measured: &Measured) -> Option<String> {
 }
 
 /// Method that keeps K^c, and requested blocks of K^-1, up to date with a mesh.
-pub trait Contender {
+pub(crate) trait Contender {
     /// Returns the upper limit of the residual and of the error of K^c if the contender is exact up to rounding.
     fn limit(&self) -> Option<f64>;
 
@@ -96,7 +96,7 @@ pub trait Contender {
 }
 
 /// Base inverses that contenders start from.
-pub struct Sources {
+pub(crate) struct Sources {
     /// Inverse in f64.
     pub double: Source,
     /// Inverse rounded to f32.
@@ -164,7 +164,7 @@ impl Kind {
     }
 
     /// Returns whether the contender starts from the dense inverse.
-    pub fn needs_inverse(&self) -> bool {
+    pub(crate) fn needs_inverse(&self) -> bool {
         matches!(self, Kind::Dense(..) | Kind::Device(..))
     }
 
@@ -397,7 +397,7 @@ const RUNS: usize = 7;
 const COPIES: usize = 8;
 
 /// Returns the bytes read and written per second by memory copies on all threads.
-pub fn of_cpu() -> f64 {
+pub(crate) fn of_cpu() -> f64 {
     let chunk = 1 << 20;
     let from = vec![1u8; BYTES];
     let mut to = vec![0u8; BYTES];
@@ -417,7 +417,7 @@ pub fn of_cpu() -> f64 {
 ///
 /// # Errors
 /// [`GpuError`] if the device fails.
-pub fn of_gpu(gpu: &Gpu) -> Result<f64, GpuError> {
+pub(crate) fn of_gpu(gpu: &Gpu) -> Result<f64, GpuError> {
     let bytes = (BYTES as u64).min(gpu.limits().max_storage_buffer_binding_size);
     let source = StorageBuffer::zeroed(gpu, "copy source", bytes)?;
     let target = StorageBuffer::zeroed(gpu, "copy target", bytes)?;

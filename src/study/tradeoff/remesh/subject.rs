@@ -22,7 +22,7 @@ use insonify_mesh::{InvalidMesh, TetMesh};
 /// Number of nodes in contact: half of them with the needle, if it has moved that many, the others around its entry.
 const CONTACTS: usize = 20;
 /// Least number of moves in a track.
-pub const MIN_MOVES: usize = 3;
+pub(crate) const MIN_MOVES: usize = 3;
 /// Share of the extent along z whose nodes are fixed.
 const FIXED: f64 = 0.02;
 /// Extent share and least node share for a mesh with fewer fixed nodes, such as a round organ: supported by a few nodes it would rotate
@@ -250,7 +250,7 @@ fn resultant_n(load: &[f64]) -> f64 {
 }
 
 /// Reference solutions in one state of the mesh.
-pub struct Gold {
+pub(crate) struct Gold {
     stiffness: Stiffness,
     condensed: Mat<f64>,
     samples: Vec<usize>,
@@ -270,7 +270,7 @@ impl Gold {
     ///
     /// # Errors
     /// [`StudyError`] if the moved mesh cannot be solved.
-    pub fn of_contacts(subject: &Subject, mesh: &AdaptedMesh) -> Result<Gold, StudyError> {
+    pub(crate) fn of_contacts(subject: &Subject, mesh: &AdaptedMesh) -> Result<Gold, StudyError> {
         Gold::new(subject, mesh, Vec::new())
     }
 
@@ -278,7 +278,7 @@ impl Gold {
     ///
     /// # Errors
     /// [`StudyError`] if the moved mesh cannot be solved.
-    pub fn with_samples(subject: &Subject, mesh: &AdaptedMesh) -> Result<Gold, StudyError> {
+    pub(crate) fn with_samples(subject: &Subject, mesh: &AdaptedMesh) -> Result<Gold, StudyError> {
         let support: Vec<usize> = mesh.support().map(|dof| dof as usize).collect();
         let spread = |count: usize, of: usize| (0..count.min(of)).map(move |k| k * of / count.min(of));
         let mut samples: Vec<usize> = spread(SAMPLES / 2, support.len()).map(|at| support[at]).collect();
@@ -331,12 +331,12 @@ impl Gold {
     }
 
     /// Returns the relative error of K^c in the Frobenius norm.
-    pub fn error_of_contacts(&self, found: MatRef<'_, f64>) -> f64 {
+    pub(crate) fn error_of_contacts(&self, found: MatRef<'_, f64>) -> f64 {
         relative(found, self.condensed.as_ref())
     }
 
     /// Returns whether columns of K^-1 were sampled.
-    pub fn has_samples(&self) -> bool {
+    pub(crate) fn has_samples(&self) -> bool {
         !self.samples.is_empty()
     }
 

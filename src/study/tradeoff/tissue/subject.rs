@@ -37,7 +37,7 @@ pub enum Model {
 
 /// Variant of the simulation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Variant {
+pub(crate) struct Variant {
     pub model: Model,
     pub scheme: Scheme,
     /// Number of steps until the plate is down.
@@ -49,7 +49,7 @@ pub struct Variant {
 
 /// Result of a simulation.
 #[derive(Clone, Debug, Default)]
-pub struct Walked {
+pub(crate) struct Walked {
     /// Time of each step, ms.
     pub times_ms: Vec<f64>,
     pub iterations: usize,

@@ -14,7 +14,7 @@ const SINGLE_TOLERANCE: f64 = 0.01;
 /// An iteration that computes its residual in double precision converges to the same balance with either; single
 /// precision takes half the time.
 #[derive(Clone, Debug)]
-pub struct Approximate {
+pub(crate) struct Approximate {
     factor: Either,
     probe: Vec<f64>,
     product: Vec<f64>,
@@ -111,7 +111,7 @@ impl Approximate {
 
     /// Whether the factor is in single precision.
     #[cfg(test)]
-    pub fn is_single(&self) -> bool {
+    pub(crate) fn is_single(&self) -> bool {
         matches!(self.factor, Either::Single(_))
     }
 }

@@ -11,7 +11,7 @@ use crate::tissue::error::LinearError;
 
 /// Linear equations to solve, and the accuracy required.
 #[derive(Clone, Copy, Debug)]
-pub enum Equations {
+pub(crate) enum Equations {
     /// The equations of the reused factor, solved by it alone.
     Kept,
     /// The equations of a tangent at the given state, solved iteratively.
@@ -83,7 +83,7 @@ impl<const D: usize> Linear<D> {
     }
 
     /// Replaces the factor by a new one at a state.
-    pub fn renew<const N: usize>(
+    pub(crate) fn renew<const N: usize>(
         &mut self,
         body: &Body<D, N>,
         responses: &[Response<D>],
@@ -101,7 +101,7 @@ impl<const D: usize> Linear<D> {
     }
 
     /// Subtracts the product of the tangent and a change of all displacements from free forces.
-    pub fn subtract<const N: usize>(
+    pub(crate) fn subtract<const N: usize>(
         &mut self,
         body: &Body<D, N>,
         supports: &Supports<D>,
@@ -145,7 +145,7 @@ impl<const D: usize> Linear<D> {
     }
 
     /// Returns the response of the free displacements to a unit contact force; it is cached with a reused factor.
-    pub fn contact_response<const N: usize>(
+    pub(crate) fn contact_response<const N: usize>(
         &mut self,
         body: &Body<D, N>,
         supports: &Supports<D>,

@@ -97,7 +97,7 @@ impl AdaptedMesh {
     }
 
     /// Takes the memory of a finished change for the next one, so that moves allocate nothing.
-    pub fn reclaim(&mut self, change: Change) {
+    pub(crate) fn reclaim(&mut self, change: Change) {
         self.spare = Some(change);
     }
 

@@ -17,7 +17,7 @@ impl Exact {
     ///
     /// # Errors
     /// [`LinearError::Shape`] where a slice has the wrong length.
-    pub fn base_forces(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), LinearError> {
+    pub(crate) fn base_forces(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), LinearError> {
         check_shape("forces on the base", out.len(), self.source.size())?;
         out.fill(0.0);
         let mut carried = Vec::new();

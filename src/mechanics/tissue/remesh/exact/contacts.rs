@@ -43,7 +43,7 @@ impl Contacts {
     }
 
     /// Resets the compliance at the contacts to that of the base.
-    pub fn forget_correction(&mut self) {
+    pub(crate) fn forget_correction(&mut self) {
         self.condensed.get_mut().copy_from(self.bare.get());
     }
 

@@ -34,7 +34,7 @@ impl Speculation {
     }
 
     /// Discards the computed columns, as C has changed.
-    pub fn begin_columns(&mut self) {
+    pub(crate) fn begin_columns(&mut self) {
         self.columns = 0;
     }
 

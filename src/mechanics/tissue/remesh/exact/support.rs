@@ -118,7 +118,7 @@ impl Support {
     }
 
     /// Whether the stiffness at any of `support` is again that of the base.
-    pub fn releases(&self, mesh: &AdaptedMesh, support: &[u32]) -> bool {
+    pub(crate) fn releases(&self, mesh: &AdaptedMesh, support: &[u32]) -> bool {
         support.iter().any(|dof| !mesh.is_touched(mesh.dofs().node_of(*dof).0))
     }
 

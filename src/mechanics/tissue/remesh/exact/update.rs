@@ -147,7 +147,7 @@ impl Exact {
 
 impl Work {
     /// Computes `out += alpha V D V^T y` where that is not yet in C.
-    pub fn add_left(&mut self, y: MatRef<'_, f64>, out: MatMut<'_, f64>, alpha: f64) {
+    pub(crate) fn add_left(&mut self, y: MatRef<'_, f64>, out: MatMut<'_, f64>, alpha: f64) {
         if self.left {
             let Work {
                 v, d, across, turned, ..

@@ -133,7 +133,7 @@ impl<S: Store> Inverse<S> {
     }
 
     /// Size of this many columns, bytes.
-    pub fn columns_bytes(&self, columns: usize) -> usize {
+    pub(crate) fn columns_bytes(&self, columns: usize) -> usize {
         let entry = match self.store.precision() {
             super::Precision::Single => size_of::<f32>(),
             super::Precision::Double => size_of::<f64>(),

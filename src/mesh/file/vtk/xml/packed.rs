@@ -82,7 +82,7 @@ impl<'a> Packed<'a> {
 
     /// Reads a compressed array: the number of blocks, their size, the size of the last partial block (0: none), the
     /// compressed sizes; then, encoded separately, the blocks.
-    pub fn zlib(at: usize, source: Source<'a>, file: &Encoding) -> Result<Self, Fault> {
+    pub(crate) fn zlib(at: usize, source: Source<'a>, file: &Encoding) -> Result<Self, Fault> {
         let width = file.header_size();
         let word = |bytes: &[u8]| usize::try_from(file.word(bytes)).ok();
         let beyond = || Fault::at(at, "block sizes beyond memory", "the sizes of compressed blocks");
