@@ -4,7 +4,7 @@
 const DOT: usize = 2;
 
 /// Height of a caption with its margins, pixels.
-pub const HEIGHT: usize = 9 * DOT;
+pub(crate) const HEIGHT: usize = 9 * DOT;
 
 /// Five rows of three dots from the top, the leftmost dot in the highest bit of each octal digit.
 fn glyph(letter: char) -> u16 {
@@ -34,7 +34,7 @@ fn glyph(letter: char) -> u16 {
 }
 
 /// Writes `text` (lower case) in white with its upper left dot at `at` on a grey picture of `width` columns.
-pub fn write(pixels: &mut [u8], width: usize, at: [usize; 2], text: &str) {
+pub(crate) fn write(pixels: &mut [u8], width: usize, at: [usize; 2], text: &str) {
     for (place, letter) in text.chars().enumerate() {
         for dot in (0..15).filter(|dot| glyph(letter) >> (14 - dot) & 1 == 1) {
             let left = at[0] + (place * 4 + dot % 3) * DOT;

@@ -69,7 +69,7 @@ const CHECK_MM: f64 = 10.0;
 
 /// A point known on both sides.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Landmark {
+pub struct Landmark {
     pub name: String,
     /// In the volume's frame, mm.
     pub volume_mm: Point3<f64>,
@@ -248,7 +248,7 @@ pub struct Fitted {
 
 /// Distance of a landmark after each stage.
 #[derive(Clone, Debug, Serialize)]
-pub(crate) struct LandmarkError {
+pub struct LandmarkError {
     pub name: String,
     /// After the rigid stage, mm.
     pub rigid_mm: f64,

@@ -1,6 +1,6 @@
 //! Selection of the rendering backend.
 
-pub mod timing;
+pub(crate) mod timing;
 
 use std::sync::Arc;
 
@@ -19,10 +19,10 @@ use super::failure::Failure;
 use super::terminal;
 
 /// Reason for a GPU that is not compared with the CPU.
-pub const BEST: &str = "it is the best adapter";
+pub(crate) const BEST: &str = "it is the best adapter";
 
 #[derive(Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-pub enum BackendName {
+pub(crate) enum BackendName {
     /// A hardware GPU or the CPU, whichever renders frames of the scene faster; the GPU if neither has been timed
     #[default]
     Auto,
@@ -35,7 +35,7 @@ pub enum BackendName {
 }
 
 #[derive(Args, Default)]
-pub struct BackendArgs {
+pub(crate) struct BackendArgs {
     /// Rendering backend
     #[arg(long, value_enum, default_value = "auto")]
     pub backend: BackendName,
@@ -45,7 +45,7 @@ pub struct BackendArgs {
 }
 
 /// A synthesizer, the reason for its backend, and warnings about the choice.
-pub struct Chosen {
+pub(crate) struct Chosen {
     pub synth: Synthesizer,
     pub reason: String,
     pub warnings: Vec<String>,
@@ -61,7 +61,7 @@ impl Chosen {
     }
 
     /// Says on which backend frames are rendered, and why.
-    pub fn tell(&self) {
+    pub(crate) fn tell(&self) {
         let on = self
             .adapter()
             .map_or_else(String::new, |adapter| format!(" on {adapter}"));
@@ -69,14 +69,14 @@ impl Chosen {
     }
 
     /// Name of the GPU adapter; `None` on the CPU.
-    pub fn adapter(&self) -> Option<&str> {
+    pub(crate) fn adapter(&self) -> Option<&str> {
         self.synth.gpu().map(|gpu| gpu.report().name.as_str())
     }
 }
 
 impl BackendArgs {
     /// Refuses an adapter that would not be used.
-    pub fn check(&self) -> Result<(), Failure> {
+    pub(crate) fn check(&self) -> Result<(), Failure> {
         match (self.backend, &self.adapter) {
             (BackendName::Cpu | BackendName::CpuF64, Some(adapter)) => Err(Failure::usage(
                 format!("--adapter {adapter} picks a GPU, and --backend asks for the CPU"),
@@ -88,7 +88,7 @@ impl BackendArgs {
 
     /// Creates a synthesizer on the requested backend. `several` is the state of a frame, if there are more to render: then `auto` times
     /// frames of it on a hardware GPU and on the CPU.
-    pub fn synthesizer(
+    pub(crate) fn synthesizer(
         &self,
         anatomy: Anatomy,
         settings: Settings,
@@ -115,7 +115,7 @@ impl BackendArgs {
     }
 
     /// Devices to measure in addition to the CPU, and those that cannot be measured.
-    pub fn gpus(&self) -> Result<Devices, Failure> {
+    pub(crate) fn gpus(&self) -> Result<Devices, Failure> {
         let choice = self.choice();
         match self.backend {
             BackendName::Cpu | BackendName::CpuF64 => Ok(Devices::default()),
@@ -128,7 +128,7 @@ impl BackendArgs {
     }
 
     /// Adapter named by the flag or the environment.
-    pub fn choice(&self) -> AdapterChoice {
+    pub(crate) fn choice(&self) -> AdapterChoice {
         AdapterChoice::from_flag(self.adapter.as_deref())
     }
 }

@@ -64,7 +64,7 @@ Exit status: 0 solved; 2 the case or a file is wrong, or no equilibrium shape is
 /// Bends a needle in hyperelastic tissue by moving its base
 #[derive(Args)]
 #[command(after_help = EXAMPLES, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
-pub struct Beam {
+pub(crate) struct Beam {
     #[command(subcommand)]
     task: Option<Task>,
     #[command(flatten)]
@@ -85,7 +85,7 @@ commands! {
 }
 
 impl Beam {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         match &self.task {
             None => self.bend.run(),
             Some(task) => task.run(),
@@ -103,7 +103,7 @@ const COARSE_MM: f64 = 1e-3;
 const FAR: f64 = 0.3;
 
 #[derive(Args)]
-pub struct Bend {
+pub(crate) struct Bend {
     /// Case file: needle, base motion, elements and layers of tissue
     #[arg(value_name = "CASE.toml", required_unless_present = "example")]
     case: Option<PathBuf>,
@@ -121,7 +121,7 @@ pub struct Bend {
 }
 
 impl Bend {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         let Some(path) = self.case.as_deref().filter(|_| !self.example) else {
             return terminal::emit(beam_case::EXAMPLE);
         };
@@ -170,7 +170,7 @@ Exit status: 0 found; 2 there is no such motion, or a file is wrong.";
 /// Finds the base motion for a wanted deflection of the tip or a wanted centre of motion
 #[derive(Args)]
 #[command(after_help = INVERSE_EXAMPLES)]
-pub struct Inverse {
+pub(crate) struct Inverse {
     /// Case file, as `insonify beam` reads it
     #[arg(value_name = "CASE.toml")]
     case: PathBuf,
@@ -202,7 +202,7 @@ pub struct Inverse {
 }
 
 impl Inverse {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         let inputs = output::inputs(&self.case);
         self.force.check_ending(&self.output, "svg", "plots", &inputs)?;
         let case = CaseFile::read(&self.case)?.resolve()?;
@@ -277,7 +277,7 @@ Letters 8 (2023) 1343-1350.";
 /// Prints Table I of Wang et al. 2023 (centres of motion) beside the values computed by this program
 #[derive(Args)]
 #[command(after_help = SOURCE)]
-pub struct Table {
+pub(crate) struct Table {
     /// Also compute the RCM of a free base whose rotary axis lies this far behind it, mm
     #[arg(long, value_name = "MM,...", value_delimiter = ',')]
     pivot_mm: Vec<f64>,
@@ -286,7 +286,7 @@ pub struct Table {
 }
 
 impl Table {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         self.printed.run(|_| Ok(table_one(&self.pivot_mm)?))
     }
 }

@@ -41,7 +41,7 @@ Examples:
 /// Times frames and passes on each available backend, and with effects removed; GPU against CPU with --compare
 #[derive(Args)]
 #[command(after_help = TEACHING)]
-pub struct Bench {
+pub(crate) struct Bench {
     #[command(flatten)]
     input: Input,
     #[command(flatten)]
@@ -66,7 +66,7 @@ pub struct Bench {
 }
 
 impl Bench {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         self.backend.check()?;
         if self.compare {
             return self.compare();
@@ -173,6 +173,6 @@ impl Bench {
 }
 
 /// Parses seconds on the command line.
-pub fn seconds(text: &str) -> Result<f64, String> {
+pub(crate) fn seconds(text: &str) -> Result<f64, String> {
     ranged(text, 0.0..=3600.0, "a number of seconds from 0 to 3600")
 }

@@ -37,7 +37,7 @@ CSV poses have the columns time_s,m00,...,m33: the matrix from the marker to the
 /// Calibrates tracked probes and needles: tip, shaft axis, image plane
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Calibrate {
+pub(crate) struct Calibrate {
     #[command(subcommand)]
     command: Command,
 }
@@ -52,7 +52,7 @@ commands! {
 }
 
 impl Calibrate {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         self.command.run()
     }
 }

@@ -8,14 +8,14 @@ use super::{Cli, terminal};
 
 /// Prints the completion script of a shell: insonify completions bash > ~/.local/share/bash-completion/completions/insonify
 #[derive(Args)]
-pub struct Completions {
+pub(crate) struct Completions {
     /// Name of the shell
     #[arg(value_enum)]
     shell: Shell,
 }
 
 impl Completions {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         let mut script = Vec::new();
         clap_complete::generate(self.shell, &mut Cli::command(), "insonify", &mut script);
         terminal::emit(&String::from_utf8_lossy(&script))

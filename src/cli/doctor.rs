@@ -21,7 +21,7 @@ use insonify_gpu::adapter::hardware;
 
 /// Lists GPU adapters and their limits, the processor, and the selected backend with the reason
 #[derive(Args)]
-pub struct Doctor {
+pub(crate) struct Doctor {
     /// Part of the name of the GPU adapter to select
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
@@ -46,7 +46,7 @@ struct Report {
 }
 
 impl Doctor {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         let adapters = adapter::list();
         let choice = AdapterChoice::from_flag(self.adapter.as_deref());
         let mut report = Report {

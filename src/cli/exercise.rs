@@ -25,7 +25,7 @@ Examples:
 /// Generates training tasks, and simulates operators of different skill performing them
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Exercise {
+pub(crate) struct Exercise {
     #[command(subcommand)]
     command: Command,
 }
@@ -38,7 +38,7 @@ commands! {
 }
 
 impl Exercise {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         self.command.run()
     }
 }

@@ -8,7 +8,7 @@ use insonify_base::document::{Excerpt, InputError};
 
 /// Why a subcommand failed.
 #[derive(Debug, thiserror::Error)]
-pub enum Failure {
+pub(crate) enum Failure {
     /// Error of the library or of a study.
     #[error("{0}")]
     Library(Box<dyn Cause>),
@@ -45,7 +45,7 @@ pub enum Failure {
 
 impl Failure {
     /// Creates an error for invalid arguments: what was requested, and what to request instead.
-    pub fn usage(found: impl Into<String>, help: impl Into<String>) -> Self {
+    pub(crate) fn usage(found: impl Into<String>, help: impl Into<String>) -> Self {
         Self::Usage {
             found: found.into(),
             help: help.into(),
@@ -61,7 +61,7 @@ impl Failure {
     }
 
     /// What to do instead, if it is known.
-    pub fn help(&self) -> Option<&str> {
+    pub(crate) fn help(&self) -> Option<&str> {
         match self {
             Self::Usage { help, .. } => Some(help),
             _ => self.input()?.help(),
@@ -69,12 +69,12 @@ impl Failure {
     }
 
     /// The lines of a file that this failure is about.
-    pub fn excerpt(&self) -> Option<&Excerpt> {
+    pub(crate) fn excerpt(&self) -> Option<&Excerpt> {
         self.input()?.excerpt()
     }
 
     /// Exit status: 2 if the user can correct the request, 1 if the machine failed.
-    pub fn status(&self) -> u8 {
+    pub(crate) fn status(&self) -> u8 {
         match self {
             Self::Library(error) if error.is_machine() => MACHINE,
             Self::Usage { .. } | Self::Library(_) => INPUT,

@@ -34,7 +34,7 @@ Exit status: 0 success; 2 the case or a file is wrong; 1 a failure of the machin
 /// Identifies force parameters and Young's moduli of tissue layers from one measured needle insertion
 #[derive(Args)]
 #[command(after_help = TEACHING)]
-pub struct Identify {
+pub(crate) struct Identify {
     /// Case file: the scenario and the measurement
     #[arg(value_name = "CASE.toml", required_unless_present = "example")]
     case: Option<PathBuf>,
@@ -52,7 +52,7 @@ pub struct Identify {
 }
 
 impl Identify {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         let (Some(path), Some(target)) = (&self.case, &self.output) else {
             return terminal::emit(identification::EXAMPLE);
         };

@@ -15,7 +15,7 @@ use super::terminal;
 /// with the evidence (`?` for a guess); of a tracked sequence frames, images, rate, and transforms with their validity; of a
 /// PLUS configuration (.xml) probe, images, calibration and coordinate definitions
 #[derive(Args)]
-pub struct Info {
+pub(crate) struct Info {
     /// Label file (NIfTI, NRRD or MetaImage), a folder of binary masks named by their files, or a tracked sequence or
     /// configuration (.xml) of PLUS
     #[arg(value_name = "FILE")]
@@ -30,7 +30,7 @@ pub struct Info {
 }
 
 impl Info {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         if let Some(info) = SequenceInfo::of(&self.file) {
             return terminal::print(&info, self.json);
         }

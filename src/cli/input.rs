@@ -19,7 +19,7 @@ const LARGEST_SIDE: u32 = 16_384;
 
 /// Argument for a table of label names.
 #[derive(Args)]
-pub struct NamesArg {
+pub(crate) struct NamesArg {
     /// Table of label names: CSV with columns `value` and `name`, a colour table of 3D Slicer, or label descriptions of
     /// ITK-SNAP [default: for labels without names, the file of the same stem that ends in .csv]
     #[arg(long, value_name = "FILE")]
@@ -28,7 +28,7 @@ pub struct NamesArg {
 
 impl NamesArg {
     /// Returns the naming of labels from the table, if given.
-    pub fn naming(&self) -> Result<Naming<'static>, VolumeError> {
+    pub(crate) fn naming(&self) -> Result<Naming<'static>, VolumeError> {
         Ok(Naming {
             names: self.names.as_deref().map(Names::read).transpose()?,
             ..Naming::default()
@@ -37,7 +37,7 @@ impl NamesArg {
 }
 
 #[derive(Args)]
-pub struct Input {
+pub(crate) struct Input {
     /// Scene file (TOML), or the name of a built-in scene; without one the default scene, or with --labels the label file alone
     #[arg(value_name = "SCENE.toml")]
     scene: Option<PathBuf>,
@@ -59,7 +59,7 @@ pub struct Input {
 
 impl Input {
     /// Whether no input is specified, so that the command may choose.
-    pub fn is_default(&self) -> bool {
+    pub(crate) fn is_default(&self) -> bool {
         self.scene.is_none()
             && self.labels.is_none()
             && self.names.names.is_none()
@@ -87,7 +87,7 @@ impl Input {
     }
 
     /// Lists the files that the command reads.
-    pub fn files(&self) -> Vec<PathBuf> {
+    pub(crate) fn files(&self) -> Vec<PathBuf> {
         let mut files = self.scene.as_deref().map_or_else(Vec::new, inputs);
         files.extend(self.labels.iter().chain(&self.names.names).cloned());
         files
@@ -95,7 +95,7 @@ impl Input {
 
     /// Reads the scene and all files that it names, and prints notes and warnings. If the scene states a time
     /// budget for a frame, its open settings are picked for the backend and returned as the second value.
-    pub fn scene(&self, backend: &BackendArgs) -> Result<(Scene, Option<Picked>), Failure> {
+    pub(crate) fn scene(&self, backend: &BackendArgs) -> Result<(Scene, Option<Picked>), Failure> {
         let mut scene = self.load()?;
         scene.notes.iter().for_each(note);
         scene.warnings.iter().for_each(warn);

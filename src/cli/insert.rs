@@ -69,7 +69,7 @@ Exit status: 0 success; 2 the scenario or a file is wrong; 1 a failure of the ma
 /// Moves a needle through tissue: forces, deformation and, on request, the ultrasound frames that follow
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Insert {
+pub(crate) struct Insert {
     /// Scenario file (TOML), or the name of a built-in one
     #[arg(value_name = "SCENARIO.toml", required_unless_present_any = ["example", "reference", "labels"])]
     scenario: Option<PathBuf>,
@@ -123,7 +123,7 @@ pub struct Insert {
 
 /// File format of images.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Images {
+pub(crate) enum Images {
     /// Numbered pictures in a folder
     Png,
     /// Image sequence with the pose of each frame
@@ -141,7 +141,7 @@ struct Report<'a> {
 }
 
 impl Insert {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         let (Some(path), Some(output)) = (self.scenario.as_ref().or(self.labels.as_ref()), &self.output) else {
             let named = scenario::EXAMPLES
                 .iter()
@@ -266,7 +266,7 @@ impl Insert {
 }
 
 /// Resolves a scenario under a progress bar.
-pub fn resolve(file: &ScenarioFile, folder: &Path) -> Result<Scenario, Failure> {
+pub(crate) fn resolve(file: &ScenarioFile, folder: &Path) -> Result<Scenario, Failure> {
     Ok(terminal::with_bar("making the mesh", |progress| {
         file.resolve(folder, |share| progress(f64::from(share)))
     })?)

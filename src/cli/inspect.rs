@@ -13,7 +13,7 @@ use super::terminal;
 
 /// Explains one pixel: its beam and depth, tissue, texture, speckle, transmittance, blur and grey level
 #[derive(Args)]
-pub struct Inspect {
+pub(crate) struct Inspect {
     #[command(flatten)]
     input: Input,
     /// Column and row of the pixel, from 0 at the near corner of the unmarked side
@@ -39,7 +39,7 @@ struct Report {
 }
 
 impl Inspect {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         let (scene, _) = self.input.scene(&BackendArgs::default())?;
         let frames = self.frames.unwrap_or_else(|| scene.frames());
         if self.frame >= frames {

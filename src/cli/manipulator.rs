@@ -53,7 +53,7 @@ Exit status: 0 success; 2 a file is wrong, or a pose out of reach; 1 a failure o
 /// Computes the motion of a needle guide mounted on the probe: kinematics, drive, reach
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Manipulator {
+pub(crate) struct Manipulator {
     #[command(subcommand)]
     task: Task,
 }
@@ -69,7 +69,7 @@ enum Task {
 }
 
 impl Manipulator {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         match &self.task {
             Task::Forward(table) => table.run(true),
             Task::Inverse(table) => table.run(false),
@@ -82,7 +82,7 @@ impl Manipulator {
 // `insonify manipulator forward`, `insonify manipulator inverse`.
 
 #[derive(Args)]
-pub struct Kinematics {
+pub(crate) struct Kinematics {
     /// Table (CSV); with `inverse` also a scenario (TOML)
     #[arg(value_name = "FILE")]
     file: PathBuf,
@@ -218,7 +218,7 @@ fn guided(path: &Path, control: Option<Control>) -> Result<(Guided, Vec<f64>), F
 
 /// Simulates the drive: commands, postures, lost motion and the error of the tip, without tissue
 #[derive(Args)]
-pub struct Follow {
+pub(crate) struct Follow {
     /// Scenario with a [manipulator]
     #[arg(value_name = "SCENARIO.toml")]
     scenario: PathBuf,
@@ -333,7 +333,7 @@ fn plot(motion: &Guided) -> Plot {
 
 /// Draws what the tip can reach, and its planned path, over the first image of a scenario
 #[derive(Args)]
-pub struct Workspace {
+pub(crate) struct Workspace {
     /// Scenario with a [manipulator]
     #[arg(value_name = "SCENARIO.toml")]
     scenario: PathBuf,

@@ -33,7 +33,7 @@ docs/realism.md says how accurately known settings are recovered. Exit status: 0
 /// Estimates probe and effects from a real frame, and writes a scene that resembles it
 #[derive(Args)]
 #[command(after_help = TEACHING)]
-pub struct Match {
+pub(crate) struct Match {
     /// Real frame: a PNG file, or an image sequence (.mha, .mhd, .nrrd), of which the first frame is used
     #[arg(value_name = "REAL")]
     file: PathBuf,
@@ -60,7 +60,7 @@ pub struct Match {
 }
 
 impl Match {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         let inputs = [self.file.clone()];
         self.force.check_ending(&self.output, "toml", "scenes", &inputs)?;
         self.force.check_ending(&self.page, "html", "pages", &inputs)?;

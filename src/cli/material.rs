@@ -43,7 +43,7 @@ Exit status: 0 success; 2 the case or a file is wrong; 1 a failure of the machin
 /// Tests a material: strain from a history of stress, or stress from strain, with memory and stiffening
 #[derive(Args)]
 #[command(after_help = EXAMPLES, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
-pub struct Material {
+pub(crate) struct Material {
     #[command(subcommand)]
     task: Option<Task>,
     #[command(flatten)]
@@ -56,7 +56,7 @@ enum Task {
 }
 
 impl Material {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         match &self.task {
             None => self.test.run(),
             Some(Task::Fit(fit)) => fit.run(),
@@ -67,7 +67,7 @@ impl Material {
 // `insonify material CASE.toml`: response of a material.
 
 #[derive(Args)]
-pub struct Test {
+pub(crate) struct Test {
     /// Case file: the material and its history
     #[arg(value_name = "CASE.toml", required_unless_present = "example")]
     case: Option<PathBuf>,
@@ -138,7 +138,7 @@ Exit status: 0 success; 2 a file is wrong, or does not determine the parameters;
 /// Fits order, modulus, knee and stiffening to measured moduli and creep
 #[derive(Args)]
 #[command(after_help = FIT_EXAMPLES)]
-pub struct FitArgs {
+pub(crate) struct FitArgs {
     /// Tables of measurements: a frequency sweep, creep tests, or both
     #[arg(value_name = "FILE.csv", required = true)]
     files: Vec<PathBuf>,

@@ -17,7 +17,7 @@ use insonify_mesh::quality::{Bin, Quality};
 
 /// Makes and inspects tetrahedral meshes
 #[derive(Args)]
-pub struct Mesh {
+pub(crate) struct Mesh {
     #[command(subcommand)]
     command: Command,
 }
@@ -30,7 +30,7 @@ commands! {
 }
 
 impl Mesh {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         self.command.run()
     }
 }
@@ -45,7 +45,7 @@ such a mesh can be inspected, but not used for computation.";
 /// Prints nodes, elements, regions, volumes and the quality of the elements of a mesh
 #[derive(Args)]
 #[command(after_help = NOTES)]
-pub struct Info {
+pub(crate) struct Info {
     /// Mesh file: Gmsh 2.2 or 4.1 (.msh), or VTK (.vtk, .vtu); LPS
     #[arg(value_name = "FILE")]
     file: PathBuf,
@@ -63,7 +63,7 @@ pub struct Info {
 }
 
 impl Info {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         let options = ReadOptions {
             region: self.region_array.as_deref(),
             unit: self.unit,
@@ -80,7 +80,7 @@ impl Info {
 
 /// Contents and quality of a mesh.
 #[derive(Serialize)]
-pub struct Report {
+pub(crate) struct Report {
     file: String,
     nodes: usize,
     elements: usize,
@@ -127,7 +127,7 @@ struct QualityReport {
 }
 
 impl Report {
-    pub fn new(path: &Path, file: &MeshFile, quality: &Quality) -> Report {
+    pub(crate) fn new(path: &Path, file: &MeshFile, quality: &Quality) -> Report {
         let regions = quality.regions.iter().map(|region| RegionReport {
             value: region.value,
             name: file.region_names.get(&region.value).cloned(),

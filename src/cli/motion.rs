@@ -45,7 +45,7 @@ docs/motion.md has the model, its accuracy and its cost.";
 /// Estimates the motion of tissue from radio-frequency frames
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Motion {
+pub(crate) struct Motion {
     /// Sequence of echoes: RF_REAL, at least two frames
     #[arg(value_name = "RF", required_unless_present = "validate")]
     input: Option<PathBuf>,
@@ -143,7 +143,7 @@ const TRUSTED: f64 = 0.8;
 /// Share of the windows that correlate which must be left from one frame to the next: below it tissue moved further than the search reaches.
 const KEPT: f64 = 0.8;
 impl Motion {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         if self.validate {
             return self.validation();
         }

@@ -19,7 +19,7 @@ const LARGEST: u64 = 1 << 26;
 
 /// Policy for existing files at the destination.
 #[derive(Args, Clone, Copy, Default)]
-pub struct Force {
+pub(crate) struct Force {
     /// Replace existing files of another kind, files that no earlier run listed, and files that the run reads
     #[arg(long)]
     force: bool,
@@ -27,13 +27,13 @@ pub struct Force {
 
 impl Force {
     /// Refuses output files that cannot be written, before the computation; `inputs` are files that the run reads.
-    pub fn check(self, files: &[&Path], inputs: &[PathBuf]) -> Result<(), Failure> {
+    pub(crate) fn check(self, files: &[&Path], inputs: &[PathBuf]) -> Result<(), Failure> {
         Ok(place::check(files, inputs, self.force)?)
     }
 
     /// Refuses output files (or an optional one) that cannot be written or lack the required extension; `what` describes
     /// their contents in the error.
-    pub fn check_ending<'a>(
+    pub(crate) fn check_ending<'a>(
         self,
         files: impl IntoIterator<Item = &'a PathBuf>,
         ending: &str,
@@ -55,7 +55,7 @@ impl Force {
     }
 
     /// Opens a folder for the files of a command: see [`Folder::open`].
-    pub fn folder(
+    pub(crate) fn folder(
         self,
         target: &Path,
         command: &'static str,
@@ -70,7 +70,7 @@ impl Force {
 }
 
 /// A TOML file and the files that it names.
-pub fn inputs(document: &Path) -> Vec<PathBuf> {
+pub(crate) fn inputs(document: &Path) -> Vec<PathBuf> {
     let mut files = Vec::new();
     add_inputs(document, DEEPEST, &mut files);
     files
@@ -98,11 +98,11 @@ fn add_inputs(document: &Path, depth: usize, files: &mut Vec<PathBuf>) {
 }
 
 /// Writes a text file atomically.
-pub fn text(path: &Path, text: &str) -> Result<(), Failure> {
+pub(crate) fn text(path: &Path, text: &str) -> Result<(), Failure> {
     Ok(atomic::write(path, |file| file.write_all(text.as_bytes()))?)
 }
 
 /// Writes a plot atomically.
-pub fn plot(path: &Path, plot: &Plot) -> Result<(), Failure> {
+pub(crate) fn plot(path: &Path, plot: &Plot) -> Result<(), Failure> {
     text(path, &plot.svg()?)
 }

@@ -39,7 +39,7 @@ Exit status: 0 done, also if the best path misses by more than the tolerance (a 
 /// Plans a needle's path to a target, allowing for the deformation of tissue
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
-pub struct PathArgs {
+pub(crate) struct PathArgs {
     /// Scenario file (TOML), or the name of a built-in one; needle, tissue and speed are used; its motion is ignored
     #[arg(value_name = "SCENARIO.toml")]
     scenario: PathBuf,
@@ -95,7 +95,7 @@ enum ModelName {
 }
 
 impl PathArgs {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         self.backend.check()?;
         let folder = self
             .force

@@ -14,7 +14,7 @@ use super::variants::variants;
 
 /// Generates a labelled volume and writes it
 #[derive(Args)]
-pub struct Phantom {
+pub(crate) struct Phantom {
     /// Name of the phantom
     #[arg(value_name = "NAME", value_parser = variants::<insonify_anatomy::phantom::Phantom>())]
     name: insonify_anatomy::phantom::Phantom,
@@ -32,7 +32,7 @@ pub struct Phantom {
 }
 
 impl Phantom {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         self.force.check(&[&self.output], &[])?;
         let options = PhantomOptions {
             resolution_mm: self.resolution_mm,

@@ -10,7 +10,7 @@ use super::terminal;
 
 /// Prints the passes that a scene needs and why, those that it does not use, and the size of each resource
 #[derive(Args)]
-pub struct Plan {
+pub(crate) struct Plan {
     #[command(flatten)]
     input: Input,
     #[command(flatten)]
@@ -22,7 +22,7 @@ pub struct Plan {
 }
 
 impl Plan {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         let (scene, picked) = self.input.scene(&self.backend)?;
         let tables = Tables::new(scene.anatomy, scene.settings)?;
         let mut plan = insonify_imaging::plan::Plan::new(&tables).report();

@@ -31,7 +31,7 @@ simulation\", Computerized Medical Imaging and Graphics 34 (2010) 9-18.";
 /// Pushes a needle into a slice of liver with a vein: force against travel, and the flattening of the vein
 #[derive(Args)]
 #[command(after_help = TEACHING)]
-pub struct Puncture {
+pub(crate) struct Puncture {
     /// Young's modulus below the knee, kPa
     #[arg(long, value_name = "KPA", default_value_t = PunctureOptions::default().young_kpa, allow_negative_numbers = true)]
     young_kpa: f64,
@@ -77,7 +77,7 @@ pub struct Puncture {
 }
 
 impl Puncture {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         let mut options = PunctureOptions {
             young_kpa: self.young_kpa,
             knee_strain: self.knee_strain,

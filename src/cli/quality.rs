@@ -24,7 +24,7 @@ use insonify_mechanics::tissue::remesh::Level;
 use insonify_study::step_costs::{self, Nodes, Situation, StepCosts};
 
 #[derive(Args)]
-pub struct QualityArgs {
+pub(crate) struct QualityArgs {
     /// Repeat the timing used by `quality`, even if this machine was timed before
     #[arg(long)]
     recalibrate: bool,
@@ -79,7 +79,7 @@ const FRAMES: usize = 20;
 
 impl QualityArgs {
     /// Picks, sets and reports the grid of a scene that states a frame time budget and leaves the grid open.
-    pub fn frames(&self, scene: &mut Scene, backend: &BackendArgs) -> Result<Option<Picked>, Failure> {
+    pub(crate) fn frames(&self, scene: &mut Scene, backend: &BackendArgs) -> Result<Option<Picked>, Failure> {
         let Some(budget_ms) = scene.quality.frame_ms else {
             return Ok(None);
         };
@@ -142,7 +142,7 @@ impl QualityArgs {
     }
 
     /// Picks the grid of a scenario's frames; a budget of the scenario takes precedence over that of its scene.
-    pub fn frames_of(&self, scenario: &mut Scenario, backend: &BackendArgs) -> Result<Option<Picked>, Failure> {
+    pub(crate) fn frames_of(&self, scenario: &mut Scenario, backend: &BackendArgs) -> Result<Option<Picked>, Failure> {
         match scenario.quality.frame_ms.or(scenario.scene.quality.frame_ms) {
             Some(budget_ms) => self.grid(&mut scenario.scene, budget_ms, backend),
             None => Ok(None),
@@ -159,7 +159,7 @@ const PATIENCE: Duration = Duration::from_secs(20);
 impl QualityArgs {
     /// Picks, sets and reports the open settings of a scenario that states a step time budget. `folder` is the base of relative paths
     /// of the scenario.
-    pub fn steps(&self, file: &mut ScenarioFile, folder: &Path) -> Result<Option<Picked>, Failure> {
+    pub(crate) fn steps(&self, file: &mut ScenarioFile, folder: &Path) -> Result<Option<Picked>, Failure> {
         let QualitySpec { step_ms, .. } = file.quality();
         // A budget out of range is refused with its place in the file when the scenario is resolved.
         let Some(budget_ms) = step_ms.filter(|_| file.quality().out_of_range().is_none()) else {

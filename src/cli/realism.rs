@@ -32,7 +32,7 @@ docs/realism.md lists the measures of frames of this program. Exit status: 0 mea
 /// Compares frames with real frames: speckle, grey levels, fluid, contact and edges, in units of the spread among the real ones
 #[derive(Args)]
 #[command(after_help = TEACHING)]
-pub struct Realism {
+pub(crate) struct Realism {
     /// Frames: PNG files, folders of them, or image sequences (.mha, .mhd, .nrrd)
     #[arg(value_name = "FRAMES", required = true)]
     files: Vec<PathBuf>,
@@ -59,7 +59,7 @@ pub struct Realism {
 }
 
 impl Realism {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         let inputs = [&self.files[..], &self.against].concat();
         self.force.check_ending(&self.output, "html", "pages", &inputs)?;
         let read = |files, mm| picture::read(files, usize::from(self.frames), mm);

@@ -51,7 +51,7 @@ const MIN_JACOBIAN: f64 = 0.6;
 /// Fits anatomy to a physical surface: rigid, then quadratic
 #[derive(Args)]
 #[command(after_help = TEACHING)]
-pub struct Register {
+pub(crate) struct Register {
     /// Label file (NIfTI, NRRD or MetaImage), or a folder of binary masks named by their files
     #[arg(value_name = "VOLUME")]
     volume: PathBuf,
@@ -98,7 +98,7 @@ pub struct Register {
 }
 
 impl Register {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         let given = [
             Some(&self.volume),
             Some(&self.surface),

@@ -1,9 +1,9 @@
 //! `insonify render`: frames of a scene, and their companion files.
 
 mod coverage;
-pub mod extras;
-pub mod output;
-pub mod target;
+pub(crate) mod extras;
+pub(crate) mod output;
+pub(crate) mod target;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -47,7 +47,7 @@ Companion files of a sequence's frames are in a folder of its name; parameters c
 /// Renders frames: one to a PNG file, many to a folder or an image sequence
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Render {
+pub(crate) struct Render {
     #[command(flatten)]
     input: Input,
     #[command(flatten)]
@@ -104,7 +104,7 @@ struct PassReport {
 }
 
 impl Render {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         self.backend.check()?;
         if let Some(file) = self.output.as_deref().filter(|path| Target::is_file(path)) {
             self.force.check(&[file], &self.input.files())?;
@@ -317,7 +317,7 @@ impl FrameWarnings {
 }
 
 /// Parses a number of frames.
-pub fn frame_count(text: &str) -> Result<usize, String> {
+pub(crate) fn frame_count(text: &str) -> Result<usize, String> {
     ranged(text, 1..=1_000_000, "a whole number from 1 to 1000000")
 }
 

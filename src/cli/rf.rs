@@ -51,7 +51,7 @@ docs/motion.md has the models.";
 /// Synthesises radio-frequency echoes of a scene or scenario, or makes B-mode frames of echoes
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Rf {
+pub(crate) struct Rf {
     /// Scene or scenario (TOML), or the name of a built-in scenario; with --bmode a sequence of echoes
     #[arg(value_name = "FILE", required_unless_present = "example")]
     input: Option<PathBuf>,
@@ -116,7 +116,7 @@ pub struct Rf {
 
 /// Geometry of echoes, where their file does not state it.
 #[derive(Args)]
-pub struct Geometry {
+pub(crate) struct Geometry {
     /// Linear array: distance between lines
     #[arg(long, value_name = "MM", conflicts_with_all = ["radius_mm", "angle_deg"])]
     pub pitch_mm: Option<f64>,
@@ -133,7 +133,7 @@ pub struct Geometry {
 
 impl Geometry {
     /// Probe of echoes; `None` if neither the file nor the options tell its shape and depth.
-    pub fn probe(&self, echoes: &Echoes, sampling_mhz: Option<f64>) -> Result<Option<Probe>, Failure> {
+    pub(crate) fn probe(&self, echoes: &Echoes, sampling_mhz: Option<f64>) -> Result<Option<Probe>, Failure> {
         let sampled = sampling_mhz.or(echoes.stated[0]);
         let depth = self
             .depth_mm
@@ -170,7 +170,7 @@ struct Report {
 }
 
 impl Rf {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         match &self.input {
             Some(input) if self.bmode => self.frame(input),
             _ => self.synthesise(),
@@ -298,7 +298,7 @@ impl Rf {
 }
 
 /// B-mode picture of a frame; in beam space if the geometry is unknown.
-pub fn picture(echoes: &Echoes, frame: usize, probe: Option<Probe>, range_db: f64) -> Result<GrayImage, Failure> {
+pub(crate) fn picture(echoes: &Echoes, frame: usize, probe: Option<Probe>, range_db: f64) -> Result<GrayImage, Failure> {
     let envelope = envelope(echoes, frame);
     let grey = grey(&envelope, white(&envelope), range_db);
     let Some(probe) = probe else {
@@ -321,7 +321,7 @@ pub fn picture(echoes: &Echoes, frame: usize, probe: Option<Probe>, range_db: f6
 }
 
 /// Scanlines of a probe, and a picture that shows all of them.
-pub fn laid_out(probe: &Probe) -> Result<(BeamGrid, ImageGrid), Failure> {
+pub(crate) fn laid_out(probe: &Probe) -> Result<(BeamGrid, ImageGrid), Failure> {
     /// Largest side of a picture, pixels.
     const SIDE: f64 = 640.0;
     let beam = BeamGrid::new(probe)?;

@@ -9,7 +9,7 @@ use super::terminal;
 
 /// Prints the commented default scene, or another built-in one: insonify scene > my.toml
 #[derive(Args)]
-pub struct Scene {
+pub(crate) struct Scene {
     /// Name of the scene
     #[arg(value_name = "NAME", default_value = "default", value_parser = names())]
     name: String,
@@ -20,7 +20,7 @@ fn names() -> PossibleValuesParser {
 }
 
 impl Scene {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         let text = EXAMPLES.iter().find(|(name, _)| *name == self.name);
         terminal::emit(text.map_or(insonify_imaging::scene::DEFAULT, |(_, text)| text))
     }

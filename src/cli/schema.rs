@@ -13,7 +13,7 @@ use super::terminal;
 
 /// Prints the JSON schema of a file, for editors and for programs that write such files
 #[derive(Args)]
-pub struct Schema {
+pub(crate) struct Schema {
     /// File type
     #[arg(value_enum, default_value = "scene")]
     of: Of,
@@ -40,7 +40,7 @@ enum Of {
 }
 
 impl Schema {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         terminal::emit_json(&match self.of {
             Of::Scene => insonify_imaging::scene::schema(),
             Of::Solve => schema_for!(ProblemFile).to_value(),

@@ -29,7 +29,7 @@ Examples:
 /// Scores insertions by ten metrics, or compares groups of people by their scores
 #[derive(Args)]
 #[command(after_help = TEACHING)]
-pub struct ScoreArgs {
+pub(crate) struct ScoreArgs {
     /// Folder of a run, or its table of steps
     #[arg(value_name = "RUN", required_unless_present = "groups")]
     runs: Vec<PathBuf>,
@@ -47,7 +47,7 @@ pub struct ScoreArgs {
 }
 
 impl ScoreArgs {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         if let Some(output) = &self.output {
             let tables = self.runs.iter().map(|run| run.join("steps.csv"));
             let inputs: Vec<PathBuf> = self.runs.iter().chain(&self.groups).cloned().chain(tables).collect();

@@ -45,7 +45,7 @@ Exit status: 0 solved; 2 the case or a file is wrong; 1 a failure of the machine
 /// Solves a static case: how tissue deforms under forces and prescribed displacements
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Solve {
+pub(crate) struct Solve {
     /// Case file: mesh, materials, fixed nodes and loads
     #[arg(value_name = "CASE.toml", required_unless_present = "example")]
     case: Option<PathBuf>,
@@ -79,7 +79,7 @@ enum Example {
 }
 
 impl Solve {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         let path = match (&self.case, self.example) {
             (Some(path), None) => path.as_path(),
             (_, Some(Example::Viscoelastic)) => return terminal::emit(statics::CREEP),

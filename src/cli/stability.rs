@@ -33,7 +33,7 @@ const FILES: [&str; 4] = ["index.html", "margins.svg", "report.md", "results.jso
 /// Runs the hard cases of the numerics and shows the limit of each, the measured value, and the margin
 #[derive(Args)]
 #[command(after_help = TEACHING)]
-pub struct Stability {
+pub(crate) struct Stability {
     /// Write index.html, margins.svg, report.md and results.json, with every value, into this folder
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
@@ -51,7 +51,7 @@ pub struct Stability {
 }
 
 impl Stability {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         let cases = select(GROUPS, self.only.as_deref());
         if cases.is_empty() {
             return Err(none_selected(self.only.as_deref().unwrap_or_default()));

@@ -12,7 +12,7 @@ use super::terminal;
 
 /// Output options of a study.
 #[derive(Args)]
-pub struct Printed {
+pub(crate) struct Printed {
     /// Folder for index.html, tables (CSV, JSON) and plots (PNG, SVG); created if missing
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
@@ -24,10 +24,10 @@ pub struct Printed {
 }
 
 /// Progress callback of a study: current task and completed fraction.
-pub type Progress<'a> = &'a mut (dyn FnMut(&str, f64) + Send);
+pub(crate) type Progress<'a> = &'a mut (dyn FnMut(&str, f64) + Send);
 
 /// Shows a progress bar while `run` is running.
-pub fn watched<T>(run: impl FnOnce(Progress<'_>) -> T) -> T {
+pub(crate) fn watched<T>(run: impl FnOnce(Progress<'_>) -> T) -> T {
     let bar = terminal::share();
     let result = run(&mut |what, share| {
         bar.set_message(what.to_owned());
@@ -39,12 +39,12 @@ pub fn watched<T>(run: impl FnOnce(Progress<'_>) -> T) -> T {
 
 impl Printed {
     /// Creates the options for a command that has its own arguments for them.
-    pub fn new(output: Option<PathBuf>, force: Force, json: bool) -> Self {
+    pub(crate) fn new(output: Option<PathBuf>, force: Force, json: bool) -> Self {
         Self { output, force, json }
     }
 
     /// Checks that the folder can be written to, before the study is prepared.
-    pub fn check(&self) -> Result<(), Failure> {
+    pub(crate) fn check(&self) -> Result<(), Failure> {
         self.folder().map(drop)
     }
 
@@ -54,7 +54,7 @@ impl Printed {
     }
 
     /// Creates the folder, runs the study with a progress bar, and writes and prints the results.
-    pub fn run(&self, study: impl FnOnce(Progress<'_>) -> Result<Study, Failure>) -> Result<(), Failure> {
+    pub(crate) fn run(&self, study: impl FnOnce(Progress<'_>) -> Result<Study, Failure>) -> Result<(), Failure> {
         let folder = self.folder()?;
         let study = watched(study)?;
         if let (Some(folder), Some(target)) = (folder, &self.output) {

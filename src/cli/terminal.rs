@@ -14,7 +14,7 @@ use super::excerpt::drawn;
 use super::failure::Failure;
 
 /// Writes a result to standard output. A reader that stops reading causes no failure.
-pub fn emit(text: &str) -> Result<(), Failure> {
+pub(crate) fn emit(text: &str) -> Result<(), Failure> {
     let mut out = io::stdout().lock();
     let line_end = if text.ends_with('\n') { "" } else { "\n" };
     match write!(out, "{}{line_end}", printable(text)).and_then(|()| out.flush()) {
@@ -24,12 +24,12 @@ pub fn emit(text: &str) -> Result<(), Failure> {
 }
 
 /// Writes a result to standard output, as text or as JSON.
-pub fn print(result: &(impl Serialize + ToString), json: bool) -> Result<(), Failure> {
+pub(crate) fn print(result: &(impl Serialize + ToString), json: bool) -> Result<(), Failure> {
     show(result, json, || result.to_string())
 }
 
 /// Writes a result to standard output, as JSON or as a text of its own.
-pub fn show(result: &impl Serialize, json: bool, text: impl FnOnce() -> String) -> Result<(), Failure> {
+pub(crate) fn show(result: &impl Serialize, json: bool, text: impl FnOnce() -> String) -> Result<(), Failure> {
     match json {
         true => emit_json(result),
         false => emit(&text()),
@@ -37,7 +37,7 @@ pub fn show(result: &impl Serialize, json: bool, text: impl FnOnce() -> String) 
 }
 
 /// Writes a result to standard output as indented JSON.
-pub fn emit_json(value: &impl Serialize) -> Result<(), Failure> {
+pub(crate) fn emit_json(value: &impl Serialize) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(value).map_err(|error| Failure::Output(error.into()))?;
     // A terminal interprets more characters than JSON has to escape.
     let control = |c: char| c.is_control() && c != '\n';
@@ -54,7 +54,7 @@ pub fn emit_json(value: &impl Serialize) -> Result<(), Failure> {
 static QUIET: AtomicBool = AtomicBool::new(false);
 
 /// Suppresses all output except results and errors.
-pub fn quieten() {
+pub(crate) fn quieten() {
     QUIET.store(true, Ordering::Relaxed);
 }
 
@@ -63,7 +63,7 @@ fn is_quiet() -> bool {
 }
 
 /// Writes to standard error unless quiet; a closed stream causes no failure.
-pub fn say(text: impl Display) {
+pub(crate) fn say(text: impl Display) {
     if is_quiet() {
         return;
     }
@@ -71,17 +71,17 @@ pub fn say(text: impl Display) {
 }
 
 /// Prints a warning on one line.
-pub fn warn(text: impl Display) {
+pub(crate) fn warn(text: impl Display) {
     say(clipped(&format!("warning: {text}"), MESSAGE));
 }
 
 /// Prints a note on one line.
-pub fn note(text: impl Display) {
+pub(crate) fn note(text: impl Display) {
     say(clipped(&format!("note: {text}"), MESSAGE));
 }
 
 /// Prints a failure with the lines of the file concerned.
-pub fn report(failure: &Failure) {
+pub(crate) fn report(failure: &Failure) {
     let message = clipped(&failure.to_string(), MESSAGE);
     let help = failure.help().map(|help| clipped(help, MESSAGE));
     let text = drawn(&message, help.as_deref(), failure.excerpt(), has_colours());
@@ -96,10 +96,10 @@ fn has_colours() -> bool {
 }
 
 /// Number of steps of the bar created by [`share`].
-pub const SHARES: u64 = 1000;
+pub(crate) const SHARES: u64 = 1000;
 
 /// Progress bar of a single task; hidden where standard error is not a terminal, and on request.
-pub fn share() -> ProgressBar {
+pub(crate) fn share() -> ProgressBar {
     if is_quiet() {
         return ProgressBar::hidden();
     }
@@ -107,7 +107,7 @@ pub fn share() -> ProgressBar {
 }
 
 /// Shows a progress bar with a message during `work`, which reports the completed fraction.
-pub fn with_bar<T>(message: &'static str, work: impl FnOnce(&(dyn Fn(f64) + Sync)) -> T) -> T {
+pub(crate) fn with_bar<T>(message: &'static str, work: impl FnOnce(&(dyn Fn(f64) + Sync)) -> T) -> T {
     let bar = share();
     bar.set_message(message);
     let result = work(&|share| bar.set_position((share * SHARES as f64) as u64));
@@ -117,7 +117,7 @@ pub fn with_bar<T>(message: &'static str, work: impl FnOnce(&(dyn Fn(f64) + Sync
 
 /// Progress bar over the frames of a run; hidden where standard error is not a terminal, for a single frame, and on
 /// request.
-pub fn progress(frames: usize) -> ProgressBar {
+pub(crate) fn progress(frames: usize) -> ProgressBar {
     if is_quiet() || frames < 2 {
         return ProgressBar::hidden();
     }

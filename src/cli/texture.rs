@@ -35,7 +35,7 @@ const UNLIKE: f64 = 1.5;
 /// Makes a solid texture from regions of ultrasound images
 #[derive(Args)]
 #[command(after_help = TEACHING)]
-pub struct TextureArgs {
+pub(crate) struct TextureArgs {
     /// Image of the x-y plane: PNG, DICOM, or an image sequence (.mha, .mhd, .nrrd), of which the first frame is used
     #[arg(value_name = "IMAGE")]
     image: PathBuf,
@@ -97,7 +97,7 @@ enum Kind {
 }
 
 impl TextureArgs {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         let inputs: Vec<PathBuf> = [Some(&self.image), self.zy.as_ref(), self.xz.as_ref()]
             .into_iter()
             .flatten()

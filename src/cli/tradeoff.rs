@@ -40,7 +40,7 @@ Exit status: 0 success; 1 a study failed (the results of the others are written)
 /// Measures accuracy against time: tables, plots, Pareto-optimal choices marked, and recommendations
 #[derive(Args)]
 #[command(after_help = EXAMPLES, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
-pub struct Tradeoff {
+pub(crate) struct Tradeoff {
     #[command(subcommand)]
     study: Option<Study>,
     /// Folder for index.html, report.md, results.json, results.csv and plots; created if missing
@@ -79,7 +79,7 @@ commands! {
 }
 
 impl Tradeoff {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Failure> {
         match &self.study {
             Some(study) => study.run(),
             None => self.gather(),

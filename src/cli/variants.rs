@@ -8,7 +8,7 @@ use schemars::{JsonSchema, schema_for};
 use serde::de::DeserializeOwned;
 
 /// Possible values of an enum without fields, with their descriptions as help.
-pub fn names<T: JsonSchema>() -> Vec<PossibleValue> {
+pub(crate) fn names<T: JsonSchema>() -> Vec<PossibleValue> {
     let schema = schema_for!(T);
     let variants = schema.get("oneOf").and_then(|variants| variants.as_array());
     let value = |variant: &serde_json::Value| {
@@ -20,12 +20,12 @@ pub fn names<T: JsonSchema>() -> Vec<PossibleValue> {
 }
 
 /// Value with a name, if there is one.
-pub fn named<T: DeserializeOwned>(name: &str) -> Option<T> {
+pub(crate) fn named<T: DeserializeOwned>(name: &str) -> Option<T> {
     serde_json::from_value(name.into()).ok()
 }
 
 /// Parser of an enum without fields.
-pub fn variants<T>() -> impl TypedValueParser<Value = T>
+pub(crate) fn variants<T>() -> impl TypedValueParser<Value = T>
 where
     T: JsonSchema + DeserializeOwned + Clone + Send + Sync + 'static,
 {
@@ -41,7 +41,7 @@ where
 }
 
 /// Parses a number within a range; `expected` describes the range in the error.
-pub fn ranged<T: FromStr + PartialOrd>(text: &str, range: RangeInclusive<T>, expected: &str) -> Result<T, String> {
+pub(crate) fn ranged<T: FromStr + PartialOrd>(text: &str, range: RangeInclusive<T>, expected: &str) -> Result<T, String> {
     let number = text.trim().parse().ok().filter(|number| range.contains(number));
     number.ok_or_else(|| format!("expected {expected}"))
 }

@@ -236,7 +236,7 @@ impl Gpu {
 
     /// Sets the time limit for waiting on the GPU before a [`GpuError::Timeout`]; 60 s by default.
     #[cfg(test)]
-    pub(crate) fn set_wait_timeout(&mut self, wait_timeout: Duration) {
+    pub fn set_wait_timeout(&mut self, wait_timeout: Duration) {
         self.wait_timeout = wait_timeout;
     }
 
@@ -293,7 +293,7 @@ impl Gpu {
     }
 
     /// Returns an error if `bytes` exceed the storage buffer limit of this device.
-    pub(crate) fn check_storage(&self, what: &str, bytes: u64) -> Result<(), GpuError> {
+    pub fn check_storage(&self, what: &str, bytes: u64) -> Result<(), GpuError> {
         let binding = self.limits.max_storage_buffer_binding_size;
         check_limit(|| what.to_owned(), "max_storage_buffer_binding_size", bytes, binding)?;
         check_limit(

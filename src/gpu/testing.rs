@@ -6,7 +6,7 @@ use super::{AdapterChoice, Gpu, GpuError, Needs};
 const REQUIRE_VARIABLE: &str = "INSONIFY_REQUIRE_GPU";
 
 /// Opens a device, or returns `None` after reporting that the test is skipped.
-pub fn open() -> Option<Gpu> {
+pub(crate) fn open() -> Option<Gpu> {
     match Gpu::open(&AdapterChoice::from_flag(None), &Needs::default()) {
         Ok(gpu) => Some(gpu),
         Err(GpuError::NoAdapter) => {

@@ -42,24 +42,24 @@ pub(super) struct Counter {
 }
 
 impl Counter {
-    pub fn submitted(&self) {
+    pub(crate) fn submitted(&self) {
         self.submissions.fetch_add(1, Relaxed);
     }
 
-    pub fn waited(&self) {
+    pub(crate) fn waited(&self) {
         self.waits.fetch_add(1, Relaxed);
     }
 
-    pub fn sent(&self, bytes: u64) {
+    pub(crate) fn sent(&self, bytes: u64) {
         self.uploads.fetch_add(1, Relaxed);
         self.bytes_up.fetch_add(bytes, Relaxed);
     }
 
-    pub fn fetched(&self, bytes: u64) {
+    pub(crate) fn fetched(&self, bytes: u64) {
         self.bytes_down.fetch_add(bytes, Relaxed);
     }
 
-    pub fn total(&self) -> Traffic {
+    pub(crate) fn total(&self) -> Traffic {
         Traffic {
             submissions: self.submissions.load(Relaxed),
             waits: self.waits.load(Relaxed),

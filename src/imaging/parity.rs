@@ -29,7 +29,7 @@ mod warp;
 
 pub use pixels::Pixels;
 #[cfg(test)]
-pub use slice::possible_labels;
+pub(crate) use slice::possible_labels;
 
 use std::sync::Arc;
 

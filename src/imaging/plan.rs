@@ -16,7 +16,7 @@ use crate::quality::Picked;
 use crate::synth::tables::Tables;
 
 /// One pass of a plan.
-pub(crate) struct PlannedPass {
+pub struct PlannedPass {
     /// Declaration of the pass.
     pub pass: &'static Pass,
     /// Name of the effect that the pass belongs to.
@@ -27,7 +27,7 @@ pub(crate) struct PlannedPass {
 
 /// An effect that the scene does not use.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub(crate) struct Omitted {
+pub struct Omitted {
     /// Name of the effect.
     pub name: &'static str,
     /// Reason for the omission.
@@ -36,7 +36,7 @@ pub(crate) struct Omitted {
 
 /// A buffer and its size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub(crate) struct PlannedResource {
+pub struct PlannedResource {
     /// The buffer.
     pub resource: &'static Buffer,
     /// Size on the GPU, bytes.
@@ -193,7 +193,7 @@ const MAX_BAND_ROWS: u64 = 65_535;
 
 /// A pass in a report.
 #[derive(Clone, Debug, Serialize)]
-pub(crate) struct NamedPass {
+pub struct NamedPass {
     /// Name of the pass.
     pub name: &'static str,
     /// Name of the effect that the pass belongs to.
@@ -204,7 +204,7 @@ pub(crate) struct NamedPass {
 
 /// A plan as plain data.
 #[derive(Clone, Debug, Serialize)]
-pub(crate) struct PlanReport {
+pub struct PlanReport {
     /// Passes in order of execution.
     pub passes: Vec<NamedPass>,
     /// Passes that a GPU runs together, dispatch by dispatch.

@@ -92,7 +92,7 @@ pub struct SettingOption {
 
 /// A key with its picked value.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) struct Setting {
+pub struct Setting {
     /// The key as written in a file.
     pub key: String,
     /// The value as written in a file.

@@ -304,7 +304,7 @@ struct Timeline {
 impl Timeline {
     /// Creates the timeline from the times of a recording that moves probe or needle, or else from the union of all
     /// spans (first and last time, s).
-    pub fn new(recorded: Option<Vec<f64>>, spans: &[[f64; 2]], stated: Option<usize>) -> Self {
+    pub(crate) fn new(recorded: Option<Vec<f64>>, spans: &[[f64; 2]], stated: Option<usize>) -> Self {
         let cover = |all: [f64; 2], span: [f64; 2]| [all[0].min(span[0]), all[1].max(span[1])];
         let times = match (recorded, spans.iter().copied().reduce(cover)) {
             (Some(times), _) => Times::Recorded(times),
@@ -315,7 +315,7 @@ impl Timeline {
     }
 
     /// Number of frames.
-    pub fn frames(&self) -> usize {
+    pub(crate) fn frames(&self) -> usize {
         self.stated.unwrap_or_else(|| match &self.times {
             Times::Still => 1,
             Times::Recorded(times) => times.len(),
@@ -324,7 +324,7 @@ impl Timeline {
     }
 
     /// Time of the first frame, s.
-    pub fn start_s(&self) -> f64 {
+    pub(crate) fn start_s(&self) -> f64 {
         match &self.times {
             Times::Still => 0.0,
             Times::Recorded(times) => times.first().copied().unwrap_or_default(),
@@ -333,7 +333,7 @@ impl Timeline {
     }
 
     /// Time of frame `frame` of `of`, s.
-    pub fn time_s(&self, frame: usize, of: usize) -> f64 {
+    pub(crate) fn time_s(&self, frame: usize, of: usize) -> f64 {
         let [start, end] = match &self.times {
             Times::Still => return 0.0,
             Times::Recorded(times) if times.len() == of => return times[frame.min(of - 1)],

@@ -21,7 +21,8 @@ use std::sync::Arc;
 
 use batch::Team;
 use flight::Flight;
-pub use flight::{IN_FLIGHT, Ticket};
+pub(crate) use flight::IN_FLIGHT;
+pub use flight::Ticket;
 use local_origin::LocalFrame;
 use nalgebra::{Matrix4, Point3, Vector3};
 use tables::{Anatomy, Settings, Tables};

@@ -30,25 +30,25 @@ pub(crate) struct Signs {
 
 impl Ldl {
     /// Resets to a zero matrix of `size` rows.
-    pub fn start(&mut self, size: usize) {
+    pub(crate) fn start(&mut self, size: usize) {
         self.size = size;
         self.entries.clear();
         self.entries.resize(size * size, 0.0);
     }
 
     /// Returns the entry on or below the diagonal.
-    pub fn entry(&mut self, row: usize, column: usize) -> &mut f64 {
+    pub(crate) fn entry(&mut self, row: usize, column: usize) -> &mut f64 {
         debug_assert!(row >= column);
         &mut self.entries[column * self.size + row]
     }
 
     /// Factors the lower triangle in place.
-    pub fn factor(&mut self) -> Signs {
+    pub(crate) fn factor(&mut self) -> Signs {
         vectorised(Factor(self))
     }
 
     /// Solves in place; unknowns of dropped rows are zero.
-    pub fn solve(&self, x: &mut [f64]) {
+    pub(crate) fn solve(&self, x: &mut [f64]) {
         let n = self.size;
         self.forward(x, 1);
         for j in (0..n).rev() {
@@ -66,7 +66,7 @@ impl Ldl {
     }
 
     /// Computes `L^-1 X` in place for X of `width` columns, stored row by row.
-    pub fn forward(&self, x: &mut [f64], width: usize) {
+    pub(crate) fn forward(&self, x: &mut [f64], width: usize) {
         debug_assert_eq!(x.len(), self.size * width);
         vectorised(Forward(self, x, width));
     }

@@ -178,17 +178,17 @@ struct Cursor<'a> {
 }
 
 impl<'a> Cursor<'a> {
-    pub fn new(bytes: &'a [u8]) -> Cursor<'a> {
+    pub(crate) fn new(bytes: &'a [u8]) -> Cursor<'a> {
         Cursor { bytes, at: 0 }
     }
 
     /// Returns the unread bytes.
-    pub fn rest(&self) -> &'a [u8] {
+    pub(crate) fn rest(&self) -> &'a [u8] {
         &self.bytes[self.at..]
     }
 
     /// Reads the rest of the line, without its end.
-    pub fn line(&mut self) -> &'a [u8] {
+    pub(crate) fn line(&mut self) -> &'a [u8] {
         let rest = self.rest();
         let end = rest.iter().position(|b| *b == b'\n').unwrap_or(rest.len());
         self.at += (end + 1).min(rest.len());
@@ -196,7 +196,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// Returns the next word and its offset without consuming it; empty at the end.
-    pub fn peek(&self) -> (usize, &'a [u8]) {
+    pub(crate) fn peek(&self) -> (usize, &'a [u8]) {
         let rest = self.rest();
         let start = rest.iter().position(|b| !b.is_ascii_whitespace()).unwrap_or(rest.len());
         let end = rest[start..]
@@ -207,25 +207,25 @@ impl<'a> Cursor<'a> {
     }
 
     /// Reads the next word and its offset; empty at the end.
-    pub fn word(&mut self) -> (usize, &'a [u8]) {
+    pub(crate) fn word(&mut self) -> (usize, &'a [u8]) {
         let (at, word) = self.peek();
         self.at = at + word.len();
         (at, word)
     }
 
     /// Reads the next word as a number; `expected` describes it.
-    pub fn number<T: std::str::FromStr>(&mut self, expected: impl FnOnce() -> String) -> Result<T, Fault> {
+    pub(crate) fn number<T: std::str::FromStr>(&mut self, expected: impl FnOnce() -> String) -> Result<T, Fault> {
         let (at, word) = self.word();
         let number = std::str::from_utf8(word).ok().and_then(|word| word.parse().ok());
         number.ok_or_else(|| Fault::at(at, quote(word), expected()))
     }
 
-    pub fn count(&mut self) -> Result<usize, Fault> {
+    pub(crate) fn count(&mut self) -> Result<usize, Fault> {
         self.number(|| "a count".to_owned())
     }
 
     /// Reads the next `count` bytes.
-    pub fn take(&mut self, count: usize) -> Option<&'a [u8]> {
+    pub(crate) fn take(&mut self, count: usize) -> Option<&'a [u8]> {
         let taken = self.rest().get(..count)?;
         self.at += count;
         Some(taken)

@@ -44,7 +44,7 @@ pub(super) struct CellGrid<T> {
 }
 
 impl<T: Real> CellGrid<T> {
-    pub fn new(elements: usize) -> CellGrid<T> {
+    pub(crate) fn new(elements: usize) -> CellGrid<T> {
         CellGrid {
             origin: [T::zero(); 3],
             per_mm: T::one(),
@@ -60,7 +60,7 @@ impl<T: Real> CellGrid<T> {
     }
 
     /// Rebuilds the grid for elements with these outlines over these nodes.
-    pub fn rebuild(&mut self, nodes: &[[T; 3]], outlines: &[Outline<T>]) {
+    pub(crate) fn rebuild(&mut self, nodes: &[[T; 3]], outlines: &[Outline<T>]) {
         self.place(nodes, outlines);
         self.ranges.clear();
         (self.low, self.high) = ([T::infinity(); 3], [T::neg_infinity(); 3]);
@@ -98,7 +98,7 @@ impl<T: Real> CellGrid<T> {
     /// Returns the elements whose boxes touch the cell of `p`, ascending, and whether one of them is inverted. Empty outside
     /// the bounds of all boxes.
     #[inline(always)]
-    pub fn around(&self, p: [T; 3]) -> (&[u32], bool) {
+    pub(crate) fn around(&self, p: [T; 3]) -> (&[u32], bool) {
         if (0..3).any(|axis| p[axis] < self.low[axis] || p[axis] > self.high[axis]) {
             return (&[], false);
         }

@@ -54,7 +54,7 @@ document::input_file!(CaseFile);
 /// Measured force.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct ForceSpec {
+pub struct ForceSpec {
     /// CSV file with the columns `tip_mm` (tip depth below the surface at rest) and `force_n` (positive while the needle is
     /// pushed in); or a table `steps.csv` of `insonify insert`.
     pub file: PathBuf,
@@ -75,7 +75,7 @@ pub struct MotionSpec {
 /// Cost function.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) enum Cost {
+pub enum Cost {
     /// Sum of the squared errors of all displacements (Dehghan et al. 2008, equation 1).
     #[default]
     Points,
@@ -133,7 +133,7 @@ pub struct Case {
 
 /// A layer on the needle's line.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Crossed {
+pub struct Crossed {
     /// Number of its region.
     pub region: i32,
     /// Name of the region.

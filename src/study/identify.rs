@@ -46,7 +46,7 @@ const EXPECTED: usize = 150;
 
 /// Identifications of one measured insertion.
 #[derive(Clone, Debug, Serialize)]
-pub(crate) struct Identification {
+pub struct Identification {
     /// Piecewise-linear model of the measured force.
     pub force_model: Piecewise,
     /// Result for each Poisson's ratio.
@@ -59,7 +59,7 @@ pub(crate) struct Identification {
 
 /// Identified parameters, and how well they reproduce the measurement.
 #[derive(Clone, Debug, Serialize)]
-pub(crate) struct Identified {
+pub struct Identified {
     /// Poisson's ratio of all layers, if the case states it.
     pub poisson: Option<f64>,
     /// Parameters of each layer.
@@ -80,7 +80,7 @@ pub(crate) struct Identified {
 
 /// Errors of a simulated force.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub(crate) struct ForceErrors {
+pub struct ForceErrors {
     /// Root mean square of the difference from the measured force, N.
     pub rms_n: f64,
     /// Largest difference from the measured force, N.
@@ -89,7 +89,7 @@ pub(crate) struct ForceErrors {
 
 /// Errors of simulated displacements over the depth of the needle.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub(crate) struct MotionErrors {
+pub struct MotionErrors {
     /// Cost, 1 for tissue that does not move.
     pub cost: f64,
     /// Largest magnitude of the mean error over all points at a depth, mm.

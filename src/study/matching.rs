@@ -38,7 +38,7 @@ const SETTLED: f64 = 0.02;
 
 /// Parameter estimated from the frame.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct Figure {
+pub struct Figure {
     /// Key in a scene file.
     pub key: &'static str,
     pub unit: &'static str,
@@ -50,7 +50,7 @@ pub(crate) struct Figure {
 
 /// Parameter that the frame does not identify.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct Unidentified {
+pub struct Unidentified {
     /// Name of the parameter.
     pub what: &'static str,
     /// Reason, and the value used in the scene instead.
@@ -59,7 +59,7 @@ pub(crate) struct Unidentified {
 
 /// Means over the windows at one depth.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct AtDepth {
+pub struct AtDepth {
     /// Mean depth of the windows, mm.
     pub depth_mm: f64,
     /// Number of windows.

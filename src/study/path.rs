@@ -90,7 +90,7 @@ pub struct Candidate {
 
 /// Planned paths.
 #[derive(Clone, Debug, Serialize)]
-pub(crate) struct PathPlan {
+pub struct PathPlan {
     /// Name of the target.
     pub target: String,
     /// The target at rest, mm.

@@ -15,7 +15,8 @@ use insonify_anatomy::volume::{At, VolumeError};
 use insonify_base::parallel;
 use insonify_base::statistics::percentile;
 use insonify_base::statistics::{correlation, mean, std};
-pub use measures::{MEASURES, Measure};
+pub(crate) use measures::MEASURES;
+pub use measures::Measure;
 use picture::Picture;
 use texture::{Patch, Texture, Window, dark_windows, uniform_windows};
 
@@ -194,7 +195,7 @@ impl FrameReport {
 
 /// Measure over the frames of one side.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct Figure {
+pub struct Figure {
     /// Mean over the frames in which the measure exists.
     pub mean: f64,
     /// Standard deviation over those frames; `None` for a single one.

@@ -39,7 +39,7 @@ pub(crate) const MEANINGS: [&str; COUNT] = [
 
 /// Values of the metrics, in the order of [`NAMES`]: means, but for m10, a minimum.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Metrics(pub [f64; COUNT]);
+pub struct Metrics(pub [f64; COUNT]);
 
 impl Serialize for Metrics {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
@@ -201,7 +201,7 @@ impl Observer for Collector {
 }
 
 impl Collector {
-    pub fn score(self, run: &Path) -> Result<Score, StudyError> {
+    pub(crate) fn score(self, run: &Path) -> Result<Score, StudyError> {
         Score::of_samples(run, self.samples, self.withdrawn, self.end_s)
     }
 }

@@ -123,7 +123,7 @@ pub struct Case {
 
 /// Cases on one subject.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Group {
+pub struct Group {
     /// Subject.
     pub name: &'static str,
     /// Cases in display order.

@@ -303,7 +303,7 @@ pub struct Made {
 
 /// Comparison of a texture with its exemplars.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct Figures {
+pub struct Figures {
     /// Voxels along each side.
     pub size: usize,
     /// Side of a voxel, mm.

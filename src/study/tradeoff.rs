@@ -35,7 +35,8 @@ pub mod tissue;
 
 use serde::Serialize;
 
-pub use advice::{FORCE_N, GREY_LEVELS, Goal, SHIFT_MM};
+pub use advice::Goal;
+pub(crate) use advice::{FORCE_N, GREY_LEVELS, SHIFT_MM};
 pub use real_time::{Deadline, Rates, RealTimeChoice};
 
 use insonify_base::machine::Machine;
@@ -139,7 +140,7 @@ pub struct Table {
 
 /// Plot of a table.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct Figure {
+pub struct Figure {
     /// Stem of the file names.
     pub file: String,
     pub title: String,

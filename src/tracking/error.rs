@@ -142,7 +142,7 @@ fn outside(of: &str, key: &'static str, found: f64, expected: &str) -> TrackingE
 
 /// Key at fault in a result that must be a [`TrackingError::Value`].
 #[cfg(test)]
-pub fn key<T>(result: Result<T, TrackingError>) -> Option<&'static str> {
+pub(crate) fn key<T>(result: Result<T, TrackingError>) -> Option<&'static str> {
     match result {
         Err(TrackingError::Value { key, .. }) => key,
         Err(error) => panic!("{error}"),

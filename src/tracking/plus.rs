@@ -23,7 +23,7 @@ const LOPSIDED_DEG: f64 = 1.0;
 
 /// A transform between two named frames, from a coordinate definition.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct DefinedTransform {
+pub struct DefinedTransform {
     /// Name of the source frame.
     pub from: String,
     /// Name of the target frame.
@@ -34,7 +34,7 @@ pub(crate) struct DefinedTransform {
 
 /// Straight wire of a calibration phantom.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Wire {
+pub struct Wire {
     /// Name, unique in its phantom.
     pub name: String,
     /// Ends in the phantom's frame, mm.

@@ -105,7 +105,7 @@ impl Pose {
 
     /// Returns the pose moved to `position_mm` and rotated by the smallest angle to the axial direction `direction`: this
     /// keeps the marked side steady along a path that states only directions.
-    pub(crate) fn turned_to(&self, position_mm: Point3<f64>, direction: Vector3<f64>) -> Result<Self, TrackingError> {
+    pub fn turned_to(&self, position_mm: Point3<f64>, direction: Vector3<f64>) -> Result<Self, TrackingError> {
         let axial = unit("pose", "direction", direction)?;
         let turn = Rotation3::rotation_between(&self.axial(), &axial)
             .unwrap_or_else(|| Rotation3::from_axis_angle(&self.lateral(), std::f64::consts::PI));

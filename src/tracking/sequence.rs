@@ -43,7 +43,7 @@ pub struct SequenceFrame {
 
 /// A grey image in orientation MF: columns run towards the marked side, rows away from the transducer.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct GreyImage {
+pub struct GreyImage {
     /// Columns.
     pub width: usize,
     /// Rows.

@@ -78,7 +78,7 @@ impl Model for Fake {
 }
 
 /// Ten steps a frame, again and again.
-pub fn rounds(synthesizer: Synthesizer, probe_to_world: Matrix4<f64>, frames: usize) -> impl FnMut() + Send {
+pub(crate) fn rounds(synthesizer: Synthesizer, probe_to_world: Matrix4<f64>, frames: usize) -> impl FnMut() + Send {
     let mesh = synthesizer.tables().anatomy.mesh.clone().expect("a mesh");
     let model = Fake {
         mesh,

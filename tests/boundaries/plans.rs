@@ -14,7 +14,7 @@ use crate::support::gpu::{backend, gpu_or_skip};
 use crate::support::scene;
 
 /// A scene, and what its plan must hold beyond the passes that every frame needs.
-pub struct Scene {
+pub(super) struct Scene {
     pub name: &'static str,
     pub anatomy: Anatomy,
     pub settings: Settings,
@@ -78,7 +78,7 @@ fn scene(
 }
 
 /// All effects, on deforming, attenuating, textured tissue with a needle.
-pub fn everything() -> Scene {
+pub(super) fn everything() -> Scene {
     let mesh = [[-12.0, 2.0, -12.0], [12.0, 36.0, 12.0]];
     scene(
         "everything",
@@ -138,7 +138,7 @@ pub fn everything() -> Scene {
     )
 }
 
-pub fn scenes() -> Vec<Scene> {
+pub(super) fn scenes() -> Vec<Scene> {
     let mesh = [[-12.0, 2.0, -12.0], [12.0, 36.0, 12.0]];
     vec![
         scene("nothing named", box_of(lossy()), |_| {}, &[], &[]),

@@ -7,18 +7,18 @@ use insonify_imaging::effects::buffers::Buffer;
 use insonify_imaging::effects::pass::{Band, Pass};
 use insonify_imaging::effects::shadow::aperture::RAYS;
 use insonify_imaging::synth::tables::Tables;
-pub use insonify_testing::shader::{block_of, layout};
+pub(super) use insonify_testing::shader::{block_of, layout};
 use naga::valid::{Capabilities, GlobalUse, ModuleInfo, ValidationFlags, Validator};
 use naga::{AddressSpace, Module, StorageAccess};
 
 use super::plans::{Scene, everything, scenes};
 
-pub fn tables(scene: &Scene) -> Tables {
+pub(super) fn tables(scene: &Scene) -> Tables {
     Tables::new(scene.anatomy.clone(), scene.settings.clone()).expect("tables")
 }
 
 /// Every pass of every effect, in all variants that the scenes of these tests bring forth.
-pub fn passes() -> Vec<&'static Pass> {
+pub(super) fn passes() -> Vec<&'static Pass> {
     let mut found: BTreeMap<(&str, &str), &'static Pass> = BTreeMap::new();
     for scene in scenes() {
         let tables = tables(&scene);
@@ -32,7 +32,7 @@ pub fn passes() -> Vec<&'static Pass> {
 }
 
 /// A parsed and validated shader.
-pub fn parse(pass: &Pass) -> (Module, ModuleInfo) {
+pub(super) fn parse(pass: &Pass) -> (Module, ModuleInfo) {
     let module = naga::front::wgsl::parse_str(pass.shader)
         .unwrap_or_else(|error| panic!("{}: {}", pass.name, error.emit_to_string(pass.shader)));
     let info = Validator::new(ValidationFlags::all(), Capabilities::empty())

@@ -10,7 +10,7 @@ use crate::support::{Bench, grey};
 use insonify_testing::gpu::gpu_or_skip;
 
 /// A coarse block, held at its far side, with a needle that goes in 25 mm along z in 0.5 s.
-pub const BLOCK: &str = r#"version = 1
+pub(crate) const BLOCK: &str = r#"version = 1
 [run]
 dt_ms = 5
 frame_rate_hz = 20

@@ -8,7 +8,7 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 /// A coarse phantom under a small probe: every command on it takes a moment.
-pub const SCENE: &str = r#"
+pub(crate) const SCENE: &str = r#"
 version = 1
 seed = 3
 [volume]
@@ -26,13 +26,13 @@ height = 40
 "#;
 
 /// A folder that the command runs in.
-pub struct Bench {
+pub(crate) struct Bench {
     folder: TempDir,
 }
 
 impl Bench {
     /// An empty folder but for `scene.toml`.
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let bench = Self {
             folder: tempfile::tempdir().expect("a folder"),
         };
@@ -40,26 +40,26 @@ impl Bench {
         bench
     }
 
-    pub fn path(&self, name: &str) -> PathBuf {
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
-    pub fn write(&self, name: &str, text: &str) {
+    pub(crate) fn write(&self, name: &str, text: &str) {
         std::fs::write(self.path(name), text).expect("written");
     }
 
     /// A text file of the folder.
-    pub fn text(&self, name: &str) -> String {
+    pub(crate) fn text(&self, name: &str) -> String {
         std::fs::read_to_string(self.path(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
     }
 
     /// A JSON file of the folder.
-    pub fn read<T: DeserializeOwned>(&self, name: &str) -> T {
+    pub(crate) fn read<T: DeserializeOwned>(&self, name: &str) -> T {
         serde_json::from_str(&self.text(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
     }
 
     /// Names of the files there but for the list that runs keep of them and what they keep in the cache, sorted.
-    pub fn files(&self, folder: &str) -> Vec<String> {
+    pub(crate) fn files(&self, folder: &str) -> Vec<String> {
         let entries = std::fs::read_dir(self.path(folder)).expect("a folder");
         let mut names: Vec<String> = entries
             .map(|entry| entry.expect("an entry").file_name().to_string_lossy().into_owned())
@@ -71,7 +71,7 @@ impl Bench {
 
     /// The command with space-separated arguments, ready to run. Each test has its own cache folder; phantoms and textures in it are shared by all
     /// tests.
-    pub fn command(&self, arguments: &str) -> Command {
+    pub(crate) fn command(&self, arguments: &str) -> Command {
         let cache = self.path("cache");
         #[cfg(unix)]
         if !cache.exists() {
@@ -90,12 +90,12 @@ impl Bench {
         command
     }
 
-    pub fn run(&self, arguments: &str) -> Run {
+    pub(crate) fn run(&self, arguments: &str) -> Run {
         Run::of(self.command(arguments), arguments)
     }
 
     /// Runs it on a machine without GPU adapters.
-    pub fn run_without_gpu(&self, arguments: &str) -> Run {
+    pub(crate) fn run_without_gpu(&self, arguments: &str) -> Run {
         let mut command = self.command(arguments);
         command
             .env("VK_DRIVER_FILES", "/nonexistent")
@@ -105,7 +105,7 @@ impl Bench {
 }
 
 /// What a run left.
-pub struct Run {
+pub(crate) struct Run {
     pub arguments: String,
     pub status: Option<i32>,
     pub stdout: String,
@@ -113,7 +113,7 @@ pub struct Run {
 }
 
 impl Run {
-    pub fn of(mut command: Command, arguments: &str) -> Self {
+    pub(crate) fn of(mut command: Command, arguments: &str) -> Self {
         let Output { status, stdout, stderr } = command.output().expect("it runs");
         let run = Self {
             arguments: arguments.to_owned(),
@@ -126,18 +126,18 @@ impl Run {
     }
 
     /// Its standard output, if it succeeded.
-    pub fn text(&self) -> &str {
+    pub(crate) fn text(&self) -> &str {
         assert_eq!(self.status, Some(0), "{self:?}");
         &self.stdout
     }
 
     /// Its standard output as JSON, if it succeeded.
-    pub fn json(&self) -> Value {
+    pub(crate) fn json(&self) -> Value {
         serde_json::from_str(self.text()).unwrap_or_else(|error| panic!("{error}: {self:?}"))
     }
 
     /// Checks that it failed with a status, said all of `words`, and left nothing on standard output.
-    pub fn fails(&self, status: i32, words: &[&str]) {
+    pub(crate) fn fails(&self, status: i32, words: &[&str]) {
         assert_eq!(self.status, Some(status), "{self:?}");
         assert_eq!(self.stdout, "", "{self:?}");
         for word in words {
@@ -162,21 +162,21 @@ impl std::fmt::Debug for Run {
 }
 
 /// Size and grey levels of a PNG.
-pub fn grey(path: &Path) -> ((u32, u32), Vec<u8>) {
+pub(crate) fn grey(path: &Path) -> ((u32, u32), Vec<u8>) {
     let image = image::open(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     let image = image.as_luma8().expect("8-bit grey").clone();
     (image.dimensions(), image.into_raw())
 }
 
 /// Size and values of a 16-bit PNG.
-pub fn grey16(path: &Path) -> ((u32, u32), Vec<u16>) {
+pub(crate) fn grey16(path: &Path) -> ((u32, u32), Vec<u16>) {
     let image = image::open(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     let image = image.as_luma16().expect("16-bit grey").clone();
     (image.dimensions(), image.into_raw())
 }
 
 /// Names in a list of objects.
-pub fn names(list: &Value) -> Vec<&str> {
+pub(crate) fn names(list: &Value) -> Vec<&str> {
     let items = list.as_array().expect("a list");
     items
         .iter()

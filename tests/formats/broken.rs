@@ -27,7 +27,7 @@ fn watch(size: usize) {
 }
 
 /// What is the largest that this thread allocates at once while `work` runs.
-pub fn largest_of(work: impl FnOnce()) -> usize {
+pub(crate) fn largest_of(work: impl FnOnce()) -> usize {
     LARGEST_HERE.set(0);
     work();
     LARGEST_HERE.get()

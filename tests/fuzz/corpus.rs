@@ -12,34 +12,34 @@ use nalgebra::Matrix4;
 const SIDE: usize = 6;
 
 /// Scenes, scenarios and problems on the files of [`beside`].
-pub const SCENE: &str = include_str!("scene.toml");
-pub const SCENARIO: &str = include_str!("scenario.toml");
-pub const PROBLEM: &str = "mesh = \"block.msh\"\nmodel = \"linear\"\nreport_nodes = [0, 5]\n[[material]]\nyoung_kpa = 5.0\npoisson = 0.45\n\
+pub(crate) const SCENE: &str = include_str!("scene.toml");
+pub(crate) const SCENARIO: &str = include_str!("scenario.toml");
+pub(crate) const PROBLEM: &str = "mesh = \"block.msh\"\nmodel = \"linear\"\nreport_nodes = [0, 5]\n[[material]]\nyoung_kpa = 5.0\npoisson = 0.45\n\
     [[material]]\nregion = 2\nyoung_kpa = 30.0\npoisson = 0.4\n\
     [[fix]]\nbox_mm = [[-inf, -inf, -inf], [inf, inf, 1.0]]\n[[fix]]\nnodes = [26]\naxes = \"x\"\ndisplacement_mm = [1.0, 0.0, 0.0]\n\
     [[load]]\nnodes = [18, 20]\nforce_n = [0.0, 0.0, 0.01]\n";
-pub const COURSE: &str = "[nonlinear]\nscheme = \"newton\"\ntolerance = 1e-6\niterations = 20\n[viscoelastic]\norder = 0.1\n\
+pub(crate) const COURSE: &str = "[nonlinear]\nscheme = \"newton\"\ntolerance = 1e-6\niterations = 20\n[viscoelastic]\norder = 0.1\n\
     law = \"load-integral\"\nrule = \"exponentials\"\n[history]\ntime_s = [0.0, 1.0, 2.0]\nfactor = [0.0, 1.0, 1.0]\nstep_s = 0.5\n";
-pub const POSES: &str =
+pub(crate) const POSES: &str =
     "# poses\ntime_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,0,-20,0,1,0,0,0\n0.5,5,-20,1,0.7071,0,0.7071,0\n1,9,-21,0,1,0,0,0\n";
-pub const AIMED: &str = "time_s,x_mm,y_mm,z_mm,dx,dy,dz,lx,ly,lz\n0,0,-20,0,0,1,0,1,0,0\n1,5,-20,1,0,1,0.1,1,0,0\n";
-pub const MATRICES: &str =
+pub(crate) const AIMED: &str = "time_s,x_mm,y_mm,z_mm,dx,dy,dz,lx,ly,lz\n0,0,-20,0,0,1,0,1,0,0\n1,5,-20,1,0,1,0.1,1,0,0\n";
+pub(crate) const MATRICES: &str =
     "time_s,m00,m01,m02,m03,m10,m11,m12,m13,m20,m21,m22,m23,m30,m31,m32,m33\n0,1,0,0,3,0,1,0,4,0,0,1,5,0,0,0,1\n";
-pub const NAMES_OF_LABELS: [&str; 3] = [
+pub(crate) const NAMES_OF_LABELS: [&str; 3] = [
     "value,name\n1,liver\n2,spleen\n",
     "1 liver 255 0 0 255\n2 spleen 0 0 0 255\n",
     "  40  255 0 0  1 1 1  \"right lung\"\n",
 ];
-pub const POINTS: &str = "stretch,stress_kpa\n1.0,0.0\n0.95,-1.98\n0.90,-4.1\n0.85,-6.9\n0.8,-10.2\n0.7,-20\n";
-pub const COSTS: &str = r#"{"measured": "frames", "errors": "mm", "base_ms": 1.5, "dials": [
+pub(crate) const POINTS: &str = "stretch,stress_kpa\n1.0,0.0\n0.95,-1.98\n0.90,-4.1\n0.85,-6.9\n0.8,-10.2\n0.7,-20\n";
+pub(crate) const COSTS: &str = r#"{"measured": "frames", "errors": "mm", "base_ms": 1.5, "dials": [
     {"keys": ["lines", "samples"], "rungs": [{"values": ["64", "128"], "extra_ms": 0.1, "error": 2}, {"values": ["256", "512"], "extra_ms": 4, "error": 0}]},
     {"keys": ["level"], "rungs": [{"values": ["exact"], "extra_ms": 0, "error": 0}, {"values": ["two"], "extra_ms": -1, "error": 0.5}]}]}"#;
-pub const XML: &str = r#"<PlusConfiguration version="2.3"><ScanConversion TransducerGeometry="LINEAR" ImagingDepthMm="60.0"
+pub(crate) const XML: &str = r#"<PlusConfiguration version="2.3"><ScanConversion TransducerGeometry="LINEAR" ImagingDepthMm="60.0"
     TransducerWidthMm="40.0" OutputImageSizePixel="820 616" TransducerCenterPixel="410 0" OutputImageSpacingMmPerPixel="0.085 0.085"/>
     <CoordinateDefinitions><Transform From="Image" To="Probe" Matrix="0.08 0 0 1  0 0.08 0 2  0 0 0.08 3  0 0 0 1" Error="0.5"/>
     <Transform From="Reference" To="Tracker" Matrix="1 0 0 1  0 1 0 2  0 0 1 3  0 0 0 1"/></CoordinateDefinitions></PlusConfiguration>"#;
 
-pub const VTU: &str = r#"<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64"><UnstructuredGrid>
+pub(crate) const VTU: &str = r#"<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64"><UnstructuredGrid>
     <Piece NumberOfPoints="4" NumberOfCells="1"><Points><DataArray type="Float64" NumberOfComponents="3" format="ascii">0 0 0 10 0 0 0 10 0
     0 0 10</DataArray></Points><Cells><DataArray type="Int64" Name="connectivity" format="ascii">0 1 2 3</DataArray>
     <DataArray type="Int64" Name="offsets" format="ascii">4</DataArray><DataArray type="UInt8" Name="types" format="ascii">10</DataArray>
@@ -47,7 +47,7 @@ pub const VTU: &str = r#"<VTKFile type="UnstructuredGrid" version="1.0" byte_ord
     </Piece></UnstructuredGrid></VTKFile>"#;
 
 /// A body of three labels.
-pub fn volume() -> LabelVolume {
+pub(crate) fn volume() -> LabelVolume {
     let inside = |n: usize| [n % SIDE, n / SIDE % SIDE, n / SIDE / SIDE].map(|at| (1..5).contains(&at));
     let voxels: Vec<u8> = (0..SIDE.pow(3))
         .map(|n| {
@@ -76,7 +76,7 @@ pub fn volume() -> LabelVolume {
 }
 
 /// What [`save`] makes of it.
-pub fn saved(folder: &Path, name: &str) -> Vec<u8> {
+pub(crate) fn saved(folder: &Path, name: &str) -> Vec<u8> {
     let path = folder.join(name);
     save(&volume(), &path).expect("saved");
     let bytes = std::fs::read(&path).expect("saved");
@@ -90,7 +90,7 @@ fn raw() -> Vec<u8> {
 }
 
 /// Headers of images with this line for their data, then the data of those that hold them.
-pub fn nrrd(data: &str) -> Vec<u8> {
+pub(crate) fn nrrd(data: &str) -> Vec<u8> {
     let attached = data.starts_with("encoding: raw\n\n");
     let header = format!(
         "NRRD0005\ntype: uint8\ndimension: 3\nspace: left-posterior-superior\nsizes: 6 6 6\n\
@@ -100,7 +100,7 @@ pub fn nrrd(data: &str) -> Vec<u8> {
     [header.as_bytes(), if attached { raw() } else { Vec::new() }.as_slice()].concat()
 }
 
-pub fn metaimage(file: &str) -> Vec<u8> {
+pub(crate) fn metaimage(file: &str) -> Vec<u8> {
     let header = format!(
         "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nCompressedData = False\n\
          TransformMatrix = 1 0 0 0 1 0 0 0 1\nOffset = -25 -25 -25\nElementSpacing = 10 10 10\nDimSize = 6 6 6\n\
@@ -114,14 +114,14 @@ pub fn metaimage(file: &str) -> Vec<u8> {
 }
 
 /// A grey volume of text.
-pub fn texture() -> Vec<u8> {
+pub(crate) fn texture() -> Vec<u8> {
     let values: String = (0..64).map(|n| format!("{} ", 1 + n * 7 % 13)).collect();
     format!("NRRD0004\ntype: float\ndimension: 3\nsizes: 4 4 4\nspacings: 1 1 1\nencoding: ascii\n\n{values}\n")
         .into_bytes()
 }
 
 /// A recording of three frames of 2 x 2 pixels, as MetaImage or NRRD.
-pub fn sequence(is_nrrd: bool) -> Vec<u8> {
+pub(crate) fn sequence(is_nrrd: bool) -> Vec<u8> {
     let mut text = match is_nrrd {
         true => "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 2 2 3\nspacings: 1 1 1\nencoding: raw\nkinds: domain domain list\n".to_owned(),
         false => "ObjectType = Image\nNDims = 3\nDimSize = 2 2 3\nElementSpacing = 1 1 1\n".to_owned(),
@@ -146,7 +146,7 @@ pub fn sequence(is_nrrd: bool) -> Vec<u8> {
 }
 
 /// A cube of 27 nodes, its lower half of region 1, its upper of region 2.
-pub fn cube() -> TetMesh {
+pub(crate) fn cube() -> TetMesh {
     let place = |n: usize| [n % 3, n / 3 % 3, n / 9].map(|at| 10.0 * at as f64 - 10.0);
     let mut elements = Vec::new();
     for cell in 0..8usize {
@@ -169,7 +169,7 @@ pub fn cube() -> TetMesh {
 }
 
 /// The cube by [`write_vtu`].
-pub fn vtu(folder: &Path) -> Vec<u8> {
+pub(crate) fn vtu(folder: &Path) -> Vec<u8> {
     let path = folder.join("cube.vtu");
     write_vtu(&path, &cube(), Some(&[[0.5, 0.0, 0.0]; 27])).expect("written");
     let bytes = std::fs::read(&path).expect("written");
@@ -214,7 +214,7 @@ impl Numbers {
 const NAMES: &str = "$PhysicalNames\n2\n3 1 \"liver\"\n3 2 \"kidney\"\n$EndPhysicalNames";
 
 /// The cube in version 2.2 of Gmsh's format.
-pub fn gmsh22(text: bool) -> Vec<u8> {
+pub(crate) fn gmsh22(text: bool) -> Vec<u8> {
     let (mesh, mut out) = (
         cube(),
         Numbers {
@@ -256,7 +256,7 @@ pub fn gmsh22(text: bool) -> Vec<u8> {
 }
 
 /// The cube in version 4.1 of Gmsh's format.
-pub fn gmsh41(text: bool) -> Vec<u8> {
+pub(crate) fn gmsh41(text: bool) -> Vec<u8> {
     let (mesh, mut out) = (
         cube(),
         Numbers {
@@ -300,7 +300,7 @@ pub fn gmsh41(text: bool) -> Vec<u8> {
 }
 
 /// The cube as legacy VTK, of version 5.1 with offsets or of version 3.
-pub fn vtk(text: bool, offsets: bool) -> Vec<u8> {
+pub(crate) fn vtk(text: bool, offsets: bool) -> Vec<u8> {
     let (mesh, mut out) = (
         cube(),
         Numbers {
@@ -338,7 +338,7 @@ pub fn vtk(text: bool, offsets: bool) -> Vec<u8> {
 }
 
 /// Puts the files there that cases name.
-pub fn beside(folder: &Path) {
+pub(crate) fn beside(folder: &Path) {
     for (name, bytes) in [
         ("labels.raw", raw()),
         ("pair.img", raw()),

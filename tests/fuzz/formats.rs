@@ -36,7 +36,7 @@ use crate::mutate::Dice;
 type Run = fn(&Path, &[u8], &mut Dice) -> Result<(), Error>;
 
 /// A format of files.
-pub struct Format {
+pub(crate) struct Format {
     pub name: &'static str,
     /// Name of the file of a case.
     pub file: &'static str,
@@ -48,7 +48,7 @@ pub struct Format {
 }
 
 /// All of them, with the files that cases name put into `folder`.
-pub fn all(folder: &Path) -> Vec<Format> {
+pub(crate) fn all(folder: &Path) -> Vec<Format> {
     corpus::beside(folder);
     let saved = |name| corpus::saved(folder, name);
     let nifti = saved("a.nii");

@@ -90,14 +90,14 @@ const PIECES: &[&str] = &[
 ];
 
 /// A generator of random numbers, the same for the same words.
-pub struct Dice {
+pub(crate) struct Dice {
     words: [u32; 2],
     count: u32,
 }
 
 impl Dice {
     /// That of a case.
-    pub fn new(seed: u64, format: &str, case: u64) -> Self {
+    pub(crate) fn new(seed: u64, format: &str, case: u64) -> Self {
         let name = format
             .bytes()
             .fold(0, |sum: u32, byte| sum.wrapping_mul(31).wrapping_add(byte.into()));
@@ -113,7 +113,7 @@ impl Dice {
     }
 
     /// A number from 0 to below `end`, 0 for none.
-    pub fn below(&mut self, end: usize) -> usize {
+    pub(crate) fn below(&mut self, end: usize) -> usize {
         self.count += 1;
         let [word, ..] = pcg3d([self.words[0], self.words[1], self.count]);
         ((u64::from(word) * end as u64) >> 32) as usize
@@ -125,7 +125,7 @@ impl Dice {
 }
 
 /// A file made of one of a corpus by one to a few mutations; the first case of each file is the file itself.
-pub fn mutated(corpus: &[Vec<u8>], binary: bool, dice: &mut Dice) -> Vec<u8> {
+pub(crate) fn mutated(corpus: &[Vec<u8>], binary: bool, dice: &mut Dice) -> Vec<u8> {
     let mut bytes = dice.pick(corpus).clone();
     let mut left = 1;
     while left > 0 {

@@ -27,17 +27,23 @@ use insonify_imaging::synth::tables::{Anatomy, Settings};
 use insonify_imaging::synth::{Backend, FrameState, Synthesizer};
 
 /// Both precisions of the reference.
-pub fn precisions() -> [(&'static str, Backend); 2] {
+pub(crate) fn precisions() -> [(&'static str, Backend); 2] {
     [("f32", Backend::Cpu), ("f64", Backend::CpuF64)]
 }
 
 /// A synthesizer of a scene that must be valid.
-pub fn synthesizer(anatomy: &Anatomy, settings: &Settings, backend: Backend) -> Synthesizer {
+pub(crate) fn synthesizer(anatomy: &Anatomy, settings: &Settings, backend: Backend) -> Synthesizer {
     Synthesizer::new(anatomy.clone(), settings.clone(), backend).expect("a synthesizer")
 }
 
 /// What stands in beam space after a pass.
-pub fn beam_after(anatomy: &Anatomy, settings: &Settings, backend: Backend, pass: &str, state: &FrameState) -> Beam {
+pub(crate) fn beam_after(
+    anatomy: &Anatomy,
+    settings: &Settings,
+    backend: Backend,
+    pass: &str,
+    state: &FrameState,
+) -> Beam {
     synthesizer(anatomy, settings, backend)
         .render_until(pass, state)
         .expect("a beam")

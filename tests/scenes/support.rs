@@ -9,20 +9,20 @@ use insonify_imaging::synth::{Backend, Frame, FrameState, Synthesizer};
 use nalgebra::Matrix4;
 
 /// A phantom scene that resolves in milliseconds, with more text behind it.
-pub fn small(more: &str) -> String {
+pub(super) fn small(more: &str) -> String {
     format!("version = 1\n[volume]\nphantom = \"abdomen\"\nresolution_mm = 5\n{more}\n")
 }
 
-pub fn parse(text: &str) -> Result<SceneFile, InputError> {
+pub(super) fn parse(text: &str) -> Result<SceneFile, InputError> {
     SceneFile::parse(text, "test.toml")
 }
 
-pub fn resolve(text: &str) -> Result<Scene, InputError> {
+pub(super) fn resolve(text: &str) -> Result<Scene, InputError> {
     parse(text).and_then(|file| file.resolve(Path::new(".")))
 }
 
 /// The error of a scene that must have one.
-pub fn fault(text: &str) -> InputError {
+pub(super) fn fault(text: &str) -> InputError {
     match resolve(text) {
         Ok(_) => panic!("no error for:\n{text}"),
         Err(error) => error,
@@ -30,7 +30,7 @@ pub fn fault(text: &str) -> InputError {
 }
 
 /// Coarse enough for a frame in well under a second.
-pub fn shrink(file: &mut SceneFile) {
+pub(super) fn shrink(file: &mut SceneFile) {
     if let Some(volume) = &mut file.volume
         && volume.phantom.is_some()
     {
@@ -44,24 +44,24 @@ pub fn shrink(file: &mut SceneFile) {
 }
 
 /// Takes the solid textures away, which take seconds to make.
-pub fn without_textures(file: &mut SceneFile) {
+pub(super) fn without_textures(file: &mut SceneFile) {
     file.effects.get_or_insert_with(Effects::usual).texture = None;
 }
 
-pub fn synthesizer(scene: &Scene) -> Synthesizer {
+pub(super) fn synthesizer(scene: &Scene) -> Synthesizer {
     Synthesizer::new(scene.anatomy.clone(), scene.settings.clone(), Backend::Cpu).expect("synthesizer")
 }
 
-pub fn render(scene: &Scene, synthesizer: &mut Synthesizer, frame: usize, of: usize) -> Frame {
+pub(super) fn render(scene: &Scene, synthesizer: &mut Synthesizer, frame: usize, of: usize) -> Frame {
     let mut state = FrameState::at(Matrix4::identity());
     scene.state(frame, of, &mut state).expect("state");
     synthesizer.render(&state).expect("frame").clone()
 }
 
-pub use insonify_testing::shared as data;
+pub(super) use insonify_testing::shared as data;
 
 /// The default scene with every key that it shows in a comment put in force.
-pub fn uncommented() -> String {
+pub(super) fn uncommented() -> String {
     let reveal = |line: &str| match line.strip_prefix('#') {
         Some(rest) if rest.starts_with(|c: char| c.is_ascii_lowercase() || c == '[') => rest.to_owned(),
         _ => line.to_owned(),

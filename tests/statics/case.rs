@@ -15,36 +15,36 @@ use insonify_study::stability::record;
 const ROUNDING_UNITS: f64 = 100.0;
 
 /// A hash of its arguments in [-1, 1).
-pub fn noise(seed: u64, index: usize) -> f64 {
+pub(super) fn noise(seed: u64, index: usize) -> f64 {
     record::noise(seed, index as u64)
 }
 
-pub fn lattice(cells: [usize; 3], extent: [f64; 3]) -> TetMesh {
+pub(super) fn lattice(cells: [usize; 3], extent: [f64; 3]) -> TetMesh {
     fixtures::lattice(cells, extent).unwrap()
 }
 
-pub fn shaken(cells: [usize; 3], extent: [f64; 3], share: f64, seed: u64) -> TetMesh {
+pub(super) fn shaken(cells: [usize; 3], extent: [f64; 3], share: f64, seed: u64) -> TetMesh {
     let mesh = fixtures::shaken(cells, extent, share, seed).unwrap();
     assert!(mesh.volumes(mesh.nodes()).all(|volume| volume > 0.0));
     mesh
 }
 
-pub fn with_regions(mesh: &TetMesh, region: impl Fn(usize, [f64; 3]) -> i32) -> TetMesh {
+pub(super) fn with_regions(mesh: &TetMesh, region: impl Fn(usize, [f64; 3]) -> i32) -> TetMesh {
     fixtures::with_regions(mesh, region).unwrap()
 }
 
 /// A mesh of the shared data, if it is there.
-pub fn real(name: &str) -> Option<TetMesh> {
+pub(super) fn real(name: &str) -> Option<TetMesh> {
     let path = insonify_testing::shared(&format!("meshes/{name}"))?;
     Some(read_mesh(&path, &ReadOptions::default()).unwrap().mesh)
 }
 
-pub fn material(young_kpa: f64, poisson: f64) -> Material {
+pub(super) fn material(young_kpa: f64, poisson: f64) -> Material {
     Material::new(young_kpa, poisson).unwrap()
 }
 
 /// A static problem whose solution must be found.
-pub struct Case(Problem);
+pub(super) struct Case(Problem);
 
 impl Deref for Case {
     type Target = Problem;
@@ -62,23 +62,23 @@ impl DerefMut for Case {
 
 impl Case {
     /// A mesh of one material, free and unloaded.
-    pub fn new(mesh: TetMesh, material: Material) -> Case {
+    pub(super) fn new(mesh: TetMesh, material: Material) -> Case {
         Case(Problem::new(mesh, material))
     }
 
-    pub fn solve(&self) -> Solution {
+    pub(super) fn solve(&self) -> Solution {
         let solution = self.0.solve().unwrap();
         assert!(solution.residual < 1e-12, "backward error {}", solution.residual);
         solution
     }
 
     /// What rounding may do to the solution, relative to it: the condition of the stiffness in rounding units.
-    pub fn tolerance(&self) -> f64 {
+    pub(super) fn tolerance(&self) -> f64 {
         ROUNDING_UNITS * f64::EPSILON * self.condition().unwrap()
     }
 
     /// Checks a solution against the exact displacement of every node, within rounding.
-    pub fn check(&self, found: &[[f64; 3]], exact: impl Fn(&[f64; 3]) -> [f64; 3]) {
+    pub(super) fn check(&self, found: &[[f64; 3]], exact: impl Fn(&[f64; 3]) -> [f64; 3]) {
         let exact: Vec<[f64; 3]> = self.mesh.nodes().iter().map(exact).collect();
         let (error, tolerance) = (distance(found, &exact), self.tolerance());
         assert!(error < tolerance, "error {error:.2e}, tolerance {tolerance:.2e}");
@@ -88,12 +88,12 @@ impl Case {
 }
 
 /// The greatest difference of two displacements over the greatest displacement.
-pub fn distance(found: &[[f64; 3]], exact: &[[f64; 3]]) -> f64 {
+pub(super) fn distance(found: &[[f64; 3]], exact: &[[f64; 3]]) -> f64 {
     record::relative(found.as_flattened(), exact.as_flattened())
 }
 
 /// Sum of the reactions along an axis at nodes that `which` picks by position, N.
-pub fn reaction(case: &Case, solution: &Solution, axis: u8, which: impl Fn(&[f64; 3]) -> bool) -> f64 {
+pub(super) fn reaction(case: &Case, solution: &Solution, axis: u8, which: impl Fn(&[f64; 3]) -> bool) -> f64 {
     let held = solution.reactions.iter().filter(|reaction| reaction.axis == axis);
     let held = held.filter(|reaction| which(&case.mesh.nodes()[reaction.node as usize]));
     held.map(|reaction| reaction.force_n).sum()

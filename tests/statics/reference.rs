@@ -46,7 +46,7 @@ fn corners(mesh: &TetMesh, element: usize) -> [[f64; 3]; 4] {
 }
 
 /// The stiffness over all degrees of freedom, N/mm.
-pub fn stiffness(mesh: &TetMesh, materials: &[Material]) -> DMatrix<f64> {
+pub(super) fn stiffness(mesh: &TetMesh, materials: &[Material]) -> DMatrix<f64> {
     let size = 3 * mesh.nodes().len();
     let mut dense = DMatrix::zeros(size, size);
     for (element, nodes) in mesh.elements().iter().enumerate() {
@@ -63,7 +63,7 @@ pub fn stiffness(mesh: &TetMesh, materials: &[Material]) -> DMatrix<f64> {
 }
 
 /// The strain energy of displacements of all nodes, N mm.
-pub fn energy(mesh: &TetMesh, materials: &[Material], displacement_mm: &[[f64; 3]]) -> f64 {
+pub(super) fn energy(mesh: &TetMesh, materials: &[Material], displacement_mm: &[[f64; 3]]) -> f64 {
     let of = |(element, nodes): (usize, &[u32; 4])| {
         let (strain, volume) = strain_matrix(corners(mesh, element));
         let moved = SVector::<f64, 12>::from_fn(|k, _| displacement_mm[nodes[k / 3] as usize][k % 3]);

@@ -2,9 +2,9 @@
 
 use insonify_gpu::Gpu;
 use insonify_imaging::synth::Backend;
-pub use insonify_testing::gpu::{gpu_or_skip, gpu_without_features};
+pub(crate) use insonify_testing::gpu::{gpu_or_skip, gpu_without_features};
 
 /// The backend over a device.
-pub fn backend(gpu: Gpu) -> Backend {
+pub(crate) fn backend(gpu: Gpu) -> Backend {
     Backend::Gpu(Box::new(gpu))
 }

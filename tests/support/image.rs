@@ -6,7 +6,13 @@ use image::GrayImage;
 
 /// Asserts that `actual` lies pixel by pixel within `allowed` (lowest and highest grey level). On failure writes `actual`,
 /// `expected` and their difference (amplified) as PNGs.
-pub fn assert_within(name: &str, [width, height]: [usize; 2], actual: &[u8], expected: &[u8], allowed: &[[u8; 2]]) {
+pub(crate) fn assert_within(
+    name: &str,
+    [width, height]: [usize; 2],
+    actual: &[u8],
+    expected: &[u8],
+    allowed: &[[u8; 2]],
+) {
     assert_eq!(actual.len(), width * height, "{name}");
     let outside: Vec<usize> = (0..actual.len())
         .filter(|&at| !(allowed[at][0]..=allowed[at][1]).contains(&actual[at]))
@@ -27,7 +33,7 @@ pub fn assert_within(name: &str, [width, height]: [usize; 2], actual: &[u8], exp
 }
 
 /// Asserts equality byte for byte, as [`assert_within`].
-pub fn assert_same(name: &str, size: [usize; 2], actual: &[u8], expected: &[u8]) {
+pub(crate) fn assert_same(name: &str, size: [usize; 2], actual: &[u8], expected: &[u8]) {
     let allowed: Vec<[u8; 2]> = expected.iter().map(|&grey| [grey; 2]).collect();
     assert_within(name, size, actual, expected, &allowed);
 }

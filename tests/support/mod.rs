@@ -5,8 +5,8 @@
     reason = "each test binary uses its own part of what is shared"
 )]
 
-pub use insonify_imaging::anatomies as anatomy;
-pub mod gpu;
-pub mod image;
-pub mod scene;
-pub mod stats;
+pub(crate) use insonify_imaging::anatomies as anatomy;
+pub(crate) mod gpu;
+pub(crate) mod image;
+pub(crate) mod scene;
+pub(crate) mod stats;

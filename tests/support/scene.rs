@@ -10,7 +10,7 @@ use nalgebra::{Matrix4, Rotation3, Translation3, Vector3};
 use super::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};
 
 /// Every shape of field of view, sized for volumes of some 40 mm.
-pub const SHAPES: [(&str, ProbeShape); 5] = [
+pub(crate) const SHAPES: [(&str, ProbeShape); 5] = [
     ("linear", ProbeShape::Linear { width_mm: 36.0 }),
     (
         "curvilinear",
@@ -31,7 +31,7 @@ pub const SHAPES: [(&str, ProbeShape); 5] = [
 ];
 
 /// A probe of `lines` by `samples`.
-pub fn probe(shape: ProbeShape, depth_mm: f64, lines: u32, samples: u32) -> Probe {
+pub(crate) fn probe(shape: ProbeShape, depth_mm: f64, lines: u32, samples: u32) -> Probe {
     Probe {
         shape,
         depth_mm,
@@ -42,22 +42,22 @@ pub fn probe(shape: ProbeShape, depth_mm: f64, lines: u32, samples: u32) -> Prob
 }
 
 /// The curvilinear probe at the size of most tests: 24 scanlines of 96 samples, 40 mm deep.
-pub fn small_probe() -> Probe {
+pub(crate) fn small_probe() -> Probe {
     probe(SHAPES[1].1, 40.0, 24, 96)
 }
 
 /// Nothing but slicing.
-pub fn bare() -> Effects {
+pub(crate) fn bare() -> Effects {
     Effects::default()
 }
 
 /// Settings at 64 x 48 pixels.
-pub fn settings(probe: Probe, effects: Effects) -> Settings {
+pub(crate) fn settings(probe: Probe, effects: Effects) -> Settings {
     sized(probe, effects, 64, 48)
 }
 
 /// Settings at any size.
-pub fn sized(probe: Probe, effects: Effects, width: usize, height: usize) -> Settings {
+pub(crate) fn sized(probe: Probe, effects: Effects, width: usize, height: usize) -> Settings {
     let mut settings = Settings::new(probe, [width, height], effects);
     settings.seed = 0x5eed_0000_0001;
     (settings.image.margin, settings.image.fill) = (0.03, 7);
@@ -65,12 +65,12 @@ pub fn sized(probe: Probe, effects: Effects, width: usize, height: usize) -> Set
 }
 
 /// The probe at the origin, looking along +y.
-pub fn straight() -> FrameState {
+pub(crate) fn straight() -> FrameState {
     FrameState::at(Matrix4::identity())
 }
 
 /// A pose turned about every axis, with its array's middle at `origin` and its middle beam towards `target`.
-pub fn aimed(origin: [f64; 3], target: [f64; 3], roll: f64) -> FrameState {
+pub(crate) fn aimed(origin: [f64; 3], target: [f64; 3], roll: f64) -> FrameState {
     let along = (Vector3::from(target) - Vector3::from(origin)).normalize();
     let swing = Rotation3::rotation_between(&Vector3::y(), &along).unwrap_or_else(Rotation3::identity);
     let turn = swing * Rotation3::from_axis_angle(&Vector3::y_axis(), roll);
@@ -79,7 +79,7 @@ pub fn aimed(origin: [f64; 3], target: [f64; 3], roll: f64) -> FrameState {
 }
 
 /// Everything at once: textures, a deforming mesh, a bent needle, noise, a thick plane.
-pub fn everything() -> (Anatomy, Settings, FrameState) {
+pub(crate) fn everything() -> (Anatomy, Settings, FrameState) {
     let tissues = [
         SILENT,
         Acoustics {
@@ -108,7 +108,7 @@ pub fn everything() -> (Anatomy, Settings, FrameState) {
 }
 
 /// A frame of a motion: tissue, needle and probe move.
-pub fn frame_of(anatomy: &Anatomy, frame: u64) -> FrameState {
+pub(crate) fn frame_of(anatomy: &Anatomy, frame: u64) -> FrameState {
     let share = frame as f64 / 20.0;
     let press = Displacement::Indentation {
         centre_mm: [0.0, 5.0, 0.0],

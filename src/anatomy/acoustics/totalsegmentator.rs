@@ -16,7 +16,7 @@ pub(crate) struct Class {
 
 impl Class {
     /// Preset of the class, from [`presets::all`].
-    pub fn preset(&self) -> Option<&'static Tissue> {
+    pub(crate) fn preset(&self) -> Option<&'static Tissue> {
         presets::get(self.tissue)
     }
 
@@ -33,19 +33,19 @@ pub(crate) fn by_value(value: i64) -> Option<&'static Class> {
 }
 
 /// Class of a name, exactly as TotalSegmentator writes it.
-pub fn by_name(name: &str) -> Option<&'static Class> {
+pub(crate) fn by_name(name: &str) -> Option<&'static Class> {
     CLASSES.iter().find(|class| class.name == name)
 }
 
 /// The 117 classes in the order of their values.
-pub fn classes() -> &'static [Class] {
+pub(crate) fn classes() -> &'static [Class] {
     CLASSES
 }
 
 /// Labels that fill the rest of a segmented body, from the grey values of the CT: gas below -300 HU, fat to -30 HU, soft
 /// tissue to 150 HU, anything denser (unsegmented bone, calcification), and the outermost shell; the muscle added by
 /// completion, and the structures drawn into organs.
-pub fn body() -> &'static [Class] {
+pub(crate) fn body() -> &'static [Class] {
     BODY
 }
 

@@ -162,7 +162,7 @@ pub(crate) struct Foot {
 
 impl Foot {
     /// Distance from the skin, mm: along the normal, which points between samples of the skin do not change, or in space beyond its end.
-    pub fn distance_mm(&self) -> f64 {
+    pub(crate) fn distance_mm(&self) -> f64 {
         if self.beyond {
             self.distance_mm
         } else {

@@ -36,7 +36,7 @@ pub struct Info {
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct LabelInfo {
+pub struct LabelInfo {
     /// Label value in the file.
     pub value: i64,
     /// Name; `unlabelled` for value 0 without a name, empty for others without one.

@@ -115,7 +115,7 @@ impl CompleteOptions {
 
 /// Numbers of filled voxels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
-pub(crate) struct Filled {
+pub struct Filled {
     /// Voxels filled as soft tissue.
     pub soft_tissue: u64,
     /// Voxels filled as muscle.
@@ -128,7 +128,7 @@ pub(crate) struct Filled {
 
 /// A completed volume, with the changes made.
 #[derive(Clone, Debug)]
-pub(crate) struct Completed {
+pub struct Completed {
     /// Completed volume. Appended labels are named `soft_tissue`, `muscle`, `fat` and `skin`; their `voxels` stay 0, since the file had
     /// none.
     pub volume: LabelVolume,

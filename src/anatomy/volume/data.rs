@@ -67,7 +67,7 @@ pub fn read(header: &mut Header) -> Result<Vec<u8>, VolumeError> {
 }
 
 /// Appends the values of a slice of bytes.
-pub type Push<'a, V> = &'a mut dyn FnMut(&[u8], &mut Vec<V>) -> Result<(), VolumeError>;
+pub(super) type Push<'a, V> = &'a mut dyn FnMut(&[u8], &mut Vec<V>) -> Result<(), VolumeError>;
 
 /// Opens the data file after the lines to skip, and returns its position and remaining length; an error if these cannot hold
 /// `expected` bytes.

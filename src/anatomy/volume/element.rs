@@ -66,14 +66,14 @@ impl Element {
 
 /// Byte order of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum ByteOrder {
+pub enum ByteOrder {
     Little,
     Big,
 }
 
 /// Linear scale of stored numbers: `slope * number + intercept`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Scale {
+pub struct Scale {
     pub slope: f64,
     pub intercept: f64,
 }

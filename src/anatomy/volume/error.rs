@@ -209,7 +209,7 @@ impl Cause for VolumeError {
 }
 
 /// Text of a file as shown in an error: quoted and truncated to a readable length.
-pub fn quoted(text: &str) -> String {
+pub(super) fn quoted(text: &str) -> String {
     const SHOWN: usize = 60;
     let mut shown: String = text.chars().take(SHOWN).collect();
     if shown.len() < text.len() {

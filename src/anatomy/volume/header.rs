@@ -44,7 +44,7 @@ pub enum Encoding {
 
 /// Bytes between the start of the encoded data and the first number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Skip {
+pub enum Skip {
     /// A number of bytes, counted after decompression.
     Bytes(u64),
     /// All but as many bytes as the image needs, counted from the end.
@@ -53,7 +53,7 @@ pub(crate) enum Skip {
 
 /// Location of the data.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct DataPlace {
+pub struct DataPlace {
     /// File that holds the data.
     pub path: PathBuf,
     /// Position in the header of the name of that file, if it is a separate one.

@@ -102,7 +102,7 @@ impl Stacks {
 
 /// Reads the label volume of an image. If the first axis holds the layers of a segmentation, they are flattened: a higher
 /// layer takes precedence.
-pub fn volume(header: Header) -> Result<Loaded, VolumeError> {
+pub(super) fn volume(header: Header) -> Result<Loaded, VolumeError> {
     volume_from(header, |header, group, push| data::read_into(header, group, push))
 }
 

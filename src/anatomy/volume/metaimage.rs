@@ -22,7 +22,7 @@ pub(crate) fn is_header(start: &[u8]) -> bool {
 }
 
 /// Reads the header of a MetaImage file.
-pub fn read_header(path: &Path) -> Result<Header, VolumeError> {
+pub(super) fn read_header(path: &Path) -> Result<Header, VolumeError> {
     let file = read::open(path).map_err(|cause| VolumeError::read(path, cause))?;
     parse(path, BufReader::new(file))
 }
@@ -49,7 +49,7 @@ struct Tags {
 }
 
 /// Parses a header up to its `ElementDataFile`.
-pub fn parse(path: &Path, reader: impl BufRead) -> Result<Header, VolumeError> {
+pub(super) fn parse(path: &Path, reader: impl BufRead) -> Result<Header, VolumeError> {
     let mut lines = Lines::new(reader);
     let mut tags = Tags::default();
     while tags.data_file.is_none() {

@@ -8,12 +8,12 @@ use insonify_base::text::unescape;
 const PREFIX: &str = "LabelName_";
 
 /// Key of the name of a label value.
-pub fn key(value: i64) -> String {
+pub(super) fn key(value: i64) -> String {
     format!("{PREFIX}{value}")
 }
 
 /// Parses the label names among the keys of a file.
-pub fn from_keys(key_values: &[(String, String)]) -> BTreeMap<i64, String> {
+pub(super) fn from_keys(key_values: &[(String, String)]) -> BTreeMap<i64, String> {
     key_values
         .iter()
         .filter_map(|(key, name)| Some((key.strip_prefix(PREFIX)?.parse().ok()?, name.clone())))
@@ -23,7 +23,7 @@ pub fn from_keys(key_values: &[(String, String)]) -> BTreeMap<i64, String> {
 // Segments of a `.seg.nrrd` of 3D Slicer: names by layer and value.
 
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Segment {
+pub(super) struct Segment {
     pub name: Option<String>,
     /// Value within its layer; 1 if not stated.
     pub value: Option<i64>,
@@ -33,7 +33,7 @@ pub struct Segment {
 
 /// Parses the segments among the keys of a file, in file order, by layer and value. If two share both, the first
 /// counts.
-pub fn segments(key_values: &[(String, String)]) -> BTreeMap<(usize, i64), Option<String>> {
+pub(super) fn segments(key_values: &[(String, String)]) -> BTreeMap<(usize, i64), Option<String>> {
     let mut by_number: BTreeMap<usize, Segment> = BTreeMap::new();
     for (key, value) in key_values {
         let Some((number, what)) = key.strip_prefix("Segment").and_then(|rest| rest.split_once('_')) else {
@@ -105,7 +105,7 @@ fn plain(text: &str) -> String {
 }
 
 /// Label table as XML, for writing.
-pub fn table<'a>(names: impl Iterator<Item = (i64, &'a str)>) -> String {
+pub(super) fn table<'a>(names: impl Iterator<Item = (i64, &'a str)>) -> String {
     let mut xml = String::from(
         "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<CaretExtension>\n<VolumeInformation Index=\"0\">\n<LabelTable>\n",
     );

@@ -37,7 +37,7 @@ pub(crate) fn is_header(start: &[u8]) -> bool {
 }
 
 /// Reads the header of a NIfTI-1 file, plain or gzipped.
-pub fn read_header(path: &Path) -> Result<Header, VolumeError> {
+pub(super) fn read_header(path: &Path) -> Result<Header, VolumeError> {
     let mut file = BufReader::new(read::open(path).map_err(|cause| VolumeError::read(path, cause))?);
     let start = file.fill_buf().map_err(|cause| VolumeError::read(path, cause))?;
     if start.starts_with(&[0x1f, 0x8b]) {
@@ -66,7 +66,7 @@ fn blame_gzip(path: &Path, mut unpacked: GzDecoder<BufReader<File>>, error: Volu
 }
 
 /// Parses the header at the start of `reader`, which yields decompressed bytes.
-pub fn parse(path: &Path, mut reader: impl Read, encoding: Encoding) -> Result<Header, VolumeError> {
+pub(super) fn parse(path: &Path, mut reader: impl Read, encoding: Encoding) -> Result<Header, VolumeError> {
     let mut start = Vec::with_capacity(EXTENSIONS_START);
     take(path, &mut reader, EXTENSIONS_START as u64, &mut start)?;
     let attached = is_attached(path, &start)?;

@@ -17,7 +17,7 @@ use insonify_base::read;
 pub(crate) const MAGIC: &[u8] = b"NRRD";
 
 /// Reads the header of an NRRD file.
-pub fn read_header(path: &Path) -> Result<Header, VolumeError> {
+pub(super) fn read_header(path: &Path) -> Result<Header, VolumeError> {
     let file = read::open(path).map_err(|cause| VolumeError::read(path, cause))?;
     parse(path, BufReader::new(file))
 }
@@ -49,7 +49,7 @@ struct Fields {
 }
 
 /// Parses a header up to its blank line.
-pub fn parse(path: &Path, reader: impl BufRead) -> Result<Header, VolumeError> {
+pub(super) fn parse(path: &Path, reader: impl BufRead) -> Result<Header, VolumeError> {
     let mut lines = Lines::new(reader);
     let fail = |cause| VolumeError::read(path, cause);
     let magic = lines.next().map_err(fail)?.map(|line| line.text).unwrap_or_default();
@@ -378,7 +378,7 @@ pub(crate) struct Space {
 impl Space {
     /// Parses a `space` field: three directions by name or letter, or one of the spaces without anatomy, which are taken
     /// as LPS with a warning. A trailing `-time` or `T` adds a dimension.
-    pub fn parse(field: &Field, warnings: &mut Vec<String>) -> Result<Self, VolumeError> {
+    pub(super) fn parse(field: &Field, warnings: &mut Vec<String>) -> Result<Self, VolumeError> {
         let name = field.value.to_ascii_lowercase();
         let (name, timed) = match name.strip_suffix("-time") {
             Some(name) => (name, true),
@@ -429,7 +429,7 @@ fn sign(word: &str, positive: &str, negative: &str) -> Option<f64> {
 }
 
 /// Parses vectors such as `(1,0,0) (0,1,0) none`.
-pub fn vectors(field: &Field) -> Result<Vec<Option<Vec<f64>>>, VolumeError> {
+pub(super) fn vectors(field: &Field) -> Result<Vec<Option<Vec<f64>>>, VolumeError> {
     let expected = "vectors such as (1,0,0), or none";
     let mut rest = field.value;
     let mut out = Vec::new();

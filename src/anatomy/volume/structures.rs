@@ -42,7 +42,7 @@ const FAT_ABOVE: f64 = 0.25;
 const MUSCLE_BELOW: f64 = -0.5;
 
 /// A volume with synthetic structures.
-pub(crate) struct Structured {
+pub struct Structured {
     /// Volume with structures. Appended labels have the names of built-in tissues; their `voxels` stay 0, since the
     /// file had none.
     pub volume: LabelVolume,

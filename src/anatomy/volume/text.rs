@@ -10,7 +10,7 @@ const MAX_HEADER_BYTES: u64 = 256 << 20;
 
 /// One line of a header.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Line {
+pub(super) struct Line {
     /// Line number, counted from 1.
     pub number: usize,
     /// Text without the line end; bytes that are not UTF-8 are replaced.
@@ -18,14 +18,14 @@ pub struct Line {
 }
 
 /// Reads lines and counts their bytes.
-pub struct Lines<R> {
+pub(super) struct Lines<R> {
     reader: R,
     number: usize,
     offset: u64,
 }
 
 impl<R: BufRead> Lines<R> {
-    pub fn new(reader: R) -> Self {
+    pub(super) fn new(reader: R) -> Self {
         Self {
             reader,
             number: 0,
@@ -34,7 +34,7 @@ impl<R: BufRead> Lines<R> {
     }
 
     /// Reads the next line; `None` at the end of the file.
-    pub fn next(&mut self) -> io::Result<Option<Line>> {
+    pub(super) fn next(&mut self) -> io::Result<Option<Line>> {
         let mut bytes = Vec::new();
         let left = MAX_HEADER_BYTES.saturating_sub(self.offset);
         let read = (&mut self.reader).take(left).read_until(b'\n', &mut bytes)?;
@@ -57,19 +57,19 @@ impl<R: BufRead> Lines<R> {
     }
 
     /// Number of bytes read so far.
-    pub fn offset(&self) -> u64 {
+    pub(super) fn offset(&self) -> u64 {
         self.offset
     }
 
     /// Number of lines read so far.
-    pub fn count(&self) -> usize {
+    pub(super) fn count(&self) -> usize {
         self.number
     }
 }
 
 /// A header field with its value and line number.
 #[derive(Clone, Debug)]
-pub struct Field<'a> {
+pub(super) struct Field<'a> {
     pub path: &'a Path,
     pub line: usize,
     pub name: &'a str,
@@ -78,19 +78,19 @@ pub struct Field<'a> {
 
 impl Field<'_> {
     /// An error about this field.
-    pub fn malformed(&self, expected: impl Into<String>) -> VolumeError {
+    pub(super) fn malformed(&self, expected: impl Into<String>) -> VolumeError {
         let found = format!("{} {}", self.name, quoted(self.value));
         VolumeError::malformed(self.path, At::Line(self.line), found, expected)
     }
 
     /// An error about a valid but unsupported value of this field.
-    pub fn unsupported(&self, expected: impl Into<String>) -> VolumeError {
+    pub(super) fn unsupported(&self, expected: impl Into<String>) -> VolumeError {
         let found = format!("{} {}", self.name, quoted(self.value));
         VolumeError::unsupported(self.path, At::Line(self.line), found, expected)
     }
 
     /// Parses the blank-separated words as numbers.
-    pub fn numbers<T: std::str::FromStr>(&self, what: &str) -> Result<Vec<T>, VolumeError> {
+    pub(super) fn numbers<T: std::str::FromStr>(&self, what: &str) -> Result<Vec<T>, VolumeError> {
         self.value
             .split_whitespace()
             .map(|word| word.parse().map_err(|_| self.malformed(what)))
@@ -98,7 +98,7 @@ impl Field<'_> {
     }
 
     /// Parses exactly `count` numbers.
-    pub fn exactly<T: std::str::FromStr>(&self, count: usize, what: &str) -> Result<Vec<T>, VolumeError> {
+    pub(super) fn exactly<T: std::str::FromStr>(&self, count: usize, what: &str) -> Result<Vec<T>, VolumeError> {
         let numbers = self.numbers(what)?;
         if numbers.len() == count {
             Ok(numbers)

@@ -69,7 +69,7 @@ impl SolidTexture {
     }
 
     /// Period along each axis, mm.
-    pub(crate) fn period_mm(&self) -> [f64; 3] {
+    pub fn period_mm(&self) -> [f64; 3] {
         [0, 1, 2].map(|axis| self.size[axis] as f64 * self.spacing_mm[axis])
     }
 

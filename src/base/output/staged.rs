@@ -29,7 +29,7 @@ pub(super) struct Live(PathBuf);
 
 impl Live {
     /// Registers a path for removal by [`abandon`]: a folder created for a run only if it is empty.
-    pub fn new(path: &Path) -> Self {
+    pub(super) fn new(path: &Path) -> Self {
         Self::enter(&mut hold(), path)
     }
 
@@ -91,7 +91,7 @@ pub(super) struct StagedFolder {
 
 impl StagedFolder {
     /// Creates a temporary folder within another.
-    pub fn within(folder: &Path) -> io::Result<Self> {
+    pub(super) fn within(folder: &Path) -> io::Result<Self> {
         let mut live = hold();
         let folder = tempfile::Builder::new().prefix(&prefix()).tempdir_in(folder)?;
         let lock = File::open(folder.path()).ok().filter(|file| file.try_lock().is_ok());
@@ -102,12 +102,12 @@ impl StagedFolder {
         })
     }
 
-    pub fn path(&self) -> &Path {
+    pub(super) fn path(&self) -> &Path {
         self.folder.path()
     }
 
     /// Keeps the folder under a name that no later run removes.
-    pub fn keep(self) -> PathBuf {
+    pub(super) fn keep(self) -> PathBuf {
         let hidden = self.folder.keep();
         let shown = hidden.with_file_name(format!("insonify-not-installed-{}", process::id()));
         match fs::rename(&hidden, &shown) {

@@ -25,7 +25,7 @@ const MAX_KEPT: usize = 200;
 
 /// Median times of a frame of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct FrameTimes {
+pub(crate) struct FrameTimes {
     /// Sizes of the scene, for people.
     pub scene: String,
     /// Hash of what decides the times: the passes and the sizes of their buffers.
@@ -38,12 +38,12 @@ pub struct FrameTimes {
 
 impl FrameTimes {
     /// Whether the GPU is taken.
-    pub fn is_gpu(&self) -> bool {
+    pub(crate) fn is_gpu(&self) -> bool {
         self.gpu_ms <= TIE * self.cpu_ms
     }
 
     /// The times, that of the device taken first.
-    pub fn text(&self, adapter: &str) -> String {
+    pub(crate) fn text(&self, adapter: &str) -> String {
         let [gpu, cpu] = [self.gpu_ms, self.cpu_ms].map(milliseconds);
         let near = if self.gpu_ms > self.cpu_ms { ", within 10 %" } else { "" };
         match self.is_gpu() {
@@ -53,7 +53,7 @@ impl FrameTimes {
     }
 
     /// Times frames of a state. A mesh moves in each of them.
-    pub fn measure(gpu: &mut Synthesizer, cpu: &mut Synthesizer, state: &FrameState) -> Result<Self, SynthError> {
+    pub(crate) fn measure(gpu: &mut Synthesizer, cpu: &mut Synthesizer, state: &FrameState) -> Result<Self, SynthError> {
         let (scene, key) = described(gpu.tables(), gpu.plan());
         let mut state = state.clone();
         if let (None, Some(mesh)) = (&state.nodes, &gpu.tables().anatomy.mesh) {
@@ -112,7 +112,7 @@ fn described(tables: &Tables, plan: &Plan) -> (String, String) {
 }
 
 /// Times kept for an adapter: by this very program, on this machine, with its number of threads.
-pub struct Kept<'a> {
+pub(crate) struct Kept<'a> {
     cache: &'a Cache,
     /// What they are kept by.
     thing: [String; 2],
@@ -122,7 +122,7 @@ pub struct Kept<'a> {
 
 impl<'a> Kept<'a> {
     /// Reads them; a file that is not sound counts as none.
-    pub fn of(adapter: &AdapterReport, cache: &'a Cache) -> Self {
+    pub(crate) fn of(adapter: &AdapterReport, cache: &'a Cache) -> Self {
         let AdapterReport {
             name,
             backend,
@@ -145,13 +145,13 @@ impl<'a> Kept<'a> {
     }
 
     /// Times of a scene.
-    pub fn find(&self, tables: &Tables) -> Option<&FrameTimes> {
+    pub(crate) fn find(&self, tables: &Tables) -> Option<&FrameTimes> {
         let (_, key) = described(tables, &Plan::new(tables));
         self.times.iter().find(|times| times.key == key)
     }
 
     /// Keeps the times of a scene; those measured first make room.
-    pub fn put(&mut self, times: FrameTimes) -> Result<(), OutputError> {
+    pub(crate) fn put(&mut self, times: FrameTimes) -> Result<(), OutputError> {
         self.times.retain(|old| old.key != times.key);
         self.times.push(times);
         self.times.drain(..self.times.len().saturating_sub(MAX_KEPT));

@@ -41,7 +41,7 @@ Examples:
 /// Fits every material model to measured stretch and stress
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Fit {
+pub(super) struct Fit {
     /// Measurements: columns `stretch` and `stress_kpa`
     #[arg(value_name = "POINTS.csv")]
     points: PathBuf,
@@ -59,7 +59,7 @@ pub struct Fit {
 }
 
 impl Fit {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Failure> {
         let inputs = [self.points.clone()];
         self.force.check_ending(&self.output, "svg", "plots", &inputs)?;
         let samples = points::read(&self.points)?;

@@ -38,7 +38,7 @@ Exit status: 0 measured; 2 markers or needle are not found, or a file is wrong; 
 /// Measures base motion and shape of a needle in CT by markers, and writes cases
 #[derive(Args)]
 #[command(after_help = MEASURE_EXAMPLES)]
-pub struct Measure {
+pub(super) struct Measure {
     /// Volumes (NIfTI, NRRD, MetaImage): the needle at rest, then moved
     #[arg(value_name = "CT", num_args = 2.., required = true)]
     volumes: Vec<PathBuf>,
@@ -65,7 +65,7 @@ pub struct Measure {
 }
 
 impl Measure {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Failure> {
         let (rest, moved) = (&self.volumes[0], &self.volumes[1..]);
         let names: Vec<String> = moved.iter().map(|path| format!("{}.toml", stem(path))).collect();
         if let Some(twice) = (1..names.len()).find(|at| names[..*at].contains(&names[*at])) {
@@ -181,7 +181,7 @@ fn stem(path: &Path) -> String {
 /// Errors by tissue and depth: mean, median, largest, variance (Wang et al. 2023, figures 7 and 8), mean centres (Table I). Each needle is
 /// computed with the base motion and tissue of its case, and with the layers of every `--tissue`.
 #[derive(Args)]
-pub struct Compare {
+pub(super) struct Compare {
     /// Cases with `measured_mm`, or folders of them
     #[arg(value_name = "CASE.toml|DIR", required = true)]
     cases: Vec<PathBuf>,
@@ -193,7 +193,7 @@ pub struct Compare {
 }
 
 impl Compare {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Failure> {
         self.printed.check()?;
         let mut cases = Vec::new();
         for path in &self.cases {

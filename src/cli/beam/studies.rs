@@ -33,13 +33,13 @@ impl Of {
 /// Compression ratio: length of the tissue beside the needle over its uncompressed length. A row is flagged if its layer is compressed
 /// beyond its `min_compression_ratio`.
 #[derive(Args)]
-pub struct Compression {
+pub(super) struct Compression {
     #[command(flatten)]
     of: Of,
 }
 
 impl Compression {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Failure> {
         let case = self.of.case()?;
         self.of.printed.run(|_| Ok(compression(&case)?))
     }
@@ -47,7 +47,7 @@ impl Compression {
 
 /// Prints base motion, compression and force by RCM for wanted corrections of the tip
 #[derive(Args)]
-pub struct Map {
+pub(super) struct Map {
     #[command(flatten)]
     of: Of,
     /// Wanted deflections of the tip, mm
@@ -65,7 +65,7 @@ pub struct Map {
 }
 
 impl Map {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Failure> {
         let case = self.of.case()?;
         for (name, values) in [("--tip-mm", &self.tip_mm), ("--rcm-mm", &self.rcm_mm)] {
             if let Some(value) = values.iter().find(|value| !value.is_finite()) {
@@ -90,7 +90,7 @@ impl Map {
 ///
 /// The base moves as the case says. For materials other than Ogden's, mu stands for all their coefficients, and there is no alpha.
 #[derive(Args)]
-pub struct Sensitivity {
+pub(super) struct Sensitivity {
     #[command(flatten)]
     of: Of,
     /// Uncertainty of the stiffness, +- percent
@@ -110,7 +110,7 @@ fn percent(text: &str) -> Result<f64, String> {
 }
 
 impl Sensitivity {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Failure> {
         let case = self.of.case()?;
         let by = Uncertainty {
             mu_percent: self.mu_percent,

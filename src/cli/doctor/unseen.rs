@@ -24,7 +24,7 @@ const DRIVERS: [&str; 4] = [
 ];
 
 /// Reasons found in the files under `root` and in environment variables; none where no card is plugged in or passed through.
-pub fn reasons(root: &Path, variable: impl Fn(&str) -> Option<String>) -> Vec<String> {
+pub(super) fn reasons(root: &Path, variable: impl Fn(&str) -> Option<String>) -> Vec<String> {
     let has = |folder: &str, is: &dyn Fn(&str) -> bool| {
         let entries = fs::read_dir(root.join(folder)).into_iter().flatten().flatten();
         entries

@@ -30,7 +30,7 @@ use crate::render::target::Target;
 use crate::terminal;
 
 /// Files of a run, as [`insonify_base::output::folder::Folder::open`] takes them; plots are not checked for in advance.
-pub const FILES: &[&str] = &[
+pub(super) const FILES: &[&str] = &[
     "steps.csv",
     "points.csv",
     "index.html",
@@ -55,7 +55,7 @@ pub const FILES: &[&str] = &[
 const FORCES: &str = "time_s,from_mm,to_mm,along_n,across_n,along_n_per_mm,across_n_per_mm";
 
 /// Writes files during a run.
-pub struct Writer<'a> {
+pub(super) struct Writer<'a> {
     scenario: &'a Scenario,
     folder: PathBuf,
     steps: BufWriter<File>,
@@ -80,7 +80,7 @@ struct Rendering<'a> {
 }
 
 impl<'a> Writer<'a> {
-    pub fn new(scenario: &'a Scenario, folder: &Path, asked: Requests) -> Result<Self, Failure> {
+    pub(super) fn new(scenario: &'a Scenario, folder: &Path, asked: Requests) -> Result<Self, Failure> {
         let path = folder.join("steps.csv");
         let wrong = |cause| OutputError::write(&path, cause);
         let mut steps = BufWriter::new(File::create(&path).map_err(wrong)?);
@@ -110,7 +110,7 @@ impl<'a> Writer<'a> {
     }
 
     /// Enables rendering of frames, to files with their companion files, or for the preview alone.
-    pub fn render(
+    pub(super) fn render(
         &mut self,
         chosen: Chosen,
         images: Option<Images>,
@@ -136,7 +136,7 @@ impl<'a> Writer<'a> {
     }
 
     /// Warnings about rendering.
-    pub fn warnings(&self) -> Vec<String> {
+    pub(super) fn warnings(&self) -> Vec<String> {
         let frames = self.frames.iter();
         frames
             .flat_map(|frames| frames.chosen.warnings.iter().cloned())
@@ -144,7 +144,7 @@ impl<'a> Writer<'a> {
     }
 
     /// Finishes the table and writes plots, page and summary.
-    pub fn finish(mut self, title: &str, summary: &Summary, report: &impl Serialize) -> Result<(), Failure> {
+    pub(super) fn finish(mut self, title: &str, summary: &Summary, report: &impl Serialize) -> Result<(), Failure> {
         self.bar.finish_and_clear();
         let path = self.folder.join("steps.csv");
         self.steps.flush().map_err(|cause| OutputError::write(&path, cause))?;

@@ -42,7 +42,7 @@ const WRONG_PERCENT: f64 = 50.0;
 /// Makes a tetrahedral mesh from a labelled volume: conforming, one region per label, fine where tissues meet
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Make {
+pub(super) struct Make {
     /// Label file (NIfTI, NRRD or MetaImage), or a folder of binary masks named by their files
     #[arg(
         value_name = "VOLUME",
@@ -108,7 +108,7 @@ struct Region {
 }
 
 impl Make {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Failure> {
         let inputs: Vec<PathBuf> = self.volume.iter().cloned().collect();
         self.force.check_ending([&self.output], "vtu", "meshes", &inputs)?;
         let Segmentation {

@@ -18,7 +18,7 @@ const STRIDE: usize = 8;
 
 /// Warnings about a pose: the probe off the skin or inside the body, or a field of view that leaves the volume. None for a view
 /// completely outside, if the user has already been warned (`told`).
-pub fn warnings(tables: &Tables, probe_to_world: &Matrix4<f64>, told: bool) -> Vec<String> {
+pub(super) fn warnings(tables: &Tables, probe_to_world: &Matrix4<f64>, told: bool) -> Vec<String> {
     let volume = &tables.anatomy.volume;
     let label = |line, sample| volume.label_index_at(&world_position(tables, probe_to_world, line, sample));
     let (mut inside, mut seeing, mut apart) = (false, 0, 0);

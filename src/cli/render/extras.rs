@@ -20,7 +20,7 @@ const EARLIER: [(&str, Layer); 2] = [("labels", Layer::LabelValue), ("shadowed",
 
 /// Requested companion files.
 #[derive(Args, Clone, Debug, Default)]
-pub struct Extras {
+pub(crate) struct Extras {
     /// Ground truth to write beside each frame, 16 bits a pixel
     #[arg(id = "layers", long = "layers", value_name = "LAYER,...", value_parser = layer_names(), value_delimiter = ',')]
     names: Vec<String>,
@@ -45,7 +45,7 @@ fn layer_names() -> PossibleValuesParser {
 
 impl Extras {
     /// Requested layers, each once.
-    pub fn layers(&self) -> Vec<Layer> {
+    pub(crate) fn layers(&self) -> Vec<Layer> {
         let mut layers = Vec::new();
         for name in &self.names {
             let earlier = EARLIER.iter().find(|(earlier, _)| earlier == name);
@@ -56,7 +56,7 @@ impl Extras {
     }
 
     /// Prints a note if a layer was requested by a former name, and refuses values that a layer cannot represent.
-    pub fn check(&self, scene: &Scene) -> Result<(), Failure> {
+    pub(crate) fn check(&self, scene: &Scene) -> Result<(), Failure> {
         if self.names.iter().any(|name| name == "labels") {
             terminal::say(
                 "note: the layer `labels` is now `label-value`, with the values of the label file; places in the table of labels, \
@@ -77,7 +77,7 @@ impl Extras {
 }
 
 /// Draws the overview of the probe pose.
-pub fn overview_of(synth: &Synthesizer, pose: &Pose, needle: Option<&NeedlePose>) -> RgbImage {
+pub(crate) fn overview_of(synth: &Synthesizer, pose: &Pose, needle: Option<&NeedlePose>) -> RgbImage {
     let tables = synth.tables();
     let anatomy = &tables.anatomy;
     let labels = 0..anatomy.volume.labels().len();
@@ -86,7 +86,7 @@ pub fn overview_of(synth: &Synthesizer, pose: &Pose, needle: Option<&NeedlePose>
 }
 
 /// Parameters of the rendered scene, and the meaning of the indices and values of label layers.
-pub fn parameters(scene: &Scene, synth: &Synthesizer) -> serde_json::Value {
+pub(crate) fn parameters(scene: &Scene, synth: &Synthesizer) -> serde_json::Value {
     let settings = synth.settings();
     let anatomy = &synth.tables().anatomy;
     let labels = anatomy.volume.labels().iter().enumerate();

@@ -28,13 +28,13 @@ use super::target::{Target, name_of};
 use crate::failure::Failure;
 
 /// File of the parameters shared by many frames.
-pub const PARAMETERS: &str = "parameters.json";
+pub(crate) const PARAMETERS: &str = "parameters.json";
 
 /// Largest number of threads that write pictures.
 const MAX_WRITERS: usize = 16;
 
 /// Writer of frames. Files are compressed and written on other threads.
-pub struct Output<'a> {
+pub(crate) struct Output<'a> {
     target: Target,
     extras: Extras,
     layers: Vec<Layer>,
@@ -57,7 +57,7 @@ struct Stream {
 }
 
 /// All that is to be written of a frame.
-pub struct Taken {
+pub(crate) struct Taken {
     path: PathBuf,
     /// Parts of the sequences, in their order.
     parts: Vec<Job>,
@@ -65,7 +65,7 @@ pub struct Taken {
 }
 
 /// The last rendered frame.
-pub struct Shot<'a> {
+pub(crate) struct Shot<'a> {
     /// Frame number, from 0.
     pub number: usize,
     /// Time of the frame, s.
@@ -80,7 +80,7 @@ pub struct Shot<'a> {
 
 impl<'a> Output<'a> {
     /// Creates the folder for numbered files, and starts the sequences if frames go to one.
-    pub fn open(target: Target, extras: &Extras, scene: &'a Scene, frames: usize) -> Result<Self, Failure> {
+    pub(crate) fn open(target: Target, extras: &Extras, scene: &'a Scene, frames: usize) -> Result<Self, Failure> {
         if let (Target::Sequence(path, _), true) = (&target, extras.overlay) {
             return Err(Failure::usage(
                 format!(
@@ -147,7 +147,7 @@ impl<'a> Output<'a> {
     }
 
     /// Takes what is to be written of the last frame of a synthesizer, on any thread.
-    pub fn take(&self, synth: &Synthesizer, shot: &Shot<'_>) -> Result<Taken, Failure> {
+    pub(crate) fn take(&self, synth: &Synthesizer, shot: &Shot<'_>) -> Result<Taken, Failure> {
         let frame = synth.frame();
         let picture = self.target.picture(shot.number, self.frames);
         let mut pixels = frame.pixels.clone();
@@ -290,7 +290,7 @@ impl<'a> Output<'a> {
     }
 
     /// Hands a frame to the threads that write; returns its path. Frames of sequences are written in the order of the calls.
-    pub fn write(&self, taken: Taken) -> Result<PathBuf, Failure> {
+    pub(crate) fn write(&self, taken: Taken) -> Result<PathBuf, Failure> {
         for (stream, part) in self.sequences.iter().zip(taken.parts) {
             stream.queue.put(part)?;
         }
@@ -299,7 +299,7 @@ impl<'a> Output<'a> {
     }
 
     /// Waits until all files are written, and finishes the sequences, that of the frames last.
-    pub fn finish(self) -> Result<(), Failure> {
+    pub(crate) fn finish(self) -> Result<(), Failure> {
         self.pictures.finish()?;
         for Stream { writer, queue } in self.sequences.into_iter().rev() {
             let end = move || lock(&writer).take().map_or(Ok(()), SequenceWriter::finish);

@@ -19,7 +19,7 @@ const OTHERS: [&str; 14] = [
 
 /// Destination of frames.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Target {
+pub(crate) enum Target {
     /// A single PNG.
     File(PathBuf),
     /// A folder of numbered PNGs.
@@ -30,7 +30,7 @@ pub enum Target {
 
 impl Target {
     /// Interprets `-o` for a number of frames.
-    pub fn choose(output: Option<&Path>, frames: usize) -> Result<Self, Failure> {
+    pub(crate) fn choose(output: Option<&Path>, frames: usize) -> Result<Self, Failure> {
         let Some(path) = output else {
             return Ok(if frames == 1 {
                 Self::File("frame.png".into())
@@ -64,21 +64,21 @@ impl Target {
     }
 
     /// Whether a path names a file, regardless of the number of frames.
-    pub fn is_file(path: &Path) -> bool {
+    pub(crate) fn is_file(path: &Path) -> bool {
         let ending = path.extension().map(OsStr::to_ascii_lowercase);
         !path.is_dir()
             && ending.is_some_and(|ending| ["png", "mha", "nrrd", "npy"].iter().any(|known| ending == *known))
     }
 
     /// Requested path.
-    pub fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         match self {
             Self::File(path) | Self::Folder(path) | Self::Sequence(path, _) => path,
         }
     }
 
     /// Path of the picture of a frame, or its equivalent for a sequence: companion files are named after it.
-    pub fn picture(&self, frame: usize, of: usize) -> PathBuf {
+    pub(crate) fn picture(&self, frame: usize, of: usize) -> PathBuf {
         match self {
             Self::File(path) => path.clone(),
             Self::Folder(folder) | Self::Sequence(_, folder) => png::frame_path(folder, frame, of),
@@ -91,7 +91,7 @@ fn ends_in_separator(path: &Path) -> bool {
 }
 
 /// Name of a file, for messages.
-pub fn name_of(path: &Path) -> String {
+pub(crate) fn name_of(path: &Path) -> String {
     path.file_name()
         .unwrap_or(OsStr::new(""))
         .to_string_lossy()
@@ -101,7 +101,7 @@ pub fn name_of(path: &Path) -> String {
 // Destinations of rendered files, checked before rendering.
 
 /// Final and temporary destinations of frames.
-pub struct Place {
+pub(crate) struct Place {
     /// Requested path.
     path: PathBuf,
     /// Temporary path of the frames until the last is complete.
@@ -113,7 +113,7 @@ pub struct Place {
 
 impl Place {
     /// Checks that all files can be written.
-    pub fn open(target: Target, extras: &Extras, force: Force, inputs: &[PathBuf]) -> Result<Self, Failure> {
+    pub(crate) fn open(target: Target, extras: &Extras, force: Force, inputs: &[PathBuf]) -> Result<Self, Failure> {
         let path = target.path().to_owned();
         let layers = extras.layers();
         let (mut files, mut left) = (vec![path.clone()], Vec::new());
@@ -160,20 +160,20 @@ impl Place {
     }
 
     /// Warnings about old files that remain beside the new ones and seem to belong to them.
-    pub fn left(&self) -> Vec<String> {
+    pub(crate) fn left(&self) -> Vec<String> {
         let said = |file: &PathBuf| format!("{}: it was there already, and is not of this run", file.display());
         self.left.iter().map(said).collect()
     }
 
     /// Final path of a written file.
-    pub fn of(&self, file: &Path) -> PathBuf {
+    pub(crate) fn of(&self, file: &Path) -> PathBuf {
         self.folder
             .as_ref()
             .map_or(file.to_owned(), |folder| folder.place(file))
     }
 
     /// Moves the frames to the requested path and returns it.
-    pub fn install(self) -> Result<PathBuf, Failure> {
+    pub(crate) fn install(self) -> Result<PathBuf, Failure> {
         self.folder.map_or(Ok(()), Folder::install)?;
         Ok(self.path)
     }

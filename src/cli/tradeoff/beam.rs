@@ -17,7 +17,7 @@ A row with a star is a best choice: no other is both faster and nearer to the tr
 /// Needle as a beam in tissue: element length, friction, tissue models
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Beam {
+pub(super) struct Beam {
     /// No effect: this study takes a fraction of a second
     #[arg(long, hide = true)]
     quick: bool,
@@ -26,7 +26,7 @@ pub struct Beam {
 }
 
 impl Beam {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Failure> {
         let Self { quick: _, printed } = self;
         printed.run(|_| Ok(study()?))
     }

@@ -20,7 +20,7 @@ guarantee of its rule is marked WRONG.";
 /// history
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
-pub struct History {
+pub(super) struct History {
     /// Order k of the fractional integral, 0 to 1
     #[arg(long, value_name = "K", default_value_t = HistoryOptions::default().order, value_parser = order)]
     order: f64,
@@ -35,7 +35,7 @@ pub struct History {
 }
 
 impl History {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Failure> {
         let options = self.options();
         self.printed.run(|progress| {
             study(&options, progress).map_err(|error| Failure::usage(error.to_string(), "ask for another --order"))

@@ -33,7 +33,7 @@ Examples:
 /// Imaging options: time and memory against grey levels and millimetres, for grids, labels, sampling, grain and backends
 #[derive(Args)]
 #[command(after_help = TEACHING)]
-pub struct Image {
+pub(super) struct Image {
     /// Coarser phantoms, fewer frames, no grid above 512 x 1024
     #[arg(long)]
     quick: bool,
@@ -47,7 +47,7 @@ pub struct Image {
 }
 
 impl Image {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Failure> {
         self.backend.check()?;
         self.printed.check()?;
         if matches!(self.backend.backend, BackendName::CpuF64) {

@@ -20,7 +20,7 @@ a best choice; one that violates its guarantee is marked WRONG.";
 /// Needle insertions: levels of remeshing, nodes of the mesh, bevels, masses and springs, candidates of the probe, links and elements of the needle
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Insertion {
+pub(super) struct Insertion {
     /// What to compare [default: everything]
     #[arg(long, value_name = "PART,...", value_delimiter = ',', value_parser = variants::<Part>())]
     only: Vec<Part>,
@@ -44,7 +44,7 @@ pub struct Insertion {
 }
 
 impl Insertion {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Failure> {
         let options = self.options();
         self.printed.run(|progress| Ok(study(&options, progress)?))
     }

@@ -17,7 +17,7 @@ accuracy under shifts, strains and sinusoids, and around a needle.";
 /// Motion from echoes: length of windows, upsampling, prior estimates
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Motion {
+pub(super) struct Motion {
     /// A small field
     #[arg(long)]
     quick: bool,
@@ -26,7 +26,7 @@ pub struct Motion {
 }
 
 impl Motion {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Failure> {
         self.printed
             .run(|progress| Ok(study(super::effort(self.quick), progress)))
     }

@@ -16,7 +16,7 @@ A row with a star is a best choice: no other is both faster and nearer to the tr
 /// Paths planned in two and in three dimensions, and moduli identified with several meshes
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Planning {
+pub(super) struct Planning {
     /// Coarse meshes
     #[arg(long)]
     quick: bool,
@@ -25,7 +25,7 @@ pub struct Planning {
 }
 
 impl Planning {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Failure> {
         self.printed
             .run(|progress| Ok(study(super::effort(self.quick), progress)?))
     }

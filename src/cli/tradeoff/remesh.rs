@@ -31,7 +31,7 @@ level is marked WRONG.";
 /// Levels of remeshing: time against error, for each level, backend and precision
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Remesh {
+pub(super) struct Remesh {
     /// Tetrahedral mesh to study (Gmsh, VTK, VTU); its lowest nodes along z, at least 3 % of all, are fixed [default: a generated
     /// block]
     #[arg(long, value_name = "FILE", conflicts_with = "nodes")]
@@ -62,7 +62,7 @@ pub struct Remesh {
 }
 
 impl Remesh {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Failure> {
         self.backend.check()?;
         self.printed.check()?;
         let meshes = self.meshes()?;

@@ -18,7 +18,7 @@ A row with a star is a best choice among those with as many steps: no other is b
 /// Stiffening and viscoelastic tissue: time against error, for Euler, modified and full Newton, and for each model
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Tissue {
+pub(super) struct Tissue {
     /// Nodes of the block [default: 1000; with --quick 300, with --whole 3300]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(27..=200_000))]
     nodes: Option<u32>,
@@ -52,7 +52,7 @@ pub struct Tissue {
 }
 
 impl Tissue {
-    pub fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Failure> {
         let usual = match self.whole {
             true => TissueOptions::full(),
             false => TissueOptions::of(super::effort(self.quick)),

@@ -34,7 +34,7 @@ impl Parameters for Blur {}
 impl Blur {
     /// Full width at half maximum at a depth, mm: by default 0.6 mm and 0.06 mm/cm at 3.5 MHz, in proportion to the
     /// wavelength.
-    pub(crate) fn width_at(&self, depth_mm: f64, frequency_mhz: f64) -> f64 {
+    pub fn width_at(&self, depth_mm: f64, frequency_mhz: f64) -> f64 {
         let width = self.width_mm.unwrap_or((2.1 / frequency_mhz).min(20.0));
         width + self.growth_mm_cm.unwrap_or((0.21 / frequency_mhz).min(5.0)) * depth_mm / 10.0
     }

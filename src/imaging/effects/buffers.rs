@@ -172,8 +172,9 @@ pub(crate) static VOXELS: Buffer =
     });
 
 /// Per label index: its imaging properties ([`LabelRow`]).
-pub(crate) static LABEL_ROWS: Buffer = Buffer::new(90, "LabelRows", size_of::<LabelRow>(), |tables| tables.label_rows.len())
-    .of(|tables, _| bytes_of(&tables.label_rows));
+pub(crate) static LABEL_ROWS: Buffer =
+    Buffer::new(90, "LabelRows", size_of::<LabelRow>(), |tables| tables.label_rows.len())
+        .of(|tables, _| bytes_of(&tables.label_rows));
 
 /// Per sample and sub-plane: label index (`u32`).
 pub(crate) static LABEL: Buffer = Buffer::new(120, "Label", 4, planes);

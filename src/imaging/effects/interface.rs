@@ -273,7 +273,7 @@ pub(crate) struct Surfaces<'a, T> {
 
 impl<'a, T: Real> Surfaces<'a, T> {
     /// Creates the surfaces of a scene.
-    pub fn new(tables: &'a Tables) -> Self {
+    pub(crate) fn new(tables: &'a Tables) -> Self {
         let own = tables.settings.effects.interface.clone().unwrap_or_default();
         let row = |label: usize| tables.label_rows.get(label);
         Self {
@@ -290,13 +290,13 @@ impl<'a, T: Real> Surfaces<'a, T> {
     }
 
     /// Stride of the voxels used for normals, along each axis.
-    pub fn stride(&self) -> [f64; 3] {
+    pub(crate) fn stride(&self) -> [f64; 3] {
         self.stride.map(f64::from)
     }
 
     /// Reflection coefficient between two labels.
     #[inline(always)]
-    pub fn coefficient(&self, [near, far]: [u8; 2]) -> T {
+    pub(crate) fn coefficient(&self, [near, far]: [u8; 2]) -> T {
         let [a, b] = map([near, far], |label| self.impedance[usize::from(label)]);
         let [c, d] = map([near, far], |label| self.capsule[usize::from(label)]);
         let step = if a + b > T::zero() {
@@ -310,7 +310,7 @@ impl<'a, T: Real> Surfaces<'a, T> {
     /// Half the echo of the surface between two samples of a scanline, from their labels and reference positions (mm); `None` if the labels
     /// are the same or reflect nothing. Each of the two samples has one half.
     #[inline(always)]
-    pub fn echo(&self, labels: [u8; 2], positions: [[T; 4]; 2]) -> Option<[T; 2]> {
+    pub(crate) fn echo(&self, labels: [u8; 2], positions: [[T; 4]; 2]) -> Option<[T; 2]> {
         if labels[0] == labels[1] {
             return None;
         }
@@ -327,7 +327,7 @@ impl<'a, T: Real> Surfaces<'a, T> {
 
     /// Complex multiplier of the echo of a surface at a reference position, mm.
     #[inline(always)]
-    pub fn roughness(&self, position: [T; 3]) -> [T; 2] {
+    pub(crate) fn roughness(&self, position: [T; 3]) -> [T; 2] {
         let ([re], [im]) = scatterers(&map(position, |x| [x * T::of(1.0 / ROUGHNESS_MM)]), self.seed);
         [self.steady + self.diffuse * re, self.diffuse * im]
     }
@@ -335,7 +335,7 @@ impl<'a, T: Real> Surfaces<'a, T> {
     /// Cosine of the angle between the normal of the boundary of two labels, at the second of two reference positions (mm), and the line between
     /// them; 0 if there is no normal.
     #[inline(always)]
-    pub fn cosine(&self, labels: [u8; 2], [before, after]: [[T; 3]; 2]) -> T {
+    pub(crate) fn cosine(&self, labels: [u8; 2], [before, after]: [[T; 3]; 2]) -> T {
         let Some(gradient) = self.gradient(labels, after) else {
             return T::zero();
         };
@@ -361,7 +361,7 @@ impl<'a, T: Real> Surfaces<'a, T> {
     /// Gradient, in voxels and up to a factor, of the weight of the second of two labels relative to the first around a
     /// reference position (mm); `None` outside the volume.
     #[inline(always)]
-    pub fn gradient(&self, [near, far]: [u8; 2], position: [T; 3]) -> Option<[T; 3]> {
+    pub(crate) fn gradient(&self, [near, far]: [u8; 2], position: [T; 3]) -> Option<[T; 3]> {
         const TAPS: usize = 2 * REACH as usize;
         let half = T::of(0.5);
         let (shifted, mirrored) = self.reader.within(map(self.reader.index(position), |x| x + half))?;

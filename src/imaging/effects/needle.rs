@@ -24,7 +24,8 @@ use insonify_base::random::seed_words;
 use insonify_base::range::parameters;
 use insonify_base::real::Real;
 
-pub use segments::{MAX_SEGMENTS, Segment, left_out, segments};
+pub(crate) use segments::MAX_SEGMENTS;
+pub use segments::{Segment, left_out, segments};
 pub use shaft::Shaft;
 
 parameters! {

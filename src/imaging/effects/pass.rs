@@ -22,7 +22,7 @@ pub struct View<'a> {
 
 /// Parameter block of a pass: binding 0, at most 256 bytes.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct ParamBlock {
+pub struct ParamBlock {
     bytes: [u8; Self::CAPACITY],
 }
 
@@ -31,7 +31,7 @@ impl ParamBlock {
     pub(crate) const CAPACITY: usize = 256;
 
     /// Copies a parameter struct.
-    pub fn of<P: Pod>(params: &P) -> Self {
+    pub(crate) fn of<P: Pod>(params: &P) -> Self {
         const { assert!(size_of::<P>() <= Self::CAPACITY && size_of::<P>().is_multiple_of(16)) };
         let mut bytes = [0; Self::CAPACITY];
         let source = bytemuck::bytes_of(params);
@@ -40,7 +40,7 @@ impl ParamBlock {
     }
 
     /// Parameters as seen by the shader, padded to a full slot.
-    pub fn slot(&self) -> &[u8; Self::CAPACITY] {
+    pub(crate) fn slot(&self) -> &[u8; Self::CAPACITY] {
         &self.bytes
     }
 }

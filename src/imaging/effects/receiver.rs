@@ -55,19 +55,19 @@ impl Parameters for Receiver {}
 
 impl Receiver {
     /// Power of the noise, relative to the echo of liver at the array.
-    pub(crate) fn noise_power(&self) -> f64 {
+    pub fn noise_power(&self) -> f64 {
         10f64.powf(self.noise_db / 10.0)
     }
 
     /// Mean power of the clutter at a depth, relative to the echo of liver at the array. `attenuation_db_cm` is its two-way
     /// attenuation.
-    pub(crate) fn clutter_power(&self, depth_mm: f64, attenuation_db_cm: f64) -> f64 {
+    pub fn clutter_power(&self, depth_mm: f64, attenuation_db_cm: f64) -> f64 {
         let fade_db = (attenuation_db_cm + self.clutter_decay_db_cm) * depth_mm / 10.0;
         10f64.powf((self.clutter_db - fade_db) / 10.0)
     }
 
     /// Power of the ring-down at a depth, relative to the echo of liver at the array.
-    pub(crate) fn ring_down_power(&self, depth_mm: f64, frequency_mhz: f64) -> f64 {
+    pub fn ring_down_power(&self, depth_mm: f64, frequency_mhz: f64) -> f64 {
         10f64.powf(self.ring_down_db / 10.0) * (-2.0 * depth_mm * frequency_mhz / RING_DOWN_MM).exp()
     }
 
@@ -114,7 +114,7 @@ pub(crate) const EFFECT: Effect = Effect {
 
 /// Tables of the receiver.
 #[derive(Clone, Debug)]
-pub(crate) struct Derived {
+pub struct Derived {
     /// Power of acoustic clutter and ring-down at each sample; empty without a receiver.
     pub clutter: Vec<f32>,
 }

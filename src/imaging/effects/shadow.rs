@@ -143,7 +143,7 @@ pub(crate) const EFFECT: Effect = Effect {
 
 /// Tables of the shadow; empty without one.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Derived {
+pub struct Derived {
     /// Kernel of the beam.
     pub penumbra: Option<LateralKernel>,
     /// Scanlines between a point and the elements of the aperture that receive from it; empty if shadows do not widen.

@@ -264,7 +264,7 @@ pub(crate) struct LabelReader<'a, T> {
 
 impl<'a, T: Real> LabelReader<'a, T> {
     /// Creates a reader of the scene's volume.
-    pub fn new(tables: &'a Tables) -> Self {
+    pub(crate) fn new(tables: &'a Tables) -> Self {
         Self {
             voxels: tables.volume.voxels(),
             size: tables.volume.size(),
@@ -275,13 +275,13 @@ impl<'a, T: Real> LabelReader<'a, T> {
     }
 
     /// First three rows of the world-to-index transform.
-    pub fn rows(&self) -> &[[T; 4]; 3] {
+    pub(crate) fn rows(&self) -> &[[T; 4]; 3] {
         &self.world_to_index
     }
 
     /// Continuous voxel index of a world position.
     #[inline(always)]
-    pub fn index(&self, position: [T; 3]) -> [T; 3] {
+    pub(crate) fn index(&self, position: [T; 3]) -> [T; 3] {
         map(self.world_to_index, |row| {
             row[0] * position[0] + row[1] * position[1] + row[2] * position[2] + row[3]
         })
@@ -310,7 +310,7 @@ impl<'a, T: Real> LabelReader<'a, T> {
     /// Position in the volume that corresponds to `shifted` (voxels, from the corner of the first), and the axes along which it is
     /// mirrored; `None` if there is none.
     #[inline(always)]
-    pub fn within(&self, mut shifted: [T; 3]) -> Option<([T; 3], [bool; 3])> {
+    pub(crate) fn within(&self, mut shifted: [T; 3]) -> Option<([T; 3], [bool; 3])> {
         let mut mirrored = [false; 3];
         if self.holds(shifted) {
             return Some((shifted, mirrored));
@@ -443,7 +443,7 @@ impl<'a, T: Real> LabelReader<'a, T> {
 
     /// Offsets of every `stride`-th voxel along an axis from `first` on, each clamped to the volume.
     #[inline(always)]
-    pub fn offsets<const N: usize>(&self, axis: usize, first: i32, stride: i32) -> [usize; N] {
+    pub(crate) fn offsets<const N: usize>(&self, axis: usize, first: i32, stride: i32) -> [usize; N] {
         let pitch = [1, self.size[0], self.size[0] * self.size[1]][axis];
         let last = self.size[axis] - 1;
         array(|at| ((first + at as i32 * stride).max(0) as usize).min(last) * pitch)
@@ -451,7 +451,7 @@ impl<'a, T: Real> LabelReader<'a, T> {
 
     /// Labels at offsets along the first axis, given the sum of the offsets along the others.
     #[inline(always)]
-    pub fn row<const N: usize>(&self, columns: &[usize; N], offset: usize) -> [u8; N] {
+    pub(crate) fn row<const N: usize>(&self, columns: &[usize; N], offset: usize) -> [u8; N] {
         let mut row = [0; N];
         if columns[1] == columns[0] + 1 && columns[N - 1] == columns[0] + N - 1 {
             row.copy_from_slice(&self.voxels[columns[0] + offset..][..N]);

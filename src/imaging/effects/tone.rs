@@ -166,7 +166,7 @@ pub(crate) const EFFECT: Effect = Effect {
 
 /// Tables of the tone.
 #[derive(Clone, Debug)]
-pub(crate) struct Derived {
+pub struct Derived {
     /// Linear gain at each sample depth.
     pub gain: Numbers,
 }

@@ -3,7 +3,7 @@
 use super::rounding::{DIVIDE, ULP};
 use super::slack::{Slack, Step};
 
-pub fn carry(step: &Step, slack: &mut Slack) {
+pub(super) fn carry(step: &Step, slack: &mut Slack) {
     let Some(kernel) = &step.tables.effects.blur else {
         return slack.fault("blur without a kernel");
     };

@@ -11,7 +11,7 @@ const TERM: f64 = 4.0 + 4.5;
 /// summed (1), the gap multiplied (1); its share, a square of a difference from 1 (8); their product (1).
 const PRESSED: f64 = 13.0;
 
-pub fn carry(step: &Step, slack: &mut Slack) {
+pub(super) fn carry(step: &Step, slack: &mut Slack) {
     slack.position = (0..step.lines() * step.samples())
         .map(|index| position(step, index, 0.0))
         .collect();
@@ -21,7 +21,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
 }
 
 /// Bounds the world position of a sample of the plane at elevation `z` mm.
-pub fn position(step: &Step, index: usize, z: f64) -> [f64; 3] {
+pub(super) fn position(step: &Step, index: usize, z: f64) -> [f64; 3] {
     let (line, sample) = step.place(index);
     let [ox, oy, dx, dy] = step.tables.rays[line].map(f64::abs);
     let along = step.tables.grid.sample_depth_mm(sample);

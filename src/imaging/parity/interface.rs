@@ -17,7 +17,7 @@ const SUMS: f64 = (216.0 + 3.0 * 10.0 + 3.0) * ULP * 5.0 * 3.3 * 3.3;
 /// Rounding error of one term of an index, in ULP: matrix stored (1/2), product (1), three sums (3).
 const TERM: f64 = 4.5;
 
-pub fn carry(step: &Step, slack: &mut Slack) {
+pub(super) fn carry(step: &Step, slack: &mut Slack) {
     let tables = step.tables;
     let surfaces = Surfaces::<f64>::new(tables);
     let own = tables.settings.effects.interface.clone().unwrap_or_default();

@@ -106,7 +106,7 @@ impl Segment {
     }
 }
 
-pub fn carry(step: &Step, slack: &mut Slack) {
+pub(super) fn carry(step: &Step, slack: &mut Slack) {
     let own = step.tables.settings.effects.needle.clone().unwrap_or_default();
     slack.mask = vec![0.0; step.lines() * step.samples()];
     slack.shade = slack.mask.clone();

@@ -10,7 +10,7 @@ use super::rounding::ULP;
 const SUM_STD: f64 = 255.998_046_867_549_4;
 
 /// Adds the noise of a frame to grey levels known to within a bound.
-pub fn carry(tables: &Tables, frame: u64, image: &mut [[f64; 2]]) {
+pub(super) fn carry(tables: &Tables, frame: u64, image: &mut [[f64; 2]]) {
     let Some(own) = &tables.settings.effects.noise else {
         return;
     };

@@ -29,7 +29,7 @@ impl Pixels {
 }
 
 /// Compares frames pixel by pixel, given the `beam` of the reference after its last pass and the frame of the twin.
-pub fn compare(
+pub(super) fn compare(
     case: &Case,
     exact: &mut Synthesizer,
     beam: &Beam,

@@ -3,7 +3,7 @@
 use super::rounding::ULP;
 
 /// Returns the lowest and highest byte of a grey level known to within a bound.
-pub fn carry([grey, off]: [f64; 2]) -> [u8; 2] {
+pub(super) fn carry([grey, off]: [f64; 2]) -> [u8; 2] {
     let off = off + 256.0 * ULP;
     [grey - off, grey + off].map(|grey| (grey + 0.5).clamp(0.0, 255.0) as u8)
 }

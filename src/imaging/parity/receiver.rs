@@ -5,7 +5,7 @@ use crate::effects::receiver::{DRAW_MEAN, draw};
 use super::rounding::{ROOT, TINY, ULP, root_off};
 use super::slack::{Slack, Step};
 
-pub fn carry(step: &Step, slack: &mut Slack) {
+pub(super) fn carry(step: &Step, slack: &mut Slack) {
     let tables = step.tables;
     let own = tables.settings.effects.receiver.as_ref();
     let noise = own.map_or(0.0, |own| own.noise_power() / DRAW_MEAN);

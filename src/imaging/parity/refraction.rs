@@ -6,7 +6,7 @@ use crate::effects::refraction::{MAX, Spread, reach};
 use super::rounding::{DIVIDE, TINY, ULP};
 use super::slack::{Slack, Step};
 
-pub fn carry(step: &Step, slack: &mut Slack) {
+pub(super) fn carry(step: &Step, slack: &mut Slack) {
     let (lines, samples) = (step.lines(), step.samples());
     let spread = Spread::<f64>::new(step.tables);
     let reach = reach(step.tables);

@@ -10,7 +10,7 @@ use super::rounding::ULP;
 const MIXES: f64 = 2.0 * 4.0;
 
 /// Returns the grey level of each pixel and its error bound.
-pub fn carry(tables: &Tables, beam: &Beam, slack: &[f64]) -> Vec<[f64; 2]> {
+pub(super) fn carry(tables: &Tables, beam: &Beam, slack: &[f64]) -> Vec<[f64; 2]> {
     let fill = f64::from(tables.settings.image.fill);
     let pixel = |&at: &[f32; 2]| {
         if at[0] < 0.0 {

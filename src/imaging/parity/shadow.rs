@@ -128,7 +128,7 @@ fn one_way(loss: f64, off: f64) -> [f64; 2] {
 }
 
 /// Propagates the bounds through the mean over the beam.
-pub fn carry(step: &Step, slack: &mut Slack) {
+pub(super) fn carry(step: &Step, slack: &mut Slack) {
     let Some(kernel) = &step.tables.effects.shadow.penumbra else {
         return slack.fault("a shadow without a kernel");
     };

@@ -35,13 +35,13 @@ pub(crate) struct Slack {
 
 impl Slack {
     /// Records a deviation that rounding cannot explain.
-    pub fn fault(&mut self, what: impl Into<String>) {
+    pub(super) fn fault(&mut self, what: impl Into<String>) {
         self.faults.push(what.into());
     }
 }
 
 /// One pass of a case: the reference before and after it, and the twin after it. State and beams are relative to the local origin.
-pub struct Step<'a> {
+pub(super) struct Step<'a> {
     pub case: &'a Case,
     pub tables: &'a Tables,
     pub state: &'a FrameState,
@@ -51,16 +51,16 @@ pub struct Step<'a> {
 }
 
 impl Step<'_> {
-    pub fn lines(&self) -> usize {
+    pub(super) fn lines(&self) -> usize {
         self.tables.lines()
     }
 
-    pub fn samples(&self) -> usize {
+    pub(super) fn samples(&self) -> usize {
         self.tables.samples()
     }
 
     /// Returns the scanline and sample of an index in beam space.
-    pub fn place(&self, index: usize) -> (usize, usize) {
+    pub(super) fn place(&self, index: usize) -> (usize, usize) {
         (index / self.samples(), index % self.samples())
     }
 
@@ -72,7 +72,7 @@ impl Step<'_> {
 }
 
 /// Propagates the bounds through one pass.
-pub fn carry(pass: &str, step: &Step, slack: &mut Slack) -> Result<(), SynthError> {
+pub(super) fn carry(pass: &str, step: &Step, slack: &mut Slack) -> Result<(), SynthError> {
     match pass {
         // The bound of `geometry` covers both passes.
         "geometry" => geometry::carry(step, slack),
@@ -113,7 +113,7 @@ pub fn carry(pass: &str, step: &Step, slack: &mut Slack) -> Result<(), SynthErro
 }
 
 /// Records deviations of a twin beyond the bounds.
-pub fn compare(step: &Step, slack: &mut Slack) {
+pub(super) fn compare(step: &Step, slack: &mut Slack) {
     let mut found = Departures::default();
     let (exact, twin) = (step.after, step.twin);
     found.same_count("positions", exact.position.len(), twin.position.len());

@@ -20,7 +20,7 @@ const SHARE: f64 = 2.0 + 3.0 + 7.0;
 /// difference, two products, and sums of four by four by four terms, of weights that sum to 1.
 const SMOOTH_SHARE: f64 = 3.0 * (8.0 + 1.0) + 2.0 + 12.0 + 16.0;
 
-pub fn carry(step: &Step, slack: &mut Slack) {
+pub(super) fn carry(step: &Step, slack: &mut Slack) {
     let echo = |label: u8| f64::from(step.tables.label_rows[usize::from(label)].echo);
     for index in 0..step.after.label.len() {
         let (exact, twin) = (step.after.label[index], step.twin.label[index]);
@@ -39,7 +39,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
 }
 
 /// Returns the labels possible within rounding at a reference position (with its flag; relative to the local origin) known to `off` mm.
-pub fn possible_labels(tables: &Tables, [x, y, z, flag]: [f64; 4], off: [f64; 3]) -> BTreeSet<u8> {
+pub(crate) fn possible_labels(tables: &Tables, [x, y, z, flag]: [f64; 4], off: [f64; 3]) -> BTreeSet<u8> {
     if flag == 1.0 {
         return BTreeSet::from([0]);
     }

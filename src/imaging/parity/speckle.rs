@@ -80,7 +80,7 @@ fn echoes(step: &Step, slack: &Slack, own: &SpeckleTables) -> Vec<[f64; 2]> {
     echoes
 }
 
-pub fn carry(step: &Step, slack: &mut Slack) {
+pub(super) fn carry(step: &Step, slack: &mut Slack) {
     let tables = step.tables;
     let Some(own) = &tables.effects.speckle else {
         return slack.fault("speckle without tables");

@@ -14,7 +14,7 @@ const MIXES: f64 = 3.0 * 4.0 + 3.0;
 /// product.
 const APPLY: f64 = 4.5;
 
-pub fn carry(step: &Step, slack: &mut Slack) {
+pub(super) fn carry(step: &Step, slack: &mut Slack) {
     let Some(atlas) = &step.tables.effects.texture else {
         return slack.fault("a texture pass without an atlas");
     };

@@ -14,7 +14,7 @@ use crate::synth::tables::Tables;
 /// Rounding error of the sum of powers, in ULP of it: weight stored (1/2), two products (2), nine sums (9). The root halves it.
 const SUM: f64 = 11.5;
 
-pub fn carry(step: &Step, slack: &mut Slack) -> Result<(), SynthError> {
+pub(super) fn carry(step: &Step, slack: &mut Slack) -> Result<(), SynthError> {
     let Some(own) = &step.tables.settings.effects.thickness else {
         slack.fault("a thickness pass without thickness");
         return Ok(());

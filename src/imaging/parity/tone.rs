@@ -16,7 +16,7 @@ const SMALLEST: f64 = 1e-10;
 /// Lower and upper bound.
 type Ends = [f64; 2];
 
-pub fn carry(step: &Step, slack: &mut Slack) {
+pub(super) fn carry(step: &Step, slack: &mut Slack) {
     let effects = &step.tables.settings.effects;
     let bands = AutoGain::of(step.tables).map(|own| {
         let exact = gains(&own, step.tables.effects.tone.gain.of::<f64>(), &step.before.amplitude);

@@ -130,7 +130,7 @@ fn place(position: [f64; 4]) -> Vector3<f64> {
     Vector3::new(position[0], position[1], position[2])
 }
 
-pub fn carry(step: &Step, slack: &mut Slack) {
+pub(super) fn carry(step: &Step, slack: &mut Slack) {
     let Some(mesh) = step.tables.mesh.as_deref() else {
         return slack.fault("a warp pass without a mesh");
     };

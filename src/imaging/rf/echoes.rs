@@ -15,7 +15,7 @@ pub const PHASES: usize = 128;
 
 /// Gaussian pulse exp(-t^2 / 2 s^2) cos(2 pi f t).
 #[derive(Clone, Debug)]
-pub(crate) struct Pulse {
+pub struct Pulse {
     half: usize,
     /// `PHASES + 1` rows of `2 half + 2` samples.
     table: Vec<f32>,
@@ -23,7 +23,7 @@ pub(crate) struct Pulse {
 
 impl Pulse {
     /// Tabulates the pulse of an acquisition.
-    pub fn new(acquisition: &Acquisition) -> Self {
+    pub(crate) fn new(acquisition: &Acquisition) -> Self {
         let Acquisition {
             frequency_mhz,
             sampling_mhz,
@@ -43,17 +43,17 @@ impl Pulse {
     }
 
     /// Number of samples.
-    pub fn length(&self) -> usize {
+    pub(crate) fn length(&self) -> usize {
         2 * self.half + 2
     }
 
     /// The pulse at `PHASES + 1` fractions of a sample.
-    pub fn table(&self) -> &[f32] {
+    pub(crate) fn table(&self) -> &[f32] {
         &self.table
     }
 
     /// Sum of the squares of the samples.
-    pub fn energy(&self) -> f64 {
+    pub(crate) fn energy(&self) -> f64 {
         self.table[..self.length()]
             .iter()
             .map(|value| f64::from(value * value))
@@ -76,7 +76,7 @@ impl Pulse {
 
 /// A scatterer in beam space.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Scatterer {
+pub struct Scatterer {
     /// Line coordinate.
     pub line: f32,
     /// Sample coordinate of its echo.
@@ -89,7 +89,7 @@ pub(crate) struct Scatterer {
 
 impl Scatterer {
     /// First and last of `lines` lines that the beam reaches; `None` for none.
-    pub fn lines(&self, lines: usize) -> Option<[usize; 2]> {
+    pub(crate) fn lines(&self, lines: usize) -> Option<[usize; 2]> {
         let reach = REACH as f32 * self.sigma;
         let low = (self.line - reach).ceil().max(0.0);
         let high = (self.line + reach).floor().min((lines - 1) as f32);

@@ -94,7 +94,7 @@ pub(super) struct Deformation {
 
 impl Deformation {
     /// Times of the first and last change, s; `None` if the deformation is constant.
-    pub fn span_s(&self) -> Option<[f64; 2]> {
+    pub(super) fn span_s(&self) -> Option<[f64; 2]> {
         match self.amplitude[..] {
             [first, .., last] => Some([first[0], last[0]]),
             _ => None,

@@ -174,7 +174,7 @@ impl PoseTable {
 /// A solid texture from a file, referred to by tissues.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct TextureSpec {
+pub struct TextureSpec {
     /// Name of the texture; that of a built-in texture replaces it.
     pub name: String,
     /// Three-dimensional grey file: NIfTI, NRRD or MetaImage.

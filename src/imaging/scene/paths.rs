@@ -167,7 +167,7 @@ pub struct NeedleKeyframe {
 /// Needle path from a tracked sequence file of PLUS.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct NeedleSequenceSpec {
+pub struct NeedleSequenceSpec {
     /// Sequence file: `.igs.mha`, `.igs.mhd`, `.igs.nrrd`.
     #[schemars(required)]
     pub file: Option<PathBuf>,

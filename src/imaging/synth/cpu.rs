@@ -51,7 +51,7 @@ pub(crate) struct CpuExecutor<T: PassScalar> {
 
 impl<T: PassScalar> CpuExecutor<T> {
     /// Allocates memory for a plan; an error if too little is available.
-    pub fn new(plan: &Plan, tables: &Tables) -> Result<Self, SynthError> {
+    pub(crate) fn new(plan: &Plan, tables: &Tables) -> Result<Self, SynthError> {
         let mut executor = Self {
             store: Store::default(),
             timed: false,
@@ -62,7 +62,7 @@ impl<T: PassScalar> CpuExecutor<T> {
     }
 
     /// Adapts the memory to a changed plan; an error if too little is available.
-    pub fn fit(&mut self, plan: &Plan, tables: &Tables) -> Result<(), SynthError> {
+    pub(crate) fn fit(&mut self, plan: &Plan, tables: &Tables) -> Result<(), SynthError> {
         memory::check(
             Self::bytes_of(plan).saturating_sub(self.store.bytes() as u64),
             "a frame",
@@ -73,7 +73,7 @@ impl<T: PassScalar> CpuExecutor<T> {
     }
 
     /// Bytes that the passes of a plan write.
-    pub fn bytes_of(plan: &Plan) -> u64 {
+    pub(crate) fn bytes_of(plan: &Plan) -> u64 {
         let written = |buffer| {
             let mut bindings = plan.passes.iter().flat_map(|planned| planned.pass.bindings);
             bindings.any(|&(bound, how)| bound == buffer && how.writes())
@@ -84,7 +84,7 @@ impl<T: PassScalar> CpuExecutor<T> {
     }
 
     /// Takes over whether passes are timed, and the state of the mesh.
-    pub fn follow(&mut self, other: &Self) {
+    pub(crate) fn follow(&mut self, other: &Self) {
         self.timed = other.timed;
         if let (Some(slab), Some(other)) = (&mut self.store.slab, &other.store.slab) {
             slab.follow(other, States::BOTH);
@@ -92,7 +92,7 @@ impl<T: PassScalar> CpuExecutor<T> {
     }
 
     /// Runs the passes and copies the pixels out.
-    pub fn render(
+    pub(crate) fn render(
         &mut self,
         plan: &Plan,
         tables: &Tables,
@@ -111,7 +111,12 @@ impl<T: PassScalar> CpuExecutor<T> {
     }
 
     /// Runs a sequence of passes of a plan, from a thread of the pool: one outside it would be woken after every pass.
-    pub fn run(&mut self, passes: &[PlannedPass], tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
+    pub(crate) fn run(
+        &mut self,
+        passes: &[PlannedPass],
+        tables: &Tables,
+        state: &FrameState,
+    ) -> Result<(), SynthError> {
         insonify_base::parallel::enter(|| self.run_in_pool(passes, tables, state))
     }
 

@@ -73,7 +73,7 @@ impl Synthesizer {
     }
 
     /// The oldest frame in flight with its ticket, if it is finished; never waits.
-    pub(crate) fn try_take(&mut self) -> Result<Option<(Ticket, &Frame)>, SynthError> {
+    pub fn try_take(&mut self) -> Result<Option<(Ticket, &Frame)>, SynthError> {
         let Some(oldest) = self.in_flight.front() else {
             return Ok(None);
         };

@@ -137,7 +137,7 @@ pub(crate) struct GpuExecutor {
 
 impl GpuExecutor {
     /// Compiles the passes of a plan and allocates the buffers of its resources.
-    pub fn new(gpu: Gpu, plan: &Plan, tables: &Tables) -> Result<Self, SynthError> {
+    pub(crate) fn new(gpu: Gpu, plan: &Plan, tables: &Tables) -> Result<Self, SynthError> {
         let mut executor = Self {
             gpu,
             pipelines: BTreeMap::new(),
@@ -163,7 +163,7 @@ impl GpuExecutor {
     }
 
     /// Adapts to a changed plan: creates new objects, drops unused ones, and uploads changed data.
-    pub fn fit(&mut self, plan: &Plan, tables: &Tables, changed: &[&'static Buffer]) -> Result<(), SynthError> {
+    pub(crate) fn fit(&mut self, plan: &Plan, tables: &Tables, changed: &[&'static Buffer]) -> Result<(), SynthError> {
         if self.gpu.report().software {
             memory::check(plan.bytes().saturating_sub(self.bytes()), "a frame on software Vulkan")?;
         }
@@ -528,7 +528,7 @@ impl GpuExecutor {
     }
 
     /// Takes over the states of the frames of the next submission, in order.
-    pub fn stage(&mut self, plan: &Plan, tables: &Tables, states: &[&FrameState]) -> Result<(), SynthError> {
+    pub(crate) fn stage(&mut self, plan: &Plan, tables: &Tables, states: &[&FrameState]) -> Result<(), SynthError> {
         let single = self.timers.is_some();
         let staged = self.stage_for(single, (plan, tables), states);
         self.resend_maps_on_error(staged)
@@ -644,7 +644,7 @@ impl GpuExecutor {
     }
 
     /// Submits the frames that have been staged, whose pixels are asked for at a place of the ring.
-    pub fn submit(&mut self, tables: &Tables, count: usize, place: usize) -> Result<Submission, SynthError> {
+    pub(crate) fn submit(&mut self, tables: &Tables, count: usize, place: usize) -> Result<Submission, SynthError> {
         let gpu = self.gpu.clone();
         let submitted = gpu.scoped("frame", || {
             self.reserve_place(tables, place)?;
@@ -676,13 +676,13 @@ impl GpuExecutor {
     }
 
     /// Whether the pixels of a place have come; never waits.
-    pub fn is_ready(&self, place: usize) -> Result<bool, SynthError> {
+    pub(crate) fn is_ready(&self, place: usize) -> Result<bool, SynthError> {
         self.gpu.poll_once()?;
         Ok(self.ring[place].iter().all(Readback::is_ready))
     }
 
     /// Waits for a submission, and copies the pixels of its frames.
-    pub fn take(
+    pub(crate) fn take(
         &mut self,
         (plan, tables): (&Plan, &Tables),
         submission: Submission,
@@ -715,14 +715,19 @@ impl GpuExecutor {
     }
 
     /// Gives up the pixels of a place.
-    pub fn release(&self, place: usize) {
+    pub(crate) fn release(&self, place: usize) {
         for readback in self.ring.get(place).into_iter().flatten() {
             readback.release(&self.gpu);
         }
     }
 
     /// Renders a frame into the texture.
-    pub fn render_to_texture(&mut self, plan: &Plan, tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
+    pub(crate) fn render_to_texture(
+        &mut self,
+        plan: &Plan,
+        tables: &Tables,
+        state: &FrameState,
+    ) -> Result<(), SynthError> {
         let gpu = self.gpu.clone();
         self.with_texture(plan, tables, state, |executor| {
             gpu.submit("frame", |recorder| executor.run_into_texture(recorder))?;
@@ -731,7 +736,7 @@ impl GpuExecutor {
     }
 
     /// Records a frame into a host's encoder, up to its copy into the texture.
-    pub fn encode(
+    pub(crate) fn encode(
         &mut self,
         encoder: &mut wgpu::CommandEncoder,
         plan: &Plan,
@@ -840,7 +845,7 @@ impl GpuExecutor {
     }
 
     /// Enables or disables timing: each frame is then made twice, by passes one by one and fused.
-    pub fn time_passes(&mut self, on: bool, plan: &Plan, tables: &Tables) -> Result<(), SynthError> {
+    pub(crate) fn time_passes(&mut self, on: bool, plan: &Plan, tables: &Tables) -> Result<(), SynthError> {
         if on {
             self.make_single(plan, tables)?;
         }
@@ -878,7 +883,7 @@ impl GpuExecutor {
     }
 
     /// Reads the beam-space results of the last frame, relative to the local origin, as they were after the last executed pass.
-    pub fn beam(&self, flipped: bool, tables: &Tables) -> Result<Beam, SynthError> {
+    pub(crate) fn beam(&self, flipped: bool, tables: &Tables) -> Result<Beam, SynthError> {
         let count = tables.lines() * tables.samples();
         let words = |buffer: &'static Buffer, per_sample: usize| -> Result<Vec<u32>, GpuError> {
             let Some(buffer) = self.buffers.get(&(buffer, 0)) else {
@@ -917,32 +922,32 @@ impl GpuExecutor {
     }
 
     /// GPU device of this executor.
-    pub fn gpu(&self) -> &Gpu {
+    pub(crate) fn gpu(&self) -> &Gpu {
         &self.gpu
     }
 
     /// Texture of the last frame rendered into it.
-    pub fn texture(&self) -> Option<&wgpu::Texture> {
+    pub(crate) fn texture(&self) -> Option<&wgpu::Texture> {
         self.texture.as_ref().map(TextureOut::texture)
     }
 
     /// Durations of the passes of the last frame.
-    pub fn times(&self) -> &[PassTime] {
+    pub(crate) fn times(&self) -> &[PassTime] {
         &self.times
     }
 
     /// GPU time of the fused passes of the last frame, ms.
-    pub fn frame_ms(&self) -> Option<f64> {
+    pub(crate) fn frame_ms(&self) -> Option<f64> {
         self.frame_ms
     }
 
     /// Names of the compiled passes.
-    pub fn pipelines(&self) -> impl Iterator<Item = &'static str> + '_ {
+    pub(crate) fn pipelines(&self) -> impl Iterator<Item = &'static str> + '_ {
         self.fused.iter().flat_map(|step| &step.passes).map(|pass| pass.name)
     }
 
     /// Size of the resources of the plan, bytes.
-    pub fn bytes(&self) -> u64 {
+    pub(crate) fn bytes(&self) -> u64 {
         self.uploads.planned + self.buffers.values().map(StorageBuffer::bytes).sum::<u64>()
     }
 }

@@ -16,7 +16,7 @@ use insonify_gpu::Access;
 pub const ENTRY: &str = "fused";
 
 /// A linked shader.
-pub(crate) struct Linked {
+pub struct Linked {
     /// WGSL source.
     pub source: String,
     /// Number of its passes.
@@ -26,7 +26,7 @@ pub(crate) struct Linked {
 }
 
 /// A buffer of a linked shader.
-pub(crate) struct BoundBuffer {
+pub struct BoundBuffer {
     /// The buffer.
     pub buffer: &'static Buffer,
     /// Widest access of the passes.

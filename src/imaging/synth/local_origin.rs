@@ -32,21 +32,21 @@ use insonify_mesh::TetMesh;
 /// Largest coordinate of a volume's centre without translation, mm. Below it, single precision resolves 2^-12 mm: stored and summed,
 /// a coordinate has at most this error, which is a tenth of a sample of 0.0024 mm, finer than 8,192 samples over 20 mm. Patients and
 /// phantoms in the frame of a scanner or tracker lie well within it.
-pub const FAR_MM: f64 = 4096.0;
+pub(crate) const FAR_MM: f64 = 4096.0;
 
 /// A local origin is a multiple of this along each axis, mm: a metre. Differences of coordinates and such a number are exact in double
 /// precision, and coordinates within a volume's extent from its centre are at most 500 mm larger, resolved to 2^-14 mm or less.
-pub const STEP_MM: f64 = 1000.0;
+pub(crate) const STEP_MM: f64 = 1000.0;
 
 /// Origin of local coordinates in the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct LocalOrigin {
+pub struct LocalOrigin {
     world_mm: Vector3<f64>,
 }
 
 impl LocalOrigin {
     /// Returns the local origin for a volume.
-    pub fn of(volume: &LabelVolume) -> Self {
+    pub(crate) fn of(volume: &LabelVolume) -> Self {
         let centre = volume.centre_mm().coords;
         let far = centre.iter().all(|x| x.is_finite()) && centre.amax() > FAR_MM;
         let world_mm = if far {
@@ -55,11 +55,6 @@ impl LocalOrigin {
             Vector3::zeros()
         };
         Self { world_mm }
-    }
-
-    /// Position in the world, mm.
-    pub fn world_mm(&self) -> [f64; 3] {
-        self.world_mm.into()
     }
 
     /// Whether it is the origin of the world.
@@ -141,7 +136,7 @@ pub(crate) struct LocalFrame {
 }
 
 impl LocalFrame {
-    pub fn new(origin: LocalOrigin) -> Self {
+    pub(crate) fn new(origin: LocalOrigin) -> Self {
         Self {
             origin,
             state: FrameState::at(Matrix4::identity()),
@@ -151,7 +146,7 @@ impl LocalFrame {
     }
 
     /// Converts the state of the next frame. At the world's origin there is nothing to do.
-    pub fn take(&mut self, world: &FrameState) {
+    pub(crate) fn take(&mut self, world: &FrameState) {
         let origin = self.origin;
         if origin.is_world() {
             return;
@@ -173,7 +168,7 @@ impl LocalFrame {
     }
 
     /// Returns the state for the passes: the last one converted.
-    pub fn of<'a>(&'a self, world: &'a FrameState) -> &'a FrameState {
+    pub(crate) fn of<'a>(&'a self, world: &'a FrameState) -> &'a FrameState {
         if self.origin.is_world() { world } else { &self.state }
     }
 }

@@ -9,7 +9,7 @@ use insonify_mesh::{NONE, TetMesh};
 const STEP: f64 = 0.5;
 
 /// Nodes of the faces beyond which tissue continues: outside the box, or beyond the end of the volume. Ascending.
-pub fn nodes(
+pub(super) fn nodes(
     mesh: &TetMesh,
     [low, high]: &[[f64; 3]; 2],
     volume: &LabelVolume,

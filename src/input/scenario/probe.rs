@@ -37,7 +37,7 @@ impl Contact {
 }
 
 /// Rigid transform of a pose.
-pub fn rigid(pose: &Pose) -> Isometry3<f64> {
+pub(super) fn rigid(pose: &Pose) -> Isometry3<f64> {
     Isometry3::from_parts(pose.position_mm().coords.into(), pose.rotation())
 }
 

@@ -23,7 +23,7 @@ struct Base {
 
 impl MeshImager {
     /// Takes the factor of the base mesh if snapshots may have forces in place of displacements.
-    pub fn new(mesh: Arc<TetMesh>, base: Option<(Arc<Factor>, Dofs)>) -> MeshImager {
+    pub(super) fn new(mesh: Arc<TetMesh>, base: Option<(Arc<Factor>, Dofs)>) -> MeshImager {
         let base = base.map(|(factor, dofs)| Base {
             displacements: vec![0.0; dofs.free()],
             factor,

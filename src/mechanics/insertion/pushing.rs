@@ -50,7 +50,7 @@ pub enum Phase {
 
 /// Outcome of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Pushed {
+pub struct Pushed {
     /// Force on the needle against its direction, N.
     pub force_n: f64,
     /// Part of the force that acts at the tip, N.

@@ -52,7 +52,8 @@ use crate::needle::{CentreLine, Load, Needle};
 use body::{Body, unloaded_tip};
 use contacts::Contacts;
 use cylinder::Cylinder;
-pub use cylinder::{MAX_NODES, MIN_DIHEDRAL_DEG, Parameters};
+pub(crate) use cylinder::MIN_DIHEDRAL_DEG;
+pub use cylinder::{MAX_NODES, Parameters};
 use network::Network;
 
 /// Maximum number of substeps.
@@ -122,7 +123,7 @@ impl MassSpring {
     }
 
     /// Returns the least angle between two faces of an element at the original positions, degrees.
-    pub(crate) fn least_dihedral_deg(&self) -> f64 {
+    pub fn least_dihedral_deg(&self) -> f64 {
         self.least_dihedral_deg
     }
 

@@ -72,7 +72,7 @@ pub(super) enum Resistance {
 
 impl Resistance {
     /// Returns the torque at joint `row` per angle of joint `column`, for `count` joints.
-    pub fn entry(&self, row: usize, column: usize, count: usize) -> f64 {
+    pub(super) fn entry(&self, row: usize, column: usize, count: usize) -> f64 {
         match self {
             Resistance::Springs(kappa) if row == column => *kappa,
             Resistance::Springs(_) => 0.0,

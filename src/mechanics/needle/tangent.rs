@@ -60,7 +60,7 @@ pub(super) struct Tangent {
 impl Tangent {
     /// Computes the stiffness for joints of this resistance. Returns the number of modes in which the loads would buckle the
     /// unsupported needle.
-    pub fn set(&mut self, chain: &Chain, line: &CentreLine, resistance: &Resistance, loads: &[Load]) -> usize {
+    pub(super) fn set(&mut self, chain: &Chain, line: &CentreLine, resistance: &Resistance, loads: &[Load]) -> usize {
         sum_up(chain, line, loads, &mut self.beyond);
         self.axes.clear();
         let links = chain.joints().iter().zip(line.turns());
@@ -89,7 +89,7 @@ impl Tangent {
     }
 
     /// Makes one Newton step from the shape of the line to that under `loads`.
-    pub fn step(&mut self, chain: &Chain, line: &CentreLine, loads: &[Load]) {
+    pub(super) fn step(&mut self, chain: &Chain, line: &CentreLine, loads: &[Load]) {
         sum_up(chain, line, loads, &mut self.under);
         // (kappa - G) theta = tau - G theta_before: exactly zero without loads.
         let mut carried: Vector3<f64> = line.turns().iter().sum();
@@ -111,7 +111,7 @@ impl Tangent {
     }
 
     /// Returns the turn of a joint after the last step.
-    pub fn turn(&self, joint: usize) -> Vector3<f64> {
+    pub(super) fn turn(&self, joint: usize) -> Vector3<f64> {
         self.axes[joint][0] * self.turns[2 * joint] + self.axes[joint][1] * self.turns[2 * joint + 1]
     }
 
@@ -133,7 +133,7 @@ impl Tangent {
     }
 
     /// Writes the linearised displacement of each row by the last step, mm.
-    pub fn drift(&self, line: &CentreLine, out: &mut [f64]) {
+    pub(super) fn drift(&self, line: &CentreLine, out: &mut [f64]) {
         out.fill(0.0);
         let before = line.turns().iter().zip(&self.axes);
         let before = before.flat_map(|(turn, axes)| axes.map(|axis| axis.dot(turn)));

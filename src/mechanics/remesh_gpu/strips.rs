@@ -44,7 +44,7 @@ pub(super) struct Shared {
 
 impl Strips {
     /// Allocates room for `stride` columns of the height of the inverse.
-    pub fn new(
+    pub(super) fn new(
         gpu: &Gpu,
         passes: &Passes,
         tiles: &Tiles,
@@ -96,7 +96,7 @@ impl Strips {
     }
 
     /// Size of all buffers, bytes.
-    pub fn bytes(&self) -> u64 {
+    pub(super) fn bytes(&self) -> u64 {
         let buffers = [&self.y, &self.z, &self.c, &self.change, &self.matrix];
         buffers.map(StorageBuffer::bytes).iter().sum()
     }

@@ -46,7 +46,7 @@ impl Tiles {
     ///
     /// # Errors
     /// [`GpuError::Limit`] where not even one tile fits into a bank; [`GpuError::OutOfMemory`].
-    pub fn new(gpu: &Gpu, size: usize, bank_bytes: u64) -> Result<Self, GpuError> {
+    pub(crate) fn new(gpu: &Gpu, size: usize, bank_bytes: u64) -> Result<Self, GpuError> {
         let count = tiles_of(size.div_ceil(SIDE));
         // A dispatch has one workgroup per tile of a bank.
         let most = (bank_bytes / TILE_BYTES).min(u64::from(gpu.limits().max_compute_workgroups_per_dimension));
@@ -77,7 +77,7 @@ impl Tiles {
     ///
     /// # Errors
     /// [`GpuError`] where the device fails.
-    pub fn send(&self, gpu: &Gpu, matrix: &Symmetric<f32>) -> Result<(), GpuError> {
+    pub(crate) fn send(&self, gpu: &Gpu, matrix: &Symmetric<f32>) -> Result<(), GpuError> {
         let mut values = Vec::new();
         for (row, panel) in matrix.row_panels().enumerate() {
             pack(&panel, &mut values);
@@ -107,7 +107,7 @@ impl Tiles {
     }
 
     /// Total size of all banks, bytes.
-    pub fn bytes(&self) -> u64 {
+    pub(crate) fn bytes(&self) -> u64 {
         self.banks.iter().map(|bank| bank.buffer.bytes()).sum()
     }
 }
@@ -163,7 +163,7 @@ pub struct Params {
 
 /// Declaration of a pass.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Declared {
+pub struct Declared {
     /// Entry point in the shader.
     pub entry: &'static str,
     /// Access modes of the buffers at bindings 1, 2, ...
@@ -227,7 +227,7 @@ pub(super) struct Passes {
 }
 
 impl Passes {
-    pub fn new(gpu: &Gpu) -> Result<Self, GpuError> {
+    pub(super) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
         let compile = |pass: Declared, source| {
             let source = PassSource {
                 label: pass.entry,

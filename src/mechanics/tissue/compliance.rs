@@ -10,7 +10,7 @@ use super::symmetric::{Scalar, Symmetric};
 /// Inverse of the stiffness over the free degrees of freedom, mm/N, read by column or by entry.
 ///
 /// Reading may solve for missing columns, hence `&mut self`.
-pub(crate) trait Compliance {
+pub trait Compliance {
     /// Number of free degrees of freedom.
     fn size(&self) -> usize;
 

@@ -73,7 +73,7 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 
 impl Shape {
     /// Computes the shape of a tetrahedron from its corners, mm.
-    pub fn of(corners: &[[f64; 3]; 4]) -> Result<Shape, DegenerateElement> {
+    pub(super) fn of(corners: &[[f64; 3]; 4]) -> Result<Shape, DegenerateElement> {
         let [e1, e2, e3] = [1, 2, 3].map(|corner| minus(corners[corner], corners[0]));
         let faces = [cross(e2, e3), cross(e3, e1), cross(e1, e2)];
         let determinant = dot(e1, faces[0]);
@@ -122,13 +122,13 @@ impl Shape {
 
     /// Returns V lambda and V mu, N mm.
     #[inline]
-    pub fn weights(&self, material: &Material) -> [f64; 2] {
+    pub(super) fn weights(&self, material: &Material) -> [f64; 2] {
         material.lame_kpa().map(|kpa| kpa * NEWTON_PER_MM2 * self.volume)
     }
 
     /// Returns the block of corners `a` and `b`, N/mm.
     #[inline]
-    pub fn block(&self, [lambda, mu]: [f64; 2], a: usize, b: usize) -> NodeBlock {
+    pub(super) fn block(&self, [lambda, mu]: [f64; 2], a: usize, b: usize) -> NodeBlock {
         let (ga, gb) = (self.gradients[a], self.gradients[b]);
         let shear = mu * dot(ga, gb);
         // Products are ordered so that swapping a with b and row with column changes no rounding.
@@ -143,7 +143,7 @@ impl Shape {
     /// Returns the forces (N) that balance the displacements (mm) of the corners. A translation gives exactly zero; the
     /// forces sum to zero up to the rounding of the last sum.
     #[inline]
-    pub fn forces(&self, [lambda, mu]: [f64; 2], displacements: &[[f64; 3]; 4]) -> [[f64; 3]; 4] {
+    pub(super) fn forces(&self, [lambda, mu]: [f64; 2], displacements: &[[f64; 3]; 4]) -> [[f64; 3]; 4] {
         let mut slope = [[0.0; 3]; 3];
         for corner in 1..4 {
             let difference = minus(displacements[corner], displacements[0]);
@@ -172,7 +172,10 @@ impl Shape {
 ///
 /// [`TetMesh`]: insonify_mesh::TetMesh
 #[cfg(test)]
-pub(crate) fn element_stiffness(corners: &[[f64; 3]; 4], material: &Material) -> Result<ElementStiffness, DegenerateElement> {
+pub(crate) fn element_stiffness(
+    corners: &[[f64; 3]; 4],
+    material: &Material,
+) -> Result<ElementStiffness, DegenerateElement> {
     let shape = Shape::of(corners)?;
     let weights = shape.weights(material);
     Ok(ElementStiffness(std::array::from_fn(|a| {

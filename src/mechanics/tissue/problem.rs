@@ -233,7 +233,7 @@ struct Balance<'a> {
 
 impl<'a> Balance<'a> {
     /// Prepares the elements; `materials` has one entry per element.
-    pub fn new(mesh: &'a TetMesh, materials: &[Material]) -> Result<Balance<'a>, LinearError> {
+    pub(crate) fn new(mesh: &'a TetMesh, materials: &[Material]) -> Result<Balance<'a>, LinearError> {
         let elements = mesh.elements();
         let shape = |(element, (corners, material)): (usize, (&[u32; 4], &Material))| {
             let shape = Shape::of(&corners.map(|node| mesh.nodes()[node as usize]));
@@ -269,7 +269,7 @@ impl<'a> Balance<'a> {
 
     /// Refines displacements (mm) until all forces (N) balance; `loads` are those given on all nodes. Returns the
     /// forces on all nodes that balance the displacements, loads plus reactions.
-    pub fn settle(
+    pub(crate) fn settle(
         &self,
         dofs: &Dofs,
         factor: &Factor,

@@ -307,7 +307,7 @@ struct SampleSchedule {
 
 impl SampleSchedule {
     /// Creates a schedule that samples the next update.
-    pub fn new() -> SampleSchedule {
+    pub(crate) fn new() -> SampleSchedule {
         SampleSchedule {
             updates: 0,
             interval: 1,
@@ -321,7 +321,7 @@ impl SampleSchedule {
     }
 
     /// Records a good sample: the next may wait twice as long, but at most `every` updates.
-    pub fn relax(&mut self, every: u64) {
+    pub(crate) fn relax(&mut self, every: u64) {
         *self = SampleSchedule {
             updates: 0,
             interval: (2 * self.interval).min(every),

@@ -46,14 +46,13 @@ pub struct Symmetric<T> {
     panels: Vec<Vec<Column<T>>>,
 }
 
-/// Rows `first_row..first_row + rows` of a [`Symmetric`] with the columns up to the last of them.
+/// Consecutive rows of a [`Symmetric`] with the columns up to the last of them.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Panel<'a, T> {
-    pub first_row: usize,
     /// Number of rows; [`PANEL_ROWS`] in all panels but the last.
     pub rows: usize,
-    /// Columns `0..first_row + rows`. Row `i` of the matrix is value `i - first_row` of each; values above the diagonal
-    /// and beyond `rows` are meaningless.
+    /// Columns up to the last row. The first row of the panel is value 0 of each; values above the diagonal and beyond `rows` are
+    /// meaningless.
     pub columns: &'a [Column<T>],
 }
 
@@ -206,7 +205,6 @@ impl<T: Scalar> Symmetric<T> {
         self.panels.iter().enumerate().map(|(panel, columns)| {
             let [first_row, end] = panel_rows(panel, self.size);
             Panel {
-                first_row,
                 rows: end - first_row,
                 columns,
             }

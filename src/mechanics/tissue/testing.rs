@@ -10,19 +10,19 @@ use insonify_base::random::{pcg3d, unit};
 use insonify_mesh::TetMesh;
 
 /// Returns a value in -1..1 that depends only on the arguments.
-pub fn value(i: usize, j: usize, salt: u32) -> f64 {
+pub(super) fn value(i: usize, j: usize, salt: u32) -> f64 {
     let [coarse, fine, _] = pcg3d([i as u32, j as u32, salt]).map(unit).map(f64::from);
     2.0 * coarse - 1.0 + 1e-8 * fine
 }
 
 /// Runs `work` on a dedicated thread pool.
-pub fn on_threads<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> R {
+pub(super) fn on_threads<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> R {
     let pool = insonify_base::parallel::Pool::new(threads);
     pool.expect("a pool").install(work)
 }
 
 /// Block of soft tissue of 60 x 40 x 40 mm on a fixed floor, with perturbed inner nodes.
-pub struct Block {
+pub(super) struct Block {
     pub mesh: TetMesh,
     pub materials: Vec<Material>,
     pub dofs: Dofs,
@@ -31,7 +31,7 @@ pub struct Block {
 }
 
 impl Block {
-    pub fn new(nodes: usize, poisson: f64) -> Self {
+    pub(super) fn new(nodes: usize, poisson: f64) -> Self {
         let extent = [60.0, 40.0, 40.0];
         let regular = TetMesh::over_box([0.0; 3], extent, nodes).expect("a box");
         let inside = |p: &[f64; 3]| (0..3).all(|axis| p[axis] > 0.0 && p[axis] < extent[axis]);

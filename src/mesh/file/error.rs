@@ -105,7 +105,7 @@ impl From<TooLarge> for Fault {
 }
 
 impl Fault {
-    pub fn at(offset: usize, found: impl Into<String>, expected: impl Into<String>) -> Fault {
+    pub(super) fn at(offset: usize, found: impl Into<String>, expected: impl Into<String>) -> Fault {
         Fault::Contents {
             offset: Some(offset),
             found: text::clipped(&found.into(), text::MESSAGE),
@@ -113,7 +113,7 @@ impl Fault {
         }
     }
 
-    pub fn of_file(found: impl Into<String>, expected: impl Into<String>) -> Fault {
+    pub(super) fn of_file(found: impl Into<String>, expected: impl Into<String>) -> Fault {
         Fault::Contents {
             offset: None,
             found: text::clipped(&found.into(), text::MESSAGE),
@@ -122,7 +122,7 @@ impl Fault {
     }
 
     /// Converts the fault into an error with the line of its offset.
-    pub fn locate(self, bytes: &[u8], path: &Path) -> MeshFileError {
+    pub(super) fn locate(self, bytes: &[u8], path: &Path) -> MeshFileError {
         let path = path.to_owned();
         match self {
             Fault::Memory(error) => MeshFileError::Read {

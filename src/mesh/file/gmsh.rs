@@ -225,7 +225,7 @@ struct Nodes {
 
 impl Nodes {
     /// Builds the list from tags and positions in any order, which start at `at`.
-    pub fn new(mut nodes: Vec<(u64, [f64; 3])>, at: usize) -> Result<Nodes, Fault> {
+    pub(crate) fn new(mut nodes: Vec<(u64, [f64; 3])>, at: usize) -> Result<Nodes, Fault> {
         nodes.sort_by_key(|node| node.0);
         if let Some(pair) = nodes.windows(2).find(|pair| pair[0].0 == pair[1].0) {
             return Err(Fault::at(
@@ -239,7 +239,7 @@ impl Nodes {
     }
 
     /// Returns the index of a node to which an element at `at` refers.
-    pub fn index(&self, tag: u64, at: usize) -> Result<u32, Fault> {
+    pub(crate) fn index(&self, tag: u64, at: usize) -> Result<u32, Fault> {
         let first = self.tags.first().copied().unwrap_or_default();
         // Most files number their nodes without gaps.
         let guess = tag.checked_sub(first).and_then(|place| usize::try_from(place).ok());
@@ -315,7 +315,7 @@ const KINDS: [Kind; 33] = [
 
 impl Kind {
     /// Returns the type of a number at `at`, if meshes can contain it: a linear tetrahedron, or something flat to ignore.
-    pub fn usable(code: i32, at: usize) -> Result<&'static Kind, Fault> {
+    pub(crate) fn usable(code: i32, at: usize) -> Result<&'static Kind, Fault> {
         const EXPECTED: &str = "linear tetrahedra (type 4) as the only elements with a volume";
         match KINDS.iter().find(|kind| kind.code == code) {
             None => Err(Fault::at(at, format!("element type {code}"), EXPECTED)),

@@ -53,7 +53,7 @@ enum Kind {
 
 impl Kind {
     /// Returns the size of a value, bytes.
-    pub fn size(self) -> usize {
+    pub(crate) fn size(self) -> usize {
         match self {
             Kind::I8 | Kind::U8 => 1,
             Kind::I16 | Kind::U16 => 2,
@@ -63,7 +63,7 @@ impl Kind {
     }
 
     /// Returns the value whose bytes are the low ones of `word`.
-    pub fn value(self, word: u64) -> f64 {
+    pub(crate) fn value(self, word: u64) -> f64 {
         match self {
             Kind::F32 => f64::from(f32::from_bits(word as u32)),
             Kind::F64 => f64::from_bits(word),

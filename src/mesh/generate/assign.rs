@@ -45,7 +45,7 @@ pub(super) struct Limits {
 }
 
 impl Limits {
-    pub fn new(min_dihedral_deg: f64) -> Self {
+    pub(super) fn new(min_dihedral_deg: f64) -> Self {
         Limits {
             kept: min_dihedral_deg.to_radians().cos(),
             outside: OUTSIDE_DEG.min(min_dihedral_deg).to_radians().cos(),
@@ -53,7 +53,7 @@ impl Limits {
     }
 
     /// Returns the largest permitted cosine of a dihedral angle.
-    pub fn of(&self, class: u8) -> f64 {
+    pub(super) fn of(&self, class: u8) -> f64 {
         if class == OUTSIDE { self.outside } else { self.kept }
     }
 }

@@ -20,7 +20,7 @@ pub(super) struct Lattice {
 }
 
 impl Lattice {
-    pub fn nodes(&self) -> usize {
+    pub(super) fn nodes(&self) -> usize {
         self.cells.iter().map(|n| n + 1).product()
     }
 }
@@ -39,7 +39,7 @@ pub(super) struct Bisection {
 }
 
 impl Bisection {
-    pub fn new(lattice: &Lattice) -> Self {
+    pub(super) fn new(lattice: &Lattice) -> Self {
         let points = lattice.cells.map(|n| n + 1);
         let stride = [1, points[0], points[0] * points[1]];
         let at = |axis: usize, index: usize| lattice.low[axis] + lattice.edges[axis] * index as f64;
@@ -85,7 +85,7 @@ impl Bisection {
     }
 
     /// Returns the ends of the edge at which an element is bisected.
-    pub fn edge(&self, element: u32) -> [u32; 2] {
+    pub(super) fn edge(&self, element: u32) -> [u32; 2] {
         let corners = self.elements[element as usize];
         let mut ends = [corners[0], corners[usize::from(self.tags[element as usize])]];
         ends.sort_unstable();
@@ -93,17 +93,17 @@ impl Bisection {
     }
 
     /// Returns the elements around a node.
-    pub fn star(&self, node: u32) -> &[u32] {
+    pub(super) fn star(&self, node: u32) -> &[u32] {
         &self.stars[node as usize]
     }
 
     /// Returns the corner positions of an element, mm.
-    pub fn corners(&self, element: u32) -> [[f64; 3]; 4] {
+    pub(super) fn corners(&self, element: u32) -> [[f64; 3]; 4] {
         self.elements[element as usize].map(|node| self.nodes[node as usize])
     }
 
     /// Returns, for each axis, whether a node lies on the low or high face of the lattice across it.
-    pub fn on_faces(&self, node: u32) -> [bool; 3] {
+    pub(super) fn on_faces(&self, node: u32) -> [bool; 3] {
         let position = self.nodes[node as usize];
         [0, 1, 2].map(|axis| position[axis] == self.low[axis] || position[axis] == self.high[axis])
     }

@@ -25,7 +25,7 @@ pub(super) struct Contents {
 
 impl Contents {
     /// Returns the volume of a class in the element, mm^3.
-    pub fn of(&self, class: u8) -> f64 {
+    pub(super) fn of(&self, class: u8) -> f64 {
         self.parts
             .iter()
             .find(|part| part.0 == class)
@@ -33,13 +33,13 @@ impl Contents {
     }
 
     /// Returns the volume of all tissue in the element, mm^3.
-    pub fn tissue(&self) -> f64 {
+    pub(super) fn tissue(&self) -> f64 {
         self.volume - self.of(OUTSIDE)
     }
 
     /// Returns the outside if that is half of the volume or more, else the class with the largest volume; of ties the
     /// lowest.
-    pub fn majority(&self) -> u8 {
+    pub(super) fn majority(&self) -> u8 {
         let mut best = (OUTSIDE, 0.0);
         if 2.0 * self.of(OUTSIDE) < self.volume {
             for &part in self.parts.iter().filter(|part| part.0 != OUTSIDE) {
@@ -65,7 +65,7 @@ pub(super) struct Sampler {
 }
 
 impl Sampler {
-    pub fn new() -> Self {
+    pub(super) fn new() -> Self {
         let lattice = |n: usize| {
             let scale = 1.0 / (n + 1) as f64;
             let mut points = Vec::new();
@@ -86,7 +86,7 @@ impl Sampler {
     }
 
     /// Limits the work from here on.
-    pub fn limit(&self, more: u64) {
+    pub(super) fn limit(&self, more: u64) {
         self.most.store(self.work().saturating_add(more), Ordering::Relaxed);
     }
 
@@ -96,12 +96,12 @@ impl Sampler {
     }
 
     /// Returns the work so far: the number of points, and [`WORK`] for each element.
-    pub fn work(&self) -> u64 {
+    pub(super) fn work(&self) -> u64 {
         self.work.load(Ordering::Relaxed)
     }
 
     /// Returns the points for an element of this volume (mm^3), in barycentric coordinates.
-    pub fn lattice(&self, tissue: &Tissue, volume: f64) -> &[[f64; 4]] {
+    pub(super) fn lattice(&self, tissue: &Tissue, volume: f64) -> &[[f64; 4]] {
         let wanted = DENSITY * volume / tissue.voxel_mm3;
         let last = &self.lattices[self.lattices.len() - 1];
         let fitting = self.lattices.iter().find(|lattice| lattice.len() as f64 >= wanted);
@@ -109,7 +109,7 @@ impl Sampler {
     }
 
     /// Returns the contents of the element with these corners.
-    pub fn contents(&self, tissue: &Tissue, corners: &[[f64; 3]; 4]) -> Contents {
+    pub(super) fn contents(&self, tissue: &Tissue, corners: &[[f64; 3]; 4]) -> Contents {
         let volume = six_volumes(corners).abs() / 6.0;
         let lattice = self.lattice(tissue, volume);
         self.work.fetch_add(lattice.len() as u64 + WORK, Ordering::Relaxed);

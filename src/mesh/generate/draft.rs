@@ -26,7 +26,7 @@ pub(super) struct Draft {
 
 impl Draft {
     /// Builds a draft from a bisection, with each element in its majority class.
-    pub fn new(mesh: &Bisection, tissue: &Tissue, sampler: &Sampler) -> Result<Self, InvalidMesh> {
+    pub(super) fn new(mesh: &Bisection, tissue: &Tissue, sampler: &Sampler) -> Result<Self, InvalidMesh> {
         let mut elements = mesh.elements.clone();
         for corners in &mut elements {
             if six_volumes(&corners.map(|node| mesh.nodes[node as usize])) < 0.0 {
@@ -61,7 +61,7 @@ impl Draft {
     }
 
     /// Samples the contents of the elements again.
-    pub fn sample(&mut self, tissue: &Tissue, sampler: &Sampler) {
+    pub(super) fn sample(&mut self, tissue: &Tissue, sampler: &Sampler) {
         let (nodes, elements) = (&self.nodes, &self.elements);
         self.contents = parallel::map(&elements[..], &|corners| {
             let corners = corners.map(|node| nodes[node as usize]);
@@ -70,17 +70,17 @@ impl Draft {
     }
 
     /// Returns the elements around a node, ascending.
-    pub fn star(&self, node: u32) -> &[u32] {
+    pub(super) fn star(&self, node: u32) -> &[u32] {
         let node = node as usize;
         &self.star_elements[self.star_starts[node] as usize..self.star_starts[node + 1] as usize]
     }
 
-    pub fn corners(&self, element: u32) -> [[f64; 3]; 4] {
+    pub(super) fn corners(&self, element: u32) -> [[f64; 3]; 4] {
         self.elements[element as usize].map(|node| self.nodes[node as usize])
     }
 
     /// Returns the class across a face; beyond the lattice it is the outside.
-    pub fn across(&self, element: u32, face: usize) -> u8 {
+    pub(super) fn across(&self, element: u32, face: usize) -> u8 {
         match self.neighbours[element as usize][face] {
             NONE => OUTSIDE,
             other => self.classes[other as usize],
@@ -88,12 +88,12 @@ impl Draft {
     }
 
     /// Returns the nodes of the face opposite a corner.
-    pub fn face(&self, element: u32, opposite: usize) -> [u32; 3] {
+    pub(super) fn face(&self, element: u32, opposite: usize) -> [u32; 3] {
         FACES[opposite].map(|corner| self.elements[element as usize][corner])
     }
 
     /// Returns the area of the face opposite a corner, mm^2.
-    pub fn area(&self, element: u32, opposite: usize) -> f64 {
+    pub(super) fn area(&self, element: u32, opposite: usize) -> f64 {
         let [a, b, c] = self.face(element, opposite).map(|node| self.nodes[node as usize]);
         0.5 * norm(cross(sub(b, a), sub(c, a)))
     }
@@ -129,7 +129,7 @@ impl Draft {
     }
 
     /// Returns the volumes of the classes, mm^3.
-    pub fn volumes(&self, classes: usize) -> Vec<f64> {
+    pub(super) fn volumes(&self, classes: usize) -> Vec<f64> {
         let mut volumes = vec![0.0; classes];
         for (contents, &class) in self.contents.iter().zip(&self.classes) {
             volumes[usize::from(class)] += contents.volume;
@@ -138,7 +138,7 @@ impl Draft {
     }
 
     /// Returns the elements that are kept.
-    pub fn kept(&self) -> impl Iterator<Item = u32> + '_ {
+    pub(super) fn kept(&self) -> impl Iterator<Item = u32> + '_ {
         (0..self.elements.len() as u32).filter(|element| self.classes[*element as usize] != OUTSIDE)
     }
 

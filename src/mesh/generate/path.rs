@@ -22,7 +22,7 @@ pub(super) struct Path {
 
 impl Path {
     /// Trims each segment to its first and last points in tissue; each once, in either direction.
-    pub fn new(options: &GenerateOptions, nodes: usize, tissue: &Tissue) -> Self {
+    pub(super) fn new(options: &GenerateOptions, nodes: usize, tissue: &Tissue) -> Self {
         let mut segments: Vec<[Vector3<f64>; 2]> = Vec::new();
         for ends in options.path {
             let [a, b] = ends.map(|end| tissue.to_frame(end));
@@ -72,7 +72,7 @@ impl Path {
 
     /// Returns the volume within [`NEAR_MM`] that has the wrong region, lies outside the tissue or is missing, as a share of
     /// that of the tissue there, per cent; `None` where there is no tissue.
-    pub fn mislabelled_percent(&self, draft: &Draft, tissue: &Tissue, sampler: &Sampler) -> Option<f64> {
+    pub(super) fn mislabelled_percent(&self, draft: &Draft, tissue: &Tissue, sampler: &Sampler) -> Option<f64> {
         let (mut wrong, mut all) = (0.0, 0.0);
         for element in 0..draft.elements.len() as u32 {
             let corners = draft.corners(element);

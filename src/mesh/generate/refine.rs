@@ -64,7 +64,7 @@ pub(super) struct Refinement<'a> {
 
 impl<'a> Refinement<'a> {
     /// Starts from a mesh. `max_edge_mm` is the longest edge of an element with tissue in it.
-    pub fn new(mesh: Bisection, tissue: &Tissue, sampler: &Sampler, path: &'a Path, max_edge_mm: f64) -> Self {
+    pub(super) fn new(mesh: Bisection, tissue: &Tissue, sampler: &Sampler, path: &'a Path, max_edge_mm: f64) -> Self {
         let mut refinement = Refinement {
             path,
             kept: vec![0; mesh.nodes.len()],
@@ -81,12 +81,12 @@ impl<'a> Refinement<'a> {
     }
 
     /// Returns the number of nodes of elements that are mostly tissue.
-    pub fn nodes(&self) -> usize {
+    pub(super) fn nodes(&self) -> usize {
         self.kept_nodes
     }
 
     /// Bisects elements until `target` nodes belong to tissue or the sampler's work is spent.
-    pub fn refine(
+    pub(super) fn refine(
         &mut self,
         target: usize,
         tissue: &Tissue,

@@ -31,7 +31,7 @@ pub(super) struct Tissue<'a> {
 }
 
 impl<'a> Tissue<'a> {
-    pub fn new(grid: &LabelGrid<'a>) -> Result<Self, GenerateError> {
+    pub(super) fn new(grid: &LabelGrid<'a>) -> Result<Self, GenerateError> {
         let expected = grid.size.iter().try_fold(1usize, |product, &n| product.checked_mul(n));
         if expected != Some(grid.labels.len()) || grid.labels.is_empty() {
             return Err(GenerateError::Size {
@@ -135,20 +135,20 @@ impl<'a> Tissue<'a> {
 
     /// Returns the class at a point of the frame.
     #[inline]
-    pub(crate) fn class_at(&self, point: [f64; 3]) -> u8 {
+    pub(super) fn class_at(&self, point: [f64; 3]) -> u8 {
         let index = self.index_of(point);
         self.class_at_index(index)
     }
 
     /// Returns the voxel index of a point of the frame, offset by half a voxel: its floor is the nearest voxel. Affine.
     #[inline]
-    pub fn index_of(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
+    pub(super) fn index_of(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
         self.to_index.map(|row| row[0] * x + row[1] * y + row[2] * z + row[3])
     }
 
     /// Returns the class at an index from [`Tissue::index_of`].
     #[inline]
-    pub(crate) fn class_at_index(&self, index: [f64; 3]) -> u8 {
+    pub(super) fn class_at_index(&self, index: [f64; 3]) -> u8 {
         let [nx, ny, nz] = self.size;
         // Negative numbers and NaN become 0 when cast, hence the check on the low side.
         let inside = index[0] >= 0.0 && index[1] >= 0.0 && index[2] >= 0.0;
@@ -160,12 +160,12 @@ impl<'a> Tissue<'a> {
     }
 
     /// Transforms a point from the world to the frame, mm.
-    pub(crate) fn to_frame(&self, point: [f64; 3]) -> Vector3<f64> {
+    pub(super) fn to_frame(&self, point: [f64; 3]) -> Vector3<f64> {
         self.axes.transpose() * (Vector3::from(point) - self.origin)
     }
 
     /// Transforms a point from the frame to the world, mm.
-    pub fn to_world(&self, point: [f64; 3]) -> [f64; 3] {
+    pub(super) fn to_world(&self, point: [f64; 3]) -> [f64; 3] {
         (self.axes * Vector3::from(point) + self.origin).into()
     }
 }

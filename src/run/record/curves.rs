@@ -5,7 +5,7 @@ use crate::run::Step;
 use insonify_report::plot::{Axis, Marker, Plot, Series};
 
 /// Number of intervals of steps for which a curve keeps minimum and maximum: about one per pixel.
-pub const STRETCHES: u64 = 800;
+pub(super) const STRETCHES: u64 = 800;
 /// Maximum number of individually marked steps that remesh.
 const MARKED: usize = 1500;
 /// Time of a step at haptic rate, ms.
@@ -15,12 +15,12 @@ const HAPTIC_MS: f64 = 1.0;
 type Extremes = [[f64; 2]; 2];
 
 #[derive(Clone, Debug, Default)]
-pub struct Curve {
+pub(super) struct Curve {
     points: Vec<Extremes>,
 }
 
 impl Curve {
-    pub fn add(&mut self, time_s: f64, value: f64, starts: bool) {
+    pub(super) fn add(&mut self, time_s: f64, value: f64, starts: bool) {
         let point = [time_s, value];
         match self.points.last_mut().filter(|_| !starts) {
             Some([least, most]) => {
@@ -35,7 +35,7 @@ impl Curve {
         }
     }
 
-    pub fn series(&self, name: &str, colour: usize) -> Series {
+    pub(super) fn series(&self, name: &str, colour: usize) -> Series {
         let mut points = Vec::with_capacity(2 * self.points.len());
         for &[a, b] in &self.points {
             let (first, last) = if a[0] <= b[0] { (a, b) } else { (b, a) };
@@ -49,7 +49,7 @@ impl Curve {
 }
 
 #[derive(Clone, Debug, Default)]
-pub struct Curves {
+pub(super) struct Curves {
     steps_a_stretch: u64,
     axial: Curve,
     lateral: Curve,
@@ -63,7 +63,7 @@ pub struct Curves {
 }
 
 impl Curves {
-    pub fn new(scenario: &Scenario) -> Self {
+    pub(super) fn new(scenario: &Scenario) -> Self {
         Self {
             steps_a_stretch: scenario.timing.steps.div_ceil(STRETCHES).max(1),
             probe: scenario.contact.is_some().then(Curve::default),
@@ -72,7 +72,7 @@ impl Curves {
         }
     }
 
-    pub fn add(&mut self, step: &Step<'_>, target_mm: Option<f64>) {
+    pub(super) fn add(&mut self, step: &Step<'_>, target_mm: Option<f64>) {
         let starts = (step.number - 1).is_multiple_of(self.steps_a_stretch);
         let (time_s, outcome) = (step.time_s, step.outcome);
         let force = outcome.on_hand.in_frame(&step.base).force_n;
@@ -93,7 +93,7 @@ impl Curves {
         self.end_s = time_s;
     }
 
-    pub fn plots(&self) -> [Plot; 3] {
+    pub(super) fn plots(&self) -> [Plot; 3] {
         let mut forces = vec![
             self.axial.series("along the needle", 0),
             self.lateral.series("across the needle", 1),

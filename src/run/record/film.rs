@@ -13,7 +13,7 @@ const BITS: u32 = 6;
 
 /// A recorded frame.
 #[derive(Clone, Debug)]
-pub struct Shot {
+pub(super) struct Shot {
     /// Frame number from 0, and time, s.
     pub number: u64,
     pub time_s: f64,
@@ -25,7 +25,7 @@ pub struct Shot {
 
 /// Frames recorded during a run: the first, the deepest, the nearest to a target, and evenly spaced ones for a slider.
 #[derive(Clone, Debug, Default)]
-pub struct Film {
+pub(super) struct Film {
     every: u64,
     /// Frames of the slider.
     pub shots: Vec<Shot>,
@@ -35,14 +35,14 @@ pub struct Film {
 
 impl Film {
     /// Creates a film for a run of `frames` frames.
-    pub fn new(frames: u64) -> Self {
+    pub(super) fn new(frames: u64) -> Self {
         Self {
             every: frames.div_ceil(MAX).max(1),
             ..Self::default()
         }
     }
 
-    pub fn add(&mut self, frame: &Frame, number: u64, time_s: f64, inserted_mm: f64, target_mm: Option<f64>) {
+    pub(super) fn add(&mut self, frame: &Frame, number: u64, time_s: f64, inserted_mm: f64, target_mm: Option<f64>) {
         let slides = number.is_multiple_of(self.every);
         let deeper = self.deepest.as_ref().is_none_or(|most| inserted_mm > most.inserted_mm);
         let distance = target_mm.unwrap_or(f64::INFINITY);
@@ -73,7 +73,7 @@ impl Film {
     }
 
     /// First and deepest frame and the one nearest to a target, labelled.
-    pub fn chosen(&self) -> Vec<(&'static str, &Shot)> {
+    pub(super) fn chosen(&self) -> Vec<(&'static str, &Shot)> {
         let all = [
             ("first", self.shots.first()),
             ("deepest", self.deepest.as_ref()),
@@ -85,7 +85,7 @@ impl Film {
 
 impl Shot {
     /// Caption of the frame.
-    pub fn caption(&self) -> String {
+    pub(super) fn caption(&self) -> String {
         let target = self
             .target_mm
             .map_or(String::new(), |mm| format!(", {mm:.1} mm from the target"));

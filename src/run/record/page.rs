@@ -11,7 +11,7 @@ use insonify_report::plot::Plot;
 /// Maximum number of rows of a table.
 const ROWS: usize = 200;
 
-pub fn page(
+pub(super) fn page(
     title: &str,
     summary: &Summary,
     film: &Film,

@@ -25,7 +25,7 @@ const PLOTS: [(&str, &str); 3] = [
 
 /// Curves of each point: axial, lateral and elevational.
 #[derive(Clone, Debug)]
-pub struct Points {
+pub(super) struct Points {
     names: Vec<String>,
     curves: Vec<[Curve; 3]>,
     moments_a_stretch: u64,
@@ -33,7 +33,7 @@ pub struct Points {
 }
 
 impl Points {
-    pub fn new(scenario: &Scenario) -> Self {
+    pub(super) fn new(scenario: &Scenario) -> Self {
         let moments = scenario.timing.moments(scenario.timing.frame_s);
         Self {
             names: scenario.reports.iter().map(|point| point.name.clone()).collect(),
@@ -44,7 +44,7 @@ impl Points {
     }
 
     /// Writes the header line of `points.csv`.
-    pub fn head(&self, out: &mut impl Write) -> io::Result<()> {
+    pub(super) fn head(&self, out: &mut impl Write) -> io::Result<()> {
         write!(out, "time_s,inserted_mm")?;
         for name in &self.names {
             COMPONENTS
@@ -55,7 +55,7 @@ impl Points {
     }
 
     /// Adds a moment, and writes its line of `points.csv`.
-    pub fn add(&mut self, displaced: &Displaced<'_>, out: &mut impl Write) -> io::Result<()> {
+    pub(super) fn add(&mut self, displaced: &Displaced<'_>, out: &mut impl Write) -> io::Result<()> {
         let starts = self.moments.is_multiple_of(self.moments_a_stretch);
         self.moments += 1;
         write!(out, "{},{:.6}", displaced.time_s, displaced.inserted_mm)?;
@@ -69,7 +69,7 @@ impl Points {
     }
 
     /// Plots of the components in the image, with a line for each point; none without points.
-    pub fn plots(&self) -> Vec<(&'static str, Plot)> {
+    pub(super) fn plots(&self) -> Vec<(&'static str, Plot)> {
         let plot = |(component, (file, title)): (usize, (&'static str, &str))| {
             let curves = self.names.iter().zip(&self.curves).enumerate();
             let series = curves.map(|(at, (name, curves))| curves[component].series(name, at));

@@ -36,14 +36,14 @@ const GUIDANCE: &str = "tip_dx,tip_dy,tip_dz,measured_tip_x_mm,measured_tip_y_mm
     target_shown,clearance_mm";
 
 /// Header line.
-pub fn head(probe: Option<&ProbeContact>, has_guide: bool) -> String {
+pub(super) fn head(probe: Option<&ProbeContact>, has_guide: bool) -> String {
     let driven = probe.and_then(|probe| probe.driven_at_mm);
     let driven = if driven.is_some() { DRIVEN } else { "" };
     let guide = if has_guide { GUIDE } else { "" };
     format!("{NUMBERS},{POSE},{GUIDANCE},{driven}{guide}{COUNTS}")
 }
 
-pub fn row(step: &Step<'_>, guided: Option<(&Guided, &Driven)>, out: &mut impl Write) -> io::Result<()> {
+pub(super) fn row(step: &Step<'_>, guided: Option<(&Guided, &Driven)>, out: &mut impl Write) -> io::Result<()> {
     let outcome = step.outcome;
     let own = outcome.on_hand.in_frame(&step.base);
     let probe = outcome.on_probe.unwrap_or_default();

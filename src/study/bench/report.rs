@@ -10,7 +10,7 @@ use insonify_imaging::synth::tables::{Anatomy, Settings};
 
 /// Times of one pass.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct PassSpread {
+pub struct PassSpread {
     /// Name of the pass.
     pub name: &'static str,
     /// Times of the pass, on a GPU from timestamps.
@@ -20,7 +20,7 @@ pub(crate) struct PassSpread {
 
 /// Measurement of a frame with some effects removed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct Rung {
+pub struct Rung {
     /// Effect removed last; `None` on the first rung.
     pub without: Option<&'static str>,
     /// Number of remaining passes.
@@ -32,7 +32,7 @@ pub(crate) struct Rung {
 
 /// Frames a second in batches of independent frames.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub(crate) struct BatchRates {
+pub struct BatchRates {
     /// Pixels in memory.
     pub fps: f64,
     /// Pixels written to a folder of PNG files; `None` if they cannot be written.
@@ -41,7 +41,7 @@ pub(crate) struct BatchRates {
 
 /// What a frame costs on a GPU besides the work of its passes, means over frames.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct Exchange {
+pub struct Exchange {
     /// Time from the state of a frame to its submission, on the CPU.
     pub before_submission: Spread,
     /// Dispatches of fused passes, the image in one piece.
@@ -60,7 +60,7 @@ pub(crate) struct Exchange {
 
 /// Measurements of one backend.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct BackendReport {
+pub struct BackendReport {
     /// `cpu`, `cpu-f64` or `gpu`.
     pub backend: &'static str,
     /// Name of the adapter; `None` on the CPU.

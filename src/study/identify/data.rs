@@ -30,7 +30,7 @@ const FILLED: f64 = 0.5;
 
 /// Measurements of the first push of a needle.
 #[derive(Clone, Debug)]
-pub struct Data {
+pub(super) struct Data {
     /// Depth of the tip (mm, rising) and force (N).
     pub force: Vec<[f64; 2]>,
     /// Measured displacements.
@@ -39,7 +39,7 @@ pub struct Data {
 
 /// Displacements over the depth of the needle.
 #[derive(Clone, Debug)]
-pub struct Motion {
+pub(super) struct Motion {
     /// Points at rest, and the directions along which their displacement is measured.
     pub points: Vec<(Point3<f64>, Vector3<f64>)>,
     /// Depths of the tip, mm, rising.
@@ -77,7 +77,7 @@ impl Data {
     ///
     /// # Errors
     /// [`StudyError`] with the table and what it lacks.
-    pub fn read(case: &Case) -> Result<Self, StudyError> {
+    pub(super) fn read(case: &Case) -> Result<Self, StudyError> {
         let force = forces(case)?;
         let end = force.last().map_or(0.0, |last| last[0]);
         if let Some(layer) = case.layers.iter().find(|layer| layer.begins_mm >= end) {
@@ -98,7 +98,7 @@ impl Data {
     ///
     /// # Errors
     /// [`StudyError`] if the force does not have these regions.
-    pub fn model(&self, case: &Case) -> Result<Piecewise, StudyError> {
+    pub(super) fn model(&self, case: &Case) -> Result<Piecewise, StudyError> {
         let regions = 2 * case.layers.len();
         let expected = format!(
             "{regions} regions with a rising force, two for each of {} layers",

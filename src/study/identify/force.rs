@@ -19,7 +19,7 @@ const NOTHING: f64 = 2e-3;
 
 /// A continuous curve through 0 with a slope for each region.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct Piecewise {
+pub struct Piecewise {
     /// Depths between neighbouring regions, mm.
     pub breaks_mm: Vec<f64>,
     /// Slope in each region, N/mm.

@@ -42,7 +42,7 @@ pub struct Layer {
 
 /// A simulated insertion.
 #[derive(Clone, Debug, Default)]
-pub struct Course {
+pub(super) struct Course {
     /// Depth of the tip (mm) and force (N).
     pub force: Vec<[f64; 2]>,
     /// Displacements as those measured, mm; empty if they were not asked for.
@@ -70,7 +70,7 @@ impl Anatomy for Replaced {
 }
 
 /// Simulates insertions along the line of a case.
-pub struct Simulator<'a> {
+pub(super) struct Simulator<'a> {
     case: &'a Case,
     motion: Option<&'a Motion>,
     scenario: Scenario,
@@ -83,7 +83,7 @@ pub struct Simulator<'a> {
 
 impl<'a> Simulator<'a> {
     /// Prepares simulations to a depth (mm).
-    pub fn new(case: &'a Case, motion: Option<&'a Motion>, deepest_mm: f64) -> Self {
+    pub(super) fn new(case: &'a Case, motion: Option<&'a Motion>, deepest_mm: f64) -> Self {
         let depths = motion
             .iter()
             .flat_map(|motion| motion.depths_mm.iter().copied().enumerate());
@@ -105,7 +105,7 @@ impl<'a> Simulator<'a> {
     ///
     /// # Errors
     /// [`StudyError`] for parameters out of range.
-    pub fn run(&mut self, layers: &[Layer], observed: bool) -> Result<Course, StudyError> {
+    pub(super) fn run(&mut self, layers: &[Layer], observed: bool) -> Result<Course, StudyError> {
         self.runs += 1;
         self.set(layers)?;
         let mut model = self.scenario.unprepared_model()?;

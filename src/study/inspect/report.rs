@@ -23,7 +23,7 @@ pub struct PixelReport {
 
 /// Sample nearest to a pixel, with its value after each stage.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct SampleReport {
+pub struct SampleReport {
     /// Scanline and sample at the pixel's centre, as fractional indices.
     pub beam: [f64; 2],
     /// Nearest scanline.
@@ -64,7 +64,7 @@ pub(crate) struct SampleReport {
 
 /// Location of a sample in the mesh.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct MeshReport {
+pub struct MeshReport {
     /// Location in words: inside, in a fold, tissue moved away, or outside.
     pub place: &'static str,
     /// Element that contains the sample.
@@ -77,7 +77,7 @@ pub(crate) struct MeshReport {
 
 /// Label and its tissue.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct LabelReport {
+pub struct LabelReport {
     /// Index in the volume's list of labels.
     pub index: u8,
     /// Label value in the file.
@@ -98,7 +98,7 @@ pub(crate) struct LabelReport {
 
 /// Solid texture at a point.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct TextureReport {
+pub struct TextureReport {
     /// Name of the texture.
     pub name: String,
     /// Value of the texture: a factor on the amplitude, mean square 1.
@@ -107,7 +107,7 @@ pub(crate) struct TextureReport {
 
 /// Losses along the scanline above a sample.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct ShadowReport {
+pub struct ShadowReport {
     /// Share of the amplitude that remains on this scanline; the echo is scaled by the mean over the beam.
     pub transmittance: f64,
     /// Two-way loss, dB.
@@ -129,7 +129,7 @@ pub struct Taken {
 
 /// Scanline that contributes to the blur.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub(crate) struct BlurNeighbour {
+pub struct BlurNeighbour {
     /// Index of the scanline.
     pub line: usize,
     /// Weight in the blur.

@@ -46,7 +46,7 @@ pub(super) struct Bench<'a> {
 }
 
 impl<'a> Bench<'a> {
-    pub fn new(picture: &'a Picture, mask: Vec<bool>, outline: Outline, mm: f64, seed: u64) -> Result<Self, Error> {
+    pub(super) fn new(picture: &'a Picture, mask: Vec<bool>, outline: Outline, mm: f64, seed: u64) -> Result<Self, Error> {
         let (probe_shape, depth, across, origin) = match outline.shape {
             Shape::Rectangle { columns, rows } => {
                 let width = columns[1] - columns[0];
@@ -134,12 +134,12 @@ impl<'a> Bench<'a> {
         windows
     }
 
-    pub fn bands(&self) -> usize {
+    pub(super) fn bands(&self) -> usize {
         (self.grid.samples() / (WINDOW[1] + 8)).clamp(1, DEPTHS)
     }
 
     /// Resamples a frame to scanlines by samples, with a mask of those inside the sector of the real frame and not under its overlay.
-    pub fn beam(&self, frame: &Picture) -> (Picture, Vec<bool>) {
+    pub(super) fn beam(&self, frame: &Picture) -> (Picture, Vec<bool>) {
         let (lines, samples) = (self.grid.lines(), self.grid.samples());
         let (mut grey, mut inside) = (Vec::with_capacity(lines * samples), Vec::with_capacity(lines * samples));
         for (sample, line) in (0..samples).flat_map(|sample| (0..lines).map(move |line| (sample, line))) {
@@ -169,7 +169,7 @@ impl<'a> Bench<'a> {
     }
 
     /// Renders frames of one tissue at the pixels of the real frame.
-    pub fn phantoms(&self, probe: Probe, effects: &Effects, acoustics: Acoustics) -> Result<Vec<Picture>, SynthError> {
+    pub(super) fn phantoms(&self, probe: Probe, effects: &Effects, acoustics: Acoustics) -> Result<Vec<Picture>, SynthError> {
         let mut settings = Settings::new(probe, [self.picture.width, self.picture.height], effects.clone());
         settings.seed = self.seed;
         settings.image.placed = Some(self.image);
@@ -195,18 +195,18 @@ impl<'a> Bench<'a> {
         seeds.map(frame).collect()
     }
 
-    pub fn depth_mm(&self, window: Window) -> f64 {
+    pub(super) fn depth_mm(&self, window: Window) -> f64 {
         (window.y as f64 + window.height as f64 / 2.0) * self.grid.sample_spacing_mm()
     }
 
     /// Returns the widths of the autocorrelation in a window, mm.
-    pub fn widths(&self, texture: &Texture, depth_mm: f64) -> [Option<f64>; 2] {
+    pub(super) fn widths(&self, texture: &Texture, depth_mm: f64) -> [Option<f64>; 2] {
         let spacing = [self.grid.sample_spacing_mm(), self.grid.lateral_spacing_mm(depth_mm)];
         [0, 1].map(|axis| Some(texture.fwhm[axis]? * spacing[axis]))
     }
 
     /// Measures frames, of which there must be at least one.
-    pub fn side(&self, mut frames: Vec<Picture>) -> Side {
+    pub(super) fn side(&self, mut frames: Vec<Picture>) -> Side {
         let beams: Vec<Picture> = frames.iter().map(|frame| self.beam(frame).0).collect();
         let (mut windows, mut grey, mut depths) = (Vec::new(), Vec::new(), Vec::new());
         for group in &self.windows {

@@ -30,7 +30,7 @@ fn scatter(real: &Side, own: &Side, of: &dyn Fn(&Texture) -> Option<f64>) -> Opt
 
 impl Bench<'_> {
     /// Returns the model as a scene.
-    pub fn scene(&self, model: &Model) -> SceneFile {
+    pub(super) fn scene(&self, model: &Model) -> SceneFile {
         let bounds = self.grid.bounds_mm();
         let pixels = |axis: usize| ((bounds.max[axis] - bounds.min[axis]) / self.image.pixel_mm()).ceil() as u32;
         let mut scene = SceneFile::default();
@@ -51,7 +51,7 @@ impl Bench<'_> {
         scene
     }
 
-    pub fn figures(&self, model: &Model, real: &Side, own: &Side, dark: Dark) -> Vec<Figure> {
+    pub(super) fn figures(&self, model: &Model, real: &Side, own: &Side, dark: Dark) -> Vec<Figure> {
         let figure = |key, unit, value, spread| Figure {
             key,
             unit,
@@ -118,7 +118,7 @@ impl Bench<'_> {
         figures
     }
 
-    pub fn unidentified(&self, model: &Model, real: &Side, outline: Outline, dark: Dark) -> Vec<Unidentified> {
+    pub(super) fn unidentified(&self, model: &Model, real: &Side, outline: Outline, dark: Dark) -> Vec<Unidentified> {
         let mut list = Vec::new();
         let mut tell = |what, why: &str| {
             list.push(Unidentified {
@@ -192,7 +192,7 @@ impl Bench<'_> {
     }
 
     /// Lists reasons to doubt the match.
-    pub fn notes(&self, real: &Side, own: &Side, residual: f64) -> Vec<String> {
+    pub(super) fn notes(&self, real: &Side, own: &Side, residual: f64) -> Vec<String> {
         let mut notes = Vec::new();
         let (beam, _) = self.beam(self.picture);
         let uneven = |window: &Window| unevenness(&Patch::of(&beam.grey, beam.width, *window)) > UNEVEN;

@@ -34,7 +34,7 @@ pub(super) fn rounded(value: f64) -> f64 {
 
 impl Model {
     /// Returns the default effects under a probe, except for automatic gain and the curve.
-    pub fn start(probe: &Probe) -> Self {
+    pub(super) fn start(probe: &Probe) -> Self {
         let spread = PointSpread::new(&Speckle::default(), probe);
         Self {
             axial_mm: spread.axial_mm,
@@ -51,17 +51,17 @@ impl Model {
         rounded((point_spread::AXIAL_MM / self.axial_mm).clamp(1.0, 20.0))
     }
 
-    pub fn tgc_db_cm(&self) -> f64 {
+    pub(super) fn tgc_db_cm(&self) -> f64 {
         2.0 * SOFT_TISSUE_DB_CM_MHZ * self.frequency_mhz()
     }
 
-    pub fn probe(&self, probe: Probe) -> Probe {
+    pub(super) fn probe(&self, probe: Probe) -> Probe {
         let frequency_mhz = self.frequency_mhz();
         Probe { frequency_mhz, ..probe }
     }
 
     /// Returns the default effects with these parameters, rounded as they are written.
-    pub fn effects(&self) -> Effects {
+    pub(super) fn effects(&self) -> Effects {
         let [lateral, axial] = [self.lateral_mm, self.axial_mm].map(rounded);
         let tone = Tone {
             gain_db: rounded(self.tone.gain_db),
@@ -93,29 +93,29 @@ impl Model {
         }
     }
 
-    pub fn spread(&self, probe: &Probe) -> PointSpread {
+    pub(super) fn spread(&self, probe: &Probe) -> PointSpread {
         PointSpread::new(&self.effects().speckle.unwrap_or_default(), probe)
     }
 
     /// Returns gain plus compensation at a depth, dB.
-    pub fn gain_db(&self, depth_mm: f64) -> f64 {
+    pub(super) fn gain_db(&self, depth_mm: f64) -> f64 {
         self.effects()
             .tone
             .map_or(0.0, |tone| tone.gain_at_db(depth_mm, 0.0, None))
     }
 
     /// Returns the level of a grey before gain, dB relative to the echo of liver at the array.
-    pub(crate) fn level_db(&self, grey: f64, depth_mm: f64) -> f64 {
+    pub(super) fn level_db(&self, grey: f64, depth_mm: f64) -> f64 {
         self.shown_db(grey) - self.gain_db(depth_mm)
     }
 
     /// Returns the level of a grey after gain, dB.
-    pub fn shown_db(&self, grey: f64) -> f64 {
+    pub(super) fn shown_db(&self, grey: f64) -> f64 {
         (grey / 255.0 - MID_GREY) * self.tone.dynamic_range_db
     }
 
     /// Fits a Gaussian beam about its focus to lateral lengths at some depths, by least squares of their logarithms.
-    pub fn focus(&mut self, depths: &[[f64; 2]], depth_mm: f64) {
+    pub(super) fn focus(&mut self, depths: &[[f64; 2]], depth_mm: f64) {
         let fit = |focus: f64, zone: f64| {
             let shape = |depth: f64| (1.0 + ((depth - focus) / zone).powi(2)).sqrt().ln();
             let rest: Vec<f64> = depths.iter().map(|[depth, width]| width.ln() - shape(*depth)).collect();

@@ -30,7 +30,7 @@ pub struct Estimate {
 
 /// Spring-pot fitted to storage and loss moduli: `G* = G (i w)^k`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct Dynamic {
+pub struct Dynamic {
     /// Order k: common slope of both moduli against frequency on logarithmic scales.
     pub order: Estimate,
     /// Modulus G, kPa s^k: geometric mean of |G*| / w^k.

@@ -14,7 +14,7 @@ use insonify_report::plot::{Axis, Marker, Plot, Series};
 
 /// Storage and loss modulus at one frequency.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Dynamic {
+pub struct Dynamic {
     /// Angular frequency, rad/s.
     pub frequency: f64,
     /// G' and G'' measured from the stress response to a sinusoidal strain, kPa.
@@ -47,7 +47,7 @@ pub struct Stiffness {
 
 /// All virtual measurements of a material.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Rheometer {
+pub struct Rheometer {
     /// Moduli at frequencies from 0.1 to 10 rad/s.
     pub dynamic: Vec<Dynamic>,
     /// Creep at stresses from below the knee to far above it, with the structure of the case.

@@ -94,7 +94,7 @@ pub(super) struct Entries<'a> {
 }
 
 impl<'a> Entries<'a> {
-    pub fn new(scenario: &'a Scenario, target: Point3<f64>, options: &'a PathOptions) -> Result<Self, StudyError> {
+    pub(super) fn new(scenario: &'a Scenario, target: Point3<f64>, options: &'a PathOptions) -> Result<Self, StudyError> {
         if options.section_mm.is_some() && !matches!(options.entry, Entry::Plane(_)) {
             let found = "in a model of two dimensions with entries outside the image plane";
             return Err(wrong_target(found, "entries in the plane: `plane`, with `--angles`"));
@@ -109,7 +109,7 @@ impl<'a> Entries<'a> {
     }
 
     /// The lines, in the order of their angles, or from the entry nearest to the target on.
-    pub fn lines(&self) -> Result<Vec<Line>, StudyError> {
+    pub(super) fn lines(&self) -> Result<Vec<Line>, StudyError> {
         let directions: Vec<Vector3<f64>> = match &self.options.entry {
             Entry::Plane([low, high]) => {
                 let last = (self.options.lines - 1).max(1) as f64;
@@ -264,7 +264,7 @@ impl<'a> Entries<'a> {
     }
 
     /// Simulates a line in `tissue`, unless it is excluded.
-    pub fn simulated(&self, number: usize, line: &Line, tissue: &Scenario) -> Result<Candidate, StudyError> {
+    pub(super) fn simulated(&self, number: usize, line: &Line, tissue: &Scenario) -> Result<Candidate, StudyError> {
         let [lateral, axial] = [self.pose.lateral(), self.pose.axial()].map(|axis| axis.dot(&line.along));
         let entry = line.entry.ok();
         let mut candidate = Candidate {

@@ -29,7 +29,7 @@ const LEAP: f64 = 3.0;
 
 /// A line and its simulations.
 #[derive(Clone, Debug, Serialize)]
-pub(crate) struct Corrected {
+pub struct Corrected {
     /// Direction of the needle.
     pub direction: [f64; 3],
     /// Depth of the tip beyond the entry, mm.

@@ -33,7 +33,7 @@ pub struct Course {
 }
 
 /// Time (s), tip (mm) and direction of an undeflected needle.
-pub type Key = (f64, [f64; 3], [f64; 3]);
+pub(super) type Key = (f64, [f64; 3], [f64; 3]);
 
 /// When a simulation ends.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -18,7 +18,7 @@ const BAR: [f64; 2] = [160.0, 12.0];
 const STEPS: usize = 32;
 
 /// State of the slice to be drawn.
-pub struct State {
+pub(super) struct State {
     /// Name of the picture.
     pub name: String,
     /// Displacements, mm.
@@ -46,7 +46,7 @@ pub(crate) fn darkest_kpa(states: &[State]) -> f64 {
 }
 
 /// Draws the displaced slice, coloured by its von Mises stress up to `darkest_kpa`, with the needle.
-pub fn slice(liver: &Liver, state: &State, darkest_kpa: f64) -> String {
+pub(super) fn slice(liver: &Liver, state: &State, darkest_kpa: f64) -> String {
     let (displacement, travel_mm) = (&state.displacement, state.travel_mm);
     let nodes = liver.body.nodes();
     let place = |node: u32| {

@@ -29,7 +29,7 @@ const BLOOD: f64 = 0.01;
 const CLOSING: [f64; 2] = [0.7, 4e3];
 
 /// Slice of liver and the layers on the needle's path.
-pub struct Liver {
+pub(super) struct Liver {
     /// Finite-element sheet of the slice.
     pub body: Arc<Sheet>,
     /// Supports: the dorsal nodes do not move (section 4.2.2 of Kobayashi et al. 2010).
@@ -52,7 +52,7 @@ fn outline(x: f64) -> [f64; 2] {
 
 impl Liver {
     /// Creates the slice with the given properties.
-    pub fn new(options: &PunctureOptions) -> Result<Liver, StudyError> {
+    pub(super) fn new(options: &PunctureOptions) -> Result<Liver, StudyError> {
         let [columns, rows] = CELLS;
         let top = outline(NEEDLE_MM)[1];
         let centre = [NEEDLE_MM, top - VEIN_DEPTH_MM];

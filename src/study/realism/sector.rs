@@ -215,7 +215,7 @@ const COLUMNS: usize = 16;
 const PROFILE: usize = 12;
 
 /// Far boundary of a dark region.
-pub(crate) struct Edge {
+pub struct Edge {
     /// Distance along the columns over which the mean profile across the boundary rises from 10 % to 90 %, pixels.
     pub width: f64,
     /// Mean distance of the boundary in a column from the mean of its neighbours, pixels, a measure of voxel staircases. `None` if no three

@@ -73,7 +73,7 @@ pub struct Texture {
 
 impl Patch {
     /// Copies a window from the grey levels of a frame with rows of `width` pixels.
-    pub fn of(grey: &[f64], width: usize, window: Window) -> Self {
+    pub(crate) fn of(grey: &[f64], width: usize, window: Window) -> Self {
         let rows = (window.y..window.y + window.height).map(|y| &grey[y * width + window.x..][..window.width]);
         Self {
             width: window.width,
@@ -109,7 +109,7 @@ impl Patch {
     }
 
     /// Returns the normalised autocovariance at a lag of `dx` columns and `dy` rows.
-    pub fn autocorrelation(&self, [dx, dy]: [usize; 2]) -> f64 {
+    pub(crate) fn autocorrelation(&self, [dx, dy]: [usize; 2]) -> f64 {
         let middle = mean(&self.values);
         let row = |y: usize| &self.values[y * self.width..][..self.width];
         let products = (0..self.height - dy).flat_map(|y| {
@@ -189,7 +189,7 @@ impl Patch {
     }
 
     /// Computes all texture statistics of the patch.
-    pub fn texture(&self) -> Texture {
+    pub(crate) fn texture(&self) -> Texture {
         let even = self.detrended();
         let (middle, spread) = (mean(&even.values), std(&even.values));
         let amplitude: Vec<f64> = even
@@ -335,7 +335,13 @@ fn first_apart(mut windows: Vec<(f64, Window)>, most: usize, apart: impl Fn(Wind
 
 /// Selects the most uniform windows of a size in the sector: those whose quarters differ least in mean and in standard deviation, both
 /// added and relative to the mean. Their mean is in `grey`, at most 2 % of them is black or white, and they are half a window apart.
-pub(crate) fn uniform_windows(picture: &Picture, mask: &[bool], size: [usize; 2], most: usize, grey: [f64; 2]) -> Vec<Window> {
+pub(crate) fn uniform_windows(
+    picture: &Picture,
+    mask: &[bool],
+    size: [usize; 2],
+    most: usize,
+    grey: [f64; 2],
+) -> Vec<Window> {
     let fits = |it: &WindowStatistics| {
         (grey[0]..=grey[1]).contains(&it.mean) && it.black <= 0.02 && it.white <= 0.02 && it.std > 0.0
     };

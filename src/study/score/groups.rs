@@ -62,7 +62,7 @@ pub struct Spread {
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct Group {
+pub struct Group {
     pub name: String,
     /// Number of people.
     pub people: usize,

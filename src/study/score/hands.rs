@@ -34,7 +34,7 @@ const ENTRY_MM: f64 = 0.25;
 
 /// Errors of a hand; standard deviations where drawn for each session.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub(crate) struct Hand {
+pub struct Hand {
     /// Error of the first aim in each direction, degrees.
     pub aim_deg: f64,
     /// Share of that error that remains.
@@ -161,7 +161,7 @@ pub(super) struct Draw {
 }
 
 impl Draw {
-    pub fn new(seed: u64) -> Self {
+    pub(super) fn new(seed: u64) -> Self {
         Self {
             seed: seed_words(seed),
             next: 0,
@@ -169,13 +169,13 @@ impl Draw {
     }
 
     /// Uniform in [0, 1).
-    pub fn uniform(&mut self) -> f64 {
+    pub(super) fn uniform(&mut self) -> f64 {
         self.next += 1;
         f64::from(unit(hash3([self.next, 0x5e55, 1], self.seed)[0]))
     }
 
     /// Normally distributed (G. E. P. Box and M. E. Muller, 1958).
-    pub fn normal(&mut self) -> f64 {
+    pub(super) fn normal(&mut self) -> f64 {
         let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
         radius * (TAU * self.uniform()).cos()
     }
@@ -281,7 +281,7 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    pub fn of(scenario: &Scenario) -> Result<Self, StudyError> {
+    pub(super) fn of(scenario: &Scenario) -> Result<Self, StudyError> {
         let unscored = |reason| unscored(Path::new("the scenario"), reason);
         let keys = scenario.needle_tip().keys();
         let (Some(first), Some(last)) = (keys.first(), keys.last()) else {

@@ -192,7 +192,7 @@ pub(crate) const BACKENDS: &[Inverses] = &[
 ];
 
 /// Remesher backend in one precision.
-pub(crate) struct Inverses {
+pub struct Inverses {
     pub name: &'static str,
     pub precision: Precision,
     follow: fn(&Start, Level, Options) -> Result<Adaptation, RemeshError>,
@@ -297,7 +297,7 @@ impl Start {
 }
 
 /// Inverse of the current stiffness, computed from scratch in f64.
-pub(crate) struct Now {
+pub struct Now {
     pub inverse: Symmetric<f64>,
     pub condition: f64,
 }

@@ -59,7 +59,7 @@ pub(crate) const GROUP: Group = Group {
 };
 
 /// Applies a stress that takes the strain far below and far above the knee, and to its other side.
-pub fn crossing(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn crossing(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let steps = record.effort().pick(500, 3000);
     let bodies = [
         (
@@ -176,7 +176,7 @@ fn asked(steps: usize) -> Vec<usize> {
 }
 
 /// Tests 1e5 equal steps.
-pub fn equal(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn equal(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let count = record.effort().pick(10_000, 100_000);
     let length = 10.0;
     // Five periods.
@@ -309,7 +309,7 @@ fn reversals(record: &mut Record<'_>) -> Result<(), Unexpected> {
 }
 
 /// Tests histories that must be refused.
-pub fn refused(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn refused(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let rules = FULL.into_iter().chain([exponentials(0.1, 1.0)]);
     for (name, rule) in rules {
         for order in [-1e-9, 1.0 + 1e-9, f64::NAN] {

@@ -124,7 +124,7 @@ impl<'a> Record<'a> {
     }
 
     /// Returns all figures in the order of recording.
-    pub(crate) fn into_measures(self) -> Vec<Measure> {
+    pub fn into_measures(self) -> Vec<Measure> {
         self.measures
     }
 

@@ -19,7 +19,7 @@ const ENDS: [f64; 2] = [0.1, 1e13];
 
 /// Result of one case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct CaseReport {
+pub struct CaseReport {
     pub group: String,
     pub name: String,
     pub criterion: String,

@@ -45,7 +45,7 @@ pub const MIN: usize = (2 * SIDE) << (LEVELS - 1);
 
 /// Example of a texture: values in rows.
 #[derive(Clone, Debug)]
-pub(crate) struct Exemplar {
+pub struct Exemplar {
     /// Columns and rows.
     pub size: [usize; 2],
     /// Values row by row.

@@ -49,7 +49,7 @@ pub struct Goal {
 
 /// Recommendation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct Advice {
+pub struct Advice {
     pub choosing: String,
     /// Fixed choices that the recommendation applies to; empty if there are none.
     pub given: String,
@@ -127,7 +127,7 @@ impl Advice {
 
 /// Variant, aggregated over all conditions.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct Variant {
+pub struct Variant {
     /// Choices that identify the variant.
     pub name: String,
     /// Largest cost over the conditions.

@@ -338,7 +338,7 @@ pub fn picture(synth: &mut Synthesizer, state: &FrameState, patience: Duration) 
 
 /// Difference of a picture from its standard, in grey levels, over the pixels inside the sector.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Apart {
+pub struct Apart {
     pub rms: f64,
     pub p99: f64,
     /// Mean difference, positive if the picture is brighter.

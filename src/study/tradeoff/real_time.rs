@@ -14,7 +14,7 @@ pub(super) const NEGLIGIBLE_SHARE: f64 = 0.1;
 /// Recurring task with a deadline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub(crate) enum Deadline {
+pub enum Deadline {
     /// Frame of an image.
     Frame,
     /// Step of the mechanics, for haptic feedback.
@@ -52,7 +52,7 @@ impl Rates {
 
 /// Recommendation at a required pace.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct RealTimeChoice {
+pub struct RealTimeChoice {
     /// Task with the deadline.
     pub beat: Deadline,
     /// Name of the choice.

@@ -217,7 +217,7 @@ fn one(
 }
 
 /// Gold standards with the number of updates after which each applies.
-pub(crate) struct Truth(Vec<(usize, Gold)>);
+pub struct Truth(Vec<(usize, Gold)>);
 
 impl Truth {
     /// Computes the gold standards.

@@ -92,13 +92,13 @@ pub(super) struct Files<'a> {
 }
 
 impl<'a> Files<'a> {
-    pub fn new(folder: &'a Path) -> Self {
+    pub(super) fn new(folder: &'a Path) -> Self {
         let names = Vec::new();
         Files { folder, names }
     }
 
     /// Writes a text file atomically.
-    pub fn put(&mut self, name: impl Into<String>, text: &str) -> Result<(), OutputError> {
+    pub(super) fn put(&mut self, name: impl Into<String>, text: &str) -> Result<(), OutputError> {
         let name = name.into();
         atomic::write(&self.folder.join(&name), |file| {
             std::io::Write::write_all(file, text.as_bytes())

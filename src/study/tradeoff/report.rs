@@ -44,14 +44,14 @@ pub struct Report {
 
 /// Study that failed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub(crate) struct Missing {
+pub struct Missing {
     pub name: &'static str,
     pub reason: String,
 }
 
 /// Results of one study.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct Chapter {
+pub struct Chapter {
     pub name: &'static str,
     pub title: &'static str,
     pub question: &'static str,

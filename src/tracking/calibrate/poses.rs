@@ -14,7 +14,7 @@ use insonify_base::text::some_of;
 
 /// Pose of a marker in one frame.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct MarkerPose {
+pub struct MarkerPose {
     /// Frame or row of the input, from 0.
     pub frame: usize,
     /// Rotation from the marker's frame to the tracker's.

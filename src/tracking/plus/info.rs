@@ -36,7 +36,7 @@ pub struct PlusInfo {
 
 /// The calibration of a [`PlusInfo`].
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct CalibrationInfo {
+pub struct CalibrationInfo {
     /// Name of the marker's frame to which `Image` is calibrated.
     pub to: String,
     /// Lengths of the columns of its matrix, mm: a pixel's width, its height, and the distance of planes.

@@ -33,7 +33,7 @@ pub struct SequenceInfo {
 
 /// Images of a [`SequenceInfo`].
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct ImageInfo {
+pub struct ImageInfo {
     /// Columns, as stored.
     pub width: usize,
     /// Rows, as stored.
@@ -50,7 +50,7 @@ pub(crate) struct ImageInfo {
 
 /// Time stamps of a [`SequenceInfo`], s.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub(crate) struct TimeInfo {
+pub struct TimeInfo {
     /// First time stamp.
     pub start_s: f64,
     /// Last time stamp.
@@ -69,7 +69,7 @@ pub(crate) struct TimeInfo {
 
 /// A transform of a [`SequenceInfo`].
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct TransformInfo {
+pub struct TransformInfo {
     /// Name, such as `ProbeToTracker`.
     pub name: String,
     /// Number of frames with this transform.

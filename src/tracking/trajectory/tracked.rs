@@ -25,7 +25,7 @@ pub struct TrackedFrame {
 
 /// A skipped frame of a tracked sequence.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Skipped {
+pub struct Skipped {
     /// Frame number, from 0.
     pub frame: usize,
     /// Reason for skipping it.
@@ -34,7 +34,7 @@ pub(crate) struct Skipped {
 
 /// Reason for skipping a frame of a tracked sequence.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) enum SkipReason {
+pub enum SkipReason {
     /// The tracker marked the transform invalid, or recorded none.
     Invalid,
     /// The transform is not rigid, or has a NaN entry.

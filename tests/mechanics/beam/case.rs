@@ -5,7 +5,7 @@ use insonify_mechanics::needle::beam::{
 };
 
 /// Wang et al.'s phantom and its compression model.
-pub const PVC: (Material, Compression) = (
+pub(super) const PVC: (Material, Compression) = (
     Material::Ogden {
         mu_kpa: 12.72,
         alpha: -1.0,
@@ -14,7 +14,7 @@ pub const PVC: (Material, Compression) = (
 );
 
 /// Wang et al.'s porcine muscle and its compression model.
-pub const PSM: (Material, Compression) = (
+pub(super) const PSM: (Material, Compression) = (
     Material::Ogden {
         mu_kpa: 3.63,
         alpha: 8.74,
@@ -22,7 +22,7 @@ pub const PSM: (Material, Compression) = (
     Compression::UTru,
 );
 
-pub fn layer((material, compression): (Material, Compression), thickness_mm: f64) -> Layer {
+pub(super) fn layer((material, compression): (Material, Compression), thickness_mm: f64) -> Layer {
     Layer {
         thickness_mm,
         material,
@@ -34,7 +34,7 @@ pub fn layer((material, compression): (Material, Compression), thickness_mm: f64
 }
 
 /// Wang et al.'s needle, steel of 1 mm, in these layers to their full depth, with elements of 1 mm.
-pub fn problem(control_distance_mm: f64, layers: Vec<Layer>) -> Problem {
+pub(super) fn problem(control_distance_mm: f64, layers: Vec<Layer>) -> Problem {
     Problem {
         bending_nmm2: bending_stiffness_nmm2(200.0, 1.0),
         control_distance_mm,
@@ -45,27 +45,27 @@ pub fn problem(control_distance_mm: f64, layers: Vec<Layer>) -> Problem {
     }
 }
 
-pub fn base(displacement_mm: f64, slope: f64) -> Base {
+pub(super) fn base(displacement_mm: f64, slope: f64) -> Base {
     Base {
         displacement_mm,
         slope: Some(slope),
     }
 }
 
-pub fn free(displacement_mm: f64) -> Base {
+pub(super) fn free(displacement_mm: f64) -> Base {
     Base {
         displacement_mm,
         slope: None,
     }
 }
 
-pub fn solve(problem: &Problem, base: &Base) -> Shape {
+pub(super) fn solve(problem: &Problem, base: &Base) -> Shape {
     let mut beam = FoundationBeam::new(problem).expect("a problem");
     beam.solve(base).unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// Largest distance between the points of a shape and a deflection (mm).
-pub fn distance(shape: &Shape, exact: impl Fn(f64) -> f64) -> f64 {
+pub(super) fn distance(shape: &Shape, exact: impl Fn(f64) -> f64) -> f64 {
     let away = shape.points.iter().map(|point| (point.u_mm - exact(point.x_mm)).abs());
     away.fold(0.0, f64::max)
 }

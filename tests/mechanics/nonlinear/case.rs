@@ -10,18 +10,18 @@ use insonify_mesh::TetMesh;
 use nalgebra::Matrix4;
 
 /// 10 kPa that stiffens above a relative strain of 0.1.
-pub fn law(poisson: f64) -> Stiffening {
+pub(super) fn law(poisson: f64) -> Stiffening {
     Stiffening::new(Material::new(10.0, poisson).unwrap(), 0.1, 20.0).unwrap()
 }
 
 /// A value in -1..1 that depends on its place alone.
-pub fn shake(i: usize, axis: usize) -> f64 {
+pub(super) fn shake(i: usize, axis: usize) -> f64 {
     let x = (i as f64 * 12.9898 + axis as f64 * 78.233 + 1.0).sin() * 43_758.545_3;
     2.0 * (x - x.floor()) - 1.0
 }
 
 /// A lattice of cells of `edge` mm from the origin, its inner nodes moved by up to `shaken` edges.
-pub fn block_mesh(cells: [usize; 3], edge: f64, shaken: f64) -> TetMesh {
+pub(super) fn block_mesh(cells: [usize; 3], edge: f64, shaken: f64) -> TetMesh {
     let [x, y, z] = cells.map(|count| count as f64 * edge);
     let regular = TetMesh::lattice(cells, &Matrix4::from_diagonal(&[x, y, z, 1.0].into())).unwrap();
     let extent = [x, y, z];
@@ -32,13 +32,13 @@ pub fn block_mesh(cells: [usize; 3], edge: f64, shaken: f64) -> TetMesh {
     TetMesh::new(nodes.collect(), regular.elements().to_vec(), regular.regions().to_vec()).unwrap()
 }
 
-pub fn block(cells: [usize; 3], edge: f64, shaken: f64, law: Stiffening) -> Arc<Solid> {
+pub(super) fn block(cells: [usize; 3], edge: f64, shaken: f64, law: Stiffening) -> Arc<Solid> {
     let mesh = block_mesh(cells, edge, shaken);
     Arc::new(Body::tetrahedra(&mesh, &vec![law; mesh.elements().len()]).unwrap())
 }
 
 /// Squares of `edge` mm split in two, the inner nodes moved by up to `shaken` edges.
-pub fn sheet(cells: [usize; 2], edge: f64, shaken: f64, thickness: f64, law: Stiffening) -> Arc<Sheet> {
+pub(super) fn sheet(cells: [usize; 2], edge: f64, shaken: f64, thickness: f64, law: Stiffening) -> Arc<Sheet> {
     let [columns, rows] = cells;
     let mut nodes = Vec::new();
     for j in 0..=rows {
@@ -66,7 +66,7 @@ pub fn sheet(cells: [usize; 2], edge: f64, shaken: f64, thickness: f64, law: Sti
     Arc::new(Sheet::plane_strain(nodes, triangles, &laws, thickness).unwrap())
 }
 
-pub fn options(scheme: Scheme) -> Options {
+pub(super) fn options(scheme: Scheme) -> Options {
     Options {
         scheme,
         tolerance: 1e-12,
@@ -75,10 +75,10 @@ pub fn options(scheme: Scheme) -> Options {
 }
 
 /// What is held: (node, axis, displacement).
-pub type Held = Vec<(u32, u8, f64)>;
+pub(super) type Held = Vec<(u32, u8, f64)>;
 
 /// A solver with its supports and how far they are driven.
-pub fn held<const D: usize, const N: usize>(
+pub(super) fn held<const D: usize, const N: usize>(
     body: &Arc<Body<D, N>>,
     held: &Held,
     options: Options,
@@ -93,7 +93,7 @@ pub fn held<const D: usize, const N: usize>(
 }
 
 /// Loads and prescribed displacements alone.
-pub fn target<'a>(loads: &'a [f64], prescribed: &'a [f64]) -> Target<'a> {
+pub(super) fn target<'a>(loads: &'a [f64], prescribed: &'a [f64]) -> Target<'a> {
     Target {
         loads,
         prescribed,
@@ -103,7 +103,7 @@ pub fn target<'a>(loads: &'a [f64], prescribed: &'a [f64]) -> Target<'a> {
 }
 
 /// The nodes at a coordinate.
-pub fn at<const D: usize, const N: usize>(body: &Body<D, N>, axis: usize, place: f64) -> Vec<u32> {
+pub(super) fn at<const D: usize, const N: usize>(body: &Body<D, N>, axis: usize, place: f64) -> Vec<u32> {
     let nodes = (0..).zip(body.nodes());
     nodes
         .filter(|(_, p)| (p[axis] - place).abs() < 1e-9)
@@ -113,7 +113,7 @@ pub fn at<const D: usize, const N: usize>(body: &Body<D, N>, axis: usize, place:
 
 /// A block of `edge` mm whose three lower faces slide in their planes, and the forces on the nodes of its upper x face that make
 /// a uniform pull of 1 kPa there: uniaxial stress, whatever the mesh. Each triangle of the face shares its third out.
-pub fn pulled(cells: usize, edge: f64, law: Stiffening) -> (Arc<Solid>, Held, Vec<f64>) {
+pub(super) fn pulled(cells: usize, edge: f64, law: Stiffening) -> (Arc<Solid>, Held, Vec<f64>) {
     let body = block([cells; 3], edge / cells as f64, 0.2, law);
     let held = (0..3u8).flat_map(|axis| {
         at(&body, axis as usize, 0.0)
@@ -135,16 +135,16 @@ pub fn pulled(cells: usize, edge: f64, law: Stiffening) -> (Arc<Solid>, Held, Ve
     (body, held, loads)
 }
 
-pub fn largest(all: &[f64]) -> f64 {
+pub(super) fn largest(all: &[f64]) -> f64 {
     all.iter().fold(0.0, |a: f64, x| a.max(x.abs()))
 }
 
-pub fn difference(a: &[f64], b: &[f64]) -> f64 {
+pub(super) fn difference(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()))
 }
 
 /// A block held from below whose top is moved by `near` mm where x is small and by `far` elsewhere.
-pub fn pressed(body: &Solid, top: f64, [near, far]: [f64; 2]) -> Held {
+pub(super) fn pressed(body: &Solid, top: f64, [near, far]: [f64; 2]) -> Held {
     let below = at(body, 2, 0.0).into_iter();
     let mut driven: Held = below
         .flat_map(|node| (0..3).map(move |axis| (node, axis, 0.0)))

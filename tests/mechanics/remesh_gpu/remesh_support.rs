@@ -15,7 +15,7 @@ use insonify_mesh::TetMesh;
 const CELL: f64 = 5.0;
 
 /// A hash of an integer in [-1, 1).
-pub fn noise(n: u64) -> f64 {
+pub(super) fn noise(n: u64) -> f64 {
     let mut x = n.wrapping_add(0x9e37_79b9_7f4a_7c15);
     x = (x ^ x >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     x = (x ^ x >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -23,7 +23,7 @@ pub fn noise(n: u64) -> f64 {
 }
 
 /// A jittered block of 6 x 5 x 5 nodes, its bottom fixed, of Poisson's ratio `poisson`.
-pub fn mesh(poisson: f64) -> AdaptedMesh {
+pub(super) fn mesh(poisson: f64) -> AdaptedMesh {
     let cells = [5, 4, 4];
     let lattice = TetMesh::over_box([0.0; 3], cells.map(|n| f64::from(n) * CELL), 6 * 5 * 5).unwrap();
     assert_eq!(lattice.nodes().len(), 6 * 5 * 5);
@@ -52,7 +52,7 @@ pub fn mesh(poisson: f64) -> AdaptedMesh {
 }
 
 /// The inverse of the stiffness assembled from the current positions, by a dense Cholesky factorisation.
-pub fn gold(mesh: &AdaptedMesh) -> Mat<f64> {
+pub(super) fn gold(mesh: &AdaptedMesh) -> Mat<f64> {
     let stiffness = mesh.stiffness().at_nodes(mesh.nodes()).unwrap();
     Llt::new(dense(&stiffness).as_ref(), Side::Lower).unwrap().inverse()
 }
@@ -72,7 +72,7 @@ fn dense(stiffness: &Stiffness) -> Mat<f64> {
 }
 
 /// The same in f32.
-pub fn single(mesh: &AdaptedMesh) -> Source {
+pub(super) fn single(mesh: &AdaptedMesh) -> Source {
     Source::Single(Arc::new(symmetric(gold(mesh).as_ref()).cast()))
 }
 
@@ -81,13 +81,13 @@ fn symmetric(matrix: MatRef<'_, f64>) -> Symmetric<f64> {
 }
 
 /// Nodes without a fixed displacement.
-pub fn free_nodes(mesh: &AdaptedMesh) -> Vec<u32> {
+pub(super) fn free_nodes(mesh: &AdaptedMesh) -> Vec<u32> {
     let nodes = 0..mesh.nodes().len() as u32;
     nodes.filter(|node| !mesh.dofs().of(*node).contains(&NONE)).collect()
 }
 
 /// A node and where to move it, the `n`th of a sequence: up to 0.25 cells from its base along each axis.
-pub fn nth_move(mesh: &AdaptedMesh, nodes: &[u32], n: u64) -> (u32, [f64; 3]) {
+pub(super) fn nth_move(mesh: &AdaptedMesh, nodes: &[u32], n: u64) -> (u32, [f64; 3]) {
     let node = nodes[((noise(7 * n) + 1.0) * 0.5 * nodes.len() as f64) as usize];
     let base = mesh.base()[node as usize];
     (
@@ -97,7 +97,7 @@ pub fn nth_move(mesh: &AdaptedMesh, nodes: &[u32], n: u64) -> (u32, [f64; 3]) {
 }
 
 /// Ten nodes' degrees of freedom to be contacts, some of them moved by the sequences and some not.
-pub fn contacts(mesh: &AdaptedMesh) -> Vec<usize> {
+pub(super) fn contacts(mesh: &AdaptedMesh) -> Vec<usize> {
     let nodes = free_nodes(mesh);
     let every = nodes.iter().step_by(nodes.len() / 10).take(10);
     every
@@ -107,19 +107,19 @@ pub fn contacts(mesh: &AdaptedMesh) -> Vec<usize> {
 }
 
 /// Entries at rows and columns.
-pub fn part(matrix: MatRef<'_, f64>, rows: &[usize], columns: &[usize]) -> Mat<f64> {
+pub(super) fn part(matrix: MatRef<'_, f64>, rows: &[usize], columns: &[usize]) -> Mat<f64> {
     Mat::from_fn(rows.len(), columns.len(), |i, j| matrix[(rows[i], columns[j])])
 }
 
 /// The largest difference over the largest entry of the second.
-pub fn error(found: MatRef<'_, f64>, expected: MatRef<'_, f64>) -> f64 {
+pub(super) fn error(found: MatRef<'_, f64>, expected: MatRef<'_, f64>) -> f64 {
     (found.to_owned() - expected).norm_max() / expected.norm_max()
 }
 
 /// What two inverses that are each backward stable may differ, relative to the largest entry: twice the rounding unit times
 /// |K|_inf |K^-1|_inf, an upper bound of the condition of the mesh's stiffness now (N. J. Higham, "Accuracy and Stability of
 /// Numerical Algorithms", section 14).
-pub fn rounding(mesh: &AdaptedMesh, gold: MatRef<'_, f64>) -> f64 {
+pub(super) fn rounding(mesh: &AdaptedMesh, gold: MatRef<'_, f64>) -> f64 {
     let stiffness = mesh.stiffness().at_nodes(mesh.nodes()).unwrap();
     let sums = gold.row_iter().map(|row| row.iter().map(|x| x.abs()).sum::<f64>());
     2.0 * f64::EPSILON * stiffness.norm_inf() * sums.fold(0.0, f64::max)

@@ -16,7 +16,7 @@ pub(super) struct Seed {
 }
 
 impl Seed {
-    pub fn new(seed: u64, texture: u32) -> Self {
+    pub(super) fn new(seed: u64, texture: u32) -> Self {
         Self {
             words: seed_words(seed),
         }
@@ -30,14 +30,14 @@ impl Seed {
     }
 
     /// Hash function from a lattice point to three words in stream `number`.
-    pub fn words(self, number: u32) -> impl Fn([i32; 3]) -> [u32; 3] + Sync {
+    pub(super) fn words(self, number: u32) -> impl Fn([i32; 3]) -> [u32; 3] + Sync {
         let words = self.stream(number).words;
         move |point| hash3(point, words)
     }
 }
 
 impl Grid {
-    pub fn new(size: [usize; 3], spacing_mm: [f32; 3]) -> Self {
+    pub(super) fn new(size: [usize; 3], spacing_mm: [f32; 3]) -> Self {
         Self { size, spacing_mm }
     }
 
@@ -46,7 +46,7 @@ impl Grid {
     }
 
     /// Fills the grid with one value per voxel, from its linear index and its position in mm.
-    pub fn fill(&self, value: impl Fn(usize, [f32; 3]) -> f32 + Sync) -> Vec<f32> {
+    pub(super) fn fill(&self, value: impl Fn(usize, [f32; 3]) -> f32 + Sync) -> Vec<f32> {
         let mut data = vec![0.0; self.size.iter().product()];
         let (nx, ny) = (self.size[0], self.size[1]);
         for_each((0.., chunks_mut(&mut data, nx)), &|(line, row)| {
@@ -61,7 +61,7 @@ impl Grid {
 
     /// A stationary Gaussian field with mean 0 and variance 1: white noise smoothed by a Gaussian of standard deviation
     /// `sigma_mm` along each axis. Its autocorrelation is a Gaussian of standard deviation sqrt(2) `sigma_mm`.
-    pub fn gaussian(&self, seed: Seed, stream: u32, sigma_mm: [f32; 3]) -> Vec<f32> {
+    pub(super) fn gaussian(&self, seed: Seed, stream: u32, sigma_mm: [f32; 3]) -> Vec<f32> {
         let words = seed.words(stream);
         let (nx, ny) = (self.size[0], self.size[1]);
         let mut data = self.fill(|at, _| {
@@ -176,7 +176,7 @@ const JITTER: f32 = 0.85;
 
 impl Cells {
     /// Creates cells of about `box_mm`, adjusted so that a whole number fits the period of `grid`.
-    pub fn new(grid: &Grid, seed: Seed, stream: u32, box_mm: [f32; 3]) -> Self {
+    pub(super) fn new(grid: &Grid, seed: Seed, stream: u32, box_mm: [f32; 3]) -> Self {
         let period = grid.period_mm();
         let counts = [0, 1, 2].map(|axis| (period[axis] / box_mm[axis]).round().max(1.0) as i32);
         let (place, identity) = (seed.words(stream), seed.words(stream + 1));
@@ -248,7 +248,7 @@ impl Cells {
     }
 
     /// Locates `position` (mm). Distances are measured in boxes, so that cells are as flat as their boxes.
-    pub fn place(&self, position: [f32; 3]) -> Place {
+    pub(super) fn place(&self, position: [f32; 3]) -> Place {
         let [(first, a, id), (second, b, _)] = self.nearest(position);
         // The wall is the plane second - first = 0; its distance is that difference over its gradient, in mm.
         let gradient = [0, 1, 2].map(|axis| 2.0 * (b[axis] - a[axis]) / self.box_mm[axis]);
@@ -286,7 +286,7 @@ const FAINT_DB: f32 = 0.3;
 
 impl Strands {
     /// Decibels above 0 in each voxel: those of the brightest strand through it.
-    pub fn draw(&self, grid: &Grid, seed: Seed, stream: u32) -> Vec<f32> {
+    pub(super) fn draw(&self, grid: &Grid, seed: Seed, stream: u32) -> Vec<f32> {
         let period = grid.period_mm();
         let count = (self.density * period.iter().product::<f32>() / 1000.0).round() as i32;
         let streams = [0, 1, 2].map(|n| seed.words(stream + n));

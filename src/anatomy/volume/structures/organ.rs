@@ -13,7 +13,7 @@ pub(crate) struct Organ {
 
 impl Organ {
     /// Collects the voxels of labels; `None` if there are none.
-    pub fn of(volume: &LabelVolume, labels: impl Fn(u8) -> bool) -> Option<Self> {
+    pub(crate) fn of(volume: &LabelVolume, labels: impl Fn(u8) -> bool) -> Option<Self> {
         let (low, mut inside, size) = boxed(volume, labels, 1)?;
         inside.iter_mut().for_each(|inside| *inside = !*inside);
         let mut depth_mm = Grid::squared_distances(&inside, size, volume.spacing_mm(), &[0, 1, 2]);
@@ -22,7 +22,7 @@ impl Organ {
     }
 
     /// Collects the voxels of labels and those within a distance of them, mm.
-    pub fn around(volume: &LabelVolume, labels: impl Fn(u8) -> bool, reach_mm: f64) -> Option<Self> {
+    pub(crate) fn around(volume: &LabelVolume, labels: impl Fn(u8) -> bool, reach_mm: f64) -> Option<Self> {
         let spacing = volume.spacing_mm();
         let least = spacing.iter().copied().fold(f64::INFINITY, f64::min);
         let (low, inside, size) = boxed(volume, labels, (reach_mm / least).ceil() as usize + 1)?;
@@ -33,7 +33,7 @@ impl Organ {
     }
 
     /// Voxels with their depths, mm, in order.
-    pub fn voxels(&self) -> impl Iterator<Item = ([usize; 3], f64)> {
+    pub(crate) fn voxels(&self) -> impl Iterator<Item = ([usize; 3], f64)> {
         let [nx, ny, _] = self.depth_mm.size;
         let [a, b, c] = self.low;
         let held = self
@@ -46,7 +46,7 @@ impl Organ {
     }
 
     /// Depth of a voxel of the volume, mm: 0 outside.
-    pub fn depth_mm(&self, voxel: [usize; 3]) -> f64 {
+    pub(crate) fn depth_mm(&self, voxel: [usize; 3]) -> f64 {
         let mut at = [0; 3];
         for axis in 0..3 {
             match voxel[axis]
@@ -61,12 +61,12 @@ impl Organ {
         f64::from(self.depth_mm.values[at[0] + nx * (at[1] + ny * at[2])])
     }
 
-    pub fn holds(&self, voxel: [usize; 3]) -> bool {
+    pub(crate) fn holds(&self, voxel: [usize; 3]) -> bool {
         self.depth_mm(voxel) > 0.0
     }
 
     /// Greatest depth, mm.
-    pub fn deepest_mm(&self) -> f64 {
+    pub(crate) fn deepest_mm(&self) -> f64 {
         f64::from(self.depth_mm.values.iter().copied().fold(0.0, f32::max))
     }
 }

@@ -51,7 +51,7 @@ pub(super) struct Tree {
 impl Tree {
     /// Grows a tree that fills an organ from its contact with a vessel; `None` without contact, or if no terminal
     /// fits.
-    pub fn grown(
+    pub(super) fn grown(
         volume: &LabelVolume,
         organ: &Organ,
         vessel: impl Fn(u8) -> bool,
@@ -104,7 +104,7 @@ impl Tree {
     }
 
     /// Calls `paint` with the indices of the voxels in branches wide enough for voxels.
-    pub fn paint(&self, volume: &LabelVolume, mut paint: impl FnMut(usize)) {
+    pub(super) fn paint(&self, volume: &LabelVolume, mut paint: impl FnMut(usize)) {
         let spacing = volume.spacing_mm();
         let widest = spacing.iter().copied().fold(0.0, f64::max);
         let least = spacing.iter().copied().fold(f64::INFINITY, f64::min);

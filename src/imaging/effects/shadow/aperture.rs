@@ -67,7 +67,12 @@ pub fn runs(shifts: &[u32], samples: usize) -> Vec<Range<usize>> {
 }
 
 /// Scanline of an element's ray at a sample; `None` outside the image.
-pub(crate) fn line_at(shifts: &[u32], samples: usize, [ray, element, sample]: [usize; 3], lines: usize) -> Option<usize> {
+pub(crate) fn line_at(
+    shifts: &[u32],
+    samples: usize,
+    [ray, element, sample]: [usize; 3],
+    lines: usize,
+) -> Option<usize> {
     let shift = |row: usize| shifts[row * samples + sample] as usize;
     match ray {
         _ if ray < SIDE => element.checked_sub(shift(SIDE - 1 - ray)),
@@ -77,7 +82,12 @@ pub(crate) fn line_at(shifts: &[u32], samples: usize, [ray, element, sample]: [u
 }
 
 /// Element whose ray crosses a scanline at a sample; `None` outside the array.
-pub(crate) fn element_at(shifts: &[u32], samples: usize, [ray, line, sample]: [usize; 3], lines: usize) -> Option<usize> {
+pub(crate) fn element_at(
+    shifts: &[u32],
+    samples: usize,
+    [ray, line, sample]: [usize; 3],
+    lines: usize,
+) -> Option<usize> {
     line_at(shifts, samples, [RAYS - 1 - ray, line, sample], lines)
 }
 

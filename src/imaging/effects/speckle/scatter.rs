@@ -145,7 +145,7 @@ impl<T: Real> Kernel for FineScanline<'_, T> {
 }
 
 /// Lattice of scatterers, gathered across the plane.
-pub struct Lattice<T> {
+pub(super) struct Lattice<T> {
     /// Seed.
     pub seed: [u32; 2],
     /// Lattice points per mm.

@@ -10,7 +10,7 @@ use insonify_tracking::probe::BeamGrid;
 
 /// Precomputed speckle data of a probe at given settings.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct SpeckleTables {
+pub struct SpeckleTables {
     /// Point spread.
     pub spread: PointSpread,
     /// Distance between lattice points, mm.

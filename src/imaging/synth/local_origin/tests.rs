@@ -26,7 +26,7 @@ fn nearby_it_is_the_worlds_own_and_nothing_is_copied() {
 fn far_away_it_is_the_nearest_whole_metre() {
     let volume = about([4096.5, -499.0, -100_501.0]);
     let origin = LocalOrigin::of(&volume);
-    assert_eq!(origin.world_mm(), [4000.0, 0.0, -101_000.0]);
+    assert_eq!(<[f64; 3]>::from(origin.world_mm), [4000.0, 0.0, -101_000.0]);
     let local = origin.volume(&volume).unwrap();
     assert_eq!(local.centre_mm(), Point3::new(96.5, -499.0, 499.0));
     assert!(std::ptr::eq(local.voxels(), volume.voxels()), "voxels are shared");

@@ -29,7 +29,7 @@ pub(crate) struct SlabView<'a> {
 
 impl<'a> SlabView<'a> {
     /// The slab of a frame whose positions are computed in `T`.
-    pub fn new<T: Real>(tables: &'a Tables, probe_to_world: &Matrix4<f64>) -> Self {
+    pub(super) fn new<T: Real>(tables: &'a Tables, probe_to_world: &Matrix4<f64>) -> Self {
         // Frames are refused whose pose has no inverse.
         let inverse = probe_to_world.try_inverse().unwrap_or(Matrix4::repeat(f64::NAN));
         let scale = inverse.fixed_view::<3, 3>(0, 0).norm();
@@ -55,7 +55,7 @@ impl<'a> SlabView<'a> {
     /// Whether the box of the nodes of an element, grown by what may test as inside, meets that of the samples. If the box of several elements
     /// does not, none of theirs does. Nodes that are NaN do not count.
     #[inline(always)]
-    pub fn meets(&self, in_probe: &[Vec<f64>; 3], nodes: &[u32]) -> bool {
+    pub(super) fn meets(&self, in_probe: &[Vec<f64>; 3], nodes: &[u32]) -> bool {
         // Most elements lie beside the plane.
         [2, 0, 1].into_iter().all(|axis| {
             let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
@@ -72,7 +72,7 @@ impl<'a> SlabView<'a> {
     /// First scanline that can meet each of several elements with these corners, grown by `reach` (mm in the world), and the one past the
     /// last.
     #[inline(always)]
-    pub fn lines(&self, corners: &[[Pack<LANES>; 3]; 4], reach: Pack<LANES>) -> [[u32; 2]; LANES] {
+    pub(super) fn lines(&self, corners: &[[Pack<LANES>; 3]; 4], reach: Pack<LANES>) -> [[u32; 2]; LANES] {
         let all = self.grid.lines() as u32;
         if all == 1 {
             return [[0, 1]; LANES];

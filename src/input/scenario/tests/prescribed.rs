@@ -10,7 +10,7 @@ use insonify_mechanics::needle::CentreLine;
 use insonify_mesh::TetMesh;
 
 /// Holds the tip at its unloaded position, and pushes on the hand in proportion to depth.
-pub struct PrescribedModel {
+pub(super) struct PrescribedModel {
     outcome: Outcome,
     line: CentreLine,
     seeds: Vec<Point3<f64>>,
@@ -20,7 +20,7 @@ pub struct PrescribedModel {
 }
 
 impl PrescribedModel {
-    pub fn new(scenario: &Scenario) -> Self {
+    pub(super) fn new(scenario: &Scenario) -> Self {
         Self {
             outcome: Outcome::default(),
             line: CentreLine::default(),

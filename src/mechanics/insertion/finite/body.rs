@@ -25,7 +25,7 @@ pub(super) struct Body {
 
 impl Body {
     /// Returns the interaction of a region with the needle.
-    pub fn interaction(&self, region: Option<i32>) -> Interaction {
+    pub(super) fn interaction(&self, region: Option<i32>) -> Interaction {
         interaction(self.anatomy.as_ref(), region)
     }
 
@@ -58,7 +58,7 @@ pub(super) struct Channel {
 
 impl Channel {
     /// Returns whether a point is within `radius_mm` of a channel, at more than [`END_MM`] before its end.
-    pub fn contains(&self, point: &Point3<f64>, radius_mm: f64) -> bool {
+    pub(super) fn contains(&self, point: &Point3<f64>, radius_mm: f64) -> bool {
         self.paths.iter().any(|path| {
             let (mut length, mut nearest) = (0.0, [f64::INFINITY, 0.0]);
             for ends in path.windows(2) {
@@ -76,7 +76,7 @@ impl Channel {
     }
 
     /// Records that the tip has cut from one point to another: the channel that ends there grows, or a new one begins.
-    pub fn cut(&mut self, from: &Point3<f64>, point: &Point3<f64>) {
+    pub(super) fn cut(&mut self, from: &Point3<f64>, point: &Point3<f64>) {
         let near = |end: &Point3<f64>| (from - end).norm() <= END_MM || (point - end).norm() <= SPACING_MM;
         let ends_here = |path: &&mut Vec<Point3<f64>>| path.last().is_some_and(near);
         let Some(path) = self.paths.iter_mut().rev().find(ends_here) else {

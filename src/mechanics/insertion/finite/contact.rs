@@ -42,7 +42,7 @@ pub(super) struct Contact {
 
 impl Contact {
     /// Extends the path by a length (mm) that the tip has advanced in a region.
-    pub(crate) fn lengthen(&mut self, region: Option<i32>, length: f64) {
+    pub(super) fn lengthen(&mut self, region: Option<i32>, length: f64) {
         match self.layers.last_mut() {
             Some(last) if last.region == region => last.length += length,
             _ => self.layers.push(Layer { region, length }),
@@ -50,12 +50,12 @@ impl Contact {
     }
 
     /// Returns the length of the path from here to the next contact or the tip, mm.
-    pub(crate) fn path_mm(&self) -> f64 {
+    pub(super) fn path_mm(&self) -> f64 {
         self.layers.iter().map(|layer| layer.length).sum()
     }
 
     /// Shortens the path to at most `length` (mm), after the tip was withdrawn.
-    pub(crate) fn shorten(&mut self, length: f64) {
+    pub(super) fn shorten(&mut self, length: f64) {
         let mut left = length.max(0.0);
         self.layers.retain_mut(|layer| {
             layer.length = layer.length.min(left);
@@ -125,7 +125,7 @@ const BOUND: f64 = 1e-11;
 const SLIP_TOLERANCE_MM: f64 = 1e-9;
 
 impl Slider {
-    pub fn new(state: State) -> Slider {
+    pub(super) fn new(state: State) -> Slider {
         Slider {
             state,
             sliding: [0.0; 2],
@@ -143,7 +143,7 @@ impl Slider {
     }
 
     /// Returns the force on the tissue if it slips, N.
-    pub fn force(&self) -> Option<f64> {
+    pub(super) fn force(&self) -> Option<f64> {
         match self.state {
             State::Stuck => None,
             State::Slipping(direction) => Some(self.sliding[usize::from(direction < 0.0)]),

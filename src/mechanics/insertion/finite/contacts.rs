@@ -33,7 +33,7 @@ pub(super) struct Contacts {
 
 impl Contacts {
     /// Records the arcs at the beginning of a substep.
-    pub fn start(&mut self) {
+    pub(super) fn start(&mut self) {
         self.starts.clear();
         self.starts.extend(self.nodes.iter().map(|contact| contact.arc));
     }
@@ -109,7 +109,7 @@ impl Contacts {
     }
 
     /// Adds a node at the tip.
-    pub fn add(&mut self, node: u32, reference: Point3<f64>, arc: f64, state: State, region: Option<i32>) {
+    pub(super) fn add(&mut self, node: u32, reference: Point3<f64>, arc: f64, state: State, region: Option<i32>) {
         self.forces.insert(self.nodes.len(), Vector3::zeros());
         self.nodes.push(Contact {
             node,
@@ -164,7 +164,7 @@ impl Contacts {
 
     /// Writes the forces of the tissue on the needle, N: each on the shaft from its node to the next, the last to the arc `end` (mm), and
     /// that at the tip of `line`.
-    pub fn shaft_loads(&self, line: &CentreLine, end: f64, cutting: Option<f64>, into: &mut Vec<ShaftLoad>) {
+    pub(super) fn shaft_loads(&self, line: &CentreLine, end: f64, cutting: Option<f64>, into: &mut Vec<ShaftLoad>) {
         for (at, contact) in self.nodes.iter().enumerate() {
             // A node may lie beyond the tip until the tissue has caught up.
             let from_mm = contact.arc.min(end);
@@ -206,7 +206,7 @@ impl Contacts {
     }
 
     /// Moves the arcs of slipping nodes by a share of the step to the solution. Returns the largest change, mm.
-    pub fn slide(&mut self, joint: &Joint, line: &CentreLine, share: f64) -> f64 {
+    pub(super) fn slide(&mut self, joint: &Joint, line: &CentreLine, share: f64) -> f64 {
         let mut largest = 0.0f64;
         for (at, contact) in self.nodes.iter_mut().enumerate() {
             let mut arc = self.starts[at];

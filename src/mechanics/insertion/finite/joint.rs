@@ -114,13 +114,13 @@ impl Joint {
     }
 
     /// Returns the number of blocks: contacts, the tissue at the tip, a guide, and released loads.
-    pub fn nodes(&self) -> usize {
+    pub(super) fn nodes(&self) -> usize {
         self.tissue.yielding() + usize::from(self.guide.is_some()) + self.released
     }
 
     /// Rotates everything into the directions of the shaft at these arcs (mm): contacts, tip, guide. `forces` are those on
     /// the tissue under which the line was bent.
-    pub fn turn(&mut self, arcs: &[f64], line: &CentreLine, forces: &[Vector3<f64>]) {
+    pub(super) fn turn(&mut self, arcs: &[f64], line: &CentreLine, forces: &[Vector3<f64>]) {
         self.frames.clear();
         self.frames.extend(arcs.iter().map(|arc| frame(&line.at(*arc).tangent)));
         let n = 3 * self.frames.len();
@@ -143,14 +143,14 @@ impl Joint {
     }
 
     /// Returns the axes of each contact: along the shaft, and two across.
-    pub fn frames(&self) -> &[Matrix3<f64>] {
+    pub(super) fn frames(&self) -> &[Matrix3<f64>] {
         &self.frames
     }
 
     /// Solves for the forces with the line as it lies, sets the states, and returns the outcome. `starts` are the arcs (mm)
     /// at the beginning of this substep, where nodes that begin to stick are fixed; `yields` is the response of the needle
     /// in the three directions of each of the [frames](Self::frames).
-    pub fn solve(
+    pub(super) fn solve(
         &mut self,
         contacts: &mut [Contact],
         mut tip: Option<&mut TipRow>,
@@ -287,12 +287,12 @@ impl Joint {
 
     /// Returns the force on the tissue at a contact of the needle, or, behind them, at the tip or on the guide, N, world
     /// axes.
-    pub fn force(&self, node: usize) -> Vector3<f64> {
+    pub(super) fn force(&self, node: usize) -> Vector3<f64> {
         self.frames[node] * Vector3::from_column_slice(&self.forces[3 * node..3 * node + 3])
     }
 
     /// Returns the displacement of a contact or of the tissue at the tip, mm, world axes.
-    pub fn displacement(&self, node: usize) -> Vector3<f64> {
+    pub(super) fn displacement(&self, node: usize) -> Vector3<f64> {
         let n = self.forces.len();
         let mut local = Vector3::zeros();
         for (column, force) in self.forces.iter().enumerate() {

@@ -34,7 +34,7 @@ pub(super) struct Place {
 
 impl Place {
     /// Returns whether the point is in its element rather than extrapolated beside the mesh.
-    pub fn is_inside(&self) -> bool {
+    pub(super) fn is_inside(&self) -> bool {
         self.bary.iter().all(|share| *share >= -1e-9)
     }
 }
@@ -49,7 +49,7 @@ pub(super) struct Tetrahedron {
 
 impl Tetrahedron {
     /// Returns `None` for an element without volume.
-    pub fn new(corners: &[Point3<f64>; 4]) -> Option<Tetrahedron> {
+    pub(super) fn new(corners: &[Point3<f64>; 4]) -> Option<Tetrahedron> {
         let edges = Matrix3::from_columns(&[1, 2, 3].map(|corner: usize| corners[corner] - corners[0]));
         let volume = edges.determinant() / 6.0;
         let gradients = edges.try_inverse()?;
@@ -60,19 +60,19 @@ impl Tetrahedron {
         })
     }
 
-    pub fn bary(&self, p: &Point3<f64>) -> [f64; 4] {
+    pub(super) fn bary(&self, p: &Point3<f64>) -> [f64; 4] {
         let [a, b, c] = (self.gradients * (p - self.origin)).into();
         [1.0 - (a + b + c), a, b, c]
     }
 
     /// Returns the derivatives of the barycentric coordinates along a direction, 1/mm.
-    pub fn rates(&self, direction: &Vector3<f64>) -> [f64; 4] {
+    pub(super) fn rates(&self, direction: &Vector3<f64>) -> [f64; 4] {
         let [a, b, c] = (self.gradients * direction).into();
         [-(a + b + c), a, b, c]
     }
 
     /// Returns the distance (mm) at which a ray from inside leaves, and the corner opposite the face that it leaves through.
-    pub fn exit(&self, from: &Point3<f64>, direction: &Vector3<f64>) -> Option<(f64, usize)> {
+    pub(super) fn exit(&self, from: &Point3<f64>, direction: &Vector3<f64>) -> Option<(f64, usize)> {
         let (bary, rates) = (self.bary(from), self.rates(direction));
         let leaves = (0..4).filter(|corner| rates[*corner] < 0.0);
         let distances = leaves.map(|corner| ((bary[corner] / -rates[corner]).max(0.0), corner));
@@ -82,7 +82,7 @@ impl Tetrahedron {
 
 impl Tissue {
     /// Locates a tip that is in the body for the first time: only the probe displaces the tissue then.
-    pub fn enter(&mut self, anatomy: &dyn Anatomy, tip: &Point3<f64>) -> Option<Place> {
+    pub(super) fn enter(&mut self, anatomy: &dyn Anatomy, tip: &Point3<f64>) -> Option<Place> {
         if self.probe.is_none() {
             return self.place_at_rest(anatomy, tip, NONE);
         }
@@ -116,7 +116,7 @@ impl Tissue {
     }
 
     /// Returns the position of a place in the reference state, mm.
-    pub(crate) fn point_at(&self, place: &Place) -> Point3<f64> {
+    pub(super) fn point_at(&self, place: &Place) -> Point3<f64> {
         self.adaptation.mesh().point(place.element, place.bary).into()
     }
 
@@ -148,7 +148,7 @@ impl Tissue {
 
     /// Locates the tip of a needle, searching from an element. Among inverted elements, which overlap others, returns the
     /// place nearest to `last` (reference state) along the needle whose tissue is as far along the needle as the tip.
-    pub(crate) fn locate_tip(&mut self, line: &CentreLine, last: Point3<f64>, from: u32) -> Option<Place> {
+    pub(super) fn locate_tip(&mut self, line: &CentreLine, last: Point3<f64>, from: u32) -> Option<Place> {
         let (tip, inverted) = (line.tip(), self.crushed);
         let found = self.search(&tip, from);
         if self.crushed == inverted {
@@ -173,7 +173,7 @@ impl Tissue {
     }
 
     /// Locates a point in the reference state, searching from an element.
-    pub(crate) fn locate_at_rest(&self, point: &Point3<f64>, from: u32) -> Option<Place> {
+    pub(super) fn locate_at_rest(&self, point: &Point3<f64>, from: u32) -> Option<Place> {
         let nodes = self.adaptation.mesh().nodes();
         search(&self.mesh, point, from, |element| {
             let corners = self.mesh.elements()[element as usize];

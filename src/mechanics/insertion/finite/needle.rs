@@ -25,7 +25,7 @@ pub(super) struct PlacedNeedle {
 }
 
 impl PlacedNeedle {
-    pub fn new(model: Box<dyn Needle>) -> PlacedNeedle {
+    pub(super) fn new(model: Box<dyn Needle>) -> PlacedNeedle {
         PlacedNeedle {
             model,
             base: None,
@@ -43,21 +43,21 @@ impl PlacedNeedle {
         self.model.is_flexible()
     }
 
-    pub fn length_mm(&self) -> f64 {
+    pub(super) fn length_mm(&self) -> f64 {
         self.model.length_mm()
     }
 
-    pub fn radius_mm(&self) -> f64 {
+    pub(super) fn radius_mm(&self) -> f64 {
         self.model.radius_mm()
     }
 
     /// Returns the end of the centre line.
-    pub fn tip(&self) -> ShaftPoint {
+    pub(super) fn tip(&self) -> ShaftPoint {
         self.line.at(self.line.length_mm())
     }
 
     /// Returns the guide hole, if the needle is flexible.
-    pub fn guide(&self) -> Option<Point3<f64>> {
+    pub(super) fn guide(&self) -> Option<Point3<f64>> {
         self.guide.filter(|_| self.is_flexible())
     }
 
@@ -87,7 +87,7 @@ impl PlacedNeedle {
 
     /// Takes one iteration of the needle's own solver towards the current forces, from the line about which it was
     /// linearised.
-    pub fn bend(&mut self, contacts: &Contacts, tip: &Tip) {
+    pub(super) fn bend(&mut self, contacts: &Contacts, tip: &Tip) {
         self.write_loads(contacts, tip);
         let Some(base) = &self.base else { return };
         self.model
@@ -96,7 +96,7 @@ impl PlacedNeedle {
 
     /// Writes the linearised response along and across the shaft, in the `frames` where forces act. Returns in how many
     /// modes the needle would buckle if unsupported, or `None` if it is rigid.
-    pub fn linearise(&mut self, contacts: &Contacts, tip: &Tip, frames: &[Matrix3<f64>]) -> Option<usize> {
+    pub(super) fn linearise(&mut self, contacts: &Contacts, tip: &Tip, frames: &[Matrix3<f64>]) -> Option<usize> {
         if !self.is_flexible() {
             return None;
         }

@@ -23,7 +23,7 @@ pub(super) struct ProbeNodes {
 }
 
 impl ProbeNodes {
-    pub fn new(contact: ProbeContact, nodes: &[[f64; 3]]) -> ProbeNodes {
+    pub(super) fn new(contact: ProbeContact, nodes: &[[f64; 3]]) -> ProbeNodes {
         let rest: Vec<_> = contact
             .candidates
             .iter()
@@ -43,20 +43,20 @@ impl ProbeNodes {
         }
     }
 
-    pub fn nodes(&self) -> &[u32] {
+    pub(super) fn nodes(&self) -> &[u32] {
         &self.contact.candidates
     }
 
-    pub fn length_mm(&self) -> f64 {
+    pub(super) fn length_mm(&self) -> f64 {
         self.contact.length_mm
     }
 
-    pub fn rows(&self) -> &[ProbeRow] {
+    pub(super) fn rows(&self) -> &[ProbeRow] {
         &self.rows
     }
 
     /// Returns the number of nodes in contact.
-    pub fn touching(&self) -> usize {
+    pub(super) fn touching(&self) -> usize {
         self.rows.len() / 2
     }
 
@@ -66,7 +66,7 @@ impl ProbeNodes {
     }
 
     /// Restores a pose of the probe with the candidates in contact.
-    pub fn restore(&mut self, pose: Option<Isometry3<f64>>, touching: &[bool]) {
+    pub(super) fn restore(&mut self, pose: Option<Isometry3<f64>>, touching: &[bool]) {
         self.pose = pose;
         self.touching.copy_from_slice(touching);
         let directions = pose.map(|pose| self.directions(&pose));
@@ -90,7 +90,7 @@ impl ProbeNodes {
     }
 
     /// Returns the position of a candidate when the probe last moved, mm.
-    pub fn place(&self, candidate: usize) -> Point3<f64> {
+    pub(super) fn place(&self, candidate: usize) -> Point3<f64> {
         self.places[candidate]
     }
 
@@ -101,7 +101,12 @@ impl ProbeNodes {
     }
 
     /// Moves the probe, or removes it. Returns whether the constrained rows have changed.
-    pub(crate) fn move_to(&mut self, pose: Option<&Isometry3<f64>>, condensed: MatRef<'_, f64>, forces: &[f64]) -> bool {
+    pub(crate) fn move_to(
+        &mut self,
+        pose: Option<&Isometry3<f64>>,
+        condensed: MatRef<'_, f64>,
+        forces: &[f64],
+    ) -> bool {
         self.find_places(condensed, forces);
         self.pose = pose.copied();
         let frame = pose.map(|pose| self.frame(pose));
@@ -125,7 +130,7 @@ impl ProbeNodes {
     }
 
     /// Returns the displacements that the probe prescribes along its rows, mm.
-    pub fn displacements(&self) -> impl Iterator<Item = f64> + '_ {
+    pub(super) fn displacements(&self) -> impl Iterator<Item = f64> + '_ {
         let frame = self.pose.map(|pose| self.frame(&pose)).unwrap_or_default();
         self.rows.iter().map(move |row| {
             let target = frame * self.nominal[row.contact];

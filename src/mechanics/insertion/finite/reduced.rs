@@ -179,7 +179,7 @@ impl Reduced {
     }
 
     /// Returns the compliance between two nodes, mm/N, world axes.
-    pub fn block(&self, row: usize, column: usize) -> Matrix3<f64> {
+    pub(super) fn block(&self, row: usize, column: usize) -> Matrix3<f64> {
         let room = self.room();
         Matrix3::from_fn(|a, b| self.compliance[(3 * column + b) * room + 3 * row + a])
     }
@@ -201,13 +201,16 @@ impl Reduced {
     }
 
     /// Returns the displacement of a node by the probe, mm.
-    pub fn offset(&self, node: usize) -> Vector3<f64> {
+    pub(super) fn offset(&self, node: usize) -> Vector3<f64> {
         Vector3::from_column_slice(&self.offset[3 * node..3 * node + 3])
     }
 
     /// Returns the forces of the probe on the tissue along its rows, N, given those of the needle at its contacts and at the
     /// tip.
-    pub(crate) fn probe_forces<'a>(&'a self, needle: &'a [Vector3<f64>]) -> impl Iterator<Item = (&'a ProbeRow, f64)> + 'a {
+    pub(crate) fn probe_forces<'a>(
+        &'a self,
+        needle: &'a [Vector3<f64>],
+    ) -> impl Iterator<Item = (&'a ProbeRow, f64)> + 'a {
         let rows = self
             .rows
             .iter()

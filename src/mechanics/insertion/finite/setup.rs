@@ -184,7 +184,7 @@ impl Base {
     }
 
     /// Computes the dense inverse if a level needs it.
-    pub fn prepare(&mut self, level: Level) -> Result<(), LinearError> {
+    pub(super) fn prepare(&mut self, level: Level) -> Result<(), LinearError> {
         if level == Level::Exact || self.dense.is_some() {
             return Ok(());
         }
@@ -193,7 +193,7 @@ impl Base {
 
     /// Returns the source of compliance for a level and its precision: the dense inverse, except for the exact level where
     /// that is in f32 or missing.
-    pub fn source(&self, level: Level, options: &Options) -> (Source, Precision) {
+    pub(super) fn source(&self, level: Level, options: &Options) -> (Source, Precision) {
         let suits = |dense: &&Source| level != Level::Exact || dense.precision() == Precision::Double;
         let columns = || Source::Columns(Columns::new(Arc::clone(&self.factor), options.columns));
         let source = self.dense.as_ref().filter(suits).cloned().unwrap_or_else(columns);

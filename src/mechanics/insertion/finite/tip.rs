@@ -100,7 +100,7 @@ impl From<TipForce> for SavedForce {
 
 impl TipForce {
     /// Returns the row of the tip in the system.
-    pub fn row(&self) -> Option<&TipRow> {
+    pub(super) fn row(&self) -> Option<&TipRow> {
         match self {
             TipForce::Tissue(row) | TipForce::Bone(row) => Some(row),
             TipForce::None | TipForce::Node => None,
@@ -161,12 +161,12 @@ impl Met {
 }
 
 impl Tip {
-    pub fn in_bone(&self) -> bool {
+    pub(super) fn in_bone(&self) -> bool {
         self.bone.is_some_and(|met| met.bone.holds())
     }
 
     /// Returns the pose of the needle's base for this pose of the hand: behind it while bone stops the tip.
-    pub fn stopped(&self, base: &Isometry3<f64>) -> Isometry3<f64> {
+    pub(super) fn stopped(&self, base: &Isometry3<f64>) -> Isometry3<f64> {
         let behind = self.bone.map_or(0.0, |bone| bone.behind);
         let mut stopped = *base;
         stopped.translation.vector -= base.rotation * Vector3::z() * behind;
@@ -208,7 +208,7 @@ impl Tip {
     }
 
     /// Sets the bounds of all sliders.
-    pub fn bound(&mut self, contacts: &mut Contacts, line: &CentreLine, body: &Body) {
+    pub(super) fn bound(&mut self, contacts: &mut Contacts, line: &CentreLine, body: &Body) {
         // Shaft that has come out on another side has no friction.
         let end = self.end_in_tissue(contacts, line);
         let cut_mm = if self.outside { 0.0 } else { self.cut_mm };
@@ -235,7 +235,7 @@ impl Tip {
     }
 
     /// Returns the cutting force at the tip, N; at a surface its puncture force, until the tip has slipped into it.
-    pub fn cutting(&self, body: &Body) -> f64 {
+    pub(super) fn cutting(&self, body: &Body) -> f64 {
         let of = body.interaction(self.region);
         let cutting = if self.in_channel { 0.0 } else { of.cutting_n };
         self.surface.unwrap_or(cutting)
@@ -319,7 +319,7 @@ impl Tip {
     /// Records the region that the tip has entered and returns whether its surface stops the tip. Near the last boundary no
     /// other region is recorded, so that a tip that wanders along a boundary does not cross it repeatedly; bone and critical
     /// regions always are.
-    pub fn cross(&mut self, body: &Body, needle: &PlacedNeedle, contacts: &mut Contacts, log: &mut Log) -> bool {
+    pub(super) fn cross(&mut self, body: &Body, needle: &PlacedNeedle, contacts: &mut Contacts, log: &mut Log) -> bool {
         let region = body.anatomy.region(&self.reference);
         let of = body.interaction(region);
         let same = region == self.region || self.front.is_some();
@@ -335,7 +335,14 @@ impl Tip {
     }
 
     /// Handles a tip that has entered bone during an `advance` (mm) of the base.
-    pub(crate) fn stop_at_bone(&mut self, region: i32, advance: f64, body: &Body, needle: &PlacedNeedle, log: &mut Log) {
+    pub(crate) fn stop_at_bone(
+        &mut self,
+        region: i32,
+        advance: f64,
+        body: &Body,
+        needle: &PlacedNeedle,
+        log: &mut Log,
+    ) {
         // Bone is not met while the needle is withdrawn.
         let bone = body.interaction(Some(region)).bone;
         let Some(bone) = bone.filter(|_| !self.in_bone() && advance >= 0.0) else {
@@ -395,14 +402,14 @@ impl Tip {
     }
 
     /// Records that no corner fits at the tip; reported once, as one may fit farther on.
-    pub fn refuse(&mut self, region: i32, line: &CentreLine, log: &mut Log) {
+    pub(super) fn refuse(&mut self, region: i32, line: &CentreLine, log: &mut Log) {
         if self.refused.replace(self.reference).is_none() {
             log.note(EventKind::NotRemeshed, line.tip(), Some(region));
         }
     }
 
     /// Locates the tip in the reference state, searching from an element.
-    pub fn locate(&mut self, tissue: &Tissue, from: u32) {
+    pub(super) fn locate(&mut self, tissue: &Tissue, from: u32) {
         self.found = tissue.locate_at_rest(&self.reference, from);
         if let Some(place) = &self.found {
             self.element = Some(place.element);
@@ -410,7 +417,7 @@ impl Tip {
     }
 
     /// Returns the position of the tissue at the tip at rest, mm, or `None` outside.
-    pub fn at_rest(&self, needle: &PlacedNeedle) -> Option<Point3<f64>> {
+    pub(super) fn at_rest(&self, needle: &PlacedNeedle) -> Option<Point3<f64>> {
         let inside = needle.entry.is_some() && !self.outside && self.element.is_some();
         inside.then_some(self.reference)
     }

@@ -42,7 +42,7 @@ pub(super) struct Tissue {
 }
 
 impl Tissue {
-    pub fn new(
+    pub(super) fn new(
         mesh: Arc<TetMesh>,
         locator: Arc<Locator<f64>>,
         adaptation: Adaptation,
@@ -76,17 +76,17 @@ impl Tissue {
     }
 
     /// Returns whether no axis of a node is fixed.
-    pub fn is_free(&self, node: u32) -> bool {
+    pub(super) fn is_free(&self, node: u32) -> bool {
         !self.adaptation.mesh().dofs().of(node).contains(&NONE)
     }
 
     /// Returns the index of a node in the compliance.
-    pub fn index_of(&self, node: u32, needle: &[Contact], corners: &[u32]) -> Option<usize> {
+    pub(super) fn index_of(&self, node: u32, needle: &[Contact], corners: &[u32]) -> Option<usize> {
         system_nodes(self.probe.as_ref(), needle, corners).position(|other| other == node)
     }
 
     /// Passes the contacts to the remesher: those of the probe, those of the needle, corners at the tip.
-    pub(crate) fn register_contacts(&mut self, needle: &[Contact], corners: &[u32]) {
+    pub(super) fn register_contacts(&mut self, needle: &[Contact], corners: &[u32]) {
         self.dofs.clear();
         let mesh = self.adaptation.mesh();
         let nodes = system_nodes(self.probe.as_ref(), needle, corners);
@@ -100,7 +100,7 @@ impl Tissue {
     }
 
     /// Gathers the forces of a solution by degree of freedom on all contacts: those of the probe, then those of the needle.
-    pub(crate) fn take_forces(&mut self, solved: &Reduced, contacts: &Contacts, tip: &Tip) {
+    pub(super) fn take_forces(&mut self, solved: &Reduced, contacts: &Contacts, tip: &Tip) {
         let forces = &mut self.contact_forces;
         forces.clear();
         let probes = self.probe.as_ref().map_or(0, |probe| probe.nodes().len());
@@ -127,7 +127,7 @@ impl Tissue {
     }
 
     /// Moves the probe.
-    pub fn press(&mut self, pose: Option<&Isometry3<f64>>) {
+    pub(super) fn press(&mut self, pose: Option<&Isometry3<f64>>) {
         let Some(probe) = &mut self.probe else { return };
         let condensed = self.adaptation.remesher().condensed();
         if probe.move_to(pose, condensed, &self.contact_forces) {
@@ -136,13 +136,13 @@ impl Tissue {
     }
 
     /// Forgets all that was derived from a compliance that may now differ in every entry.
-    pub(crate) fn forget_compliance(&mut self) {
+    pub(super) fn forget_compliance(&mut self) {
         self.version += 1;
         self.nearby = Nearby::default();
     }
 
     /// Returns the displacement of a node under the forces of the last solution, mm.
-    pub(crate) fn displacement_of(&mut self, node: u32) -> Vector3<f64> {
+    pub(super) fn displacement_of(&mut self, node: u32) -> Vector3<f64> {
         let displacement = self
             .nearby
             .displacement(&mut self.adaptation, &self.carried, self.version, node);
@@ -153,7 +153,7 @@ impl Tissue {
     }
 
     /// Moves a node to a point of the reference state, if that spoils no element.
-    pub fn move_node(&mut self, node: u32, to: Point3<f64>) -> bool {
+    pub(super) fn move_node(&mut self, node: u32, to: Point3<f64>) -> bool {
         let moved = self.adaptation.move_node(node, to.into()).is_ok();
         self.remeshes += usize::from(moved);
         moved
@@ -161,7 +161,7 @@ impl Tissue {
 
     /// Returns the best corner of an element to move to a point of the reference state, or `None` if none fits: one that
     /// is permitted and on neither needle nor probe, up to a limit of the Jacobian condition.
-    pub fn corner(
+    pub(super) fn corner(
         &self,
         element: u32,
         to: Point3<f64>,
@@ -179,7 +179,7 @@ impl Tissue {
     }
 
     /// Prefetches the compliance columns of the nodes within `aside_mm` of a path.
-    pub fn prefetch(&mut self, from: &Point3<f64>, direction: &Vector3<f64>, length_mm: f64, aside_mm: f64) {
+    pub(super) fn prefetch(&mut self, from: &Point3<f64>, direction: &Vector3<f64>, length_mm: f64, aside_mm: f64) {
         let Some(direction) = direction.try_normalize(0.0) else {
             return;
         };
@@ -211,14 +211,14 @@ impl Tissue {
     }
 
     /// Returns the nodes away from their positions at rest, with their current reference positions.
-    pub fn moved(&self) -> Vec<(u32, [f64; 3])> {
+    pub(super) fn moved(&self) -> Vec<(u32, [f64; 3])> {
         let mesh = self.adaptation.mesh();
         let away = mesh.away().iter();
         away.map(|node| (*node, mesh.nodes()[*node as usize])).collect()
     }
 
     /// Writes the moved nodes and what determines the displacements.
-    pub(crate) fn write_snapshot(&mut self, into: &mut Snapshot) {
+    pub(super) fn write_snapshot(&mut self, into: &mut Snapshot) {
         into.moved.clear();
         let mesh = self.adaptation.mesh();
         into.moved
@@ -292,7 +292,7 @@ impl Nearby {
 
     /// Returns the displacement of a node under the carried forces, mm. `contacts` is a counter that changes whenever the
     /// contacts do.
-    pub fn displacement(
+    pub(crate) fn displacement(
         &mut self,
         adaptation: &mut Adaptation,
         carried: &[(usize, f64)],

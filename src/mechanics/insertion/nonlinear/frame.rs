@@ -12,7 +12,7 @@ pub(super) struct Frame<const D: usize> {
 
 impl Frame<3> {
     /// The coordinates of the world.
-    pub fn world() -> Self {
+    pub(super) fn world() -> Self {
         Frame {
             origin: Point3::origin(),
             axes: [Vector3::x(), Vector3::y(), Vector3::z()],
@@ -22,23 +22,23 @@ impl Frame<3> {
 
 impl<const D: usize> Frame<D> {
     /// Coordinates of a point of the world, mm.
-    pub fn point(&self, world: &Point3<f64>) -> [f64; D] {
+    pub(super) fn point(&self, world: &Point3<f64>) -> [f64; D] {
         self.vector(&(world - self.origin))
     }
 
     /// Components of a vector of the world.
-    pub fn vector(&self, world: &Vector3<f64>) -> [f64; D] {
+    pub(super) fn vector(&self, world: &Vector3<f64>) -> [f64; D] {
         self.axes.map(|axis| axis.dot(world))
     }
 
     /// Vector of the world with these components.
-    pub fn in_world(&self, components: &[f64; D]) -> [f64; 3] {
+    pub(super) fn in_world(&self, components: &[f64; D]) -> [f64; 3] {
         let parts = self.axes.iter().zip(components).map(|(axis, along)| axis * *along);
         parts.sum::<Vector3<f64>>().into()
     }
 
     /// Distance of a point of the world from the plane of the body, mm; 0 in three dimensions.
-    pub fn aside_mm(&self, world: &Point3<f64>) -> f64 {
+    pub(super) fn aside_mm(&self, world: &Point3<f64>) -> f64 {
         match D {
             2 => (world - self.origin).dot(&self.axes[0].cross(&self.axes[1])).abs(),
             _ => 0.0,

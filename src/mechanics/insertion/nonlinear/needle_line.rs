@@ -37,7 +37,7 @@ pub(super) struct NeedleLine {
 impl NeedleLine {
     /// Finds the line of a needle whose tip is at `tip`: into the first part of the body in front of it, or the one that
     /// contains it.
-    pub fn find<const D: usize, const N: usize>(
+    pub(super) fn find<const D: usize, const N: usize>(
         body: &Body<D, N>,
         frame: &Frame<D>,
         anatomy: &dyn Anatomy,
@@ -70,7 +70,7 @@ impl NeedleLine {
         }
     }
 
-    pub fn region(&self, layer: usize) -> Option<i32> {
+    pub(super) fn region(&self, layer: usize) -> Option<i32> {
         self.regions.get(layer).map(|(_, region)| *region)
     }
 
@@ -80,12 +80,12 @@ impl NeedleLine {
     }
 
     /// Returns the position of a point along the line, mm beyond the entry.
-    pub fn travel_mm(&self, point: &Point3<f64>) -> f64 {
+    pub(super) fn travel_mm(&self, point: &Point3<f64>) -> f64 {
         (point - self.entry).dot(&self.direction)
     }
 
     /// Returns the layers, by the interactions of their regions with the needle.
-    pub fn layers(&self, of: impl Fn(i32) -> Interaction) -> Vec<Layer> {
+    pub(super) fn layers(&self, of: impl Fn(i32) -> Interaction) -> Vec<Layer> {
         let layer = |&(from_mm, region): &(f64, i32)| {
             let of = of(region);
             let breaks = of.puncture_n > of.cutting_n;

@@ -65,7 +65,7 @@ const OUTSIDE: f64 = 1e-9;
 const BESIDE: f64 = 1e-6;
 
 #[derive(Clone, Debug)]
-pub struct Line<const D: usize> {
+pub(super) struct Line<const D: usize> {
     entry: [f64; D],
     direction: [f64; D],
     /// Elements on or along the line, ascending.
@@ -117,7 +117,7 @@ pub fn crossings<const D: usize, const N: usize>(
 
 impl<const D: usize> Line<D> {
     /// Returns a line through nothing.
-    pub fn empty() -> Self {
+    pub(super) fn empty() -> Self {
         Line {
             entry: [0.0; D],
             direction: [0.0; D],
@@ -127,7 +127,11 @@ impl<const D: usize> Line<D> {
         }
     }
 
-    pub fn new<const N: usize>(body: &Body<D, N>, entry: [f64; D], direction: [f64; D]) -> Result<Self, InvalidSetup> {
+    pub(super) fn new<const N: usize>(
+        body: &Body<D, N>,
+        entry: [f64; D],
+        direction: [f64; D],
+    ) -> Result<Self, InvalidSetup> {
         let norm = direction.iter().map(|x| x * x).sum::<f64>().sqrt();
         if !(norm.is_finite() && norm > 0.0) {
             return Err(InvalidSetup::Direction {
@@ -155,17 +159,17 @@ impl<const D: usize> Line<D> {
     }
 
     /// Returns the elements that the line passes through or along.
-    pub fn elements(&self) -> &[u32] {
+    pub(super) fn elements(&self) -> &[u32] {
         &self.elements
     }
 
     /// Returns the length of the line in the body, to a piece of the shaft, mm.
-    pub fn length(&self) -> f64 {
+    pub(super) fn length(&self) -> f64 {
         self.length
     }
 
     /// Returns the point at a depth, constrained to a displacement along the line; without weights where there is no body.
-    pub fn contact<const N: usize>(&self, body: &Body<D, N>, depth: f64, place_mm: f64) -> Contact {
+    pub(super) fn contact<const N: usize>(&self, body: &Body<D, N>, depth: f64, place_mm: f64) -> Contact {
         let mut all = Vec::with_capacity(D * N);
         if let Some((element, _, weights)) = self.find(body, depth) {
             for (node, weight) in body.elements()[element].iter().zip(weights) {
@@ -178,7 +182,7 @@ impl<const D: usize> Line<D> {
     }
 
     /// Returns the points that represent the shaft down to a depth, with the start and end of their pieces.
-    pub fn pieces(&self, depth: f64) -> impl Iterator<Item = (&Contact, f64, f64)> {
+    pub(super) fn pieces(&self, depth: f64) -> impl Iterator<Item = (&Contact, f64, f64)> {
         let pieces = self.points.iter().enumerate().map(move |(at, point)| {
             let from = at as f64 * PIECE_MM;
             (point, from, (from + PIECE_MM).min(depth))

@@ -35,7 +35,7 @@ pub(in crate::insertion) struct At {
 
 impl At {
     /// State before the first membrane.
-    pub fn before() -> At {
+    pub(crate) fn before() -> At {
         At {
             intact: Phase::Pushing(0),
             ..At::default()

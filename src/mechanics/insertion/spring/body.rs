@@ -64,7 +64,7 @@ impl BoneContact {
     }
 
     /// Continues from the current position where no bone is under the tip any more: the needle catches up with the hand.
-    pub fn leave(&mut self, hand: &Isometry3<f64>, length_mm: f64) {
+    pub(super) fn leave(&mut self, hand: &Isometry3<f64>, length_mm: f64) {
         if self.bone.holds() {
             self.at += self.direction.into_inner() * self.depth(hand, length_mm).min(self.bone.penetration_mm);
             self.bone = Bone::LEFT;
@@ -78,13 +78,13 @@ impl BoneContact {
     }
 
     /// Returns the pose of the needle's base while the hand is at `base`: the depth of the tip is limited by the bone.
-    pub fn stopped(&self, base: &Isometry3<f64>, length_mm: f64) -> Isometry3<f64> {
+    pub(super) fn stopped(&self, base: &Isometry3<f64>, length_mm: f64) -> Isometry3<f64> {
         let behind = self.bone.behind_mm(self.depth(base, length_mm));
         Translation3::from(self.direction.into_inner() * -behind) * base
     }
 
     /// Returns the penalty force on the tip, N.
-    pub fn force(&self, base: &Isometry3<f64>, length_mm: f64) -> Vector3<f64> {
+    pub(super) fn force(&self, base: &Isometry3<f64>, length_mm: f64) -> Vector3<f64> {
         self.direction.into_inner() * -self.bone.force_n(self.depth(base, length_mm))
     }
 }

@@ -68,7 +68,7 @@ pub(super) struct Contacts {
 }
 
 impl Contacts {
-    pub fn new(most: usize) -> Contacts {
+    pub(super) fn new(most: usize) -> Contacts {
         Contacts {
             stack: Vec::with_capacity(most),
             before: Vec::with_capacity(most),
@@ -93,7 +93,7 @@ impl Contacts {
     }
 
     /// Writes the loads that bend the needle.
-    pub fn loads(&self, into: &mut Vec<Load>) {
+    pub(super) fn loads(&self, into: &mut Vec<Load>) {
         into.clear();
         into.extend(self.stack.iter().map(|contact| Load {
             arc_mm: contact.arc,
@@ -131,7 +131,7 @@ impl Contacts {
 
     /// Brings the nodes back to the shaft, which lies on `line` under the previous forces. Returns whether the tip node has
     /// slipped back from the tip.
-    pub fn solve(
+    pub(super) fn solve(
         &mut self,
         network: &mut Network,
         h: f64,

@@ -93,7 +93,7 @@ pub(super) struct Cylinder {
 }
 
 impl Cylinder {
-    pub fn new(parameters: &Parameters) -> Result<Cylinder, InvalidSetup> {
+    pub(super) fn new(parameters: &Parameters) -> Result<Cylinder, InvalidSetup> {
         parameters.check()?;
         let layers = parameters.layers();
         let disc = parameters.nodes_of_layer();
@@ -207,7 +207,7 @@ pub(super) struct Topology {
 }
 
 impl Topology {
-    pub fn new(nodes: usize, elements: &[[u32; 4]]) -> Topology {
+    pub(super) fn new(nodes: usize, elements: &[[u32; 4]]) -> Topology {
         let ends = |element: &[u32; 4]| EDGES.map(|[a, b]| [element[a].min(element[b]), element[a].max(element[b])]);
         let mut edges: Vec<[u32; 2]> = elements.iter().flat_map(ends).collect();
         edges.sort_unstable();

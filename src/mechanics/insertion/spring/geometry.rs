@@ -18,7 +18,7 @@ pub(super) fn volume(corners: &[Vector3<f64>; 4]) -> f64 {
 
 impl Simplex {
     /// Returns `None` if the corners are coplanar within rounding.
-    pub fn new(corners: &[Vector3<f64>; 4]) -> Option<Simplex> {
+    pub(super) fn new(corners: &[Vector3<f64>; 4]) -> Option<Simplex> {
         let [a, b, c] = [1, 2, 3].map(|corner| corners[corner] - corners[0]);
         let faces = [b.cross(&c), c.cross(&a), a.cross(&b)];
         let six_volumes = a.dot(&faces[0]);
@@ -31,14 +31,14 @@ impl Simplex {
     }
 
     /// Returns the barycentric coordinates of a point.
-    pub fn coordinates(&self, point: &Vector3<f64>) -> [f64; 4] {
+    pub(super) fn coordinates(&self, point: &Vector3<f64>) -> [f64; 4] {
         let from = point - self.origin;
         let [b, c, d] = self.gradients.map(|gradient| gradient.dot(&from));
         [1.0 - (b + c + d), b, c, d]
     }
 
     /// Returns the derivatives of the coordinates along a direction, 1/mm.
-    pub fn rates(&self, direction: &Vector3<f64>) -> [f64; 4] {
+    pub(super) fn rates(&self, direction: &Vector3<f64>) -> [f64; 4] {
         let [b, c, d] = self.gradients.map(|gradient| gradient.dot(direction));
         [-(b + c + d), b, c, d]
     }
@@ -84,7 +84,7 @@ impl FarFace {
     /// Finds the far face for a tip that moves along `direction` (of unit length). `tip_node` is the corner that is the last
     /// node of the shaft, if one is: its opposite is the far face. Returns `None` for a flat element, or if the needle moves
     /// away from that face.
-    pub fn of(
+    pub(super) fn of(
         corners: &[Vector3<f64>; 4],
         tip: &Vector3<f64>,
         direction: &Vector3<f64>,

@@ -79,7 +79,7 @@ pub(super) struct Network {
 
 impl Network {
     /// Builds a network at rest, in the frame of the cylinder.
-    pub fn new(cylinder: Cylinder, parameters: &Parameters) -> Network {
+    pub(super) fn new(cylinder: Cylinder, parameters: &Parameters) -> Network {
         let own: Vec<Vector3<f64>> = cylinder.mesh.nodes().iter().map(|&node| node.into()).collect();
         let count = own.len();
         let topology = Topology::new(count, cylinder.mesh.elements());
@@ -110,7 +110,7 @@ impl Network {
     }
 
     /// Moves the entire cylinder to another frame, at rest.
-    pub fn place(&mut self, frame: &Isometry3<f64>) {
+    pub(super) fn place(&mut self, frame: &Isometry3<f64>) {
         for (original, own) in self.original.iter_mut().zip(&self.own) {
             *original = (frame * Point3::from(*own)).coords;
         }
@@ -121,7 +121,7 @@ impl Network {
     }
 
     /// Clears displacements and velocities.
-    pub fn rest(&mut self) {
+    pub(super) fn rest(&mut self) {
         self.displacement.fill(Vector3::zeros());
         self.velocity.fill(Vector3::zeros());
     }
@@ -216,7 +216,7 @@ impl Network {
     }
 
     /// Returns the displacement of a node by one newton in a step of h, mm/N.
-    pub fn reach(&self, node: u32, h: f64) -> f64 {
+    pub(super) fn reach(&self, node: u32, h: f64) -> f64 {
         let [_, gained] = self.decay(h);
         gained * h * h / self.moving_mass(node, h)
     }
@@ -237,7 +237,7 @@ impl Network {
     }
 
     /// Moves every node that is not fixed by the current forces.
-    pub fn advance(&mut self, h: f64) {
+    pub(super) fn advance(&mut self, h: f64) {
         let [left, gained] = self.decay(h);
         for node in 0..self.mass.len() {
             if !self.fixed[node] {
@@ -249,7 +249,7 @@ impl Network {
     }
 
     /// Returns the elastic and kinetic energy, N mm.
-    pub fn energy(&self) -> f64 {
+    pub(super) fn energy(&self) -> f64 {
         let springs = self.spring.iter().zip(&self.topology.edges);
         let elastic = springs.map(|(spring, [a, b])| {
             let stretch = self.displacement[*b as usize] - self.displacement[*a as usize];
@@ -261,12 +261,12 @@ impl Network {
     }
 
     /// Returns the current position of a node, mm.
-    pub fn now(&self, node: u32) -> Vector3<f64> {
+    pub(super) fn now(&self, node: u32) -> Vector3<f64> {
         self.reference[node as usize] + self.displacement[node as usize]
     }
 
     /// Returns the current corners of an element.
-    pub fn corners(&self, element: u32) -> [Vector3<f64>; 4] {
+    pub(super) fn corners(&self, element: u32) -> [Vector3<f64>; 4] {
         self.elements[element as usize].map(|node| self.now(node))
     }
 
@@ -275,7 +275,7 @@ impl Network {
     }
 
     /// Returns the reference position of the point of an element with these coordinates.
-    pub fn to_reference(&self, element: u32, coordinates: &[f64; 4]) -> Vector3<f64> {
+    pub(super) fn to_reference(&self, element: u32, coordinates: &[f64; 4]) -> Vector3<f64> {
         geometry::mix(coordinates, &self.at_rest(element))
     }
 
@@ -290,7 +290,7 @@ impl Network {
     }
 
     /// Counts the inverted elements around these nodes, each once.
-    pub fn crushed(&self, nodes: impl Iterator<Item = u32> + Clone) -> usize {
+    pub(super) fn crushed(&self, nodes: impl Iterator<Item = u32> + Clone) -> usize {
         let about = |node: u32| self.around(node).iter().map(move |&element| (node, element));
         let inverted = nodes.clone().flat_map(about).filter(|&(node, element)| {
             // Counted at the node that comes first.
@@ -302,13 +302,13 @@ impl Network {
     }
 
     /// Returns the elements around a node.
-    pub fn around(&self, node: u32) -> &[u32] {
+    pub(super) fn around(&self, node: u32) -> &[u32] {
         self.topology.elements_of_node.of(node)
     }
 
     /// Finds the element that contains a point now, and the point's coordinates there. Steps from `start` from element to element; where
     /// that fails (at the surface, or in a fold), takes the element that misses the point least, if it contains it.
-    pub fn locate(&self, point: &Vector3<f64>, start: u32) -> Option<(u32, [f64; 4])> {
+    pub(super) fn locate(&self, point: &Vector3<f64>, start: u32) -> Option<(u32, [f64; 4])> {
         let mut element = start;
         for _ in 0..LONGEST_SEARCH {
             let Some(simplex) = Simplex::new(&self.corners(element)) else {
@@ -375,7 +375,7 @@ impl Network {
 
     /// Returns a node to its original position, with the displacement of the tissue there. The nodes moved after it must be
     /// back already.
-    pub fn restore(&mut self, node: u32) {
+    pub(super) fn restore(&mut self, node: u32) {
         let original = self.original[node as usize];
         if self.reference[node as usize] == original {
             return;

@@ -35,7 +35,7 @@ impl Needle for Stiff {
 
 /// A needle that bends like a clamped beam, for small deflections, in closed form.
 #[derive(Debug)]
-pub struct Beam {
+pub(super) struct Beam {
     pub length_mm: f64,
     /// Bending stiffness, N mm^2.
     pub ei: f64,
@@ -88,13 +88,13 @@ impl Needle for Beam {
 
 /// A layered body below z = 0: region i from `at[i]` (mm) on.
 #[derive(Clone, Debug)]
-pub struct Layers {
+pub(super) struct Layers {
     pub at: Vec<f64>,
     pub of: Vec<Interaction>,
 }
 
 impl Layers {
-    pub fn one(of: Interaction) -> Layers {
+    pub(super) fn one(of: Interaction) -> Layers {
         Layers {
             at: vec![0.0],
             of: vec![of],
@@ -114,7 +114,7 @@ impl Anatomy for Layers {
 }
 
 /// Returns the interaction of typical soft tissue.
-pub fn soft() -> Interaction {
+pub(super) fn soft() -> Interaction {
     Interaction {
         friction_n_per_mm: 0.01,
         cutting_n: 0.5,
@@ -123,7 +123,7 @@ pub fn soft() -> Interaction {
 }
 
 /// Returns a coarse cylinder: 20 mm around a path of 100 mm, nodes every 6.7 mm.
-pub fn coarse() -> Parameters {
+pub(super) fn coarse() -> Parameters {
     Parameters {
         radius_mm: 20.0,
         rings: 3,
@@ -133,12 +133,12 @@ pub fn coarse() -> Parameters {
 }
 
 /// Returns a model with a needle of 150 mm.
-pub fn model(parameters: Parameters, anatomy: Layers) -> MassSpring {
+pub(super) fn model(parameters: Parameters, anatomy: Layers) -> MassSpring {
     MassSpring::new(parameters, Box::new(anatomy), Box::new(Stiff(150.0))).unwrap()
 }
 
 /// Returns the instruments for a tip position of a needle of 150 mm along z.
-pub fn tip_at(x: f64, y: f64, z: f64) -> Instruments {
+pub(super) fn tip_at(x: f64, y: f64, z: f64) -> Instruments {
     Instruments {
         base: Translation3::new(x, y, z - 150.0).into(),
         probe: None,
@@ -148,7 +148,13 @@ pub fn tip_at(x: f64, y: f64, z: f64) -> Instruments {
 }
 
 /// Moves the tip along z from one depth to another at a speed (mm/s) in steps of `dt_s`, passing each outcome to `tell`.
-pub fn drive(model: &mut MassSpring, [from, to]: [f64; 2], speed: f64, dt_s: f64, mut tell: impl FnMut(&Outcome)) {
+pub(super) fn drive(
+    model: &mut MassSpring,
+    [from, to]: [f64; 2],
+    speed: f64,
+    dt_s: f64,
+    mut tell: impl FnMut(&Outcome),
+) {
     let steps = ((to - from).abs() / (speed * dt_s)).round() as usize;
     for step in 1..=steps {
         let z = from + (to - from) * step as f64 / steps as f64;

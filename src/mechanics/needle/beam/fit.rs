@@ -43,7 +43,7 @@ pub struct Fitted {
 
 /// Divergence of a model from the others, in compression beyond the data.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Parting {
+pub struct Parting {
     /// Name of the model.
     pub model: &'static str,
     /// Highest stretch below the data at which its stress differs by [`PARTED`] from the median of all models.
@@ -65,7 +65,7 @@ pub struct Fit {
 
 /// Reason why data cannot be fitted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub(crate) enum FitError {
+pub enum FitError {
     /// Too few samples.
     #[error("found {found} points at different stretches other than 1; expected at least 3")]
     TooFew {

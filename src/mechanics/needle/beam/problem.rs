@@ -116,7 +116,7 @@ pub(super) struct Division {
 }
 
 impl Division {
-    pub fn new(problem: &Problem) -> Self {
+    pub(super) fn new(problem: &Problem) -> Self {
         let mut division = Division {
             // Avoids a negative zero.
             nodes: vec![0.0 - problem.control_distance_mm],
@@ -155,7 +155,7 @@ impl Division {
         self.layers.resize(self.nodes.len() - 1, layer);
     }
 
-    pub fn length_mm(&self, element: usize) -> f64 {
+    pub(super) fn length_mm(&self, element: usize) -> f64 {
         self.nodes[element + 1] - self.nodes[element]
     }
 }
@@ -169,7 +169,7 @@ pub(super) struct Bed {
 }
 
 impl Bed {
-    pub fn new(layer: &Layer) -> Self {
+    pub(super) fn new(layer: &Layer) -> Self {
         Bed {
             law: Law::new(&layer.material, layer.compression),
             initial_length_mm: layer.initial_length_mm,

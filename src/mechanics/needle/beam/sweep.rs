@@ -35,7 +35,7 @@ impl Element {
     }
 
     /// Returns the moments at the ends, N mm.
-    pub fn moments(&self, angles: &Vector2<f64>) -> Vector2<f64> {
+    pub(super) fn moments(&self, angles: &Vector2<f64>) -> Vector2<f64> {
         self.bend() * angles
     }
 
@@ -48,7 +48,7 @@ impl Element {
     }
 
     /// Returns the far node from the near one.
-    pub fn far(&self, near: &Vector2<f64>, angles: &Vector2<f64>) -> Vector2<f64> {
+    pub(super) fn far(&self, near: &Vector2<f64>, angles: &Vector2<f64>) -> Vector2<f64> {
         let chord = near.y - angles.x;
         Vector2::new(near.x + self.length * chord, chord + angles.y)
     }
@@ -104,7 +104,7 @@ pub(super) struct Push {
 
 impl Sweep {
     /// Factors the stiffness of all elements. Returns `None` if they have no stable equilibrium.
-    pub fn factor(&mut self, elements: &[Element], loads: &[Load]) -> Option<()> {
+    pub(super) fn factor(&mut self, elements: &[Element], loads: &[Load]) -> Option<()> {
         self.gains.clear();
         let mut beyond = Matrix2::zeros();
         for (element, load) in elements.iter().zip(loads).rev() {
@@ -128,7 +128,7 @@ impl Sweep {
 
     /// Returns the change that balances the state with these angles and loads, with the factored stiffness, or `None` if the
     /// slope of the base is undetermined.
-    pub fn solve(
+    pub(super) fn solve(
         &mut self,
         elements: &[Element],
         loads: &[Load],

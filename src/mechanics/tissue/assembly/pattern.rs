@@ -38,7 +38,7 @@ pub(crate) struct Pattern {
 }
 
 impl Pattern {
-    pub fn new(elements: &[[u32; 4]], dofs: &Dofs) -> Result<Pattern, LinearError> {
+    pub(super) fn new(elements: &[[u32; 4]], dofs: &Dofs) -> Result<Pattern, LinearError> {
         // Nine entries per block, and four times an element's number, stay below this.
         let limit = i32::MAX as usize;
         if elements.len() > limit / 9 {
@@ -127,22 +127,22 @@ impl Pattern {
     }
 
     /// Number of entries of the lower triangle.
-    pub fn entries(&self) -> usize {
+    pub(super) fn entries(&self) -> usize {
         self.lower.row_idx().len()
     }
 
     /// Number of node pairs.
-    pub fn pairs(&self) -> usize {
+    pub(super) fn pairs(&self) -> usize {
         self.rows.len()
     }
 
     /// Blocks that the corner pairs of each element add to.
-    pub fn places(&self) -> &[[u32; 10]] {
+    pub(super) fn places(&self) -> &[[u32; 10]] {
         &self.places
     }
 
     /// All blocks as (column node, row node, number).
-    pub fn blocks(&self) -> impl Iterator<Item = (usize, usize, usize)> + '_ {
+    pub(super) fn blocks(&self) -> impl Iterator<Item = (usize, usize, usize)> + '_ {
         self.starts.windows(2).enumerate().flat_map(move |(column, span)| {
             (span[0] as usize..span[1] as usize).map(move |at| (column, self.rows[at] as usize, at))
         })

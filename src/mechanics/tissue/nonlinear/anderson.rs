@@ -26,7 +26,7 @@ const NEW: f64 = 1e-8;
 
 impl Anderson {
     /// Clears the history, for another problem or factor.
-    pub fn clear(&mut self) {
+    pub(super) fn clear(&mut self) {
         self.used = 0;
         self.last = None;
     }

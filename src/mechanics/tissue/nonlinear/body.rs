@@ -285,7 +285,7 @@ impl<const D: usize, const N: usize> Body<D, N> {
 
 impl<const D: usize> Response<D> {
     /// Response of an unstrained element.
-    pub const REST: Self = Response {
+    pub(super) const REST: Self = Response {
         secant: 1.0,
         scalar: 1.0,
         rise: [[0.0; D]; D],

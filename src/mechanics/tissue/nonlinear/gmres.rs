@@ -21,7 +21,7 @@ pub(super) struct Gmres {
 impl Gmres {
     /// Solves A x = b to a residual of `tolerance` relative to b; `rhs` becomes x. `apply(x, y)` writes A x to y,
     /// `precondition` multiplies a vector by about A^-1. Returns the number of applications of A.
-    pub fn solve(
+    pub(super) fn solve(
         &mut self,
         rhs: &mut [f64],
         tolerance: f64,

@@ -33,13 +33,13 @@ const LONGEST: f64 = 4.0;
 
 impl Predictor {
     /// Clears the predictor, for another factor or state.
-    pub fn clear(&mut self) {
+    pub(super) fn clear(&mut self) {
         self.stage = Stage::Blank;
     }
 
     /// Adds the predicted error to the first proposal of an increment, with a contact of these weights or none. Returns
     /// whether anything was added.
-    pub fn apply(&mut self, change: &mut [f64], contact: &[(u32, f64)]) -> bool {
+    pub(super) fn apply(&mut self, change: &mut [f64], contact: &[(u32, f64)]) -> bool {
         let share = if self.stage == Stage::Known && self.contact == contact {
             self.share(change)
         } else {
@@ -58,7 +58,7 @@ impl Predictor {
     }
 
     /// Records the total change of the increment whose first proposal was stored.
-    pub fn record(&mut self, change: impl Iterator<Item = f64>) {
+    pub(super) fn record(&mut self, change: impl Iterator<Item = f64>) {
         if self.stage == Stage::Proposed {
             let missed = change.zip(&self.proposal).map(|(change, proposal)| change - proposal);
             self.missed.clear();

@@ -16,7 +16,7 @@ impl<const D: usize, const N: usize> Simplex<D, N> {
     ///
     /// # Errors
     /// [`DegenerateElement`] where the simplex is flat or inverted, or a corner is not finite.
-    pub fn of(corners: &[[f64; D]; N]) -> Result<Self, DegenerateElement> {
+    pub(super) fn of(corners: &[[f64; D]; N]) -> Result<Self, DegenerateElement> {
         const { assert!(N == D + 1 && D >= 2 && D <= 3, "triangles and tetrahedra") }
         let edges: [[f64; D]; D] = std::array::from_fn(|i| minus(corners[i + 1], corners[0]));
         let (columns, determinant) = inverse(edges);
@@ -64,7 +64,7 @@ impl<const D: usize, const N: usize> Simplex<D, N> {
 
     /// Returns the strain for displacements of the corners (mm); exactly zero for a translation.
     #[inline]
-    pub fn strain(&self, displacements: &[[f64; D]; N]) -> [[f64; D]; D] {
+    pub(super) fn strain(&self, displacements: &[[f64; D]; N]) -> [[f64; D]; D] {
         let mut slope = [[0.0; D]; D];
         for corner in 1..N {
             let difference = minus(displacements[corner], displacements[0]);
@@ -79,7 +79,7 @@ impl<const D: usize, const N: usize> Simplex<D, N> {
 
     /// Returns the product of a stress with each corner's gradient. These sum to zero.
     #[inline]
-    pub fn divergence(&self, stress: &[[f64; D]; D]) -> [[f64; D]; N] {
+    pub(super) fn divergence(&self, stress: &[[f64; D]; D]) -> [[f64; D]; N] {
         let mut forces = [[0.0; D]; N];
         for corner in 1..N {
             forces[corner] = std::array::from_fn(|axis| dot(stress[axis], self.gradients[corner]));
@@ -90,7 +90,7 @@ impl<const D: usize, const N: usize> Simplex<D, N> {
 }
 
 /// Returns the determinant of the edges from the first corner: positive where the corners keep their order.
-pub fn orientation<const D: usize, const N: usize>(corners: &[[f64; D]; N]) -> f64 {
+pub(super) fn orientation<const D: usize, const N: usize>(corners: &[[f64; D]; N]) -> f64 {
     inverse(std::array::from_fn(|i| minus(corners[i + 1], corners[0]))).1
 }
 
@@ -100,7 +100,7 @@ fn minus<const D: usize>(a: [f64; D], b: [f64; D]) -> [f64; D] {
 }
 
 #[inline]
-pub fn dot<const D: usize>(a: [f64; D], b: [f64; D]) -> f64 {
+pub(super) fn dot<const D: usize>(a: [f64; D], b: [f64; D]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 

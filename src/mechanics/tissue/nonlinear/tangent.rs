@@ -32,7 +32,7 @@ pub(super) struct Tangent<const D: usize> {
 pub(super) struct TooLarge;
 
 impl<const D: usize> Tangent<D> {
-    pub fn new<const N: usize>(elements: &[[u32; N]], supports: &Supports<D>) -> Result<Self, TooLarge> {
+    pub(super) fn new<const N: usize>(elements: &[[u32; N]], supports: &Supports<D>) -> Result<Self, TooLarge> {
         let size = supports.free().len();
         let mut columns: Vec<Vec<u32>> = vec![Vec::new(); size];
         for corners in elements {
@@ -74,7 +74,7 @@ impl<const D: usize> Tangent<D> {
     }
 
     /// Assembles the tangent of a body from the responses of its elements.
-    pub fn fill<const N: usize>(&mut self, body: &Body<D, N>, responses: &[Response<D>], kind: Kind) {
+    pub(super) fn fill<const N: usize>(&mut self, body: &Body<D, N>, responses: &[Response<D>], kind: Kind) {
         self.values.fill(0.0);
         let width = D * N;
         let per_element = width * (width + 1) / 2;

@@ -155,7 +155,12 @@ impl Adaptation {
     ///
     /// # Errors
     /// [`RemeshError`]; the remesher and the base compliance are then unchanged.
-    pub(crate) fn switch_source(&mut self, level: Level, precision: Precision, source: Source) -> Result<(), RemeshError> {
+    pub(crate) fn switch_source(
+        &mut self,
+        level: Level,
+        precision: Precision,
+        source: Source,
+    ) -> Result<(), RemeshError> {
         let maker = self.maker.as_deref().unwrap_or(&make);
         let next = maker(level, precision, &source, &self.mesh, self.options)?;
         self.replace(next)?;

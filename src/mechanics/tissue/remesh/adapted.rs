@@ -200,7 +200,7 @@ struct Around {
 }
 
 impl Around {
-    pub fn new(elements: &[[u32; 4]], nodes: usize) -> Around {
+    pub(crate) fn new(elements: &[[u32; 4]], nodes: usize) -> Around {
         let corners = Lists::corners(elements, nodes);
         let mut pairs = Vec::with_capacity(16 * nodes);
         let mut own: Vec<u32> = Vec::new();
@@ -223,12 +223,12 @@ impl Around {
     }
 
     /// Nodes of the elements of `node`, including itself, ascending.
-    pub fn neighbours(&self, node: u32) -> &[u32] {
+    pub(crate) fn neighbours(&self, node: u32) -> &[u32] {
         self.neighbours.of(node)
     }
 
     /// Elements of a node, with its place in each.
-    pub fn elements(&self, node: u32) -> impl Iterator<Item = (u32, usize)> + '_ {
+    pub(crate) fn elements(&self, node: u32) -> impl Iterator<Item = (u32, usize)> + '_ {
         let corners = self.corners.of(node).iter();
         corners.map(|corner| (corner / 4, *corner as usize % 4))
     }

@@ -8,7 +8,7 @@ use crate::tissue::element::{NodeBlock, Shape};
 /// exactly zero elsewhere. Always recomputed from both positions of the nodes, so no errors accumulate and a mesh back
 /// at its base has an empty difference.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Difference {
+pub struct Difference {
     /// Touched nodes, ascending.
     nodes: Vec<u32>,
     /// Degrees of freedom of the touched nodes.

@@ -30,24 +30,24 @@ impl Growable {
         grown
     }
 
-    pub fn rows(&self) -> usize {
+    pub(super) fn rows(&self) -> usize {
         self.rows
     }
 
-    pub fn bytes(&self) -> usize {
+    pub(super) fn bytes(&self) -> usize {
         self.space.nrows() * self.space.ncols() * size_of::<f64>()
     }
 
-    pub fn get(&self) -> MatRef<'_, f64> {
+    pub(super) fn get(&self) -> MatRef<'_, f64> {
         self.space.as_ref().submatrix(0, 0, self.rows, self.columns)
     }
 
-    pub fn get_mut(&mut self) -> MatMut<'_, f64> {
+    pub(super) fn get_mut(&mut self) -> MatMut<'_, f64> {
         self.space.as_mut().submatrix_mut(0, 0, self.rows, self.columns)
     }
 
     /// Resizes the matrix; remaining entries keep their values, new ones are arbitrary.
-    pub fn shape(&mut self, rows: usize, columns: usize) -> MatMut<'_, f64> {
+    pub(super) fn shape(&mut self, rows: usize, columns: usize) -> MatMut<'_, f64> {
         let (tall, wide) = (self.space.nrows(), self.space.ncols());
         if rows > tall || columns > wide {
             let enough = |need: usize, have: usize| if need > have { need.max(2 * have) } else { have };
@@ -66,7 +66,7 @@ impl Growable {
     }
 
     /// Resizes as [`shape`](Self::shape) does, with zeros in the new rows and columns.
-    pub fn extend(&mut self, rows: usize, columns: usize) {
+    pub(super) fn extend(&mut self, rows: usize, columns: usize) {
         let (old_rows, old_columns) = (self.rows.min(rows), self.columns.min(columns));
         let mut matrix = self.shape(rows, columns);
         matrix.rb_mut().get_mut(old_rows.., ..).fill(0.0);

@@ -45,7 +45,7 @@ pub type Levels<T> = DenseInverseRemesher<Host<T>>;
 
 /// Remesher of the levels I to IV with a dense inverse in a [`Store`].
 #[derive(Debug)]
-pub(crate) struct DenseInverseRemesher<S> {
+pub struct DenseInverseRemesher<S> {
     inverse: Inverse<S>,
     level: Level,
     options: Options,

@@ -24,13 +24,13 @@ pub(super) struct Lu {
 
 impl Lu {
     /// Returns a matrix of `size` rows with arbitrary values, to be filled before [`factor`](Self::factor).
-    pub fn space(&mut self, size: usize) -> MatMut<'_, f64> {
+    pub(super) fn space(&mut self, size: usize) -> MatMut<'_, f64> {
         self.matrix.shape(size, size)
     }
 
     /// Factors the matrix and estimates its reciprocal condition number in the 1-norm: 1 at best, 0 for a singular
     /// matrix or one that is not finite.
-    pub fn factor(&mut self) -> f64 {
+    pub(super) fn factor(&mut self) -> f64 {
         let size = self.matrix.rows();
         if size == 0 {
             return 1.0;
@@ -60,7 +60,7 @@ impl Lu {
     }
 
     /// Solves A X = B in place.
-    pub fn solve(&mut self, rhs: MatMut<'_, f64>) {
+    pub(super) fn solve(&mut self, rhs: MatMut<'_, f64>) {
         self.solve_either(rhs, false);
     }
 
@@ -129,7 +129,7 @@ impl Lu {
         }
     }
 
-    pub fn bytes(&self) -> usize {
+    pub(super) fn bytes(&self) -> usize {
         self.matrix.bytes() + self.memory.as_ref().map_or(0, |memory| memory.len())
     }
 }

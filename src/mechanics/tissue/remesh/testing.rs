@@ -12,13 +12,13 @@ use crate::tissue::symmetric::Symmetric;
 use crate::tissue::testing::{Block, value};
 
 /// Block of about 130 nodes, all at their base.
-pub fn adapted(poisson: f64) -> AdaptedMesh {
+pub(super) fn adapted(poisson: f64) -> AdaptedMesh {
     let block = Block::new(130, poisson);
     AdaptedMesh::new(&block.mesh, &block.materials, &block.dofs).expect("a usable mesh")
 }
 
 /// Nodes without a fixed displacement.
-pub fn free_nodes(mesh: &AdaptedMesh) -> Vec<u32> {
+pub(super) fn free_nodes(mesh: &AdaptedMesh) -> Vec<u32> {
     let nodes = 0..mesh.nodes().len() as u32;
     nodes.filter(|node| !mesh.dofs().of(*node).contains(&NONE)).collect()
 }
@@ -31,13 +31,13 @@ pub(crate) fn inner_nodes(mesh: &AdaptedMesh) -> Vec<u32> {
 }
 
 /// Returns a position up to 1.5 mm along each axis from the node's base.
-pub fn nearby(mesh: &AdaptedMesh, node: u32, salt: u32) -> [f64; 3] {
+pub(super) fn nearby(mesh: &AdaptedMesh, node: u32, salt: u32) -> [f64; 3] {
     let base = mesh.base()[node as usize];
     std::array::from_fn(|axis| base[axis] + 1.5 * value(node as usize, axis, salt))
 }
 
 /// Returns a stiffness as a dense matrix.
-pub fn dense(stiffness: &Stiffness) -> Mat<f64> {
+pub(super) fn dense(stiffness: &Stiffness) -> Mat<f64> {
     let size = stiffness.dofs().free();
     let mut matrix = Mat::zeros(size, size);
     let lower = stiffness.lower();
@@ -51,19 +51,19 @@ pub fn dense(stiffness: &Stiffness) -> Mat<f64> {
 }
 
 /// Assembles the stiffness of the current mesh.
-pub fn current(mesh: &AdaptedMesh) -> Mat<f64> {
+pub(super) fn current(mesh: &AdaptedMesh) -> Mat<f64> {
     dense(&mesh.stiffness().at_nodes(mesh.nodes()).expect("a usable mesh"))
 }
 
 /// Computes the inverse of the stiffness of the current mesh by a dense Cholesky factorisation.
-pub fn gold(mesh: &AdaptedMesh) -> Mat<f64> {
+pub(super) fn gold(mesh: &AdaptedMesh) -> Mat<f64> {
     Llt::new(current(mesh).as_ref(), Side::Lower)
         .expect("positive definite")
         .inverse()
 }
 
 /// Computes the inverse of the base in its stored form.
-pub fn inverse(mesh: &AdaptedMesh) -> Arc<Symmetric<f64>> {
+pub(super) fn inverse(mesh: &AdaptedMesh) -> Arc<Symmetric<f64>> {
     let base = Llt::new(dense(mesh.stiffness()).as_ref(), Side::Lower)
         .expect("positive definite")
         .inverse();
@@ -71,14 +71,14 @@ pub fn inverse(mesh: &AdaptedMesh) -> Arc<Symmetric<f64>> {
 }
 
 /// Returns the largest difference relative to the largest entry of `expected`.
-pub fn error(found: &Mat<f64>, expected: &Mat<f64>) -> f64 {
+pub(super) fn error(found: &Mat<f64>, expected: &Mat<f64>) -> f64 {
     (found - expected).norm_max() / expected.norm_max()
 }
 
 /// Returns the largest difference of two inverses that are each backward stable, relative to the largest entry: twice
 /// the rounding unit times |K|_inf |K^-1|_inf, an upper bound of the condition (N. J. Higham, "Accuracy and Stability
 /// of Numerical Algorithms", section 14).
-pub fn rounding(mesh: &AdaptedMesh, gold: &Mat<f64>) -> f64 {
+pub(super) fn rounding(mesh: &AdaptedMesh, gold: &Mat<f64>) -> f64 {
     let rows = |matrix: &Mat<f64>| -> f64 {
         let sums = matrix.row_iter().map(|row| row.iter().map(|x| x.abs()).sum());
         sums.fold(0.0, f64::max)
@@ -93,6 +93,6 @@ pub(crate) fn dofs_of(mesh: &AdaptedMesh, nodes: &[u32]) -> Vec<usize> {
 }
 
 /// Extracts the entries at rows and columns.
-pub fn part(matrix: &Mat<f64>, rows: &[usize], columns: &[usize]) -> Mat<f64> {
+pub(super) fn part(matrix: &Mat<f64>, rows: &[usize], columns: &[usize]) -> Mat<f64> {
     Mat::from_fn(rows.len(), columns.len(), |i, j| matrix[(rows[i], columns[j])])
 }

@@ -3,7 +3,7 @@
 use insonify_mesh::{NONE, TetMesh};
 
 /// Parts of a mesh, and the nodes that they share.
-pub struct Parts {
+pub(super) struct Parts {
     /// Part of each element.
     of_element: Vec<usize>,
     /// Nodes of each part, ascending.
@@ -13,7 +13,7 @@ pub struct Parts {
 }
 
 impl Parts {
-    pub fn of(mesh: &TetMesh) -> Parts {
+    pub(super) fn of(mesh: &TetMesh) -> Parts {
         let elements = mesh.elements();
         let mut of_element = vec![usize::MAX; elements.len()];
         let mut nodes: Vec<Vec<u32>> = Vec::new();
@@ -53,17 +53,17 @@ impl Parts {
     }
 
     /// Number of parts.
-    pub fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         self.nodes.len()
     }
 
     /// Nodes of a part, ascending.
-    pub fn nodes(&self, part: usize) -> &[u32] {
+    pub(super) fn nodes(&self, part: usize) -> &[u32] {
         &self.nodes[part]
     }
 
     /// Parts that a node belongs to, ascending.
-    pub fn sharing(&self, node: u32) -> &[usize] {
+    pub(super) fn sharing(&self, node: u32) -> &[usize] {
         &self.sharing[node as usize]
     }
 
@@ -74,7 +74,7 @@ impl Parts {
     }
 
     /// Regions of a part, ascending.
-    pub fn regions(&self, mesh: &TetMesh, part: usize) -> Vec<i32> {
+    pub(super) fn regions(&self, mesh: &TetMesh, part: usize) -> Vec<i32> {
         let elements = self.of_element.iter().zip(mesh.regions());
         let mut regions: Vec<i32> = elements
             .filter(|(of, _)| **of == part)
@@ -86,13 +86,13 @@ impl Parts {
     }
 
     /// Volume of a part, mm^3.
-    pub fn volume_mm3(&self, mesh: &TetMesh, part: usize) -> f64 {
+    pub(super) fn volume_mm3(&self, mesh: &TetMesh, part: usize) -> f64 {
         let volumes = self.of_element.iter().zip(mesh.volumes(mesh.nodes()));
         volumes.filter(|(of, _)| **of == part).map(|(_, volume)| volume).sum()
     }
 
     /// Groups the parts selected by `wanted` with those that they share nodes with, directly or through others.
-    pub fn groups(&self, wanted: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
+    pub(super) fn groups(&self, wanted: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
         let mut seen: Vec<bool> = (0..self.len()).map(|part| !wanted(part)).collect();
         let mut groups = Vec::new();
         for first in 0..self.len() {

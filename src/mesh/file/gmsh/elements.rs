@@ -16,7 +16,7 @@ pub(super) enum Regions {
 }
 
 impl Regions {
-    pub fn chosen(options: &ReadOptions) -> Result<Regions, Fault> {
+    pub(super) fn chosen(options: &ReadOptions) -> Result<Regions, Fault> {
         const GROUPS: &str = "gmsh:physical";
         const VOLUMES: &str = "gmsh:geometrical";
         if let Some(name) = options.displacement {
@@ -45,7 +45,7 @@ pub(super) struct Membership {
 
 impl Membership {
     /// Drops the sign of a group, which denotes an orientation.
-    pub fn new(group: Option<i32>, volume: i32) -> Membership {
+    pub(super) fn new(group: Option<i32>, volume: i32) -> Membership {
         let group = group.and_then(i32::checked_abs);
         Membership { group, volume }
     }
@@ -66,7 +66,7 @@ pub(super) struct Elements {
 }
 
 impl Elements {
-    pub fn new(chosen: Regions) -> Elements {
+    pub(super) fn new(chosen: Regions) -> Elements {
         Elements {
             chosen,
             corners: Vec::new(),
@@ -79,7 +79,7 @@ impl Elements {
         }
     }
 
-    pub fn push(&mut self, corners: [u32; CORNERS], of: Membership) {
+    pub(super) fn push(&mut self, corners: [u32; CORNERS], of: Membership) {
         let group = of.group.filter(|_| self.chosen == Regions::Groups);
         self.corners.push(corners);
         self.regions.push(group.unwrap_or(of.volume));
@@ -100,7 +100,7 @@ impl Elements {
     }
 
     /// Returns the names of the groups that are regions.
-    pub fn names(&self, names: Names) -> BTreeMap<i32, String> {
+    pub(super) fn names(&self, names: Names) -> BTreeMap<i32, String> {
         names
             .into_iter()
             .filter(|(group, _)| self.groups.contains(group))
@@ -108,7 +108,7 @@ impl Elements {
     }
 
     /// Returns warnings about regions that a user may not expect.
-    pub fn warnings(&self) -> Vec<String> {
+    pub(super) fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
         if self.further_groups > 0 && self.chosen == Regions::Groups {
             warnings.push(format!(

@@ -28,7 +28,7 @@ pub(super) struct Item {
 }
 
 impl<'a> Reader<'a> {
-    pub fn new(bytes: &'a [u8]) -> Reader<'a> {
+    pub(super) fn new(bytes: &'a [u8]) -> Reader<'a> {
         Reader {
             cursor: Cursor::new(bytes),
             encoding: Encoding::Ascii,
@@ -50,7 +50,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    pub fn int(&mut self) -> Result<i32, Fault> {
+    pub(super) fn int(&mut self) -> Result<i32, Fault> {
         match self.encoding {
             Encoding::Ascii => self.cursor.number(|| "a whole number of 32 bits".to_owned()),
             Encoding::Binary { big_endian, .. } => {
@@ -65,7 +65,7 @@ impl<'a> Reader<'a> {
     }
 
     /// Reads a size or a tag.
-    pub fn size(&mut self) -> Result<u64, Fault> {
+    pub(super) fn size(&mut self) -> Result<u64, Fault> {
         match self.encoding {
             Encoding::Ascii => self.cursor.number(|| "a whole number from 0".to_owned()),
             Encoding::Binary { big_endian, wide: true } => {
@@ -90,7 +90,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    pub fn float(&mut self) -> Result<f64, Fault> {
+    pub(super) fn float(&mut self) -> Result<f64, Fault> {
         match self.encoding {
             Encoding::Ascii => self.cursor.number(|| "a number".to_owned()),
             Encoding::Binary { big_endian, .. } => {
@@ -106,14 +106,14 @@ impl<'a> Reader<'a> {
 
     /// Reads the number of repetitions of `item`. The rest of the file must have room for them, so that a count never
     /// allocates more memory than the file can fill.
-    pub fn count(&mut self, item: Item) -> Result<usize, Fault> {
+    pub(super) fn count(&mut self, item: Item) -> Result<usize, Fault> {
         let at = self.cursor.at;
         let count = self.size()?;
         self.room(at, count, item)
     }
 
     /// Checks a count found at `at` as [`Reader::count`] does.
-    pub fn room(&self, at: usize, count: u64, item: Item) -> Result<usize, Fault> {
+    pub(super) fn room(&self, at: usize, count: u64, item: Item) -> Result<usize, Fault> {
         let left = self.cursor.rest().len();
         let (least, left) = match self.encoding {
             // A digit and a space each; the last number of a file may lack the space.
@@ -150,7 +150,7 @@ impl<'a> Reader<'a> {
     }
 
     /// Reads three coordinates.
-    pub fn position(&mut self, tag: u64) -> Result<[f64; 3], Fault> {
+    pub(super) fn position(&mut self, tag: u64) -> Result<[f64; 3], Fault> {
         let mut position = [0.0; 3];
         for x in &mut position {
             let at = self.cursor.at;

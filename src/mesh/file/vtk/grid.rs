@@ -52,7 +52,7 @@ pub(super) fn is_wanted(of_points: bool, name: &str, options: &ReadOptions) -> b
 }
 
 impl Grid {
-    pub fn select(&self, options: &ReadOptions) -> Result<Parts, Fault> {
+    pub(super) fn select(&self, options: &ReadOptions) -> Result<Parts, Fault> {
         let nodes = self.points.as_chunks::<3>().0.to_vec();
         let cells = self.types.len();
         if self.offsets.len() != cells + 1 {

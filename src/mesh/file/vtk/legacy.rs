@@ -179,7 +179,7 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    pub fn keyword(&mut self, expected: &str) -> Result<(), Fault> {
+    pub(crate) fn keyword(&mut self, expected: &str) -> Result<(), Fault> {
         let (at, word) = self.cursor.word();
         match word.eq_ignore_ascii_case(expected.as_bytes()) {
             true => Ok(()),
@@ -193,7 +193,7 @@ impl Reader<'_> {
     }
 
     /// Reads a name, resolving the `%20` escapes of the format.
-    pub fn name(&mut self) -> Result<String, Fault> {
+    pub(crate) fn name(&mut self) -> Result<String, Fault> {
         let (at, word) = self.cursor.word();
         if word.is_empty() {
             return Err(Fault::at(at, quote(word), "a name"));
@@ -211,7 +211,7 @@ impl Reader<'_> {
         Ok(String::from_utf8_lossy(&name).into_owned())
     }
 
-    pub fn kind(&mut self) -> Result<Kind, Fault> {
+    pub(crate) fn kind(&mut self) -> Result<Kind, Fault> {
         let (at, word) = self.cursor.word();
         Ok(match word.to_ascii_lowercase().as_slice() {
             b"float" => Kind::F32,
@@ -234,7 +234,7 @@ impl Reader<'_> {
         })
     }
 
-    pub fn numbers(&mut self, count: usize, kind: Kind) -> Result<Vec<f64>, Fault> {
+    pub(crate) fn numbers(&mut self, count: usize, kind: Kind) -> Result<Vec<f64>, Fault> {
         if self.binary {
             self.binary_numbers(count, kind)
         } else {

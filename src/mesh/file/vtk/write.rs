@@ -20,7 +20,7 @@ use insonify_base::output::atomic;
 use insonify_base::text::escape;
 
 /// Name of the cell array of region numbers.
-pub const REGION: &str = "region";
+pub(super) const REGION: &str = "region";
 /// Name of the field array of region names: strings such as `5 liver`.
 pub(super) const REGION_NAMES: &str = "region_names";
 

@@ -186,14 +186,14 @@ struct Tag {
 }
 
 impl Tag {
-    pub fn get(&self, key: &str) -> Option<&str> {
+    pub(crate) fn get(&self, key: &str) -> Option<&str> {
         self.attributes
             .iter()
             .find(|(name, _)| name == key)
             .map(|(_, value)| value.as_str())
     }
 
-    pub fn count(&self, key: &str) -> Result<usize, Fault> {
+    pub(crate) fn count(&self, key: &str) -> Result<usize, Fault> {
         let text = self.get(key);
         text.and_then(|text| text.trim().parse().ok()).ok_or_else(|| {
             let found = text.map_or("nothing".to_owned(), |text| format!("`{text}`"));
@@ -210,7 +210,7 @@ struct Scanner<'a> {
 
 impl<'a> Scanner<'a> {
     /// Reads the text up to the next tag.
-    pub fn text(&mut self) -> (usize, &'a [u8]) {
+    pub(crate) fn text(&mut self) -> (usize, &'a [u8]) {
         let (at, rest) = (self.at, &self.bytes[self.at..]);
         let end = rest.iter().position(|b| *b == b'<').unwrap_or(rest.len());
         self.at += end;
@@ -218,7 +218,7 @@ impl<'a> Scanner<'a> {
     }
 
     /// Reads the next opening, closing or empty tag; comments and declarations are skipped.
-    pub fn tag(&mut self) -> Result<Option<Tag>, Fault> {
+    pub(crate) fn tag(&mut self) -> Result<Option<Tag>, Fault> {
         loop {
             let (before, text) = self.text();
             let at = before + text.len();

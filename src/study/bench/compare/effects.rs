@@ -130,7 +130,7 @@ const AXES: [Axis; 9] = [
 ];
 
 /// Measures frames with all effects, all but one, only one, and none.
-pub fn effects(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, StudyError> {
+pub(super) fn effects(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, StudyError> {
     let settings = subject.sized(options.effects_grid);
     let factors = [Factor::new("backend", "backend"), Factor::new("effect", "effect")];
     let title = "Cost of each effect: frame time without it, and with it alone";
@@ -204,7 +204,7 @@ fn own(plan: &Plan, effect: &str) -> BTreeSet<&'static Buffer> {
 
 /// Counts the bytes, passes and, on a GPU, pipelines that each effect needs, and what remains of them after its removal from a scene, which
 /// must be nothing.
-pub fn memory(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, StudyError> {
+pub(super) fn memory(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, StudyError> {
     let settings = subject.sized(options.effects_grid);
     let factors = [Factor::new("backend", "backend"), Factor::new("effect", "effect")];
     let axes = [

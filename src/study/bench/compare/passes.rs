@@ -14,7 +14,7 @@ use insonify_imaging::synth::tables::Tables;
 use insonify_imaging::synth::{Backend, SynthError, Synthesizer};
 
 /// In place of the stage of a pass: the frame as a whole.
-pub const FRAME: &str = "frame";
+pub(super) const FRAME: &str = "frame";
 
 /// Name of the stage of a frame in which a pass runs.
 fn stage(plan: &Plan, pass: &str) -> &'static str {
@@ -30,7 +30,7 @@ type Timed = (String, &'static str, f64);
 type Times = Vec<Timed>;
 
 pub(crate) const WHOLE: &str = "frame, pixels on the CPU";
-pub const LEFT: &str = "frame, pixels left on the GPU";
+pub(super) const LEFT: &str = "frame, pixels left on the GPU";
 
 /// Times frames and every pass of a backend at one size.
 fn at_size(
@@ -106,7 +106,7 @@ fn all_sizes(
 }
 
 /// Tabulates all sizes: each GPU beside the CPU, or only the CPU if there is no GPU.
-pub fn passes(subject: &Subject<'_>, options: &CompareOptions, notes: &mut Vec<String>) -> Result<Table, StudyError> {
+pub(super) fn passes(subject: &Subject<'_>, options: &CompareOptions, notes: &mut Vec<String>) -> Result<Table, StudyError> {
     let factors = [
         Factor::new("gpu", "GPU"),
         Factor::new("what", "what"),
@@ -180,7 +180,7 @@ fn moved_mesh(subject: &Subject<'_>, tables: &Tables) -> Result<u64, StudyError>
     Ok(maps.iter().sum::<usize>() as u64)
 }
 
-pub fn transfers(subject: &Subject<'_>, options: &CompareOptions) -> Result<Option<Table>, StudyError> {
+pub(super) fn transfers(subject: &Subject<'_>, options: &CompareOptions) -> Result<Option<Table>, StudyError> {
     if options.gpus.is_empty() {
         return Ok(None);
     }

@@ -26,7 +26,7 @@ const MAX_NEWTON: usize = 60;
 pub(super) struct Curve(pub [f64; 3]);
 
 impl Curve {
-    pub(crate) fn has_knee(&self) -> bool {
+    pub(super) fn has_knee(&self) -> bool {
         self.0[1].is_finite()
     }
 
@@ -40,7 +40,7 @@ impl Curve {
     }
 
     /// Sum of squared deviations of measured moduli, relative to each.
-    pub fn square(&self, points: &[[f64; 2]]) -> f64 {
+    pub(super) fn square(&self, points: &[[f64; 2]]) -> f64 {
         points
             .iter()
             .map(|[strain, g]| (self.at(*strain) / g - 1.0).powi(2))
@@ -61,7 +61,7 @@ impl Curve {
         }
     }
 
-    pub fn fitted(points: &[[f64; 2]]) -> Curve {
+    pub(super) fn fitted(points: &[[f64; 2]]) -> Curve {
         let largest = points.iter().map(|point| point[0]).fold(0.0, f64::max);
         let step = largest / KNEES as f64;
         let left = |knee: f64| Curve::with_knee(points, knee).square(points);
@@ -141,7 +141,7 @@ impl Curve {
     }
 
     /// Standard errors of the three parameters.
-    pub fn errors(&self, points: &[[f64; 2]]) -> [f64; 3] {
+    pub(super) fn errors(&self, points: &[[f64; 2]]) -> [f64; 3] {
         let g0 = self.0[0];
         let count = points.len() as f64;
         if !self.has_knee() {
@@ -155,7 +155,7 @@ impl Curve {
     }
 
     /// Parameters with which simulated creep under the `rate` law, evaluated by equation 2, shows this curve.
-    pub fn corrected(self, tests: &[Creep], order: f64) -> Result<Curve, HistoryError> {
+    pub(super) fn corrected(self, tests: &[Creep], order: f64) -> Result<Curve, HistoryError> {
         let mut trial = self;
         for _ in 0..ROUNDS {
             let simulated: Result<Vec<Creep>, HistoryError> =
@@ -206,7 +206,7 @@ impl Curve {
     }
 
     /// Warns of a knee outside the measured strains, or in a gap between them.
-    pub fn doubt(&self, points: &[[f64; 2]], warnings: &mut Vec<String>) {
+    pub(super) fn doubt(&self, points: &[[f64; 2]], warnings: &mut Vec<String>) {
         let knee = self.0[1];
         let strains = points.iter().map(|point| point[0]);
         let below = strains.clone().filter(|strain| *strain < knee).fold(0.0, f64::max);

@@ -156,7 +156,7 @@ pub(crate) fn thin_layer(record: &mut Record<'_>) -> Result<(), Unexpected> {
 }
 
 /// Moves along a border, in it or crossing it at half a degree and back.
-pub fn interface(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn interface(record: &mut Record<'_>) -> Result<(), Unexpected> {
     for (tilt, name) in [(0.0, "in the border"), (0.5f64, "at 0.5 degrees")] {
         let normal = Vector3::new(tilt.to_radians().cos(), 0.0, tilt.to_radians().sin());
         let slab = Slab {
@@ -182,7 +182,7 @@ pub fn interface(record: &mut Record<'_>) -> Result<(), Unexpected> {
 }
 
 /// Punctures a skin at 30 degrees to it.
-pub fn oblique(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn oblique(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let direction = Vector3::new(3f64.sqrt(), 0.0, 1.0).normalize();
     let kinds = [
         (
@@ -318,7 +318,7 @@ fn springs_to_bone(surface: f64) -> Result<Box<dyn Model>, Unexpected> {
 
 type Make = fn(f64) -> Result<Box<dyn Model>, Unexpected>;
 
-pub fn hit(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn hit(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let kinds = [
         ("finite elements", finite_to_bone as Make),
         ("masses and springs", springs_to_bone as Make),

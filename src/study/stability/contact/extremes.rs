@@ -25,7 +25,7 @@ const SWING: (f64, usize) = (0.2, 10);
 const SAME_N: f64 = 1e-3;
 
 /// Inserts the needle, then oscillates it.
-pub fn contrasts(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn contrasts(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let usual = Stiffness::default().bending_nmm2();
     let steps = record.effort().pick(400, 10_000);
     let cases = [
@@ -191,7 +191,7 @@ pub(crate) fn large_step(record: &mut Record<'_>) -> Result<(), Unexpected> {
 }
 
 /// Pushes a probe far through tissue and back, with a needle inserted meanwhile.
-pub fn crushed(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn crushed(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let pose = |shift: f64| Isometry3::from(Translation3::new(30.0, shift - 10.0, 70.0));
     let mut setup = tissue(USUAL)?;
     let under = |p: &[f64; 3]| p[1] == 0.0 && (p[0] - 30.0).abs() < 11.0 && (15.0..65.0).contains(&p[2]);

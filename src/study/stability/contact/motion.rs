@@ -163,7 +163,7 @@ fn settles<M: Model>(
 }
 
 /// Moves the needle sinusoidally, in ever shorter steps.
-pub fn switches(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn switches(record: &mut Record<'_>) -> Result<(), Unexpected> {
     const SWING_MM: f64 = 1.0;
     const PERIODS: usize = 2;
     let steps = record.effort().pick(&[25, 250][..], &[25, 250, 2500][..]);
@@ -202,7 +202,7 @@ const ITERATED: f64 = 1e-5 / 3.0;
 
 /// Tests the stick-slip period. While the node sticks, the force rises by k v per second, from Fd after a slip to Fs at the next. Both are
 /// friction over the length of shaft beyond the node, which a slip shortens.
-pub fn period(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn period(record: &mut Record<'_>) -> Result<(), Unexpected> {
     const RATIO: f64 = 1.5;
     let density = 0.005;
     let interaction = Interaction {
@@ -271,7 +271,7 @@ const WAY_MM: [f64; 2] = [-2.0, 35.0];
 /// Force difference allowed between cycles, N.
 const SAME_N: f64 = 1e-6;
 
-pub fn many(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn many(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let cycles = record.effort().pick(20, 1000);
     let mut finite = build(tissue(USUAL)?)?;
     let rest = finite.mesh().nodes().to_vec();

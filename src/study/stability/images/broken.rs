@@ -154,7 +154,7 @@ fn undefined(mesh: &TetMesh, beam: &Beam) -> usize {
     places.count() + elements.count() + echoes.count()
 }
 
-pub fn meshes(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn meshes(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let gpus = gpus(record);
     let anatomy = anatomy(record.seed())?;
     let Some(mesh) = anatomy.mesh.clone() else {

@@ -41,7 +41,7 @@ impl Draw {
 }
 
 /// Returns the scene with an index. Its mesh, if any, is not folded.
-pub fn scene(seed: u64, index: u64) -> Case {
+pub(super) fn scene(seed: u64, index: u64) -> Case {
     let mut draw = Draw {
         seed: seed ^ index.wrapping_mul(0x9e37_79b9_7f4a_7c15),
         at: 0,
@@ -290,7 +290,7 @@ fn number(draw: &mut Draw, described: &Value) -> f64 {
 }
 
 /// Compares all backends on randomly drawn scenes.
-pub fn scenes(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn scenes(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let gpus = gpus(record);
     let count = record.effort().pick(10, 100);
     let mut tally = Tally::default();

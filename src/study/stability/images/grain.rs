@@ -25,7 +25,7 @@ const SAMPLES: usize = 240;
 /// Limit in standard errors, exceeded by one of two million draws.
 const UNLIKELY: f64 = 5.0;
 
-pub fn any(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn any(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let gpus = gpus(record);
     for gpu in &gpus {
         let [apart, compared] = apart(gpu, &SEEDS, 20_000)?;
@@ -219,7 +219,7 @@ fn points(count: usize) -> Vec<[i32; 3]> {
 ///
 /// # Errors
 /// [`GpuError`] if the device cannot run the hash.
-pub fn apart(gpu: &Gpu, seeds: &[u64], count: usize) -> Result<[usize; 2], GpuError> {
+pub(super) fn apart(gpu: &Gpu, seeds: &[u64], count: usize) -> Result<[usize; 2], GpuError> {
     let points = points(count);
     let pairs = || {
         seeds

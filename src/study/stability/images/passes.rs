@@ -319,7 +319,7 @@ fn refused_tones(record: &mut Record<'_>, anatomy: &Anatomy) {
 }
 
 /// Tests ladders from silence past denormal numbers to far above white, and in steps of a few roundings around 0 dB.
-pub fn ends(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn ends(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let gpus = gpus(record);
     // Amplitudes from 1e-50 (zero in single precision) past 1e-45 (its smallest denormal) to 1e10, from 1 to 1.03, and from 1 to 1 + 1e-5.
     let ladders = [ladder(-1000.0, 200.0), ladder(0.0, 0.25), ladder(0.0, 8.7e-5)];

@@ -46,7 +46,7 @@ fn poses() -> [FrameState; 3] {
 
 /// Tests linear probes: with 33 scanlines over 24 mm every position is a sum of few powers of two, exact in either precision; with 25
 /// scanlines, 1 mm apart, samples lie on faces, edges and corners, and with 49, half a millimetre apart, many do.
-pub fn on_faces(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn on_faces(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let gpus = gpus(record);
     let anatomy = voxels(record.seed());
     let shape = ProbeShape::Linear { width_mm: 24.0 };
@@ -199,7 +199,7 @@ fn worst(tables: &Tables, exact: &[(Point3<f64>, u8)], found: &Beam) -> [f64; 2]
 }
 
 /// Tests errors of positions, in samples, and of label boundaries.
-pub fn away(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn away(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let gpus = gpus(record);
     for (at, place) in PLACES.iter().enumerate() {
         let anatomy = anatomy(place);

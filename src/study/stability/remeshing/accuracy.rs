@@ -44,7 +44,7 @@ fn spread(start: &Start) -> Vec<u32> {
 }
 
 /// Tests the exact level: S computed from scratch, C monitored and refreshed.
-pub fn exact(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn exact(record: &mut Record<'_>) -> Result<(), Unexpected> {
     each(record, |record, backend, start, poisson| {
         let mut adaptation = backend.follow(start, Level::Exact, Options::default())?;
         let (nodes, mut done, mut rebuilds, mut failed) = (spread(start), 0, 0u32, 0u32);
@@ -97,7 +97,7 @@ fn of_contacts(adaptation: &mut Adaptation) -> Result<f64, RemeshError> {
 }
 
 /// Tests level I: rounding accumulates in the inverse and is monitored.
-pub fn first(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn first(record: &mut Record<'_>) -> Result<(), Unexpected> {
     each(record, |record, backend, start, poisson| {
         let options = Options::default();
         let beyond = poisson > options.single_poisson_limit && backend.precision == Precision::Single;
@@ -193,7 +193,7 @@ fn is_definite(adaptation: &Adaptation) -> bool {
 }
 
 /// Tests levels II and III: they leave entries outdated, so K^c is an approximation, but it remains a compliance.
-pub fn lower(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn lower(record: &mut Record<'_>) -> Result<(), Unexpected> {
     each(record, |record, backend, start, poisson| {
         for level in [Level::II, Level::III] {
             let options = Options::default();
@@ -228,7 +228,7 @@ pub fn lower(record: &mut Record<'_>) -> Result<(), Unexpected> {
 const COMPARED: u64 = 10;
 
 /// Makes the same moves on a device and in double precision on the CPU, then many more.
-pub fn all(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn all(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let many = record.effort().pick(60, 1000);
     let gpus = gpus(record);
     let double = BACKENDS.iter().find(|backend| backend.precision == Precision::Double);
@@ -277,7 +277,7 @@ pub fn all(record: &mut Record<'_>) -> Result<(), Unexpected> {
 }
 
 /// Returns the largest difference of two K^c relative to the largest entry of the second.
-pub fn difference(found: MatRef<'_, f64>, expected: MatRef<'_, f64>) -> f64 {
+pub(super) fn difference(found: MatRef<'_, f64>, expected: MatRef<'_, f64>) -> f64 {
     let pairs = (0..expected.nrows()).flat_map(|i| (0..expected.ncols()).map(move |j| (i, j)));
     let worst = largest(pairs.clone().map(|at| found[at] - expected[at]));
     worst / largest(pairs.map(|at| expected[at]))

@@ -114,7 +114,7 @@ fn flattenable(start: &Start, height: f64) -> Result<(u32, usize), Unexpected> {
 }
 
 /// Tests moves that invert or flatten elements, at every level, and the choice of another corner.
-pub fn spoiling(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn spoiling(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let start = Start::new(record.seed(), 0.45)?;
     let (element, place) = flattenable(&start, 1e-8)?;
     let node = start.mesh.elements()[element as usize][place];
@@ -267,7 +267,7 @@ fn elements_named<T: Real>(record: &mut Record<'_>, problem: &Problem, what: &st
 }
 
 /// Tests tips on vertices, edges and faces, inside, and outside the tissue.
-pub fn places(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn places(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let start = Start::new(record.seed(), 0.45)?;
     let (parts, _) = two_parts()?;
     let mut apart = Problem::new(parts, Material::new(10.0, 0.45)?);

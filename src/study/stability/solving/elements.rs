@@ -20,7 +20,7 @@ use insonify_mesh::quality::jacobian_condition;
 /// Rounding units of error per unit of the condition number: a backward stable solution has a small multiple of one (N. J. Higham,
 /// "Accuracy and Stability of Numerical Algorithms", chapter 7), and the entries of matrix and right-hand side are themselves sums of some
 /// tens of rounded numbers.
-pub const ROUNDING_UNITS: f64 = 100.0;
+pub(super) const ROUNDING_UNITS: f64 = 100.0;
 
 fn worst_condition(mesh: &TetMesh) -> f64 {
     let corners = |element: &[u32; 4]| element.map(|node| mesh.nodes()[node as usize]);
@@ -42,7 +42,7 @@ fn linear(seed: u64) -> impl Fn(&[f64; 3]) -> [f64; 3] {
 }
 
 /// Runs the patch test (B. M. Irons, 1965) on increasingly thin lattices.
-pub fn patch(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn patch(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let seed = record.seed();
     for thin in [1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6] {
         let mesh = shaken([4, 4, 4], [4.0, 4.0, 4.0 * thin], 0.15, seed)?;
@@ -85,7 +85,7 @@ fn sliver(height: f64) -> Result<(TetMesh, usize), Unexpected> {
 }
 
 /// Solves with one increasingly flat element under load.
-pub fn slivers(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn slivers(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let problem = |mesh: TetMesh| -> Result<Problem, Unexpected> {
         let mut problem = Problem::new(mesh, Material::new(10.0, 0.45)?);
         problem.fix(&[0, 1, 2], |p| p[2] == 0.0, |_| [0.0; 3]);
@@ -240,7 +240,7 @@ fn imbalance(problem: &Problem, solution: &Solution) -> f64 {
 }
 
 /// Tests bodies with one part ten thousand or a hundred million times as stiff as the other.
-pub fn contrast(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn contrast(record: &mut Record<'_>) -> Result<(), Unexpected> {
     for ratio in [1e4, 1e8] {
         for (name, is_stiff) in [
             ("stiff base", (|middle| middle[2] < 4.0) as fn([f64; 3]) -> bool),

@@ -14,7 +14,7 @@ use insonify_mechanics::tissue::symmetric::{Scalar, Symmetric};
 use insonify_mesh::TetMesh;
 
 /// Tests definiteness and symmetry of K^-1 in both precisions.
-pub fn definite(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn definite(record: &mut Record<'_>) -> Result<(), Unexpected> {
     for poisson in [0.45, 0.499, 0.4999] {
         let problem = Problem::block(record, poisson)?;
         let stiffness = problem.stiffness()?;
@@ -75,7 +75,7 @@ fn rescaled(problem: &Problem, length: f64, force: f64) -> Result<Vec<f64>, Unex
 }
 
 /// Solves in metres and in micrometres.
-pub fn units(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn units(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let problem = Problem::block(record, 0.45)?;
     let first = problem.solve()?.displacement_mm;
     for unit in [1e-3, 1e3] {
@@ -203,7 +203,7 @@ fn says(error: &LinearError, words: &[&str]) -> bool {
 }
 
 /// Tests bodies with too few supports.
-pub fn refused(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn refused(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let material = Material::new(10.0, 0.45)?;
     let block = |fixed: &dyn Fn(&[f64; 3]) -> bool| -> Result<Problem, Unexpected> {
         let mut problem = Problem::new(lattice([3, 3, 3], [10.0; 3])?, material);

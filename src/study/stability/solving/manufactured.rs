@@ -13,7 +13,7 @@ use insonify_mechanics::tissue::symmetric::Symmetric;
 use insonify_mesh::TetMesh;
 
 /// Edge length of the block, mm.
-pub const EDGE: f64 = 10.0;
+pub(super) const EDGE: f64 = 10.0;
 
 /// Plane displacement wave: a sin(k . x + start).
 #[derive(Clone, Copy)]
@@ -57,7 +57,7 @@ const WAVES: [Wave; 3] = [
 ];
 
 /// Returns the displacement of a sum of waves.
-pub fn exact(waves: &[Wave], p: &[f64; 3]) -> [f64; 3] {
+pub(super) fn exact(waves: &[Wave], p: &[f64; 3]) -> [f64; 3] {
     let sum: Vector3<f64> = waves
         .iter()
         .map(|wave| Vector3::from(wave.amplitude) * wave.phase(p).sin())
@@ -138,14 +138,14 @@ fn slopes(nodes: &[[f64; 3]], corners: &[u32; 4]) -> Option<[Vector3<f64>; 4]> {
 }
 
 /// Errors in L2 and in energy, relative to the exact solution, and the backward error.
-pub struct Errors {
+pub(super) struct Errors {
     pub l2: f64,
     pub energy: f64,
     pub residual: f64,
 }
 
 /// Solves for waves prescribed on the surface and driven by their body force inside.
-pub fn errors(mesh: TetMesh, material: Material, waves: &[Wave]) -> Result<Errors, Unexpected> {
+pub(super) fn errors(mesh: TetMesh, material: Material, waves: &[Wave]) -> Result<Errors, Unexpected> {
     let mut problem = Problem::new(mesh, material);
     problem.fix_surface(|p| exact(waves, p));
     let mut forces = vec![Vector3::zeros(); problem.mesh.nodes().len()];
@@ -195,7 +195,7 @@ pub fn errors(mesh: TetMesh, material: Material, waves: &[Wave]) -> Result<Error
 const SLACK: f64 = 0.15;
 
 /// Measures the orders over five meshes, regular and perturbed.
-pub fn orders(record: &mut Record<'_>) -> Result<(), Unexpected> {
+pub(super) fn orders(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let seed = record.seed();
     let families = [("regular", 0.3, 0.0), ("shaken", 0.45, 0.1), ("regular", -0.3, 0.0)];
     let count = record.effort().pick(2, families.len());

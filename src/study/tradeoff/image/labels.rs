@@ -88,7 +88,7 @@ fn boundary_mm(synth: &mut Synthesizer, state: &FrameState) -> Result<f64, Study
     Ok(wrong as f64 * line_mm * sample_mm / length)
 }
 
-pub fn labels(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
+pub(super) fn labels(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
     let state = FrameState::at(Matrix4::identity());
     let grid = coarsened(options, [256, 512]);
     let axes: Vec<Axis> = [
@@ -151,7 +151,7 @@ const CONTENTS: [Content; 2] = [("structure", without_grain), ("every usual effe
 const QUIET: &str = "Beam grids are compared with the receiver enabled at an invisible level, because its noise is drawn for each sample \
                      and therefore differs from grid to grid, however fine the grids are.";
 
-pub fn grids(options: &ImageOptions, notes: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
+pub(super) fn grids(options: &ImageOptions, notes: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
     let subject = Subject::new(options.voxel_mm)?;
     let samples = Axis::log("samples", "samples", "samples of a frame");
     let axes: Vec<Axis> = std::iter::once(samples).chain(PICTURE).collect();
@@ -224,7 +224,7 @@ fn all(options: &ImageOptions) -> Vec<(String, Backend)> {
 }
 
 /// Compares double precision, single precision and each GPU on the same scene, at the default scene's grid and one below it.
-pub fn backends(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
+pub(super) fn backends(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
     let subject = Subject::new(options.voxel_mm)?;
     let factors = [Factor::new("grid", "grid"), BACKEND];
     let title = "Precisions and backends, every usual effect, against double precision on the CPU";
@@ -254,7 +254,7 @@ pub fn backends(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table
 }
 
 /// Describes an error too large for rounding: more than 1 % of pixels beyond one grey level, or an offset.
-pub fn rounding(apart: &Apart) -> Option<String> {
+pub(super) fn rounding(apart: &Apart) -> Option<String> {
     (apart.p99 > 1.0 || apart.bias.abs() > 0.1).then(|| {
         format!(
             "99 of 100 pixels within {} grey levels, {:+.2} on the whole: more than rounding",
@@ -324,7 +324,7 @@ fn simplified(all: &Settings, plan: &Plan) -> Vec<(String, Settings)> {
     rows
 }
 
-pub fn effects(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
+pub(super) fn effects(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
     let subject = Subject::new(options.voxel_mm)?;
     let own = subject.grid(coarsened(options, [256, 512]));
     let goal = Goal::new("median_ms", "rms_grey", GREY_LEVELS).choosing("effects");

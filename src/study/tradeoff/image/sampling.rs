@@ -64,7 +64,7 @@ const VARIANTS: [Variant; 3] = [
     },
 ];
 
-pub fn sampling(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
+pub(super) fn sampling(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
     let subject = Subject::new(options.voxel_mm)?;
     let factors = [Factor::new("effect", "effect"), Factor::new("grid", "grid")];
     let title = "Sampling of shadow (samples) and blur (scanlines), each alone, against the finest in double precision";
@@ -303,7 +303,7 @@ impl Location {
     }
 }
 
-pub fn location(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
+pub(super) fn location(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
     let axes = [
         Axis::log("elements", "elements", "elements of the mesh"),
         Axis::log("point_ns", "ns a point", "time of a point (median of frames), ns"),

@@ -27,7 +27,7 @@ pub struct Step {
 }
 
 /// Describes how measurements break what a contender promises, if they do: values are finite and, of an exact one, within its limit.
-pub fn broken(limit: Option<f64>, measured: &Measured) -> Option<String> {
+pub(crate) fn broken(limit: Option<f64>, measured: &Measured) -> Option<String> {
     // The error in mm follows from the others.
     const KINDS: [&str; 4] = ["K^-1", "K^c", "displacements", "relative residual"];
     let errors = measured.errors.iter().flatten().zip(KINDS);
@@ -42,7 +42,7 @@ pub fn broken(limit: Option<f64>, measured: &Measured) -> Option<String> {
 }
 
 /// Method that keeps K^c, and requested blocks of K^-1, up to date with a mesh.
-pub(crate) trait Contender {
+pub trait Contender {
     /// Returns the upper limit of the residual and of the error of K^c if the contender is exact up to rounding.
     fn limit(&self) -> Option<f64>;
 
@@ -105,7 +105,7 @@ pub(crate) struct Sources {
 
 /// Kind of contender, to be created for a subject.
 #[derive(Clone)]
-pub enum Kind {
+pub(crate) enum Kind {
     /// Level with a dense inverse on the CPU.
     Dense(Level, Precision),
     /// Exact level with columns solved on demand.
@@ -117,7 +117,7 @@ pub enum Kind {
 }
 
 /// Returns all kinds of contenders that take part.
-pub fn kinds(gpus: &[Gpu], options: &RemeshOptions) -> Vec<Kind> {
+pub(crate) fn kinds(gpus: &[Gpu], options: &RemeshOptions) -> Vec<Kind> {
     use Level::{Exact, I, II, III, IV};
     let mut kinds = Vec::new();
     if options.cpu {
@@ -134,7 +134,7 @@ pub fn kinds(gpus: &[Gpu], options: &RemeshOptions) -> Vec<Kind> {
 
 impl Kind {
     /// Returns level, backend and precision as named in tables.
-    pub fn choices(&self) -> [String; 3] {
+    pub(crate) fn choices(&self) -> [String; 3] {
         let cpu = || "CPU".to_owned();
         let double = || Precision::Double.to_string();
         match self {
@@ -156,7 +156,7 @@ impl Kind {
     }
 
     /// Returns the device used, if any.
-    pub fn gpu(&self) -> Option<&Gpu> {
+    pub(crate) fn gpu(&self) -> Option<&Gpu> {
         match self {
             Kind::Device(_, gpu) => Some(gpu),
             _ => None,
@@ -172,7 +172,7 @@ impl Kind {
     ///
     /// # Errors
     /// [`StudyError`] if the device lacks memory, or the precision is insufficient for the material.
-    pub fn make(&self, subject: &Subject, sources: &Sources) -> Result<Box<dyn Contender>, StudyError> {
+    pub(crate) fn make(&self, subject: &Subject, sources: &Sources) -> Result<Box<dyn Contender>, StudyError> {
         let options = Options::default();
         let mesh = &subject.mesh;
         Ok(match self {
@@ -390,7 +390,7 @@ impl Contender for Refactored {
 }
 
 /// Bytes per copy: more than fits in caches, small beside the matrices of a study.
-pub const BYTES: usize = 128 << 20;
+pub(crate) const BYTES: usize = 128 << 20;
 /// Number of runs, of which the fastest counts: others were disturbed.
 const RUNS: usize = 7;
 /// Number of copies per submission, so that the round trip to the device has little weight.

@@ -109,7 +109,7 @@ pub(super) struct Report {
 }
 
 impl Report {
-    pub fn new(subjects: &[Subject], gpus: &[Gpu], options: &RemeshOptions) -> Result<Report, StudyError> {
+    pub(super) fn new(subjects: &[Subject], gpus: &[Gpu], options: &RemeshOptions) -> Result<Report, StudyError> {
         let copy_cpu = contender::of_cpu();
         let copy_gpus = gpus
             .iter()
@@ -180,7 +180,7 @@ impl Report {
         })
     }
 
-    pub fn add(&mut self, subject: &Subject, kind: &Kind, is_exact: bool, measured: Measured) {
+    pub(super) fn add(&mut self, subject: &Subject, kind: &Kind, is_exact: bool, measured: Measured) {
         let choices: Vec<String> = std::iter::once(subject.nodes().to_string())
             .chain(kind.choices())
             .collect();
@@ -237,11 +237,11 @@ impl Report {
         self.remesh.push(choices, values, flag);
     }
 
-    pub fn note(&mut self, note: String) {
+    pub(super) fn note(&mut self, note: String) {
         self.study.notes.push(note);
     }
 
-    pub fn finish(mut self) -> Study {
+    pub(super) fn finish(mut self) -> Study {
         self.study.tables = vec![self.remesh, self.drift];
         self.study
     }

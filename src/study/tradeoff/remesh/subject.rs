@@ -345,7 +345,7 @@ impl Gold {
     ///
     /// # Errors
     /// [`StudyError`] if the contender fails.
-    pub fn errors(&self, subject: &Subject, contender: &mut dyn Contender) -> Result<[f64; 5], StudyError> {
+    pub(crate) fn errors(&self, subject: &Subject, contender: &mut dyn Contender) -> Result<[f64; 5], StudyError> {
         let every: Vec<usize> = (0..subject.size()).collect();
         let columns = contender.block(&every, &self.samples)?;
         let forces = load(subject.contacts.len());

@@ -18,7 +18,7 @@ const EXTENT_MM: [f64; 3] = [60.0, 40.0, 40.0];
 const SECONDS: f64 = 4.0;
 
 /// Block and its prescribed motion.
-pub struct Subject {
+pub(super) struct Subject {
     stiffening: Arc<Solid>,
     linear: Arc<Solid>,
     supports: Supports<3>,
@@ -29,7 +29,7 @@ pub struct Subject {
 
 /// Tissue model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Model {
+pub(super) enum Model {
     Linear,
     Nonlinear,
     Viscous(Memory),
@@ -63,7 +63,7 @@ pub(crate) struct Walked {
 }
 
 impl Subject {
-    pub fn new(options: &TissueOptions) -> Result<Subject, StudyError> {
+    pub(super) fn new(options: &TissueOptions) -> Result<Subject, StudyError> {
         let mesh = TetMesh::over_box([0.0; 3], EXTENT_MM, options.nodes)?;
         let material = Material::new(options.young_kpa, options.poisson)?;
         let law = Stiffening::new(material, options.knee_strain, options.stiffening)?;
@@ -94,7 +94,7 @@ impl Subject {
     }
 
     /// Returns the numbers of nodes, elements and free degrees of freedom.
-    pub fn sizes(&self) -> [usize; 3] {
+    pub(super) fn sizes(&self) -> [usize; 3] {
         [
             self.linear.nodes().len(),
             self.linear.elements().len(),
@@ -103,7 +103,7 @@ impl Subject {
     }
 
     /// Simulates the history. A step that cannot be solved is flagged in the result and is not an error.
-    pub fn walk(&self, variant: &Variant) -> Result<Walked, StudyError> {
+    pub(super) fn walk(&self, variant: &Variant) -> Result<Walked, StudyError> {
         let body = if variant.model == Model::Linear {
             &self.linear
         } else {

@@ -32,7 +32,7 @@ impl Approximate {
     ///
     /// # Errors
     /// [`LinearError`] where the matrix cannot be factored.
-    pub fn new(matrix: &impl Symmetric) -> Result<Self, LinearError> {
+    pub(super) fn new(matrix: &impl Symmetric) -> Result<Self, LinearError> {
         let factor = match Factor::single(matrix) {
             Ok(factor) => Either::Single(factor),
             Err(LinearError::NotPositiveDefinite { .. }) => Either::Double(Factor::new(matrix)?),
@@ -55,7 +55,7 @@ impl Approximate {
     ///
     /// # Errors
     /// [`LinearError`]; the factor is then that of an earlier matrix.
-    pub fn refactor(&mut self, matrix: &impl Symmetric) -> Result<(), LinearError> {
+    pub(super) fn refactor(&mut self, matrix: &impl Symmetric) -> Result<(), LinearError> {
         let single = match &mut self.factor {
             Either::Double(factor) => return factor.refactor(matrix),
             Either::Single(factor) => factor.refactor(matrix),
@@ -70,7 +70,7 @@ impl Approximate {
     }
 
     /// Replaces forces by the approximate displacements that they cause.
-    pub fn solve_in_place(&mut self, rhs: &mut [f64]) {
+    pub(super) fn solve_in_place(&mut self, rhs: &mut [f64]) {
         match &self.factor {
             Either::Double(factor) => factor.solve_in_place(rhs),
             Either::Single(factor) => {

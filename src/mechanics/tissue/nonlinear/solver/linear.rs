@@ -25,7 +25,7 @@ pub(crate) enum Equations {
 
 /// Tangent with its factor and the workspace of solves.
 #[derive(Clone, Debug)]
-pub struct Linear<const D: usize> {
+pub(super) struct Linear<const D: usize> {
     matrix: Tangent<D>,
     /// Kind of tangent factored.
     kind: Kind,
@@ -41,7 +41,7 @@ pub struct Linear<const D: usize> {
 }
 
 impl<const D: usize> Linear<D> {
-    pub fn new<const N: usize>(
+    pub(super) fn new<const N: usize>(
         body: &Body<D, N>,
         supports: &Supports<D>,
         responses: &[Response<D>],
@@ -63,7 +63,7 @@ impl<const D: usize> Linear<D> {
     }
 
     /// Factors the tangent at a state.
-    pub fn factor<const N: usize>(
+    pub(super) fn factor<const N: usize>(
         &mut self,
         body: &Body<D, N>,
         responses: &[Response<D>],
@@ -121,7 +121,7 @@ impl<const D: usize> Linear<D> {
     }
 
     /// Replaces free forces by free displacements.
-    pub fn solve<const N: usize>(
+    pub(super) fn solve<const N: usize>(
         &mut self,
         body: &Body<D, N>,
         supports: &Supports<D>,

@@ -23,7 +23,7 @@ pub(super) struct Contacts {
 }
 
 impl Contacts {
-    pub fn none() -> Contacts {
+    pub(super) fn none() -> Contacts {
         Contacts {
             dofs: Vec::new(),
             bare: Growable::with_room(CONTACTS_ROOM, CONTACTS_ROOM),
@@ -33,12 +33,12 @@ impl Contacts {
         }
     }
 
-    pub fn dofs(&self) -> &[usize] {
+    pub(super) fn dofs(&self) -> &[usize] {
         &self.dofs
     }
 
     /// K0^-1[c, c].
-    pub fn bare(&self) -> MatRef<'_, f64> {
+    pub(super) fn bare(&self) -> MatRef<'_, f64> {
         self.bare.get()
     }
 
@@ -48,7 +48,7 @@ impl Contacts {
     }
 
     /// Sets the contacts; rows of B and entries of both matrices are kept for contacts that remain.
-    pub fn set(
+    pub(super) fn set(
         &mut self,
         dofs: &[usize],
         source: &mut dyn Compliance,

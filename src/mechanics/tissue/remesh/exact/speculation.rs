@@ -25,7 +25,7 @@ pub(super) struct Speculation {
 }
 
 impl Speculation {
-    pub fn new() -> Speculation {
+    pub(super) fn new() -> Speculation {
         Speculation {
             support: Vec::with_capacity(CHANGE_ROOM),
             before: None,
@@ -39,12 +39,12 @@ impl Speculation {
     }
 
     /// Cancels the expected change.
-    pub fn forget(&mut self) {
+    pub(super) fn forget(&mut self) {
         self.support.clear();
         (self.before, self.columns) = (None, 0);
     }
 
-    pub fn bytes(&self) -> usize {
+    pub(super) fn bytes(&self) -> usize {
         self.support.capacity() * size_of::<u32>()
     }
 }

@@ -30,7 +30,7 @@ pub(super) struct Support {
 }
 
 impl Support {
-    pub fn new(size: usize) -> Support {
+    pub(super) fn new(size: usize) -> Support {
         let room = size.min(HELD_ROOM);
         Support {
             dofs: Vec::new(),
@@ -42,26 +42,26 @@ impl Support {
         }
     }
 
-    pub fn dofs(&self) -> &[usize] {
+    pub(super) fn dofs(&self) -> &[usize] {
         &self.dofs
     }
 
-    pub fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         self.dofs.len()
     }
 
-    pub fn is_empty(&self) -> bool {
+    pub(super) fn is_empty(&self) -> bool {
         self.dofs.is_empty()
     }
 
     /// Place of a member.
-    pub fn place(&self, dof: u32) -> usize {
+    pub(super) fn place(&self, dof: u32) -> usize {
         self.places[dof as usize] as usize
     }
 
     /// Adds the members of `support` missing from S: their rows and columns of C are zero, those of G and B are read
     /// from the base. On failure nothing changes.
-    pub fn extend(
+    pub(super) fn extend(
         &mut self,
         source: &mut dyn Compliance,
         support: &[u32],
@@ -106,7 +106,7 @@ impl Support {
     }
 
     /// Removes the members after the first `len`.
-    pub fn truncate(&mut self, len: usize) {
+    pub(super) fn truncate(&mut self, len: usize) {
         for &dof in &self.dofs[len..] {
             self.places[dof] = NONE;
         }
@@ -124,7 +124,7 @@ impl Support {
 
     /// Removes the members of `support` whose stiffness is again that of the base: their rows of dK, and hence of C,
     /// are zero.
-    pub fn release(&mut self, mesh: &AdaptedMesh, support: &[u32]) {
+    pub(super) fn release(&mut self, mesh: &AdaptedMesh, support: &[u32]) {
         for &dof in support {
             if !mesh.is_touched(mesh.dofs().node_of(dof).0) {
                 self.take(dof as usize);
@@ -146,7 +146,7 @@ impl Support {
         }
     }
 
-    pub fn bytes(&self) -> usize {
+    pub(super) fn bytes(&self) -> usize {
         let matrices = [&self.g, &self.c, &self.b, &self.block];
         let lists = self.places.len() * size_of::<u32>() + self.dofs.capacity() * size_of::<usize>();
         matrices.iter().map(|matrix| matrix.bytes()).sum::<usize>() + lists

@@ -44,7 +44,7 @@ pub(super) struct Work {
 }
 
 impl Work {
-    pub fn new(size: usize) -> Work {
+    pub(super) fn new(size: usize) -> Work {
         let room = size.min(HELD_ROOM);
         let tall = || Growable::with_room(room, CHANGE_ROOM);
         Work {
@@ -58,7 +58,7 @@ impl Work {
         }
     }
 
-    pub fn bytes(&self) -> usize {
+    pub(super) fn bytes(&self) -> usize {
         let Work {
             g_sp,
             v,

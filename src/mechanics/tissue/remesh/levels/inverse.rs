@@ -25,7 +25,7 @@ impl<S> std::fmt::Debug for Inverse<S> {
 }
 
 impl<S: Store> Inverse<S> {
-    pub fn new(store: S) -> Self {
+    pub(super) fn new(store: S) -> Self {
         Inverse {
             difference: Difference::default(),
             lu: Lu::default(),
@@ -37,7 +37,7 @@ impl<S: Store> Inverse<S> {
     /// Subtracts Y C Y^T from all entries, or from those of some rows and columns. Returns the reciprocal condition of
     /// I + dK G, and the entries at the rows and columns `block`; the condition as an inner error where it is below `limit`,
     /// and then nothing changes.
-    pub fn update(
+    pub(super) fn update(
         &mut self,
         change: &Change,
         rows: Option<&[usize]>,
@@ -61,7 +61,7 @@ impl<S: Store> Inverse<S> {
 
     /// Rebuilds the inverse of the current mesh from that of the base, with all moves as one change. Results are as for
     /// [`update`](Self::update).
-    pub fn rebuild(&mut self, mesh: &AdaptedMesh, limit: f64) -> Result<Result<f64, f64>, RemeshError> {
+    pub(super) fn rebuild(&mut self, mesh: &AdaptedMesh, limit: f64) -> Result<Result<f64, f64>, RemeshError> {
         mesh.difference_into(&mut self.difference);
         let columns: Vec<usize> = mesh.support().map(|dof| dof as usize).collect();
         let place = |dof: u32| columns.partition_point(|column| *column < dof as usize);
@@ -81,7 +81,7 @@ impl<S: Store> Inverse<S> {
     }
 
     /// Returns the largest |K X e - e| over unit forces e on these degrees of freedom.
-    pub fn residual(&mut self, mesh: &AdaptedMesh, dofs: &[usize]) -> Result<f64, RemeshError> {
+    pub(super) fn residual(&mut self, mesh: &AdaptedMesh, dofs: &[usize]) -> Result<f64, RemeshError> {
         mesh.difference_into(&mut self.difference);
         let every: Vec<usize> = (0..self.store.size()).collect();
         let columns = self.store.entries(&every, dofs)?;
@@ -104,7 +104,12 @@ impl<S: Store> Inverse<S> {
     }
 
     /// Computes displacements under forces on some degrees of freedom.
-    pub fn displacement(&mut self, contacts: &[usize], forces: &[f64], out: &mut [f64]) -> Result<(), RemeshError> {
+    pub(super) fn displacement(
+        &mut self,
+        contacts: &[usize],
+        forces: &[f64],
+        out: &mut [f64],
+    ) -> Result<(), RemeshError> {
         check_shape("forces", forces.len(), contacts.len())?;
         check_shape("displacements", out.len(), self.store.size())?;
         self.store.combine(contacts, forces, out)
@@ -112,7 +117,7 @@ impl<S: Store> Inverse<S> {
 
     /// Performs one step of iterative refinement of displacements under forces on some degrees of freedom; returns the
     /// remaining backward error.
-    pub fn refine(
+    pub(super) fn refine(
         &mut self,
         mesh: &AdaptedMesh,
         contacts: &[usize],

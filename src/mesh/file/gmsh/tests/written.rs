@@ -125,7 +125,7 @@ impl Out {
 }
 
 impl Encoding {
-    pub fn write(self, model: &Model) -> Vec<u8> {
+    pub(super) fn write(self, model: &Model) -> Vec<u8> {
         let mut out = Out {
             encoding: self,
             bytes: Vec::new(),

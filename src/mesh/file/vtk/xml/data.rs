@@ -14,7 +14,7 @@ pub(super) struct Encoding {
 }
 
 impl Encoding {
-    pub fn of(tag: &Tag) -> Result<Encoding, Fault> {
+    pub(super) fn of(tag: &Tag) -> Result<Encoding, Fault> {
         let choose = |key: &str, default: &str, choices: [&str; 2]| {
             let found = tag.get(key).unwrap_or(default);
             match choices.iter().position(|choice| *choice == found) {
@@ -37,11 +37,11 @@ impl Encoding {
     }
 
     /// Returns the size of a word of an array's header, bytes.
-    pub fn header_size(&self) -> usize {
+    pub(super) fn header_size(&self) -> usize {
         if self.wide_header { 8 } else { 4 }
     }
 
-    pub fn word(&self, bytes: &[u8]) -> u64 {
+    pub(super) fn word(&self, bytes: &[u8]) -> u64 {
         word(bytes, self.big_endian)
     }
 }
@@ -54,7 +54,7 @@ pub(super) struct Appended<'a> {
 }
 
 impl<'a> Appended<'a> {
-    pub fn of(tag: &Tag, scanner: &Scanner<'a>) -> Result<Appended<'a>, Fault> {
+    pub(super) fn of(tag: &Tag, scanner: &Scanner<'a>) -> Result<Appended<'a>, Fault> {
         let base64 = match tag.get("encoding") {
             Some("raw") => false,
             Some("base64") => true,

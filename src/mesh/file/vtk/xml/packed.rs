@@ -68,7 +68,7 @@ pub(super) struct Packed<'a> {
 
 impl<'a> Packed<'a> {
     /// Reads an uncompressed array: the byte count, then the bytes, encoded as one.
-    pub fn plain(at: usize, source: Source<'a>, file: &Encoding) -> Result<Self, Fault> {
+    pub(super) fn plain(at: usize, source: Source<'a>, file: &Encoding) -> Result<Self, Fault> {
         let (count, _) = source.take(at, 0, file.header_size())?;
         let size = usize::try_from(file.word(&count)).ok();
         Ok(Packed {
@@ -117,7 +117,7 @@ impl<'a> Packed<'a> {
     }
 
     /// Returns the bytes, exactly as many as the header states.
-    pub fn bytes(&self) -> Result<Vec<u8>, Fault> {
+    pub(super) fn bytes(&self) -> Result<Vec<u8>, Fault> {
         let Some(blocks) = &self.blocks else {
             let beyond = || Fault::at(self.at, "a byte count beyond memory", "the size of the array");
             let all = self.size.checked_add(self.skip).ok_or_else(beyond)?;
