@@ -83,6 +83,7 @@ pub use insonify_tracking::pose::Pose;
 pub use insonify_tracking::probe::{Probe, ProbeShape};
 pub use insonify_tracking::sequence::Sequence;
 pub use insonify_tracking::template::Template;
+#[cfg(feature = "record")]
 pub use run::record::Record;
 pub use run::summary::Summary;
 pub use run::{Deformed, Moment, Observer, Requests, Step, run as run_scenario};

@@ -298,7 +298,12 @@ impl Rf {
 }
 
 /// B-mode picture of a frame; in beam space if the geometry is unknown.
-pub(crate) fn picture(echoes: &Echoes, frame: usize, probe: Option<Probe>, range_db: f64) -> Result<GrayImage, Failure> {
+pub(crate) fn picture(
+    echoes: &Echoes,
+    frame: usize,
+    probe: Option<Probe>,
+    range_db: f64,
+) -> Result<GrayImage, Failure> {
     let envelope = envelope(echoes, frame);
     let grey = grey(&envelope, white(&envelope), range_db);
     let Some(probe) = probe else {

@@ -41,7 +41,11 @@ where
 }
 
 /// Parses a number within a range; `expected` describes the range in the error.
-pub(crate) fn ranged<T: FromStr + PartialOrd>(text: &str, range: RangeInclusive<T>, expected: &str) -> Result<T, String> {
+pub(crate) fn ranged<T: FromStr + PartialOrd>(
+    text: &str,
+    range: RangeInclusive<T>,
+    expected: &str,
+) -> Result<T, String> {
     let number = text.trim().parse().ok().filter(|number| range.contains(number));
     number.ok_or_else(|| format!("expected {expected}"))
 }

@@ -62,7 +62,7 @@ pub use error::GpuError;
 #[cfg(not(feature = "wgpu"))]
 mod absent;
 #[cfg(not(feature = "wgpu"))]
-pub use absent::{AdapterChoice, AdapterReport, Gpu, Needs};
+pub use absent::{AdapterChoice, AdapterReport, Gpu, Needs, adapter};
 
 #[cfg(feature = "wgpu")]
 pub mod adapter;

@@ -11,6 +11,7 @@ pub mod overview;
 pub mod parity;
 pub mod plan;
 pub mod quality;
+#[cfg(feature = "gpu")]
 pub mod rf;
 pub mod scene;
 pub mod sequence;

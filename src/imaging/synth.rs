@@ -409,6 +409,7 @@ impl Synthesizer {
         self.beam_after(end)
     }
 
+    #[cfg(any(test, feature = "analysis"))]
     /// Runs the passes one by one and returns the beam-space results after each; nothing is displayed.
     pub(crate) fn render_each(&mut self, state: &FrameState) -> Result<Vec<layers::Beam>, SynthError> {
         self.begin_alone(state)?;

@@ -216,7 +216,7 @@ fn texture_report(tables: &Tables, label: u8, reference: [f64; 3]) -> Option<Tex
     let entry = tables.label_rows.get(usize::from(label))?.texture.checked_sub(1)?;
     Some(TextureReport {
         name: tables.anatomy.tissues.of(label).texture.as_deref()?.to_owned(),
-        value: atlas.sample(entry as usize, tables.origin.into_local(reference)),
+        value: atlas.sample(entry as usize, tables.origin.to_local(reference)),
     })
 }
 

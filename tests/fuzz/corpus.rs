@@ -22,7 +22,8 @@ pub(crate) const COURSE: &str = "[nonlinear]\nscheme = \"newton\"\ntolerance = 1
     law = \"load-integral\"\nrule = \"exponentials\"\n[history]\ntime_s = [0.0, 1.0, 2.0]\nfactor = [0.0, 1.0, 1.0]\nstep_s = 0.5\n";
 pub(crate) const POSES: &str =
     "# poses\ntime_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,0,-20,0,1,0,0,0\n0.5,5,-20,1,0.7071,0,0.7071,0\n1,9,-21,0,1,0,0,0\n";
-pub(crate) const AIMED: &str = "time_s,x_mm,y_mm,z_mm,dx,dy,dz,lx,ly,lz\n0,0,-20,0,0,1,0,1,0,0\n1,5,-20,1,0,1,0.1,1,0,0\n";
+pub(crate) const AIMED: &str =
+    "time_s,x_mm,y_mm,z_mm,dx,dy,dz,lx,ly,lz\n0,0,-20,0,0,1,0,1,0,0\n1,5,-20,1,0,1,0.1,1,0,0\n";
 pub(crate) const MATRICES: &str =
     "time_s,m00,m01,m02,m03,m10,m11,m12,m13,m20,m21,m22,m23,m30,m31,m32,m33\n0,1,0,0,3,0,1,0,4,0,0,1,5,0,0,0,1\n";
 pub(crate) const NAMES_OF_LABELS: [&str; 3] = [

@@ -53,7 +53,11 @@ impl FrameTimes {
     }
 
     /// Times frames of a state. A mesh moves in each of them.
-    pub(crate) fn measure(gpu: &mut Synthesizer, cpu: &mut Synthesizer, state: &FrameState) -> Result<Self, SynthError> {
+    pub(crate) fn measure(
+        gpu: &mut Synthesizer,
+        cpu: &mut Synthesizer,
+        state: &FrameState,
+    ) -> Result<Self, SynthError> {
         let (scene, key) = described(gpu.tables(), gpu.plan());
         let mut state = state.clone();
         if let (None, Some(mesh)) = (&state.nodes, &gpu.tables().anatomy.mesh) {

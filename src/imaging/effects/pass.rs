@@ -23,6 +23,7 @@ pub struct View<'a> {
 /// Parameter block of a pass: binding 0, at most 256 bytes.
 #[derive(Clone, Copy, Debug)]
 pub struct ParamBlock {
+    #[cfg_attr(not(feature = "gpu"), expect(dead_code, reason = "shaders alone read it"))]
     bytes: [u8; Self::CAPACITY],
 }
 
@@ -39,6 +40,7 @@ impl ParamBlock {
         Self { bytes }
     }
 
+    #[cfg(feature = "gpu")]
     /// Parameters as seen by the shader, padded to a full slot.
     pub(crate) fn slot(&self) -> &[u8; Self::CAPACITY] {
         &self.bytes

@@ -21,14 +21,15 @@ pub(crate) enum GpuExecutor {}
 /// Methods of the executor, which cannot be called.
 macro_rules! methods {
     ($($name:ident($($of:ty),*) -> $result:ty;)+) => {
+        #[allow(dead_code, reason = "stands in for all that an executor does")]
         impl GpuExecutor {
             /// Makes no executor: there is no GPU.
-            pub fn new(gpu: Gpu, _: &Plan, _: &Tables) -> Result<Self, SynthError> {
+            pub(crate) fn new(gpu: Gpu, _: &Plan, _: &Tables) -> Result<Self, SynthError> {
                 match gpu {}
             }
 
             $(
-                pub fn $name(&self, $(_: $of),*) -> $result {
+                pub(crate) fn $name(&self, $(_: $of),*) -> $result {
                     match *self {}
                 }
             )+

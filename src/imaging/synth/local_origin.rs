@@ -63,7 +63,7 @@ impl LocalOrigin {
     }
 
     /// Converts a point of the world to local coordinates, mm.
-    pub fn into_local(&self, world_mm: [f64; 3]) -> [f64; 3] {
+    pub fn to_local(self, world_mm: [f64; 3]) -> [f64; 3] {
         if self.is_world() {
             return world_mm;
         }
@@ -71,7 +71,7 @@ impl LocalOrigin {
     }
 
     /// Converts a point in local coordinates to the world, mm.
-    pub(crate) fn into_world(&self, local_mm: [f64; 3]) -> [f64; 3] {
+    pub(crate) fn to_world(self, local_mm: [f64; 3]) -> [f64; 3] {
         if self.is_world() {
             return local_mm;
         }
@@ -105,15 +105,16 @@ impl LocalOrigin {
     /// Converts the positions of a beam to the world.
     pub(super) fn beam_into_world(&self, mut local: Beam) -> Beam {
         if !self.is_world() {
-            place(&mut local, |point| self.into_world(point));
+            place(&mut local, |point| self.to_world(point));
         }
         local
     }
 
+    #[cfg(any(test, feature = "analysis"))]
     /// Converts the positions of a beam to local coordinates, as in the passes.
     pub(crate) fn beam_into_local(&self, mut world: Beam) -> Beam {
         if !self.is_world() {
-            place(&mut world, |point| self.into_local(point));
+            place(&mut world, |point| self.to_local(point));
         }
         world
     }
@@ -177,7 +178,7 @@ impl LocalOrigin {
     fn shaft(&self, world: &NeedleShaft, local: &mut NeedleShaft) {
         local.diameter_mm = world.diameter_mm;
         local.nodes.clear();
-        let nodes = world.nodes.iter().map(|&node| self.into_local(node.into()));
+        let nodes = world.nodes.iter().map(|&node| self.to_local(node.into()));
         local.nodes.extend(nodes.map(Point3::from));
     }
 
@@ -188,7 +189,7 @@ impl LocalOrigin {
         }
         if let Some(world) = world {
             spare.clear();
-            spare.extend(world.iter().map(|&node| self.into_local(node)));
+            spare.extend(world.iter().map(|&node| self.to_local(node)));
             *local = Some(mem::take(spare));
         }
     }

@@ -50,8 +50,7 @@ pub enum CylinderPart {
 impl CylinderChoice {
     /// Amount by which a point lies beyond the selected part, mm: 0 or less if it is selected. Errors name the odd number.
     fn miss_mm(&self, key: &str) -> Result<impl Fn(&[f64; 3]) -> f64 + use<>, SelectionError> {
-        let number =
-            |key: String, found: f64, expected| Err(Box::new((key, InvalidFile::number(found, expected).into())));
+        let number = |key: String, found: f64, expected| Err(Box::new((key, InvalidFile::number(found, expected))));
         if let Some((name, found, expected)) = self.out_of_range() {
             return number(format!("{key}.{name}"), found, expected);
         }
@@ -197,7 +196,7 @@ pub fn axes(table: &str, letters: &str) -> Result<Vec<u8>, SelectionError> {
 }
 
 fn keys(key: String, found: impl Into<String>, expected: impl Into<String>) -> SelectionError {
-    Box::new((key, InvalidFile::keys(found, expected).into()))
+    Box::new((key, InvalidFile::keys(found, expected)))
 }
 
 pub fn numbered(key: &str, nodes: &[i64], of: usize) -> Result<Vec<u32>, SelectionError> {
@@ -214,7 +213,7 @@ pub fn ordered(key: &str, corners: &[[f64; 3]; 2]) -> Result<[[f64; 3]; 2], Sele
         let expected = "a coordinate, mm, or `inf` for an open side";
         return Err(Box::new((
             format!("{key}[{}][{}]", at / 3, at % 3),
-            InvalidFile::number(found, expected).into(),
+            InvalidFile::number(found, expected),
         )));
     }
     Ok([

@@ -47,16 +47,18 @@ pub struct Symmetric<T> {
 }
 
 /// Consecutive rows of a [`Symmetric`] with the columns up to the last of them.
+#[cfg(feature = "gpu")]
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Panel<'a, T> {
     /// Number of rows; [`PANEL_ROWS`] in all panels but the last.
+    #[cfg(feature = "gpu")]
     pub rows: usize,
     /// Columns up to the last row. The first row of the panel is value 0 of each; values above the diagonal and beyond `rows` are
     /// meaningless.
     pub columns: &'a [Column<T>],
 }
 
-/// Mutable version of [`Panel`].
+/// Consecutive rows, mutable, with the columns up to the last of them.
 #[derive(Debug)]
 pub(crate) struct PanelMut<'a, T> {
     pub first_row: usize,
@@ -200,7 +202,13 @@ impl<T: Scalar> Symmetric<T> {
         Ok(())
     }
 
+    /// Columns of the panels, from the first row to the last.
+    pub(crate) fn panel_columns(&self) -> impl ExactSizeIterator<Item = &[Column<T>]> {
+        self.panels.iter().map(Vec::as_slice)
+    }
+
     /// Panels from the first row to the last.
+    #[cfg(feature = "gpu")]
     pub(crate) fn row_panels(&self) -> impl ExactSizeIterator<Item = Panel<'_, T>> {
         self.panels.iter().enumerate().map(|(panel, columns)| {
             let [first_row, end] = panel_rows(panel, self.size);

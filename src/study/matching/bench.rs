@@ -46,7 +46,13 @@ pub(super) struct Bench<'a> {
 }
 
 impl<'a> Bench<'a> {
-    pub(super) fn new(picture: &'a Picture, mask: Vec<bool>, outline: Outline, mm: f64, seed: u64) -> Result<Self, Error> {
+    pub(super) fn new(
+        picture: &'a Picture,
+        mask: Vec<bool>,
+        outline: Outline,
+        mm: f64,
+        seed: u64,
+    ) -> Result<Self, Error> {
         let (probe_shape, depth, across, origin) = match outline.shape {
             Shape::Rectangle { columns, rows } => {
                 let width = columns[1] - columns[0];
@@ -169,7 +175,12 @@ impl<'a> Bench<'a> {
     }
 
     /// Renders frames of one tissue at the pixels of the real frame.
-    pub(super) fn phantoms(&self, probe: Probe, effects: &Effects, acoustics: Acoustics) -> Result<Vec<Picture>, SynthError> {
+    pub(super) fn phantoms(
+        &self,
+        probe: Probe,
+        effects: &Effects,
+        acoustics: Acoustics,
+    ) -> Result<Vec<Picture>, SynthError> {
         let mut settings = Settings::new(probe, [self.picture.width, self.picture.height], effects.clone());
         settings.seed = self.seed;
         settings.image.placed = Some(self.image);

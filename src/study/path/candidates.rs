@@ -94,7 +94,11 @@ pub(super) struct Entries<'a> {
 }
 
 impl<'a> Entries<'a> {
-    pub(super) fn new(scenario: &'a Scenario, target: Point3<f64>, options: &'a PathOptions) -> Result<Self, StudyError> {
+    pub(super) fn new(
+        scenario: &'a Scenario,
+        target: Point3<f64>,
+        options: &'a PathOptions,
+    ) -> Result<Self, StudyError> {
         if options.section_mm.is_some() && !matches!(options.entry, Entry::Plane(_)) {
             let found = "in a model of two dimensions with entries outside the image plane";
             return Err(wrong_target(found, "entries in the plane: `plane`, with `--angles`"));

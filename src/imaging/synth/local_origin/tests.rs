@@ -15,7 +15,7 @@ fn nearby_it_is_the_worlds_own_and_nothing_is_copied() {
         assert!(Arc::ptr_eq(&volume, &origin.volume(&volume).unwrap()));
         let point = [-0.0, 1e-300, f64::NAN];
         let same = |a: [f64; 3]| a.map(f64::to_bits) == point.map(f64::to_bits);
-        assert!(same(origin.into_local(point)) && same(origin.into_world(point)));
+        assert!(same(origin.to_local(point)) && same(origin.to_world(point)));
         let (mut local, state) = (LocalFrame::new(origin), FrameState::at(Matrix4::identity()));
         local.take(&state);
         assert!(std::ptr::eq(local.of(&state), &state));
@@ -33,7 +33,7 @@ fn far_away_it_is_the_nearest_whole_metre() {
     let world = Point3::new(4101.25, -495.0, -100_497.5);
     assert_eq!(
         volume.label_index_at(&world),
-        local.label_index_at(&origin.into_local(world.into()).into())
+        local.label_index_at(&origin.to_local(world.into()).into())
     );
 }
 
@@ -42,7 +42,7 @@ fn there_and_back_is_exact() {
     let origin = LocalOrigin::of(&about([1e5, -1e5, 57_300.0]));
     for at in 0..1000 {
         let world = [1e5, -1e5, 57_300.0].map(|x: f64| x + 0.377 * f64::from(at - 500));
-        assert_eq!(origin.into_world(origin.into_local(world)), world);
+        assert_eq!(origin.to_world(origin.to_local(world)), world);
     }
 }
 

@@ -106,7 +106,11 @@ fn all_sizes(
 }
 
 /// Tabulates all sizes: each GPU beside the CPU, or only the CPU if there is no GPU.
-pub(super) fn passes(subject: &Subject<'_>, options: &CompareOptions, notes: &mut Vec<String>) -> Result<Table, StudyError> {
+pub(super) fn passes(
+    subject: &Subject<'_>,
+    options: &CompareOptions,
+    notes: &mut Vec<String>,
+) -> Result<Table, StudyError> {
     let factors = [
         Factor::new("gpu", "GPU"),
         Factor::new("what", "what"),

@@ -153,7 +153,7 @@ impl<T: Entry> Store for Host<T> {
     }
 
     fn restart(&mut self, c: MatRef<'_, f64>) -> Result<(), RemeshError> {
-        let panels: Vec<_> = self.base.row_panels().map(|panel| panel.columns).collect();
+        let panels: Vec<_> = self.base.panel_columns().collect();
         for_each(self.current.row_panels_mut(), &|panel| {
             panel.columns.copy_from_slice(panels[panel.first_row / PANEL_ROWS]);
         });
