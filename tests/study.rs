@@ -1,5 +1,6 @@
 //! Studies and what they need of every crate below: hard cases, static problems, tables of parameters.
 
+mod doors;
 mod parameters;
 mod stability;
 mod statics;

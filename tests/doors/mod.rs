@@ -3,9 +3,17 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// Crates with a door, by their folder in `src/`; the root lets embedders use all of it, and the command nothing.
+/// Crates with a door, by their folder in `src/`; embedders may use all of the root, and nobody the command.
 const LAYERS: [&str; 9] = [
-    "base", "report", "gpu", "mesh", "anatomy", "tracking", "imaging", "mechanics", "study",
+    "base",
+    "report",
+    "gpu",
+    "mesh",
+    "anatomy",
+    "tracking",
+    "imaging",
+    "mechanics",
+    "study",
 ];
 
 fn root() -> &'static Path {
@@ -26,13 +34,14 @@ fn sources(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// A source without comments and unit tests.
-fn code(path: &Path) -> String {
+/// A source without comments, and without unit tests where they do not count.
+fn code(path: &Path, with_tests: bool) -> String {
     let is_test = path.iter().any(|part| part == "tests" || part == "tests.rs");
     let text = std::fs::read_to_string(path).expect("a source");
-    let text = match is_test {
-        true => "",
-        false => text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default(),
+    let text = match (with_tests, is_test) {
+        (true, _) => text.as_str(),
+        (false, true) => "",
+        (false, false) => text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default(),
     };
     let lines = text.lines().map(|line| line.split("//").next().unwrap_or_default());
     lines.collect::<Vec<_>>().join("\n")
@@ -52,45 +61,85 @@ fn declared(line: &str) -> Option<&str> {
         rest = rest.strip_prefix(qualifier).unwrap_or(rest);
     }
     let (kind, rest) = rest.split_once(' ')?;
-    let is_item = ["fn", "struct", "enum", "union", "trait", "const", "static", "type", "mod"].contains(&kind);
+    let is_item = [
+        "fn", "struct", "enum", "union", "trait", "const", "static", "type", "mod",
+    ]
+    .contains(&kind);
     is_item.then(|| words(rest).next().unwrap_or_default())
+}
+
+/// Declarations at a door, each on one line: signatures, fields, and enumerations and traits whole. Methods of types that the root re-exports belong to
+/// embedders.
+fn declarations(text: &str, exported: &BTreeSet<&str>) -> Vec<String> {
+    let mut declarations: Vec<String> = Vec::new();
+    let mut is_exported = false;
+    // What ends the declaration that is being read.
+    let mut end: Option<fn(&str) -> bool> = None;
+    for line in text.lines() {
+        if let Some(implemented) = line.strip_prefix("impl") {
+            let of = implemented.rsplit(" for ").next().unwrap_or_default();
+            is_exported = words(of).any(|word| exported.contains(word));
+        }
+        if let (Some(ends), Some(last)) = (end, declarations.last_mut()) {
+            last.push_str(line);
+            end = Some(ends).filter(|ends| !ends(line));
+            continue;
+        }
+        let Some(rest) = line.trim_start().strip_prefix("pub ") else {
+            continue;
+        };
+        let ends: fn(&str) -> bool = match rest.split(' ').next() {
+            Some("enum" | "trait") => |line| line.starts_with('}') || line.ends_with('}'),
+            Some("fn" | "const" | "async") => |line| line.ends_with(['{', ';', '}']),
+            _ => |_| true,
+        };
+        // The name of such a method does not count, the types in it do.
+        let belongs_to_embedders = line.starts_with(' ') && is_exported && declared(line).is_some();
+        declarations.push(line.replacen("pub ", if belongs_to_embedders { "" } else { "pub " }, 1));
+        end = Some(ends).filter(|ends| !ends(line));
+    }
+    declarations
 }
 
 /// A name counts as used if it stands anywhere in another crate, in a test, a benchmark or an example, or in the declaration of another name at
 /// the same door, as the types of its arguments do.
 #[test]
 fn whatever_a_crate_shows_somebody_else_uses() {
-    let mut by_layer: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    let lib = std::fs::read_to_string(root().join("src/lib.rs")).expect("the root");
+    let exported: BTreeSet<&str> = lib.split("pub use ").skip(1).flat_map(words).collect();
+    // By layer: sources without unit tests, and all that may use the names of others.
+    let mut own: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    let mut users: BTreeMap<String, Vec<String>> = BTreeMap::new();
     for path in sources(&root().join("src")) {
         let inside = path.strip_prefix(root().join("src")).expect("a source");
         let first = inside.iter().next().expect("a name").to_string_lossy().into_owned();
-        let layer = match LAYERS.contains(&first.as_str()) || ["cli", "testing"].contains(&first.as_str()) {
-            true => first,
-            false => "root".to_owned(),
-        };
-        by_layer.entry(layer).or_default().push(code(&path));
+        own.entry(first.clone()).or_default().push(code(&path, false));
+        users.entry(first).or_default().push(code(&path, true));
     }
     for folder in ["tests", "benches", "examples"] {
-        let text = sources(&root().join(folder)).into_iter().map(|path| std::fs::read_to_string(path).expect("a source"));
-        by_layer.entry(folder.to_owned()).or_default().extend(text);
+        let texts = sources(&root().join(folder)).into_iter().map(|path| code(&path, true));
+        users.entry(folder.to_owned()).or_default().extend(texts);
     }
     let mut unused: Vec<String> = Vec::new();
     for layer in LAYERS {
-        let others: BTreeSet<&str> = by_layer
-            .iter()
-            .filter(|(other, _)| *other != layer)
+        let elsewhere = users.iter().filter(|(other, _)| *other != layer);
+        let others: BTreeSet<&str> = elsewhere
             .flat_map(|(_, texts)| texts.iter().flat_map(|text| words(text)))
             .collect();
-        let own = &by_layer[layer];
-        let lines: Vec<&str> = own.iter().flat_map(|text| text.lines()).collect();
+        let lines: Vec<String> = own[layer]
+            .iter()
+            .flat_map(|text| declarations(text, &exported))
+            .collect();
         for name in lines.iter().filter_map(|line| declared(line)) {
-            let is_beside = |line: &&&str| {
-                line.trim_start().starts_with("pub ") && declared(line) != Some(name) && words(line).any(|word| word == name)
-            };
-            if !others.contains(name) && lines.iter().find(is_beside).is_none() {
+            let beside = |line: &String| declared(line) != Some(name) && words(line).any(|word| word == name);
+            if !others.contains(name) && !lines.iter().any(beside) {
                 unused.push(format!("{layer}: {name}"));
             }
         }
     }
-    assert!(unused.is_empty(), "{} names that nobody uses: {unused:#?}", unused.len());
+    assert!(
+        unused.is_empty(),
+        "{} names that nobody uses: {unused:#?}",
+        unused.len()
+    );
 }
