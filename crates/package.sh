@@ -8,7 +8,7 @@ cd "$(dirname "$0")/.."
 stage=$(mktemp -d)
 trap 'rm -rf "$stage"' EXIT
 
-# Tests, benches and examples stay in the repository.
+# Tests, benches and examples stay in the repository; unit tests do not build from an archive.
 manifest() { awk '/^\[/ { skip = /^\[\[(test|bench|example)\]\]/ } !skip' "$1" | sed -e 's#"\.\./\.\./#"#' -e 's#crates/##'; }
 lay_out() { # folder, sources
     local folder=$1
@@ -27,7 +27,7 @@ for file in crates/*/Cargo.toml; do
     manifest "$file" > "$stage/$name/Cargo.toml"
 done
 lay_out "$stage" src/lib.rs src/error.rs src/input* src/run* src/solve* src/simulator*
-manifest Cargo.toml | sed -e 's#"\*"#"insonify-*"#' -e '/^insonify-testing/d' > "$stage/Cargo.toml"
+manifest Cargo.toml | sed -e '/^members = /s#"\*"#"insonify-*"#' -e '/^default-members = /s#"\*"#"insonify-*"#' -e '/^insonify-testing/d' > "$stage/Cargo.toml"
 sed -i '/^insonify-testing/d' "$stage"/*/Cargo.toml
 cp Cargo.lock "$stage/"
 (cd "$stage" && cargo package --workspace --allow-dirty --target-dir "$stage/target")

@@ -10,6 +10,7 @@
 //! | [`input`] | needle insertions and static problems as TOML files |
 //! | [`run`] | an insertion step by step, its summary and its record |
 //! | [`solve`] | static problems and problems in time, solved |
+//! | [`error`] | whatever can go wrong, and whose fault it is |
 //! | [`simulator`] | steps at haptic rate, images on another thread |
 //! | [`insonify_base`] | documents, text, memory, random numbers, output files |
 //! | [`insonify_gpu`] | adapters, devices, pipelines, read-back; independent of ultrasound |
@@ -18,6 +19,9 @@
 //! | [`insonify_tracking`] | probe geometry, poses, trajectories, tracked sequences |
 //! | [`insonify_imaging`] | scenes, effects, plan, execution on the CPU or the GPU, sequences of frames |
 //! | [`insonify_mechanics`] | tissue, needles, insertions, remeshing |
+//!
+//! Features, on by default: `gpu` renders and remeshes on a GPU through wgpu; `record` has files, plots and pages of insertions. For frames alone,
+//! [`insonify_imaging`] suffices. Studies and the command are crates of their own.
 //!
 //! # Axes and units
 //!

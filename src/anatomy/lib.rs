@@ -1,4 +1,4 @@
-//! Labelled volumes, their files and formats, phantoms, segmentations, and acoustic properties of tissue.
+//! Labelled volumes, their files and formats, phantoms, segmentations, registration, and acoustic properties of tissue.
 
 pub mod acoustics;
 pub mod phantom;

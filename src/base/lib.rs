@@ -1,4 +1,4 @@
-//! Foundations without ultrasound: files, text, memory, numbers, reports.
+//! Foundations without ultrasound: files, text, memory, threads, numbers.
 
 pub mod bending;
 pub mod cache;

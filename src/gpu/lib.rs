@@ -1,4 +1,4 @@
-//! Adapters, devices, pipelines, read-back and timing: all code that uses wgpu, independent of ultrasound.
+//! Adapters, devices, pipelines, read-back and timing: what all users of wgpu share, independent of ultrasound.
 //!
 //! | file | contents |
 //! |---|---|

@@ -1,4 +1,4 @@
-//! Mechanics in f64: tetrahedral meshes, point location, and deformable tissue.
+//! Mechanics in f64: deformable tissue, needles, insertions, remeshing.
 
 pub mod block;
 pub mod insertion;

@@ -5,15 +5,18 @@
 //! | [`mod@bench`] | render times per frame and per pass, and with effects removed one by one |
 //! | [`mod@identify`] | parameters of tissue layers from a measured insertion |
 //! | [`mod@inspect`] | explanation of a single pixel |
+//! | [`beam_case`], [`identification`], [`material_case`] | case files of needles, measured insertions and material tests |
+//! | [`calibration`], [`registration`] | reports of both |
 //! | [`beam`] | published centres of motion of a needle in tissue, reproduced |
 //! | [`tradeoff`] | accuracy against computing time |
-//! | `block` | tissue blocks and needles shared by the studies |
 //! | [`matching`] | probe and effects estimated from a real frame |
 //! | [`path`] | straight needle paths to a target that allow for the deformation |
 //! | [`puncture`] | needle insertion into a slice of liver with a vein |
 //! | [`realism`] | image statistics of rendered and real frames, compared |
+//! | [`score`] | how well a needle was guided to its target |
+//! | [`texture`] | solid textures from images |
 //! | [`stability`] | hard cases for the numerics, with acceptance limits |
-//! | [`step_costs`] | cost of an insertion step for each setting, used by `quality` |
+//! | [`step_costs`] | cost of an insertion step for each setting, used by the `quality` of the command |
 
 pub mod beam;
 pub mod beam_case;
