@@ -29,6 +29,12 @@
 //! and ITK. The probe frame has its origin at the centre of the transducer array, x lateral towards the marked side,
 //! y axial into the body, z = x cross y. Images have columns along x and rows along y (PLUS orientation MF).
 
+// The crates below, for what has no name at the root.
+pub use {
+    insonify_anatomy as anatomy, insonify_base as base, insonify_gpu as gpu, insonify_imaging as imaging,
+    insonify_mechanics as mechanics, insonify_mesh as mesh, insonify_tracking as tracking,
+};
+
 pub mod error;
 pub mod input;
 pub mod run;

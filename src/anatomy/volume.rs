@@ -44,7 +44,7 @@ pub struct Label {
 /// A labelled volume with its position in the world.
 ///
 /// ```
-/// use insonify::{Label, LabelVolume};
+/// use insonify_anatomy::volume::{Label, LabelVolume};
 /// use nalgebra::{Matrix4, Point3};
 ///
 /// let label = |value, name: &str| Label { value, name: Some(name.into()), voxels: 0 };

@@ -1,4 +1,4 @@
-//! Stand-in for the GPU in a library built without the feature `gpu`: there is no device, and to open one is an error.
+//! Stand-in for the GPU in a library built without the feature `wgpu`: there is no device, and to open one is an error.
 
 use crate::GpuError;
 

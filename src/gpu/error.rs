@@ -6,7 +6,7 @@ use insonify_base::cause::Cause;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GpuError {
-    /// The library was built without the feature `gpu`.
+    /// The library was built without the feature `wgpu` of this crate, which the feature `gpu` of others turns on.
     #[error("this build has no GPU support; build it with the feature `gpu`")]
     Absent,
 

@@ -7,7 +7,8 @@ use super::{Access, Gpu, GpuError, Parameters, StorageBuffer};
 /// Source and layout of a pass.
 ///
 /// In its WGSL, `@group(0) @binding(0)` is the parameter block (`var<storage, read>`) of at most [`SLOT_BYTES`] bytes unless [`Pipeline::with_block`] states another size (omitted in a
-/// pass without parameters), and bindings 1, 2, ... are the storage buffers in the order of `storage`.
+/// pass without parameters), and bindings 1, 2, ... are the storage buffers in the order of `storage`. Every loop in it must end: shaders are compiled
+/// without the counter by which wgpu ends loops.
 #[derive(Debug, Clone, Copy)]
 pub struct PassSource<'a> {
     /// Name of the pass in errors, timings and graphics debuggers.
@@ -142,8 +143,8 @@ fn compile(device: &wgpu::Device, pass: &PassSource<'_>) -> wgpu::ShaderModule {
         force_loop_bounding: false,
         ..wgpu::ShaderRuntimeChecks::checked()
     };
-    // SAFETY: every loop ends. The shaders are this crate's own; their loops count towards a bound that does not change within them, or narrow
-    // an interval of integers.
+    // SAFETY: every loop ends, as `PassSource` asks of its sources. Those of the crates above count towards a bound that does not change within
+    // them, or narrow an interval of integers.
     unsafe { device.create_shader_module_trusted(descriptor, checks) }
 }
 

@@ -46,7 +46,9 @@ pub struct PlannedResource {
 /// Passes and resources of a frame.
 ///
 /// ```
-/// use insonify::{Backend, Effects, SceneFile};
+/// use insonify_imaging::effects::Effects;
+/// use insonify_imaging::scene::SceneFile;
+/// use insonify_imaging::synth::Backend;
 ///
 /// let text = "version = 1\nvolume = { phantom = \"abdomen\", resolution_mm = 5 }";
 /// let mut scene = SceneFile::parse(text, "scene.toml")?.resolve(".".as_ref())?;

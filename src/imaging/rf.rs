@@ -3,6 +3,7 @@
 pub mod bmode;
 pub mod device;
 pub mod echoes;
+pub mod fft;
 pub mod file;
 pub mod medium;
 pub mod motion;

@@ -5,7 +5,7 @@
 //! [`DEFAULT`], and described by [`schema`].
 //!
 //! ```
-//! use insonify::SceneFile;
+//! use insonify_imaging::scene::SceneFile;
 //!
 //! let file = SceneFile::parse("version = 1\n[volume]\nphantom = \"abdomen\"\nresolution_mm = 4\n", "mine.toml")?;
 //! let scene = file.resolve(".".as_ref())?;
@@ -13,7 +13,7 @@
 //!
 //! let error = SceneFile::parse("version = 1\n[volume]\nphanton = \"abdomen\"\n", "mine.toml").unwrap_err();
 //! assert_eq!(error.location(), Some(("mine.toml", 3)));
-//! # Ok::<(), insonify::input::InputError>(())
+//! # Ok::<(), insonify_base::document::InputError>(())
 //! ```
 
 mod check;
@@ -77,8 +77,8 @@ pub fn schema() -> serde_json::Value {
 /// It provides the inputs of a [`Synthesizer`] and the poses of each frame.
 ///
 /// ```
-/// use insonify::SceneFile;
-/// use insonify::FrameState;
+/// use insonify_imaging::scene::SceneFile;
+/// use insonify_imaging::synth::FrameState;
 ///
 /// let text = r#"
 /// version = 1
@@ -105,7 +105,7 @@ pub fn schema() -> serde_json::Value {
 ///     println!("{:.2} s: tip at {tip:?}", scene.time_s(frame, of));
 /// }
 /// assert!(scene.state(of, of, &mut state).is_err());
-/// # Ok::<(), insonify::input::InputError>(())
+/// # Ok::<(), insonify_base::document::InputError>(())
 /// ```
 #[derive(Clone, Debug)]
 pub struct Scene {

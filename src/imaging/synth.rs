@@ -139,8 +139,8 @@ pub struct PassTime {
 /// Renderer of a scene. Create it once and call [`render`](Self::render) for each state.
 ///
 /// ```
-/// use insonify::SceneFile;
-/// use insonify::{Backend, FrameState, Synthesizer};
+/// use insonify_imaging::scene::SceneFile;
+/// use insonify_imaging::synth::{Backend, FrameState, Synthesizer};
 /// use nalgebra::Translation3;
 ///
 /// let text = "version = 1\nvolume = { phantom = \"abdomen\", resolution_mm = 4 }";

@@ -23,7 +23,7 @@
 //!
 //! let error = ScenarioFile::parse(&text.replace("tip_mm", "tip"), "insert.toml").unwrap_err();
 //! assert_eq!(error.location(), Some(("insert.toml", 6)));
-//! # Ok::<(), insonify::input::InputError>(())
+//! # Ok::<(), insonify::InputError>(())
 //! ```
 
 pub mod aim;

@@ -23,7 +23,7 @@
 //!
 //! let error = ProblemFile::parse(&text.replace("poisson", "poison"), "pull.toml").unwrap_err();
 //! assert_eq!(error.location(), Some(("pull.toml", 6)));
-//! # Ok::<(), insonify::input::InputError>(())
+//! # Ok::<(), insonify::InputError>(())
 //! ```
 
 pub mod course;

@@ -12,7 +12,7 @@
 //!
 //! let error = CaseFile::parse(&beam_case::EXAMPLE.replace("slope", "slop"), "beam.toml").unwrap_err();
 //! assert_eq!(error.location(), Some(("beam.toml", 15)));
-//! # Ok::<(), insonify::input::InputError>(())
+//! # Ok::<(), insonify::InputError>(())
 //! ```
 
 pub mod points;

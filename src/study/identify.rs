@@ -18,10 +18,10 @@ use serde::Serialize;
 
 use crate::StudyError;
 use crate::identification::{Case, Cost, Crossed};
+use crate::search::nelder_mead;
 use data::{Data, Motion, thinned};
 use force::Piecewise;
 use insonify_base::parallel;
-use insonify_base::search::nelder_mead;
 use insonify_base::statistics;
 use simulate::{Course, Layer, Simulator};
 

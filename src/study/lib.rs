@@ -35,6 +35,7 @@ pub mod realism;
 pub mod registration;
 mod rewritten;
 pub mod score;
+mod search;
 pub mod stability;
 pub mod step_costs;
 #[cfg(test)]

@@ -22,7 +22,7 @@
 //!
 //! let error = CaseFile::parse(&text.replace("0.1\n", "1.1\n"), "creep.toml")?.resolve().unwrap_err();
 //! assert_eq!(error.location(), Some(("creep.toml", 3)));
-//! # Ok::<(), insonify::input::InputError>(())
+//! # Ok::<(), insonify::InputError>(())
 //! ```
 
 pub mod fit;

@@ -80,7 +80,7 @@ impl NeedlePose {
     }
 
     /// Hub end of the shaft, mm.
-    pub(crate) fn hub_mm(&self) -> Point3<f64> {
+    pub fn hub_mm(&self) -> Point3<f64> {
         self.nodes[0]
     }
 

@@ -14,13 +14,13 @@ const PARALLEL_SINE: f64 = 1e-3;
 /// in the world. Always finite and a proper rotation.
 ///
 /// ```
-/// use insonify::Pose;
+/// use insonify_tracking::pose::Pose;
 /// use nalgebra::{Point3, Vector3};
 ///
 /// let pose = Pose::from_direction(Point3::new(0.0, -120.0, 40.0), Vector3::y(), Some(Vector3::x()))?;
 /// let ten_deep = pose.probe_to_world().transform_point(&Point3::new(0.0, 10.0, 0.0));
 /// assert!((ten_deep - Point3::new(0.0, -110.0, 40.0)).norm() < 1e-12);
-/// # Ok::<(), insonify::TrackingError>(())
+/// # Ok::<(), insonify_tracking::TrackingError>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {

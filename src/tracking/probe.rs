@@ -57,7 +57,7 @@ pub enum ProbeShape {
 /// [`Probe::validate`], which [`BeamGrid::new`] calls.
 ///
 /// ```
-/// use insonify::{Probe, ProbeShape};
+/// use insonify_tracking::probe::{Probe, ProbeShape};
 ///
 /// let probe = Probe::new(ProbeShape::Curvilinear { radius_mm: 60.0, angle_deg: 70.0 }, 150.0)?;
 /// assert_eq!((probe.lines, probe.samples), (256, 512));

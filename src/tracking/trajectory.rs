@@ -38,7 +38,7 @@ pub struct Key {
 /// Poses in ascending order of time; at least one.
 ///
 /// ```
-/// use insonify::Pose;
+/// use insonify_tracking::pose::Pose;
 /// use insonify_tracking::trajectory::{Interpolation, Trajectory};
 /// use nalgebra::{Point3, UnitQuaternion};
 ///

@@ -45,7 +45,7 @@ pub enum Origin {
 
 impl Origin {
     /// Whether the tissue follows from a complete name.
-    pub(crate) fn is_sure(self) -> bool {
+    pub fn is_sure(self) -> bool {
         matches!(self, Self::Name | Self::ClassName)
     }
 }

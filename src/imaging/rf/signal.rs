@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use insonify_base::fft::{Complex32, Fft};
+use crate::rf::fft::{Complex32, Fft};
 use insonify_base::parallel::{chunks, chunks_mut, for_each_init};
 use insonify_base::simd::{Kernel, vectorised};
 

@@ -1,6 +1,6 @@
 use std::f64::consts::{PI, TAU};
 
-use insonify_base::fft::{Complex32, Fft};
+use crate::rf::fft::{Complex32, Fft};
 
 use super::device::Device;
 use super::echoes::{PHASES, Pulse, Scatterer, echoes};

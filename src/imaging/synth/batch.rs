@@ -34,7 +34,8 @@ impl Synthesizer {
     /// on such threads, and three submissions are in flight.
     ///
     /// ```
-    /// use insonify::{Backend, SceneFile, SynthError};
+    /// use insonify_imaging::scene::SceneFile;
+    /// use insonify_imaging::synth::{Backend, SynthError};
     ///
     /// let text = "version = 1\nvolume = { phantom = \"abdomen\", resolution_mm = 5 }";
     /// let scene = SceneFile::parse(text, "scene.toml")?.resolve(".".as_ref())?;

@@ -26,7 +26,8 @@ impl Synthesizer {
     /// Submits a frame: a GPU works on it while the caller goes on, a CPU backend renders it here. At most three frames are in flight.
     ///
     /// ```
-    /// use insonify::{Backend, SceneFile};
+    /// use insonify_imaging::scene::SceneFile;
+    /// use insonify_imaging::synth::Backend;
     ///
     /// let text = "version = 1\nvolume = { phantom = \"abdomen\", resolution_mm = 5 }";
     /// let scene = SceneFile::parse(text, "scene.toml")?.resolve(".".as_ref())?;

@@ -5,11 +5,11 @@ use super::tables::Tables;
 use super::{Frame, FrameState, PassTime, SynthError};
 use crate::effects::buffers::Buffer;
 use crate::plan::Plan;
-use insonify_gpu::{Gpu, Needs};
+use insonify_gpu::{Gpu, GpuError, Needs};
 
 /// Device requirements of a plan.
 pub fn needs(_: &Plan) -> Needs {
-    Needs
+    Needs::default()
 }
 
 /// A submission, of which there is none.
@@ -25,7 +25,8 @@ macro_rules! methods {
         impl GpuExecutor {
             /// Makes no executor: there is no GPU.
             pub(crate) fn new(gpu: Gpu, _: &Plan, _: &Tables) -> Result<Self, SynthError> {
-                match gpu {}
+                drop(gpu);
+                Err(GpuError::Absent.into())
             }
 
             $(

@@ -70,7 +70,7 @@ impl Scenario {
             #[cfg(feature = "gpu")]
             Some(gpu) => Finite::with_maker(setup, maker(gpu), progress),
             #[cfg(not(feature = "gpu"))]
-            Some(gpu) => match *gpu {},
+            Some(_) => return Err(InputError::new(insonify_gpu::GpuError::Absent)),
             None => Finite::new(setup, progress),
         };
         let mut finite = finite.map_err(|error| self.blame(error))?;

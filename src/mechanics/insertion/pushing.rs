@@ -118,7 +118,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     }
 
     /// Removes the needle from all tissue, until it is aimed again.
-    pub(crate) fn withdraw(&mut self) {
+    pub fn withdraw(&mut self) {
         (self.line, self.at) = (Line::empty(), At::default());
         self.layers.clear();
     }
@@ -149,7 +149,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
 
     /// Returns the depth of the tissue that is now at the tip, in the reference state, mm. A held needle takes along the mean of the tissue at its
     /// shaft: the tissue at its tip may pass it, or lag behind.
-    pub(crate) fn tip_depth_mm(&self) -> f64 {
+    pub fn tip_depth_mm(&self) -> f64 {
         match self.at.phase {
             Phase::Held => self.depth_at(self.at.travel_mm, [0.0, self.line.length()]),
             _ => self.at.depth_mm,
@@ -180,12 +180,12 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     }
 
     /// Returns whether the tip has come out on the far side.
-    pub(crate) fn is_through(&self) -> bool {
+    pub fn is_through(&self) -> bool {
         self.at.intact == Phase::Free && self.at.depth_mm > 0.0 && self.at.depth_mm >= self.at.cut_mm
     }
 
     /// Returns the layer of the tip, not one whose membrane is intact; `None` outside.
-    pub(crate) fn tip_layer(&self) -> Option<usize> {
+    pub fn tip_layer(&self) -> Option<usize> {
         let at = &self.at;
         match (at.phase, at.intact) {
             (Phase::Cutting(layer), _) => Some(layer),

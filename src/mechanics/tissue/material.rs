@@ -123,7 +123,7 @@ impl Materials {
 
     /// Regions with a material of their own, ascending.
     #[cfg(test)]
-    pub(crate) fn named_regions(&self) -> impl Iterator<Item = i32> + '_ {
+    pub fn named_regions(&self) -> impl Iterator<Item = i32> + '_ {
         self.by_region.keys().copied()
     }
 

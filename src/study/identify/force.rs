@@ -4,7 +4,7 @@
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
-use insonify_base::search::nelder_mead;
+use crate::search::nelder_mead;
 
 /// Places tried for a break along the curve.
 const PLACES: usize = 50;

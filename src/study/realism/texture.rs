@@ -6,8 +6,8 @@ use nalgebra::{SMatrix, SVector};
 
 use super::picture::Picture;
 use super::sector::{BLACK, dark_limit};
-use insonify_base::fft::{Complex32, Fft};
 use insonify_base::statistics::{full_width, mean, skewness, slope, std};
+use insonify_imaging::rf::fft::{Complex32, Fft};
 
 /// Dynamic range assumed for 255 grey levels when converting to echoes, dB: that of a real frame is unknown.
 pub const RANGE_DB: f64 = 60.0;

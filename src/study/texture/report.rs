@@ -7,10 +7,10 @@ use image::GrayImage;
 
 use super::{Figures, LAGS, Made};
 use crate::texture::synthesis::correlations;
-use insonify_base::fft::{Complex32, Fft};
 use insonify_base::output::OutputError;
 use insonify_base::table::{Cell, Table};
 use insonify_base::text::escape;
+use insonify_imaging::rf::fft::{Complex32, Fft};
 use insonify_report::page::Page;
 use insonify_report::plot::{Axis, Plot, Series};
 

@@ -4,7 +4,7 @@ use std::cmp::Ordering;
 
 /// Minimum found.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Found {
+pub(crate) struct Found {
     /// Arguments.
     pub at: Vec<f64>,
     /// Value there.
@@ -17,7 +17,7 @@ pub struct Found {
 ///
 /// # Errors
 /// Errors of `cost`.
-pub fn nelder_mead<E>(
+pub(crate) fn nelder_mead<E>(
     start: &[f64],
     steps: &[f64],
     tolerance: f64,
