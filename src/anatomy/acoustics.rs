@@ -16,8 +16,7 @@ pub(crate) mod totalsegmentator;
 
 pub use overrides::{TissueError, TissueOverride};
 pub(crate) use resolve::without_side;
-pub use resolve::{Origin, Preset};
-pub use resolve::{fallback, known};
+pub use resolve::{Origin, Preset, fallback, known};
 
 /// Young's modulus from which a tissue is rigid by default, kPa.
 pub const RIGID_KPA: f64 = 1e6;

@@ -26,8 +26,7 @@ use nalgebra::{Matrix4, Point3, Vector3};
 
 pub use data::read as read_data;
 pub use error::{At, VolumeError};
-pub use load::{Loaded, ScalarImage, load, load_scalar};
-pub use load::{numbers, read_header};
+pub use load::{Loaded, ScalarImage, load, load_scalar, numbers, read_header};
 pub use save::save;
 
 /// One label of a volume.

@@ -6,8 +6,7 @@ mod renamed;
 mod suggest;
 
 pub use fault::{Excerpt, InputError};
-pub use region::{Names, plain};
-pub use region::{NoRegion, RegionName};
+pub use region::{Names, NoRegion, RegionName, plain};
 pub use suggest::nearest;
 
 use std::borrow::Cow;

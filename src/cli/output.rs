@@ -5,9 +5,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use insonify_base::output::atomic;
 use insonify_base::output::folder::Folder;
-use insonify_base::output::place;
+use insonify_base::output::{atomic, place};
 use insonify_report::plot::Plot;
 
 use super::failure::Failure;

@@ -3,9 +3,7 @@
 use clap::{Args, ValueEnum};
 use insonify::input::statics::ProblemFile;
 use insonify_imaging::sidecar::Sidecar;
-use insonify_study::beam_case;
-use insonify_study::identification;
-use insonify_study::material_case;
+use insonify_study::{beam_case, identification, material_case};
 use schemars::schema_for;
 
 use super::failure::Failure;

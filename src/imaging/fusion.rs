@@ -55,8 +55,8 @@ fn between(a: &Bound, b: &Bound) -> Option<Reach> {
         .max()
 }
 
-#[cfg(feature = "gpu")]
 /// Whether two passes use a buffer that one of them writes, at different samples of a scanline.
+#[cfg(feature = "gpu")]
 pub(crate) fn depend_along_scanline(a: &Bound, b: &Bound) -> bool {
     between(a, b).is_some_and(|reach| reach > Reach::Own)
 }

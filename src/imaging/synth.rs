@@ -409,8 +409,8 @@ impl Synthesizer {
         self.beam_after(end)
     }
 
-    #[cfg(any(test, feature = "analysis"))]
     /// Runs the passes one by one and returns the beam-space results after each; nothing is displayed.
+    #[cfg(any(test, feature = "analysis"))]
     pub(crate) fn render_each(&mut self, state: &FrameState) -> Result<Vec<layers::Beam>, SynthError> {
         self.begin_alone(state)?;
         let mut beams = Vec::with_capacity(self.plan.passes.len());

@@ -59,8 +59,7 @@ use std::path::Path;
 
 use nalgebra::Point3;
 
-use insonify_base::document::InputError;
-use insonify_base::document::{self, InvalidFile};
+use insonify_base::document::{self, InputError, InvalidFile};
 use insonify_imaging::scene::SceneFile;
 use insonify_mesh::generate::{GenerateReport, NEAR_MM};
 use insonify_tracking::trajectory::Trajectory;

@@ -38,8 +38,7 @@ pub use file::ProblemFile;
 use std::collections::BTreeMap;
 
 use file::MaterialSpec;
-use insonify_base::document::InputError;
-use insonify_base::document::InvalidFile;
+use insonify_base::document::{InputError, InvalidFile};
 use insonify_mechanics::tissue::material::Material;
 use insonify_mechanics::tissue::nonlinear::Stiffening;
 use insonify_mesh::TetMesh;

@@ -22,8 +22,7 @@ use super::tissue::remesh::Level;
 use insonify_base::cause::Cause;
 pub use interaction::{Anatomy, Bone, Interaction, MeshRegions, Peak};
 pub use outcome::{Event, EventKind, Outcome, Wrench};
-pub use probe::ProbeContact;
-pub use probe::{lever, pointed};
+pub use probe::{ProbeContact, lever, pointed};
 pub use recording::{Input, Recording, State};
 pub use validation::InvalidSetup;
 

@@ -12,8 +12,7 @@ mod rigid;
 mod tangent;
 
 pub use flexible::{ELEMENT_MM, Flexible, LINK_MM, Stiffness};
-pub use line::across;
-pub use line::{CentreLine, ShaftPoint};
+pub use line::{CentreLine, ShaftPoint, across};
 pub use rigid::{Constrained, Rigid};
 
 use std::fmt::Debug;

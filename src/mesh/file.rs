@@ -11,8 +11,7 @@ mod gmsh;
 pub mod vtk;
 
 pub use error::MeshFileError;
-pub use vtk::write_vtu;
-pub use vtk::{Poly, Values, write_pvd, write_vtp, write_vtu_with};
+pub use vtk::{Poly, Values, write_pvd, write_vtp, write_vtu, write_vtu_with};
 
 use std::collections::BTreeMap;
 use std::path::Path;

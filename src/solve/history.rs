@@ -12,9 +12,8 @@ use crate::input::statics::course::{Model, Moment};
 use insonify_base::cause::Cause;
 use insonify_base::document::InputError;
 use insonify_mechanics::tissue::error::LinearError;
-use insonify_mechanics::tissue::nonlinear::NonlinearError;
 use insonify_mechanics::tissue::nonlinear::creep::Creep;
-use insonify_mechanics::tissue::nonlinear::{Body, Progress, Solid, Solver, Structure, Supports};
+use insonify_mechanics::tissue::nonlinear::{Body, NonlinearError, Progress, Solid, Solver, Structure, Supports};
 use insonify_mechanics::tissue::problem::{Reaction, Seconds, Solution};
 use insonify_mechanics::tissue::viscoelastic::HistoryError;
 

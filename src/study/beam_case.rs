@@ -25,8 +25,7 @@ use std::sync::Arc;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use insonify_base::document::InputError;
-use insonify_base::document::{self, InvalidFile, Source, Version};
+use insonify_base::document::{self, InputError, InvalidFile, Source, Version};
 use insonify_base::range::OutOfRange;
 use insonify_mechanics::needle::beam::inverse::{self, Wanted};
 use insonify_mechanics::needle::beam::spec::{BaseSpec, LayerSpec, MeshSpec, NeedleSpec};

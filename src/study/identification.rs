@@ -11,8 +11,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use insonify::input::scenario::{self, Scenario, ScenarioFile, TissueModel};
-use insonify_base::document::InputError;
-use insonify_base::document::{self, InvalidFile, Names, RegionName, Source, Version, nearest};
+use insonify_base::document::{self, InputError, InvalidFile, Names, RegionName, Source, Version, nearest};
 use insonify_base::range::parameters;
 use insonify_mechanics::tissue::material::Material;
 

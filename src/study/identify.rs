@@ -21,8 +21,7 @@ use crate::identification::{Case, Cost, Crossed};
 use crate::search::nelder_mead;
 use data::{Data, Motion, thinned};
 use force::Piecewise;
-use insonify_base::parallel;
-use insonify_base::statistics;
+use insonify_base::{parallel, statistics};
 use simulate::{Course, Layer, Simulator};
 
 /// Largest relative change of a force parameter at which the inner loop ends, and most simulations in it.

@@ -34,8 +34,7 @@ use std::sync::Arc;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use insonify_base::document::InputError;
-use insonify_base::document::{self, Source, Version};
+use insonify_base::document::{self, InputError, Source, Version};
 use insonify_base::range::parameters;
 use insonify_base::table::{Cell, Table};
 use insonify_mechanics::tissue::viscoelastic::HistoryError;

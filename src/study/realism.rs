@@ -13,8 +13,7 @@ use serde::Serialize;
 
 use insonify_anatomy::volume::{At, VolumeError};
 use insonify_base::parallel;
-use insonify_base::statistics::percentile;
-use insonify_base::statistics::{correlation, mean, std};
+use insonify_base::statistics::{correlation, mean, percentile, std};
 pub(crate) use measures::MEASURES;
 pub use measures::Measure;
 use picture::Picture;

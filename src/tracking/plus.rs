@@ -13,8 +13,7 @@ use super::TrackingError;
 use super::probe::{ProbeKind, ProbeSpec};
 use super::sequence::{TrackedTransform, ends};
 use insonify_base::matrix::Rows;
-use insonify_base::read;
-use insonify_base::text;
+use insonify_base::{read, text};
 
 pub use info::PlusInfo;
 

@@ -14,8 +14,7 @@ mod info;
 mod keys;
 
 pub use info::SequenceInfo;
-pub use keys::Orientation;
-pub use keys::ends;
+pub use keys::{Orientation, ends};
 
 /// A transform of one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]

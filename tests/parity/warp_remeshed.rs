@@ -4,8 +4,7 @@ use insonify_base::random::{hash3, unit};
 use insonify_imaging::effects::warp::{BACKGROUND, MAPPED};
 use insonify_imaging::synth::tables::Anatomy;
 use insonify_imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
-use insonify_mesh::InvalidMesh;
-use insonify_mesh::{Displacement, TetMesh};
+use insonify_mesh::{Displacement, InvalidMesh, TetMesh};
 use nalgebra::Vector3;
 
 use super::case::{Case, check_all};

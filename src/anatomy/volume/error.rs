@@ -8,8 +8,7 @@ use insonify_base::cause::Cause;
 use insonify_base::csv::CsvError;
 use insonify_base::memory::TooLarge;
 use insonify_base::output::OutputError;
-use insonify_base::read;
-use insonify_base::text;
+use insonify_base::{read, text};
 
 /// Position of an error in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

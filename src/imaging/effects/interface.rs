@@ -289,8 +289,8 @@ impl<'a, T: Real> Surfaces<'a, T> {
         }
     }
 
-    #[cfg(any(test, feature = "analysis"))]
     /// Stride of the voxels used for normals, along each axis.
+    #[cfg(any(test, feature = "analysis"))]
     pub(crate) fn stride(&self) -> [f64; 3] {
         self.stride.map(f64::from)
     }

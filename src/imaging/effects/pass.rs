@@ -40,8 +40,8 @@ impl ParamBlock {
         Self { bytes }
     }
 
-    #[cfg(feature = "gpu")]
     /// Parameters as seen by the shader, padded to a full slot.
+    #[cfg(feature = "gpu")]
     pub(crate) fn slot(&self) -> &[u8; Self::CAPACITY] {
         &self.bytes
     }

@@ -16,10 +16,9 @@ pub use super::buffers::UNITS_PER_DB;
 use super::buffers::{
     AMPLITUDE, AMPLITUDE_NEXT, Buffer, LABEL, LABEL_ROWS, LOSS, NEEDLE_MASK, beam, bytes_of, columns,
 };
-use super::common;
 use super::lateral::LateralKernel;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, reference};
-use super::{Effect, OutOfRange, Parameters, Stage, Verdict};
+use super::{Effect, OutOfRange, Parameters, Stage, Verdict, common};
 use crate::synth::SynthError;
 use crate::synth::store::Store;
 use crate::synth::tables::{Inputs, Settings, Tables};

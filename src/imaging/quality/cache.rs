@@ -9,8 +9,7 @@ use serde::de::DeserializeOwned;
 
 use insonify_base::cache::folder;
 use insonify_base::document::InvalidFile;
-use insonify_base::output::place;
-use insonify_base::output::{OutputError, atomic};
+use insonify_base::output::{OutputError, atomic, place};
 
 /// Maximum size of a file, bytes; a file of costs has a few thousand.
 const MAX_BYTES: u64 = 1 << 20;

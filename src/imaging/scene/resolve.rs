@@ -6,9 +6,6 @@ use std::sync::Arc;
 
 use nalgebra::{Point3, Vector3};
 
-use super::At;
-use super::Scene;
-use super::Timeline;
 use super::check::Framing;
 use super::deform::Deformation;
 use super::file::{PoseTable, SceneFile, TextureSpec};
@@ -16,6 +13,7 @@ use super::motion::Needle;
 use super::paths::MotionSpec;
 use super::recording::{CROP, Recording};
 use super::target::Body;
+use super::{At, Scene, Timeline};
 use crate::effects::Effects;
 use crate::synth::tables::{Anatomy, ImageSize, Settings};
 use insonify_anatomy::acoustics::{TissueError, TissueTable, bank};
@@ -25,8 +23,7 @@ use insonify_anatomy::segmentation::{Names, Naming, open};
 use insonify_anatomy::volume::complete::{CompleteOptions, complete, with_ct};
 use insonify_anatomy::volume::texture::{SolidTexture, TextureOptions};
 use insonify_anatomy::volume::{LabelVolume, VolumeError, load_scalar, structures};
-use insonify_base::document::nearest;
-use insonify_base::document::{InputError, InvalidFile};
+use insonify_base::document::{InputError, InvalidFile, nearest};
 use insonify_base::matrix::Rows;
 use insonify_tracking::pose::Pose;
 use insonify_tracking::probe::{BeamGrid, ProbeSpec, Ray};

@@ -3,12 +3,10 @@
 use nalgebra::{Point3, Vector3};
 
 use super::file::SceneFile;
-use insonify_anatomy::acoustics::RIGID_KPA;
-use insonify_anatomy::acoustics::TissueTable;
+use insonify_anatomy::acoustics::{RIGID_KPA, TissueTable};
 use insonify_anatomy::phantom;
 use insonify_anatomy::volume::{Label, LabelVolume};
-use insonify_base::document::{InputError, InvalidFile};
-use insonify_base::document::{Names, RegionName, nearest, plain};
+use insonify_base::document::{InputError, InvalidFile, Names, RegionName, nearest, plain};
 use insonify_base::matrix::Rows;
 use insonify_base::text::{MESSAGE, clipped, some_of};
 use insonify_tracking::placement::{Meaning, PlacementOptions, place};

@@ -814,8 +814,8 @@ impl GpuExecutor {
         }
     }
 
-    #[cfg(any(test, feature = "analysis"))]
     /// Goes on with the frame that [`Self::run_until`] began: from behind a pass up to and including another.
+    #[cfg(any(test, feature = "analysis"))]
     pub(crate) fn run_on(&mut self, behind: &str, pass: &str) -> Result<(), SynthError> {
         let start = self.end_of(behind);
         self.run_steps(start, self.end_of(pass).max(start))

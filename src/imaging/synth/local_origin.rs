@@ -110,8 +110,8 @@ impl LocalOrigin {
         local
     }
 
-    #[cfg(any(test, feature = "analysis"))]
     /// Converts the positions of a beam to local coordinates, as in the passes.
+    #[cfg(any(test, feature = "analysis"))]
     pub(crate) fn beam_into_local(&self, mut world: Beam) -> Beam {
         if !self.is_world() {
             place(&mut world, |point| self.to_local(point));

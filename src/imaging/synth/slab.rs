@@ -359,8 +359,8 @@ impl<T: Real> Slab<T> {
         }
     }
 
-    #[cfg(feature = "gpu")]
     /// Whether the elements of the reference state are those of another slab of the same mesh.
+    #[cfg(feature = "gpu")]
     pub(crate) fn has_reference_of(&self, other: &Self) -> bool {
         self.pose == other.pose && Arc::ptr_eq(&self.at_rest, &other.at_rest)
     }

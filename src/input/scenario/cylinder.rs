@@ -3,11 +3,9 @@
 use super::file::ScenarioFile;
 use super::labels::Labels;
 use super::tissue::{OF_REMESHING, TissueModel};
-use insonify_base::document::InputError;
-use insonify_base::document::stated;
-use insonify_mechanics::insertion::InvalidSetup;
+use insonify_base::document::{InputError, stated};
 use insonify_mechanics::insertion::spring::{MassSpring, Parameters};
-use insonify_mechanics::insertion::{Model, Snapshot, Tissue};
+use insonify_mechanics::insertion::{InvalidSetup, Model, Snapshot, Tissue};
 use insonify_mechanics::needle::{Rigid, Shaft};
 use insonify_mesh::TetMesh;
 use insonify_tracking::trajectory::Trajectory;

@@ -5,15 +5,13 @@ use std::path::Path;
 
 use nalgebra::Point3;
 
-use super::cut;
 use super::file::ScenarioFile;
 use super::regions::{Region, Regions};
 use super::tissue::{DEFAULT_NODES, TissueModel};
-use super::{mesh_note, path_pieces};
+use super::{cut, mesh_note, path_pieces};
 use crate::input::statics::selection::{Choice, SelectionError, axes, ordered};
 use insonify_anatomy::volume::LabelVolume;
-use insonify_base::document::InputError;
-use insonify_base::document::{RegionName, stated};
+use insonify_base::document::{InputError, RegionName, stated};
 use insonify_imaging::scene::Scene;
 use insonify_mechanics::tissue::dofs::Dofs;
 use insonify_mechanics::tissue::error::LinearError;

@@ -5,8 +5,7 @@ use std::path::{Path, PathBuf};
 use super::aim::Aim;
 use super::file::{ScenarioFile, SceneSource};
 use super::needle::{Moving, NeedleSettings};
-use insonify_base::document::nearest;
-use insonify_base::document::{InputError, InvalidFile};
+use insonify_base::document::{InputError, InvalidFile, nearest};
 use insonify_imaging::scene::{EXAMPLES, PoseTable, Scene, SceneFile};
 
 impl ScenarioFile {

@@ -4,8 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::file::ProblemFile;
-use insonify_base::document::InputError;
-use insonify_base::document::InvalidFile;
+use insonify_base::document::{InputError, InvalidFile};
 use insonify_base::range::parameters;
 use insonify_mechanics::tissue::nonlinear::creep::Memory;
 use insonify_mechanics::tissue::nonlinear::{Options, Scheme, Slope};

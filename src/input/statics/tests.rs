@@ -4,8 +4,7 @@ use super::file::MaterialSpec;
 use super::*;
 use crate::solve::Report;
 use insonify_base::cause::Cause;
-use insonify_base::document::InputError;
-use insonify_base::document::RegionName;
+use insonify_base::document::{InputError, RegionName};
 use insonify_mesh::TetMesh;
 use insonify_mesh::file::write_vtu;
 

@@ -34,8 +34,7 @@ use super::{
     StepError, Wrench,
 };
 use crate::needle::CentreLine;
-use crate::tissue::remesh::Adaptation;
-use crate::tissue::remesh::{Level, Maker};
+use crate::tissue::remesh::{Adaptation, Level, Maker};
 use body::Body;
 use contacts::Contacts;
 use insonify_mesh::TetMesh;

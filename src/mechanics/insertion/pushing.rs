@@ -28,8 +28,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use crate::insertion::InvalidSetup;
-use crate::tissue::nonlinear::NonlinearError;
-use crate::tissue::nonlinear::{Body, Contact, Structure};
+use crate::tissue::nonlinear::{Body, Contact, NonlinearError, Structure};
 pub use line::{Layer, crossings};
 use line::{Line, check};
 pub(super) use slide::At;

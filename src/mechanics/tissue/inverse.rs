@@ -18,8 +18,7 @@ use super::assembly::Stiffness;
 use super::compliance::Compliance;
 use super::factor::Factor;
 use super::symmetric::{PANEL_ROWS, PanelMut, Scalar, Symmetric};
-use insonify_base::memory;
-use insonify_base::parallel;
+use insonify_base::{memory, parallel};
 
 /// Right-hand sides solved together.
 const BLOCK: usize = 32;

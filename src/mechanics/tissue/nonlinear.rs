@@ -31,8 +31,7 @@ mod tangent;
 
 pub use crate::tissue::dofs::NONE;
 pub use body::{Body, Sheet, Solid};
-pub use law::relative_strain;
-pub use law::{Stiffening, von_mises};
+pub use law::{Stiffening, relative_strain, von_mises};
 pub use solver::{Contact, Options, Progress, Scheme, Slope, Solver, Target};
 
 use crate::tissue::element::DegenerateElement;

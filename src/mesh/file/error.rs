@@ -6,8 +6,7 @@ use crate::InvalidMesh;
 use insonify_base::cause::Cause;
 use insonify_base::memory::TooLarge;
 use insonify_base::output::OutputError;
-use insonify_base::read;
-use insonify_base::text;
+use insonify_base::{read, text};
 
 /// Reason why a mesh file cannot be read or written.
 #[derive(Debug, thiserror::Error)]

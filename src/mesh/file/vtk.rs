@@ -10,8 +10,7 @@ mod write;
 mod xml;
 
 pub use poly::{Poly, write_vtp};
-pub use write::write_vtu;
-pub use write::{Values, write_vtu_with};
+pub use write::{Values, write_vtu, write_vtu_with};
 
 use std::io::Write;
 use std::path::Path;

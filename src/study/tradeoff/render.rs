@@ -7,8 +7,7 @@ use serde_json::{Map, Value, json};
 
 use super::{Figure, Row, Study, Table};
 use insonify_base::number;
-use insonify_base::output::png;
-use insonify_base::output::{OutputError, atomic};
+use insonify_base::output::{OutputError, atomic, png};
 use insonify_base::table::{self, Cell};
 use insonify_report::plot::{self, Marker, Plot, Series};
 

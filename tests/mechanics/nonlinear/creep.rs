@@ -1,9 +1,8 @@
 //! Fractional viscosity in a body: closed forms, and where the two laws part.
 
 use insonify_mechanics::tissue::material::Material;
-use insonify_mechanics::tissue::nonlinear::NonlinearError;
 use insonify_mechanics::tissue::nonlinear::creep::{Creep, Memory};
-use insonify_mechanics::tissue::nonlinear::{Scheme, Stiffening};
+use insonify_mechanics::tissue::nonlinear::{NonlinearError, Scheme, Stiffening};
 use insonify_mechanics::tissue::viscoelastic::Rule;
 
 use super::case::{Held, at, block, difference, held, largest, law, options, pulled};

@@ -1,8 +1,7 @@
 //! Liver with its veins and a lesion, gallbladder, and the great vessels.
 
-use super::l;
 use super::wall::{CAVITY_MM, diaphragm, skin_depth};
-use super::{Noise, Over, Painting, Point, Uneven};
+use super::{Noise, Over, Painting, Point, Uneven, l};
 use crate::phantom::geometry::{Bounds, Ellipsoid, Shape, Solid, Tube, path, smooth_max};
 use crate::phantom::vessels::Growth;
 

@@ -3,8 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::body::Body;
-use super::contact::{Contact, SAMPLE_MM};
-use super::contact::{Slider, State};
+use super::contact::{Contact, SAMPLE_MM, Slider, State};
 use super::joint::{Joint, MAX_RELEASED};
 use crate::insertion::ShaftLoad;
 use crate::needle::{CentreLine, ShaftPoint};

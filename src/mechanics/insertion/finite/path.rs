@@ -3,8 +3,7 @@
 use nalgebra::Point3;
 
 use super::Finite;
-use super::contact::SAMPLE_MM;
-use super::contact::State;
+use super::contact::{SAMPLE_MM, State};
 use super::location::Place;
 use super::tip::TipForce;
 use crate::insertion::EventKind;

@@ -5,8 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Log;
 use super::body::Body;
-use super::contact::set_friction_bounds;
-use super::contact::{Slider, State};
+use super::contact::{Slider, State, set_friction_bounds};
 use super::contacts::Contacts;
 use super::location::Place;
 use super::needle::PlacedNeedle;

@@ -7,9 +7,8 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use super::*;
 use crate::insertion::{Bone, Interaction, InvalidSetup, MeshRegions, Tissue};
 use crate::tissue::material::Material;
-use crate::tissue::nonlinear::NonlinearError;
 use crate::tissue::nonlinear::creep::Memory;
-use crate::tissue::nonlinear::{Solid, Stiffening};
+use crate::tissue::nonlinear::{NonlinearError, Solid, Stiffening};
 
 const EDGE_MM: [f64; 3] = [30.0, 30.0, 24.0];
 

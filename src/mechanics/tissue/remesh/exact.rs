@@ -32,10 +32,9 @@ use std::fmt;
 
 use faer::{Mat, MatMut, MatRef};
 
-use super::SampleSchedule;
 use super::adapted::{AdaptedMesh, Change};
 use super::difference::Difference;
-use super::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, check_step};
+use super::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, SampleSchedule, check_step};
 use crate::tissue::compliance::{Compliance, check_dofs};
 use contacts::Contacts;
 use speculation::Speculation;

@@ -2,9 +2,8 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-use super::CORNERS;
 use super::names::Names;
-use super::{Fault, ReadOptions};
+use super::{CORNERS, Fault, ReadOptions};
 
 /// Source of the regions.
 #[derive(Clone, Copy, PartialEq)]

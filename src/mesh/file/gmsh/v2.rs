@@ -1,10 +1,8 @@
 //! Nodes and elements of Gmsh version 2.2.
 
-use super::Nodes;
 use super::elements::{Elements, Membership, Regions};
 use super::reader::{Item, Reader};
-use super::{CORNERS, Kind};
-use super::{Fault, quote};
+use super::{CORNERS, Fault, Kind, Nodes, quote};
 
 /// Reads a count in text, which binary data follow.
 fn count(reader: &mut Reader, item: Item) -> Result<usize, Fault> {

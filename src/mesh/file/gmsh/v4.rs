@@ -2,11 +2,9 @@
 
 use std::collections::HashMap;
 
-use super::Fault;
-use super::Nodes;
 use super::elements::{Elements, Membership, Regions};
 use super::reader::{Item, Reader};
-use super::{CORNERS, Kind};
+use super::{CORNERS, Fault, Kind, Nodes};
 
 const OF_VOLUMES: i32 = 3;
 

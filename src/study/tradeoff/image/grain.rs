@@ -1,8 +1,9 @@
 //! Grain of tissue: solid textures and speckle models.
 
-use super::{Apart, inside, picture, sampling, values};
-use super::{Factor, ImageOptions, MEDIAN, MEMORY, P95, PICTURE, Table};
-use super::{Subject, coarsened, without_grain};
+use super::{
+    Apart, Factor, ImageOptions, MEDIAN, MEMORY, P95, PICTURE, Subject, Table, coarsened, inside, picture, sampling,
+    values, without_grain,
+};
 use nalgebra::Matrix4;
 
 use crate::StudyError;

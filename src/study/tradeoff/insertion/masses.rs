@@ -5,9 +5,9 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::{InsertionOptions, Progress};
-use super::{Step, timed};
-use super::{TIMES, UNSETTLED, largest, mean_square, points, times, unsettled};
+use super::{
+    InsertionOptions, Progress, Step, TIMES, UNSETTLED, largest, mean_square, points, timed, times, unsettled,
+};
 use crate::StudyError;
 use crate::tradeoff::{Axis, FORCE_N, Factor, Goal, Study, Table};
 use insonify_mechanics::block;

@@ -1,10 +1,9 @@
 //! Linear equations of an iteration.
 
-use super::super::NonlinearError;
-use super::super::Supports;
 use super::super::body::{Body, Response};
 use super::super::gmres::Gmres;
 use super::super::tangent::{Kind, Tangent};
+use super::super::{NonlinearError, Supports};
 use super::Contact;
 use super::approximate::Approximate;
 use crate::tissue::error::LinearError;

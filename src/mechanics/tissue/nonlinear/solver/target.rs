@@ -1,7 +1,6 @@
 //! Target of an increment.
 
-use super::super::NonlinearError;
-use super::super::{NONE, Supports};
+use super::super::{NONE, NonlinearError, Supports};
 
 /// Target of an increment: all values at its end.
 #[derive(Clone, Copy, Debug)]

@@ -5,9 +5,8 @@ use faer::{Accum, MatMut, MatRef};
 
 use super::Exact;
 use super::update::product;
-use crate::tissue::remesh::SampleSchedule;
 use crate::tissue::remesh::adapted::AdaptedMesh;
-use crate::tissue::remesh::{Rebuilt, RemeshReport};
+use crate::tissue::remesh::{Rebuilt, RemeshReport, SampleSchedule};
 use insonify_base::random::{hash3, seed_words};
 
 /// Amplified rounding of a change above which a sample is taken at once: a tenth of the accuracy promised for K^c.

@@ -4,9 +4,8 @@ use faer::Side;
 use faer::linalg::solvers::Llt;
 
 use super::{DenseInverseRemesher, Store};
-use crate::tissue::remesh::SampleSchedule;
 use crate::tissue::remesh::adapted::{AdaptedMesh, Change};
-use crate::tissue::remesh::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport};
+use crate::tissue::remesh::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, SampleSchedule};
 use insonify_base::random::{hash3, seed_words};
 
 /// Sampled residual at which the inverse is rebuilt, relative to the limit: only a few columns are sampled, and others

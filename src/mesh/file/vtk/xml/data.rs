@@ -2,8 +2,7 @@
 
 use super::super::{Kind, word};
 use super::packed::{Packed, Source};
-use super::{Fault, quote};
-use super::{Scanner, Tag};
+use super::{Fault, Scanner, Tag, quote};
 use insonify_base::read;
 
 /// Encoding common to all arrays of a file.
