@@ -162,6 +162,11 @@ const NAMED: &[(&str, &[&str], &str)] = &[
         "echoes have the beam widths, losses and textures of the scene's effects",
     ),
     (
+        "imaging/anatomies.rs",
+        &["blur", "noise"],
+        "a scene of tests has every usual effect, and noise",
+    ),
+    (
         "imaging/effects/truth.rs",
         &["needle", "shadow"],
         "their layers have passes where the scene calls for them",
@@ -229,7 +234,7 @@ const NAMED: &[(&str, &[&str], &str)] = &[
     ("input/scenario/scene.rs", &["needle"], "an insertion shows its needle"),
     ("imaging/scene/check.rs", &["tone"], "tells that grey levels are linear"),
     (
-        "input/scene/resolve.rs",
+        "imaging/scene/resolve.rs",
         &["contact", "needle"],
         "tells of gaps under the array and of needles beside the plane",
     ),
