@@ -139,13 +139,14 @@ fn real_organs_are_seen_from_where_a_sonographer_would_stand() {
     };
     let volume = complete(&volume, &CompleteOptions::default()).unwrap().volume;
     // Lungs 10 to 14, sacrum and vertebrae 25 to 50, limbs and hips 69 to 78, skull, ribs and sternum 91 to 117.
+    let labels = volume.labels();
     let meaning = Meaning {
         is_body: &|label| label != 0,
-        is_bone_or_gas: &|label| matches!(label, 10..=14 | 25..=50 | 69..=78 | 91..=117),
+        is_bone_or_gas: &|label| matches!(labels[usize::from(label)].value, 10..=14 | 25..=50 | 69..=78 | 91..=117),
     };
-    // Label, plane, fraction of rays, allowed axial direction of the probe.
+    // Value of the label, plane, fraction of rays, allowed axial direction of the probe.
     for (organ, plane, rays) in [
-        (5u8, ScanPlane::Transverse, 0.8),
+        (5, ScanPlane::Transverse, 0.8),
         (2, ScanPlane::Sagittal, 0.3),
         (21, ScanPlane::Transverse, 0.4),
     ] {
@@ -153,7 +154,8 @@ fn real_organs_are_seen_from_where_a_sonographer_would_stand() {
             plane: Some(plane),
             ..PlacementOptions::default()
         };
-        let found = place(&volume, &[organ], &meaning, &options).unwrap();
+        let index = labels.iter().position(|label| label.value == organ).expect("an organ") as u8;
+        let found = place(&volume, &[index], &meaning, &options).unwrap();
         println!("label {organ}: score {:.2}, {}", found.score, found.note);
         assert!(found.rays_on_target >= rays && found.visible > 0.9, "{}", found.note);
         let axial = column(&found.probe_to_world, 1);
