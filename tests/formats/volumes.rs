@@ -258,7 +258,11 @@ fn other_formats_are_named() {
         "formats/pynrrd/BallBinary30x30x30.raw",
         "expected the start of a NIfTI-1, NRRD or MetaImage file",
     );
-    refused("volumes/no_such_file.nrrd", "cannot be read");
+    let missing = insonify_anatomy::volume::load("/nowhere/no_such_file.nrrd".as_ref())
+        .map(drop)
+        .unwrap_err()
+        .to_string();
+    assert!(missing.contains("cannot be read"), "{missing}");
 }
 
 /// A scan with its grey scale taken away, so that its stored bytes load as labels.
