@@ -275,7 +275,7 @@ fn without_rust(message: &str) -> String {
     format!("{start}expected {plain}")
 }
 
-/// Format version of every file that this crate reads: 1.
+/// Format version of every file that insonify reads: 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Version;
 

@@ -171,7 +171,7 @@ impl<'a, T: Send> Rows for ChunksMut<'a, T> {
 
 macro_rules! tuple {
     ($($rows:ident)+) => {
-        #[allow(non_snake_case)]
+        #[allow(non_snake_case, reason = "rows are named by their types")]
         impl<$($rows: Rows),+> Rows for ($($rows,)+) {
             type Row = ($($rows::Row,)+);
 
@@ -254,7 +254,7 @@ pub fn for_each_init<R: Rows, S>(rows: R, init: &(dyn Fn() -> S + Sync), work: &
     divide(rows, &piece, |(), ()| ());
 }
 
-/// Calls `work` with each row, but with none after one that failed.
+/// Calls `work` with each row. Once a row has failed, later rows that have not begun are left out.
 ///
 /// # Errors
 /// The error of the first row that fails.
@@ -288,7 +288,7 @@ pub fn filter_map<R: Rows, T: Send>(rows: R, make: &(dyn Fn(R::Row) -> Option<T>
     })
 }
 
-/// Results of `make` for each row, which is called with none after one that failed.
+/// Results of `make` for each row. Once a row has failed, later rows that have not begun are left out.
 ///
 /// # Errors
 /// The error of the first row that fails.

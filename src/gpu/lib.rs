@@ -7,8 +7,7 @@
 //! | [`faults`] | [`Faults`]: errors reported only through handlers and callbacks |
 //! | [`error`] | [`GpuError`] |
 //! | [`pass`] | [`Pipeline`]: one compute pass and its bind group layout |
-//! | [`buffer`] | [`Parameters`]: the parameters of all passes in one buffer |
-//! | [`buffer`] | [`StorageBuffer`]: checked, labelled storage |
+//! | [`buffer`] | [`StorageBuffer`]: checked, labelled storage; [`Parameters`]: those of all passes in one buffer |
 //! | [`recorder`] | [`Recorder`]: dispatches and copies of one submission |
 //! | [`readback`] | [`Readback`]: bytes back to the CPU through one persistent staging buffer |
 //! | [`traffic`] | [`Traffic`]: counts of submissions, waits and bytes |

@@ -1,7 +1,7 @@
 //! Spatial calibration: from calibrated images to the simulated transducer.
 //!
 //! Trackers report the pose of a marker fixed to the probe, which PLUS calls `Probe`. A spatial calibration gives the `Image`
-//! frame (pixels) in that frame, as `ImageToProbe`. The probe frame of this crate is PLUS's `Transducer`: the origin at the
+//! frame (pixels) in that frame, as `ImageToProbe`. The probe frame of insonify is PLUS's `Transducer`: the origin at the
 //! centre of the array, x towards the marked side, y into the body, mm. In an image of orientation MF its axes run along the
 //! columns and the rows, so a calibration and the pixel of the array's centre give the transducer in the marker's frame
 //! ([`Calibration`]).

@@ -10,7 +10,7 @@ use crate::text::{MESSAGE, clipped, head, printable, tail};
 
 /// An error of an input file: its cause, the key concerned and the place in the text.
 ///
-/// As text it names key, file and line; the command shows the line with a caret.
+/// As text it names key, file and line; the command shows the line with a mark below it.
 #[derive(Debug)]
 pub struct InputError(Box<Inner>);
 

@@ -49,7 +49,7 @@ pub(crate) struct SequenceSpec {
     /// those that `plus_config` defines. Default `ProbeToTracker`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub transform: Option<String>,
-    /// Rigid transform from the centre of the array (the probe frame of this crate) to the marker. Default: identity.
+    /// Rigid transform from the centre of the array (the probe frame of insonify) to the marker. Default: identity.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub transducer_to_probe: Option<Rows>,
     /// In place of `transducer_to_probe`: calibration from pixels (orientation MF) to the marker.
