@@ -234,8 +234,16 @@ fn unreadable<T: JsonSchema>(source: &Arc<Source>, error: &toml::de::Error) -> I
         .with_help(help)
 }
 
+/// A table as TOML. A trait object: each type that files have is compiled for one serialiser, not for the four that TOML has.
+///
+/// # Errors
+/// Whatever TOML has no form for.
+pub fn to_toml(table: &dyn erased_serde::Serialize) -> Result<String, toml::ser::Error> {
+    toml::to_string(table)
+}
+
 /// The first of some keys that a table of a file states. The keys are optional ones or lists; an empty list counts as not stated.
-pub fn stated<'a>(table: &impl Serialize, keys: &[&'a str]) -> Option<&'a str> {
+pub fn stated<'a>(table: &dyn erased_serde::Serialize, keys: &[&'a str]) -> Option<&'a str> {
     let table = toml::Table::try_from(table).ok()?;
     let is_empty = |value: &toml::Value| value.as_array().is_some_and(Vec::is_empty);
     let mut keys = keys.iter().copied();

@@ -313,7 +313,14 @@ pub fn threads() -> usize {
 
 /// The result of `run` on a thread of the current pool, from which loops start sooner than from outside.
 pub fn enter<T: Send>(run: impl FnOnce() -> T + Send) -> T {
-    rayon::scope(|_| run())
+    once(run, |run| rayon::scope(|_| run()))
+}
+
+/// The result of `run`, which `call` calls once as a trait object: the machinery of threads is compiled once, not for each function.
+fn once<T: Send>(run: impl FnOnce() -> T + Send, call: impl FnOnce(&mut (dyn FnMut() + Send))) -> T {
+    let (mut run, mut result) = (Some(run), None);
+    call(&mut || result = run.take().map(|run| run()));
+    result.unwrap_or_else(|| unreachable!("the function has been called"))
 }
 
 /// Error of the first row that failed, with its number.
@@ -395,11 +402,22 @@ fn divide_into<R: Rows, A: Send>(
     let least = if taken { threads() } else { 0 };
     let pieces = least.max(pieces / 2);
     let (first, last) = rows.split_at(count / 2);
-    let (first, last) = rayon::join_context(
-        |context| divide_into(first, pieces, context.migrated(), piece, merge),
-        |context| divide_into(last, pieces, context.migrated(), piece, merge),
+    let (mut first, mut last) = (Some(first), Some(last));
+    let (mut of_first, mut of_last) = (None, None);
+    let half = |rows: R, taken| divide_into(rows, pieces, taken, piece, merge);
+    join(
+        &mut |taken| of_first = first.take().map(|rows| half(rows, taken)),
+        &mut |taken| of_last = last.take().map(|rows| half(rows, taken)),
     );
-    merge(first, last)
+    match (of_first, of_last) {
+        (Some(first), Some(last)) => merge(first, last),
+        _ => unreachable!("both halves have been worked on"),
+    }
+}
+
+/// Runs two functions, each told whether another thread has taken it. Not generic, so that the machinery of threads is compiled once.
+fn join(first: &mut (dyn FnMut(bool) + Send), last: &mut (dyn FnMut(bool) + Send)) {
+    rayon::join_context(|context| first(context.migrated()), |context| last(context.migrated()));
 }
 
 /// Threads of one's own.
@@ -427,7 +445,7 @@ impl Pool {
 
     /// The result of `run` on a thread of the pool, which is the current one meanwhile.
     pub fn install<T: Send>(&self, run: impl FnOnce() -> T + Send) -> T {
-        self.0.install(run)
+        once(run, |run| self.0.install(run))
     }
 
     /// Calls `work` on each thread of the pool with its number, and `meanwhile` on this thread.

@@ -2,6 +2,8 @@
 
 use num_traits::{Float, FromPrimitive, NumAssign};
 
+use crate::simd::{self, Kernel};
+
 /// Floating-point scalar of the CPU reference.
 pub trait Real: Float + FromPrimitive + NumAssign + Default + Send + Sync + std::fmt::Debug + 'static {
     /// Rounds an `f64` to this type.
@@ -16,6 +18,12 @@ pub trait Real: Float + FromPrimitive + NumAssign + Default + Send + Sync + std:
     fn integer(self) -> i32;
     /// Returns the copy of a table in this type.
     fn pick(numbers: &Numbers) -> &[Self];
+    /// Runs a kernel of numbers of this type: in the widest vector registers of the machine where speed counts, which is single
+    /// precision.
+    #[inline(always)]
+    fn vectorised<K: Kernel>(kernel: K) -> K::Output {
+        kernel.run()
+    }
 }
 
 /// A table computed in double precision, stored in both precisions.
@@ -63,6 +71,10 @@ impl Real for f32 {
     #[inline(always)]
     fn wide(self) -> f64 {
         f64::from(self)
+    }
+    #[inline(always)]
+    fn vectorised<K: Kernel>(kernel: K) -> K::Output {
+        simd::vectorised(kernel)
     }
 }
 

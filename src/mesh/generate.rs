@@ -250,9 +250,9 @@ pub fn generate(
     grid: &LabelGrid,
     nodes: usize,
     options: &GenerateOptions,
-    progress: impl FnMut(f32),
+    mut progress: impl FnMut(f32),
 ) -> Result<Generated, GenerateError> {
-    generate_with(&Sampler::new(), grid, nodes, options, progress)
+    generate_with(&Sampler::new(), grid, nodes, options, &mut progress)
 }
 
 fn generate_with(
@@ -260,7 +260,7 @@ fn generate_with(
     grid: &LabelGrid,
     nodes: usize,
     options: &GenerateOptions,
-    mut progress: impl FnMut(f32),
+    progress: &mut dyn FnMut(f32),
 ) -> Result<Generated, GenerateError> {
     check(nodes, options)?;
     memory::check((nodes * BYTES_A_NODE) as u64, &format!("a mesh of {nodes} nodes"))?;

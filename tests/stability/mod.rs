@@ -80,7 +80,7 @@ fn scaled_inverse(record: &mut Record<'_>, scale: f64) -> Result<(), Unexpected>
     );
     let materials = vec![Material::new(10.0, 0.45)?; mesh.elements().len()];
     let stiffness = Stiffness::assemble(&mesh, &materials, &dofs)?;
-    let right: Symmetric<f64> = invert(&Factor::new(&stiffness)?, |_, _| {})?;
+    let right: Symmetric<f64> = invert(&Factor::new(&stiffness)?, &mut |_, _| {})?;
     let mut scaled = Symmetric::from_fn(right.size(), |i, j| right.get(i, j) * scale);
     let residual = sampled_residual(&stiffness, &mut scaled, &[0, 31, 62])?;
     record.under("|K X e - e| of the inverse", residual, 1e-11);

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::VolumeError;
 use insonify_base::real::Real;
-use insonify_base::simd::{Kernel, array, map, vectorised};
+use insonify_base::simd::{Kernel, array, map};
 
 /// A periodic volume of amplitude multipliers with mean square 1. The centre of voxel (0, 0, 0) lies at the origin.
 #[derive(Clone, Debug, PartialEq)]
@@ -259,7 +259,7 @@ impl Atlas {
     /// Multiplies each amplitude by the multiplier of texture `entry` at its position (mm; the fourth component is
     /// ignored), whose deviation from 1 is scaled by `strength`.
     pub fn apply<T: Real>(&self, entry: usize, strength: T, positions: &[[T; 4]], amplitudes: &mut [T]) {
-        vectorised(Apply {
+        T::vectorised(Apply {
             atlas: self,
             entry,
             strength,

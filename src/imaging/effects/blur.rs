@@ -16,7 +16,7 @@ use crate::synth::tables::{Inputs, Tables};
 use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::range::parameters;
 use insonify_base::real::Real;
-use insonify_base::simd::{Kernel, vectorised};
+use insonify_base::simd::Kernel;
 use insonify_tracking::probe::BeamGrid;
 
 parameters! {
@@ -139,7 +139,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     for_each(
         (0.., chunks_mut(&mut store.amplitude_next[..lines * samples], samples)),
         &|(line, output)| {
-            vectorised(Scanline {
+            T::vectorised(Scanline {
                 kernel,
                 input,
                 place: [line, lines],

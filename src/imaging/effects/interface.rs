@@ -195,7 +195,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
                 if labels[below - 1] == labels[below] {
                     continue;
                 }
-                let echo = vectorised(Step {
+                let echo = T::vectorised(Step {
                     surfaces: &surfaces,
                     labels: between.map(|at| labels[at]),
                     positions: between.map(|at| positions[at]),

@@ -15,7 +15,7 @@ use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::random::{hash3, pcg3d, seed_words};
 use insonify_base::range::parameters;
 use insonify_base::real::Real;
-use insonify_base::simd::{Kernel, map, vectorised};
+use insonify_base::simd::{Kernel, map};
 
 parameters! {
     /// Additive noise.
@@ -120,7 +120,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
             chunks(&tables.scan_map, width),
         ),
         &|(row, pixels, map)| {
-            vectorised(Add {
+            T::vectorised(Add {
                 pixels,
                 map,
                 row: row as i32,

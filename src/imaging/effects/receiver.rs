@@ -29,7 +29,7 @@ use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::random::{hash3, pcg3d, seed_words};
 use insonify_base::range::parameters;
 use insonify_base::real::Real;
-use insonify_base::simd::{Kernel, array, map, vectorised};
+use insonify_base::simd::{Kernel, array, map};
 use insonify_tracking::probe::BeamGrid;
 
 parameters! {
@@ -216,7 +216,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
             chunks(&tables.effects.receiver.clutter, chunk),
         ),
         &|(at, amplitudes, labels, clutter)| {
-            vectorised(Scanlines {
+            T::vectorised(Scanlines {
                 first: (at * LINES) as i32,
                 numbers: &numbers,
                 noise,

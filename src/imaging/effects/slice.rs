@@ -19,7 +19,7 @@ use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::real::Real;
-use insonify_base::simd::{Kernel, array, map, vectorised};
+use insonify_base::simd::{Kernel, array, map};
 
 /// Sampling of labels.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -144,7 +144,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
             chunks_mut(&mut store.amplitude, samples),
         ),
         &|(positions, labels, amplitudes)| {
-            vectorised(Scanline {
+            T::vectorised(Scanline {
                 reader: &reader,
                 echo: &echo,
                 positions,

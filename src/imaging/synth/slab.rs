@@ -141,7 +141,7 @@ impl<T: Real> Crossing<T> {
             &mut self.lines[..],
         );
         let prepare = |(elements, frames, carries, lines)| {
-            vectorised(Preparation {
+            T::vectorised(Preparation {
                 view,
                 mesh,
                 in_probe,
@@ -335,13 +335,13 @@ impl<T: Real> Slab<T> {
         let (current, reference) = (state.nodes.as_deref(), state.reference.as_deref());
         check_positions(current, reference, self.current.len())?;
         if let Some(nodes) = current {
-            vectorised(Rounding(nodes, &mut self.current));
+            T::vectorised(Rounding(nodes, &mut self.current));
             self.moved.deformed = true;
         }
         if let Some(nodes) = reference.filter(|nodes| *nodes != self.at_rest.nodes) {
             let at_rest = Arc::make_mut(&mut self.at_rest);
             at_rest.nodes.copy_from_slice(nodes);
-            vectorised(Rounding(nodes, &mut at_rest.rounded));
+            T::vectorised(Rounding(nodes, &mut at_rest.rounded));
             self.moved.reference = true;
         }
         Ok(())

@@ -39,7 +39,7 @@ impl ScenarioFile {
         scene: &Scene,
         base: &Path,
         path: &Trajectory,
-        progress: impl FnMut(f32),
+        progress: &mut dyn FnMut(f32),
         notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
     ) -> Result<Meshed, InputError> {
@@ -86,7 +86,7 @@ impl ScenarioFile {
         &self,
         scene: &Scene,
         path: &Trajectory,
-        progress: impl FnMut(f32),
+        progress: &mut dyn FnMut(f32),
         notes: &mut Vec<String>,
     ) -> Result<TetMesh, InputError> {
         let nodes = self.tissue.nodes.unwrap_or(DEFAULT_NODES);

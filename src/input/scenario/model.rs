@@ -28,16 +28,20 @@ impl Scenario {
     ///
     /// # Errors
     /// [`InputError`] with the offending key.
-    pub fn model(&self, progress: impl FnMut(usize, usize) + Send) -> Result<Box<dyn Model>, InputError> {
-        self.built(true, progress)
+    pub fn model(&self, mut progress: impl FnMut(usize, usize) + Send) -> Result<Box<dyn Model>, InputError> {
+        self.built(true, &mut progress)
     }
 
     /// Builds the model without computing in advance what remeshing will read: for a single insertion.
     pub fn unprepared_model(&self) -> Result<Box<dyn Model>, InputError> {
-        self.built(false, |_, _| {})
+        self.built(false, &mut |_, _| {})
     }
 
-    fn built(&self, prepared: bool, progress: impl FnMut(usize, usize) + Send) -> Result<Box<dyn Model>, InputError> {
+    fn built(
+        &self,
+        prepared: bool,
+        progress: &mut (dyn FnMut(usize, usize) + Send),
+    ) -> Result<Box<dyn Model>, InputError> {
         let needle = self.needle_model().map_err(|error| {
             let key = format!("needle.{}", error.key);
             self.file.fault(key, error)

@@ -297,7 +297,11 @@ impl ScenarioFile {
     ///
     /// # Errors
     /// [`InputError`] with the key and its place in the file.
-    pub fn resolve(&self, base_dir: &Path, progress: impl FnMut(f32)) -> Result<Scenario, InputError> {
+    pub fn resolve(&self, base_dir: &Path, mut progress: impl FnMut(f32)) -> Result<Scenario, InputError> {
+        self.resolved(base_dir, &mut progress)
+    }
+
+    fn resolved(&self, base_dir: &Path, progress: &mut dyn FnMut(f32)) -> Result<Scenario, InputError> {
         self.in_ranges("quality", self.quality.as_ref())?;
         self.in_ranges("run", &self.run)?;
         let modelling = self.modelling()?;
@@ -405,7 +409,7 @@ impl ScenarioFile {
         scene: &Scene,
         base_dir: &Path,
         path: &Trajectory,
-        progress: impl FnMut(f32),
+        progress: &mut dyn FnMut(f32),
         notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
     ) -> Result<ResolvedTissue, InputError> {

@@ -95,8 +95,8 @@ impl Finite {
     ///
     /// # Errors
     /// [`InvalidSetup`].
-    pub fn new(setup: Setup, progress: impl FnMut(usize, usize) + Send) -> Result<Finite, InvalidSetup> {
-        setup.build(None, progress)
+    pub fn new(setup: Setup, mut progress: impl FnMut(usize, usize) + Send) -> Result<Finite, InvalidSetup> {
+        setup.build(None, &mut progress)
     }
 
     /// Builds a model as [`Finite::new`] does, with remeshers from `maker`, here and at every change of level. If one of
@@ -107,9 +107,9 @@ impl Finite {
     pub fn with_maker(
         setup: Setup,
         maker: Maker,
-        progress: impl FnMut(usize, usize) + Send,
+        mut progress: impl FnMut(usize, usize) + Send,
     ) -> Result<Finite, InvalidSetup> {
-        setup.build(Some(maker), progress)
+        setup.build(Some(maker), &mut progress)
     }
 
     /// Returns the mesh at rest.

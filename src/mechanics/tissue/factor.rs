@@ -13,8 +13,7 @@ use faer::sparse::linalg::cholesky::{
     LltRef, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
 };
 use faer::sparse::{FaerError, SparseColMatRef};
-use faer::traits::RealField;
-use faer::{Conj, MatMut, Par, Side};
+use faer::{Conj, MatMut, MatRef, Par, Side};
 
 use super::assembly::Stiffness;
 use crate::tissue::error::LinearError;
@@ -93,12 +92,58 @@ pub struct Factor<R = f64> {
     scratch: Scratch,
 }
 
+/// Scalar of a [`Factor`]: `f32` or `f64`. Its functions are those of faer, compiled here and not in every crate that has a factor.
+pub trait Precision: Real + faer::traits::RealField {
+    #[doc(hidden)]
+    fn factor(
+        symbolic: &SymbolicCholesky<u32>,
+        lower: SparseColMatRef<'_, u32, Self>,
+        values: &mut [Self],
+        stack: &mut MemStack,
+    ) -> Result<(), LltError>;
+
+    #[doc(hidden)]
+    fn solve(symbolic: &SymbolicCholesky<u32>, values: &[Self], rhs: MatMut<'_, Self>, stack: &mut MemStack);
+}
+
+macro_rules! precision {
+    ($($scalar:ty),*) => {
+        $(impl Precision for $scalar {
+            fn factor(
+                symbolic: &SymbolicCholesky<u32>,
+                lower: SparseColMatRef<'_, u32, Self>,
+                values: &mut [Self],
+                stack: &mut MemStack,
+            ) -> Result<(), LltError> {
+                let (sequential, regularised, options) = (Par::Seq, Default::default(), Default::default());
+                symbolic
+                    .factorize_numeric_llt(values, lower, Side::Lower, regularised, sequential, stack, options)
+                    .map(drop)
+            }
+
+            fn solve(symbolic: &SymbolicCholesky<u32>, values: &[Self], rhs: MatMut<'_, Self>, stack: &mut MemStack) {
+                LltRef::new(symbolic, values).solve_in_place_with_conj(Conj::No, rhs, Par::Seq, stack);
+            }
+        })*
+    };
+}
+
+precision!(f32, f64);
+
+/// Pivots of the Cholesky factor of a dense symmetric matrix, of which the lower triangle is read; `None` if it is not positive
+/// definite.
+pub fn pivots(matrix: MatRef<'_, f64>) -> Option<Vec<f64>> {
+    let factor = matrix.llt(Side::Lower).ok()?;
+    let lower = factor.L();
+    Some((0..matrix.nrows()).map(|i| lower[(i, i)] * lower[(i, i)]).collect())
+}
+
 impl Factor {
     /// Analyses and factors a stiffness matrix.
     ///
     /// # Errors
     /// [`LinearError`] where the matrix is not positive definite or the factor does not fit into memory.
-    pub fn new(stiffness: &impl Symmetric) -> Result<Factor, LinearError> {
+    pub fn new(stiffness: &dyn Symmetric) -> Result<Factor, LinearError> {
         Factor::analyse(stiffness)
     }
 }
@@ -108,13 +153,13 @@ impl Factor<f32> {
     ///
     /// # Errors
     /// [`LinearError`] where the rounded matrix is not positive definite or the factor does not fit into memory.
-    pub fn single(stiffness: &impl Symmetric) -> Result<Factor<f32>, LinearError> {
+    pub fn single(stiffness: &dyn Symmetric) -> Result<Factor<f32>, LinearError> {
         Factor::analyse(stiffness)
     }
 }
 
-impl<R: Real + RealField> Factor<R> {
-    fn analyse(stiffness: &impl Symmetric) -> Result<Self, LinearError> {
+impl<R: Precision> Factor<R> {
+    fn analyse(stiffness: &dyn Symmetric) -> Result<Self, LinearError> {
         let size = stiffness.lower().ncols();
         let pattern = stiffness.lower().symbolic();
         let ordering = SymmetricOrdering::Amd;
@@ -137,7 +182,7 @@ impl<R: Real + RealField> Factor<R> {
     ///
     /// # Errors
     /// [`LinearError`]; the factor is then unchanged.
-    pub fn refactor(&mut self, stiffness: &impl Symmetric) -> Result<(), LinearError> {
+    pub fn refactor(&mut self, stiffness: &dyn Symmetric) -> Result<(), LinearError> {
         self.check_pattern(stiffness)?;
         let length = self.symbolic.len_val();
         let memory = LinearError::FactorMemory {
@@ -159,18 +204,9 @@ impl<R: Real + RealField> Factor<R> {
         let need = self
             .symbolic
             .factorize_numeric_llt_scratch::<R>(Par::Seq, Default::default());
-        let result = self.scratch.with(need, |stack| {
-            let numeric = self.symbolic.factorize_numeric_llt(
-                &mut self.spare,
-                lower,
-                Side::Lower,
-                Default::default(),
-                Par::Seq,
-                stack,
-                Default::default(),
-            );
-            numeric.map(drop)
-        });
+        let result = self
+            .scratch
+            .with(need, |stack| R::factor(&self.symbolic, lower, &mut self.spare, stack));
         match result {
             None => Err(memory),
             Some(Err(LltError::NonPositivePivot { index })) => Err(self.bad_pivot(stiffness, index)),
@@ -181,7 +217,7 @@ impl<R: Real + RealField> Factor<R> {
         }
     }
 
-    fn check_pattern(&self, stiffness: &impl Symmetric) -> Result<(), LinearError> {
+    fn check_pattern(&self, stiffness: &dyn Symmetric) -> Result<(), LinearError> {
         let lower = stiffness.lower();
         let (found, found_entries) = (lower.ncols(), lower.row_idx().len());
         let (expected, expected_entries) = (self.size(), self.entries);
@@ -197,7 +233,7 @@ impl<R: Real + RealField> Factor<R> {
     }
 
     /// Returns the error for a pivot of the permuted matrix, with its degree of freedom.
-    fn bad_pivot(&self, stiffness: &impl Symmetric, index: usize) -> LinearError {
+    fn bad_pivot(&self, stiffness: &dyn Symmetric, index: usize) -> LinearError {
         // faer counts columns from 1 in the simplicial factorisation, from 0 in the supernodal one.
         let column = match self.symbolic.raw() {
             SymbolicCholeskyRaw::Simplicial(_) => index.saturating_sub(1),
@@ -237,9 +273,8 @@ impl<R: Real + RealField> Factor<R> {
     pub fn solve_many_in_place(&self, rhs: MatMut<'_, R>) {
         assert_eq!(rhs.nrows(), self.size(), "one row a degree of freedom");
         let need = self.symbolic.solve_in_place_scratch::<R>(rhs.ncols(), Par::Seq);
-        let factor = LltRef::new(&*self.symbolic, &self.values);
         let done = self.scratch.with(need, |stack| {
-            factor.solve_in_place_with_conj(Conj::No, rhs, Par::Seq, stack);
+            R::solve(&self.symbolic, &self.values, rhs, stack);
         });
         assert!(done.is_some(), "no memory for a solve");
     }

@@ -31,7 +31,7 @@ const BLOCK: usize = 32;
 /// [`LinearError::Column`] when a solution is not finite.
 pub fn invert<T: Scalar>(
     factor: &Factor,
-    progress: impl FnMut(usize, usize) + Send,
+    progress: &mut (dyn FnMut(usize, usize) + Send),
 ) -> Result<Symmetric<T>, LinearError> {
     let size = factor.size();
     check_memory::<T>(size)?;

@@ -90,7 +90,7 @@ pub(super) fn within(
     sampler: &Sampler,
     nodes: usize,
     options: &GenerateOptions,
-    progress: &mut impl FnMut(f32),
+    progress: &mut dyn FnMut(f32),
 ) -> Result<Option<Generated>, GenerateError> {
     let limits = Limits::new(options.min_dihedral_deg);
     let path = Path::new(options, nodes, tissue);
@@ -134,7 +134,7 @@ fn refined(
     aim: usize,
     options: &GenerateOptions,
     path: &Path,
-    progress: &mut impl FnMut(f32),
+    progress: &mut dyn FnMut(f32),
 ) -> Result<Option<Draft>, GenerateError> {
     let limits = &Limits::new(options.min_dihedral_deg);
     let max_edge = options.max_edge_mm.unwrap_or(f64::INFINITY);
@@ -154,7 +154,7 @@ fn refined(
         if refinement.nodes() > target {
             refinement = start();
         }
-        let end = refinement.refine(target, tissue, sampler, |found| {
+        let end = refinement.refine(target, tissue, sampler, &mut |found| {
             progress(0.3 * found as f32 / target.max(1) as f32);
         });
         if sampler.is_spent() {

@@ -91,7 +91,7 @@ impl<'a> Refinement<'a> {
         target: usize,
         tissue: &Tissue,
         sampler: &Sampler,
-        mut progress: impl FnMut(usize),
+        progress: &mut dyn FnMut(usize),
     ) -> End {
         let mut changed = Vec::new();
         let room = SURROUNDINGS * target + LATTICE_ROOM;

@@ -4,6 +4,7 @@ use std::fmt;
 
 use super::{Match, Score, Side};
 use crate::realism::report::{named, small};
+use insonify_base::document::to_toml;
 use insonify_base::number::fixed;
 use insonify_base::output::OutputError;
 use insonify_base::table::{Cell, Table};
@@ -50,7 +51,7 @@ impl Match {
             written += &format!("# Note: {note}.\n");
         }
         // Serialising tables of numbers and names cannot fail.
-        written + "\n" + &toml::to_string(scene).unwrap_or_default()
+        written + "\n" + &to_toml(scene).unwrap_or_default()
     }
 
     /// Returns the match as one self-contained HTML document.

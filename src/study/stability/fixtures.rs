@@ -240,7 +240,7 @@ impl Start {
         };
         let (usual, own) = (problem(0.45)?, problem(poisson)?);
         let mesh = AdaptedMesh::new(&mesh, &own.materials.check(&mesh)?, &own.dofs())?;
-        let double: Symmetric<f64> = invert(&Factor::new(mesh.stiffness())?, |_, _| {})?;
+        let double: Symmetric<f64> = invert(&Factor::new(mesh.stiffness())?, &mut |_, _| {})?;
         let free: Vec<u32> = (0..mesh.nodes().len() as u32)
             .filter(|node| !mesh.dofs().of(*node).contains(&NONE))
             .collect();
@@ -307,7 +307,7 @@ impl Now {
         let stiffness = mesh.stiffness().at_nodes(mesh.nodes())?;
         let factor = Factor::new(&stiffness)?;
         Ok(Now {
-            inverse: invert(&factor, |_, _| {})?,
+            inverse: invert(&factor, &mut |_, _| {})?,
             condition: condition(&stiffness, &factor),
         })
     }

@@ -186,7 +186,7 @@ fn one(
     const INVERSE: f64 = 0.2;
     const GOLD: f64 = 0.1;
     let begun = Instant::now();
-    let double = invert::<f64>(&subject.factor, |done, of| {
+    let double = invert::<f64>(&subject.factor, &mut |done, of| {
         progress("the dense inverse", INVERSE * done as f64 / of as f64);
     })?;
     let double = Arc::new(double);

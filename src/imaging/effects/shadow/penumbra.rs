@@ -12,7 +12,7 @@ use crate::effects::pass::View;
 use crate::synth::store::Store;
 use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::real::Real;
-use insonify_base::simd::{Kernel, vectorised};
+use insonify_base::simd::Kernel;
 use insonify_tracking::probe::BeamGrid;
 
 /// Loss above which a tissue is opaque, dB per mm: above that of soft tissue and below that of bone, gas and lung.
@@ -53,7 +53,7 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
             chunks(&store.label, samples),
         ),
         &|(line, amplitudes, labels)| {
-            vectorised(Scanline {
+            T::vectorised(Scanline {
                 kernel,
                 through,
                 place: [line, lines],

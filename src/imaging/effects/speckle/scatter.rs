@@ -8,7 +8,7 @@ use crate::synth::store::Store;
 use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::random::seed_words;
 use insonify_base::real::Real;
-use insonify_base::simd::{Kernel, map, vectorised};
+use insonify_base::simd::{Kernel, map};
 use insonify_mesh::NONE;
 use insonify_mesh::element::Carry;
 
@@ -46,7 +46,7 @@ pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
             );
             let amplitudes = &amplitudes[nearest * samples..][..samples];
             let deformed = deformed.map(|(carries, elements)| (carries, &elements[nearest * samples..][..samples]));
-            vectorised(FineScanline {
+            T::vectorised(FineScanline {
                 lattice: &lattice,
                 between: [a, b],
                 part,

@@ -5,7 +5,7 @@ use crate::effects::pass::View;
 use crate::synth::store::Store;
 use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::real::Real;
-use insonify_base::simd::{Kernel, vectorised};
+use insonify_base::simd::Kernel;
 
 pub(super) fn axial<T: Real>(view: &View, store: &mut Store<T>) {
     let Some(own) = &view.tables.effects.speckle else {
@@ -17,7 +17,7 @@ pub(super) fn axial<T: Real>(view: &View, store: &mut Store<T>) {
     for_each(
         (0.., chunks_mut(&mut store.effects.speckle.scatter_axial, samples)),
         &|(part, output)| {
-            vectorised(Along {
+            T::vectorised(Along {
                 input: &input[part * samples..][..samples],
                 weights,
                 ends,
@@ -78,7 +78,7 @@ pub(super) fn lateral<T: Real>(view: &View, store: &mut Store<T>) {
     for_each(
         (0.., chunks_mut(&mut store.amplitude[..lines * samples], samples)),
         &|(line, output)| {
-            vectorised(Envelope {
+            T::vectorised(Envelope {
                 input,
                 place: [line * own.oversampling, fine_lines],
                 kernel: &own.lateral,

@@ -20,7 +20,7 @@ use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 use insonify_base::parallel::for_each;
 use insonify_base::real::Real;
-use insonify_base::simd::{Kernel, vectorised};
+use insonify_base::simd::Kernel;
 
 /// Number of bands of depth.
 pub const BANDS: usize = 16;
@@ -82,7 +82,7 @@ pub fn gains<T: Real>(own: &AutoGain, gain: &[T], amplitude: &[T]) -> [T; BANDS]
         let range = range(band, samples);
         let count = (amplitude.len() / samples * range.len()) as f64;
         let prior = T::of(PRIOR) * T::of(count + 1.0);
-        let [weight, value] = vectorised(Sums {
+        let [weight, value] = T::vectorised(Sums {
             amplitude,
             gain,
             range,

@@ -124,7 +124,7 @@ impl Setup {
     pub(super) fn build(
         self,
         maker: Option<Maker>,
-        progress: impl FnMut(usize, usize) + Send,
+        progress: &mut (dyn FnMut(usize, usize) + Send),
     ) -> Result<Finite, InvalidSetup> {
         self.check()?;
         let dofs = Dofs::new(self.mesh.nodes().len(), self.fixed.iter().copied());
@@ -175,7 +175,7 @@ pub(super) struct Base {
 
 impl Base {
     /// Computes the dense inverse.
-    fn invert(&mut self, progress: impl FnMut(usize, usize) + Send) -> Result<(), LinearError> {
+    fn invert(&mut self, progress: &mut (dyn FnMut(usize, usize) + Send)) -> Result<(), LinearError> {
         self.dense = Some(match self.precision {
             Precision::Double => Source::Double(Arc::new(invert(&self.factor, progress)?)),
             Precision::Single => Source::Single(Arc::new(invert(&self.factor, progress)?)),
@@ -188,7 +188,7 @@ impl Base {
         if level == Level::Exact || self.dense.is_some() {
             return Ok(());
         }
-        self.invert(|_, _| {})
+        self.invert(&mut |_, _| {})
     }
 
     /// Returns the source of compliance for a level and its precision: the dense inverse, except for the exact level where

@@ -13,7 +13,7 @@ fn kept(columns: &Columns) -> Vec<usize> {
 #[test]
 fn columns_and_entries_are_those_of_the_dense_inverse() {
     let block = Block::new(300, 0.45);
-    let mut dense: Symmetric<f64> = invert(&block.factor, |_, _| ()).expect("an inverse");
+    let mut dense: Symmetric<f64> = invert(&block.factor, &mut |_, _| ()).expect("an inverse");
     let mut columns = Columns::new(block.factor.clone(), 50);
     let size = columns.size();
     let mut expected = vec![0.0; size];

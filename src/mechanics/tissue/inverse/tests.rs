@@ -17,7 +17,7 @@ fn dense(stiffness: &Stiffness) -> DMatrix<f64> {
 }
 
 fn inverted<T: Scalar>(block: &Block) -> Symmetric<T> {
-    invert(&block.factor, |_, _| ()).expect("an inverse")
+    invert(&block.factor, &mut |_, _| ()).expect("an inverse")
 }
 
 /// Bounds |K x - e| for x by Cholesky: gamma_{3n+1} | |L| |L^T| | |x| in 2-norms, where the factor's norm is at most
@@ -105,7 +105,7 @@ fn progress_ascends_to_the_end() {
     let block = Block::new(600, 0.45);
     let mut seen = Vec::new();
     on_threads(3, || {
-        invert::<f32>(&block.factor, |done, total| seen.push((done, total)))
+        invert::<f32>(&block.factor, &mut |done, total| seen.push((done, total)))
     })
     .expect("an inverse");
     let size = block.dofs.free();

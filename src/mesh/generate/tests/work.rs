@@ -11,7 +11,13 @@ const PER_NODE: u64 = 3_000_000;
 /// Returns result and work.
 fn counted(volume: &Volume, nodes: usize) -> (Result<Generated, GenerateError>, u64) {
     let sampler = Sampler::new();
-    let found = generate_with(&sampler, &volume.grid(), nodes, &GenerateOptions::default(), |_| {});
+    let found = generate_with(
+        &sampler,
+        &volume.grid(),
+        nodes,
+        &GenerateOptions::default(),
+        &mut |_| {},
+    );
     (found, sampler.work())
 }
 

@@ -269,7 +269,7 @@ pub(super) fn contrast(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 asymmetry_of_columns(&factor),
                 limit,
             );
-            let inverse: Symmetric<f64> = invert(&factor, |_, _| {})?;
+            let inverse: Symmetric<f64> = invert(&factor, &mut |_, _| {})?;
             let apart = |i: usize| (0..i).filter(move |j| i.is_multiple_of(7) && j.is_multiple_of(5));
             let pairs = (0..inverse.size()).flat_map(|i| apart(i).map(move |j| (i, j)));
             let differences = pairs.map(|(i, j)| inverse.get(i, j) - inverse.get(j, i));

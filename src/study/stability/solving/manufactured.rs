@@ -335,7 +335,7 @@ fn on_threads(problem: &Problem, threads: usize) -> Result<(Vec<u64>, Symmetric<
     pool.install(|| {
         let solution = problem.solve()?;
         let bits = solution.displacement_mm.as_flattened().iter().map(|u| u.to_bits());
-        let inverse: Symmetric<f64> = invert(&Factor::new(&problem.stiffness()?)?, |_, _| {})?;
+        let inverse: Symmetric<f64> = invert(&Factor::new(&problem.stiffness()?)?, &mut |_, _| {})?;
         let y = Mat::from_fn(inverse.size(), 48, |i, j| inverse.get(i, j));
         let c = Mat::from_fn(48, 48, |i, j| if i == j { 0.01 } else { 0.0 });
         let mut updated = inverse.clone();

@@ -90,7 +90,7 @@ fn a_round_mesh_is_held_well_and_followed() {
 fn an_exact_level_refuses_a_base_that_is_barely_held() {
     let rod = TetMesh::over_box([0.0; 3], [30.0, 30.0, 1600.0], 1000).unwrap();
     let subject = Subject::new(&rod, &options()).unwrap();
-    let double = Arc::new(invert::<f64>(&subject.factor, |_, _| {}).unwrap());
+    let double = Arc::new(invert::<f64>(&subject.factor, &mut |_, _| {}).unwrap());
     let sources = Sources {
         single: Source::Single(Arc::new(double.cast())),
         double: Source::Double(double),
@@ -148,7 +148,7 @@ fn a_level_that_is_wrong_is_flagged_by_its_error() {
     let options = options();
     let subject = Subject::new(&small(), &options).unwrap();
     let truth = Truth::new(&subject, &options).unwrap();
-    let double = Arc::new(invert::<f64>(&subject.factor, |_, _| {}).unwrap());
+    let double = Arc::new(invert::<f64>(&subject.factor, &mut |_, _| {}).unwrap());
     let sources = Sources {
         single: Source::Single(Arc::new(double.cast())),
         double: Source::Double(double),
@@ -232,7 +232,7 @@ fn offset(off: f64) -> Result<Study, StudyError> {
     let subjects = [Subject::new(&small(), &options)?];
     let subject = &subjects[0];
     let truth = Truth::new(subject, &options)?;
-    let double = Arc::new(invert::<f64>(&subject.factor, |_, _| {})?);
+    let double = Arc::new(invert::<f64>(&subject.factor, &mut |_, _| {})?);
     let sources = Sources {
         single: Source::Single(Arc::new(double.cast())),
         double: Source::Double(double),
