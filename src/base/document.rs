@@ -4,6 +4,7 @@ mod fault;
 mod region;
 mod renamed;
 mod suggest;
+mod typed;
 
 pub use fault::{Excerpt, InputError};
 pub use region::{Names, NoRegion, RegionName, plain};
@@ -24,6 +25,7 @@ use toml::de::{DeTable, DeValue};
 use crate::cause::Cause;
 use crate::read;
 use renamed::now;
+use typed::Mismatch;
 
 /// Error in the text of a file, its keys or its numbers.
 #[derive(Debug, thiserror::Error)]
@@ -185,9 +187,9 @@ pub fn read(path: &Path) -> Result<String, InputError> {
 /// Parses a text and keeps it for errors that point into it; `name` is the file name shown in them.
 pub fn parse<T: DeserializeOwned + JsonSchema>(text: &str, name: &str) -> Result<(T, Arc<Source>), InputError> {
     let source = Arc::new(Source::new(name, text));
-    match toml::Deserializer::parse(text).and_then(T::deserialize) {
+    match typed::read(text) {
         Ok(parsed) => Ok((parsed, source)),
-        Err(error) => Err(unreadable::<T>(&source, &error)),
+        Err(error) => Err(unreadable::<T>(&source, error)),
     }
 }
 
@@ -207,15 +209,14 @@ fn long_key(text: &str) -> Option<std::ops::Range<usize>> {
     None
 }
 
-fn unreadable<T: JsonSchema>(source: &Arc<Source>, error: &toml::de::Error) -> InputError {
-    let message = error.message();
-    let span = error.span().filter(|span| !span.is_empty() || span.start > 0);
+fn unreadable<T: JsonSchema>(source: &Arc<Source>, Mismatch { message, span }: Mismatch) -> InputError {
+    let span = span.filter(|span| !span.is_empty() || span.start > 0);
     if message == "recursion limit" {
         let problem = InvalidFile::Syntax(format!("a key of more than {MAX_PARTS} parts"));
         return InputError::new(problem).in_text(source, long_key(&source.text));
     }
-    let Some((key, known)) = suggest::unknown_field(message) else {
-        let help = suggest::unknown_variant(message);
+    let Some((key, known)) = suggest::unknown_field(&message) else {
+        let help = suggest::unknown_variant(&message);
         return InputError::new(InvalidFile::Syntax(
             without_rust(message.trim_end()).replace('\n', "; "),
         ))

@@ -2,20 +2,12 @@
 
 use super::{AdapterChoice, Gpu, GpuError, Needs};
 
-/// Environment variable that turns the skip into a failure.
-const REQUIRE_VARIABLE: &str = "INSONIFY_REQUIRE_GPU";
-
 /// Opens a device, or returns `None` after reporting that the test is skipped.
 pub(crate) fn open() -> Option<Gpu> {
     match Gpu::open(&AdapterChoice::from_flag(None), &Needs::default()) {
         Ok(gpu) => Some(gpu),
         Err(GpuError::NoAdapter) => {
-            let required = std::env::var(REQUIRE_VARIABLE).is_ok_and(|value| value == "1");
-            assert!(!required, "{REQUIRE_VARIABLE}=1, and there is no GPU adapter");
-            println!(
-                "SKIPPED: no GPU adapter for {}",
-                std::thread::current().name().unwrap_or("a test")
-            );
+            insonify_testing::gpu::absent();
             None
         }
         Err(error) => panic!("{error}"),

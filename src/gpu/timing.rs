@@ -135,8 +135,7 @@ mod tests {
         let Some(gpu) = testing::open() else { return };
         let Some(mut timer) = Timer::new(&gpu, &["short", "long"]).unwrap() else {
             assert!(!gpu.report().timestamps);
-            println!("SKIPPED: the adapter does not support timestamps");
-            return;
+            return insonify_testing::skip("the adapter does not support timestamps");
         };
         let mut whole = Timer::new(&gpu, &["whole"]).unwrap().unwrap();
         let out = StorageBuffer::zeroed(&gpu, "out", 4 * 4096).unwrap();

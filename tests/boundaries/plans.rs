@@ -1,8 +1,11 @@
 //! Only what a scene calls for is there: passes, resources, pipelines, memory.
 
-use insonify_imaging::effects::Effects;
+use std::collections::BTreeSet;
+
 use insonify_imaging::effects::buffers::{IMAGE, PIXELS, SCAN_MAP};
+use insonify_imaging::effects::pass::Pass;
 use insonify_imaging::effects::shadow::Shadow;
+use insonify_imaging::effects::{Effects, REGISTRY};
 use insonify_imaging::plan::Plan;
 use insonify_imaging::synth::layers::Layer;
 use insonify_imaging::synth::tables::{Anatomy, Settings, Tables};
@@ -13,32 +16,16 @@ use crate::support::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};
 use crate::support::gpu::{backend, gpu_or_skip};
 use crate::support::scene;
 
-/// A scene, and what its plan must hold beyond the passes that every frame needs.
+/// A scene, and the passes that its plan must hold beyond those that every frame needs.
 pub(super) struct Scene {
     pub name: &'static str,
     pub anatomy: Anatomy,
     pub settings: Settings,
     passes: &'static [&'static str],
-    resources: &'static [&'static str],
 }
 
 /// Every frame: where its samples lie, their labels, grey levels, pixels, bytes.
 const ALWAYS: &[&str] = &["geometry", "slice", "tone", "scan_conversion", "quantise"];
-
-const ALWAYS_BOUND: &[&str] = &[
-    "Rays",
-    "Position",
-    "Voxels",
-    "LabelRows",
-    "Label",
-    "Amplitude",
-    "Gain",
-    "ScanMap",
-    "Image",
-    "Pixels",
-];
-
-const SPECKLE: &[&str] = &["Scatter", "ScatterAxial", "AxialKernel", "LateralKernel"];
 
 fn lossy() -> Acoustics {
     Acoustics {
@@ -59,13 +46,7 @@ fn box_of(tissue: Acoustics) -> Anatomy {
     anatomy::of(Frame::around([0.0, 20.0, 0.0], [20; 3], 2.0), &[SILENT, tissue], |_| 1)
 }
 
-fn scene(
-    name: &'static str,
-    anatomy: Anatomy,
-    edit: impl Fn(&mut Settings),
-    passes: &'static [&'static str],
-    resources: &'static [&'static str],
-) -> Scene {
+fn scene(name: &'static str, anatomy: Anatomy, edit: impl Fn(&mut Settings), passes: &'static [&'static str]) -> Scene {
     let mut settings = scene::settings(scene::small_probe(), scene::bare());
     edit(&mut settings);
     Scene {
@@ -73,7 +54,6 @@ fn scene(
         anatomy,
         settings,
         passes,
-        resources,
     }
 }
 
@@ -112,55 +92,29 @@ pub(super) fn everything() -> Scene {
             "tone_auto_gain",
             "noise",
         ],
-        &[
-            "Gaps",
-            "Element",
-            "ElementMaps",
-            "Hits",
-            "TextureEntries",
-            "TextureAtlas",
-            "Specular",
-            "Scatter",
-            "ScatterAxial",
-            "AxialKernel",
-            "LateralKernel",
-            "Needle",
-            "NeedleMask",
-            "Loss",
-            "ApertureShifts",
-            "Through",
-            "BlurKernel",
-            "PenumbraKernel",
-            "AmplitudeNext",
-            "Clutter",
-            "AutoGain",
-        ],
     )
 }
 
 pub(super) fn scenes() -> Vec<Scene> {
     let mesh = [[-12.0, 2.0, -12.0], [12.0, 36.0, 12.0]];
     vec![
-        scene("nothing named", box_of(lossy()), |_| {}, &[], &[]),
+        scene("nothing named", box_of(lossy()), |_| {}, &[]),
         scene(
             "only speckle",
             box_of(lossy()),
             |s| s.effects.speckle = Some(Default::default()),
             &["speckle_scatter", "speckle_axial", "speckle_lateral"],
-            SPECKLE,
         ),
         scene(
             "a needle without a needle effect",
             box_of(lossy()),
             |s| s.has_needle = true,
             &[],
-            &[],
         ),
         scene(
             "a needle effect without a needle",
             box_of(lossy()),
             |s| s.effects.needle = Some(Default::default()),
-            &[],
             &[],
         ),
         scene(
@@ -171,13 +125,11 @@ pub(super) fn scenes() -> Vec<Scene> {
                 s.has_needle = true;
             },
             &["needle"],
-            &["Needle", "NeedleMask"],
         ),
         scene(
             "shadow without an attenuating tissue",
             box_of(lossless()),
             |s| s.effects.shadow = Some(Default::default()),
-            &[],
             &[],
         ),
         scene(
@@ -185,7 +137,6 @@ pub(super) fn scenes() -> Vec<Scene> {
             box_of(lossy()),
             |s| s.effects.shadow = Some(Default::default()),
             &["shadow_loss", "shadow"],
-            &["Loss", "AmplitudeNext", "PenumbraKernel"],
         ),
         scene(
             "shadow of bone",
@@ -201,14 +152,6 @@ pub(super) fn scenes() -> Vec<Scene> {
                 "shadow",
                 "shadow_reflectors",
                 "shadow_reverberation",
-            ],
-            &[
-                "Loss",
-                "AmplitudeNext",
-                "PenumbraKernel",
-                "ApertureShifts",
-                "Through",
-                "Reflectors",
             ],
         ),
         scene(
@@ -226,13 +169,11 @@ pub(super) fn scenes() -> Vec<Scene> {
                 });
             },
             &["shadow_loss", "shadow", "shadow_reflectors", "shadow_mirror"],
-            &["Loss", "AmplitudeNext", "PenumbraKernel", "Reflectors"],
         ),
         scene(
             "refraction in one tissue",
             box_of(lossy()),
             |s| s.effects.refraction = Some(Default::default()),
-            &[],
             &[],
         ),
         scene(
@@ -251,7 +192,6 @@ pub(super) fn scenes() -> Vec<Scene> {
             ),
             |s| s.effects.refraction = Some(Default::default()),
             &["refraction_phase", "refraction"],
-            &["Phases"],
         ),
         scene(
             "ground truth",
@@ -277,21 +217,11 @@ pub(super) fn scenes() -> Vec<Scene> {
                 "truth_needle",
                 "truth_loss",
             ],
-            &[
-                "Needle",
-                "NeedleMask",
-                "Loss",
-                "PenumbraKernel",
-                "AmplitudeNext",
-                "Layers",
-                "LabelValues",
-            ],
         ),
         scene(
             "ground truth that needs no pass",
             box_of(lossy()),
             |s| s.layers = vec![Layer::Sector, Layer::Needle, Layer::Loss],
-            &[],
             &[],
         ),
         scene(
@@ -303,15 +233,6 @@ pub(super) fn scenes() -> Vec<Scene> {
                 s.has_needle = true;
             },
             &["needle", "shadow_loss", "shadow_rays", "shadow_aperture", "shadow"],
-            &[
-                "Needle",
-                "NeedleMask",
-                "Loss",
-                "AmplitudeNext",
-                "PenumbraKernel",
-                "ApertureShifts",
-                "Through",
-            ],
         ),
         scene(
             "shadow switched off in all its parts",
@@ -325,13 +246,11 @@ pub(super) fn scenes() -> Vec<Scene> {
                 });
             },
             &[],
-            &[],
         ),
         scene(
             "textures of tissues without any",
             box_of(PLAIN),
             |s| s.effects.texture = Some(Default::default()),
-            &[],
             &[],
         ),
         scene(
@@ -339,21 +258,18 @@ pub(super) fn scenes() -> Vec<Scene> {
             box_of(lossy()),
             |s| s.effects.texture = Some(Default::default()),
             &["texture"],
-            &["TextureEntries", "TextureAtlas"],
         ),
         scene(
             "a deforming mesh",
             anatomy::with_mesh(box_of(lossy()), mesh, 60),
             |_| {},
             &["warp_raster", "warp"],
-            &["Element", "ElementMaps", "Hits"],
         ),
         scene(
             "blur",
             box_of(lossy()),
             |s| s.effects.blur = Some(Default::default()),
             &["blur"],
-            &["BlurKernel", "AmplitudeNext"],
         ),
         scene(
             "blur of one scanline",
@@ -363,14 +279,12 @@ pub(super) fn scenes() -> Vec<Scene> {
                 s.probe.lines = 1;
             },
             &[],
-            &[],
         ),
         scene(
             "interfaces",
             box_of(lossy()),
             |s| s.effects.interface = Some(Default::default()),
             &["interface"],
-            &[],
         ),
         scene(
             "interfaces in speckle",
@@ -386,41 +300,35 @@ pub(super) fn scenes() -> Vec<Scene> {
                 "speckle_axial",
                 "speckle_lateral",
             ],
-            &["Specular", "Scatter", "ScatterAxial", "AxialKernel", "LateralKernel"],
         ),
         scene(
             "thickness",
             box_of(lossy()),
             |s| s.effects.thickness = Some(Default::default()),
             &["thickness"],
-            &[],
         ),
         scene(
             "contact",
             box_of(lossy()),
             |s| s.effects.contact = Some(Default::default()),
             &["contact"],
-            &["Gaps"],
         ),
         scene(
             "noise",
             box_of(lossy()),
             |s| s.effects.noise = Some(Default::default()),
             &["noise"],
-            &[],
         ),
         scene(
             "receiver",
             box_of(lossy()),
             |s| s.effects.receiver = Some(Default::default()),
             &["receiver"],
-            &["Clutter"],
         ),
         scene(
             "tone",
             box_of(lossy()),
             |s| s.effects.tone = Some(insonify_imaging::effects::tone::Tone::linear()),
-            &[],
             &[],
         ),
         scene(
@@ -428,62 +336,28 @@ pub(super) fn scenes() -> Vec<Scene> {
             box_of(lossy()),
             |s| s.effects.tone = Some(Default::default()),
             &["tone_auto_gain"],
-            &["AutoGain"],
         ),
         everything(),
     ]
 }
 
-/// Names in the order of the registry, which is that of a frame.
-fn expected_passes(scene: &Scene) -> Vec<&'static str> {
-    const ORDER: [&str; 36] = [
-        "geometry",
-        "contact",
-        "warp_raster",
-        "warp",
-        "slice",
-        "texture",
-        "thickness",
-        "interface",
-        "needle",
-        "speckle_scatter",
-        "speckle_specular",
-        "speckle_axial",
-        "speckle_lateral",
-        "shadow_loss",
-        "shadow_rays",
-        "shadow_aperture",
-        "shadow",
-        "shadow_reflectors",
-        "shadow_mirror",
-        "shadow_reverberation",
-        "refraction_phase",
-        "refraction",
-        "blur",
-        "receiver",
-        "tone_auto_gain",
-        "tone",
-        "scan_conversion",
-        "noise",
-        "quantise",
-        "truth_label_value",
-        "truth_label_index",
-        "truth_beyond",
-        "truth_displacement",
-        "truth_depth",
-        "truth_needle",
-        "truth_loss",
-    ];
-    ORDER
-        .into_iter()
-        .filter(|name| ALWAYS.contains(name) || scene.passes.contains(name))
-        .collect()
+/// Passes called for, in the order of the registry, which is that of a frame.
+fn expected_passes(scene: &Scene) -> Vec<&'static Pass> {
+    let tables = tables(scene);
+    let all = REGISTRY.iter().flat_map(|effect| (effect.passes)(&tables));
+    let is_expected = |pass: &&Pass| ALWAYS.contains(&pass.name) || scene.passes.contains(&pass.name);
+    let expected: Vec<_> = all.filter(is_expected).collect();
+    assert_eq!(
+        expected.len(),
+        ALWAYS.len() + scene.passes.len(),
+        "{}: names of passes",
+        scene.name
+    );
+    expected
 }
 
-fn expected_resources(scene: &Scene) -> Vec<&'static str> {
-    let mut resources = [ALWAYS_BOUND, scene.resources].concat();
-    resources.sort_unstable();
-    resources
+fn names(passes: &[&'static Pass]) -> Vec<&'static str> {
+    passes.iter().map(|pass| pass.name).collect()
 }
 
 #[test]
@@ -491,18 +365,21 @@ fn plans_list_the_passes_called_for_and_no_other() {
     for scene in scenes() {
         let plan = Plan::new(&tables(&scene));
         let found: Vec<&str> = plan.passes.iter().map(|planned| planned.pass.name).collect();
-        assert_eq!(found, expected_passes(&scene), "{}", scene.name);
-        let mut resources: Vec<&str> = plan.resources.iter().map(|planned| planned.resource.name).collect();
-        resources.sort_unstable();
-        assert_eq!(resources, expected_resources(&scene), "{}", scene.name);
-        // Every effect either runs or is left out, and says why.
-        let effects: std::collections::BTreeSet<&str> = plan.passes.iter().map(|planned| planned.effect).collect();
+        let expected = expected_passes(&scene);
+        assert_eq!(found, names(&expected), "{}", scene.name);
+        // What those passes bind, once each, and nothing else.
+        let resources: BTreeSet<&str> = plan.resources.iter().map(|planned| planned.resource.name).collect();
+        let bound = expected.iter().flat_map(|pass| pass.bindings);
         assert_eq!(
-            effects.len() + plan.without.len(),
-            insonify_imaging::effects::REGISTRY.len(),
+            resources,
+            bound.map(|(buffer, _)| buffer.name).collect(),
             "{}",
             scene.name
         );
+        assert_eq!(resources.len(), plan.resources.len(), "{}", scene.name);
+        // Every effect either runs or is left out, and says why.
+        let effects: BTreeSet<&str> = plan.passes.iter().map(|planned| planned.effect).collect();
+        assert_eq!(effects.len() + plan.without.len(), REGISTRY.len(), "{}", scene.name);
         for omitted in &plan.without {
             assert!(!effects.contains(omitted.name), "{}: {}", scene.name, omitted.name);
             assert!(!omitted.reason.is_empty());
@@ -536,7 +413,7 @@ fn reports_add_up() {
 
 #[test]
 fn pipelines_and_buffers_are_those_of_the_plan() {
-    let Some(gpu) = gpu_or_skip("pipelines of plans") else {
+    let Some(gpu) = gpu_or_skip() else {
         return;
     };
     for scene in scenes() {
@@ -544,7 +421,7 @@ fn pipelines_and_buffers_are_those_of_the_plan() {
             .expect("a synthesizer");
         let mut found = synthesizer.pipelines();
         found.sort_unstable();
-        let mut expected = expected_passes(&scene);
+        let mut expected = names(&expected_passes(&scene));
         expected.sort_unstable();
         assert_eq!(found, expected, "{}", scene.name);
         assert_eq!(synthesizer.memory_bytes(), synthesizer.plan().bytes(), "{}", scene.name);
@@ -553,7 +430,7 @@ fn pipelines_and_buffers_are_those_of_the_plan() {
 
 #[test]
 fn effects_taken_away_take_their_pipelines_and_memory_along() {
-    let gpu = gpu_or_skip("effects taken away");
+    let gpu = gpu_or_skip();
     let all = everything();
     for make in [Backend::Cpu, Backend::CpuF64].into_iter().chain(gpu.map(backend)) {
         let mut synthesizer = Synthesizer::new(all.anatomy.clone(), all.settings.clone(), make).expect("a synthesizer");

@@ -2,11 +2,12 @@
 
 use crate::support::{Bench, Run, SCENE, grey};
 use insonify_testing::gpu::gpu_or_skip;
+use insonify_testing::skip;
 
 #[test]
 fn a_gpu_is_named_and_shows_the_same_picture() {
     let bench = Bench::new();
-    let Some(gpu) = gpu_or_skip("a_gpu_is_named_and_shows_the_same_picture") else {
+    let Some(gpu) = gpu_or_skip() else {
         return;
     };
     let report = bench.run("render scene.toml --backend gpu --json -o gpu.png").json();
@@ -24,13 +25,14 @@ fn a_gpu_is_named_and_shows_the_same_picture() {
 #[test]
 fn a_scene_over_the_limits_names_the_limit() {
     let bench = Bench::new();
-    let Some(gpu) = gpu_or_skip("a_scene_over_the_limits_names_the_limit") else {
+    let Some(gpu) = gpu_or_skip() else {
         return;
     };
     let limit = gpu.report().limits.max_storage_buffer_binding_size;
     if limit >= 1 << 31 {
-        println!("SKIPPED: no scene of a test exceeds the {limit} bytes of this adapter's bindings");
-        return;
+        return skip(&format!(
+            "no scene of a test exceeds the {limit} bytes of this adapter's bindings"
+        ));
     }
     let lines = limit / (16_384 * 16) + 1;
     let large = SCENE
@@ -57,11 +59,10 @@ fn a_scene_over_the_limits_names_the_limit() {
 #[test]
 fn software_renders_only_where_it_is_named() {
     let bench = Bench::new();
-    let test = "software_renders_only_where_it_is_named";
-    let Some(gpu) = gpu_or_skip(test).filter(|gpu| gpu.report().software) else {
-        println!("SKIPPED: {test}: no adapter, or hardware");
-        return;
-    };
+    let Some(gpu) = gpu_or_skip() else { return };
+    if !gpu.report().software {
+        return skip("the adapter is hardware");
+    }
     let name = &gpu.report().name;
     for command in ["render scene.toml", "doctor", "bench scene.toml --frames 1"] {
         let run = bench.run(command);
@@ -85,7 +86,7 @@ fn software_renders_only_where_it_is_named() {
 #[test]
 fn a_wrong_name_in_the_environment_is_told_with_the_variable() {
     let bench = Bench::new();
-    if gpu_or_skip("a_wrong_name_in_the_environment_is_told_with_the_variable").is_none() {
+    if gpu_or_skip().is_none() {
         return;
     }
     let run = |arguments: &str| {

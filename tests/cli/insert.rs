@@ -358,7 +358,7 @@ fn remeshing_works_on_a_gpu_and_changes_its_level_on_the_way() {
     bench
         .run_without_gpu("insert gpu.toml -o out -q")
         .fails(1, &["gpu.toml", "line 22", "no GPU adapter"]);
-    let Some(gpu) = gpu_or_skip("remeshing_works_on_a_gpu_and_changes_its_level_on_the_way") else {
+    let Some(gpu) = gpu_or_skip() else {
         return;
     };
     bench

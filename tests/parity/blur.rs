@@ -18,5 +18,5 @@ fn narrow_and_wide_blurs_on_every_probe_shape() {
             cases.push(random(format!("{name}, {width_mm} mm"), settings));
         }
     }
-    check_all("blur", &cases);
+    check_all(&cases);
 }

@@ -16,8 +16,8 @@ pub(super) fn random(name: impl Into<String>, settings: Settings) -> Case {
 }
 
 /// Compares the twins with the reference after every pass and at the pixels, for each of the cases.
-pub(super) fn check_all(test: &str, cases: &[Case]) {
-    let gpus: Vec<_> = gpu_or_skip(test).into_iter().collect();
+pub(super) fn check_all(cases: &[Case]) {
+    let gpus: Vec<_> = gpu_or_skip().into_iter().collect();
     for case in cases {
         let verdicts = check(case, &gpus).unwrap_or_else(|error| panic!("{}: {error}", case.name));
         assert_eq!(verdicts.len(), 1 + gpus.len(), "{}: a verdict a backend", case.name);

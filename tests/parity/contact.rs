@@ -25,5 +25,5 @@ fn every_probe_shape_pressed_to_random_tissue() {
         };
         cases.push(Case::new(name, anatomy, settings, state));
     }
-    check_all("contact", &cases);
+    check_all(&cases);
 }

@@ -35,7 +35,7 @@ fn all_effects_on_every_probe_shape() {
             state,
         ));
     }
-    check_all("frames", &cases);
+    check_all(&cases);
 }
 
 #[test]
@@ -44,7 +44,7 @@ fn all_effects_on_deforming_tissue_with_a_bent_needle() {
     let mut settings = scene::settings(scene::small_probe(), scenes::all_effects());
     settings.has_needle = true;
     let state = scenes::with_needle(state);
-    check_all("deforming frames", &[Case::new("pressed", anatomy, settings, state)]);
+    check_all(&[Case::new("pressed", anatomy, settings, state)]);
 }
 
 /// What a host reads through a texture of its own.
@@ -74,7 +74,7 @@ fn seen(gpu: &Gpu, texture: &wgpu::Texture) -> Vec<u8> {
 
 #[test]
 fn the_hosts_texture_shows_new_frames_after_a_change_of_settings() {
-    let Some(gpu) = gpu_or_skip("the_hosts_texture_shows_new_frames_after_a_change_of_settings") else {
+    let Some(gpu) = gpu_or_skip() else {
         return;
     };
     let settings = scene::settings(scene::small_probe(), scenes::all_effects());
@@ -120,7 +120,7 @@ fn realistic_frames_differ_by_one_grey_level_at_most() {
         .expect("a frame")
         .pixels
         .clone();
-    let gpus: Vec<_> = gpu_or_skip("realistic frames").into_iter().collect();
+    let gpus: Vec<_> = gpu_or_skip().into_iter().collect();
     let twins = case.twins(&gpus).expect("backends").into_iter();
     let frames = twins.map(|mut twin| twin.render(&case.state).expect("a frame").pixels.clone());
     let lossy = check_lossy(&case, &BIASES).expect("verdicts").into_iter();
@@ -140,7 +140,7 @@ fn realistic_frames_differ_by_one_grey_level_at_most() {
 #[test]
 fn an_image_larger_than_one_binding_is_cut_into_bands() {
     // 4,200 x 4,200 pixels: the scan map takes 141 MB, a binding holds 134 MB.
-    let Some(gpu) = gpu_without_features("an image of several bands") else {
+    let Some(gpu) = gpu_without_features() else {
         return;
     };
     let probe = scene::probe(SHAPES[2].1, 40.0, 8, 16);

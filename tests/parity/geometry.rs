@@ -13,7 +13,7 @@ fn every_probe_shape() {
             random(name, scene::settings(probe, scene::bare()))
         })
         .collect();
-    check_all("geometry of every probe shape", &cases);
+    check_all(&cases);
 }
 
 #[test]
@@ -30,15 +30,12 @@ fn one_line_one_sample_one_pixel() {
             }
         }
     }
-    check_all("degenerate grids", &cases);
+    check_all(&cases);
 }
 
 #[test]
 fn far_from_the_origin_of_the_world() {
     let (anatomy, state) = scenes::far_away();
     let settings = scene::settings(scene::small_probe(), scenes::all_effects());
-    check_all(
-        "a volume 900 mm away",
-        &[Case::new("far away", anatomy, settings, state)],
-    );
+    check_all(&[Case::new("far away", anatomy, settings, state)]);
 }

@@ -25,5 +25,5 @@ fn steps_of_impedance_on_every_probe_shape() {
             scene::straight(),
         ));
     }
-    check_all("interface", &cases);
+    check_all(&cases);
 }

@@ -56,7 +56,7 @@ fn straight_and_bent_needles_in_and_out_of_the_plane() {
             state,
         ));
     }
-    check_all("needles", &cases);
+    check_all(&cases);
 }
 
 #[test]
@@ -80,14 +80,14 @@ fn a_needle_along_a_beam_echoes_where_no_direction_counts() {
         echoes.needle.iter().any(|&share| share > 0.5),
         "the needle is in the plane"
     );
-    check_all("needle along a beam", &[case]);
+    check_all(&[case]);
 }
 
 #[test]
 fn no_needle_in_this_frame() {
     let mut settings = scene::settings(scene::small_probe(), scenes::all_effects());
     settings.has_needle = true;
-    check_all("no needle", &[random("no needle", settings)]);
+    check_all(&[random("no needle", settings)]);
 }
 
 #[test]
@@ -128,5 +128,5 @@ fn seeds_with_and_without_a_needle() {
         beside.state = scenes::with_needle(beside.state);
         cases.extend([alone, beside]);
     }
-    check_all("seeds", &cases);
+    check_all(&cases);
 }

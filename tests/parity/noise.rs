@@ -22,5 +22,5 @@ fn noise_of_several_frames_and_strengths() {
             state,
         ));
     }
-    check_all("noise", &cases);
+    check_all(&cases);
 }

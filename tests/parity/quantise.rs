@@ -12,5 +12,5 @@ fn rows_that_are_no_whole_words() {
         let settings = scene::sized(probe, scenes::all_effects(), width, 9);
         cases.push(random(format!("{width} columns"), settings));
     }
-    check_all("words", &cases);
+    check_all(&cases);
 }

@@ -41,5 +41,5 @@ fn noise_and_clutter_on_every_probe_shape() {
             ));
         }
     }
-    check_all("receiver", &cases);
+    check_all(&cases);
 }

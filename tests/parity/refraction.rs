@@ -24,5 +24,5 @@ fn steps_of_the_speed_of_sound_on_every_probe_shape() {
             }
         }
     }
-    check_all("refraction", &cases);
+    check_all(&cases);
 }

@@ -13,5 +13,5 @@ fn pixels_of_every_probe_shape_at_odd_sizes() {
             cases.push(random(format!("{name} {width} x {height}"), settings));
         }
     }
-    check_all("scan conversion", &cases);
+    check_all(&cases);
 }

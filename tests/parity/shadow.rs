@@ -17,7 +17,7 @@ fn attenuation_and_occlusion_on_every_probe_shape() {
             cases.push(random(format!("{name}, {samples} samples"), settings));
         }
     }
-    check_all("shadow", &cases);
+    check_all(&cases);
 }
 
 #[test]
@@ -33,7 +33,7 @@ fn beams_of_any_width() {
             cases.push(random(format!("{name}, {beam_mm} mm"), settings));
         }
     }
-    check_all("shadow of a beam", &cases);
+    check_all(&cases);
 }
 
 #[test]
@@ -55,7 +55,7 @@ fn opaque_tissue_is_seen_by_its_own_scanline() {
             ));
         }
     }
-    check_all("shadow of bone", &cases);
+    check_all(&cases);
 }
 
 #[test]
@@ -83,7 +83,7 @@ fn echoes_are_repeated_above_bone_and_mirrored_above_gas() {
             }
         }
     }
-    check_all("reverberation", &cases);
+    check_all(&cases);
 }
 
 #[test]
@@ -106,5 +106,5 @@ fn the_needle_shades() {
             scenes::with_needle(scenes::oblique_pose()),
         ),
     ];
-    check_all("needle shadow", &cases);
+    check_all(&cases);
 }

@@ -31,7 +31,7 @@ fn random_labels_by_nearest_voxel_and_by_vote() {
             }
         }
     }
-    check_all("labels", &cases);
+    check_all(&cases);
 }
 
 #[test]

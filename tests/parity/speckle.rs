@@ -16,7 +16,7 @@ fn speckle_on_every_probe_shape() {
             random(name, settings)
         })
         .collect();
-    check_all("speckle", &cases);
+    check_all(&cases);
 }
 
 #[test]
@@ -24,7 +24,7 @@ fn speckle_of_pressed_tissue() {
     let (anatomy, state) = scenes::pressed();
     let mut settings = scene::settings(scene::small_probe(), scene::bare());
     settings.effects.speckle = Some(Speckle::default());
-    check_all("speckle of a mesh", &[Case::new("pressed", anatomy, settings, state)]);
+    check_all(&[Case::new("pressed", anatomy, settings, state)]);
 }
 
 #[test]
@@ -42,5 +42,5 @@ fn short_and_long_point_spreads() {
         let name = format!("{axial} by {lateral} by {elevational} mm");
         cases.push(random(name, settings));
     }
-    check_all("point spreads", &cases);
+    check_all(&cases);
 }

@@ -13,5 +13,5 @@ fn solid_textures_on_every_probe_shape() {
         settings.effects.texture = Some(Texture { strength: 0.7 });
         cases.push(random(name, settings));
     }
-    check_all("textures", &cases);
+    check_all(&cases);
 }

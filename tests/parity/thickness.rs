@@ -21,7 +21,7 @@ fn thick_planes_of_every_probe_shape() {
         settings.effects.slice.boundary = [Boundary::Smooth, Boundary::Nearest, Boundary::Vote][at % 3];
         cases.push(random(name, settings));
     }
-    check_all("thickness", &cases);
+    check_all(&cases);
 }
 
 #[test]
@@ -32,8 +32,5 @@ fn thick_planes_through_a_deforming_mesh() {
         width_mm: 4.0,
         planes: 5,
     });
-    check_all(
-        "thickness through a warp",
-        &[Case::new("pressed", anatomy, settings, state)],
-    );
+    check_all(&[Case::new("pressed", anatomy, settings, state)]);
 }

@@ -60,5 +60,5 @@ fn linear_and_compressed_tones() {
             ));
         }
     }
-    check_all("tone", &cases);
+    check_all(&cases);
 }

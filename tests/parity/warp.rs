@@ -19,7 +19,7 @@ fn pressed_tissue_under_every_probe_shape() {
             Case::new(name, anatomy.clone(), settings, state.clone())
         })
         .collect();
-    check_all("warp", &cases);
+    check_all(&cases);
 }
 
 #[test]
@@ -42,7 +42,7 @@ fn samples_on_faces_edges_and_nodes_of_the_mesh() {
     let mut nodes = Vec::new();
     stretch.displace(anatomy.mesh.as_ref().expect("a mesh").nodes(), &mut nodes);
     state.nodes = Some(nodes);
-    check_all("faces of a mesh", &[Case::new("lattice", anatomy, settings, state)]);
+    check_all(&[Case::new("lattice", anatomy, settings, state)]);
 }
 
 #[test]
@@ -102,5 +102,5 @@ fn an_affine_displacement_is_undone_and_what_it_leaves_is_background() {
         mapped > 500 && background > 20,
         "{mapped} mapped, {background} background"
     );
-    check_all("shear", &[case]);
+    check_all(&[case]);
 }

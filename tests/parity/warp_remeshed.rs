@@ -84,7 +84,7 @@ fn every_effect_on_remeshed_tissue_under_every_probe_shape() {
             Case::new(format!("{name}, remeshed"), anatomy.clone(), settings, state.clone())
         })
         .collect();
-    check_all("warp of remeshed tissue", &cases);
+    check_all(&cases);
 }
 
 #[test]
@@ -130,7 +130,7 @@ fn the_background_is_where_the_moved_reference_mesh_was() {
         mapped > 200 && background > 50,
         "{mapped} mapped, {background} background"
     );
-    check_all("shrunk", &[case]);
+    check_all(&[case]);
 }
 
 #[test]
@@ -159,7 +159,7 @@ fn under_an_affine_map_remeshing_changes_nothing() {
             assert!((a - b).abs() <= allowed, "{pass}: sample {index}: {a}, not {b}");
         }
     }
-    check_all("affine and remeshed", &[case]);
+    check_all(&[case]);
 }
 
 /// Frames of one synthesizer against those of one made anew for each.
@@ -213,7 +213,7 @@ fn follow(name: &str, make: impl Fn() -> Backend) {
 fn nodes_that_are_not_given_stay_where_they_are() {
     follow("cpu", || Backend::Cpu);
     follow("cpu-f64", || Backend::CpuF64);
-    if let Some(gpu) = gpu_or_skip("frames of remeshed tissue") {
+    if let Some(gpu) = gpu_or_skip() {
         follow("gpu", || backend(gpu.clone()));
     }
 }
@@ -227,7 +227,7 @@ fn reference_nodes_that_are_not_finite_leave_out_their_elements_alone() {
     state.reference.as_mut().expect("reference nodes")[lost] = [f64::NAN, 0.0, f64::INFINITY];
     let settings = scene::settings(scene::small_probe(), scene::bare());
     let case = Case::new("lost", anatomy, settings, state);
-    let gpus: Vec<_> = gpu_or_skip("a lost reference node").into_iter().collect();
+    let gpus: Vec<_> = gpu_or_skip().into_iter().collect();
     let mut synthesizers = vec![case.exact().expect("the reference")];
     synthesizers.extend(case.twins(&gpus).expect("backends"));
     for mut synthesizer in synthesizers {
@@ -257,7 +257,7 @@ fn a_wrong_number_of_reference_nodes_is_refused_and_leaves_everything_as_it_was(
     let count = anatomy.mesh.as_ref().expect("a mesh").nodes().len();
     let settings = scene::settings(scene::small_probe(), scene::bare());
     let case = Case::new("too few", anatomy, settings, state);
-    let gpus: Vec<_> = gpu_or_skip("too few reference nodes").into_iter().collect();
+    let gpus: Vec<_> = gpu_or_skip().into_iter().collect();
     let mut synthesizers = vec![case.exact().expect("the reference")];
     synthesizers.extend(case.twins(&gpus).expect("backends"));
     for mut synthesizer in synthesizers {

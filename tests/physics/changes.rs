@@ -171,7 +171,7 @@ fn edits_give_the_frames_of_a_fresh_synthesizer_on_the_cpu() {
 
 #[test]
 fn edits_give_the_frames_of_a_fresh_synthesizer_on_the_gpu() {
-    let Some(gpu): Option<Gpu> = gpu_or_skip("edits on the GPU") else {
+    let Some(gpu): Option<Gpu> = gpu_or_skip() else {
         return;
     };
     follow(|| backend(gpu.clone()));
@@ -254,7 +254,7 @@ fn a_change_touches_only_what_depends_on_it() {
 #[test]
 fn a_refused_change_leaves_everything_as_it_was() {
     let (anatomy, settings, state) = everything();
-    let gpu = gpu_or_skip("refused changes on the GPU");
+    let gpu = gpu_or_skip();
     for make in std::iter::once(Backend::Cpu).chain(gpu.map(backend)) {
         let mut synthesizer = synthesizer(&anatomy, &settings, make);
         let before = synthesizer.render(&state).expect("a frame").clone();
@@ -273,7 +273,7 @@ fn a_refused_change_leaves_everything_as_it_was() {
 
 #[test]
 fn a_change_over_the_limits_leaves_everything_as_it_was() {
-    let Some(gpu) = gpu_or_skip("refused changes") else {
+    let Some(gpu) = gpu_or_skip() else {
         return;
     };
     let (anatomy, settings, _) = everything();
@@ -296,7 +296,7 @@ fn a_change_over_the_limits_leaves_everything_as_it_was() {
 
 #[test]
 fn a_large_picture_gives_its_bands_back() {
-    let Some(gpu) = gpu_or_skip("bands given back") else {
+    let Some(gpu) = gpu_or_skip() else {
         return;
     };
     let (anatomy, settings, _) = everything();

@@ -88,7 +88,7 @@ fn batches_have_the_bytes_of_single_frames() {
     let (anatomy, mut settings, _) = everything();
     settings.layers = Layer::ALL.to_vec();
     let rounds = rounds(anatomy.mesh.as_ref().expect("a mesh"), |at| frame_of(&anatomy, at));
-    let gpu = gpu_or_skip("batches");
+    let gpu = gpu_or_skip();
     let on_gpu = || backend(gpu.clone().expect("a GPU"));
     let precisions: [&(dyn Fn() -> Backend + Sync); 3] = [&|| Backend::Cpu, &|| Backend::CpuF64, &on_gpu];
     for precision in &precisions[..if gpu.is_some() { 3 } else { 2 }] {

@@ -4,7 +4,7 @@ use insonify_mesh::TetMesh;
 
 #[test]
 fn a_measured_choice_is_kept_and_followed() {
-    let Some(gpu) = insonify_testing::gpu::gpu_or_skip(std::thread::current().name().unwrap_or("a test")) else {
+    let Some(gpu) = insonify_testing::gpu::gpu_or_skip() else {
         return;
     };
     // Software stands for hardware: which it is has been decided before.

@@ -215,7 +215,7 @@ mod tests {
 
     #[test]
     fn the_last_times_are_kept_for_an_adapter() {
-        let Some(gpu) = insonify_testing::gpu::gpu_or_skip(std::thread::current().name().unwrap_or("a test")) else {
+        let Some(gpu) = insonify_testing::gpu::gpu_or_skip() else {
             return;
         };
         let folder = tempfile::tempdir().unwrap();

@@ -4,11 +4,9 @@
 //! the sector the weights are renormalised, so that a constant stays constant. The axial direction is not blurred, and
 //! neither is the apex.
 
-use bytemuck::{Pod, Zeroable};
-
 use super::buffers::{AMPLITUDE, AMPLITUDE_NEXT, Buffer, bytes_of};
 use super::lateral::{BLOCK, FWHM_PER_SIGMA, LateralKernel, narrowed};
-use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, reference};
 use super::{Effect, Parameters, Stage, Verdict};
 use crate::synth::SynthError;
 use crate::synth::store::Store;
@@ -107,18 +105,18 @@ fn wanted(tables: &Tables) -> Verdict {
     }
 }
 
-/// Parameter block of `blur.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Params {
-    /// Scanlines.
-    pub lines: u32,
-    /// Samples along a scanline.
-    pub samples: u32,
-    /// Largest reach of the kernel on each side, scanlines.
-    pub reach: u32,
-    /// Padding to a multiple of 16 bytes.
-    pub unused: u32,
+block! {
+    /// Parameter block of `blur.wgsl`.
+    struct Params {
+        /// Scanlines.
+        lines: u32,
+        /// Samples along a scanline.
+        samples: u32,
+        /// Largest reach of the kernel on each side, scanlines.
+        reach: u32,
+        /// Padding to a multiple of 16 bytes.
+        unused: u32,
+    }
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {

@@ -6,13 +6,12 @@
 //! gap is wider there is no contact, and the scanline shows the void. Gaps are those of the tissue at rest, smoothed over neighbouring scanlines
 //! because skin is smooth.
 
-use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
 use nalgebra::Vector4;
 
 use super::buffers::{Buffer, POSITION, RAYS, columns};
 use super::common::{plane_step, rows};
-use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, reference};
 use super::{Effect, Parameters, Stage, Verdict};
 use crate::synth::FrameState;
 use crate::synth::store::Store;
@@ -127,20 +126,20 @@ pub fn gaps(tables: &Tables, state: &FrameState, gaps: &mut Vec<f32>) {
     gaps.drain(..lines * tables.planes());
 }
 
-/// Parameter block of `contact.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Params {
-    /// First three rows of the probe-to-world transform.
-    pub probe_to_world: [Vec4; 3],
-    /// Scanlines.
-    pub lines: u32,
-    /// Samples along a scanline.
-    pub samples: u32,
-    /// Distance between samples, mm.
-    pub sample_mm: f32,
-    /// Inverse of the depth at which the shift vanishes, 1/mm.
-    pub per_fade: f32,
+block! {
+    /// Parameter block of `contact.wgsl`.
+    struct Params {
+        /// First three rows of the probe-to-world transform.
+        probe_to_world: [Vec4; 3],
+        /// Scanlines.
+        lines: u32,
+        /// Samples along a scanline.
+        samples: u32,
+        /// Distance between samples, mm.
+        sample_mm: f32,
+        /// Inverse of the depth at which the shift vanishes, 1/mm.
+        per_fade: f32,
+    }
 }
 
 fn per_fade(tables: &Tables) -> f64 {

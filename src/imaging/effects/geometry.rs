@@ -3,12 +3,11 @@
 //! Rays are computed once in double precision from the probe's shape; a frame only applies the probe's pose. With the
 //! `thickness` effect the same rays are repeated on parallel sub-planes; sub-plane 0 is always the central one.
 
-use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
 
 use super::buffers::{POSITION, RAYS};
 use super::common::{plane_step, rows};
-use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, reference};
 use super::{Effect, Stage, Verdict};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
@@ -40,20 +39,20 @@ fn wanted(_: &Tables) -> Verdict {
     Ok("every frame needs the place of its samples".into())
 }
 
-/// Parameter block of `geometry.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Params {
-    /// First three rows of the probe-to-world transform.
-    pub probe_to_world: [Vec4; 3],
-    /// Scanlines.
-    pub lines: u32,
-    /// Samples along a scanline.
-    pub samples: u32,
-    /// Distance between samples, mm.
-    pub sample_mm: f32,
-    /// Distance between sub-planes, mm.
-    pub plane_mm: f32,
+block! {
+    /// Parameter block of `geometry.wgsl`.
+    struct Params {
+        /// First three rows of the probe-to-world transform.
+        probe_to_world: [Vec4; 3],
+        /// Scanlines.
+        lines: u32,
+        /// Samples along a scanline.
+        samples: u32,
+        /// Distance between samples, mm.
+        sample_mm: f32,
+        /// Distance between sub-planes, mm.
+        plane_mm: f32,
+    }
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {

@@ -12,12 +12,11 @@
 //! without, their moduli are added to the amplitude. Each of the two samples beside a step of labels has one half of its
 //! echo.
 
-use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
 
 use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, POSITION, SPECULAR, VOXELS};
 use super::common::{rows, scatterers};
-use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, reference};
 use super::slice::{Beyond, LabelReader};
 use super::{Effect, Parameters, Stage, Verdict};
 use crate::synth::store::Store;
@@ -115,34 +114,34 @@ fn wanted(tables: &Tables) -> Verdict {
     }
 }
 
-/// Parameter block of `interface.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Params {
-    /// First three rows of the world-to-index transform.
-    pub world_to_index: [Vec4; 3],
-    /// Voxels along each axis.
-    pub size: [u32; 3],
-    /// 1 to continue the body beyond the volume.
-    pub mirrored: u32,
-    /// Stride of the voxels used for normals.
-    pub stride: [u32; 3],
-    /// Samples along a scanline.
-    pub samples: u32,
-    /// Seed of the roughness.
-    pub seed: [u32; 2],
-    /// Amplitude of a perfect mirror at perpendicular incidence.
-    pub mirror: f32,
-    /// Exponent of the cosine of the angle of incidence.
-    pub directivity: f32,
-    /// Amplitude of the constant part.
-    pub steady: f32,
-    /// Amplitude of the diffuse part.
-    pub diffuse: f32,
-    /// Lattice points of the roughness per mm.
-    pub per_mm: f32,
-    /// Padding to a multiple of 16 bytes.
-    pub unused: u32,
+block! {
+    /// Parameter block of `interface.wgsl`.
+    struct Params {
+        /// First three rows of the world-to-index transform.
+        world_to_index: [Vec4; 3],
+        /// Voxels along each axis.
+        size: [u32; 3],
+        /// 1 to continue the body beyond the volume.
+        mirrored: u32,
+        /// Stride of the voxels used for normals.
+        stride: [u32; 3],
+        /// Samples along a scanline.
+        samples: u32,
+        /// Seed of the roughness.
+        seed: [u32; 2],
+        /// Amplitude of a perfect mirror at perpendicular incidence.
+        mirror: f32,
+        /// Exponent of the cosine of the angle of incidence.
+        directivity: f32,
+        /// Amplitude of the constant part.
+        steady: f32,
+        /// Amplitude of the diffuse part.
+        diffuse: f32,
+        /// Lattice points of the roughness per mm.
+        per_mm: f32,
+        /// Padding to a multiple of 16 bytes.
+        unused: u32,
+    }
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {

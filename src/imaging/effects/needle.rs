@@ -12,10 +12,8 @@
 mod segments;
 mod shaft;
 
-use bytemuck::{Pod, Zeroable};
-
 use super::buffers::{AMPLITUDE, Buffer, NEEDLE_MASK, RAYS, SPECULAR, columns};
-use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, reference};
 use super::{Effect, Parameters, Stage, Verdict};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
@@ -145,38 +143,38 @@ fn wanted(tables: &Tables) -> Verdict {
     }
 }
 
-/// Parameter block of `needle.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Params {
-    /// Samples along a scanline.
-    pub samples: u32,
-    /// Number of segments of needle and seeds.
-    pub sample_mm: f32,
-    /// Segments of needle and seeds.
-    pub segments: u32,
-    /// Inverse width of the beam used for shadows, 1/mm.
-    pub beams_per_mm: f32,
-    /// Amplitude of the echo.
-    pub echo: f32,
-    /// Exponent of the sine of the angle between shaft and beam.
-    pub directivity: f32,
-    /// Number of repetitions.
-    pub reverberations: u32,
-    /// Distance between repetitions, mm.
-    pub reverberation_mm: f32,
-    /// Amplitude factor per repetition.
-    pub reverberation: f32,
-    /// Amplitude of the constant part.
-    pub steady: f32,
-    /// Amplitude of the diffuse part.
-    pub diffuse: f32,
-    /// 1 if surfaces have already written their echoes.
-    pub after_surfaces: u32,
-    /// Seed of the grains.
-    pub seed: [u32; 2],
-    /// Padding to a multiple of 16 bytes.
-    pub unused: [u32; 2],
+block! {
+    /// Parameter block of `needle.wgsl`.
+    pub(crate) struct Params {
+        /// Samples along a scanline.
+        pub(crate) samples: u32,
+        /// Number of segments of needle and seeds.
+        pub(crate) sample_mm: f32,
+        /// Segments of needle and seeds.
+        pub(crate) segments: u32,
+        /// Inverse width of the beam used for shadows, 1/mm.
+        pub(crate) beams_per_mm: f32,
+        /// Amplitude of the echo.
+        pub(crate) echo: f32,
+        /// Exponent of the sine of the angle between shaft and beam.
+        pub(crate) directivity: f32,
+        /// Number of repetitions.
+        pub(crate) reverberations: u32,
+        /// Distance between repetitions, mm.
+        pub(crate) reverberation_mm: f32,
+        /// Amplitude factor per repetition.
+        pub(crate) reverberation: f32,
+        /// Amplitude of the constant part.
+        pub(crate) steady: f32,
+        /// Amplitude of the diffuse part.
+        pub(crate) diffuse: f32,
+        /// 1 if surfaces have already written their echoes.
+        pub(crate) after_surfaces: u32,
+        /// Seed of the grains.
+        pub(crate) seed: [u32; 2],
+        /// Padding to a multiple of 16 bytes.
+        pub(crate) unused: [u32; 2],
+    }
 }
 
 /// Beam width below which any needle shades the beam fully, mm; also used for a single scanline, which has no

@@ -4,10 +4,8 @@
 //! last step, so that both backends draw the same noise. The sum of twelve uniform numbers deviates from a Gaussian only
 //! beyond three standard deviations (excess kurtosis -0.1).
 
-use bytemuck::{Pod, Zeroable};
-
 use super::buffers::{IMAGE, SCAN_MAP};
-use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, reference};
 use super::{Effect, Parameters, Stage, Verdict};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
@@ -63,22 +61,22 @@ fn wanted(tables: &Tables) -> Verdict {
     }
 }
 
-/// Parameter block of `noise.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Params {
-    /// Seed.
-    pub seed: [u32; 2],
-    /// Pixels in a row.
-    pub width: u32,
-    /// First row of the band.
-    pub first_row: u32,
-    /// Frame number.
-    pub frame: u32,
-    /// Grey levels per unit of the summed bytes.
-    pub scale: f32,
-    /// Padding to a multiple of 16 bytes.
-    pub unused: [u32; 2],
+block! {
+    /// Parameter block of `noise.wgsl`.
+    struct Params {
+        /// Seed.
+        seed: [u32; 2],
+        /// Pixels in a row.
+        width: u32,
+        /// First row of the band.
+        first_row: u32,
+        /// Frame number.
+        frame: u32,
+        /// Grey levels per unit of the summed bytes.
+        scale: f32,
+        /// Padding to a multiple of 16 bytes.
+        unused: [u32; 2],
+    }
 }
 
 /// Standard deviation of the sum of twelve uniform bytes: sqrt(12 (256^2 - 1) / 12).

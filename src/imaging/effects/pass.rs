@@ -20,9 +20,36 @@ pub struct View<'a> {
     pub slab: Option<&'a Slab<f32>>,
 }
 
+/// Parameters of a shader, with members at the offsets that WGSL gives them: see [`block`].
+pub(crate) trait Block: Pod {
+    /// Names of the members, and their offsets in bytes.
+    const MEMBERS: &'static [(&'static str, usize)];
+}
+
+/// Declares a [`Block`].
+macro_rules! block {
+    ($(#[$doc:meta])* $visible:vis struct $name:ident { $($(#[$of:meta])* $seen:vis $member:ident: $kind:ty,)+ }) => {
+        $(#[$doc])*
+        #[repr(C)]
+        #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+        $visible struct $name {
+            $($(#[$of])* $seen $member: $kind,)+
+        }
+
+        impl crate::effects::pass::Block for $name {
+            const MEMBERS: &'static [(&'static str, usize)] = &[$((stringify!($member), std::mem::offset_of!($name, $member))),+];
+        }
+    };
+}
+pub(crate) use block;
+
 /// Parameter block of a pass: binding 0, at most 256 bytes.
 #[derive(Clone, Copy, Debug)]
 pub struct ParamBlock {
+    /// Size of the struct, bytes.
+    pub size: usize,
+    /// Names of its members, and their offsets in bytes.
+    pub members: &'static [(&'static str, usize)],
     #[cfg_attr(not(feature = "gpu"), expect(dead_code, reason = "shaders alone read it"))]
     bytes: [u8; Self::CAPACITY],
 }
@@ -32,12 +59,16 @@ impl ParamBlock {
     pub(crate) const CAPACITY: usize = 256;
 
     /// Copies a parameter struct.
-    pub(crate) fn of<P: Pod>(params: &P) -> Self {
+    pub(crate) fn of<P: Block>(params: &P) -> Self {
         const { assert!(size_of::<P>() <= Self::CAPACITY && size_of::<P>().is_multiple_of(16)) };
         let mut bytes = [0; Self::CAPACITY];
         let source = bytemuck::bytes_of(params);
         bytes[..source.len()].copy_from_slice(source);
-        Self { bytes }
+        Self {
+            size: size_of::<P>(),
+            members: P::MEMBERS,
+            bytes,
+        }
     }
 
     /// Parameters as seen by the shader, padded to a full slot.

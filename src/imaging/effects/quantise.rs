@@ -1,9 +1,7 @@
 //! Quantisation: grey levels to bytes, rounded to nearest.
 
-use bytemuck::{Pod, Zeroable};
-
 use super::buffers::{IMAGE, PIXELS};
-use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, reference};
 use super::{Effect, Stage, Verdict};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
@@ -34,16 +32,16 @@ fn wanted(_: &Tables) -> Verdict {
     Ok("a frame is made of bytes".into())
 }
 
-/// Parameter block of `quantise.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Params {
-    /// Pixels in a row.
-    pub width: u32,
-    /// Number of words of four pixels in a row, padded.
-    pub words_per_row: u32,
-    /// Padding to a multiple of 16 bytes.
-    pub unused: [u32; 2],
+block! {
+    /// Parameter block of `quantise.wgsl`.
+    struct Params {
+        /// Pixels in a row.
+        width: u32,
+        /// Number of words of four pixels in a row, padded.
+        words_per_row: u32,
+        /// Padding to a multiple of 16 bytes.
+        unused: [u32; 2],
+    }
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {

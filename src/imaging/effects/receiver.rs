@@ -15,10 +15,8 @@
 
 mod clutter;
 
-use bytemuck::{Pod, Zeroable};
-
 use super::buffers::{AMPLITUDE, Buffer, LABEL, beam, bytes_of};
-use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, reference};
 use super::point_spread::PointSpread;
 use super::shadow::average_db_cm;
 use super::{Effect, Parameters, Stage, Verdict};
@@ -155,20 +153,20 @@ fn wanted(tables: &Tables) -> Verdict {
     }
 }
 
-/// Parameter block of `receiver.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Params {
-    /// Seed.
-    pub seed: [u32; 2],
-    /// Samples along a scanline.
-    pub samples: u32,
-    /// Frame number.
-    pub frame: u32,
-    /// Power of the noise, per unit of [`draw`].
-    pub noise: f32,
-    /// Padding to a multiple of 16 bytes.
-    pub unused: [u32; 3],
+block! {
+    /// Parameter block of `receiver.wgsl`.
+    struct Params {
+        /// Seed.
+        seed: [u32; 2],
+        /// Samples along a scanline.
+        samples: u32,
+        /// Frame number.
+        frame: u32,
+        /// Power of the noise, per unit of [`draw`].
+        noise: f32,
+        /// Padding to a multiple of 16 bytes.
+        unused: [u32; 3],
+    }
 }
 
 /// Mean of [`draw`]: two parts, each of the variance of six bytes, 6 (256^2 - 1) / 12, times 1 + 4 + 1 for the smoothing along the

@@ -12,11 +12,9 @@
 //! Speeds are derived from impedances, `c` proportional to the root of `Z`: within 2 % from fat (1.38 MRayl, 1450 m/s) to muscle (1.70 MRayl, 1580
 //! m/s).
 
-use bytemuck::{Pod, Zeroable};
-
 use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, columns};
 use super::common::spacing;
-use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, reference};
 use super::{Effect, Parameters, Stage, Verdict};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
@@ -164,26 +162,26 @@ fn beam_mm(tables: &Tables) -> f64 {
     tables.settings.effects.refraction.clone().unwrap_or_default().beam_mm
 }
 
-/// Parameter block of `refraction.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Params {
-    /// Scanlines.
-    pub lines: u32,
-    /// Samples along a scanline.
-    pub samples: u32,
-    /// Scanlines per half beam width.
-    pub reach: u32,
-    /// Average phase over half a beam width per unit of the sum, sample distances.
-    pub unit: f32,
-    /// Distance between scanlines at the array, sample distances.
-    pub spacing: f32,
-    /// Growth of the distance between scanlines per sample, sample distances.
-    pub spreading: f32,
-    /// Lower limit of the distance in second differences, a quarter of the beam width, sample distances.
-    pub least: f32,
-    /// Decay of terms per sample, as log2.
-    pub fading: f32,
+block! {
+    /// Parameter block of `refraction.wgsl`.
+    struct Params {
+        /// Scanlines.
+        lines: u32,
+        /// Samples along a scanline.
+        samples: u32,
+        /// Scanlines per half beam width.
+        reach: u32,
+        /// Average phase over half a beam width per unit of the sum, sample distances.
+        unit: f32,
+        /// Distance between scanlines at the array, sample distances.
+        spacing: f32,
+        /// Growth of the distance between scanlines per sample, sample distances.
+        spreading: f32,
+        /// Lower limit of the distance in second differences, a quarter of the beam width, sample distances.
+        least: f32,
+        /// Decay of terms per sample, as log2.
+        fading: f32,
+    }
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {

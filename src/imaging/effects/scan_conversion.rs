@@ -1,10 +1,8 @@
 //! Scan conversion: bilinear interpolation from beam space to pixels, the last step as on scanners; pixels outside the
 //! sector take the fill level.
 
-use bytemuck::{Pod, Zeroable};
-
 use super::buffers::{AMPLITUDE, IMAGE, SCAN_MAP};
-use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, reference};
 use super::{Effect, Stage, Verdict};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
@@ -35,18 +33,18 @@ fn wanted(_: &Tables) -> Verdict {
     Ok("every frame becomes pixels".into())
 }
 
-/// Parameter block of `scan_conversion.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Params {
-    /// Pixels in a row.
-    pub width: u32,
-    /// Scanlines.
-    pub lines: u32,
-    /// Samples along a scanline.
-    pub samples: u32,
-    /// Grey level outside the sector.
-    pub fill: f32,
+block! {
+    /// Parameter block of `scan_conversion.wgsl`.
+    struct Params {
+        /// Pixels in a row.
+        width: u32,
+        /// Scanlines.
+        lines: u32,
+        /// Samples along a scanline.
+        samples: u32,
+        /// Grey level outside the sector.
+        fill: f32,
+    }
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {

@@ -10,14 +10,12 @@
 
 use std::ops::Range;
 
-use bytemuck::{Pod, Zeroable};
-
 pub use super::buffers::UNITS_PER_DB;
 use super::buffers::{
     AMPLITUDE, AMPLITUDE_NEXT, Buffer, LABEL, LABEL_ROWS, LOSS, NEEDLE_MASK, beam, bytes_of, columns,
 };
 use super::lateral::LateralKernel;
-use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, reference};
 use super::{Effect, OutOfRange, Parameters, Stage, Verdict, common};
 use crate::synth::SynthError;
 use crate::synth::store::Store;
@@ -391,34 +389,34 @@ fn wanted(tables: &Tables) -> Verdict {
     }
 }
 
-/// Parameter block of `shadow.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Params {
-    /// Scanlines.
-    pub lines: u32,
-    /// Samples along a scanline.
-    pub samples: u32,
-    /// Reach of the beam on each side, scanlines.
-    pub reach: u32,
-    /// Loss per sample above which a tissue is opaque, units.
-    pub opaque_units: u32,
-    /// Loss of a sample where the needle fills plane and beam, units.
-    pub needle_units: f32,
-    /// Base-2 exponent of the amplitude per unit of loss, one way; negative.
-    pub exponent: f32,
-    /// 1 if occluders are handled by the rays of the aperture.
-    pub opens: u32,
-    /// Amplitude of a repeated echo relative to the echo, before attenuation.
-    pub reverberation: f32,
-    /// Distance between scanlines at the array, in sample distances.
-    pub spacing: f32,
-    /// Growth of the distance between scanlines per sample, in sample distances.
-    pub spreading: f32,
-    /// Amplitude of a mirror image relative to the echo.
-    pub mirror: f32,
-    /// Padding to a multiple of 16 bytes.
-    pub unused: u32,
+block! {
+    /// Parameter block of `shadow.wgsl`.
+    struct Params {
+        /// Scanlines.
+        lines: u32,
+        /// Samples along a scanline.
+        samples: u32,
+        /// Reach of the beam on each side, scanlines.
+        reach: u32,
+        /// Loss per sample above which a tissue is opaque, units.
+        opaque_units: u32,
+        /// Loss of a sample where the needle fills plane and beam, units.
+        needle_units: f32,
+        /// Base-2 exponent of the amplitude per unit of loss, one way; negative.
+        exponent: f32,
+        /// 1 if occluders are handled by the rays of the aperture.
+        opens: u32,
+        /// Amplitude of a repeated echo relative to the echo, before attenuation.
+        reverberation: f32,
+        /// Distance between scanlines at the array, in sample distances.
+        spacing: f32,
+        /// Growth of the distance between scanlines per sample, in sample distances.
+        spreading: f32,
+        /// Amplitude of a mirror image relative to the echo.
+        mirror: f32,
+        /// Padding to a multiple of 16 bytes.
+        unused: u32,
+    }
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {

@@ -6,14 +6,13 @@
 //! (label index 0). With `beyond = "continue"` the body is continued where a face of the volume cuts it: labels are mirrored at
 //! the face, once.
 
-use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::buffers::{AMPLITUDE, LABEL, LABEL_ROWS, POSITION, VOXELS};
 use super::common::rows;
-use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, reference};
 use super::{Effect, Setting, Stage, Verdict};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
@@ -98,24 +97,24 @@ fn wanted(_: &Tables) -> Verdict {
     Ok("every frame needs the labels in its plane".into())
 }
 
-/// Parameter block of `slice.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Params {
-    /// First three rows of the world-to-index transform.
-    pub world_to_index: [Vec4; 3],
-    /// Voxels along each axis.
-    pub size: [u32; 3],
-    /// 2 to smooth, 1 to vote, 0 for the nearest voxel.
-    pub boundary: u32,
-    /// Scanlines.
-    pub lines: u32,
-    /// Samples along a scanline.
-    pub samples: u32,
-    /// 1 to continue the body beyond the volume.
-    pub mirrored: u32,
-    /// Padding to a multiple of 16 bytes.
-    pub unused: u32,
+block! {
+    /// Parameter block of `slice.wgsl`.
+    struct Params {
+        /// First three rows of the world-to-index transform.
+        world_to_index: [Vec4; 3],
+        /// Voxels along each axis.
+        size: [u32; 3],
+        /// 2 to smooth, 1 to vote, 0 for the nearest voxel.
+        boundary: u32,
+        /// Scanlines.
+        lines: u32,
+        /// Samples along a scanline.
+        samples: u32,
+        /// 1 to continue the body beyond the volume.
+        mirrored: u32,
+        /// Padding to a multiple of 16 bytes.
+        unused: u32,
+    }
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {

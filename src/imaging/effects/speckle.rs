@@ -16,7 +16,6 @@ mod scatter;
 mod spread;
 mod tables;
 
-use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
 
 use scatter::{add_specular, scatter};
@@ -25,7 +24,7 @@ pub use tables::SpeckleTables;
 
 use super::buffers::{AMPLITUDE, Buffer, ELEMENT, ELEMENT_MAPS, POSITION, SPECULAR, bytes_of, columns};
 use super::lateral::narrowed;
-use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, reference};
 use super::point_spread::PointSpread;
 use super::{Effect, Parameters, Stage, Verdict, needle};
 use crate::synth::SynthError;
@@ -232,36 +231,36 @@ fn wanted(tables: &Tables) -> Verdict {
     }
 }
 
-/// Parameter block of `speckle.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Params {
-    /// Out-of-plane direction in the world; the fourth component is unused.
-    pub elevation: Vec4,
-    /// Weights of the sub-planes.
-    pub planes: [Vec4; 2],
-    /// Seed.
-    pub seed: [u32; 2],
-    /// Scanlines.
-    pub lines: u32,
-    /// Samples along a scanline.
-    pub samples: u32,
-    /// Number of fine scanlines per scanline.
-    pub oversampling: u32,
-    /// Number of sub-planes.
-    pub plane_count: u32,
-    /// Distance between sub-planes, mm.
-    pub plane_mm: f32,
-    /// Lattice points per mm.
-    pub per_mm: f32,
-    /// Reach of the axial kernel on each side, samples.
-    pub axial_reach: u32,
-    /// Largest reach of the lateral kernel on each side, fine scanlines.
-    pub lateral_reach: u32,
-    /// Offset of the world-to-reference maps of the deformed elements, in vec4.
-    pub carries_at: u32,
-    /// Padding to a multiple of 16 bytes.
-    pub unused: u32,
+block! {
+    /// Parameter block of `speckle.wgsl`.
+    struct Params {
+        /// Out-of-plane direction in the world; the fourth component is unused.
+        elevation: Vec4,
+        /// Weights of the sub-planes.
+        planes: [Vec4; 2],
+        /// Seed.
+        seed: [u32; 2],
+        /// Scanlines.
+        lines: u32,
+        /// Samples along a scanline.
+        samples: u32,
+        /// Number of fine scanlines per scanline.
+        oversampling: u32,
+        /// Number of sub-planes.
+        plane_count: u32,
+        /// Distance between sub-planes, mm.
+        plane_mm: f32,
+        /// Lattice points per mm.
+        per_mm: f32,
+        /// Reach of the axial kernel on each side, samples.
+        axial_reach: u32,
+        /// Largest reach of the lateral kernel on each side, fine scanlines.
+        lateral_reach: u32,
+        /// Offset of the world-to-reference maps of the deformed elements, in vec4.
+        carries_at: u32,
+        /// Padding to a multiple of 16 bytes.
+        unused: u32,
+    }
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {

@@ -7,10 +7,8 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use bytemuck::{Pod, Zeroable};
-
 use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, POSITION, bytes_of};
-use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, reference};
 use super::{Effect, Parameters, Stage, Verdict};
 use crate::synth::SynthError;
 use crate::synth::store::Store;
@@ -108,18 +106,18 @@ fn wanted(tables: &Tables) -> Verdict {
     }
 }
 
-/// Parameter block of `texture.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Params {
-    /// Scanlines.
-    pub lines: u32,
-    /// Samples along a scanline.
-    pub samples: u32,
-    /// Scale of each texture's deviation from its mean.
-    pub strength: f32,
-    /// Padding to a multiple of 16 bytes.
-    pub unused: u32,
+block! {
+    /// Parameter block of `texture.wgsl`.
+    struct Params {
+        /// Scanlines.
+        lines: u32,
+        /// Samples along a scanline.
+        samples: u32,
+        /// Scale of each texture's deviation from its mean.
+        strength: f32,
+        /// Padding to a multiple of 16 bytes.
+        unused: u32,
+    }
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {

@@ -3,12 +3,11 @@
 //! The scatterers of different sub-planes are incoherent: power is averaged, with the weights of a Gaussian beam
 //! profile. Labels, shadows and speckle are those of the central plane.
 
-use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
 
 use super::buffers::AMPLITUDE;
 use super::common::plane_step;
-use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, reference};
 use super::{Effect, OutOfRange, Parameters, Stage, Verdict};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
@@ -90,20 +89,20 @@ fn wanted(tables: &Tables) -> Verdict {
     }
 }
 
-/// Parameter block of `thickness.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Params {
-    /// Weights of the sub-planes, four to a vector.
-    pub weights: [Vec4; 3],
-    /// Samples in a plane.
-    pub count: u32,
-    /// Sub-planes.
-    pub planes: u32,
-    /// Samples along a scanline.
-    pub samples: u32,
-    /// Padding to a multiple of 16 bytes.
-    pub unused: u32,
+block! {
+    /// Parameter block of `thickness.wgsl`.
+    struct Params {
+        /// Weights of the sub-planes, four to a vector.
+        weights: [Vec4; 3],
+        /// Samples in a plane.
+        count: u32,
+        /// Sub-planes.
+        planes: u32,
+        /// Samples along a scanline.
+        samples: u32,
+        /// Padding to a multiple of 16 bytes.
+        unused: u32,
+    }
 }
 
 fn weights<T: Real>(tables: &Tables) -> [T; 12] {

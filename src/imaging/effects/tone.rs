@@ -6,7 +6,6 @@
 
 pub mod auto_gain;
 
-use bytemuck::{Pod, Zeroable};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -14,7 +13,7 @@ use super::buffers::{AMPLITUDE, Buffer, bytes_of, columns};
 use super::pass::{
     Band, Grid, ParamBlock, Pass,
     Use::{self, *},
-    View, reference,
+    View, block, reference,
 };
 use super::shadow::average_db_cm;
 use super::{Effect, OutOfRange, Parameters, Stage, Verdict};
@@ -251,32 +250,32 @@ fn wanted(tables: &Tables) -> Verdict {
     ))
 }
 
-/// Parameter block of `tone.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Params {
-    /// Samples along a scanline.
-    pub samples: u32,
-    /// Scanlines.
-    pub lines: u32,
-    /// 1 to compress, 0 to show the amplitude linearly.
-    pub compress: u32,
-    /// Fraction of the grey scale per factor of two of amplitude.
-    pub per_octave: f32,
-    /// Fraction of the grey scale at amplitude 1.
-    pub middle: f32,
-    /// Blend of the S-shaped curve, 0 to 1.
-    pub bend: f32,
-    /// Exponent of the grey map.
-    pub gamma: f32,
-    /// Amplitude factor, [`AutoGain::scale`].
-    pub scale: f32,
-    /// Corrected fraction of the deviation, [`AutoGain::share`].
-    pub share: f32,
-    /// Maximum gain, [`AutoGain::ceiling`].
-    pub ceiling: f32,
-    /// Padding to a multiple of 16 bytes.
-    pub unused: [u32; 2],
+block! {
+    /// Parameter block of `tone.wgsl`.
+    struct Params {
+        /// Samples along a scanline.
+        samples: u32,
+        /// Scanlines.
+        lines: u32,
+        /// 1 to compress, 0 to show the amplitude linearly.
+        compress: u32,
+        /// Fraction of the grey scale per factor of two of amplitude.
+        per_octave: f32,
+        /// Fraction of the grey scale at amplitude 1.
+        middle: f32,
+        /// Blend of the S-shaped curve, 0 to 1.
+        bend: f32,
+        /// Exponent of the grey map.
+        gamma: f32,
+        /// Amplitude factor, [`AutoGain::scale`].
+        scale: f32,
+        /// Corrected fraction of the deviation, [`AutoGain::share`].
+        share: f32,
+        /// Maximum gain, [`AutoGain::ceiling`].
+        ceiling: f32,
+        /// Padding to a multiple of 16 bytes.
+        unused: [u32; 2],
+    }
 }
 
 struct GreyMap<T> {

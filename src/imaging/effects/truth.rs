@@ -1,13 +1,12 @@
 //! Ground-truth layers for training models: label, depth and other properties of each sample. Layers are made from the samples of the central plane, and read at the nearest one
 //! to each pixel. The GPU's differ by at most one unit from those in double precision where both have the same label.
 
-use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
 use nalgebra::Point3;
 
 use super::buffers::{Buffer, LABEL, LOSS, NEEDLE_MASK, POSITION, RAYS, UNITS_PER_DB, beam, bytes_of, columns};
 use super::common::rows;
-use super::pass::{Band, Grid, ParamBlock, Pass, Reference, Use, Use::*, View, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Reference, Use, Use::*, View, block, reference};
 use super::{Effect, Stage, Verdict, needle, shadow};
 use crate::synth::layers::{Layer, world_position};
 use crate::synth::store::Store;
@@ -164,26 +163,26 @@ const fn pass(
     }
 }
 
-/// Parameter block of `truth.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Params {
-    /// First three rows of the probe-to-world transform.
-    pub probe_to_world: [Vec4; 3],
-    /// First three rows of the transform from the world to voxels.
-    pub world_to_index: [Vec4; 3],
-    /// Place of each layer among those asked for.
-    pub places: [u32; 8],
-    /// Voxels along each axis.
-    pub size: [u32; 3],
-    /// Distance between samples, mm.
-    pub sample_mm: f32,
-    /// Scanlines.
-    pub lines: u32,
-    /// Samples along a scanline.
-    pub samples: u32,
-    /// Padding to a multiple of 16 bytes.
-    pub unused: [u32; 2],
+block! {
+    /// Parameter block of `truth.wgsl`.
+    struct Params {
+        /// First three rows of the probe-to-world transform.
+        probe_to_world: [Vec4; 3],
+        /// First three rows of the transform from the world to voxels.
+        world_to_index: [Vec4; 3],
+        /// Place of each layer among those asked for.
+        places: [u32; 8],
+        /// Voxels along each axis.
+        size: [u32; 3],
+        /// Distance between samples, mm.
+        sample_mm: f32,
+        /// Scanlines.
+        lines: u32,
+        /// Samples along a scanline.
+        samples: u32,
+        /// Padding to a multiple of 16 bytes.
+        unused: [u32; 2],
+    }
 }
 
 fn place(layer: Layer, tables: &Tables) -> usize {

@@ -14,10 +14,8 @@
 
 use std::ops::Range;
 
-use bytemuck::{Pod, Zeroable};
-
 use super::buffers::{ELEMENT, ELEMENT_MAPS, HITS, POSITION};
-use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, reference};
 use super::{Effect, Stage, Verdict};
 use crate::synth::slab::Slab;
 use crate::synth::store::Store;
@@ -91,26 +89,26 @@ fn wanted(tables: &Tables) -> Verdict {
     }
 }
 
-/// Parameter block of `warp.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Params {
-    /// Number of scanlines of one plane.
-    pub lines: u32,
-    /// Number of samples along a scanline.
-    pub samples: u32,
-    /// Number of planes across the elevation (1 unless the slice has a thickness).
-    pub planes: u32,
-    /// Number of elements of the deformed state in the slab.
-    pub deformed: u32,
-    /// Number of elements of the reference state in the slab.
-    pub reference: u32,
-    /// Start of the maps of the reference elements to barycentric coordinates, in vec4.
-    pub reference_at: u32,
-    /// Start of the maps of the deformed elements to barycentric coordinates, in vec4.
-    pub frames_at: u32,
-    /// Start of the maps of the deformed elements to the reference state, in vec4.
-    pub carries_at: u32,
+block! {
+    /// Parameter block of `warp.wgsl`.
+    struct Params {
+        /// Number of scanlines of one plane.
+        lines: u32,
+        /// Number of samples along a scanline.
+        samples: u32,
+        /// Number of planes across the elevation (1 unless the slice has a thickness).
+        planes: u32,
+        /// Number of elements of the deformed state in the slab.
+        deformed: u32,
+        /// Number of elements of the reference state in the slab.
+        reference: u32,
+        /// Start of the maps of the reference elements to barycentric coordinates, in vec4.
+        reference_at: u32,
+        /// Start of the maps of the deformed elements to barycentric coordinates, in vec4.
+        frames_at: u32,
+        /// Start of the maps of the deformed elements to the reference state, in vec4.
+        carries_at: u32,
+    }
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {

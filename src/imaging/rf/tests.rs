@@ -283,7 +283,7 @@ fn rounding(scatterers: &[Scatterer], pulse: &Pulse, lines: usize, samples: usiz
 
 #[test]
 fn both_backends_add_up_echoes_to_within_their_roundings() {
-    let gpu = insonify_testing::gpu::gpu_or_skip(std::thread::current().name().unwrap_or("a test"));
+    let gpu = insonify_testing::gpu::gpu_or_skip();
     let wide = |it: Scatterer| Scatterer {
         sigma: 0.2 + (it.sample as f32 / 40.0).rem_euclid(9.0),
         ..it

@@ -5,8 +5,7 @@ use insonify_mesh::TetMesh;
 
 /// The CPU, and the GPU of the tests, if there is one.
 fn backends() -> Vec<Backend> {
-    let gpu = insonify_testing::gpu::gpu_or_skip(std::thread::current().name().unwrap_or("a test"))
-        .map(|gpu| Backend::Gpu(Box::new(gpu)));
+    let gpu = insonify_testing::gpu::gpu_or_skip().map(|gpu| Backend::Gpu(Box::new(gpu)));
     [Backend::Cpu].into_iter().chain(gpu).collect()
 }
 
@@ -80,7 +79,7 @@ fn frames_that_nobody_takes_are_dropped() {
 
 #[test]
 fn a_frame_in_an_encoder_of_the_host_is_the_one_rendered() {
-    let Some(gpu) = insonify_testing::gpu::gpu_or_skip(std::thread::current().name().unwrap_or("a test")) else {
+    let Some(gpu) = insonify_testing::gpu::gpu_or_skip() else {
         return;
     };
     let (mut synth, states) = scene(Backend::Gpu(Box::new(gpu.clone())));
@@ -142,7 +141,7 @@ fn after_a_frame_that_fails_the_mesh_is_sent_again() {
 
 /// A scene with a mesh on a GPU.
 fn meshed() -> Option<(Gpu, Synthesizer, FrameState)> {
-    let gpu = insonify_testing::gpu::gpu_or_skip(std::thread::current().name().unwrap_or("a test"))?;
+    let gpu = insonify_testing::gpu::gpu_or_skip()?;
     let (mut anatomy, settings, state) = anatomies::two_layers();
     let around = |by: f64| std::array::from_fn(|axis| state.probe_to_world[(axis, 3)] + by);
     anatomy.mesh = TetMesh::over_box(around(-70.0), around(70.0), 500).ok().map(Arc::new);
@@ -232,7 +231,7 @@ fn displaced(synth: &Synthesizer) -> Vec<[f64; 3]> {
 
 #[test]
 fn synthesizers_on_one_device_share_the_volume() {
-    let Some(gpu) = insonify_testing::gpu::gpu_or_skip(std::thread::current().name().unwrap_or("a test")) else {
+    let Some(gpu) = insonify_testing::gpu::gpu_or_skip() else {
         return;
     };
     let (mut anatomy, settings, state) = anatomies::two_layers();

@@ -78,7 +78,7 @@ fn apart(a: &[Outcome], b: &[Outcome]) -> (f64, usize) {
 
 #[test]
 fn a_whole_insertion_has_the_forces_of_the_cpu() {
-    let gpu = gpu_or_skip("a whole insertion");
+    let gpu = gpu_or_skip();
     for level in [Level::I, Level::II, Level::III] {
         let single = || tissue(level, Precision::Single);
         let double = Finite::new(tissue(level, Precision::Double), |_, _| {}).unwrap();
@@ -109,7 +109,7 @@ fn a_whole_insertion_has_the_forces_of_the_cpu() {
 
 #[test]
 fn the_cpu_goes_on_where_a_device_fails_and_levels_change_on_it() {
-    let Some(gpu) = gpu_or_skip("a device that fails in an insertion") else {
+    let Some(gpu) = gpu_or_skip() else {
         return;
     };
     let single = || tissue(Level::I, Precision::Single);
@@ -131,7 +131,7 @@ fn the_cpu_goes_on_where_a_device_fails_and_levels_change_on_it() {
 
 #[test]
 fn a_gpu_keeps_no_inverse_in_double_precision() {
-    let Some(gpu) = gpu_or_skip("refusals of an insertion") else {
+    let Some(gpu) = gpu_or_skip() else {
         return;
     };
     let refused = Finite::with_maker(tissue(Level::I, Precision::Double), maker(&gpu), |_, _| {})

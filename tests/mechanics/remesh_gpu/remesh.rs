@@ -84,7 +84,7 @@ impl Exact {
 
 #[test]
 fn updates_of_every_shape_follow_the_cpu() {
-    let Some(gpu) = gpu_or_skip("updates of an inverse") else {
+    let Some(gpu) = gpu_or_skip() else {
         return;
     };
     let tile = tiles::bytes_of(1);
@@ -221,12 +221,11 @@ fn solved(base: &Symmetric<f32>, columns: &[usize], change: &Mat<f64>) -> Mat<f6
 
 #[test]
 fn a_capacitance_matrix_solved_on_the_device_is_that_of_exact_arithmetic() {
-    let Some(gpu) = gpu_or_skip("a capacitance matrix") else {
+    let Some(gpu) = gpu_or_skip() else {
         return;
     };
     if !gpu.has_f64() {
-        println!("SKIPPED: no f64 on the GPU for a capacitance matrix");
-        return;
+        return insonify_testing::skip("the GPU has no f64 for a capacitance matrix");
     }
     let tile = tiles::bytes_of(1);
     // I + dK G = [0 -1/2; 3/4 4] has no first pivot on its diagonal; (G^-1 + dK)^-1 by hand.
@@ -299,7 +298,7 @@ fn a_capacitance_matrix_solved_on_the_device_is_that_of_exact_arithmetic() {
 
 #[test]
 fn a_rebuild_on_the_device_is_that_from_a_fresh_upload() {
-    let Some(gpu) = gpu_or_skip("a rebuild of an inverse") else {
+    let Some(gpu) = gpu_or_skip() else {
         return;
     };
     let (size, rank, bank) = (300, 40, 2 * tiles::bytes_of(1));
@@ -339,7 +338,7 @@ fn a_rebuild_on_the_device_is_that_from_a_fresh_upload() {
 
 #[test]
 fn sums_of_columns_and_products_are_those_of_exact_arithmetic() {
-    let Some(gpu) = gpu_or_skip("products with an inverse") else {
+    let Some(gpu) = gpu_or_skip() else {
         return;
     };
     let tile = tiles::bytes_of(1);
@@ -392,13 +391,13 @@ fn allowed(mesh: &AdaptedMesh, gold: MatRef<'_, f64>, updates: usize) -> f64 {
 
 #[test]
 fn level_one_follows_the_moved_mesh_as_its_twin_does() {
-    level_one_follows(gpu_or_skip("remeshing"));
+    level_one_follows(gpu_or_skip());
 }
 
 /// The capacitance matrix is solved on the CPU then.
 #[test]
 fn level_one_follows_the_moved_mesh_without_f64_on_the_device() {
-    let gpu = gpu_without_features("remeshing");
+    let gpu = gpu_without_features();
     assert!(gpu.as_ref().is_none_or(|gpu| !gpu.has_f64()));
     level_one_follows(gpu);
 }
@@ -473,7 +472,7 @@ fn level_one_follows(gpu: Option<Gpu>) {
 fn levels_two_and_three_are_right_in_their_rows_and_rebuild_when_switched_up() {
     for level in [Level::II, Level::III] {
         let mesh = mesh(0.45);
-        let Some(mut device) = on_device(gpu_or_skip("remeshing"), &mesh, level, Options::default()) else {
+        let Some(mut device) = on_device(gpu_or_skip(), &mesh, level, Options::default()) else {
             return;
         };
         let base = gold(&mesh);
@@ -531,7 +530,7 @@ fn nearly_singular(remesher: &mut dyn Remesher, mut change: Change, eigenvalue: 
 
 #[test]
 fn an_ill_conditioned_change_is_refused_as_on_the_cpu() {
-    let Some(gpu) = gpu_or_skip("ill-conditioned changes") else {
+    let Some(gpu) = gpu_or_skip() else {
         return;
     };
     for level in [Level::I, Level::II, Level::III] {
@@ -572,10 +571,7 @@ fn an_ill_conditioned_change_is_refused_as_on_the_cpu() {
 
 #[test]
 fn a_move_waits_once_and_sends_little() {
-    let devices = [
-        gpu_or_skip("counts of a move"),
-        gpu_without_features("counts of a move"),
-    ];
+    let devices = [gpu_or_skip(), gpu_without_features()];
     let levels = [Level::I, Level::II, Level::III];
     for (gpu, level) in devices
         .iter()
@@ -625,7 +621,7 @@ fn a_move_waits_once_and_sends_little() {
 #[test]
 fn devices_and_cpu_are_switched_while_running() {
     let mesh = mesh(0.45);
-    let Some(mut adaptation) = on_device(gpu_or_skip("remeshing"), &mesh, Level::I, Options::default()) else {
+    let Some(mut adaptation) = on_device(gpu_or_skip(), &mesh, Level::I, Options::default()) else {
         return;
     };
     let nodes = free_nodes(&mesh);
@@ -648,7 +644,7 @@ fn devices_and_cpu_are_switched_while_running() {
     check(&adaptation, 1);
     step(&mut adaptation, 4);
     check(&adaptation, 2);
-    let gpu = gpu_or_skip("remeshing").expect("as before");
+    let gpu = gpu_or_skip().expect("as before");
     let back = follow(&gpu, adaptation.mesh(), &single(&mesh), Level::I, Options::default()).unwrap();
     adaptation.replace(Box::new(back)).unwrap();
     check(&adaptation, 2);
@@ -660,7 +656,7 @@ fn devices_and_cpu_are_switched_while_running() {
 
 #[test]
 fn what_a_device_cannot_do_is_said() {
-    let Some(gpu) = gpu_or_skip("errors of remeshing") else {
+    let Some(gpu) = gpu_or_skip() else {
         return;
     };
     let soft = mesh(0.45);
@@ -697,7 +693,7 @@ fn what_a_device_cannot_do_is_said() {
     let Source::Single(base) = single(&soft) else {
         panic!("single is single")
     };
-    let own = gpu_or_skip("a lost device").expect("as before");
+    let own = gpu_or_skip().expect("as before");
     let lost = follow(&own, &soft, &Source::Single(base), Level::I, Options::default()).unwrap();
     adaptation.replace(Box::new(lost)).unwrap();
     own.simulate_loss().unwrap();

@@ -1,0 +1,231 @@
+//! Typed values from parsed TOML.
+//!
+//! The deserialiser of the crate `toml` hands tables to a type in three forms (tables, values with spans, dates), so that each type is compiled
+//! three times. This one has tables alone.
+
+use std::fmt;
+use std::ops::Range;
+
+use serde::de::value::StrDeserializer;
+use serde::de::{
+    self, DeserializeOwned, DeserializeSeed, Deserializer, EnumAccess, IntoDeserializer, MapAccess, SeqAccess,
+    Unexpected, VariantAccess, Visitor,
+};
+use toml::Spanned;
+use toml::de::{DeFloat, DeInteger, DeString, DeTable, DeValue};
+
+/// What a text says against TOML or the type that it is read as, and where: bytes of the text.
+#[derive(Clone, Debug)]
+pub(super) struct Mismatch {
+    pub message: String,
+    pub span: Option<Range<usize>>,
+}
+
+impl Mismatch {
+    /// The same at a place, unless it has one.
+    fn at(mut self, span: Range<usize>) -> Self {
+        self.span.get_or_insert(span);
+        self
+    }
+}
+
+impl fmt::Display for Mismatch {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.message)
+    }
+}
+
+impl std::error::Error for Mismatch {}
+
+impl de::Error for Mismatch {
+    fn custom<T: fmt::Display>(message: T) -> Self {
+        Self {
+            message: message.to_string(),
+            span: None,
+        }
+    }
+}
+
+/// Reads a text as a type.
+pub(super) fn read<T: DeserializeOwned>(text: &str) -> Result<T, Mismatch> {
+    T::deserialize(Value(parsed(text)?))
+}
+
+fn parsed(text: &str) -> Result<Spanned<DeValue<'_>>, Mismatch> {
+    let root = DeTable::parse(text).map_err(|error| Mismatch {
+        message: error.message().to_owned(),
+        span: error.span(),
+    })?;
+    Ok(Spanned::new(root.span(), DeValue::Table(root.into_inner())))
+}
+
+fn signed(number: &DeInteger<'_>) -> Option<i64> {
+    i64::from_str_radix(number.as_str(), number.radix()).ok()
+}
+
+fn unsigned(number: &DeInteger<'_>) -> Option<u64> {
+    u64::from_str_radix(number.as_str(), number.radix()).ok()
+}
+
+/// The number, unless it is infinite without being written so.
+fn finite(number: &DeFloat<'_>) -> Option<f64> {
+    let text = number.as_str();
+    text.parse()
+        .ok()
+        .filter(|number: &f64| number.is_finite() || text.contains(['i', 'n']))
+}
+
+struct Value<'i>(Spanned<DeValue<'i>>);
+
+impl<'de> Value<'de> {
+    /// The value of a type.
+    fn of<S: DeserializeSeed<'de>>(self, seed: S) -> Result<S::Value, Mismatch> {
+        let span = self.0.span();
+        seed.deserialize(self).map_err(|error| error.at(span))
+    }
+}
+
+impl<'de> Deserializer<'de> for Value<'de> {
+    type Error = Mismatch;
+
+    fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mismatch> {
+        match self.0.into_inner() {
+            DeValue::String(text) => visitor.visit_str(&text),
+            DeValue::Integer(number) => match (signed(&number), unsigned(&number)) {
+                (Some(number), _) => visitor.visit_i64(number),
+                (None, Some(number)) => visitor.visit_u64(number),
+                (None, None) => {
+                    let integer = format!("integer `{number}`");
+                    Err(de::Error::invalid_type(Unexpected::Other(&integer), &visitor))
+                }
+            },
+            DeValue::Float(number) => match finite(&number) {
+                Some(number) => visitor.visit_f64(number),
+                None => Err(de::Error::custom("floating-point number overflowed")),
+            },
+            DeValue::Boolean(value) => visitor.visit_bool(value),
+            DeValue::Datetime(_) => Err(de::Error::invalid_type(Unexpected::Other("date"), &visitor)),
+            DeValue::Array(values) => visitor.visit_seq(Values(values.into_iter())),
+            DeValue::Table(table) => visitor.visit_map(Table {
+                entries: table.into_iter(),
+                value: None,
+            }),
+        }
+    }
+
+    fn deserialize_option<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mismatch> {
+        visitor.visit_some(self)
+    }
+
+    fn deserialize_newtype_struct<V: Visitor<'de>>(self, _: &'static str, visitor: V) -> Result<V::Value, Mismatch> {
+        visitor.visit_newtype_struct(self)
+    }
+
+    fn deserialize_enum<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        _: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, Mismatch> {
+        match self.0.into_inner() {
+            DeValue::String(name) => visitor.visit_enum(name.as_ref().into_deserializer()),
+            DeValue::Table(table) if table.len() == 1 => visitor.visit_enum(Table {
+                entries: table.into_iter(),
+                value: None,
+            }),
+            _ => Err(de::Error::custom("wanted string or table")),
+        }
+    }
+
+    serde::forward_to_deserialize_any! {
+        bool u8 u16 u32 u64 i8 i16 i32 i64 f32 f64 char str string seq bytes byte_buf map unit ignored_any unit_struct tuple_struct
+        tuple identifier struct
+    }
+}
+
+struct Values<'i>(std::vec::IntoIter<Spanned<DeValue<'i>>>);
+
+impl<'de> SeqAccess<'de> for Values<'de> {
+    type Error = Mismatch;
+
+    fn next_element_seed<T: DeserializeSeed<'de>>(&mut self, seed: T) -> Result<Option<T::Value>, Mismatch> {
+        self.0.next().map(|value| Value(value).of(seed)).transpose()
+    }
+
+    fn size_hint(&self) -> Option<usize> {
+        Some(self.0.len())
+    }
+}
+
+struct Table<'i> {
+    entries: toml::map::IntoIter<Spanned<DeString<'i>>, Spanned<DeValue<'i>>>,
+    /// Value of the last key.
+    value: Option<Spanned<DeValue<'i>>>,
+}
+
+impl<'de> Table<'de> {
+    fn next<K: DeserializeSeed<'de>>(&mut self, seed: K) -> Result<Option<K::Value>, Mismatch> {
+        let Some((key, value)) = self.entries.next() else {
+            return Ok(None);
+        };
+        self.value = Some(value);
+        let name: StrDeserializer<'_, Mismatch> = key.as_ref().as_ref().into_deserializer();
+        seed.deserialize(name).map(Some).map_err(|error| error.at(key.span()))
+    }
+
+    fn value(&mut self) -> Result<Value<'de>, Mismatch> {
+        self.value
+            .take()
+            .map(Value)
+            .ok_or_else(|| de::Error::custom("a value without a key"))
+    }
+}
+
+impl<'de> MapAccess<'de> for Table<'de> {
+    type Error = Mismatch;
+
+    fn next_key_seed<K: DeserializeSeed<'de>>(&mut self, seed: K) -> Result<Option<K::Value>, Mismatch> {
+        self.next(seed)
+    }
+
+    fn next_value_seed<T: DeserializeSeed<'de>>(&mut self, seed: T) -> Result<T::Value, Mismatch> {
+        self.value()?.of(seed)
+    }
+
+    fn size_hint(&self) -> Option<usize> {
+        Some(self.entries.len())
+    }
+}
+
+/// A variant and its content: the only entry of a table.
+impl<'de> EnumAccess<'de> for Table<'de> {
+    type Error = Mismatch;
+    type Variant = Value<'de>;
+
+    fn variant_seed<K: DeserializeSeed<'de>>(mut self, seed: K) -> Result<(K::Value, Value<'de>), Mismatch> {
+        match self.next(seed)? {
+            Some(name) => Ok((name, self.value()?)),
+            None => Err(de::Error::custom("wanted string or table")),
+        }
+    }
+}
+
+impl<'de> VariantAccess<'de> for Value<'de> {
+    type Error = Mismatch;
+
+    fn unit_variant(self) -> Result<(), Mismatch> {
+        Err(de::Error::custom("wanted string or table"))
+    }
+
+    fn newtype_variant_seed<T: DeserializeSeed<'de>>(self, seed: T) -> Result<T::Value, Mismatch> {
+        self.of(seed)
+    }
+
+    fn tuple_variant<V: Visitor<'de>>(self, _: usize, visitor: V) -> Result<V::Value, Mismatch> {
+        self.deserialize_any(visitor)
+    }
+
+    fn struct_variant<V: Visitor<'de>>(self, _: &'static [&'static str], visitor: V) -> Result<V::Value, Mismatch> {
+        self.deserialize_any(visitor)
+    }
+}
