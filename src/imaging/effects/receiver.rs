@@ -301,7 +301,7 @@ pub fn draw(line: usize, sample: usize, frame: u64, seed: u64) -> i32 {
     let numbers = Params {
         seed: [low, high ^ STREAM],
         frame: frame as u32,
-        ..Params::zeroed()
+        ..bytemuck::Zeroable::zeroed()
     };
     let rows = [0, 1].map(|step| smoothed(line as i32 + step, sample as i32, 1, &numbers));
     power([0, 1].map(|part| rows[0][part][0] + rows[1][part][0]))

@@ -266,7 +266,7 @@ block! {
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
     let Some(own) = &tables.effects.speckle else {
-        return ParamBlock::of(&Params::zeroed());
+        return ParamBlock::of::<Params>(&bytemuck::Zeroable::zeroed());
     };
     let elevation = view.state.probe_to_world.fixed_view::<3, 1>(0, 2);
     let plane = |i: usize| own.planes.get(i).map_or(0.0, |&weight| weight as f32);

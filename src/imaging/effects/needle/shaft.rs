@@ -71,7 +71,7 @@ impl<T: Real> Shaft<T> {
 
     /// Complex multiplier of the echo at a point of the plane: grains along the shaft, and a needle's brighter bevel.
     #[inline(always)]
-    pub fn grain(&self, x: T, y: T, numbers: &Params) -> [T; 2] {
+    pub(crate) fn grain(&self, x: T, y: T, numbers: &Params) -> [T; 2] {
         let along =
             (x - self.start[0]) * self.axis[0] + (y - self.start[1]) * self.axis[1] - self.start[2] * self.axis[2];
         let share = (along / self.length.max(T::of(1e-9))).max(T::zero()).min(T::one());
