@@ -20,3 +20,6 @@ pub mod simd;
 pub mod statistics;
 pub mod table;
 pub mod text;
+
+/// Version of this release, which all crates share: part of what is cached and written.
+pub const VERSION: &str = env!("CARGO_PKG_VERSION");

@@ -50,7 +50,7 @@ impl Doctor {
         let adapters = adapter::list();
         let choice = AdapterChoice::from_flag(self.adapter.as_deref());
         let mut report = Report {
-            version: env!("CARGO_PKG_VERSION"),
+            version: insonify_base::VERSION,
             machine: Machine::here(),
             adapters,
             backend: "cpu",

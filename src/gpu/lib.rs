@@ -21,7 +21,7 @@
 //! loops of its shader together: a pass that loops longer belongs in several dispatches.
 //!
 //! ```no_run
-//! use insonify_gpu::{Access, AdapterChoice, Dispatch, Gpu, Needs, PassSource, Pipeline, Readback, StorageBuffer, Parameters};
+//! use insonify_gpu::{Access, AdapterChoice, Dispatch, Gpu, Loops, Needs, PassSource, Pipeline, Readback, StorageBuffer, Parameters};
 //!
 //! let gpu = Gpu::open(&AdapterChoice::from_flag(None), &Needs::default())?;
 //! let values = StorageBuffer::upload(&gpu, "values", &[1_u32, 2, 3])?;
@@ -37,6 +37,7 @@
 //!         entry: "double",
 //!         storage: &[Access::Write],
 //!         constants: &[],
+//!         loops: Loops::COUNTED,
 //!     },
 //! )?;
 //! let parameters = Parameters::new(&gpu, "parameters", 1)?;
@@ -94,7 +95,7 @@ pub use device::{Gpu, Needs};
 #[cfg(feature = "wgpu")]
 pub use faults::Faults;
 #[cfg(feature = "wgpu")]
-pub use pass::{PassSource, Pipeline};
+pub use pass::{Loops, PassSource, Pipeline};
 #[cfg(feature = "wgpu")]
 pub use readback::Readback;
 #[cfg(feature = "wgpu")]

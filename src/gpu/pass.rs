@@ -7,8 +7,7 @@ use super::{Access, Gpu, GpuError, Parameters, StorageBuffer};
 /// Source and layout of a pass.
 ///
 /// In its WGSL, `@group(0) @binding(0)` is the parameter block (`var<storage, read>`) of at most [`SLOT_BYTES`] bytes unless [`Pipeline::with_block`] states another size (omitted in a
-/// pass without parameters), and bindings 1, 2, ... are the storage buffers in the order of `storage`. Every loop in it must end: shaders are compiled
-/// without the counter by which wgpu ends loops.
+/// pass without parameters), and bindings 1, 2, ... are the storage buffers in the order of `storage`.
 #[derive(Debug, Clone, Copy)]
 pub struct PassSource<'a> {
     /// Name of the pass in errors, timings and graphics debuggers.
@@ -21,6 +20,29 @@ pub struct PassSource<'a> {
     pub storage: &'a [Access],
     /// Values of the pipeline-overridable constants, by name.
     pub constants: &'a [(&'a str, f64)],
+    /// What is known of its loops.
+    pub loops: Loops,
+}
+
+/// What is known of the loops of a shader.
+#[derive(Debug, Clone, Copy)]
+pub struct Loops {
+    end: bool,
+}
+
+impl Loops {
+    /// Nothing: wgpu counts the turns of each loop and ends it after 2^64.
+    pub const COUNTED: Self = Self { end: false };
+
+    /// Each ends by itself, so that none is counted. The counter keeps drivers from unrolling loops: without it some passes take half the time
+    /// on a card.
+    ///
+    /// # Safety
+    /// Every loop of the shader ends, whatever the buffers hold: drivers may take an endless loop for unreachable code.
+    #[allow(unsafe_code, reason = "an endless loop is undefined behaviour")]
+    pub const unsafe fn ending() -> Self {
+        Self { end: true }
+    }
 }
 
 /// A compiled pass. Clones share the pipeline.
@@ -131,8 +153,6 @@ impl Pipeline {
     }
 }
 
-/// Compiles without the counter that wgpu adds to each loop, which keeps drivers from unrolling loops: on a card some passes take half the
-/// time. Checks of bounds stay.
 #[allow(unsafe_code, reason = "wgpu has no safe call that leaves out this check alone")]
 fn compile(device: &wgpu::Device, pass: &PassSource<'_>) -> wgpu::ShaderModule {
     let descriptor = wgpu::ShaderModuleDescriptor {
@@ -140,11 +160,10 @@ fn compile(device: &wgpu::Device, pass: &PassSource<'_>) -> wgpu::ShaderModule {
         source: wgpu::ShaderSource::Wgsl(pass.source.into()),
     };
     let checks = wgpu::ShaderRuntimeChecks {
-        force_loop_bounding: false,
+        force_loop_bounding: !pass.loops.end,
         ..wgpu::ShaderRuntimeChecks::checked()
     };
-    // SAFETY: every loop ends, as `PassSource` asks of its sources. Those of the crates above count towards a bound that does not change within
-    // them, or narrow an interval of integers.
+    // SAFETY: loops that are not counted end, as who made `loops` promised. All other checks are on.
     unsafe { device.create_shader_module_trusted(descriptor, checks) }
 }
 

@@ -178,7 +178,7 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
-    use crate::{Access, Dispatch, Parameters, PassSource, Pipeline, StorageBuffer, testing};
+    use crate::{Access, Dispatch, Loops, Parameters, PassSource, Pipeline, StorageBuffer, testing};
 
     fn filled(gpu: &Gpu, bytes: usize) -> Readback {
         let data: Vec<u8> = (0..bytes).map(|i| i as u8).collect();
@@ -227,6 +227,7 @@ mod tests {
             entry: "spin",
             storage: &[Access::Write],
             constants: &[],
+            loops: Loops::COUNTED,
         };
         let pipeline = Pipeline::new(&gpu, &pass).unwrap();
         let parameters = Parameters::new(&gpu, "none", 1).unwrap();

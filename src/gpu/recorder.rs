@@ -140,7 +140,7 @@ impl<'a> Recorder<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Access, Parameters, PassSource, testing};
+    use crate::{Access, Loops, Parameters, PassSource, testing};
 
     #[test]
     fn a_dispatch_beyond_the_limit_or_its_slots_is_an_error_and_the_device_lives_on() {
@@ -153,6 +153,7 @@ mod tests {
             entry: "touch",
             storage: &[Access::Write],
             constants: &[],
+            loops: Loops::COUNTED,
         };
         let pipeline = Pipeline::new(&gpu, &pass).unwrap();
         let mut parameters = Parameters::new(&gpu, "value", 2).unwrap();

@@ -118,7 +118,9 @@ impl Timer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Access, AdapterChoice, Dispatch, Parameters, PassSource, Pipeline, StorageBuffer, adapter, testing};
+    use crate::{
+        Access, AdapterChoice, Dispatch, Loops, Parameters, PassSource, Pipeline, StorageBuffer, adapter, testing,
+    };
 
     const SPIN: &str = "
         override rounds: u32;
@@ -148,6 +150,7 @@ mod tests {
                 entry: "spin",
                 storage: &[Access::Write],
                 constants: &constants,
+                loops: Loops::COUNTED,
             };
             let pipeline = Pipeline::new(&gpu, &pass).unwrap();
             let bindings = pipeline.bind(&gpu, &parameters, &[&out]).unwrap();

@@ -4,35 +4,12 @@
 use insonify_mechanics::needle::beam::{
     Base, Compression, FoundationBeam, Layer, Material, Problem, Shape, bending_stiffness_nmm2,
 };
+use insonify_study::beam::measure::{SYNTHETIC_CONTAINER_MM, SYNTHETIC_STAGE_MM};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde_json::Value;
 
 use crate::support::Bench;
 
-/// Centres of the markers, mm: 12 on the container, 7 on the stage.
-const CONTAINER: [[f64; 3]; 12] = [
-    [0.0, -36.0, -24.0],
-    [8.0, 34.0, -26.0],
-    [20.0, -35.0, 22.0],
-    [24.0, 36.0, 20.0],
-    [33.0, -12.0, -27.0],
-    [41.0, 33.0, -8.0],
-    [46.0, -37.0, -5.0],
-    [52.0, 14.0, 26.0],
-    [58.0, -33.0, 25.0],
-    [61.0, 37.0, 11.0],
-    [15.0, 3.0, 27.0],
-    [64.0, 8.0, -25.0],
-];
-const STAGE: [[f64; 3]; 7] = [
-    [-14.0, -12.0, 10.0],
-    [-13.0, 13.0, 12.0],
-    [-2.0, -14.0, -11.0],
-    [0.0, 12.0, -9.0],
-    [4.0, -8.0, 13.0],
-    [-9.0, 4.0, -14.0],
-    [3.0, 15.0, 5.0],
-];
 /// Sizes of the markers, mm.
 const DIAMETERS: [f64; 2] = [3.0, 2.0];
 const CONTROL_MM: f64 = 40.0;
@@ -128,8 +105,8 @@ impl Ct {
         let base = &shape.points[0];
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), base.slope.atan());
         let stage = Isometry3::from_parts(Translation3::new(base.x_mm, base.u_mm, 0.0), turn);
-        let container = CONTAINER.map(|place| (Point3::from(place), DIAMETERS[0], 0.2));
-        let stage = STAGE.map(|place| (stage * Point3::from(place), DIAMETERS[1], 0.1));
+        let container = SYNTHETIC_CONTAINER_MM.map(|place| (Point3::from(place), DIAMETERS[0], 0.2));
+        let stage = SYNTHETIC_STAGE_MM.map(|place| (stage * Point3::from(place), DIAMETERS[1], 0.1));
         let markers = container.into_iter().chain(stage).enumerate();
         for (at, (centre, diameter, off)) in markers {
             let centre = centre + noise.vector(off);
@@ -216,8 +193,15 @@ fn bench() -> Bench {
     bench.write("tissue.toml", TISSUE);
     let row =
         |body: &'static str, diameter: f64| move |[x, y, z]: &[f64; 3]| format!("{body},{diameter},{x},{y},{z}\n");
-    let rows: String = CONTAINER.iter().map(row("container", DIAMETERS[0])).collect();
-    let rows = rows + &STAGE.iter().map(row("stage", DIAMETERS[1])).collect::<String>();
+    let rows: String = SYNTHETIC_CONTAINER_MM
+        .iter()
+        .map(row("container", DIAMETERS[0]))
+        .collect();
+    let rows = rows
+        + &SYNTHETIC_STAGE_MM
+            .iter()
+            .map(row("stage", DIAMETERS[1]))
+            .collect::<String>();
     bench.write("design.csv", &format!("body,diameter_mm,x_mm,y_mm,z_mm\n{rows}"));
     bench
 }

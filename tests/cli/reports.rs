@@ -1,6 +1,6 @@
 //! What the other subcommands print.
 
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::support::{Bench, SCENE, names};
 
@@ -20,8 +20,22 @@ fn plans_list_passes_with_reasons() {
         assert!(without.contains(&effect), "{effect}: {without:?}");
     }
     assert!(bare["passes"][0]["reason"].is_string() && bare["without"][0]["reason"].is_string());
+    // Four numbers of four bytes for each of 64 samples on 32 scanlines; a byte for each of 48 x 40 pixels, in rows of 256.
+    let buffers = bare["resources"].as_array().expect("a list");
+    let bytes = |name: &str| {
+        buffers
+            .iter()
+            .find(|it| it["resource"] == name)
+            .map(|it| it["bytes"].clone())
+    };
+    assert_eq!(
+        (bytes("position"), bytes("pixels")),
+        (Some(json!(32_768)), Some(json!(10_240)))
+    );
+    let all: u64 = buffers.iter().filter_map(|it| it["bytes"].as_u64()).sum();
+    assert_eq!(bare["bytes"], all);
     let full = bench.run("plan scene.toml --json").json();
-    assert!(full["bytes"].as_u64() > bare["bytes"].as_u64());
+    assert!(full["bytes"].as_u64() > Some(all));
     assert_eq!(full["warnings"], json!([]));
     let table = bench.run("plan scene.toml");
     assert!(
@@ -129,18 +143,36 @@ fn a_pixel_is_explained() {
     assert_eq!(report["pixel"], json!([24, 10]));
     let sample = &report["sample"];
     assert_eq!(sample["label"]["tissue"], "phantom_top");
-    for key in [
-        "world_mm",
-        "reference_mm",
-        "depth_mm",
-        "texture",
-        "speckle",
-        "shadow",
-        "blur",
-        "stages",
-    ] {
-        assert!(!sample[key].is_null(), "{key}: {report}");
-    }
+    let number = |value: &Value| value.as_f64().unwrap_or_else(|| panic!("{value} in {report}"));
+    let near = |found: f64, expected: f64| {
+        assert!(
+            (found - expected).abs() <= 1e-5 * expected.abs(),
+            "{found}, not {expected}: {report}"
+        );
+    };
+    // 64 samples down to 60 mm, each in the middle of its length; sound of 9 MHz goes there and back through 0.5 dB/cm/MHz.
+    let depth_mm = (number(&sample["sample"]) + 0.5) * 60.0 / 64.0;
+    near(number(&sample["depth_mm"]), depth_mm);
+    let loss_db = 2.0 * 0.5 * 9.0 * depth_mm / 10.0;
+    near(number(&sample["shadow"]["loss_db"]), loss_db);
+    near(number(&sample["shadow"]["transmittance"]), 10f64.powf(-loss_db / 20.0));
+    // The echo of the label, then what each effect makes of it.
+    let stage = |pass: &str| {
+        let stages = sample["stages"].as_array().expect("a list");
+        number(&stages.iter().find(|stage| stage["pass"] == pass).expect(pass)["value"])
+    };
+    let echo = 10f64.powf(number(&sample["label"]["echogenicity_db"]) / 20.0);
+    near(stage("slice"), echo);
+    let textured = echo * number(&sample["texture"]["value"]);
+    near(stage("texture"), textured);
+    near(stage("speckle_lateral"), textured * number(&sample["speckle"]));
+    near(stage("shadow"), stage("speckle_lateral") * 10f64.powf(-loss_db / 20.0));
+    // The pixel lies between four samples.
+    let corners = report["sample"]["interpolation"].as_array().expect("a list");
+    let sum = |of: &dyn Fn(&Value) -> f64| corners.iter().map(of).sum::<f64>();
+    near(sum(&|corner| number(&corner["weight"])), 1.0);
+    let grey = sum(&|corner| number(&corner["weight"]) * number(&corner["grey_level"]));
+    assert!((grey - number(&report["grey_level"])).abs() <= 0.5, "{grey}: {report}");
     assert_eq!(report["warnings"], json!([]));
     bench.run("render scene.toml --backend cpu-f64").text();
     let (size, pixels) = crate::support::grey(&bench.path("frame.png"));
@@ -162,10 +194,10 @@ fn a_benchmark_climbs_down_to_slicing() {
     let report = bench.run("bench scene.toml --backend cpu --frames 2 --json").json();
     let backend = &report["backends"][0];
     assert_eq!(backend["backend"], "cpu");
-    for key in ["median_ms", "p95_ms", "fps"] {
-        assert!(backend["frame"][key].as_f64().unwrap() > 0.0);
-    }
-    assert!(names(&backend["passes"]).contains(&"slice"));
+    let [median_ms, p95_ms, fps] = ["median_ms", "p95_ms", "fps"].map(|key| backend["frame"][key].as_f64().unwrap());
+    assert!(0.0 < median_ms && median_ms <= p95_ms && (fps * median_ms / 1000.0 - 1.0).abs() < 1e-9);
+    let plan = bench.run("plan scene.toml --json").json();
+    assert_eq!(names(&backend["passes"]), names(&plan["passes"]));
     let ladder = backend["ladder"].as_array().unwrap();
     assert_eq!(ladder[0]["without"], json!(null));
     assert_eq!(ladder.last().unwrap()["passes"], 5);
@@ -182,7 +214,8 @@ fn the_doctor_says_what_would_be_used() {
     let bench = Bench::new();
     let healthy = bench.run("doctor --json").json();
     assert!(healthy["adapters"].is_array() && healthy["reason"].is_string());
-    assert!(healthy["machine"]["cores"].as_u64().unwrap() >= 1);
+    let threads = std::thread::available_parallelism().expect("threads").get();
+    assert_eq!(healthy["machine"]["threads"], threads);
     if let Some(adapter) = healthy["adapters"].get(0) {
         let software = adapter["software"].as_bool().unwrap();
         assert_eq!(healthy["backend"], if software { "cpu" } else { "gpu" });

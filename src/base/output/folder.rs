@@ -227,7 +227,7 @@ impl Folder {
     fn list(&self, staged: &Path, files: BTreeSet<String>) -> Result<(), OutputError> {
         let manifest = Manifest {
             program: "insonify".to_owned(),
-            version: env!("CARGO_PKG_VERSION").to_owned(),
+            version: crate::VERSION.to_owned(),
             command: self.command.to_owned(),
             files,
         };

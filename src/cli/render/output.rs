@@ -114,7 +114,7 @@ impl<'a> Output<'a> {
                 sequences.push(SequenceWriter::create_layer(&path, size.width, size.height)?);
             }
         }
-        let synthetic = format!("insonify {} seed {}", env!("CARGO_PKG_VERSION"), scene.settings.seed);
+        let synthetic = format!("insonify {} seed {}", insonify_base::VERSION, scene.settings.seed);
         let stream = |mut writer: SequenceWriter| {
             if extras.uncompressed {
                 writer = writer.uncompressed()?;

@@ -1,7 +1,7 @@
 use std::sync::Mutex;
 
 use super::*;
-use crate::{PassSource, Pipeline, Readback, StorageBuffer, testing};
+use crate::{Loops, PassSource, Pipeline, Readback, StorageBuffer, testing};
 
 #[test]
 fn limits_beyond_the_useful_ones_are_raised_only_where_needed() {
@@ -163,6 +163,7 @@ fn a_host_keeps_its_handlers_and_its_loss_shows_at_the_read_back() {
         entry: "broken",
         storage: &[],
         constants: &[],
+        loops: Loops::COUNTED,
     };
     assert!(matches!(Pipeline::new(&gpu, &broken), Err(GpuError::Shader { .. })));
     let misaligned = StorageBuffer::zeroed(&gpu, "misaligned", 8)

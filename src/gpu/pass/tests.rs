@@ -19,6 +19,7 @@ fn scale<'a>(source: &'a str, constants: &'a [(&'a str, f64)]) -> PassSource<'a>
         entry: "scale",
         storage: &[Access::Read, Access::Write],
         constants,
+        loops: Loops::COUNTED,
     }
 }
 

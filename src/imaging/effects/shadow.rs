@@ -450,7 +450,7 @@ pub(crate) fn exponent_per_unit() -> f64 {
 
 /// Loss of a sample where a needle as thick as the beam is wide fills the scan plane, units. The needle pass computes the
 /// fraction of the beam that is shaded.
-pub fn needle_units(tables: &Tables) -> f32 {
+pub(crate) fn needle_units(tables: &Tables) -> f32 {
     let shadow = tables.settings.effects.shadow.as_ref();
     units(shadow.map_or(0.0, |shadow| shadow.needle_db_mm) * tables.sample_mm()) as f32
 }

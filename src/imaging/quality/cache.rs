@@ -96,7 +96,7 @@ impl Cache {
     /// Path of an item.
     fn path(&self, thing: &[&str]) -> Option<PathBuf> {
         let mut hasher = blake3::Hasher::new();
-        for part in [env!("CARGO_PKG_VERSION"), &self.machine].iter().chain(thing) {
+        for part in [insonify_base::VERSION, &self.machine].iter().chain(thing) {
             hasher.update(&(part.len() as u64).to_le_bytes());
             hasher.update(part.as_bytes());
         }

@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 use insonify_base::parallel;
 
 use super::echoes::{Pulse, REACH, Scatterer};
-use insonify_gpu::{Access, Dispatch, Gpu, GpuError, Parameters, PassSource, Pipeline, Readback, StorageBuffer};
+use insonify_gpu::{Access, Dispatch, Gpu, GpuError, Loops, Parameters, PassSource, Pipeline, Readback, StorageBuffer};
 
 /// WGSL source of the pass.
 pub const SHADER: &str = include_str!("../../../shaders/echoes.wgsl");
@@ -16,6 +16,11 @@ pub const BIN: usize = 64;
 pub const INVOCATIONS: usize = 64;
 /// Samples that an invocation adds up; must equal the shader's constant and divide [`BIN`].
 pub const OWN: usize = 8;
+/// Every loop of these shaders counts towards a bound that does not change within it, or narrows an interval of integers.
+#[allow(unsafe_code, reason = "says that loops end")]
+// SAFETY: as above.
+const LOOPS: Loops = unsafe { Loops::ending() };
+
 /// Most scatterers that a dispatch adds to a sample: software Vulkan ends loops after 65,535 rounds, and each scatterer takes one for itself and
 /// one for each sample.
 const ROUNDS: usize = 7000;
@@ -95,6 +100,7 @@ impl Device {
                 entry: "echoes",
                 storage: &STORAGE,
                 constants: &[],
+                loops: LOOPS,
             },
         )?;
         let bins = params.bins();

@@ -19,7 +19,8 @@ use crate::plan::{Plan, PlannedResource};
 use insonify_base::memory;
 use insonify_base::parallel::{for_each, try_for_each};
 use insonify_gpu::{
-    Access, Dispatch, Gpu, GpuError, Needs, PassSource, Pipeline, Readback, Recorder, StorageBuffer, TextureOut, Timer,
+    Access, Dispatch, Gpu, GpuError, Loops, Needs, PassSource, Pipeline, Readback, Recorder, StorageBuffer, TextureOut,
+    Timer,
 };
 use insonify_mesh::InvalidMesh;
 use insonify_mesh::element::{Carry, Frame as ElementFrame};
@@ -47,6 +48,11 @@ fn uploads(plan: &Plan) -> u64 {
 
 /// A submission of frames.
 pub(crate) type Submission = wgpu::SubmissionIndex;
+
+/// Every loop of these shaders counts towards a bound that does not change within it, or narrows an interval of integers.
+#[allow(unsafe_code, reason = "says that loops end")]
+// SAFETY: as above.
+const LOOPS: Loops = unsafe { Loops::ending() };
 
 /// Alignment of what is bound of a buffer, bytes.
 const ALIGNED: usize = ParamBlock::CAPACITY;
@@ -499,6 +505,7 @@ impl GpuExecutor {
             entry: ENTRY,
             storage: &storage,
             constants: &[],
+            loops: LOOPS,
         };
         Pipeline::with_block(&self.gpu, &source, linker::block_bytes(linked.passes) as u64)
     }

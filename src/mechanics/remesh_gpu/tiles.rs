@@ -6,7 +6,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use crate::tissue::symmetric::{PANEL_ROWS, Panel, Symmetric};
-use insonify_gpu::{Access, Gpu, GpuError, PassSource, Pipeline, Recorder, StorageBuffer};
+use insonify_gpu::{Access, Gpu, GpuError, Loops, PassSource, Pipeline, Recorder, StorageBuffer};
 
 /// Rows and columns of a tile; must equal the shader's constant.
 pub const SIDE: usize = PANEL_ROWS;
@@ -172,6 +172,11 @@ pub struct Declared {
     pub workgroup: u32,
 }
 
+/// Every loop of these shaders counts towards a bound that does not change within it, or narrows an interval of integers.
+#[allow(unsafe_code, reason = "says that loops end")]
+// SAFETY: as above.
+const LOOPS: Loops = unsafe { Loops::ending() };
+
 const R: Access = Access::Read;
 const W: Access = Access::Write;
 
@@ -235,6 +240,7 @@ impl Passes {
                 entry: pass.entry,
                 storage: pass.storage,
                 constants: &[],
+                loops: LOOPS,
             };
             Pipeline::new(gpu, &source)
         };

@@ -312,36 +312,38 @@ pub fn crossing(shape_mm: &[[f64; 2]]) -> Option<f64> {
     Some(x0 - u0 * (x1 - x0) / (u1 - u0))
 }
 
+/// Markers on the container of synthetic scans, mm.
+pub const SYNTHETIC_CONTAINER_MM: [[f64; 3]; 12] = [
+    [0.0, -36.0, -24.0],
+    [8.0, 34.0, -26.0],
+    [20.0, -35.0, 22.0],
+    [24.0, 36.0, 20.0],
+    [33.0, -12.0, -27.0],
+    [41.0, 33.0, -8.0],
+    [46.0, -37.0, -5.0],
+    [52.0, 14.0, 26.0],
+    [58.0, -33.0, 25.0],
+    [61.0, 37.0, 11.0],
+    [15.0, 3.0, 27.0],
+    [64.0, 8.0, -25.0],
+];
+/// Markers on their stage, mm.
+pub const SYNTHETIC_STAGE_MM: [[f64; 3]; 7] = [
+    [-14.0, -12.0, 10.0],
+    [-13.0, 13.0, 12.0],
+    [-2.0, -14.0, -11.0],
+    [0.0, 12.0, -9.0],
+    [4.0, -8.0, 13.0],
+    [-9.0, 4.0, -14.0],
+    [3.0, 15.0, 5.0],
+];
+
 #[cfg(test)]
 mod tests {
     use nalgebra::Vector3;
 
     use super::*;
     use insonify_base::random::normal;
-
-    const CONTAINER: [[f64; 3]; 12] = [
-        [0.0, -36.0, -24.0],
-        [8.0, 34.0, -26.0],
-        [20.0, -35.0, 22.0],
-        [24.0, 36.0, 20.0],
-        [33.0, -12.0, -27.0],
-        [41.0, 33.0, -8.0],
-        [46.0, -37.0, -5.0],
-        [52.0, 14.0, 26.0],
-        [58.0, -33.0, 25.0],
-        [61.0, 37.0, 11.0],
-        [15.0, 3.0, 27.0],
-        [64.0, 8.0, -25.0],
-    ];
-    const STAGE: [[f64; 3]; 7] = [
-        [-14.0, -12.0, 10.0],
-        [-13.0, 13.0, 12.0],
-        [-2.0, -14.0, -11.0],
-        [0.0, 12.0, -9.0],
-        [4.0, -8.0, 13.0],
-        [-9.0, 4.0, -14.0],
-        [3.0, 15.0, 5.0],
-    ];
 
     /// What a scan without voxels shows of a container at a place, whose markers are off by 0.2 mm (root mean square), and of a base moved along y,
     /// with markers off by 0.1 mm.
@@ -354,8 +356,8 @@ mod tests {
             let marker = |(row, place): (usize, &Point3<f64>)| pose * place + off(first + row, mm);
             design.iter().enumerate().map(marker).collect()
         };
-        let [container, stage] =
-            [&CONTAINER[..], &STAGE[..]].map(|design| design.iter().copied().map(Point3::from).collect::<Vec<_>>());
+        let [container, stage] = [&SYNTHETIC_CONTAINER_MM[..], &SYNTHETIC_STAGE_MM[..]]
+            .map(|design| design.iter().copied().map(Point3::from).collect::<Vec<_>>());
         let seen = [found(&container, at, 0, 0.2), found(&stage, &base, 100, 0.1)];
         let placed = [
             markers::place(&container, &seen[0]).unwrap(),

@@ -5,6 +5,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::record::{Record, Unexpected, largest};
 use super::{Case, Group};
 use crate::StudyError;
+use crate::beam::measure::SYNTHETIC_CONTAINER_MM;
 use crate::beam::{ELEMENT_MM, TISSUES, problem};
 use crate::identify::force::Piecewise;
 use crate::path::{DEFORMED_BONE, Entry, Goal, PathOptions, liver, plan};
@@ -307,21 +308,7 @@ fn noisy_forces(record: &mut Record<'_>) -> Result<(), Unexpected> {
 fn markers(record: &mut Record<'_>) -> Result<(), Unexpected> {
     const NOISE_MM: f64 = 0.2;
     const SEEN: usize = 7;
-    let design = [
-        [0.0, -36.0, -24.0],
-        [8.0, 34.0, -26.0],
-        [20.0, -35.0, 22.0],
-        [24.0, 36.0, 20.0],
-        [33.0, -12.0, -27.0],
-        [41.0, 33.0, -8.0],
-        [46.0, -37.0, -5.0],
-        [52.0, 14.0, 26.0],
-        [58.0, -33.0, 25.0],
-        [61.0, 37.0, 11.0],
-        [15.0, 3.0, 27.0],
-        [64.0, 8.0, -25.0],
-    ]
-    .map(Point3::from);
+    let design = SYNTHETIC_CONTAINER_MM.map(Point3::from);
     let base = Point3::new(-40.0, 0.0, 0.0);
     let seed = seed_words(record.seed());
     let trials = record.effort().pick(60, 400);

@@ -102,7 +102,7 @@ pub fn gather(entries: &[Entry], means: &Devices, effort: Effort, pace: Rates, p
     progress("done", 1.0);
     Report {
         format: Report::FORMAT,
-        program: concat!("insonify ", env!("CARGO_PKG_VERSION")).to_owned(),
+        program: format!("insonify {}", insonify_base::VERSION),
         date: machine::today(),
         effort,
         pace,

@@ -19,7 +19,7 @@ use insonify_tracking::probe::BeamGrid;
 const OPAQUE_DB_MM: f64 = 6.0;
 
 /// Loss per sample above which a tissue is opaque, units.
-pub fn opaque_units(sample_mm: f64) -> u32 {
+pub(crate) fn opaque_units(sample_mm: f64) -> u32 {
     units(OPAQUE_DB_MM * sample_mm)
 }
 

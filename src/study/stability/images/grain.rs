@@ -5,7 +5,7 @@ use nalgebra::{Matrix4, Vector3};
 use crate::stability::fixtures::{everywhere, gpus, name, settings, straight};
 use crate::stability::record::{Record, Unexpected};
 use insonify_base::random::{hash3, seed_words};
-use insonify_gpu::{Access, Dispatch, Gpu, GpuError, Parameters, PassSource, Pipeline, Readback, StorageBuffer};
+use insonify_gpu::{Access, Dispatch, Gpu, GpuError, Loops, Parameters, PassSource, Pipeline, Readback, StorageBuffer};
 use insonify_imaging::anatomies::{self, Acoustics, PLAIN};
 use insonify_imaging::effects::Effects;
 use insonify_imaging::effects::noise::Noise;
@@ -241,6 +241,7 @@ pub(super) fn apart(gpu: &Gpu, seeds: &[u64], count: usize) -> Result<[usize; 2]
             entry: "main",
             storage: &[Access::Read, Access::Write],
             constants: &[],
+            loops: Loops::COUNTED,
         },
     )?;
     let parameters = Parameters::new(gpu, "none", 1)?;

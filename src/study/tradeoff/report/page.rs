@@ -116,7 +116,7 @@ impl Study {
     /// [`OutputError`] if a plot cannot be drawn.
     pub fn page(&self) -> Result<String, OutputError> {
         let mut page = Page::new(self.title);
-        let (version, date) = (env!("CARGO_PKG_VERSION"), machine::today());
+        let (version, date) = (insonify_base::VERSION, machine::today());
         let text = format!(
             "Measured by insonify {version} on {date} ({}). Times are this machine's.",
             self.machine
