@@ -220,7 +220,7 @@ impl Study {
             tasks.push((name.replace([',', '"', '\n'], " "), scenario));
         }
         let found = terminal::with_bar("sessions", |share| {
-            study(&tasks, usize::from(self.people), self.seed, |done, of| {
+            study(&tasks, usize::from(self.people), self.seed, &|done, of| {
                 share(done as f64 / of.max(1) as f64);
             })
         })?;

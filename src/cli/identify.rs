@@ -63,10 +63,10 @@ impl Identify {
         bar.set_message("making the mesh");
         let set = |share: f64| bar.set_position((share * terminal::SHARES as f64) as u64);
         let base = path.parent().unwrap_or(Path::new(""));
-        let case = CaseFile::read(path)?.resolve(base, |share| set(f64::from(share)))?;
+        let case = CaseFile::read(path)?.resolve(base, &mut |share| set(f64::from(share)))?;
         case.scenario.warnings.iter().for_each(terminal::warn);
         bar.set_message("simulating insertions");
-        let result = identify(case, set);
+        let result = identify(case, &set);
         bar.finish_and_clear();
         let found = result?;
         for one in &found.found {

@@ -111,7 +111,7 @@ impl PathArgs {
         let scenario = resolve(&file, &base)?;
         let bar = terminal::share();
         bar.set_message("simulating lines");
-        let plan = plan(&scenario, &self.options(), |done, of| {
+        let plan = plan(&scenario, &self.options(), &|done, of| {
             bar.set_position(terminal::SHARES * done as u64 / of.max(1) as u64);
         });
         bar.finish_and_clear();

@@ -124,7 +124,7 @@ impl Puncture {
         let count = all.len() as f64;
         let runs = terminal::with_bar("", |progress| {
             let runs = all.into_iter().enumerate().map(|(at, (name, options))| {
-                let run = puncture(&options, |share| progress((at as f64 + share) / count));
+                let run = puncture(&options, &mut |share| progress((at as f64 + share) / count));
                 run.map(|run| (name, run))
             });
             runs.collect::<Result<Vec<_>, _>>()
@@ -152,7 +152,7 @@ impl Puncture {
     fn fitted(&self, path: &Path, options: &PunctureOptions) -> Result<Fitted, Failure> {
         let samples = fit::read(path)?;
         Ok(terminal::with_bar("fitting", |share| {
-            fit::fit(options, &samples, share)
+            fit::fit(options, &samples, &mut |done| share(done))
         })?)
     }
 }

@@ -120,7 +120,7 @@ impl TextureArgs {
         let own = |prepared: Prepared| prepared.exemplar;
         let exemplars = Exemplars::of(first.exemplar.clone(), zy.map(own), xz.map(own));
         let made = terminal::with_bar("synthesis", |share| {
-            make(&first, exemplars, self.size, self.seed, share)
+            make(&first, exemplars, self.size, self.seed, &mut |done| share(done))
         })?;
         let extent_mm = made.side as f64 * made.voxel_mm;
         let longest = made

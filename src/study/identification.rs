@@ -150,7 +150,7 @@ impl CaseFile {
     ///
     /// # Errors
     /// [`InputError`] with the key and its place in the file.
-    pub fn resolve(self, folder: &Path, progress: impl FnMut(f32)) -> Result<Case, InputError> {
+    pub fn resolve(self, folder: &Path, progress: &mut dyn FnMut(f32)) -> Result<Case, InputError> {
         let (scenario, text) = self.scenario(folder, progress)?;
         let (entry, direction, base, deepest_mm) = self.line(&scenario)?;
         let layers = self.layers(&scenario, &entry, &direction, deepest_mm)?;
@@ -201,7 +201,11 @@ impl CaseFile {
         })
     }
 
-    fn scenario(&self, folder: &Path, progress: impl FnMut(f32)) -> Result<(Scenario, (String, PathBuf)), InputError> {
+    fn scenario(
+        &self,
+        folder: &Path,
+        progress: &mut dyn FnMut(f32),
+    ) -> Result<(Scenario, (String, PathBuf)), InputError> {
         let name = &self.scenario;
         let path = folder.join(name);
         let known = scenario::EXAMPLES.iter().find(|(known, _)| known == name);

@@ -116,7 +116,7 @@ pub struct Sensitivity {
 ///
 /// # Errors
 /// [`StudyError`] for tables that cannot be used, and for parameters with which no insertion can be simulated.
-pub fn identify(case: Case, progress: impl Fn(f64) + Sync) -> Result<Identification, StudyError> {
+pub fn identify(case: Case, progress: &(dyn Fn(f64) + Sync)) -> Result<Identification, StudyError> {
     let data = Data::read(&case)?;
     let model = data.model(&case)?;
     let runs = AtomicUsize::new(0);

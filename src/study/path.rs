@@ -149,7 +149,7 @@ impl PathOptions {
 pub fn plan(
     scenario: &Scenario,
     options: &PathOptions,
-    progress: impl Fn(usize, usize) + Sync,
+    progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<PathPlan, StudyError> {
     options.check()?;
     scenario.check_path_independent()?;

@@ -111,7 +111,7 @@ const NAMES: [&str; 3] = ["capsule", "near-wall", "far-wall"];
 ///
 /// # Errors
 /// [`StudyError`] if an option is out of range or a step cannot be solved.
-pub fn puncture(options: &PunctureOptions, mut progress: impl FnMut(f64)) -> Result<Puncture, StudyError> {
+pub fn puncture(options: &PunctureOptions, progress: &mut dyn FnMut(f64)) -> Result<Puncture, StudyError> {
     let step = positive("step_mm", options.step_mm)?;
     let speed = positive("speed_mm_per_s", options.speed_mm_per_s)?;
     let steps = (WAY_MM / step).ceil();

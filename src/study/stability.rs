@@ -63,7 +63,7 @@ pub fn select<'a>(groups: &'a [Group], only: Option<&str>) -> Vec<(&'a str, &'a 
 }
 
 /// Runs cases one after another. `progress` receives the name of the current case and the completed fraction of the run, 0 to 1.
-pub fn run(cases: &[(&str, &Case)], effort: Effort, mut progress: impl FnMut(&str, f64)) -> Report {
+pub fn run(cases: &[(&str, &Case)], effort: Effort, progress: &mut dyn FnMut(&str, f64)) -> Report {
     let mut reports = Vec::with_capacity(cases.len());
     for (at, (group, case)) in cases.iter().enumerate() {
         let mut within = |share: f64| progress(case.name, (at as f64 + share.clamp(0.0, 1.0)) / cases.len() as f64);

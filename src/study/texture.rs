@@ -329,7 +329,7 @@ pub fn make(
     exemplars: Exemplars,
     side: usize,
     seed: u64,
-    progress: impl FnMut(f64),
+    progress: &mut dyn FnMut(f64),
 ) -> Result<Made, VolumeError> {
     let level = synthesise(&exemplars, side, seed, progress)?;
     let voxel_mm = first.voxel_mm;

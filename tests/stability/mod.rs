@@ -13,7 +13,7 @@ use insonify_study::stability::{Case, Effort, GROUPS, Record, Unexpected, run, s
 fn check(name: &str) {
     let cases = select(GROUPS, Some(name));
     assert!(!cases.is_empty(), "no group {name}");
-    let report = run(&cases, Effort::Quick, |_, _| {});
+    let report = run(&cases, Effort::Quick, &mut |_, _| {});
     assert!(report.failed() == 0, "{report}");
 }
 
@@ -96,7 +96,7 @@ fn verdict(run_case: fn(&mut Record<'_>) -> Result<(), Unexpected>) -> (bool, St
         seed: 99,
         run: run_case,
     };
-    let report = run(&[("Seeded", &case)], Effort::Quick, |_, _| {});
+    let report = run(&[("Seeded", &case)], Effort::Quick, &mut |_, _| {});
     (report.failed() == 0, report.to_string())
 }
 

@@ -111,9 +111,9 @@ fn found(folder: &Path, scenario: &str, more: &str) -> Identification {
     let text = format!("scenario = \"phantom.toml\"\nforce.file = \"force.csv\"\n{more}");
     let case = CaseFile::parse(&text, "case.toml")
         .unwrap()
-        .resolve(folder, |_| {})
+        .resolve(folder, &mut |_| {})
         .unwrap();
-    identify(case, |_| {}).unwrap()
+    identify(case, &|_| {}).unwrap()
 }
 
 /// Asserts that the forces returned within 2 %.
@@ -177,7 +177,7 @@ fn measurements_that_cannot_be_used_are_told() {
     let text = "scenario = \"phantom.toml\"\nforce.file = \"force.csv\"\nmotion.file = \"u.csv\"\nmotion.frames = \"frames.csv\"\n";
     let case = CaseFile::parse(text, "case.toml")
         .unwrap()
-        .resolve(folder.path(), |_| {})
+        .resolve(folder.path(), &mut |_| {})
         .unwrap();
     let force = |force: &dyn Fn(f64) -> Option<f64>| {
         let rows = (0..=500).filter_map(|at| Some((0.1 * f64::from(at), force(0.1 * f64::from(at))?)));
@@ -265,7 +265,7 @@ fn measurements_that_cannot_be_used_are_told() {
     }
     let unknown = |text: &str| {
         CaseFile::parse(text, "case.toml")
-            .and_then(|file| file.resolve(folder.path(), |_| {}))
+            .and_then(|file| file.resolve(folder.path(), &mut |_| {}))
             .unwrap_err()
             .to_string()
     };

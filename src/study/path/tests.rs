@@ -37,7 +37,7 @@ fn stiff_tissue_gives_a_straight_path() {
             section_mm,
             ..options([-24.0, -24.0], 1)
         };
-        let plan = plan(&liver(&stiff), &options, |_, _| ()).unwrap();
+        let plan = plan(&liver(&stiff), &options, &|_, _| ()).unwrap();
         let path = best(&plan);
         assert!(
             path.miss_before_mm < 0.05 && path.runs == 1 && path.turn_deg == 0.0,
@@ -58,7 +58,7 @@ fn the_middle_of_the_vein_is_met() {
         };
         let on = |threads: usize| {
             let pool = insonify_base::parallel::Pool::new(threads).unwrap();
-            pool.install(|| plan(&scenario, &options, |_, _| ()).unwrap())
+            pool.install(|| plan(&scenario, &options, &|_, _| ()).unwrap())
         };
         let two = on(2);
         let path = best(&two);
@@ -149,7 +149,7 @@ fn symmetry_leaves_the_direction() {
         section_mm: Some(20.0),
         ..options([0.0, 0.0], 1)
     };
-    let plan = plan(&scenario, &options, |_, _| ()).unwrap();
+    let plan = plan(&scenario, &options, &|_, _| ()).unwrap();
     let path = best(&plan);
     let [along, aside] = path.displacement_mm;
     assert!(path.miss_before_mm > 0.2 && path.miss_mm < 0.1, "{path:?}");
@@ -188,7 +188,7 @@ fn needles_that_bend_meet_the_target() {
             clearance_mm: 0.0,
             ..options([-24.0, -24.0], 1)
         };
-        let plan = plan(&liver(&changes), &options, |_, _| ()).unwrap();
+        let plan = plan(&liver(&changes), &options, &|_, _| ()).unwrap();
         let path = best(&plan);
         assert!(
             path.miss_before_mm > 1.0 && path.miss_mm < 0.1 && path.turn_deg > turn_deg,
@@ -210,7 +210,7 @@ fn targets_and_lines_that_cannot_be_are_refused() {
         "young_kpa = 0.02\npoisson = 0.0",
         "critical = true\nyoung_kpa = 0.02\npoisson = 0.0",
     )]);
-    let refused = |options: PathOptions| plan(&scenario, &options, |_, _| ()).unwrap_err().to_string();
+    let refused = |options: PathOptions| plan(&scenario, &options, &|_, _| ()).unwrap_err().to_string();
     let at = |target: [f64; 3]| PathOptions {
         target: Goal::At(target),
         ..options([-60.0, 60.0], 3)

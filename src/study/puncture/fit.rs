@@ -81,7 +81,7 @@ pub fn read(path: &Path) -> Result<Vec<Sample>, StudyError> {
 ///
 /// # Errors
 /// [`StudyError`] for a curve with too few points before the force drops, and if the slice cannot be solved.
-pub fn fit(options: &PunctureOptions, samples: &[Sample], mut progress: impl FnMut(f64)) -> Result<Fitted, StudyError> {
+pub fn fit(options: &PunctureOptions, samples: &[Sample], progress: &mut dyn FnMut(f64)) -> Result<Fitted, StudyError> {
     let samples = first_push(samples)?;
     let mut at = [options.knee_strain, options.stiffening.max(MIN[1]).ln()];
     let mut best = Trial::of(options, &samples, at)?;

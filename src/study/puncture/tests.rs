@@ -11,7 +11,7 @@ fn the_curve_has_its_shape() {
         step_mm: 0.4,
         ..PunctureOptions::default()
     };
-    let run = puncture(&options, |_| {}).unwrap();
+    let run = puncture(&options, &mut |_| {}).unwrap();
     let punctures: Vec<usize> = (0..run.rows.len())
         .filter(|at| run.rows[*at].punctured.is_some())
         .collect();
@@ -37,7 +37,7 @@ fn the_curve_has_its_shape() {
 #[test]
 fn what_makes_no_curve_is_refused() {
     let default = PunctureOptions::default();
-    let wrong = |options: PunctureOptions| puncture(&options, |_| {}).unwrap_err();
+    let wrong = |options: PunctureOptions| puncture(&options, &mut |_| {}).unwrap_err();
     assert!(matches!(
         wrong(PunctureOptions {
             step_mm: 0.0,

@@ -354,7 +354,7 @@ pub fn study(
     tasks: &[(String, Scenario)],
     people: usize,
     seed: u64,
-    progress: impl Fn(usize, usize) + Sync,
+    progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<Study, StudyError> {
     let mut all = Vec::new();
     for (group, name) in GROUPS.into_iter().enumerate() {

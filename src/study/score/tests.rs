@@ -298,9 +298,9 @@ fn tasks_are_within_their_conditions_and_repeatable() {
 fn a_study_gives_the_same_table_again_and_reads_it_back() {
     let (_, scenario) = biopsy();
     let tasks = [("one".to_owned(), scenario)];
-    let found = study(&tasks, 2, 1, |_, _| ()).unwrap();
+    let found = study(&tasks, 2, 1, &|_, _| ()).unwrap();
     let text = csv(&found.sessions);
-    assert_eq!(text, csv(&study(&tasks, 2, 1, |_, _| ()).unwrap().sessions));
+    assert_eq!(text, csv(&study(&tasks, 2, 1, &|_, _| ()).unwrap().sessions));
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("sessions.csv");
     std::fs::write(&path, text).unwrap();

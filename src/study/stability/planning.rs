@@ -104,9 +104,9 @@ fn beside_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
         ("all lines through bone", options([-4.0, 45.0, 0.0], 0.0), "bone"),
     ] {
         let expected = |error: &StudyError| error.to_string().contains(reason);
-        record.refused(name, plan(&scenario, &options, |_, _| ()), expected);
+        record.refused(name, plan(&scenario, &options, &|_, _| ()), expected);
     }
-    let found = plan(&scenario, &grazing, |_, _| ())?;
+    let found = plan(&scenario, &grazing, &|_, _| ())?;
     let (mut off, mut simulated, mut excluded) = (Vec::new(), 0, 0);
     let (mut near, mut far, mut late) = (0, 0, 0);
     for line in &found.lines {

@@ -13,7 +13,7 @@ fn one(name: &'static str, run: fn(&mut Record<'_>) -> Result<(), Unexpected>) -
 }
 
 fn report(case: &Case) -> Report {
-    run(&[("Group", case)], Effort::Quick, |_, _| {})
+    run(&[("Group", case)], Effort::Quick, &mut |_, _| {})
 }
 
 #[test]
@@ -112,7 +112,7 @@ fn progress_goes_from_nothing_to_all_and_names_the_case() {
     };
     let (first, second) = (one("first", half), one("second", half));
     let mut told = Vec::new();
-    run(&[("a", &first), ("a", &second)], Effort::Quick, |name, share| {
+    run(&[("a", &first), ("a", &second)], Effort::Quick, &mut |name, share| {
         told.push((name.to_owned(), share))
     });
     let expected = [("first", 0.0), ("first", 0.25), ("second", 0.5), ("second", 0.75)];

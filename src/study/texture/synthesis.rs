@@ -164,7 +164,7 @@ pub fn synthesise(
     exemplars: &Exemplars,
     side: usize,
     seed: u64,
-    mut progress: impl FnMut(f64),
+    progress: &mut dyn FnMut(f64),
 ) -> Result<Vec<f32>, VolumeError> {
     if !(32..=256).contains(&side) || !side.is_multiple_of(1 << (LEVELS - 1)) {
         return Err(VolumeError::option(

@@ -32,7 +32,7 @@ fn made(exemplars: Exemplars, seed: u64) -> Made {
         voxel_mm: 0.5,
         cell_mm: [1.0, 1.0],
     };
-    make(&first, exemplars, 48, seed, |_| ()).unwrap()
+    make(&first, exemplars, 48, seed, &mut |_| ()).unwrap()
 }
 
 #[test]
@@ -83,7 +83,7 @@ fn a_solid_is_the_same_at_any_number_of_threads_and_another_for_another_seed() {
     };
     let with = |threads: usize, seed: u64| {
         let pool = insonify_base::parallel::Pool::new(threads).unwrap();
-        pool.install(|| synthesise(&exemplars(), 32, seed, |_| ()).unwrap())
+        pool.install(|| synthesise(&exemplars(), 32, seed, &mut |_| ()).unwrap())
     };
     let one = with(1, 5);
     assert_eq!(one, with(3, 5));
@@ -283,7 +283,7 @@ fn regions_without_a_texture_are_refused() {
     );
     let small = Exemplars::of(exemplar([2.0; 2], 1), None, None);
     assert!(
-        synthesise(&small, 30, 0, |_| ())
+        synthesise(&small, 30, 0, &mut |_| ())
             .unwrap_err()
             .to_string()
             .contains("size 30")

@@ -348,7 +348,7 @@ impl Course {
         &self,
         models: &mut [Finite],
         passes: usize,
-        mut told: impl FnMut(f64),
+        told: &mut dyn FnMut(f64),
     ) -> Result<Vec<Vec<Step>>, StudyError> {
         let mut traces = vec![Vec::with_capacity(self.steps()); models.len()];
         let count = models.len();

@@ -112,7 +112,7 @@ fn paths(effort: Effort, progress: &mut dyn FnMut(&str, f64)) -> Result<Table, S
             section_mm,
         };
         let start = Instant::now();
-        let plan = plan(&scenario, &options, |_, _| ())?;
+        let plan = plan(&scenario, &options, &|_, _| ())?;
         let seconds = start.elapsed().as_secs_f64();
         let Some((_, path)) = plan.best() else { continue };
         let miss = miss_mm(&reference, &path.course, &plan.target_mm.into())?;
@@ -192,7 +192,7 @@ fn identified(effort: Effort, progress: &mut dyn FnMut(&str, f64)) -> Result<Tab
 
 /// The case with a mesh of about `nodes` nodes, and the moduli of the scenario, kPa.
 fn case(nodes: usize) -> Result<(Case, Vec<f64>), StudyError> {
-    let mut case = CaseFile::parse(CASE, "two-layer-insertion")?.resolve(Path::new(""), |_| ())?;
+    let mut case = CaseFile::parse(CASE, "two-layer-insertion")?.resolve(Path::new(""), &mut |_| ())?;
     let text = case.text.0.replace("nodes = 991", &format!("nodes = {nodes}"));
     case.scenario = ScenarioFile::parse(&text, "two-layer-insertion")?.resolve(Path::new(""), |_| ())?;
     let young = |region: i32| {

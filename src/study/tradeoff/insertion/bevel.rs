@@ -258,7 +258,9 @@ pub(super) fn run_pieces(
             (pieces.needle)(length_mm)?,
         )?)?);
     }
-    let traces = course.drive(&mut models, options.passes, |share| progress(pieces.choosing, share))?;
+    let traces = course.drive(&mut models, options.passes, &mut |share| {
+        progress(pieces.choosing, share)
+    })?;
     let gold = &traces[traces.len() - 1];
     let inward = course.moved();
     for (&length_mm, steps) in pieces.lengths_mm.iter().zip(&traces) {

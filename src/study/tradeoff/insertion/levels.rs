@@ -145,7 +145,7 @@ pub(super) fn run_levels(
         if probe {
             study.about.extend(about(options, &models));
         }
-        let traces = course.drive(&mut models, options.passes, |share| {
+        let traces = course.drive(&mut models, options.passes, &mut |share| {
             told("levels along the insertion", 0.6 + 0.4 * share);
         })?;
         for ((_, name), steps) in LEVELS.into_iter().zip(&traces) {
@@ -331,7 +331,7 @@ pub(super) fn run_meshes(
         let nodes = (share * options.nodes as f64).round() as usize;
         models.push(super::model(super::tissue(nodes, needle)?)?);
     }
-    let traces = course.drive(&mut models, options.passes, |share| {
+    let traces = course.drive(&mut models, options.passes, &mut |share| {
         progress("nodes of the mesh", 0.3 + 0.7 * share);
     })?;
     let sizes: Vec<[usize; 2]> = models
@@ -433,7 +433,7 @@ pub(super) fn run_thinning(
             ..tissue
         })?);
     }
-    let traces = course.drive(&mut models, options.passes, |share| {
+    let traces = course.drive(&mut models, options.passes, &mut |share| {
         progress("candidates of the probe", share)
     })?;
     let all = &traces[0];

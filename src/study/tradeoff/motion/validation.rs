@@ -330,7 +330,7 @@ const SWINGS: [Swing; 6] = [
     },
 ];
 
-fn swing(swing: &Swing, course: &mut Course, medium: &Medium, options: Options, mut progress: impl FnMut(f64)) {
+fn swing(swing: &Swing, course: &mut Course, medium: &Medium, options: Options, progress: &mut dyn FnMut(f64)) {
     let frames = (FRAMES_PER_S / swing.hz).round() as i32;
     let share = |at: i32| 0.5 - 0.5 * (TAU * f64::from(at) / f64::from(frames)).cos();
     let centres = options.centres_mm(medium.samples);
@@ -372,7 +372,7 @@ pub fn study(effort: Effort, progress: Progress<'_>) -> Result<Study, StudyError
             before_mm: 1.0 + (it.most)(0.0)[0],
             ..small
         };
-        swing(it, &mut course, &medium, options, |share| {
+        swing(it, &mut course, &medium, options, &mut |share| {
             progress(it.name, begun + 0.3 * share / swings.len() as f64);
         });
     }
