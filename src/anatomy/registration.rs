@@ -70,6 +70,7 @@ const CHECK_MM: f64 = 10.0;
 /// A point known on both sides.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Landmark {
+    /// Name, unique in a table of landmarks.
     pub name: String,
     /// In the volume's frame, mm.
     pub volume_mm: Point3<f64>,
@@ -85,6 +86,7 @@ pub struct Quadratic {
     pub coefficients: [[f64; TERMS]; 3],
     /// Centre, world, mm.
     pub centre_mm: [f64; 3],
+    /// Length by which offsets from the centre are divided, mm (above 0).
     pub scale_mm: f64,
 }
 
@@ -236,6 +238,7 @@ pub struct Rigid {
 /// Quadratic stage of a registration.
 #[derive(Clone, Debug, Serialize)]
 pub struct Fitted {
+    /// Map from the world to the volume.
     #[serde(flatten)]
     pub map: Quadratic,
     /// Root mean square distance of surface points that are no outliers from the skin, for the degrees of freedom of the map, mm.
@@ -249,6 +252,7 @@ pub struct Fitted {
 /// Distance of a landmark after each stage.
 #[derive(Clone, Debug, Serialize)]
 pub struct LandmarkError {
+    /// Name of the landmark.
     pub name: String,
     /// After the rigid stage, mm.
     pub rigid_mm: f64,
@@ -259,6 +263,7 @@ pub struct LandmarkError {
 /// Distance from a surface point within which skin counts as covered, mm.
 const COVERED_MM: f64 = 10.0;
 
+/// Registration of surface points to the skin of a volume, with its accuracy.
 #[derive(Clone, Debug, Serialize)]
 pub struct Registration {
     /// Rigid stage.

@@ -9,7 +9,7 @@ use std::path::Path;
 
 use crate::acoustics::{Preset, known};
 use crate::volume::{LabelVolume, Loaded, VolumeError, load};
-pub use info::Info;
+pub use info::{Info, LabelInfo};
 use naming::Sizes;
 pub use table::Names;
 

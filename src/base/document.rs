@@ -71,11 +71,13 @@ pub enum InvalidFile {
 }
 
 impl InvalidFile {
+    /// Keys that contradict each other or are incomplete.
     pub fn keys(found: impl Into<String>, expected: impl Into<String>) -> Self {
         let (found, expected) = (found.into(), expected.into());
         Self::Keys { found, expected }
     }
 
+    /// A number outside its range.
     pub fn number(found: f64, expected: impl Into<String>) -> Self {
         Self::keys(found.to_string(), expected)
     }
@@ -322,6 +324,7 @@ impl JsonSchema for Version {
 pub struct Source {
     /// Name of the file as shown in errors.
     name: String,
+    /// Complete text of the file.
     pub text: String,
 }
 

@@ -19,6 +19,7 @@ pub struct OutOfRange {
 impl Cause for OutOfRange {}
 
 impl OutOfRange {
+    /// Creates the error from the name of the parameter, the value found and the permitted values.
     pub fn new(key: impl Into<String>, found: impl fmt::Display, expected: impl Into<String>) -> Self {
         Self {
             key: key.into(),

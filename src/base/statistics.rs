@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use serde::Serialize;
 
+/// Returns the mean; NaN for an empty slice.
 pub fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }

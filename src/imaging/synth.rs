@@ -24,6 +24,7 @@ use flight::Flight;
 pub(crate) use flight::IN_FLIGHT;
 pub use flight::Ticket;
 use local_origin::LocalFrame;
+pub use local_origin::LocalOrigin;
 use nalgebra::{Matrix4, Point3, Vector3};
 use tables::{Anatomy, Settings, Tables};
 

@@ -52,7 +52,11 @@ pub mod tissue;
 
 pub use file::{ScenarioFile, SceneSource};
 pub use instruments::{NeedleModel, NeedleTable};
-pub use resolve::Scenario;
+pub use modelling::Modelling;
+pub use needle::{Bending, NeedleSettings};
+pub use plan::{Deposit, Guide, Target};
+pub use probe::Contact;
+pub use resolve::{Scenario, Timing};
 pub use tissue::{DEFAULT_NODES, TissueModel};
 
 use std::path::Path;

@@ -42,8 +42,8 @@ use insonify_base::document::{InputError, InvalidFile};
 use insonify_mechanics::tissue::material::Material;
 use insonify_mechanics::tissue::nonlinear::Stiffening;
 use insonify_mesh::TetMesh;
-pub use resolve::Problem;
-use resolve::Regions;
+pub use loads::{Applied, Loads};
+pub use resolve::{Problem, Regions};
 use selection::SelectionError;
 
 /// Example problem file with every key of linear tissue.
@@ -77,6 +77,7 @@ impl ProblemFile {
 /// Material of a region.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Made {
+    /// Elastic law of the tissue.
     pub law: Stiffening,
     /// Index of its `[[material]]` table.
     pub table: usize,

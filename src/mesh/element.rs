@@ -35,8 +35,10 @@ const FLAT_EPSILONS: f64 = 4.0;
 /// Kind of an element in the current state.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Kind {
+    /// Positive volume.
     #[default]
     Sound,
+    /// Negative volume: the element is turned inside out.
     Inverted,
     /// No volume, or thinner than the scalar resolves.
     Flat,
@@ -53,6 +55,7 @@ pub struct Outline<T> {
     pub reach: T,
     /// Absolute volume, mm^3; 0 if the element is never hit.
     pub volume: f64,
+    /// Kind in the current state.
     pub kind: Kind,
 }
 
@@ -253,16 +256,19 @@ pub fn least<T: Real>(coordinates: &[T; 4]) -> (usize, T) {
     (place, value)
 }
 
+/// Returns the rounding error of the barycentric coordinates; -1 in an element that is never hit.
 #[inline(always)]
 pub fn slack<T: Real>(frame: &Frame<T>) -> T {
     frame[0][3]
 }
 
+/// Returns the margin: a point whose coordinates all exceed it lies in no other element of an unfolded mesh.
 #[inline(always)]
 pub fn clear<T: Real>(frame: &Frame<T>) -> T {
     frame[1][3]
 }
 
+/// Whether the element is inverted in the current state.
 #[inline(always)]
 pub fn is_inverted<T: Real>(frame: &Frame<T>) -> bool {
     frame[2][3] != T::zero()

@@ -146,6 +146,7 @@ pub struct Series {
 /// Scatter or line plot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plot {
+    /// Title, drawn above the plot except in a page.
     pub title: String,
     /// Horizontal axis.
     pub x: Axis,

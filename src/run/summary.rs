@@ -182,6 +182,7 @@ pub struct Tally<'a> {
 }
 
 impl<'a> Tally<'a> {
+    /// Starts the summary of a run of a scenario.
     pub fn new(scenario: &'a Scenario) -> Self {
         let contact = scenario.contact.as_ref();
         let summary = Summary {
@@ -213,6 +214,7 @@ impl<'a> Tally<'a> {
         }
     }
 
+    /// Records a step.
     pub fn add(&mut self, step: &Step<'_>) {
         let (summary, outcome) = (&mut self.summary, step.outcome);
         self.ms.add(step.ms);
@@ -313,6 +315,7 @@ impl<'a> Tally<'a> {
         });
     }
 
+    /// Completes the summary with the seeds in the last state of the run.
     pub fn finish(mut self, last: &Snapshot) -> Summary {
         let rank = |share| self.ms.percentile(share).unwrap_or(0.0);
         self.summary.step_ms = StepMs {

@@ -18,7 +18,7 @@
 pub mod points;
 mod report;
 
-pub use report::{Report, plot};
+pub use report::{Node, Report, plot};
 
 use std::sync::Arc;
 

@@ -14,6 +14,7 @@ use insonify_mechanics::tissue::remesh::RemeshError;
 use insonify_mesh::InvalidMesh;
 use insonify_tracking::TrackingError;
 
+/// Why a study cannot be carried out.
 #[derive(Debug, thiserror::Error)]
 pub enum StudyError {
     /// An option is out of range.

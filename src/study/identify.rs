@@ -20,9 +20,10 @@ use crate::StudyError;
 use crate::identification::{Case, Cost, Crossed};
 use crate::search::nelder_mead;
 use data::{Data, Motion, thinned};
-use force::Piecewise;
+pub use force::Piecewise;
 use insonify_base::{parallel, statistics};
-use simulate::{Course, Layer, Simulator};
+pub use simulate::Layer;
+use simulate::{Course, Simulator};
 
 /// Largest relative change of a force parameter at which the inner loop ends, and most simulations in it.
 const SETTLED: f64 = 2e-3;

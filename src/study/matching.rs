@@ -41,6 +41,7 @@ const SETTLED: f64 = 0.02;
 pub struct Figure {
     /// Key in a scene file.
     pub key: &'static str,
+    /// Unit of the value.
     pub unit: &'static str,
     /// Estimated value.
     pub value: f64,

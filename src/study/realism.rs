@@ -228,6 +228,7 @@ pub enum Verdict {
 /// Measure on both sides.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
+    /// What is measured.
     #[serde(flatten)]
     pub measure: &'static Measure,
     /// Values in the rendered frames; `None` if no frame has the measure.

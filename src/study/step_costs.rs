@@ -134,6 +134,7 @@ impl StepCosts {
         }
     }
 
+    /// Returns every setting that was varied, with the costs of its options.
     pub fn settings(&self) -> impl Iterator<Item = &VariedSetting> {
         let others = [&self.nodes, &self.links, &self.elements, &self.thinning];
         self.levels.iter().chain(others)

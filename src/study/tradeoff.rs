@@ -35,7 +35,7 @@ pub mod tissue;
 
 use serde::Serialize;
 
-pub use advice::Goal;
+pub use advice::{Advice, Goal, Variant};
 pub(crate) use advice::{FORCE_N, GREY_LEVELS, SHIFT_MM};
 pub use real_time::{Deadline, Rates, RealTimeChoice};
 
@@ -124,6 +124,7 @@ pub struct Row {
 pub struct Table {
     /// Key in JSON and stem of the CSV file.
     pub key: &'static str,
+    /// Title of the table.
     pub title: String,
     /// Gold standard that errors refer to; empty if the table has no errors.
     pub gold: String,
@@ -133,6 +134,7 @@ pub struct Table {
     pub factors: Vec<Factor>,
     /// Measured quantities.
     pub axes: Vec<Axis>,
+    /// Variants with their results.
     pub rows: Vec<Row>,
     /// Whether the text report lists the table; long traces are left to plots and programs.
     pub listed: bool,
@@ -143,6 +145,7 @@ pub struct Table {
 pub struct Figure {
     /// Stem of the file names.
     pub file: String,
+    /// Title of the plot.
     pub title: String,
     /// Key of the table.
     pub table: &'static str,
@@ -189,6 +192,7 @@ impl Figure {
 /// Results of one run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Study {
+    /// Name of the study and stem of its JSON file.
     pub name: &'static str,
     /// Title of the page.
     pub title: &'static str,

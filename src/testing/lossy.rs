@@ -21,6 +21,7 @@ pub enum Bias {
     Random(u32),
     /// Truncation.
     TowardZero,
+    /// Rounding away from zero.
     AwayFromZero,
 }
 

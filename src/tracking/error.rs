@@ -85,6 +85,7 @@ impl TrackingError {
         Self::Read { path, source }
     }
 
+    /// An error about the contents of a file; `text` follows the path in the message, with its punctuation.
     pub fn file(path: &Path, text: impl Into<String>) -> Self {
         let (path, text) = (path.to_owned(), text.into());
         Self::File { path, text }

@@ -15,7 +15,7 @@ use super::sequence::{TrackedTransform, ends};
 use insonify_base::matrix::Rows;
 use insonify_base::{read, text};
 
-pub use info::PlusInfo;
+pub use info::{CalibrationInfo, PlusInfo};
 
 /// Largest asymmetry of a curved array's sector, degrees; beyond it the field of view is ignored.
 const LOPSIDED_DEG: f64 = 1.0;

@@ -127,7 +127,7 @@ impl Probe {
 }
 
 #[cfg(test)]
-pub mod tests {
+pub(crate) mod tests {
     use super::*;
 
     /// One probe of each kind, with few scanlines so that a complete grid is quickly traversed.

@@ -13,7 +13,7 @@ use insonify_anatomy::volume::{VolumeError, read_data, read_header};
 mod info;
 mod keys;
 
-pub use info::SequenceInfo;
+pub use info::{ImageInfo, SequenceInfo, TimeInfo, TransformInfo};
 pub use keys::{Orientation, ends};
 
 /// A transform of one frame.

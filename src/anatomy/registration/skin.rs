@@ -115,6 +115,7 @@ impl Skin {
         Ok(Self::new(points, normals.into_iter().step_by(step).collect()))
     }
 
+    /// Points of the surface, mm.
     pub fn points(&self) -> &[Point3<f64>] {
         &self.points
     }

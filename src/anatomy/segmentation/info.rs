@@ -35,6 +35,7 @@ pub struct Info {
     pub warnings: Vec<String>,
 }
 
+/// A label with its voxels and the tissue that it is taken for.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LabelInfo {
     /// Label value in the file.

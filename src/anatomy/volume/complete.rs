@@ -413,4 +413,4 @@ fn cut_faces(volume: &LabelVolume, slice_axis: usize, skin: u8) -> Vec<String> {
 }
 
 #[cfg(test)]
-pub mod tests;
+pub(crate) mod tests;

@@ -11,6 +11,7 @@ pub struct Grid {
     pub size: [usize; 3],
     /// Distance between cells, mm.
     pub spacing: [f64; 3],
+    /// Values of the cells, x fastest.
     pub values: Vec<f32>,
 }
 

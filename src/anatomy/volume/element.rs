@@ -3,15 +3,25 @@
 /// Type of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Element {
+    /// Unsigned integer of 8 bits.
     U8,
+    /// Signed integer of 8 bits.
     I8,
+    /// Unsigned integer of 16 bits.
     U16,
+    /// Signed integer of 16 bits.
     I16,
+    /// Unsigned integer of 32 bits.
     U32,
+    /// Signed integer of 32 bits.
     I32,
+    /// Unsigned integer of 64 bits.
     U64,
+    /// Signed integer of 64 bits.
     I64,
+    /// Floating-point number of 32 bits.
     F32,
+    /// Floating-point number of 64 bits.
     F64,
 }
 
@@ -67,14 +77,18 @@ impl Element {
 /// Byte order of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ByteOrder {
+    /// Least significant byte first.
     Little,
+    /// Most significant byte first.
     Big,
 }
 
 /// Linear scale of stored numbers: `slope * number + intercept`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scale {
+    /// Factor on the stored number.
     pub slope: f64,
+    /// Value of a stored 0.
     pub intercept: f64,
 }
 
@@ -84,6 +98,7 @@ impl Scale {
         (slope != 1.0 || intercept != 0.0).then_some(Self { slope, intercept })
     }
 
+    /// Value that a stored number stands for.
     pub fn apply(self, stored: f64) -> f64 {
         self.slope * stored + self.intercept
     }

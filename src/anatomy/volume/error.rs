@@ -141,11 +141,13 @@ impl VolumeError {
         }
     }
 
+    /// An error about no particular option; `text` says what was found and expected.
     pub fn new(text: impl Into<String>) -> Self {
         let (key, text) = (None, text.into());
         Self::Value { key, text }
     }
 
+    /// An error about the option `key`; `text` says what was found and expected.
     pub fn option(key: &'static str, text: String) -> Self {
         let key = Some(key);
         Self::Value { key, text }
@@ -169,6 +171,7 @@ impl VolumeError {
         Self::Volume { path, cause }
     }
 
+    /// An error of the operating system in reading a file.
     pub fn read(path: &Path, cause: io::Error) -> Self {
         Self::Read {
             path: path.to_owned(),
@@ -176,6 +179,7 @@ impl VolumeError {
         }
     }
 
+    /// An error about an invalid value in a file; a long `found` is shortened.
     pub fn malformed(path: &Path, at: At, found: impl Into<String>, expected: impl Into<String>) -> Self {
         Self::Malformed {
             path: path.to_owned(),
@@ -185,6 +189,7 @@ impl VolumeError {
         }
     }
 
+    /// An error about an unsupported feature of a file; a long `found` is shortened.
     pub fn unsupported(path: &Path, at: At, found: impl Into<String>, expected: impl Into<String>) -> Self {
         Self::Unsupported {
             path: path.to_owned(),

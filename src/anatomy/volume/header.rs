@@ -35,10 +35,15 @@ pub struct Axis {
 /// Encoding of the data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoding {
+    /// Binary numbers, not compressed.
     Raw,
+    /// Binary numbers, compressed with gzip.
     Gzip,
+    /// Binary numbers, compressed with zlib.
     Zlib,
+    /// Binary numbers, compressed with bzip2.
     Bzip2,
+    /// Numbers as text, separated by white space or commas.
     Text,
 }
 
@@ -62,7 +67,9 @@ pub struct DataPlace {
     pub start: u64,
     /// Number of lines to skip before decompression.
     pub skip_lines: usize,
+    /// Bytes to skip before the first number.
     pub skip: Skip,
+    /// How the numbers are stored.
     pub encoding: Encoding,
 }
 
@@ -77,19 +84,24 @@ pub struct Header {
     pub origin: Vector3<f64>,
     /// Type of the numbers; `None` if the file states that it holds no image.
     pub element: Option<Element>,
+    /// Byte order of binary numbers.
     pub order: ByteOrder,
+    /// Scale from stored numbers to values; `None` if they are the values.
     pub scale: Option<Scale>,
+    /// Where the numbers are stored.
     pub data: DataPlace,
     /// User-defined keys and values, in file order.
     pub key_values: Vec<(String, String)>,
     /// Names of label values.
     pub names: BTreeMap<i64, String>,
+    /// Warnings about the file, for the user.
     pub warnings: Vec<String>,
 }
 
 /// Size and position of a three-dimensional image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grid {
+    /// Number of voxels along each axis.
     pub size: [usize; 3],
     /// Transform from voxel index to LPS mm.
     pub index_to_world: Matrix4<f64>,
@@ -104,10 +116,12 @@ impl Header {
         sizes.join(" x ")
     }
 
+    /// An error about an invalid value in the header.
     pub fn malformed(&self, found: impl Into<String>, expected: impl Into<String>) -> VolumeError {
         VolumeError::malformed(&self.path, At::Header, found, expected)
     }
 
+    /// An error about an unsupported feature in the header.
     pub fn unsupported(&self, found: impl Into<String>, expected: impl Into<String>) -> VolumeError {
         VolumeError::unsupported(&self.path, At::Header, found, expected)
     }
@@ -247,10 +261,10 @@ impl Header {
 }
 
 #[cfg(test)]
-pub mod tests {
+pub(crate) mod tests {
     use super::*;
 
-    pub fn header(axes: Vec<Axis>) -> Header {
+    pub(crate) fn header(axes: Vec<Axis>) -> Header {
         Header {
             path: PathBuf::from("test"),
             axes,

@@ -70,6 +70,7 @@ impl InputError {
         self
     }
 
+    /// Sets what to write instead, if it can be guessed.
     pub fn with_help(mut self, help: Option<String>) -> Self {
         self.0.help = help;
         self

@@ -100,6 +100,7 @@ impl OutputError {
         Self::Write { path, cause }
     }
 
+    /// An error about the name or contents of a file; `text` says what was found and expected.
     pub fn contents(path: &Path, text: String) -> Self {
         let path = path.to_owned();
         Self::Contents { path, text }

@@ -47,6 +47,7 @@ impl Drop for Live {
 
 /// A temporary file.
 pub struct StagedFile {
+    /// The open file, under its temporary name.
     pub file: NamedTempFile,
     _live: Live,
 }

@@ -15,7 +15,9 @@ use insonify_tracking::probe::Probe;
 
 /// Labels of the body and their tissues.
 pub struct Body<'a> {
+    /// Volume that holds the labels.
     pub volume: &'a LabelVolume,
+    /// Tissues, and the tissue of each label.
     pub tissues: &'a TissueTable,
 }
 

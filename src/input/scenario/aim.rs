@@ -64,7 +64,7 @@ struct Goal {
 
 impl ScenarioFile {
     /// Returns the path of a needle that is aimed by name.
-    pub fn aim(&self, scene: &Scene, needle: &NeedleSettings) -> Result<Aim, InputError> {
+    pub(crate) fn aim(&self, scene: &Scene, needle: &NeedleSettings) -> Result<Aim, InputError> {
         let body = scene.body();
         let pose = scene.probe_path().at(scene.probe_path().start_s());
         let goal = self.goal(scene, &pose)?;
@@ -114,7 +114,7 @@ impl ScenarioFile {
     }
 
     /// Describes the choice in words, and as the equivalent lines of a scenario.
-    pub fn aimed_in_words(&self, aim: &Aim, pace: [f64; 3]) -> [String; 2] {
+    pub(crate) fn aimed_in_words(&self, aim: &Aim, pace: [f64; 3]) -> [String; 2] {
         let file = self.boxed(aim);
         let mut lines = String::new();
         // A scenario without source text was made from a label file.
@@ -140,7 +140,7 @@ impl ScenarioFile {
     }
 
     /// Returns the scenario with the mesh restricted to a box around the path, unless it states a box.
-    pub fn boxed(&self, aim: &Aim) -> Self {
+    pub(crate) fn boxed(&self, aim: &Aim) -> Self {
         let mut file = self.clone();
         if file.tissue.mesh.is_none() && file.tissue.model != TissueModel::MassSpring {
             file.tissue.box_mm.get_or_insert(aim.box_mm());
@@ -304,7 +304,7 @@ impl ScenarioFile {
 
 impl Aim {
     /// Motion to the target and back: start (s), speed (mm/s) and pause at the target (s).
-    pub fn keyframes(&self, [start_s, speed_mm_s, pause_s]: [f64; 3]) -> Vec<NeedleKeyframe> {
+    pub(crate) fn keyframes(&self, [start_s, speed_mm_s, pause_s]: [f64; 3]) -> Vec<NeedleKeyframe> {
         let travel_s = (self.tip - self.start).norm() / speed_mm_s;
         let back_s = start_s + travel_s + pause_s;
         let frame = |(time_s, at): (f64, Point3<f64>)| NeedleKeyframe {

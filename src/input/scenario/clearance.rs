@@ -88,7 +88,7 @@ pub struct Bones<'a> {
 
 impl<'a> Bones<'a> {
     /// Collects bone within [`LOOKED_MM`] of the bounding box of `points` (mm).
-    pub fn around(body: &'a Body<'a>, points: &[Point3<f64>]) -> Self {
+    pub(crate) fn around(body: &'a Body<'a>, points: &[Point3<f64>]) -> Self {
         let volume = body.volume;
         let corner = |fold: fn(f64, f64) -> f64, start: f64, margin: f64| {
             let all = points.iter();
@@ -124,7 +124,7 @@ impl<'a> Bones<'a> {
     }
 
     /// Course of a path through `points`.
-    pub fn course(&self, points: &[Point3<f64>]) -> Course {
+    pub(crate) fn course(&self, points: &[Point3<f64>]) -> Course {
         let mut course = Course::default();
         let mut depth = 0.0;
         for pair in points.windows(2) {
@@ -169,12 +169,12 @@ impl<'a> Bones<'a> {
 
 impl Course {
     /// Whether the path leaves the body.
-    pub fn leaves(&self) -> bool {
+    pub(crate) fn leaves(&self) -> bool {
         self.layers.iter().any(|(label, _)| *label == 0)
     }
 
     /// Lists the tissues along the path in words.
-    pub fn layers_in_words(&self, body: &Body<'_>) -> String {
+    pub(crate) fn layers_in_words(&self, body: &Body<'_>) -> String {
         let one = |(label, mm): &At| match label {
             0 => format!("outside {mm:.0}"),
             label => format!("{} {mm:.0}", body.name(*label)),

@@ -15,7 +15,7 @@ const BEYOND: f64 = 1.25;
 
 impl ScenarioFile {
     /// Parameters of the cylinder, for the mass-spring model.
-    pub fn cylinder_of(&self, path: &Trajectory) -> Result<Option<Parameters>, InputError> {
+    pub(crate) fn cylinder_of(&self, path: &Trajectory) -> Result<Option<Parameters>, InputError> {
         let spec = &self.tissue;
         if spec.model != TissueModel::MassSpring {
             return match spec.cylinder {
@@ -46,7 +46,8 @@ impl ScenarioFile {
         Ok(Some(parameters))
     }
 
-    pub fn spring_fault(&self, error: InvalidSetup) -> InputError {
+    /// An error of the mass-spring model, at the key of the number concerned or at `tissue.cylinder`.
+    pub(crate) fn spring_fault(&self, error: InvalidSetup) -> InputError {
         let key = match &error {
             InvalidSetup::Number(error) => format!("tissue.cylinder.{}", error.key),
             _ => "tissue.cylinder".to_owned(),
@@ -55,7 +56,7 @@ impl ScenarioFile {
     }
 
     /// Mesh of the cylinder. Its place is set when the needle enters.
-    pub fn cylinder_mesh(&self, parameters: Parameters, labels: &Labels) -> Result<TetMesh, InputError> {
+    pub(crate) fn cylinder_mesh(&self, parameters: Parameters, labels: &Labels) -> Result<TetMesh, InputError> {
         let needle = Rigid::new(Shaft::default(), None).map_err(|error| self.fault("needle", error))?;
         let mut model = MassSpring::new(parameters, Box::new(labels.clone()), Box::new(needle))
             .map_err(|error| self.spring_fault(error))?;

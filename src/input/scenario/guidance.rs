@@ -53,6 +53,7 @@ pub struct Guide<'a> {
 }
 
 impl<'a> Guide<'a> {
+    /// Starts the guidance of a run of a scenario.
     pub fn new(scenario: &'a Scenario) -> Self {
         let settings = &scenario.scene.settings;
         let thickness = settings
@@ -74,12 +75,12 @@ impl<'a> Guide<'a> {
     }
 
     /// True if there is a point that moves with the tissue.
-    pub fn follows(&self) -> bool {
+    pub(crate) fn follows(&self) -> bool {
         self.target.is_some()
     }
 
     /// Carries entry and target with the tissue.
-    pub fn carry(&mut self, imager: &dyn NodeSolver, tissue: &Tissue) {
+    pub(crate) fn carry(&mut self, imager: &dyn NodeSolver, tissue: &Tissue) {
         for (slot, places) in [&mut self.entry, &mut self.target].into_iter().enumerate() {
             if let Some([rest, now]) = places {
                 *now = self.carried.point(slot, rest, imager.elements(), tissue);
@@ -158,7 +159,7 @@ pub struct Critical {
 
 impl Critical {
     /// Distances within [`MARGIN_MM`] of the points; `None` if no critical structure is near.
-    pub fn around(scenario: &Scenario, points: &[Point3<f64>]) -> Option<Self> {
+    pub(crate) fn around(scenario: &Scenario, points: &[Point3<f64>]) -> Option<Self> {
         let volume = &scenario.scene.anatomy.volume;
         let is_critical = |value: i64| {
             let known = |(region, it): &&(i32, Interaction)| i64::from(*region) == value && it.critical;
@@ -204,7 +205,7 @@ impl Critical {
     }
 
     /// Distance of a point at rest from the nearest critical voxel, mm, 0 only within one; `None` outside the grid.
-    pub fn distance(&self, at: &Point3<f64>) -> Option<f64> {
+    pub(crate) fn distance(&self, at: &Point3<f64>) -> Option<f64> {
         let at = self.world_to_index.transform_point(at);
         let mut offset = 0;
         for axis in (0..3).rev() {

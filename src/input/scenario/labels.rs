@@ -14,7 +14,7 @@ const STEP_MM: f64 = 0.5;
 
 /// Labels of a volume with their interactions.
 #[derive(Clone, Debug)]
-pub struct Labels {
+pub(crate) struct Labels {
     volume: LabelVolume,
     /// Region of each label; `None` for excluded labels.
     regions: Vec<Option<i32>>,
@@ -25,7 +25,11 @@ pub struct Labels {
 
 impl Labels {
     /// Labels whose values are regions of `interactions`, restricted to a box (mm) if given.
-    pub fn new(volume: &LabelVolume, interactions: &[(i32, Interaction)], within: Option<[[f64; 3]; 2]>) -> Labels {
+    pub(crate) fn new(
+        volume: &LabelVolume,
+        interactions: &[(i32, Interaction)],
+        within: Option<[[f64; 3]; 2]>,
+    ) -> Labels {
         let interactions: BTreeMap<_, _> = interactions.iter().copied().collect();
         let region = |value: i64| i32::try_from(value).ok().filter(|it| interactions.contains_key(it));
         let regions = volume.labels().iter().enumerate();

@@ -80,7 +80,7 @@ parameters! {
 
 impl SensorSpec {
     /// Reading of force (N) and torque (N mm) in a step.
-    pub fn reading(&self, step: u64, wrench: &Wrench) -> [Vector3<f64>; 2] {
+    pub(crate) fn reading(&self, step: u64, wrench: &Wrench) -> [Vector3<f64>; 2] {
         let [low, high] = [step as i32, (step >> 32) as i32];
         let noise = |row: i32, size: f64| {
             Vector3::from_fn(|axis, _| size * normal([low, high, 3 * row + axis as i32], seed_words(self.seed)))
@@ -116,7 +116,7 @@ impl Guided {
     ///
     /// # Errors
     /// [`TrackingError`] for poses beyond the range of positions.
-    pub fn tip(&self, probe: &Trajectory) -> Result<Trajectory, TrackingError> {
+    pub(crate) fn tip(&self, probe: &Trajectory) -> Result<Trajectory, TrackingError> {
         let every = self.driven.len().div_ceil(MAX_POSES);
         let last = self.driven.len() - 1;
         let shown = self
@@ -175,7 +175,7 @@ impl ScenarioFile {
     }
 
     /// Motion of the guide for the planned paths of tip and probe in the world, if the scenario has one.
-    pub fn guided(&self, tip: &Trajectory, probe: &Trajectory) -> Result<Option<Guided>, InputError> {
+    pub(crate) fn guided(&self, tip: &Trajectory, probe: &Trajectory) -> Result<Option<Guided>, InputError> {
         let Some(spec) = &self.manipulator else {
             return Ok(None);
         };
@@ -220,7 +220,7 @@ impl ScenarioFile {
     }
 
     /// The needle on the path that the guide makes of the planned one.
-    pub fn through_guide(
+    pub(crate) fn through_guide(
         &self,
         path: NeedlePath,
         guided: Option<&Guided>,
@@ -275,7 +275,7 @@ impl ScenarioFile {
     }
 
     /// Motion of the tip in the frame of the probe by the keyframes of the guide, if there are any.
-    pub fn guide_keyframes(&self) -> Result<Option<Vec<NeedleKeyframe>>, InputError> {
+    pub(crate) fn guide_keyframes(&self) -> Result<Option<Vec<NeedleKeyframe>>, InputError> {
         let Some(spec) = self.manipulator.as_ref().filter(|spec| !spec.keyframes.is_empty()) else {
             return Ok(None);
         };

@@ -27,14 +27,14 @@ use insonify_tracking::trajectory::Trajectory;
 const SMALL_PART: f64 = 0.02;
 
 /// A mesh and the region names from its file.
-pub struct Meshed {
+pub(crate) struct Meshed {
     pub mesh: TetMesh,
     pub names: BTreeMap<i32, String>,
 }
 
 impl ScenarioFile {
     /// Reads or generates the mesh. `progress` receives the completed fraction.
-    pub fn mesh(
+    pub(crate) fn mesh(
         &self,
         scene: &Scene,
         base: &Path,
@@ -142,7 +142,7 @@ impl ScenarioFile {
     }
 
     /// Numbers of the labels excluded from the mesh.
-    pub fn outside(&self, regions: &Regions<'_>) -> Result<Vec<i32>, InputError> {
+    pub(crate) fn outside(&self, regions: &Regions<'_>) -> Result<Vec<i32>, InputError> {
         let mut outside = Vec::new();
         for (at, name) in self.tissue.outside.iter().enumerate() {
             outside.extend(regions.numbers(&format!("tissue.outside[{at}]"), name)?);
@@ -174,7 +174,7 @@ impl ScenarioFile {
     }
 
     /// Returns fixed nodes and axes, ascending.
-    pub fn fixed(
+    pub(crate) fn fixed(
         &self,
         mesh: &TetMesh,
         names: &Regions<'_>,

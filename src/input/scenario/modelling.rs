@@ -23,7 +23,8 @@ pub struct Modelling {
 }
 
 impl ScenarioFile {
-    pub fn modelling(&self) -> Result<Modelling, InputError> {
+    /// Tissue model settings, checked against each other, with defaults for those not stated.
+    pub(crate) fn modelling(&self) -> Result<Modelling, InputError> {
         let spec = &self.tissue;
         let level = spec.level.unwrap_or_default();
         let is_on_gpu = self.is_on_gpu();
@@ -82,7 +83,7 @@ impl ScenarioFile {
     }
 
     /// Opens the GPU, if requested.
-    pub fn gpu(&self) -> Result<Option<Gpu>, InputError> {
+    pub(crate) fn gpu(&self) -> Result<Option<Gpu>, InputError> {
         if !self.is_on_gpu() {
             return Ok(None);
         }
@@ -92,7 +93,7 @@ impl ScenarioFile {
     }
 
     /// Times of changes of the level, and the new levels.
-    pub fn changes(&self, timing: &Timing) -> Result<Vec<(f64, Level)>, InputError> {
+    pub(crate) fn changes(&self, timing: &Timing) -> Result<Vec<(f64, Level)>, InputError> {
         let mut changes: Vec<(f64, Level)> = Vec::new();
         for (at, change) in self.run.change.iter().enumerate() {
             let key = format!("run.change[{at}].at_s");

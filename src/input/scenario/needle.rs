@@ -50,7 +50,7 @@ pub enum Bending {
 }
 
 /// Motion of a needle, with its seeds and template guides.
-pub struct Moving {
+pub(crate) struct Moving {
     pub needle: SceneNeedle,
     pub deposits: Vec<Deposit>,
     pub guides: Vec<Guide>,
@@ -85,14 +85,15 @@ impl NeedleSettings {
 }
 
 impl ScenarioFile {
-    pub fn needle_table(&self) -> Result<&NeedleTable, InputError> {
+    /// Returns the table `[needle]`, which must be present.
+    pub(crate) fn needle_table(&self) -> Result<&NeedleTable, InputError> {
         self.needle
             .as_ref()
             .ok_or_else(|| self.wrong_keys("needle", "no `[needle]`", "the needle that goes in"))
     }
 
     /// Returns the needle settings, every number checked.
-    pub fn needle_settings(&self) -> Result<NeedleSettings, InputError> {
+    pub(crate) fn needle_settings(&self) -> Result<NeedleSettings, InputError> {
         let table = self.needle_table()?;
         self.in_ranges("needle", table)?;
         self.in_ranges("needle.bending", table.bending.as_ref())?;
@@ -196,7 +197,7 @@ impl ScenarioFile {
     }
 
     /// Returns the key that moves the needle, and checks that there is exactly one.
-    pub fn motion_key(&self) -> Result<&'static str, InputError> {
+    pub(crate) fn motion_key(&self) -> Result<&'static str, InputError> {
         let table = self.needle_table()?;
         let planned = self.plan.as_ref().is_some_and(|plan| !plan.needle.is_empty());
         let movers = [
@@ -238,7 +239,11 @@ impl ScenarioFile {
     }
 
     /// Returns the needle of the scene, the seeds to deposit and the guiding holes; `aimed` is the motion of an aimed needle.
-    pub fn moving(&self, needle: &NeedleSettings, aimed: Option<Vec<NeedleKeyframe>>) -> Result<Moving, InputError> {
+    pub(crate) fn moving(
+        &self,
+        needle: &NeedleSettings,
+        aimed: Option<Vec<NeedleKeyframe>>,
+    ) -> Result<Moving, InputError> {
         let table = self.needle_table()?;
         let of_keyframes = |keyframes| NeedleMotionSpec {
             keyframes: Some(keyframes),

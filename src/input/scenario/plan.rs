@@ -35,7 +35,7 @@ pub struct Deposit {
 
 /// Motion, seeds and guides of a planned needle.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Insertions {
+pub(crate) struct Insertions {
     pub keyframes: Vec<NeedleKeyframe>,
     pub deposits: Vec<Deposit>,
     pub guides: Vec<Guide>,
@@ -52,7 +52,7 @@ pub struct Guide {
 
 impl ScenarioFile {
     /// Targets of the plan.
-    pub fn targets(&self) -> Result<Vec<Target>, InputError> {
+    pub(crate) fn targets(&self) -> Result<Vec<Target>, InputError> {
         let specs = self.plan.iter().flat_map(|plan| &plan.target);
         let one = |(at, spec): (usize, &TargetSpec)| {
             let table = format!("plan.target[{at}]");
@@ -67,7 +67,7 @@ impl ScenarioFile {
     }
 
     /// Planned insertions of a needle of the given length (mm), if there are any.
-    pub fn insertions(&self, length_mm: f64) -> Result<Option<Insertions>, InputError> {
+    pub(crate) fn insertions(&self, length_mm: f64) -> Result<Option<Insertions>, InputError> {
         let Some(plan) = &self.plan else { return Ok(None) };
         // The template is checked whether or not a needle uses it.
         let template = self.template()?;
@@ -91,7 +91,7 @@ impl ScenarioFile {
     }
 
     /// Start (s), and default speed (mm/s) and pause at full depth (s) of the needles.
-    pub fn pace(&self) -> Result<[f64; 3], InputError> {
+    pub(crate) fn pace(&self) -> Result<[f64; 3], InputError> {
         self.in_ranges("plan", self.plan.as_ref())?;
         let plan = self.plan.clone().unwrap_or_default();
         Ok([plan.start_s, plan.speed_mm_s, plan.pause_s])
@@ -162,7 +162,7 @@ impl ScenarioFile {
     ///
     /// # Errors
     /// [`InputError`] at the invalid key.
-    pub fn template(&self) -> Result<Option<Template>, InputError> {
+    pub(crate) fn template(&self) -> Result<Option<Template>, InputError> {
         let Some(spec) = self.plan.as_ref().and_then(|plan| plan.template.as_ref()) else {
             return Ok(None);
         };

@@ -76,6 +76,7 @@ pub struct Extremes {
 }
 
 impl Extremes {
+    /// Extremes of a point that is still at rest.
     pub fn new(point: &Reported) -> Self {
         Self {
             name: point.name.clone(),
@@ -98,7 +99,7 @@ impl Extremes {
     }
 
     /// Takes a displacement into account.
-    pub fn add(&mut self, time_s: f64, displacement_mm: &[f64; 6]) {
+    pub(crate) fn add(&mut self, time_s: f64, displacement_mm: &[f64; 6]) {
         for (range, value) in self.ranges_mm().into_iter().zip(displacement_mm) {
             *range = [range[0].min(*value), range[1].max(*value)];
         }
@@ -118,6 +119,7 @@ pub struct Points<'a> {
 }
 
 impl<'a> Points<'a> {
+    /// Starts to follow the reported points of a scenario.
     pub fn new(scenario: &'a Scenario) -> Self {
         Self {
             points: &scenario.reports,
@@ -127,12 +129,12 @@ impl<'a> Points<'a> {
     }
 
     /// True if there is a point to follow.
-    pub fn follows(&self) -> bool {
+    pub(crate) fn follows(&self) -> bool {
         !self.points.is_empty()
     }
 
     /// Displacements in a state of the tissue, with the imaging probe at a pose.
-    pub fn carry(&mut self, imager: &dyn NodeSolver, tissue: &Tissue, probe: &Isometry3<f64>) -> &[[f64; 6]] {
+    pub(crate) fn carry(&mut self, imager: &dyn NodeSolver, tissue: &Tissue, probe: &Isometry3<f64>) -> &[[f64; 6]] {
         self.displacement_mm.clear();
         for (slot, point) in self.points.iter().enumerate() {
             let now = self.carried.point(slot, &point.at_mm, imager.elements(), tissue);
@@ -147,7 +149,7 @@ impl<'a> Points<'a> {
 
 impl ScenarioFile {
     /// Points whose displacement is reported.
-    pub fn reports(&self, mesh: &TetMesh) -> Result<Vec<Reported>, InputError> {
+    pub(crate) fn reports(&self, mesh: &TetMesh) -> Result<Vec<Reported>, InputError> {
         // The cylinder of masses and springs takes its place when the needle enters.
         let locator = match self.tissue.model == TissueModel::MassSpring || self.report.is_empty() {
             true => None,

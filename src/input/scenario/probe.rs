@@ -43,7 +43,7 @@ pub(super) fn rigid(pose: &Pose) -> Isometry3<f64> {
 
 impl ScenarioFile {
     /// Returns the probe in contact, if the scenario has one. Fixed nodes cannot touch it.
-    pub fn contact(
+    pub(crate) fn contact(
         &self,
         scene: &Scene,
         mesh: &TetMesh,

@@ -20,7 +20,7 @@ const BONE: Bone = Bone {
 };
 
 /// Regions that a scenario can refer to: labels of its scene.
-pub struct Regions<'a> {
+pub(crate) struct Regions<'a> {
     file: &'a ScenarioFile,
     scene: &'a Scene,
     /// Region names from a mesh file.
@@ -29,7 +29,7 @@ pub struct Regions<'a> {
 
 /// Properties of a region.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Region {
+pub(crate) struct Region {
     pub material: Material,
     /// The material with its stiffening.
     pub law: Stiffening,
@@ -38,12 +38,12 @@ pub struct Region {
 }
 
 impl<'a> Regions<'a> {
-    pub fn new(file: &'a ScenarioFile, scene: &'a Scene, named: &'a BTreeMap<i32, String>) -> Self {
+    pub(crate) fn new(file: &'a ScenarioFile, scene: &'a Scene, named: &'a BTreeMap<i32, String>) -> Self {
         Self { file, scene, named }
     }
 
     /// Volume whose labels are the regions.
-    pub fn volume(&self) -> &LabelVolume {
+    pub(crate) fn volume(&self) -> &LabelVolume {
         self.scene.anatomy.volume.undivided()
     }
 
@@ -63,14 +63,14 @@ impl<'a> Regions<'a> {
     }
 
     /// Name of a region.
-    pub fn name(&self, region: i32) -> String {
+    pub(crate) fn name(&self, region: i32) -> String {
         let own = self.named.get(&region).cloned();
         own.or_else(|| self.label(region).map(|label| self.body().name(label)))
             .unwrap_or_else(|| region.to_string())
     }
 
     /// Numbers of the regions that match a name.
-    pub fn numbers(&self, key: &str, name: &RegionName) -> Result<Vec<i32>, InputError> {
+    pub(crate) fn numbers(&self, key: &str, name: &RegionName) -> Result<Vec<i32>, InputError> {
         let labels = self.body().entries().into_iter();
         let of_labels = labels.filter_map(|(_, value, names)| Some((i32::try_from(value).ok()?, value, names)));
         let of_mesh = self.named.iter();
@@ -83,7 +83,7 @@ impl<'a> Regions<'a> {
     }
 
     /// Properties of each of `regions`.
-    pub fn made_of(&self, regions: &[i32]) -> Result<BTreeMap<i32, Region>, InputError> {
+    pub(crate) fn made_of(&self, regions: &[i32]) -> Result<BTreeMap<i32, Region>, InputError> {
         let (mut others, mut own) = (None, BTreeMap::new());
         for (at, spec) in self.file.tissue.material.iter().enumerate() {
             let table = format!("tissue.material[{at}]");

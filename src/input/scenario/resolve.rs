@@ -120,6 +120,7 @@ pub struct Scenario {
     pub notes: Vec<String>,
     /// Suspicious settings, for the user.
     pub warnings: Vec<String>,
+    /// Planned motion of the needle.
     pub path: NeedlePath,
     /// Recorded inputs, in place of the motions.
     replayed: Option<Arc<Recording>>,
@@ -473,7 +474,8 @@ impl ScenarioFile {
         Ok(numbers.filter(|region| !outside.contains(region)).collect())
     }
 
-    pub fn during(&self, timing: &Timing, time_s: f64) -> bool {
+    /// True if a time (s, on the clock of the motions) lies within the run.
+    pub(crate) fn during(&self, timing: &Timing, time_s: f64) -> bool {
         time_s >= timing.start_s && timing.step_at(time_s) <= timing.steps
     }
 

@@ -10,7 +10,7 @@ use insonify_imaging::scene::{EXAMPLES, PoseTable, Scene, SceneFile};
 
 impl ScenarioFile {
     /// Returns the scene with its needle, the motion of the needle, and its aim if the target is given by name.
-    pub fn scene_with(
+    pub(crate) fn scene_with(
         &self,
         needle: &NeedleSettings,
         base_dir: &Path,
@@ -40,7 +40,7 @@ impl ScenarioFile {
     }
 
     /// The scene's file without needle and deformation, the base folder of its paths, and whether it is inline.
-    pub fn scene_file(&self, base: &Path) -> Result<(SceneFile, PathBuf, bool), InputError> {
+    pub(crate) fn scene_file(&self, base: &Path) -> Result<(SceneFile, PathBuf, bool), InputError> {
         let (mut file, folder, is_inline) = match &self.scene {
             None => {
                 return Err(self.wrong_keys(

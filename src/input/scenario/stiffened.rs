@@ -68,7 +68,7 @@ pub fn stiffens(model: TissueModel) -> bool {
 
 impl ScenarioFile {
     /// Returns the viscosity and solver options of stiffening tissue; unsupported features are refused.
-    pub fn stiffening(&self) -> Result<Option<(Option<Viscosity>, Options)>, InputError> {
+    pub(crate) fn stiffening(&self) -> Result<Option<(Option<Viscosity>, Options)>, InputError> {
         let spec = &self.tissue;
         let refuse = |key: String, found: String, expected: &str| Err(self.wrong_keys(key, found, expected));
         let (stiffens, creeps) = (stiffens(spec.model), spec.model == TissueModel::Viscoelastic);
@@ -153,7 +153,7 @@ impl ScenarioFile {
     }
 
     /// Refuses a path that the needle cannot follow: sideways in tissue, or into bone.
-    pub fn is_straight(
+    pub(crate) fn is_straight(
         &self,
         path: &Trajectory,
         needle: &NeedleSettings,

@@ -164,7 +164,7 @@ pub struct FixSpec {
 
 impl MaterialSpec {
     /// Interaction with the needle; keys left open are taken from `usual`.
-    pub fn interaction(&self, usual: &Interaction) -> Interaction {
+    pub(crate) fn interaction(&self, usual: &Interaction) -> Interaction {
         Interaction {
             friction_n_per_mm: self.friction_n_per_mm.unwrap_or(usual.friction_n_per_mm),
             static_ratio: self.static_ratio.unwrap_or(usual.static_ratio),

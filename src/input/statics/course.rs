@@ -94,8 +94,11 @@ impl Default for HistorySpec {
 /// A moment of a history: its time, and its position between the given times.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moment {
+    /// Time, s from the start of the history.
     pub time_s: f64,
+    /// Index of the given time that begins its interval, from 0.
     pub after: usize,
+    /// Position in the interval, from 0 at its start to 1 at its end.
     pub share: f64,
 }
 
@@ -109,7 +112,7 @@ impl Moment {
 
 impl HistorySpec {
     /// Initial moment, and the end of each step.
-    pub fn moments(&self) -> Vec<Moment> {
+    pub(crate) fn moments(&self) -> Vec<Moment> {
         let mut moments = vec![Moment {
             time_s: self.time_s[0],
             after: 0,
@@ -138,7 +141,8 @@ impl HistorySpec {
 }
 
 impl SolverSpec {
-    pub fn options(&self) -> Options {
+    /// Settings in the form that the solver takes.
+    pub(crate) fn options(&self) -> Options {
         Options {
             scheme: self.scheme.into(),
             tolerance: self.tolerance,
@@ -162,7 +166,7 @@ impl From<SchemeName> for Scheme {
 
 impl ViscositySpec {
     /// Quadrature rule for steps between these moments.
-    pub fn rule(&self, moments: &[Moment]) -> Rule {
+    pub(crate) fn rule(&self, moments: &[Moment]) -> Rule {
         match self.rule {
             Method::Rectangle => Rule::Rectangle,
             Method::TimeScaledTrapezoid => Rule::TimeScaledTrapezoid,
@@ -194,7 +198,7 @@ impl Model {
 
 impl ProblemFile {
     /// Checks the tables for the model, and their values.
-    pub fn check_course(&self) -> Result<(), InputError> {
+    pub(crate) fn check_course(&self) -> Result<(), InputError> {
         let linear = self.model == Model::Linear;
         let tables = [
             ("solver", self.solver.is_some(), linear),
@@ -232,7 +236,7 @@ impl ProblemFile {
     }
 
     /// Returns the history, or the default one.
-    pub fn course(&self) -> HistorySpec {
+    pub(crate) fn course(&self) -> HistorySpec {
         self.history.clone().unwrap_or_default()
     }
 

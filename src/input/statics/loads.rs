@@ -22,14 +22,18 @@ const NEWTON_PER_MM3: f64 = 1e-9;
 /// A nodal force, and the index of its `[[load]]`; weight has none.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Applied {
+    /// Force and its node.
     pub load: Load,
+    /// Index of its table, from 0.
     pub table: Option<usize>,
 }
 
 /// All nodal forces, and the area loaded by each `[[load]]`, mm^2 (0 for nodal forces).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Loads {
+    /// The forces, in the order of the tables; weight last.
     pub forces: Vec<Applied>,
+    /// Area loaded by each table, mm^2.
     pub area_mm2: Vec<f64>,
 }
 
@@ -57,7 +61,12 @@ impl Loads {
 
 impl ProblemFile {
     /// Assembles all loads.
-    pub fn loads(&self, mesh: &TetMesh, regions: &Regions, made: &BTreeMap<i32, Made>) -> Result<Loads, InputError> {
+    pub(crate) fn loads(
+        &self,
+        mesh: &TetMesh,
+        regions: &Regions,
+        made: &BTreeMap<i32, Made>,
+    ) -> Result<Loads, InputError> {
         let mut loads = Loads::default();
         for (at, spec) in self.load.iter().enumerate() {
             let area = self.load(at, spec, mesh, regions, &mut loads)?;

@@ -25,12 +25,15 @@ pub struct Problem {
     pub file: ProblemFile,
     /// Mesh of the problem.
     pub mesh: TetMesh,
+    /// Numbers and names of the mesh's regions.
     pub regions: Regions,
     /// Material of each region.
     pub made: BTreeMap<i32, Made>,
+    /// Prescribed displacements, each of one node along one axis.
     pub fixes: Vec<Fix>,
     /// Index of the `[[fix]]` of each entry of `fixes`.
     pub tables: Vec<usize>,
+    /// Forces on nodes, and the areas that carry them.
     pub loads: Loads,
     /// Nodes whose displacements are reported, in the order requested.
     pub report_nodes: Vec<u32>,
@@ -126,7 +129,7 @@ impl ProblemFile {
     }
 
     /// Numbers of the regions that match a name.
-    pub fn regions(&self, key: &str, name: &RegionName, regions: &Regions) -> Result<Vec<i32>, InputError> {
+    pub(crate) fn regions(&self, key: &str, name: &RegionName, regions: &Regions) -> Result<Vec<i32>, InputError> {
         regions.1.find(name).map_err(|error| {
             let help = error.help();
             self.fault(key, error).with_help(help)
@@ -134,7 +137,7 @@ impl ProblemFile {
     }
 
     /// Numbers of the regions that match the keys `region` and `surface_of` of a table, if it has them.
-    pub fn chosen(
+    pub(crate) fn chosen(
         &self,
         table: &str,
         names: [Option<&RegionName>; 2],

@@ -11,6 +11,7 @@ use insonify_mesh::TetMesh;
 /// An invalid selection of nodes or axes, with the key concerned.
 pub type SelectionError = Box<(String, InvalidFile)>;
 
+/// Letters of the axes 0 to 2.
 pub const AXES: [char; 3] = ['x', 'y', 'z'];
 
 /// Default distance of a node from the wall of a cylinder, mm.
@@ -87,8 +88,11 @@ impl CylinderChoice {
 /// mesh, where given.
 #[derive(Debug)]
 pub struct Choice<'a> {
+    /// Numbers of nodes, from 0.
     pub nodes: Option<&'a [i64]>,
+    /// Two opposite corners of a box, mm; infinite for an open side.
     pub box_mm: Option<&'a [[f64; 3]; 2]>,
+    /// Cylinder that selects the nodes inside it, outside it or near its wall.
     pub cylinder: Option<&'a CylinderChoice>,
     /// Numbers of regions whose surface is selected: their faces with other regions, and those without a neighbour.
     pub surface_of: Option<&'a [i32]>,
@@ -100,7 +104,7 @@ pub struct Choice<'a> {
 
 impl Choice<'_> {
     /// Selected nodes, ascending unless by number; `table` is the key of the table.
-    pub fn select(&self, table: &str, mesh: &TetMesh) -> Result<Vec<u32>, SelectionError> {
+    pub(crate) fn select(&self, table: &str, mesh: &TetMesh) -> Result<Vec<u32>, SelectionError> {
         let others = [self.box_mm.is_some(), self.cylinder.is_some(), self.surface];
         let others = others.contains(&true) || self.regions.is_some() || self.surface_of.is_some();
         let expected = "`nodes`, or some of `box_mm`, `cylinder`, `region`, `surface_of` and `surface`";
@@ -199,6 +203,7 @@ fn keys(key: String, found: impl Into<String>, expected: impl Into<String>) -> S
     Box::new((key, InvalidFile::keys(found, expected)))
 }
 
+/// Checks that each number is that of one of `of` nodes (from 0); `key` is the key of the list.
 pub fn numbered(key: &str, nodes: &[i64], of: usize) -> Result<Vec<u32>, SelectionError> {
     let check = |(at, &found): (usize, &i64)| match u32::try_from(found) {
         Ok(node) if (node as usize) < of => Ok(node),

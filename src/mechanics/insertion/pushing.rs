@@ -29,7 +29,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::insertion::InvalidSetup;
 use crate::tissue::nonlinear::{Body, Contact, NonlinearError, Structure};
-pub use line::{Layer, crossings};
+pub use line::{Crossing, Layer, crossings};
 use line::{Line, check};
 pub(super) use slide::At;
 
@@ -122,6 +122,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         self.layers.clear();
     }
 
+    /// Returns the body in its reference state.
     pub fn body(&self) -> &Arc<Body<D, N>> {
         self.structure.solver().body()
     }

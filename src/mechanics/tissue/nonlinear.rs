@@ -43,39 +43,80 @@ use insonify_base::cause::Cause;
 /// Why a nonlinear body cannot be made, or an increment of it not be solved. The solver is then unchanged.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum NonlinearError {
+    /// A body without elements.
     #[error("the body has no elements")]
     Empty,
+    /// The number of materials is not that of the elements.
     #[error("{found} materials for {expected} elements")]
-    Materials { found: usize, expected: usize },
+    Materials {
+        /// Number of materials.
+        found: usize,
+        /// Number of elements.
+        expected: usize,
+    },
+    /// An element names a node that does not exist.
     #[error("element {element} names node {node}, but there are only {nodes} nodes (numbered from 0)")]
-    Node { element: usize, node: u32, nodes: usize },
+    Node {
+        /// Index of the element, from 0.
+        element: usize,
+        /// Node named.
+        node: u32,
+        /// Number of nodes of the body.
+        nodes: usize,
+    },
     /// An element has no usable area or volume.
     #[error("element {element}: {cause}")]
-    Element { element: usize, cause: DegenerateElement },
+    Element {
+        /// Index of the element, from 0.
+        element: usize,
+        /// Why its area or volume is unusable.
+        cause: DegenerateElement,
+    },
+    /// The thickness of a plane body is not a finite number above 0.
     #[error("the thickness is {found} mm; expected a finite number above 0")]
-    Thickness { found: f64 },
+    Thickness {
+        /// Thickness found, mm.
+        found: f64,
+    },
     /// The largest unbalanced force, relative to the largest force, is above the tolerance.
     #[error(
         "forces do not balance after {iterations} iterations: the residual is {residual:.1e} of the largest force, expected at \
          most {tolerance:.0e}; take smaller increments, or more iterations"
     )]
     NotConverged {
+        /// Number of iterations made.
         iterations: usize,
+        /// Largest unbalanced force, relative to the largest force.
         residual: f64,
+        /// Largest relative unbalanced force accepted.
         tolerance: f64,
     },
+    /// Displacements or forces are not finite.
     #[error("displacements or forces are no finite numbers after {iterations} iterations; take smaller increments")]
-    Overflow { iterations: usize },
+    Overflow {
+        /// Number of iterations made.
+        iterations: usize,
+    },
     /// A list has the wrong length.
     #[error("{found} {what}; expected {expected}")]
     Length {
+        /// What the list holds, or as what a number is given.
         what: &'static str,
+        /// Length found, or the number of a degree of freedom that does not exist.
         found: usize,
+        /// Length expected, or the number of degrees of freedom.
         expected: usize,
     },
     /// Value `at` of a list (`what`) is NaN or infinite.
     #[error("{what} {at} is {found}; expected a finite number")]
-    NotFinite { what: &'static str, at: usize, found: f64 },
+    NotFinite {
+        /// What the list holds.
+        what: &'static str,
+        /// Index in the list, from 0.
+        at: usize,
+        /// Value found.
+        found: f64,
+    },
     /// The contact does not act on any free displacement.
     #[error("the contact touches nothing that can move")]
     DeadContact,

@@ -12,9 +12,11 @@ use insonify_base::statistics::{mean, skewness};
 pub struct Measure {
     /// Key in JSON.
     pub key: &'static str,
+    /// Name in reports.
     pub name: &'static str,
     /// Unit; empty for a pure number.
     pub unit: &'static str,
+    /// Definition in words.
     pub definition: &'static str,
     /// Lower limit of the spread among real frames: frames of one clip differ by less than independent frames do.
     pub floor: f64,

@@ -59,6 +59,7 @@ pub struct Conditions {
 /// A training task.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Task {
+    /// Position of the target, mm.
     pub target_mm: [f64; 3],
     /// Entry on the skin, mm.
     pub entry_mm: [f64; 3],
@@ -342,6 +343,7 @@ pub struct Study {
     /// Comparison of the groups.
     #[serde(flatten)]
     pub comparison: Comparison,
+    /// Every session, with the values of its metrics.
     #[serde(skip)]
     pub sessions: Vec<Session>,
 }

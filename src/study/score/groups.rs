@@ -21,7 +21,9 @@ pub(crate) const SIGNIFICANT: f64 = 0.05;
 pub struct Session {
     /// Group of the person.
     pub group: String,
+    /// Name of the person.
     pub person: String,
+    /// Name of the session.
     pub session: String,
     /// Values of the metrics.
     pub values: [f64; COUNT],
@@ -52,17 +54,21 @@ pub fn read(path: &Path) -> Result<Vec<Session>, StudyError> {
 /// Distribution of a metric in a group.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Spread {
+    /// Mean, in the unit of the metric.
     pub mean: f64,
     /// Standard deviation of the sample; `None` for a single value.
     pub sd: Option<f64>,
+    /// Median, in the unit of the metric.
     pub median: f64,
     /// Values, ascending.
     #[serde(skip)]
     pub values: Vec<f64>,
 }
 
+/// Group of people, with the distribution of each metric.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Group {
+    /// Name of the group.
     pub name: String,
     /// Number of people.
     pub people: usize,
@@ -79,6 +85,7 @@ pub struct Pair {
     pub a: String,
     /// Second group.
     pub b: String,
+    /// Name of the metric, `m1` to `m10`.
     pub metric: &'static str,
     /// Two-sided p of Welch's t test over sessions.
     pub welch_p: Option<f64>,

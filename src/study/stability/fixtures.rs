@@ -56,7 +56,9 @@ pub fn build(setup: Setup) -> Result<Finite, Unexpected> {
 /// Region 0 from z = 0 on and region 1 from `border` on.
 #[derive(Debug)]
 pub struct Layers {
+    /// Coordinate z at which region 1 begins, mm.
     pub border: f64,
+    /// Interaction in region 0, then in region 1.
     pub of: [Interaction; 2],
 }
 
@@ -193,7 +195,9 @@ pub(crate) const BACKENDS: &[Inverses] = &[
 
 /// Remesher backend in one precision.
 pub struct Inverses {
+    /// Name in reports, such as `cpu f64`.
     pub name: &'static str,
+    /// Precision of the inverse.
     pub precision: Precision,
     follow: fn(&Start, Level, Options) -> Result<Adaptation, RemeshError>,
 }
@@ -217,8 +221,11 @@ impl Inverses {
 
 /// Randomly perturbed block of 6 x 5 x 5 nodes on a fixed floor, with its inverse stiffness.
 pub struct Start {
+    /// Mesh before any move.
     pub mesh: AdaptedMesh,
+    /// Inverse of its stiffness in f64, mm/N.
     pub double: Arc<Symmetric<f64>>,
+    /// The same inverse, rounded to f32.
     pub single: Arc<Symmetric<f32>>,
     /// Nodes without prescribed displacements.
     pub free: Vec<u32>,
@@ -230,6 +237,7 @@ pub struct Start {
 }
 
 impl Start {
+    /// Creates a block of 10 kPa at a Poisson's ratio, its nodes shifted at random by a seed.
     pub fn new(seed: u64, poisson: f64) -> Result<Start, Unexpected> {
         let cells = [5, 4, 4];
         let mesh = shaken(cells, cells.map(|n| n as f64 * CELL), 0.12, seed)?;
@@ -298,11 +306,14 @@ impl Start {
 
 /// Inverse of the current stiffness, computed from scratch in f64.
 pub struct Now {
+    /// Inverse of the stiffness, mm/N.
     pub inverse: Symmetric<f64>,
+    /// Condition number of the stiffness.
     pub condition: f64,
 }
 
 impl Now {
+    /// Assembles and inverts the stiffness of a mesh with its nodes in their current positions.
     pub fn of(mesh: &AdaptedMesh) -> Result<Now, Unexpected> {
         let stiffness = mesh.stiffness().at_nodes(mesh.nodes())?;
         let factor = Factor::new(&stiffness)?;
@@ -427,9 +438,13 @@ pub fn surface(mesh: &TetMesh) -> Vec<bool> {
 /// Static problem that owns its data.
 #[derive(Clone)]
 pub struct Problem {
+    /// Mesh at rest.
     pub mesh: TetMesh,
+    /// Material of each region.
     pub materials: Materials,
+    /// Prescribed displacements, each of one node along one axis.
     pub fixes: Vec<Fix>,
+    /// Forces on nodes.
     pub loads: Vec<Load>,
 }
 
@@ -490,6 +505,7 @@ impl Problem {
         self.loads = (0..self.mesh.nodes().len() as u32).map(load).collect();
     }
 
+    /// Solves for displacements and reactions.
     pub fn solve(&self) -> Result<Solution, LinearError> {
         let problem = StaticProblem {
             mesh: &self.mesh,
@@ -500,11 +516,13 @@ impl Problem {
         problem.solve()
     }
 
+    /// Returns the numbering of the degrees of freedom that are not fixed.
     pub fn dofs(&self) -> Dofs {
         let fixed = self.fixes.iter().map(|fix| (fix.node, fix.axis));
         Dofs::new(self.mesh.nodes().len(), fixed)
     }
 
+    /// Assembles the stiffness over the degrees of freedom that are not fixed.
     pub fn stiffness(&self) -> Result<Stiffness, Unexpected> {
         let materials = self.materials.check(&self.mesh)?;
         Ok(Stiffness::assemble(&self.mesh, &materials, &self.dofs())?)

@@ -10,7 +10,9 @@ use insonify_base::random::{hash3, seed_words};
 /// Measured figure.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Measure {
+    /// What is measured, in words.
     pub what: String,
+    /// Value; NaN and infinity are serialised as text.
     #[serde(serialize_with = "number")]
     pub figure: f64,
     /// Largest acceptable value; `None` if the figure is only reported.

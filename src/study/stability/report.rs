@@ -20,8 +20,11 @@ const ENDS: [f64; 2] = [0.1, 1e13];
 /// Result of one case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CaseReport {
+    /// Subject of the group of cases.
     pub group: String,
+    /// Short description of the difficulty.
     pub name: String,
+    /// Acceptance criterion in words.
     pub criterion: String,
     /// Backends and precisions covered.
     pub covers: Vec<String>,
@@ -33,6 +36,7 @@ pub struct CaseReport {
     pub holds: bool,
     /// Margin of the decisive figure.
     pub margin: Option<f64>,
+    /// Figures, in the order of recording.
     pub measures: Vec<Measure>,
 }
 
@@ -78,8 +82,11 @@ impl CaseReport {
 /// Results of all cases of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
+    /// Length of the run.
     pub effort: Effort,
+    /// Machine that the cases ran on.
     pub machine: Machine,
+    /// Result of each case, in the order run.
     pub cases: Vec<CaseReport>,
 }
 

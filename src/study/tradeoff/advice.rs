@@ -50,6 +50,7 @@ pub struct Goal {
 /// Recommendation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Advice {
+    /// What is chosen.
     pub choosing: String,
     /// Fixed choices that the recommendation applies to; empty if there are none.
     pub given: String,

@@ -231,11 +231,14 @@ const QUIETEST_DB: f64 = -200.0;
 
 /// Abdomen phantom under its default probe, at the 640 x 480 pixels of the default scene.
 pub struct Subject {
+    /// Scene with the phantom and the probe.
     pub scene: Scene,
+    /// State of the only frame.
     pub state: FrameState,
 }
 
 impl Subject {
+    /// Creates the phantom in voxels of a given size, mm.
     pub fn new(voxel_mm: f64) -> Result<Self, StudyError> {
         let text = format!("version = 1\nvolume = {{ phantom = \"abdomen\", resolution_mm = {voxel_mm} }}\n");
         let mut scene = SceneFile::parse(&text, "the scene of the study")?.resolve(".".as_ref())?;
@@ -252,6 +255,7 @@ impl Subject {
         settings
     }
 
+    /// Creates a synthesizer of the phantom with these settings on a backend.
     pub fn on(&self, settings: Settings, backend: Backend) -> Result<Synthesizer, SynthError> {
         Synthesizer::new(self.scene.anatomy.clone(), settings, backend)
     }
@@ -315,8 +319,11 @@ const MAX: usize = 200;
 /// Rendered picture with its times.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
+    /// Grey levels, row by row from the top.
     pub pixels: Vec<u8>,
+    /// Statistics of the frame times.
     pub time: Option<Spread>,
+    /// Working memory on the backend, MB (10^6 bytes).
     pub memory_mb: f64,
 }
 
@@ -339,13 +346,16 @@ pub fn picture(synth: &mut Synthesizer, state: &FrameState, patience: Duration) 
 /// Difference of a picture from its standard, in grey levels, over the pixels inside the sector.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Apart {
+    /// Root mean square of the differences.
     pub rms: f64,
+    /// 99th percentile of the magnitudes of the differences.
     pub p99: f64,
     /// Mean difference, positive if the picture is brighter.
     pub bias: f64,
 }
 
 impl Apart {
+    /// Compares a picture with its standard over the pixels marked as inside.
     pub fn of(standard: &[u8], found: &[u8], inside: &[bool]) -> Self {
         let pairs = standard.iter().zip(found).zip(inside).filter(|(_, inside)| **inside);
         let off: Vec<f64> = pairs.map(|((a, b), _)| f64::from(*b) - f64::from(*a)).collect();

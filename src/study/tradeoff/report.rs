@@ -31,29 +31,39 @@ pub struct Report {
     pub program: String,
     /// Date in UTC.
     pub date: String,
+    /// Length of the studies.
     pub effort: Effort,
+    /// Required rates of frames and steps.
     pub pace: Rates,
+    /// Machine that the CPU parts ran on.
     pub machine: Machine,
     /// Total duration, s.
     pub seconds: f64,
     /// Devices that were not measured, and why.
     pub notes: Vec<String>,
+    /// Studies that failed.
     pub missing: Vec<Missing>,
+    /// Results of the studies that succeeded, in the order run.
     pub chapters: Vec<Chapter>,
 }
 
 /// Study that failed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Missing {
+    /// Name of the study.
     pub name: &'static str,
+    /// Text of the error that ended it.
     pub reason: String,
 }
 
 /// Results of one study.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Chapter {
+    /// Name of the study.
     pub name: &'static str,
+    /// Title of the study.
     pub title: &'static str,
+    /// Question that the study answers; empty if none is stated.
     pub question: &'static str,
     /// Duration, s.
     pub seconds: f64,
@@ -78,18 +88,25 @@ struct Drawing {
 /// Table of results: a [`Table`] with what follows from its rows, without the columns that have no values.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Section {
+    /// Key in JSON and CSV.
     pub key: &'static str,
+    /// Title of the table.
     pub title: String,
+    /// Gold standard that errors refer to; empty if the table has no errors.
     pub gold: String,
+    /// Columns of the factors that distinguish the rows.
     pub factors: Vec<Column>,
+    /// Columns of the measured quantities.
     pub axes: Vec<Column>,
     /// Indices of the primary axes: cost, error, and those shown beside them; all axes if the table offers no choice.
     pub first: Vec<usize>,
+    /// Variants, each with its choices and the values measured.
     pub rows: Vec<Row>,
     /// Whether each row is among the best.
     pub best: Vec<bool>,
     /// Meaning of the mark of the best rows; empty if no row is marked.
     pub meaning_of_best: String,
+    /// Recommendations; empty if the table offers no choice.
     pub advice: Vec<Advice>,
     /// Recommendations at the required pace.
     pub in_time: Vec<RealTimeChoice>,
@@ -98,8 +115,11 @@ pub struct Section {
 /// Column of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Column {
+    /// Key in JSON and CSV.
     pub key: &'static str,
+    /// Short column heading.
     pub heading: &'static str,
+    /// Full name, with the unit after the last comma if there is one.
     pub label: &'static str,
     /// Unit; empty if there is none.
     pub unit: &'static str,

@@ -333,7 +333,7 @@ fn the_thread_count_does_not_matter() {
 }
 
 /// Reads a `.nii.gz` of bytes or 16-bit integers, well formed, without names.
-pub fn nifti(file: &str) -> Option<LabelVolume> {
+pub(crate) fn nifti(file: &str) -> Option<LabelVolume> {
     let path = insonify_testing::shared(&format!("volumes/{file}"))?;
     let packed = std::fs::File::open(path).unwrap();
     let mut bytes = Vec::new();

@@ -78,6 +78,7 @@ pub(super) struct Line<const D: usize> {
 /// Crossing of an element by a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Crossing {
+    /// Index of the element, from 0.
     pub element: u32,
     /// Start of the crossing, mm from the origin of the line.
     pub from_mm: f64,

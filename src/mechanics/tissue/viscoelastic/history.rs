@@ -127,29 +127,67 @@ impl Default for Span {
 /// Error of a history, or of the response of a point.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum HistoryError {
+    /// The order is not a number from 0 to 1.
     #[error("the order is {found}; expected a number from 0 (a spring) to 1 (a dashpot)")]
-    Order { found: f64 },
+    Order {
+        /// Order found.
+        found: f64,
+    },
+    /// A step is not a finite time above 0.
     #[error("a step of {found} s; expected a finite time above 0")]
-    Step { found: f64 },
+    Step {
+        /// Step found, s.
+        found: f64,
+    },
+    /// A component is NaN or infinite.
     #[error("component {component} is {found}; expected a finite number")]
-    Value { component: usize, found: f64 },
+    Value {
+        /// Index of the component, from 0.
+        component: usize,
+        /// Value found.
+        found: f64,
+    },
     /// The number of components differs from that at the start.
     #[error("{found} components; the history has {expected}")]
-    Components { found: usize, expected: usize },
+    Components {
+        /// Number of components found.
+        found: usize,
+        /// Number of components of the history.
+        expected: usize,
+    },
     /// The numbers are not the state of a history of this rule and size.
     #[error("{found} numbers, or numbers that are not finite; not what a history of this rule and size remembers")]
-    Remembered { found: usize },
+    Remembered {
+        /// Count of numbers found.
+        found: usize,
+    },
     /// A rule for equal steps received an unequal one, s.
     #[error(
         "a step of {found} s after steps of {expected} s; the rule of Gruenwald and Letnikov takes equal steps only"
     )]
-    Uneven { found: f64, expected: f64 },
+    Uneven {
+        /// Step found, s.
+        found: f64,
+        /// Length of the steps before it, s.
+        expected: f64,
+    },
     /// A step is shorter than the sum of exponentials supports, s.
     #[error("a step of {found} s; this sum of exponentials was made for steps from {shortest} s")]
-    Short { found: f64, shortest: f64 },
+    Short {
+        /// Step found, s.
+        found: f64,
+        /// Shortest step supported, s.
+        shortest: f64,
+    },
     /// A history is longer than the sum of exponentials supports, s.
     #[error("a history of {found} s; this sum of exponentials was made for up to {longest} s")]
-    Long { found: f64, longest: f64 },
+    Long {
+        /// Length found, s.
+        found: f64,
+        /// Longest history supported, s.
+        longest: f64,
+    },
+    /// The range of a sum of exponentials is invalid.
     #[error(
         "a span of {} s to {} s within {}; expected times above 0, ascending and less than 1e40 apart, within 1e-13 to 1e-2",
         .0.shortest_s, .0.longest_s, .0.tolerance
@@ -158,11 +196,20 @@ pub enum HistoryError {
     /// A number of a point's material or loading is out of range.
     #[error("found {}; expected {}", .0.found, .0.expected)]
     Number(#[from] OutOfRange),
+    /// Times and values differ in number, or there are none.
     #[error("found {values} values at {times} times; expected a value for each, and at least one")]
-    Lengths { times: usize, values: usize },
+    Lengths {
+        /// Number of times.
+        times: usize,
+        /// Number of values.
+        values: usize,
+    },
     /// Stress or strain overflows.
     #[error("the response at {time_s} s is no finite number; expected smaller moduli, strains or stresses")]
-    Overflow { time_s: f64 },
+    Overflow {
+        /// Time of the response, s.
+        time_s: f64,
+    },
 }
 
 impl Cause for HistoryError {}
