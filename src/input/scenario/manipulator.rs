@@ -80,7 +80,7 @@ parameters! {
 
 impl SensorSpec {
     /// Reading of force (N) and torque (N mm) in a step.
-    pub(crate) fn reading(&self, step: u64, wrench: &Wrench) -> [Vector3<f64>; 2] {
+    pub fn reading(&self, step: u64, wrench: &Wrench) -> [Vector3<f64>; 2] {
         let [low, high] = [step as i32, (step >> 32) as i32];
         let noise = |row: i32, size: f64| {
             Vector3::from_fn(|axis, _| size * normal([low, high, 3 * row + axis as i32], seed_words(self.seed)))
