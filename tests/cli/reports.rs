@@ -214,8 +214,8 @@ fn the_doctor_says_what_would_be_used() {
     let bench = Bench::new();
     let healthy = bench.run("doctor --json").json();
     assert!(healthy["adapters"].is_array() && healthy["reason"].is_string());
-    let threads = std::thread::available_parallelism().expect("threads").get();
-    assert_eq!(healthy["machine"]["threads"], threads);
+    let cores = std::thread::available_parallelism().expect("cores").get();
+    assert_eq!(healthy["machine"]["cores"], cores);
     if let Some(adapter) = healthy["adapters"].get(0) {
         let software = adapter["software"].as_bool().unwrap();
         assert_eq!(healthy["backend"], if software { "cpu" } else { "gpu" });

@@ -104,7 +104,7 @@ impl<'de> Deserializer<'de> for Value<'de> {
                 None => Err(de::Error::custom("floating-point number overflowed")),
             },
             DeValue::Boolean(value) => visitor.visit_bool(value),
-            DeValue::Datetime(_) => Err(de::Error::invalid_type(Unexpected::Other("date"), &visitor)),
+            DeValue::Datetime(_) => Err(de::Error::invalid_type(Unexpected::Other("a date"), &visitor)),
             DeValue::Array(values) => visitor.visit_seq(Values(values.into_iter())),
             DeValue::Table(table) => visitor.visit_map(Table {
                 entries: table.into_iter(),
@@ -227,5 +227,60 @@ impl<'de> VariantAccess<'de> for Value<'de> {
 
     fn struct_variant<V: Visitor<'de>>(self, _: &'static [&'static str], visitor: V) -> Result<V::Value, Mismatch> {
         self.deserialize_any(visitor)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use serde::Deserialize;
+
+    use super::*;
+
+    #[derive(Debug, Deserialize, PartialEq)]
+    #[serde(rename_all = "kebab-case")]
+    enum Choice {
+        Plain,
+        Number(f64),
+    }
+
+    #[derive(Debug, Deserialize, PartialEq)]
+    #[serde(deny_unknown_fields)]
+    struct All {
+        seed: Option<u64>,
+        size: Option<f64>,
+        names: Option<Vec<String>>,
+        is_on: Option<bool>,
+        choice: Option<Choice>,
+        inner: Option<BTreeMap<String, [i32; 2]>>,
+    }
+
+    #[test]
+    fn values_and_errors_are_those_of_the_crate_toml() {
+        for text in [
+            "",
+            "seed = 18446744073709551615\nsize = 1e-3\nnames = [\"a\", \"b\\n\"]\nis_on = true",
+            "size = inf\nchoice = \"plain\"\n[inner]\na = [1, -2]\nb = [0x10, 0]",
+            "choice = { number = 2.5 }",
+            "seed = -1",
+            "size = \"wide\"",
+            "names = [\"a\", 3]",
+            "choice = \"other\"",
+            "choice = 3",
+            "[inner]\na = [1]",
+            "is_on = 1\n",
+            "\nsead = 3",
+            "size = ",
+        ] {
+            let expected = toml::from_str::<All>(text).map_err(|error| (error.message().to_owned(), error.span()));
+            let found = read::<All>(text).map_err(|error| (error.message, error.span));
+            assert_eq!(found, expected, "{text}");
+        }
+        let date = read::<All>("size = 2026-01-31").unwrap_err();
+        assert_eq!(
+            (&*date.message, date.span),
+            ("invalid type: a date, expected f64", Some(7..17))
+        );
     }
 }

@@ -148,9 +148,9 @@ block! {
     pub(crate) struct Params {
         /// Samples along a scanline.
         pub(crate) samples: u32,
-        /// Number of segments of needle and seeds.
+        /// Distance between samples, mm.
         pub(crate) sample_mm: f32,
-        /// Segments of needle and seeds.
+        /// Number of segments of needle and seeds.
         pub(crate) segments: u32,
         /// Inverse width of the beam used for shadows, 1/mm.
         pub(crate) beams_per_mm: f32,
