@@ -340,6 +340,19 @@ mod tests {
         let field =
             parse("kind = 'affine'\nmatrix = [[2, 0, 0, 1], [0, 1, 1, 0], [0, 0, 1, 0], [0, 0, 0, 1]]").unwrap();
         assert_eq!(field.validate(), Ok(()));
+        // Whether directions span a volume does not depend on their lengths.
+        for scale in [1e-3, 1e3] {
+            let map = |z: [f64; 3]| Displacement::Affine {
+                matrix: [
+                    [scale, 0.0, z[0], 0.0],
+                    [0.0, scale, z[1], 0.0],
+                    [0.0, 0.0, z[2], 0.0],
+                    [0.0, 0.0, 0.0, 1.0],
+                ],
+            };
+            assert_eq!(map([0.0, 0.0, scale]).validate(), Ok(()));
+            assert!(map([scale, scale, 1e-13 * scale]).validate().is_err());
+        }
         let mut current = vec![[9.0; 3]; 7];
         field.displace(&[[3.0, 4.0, 5.0]], &mut current);
         assert_eq!(current, [[7.0, 9.0, 5.0]]);

@@ -332,3 +332,35 @@ pub(crate) fn is_corrupt_data(cause: &io::Error) -> bool {
         Kind::UnexpectedEof | Kind::InvalidInput | Kind::InvalidData | Kind::Other
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Groups are handed on whole, however the bytes arrive.
+    #[test]
+    fn groups_are_whole_in_pieces_of_any_size() {
+        let bytes: Vec<u8> = (0..60).collect();
+        for pieces in [1, 2, 3, 5, 7, 60] {
+            let mut push = |part: &[u8], values: &mut Vec<Vec<u8>>| {
+                assert_eq!(part.len() % 6, 0);
+                values.extend(part.chunks(6).map(<[u8]>::to_vec));
+                Ok(())
+            };
+            let mut sink = Sink {
+                skip: 4,
+                wanted: 48,
+                excess: 0,
+                part: Vec::new(),
+                group: 6,
+                chunk: Vec::new(),
+                values: Vec::new(),
+                push: &mut push,
+                failed: None,
+            };
+            bytes.chunks(pieces).for_each(|piece| sink.take(piece));
+            assert_eq!(sink.values.concat(), bytes[4..52], "{pieces}");
+            assert_eq!((sink.wanted, sink.excess), (0, 8));
+        }
+    }
+}

@@ -185,6 +185,27 @@ mod tests {
     use super::*;
 
     #[test]
+    fn smoothing_has_its_standard_deviation_in_millimetres() {
+        let (size, spacing) = ([41, 31, 21], [0.5, 1.0, 2.0]);
+        let middle = 20 + 41 * (15 + 31 * 10);
+        let mut values = vec![0.0; 41 * 31 * 21];
+        values[middle] = 1.0;
+        let mut grid = Grid { size, spacing, values };
+        grid.smooth(2.5);
+        for (axis, stride) in [1, 41, 41 * 31].into_iter().enumerate() {
+            // Along the axis through the middle, where the other two are constant factors.
+            let reach = size[axis] as i32 / 2;
+            let at = |step: i32| f64::from(grid.values[(middle as i32 + step * stride) as usize]);
+            let square = |step: i32| (f64::from(step) * spacing[axis]).powi(2);
+            let sum: f64 = (-reach..=reach).map(at).sum();
+            let spread: f64 = (-reach..=reach).map(|step| at(step) * square(step)).sum();
+            let deviation = (spread / sum).sqrt();
+            // The kernel ends at 2.5 standard deviations, which takes 5 %.
+            assert!((deviation / 2.5 - 0.97).abs() < 0.04, "{axis}: {deviation}");
+        }
+    }
+
+    #[test]
     fn distances_equal_a_search_over_all_seeds() {
         let size = [9, 7, 8];
         let spacing = [1.5, 2.0, 3.0];

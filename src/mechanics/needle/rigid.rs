@@ -138,6 +138,11 @@ mod tests {
     fn a_constrained_needle_passes_its_entry_and_keeps_its_length() {
         let constraint = BendingConstraint::default();
         let mut needle = Constrained::new(Shaft::default(), constraint).expect("needle");
+        let shaft = Shaft::default();
+        assert_eq!(
+            [needle.length_mm(), needle.radius_mm()],
+            [shaft.length_mm, shaft.radius_mm]
+        );
         let (base, mut line) = (slanted(), CentreLine::default());
         let measured = Unit::new_normalize(base.rotation * Vector3::z());
         needle.place(&base, None, &[], &[], &mut line);

@@ -59,3 +59,22 @@ impl Knee {
         (strain.abs() - self.strain).max(0.0)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn knees_from_zero_to_infinity_are_allowed() {
+        let check = |strain, stiffening| Knee { strain, stiffening }.check().map_err(|error| error.key);
+        for strain in [0.0, 0.3, f64::INFINITY] {
+            assert_eq!(check(strain, 0.0), Ok(()));
+        }
+        for strain in [-1e-300, f64::NAN] {
+            assert_eq!(check(strain, 1.0), Err("knee_strain".to_owned()));
+        }
+        for stiffening in [-1e-300, f64::NAN, f64::INFINITY] {
+            assert_eq!(check(0.1, stiffening), Err("stiffening".to_owned()));
+        }
+    }
+}

@@ -271,6 +271,9 @@ fn the_closed_loop_holds_the_tip_and_the_open_loop_loses_the_lost_motion() {
     // Half the dead band and friction with a hindering load over the stiffness, through the screw.
     let by_hand = (2.0 + (3.0 + drive.reduction() / 0.3) / 2.0) * 2.0 / (std::f64::consts::TAU * 4.0);
     assert!((push - by_hand).abs() < 1e-12 && push > 0.25, "{push} {by_hand}");
+    // A pull is helped by the load.
+    let helped = (2.0 + (3.0 - drive.reduction() / 0.3) / 2.0) * drive.reduction();
+    assert!((pull - helped).abs() < 1e-12, "{pull} {helped}");
     let depth = |at: usize| open[at].posture.insertion_mm;
     assert!((depth(14_500) - (40.0 - push)).abs() < 1e-9, "{}", depth(14_500));
     assert!((depth(17_900) - (30.0 + pull)).abs() < 1e-9, "{}", depth(17_900));

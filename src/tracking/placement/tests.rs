@@ -78,6 +78,37 @@ fn nothing_in_the_way_means_straight_from_the_nearest_front() {
 }
 
 #[test]
+fn the_normal_of_slanted_skin_is_found() {
+    // Skin of a block, and not of a ball: symmetric about no axis of the volume.
+    for degrees in [0.0, 20.0, 35.0f64] {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        let inward = Vector3::new(0.6 * sin, cos, 0.8 * sin);
+        let body = |p: &Vector3<f64>| p.dot(&inward) > 0.0;
+        let mut voxels = vec![0; 60 * 60 * 60];
+        for (at, voxel) in voxels.iter_mut().enumerate() {
+            let index = Vector3::new(at % 60, at / 60 % 60, at / 3600);
+            *voxel = u8::from(body(&index.map(|i| i as f64 - 29.5)));
+        }
+        let to_world = Matrix4::new_translation(&Vector3::repeat(-29.5));
+        let volume = LabelVolume::new([60; 3], voxels, labels(), to_world).unwrap();
+        let meaning = Meaning {
+            is_body: &|label| label != 0,
+            is_bone_or_gas: &|_| false,
+        };
+        let options = PlacementOptions::default();
+        let search = Search {
+            volume: &volume,
+            in_target: [false; 256],
+            meaning: &meaning,
+            options: &options,
+        };
+        let normal = search.inward_normal(&Point3::origin()).expect("a normal");
+        let apart = normal.angle(&inward).to_degrees();
+        assert!(apart < 2.5, "{degrees}: {apart}");
+    }
+}
+
+#[test]
 fn bone_in_front_sends_the_probe_to_the_side() {
     let ball = Vector3::new(-30.0, -20.0, 0.0);
     let plate = |p: &Vector3<f64>| (p.y + 70.0).abs() < 4.0 && p.x > -65.0;

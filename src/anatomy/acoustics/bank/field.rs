@@ -342,6 +342,26 @@ impl Strands {
 mod tests {
     use super::*;
 
+    /// Along every axis neighbours correlate as the field says, exp(-d^2 / (4 sigma^2)), and far apart not at all.
+    #[test]
+    fn gaussian_fields_have_their_correlation_along_every_axis() {
+        let grid = Grid::new([48, 40, 36], [0.5, 0.6, 0.8]);
+        let field = grid.gaussian(Seed::new(5, 1), 2, [0.6, 0.9, 1.2]);
+        let strides = [1, 48, 48 * 40];
+        for (axis, sigma) in [0.6, 0.9, 1.2f32].into_iter().enumerate() {
+            for steps in [1, 2, 12] {
+                let index = |at: usize| at / strides[axis] % grid.size[axis];
+                let pairs = (0..field.len()).filter(|&at| index(at) + steps < grid.size[axis]);
+                let products: Vec<f32> = pairs.map(|at| field[at] * field[at + steps * strides[axis]]).collect();
+                let found = products.iter().sum::<f32>() / products.len() as f32;
+                let apart = steps as f32 * grid.spacing_mm[axis];
+                let expected = (-apart * apart / (4.0 * sigma * sigma)).exp();
+                // Some hundred independent grains along each axis.
+                assert!((found - expected).abs() < 0.06, "{axis} {steps}: {found} {expected}");
+            }
+        }
+    }
+
     #[test]
     fn nearest_points_are_those_of_all_27_boxes() {
         let grid = Grid::new([40, 60, 50], [0.6; 3]);

@@ -33,6 +33,18 @@ fn voxel_sizes_alone_give_ras_axes_turned_to_lps() {
 }
 
 #[test]
+fn units_become_millimetres() {
+    // Unknown, metres, millimetres, micrometres, and millimetres with seconds.
+    for (unit, mm) in [(0u8, 1.0), (1, 1000.0), (2, 1.0), (3, 0.001), (2 | 8, 1.0)] {
+        let world = read(&with(123, &[unit])).unwrap().grid().unwrap().index_to_world;
+        for (axis, size) in [-1.5, -2.0, 2.5].into_iter().enumerate() {
+            let found = world[(axis, axis)];
+            assert!((found - size * mm).abs() < 1e-12 * mm, "unit {unit}: {found}");
+        }
+    }
+}
+
+#[test]
 fn qform_turns_and_mirrors() {
     let mut bytes = with(252, &1i16.to_le_bytes());
     // Half a turn about z: the quaternion (0, 0, 0, 1); qfac -1 reflects the third axis.

@@ -37,6 +37,25 @@ fn spaces_turn_to_lps() {
 }
 
 #[test]
+fn a_space_with_time_has_vectors_of_four_numbers() {
+    for space in ["left-posterior-superior-time", "LPST"] {
+        let vectors = |more: &str| {
+            let directions = format!("(1,0,0{more}) (0,2,0{more}) (0,0,3{more})");
+            and(&format!(
+                "space: {space}\nspace directions: {directions}\nspace origin: (10,20,30{more})"
+            ))
+        };
+        let world = vectors(",0").unwrap().grid().unwrap().index_to_world;
+        assert_eq!(
+            [0, 1, 2].map(|n| [world[(n, n)], world[(n, 3)]]),
+            [[1.0, 10.0], [2.0, 20.0], [3.0, 30.0]]
+        );
+        let error = vectors("").expect_err(space);
+        assert!(error.contains("expected 4"), "{error}");
+    }
+}
+
+#[test]
 fn every_type_spelling_is_known() {
     for (spellings, element) in [
         ("signed char,int8,int8_t", Element::I8),

@@ -111,3 +111,22 @@ fn other_endings_long_axes_and_missing_folders_are_refused() {
     let message = save(&long, &folder.path().join("a.nii")).unwrap_err().to_string();
     assert!(message.contains("at most 32767"), "{message}");
 }
+
+/// Hues a golden section of the circle apart: the brightest and the darkest channel are those of full saturation, and neighbours differ.
+#[test]
+fn colours_of_segments_are_hues_that_differ() {
+    assert_eq!(colour(0), [0.9, 0.9 - 0.6, 0.9 - 0.6]);
+    for number in 0..60 {
+        let of = colour(number);
+        let ends = [f64::min as fn(f64, f64) -> f64, f64::max].map(|end| of.into_iter().reduce(end).unwrap());
+        assert!(
+            (ends[0] - 0.3).abs() < 1e-9 && (ends[1] - 0.9).abs() < 1e-9,
+            "{number}: {of:?}"
+        );
+        let next = colour(number + 1);
+        let apart = (0..3)
+            .map(|channel| (of[channel] - next[channel]).abs())
+            .fold(0.0, f64::max);
+        assert!(apart > 0.3, "{number}: {of:?} {next:?}");
+    }
+}

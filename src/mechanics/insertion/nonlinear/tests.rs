@@ -115,6 +115,28 @@ fn run(model: &mut Nonlinear, depths: &[f64]) -> Seen {
     seen
 }
 
+/// A step that does not converge in the iterations allowed is made in halves, to the same force.
+#[test]
+fn steps_that_do_not_converge_are_halved() {
+    let steps = |iterations: Option<usize>| {
+        let mut setup = setup(None);
+        setup.interactions[1].1.puncture_n = 50.0;
+        setup.options.part_mm = 20.0;
+        if let Some(iterations) = iterations {
+            setup.options.solving.iterations = iterations;
+        }
+        let mut model = Nonlinear::new(setup).unwrap();
+        model.step(&at(X, -0.1), 0.05).unwrap();
+        model.step(&at(X, 6.0), 0.05).unwrap().clone()
+    };
+    let whole = steps(None);
+    assert!(whole.converged && whole.iterations > 4, "{whole:?}");
+    let halved = steps(Some(whole.iterations - 1));
+    assert!(halved.converged && halved.iterations > whole.iterations, "{halved:?}");
+    let [a, b] = [&whole, &halved].map(|outcome| outcome.on_hand.force_n.norm());
+    assert!((a - b).abs() < 1e-4 * a && a > 0.0, "{a} {b}");
+}
+
 #[test]
 fn it_pushes_punctures_stops_and_comes_out() {
     for viscosity in [None, creeping()] {

@@ -147,6 +147,8 @@ fn data_that_say_nothing_are_refused() {
     assert_eq!(fit(&few), FitError::TooFew { found: 2 });
     let bad = [sample(0.9, -1.0), sample(-0.8, -2.0), sample(0.7, -3.0)];
     assert!(matches!(fit(&bad), FitError::Number { stretch: -0.8, .. }));
+    let flat = [sample(0.9, -1.0), sample(0.0, -2.0), sample(0.7, -3.0)];
+    assert!(matches!(fit(&flat), FitError::Number { stretch: 0.0, .. }));
     let positive = [sample(0.9, 1.0), sample(0.8, 2.0), sample(0.7, 3.0)];
     assert!(matches!(fit(&positive), FitError::Sign { stretch: 0.7, .. }));
 }

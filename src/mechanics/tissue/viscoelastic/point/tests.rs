@@ -37,6 +37,16 @@ fn loading(control: Control, time_s: &[f64], value: &[f64]) -> Loading {
     }
 }
 
+/// A loading of one time has no span for a sum of exponentials.
+#[test]
+fn a_single_time_is_the_response_of_that_moment() {
+    let at_once = loading(Control::Strain, &[0.0], &[0.2]);
+    for method in METHODS {
+        let response = LIVER.respond(&at_once, method).expect("a response");
+        assert!(response.strain.iter().all(|strain| *strain == 0.2), "{method:?}");
+    }
+}
+
 #[test]
 fn numbers_are_checked() {
     let wrong = |point: Point, wanted: &str| {

@@ -19,7 +19,9 @@ fn what_is_written_is_read_again() {
     assert_eq!(bits(file.mesh.nodes()), bits(mesh.nodes()));
     assert_eq!(file.mesh, mesh);
     assert_eq!(file.skipped_cells, 0);
-    assert_eq!(file.current()[3][2], mesh.nodes()[3][2] + displacements[3][2]);
+    for axis in 0..3 {
+        assert_eq!(file.current()[3][axis], mesh.nodes()[3][axis] + displacements[3][axis]);
+    }
 
     write_vtu(&path, &mesh, None).unwrap();
     let plain = read_mesh(&path, &ReadOptions::default()).unwrap();
