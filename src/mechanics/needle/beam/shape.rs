@@ -250,8 +250,10 @@ mod tests {
         near(zero([0.75, 0.75], [-2.0, 2.0]), 3.5);
         let slope = |x: f64| (x - 4.0) * (x - 4.5) + (x - 3.25) * (x - 4.5) + (x - 3.25) * (x - 4.0);
         near(zero([-0.375, 0.875], [slope(3.0), slope(5.0)]), 3.25);
-        // The same cubic downwards: its first extremum is the other root of its derivative.
-        near(zero([0.375, -0.875], [-slope(3.0), -slope(5.0)]), 3.25);
+        // (x - 3.55)(x - 3.9)(x - 4): only its first extremum parts the zeros.
+        let cubic = |x: f64| (x - 3.55) * (x - 3.9) * (x - 4.0);
+        let slope = |x: f64| (x - 3.9) * (x - 4.0) + (x - 3.55) * (x - 4.0) + (x - 3.55) * (x - 3.9);
+        near(zero([3.0, 5.0].map(cubic), [3.0, 5.0].map(slope)), 3.55);
         // At the far end, and without a zero.
         near(zero([1.0, 0.0], [-0.5, -0.5]), 5.0);
         assert_eq!(zero([1.0, 2.0], [0.5, 0.5]), None);
