@@ -8,9 +8,10 @@ use std::error::Error;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use insonify::probe::Linear;
 use insonify::{
-    Anatomy, Backend, Effects, FrameState, Label, LabelVolume, Pose, Probe, ProbeShape, Settings, SolidTexture,
-    Synthesizer, Tissue, TissueTable, builtin_tissue, write_png,
+    Anatomy, Backend, Effects, FrameState, Label, LabelVolume, Pose, Probe, Settings, SolidTexture, Synthesizer,
+    Tissue, TissueTable, builtin_tissue, write_png,
 };
 use nalgebra::{Matrix4, Point3, Vector3};
 
@@ -68,7 +69,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         textures: BTreeMap::from([("lobules".to_owned(), Arc::new(lobules))]),
         mesh: None,
     };
-    let probe = Probe::new(ProbeShape::Linear { width_mm: 44.0 }, 45.0)?;
+    let probe = Probe::new(Linear { width_mm: 44.0 }, 45.0)?;
     let mut settings = Settings::new(probe, [480; 2], Effects::usual());
     settings.seed = 1;
     settings.image.margin = 0.02;

@@ -90,7 +90,7 @@ pub use insonify_mesh::file::read_mesh;
 pub use insonify_mesh::{Displacement, InvalidMesh, TetMesh};
 pub use insonify_tracking::TrackingError;
 pub use insonify_tracking::pose::Pose;
-pub use insonify_tracking::probe::{Probe, ProbeShape};
+pub use insonify_tracking::probe::{self, Probe, ProbeShape};
 pub use insonify_tracking::sequence::Sequence;
 pub use insonify_tracking::template::Template;
 #[cfg(feature = "record")]

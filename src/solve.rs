@@ -97,7 +97,7 @@ impl Problem {
 
     fn linear_materials(&self) -> Result<Materials, InputError> {
         let made = self.made.iter();
-        let materials: Vec<_> = made.map(|(region, made)| (*region, *made.law.material())).collect();
+        let materials: Vec<_> = made.map(|(region, made)| (*region, made.law.at_rest())).collect();
         Materials::new(None, &materials).map_err(|error| self.blame(error))
     }
 

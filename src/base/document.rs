@@ -163,6 +163,22 @@ macro_rules! input_file {
                         }
                     }
                 }
+
+                /// Refuses a key of a table of this file that does not belong to its kind.
+                pub fn of_kind<T: $crate::range::ByKind>(
+                    &self,
+                    table: &str,
+                    of: &T,
+                    kind: T::Kind,
+                ) -> Result<(), $crate::document::InputError> {
+                    match of.misplaced(kind) {
+                        None => Ok(()),
+                        Some((key, expected)) => {
+                            let found = format!("`{key}` with {}", $crate::range::Kind::stated_as(kind));
+                            Err(self.wrong_keys(format!("{table}.{key}"), found, expected))
+                        }
+                    }
+                }
             )?
         }
     };
@@ -251,6 +267,11 @@ pub fn stated<'a>(table: &dyn erased_serde::Serialize, keys: &[&'a str]) -> Opti
     let is_empty = |value: &toml::Value| value.as_array().is_some_and(Vec::is_empty);
     let mut keys = keys.iter().copied();
     keys.find(|key| table.get(*key).is_some_and(|value| !is_empty(value)))
+}
+
+/// A value as a file states it, such as `"springs"` for a variant.
+pub fn word(value: &dyn erased_serde::Serialize) -> String {
+    serde_json::to_string(value).unwrap_or_default()
 }
 
 /// A message of serde without the terms of Rust. Only its first and last words are replaced, never text quoted from the file.

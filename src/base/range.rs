@@ -1,8 +1,9 @@
-//! Ranges of numbers: declared once with their parameters, and checked.
-
-use crate::cause::Cause;
+//! Tables of parameters: ranges of their numbers and the kinds that keys belong to, declared once and checked.
 
 use std::fmt;
+
+use crate::cause::Cause;
+use crate::document::stated;
 
 /// A parameter outside its range.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -113,6 +114,77 @@ pub trait Ranges: Sized + 'static {
     }
 }
 
+/// A kind that decides which keys a table may have, such as a model.
+pub trait Kind: Copy + PartialEq + 'static {
+    /// How a file states the kind, such as "`model = \"springs\"`".
+    fn stated_as(self) -> String;
+}
+
+/// A table with keys that belong to some kinds only; [`parameters!`] implements it.
+pub trait ByKind: erased_serde::Serialize {
+    /// What decides which keys the table may have.
+    type Kind: Kind;
+    /// Keys that belong to some kinds only, with those.
+    const KINDS: &'static [(&'static str, &'static [Self::Kind])];
+    /// Key of the kind itself, if the table states it.
+    const FIELD: Option<&'static str>;
+
+    /// The first stated key that does not belong to a kind, and the kinds to which it does, as files state them.
+    fn misplaced(&self, kind: Self::Kind) -> Option<(&'static str, String)>
+    where
+        Self: Sized,
+    {
+        let others = Self::KINDS.iter().filter(|(_, kinds)| !kinds.contains(&kind));
+        let (keys, kinds): (Vec<_>, Vec<_>) = others.copied().unzip();
+        let key = stated(self, &keys)?;
+        let at = keys.iter().position(|other| *other == key)?;
+        Some((key, either(kinds[at])))
+    }
+}
+
+fn either<K: Kind>(kinds: &[K]) -> String {
+    kinds
+        .iter()
+        .map(|kind| kind.stated_as())
+        .collect::<Vec<_>>()
+        .join(" or ")
+}
+
+/// Says in the schema of a table to which kinds its keys belong, and refuses them with the other kinds where the table states its kind at `field`.
+#[doc(hidden)]
+pub fn describe_kinds<T: ByKind<Kind = K>, K: Kind + serde::Serialize>(schema: &mut schemars::Schema) {
+    use serde_json::{Map, Value, json};
+    let keys = T::KINDS;
+    for (key, kinds) in keys {
+        let description = &mut schema.ensure_object()["properties"][*key]["description"];
+        *description = format!(
+            "{}\n\nOnly with {}.",
+            description.as_str().unwrap_or_default(),
+            either(kinds)
+        )
+        .into();
+    }
+    let Some(field) = T::FIELD else { return };
+    let mut all: Vec<K> = Vec::new();
+    for kind in keys.iter().flat_map(|(_, kinds)| *kinds) {
+        if !all.contains(kind) {
+            all.push(*kind);
+        }
+    }
+    let refused = |kind: &K| -> Map<String, Value> {
+        let others = keys.iter().filter(|(_, kinds)| !kinds.contains(kind));
+        others.map(|(key, _)| ((*key).to_owned(), Value::Bool(false))).collect()
+    };
+    let cases = all.iter().map(|kind| {
+        json!({
+            "if": { "properties": { field: { "const": kind } }, "required": [field] },
+            "then": { "properties": refused(kind) },
+        })
+    });
+    let cases: Vec<Value> = cases.collect();
+    schema.insert("allOf".into(), cases.into());
+}
+
 /// A number that may be left out.
 pub trait Number {
     /// The number, if it is stated.
@@ -148,11 +220,15 @@ impl<N: Number> Number for Option<N> {
 ///
 /// A range begins with `in LOW` or, without that number itself, `above LOW`; it ends with `..=HIGH`, with `..HIGH`, which is not in it, or nowhere.
 /// In a table `with required keys`, all keys are required but those that are an `Option` or `#[serde(default)]`, and there is no `Default`.
+///
+/// In a table `by KIND`, a [`Kind`], a key with `for A | B` before its range belongs to those variants of it only; with `by KIND in FIELD` the table
+/// states its kind itself.
 #[macro_export]
 macro_rules! parameters {
-    ($(#[$meta:meta])* pub struct $name:ident $(with $required:ident keys)? {
+    ($(#[$meta:meta])* pub struct $name:ident $(with $required:ident keys)? $(by $Kind:ident $(in $field:ident)?)? {
         $(
             $(#[$doc:meta])* $key:ident: $type:ty $(= $default:expr)?
+            $(, for $($kind:ident)|+)?
             $(, in $low:literal $(..=$high:literal)? $(..$below:literal)? $($unit:literal)?)?
             $(, above $over:literal $(..=$most:literal)? $(..$under:literal)? $($of:literal)?)?;
         )+
@@ -160,6 +236,7 @@ macro_rules! parameters {
         $crate::range::parameters! {
             @table [$($required)?]
             $(#[$meta])*
+            $(#[schemars(transform = $crate::range::describe_kinds::<$name, $Kind>)])?
             pub struct $name {
                 $(
                     $(#[$doc])*
@@ -181,6 +258,7 @@ macro_rules! parameters {
             }
         }
         $crate::range::parameters! { @default [$($required)?] $name $($key [$($default)?])+ }
+        $crate::range::parameters! { @kinds [$($Kind $($field)?)?] $name $($key [$([$($kind)+])?])+ }
 
         impl $crate::range::Ranges for $name {
             const RANGES: &'static [$crate::range::Range<Self>] = &[$(
@@ -217,6 +295,16 @@ macro_rules! parameters {
         }
     };
     (@default [required] $name:ident $($key:ident [])+) => {};
+    (@kinds [] $name:ident $($key:ident [])+) => {};
+    (@kinds [$Kind:ident $($field:ident)?] $name:ident $($key:ident [$([$($kind:ident)+])?])+) => {
+        impl $crate::range::ByKind for $name {
+            type Kind = $Kind;
+            const KINDS: &'static [(&'static str, &'static [$Kind])] = &[$($((stringify!($key), &[$($Kind::$kind),+]),)?)+];
+            const FIELD: Option<&'static str> = $crate::range::parameters!(@field $($field)?);
+        }
+    };
+    (@field) => { None };
+    (@field $field:ident) => { Some(stringify!($field)) };
     (@value $default:expr) => { $default };
     (@value) => { Default::default() };
     (@in $low:literal..=$high:literal $(, $unit:literal)?) => { concat!($low, " to ", $high $(, " ", $unit)?) };

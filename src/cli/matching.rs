@@ -28,7 +28,7 @@ Examples:
   insonify realism ours.png --against liver.png
   insonify match clip.igs.mha --json | jq '.figures[] | {key, value, spread}'
 
-docs/realism.md says how accurately known settings are recovered. Exit status: 0 matched; 2 wrong arguments or files.";
+docs/matching.md says how accurately known settings are recovered. Exit status: 0 matched; 2 wrong arguments or files.";
 
 /// Estimates probe and effects from a real frame, and writes a scene that resembles it
 #[derive(Args)]

@@ -132,7 +132,7 @@ impl QualityArgs {
         probe.lines = number(grid::KEYS[0], probe.lines);
         probe.samples = number(grid::KEYS[1], probe.samples);
         if let Some(spec) = &mut scene.file.probe {
-            (spec.lines, spec.samples) = (Some(probe.lines), Some(probe.samples));
+            (spec.sampling.lines, spec.sampling.samples) = (Some(probe.lines), Some(probe.samples));
         }
         tell(&picked);
         if software && !picked.met {

@@ -14,7 +14,7 @@ use insonify_anatomy::volume::texture::SolidTexture;
 use insonify_anatomy::volume::{Label, LabelVolume};
 use insonify_base::random::hash3;
 use insonify_mesh::TetMesh;
-use insonify_tracking::probe::{Probe, ProbeShape};
+use insonify_tracking::probe::{Linear, Probe, ProbeShape};
 use nalgebra::{Matrix4, Rotation3, Translation3, Vector3};
 
 /// Acoustics of one label.
@@ -233,7 +233,7 @@ pub fn two_layers() -> (Anatomy, Settings, FrameState) {
         textures: BTreeMap::new(),
         mesh: None,
     };
-    let shape = ProbeShape::Linear { width_mm: 38.0 };
+    let shape = ProbeShape::Linear(Linear { width_mm: 38.0 });
     let mut probe = Probe::new(shape, 60.0).unwrap();
     (probe.lines, probe.samples) = (64, 32);
     let mut effects = Effects::usual();

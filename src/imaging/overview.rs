@@ -270,7 +270,7 @@ mod tests {
 
     use super::*;
     use insonify_anatomy::volume::Label;
-    use insonify_tracking::probe::{Probe, ProbeShape};
+    use insonify_tracking::probe::{Curvilinear, Linear, Phased, Probe, ProbeShape, TrusSagittal, TrusTransverse};
 
     const COLOURS: [[u8; 3]; 4] = [[0, 0, 0], [216, 180, 140], [180, 80, 70], [240, 235, 215]];
 
@@ -309,10 +309,10 @@ mod tests {
     }
 
     fn beam() -> BeamGrid {
-        let shape = ProbeShape::Curvilinear {
+        let shape = ProbeShape::Curvilinear(Curvilinear {
             radius_mm: 60.0,
             angle_deg: 70.0,
-        };
+        });
         BeamGrid::new(&Probe::new(shape, 150.0).expect("probe")).expect("beam")
     }
 
@@ -377,13 +377,13 @@ mod tests {
     #[test]
     fn all_shapes_of_probe_are_drawn() {
         let shapes = [
-            ProbeShape::Linear { width_mm: 40.0 },
-            ProbeShape::Phased { angle_deg: 90.0 },
-            ProbeShape::TrusTransverse {
+            ProbeShape::Linear(Linear { width_mm: 40.0 }),
+            ProbeShape::Phased(Phased { angle_deg: 90.0 }),
+            ProbeShape::TrusTransverse(TrusTransverse {
                 radius_mm: 10.0,
                 angle_deg: 200.0,
-            },
-            ProbeShape::TrusSagittal { length_mm: 60.0 },
+            }),
+            ProbeShape::TrusSagittal(TrusSagittal { length_mm: 60.0 }),
         ];
         for shape in shapes {
             let beam = BeamGrid::new(&Probe::new(shape, 60.0).expect("probe")).expect("beam");

@@ -25,7 +25,7 @@ mod recording;
 mod resolve;
 mod target;
 
-pub use file::{PoseTable, SceneFile, TextureSpec, VolumeSpec};
+pub use file::{PoseTable, SceneFile, TextureSpec, VolumeKind, VolumeSpec};
 pub use insonify_tracking::probe::ImageSpec;
 pub use paths::{NeedleFrame, NeedleKeyframe, NeedleMotionSpec, NeedleTable};
 pub use target::Body;

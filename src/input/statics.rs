@@ -37,10 +37,12 @@ pub use file::ProblemFile;
 
 use std::collections::BTreeMap;
 
+use super::law::LawKeys;
 use file::MaterialSpec;
 use insonify_base::document::{InputError, InvalidFile};
+use insonify_base::range::OutOfRange;
+use insonify_mechanics::tissue::law::AnyLaw;
 use insonify_mechanics::tissue::material::Material;
-use insonify_mechanics::tissue::nonlinear::Stiffening;
 use insonify_mesh::TetMesh;
 pub use loads::{Applied, Loads};
 pub use resolve::{Problem, Regions};
@@ -78,7 +80,7 @@ impl ProblemFile {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Made {
     /// Elastic law of the tissue.
-    pub law: Stiffening,
+    pub law: AnyLaw,
     /// Index of its `[[material]]` table.
     pub table: usize,
 }
@@ -130,26 +132,17 @@ impl ProblemFile {
         ))
     }
 
-    fn law(&self, table: &str, spec: &MaterialSpec) -> Result<Stiffening, InputError> {
-        let key = |name: &str| format!("{table}.{name}");
-        let material = Material::given(spec.young_kpa, spec.shear_kpa, spec.poisson);
-        let material = material.map_err(|error| self.fault(key(&error.key), error))?;
+    fn law(&self, table: &str, spec: &MaterialSpec) -> Result<AnyLaw, InputError> {
+        let fault = |error: OutOfRange| self.fault(format!("{table}.{}", error.key), error);
+        let material = Material::given(spec.young_kpa, spec.shear_kpa, spec.poisson).map_err(fault)?;
         self.in_ranges(table, spec)?;
-        match (spec.knee_strain, spec.stiffening) {
-            (None, None) => Ok(Stiffening::linear(material)),
-            (knee, _) if self.model == Model::Linear => {
-                let name = if knee.is_some() { "knee_strain" } else { "stiffening" };
-                let found = format!("`{name}` beside `model = \"linear\"`");
-                Err(self.wrong_keys(key(name), found, "`model = \"nonlinear\"` or `\"viscoelastic\"`"))
-            }
-            (Some(knee), Some(rate)) => {
-                Stiffening::new(material, knee, rate).map_err(|error| self.fault(key(&error.key), error))
-            }
-            (Some(_), None) => {
-                Err(self.wrong_keys(key("knee_strain"), "`knee_strain` alone", "`stiffening` beside it"))
-            }
-            (None, Some(_)) => Err(self.wrong_keys(key("stiffening"), "`stiffening` alone", "`knee_strain` beside it")),
-        }
+        self.of_kind(table, spec, self.model)?;
+        let keys = LawKeys {
+            law: spec.law.as_ref(),
+            knee_strain: spec.knee_strain,
+            stiffening: spec.stiffening,
+        };
+        keys.law(material, self.model == Model::Viscoelastic).map_err(fault)
     }
 }
 

@@ -13,6 +13,7 @@
 //! | [`compliance`] | access to entries and columns of K^-1 |
 //! | [`inverse`] | dense inverse of the stiffness |
 //! | [`columns`] | columns of the inverse, solved on demand |
+//! | [`law`] | constitutive laws |
 //! | [`nonlinear`] | strain-stiffening tissue in triangles and tetrahedra |
 //! | [`problem`] | static problems: validation and solution |
 //! | [`remesh`] | moves of reference nodes, and updates of the compliance |
@@ -27,6 +28,7 @@ pub mod error;
 pub mod factor;
 pub mod inverse;
 pub mod knee;
+pub mod law;
 pub mod material;
 pub mod nonlinear;
 pub mod problem;

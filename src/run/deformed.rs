@@ -8,7 +8,8 @@ use crate::input::scenario::Scenario;
 use insonify_imaging::synth::NeedleShaft;
 use insonify_mechanics::insertion::{Model, ShaftLoad, Tissue};
 use insonify_mechanics::needle::CentreLine;
-use insonify_mechanics::tissue::nonlinear::{Solid, Stiffening, von_mises};
+use insonify_mechanics::tissue::law::{AnyLaw, Stiffening};
+use insonify_mechanics::tissue::nonlinear::{Solid, von_mises};
 use insonify_mesh::file::Poly;
 use insonify_tracking::probe::BeamGrid;
 
@@ -24,10 +25,15 @@ impl Scenario {
         if let Some(stress) = model.stress_kpa() {
             return Some(stress.iter().map(von_mises).collect());
         }
-        let laws: Vec<Stiffening> = match &self.stiffened {
+        let laws: Vec<AnyLaw> = match &self.stiffened {
             Some(stiffened) if stiffened.viscosity.is_some() => return None,
             Some(stiffened) => stiffened.laws.clone(),
-            None => self.materials.iter().copied().map(Stiffening::linear).collect(),
+            None => self
+                .materials
+                .iter()
+                .copied()
+                .map(|material| Stiffening::linear(material).into())
+                .collect(),
         };
         let body = Solid::of(tissue.reference.clone(), elements.to_vec(), &laws, 1.0).ok()?;
         let pairs = tissue

@@ -170,10 +170,12 @@ pub fn puncture(options: &PunctureOptions, progress: &mut dyn FnMut(f64)) -> Res
 fn state(name: &str, liver: &Liver, needle: &Pushing<2, 3>, travel_mm: f64) -> draw::State {
     let displacement = needle.structure().displacement().to_vec();
     let stress_kpa = match needle.structure() {
-        Structure::Viscous(creep) => liver.body.von_mises_kpa(creep.stress_kpa().unwrap_or_default()),
+        Structure::Viscous(creep) => liver
+            .body
+            .von_mises_kpa(creep.displacement(), creep.stress_kpa().unwrap_or_default()),
         Structure::Elastic(_) => {
             let stress_kpa = liver.body.stresses_kpa(&displacement, &displacement);
-            liver.body.von_mises_kpa(&stress_kpa)
+            liver.body.von_mises_kpa(&displacement, &stress_kpa)
         }
     };
     draw::State {

@@ -116,14 +116,6 @@ impl Cause for TrackingError {
     }
 }
 
-/// An error unless a number lies within its range; `of` is the table that has the key.
-pub(super) fn within(of: &str, key: &'static str, found: f64, [low, high]: [f64; 2]) -> Result<(), TrackingError> {
-    match (low..=high).contains(&found) {
-        true => Ok(()),
-        false => Err(outside(of, key, found, &format!("{low} to {high}"))),
-    }
-}
-
 /// An error unless every number of a table, `of`, lies within its range.
 pub(super) fn in_ranges(of: &str, table: &impl Ranges) -> Result<(), TrackingError> {
     match table.out_of_range() {

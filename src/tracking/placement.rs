@@ -1,15 +1,17 @@
-//! Automatic placement of a probe on the skin over a target.
+//! Automatic placement of a probe: on the skin over a target, or inside it.
 //!
 //! Rays are cast outwards from points inside the target; where one leaves the body for air, not through a face of the
 //! volume that cuts the body, the probe could stand. Each such position is scored by a fan of rays: how many reach the
 //! target before bone or gas, how much of the target they see, how far away it is and how perpendicular the probe is to
 //! the skin.
 
+mod lumen;
+
 use insonify_base::parallel;
 use nalgebra::{Matrix4, Point3, Vector3};
 
 use super::TrackingError;
-use super::probe::ProbeShape;
+use super::probe::{BeamGrid, Curvilinear, Probe, ProbeShape, Site};
 use insonify_anatomy::volume::LabelVolume;
 
 /// Number of rays of the fan that scores a position.
@@ -53,10 +55,10 @@ impl Default for PlacementOptions {
     fn default() -> Self {
         Self {
             plane: None,
-            shape: ProbeShape::Curvilinear {
+            shape: ProbeShape::Curvilinear(Curvilinear {
                 radius_mm: 60.0,
                 angle_deg: 70.0,
-            },
+            }),
             depth_mm: 150.0,
         }
     }
@@ -87,10 +89,11 @@ pub struct Placement {
     pub note: String,
 }
 
-/// Places a probe on the skin over the labels `target` (indices), from the front or the side where possible.
+/// Places a probe on the skin over the labels `target` (indices), from the front or the side where possible; one whose [`Site`] is a lumen in the
+/// middle of the target, across its axis.
 ///
 /// # Errors
-/// [`TrackingError`]: no such voxels, no skin in reach, or a depth that is not positive.
+/// [`TrackingError`]: no such voxels, no skin in reach, a depth that is not positive, or a lumen that is too narrow.
 pub fn place(
     volume: &LabelVolume,
     target: &[u8],
@@ -106,15 +109,24 @@ pub fn place(
             "the target has no voxels in the volume (label indices {target:?})"
         ))
     })?;
+    if options.shape.kind().site() == Site::Lumen {
+        return lumen::place(volume, target, options);
+    }
     let mut in_target = [false; 256];
     for &label in target {
         in_target[usize::from(label)] = true;
     }
+    let probe = Probe {
+        lines: RAYS as u32,
+        samples: 1,
+        ..Probe::new(options.shape, options.depth_mm)?
+    };
     let search = Search {
         volume,
         in_target,
         meaning,
         options,
+        fan: BeamGrid::new(&probe)?,
     };
     // From the front and the sides, up to ten degrees behind them; all round only if that finds nothing.
     [100, 180]
@@ -138,6 +150,8 @@ struct Search<'a> {
     in_target: [bool; 256],
     meaning: &'a Meaning<'a>,
     options: &'a PlacementOptions,
+    /// The rays that score a position.
+    fan: BeamGrid,
 }
 
 impl Search<'_> {
@@ -267,11 +281,10 @@ impl Search<'_> {
         let mut fan = Fan::default();
         let middle = (RAYS - 1) as f64 / 2.0;
         let mut nearest_to_middle = f64::INFINITY;
-        for ray in 0..RAYS {
-            let across = (ray as f64 - middle) / middle;
-            let (start, direction, apex_mm) = ray_of(self.options.shape, across);
-            let start = pose.transform_point(&start);
-            let direction = pose.transform_vector(&direction);
+        for (at, ray) in self.fan.rays().iter().enumerate() {
+            let across = (at as f64 - middle) / middle;
+            let start = pose.transform_point(&Point3::new(ray.origin[0], ray.origin[1], 0.0));
+            let direction = pose.transform_vector(&Vector3::new(ray.direction[0], ray.direction[1], 0.0));
             let (mut blocked, mut reached, mut touched) = (false, None, false);
             let mut depth = 0.5 * STEP_MM;
             while depth < self.options.depth_mm {
@@ -285,7 +298,7 @@ impl Search<'_> {
                     fan.gap_mm += STEP_MM / RAYS as f64;
                 }
                 if self.in_target[usize::from(label)] {
-                    let area = STEP_MM * spacing_of(self.options.shape, apex_mm + depth);
+                    let area = STEP_MM * self.fan.lateral_spacing_mm(depth);
                     if blocked {
                         fan.hidden += area;
                     } else {
@@ -344,39 +357,6 @@ struct Fan {
     gap_mm: f64,
     /// Depth of the target near the middle ray, mm.
     depth_mm: f64,
-}
-
-/// Start and direction in the probe frame of the ray at `across` (-1 to 1 over the array), and the distance of the
-/// start from the point where rays meet.
-fn ray_of(shape: ProbeShape, across: f64) -> (Point3<f64>, Vector3<f64>, f64) {
-    let fan = |radius: f64, angle_deg: f64| {
-        let (sin, cos) = (across * angle_deg.to_radians() / 2.0).sin_cos();
-        (
-            Point3::new(radius * sin, radius * (cos - 1.0), 0.0),
-            Vector3::new(sin, cos, 0.0),
-            radius,
-        )
-    };
-    match shape {
-        ProbeShape::Linear { width_mm: width } | ProbeShape::TrusSagittal { length_mm: width } => {
-            (Point3::new(across * width / 2.0, 0.0, 0.0), Vector3::y(), 0.0)
-        }
-        ProbeShape::Curvilinear { radius_mm, angle_deg } | ProbeShape::TrusTransverse { radius_mm, angle_deg } => {
-            fan(radius_mm, angle_deg)
-        }
-        ProbeShape::Phased { angle_deg } => fan(0.0, angle_deg),
-    }
-}
-
-/// Distance between neighbouring rays at a distance from the point where they meet, mm.
-fn spacing_of(shape: ProbeShape, from_apex_mm: f64) -> f64 {
-    let gaps = (RAYS - 1) as f64;
-    match shape {
-        ProbeShape::Linear { width_mm: width } | ProbeShape::TrusSagittal { length_mm: width } => width / gaps,
-        ProbeShape::Curvilinear { angle_deg, .. }
-        | ProbeShape::TrusTransverse { angle_deg, .. }
-        | ProbeShape::Phased { angle_deg } => angle_deg.to_radians() * from_apex_mm / gaps,
-    }
 }
 
 /// Probe-to-world transform for an array centre and a direction into the body.

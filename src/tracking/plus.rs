@@ -312,7 +312,7 @@ impl<'a> Element<'a> {
         let mut spec = ProbeSpec::default();
         for key in ["NumberOfScanLines", "NumberOfScanlines"] {
             if let Some(lines) = self.with(key).map_or(Ok(None), |element| element.number(key))? {
-                spec.lines = Some(lines as u32);
+                spec.sampling.lines = Some(lines as u32);
             }
         }
         let Some(scan) = scan else { return Ok(spec) };
@@ -321,16 +321,17 @@ impl<'a> Element<'a> {
         match scan.node.attribute("TransducerGeometry") {
             Some("LINEAR") => {
                 spec.kind = Some(ProbeKind::Linear);
-                spec.width_mm = scan.number("TransducerWidthMm")?;
-                spec.depth_mm = scan.number("ImagingDepthMm")?;
+                spec.set("width_mm", scan.number("TransducerWidthMm")?);
+                spec.sampling.depth_mm = scan.number("ImagingDepthMm")?;
             }
             Some("CURVILINEAR") => {
                 spec.kind = Some(ProbeKind::Curvilinear);
-                spec.radius_mm = scan.number("RadiusStartMm")?;
-                spec.depth_mm = between("RadiusStartMm", "RadiusStopMm")?.map(|(start, stop)| stop - start);
-                spec.angle_deg = between("ThetaStartDeg", "ThetaStopDeg")?
+                spec.set("radius_mm", scan.number("RadiusStartMm")?);
+                spec.sampling.depth_mm = between("RadiusStartMm", "RadiusStopMm")?.map(|(start, stop)| stop - start);
+                let angle_deg = between("ThetaStartDeg", "ThetaStopDeg")?
                     .filter(|(start, stop)| (start + stop).abs() <= LOPSIDED_DEG)
                     .map(|(start, stop)| stop - start);
+                spec.set("angle_deg", angle_deg);
             }
             _ => {}
         }

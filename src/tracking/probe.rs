@@ -5,50 +5,27 @@
 
 mod beam;
 mod image_grid;
+mod kind;
 mod spec;
 
 pub use beam::{BeamGrid, Bounds, Ray};
 pub use image_grid::{ImageGrid, OUTSIDE, scan_map};
-pub use spec::{GridSpec, ImageSpec, ProbeKind, ProbeSpec};
+pub use kind::Site;
+pub use spec::{GridSpec, ImageSpec, ProbeSpec, Sampling};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 
-use super::error::{TrackingError, in_ranges, within};
+use super::error::{TrackingError, in_ranges};
+use kind::{Kind, kinds};
 
-/// Shape of a transducer's field of view.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
-pub enum ProbeShape {
-    /// Parallel scanlines from a straight array.
-    Linear {
-        /// Length of the array, mm (1 to 300).
-        width_mm: f64,
-    },
-    /// Scanlines perpendicular to a convex array.
-    Curvilinear {
-        /// Radius of curvature of the array, mm (2 to 200).
-        radius_mm: f64,
-        /// Field of view, degrees (1 to 180).
-        angle_deg: f64,
-    },
-    /// Scanlines that fan out from one point on a small flat array.
-    Phased {
-        /// Field of view, degrees (1 to 120).
-        angle_deg: f64,
-    },
-    /// Transrectal, transverse plane: an end ring of elements around the probe's axis (z), looking outwards.
-    TrusTransverse {
-        /// Radius of the probe, mm (2 to 50).
-        radius_mm: f64,
-        /// Field of view, degrees (1 to 270).
-        angle_deg: f64,
-    },
-    /// Transrectal, sagittal plane: a straight array along the probe's side; x runs along the probe's axis.
-    TrusSagittal {
-        /// Length of the array, mm (1 to 300).
-        length_mm: f64,
-    },
+kinds! {
+    linear: Linear;
+    curvilinear: Curvilinear;
+    phased: Phased;
+    trus_transverse: TrusTransverse;
+    trus_sagittal: TrusSagittal;
 }
 
 /// A transducer and the sampling of its field of view.
@@ -57,11 +34,11 @@ pub enum ProbeShape {
 /// [`Probe::validate`], which [`BeamGrid::new`] calls.
 ///
 /// ```
-/// use insonify_tracking::probe::{Probe, ProbeShape};
+/// use insonify_tracking::probe::{Curvilinear, Linear, Probe};
 ///
-/// let probe = Probe::new(ProbeShape::Curvilinear { radius_mm: 60.0, angle_deg: 70.0 }, 150.0)?;
+/// let probe = Probe::new(Curvilinear { radius_mm: 60.0, angle_deg: 70.0 }, 150.0)?;
 /// assert_eq!((probe.lines, probe.samples), (256, 512));
-/// assert!(Probe::new(ProbeShape::Linear { width_mm: -38.0 }, 60.0).is_err());
+/// assert!(Probe::new(Linear { width_mm: -38.0 }, 60.0).is_err());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -80,33 +57,51 @@ pub struct Probe {
     pub samples: u32,
 }
 
-impl ProbeShape {
-    /// Kind of probe, as named in files.
-    pub fn kind(&self) -> ProbeKind {
-        match self {
-            Self::Linear { .. } => ProbeKind::Linear,
-            Self::Curvilinear { .. } => ProbeKind::Curvilinear,
-            Self::Phased { .. } => ProbeKind::Phased,
-            Self::TrusTransverse { .. } => ProbeKind::TrusTransverse,
-            Self::TrusSagittal { .. } => ProbeKind::TrusSagittal,
-        }
+impl ProbeKind {
+    /// Name in files.
+    pub fn name(self) -> &'static str {
+        self.facts().name
     }
 
-    /// Checks the ranges that are narrower than those of [`ProbeSpec`].
-    fn validate(&self) -> Result<(), TrackingError> {
-        match *self {
-            Self::Curvilinear { angle_deg, .. } => within("probe", "angle_deg", angle_deg, [1.0, 180.0]),
-            Self::Phased { angle_deg } => within("probe", "angle_deg", angle_deg, [1.0, 120.0]),
-            Self::TrusTransverse { radius_mm, .. } => within("probe", "radius_mm", radius_mm, [2.0, 50.0]),
-            Self::Linear { .. } | Self::TrusSagittal { .. } => Ok(()),
-        }
+    /// A centre frequency common for the kind, MHz: low for deep abdominal and cardiac probes, high for surface probes and those inside the
+    /// body.
+    pub fn usual_frequency_mhz(self) -> f64 {
+        self.facts().usual_mhz
+    }
+
+    /// Where the array lies.
+    pub fn site(self) -> Site {
+        self.facts().site
+    }
+
+    /// Length of a flat array that all scanlines share, mm: its diffraction widens the beam in proportion to depth. `None` where the active
+    /// elements move with the scanline.
+    pub fn shared_aperture_mm(self) -> Option<f64> {
+        self.facts().shared_aperture_mm
+    }
+
+    /// Keys of the kind's own table.
+    fn keys(self) -> Vec<&'static str> {
+        (self.facts().keys)()
+    }
+
+    /// What the kind is, and the schema of its keys.
+    fn described(self) -> (String, Map<String, Value>) {
+        let schema = (self.facts().schema)();
+        let description = schema.get("description").and_then(Value::as_str);
+        let properties = schema.get("properties").and_then(Value::as_object);
+        (
+            description.unwrap_or_default().to_owned(),
+            properties.cloned().unwrap_or_default(),
+        )
     }
 }
 
 impl Probe {
-    /// Creates a probe of `shape` with imaging depth `depth_mm`, the kind's usual frequency and the default grid of 256
+    /// Creates a probe of a shape (or of a kind's table, such as [`Linear`]) with imaging depth `depth_mm`, the kind's usual frequency and the default grid of 256
     /// scanlines by 512 samples.
-    pub fn new(shape: ProbeShape, depth_mm: f64) -> Result<Self, TrackingError> {
+    pub fn new(shape: impl Into<ProbeShape>, depth_mm: f64) -> Result<Self, TrackingError> {
+        let shape = shape.into();
         let probe = Self {
             shape,
             depth_mm,
@@ -121,8 +116,8 @@ impl Probe {
     /// Checks every number against its documented range. One scanline and one sample are allowed; a sector without angle
     /// or depth is not.
     pub fn validate(&self) -> Result<(), TrackingError> {
-        self.shape.validate()?;
-        in_ranges("probe", &ProbeSpec::from(*self))
+        self.shape.check()?;
+        in_ranges("probe", &ProbeSpec::from(*self).sampling)
     }
 }
 
@@ -131,34 +126,22 @@ pub(crate) mod tests {
     use super::*;
 
     /// One probe of each kind, with few scanlines so that a complete grid is quickly traversed.
-    pub(crate) fn one_of_each() -> [Probe; 5] {
-        [
-            ProbeShape::Linear { width_mm: 40.0 },
-            ProbeShape::Curvilinear {
-                radius_mm: 50.0,
-                angle_deg: 70.0,
-            },
-            ProbeShape::Phased { angle_deg: 90.0 },
-            ProbeShape::TrusTransverse {
-                radius_mm: 10.0,
-                angle_deg: 250.0,
-            },
-            ProbeShape::TrusSagittal { length_mm: 60.0 },
-        ]
-        .map(|shape| Probe {
+    pub(crate) fn one_of_each() -> Vec<Probe> {
+        let probes = ProbeShape::EXAMPLES.map(|(_, shape)| Probe {
             shape,
             depth_mm: 80.0,
             frequency_mhz: 5.0,
             lines: 33,
             samples: 40,
-        })
+        });
+        probes.to_vec()
     }
 
     #[test]
     fn degenerate_sectors_are_refused_by_key() {
         let good = one_of_each()[1];
         let curved = |radius_mm, angle_deg| Probe {
-            shape: ProbeShape::Curvilinear { radius_mm, angle_deg },
+            shape: ProbeShape::Curvilinear(Curvilinear { radius_mm, angle_deg }),
             ..good
         };
         let cases = [

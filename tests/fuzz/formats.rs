@@ -331,8 +331,8 @@ fn little(file: &mut SceneFile) {
         volume.resolution_mm = volume.resolution_mm.filter(|mm| !(0.3..5.0).contains(mm)).or(Some(5.0));
     }
     if let Some(probe) = &mut file.probe {
-        probe.lines = cut(probe.lines, 256, 16, 8192);
-        probe.samples = cut(probe.samples, 512, 32, 16384);
+        probe.sampling.lines = cut(probe.sampling.lines, 256, 16, 8192);
+        probe.sampling.samples = cut(probe.sampling.samples, 512, 32, 16384);
     }
     let image = file.image.get_or_insert_default();
     *image = ImageSpec {

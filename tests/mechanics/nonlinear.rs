@@ -4,5 +4,6 @@ mod case;
 mod creep;
 mod hand;
 mod knee;
+mod laws;
 mod patch;
 mod schemes;

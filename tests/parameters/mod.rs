@@ -22,7 +22,7 @@ use insonify_study::identification;
 use insonify_study::material_case::CaseFile;
 use insonify_tracking::TrackingError;
 use insonify_tracking::manipulator::{Guide, drive::Drive};
-use insonify_tracking::probe::{BeamGrid, ImageGrid, Probe, ProbeShape, ProbeSpec};
+use insonify_tracking::probe::{BeamGrid, ImageGrid, Linear, Probe, ProbeKind, ProbeShape, ProbeSpec, Sampling};
 use schemars::{JsonSchema, schema_for};
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
@@ -108,7 +108,7 @@ fn schemas_say_what_effects_accept() {
 #[test]
 fn schemas_say_what_other_tables_accept() {
     let text = |error: TrackingError| format!("{:?}: {error}", error.key());
-    let probe = Probe::new(ProbeShape::Linear { width_mm: 40.0 }, 60.0).expect("a probe");
+    let probe = Probe::new(Linear { width_mm: 40.0 }, 60.0).expect("a probe");
     let beam = BeamGrid::new(&probe).expect("a grid");
     let of_image = assert_true(schema_for!(ImageSpec).as_value(), |key, value| {
         let image: ImageSpec = read(json!({ key: value }))?;
@@ -116,19 +116,41 @@ fn schemas_say_what_other_tables_accept() {
         fitted.map(drop).map_err(text)
     });
     assert_eq!(of_image, 4);
-    // Of probes the one with the widest range of a key.
-    let of_probe = assert_true(schema_for!(ProbeSpec).as_value(), |key, value| {
-        let mut table = match key {
-            "radius_mm" => json!({ "kind": "curvilinear", "angle_deg": 60 }),
-            "angle_deg" => json!({ "kind": "trus-transverse", "radius_mm": 10 }),
-            "length_mm" => json!({ "kind": "trus-sagittal" }),
-            _ => json!({ "kind": "linear", "width_mm": 40 }),
+    let schema = schema_for!(ProbeSpec).to_value();
+    let cases = schema["allOf"].as_array().expect("kinds");
+    assert_eq!(cases.len(), ProbeKind::ALL.len());
+    for (kind, case) in ProbeKind::ALL.iter().zip(cases) {
+        assert_eq!(case["if"]["properties"]["kind"]["const"], kind.name());
+        let (_, shape) = *ProbeShape::EXAMPLES
+            .iter()
+            .find(|(name, _)| *name == kind.name())
+            .expect("an example");
+        let example = serde_json::to_value(Probe::new(shape, 60.0).expect("a probe")).expect("JSON");
+        let accepts = |key: &str, value| {
+            let mut table = example.clone();
+            table[key] = value;
+            Probe::try_from(read::<ProbeSpec>(table)?).map(drop).map_err(text)
         };
-        table["depth_mm"] = 60.into();
-        table[key] = value;
-        Probe::try_from(read::<ProbeSpec>(table)?).map(drop).map_err(text)
-    });
-    assert_eq!(of_probe, 8);
+        let own = case["then"]["properties"].as_object().expect("keys");
+        for (key, _) in own.iter().filter(|(_, of)| **of == false) {
+            let refused = accepts(key, 10.into()).expect_err(key);
+            assert!(refused.contains("has no meaning"), "{refused}");
+        }
+        let ranges = own.iter().filter(|(_, of)| of.is_object());
+        let ranges: serde_json::Map<_, _> = ranges.map(|(key, of)| (key.clone(), of.clone())).collect();
+        assert_eq!(
+            assert_true(&json!({ "properties": ranges }), accepts),
+            shape.numbers().len()
+        );
+    }
+    assert_eq!(
+        assert_true(schema_for!(Sampling).as_value(), |key, value| {
+            let mut table = json!({ "kind": "linear", "width_mm": 40, "depth_mm": 60 });
+            table[key] = value;
+            Probe::try_from(read::<ProbeSpec>(table)?).map(drop).map_err(text)
+        }),
+        4
+    );
 }
 
 #[test]

@@ -3,6 +3,7 @@
 
 use insonify_imaging::effects::warp::{BACKGROUND, MAPPED};
 use insonify_mesh::Displacement;
+use insonify_tracking::probe::{Linear, ProbeShape};
 use nalgebra::{Point3, Vector3};
 
 use super::case::{Case, check_all};
@@ -26,7 +27,7 @@ fn pressed_tissue_under_every_probe_shape() {
 fn samples_on_faces_edges_and_nodes_of_the_mesh() {
     // A lattice of whole millimetres under an axis-aligned probe: samples lie on shared faces, edges, nodes and the surface.
     let settings = {
-        let shape = insonify_tracking::probe::ProbeShape::Linear { width_mm: 24.0 };
+        let shape = ProbeShape::Linear(Linear { width_mm: 24.0 });
         scene::settings(scene::probe(shape, 40.0, 25, 80), scene::bare())
     };
     let mut state = scene::straight();

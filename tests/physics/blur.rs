@@ -3,7 +3,7 @@
 use insonify_imaging::effects::blur::Blur;
 use insonify_imaging::effects::slice::Boundary;
 use insonify_imaging::synth::tables::{Anatomy, Settings};
-use insonify_tracking::probe::ProbeShape;
+use insonify_tracking::probe::{Linear, ProbeShape};
 
 use super::{beam_after, precisions};
 use crate::support::anatomy::{self, Frame, PLAIN, SILENT};
@@ -32,7 +32,7 @@ fn bright_spot() -> Anatomy {
 #[test]
 fn the_impulse_response_is_the_kernel() {
     for (name, backend) in precisions() {
-        let settings = settings(ProbeShape::Linear { width_mm: 60.0 }, 61);
+        let settings = settings(ProbeShape::Linear(Linear { width_mm: 60.0 }), 61);
         let beam = beam_after(&bright_spot(), &settings, backend, "blur", &scene::straight());
         let value = |line: usize, sample: usize| beam.amplitude[line * beam.samples + sample];
         for sample in 0..beam.samples {

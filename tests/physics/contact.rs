@@ -3,7 +3,7 @@
 use insonify_imaging::effects::contact::Contact;
 use insonify_imaging::effects::slice::Beyond;
 use insonify_imaging::synth::layers::Layer;
-use insonify_tracking::probe::ProbeShape;
+use insonify_tracking::probe::{Linear, ProbeShape};
 
 use super::{beam_after, precisions};
 use crate::support::anatomy::{self, Frame, PLAIN, SILENT};
@@ -23,7 +23,7 @@ fn a_belly_touches_a_straight_array_within_reach() {
     let frame = Frame::around([0.0, 45.0, 0.0], [121, 200, 5], 0.5);
     let body = anatomy::of(frame, &[SILENT, PLAIN], |p| u8::from(p[1] > belly(p[0])));
     for (name, backend) in precisions() {
-        let probe = scene::probe(ProbeShape::Linear { width_mm: 58.0 }, DEPTH_MM, LINES, SAMPLES);
+        let probe = scene::probe(ProbeShape::Linear(Linear { width_mm: 58.0 }), DEPTH_MM, LINES, SAMPLES);
         let mut settings = scene::settings(probe, scene::bare());
         settings.effects.contact = Some(Contact {
             reach_mm: 5.0,
@@ -68,7 +68,7 @@ fn a_body_goes_on_where_the_volume_is_cut() {
         _ => 2,
     });
     for (name, backend) in precisions() {
-        let probe = scene::probe(ProbeShape::Linear { width_mm: 60.0 }, 20.0, LINES, 20);
+        let probe = scene::probe(ProbeShape::Linear(Linear { width_mm: 60.0 }), 20.0, LINES, 20);
         let mut settings = scene::settings(probe, scene::bare());
         let mut labels = |beyond: Beyond| {
             settings.effects.slice.beyond = beyond;
@@ -98,7 +98,7 @@ fn a_body_goes_on_where_the_volume_is_cut() {
 fn the_layer_beyond_marks_what_is_continued() {
     let frame = Frame::around([0.0, 20.0, 0.0], [41, 41, 5], 1.0);
     let body = anatomy::of(frame, &[SILENT, PLAIN], |_| 1);
-    let probe = scene::probe(ProbeShape::Linear { width_mm: 60.0 }, 20.0, LINES, 20);
+    let probe = scene::probe(ProbeShape::Linear(Linear { width_mm: 60.0 }), 20.0, LINES, 20);
     let mut settings = scene::settings(probe, scene::bare());
     settings.layers = vec![Layer::Beyond, Layer::Sector];
     for (beyond, expected) in [(Beyond::Void, 0.0), (Beyond::Continue, 19.5 / 60.0)] {

@@ -2,7 +2,7 @@
 
 use insonify_imaging::effects::interface::Interface;
 use insonify_imaging::synth::Backend;
-use insonify_tracking::probe::ProbeShape;
+use insonify_tracking::probe::{Linear, ProbeShape};
 
 use super::{beam_after, precisions};
 use crate::support::anatomy::{self, Acoustics, Frame, SILENT};
@@ -26,7 +26,7 @@ fn echoes(angle: f64, directivity: f64, backend: Backend) -> Vec<f64> {
         |p| 1 + u8::from(p[0] * sin + (p[1] - 20.0) * cos > OFFSET_MM),
     );
     // Cells of the beam grid as high as wide, so that a stair of labels has no preferred direction.
-    let probe = scene::probe(ProbeShape::Linear { width_mm: 30.0 }, 40.0, 151, 200);
+    let probe = scene::probe(ProbeShape::Linear(Linear { width_mm: 30.0 }), 40.0, 151, 200);
     let mut settings = scene::settings(probe, scene::bare());
     settings.effects.interface = Some(Interface {
         mirror_db: 40.0,
@@ -91,7 +91,7 @@ fn spread(roughness: f64, lines: u32) -> (Vec<Vec<f64>>, f64) {
         &[SILENT, tissue(Z[0]), tissue(Z[1])],
         |p| 1 + u8::from(p[1] > 20.0 + OFFSET_MM),
     );
-    let probe = scene::probe(ProbeShape::Linear { width_mm: 60.0 }, 40.0, lines, 400);
+    let probe = scene::probe(ProbeShape::Linear(Linear { width_mm: 60.0 }), 40.0, lines, 400);
     let mut settings = scene::settings(probe, scene::bare());
     settings.effects.interface = Some(Interface {
         mirror_db: 40.0,

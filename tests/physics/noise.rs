@@ -1,7 +1,7 @@
 //! Additive noise: mean, variance, whiteness, and a new draw each frame, where no clamp interferes.
 
 use insonify_imaging::effects::noise::Noise;
-use insonify_tracking::probe::ProbeShape;
+use insonify_tracking::probe::{Linear, ProbeShape};
 
 use super::{precisions, synthesizer};
 use crate::support::anatomy::{self, Acoustics, PLAIN};
@@ -16,7 +16,7 @@ fn draws(backend: insonify_imaging::synth::Backend, std_grey: f64, frames: &[u64
         echo_db: 20.0 * 0.5f64.log10(),
         ..PLAIN
     });
-    let probe = scene::probe(ProbeShape::Linear { width_mm: 40.0 }, 40.0, 8, 8);
+    let probe = scene::probe(ProbeShape::Linear(Linear { width_mm: 40.0 }), 40.0, 8, 8);
     let mut settings = scene::sized(probe, scene::bare(), SIDE, SIDE);
     settings.image.margin = 0.0;
     settings.effects.noise = Some(Noise { std_grey });

@@ -4,7 +4,7 @@ use insonify_imaging::effects::receiver::Receiver;
 use insonify_imaging::effects::shadow::Shadow;
 use insonify_imaging::synth::Backend;
 use insonify_imaging::synth::layers::Beam;
-use insonify_tracking::probe::ProbeShape;
+use insonify_tracking::probe::{Linear, ProbeShape};
 
 use super::{beam_after, precisions};
 use crate::support::anatomy::{self, Acoustics, PLAIN};
@@ -29,7 +29,7 @@ const EXCESS: f64 = -0.2 * 18.0 / 36.0 / 2.0;
 
 /// Amplitudes after the receiver, in tissue of an echo and of an attenuation, at the frames asked for.
 fn beams(receiver: &Receiver, tissue: Acoustics, attenuates: bool, backend: &Backend, frames: &[u64]) -> Vec<Beam> {
-    let probe = scene::probe(ProbeShape::Linear { width_mm: 40.0 }, DEPTH_MM, LINES, SAMPLES);
+    let probe = scene::probe(ProbeShape::Linear(Linear { width_mm: 40.0 }), DEPTH_MM, LINES, SAMPLES);
     let mut settings = scene::settings(probe, scene::bare());
     settings.effects.receiver = Some(receiver.clone());
     settings.effects.shadow = attenuates.then(Shadow::default);
@@ -155,7 +155,7 @@ fn clutter_stands_still_and_fades() {
         ring_down_db: -200.0,
     };
     const SEEDS: u64 = 60;
-    let probe = scene::probe(ProbeShape::Linear { width_mm: 40.0 }, DEPTH_MM, LINES, SAMPLES);
+    let probe = scene::probe(ProbeShape::Linear(Linear { width_mm: 40.0 }), DEPTH_MM, LINES, SAMPLES);
     let mut settings = scene::settings(probe, scene::bare());
     settings.effects.receiver = Some(receiver);
     for attenuates in [false, true] {

@@ -2,7 +2,7 @@
 
 use insonify_imaging::effects::refraction::{F_NUMBER, Refraction, index};
 use insonify_imaging::synth::Backend;
-use insonify_tracking::probe::ProbeShape;
+use insonify_tracking::probe::{Curvilinear, Linear, ProbeShape};
 
 use super::{beam_after, precisions};
 use crate::support::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};
@@ -43,7 +43,7 @@ fn speeds_follow_impedances() {
 fn the_middle_of_a_slow_cylinder_gathers_as_a_lens_does() {
     let excess = index(Z[1]) - index(Z[0]);
     for (name, backend) in precisions() {
-        let linear = factors(ProbeShape::Linear { width_mm: 60.0 }, 241, 6.0, backend);
+        let linear = factors(ProbeShape::Linear(Linear { width_mm: 60.0 }), 241, 6.0, backend);
         for depth in [40.0, 50.0, 59.0] {
             // One face within the cylinder, two behind it.
             let fading = F_NUMBER * 6.0;
@@ -62,7 +62,7 @@ fn the_middle_of_a_slow_cylinder_gathers_as_a_lens_does() {
 #[test]
 fn edges_of_a_cylinder_cast_dark_lines_and_nothing_else_changes() {
     for (name, backend) in precisions() {
-        let linear = factors(ProbeShape::Linear { width_mm: 60.0 }, 241, 3.0, backend);
+        let linear = factors(ProbeShape::Linear(Linear { width_mm: 60.0 }), 241, 3.0, backend);
         let at = |x_mm: f64, depth: f64| linear[(120.0 + x_mm * 4.0).round() as usize][(depth * 40.0) as usize];
         for side in [-1.0, 1.0] {
             let edge = (0..9).map(|step| at(side * (RADIUS_MM + 0.25 * f64::from(step)), 55.0));
@@ -77,19 +77,25 @@ fn edges_of_a_cylinder_cast_dark_lines_and_nothing_else_changes() {
 /// What bends is the phase across the beam, whatever the distance between scanlines.
 #[test]
 fn curved_arrays_and_other_line_counts_see_the_same() {
-    let [few, many] =
-        [121, 241].map(|lines| factors(ProbeShape::Linear { width_mm: 60.0 }, lines, 3.0, Backend::CpuF64));
+    let [few, many] = [121, 241].map(|lines| {
+        factors(
+            ProbeShape::Linear(Linear { width_mm: 60.0 }),
+            lines,
+            3.0,
+            Backend::CpuF64,
+        )
+    });
     for line in 20..101 {
         let (a, b) = (few[line][2200], many[2 * line][2200]);
         assert!((a / b - 1.0).abs() < 0.12, "{line}: {a} and {b}");
     }
     // From an array of 200 mm radius beams diverge as from a source 220 mm before the middle of the cylinder, and a beam that is wider changes
     // its width by less: by the square of the ratio, on the mean over where the cylinder acts from, its two faces up to 30 mm behind it.
-    let straight = ProbeShape::Linear { width_mm: 60.0 };
-    let curved = ProbeShape::Curvilinear {
+    let straight = ProbeShape::Linear(Linear { width_mm: 60.0 });
+    let curved = ProbeShape::Curvilinear(Curvilinear {
         radius_mm: 200.0,
         angle_deg: 17.2,
-    };
+    });
     let [straight, curved] = [straight, curved].map(|shape| {
         let factors = factors(shape, 241, 6.0, Backend::CpuF64);
         1.0 - 1.0 / factors[120][2000]

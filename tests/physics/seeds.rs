@@ -7,7 +7,7 @@ use insonify_imaging::effects::shadow::{Shadow, UNITS_PER_DB};
 use insonify_imaging::synth::layers::Beam;
 use insonify_imaging::synth::tables::Settings;
 use insonify_imaging::synth::{FrameState, NeedleShaft, SEED_DIAMETER_MM, SEED_LENGTH_MM};
-use insonify_tracking::probe::ProbeShape;
+use insonify_tracking::probe::{Linear, ProbeShape};
 use nalgebra::{Point3, Vector3};
 
 use super::{precisions, synthesizer};
@@ -23,9 +23,9 @@ const SAMPLE_MM: f64 = 0.05;
 
 /// A fine linear array over tissue that only the seeds shade.
 fn settings() -> Settings {
-    let shape = ProbeShape::Linear {
+    let shape = ProbeShape::Linear(Linear {
         width_mm: LINE_MM * f64::from(LINES - 1),
-    };
+    });
     let probe = scene::probe(shape, SAMPLE_MM * SAMPLES as f64, LINES, SAMPLES as u32);
     let mut settings = scene::settings(probe, scene::bare());
     settings.has_needle = true;

@@ -4,7 +4,7 @@ use insonify_imaging::effects::shadow::{Shadow, UNITS_PER_DB};
 use insonify_imaging::synth::layers::Beam;
 use insonify_imaging::synth::tables::{Anatomy, Settings};
 use insonify_imaging::synth::{Backend, NeedleShaft};
-use insonify_tracking::probe::ProbeShape;
+use insonify_tracking::probe::{Curvilinear, Linear, ProbeShape};
 
 use super::{beam_after, precisions};
 use crate::support::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};
@@ -175,7 +175,7 @@ fn the_needle_casts_a_shadow_of_its_thickness() {
     // A needle of 2 mm across the beam, in the plane: the middle line crosses its whole diameter. It fills two thirds of a
     // beam of 3 mm.
     for (name, backend) in precisions() {
-        let mut settings = settings(ProbeShape::Linear { width_mm: 40.0 }, 600);
+        let mut settings = settings(ProbeShape::Linear(Linear { width_mm: 40.0 }), 600);
         settings.has_needle = true;
         settings.effects.needle = Some(Default::default());
         settings.effects.shadow = Some(Shadow {
@@ -228,7 +228,7 @@ fn above_opaque(angle_deg: f64, reverberation: f64, backend: Backend) -> Beam {
     let anatomy = anatomy::of(frame, &[SILENT, attenuating(0.5), opaque], |p| {
         1 + u8::from(p[1] > 20.0 + slope * p[0])
     });
-    let probe = scene::probe(ProbeShape::Linear { width_mm: 30.0 }, DEPTH_MM, 61, 1200);
+    let probe = scene::probe(ProbeShape::Linear(Linear { width_mm: 30.0 }), DEPTH_MM, 61, 1200);
     let mut settings = scene::settings(probe, scene::bare());
     settings.effects.shadow = Some(Shadow {
         beam_mm: 0.0,
@@ -298,12 +298,12 @@ fn a_ball_above_gas_is_mirrored_in_its_surface() {
         let away = -normal[0] * BALL[0] + normal[1] * (30.0 - BALL[1]);
         let expected = [BALL[0] + 2.0 * away * normal[0], BALL[1] + 2.0 * away * normal[1]];
         for (shape, spread) in [
-            (ProbeShape::Linear { width_mm: 40.0 }, 0.0),
+            (ProbeShape::Linear(Linear { width_mm: 40.0 }), 0.0),
             (
-                ProbeShape::Curvilinear {
+                ProbeShape::Curvilinear(Curvilinear {
                     radius_mm: 40.0,
                     angle_deg: 50.0,
-                },
+                }),
                 40.0,
             ),
         ] {
@@ -354,7 +354,7 @@ fn half_plane(plate: Acoustics, [beam_mm, f_number]: [f64; 2], backend: Backend)
     let anatomy = anatomy::of(frame, &[SILENT, PLAIN, plate], |p| {
         1 + u8::from(p[0] > 0.0 && (10.0..12.0).contains(&p[1]))
     });
-    let probe = scene::probe(ProbeShape::Linear { width_mm: 29.75 }, 30.0, 120, 120);
+    let probe = scene::probe(ProbeShape::Linear(Linear { width_mm: 29.75 }), 30.0, 120, 120);
     let mut settings = scene::settings(probe, scene::bare());
     settings.effects.shadow = Some(Shadow {
         beam_mm,

@@ -4,7 +4,7 @@ use insonify_base::random::{hash3, unit};
 use insonify_imaging::effects::slice::Boundary;
 use insonify_imaging::synth::Backend;
 use insonify_imaging::synth::tables::Anatomy;
-use insonify_tracking::probe::ProbeShape;
+use insonify_tracking::probe::{Linear, ProbeShape};
 
 use super::beam_after;
 use crate::support::anatomy::{self, Frame, PLAIN, SILENT};
@@ -20,7 +20,12 @@ const BODIES: i32 = 12;
 
 /// Area of label 2 in the plane: a cell of the beam grid a sample.
 fn area(anatomy: &Anatomy, boundary: Boundary) -> f64 {
-    let probe = scene::probe(ProbeShape::Linear { width_mm: WIDTH_MM }, DEPTH_MM, LINES, SAMPLES);
+    let probe = scene::probe(
+        ProbeShape::Linear(Linear { width_mm: WIDTH_MM }),
+        DEPTH_MM,
+        LINES,
+        SAMPLES,
+    );
     let mut settings = scene::settings(probe, scene::bare());
     settings.effects.slice.boundary = boundary;
     let beam = beam_after(anatomy, &settings, Backend::Cpu, "slice", &scene::straight());
@@ -109,7 +114,7 @@ fn stairs(boundary: Boundary, run: f64) -> f64 {
         &[SILENT, PLAIN, PLAIN],
         |p| 1 + u8::from(p[1] > 20.0 + p[0] / run),
     );
-    let probe = scene::probe(ProbeShape::Linear { width_mm: 30.0 }, 40.0, 121, 800);
+    let probe = scene::probe(ProbeShape::Linear(Linear { width_mm: 30.0 }), 40.0, 121, 800);
     let mut settings = scene::settings(probe, scene::bare());
     settings.effects.slice.boundary = boundary;
     let beam = beam_after(&anatomy, &settings, Backend::CpuF64, "slice", &scene::straight());

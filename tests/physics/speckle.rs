@@ -4,7 +4,7 @@ use insonify_imaging::effects::speckle::Speckle;
 use insonify_imaging::synth::layers::Beam;
 use insonify_imaging::synth::tables::Settings;
 use insonify_imaging::synth::{Backend, FrameState, Synthesizer};
-use insonify_tracking::probe::ProbeShape;
+use insonify_tracking::probe::{Linear, ProbeShape};
 use nalgebra::{Matrix4, Vector3};
 
 use super::{precisions, synthesizer};
@@ -21,7 +21,7 @@ const LINE_MM: f64 = WIDTH_MM / (LINES as f64 - 1.0);
 
 fn settings(speckle: Speckle) -> Settings {
     let probe = scene::probe(
-        ProbeShape::Linear { width_mm: WIDTH_MM },
+        ProbeShape::Linear(Linear { width_mm: WIDTH_MM }),
         DEPTH_MM,
         LINES as u32,
         SAMPLES as u32,

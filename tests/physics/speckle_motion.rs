@@ -3,7 +3,7 @@
 use insonify_imaging::synth::layers::Beam;
 use insonify_imaging::synth::tables::{Anatomy, Settings};
 use insonify_imaging::synth::{Backend, FrameState};
-use insonify_tracking::probe::ProbeShape;
+use insonify_tracking::probe::{Linear, ProbeShape};
 
 use super::{precisions, synthesizer};
 use crate::support::anatomy::{self, PLAIN};
@@ -16,9 +16,9 @@ const SAMPLE_MM: f64 = 0.2;
 const LINE_MM: f64 = 0.4;
 
 fn scene() -> (Anatomy, Settings) {
-    let shape = ProbeShape::Linear {
+    let shape = ProbeShape::Linear(Linear {
         width_mm: LINE_MM * (LINES as f64 - 1.0),
-    };
+    });
     let probe = scene::probe(shape, SAMPLE_MM * SAMPLES as f64, LINES as u32, SAMPLES as u32);
     let mut settings = scene::settings(probe, scene::bare());
     settings.effects.speckle = Some(insonify_imaging::effects::speckle::Speckle {

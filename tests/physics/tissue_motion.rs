@@ -8,7 +8,7 @@ use insonify_imaging::effects::tone::Tone;
 use insonify_imaging::synth::tables::{Anatomy, Settings};
 use insonify_imaging::synth::{Frame, FrameState, Synthesizer};
 use insonify_mesh::TetMesh;
-use insonify_tracking::probe::ProbeShape;
+use insonify_tracking::probe::{Linear, ProbeShape};
 use nalgebra::{Matrix3, Vector3};
 
 use super::{precisions, synthesizer};
@@ -29,7 +29,7 @@ const SIDE: usize = 300;
 
 fn settings(effects: Effects) -> Settings {
     // Scanlines every 0.2 mm, samples every 0.1 mm, pixels of 0.2 mm.
-    let probe = scene::probe(ProbeShape::Linear { width_mm: 60.0 }, 60.0, 301, 600);
+    let probe = scene::probe(ProbeShape::Linear(Linear { width_mm: 60.0 }), 60.0, 301, 600);
     let mut settings = scene::sized(probe, effects, SIDE, SIDE);
     settings.image.margin = 0.0;
     settings

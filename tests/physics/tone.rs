@@ -5,7 +5,7 @@ use insonify_imaging::effects::shadow::Shadow;
 use insonify_imaging::effects::tone::auto_gain::{FULL_WEIGHT, PRIOR, USUAL_DB, ZERO_WEIGHT};
 use insonify_imaging::effects::tone::{MID_GREY, NOISE_GREY, Tone};
 use insonify_imaging::synth::Backend;
-use insonify_tracking::probe::ProbeShape;
+use insonify_tracking::probe::{Linear, ProbeShape};
 
 use super::{beam_after, precisions};
 use crate::support::anatomy::{self, Acoustics, PLAIN};
@@ -145,7 +145,7 @@ fn without_a_curve_grey_is_the_amplitude() {
 
 /// Grey levels of a linear probe, scanline by scanline.
 fn greys(anatomy: &insonify_imaging::synth::tables::Anatomy, receiver: Option<Receiver>, tone: Tone) -> Vec<f64> {
-    let probe = scene::probe(ProbeShape::Linear { width_mm: 30.0 }, 96.0, 24, 192);
+    let probe = scene::probe(ProbeShape::Linear(Linear { width_mm: 30.0 }), 96.0, 24, 192);
     let mut settings = scene::settings(probe, scene::bare());
     settings.effects.shadow = Some(Shadow::default());
     settings.effects.receiver = receiver;

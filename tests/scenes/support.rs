@@ -37,7 +37,7 @@ pub(super) fn shrink(file: &mut SceneFile) {
         volume.resolution_mm = Some(3.0);
     }
     if let Some(probe) = &mut file.probe {
-        (probe.lines, probe.samples) = (Some(64), Some(128));
+        (probe.sampling.lines, probe.sampling.samples) = (Some(64), Some(128));
     }
     let image = file.image.get_or_insert_default();
     (image.width, image.height) = (120, 90);

@@ -9,26 +9,8 @@ use nalgebra::{Matrix4, Rotation3, Translation3, Vector3};
 
 use super::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};
 
-/// Every shape of field of view, sized for volumes of some 40 mm.
-pub(crate) const SHAPES: [(&str, ProbeShape); 5] = [
-    ("linear", ProbeShape::Linear { width_mm: 36.0 }),
-    (
-        "curvilinear",
-        ProbeShape::Curvilinear {
-            radius_mm: 30.0,
-            angle_deg: 60.0,
-        },
-    ),
-    ("phased", ProbeShape::Phased { angle_deg: 80.0 }),
-    (
-        "trus_transverse",
-        ProbeShape::TrusTransverse {
-            radius_mm: 9.0,
-            angle_deg: 200.0,
-        },
-    ),
-    ("trus_sagittal", ProbeShape::TrusSagittal { length_mm: 40.0 }),
-];
+/// Every shape of field of view with its name, sized for volumes of some 40 mm.
+pub(crate) const SHAPES: [(&str, ProbeShape); ProbeShape::EXAMPLES.len()] = ProbeShape::EXAMPLES;
 
 /// A probe of `lines` by `samples`.
 pub(crate) fn probe(shape: ProbeShape, depth_mm: f64, lines: u32, samples: u32) -> Probe {

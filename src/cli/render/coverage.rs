@@ -2,6 +2,7 @@
 
 use insonify_imaging::synth::layers::world_position;
 use insonify_imaging::synth::tables::Tables;
+use insonify_tracking::probe::Site;
 use nalgebra::{Matrix4, Point3};
 
 /// Largest gap without tissue under the outermost elements of a convex array on flat skin, mm: about the sagitta of 60 mm
@@ -56,7 +57,7 @@ pub(super) fn warnings(tables: &Tables, probe_to_world: &Matrix4<f64>, told: boo
     let [ox, oy, dx, dy] = tables.rays[tables.lines() / 2];
     let behind = Point3::new(ox - BEHIND_MM * dx, oy - BEHIND_MM * dy, 0.0);
     let is_tissue = |point| volume.label_index_at(&point).is_some_and(|label| label > 0);
-    if !tables.settings.probe.shape.kind().is_transrectal() && is_tissue(probe_to_world.transform_point(&behind)) {
+    if tables.settings.probe.shape.kind().site() == Site::Skin && is_tissue(probe_to_world.transform_point(&behind)) {
         found.push(format!(
             "the probe lies inside the body: there is tissue {BEHIND_MM} mm behind the array"
         ));

@@ -4,7 +4,7 @@
 //! MHz, 0.3 x 0.5 mm at 10 MHz, as in frames of phantoms and muscle at those frequencies.
 
 use super::speckle::Speckle;
-use insonify_tracking::probe::{Probe, ProbeKind};
+use insonify_tracking::probe::Probe;
 
 /// Lengths at 1 MHz, mm: axial, lateral at the focus, elevational, and from the focus to where the lateral length has grown by sqrt 2 (a
 /// Rayleigh length, which scales with the wavelength at constant f-number).
@@ -15,9 +15,6 @@ const FOCAL_ZONE_MM: f64 = 175.0;
 
 /// Speed of sound, mm/us.
 const SOUND_MM_US: f64 = 1.54;
-
-/// Aperture of a phased array, mm: that of adult cardiac probes.
-const PHASED_APERTURE_MM: f64 = 20.0;
 
 /// Lengths of the point spread, mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,17 +37,16 @@ impl PointSpread {
     pub fn new(speckle: &Speckle, probe: &Probe) -> Self {
         let mhz = probe.frequency_mhz;
         let of = |stated: Option<f64>, at_1_mhz: f64, most: f64| stated.unwrap_or((at_1_mhz / mhz).clamp(0.05, most));
-        let is_diffracted = probe.shape.kind() == ProbeKind::Phased && speckle.lateral_mm.is_none();
+        let aperture_mm = probe.shape.kind().shared_aperture_mm();
         Self {
             axial_mm: of(speckle.axial_mm, AXIAL_MM, 10.0),
             lateral_mm: of(speckle.lateral_mm, LATERAL_MM, 20.0),
             elevational_mm: of(speckle.elevational_mm, ELEVATIONAL_MM, 20.0),
             focus_mm: speckle.focus_mm.unwrap_or(probe.depth_mm / 2.0),
             focal_zone_mm: of(speckle.focal_zone_mm, FOCAL_ZONE_MM, 10_000.0).max(1.0),
-            divergence: if is_diffracted {
-                SOUND_MM_US / mhz / PHASED_APERTURE_MM
-            } else {
-                0.0
+            divergence: match (aperture_mm, speckle.lateral_mm) {
+                (Some(aperture_mm), None) => SOUND_MM_US / mhz / aperture_mm,
+                _ => 0.0,
             },
         }
     }
@@ -65,11 +61,11 @@ impl PointSpread {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use insonify_tracking::probe::ProbeShape;
+    use insonify_tracking::probe::{Linear, Phased};
 
     #[test]
     fn lengths_go_with_the_wavelength_unless_stated() {
-        let mut probe = Probe::new(ProbeShape::Linear { width_mm: 40.0 }, 50.0).unwrap();
+        let mut probe = Probe::new(Linear { width_mm: 40.0 }, 50.0).unwrap();
         probe.frequency_mhz = 3.5;
         let own = PointSpread::new(&Speckle::default(), &probe);
         let lengths = [own.axial_mm, own.lateral_at(25.0), own.elevational_mm];
@@ -90,7 +86,7 @@ mod tests {
     /// 0.62 mm of wavelength over 20 mm of aperture: 4.9 mm at 160 mm.
     #[test]
     fn a_phased_array_is_limited_by_diffraction() {
-        let probe = Probe::new(ProbeShape::Phased { angle_deg: 80.0 }, 160.0).unwrap();
+        let probe = Probe::new(Phased { angle_deg: 80.0 }, 160.0).unwrap();
         let own = PointSpread::new(&Speckle::default(), &probe);
         assert!((own.lateral_at(160.0) - 160.0 * 0.616 / 20.0).abs() < 1e-9);
     }

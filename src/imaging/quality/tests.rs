@@ -1,7 +1,7 @@
 use super::cache::Cache;
 use super::*;
 use insonify_base::range::Ranges;
-use insonify_tracking::probe::{Probe, ProbeShape};
+use insonify_tracking::probe::{Linear, Probe};
 
 fn option(value: &str, extra_ms: f64, error: f64) -> SettingOption {
     SettingOption {
@@ -150,7 +150,7 @@ fn what_takes_less_than_was_said_is_picked_finer() {
 
 #[test]
 fn grids_are_measured_until_one_takes_too_long() {
-    let probe = Probe::new(ProbeShape::Linear { width_mm: 40.0 }, 50.0).unwrap();
+    let probe = Probe::new(Linear { width_mm: 40.0 }, 50.0).unwrap();
     let grids = grid::candidates(&probe, [true, true], [512, 512]);
     assert_eq!(
         grids,

@@ -7,7 +7,7 @@ use crate::synth::tables::ImageSize;
 use insonify_anatomy::phantom::Phantom;
 use insonify_base::document::InputError;
 use insonify_tracking::plus::PlusConfig;
-use insonify_tracking::probe::{BeamGrid, ImageGrid, Probe, ProbeShape};
+use insonify_tracking::probe::{BeamGrid, Curvilinear, ImageGrid, Linear, Probe, ProbeShape, TrusTransverse};
 
 /// Frame settings of a scene, independent of its content.
 pub(super) struct Framing {
@@ -34,6 +34,7 @@ impl SceneFile {
         self.in_ranges("volume", volume)?;
         self.in_ranges("needle", self.needle.as_ref())?;
         let table = self.probe_table(plus, notes, warnings);
+        let stated = table.as_ref().map(|table| table.sampling).unwrap_or_default();
         let probe = match table {
             Some(spec) => Probe::try_from(spec),
             None => usual_probe(volume.phantom),
@@ -65,10 +66,7 @@ impl SceneFile {
             .map_err(|error| self.fault(format!("effects.{}", error.key), error))?;
         Ok(Framing {
             probe,
-            open_grid: [
-                table.is_none_or(|probe| probe.lines.is_none()),
-                table.is_none_or(|probe| probe.samples.is_none()),
-            ],
+            open_grid: [stated.lines.is_none(), stated.samples.is_none()],
             grid,
             image,
             effects,
@@ -82,42 +80,15 @@ impl SceneFile {
         let Some(volume) = &self.volume else {
             return Err(self.wrong_keys("volume", "no `[volume]`", EXPECTED));
         };
-        match (&volume.phantom, &volume.file) {
-            (None, None) => return Err(self.wrong_keys("volume", "neither `phantom` nor `file`", EXPECTED)),
-            (Some(_), Some(_)) => return Err(self.wrong_keys("volume", "both `phantom` and `file`", EXPECTED)),
-            _ => {}
-        }
-        let for_phantoms = [
-            ("resolution_mm", volume.resolution_mm.is_some()),
-            ("seed", volume.seed.is_some()),
-        ];
-        let for_files = [
-            ("names", volume.names.is_some()),
-            ("unlabelled", volume.unlabelled.is_some()),
-            ("registration", volume.registration.is_some()),
-            ("ct", volume.ct.is_some()),
-            ("structures", volume.structures.is_some()),
-            ("muscle_mm", volume.muscle_mm.is_some()),
-            ("fat_mm", volume.fat_mm.is_some()),
-            ("skin_mm", volume.skin_mm.is_some()),
-        ];
-        let (idle, with, expected): (&[_], _, _) = match volume.phantom {
-            Some(_) => (&for_files, "a phantom", "only keys that mean something for a phantom"),
-            None => (&for_phantoms, "a file", "only keys that mean something for a file"),
-        };
-        let by_ct = [
-            ("unlabelled", volume.unlabelled.is_some()),
-            ("muscle_mm", volume.muscle_mm.is_some()),
-            ("fat_mm", volume.fat_mm.is_some()),
-        ];
-        if let (Some(_), Some((key, _))) = (&volume.ct, by_ct.iter().find(|(_, given)| *given)) {
-            let found = format!("`{key}` with `ct`, which says where muscle and fat are");
-            return Err(self.wrong_keys(format!("volume.{key}"), found, "one of them"));
-        }
-        match idle.iter().find(|(_, given)| *given) {
-            Some((key, _)) => Err(self.wrong_keys(format!("volume.{key}"), format!("`{key}` with {with}"), expected)),
-            None => Ok(volume),
-        }
+        let kind = volume.kind().ok_or_else(|| {
+            let found = match volume.phantom {
+                Some(_) => "both `phantom` and `file`",
+                None => "neither `phantom` nor `file`",
+            };
+            self.wrong_keys("volume", found, EXPECTED)
+        })?;
+        self.of_kind("volume", volume, kind)?;
+        Ok(volume)
     }
 }
 
@@ -126,21 +97,24 @@ fn usual_probe(phantom: Option<Phantom>) -> Result<Probe, insonify_tracking::Tra
     let (shape, depth_mm) = match phantom {
         None | Some(Phantom::Abdomen) => {
             let (radius_mm, angle_deg) = (60.0, 70.0);
-            (ProbeShape::Curvilinear { radius_mm, angle_deg }, 150.0)
+            (ProbeShape::Curvilinear(Curvilinear { radius_mm, angle_deg }), 150.0)
         }
         Some(Phantom::Prostate) => {
             let (radius_mm, angle_deg) = (10.0, 160.0);
-            (ProbeShape::TrusTransverse { radius_mm, angle_deg }, 60.0)
+            (
+                ProbeShape::TrusTransverse(TrusTransverse { radius_mm, angle_deg }),
+                60.0,
+            )
         }
         Some(Phantom::Spine) => {
             let (radius_mm, angle_deg) = (60.0, 60.0);
-            (ProbeShape::Curvilinear { radius_mm, angle_deg }, 100.0)
+            (ProbeShape::Curvilinear(Curvilinear { radius_mm, angle_deg }), 100.0)
         }
         Some(Phantom::LiverVein) => {
             let (radius_mm, angle_deg) = (20.0, 75.0);
-            (ProbeShape::Curvilinear { radius_mm, angle_deg }, 62.0)
+            (ProbeShape::Curvilinear(Curvilinear { radius_mm, angle_deg }), 62.0)
         }
-        Some(Phantom::TwoLayer) => (ProbeShape::Linear { width_mm: 38.0 }, 75.0),
+        Some(Phantom::TwoLayer) => (ProbeShape::Linear(Linear { width_mm: 38.0 }), 75.0),
     };
     Probe::new(shape, depth_mm)
 }

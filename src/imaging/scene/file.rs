@@ -15,7 +15,7 @@ use insonify_anatomy::phantom::Phantom;
 use insonify_anatomy::volume::complete::Unlabelled;
 use insonify_anatomy::volume::texture::{Seam, Values};
 use insonify_base::document::{self, Source, Version};
-use insonify_base::range::parameters;
+use insonify_base::range::{Kind, parameters};
 use insonify_tracking::placement::ScanPlane;
 use insonify_tracking::pose::{PoseSpec, pose_table};
 use insonify_tracking::probe::{ImageSpec, ProbeSpec};
@@ -93,52 +93,85 @@ impl SceneFile {
 parameters! {
     /// Imaged volume: exactly one of `phantom` and `file`. It may lie anywhere in the world, with probe, needle and deformation in the
     /// same coordinates: if a coordinate of its centre exceeds 4096 mm, synthesis uses a local origin at the nearest whole metres.
-    pub struct VolumeSpec {
+    pub struct VolumeSpec by VolumeKind {
         /// A volume generated from code.
         #[serde(skip_serializing_if = "Option::is_none")]
         phantom: Option<Phantom>;
-        /// Phantom only: voxel edge. Default: the phantom's own.
+        /// Voxel edge. Default: the phantom's own.
         #[serde(skip_serializing_if = "Option::is_none")]
-        resolution_mm: Option<f64>, in 0.3..=5 "mm";
-        /// Phantom only: seed of its irregular surfaces, vessels and gas. Default 0.
+        resolution_mm: Option<f64>, for Phantom, in 0.3..=5 "mm";
+        /// Seed of irregular surfaces, vessels and gas. Default 0.
         #[serde(skip_serializing_if = "Option::is_none")]
-        seed: Option<u64>;
+        seed: Option<u64>, for Phantom;
         /// Label file (NIfTI, NRRD or MetaImage), or folder of binary masks named by their files. NIfTI stores its position in single precision, in steps
         /// of 0.008 mm at 1e5 mm.
         #[serde(skip_serializing_if = "Option::is_none")]
         file: Option<PathBuf>;
-        /// File only: table of label names: CSV with columns `value` and `name`, a colour table of 3D Slicer, or label
+        /// Table of label names: CSV with columns `value` and `name`, a colour table of 3D Slicer, or label
         /// descriptions of ITK-SNAP. Default: for labels without names, the file of the same stem that ends in .csv.
         #[serde(skip_serializing_if = "Option::is_none")]
-        names: Option<PathBuf>;
-        /// File only: treatment of unlabelled voxels. Default `auto`: a body is closed around the labelled anatomy unless the
+        names: Option<PathBuf>, for File | Ct;
+        /// Treatment of unlabelled voxels. Default `auto`: a body is closed around the labelled anatomy unless the
         /// labels describe one.
         #[serde(skip_serializing_if = "Option::is_none")]
-        unlabelled: Option<Unlabelled>;
-        /// File only: registration by `insonify register`, which places the completed anatomy in the world.
+        unlabelled: Option<Unlabelled>, for File;
+        /// Registration by `insonify register`, which places the completed anatomy in the world.
         #[serde(skip_serializing_if = "Option::is_none")]
-        registration: Option<PathBuf>;
-        /// File only: CT that the labels were made from (NIfTI, NRRD or MetaImage, Hounsfield units). Unlabelled voxels in the body are then gas, fat,
+        registration: Option<PathBuf>, for File | Ct;
+        /// CT that the labels were made from (NIfTI, NRRD or MetaImage, Hounsfield units). Unlabelled voxels in the body are then gas, fat,
         /// muscle, soft tissue or bone by their grey value, gas in the bowel is gas, and contrast-enhanced vessels of the liver are drawn.
         #[serde(skip_serializing_if = "Option::is_none")]
-        ct: Option<PathBuf>;
-        /// File only: whether structures are drawn into organs that are labelled in one piece: veins of liver and spleen, sinus and pyramids of kidneys,
+        ct: Option<PathBuf>, for File | Ct;
+        /// Whether structures are drawn into organs that are labelled in one piece: veins of liver and spleen, sinus and pyramids of kidneys,
         /// chambers of the heart, fat around the kidneys and in soft tissue. They are imaged only; meshes and needles use the undivided organs. Default
         /// true.
         #[serde(skip_serializing_if = "Option::is_none")]
-        structures: Option<bool>;
-        /// File only: thickness of the muscle that `auto` adds under the fat. Default 8.
+        structures: Option<bool>, for File | Ct;
+        /// Thickness of the muscle that `auto` adds under the fat. Default 8.
         #[serde(skip_serializing_if = "Option::is_none")]
-        muscle_mm: Option<f64>, in 0..=100 "mm";
-        /// File only: thickness of the fat that `auto` adds. Default 12.
+        muscle_mm: Option<f64>, for File, in 0..=100 "mm";
+        /// Thickness of the fat that `auto` adds. Default 12.
         #[serde(skip_serializing_if = "Option::is_none")]
-        fat_mm: Option<f64>, in 0..=100 "mm";
-        /// File only: thickness of the skin that `auto` adds. Default 2.
+        fat_mm: Option<f64>, for File, in 0..=100 "mm";
+        /// Thickness of the skin that `auto` adds. Default 2.
         #[serde(skip_serializing_if = "Option::is_none")]
-        skin_mm: Option<f64>, in 0..=100 "mm";
+        skin_mm: Option<f64>, for File | Ct, in 0..=100 "mm";
         /// Numbering by which labels without a `[[tissue]]` are assigned tissues. Default `auto`.
         #[serde(skip_serializing_if = "Option::is_none")]
         preset: Option<Preset>;
+    }
+}
+
+/// Kind of a volume.
+#[derive(Clone, Copy, PartialEq, serde::Serialize)]
+pub enum VolumeKind {
+    /// Generated.
+    Phantom,
+    /// Labels alone.
+    File,
+    /// Labels, and the CT that says what surrounds them.
+    Ct,
+}
+
+impl Kind for VolumeKind {
+    fn stated_as(self) -> String {
+        match self {
+            Self::Phantom => "a phantom".to_owned(),
+            Self::File => "`file` alone".to_owned(),
+            Self::Ct => "`file` and `ct`".to_owned(),
+        }
+    }
+}
+
+impl VolumeSpec {
+    /// Kind of the volume, if exactly one is stated.
+    pub fn kind(&self) -> Option<VolumeKind> {
+        match (&self.phantom, &self.file, &self.ct) {
+            (Some(_), None, _) => Some(VolumeKind::Phantom),
+            (None, Some(_), None) => Some(VolumeKind::File),
+            (None, Some(_), Some(_)) => Some(VolumeKind::Ct),
+            _ => None,
+        }
     }
 }
 

@@ -55,23 +55,18 @@ impl SceneFile {
         notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
     ) -> Option<ProbeSpec> {
-        let recorded = plus.map(|plus| {
-            (
-                *plus.probe(),
-                plus.transducer().unwrap_or("a transducer without a name"),
-            )
-        });
-        match (self.probe, recorded) {
+        let recorded = plus.map(|plus| (plus.probe(), plus.transducer().unwrap_or("a transducer without a name")));
+        match (&self.probe, recorded) {
             (Some(ProbeSpec { kind: Some(kind), .. }), Some((ProbeSpec { kind: Some(other), .. }, name)))
                 if kind != other =>
             {
                 warnings.push(format!(
                     "the probe is stated as {kind}, but `plus_config` says {other} ({name}): nothing is taken from it"
                 ));
-                self.probe
+                self.probe.clone()
             }
             (stated, Some((recorded @ ProbeSpec { kind: Some(_), .. }, name))) => {
-                let (table, taken) = stated.unwrap_or_default().filled_from(&recorded);
+                let (table, taken) = stated.clone().unwrap_or_default().filled_from(recorded);
                 if !taken.is_empty() {
                     notes.push(format!(
                         "the probe has {} from `plus_config` ({name})",
@@ -86,7 +81,7 @@ impl SceneFile {
                 warnings.push(warning.to_owned());
                 None
             }
-            (stated, _) => stated,
+            (stated, _) => stated.clone(),
         }
     }
 

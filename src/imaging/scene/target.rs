@@ -11,7 +11,7 @@ use insonify_base::matrix::Rows;
 use insonify_base::text::{MESSAGE, clipped, some_of};
 use insonify_tracking::placement::{Meaning, PlacementOptions, place};
 use insonify_tracking::pose::{Pose, PoseSpec};
-use insonify_tracking::probe::Probe;
+use insonify_tracking::probe::{Probe, Site};
 
 /// Labels of the body and their tissues.
 pub struct Body<'a> {
@@ -50,7 +50,9 @@ impl SceneFile {
         }
         let phantom = self.volume.as_ref().and_then(|volume| volume.phantom);
         let base = match phantom {
-            Some(phantom) if table.target.is_none() && table.plane.is_none() => {
+            Some(phantom)
+                if table.target.is_none() && table.plane.is_none() && probe.shape.kind().site() != Site::Lumen =>
+            {
                 let pose = Pose::from_matrix(&phantom::default_pose(phantom)).map_err(invalid)?;
                 notes.push("the scene states no pose: the probe is at the default pose of this phantom".to_owned());
                 pose
@@ -99,6 +101,13 @@ impl SceneFile {
                 }
                 label
             }
+            None if probe.shape.kind().site() == Site::Lumen => {
+                let found = format!(
+                    "no target of a {} probe, which lies in a vessel or an airway",
+                    probe.shape.kind()
+                );
+                return Err(self.wrong_keys("pose.target", found, "its label, or a pose that is stated"));
+            }
             None => body.largest_organ().ok_or_else(|| {
                 let expected = "labelled tissue, or a `[pose]`";
                 self.wrong_keys(
@@ -122,6 +131,12 @@ impl SceneFile {
             Ok(placement) => {
                 notes.push(format!("placed over {name}: {}", placement.note));
                 Pose::from_matrix(&placement.probe_to_world).map_err(|error| self.fault("pose", error))
+            }
+            Err(error) if probe.shape.kind().site() == Site::Lumen => {
+                let key = error
+                    .key()
+                    .map_or("pose.target".to_owned(), |key| format!("pose.{key}"));
+                Err(self.fault(key, error))
             }
             Err(error) => {
                 warnings.push(format!(

@@ -13,7 +13,7 @@ use insonify_base::document::{InputError, Names, NoRegion, RegionName};
 use insonify_imaging::scene::{Body, NeedleKeyframe, Scene};
 use insonify_tracking::placement::aims;
 use insonify_tracking::pose::Pose;
-use insonify_tracking::probe::ProbeKind;
+use insonify_tracking::probe::Site;
 use place::{array_end_mm, innermost, skin};
 
 /// Range of tried distances of an entry from the end of the array, mm.
@@ -235,7 +235,7 @@ impl ScenarioFile {
         needle: &NeedleSettings,
     ) -> Result<Candidate, InputError> {
         let (body, probe) = (scene.body(), &scene.settings.probe);
-        if let ProbeKind::TrusTransverse | ProbeKind::TrusSagittal = probe.shape.kind() {
+        if probe.shape.kind().site() != Site::Skin {
             let found = format!("\"{BESIDE}\" of a probe that lies inside the body");
             return Err(self.wrong_keys("needle.entry", found, "a point [x, y, z] on the skin, mm"));
         }

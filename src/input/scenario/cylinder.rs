@@ -2,8 +2,8 @@
 
 use super::file::ScenarioFile;
 use super::labels::Labels;
-use super::tissue::{OF_REMESHING, TissueModel};
-use insonify_base::document::{InputError, stated};
+use super::tissue::TissueModel;
+use insonify_base::document::InputError;
 use insonify_mechanics::insertion::spring::{MassSpring, Parameters};
 use insonify_mechanics::insertion::{InvalidSetup, Model, Snapshot, Tissue};
 use insonify_mechanics::needle::{Rigid, Shaft};
@@ -18,18 +18,7 @@ impl ScenarioFile {
     pub(crate) fn cylinder_of(&self, path: &Trajectory) -> Result<Option<Parameters>, InputError> {
         let spec = &self.tissue;
         if spec.model != TissueModel::MassSpring {
-            return match spec.cylinder {
-                None => Ok(None),
-                Some(_) => {
-                    let found = "`cylinder` of a model of elements";
-                    Err(self.wrong_keys("tissue.cylinder", found, "`model = \"mass-spring\"`"))
-                }
-            };
-        }
-        let of_mesh = ["mesh", "region_array", "nodes", "along_path", "box_mm", "fix"];
-        if let Some(key) = stated(spec, &OF_REMESHING).or_else(|| stated(spec, &of_mesh)) {
-            let found = format!("`{key}` of a mass-spring model");
-            return Err(self.wrong_keys(format!("tissue.{key}"), found, "`model = \"finite-element\"`"));
+            return Ok(None);
         }
         if self.contact_probe.is_some() {
             let found = "a probe in contact with a mass-spring model, which does not support it";

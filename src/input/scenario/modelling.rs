@@ -26,6 +26,7 @@ impl ScenarioFile {
     /// Tissue model settings, checked against each other, with defaults for those not stated.
     pub(crate) fn modelling(&self) -> Result<Modelling, InputError> {
         let spec = &self.tissue;
+        self.of_kind("tissue", spec, spec.model)?;
         let level = spec.level.unwrap_or_default();
         let is_on_gpu = self.is_on_gpu();
         let usual = if is_on_gpu {

@@ -6,7 +6,7 @@ use super::file::ScenarioFile;
 use super::instruments::{NeedleModel, NeedleTable};
 use super::plan::{Deposit, Guide};
 use insonify_base::bending::BendingConstraint;
-use insonify_base::document::{InputError, stated};
+use insonify_base::document::InputError;
 use insonify_imaging::scene::{NeedleFrame, NeedleKeyframe, NeedleMotionSpec, NeedleTable as SceneNeedle};
 use insonify_mechanics::needle::{self, Bevel, Shaft, beam::bending_stiffness_nmm2};
 use insonify_tracking::needle::{DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM};
@@ -97,34 +97,7 @@ impl ScenarioFile {
         let table = self.needle_table()?;
         self.in_ranges("needle", table)?;
         self.in_ranges("needle.bending", table.bending.as_ref())?;
-        let (springs, beam) = (NeedleModel::Springs, NeedleModel::Beam);
-        let of_models: [(&str, &[NeedleModel], &str); 5] = [
-            ("kappa_nmm_per_deg", &[springs], "`model = \"springs\"`"),
-            (
-                "bending_stiffness_nmm2",
-                &[springs, beam],
-                "`model = \"springs\"` or `model = \"beam\"`",
-            ),
-            ("link_mm", &[springs], "`model = \"springs\"`"),
-            ("element_mm", &[beam], "`model = \"beam\"`"),
-            ("young_gpa", &[beam], "`model = \"beam\"`"),
-        ];
-        let idle = of_models
-            .into_iter()
-            .find(|(key, models, _)| !models.contains(&table.model) && stated(table, &[key]).is_some());
-        if let Some((key, _, expected)) = idle {
-            let found = format!("`{key}` of a needle that has no use for it");
-            return Err(self.wrong_keys(format!("needle.{key}"), found, expected));
-        }
-        if table.bevel.is_some() && table.model == NeedleModel::Constrained {
-            let found = "`bevel` of a needle whose bending is constrained";
-            let expected = "`model = \"rigid\"`, `model = \"springs\"` or `model = \"beam\"`";
-            return Err(self.wrong_keys("needle.bevel", found, expected));
-        }
-        if table.bending.is_some() && table.model != NeedleModel::Constrained {
-            let found = "`bending` of a needle that is not constrained";
-            return Err(self.wrong_keys("needle.bending", found, "`model = \"constrained\"`"));
-        }
+        self.of_kind("needle", table, table.model)?;
         let usual = match table.model {
             NeedleModel::Springs | NeedleModel::Beam => SPRINGS_MM,
             _ => [DEFAULT_LENGTH_MM, DEFAULT_DIAMETER_MM],

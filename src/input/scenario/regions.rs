@@ -4,14 +4,15 @@ use insonify_anatomy::acoustics::RIGID_KPA;
 use std::collections::BTreeMap;
 
 use super::file::ScenarioFile;
-use super::tissue::MaterialSpec;
+use super::tissue::{MaterialSpec, TissueModel};
+use crate::input::law::LawKeys;
 use insonify_anatomy::acoustics::Tissue;
 use insonify_anatomy::volume::LabelVolume;
 use insonify_base::document::{InputError, Names, RegionName};
 use insonify_imaging::scene::{Body, Scene};
 use insonify_mechanics::insertion::{Bone, Interaction};
+use insonify_mechanics::tissue::law::AnyLaw;
 use insonify_mechanics::tissue::material::Material;
-use insonify_mechanics::tissue::nonlinear::Stiffening;
 
 /// Default bone contact, felt as a stop: the force grows to 20 N within 0.5 mm and stays there, more than haptic devices render.
 const BONE: Bone = Bone {
@@ -31,8 +32,8 @@ pub(crate) struct Regions<'a> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Region {
     pub material: Material,
-    /// The material with its stiffening.
-    pub law: Stiffening,
+    /// The law of the material, which at small strain is `material`.
+    pub law: AnyLaw,
     pub interaction: Interaction,
     pub rigid: bool,
 }
@@ -121,11 +122,14 @@ impl<'a> Regions<'a> {
         self.file.in_ranges(table, spec)
     }
 
-    fn law(&self, table: &str, spec: &MaterialSpec, material: Material) -> Result<Stiffening, InputError> {
-        let (Some(knee), Some(rate)) = (spec.knee_strain, spec.stiffening) else {
-            return Ok(Stiffening::linear(material));
+    fn law(&self, table: &str, spec: &MaterialSpec, material: Material) -> Result<AnyLaw, InputError> {
+        let keys = LawKeys {
+            law: spec.law.as_ref(),
+            knee_strain: spec.knee_strain,
+            stiffening: spec.stiffening,
         };
-        Stiffening::new(material, knee, rate).map_err(|error| self.file.fault(format!("{table}.{}", error.key), error))
+        let law = keys.law(material, self.file.tissue.model == TissueModel::Viscoelastic);
+        law.map_err(|error| self.file.fault(format!("{table}.{}", error.key), error))
     }
 
     fn region(&self, region: i32, spec: Option<(usize, &MaterialSpec)>) -> Result<Region, InputError> {

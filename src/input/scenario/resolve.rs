@@ -24,8 +24,8 @@ use insonify_imaging::scene::Scene;
 use insonify_mechanics::insertion::nonlinear::Plane;
 use insonify_mechanics::insertion::spring::Parameters;
 use insonify_mechanics::insertion::{Anatomy, Input, Instruments, Interaction, MeshRegions, Recording, Saved};
+use insonify_mechanics::tissue::law::AnyLaw;
 use insonify_mechanics::tissue::material::Material;
-use insonify_mechanics::tissue::nonlinear::Stiffening;
 use insonify_mechanics::tissue::remesh::Level;
 use insonify_mesh::TetMesh;
 use insonify_tracking::needle::NeedlePath;
@@ -257,7 +257,7 @@ impl Scenario {
 struct ResolvedTissue {
     mesh: Arc<TetMesh>,
     cylinder: Option<Parameters>,
-    laws: Vec<Stiffening>,
+    laws: Vec<AnyLaw>,
     materials: Vec<Material>,
     fixed: Vec<(u32, u8)>,
     interactions: Vec<(i32, Interaction)>,

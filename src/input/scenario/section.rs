@@ -10,7 +10,8 @@ use super::resolve::Scenario;
 use super::stiffened::Stiffened;
 use insonify_base::document::InputError;
 use insonify_mechanics::insertion::nonlinear::{Options, Plane};
-use insonify_mechanics::tissue::nonlinear::{Sheet, Stiffening};
+use insonify_mechanics::tissue::law::AnyLaw;
+use insonify_mechanics::tissue::nonlinear::Sheet;
 use insonify_mesh::TetMesh;
 use insonify_mesh::outline::{Triangles, triangulate};
 
@@ -68,7 +69,7 @@ impl Scenario {
         present.sort_unstable();
         present.dedup();
         let made_of = regions.made_of(&present)?;
-        let laws: Vec<Stiffening> = made.regions.iter().map(|region| made_of[region].law).collect();
+        let laws: Vec<AnyLaw> = made.regions.iter().map(|region| made_of[region].law).collect();
         let (mut notes, mut warnings) = (Vec::new(), Vec::new());
         let held = self.file.fixed(&slab, &regions, &made_of, &mut notes, &mut warnings)?;
         let sheet = Sheet::plane_strain(made.nodes, made.triangles, &laws, thickness_mm);

@@ -5,14 +5,15 @@ use nalgebra::{Point3, Unit, Vector3};
 use super::file::ScenarioFile;
 use super::instruments::NeedleModel;
 use super::needle::NeedleSettings;
-use super::tissue::{OF_REMESHING, TissueModel};
+use super::tissue::TissueModel;
 use crate::input::statics::SchemeName;
-use insonify_base::document::{InputError, stated};
+use insonify_base::document::InputError;
 use insonify_base::range::parameters;
 use insonify_mechanics::insertion::nonlinear::{Options, Viscosity, in_body, obstacle};
 use insonify_mechanics::insertion::{Anatomy, InvalidSetup};
+use insonify_mechanics::tissue::law::AnyLaw;
 use insonify_mechanics::tissue::nonlinear::creep::Memory;
-use insonify_mechanics::tissue::nonlinear::{Options as SolverOptions, Scheme, Solid, Stiffening};
+use insonify_mechanics::tissue::nonlinear::{Options as SolverOptions, Scheme, Solid};
 use insonify_mesh::TetMesh;
 use insonify_tracking::trajectory::{Key, Trajectory};
 
@@ -52,7 +53,7 @@ parameters! {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stiffened {
     /// Constitutive law of each element.
-    pub laws: Vec<Stiffening>,
+    pub laws: Vec<AnyLaw>,
     /// Viscosity of a viscoelastic model.
     pub viscosity: Option<Viscosity>,
     /// Whether the stress of viscous tissue is followed.
@@ -70,39 +71,9 @@ impl ScenarioFile {
     /// Returns the viscosity and solver options of stiffening tissue; unsupported features are refused.
     pub(crate) fn stiffening(&self) -> Result<Option<(Option<Viscosity>, Options)>, InputError> {
         let spec = &self.tissue;
-        let refuse = |key: String, found: String, expected: &str| Err(self.wrong_keys(key, found, expected));
         let (stiffens, creeps) = (stiffens(spec.model), spec.model == TissueModel::Viscoelastic);
-        let expected = "`model = \"nonlinear\"` or `\"viscoelastic\"`";
-        if spec.solver.is_some() && !stiffens {
-            return refuse("tissue.solver".into(), "`solver` of a linear model".into(), expected);
-        }
-        if spec.viscosity.is_some() && !creeps {
-            let found = "`viscosity` of a model without memory".into();
-            return refuse("tissue.viscosity".into(), found, "`model = \"viscoelastic\"`");
-        }
         for (at, material) in spec.material.iter().enumerate() {
-            let table = format!("tissue.material[{at}]");
-            let [knee, rate] = [
-                ("knee_strain", material.knee_strain),
-                ("stiffening", material.stiffening),
-            ];
-            for ((key, given), (other, beside)) in [(knee, rate), (rate, knee)] {
-                if given.is_some() && !stiffens {
-                    return refuse(format!("{table}.{key}"), format!("`{key}` of a linear model"), expected);
-                }
-                if given.is_some() && beside.is_none() {
-                    let found = format!("`{key}` without `{other}`");
-                    return refuse(
-                        format!("{table}.{key}"),
-                        found,
-                        "both, or neither for tissue that does not stiffen",
-                    );
-                }
-            }
-            if stiffens && material.peak.is_some() {
-                let found = "`peak` of nonlinear tissue, which does not support it".to_owned();
-                return refuse(format!("{table}.peak"), found, "`model = \"finite-element\"`");
-            }
+            self.of_kind(&format!("tissue.material[{at}]"), material, spec.model)?;
         }
         if !stiffens {
             return Ok(None);
@@ -114,12 +85,8 @@ impl ScenarioFile {
         Ok(Some((creeps.then_some(Viscosity { order, memory }), self.steps())))
     }
 
-    /// Refuses keys that belong to other models.
+    /// Refuses instruments that nonlinear tissue does not support.
     fn no_others(&self) -> Result<(), InputError> {
-        if let Some(key) = stated(&self.tissue, &OF_REMESHING) {
-            let found = format!("`{key}` of nonlinear tissue, whose mesh does not change");
-            return Err(self.wrong_keys(format!("tissue.{key}"), found, "`model = \"finite-element\"`"));
-        }
         if self.contact_probe.is_some() {
             let found = "a probe in contact with nonlinear tissue, which does not support it";
             return Err(self.wrong_keys("contact_probe", found, "`tissue.model = \"finite-element\"`"));
@@ -158,7 +125,7 @@ impl ScenarioFile {
         path: &Trajectory,
         needle: &NeedleSettings,
         mesh: &TetMesh,
-        laws: &[Stiffening],
+        laws: &[AnyLaw],
         anatomy: &dyn Anatomy,
     ) -> Result<(), InputError> {
         let body = Solid::tetrahedra(mesh, laws).map_err(|error| self.fault("tissue", InvalidSetup::Solver(error)))?;

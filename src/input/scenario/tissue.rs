@@ -7,10 +7,11 @@ use serde::{Deserialize, Serialize};
 
 use super::stiffened::{StepSolverSpec, TissueViscositySpec};
 use crate::input::statics::selection::CylinderChoice;
-use insonify_base::document::RegionName;
-use insonify_base::range::parameters;
+use insonify_base::document::{RegionName, word};
+use insonify_base::range::{Kind, parameters};
 use insonify_mechanics::insertion::spring::Parameters;
 use insonify_mechanics::insertion::{Bone, Interaction, Peak};
+use insonify_mechanics::tissue::law::LawSpec;
 use insonify_mechanics::tissue::remesh::{Level, Precision};
 use insonify_mesh::file::Unit;
 
@@ -19,53 +20,50 @@ pub const DEFAULT_NODES: u32 = 3300;
 
 parameters! {
     /// Model of tissue deformation.
-    pub struct TissueSpec {
+    pub struct TissueSpec by TissueModel in model {
         /// Tissue model. Default `finite-element`.
         model: TissueModel;
         /// Tetrahedral mesh (`.vtu`, `.vtk`, `.msh`; LPS). Its regions are label values of the scene's volume, or have a
         /// `[[tissue.material]]` each. Default: one made from the scene's volume.
-        mesh: Option<PathBuf>;
+        mesh: Option<PathBuf>, for FiniteElement | Nonlinear | Viscoelastic;
         /// Length unit of the coordinates in `mesh`: `mm`, `cm` or `m`. Default `mm`.
         mesh_unit: Unit;
         /// Name of the cell array (or physical groups) of `mesh` that numbers the regions. Default: the first of the
         /// common names.
-        region_array: Option<String>;
+        region_array: Option<String>, for FiniteElement | Nonlinear | Viscoelastic;
         /// Maximum number of nodes of a mesh made from the scene's volume. Default 3300.
-        nodes: Option<u32>, in 8..=1000000 "nodes";
+        nodes: Option<u32>, for FiniteElement | Nonlinear | Viscoelastic, in 8..=1000000 "nodes";
         /// Part of the volume that is meshed, as two opposite corners, mm; `inf` leaves a side open. Default: all of it.
-        box_mm: Option<[[f64; 3]; 2]>;
+        box_mm: Option<[[f64; 3]; 2]>, for FiniteElement | Nonlinear | Viscoelastic;
         /// Whether the elements of a mesh made from the scene's volume are finer along the needle's path. Default: true
         /// for `finite-element`, false for the other models.
-        along_path: Option<bool>;
+        along_path: Option<bool>, for FiniteElement | Nonlinear | Viscoelastic;
         /// Labels excluded from the mesh, such as gel or air: names or values.
         outside: Vec<RegionName>;
-        /// Which part of the compliance is updated after each change of the mesh (finite elements). Default `exact`.
-        level: Option<Level>;
+        /// Which part of the compliance is updated after each change of the mesh. Default `exact`.
+        level: Option<Level>, for FiniteElement;
         /// Device that stores and updates a dense inverse, at levels I to IV. Default `cpu`.
-        device: Option<DeviceName>;
+        device: Option<DeviceName>, for FiniteElement;
         /// Precision of a dense inverse. Default `f64`, on a GPU `f32`, the only one supported there; the exact level always
         /// uses `f64`.
-        precision: Option<Precision>;
+        precision: Option<Precision>, for FiniteElement;
         /// Source of the compliance. Default `on-demand` for the exact level, `dense` for all others.
-        columns: Option<ColumnsName>;
-        /// Minimum distance between nodes on the needle (finite elements): a node of the mesh is moved to the tip when the tip has left all
+        columns: Option<ColumnsName>, for FiniteElement;
+        /// Minimum distance between nodes on the needle: a node of the mesh is moved to the tip when the tip has left all
         /// elements around the last such node and is at least this far from it. Default 1.
-        contact_spacing_mm: Option<f64>, in 0.1..=100 "mm";
-        /// Cylinder of a mass-spring model.
-        cylinder: Option<Parameters>;
-        /// Solver for the steps of a nonlinear or viscoelastic model.
-        solver: Option<StepSolverSpec>;
-        /// Viscosity of a viscoelastic model.
-        viscosity: Option<TissueViscositySpec>;
+        contact_spacing_mm: Option<f64>, for FiniteElement, in 0.1..=100 "mm";
+        /// Cylinder of masses and springs.
+        cylinder: Option<Parameters>, for MassSpring;
+        /// Solver for the steps.
+        solver: Option<StepSolverSpec>, for Nonlinear | Viscoelastic;
+        /// Viscosity.
+        viscosity: Option<TissueViscositySpec>, for Viscoelastic;
         /// Materials of regions, where they differ from the scene's tissues.
         material: Vec<MaterialSpec>;
         /// Fixed nodes.
-        fix: Vec<FixSpec>;
+        fix: Vec<FixSpec>, for FiniteElement | Nonlinear | Viscoelastic;
     }
 }
-
-/// Keys of `[tissue]` that only finite elements remeshed at the tip have.
-pub const OF_REMESHING: [&str; 5] = ["level", "device", "precision", "columns", "contact_spacing_mm"];
 
 /// Tissue model.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -81,6 +79,12 @@ pub enum TissueModel {
     Nonlinear,
     /// Finite elements as in `nonlinear`, with viscosity of fractional order.
     Viscoelastic,
+}
+
+impl Kind for TissueModel {
+    fn stated_as(self) -> String {
+        format!("`model = {}`", word(&self))
+    }
 }
 
 /// Device for the dense inverse.
@@ -106,7 +110,7 @@ pub enum ColumnsName {
 
 parameters! {
     /// Material of a region. Keys left open are taken from the scene's tissue of that label.
-    pub struct MaterialSpec {
+    pub struct MaterialSpec by TissueModel {
         /// Region: its name, a part of its name, or its number. Without one, the table applies to all regions without their own
         /// table.
         region: Option<RegionName>;
@@ -116,11 +120,14 @@ parameters! {
         shear_kpa: Option<f64>, above 0 "kPa";
         /// Poisson's ratio nu.
         poisson: Option<f64>, above -1..0.5;
-        /// Nonlinear and viscoelastic models: relative strain above which the tissue stiffens (0 or more). Default: no stiffening. In
+        /// Law of the tissue, whose moduli at small strain are those above: `linear`, `knee` (which `knee_strain` and `stiffening` state too),
+        /// `neo-hookean` or `ogden`, for example `{ kind = "ogden", alpha = -5 }`. Viscosity needs one of the first two. Default `linear`.
+        law: Option<LawSpec>, for Nonlinear | Viscoelastic;
+        /// Relative strain above which the tissue stiffens (0 or more). Default: no stiffening. In
         /// simple shear the relative strain is 0.866 of the shear.
-        knee_strain: Option<f64>;
+        knee_strain: Option<f64>, for Nonlinear | Viscoelastic;
         /// With `knee_strain`: stiffening coefficient, a in E (1 + a (e - knee)^2).
-        stiffening: Option<f64>, in 0;
+        stiffening: Option<f64>, for Nonlinear | Viscoelastic, in 0;
         /// Sliding friction of the shaft, per length of shaft.
         friction_n_per_mm: Option<f64>, in 0 "N/mm";
         /// Ratio of static to sliding friction. Default 1.
@@ -130,7 +137,7 @@ parameters! {
         /// Puncture force at the surface of this tissue. Default 0: none beyond `cutting_n`.
         puncture_n: Option<f64>, in 0 "N";
         /// Different friction along the shaft near the advancing tip. Default: none.
-        peak: Option<Peak>;
+        peak: Option<Peak>, for FiniteElement | MassSpring;
         /// Stops the needle, as bone does. Default: only where the region is rigid.
         bone: Option<Bone>;
         /// Whether the needle must avoid the region, as a large vessel: entering it raises an event and a warning.

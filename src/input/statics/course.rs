@@ -4,8 +4,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::file::ProblemFile;
-use insonify_base::document::{InputError, InvalidFile};
-use insonify_base::range::parameters;
+use insonify_base::document::{InputError, InvalidFile, word};
+use insonify_base::range::{Kind, parameters};
 use insonify_mechanics::tissue::nonlinear::creep::Memory;
 use insonify_mechanics::tissue::nonlinear::{Options, Scheme, Slope};
 use insonify_mechanics::tissue::viscoelastic::point::Method;
@@ -25,6 +25,12 @@ pub enum Model {
     Nonlinear,
     /// Stiffening as in `nonlinear`, with viscosity of fractional order.
     Viscoelastic,
+}
+
+impl Kind for Model {
+    fn stated_as(self) -> String {
+        format!("`model = {}`", word(&self))
+    }
 }
 
 parameters! {

@@ -10,6 +10,7 @@ use super::course::{HistorySpec, Model, SolverSpec, ViscositySpec};
 use super::selection::CylinderChoice;
 use insonify_base::document::{self, RegionName, Source, Version};
 use insonify_base::range::parameters;
+use insonify_mechanics::tissue::law::LawSpec;
 use insonify_mesh::file::Unit;
 
 /// A static problem. Nodes are numbered from 0 in the order of the mesh file.
@@ -63,7 +64,7 @@ document::input_file!(ProblemFile, in_ranges);
 parameters! {
     /// Material of a region, or of all regions without their own.
     #[derive(Default)]
-    pub struct MaterialSpec with required keys {
+    pub struct MaterialSpec with required keys by Model {
         /// Region: its name, a part of its name, or its number. Without one the material applies to all other regions.
         region: Option<RegionName>;
         /// Young's modulus. Required unless `shear_kpa` is given.
@@ -72,11 +73,13 @@ parameters! {
         shear_kpa: Option<f64>, above 0 "kPa";
         /// Poisson's ratio.
         poisson: f64, above -1..0.5;
-        /// Relative strain (0 or more) above which the tissue stiffens, for nonlinear and viscoelastic tissue; sqrt(3)/2 times a knee in
-        /// simple shear. Default: no stiffening.
-        knee_strain: Option<f64>;
+        /// Law of the tissue, whose moduli at small strain are those above: `linear`, `knee` (which `knee_strain` and `stiffening` state too),
+        /// `neo-hookean` or `ogden`, for example `{ kind = "ogden", alpha = -5 }`. Viscosity needs one of the first two. Default `linear`.
+        law: Option<LawSpec>, for Nonlinear | Viscoelastic;
+        /// Relative strain (0 or more) above which the tissue stiffens; sqrt(3)/2 times a knee in simple shear. Default: no stiffening.
+        knee_strain: Option<f64>, for Nonlinear | Viscoelastic;
         /// Stiffening coefficient: a in E (1 + a (strain - knee_strain)^2).
-        stiffening: Option<f64>, in 0;
+        stiffening: Option<f64>, for Nonlinear | Viscoelastic, in 0;
         /// Density: about 1050 for soft tissue. Required with `gravity_m_per_s2`.
         density_kg_per_m3: Option<f64>, above 0..=1e6 "kg/m^3";
     }

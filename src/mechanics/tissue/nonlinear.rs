@@ -22,7 +22,7 @@ mod anderson;
 mod body;
 pub mod creep;
 mod gmres;
-mod law;
+mod invariants;
 mod predictor;
 mod refactorisation;
 mod simplex;
@@ -30,8 +30,9 @@ mod solver;
 mod tangent;
 
 pub use crate::tissue::dofs::NONE;
+pub use crate::tissue::law::Stiffening;
 pub use body::{Body, Sheet, Solid};
-pub use law::{Stiffening, relative_strain, von_mises};
+pub use invariants::{relative_strain, von_mises};
 pub use solver::{Contact, Options, Progress, Scheme, Slope, Solver, Target};
 
 use crate::tissue::element::DegenerateElement;
@@ -132,6 +133,11 @@ pub enum NonlinearError {
     /// The body is already strained.
     #[error("the body is displaced; a history starts at rest")]
     Displaced,
+    /// A law that is not a secant modulus times linear elasticity.
+    #[error(
+        "a law without a secant modulus in tissue with memory; expected linear tissue, or one that stiffens above a knee strain"
+    )]
+    NoSecant,
 }
 
 impl Cause for NonlinearError {

@@ -13,7 +13,7 @@ use insonify_imaging::effects::Effects;
 use insonify_imaging::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
 use insonify_imaging::synth::tables::Settings;
 use insonify_imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
-use insonify_tracking::probe::{BeamGrid, ImageGrid, Probe, ProbeShape};
+use insonify_tracking::probe::{BeamGrid, Curvilinear, ImageGrid, Linear, Phased, Probe, ProbeShape};
 
 /// Size of a window in scanlines and samples.
 pub(super) const WINDOW: [usize; 2] = [48, 40];
@@ -56,9 +56,9 @@ impl<'a> Bench<'a> {
         let (probe_shape, depth, across, origin) = match outline.shape {
             Shape::Rectangle { columns, rows } => {
                 let width = columns[1] - columns[0];
-                let shape = ProbeShape::Linear {
+                let shape = ProbeShape::Linear(Linear {
                     width_mm: rounded(width * mm),
-                };
+                });
                 (
                     shape,
                     rows[1] - rows[0],
@@ -72,8 +72,8 @@ impl<'a> Bench<'a> {
                 // A phased array fans out from a point and shows no array surface.
                 let phased = !outline.seen[0] && radii[0] < PHASED * radii[1];
                 let (shape, start) = match phased {
-                    true => (ProbeShape::Phased { angle_deg }, 0.0),
-                    false => (ProbeShape::Curvilinear { radius_mm, angle_deg }, radii[0]),
+                    true => (ProbeShape::Phased(Phased { angle_deg }), 0.0),
+                    false => (ProbeShape::Curvilinear(Curvilinear { radius_mm, angle_deg }), radii[0]),
                 };
                 (
                     shape,

@@ -9,7 +9,7 @@ use crate::realism::texture::{Patch, Texture, Window};
 use insonify_anatomy::phantom::Phantom;
 use insonify_base::statistics::{median, std};
 use insonify_imaging::scene::{ImageSpec, SceneFile, VolumeSpec};
-use insonify_tracking::probe::{ProbeKind, ProbeSpec};
+use insonify_tracking::probe::ProbeSpec;
 
 /// Scatter of the windows' standard deviation above which they hold more than one tissue or no speckle; in fully developed speckle it is
 /// 0.06.
@@ -60,10 +60,10 @@ impl Bench<'_> {
         };
         let probe = ProbeSpec::from(self.probe);
         let shape = [
-            ("probe.width_mm", "mm", probe.width_mm),
-            ("probe.radius_mm", "mm", probe.radius_mm),
-            ("probe.angle_deg", "degrees", probe.angle_deg),
-            ("probe.depth_mm", "mm", probe.depth_mm),
+            ("probe.width_mm", "mm", probe.number("width_mm")),
+            ("probe.radius_mm", "mm", probe.number("radius_mm")),
+            ("probe.angle_deg", "degrees", probe.number("angle_deg")),
+            ("probe.depth_mm", "mm", probe.sampling.depth_mm),
         ];
         let mut figures: Vec<Figure> = shape
             .into_iter()
@@ -218,7 +218,7 @@ impl Bench<'_> {
                 ROUNDS + 1
             ));
         }
-        if self.probe.shape.kind() == ProbeKind::Phased && real.depths.len() < 2 {
+        if self.probe.shape.kind().shared_aperture_mm().is_some() && real.depths.len() < 2 {
             notes.push("windows at one depth do not tell how a phased beam widens".to_owned());
         }
         notes

@@ -9,13 +9,13 @@ use insonify_imaging::effects::tone::Tone;
 use insonify_imaging::scene::SceneFile;
 use insonify_imaging::synth::tables::{Anatomy, Settings};
 use insonify_imaging::synth::{Backend, FrameState, Synthesizer};
-use insonify_tracking::probe::{Probe, ProbeShape};
+use insonify_tracking::probe::{Curvilinear, Linear, Phased, Probe, ProbeShape};
 
-const CURVED: ProbeShape = ProbeShape::Curvilinear {
+const CURVED: ProbeShape = ProbeShape::Curvilinear(Curvilinear {
     radius_mm: 60.0,
     angle_deg: 66.0,
-};
-const STRAIGHT: ProbeShape = ProbeShape::Linear { width_mm: 38.0 };
+});
+const STRAIGHT: ProbeShape = ProbeShape::Linear(Linear { width_mm: 38.0 });
 
 /// Settings that the match should recover.
 #[derive(Clone, Copy, Debug)]
@@ -154,7 +154,7 @@ fn errors(case: &Known, found: &Match) -> [f64; 4] {
 /// The frames have the default blur of their frequency and a default lateral length, as the match assumes.
 #[test]
 fn known_settings_are_found_again() {
-    let phased = ProbeShape::Phased { angle_deg: 84.0 };
+    let phased = ProbeShape::Phased(Phased { angle_deg: 84.0 });
     let straight = Known {
         shape: STRAIGHT,
         depth_mm: 50.0,
@@ -198,21 +198,22 @@ fn known_settings_are_found_again() {
             (
                 "radius_mm",
                 match case.shape {
-                    ProbeShape::Curvilinear { radius_mm, .. } => Some(radius_mm),
+                    ProbeShape::Curvilinear(Curvilinear { radius_mm, .. }) => Some(radius_mm),
                     _ => None,
                 },
             ),
             (
                 "angle_deg",
                 match case.shape {
-                    ProbeShape::Curvilinear { angle_deg, .. } | ProbeShape::Phased { angle_deg } => Some(angle_deg),
+                    ProbeShape::Curvilinear(Curvilinear { angle_deg, .. })
+                    | ProbeShape::Phased(Phased { angle_deg }) => Some(angle_deg),
                     _ => None,
                 },
             ),
             (
                 "width_mm",
                 match case.shape {
-                    ProbeShape::Linear { width_mm } => Some(width_mm),
+                    ProbeShape::Linear(Linear { width_mm }) => Some(width_mm),
                     _ => None,
                 },
             ),
@@ -301,7 +302,7 @@ fn clutter_and_noise_are_told_by_dark_tissue() {
     assert!(is_told(&noisy, "noise") && !is_told(&noisy, "clutter"), "{noisy}");
     // Compared where it is visible: before gain, it depends on the frequency chosen for the scene.
     let scene: SceneFile = toml::from_str(&noisy.scene).unwrap();
-    let compensation = 9.5 * scene.probe.unwrap().frequency_mhz.unwrap();
+    let compensation = 9.5 * scene.probe.unwrap().sampling.frequency_mhz.unwrap();
     near(
         "noise",
         value(&noisy, "noise_db") + compensation,

@@ -12,7 +12,7 @@ use insonify::input::scenario::clearance::Surroundings;
 use insonify_base::document::{Names, RegionName};
 use insonify_imaging::scene::Body;
 use insonify_tracking::pose::Pose;
-use insonify_tracking::probe::ProbeKind;
+use insonify_tracking::probe::Site;
 
 /// Step of the search for the skin, mm.
 const SKIN_MM: f64 = 0.25;
@@ -256,7 +256,7 @@ impl<'a> Entries<'a> {
 
     /// Whether a needle before the skin comes too near to the probe, taken for a block behind its array.
     fn meets_probe(&self, entry: &Point3<f64>, outward: &Vector3<f64>) -> bool {
-        if let ProbeKind::TrusTransverse | ProbeKind::TrusSagittal = self.scenario.scene.settings.probe.shape.kind() {
+        if self.scenario.scene.settings.probe.shape.kind().site() != Site::Skin {
             return false;
         }
         let half = array_end_mm(&self.scenario.scene) + PROBE_MM[0];

@@ -1,64 +1,23 @@
 //! Probe table of a scene file: flat, so that an unknown key is an error on its own line.
 
+use std::borrow::Cow;
 use std::fmt;
+use std::sync::LazyLock;
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema, schema_for};
+use serde::de::{self, MapAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde_json::{Map, Value, json};
 
-use super::{Probe, ProbeShape};
+use super::kind::Numbers;
+use super::{Probe, ProbeKind, ProbeShape};
 use crate::TrackingError;
-use insonify_base::range::parameters;
+use insonify_base::range::{Ranges, parameters};
 
 /// Default number of scanlines.
 pub(super) const DEFAULT_LINES: u32 = 256;
 /// Default number of samples along a scanline.
 pub(super) const DEFAULT_SAMPLES: u32 = 512;
-
-/// Kind of probe.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum ProbeKind {
-    /// Straight array, parallel scanlines; takes `width_mm`.
-    Linear,
-    /// Convex array; takes `radius_mm` and `angle_deg`.
-    Curvilinear,
-    /// Fan from one point; takes `angle_deg`.
-    Phased,
-    /// Transrectal ring around the probe's axis; takes `radius_mm` and `angle_deg`.
-    TrusTransverse,
-    /// Transrectal straight array along the probe's side; takes `length_mm`.
-    TrusSagittal,
-}
-
-impl ProbeKind {
-    /// A centre frequency common for the kind, MHz: low for deep abdominal and cardiac probes, high for surface and
-    /// transrectal ones.
-    pub fn usual_frequency_mhz(self) -> f64 {
-        match self {
-            Self::Linear => 9.0,
-            Self::Curvilinear => 3.5,
-            Self::Phased => 2.5,
-            Self::TrusTransverse | Self::TrusSagittal => 7.0,
-        }
-    }
-
-    /// Whether the probe images from inside the rectum.
-    pub fn is_transrectal(self) -> bool {
-        matches!(self, Self::TrusTransverse | Self::TrusSagittal)
-    }
-}
-
-impl fmt::Display for ProbeKind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Linear => "linear",
-            Self::Curvilinear => "curvilinear",
-            Self::Phased => "phased",
-            Self::TrusTransverse => "trus-transverse",
-            Self::TrusSagittal => "trus-sagittal",
-        })
-    }
-}
 
 /// Placement of the pixels of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -89,29 +48,28 @@ parameters! {
     }
 }
 
+/// A probe as written in a file: one table of the keys below and those of its kind. `Probe::try_from` validates it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct ProbeSpec {
+    /// Kind of probe. Required, unless the configuration of a tracked sequence states it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub kind: Option<ProbeKind>,
+    /// Numbers of the kind's own keys.
+    #[serde(flatten, serialize_with = "as_map")]
+    pub shape: Numbers,
+    /// Keys of every kind.
+    #[serde(flatten)]
+    pub sampling: Sampling,
+}
+
 parameters! {
-    /// A probe as written in a file; `Probe::try_from` validates it.
+    /// Keys of every kind of probe.
     #[derive(Copy)]
-    pub struct ProbeSpec {
-        /// Shape of the field of view. Required, unless the configuration of a tracked sequence states it.
-        #[serde(skip_serializing_if = "Option::is_none")]
-        kind: Option<ProbeKind>;
-        /// Linear only: length of the array, mm.
-        #[serde(skip_serializing_if = "Option::is_none")]
-        width_mm: Option<f64>, in 1..=300;
-        /// Curvilinear, and trus-transverse (at most 50): radius of the array, mm.
-        #[serde(skip_serializing_if = "Option::is_none")]
-        radius_mm: Option<f64>, in 2..=200;
-        /// Curvilinear (at most 180), phased (at most 120) and trus-transverse: field of view, degrees.
-        #[serde(skip_serializing_if = "Option::is_none")]
-        angle_deg: Option<f64>, in 1..=270;
-        /// Trus-sagittal only: length of the array, mm.
-        #[serde(skip_serializing_if = "Option::is_none")]
-        length_mm: Option<f64>, in 1..=300;
+    pub struct Sampling {
         /// Length of every scanline, mm. Required, unless the configuration of a tracked sequence states it.
         #[serde(skip_serializing_if = "Option::is_none")]
         depth_mm: Option<f64>, in 0.1..=1000;
-        /// Centre frequency, MHz. Default: linear 9, curvilinear 3.5, phased 2.5, transrectal 7.
+        /// Centre frequency, MHz. Default: that of the kind.
         #[serde(skip_serializing_if = "Option::is_none")]
         frequency_mhz: Option<f64>, in 0.1..=100;
         /// Number of scanlines. Default 256.
@@ -123,7 +81,36 @@ parameters! {
     }
 }
 
+/// Keys of all kinds, and those of every kind, in the order of a table.
+fn keys() -> &'static [&'static str] {
+    static KEYS: LazyLock<Vec<&'static str>> = LazyLock::new(|| {
+        let mut keys = vec!["kind"];
+        for key in ProbeKind::ALL.iter().flat_map(|kind| kind.keys()) {
+            if !keys.contains(&key) {
+                keys.push(key);
+            }
+        }
+        keys.extend(Sampling::RANGES.iter().map(|range| range.key));
+        keys
+    });
+    &KEYS
+}
+
 impl ProbeSpec {
+    /// A number of the kind's own table, if it is stated.
+    pub fn number(&self, key: &str) -> Option<f64> {
+        let number = self.shape.iter().find(|(name, _)| *name == key);
+        number.map(|(_, value)| *value)
+    }
+
+    /// Sets a number of the kind's own table.
+    pub(crate) fn set(&mut self, key: &'static str, value: Option<f64>) {
+        self.shape.retain(|(name, _)| *name != key);
+        self.shape.extend(value.map(|value| (key, value)));
+        self.shape
+            .sort_by_key(|(name, _)| keys().iter().position(|key| key == name));
+    }
+
     /// Returns this table with open keys taken from another table, and those keys with their values.
     pub fn filled_from(mut self, other: &Self) -> (Self, Vec<String>) {
         fn fill<T: Copy + fmt::Display>(key: &str, open: &mut Option<T>, from: Option<T>, taken: &mut Vec<String>) {
@@ -134,66 +121,33 @@ impl ProbeSpec {
         }
         let mut taken = Vec::new();
         fill("kind", &mut self.kind, other.kind, &mut taken);
-        fill("width_mm", &mut self.width_mm, other.width_mm, &mut taken);
-        fill("radius_mm", &mut self.radius_mm, other.radius_mm, &mut taken);
-        fill("angle_deg", &mut self.angle_deg, other.angle_deg, &mut taken);
-        fill("depth_mm", &mut self.depth_mm, other.depth_mm, &mut taken);
-        fill("lines", &mut self.lines, other.lines, &mut taken);
+        for &(key, value) in &other.shape {
+            if self.number(key).is_none() {
+                taken.push(format!("{key} = {value}"));
+                self.set(key, Some(value));
+            }
+        }
+        fill(
+            "depth_mm",
+            &mut self.sampling.depth_mm,
+            other.sampling.depth_mm,
+            &mut taken,
+        );
+        fill("lines", &mut self.sampling.lines, other.sampling.lines, &mut taken);
         (self, taken)
     }
 
     fn shape(&self, kind: ProbeKind) -> Result<ProbeShape, TrackingError> {
-        let needed = |key, value: Option<f64>| value.ok_or_else(|| missing(key, kind));
-        let shape = match kind {
-            ProbeKind::Linear => ProbeShape::Linear {
-                width_mm: needed("width_mm", self.width_mm)?,
-            },
-            ProbeKind::Curvilinear => ProbeShape::Curvilinear {
-                radius_mm: needed("radius_mm", self.radius_mm)?,
-                angle_deg: needed("angle_deg", self.angle_deg)?,
-            },
-            ProbeKind::Phased => ProbeShape::Phased {
-                angle_deg: needed("angle_deg", self.angle_deg)?,
-            },
-            ProbeKind::TrusTransverse => ProbeShape::TrusTransverse {
-                radius_mm: needed("radius_mm", self.radius_mm)?,
-                angle_deg: needed("angle_deg", self.angle_deg)?,
-            },
-            ProbeKind::TrusSagittal => ProbeShape::TrusSagittal {
-                length_mm: needed("length_mm", self.length_mm)?,
-            },
-        };
-        let used = Self::of_shape(&shape);
-        let given = [
-            ("width_mm", self.width_mm, used.width_mm),
-            ("radius_mm", self.radius_mm, used.radius_mm),
-            ("angle_deg", self.angle_deg, used.angle_deg),
-            ("length_mm", self.length_mm, used.length_mm),
-        ];
-        match given.iter().find(|(_, given, used)| given.is_some() && used.is_none()) {
-            Some(&(key, ..)) => {
-                let text = format!("probe key `{key}` has no meaning for a {kind} probe; remove it");
-                Err(TrackingError::at(key, text))
-            }
-            None => Ok(shape),
+        let keys = kind.keys();
+        if let Some(key) = keys.iter().find(|key| self.number(key).is_none()) {
+            return Err(missing(key, kind));
         }
-    }
-
-    fn of_shape(shape: &ProbeShape) -> Self {
-        let mut spec = Self {
-            kind: Some(shape.kind()),
-            ..Self::default()
-        };
-        match *shape {
-            ProbeShape::Linear { width_mm } => spec.width_mm = Some(width_mm),
-            ProbeShape::Curvilinear { radius_mm, angle_deg } | ProbeShape::TrusTransverse { radius_mm, angle_deg } => {
-                spec.radius_mm = Some(radius_mm);
-                spec.angle_deg = Some(angle_deg);
-            }
-            ProbeShape::Phased { angle_deg } => spec.angle_deg = Some(angle_deg),
-            ProbeShape::TrusSagittal { length_mm } => spec.length_mm = Some(length_mm),
+        if let Some((key, _)) = self.shape.iter().find(|(key, _)| !keys.contains(key)) {
+            let text = format!("probe key `{key}` has no meaning for a {kind} probe; remove it");
+            return Err(TrackingError::at(key, text));
         }
-        spec
+        let shape = (kind.facts().read)(&self.shape);
+        shape.map_err(|error| TrackingError::new(format!("probe: {error}")))
     }
 }
 
@@ -206,15 +160,23 @@ impl TryFrom<ProbeSpec> for Probe {
 
     fn try_from(spec: ProbeSpec) -> Result<Self, TrackingError> {
         let kind = spec.kind.ok_or_else(|| {
-            let expected = "expected linear, curvilinear, phased, trus-transverse or trus-sagittal";
-            TrackingError::at("kind", format!("probe key `kind` is missing; {expected}"))
+            let names: Vec<&str> = ProbeKind::ALL.iter().map(|kind| kind.name()).collect();
+            let (last, first) = names.split_last().expect("kinds");
+            let text = format!("probe key `kind` is missing; expected {} or {last}", first.join(", "));
+            TrackingError::at("kind", text)
         })?;
+        let Sampling {
+            depth_mm,
+            frequency_mhz,
+            lines,
+            samples,
+        } = spec.sampling;
         let probe = Self {
             shape: spec.shape(kind)?,
-            depth_mm: spec.depth_mm.ok_or_else(|| missing("depth_mm", kind))?,
-            frequency_mhz: spec.frequency_mhz.unwrap_or(kind.usual_frequency_mhz()),
-            lines: spec.lines.unwrap_or(DEFAULT_LINES),
-            samples: spec.samples.unwrap_or(DEFAULT_SAMPLES),
+            depth_mm: depth_mm.ok_or_else(|| missing("depth_mm", kind))?,
+            frequency_mhz: frequency_mhz.unwrap_or(kind.usual_frequency_mhz()),
+            lines: lines.unwrap_or(DEFAULT_LINES),
+            samples: samples.unwrap_or(DEFAULT_SAMPLES),
         };
         probe.validate()?;
         Ok(probe)
@@ -224,12 +186,157 @@ impl TryFrom<ProbeSpec> for Probe {
 impl From<Probe> for ProbeSpec {
     fn from(probe: Probe) -> Self {
         Self {
-            depth_mm: Some(probe.depth_mm),
-            frequency_mhz: Some(probe.frequency_mhz),
-            lines: Some(probe.lines),
-            samples: Some(probe.samples),
-            ..Self::of_shape(&probe.shape)
+            kind: Some(probe.shape.kind()),
+            shape: probe.shape.numbers(),
+            sampling: Sampling {
+                depth_mm: Some(probe.depth_mm),
+                frequency_mhz: Some(probe.frequency_mhz),
+                lines: Some(probe.lines),
+                samples: Some(probe.samples),
+            },
         }
+    }
+}
+
+fn as_map<S: Serializer>(numbers: &Numbers, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(numbers.iter().copied())
+}
+
+impl<'de> Deserialize<'de> for ProbeSpec {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_map(Table)
+    }
+}
+
+/// A key of the table.
+struct Key(&'static str);
+
+impl<'de> Deserialize<'de> for Key {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let name = String::deserialize(deserializer)?;
+        let key = keys().iter().find(|key| **key == name);
+        key.map(|key| Self(key))
+            .ok_or_else(|| de::Error::unknown_field(&name, keys()))
+    }
+}
+
+struct Table;
+
+impl<'de> Visitor<'de> for Table {
+    type Value = ProbeSpec;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a table of a probe")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut table: A) -> Result<ProbeSpec, A::Error> {
+        let mut spec = ProbeSpec::default();
+        let mut stated = Vec::new();
+        while let Some(Key(key)) = table.next_key()? {
+            if stated.contains(&key) {
+                return Err(de::Error::duplicate_field(key));
+            }
+            stated.push(key);
+            let sampling = &mut spec.sampling;
+            match key {
+                "kind" => spec.kind = table.next_value()?,
+                "depth_mm" => sampling.depth_mm = table.next_value()?,
+                "frequency_mhz" => sampling.frequency_mhz = table.next_value()?,
+                "lines" => sampling.lines = table.next_value()?,
+                "samples" => sampling.samples = table.next_value()?,
+                _ => spec.set(key, table.next_value()?),
+            }
+        }
+        Ok(spec)
+    }
+}
+
+impl Serialize for ProbeKind {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.name())
+    }
+}
+
+impl<'de> Deserialize<'de> for ProbeKind {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        static NAMES: LazyLock<Vec<&'static str>> =
+            LazyLock::new(|| ProbeKind::ALL.iter().map(|kind| kind.name()).collect());
+        let name = String::deserialize(deserializer)?;
+        let kind = Self::ALL.iter().find(|kind| kind.name() == name);
+        kind.copied().ok_or_else(|| de::Error::unknown_variant(&name, &NAMES))
+    }
+}
+
+impl fmt::Display for ProbeKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl JsonSchema for ProbeKind {
+    fn schema_name() -> Cow<'static, str> {
+        "ProbeKind".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        let variants = ProbeKind::ALL.iter().map(|kind| {
+            let (what, keys) = (kind.described().0, kind.keys().join("` and `"));
+            let description = format!(
+                "{what} Takes `{keys}`. Usual frequency: {} MHz.",
+                kind.usual_frequency_mhz()
+            );
+            json!({ "const": kind.name(), "type": "string", "description": description })
+        });
+        json_schema!({ "description": "Kind of probe.", "oneOf": variants.collect::<Vec<_>>() })
+    }
+}
+
+impl JsonSchema for ProbeSpec {
+    fn schema_name() -> Cow<'static, str> {
+        "ProbeSpec".into()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        let mut properties = Map::new();
+        properties.insert("kind".into(), generator.subschema_for::<Option<ProbeKind>>().to_value());
+        for kind in ProbeKind::ALL {
+            for (key, own) in kind.described().1 {
+                let text = own["description"].as_str().unwrap_or_default().replace("\n\n", " ");
+                let text = format!("{kind}: {text}");
+                let all = properties
+                    .entry(key)
+                    .or_insert_with(|| json!({ "type": ["number", "null"], "format": "double" }));
+                all["description"] = match all["description"].as_str() {
+                    Some(others) => format!("{others}\n{text}").into(),
+                    None => text.into(),
+                };
+                // The widest range of the kinds that have the key.
+                for (bound, wider) in [("minimum", f64::min as fn(f64, f64) -> f64), ("maximum", f64::max)] {
+                    if let Some(value) = own[bound].as_f64() {
+                        all[bound] = all[bound].as_f64().map_or(value, |other| wider(other, value)).into();
+                    }
+                }
+            }
+        }
+        let cases = ProbeKind::ALL.iter().map(|kind| {
+            let own = kind.described().1;
+            let then = properties.keys().filter(|key| *key != "kind");
+            let then = then.map(|key| (key.clone(), own.get(key).cloned().unwrap_or(Value::Bool(false))));
+            json!({
+                "if": { "properties": { "kind": { "const": kind.name() } }, "required": ["kind"] },
+                "then": { "properties": then.collect::<Map<_, _>>() },
+            })
+        });
+        let cases: Vec<Value> = cases.collect();
+        let sampling = schema_for!(Sampling).to_value();
+        properties.extend(sampling["properties"].as_object().cloned().unwrap_or_default());
+        json_schema!({
+            "description": "A probe: the keys of its kind, and those of every kind.",
+            "type": "object",
+            "additionalProperties": false,
+            "properties": properties,
+            "allOf": cases,
+        })
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use insonify_mechanics::tissue::law::AnyLaw;
 use insonify_mechanics::tissue::material::Material;
 use insonify_mechanics::tissue::nonlinear::{
     Body, Options, Scheme, Sheet, Solid, Solver, Stiffening, Supports, Target,
@@ -32,7 +33,7 @@ pub(super) fn block_mesh(cells: [usize; 3], edge: f64, shaken: f64) -> TetMesh {
     TetMesh::new(nodes.collect(), regular.elements().to_vec(), regular.regions().to_vec()).unwrap()
 }
 
-pub(super) fn block(cells: [usize; 3], edge: f64, shaken: f64, law: Stiffening) -> Arc<Solid> {
+pub(super) fn block(cells: [usize; 3], edge: f64, shaken: f64, law: impl Copy + Into<AnyLaw>) -> Arc<Solid> {
     let mesh = block_mesh(cells, edge, shaken);
     Arc::new(Body::tetrahedra(&mesh, &vec![law; mesh.elements().len()]).unwrap())
 }
@@ -113,7 +114,7 @@ pub(super) fn at<const D: usize, const N: usize>(body: &Body<D, N>, axis: usize,
 
 /// A block of `edge` mm whose three lower faces slide in their planes, and the forces on the nodes of its upper x face that make
 /// a uniform pull of 1 kPa there: uniaxial stress, whatever the mesh. Each triangle of the face shares its third out.
-pub(super) fn pulled(cells: usize, edge: f64, law: Stiffening) -> (Arc<Solid>, Held, Vec<f64>) {
+pub(super) fn pulled(cells: usize, edge: f64, law: impl Copy + Into<AnyLaw>) -> (Arc<Solid>, Held, Vec<f64>) {
     let body = block([cells; 3], edge / cells as f64, 0.2, law);
     let held = (0..3u8).flat_map(|axis| {
         at(&body, axis as usize, 0.0)

@@ -124,12 +124,12 @@ fn bands(grid: &BeamGrid, seed: [u32; 2]) -> Vec<f64> {
 mod tests {
     use super::*;
     use crate::effects::speckle::Speckle;
-    use insonify_tracking::probe::{Probe, ProbeShape};
+    use insonify_tracking::probe::{Linear, Probe};
 
     /// Mean 1, few echoes per cell, with the expected width: 1.8 times the lateral length of the point spread.
     #[test]
     fn clutter_is_sparse_and_as_wide_as_sound() {
-        let probe = Probe::new(ProbeShape::Linear { width_mm: 120.0 }, 60.0).unwrap();
+        let probe = Probe::new(Linear { width_mm: 120.0 }, 60.0).unwrap();
         let grid = BeamGrid::new(&probe).unwrap();
         let speckle = Speckle {
             axial_mm: Some(0.8),

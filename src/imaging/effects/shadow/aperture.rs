@@ -184,11 +184,11 @@ pub(super) fn mean<T: Real>(view: &View, store: &mut Store<T>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use insonify_tracking::probe::{BeamGrid, Probe, ProbeShape};
+    use insonify_tracking::probe::{BeamGrid, Linear, Probe};
 
     #[test]
     fn rays_lean_by_the_aperture_and_find_their_elements_again() {
-        let mut probe = Probe::new(ProbeShape::Linear { width_mm: 50.0 }, 60.0).expect("a probe");
+        let mut probe = Probe::new(Linear { width_mm: 50.0 }, 60.0).expect("a probe");
         (probe.lines, probe.samples) = (101, 300);
         let grid = BeamGrid::new(&probe).expect("a grid");
         let (samples, lines) = (grid.samples(), grid.lines());

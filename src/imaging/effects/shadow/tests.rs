@@ -19,7 +19,7 @@ fn what_the_voxels_hold_decides_not_what_a_file_counted() {
     use crate::synth::tables::{Anatomy, Settings};
     use insonify_anatomy::acoustics::{Preset, TissueTable};
     use insonify_anatomy::volume::LabelVolume;
-    use insonify_tracking::probe::{Probe, ProbeShape};
+    use insonify_tracking::probe::{Linear, Probe};
 
     let verdict = |voxels: Vec<u8>, counted: u64| {
         let label = |value, name: &str| insonify_anatomy::volume::Label {
@@ -36,7 +36,7 @@ fn what_the_voxels_hold_decides_not_what_a_file_counted() {
             textures: Default::default(),
             mesh: None,
         };
-        let probe = Probe::new(ProbeShape::Linear { width_mm: 40.0 }, 40.0).expect("a probe");
+        let probe = Probe::new(Linear { width_mm: 40.0 }, 40.0).expect("a probe");
         let settings = Settings::new(probe, [8; 2], Effects::usual());
         wanted(&Tables::new(anatomy, settings).expect("tables"))
     };

@@ -8,7 +8,7 @@ use crate::effects::thickness::Thickness;
 use crate::synth::FrameState;
 use crate::synth::slab::States;
 use insonify_mesh::{Displacement, TetMesh};
-use insonify_tracking::probe::ProbeShape;
+use insonify_tracking::probe::{Curvilinear, Linear, Phased, ProbeShape, TrusTransverse};
 
 const LOW: [f64; 3] = [-50.0, 5.0, -30.0];
 const HIGH: [f64; 3] = [50.0, 90.0, 30.0];
@@ -131,12 +131,12 @@ fn poses() -> [Matrix4<f64>; 3] {
 #[test]
 fn every_sample_gets_the_answer_of_an_exhaustive_search() {
     let shapes = [
-        ProbeShape::Linear { width_mm: 60.0 },
-        ProbeShape::Phased { angle_deg: 90.0 },
-        ProbeShape::TrusTransverse {
+        ProbeShape::Linear(Linear { width_mm: 60.0 }),
+        ProbeShape::Phased(Phased { angle_deg: 90.0 }),
+        ProbeShape::TrusTransverse(TrusTransverse {
             radius_mm: 10.0,
             angle_deg: 160.0,
-        },
+        }),
     ];
     let mut seen = [0; 4];
     for (shape, pose) in shapes.into_iter().zip(poses()) {
@@ -152,10 +152,10 @@ fn every_sample_gets_the_answer_of_an_exhaustive_search() {
 
 #[test]
 fn fine_meshes_get_the_answer_of_an_exhaustive_search() {
-    let shape = ProbeShape::Curvilinear {
+    let shape = ProbeShape::Curvilinear(Curvilinear {
         radius_mm: 60.0,
         angle_deg: 60.0,
-    };
+    });
     for (nodes, step) in [(5_000, 37), (100_000, 1_531)] {
         let tables = tables(shape, nodes);
         let seen = compare::<f32>(&tables, &state(&tables, poses()[1]), step);
@@ -166,7 +166,7 @@ fn fine_meshes_get_the_answer_of_an_exhaustive_search() {
 /// A frame whose pose alone, or whose nodes alone have changed, is that of a new slab.
 #[test]
 fn a_slab_depends_on_no_earlier_frame() {
-    let tables = tables(ProbeShape::Linear { width_mm: 60.0 }, 500);
+    let tables = tables(ProbeShape::Linear(Linear { width_mm: 60.0 }), 500);
     let mut slab = Slab::<f32>::new(tables.mesh.as_ref().unwrap());
     let [first, second, _] = poses().map(|pose| state(&tables, pose));
     slab.update(&tables, &first).unwrap();
@@ -190,7 +190,7 @@ fn a_slab_depends_on_no_earlier_frame() {
 /// A mesh of one layer of cells across the image plane: every element crosses the slab, in each of several tasks.
 #[test]
 fn every_element_is_tested_against_the_slab() {
-    let tables = tables(ProbeShape::Linear { width_mm: 60.0 }, 500);
+    let tables = tables(ProbeShape::Linear(Linear { width_mm: 60.0 }), 500);
     let mesh = TetMesh::over_box([-28.0, 5.0, -0.7], [28.0, 90.0, 0.7], 25_000).unwrap();
     let all: Vec<u32> = (0..mesh.elements().len() as u32).collect();
     assert!(all.len() > 65_536, "more than one task: {}", all.len());

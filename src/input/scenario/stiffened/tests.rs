@@ -234,16 +234,20 @@ fn what_such_tissue_cannot_have_is_refused_where_it_stands() {
     let after = |text: &str, at: &str, add: &str| text.replacen(at, &format!("{at}\n{add}"), 1);
     let needle = "diameter_mm = 1.0";
     let cases = [
-        (elastic, "[tissue.viscosity]", "`viscosity` of a model without memory"),
+        (
+            elastic,
+            "[tissue.viscosity]",
+            "`viscosity` with `model = \"nonlinear\"`",
+        ),
         (
             linear.replacen("[tissue.viscosity]\norder = 0.1\nmemory = \"load-integral\"", "", 1),
             "[tissue.solver]",
-            "`solver` of a linear",
+            "`solver` with `model = \"finite-element\"`",
         ),
         (
             text.replacen("knee_strain = 0.303\n", "", 1),
             "stiffening = 60",
-            "without `knee_strain`",
+            "`stiffening` alone",
         ),
         (
             text.replacen("knee_strain = 0.303", "knee_strain = -1", 1),
@@ -259,7 +263,7 @@ fn what_such_tissue_cannot_have_is_refused_where_it_stands() {
         (
             after(&text, "nodes = 500", "level = \"I\""),
             "level",
-            "whose mesh does not change",
+            "`level` with `model = \"viscoelastic\"`",
         ),
         (
             after(&text, needle, "model = \"springs\""),
@@ -278,7 +282,7 @@ fn what_such_tissue_cannot_have_is_refused_where_it_stands() {
                 "peak = { density_n_per_mm = 0.1, width_mm = 3.0 }",
             ),
             "peak",
-            "does not support it",
+            "`peak` with `model = \"viscoelastic\"`",
         ),
         (
             after(&text, "puncture_n = 0.5", "rigid = true"),

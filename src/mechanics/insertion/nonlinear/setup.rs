@@ -8,10 +8,9 @@ use super::{Frame, Nonlinear};
 use crate::insertion::pushing::Pushing;
 use crate::insertion::{Anatomy, Interaction, InvalidSetup, MeshRegions, Outcome, validation};
 use crate::needle::{CentreLine, Shaft};
+use crate::tissue::law::AnyLaw;
 use crate::tissue::nonlinear::creep::{Creep, Memory};
-use crate::tissue::nonlinear::{
-    Body, Options as Solving, Scheme, Sheet, Solid, Solver, Stiffening, Structure, Supports,
-};
+use crate::tissue::nonlinear::{Body, Options as Solving, Scheme, Sheet, Solid, Solver, Structure, Supports};
 use crate::tissue::viscoelastic::{Rule, Span};
 use insonify_mesh::TetMesh;
 
@@ -61,7 +60,7 @@ pub struct Setup {
     /// The tissue at rest, mm.
     pub mesh: Arc<TetMesh>,
     /// Material law of each element.
-    pub laws: Vec<Stiffening>,
+    pub laws: Vec<AnyLaw>,
     /// Nodes and axes (0 to 2) that are fixed.
     pub fixed: Vec<(u32, u8)>,
     /// Interactions of the regions of the mesh with the needle; those not listed exert no force. `peak` is refused, and bone

@@ -31,7 +31,7 @@ fn setup(viscosity: Option<Viscosity>) -> Setup {
         .filter(|(_, at)| at[2] == EDGE_MM[2])
         .flat_map(|(node, _)| [0, 1, 2].map(|axis| (node, axis)))
         .collect();
-    let laws = regions.iter().map(law).collect();
+    let laws = regions.iter().map(law).map(Into::into).collect();
     let mesh = TetMesh::new(mesh.nodes().to_vec(), elements, regions).unwrap();
     let one = Interaction {
         friction_n_per_mm: 0.002,

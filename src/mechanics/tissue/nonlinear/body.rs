@@ -1,8 +1,9 @@
-//! Body of strain-stiffening triangles or tetrahedra: its forces and their derivatives.
+//! Body of nonlinear triangles or tetrahedra: its forces and their derivatives.
 
-use super::law::{Stiffening, relative_strain, von_mises};
+use super::invariants::{relative_strain, von_mises};
 use super::simplex::{Simplex, dot, orientation};
 use super::tangent::Kind;
+use crate::tissue::law::{AnyLaw, Stiffening, Tensor};
 use crate::tissue::nonlinear::NonlinearError;
 use insonify_mesh::TetMesh;
 
@@ -26,10 +27,49 @@ pub type Solid = Body<3, 4>;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cell<const D: usize, const N: usize> {
     pub shape: Simplex<D, N>,
-    /// Lame parameters below the knee times the volume, N mm.
+    /// Lame parameters at small strain times the volume, N mm.
     pub lambda: f64,
     pub mu: f64,
-    law: Stiffening,
+    law: CellLaw,
+}
+
+/// Law of an element. Secant laws have forms of their own, as they need no moduli.
+#[derive(Clone, Copy, Debug)]
+enum CellLaw {
+    Secant(Stiffening),
+    Finite {
+        law: AnyLaw,
+        /// Volume, N mm for each kPa.
+        weight: f64,
+        /// Place of its moduli in [`Responses`].
+        at: u32,
+    },
+}
+
+/// Derivative of the first Piola-Kirchhoff stress with respect to the displacement gradient, times the volume, N mm.
+pub(super) type Moduli<const D: usize> = [[[[f64; D]; D]; D]; D];
+
+/// Responses of all elements.
+#[derive(Clone, Debug)]
+pub(super) struct Responses<const D: usize> {
+    pub cells: Vec<Response<D>>,
+    /// Of the elements whose law has no secant.
+    moduli: Vec<Moduli<D>>,
+}
+
+impl<const D: usize> Responses<D> {
+    /// Moduli of an element whose law has no secant.
+    pub(super) fn moduli_of<const N: usize>(&self, cell: &Cell<D, N>) -> Option<&Moduli<D>> {
+        match cell.law {
+            CellLaw::Secant(_) => None,
+            CellLaw::Finite { at, .. } => Some(&self.moduli[at as usize]),
+        }
+    }
+
+    pub(super) fn take(&mut self, other: &Self) {
+        self.cells.copy_from_slice(&other.cells);
+        self.moduli.copy_from_slice(&other.moduli);
+    }
 }
 
 /// Response of an element at a state, from which its tangent is formed.
@@ -54,7 +94,7 @@ impl Sheet {
     pub fn plane_strain(
         nodes: Vec<[f64; 2]>,
         triangles: Vec<[u32; 3]>,
-        laws: &[Stiffening],
+        laws: &[impl Copy + Into<AnyLaw>],
         thickness_mm: f64,
     ) -> Result<Sheet, NonlinearError> {
         if !(thickness_mm.is_finite() && thickness_mm > 0.0) {
@@ -65,14 +105,24 @@ impl Sheet {
 }
 
 impl Sheet {
-    /// Returns the von Mises stress of each triangle, kPa, from its stress in the plane. The stress across the plane is Poisson's ratio
-    /// times the sum of the two normal stresses, at any secant modulus and rate.
-    pub fn von_mises_kpa(&self, stress_kpa: &[[[f64; 2]; 2]]) -> Vec<f64> {
-        let whole = |(cell, [[xx, xy], [yx, yy]]): (&Cell<2, 3>, &[[f64; 2]; 2])| {
-            let zz = cell.law.material().poisson() * (xx + yy);
+    /// Returns the von Mises stress of each triangle, kPa, from displacements (mm) and the stress in the plane. The stress across the plane of a
+    /// secant law is Poisson's ratio times the sum of the two normal stresses, at any secant modulus and rate.
+    ///
+    /// # Panics
+    /// If there is not one entry per degree of freedom.
+    pub fn von_mises_kpa(&self, displacement: &[f64], stress_kpa: &[[[f64; 2]; 2]]) -> Vec<f64> {
+        let elements = self.elements.iter().zip(&self.cells).zip(stress_kpa);
+        let whole = |((corners, cell), [[xx, xy], [yx, yy]]): ((&[u32; 3], &Cell<2, 3>), &[[f64; 2]; 2])| {
+            let zz = match cell.law {
+                CellLaw::Secant(law) => law.material().poisson() * (xx + yy),
+                CellLaw::Finite { law, .. } => {
+                    let corners = corners.map(|node| vector(displacement, node));
+                    cauchy_kpa(&law, &embedded(&cell.shape.gradient(&corners)))[(2, 2)]
+                }
+            };
             von_mises(&[[*xx, *xy, 0.0], [*yx, *yy, 0.0], [0.0, 0.0, zz]])
         };
-        self.cells.iter().zip(stress_kpa).map(whole).collect()
+        elements.map(whole).collect()
     }
 }
 
@@ -81,7 +131,7 @@ impl Solid {
     ///
     /// # Errors
     /// [`NonlinearError`] for unusable elements, or a wrong number of `laws`.
-    pub fn tetrahedra(mesh: &TetMesh, laws: &[Stiffening]) -> Result<Solid, NonlinearError> {
+    pub fn tetrahedra(mesh: &TetMesh, laws: &[impl Copy + Into<AnyLaw>]) -> Result<Solid, NonlinearError> {
         Body::of(mesh.nodes().to_vec(), mesh.elements().to_vec(), laws, 1.0)
     }
 }
@@ -94,7 +144,17 @@ impl<const D: usize, const N: usize> Body<D, N> {
     pub fn of(
         nodes: Vec<[f64; D]>,
         elements: Vec<[u32; N]>,
-        laws: &[Stiffening],
+        laws: &[impl Copy + Into<AnyLaw>],
+        thickness: f64,
+    ) -> Result<Self, NonlinearError> {
+        let laws: Vec<AnyLaw> = laws.iter().map(|law| (*law).into()).collect();
+        Self::new(nodes, elements, &laws, thickness)
+    }
+
+    fn new(
+        nodes: Vec<[f64; D]>,
+        elements: Vec<[u32; N]>,
+        laws: &[AnyLaw],
         thickness: f64,
     ) -> Result<Self, NonlinearError> {
         if elements.is_empty() {
@@ -106,7 +166,8 @@ impl<const D: usize, const N: usize> Body<D, N> {
                 expected: elements.len(),
             });
         }
-        let cell = |(element, (corners, law)): (usize, (&[u32; N], &Stiffening))| {
+        let mut finite = 0;
+        let cell = |(element, (corners, law)): (usize, (&[u32; N], &AnyLaw))| {
             let count = nodes.len();
             if let Some(&node) = corners.iter().find(|node| **node as usize >= count) {
                 return Err(NonlinearError::Node {
@@ -118,13 +179,19 @@ impl<const D: usize, const N: usize> Body<D, N> {
             let shape = Simplex::of(&corners.map(|node| nodes[node as usize]));
             let shape = shape.map_err(|cause| NonlinearError::Element { element, cause })?;
             let weight = NEWTON_PER_MM2 * shape.measure * thickness;
-            let [lambda, mu] = law.material().lame_kpa().map(|kpa| kpa * weight);
-            Ok(Cell {
-                shape,
-                lambda,
-                mu,
-                law: *law,
-            })
+            let [lambda, mu] = law.at_rest().lame_kpa().map(|kpa| kpa * weight);
+            let law = match law.as_secant() {
+                Some(secant) => CellLaw::Secant(secant),
+                None => {
+                    finite += 1;
+                    CellLaw::Finite {
+                        law: *law,
+                        weight,
+                        at: finite - 1,
+                    }
+                }
+            };
+            Ok(Cell { shape, lambda, mu, law })
         };
         let cells = elements
             .iter()
@@ -147,6 +214,23 @@ impl<const D: usize, const N: usize> Body<D, N> {
 
     pub(super) fn cells(&self) -> &[Cell<D, N>] {
         &self.cells
+    }
+
+    /// Whether every law is a secant modulus times linear elasticity.
+    pub(super) fn has_secants(&self) -> bool {
+        self.cells.iter().all(|cell| matches!(cell.law, CellLaw::Secant(_)))
+    }
+
+    /// Responses of the body at rest.
+    pub(super) fn at_rest(&self) -> Responses<D> {
+        let at_rest = |cell: &Cell<D, N>| match cell.law {
+            CellLaw::Secant(_) => None,
+            CellLaw::Finite { law, weight, .. } => Some(moduli(&law, &Tensor::zeros(), weight)),
+        };
+        Responses {
+            cells: vec![Response::REST; self.cells.len()],
+            moduli: self.cells.iter().filter_map(at_rest).collect(),
+        }
     }
 
     /// Whether an element is inverted or flat under these displacements (mm).
@@ -197,30 +281,49 @@ impl<const D: usize, const N: usize> Body<D, N> {
         self.elements.iter().zip(&self.cells).map(strain).collect()
     }
 
-    /// Returns the stress of each element, kPa: E(e_r) of the strain under `displacement` times D epsilon(`strained`).
+    /// Returns the Cauchy stress of each element, kPa: E(e_r) of the strain under `displacement` times D epsilon(`strained`).
     /// For an elastic body `strained` equals `displacement`; for a viscous one it holds the rates (see
     /// [`super::creep`]).
     ///
     /// # Panics
     /// If there is not one entry per degree of freedom.
     pub fn stresses_kpa(&self, displacement: &[f64], strained: &[f64]) -> Vec<[[f64; D]; D]> {
-        let relative = self.relative_strains(displacement).into_iter();
-        let elements = self.strains(strained).into_iter().zip(&self.cells).zip(relative);
-        let stress = |((strain, cell), relative): (([[f64; D]; D], &Cell<D, N>), f64)| {
-            let secant = cell.law.secant(relative);
-            let [lambda, mu] = cell.law.material().lame_kpa().map(|kpa| kpa * secant);
-            stress(lambda, mu, &strain)
+        let stress = |(corners, cell): (&[u32; N], &Cell<D, N>)| {
+            let [state, rate] = [displacement, strained].map(|all| corners.map(|node| vector(all, node)));
+            match cell.law {
+                CellLaw::Secant(law) => {
+                    let secant = law.secant(relative_strain(&cell.shape.strain(&state)).0);
+                    let [lambda, mu] = law.material().lame_kpa().map(|kpa| kpa * secant);
+                    stress(lambda, mu, &cell.shape.strain(&rate))
+                }
+                CellLaw::Finite { law, .. } => {
+                    let stress = cauchy_kpa(&law, &embedded(&cell.shape.gradient(&state)));
+                    std::array::from_fn(|i| std::array::from_fn(|j| stress[(i, j)]))
+                }
+            }
         };
-        elements.map(stress).collect()
+        self.elements.iter().zip(&self.cells).map(stress).collect()
     }
 
     /// Computes the forces that balance displacements `u`, and the response of each element: stress is E(e_r(u)) D
     /// epsilon(u - `offset`). Without an offset the body is elastic; with one, its stress is that of a rate (see
     /// [`super::creep`]).
-    pub(super) fn respond(&self, u: &[f64], offset: Option<&[f64]>, forces: &mut [f64], responses: &mut [Response<D>]) {
+    pub(super) fn respond(&self, u: &[f64], offset: Option<&[f64]>, forces: &mut [f64], responses: &mut Responses<D>) {
         forces.fill(0.0);
-        for ((corners, cell), response) in self.elements.iter().zip(&self.cells).zip(responses) {
+        let Responses { cells, moduli: all } = responses;
+        for ((corners, cell), response) in self.elements.iter().zip(&self.cells).zip(cells) {
             let own = corners.map(|node| vector(u, node));
+            let secant_law = match cell.law {
+                CellLaw::Secant(law) => law,
+                CellLaw::Finite { law, weight, at } => {
+                    let gradient = embedded(&cell.shape.gradient(&own));
+                    let stress = law.stress_kpa(&gradient) * weight;
+                    all[at as usize] = moduli(&law, &gradient, weight);
+                    let stress = std::array::from_fn(|i| std::array::from_fn(|j| stress[(i, j)]));
+                    add(forces, corners, &cell.shape.divergence(&stress));
+                    continue;
+                }
+            };
             let strain = cell.shape.strain(&own);
             let (relative, deviator) = relative_strain(&strain);
             let strained = match offset {
@@ -232,7 +335,7 @@ impl<const D: usize, const N: usize> Body<D, N> {
                 }
             };
             let stress = cell.stress(&strained);
-            let (secant, slope) = (cell.law.secant(relative), cell.law.slope(relative));
+            let (secant, slope) = (secant_law.secant(relative), secant_law.slope(relative));
             // Without strain nothing stiffens, and the direction is arbitrary.
             let direction = if relative > 0.0 { 1.5 / relative } else { 0.0 };
             *response = Response {
@@ -250,7 +353,7 @@ impl<const D: usize, const N: usize> Body<D, N> {
     }
 
     /// Multiplies a tangent by a change of displacement.
-    pub(super) fn product(&self, kind: Kind, responses: &[Response<D>], change: &[f64], product: &mut [f64]) {
+    pub(super) fn product(&self, kind: Kind, responses: &Responses<D>, change: &[f64], product: &mut [f64]) {
         match kind {
             Kind::Scalar => self.scalar(responses, change, product),
             Kind::Consistent => self.consistent(responses, change, product),
@@ -258,11 +361,19 @@ impl<const D: usize, const N: usize> Body<D, N> {
     }
 
     /// Multiplies the consistent tangent by a change of displacement: stress changes by E(e_r) D d epsilon, and by the
-    /// change of E along D epsilon.
-    pub(super) fn consistent(&self, responses: &[Response<D>], change: &[f64], product: &mut [f64]) {
+    /// change of E along D epsilon; of laws without a secant by their moduli.
+    pub(super) fn consistent(&self, responses: &Responses<D>, change: &[f64], product: &mut [f64]) {
         product.fill(0.0);
-        for ((corners, cell), response) in self.elements.iter().zip(&self.cells).zip(responses) {
-            let strain = cell.shape.strain(&corners.map(|node| vector(change, node)));
+        for ((corners, cell), response) in self.elements.iter().zip(&self.cells).zip(&responses.cells) {
+            let own = corners.map(|node| vector(change, node));
+            if let Some(moduli) = responses.moduli_of(cell) {
+                let gradient = cell.shape.gradient(&own);
+                let of = |rows: &[[f64; D]; D]| (0..D).map(|k| dot(rows[k], gradient[k])).sum::<f64>();
+                let stress = moduli.map(|row| row.map(|entry| of(&entry)));
+                add(product, corners, &cell.shape.divergence(&stress));
+                continue;
+            }
+            let strain = cell.shape.strain(&own);
             let relative: f64 = (0..D).map(|i| dot(response.normal[i], strain[i])).sum();
             let stress = cell.stress(&strain);
             let stress = std::array::from_fn(|i| {
@@ -272,10 +383,10 @@ impl<const D: usize, const N: usize> Body<D, N> {
         }
     }
 
-    /// Multiplies Kobayashi et al.'s tangent by a change of displacement.
-    pub(super) fn scalar(&self, responses: &[Response<D>], change: &[f64], product: &mut [f64]) {
+    /// Multiplies Kobayashi et al.'s tangent by a change of displacement; of laws without a secant that at rest.
+    pub(super) fn scalar(&self, responses: &Responses<D>, change: &[f64], product: &mut [f64]) {
         product.fill(0.0);
-        for ((corners, cell), response) in self.elements.iter().zip(&self.cells).zip(responses) {
+        for ((corners, cell), response) in self.elements.iter().zip(&self.cells).zip(&responses.cells) {
             let strain = cell.shape.strain(&corners.map(|node| vector(change, node)));
             let stress = cell.stress(&strain).map(|row| row.map(|x| response.scalar * x));
             add(product, corners, &cell.shape.divergence(&stress));
@@ -311,6 +422,24 @@ fn stress<const D: usize>(lambda: f64, mu: f64, strain: &[[f64; D]; D]) -> [[f64
             if i == j { shear + pressure } else { shear }
         })
     })
+}
+
+/// A displacement gradient in three dimensions: in plane strain nothing changes across the plane.
+fn embedded<const D: usize>(gradient: &[[f64; D]; D]) -> Tensor {
+    Tensor::from_fn(|i, j| if i < D && j < D { gradient[i][j] } else { 0.0 })
+}
+
+/// Cauchy stress, P F^T / J.
+fn cauchy_kpa(law: &AnyLaw, gradient: &Tensor) -> Tensor {
+    let f = Tensor::identity() + gradient;
+    law.stress_kpa(gradient) * f.transpose() / f.determinant()
+}
+
+fn moduli<const D: usize>(law: &AnyLaw, gradient: &Tensor, weight: f64) -> Moduli<D> {
+    let all = law.moduli_kpa(gradient) * weight;
+    let entry = |i, j, k, l| all[(3 * i + j, 3 * k + l)];
+    use std::array::from_fn;
+    from_fn(|i| from_fn(|j| from_fn(|k| from_fn(|l| entry(i, j, k, l)))))
 }
 
 #[inline]

@@ -61,7 +61,7 @@ impl<const D: usize, const N: usize> Creep<D, N> {
     /// may jump there. Prescribed displacements cannot jump: the force would be unbounded.
     ///
     /// # Errors
-    /// [`NonlinearError`] for a displaced body, an invalid order or rule, or a wrong number of loads.
+    /// [`NonlinearError`] for a displaced body, a law without a secant, an invalid order or rule, or a wrong number of loads.
     pub fn new(
         mut solver: Solver<D, N>,
         memory: Memory,
@@ -71,6 +71,9 @@ impl<const D: usize, const N: usize> Creep<D, N> {
     ) -> Result<Self, NonlinearError> {
         if solver.displacement().iter().any(|u| *u != 0.0) {
             return Err(NonlinearError::Displaced);
+        }
+        if !solver.body().has_secants() {
+            return Err(NonlinearError::NoSecant);
         }
         // At the start nothing is strained, and the body responds as below the knee.
         let (rate, forces) = solver.at_rest(loads)?;

@@ -62,9 +62,9 @@ impl<const D: usize, const N: usize> Simplex<D, N> {
         Ok(Simplex { gradients, measure })
     }
 
-    /// Returns the strain for displacements of the corners (mm); exactly zero for a translation.
+    /// Returns the displacement gradient for displacements of the corners (mm); exactly zero for a translation.
     #[inline]
-    pub(super) fn strain(&self, displacements: &[[f64; D]; N]) -> [[f64; D]; D] {
+    pub(super) fn gradient(&self, displacements: &[[f64; D]; N]) -> [[f64; D]; D] {
         let mut slope = [[0.0; D]; D];
         for corner in 1..N {
             let difference = minus(displacements[corner], displacements[0]);
@@ -74,6 +74,13 @@ impl<const D: usize, const N: usize> Simplex<D, N> {
                 }
             }
         }
+        slope
+    }
+
+    /// Returns the strain for displacements of the corners (mm); exactly zero for a translation.
+    #[inline]
+    pub(super) fn strain(&self, displacements: &[[f64; D]; N]) -> [[f64; D]; D] {
+        let slope = self.gradient(displacements);
         std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (slope[i][j] + slope[j][i])))
     }
 

@@ -11,7 +11,7 @@ pub use target::{Contact, Target};
 use std::sync::Arc;
 
 use super::anderson::Anderson;
-use super::body::{Body, Response};
+use super::body::{Body, Responses};
 use super::predictor::Predictor;
 use super::refactorisation::RefactorisationPolicy;
 use super::tangent::Kind;
@@ -49,7 +49,7 @@ struct State<const D: usize> {
     displacement: Vec<f64>,
     /// Forces that balance the displacements.
     forces: Vec<f64>,
-    responses: Vec<Response<D>>,
+    responses: Responses<D>,
     /// Contact force, N.
     contact: f64,
 }
@@ -58,7 +58,7 @@ impl<const D: usize> State<D> {
     fn take(&mut self, other: &State<D>) {
         self.displacement.copy_from_slice(&other.displacement);
         self.forces.copy_from_slice(&other.forces);
-        self.responses.copy_from_slice(&other.responses);
+        self.responses.take(&other.responses);
         self.contact = other.contact;
     }
 }
@@ -78,7 +78,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         let state = State {
             displacement: vec![0.0; all],
             forces: vec![0.0; all],
-            responses: vec![Response::REST; body.elements().len()],
+            responses: body.at_rest(),
             contact: 0.0,
         };
         let linear = Linear::new(&body, &supports, &state.responses)?;
@@ -141,7 +141,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
     /// factored.
     pub(super) fn at_rest(&mut self, loads: &[f64]) -> Result<(Vec<f64>, Vec<f64>), NonlinearError> {
         target::list("loads", loads, self.supports.all())?;
-        let rest = vec![Response::REST; self.body.elements().len()];
+        let rest = self.body.at_rest();
         self.linear.factor(&self.body, &rest, Kind::Scalar)?;
         self.forget();
         self.supports.gather(loads, &mut self.rest);

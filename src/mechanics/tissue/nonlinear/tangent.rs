@@ -2,7 +2,7 @@
 
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 
-use super::body::{Body, Response};
+use super::body::{Body, Moduli, Responses};
 use super::simplex::dot;
 use super::{NONE, Supports};
 use crate::tissue::factor::Symmetric;
@@ -74,17 +74,18 @@ impl<const D: usize> Tangent<D> {
     }
 
     /// Assembles the tangent of a body from the responses of its elements.
-    pub(super) fn fill<const N: usize>(&mut self, body: &Body<D, N>, responses: &[Response<D>], kind: Kind) {
+    pub(super) fn fill<const N: usize>(&mut self, body: &Body<D, N>, responses: &Responses<D>, kind: Kind) {
         self.values.fill(0.0);
         let width = D * N;
         let per_element = width * (width + 1) / 2;
         let parts = body
             .cells()
             .iter()
-            .zip(responses)
+            .zip(&responses.cells)
             .zip(self.places.chunks_exact(per_element));
         for ((cell, response), places) in parts {
             let gradients = &cell.shape.gradients;
+            let moduli = (kind == Kind::Consistent).then(|| responses.moduli_of(cell)).flatten();
             let stiffness = match kind {
                 Kind::Scalar => response.scalar,
                 Kind::Consistent => response.secant,
@@ -106,6 +107,9 @@ impl<const D: usize> Tangent<D> {
                             if i == j {
                                 entry += shear;
                             }
+                            if let Some(moduli) = moduli {
+                                entry = contraction(moduli, [i, j], [&ga, &gb]);
+                            }
                             if stiffens {
                                 entry += 0.5 * (rise[a][i] * normal[b][j] + normal[a][i] * rise[b][j]);
                             }
@@ -120,6 +124,11 @@ impl<const D: usize> Tangent<D> {
             }
         }
     }
+}
+
+/// Entry of the stiffness of directions i and j at two corners with these gradients.
+fn contraction<const D: usize>(moduli: &Moduli<D>, [i, j]: [usize; 2], [a, b]: [&[f64; D]; 2]) -> f64 {
+    (0..D).map(|row| a[row] * dot(moduli[i][row][j], *b)).sum()
 }
 
 /// Calls `visit` with row and column among the free degrees of freedom, in the order of [`Tangent::fill`]; with `None`

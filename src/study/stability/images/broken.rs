@@ -10,7 +10,7 @@ use insonify_imaging::synth::layers::Beam;
 use insonify_imaging::synth::tables::Anatomy;
 use insonify_mesh::locator::{Locator, LocatorReport};
 use insonify_mesh::{NONE, TetMesh};
-use insonify_tracking::probe::ProbeShape;
+use insonify_tracking::probe::{Linear, ProbeShape};
 
 /// Mesh with a defective state.
 struct Broken {
@@ -163,7 +163,7 @@ pub(super) fn meshes(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let mut effects = Effects::usual();
     effects.texture = None;
     effects.slice.boundary = Boundary::Nearest;
-    let settings = settings(ProbeShape::Linear { width_mm: 32.0 }, 40.0, [48, 160], effects);
+    let settings = settings(ProbeShape::Linear(Linear { width_mm: 32.0 }), 40.0, [48, 160], effects);
     let states = states(&mesh);
     let place = |nodes: &[[f64; 3]]| FrameState {
         nodes: Some(nodes.to_vec()),

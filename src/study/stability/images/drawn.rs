@@ -12,7 +12,7 @@ use insonify_imaging::parity::{Case, check};
 use insonify_imaging::synth::tables::{Anatomy, ImageSize, Settings};
 use insonify_imaging::synth::{FrameState, NeedleShaft};
 use insonify_mesh::Displacement;
-use insonify_tracking::probe::{Probe, ProbeShape};
+use insonify_tracking::probe::{Curvilinear, Linear, Phased, Probe, ProbeShape, TrusSagittal, TrusTransverse};
 
 /// Random number stream of one scene.
 struct Draw {
@@ -115,23 +115,23 @@ fn anatomy(draw: &mut Draw, centre: [f64; 3]) -> Anatomy {
 
 fn probe(draw: &mut Draw) -> Probe {
     let shape = match draw.below(5) {
-        0 => ProbeShape::Linear {
+        0 => ProbeShape::Linear(Linear {
             width_mm: draw.within(10.0, 45.0),
-        },
-        1 => ProbeShape::Curvilinear {
+        }),
+        1 => ProbeShape::Curvilinear(Curvilinear {
             radius_mm: draw.within(10.0, 60.0),
             angle_deg: draw.within(20.0, 90.0),
-        },
-        2 => ProbeShape::Phased {
+        }),
+        2 => ProbeShape::Phased(Phased {
             angle_deg: draw.within(30.0, 100.0),
-        },
-        3 => ProbeShape::TrusTransverse {
+        }),
+        3 => ProbeShape::TrusTransverse(TrusTransverse {
             radius_mm: draw.within(5.0, 12.0),
             angle_deg: draw.within(60.0, 260.0),
-        },
-        _ => ProbeShape::TrusSagittal {
+        }),
+        _ => ProbeShape::TrusSagittal(TrusSagittal {
             length_mm: draw.within(20.0, 60.0),
-        },
+        }),
     };
     Probe {
         shape,

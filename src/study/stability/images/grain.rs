@@ -12,7 +12,7 @@ use insonify_imaging::effects::noise::Noise;
 use insonify_imaging::effects::speckle::Speckle;
 use insonify_imaging::synth::tables::Settings;
 use insonify_imaging::synth::{FrameState, Synthesizer};
-use insonify_tracking::probe::ProbeShape;
+use insonify_tracking::probe::{Linear, ProbeShape};
 
 /// Number of frames in the criterion.
 const FRAMES: u64 = 10_000;
@@ -50,7 +50,7 @@ fn speckle(record: &mut Record<'_>, gpus: &[Gpu]) -> Result<(), Unexpected> {
         speckle: Some(own),
         ..Effects::default()
     };
-    let shape = ProbeShape::Linear { width_mm: WIDTH_MM };
+    let shape = ProbeShape::Linear(Linear { width_mm: WIDTH_MM });
     let settings = settings(shape, DEPTH_MM, [LINES as u32, SAMPLES as u32], effects);
     let fields = record.effort().pick(6, 30);
     let mut synths = everywhere(&anatomies::uniform(PLAIN), &settings, gpus)?;
@@ -124,7 +124,7 @@ fn noise(record: &mut Record<'_>, gpus: &[Gpu]) -> Result<(), Unexpected> {
         noise: Some(Noise { std_grey: STD_GREY }),
         ..Effects::default()
     };
-    let mut settings = settings(ProbeShape::Linear { width_mm: 20.0 }, 20.0, [4, 8], effects);
+    let mut settings = settings(ProbeShape::Linear(Linear { width_mm: 20.0 }), 20.0, [4, 8], effects);
     (settings.image.width, settings.image.height) = (24, 16);
     settings.image.margin = 0.0;
     let frames = record.effort().pick(200, FRAMES);

@@ -12,7 +12,7 @@ use insonify_imaging::effects::tone::Tone;
 use insonify_imaging::synth::layers::Beam;
 use insonify_imaging::synth::tables::Anatomy;
 use insonify_imaging::synth::{SynthError, Synthesizer};
-use insonify_tracking::probe::ProbeShape;
+use insonify_tracking::probe::{Linear, Phased, ProbeShape, TrusTransverse};
 
 const LONG_SAMPLES: u32 = 8192;
 const DEPTH_MM: f64 = 160.0;
@@ -37,7 +37,7 @@ pub(crate) fn any_attenuation(record: &mut Record<'_>) -> Result<(), Unexpected>
             ..Effects::default()
         };
         let settings = settings(
-            ProbeShape::Linear { width_mm: 20.0 },
+            ProbeShape::Linear(Linear { width_mm: 20.0 }),
             DEPTH_MM,
             [2, LONG_SAMPLES],
             effects,
@@ -200,7 +200,7 @@ fn one_scanline(record: &mut Record<'_>, shape: ProbeShape, gpus: &[Gpu]) -> Res
 /// Tests identity, kernel and energy.
 pub(crate) fn any_blur(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let gpus = gpus(record);
-    let shape = ProbeShape::Linear { width_mm: WIDTH_MM };
+    let shape = ProbeShape::Linear(Linear { width_mm: WIDTH_MM });
     let flat = anatomies::uniform(Acoustics { echo_db: 3.0, ..PLAIN });
     let scattered = anatomies::random(
         Frame::around([0.0, 20.0, 0.0], [48; 3], 1.0),
@@ -223,12 +223,12 @@ pub(crate) fn any_blur(record: &mut Record<'_>) -> Result<(), Unexpected> {
     record.done(0.5);
     // Wider than the sector: 20 mm across 5 mm, in a linear probe and in a narrow fan. A constant stays constant at the edges.
     let narrow = [
-        ProbeShape::Linear { width_mm: 5.0 },
-        ProbeShape::Phased { angle_deg: 10.0 },
-        ProbeShape::TrusTransverse {
+        ProbeShape::Linear(Linear { width_mm: 5.0 }),
+        ProbeShape::Phased(Phased { angle_deg: 10.0 }),
+        ProbeShape::TrusTransverse(TrusTransverse {
             radius_mm: 5.0,
             angle_deg: 20.0,
-        },
+        }),
     ];
     for (at, shape) in narrow.into_iter().enumerate() {
         for mut synth in everywhere(&flat, &settings(shape, 20.0, [11, SAMPLES], effects(20.0)), &gpus)? {
@@ -308,7 +308,7 @@ fn refused_tones(record: &mut Record<'_>, anatomy: &Anatomy) {
             tone: Some(tone),
             ..Effects::default()
         };
-        let settings = settings(ProbeShape::Linear { width_mm: 10.0 }, 25.0, [2, 64], effects);
+        let settings = settings(ProbeShape::Linear(Linear { width_mm: 10.0 }), 25.0, [2, 64], effects);
         let answer = insonify_imaging::synth::tables::Tables::new(anatomy.clone(), settings);
         record.refused(
             what,
@@ -347,7 +347,7 @@ pub(super) fn ends(record: &mut Record<'_>) -> Result<(), Unexpected> {
                     }),
                     ..Effects::default()
                 };
-                let shape = ProbeShape::Linear { width_mm: 10.0 };
+                let shape = ProbeShape::Linear(Linear { width_mm: 10.0 });
                 let settings = settings(shape, 25.0, [2, STEPS as u32], effects);
                 for (place, mut synth) in everywhere(anatomy, &settings, &gpus)?.into_iter().enumerate() {
                     if names.len() <= place {

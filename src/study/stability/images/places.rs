@@ -16,7 +16,7 @@ use insonify_imaging::synth::layers::{Beam, world_position};
 use insonify_imaging::synth::tables::{Anatomy, Tables};
 use insonify_imaging::synth::{FrameState, NeedleShaft, Synthesizer};
 use insonify_mesh::TetMesh;
-use insonify_tracking::probe::ProbeShape;
+use insonify_tracking::probe::{Linear, ProbeShape};
 
 /// Creates random labels at every voxel of 1 mm, with faces at whole millimetres.
 fn voxels(seed: u64) -> Anatomy {
@@ -49,7 +49,7 @@ fn poses() -> [FrameState; 3] {
 pub(super) fn on_faces(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let gpus = gpus(record);
     let anatomy = voxels(record.seed());
-    let shape = ProbeShape::Linear { width_mm: 24.0 };
+    let shape = ProbeShape::Linear(Linear { width_mm: 24.0 });
     let mut tally = Tally::default();
     let (mut apart, mut moved, mut on_face): (Vec<(String, usize)>, usize, usize) = (Vec::new(), 0, 0);
     for boundary in [Boundary::Nearest, Boundary::Vote, Boundary::Smooth] {
@@ -205,9 +205,9 @@ pub(super) fn away(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let anatomy = anatomy(place);
         let mut effects = Effects::default();
         effects.slice.boundary = Boundary::Nearest;
-        let shape = ProbeShape::Linear {
+        let shape = ProbeShape::Linear(Linear {
             width_mm: place.depth_mm.clamp(1.0, 300.0),
-        };
+        });
         let settings = settings(shape, place.depth_mm, [64, 512], effects);
         let state = pose(place);
         let synths = everywhere(&anatomy, &settings, &gpus)?;

@@ -15,7 +15,7 @@ use insonify_imaging::effects::speckle::Speckle;
 use insonify_imaging::effects::tone::Tone;
 use insonify_imaging::synth::tables::Settings;
 use insonify_imaging::synth::{Backend, FrameState, Synthesizer};
-use insonify_tracking::probe::{Probe, ProbeShape};
+use insonify_tracking::probe::{Linear, Probe, ProbeShape};
 
 /// Standard deviation of fully developed speckle after log compression, dB: pi / sqrt(24) neper of amplitude.
 const SPECKLE_DB: f64 = 5.57;
@@ -60,7 +60,7 @@ fn textures(options: &ImageOptions) -> Result<Table, StudyError> {
 fn uniform(effects: Effects) -> Settings {
     let side_mm = SIDE as f64 * PIXEL_MM;
     let probe = Probe {
-        shape: ProbeShape::Linear { width_mm: side_mm },
+        shape: ProbeShape::Linear(Linear { width_mm: side_mm }),
         depth_mm: side_mm,
         frequency_mhz: 7.0,
         lines: 256,

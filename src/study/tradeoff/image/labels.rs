@@ -16,7 +16,7 @@ use insonify_imaging::effects::{Effects, REGISTRY};
 use insonify_imaging::plan::Plan;
 use insonify_imaging::synth::tables::{Anatomy, Settings};
 use insonify_imaging::synth::{Backend, FrameState, Synthesizer};
-use insonify_tracking::probe::{Probe, ProbeShape};
+use insonify_tracking::probe::{Linear, Probe, ProbeShape};
 
 /// Voxel sizes compared, mm, and the finest, from which the standard of grey levels is sliced.
 const VOXELS_MM: [f64; 4] = [3.0, 2.0, 1.0, 0.5];
@@ -49,7 +49,7 @@ fn settings(boundary: Boundary, [lines, samples]: [u32; 2]) -> Settings {
     };
     effects.slice.boundary = boundary;
     let probe = Probe {
-        shape: ProbeShape::Linear { width_mm: 40.0 },
+        shape: ProbeShape::Linear(Linear { width_mm: 40.0 }),
         depth_mm: 40.0,
         frequency_mhz: 7.0,
         lines,

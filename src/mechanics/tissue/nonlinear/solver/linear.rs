@@ -1,6 +1,6 @@
 //! Linear equations of an iteration.
 
-use super::super::body::{Body, Response};
+use super::super::body::{Body, Responses};
 use super::super::gmres::Gmres;
 use super::super::tangent::{Kind, Tangent};
 use super::super::{NonlinearError, Supports};
@@ -28,7 +28,7 @@ pub(super) struct Linear<const D: usize> {
     matrix: Tangent<D>,
     /// Kind of tangent factored.
     kind: Kind,
-    responses: Vec<Response<D>>,
+    responses: Responses<D>,
     factor: Approximate,
     gmres: Gmres,
     /// Response of the free displacements to a unit contact force; `contact` is the contact it belongs to.
@@ -43,7 +43,7 @@ impl<const D: usize> Linear<D> {
     pub(super) fn new<const N: usize>(
         body: &Body<D, N>,
         supports: &Supports<D>,
-        responses: &[Response<D>],
+        responses: &Responses<D>,
     ) -> Result<Self, NonlinearError> {
         let mut matrix = Tangent::new(body.elements(), supports).map_err(|_| NonlinearError::TooLarge)?;
         matrix.fill(body, responses, Kind::Scalar);
@@ -51,7 +51,7 @@ impl<const D: usize> Linear<D> {
         Ok(Linear {
             matrix,
             kind: Kind::Scalar,
-            responses: responses.to_vec(),
+            responses: responses.clone(),
             factor,
             gmres: Gmres::default(),
             contact_response: vec![0.0; supports.free().len()],
@@ -65,7 +65,7 @@ impl<const D: usize> Linear<D> {
     pub(super) fn factor<const N: usize>(
         &mut self,
         body: &Body<D, N>,
-        responses: &[Response<D>],
+        responses: &Responses<D>,
         kind: Kind,
     ) -> Result<(), NonlinearError> {
         self.keep(responses, kind);
@@ -85,7 +85,7 @@ impl<const D: usize> Linear<D> {
     pub(crate) fn renew<const N: usize>(
         &mut self,
         body: &Body<D, N>,
-        responses: &[Response<D>],
+        responses: &Responses<D>,
     ) -> Result<(), NonlinearError> {
         self.keep(responses, Kind::Scalar);
         self.matrix.fill(body, responses, Kind::Scalar);
@@ -93,10 +93,10 @@ impl<const D: usize> Linear<D> {
         Ok(())
     }
 
-    fn keep(&mut self, responses: &[Response<D>], kind: Kind) {
+    fn keep(&mut self, responses: &Responses<D>, kind: Kind) {
         self.contact = None;
         self.kind = kind;
-        self.responses.copy_from_slice(responses);
+        self.responses.take(responses);
     }
 
     /// Subtracts the product of the tangent and a change of all displacements from free forces.
@@ -104,13 +104,13 @@ impl<const D: usize> Linear<D> {
         &mut self,
         body: &Body<D, N>,
         supports: &Supports<D>,
-        responses: &[Response<D>],
+        responses: &Responses<D>,
         equations: Equations,
         change: &[f64],
         rest: &mut [f64],
     ) {
         let (kind, responses) = match equations {
-            Equations::Kept => (self.kind, &self.responses[..]),
+            Equations::Kept => (self.kind, &self.responses),
             Equations::Tangent { kind, .. } => (kind, responses),
         };
         body.product(kind, responses, change, &mut self.product);
@@ -124,7 +124,7 @@ impl<const D: usize> Linear<D> {
         &mut self,
         body: &Body<D, N>,
         supports: &Supports<D>,
-        responses: &[Response<D>],
+        responses: &Responses<D>,
         equations: Equations,
         rest: &mut [f64],
     ) {
@@ -148,7 +148,7 @@ impl<const D: usize> Linear<D> {
         &mut self,
         body: &Body<D, N>,
         supports: &Supports<D>,
-        responses: &[Response<D>],
+        responses: &Responses<D>,
         equations: Equations,
         contact: &Contact,
     ) -> &[f64] {

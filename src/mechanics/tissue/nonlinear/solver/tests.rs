@@ -1,10 +1,10 @@
 //! Tangents against finite differences, and assembled matrices against element-wise products.
 
-use super::super::body::{Body, Response, Sheet};
-use super::super::law::Stiffening;
+use super::super::body::{Body, Sheet};
 use super::super::tangent::{Kind, Tangent};
 use super::*;
 use crate::tissue::factor::Symmetric;
+use crate::tissue::law::Stiffening;
 use crate::tissue::material::Material;
 use crate::tissue::testing::value;
 use insonify_mesh::TetMesh;
@@ -34,14 +34,14 @@ fn derivative_is_consistent<const D: usize, const N: usize>(body: &Body<D, N>, w
     let length = D * body.nodes().len();
     let [u, offset, direction] = fields(length);
     let offset = with_offset.then_some(&offset[..]);
-    let mut responses = vec![Response::REST; body.elements().len()];
+    let mut responses = body.at_rest();
     let mut forces = [(); 3].map(|()| vec![0.0; length]);
     let h = 1e-5;
     for (forces, by) in forces.iter_mut().zip([-h, h, 0.0]) {
         let moved: Vec<f64> = u.iter().zip(&direction).map(|(u, v)| u + by * v).collect();
         body.respond(&moved, offset, forces, &mut responses);
     }
-    assert!(responses.iter().filter(|response| response.secant > 1.05).count() > body.elements().len() / 2);
+    assert!(responses.cells.iter().filter(|response| response.secant > 1.05).count() > body.elements().len() / 2);
     let mut product = vec![0.0; length];
     body.consistent(&responses, &direction, &mut product);
     let size = product.iter().fold(0.0, |a: f64, x| a.max(x.abs()));
@@ -75,7 +75,7 @@ fn matrix_is_the_product<const D: usize, const N: usize>(body: &Body<D, N>) {
     let nodes = body.nodes().len();
     let supports = Supports::<D>::new(nodes, [(0, 0), (0, 1), (1, 1), (nodes as u32 - 1, 0)]);
     let [u, _, _] = fields(D * nodes);
-    let mut responses = vec![Response::REST; body.elements().len()];
+    let mut responses = body.at_rest();
     body.respond(&u, None, &mut vec![0.0; D * nodes], &mut responses);
     let mut matrix = Tangent::new(body.elements(), &supports).unwrap();
     let size = supports.free().len();

@@ -1,72 +1,4 @@
-//! Isotropic material that stiffens above a knee strain.
-
-use crate::tissue::knee::Knee;
-use crate::tissue::material::Material;
-use insonify_base::range::OutOfRange;
-
-/// Secant law sigma = E(e_r) D epsilon, with D the elasticity of a unit modulus at the material's Poisson's ratio, and
-/// E(e_r) = E0 up to the knee e0, E0 (1 + a (e_r - e0)^2) above (Y. Kobayashi et al., "Development of an integrated
-/// needle insertion system with image guidance and deformation simulation", Computerized Medical Imaging and Graphics
-/// 34, 2010, equations 7, 8 and 11). Small strains.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stiffening {
-    material: Material,
-    knee: Knee,
-}
-
-impl Stiffening {
-    /// Creates a law with `material` below the relative strain `knee` (0 or more), stiffening above by `rate` (0 or
-    /// more) times the square of the excess strain.
-    ///
-    /// # Errors
-    /// [`OutOfRange`] for a parameter that is out of range.
-    pub fn new(material: Material, knee: f64, rate: f64) -> Result<Stiffening, OutOfRange> {
-        let knee = Knee {
-            strain: knee,
-            stiffening: rate,
-        };
-        knee.check()?;
-        Ok(Stiffening { material, knee })
-    }
-
-    /// Creates a law without stiffening.
-    pub const fn linear(material: Material) -> Stiffening {
-        Stiffening {
-            material,
-            knee: Knee::NONE,
-        }
-    }
-
-    /// Material below the knee.
-    pub const fn material(&self) -> &Material {
-        &self.material
-    }
-
-    /// Knee strain and stiffening coefficient.
-    pub const fn knee(&self) -> &Knee {
-        &self.knee
-    }
-
-    /// Returns E over E0 at a relative strain.
-    #[inline]
-    pub fn secant(&self, relative: f64) -> f64 {
-        self.knee.factor(relative)
-    }
-
-    /// Returns the derivative of [`Self::secant`] with respect to the relative strain.
-    #[inline]
-    pub fn slope(&self, relative: f64) -> f64 {
-        self.knee.slope(relative)
-    }
-
-    /// Returns Kobayashi et al.'s tangent over E0, 1 + a (e_r - e0)^2 + 2 a (e_r - e0) e_r (their equation 15): the
-    /// derivative of the stress where strain grows in proportion, and an upper bound of it in other directions of pure
-    /// shear.
-    #[inline]
-    pub fn tangent(&self, relative: f64) -> f64 {
-        self.secant(relative) + self.slope(relative) * relative
-    }
-}
+//! Invariants of stress and strain.
 
 /// Returns the von Mises stress, sqrt(3/2 s : s) with s the deviator: the stress in uniaxial tension, sqrt(3) times that in simple shear.
 pub fn von_mises(stress: &[[f64; 3]; 3]) -> f64 {
@@ -93,6 +25,8 @@ pub fn relative_strain<const D: usize>(strain: &[[f64; D]; D]) -> (f64, [[f64; D
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tissue::law::{Law, Linear, NoKeys};
+    use crate::tissue::material::Material;
     use crate::tissue::nonlinear::Sheet;
 
     #[test]
@@ -117,12 +51,18 @@ mod tests {
             let material = Material::new(6.0, poisson).unwrap();
             let [_, mu] = material.lame_kpa();
             let nodes = vec![[0.0, 0.0], [2.0, 0.0], [0.0, 3.0]];
-            let sheet = Sheet::plane_strain(nodes, vec![[0, 1, 2]], &[Stiffening::linear(material)], 1.0).unwrap();
+            let sheet = Sheet::plane_strain(
+                nodes,
+                vec![[0, 1, 2]],
+                &[Linear::new(material, NoKeys {}).unwrap()],
+                1.0,
+            )
+            .unwrap();
             for (u, expected) in [
                 ([0.0, 0.0, 0.2, 0.0, 0.0, 0.0], 2.0 * mu * 0.1),
                 ([0.0, 0.0, 0.0, 0.0, 0.3, 0.0], 3f64.sqrt() * mu * 0.1),
             ] {
-                let found = sheet.von_mises_kpa(&sheet.stresses_kpa(&u, &u))[0];
+                let found = sheet.von_mises_kpa(&u, &sheet.stresses_kpa(&u, &u))[0];
                 assert!((found - expected).abs() < 1e-12, "{poisson}: {found} for {expected}");
             }
         }

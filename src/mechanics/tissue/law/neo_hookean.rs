@@ -1,0 +1,68 @@
+//! Neo-Hookean law.
+
+use super::{Law, Moduli, NoKeys, Tensor, deformation};
+use crate::tissue::material::Material;
+use insonify_base::range::OutOfRange;
+
+/// Compressible neo-Hookean tissue, W = mu / 2 (tr C - 3) - mu ln J + lambda / 2 (ln J)^2 (J. Bonet and R. D. Wood, "Nonlinear Continuum
+/// Mechanics for Finite Element Analysis", 2nd edition, 2008, section 6.4.3).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NeoHookean(Material);
+
+impl Law for NeoHookean {
+    type Keys = NoKeys;
+
+    const EXAMPLE: NoKeys = NoKeys {};
+
+    fn new(material: Material, _: NoKeys) -> Result<Self, OutOfRange> {
+        Ok(Self(material))
+    }
+
+    fn at_rest(&self) -> Material {
+        self.0
+    }
+
+    fn energy_kpa(&self, gradient: &Tensor) -> Option<f64> {
+        let [lambda, mu] = self.0.lame_kpa();
+        let energy = deformation(gradient).map(|(f, j, _)| {
+            let log = j.ln();
+            0.5 * mu * (f.norm_squared() - 3.0) - mu * log + 0.5 * lambda * log * log
+        });
+        Some(energy.unwrap_or(f64::NAN))
+    }
+
+    fn stress_kpa(&self, gradient: &Tensor) -> Tensor {
+        let [lambda, mu] = self.0.lame_kpa();
+        let stress = deformation(gradient).map(|(f, j, inverse)| (f - inverse) * mu + inverse * (lambda * j.ln()));
+        stress.unwrap_or(Tensor::repeat(f64::NAN))
+    }
+
+    fn moduli_kpa(&self, gradient: &Tensor) -> Moduli {
+        let [lambda, mu] = self.0.lame_kpa();
+        let Some((_, j, inverse)) = deformation(gradient) else {
+            return Moduli::repeat(f64::NAN);
+        };
+        let coupling = mu - lambda * j.ln();
+        Moduli::from_fn(|row, column| {
+            let ([i, j], [k, l]) = ([row / 3, row % 3], [column / 3, column % 3]);
+            let identity = if i == k && j == l { mu } else { 0.0 };
+            identity + coupling * inverse[(i, l)] * inverse[(k, j)] + lambda * inverse[(i, j)] * inverse[(k, l)]
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::uniaxial_kpa;
+    use super::*;
+
+    /// Incompressible tissue in tension: P = mu (l - 1 / l^2) (Holzapfel 2000, section 6.5).
+    #[test]
+    fn a_bar_has_its_closed_form() {
+        for stretch in [0.7, 1.3, 2.0f64] {
+            let (found, mu) = uniaxial_kpa::<NeoHookean>(NoKeys {}, stretch);
+            let expected = mu * (stretch - stretch.powi(-2));
+            assert!((found / expected - 1.0).abs() < 1e-4, "{stretch}: {found} {expected}");
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! Placement of a probe in the middle of a vessel, an airway or a duct.
+
+use insonify_anatomy::volume::LabelVolume;
+use insonify_anatomy::volume::distance::Grid;
+use nalgebra::{Matrix3, Matrix4, Point3, Vector3};
+
+use super::{Placement, PlacementOptions};
+use crate::TrackingError;
+use crate::probe::{BeamGrid, Probe};
+
+/// Radius of the part of the target that gives its axis, in radii of the lumen.
+const ALONG: f64 = 3.0;
+
+/// Places a probe where the target is widest, its axis along it; image rows run towards the back as far as the axis allows, columns towards
+/// the patient's left.
+pub(super) fn place(
+    volume: &LabelVolume,
+    target: &[u8],
+    options: &PlacementOptions,
+) -> Result<Placement, TrackingError> {
+    if options.plane.is_some() {
+        let kind = options.shape.kind();
+        let text = format!("the plane of a {kind} probe is across the lumen in which it lies; leave `plane` out");
+        return Err(TrackingError::at("plane", text));
+    }
+    let beam = BeamGrid::new(&Probe::new(options.shape, options.depth_mm)?)?;
+    let probe_mm = beam.virtual_apex_mm().unwrap_or_default();
+    let wall_mm = walls(volume, target);
+    let (widest, radius_mm) = wall_mm
+        .iter()
+        .enumerate()
+        .max_by(|a, b| a.1.total_cmp(b.1))
+        .unwrap_or((0, &0.0));
+    let radius_mm = f64::from(*radius_mm);
+    if radius_mm < probe_mm {
+        return Err(TrackingError::new(format!(
+            "the probe, of radius {probe_mm} mm, does not fit into the target, whose largest radius is {radius_mm:.1} mm"
+        )));
+    }
+    let [nx, ny, _] = volume.size();
+    let world = |at: usize| {
+        let index = [at % nx, at / nx % ny, at / (nx * ny)].map(|x| x as f64);
+        volume.index_to_world().transform_point(&Point3::from(index))
+    };
+    let centre = world(widest);
+    let near = (0..wall_mm.len()).filter(|&at| wall_mm[at] > 0.0);
+    let near = near
+        .map(|at| world(at) - centre)
+        .filter(|offset| offset.norm() <= ALONG * radius_mm);
+    let spread = near.fold(Matrix3::zeros(), |sum, offset| sum + offset * offset.transpose());
+    let eigen = spread.symmetric_eigen();
+    let axis: Vector3<f64> = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned();
+    let axis = if axis.z < 0.0 { -axis } else { axis };
+    // A lumen that runs from front to back is seen with the head up.
+    let down = [Vector3::y(), -Vector3::z()].map(|down| down - axis * down.dot(&axis));
+    let down = down
+        .into_iter()
+        .find(|down| down.norm() > 0.5)
+        .unwrap_or(Vector3::x())
+        .normalize();
+    let (x, origin) = (down.cross(&axis), centre + down * probe_mm);
+    let mut probe_to_world = Matrix4::identity();
+    for (column, of) in [x, down, axis, origin.coords].iter().enumerate() {
+        probe_to_world.fixed_view_mut::<3, 1>(0, column).copy_from(of);
+    }
+    let note = format!(
+        "probe at ({:.0}, {:.0}, {:.0}) mm, where the lumen is widest (radius {radius_mm:.1} mm), across its axis ({:.2}, {:.2}, {:.2})",
+        centre.x, centre.y, centre.z, axis.x, axis.y, axis.z
+    );
+    Ok(Placement {
+        probe_to_world,
+        rays_on_target: 1.0,
+        visible: 1.0,
+        target_depth_mm: 0.0,
+        score: radius_mm,
+        note,
+    })
+}
+
+/// Distance of each voxel of the target from the nearest voxel outside it, mm; 0 outside.
+fn walls(volume: &LabelVolume, target: &[u8]) -> Vec<f32> {
+    let spacing = [0, 1, 2].map(|axis| volume.index_to_world().fixed_view::<3, 1>(0, axis).norm());
+    let outside: Vec<bool> = volume.voxels().iter().map(|label| !target.contains(label)).collect();
+    let mut squares = Grid::squared_distances(&outside, volume.size(), spacing, &[0, 1, 2]).values;
+    squares.iter_mut().for_each(|square| *square = square.sqrt());
+    squares
+}

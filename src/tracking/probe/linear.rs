@@ -1,0 +1,25 @@
+//! Straight array.
+
+use insonify_base::range::parameters;
+
+use super::kind::{Kind, Layout, Site};
+
+parameters! {
+    /// Straight array, parallel scanlines.
+    #[derive(Copy)]
+    pub struct Linear with required keys {
+        /// Length of the array, mm.
+        width_mm: f64, in 1..=300;
+    }
+}
+
+impl Kind for Linear {
+    const NAME: &'static str = "linear";
+    const USUAL_MHZ: f64 = 9.0;
+    const SITE: Site = Site::Skin;
+    const EXAMPLE: Self = Self { width_mm: 36.0 };
+
+    fn layout(&self) -> Layout {
+        Layout::Parallel { width: self.width_mm }
+    }
+}

@@ -1,0 +1,25 @@
+//! Transrectal array, sagittal plane.
+
+use insonify_base::range::parameters;
+
+use super::kind::{Kind, Layout, Site};
+
+parameters! {
+    /// Transrectal, sagittal plane: a straight array along the probe's side; x runs along the probe's axis.
+    #[derive(Copy)]
+    pub struct TrusSagittal with required keys {
+        /// Length of the array, mm.
+        length_mm: f64, in 1..=300;
+    }
+}
+
+impl Kind for TrusSagittal {
+    const NAME: &'static str = "trus-sagittal";
+    const USUAL_MHZ: f64 = 7.0;
+    const SITE: Site = Site::Rectum;
+    const EXAMPLE: Self = Self { length_mm: 40.0 };
+
+    fn layout(&self) -> Layout {
+        Layout::Parallel { width: self.length_mm }
+    }
+}
