@@ -26,6 +26,7 @@ kinds! {
     phased: Phased;
     trus_transverse: TrusTransverse;
     trus_sagittal: TrusSagittal;
+    radial: Radial;
 }
 
 /// A transducer and the sampling of its field of view.

@@ -1,0 +1,30 @@
+//! Radial probe.
+
+use std::f64::consts::PI;
+
+use insonify_base::range::parameters;
+
+use super::kind::{Kind, Layout, OVERLAP, Site};
+
+parameters! {
+    /// A full circle around the probe's axis (z): catheters in vessels (IVUS), radial probes in airways and the oesophagus (EBUS, EUS).
+    #[derive(Copy)]
+    pub struct Radial with required keys {
+        /// Radius of the probe, mm.
+        radius_mm: f64, in 0.2..=20;
+    }
+}
+
+impl Kind for Radial {
+    const NAME: &'static str = "radial";
+    const USUAL_MHZ: f64 = 20.0;
+    const SITE: Site = Site::Lumen;
+    const EXAMPLE: Self = Self { radius_mm: 2.0 };
+
+    fn layout(&self) -> Layout {
+        Layout::Fan {
+            radius: self.radius_mm,
+            half: PI + OVERLAP,
+        }
+    }
+}
