@@ -163,6 +163,7 @@ laws! {
     "linear" linear: Linear;
     "knee" knee: Stiffening;
     "neo-hookean" neo_hookean: NeoHookean;
+    "ogden" ogden: Ogden;
 }
 
 #[cfg(test)]

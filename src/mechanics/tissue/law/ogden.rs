@@ -1,0 +1,179 @@
+//! Ogden law.
+
+use nalgebra::SymmetricEigen;
+
+use super::{Law, Moduli, Tensor, deformation};
+use crate::tissue::material::Material;
+use insonify_base::range::{OutOfRange, parameters};
+
+parameters! {
+    /// Keys of the law.
+    #[derive(Copy)]
+    pub struct OgdenKeys with required keys {
+        /// Exponent of the stretches, not 0: 2 is neo-Hookean at constant volume; negative ones are stiffer in compression than in tension, as
+        /// brain and liver are.
+        alpha: f64, in -50..=50;
+    }
+}
+
+/// Ogden tissue of one term, W = 2 mu / alpha^2 (sum of (J^(-1/3) l_i)^alpha - 3) + K / 2 (J - 1)^2 with the principal stretches l_i (R. W.
+/// Ogden, "Large deformation isotropic elasticity", Proceedings of the Royal Society A 328, 1972; G. A. Holzapfel, "Nonlinear Solid
+/// Mechanics", 2000, sections 6.5 and 6.6).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ogden {
+    material: Material,
+    alpha: f64,
+}
+
+/// Relative difference of squared stretches below which they count as equal.
+const EQUAL: f64 = 1e-6;
+
+/// Principal stretches with their directions, and along each the second Piola-Kirchhoff stress with its derivatives by the stretches, kPa.
+struct Principal {
+    stretches: [f64; 3],
+    directions: Tensor,
+    stress: [f64; 3],
+    slope: [[f64; 3]; 3],
+}
+
+impl Ogden {
+    fn bulk_kpa(&self) -> f64 {
+        let [lambda, mu] = self.material.lame_kpa();
+        lambda + 2.0 * mu / 3.0
+    }
+
+    fn principal(&self, f: &Tensor, j: f64) -> Principal {
+        let [_, mu] = self.material.lame_kpa();
+        let (alpha, bulk) = (self.alpha, self.bulk_kpa());
+        let eigen = SymmetricEigen::new(f.transpose() * f);
+        let stretches = [0, 1, 2].map(|i| eigen.eigenvalues[i].sqrt());
+        let powers = stretches.map(|stretch| (stretch * j.powf(-1.0 / 3.0)).powf(alpha));
+        let mean = powers.iter().sum::<f64>() / 3.0;
+        // dW/dl_i = b_i / l_i; the second Piola-Kirchhoff stress is b_i / l_i^2.
+        let b = powers.map(|power| 2.0 * mu / alpha * (power - mean) + bulk * (j - 1.0) * j);
+        let stress = [0, 1, 2].map(|i| b[i] / stretches[i].powi(2));
+        let slope = [0, 1, 2].map(|i| {
+            [0, 1, 2].map(|k| {
+                // db_i / dl_k
+                let own = if i == k { powers[i] } else { 0.0 };
+                let shear = 2.0 * mu * (own - (powers[i] + powers[k]) / 3.0 + mean / 3.0);
+                let change = (shear + bulk * (2.0 * j - 1.0) * j) / stretches[k];
+                let of_square = if i == k { 2.0 * b[i] / stretches[i] } else { 0.0 };
+                (change - of_square) / stretches[i].powi(2)
+            })
+        });
+        Principal {
+            stretches,
+            directions: eigen.eigenvectors,
+            stress,
+            slope,
+        }
+    }
+}
+
+impl Law for Ogden {
+    type Keys = OgdenKeys;
+
+    const EXAMPLE: OgdenKeys = OgdenKeys { alpha: -5.0 };
+
+    fn new(material: Material, keys: OgdenKeys) -> Result<Self, OutOfRange> {
+        let alpha = keys.alpha;
+        match alpha == 0.0 {
+            true => Err(OutOfRange::new(
+                "alpha",
+                alpha,
+                "an exponent from -50 to 50 that is not 0",
+            )),
+            false => Ok(Self { material, alpha }),
+        }
+    }
+
+    fn at_rest(&self) -> Material {
+        self.material
+    }
+
+    fn energy_kpa(&self, gradient: &Tensor) -> Option<f64> {
+        let [_, mu] = self.material.lame_kpa();
+        let energy = deformation(gradient).map(|(f, j, _)| {
+            let squares = (f.transpose() * f).symmetric_eigenvalues();
+            let sum: f64 = squares
+                .iter()
+                .map(|square| (square.sqrt() * j.powf(-1.0 / 3.0)).powf(self.alpha))
+                .sum();
+            2.0 * mu / self.alpha.powi(2) * (sum - 3.0) + 0.5 * self.bulk_kpa() * (j - 1.0).powi(2)
+        });
+        Some(energy.unwrap_or(f64::NAN))
+    }
+
+    fn stress_kpa(&self, gradient: &Tensor) -> Tensor {
+        let stress = deformation(gradient).map(|(f, j, _)| {
+            let Principal { directions, stress, .. } = self.principal(&f, j);
+            f * directions * Tensor::from_diagonal(&stress.into()) * directions.transpose()
+        });
+        stress.unwrap_or(Tensor::repeat(f64::NAN))
+    }
+
+    fn moduli_kpa(&self, gradient: &Tensor) -> Moduli {
+        let Some((f, j, _)) = deformation(gradient) else {
+            return Moduli::repeat(f64::NAN);
+        };
+        let Principal {
+            stretches,
+            directions,
+            stress,
+            slope,
+        } = self.principal(&f, j);
+        let second = directions * Tensor::from_diagonal(&stress.into()) * directions.transpose();
+        // Directions carried along, F N_i: the moduli in the deformed state need no further product.
+        let carried = f * directions;
+        let shear = |a: usize, b: usize| {
+            let (x, y) = (stretches[a].powi(2), stretches[b].powi(2));
+            match (x - y).abs() < EQUAL * (x + y) {
+                // The limit for equal stretches.
+                true => (slope[b][b] - slope[a][b]) / (2.0 * stretches[b]),
+                false => (stress[b] - stress[a]) / (y - x),
+            }
+        };
+        let shears: [[f64; 3]; 3] = [0, 1, 2].map(|a| [0, 1, 2].map(|b| if a == b { 0.0 } else { shear(a, b) }));
+        Moduli::from_fn(|row, column| {
+            let ([i, j], [k, l]) = ([row / 3, row % 3], [column / 3, column % 3]);
+            let mut entry = if i == k { second[(j, l)] } else { 0.0 };
+            for a in 0..3 {
+                for b in 0..3 {
+                    let (carried_a, carried_b) =
+                        ([carried[(i, a)], carried[(k, a)]], [carried[(i, b)], carried[(k, b)]]);
+                    let [ja, la, jb, lb] = [
+                        directions[(j, a)],
+                        directions[(l, a)],
+                        directions[(j, b)],
+                        directions[(l, b)],
+                    ];
+                    entry += slope[a][b] / stretches[b] * carried_a[0] * ja * carried_b[1] * lb;
+                    entry += shears[a][b] * carried_a[0] * jb * (carried_a[1] * lb + carried_b[1] * la);
+                }
+            }
+            entry
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::uniaxial_kpa;
+    use super::*;
+
+    /// Incompressible tissue in tension: P = 2 mu / alpha (l^(alpha - 1) - l^(-alpha / 2 - 1)) (Ogden 1972).
+    #[test]
+    fn a_bar_has_its_closed_form() {
+        for alpha in [2.0, -5.0, 9.0f64] {
+            for stretch in [0.7, 1.3, 2.0f64] {
+                let (found, mu) = uniaxial_kpa::<Ogden>(OgdenKeys { alpha }, stretch);
+                let expected = 2.0 * mu / alpha * (stretch.powf(alpha - 1.0) - stretch.powf(-alpha / 2.0 - 1.0));
+                assert!(
+                    (found / expected - 1.0).abs() < 1e-4,
+                    "{alpha} {stretch}: {found} {expected}"
+                );
+            }
+        }
+    }
+}
