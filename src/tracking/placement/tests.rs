@@ -101,6 +101,7 @@ fn the_normal_of_slanted_skin_is_found() {
             in_target: [false; 256],
             meaning: &meaning,
             options: &options,
+            fan: BeamGrid::new(&Probe::new(options.shape, options.depth_mm).unwrap()).unwrap(),
         };
         let normal = search.inward_normal(&Point3::origin()).expect("a normal");
         let apart = normal.angle(&inward).to_degrees();

@@ -194,7 +194,9 @@ fn a_kidney_has_a_sinus_within_pyramids_within_a_cortex() {
 fn a_heart_has_four_chambers_within_its_walls() {
     // Its axis from right, posterior and superior to left, anterior and inferior.
     let axis = Vector3::new(1.0, -1.0, -0.6).normalize();
+    // Beside the origin.
     let before = volume([70.0; 3], &["heart"], |p| {
+        let p = p - Vector3::new(14.0, -9.0, 11.0);
         let along = p.dot(&axis);
         u8::from((along / 62.0).hypot((p - axis * along).norm() / 42.0) < 1.0)
     });
@@ -217,6 +219,18 @@ fn a_heart_has_four_chambers_within_its_walls() {
         u8::from(p.norm() < 50.0) + u8::from(p.norm() < 9.0)
     });
     assert_eq!(add(&four).unwrap().note, None);
+}
+
+#[test]
+fn surroundings_are_the_deeper_the_nearer() {
+    let one = volume([15.0; 3], &["kidney_left"], |p| u8::from(p.norm() < 1.0));
+    let around = Organ::around(&one, |label| label == 1, 5.0).unwrap();
+    for (voxel, depth) in around.voxels() {
+        let away = voxel.map(|at| 1.5 * at as f64 - 15.0);
+        let expected = 5.0 - Vector3::from(away).norm();
+        assert!((depth - expected).abs() < 1e-5, "{voxel:?}: {depth} {expected}");
+    }
+    assert!((around.deepest_mm() - 5.0).abs() < 1e-6);
 }
 
 #[test]
