@@ -1,5 +1,6 @@
 use super::*;
 use crate::error::key;
+use crate::probe::Radial;
 use insonify_anatomy::volume::Label;
 use insonify_anatomy::volume::complete::{CompleteOptions, complete};
 
@@ -197,4 +198,47 @@ fn real_organs_are_seen_from_where_a_sonographer_would_stand() {
         assert_eq!(label(origin - axial * 3.0), 0, "air behind the array");
         assert_ne!(label(origin + axial * 1.0), 0, "body in front of it");
     }
+}
+
+#[test]
+fn a_radial_probe_lies_in_the_middle_of_a_vessel_across_it() {
+    // A slanted tube of 8 mm radius that widens to 12 mm around a point of its axis.
+    let axis = Vector3::new(0.3, -0.2, 0.9).normalize();
+    let wide = axis * 14.0;
+    let volume = cylinder(Vector3::repeat(500.0), |_| false, [60.0; 3]);
+    let (size, to_world) = (volume.size(), *volume.index_to_world());
+    let inside = |at: usize| {
+        let index = [at % size[0], at / size[0] % size[1], at / (size[0] * size[1])].map(|i| i as f64);
+        let p = to_world.transform_point(&Point3::from(index)).coords;
+        let along = p.dot(&axis);
+        let radius = 8.0 + 4.0 * (-((along - wide.norm()) / 10.0).powi(2)).exp();
+        (p - axis * along).norm() < radius && along.abs() < 40.0
+    };
+    let voxels = (0..volume.voxels().len()).map(|at| if inside(at) { 2 } else { volume.voxels()[at] });
+    let volume = LabelVolume::new(size, voxels.collect(), labels(), to_world).unwrap();
+    let meaning = Meaning {
+        is_body: &|label| label != 0,
+        is_bone_or_gas: &|_| false,
+    };
+    let options = |radius_mm, plane| PlacementOptions {
+        plane,
+        shape: Radial { radius_mm }.into(),
+        depth_mm: 20.0,
+    };
+    let place = |options: &PlacementOptions| place(&volume, &[2], &meaning, options);
+    let found = place(&options(1.5, None)).unwrap();
+    let pose = found.probe_to_world;
+    let centre = pose.transform_point(&Point3::new(0.0, -1.5, 0.0)).coords;
+    assert!((centre - wide).norm() < 3.0, "{centre} {wide}");
+    let along = column(&pose, 2);
+    assert!(along.angle(&axis).to_degrees() < 4.0, "{along}");
+    let down = column(&pose, 1);
+    assert!(
+        down.y > 0.9 && column(&pose, 0).x > 0.9,
+        "rows run to the back, columns to the left: {pose}"
+    );
+    assert!((pose.determinant() - 1.0).abs() < 1e-9);
+    let narrow = place(&options(15.0, None)).unwrap_err();
+    assert!(narrow.to_string().contains("does not fit"), "{narrow}");
+    assert_eq!(key(place(&options(1.5, Some(ScanPlane::Sagittal)))), Some("plane"));
 }
