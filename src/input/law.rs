@@ -17,13 +17,7 @@ impl LawKeys<'_> {
     /// # Errors
     /// [`OutOfRange`] with the key at fault.
     pub(crate) fn law(&self, material: Material, creeps: bool) -> Result<AnyLaw, OutOfRange> {
-        let alone = |key: &str, other: &str| {
-            Err(OutOfRange::new(
-                key,
-                format!("`{key}` alone"),
-                format!("`{other}` beside it"),
-            ))
-        };
+        let alone = |key: &str, other: &str| Err(OutOfRange::new(key, "alone", format!("`{other}` beside it")));
         match (self.law, self.knee_strain, self.stiffening) {
             (None, None, None) => Linear::new(material, NoKeys {}).map(AnyLaw::from),
             (None, Some(knee), Some(rate)) => Stiffening::new(material, knee, rate).map(AnyLaw::from),
@@ -36,7 +30,7 @@ impl LawKeys<'_> {
                 })?;
                 match creeps && law.as_secant().is_none() {
                     true => {
-                        let found = "a law without a secant modulus, which viscosity needs";
+                        let found = "one without a secant modulus, which viscosity needs";
                         Err(OutOfRange::new("law", found, "`linear` or `knee`"))
                     }
                     false => Ok(law),
@@ -45,7 +39,7 @@ impl LawKeys<'_> {
             (Some(_), knee, _) => {
                 let key = if knee.is_some() { "knee_strain" } else { "stiffening" };
                 let expected = "one of them: `law = { kind = \"knee\", ... }` has these keys itself";
-                Err(OutOfRange::new(key, format!("`{key}` beside `law`"), expected))
+                Err(OutOfRange::new(key, "beside `law`", expected))
             }
         }
     }

@@ -219,7 +219,12 @@ fn what_a_history_says_is_checked() {
         18,
         &["[viscosity] beside"],
     );
-    refused(&bench, &with("stiffening = 100.0\n", ""), 7, &["`knee_strain` alone"]);
+    refused(
+        &bench,
+        &with("stiffening = 100.0\n", ""),
+        7,
+        &["`knee_strain` is alone"],
+    );
     refused(
         &bench,
         &with("stiffening = 100.0", "stiffening = -1.0"),

@@ -13,7 +13,9 @@ use crate::support::scene::{self, SHAPES};
 const DIAMETER_MM: f64 = 1.6;
 
 fn settings(shape: usize, thickness_mm: Option<f64>) -> Settings {
-    let mut settings = scene::settings(scene::probe(SHAPES[shape].1, 40.0, 400, 800), scene::bare());
+    // A full circle needs as many scanlines more for the same spacing.
+    let lines = if SHAPES[shape].0 == "radial" { 2400 } else { 400 };
+    let mut settings = scene::settings(scene::probe(SHAPES[shape].1, 40.0, lines, 800), scene::bare());
     settings.has_needle = true;
     settings.effects.needle = Some(NeedleEcho {
         thickness_mm,

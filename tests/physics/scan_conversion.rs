@@ -95,7 +95,8 @@ fn a_pixel_shows_the_tissue_at_its_place_in_the_world() {
     let (centre, radius) = ([3.0, 22.0, 0.0], 7.0);
     let anatomy = anatomy::ball(frame, centre, radius, &[anatomy::SILENT, anatomy::SILENT, PLAIN]);
     for (kind, shape) in SHAPES {
-        let mut settings = scene::sized(scene::probe(shape, 40.0, 200, 400), scene::bare(), 240, 200);
+        let lines = if kind == "radial" { 1200 } else { 200 };
+        let mut settings = scene::sized(scene::probe(shape, 40.0, lines, 400), scene::bare(), 240, 200);
         settings.image.fill = 0;
         let mut synthesizer = synthesizer(&anatomy, &settings, insonify_imaging::synth::Backend::Cpu);
         let frame = synthesizer.render(&scene::straight()).expect("a frame");

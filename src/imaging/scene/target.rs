@@ -129,7 +129,12 @@ impl SceneFile {
         };
         match place(body.volume, &[label], &meaning, &options) {
             Ok(placement) => {
-                notes.push(format!("placed over {name}: {}", placement.note));
+                let place = if probe.shape.kind().site() == Site::Lumen {
+                    "in"
+                } else {
+                    "over"
+                };
+                notes.push(format!("placed {place} {name}: {}", placement.note));
                 Pose::from_matrix(&placement.probe_to_world).map_err(|error| self.fault("pose", error))
             }
             Err(error) if probe.shape.kind().site() == Site::Lumen => {

@@ -26,7 +26,6 @@ impl ScenarioFile {
     /// Tissue model settings, checked against each other, with defaults for those not stated.
     pub(crate) fn modelling(&self) -> Result<Modelling, InputError> {
         let spec = &self.tissue;
-        self.of_kind("tissue", spec, spec.model)?;
         let level = spec.level.unwrap_or_default();
         let is_on_gpu = self.is_on_gpu();
         let usual = if is_on_gpu {
@@ -69,6 +68,7 @@ impl ScenarioFile {
             let found = "a change of level of a model that has none";
             return Err(self.wrong_keys("run.change", found, "`tissue.model = \"finite-element\"`"));
         }
+        self.of_kind("tissue", spec, spec.model)?;
         Ok(Modelling {
             contact_spacing_mm: spec.contact_spacing_mm.unwrap_or(1.0),
             model: spec.model,

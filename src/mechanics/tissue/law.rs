@@ -215,7 +215,6 @@ mod tests {
                         let stress = law.stress_kpa(h);
                         std::array::from_fn(|row| stress[(row / 3, row % 3)])
                     };
-                    // At rest the knee law has a kink of second order.
                     let column = difference(rows, &gradient, entry);
                     for (row, slope) in column.iter().enumerate() {
                         let exact = moduli[(row, entry)];

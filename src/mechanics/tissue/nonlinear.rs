@@ -2,7 +2,8 @@
 //!
 //! The law is that of Y. Kobayashi et al., "Development of an integrated needle insertion system with image guidance and
 //! deformation simulation", Computerized Medical Imaging and Graphics 34, 2010, sections 3.1.4 and 3.2: see [`Stiffening`].
-//! One implementation serves both dimensions ([`Body`], with [`Sheet`] and [`Solid`] for names). Strains are small.
+//! One implementation serves both dimensions ([`Body`], with [`Sheet`] and [`Solid`] for names). Strains are small, but for laws of finite strain
+//! ([`crate::tissue::law`]).
 //!
 //! Three schemes solve it, increment by increment ([`Scheme`]):
 //!
@@ -135,7 +136,8 @@ pub enum NonlinearError {
     Displaced,
     /// A law that is not a secant modulus times linear elasticity.
     #[error(
-        "a law without a secant modulus in tissue with memory; expected linear tissue, or one that stiffens above a knee strain"
+        "a law without a secant modulus, with memory or a scheme by Euler's method; expected linear tissue or one that stiffens above a knee \
+         strain, or Newton's method"
     )]
     NoSecant,
 }

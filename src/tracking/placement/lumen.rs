@@ -50,14 +50,20 @@ pub(super) fn place(
     let spread = near.fold(Matrix3::zeros(), |sum, offset| sum + offset * offset.transpose());
     let eigen = spread.symmetric_eigen();
     let axis: Vector3<f64> = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned();
-    let axis = if axis.z < 0.0 { -axis } else { axis };
+    // Of a level lumen towards the patient's left, so that rounding does not turn the view.
+    let towards = if axis.z.abs() > 0.1 {
+        axis.z
+    } else {
+        axis.x + 0.5 * axis.y
+    };
+    let axis = if towards < 0.0 { -axis } else { axis };
     // A lumen that runs from front to back is seen with the head up.
-    let down = [Vector3::y(), -Vector3::z()].map(|down| down - axis * down.dot(&axis));
-    let down = down
-        .into_iter()
-        .find(|down| down.norm() > 0.5)
-        .unwrap_or(Vector3::x())
-        .normalize();
+    let down = if axis.y.abs() < 0.8 {
+        Vector3::y()
+    } else {
+        -Vector3::z()
+    };
+    let down = (down - axis * down.dot(&axis)).normalize();
     let (x, origin) = (down.cross(&axis), centre + down * probe_mm);
     let mut probe_to_world = Matrix4::identity();
     for (column, of) in [x, down, axis, origin.coords].iter().enumerate() {

@@ -140,6 +140,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::super::tests::one_of_each;
+    use super::super::{Linear, Probe};
     use super::*;
     use crate::error::key;
 
@@ -182,7 +183,11 @@ mod tests {
 
     #[test]
     fn the_first_pixel_is_the_unmarked_near_corner() {
-        let beam = BeamGrid::new(&one_of_each()[0]).expect("beam");
+        let probe = Probe {
+            shape: Linear { width_mm: 40.0 }.into(),
+            ..one_of_each()[0]
+        };
+        let beam = BeamGrid::new(&probe).expect("beam");
         let image = ImageGrid::fit(&beam, 400, 800, 0.0).expect("image");
         assert!((image.pixel_mm() - 0.1).abs() < 1e-12);
         let map = scan_map(&beam, &image, 0..800);
@@ -209,7 +214,10 @@ mod tests {
             let beam = BeamGrid::new(&probe).expect("beam");
             let one = ImageGrid::fit(&beam, 1, 1, 0.0).expect("image");
             let map = scan_map(&beam, &one, 0..1);
-            assert_ne!(map[0], OUTSIDE, "{:?}", probe.shape);
+            // The middle of a full circle is the probe itself.
+            let [x, y] = one.to_plane(0.0, 0.0);
+            assert_eq!(map[0] == OUTSIDE, beam.to_beam(x, y).is_none(), "{:?}", probe.shape);
+            assert_eq!(map[0] == OUTSIDE, probe.shape.kind().name() == "radial");
             let many = ImageGrid::fit(&beam, 8192, 8192, 0.0).expect("image");
             let map = scan_map(&beam, &many, 8000..8002);
             assert_eq!(map.len(), 2 * 8192);

@@ -35,7 +35,7 @@ pub(super) enum Layout {
 }
 
 /// Angle on either side of half a turn by which the scanlines of a full circle overlap, radians: what spreads from scanline to scanline, as
-/// speckle does, meets itself without a seam.
+/// speckle and blur do, meets itself without a seam. Acoustic clutter, drawn scanline by scanline, has one.
 pub(super) const OVERLAP: f64 = 0.05 * PI;
 
 /// A kind of probe: a table whose numbers have ranges, its scanlines, and the properties in which kinds differ elsewhere.

@@ -298,7 +298,10 @@ impl JsonSchema for ProbeSpec {
 
     fn json_schema(generator: &mut SchemaGenerator) -> Schema {
         let mut properties = Map::new();
-        properties.insert("kind".into(), generator.subschema_for::<Option<ProbeKind>>().to_value());
+        let mut kind = generator.subschema_for::<Option<ProbeKind>>().to_value();
+        kind["description"] =
+            "Kind of probe. Required, unless the configuration of a tracked sequence states it.".into();
+        properties.insert("kind".into(), kind);
         for kind in ProbeKind::ALL {
             for (key, own) in kind.described().1 {
                 let text = own["description"].as_str().unwrap_or_default().replace("\n\n", " ");

@@ -2,7 +2,7 @@
 
 use insonify_mechanics::tissue::law::{AnyLaw, Tensor};
 use insonify_mechanics::tissue::material::Material;
-use insonify_mechanics::tissue::nonlinear::Scheme;
+use insonify_mechanics::tissue::nonlinear::{Options, Scheme};
 
 use super::case::{block, difference, held, options, pressed, pulled, target};
 
@@ -36,7 +36,11 @@ fn bars_of_finite_strain_stretch_as_the_law_says() {
         for (name, law) in finite(poisson) {
             for scheme in [Scheme::Newton, Scheme::MODIFIED] {
                 let (body, rollers, unit) = pulled(2, 6.0, law);
-                let (mut solver, prescribed) = held(&body, &rollers, options(scheme));
+                let ample = Options {
+                    iterations: 400,
+                    ..options(scheme)
+                };
+                let (mut solver, prescribed) = held(&body, &rollers, ample);
                 for stress in [1.0, 3.0, -3.0] {
                     let loads: Vec<f64> = unit.iter().map(|f| f * stress).collect();
                     let solved = solver.step(&target(&loads, &prescribed));

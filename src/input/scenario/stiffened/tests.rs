@@ -247,7 +247,7 @@ fn what_such_tissue_cannot_have_is_refused_where_it_stands() {
         (
             text.replacen("knee_strain = 0.303\n", "", 1),
             "stiffening = 60",
-            "`stiffening` alone",
+            "`stiffening` is alone",
         ),
         (
             text.replacen("knee_strain = 0.303", "knee_strain = -1", 1),

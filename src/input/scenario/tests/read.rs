@@ -34,7 +34,7 @@ fn faults_point_at_their_line_and_say_what_is_expected() {
             "nodes = 250",
             "model = \"mass-spring\"\ndevice = \"gpu\"",
             12,
-            "`device` of a mass-spring model",
+            "`device` with `model = \"mass-spring\"`",
         ),
         ("nodes = 250", "device = \"gpu\"", 11, "the exact level on a GPU"),
         ("nodes = 250", "device = \"tpu\"", 11, "unknown value `tpu`"),

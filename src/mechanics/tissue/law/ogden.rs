@@ -10,7 +10,7 @@ parameters! {
     /// Keys of the law.
     #[derive(Copy)]
     pub struct OgdenKeys with required keys {
-        /// Exponent of the stretches, not 0: 2 is neo-Hookean at constant volume; negative ones are stiffer in compression than in tension, as
+        /// Exponent of the stretches, at least 0.001 away from 0: 2 is neo-Hookean at constant volume; negative ones are stiffer in compression than in tension, as
         /// brain and liver are.
         alpha: f64, in -50..=50;
     }
@@ -24,6 +24,9 @@ pub struct Ogden {
     material: Material,
     alpha: f64,
 }
+
+/// Least size of the exponent: powers of stretches with smaller ones differ by little more than rounding.
+const LEAST_ALPHA: f64 = 1e-3;
 
 /// Relative difference of squared stretches below which they count as equal.
 const EQUAL: f64 = 1e-6;
@@ -78,11 +81,11 @@ impl Law for Ogden {
 
     fn new(material: Material, keys: OgdenKeys) -> Result<Self, OutOfRange> {
         let alpha = keys.alpha;
-        match alpha == 0.0 {
+        match alpha.abs() < LEAST_ALPHA {
             true => Err(OutOfRange::new(
                 "alpha",
                 alpha,
-                "an exponent from -50 to 50 that is not 0",
+                "an exponent from -50 to 50, and at least 0.001 away from 0",
             )),
             false => Ok(Self { material, alpha }),
         }

@@ -16,6 +16,7 @@ pub struct Body<const D: usize, const N: usize> {
     nodes: Vec<[f64; D]>,
     elements: Vec<[u32; N]>,
     cells: Vec<Cell<D, N>>,
+    has_secants: bool,
 }
 
 /// Body of triangles in plane strain.
@@ -199,7 +200,12 @@ impl<const D: usize, const N: usize> Body<D, N> {
             .enumerate()
             .map(cell)
             .collect::<Result<_, NonlinearError>>()?;
-        Ok(Body { nodes, elements, cells })
+        Ok(Body {
+            nodes,
+            elements,
+            cells,
+            has_secants: finite == 0,
+        })
     }
 
     /// Node positions in the reference state, mm.
@@ -218,7 +224,7 @@ impl<const D: usize, const N: usize> Body<D, N> {
 
     /// Whether every law is a secant modulus times linear elasticity.
     pub(super) fn has_secants(&self) -> bool {
-        self.cells.iter().all(|cell| matches!(cell.law, CellLaw::Secant(_)))
+        self.has_secants
     }
 
     /// Responses of the body at rest.
@@ -281,7 +287,7 @@ impl<const D: usize, const N: usize> Body<D, N> {
         self.elements.iter().zip(&self.cells).map(strain).collect()
     }
 
-    /// Returns the Cauchy stress of each element, kPa: E(e_r) of the strain under `displacement` times D epsilon(`strained`).
+    /// Returns the Cauchy stress of each element, kPa; of a secant law E(e_r) of the strain under `displacement` times D epsilon(`strained`).
     /// For an elastic body `strained` equals `displacement`; for a viscous one it holds the rates (see
     /// [`super::creep`]).
     ///

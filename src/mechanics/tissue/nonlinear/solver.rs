@@ -170,6 +170,17 @@ impl<const D: usize, const N: usize> Solver<D, N> {
     /// [`NonlinearError`]; the state is then unchanged.
     pub fn step(&mut self, target: &Target<'_>) -> Result<&Progress, NonlinearError> {
         target.check(&self.supports)?;
+        let by_secants = target.offset.is_some()
+            || matches!(
+                self.options.scheme,
+                Scheme::Euler {
+                    slope: Slope::Scalar,
+                    ..
+                }
+            );
+        if by_secants && !self.body.has_secants() {
+            return Err(NonlinearError::NoSecant);
+        }
         self.start.take(&self.state);
         self.progress.iterations = 0;
         self.progress.factorisations = 0;
