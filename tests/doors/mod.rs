@@ -85,6 +85,11 @@ fn declarations(text: &str, exported: &BTreeSet<&str>) -> Vec<String> {
             end = Some(ends).filter(|ends| !ends(line));
             continue;
         }
+        if line.trim_start().starts_with("type ") {
+            // An associated type.
+            declarations.push(line.to_owned());
+            continue;
+        }
         let Some(rest) = line.trim_start().strip_prefix("pub ") else {
             continue;
         };
@@ -99,6 +104,17 @@ fn declarations(text: &str, exported: &BTreeSet<&str>) -> Vec<String> {
         end = Some(ends).filter(|ends| !ends(line));
     }
     declarations
+}
+
+/// Names at the end of paths from `$crate`, which macros write into other crates.
+fn written_by_macros(text: &str) -> impl Iterator<Item = &str> {
+    let paths = text.split("$crate::").skip(1);
+    paths.filter_map(|path| {
+        path.split(|c: char| !c.is_alphanumeric() && c != '_' && c != ':')
+            .next()?
+            .rsplit("::")
+            .next()
+    })
 }
 
 /// A name counts as used if it stands anywhere in another crate, in a test, a benchmark or an example, or in the declaration of another name at
@@ -132,7 +148,13 @@ fn whatever_a_crate_shows_somebody_else_uses() {
             .collect();
         for name in lines.iter().filter_map(|line| declared(line)) {
             let beside = |line: &String| declared(line) != Some(name) && words(line).any(|word| word == name);
-            if !others.contains(name) && !lines.iter().any(beside) {
+            let by_macro = || {
+                own[layer]
+                    .iter()
+                    .flat_map(|text| written_by_macros(text))
+                    .any(|word| word == name)
+            };
+            if !others.contains(name) && !lines.iter().any(beside) && !by_macro() {
                 unused.push(format!("{layer}: {name}"));
             }
         }
