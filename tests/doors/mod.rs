@@ -108,13 +108,12 @@ fn declarations(text: &str, exported: &BTreeSet<&str>) -> Vec<String> {
 
 /// Names at the end of paths from `$crate`, which macros write into other crates.
 fn written_by_macros(text: &str) -> impl Iterator<Item = &str> {
-    let paths = text.split("$crate::").skip(1);
-    paths.filter_map(|path| {
-        path.split(|c: char| !c.is_alphanumeric() && c != '_' && c != ':')
-            .next()?
-            .rsplit("::")
-            .next()
-    })
+    let ends = |c: char| !c.is_alphanumeric() && c != '_' && c != ':';
+    let paths = text
+        .split("$crate::")
+        .skip(1)
+        .filter_map(move |rest| rest.split(ends).next());
+    paths.filter_map(|path| path.trim_end_matches(':').rsplit("::").next())
 }
 
 /// A name counts as used if it stands anywhere in another crate, in a test, a benchmark or an example, or in the declaration of another name at
