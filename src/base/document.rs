@@ -302,6 +302,7 @@ fn without_rust(message: &str) -> String {
         "u8" => "an integer from 0 to 255",
         "u32" | "u64" | "usize" => "an integer of 0 or more",
         _ if expected.starts_with("struct ") => "a table",
+        _ if expected.starts_with("internally tagged enum ") => "a table with `kind`",
         _ => return text,
     };
     format!("{start}expected {plain}")

@@ -116,13 +116,13 @@ pub trait Ranges: Sized + 'static {
 
 /// A kind that decides which keys a table may have, such as a model.
 pub trait Kind: Copy + PartialEq + 'static {
-    /// How a file states the kind, such as "`model = \"springs\"`".
+    /// The kind as a file states it, such as "`model = \"springs\"`".
     fn stated_as(self) -> String;
 }
 
 /// A table with keys that belong to some kinds only; [`parameters!`] implements it.
 pub trait ByKind: erased_serde::Serialize {
-    /// What decides which keys the table may have.
+    /// Kinds of the table.
     type Kind: Kind;
     /// Keys that belong to some kinds only, with those.
     const KINDS: &'static [(&'static str, &'static [Self::Kind])];

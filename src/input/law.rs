@@ -28,13 +28,14 @@ impl LawKeys<'_> {
                     key: format!("law.{}", error.key),
                     ..error
                 })?;
-                match creeps && law.as_secant().is_none() {
-                    true => {
-                        let found = "one without a secant modulus, which viscosity needs";
-                        Err(OutOfRange::new("law", found, "`linear` or `knee`"))
-                    }
-                    false => Ok(law),
+                if creeps && law.as_secant().is_none() {
+                    let laws = AnyLaw::examples(material)?.into_iter();
+                    let secants = laws.filter(|(_, law)| law.as_secant().is_some());
+                    let names: Vec<String> = secants.map(|(name, _)| format!("`{name}`")).collect();
+                    let found = "one without a secant modulus, which viscosity needs";
+                    return Err(OutOfRange::new("law", found, names.join(" or ")));
                 }
+                Ok(law)
             }
             (Some(_), knee, _) => {
                 let key = if knee.is_some() { "knee_strain" } else { "stiffening" };

@@ -70,7 +70,7 @@ impl ProbeKind {
         self.facts().usual_mhz
     }
 
-    /// Where the array lies.
+    /// Place of the array.
     pub fn site(self) -> Site {
         self.facts().site
     }
@@ -86,7 +86,7 @@ impl ProbeKind {
         (self.facts().keys)()
     }
 
-    /// What the kind is, and the schema of its keys.
+    /// Description of the kind, and the schema of its keys.
     fn described(self) -> (String, Map<String, Value>) {
         let schema = (self.facts().schema)();
         let description = schema.get("description").and_then(Value::as_str);

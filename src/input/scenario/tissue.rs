@@ -120,8 +120,8 @@ parameters! {
         shear_kpa: Option<f64>, above 0 "kPa";
         /// Poisson's ratio nu.
         poisson: Option<f64>, above -1..0.5;
-        /// Law of the tissue, whose moduli at small strain are those above: `linear`, `knee` (which `knee_strain` and `stiffening` state too),
-        /// `neo-hookean` or `ogden`, for example `{ kind = "ogden", alpha = -5 }`. Viscosity needs one of the first two. Default `linear`.
+        /// Law of the tissue, whose moduli at small strain are those above, for example `{ kind = "ogden", alpha = -5 }`; `knee_strain` and
+        /// `stiffening` state the law `knee`. Viscosity needs a law with a secant modulus. Default `linear`.
         law: Option<LawSpec>, for Nonlinear | Viscoelastic;
         /// Relative strain above which the tissue stiffens (0 or more). Default: no stiffening. In
         /// simple shear the relative strain is 0.866 of the shear.

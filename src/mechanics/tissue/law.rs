@@ -69,15 +69,15 @@ fn deformation(gradient: &Tensor) -> Option<(Tensor, f64, Tensor)> {
     Some((f, j, inverse.transpose()))
 }
 
-/// Declares the laws: the names of files, each with its module and type.
+/// Declares the laws: the names of files, each with its module, type and description.
 macro_rules! laws {
-    ($($name:literal $module:ident: $Law:ident;)+) => {
+    ($($name:literal $module:ident: $Law:ident = $doc:literal;)+) => {
         $(mod $module; pub use $module::$Law;)+
 
         /// Any law.
         #[derive(Clone, Copy, Debug, PartialEq)]
         pub enum AnyLaw {
-            $(#[doc = concat!("See [`", stringify!($Law), "`].")] $Law($Law),)+
+            $(#[doc = $doc] $Law($Law),)+
         }
 
         /// A law as a file states it.
@@ -85,7 +85,7 @@ macro_rules! laws {
         #[serde(tag = "kind")]
         pub enum LawSpec {
             $(
-                #[doc = concat!("See [`", stringify!($Law), "`].")]
+                #[doc = $doc]
                 #[serde(rename = $name)]
                 $Law(<$Law as Law>::Keys),
             )+
@@ -160,10 +160,10 @@ macro_rules! laws {
 }
 
 laws! {
-    "linear" linear: Linear;
-    "knee" knee: Stiffening;
-    "neo-hookean" neo_hookean: NeoHookean;
-    "ogden" ogden: Ogden;
+    "linear" linear: Linear = "Linear elasticity at small strain.";
+    "knee" knee: Stiffening = "Stiffening above a knee strain (Kobayashi et al. 2010).";
+    "neo-hookean" neo_hookean: NeoHookean = "Neo-Hookean tissue, of finite strain.";
+    "ogden" ogden: Ogden = "Ogden tissue of one term, of finite strain; with a negative exponent it is stiffer in compression.";
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use insonify_base::range::Ranges;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-/// Where the array of a probe lies.
+/// Place of the array of a probe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Site {
     /// On the skin.
@@ -38,13 +38,13 @@ pub(super) enum Layout {
 /// speckle and blur do, meets itself without a seam. Acoustic clutter, drawn scanline by scanline, has one.
 pub(super) const OVERLAP: f64 = 0.05 * PI;
 
-/// A kind of probe: a table whose numbers have ranges, its scanlines, and the properties in which kinds differ elsewhere.
+/// A kind of probe: a table of numbers, each with a range, its scanlines, and the properties in which kinds differ elsewhere.
 pub(super) trait Kind: Ranges + Copy + Serialize + DeserializeOwned + schemars::JsonSchema {
     /// Name in files.
     const NAME: &'static str;
     /// A centre frequency common for the kind, MHz.
     const USUAL_MHZ: f64;
-    /// Where the array lies.
+    /// Place of the array.
     const SITE: Site;
     /// See [`ProbeKind::shared_aperture_mm`](super::ProbeKind::shared_aperture_mm).
     const SHARED_APERTURE_MM: Option<f64> = None;

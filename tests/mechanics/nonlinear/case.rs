@@ -160,3 +160,18 @@ pub(super) fn pressed(body: &Solid, top: f64, [near, far]: [f64; 2]) -> Held {
     }));
     driven
 }
+
+/// Orders of convergence of Newton's method for a block pressed unevenly, iteration by iteration, and its residuals.
+pub(super) fn newton_orders(law: impl Copy + Into<AnyLaw>) -> (Vec<f64>, Vec<f64>) {
+    let body = block([4, 4, 4], 2.0, 0.2, law);
+    let driven = pressed(&body, 8.0, [-1.6, 0.2]);
+    let (mut solver, prescribed) = held(&body, &driven, options(Scheme::Newton));
+    let loads = vec![0.0; 3 * body.nodes().len()];
+    let residuals = solver.step(&target(&loads, &prescribed)).unwrap().residuals.clone();
+    // Pairs that are near enough for the square to tell, and above rounding.
+    let orders = residuals
+        .windows(3)
+        .filter(|r| r[1] < 1e-2 && r[2] > 1e-13)
+        .map(|r| (r[2] / r[1]).ln() / (r[1] / r[0]).ln());
+    (orders.collect(), residuals)
+}

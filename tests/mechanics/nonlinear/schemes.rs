@@ -2,25 +2,14 @@
 
 use insonify_mechanics::tissue::nonlinear::{Options, Scheme, Slope, Stiffening};
 
-use super::case::{Held, at, block, difference, held, law, options, pressed, pulled, target};
+use super::case::{Held, at, block, difference, held, law, newton_orders, options, pressed, pulled, target};
 use insonify_mechanics::tissue::material::Material;
 
 /// The number of correct digits doubles: in the last iterations before rounding the order is 2.
 #[test]
 fn newton_is_quadratic() {
     for poisson in [0.3, 0.45] {
-        let body = block([4, 4, 4], 2.0, 0.2, law(poisson));
-        let driven = pressed(&body, 8.0, [-1.6, 0.2]);
-        let (mut solver, prescribed) = held(&body, &driven, options(Scheme::Newton));
-        let loads = vec![0.0; 3 * body.nodes().len()];
-        let progress = solver.step(&target(&loads, &prescribed)).unwrap();
-        let left = &progress.residuals;
-        // Pairs that are near enough for the square to tell, and above rounding.
-        let orders: Vec<f64> = left
-            .windows(3)
-            .filter(|r| r[1] < 1e-2 && r[2] > 1e-13)
-            .map(|r| (r[2] / r[1]).ln() / (r[1] / r[0]).ln())
-            .collect();
+        let (orders, left) = newton_orders(law(poisson));
         assert!(
             !orders.is_empty() && orders.iter().all(|order| *order > 1.6),
             "{orders:?} of {left:?}"

@@ -54,7 +54,7 @@ pub(super) type Moduli<const D: usize> = [[[[f64; D]; D]; D]; D];
 #[derive(Clone, Debug)]
 pub(super) struct Responses<const D: usize> {
     pub cells: Vec<Response<D>>,
-    /// Of the elements whose law has no secant.
+    /// Moduli of the elements whose law has no secant.
     moduli: Vec<Moduli<D>>,
 }
 
