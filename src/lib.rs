@@ -10,7 +10,6 @@
 //! | [`input`] | needle insertions and static problems as TOML files |
 //! | [`run`] | an insertion step by step, its summary and its record |
 //! | [`solve`] | static problems and problems in time, solved |
-//! | [`error`] | whatever can go wrong, and whose fault it is |
 //! | [`simulator`] | steps at haptic rate, images on another thread |
 //! | [`insonify_base`] | documents, text, memory, random numbers, output files |
 //! | [`insonify_gpu`] | adapters, devices, pipelines, read-back; independent of ultrasound |
@@ -35,20 +34,18 @@ pub use {
     insonify_mechanics as mechanics, insonify_mesh as mesh, insonify_tracking as tracking,
 };
 
-pub mod error;
 pub mod input;
 pub mod run;
 pub mod simulator;
 pub mod solve;
 
-pub use error::Error;
 pub use input::scenario::{EXAMPLES as SCENARIOS, Scenario, ScenarioFile};
 pub use insonify_anatomy::acoustics::presets::get as builtin_tissue;
 pub use insonify_anatomy::acoustics::{Tissue, TissueTable};
 pub use insonify_anatomy::phantom::Phantom;
 pub use insonify_anatomy::volume::texture::SolidTexture;
 pub use insonify_anatomy::volume::{Label, LabelVolume, VolumeError, load as load_volume, save as save_volume};
-pub use insonify_base::cause::Cause;
+pub use insonify_base::blame::{Blame, Error};
 pub use insonify_base::document::InputError;
 pub use insonify_base::output::OutputError;
 pub use insonify_base::output::png::write_grey as write_png;

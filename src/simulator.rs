@@ -23,13 +23,13 @@ use std::time::Duration;
 
 use nalgebra::Matrix4;
 
-use crate::error::Error;
+use crate::Error;
 use crate::input::scenario::Scenario;
 pub use devices::{Damper, Guided, HoldOptions, LateralHold, PointsPose, TwoPoints};
 pub use forces::Forces;
 pub use haptic::Haptic;
 pub use imaging::Imaging;
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 use insonify_imaging::synth::{Backend, Frame, SynthError, Synthesizer};
 use insonify_mechanics::insertion::{Instruments, LevelChange, Model, StepError};
 use insonify_mechanics::tissue::remesh::Level;
@@ -62,7 +62,7 @@ pub enum SimulatorError {
     Hole(UnknownHole),
 }
 
-impl Cause for SimulatorError {}
+impl Blame for SimulatorError {}
 
 impl SimulatorError {
     /// An error unless a value is finite and `holds`.

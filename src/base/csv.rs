@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use csv::StringRecord;
 
-use crate::cause::Cause;
+use crate::blame::Blame;
 use crate::read;
 use crate::text::{clipped, head};
 
@@ -45,7 +45,7 @@ pub enum CsvError {
     },
 }
 
-impl Cause for CsvError {
+impl Blame for CsvError {
     fn is_machine(&self) -> bool {
         matches!(self, Self::Read { cause, .. } if read::is_machine(cause))
     }

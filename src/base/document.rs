@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize, Serializer};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use crate::cause::Cause;
+use crate::blame::Blame;
 use crate::read;
 use renamed::now;
 use typed::Mismatch;
@@ -96,7 +96,7 @@ impl InvalidFile {
 }
 
 /// The machine is at fault where the file exists but cannot be read.
-impl Cause for InvalidFile {
+impl Blame for InvalidFile {
     fn is_machine(&self) -> bool {
         match self {
             Self::Read { cause, .. } => read::is_machine(cause),
@@ -133,7 +133,7 @@ macro_rules! input_file {
             pub fn fault(
                 &self,
                 key: impl Into<String>,
-                wrong: impl $crate::cause::Cause,
+                wrong: impl $crate::blame::Blame,
             ) -> $crate::document::InputError {
                 $crate::document::InputError::new(wrong).at_key(key, self.source.as_ref())
             }

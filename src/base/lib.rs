@@ -1,8 +1,9 @@
 //! Foundations without ultrasound: files, text, memory, threads, numbers.
 
 pub mod bending;
+pub mod blame;
 pub mod cache;
-pub mod cause;
+
 pub mod csv;
 pub mod document;
 pub mod machine;

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::cause::Cause;
+use crate::blame::Blame;
 use crate::document::stated;
 
 /// A parameter outside its range.
@@ -17,7 +17,7 @@ pub struct OutOfRange {
     pub expected: String,
 }
 
-impl Cause for OutOfRange {}
+impl Blame for OutOfRange {}
 
 impl OutOfRange {
     /// Creates the error from the name of the parameter, the value found and the permitted values.

@@ -5,7 +5,7 @@ pub(crate) mod timing;
 use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 use insonify_base::machine::Machine;
 use insonify_gpu::adapter::{self, AdapterReport, hardware};
 use insonify_gpu::{AdapterChoice, Gpu, Needs};
@@ -17,6 +17,7 @@ use timing::{FrameTimes, Kept};
 
 use super::failure::Failure;
 use super::terminal;
+use insonify::Error;
 
 /// Reason for a GPU that is not compared with the CPU.
 pub(crate) const BEST: &str = "it is the best adapter";
@@ -76,7 +77,7 @@ impl Chosen {
 
 impl BackendArgs {
     /// Refuses an adapter that would not be used.
-    pub(crate) fn check(&self) -> Result<(), Failure> {
+    pub(crate) fn check(&self) -> Result<(), Error> {
         match (self.backend, &self.adapter) {
             (BackendName::Cpu | BackendName::CpuF64, Some(adapter)) => Err(Failure::usage(
                 format!("--adapter {adapter} picks a GPU, and --backend asks for the CPU"),
@@ -93,7 +94,7 @@ impl BackendArgs {
         anatomy: Anatomy,
         settings: Settings,
         several: Option<&FrameState>,
-    ) -> Result<Chosen, Failure> {
+    ) -> Result<Chosen, Error> {
         self.check()?;
         let tables = Arc::new(Tables::new(anatomy, settings)?);
         let choice = self.choice();
@@ -115,7 +116,7 @@ impl BackendArgs {
     }
 
     /// Devices to measure in addition to the CPU, and those that cannot be measured.
-    pub(crate) fn gpus(&self) -> Result<Devices, Failure> {
+    pub(crate) fn gpus(&self) -> Result<Devices, Error> {
         let choice = self.choice();
         match self.backend {
             BackendName::Cpu | BackendName::CpuF64 => Ok(Devices::default()),

@@ -13,6 +13,7 @@ use crate::failure::Failure;
 use crate::output::{self, Force};
 use crate::study::Printed;
 use crate::terminal;
+use insonify::Error;
 use insonify_mechanics::needle::beam::inverse::Wanted;
 use insonify_study::beam::table_one;
 use insonify_study::beam_case::{self, CaseFile, Report, plot};
@@ -85,7 +86,7 @@ commands! {
 }
 
 impl Beam {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         match &self.task {
             None => self.bend.run(),
             Some(task) => task.run(),
@@ -121,7 +122,7 @@ pub(crate) struct Bend {
 }
 
 impl Bend {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         let Some(path) = self.case.as_deref().filter(|_| !self.example) else {
             return terminal::emit(beam_case::EXAMPLE);
         };
@@ -202,7 +203,7 @@ pub(crate) struct Inverse {
 }
 
 impl Inverse {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         let inputs = output::inputs(&self.case);
         self.force.check_ending(&self.output, "svg", "plots", &inputs)?;
         let case = CaseFile::read(&self.case)?.resolve()?;
@@ -286,7 +287,7 @@ pub(crate) struct Table {
 }
 
 impl Table {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         self.printed.run(|_| Ok(table_one(&self.pivot_mm)?))
     }
 }

@@ -20,6 +20,7 @@ use super::output::Force;
 use super::study::Printed;
 use super::terminal;
 use super::variants::ranged;
+use insonify::Error;
 
 const TEACHING: &str = "\
 Without --compare one scene is timed at its own size. With it, GPU and CPU are compared:
@@ -66,7 +67,7 @@ pub(crate) struct Bench {
 }
 
 impl Bench {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         self.backend.check()?;
         if self.compare {
             return self.compare();
@@ -112,7 +113,7 @@ impl Bench {
         terminal::print(&report, self.json)
     }
 
-    fn compare(&self) -> Result<(), Failure> {
+    fn compare(&self) -> Result<(), Error> {
         if self.backend.backend == BackendName::CpuF64 {
             return Err(Failure::usage(
                 "--compare --backend cpu-f64: GPUs compute in single precision, and so does the CPU beside them",

@@ -20,6 +20,7 @@ use insonify_tracking::sequence::{Sequence, TrackedTransform};
 use super::failure::Failure;
 use super::output::{self, Force};
 use super::terminal;
+use insonify::Error;
 
 const EXAMPLES: &str = "\
 Order: `pivot` finds the tip of a stylus or needle, `direction` or `spin` the axis of its shaft, `points` the plane of a probe's image. Each
@@ -52,7 +53,7 @@ commands! {
 }
 
 impl Calibrate {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         self.command.run()
     }
 }
@@ -76,18 +77,18 @@ impl Motion {
         self.plus_config.as_deref().map(PlusConfig::read).transpose()
     }
 
-    fn poses(&self) -> Result<Poses, Failure> {
+    fn poses(&self) -> Result<Poses, Error> {
         self.poses_in(&self.file, self.config()?.as_ref())
     }
 
-    fn poses_in(&self, file: &Path, config: Option<&PlusConfig>) -> Result<Poses, Failure> {
+    fn poses_in(&self, file: &Path, config: Option<&PlusConfig>) -> Result<Poses, Error> {
         if is_csv(file) {
             return Ok(Poses::from_csv(file, self.transform.as_deref())?);
         }
         self.poses_of(&Sequence::read_poses(file)?, file, config)
     }
 
-    fn poses_of(&self, sequence: &Sequence, file: &Path, config: Option<&PlusConfig>) -> Result<Poses, Failure> {
+    fn poses_of(&self, sequence: &Sequence, file: &Path, config: Option<&PlusConfig>) -> Result<Poses, Error> {
         sequence.warnings.iter().for_each(terminal::warn);
         let defined: BTreeMap<String, TrackedTransform> = config.map(PlusConfig::definitions).unwrap_or_default();
         let poses = Poses::from_sequence(sequence, file, self.transform.as_deref(), &defined)?;
@@ -120,12 +121,12 @@ struct Output {
 }
 
 impl Output {
-    fn check(&self, inputs: &[Option<&PathBuf>]) -> Result<(), Failure> {
+    fn check(&self, inputs: &[Option<&PathBuf>]) -> Result<(), Error> {
         let inputs: Vec<PathBuf> = inputs.iter().flatten().map(|path| (*path).clone()).collect();
         self.force.check_ending(&self.output, "html", "pages", &inputs)
     }
 
-    fn write(&self, found: &impl Serialize, sheet: &Sheet<'_>) -> Result<(), Failure> {
+    fn write(&self, found: &impl Serialize, sheet: &Sheet<'_>) -> Result<(), Error> {
         if let Some(path) = &self.output {
             output::text(path, &sheet.page()?)?;
         }
@@ -145,7 +146,7 @@ struct PivotArgs {
 }
 
 impl PivotArgs {
-    fn run(&self) -> Result<(), Failure> {
+    fn run(&self) -> Result<(), Error> {
         self.output.check(&[Some(&self.motion.file)])?;
         let poses = self.motion.poses()?;
         let found = pivot(&poses)?;
@@ -172,7 +173,7 @@ struct DirectionArgs {
 }
 
 impl DirectionArgs {
-    fn run(&self) -> Result<(), Failure> {
+    fn run(&self) -> Result<(), Error> {
         self.output
             .check(&[Some(&self.motion.file), self.directions.as_ref(), self.hub.as_ref()])?;
         let poses = self.motion.poses()?;
@@ -228,7 +229,7 @@ struct SpinArgs {
 }
 
 impl SpinArgs {
-    fn run(&self) -> Result<(), Failure> {
+    fn run(&self) -> Result<(), Error> {
         self.output.check(&[Some(&self.motion.file)])?;
         let poses = self.motion.poses()?;
         if self.toward.is_none() {
@@ -264,7 +265,7 @@ struct PointsArgs {
 }
 
 impl PointsArgs {
-    fn run(&self) -> Result<(), Failure> {
+    fn run(&self) -> Result<(), Error> {
         self.output.check(&[
             Some(&self.motion.file),
             self.pixels.as_ref(),
@@ -333,7 +334,7 @@ impl PointsArgs {
 const PHANTOM_MARKER: &str = "Reference";
 
 /// Wires of the phantom in the frame that the poses lead to.
-fn wires(config: Option<&PlusConfig>, tracker: &str) -> Result<Vec<(String, Feature)>, Failure> {
+fn wires(config: Option<&PlusConfig>, tracker: &str) -> Result<Vec<(String, Feature)>, Error> {
     let Some(config) = config.filter(|config| !config.wires().is_empty()) else {
         return Ok(Vec::new());
     };

@@ -3,8 +3,8 @@
 use clap::{Args, CommandFactory};
 use clap_complete::Shell;
 
-use super::failure::Failure;
 use super::{Cli, terminal};
+use insonify::Error;
 
 /// Prints the completion script of a shell: insonify completions bash > ~/.local/share/bash-completion/completions/insonify
 #[derive(Args)]
@@ -15,7 +15,7 @@ pub(crate) struct Completions {
 }
 
 impl Completions {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         let mut script = Vec::new();
         clap_complete::generate(self.shell, &mut Cli::command(), "insonify", &mut script);
         terminal::emit(&String::from_utf8_lossy(&script))

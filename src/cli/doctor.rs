@@ -15,8 +15,8 @@ use serde::Serialize;
 
 use super::backend::BEST;
 use super::backend::timing::{FrameTimes, Kept};
-use super::failure::Failure;
 use super::terminal;
+use insonify::Error;
 use insonify_gpu::adapter::hardware;
 
 /// Lists GPU adapters and their limits, the processor, and the selected backend with the reason
@@ -46,7 +46,7 @@ struct Report {
 }
 
 impl Doctor {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         let adapters = adapter::list();
         let choice = AdapterChoice::from_flag(self.adapter.as_deref());
         let mut report = Report {

@@ -5,6 +5,7 @@ use std::path::{Component, Path, PathBuf};
 use clap::Args;
 
 use insonify::input::scenario::{self, ScenarioFile};
+use insonify_base::document;
 use insonify_base::range::numbers;
 use insonify_study::score::exercise::{Conditions, csv, study};
 use insonify_study::score::page::study_notes;
@@ -13,6 +14,7 @@ use super::failure::Failure;
 use super::insert::resolve;
 use super::output::{self, Force, inputs};
 use super::terminal;
+use insonify::Error;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -38,7 +40,7 @@ commands! {
 }
 
 impl Exercise {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         self.command.run()
     }
 }
@@ -85,7 +87,7 @@ struct Make {
 }
 
 impl Make {
-    fn run(&self) -> Result<(), Failure> {
+    fn run(&self) -> Result<(), Error> {
         let folder = self
             .force
             .folder(&self.output, "exercise", &["task-"], &inputs(&self.scenario))?;
@@ -98,7 +100,7 @@ impl Make {
             radius_mm: self.radius_mm,
             seed: self.seed,
         };
-        conditions.check().map_err(insonify_study::StudyError::from)?;
+        conditions.check()?;
         let (text, base) = source(&self.scenario)?;
         let file = ScenarioFile::parse(&text, &self.scenario.display().to_string())?;
         let scenario = resolve(&file, &base)?;
@@ -173,13 +175,11 @@ fn relative(file: &Path, folder: &Path) -> Option<String> {
 }
 
 /// Text of a scenario and the folder of the files that it names.
-pub(super) fn source(path: &Path) -> Result<(String, PathBuf), Failure> {
+pub(super) fn source(path: &Path) -> Result<(String, PathBuf), Error> {
     if let Some((_, text)) = scenario::bundled(path) {
         return Ok((text.to_owned(), PathBuf::new()));
     }
-    // The reader reports errors of the file.
-    ScenarioFile::read(path)?;
-    let text = std::fs::read_to_string(path).map_err(Failure::Output)?;
+    let text = document::read(path)?;
     Ok((text, path.parent().unwrap_or(Path::new("")).to_owned()))
 }
 
@@ -206,7 +206,7 @@ struct Study {
 }
 
 impl Study {
-    fn run(&self) -> Result<(), Failure> {
+    fn run(&self) -> Result<(), Error> {
         let read: Vec<PathBuf> = self.tasks.iter().flat_map(|task| inputs(task)).collect();
         let folder = self
             .force

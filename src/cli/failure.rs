@@ -1,17 +1,12 @@
-//! Failures of subcommands and their exit status.
+//! Failures of subcommands that are no errors of the library.
 
 use std::io;
 
-use insonify::error::{INPUT, MACHINE};
-use insonify_base::cause::Cause;
-use insonify_base::document::{Excerpt, InputError};
+use insonify::{Blame, Error};
 
 /// Why a subcommand failed.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum Failure {
-    /// Error of the library or of a study.
-    #[error("{0}")]
-    Library(Box<dyn Cause>),
     /// Arguments that contradict each other or do not apply to this scene.
     #[error("{found}")]
     Usage {
@@ -44,41 +39,22 @@ pub(crate) enum Failure {
 }
 
 impl Failure {
-    /// Creates an error for invalid arguments: what was requested, and what to request instead.
-    pub(crate) fn usage(found: impl Into<String>, help: impl Into<String>) -> Self {
-        Self::Usage {
-            found: found.into(),
-            help: help.into(),
-        }
+    /// Error of invalid arguments: what was requested, and what to request instead.
+    pub(crate) fn usage(found: impl Into<String>, help: impl Into<String>) -> Error {
+        let (found, help) = (found.into(), help.into());
+        Self::Usage { found, help }.into()
+    }
+}
+
+impl Blame for Failure {
+    fn is_machine(&self) -> bool {
+        !matches!(self, Self::Usage { .. })
     }
 
-    /// The error of an input file that this failure carries.
-    fn input(&self) -> Option<&InputError> {
-        match self {
-            Self::Library(error) => error.input(),
-            _ => None,
-        }
-    }
-
-    /// What to do instead, if it is known.
-    pub(crate) fn help(&self) -> Option<&str> {
+    fn help(&self) -> Option<&str> {
         match self {
             Self::Usage { help, .. } => Some(help),
-            _ => self.input()?.help(),
-        }
-    }
-
-    /// The lines of a file that this failure is about.
-    pub(crate) fn excerpt(&self) -> Option<&Excerpt> {
-        self.input()?.excerpt()
-    }
-
-    /// Exit status: 2 if the user can correct the request, 1 if the machine failed.
-    pub(crate) fn status(&self) -> u8 {
-        match self {
-            Self::Library(error) if error.is_machine() => MACHINE,
-            Self::Usage { .. } | Self::Library(_) => INPUT,
-            Self::Unstable { .. } | Self::Unmeasured { .. } | Self::Output(_) => MACHINE,
+            _ => None,
         }
     }
 }
@@ -88,11 +64,5 @@ fn others(more: usize) -> String {
     match more {
         0 => String::new(),
         more => format!("; {more} more failed"),
-    }
-}
-
-impl<E: Cause> From<E> for Failure {
-    fn from(error: E) -> Self {
-        Self::Library(Box::new(error))
     }
 }

@@ -8,9 +8,9 @@ use insonify_base::output::OutputError;
 use insonify_study::identification::{self, CaseFile};
 use insonify_study::identify::identify;
 
-use super::failure::Failure;
 use super::output::{self, Force};
 use super::terminal;
+use insonify::Error;
 
 const TEACHING: &str = "\
 The case file names a scenario (mesh or volume, fixed nodes, line of the needle), the force over the depth of the tip, and displacements of the
@@ -52,7 +52,7 @@ pub(crate) struct Identify {
 }
 
 impl Identify {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         let (Some(path), Some(target)) = (&self.case, &self.output) else {
             return terminal::emit(identification::EXAMPLE);
         };

@@ -7,9 +7,9 @@ use insonify_anatomy::segmentation;
 use insonify_tracking::plus::PlusInfo;
 use insonify_tracking::sequence::SequenceInfo;
 
-use super::failure::Failure;
 use super::input::NamesArg;
 use super::terminal;
+use insonify::Error;
 
 /// Prints size, spacing, orientation, and the labels of a file: names, voxels, millilitres, and the assigned tissue of each
 /// with the evidence (`?` for a guess); of a tracked sequence frames, images, rate, and transforms with their validity; of a
@@ -30,7 +30,7 @@ pub(crate) struct Info {
 }
 
 impl Info {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         if let Some(info) = SequenceInfo::of(&self.file) {
             return terminal::print(&info, self.json);
         }

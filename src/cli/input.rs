@@ -13,6 +13,7 @@ use super::failure::Failure;
 use super::output::inputs;
 use super::quality::QualityArgs;
 use super::terminal::{note, warn};
+use insonify::Error;
 
 /// Largest width and height of a frame, pixels.
 const LARGEST_SIDE: u32 = 16_384;
@@ -67,7 +68,7 @@ impl Input {
             && self.size.is_none()
     }
 
-    fn load(&self) -> Result<Scene, Failure> {
+    fn load(&self) -> Result<Scene, Error> {
         let mut file = match (&self.scene, &self.labels) {
             (Some(scene), _) if scene.is_dir() || stem(scene).is_some() => {
                 let name = scene.display();
@@ -95,7 +96,7 @@ impl Input {
 
     /// Reads the scene and all files that it names, and prints notes and warnings. If the scene states a time
     /// budget for a frame, its open settings are picked for the backend and returned as the second value.
-    pub(crate) fn scene(&self, backend: &BackendArgs) -> Result<(Scene, Option<Picked>), Failure> {
+    pub(crate) fn scene(&self, backend: &BackendArgs) -> Result<(Scene, Option<Picked>), Error> {
         let mut scene = self.load()?;
         scene.notes.iter().for_each(note);
         scene.warnings.iter().for_each(warn);

@@ -23,6 +23,7 @@ use super::quality::QualityArgs;
 use super::render::extras::Extras;
 use super::terminal;
 use super::variants::ranged;
+use insonify::Error;
 use writer::{FILES, Writer};
 
 const EXAMPLES: &str = "\
@@ -141,7 +142,7 @@ struct Report<'a> {
 }
 
 impl Insert {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         let (Some(path), Some(output)) = (self.scenario.as_ref().or(self.labels.as_ref()), &self.output) else {
             let named = scenario::EXAMPLES
                 .iter()
@@ -220,7 +221,7 @@ impl Insert {
     }
 
     /// Returns the scenario as written, or the one for a label file.
-    fn file(&self, path: &Path) -> Result<ScenarioFile, Failure> {
+    fn file(&self, path: &Path) -> Result<ScenarioFile, Error> {
         if let Some(target) = &self.target {
             return Ok(ScenarioFile::for_labels(path, target));
         }
@@ -242,7 +243,7 @@ impl Insert {
     }
 
     /// Reads the scenario and all files that it names, and prints notes and warnings.
-    fn scenario(&self, path: &Path) -> Result<(Scenario, Option<Picked>), Failure> {
+    fn scenario(&self, path: &Path) -> Result<(Scenario, Option<Picked>), Error> {
         let mut file = self.file(path)?;
         let folder = match self.labels {
             Some(_) => Path::new(""),
@@ -266,13 +267,13 @@ impl Insert {
 }
 
 /// Resolves a scenario under a progress bar.
-pub(crate) fn resolve(file: &ScenarioFile, folder: &Path) -> Result<Scenario, Failure> {
+pub(crate) fn resolve(file: &ScenarioFile, folder: &Path) -> Result<Scenario, Error> {
     Ok(terminal::with_bar("making the mesh", |progress| {
         file.resolve(folder, |share| progress(f64::from(share)))
     })?)
 }
 
-fn replaying(scenario: Scenario, file: &Path) -> Result<Scenario, Failure> {
+fn replaying(scenario: Scenario, file: &Path) -> Result<Scenario, Error> {
     let expected = "a recording as JSON: `start` and `inputs`, of a simulator of this scenario";
     let wrong = |found: String| Failure::usage(format!("{}: {found}", file.display()), expected);
     let text = read::text(file, read::RECORDING).map_err(|cause| wrong(cause.to_string()))?;

@@ -10,6 +10,7 @@ use super::backend::BackendArgs;
 use super::failure::Failure;
 use super::input::Input;
 use super::terminal;
+use insonify::Error;
 
 /// Explains one pixel: its beam and depth, tissue, texture, speckle, transmittance, blur and grey level
 #[derive(Args)]
@@ -39,7 +40,7 @@ struct Report {
 }
 
 impl Inspect {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         let (scene, _) = self.input.scene(&BackendArgs::default())?;
         let frames = self.frames.unwrap_or_else(|| scene.frames());
         if self.frame >= frames {

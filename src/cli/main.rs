@@ -9,7 +9,7 @@ macro_rules! commands {
         }
 
         impl $name {
-            fn run(&self) -> Result<(), Failure> {
+            fn run(&self) -> Result<(), Error> {
                 match self {
                     $(Self::$command(arguments) => arguments.run(),)*
                 }
@@ -62,7 +62,7 @@ use std::io;
 use std::process::ExitCode;
 
 use clap::Parser;
-use failure::Failure;
+use insonify::Error;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -144,7 +144,7 @@ commands! {
 
 impl Cli {
     /// Runs the subcommand.
-    fn run(self) -> Result<(), Failure> {
+    fn run(self) -> Result<(), Error> {
         if self.quiet {
             terminal::quieten();
         }
@@ -177,10 +177,9 @@ fn main() -> ExitCode {
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
-        Err(failure) => {
-            let status = failure.status();
-            terminal::report(&failure);
-            ExitCode::from(status)
+        Err(error) => {
+            terminal::report(&error);
+            ExitCode::from(error.exit_status())
         }
     }
 }

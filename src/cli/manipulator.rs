@@ -18,10 +18,10 @@ use serde::Serialize;
 use serde_json::json;
 
 use super::backend::BackendArgs;
-use super::failure::Failure;
 use super::output::{self, Force, inputs};
 use super::terminal;
 use super::variants::variants;
+use insonify::Error;
 
 /// Slides of a table, and its poses.
 const SLIDES: [&str; 3] = ["slide_1_mm", "slide_2_mm", "slide_3_mm"];
@@ -69,7 +69,7 @@ enum Task {
 }
 
 impl Manipulator {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         match &self.task {
             Task::Forward(table) => table.run(true),
             Task::Inverse(table) => table.run(false),
@@ -122,7 +122,7 @@ impl Place {
 }
 
 impl Kinematics {
-    fn run(&self, forward: bool) -> Result<(), Failure> {
+    fn run(&self, forward: bool) -> Result<(), Error> {
         let is_scenario = self.file.extension().is_some_and(|ending| ending == "toml");
         let places = match is_scenario && !forward {
             true => self.along()?,
@@ -132,13 +132,13 @@ impl Kinematics {
     }
 
     /// Places along the planned path of a scenario, at its keyframes.
-    fn along(&self) -> Result<Vec<Place>, Failure> {
+    fn along(&self) -> Result<Vec<Place>, Error> {
         let (guided, times) = guided(&self.file, None)?;
         let place = |time: &f64| Place::new(&guided.guide, guided.at(*time).command, Some(*time));
         Ok(times.iter().map(place).collect::<Result<_, _>>()?)
     }
 
-    fn table(&self, forward: bool) -> Result<Vec<Place>, Failure> {
+    fn table(&self, forward: bool) -> Result<Vec<Place>, Error> {
         let guide = match &self.scenario {
             Some(path) => {
                 let file = ScenarioFile::read(path)?;
@@ -200,7 +200,7 @@ fn text(places: &[Place]) -> String {
 }
 
 /// Motion of the guide of a scenario, and the times of its keyframes.
-fn guided(path: &Path, control: Option<Control>) -> Result<(Guided, Vec<f64>), Failure> {
+fn guided(path: &Path, control: Option<Control>) -> Result<(Guided, Vec<f64>), Error> {
     let mut file = ScenarioFile::read(path)?;
     if let (Some(control), Some(spec)) = (control, &mut file.manipulator) {
         spec.control = control;
@@ -236,7 +236,7 @@ pub(crate) struct Follow {
 }
 
 impl Follow {
-    fn run(&self) -> Result<(), Failure> {
+    fn run(&self) -> Result<(), Error> {
         let folder = self
             .force
             .folder(&self.output, "manipulator", &[], &inputs(&self.scenario))?;
@@ -347,7 +347,7 @@ pub(crate) struct Workspace {
 }
 
 impl Workspace {
-    fn run(&self) -> Result<(), Failure> {
+    fn run(&self) -> Result<(), Error> {
         self.force
             .check_ending([&self.output], "png", "pictures", &inputs(&self.scenario))?;
         let file = ScenarioFile::read(&self.scenario)?;

@@ -11,6 +11,7 @@ use super::output::{self, Force};
 use super::realism::pixel;
 use super::terminal;
 use super::variants::ranged;
+use insonify::Error;
 
 const TEACHING: &str = "\
 The sector of the frame gives the probe; the most uniform windows at five depths give point spread, dynamic range and gain, the darkest ones
@@ -60,7 +61,7 @@ pub(crate) struct Match {
 }
 
 impl Match {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         let inputs = [self.file.clone()];
         self.force.check_ending(&self.output, "toml", "scenes", &inputs)?;
         self.force.check_ending(&self.page, "html", "pages", &inputs)?;
@@ -79,7 +80,7 @@ impl Match {
         let page = self
             .page
             .as_ref()
-            .map(|path| Ok::<_, Failure>((path, found.page()?)))
+            .map(|path| Ok::<_, Error>((path, found.page()?)))
             .transpose()?;
         if let Some(output) = &self.output {
             output::text(output, &found.scene)?;

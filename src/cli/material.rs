@@ -8,10 +8,10 @@ use insonify_mechanics::tissue::viscoelastic::point::Structure;
 use insonify_study::material_case::fit::{Fit, Measured};
 use insonify_study::material_case::{self, CaseFile};
 
-use super::failure::Failure;
 use super::output::{self, Force};
 use super::terminal;
 use super::variants::variants;
+use insonify::Error;
 
 const EXAMPLES: &str = "\
 The case file names a law, its parameters, and a history of stress or strain; the other of the two is computed:
@@ -56,7 +56,7 @@ enum Task {
 }
 
 impl Material {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         match &self.task {
             None => self.test.run(),
             Some(Task::Fit(fit)) => fit.run(),
@@ -88,7 +88,7 @@ pub(crate) struct Test {
 }
 
 impl Test {
-    fn run(&self) -> Result<(), Failure> {
+    fn run(&self) -> Result<(), Error> {
         let Some(path) = self.case.as_deref().filter(|_| !self.example) else {
             return terminal::emit(material_case::EXAMPLE);
         };
@@ -164,7 +164,7 @@ fn order(text: &str) -> Result<f64, String> {
 }
 
 impl FitArgs {
-    fn run(&self) -> Result<(), Failure> {
+    fn run(&self) -> Result<(), Error> {
         let folder = self.output.as_ref();
         let folder = folder.map(|target| self.force.folder(target, "material", &[], &self.files));
         let folder = folder.transpose()?;

@@ -8,9 +8,9 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde::Serialize;
 
-use crate::failure::Failure;
 use crate::terminal;
 use crate::variants::variants;
+use insonify::Error;
 use insonify_base::text;
 use insonify_mesh::file::{MeshFile, ReadOptions, Unit, read_mesh};
 use insonify_mesh::quality::{Bin, Quality};
@@ -30,7 +30,7 @@ commands! {
 }
 
 impl Mesh {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         self.command.run()
     }
 }
@@ -63,7 +63,7 @@ pub(crate) struct Info {
 }
 
 impl Info {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         let options = ReadOptions {
             region: self.region_array.as_deref(),
             unit: self.unit,

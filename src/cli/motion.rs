@@ -23,6 +23,7 @@ use super::output::Force;
 use super::rf::Geometry;
 use super::study::Printed;
 use super::terminal;
+use insonify::Error;
 use picture::Shown;
 
 const EXAMPLES: &str = "\
@@ -143,7 +144,7 @@ const TRUSTED: f64 = 0.8;
 /// Share of the windows that correlate which must be left from one frame to the next: below it tissue moved further than the search reaches.
 const KEPT: f64 = 0.8;
 impl Motion {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         if self.validate {
             return self.validation();
         }
@@ -217,7 +218,7 @@ impl Motion {
         terminal::show(&report, self.json, || report.text())
     }
 
-    fn echoes(&self) -> Result<(Echoes, Options), Failure> {
+    fn echoes(&self) -> Result<(Echoes, Options), Error> {
         let path = self.input.as_deref().unwrap_or(Path::new(""));
         let echoes = Echoes::read(path)?;
         echoes.notes.iter().for_each(terminal::note);
@@ -226,12 +227,12 @@ impl Motion {
     }
 
     /// True axial and lateral motion of the windows, by frame, if asked for.
-    fn known(&self, echoes: &Echoes) -> Result<Option<Vec<Vec<[f64; 2]>>>, Failure> {
+    fn known(&self, echoes: &Echoes) -> Result<Option<Vec<Vec<[f64; 2]>>>, Error> {
         let read = |path| truth(path, echoes, usize::from(self.windows));
         self.truth.as_deref().map(read).transpose()
     }
 
-    fn validation(&self) -> Result<(), Failure> {
+    fn validation(&self) -> Result<(), Error> {
         let printed = Printed::new(Some(self.output.clone()), self.force, self.json);
         if self.input.is_none() {
             let effort = if self.quick { Effort::Quick } else { Effort::Whole };
@@ -267,7 +268,7 @@ impl Motion {
         })
     }
 
-    fn options(&self, path: &Path, echoes: &Echoes) -> Result<Options, Failure> {
+    fn options(&self, path: &Path, echoes: &Echoes) -> Result<Options, Error> {
         let wrong = |found: String, expected: &str| Err(Failure::usage(found, expected));
         let file = path.display();
         if echoes.baseband {
@@ -322,7 +323,7 @@ impl Motion {
 }
 
 /// True axial and lateral motion by frame, in the order of the estimates.
-fn truth(path: &Path, echoes: &Echoes, windows: usize) -> Result<Vec<Vec<[f64; 2]>>, Failure> {
+fn truth(path: &Path, echoes: &Echoes, windows: usize) -> Result<Vec<Vec<[f64; 2]>>, Error> {
     let table = Csv::read(
         path,
         &["frame", "line", "window", "axial_um", "lateral_um"],

@@ -10,6 +10,7 @@ use insonify_base::output::{atomic, place};
 use insonify_report::plot::Plot;
 
 use super::failure::Failure;
+use insonify::Error;
 
 /// Maximum nesting of named documents: a scenario names a scene, which names no further ones.
 const DEEPEST: usize = 2;
@@ -26,7 +27,7 @@ pub(crate) struct Force {
 
 impl Force {
     /// Refuses output files that cannot be written, before the computation; `inputs` are files that the run reads.
-    pub(crate) fn check(self, files: &[&Path], inputs: &[PathBuf]) -> Result<(), Failure> {
+    pub(crate) fn check(self, files: &[&Path], inputs: &[PathBuf]) -> Result<(), Error> {
         Ok(place::check(files, inputs, self.force)?)
     }
 
@@ -38,7 +39,7 @@ impl Force {
         ending: &str,
         what: &str,
         inputs: &[PathBuf],
-    ) -> Result<(), Failure> {
+    ) -> Result<(), Error> {
         for file in files {
             let found = file.extension();
             if !found.is_some_and(|found| found.eq_ignore_ascii_case(ending)) {
@@ -60,7 +61,7 @@ impl Force {
         command: &'static str,
         names: &[&str],
         inputs: &[PathBuf],
-    ) -> Result<Folder, Failure> {
+    ) -> Result<Folder, Error> {
         if target.as_os_str().is_empty() {
             return Err(Failure::usage("-o names no folder", "name a folder"));
         }
@@ -97,11 +98,11 @@ fn add_inputs(document: &Path, depth: usize, files: &mut Vec<PathBuf>) {
 }
 
 /// Writes a text file atomically.
-pub(crate) fn text(path: &Path, text: &str) -> Result<(), Failure> {
+pub(crate) fn text(path: &Path, text: &str) -> Result<(), Error> {
     Ok(atomic::write(path, |file| file.write_all(text.as_bytes()))?)
 }
 
 /// Writes a plot atomically.
-pub(crate) fn plot(path: &Path, plot: &Plot) -> Result<(), Failure> {
+pub(crate) fn plot(path: &Path, plot: &Plot) -> Result<(), Error> {
     text(path, &plot.svg()?)
 }

@@ -16,6 +16,7 @@ use super::failure::Failure;
 use super::insert::resolve;
 use super::output::{self, Force, inputs};
 use super::terminal;
+use insonify::Error;
 
 const EXAMPLES: &str = "\
 Lines through the target are tried: in the image plane at angles to the beam, or from the skin. A line is excluded that comes too near
@@ -95,7 +96,7 @@ enum ModelName {
 }
 
 impl PathArgs {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         self.backend.check()?;
         let folder = self
             .force
@@ -147,7 +148,7 @@ impl PathArgs {
             png::write_rgb(&at(name), width, height, picture.as_raw())?;
         }
         output::text(&at("index.html"), &plan.page(&picture, &overview)?)?;
-        let json = serde_json::to_string_pretty(&plan).map_err(|error| Failure::Output(error.into()))?;
+        let json = terminal::pretty(&plan)?;
         output::text(&at("summary.json"), &format!("{json}\n"))?;
         folder.install()?;
         plan.warnings.iter().for_each(terminal::warn);

@@ -7,10 +7,10 @@ use insonify_anatomy::phantom::{PhantomOptions, make};
 use insonify_anatomy::segmentation::{Info, Segmentation};
 use insonify_anatomy::volume::save;
 
-use super::failure::Failure;
 use super::output::Force;
 use super::terminal;
 use super::variants::variants;
+use insonify::Error;
 
 /// Generates a labelled volume and writes it
 #[derive(Args)]
@@ -32,7 +32,7 @@ pub(crate) struct Phantom {
 }
 
 impl Phantom {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         self.force.check(&[&self.output], &[])?;
         let options = PhantomOptions {
             resolution_mm: self.resolution_mm,

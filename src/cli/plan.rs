@@ -4,9 +4,9 @@ use clap::Args;
 use insonify_imaging::synth::tables::Tables;
 
 use super::backend::BackendArgs;
-use super::failure::Failure;
 use super::input::Input;
 use super::terminal;
+use insonify::Error;
 
 /// Prints the passes that a scene needs and why, those that it does not use, and the size of each resource
 #[derive(Args)]
@@ -22,7 +22,7 @@ pub(crate) struct Plan {
 }
 
 impl Plan {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         let (scene, picked) = self.input.scene(&self.backend)?;
         let tables = Tables::new(scene.anatomy, scene.settings)?;
         let mut plan = insonify_imaging::plan::Plan::new(&tables).report();

@@ -7,9 +7,9 @@ use insonify_study::puncture::fit::{self, Fitted};
 use insonify_study::puncture::{self, PunctureOptions, curves, puncture};
 use serde::Serialize;
 
-use super::failure::Failure;
 use super::output::{self, Force};
 use super::terminal;
+use insonify::Error;
 
 const TEACHING: &str = "\
 A slice of liver (plane strain, its back held) with a vein of 20 x 12 mm, 20 mm below the capsule. The needle pushes, with a force that
@@ -77,7 +77,7 @@ pub(crate) struct Puncture {
 }
 
 impl Puncture {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         let mut options = PunctureOptions {
             young_kpa: self.young_kpa,
             knee_strain: self.knee_strain,
@@ -149,7 +149,7 @@ impl Puncture {
         })
     }
 
-    fn fitted(&self, path: &Path, options: &PunctureOptions) -> Result<Fitted, Failure> {
+    fn fitted(&self, path: &Path, options: &PunctureOptions) -> Result<Fitted, Error> {
         let samples = fit::read(path)?;
         Ok(terminal::with_bar("fitting", |share| {
             fit::fit(options, &samples, &mut |done| share(done))

@@ -10,6 +10,7 @@ use crate::backend::BackendArgs;
 use crate::failure::Failure;
 use crate::study::watched;
 use crate::terminal;
+use insonify::Error;
 use insonify::input::scenario::{NeedleModel, NeedleTable, Scenario, ScenarioFile, TissueModel};
 use insonify::run::Trial;
 use insonify_base::machine::Machine;
@@ -38,8 +39,8 @@ impl QualityArgs {
         thing: &[&str],
         what: &str,
         sound: impl Fn(&T) -> bool,
-        measure: impl FnOnce() -> Result<T, Failure>,
-    ) -> Result<T, Failure>
+        measure: impl FnOnce() -> Result<T, Error>,
+    ) -> Result<T, Error>
     where
         T: serde::Serialize + serde::de::DeserializeOwned,
     {
@@ -79,14 +80,14 @@ const FRAMES: usize = 20;
 
 impl QualityArgs {
     /// Picks, sets and reports the grid of a scene that states a frame time budget and leaves the grid open.
-    pub(crate) fn frames(&self, scene: &mut Scene, backend: &BackendArgs) -> Result<Option<Picked>, Failure> {
+    pub(crate) fn frames(&self, scene: &mut Scene, backend: &BackendArgs) -> Result<Option<Picked>, Error> {
         let Some(budget_ms) = scene.quality.frame_ms else {
             return Ok(None);
         };
         self.grid(scene, budget_ms, backend)
     }
 
-    fn grid(&self, scene: &mut Scene, budget_ms: f64, backend: &BackendArgs) -> Result<Option<Picked>, Failure> {
+    fn grid(&self, scene: &mut Scene, budget_ms: f64, backend: &BackendArgs) -> Result<Option<Picked>, Error> {
         let open = scene.open_grid;
         let image = [scene.settings.image.width, scene.settings.image.height];
         if open == [false; 2] {
@@ -142,7 +143,7 @@ impl QualityArgs {
     }
 
     /// Picks the grid of a scenario's frames; a budget of the scenario takes precedence over that of its scene.
-    pub(crate) fn frames_of(&self, scenario: &mut Scenario, backend: &BackendArgs) -> Result<Option<Picked>, Failure> {
+    pub(crate) fn frames_of(&self, scenario: &mut Scenario, backend: &BackendArgs) -> Result<Option<Picked>, Error> {
         match scenario.quality.frame_ms.or(scenario.scene.quality.frame_ms) {
             Some(budget_ms) => self.grid(&mut scenario.scene, budget_ms, backend),
             None => Ok(None),
@@ -159,7 +160,7 @@ const PATIENCE: Duration = Duration::from_secs(20);
 impl QualityArgs {
     /// Picks, sets and reports the open settings of a scenario that states a step time budget. `folder` is the base of relative paths
     /// of the scenario.
-    pub(crate) fn steps(&self, file: &mut ScenarioFile, folder: &Path) -> Result<Option<Picked>, Failure> {
+    pub(crate) fn steps(&self, file: &mut ScenarioFile, folder: &Path) -> Result<Option<Picked>, Error> {
         let QualitySpec { step_ms, .. } = file.quality();
         // A budget out of range is refused with its place in the file when the scenario is resolved.
         let Some(budget_ms) = step_ms.filter(|_| file.quality().out_of_range().is_none()) else {
@@ -261,7 +262,7 @@ fn set(file: &mut ScenarioFile, picked: &Picked) {
 }
 
 /// Runs the scenario with the picked settings.
-fn tried(file: &ScenarioFile, folder: &Path, picked: &Picked) -> Result<Tried, Failure> {
+fn tried(file: &ScenarioFile, folder: &Path, picked: &Picked) -> Result<Tried, Error> {
     let mut file = file.clone();
     set(&mut file, picked);
     let budget_ms = picked.budget_ms;
@@ -270,7 +271,7 @@ fn tried(file: &ScenarioFile, folder: &Path, picked: &Picked) -> Result<Tried, F
         let scenario = file.resolve(folder, |_| {})?;
         let mut model = scenario.model(|_, _| {})?;
         let told = |share| progress("trying an insertion", share);
-        Ok::<_, Failure>(scenario.trial(model.as_mut(), budget_ms, PATIENCE, told)?)
+        Ok::<_, Error>(scenario.trial(model.as_mut(), budget_ms, PATIENCE, told)?)
     })?;
     let Trial {
         steps,

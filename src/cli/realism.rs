@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use clap::Args;
 use insonify_study::realism::{compare, picture};
 
-use super::failure::Failure;
 use super::output::{self, Force};
 use super::terminal;
 use super::variants::ranged;
+use insonify::Error;
 
 const TEACHING: &str = "\
 The same measures on both sides, each frame by itself: texture of the most uniform windows and of the darkest ones, grey levels of the
@@ -59,7 +59,7 @@ pub(crate) struct Realism {
 }
 
 impl Realism {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         let inputs = [&self.files[..], &self.against].concat();
         self.force.check_ending(&self.output, "html", "pages", &inputs)?;
         let read = |files, mm| picture::read(files, usize::from(self.frames), mm);

@@ -23,6 +23,7 @@ use super::input::NamesArg;
 use super::output::{self, Force};
 use super::terminal;
 use super::variants::variants;
+use insonify::Error;
 
 const TEACHING: &str = "\
 Stage 1 is rigid: by landmarks if given, else from the principal axes; then each surface point is drawn to the skin. Stage 2 adds a quadratic
@@ -98,7 +99,7 @@ pub(crate) struct Register {
 }
 
 impl Register {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         let given = [
             Some(&self.volume),
             Some(&self.surface),
@@ -144,7 +145,7 @@ impl Register {
     }
 
     /// Reads a label volume, and closes the body around it unless told not to.
-    fn open(&self, path: &Path) -> Result<LabelVolume, Failure> {
+    fn open(&self, path: &Path) -> Result<LabelVolume, Error> {
         let opened = segmentation::open(path, &self.names.naming()?)?;
         let name = path.display();
         opened
@@ -166,7 +167,7 @@ impl Register {
     }
 
     /// Points of the surface, LPS, mm.
-    fn points(&self) -> Result<Vec<Point3<f64>>, Failure> {
+    fn points(&self) -> Result<Vec<Point3<f64>>, Error> {
         if let Some(tip) = self.tip {
             let sequence = Sequence::read_poses(&self.surface)?;
             let poses = Poses::from_sequence(&sequence, &self.surface, self.transform.as_deref(), &Default::default())?;
@@ -230,12 +231,12 @@ fn doubt(found: &Registration, count: usize) {
     }
 }
 
-fn skin_of(volume: &LabelVolume) -> Result<Skin, Failure> {
+fn skin_of(volume: &LabelVolume) -> Result<Skin, Error> {
     Ok(Skin::of(volume, |label| label > 0)?)
 }
 
 /// Writes a mesh of the volume's frame in the world.
-fn carry(path: &Path, output: &Path, map: &Quadratic) -> Result<(), Failure> {
+fn carry(path: &Path, output: &Path, map: &Quadratic) -> Result<(), Error> {
     let file = read_mesh(path, &ReadOptions::default())?;
     let nodes: Option<Vec<[f64; 3]>> = file
         .mesh

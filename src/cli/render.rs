@@ -15,11 +15,11 @@ use serde::Serialize;
 use target::{Place, Target};
 
 use super::backend::{BackendArgs, Chosen};
-use super::failure::Failure;
 use super::input::Input;
 use super::output::Force;
 use super::terminal;
 use super::variants::ranged;
+use insonify::Error;
 use insonify_imaging::quality::Picked;
 use insonify_imaging::scene::Scene;
 use insonify_imaging::synth::{FrameState, PassTime, Synthesizer};
@@ -104,7 +104,7 @@ struct PassReport {
 }
 
 impl Render {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         self.backend.check()?;
         if let Some(file) = self.output.as_deref().filter(|path| Target::is_file(path)) {
             self.force.check(&[file], &self.input.files())?;
@@ -143,7 +143,7 @@ impl Render {
         output: Output<'_>,
         place: &Place,
         count: usize,
-    ) -> Result<Report, Failure> {
+    ) -> Result<Report, Error> {
         let synth = &mut chosen.synth;
         // A GPU makes a timed frame twice: there, one more frame is timed.
         synth.time_passes(self.json && synth.gpu().is_none())?;
@@ -181,7 +181,7 @@ impl Render {
                 oddities.add(first + at, odd);
                 frames.push(FrameReport { path, ms });
                 bar.inc(1);
-                Ok::<_, Failure>(())
+                Ok::<_, Error>(())
             })?;
         }
         output.finish()?;

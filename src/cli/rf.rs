@@ -29,6 +29,7 @@ use super::failure::Failure;
 use super::output::{Force, inputs};
 use super::render::frame_count;
 use super::terminal;
+use insonify::Error;
 
 /// Counts of the RMS of normal liver at the focus: echoes 30 dB above it fit into 16 bits.
 const COUNTS: f64 = 1000.0;
@@ -133,7 +134,7 @@ pub(crate) struct Geometry {
 
 impl Geometry {
     /// Probe of echoes; `None` if neither the file nor the options tell its shape and depth.
-    pub(crate) fn probe(&self, echoes: &Echoes, sampling_mhz: Option<f64>) -> Result<Option<Probe>, Failure> {
+    pub(crate) fn probe(&self, echoes: &Echoes, sampling_mhz: Option<f64>) -> Result<Option<Probe>, Error> {
         let sampled = sampling_mhz.or(echoes.stated[0]);
         let depth = self
             .depth_mm
@@ -170,14 +171,14 @@ struct Report {
 }
 
 impl Rf {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         match &self.input {
             Some(input) if self.bmode => self.frame(input),
             _ => self.synthesise(),
         }
     }
 
-    fn frame(&self, input: &Path) -> Result<(), Failure> {
+    fn frame(&self, input: &Path) -> Result<(), Error> {
         self.force
             .check_ending([&self.output], "png", "frames", &[input.to_owned()])?;
         if !RANGE_DB.contains(&self.range_db) {
@@ -208,7 +209,7 @@ impl Rf {
         Ok(())
     }
 
-    fn synthesise(&self) -> Result<(), Failure> {
+    fn synthesise(&self) -> Result<(), Error> {
         let source = Source::open(self.input.as_deref())?;
         let scene = source.scene();
         let probe = &scene.settings.probe;
@@ -272,7 +273,7 @@ impl Rf {
         }
     }
 
-    fn tell(&self, report: &Report) -> Result<(), Failure> {
+    fn tell(&self, report: &Report) -> Result<(), Error> {
         if report.saturated > 0.0 {
             terminal::warn(format_args!(
                 "{:.3} % of the samples exceed 16 bits and are cut off",
@@ -298,12 +299,7 @@ impl Rf {
 }
 
 /// B-mode picture of a frame; in beam space if the geometry is unknown.
-pub(crate) fn picture(
-    echoes: &Echoes,
-    frame: usize,
-    probe: Option<Probe>,
-    range_db: f64,
-) -> Result<GrayImage, Failure> {
+pub(crate) fn picture(echoes: &Echoes, frame: usize, probe: Option<Probe>, range_db: f64) -> Result<GrayImage, Error> {
     let envelope = envelope(echoes, frame);
     let grey = grey(&envelope, white(&envelope), range_db);
     let Some(probe) = probe else {
@@ -326,7 +322,7 @@ pub(crate) fn picture(
 }
 
 /// Scanlines of a probe, and a picture that shows all of them.
-pub(crate) fn laid_out(probe: &Probe) -> Result<(BeamGrid, ImageGrid), Failure> {
+pub(crate) fn laid_out(probe: &Probe) -> Result<(BeamGrid, ImageGrid), Error> {
     /// Largest side of a picture, pixels.
     const SIDE: f64 = 640.0;
     let beam = BeamGrid::new(probe)?;
@@ -344,7 +340,7 @@ enum Source {
 }
 
 impl Source {
-    fn open(path: Option<&Path>) -> Result<Self, Failure> {
+    fn open(path: Option<&Path>) -> Result<Self, Error> {
         let Some(path) = path else {
             let scene = SceneFile::parse(scene::DEFAULT, "the default scene")?.resolve(Path::new(""))?;
             return Ok(Self::Scene(Box::new(scene)));
@@ -429,7 +425,7 @@ impl Table {
 }
 
 impl Recorder {
-    fn new(options: &Rf, synthesizer: RfSynthesizer, acquisition: &Acquisition) -> Result<Self, Failure> {
+    fn new(options: &Rf, synthesizer: RfSynthesizer, acquisition: &Acquisition) -> Result<Self, Error> {
         let grid = synthesizer.grid();
         let mut writer = SequenceWriter::create_echoes(
             &options.output,
@@ -473,7 +469,7 @@ impl Recorder {
         })
     }
 
-    fn push(&mut self, scene: &Scene, state: &FrameState, time_s: f64) -> Result<(), Failure> {
+    fn push(&mut self, scene: &Scene, state: &FrameState, time_s: f64) -> Result<(), Error> {
         let echoes = self.synthesizer.render(state)?;
         let most = f64::from(i16::MAX);
         let counts = echoes.iter().map(|value| f64::from(*value) * COUNTS);
@@ -514,7 +510,7 @@ impl Recorder {
         Ok(())
     }
 
-    fn finish(self) -> Result<Report, Failure> {
+    fn finish(self) -> Result<Report, Error> {
         let (lines, samples) = (self.synthesizer.lines(), self.synthesizer.samples());
         self.writer.finish()?;
         for table in self.truth.into_iter().chain(self.nodes) {
@@ -538,13 +534,13 @@ struct Frames<'a> {
 }
 
 impl Observer for Frames<'_> {
-    type Error = Failure;
+    type Error = Error;
 
-    fn step(&mut self, _: &Step<'_>) -> Result<(), Failure> {
+    fn step(&mut self, _: &Step<'_>) -> Result<(), Error> {
         Ok(())
     }
 
-    fn frame(&mut self, moment: &Moment<'_>) -> Result<(), Failure> {
+    fn frame(&mut self, moment: &Moment<'_>) -> Result<(), Error> {
         self.recorder.push(self.scene, moment.state, moment.time_s)?;
         self.bar.inc(1);
         Ok(())

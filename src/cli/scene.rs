@@ -4,8 +4,8 @@ use clap::Args;
 use clap::builder::PossibleValuesParser;
 use insonify_imaging::scene::EXAMPLES;
 
-use super::failure::Failure;
 use super::terminal;
+use insonify::Error;
 
 /// Prints the commented default scene, or another built-in one: insonify scene > my.toml
 #[derive(Args)]
@@ -20,7 +20,7 @@ fn names() -> PossibleValuesParser {
 }
 
 impl Scene {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         let text = EXAMPLES.iter().find(|(name, _)| *name == self.name);
         terminal::emit(text.map_or(insonify_imaging::scene::DEFAULT, |(_, text)| text))
     }

@@ -6,8 +6,8 @@ use insonify_imaging::sidecar::Sidecar;
 use insonify_study::{beam_case, identification, material_case};
 use schemars::schema_for;
 
-use super::failure::Failure;
 use super::terminal;
+use insonify::Error;
 
 /// Prints the JSON schema of a file, for editors and for programs that write such files
 #[derive(Args)]
@@ -38,7 +38,7 @@ enum Of {
 }
 
 impl Schema {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         terminal::emit_json(&match self.of {
             Of::Scene => insonify_imaging::scene::schema(),
             Of::Solve => schema_for!(ProblemFile).to_value(),

@@ -11,6 +11,7 @@ use insonify_study::score::{Score, groups};
 use super::failure::Failure;
 use super::output::{self, Force};
 use super::terminal;
+use insonify::Error;
 
 const TEACHING: &str = "\
 RUN is the folder that `insonify insert` wrote, or its steps.csv. The scenario needs a target: `needle.target`, or `[[plan.target]]`. The metrics
@@ -47,7 +48,7 @@ pub(crate) struct ScoreArgs {
 }
 
 impl ScoreArgs {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         if let Some(output) = &self.output {
             let tables = self.runs.iter().map(|run| run.join("steps.csv"));
             let inputs: Vec<PathBuf> = self.runs.iter().chain(&self.groups).cloned().chain(tables).collect();
@@ -77,7 +78,7 @@ impl ScoreArgs {
         }
     }
 
-    fn compare(&self, sessions: &[groups::Session]) -> Result<(), Failure> {
+    fn compare(&self, sessions: &[groups::Session]) -> Result<(), Error> {
         let comparison = compare(sessions);
         if let Some(output) = &self.output {
             output::text(output, &comparison.page("Comparison of groups", &[])?)?;

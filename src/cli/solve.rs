@@ -10,6 +10,7 @@ use insonify_mesh::file::{DISPLACEMENT, Values, write_vtu_with};
 use super::failure::Failure;
 use super::output::{self, Force};
 use super::terminal;
+use insonify::Error;
 
 const EXAMPLES: &str = "\
 The case names a mesh, the [[material]] of each region, and what is held ([[fix]]) and loaded ([[load]]): nodes by number, or those that
@@ -79,7 +80,7 @@ enum Example {
 }
 
 impl Solve {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         let path = match (&self.case, self.example) {
             (Some(path), None) => path.as_path(),
             (_, Some(Example::Viscoelastic)) => return terminal::emit(statics::CREEP),

@@ -9,6 +9,7 @@ use super::failure::Failure;
 use super::output::{Force, text};
 use super::study::watched;
 use super::terminal;
+use insonify::Error;
 
 const TEACHING: &str = "\
 Every case is hard for numerical methods: slivers, near incompressibility, 5,000 remeshes. Each has
@@ -51,7 +52,7 @@ pub(crate) struct Stability {
 }
 
 impl Stability {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         let cases = select(GROUPS, self.only.as_deref());
         if cases.is_empty() {
             return Err(none_selected(self.only.as_deref().unwrap_or_default()));
@@ -69,7 +70,8 @@ impl Stability {
             failed => Err(Failure::Unstable {
                 failed,
                 cases: report.cases.len(),
-            }),
+            }
+            .into()),
         }
     }
 
@@ -80,8 +82,8 @@ impl Stability {
 }
 
 /// Writes a report into a folder, each file atomically.
-fn write(report: &Report, folder: &Path) -> Result<(), Failure> {
-    let results = serde_json::to_string_pretty(report).map_err(|error| Failure::Output(error.into()))?;
+fn write(report: &Report, folder: &Path) -> Result<(), Error> {
+    let results = terminal::pretty(report)?;
     let texts = [report.page()?, report.plot()?, report.markdown(), results + "\n"];
     FILES
         .iter()
@@ -89,7 +91,7 @@ fn write(report: &Report, folder: &Path) -> Result<(), Failure> {
         .try_for_each(|(name, content)| text(&folder.join(name), &content))
 }
 
-fn none_selected(only: &str) -> Failure {
+fn none_selected(only: &str) -> Error {
     let names = GROUPS.iter().map(|group| {
         let names: Vec<&str> = group.cases.iter().map(|case| case.name).collect();
         format!("{}: {}", group.name, names.join(", "))

@@ -6,9 +6,9 @@ use clap::Args;
 use insonify_base::output::folder::Folder;
 use insonify_study::tradeoff::Study;
 
-use super::failure::Failure;
 use super::output::Force;
 use super::terminal;
+use insonify::Error;
 
 /// Output options of a study.
 #[derive(Args)]
@@ -44,17 +44,17 @@ impl Printed {
     }
 
     /// Checks that the folder can be written to, before the study is prepared.
-    pub(crate) fn check(&self) -> Result<(), Failure> {
+    pub(crate) fn check(&self) -> Result<(), Error> {
         self.folder().map(drop)
     }
 
-    fn folder(&self) -> Result<Option<Folder>, Failure> {
+    fn folder(&self) -> Result<Option<Folder>, Error> {
         let open = |target: &PathBuf| self.force.folder(target, "study", &["index.html"], &[]);
         self.output.as_ref().map(open).transpose()
     }
 
     /// Creates the folder, runs the study with a progress bar, and writes and prints the results.
-    pub(crate) fn run(&self, study: impl FnOnce(Progress<'_>) -> Result<Study, Failure>) -> Result<(), Failure> {
+    pub(crate) fn run(&self, study: impl FnOnce(Progress<'_>) -> Result<Study, Error>) -> Result<(), Error> {
         let folder = self.folder()?;
         let study = watched(study)?;
         if let (Some(folder), Some(target)) = (folder, &self.output) {

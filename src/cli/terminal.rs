@@ -7,38 +7,45 @@ use std::io::{self, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
+use insonify_base::document::InputError;
 use insonify_base::text::{MESSAGE, clipped, printable};
 use serde::Serialize;
 
 use super::excerpt::drawn;
 use super::failure::Failure;
+use insonify::Error;
 
 /// Writes a result to standard output. A reader that stops reading causes no failure.
-pub(crate) fn emit(text: &str) -> Result<(), Failure> {
+pub(crate) fn emit(text: &str) -> Result<(), Error> {
     let mut out = io::stdout().lock();
     let line_end = if text.ends_with('\n') { "" } else { "\n" };
     match write!(out, "{}{line_end}", printable(text)).and_then(|()| out.flush()) {
-        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(Failure::Output(error)),
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(Failure::Output(error).into()),
         _ => Ok(()),
     }
 }
 
 /// Writes a result to standard output, as text or as JSON.
-pub(crate) fn print(result: &(impl Serialize + ToString), json: bool) -> Result<(), Failure> {
+pub(crate) fn print(result: &(impl Serialize + ToString), json: bool) -> Result<(), Error> {
     show(result, json, || result.to_string())
 }
 
 /// Writes a result to standard output, as JSON or as a text of its own.
-pub(crate) fn show(result: &impl Serialize, json: bool, text: impl FnOnce() -> String) -> Result<(), Failure> {
+pub(crate) fn show(result: &impl Serialize, json: bool, text: impl FnOnce() -> String) -> Result<(), Error> {
     match json {
         true => emit_json(result),
         false => emit(&text()),
     }
 }
 
+/// A result as indented JSON.
+pub(crate) fn pretty(value: &impl Serialize) -> Result<String, Error> {
+    Ok(serde_json::to_string_pretty(value).map_err(|error| Failure::Output(error.into()))?)
+}
+
 /// Writes a result to standard output as indented JSON.
-pub(crate) fn emit_json(value: &impl Serialize) -> Result<(), Failure> {
-    let text = serde_json::to_string_pretty(value).map_err(|error| Failure::Output(error.into()))?;
+pub(crate) fn emit_json(value: &impl Serialize) -> Result<(), Error> {
+    let text = pretty(value)?;
     // A terminal interprets more characters than JSON has to escape.
     let control = |c: char| c.is_control() && c != '\n';
     let escaped = text
@@ -81,10 +88,11 @@ pub(crate) fn note(text: impl Display) {
 }
 
 /// Prints a failure with the lines of the file concerned.
-pub(crate) fn report(failure: &Failure) {
-    let message = clipped(&failure.to_string(), MESSAGE);
-    let help = failure.help().map(|help| clipped(help, MESSAGE));
-    let text = drawn(&message, help.as_deref(), failure.excerpt(), has_colours());
+pub(crate) fn report(error: &Error) {
+    let message = clipped(&error.to_string(), MESSAGE);
+    let help = error.help().map(|help| clipped(help, MESSAGE));
+    let excerpt = error.input().and_then(InputError::excerpt);
+    let text = drawn(&message, help.as_deref(), excerpt, has_colours());
     // Not through `say`: the colours are intended.
     let _ = writeln!(io::stderr().lock(), "{text}");
 }

@@ -14,6 +14,7 @@ use super::failure::Failure;
 use super::output::{self, Force};
 use super::realism::pixel;
 use super::terminal;
+use insonify::Error;
 
 const TEACHING: &str = "\
 An exemplar is a region of even tissue in a B-mode image, without writing, calipers or edges of organs. Its columns run along x of the solid and its
@@ -97,7 +98,7 @@ enum Kind {
 }
 
 impl TextureArgs {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         let inputs: Vec<PathBuf> = [Some(&self.image), self.zy.as_ref(), self.xz.as_ref()]
             .into_iter()
             .flatten()
@@ -161,7 +162,7 @@ impl TextureArgs {
         terminal::show(&made.figures, self.json, || format!("{}\n{lines}", made.figures))
     }
 
-    fn prepared(&self, image: &PathBuf, region: [f64; 4], voxel_mm: Option<f64>) -> Result<Prepared, Failure> {
+    fn prepared(&self, image: &PathBuf, region: [f64; 4], voxel_mm: Option<f64>) -> Result<Prepared, Error> {
         let pictures = read(std::slice::from_ref(image), 1, self.mm_per_pixel)?;
         let picture: &Picture = pictures.first().ok_or_else(|| {
             Failure::usage(

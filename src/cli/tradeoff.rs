@@ -23,6 +23,7 @@ use super::output::Force;
 use super::study::watched;
 use super::terminal;
 use super::variants::ranged;
+use insonify::Error;
 
 const EXAMPLES: &str = "\
 Without a subcommand all studies are run in turn and gathered into one report: the cost of each choice, its error against the
@@ -79,14 +80,14 @@ commands! {
 }
 
 impl Tradeoff {
-    pub(crate) fn run(&self) -> Result<(), Failure> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         match &self.study {
             Some(study) => study.run(),
             None => self.gather(),
         }
     }
 
-    fn gather(&self) -> Result<(), Failure> {
+    fn gather(&self) -> Result<(), Error> {
         let known = || STUDIES.iter().map(|entry| entry.name);
         if let Some(unknown) = self
             .only
@@ -122,7 +123,8 @@ impl Tradeoff {
                 study: missing.name.to_owned(),
                 reason: missing.reason.clone(),
                 more: report.missing.len() - 1,
-            }),
+            }
+            .into()),
         }
     }
 }

@@ -201,7 +201,7 @@ fn in_order<A>(found: Vec<A>, info: impl Fn(&A) -> wgpu::AdapterInfo) -> Vec<A> 
 mod tests {
     use super::*;
     use crate::testing;
-    use insonify_base::cause::Cause;
+    use insonify_base::blame::Blame;
 
     fn info(name: &str, device_type: wgpu::DeviceType, bus: &str) -> wgpu::AdapterInfo {
         wgpu::AdapterInfo {

@@ -1,6 +1,6 @@
 //! Errors of the GPU layer.
 
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 
 /// An error of the GPU layer.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -114,7 +114,7 @@ pub enum GpuError {
     },
 }
 
-impl Cause for GpuError {
+impl Blame for GpuError {
     fn is_machine(&self) -> bool {
         !matches!(self, Self::UnknownAdapter { .. })
     }

@@ -38,7 +38,7 @@ use crate::quality::QualitySpec;
 use crate::synth::tables::{Anatomy, Settings};
 use crate::synth::{Backend, FrameState, NeedleShaft, SynthError, Synthesizer};
 use deform::Deformation;
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 use insonify_base::document::{InputError, InvalidFile};
 use insonify_tracking::needle::{NeedlePath, NeedlePose};
 use insonify_tracking::pose::Pose;
@@ -273,7 +273,7 @@ trait At<T> {
     fn at(self, file: &SceneFile, key: &str) -> Result<T, InputError>;
 }
 
-impl<T, E: Cause> At<T> for Result<T, E> {
+impl<T, E: Blame> At<T> for Result<T, E> {
     fn at(self, file: &SceneFile, key: &str) -> Result<T, InputError> {
         self.map_err(|cause| file.fault(key, cause))
     }

@@ -351,7 +351,7 @@ fn pixel_file(path: &Path) -> Result<BufWriter<File>, OutputError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use insonify_base::cause::Cause;
+    use insonify_base::blame::Blame;
     use insonify_tracking::sequence::{Sequence, TrackedTransform};
 
     #[test]

@@ -32,7 +32,7 @@ use crate::effects::REGISTRY;
 use crate::effects::buffers::Buffer;
 use crate::plan::Plan;
 use insonify_anatomy::volume::VolumeError;
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 use insonify_base::memory::TooLarge;
 use insonify_base::range::OutOfRange;
 use insonify_gpu::{AdapterChoice, Gpu, GpuError, adapter};
@@ -68,7 +68,7 @@ pub enum SynthError {
     Pose,
 }
 
-impl Cause for SynthError {
+impl Blame for SynthError {
     fn is_machine(&self) -> bool {
         match self {
             Self::Gpu(error) => error.is_machine(),

@@ -19,7 +19,7 @@ use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
 use super::needle::CentreLine;
 use super::tissue::remesh::Level;
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 pub use interaction::{Anatomy, Bone, Interaction, MeshRegions, Peak};
 pub use outcome::{Event, EventKind, Outcome, Wrench};
 pub use probe::{ProbeContact, lever, pointed};
@@ -64,7 +64,7 @@ pub enum StepError {
     Level(#[from] InvalidSetup),
 }
 
-impl Cause for StepError {
+impl Blame for StepError {
     fn is_machine(&self) -> bool {
         matches!(self, StepError::Level(error) if error.is_machine())
     }

@@ -34,7 +34,7 @@ use nalgebra::Matrix4;
 
 use super::{InvalidMesh, TetMesh};
 use contents::Sampler;
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 use insonify_base::memory::{self, TooLarge};
 use tissue::Tissue;
 
@@ -231,7 +231,7 @@ pub enum GenerateError {
     Mesh(#[from] InvalidMesh),
 }
 
-impl Cause for GenerateError {
+impl Blame for GenerateError {
     fn is_machine(&self) -> bool {
         matches!(self, Self::Memory(_))
     }

@@ -12,7 +12,7 @@
 //! | [`quality`] | element shapes, and whether a mesh is usable for computation |
 //! | [`Face`] | surface faces, with their outward normals |
 
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 
 pub mod displacement;
 pub mod element;
@@ -136,7 +136,7 @@ pub enum InvalidMesh {
     },
 }
 
-impl Cause for InvalidMesh {}
+impl Blame for InvalidMesh {}
 
 impl TetMesh {
     /// Builds a mesh from reference nodes (mm), elements (four node indices each) and one region number per element.

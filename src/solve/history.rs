@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::{Fields, Solved};
 use crate::input::statics::Problem;
 use crate::input::statics::course::{Model, Moment};
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 use insonify_base::document::InputError;
 use insonify_mechanics::tissue::error::LinearError;
 use insonify_mechanics::tissue::nonlinear::creep::Creep;
@@ -232,7 +232,7 @@ struct StepFailed {
     cause: NonlinearError,
 }
 
-impl Cause for StepFailed {
+impl Blame for StepFailed {
     fn is_machine(&self) -> bool {
         self.cause.is_machine()
     }

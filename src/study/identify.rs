@@ -16,11 +16,11 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 
-use crate::StudyError;
 use crate::identification::{Case, Cost, Crossed};
 use crate::search::nelder_mead;
 use data::{Data, Motion, thinned};
 pub use force::Piecewise;
+use insonify::Error;
 use insonify_base::{parallel, statistics};
 pub use simulate::Layer;
 use simulate::{Course, Simulator};
@@ -116,8 +116,8 @@ pub struct Sensitivity {
 /// Identifies the parameters of a case. `progress` receives an estimate of the completed fraction.
 ///
 /// # Errors
-/// [`StudyError`] for tables that cannot be used, and for parameters with which no insertion can be simulated.
-pub fn identify(case: Case, progress: &(dyn Fn(f64) + Sync)) -> Result<Identification, StudyError> {
+/// [`Error`] for tables that cannot be used, and for parameters with which no insertion can be simulated.
+pub fn identify(case: Case, progress: &(dyn Fn(f64) + Sync)) -> Result<Identification, Error> {
     let data = Data::read(&case)?;
     let model = data.model(&case)?;
     let runs = AtomicUsize::new(0);
@@ -140,12 +140,12 @@ pub fn identify(case: Case, progress: &(dyn Fn(f64) + Sync)) -> Result<Identific
 /// displacements of `points` along directions, at every twentieth of the depth.
 ///
 /// # Errors
-/// [`StudyError`] as [`identify`].
+/// [`Error`] as [`identify`].
 pub(super) fn returned(
     made: &Case,
     case: &Case,
     points: Vec<(Point3<f64>, Vector3<f64>)>,
-) -> Result<Identified, StudyError> {
+) -> Result<Identified, Error> {
     let layer = |layer: &Crossed| {
         let own = made.scenario.anatomy.interaction(layer.region);
         let mut elements = made.scenario.mesh.regions().iter().zip(&made.scenario.materials);
@@ -226,14 +226,14 @@ impl<'a> Search<'a> {
         layers.map(layer).collect()
     }
 
-    fn simulate(&mut self, layers: &[Layer], observed: bool) -> Result<Course, StudyError> {
+    fn simulate(&mut self, layers: &[Layer], observed: bool) -> Result<Course, Error> {
         (self.told)();
         self.simulator.run(layers, observed)
     }
 
     /// Adjusts the force parameters until the simulated force has the slopes and widths of the measured one; of all simulations the nearest to
     /// its model counts. The last one also has the displacements.
-    fn match_forces(&mut self, layers: &mut Vec<Layer>) -> Result<Course, StudyError> {
+    fn match_forces(&mut self, layers: &mut Vec<Layer>) -> Result<Course, Error> {
         let mut best = (f64::INFINITY, layers.clone());
         for _ in 0..MAX_INNER {
             let course = self.simulate(layers, false)?;
@@ -279,7 +279,7 @@ impl<'a> Search<'a> {
         change
     }
 
-    fn find(mut self) -> Result<Identified, StudyError> {
+    fn find(mut self) -> Result<Identified, Error> {
         let (data, mut layers) = (self.data, self.start());
         let unknown: Vec<usize> = (0..layers.len()).filter(|at| !layers[*at].young_known).collect();
         if let (Some(motion), false) = (&data.motion, unknown.is_empty()) {
@@ -304,7 +304,7 @@ impl<'a> Search<'a> {
                     .zip(logs)
                     .for_each(|(at, log)| own[*at].young_kpa = log.exp());
                 let course = search.match_forces(&mut own)?;
-                Ok::<f64, StudyError>(search.cost(motion, &course))
+                Ok::<f64, Error>(search.cost(motion, &course))
             };
             let found = nelder_mead(&start, &vec![STEP; start.len()], TOLERANCE, MAX_OUTER, cost)?;
             unknown

@@ -24,7 +24,7 @@ use super::realism::picture::Picture;
 use super::realism::sector_of;
 use super::realism::texture::Texture;
 use bench::{Bench, WINDOW};
-use insonify::error::Error;
+use insonify::Error;
 use insonify_anatomy::volume::{At, VolumeError};
 use insonify_imaging::anatomies::PLAIN;
 use insonify_imaging::effects::Effects;

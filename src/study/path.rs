@@ -24,6 +24,7 @@ use candidates::Entries;
 pub use correct::Corrected;
 use insertion::Until;
 pub use insertion::{Course, Sample, Trial};
+use insonify::Error;
 use insonify::input::scenario::aim::middle;
 use insonify::input::scenario::{EXAMPLES, Scenario, ScenarioFile};
 use insonify_base::parallel;
@@ -115,7 +116,7 @@ pub struct PathPlan {
 }
 
 impl PathOptions {
-    fn check(&self) -> Result<(), StudyError> {
+    fn check(&self) -> Result<(), Error> {
         let lines = self.lines as f64;
         check("candidates", lines, (1.0..=1000.0).contains(&lines), "1 to 1000")?;
         let clearance = self.clearance_mm;
@@ -146,12 +147,12 @@ impl PathOptions {
 /// Plans paths to a target. `progress` receives the number of completed lines, and of all.
 ///
 /// # Errors
-/// [`StudyError`] for options out of range, a target in bone or outside, and if no line fulfils the conditions.
+/// [`Error`] for options out of range, a target in bone or outside, and if no line fulfils the conditions.
 pub fn plan(
     scenario: &Scenario,
     options: &PathOptions,
     progress: &(dyn Fn(usize, usize) + Sync),
-) -> Result<PathPlan, StudyError> {
+) -> Result<PathPlan, Error> {
     options.check()?;
     scenario.check_path_independent()?;
     let (name, target) = goal(scenario, &options.target)?;
@@ -209,8 +210,8 @@ pub fn plan(
 /// The built-in scenario `liver-puncture` with `nodes` nodes and parts of its text replaced.
 ///
 /// # Errors
-/// [`StudyError`] if the changed scenario is not valid.
-pub(super) fn liver(nodes: usize, changes: &[(&str, &str)]) -> Result<Scenario, StudyError> {
+/// [`Error`] if the changed scenario is not valid.
+pub(super) fn liver(nodes: usize, changes: &[(&str, &str)]) -> Result<Scenario, Error> {
     let text = EXAMPLES.iter().find(|(name, _)| *name == "liver-puncture");
     let text = text.map_or(String::new(), |(_, text)| {
         text.replace("nodes = 3300", &format!("nodes = {nodes}"))
@@ -222,8 +223,8 @@ pub(super) fn liver(nodes: usize, changes: &[(&str, &str)]) -> Result<Scenario, 
 /// Distance of the tip from a target at the end of a motion in some tissue, mm; `None` where the needle meets bone before.
 ///
 /// # Errors
-/// [`StudyError`] if the motion cannot be simulated.
-pub(super) fn miss_mm(scenario: &Scenario, course: &Course, target: &Point3<f64>) -> Result<Option<f64>, StudyError> {
+/// [`Error`] if the motion cannot be simulated.
+pub(super) fn miss_mm(scenario: &Scenario, course: &Course, target: &Point3<f64>) -> Result<Option<f64>, Error> {
     let trial = course.run(scenario, target, Until::End)?;
     Ok(trial
         .samples
@@ -233,7 +234,7 @@ pub(super) fn miss_mm(scenario: &Scenario, course: &Course, target: &Point3<f64>
 }
 
 /// Name and place of the target.
-fn goal(scenario: &Scenario, goal: &Goal) -> Result<(String, Point3<f64>), StudyError> {
+fn goal(scenario: &Scenario, goal: &Goal) -> Result<(String, Point3<f64>), Error> {
     let name = match goal {
         Goal::At(at) => return Ok(("the target".to_owned(), (*at).into())),
         Goal::Named(name) => name,
@@ -249,19 +250,19 @@ fn goal(scenario: &Scenario, goal: &Goal) -> Result<(String, Point3<f64>), Study
 }
 
 /// Error if no line to a target is left of those tried.
-fn no_path(target: &str, tried: usize, reasons: &str) -> StudyError {
-    StudyError::Refused(format!("no path to {target}: of {tried} lines {reasons}"))
+fn no_path(target: &str, tried: usize, reasons: &str) -> Error {
+    StudyError::refused(format!("no path to {target}: of {tried} lines {reasons}"))
 }
 
 /// Error if no label or tissue of a scenario has a name.
-pub(super) fn unknown(scenario: &Scenario, name: &str) -> StudyError {
+pub(super) fn unknown(scenario: &Scenario, name: &str) -> Error {
     let entries = scenario.scene.body().entries();
     let known: Vec<String> = entries
         .iter()
         .filter_map(|(_, _, names)| names.first().cloned())
         .collect();
     let known = some_of(&known);
-    StudyError::Refused(format!("no label or tissue is named {name:?}; expected one of {known}"))
+    StudyError::refused(format!("no label or tissue is named {name:?}; expected one of {known}"))
 }
 
 /// Order of lines: simulated before excluded, then by miss (those within the tolerance are equal), clearance (to 1 mm) and peak force.

@@ -13,6 +13,7 @@ mod liver;
 use serde::Serialize;
 
 use crate::StudyError;
+use insonify::Error;
 use insonify_base::output::OutputError;
 use insonify_base::range::{OutOfRange, check};
 use insonify_mechanics::insertion::pushing::{Phase, Pushing};
@@ -110,8 +111,8 @@ const NAMES: [&str; 3] = ["capsule", "near-wall", "far-wall"];
 /// Simulates the insertion. `progress` receives the completed fraction, 0 to 1.
 ///
 /// # Errors
-/// [`StudyError`] if an option is out of range or a step cannot be solved.
-pub fn puncture(options: &PunctureOptions, progress: &mut dyn FnMut(f64)) -> Result<Puncture, StudyError> {
+/// [`Error`] if an option is out of range or a step cannot be solved.
+pub fn puncture(options: &PunctureOptions, progress: &mut dyn FnMut(f64)) -> Result<Puncture, Error> {
     let step = positive("step_mm", options.step_mm)?;
     let speed = positive("speed_mm_per_s", options.speed_mm_per_s)?;
     let steps = (WAY_MM / step).ceil();
@@ -187,7 +188,7 @@ fn state(name: &str, liver: &Liver, needle: &Pushing<2, 3>, travel_mm: f64) -> d
 }
 
 /// Creates the slice, and a needle at its surface prepared for the given number of steps; `stress` has a viscous slice follow its stress.
-fn pushing(options: &PunctureOptions, steps: f64, stress: bool) -> Result<(Liver, Pushing<2, 3>), StudyError> {
+fn pushing(options: &PunctureOptions, steps: f64, stress: bool) -> Result<(Liver, Pushing<2, 3>), Error> {
     let step = positive("step_mm", options.step_mm)?;
     let speed = positive("speed_mm_per_s", options.speed_mm_per_s)?;
     let liver = Liver::new(options)?;
@@ -221,7 +222,7 @@ fn pushing(options: &PunctureOptions, steps: f64, stress: bool) -> Result<(Liver
     Ok((liver, needle))
 }
 
-fn positive(key: &str, found: f64) -> Result<f64, StudyError> {
+fn positive(key: &str, found: f64) -> Result<f64, Error> {
     check(key, found, found > 0.0, "a finite number above 0")?;
     Ok(found)
 }

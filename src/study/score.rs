@@ -14,6 +14,7 @@ use nalgebra::{Point3, Vector3};
 use serde::{Serialize, Serializer};
 
 use crate::StudyError;
+use insonify::Error;
 use insonify::run::{Observer, Step};
 use insonify_base::csv::{Csv, CsvError, Row};
 
@@ -119,17 +120,17 @@ const REQUIRED: [&str; 8] = [
 const NO_TARGET: &str = "has no target: name one in the scenario (`needle.target` or `[[plan.target]]`)";
 
 /// Error of a run (its folder or table) that cannot be scored.
-fn unscored(run: &Path, reason: &str) -> StudyError {
-    StudyError::Refused(format!("{} {reason}", run.display()))
+fn unscored(run: &Path, reason: &str) -> Error {
+    StudyError::refused(format!("{} {reason}", run.display()))
 }
 
 impl Score {
     /// Scores a run from its folder, or from its table of steps.
     ///
     /// # Errors
-    /// [`StudyError::Table`] if the table cannot be read; [`StudyError::Refused`] if the run has no target, or the needle never is in the
+    /// [`CsvError`](insonify_base::csv::CsvError) if the table cannot be read; [`StudyError::Refused`] if the run has no target, or the needle never is in the
     /// body.
-    pub fn of(run: &Path) -> Result<Self, StudyError> {
+    pub fn of(run: &Path) -> Result<Self, Error> {
         let file = if run.is_dir() {
             run.join("steps.csv")
         } else {
@@ -153,7 +154,7 @@ impl Score {
     }
 
     /// Scores the steps of a run in which the needle is in the body.
-    fn of_samples(run: &Path, samples: Vec<Sample>, withdrawn: bool, end_s: f64) -> Result<Self, StudyError> {
+    fn of_samples(run: &Path, samples: Vec<Sample>, withdrawn: bool, end_s: f64) -> Result<Self, Error> {
         let (Some(first), Some(last)) = (samples.first(), samples.last()) else {
             return Err(unscored(run, "never has the needle in the body"));
         };
@@ -189,9 +190,9 @@ pub(super) struct Collector {
 }
 
 impl Observer for Collector {
-    type Error = StudyError;
+    type Error = Error;
 
-    fn step(&mut self, step: &Step<'_>) -> Result<(), StudyError> {
+    fn step(&mut self, step: &Step<'_>) -> Result<(), Error> {
         let found = Sample::of(step);
         self.end_s = step.time_s;
         self.withdrawn |= found.is_none() && !self.samples.is_empty();
@@ -201,7 +202,7 @@ impl Observer for Collector {
 }
 
 impl Collector {
-    pub(crate) fn score(self, run: &Path) -> Result<Score, StudyError> {
+    pub(crate) fn score(self, run: &Path) -> Result<Score, Error> {
         Score::of_samples(run, self.samples, self.withdrawn, self.end_s)
     }
 }

@@ -7,9 +7,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::StudyError;
 use crate::tradeoff::insertion::{InsertionOptions, Part, study};
 use crate::tradeoff::{Row, SHIFT_MM, Study, Table};
+use insonify::Error;
 use insonify::input::scenario::DEFAULT_NODES;
 use insonify_imaging::quality::{Costs, SettingOption, VariedSetting};
 
@@ -86,8 +86,8 @@ pub enum Nodes {
 /// Measures the costs. `progress` receives the current task and the completed fraction.
 ///
 /// # Errors
-/// [`StudyError`] if an insertion cannot be simulated.
-pub fn measure(progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<StepCosts, StudyError> {
+/// [`Error`] if an insertion cannot be simulated.
+pub fn measure(progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<StepCosts, Error> {
     let options = |nodes, parts| InsertionOptions {
         nodes,
         depth_mm: DEPTH_MM,

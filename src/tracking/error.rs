@@ -4,7 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::trajectory::SkipReason;
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 use insonify_base::csv::CsvError;
 use insonify_base::range::Ranges;
 use insonify_base::read;
@@ -106,7 +106,7 @@ impl TrackingError {
     }
 }
 
-impl Cause for TrackingError {
+impl Blame for TrackingError {
     fn is_machine(&self) -> bool {
         match self {
             Self::Read { source, .. } => read::is_machine(source),

@@ -343,7 +343,7 @@ impl<'a> Element<'a> {
 mod tests {
     use super::super::calibration::Calibration;
     use super::*;
-    use insonify_base::cause::Cause;
+    use insonify_base::blame::Blame;
 
     fn data(name: &str) -> Option<PathBuf> {
         insonify_testing::shared(&format!("config/{name}"))

@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use insonify::Cause;
+use insonify::Blame;
 use insonify_anatomy::volume::{self, Label, LabelVolume};
 use insonify_tracking::sequence::Sequence;
 use nalgebra::Matrix4;

@@ -4,9 +4,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use insonify::Cause;
-use insonify::error::{Error, INPUT};
 use insonify::input::scenario::ScenarioFile;
+use insonify::{Blame, Error};
 use insonify_anatomy::volume;
 use insonify_imaging::scene::SceneFile;
 use insonify_mesh::file::{ReadOptions, read_mesh, read_mesh_bytes};
@@ -19,7 +18,7 @@ use crate::broken::largest_of;
 
 /// What each reader says of a file: its words, and whether it blames the machine.
 fn words(path: &Path) -> Vec<(String, bool)> {
-    let said = |error: Error| (error.to_string(), error.exit_status() != INPUT);
+    let said = |error: Error| (error.to_string(), error.exit_status() != 2);
     let trajectory = Trajectory::from_csv(path, Default::default(), Interpolation::default()).unwrap_err();
     let calibration = PlusConfig::read(path).unwrap_err();
     vec![

@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use insonify::Cause;
+use insonify::Blame;
 use insonify_mesh::TetMesh;
 use insonify_mesh::file::{MeshFile, ReadOptions, read_mesh, read_mesh_bytes};
 

@@ -2,7 +2,7 @@ use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;
 
-use insonify::Cause;
+use insonify::Blame;
 use insonify_anatomy::segmentation::Info;
 use insonify_anatomy::volume::{self, LabelVolume, Loaded};
 use nalgebra::{Point3, Vector3};

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use flate2::Compression as Level;
 use flate2::write::GzEncoder;
-use insonify::error::Error;
+use insonify::Error;
 use insonify::input::scenario::{self, ScenarioFile, SceneSource};
 use insonify::input::statics::{self, ProblemFile};
 use insonify_anatomy::segmentation::{self, Names, Naming};

@@ -7,7 +7,6 @@ mod corpus;
 mod formats;
 mod mutate;
 
-use insonify::Cause;
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -129,7 +128,7 @@ fn run(format: &Format, folder: &Path, seed: u64, case: u64) -> Result<bool, Str
 }
 
 /// Checks the message of an error, as text and beside its line.
-fn told(error: insonify::error::Error) -> Result<(), String> {
+fn told(error: insonify::Error) -> Result<(), String> {
     let message = error.to_string();
     let input = error.input();
     let excerpt = input.and_then(|input| input.excerpt());

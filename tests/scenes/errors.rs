@@ -1,6 +1,6 @@
 //! Every mistake is named, with its key, its line and a caret on it.
 
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 use insonify_base::document::InputError;
 use insonify_base::range::OutOfRange;
 

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use super::{Tissue, presets};
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 use insonify_base::range::{Ranges, parameters};
 
 parameters! {
@@ -117,7 +117,7 @@ pub enum TissueError {
     },
 }
 
-impl Cause for TissueError {}
+impl Blame for TissueError {}
 
 impl TissueError {
     /// Name of the tissue concerned, if it has one.

@@ -4,7 +4,7 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 use insonify_base::csv::CsvError;
 use insonify_base::memory::TooLarge;
 use insonify_base::output::OutputError;
@@ -200,7 +200,7 @@ impl VolumeError {
     }
 }
 
-impl Cause for VolumeError {
+impl Blame for VolumeError {
     fn is_machine(&self) -> bool {
         match self {
             Self::Write(error) => error.is_machine(),

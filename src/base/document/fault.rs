@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use super::Source;
-use crate::cause::Cause;
+use crate::blame::Blame;
 use crate::text::{MESSAGE, clipped, head, printable, tail};
 
 /// An error of an input file: its cause, the key concerned and the place in the text.
@@ -16,7 +16,7 @@ pub struct InputError(Box<Inner>);
 
 #[derive(Debug)]
 struct Inner {
-    cause: Box<dyn Cause>,
+    cause: Box<dyn Blame>,
     key: Option<String>,
     /// Name of the file.
     file: Option<String>,
@@ -44,7 +44,7 @@ pub struct Excerpt {
 
 impl InputError {
     /// An error whose key and place are not known.
-    pub fn new(cause: impl Cause) -> Self {
+    pub fn new(cause: impl Blame) -> Self {
         Self(Box::new(Inner {
             cause: Box::new(cause),
             key: None,
@@ -77,7 +77,7 @@ impl InputError {
     }
 
     /// Cause of the error.
-    pub fn cause(&self) -> &dyn Cause {
+    pub fn cause(&self) -> &dyn Blame {
         &*self.0.cause
     }
 
@@ -121,7 +121,7 @@ impl std::error::Error for InputError {
     }
 }
 
-impl Cause for InputError {
+impl Blame for InputError {
     fn is_machine(&self) -> bool {
         self.0.cause.is_machine()
     }

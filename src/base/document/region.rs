@@ -7,7 +7,7 @@ use serde::de::{Deserializer, Visitor};
 use serde::{Deserialize, Serialize};
 
 use super::nearest;
-use crate::cause::Cause;
+use crate::blame::Blame;
 use crate::text;
 
 /// A region: its name, an unambiguous part of it, or its number, which is a label value.
@@ -73,7 +73,7 @@ pub enum NoRegion {
     },
 }
 
-impl Cause for NoRegion {}
+impl Blame for NoRegion {}
 
 fn listed(known: &[String]) -> String {
     match known.is_empty() {

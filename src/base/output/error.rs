@@ -4,7 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::staged;
-use crate::cause::Cause;
+use crate::blame::Blame;
 
 /// Why an output cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -107,7 +107,7 @@ impl OutputError {
     }
 }
 
-impl Cause for OutputError {
+impl Blame for OutputError {
     fn is_machine(&self) -> bool {
         use io::ErrorKind::{IsADirectory, NotADirectory, NotFound, PermissionDenied, ReadOnlyFilesystem};
         match self {

@@ -95,7 +95,7 @@ fn is_same_kind(path: &Path) -> io::Result<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cause::Cause;
+    use crate::blame::Blame;
 
     #[test]
     fn files_of_another_kind_and_inputs_stay() {

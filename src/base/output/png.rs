@@ -112,7 +112,7 @@ pub fn layer_path(file: &Path, layer: &str) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cause::Cause;
+    use crate::blame::Blame;
 
     #[test]
     fn pixels_read_back_as_written() {

@@ -12,10 +12,10 @@ use insonify_report::plot::{Axis, Marker, Plot, Series};
 use insonify_study::beam_case::points;
 use serde_json::{Map, Value, json};
 
-use crate::failure::Failure;
 use crate::output::{self, Force};
 use crate::terminal;
 use crate::variants::variants;
+use insonify::Error;
 
 /// Number of points of a curve.
 const FINE: usize = 120;
@@ -59,7 +59,7 @@ pub(super) struct Fit {
 }
 
 impl Fit {
-    pub(super) fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Error> {
         let inputs = [self.points.clone()];
         self.force.check_ending(&self.output, "svg", "plots", &inputs)?;
         let samples = points::read(&self.points)?;

@@ -8,6 +8,7 @@ use crate::failure::Failure;
 use crate::output::{self, Force};
 use crate::study::Printed;
 use crate::terminal;
+use insonify::Error;
 use insonify_anatomy::volume::{VolumeError, load_scalar};
 use insonify_base::number::decimal;
 use insonify_base::table::{Cell, Table};
@@ -65,7 +66,7 @@ pub(super) struct Measure {
 }
 
 impl Measure {
-    pub(super) fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Error> {
         let (rest, moved) = (&self.volumes[0], &self.volumes[1..]);
         let names: Vec<String> = moved.iter().map(|path| format!("{}.toml", stem(path))).collect();
         if let Some(twice) = (1..names.len()).find(|at| names[..*at].contains(&names[*at])) {
@@ -108,7 +109,7 @@ impl Measure {
         self.print(&found)
     }
 
-    fn scan(&self, path: &Path, design: &Design) -> Result<Scan, Failure> {
+    fn scan(&self, path: &Path, design: &Design) -> Result<Scan, Error> {
         let image = load_scalar(path)?;
         let thresholds = Thresholds {
             marker: self.threshold,
@@ -117,7 +118,7 @@ impl Measure {
         scan(&image, design, &thresholds).map_err(|error| named(path, &error))
     }
 
-    fn print(&self, found: &[(String, Measured)]) -> Result<(), Failure> {
+    fn print(&self, found: &[(String, Measured)]) -> Result<(), Error> {
         let Some((_, first)) = found.first() else { return Ok(()) };
         if first.rest_slope.abs() > REST[0] || first.rest_rms_mm > REST[1] {
             terminal::warn(format_args!(
@@ -165,7 +166,7 @@ struct Named<'a> {
     measured: &'a Measured,
 }
 
-fn named(path: &Path, error: &VolumeError) -> Failure {
+fn named(path: &Path, error: &VolumeError) -> Error {
     VolumeError::new(format!("{}: {error}", path.display())).into()
 }
 
@@ -193,7 +194,7 @@ pub(super) struct Compare {
 }
 
 impl Compare {
-    pub(super) fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Error> {
         self.printed.check()?;
         let mut cases = Vec::new();
         for path in &self.cases {
@@ -224,12 +225,12 @@ impl Compare {
     }
 }
 
-fn read(path: &Path) -> Result<(String, Case), Failure> {
+fn read(path: &Path) -> Result<(String, Case), Error> {
     Ok((stem(path), CaseFile::read(path)?.resolve()?))
 }
 
 /// Cases of a folder that have a measured shape, by name. Other files may lie there too.
-fn folder(path: &Path) -> Result<Vec<(String, Case)>, Failure> {
+fn folder(path: &Path) -> Result<Vec<(String, Case)>, Error> {
     let wrong = |error: std::io::Error| {
         Failure::usage(format!("{}: {error}", path.display()), "name a folder that can be read")
     };

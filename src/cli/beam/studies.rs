@@ -6,6 +6,7 @@ use clap::Args;
 
 use crate::failure::Failure;
 use crate::study::Printed;
+use insonify::Error;
 use insonify_study::beam::case::{Uncertainty, compression, map, sensitivity};
 use insonify_study::beam_case::{Case, CaseFile};
 
@@ -22,7 +23,7 @@ struct Of {
 }
 
 impl Of {
-    fn case(&self) -> Result<Case, Failure> {
+    fn case(&self) -> Result<Case, Error> {
         self.printed.check()?;
         Ok(CaseFile::read(&self.case)?.resolve()?)
     }
@@ -39,7 +40,7 @@ pub(super) struct Compression {
 }
 
 impl Compression {
-    pub(super) fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Error> {
         let case = self.of.case()?;
         self.of.printed.run(|_| Ok(compression(&case)?))
     }
@@ -65,7 +66,7 @@ pub(super) struct Map {
 }
 
 impl Map {
-    pub(super) fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Error> {
         let case = self.of.case()?;
         for (name, values) in [("--tip-mm", &self.tip_mm), ("--rcm-mm", &self.rcm_mm)] {
             if let Some(value) = values.iter().find(|value| !value.is_finite()) {
@@ -110,7 +111,7 @@ fn percent(text: &str) -> Result<f64, String> {
 }
 
 impl Sensitivity {
-    pub(super) fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Error> {
         let case = self.of.case()?;
         let by = Uncertainty {
             mu_percent: self.mu_percent,

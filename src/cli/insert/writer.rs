@@ -21,12 +21,12 @@ use serde::Serialize;
 
 use super::Images;
 use crate::backend::Chosen;
-use crate::failure::Failure;
 use crate::output::text;
 use crate::render::extras::Extras;
 use crate::render::output::{Output, Shot};
 use crate::render::target::Target;
 use crate::terminal;
+use insonify::Error;
 
 /// Files of a run, as [`insonify_base::output::folder::Folder::open`] takes them; plots are not checked for in advance.
 pub(super) const FILES: &[&str] = &[
@@ -79,7 +79,7 @@ struct Rendering<'a> {
 }
 
 impl<'a> Writer<'a> {
-    pub(super) fn new(scenario: &'a Scenario, folder: &Path, asked: Requests) -> Result<Self, Failure> {
+    pub(super) fn new(scenario: &'a Scenario, folder: &Path, asked: Requests) -> Result<Self, Error> {
         let path = folder.join("steps.csv");
         let wrong = |cause| OutputError::write(&path, cause);
         let mut steps = BufWriter::new(File::create(&path).map_err(wrong)?);
@@ -115,7 +115,7 @@ impl<'a> Writer<'a> {
         images: Option<Images>,
         extras: &Extras,
         preview: bool,
-    ) -> Result<(), Failure> {
+    ) -> Result<(), Error> {
         let scenario = self.scenario;
         let size = scenario.scene.settings.image;
         let target = images.map(|images| match images {
@@ -143,7 +143,7 @@ impl<'a> Writer<'a> {
     }
 
     /// Finishes the table and writes plots, page and summary.
-    pub(super) fn finish(mut self, title: &str, summary: &Summary, report: &impl Serialize) -> Result<(), Failure> {
+    pub(super) fn finish(mut self, title: &str, summary: &Summary, report: &impl Serialize) -> Result<(), Error> {
         self.bar.finish_and_clear();
         let path = self.folder.join("steps.csv");
         self.steps.flush().map_err(|cause| OutputError::write(&path, cause))?;
@@ -182,11 +182,11 @@ impl<'a> Writer<'a> {
             .filter(|name| *name == "summary.json" || self.folder.join(name).is_file());
         let page = self.record.page(title, summary, &others.collect::<Vec<_>>())?;
         text(&self.folder.join("index.html"), &page)?;
-        let json = serde_json::to_string_pretty(report).map_err(|error| Failure::Output(error.into()))?;
+        let json = terminal::pretty(report)?;
         text(&self.folder.join("summary.json"), &format!("{json}\n"))
     }
 
-    fn write_mesh(&mut self, deformed: &Deformed<'_>) -> Result<(), Failure> {
+    fn write_mesh(&mut self, deformed: &Deformed<'_>) -> Result<(), Error> {
         let path = self.next("mesh", "vtu", deformed)?;
         let tissue = deformed.tissue;
         let elements = deformed.elements.to_vec();
@@ -209,7 +209,7 @@ impl<'a> Writer<'a> {
     }
 
     /// Path of the next file of a series, which is remembered.
-    fn next(&mut self, series: &'static str, ending: &str, deformed: &Deformed<'_>) -> Result<PathBuf, Failure> {
+    fn next(&mut self, series: &'static str, ending: &str, deformed: &Deformed<'_>) -> Result<PathBuf, Error> {
         let number = numbered(deformed.number as usize, self.mesh_count);
         let name = format!("{series}_{number}.{ending}");
         let path = make(&self.folder.join("mesh"))?.join(&name);
@@ -218,7 +218,7 @@ impl<'a> Writer<'a> {
     }
 
     /// Writes needle, probe and seeds beside a mesh, and the forces along the needle.
-    fn write_instruments(&mut self, deformed: &Deformed<'_>) -> Result<(), Failure> {
+    fn write_instruments(&mut self, deformed: &Deformed<'_>) -> Result<(), Error> {
         let needle = NeedlePoly::new(deformed.needle, deformed.loads);
         let of_cells = [
             ("force_n", Values::Vectors(&needle.force_n)),
@@ -256,9 +256,9 @@ impl<'a> Writer<'a> {
 }
 
 impl Observer for Writer<'_> {
-    type Error = Failure;
+    type Error = Error;
 
-    fn step(&mut self, step: &Step<'_>) -> Result<(), Failure> {
+    fn step(&mut self, step: &Step<'_>) -> Result<(), Error> {
         self.record
             .step(step, &mut self.steps)
             .map_err(|cause| OutputError::write(&self.folder.join("steps.csv"), cause))?;
@@ -267,7 +267,7 @@ impl Observer for Writer<'_> {
         Ok(())
     }
 
-    fn frame(&mut self, moment: &Moment<'_>) -> Result<(), Failure> {
+    fn frame(&mut self, moment: &Moment<'_>) -> Result<(), Error> {
         let Some(frames) = &mut self.frames else {
             return Ok(());
         };
@@ -294,12 +294,12 @@ impl Observer for Writer<'_> {
         Ok(())
     }
 
-    fn mesh(&mut self, deformed: &Deformed<'_>) -> Result<(), Failure> {
+    fn mesh(&mut self, deformed: &Deformed<'_>) -> Result<(), Error> {
         self.write_mesh(deformed)?;
         self.write_instruments(deformed)
     }
 
-    fn points(&mut self, displaced: &Displaced<'_>) -> Result<(), Failure> {
+    fn points(&mut self, displaced: &Displaced<'_>) -> Result<(), Error> {
         let Some(points) = &mut self.points else {
             return Ok(());
         };
@@ -310,7 +310,7 @@ impl Observer for Writer<'_> {
 }
 
 /// Creates a folder if it is missing.
-fn make(folder: &Path) -> Result<PathBuf, Failure> {
+fn make(folder: &Path) -> Result<PathBuf, Error> {
     fs::create_dir_all(folder).map_err(|cause| OutputError::write(folder, cause))?;
     Ok(folder.to_owned())
 }

@@ -19,6 +19,7 @@ use crate::input::NamesArg;
 use crate::output::Force;
 use crate::terminal;
 use crate::variants::variants;
+use insonify::Error;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -108,7 +109,7 @@ struct Region {
 }
 
 impl Make {
-    pub(super) fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Error> {
         let inputs: Vec<PathBuf> = self.volume.iter().cloned().collect();
         self.force.check_ending([&self.output], "vtu", "meshes", &inputs)?;
         let Segmentation {
@@ -155,7 +156,7 @@ impl Make {
     }
 
     /// Returns the volume to mesh.
-    fn segmentation(&self) -> Result<Segmentation, Failure> {
+    fn segmentation(&self) -> Result<Segmentation, Error> {
         match (self.phantom, &self.volume) {
             (None, Some(file)) => Ok(segmentation::open(file, &self.names.naming()?)?),
             (phantom, _) => Ok(phantom::make(phantom.unwrap_or_default(), &PhantomOptions::default())?.into()),
@@ -171,7 +172,7 @@ impl Make {
     }
 
     /// Labels to mesh, each with its value as region number.
-    fn regions(&self, volume: &LabelVolume) -> Result<Vec<(u8, i32)>, Failure> {
+    fn regions(&self, volume: &LabelVolume) -> Result<Vec<(u8, i32)>, Error> {
         let labels = volume.labels();
         let held: Vec<usize> = (1..labels.len()).filter(|index| volume.holds(*index)).collect();
         if held.is_empty() {

@@ -6,6 +6,7 @@ use super::{Motion, TRUSTED};
 use crate::failure::Failure;
 use crate::rf::laid_out;
 use crate::terminal;
+use insonify::Error;
 use insonify_imaging::canvas;
 use insonify_imaging::rf::bmode::{envelope, grey, scan_converted, white};
 use insonify_imaging::rf::file::Echoes;
@@ -33,7 +34,7 @@ impl Motion {
         depths: &[f64],
         shown: &Shown,
         strain: bool,
-    ) -> Result<RgbImage, Failure> {
+    ) -> Result<RgbImage, Error> {
         let Some(probe) = self.geometry.probe(echoes, self.sampling_mhz)? else {
             let expected = "give --sampling-mhz and --pitch-mm, or --radius-mm and --angle-deg";
             return Err(Failure::usage("a picture needs the geometry of the lines", expected));

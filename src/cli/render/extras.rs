@@ -14,6 +14,7 @@ use serde_json::json;
 use crate::failure::Failure;
 use crate::terminal;
 use crate::variants::{named, names};
+use insonify::Error;
 
 /// Former names of layers, and their replacements.
 const EARLIER: [(&str, Layer); 2] = [("labels", Layer::LabelValue), ("shadowed", Layer::Loss)];
@@ -56,7 +57,7 @@ impl Extras {
     }
 
     /// Prints a note if a layer was requested by a former name, and refuses values that a layer cannot represent.
-    pub(crate) fn check(&self, scene: &Scene) -> Result<(), Failure> {
+    pub(crate) fn check(&self, scene: &Scene) -> Result<(), Error> {
         if self.names.iter().any(|name| name == "labels") {
             terminal::say(
                 "note: the layer `labels` is now `label-value`, with the values of the label file; places in the table of labels, \

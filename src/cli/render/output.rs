@@ -26,6 +26,7 @@ use insonify_tracking::pose::Pose;
 use super::extras::{self, Extras};
 use super::target::{Target, name_of};
 use crate::failure::Failure;
+use insonify::Error;
 
 /// File of the parameters shared by many frames.
 pub(crate) const PARAMETERS: &str = "parameters.json";
@@ -80,7 +81,7 @@ pub(crate) struct Shot<'a> {
 
 impl<'a> Output<'a> {
     /// Creates the folder for numbered files, and starts the sequences if frames go to one.
-    pub(crate) fn open(target: Target, extras: &Extras, scene: &'a Scene, frames: usize) -> Result<Self, Failure> {
+    pub(crate) fn open(target: Target, extras: &Extras, scene: &'a Scene, frames: usize) -> Result<Self, Error> {
         if let (Target::Sequence(path, _), true) = (&target, extras.overlay) {
             return Err(Failure::usage(
                 format!(
@@ -147,7 +148,7 @@ impl<'a> Output<'a> {
     }
 
     /// Takes what is to be written of the last frame of a synthesizer, on any thread.
-    pub(crate) fn take(&self, synth: &Synthesizer, shot: &Shot<'_>) -> Result<Taken, Failure> {
+    pub(crate) fn take(&self, synth: &Synthesizer, shot: &Shot<'_>) -> Result<Taken, Error> {
         let frame = synth.frame();
         let picture = self.target.picture(shot.number, self.frames);
         let mut pixels = frame.pixels.clone();
@@ -229,7 +230,7 @@ impl<'a> Output<'a> {
         picture: &Path,
         layers: Vec<String>,
         taken: &mut Taken,
-    ) -> Result<(), Failure> {
+    ) -> Result<(), Error> {
         let pose = Pose::from_matrix(&shot.state.probe_to_world)
             .map_err(|error| Failure::usage(error.to_string(), "give a pose that neither stretches nor shears"))?;
         let needle = needle(shot.state);
@@ -290,7 +291,7 @@ impl<'a> Output<'a> {
     }
 
     /// Hands a frame to the threads that write; returns its path. Frames of sequences are written in the order of the calls.
-    pub(crate) fn write(&self, taken: Taken) -> Result<PathBuf, Failure> {
+    pub(crate) fn write(&self, taken: Taken) -> Result<PathBuf, Error> {
         for (stream, part) in self.sequences.iter().zip(taken.parts) {
             stream.queue.put(part)?;
         }
@@ -299,7 +300,7 @@ impl<'a> Output<'a> {
     }
 
     /// Waits until all files are written, and finishes the sequences, that of the frames last.
-    pub(crate) fn finish(self) -> Result<(), Failure> {
+    pub(crate) fn finish(self) -> Result<(), Error> {
         self.pictures.finish()?;
         for Stream { writer, queue } in self.sequences.into_iter().rev() {
             let end = move || lock(&writer).take().map_or(Ok(()), SequenceWriter::finish);

@@ -7,6 +7,7 @@ use super::extras::Extras;
 use super::output::PARAMETERS;
 use crate::failure::Failure;
 use crate::output::Force;
+use insonify::Error;
 use insonify_base::output::folder::{Folder, MANIFEST};
 use insonify_base::output::png;
 use insonify_imaging::sidecar::Sidecar;
@@ -30,7 +31,7 @@ pub(crate) enum Target {
 
 impl Target {
     /// Interprets `-o` for a number of frames.
-    pub(crate) fn choose(output: Option<&Path>, frames: usize) -> Result<Self, Failure> {
+    pub(crate) fn choose(output: Option<&Path>, frames: usize) -> Result<Self, Error> {
         let Some(path) = output else {
             return Ok(if frames == 1 {
                 Self::File("frame.png".into())
@@ -113,7 +114,7 @@ pub(crate) struct Place {
 
 impl Place {
     /// Checks that all files can be written.
-    pub(crate) fn open(target: Target, extras: &Extras, force: Force, inputs: &[PathBuf]) -> Result<Self, Failure> {
+    pub(crate) fn open(target: Target, extras: &Extras, force: Force, inputs: &[PathBuf]) -> Result<Self, Error> {
         let path = target.path().to_owned();
         let layers = extras.layers();
         let (mut files, mut left) = (vec![path.clone()], Vec::new());
@@ -173,7 +174,7 @@ impl Place {
     }
 
     /// Moves the frames to the requested path and returns it.
-    pub(crate) fn install(self) -> Result<PathBuf, Failure> {
+    pub(crate) fn install(self) -> Result<PathBuf, Error> {
         self.folder.map_or(Ok(()), Folder::install)?;
         Ok(self.path)
     }
@@ -184,7 +185,7 @@ mod tests {
     use super::*;
 
     fn chosen(output: &str, frames: usize) -> Result<Target, u8> {
-        Target::choose(Some(Path::new(output)), frames).map_err(|failure| failure.status())
+        Target::choose(Some(Path::new(output)), frames).map_err(|error| error.exit_status())
     }
 
     #[test]

@@ -3,8 +3,8 @@
 use clap::Args;
 use insonify_study::tradeoff::beam::study;
 
-use crate::failure::Failure;
 use crate::study::Printed;
+use insonify::Error;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -26,7 +26,7 @@ pub(super) struct Beam {
 }
 
 impl Beam {
-    pub(super) fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Error> {
         let Self { quick: _, printed } = self;
         printed.run(|_| Ok(study()?))
     }

@@ -6,6 +6,7 @@ use insonify_study::tradeoff::history::{HistoryOptions, study};
 use crate::failure::Failure;
 use crate::study::Printed;
 use crate::variants::ranged;
+use insonify::Error;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -35,7 +36,7 @@ pub(super) struct History {
 }
 
 impl History {
-    pub(super) fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Error> {
         let options = self.options();
         self.printed.run(|progress| {
             study(&options, progress).map_err(|error| Failure::usage(error.to_string(), "ask for another --order"))

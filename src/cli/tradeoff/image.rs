@@ -9,6 +9,7 @@ use insonify_study::tradeoff::image::{ImageOptions, study};
 use crate::backend::{BackendArgs, BackendName};
 use crate::failure::Failure;
 use crate::study::Printed;
+use insonify::Error;
 
 const TEACHING: &str = "\
 Each table has a gold standard, made in the same run, and says which:
@@ -47,7 +48,7 @@ pub(super) struct Image {
 }
 
 impl Image {
-    pub(super) fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Error> {
         self.backend.check()?;
         self.printed.check()?;
         if matches!(self.backend.backend, BackendName::CpuF64) {

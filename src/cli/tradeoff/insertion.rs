@@ -3,9 +3,9 @@
 use clap::Args;
 use insonify_study::tradeoff::insertion::{InsertionOptions, Part, study};
 
-use crate::failure::Failure;
 use crate::study::Printed;
 use crate::variants::variants;
+use insonify::Error;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -44,7 +44,7 @@ pub(super) struct Insertion {
 }
 
 impl Insertion {
-    pub(super) fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Error> {
         let options = self.options();
         self.printed.run(|progress| Ok(study(&options, progress)?))
     }

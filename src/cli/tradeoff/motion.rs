@@ -3,8 +3,8 @@
 use clap::Args;
 use insonify_study::tradeoff::motion::study;
 
-use crate::failure::Failure;
 use crate::study::Printed;
+use insonify::Error;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -26,7 +26,7 @@ pub(super) struct Motion {
 }
 
 impl Motion {
-    pub(super) fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Error> {
         self.printed
             .run(|progress| Ok(study(super::effort(self.quick), progress)))
     }

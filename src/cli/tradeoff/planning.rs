@@ -3,8 +3,8 @@
 use clap::Args;
 use insonify_study::tradeoff::planning::study;
 
-use crate::failure::Failure;
 use crate::study::Printed;
+use insonify::Error;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -25,7 +25,7 @@ pub(super) struct Planning {
 }
 
 impl Planning {
-    pub(super) fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Error> {
         self.printed
             .run(|progress| Ok(study(super::effort(self.quick), progress)?))
     }

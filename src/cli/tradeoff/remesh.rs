@@ -15,6 +15,7 @@ use crate::failure::Failure;
 use crate::study::Printed;
 use crate::terminal;
 use crate::variants::ranged;
+use insonify::Error;
 
 use super::effort;
 
@@ -62,7 +63,7 @@ pub(super) struct Remesh {
 }
 
 impl Remesh {
-    pub(super) fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Error> {
         self.backend.check()?;
         self.printed.check()?;
         let meshes = self.meshes()?;
@@ -86,7 +87,7 @@ impl Remesh {
         }
     }
 
-    fn meshes(&self) -> Result<Vec<TetMesh>, Failure> {
+    fn meshes(&self) -> Result<Vec<TetMesh>, Error> {
         if let Some(path) = &self.mesh {
             let file = read_mesh(path, &ReadOptions::default())?;
             file.warnings.iter().for_each(terminal::warn);

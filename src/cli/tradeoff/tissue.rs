@@ -3,8 +3,8 @@
 use clap::Args;
 use insonify_study::tradeoff::tissue::{TissueOptions, study};
 
-use crate::failure::Failure;
 use crate::study::Printed;
+use insonify::Error;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -52,7 +52,7 @@ pub(super) struct Tissue {
 }
 
 impl Tissue {
-    pub(super) fn run(&self) -> Result<(), Failure> {
+    pub(super) fn run(&self) -> Result<(), Error> {
         let usual = match self.whole {
             true => TissueOptions::full(),
             false => TissueOptions::of(super::effort(self.quick)),

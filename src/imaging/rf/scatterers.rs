@@ -12,7 +12,7 @@ use crate::effects::shadow::Shadow;
 use crate::effects::texture;
 use crate::synth::tables::{Anatomy, Inputs, Settings};
 use crate::synth::{Backend, FrameState, SynthError};
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 use insonify_base::matrix::inverse_rigid;
 use insonify_base::parallel::{self, chunks_mut, for_each};
 use insonify_base::random::{hash3, seed_words, unit};

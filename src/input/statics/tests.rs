@@ -3,7 +3,7 @@ use std::path::Path;
 use super::file::MaterialSpec;
 use super::*;
 use crate::solve::Report;
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 use insonify_base::document::{InputError, RegionName};
 use insonify_mesh::TetMesh;
 use insonify_mesh::file::write_vtu;

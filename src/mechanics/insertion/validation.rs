@@ -7,7 +7,7 @@ use super::{Interaction, StepError};
 use crate::tissue::error::LinearError;
 use crate::tissue::nonlinear::NonlinearError;
 use crate::tissue::remesh::RemeshError;
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 use insonify_base::range::OutOfRange;
 
 /// Reason why a model on a mesh cannot be set up.
@@ -100,7 +100,7 @@ pub enum InvalidSetup {
     Solver(#[from] NonlinearError),
 }
 
-impl Cause for InvalidSetup {
+impl Blame for InvalidSetup {
     fn is_machine(&self) -> bool {
         match self {
             Self::Linear(error) => error.is_machine(),

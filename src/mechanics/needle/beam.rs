@@ -25,7 +25,7 @@
 //! | [`inverse`] | base motion for a given tip or a given centre of motion |
 //! | [`fit`] | materials from measured stretch and stress |
 
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 use insonify_base::range::OutOfRange;
 
 pub mod fit;
@@ -120,4 +120,4 @@ pub enum BeamError {
     },
 }
 
-impl Cause for BeamError {}
+impl Blame for BeamError {}

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::element::DegenerateElement;
 use super::material::Material;
 use super::rigid::{self, FreePart};
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 
 /// Error of linear tissue.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -201,7 +201,7 @@ impl LinearError {
     }
 }
 
-impl Cause for LinearError {
+impl Blame for LinearError {
     fn is_machine(&self) -> bool {
         matches!(
             self,

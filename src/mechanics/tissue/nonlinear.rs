@@ -40,7 +40,7 @@ use crate::tissue::element::DegenerateElement;
 use crate::tissue::error::LinearError;
 use crate::tissue::viscoelastic::HistoryError;
 use creep::Creep;
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 
 /// Why a nonlinear body cannot be made, or an increment of it not be solved. The solver is then unchanged.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -142,7 +142,7 @@ pub enum NonlinearError {
     NoSecant,
 }
 
-impl Cause for NonlinearError {
+impl Blame for NonlinearError {
     fn is_machine(&self) -> bool {
         matches!(self, NonlinearError::Factor(error) if error.is_machine())
     }

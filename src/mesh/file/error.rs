@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::InvalidMesh;
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 use insonify_base::memory::TooLarge;
 use insonify_base::output::OutputError;
 use insonify_base::{read, text};
@@ -76,7 +76,7 @@ pub enum MeshFileError {
     },
 }
 
-impl Cause for MeshFileError {
+impl Blame for MeshFileError {
     fn is_machine(&self) -> bool {
         match self {
             MeshFileError::Write(error) => error.is_machine(),

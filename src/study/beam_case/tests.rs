@@ -2,7 +2,7 @@ use std::path::Path;
 
 use super::Case;
 use super::*;
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 use insonify_base::csv::CsvError;
 use insonify_base::document::InputError;
 use insonify_mechanics::needle::beam::Base;

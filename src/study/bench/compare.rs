@@ -17,10 +17,10 @@ mod passes;
 use std::time::{Duration, Instant};
 
 use super::{BenchOptions, Clock};
-use crate::StudyError;
 use crate::tradeoff::remesh::subject::generated;
 use crate::tradeoff::remesh::{RemeshOptions, study};
 use crate::tradeoff::{Axis, Factor, Figure, Row, Study, Table};
+use insonify::Error;
 use insonify_base::machine::Machine;
 use insonify_gpu::Gpu;
 use insonify_imaging::effects::Stage;
@@ -114,12 +114,12 @@ impl Subject<'_> {
 /// Runs the comparison. `progress` receives the current task and the completed fraction, increasing from 0 to 1.
 ///
 /// # Errors
-/// [`StudyError`] if a scene cannot be rendered or a solver cannot be measured.
+/// [`Error`] if a scene cannot be rendered or a solver cannot be measured.
 pub fn compare(
     subject: &Subject<'_>,
     options: &CompareOptions,
     progress: &mut (dyn FnMut(&str, f64) + Send),
-) -> Result<Study, StudyError> {
+) -> Result<Study, Error> {
     let mut notes = Vec::new();
     if options.gpus.is_empty() {
         notes.push("no GPU adapter: what follows is the CPU's part".to_owned());
@@ -211,7 +211,7 @@ fn clock_options(synth: &mut Synthesizer, state: &FrameState, patience: Duration
 const MOVES: usize = 6;
 
 /// Measures the levels available on both, in single precision; the remeshing study covers errors and the other levels.
-pub fn solvers(options: &CompareOptions) -> Result<Table, StudyError> {
+pub fn solvers(options: &CompareOptions) -> Result<Table, Error> {
     let factors = [
         Factor::new("gpu", "GPU"),
         Factor::new("what", "what"),

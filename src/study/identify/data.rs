@@ -6,8 +6,8 @@ use std::path::Path;
 use nalgebra::{Point3, Vector3};
 
 use super::force::Piecewise;
-use crate::StudyError;
 use crate::identification::Case;
+use insonify::Error;
 use insonify_base::csv::{Csv, CsvError};
 use insonify_base::statistics::percentile;
 use insonify_mesh::{Locator, NONE};
@@ -48,7 +48,7 @@ pub(super) struct Motion {
     pub measured_mm: Vec<Vec<f64>>,
 }
 
-fn unusable(path: &Path, text: String) -> StudyError {
+fn unusable(path: &Path, text: String) -> Error {
     CsvError::Contents {
         path: path.to_owned(),
         text,
@@ -76,8 +76,8 @@ impl Data {
     /// Reads the tables of a case.
     ///
     /// # Errors
-    /// [`StudyError`] with the table and what it lacks.
-    pub(super) fn read(case: &Case) -> Result<Self, StudyError> {
+    /// [`Error`] with the table and what it lacks.
+    pub(super) fn read(case: &Case) -> Result<Self, Error> {
         let force = forces(case)?;
         let end = force.last().map_or(0.0, |last| last[0]);
         if let Some(layer) = case.layers.iter().find(|layer| layer.begins_mm >= end) {
@@ -97,8 +97,8 @@ impl Data {
     /// Piecewise-linear model of the force, two regions a layer.
     ///
     /// # Errors
-    /// [`StudyError`] if the force does not have these regions.
-    pub(super) fn model(&self, case: &Case) -> Result<Piecewise, StudyError> {
+    /// [`Error`] if the force does not have these regions.
+    pub(super) fn model(&self, case: &Case) -> Result<Piecewise, Error> {
         let regions = 2 * case.layers.len();
         let expected = format!(
             "{regions} regions with a rising force, two for each of {} layers",
@@ -118,7 +118,7 @@ impl Data {
     }
 }
 
-fn forces(case: &Case) -> Result<Vec<[f64; 2]>, StudyError> {
+fn forces(case: &Case) -> Result<Vec<[f64; 2]>, Error> {
     let path = &case.force;
     let table = Csv::open(path, &[])?;
     let tip = ["measured_tip_x_mm", "measured_tip_y_mm", "measured_tip_z_mm"];
@@ -181,7 +181,7 @@ pub(super) fn thinned(curve: &[[f64; 2]]) -> Vec<[f64; 2]> {
 type Read = (usize, f64, f64);
 
 impl Motion {
-    fn read(case: &Case, path: &Path, frames: Option<&Path>, end: f64) -> Result<Self, StudyError> {
+    fn read(case: &Case, path: &Path, frames: Option<&Path>, end: f64) -> Result<Self, Error> {
         let table = Csv::open(path, &[])?;
         let has = |names: &[&str]| names.iter().all(|name| table.has(name));
         let (points, read) = if has(&["frame", "line", "window", "depth_mm", "axial_um"]) {
@@ -227,7 +227,7 @@ impl Motion {
     }
 
     /// Drops points outside the mesh and those that are never measured.
-    fn within(mut self, case: &Case, path: &Path) -> Result<Self, StudyError> {
+    fn within(mut self, case: &Case, path: &Path) -> Result<Self, Error> {
         let locator = Locator::<f64>::new(&case.scenario.mesh);
         let is_kept = |at: usize| {
             let (place, _) = self.points[at];
@@ -252,7 +252,7 @@ impl Motion {
 }
 
 /// Depth of the tip in each frame, mm.
-fn depths_of_frames(case: &Case, frames: Option<&Path>, motion: &Path) -> Result<BTreeMap<usize, f64>, StudyError> {
+fn depths_of_frames(case: &Case, frames: Option<&Path>, motion: &Path) -> Result<BTreeMap<usize, f64>, Error> {
     let mut depths = BTreeMap::new();
     if let Some(path) = frames {
         let table = Csv::open(path, &["frame", "tip_mm"])?;
@@ -286,7 +286,7 @@ fn windows(
     table: &Csv,
     path: &Path,
     depths: &BTreeMap<usize, f64>,
-) -> Result<(Vec<(Point3<f64>, Vector3<f64>)>, Vec<Read>), StudyError> {
+) -> Result<(Vec<(Point3<f64>, Vector3<f64>)>, Vec<Read>), Error> {
     let grid = BeamGrid::new(&case.scenario.scene.settings.probe)?;
     let to_world = case.scenario.probe(0);
     let mut points = Vec::new();
@@ -337,7 +337,7 @@ fn windows(
 }
 
 /// Nodes or marked points with some components of their displacement.
-fn markers(case: &Case, table: &Csv) -> Result<(Vec<(Point3<f64>, Vector3<f64>)>, Vec<Read>), StudyError> {
+fn markers(case: &Case, table: &Csv) -> Result<(Vec<(Point3<f64>, Vector3<f64>)>, Vec<Read>), Error> {
     let columns = ["ux_mm", "uy_mm", "uz_mm"];
     let nodes = case.scenario.mesh.nodes();
     let mut points: Vec<(Point3<f64>, Vector3<f64>)> = Vec::new();

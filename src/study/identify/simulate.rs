@@ -6,8 +6,8 @@ use nalgebra::Point3;
 use serde::Serialize;
 
 use super::data::Motion;
-use crate::StudyError;
 use crate::identification::Case;
+use insonify::Error;
 use insonify::input::scenario::Scenario;
 use insonify_mechanics::insertion::{Anatomy, Instruments, Interaction, Peak, Snapshot, Tissue};
 use insonify_mechanics::tissue::material::Material;
@@ -104,8 +104,8 @@ impl<'a> Simulator<'a> {
     /// Pushes the needle in; displacements are computed if `observed`.
     ///
     /// # Errors
-    /// [`StudyError`] for parameters out of range.
-    pub(super) fn run(&mut self, layers: &[Layer], observed: bool) -> Result<Course, StudyError> {
+    /// [`Error`] for parameters out of range.
+    pub(super) fn run(&mut self, layers: &[Layer], observed: bool) -> Result<Course, Error> {
         self.runs += 1;
         self.set(layers)?;
         let mut model = self.scenario.unprepared_model()?;
@@ -135,7 +135,7 @@ impl<'a> Simulator<'a> {
         Ok(course)
     }
 
-    fn set(&mut self, layers: &[Layer]) -> Result<(), StudyError> {
+    fn set(&mut self, layers: &[Layer]) -> Result<(), Error> {
         let scenario = &mut self.scenario;
         let mut interactions = Vec::new();
         for layer in layers {
@@ -167,7 +167,7 @@ impl<'a> Simulator<'a> {
     }
 
     /// Displacements of the measured points along their directions, mm.
-    fn moved(&mut self, tissue: &Tissue) -> Result<Vec<f64>, StudyError> {
+    fn moved(&mut self, tissue: &Tissue) -> Result<Vec<f64>, Error> {
         // Points are sought in the reference state, whose nodes near the needle were moved.
         self.locator.update(&tissue.reference)?;
         let points = self.motion.iter().flat_map(|motion| &motion.points);

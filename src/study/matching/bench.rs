@@ -5,7 +5,7 @@ use super::outline::{Outline, Shape};
 use super::{AtDepth, Side, refuse};
 use crate::realism::picture::Picture;
 use crate::realism::texture::{Patch, Texture, Window, uniform_windows};
-use insonify::error::Error;
+use insonify::Error;
 use insonify_base::parallel;
 use insonify_base::statistics::{mean, median, std};
 use insonify_imaging::anatomies::{Acoustics, uniform};

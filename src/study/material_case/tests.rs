@@ -1,6 +1,6 @@
 use super::Report;
 use super::*;
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 use insonify_base::document::InputError;
 
 const CREEP: &str = "\

@@ -6,6 +6,7 @@ use super::correct::correct;
 use super::insertion::APPROACH_MM;
 use super::{Candidate, Entry, PathOptions, no_path, unknown};
 use crate::StudyError;
+use insonify::Error;
 use insonify::input::scenario::Scenario;
 use insonify::input::scenario::aim::place::array_end_mm;
 use insonify::input::scenario::clearance::Surroundings;
@@ -40,12 +41,12 @@ pub(super) struct Line {
     entry: Result<Point3<f64>, &'static str>,
 }
 
-fn wrong_target(found: &str, expected: &str) -> StudyError {
-    StudyError::Refused(format!("the target {found}; expected {expected}"))
+fn wrong_target(found: &str, expected: &str) -> Error {
+    StudyError::refused(format!("the target {found}; expected {expected}"))
 }
 
 /// Refuses a target outside the body, in bone or in a critical structure.
-pub(super) fn permitted(scenario: &Scenario, name: &str, target: &Point3<f64>) -> Result<(), StudyError> {
+pub(super) fn permitted(scenario: &Scenario, name: &str, target: &Point3<f64>) -> Result<(), Error> {
     let body = scenario.scene.body();
     let at = format!("({:.1}, {:.1}, {:.1}) mm", target.x, target.y, target.z);
     let refuse = |what: String| {
@@ -72,7 +73,7 @@ pub(super) fn permitted(scenario: &Scenario, name: &str, target: &Point3<f64>) -
 }
 
 /// Refuses a target outside the image plane.
-pub(super) fn in_plane(scenario: &Scenario, target: &Point3<f64>) -> Result<(), StudyError> {
+pub(super) fn in_plane(scenario: &Scenario, target: &Point3<f64>) -> Result<(), Error> {
     let pose = scenario.scene.probe_path().at(scenario.timing.start_s);
     let aside_mm = pose.world_to_probe().transform_point(target).z;
     match aside_mm.abs() <= IN_PLANE_MM {
@@ -94,11 +95,7 @@ pub(super) struct Entries<'a> {
 }
 
 impl<'a> Entries<'a> {
-    pub(super) fn new(
-        scenario: &'a Scenario,
-        target: Point3<f64>,
-        options: &'a PathOptions,
-    ) -> Result<Self, StudyError> {
+    pub(super) fn new(scenario: &'a Scenario, target: Point3<f64>, options: &'a PathOptions) -> Result<Self, Error> {
         if options.section_mm.is_some() && !matches!(options.entry, Entry::Plane(_)) {
             let found = "in a model of two dimensions with entries outside the image plane";
             return Err(wrong_target(found, "entries in the plane: `plane`, with `--angles`"));
@@ -113,7 +110,7 @@ impl<'a> Entries<'a> {
     }
 
     /// The lines, in the order of their angles, or from the entry nearest to the target on.
-    pub(super) fn lines(&self) -> Result<Vec<Line>, StudyError> {
+    pub(super) fn lines(&self) -> Result<Vec<Line>, Error> {
         let directions: Vec<Vector3<f64>> = match &self.options.entry {
             Entry::Plane([low, high]) => {
                 let last = (self.options.lines - 1).max(1) as f64;
@@ -186,7 +183,7 @@ impl<'a> Entries<'a> {
     }
 
     /// Directions from entries spread evenly: the nearest to the target first, then each the farthest from those before it.
-    fn spread(&self, all: Vec<Point3<f64>>, of: &str) -> Result<Vec<Vector3<f64>>, StudyError> {
+    fn spread(&self, all: Vec<Point3<f64>>, of: &str) -> Result<Vec<Vector3<f64>>, Error> {
         let nearest = all
             .iter()
             .min_by(|a, b| (*a - self.target).norm().total_cmp(&(*b - self.target).norm()));
@@ -268,7 +265,7 @@ impl<'a> Entries<'a> {
     }
 
     /// Simulates a line in `tissue`, unless it is excluded.
-    pub(super) fn simulated(&self, number: usize, line: &Line, tissue: &Scenario) -> Result<Candidate, StudyError> {
+    pub(super) fn simulated(&self, number: usize, line: &Line, tissue: &Scenario) -> Result<Candidate, Error> {
         let [lateral, axial] = [self.pose.lateral(), self.pose.axial()].map(|axis| axis.dot(&line.along));
         let entry = line.entry.ok();
         let mut candidate = Candidate {

@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use super::candidates::DEFORMED_BONE;
 use super::insertion::{Course, Sample, Trial, Until, look_mm};
-use crate::StudyError;
+use insonify::Error;
 use insonify::input::scenario::Scenario;
 use insonify_mechanics::needle::across;
 
@@ -110,7 +110,7 @@ pub(super) fn correct(
     entry: Point3<f64>,
     target: Point3<f64>,
     tolerance_mm: f64,
-) -> Result<Result<Corrected, &'static str>, StudyError> {
+) -> Result<Result<Corrected, &'static str>, Error> {
     let mut search = Search {
         scenario,
         target,
@@ -162,13 +162,13 @@ pub(super) fn correct(
 }
 
 impl Search<'_> {
-    fn run(&mut self, course: &Course, until: Until) -> Result<Trial, StudyError> {
+    fn run(&mut self, course: &Course, until: Until) -> Result<Trial, Error> {
         self.runs += 1;
         course.run(self.scenario, &self.target, until)
     }
 
     /// Turns the line until the tip meets the target on its way.
-    fn line(&mut self, straight: Course, tolerance_mm: f64) -> Result<Course, StudyError> {
+    fn line(&mut self, straight: Course, tolerance_mm: f64) -> Result<Course, Error> {
         let mut course = straight;
         let mut meeting = self.meeting(&course)?;
         let mut best = (meeting.aside.norm(), course.at(&meeting));
@@ -202,7 +202,7 @@ impl Search<'_> {
     }
 
     /// Derivatives of the miss across the needle by the aim: those of a rigid needle, or from two runs.
-    fn gain(&mut self, course: &Course, meeting: &Meeting) -> Result<Matrix2<f64>, StudyError> {
+    fn gain(&mut self, course: &Course, meeting: &Meeting) -> Result<Matrix2<f64>, Error> {
         if self.scenario.needle.is_straight() {
             return Ok(-Matrix2::identity());
         }
@@ -218,7 +218,7 @@ impl Search<'_> {
     }
 
     /// Runs along a line until the tip meets the target, drawn back to it if it leapt past it.
-    fn meeting(&mut self, course: &Course) -> Result<Meeting, StudyError> {
+    fn meeting(&mut self, course: &Course) -> Result<Meeting, Error> {
         let beyond = Course {
             depth_mm: (self.target - self.entry).norm() + BEYOND_MM,
             back_mm: 0.0,
@@ -251,7 +251,7 @@ impl Search<'_> {
     }
 
     /// Runs to the end of a motion, and moves that by the miss until it is within the tolerance; returns the best motion.
-    fn land(&mut self, found: Course, tolerance_mm: f64) -> Result<(Course, Trial), StudyError> {
+    fn land(&mut self, found: Course, tolerance_mm: f64) -> Result<(Course, Trial), Error> {
         let mut course = found;
         let mut best: Option<(f64, Course, Trial, Vector3<f64>)> = None;
         let mut damping = 1.0;

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::StudyError;
+use insonify::Error;
 use insonify::input::scenario::Scenario;
 use insonify::run::carried::Carried;
 use insonify::run::{Deformed, Observer, Requests, Step, run};
@@ -147,7 +147,7 @@ impl Course {
     }
 
     /// Simulates the course.
-    pub(super) fn run(&self, scenario: &Scenario, target: &Point3<f64>, until: Until) -> Result<Trial, StudyError> {
+    pub(super) fn run(&self, scenario: &Scenario, target: &Point3<f64>, until: Until) -> Result<Trial, Error> {
         let keys = self.keys(scenario);
         let keys: Vec<(f64, Point3<f64>, Vector3<f64>)> = keys
             .into_iter()

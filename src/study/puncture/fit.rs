@@ -13,6 +13,7 @@ use serde::Serialize;
 
 use super::{PunctureOptions, pushing};
 use crate::StudyError;
+use insonify::Error;
 use insonify_base::csv::Csv;
 
 /// Least number of points for three unknowns.
@@ -63,8 +64,8 @@ pub struct Fitted {
 /// puncture` writes.
 ///
 /// # Errors
-/// [`StudyError::Table`] if the file cannot be read or is malformed.
-pub fn read(path: &Path) -> Result<Vec<Sample>, StudyError> {
+/// [`CsvError`](insonify_base::csv::CsvError) if the file cannot be read or is malformed.
+pub fn read(path: &Path) -> Result<Vec<Sample>, Error> {
     let table = Csv::open(path, &["travel_mm", "force_n"])?;
     let mut samples: Vec<Sample> = Vec::new();
     for row in table.rows() {
@@ -80,8 +81,8 @@ pub fn read(path: &Path) -> Result<Vec<Sample>, StudyError> {
 /// Fits the slice to a curve, starting from the options' knee and stiffening. `progress` receives the completed fraction.
 ///
 /// # Errors
-/// [`StudyError`] for a curve with too few points before the force drops, and if the slice cannot be solved.
-pub fn fit(options: &PunctureOptions, samples: &[Sample], progress: &mut dyn FnMut(f64)) -> Result<Fitted, StudyError> {
+/// [`Error`] for a curve with too few points before the force drops, and if the slice cannot be solved.
+pub fn fit(options: &PunctureOptions, samples: &[Sample], progress: &mut dyn FnMut(f64)) -> Result<Fitted, Error> {
     let samples = first_push(samples)?;
     let mut at = [options.knee_strain, options.stiffening.max(MIN[1]).ln()];
     let mut best = Trial::of(options, &samples, at)?;
@@ -148,7 +149,7 @@ pub fn fit(options: &PunctureOptions, samples: &[Sample], progress: &mut dyn FnM
 }
 
 /// Returns the points before the force drops.
-fn first_push(samples: &[Sample]) -> Result<Vec<Sample>, StudyError> {
+fn first_push(samples: &[Sample]) -> Result<Vec<Sample>, Error> {
     let mut largest = (0, 0.0);
     for (at, sample) in samples.iter().enumerate() {
         if sample.force_n >= largest.1 {
@@ -163,7 +164,7 @@ fn first_push(samples: &[Sample]) -> Result<Vec<Sample>, StudyError> {
         .filter(|sample| sample.travel_mm > 0.0);
     let pushed: Vec<Sample> = pushed.copied().collect();
     if pushed.len() < FEWEST || largest.1 <= 0.0 {
-        return Err(StudyError::Refused(format!(
+        return Err(StudyError::refused(format!(
             "the curve: found {} points beyond 0 mm before the force drops; expected at least 4, with a force above 0 N",
             pushed.len()
         )));
@@ -180,7 +181,7 @@ struct Trial {
 }
 
 impl Trial {
-    fn of(options: &PunctureOptions, samples: &[Sample], [knee, stiffening]: [f64; 2]) -> Result<Trial, StudyError> {
+    fn of(options: &PunctureOptions, samples: &[Sample], [knee, stiffening]: [f64; 2]) -> Result<Trial, Error> {
         let options = PunctureOptions {
             knee_strain: knee,
             stiffening: stiffening.exp(),

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 use std::sync::Arc;
 
 use super::PunctureOptions;
-use crate::StudyError;
+use insonify::Error;
 use insonify_mechanics::insertion::pushing::Layer;
 use insonify_mechanics::tissue::material::Material;
 use insonify_mechanics::tissue::nonlinear::{Sheet, Stiffening, Supports};
@@ -52,7 +52,7 @@ fn outline(x: f64) -> [f64; 2] {
 
 impl Liver {
     /// Creates the slice with the given properties.
-    pub(super) fn new(options: &PunctureOptions) -> Result<Liver, StudyError> {
+    pub(super) fn new(options: &PunctureOptions) -> Result<Liver, Error> {
         let [columns, rows] = CELLS;
         let top = outline(NEEDLE_MM)[1];
         let centre = [NEEDLE_MM, top - VEIN_DEPTH_MM];

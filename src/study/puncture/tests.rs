@@ -2,6 +2,8 @@
 
 use super::*;
 use crate::StudyError;
+use insonify_base::range::OutOfRange;
+use insonify_mechanics::insertion::InvalidSetup;
 use insonify_mechanics::tissue::nonlinear::NonlinearError;
 
 /// The needle's force rises faster than linearly up to the capsule, drops, rises, and drops at the vein, which has flattened.
@@ -42,53 +44,56 @@ fn what_makes_no_curve_is_refused() {
         wrong(PunctureOptions {
             step_mm: 0.0,
             ..default
-        }),
-        StudyError::Number(error) if error.key == "step_mm"
+        }).downcast_ref(),
+        Some(OutOfRange { key, .. }) if key == "step_mm"
     ));
     assert!(matches!(
         wrong(PunctureOptions {
             step_mm: 1e-5,
             ..default
-        }),
-        StudyError::Number(_)
+        })
+        .downcast_ref(),
+        Some(OutOfRange { .. })
     ));
     assert!(matches!(
         wrong(PunctureOptions {
             speed_mm_per_s: f64::NAN,
             ..default
-        }),
-        StudyError::Number(_)
+        })
+        .downcast_ref(),
+        Some(OutOfRange { .. })
     ));
     assert!(matches!(
         wrong(PunctureOptions {
             young_kpa: 0.0,
             ..default
-        }),
-        StudyError::Number(_)
+        })
+        .downcast_ref(),
+        Some(OutOfRange { .. })
     ));
     assert!(matches!(
         wrong(PunctureOptions {
             stiffening: -1.0,
             ..default
-        }),
-        StudyError::Number(_)
+        })
+        .downcast_ref(),
+        Some(OutOfRange { .. })
     ));
     assert!(matches!(
         wrong(PunctureOptions {
             thickness_mm: 0.0,
             ..default
-        }),
-        StudyError::Nonlinear(NonlinearError::Thickness { .. })
+        })
+        .downcast_ref(),
+        Some(NonlinearError::Thickness { .. })
     ));
+    let wall = wrong(PunctureOptions {
+        wall_n: -1.0,
+        ..default
+    });
+    assert!(wall.downcast_ref::<InvalidSetup>().is_some());
     assert!(matches!(
-        wrong(PunctureOptions {
-            wall_n: -1.0,
-            ..default
-        }),
-        StudyError::Setup(_)
-    ));
-    assert!(matches!(
-        wrong(PunctureOptions { order: 1.5, ..default }),
-        StudyError::Travel { .. }
+        wrong(PunctureOptions { order: 1.5, ..default }).downcast_ref(),
+        Some(StudyError::Travel { .. })
     ));
 }

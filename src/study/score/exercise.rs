@@ -12,6 +12,7 @@ use super::hands::{Draw, Hand, Plan, hand};
 use super::{Collector, NAMES, NO_TARGET, Score, unscored};
 use crate::path::unknown;
 use crate::{StudyError, rewritten};
+use insonify::Error;
 use insonify::input::scenario::Scenario;
 use insonify::input::scenario::clearance::Surroundings;
 use insonify::run::{Requests, run};
@@ -101,7 +102,7 @@ impl Conditions {
     /// # Errors
     /// [`OutOfRange`]; [`StudyError::Refused`] if there is no such organ, if the scenario's needle does not enter the body, or, with the
     /// reasons, if targets run out.
-    pub fn tasks(&self, scenario: &Scenario, count: usize) -> Result<Vec<Task>, StudyError> {
+    pub fn tasks(&self, scenario: &Scenario, count: usize) -> Result<Vec<Task>, Error> {
         self.check()?;
         let plan = Plan::of(scenario)?;
         let body = scenario.scene.body();
@@ -134,7 +135,7 @@ impl Conditions {
                 let reasons = reasons
                     .iter()
                     .map(|(reason, number)| format!("{number} because {reason}"));
-                return Err(StudyError::Refused(format!(
+                return Err(StudyError::refused(format!(
                     "none of {tried} random targets in {} fulfils the conditions: {}",
                     self.organ,
                     reasons.collect::<Vec<_>>().join("; ")
@@ -323,8 +324,8 @@ impl Task {
 /// Runs a scenario as performed by a hand.
 ///
 /// # Errors
-/// [`StudyError`] if the run cannot be made or scored.
-pub fn perform(scenario: &Scenario, hand: &Hand, seed: u64) -> Result<Score, StudyError> {
+/// [`Error`] if the run cannot be made or scored.
+pub fn perform(scenario: &Scenario, hand: &Hand, seed: u64) -> Result<Score, Error> {
     if scenario.targets.is_empty() {
         return Err(unscored(Path::new("the task"), NO_TARGET));
     }
@@ -357,7 +358,7 @@ pub fn study(
     people: usize,
     seed: u64,
     progress: &(dyn Fn(usize, usize) + Sync),
-) -> Result<Study, StudyError> {
+) -> Result<Study, Error> {
     let mut all = Vec::new();
     for (group, name) in GROUPS.into_iter().enumerate() {
         for person in 0..people {
@@ -367,7 +368,7 @@ pub fn study(
         }
     }
     let done = AtomicUsize::new(0);
-    let sessions = parallel::try_map::<_, _, StudyError>(&all[..], &|&(name, group, person, at, (task, scenario))| {
+    let sessions = parallel::try_map::<_, _, Error>(&all[..], &|&(name, group, person, at, (task, scenario))| {
         let seeded = |stream: i32| {
             let words = hash3(
                 [group as i32, person as i32, stream],

@@ -7,7 +7,7 @@ use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
 use super::{COUNT, NAMES, UNITS};
-use crate::StudyError;
+use insonify::Error;
 use insonify_base::csv::Csv;
 use insonify_base::statistics::{mean, std};
 
@@ -32,8 +32,8 @@ pub struct Session {
 /// Reads sessions from a table with the columns `group`, `person`, `session` and `m1` to `m10`.
 ///
 /// # Errors
-/// [`StudyError::Table`].
-pub fn read(path: &Path) -> Result<Vec<Session>, StudyError> {
+/// [`CsvError`](insonify_base::csv::CsvError).
+pub fn read(path: &Path) -> Result<Vec<Session>, Error> {
     let required: Vec<&str> = ["group", "person", "session"].into_iter().chain(NAMES).collect();
     let table = Csv::read(path, &required, &[])?;
     let session = |row: insonify_base::csv::Row<'_>| {

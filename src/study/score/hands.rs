@@ -12,7 +12,7 @@ use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
 use serde::Serialize;
 
 use super::unscored;
-use crate::StudyError;
+use insonify::Error;
 use insonify::input::scenario::Scenario;
 use insonify_base::random::{hash3, seed_words, unit};
 use insonify_mechanics::needle::across;
@@ -209,8 +209,8 @@ impl Hand {
     /// The scenario as performed by this hand: a straight insertion to where the scenario's needle is deepest, a pause, and withdrawal.
     ///
     /// # Errors
-    /// [`StudyError::Refused`] if the needle's path does not enter the body.
-    pub fn perform(&self, scenario: &Scenario, seed: u64) -> Result<Scenario, StudyError> {
+    /// [`StudyError::Refused`](crate::StudyError::Refused) if the needle's path does not enter the body.
+    pub fn perform(&self, scenario: &Scenario, seed: u64) -> Result<Scenario, Error> {
         let plan = Plan::of(scenario)?;
         let mut draw = Draw::new(seed);
         let [right, up] = across(&plan.along);
@@ -247,7 +247,7 @@ impl Hand {
         Ok(scenario.moved(tip?, probe))
     }
 
-    fn probe(&self, scenario: &Scenario, start_s: f64, end_s: f64, draw: &mut Draw) -> Result<Trajectory, StudyError> {
+    fn probe(&self, scenario: &Scenario, start_s: f64, end_s: f64, draw: &mut Draw) -> Result<Trajectory, Error> {
         let planned = scenario.scene.probe_path();
         let fixed = [self.plane_mm, self.plane_deg, self.plane_deg].map(|spread| spread * draw.normal());
         let drift = [0; 3].map(|_| draw.waves(DRIFT_HZ));
@@ -281,7 +281,7 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    pub(super) fn of(scenario: &Scenario) -> Result<Self, StudyError> {
+    pub(super) fn of(scenario: &Scenario) -> Result<Self, Error> {
         let unscored = |reason| unscored(Path::new("the scenario"), reason);
         let keys = scenario.needle_tip().keys();
         let (Some(first), Some(last)) = (keys.first(), keys.last()) else {

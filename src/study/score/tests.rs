@@ -49,7 +49,7 @@ fn straight(change: impl Fn(usize, &mut std::collections::BTreeMap<&str, [f64; 3
     text
 }
 
-fn score(text: &str) -> Result<Score, StudyError> {
+fn score(text: &str) -> Result<Score, Error> {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("steps.csv"), text).unwrap();
     Score::of(folder.path())

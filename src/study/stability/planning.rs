@@ -4,11 +4,11 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::record::{Record, Unexpected, largest};
 use super::{Case, Group};
-use crate::StudyError;
 use crate::beam::measure::SYNTHETIC_CONTAINER_MM;
 use crate::beam::{ELEMENT_MM, TISSUES, problem};
 use crate::identify::force::Piecewise;
 use crate::path::{DEFORMED_BONE, Entry, Goal, PathOptions, liver, plan};
+use insonify::Error;
 use insonify_anatomy::registration::markers::place;
 use insonify_base::random::{normal, seed_words};
 use insonify_mechanics::needle::beam::inverse::{Wanted, find};
@@ -103,7 +103,7 @@ fn beside_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
         ),
         ("all lines through bone", options([-4.0, 45.0, 0.0], 0.0), "bone"),
     ] {
-        let expected = |error: &StudyError| error.to_string().contains(reason);
+        let expected = |error: &Error| error.to_string().contains(reason);
         record.refused(name, plan(&scenario, &options, &|_, _| ()), expected);
     }
     let found = plan(&scenario, &grazing, &|_, _| ())?;

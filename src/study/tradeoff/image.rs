@@ -25,8 +25,8 @@ use nalgebra::Matrix4;
 
 use super::gather::Entry;
 use super::{Axis, Factor, Figure, Study, Table};
-use crate::StudyError;
 use crate::stability::Effort;
+use insonify::Error;
 use insonify_base::machine::Machine;
 use insonify_base::statistics::{Spread, percentile};
 use insonify_gpu::Gpu;
@@ -124,8 +124,8 @@ const PICTURE: [Axis; 6] = [MEDIAN, P95, MEMORY, RMS, P99, BIAS];
 /// Studies images. `progress` receives the current task and the completed fraction, increasing from 0 to 1.
 ///
 /// # Errors
-/// [`StudyError`] if a scene or mesh is invalid or a frame cannot be rendered.
-pub fn study(options: &ImageOptions, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<Study, StudyError> {
+/// [`Error`] if a scene or mesh is invalid or a frame cannot be rendered.
+pub fn study(options: &ImageOptions, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<Study, Error> {
     let mut notes = Vec::new();
     if options.gpus.is_empty() {
         notes.push("no GPU adapter: these figures are the CPU's alone".to_owned());
@@ -163,7 +163,7 @@ pub fn study(options: &ImageOptions, progress: &mut (dyn FnMut(&str, f64) + Send
 }
 
 /// Function that measures tables, and notes what it left out.
-type Measure = fn(&ImageOptions, &mut Vec<String>) -> Result<Vec<Table>, StudyError>;
+type Measure = fn(&ImageOptions, &mut Vec<String>) -> Result<Vec<Table>, Error>;
 
 fn about(options: &ImageOptions) -> Vec<(&'static str, String)> {
     let grid = |[lines, samples]: &[u32; 2]| format!("{lines} x {samples}");
@@ -239,7 +239,7 @@ pub struct Subject {
 
 impl Subject {
     /// Creates the phantom in voxels of a given size, mm.
-    pub fn new(voxel_mm: f64) -> Result<Self, StudyError> {
+    pub fn new(voxel_mm: f64) -> Result<Self, Error> {
         let text = format!("version = 1\nvolume = {{ phantom = \"abdomen\", resolution_mm = {voxel_mm} }}\n");
         let mut scene = SceneFile::parse(&text, "the scene of the study")?.resolve(".".as_ref())?;
         (scene.settings.image.width, scene.settings.image.height) = (640, 480);

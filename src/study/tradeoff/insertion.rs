@@ -23,9 +23,9 @@ use serde::Deserialize;
 
 use super::gather::Entry;
 use super::{Axis, Figure, Study};
-use crate::StudyError;
 use crate::stability::Effort;
 pub use crate::stability::record::largest;
+use insonify::Error;
 use insonify_base::machine::Machine;
 use insonify_base::range::OutOfRange;
 use insonify_base::statistics::percentile;
@@ -69,7 +69,7 @@ impl Part {
     ];
 
     /// Runs the part and adds its results to the study.
-    fn run(self, options: &InsertionOptions, study: &mut Study, progress: Progress<'_>) -> Result<(), StudyError> {
+    fn run(self, options: &InsertionOptions, study: &mut Study, progress: Progress<'_>) -> Result<(), Error> {
         match self {
             Part::Levels => levels::run_levels(options, study, progress),
             Part::Bevel => bevel::run_bevel(options, study, progress),
@@ -144,7 +144,7 @@ impl InsertionOptions {
         )
     }
 
-    fn check(&self) -> Result<(), StudyError> {
+    fn check(&self) -> Result<(), Error> {
         let numbers = [
             ("nodes", self.nodes as f64, 100.0..=100_000.0, "100 to 100000"),
             ("depth_mm", self.depth_mm, 10.0..=80.0, "10 to 80 mm"),
@@ -165,8 +165,8 @@ type Progress<'a> = &'a mut (dyn FnMut(&str, f64) + Send);
 /// Studies insertions. `progress` receives the current task and the completed fraction, increasing from 0 to 1.
 ///
 /// # Errors
-/// [`StudyError`]; memory is checked before any large allocation.
-pub fn study(options: &InsertionOptions, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<Study, StudyError> {
+/// [`Error`]; memory is checked before any large allocation.
+pub fn study(options: &InsertionOptions, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<Study, Error> {
     options.check()?;
     let mut study = Study {
         name: "tradeoff-insertion",
@@ -343,13 +343,13 @@ impl Course {
     /// Drives the models along the course `passes` times, in turn. `told` receives the completed fraction.
     ///
     /// # Errors
-    /// [`StudyError::Step`] if a step cannot be computed.
+    /// [`StepError`](insonify_mechanics::insertion::StepError) if a step cannot be computed.
     pub fn drive(
         &self,
         models: &mut [Finite],
         passes: usize,
         told: &mut dyn FnMut(f64),
-    ) -> Result<Vec<Vec<Step>>, StudyError> {
+    ) -> Result<Vec<Vec<Step>>, Error> {
         let mut traces = vec![Vec::with_capacity(self.steps()); models.len()];
         let count = models.len();
         let runs = (passes * count) as f64;
@@ -372,8 +372,8 @@ impl Course {
 /// Computes and times one step.
 ///
 /// # Errors
-/// [`StudyError::Step`] if the step cannot be computed.
-pub fn timed(model: &mut dyn Model, instruments: &Instruments) -> Result<Step, StudyError> {
+/// [`StepError`](insonify_mechanics::insertion::StepError) if the step cannot be computed.
+pub fn timed(model: &mut dyn Model, instruments: &Instruments) -> Result<Step, Error> {
     let start = Instant::now();
     let outcome = model.step(instruments, STEP_S)?;
     let ms = start.elapsed().as_secs_f64() * 1e3;
@@ -390,8 +390,8 @@ pub fn timed(model: &mut dyn Model, instruments: &Instruments) -> Result<Step, S
 /// Creates the block with approximately the given number of nodes.
 ///
 /// # Errors
-/// [`StudyError`] if the mesh or the material is invalid.
-pub fn tissue(nodes: usize, needle: Box<dyn Needle>) -> Result<Setup, StudyError> {
+/// [`Error`] if the mesh or the material is invalid.
+pub fn tissue(nodes: usize, needle: Box<dyn Needle>) -> Result<Setup, Error> {
     let mesh = TetMesh::over_box([0.0; 3], EXTENT, nodes)?;
     Ok(block::on_table(mesh, Material::new(10.0, 0.45)?, block::USUAL, needle))
 }
@@ -399,8 +399,8 @@ pub fn tissue(nodes: usize, needle: Box<dyn Needle>) -> Result<Setup, StudyError
 /// Creates a model with the data for remeshing along the needle's path prefetched.
 ///
 /// # Errors
-/// [`StudyError::Setup`] if the setup is invalid.
-pub fn model(setup: Setup) -> Result<Finite, StudyError> {
+/// [`InvalidSetup`](insonify_mechanics::insertion::InvalidSetup) if the setup is invalid.
+pub fn model(setup: Setup) -> Result<Finite, Error> {
     let mut finite = Finite::new(setup, |_, _| {})?;
     finite.prefetch(
         &Point3::new(ENTRY_MM[0], ENTRY_MM[1], 0.0),

@@ -7,11 +7,11 @@ use nalgebra::{Point3, Vector3};
 
 use super::gather::Entry;
 use super::{Axis, Factor, Figure, Goal, Study, Table};
-use crate::StudyError;
 use crate::identification::{Case, CaseFile};
 use crate::identify::returned;
 use crate::path::{Entry as Entries, Goal as Target, PathOptions, liver, miss_mm, plan};
 use crate::stability::Effort;
+use insonify::Error;
 use insonify::input::scenario::ScenarioFile;
 use insonify_base::machine::Machine;
 
@@ -39,8 +39,8 @@ const CASE: &str = "scenario = \"two-layer-insertion\"\nforce.file = \"force\"\n
 /// Runs the study.
 ///
 /// # Errors
-/// [`StudyError`] if no path is found, or no insertion can be simulated.
-pub fn study(effort: Effort, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<Study, StudyError> {
+/// [`Error`] if no path is found, or no insertion can be simulated.
+pub fn study(effort: Effort, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<Study, Error> {
     let tables = vec![
         paths(effort, &mut |what, share| progress(what, 0.5 * share))?,
         identified(effort, &mut |what, share| progress(what, 0.5 + 0.5 * share))?,
@@ -80,7 +80,7 @@ pub fn study(effort: Effort, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Re
 const TISSUE: [Factor; 1] = [Factor::new("tissue", "tissue")];
 
 /// Plans the path to the vein with several models of the tissue, and follows each in the finest.
-fn paths(effort: Effort, progress: &mut dyn FnMut(&str, f64)) -> Result<Table, StudyError> {
+fn paths(effort: Effort, progress: &mut dyn FnMut(&str, f64)) -> Result<Table, Error> {
     let axes = [
         Axis::log("seconds", "s", "time of a plan, s"),
         Axis::log("miss_mm", "miss mm", "miss in the finest tissue, mm"),
@@ -131,7 +131,7 @@ fn paths(effort: Effort, progress: &mut dyn FnMut(&str, f64)) -> Result<Table, S
 }
 
 /// Identifies moduli with several meshes from one insertion into the finest.
-fn identified(effort: Effort, progress: &mut dyn FnMut(&str, f64)) -> Result<Table, StudyError> {
+fn identified(effort: Effort, progress: &mut dyn FnMut(&str, f64)) -> Result<Table, Error> {
     let axes = [
         Axis::log("seconds", "s", "time of an identification, s"),
         Axis::log("off_percent", "off %", "largest error of Young's modulus, %"),
@@ -191,7 +191,7 @@ fn identified(effort: Effort, progress: &mut dyn FnMut(&str, f64)) -> Result<Tab
 }
 
 /// The case with a mesh of about `nodes` nodes, and the moduli of the scenario, kPa.
-fn case(nodes: usize) -> Result<(Case, Vec<f64>), StudyError> {
+fn case(nodes: usize) -> Result<(Case, Vec<f64>), Error> {
     let mut case = CaseFile::parse(CASE, "two-layer-insertion")?.resolve(Path::new(""), &mut |_| ())?;
     let text = case.text.0.replace("nodes = 991", &format!("nodes = {nodes}"));
     case.scenario = ScenarioFile::parse(&text, "two-layer-insertion")?.resolve(Path::new(""), |_| ())?;

@@ -28,6 +28,7 @@ use crate::StudyError;
 use crate::stability::Effort;
 pub use contender::{Contender, Step};
 use contender::{Kind, Sources};
+use insonify::Error;
 use insonify_base::memory;
 use insonify_gpu::{Gpu, Traffic};
 use insonify_mechanics::tissue::inverse::invert;
@@ -149,13 +150,13 @@ pub struct Measured {
 /// fraction, increasing from 0 to 1.
 ///
 /// # Errors
-/// [`StudyError`]; memory is checked before any large allocation.
+/// [`Error`]; memory is checked before any large allocation.
 pub fn study(
     meshes: &[TetMesh],
     gpus: &[Gpu],
     options: &RemeshOptions,
     progress: &mut (dyn FnMut(&str, f64) + Send),
-) -> Result<Study, StudyError> {
+) -> Result<Study, Error> {
     for mesh in meshes {
         check_memory(subject::supports(mesh).free(), gpus, memory::available())?;
     }
@@ -183,7 +184,7 @@ fn one(
     options: &RemeshOptions,
     report: &mut Report,
     progress: &mut (dyn FnMut(&str, f64) + Send),
-) -> Result<(), StudyError> {
+) -> Result<(), Error> {
     const INVERSE: f64 = 0.2;
     const GOLD: f64 = 0.1;
     let begun = Instant::now();
@@ -224,8 +225,8 @@ impl Truth {
     /// Computes the gold standards.
     ///
     /// # Errors
-    /// [`StudyError`] if a state of the mesh cannot be solved.
-    pub fn new(subject: &Subject, options: &RemeshOptions) -> Result<Truth, StudyError> {
+    /// [`Error`] if a state of the mesh cannot be solved.
+    pub fn new(subject: &Subject, options: &RemeshOptions) -> Result<Truth, Error> {
         let mut mesh = subject.mesh.clone();
         let mut states = Vec::new();
         let inserted = subject.inserted();
@@ -271,7 +272,7 @@ fn run(
     truth: &Truth,
     options: &RemeshOptions,
     measured: &mut Measured,
-) -> Result<(), StudyError> {
+) -> Result<(), Error> {
     let mut mesh = subject.mesh.clone();
     let inserted = subject.inserted();
     let ready = Instant::now();
@@ -323,7 +324,7 @@ fn run(
 }
 
 /// Compares the peak memory of a study of one mesh with the available memory.
-fn check_memory(size: usize, gpus: &[Gpu], available: Option<usize>) -> Result<(), StudyError> {
+fn check_memory(size: usize, gpus: &[Gpu], available: Option<usize>) -> Result<(), Error> {
     let [double, single] = [Symmetric::<f64>::bytes_of(size), Symmetric::<f32>::bytes_of(size)];
     // Both bases and one working copy; software adapters keep theirs in the same memory.
     let software = gpus.iter().any(|gpu| gpu.report().software);
@@ -336,7 +337,8 @@ fn check_memory(size: usize, gpus: &[Gpu], available: Option<usize>) -> Result<(
             what: format!("the mesh of {size} degrees of freedom"),
             needed,
             available,
-        }),
+        }
+        .into()),
         _ => Ok(()),
     }
 }

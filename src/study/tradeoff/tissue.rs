@@ -15,6 +15,7 @@ use subject::{Model, Subject, Variant, Walked};
 
 use crate::StudyError;
 use crate::stability::Effort;
+use insonify::Error;
 use insonify_base::machine::Machine;
 use insonify_base::statistics::Spread;
 use insonify_mechanics::tissue::nonlinear::creep::Memory;
@@ -141,8 +142,8 @@ const ALL_MODELS: [(&str, Model); 4] = [
 /// Runs the study. `progress` receives the current task and the completed fraction, increasing from 0 to 1.
 ///
 /// # Errors
-/// [`StudyError`] if the block cannot be created or the gold standard cannot be solved.
-pub fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<Study, StudyError> {
+/// [`Error`] if the block cannot be created or the gold standard cannot be solved.
+pub fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<Study, Error> {
     let subject = Subject::new(options)?;
     let counts: Vec<u32> = std::iter::successors(Some(options.steps[0].max(1)), |steps| steps.checked_mul(2))
         .take_while(|steps| *steps <= options.steps[1].max(1))
@@ -160,7 +161,7 @@ pub fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64) + Sen
     Ok(finish(options, &subject, vec![table, models]))
 }
 
-fn schemes_table(subject: &Subject, counts: &[u32], next: &mut dyn FnMut(&str)) -> Result<Table, StudyError> {
+fn schemes_table(subject: &Subject, counts: &[u32], next: &mut dyn FnMut(&str)) -> Result<Table, Error> {
     next("the gold standard");
     let gold = truth(subject, Model::Nonlinear, 1, false)?;
     let axes = [TOTAL, MEDIAN, P95, ERROR, ERROR_MM, ITERATIONS, FACTORISATIONS];
@@ -199,7 +200,7 @@ fn schemes_table(subject: &Subject, counts: &[u32], next: &mut dyn FnMut(&str)) 
     Ok(table)
 }
 
-fn models_table(subject: &Subject, counts: &[u32], next: &mut dyn FnMut(&str)) -> Result<Table, StudyError> {
+fn models_table(subject: &Subject, counts: &[u32], next: &mut dyn FnMut(&str)) -> Result<Table, Error> {
     let finest_steps = 4 * counts.last().copied().unwrap_or(1);
     next("the finest model");
     let finest = truth(subject, Model::Viscous(Memory::Rate), finest_steps, true)?;
@@ -251,7 +252,7 @@ fn models_table(subject: &Subject, counts: &[u32], next: &mut dyn FnMut(&str)) -
 }
 
 /// Solves by full Newton to a hundredth of the tolerance.
-fn truth(subject: &Subject, model: Model, steps: u32, hold: bool) -> Result<Walked, StudyError> {
+fn truth(subject: &Subject, model: Model, steps: u32, hold: bool) -> Result<Walked, Error> {
     // An elastic body is path-independent; large steps may not converge.
     let least = if hold { steps } else { steps.max(8) };
     let tolerance = 1e-2 * TOLERANCE;
@@ -263,7 +264,7 @@ fn truth(subject: &Subject, model: Model, steps: u32, hold: bool) -> Result<Walk
         tolerance,
     })?;
     match walked.flag {
-        Some(flag) => Err(StudyError::Refused(format!(
+        Some(flag) => Err(StudyError::refused(format!(
             "the gold standard cannot be solved: {flag}"
         ))),
         None => Ok(walked),

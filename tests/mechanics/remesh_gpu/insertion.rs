@@ -1,6 +1,6 @@
 //! Whole insertions with the inverse on a GPU: the forces of the CPU, at every step.
 
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 use insonify_mechanics::insertion::finite::{Finite, Options, Setup};
 use insonify_mechanics::insertion::{EventKind, Instruments, Interaction, Model, Outcome};
 use insonify_mechanics::needle::{Rigid, Shaft};

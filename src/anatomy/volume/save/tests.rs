@@ -2,7 +2,7 @@ use nalgebra::Matrix4;
 
 use super::*;
 use crate::volume::load;
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 
 fn sample(values: &[i64]) -> LabelVolume {
     #[rustfmt::skip]

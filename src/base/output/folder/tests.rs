@@ -1,5 +1,5 @@
 use super::*;
-use crate::cause::Cause;
+use crate::blame::Blame;
 
 /// Simulates a command that writes these files with `mark` as contents.
 fn run(target: &Path, mark: &str, files: &[&str], force: bool) -> Result<(), OutputError> {

@@ -5,7 +5,7 @@ use nalgebra::{Point3, Vector3};
 use super::{BLOCK, resolved};
 use crate::input::scenario::Scenario;
 use crate::input::scenario::manipulator::SensorSpec;
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 use insonify_mechanics::insertion::Wrench;
 
 const POSE: &str = "[scene.pose]\nposition_mm = [0, 0, -60]\ndirection = [0, 0, 1]\nlateral = [1, 0, 0]\n";

@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use super::{BLOCK, resolved};
 use crate::input::scenario::{EXAMPLES, REFERENCE, ScenarioFile, schema};
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 
 #[test]
 fn faults_point_at_their_line_and_say_what_is_expected() {

@@ -3,7 +3,7 @@
 use super::{Level, Precision};
 use crate::tissue::element::DegenerateElement;
 use crate::tissue::error::LinearError;
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 
 /// Why a move, a change or another request is refused. Mesh and remesher are then unchanged.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -147,7 +147,7 @@ pub enum RemeshError {
     },
 }
 
-impl Cause for RemeshError {}
+impl Blame for RemeshError {}
 
 fn list(unfit: &[RemeshError]) -> String {
     unfit.iter().map(RemeshError::to_string).collect::<Vec<_>>().join("; ")

@@ -2,7 +2,7 @@
 
 use std::fmt::Debug;
 
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 use insonify_base::range::OutOfRange;
 
 /// Fractional integral or derivative of a vector-valued function of time, known step by step from a start at time 0.
@@ -212,7 +212,7 @@ pub enum HistoryError {
     },
 }
 
-impl Cause for HistoryError {}
+impl Blame for HistoryError {}
 
 impl HistoryError {
     /// Checks that a step is finite and above 0.

@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 
 use super::super::{removable, take};
 use super::{CompareOptions, Factor, Subject};
-use crate::StudyError;
 use crate::tradeoff::{Axis, Table};
+use insonify::Error;
 use insonify_base::statistics::Spread;
 use insonify_imaging::effects::Effect;
 use insonify_imaging::effects::buffers::Buffer;
@@ -28,7 +28,7 @@ fn with(subject: &Subject<'_>, settings: &Settings, keep: impl Fn(&Effect) -> bo
 }
 
 /// Returns the effects that the scene has and that can be removed.
-fn present(subject: &Subject<'_>, settings: &Settings) -> Result<Vec<&'static Effect>, StudyError> {
+fn present(subject: &Subject<'_>, settings: &Settings) -> Result<Vec<&'static Effect>, Error> {
     let plan = Plan::new(&Tables::new(subject.anatomy.clone(), settings.clone())?);
     let changes = |effect: &&'static Effect| {
         let (anatomy, without) = with(subject, settings, |other| other.name != effect.name);
@@ -54,11 +54,7 @@ struct Ready {
 
 impl Ready {
     /// Creates a synthesizer of the given scene and renders a first frame.
-    fn new(
-        subject: &Subject<'_>,
-        (anatomy, settings): (Anatomy, Settings),
-        backend: Backend,
-    ) -> Result<Self, StudyError> {
+    fn new(subject: &Subject<'_>, (anatomy, settings): (Anatomy, Settings), backend: Backend) -> Result<Self, Error> {
         let mut state = subject.state.clone();
         if anatomy.mesh.is_none() {
             (state.nodes, state.reference) = (None, None);
@@ -69,7 +65,7 @@ impl Ready {
     }
 
     /// Renders a frame and returns its time, ms.
-    fn frame(&mut self) -> Result<f64, StudyError> {
+    fn frame(&mut self) -> Result<f64, Error> {
         let start = Instant::now();
         self.synth.render(&self.state)?;
         Ok(start.elapsed().as_secs_f64() * 1e3)
@@ -82,7 +78,7 @@ impl Ready {
 }
 
 /// Renders frames of two scenes alternately, so that other load on the machine affects both equally, for twice `patience` in total.
-fn in_turn(one: &mut Ready, other: &mut Ready, patience: Duration) -> Result<[Option<Spread>; 2], StudyError> {
+fn in_turn(one: &mut Ready, other: &mut Ready, patience: Duration) -> Result<[Option<Spread>; 2], Error> {
     let (start, mut times) = (Instant::now(), [Vec::new(), Vec::new()]);
     while times[0].len() < MIN || (times[0].len() < MAX && start.elapsed() < 2 * patience) {
         times[0].push(one.frame()?);
@@ -130,7 +126,7 @@ const AXES: [Axis; 9] = [
 ];
 
 /// Measures frames with all effects, all but one, only one, and none.
-pub(super) fn effects(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, StudyError> {
+pub(super) fn effects(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, Error> {
     let settings = subject.sized(options.effects_grid);
     let factors = [Factor::new("backend", "backend"), Factor::new("effect", "effect")];
     let title = "Cost of each effect: frame time without it, and with it alone";
@@ -204,7 +200,7 @@ fn own(plan: &Plan, effect: &str) -> BTreeSet<&'static Buffer> {
 
 /// Counts the bytes, passes and, on a GPU, pipelines that each effect needs, and what remains of them after its removal from a scene, which
 /// must be nothing.
-pub(super) fn memory(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, StudyError> {
+pub(super) fn memory(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, Error> {
     let settings = subject.sized(options.effects_grid);
     let factors = [Factor::new("backend", "backend"), Factor::new("effect", "effect")];
     let axes = [

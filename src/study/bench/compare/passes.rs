@@ -1,9 +1,9 @@
 //! Times of passes, and of transfers to and from a GPU.
 
 use super::{CPU_MS, Clock, CompareOptions, Factor, GPU_MS, RATIO, Subject, clock_options, ratio};
-use crate::StudyError;
 use crate::bench::PassSpread;
 use crate::tradeoff::{Axis, Table};
+use insonify::Error;
 use insonify_base::statistics::Spread;
 use insonify_gpu::{Gpu, GpuError, Readback, StorageBuffer};
 use insonify_imaging::effects::REGISTRY;
@@ -33,12 +33,7 @@ pub(crate) const WHOLE: &str = "frame, pixels on the CPU";
 pub(super) const LEFT: &str = "frame, pixels left on the GPU";
 
 /// Times frames and every pass of a backend at one size.
-fn at_size(
-    subject: &Subject<'_>,
-    options: &CompareOptions,
-    grid: [u32; 2],
-    backend: Backend,
-) -> Result<Times, StudyError> {
+fn at_size(subject: &Subject<'_>, options: &CompareOptions, grid: [u32; 2], backend: Backend) -> Result<Times, Error> {
     let mut synth = Synthesizer::new(subject.anatomy.clone(), subject.sized(grid), backend)?;
     let timing = clock_options(&mut synth, subject.state, options.patience)?;
     let states = std::slice::from_ref(subject.state);
@@ -76,7 +71,7 @@ fn all_sizes(
     name: &str,
     backend: impl Fn() -> Backend,
     notes: &mut Vec<String>,
-) -> Result<Vec<Option<Times>>, StudyError> {
+) -> Result<Vec<Option<Times>>, Error> {
     let mut sizes: Vec<Option<Times>> = Vec::new();
     let mut stopped = false;
     for &grid in &options.grids {
@@ -95,7 +90,7 @@ fn all_sizes(
                 }
                 sizes.push(Some(times));
             }
-            Err(StudyError::Synth(error @ SynthError::Gpu(_))) => {
+            Err(error) if matches!(error.downcast_ref(), Some(SynthError::Gpu(_))) => {
                 notes.push(format!("{name}: no frame of {} x {}: {error}", grid[0], grid[1]));
                 (stopped, _) = (true, sizes.push(None));
             }
@@ -106,11 +101,7 @@ fn all_sizes(
 }
 
 /// Tabulates all sizes: each GPU beside the CPU, or only the CPU if there is no GPU.
-pub(super) fn passes(
-    subject: &Subject<'_>,
-    options: &CompareOptions,
-    notes: &mut Vec<String>,
-) -> Result<Table, StudyError> {
+pub(super) fn passes(subject: &Subject<'_>, options: &CompareOptions, notes: &mut Vec<String>) -> Result<Table, Error> {
     let factors = [
         Factor::new("gpu", "GPU"),
         Factor::new("what", "what"),
@@ -173,7 +164,7 @@ pub(super) fn passes(
 const TIMES: usize = 7;
 
 /// Bytes sent for a frame in which the mesh moves and the probe does not: the maps of the deformed elements in the slab.
-fn moved_mesh(subject: &Subject<'_>, tables: &Tables) -> Result<u64, StudyError> {
+fn moved_mesh(subject: &Subject<'_>, tables: &Tables) -> Result<u64, Error> {
     let Some(mesh) = &tables.mesh else { return Ok(0) };
     let mut slab = Slab::<f32>::new(mesh);
     slab.update(tables, subject.state).map_err(SynthError::from)?;
@@ -184,7 +175,7 @@ fn moved_mesh(subject: &Subject<'_>, tables: &Tables) -> Result<u64, StudyError>
     Ok(maps.iter().sum::<usize>() as u64)
 }
 
-pub(super) fn transfers(subject: &Subject<'_>, options: &CompareOptions) -> Result<Option<Table>, StudyError> {
+pub(super) fn transfers(subject: &Subject<'_>, options: &CompareOptions) -> Result<Option<Table>, Error> {
     if options.gpus.is_empty() {
         return Ok(None);
     }

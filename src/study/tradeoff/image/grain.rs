@@ -6,8 +6,8 @@ use super::{
 };
 use nalgebra::Matrix4;
 
-use crate::StudyError;
 use crate::tradeoff::{Axis, GREY_LEVELS, Goal};
+use insonify::Error;
 use insonify_imaging::anatomies::{self, PLAIN};
 use insonify_imaging::effects::Effects;
 use insonify_imaging::effects::noise::Noise;
@@ -26,12 +26,12 @@ const SIDE: usize = 400;
 /// Tolerance of the correlation lengths, mm, with its reason.
 const HALF_A_CELL: (f64, &str) = (0.5, "half a cell of speckle");
 
-pub(crate) fn grains(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
+pub(crate) fn grains(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, Error> {
     Ok(vec![textures(options)?, sampling::lookups(), models(options)?])
 }
 
 /// Compares frames with trilinear textures and without textures. Look-up methods in isolation are in [`sampling::lookups`].
-fn textures(options: &ImageOptions) -> Result<Table, StudyError> {
+fn textures(options: &ImageOptions) -> Result<Table, Error> {
     let subject = Subject::new(options.voxel_mm)?;
     let own = without_grain(subject.grid(coarsened(options, [256, 512])));
     let mut gold = subject.on(own.clone(), Backend::CpuF64)?;
@@ -117,7 +117,7 @@ impl Look {
     }
 }
 
-fn models(options: &ImageOptions) -> Result<Table, StudyError> {
+fn models(options: &ImageOptions) -> Result<Table, Error> {
     let [axial_mm, lateral_mm] = [0.8, 1.5];
     let asked = Speckle {
         axial_mm: Some(axial_mm),

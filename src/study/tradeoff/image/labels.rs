@@ -8,6 +8,7 @@ use super::{
 };
 use crate::StudyError;
 use crate::tradeoff::{Axis, Deadline, GREY_LEVELS, Goal, SHIFT_MM};
+use insonify::Error;
 use insonify_gpu::Gpu;
 use insonify_imaging::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
 use insonify_imaging::effects::slice::{Beyond, Boundary};
@@ -60,7 +61,7 @@ fn settings(boundary: Boundary, [lines, samples]: [u32; 2]) -> Settings {
 
 /// Returns the mean distance of the sliced boundaries from the closed form, mm: the area of wrong labels divided by the length of all
 /// boundaries. The length is counted along the grid's two axes, which averages 4/pi of the true length over all directions.
-fn boundary_mm(synth: &mut Synthesizer, state: &FrameState) -> Result<f64, StudyError> {
+fn boundary_mm(synth: &mut Synthesizer, state: &FrameState) -> Result<f64, Error> {
     let beam = synth.render_until("slice", state)?;
     let tables = synth.tables();
     let (line_mm, sample_mm) = (tables.grid.lateral_spacing_mm(0.0), tables.sample_mm());
@@ -88,7 +89,7 @@ fn boundary_mm(synth: &mut Synthesizer, state: &FrameState) -> Result<f64, Study
     Ok(wrong as f64 * line_mm * sample_mm / length)
 }
 
-pub(super) fn labels(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
+pub(super) fn labels(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, Error> {
     let state = FrameState::at(Matrix4::identity());
     let grid = coarsened(options, [256, 512]);
     let axes: Vec<Axis> = [
@@ -151,14 +152,14 @@ const CONTENTS: [Content; 2] = [("structure", without_grain), ("every usual effe
 const QUIET: &str = "Beam grids are compared with the receiver enabled at an invisible level, because its noise is drawn for each sample \
                      and therefore differs from grid to grid, however fine the grids are.";
 
-pub(super) fn grids(options: &ImageOptions, notes: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
+pub(super) fn grids(options: &ImageOptions, notes: &mut Vec<String>) -> Result<Vec<Table>, Error> {
     let subject = Subject::new(options.voxel_mm)?;
     let samples = Axis::log("samples", "samples", "samples of a frame");
     let axes: Vec<Axis> = std::iter::once(samples).chain(PICTURE).collect();
     // Comparing a grid with itself would show no error.
     let Some((&finest, grids)) = options.grids.split_last().filter(|(_, grids)| !grids.is_empty()) else {
         let found = options.grids.len();
-        return Err(StudyError::Refused(format!(
+        return Err(StudyError::refused(format!(
             "{found} grids: expected two or more; the finest is the gold standard"
         )));
     };
@@ -204,7 +205,7 @@ fn fitting<'a>(
     subject: &Subject,
     largest: &Settings,
     notes: &mut Vec<String>,
-) -> Result<&'a [Gpu], StudyError> {
+) -> Result<&'a [Gpu], Error> {
     Ok(match too_large(subject, largest, &options.gpus)? {
         None => &options.gpus,
         Some(why) => {
@@ -224,7 +225,7 @@ fn all(options: &ImageOptions) -> Vec<(String, Backend)> {
 }
 
 /// Compares double precision, single precision and each GPU on the same scene, at the default scene's grid and one below it.
-pub(super) fn backends(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
+pub(super) fn backends(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, Error> {
     let subject = Subject::new(options.voxel_mm)?;
     let factors = [Factor::new("grid", "grid"), BACKEND];
     let title = "Precisions and backends, every usual effect, against double precision on the CPU";
@@ -324,7 +325,7 @@ fn simplified(all: &Settings, plan: &Plan) -> Vec<(String, Settings)> {
     rows
 }
 
-pub(super) fn effects(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
+pub(super) fn effects(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, Error> {
     let subject = Subject::new(options.voxel_mm)?;
     let own = subject.grid(coarsened(options, [256, 512]));
     let goal = Goal::new("median_ms", "rms_grey", GREY_LEVELS).choosing("effects");

@@ -4,8 +4,8 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use super::{Apart, Factor, ImageOptions, PICTURE, Subject, Table, coarsened, inside, picture, values};
-use crate::StudyError;
 use crate::tradeoff::{Axis, GREY_LEVELS, Goal, SHIFT_MM};
+use insonify::Error;
 use insonify_anatomy::acoustics::bank;
 use insonify_anatomy::volume::texture::SolidTexture;
 use insonify_base::statistics::Spread;
@@ -64,7 +64,7 @@ const VARIANTS: [Variant; 3] = [
     },
 ];
 
-pub(super) fn sampling(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
+pub(super) fn sampling(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, Error> {
     let subject = Subject::new(options.voxel_mm)?;
     let factors = [Factor::new("effect", "effect"), Factor::new("grid", "grid")];
     let title = "Sampling of shadow (samples) and blur (scanlines), each alone, against the finest in double precision";
@@ -303,7 +303,7 @@ impl Location {
     }
 }
 
-pub(super) fn location(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
+pub(super) fn location(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, Error> {
     let axes = [
         Axis::log("elements", "elements", "elements of the mesh"),
         Axis::log("point_ns", "ns a point", "time of a point (median of frames), ns"),

@@ -3,8 +3,8 @@
 use super::{
     Course, InsertionOptions, Progress, Step, TIMES, UNSETTLED, largest, lines, points, timed, times, unsettled,
 };
-use crate::StudyError;
 use crate::tradeoff::{Axis, Deadline, Factor, Figure, Goal, SHIFT_MM, Study, Table};
+use insonify::Error;
 use insonify_base::range::OutOfRange;
 use insonify_mechanics::block;
 use insonify_mechanics::insertion::Interaction;
@@ -77,11 +77,7 @@ fn cases(sweep: bool) -> Vec<Case> {
     cells.iter().flat_map(of_mesh).collect()
 }
 
-pub(super) fn run_bevel(
-    options: &InsertionOptions,
-    study: &mut Study,
-    progress: Progress<'_>,
-) -> Result<(), StudyError> {
+pub(super) fn run_bevel(options: &InsertionOptions, study: &mut Study, progress: Progress<'_>) -> Result<(), Error> {
     let mut table = Table::new(
         "bevel",
         format!("Bevels in a block of PVC: deflection at {} mm", options.bevel_depth_mm),
@@ -157,7 +153,7 @@ pub(super) fn run_bevel(
     Ok(())
 }
 
-fn insert(case: &Case, depth_mm: f64) -> Result<Vec<Step>, StudyError> {
+fn insert(case: &Case, depth_mm: f64) -> Result<Vec<Step>, Error> {
     let interaction = Interaction {
         puncture_n: 0.0,
         friction_n_per_mm: 0.01,
@@ -213,7 +209,7 @@ pub(super) fn run_pieces(
     options: &InsertionOptions,
     study: &mut Study,
     progress: Progress<'_>,
-) -> Result<(), StudyError> {
+) -> Result<(), Error> {
     let finest = pieces.lengths_mm[pieces.lengths_mm.len() - 1];
     let (name, key) = (pieces.name, pieces.length.key);
     let axes = [

@@ -7,6 +7,7 @@ use super::{
 use crate::StudyError;
 use crate::tradeoff::remesh::FROZEN;
 use crate::tradeoff::{Axis, Deadline, FORCE_N, Factor, Figure, Goal, SHIFT_MM, Study, Table};
+use insonify::Error;
 use insonify_base::memory;
 use insonify_base::statistics::percentile;
 use insonify_mechanics::block;
@@ -108,11 +109,7 @@ fn quartiles(steps: &[Step]) -> [Option<f64>; 5] {
     PERCENT.map(|percent| percentile(&ms, percent / 100.0))
 }
 
-pub(super) fn run_levels(
-    options: &InsertionOptions,
-    study: &mut Study,
-    progress: Progress<'_>,
-) -> Result<(), StudyError> {
+pub(super) fn run_levels(options: &InsertionOptions, study: &mut Study, progress: Progress<'_>) -> Result<(), Error> {
     check_memory(options.nodes, memory::available())?;
     let mut table = Table::new(
         "levels",
@@ -184,7 +181,7 @@ fn about(options: &InsertionOptions, models: &[Finite]) -> Vec<(&'static str, St
     ]
 }
 
-fn model(nodes: usize, level: Level, probe: bool) -> Result<Finite, StudyError> {
+fn model(nodes: usize, level: Level, probe: bool) -> Result<Finite, Error> {
     let needle = block::springs(Stiffness::default(), block::LINK_MM, block::BEVEL)?;
     let tissue = super::tissue(nodes, needle)?;
     super::model(Setup {
@@ -277,7 +274,7 @@ fn figures() -> Vec<Figure> {
 }
 
 /// Compares the peak memory of the dense inverses, including one more during computation, with the available memory.
-pub(super) fn check_memory(nodes: usize, available: Option<usize>) -> Result<(), StudyError> {
+pub(super) fn check_memory(nodes: usize, available: Option<usize>) -> Result<(), Error> {
     let floor = (nodes as f64).powf(2.0 / 3.0) as usize / 2;
     let size = 3 * nodes.saturating_sub(floor);
     let needed = (DENSE + 1).saturating_mul(Symmetric::<f64>::bytes_of(size));
@@ -286,7 +283,8 @@ pub(super) fn check_memory(nodes: usize, available: Option<usize>) -> Result<(),
             what: format!("the block of {nodes} nodes at levels I, III and IV"),
             needed,
             available,
-        }),
+        }
+        .into()),
         _ => Ok(()),
     }
 }
@@ -315,11 +313,7 @@ const MESH_AXES: [Axis; 4] = [
     ),
 ];
 
-pub(super) fn run_meshes(
-    options: &InsertionOptions,
-    study: &mut Study,
-    progress: Progress<'_>,
-) -> Result<(), StudyError> {
+pub(super) fn run_meshes(options: &InsertionOptions, study: &mut Study, progress: Progress<'_>) -> Result<(), Error> {
     let course = Course {
         depth_mm: options.depth_mm,
         probe: false,
@@ -400,11 +394,7 @@ const THINNING_AXES: [Axis; 4] = [
     Axis::log("tip_mm", "tip off, mm", "largest difference of the tip, mm"),
 ];
 
-pub(super) fn run_thinning(
-    options: &InsertionOptions,
-    study: &mut Study,
-    progress: Progress<'_>,
-) -> Result<(), StudyError> {
+pub(super) fn run_thinning(options: &InsertionOptions, study: &mut Study, progress: Progress<'_>) -> Result<(), Error> {
     let mut table = Table::new(
         "thinning",
         "Every n-th ring of the probe's candidates: differences from all of them",

@@ -8,8 +8,8 @@ use nalgebra::{Point3, Vector3};
 use super::{
     InsertionOptions, Progress, Step, TIMES, UNSETTLED, largest, mean_square, points, timed, times, unsettled,
 };
-use crate::StudyError;
 use crate::tradeoff::{Axis, FORCE_N, Factor, Goal, Study, Table};
+use insonify::Error;
 use insonify_mechanics::block;
 use insonify_mechanics::insertion::finite::{Finite, Options, Setup};
 use insonify_mechanics::insertion::spring::{MassSpring, Parameters};
@@ -95,7 +95,7 @@ struct Found {
     fields: [Vec<Vector3<f64>>; 2],
 }
 
-pub(super) fn run(options: &InsertionOptions, study: &mut Study, progress: Progress<'_>) -> Result<(), StudyError> {
+pub(super) fn run(options: &InsertionOptions, study: &mut Study, progress: Progress<'_>) -> Result<(), Error> {
     let mut contenders = Vec::new();
     for grid in GRIDS {
         for poisson in [0.45, 0.25] {
@@ -180,12 +180,12 @@ fn parameters([rings, layers]: [usize; 2]) -> Parameters {
     }
 }
 
-fn mass_spring(parameters: Parameters) -> Result<MassSpring, StudyError> {
+fn mass_spring(parameters: Parameters) -> Result<MassSpring, Error> {
     Ok(MassSpring::new(parameters, Box::new(HalfSpace), block::rigid()?)?)
 }
 
 /// Returns the cylinder of the mass-spring model as placed when the needle reaches the skin, without the cap before it.
-fn cylinder(parameters: Parameters) -> Result<TetMesh, StudyError> {
+fn cylinder(parameters: Parameters) -> Result<TetMesh, Error> {
     let capped = capped(parameters)?;
     let count = parameters.nodes();
     let elements = capped.elements().iter().copied();
@@ -197,7 +197,7 @@ fn cylinder(parameters: Parameters) -> Result<TetMesh, StudyError> {
 }
 
 /// Returns the cylinder with its cap, as it is imaged.
-fn capped(parameters: Parameters) -> Result<TetMesh, StudyError> {
+fn capped(parameters: Parameters) -> Result<TetMesh, Error> {
     let mut model = mass_spring(parameters)?;
     model.step(&block::tip_at([0.0; 3]), super::STEP_S)?;
     let (mut snapshot, mut tissue) = (Snapshot::default(), Tissue::default());
@@ -214,14 +214,14 @@ fn choices(model: &str, poisson: &str, parameters: &Parameters) -> Vec<String> {
     vec![model.to_owned(), poisson.to_owned(), format!("{spacing:.1}")]
 }
 
-fn springs(grid: [usize; 2]) -> Result<Contender, StudyError> {
+fn springs(grid: [usize; 2]) -> Result<Contender, Error> {
     let parameters = parameters(grid);
     let choices = choices(SPRINGS, "no ratio to choose", &parameters);
     let model = Box::new(mass_spring(parameters)?);
     Ok(Contender::new(choices, &capped(parameters)?, model))
 }
 
-fn finite(grid: [usize; 2], poisson: f64) -> Result<Contender, StudyError> {
+fn finite(grid: [usize; 2], poisson: f64) -> Result<Contender, Error> {
     let parameters = parameters(grid);
     let mesh = cylinder(parameters)?;
     // Supported like the mass-spring cylinder: at its side and its far end.
@@ -257,7 +257,7 @@ impl Contender {
     }
 
     /// Inserts and withdraws the needle.
-    fn insert(&mut self, depth_mm: f64, found: &mut Found) -> Result<(), StudyError> {
+    fn insert(&mut self, depth_mm: f64, found: &mut Found) -> Result<(), Error> {
         let way = (depth_mm / ADVANCE_MM).round() as usize;
         let first = found.steps.is_empty();
         for step in 0..=2 * way {
@@ -279,7 +279,7 @@ impl Contender {
     }
 
     /// Returns the current displacements of the tissue around the needle, mm.
-    fn field(&mut self, depth_mm: f64) -> Result<Vec<Vector3<f64>>, StudyError> {
+    fn field(&mut self, depth_mm: f64) -> Result<Vec<Vector3<f64>>, Error> {
         let (mut snapshot, mut tissue) = (Snapshot::default(), Tissue::default());
         self.model.snapshot(&mut snapshot);
         self.imager.tissue(&snapshot, &mut tissue);

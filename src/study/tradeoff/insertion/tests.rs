@@ -160,7 +160,7 @@ fn sizes_out_of_range_are_refused_with_what_is_expected() {
     }
     let refused = levels::check_memory(30_000, Some(1 << 30)).unwrap_err();
     assert!(
-        matches!(&refused, StudyError::Memory { what, .. } if what.contains("30000")),
+        matches!(refused.downcast_ref(), Some(StudyError::Memory { what, .. }) if what.contains("30000")),
         "{refused}"
     );
     assert!(levels::check_memory(500, Some(1 << 30)).is_ok() && levels::check_memory(30_000, None).is_ok());

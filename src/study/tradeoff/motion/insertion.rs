@@ -2,9 +2,9 @@
 //! 5 mm out of the image plane.
 
 use super::validation::Course;
-use crate::error::StudyError;
 use crate::stability::Effort;
 use crate::tradeoff::{Axis, Factor, Figure, Table};
+use insonify::Error;
 use insonify::input::scenario::ScenarioFile;
 use insonify::run::{Moment, Observer, Requests, Step, run};
 use insonify_imaging::rf::motion::{Options, Tracker};
@@ -98,15 +98,15 @@ struct Watch<'a> {
 const NAME: &str = "insertion";
 
 impl Observer for Watch<'_> {
-    type Error = StudyError;
+    type Error = Error;
 
-    fn step(&mut self, step: &Step<'_>) -> Result<(), StudyError> {
+    fn step(&mut self, step: &Step<'_>) -> Result<(), Error> {
         let outcome = step.outcome;
         self.last = [outcome.inserted_mm, -outcome.on_hand.force_n.z];
         Ok(())
     }
 
-    fn frame(&mut self, moment: &Moment<'_>) -> Result<(), StudyError> {
+    fn frame(&mut self, moment: &Moment<'_>) -> Result<(), Error> {
         let echoes = self.synthesizer.render(moment.state)?;
         let pose = &moment.state.probe_to_world;
         let [depth, force] = self.last.map(Some);
@@ -133,11 +133,7 @@ impl Observer for Watch<'_> {
 }
 
 /// Runs the insertion into the tables of a course; returns the table of the needle.
-pub(super) fn run_into(
-    effort: Effort,
-    course: &mut Course,
-    progress: &mut dyn FnMut(f64),
-) -> Result<Table, StudyError> {
+pub(super) fn run_into(effort: Effort, course: &mut Course, progress: &mut dyn FnMut(f64)) -> Result<Table, Error> {
     let scenario = ScenarioFile::parse(&scenario(effort), "two-layer phantom")?.resolve("".as_ref(), |_| {})?;
     let scene = &scenario.scene;
     let acquisition = Acquisition::new(scene.settings.probe.frequency_mhz);

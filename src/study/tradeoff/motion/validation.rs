@@ -4,10 +4,10 @@
 use std::f64::consts::TAU;
 
 use super::{Errors, MOTIONS, Moved, about, bound_um, field, insertion, medium, strained_correlation};
-use crate::error::StudyError;
 use crate::stability::Effort;
 use crate::tradeoff::gather::Progress;
 use crate::tradeoff::{Axis, Factor, Figure, Study, Table};
+use insonify::Error;
 use insonify_base::machine::Machine;
 use insonify_base::statistics::{mean, std};
 use insonify_imaging::rf::medium::Medium;
@@ -359,7 +359,7 @@ fn swing(swing: &Swing, course: &mut Course, medium: &Medium, options: Options, 
 ///
 /// # Errors
 /// Errors of the insertion.
-pub fn study(effort: Effort, progress: Progress<'_>) -> Result<Study, StudyError> {
+pub fn study(effort: Effort, progress: Progress<'_>) -> Result<Study, Error> {
     let media = media(effort, progress);
     let time = Axis::linear("time_s", "time s", "time, s");
     let (small, options) = field(effort.pick([24, 1000, 32], [48, 1600, 50]));

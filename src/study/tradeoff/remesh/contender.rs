@@ -9,7 +9,7 @@ use insonify_base::parallel::{chunks, chunks_mut, for_each};
 
 use super::subject::Subject;
 use super::{Measured, RemeshOptions};
-use crate::StudyError;
+use insonify::Error;
 use insonify_gpu::{Gpu, GpuError, StorageBuffer, Traffic};
 use insonify_mechanics::remesh_gpu::{DeviceLevels, follow};
 use insonify_mechanics::tissue::assembly::Stiffness;
@@ -49,14 +49,14 @@ pub trait Contender {
     /// Sets the degrees of freedom in contact.
     ///
     /// # Errors
-    /// [`StudyError`] if the contacts cannot be condensed.
-    fn set_contacts(&mut self, dofs: &[usize]) -> Result<(), StudyError>;
+    /// [`Error`] if the contacts cannot be condensed.
+    fn set_contacts(&mut self, dofs: &[usize]) -> Result<(), Error>;
 
     /// Applies one change of the mesh; K^c is then up to date.
     ///
     /// # Errors
-    /// [`StudyError`] if the update fails.
-    fn remesh(&mut self, mesh: &AdaptedMesh, change: &Change) -> Result<Step, StudyError>;
+    /// [`Error`] if the update fails.
+    fn remesh(&mut self, mesh: &AdaptedMesh, change: &Change) -> Result<Step, Error>;
 
     /// Returns K^c, mm/N.
     fn condensed(&self) -> MatRef<'_, f64>;
@@ -64,14 +64,14 @@ pub trait Contender {
     /// Returns a block of K^-1, mm/N.
     ///
     /// # Errors
-    /// [`StudyError`] if the block cannot be computed.
-    fn block(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, StudyError>;
+    /// [`Error`] if the block cannot be computed.
+    fn block(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, Error>;
 
     /// Computes displacements (mm) under forces (N) on the contacts.
     ///
     /// # Errors
-    /// [`StudyError`] if the displacements cannot be computed.
-    fn displacement(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), StudyError>;
+    /// [`Error`] if the displacements cannot be computed.
+    fn displacement(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), Error>;
 
     /// Returns the bytes in use, including the base.
     fn held(&self) -> usize;
@@ -84,8 +84,8 @@ pub trait Contender {
     /// Starts timing updates on a device; returns false without a device or if it cannot time them.
     ///
     /// # Errors
-    /// [`StudyError`] if the device fails.
-    fn time_device(&mut self) -> Result<bool, StudyError> {
+    /// [`Error`] if the device fails.
+    fn time_device(&mut self) -> Result<bool, Error> {
         Ok(false)
     }
 
@@ -171,8 +171,8 @@ impl Kind {
     /// Creates the contender.
     ///
     /// # Errors
-    /// [`StudyError`] if the device lacks memory, or the precision is insufficient for the material.
-    pub(crate) fn make(&self, subject: &Subject, sources: &Sources) -> Result<Box<dyn Contender>, StudyError> {
+    /// [`Error`] if the device lacks memory, or the precision is insufficient for the material.
+    pub(crate) fn make(&self, subject: &Subject, sources: &Sources) -> Result<Box<dyn Contender>, Error> {
         let options = Options::default();
         let mesh = &subject.mesh;
         Ok(match self {
@@ -246,11 +246,11 @@ impl Contender for Follower {
         limit(self.get().level(), self.get().precision())
     }
 
-    fn set_contacts(&mut self, dofs: &[usize]) -> Result<(), StudyError> {
+    fn set_contacts(&mut self, dofs: &[usize]) -> Result<(), Error> {
         Ok(self.get_mut().set_contacts(dofs)?)
     }
 
-    fn remesh(&mut self, mesh: &AdaptedMesh, change: &Change) -> Result<Step, StudyError> {
+    fn remesh(&mut self, mesh: &AdaptedMesh, change: &Change) -> Result<Step, Error> {
         let report = self.get_mut().remesh(mesh, change)?;
         Ok(Step {
             bytes: (report.bytes_moved > 0).then_some(report.bytes_moved),
@@ -262,11 +262,11 @@ impl Contender for Follower {
         self.get().condensed()
     }
 
-    fn block(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, StudyError> {
+    fn block(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, Error> {
         Ok(self.get_mut().compliance(rows, columns)?)
     }
 
-    fn displacement(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), StudyError> {
+    fn displacement(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), Error> {
         Ok(self.get_mut().displacement(forces, out)?)
     }
 
@@ -281,7 +281,7 @@ impl Contender for Follower {
         }
     }
 
-    fn time_device(&mut self) -> Result<bool, StudyError> {
+    fn time_device(&mut self) -> Result<bool, Error> {
         match self {
             Follower::Cpu(_) => Ok(false),
             Follower::Device(levels) => {
@@ -312,7 +312,7 @@ struct Refactored {
 }
 
 impl Refactored {
-    fn new(subject: &Subject) -> Result<Self, StudyError> {
+    fn new(subject: &Subject) -> Result<Self, Error> {
         let stiffness = subject.mesh.stiffness().at_nodes(subject.mesh.nodes())?;
         Ok(Refactored {
             factor: Factor::new(&stiffness)?,
@@ -342,7 +342,7 @@ impl Contender for Refactored {
         limit(Level::Exact, Precision::Double)
     }
 
-    fn set_contacts(&mut self, dofs: &[usize]) -> Result<(), StudyError> {
+    fn set_contacts(&mut self, dofs: &[usize]) -> Result<(), Error> {
         self.contacts = dofs.to_vec();
         self.solutions = Mat::zeros(self.factor.size(), dofs.len());
         self.condensed = Mat::zeros(dofs.len(), dofs.len());
@@ -350,7 +350,7 @@ impl Contender for Refactored {
         Ok(())
     }
 
-    fn remesh(&mut self, mesh: &AdaptedMesh, _: &Change) -> Result<Step, StudyError> {
+    fn remesh(&mut self, mesh: &AdaptedMesh, _: &Change) -> Result<Step, Error> {
         self.stiffness = mesh.stiffness().at_nodes(mesh.nodes())?;
         self.factor.refactor(&self.stiffness)?;
         self.solve();
@@ -364,7 +364,7 @@ impl Contender for Refactored {
         self.condensed.as_ref()
     }
 
-    fn block(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, StudyError> {
+    fn block(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, Error> {
         let mut solutions = Mat::zeros(self.factor.size(), columns.len());
         for (k, &dof) in columns.iter().enumerate() {
             solutions[(dof, k)] = 1.0;
@@ -373,7 +373,7 @@ impl Contender for Refactored {
         Ok(Mat::from_fn(rows.len(), columns.len(), |i, j| solutions[(rows[i], j)]))
     }
 
-    fn displacement(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), StudyError> {
+    fn displacement(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), Error> {
         out.fill(0.0);
         for (&dof, force) in self.contacts.iter().zip(forces) {
             out[dof] = *force;

@@ -3,8 +3,8 @@
 use super::contender::{self, Kind};
 use super::subject::Subject;
 use super::{FROZEN, Measured, RemeshOptions};
-use crate::StudyError;
 use crate::tradeoff::{Axis, Deadline, Factor, Figure, Goal, SHIFT_MM, Study, Table};
+use insonify::Error;
 use insonify_base::machine::Machine;
 use insonify_base::statistics::Spread;
 use insonify_gpu::{Gpu, Traffic};
@@ -109,12 +109,12 @@ pub(super) struct Report {
 }
 
 impl Report {
-    pub(super) fn new(subjects: &[Subject], gpus: &[Gpu], options: &RemeshOptions) -> Result<Report, StudyError> {
+    pub(super) fn new(subjects: &[Subject], gpus: &[Gpu], options: &RemeshOptions) -> Result<Report, Error> {
         let copy_cpu = contender::of_cpu();
         let copy_gpus = gpus
             .iter()
             .map(|gpu| Ok((gpu.report().name.clone(), contender::of_gpu(gpu)?)));
-        let copy_gpus = copy_gpus.collect::<Result<Vec<_>, StudyError>>()?;
+        let copy_gpus = copy_gpus.collect::<Result<Vec<_>, Error>>()?;
         let list = |text: &dyn Fn(&Subject) -> String| subjects.iter().map(text).collect::<Vec<_>>().join(", ");
         let mut about = vec![
             ("nodes", list(&|subject| subject.nodes().to_string())),

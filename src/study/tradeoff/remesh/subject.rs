@@ -8,6 +8,7 @@ use super::RemeshOptions;
 use super::contender::Contender;
 use crate::StudyError;
 use crate::stability::record::largest;
+use insonify::Error;
 use insonify_base::random::{hash3, seed_words, unit};
 use insonify_mechanics::tissue::assembly::Stiffness;
 use insonify_mechanics::tissue::dofs::Dofs;
@@ -106,8 +107,8 @@ impl Subject {
     /// middle.
     ///
     /// # Errors
-    /// [`StudyError`] if the mesh is unsuitable or its stiffness cannot be factorised.
-    pub fn new(mesh: &TetMesh, options: &RemeshOptions) -> Result<Subject, StudyError> {
+    /// [`Error`] if the mesh is unsuitable or its stiffness cannot be factorised.
+    pub fn new(mesh: &TetMesh, options: &RemeshOptions) -> Result<Subject, Error> {
         let dofs = supports(mesh);
         rigid::check(mesh, &dofs)?;
         let material = Material::new(options.young_kpa, options.poisson)?;
@@ -164,8 +165,8 @@ impl Subject {
     /// Makes the change that follows `done` changes: the next inward move, or the undoing of the last one.
     ///
     /// # Errors
-    /// [`StudyError::Remesh`], which would indicate a fault of the mesh, as all moves have been tried before.
-    pub fn step(&self, mesh: &mut AdaptedMesh, done: usize) -> Result<Change, StudyError> {
+    /// [`RemeshError`](insonify_mechanics::tissue::remesh::RemeshError), which would indicate a fault of the mesh, as all moves have been tried before.
+    pub fn step(&self, mesh: &mut AdaptedMesh, done: usize) -> Result<Change, Error> {
         let (length, place) = (self.track.len(), done % (2 * self.track.len()));
         let moved = mesh.moves().len();
         if place < length {
@@ -177,15 +178,15 @@ impl Subject {
 }
 
 /// Error if the needle's line crosses too few elements with a movable corner.
-fn few_moves(moves: usize) -> StudyError {
-    StudyError::Refused(format!(
+fn few_moves(moves: usize) -> Error {
+    StudyError::refused(format!(
         "only {moves} corners can be moved along the needle's line, {MIN_MOVES} expected: the mesh is too coarse, or lies beside \
          the line down through the middle of its box"
     ))
 }
 
 /// Returns the free nodes nearest to a point.
-fn nearest_free(mesh: &AdaptedMesh, place: [f64; 3], count: usize) -> Result<Vec<u32>, StudyError> {
+fn nearest_free(mesh: &AdaptedMesh, place: [f64; 3], count: usize) -> Result<Vec<u32>, Error> {
     let distance = |node: u32| -> f64 {
         let position = mesh.nodes()[node as usize];
         (0..3).map(|axis| (position[axis] - place[axis]).powi(2)).sum()
@@ -194,7 +195,7 @@ fn nearest_free(mesh: &AdaptedMesh, place: [f64; 3], count: usize) -> Result<Vec
         .filter(|node| !mesh.dofs().of(*node).contains(&NONE))
         .collect();
     if free.len() < 2 * count {
-        return Err(StudyError::Refused(format!(
+        return Err(StudyError::refused(format!(
             "the mesh has {} free nodes beside the needle, {} expected as contacts; take a finer mesh",
             free.len(),
             2 * count
@@ -212,7 +213,7 @@ fn track(
     [entry, rest]: [[f64; 3]; 2],
     taken: &[u32],
     most: usize,
-) -> Result<Vec<(u32, [f64; 3])>, StudyError> {
+) -> Result<Vec<(u32, [f64; 3])>, Error> {
     let mut locator = Locator::<f64>::new(base);
     let mut track: Vec<(u32, [f64; 3])> = Vec::new();
     let mut last = NONE;
@@ -269,16 +270,16 @@ impl Gold {
     /// Computes K^c only.
     ///
     /// # Errors
-    /// [`StudyError`] if the moved mesh cannot be solved.
-    pub(crate) fn of_contacts(subject: &Subject, mesh: &AdaptedMesh) -> Result<Gold, StudyError> {
+    /// [`Error`] if the moved mesh cannot be solved.
+    pub(crate) fn of_contacts(subject: &Subject, mesh: &AdaptedMesh) -> Result<Gold, Error> {
         Gold::new(subject, mesh, Vec::new())
     }
 
     /// Computes K^c, displacements under the load, and sampled columns of K^-1.
     ///
     /// # Errors
-    /// [`StudyError`] if the moved mesh cannot be solved.
-    pub(crate) fn with_samples(subject: &Subject, mesh: &AdaptedMesh) -> Result<Gold, StudyError> {
+    /// [`Error`] if the moved mesh cannot be solved.
+    pub(crate) fn with_samples(subject: &Subject, mesh: &AdaptedMesh) -> Result<Gold, Error> {
         let support: Vec<usize> = mesh.support().map(|dof| dof as usize).collect();
         let spread = |count: usize, of: usize| (0..count.min(of)).map(move |k| k * of / count.min(of));
         let mut samples: Vec<usize> = spread(SAMPLES / 2, support.len()).map(|at| support[at]).collect();
@@ -288,7 +289,7 @@ impl Gold {
         Gold::new(subject, mesh, samples)
     }
 
-    fn new(subject: &Subject, mesh: &AdaptedMesh, samples: Vec<usize>) -> Result<Gold, StudyError> {
+    fn new(subject: &Subject, mesh: &AdaptedMesh, samples: Vec<usize>) -> Result<Gold, Error> {
         let stiffness = mesh.stiffness().at_nodes(mesh.nodes())?;
         let factor = Factor::new(&stiffness)?;
         let size = subject.size();
@@ -344,8 +345,8 @@ impl Gold {
     /// displacements with the load scaled to a resultant of one newton, mm.
     ///
     /// # Errors
-    /// [`StudyError`] if the contender fails.
-    pub(crate) fn errors(&self, subject: &Subject, contender: &mut dyn Contender) -> Result<[f64; 5], StudyError> {
+    /// [`Error`] if the contender fails.
+    pub(crate) fn errors(&self, subject: &Subject, contender: &mut dyn Contender) -> Result<[f64; 5], Error> {
         let every: Vec<usize> = (0..subject.size()).collect();
         let columns = contender.block(&every, &self.samples)?;
         let forces = load(subject.contacts.len());

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::TissueOptions;
-use crate::StudyError;
+use insonify::Error;
 use insonify_mechanics::tissue::material::Material;
 use insonify_mechanics::tissue::nonlinear::creep::{Creep, Memory};
 use insonify_mechanics::tissue::nonlinear::{Options, Scheme, Solid, Solver, Stiffening, Structure, Supports};
@@ -63,7 +63,7 @@ pub(crate) struct Walked {
 }
 
 impl Subject {
-    pub(super) fn new(options: &TissueOptions) -> Result<Subject, StudyError> {
+    pub(super) fn new(options: &TissueOptions) -> Result<Subject, Error> {
         let mesh = TetMesh::over_box([0.0; 3], EXTENT_MM, options.nodes)?;
         let material = Material::new(options.young_kpa, options.poisson)?;
         let law = Stiffening::new(material, options.knee_strain, options.stiffening)?;
@@ -103,7 +103,7 @@ impl Subject {
     }
 
     /// Simulates the history. A step that cannot be solved is flagged in the result and is not an error.
-    pub(super) fn walk(&self, variant: &Variant) -> Result<Walked, StudyError> {
+    pub(super) fn walk(&self, variant: &Variant) -> Result<Walked, Error> {
         let body = if variant.model == Model::Linear {
             &self.linear
         } else {

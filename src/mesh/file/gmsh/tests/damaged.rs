@@ -2,7 +2,7 @@
 
 use super::read;
 use super::written::{ALL, Model, ascii};
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 
 /// Returns the error of an ASCII file with one change.
 fn changed(version: u8, from: &str, to: &str) -> String {

@@ -4,7 +4,7 @@ use super::super::tests::{expected, sample};
 use super::super::xml;
 use super::*;
 use crate::file::{ReadOptions, read_mesh, write_pvd};
-use insonify_base::cause::Cause;
+use insonify_base::blame::Blame;
 
 #[test]
 fn what_is_written_is_read_again() {
