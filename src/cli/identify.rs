@@ -69,7 +69,7 @@ impl Identify {
         let result = identify(case, &set);
         bar.finish_and_clear();
         let found = result?;
-        for one in &found.found {
+        for one in &found.results {
             one.notes.iter().for_each(terminal::warn);
         }
         let at = |name: &str| folder.path().join(name);

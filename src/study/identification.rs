@@ -98,13 +98,13 @@ parameters! {
 /// Distance between samples along the needle's line, mm.
 const STEP_MM: f64 = 0.05;
 /// Largest distance of a straight path from its line, mm.
-const STRAIGHT_MM: f64 = 0.01;
+const MAX_OFF_LINE_MM: f64 = 0.01;
 /// Shortest layer, mm.
-const THIN_MM: f64 = 0.5;
+const MIN_LAYER_MM: f64 = 0.5;
 
 /// A case with its scenario made.
 #[derive(Clone, Debug)]
-pub struct Case {
+pub struct IdentificationCase {
     file: CaseFile,
     /// Scenario whose parameters are identified.
     pub scenario: Scenario,
@@ -150,13 +150,13 @@ impl CaseFile {
     ///
     /// # Errors
     /// [`InputError`] with the key and its place in the file.
-    pub fn resolve(self, folder: &Path, progress: &mut dyn FnMut(f32)) -> Result<Case, InputError> {
+    pub fn resolve(self, folder: &Path, progress: &mut dyn FnMut(f32)) -> Result<IdentificationCase, InputError> {
         let (scenario, text) = self.scenario(folder, progress)?;
         let (entry, direction, base, deepest_mm) = self.line(&scenario)?;
         let layers = self.layers(&scenario, &entry, &direction, deepest_mm)?;
-        for (at, found) in self.poisson.iter().enumerate() {
-            if !(0.0..0.5).contains(found) {
-                let wrong = InvalidFile::number(*found, "0 to below 0.5");
+        for (at, ratio) in self.poisson.iter().enumerate() {
+            if !(0.0..0.5).contains(ratio) {
+                let wrong = InvalidFile::number(*ratio, "0 to below 0.5");
                 return Err(self.fault(format!("poisson[{at}]"), wrong));
             }
         }
@@ -168,7 +168,11 @@ impl CaseFile {
         if self.weights.is_some() && weights.sum::<f64>() <= 0.0 {
             return Err(self.wrong_keys("weights", "weights of 0 alone", "a weight above 0"));
         }
-        if let Some(weights) = self.weights.as_ref().filter(|found| found.len() != 2 * layers.len()) {
+        if let Some(weights) = self
+            .weights
+            .as_ref()
+            .filter(|weights| weights.len() != 2 * layers.len())
+        {
             let found = format!("{} weights", weights.len());
             let expected = format!("{}, two for each of {} layers", 2 * layers.len(), layers.len());
             return Err(self.wrong_keys("weights", found, expected));
@@ -182,7 +186,7 @@ impl CaseFile {
             false => self.poisson.iter().copied().map(Some).collect(),
         };
         let path = |path: &Path| folder.join(path);
-        Ok(Case {
+        Ok(IdentificationCase {
             scenario,
             text,
             entry,
@@ -208,9 +212,10 @@ impl CaseFile {
     ) -> Result<(Scenario, (String, PathBuf)), InputError> {
         let name = &self.scenario;
         let path = folder.join(name);
-        let known = scenario::EXAMPLES.iter().find(|(known, _)| known == name);
-        let (text, called, base) = match known {
-            Some((known, text)) if !path.is_file() => ((*text).to_owned(), (*known).to_owned(), folder.to_owned()),
+        let example = scenario::EXAMPLES.iter().find(|(example, _)| example == name);
+        let (text, source_name, base) = match example {
+            Some((example, text)) if !path.is_file() => ((*text).to_owned(), (*example).to_owned(), folder.to_owned()),
+            // A bare word that is no file is a misspelt example, not a missing path.
             _ if path.extension().is_none() && !path.exists() => {
                 let names: Vec<&str> = scenario::EXAMPLES.iter().map(|(name, _)| *name).collect();
                 let help = nearest(name, names.iter().copied()).map(|meant| format!("did you mean \"{meant}\"?"));
@@ -226,7 +231,7 @@ impl CaseFile {
                 (read, path.display().to_string(), base)
             }
         };
-        let scenario = ScenarioFile::parse(&text, &called)?.resolve(&base, progress)?;
+        let scenario = ScenarioFile::parse(&text, &source_name)?.resolve(&base, progress)?;
         if scenario.modelling.model != TissueModel::FiniteElement {
             let found = "a scenario whose tissue is not of linear finite elements";
             return Err(self.wrong_keys("scenario", found, "`tissue.model = \"finite-element\"`"));
@@ -243,9 +248,9 @@ impl CaseFile {
         for key in keys {
             let offset = key.pose.position_mm() - from;
             let along = offset.dot(&direction);
-            let apart = (offset - direction.into_inner() * along).norm();
+            let off_line_mm = (offset - direction.into_inner() * along).norm();
             let turned = key.pose.axial().angle(&direction);
-            if apart > STRAIGHT_MM || turned > 1e-4 {
+            if off_line_mm > MAX_OFF_LINE_MM || turned > 1e-4 {
                 let found = format!("a needle that leaves its line at {} s", key.time_s);
                 return Err(self.wrong_keys("scenario", found, "a scenario whose needle moves along its own axis"));
             }
@@ -253,12 +258,13 @@ impl CaseFile {
         }
         let at = |distance: f64| from + direction.into_inner() * distance;
         let steps = (length / STEP_MM) as usize;
-        let met = (0..steps).find(|step| scenario.anatomy.region(&at(*step as f64 * STEP_MM)).is_some());
-        let distance = match met {
+        let first_inside = (0..steps).find(|step| scenario.anatomy.region(&at(*step as f64 * STEP_MM)).is_some());
+        let distance = match first_inside {
             Some(0) => {
                 let found = "a needle that begins in the tissue";
                 return Err(self.wrong_keys("scenario", found, "a scenario whose needle begins outside"));
             }
+            // The surface lies between this sample and the one before.
             Some(step) => (step as f64 - 0.5) * STEP_MM,
             None => {
                 let found = "a needle that does not enter the tissue";
@@ -276,26 +282,26 @@ impl CaseFile {
         direction: &Vector3<f64>,
         deepest_mm: f64,
     ) -> Result<Vec<Crossed>, InputError> {
-        let mut met: Vec<(i32, f64)> = Vec::new();
+        let mut crossed: Vec<(i32, f64)> = Vec::new();
         for step in 1..=(deepest_mm / STEP_MM) as usize {
             let depth = (step as f64 - 0.5) * STEP_MM;
             let Some(region) = scenario.anatomy.region(&(entry + direction * depth)) else {
                 let found = format!("a gap in the tissue on the needle's line, {depth:.1} mm deep");
                 return Err(self.wrong_keys("scenario", found, "a line that stays in the tissue"));
             };
-            if met.last().is_some_and(|last| last.0 == region) {
+            if crossed.last().is_some_and(|last| last.0 == region) {
                 continue;
             }
-            if met.last().is_some_and(|last| depth - last.1 < THIN_MM) {
-                met.pop();
+            if crossed.last().is_some_and(|last| depth - last.1 < MIN_LAYER_MM) {
+                crossed.pop();
             }
-            if met.last().is_none_or(|last| last.0 != region) {
-                met.push((region, if met.is_empty() { 0.0 } else { depth - 0.5 * STEP_MM }));
+            if crossed.last().is_none_or(|last| last.0 != region) {
+                crossed.push((region, if crossed.is_empty() { 0.0 } else { depth - 0.5 * STEP_MM }));
             }
         }
         let mut layers = Vec::new();
-        for (at, (region, begins_mm)) in met.iter().enumerate() {
-            if met[..at].iter().any(|(before, _)| before == region) {
+        for (at, (region, begins_mm)) in crossed.iter().enumerate() {
+            if crossed[..at].iter().any(|(before, _)| before == region) {
                 let found = format!("a needle that meets {} twice", scenario.region_name(*region));
                 return Err(self.wrong_keys("scenario", found, "a region for each layer on the line"));
             }
@@ -315,30 +321,30 @@ impl CaseFile {
                 known: false,
             });
         }
-        self.stated(scenario, &mut layers)?;
+        self.apply_layer_tables(scenario, &mut layers)?;
         Ok(layers)
     }
 
     /// Applies the tables `[[layer]]`.
-    fn stated(&self, scenario: &Scenario, layers: &mut [Crossed]) -> Result<(), InputError> {
+    fn apply_layer_tables(&self, scenario: &Scenario, layers: &mut [Crossed]) -> Result<(), InputError> {
         let names = scenario.region_names.iter();
         let names = Names::new(names.map(|(region, name)| (*region, i64::from(*region), vec![name.clone()])));
-        let mut stated = Vec::new();
+        let mut stated_regions = Vec::new();
         for (at, spec) in self.layer.iter().enumerate() {
             let key = |key: &str| format!("layer[{at}].{key}");
-            let found = names.find(&spec.region).map_err(|error| {
+            let regions = names.find(&spec.region).map_err(|error| {
                 let help = error.help();
                 self.fault(key("region"), error).with_help(help)
             })?;
-            let Some(layer) = layers.iter_mut().find(|layer| found.contains(&layer.region)) else {
+            let Some(layer) = layers.iter_mut().find(|layer| regions.contains(&layer.region)) else {
                 let found = format!("{}, which is not on the needle's line", spec.region);
                 return Err(self.wrong_keys(key("region"), found, "a layer that the needle crosses"));
             };
-            if stated.contains(&layer.region) {
+            if stated_regions.contains(&layer.region) {
                 let found = format!("a second table for {}", layer.name);
                 return Err(self.wrong_keys(key("region"), found, "one for each layer"));
             }
-            stated.push(layer.region);
+            stated_regions.push(layer.region);
             let young_kpa = spec.young_kpa.unwrap_or(layer.material.young_kpa());
             layer.material = Material::new(young_kpa, layer.material.poisson())
                 .map_err(|error| self.fault(key(&error.key.clone()), error))?;
@@ -348,7 +354,7 @@ impl CaseFile {
     }
 }
 
-impl Case {
+impl IdentificationCase {
     /// Base of the needle with its tip at a depth along the line, mm; negative outside the tissue.
     pub(crate) fn base_at(&self, depth_mm: f64) -> Isometry3<f64> {
         Translation3::from(self.direction.into_inner() * depth_mm) * self.base

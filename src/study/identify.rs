@@ -16,33 +16,37 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 
-use crate::identification::{Case, Cost, Crossed};
+use crate::identification::{Cost, Crossed, IdentificationCase};
 use crate::search::nelder_mead;
-use data::{Data, Motion, thinned};
+use data::{MeasuredMotion, Measurements, thinned};
 pub use force::Piecewise;
 use insonify::Error;
 use insonify_base::{parallel, statistics};
-pub use simulate::Layer;
-use simulate::{Course, Simulator};
+pub use simulate::LayerParameters;
+use simulate::{SimulatedInsertion, Simulator};
 
-/// Largest relative change of a force parameter at which the inner loop ends, and most simulations in it.
+/// Largest relative change of a force parameter at which the inner loop ends.
 const SETTLED: f64 = 2e-3;
+/// Most simulations in the inner loop.
 const MAX_INNER: usize = 12;
 /// Step of the first simplex in the logarithm of a modulus.
-const STEP: f64 = 0.3;
-/// Standard deviation of the cost over a simplex that ends the outer loop (of a cost that is 1 for tissue at rest), and most iterations of it.
+const LOG_STEP: f64 = 0.3;
+/// Standard deviation of the cost over a simplex that ends the outer loop, of a cost that is 1 for tissue at rest.
 const TOLERANCE: f64 = 5e-6;
+/// Most iterations of the outer loop.
 const MAX_OUTER: u64 = 40;
 /// Largest factor between a modulus and the start of its search.
-const FARTHEST: f64 = 30.0;
+const MAX_MODULUS_FACTOR: f64 = 30.0;
 /// Relative change of each modulus by which a minimum is tested.
-const ASIDE: f64 = 0.05;
-/// Least force density (N/mm) and width (mm) of a layer.
-const MIN: [f64; 2] = [1e-6, 0.1];
+const PERTURBATION: f64 = 0.05;
+/// Least force density of a layer, N/mm.
+const MIN_DENSITY_N_PER_MM: f64 = 1e-6;
+/// Least width of the peak of a layer, mm.
+const MIN_WIDTH_MM: f64 = 0.1;
 /// Residual of the force in the inner loop, as a share of the largest force, above which it is reported.
-const DIFFERENT: f64 = 0.05;
+const MISFIT: f64 = 0.05;
 /// Expected number of simulations of an identification, for the progress.
-const EXPECTED: usize = 150;
+const EXPECTED_RUNS: usize = 150;
 
 /// Identifications of one measured insertion.
 #[derive(Clone, Debug, Serialize)]
@@ -50,11 +54,12 @@ pub struct Identification {
     /// Piecewise-linear model of the measured force.
     pub force_model: Piecewise,
     /// Result for each Poisson's ratio.
-    pub found: Vec<Identified>,
+    #[serde(rename = "found")]
+    pub results: Vec<Identified>,
     #[serde(skip)]
-    data: Data,
+    data: Measurements,
     #[serde(skip)]
-    case: Case,
+    case: IdentificationCase,
 }
 
 /// Identified parameters, and how well they reproduce the measurement.
@@ -63,7 +68,7 @@ pub struct Identified {
     /// Poisson's ratio of all layers, if the case states it.
     pub poisson: Option<f64>,
     /// Parameters of each layer.
-    pub layers: Vec<Layer>,
+    pub layers: Vec<LayerParameters>,
     /// Errors of the simulated force.
     pub force: ForceErrors,
     /// Errors of the simulated displacements; `None` without measured ones.
@@ -75,7 +80,7 @@ pub struct Identified {
     /// Limits of the result, in words.
     pub notes: Vec<String>,
     #[serde(skip)]
-    course: Course,
+    course: SimulatedInsertion,
 }
 
 /// Errors of a simulated force.
@@ -117,20 +122,20 @@ pub struct Sensitivity {
 ///
 /// # Errors
 /// [`Error`] for tables that cannot be used, and for parameters with which no insertion can be simulated.
-pub fn identify(case: Case, progress: &(dyn Fn(f64) + Sync)) -> Result<Identification, Error> {
-    let data = Data::read(&case)?;
+pub fn identify(case: IdentificationCase, progress: &(dyn Fn(f64) + Sync)) -> Result<Identification, Error> {
+    let data = Measurements::read(&case)?;
     let model = data.model(&case)?;
     let runs = AtomicUsize::new(0);
-    let expected = (EXPECTED * case.poisson.len()) as f64;
-    let told = || {
+    let expected = (EXPECTED_RUNS * case.poisson.len()) as f64;
+    let count_run = || {
         let done = runs.fetch_add(1, Ordering::Relaxed) as f64;
         progress(done / (done + 0.5 * expected).max(expected));
     };
-    let one = |poisson: &Option<f64>| Search::new(&case, &data, &model, *poisson, &told).find();
-    let found = parallel::try_map(&case.poisson[..], &one)?;
+    let one = |poisson: &Option<f64>| Search::new(&case, &data, &model, *poisson, &count_run).find();
+    let results = parallel::try_map(&case.poisson[..], &one)?;
     Ok(Identification {
         force_model: model,
-        found,
+        results,
         data,
         case,
     })
@@ -141,36 +146,36 @@ pub fn identify(case: Case, progress: &(dyn Fn(f64) + Sync)) -> Result<Identific
 ///
 /// # Errors
 /// [`Error`] as [`identify`].
-pub(super) fn returned(
-    made: &Case,
-    case: &Case,
+pub(super) fn identify_simulated(
+    truth: &IdentificationCase,
+    case: &IdentificationCase,
     points: Vec<(Point3<f64>, Vector3<f64>)>,
 ) -> Result<Identified, Error> {
     let layer = |layer: &Crossed| {
-        let own = made.scenario.anatomy.interaction(layer.region);
-        let mut elements = made.scenario.mesh.regions().iter().zip(&made.scenario.materials);
+        let interaction = truth.scenario.anatomy.interaction(layer.region);
+        let mut elements = truth.scenario.mesh.regions().iter().zip(&truth.scenario.materials);
         let material = elements.find(|(region, _)| **region == layer.region);
-        let material = material.map_or(layer.material, |(_, own)| *own);
-        Layer {
+        let material = material.map_or(layer.material, |(_, material)| *material);
+        LayerParameters {
             region: layer.region,
             region_name: layer.name.clone(),
             young_kpa: material.young_kpa(),
             young_known: true,
             poisson: material.poisson(),
-            peak_n_per_mm: own.peak.map_or(0.0, |peak| peak.density_n_per_mm),
-            shaft_n_per_mm: own.friction_n_per_mm,
-            width_mm: own.peak.map_or(MIN[1], |peak| peak.width_mm),
+            peak_n_per_mm: interaction.peak.map_or(0.0, |peak| peak.density_n_per_mm),
+            shaft_n_per_mm: interaction.friction_n_per_mm,
+            width_mm: interaction.peak.map_or(MIN_WIDTH_MM, |peak| peak.width_mm),
         }
     };
-    let layers: Vec<Layer> = made.layers.iter().map(layer).collect();
-    let mut motion = Motion {
+    let layers: Vec<LayerParameters> = truth.layers.iter().map(layer).collect();
+    let mut motion = MeasuredMotion {
         points,
-        depths_mm: (1..=20).map(|at| made.deepest_mm * f64::from(at) / 20.0).collect(),
+        depths_mm: (1..=20).map(|at| truth.deepest_mm * f64::from(at) / 20.0).collect(),
         measured_mm: Vec::new(),
     };
-    let course = Simulator::new(made, Some(&motion), made.deepest_mm).run(&layers, true)?;
+    let course = Simulator::new(truth, Some(&motion), truth.deepest_mm).run(&layers, true)?;
     motion.measured_mm = course.moved_mm;
-    let data = Data {
+    let data = Measurements {
         force: thinned(&course.force),
         motion: Some(motion),
     };
@@ -179,23 +184,23 @@ pub(super) fn returned(
 }
 
 struct Search<'a> {
-    case: &'a Case,
-    data: &'a Data,
+    case: &'a IdentificationCase,
+    data: &'a Measurements,
     model: &'a Piecewise,
     poisson: Option<f64>,
     simulator: Simulator<'a>,
     weights: Vec<f64>,
-    told: &'a (dyn Fn() + Sync),
+    on_run: &'a (dyn Fn() + Sync),
     notes: Vec<String>,
 }
 
 impl<'a> Search<'a> {
     fn new(
-        case: &'a Case,
-        data: &'a Data,
+        case: &'a IdentificationCase,
+        data: &'a Measurements,
         model: &'a Piecewise,
         poisson: Option<f64>,
-        told: &'a (dyn Fn() + Sync),
+        on_run: &'a (dyn Fn() + Sync),
     ) -> Self {
         Self {
             case,
@@ -204,16 +209,16 @@ impl<'a> Search<'a> {
             poisson,
             simulator: Simulator::new(case, data.motion.as_ref(), model.end_mm),
             weights: case.weights(),
-            told,
+            on_run,
             notes: Vec::new(),
         }
     }
 
     /// Layers with the moduli of the start, and force parameters from slopes and widths of the measured force.
-    fn start(&self) -> Vec<Layer> {
+    fn start(&self) -> Vec<LayerParameters> {
         let layers = self.case.layers.iter().enumerate();
-        let slope = |region: usize| self.model.slopes_n_per_mm[region].max(MIN[0]);
-        let layer = |(at, layer): (usize, &Crossed)| Layer {
+        let slope = |region: usize| self.model.slopes_n_per_mm[region].max(MIN_DENSITY_N_PER_MM);
+        let layer = |(at, layer): (usize, &Crossed)| LayerParameters {
             region: layer.region,
             region_name: layer.name.clone(),
             young_kpa: layer.material.young_kpa(),
@@ -221,31 +226,31 @@ impl<'a> Search<'a> {
             poisson: self.poisson.unwrap_or(layer.material.poisson()),
             peak_n_per_mm: slope(2 * at),
             shaft_n_per_mm: slope(2 * at + 1),
-            width_mm: self.model.width(2 * at).max(MIN[1]),
+            width_mm: self.model.width(2 * at).max(MIN_WIDTH_MM),
         };
         layers.map(layer).collect()
     }
 
-    fn simulate(&mut self, layers: &[Layer], observed: bool) -> Result<Course, Error> {
-        (self.told)();
+    fn simulate(&mut self, layers: &[LayerParameters], observed: bool) -> Result<SimulatedInsertion, Error> {
+        (self.on_run)();
         self.simulator.run(layers, observed)
     }
 
     /// Adjusts the force parameters until the simulated force has the slopes and widths of the measured one; of all simulations the nearest to
     /// its model counts. The last one also has the displacements.
-    fn match_forces(&mut self, layers: &mut Vec<Layer>) -> Result<Course, Error> {
+    fn match_forces(&mut self, layers: &mut Vec<LayerParameters>) -> Result<SimulatedInsertion, Error> {
         let mut best = (f64::INFINITY, layers.clone());
         for _ in 0..MAX_INNER {
             let course = self.simulate(layers, false)?;
             let error = |point: &[f64; 2]| (self.model.at(point[0]) - point[1]).powi(2);
-            let apart: f64 = course.force.iter().map(error).sum();
-            if apart < best.0 {
-                best = (apart, layers.clone());
+            let squares: f64 = course.force.iter().map(error).sum();
+            if squares < best.0 {
+                best = (squares, layers.clone());
             }
-            let Some(found) = self.model.refined(&thinned(&course.force)) else {
+            let Some(simulated) = self.model.refined(&thinned(&course.force)) else {
                 break;
             };
-            if self.adjust(layers, &found) < SETTLED {
+            if self.adjust(layers, &simulated) < SETTLED {
                 break;
             }
         }
@@ -254,25 +259,25 @@ impl<'a> Search<'a> {
     }
 
     /// Adjusts the force parameters by what a simulated force lacks. Returns the largest relative change.
-    fn adjust(&self, layers: &mut [Layer], found: &Piecewise) -> f64 {
+    fn adjust(&self, layers: &mut [LayerParameters], simulated: &Piecewise) -> f64 {
         let mut change = 0.0_f64;
         for (at, layer) in layers.iter_mut().enumerate() {
             // A density adds all but itself to a slope. Ratios of slopes would not settle where the slope of region 3 lacks the peak that
             // the tip leaves behind in the layer before.
-            let lack = |region: usize| self.model.slopes_n_per_mm[region] - found.slopes_n_per_mm[region];
-            let ratio = self.model.width(2 * at) / found.width(2 * at).max(MIN[1]);
-            for (own, new) in [
+            let lack = |region: usize| self.model.slopes_n_per_mm[region] - simulated.slopes_n_per_mm[region];
+            let ratio = self.model.width(2 * at) / simulated.width(2 * at).max(MIN_WIDTH_MM);
+            for (parameter, new) in [
                 (&mut layer.peak_n_per_mm, lack(2 * at)),
                 (&mut layer.shaft_n_per_mm, lack(2 * at + 1)),
             ]
-            .map(|(own, lack)| {
-                let new = (*own + lack).max(MIN[0]);
-                (own, new)
+            .map(|(parameter, lack)| {
+                let new = (*parameter + lack).max(MIN_DENSITY_N_PER_MM);
+                (parameter, new)
             }) {
-                change = change.max((new / *own - 1.0).abs());
-                *own = new;
+                change = change.max((new / *parameter - 1.0).abs());
+                *parameter = new;
             }
-            let width = (layer.width_mm * ratio.clamp(0.5, 2.0)).max(MIN[1]);
+            let width = (layer.width_mm * ratio.clamp(0.5, 2.0)).max(MIN_WIDTH_MM);
             change = change.max((width / layer.width_mm - 1.0).abs());
             layer.width_mm = width;
         }
@@ -283,69 +288,89 @@ impl<'a> Search<'a> {
         let (data, mut layers) = (self.data, self.start());
         let unknown: Vec<usize> = (0..layers.len()).filter(|at| !layers[*at].young_known).collect();
         if let (Some(motion), false) = (&data.motion, unknown.is_empty()) {
-            let start: Vec<f64> = unknown.iter().map(|at| layers[*at].young_kpa.ln()).collect();
-            let limit = FARTHEST.ln();
-            self.match_forces(&mut layers)?;
-            let mut own = layers.clone();
-            let search = &mut self;
-            let cost = |logs: &[f64]| {
-                let beyond = logs
-                    .iter()
-                    .zip(&start)
-                    .map(|(log, start)| ((log - start).abs() - limit).max(0.0));
-                let beyond: f64 = beyond.sum();
-                if beyond > 0.0 {
-                    return Ok(1e3 * (1.0 + beyond));
-                }
-                // Every evaluation starts from the same forces, so that the cost is a function of the moduli alone.
-                own.clone_from(&layers);
-                unknown
-                    .iter()
-                    .zip(logs)
-                    .for_each(|(at, log)| own[*at].young_kpa = log.exp());
-                let course = search.match_forces(&mut own)?;
-                Ok::<f64, Error>(search.cost(motion, &course))
-            };
-            let found = nelder_mead(&start, &vec![STEP; start.len()], TOLERANCE, MAX_OUTER, cost)?;
-            unknown
-                .iter()
-                .zip(&found.at)
-                .for_each(|(at, log)| layers[*at].young_kpa = log.exp());
-            let far = found
-                .at
-                .iter()
-                .zip(&start)
-                .any(|(log, start)| (log - start).abs() > 0.98 * limit);
-            if far {
-                self.notes.push(format!(
-                    "a modulus reached the limit of the search, a factor of {FARTHEST} from its starting value: no minimum was found"
-                ));
-            }
+            self.seek_moduli(motion, &mut layers, &unknown)?;
         }
         let course = self.match_forces(&mut layers)?;
-        let mut beside = Vec::new();
-        if let Some(motion) = &data.motion {
-            let least = self.cost(motion, &course);
-            for at in unknown {
-                for factor in [1.0 - ASIDE, 1.0 + ASIDE] {
-                    let mut changed = layers.clone();
-                    changed[at].young_kpa *= factor;
-                    let course = self.match_forces(&mut changed)?;
-                    beside.push(Sensitivity {
-                        region_name: changed[at].region_name.clone(),
-                        factor,
-                        cost_ratio: self.cost(motion, &course) / least,
-                    });
-                }
-            }
-        }
+        let beside = match &data.motion {
+            Some(motion) => self.sensitivities(motion, &layers, &unknown, self.cost(motion, &course))?,
+            None => Vec::new(),
+        };
         Ok(self.conclude(layers, course, beside))
     }
 
-    fn conclude(mut self, layers: Vec<Layer>, course: Course, beside: Vec<Sensitivity>) -> Identified {
+    /// The outer loop: sets the moduli of the `unknown` layers to those whose displacements are nearest to the measured ones.
+    fn seek_moduli(
+        &mut self,
+        motion: &MeasuredMotion,
+        layers: &mut Vec<LayerParameters>,
+        unknown: &[usize],
+    ) -> Result<(), Error> {
+        // Logarithms keep moduli positive and their steps relative.
+        let start: Vec<f64> = unknown.iter().map(|at| layers[*at].young_kpa.ln()).collect();
+        let limit = MAX_MODULUS_FACTOR.ln();
+        let set = |layers: &mut [LayerParameters], logs: &[f64]| {
+            let pairs = unknown.iter().zip(logs);
+            pairs.for_each(|(at, log)| layers[*at].young_kpa = log.exp());
+        };
+        self.match_forces(layers)?;
+        let mut trial = layers.clone();
+        let cost = |logs: &[f64]| {
+            let excess = logs.iter().zip(&start);
+            let excess: f64 = excess.map(|(log, start)| ((log - start).abs() - limit).max(0.0)).sum();
+            // A slope above every cost (which is 1 for tissue at rest) leads back without a simulation.
+            if excess > 0.0 {
+                return Ok(1e3 * (1.0 + excess));
+            }
+            // Every evaluation starts from the same forces, so that the cost is a function of the moduli alone.
+            trial.clone_from(layers);
+            set(&mut trial, logs);
+            let course = self.match_forces(&mut trial)?;
+            Ok::<f64, Error>(self.cost(motion, &course))
+        };
+        let minimum = nelder_mead(&start, &vec![LOG_STEP; start.len()], TOLERANCE, MAX_OUTER, cost)?;
+        set(layers, &minimum.at);
+        let mut pairs = minimum.at.iter().zip(&start);
+        if pairs.any(|(log, start)| (log - start).abs() > 0.98 * limit) {
+            self.notes.push(format!(
+                "a modulus reached the limit of the search, a factor of {MAX_MODULUS_FACTOR} from its starting value: no minimum was found"
+            ));
+        }
+        Ok(())
+    }
+
+    /// Cost with each unknown modulus changed to both sides, over the `least`.
+    fn sensitivities(
+        &mut self,
+        motion: &MeasuredMotion,
+        layers: &[LayerParameters],
+        unknown: &[usize],
+        least: f64,
+    ) -> Result<Vec<Sensitivity>, Error> {
+        let mut sensitivities = Vec::new();
+        for at in unknown {
+            for factor in [1.0 - PERTURBATION, 1.0 + PERTURBATION] {
+                let mut changed = layers.to_vec();
+                changed[*at].young_kpa *= factor;
+                let course = self.match_forces(&mut changed)?;
+                sensitivities.push(Sensitivity {
+                    region_name: changed[*at].region_name.clone(),
+                    factor,
+                    cost_ratio: self.cost(motion, &course) / least,
+                });
+            }
+        }
+        Ok(sensitivities)
+    }
+
+    fn conclude(
+        mut self,
+        layers: Vec<LayerParameters>,
+        course: SimulatedInsertion,
+        beside: Vec<Sensitivity>,
+    ) -> Identified {
         let force = force_errors(&course, &self.data.force);
         let largest = self.data.force.iter().map(|point| point[1]).fold(0.0, f64::max);
-        if force.rms_n > DIFFERENT * largest {
+        if force.rms_n > MISFIT * largest {
             self.notes.push(format!(
                 "the simulated force differs from the measured one by {:.1} % of its largest value (root mean square): this law of force does not fit",
                 100.0 * force.rms_n / largest
@@ -381,7 +406,7 @@ impl<'a> Search<'a> {
     }
 
     /// Weighted squares of the errors over those of the displacements (Dehghan et al. 2008, equation 1, as its text describes it).
-    fn cost(&self, motion: &Motion, course: &Course) -> f64 {
+    fn cost(&self, motion: &MeasuredMotion, course: &SimulatedInsertion) -> f64 {
         let (mut errors, mut all) = (0.0, 0.0);
         for ((depth, simulated), measured) in motion.depths_mm.iter().zip(&course.moved_mm).zip(&motion.measured_mm) {
             let weight = self.weights[self.model.region(*depth)];
@@ -407,7 +432,7 @@ impl<'a> Search<'a> {
         errors / all.max(f64::MIN_POSITIVE)
     }
 
-    fn motion_errors(&self, motion: &Motion, course: &Course) -> MotionErrors {
+    fn motion_errors(&self, motion: &MeasuredMotion, course: &SimulatedInsertion) -> MotionErrors {
         let by_depth = errors_by_depth(motion, course);
         let largest = |of: fn(&[f64; 3]) -> f64| by_depth.iter().map(of).fold(0.0, f64::max);
         MotionErrors {
@@ -421,7 +446,7 @@ impl<'a> Search<'a> {
 }
 
 /// Depth of the tip, and mean and standard deviation of the error over all points there, mm.
-fn errors_by_depth(motion: &Motion, course: &Course) -> Vec<[f64; 3]> {
+fn errors_by_depth(motion: &MeasuredMotion, course: &SimulatedInsertion) -> Vec<[f64; 3]> {
     let rows = motion.depths_mm.iter().zip(&course.moved_mm).zip(&motion.measured_mm);
     let row = |((depth, simulated), measured): ((&f64, &Vec<f64>), &Vec<f64>)| {
         let errors = simulated
@@ -434,7 +459,7 @@ fn errors_by_depth(motion: &Motion, course: &Course) -> Vec<[f64; 3]> {
     rows.filter_map(row).collect()
 }
 
-fn force_errors(course: &Course, measured: &[[f64; 2]]) -> ForceErrors {
+fn force_errors(course: &SimulatedInsertion, measured: &[[f64; 2]]) -> ForceErrors {
     let error = |point: &[f64; 2]| (force_at(course, point[0]) - point[1]).abs();
     let squares: f64 = measured.iter().map(|point| error(point).powi(2)).sum();
     ForceErrors {
@@ -444,7 +469,7 @@ fn force_errors(course: &Course, measured: &[[f64; 2]]) -> ForceErrors {
 }
 
 /// Simulated force at a depth (mm), N: linear between steps, 0 at the surface.
-fn force_at(course: &Course, depth: f64) -> f64 {
+fn force_at(course: &SimulatedInsertion, depth: f64) -> f64 {
     let after = course.force.partition_point(|point| point[0] < depth);
     let [end, force] = course.force[after.min(course.force.len() - 1)];
     let [start, before] = after.checked_sub(1).map_or([0.0; 2], |at| course.force[at]);

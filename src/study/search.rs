@@ -2,9 +2,9 @@
 
 use std::cmp::Ordering;
 
-/// Minimum found.
+/// A point and the function's value there.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Found {
+pub(crate) struct Evaluation {
     /// Arguments.
     pub at: Vec<f64>,
     /// Value there.
@@ -12,7 +12,7 @@ pub(crate) struct Found {
 }
 
 /// Searches by the method of Nelder and Mead (1965) with its usual coefficients 1, 2, 1/2 and 1/2, from a simplex with a corner at `start` and one at
-/// a step along each axis. Ends when the standard deviation of the values at the corners is below `tolerance`, after `most` iterations, or at negative
+/// a step along each axis. Ends when the standard deviation of the values at the corners is below `tolerance`, after `max_iterations`, or at negative
 /// infinity. A trial value that cannot be compared (NaN) makes the search fail: it returns `start` with an infinite cost.
 ///
 /// # Errors
@@ -21,15 +21,15 @@ pub(crate) fn nelder_mead<E>(
     start: &[f64],
     steps: &[f64],
     tolerance: f64,
-    most: u64,
+    max_iterations: u64,
     mut cost: impl FnMut(&[f64]) -> Result<f64, E>,
-) -> Result<Found, E> {
+) -> Result<Evaluation, E> {
     let mut failed = None;
     let mut value = |at: &[f64]| cost(at).map_err(|error| failed = Some(error)).ok();
-    let found = search(start, steps, tolerance, most, &mut value);
+    let minimum = search(start, steps, tolerance, max_iterations, &mut value);
     match failed {
         Some(error) => Err(error),
-        None => Ok(found.unwrap_or_else(|| Found {
+        None => Ok(minimum.unwrap_or_else(|| Evaluation {
             at: start.to_vec(),
             cost: f64::INFINITY,
         })),
@@ -41,10 +41,10 @@ fn search(
     start: &[f64],
     steps: &[f64],
     tolerance: f64,
-    most: u64,
+    max_iterations: u64,
     value: &mut dyn FnMut(&[f64]) -> Option<f64>,
-) -> Option<Found> {
-    let mut corner = |at: Vec<f64>| value(&at).map(|cost| Found { at, cost });
+) -> Option<Evaluation> {
+    let mut corner = |at: Vec<f64>| value(&at).map(|cost| Evaluation { at, cost });
     let mut simplex = vec![corner(start.to_vec())?];
     for (axis, step) in steps.iter().enumerate() {
         let mut at = start.to_vec();
@@ -52,7 +52,7 @@ fn search(
         simplex.push(corner(at)?);
     }
     let last = simplex.len() - 1;
-    let mut best = Found {
+    let mut best = Evaluation {
         at: start.to_vec(),
         cost: f64::INFINITY,
     };
@@ -63,7 +63,7 @@ fn search(
             best.clone_from(&simplex[0]);
         }
         let spread = deviation(&simplex);
-        if last == 0 || iteration >= most || spread < tolerance || best.cost == f64::NEG_INFINITY {
+        if last == 0 || iteration >= max_iterations || spread < tolerance || best.cost == f64::NEG_INFINITY {
             break;
         }
         let centre = centroid(&simplex[..last]);
@@ -102,14 +102,14 @@ fn search(
 }
 
 /// Standard deviation of the values at the corners.
-fn deviation(simplex: &[Found]) -> f64 {
+fn deviation(simplex: &[Evaluation]) -> f64 {
     let count = simplex.len() as f64;
     let mean = simplex.iter().map(|corner| corner.cost).sum::<f64>() / count;
     let squares: f64 = simplex.iter().map(|corner| (corner.cost - mean).powi(2)).sum();
     (1.0 / (count - 1.0) * squares).sqrt()
 }
 
-fn centroid(corners: &[Found]) -> Vec<f64> {
+fn centroid(corners: &[Evaluation]) -> Vec<f64> {
     let share = 1.0 / corners.len() as f64;
     let mut sum = corners[0].at.clone();
     for corner in &corners[1..] {
@@ -134,16 +134,16 @@ mod tests {
             let [x, y, z] = [at[0] - 1.0, at[1] + 2.0, at[2] - 3.0];
             Ok::<f64, ()>(x * x + 10.0 * y * y + 0.1 * z * z + x * y + 7.0)
         };
-        let found = nelder_mead(&[0.0; 3], &[0.5; 3], 1e-14, 1000, quadratic).unwrap();
-        for (found, expected) in found.at.iter().zip([1.0, -2.0, 3.0]) {
-            assert!((found - expected).abs() < 1e-5, "{found} {expected}");
+        let minimum = nelder_mead(&[0.0; 3], &[0.5; 3], 1e-14, 1000, quadratic).unwrap();
+        for (argument, expected) in minimum.at.iter().zip([1.0, -2.0, 3.0]) {
+            assert!((argument - expected).abs() < 1e-5, "{argument} {expected}");
         }
-        assert!((found.cost - 7.0).abs() < 1e-9);
+        assert!((minimum.cost - 7.0).abs() < 1e-9);
         let valley = |at: &[f64]| Ok::<f64, ()>((1.0 - at[0]).powi(2) + 100.0 * (at[1] - at[0] * at[0]).powi(2));
-        let found = nelder_mead(&[-1.2, 1.0], &[0.5; 2], 1e-14, 1000, valley).unwrap();
-        assert!(found.at.iter().all(|at| (at - 1.0).abs() < 1e-5), "{found:?}");
+        let minimum = nelder_mead(&[-1.2, 1.0], &[0.5; 2], 1e-14, 1000, valley).unwrap();
+        assert!(minimum.at.iter().all(|at| (at - 1.0).abs() < 1e-5), "{minimum:?}");
         assert_eq!(
-            found,
+            minimum,
             nelder_mead(&[-1.2, 1.0], &[0.5; 2], 1e-14, 1000, valley).unwrap()
         );
     }
@@ -162,14 +162,14 @@ mod tests {
 
     #[test]
     fn points_are_those_of_the_method() {
-        let points = |cost: fn(f64) -> f64, most: u64| {
+        let points = |cost: fn(f64) -> f64, max_iterations: u64| {
             let mut points = Vec::new();
             let run = |at: &[f64]| {
                 points.push(at[0]);
                 Ok::<f64, ()>(cost(at[0]))
             };
-            let found = nelder_mead(&[0.0], &[1.0], 0.0, most, run).unwrap();
-            (points, found.at[0])
+            let minimum = nelder_mead(&[0.0], &[1.0], 0.0, max_iterations, run).unwrap();
+            (points, minimum.at[0])
         };
         // Reflected and expanded.
         assert_eq!(points(|x| -x, 1), (vec![0.0, 1.0, 2.0, 3.0], 3.0));
@@ -193,8 +193,8 @@ mod tests {
                 calls += 1;
                 Ok::<f64, ()>(cost(at[0]))
             };
-            let found = nelder_mead(&[0.0], &[1.0], tolerance, 50, cost).unwrap();
-            (calls, found.at[0], found.cost)
+            let minimum = nelder_mead(&[0.0], &[1.0], tolerance, 50, cost).unwrap();
+            (calls, minimum.at[0], minimum.cost)
         };
         assert_eq!(run(|_| 3.0, 1e-9), (2, 0.0, 3.0));
         // The tolerance is not reached by equality.

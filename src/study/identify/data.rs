@@ -6,7 +6,7 @@ use std::path::Path;
 use nalgebra::{Point3, Vector3};
 
 use super::force::Piecewise;
-use crate::identification::Case;
+use crate::identification::IdentificationCase;
 use insonify::Error;
 use insonify_base::csv::{Csv, CsvError};
 use insonify_base::statistics::percentile;
@@ -14,32 +14,32 @@ use insonify_mesh::{Locator, NONE};
 use insonify_tracking::probe::BeamGrid;
 
 /// Way back that ends the first push, mm.
-const BACK_MM: f64 = 0.5;
+const RETREAT_MM: f64 = 0.5;
 /// Most points of a curve of force; more are averaged.
-const POINTS: usize = 300;
+const MAX_POINTS: usize = 300;
 /// Largest distance between neighbouring forces as a share of the curve.
-const GAP: f64 = 0.05;
+const MAX_GAP_SHARE: f64 = 0.05;
 /// Most depths at which displacements are compared.
-const DEPTHS: usize = 40;
+const MAX_DEPTHS: usize = 40;
 /// Correlation below which a window is not used.
-const TRUSTED: f64 = 0.8;
+const MIN_CORRELATION: f64 = 0.8;
 /// Side of the cells whose windows are one displacement, their median, mm.
 const CELL_MM: f64 = 4.0;
 /// Fewest windows that correlate in a cell, as a share of all.
-const FILLED: f64 = 0.5;
+const MIN_CORRELATED_SHARE: f64 = 0.5;
 
 /// Measurements of the first push of a needle.
 #[derive(Clone, Debug)]
-pub(super) struct Data {
+pub(super) struct Measurements {
     /// Depth of the tip (mm, rising) and force (N).
     pub force: Vec<[f64; 2]>,
     /// Measured displacements.
-    pub motion: Option<Motion>,
+    pub motion: Option<MeasuredMotion>,
 }
 
 /// Displacements over the depth of the needle.
 #[derive(Clone, Debug)]
-pub(super) struct Motion {
+pub(super) struct MeasuredMotion {
     /// Points at rest, and the directions along which their displacement is measured.
     pub points: Vec<(Point3<f64>, Vector3<f64>)>,
     /// Depths of the tip, mm, rising.
@@ -61,7 +61,7 @@ fn first_push(depths: &[f64]) -> Vec<usize> {
     let mut deepest = 0.0;
     let mut rows = Vec::new();
     for (at, depth) in depths.iter().enumerate() {
-        if deepest > 0.0 && *depth < deepest - BACK_MM {
+        if deepest > 0.0 && *depth < deepest - RETREAT_MM {
             break;
         }
         if *depth > deepest + 1e-9 {
@@ -72,12 +72,12 @@ fn first_push(depths: &[f64]) -> Vec<usize> {
     rows
 }
 
-impl Data {
+impl Measurements {
     /// Reads the tables of a case.
     ///
     /// # Errors
     /// [`Error`] with the table and what it lacks.
-    pub(super) fn read(case: &Case) -> Result<Self, Error> {
+    pub(super) fn read(case: &IdentificationCase) -> Result<Self, Error> {
         let force = forces(case)?;
         let end = force.last().map_or(0.0, |last| last[0]);
         if let Some(layer) = case.layers.iter().find(|layer| layer.begins_mm >= end) {
@@ -89,7 +89,7 @@ impl Data {
         }
         let motion = match &case.motion {
             None => None,
-            Some(spec) => Some(Motion::read(case, &spec.file, spec.frames.as_deref(), end)?),
+            Some(spec) => Some(MeasuredMotion::read(case, &spec.file, spec.frames.as_deref(), end)?),
         };
         Ok(Self { force, motion })
     }
@@ -98,7 +98,7 @@ impl Data {
     ///
     /// # Errors
     /// [`Error`] if the force does not have these regions.
-    pub(super) fn model(&self, case: &Case) -> Result<Piecewise, Error> {
+    pub(super) fn model(&self, case: &IdentificationCase) -> Result<Piecewise, Error> {
         let regions = 2 * case.layers.len();
         let expected = format!(
             "{regions} regions with a rising force, two for each of {} layers",
@@ -112,13 +112,13 @@ impl Data {
             return Err(unusable(&case.force, text));
         };
         match model.doubt(&self.force) {
-            Some(found) => Err(unusable(&case.force, format!("found {found}; expected {expected}"))),
+            Some(doubt) => Err(unusable(&case.force, format!("found {doubt}; expected {expected}"))),
             None => Ok(model),
         }
     }
 }
 
-fn forces(case: &Case) -> Result<Vec<[f64; 2]>, Error> {
+fn forces(case: &IdentificationCase) -> Result<Vec<[f64; 2]>, Error> {
     let path = &case.force;
     let table = Csv::open(path, &[])?;
     let tip = ["measured_tip_x_mm", "measured_tip_y_mm", "measured_tip_z_mm"];
@@ -146,19 +146,20 @@ fn forces(case: &Case) -> Result<Vec<[f64; 2]>, Error> {
             "found no tip in the tissue; expected depths above 0 mm".to_owned(),
         ));
     };
-    if end > case.deepest_mm + BACK_MM {
+    if end > case.deepest_mm + RETREAT_MM {
         let text = format!(
             "found a tip {end:.1} mm deep; the path of the scenario's needle ends at {:.1} mm",
             case.deepest_mm
         );
         return Err(unusable(path, text));
     }
+    // A gap could hide the end of a region, and with it a puncture.
     let mut before = 0.0;
     for [depth, _] in &push {
-        if depth - before > GAP * end {
+        if depth - before > MAX_GAP_SHARE * end {
             let text = format!(
                 "found no force between {before:.2} and {depth:.2} mm; expected forces at least every {:.2} mm",
-                GAP * end
+                MAX_GAP_SHARE * end
             );
             return Err(unusable(path, text));
         }
@@ -174,14 +175,17 @@ fn forces(case: &Case) -> Result<Vec<[f64; 2]>, Error> {
 /// Means of neighbouring points, at most 300.
 pub(super) fn thinned(curve: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let mean = |rows: &[[f64; 2]]| [0, 1].map(|at| rows.iter().map(|row| row[at]).sum::<f64>() / rows.len() as f64);
-    curve.chunks(curve.len().div_ceil(POINTS).max(1)).map(mean).collect()
+    curve
+        .chunks(curve.len().div_ceil(MAX_POINTS).max(1))
+        .map(mean)
+        .collect()
 }
 
 /// A displacement that was read: point, depth of the tip, displacement, mm.
-type Read = (usize, f64, f64);
+type Reading = (usize, f64, f64);
 
-impl Motion {
-    fn read(case: &Case, path: &Path, frames: Option<&Path>, end: f64) -> Result<Self, Error> {
+impl MeasuredMotion {
+    fn read(case: &IdentificationCase, path: &Path, frames: Option<&Path>, end: f64) -> Result<Self, Error> {
         let table = Csv::open(path, &[])?;
         let has = |names: &[&str]| names.iter().all(|name| table.has(name));
         let (points, read) = if has(&["frame", "line", "window", "depth_mm", "axial_um"]) {
@@ -196,10 +200,10 @@ impl Motion {
         let mut all: Vec<f64> = read.iter().map(|read| read.1).collect();
         all.dedup();
         let mut depths: Vec<f64> = first_push(&all).into_iter().map(|at| all[at]).collect();
-        depths.retain(|depth| *depth <= end + BACK_MM);
-        if depths.len() > DEPTHS {
-            let every = (depths.len() - 1) as f64 / (DEPTHS - 1) as f64;
-            depths = (0..DEPTHS)
+        depths.retain(|depth| *depth <= end + RETREAT_MM);
+        if depths.len() > MAX_DEPTHS {
+            let every = (depths.len() - 1) as f64 / (MAX_DEPTHS - 1) as f64;
+            depths = (0..MAX_DEPTHS)
                 .map(|at| depths[(at as f64 * every).round() as usize])
                 .collect();
         }
@@ -227,7 +231,7 @@ impl Motion {
     }
 
     /// Drops points outside the mesh and those that are never measured.
-    fn within(mut self, case: &Case, path: &Path) -> Result<Self, Error> {
+    fn within(mut self, case: &IdentificationCase, path: &Path) -> Result<Self, Error> {
         let locator = Locator::<f64>::new(&case.scenario.mesh);
         let is_kept = |at: usize| {
             let (place, _) = self.points[at];
@@ -252,7 +256,11 @@ impl Motion {
 }
 
 /// Depth of the tip in each frame, mm.
-fn depths_of_frames(case: &Case, frames: Option<&Path>, motion: &Path) -> Result<BTreeMap<usize, f64>, Error> {
+fn depths_of_frames(
+    case: &IdentificationCase,
+    frames: Option<&Path>,
+    motion: &Path,
+) -> Result<BTreeMap<usize, f64>, Error> {
     let mut depths = BTreeMap::new();
     if let Some(path) = frames {
         let table = Csv::open(path, &["frame", "tip_mm"])?;
@@ -282,17 +290,17 @@ fn depths_of_frames(case: &Case, frames: Option<&Path>, motion: &Path) -> Result
 
 /// Windows of ultrasonic lines, gathered in cells.
 fn windows(
-    case: &Case,
+    case: &IdentificationCase,
     table: &Csv,
     path: &Path,
     depths: &BTreeMap<usize, f64>,
-) -> Result<(Vec<(Point3<f64>, Vector3<f64>)>, Vec<Read>), Error> {
+) -> Result<(Vec<(Point3<f64>, Vector3<f64>)>, Vec<Reading>), Error> {
     let grid = BeamGrid::new(&case.scenario.scene.settings.probe)?;
     let to_world = case.scenario.probe(0);
     let mut points = Vec::new();
     let mut cells: BTreeMap<[i64; 2], usize> = BTreeMap::new();
     // Windows of each cell in a frame: displacements of those that correlate, and the number of all.
-    let mut found: BTreeMap<(usize, usize), (Vec<f64>, usize)> = BTreeMap::new();
+    let mut by_cell: BTreeMap<(usize, usize), (Vec<f64>, usize)> = BTreeMap::new();
     for row in table.rows() {
         let (frame, line) = (row.count("frame")?, row.count("line")?);
         let [depth, axial] = row.numbers(["depth_mm", "axial_um"])?;
@@ -311,9 +319,9 @@ fn windows(
             points.push((to_world * Point3::new(middle[0], middle[1], 0.0), along));
             points.len() - 1
         });
-        let (values, all) = found.entry((frame, cell)).or_default();
+        let (values, all) = by_cell.entry((frame, cell)).or_default();
         *all += 1;
-        let correlates = !table.has("correlation") || row.number("correlation")? >= TRUSTED;
+        let correlates = !table.has("correlation") || row.number("correlation")? >= MIN_CORRELATION;
         if correlates {
             values.push(1e-3 * axial);
         }
@@ -322,11 +330,11 @@ fn windows(
         return Err(unusable(path, "found no windows".to_owned()));
     }
     // Cells at the edges of the image have fewer windows, off their middle.
-    let most = found.values().map(|(_, all)| *all).max().unwrap_or(0);
+    let most = by_cell.values().map(|(_, all)| *all).max().unwrap_or(0);
     let mut read = Vec::new();
-    for ((frame, cell), (mut values, all)) in found {
+    for ((frame, cell), (mut values, all)) in by_cell {
         values.sort_by(f64::total_cmp);
-        if (values.len() as f64) < FILLED * most as f64 || 4 * all < 3 * most {
+        if (values.len() as f64) < MIN_CORRELATED_SHARE * most as f64 || 4 * all < 3 * most {
             continue;
         }
         if let Some(middle) = percentile(&values, 0.5) {
@@ -337,7 +345,7 @@ fn windows(
 }
 
 /// Nodes or marked points with some components of their displacement.
-fn markers(case: &Case, table: &Csv) -> Result<(Vec<(Point3<f64>, Vector3<f64>)>, Vec<Read>), Error> {
+fn markers(case: &IdentificationCase, table: &Csv) -> Result<(Vec<(Point3<f64>, Vector3<f64>)>, Vec<Reading>), Error> {
     let columns = ["ux_mm", "uy_mm", "uz_mm"];
     let nodes = case.scenario.mesh.nodes();
     let mut points: Vec<(Point3<f64>, Vector3<f64>)> = Vec::new();
@@ -362,6 +370,7 @@ fn markers(case: &Case, table: &Csv) -> Result<(Vec<(Point3<f64>, Vector3<f64>)>
             .filter(|(_, column)| !row.text(column).is_empty())
         {
             let moved = row.number(column)?;
+            // A point has a row for each depth: its place at rest says which it is.
             let point = *known.entry((place.map(f64::to_bits), axis)).or_insert_with(|| {
                 let mut along = Vector3::zeros();
                 along[axis] = 1.0;

@@ -7,15 +7,17 @@ use serde::Serialize;
 use crate::search::nelder_mead;
 
 /// Places tried for a break along the curve.
-const PLACES: usize = 50;
+const TRIAL_BREAKS: usize = 50;
 /// Most sweeps over all breaks.
-const SWEEPS: usize = 8;
-/// Least width of a region as a share of the curve, and least number of points in it.
-const NARROW: f64 = 0.02;
-const FEWEST: usize = 3;
-/// Factor by which the squared residual must rise where a break is left out, and share of the largest force that counts as nothing.
-const NEEDED: f64 = 1.1;
-const NOTHING: f64 = 2e-3;
+const MAX_SWEEPS: usize = 8;
+/// Least width of a region as a share of the curve.
+const MIN_WIDTH_SHARE: f64 = 0.02;
+/// Least number of points in a region.
+const MIN_POINTS: usize = 3;
+/// Factor by which the squared residual must rise where a break is left out.
+const MIN_GAIN: f64 = 1.1;
+/// Residual that counts as nothing, as a share of the largest force.
+const NEGLIGIBLE_SHARE: f64 = 2e-3;
 
 /// A continuous curve through 0 with a slope for each region.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -70,11 +72,12 @@ impl Piecewise {
         for end in breaks.iter().copied().chain([end_mm]) {
             let points =
                 curve.partition_point(|point| point[0] <= end) - curve.partition_point(|point| point[0] <= start);
-            if end - start < NARROW * end_mm || points < FEWEST {
+            if end - start < MIN_WIDTH_SHARE * end_mm || points < MIN_POINTS {
                 return None;
             }
             start = end;
         }
+        // The force is linear in the slopes: the row of a point has the lengths of the regions up to its depth.
         let count = breaks.len() + 1;
         let (mut normal, mut right) = (DMatrix::zeros(count, count), DVector::zeros(count));
         let mut row = vec![0.0; count];
@@ -90,7 +93,7 @@ impl Piecewise {
             }
         }
         let slopes = normal.cholesky()?.solve(&right);
-        let mut found = Self {
+        let mut model = Self {
             breaks_mm: breaks.to_vec(),
             slopes_n_per_mm: slopes.iter().copied().collect(),
             end_mm,
@@ -98,10 +101,10 @@ impl Piecewise {
         };
         let squares: f64 = curve
             .iter()
-            .map(|[depth, force]| (found.at(*depth) - force).powi(2))
+            .map(|[depth, force]| (model.at(*depth) - force).powi(2))
             .sum();
-        found.rms_n = (squares / curve.len() as f64).sqrt();
-        Some(found)
+        model.rms_n = (squares / curve.len() as f64).sqrt();
+        Some(model)
     }
 
     /// Fits slopes and breaks of `regions` regions to points (depth from above 0, mm, rising; force, N): breaks one after another at the best of
@@ -110,17 +113,18 @@ impl Piecewise {
         let end = curve.last()?[0];
         let mut best = Self::through(curve, &[])?;
         let with = |breaks: &[f64]| {
-            let tried = (0..PLACES).filter_map(|at| {
+            let tried = (0..TRIAL_BREAKS).filter_map(|at| {
                 let mut breaks = breaks.to_vec();
-                breaks.push(end * (at as f64 + 0.5) / PLACES as f64);
+                breaks.push(end * (at as f64 + 0.5) / TRIAL_BREAKS as f64);
                 breaks.sort_by(f64::total_cmp);
                 Self::through(curve, &breaks)
             });
             tried.min_by(|a, b| a.rms_n.total_cmp(&b.rms_n))
         };
+        // The residual has many minima in the breaks: each is sought over the whole curve before all are refined together.
         while best.breaks_mm.len() + 1 < regions {
             best = with(&best.breaks_mm)?;
-            for _ in 0..SWEEPS {
+            for _ in 0..MAX_SWEEPS {
                 let before = best.rms_n;
                 for at in 0..best.breaks_mm.len() {
                     let mut others = best.breaks_mm.clone();
@@ -145,15 +149,15 @@ impl Piecewise {
             return start;
         }
         let squares = curve.iter().map(|point| point[1] * point[1]).sum::<f64>() / curve.len() as f64;
-        let steps = vec![self.end_mm / PLACES as f64; count];
+        let steps = vec![self.end_mm / TRIAL_BREAKS as f64; count];
         // Breaks out of order cost more than no model at all.
         let cost = |breaks: &[f64]| {
-            let found = Self::through(curve, breaks);
-            Ok::<f64, ()>(found.map_or(10.0 * squares, |found| found.rms_n.powi(2)))
+            let model = Self::through(curve, breaks);
+            Ok::<f64, ()>(model.map_or(10.0 * squares, |model| model.rms_n.powi(2)))
         };
-        let found = nelder_mead(&self.breaks_mm, &steps, 1e-13 * squares, 400, cost).ok()?;
-        let found = Self::through(curve, &found.at);
-        [found, start]
+        let minimum = nelder_mead(&self.breaks_mm, &steps, 1e-13 * squares, 400, cost).ok()?;
+        let minimum = Self::through(curve, &minimum.at);
+        [minimum, start]
             .into_iter()
             .flatten()
             .min_by(|a, b| a.rms_n.total_cmp(&b.rms_n))
@@ -170,12 +174,12 @@ impl Piecewise {
             ));
         }
         let largest = curve.iter().map(|point| point[1].abs()).fold(0.0, f64::max);
-        let floor = (NOTHING * largest).powi(2);
+        let floor = (NEGLIGIBLE_SHARE * largest).powi(2);
         for (at, place) in self.breaks_mm.iter().enumerate() {
             let mut others = self.breaks_mm.clone();
             others.remove(at);
             let without = Self::through(curve, &others)?;
-            if without.rms_n.powi(2) + floor < NEEDED * (self.rms_n.powi(2) + floor) {
+            if without.rms_n.powi(2) + floor < MIN_GAIN * (self.rms_n.powi(2) + floor) {
                 let regions = self.slopes_n_per_mm.len();
                 return Some(format!(
                     "a force of fewer than {regions} regions: without a break at {place:.1} mm its model errs by {:.2e} N in place of {:.2e} N",
@@ -215,14 +219,14 @@ mod tests {
     fn seven_parameters_return() {
         for (noise, near) in [(0.0, 1e-5), (0.02, 0.03)] {
             let (exact, points) = curve(noise);
-            let found = Piecewise::fit(&points, 4).unwrap();
-            let pairs = exact.breaks_mm.iter().zip(&found.breaks_mm);
-            for (exact, found) in pairs.chain(exact.slopes_n_per_mm.iter().zip(&found.slopes_n_per_mm)) {
-                assert!((found / exact - 1.0).abs() < near, "{noise}: {exact} {found}");
+            let fit = Piecewise::fit(&points, 4).unwrap();
+            let pairs = exact.breaks_mm.iter().zip(&fit.breaks_mm);
+            for (exact, fit) in pairs.chain(exact.slopes_n_per_mm.iter().zip(&fit.slopes_n_per_mm)) {
+                assert!((fit / exact - 1.0).abs() < near, "{noise}: {exact} {fit}");
             }
-            assert_eq!(found.doubt(&points), None);
-            assert_eq!(found.region(25.0), 2);
-            assert!((found.width(2) - 8.3).abs() < 0.3);
+            assert_eq!(fit.doubt(&points), None);
+            assert_eq!(fit.region(25.0), 2);
+            assert!((fit.width(2) - 8.3).abs() < 0.3);
         }
     }
 

@@ -28,8 +28,8 @@ impl Identification {
     fn parameters(&self) -> Table {
         let head = ["Poisson's ratio", "f_p, N/m", "f_s, N/m", "w, mm", "E, kPa"].map(Cell::number);
         let mut table = Table::new([Cell::from("layer")].into_iter().chain(head));
-        for found in &self.found {
-            for layer in &found.layers {
+        for result in &self.results {
+            for layer in &result.layers {
                 let known = if layer.young_known { " (known)" } else { "" };
                 table.row(
                     "",
@@ -58,19 +58,19 @@ impl Identification {
         ];
         let head = head.map(Cell::number);
         let mut table = Table::new([Cell::from("")].into_iter().chain(head));
-        for found in &self.found {
-            let moved = found
+        for result in &self.results {
+            let moved = result
                 .motion
                 .map(|errors| [errors.largest_mean_mm, errors.largest_sd_mm]);
             let [mean, sd] = moved.map_or([String::new(), String::new()], |errors| errors.map(significant));
             let numbers = [
                 mean,
                 sd,
-                significant(found.force.rms_n),
-                significant(found.force.largest_n),
-                found.insertions.to_string(),
+                significant(result.force.rms_n),
+                significant(result.force.largest_n),
+                result.insertions.to_string(),
             ];
-            table.row("", [found.name()].into_iter().chain(numbers));
+            table.row("", [result.name()].into_iter().chain(numbers));
         }
         table
     }
@@ -91,11 +91,11 @@ impl Identification {
 
     /// The Poisson's ratio whose simulation comes closest to the measured displacements, if there are several.
     fn closest(&self) -> Option<String> {
-        let error = |found: &Identified| found.motion.map(|of| of.largest_mean_mm.hypot(of.largest_sd_mm));
+        let error = |result: &Identified| result.motion.map(|of| of.largest_mean_mm.hypot(of.largest_sd_mm));
         let mut by_error: Vec<_> = self
-            .found
+            .results
             .iter()
-            .filter_map(|found| Some((error(found)?, found)))
+            .filter_map(|result| Some((error(result)?, result)))
             .collect();
         by_error.sort_by(|a, b| a.0.total_cmp(&b.0));
         let [(least, best), (next, _), ..] = by_error[..] else {
@@ -116,11 +116,11 @@ impl Identification {
                 .into_iter()
                 .chain(["E changed by", "cost over the least"].map(Cell::number)),
         );
-        for found in &self.found {
-            for beside in &found.beside {
+        for result in &self.results {
+            for beside in &result.beside {
                 let change = format!("{:+.0} %", 100.0 * (beside.factor - 1.0));
                 let cost = significant(beside.cost_ratio);
-                table.row("", [found.name(), beside.region_name.clone(), change, cost]);
+                table.row("", [result.name(), beside.region_name.clone(), change, cost]);
             }
         }
         table
@@ -133,25 +133,25 @@ impl Identification {
             ("figure-14".to_owned(), self.figure_14()),
         ];
         if let Some(motion) = &self.data.motion {
-            let series = self.found.iter().enumerate().flat_map(|(at, found)| {
-                let errors = errors_by_depth(motion, &found.course);
+            let series = self.results.iter().enumerate().flat_map(|(at, result)| {
+                let errors = errors_by_depth(motion, &result.course);
                 let of = |column: usize| errors.iter().map(|row| [row[0], row[column]]).collect();
                 [
-                    Series::line(format!("{}, mean", found.name()), 2 * at, of(1)),
-                    Series::line(format!("{}, SD", found.name()), 2 * at + 1, of(2)),
+                    Series::line(format!("{}, mean", result.name()), 2 * at, of(1)),
+                    Series::line(format!("{}, SD", result.name()), 2 * at + 1, of(2)),
                 ]
             });
             let axes = [Axis::linear("depth of the tip, mm"), Axis::linear("error, mm")];
             let [x, y] = axes;
             let plot = Plot::new("Errors of the simulated displacements", x, y, series.collect());
             plots.push(("errors".to_owned(), plot));
-            let several = self.found.len() > 1;
-            for found in &self.found {
-                let name = match (several, found.poisson) {
+            let several = self.results.len() > 1;
+            for result in &self.results {
+                let name = match (several, result.poisson) {
                     (true, Some(poisson)) => format!("figure-15-{poisson}"),
                     _ => "figure-15".to_owned(),
                 };
-                plots.extend(self.figure_15(found).map(|plot| (name, plot)));
+                plots.extend(self.figure_15(result).map(|plot| (name, plot)));
             }
         }
         plots
@@ -177,8 +177,9 @@ impl Identification {
     fn figure_14(&self) -> Plot {
         let mut series = vec![Series::line("measured", 1, self.data.force.clone())];
         let colour = |at: usize| if at == 0 { 0 } else { at + 1 };
-        let simulated = self.found.iter().enumerate();
-        series.extend(simulated.map(|(at, found)| Series::line(found.name(), colour(at), found.course.force.clone())));
+        let simulated = self.results.iter().enumerate();
+        series
+            .extend(simulated.map(|(at, result)| Series::line(result.name(), colour(at), result.course.force.clone())));
         let axes = [Axis::linear("depth of the tip, mm"), Axis::linear("force, N")];
         let [x, y] = axes;
         Plot::new("Measured and simulated force", x, y, series)
@@ -186,9 +187,9 @@ impl Identification {
 
     /// Places of the points in the plane of the needle's direction and the direction across in which they are spread most, with the deepest
     /// needle; only measured components of the displacement.
-    fn figure_15(&self, found: &Identified) -> Option<Plot> {
+    fn figure_15(&self, result: &Identified) -> Option<Plot> {
         let motion = self.data.motion.as_ref()?;
-        let (simulated, measured) = (found.course.moved_mm.last()?, motion.measured_mm.last()?);
+        let (simulated, measured) = (result.course.moved_mm.last()?, motion.measured_mm.last()?);
         let direction = self.case.direction.into_inner();
         let spread = |across: &Vector3<f64>| {
             let places = motion.points.iter().map(|(place, _)| place.coords.dot(across));
@@ -213,7 +214,7 @@ impl Identification {
         let depth = *motion.depths_mm.last()?;
         Some(
             Plot::new(
-                format!("Places in the tissue at a depth of {depth:.1} mm: {}", found.name()),
+                format!("Places in the tissue at a depth of {depth:.1} mm: {}", result.name()),
                 Axis::linear("along the needle, mm"),
                 Axis::linear("across, mm"),
                 vec![
@@ -233,9 +234,9 @@ impl Identification {
     /// [`OutputError`] if a plot cannot be drawn.
     pub fn page(&self) -> Result<String, OutputError> {
         let mut page = Page::new("Identified tissue layers");
-        for found in &self.found {
-            for note in &found.notes {
-                page.paragraph("warning", &format!("{}: {note}.", found.name()));
+        for result in &self.results {
+            for note in &result.notes {
+                page.paragraph("warning", &format!("{}: {note}.", result.name()));
             }
         }
         page.put("<h2>Parameters</h2>");
@@ -268,18 +269,18 @@ impl Identification {
 
     /// Scenarios with the parameters found, by file name. Paths of existing files are made absolute.
     pub fn scenarios(&self) -> Vec<(String, String)> {
-        let several = self.found.len() > 1;
-        let one = |found: &Identified| {
-            let name = match (several, found.poisson) {
+        let several = self.results.len() > 1;
+        let one = |result: &Identified| {
+            let name = match (several, result.poisson) {
                 (true, Some(poisson)) => format!("scenario-{poisson}.toml"),
                 _ => "scenario.toml".to_owned(),
             };
-            (name, self.scenario(found))
+            (name, self.scenario(result))
         };
-        self.found.iter().map(one).collect()
+        self.results.iter().map(one).collect()
     }
 
-    fn scenario(&self, found: &Identified) -> String {
+    fn scenario(&self, result: &Identified) -> String {
         let (text, folder) = &self.case.text;
         // The case was resolved from this text.
         let mut table: toml::Table = text.parse().unwrap_or_default();
@@ -293,7 +294,7 @@ impl Identification {
             let materials = tissue.entry("material").or_insert_with(|| Value::Array(Vec::new()));
             if let Value::Array(materials) = materials {
                 self.split(materials);
-                found.layers.iter().for_each(|layer| set(materials, layer));
+                result.layers.iter().for_each(|layer| set(materials, layer));
             }
         }
         let head = "# Parameters of the layers on the needle's line were identified by `insonify identify` from a measured insertion.\n\n";
@@ -317,11 +318,11 @@ impl Identification {
                 continue;
             }
             for region in regions {
-                let mut own = material.clone();
-                if let Value::Table(own) = &mut own {
-                    own.insert("region".to_owned(), Value::Integer(i64::from(region)));
+                let mut single = material.clone();
+                if let Value::Table(single) = &mut single {
+                    single.insert("region".to_owned(), Value::Integer(i64::from(region)));
                 }
-                split.push(own);
+                split.push(single);
             }
         }
         *materials = split;
@@ -329,18 +330,20 @@ impl Identification {
 }
 
 /// Writes the parameters of a layer into the table of its region.
-fn set(materials: &mut Vec<Value>, layer: &super::Layer) {
+fn set(materials: &mut Vec<Value>, layer: &super::LayerParameters) {
     let number = Value::Integer(i64::from(layer.region));
     let at = materials
         .iter()
         .position(|material| material.get("region") == Some(&number));
     let at = at.unwrap_or_else(|| {
         let others = materials.iter().find(|material| material.get("region").is_none());
-        let own = others.cloned().unwrap_or_else(|| Value::Table(toml::Table::new()));
-        materials.push(own);
+        let template = others.cloned().unwrap_or_else(|| Value::Table(toml::Table::new()));
+        materials.push(template);
         materials.len() - 1
     });
-    let Value::Table(own) = &mut materials[at] else { return };
+    let Value::Table(table) = &mut materials[at] else {
+        return;
+    };
     let mut peak = toml::Table::new();
     peak.insert("density_n_per_mm".to_owned(), Value::Float(layer.peak_n_per_mm));
     peak.insert("width_mm".to_owned(), Value::Float(layer.width_mm));
@@ -351,7 +354,7 @@ fn set(materials: &mut Vec<Value>, layer: &super::Layer) {
         ("friction_n_per_mm", Value::Float(layer.shaft_n_per_mm)),
         ("peak", Value::Table(peak)),
     ] {
-        own.insert(key.to_owned(), value);
+        table.insert(key.to_owned(), value);
     }
 }
 

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use nalgebra::Point3;
 use serde::Serialize;
 
-use super::data::Motion;
-use crate::identification::Case;
+use super::data::MeasuredMotion;
+use crate::identification::IdentificationCase;
 use insonify::Error;
 use insonify::input::scenario::Scenario;
 use insonify_mechanics::insertion::{Anatomy, Instruments, Interaction, Peak, Snapshot, Tissue};
@@ -20,7 +20,7 @@ const OUTSIDE_MM: f64 = 1.0;
 
 /// Parameters of a layer.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Layer {
+pub struct LayerParameters {
     /// Number of the region.
     #[serde(skip)]
     pub region: i32,
@@ -42,7 +42,7 @@ pub struct Layer {
 
 /// A simulated insertion.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Course {
+pub(super) struct SimulatedInsertion {
     /// Depth of the tip (mm) and force (N).
     pub force: Vec<[f64; 2]>,
     /// Displacements as those measured, mm; empty if they were not asked for.
@@ -53,26 +53,26 @@ pub(super) struct Course {
 
 /// The anatomy of a scenario with other interactions in some regions.
 #[derive(Debug)]
-struct Replaced {
+struct ReplacedInteractions {
     anatomy: Arc<dyn Anatomy>,
     interactions: Vec<(i32, Interaction)>,
 }
 
-impl Anatomy for Replaced {
+impl Anatomy for ReplacedInteractions {
     fn region(&self, at_rest_mm: &Point3<f64>) -> Option<i32> {
         self.anatomy.region(at_rest_mm)
     }
 
     fn interaction(&self, region: i32) -> Interaction {
-        let own = self.interactions.iter().find(|(other, _)| *other == region);
-        own.map_or_else(|| self.anatomy.interaction(region), |(_, own)| *own)
+        let replacement = self.interactions.iter().find(|(other, _)| *other == region);
+        replacement.map_or_else(|| self.anatomy.interaction(region), |(_, replacement)| *replacement)
     }
 }
 
 /// Simulates insertions along the line of a case.
 pub(super) struct Simulator<'a> {
-    case: &'a Case,
-    motion: Option<&'a Motion>,
+    case: &'a IdentificationCase,
+    motion: Option<&'a MeasuredMotion>,
     scenario: Scenario,
     /// Depths of the tip (mm), with the measured depth there, if any.
     stops: Vec<(f64, Option<usize>)>,
@@ -83,7 +83,7 @@ pub(super) struct Simulator<'a> {
 
 impl<'a> Simulator<'a> {
     /// Prepares simulations to a depth (mm).
-    pub(super) fn new(case: &'a Case, motion: Option<&'a Motion>, deepest_mm: f64) -> Self {
+    pub(super) fn new(case: &'a IdentificationCase, motion: Option<&'a MeasuredMotion>, deepest_mm: f64) -> Self {
         let depths = motion
             .iter()
             .flat_map(|motion| motion.depths_mm.iter().copied().enumerate());
@@ -105,7 +105,7 @@ impl<'a> Simulator<'a> {
     ///
     /// # Errors
     /// [`Error`] for parameters out of range.
-    pub(super) fn run(&mut self, layers: &[Layer], observed: bool) -> Result<Course, Error> {
+    pub(super) fn run(&mut self, layers: &[LayerParameters], observed: bool) -> Result<SimulatedInsertion, Error> {
         self.runs += 1;
         self.set(layers)?;
         let mut model = self.scenario.unprepared_model()?;
@@ -119,7 +119,7 @@ impl<'a> Simulator<'a> {
         model.start(&instruments(-OUTSIDE_MM));
         let mut imager = model.imager();
         let (mut snapshot, mut tissue) = (Snapshot::default(), Tissue::default());
-        let mut course = Course::default();
+        let mut course = SimulatedInsertion::default();
         for (depth, measured) in self.stops.clone() {
             let outcome = model.step(&instruments(depth), 1.0)?;
             course.unsettled += usize::from(!outcome.converged);
@@ -135,7 +135,7 @@ impl<'a> Simulator<'a> {
         Ok(course)
     }
 
-    fn set(&mut self, layers: &[Layer]) -> Result<(), Error> {
+    fn set(&mut self, layers: &[LayerParameters]) -> Result<(), Error> {
         let scenario = &mut self.scenario;
         let mut interactions = Vec::new();
         for layer in layers {
@@ -143,8 +143,8 @@ impl<'a> Simulator<'a> {
             let of_layer = scenario.mesh.regions().iter().zip(&mut scenario.materials);
             of_layer
                 .filter(|(region, _)| **region == layer.region)
-                .for_each(|(_, own)| *own = material);
-            let own = Interaction {
+                .for_each(|(_, element)| *element = material);
+            let interaction = Interaction {
                 friction_n_per_mm: layer.shaft_n_per_mm,
                 peak: Some(Peak {
                     density_n_per_mm: layer.peak_n_per_mm,
@@ -152,14 +152,14 @@ impl<'a> Simulator<'a> {
                 }),
                 ..self.case.scenario.anatomy.interaction(layer.region)
             };
-            interactions.push((layer.region, own));
+            interactions.push((layer.region, interaction));
         }
-        for (region, own) in &mut scenario.interactions {
-            if let Some((_, found)) = interactions.iter().find(|(other, _)| other == region) {
-                *own = *found;
+        for (region, interaction) in &mut scenario.interactions {
+            if let Some((_, replacement)) = interactions.iter().find(|(other, _)| other == region) {
+                *interaction = *replacement;
             }
         }
-        scenario.anatomy = Arc::new(Replaced {
+        scenario.anatomy = Arc::new(ReplacedInteractions {
             anatomy: Arc::clone(&self.case.scenario.anatomy),
             interactions,
         });

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use nalgebra::Point3;
 
-use super::data::Data;
+use super::data::Measurements;
 use super::{Identification, Identified, identify};
 use crate::identification::CaseFile;
 use insonify::input::scenario::ScenarioFile;
@@ -96,17 +96,17 @@ fn write(folder: &Path, scenario: &str) {
         motion: "tip_mm,x_mm,y_mm,z_mm,uz_mm\n".to_owned(),
         depth: 0.0,
     };
-    let asked = Requests {
+    let requests = Requests {
         frames: false,
         mesh_s: Some(2.0),
     };
-    run(&scenario, model.as_mut(), asked, &mut recorder).unwrap();
+    run(&scenario, model.as_mut(), requests, &mut recorder).unwrap();
     std::fs::write(folder.join("force.csv"), recorder.force).unwrap();
     std::fs::write(folder.join("u.csv"), recorder.motion).unwrap();
 }
 
 /// Identifies a case in a folder with the phantom's scenario.
-fn found(folder: &Path, scenario: &str, more: &str) -> Identification {
+fn identified_case(folder: &Path, scenario: &str, more: &str) -> Identification {
     std::fs::write(folder.join("phantom.toml"), scenario).unwrap();
     let text = format!("scenario = \"phantom.toml\"\nforce.file = \"force.csv\"\n{more}");
     let case = CaseFile::parse(&text, "case.toml")
@@ -117,14 +117,14 @@ fn found(folder: &Path, scenario: &str, more: &str) -> Identification {
 }
 
 /// Asserts that the forces returned within 2 %.
-fn assert_forces(found: &Identified) {
-    for (layer, [peak, shaft, width]) in found.layers.iter().zip([[0.06, 0.015, 6.0], [0.11, 0.03, 8.0]]) {
-        for (found, exact) in [
+fn assert_forces(identified: &Identified) {
+    for (layer, [peak, shaft, width]) in identified.layers.iter().zip([[0.06, 0.015, 6.0], [0.11, 0.03, 8.0]]) {
+        for (value, exact) in [
             (layer.peak_n_per_mm, peak),
             (layer.shaft_n_per_mm, shaft),
             (layer.width_mm, width),
         ] {
-            assert!((found / exact - 1.0).abs() < 0.02, "{layer:?}");
+            assert!((value / exact - 1.0).abs() < 0.02, "{layer:?}");
         }
     }
 }
@@ -134,12 +134,12 @@ fn parameters_that_made_the_data_return() {
     let folder = tempfile::tempdir().unwrap();
     write(folder.path(), PHANTOM);
     let known = "[[layer]]\nregion = \"top\"\nknown = true\n[[layer]]\nregion = \"inclusion\"\nknown = true\n";
-    let inner = found(folder.path(), PHANTOM, known);
-    assert_forces(&inner.found[0]);
-    assert!(inner.found[0].motion.is_none() && inner.found[0].force.rms_n < 0.01);
+    let inner = identified_case(folder.path(), PHANTOM, known);
+    assert_forces(&inner.results[0]);
+    assert!(inner.results[0].motion.is_none() && inner.results[0].force.rms_n < 0.01);
     let start = "motion.file = \"u.csv\"\n[[layer]]\nregion = \"top\"\nknown = true\n[[layer]]\nregion = \"inclusion\"\nyoung_kpa = 22\n";
-    let outer = found(folder.path(), PHANTOM, start);
-    let one = &outer.found[0];
+    let outer = identified_case(folder.path(), PHANTOM, start);
+    let one = &outer.results[0];
     assert_forces(one);
     for (layer, exact) in one.layers.iter().zip([10.0, 33.0]) {
         assert!((layer.young_kpa / exact - 1.0).abs() < 0.05, "{layer:?}");
@@ -189,7 +189,7 @@ fn measurements_that_cannot_be_used_are_told() {
     let motion = "frame,line,window,depth_mm,axial_um\n0,0,0,20,0\n1,0,0,20,5\n2,0,0,20,9\n";
     let frames = "frame,tip_mm\n0,-1\n1,20\n2,40\n";
     let good = force(&|depth| Some(steps(depth)));
-    for (forces, motion, frames, told) in [
+    for (forces, motion, frames, expected) in [
         (
             force(&|depth| (!(10.0..14.0).contains(&depth)).then(|| steps(depth))),
             motion,
@@ -254,13 +254,13 @@ fn measurements_that_cannot_be_used_are_told() {
         std::fs::write(at("force.csv"), forces).unwrap();
         std::fs::write(at("u.csv"), motion).unwrap();
         std::fs::write(at("frames.csv"), frames).unwrap();
-        let error = Data::read(&case)
+        let error = Measurements::read(&case)
             .and_then(|data| data.model(&case))
             .unwrap_err()
             .to_string();
         assert!(
-            error.contains(told) && error.contains(".csv"),
-            "{error}\nexpected {told}"
+            error.contains(expected) && error.contains(".csv"),
+            "{error}\nexpected {expected}"
         );
     }
     let unknown = |text: &str| {
@@ -270,7 +270,7 @@ fn measurements_that_cannot_be_used_are_told() {
             .to_string()
     };
     let head = "scenario = \"phantom.toml\"\nforce.file = \"force.csv\"\n";
-    for (more, told) in [
+    for (more, expected) in [
         ("", "no displacements"),
         ("motion.file = \"u.csv\"\npoisson = [0.5]\n", "0 to below 0.5"),
         (
@@ -287,7 +287,7 @@ fn measurements_that_cannot_be_used_are_told() {
         ),
     ] {
         let error = unknown(&format!("{head}{more}"));
-        assert!(error.contains(told), "{error}\nexpected {told}");
+        assert!(error.contains(expected), "{error}\nexpected {expected}");
     }
     assert!(unknown(&head.replace("phantom.toml", "two-layer-insertio")).contains("two-layer-insertion"));
 }

@@ -7,8 +7,8 @@ use nalgebra::{Point3, Vector3};
 
 use super::gather::Entry;
 use super::{Axis, Factor, Figure, Goal, Study, Table};
-use crate::identification::{Case, CaseFile};
-use crate::identify::returned;
+use crate::identification::{CaseFile, IdentificationCase};
+use crate::identify::identify_simulated;
 use crate::path::{Entry as Entries, Goal as Target, PathOptions, liver, miss_mm, plan};
 use crate::stability::Effort;
 use insonify::Error;
@@ -170,7 +170,7 @@ fn identified(effort: Effort, progress: &mut dyn FnMut(&str, f64)) -> Result<Tab
         progress("identification", at as f64 / meshes.len() as f64);
         let (case, _) = case(*nodes)?;
         let start = Instant::now();
-        let found = returned(&made.0, &case, points.clone())?;
+        let found = identify_simulated(&made.0, &case, points.clone())?;
         let seconds = start.elapsed().as_secs_f64();
         let young = [0, 1].map(|layer| found.layers[layer].young_kpa);
         let off = young
@@ -191,7 +191,7 @@ fn identified(effort: Effort, progress: &mut dyn FnMut(&str, f64)) -> Result<Tab
 }
 
 /// The case with a mesh of about `nodes` nodes, and the moduli of the scenario, kPa.
-fn case(nodes: usize) -> Result<(Case, Vec<f64>), Error> {
+fn case(nodes: usize) -> Result<(IdentificationCase, Vec<f64>), Error> {
     let mut case = CaseFile::parse(CASE, "two-layer-insertion")?.resolve(Path::new(""), &mut |_| ())?;
     let text = case.text.0.replace("nodes = 991", &format!("nodes = {nodes}"));
     case.scenario = ScenarioFile::parse(&text, "two-layer-insertion")?.resolve(Path::new(""), |_| ())?;
