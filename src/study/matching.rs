@@ -31,14 +31,14 @@ use insonify_imaging::effects::Effects;
 use model::Model;
 use outline::{Outline, Shape};
 
-/// Maximum number of correction rounds (one more follows with noise and clutter), and the change in all figures below which they stop
-/// (gain: in tenths of a dB).
+/// Maximum number of correction rounds; one more follows with noise and clutter.
 const ROUNDS: usize = 6;
+/// Relative change in all figures (gain: in tenths of a dB) below which rounds stop.
 const SETTLED: f64 = 0.02;
 
 /// Parameter estimated from the frame.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Figure {
+pub struct EstimatedParameter {
     /// Key in a scene file.
     pub key: &'static str,
     /// Unit of the value.
@@ -77,7 +77,7 @@ pub struct AtDepth {
 
 /// Measurements in the windows of the real frame or of a phantom.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Side {
+pub struct WindowMeasurements {
     /// Means over the windows, by depth.
     pub depths: Vec<AtDepth>,
     /// Share of the windows' pixels at each grey level.
@@ -119,17 +119,17 @@ pub struct Match {
     /// Largest relative change of a figure in the last round (gain: in tenths of a dB).
     pub residual: f64,
     /// Estimated figures.
-    pub figures: Vec<Figure>,
+    pub figures: Vec<EstimatedParameter>,
     /// Parameters that the frame does not identify.
     pub unidentified: Vec<Unidentified>,
     /// Reasons to doubt the result.
     pub notes: Vec<String>,
     /// Measurements of the real frame.
-    pub real: Side,
+    pub real: WindowMeasurements,
     /// Measurements of the uniform phantom with the estimated figures.
-    pub matched: Side,
+    pub matched: WindowMeasurements,
     /// Measurements of the uniform phantom with the default effects of the probe type.
-    pub default: Side,
+    pub default: WindowMeasurements,
     /// Distance of the phantom with the estimated figures from the real frame.
     pub score: Score,
     /// Distance of the phantom with default effects from the real frame.
@@ -194,30 +194,30 @@ pub fn fit(picture: &Picture, depth_mm: Option<f64>, seed: u64) -> Result<Match,
         );
         return Err(refuse(picture, found, &expected).into());
     }
-    let real = bench.side(vec![picture.clone()]);
+    let real = bench.measure(vec![picture.clone()]);
     let mut model = Model::start(&bench.probe);
-    let default = bench.side(bench.phantoms(bench.probe, &Effects::usual(), PLAIN)?);
-    let phantom = |model: &Model| -> Result<Side, Error> {
-        Ok(bench.side(bench.phantoms(model.probe(bench.probe), &model.effects(), PLAIN)?))
+    let default = bench.measure(bench.phantoms(bench.probe, &Effects::usual(), PLAIN)?);
+    let phantom = |model: &Model| -> Result<WindowMeasurements, Error> {
+        Ok(bench.measure(bench.phantoms(model.probe(bench.probe), &model.effects(), PLAIN)?))
     };
     let (mut rounds, mut residual) = (0, f64::INFINITY);
     while rounds < ROUNDS && residual > SETTLED {
-        let own = phantom(&model)?;
-        residual = bench.correct(&mut model, &real, &own);
+        let rendered = phantom(&model)?;
+        residual = bench.correct(&mut model, &real, &rendered);
         rounds += 1;
     }
     let dark = bench.darkness(&mut model)?;
     // Noise and clutter add to the windows too.
-    let own = phantom(&model)?;
-    residual = bench.correct(&mut model, &real, &own);
+    let rendered = phantom(&model)?;
+    residual = bench.correct(&mut model, &real, &rendered);
     rounds += 1;
     let matched = phantom(&model)?;
-    let score = |side: &Side| Score {
-        windows: distance(&side.histogram, &real.histogram),
-        sector: distance(&side.sector_histogram, &real.sector_histogram),
+    let score = |measure: &WindowMeasurements| Score {
+        windows: distance(&measure.histogram, &real.histogram),
+        sector: distance(&measure.sector_histogram, &real.sector_histogram),
     };
     let (score, default_score) = (score(&matched), score(&default));
-    let mut found = Match {
+    let mut result = Match {
         name: picture.name.clone(),
         mm_per_pixel: mm,
         sector: outline,
@@ -233,8 +233,8 @@ pub fn fit(picture: &Picture, depth_mm: Option<f64>, seed: u64) -> Result<Match,
         default_score,
         scene: String::new(),
     };
-    found.scene = found.written(&bench.scene(&model));
-    Ok(found)
+    result.scene = result.written(&bench.scene(&model));
+    Ok(result)
 }
 
 #[cfg(test)]

@@ -32,7 +32,7 @@ const BLOCKS_MM: f64 = 24.0;
 /// Depth below the array that must not be empty, mm.
 const CONTACT_MM: f64 = 5.0;
 /// Grey levels per bin of the histogram.
-const CLASS: usize = 4;
+const BIN_LEVELS: usize = 4;
 /// Number of lags reported for autocorrelations, pixels.
 const LAGS: usize = 16;
 /// Largest difference that counts as within the spread of the real frames, standard deviations.
@@ -96,6 +96,7 @@ impl Parts {
             sector,
             uniform: textures(&uniform),
             dark: textures(&dark),
+            // Windows of 24 mm have 6 blocks of 4 mm across, and 3 of 8 mm.
             blocks_db: [6, 3].map(spread_of),
             empty: sector::empty_share(picture, &mask, CONTACT_MM),
             edge: sector::edge(picture, &mask),
@@ -163,9 +164,9 @@ pub struct FrameReport {
 impl FrameReport {
     fn of(picture: &Picture) -> Result<Self, VolumeError> {
         let parts = Parts::of(picture)?;
-        let mut histogram = vec![0.0; 256 / CLASS];
+        let mut histogram = vec![0.0; 256 / BIN_LEVELS];
         for grey in &parts.sector {
-            histogram[*grey as usize / CLASS] += 1.0 / parts.sector.len() as f64;
+            histogram[*grey as usize / BIN_LEVELS] += 1.0 / parts.sector.len() as f64;
         }
         let autocorrelation = |axis: usize| {
             let at = |lag: usize| {
@@ -194,7 +195,7 @@ impl FrameReport {
 
 /// Measure over the frames of one side.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Figure {
+pub struct MeasureSummary {
     /// Mean over the frames in which the measure exists.
     pub mean: f64,
     /// Standard deviation over those frames; `None` for a single one.
@@ -203,7 +204,7 @@ pub struct Figure {
     pub values: Vec<Option<f64>>,
 }
 
-impl Figure {
+impl MeasureSummary {
     fn of(frames: &[FrameReport], measure: usize) -> Option<Self> {
         let values: Vec<Option<f64>> = frames.iter().map(|frame| frame.values[measure]).collect();
         let known: Vec<f64> = values.iter().flatten().copied().collect();
@@ -218,7 +219,7 @@ impl Figure {
 /// Whether a measure agrees with the real frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Verdict {
+pub enum LikenessVerdict {
     /// The difference is within [`LIMIT`] standard deviations of the real frames.
     Inside,
     /// The difference exceeds [`LIMIT`] standard deviations of the real frames.
@@ -227,30 +228,30 @@ pub enum Verdict {
 
 /// Measure on both sides.
 #[derive(Clone, Debug, Serialize)]
-pub struct Row {
+pub struct MeasureComparison {
     /// What is measured.
     #[serde(flatten)]
     pub measure: &'static Measure,
     /// Values in the rendered frames; `None` if no frame has the measure.
-    pub frames: Option<Figure>,
+    pub frames: Option<MeasureSummary>,
     /// Values in the real frames; `None` if no frame has the measure.
-    pub real: Option<Figure>,
+    pub real: Option<MeasureSummary>,
     /// Mean of the rendered frames less that of the real ones, in units of the spread among the real ones (at least the measure's floor);
     /// `None` if fewer than two real frames have the measure.
     pub difference: Option<f64>,
     /// Verdict on the difference.
-    pub verdict: Option<Verdict>,
+    pub verdict: Option<LikenessVerdict>,
 }
 
 /// Comparison of rendered frames with real ones.
 #[derive(Clone, Debug, Serialize)]
-pub struct Report {
+pub struct LikenessReport {
     /// Rendered frames.
     pub frames: Vec<FrameReport>,
     /// Real frames.
     pub real: Vec<FrameReport>,
     /// All measures, in both sets of frames.
-    pub measures: Vec<Row>,
+    pub measures: Vec<MeasureComparison>,
     /// Measures omitted, and why.
     pub notes: Vec<String>,
 }
@@ -259,33 +260,33 @@ pub struct Report {
 ///
 /// # Errors
 /// [`VolumeError`] for a frame smaller than a window, or without a sector at least that large.
-pub fn compare(frames: &[Picture], real: &[Picture]) -> Result<Report, VolumeError> {
+pub fn compare(frames: &[Picture], real: &[Picture]) -> Result<LikenessReport, VolumeError> {
     let measured = |pictures: &[Picture]| parallel::try_map(pictures, &FrameReport::of);
     let (frames, real) = (measured(frames)?, measured(real)?);
     let rows = MEASURES.iter().enumerate().map(|(at, measure)| {
-        let figures = [Figure::of(&frames, at), Figure::of(&real, at)];
+        let figures = [MeasureSummary::of(&frames, at), MeasureSummary::of(&real, at)];
         let difference = match &figures {
-            [Some(ours), Some(real)] => real
+            [Some(rendered), Some(real)] => real
                 .spread
-                .map(|spread| (ours.mean - real.mean) / spread.max(measure.floor)),
+                .map(|spread| (rendered.mean - real.mean) / spread.max(measure.floor)),
             _ => None,
         };
-        let [ours, real] = figures;
-        Row {
+        let [rendered, real] = figures;
+        MeasureComparison {
             measure,
-            frames: ours,
+            frames: rendered,
             real,
             difference,
             verdict: difference.map(|d| {
                 if d.abs() <= LIMIT {
-                    Verdict::Inside
+                    LikenessVerdict::Inside
                 } else {
-                    Verdict::Outside
+                    LikenessVerdict::Outside
                 }
             }),
         }
     });
-    let measures: Vec<Row> = rows.collect();
+    let measures: Vec<MeasureComparison> = rows.collect();
     let mut notes = Vec::new();
     let unscaled: Vec<String> = frames
         .iter()
@@ -304,7 +305,7 @@ pub fn compare(frames: &[Picture], real: &[Picture]) -> Result<Report, VolumeErr
             "one real frame has no spread: differences have no unit and no verdict; give more real frames".to_owned(),
         );
     }
-    Ok(Report {
+    Ok(LikenessReport {
         frames,
         real,
         measures,

@@ -2,7 +2,7 @@
 
 use super::model::rounded;
 use super::outline::{Outline, Shape};
-use super::{AtDepth, Side, refuse};
+use super::{AtDepth, WindowMeasurements, refuse};
 use crate::realism::picture::Picture;
 use crate::realism::texture::{Patch, Texture, Window, uniform_windows};
 use insonify::Error;
@@ -19,20 +19,22 @@ use insonify_tracking::probe::{BeamGrid, Curvilinear, ImageGrid, Linear, Phased,
 pub(super) const WINDOW: [usize; 2] = [48, 40];
 /// Radius of the array, as a share of the far radius, below which a fan that shows no array counts as starting in one point.
 const PHASED: f64 = 0.05;
-/// Ratio of rendered to measured scanlines and samples (measured a pixel apart), and their maximum: scan conversion would blur coarser
-/// grids.
+/// Ratio of rendered to measured scanlines and samples (measured a pixel apart): scan conversion would blur coarser grids.
 const FINER: f64 = 1.5;
+/// Maximum number of rendered scanlines and samples.
 const FINEST: [f64; 2] = [1024.0, 2048.0];
 /// Number of phantoms per round, with different speckle: with only as many windows as the frame they would scatter as much.
 const PHANTOMS: u64 = 3;
-/// Number of depths with windows, and of windows at each.
+/// Number of depths with windows.
 pub(super) const DEPTHS: usize = 5;
+/// Number of windows at each depth.
 pub(super) const WINDOWS: usize = 5;
 /// Accepted mean grey levels of windows: in-vivo frames have a median of 18 to 24, and much of a darker window is black.
 const GREY: [f64; 2] = [20.0, 200.0];
 /// Largest unevenness of a uniform window: range of means, plus range of standard deviations, of its quarters, in its own standard
 /// deviations. Quarters of 20 to 30 speckle cells range over 0.7 by chance, steps and layers over 1.5 and more.
 pub(super) const UNEVEN: f64 = 1.3;
+
 /// A real frame and its measurement grid.
 pub(super) struct Bench<'a> {
     pub picture: &'a Picture,
@@ -217,9 +219,10 @@ impl<'a> Bench<'a> {
     }
 
     /// Measures frames, of which there must be at least one.
-    pub(super) fn side(&self, mut frames: Vec<Picture>) -> Side {
+    pub(super) fn measure(&self, mut frames: Vec<Picture>) -> WindowMeasurements {
         let beams: Vec<Picture> = frames.iter().map(|frame| self.beam(frame).0).collect();
         let (mut windows, mut grey, mut depths) = (Vec::new(), Vec::new(), Vec::new());
+        // Medians, as a window may hold a vessel.
         for group in &self.windows {
             let places: Vec<f64> = group.iter().map(|&window| self.depth_mm(window)).collect();
             let patch = |beam: &Picture, window: Window| Patch::of(&beam.grey, beam.width, window);
@@ -255,7 +258,7 @@ impl<'a> Bench<'a> {
             };
             (0..WINDOW[0].min(WINDOW[1]) / 2).map(at).collect()
         };
-        Side {
+        WindowMeasurements {
             depths,
             histogram: histogram(&grey),
             sector_histogram: histogram(&frames.iter().flat_map(inside).collect::<Vec<f64>>()),

@@ -1,6 +1,6 @@
 //! Corrections of a model by comparing its phantoms with the real frame in the same windows.
 
-use super::Side;
+use super::WindowMeasurements;
 use super::bench::{Bench, DEPTHS, WINDOWS};
 use super::model::Model;
 use crate::realism::DARK_WINDOW;
@@ -14,14 +14,14 @@ use insonify_imaging::synth::SynthError;
 /// Number of correction rounds for noise and clutter.
 const DARK_ROUNDS: usize = 3;
 /// Least depth range over which a decay of clutter is fitted, mm.
-const FADING_MM: f64 = 10.0;
+const MIN_DECAY_EXTENT_MM: f64 = 10.0;
 
 /// Level below the noise assumed for clutter that no window shows, dB: there it adds half a dB.
 const HIDDEN_DB: f64 = 10.0;
 
 /// Noise and clutter found in dark windows.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Dark {
+pub(super) struct DarkFindings {
     /// Number of windows of noise and of clutter.
     pub windows: [usize; 2],
     /// Spread of the levels found for noise and for clutter, dB.
@@ -38,11 +38,12 @@ fn lowest(values: impl Iterator<Item = f64>) -> f64 {
 
 impl Bench<'_> {
     /// Corrects a model by its phantoms in one round and returns the largest relative change.
-    pub(crate) fn correct(&self, model: &mut Model, real: &Side, own: &Side) -> f64 {
+    pub(crate) fn correct(&self, model: &mut Model, real: &WindowMeasurements, phantom: &WindowMeasurements) -> f64 {
         let before = model.clone();
         let ratio = |of: &dyn Fn(&Texture) -> Option<f64>| {
-            let [real, own] = [real, own].map(|side| median(side.windows.iter().flatten().filter_map(of).collect()));
-            let ratio = real? / own?;
+            let [real, phantom] =
+                [real, phantom].map(|side| median(side.windows.iter().flatten().filter_map(of).collect()));
+            let ratio = real? / phantom?;
             (ratio.is_finite() && ratio > 0.0).then_some(ratio)
         };
         let range = before.tone.dynamic_range_db / ratio(&|it| Some(it.std)).unwrap_or(1.0);
@@ -50,8 +51,8 @@ impl Bench<'_> {
         let axial = before.axial_mm * ratio(&|it| it.fwhm[0]).unwrap_or(1.0);
         model.axial_mm = axial.clamp(0.05, 10.0);
         let lateral_at = |model: &Model, depth: f64| model.spread(&model.probe(self.probe)).lateral_at(depth);
-        let lengths = real.depths.iter().zip(&own.depths).filter_map(|(real, own)| {
-            let length = lateral_at(&before, real.depth_mm) * real.lateral_mm? / own.lateral_mm?;
+        let lengths = real.depths.iter().zip(&phantom.depths).filter_map(|(real, phantom)| {
+            let length = lateral_at(&before, real.depth_mm) * real.lateral_mm? / phantom.lateral_mm?;
             Some([real.depth_mm, length])
         });
         let lengths: Vec<[f64; 2]> = lengths.collect();
@@ -60,8 +61,8 @@ impl Bench<'_> {
         }
         // Greys of the phantom follow from gain and range, so the gain can be solved for.
         let departure = |depth: f64| before.gain_db(depth) - before.tgc_db_cm() * depth / 10.0;
-        let gains = real.depths.iter().zip(&own.depths).map(|(real, own)| {
-            let shown = model.shown_db(real.grey) - before.shown_db(own.grey);
+        let gains = real.depths.iter().zip(&phantom.depths).map(|(real, phantom)| {
+            let shown = model.shown_db(real.grey) - before.shown_db(phantom.grey);
             [real.depth_mm, shown + departure(real.depth_mm)]
         });
         let gains: Vec<[f64; 2]> = gains.collect();
@@ -112,13 +113,13 @@ impl Bench<'_> {
     }
 
     /// Sets noise and clutter from the dark windows of the real frame and returns what was found.
-    pub(crate) fn darkness(&self, model: &mut Model) -> Result<Dark, SynthError> {
+    pub(crate) fn darkness(&self, model: &mut Model) -> Result<DarkFindings, SynthError> {
         let (beam, inside) = self.beam(self.picture);
         let windows = self.noise_and_clutter(model, &beam, &inside);
-        let mut found = Dark {
+        let mut dark = DarkFindings {
             bound_db: self.noise_bound_db(model, &beam, &inside).clamp(-200.0, 20.0),
             windows: [windows[0].len(), windows[1].len()],
-            ..Dark::default()
+            ..DarkFindings::default()
         };
         let real = [0, 1].map(|kind| greys(&beam, &windows[kind]));
         let depths = [0, 1].map(|kind| {
@@ -128,7 +129,7 @@ impl Bench<'_> {
                 .collect::<Vec<f64>>()
         });
         let usual = Receiver::default();
-        model.receiver.noise_db = usual.noise_db.min(found.bound_db);
+        model.receiver.noise_db = usual.noise_db.min(dark.bound_db);
         let level = |model: &Model, kind: usize, greys: &[f64]| -> Vec<f64> {
             greys
                 .iter()
@@ -146,8 +147,8 @@ impl Bench<'_> {
         let extent = depths[1]
             .iter()
             .fold(0.0, |most: f64, d| most.max((d - depths[1][0]).abs()));
-        if extent >= FADING_MM {
-            found.fades = true;
+        if extent >= MIN_DECAY_EXTENT_MM {
+            dark.fades = true;
             let fading = -10.0 * slope(&depths[1], &lossless(model, 1));
             model.receiver.clutter_decay_db_cm = fading.clamp(0.0, 50.0);
         }
@@ -171,26 +172,26 @@ impl Bench<'_> {
             }
             let silent = self.phantoms(model.probe(self.probe), &model.effects(), SILENT)?;
             let silent: Vec<Picture> = silent.iter().map(|frame| self.beam(frame).0).collect();
-            let off = [0, 1].map(|kind| -> Vec<f64> {
-                let own: Vec<Vec<f64>> = silent.iter().map(|beam| greys(beam, &windows[kind])).collect();
-                let own = |at: usize| mean(&own.iter().map(|greys| greys[at]).collect::<Vec<f64>>());
-                let own: Vec<f64> = (0..windows[kind].len()).map(own).collect();
+            let deficit = [0, 1].map(|kind| -> Vec<f64> {
+                let phantom: Vec<Vec<f64>> = silent.iter().map(|beam| greys(beam, &windows[kind])).collect();
+                let phantom = |at: usize| mean(&phantom.iter().map(|greys| greys[at]).collect::<Vec<f64>>());
+                let phantom: Vec<f64> = (0..windows[kind].len()).map(phantom).collect();
                 let pairs = level(model, kind, &real[kind])
                     .into_iter()
-                    .zip(level(model, kind, &own));
-                pairs.map(|(real, own)| real - own).collect()
+                    .zip(level(model, kind, &phantom));
+                pairs.map(|(real, phantom)| real - phantom).collect()
             });
-            found.spread_db = [0, 1].map(|kind| (off[kind].len() > 1).then(|| std(&off[kind])));
-            if !off[0].is_empty() {
+            dark.spread_db = [0, 1].map(|kind| (deficit[kind].len() > 1).then(|| std(&deficit[kind])));
+            if !deficit[0].is_empty() {
                 model.receiver.noise_db =
-                    (model.receiver.noise_db + lowest(off[0].iter().copied())).clamp(-200.0, 20.0);
+                    (model.receiver.noise_db + lowest(deficit[0].iter().copied())).clamp(-200.0, 20.0);
             }
-            if !off[1].is_empty() {
+            if !deficit[1].is_empty() {
                 model.receiver.clutter_db =
-                    (model.receiver.clutter_db + lowest(off[1].iter().copied())).clamp(-200.0, 20.0);
+                    (model.receiver.clutter_db + lowest(deficit[1].iter().copied())).clamp(-200.0, 20.0);
             }
         }
-        Ok(found)
+        Ok(dark)
     }
 }
 

@@ -1,10 +1,10 @@
 //! Findings of a match: figures with their spread, parameters not identified, doubts, and the scene.
 
 use super::bench::{Bench, UNEVEN, unevenness};
-use super::correct::Dark;
+use super::correct::DarkFindings;
 use super::model::{Model, rounded};
 use super::outline::Outline;
-use super::{Figure, ROUNDS, SETTLED, Side, Unidentified};
+use super::{EstimatedParameter, ROUNDS, SETTLED, Unidentified, WindowMeasurements};
 use crate::realism::texture::{Patch, Texture, Window};
 use insonify_anatomy::phantom::Phantom;
 use insonify_base::statistics::{median, std};
@@ -13,18 +13,22 @@ use insonify_tracking::probe::ProbeSpec;
 
 /// Scatter of the windows' standard deviation above which they hold more than one tissue or no speckle; in fully developed speckle it is
 /// 0.06.
-const MIXED: f64 = 0.15;
+const MAX_SCATTER: f64 = 0.15;
 /// Least widening of the beam at both ends of the windows for its focus to count as seen.
-const FOCUSED: f64 = 1.1;
+const MIN_WIDENING: f64 = 1.1;
 
 /// Returns the standard deviation of the logarithm of a figure over the real windows, relative to those of the phantom at their depth: a
 /// ratio of windows scatters like the parameter that it corrects. `None` for fewer than two windows.
-fn scatter(real: &Side, own: &Side, of: &dyn Fn(&Texture) -> Option<f64>) -> Option<f64> {
-    let at_depth = |(real, own): (&Vec<Texture>, &Vec<Texture>)| -> Vec<f64> {
-        let own = median(own.iter().filter_map(of).collect());
-        real.iter().filter_map(|it| Some((of(it)? / own?).ln())).collect()
+fn scatter(
+    real: &WindowMeasurements,
+    phantom: &WindowMeasurements,
+    of: &dyn Fn(&Texture) -> Option<f64>,
+) -> Option<f64> {
+    let at_depth = |(real, phantom): (&Vec<Texture>, &Vec<Texture>)| -> Vec<f64> {
+        let phantom = median(phantom.iter().filter_map(of).collect());
+        real.iter().filter_map(|it| Some((of(it)? / phantom?).ln())).collect()
     };
-    let ratios: Vec<f64> = real.windows.iter().zip(&own.windows).flat_map(at_depth).collect();
+    let ratios: Vec<f64> = real.windows.iter().zip(&phantom.windows).flat_map(at_depth).collect();
     (ratios.len() > 1).then(|| std(&ratios))
 }
 
@@ -51,8 +55,14 @@ impl Bench<'_> {
         scene
     }
 
-    pub(super) fn figures(&self, model: &Model, real: &Side, own: &Side, dark: Dark) -> Vec<Figure> {
-        let figure = |key, unit, value, spread| Figure {
+    pub(super) fn figures(
+        &self,
+        model: &Model,
+        real: &WindowMeasurements,
+        phantom: &WindowMeasurements,
+        dark: DarkFindings,
+    ) -> Vec<EstimatedParameter> {
+        let figure = |key, unit, value, spread| EstimatedParameter {
             key,
             unit,
             value: rounded(value),
@@ -65,11 +75,11 @@ impl Bench<'_> {
             ("probe.angle_deg", "degrees", probe.number("angle_deg")),
             ("probe.depth_mm", "mm", probe.sampling.depth_mm),
         ];
-        let mut figures: Vec<Figure> = shape
+        let mut figures: Vec<EstimatedParameter> = shape
             .into_iter()
             .filter_map(|(key, unit, value)| Some(figure(key, unit, value?, None)))
             .collect();
-        let scatter = |of: &dyn Fn(&Texture) -> Option<f64>| scatter(real, own, of);
+        let scatter = |of: &dyn Fn(&Texture) -> Option<f64>| scatter(real, phantom, of);
         let share = |value: f64, spread: Option<f64>| spread.map(|spread| rounded(value * spread));
         let range = model.tone.dynamic_range_db;
         let gain = scatter(&|it| Some((it.mean / 255.0 * range).exp())).map(rounded);
@@ -118,50 +128,56 @@ impl Bench<'_> {
         figures
     }
 
-    pub(super) fn unidentified(&self, model: &Model, real: &Side, outline: Outline, dark: Dark) -> Vec<Unidentified> {
+    pub(super) fn unidentified(
+        &self,
+        model: &Model,
+        real: &WindowMeasurements,
+        outline: Outline,
+        dark: DarkFindings,
+    ) -> Vec<Unidentified> {
         let mut list = Vec::new();
-        let mut tell = |what, why: &str| {
+        let mut add = |what, why: &str| {
             list.push(Unidentified {
                 what,
                 why: why.to_owned(),
             })
         };
-        tell(
+        add(
             "frequency",
             "an axial length is that of a bandwidth, at any frequency; frequency_mhz is the one whose default point spread is as long",
         );
-        tell(
+        add(
             "attenuation",
             "tissue that attenuates more looks like less time-gain compensation; the curve takes 0.5 dB/cm/MHz for the tissue",
         );
-        tell(
+        add(
             "echogenicity",
             "brighter tissue looks like more gain; the gain takes the windows for tissue of 0 dB, as liver",
         );
-        tell(
+        add(
             "dynamic range by itself",
             "range, compounding and the scanner's grey map make one spread of grey levels; the range is that of a straight curve and a blur of 0.4 lateral lengths",
         );
-        tell("elevational width", "a frame shows one plane; it follows the frequency");
-        tell("ring-down", "it lies above the windows; it has its default");
+        add("elevational width", "a frame shows one plane; it follows the frequency");
+        add("ring-down", "it lies above the windows; it has its default");
         let spread = model.spread(&model.probe(self.probe));
         let ends =
             [real.depths.first(), real.depths.last()].map(|it| it.map_or(0.0, |it| spread.lateral_at(it.depth_mm)));
-        if ends.iter().any(|end| *end < FOCUSED * model.lateral_mm) {
-            tell(
+        if ends.iter().any(|end| *end < MIN_WIDENING * model.lateral_mm) {
+            add(
                 "focus",
                 "the lateral width has no minimum within the windows; focus_mm and focal_zone_mm only give its course there",
             );
         }
         if real.depths.iter().all(|it| it.lateral_mm.is_none()) {
-            tell(
+            add(
                 "lateral width",
                 "the autocorrelation across stays above one half in all windows: layers, no speckle; it has its default",
             );
         }
         for (seen, what) in outline.seen.iter().zip(["array", "depth", "field of view"]) {
             if !seen {
-                tell(
+                add(
                     what,
                     "no line or arc at this edge of the sector: it reaches as far as the frame shows echoes",
                 );
@@ -169,7 +185,7 @@ impl Bench<'_> {
         }
         if dark.windows[0] == 0 {
             let most = rounded(dark.bound_db);
-            tell(
+            add(
                 "noise",
                 &format!(
                     "no dark window with grain narrower than the beam; by the darkest 2 % of each depth it is at most {most} dB"
@@ -177,13 +193,13 @@ impl Bench<'_> {
             );
         }
         if dark.windows[1] == 0 {
-            tell(
+            add(
                 "clutter",
                 "no dark window with grain as wide as the beam; it has its default",
             );
         }
         if !dark.fades {
-            tell(
+            add(
                 "fading of clutter",
                 "dark windows of clutter lie at one depth, or there are none; it has its default",
             );
@@ -192,23 +208,23 @@ impl Bench<'_> {
     }
 
     /// Lists reasons to doubt the match.
-    pub(super) fn notes(&self, real: &Side, own: &Side, residual: f64) -> Vec<String> {
+    pub(super) fn notes(&self, real: &WindowMeasurements, phantom: &WindowMeasurements, residual: f64) -> Vec<String> {
         let mut notes = Vec::new();
         let (beam, _) = self.beam(self.picture);
         let uneven = |window: &Window| unevenness(&Patch::of(&beam.grey, beam.width, *window)) > UNEVEN;
         if self.windows.iter().flatten().any(uneven) {
             notes.push("no window is uniform: figures are those of structure, not of speckle".to_owned());
         }
-        if let Some(spread) = scatter(real, own, &|it| Some(it.std)).filter(|spread| *spread > MIXED) {
+        if let Some(spread) = scatter(real, phantom, &|it| Some(it.std)).filter(|spread| *spread > MAX_SCATTER) {
             let percent = 100.0 * spread;
             notes.push(format!(
                 "the spread of grey levels varies by {percent:.0} % between windows (one tissue: 6 %): dynamic range and gain are uncertain"
             ));
         }
         if real.depths.len() < self.bands() {
-            let (found, all) = (real.depths.len(), self.bands());
+            let (measured, all) = (real.depths.len(), self.bands());
             notes.push(format!(
-                "uniform windows at {found} of {all} depths: the gain is interpolated between them and constant beyond"
+                "uniform windows at {measured} of {all} depths: the gain is interpolated between them and constant beyond"
             ));
         }
         if residual > SETTLED {

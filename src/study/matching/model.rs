@@ -8,9 +8,10 @@ use insonify_imaging::effects::tone::{MID_GREY, Tone};
 use insonify_imaging::effects::{Effects, blur::Blur, speckle::Speckle};
 use insonify_tracking::probe::Probe;
 
-/// Width of the blur per lateral length and its growth per cm, with the ratios of the defaults: 2.1 mm over 5.25 mm at 1 MHz, and 0.21
-/// mm/cm.
-const BLUR: [f64; 2] = [0.4, 0.04];
+/// Width of the blur per lateral length, that of the defaults: 2.1 mm over 5.25 mm at 1 MHz.
+const BLUR_WIDTH: f64 = 0.4;
+/// Growth of the blur per lateral length, 1/cm, that of the defaults: 0.21 mm/cm over 5.25 mm at 1 MHz.
+const BLUR_GROWTH_PER_CM: f64 = 0.04;
 /// Relative spread of lateral widths over depth below which they count as constant.
 const CONSTANT: f64 = 0.05;
 
@@ -74,13 +75,14 @@ impl Model {
             speckle: Some(Speckle {
                 axial_mm: Some(axial),
                 lateral_mm: Some(lateral),
+                // One plane does not show it: it follows the frequency.
                 elevational_mm: None,
                 focus_mm: Some(rounded(self.focus_mm)),
                 focal_zone_mm: Some(rounded(self.focal_zone_mm)),
             }),
             blur: Some(Blur {
-                width_mm: Some(rounded(BLUR[0] * lateral)),
-                growth_mm_cm: Some(rounded(BLUR[1] * lateral).min(5.0)),
+                width_mm: Some(rounded(BLUR_WIDTH * lateral)),
+                growth_mm_cm: Some(rounded(BLUR_GROWTH_PER_CM * lateral).min(5.0)),
             }),
             receiver: Some(Receiver {
                 noise_db: rounded(self.receiver.noise_db),

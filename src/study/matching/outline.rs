@@ -7,28 +7,29 @@ use nalgebra::{SMatrix, SVector};
 use serde::Serialize;
 
 /// Distance from the picture's edge within which the mask's rim is ignored, pixels: the sector may continue beyond the picture.
-const RIM: usize = 4;
+const RIM_PX: usize = 4;
 /// Bin width for the votes of rim points on radii and angles, pixels.
-const CLASS: f64 = 3.0;
+const BIN_PX: f64 = 3.0;
 /// Maximum number of rim points used for voting and fitting; more are thinned evenly.
-const VOTERS: usize = 600;
-/// Number of trial apices across the mask and above its top, up to [`HIGHEST`] times its height.
-const TRIED: [usize; 2] = [33, 48];
-const HIGHEST: f64 = 6.0;
+const MAX_POINTS: usize = 600;
+/// Number of trial apices across the mask and above its top.
+const TRIAL_APICES: [usize; 2] = [33, 48];
+/// Largest height of a trial apex above the top of the mask, heights of the mask.
+const MAX_APEX_HEIGHTS: f64 = 6.0;
 /// Distances within which rim points count as on the outline in successive refinements, pixels: from the resolution of the votes down to
 /// that of the mask.
-const NEAR: [f64; 8] = [12.0, 8.0, 6.0, 4.0, 3.0, 2.0, 1.5, 1.5];
+const NEAR_PX: [f64; 8] = [12.0, 8.0, 6.0, 4.0, 3.0, 2.0, 1.5, 1.5];
 /// Least cosine of the angle between the inward direction at a rim point and that of an edge.
-const ALONG: f64 = 0.75;
+const MIN_COSINE: f64 = 0.75;
 /// Least share of an edge's visible length on which rim points must lie for the edge to count as seen.
-const SEEN: f64 = 0.2;
+const MIN_SEEN_SHARE: f64 = 0.2;
 /// Least angle between the vertical and the sides of a fan, radians: the narrowest fields of view are 20 degrees.
-const NARROWEST: f64 = 0.17;
+const MIN_HALF_ANGLE: f64 = 0.17;
 /// Largest share of the mask that may lie beyond an edge.
-const BEYOND: f64 = 0.05;
+const MAX_BEYOND_SHARE: f64 = 0.05;
 /// Least share of a rectangle that its mask must fill, and the stricter share if its left or right side is neither seen nor cropped by the
 /// picture.
-const FILLED: [f64; 2] = [0.5, 0.9];
+const MIN_FILLED_SHARES: [f64; 2] = [0.5, 0.9];
 
 /// Shape of a sector in pixels: pixel centres have integer coordinates, rows run downwards, the array is at the top.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -75,7 +76,7 @@ impl Outline {
         match (fan, rectangle) {
             // A fan has more free parameters: it must be better by a tenth.
             (Some(fan), Some(rectangle)) => Some(if fan.1 > 1.1 * rectangle.1 { fan.0 } else { rectangle.0 }),
-            (fan, rectangle) => fan.or(rectangle).map(|found| found.0),
+            (fan, rectangle) => fan.or(rectangle).map(|fit| fit.0),
         }
     }
 }
@@ -87,14 +88,14 @@ type Point = [f64; 4];
 fn on_rim(mask: &[bool], at: usize, [width, height]: [usize; 2]) -> Option<Point> {
     let (x, y) = (at % width, at / width);
     let inside = mask[at]
-        && (RIM..width.saturating_sub(RIM)).contains(&x)
-        && (RIM..height.saturating_sub(RIM)).contains(&y)
+        && (RIM_PX..width.saturating_sub(RIM_PX)).contains(&x)
+        && (RIM_PX..height.saturating_sub(RIM_PX)).contains(&y)
         && [at - 1, at + 1, at - width, at + width].iter().any(|&next| !mask[next]);
     if !inside {
         return None;
     }
     let (mut across, mut down) = (0.0, 0.0);
-    let reach = RIM as i32;
+    let reach = RIM_PX as i32;
     for (dx, dy) in (-reach..=reach).flat_map(|dy| (-reach..=reach).map(move |dx| (dx, dy))) {
         if mask[(y as i32 + dy) as usize * width + (x as i32 + dx) as usize] {
             (across, down) = (across + f64::from(dx), down + f64::from(dy));
@@ -112,13 +113,13 @@ fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
 
 /// Returns the length of an edge, given as points 1 pixel apart, that lies in the picture away from its border.
 fn visible(edge: impl Iterator<Item = [f64; 2]>, size: [usize; 2]) -> f64 {
-    let within = |p: &[f64; 2]| (0..2).all(|i| p[i] >= RIM as f64 && p[i] < size[i] as f64 - RIM as f64);
+    let within = |p: &[f64; 2]| (0..2).all(|i| p[i] >= RIM_PX as f64 && p[i] < size[i] as f64 - RIM_PX as f64);
     edge.filter(within).count() as f64
 }
 
 /// Returns whether the number of agreeing rim pixels suffices for an edge of the given visible length.
 fn is_seen(agreeing: f64, visible: f64) -> bool {
-    agreeing >= SEEN * visible && visible > 10.0
+    agreeing >= MIN_SEEN_SHARE * visible && visible > 10.0
 }
 
 /// Fits the rectangle whose sides most of the rim lies on; returns it with the number of agreeing points.
@@ -128,7 +129,7 @@ fn rectangle(rim: &[Point], inside: &[[f64; 2]], size: [usize; 2]) -> Option<(Ou
         let extent = [0.002, 0.998].map(|share| quantile(inside.iter().map(|p| p[axis]).collect(), share));
         for side in 0..2 {
             // The column or row in this half of the mask that most of the rim lies on, with its neighbours.
-            let inwards = |p: &&Point| [1.0, -1.0][side] * p[2 + axis] > ALONG;
+            let inwards = |p: &&Point| [1.0, -1.0][side] * p[2 + axis] > MIN_COSINE;
             let near = |p: &Point, place: usize| (p[axis] - place as f64).abs() < 1.5;
             let count = |place: usize| rim.iter().filter(inwards).filter(|p| near(p, place)).count();
             let middle = (0.5 * (extent[0] + extent[1])) as usize;
@@ -147,9 +148,9 @@ fn rectangle(rim: &[Point], inside: &[[f64; 2]], size: [usize; 2]) -> Option<(Ou
         shape: Shape::Rectangle { columns, rows },
         seen: [seen[1][0], seen[1][1], seen[0][0] && seen[0][1]],
     };
-    let cut = [columns[0] < RIM as f64, columns[1] > (size[0] - RIM) as f64];
+    let cut = [columns[0] < RIM_PX as f64, columns[1] > (size[0] - RIM_PX) as f64];
     let sides = (0..2).all(|side| seen[0][side] || cut[side]);
-    (inside.len() as f64 >= FILLED[usize::from(!sides)] * area).then_some((outline, agreement))
+    (inside.len() as f64 >= MIN_FILLED_SHARES[usize::from(!sides)] * area).then_some((outline, agreement))
 }
 
 fn extent_of(points: &[[f64; 2]], axis: usize) -> f64 {
@@ -158,7 +159,7 @@ fn extent_of(points: &[[f64; 2]], axis: usize) -> f64 {
 }
 
 /// Column and row of the apex, radii of the array and of the far edge, angle of the sides.
-type Numbers = [f64; 5];
+type FanParameters = [f64; 5];
 
 /// Returns radius and signed angle from the vertical about an apex.
 fn polar(apex: [f64; 2], x: f64, y: f64) -> [f64; 2] {
@@ -170,18 +171,18 @@ fn edge_of(angle: f64, p: Point) -> Option<usize> {
     let (sine, cosine) = angle.sin_cos();
     let (along, across) = (p[2] * sine + p[3] * cosine, p[2] * cosine - p[3] * sine);
     let fits = [along, -along, -across * angle.signum()];
-    fits.iter().position(|fit| *fit > ALONG)
+    fits.iter().position(|fit| *fit > MIN_COSINE)
 }
 
 /// Returns the signed distance of a point outwards from an edge.
-fn distance(fan: Numbers, edge: usize, p: Point) -> f64 {
+fn distance(fan: FanParameters, edge: usize, p: Point) -> f64 {
     let [x, y, near, far, half] = fan;
     let [radius, angle] = polar([x, y], p[0], p[1]);
     [near - radius, radius - far, radius * (angle.abs() - half)][edge]
 }
 
 /// Returns the nearest edge to a point and its signed distance, if that is less than `within` and the point lies alongside the edge.
-fn nearest(fan: Numbers, p: Point, within: f64) -> Option<(usize, f64)> {
+fn nearest(fan: FanParameters, p: Point, within: f64) -> Option<(usize, f64)> {
     let [radius, angle] = polar([fan[0], fan[1]], p[0], p[1]);
     let edge = edge_of(angle, p)?;
     let beside = match edge {
@@ -194,19 +195,23 @@ fn nearest(fan: Numbers, p: Point, within: f64) -> Option<(usize, f64)> {
 
 /// Fits the fan whose edges most of the rim lies on; returns it with the number of agreeing points.
 fn fan(rim: &[Point], inside: &[[f64; 2]], size: [usize; 2]) -> Option<(Outline, f64)> {
-    let voters: Vec<Point> = rim.iter().copied().step_by(rim.len().div_ceil(VOTERS).max(1)).collect();
-    let mut found = guessed(&voters)?;
-    for within in NEAR {
+    let voters: Vec<Point> = rim
+        .iter()
+        .copied()
+        .step_by(rim.len().div_ceil(MAX_POINTS).max(1))
+        .collect();
+    let mut parameters = guessed(&voters)?;
+    for within in NEAR_PX {
         for _ in 0..3 {
-            found = refined(found, &voters, within);
+            parameters = refined(parameters, &voters, within);
         }
     }
-    let last = NEAR[NEAR.len() - 1];
+    let last = NEAR_PX[NEAR_PX.len() - 1];
     let mut on_edge = [0.0; 3];
-    for (edge, _) in rim.iter().filter_map(|&p| nearest(found, p, last)) {
+    for (edge, _) in rim.iter().filter_map(|&p| nearest(parameters, p, last)) {
         on_edge[edge] += 1.0;
     }
-    let [x, y, near, far, half] = found;
+    let [x, y, near, far, half] = parameters;
     let at = |radius: f64, angle: f64| [x + radius * angle.sin(), y + radius * angle.cos()];
     let arc = |radius: f64| (0..(2.0 * half * radius) as usize).map(move |n| at(radius, n as f64 / radius - half));
     let side = |sign: f64| (near as usize..far as usize).map(move |radius| at(radius as f64, sign * half));
@@ -217,8 +222,8 @@ fn fan(rim: &[Point], inside: &[[f64; 2]], size: [usize; 2]) -> Option<(Outline,
     ];
     // Dark areas within a sector have edges too, but with echoes beyond them.
     let outside = |edge: usize| {
-        let beyond = |p: &&[f64; 2]| distance(found, edge, [p[0], p[1], 0.0, 0.0]) > NEAR[3];
-        inside.iter().filter(beyond).count() as f64 <= BEYOND * inside.len() as f64
+        let beyond = |p: &&[f64; 2]| distance(parameters, edge, [p[0], p[1], 0.0, 0.0]) > NEAR_PX[3];
+        inside.iter().filter(beyond).count() as f64 <= MAX_BEYOND_SHARE * inside.len() as f64
     };
     let seen: [bool; 3] = std::array::from_fn(|edge| is_seen(on_edge[edge], lengths[edge]) && outside(edge));
     if seen.iter().filter(|seen| **seen).count() < 2 {
@@ -248,25 +253,26 @@ fn fan(rim: &[Point], inside: &[[f64; 2]], size: [usize; 2]) -> Option<(Outline,
 }
 
 /// Finds the fan whose radii and angle get the most votes over a lattice of apices (P. V. C. Hough, US patent 3,069,654, 1962).
-fn guessed(voters: &[Point]) -> Option<Numbers> {
+fn guessed(voters: &[Point]) -> Option<FanParameters> {
     let bound = |axis: usize, of: fn(f64, f64) -> f64| voters.iter().map(|p| p[axis]).reduce(of);
     let [left, top] = [bound(0, f64::min)?, bound(1, f64::min)?];
     let [width, height] = [bound(0, f64::max)? - left, bound(1, f64::max)? - top];
-    if width.min(height) < 10.0 * CLASS {
+    if width.min(height) < 10.0 * BIN_PX {
         return None;
     }
     let mut best = (0, None);
-    for column in 0..TRIED[0] {
-        let x = left + width * (0.25 + 0.5 * column as f64 / (TRIED[0] - 1) as f64);
-        for row in 0..TRIED[1] {
-            let y = top - (HIGHEST * height + 1.0).powf(row as f64 / (TRIED[1] - 1) as f64) + 1.0;
+    for column in 0..TRIAL_APICES[0] {
+        let x = left + width * (0.25 + 0.5 * column as f64 / (TRIAL_APICES[0] - 1) as f64);
+        for row in 0..TRIAL_APICES[1] {
+            let y = top - (MAX_APEX_HEIGHTS * height + 1.0).powf(row as f64 / (TRIAL_APICES[1] - 1) as f64) + 1.0;
             let around: Vec<[f64; 2]> = voters.iter().map(|p| polar([x, y], p[0], p[1])).collect();
             let farthest = around.iter().map(|p| p[0]).fold(0.0, f64::max);
-            let turn = CLASS / (0.6 * farthest);
-            let mut votes = [(); 3].map(|()| vec![0usize; (farthest / CLASS).max(2.0 * FRAC_PI_2 / turn) as usize + 2]);
+            let turn = BIN_PX / (0.6 * farthest);
+            let mut votes =
+                [(); 3].map(|()| vec![0usize; (farthest / BIN_PX).max(2.0 * FRAC_PI_2 / turn) as usize + 2]);
             for (&[radius, angle], &p) in around.iter().zip(voters) {
                 if let Some(edge) = edge_of(angle, p) {
-                    let place = if edge == 2 { angle.abs() / turn } else { radius / CLASS };
+                    let place = if edge == 2 { angle.abs() / turn } else { radius / BIN_PX };
                     votes[edge][place as usize] += 1;
                 }
             }
@@ -278,10 +284,10 @@ fn guessed(voters: &[Point]) -> Option<Numbers> {
                     .unwrap_or_default()
             };
             let [near, far] = [0, 1].map(|edge| peak(&votes[edge], 0));
-            let sides = peak(&votes[2], (NARROWEST / turn) as usize);
+            let sides = peak(&votes[2], (MIN_HALF_ANGLE / turn) as usize);
             let count = near.0 + far.0 + sides.0;
             if count > best.0 {
-                let radii = [near.1, far.1].map(|at| at as f64 * CLASS);
+                let radii = [near.1, far.1].map(|at| at as f64 * BIN_PX);
                 let half = (sides.1 as f64 * turn).min(1.8 * FRAC_PI_2);
                 // A missing array or far edge is placed at the end of the mask.
                 let far = if radii[1] > radii[0] { radii[1] } else { farthest };
@@ -293,7 +299,7 @@ fn guessed(voters: &[Point]) -> Option<Numbers> {
 }
 
 /// Takes one least-squares step over the points near an edge, with J. W. Tukey's biweight.
-fn refined(fan: Numbers, points: &[Point], within: f64) -> Numbers {
+fn refined(fan: FanParameters, points: &[Point], within: f64) -> FanParameters {
     // Scaled to one pixel at the far edge.
     let scale = [1.0, 1.0, 1.0, 1.0, 1.0 / fan[3].max(1.0)];
     let mut normal = SMatrix::<f64, 5, 5>::identity() * 1e-3;
@@ -317,7 +323,7 @@ fn refined(fan: Numbers, points: &[Point], within: f64) -> Numbers {
     let step = normal.cholesky().map(|factor| factor.solve(&right)).unwrap_or_default();
     // The step is limited to what the points near an edge can determine.
     let bounded = step * (within / step.norm().max(within));
-    let moved: Numbers = std::array::from_fn(|i| fan[i] + bounded[i] * scale[i]);
+    let moved: FanParameters = std::array::from_fn(|i| fan[i] + bounded[i] * scale[i]);
     if moved[2] > 0.0 && moved[3] > moved[2] && moved[4] > 0.0 {
         moved
     } else {

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::{Match, Score, Side};
+use super::{Match, Score, WindowMeasurements};
 use crate::realism::report::{named, small};
 use insonify_base::document::to_toml;
 use insonify_base::number::fixed;
@@ -82,13 +82,14 @@ impl Match {
     }
 
     fn plots(&self) -> Vec<Plot> {
-        let plot = |title: &str, [x, y]: [&str; 2], points: &dyn Fn(&Side) -> Vec<[f64; 2]>| {
+        let plot = |title: &str, [x, y]: [&str; 2], points: &dyn Fn(&WindowMeasurements) -> Vec<[f64; 2]>| {
             let sides = [
                 ("real", 1, &self.real),
                 ("matched", 0, &self.matched),
                 ("default", 6, &self.default),
             ];
-            let line = |(name, colour, side): (&str, usize, &Side)| Series::line(name, colour, points(side));
+            let line =
+                |(name, colour, side): (&str, usize, &WindowMeasurements)| Series::line(name, colour, points(side));
             Plot::new(title, Axis::linear(x), Axis::linear(y), sides.map(line).to_vec())
         };
         // Four grey levels per point.
@@ -100,7 +101,7 @@ impl Match {
         };
         let lags =
             |values: &[f64]| -> Vec<[f64; 2]> { values.iter().enumerate().map(|(lag, v)| [lag as f64, *v]).collect() };
-        let depths = |side: &Side, of: &dyn Fn(&super::AtDepth) -> Option<f64>| -> Vec<[f64; 2]> {
+        let depths = |side: &WindowMeasurements, of: &dyn Fn(&super::AtDepth) -> Option<f64>| -> Vec<[f64; 2]> {
             side.depths
                 .iter()
                 .filter_map(|it| Some([it.depth_mm, of(it)?]))

@@ -94,35 +94,35 @@ impl Known {
     }
 }
 
-fn value(found: &Match, key: &str) -> f64 {
-    let figure = found.figures.iter().find(|it| it.key.ends_with(key));
-    figure.unwrap_or_else(|| panic!("{key}: {:?}", found.figures)).value
+fn value(result: &Match, key: &str) -> f64 {
+    let figure = result.figures.iter().find(|it| it.key.ends_with(key));
+    figure.unwrap_or_else(|| panic!("{key}: {:?}", result.figures)).value
 }
 
-fn near(what: &str, found: f64, expected: f64, tolerance: f64) {
+fn near(what: &str, result: f64, expected: f64, tolerance: f64) {
     assert!(
-        (found - expected).abs() <= tolerance,
-        "{what}: {found}, not {expected} +- {tolerance}"
+        (result - expected).abs() <= tolerance,
+        "{what}: {result}, not {expected} +- {tolerance}"
     );
 }
 
-fn found(case: &Known) -> Match {
+fn result(case: &Known) -> Match {
     fit(&case.uniform(), None, 0).unwrap()
 }
 
-fn is_told(found: &Match, what: &str) -> bool {
-    !found.unidentified.iter().any(|it| it.what == what)
+fn is_identified(result: &Match, what: &str) -> bool {
+    !result.unidentified.iter().any(|it| it.what == what)
 }
 
 /// Returns the lateral length in the scene found, mm.
-fn lateral_at(found: &Match, depth_mm: f64) -> f64 {
-    let away = (depth_mm - value(found, "focus_mm")) / value(found, "focal_zone_mm");
-    value(found, ".lateral_mm") * away.hypot(1.0)
+fn lateral_at(result: &Match, depth_mm: f64) -> f64 {
+    let away = (depth_mm - value(result, "focus_mm")) / value(result, "focal_zone_mm");
+    value(result, ".lateral_mm") * away.hypot(1.0)
 }
 
 /// Returns the gain at a depth in the scene found, without the compensation of average tissue, dB.
-fn gain_at(found: &Match, depth_mm: f64) -> f64 {
-    let scene: SceneFile = toml::from_str(&found.scene).unwrap();
+fn gain_at(result: &Match, depth_mm: f64) -> f64 {
+    let scene: SceneFile = toml::from_str(&result.scene).unwrap();
     let mut tone = scene.effects.unwrap().tone.unwrap();
     tone.tgc_db_cm = Some(0.0);
     tone.gain_at_db(depth_mm, 0.0, None)
@@ -130,7 +130,7 @@ fn gain_at(found: &Match, depth_mm: f64) -> f64 {
 
 /// Returns the relative errors of dynamic range, axial length and lateral length, and the error of the gain in dB; the last two are the
 /// worst of three depths.
-fn errors(case: &Known, found: &Match) -> [f64; 4] {
+fn errors(case: &Known, result: &Match) -> [f64; 4] {
     let depths = [0.2, 0.5, 0.8].map(|share| share * case.depth_mm);
     let worst = |of: &dyn Fn(f64) -> f64| {
         depths
@@ -144,10 +144,10 @@ fn errors(case: &Known, found: &Match) -> [f64; 4] {
     };
     let gain = |depth: f64| case.gain_db + case.slope_db_cm * (depth - case.depth_mm / 2.0) / 10.0;
     [
-        value(found, "dynamic_range_db") / case.range_db - 1.0,
-        value(found, "axial_mm") / case.axial_mm - 1.0,
-        worst(&|depth| lateral_at(found, depth) / lateral(depth) - 1.0),
-        worst(&|depth| gain_at(found, depth) - gain(depth)),
+        value(result, "dynamic_range_db") / case.range_db - 1.0,
+        value(result, "axial_mm") / case.axial_mm - 1.0,
+        worst(&|depth| lateral_at(result, depth) / lateral(depth) - 1.0),
+        worst(&|depth| gain_at(result, depth) - gain(depth)),
     ]
 }
 
@@ -192,8 +192,8 @@ fn known_settings_are_found_again() {
         },
     ];
     for case in cases {
-        let found = found(&case);
-        let off = errors(&case, &found);
+        let result = result(&case);
+        let off = errors(&case, &result);
         for (key, expected) in [
             (
                 "radius_mm",
@@ -219,7 +219,7 @@ fn known_settings_are_found_again() {
             ),
             ("depth_mm", Some(case.depth_mm)),
         ] {
-            let figure = found
+            let figure = result
                 .figures
                 .iter()
                 .find(|it| it.key.ends_with(&format!("probe.{key}")));
@@ -237,9 +237,9 @@ fn known_settings_are_found_again() {
             assert!(off.abs() <= tolerance, "{what} of {case:?}: {off} > {tolerance}");
         }
         assert!(
-            found.score.windows < 2.0 && 3.0 * found.score.windows < found.default_score.windows,
+            result.score.windows < 2.0 && 3.0 * result.score.windows < result.default_score.windows,
             "{:?}",
-            found.score
+            result.score
         );
     }
 }
@@ -251,7 +251,7 @@ fn an_unknown_blur_shifts_range_and_lengths() {
         lateral_mm: 2.4,
         ..KNOWN
     };
-    let off = errors(&case, &found(&case));
+    let off = errors(&case, &result(&case));
     assert!(
         off[0].abs() < 0.25 && off[1].abs() < 0.2 && off[2].abs() < 0.2,
         "{off:?}"
@@ -265,10 +265,10 @@ fn a_focus_is_told_where_it_is_seen() {
         focal_zone_mm: 30.0,
         ..KNOWN
     };
-    let focused = found(&case);
-    assert!(is_told(&focused, "focus"));
+    let focused = result(&case);
+    assert!(is_identified(&focused, "focus"));
     near("focus", value(&focused, "focus_mm"), 60.0, 10.0);
-    assert!(!is_told(&found(&KNOWN), "focus"));
+    assert!(!is_identified(&result(&KNOWN), "focus"));
 }
 
 #[test]
@@ -294,12 +294,15 @@ fn clutter_and_noise_are_told_by_dark_tissue() {
         fit(&KNOWN.frame(anatomy, effects), None, 0).unwrap()
     };
     let cluttered = of(-200.0, -14.0, 0.5, 70.0);
-    assert!(is_told(&cluttered, "clutter") && !is_told(&cluttered, "noise"));
+    assert!(is_identified(&cluttered, "clutter") && !is_identified(&cluttered, "noise"));
     // Compared at the depth of the fluid; the decay there is less well determined.
     let level = value(&cluttered, "clutter_db") - 7.0 * value(&cluttered, "decay_db_cm");
     near("clutter", level, -17.5, 3.0);
     let noisy = of(-52.0, -200.0, 4.0, 95.0);
-    assert!(is_told(&noisy, "noise") && !is_told(&noisy, "clutter"), "{noisy}");
+    assert!(
+        is_identified(&noisy, "noise") && !is_identified(&noisy, "clutter"),
+        "{noisy}"
+    );
     // Compared where it is visible: before gain, it depends on the frequency chosen for the scene.
     let scene: SceneFile = toml::from_str(&noisy.scene).unwrap();
     let compensation = 9.5 * scene.probe.unwrap().sampling.frequency_mhz.unwrap();
@@ -336,8 +339,8 @@ fn an_outline_is_found_in_part() {
         let shadow = across.atan2(down) < -0.3 && across.hypot(down) > 130.0;
         !(shadow || x > 220 && y > 200)
     }));
-    for (found, expected) in fan(shadowed).iter().zip(expected) {
-        near("of a shadowed sector", *found, expected, 0.02 * expected.abs());
+    for (result, expected) in fan(shadowed).iter().zip(expected) {
+        near("of a shadowed sector", *result, expected, 0.02 * expected.abs());
     }
     // Only the middle of the frame, as on a narrow screen.
     let [left, width, height] = [80, 220, 240];
@@ -351,14 +354,14 @@ fn an_outline_is_found_in_part() {
     };
     let cropped = outline(&cropped);
     assert_eq!(cropped.seen, [true, false, true]);
-    let found = fan(cropped);
+    let result = fan(cropped);
     for (at, expected) in [
         (0, expected[0] - left as f64),
         (1, expected[1]),
         (2, expected[2]),
         (4, expected[4]),
     ] {
-        near("of a cropped sector", found[at], expected, 0.03 * expected.abs());
+        near("of a cropped sector", result[at], expected, 0.03 * expected.abs());
     }
     // Array at the bottom.
     let mut turned = whole.clone();

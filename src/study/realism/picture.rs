@@ -19,7 +19,7 @@ const COLOURED: u8 = 40;
 /// Plausible pixel sizes, mm.
 pub const PIXEL_MM: std::ops::RangeInclusive<f64> = 0.001..=10.0;
 /// Largest number of columns and of rows of a picture.
-const LARGEST: u32 = 8192;
+const MAX_SIDE_PX: u32 = 8192;
 
 /// Luminance of a frame (Rec. 709), row by row, rows along depth.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -65,22 +65,23 @@ pub fn read(paths: &[PathBuf], per_sequence: usize, mm_per_pixel: Option<f64>) -
 }
 
 /// Reads frames of a file by its kind.
-fn frames(path: &Path, most: usize) -> Result<Vec<Picture>, VolumeError> {
+fn frames(path: &Path, max_frames: usize) -> Result<Vec<Picture>, VolumeError> {
     match path {
         _ if has_ending(path, "png") => Ok(vec![png(path)?]),
-        _ if is_dicom(path) => dicom::read(path, most),
-        _ => sequence(path, most),
+        _ if is_dicom(path) => dicom::read(path, max_frames),
+        _ => sequence(path, max_frames),
     }
 }
 
-/// Evenly spaced frame numbers, up to `most`, the first and the last among them.
-fn spread(frames: usize, most: usize) -> impl Iterator<Item = usize> {
-    let count = most.clamp(1, frames.max(1));
+/// Evenly spaced frame numbers, up to `max_frames`, the first and the last among them.
+fn spread(frames: usize, max_frames: usize) -> impl Iterator<Item = usize> {
+    let count = max_frames.clamp(1, frames.max(1));
     (0..count).map(move |n| n * (frames - 1) / (count - 1).max(1))
 }
 
 fn has_ending(path: &Path, ending: &str) -> bool {
-    path.extension().is_some_and(|found| found.eq_ignore_ascii_case(ending))
+    path.extension()
+        .is_some_and(|extension| extension.eq_ignore_ascii_case(ending))
 }
 
 /// Lists the PNG and DICOM files of a folder by name, without layers and overviews.
@@ -116,7 +117,7 @@ fn png(path: &Path) -> Result<Picture, VolumeError> {
     let bytes = read::bytes(path, read::PNG).map_err(|cause| VolumeError::read(path, cause))?;
     let mut reader = ImageReader::with_format(Cursor::new(bytes), ImageFormat::Png);
     let mut limits = Limits::default();
-    (limits.max_image_width, limits.max_image_height) = (Some(LARGEST), Some(LARGEST));
+    (limits.max_image_width, limits.max_image_height) = (Some(MAX_SIDE_PX), Some(MAX_SIDE_PX));
     reader.limits(limits);
     let image = reader
         .decode()
@@ -154,12 +155,12 @@ impl Picture {
 /// Reads the pixel size from a sidecar, mm; `None` if there is none.
 fn pixel_mm(sidecar: &Path) -> Option<f64> {
     let text = read::text(sidecar, read::TOML).ok()?;
-    let known: serde_json::Value = serde_json::from_str(&text).ok()?;
-    known["image"]["pixel_mm"].as_f64()
+    let json: serde_json::Value = serde_json::from_str(&text).ok()?;
+    json["image"]["pixel_mm"].as_f64()
 }
 
 /// Reads evenly spaced frames of a sequence.
-fn sequence(path: &Path, most: usize) -> Result<Vec<Picture>, VolumeError> {
+fn sequence(path: &Path, max_frames: usize) -> Result<Vec<Picture>, VolumeError> {
     let expected =
         "frames as .png or .dcm files, folders of them, or image sequences (.mha, .mhd, .nrrd) of grey bytes";
     let sequence = Sequence::read(path)?;
@@ -178,7 +179,7 @@ fn sequence(path: &Path, most: usize) -> Result<Vec<Picture>, VolumeError> {
     if shown.is_empty() {
         return Err(VolumeError::malformed(path, At::Pixels, "no valid image", expected));
     }
-    let chosen = spread(shown.len(), most).map(|n| shown[n]);
+    let chosen = spread(shown.len(), max_frames).map(|n| shown[n]);
     let grey = |at: usize| -> Option<Vec<f64>> {
         let image = sequence.image(at)?;
         Some(image.pixels.iter().map(|&grey| f64::from(grey)).collect())

@@ -5,7 +5,7 @@ use std::fmt;
 use image::{GrayImage, imageops};
 
 use super::picture::Picture;
-use super::{CLASS, FrameReport, LIMIT, Report, Row, Verdict};
+use super::{BIN_LEVELS, FrameReport, LIMIT, LikenessReport, LikenessVerdict, MeasureComparison};
 use insonify_base::number::fixed;
 use insonify_base::output::OutputError;
 use insonify_base::table::{Cell, Table};
@@ -15,16 +15,16 @@ use insonify_report::page::Page;
 use insonify_report::plot::{Axis, Plot, Series};
 
 /// Largest width of the pictures on a page, pixels.
-const WIDE: u32 = 480;
+const MAX_PICTURE_PX: u32 = 480;
 
-impl Row {
+impl MeasureComparison {
     /// Returns name with unit, both sides, difference and verdict.
     fn words(&self) -> [String; 5] {
         let name = match self.measure.unit {
             "" => self.measure.name.to_owned(),
             unit => format!("{}, {unit}", self.measure.name),
         };
-        let side = |figure: &Option<super::Figure>| match figure {
+        let side = |figure: &Option<super::MeasureSummary>| match figure {
             None => "-".to_owned(),
             Some(figure) => match figure.spread {
                 None => fixed(figure.mean),
@@ -32,7 +32,7 @@ impl Row {
             },
         };
         let difference = self.difference.map_or("-".to_owned(), |d| format!("{d:+.1}"));
-        let verdict = self.verdict.map_or("-", Verdict::word);
+        let verdict = self.verdict.map_or("-", LikenessVerdict::word);
         [
             name,
             side(&self.frames),
@@ -43,7 +43,7 @@ impl Row {
     }
 }
 
-impl Verdict {
+impl LikenessVerdict {
     fn word(self) -> &'static str {
         match self {
             Self::Inside => "inside",
@@ -52,11 +52,11 @@ impl Verdict {
     }
 }
 
-impl Report {
+impl LikenessReport {
     /// States how many measures are inside and outside.
     fn summary(&self) -> String {
         let count = |verdict| self.measures.iter().filter(|row| row.verdict == Some(verdict)).count();
-        let (inside, outside) = (count(Verdict::Inside), count(Verdict::Outside));
+        let (inside, outside) = (count(LikenessVerdict::Inside), count(LikenessVerdict::Outside));
         format!(
             "{inside} of {} measures lie within {LIMIT} standard deviations of the real frames ({} frames against {})",
             inside + outside,
@@ -96,8 +96,8 @@ impl Report {
         let rows = self.measures.iter().map(|row| {
             let [name, ours, real, difference, verdict] = row.words();
             let tag = match row.verdict {
-                Some(Verdict::Inside) => vec![("good", verdict)],
-                Some(Verdict::Outside) => vec![("bad", verdict)],
+                Some(LikenessVerdict::Inside) => vec![("good", verdict)],
+                Some(LikenessVerdict::Outside) => vec![("bad", verdict)],
                 None => Vec::new(),
             };
             let name = Cell::Pair(name, row.measure.definition.to_owned());
@@ -146,7 +146,7 @@ impl Report {
             }
         };
         let classes = |frame: &FrameReport| {
-            let middle = |class: usize| ((class * CLASS) as f64) + 0.5 * (CLASS as f64 - 1.0);
+            let middle = |class: usize| ((class * BIN_LEVELS) as f64) + 0.5 * (BIN_LEVELS as f64 - 1.0);
             frame
                 .histogram
                 .iter()
@@ -184,13 +184,13 @@ pub(crate) fn small(picture: &Picture) -> Option<GrayImage> {
     let (width, height) = (u32::try_from(picture.width).ok()?, u32::try_from(picture.height).ok()?);
     let pixels = picture.grey.iter().map(|&grey| grey as u8).collect();
     let whole = GrayImage::from_raw(width, height, pixels)?;
-    Some(match width > WIDE {
-        true => imageops::thumbnail(&whole, WIDE, (height * WIDE / width).max(1)),
+    Some(match width > MAX_PICTURE_PX {
+        true => imageops::thumbnail(&whole, MAX_PICTURE_PX, (height * MAX_PICTURE_PX / width).max(1)),
         false => whole,
     })
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for LikenessReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (side, frames) in [("frames", &self.frames), ("real frames", &self.real)] {
             let names: Vec<String> = frames
@@ -201,7 +201,7 @@ impl fmt::Display for Report {
         }
         let [ours, real, difference] = ["frames", "real frames", "difference"].map(Cell::number);
         let head = [Cell::from("measure"), ours, real, difference, Cell::from("verdict")];
-        let table = Table::new(head).with(self.measures.iter().map(Row::words));
+        let table = Table::new(head).with(self.measures.iter().map(MeasureComparison::words));
         write!(f, "\n{}", table.text("  ", &[0, 16, 16, 10]))?;
         writeln!(f, "\n{}", self.summary())?;
         for note in &self.notes {

@@ -3,19 +3,19 @@
 use super::picture::Picture;
 
 /// Half-width of the square in which grey levels must vary for its centre to belong to the sector, pixels.
-const REACH: usize = 2;
+const REACH_PX: usize = 2;
 /// Least variation in grey levels: more than in a compressed constant area.
-const RANGE: f64 = 2.0;
+const MIN_RANGE: f64 = 2.0;
 /// Largest grey level that counts as black.
 pub const BLACK: f64 = 2.0;
 /// Number of columns from which outlines of the array are proposed.
-const GUESSED: usize = 40;
+const PROPOSED: usize = 40;
 /// Distance from the outline within which a column agrees with it, pixels.
-const AGREES: f64 = 1.5;
+const NEAR_PX: f64 = 1.5;
 /// Second divided difference (half the curvature) up to which an outline counts as straight, 1/pixel: a radius of 1000 pixels.
-const STRAIGHT: f64 = 5e-4;
+const MAX_CURVATURE: f64 = 5e-4;
 /// Largest slope of an array outline at the middle of the sector.
-const STEEPEST: f64 = 0.25;
+const MAX_SLOPE: f64 = 0.25;
 
 /// Finds the pixels in the sector: the largest 4-connected region in which grey levels vary (by more than 2 within 5 x 5 pixels, without
 /// coloured overlay), its holes filled, less the 2 pixels that the square adds at its rim. Constant fill and detached text are outside; so
@@ -24,7 +24,11 @@ pub fn sector(picture: &Picture) -> Option<Vec<bool>> {
     let size = [picture.width, picture.height];
     let low = spread(&spread(&picture.grey, size, 1, f64::min), size, picture.width, f64::min);
     let high = spread(&spread(&picture.grey, size, 1, f64::max), size, picture.width, f64::max);
-    let mut live: Vec<bool> = low.iter().zip(&high).map(|(low, high)| high - low > RANGE).collect();
+    let mut live: Vec<bool> = low
+        .iter()
+        .zip(&high)
+        .map(|(low, high)| high - low > MIN_RANGE)
+        .collect();
     for (live, coloured) in live.iter_mut().zip(&picture.overlay) {
         *live &= !coloured;
     }
@@ -47,7 +51,7 @@ pub fn sector(picture: &Picture) -> Option<Vec<bool>> {
     Some(spread(&spread(&mask, size, 1, both), size, size[0], both))
 }
 
-/// Folds each value with those within [`REACH`] along an axis (`stride` 1: rows; width: columns).
+/// Folds each value with those within [`REACH_PX`] along an axis (`stride` 1: rows; width: columns).
 fn spread<T: Copy>(values: &[T], [width, height]: [usize; 2], stride: usize, fold: impl Fn(T, T) -> T) -> Vec<T> {
     let of = |at: usize| {
         let (place, length) = if stride == 1 {
@@ -55,7 +59,7 @@ fn spread<T: Copy>(values: &[T], [width, height]: [usize; 2], stride: usize, fol
         } else {
             (at / width, height)
         };
-        let (first, last) = (place.saturating_sub(REACH), (place + REACH).min(length - 1));
+        let (first, last) = (place.saturating_sub(REACH_PX), (place + REACH_PX).min(length - 1));
         let start = at - place * stride;
         (first..=last)
             .map(|place| values[start + place * stride])
@@ -118,6 +122,7 @@ pub(crate) fn empty_share(picture: &Picture, mask: &[bool], depth_mm: f64) -> Op
             let inside = x >= 0.0 && y >= 0.0 && x < width as f64 && y < picture.height as f64;
             inside.then_some(y as usize * width + x as usize).filter(|&at| mask[at])
         };
+        // A scanline that misses the sector deeper down says nothing of contact; a tenth of it may be a hole.
         let deeper = (1..=40).filter(|n| at(rows * (0.15 + 0.15 * f64::from(*n) / 40.0)).is_some());
         if deeper.count() < 36 {
             continue;
@@ -143,7 +148,7 @@ impl Outline {
     fn through([a, b, c]: [[f64; 2]; 3]) -> Option<Self> {
         let slope = (c[1] - a[1]) / (c[0] - a[0]);
         let curvature = ((c[1] - b[1]) / (c[0] - b[0]) - (b[1] - a[1]) / (b[0] - a[0])) / (c[0] - a[0]);
-        if curvature.abs() <= STRAIGHT {
+        if curvature.abs() <= MAX_CURVATURE {
             return Some(Self::Line { through: a, slope });
         }
         let square = |p: [f64; 2]| p[0] * p[0] + p[1] * p[1];
@@ -172,20 +177,20 @@ impl Outline {
     /// Finds the outline that most points, and at least a fifth of them, lie on.
     fn of(points: &[[f64; 2]]) -> Option<Self> {
         let last = points.len().checked_sub(1)?;
-        let chosen: Vec<[f64; 2]> = (0..GUESSED).map(|n| points[n * last / (GUESSED - 1)]).collect();
+        let chosen: Vec<[f64; 2]> = (0..PROPOSED).map(|n| points[n * last / (PROPOSED - 1)]).collect();
         let middle = 0.5 * (points[0][0] + points[last][0]);
         let mut best = (points.len() as f64 / 5.0, None);
         for (i, &a) in chosen.iter().enumerate() {
             for (j, &b) in chosen.iter().enumerate().skip(i + 1) {
                 for &c in &chosen[j + 1..] {
                     let outline = Self::through([a, b, c]);
-                    let level = |it: &Self| it.at(middle).is_some_and(|[_, slope]| slope.abs() <= STEEPEST);
+                    let level = |it: &Self| it.at(middle).is_some_and(|[_, slope]| slope.abs() <= MAX_SLOPE);
                     let Some(outline) = outline.filter(level) else {
                         continue;
                     };
                     let agreement = |p: &[f64; 2]| {
-                        let off = outline.at(p[0]).map_or(AGREES, |[y, _]| y - p[1]);
-                        (1.0 - (off / AGREES).powi(2)).max(0.0)
+                        let off = outline.at(p[0]).map_or(NEAR_PX, |[y, _]| y - p[1]);
+                        (1.0 - (off / NEAR_PX).powi(2)).max(0.0)
                     };
                     let agree: f64 = points.iter().map(agreement).sum();
                     if agree > best.0 {
@@ -210,9 +215,9 @@ pub(super) fn dark_limit(picture: &Picture, mask: &[bool]) -> f64 {
 }
 
 /// Least number of columns with a boundary for its width to be measured.
-const COLUMNS: usize = 16;
+const MIN_COLUMNS: usize = 16;
 /// Half-length of the profile across a boundary, pixels.
-const PROFILE: usize = 12;
+const PROFILE_PX: usize = 12;
 
 /// Far boundary of a dark region.
 pub struct Edge {
@@ -247,7 +252,7 @@ pub fn edge(picture: &Picture, mask: &[bool]) -> Option<Edge> {
             *row = at.max(*row);
         }
         let clear = |&at: &usize| {
-            let (above, below) = (at.checked_sub(PROFILE * width), at + PROFILE * width);
+            let (above, below) = (at.checked_sub(PROFILE_PX * width), at + PROFILE_PX * width);
             let Some(above) = above.filter(|_| below < mask.len()) else {
                 return false;
             };
@@ -259,25 +264,26 @@ pub fn edge(picture: &Picture, mask: &[bool]) -> Option<Edge> {
         lowest.into_values().filter(clear).collect()
     };
     let longest = regions(&dark, width).iter().map(boundary).max_by_key(Vec::len)?;
-    if longest.len() < COLUMNS {
+    if longest.len() < MIN_COLUMNS {
         return None;
     }
-    let profile: Vec<f64> = (0..=2 * PROFILE)
+    let profile: Vec<f64> = (0..=2 * PROFILE_PX)
         .map(|n| {
             longest
                 .iter()
-                .map(|at| picture.grey[at + n * width - PROFILE * width])
+                .map(|at| picture.grey[at + n * width - PROFILE_PX * width])
                 .sum::<f64>()
         })
         .collect();
-    let mut before = profile[..PROFILE / 2].to_vec();
+    // The region itself may hold echoes: the median of its quarter far from the boundary is its level.
+    let mut before = profile[..PROFILE_PX / 2].to_vec();
     before.sort_by(f64::total_cmp);
-    let low = before[PROFILE / 4];
-    let high = profile[PROFILE..].iter().copied().fold(f64::MIN, f64::max);
+    let low = before[PROFILE_PX / 4];
+    let high = profile[PROFILE_PX..].iter().copied().fold(f64::MIN, f64::max);
     // The profile crosses 90 % at or below the boundary, and 10 % last before that.
     let level = |share: f64| low + share * (high - low);
     let between = |from: usize, level: f64| from as f64 + (level - profile[from]) / (profile[from + 1] - profile[from]);
-    let end = (PROFILE - 4..2 * PROFILE).find(|&n| profile[n + 1] >= level(0.9))?;
+    let end = (PROFILE_PX - 4..2 * PROFILE_PX).find(|&n| profile[n + 1] >= level(0.9))?;
     let start = (0..=end).rev().find(|&n| profile[n] <= level(0.1))?;
     let row = |&at: &usize| {
         let (dark, bright) = (smooth(at), smooth(at + width));

@@ -76,10 +76,10 @@ fn even(mean: f64, seed: u32) -> Picture {
     })
 }
 
-fn near(what: &str, found: f64, expected: f64, tolerance: f64) {
+fn near(what: &str, value: f64, expected: f64, tolerance: f64) {
     assert!(
-        (found - expected).abs() <= tolerance,
-        "{what}: {found}, not {expected} +- {tolerance}"
+        (value - expected).abs() <= tolerance,
+        "{what}: {value}, not {expected} +- {tolerance}"
     );
 }
 
@@ -319,7 +319,7 @@ fn dark_windows_are_found_in_fluid() {
     );
 }
 
-fn row<'a>(report: &'a Report, key: &str) -> &'a Row {
+fn row<'a>(report: &'a LikenessReport, key: &str) -> &'a MeasureComparison {
     report
         .measures
         .iter()
@@ -333,23 +333,23 @@ fn differences_are_in_spreads_of_the_real_frames() {
     let same = compare(&real, &real).expect("a report");
     for row in &same.measures {
         assert!(
-            row.difference.is_none_or(|d| d == 0.0) && row.verdict != Some(Verdict::Outside),
+            row.difference.is_none_or(|d| d == 0.0) && row.verdict != Some(LikenessVerdict::Outside),
             "{row:?}"
         );
     }
     assert!(
         same.measures
             .iter()
-            .filter(|row| row.verdict == Some(Verdict::Inside))
+            .filter(|row| row.verdict == Some(LikenessVerdict::Inside))
             .count()
             > 25
     );
     let report = compare(&[even(116.0, 4)], &real).expect("a report");
-    let found = row(&report, "grey_mean");
+    let grey = row(&report, "grey_mean");
     // Means of 80, 86 and 92: 86 +- 6.
-    near("difference", found.difference.expect("known"), 5.0, 0.4);
-    assert_eq!(found.verdict, Some(Verdict::Outside));
-    assert_eq!(row(&report, "lag1_lateral").verdict, Some(Verdict::Inside));
+    near("difference", grey.difference.expect("known"), 5.0, 0.4);
+    assert_eq!(grey.verdict, Some(LikenessVerdict::Outside));
+    assert_eq!(row(&report, "lag1_lateral").verdict, Some(LikenessVerdict::Inside));
     // The standard deviations of the three differ by less than a grey level: the floor applies.
     let std = row(&report, "grey_std");
     let (ours, real_std) = (
@@ -455,7 +455,7 @@ fn text_page_and_json_say_the_same() {
     let inside = report
         .measures
         .iter()
-        .filter(|row| row.verdict == Some(Verdict::Inside))
+        .filter(|row| row.verdict == Some(LikenessVerdict::Inside))
         .count();
     assert_eq!(page.matches("<span class=\"tag good\">inside</span>").count(), inside);
     let mut keys: Vec<&str> = MEASURES.iter().map(|measure| measure.key).collect();

@@ -152,6 +152,7 @@ impl Patch {
         let mut rows: Vec<Complex32> = (0..width * height)
             .map(|n| (at(n % width, n / width) as f32).into())
             .collect();
+        // Lines of a transform lie one after another in memory: transposed between the two axes, and back when the power is read.
         Fft::new(width).forward(&mut rows);
         let mut columns: Vec<Complex32> = (0..width * height)
             .map(|n| rows[n % height * width + n / height])
@@ -321,12 +322,16 @@ fn window_statistics(picture: &Picture, mask: &[bool], [width, height]: [usize; 
         .collect()
 }
 
-/// Picks up to `most` windows in ascending order of their score, each `apart` from those before.
-fn first_apart(mut windows: Vec<(f64, Window)>, most: usize, apart: impl Fn(Window, Window) -> bool) -> Vec<Window> {
+/// Picks up to `max_windows` in ascending order of their score, each separate from those before.
+fn first_separate(
+    mut windows: Vec<(f64, Window)>,
+    max_windows: usize,
+    are_separate: impl Fn(Window, Window) -> bool,
+) -> Vec<Window> {
     windows.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut chosen: Vec<Window> = Vec::new();
     for (_, window) in windows {
-        if chosen.len() < most && chosen.iter().all(|&other| apart(window, other)) {
+        if chosen.len() < max_windows && chosen.iter().all(|&other| are_separate(window, other)) {
             chosen.push(window);
         }
     }
@@ -339,26 +344,30 @@ pub(crate) fn uniform_windows(
     picture: &Picture,
     mask: &[bool],
     size: [usize; 2],
-    most: usize,
+    max_windows: usize,
     grey: [f64; 2],
 ) -> Vec<Window> {
     let fits = |it: &WindowStatistics| {
         (grey[0]..=grey[1]).contains(&it.mean) && it.black <= 0.02 && it.white <= 0.02 && it.std > 0.0
     };
     let windows = window_statistics(picture, mask, size).into_iter().filter(fits);
-    let apart = |a: Window, b: Window| a.x.abs_diff(b.x) + a.y.abs_diff(b.y) >= size[1] / 2;
+    let are_separate = |a: Window, b: Window| a.x.abs_diff(b.x) + a.y.abs_diff(b.y) >= size[1] / 2;
     let chosen_by = |it: WindowStatistics| ((it.uneven[0] + it.uneven[1]) / it.mean, it.window);
-    first_apart(windows.map(chosen_by).collect(), most, apart)
+    first_separate(windows.map(chosen_by).collect(), max_windows, are_separate)
 }
 
 /// Selects the darkest windows of a size in the sector that show texture: mean below half that of the sector, standard deviation of at
 /// least one grey level, at most half black, and unevenness (see [`uniform_windows`]) of at most 1. They do not overlap.
-pub(crate) fn dark_windows(picture: &Picture, mask: &[bool], size: [usize; 2], most: usize) -> Vec<Window> {
+pub(crate) fn dark_windows(picture: &Picture, mask: &[bool], size: [usize; 2], max_windows: usize) -> Vec<Window> {
     let limit = dark_limit(picture, mask);
     let fits = |it: &WindowStatistics| {
         it.mean < limit && it.std >= 1.0 && it.black <= 0.5 && it.uneven[0] + it.uneven[1] <= it.mean
     };
     let windows = window_statistics(picture, mask, size).into_iter().filter(fits);
-    let apart = |a: Window, b: Window| a.x.abs_diff(b.x) >= size[0] || a.y.abs_diff(b.y) >= size[1];
-    first_apart(windows.map(|it| (it.mean, it.window)).collect(), most, apart)
+    let are_separate = |a: Window, b: Window| a.x.abs_diff(b.x) >= size[0] || a.y.abs_diff(b.y) >= size[1];
+    first_separate(
+        windows.map(|it| (it.mean, it.window)).collect(),
+        max_windows,
+        are_separate,
+    )
 }

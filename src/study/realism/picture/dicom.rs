@@ -14,7 +14,7 @@ use dicom_pixeldata::{
 };
 use image::{DynamicImage, GrayImage, RgbImage};
 
-use super::{LARGEST, Picture};
+use super::{MAX_SIDE_PX, Picture};
 use insonify_anatomy::volume::{At, VolumeError};
 use insonify_base::read;
 
@@ -39,8 +39,8 @@ const PALETTES: [[Tag; 3]; 3] = [
     ],
 ];
 
-/// Reads up to `most` evenly spaced frames.
-pub(super) fn read(path: &Path, most: usize) -> Result<Vec<Picture>, VolumeError> {
+/// Reads up to `max_frames` evenly spaced frames.
+pub(super) fn read(path: &Path, max_frames: usize) -> Result<Vec<Picture>, VolumeError> {
     let bytes = read::bytes(path, read::DICOM).map_err(|cause| VolumeError::read(path, cause))?;
     let object = OpenFileOptions::new()
         .from_reader(Cursor::new(bytes))
@@ -50,13 +50,13 @@ pub(super) fn read(path: &Path, most: usize) -> Result<Vec<Picture>, VolumeError
         VolumeError::malformed(path, At::Pixels, found, expected)
     };
     let [rows, columns] = [tags::ROWS, tags::COLUMNS].map(|tag| number(&object, tag).unwrap_or(0.0));
-    if !(1.0..=f64::from(LARGEST)).contains(&rows.min(columns)) || rows.max(columns) > f64::from(LARGEST) {
+    if !(1.0..=f64::from(MAX_SIDE_PX)).contains(&rows.min(columns)) || rows.max(columns) > f64::from(MAX_SIDE_PX) {
         return Err(wrong(format!("images of {columns} x {rows} pixels")));
     }
     let frames = number(&object, tags::NUMBER_OF_FRAMES).map_or(1, |count| (count as usize).max(1));
     let grey = |at: usize| frame(&object, at as u32).map(|image| Picture::of(image, String::new(), None));
     let mm = pixel_mm(&object);
-    let pictures = super::spread(frames, most).map(|at| {
+    let pictures = super::spread(frames, max_frames).map(|at| {
         let picture = grey(at).map_err(wrong)?;
         let beside = if at + 1 < frames {
             Some(at + 1)
@@ -90,6 +90,7 @@ fn frame(object: &DefaultDicomObject, at: u32) -> Result<DynamicImage, String> {
             .ok_or_else(|| format!("frame {at} with a colour palette that cannot be read"));
     }
     let (width, height) = (pixels.columns(), pixels.rows());
+    // Of 16 bits a channel the upper 8 are shown.
     let shift = if pixels.bits_allocated() == 8 { 0 } else { 8 };
     let image = match pixels.samples_per_pixel() {
         1 => {
@@ -186,15 +187,15 @@ fn entries(object: &InMemDicomObject, [descriptor, plain, segmented]: [Tag; 3]) 
     (!levels.is_empty()).then_some((first as u16, levels))
 }
 
-/// Entries of a segmented palette: discrete (0) and linear (1) segments (PS3.3 C.7.9.2); `None` for others, and for more than `most` entries.
-fn expanded(words: &[u16], most: usize) -> Option<Vec<u16>> {
+/// Entries of a segmented palette: discrete (0) and linear (1) segments (PS3.3 C.7.9.2); `None` for others, and for more than `max_entries`.
+fn expanded(words: &[u16], max_entries: usize) -> Option<Vec<u16>> {
     let mut levels: Vec<u16> = Vec::new();
     let mut words = words.iter().copied();
     while let Some(kind) = words.next() {
         // A last word may pad the data to even length.
         let Some(length) = words.next() else { break };
         let length = usize::from(length);
-        if levels.len() + length > most {
+        if levels.len() + length > max_entries {
             return None;
         }
         match kind {
