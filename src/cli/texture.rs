@@ -8,7 +8,7 @@ use insonify_anatomy::volume::VolumeError;
 use insonify_base::range::numbers;
 use insonify_study::realism::picture::{Picture, read};
 use insonify_study::texture::synthesis::Exemplars;
-use insonify_study::texture::{Content, Preparation, Prepared, Region, make};
+use insonify_study::texture::{Content, Preparation, PreparedExemplar, Region, make};
 
 use super::failure::Failure;
 use super::output::{self, Force};
@@ -118,7 +118,7 @@ impl TextureArgs {
             _ => Ok(None),
         };
         let (zy, xz) = (other(&self.zy, self.zy_region)?, other(&self.xz, self.xz_region)?);
-        let own = |prepared: Prepared| prepared.exemplar;
+        let own = |prepared: PreparedExemplar| prepared.exemplar;
         let exemplars = Exemplars::of(first.exemplar.clone(), zy.map(own), xz.map(own));
         let made = terminal::with_bar("synthesis", |share| {
             make(&first, exemplars, self.size, self.seed, &mut |done| share(done))
@@ -162,7 +162,7 @@ impl TextureArgs {
         terminal::show(&made.figures, self.json, || format!("{}\n{lines}", made.figures))
     }
 
-    fn prepared(&self, image: &PathBuf, region: [f64; 4], voxel_mm: Option<f64>) -> Result<Prepared, Error> {
+    fn prepared(&self, image: &PathBuf, region: [f64; 4], voxel_mm: Option<f64>) -> Result<PreparedExemplar, Failure> {
         let pictures = read(std::slice::from_ref(image), 1, self.mm_per_pixel)?;
         let picture: &Picture = pictures.first().ok_or_else(|| {
             Failure::usage(

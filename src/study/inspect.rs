@@ -18,8 +18,8 @@ use insonify_imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 use insonify_mesh::locator::NONE;
 
 pub use report::{
-    BlurNeighbour, Corner, LabelReport, MeshReport, PixelReport, SampleReport, ShadowReport, Stage, Taken,
-    TextureReport,
+    BlurNeighbour, Corner, LabelReport, MeshReport, PixelReport, SampleReport, ShadowReport, Stage, TextureReport,
+    TissueLoss,
 };
 
 /// Blur weights below this share are omitted from reports.
@@ -64,6 +64,7 @@ fn sample_report(synth: &mut Synthesizer, state: &FrameState, at: [f32; 2]) -> R
     let stages = Stages::run(synth, state, index)?;
     let last = &stages.last;
     let mut world: [f64; 3] = world_position(synth.tables(), &state.probe_to_world, line, sample).into();
+    // Contact moves samples before the mesh carries them back: displacements count from there.
     if synth.tables().settings.effects.contact.is_some() {
         let pressed = synth.render_until("contact", state)?;
         world.copy_from_slice(&pressed.position[index][..3]);
@@ -128,6 +129,7 @@ impl Stages {
             before_tone: Vec::new(),
             last: Beam::default(),
         };
+        // A frame has megabytes in each pass: whole amplitudes are kept only where a report reads neighbours of the sample.
         for pass in names {
             let beam = synth.render_until(pass, state)?;
             if pass == "blur" {
@@ -167,16 +169,16 @@ fn mesh_report(tables: &Tables, state: &FrameState, beam: &Beam, index: usize, w
     let mesh = tables.anatomy.mesh.as_ref()?;
     let &element = beam.element.get(index)?;
     let flag = beam.position.get(index).map_or(0, |position| position[3] as u32);
-    let held = (element != NONE).then_some(element);
-    let nodes = held.and_then(|element| mesh.elements().get(element as usize).copied());
+    let containing = (element != NONE).then_some(element);
+    let nodes = containing.and_then(|element| mesh.elements().get(element as usize).copied());
     Some(MeshReport {
-        place: match (held, flag) {
+        place: match (containing, flag) {
             (Some(_), FOLDED) => "in a fold of the mesh",
             (Some(_), _) => "in the mesh",
             (None, BACKGROUND) => "its tissue has moved away",
             (None, _) => "outside the mesh",
         },
-        element: held,
+        element: containing,
         nodes,
         barycentric: nodes.and_then(|nodes| {
             let current = state.nodes.as_deref().unwrap_or(mesh.nodes());
@@ -223,13 +225,13 @@ fn texture_report(tables: &Tables, label: u8, reference: [f64; 3]) -> Option<Tex
 fn shadow_report(tables: &Tables, beam: &Beam, line: usize, sample: usize) -> Option<ShadowReport> {
     let start = line * beam.samples;
     let &units = beam.loss.get(start + sample)?;
-    let mut taken: Vec<Taken> = Vec::new();
+    let mut taken: Vec<TissueLoss> = Vec::new();
     let mut take = |by: &str, mm: f64, db: f64| match taken.iter_mut().find(|taken| taken.by == by) {
         Some(taken) => {
             taken.mm += mm;
             taken.db += db;
         }
-        None if db > 0.0 => taken.push(Taken {
+        None if db > 0.0 => taken.push(TissueLoss {
             by: by.to_owned(),
             mm,
             db,
@@ -243,11 +245,11 @@ fn shadow_report(tables: &Tables, beam: &Beam, line: usize, sample: usize) -> Op
         let share = if at == sample { 0.5 } else { 1.0 };
         let mm = share * tables.sample_mm();
         let label = beam.label.get(start + at).copied().unwrap_or(0);
-        let own = tables.label_rows.get(usize::from(label)).map_or(0, |row| row.loss);
+        let loss_units = tables.label_rows.get(usize::from(label)).map_or(0, |row| row.loss);
         take(
             &tables.anatomy.tissues.of(label).name,
             mm,
-            share * f64::from(own) / UNITS_PER_DB,
+            share * f64::from(loss_units) / UNITS_PER_DB,
         );
         if let Some(&fill) = beam.needle.get(start + at).filter(|&&fill| fill > 0.0) {
             let shade = beam.shade.get(start + at).copied().unwrap_or(0.0);

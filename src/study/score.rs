@@ -163,7 +163,9 @@ impl Score {
             .min_by(|a, b| a.target_distance(1).total_cmp(&b.target_distance(1)));
         let clearances = samples.iter().filter_map(|sample| sample.clearance_mm);
         let inside = samples.iter().map(|sample| sample.clearance_mm == Some(0.0));
-        let entries = inside.fold((0, false), |(count, was), is| (count + usize::from(is && !was), is));
+        let entries = inside.fold((0, false), |(count, was_inside), is_inside| {
+            (count + usize::from(is_inside && !was_inside), is_inside)
+        });
         Ok(Self {
             run: run.to_owned(),
             metrics: metrics(&samples, 1),
@@ -193,10 +195,10 @@ impl Observer for Collector {
     type Error = Error;
 
     fn step(&mut self, step: &Step<'_>) -> Result<(), Error> {
-        let found = Sample::of(step);
+        let sample = Sample::of(step);
         self.end_s = step.time_s;
-        self.withdrawn |= found.is_none() && !self.samples.is_empty();
-        self.samples.extend(found);
+        self.withdrawn |= sample.is_none() && !self.samples.is_empty();
+        self.samples.extend(sample);
         Ok(())
     }
 }

@@ -18,15 +18,15 @@ use insonify_base::output::{OutputError, atomic};
 use insonify_base::statistics::full_width;
 
 /// Standard deviation of the trend that counts as gain, share of the smaller side of a region.
-const TREND: f64 = 0.25;
+const TREND_SHARE: f64 = 0.25;
 /// Standard deviation of the low-pass of `structure`, speckle cells (full widths at half maximum of the autocorrelation).
-const LOWPASS: f64 = 1.0;
+const LOWPASS_CELLS: f64 = 1.0;
 /// Full width at half maximum of a Gaussian in standard deviations.
 const FWHM: f64 = 2.354_820_045;
 /// Iterations for the limits of a rectangle of angle and depth.
 const BEAM_STEPS: usize = 50;
 /// Largest lag of autocorrelations, voxels.
-const LAGS: usize = 32;
+const MAX_LAG: usize = 32;
 
 /// Content of a texture made from an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -124,7 +124,7 @@ impl Image {
 
 /// An exemplar with the side of its pixels.
 #[derive(Clone, Debug)]
-pub struct Prepared {
+pub struct PreparedExemplar {
     /// Values in decibels about 0.
     pub exemplar: Exemplar,
     /// Side of a pixel, mm.
@@ -139,7 +139,7 @@ impl Preparation {
     ///
     /// # Errors
     /// [`VolumeError`] if the region leaves the image, holds coloured pixels or a single grey level, or gives too few voxels.
-    pub fn of(&self, picture: &Picture, region: &Region) -> Result<Prepared, VolumeError> {
+    pub fn of(&self, picture: &Picture, region: &Region) -> Result<PreparedExemplar, VolumeError> {
         let wrong = |text: String| VolumeError::new(format!("{}: {text}", picture.name));
         let cut = cut(picture, region).map_err(wrong)?;
         let corner = [region.window[0] as f64, region.window[1] as f64];
@@ -149,18 +149,19 @@ impl Preparation {
         };
         let flat = self.flattened(&grey, pixel_mm);
         let cell_mm = [0, 1].map(|axis| {
-            full_width(&flat.exemplar().correlations(axis, LAGS), pixel_mm[axis])
-                .unwrap_or(LAGS as f64 * pixel_mm[axis])
+            full_width(&flat.exemplar().correlations(axis, MAX_LAG), pixel_mm[axis])
+                .unwrap_or(MAX_LAG as f64 * pixel_mm[axis])
         });
         let kept = match self.content {
             Content::Keep => flat,
             Content::Structure => {
                 let power = flat.map(|a| a * a);
                 power
-                    .smoothed([0, 1].map(|axis| LOWPASS * cell_mm[axis] / pixel_mm[axis]))
+                    .smoothed([0, 1].map(|axis| LOWPASS_CELLS * cell_mm[axis] / pixel_mm[axis]))
                     .map(f64::sqrt)
             }
         };
+        // Structure is smooth over a speckle cell: two voxels a cell hold it.
         let finest = pixel_mm[0].min(pixel_mm[1]);
         let usual = match self.content {
             Content::Keep => finest,
@@ -186,7 +187,7 @@ impl Preparation {
         if values.iter().all(|value| value.abs() < 1e-3) {
             return Err(wrong("the region has a single grey level; expected tissue".to_owned()));
         }
-        Ok(Prepared {
+        Ok(PreparedExemplar {
             exemplar: Exemplar { size, values },
             voxel_mm,
             cell_mm,
@@ -202,7 +203,7 @@ impl Preparation {
             size: grey.size,
             values: surface.detrended().values,
         };
-        let sigma_mm = TREND * (width as f64 * pixel_mm[0]).min(height as f64 * pixel_mm[1]);
+        let sigma_mm = TREND_SHARE * (width as f64 * pixel_mm[0]).min(height as f64 * pixel_mm[1]);
         let slow = level.smoothed(pixel_mm.map(|mm| sigma_mm / mm));
         let both = level.values.iter().zip(&slow.values);
         Image {
@@ -222,7 +223,7 @@ impl Preparation {
         if top <= 0.0 {
             return Err(format!("the apex ({}, {}) is not above the region", apex[0], apex[1]));
         }
-        // A side on its own side of the apex binds at the far end, one beyond it at the near end.
+        // A side on its own side of the apex binds at the far end, one beyond it at the near end. Angles and depths limit each other: iterated.
         let (mut near, mut far, mut from, mut to) = (top, bottom, 0.0_f64, 0.0_f64);
         for _ in 0..BEAM_STEPS {
             from = (left / if left < 0.0 { far } else { near }).clamp(-1.0, 1.0).asin();
@@ -289,7 +290,7 @@ fn cut(picture: &Picture, region: &Region) -> Result<Image, String> {
 }
 
 /// Synthesised texture beside its exemplars.
-pub struct Made {
+pub struct SolidTexture {
     /// Voxels along each side.
     pub side: usize,
     /// Side of a voxel, mm.
@@ -325,16 +326,16 @@ pub struct Figures {
 /// # Errors
 /// The errors of [`synthesise`].
 pub fn make(
-    first: &Prepared,
+    first: &PreparedExemplar,
     exemplars: Exemplars,
     side: usize,
     seed: u64,
     progress: &mut dyn FnMut(f64),
-) -> Result<Made, VolumeError> {
+) -> Result<SolidTexture, VolumeError> {
     let level = synthesise(&exemplars, side, seed, progress)?;
     let voxel_mm = first.voxel_mm;
-    let along = |axis: usize| full_width(&correlations(&level, side, axis, LAGS.min(side / 2)), voxel_mm);
-    let of = |exemplar: &Exemplar, axis: usize| full_width(&exemplar.correlations(axis, LAGS), voxel_mm);
+    let along = |axis: usize| full_width(&correlations(&level, side, axis, MAX_LAG.min(side / 2)), voxel_mm);
+    let of = |exemplar: &Exemplar, axis: usize| full_width(&exemplar.correlations(axis, MAX_LAG), voxel_mm);
     let mean = |a: Option<f64>, b: Option<f64>| Some((a? + b?) / 2.0);
     let figures = Figures {
         size: side,
@@ -344,12 +345,13 @@ pub fn make(
         correlation_mm: [0, 1, 2].map(along),
         exemplar_correlation_mm: [
             of(&exemplars.xy, 0),
+            // The rows of two planes run along y.
             mean(of(&exemplars.xy, 1), of(&exemplars.zy, 1)),
             of(&exemplars.zy, 0),
         ],
         seam: [0, 1, 2].map(|axis| seam(&level, side, axis)),
     };
-    Ok(Made {
+    Ok(SolidTexture {
         side,
         voxel_mm,
         level,
@@ -387,7 +389,7 @@ fn seam(level: &[f32], side: usize, axis: usize) -> f64 {
     across[0] / across[1] / (within[0] / within[1])
 }
 
-impl Made {
+impl SolidTexture {
     /// Echo amplitudes, x fastest.
     pub fn amplitudes(&self) -> Vec<f32> {
         self.level.iter().map(|level| 10_f32.powf(level / 20.0)).collect()

@@ -113,12 +113,12 @@ pub struct ShadowReport {
     /// Two-way loss, dB.
     pub loss_db: f64,
     /// Loss in each tissue, largest first.
-    pub taken_by: Vec<Taken>,
+    pub taken_by: Vec<TissueLoss>,
 }
 
 /// Loss in one tissue or in the needle.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Taken {
+pub struct TissueLoss {
     /// Name of the tissue, or `needle`.
     pub by: String,
     /// Path length in it, mm.

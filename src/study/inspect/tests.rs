@@ -57,12 +57,12 @@ fn the_parts_of_a_pixel_add_up_to_it() {
         "{mixed}, not {}",
         value("blur")
     );
-    let own = report
+    let same_line = report
         .blur
         .iter()
         .find(|neighbour| neighbour.line == report.line)
         .unwrap();
-    assert!((own.amplitude - value("shadow")).abs() < 1e-12);
+    assert!((same_line.amplitude - value("shadow")).abs() < 1e-12);
 }
 
 #[test]

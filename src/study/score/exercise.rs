@@ -90,7 +90,7 @@ impl Conditions {
             "two rising depths above 0, at most 500",
         )?;
         let range =
-            |key, found: f64, most: f64| check(key, found, (0.0..=most).contains(&found), format!("0 to {most}"));
+            |key, value: f64, limit: f64| check(key, value, (0.0..=limit).contains(&value), format!("0 to {limit}"));
         range("clearance_mm", self.clearance_mm, 30.0)?;
         range("window_mm", self.window_mm, 200.0)?;
         range("margin_mm", self.margin_mm, 50.0)?;
@@ -116,6 +116,7 @@ impl Conditions {
             let index = [at % width, at / width % height, at / width / height].map(|index| index as f64);
             volume.index_to_world().transform_point(&Point3::from(index))
         };
+        // A few hundred voxels of the organ, and the rim of the entry window, bound the distances that are computed.
         let mut corners = vec![plan.entry];
         corners.extend(
             [1.0, -1.0]
@@ -172,6 +173,7 @@ impl Conditions {
         }) {
             return Err("the target is near the border of the organ");
         }
+        // The root makes entries uniform over the disc.
         let [right, up] = across(&plan.along);
         let (radius, angle) = (
             self.window_mm * draw.uniform().sqrt(),
@@ -188,14 +190,14 @@ impl Conditions {
             return Err("the needle is too short");
         }
         let along = (target - entry) / depth;
-        let found = surroundings.of(&[entry, target]);
-        if found.leaves || found.gas {
+        let clearance = surroundings.of(&[entry, target]);
+        if clearance.leaves || clearance.gas {
             return Err("the path leaves the body, or meets gas or lung");
         }
-        if found.bone_mm < self.clearance_mm {
+        if clearance.bone_mm < self.clearance_mm {
             return Err("the path passes too near to bone");
         }
-        if found.critical_mm < self.clearance_mm {
+        if clearance.critical_mm < self.clearance_mm {
             return Err("the path passes too near to a critical structure");
         }
         let probe = probe(scenario, &entry, &target)?;
@@ -207,8 +209,8 @@ impl Conditions {
             target_mm: target.into(),
             entry_mm: entry.into(),
             depth_mm: depth,
-            bone_mm: Some(found.bone_mm).filter(|mm| mm.is_finite()),
-            critical_mm: Some(found.critical_mm).filter(|mm| mm.is_finite()),
+            bone_mm: Some(clearance.bone_mm).filter(|mm| mm.is_finite()),
+            critical_mm: Some(clearance.critical_mm).filter(|mm| mm.is_finite()),
             keyframes: times
                 .into_iter()
                 .zip(tips)
@@ -377,10 +379,10 @@ pub fn study(
             u64::from(words[0]) << 32 | u64::from(words[1])
         };
         let skill = (PERSON * Draw::new(seeded(-1)).normal()).exp();
-        let own = hand(name)
+        let scaled_hand = hand(name)
             .map(|hand| hand.scaled(skill))
             .unwrap_or_else(|| super::hands::HANDS[0].1);
-        let score = perform(scenario, &own, seeded(at as i32))?;
+        let score = perform(scenario, &scaled_hand, seeded(at as i32))?;
         progress(done.fetch_add(1, Ordering::Relaxed) + 1, all.len());
         Ok(Session {
             group: name.to_owned(),

@@ -119,8 +119,8 @@ pub fn compare(sessions: &[Session]) -> Comparison {
         }
     }
     let of = |group: &str, metric: usize| -> Vec<f64> {
-        let own = sessions.iter().filter(|session| session.group == group);
-        own.map(|session| session.values[metric]).collect()
+        let in_group = sessions.iter().filter(|session| session.group == group);
+        in_group.map(|session| session.values[metric]).collect()
     };
     let people = |group: &str, metric: usize| -> Vec<f64> {
         let mut values: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
@@ -140,7 +140,7 @@ pub fn compare(sessions: &[Session]) -> Comparison {
     let mut pairs = Vec::new();
     for (at, a) in names.iter().enumerate() {
         for b in &names[at + 1..] {
-            let mut own: Vec<Pair> = (0..COUNT)
+            let mut tests: Vec<Pair> = (0..COUNT)
                 .map(|metric| {
                     let (x, y) = (of(a, metric), of(b, metric));
                     let (px, py) = (people(a, metric), people(b, metric));
@@ -156,9 +156,9 @@ pub fn compare(sessions: &[Session]) -> Comparison {
                     }
                 })
                 .collect();
-            let corrected = holm(&own.iter().map(|pair| pair.welch_p).collect::<Vec<_>>());
-            own.iter_mut().zip(corrected).for_each(|(pair, p)| pair.holm_p = p);
-            pairs.extend(own);
+            let corrected = holm(&tests.iter().map(|pair| pair.welch_p).collect::<Vec<_>>());
+            tests.iter_mut().zip(corrected).for_each(|(pair, p)| pair.holm_p = p);
+            pairs.extend(tests);
         }
     }
     Comparison {
@@ -216,6 +216,7 @@ pub(crate) fn mann_whitney(a: &[f64], b: &[f64]) -> Option<f64> {
     all.sort_by(|x, y| x.0.total_cmp(&y.0));
     let (mut ranks, mut ties) = (0.0, 0.0);
     let mut from = 0;
+    // Tied values share the mean of their ranks.
     while from < all.len() {
         let to = from + all[from..].iter().take_while(|it| it.0 == all[from].0).count();
         let (count, rank) = ((to - from) as f64, (from + to + 1) as f64 / 2.0);

@@ -28,7 +28,7 @@ const TREMOR_HZ: [f64; 4] = [8.1, 9.3, 10.6, 11.9];
 /// Frequencies of the probe's drift, Hz.
 const DRIFT_HZ: [f64; 3] = [0.07, 0.13, 0.29];
 /// Least length of needle outside the body, about which tremor turns it, mm.
-const HELD_MM: f64 = 30.0;
+const MIN_LEVER_MM: f64 = 30.0;
 /// Step of the search for the entry, mm.
 const ENTRY_MM: f64 = 0.25;
 
@@ -232,10 +232,11 @@ impl Hand {
             let arc = inward * speed - plan.before_mm;
             // Corrections are kept on the way out.
             let since = (time_s - notice_s).max(0.0);
-            let left = self.residual + (1.0 - self.residual) * (-since / self.correction_s).exp();
-            let held = (plan.length_mm - arc).max(HELD_MM);
-            let shake = [0, 1].map(|axis| self.tremor_mm * tremor[axis](time_s) / held);
-            let direction = (aim + error * left + right * shake[0] + up * shake[1]).normalize();
+            let remaining = self.residual + (1.0 - self.residual) * (-since / self.correction_s).exp();
+            // The needle pivots about its entry: the shorter the part outside, the farther a shift of the hand turns it.
+            let lever_mm = (plan.length_mm - arc).max(MIN_LEVER_MM);
+            let shake = [0, 1].map(|axis| self.tremor_mm * tremor[axis](time_s) / lever_mm);
+            let direction = (aim + error * remaining + right * shake[0] + up * shake[1]).normalize();
             keys.push((plan.start_s + time_s, entry + direction * arc, direction));
         }
         let tip = NeedlePath::tip_trajectory(&keys, Interpolation::Linear);

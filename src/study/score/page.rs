@@ -189,8 +189,8 @@ impl Comparison {
                 format!("{}{sd} ({})", fixed(spread.mean), fixed(spread.median))
             };
             let cells = self.groups.iter().map(|group| spread(&group.metrics[NAMES[at]]));
-            let own = [NAMES[at], UNITS[at]].map(str::to_owned);
-            own.into_iter().chain(cells).collect::<Vec<_>>()
+            let labels = [NAMES[at], UNITS[at]].map(str::to_owned);
+            labels.into_iter().chain(cells).collect::<Vec<_>>()
         }))
     }
 

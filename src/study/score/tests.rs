@@ -55,26 +55,26 @@ fn score(text: &str) -> Result<Score, Error> {
     Score::of(folder.path())
 }
 
-fn assert_values(found: &Metrics, expected: [f64; COUNT]) {
-    for ((found, expected), name) in found.0.iter().zip(expected).zip(NAMES) {
-        assert!((found - expected).abs() < 1e-9, "{name}: {found}, expected {expected}");
+fn assert_values(metrics: &Metrics, expected: [f64; COUNT]) {
+    for ((value, expected), name) in metrics.0.iter().zip(expected).zip(NAMES) {
+        assert!((value - expected).abs() < 1e-9, "{name}: {value}, expected {expected}");
     }
 }
 
 #[test]
 fn a_perfect_run_scores_zero() {
-    let found = score(&straight(|_, _| ())).unwrap();
-    assert_values(&found.metrics, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 25.0, 0.0, 1.0]);
-    assert_eq!(found.during_s, [0.01, 1.0]);
-    assert!(found.withdrawn && (found.max_force_n - 5.0).abs() < 1e-12);
-    assert_eq!((found.critical_entries, found.clearance_mm), (1, Some(0.0)));
-    assert!((found.nearest_s - 1.0).abs() < 1e-9);
+    let score = score(&straight(|_, _| ())).unwrap();
+    assert_values(&score.metrics, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 25.0, 0.0, 1.0]);
+    assert_eq!(score.during_s, [0.01, 1.0]);
+    assert!(score.withdrawn && (score.max_force_n - 5.0).abs() < 1e-12);
+    assert_eq!((score.critical_entries, score.clearance_mm), (1, Some(0.0)));
+    assert!((score.nearest_s - 1.0).abs() < 1e-9);
 }
 
 #[test]
 fn offsets_and_angles_are_those_of_the_geometry() {
     let (sin, cos) = 10_f64.to_radians().sin_cos();
-    let found = score(&straight(|step, values| {
+    let score = score(&straight(|step, values| {
         // 3 mm out of the plane and 4 mm within it; the needle 10 degrees out of the plane; the measured tip 2 mm behind.
         values.get_mut("tip_").unwrap()[0] = 3.0;
         values.get_mut("tip_").unwrap()[1] = 4.0;
@@ -90,21 +90,21 @@ fn offsets_and_angles_are_those_of_the_geometry() {
     }))
     .unwrap();
     let rest = [5.0, 10.0, 2.0, 10.0, 0.0, 2.0, 0.0, 25.0, 1.0, 26_f64.sqrt()];
-    assert_values(&found.at_rest, rest);
+    assert_values(&score.at_rest, rest);
     // Half of the steps have the target 4 mm from the plane.
-    assert!((found.metrics.0[8] - 2.5).abs() < 1e-9, "{}", found.metrics.0[8]);
+    assert!((score.metrics.0[8] - 2.5).abs() < 1e-9, "{}", score.metrics.0[8]);
     assert!(
-        (found.metrics.0[9] - (4.0_f64 + 16.0 + 1.0).sqrt()).abs() < 1e-9,
+        (score.metrics.0[9] - (4.0_f64 + 16.0 + 1.0).sqrt()).abs() < 1e-9,
         "{}",
-        found.metrics.0[9]
+        score.metrics.0[9]
     );
-    assert!(found.metrics.0[0] < 5.0 && found.metrics.0[1] < 10.0);
+    assert!(score.metrics.0[0] < 5.0 && score.metrics.0[1] < 10.0);
 }
 
 #[test]
 fn turns_of_plane_and_constrained_needle_are_angles() {
     let (sin, cos) = 20_f64.to_radians().sin_cos();
-    let found = score(&straight(|step, values| {
+    let score = score(&straight(|step, values| {
         values.insert("tip_d", [0.0, sin, cos]);
         if step > 1 {
             values.insert("plane_n", [cos, sin, 0.0]);
@@ -112,11 +112,11 @@ fn turns_of_plane_and_constrained_needle_are_angles() {
     }))
     .unwrap();
     assert!(
-        (found.metrics.0[4] - 20.0 * 0.99).abs() < 1e-9,
+        (score.metrics.0[4] - 20.0 * 0.99).abs() < 1e-9,
         "{}",
-        found.metrics.0[4]
+        score.metrics.0[4]
     );
-    assert!((found.metrics.0[6] - 20.0).abs() < 1e-9 && found.metrics.0[5].abs() < 1e-12);
+    assert!((score.metrics.0[6] - 20.0).abs() < 1e-9 && score.metrics.0[5].abs() < 1e-12);
 }
 
 #[test]
@@ -146,8 +146,7 @@ fn runs_that_cannot_be_scored_are_told() {
 fn tests_agree_with_published_and_computed_values() {
     let term = [0.80, 0.83, 1.89, 1.04, 1.45, 1.38, 1.91, 1.64, 0.73, 1.46];
     let early = [1.15, 0.88, 0.90, 0.74, 1.21];
-    let close =
-        |found: Option<f64>, expected: f64| assert!((found.unwrap() - expected).abs() < 1e-9, "{found:?} {expected}");
+    let close = |p: Option<f64>, expected: f64| assert!((p.unwrap() - expected).abs() < 1e-9, "{p:?} {expected}");
     close(mann_whitney(&term, &early), 0.2544122544122544);
     close(mann_whitney(&early, &term), 0.2544122544122544);
     close(welch(&term, &early), 0.06210134378107843);
@@ -172,12 +171,12 @@ fn tests_agree_with_published_and_computed_values() {
     );
     // 4 x 0.005, 3 x 0.01, 2 x 0.03, and no less for the last.
     let corrected = holm(&[Some(0.01), Some(0.04), None, Some(0.03), Some(0.005)]);
-    for (found, expected) in corrected
+    for (p, expected) in corrected
         .iter()
         .zip([Some(0.03), Some(0.06), None, Some(0.06), Some(0.02)])
     {
-        match (found, expected) {
-            (Some(found), Some(expected)) => assert!((found - expected).abs() < 1e-12),
+        match (p, expected) {
+            (Some(p), Some(expected)) => assert!((p - expected).abs() < 1e-12),
             both => assert_eq!(both, (&None, None)),
         }
     }
@@ -240,8 +239,8 @@ fn tasks_are_within_their_conditions_and_repeatable() {
         );
         let written = task.scenario(&text, &conditions, at + 1).unwrap();
         let file = ScenarioFile::parse(&written, "task.toml").unwrap();
-        let made = file.resolve(Path::new(""), |_| ()).unwrap();
-        assert_eq!(made.targets[0].radius_mm, 5.0);
+        let resolved = file.resolve(Path::new(""), |_| ()).unwrap();
+        assert_eq!(resolved.targets[0].radius_mm, 5.0);
         let steady = super::hands::Hand {
             aim_deg: 0.0,
             entry_mm: 0.0,
@@ -252,7 +251,7 @@ fn tasks_are_within_their_conditions_and_repeatable() {
             drift: 0.0,
             ..hand("expert").unwrap()
         };
-        let score = perform(&made, &steady, 0).unwrap();
+        let score = perform(&resolved, &steady, 0).unwrap();
         // The tip meets the target where it lies at rest, in the image plane and in view.
         assert!(
             score.at_rest.0[9] < 0.5 && score.at_rest.0[2] < 1.0 && score.metrics.0[7] > 90.0,
@@ -298,8 +297,8 @@ fn tasks_are_within_their_conditions_and_repeatable() {
 fn a_study_gives_the_same_table_again_and_reads_it_back() {
     let (_, scenario) = biopsy();
     let tasks = [("one".to_owned(), scenario)];
-    let found = study(&tasks, 2, 1, &|_, _| ()).unwrap();
-    let text = csv(&found.sessions);
+    let first = study(&tasks, 2, 1, &|_, _| ()).unwrap();
+    let text = csv(&first.sessions);
     assert_eq!(text, csv(&study(&tasks, 2, 1, &|_, _| ()).unwrap().sessions));
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("sessions.csv");
@@ -314,7 +313,7 @@ fn a_study_gives_the_same_table_again_and_reads_it_back() {
         ),
         ("student", 2, 2)
     );
-    let page = found.comparison.page("Study", &[]).unwrap();
+    let page = first.comparison.page("Study", &[]).unwrap();
     assert!(page.contains("consultant - student") && page.contains("m10: least distance"));
     std::fs::write(&path, "group,person,session,m1\na,b,c,1\n").unwrap();
     assert!(read(&path).unwrap_err().to_string().contains("without `m2`"));

@@ -5,7 +5,7 @@ use std::fmt;
 
 use image::GrayImage;
 
-use super::{Figures, LAGS, Made};
+use super::{Figures, MAX_LAG, SolidTexture};
 use crate::texture::synthesis::correlations;
 use insonify_base::output::OutputError;
 use insonify_base::table::{Cell, Table};
@@ -30,10 +30,12 @@ impl Figures {
         let head = ["solid, mm", "exemplar, mm", "ratio", "seam"].map(Cell::number);
         let table = Table::new([Cell::from("autocorrelation along")].into_iter().chain(head));
         table.with((0..3).map(|axis| {
-            let (own, other) = (self.correlation_mm[axis], self.exemplar_correlation_mm[axis]);
-            let ratio = own.zip(other).map_or("-".to_owned(), |(a, b)| format!("{:.2}", a / b));
+            let (solid, exemplar) = (self.correlation_mm[axis], self.exemplar_correlation_mm[axis]);
+            let ratio = solid
+                .zip(exemplar)
+                .map_or("-".to_owned(), |(a, b)| format!("{:.2}", a / b));
             let seam = format!("{:.2}", self.seam[axis]);
-            [AXES[axis].to_owned(), length(own), length(other), ratio, seam]
+            [AXES[axis].to_owned(), length(solid), length(exemplar), ratio, seam]
         }))
     }
 }
@@ -49,7 +51,7 @@ impl fmt::Display for Figures {
     }
 }
 
-impl Made {
+impl SolidTexture {
     /// Returns the comparison with the exemplars as one self-contained HTML document; `lines` are those for a scene.
     ///
     /// # Errors
@@ -129,10 +131,10 @@ impl Made {
         };
         let first = &self.exemplars.xy;
         let mut series = vec![
-            Series::line("exemplar, columns", 0, line(first.correlations(0, LAGS))),
-            Series::line("exemplar, rows", 1, line(first.correlations(1, LAGS))),
+            Series::line("exemplar, columns", 0, line(first.correlations(0, MAX_LAG))),
+            Series::line("exemplar, rows", 1, line(first.correlations(1, MAX_LAG))),
         ];
-        let solid = |axis: usize| line(correlations(&self.level, self.side, axis, LAGS.min(self.side / 2)));
+        let solid = |axis: usize| line(correlations(&self.level, self.side, axis, MAX_LAG.min(self.side / 2)));
         series.extend((0..3).map(|axis| Series::line(format!("solid, {}", AXES[axis]), 2 + axis, solid(axis))));
         Plot::new(
             "Autocorrelation",

@@ -19,19 +19,21 @@ use insonify_base::statistics::full_width;
 
 /// Side of a neighbourhood, voxels.
 const SIDE: usize = 8;
+/// Voxels of a neighbourhood.
 const PATCH: usize = SIDE * SIDE;
 /// Exponent r of the distance between neighbourhoods. Kopf et al. take 0.8; steeper weights keep more of the contrast (3.7 for 3.0 of 4 dB of
 /// filtered noise).
 const EXPONENT: f64 = -1.0;
 /// Least distance that counts, share of the variance of the exemplars: perfect matches in two planes do not outweigh the third.
-const FLOOR: f64 = 0.05;
+const MIN_DISTANCE_SHARE: f64 = 0.05;
 /// Largest factor by which the rows of an exemplar are stretched.
-const STRETCH: f64 = 8.0;
+const MAX_STRETCH: f64 = 8.0;
 /// Searches for matches before each averaging.
 const SEARCHES: usize = 2;
-/// Turns of matching spectra and histogram, and the largest gain of a frequency in one.
-const TURNS: usize = 4;
-const GAIN: f64 = 1.3;
+/// Turns of matching spectra and histogram.
+const MATCHING_TURNS: usize = 4;
+/// Largest gain of a frequency in one turn.
+const MAX_GAIN: f64 = 1.3;
 /// Number of resolutions, each twice the one before.
 const LEVELS: usize = 3;
 /// Rounds of matching and averaging on each resolution, coarsest first.
@@ -39,7 +41,7 @@ const ROUNDS: [usize; LEVELS] = [24, 16, 10];
 /// Bins of the histograms.
 const BINS: usize = 32;
 /// Random candidates of a neighbourhood in a round, each from half the range of the one before.
-const RANDOM: usize = 6;
+const RANDOM_CANDIDATES: usize = 6;
 /// Least side of an exemplar, pixels: two neighbourhoods at the coarsest resolution.
 pub const MIN: usize = (2 * SIDE) << (LEVELS - 1);
 
@@ -76,7 +78,9 @@ impl Exemplar {
     /// The exemplar with its rows stretched by a factor, as far as enough of them remain.
     fn stretched(&self, factor: f64) -> Self {
         let [width, height] = self.size;
-        let factor = factor.clamp(1.0 / STRETCH, STRETCH).max(MIN as f64 / height as f64);
+        let factor = factor
+            .clamp(1.0 / MAX_STRETCH, MAX_STRETCH)
+            .max(MIN as f64 / height as f64);
         let rows = ((height - 1) as f64 * factor) as usize + 1;
         let value = |at: usize| {
             let row = ((at / width) as f64 / factor).min((height - 1) as f64);
@@ -97,17 +101,17 @@ impl Exemplar {
 
     /// Half width at half maximum of the autocorrelation along the columns (0) or rows (1), pixels.
     fn width(&self, axis: usize) -> f64 {
-        let most = self.size[axis] / 2;
-        full_width(&self.correlations(axis, most), 0.5).unwrap_or(most as f64)
+        let max_lag = self.size[axis] / 2;
+        full_width(&self.correlations(axis, max_lag), 0.5).unwrap_or(max_lag as f64)
     }
 
-    /// Autocorrelation along the columns (0) or rows (1) at lags of 0 to `most` pixels.
-    pub fn correlations(&self, axis: usize, most: usize) -> Vec<f64> {
-        normalised(self.covariance(axis, most))
+    /// Autocorrelation along the columns (0) or rows (1) at lags of 0 to `max_lag` pixels.
+    pub fn correlations(&self, axis: usize, max_lag: usize) -> Vec<f64> {
+        normalised(self.covariance(axis, max_lag))
     }
 
     /// Autocovariance along the columns (0) or rows (1) up to a lag, 0 beyond its extent.
-    fn covariance(&self, axis: usize, most: usize) -> Vec<f64> {
+    fn covariance(&self, axis: usize, max_lag: usize) -> Vec<f64> {
         let [width, height] = self.size;
         let mean = self.values.iter().map(|value| f64::from(*value)).sum::<f64>() / self.values.len() as f64;
         let lag = |lag: usize| {
@@ -123,7 +127,7 @@ impl Exemplar {
                 .sum();
             sum / (columns * rows).max(1) as f64
         };
-        (0..=most).map(lag).collect()
+        (0..=max_lag).map(lag).collect()
     }
 
     fn halved(&self) -> Self {
@@ -195,11 +199,11 @@ pub fn synthesise(
     let mut done = 0.0;
     let mut coarser: Option<Solid<'_>> = None;
     for (level, planes) in pyramid.iter().rev().enumerate() {
-        let own = side >> (LEVELS - 1 - level);
+        let level_side = side >> (LEVELS - 1 - level);
         let exemplars = planes.each_ref();
         let mut solid = match &coarser {
-            None => Solid::random(own, exemplars, seed_words(seed)),
-            Some(coarser) => Solid::refined(coarser, own, exemplars),
+            None => Solid::random(level_side, exemplars, seed_words(seed)),
+            Some(coarser) => Solid::refined(coarser, level_side, exemplars),
         };
         for round in 0..ROUNDS[level] {
             for search in 0..SEARCHES {
@@ -238,24 +242,27 @@ impl Exemplars {
     fn match_statistics(&self, values: &mut [f32], side: usize) {
         let wanted = [0, 1, 2].map(|axis| {
             let planes = [&self.xy, &self.zy, &self.xz];
-            let own = planes.iter().zip(PLANES).flat_map(|(exemplar, axes)| {
+            let covariances = planes.iter().zip(PLANES).flat_map(|(exemplar, axes)| {
                 let along = axes.iter().position(|of| *of == axis)?;
                 Some(exemplar.covariance(along, side / 2))
             });
-            let own: Vec<Vec<f64>> = own.collect();
-            let mean = (0..=side / 2).map(|lag| own.iter().map(|it| it[lag]).sum::<f64>() / own.len() as f64);
+            let covariances: Vec<Vec<f64>> = covariances.collect();
+            let mean =
+                (0..=side / 2).map(|lag| covariances.iter().map(|it| it[lag]).sum::<f64>() / covariances.len() as f64);
             spectrum(&mean.collect::<Vec<_>>(), side)
         });
         let like = self.values();
         match_histogram(values, &like);
-        for _ in 0..TURNS {
+        for _ in 0..MATCHING_TURNS {
             for (axis, wanted) in wanted.iter().enumerate() {
-                let found = spectrum(&covariance(values, side, axis, side / 2), side);
-                let most = found.iter().copied().fold(0.0, f64::max);
-                let gain = wanted
-                    .iter()
-                    .zip(&found)
-                    .map(|(wanted, found)| (wanted / found.max(1e-4 * most)).sqrt().clamp(1.0 / GAIN, GAIN));
+                let present = spectrum(&covariance(values, side, axis, side / 2), side);
+                let strongest = present.iter().copied().fold(0.0, f64::max);
+                // Frequencies that the solid lacks are not raised from nothing, and small steps let histogram and spectra settle together.
+                let gain = wanted.iter().zip(&present).map(|(wanted, present)| {
+                    (wanted / present.max(1e-4 * strongest))
+                        .sqrt()
+                        .clamp(1.0 / MAX_GAIN, MAX_GAIN)
+                });
                 filter(values, side, axis, &gain.collect::<Vec<_>>());
             }
             match_histogram(values, &like);
@@ -267,13 +274,13 @@ fn normalised(covariance: Vec<f64>) -> Vec<f64> {
     covariance.iter().map(|value| value / covariance[0]).collect()
 }
 
-/// Autocorrelation of a periodic solid along an axis at lags of 0 to `most` voxels.
-pub fn correlations(values: &[f32], side: usize, axis: usize, most: usize) -> Vec<f64> {
-    normalised(covariance(values, side, axis, most))
+/// Autocorrelation of a periodic solid along an axis at lags of 0 to `max_lag` voxels.
+pub fn correlations(values: &[f32], side: usize, axis: usize, max_lag: usize) -> Vec<f64> {
+    normalised(covariance(values, side, axis, max_lag))
 }
 
 /// Autocovariance of a periodic solid along an axis.
-fn covariance(values: &[f32], side: usize, axis: usize, most: usize) -> Vec<f64> {
+fn covariance(values: &[f32], side: usize, axis: usize, max_lag: usize) -> Vec<f64> {
     let stride = side.pow(axis as u32);
     let mean = values.iter().map(|value| f64::from(*value)).sum::<f64>() / values.len() as f64;
     let lag = |lag: usize| {
@@ -284,7 +291,7 @@ fn covariance(values: &[f32], side: usize, axis: usize, most: usize) -> Vec<f64>
         };
         (0..values.len()).map(product).sum::<f64>() / values.len() as f64
     };
-    parallel::map(0..most + 1, &lag)
+    parallel::map(0..max_lag + 1, &lag)
 }
 
 /// Power at frequencies from 0 to half of the sampling rate from an even autocovariance up to half of the period, under a Hann taper.
@@ -351,11 +358,11 @@ impl<'a> Solid<'a> {
         };
         let matches = [0, 1, 2].map(|plane: usize| {
             let corner = |at: usize| {
-                let own = [at % side, at / side % side, at / side / side];
+                let index = [at % side, at / side % side, at / side / side];
                 let corner = coarser.matches[plane][parent(at)];
                 [0, 1].map(|axis| {
                     // The neighbourhood of half the extent in the middle of the coarser one.
-                    let fine = 2 * usize::from(corner[axis]) + SIDE / 2 + own[PLANES[plane][axis]] % 2;
+                    let fine = 2 * usize::from(corner[axis]) + SIDE / 2 + index[PLANES[plane][axis]] % 2;
                     fine.min(exemplars[plane].size[axis] - SIDE) as u16
                 })
             };
@@ -404,16 +411,16 @@ impl<'a> Solid<'a> {
 
     /// Improves the match of every neighbourhood.
     fn search(&mut self, round: usize, level: usize) {
-        let floor = FLOOR * PATCH as f64 * self.exemplars[0].variance();
+        let floor = MIN_DISTANCE_SHARE * PATCH as f64 * self.exemplars[0].variance();
         for plane in 0..3 {
             let exemplar = self.exemplars[plane];
             let old = &self.matches[plane];
-            let found = parallel::map(0..old.len(), &|at| {
+            let nearest = parallel::map(0..old.len(), &|at| {
                 self.best(at, plane, exemplar, [round as i32, level as i32])
             });
             let weight = |square: f32| ((f64::from(square) / floor) + 1.0).powf(EXPONENT / 2.0 - 1.0) as f32;
-            self.weights[plane] = found.iter().map(|(_, square)| weight(*square)).collect();
-            self.matches[plane] = found.into_iter().map(|(corner, _)| corner).collect();
+            self.weights[plane] = nearest.iter().map(|(_, square)| weight(*square)).collect();
+            self.matches[plane] = nearest.into_iter().map(|(corner, _)| corner).collect();
         }
     }
 
@@ -427,9 +434,9 @@ impl<'a> Solid<'a> {
         let mut consider = |corner: [isize; 2]| {
             let corner = [0, 1].map(|axis| corner[axis].clamp(0, last[axis] as isize) as u16);
             if corner != best {
-                let found = distance(&patch, exemplar, corner, least);
-                if found < least {
-                    (best, least) = (corner, found);
+                let square = distance(&patch, exemplar, corner, least);
+                if square < least {
+                    (best, least) = (corner, square);
                 }
             }
         };
@@ -441,15 +448,16 @@ impl<'a> Solid<'a> {
                 consider(corner);
             }
         }
-        let own = old[at].map(|n| n as isize);
+        let start = old[at].map(|n| n as isize);
         let mut reach = last[0].max(last[1]) as f64;
-        for draw in 0..RANDOM {
+        for draw in 0..RANDOM_CANDIDATES {
+            // A place of its own in the hash for each draw: 8 draws a round and 4 levels a plane are set aside.
             let word = hash3(
                 [at as i32, round * 8 + draw as i32, plane as i32 * 4 + level],
                 self.seed,
             );
             let step = [0, 1].map(|axis| ((f64::from(unit(word[axis])) * 2.0 - 1.0) * reach) as isize);
-            consider([own[0] + step[0], own[1] + step[1]]);
+            consider([start[0] + step[0], start[1] + step[1]]);
             reach /= 2.0;
         }
         (best, least)
@@ -476,10 +484,10 @@ impl<'a> Solid<'a> {
         let wanted = histogram(&mut all());
         let present = histogram(&mut self.values.iter().copied());
         // Values of which there are too many count less.
-        let mut held = [0.0_f32; BINS];
+        let mut bin_weights = [0.0_f32; BINS];
         for at in 0..BINS {
             let surplus = (present[at] / wanted[at].max(1e-4) - 1.0).max(0.0);
-            held[at] = 1.0 / (1.0 + surplus);
+            bin_weights[at] = 1.0 / (1.0 + surplus);
         }
         let values: Vec<f32> = parallel::map(0..self.values.len(), &|at| {
             let (mut sum, mut total) = (0.0_f32, 0.0_f32);
@@ -492,7 +500,7 @@ impl<'a> Solid<'a> {
                     for column in 0..SIDE {
                         let [x, y] = self.matches[plane][corner].map(usize::from);
                         let value = exemplar.values[(y + row) * exemplar.size[0] + x + column];
-                        let weight = self.weights[plane][corner] * held[bin(value)];
+                        let weight = self.weights[plane][corner] * bin_weights[bin(value)];
                         sum += weight * value;
                         total += weight;
                         corner = self.moved(corner, columns, -1);
@@ -515,10 +523,10 @@ fn anywhere(exemplar: &Exemplar, at: usize, stream: i32, seed: [u32; 2]) -> [u16
 #[inline]
 fn distance(patch: &[f32; PATCH], exemplar: &Exemplar, [x, y]: [u16; 2], limit: f32) -> f32 {
     let mut sum = 0.0;
-    for (row, own) in patch.chunks_exact(SIDE).enumerate() {
+    for (row, patch_row) in patch.chunks_exact(SIDE).enumerate() {
         let start = (usize::from(y) + row) * exemplar.size[0] + usize::from(x);
         let other = &exemplar.values[start..start + SIDE];
-        sum += own.iter().zip(other).map(|(a, b)| (a - b) * (a - b)).sum::<f32>();
+        sum += patch_row.iter().zip(other).map(|(a, b)| (a - b) * (a - b)).sum::<f32>();
         if sum >= limit {
             return sum;
         }

@@ -26,8 +26,8 @@ fn exemplar(sigma: [f64; 2], stream: i32) -> Exemplar {
     }
 }
 
-fn made(exemplars: Exemplars, seed: u64) -> Made {
-    let first = Prepared {
+fn synthesised(exemplars: Exemplars, seed: u64) -> SolidTexture {
+    let first = PreparedExemplar {
         exemplar: exemplars.xy.clone(),
         voxel_mm: 0.5,
         cell_mm: [1.0, 1.0],
@@ -38,22 +38,25 @@ fn made(exemplars: Exemplars, seed: u64) -> Made {
 #[test]
 fn a_solid_has_the_statistics_of_its_exemplars_along_each_axis() {
     let one = exemplar([3.0, 1.5], 1);
-    let found = made(Exemplars::of(one.clone(), None, None), 0);
-    let figures = &found.figures;
+    let solid = synthesised(Exemplars::of(one.clone(), None, None), 0);
+    let figures = &solid.figures;
     for axis in 0..3 {
-        let (own, other) = (
+        let (solid_mm, exemplar_mm) = (
             figures.correlation_mm[axis].unwrap(),
             figures.exemplar_correlation_mm[axis].unwrap(),
         );
-        assert!((0.9..=1.1).contains(&(own / other)), "axis {axis}: {figures}");
+        assert!(
+            (0.9..=1.1).contains(&(solid_mm / exemplar_mm)),
+            "axis {axis}: {figures}"
+        );
         // A border has some fifty independent pairs.
         assert!((0.75..=1.33).contains(&figures.seam[axis]), "{figures}");
     }
     assert!(figures.histogram_db < 0.05, "{figures}");
     // The solid has no preferred direction in the plane across the rows: x + z and x - z are alike.
-    let n = found.side;
+    let n = solid.side;
     let along = |sign: usize| {
-        let value = |x: usize, y: usize, z: usize| f64::from(found.level[x % n + n * (y + n * (z % n))]);
+        let value = |x: usize, y: usize, z: usize| f64::from(solid.level[x % n + n * (y + n * (z % n))]);
         let lag = 3;
         let all = (0..n * n * n).map(|at| [at % n, at / n % n, at / n / n]);
         all.map(|[x, y, z]| value(x, y, z) * value(x + lag, y, z + sign * lag + n * lag))
@@ -62,7 +65,7 @@ fn a_solid_has_the_statistics_of_its_exemplars_along_each_axis() {
     let [plus, minus] = [along(1), along(n - 1)];
     assert!((0.5..=2.0).contains(&(plus / minus)), "{plus} {minus}");
     // The histogram is that of the exemplar.
-    let mut values: Vec<f32> = found.level.clone();
+    let mut values: Vec<f32> = solid.level.clone();
     let mut like = one.values.clone();
     values.sort_by(f32::total_cmp);
     like.sort_by(f32::total_cmp);
@@ -128,15 +131,15 @@ fn compression_and_trend_are_undone() {
         size: [200, 180],
         values: sloped.collect(),
     };
-    let found = PREPARATION.of(&picture(&image), &region([200, 180])).unwrap();
-    assert_eq!((found.exemplar.size, found.voxel_mm), ([200, 180], 0.2));
+    let prepared = PREPARATION.of(&picture(&image), &region([200, 180])).unwrap();
+    assert_eq!((prepared.exemplar.size, prepared.voxel_mm), ([200, 180], 0.2));
     let rows = |from: usize| {
-        let part = &found.exemplar.values[from * 200..(from + 40) * 200];
+        let part = &prepared.exemplar.values[from * 200..(from + 40) * 200];
         part.iter().map(|value| f64::from(*value)).sum::<f64>() / part.len() as f64
     };
     assert!((rows(10) - rows(130)).abs() < 2.0, "{} {}", rows(10), rows(130));
-    let n = found.exemplar.values.len() as f64;
-    let spread = (found
+    let n = prepared.exemplar.values.len() as f64;
+    let spread = (prepared
         .exemplar
         .values
         .iter()
@@ -164,16 +167,16 @@ fn structure_leaves_out_what_is_as_fine_as_the_speckle() {
         content: Content::Structure,
         ..PREPARATION
     };
-    let found = preparation.of(&image, &region([400, 400])).unwrap();
+    let prepared = preparation.of(&image, &region([400, 400])).unwrap();
     assert!(
-        found.cell_mm[0] > found.cell_mm[1] && found.cell_mm[1] > 0.3,
+        prepared.cell_mm[0] > prepared.cell_mm[1] && prepared.cell_mm[1] > 0.3,
         "{:?}",
-        found.cell_mm
+        prepared.cell_mm
     );
     // White noise of the low-pass alone would have a width of 3.3 cells.
-    let kept = &found.exemplar;
-    let coarse = full_width(&kept.correlations(0, LAGS), found.voxel_mm).unwrap();
-    assert!(coarse > 5.0 * found.cell_mm[0], "{coarse} {:?}", found.cell_mm);
+    let kept = &prepared.exemplar;
+    let coarse = full_width(&kept.correlations(0, MAX_LAG), prepared.voxel_mm).unwrap();
+    assert!(coarse > 5.0 * prepared.cell_mm[0], "{coarse} {:?}", prepared.cell_mm);
     let power = kept.values.iter().map(|value| value * value).sum::<f32>() / kept.values.len() as f32;
     assert!(
         (2.0..3.5).contains(&power.sqrt()),
@@ -196,17 +199,17 @@ fn sectors_beside_the_apex_stay_within_their_region() {
             apex_px: Some(apex),
         };
         let cut = cut(&picture(&image), &sector).unwrap();
-        let (found, _) = PREPARATION.beam_space(&cut, [x as f64, 60.0], apex).unwrap();
+        let (beam, _) = PREPARATION.beam_space(&cut, [x as f64, 60.0], apex).unwrap();
         let clamped = |at: usize| {
-            let (row, width) = (at / found.size[0], found.size[0]);
-            at % width + 1 < width && (found.values[at] - found.values[at + 1]).abs() < 1e-12 && row > 0
+            let (row, width) = (at / beam.size[0], beam.size[0]);
+            at % width + 1 < width && (beam.values[at] - beam.values[at + 1]).abs() < 1e-12 && row > 0
         };
-        let still = (0..found.values.len()).filter(|&at| clamped(at)).count();
-        assert!(found.size[0] > 20 && found.size[1] > 40, "{:?}", found.size);
+        let still = (0..beam.values.len()).filter(|&at| clamped(at)).count();
+        assert!(beam.size[0] > 20 && beam.size[1] > 40, "{:?}", beam.size);
         assert!(
-            still * 1000 < found.values.len(),
+            still * 1000 < beam.values.len(),
             "{still} of {} repeat the edge",
-            found.values.len()
+            beam.values.len()
         );
     }
 }
@@ -228,9 +231,9 @@ fn sectors_are_resampled_along_their_scanlines() {
         voxel_mm: Some(0.2),
         ..PREPARATION
     };
-    let found = preparation.of(&picture(&rings), &sector).unwrap();
-    let [width, height] = found.exemplar.size;
-    let at = |x: usize, y: usize| found.exemplar.values[y * width + x];
+    let prepared = preparation.of(&picture(&rings), &sector).unwrap();
+    let [width, height] = prepared.exemplar.size;
+    let at = |x: usize, y: usize| prepared.exemplar.values[y * width + x];
     for row in (20..height - 20).step_by(10) {
         let off = (at(5, row) - at(width / 2, row)).abs();
         assert!(off < 1.5, "row {row}: {off}");
