@@ -16,7 +16,7 @@ use crate::terminal;
 use insonify::Error;
 use insonify_mechanics::needle::beam::inverse::Wanted;
 use insonify_study::beam::table_one;
-use insonify_study::beam_case::{self, CaseFile, Report, plot};
+use insonify_study::beam_case::{self, BeamReport, CaseFile, plot};
 
 const EXAMPLES: &str = "\
 The case file names the needle, how its base is moved, and layers of tissue from the entry on:
@@ -146,7 +146,7 @@ impl Bend {
         if let Some(output) = &self.output {
             output::plot(output, &plot(&case, &shape))?;
         }
-        let report = Report::new(&shape);
+        let report = BeamReport::new(&shape);
         let left = error_mm.map_or(String::new(), |error| format!("elements     leave {error:.1e} mm\n"));
         terminal::show(&report, self.json, || left + &report.to_string())
     }
@@ -250,7 +250,7 @@ impl Inverse {
         if let Some(output) = &self.output {
             output::plot(output, &plot(&case, &shape))?;
         }
-        let (base, report) = (&shape.points[0], Report::new(&shape));
+        let (base, report) = (&shape.points[0], BeamReport::new(&shape));
         if self.json {
             let mut all = json!({ "displacement_mm": base.u_mm, "slope": base.slope });
             if driven.slope.is_none() && case.problem.pivot_mm > 0.0 {

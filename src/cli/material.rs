@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 use insonify_base::csv::CsvError;
 use insonify_mechanics::tissue::viscoelastic::point::Structure;
-use insonify_study::material_case::fit::{Fit, Measured};
+use insonify_study::material_case::fit::{MaterialFit, Measurements};
 use insonify_study::material_case::{self, CaseFile};
 
 use super::output::{self, Force};
@@ -168,9 +168,9 @@ impl FitArgs {
         let folder = self.output.as_ref();
         let folder = folder.map(|target| self.force.folder(target, "material", &[], &self.files));
         let folder = folder.transpose()?;
-        let mut measured = Measured::default();
+        let mut measured = Measurements::default();
         self.files.iter().try_for_each(|file| measured.add(file))?;
-        let fit = Fit::new(&measured, self.order, self.memory).map_err(|text| CsvError::Contents {
+        let fit = MaterialFit::new(&measured, self.order, self.memory).map_err(|text| CsvError::Contents {
             path: self.files[0].clone(),
             text,
         })?;

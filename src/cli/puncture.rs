@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use insonify_study::puncture::fit::{self, Fitted};
+use insonify_study::puncture::fit::{self, PunctureFit};
 use insonify_study::puncture::{self, PunctureOptions, curves, puncture};
 use serde::Serialize;
 
@@ -149,7 +149,7 @@ impl Puncture {
         })
     }
 
-    fn fitted(&self, path: &Path, options: &PunctureOptions) -> Result<Fitted, Error> {
+    fn fitted(&self, path: &Path, options: &PunctureOptions) -> Result<PunctureFit, Error> {
         let samples = fit::read(path)?;
         Ok(terminal::with_bar("fitting", |share| {
             fit::fit(options, &samples, &mut |done| share(done))
@@ -161,12 +161,12 @@ impl Puncture {
 #[derive(Serialize)]
 struct JsonOutput<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
-    fit: Option<&'a Fitted>,
+    fit: Option<&'a PunctureFit>,
     #[serde(flatten)]
     puncture: &'a puncture::Puncture,
 }
 
-fn text(fitted: &Fitted) -> String {
+fn text(fitted: &PunctureFit) -> String {
     format!(
         "fitted to {} points: young_kpa {:.3}, knee_strain {:.3}, stiffening {:.2}; R^2 {:.5}, {:.4} N off (root mean square)\n",
         fitted.samples.len(),

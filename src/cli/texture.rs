@@ -162,7 +162,7 @@ impl TextureArgs {
         terminal::show(&made.figures, self.json, || format!("{}\n{lines}", made.figures))
     }
 
-    fn prepared(&self, image: &PathBuf, region: [f64; 4], voxel_mm: Option<f64>) -> Result<PreparedExemplar, Failure> {
+    fn prepared(&self, image: &PathBuf, region: [f64; 4], voxel_mm: Option<f64>) -> Result<PreparedExemplar, Error> {
         let pictures = read(std::slice::from_ref(image), 1, self.mm_per_pixel)?;
         let picture: &Picture = pictures.first().ok_or_else(|| {
             Failure::usage(

@@ -135,6 +135,7 @@ pub fn table_one(arms_mm: &[f64]) -> Result<Study, BeamError> {
                     centres(&problem, rcm)
                 };
                 let [com, natural] = of(INITIAL_LENGTH_MM)?;
+                // The initial length is an assumption: how far results hang on it becomes a note.
                 for other in [30.0, f64::INFINITY] {
                     depends = depends.max((of(other)?[0] - com).abs());
                 }

@@ -1,7 +1,7 @@
 //! Case files for a needle whose base is moved: needle, base, elements and tissue layers in one TOML file.
 //!
-//! [`CaseFile`] is the file as written; [`CaseFile::resolve`] checks it; [`Case::solve`] bends the needle (see
-//! [`mechanics::needle::beam`](insonify_mechanics::needle::beam)) and [`Case::find`] finds the base motion for what is wanted.
+//! [`CaseFile`] is the file as written; [`CaseFile::resolve`] checks it; [`BeamCase::solve`] bends the needle (see
+//! [`mechanics::needle::beam`](insonify_mechanics::needle::beam)) and [`BeamCase::find`] finds the base motion for what is wanted.
 //! Errors point at the line. [`points`] reads measured stretch and stress.
 //!
 //! ```
@@ -18,7 +18,7 @@
 pub mod points;
 mod report;
 
-pub use report::{Node, Report, plot};
+pub use report::{BeamReport, Node, plot};
 
 use std::sync::Arc;
 
@@ -62,7 +62,7 @@ document::input_file!(CaseFile, in_ranges);
 
 /// A case with all numbers in their ranges.
 #[derive(Clone, Debug)]
-pub struct Case {
+pub struct BeamCase {
     file: CaseFile,
     /// Needle and tissue.
     pub problem: Problem,
@@ -77,7 +77,7 @@ impl CaseFile {
     ///
     /// # Errors
     /// [`InputError`] with the key and its place in the file.
-    pub fn resolve(self) -> Result<Case, InputError> {
+    pub fn resolve(self) -> Result<BeamCase, InputError> {
         self.in_ranges("base", &self.base)?;
         self.in_ranges("needle", &self.needle)?;
         if self.base.slope.is_some() && self.base.pivot_mm.is_some() {
@@ -111,7 +111,7 @@ impl CaseFile {
             slope: self.base.slope,
         };
         let measured_mm = self.measured_mm()?;
-        Ok(Case {
+        Ok(BeamCase {
             problem,
             base,
             measured_mm,
@@ -206,7 +206,7 @@ impl CaseFile {
     }
 }
 
-impl Case {
+impl BeamCase {
     /// Solves for the shape of the needle.
     ///
     /// # Errors
@@ -221,11 +221,11 @@ impl Case {
         let mut finer = self.problem.clone();
         finer.element_mm /= 2.0;
         let finer = FoundationBeam::new(&finer).ok()?.solve(&self.base).ok()?;
-        let apart = shape
+        let differences = shape
             .points
             .iter()
             .map(|point| (point.u_mm - finer.at(point.x_mm)[0]).abs());
-        Some(apart.fold(0.0, f64::max))
+        Some(differences.fold(0.0, f64::max))
     }
 
     /// Finds the base motion for a wanted result, and the resulting shape of the needle.
@@ -256,6 +256,7 @@ impl Case {
         shape_mm: &[[f64; 2]],
     ) -> Result<String, InputError> {
         let failed = |error: &dyn std::fmt::Display| self.file.wrong_keys("needle", error.to_string(), "a case");
+        // The user's own text is changed, so that keys without a part in the measurement stay as they are.
         let source = self.file.source.as_ref();
         let mut table: toml::Table = source
             .map_or("", |source| &source.text)
@@ -264,9 +265,9 @@ impl Case {
         let rounded = |x: f64| toml::Value::Float((x * 1e5).round() / 1e5);
         let mut part = |name: &str, values: Vec<(&str, toml::Value)>, without: &[&str]| {
             let entry = table.entry(name).or_insert_with(|| toml::Table::new().into());
-            if let Some(own) = entry.as_table_mut() {
-                without.iter().for_each(|key| drop(own.remove(*key)));
-                own.extend(values.into_iter().map(|(key, value)| (key.to_owned(), value)));
+            if let Some(entries) = entry.as_table_mut() {
+                without.iter().for_each(|key| drop(entries.remove(*key)));
+                entries.extend(values.into_iter().map(|(key, value)| (key.to_owned(), value)));
             }
         };
         let shape = shape_mm
@@ -293,8 +294,8 @@ impl Case {
         let last = layers
             .and_then(|layers| layers.last_mut())
             .and_then(toml::Value::as_table_mut);
-        if let (Some(last), Some(own), true) = (last, self.problem.layers.last(), lacking > 0.0) {
-            last.insert("thickness_mm".to_owned(), (own.thickness_mm + lacking).into());
+        if let (Some(last), Some(layer), true) = (last, self.problem.layers.last(), lacking > 0.0) {
+            last.insert("thickness_mm".to_owned(), (layer.thickness_mm + lacking).into());
         }
         let text = toml::to_string(&table).map_err(|error| failed(&error))?;
         CaseFile::parse(&text, "the measured case")?.resolve()?;

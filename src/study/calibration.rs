@@ -63,18 +63,27 @@ fn transform(from: &str, to: &str, matrix: &Matrix4<f64>, error: f64) -> String 
 
 impl<'a> Sheet<'a> {
     /// Report of a pivot calibration.
-    pub fn pivot(found: &'a Pivot, poses: &Poses) -> Self {
-        let matrix = Matrix4::new_translation(&found.point_mm.into());
+    pub fn pivot(calibration: &'a Pivot, poses: &Poses) -> Self {
+        let matrix = Matrix4::new_translation(&calibration.point_mm.into());
         let listed = numbers(&matrix);
         Self {
             title: "Pivot calibration",
             figures: vec![
-                row(&format!("point in `{}`, mm", poses.marker), three(found.point_mm, 3)),
-                row("standard deviations, mm", three(found.std_mm, 4)),
-                row(&format!("pivot in `{}`, mm", poses.tracker), three(found.pivot_mm, 3)),
-                row("residual RMS, mm", format!("{:.4}", found.rms_mm)),
-                row("largest residual, mm", format!("{:.4}", found.max_mm)),
-                row("poses", count(found.used, found.trimmed, found.skipped)),
+                row(
+                    &format!("point in `{}`, mm", poses.marker),
+                    three(calibration.point_mm, 3),
+                ),
+                row("standard deviations, mm", three(calibration.std_mm, 4)),
+                row(
+                    &format!("pivot in `{}`, mm", poses.tracker),
+                    three(calibration.pivot_mm, 3),
+                ),
+                row("residual RMS, mm", format!("{:.4}", calibration.rms_mm)),
+                row("largest residual, mm", format!("{:.4}", calibration.max_mm)),
+                row(
+                    "poses",
+                    count(calibration.used, calibration.trimmed, calibration.skipped),
+                ),
             ],
             scene: format!(
                 "# the tip of a needle:\n[needle.motion.sequence]\ntip_to_marker = \"{listed}\"\n\
@@ -85,37 +94,37 @@ impl<'a> Sheet<'a> {
                 &format!("{}Tip", poses.marker),
                 &poses.marker,
                 &matrix,
-                found.rms_mm,
+                calibration.rms_mm,
             )),
-            residuals: &found.residuals,
+            residuals: &calibration.residuals,
             unit: "mm",
         }
     }
 
     /// Report of a direction.
-    pub fn direction(title: &'static str, found: &'a Direction, marker: &str) -> Self {
+    pub fn direction(title: &'static str, calibration: &'a Direction, marker: &str) -> Self {
         Self {
             title,
             figures: vec![
-                row(&format!("direction in `{marker}`"), three(found.direction, 5)),
-                row("deviation RMS, degrees", format!("{:.4}", found.rms_deg)),
-                row("poses", found.used.to_string()),
+                row(&format!("direction in `{marker}`"), three(calibration.direction, 5)),
+                row("deviation RMS, degrees", format!("{:.4}", calibration.rms_deg)),
+                row("poses", calibration.used.to_string()),
             ],
             scene: format!(
                 "# with a `tip_to_marker` that does not rotate, as `calibrate pivot` gives it:\n\
                  [needle.motion.sequence]\nshaft_axis = [{}]\n",
-                three(found.direction, 8)
+                three(calibration.direction, 8)
             ),
             plus: None,
-            residuals: &found.residuals,
+            residuals: &calibration.residuals,
             unit: "degrees",
         }
     }
 
     /// Report of an image calibration; `array_centre_px` is the pixel of the array's centre, if known.
-    pub fn image(found: &'a ImageCalibration, marker: &str, array_centre_px: Option<[f64; 2]>) -> Self {
-        let matrix = &found.image_to_probe.0;
-        let [width, height] = found.pixel_mm;
+    pub fn image(calibration: &'a ImageCalibration, marker: &str, array_centre_px: Option<[f64; 2]>) -> Self {
+        let matrix = &calibration.image_to_probe.0;
+        let [width, height] = calibration.pixel_mm;
         let centre = match array_centre_px {
             Some([column, row]) => format!("array_centre_px = [{column}, {row}]\n"),
             None => "# array_centre_px = [column, row]: the pixel in the middle of the array's face, where the centre line of the image begins\n".to_owned(),
@@ -126,26 +135,29 @@ impl<'a> Sheet<'a> {
                 row("pixel, mm", format!("{width:.5} x {height:.5}")),
                 row(
                     "position of the mean pixel, standard deviations, mm",
-                    three(found.std_mm, 4),
+                    three(calibration.std_mm, 4),
                 ),
                 row(
                     "rotation about the marker's axes, standard deviations, degrees",
-                    three(found.std_deg, 4),
+                    three(calibration.std_deg, 4),
                 ),
                 row(
                     "angle between rows and columns before they are made perpendicular, degrees",
-                    format!("{:.2}", found.axes_apart_deg),
+                    format!("{:.2}", calibration.axes_apart_deg),
                 ),
-                row("residual RMS, mm", format!("{:.4}", found.rms_mm)),
-                row("largest residual, mm", format!("{:.4}", found.max_mm)),
-                row("pixels", count(found.used, found.trimmed, found.skipped)),
+                row("residual RMS, mm", format!("{:.4}", calibration.rms_mm)),
+                row("largest residual, mm", format!("{:.4}", calibration.max_mm)),
+                row(
+                    "pixels",
+                    count(calibration.used, calibration.trimmed, calibration.skipped),
+                ),
             ],
             scene: format!(
                 "[scene.motion.sequence]\nimage_to_probe = \"{}\"\n{centre}",
                 numbers(matrix)
             ),
-            plus: Some(transform("Image", marker, matrix, found.rms_mm)),
-            residuals: &found.residuals,
+            plus: Some(transform("Image", marker, matrix, calibration.rms_mm)),
+            residuals: &calibration.residuals,
             unit: "mm",
         }
     }

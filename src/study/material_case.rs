@@ -1,6 +1,6 @@
 //! Case files for material tests: one point of tissue in shear, under a history of stress or strain.
 //!
-//! [`CaseFile`] is the file as written; [`CaseFile::resolve`] checks it; [`Case::run`] follows the history (see
+//! [`CaseFile`] is the file as written; [`CaseFile::resolve`] checks it; [`MaterialCase::run`] follows the history (see
 //! [`mechanics::tissue::viscoelastic::point`](insonify_mechanics::tissue::viscoelastic::point)). [`rheometer`] puts the material
 //! through the measurements of Kobayashi et al. 2010. Errors point at the line.
 //!
@@ -113,7 +113,7 @@ impl CaseFile {
 
 /// A material test with every number checked.
 #[derive(Clone, Debug)]
-pub struct Case {
+pub struct MaterialCase {
     file: CaseFile,
     point: Point,
 }
@@ -123,7 +123,7 @@ impl CaseFile {
     ///
     /// # Errors
     /// [`InputError`] with the key and its place in the file.
-    pub fn resolve(self) -> Result<Case, InputError> {
+    pub fn resolve(self) -> Result<MaterialCase, InputError> {
         let point = Point {
             body: self.body()?,
             knee: self.knee()?,
@@ -131,7 +131,7 @@ impl CaseFile {
         };
         let checked = point.check().and_then(|()| self.history.check());
         checked.map_err(|error| self.blame(error))?;
-        Ok(Case { file: self, point })
+        Ok(MaterialCase { file: self, point })
     }
 
     fn body(&self) -> Result<Body, InputError> {
@@ -184,7 +184,7 @@ impl CaseFile {
     }
 }
 
-impl Case {
+impl MaterialCase {
     /// Notes about keys under old names.
     pub fn notes(&self) -> Vec<String> {
         self.file.source.iter().flat_map(|source| source.renamed()).collect()
@@ -194,16 +194,16 @@ impl Case {
     ///
     /// # Errors
     /// [`InputError`] if the rule does not apply to the history, or if stress or strain overflows.
-    pub fn run(&self) -> Result<Report, InputError> {
+    pub fn run(&self) -> Result<MaterialReport, InputError> {
         let response = self.point.respond(&self.file.history, self.file.rule);
         let response = response.map_err(|error| self.file.blame(error))?;
-        Ok(Report::new(&self.file.history, response))
+        Ok(MaterialReport::new(&self.file.history, response))
     }
 }
 
 /// Response of a material, as `insonify material --json` prints it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Report {
+pub struct MaterialReport {
     /// Times of the history, s.
     pub time_s: Vec<f64>,
     /// Shear strain at those times.
@@ -223,13 +223,13 @@ pub struct Report {
 }
 
 /// Estimated error above which a warning is given.
-const ROUGH: f64 = 1e-3;
+const MAX_CHANGE: f64 = 1e-3;
 /// Maximum number of plot points drawn with markers.
-const MARKED: usize = 60;
+const MAX_MARKED: usize = 60;
 
-impl Report {
-    fn new(loading: &Loading, response: Response) -> Report {
-        Report {
+impl MaterialReport {
+    fn new(loading: &Loading, response: Response) -> MaterialReport {
+        MaterialReport {
             time_s: loading.time_s.clone(),
             strain: response.strain,
             stress_kpa: response.stress_kpa,
@@ -247,7 +247,7 @@ impl Report {
         }
         match self.change {
             None => warnings.push("the history is too long to be refined: its own times are the steps".to_owned()),
-            Some(change) if change > ROUGH => warnings.push(format!(
+            Some(change) if change > MAX_CHANGE => warnings.push(format!(
                 "the answer still changed by {change:.1e} of its largest value when steps were last halved; another rule may do better"
             )),
             Some(_) => {}
@@ -272,14 +272,14 @@ impl Report {
             }
         };
         let mut series = Series::line(label, 0, points);
-        if self.time_s.len() <= MARKED {
+        if self.time_s.len() <= MAX_MARKED {
             series.marker = Marker::Disc;
         }
         Plot::new(title, Axis::linear("time, s"), Axis::linear(label), vec![series])
     }
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for MaterialReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let rows = self.time_s.iter().zip(&self.strain).zip(&self.stress_kpa);
         let rows = rows.map(|((time, strain), stress)| {

@@ -24,7 +24,7 @@ use insonify_report::plot::{Axis, Plot, Series};
 use liver::Liver;
 
 /// Travel of the needle, mm.
-const WAY_MM: f64 = 40.0;
+const TRAVEL_MM: f64 = 40.0;
 
 /// Parameters of the tissue and the needle.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -76,7 +76,7 @@ impl Default for PunctureOptions {
 
 /// State after one step of the needle.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Row {
+pub struct PunctureStep {
     /// Travel of the needle from the undeformed capsule, mm.
     pub travel_mm: f64,
     /// Time since first contact, s.
@@ -99,7 +99,7 @@ pub struct Puncture {
     /// Options used.
     pub options: PunctureOptions,
     /// State at rest and after each step.
-    pub rows: Vec<Row>,
+    pub rows: Vec<PunctureStep>,
     /// Pictures of the slice as SVG documents: name and text.
     #[serde(skip)]
     pub pictures: Vec<(String, String)>,
@@ -115,14 +115,14 @@ const NAMES: [&str; 3] = ["capsule", "near-wall", "far-wall"];
 pub fn puncture(options: &PunctureOptions, progress: &mut dyn FnMut(f64)) -> Result<Puncture, Error> {
     let step = positive("step_mm", options.step_mm)?;
     let speed = positive("speed_mm_per_s", options.speed_mm_per_s)?;
-    let steps = (WAY_MM / step).ceil();
+    let steps = (TRAVEL_MM / step).ceil();
     if steps > 1e5 {
         let expected = "a way of at least 0.00042 mm";
         return Err(OutOfRange::new("step_mm", step, expected).into());
     }
     let (liver, mut needle) = pushing(options, steps, true)?;
     let [near, far] = [1, 2].map(|layer: usize| liver.layers[layer].from_mm);
-    let mut rows = vec![Row {
+    let mut rows = vec![PunctureStep {
         travel_mm: 0.0,
         time_s: 0.0,
         force_n: 0.0,
@@ -134,7 +134,7 @@ pub fn puncture(options: &PunctureOptions, progress: &mut dyn FnMut(f64)) -> Res
     let mut states = vec![state("rest", &liver, &needle, 0.0)];
     // The state before each puncture is kept when the step reports that puncture.
     for at in 1..=steps as usize {
-        let travel_mm = (at as f64 * step).min(WAY_MM);
+        let travel_mm = (at as f64 * step).min(TRAVEL_MM);
         let pushed = needle.step(travel_mm, step / speed);
         let pushed = pushed.map_err(|cause| StudyError::Travel { travel_mm, cause })?;
         if let Some(layer) = pushed.punctured {
@@ -142,7 +142,7 @@ pub fn puncture(options: &PunctureOptions, progress: &mut dyn FnMut(f64)) -> Res
             states.push(state(&format!("before-{name}"), &liver, &needle, travel_mm));
         }
         let [upper, lower] = [near, far].map(|depth| needle.along(depth));
-        rows.push(Row {
+        rows.push(PunctureStep {
             travel_mm,
             time_s: at as f64 * step / speed,
             force_n: pushed.force_n,
@@ -159,7 +159,7 @@ pub fn puncture(options: &PunctureOptions, progress: &mut dyn FnMut(f64)) -> Res
     let travelled = rows[rows.len() - 1].travel_mm;
     states.push(state("end", &liver, &needle, travelled));
     let darkest_kpa = draw::darkest_kpa(&states);
-    let picture = |state: draw::State| (state.name.clone(), draw::slice(&liver, &state, darkest_kpa));
+    let picture = |state: draw::SliceState| (state.name.clone(), draw::slice(&liver, &state, darkest_kpa));
     Ok(Puncture {
         options: *options,
         rows,
@@ -168,7 +168,7 @@ pub fn puncture(options: &PunctureOptions, progress: &mut dyn FnMut(f64)) -> Res
 }
 
 /// Returns the state of the slice with its stress, which a viscous one has followed.
-fn state(name: &str, liver: &Liver, needle: &Pushing<2, 3>, travel_mm: f64) -> draw::State {
+fn state(name: &str, liver: &Liver, needle: &Pushing<2, 3>, travel_mm: f64) -> draw::SliceState {
     let displacement = needle.structure().displacement().to_vec();
     let stress_kpa = match needle.structure() {
         Structure::Viscous(creep) => liver
@@ -179,7 +179,7 @@ fn state(name: &str, liver: &Liver, needle: &Pushing<2, 3>, travel_mm: f64) -> d
             liver.body.von_mises_kpa(&displacement, &stress_kpa)
         }
     };
-    draw::State {
+    draw::SliceState {
         name: name.to_owned(),
         displacement,
         stress_kpa,
@@ -201,6 +201,7 @@ fn pushing(options: &PunctureOptions, steps: f64, stress: bool) -> Result<(Liver
     let structure = if options.order == 0.0 {
         Structure::Elastic(Box::new(solver))
     } else {
+        // A hundredth of slack keeps steps within the span under rounding.
         let span = Span {
             shortest_s: 0.99 * step / speed,
             longest_s: 1.01 * (steps + 1.0) * step / speed,
@@ -222,9 +223,9 @@ fn pushing(options: &PunctureOptions, steps: f64, stress: bool) -> Result<(Liver
     Ok((liver, needle))
 }
 
-fn positive(key: &str, found: f64) -> Result<f64, Error> {
-    check(key, found, found > 0.0, "a finite number above 0")?;
-    Ok(found)
+fn positive(key: &str, value: f64) -> Result<f64, Error> {
+    check(key, value, value > 0.0, "a finite number above 0")?;
+    Ok(value)
 }
 
 impl Puncture {

@@ -11,13 +11,17 @@ use insonify_base::table::{Cell, Table};
 use insonify_report::page::Page;
 use insonify_report::plot::{Axis, Plot, Series};
 
-/// Limits of the colours of distances, mm, and the colours.
-const LIMITS_MM: [f64; 4] = [1.0, 2.0, 5.0, f64::INFINITY];
-const COLOURS: [&str; 4] = ["#009e73", "#e69f00", "#d55e00", "#cc0044"];
+/// Distances (mm) up to which each colour counts.
+const COLOURS: [(f64, &str); 4] = [
+    (1.0, "#009e73"),
+    (2.0, "#e69f00"),
+    (5.0, "#d55e00"),
+    (f64::INFINITY, "#cc0044"),
+];
 /// Largest number of points of a surface in the picture.
-const SHOWN: usize = 3000;
+const MAX_POINTS: usize = 3000;
 /// Width of a view, pixels.
-const VIEW: f64 = 380.0;
+const VIEW_PX: f64 = 380.0;
 
 /// Returns the report as one self-contained HTML document, with both surfaces from three sides.
 ///
@@ -70,17 +74,17 @@ fn views(registration: &Registration, skin: &Skin) -> String {
     let [low, high] = bounds(skin.points().iter().copied());
     let planes = [[0, 2], [1, 2], [0, 1]];
     let largest = (0..3).map(|axis| high[axis] - low[axis]).fold(1.0, f64::max);
-    let scale = (VIEW - 20.0) / largest;
+    let scale = (VIEW_PX - 20.0) / largest;
     let mut svg = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {} {VIEW}\">",
-        3.0 * VIEW
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {} {VIEW_PX}\">",
+        3.0 * VIEW_PX
     );
     for (view, [a, b]) in planes.into_iter().enumerate() {
         // The head is up, the front of the body too.
         let place = |at: &Point3<f64>| {
-            let x = view as f64 * VIEW + VIEW / 2.0 + scale * (at[a] - (low[a] + high[a]) / 2.0);
+            let x = view as f64 * VIEW_PX + VIEW_PX / 2.0 + scale * (at[a] - (low[a] + high[a]) / 2.0);
             let y = scale * (at[b] - (low[b] + high[b]) / 2.0);
-            (x, if b == 2 { VIEW / 2.0 - y } else { VIEW / 2.0 + y })
+            (x, if b == 2 { VIEW_PX / 2.0 - y } else { VIEW_PX / 2.0 + y })
         };
         let mut dot = |at: &Point3<f64>, radius: f64, colour: &str| {
             let (x, y) = place(at);
@@ -90,7 +94,7 @@ fn views(registration: &Registration, skin: &Skin) -> String {
                 "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{colour}\"/>"
             );
         };
-        let step = 1 + skin.points().len() / SHOWN;
+        let step = 1 + skin.points().len() / MAX_POINTS;
         skin.points()
             .iter()
             .step_by(step)
@@ -98,13 +102,10 @@ fn views(registration: &Registration, skin: &Skin) -> String {
         for (at, distance) in registration
             .mapped
             .iter()
-            .step_by(1 + registration.mapped.len() / SHOWN)
+            .step_by(1 + registration.mapped.len() / MAX_POINTS)
         {
-            let class = LIMITS_MM
-                .iter()
-                .position(|limit| distance < limit)
-                .unwrap_or(LIMITS_MM.len() - 1);
-            dot(at, 1.4, COLOURS[class]);
+            let class = COLOURS.iter().find(|(limit, _)| distance < limit);
+            dot(at, 1.4, class.unwrap_or(&COLOURS[COLOURS.len() - 1]).1);
         }
     }
     svg + "</svg>"

@@ -391,7 +391,7 @@ fn beam(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
     let length: f64 = case.problem.layers.iter().map(|layer| layer.thickness_mm).sum();
     if length / case.problem.element_mm < 1000.0 {
         let shape = case.solve()?;
-        let _ = beam_case::Report::new(&shape).to_string();
+        let _ = beam_case::BeamReport::new(&shape).to_string();
     }
     Ok(())
 }

@@ -14,8 +14,8 @@ use insonify_base::number::decimal;
 use insonify_base::table::{Cell, Table};
 use insonify_mechanics::needle::beam::Base;
 use insonify_study::beam::compare::compare;
-use insonify_study::beam::measure::{Design, Measured, Scan, Thresholds, measure, scan};
-use insonify_study::beam_case::{Case, CaseFile};
+use insonify_study::beam::measure::{Design, MeasuredNeedle, Scan, Thresholds, measure, scan};
+use insonify_study::beam_case::{BeamCase, CaseFile};
 
 /// Slope and straightness (mm) of a needle at rest beyond which a warning is given.
 const REST: [f64; 2] = [0.02, 0.3];
@@ -118,7 +118,7 @@ impl Measure {
         scan(&image, design, &thresholds).map_err(|error| named(path, &error))
     }
 
-    fn print(&self, found: &[(String, Measured)]) -> Result<(), Error> {
+    fn print(&self, found: &[(String, MeasuredNeedle)]) -> Result<(), Error> {
         let Some((_, first)) = found.first() else { return Ok(()) };
         if first.rest_slope.abs() > REST[0] || first.rest_rms_mm > REST[1] {
             terminal::warn(format_args!(
@@ -163,7 +163,7 @@ impl Measure {
 struct Named<'a> {
     volume: &'a str,
     #[serde(flatten)]
-    measured: &'a Measured,
+    measured: &'a MeasuredNeedle,
 }
 
 fn named(path: &Path, error: &VolumeError) -> Error {
@@ -225,12 +225,12 @@ impl Compare {
     }
 }
 
-fn read(path: &Path) -> Result<(String, Case), Error> {
+fn read(path: &Path) -> Result<(String, BeamCase), Error> {
     Ok((stem(path), CaseFile::read(path)?.resolve()?))
 }
 
 /// Cases of a folder that have a measured shape, by name. Other files may lie there too.
-fn folder(path: &Path) -> Result<Vec<(String, Case)>, Error> {
+fn folder(path: &Path) -> Result<Vec<(String, BeamCase)>, Error> {
     let wrong = |error: std::io::Error| {
         Failure::usage(format!("{}: {error}", path.display()), "name a folder that can be read")
     };

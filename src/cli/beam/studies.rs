@@ -8,7 +8,7 @@ use crate::failure::Failure;
 use crate::study::Printed;
 use insonify::Error;
 use insonify_study::beam::case::{Uncertainty, compression, map, sensitivity};
-use insonify_study::beam_case::{Case, CaseFile};
+use insonify_study::beam_case::{BeamCase, CaseFile};
 
 /// Step of the remote centres of motion where none are given, mm.
 const STEP_MM: f64 = 5.0;
@@ -23,7 +23,7 @@ struct Of {
 }
 
 impl Of {
-    fn case(&self) -> Result<Case, Error> {
+    fn case(&self) -> Result<BeamCase, Error> {
         self.printed.check()?;
         Ok(CaseFile::read(&self.case)?.resolve()?)
     }

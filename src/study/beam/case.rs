@@ -1,7 +1,7 @@
 //! Studies of a user's own needle: compression of the tissue, remote centres of motion (RCM) for wanted corrections of the tip, and what
 //! uncertain tissue does.
 
-use crate::beam_case::Case;
+use crate::beam_case::BeamCase;
 use crate::tradeoff::{Axis, Factor, Figure, Study, Table};
 use insonify_base::document::InputError;
 use insonify_base::machine::Machine;
@@ -9,7 +9,7 @@ use insonify_base::number::decimal;
 use insonify_mechanics::needle::beam::inverse::Wanted;
 use insonify_mechanics::needle::beam::{BeamError, FoundationBeam, LayerLoad, Material, Problem, Shape};
 
-fn study(name: &'static str, title: &'static str, case: &Case, tables: Vec<Table>, figures: Vec<Figure>) -> Study {
+fn study(name: &'static str, title: &'static str, case: &BeamCase, tables: Vec<Table>, figures: Vec<Figure>) -> Study {
     let problem = &case.problem;
     let lengths = [problem.inserted_mm, problem.control_distance_mm].map(|mm| decimal(mm, 1));
     let turning = match case.base.slope {
@@ -82,7 +82,7 @@ const DEPTH: [Axis; 5] = [
 ///
 /// # Errors
 /// [`InputError`] if the needle has no shape.
-pub fn compression(case: &Case) -> Result<Study, InputError> {
+pub fn compression(case: &BeamCase) -> Result<Study, InputError> {
     let shape = case.solve()?;
     let title = "Layers of tissue: compression ratio (length over uncompressed length) and force of the needle";
     let mut layers = Table::new("layers", title, &[Factor::new("layer", "layer")], &LAYERS);
@@ -103,6 +103,7 @@ pub fn compression(case: &Case) -> Result<Study, InputError> {
         ];
         let over = (load.least_ratio < limit).then(|| "beyond its limit".to_owned());
         layers.push(vec![name.clone()], [&values[..], &rest[..]].concat(), over);
+        // A point between two layers belongs to the deeper one, the tip to the last.
         let last = load.layer + 1 == shape.layers.len();
         let inside = |x: f64| x >= from && (x < to || last);
         for point in shape.points.iter().filter(|point| inside(point.x_mm)) {
@@ -168,12 +169,41 @@ const MAP: [Axis; 10] = [
     Axis::linear("base_moment_nmm", "moment N mm", "moment at the base, N mm"),
 ];
 
+/// Values of [`MAP`] for a shape.
+fn motion(tip_mm: f64, shape: &Shape) -> Vec<Option<f64>> {
+    let base = &shape.points[0];
+    vec![
+        Some(tip_mm),
+        shape.rcm_mm(),
+        Some(base.u_mm),
+        Some(base.slope),
+        shape.com_mm(),
+        Some(shape.least_ratio),
+        Some(percent(shape.least_ratio)),
+        weakest(shape).map(|load| load.least_at_mm),
+        Some(shape.base_force_n),
+        Some(shape.base_moment_nmm),
+    ]
+}
+
+/// Which layers a shape compresses beyond their limits, in words.
+fn limits(case: &BeamCase, shape: &Shape) -> String {
+    let layers = &case.problem.layers;
+    let over = shape.layers.iter();
+    let over = over.filter(|load| load.least_ratio < layers[load.layer].least_ratio);
+    let over: Vec<_> = over.map(|load| format!("beyond in layer {}", load.layer + 1)).collect();
+    match over.is_empty() {
+        true => "kept".to_owned(),
+        false => over.join(", "),
+    }
+}
+
 /// Computes the motion of the base that brings the tip to each wanted place, about each RCM (mm below the entry), of a base that turns
 /// freely, and with the least compression.
 ///
 /// # Errors
 /// [`InputError`] if the needle cannot be computed at all; motions that do not exist are flagged rows.
-pub fn map(case: &Case, tips_mm: &[f64], rcms_mm: &[f64]) -> Result<Study, InputError> {
+pub fn map(case: &BeamCase, tips_mm: &[f64], rcms_mm: &[f64]) -> Result<Study, InputError> {
     let factors = [
         Factor::new("tip", "wanted tip, mm"),
         Factor::new("base", "base"),
@@ -190,42 +220,18 @@ pub fn map(case: &Case, tips_mm: &[f64], rcms_mm: &[f64]) -> Result<Study, Input
             ("least compression", Wanted::TipLeast { tip_mm }),
         ];
         for (base, wanted) in about.chain(others) {
-            let choices = |limits: String| vec![tip_mm.to_string(), base.to_owned(), limits];
-            let (_, shape) = match case.reach(&wanted) {
-                Ok(found) => found,
+            let (limits, values, flag) = match case.reach(&wanted) {
+                Ok((_, shape)) => (limits(case, &shape), motion(tip_mm, &shape), None),
                 Err(error) => {
                     let mut values = vec![None; MAP.len()];
                     values[0] = Some(tip_mm);
                     if let Wanted::TipAbout { rcm_mm, .. } = wanted {
                         values[1] = Some(rcm_mm);
                     }
-                    table.push(choices("-".to_owned()), values, Some(error.cause().to_string()));
-                    continue;
+                    ("-".to_owned(), values, Some(error.cause().to_string()))
                 }
             };
-            let limits = &case.problem.layers;
-            let over = shape.layers.iter();
-            let over = over.filter(|load| load.least_ratio < limits[load.layer].least_ratio);
-            let over: Vec<_> = over.map(|load| format!("beyond in layer {}", load.layer + 1)).collect();
-            let kept = if over.is_empty() {
-                "kept".to_owned()
-            } else {
-                over.join(", ")
-            };
-            let (base, load) = (&shape.points[0], weakest(&shape));
-            let values = vec![
-                Some(tip_mm),
-                shape.rcm_mm(),
-                Some(base.u_mm),
-                Some(base.slope),
-                shape.com_mm(),
-                Some(shape.least_ratio),
-                Some(percent(shape.least_ratio)),
-                load.map(|load| load.least_at_mm),
-                Some(shape.base_force_n),
-                Some(shape.base_moment_nmm),
-            ];
-            table.push(choices(kept), values, None);
+            table.push(vec![tip_mm.to_string(), base.to_owned(), limits], values, flag);
         }
     }
     let about = |file: &'static str, title: &str, y: &'static str| Figure {
@@ -268,8 +274,8 @@ pub struct Uncertainty {
 /// Changes one layer, or all, by factors of stiffness, exponent and uncompressed length.
 fn changed(problem: &Problem, layer: Option<usize>, [stiffness, exponent, length]: [f64; 3]) -> Problem {
     let mut changed = problem.clone();
-    let own = changed.layers.iter_mut().enumerate();
-    for (_, layer) in own.filter(|(at, _)| layer.is_none_or(|layer| layer == *at)) {
+    let layers = changed.layers.iter_mut().enumerate();
+    for (_, layer) in layers.filter(|(at, _)| layer.is_none_or(|layer| layer == *at)) {
         layer.initial_length_mm *= length;
         match &mut layer.material {
             Material::Ogden { mu_kpa, alpha } => {
@@ -312,7 +318,7 @@ fn outcomes(shape: &Shape) -> [Option<f64>; 3] {
 ///
 /// # Errors
 /// [`InputError`] if the case itself has no shape; changed tissue without one gives flagged rows.
-pub fn sensitivity(case: &Case, by: &Uncertainty) -> Result<Study, InputError> {
+pub fn sensitivity(case: &BeamCase, by: &Uncertainty) -> Result<Study, InputError> {
     let nominal = case.solve()?;
     let solve = |problem: &Problem| -> Result<Shape, BeamError> { FoundationBeam::new(problem)?.solve(&case.base) };
     let factors = [Factor::new("parameter", "parameter"), Factor::new("layer", "layer")];
@@ -374,8 +380,8 @@ pub fn sensitivity(case: &Case, by: &Uncertainty) -> Result<Study, InputError> {
 
 fn row(percent: f64, shape: &Shape, nominal: &Shape) -> Vec<Option<f64>> {
     let mut values = vec![Some(percent)];
-    for (found, expected) in outcomes(shape).into_iter().zip(outcomes(nominal)) {
-        values.extend([found, found.zip(expected).map(|(found, expected)| found - expected)]);
+    for (value, given) in outcomes(shape).into_iter().zip(outcomes(nominal)) {
+        values.extend([value, value.zip(given).map(|(value, given)| value - given)]);
     }
     values.push(Some(shape.least_ratio));
     values
@@ -391,6 +397,7 @@ fn ranges(nominal: &Shape, percents: [f64; 3], solve: impl Fn([f64; 3]) -> Optio
     ];
     let title = "All parameters together: ranges over low, given and high values of each";
     let mut table = Table::new("ranges", title, &[Factor::new("quantity", "quantity")], &axes);
+    // Outcomes need not be monotonic: the given values are combined too, not the extremes alone.
     let shapes: Vec<Option<Shape>> = (0..27)
         .map(|at| {
             let level = |axis: u32| f64::from(at / 3i32.pow(axis) % 3 - 1);
@@ -400,13 +407,13 @@ fn ranges(nominal: &Shape, percents: [f64; 3], solve: impl Fn([f64; 3]) -> Optio
     let with_ratio = |shape: &Shape| [outcomes(shape).as_slice(), &[Some(shape.least_ratio)]].concat();
     let names = ["tip, mm", "COM, mm", "RCM, mm", "least compression ratio"];
     for (at, name) in names.into_iter().enumerate() {
-        let found: Vec<f64> = shapes
+        let values: Vec<f64> = shapes
             .iter()
             .flatten()
             .filter_map(|shape| with_ratio(shape)[at])
             .collect();
-        let least = found.iter().copied().reduce(f64::min);
-        let most = found.iter().copied().reduce(f64::max);
+        let least = values.iter().copied().reduce(f64::min);
+        let most = values.iter().copied().reduce(f64::max);
         let width = least.zip(most).map(|(least, most)| most - least);
         table.push(
             vec![name.to_owned()],

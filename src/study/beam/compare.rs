@@ -1,16 +1,18 @@
 //! Measured needles against computed ones: figures 6 to 8 and Table I of Wang et al. 2023 for a user's own scans.
 
 use super::measure::crossing;
-use crate::beam_case::Case;
+use crate::beam_case::BeamCase;
 use crate::tradeoff::{Axis, Factor, Figure, Study, Table};
 use insonify_base::machine::Machine;
 use insonify_base::statistics::{mean, percentile, std};
 use insonify_mechanics::needle::beam::{Base, BeamError, FoundationBeam, Layer, Problem, Shape};
 
-/// Inserted depths and control distances are grouped to multiples of these, mm.
-const DEPTH_MM: f64 = 10.0;
-const CONTROL_MM: f64 = 10.0;
+/// Inserted depths are grouped to multiples of this, mm.
+const DEPTH_GROUP_MM: f64 = 10.0;
+/// Control distances are grouped to multiples of this, mm.
+const CONTROL_GROUP_MM: f64 = 10.0;
 
+/// Axes of the cases.
 const CASES: [Axis; 10] = [
     Axis::linear("control_distance_mm", "s mm", "base before the entry, mm"),
     Axis::linear("inserted_mm", "l mm", "inserted depth, mm"),
@@ -35,7 +37,7 @@ fn reaching(layers: &[Layer], inserted_mm: f64) -> Vec<Layer> {
 }
 
 /// Values of [`CASES`] for the layers of a tissue.
-fn compared(case: &Case, problem: &Problem) -> Result<Vec<Option<f64>>, BeamError> {
+fn compared(case: &BeamCase, problem: &Problem) -> Result<Vec<Option<f64>>, BeamError> {
     let mut beam = FoundationBeam::new(problem)?;
     let shape = beam.solve(&case.base)?;
     let moved = crossing(&case.measured_mm).is_some();
@@ -44,8 +46,8 @@ fn compared(case: &Case, problem: &Problem) -> Result<Vec<Option<f64>>, BeamErro
         ..case.base
     };
     let natural = beam.solve(&free).ok().and_then(|shape| shape.rcm_mm());
-    let off = |point: &[f64; 2]| point[1] - shape.at(point[0].min(problem.inserted_mm))[0];
-    let squares: Vec<f64> = case.measured_mm.iter().map(|point| off(point).powi(2)).collect();
+    let deviation = |point: &[f64; 2]| point[1] - shape.at(point[0].min(problem.inserted_mm))[0];
+    let squares: Vec<f64> = case.measured_mm.iter().map(|point| deviation(point).powi(2)).collect();
     let tip = case.measured_mm.last();
     Ok(vec![
         Some(problem.control_distance_mm),
@@ -56,7 +58,7 @@ fn compared(case: &Case, problem: &Problem) -> Result<Vec<Option<f64>>, BeamErro
         crossing(&case.measured_mm),
         Shape::com_mm(&shape).filter(|_| moved),
         tip.map(|point| point[1]),
-        tip.map(|point| off(point).abs()),
+        tip.map(|point| deviation(point).abs()),
         Some(mean(&squares).sqrt()),
     ])
 }
@@ -64,7 +66,7 @@ fn compared(case: &Case, problem: &Problem) -> Result<Vec<Option<f64>>, BeamErro
 /// Compares measured needles with computed ones: each case with its own tissue, and with that of other cases.
 ///
 /// Cases have a measured shape; `tissues` lend their layers.
-pub fn compare(cases: &[(String, Case)], tissues: &[(String, Case)]) -> Study {
+pub fn compare(cases: &[(String, BeamCase)], tissues: &[(String, BeamCase)]) -> Study {
     let factors = [
         Factor::new("case", "case"),
         Factor::new("tissue", "tissue"),
@@ -73,14 +75,14 @@ pub fn compare(cases: &[(String, Case)], tissues: &[(String, Case)]) -> Study {
     let title = "Measured needles against computed ones";
     let mut table = Table::new("cases", title, &factors, &CASES);
     for (name, case) in cases {
-        let own = std::iter::once(("own".to_owned(), case.problem.clone()));
-        let others = tissues.iter().map(|(name, other)| {
+        let with_its_tissue = std::iter::once(("own".to_owned(), case.problem.clone()));
+        let with_other_tissues = tissues.iter().map(|(name, other)| {
             let mut problem = case.problem.clone();
             problem.layers = reaching(&other.problem.layers, problem.inserted_mm);
             (name.clone(), problem)
         });
-        for (tissue, problem) in own.chain(others) {
-            let depth = (problem.inserted_mm / DEPTH_MM).round() * DEPTH_MM;
+        for (tissue, problem) in with_its_tissue.chain(with_other_tissues) {
+            let depth = (problem.inserted_mm / DEPTH_GROUP_MM).round() * DEPTH_GROUP_MM;
             let choices = vec![name.clone(), tissue, depth.to_string()];
             match compared(case, &problem) {
                 Ok(values) => table.push(choices, values, None),
@@ -88,12 +90,33 @@ pub fn compare(cases: &[(String, Case)], tissues: &[(String, Case)]) -> Study {
             }
         }
     }
-    let tables = vec![errors(&table), centres(&table), distribution(&table), table];
+    Study {
+        name: "beam-compare",
+        title: "Measured and computed needles",
+        about: vec![
+            ("cases", cases.len().to_string()),
+            (
+                "depths",
+                format!("grouped to {DEPTH_GROUP_MM} mm, distances of the base to {CONTROL_GROUP_MM} mm"),
+            ),
+            (
+                "error of the tip",
+                "measured less computed deflection, magnitude".to_owned(),
+            ),
+        ],
+        machine: Machine::here(),
+        tables: vec![errors(&table), centres(&table), distribution(&table), table],
+        figures: figures(),
+        notes: Vec::new(),
+    }
+}
+
+fn figures() -> Vec<Figure> {
     let scatter = |file: &'static str, title: &str, y: &'static str| Figure {
         joined: false,
         ..Figure::new(file, title, "cases", ["inserted_mm", y], "tissue")
     };
-    let figures = vec![
+    vec![
         Figure {
             marker: vec!["depth"],
             ..Figure::new(
@@ -117,26 +140,7 @@ pub fn compare(cases: &[(String, Case)], tissues: &[(String, Case)]) -> Study {
                 "depth",
             )
         },
-    ];
-    Study {
-        name: "beam-compare",
-        title: "Measured and computed needles",
-        about: vec![
-            ("cases", cases.len().to_string()),
-            (
-                "depths",
-                format!("grouped to {DEPTH_MM} mm, distances of the base to {CONTROL_MM} mm"),
-            ),
-            (
-                "error of the tip",
-                "measured less computed deflection, magnitude".to_owned(),
-            ),
-        ],
-        machine: Machine::here(),
-        tables,
-        figures,
-        notes: Vec::new(),
-    }
+    ]
 }
 
 /// Rows by tissue and another key, in the order of their first rows.
@@ -207,7 +211,7 @@ fn centres(cases: &Table) -> Table {
     let mut table = Table::new("centres", "Mean centres of motion, mm below the entry", &factors, &axes);
     let key = |row: &crate::tradeoff::Row| {
         let control = cases.value(row, "control_distance_mm").unwrap_or(f64::NAN);
-        let control = (control / CONTROL_MM).round() * CONTROL_MM;
+        let control = (control / CONTROL_GROUP_MM).round() * CONTROL_GROUP_MM;
         vec![row.choices[1].clone(), control.to_string(), row.choices[2].clone()]
     };
     for (key, rows) in groups(cases, key) {

@@ -18,13 +18,13 @@ const COLUMNS: [&str; 5] = ["body", "diameter_mm", "x_mm", "y_mm", "z_mm"];
 /// Bodies with markers.
 const BODIES: [&str; 2] = ["container", "stage"];
 /// Largest ratio of the diameter of a marker found and that of the design.
-const OFF_SIZE: f64 = 1.5;
+const MAX_SIZE_RATIO: f64 = 1.5;
 /// Least length of a needle, mm.
 const MIN_NEEDLE_MM: f64 = 10.0;
 /// Largest deflection of a needle that counts as unmoved: its centres of motion are noise, mm.
-const MOVED_MM: f64 = 0.5;
+const MIN_DEFLECTION_MM: f64 = 0.5;
 /// 95th percentile of the F distribution with 6 and 30 degrees of freedom, those of twelve markers.
-const SIGNIFICANT: f64 = 2.42;
+const F_LIMIT: f64 = 2.42;
 
 /// Markers of the container and of the stage in their own frames.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,11 +65,12 @@ impl Design {
                 return Err(contents(text));
             }
         }
+        // Nothing but their size tells the markers of one body from those of the other.
         let [container, stage] = diameters_mm;
-        if container.max(stage) < OFF_SIZE * container.min(stage) {
+        if container.max(stage) < MAX_SIZE_RATIO * container.min(stage) {
             return Err(contents(format!(
                 "found markers of {container} mm on the container and of {stage} mm on the stage; expected sizes that differ by a factor of \
-                 at least {OFF_SIZE}"
+                 at least {MAX_SIZE_RATIO}"
             )));
         }
         Ok(Self {
@@ -108,18 +109,18 @@ pub struct Scan {
 /// # Errors
 /// [`VolumeError`] if markers do not match the design, or there is no needle.
 pub fn scan(image: &ScalarImage, design: &Design, thresholds: &Thresholds) -> Result<Scan, VolumeError> {
-    let found = markers::bodies(image, thresholds.marker)?;
+    let bodies = markers::bodies(image, thresholds.marker)?;
     let place = |at: usize| {
-        let [own, other] = [design.diameters_mm[at], design.diameters_mm[1 - at]];
-        let off = |body: &Body, size: f64| (body.diameter_mm / size).ln().abs();
-        let alike = |body: &&Body| off(body, own) < OFF_SIZE.ln() && off(body, own) < off(body, other);
-        let centres: Vec<_> = found.iter().filter(alike).map(|body| body.centre_mm).collect();
+        let [size, other_size] = [design.diameters_mm[at], design.diameters_mm[1 - at]];
+        let off = |body: &Body, of: f64| (body.diameter_mm / of).ln().abs();
+        let alike = |body: &&Body| off(body, size) < MAX_SIZE_RATIO.ln() && off(body, size) < off(body, other_size);
+        let centres: Vec<_> = bodies.iter().filter(alike).map(|body| body.centre_mm).collect();
         let named = |error| VolumeError::new(format!("markers of the {}: {error}", BODIES[at]));
         let placed = markers::place(&design.centres_mm[at], &centres).map_err(named)?;
         let matched = placed
             .matched
             .iter()
-            .map(|found| found.map(|found| centres[found]))
+            .map(|marker| marker.map(|marker| centres[marker]))
             .collect();
         Ok::<(Placement, Vec<Option<Point3<f64>>>), VolumeError>((placed, matched))
     };
@@ -127,7 +128,7 @@ pub fn scan(image: &ScalarImage, design: &Design, thresholds: &Thresholds) -> Re
     let placed = [container, stage];
     let to_container = placed[0].pose.inverse();
     let bright = match thresholds.needle == thresholds.marker {
-        true => found,
+        true => bodies,
         false => markers::bodies(image, thresholds.needle)?,
     };
     let (needle_mm, tip_mm) = needle(image, &to_container, &bright)?;
@@ -193,7 +194,7 @@ fn needle(
 
 /// A measured needle.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct Measured {
+pub struct MeasuredNeedle {
     /// Displacement of the base, mm.
     pub displacement_mm: f64,
     /// Slope of the base.
@@ -231,12 +232,12 @@ fn lies_still(rest: &Scan, moved: &Scan) -> bool {
     let Some(pose) = markers::fitted(&from, &to, &same).filter(|_| count > 2) else {
         return false;
     };
-    let apart = |pose: &Isometry3<f64>| -> f64 {
+    let squares = |pose: &Isometry3<f64>| -> f64 {
         let pairs = from.iter().zip(&to);
         pairs.map(|(from, to)| (pose * from - to).norm_squared()).sum()
     };
-    let left = apart(&pose) / (3 * count - 6) as f64;
-    (apart(&Isometry3::identity()) - apart(&pose)) / 6.0 <= SIGNIFICANT * left
+    let residual = squares(&pose) / (3 * count - 6) as f64;
+    (squares(&Isometry3::identity()) - squares(&pose)) / 6.0 <= F_LIMIT * residual
 }
 
 /// Compares a moved needle with itself at rest. Where the container has the same pose in both volumes, its place at rest counts for both, so that the
@@ -244,7 +245,7 @@ fn lies_still(rest: &Scan, moved: &Scan) -> bool {
 ///
 /// # Errors
 /// [`VolumeError`] if base and tip do not lie on either side of the entry.
-pub fn measure(rest: &Scan, moved: &Scan) -> Result<Measured, VolumeError> {
+pub fn measure(rest: &Scan, moved: &Scan) -> Result<MeasuredNeedle, VolumeError> {
     let to_rest = match lies_still(rest, moved) {
         true => rest.placed[0].pose.inverse() * moved.placed[0].pose,
         false => Isometry3::identity(),
@@ -262,17 +263,18 @@ pub fn measure(rest: &Scan, moved: &Scan) -> Result<Measured, VolumeError> {
         )));
     }
     let inside = |needle: &[Point3<f64>], to_rest: &Isometry3<f64>| -> Vec<[f64; 2]> {
-        let own = needle.iter().map(|point| to_rest * point);
-        let own = own.filter(|point| point.x >= -control_distance_mm);
-        own.map(|point| [point.x, point.y]).collect()
+        let points = needle.iter().map(|point| to_rest * point);
+        let points = points.filter(|point| point.x >= -control_distance_mm);
+        points.map(|point| [point.x, point.y]).collect()
     };
+    // A needle is seldom perpendicular to the surface: deflections count from its line at rest.
     let line = inside(&rest.needle_mm, &Isometry3::identity());
     let [xs, ys] = [0, 1].map(|axis| line.iter().map(|point| point[axis]).collect::<Vec<_>>());
     let rest_slope = slope(&xs, &ys);
     let (x0, y0) = (mean(&xs), mean(&ys));
     let at_rest = |x: f64| y0 + rest_slope * (x - x0);
-    let off = xs.iter().zip(&ys).map(|(x, y)| (y - at_rest(*x)).powi(2));
-    let rest_rms_mm = mean(&off.collect::<Vec<_>>()).sqrt();
+    let squares = xs.iter().zip(&ys).map(|(x, y)| (y - at_rest(*x)).powi(2));
+    let rest_rms_mm = mean(&squares.collect::<Vec<_>>()).sqrt();
     let shape_mm: Vec<[f64; 2]> = inside(&moved.needle_mm, &to_rest)
         .into_iter()
         .map(|[x, y]| [x, y - at_rest(x)])
@@ -280,8 +282,8 @@ pub fn measure(rest: &Scan, moved: &Scan) -> Result<Measured, VolumeError> {
     let Some(&[_, tip_mm]) = shape_mm.last().filter(|_| shape_mm.len() > 1 && line.len() > 1) else {
         return Err(VolumeError::new("found no needle between the base and the tip"));
     };
-    let turned = slope_of_base != 0.0 && shift.y.abs() >= MOVED_MM;
-    Ok(Measured {
+    let turned = slope_of_base != 0.0 && shift.y.abs() >= MIN_DEFLECTION_MM;
+    Ok(MeasuredNeedle {
         displacement_mm: shift.y,
         slope: slope_of_base,
         control_distance_mm,
@@ -303,7 +305,7 @@ pub fn crossing(shape_mm: &[[f64; 2]]) -> Option<f64> {
     let largest = shape_mm.iter().fold(0.0, |most: f64, point| most.max(point[1].abs()));
     let inside: Vec<_> = shape_mm
         .iter()
-        .filter(|point| point[0] >= 0.0 && largest >= MOVED_MM)
+        .filter(|point| point[0] >= 0.0 && largest >= MIN_DEFLECTION_MM)
         .collect();
     let pair = inside
         .windows(2)
@@ -352,13 +354,13 @@ mod tests {
         let off = |row: usize, mm: f64| {
             Vector3::from_fn(|axis, _| mm / 3f64.sqrt() * normal([trial, row as i32, axis as i32], [5, 6]))
         };
-        let found = |design: &[Point3<f64>], pose: &Isometry3<f64>, first: usize, mm: f64| -> Vec<Point3<f64>> {
+        let observed = |design: &[Point3<f64>], pose: &Isometry3<f64>, first: usize, mm: f64| -> Vec<Point3<f64>> {
             let marker = |(row, place): (usize, &Point3<f64>)| pose * place + off(first + row, mm);
             design.iter().enumerate().map(marker).collect()
         };
         let [container, stage] = [&SYNTHETIC_CONTAINER_MM[..], &SYNTHETIC_STAGE_MM[..]]
             .map(|design| design.iter().copied().map(Point3::from).collect::<Vec<_>>());
-        let seen = [found(&container, at, 0, 0.2), found(&stage, &base, 100, 0.1)];
+        let seen = [observed(&container, at, 0, 0.2), observed(&stage, &base, 100, 0.1)];
         let placed = [
             markers::place(&container, &seen[0]).unwrap(),
             markers::place(&stage, &seen[1]).unwrap(),
@@ -370,7 +372,7 @@ mod tests {
             container_mm: placed[0]
                 .matched
                 .iter()
-                .map(|found| found.map(|found| seen[0][found]))
+                .map(|marker| marker.map(|marker| seen[0][marker]))
                 .collect(),
             placed,
             needle_mm: line.collect(),

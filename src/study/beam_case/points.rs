@@ -8,15 +8,15 @@ use insonify_base::text::clipped;
 use insonify_mechanics::needle::beam::fit::Sample;
 
 /// Maximum number of columns of a cell quoted in a message.
-const QUOTED: usize = 60;
+const MAX_QUOTED: usize = 60;
 
 /// Names of the columns.
 const COLUMNS: [&str; 2] = ["stretch", "stress_kpa"];
 
 /// Range of stretch.
-const STRETCHES: [f64; 2] = [1e-3, 1e3];
+const STRETCH_RANGE: [f64; 2] = [1e-3, 1e3];
 /// Largest stress, kPa.
-const STRONGEST: f64 = 1e9;
+const MAX_STRESS_KPA: f64 = 1e9;
 
 /// Reads a file of points (see [`parse`]).
 ///
@@ -39,7 +39,7 @@ pub fn parse(text: &[u8], path: &Path) -> Result<Vec<Sample>, CsvError> {
     let wrong = |line: u64, found: String, expected: &str| CsvError::Line {
         path: path.to_owned(),
         line,
-        found: clipped(&found, QUOTED),
+        found: clipped(&found, MAX_QUOTED),
         expected: expected.to_owned(),
     };
     let mut reader = csv::ReaderBuilder::new()
@@ -59,6 +59,7 @@ pub fn parse(text: &[u8], path: &Path) -> Result<Vec<Sample>, CsvError> {
             let found = format!("{} columns", record.len());
             return Err(wrong(line, found, "two, `stretch` and `stress_kpa`"));
         }
+        // The first record names the columns, or already has numbers.
         let Some(at) = places else {
             let place = |name: &str| record.iter().position(|cell| cell.eq_ignore_ascii_case(name));
             match COLUMNS.map(place) {
@@ -85,13 +86,13 @@ fn sample(record: &csv::StringRecord, at: [usize; 2]) -> Result<Sample, (String,
         number.ok_or_else(|| (format!("`{}`", &record[at]), "a finite number"))
     };
     let [stretch, stress_kpa] = [number(at[0])?, number(at[1])?];
-    if !(STRETCHES[0]..=STRETCHES[1]).contains(&stretch) {
+    if !(STRETCH_RANGE[0]..=STRETCH_RANGE[1]).contains(&stretch) {
         return Err((
             format!("stretch {stretch}"),
             "a stretch of 0.001 to 1000: length over length at rest",
         ));
     }
-    if stress_kpa.abs() > STRONGEST {
+    if stress_kpa.abs() > MAX_STRESS_KPA {
         return Err((format!("stress_kpa {stress_kpa:e}"), "a stress of -1e9 to 1e9 kPa"));
     }
     Ok(Sample { stretch, stress_kpa })

@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use super::Case;
+use super::BeamCase;
 use insonify_base::number::decimal;
 use insonify_base::table::{Cell, Table};
 use insonify_mechanics::needle::beam::{LayerLoad, Shape};
@@ -17,7 +17,7 @@ const FINE: usize = 4;
 
 /// Results for a bent needle, as `insonify beam --json` prints them.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Report {
+pub struct BeamReport {
     /// Deflection of the tip, mm.
     pub tip_mm: f64,
     /// Remote centre of motion: intersection of the tangent at the base with the undeflected needle, mm below the
@@ -33,7 +33,7 @@ pub struct Report {
     pub shape: Vec<Node>,
     /// Force and moment at the base, N and N mm.
     #[serde(skip)]
-    hold: [f64; 2],
+    base_load: [f64; 2],
     #[serde(skip)]
     least_ratio: f64,
     /// Loads on the layers that the needle reaches.
@@ -54,30 +54,30 @@ pub struct Node {
     pub reaction: f64,
 }
 
-impl Report {
+impl BeamReport {
     /// Creates the report of a shape.
-    pub fn new(shape: &Shape) -> Report {
+    pub fn new(shape: &Shape) -> BeamReport {
         let nodes = shape.points.iter().map(|point| Node {
             x: point.x_mm,
             u: point.u_mm,
             slope: point.slope,
             reaction: point.reaction_n_per_mm,
         });
-        Report {
+        BeamReport {
             tip_mm: shape.tip_mm(),
             rcm_mm: shape.rcm_mm(),
             com_mm: shape.com_mm(),
             residual: shape.residual,
             iterations: shape.iterations,
             shape: nodes.collect(),
-            hold: [shape.base_force_n, shape.base_moment_nmm],
+            base_load: [shape.base_force_n, shape.base_moment_nmm],
             least_ratio: shape.least_ratio,
             layers: shape.layers.clone(),
         }
     }
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for BeamReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let depth = |depth: Option<f64>| {
             depth.map_or("none".to_owned(), |depth| {
@@ -87,7 +87,7 @@ impl fmt::Display for Report {
         writeln!(f, "tip          {} mm", decimal(self.tip_mm, 6))?;
         writeln!(f, "RCM          {} (where the base points)", depth(self.rcm_mm))?;
         writeln!(f, "COM          {} (where the needle pivots)", depth(self.com_mm))?;
-        let [force, moment] = self.hold.map(|it| decimal(it, 6));
+        let [force, moment] = self.base_load.map(|it| decimal(it, 6));
         writeln!(f, "base         {force} N, {moment} N mm")?;
         writeln!(f, "compression  to {:.4} of the tissue's length", self.least_ratio)?;
         for load in &self.layers {
@@ -119,7 +119,7 @@ impl fmt::Display for Report {
 }
 
 /// Plots the needle in its tissue: its shape, the tangent at its base, and both centres of motion.
-pub fn plot(case: &Case, shape: &Shape) -> Plot {
+pub fn plot(case: &BeamCase, shape: &Shape) -> Plot {
     let nodes: Vec<f64> = shape.points.iter().map(|point| point.x_mm).collect();
     let between = |pair: &[f64]| {
         let (from, length) = (pair[0], pair[1] - pair[0]);

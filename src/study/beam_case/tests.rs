@@ -1,6 +1,6 @@
 use std::path::Path;
 
-use super::Case;
+use super::BeamCase;
 use super::*;
 use insonify_base::blame::Blame;
 use insonify_base::csv::CsvError;
@@ -9,7 +9,7 @@ use insonify_mechanics::needle::beam::Base;
 use insonify_mechanics::needle::beam::inverse::Wanted;
 
 /// The example with a piece of its text replaced.
-fn changed(from: &str, to: &str) -> Result<Case, InputError> {
+fn changed(from: &str, to: &str) -> Result<BeamCase, InputError> {
     let text = EXAMPLE.replacen(from, to, 1);
     assert_ne!(text, EXAMPLE, "{from}");
     CaseFile::parse(&text, "beam.toml").and_then(CaseFile::resolve)
@@ -25,7 +25,7 @@ fn the_example_bends() {
         .and_then(CaseFile::resolve)
         .expect("a case");
     assert_eq!(case.problem.inserted_mm, 60.0);
-    let report = Report::new(&case.solve().expect("a shape"));
+    let report = BeamReport::new(&case.solve().expect("a shape"));
     assert_eq!((report.rcm_mm, report.shape.len()), (Some(17.5), 81));
     let json = serde_json::to_value(&report).expect("JSON");
     let keys: Vec<&str> = json
@@ -184,7 +184,7 @@ fn points_come_with_or_without_a_header() {
     ] {
         let error = points::parse(text.as_bytes(), path).expect_err(text);
         assert!(
-            matches!(error, CsvError::Line { line: found, .. } if found == line),
+            matches!(error, CsvError::Line { line: at_line, .. } if at_line == line),
             "{error}"
         );
         assert!(error.to_string().contains(words) && !error.is_machine(), "{error}");

@@ -5,7 +5,7 @@ mod curve;
 mod measured;
 mod report;
 
-pub use measured::{Creep, Measured, Modulus};
+pub use measured::{CreepTest, Measurements, Modulus};
 
 use libm::tgamma;
 use serde::Serialize;
@@ -14,10 +14,12 @@ use curve::Curve;
 use insonify_base::statistics::mean;
 use insonify_mechanics::tissue::viscoelastic::point::Structure;
 
-/// Least number of frequencies for two unknowns, and of strains for three.
-const FEWEST: [usize; 2] = [3, 4];
+/// Least number of frequencies, for two unknowns.
+const MIN_FREQUENCIES: usize = 3;
+/// Least number of strains, for three unknowns.
+const MIN_STRAINS: usize = 4;
 /// Relative deviation of the loss tangent from that of a spring-pot above which a warning is given.
-const TANGENT: f64 = 0.1;
+const MAX_TANGENT_DEVIATION: f64 = 0.1;
 
 /// A parameter with its standard error, from the scatter of the measurements about the fit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -30,7 +32,7 @@ pub struct Estimate {
 
 /// Spring-pot fitted to storage and loss moduli: `G* = G (i w)^k`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Dynamic {
+pub struct SpringPotFit {
     /// Order k: common slope of both moduli against frequency on logarithmic scales.
     pub order: Estimate,
     /// Modulus G, kPa s^k: geometric mean of |G*| / w^k.
@@ -48,7 +50,7 @@ pub struct Dynamic {
 
 /// Modulus against strain fitted to creep: `G = G0 (1 + a (gamma - gamma0)^2)` above the knee gamma0.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Stiffening {
+pub struct StiffeningFit {
     /// Order k that the creep was evaluated with.
     pub order: f64,
     /// Modulus below the knee G0, kPa s^k.
@@ -68,33 +70,33 @@ pub struct Stiffening {
 
 /// Parameters from all measurements given.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Fit {
+pub struct MaterialFit {
     /// From storage and loss moduli.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub dynamic: Option<Dynamic>,
+    pub dynamic: Option<SpringPotFit>,
     /// From creep.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub creep: Option<Stiffening>,
+    pub creep: Option<StiffeningFit>,
     /// Doubts about the result, for the user.
     pub warnings: Vec<String>,
 }
 
-impl Fit {
+impl MaterialFit {
     /// Fits measurements. Creep is evaluated with the given order, else with that from the moduli, else with that of the strain in the test of
     /// the least stress, `gamma ~ t^k`. Equation 2 assumes that the current stiffness divides the integral of the entire load history (`load-integral`); for `rate` the
     /// parameters are corrected until simulated creep, evaluated in the same way, gives what the measurements give.
     ///
     /// # Errors
     /// The reason, for the user, if the measurements do not determine the parameters.
-    pub fn new(measured: &Measured, order: Option<f64>, memory: Structure) -> Result<Fit, String> {
-        let mut fit = Fit::default();
+    pub fn new(measured: &Measurements, order: Option<f64>, memory: Structure) -> Result<MaterialFit, String> {
+        let mut fit = MaterialFit::default();
         if !measured.moduli.is_empty() {
             fit.dynamic = Some(dynamic(&measured.moduli, &mut fit.warnings)?);
         }
         if !measured.creep.is_empty() {
             let order = match order.or(fit.dynamic.as_ref().map(|dynamic| dynamic.order.value)) {
                 Some(order) => order,
-                None => of_creep(&measured.creep)?,
+                None => order_of_creep(&measured.creep)?,
             };
             fit.creep = Some(creep(&measured.creep, order, memory, &mut fit.warnings)?);
         }
@@ -102,14 +104,14 @@ impl Fit {
     }
 }
 
-fn dynamic(points: &[Modulus], warnings: &mut Vec<String>) -> Result<Dynamic, String> {
+fn dynamic(points: &[Modulus], warnings: &mut Vec<String>) -> Result<SpringPotFit, String> {
     let mut frequencies: Vec<f64> = points.iter().map(|point| point.frequency_rad_s).collect();
     frequencies.sort_by(f64::total_cmp);
     frequencies.dedup();
-    if frequencies.len() < FEWEST[0] {
-        let (found, least) = (frequencies.len(), FEWEST[0]);
+    if frequencies.len() < MIN_FREQUENCIES {
+        let (count, least) = (frequencies.len(), MIN_FREQUENCIES);
         return Err(format!(
-            "found moduli at {found} frequencies; expected at least {least}"
+            "found moduli at {count} frequencies; expected at least {least}"
         ));
     }
     let of = |of: fn(&Modulus) -> f64| points.iter().map(|point| of(point).ln()).collect::<Vec<f64>>();
@@ -119,6 +121,7 @@ fn dynamic(points: &[Modulus], warnings: &mut Vec<String>) -> Result<Dynamic, St
         of(|it| it.loss_kpa),
     );
     let complex = of(|it| it.storage_kpa.hypot(it.loss_kpa));
+    // About the mean frequency, order and level are independent.
     let middle = mean(&x);
     let spread: f64 = x.iter().map(|x| (x - middle).powi(2)).sum();
     let slope = |y: &[f64]| x.iter().zip(y).map(|(x, y)| (x - middle) * y).sum::<f64>() / spread;
@@ -135,26 +138,26 @@ fn dynamic(points: &[Modulus], warnings: &mut Vec<String>) -> Result<Dynamic, St
         x.iter().zip(y).map(|(x, y)| (y - level - k * x).powi(2)).sum()
     };
     let scatter = ((square(&storage) + square(&loss)) / (2.0 * count - 3.0)).sqrt();
-    let of_order = scatter / (2.0 * spread).sqrt();
+    let order_error = scatter / (2.0 * spread).sqrt();
     let modulus_kpa = (mean(&complex) - k * middle).exp();
     let (loss_tangent, expected) = (
         (mean(&loss) - mean(&storage)).exp(),
         (0.5 * std::f64::consts::PI * k).tan(),
     );
-    if (loss_tangent / expected - 1.0).abs() > TANGENT {
+    if (loss_tangent / expected - 1.0).abs() > MAX_TANGENT_DEVIATION {
         warnings.push(format!(
             "the loss tangent G''/G' is {loss_tangent:.3}, that of a spring-pot of order {k:.3} {expected:.3}: no spring-pot fits both slope and \
              loss in this range of frequencies"
         ));
     }
-    Ok(Dynamic {
+    Ok(SpringPotFit {
         order: Estimate {
             value: k,
-            standard_error: of_order,
+            standard_error: order_error,
         },
         modulus_kpa: Estimate {
             value: modulus_kpa,
-            standard_error: modulus_kpa * (scatter * scatter / count + (middle * of_order).powi(2)).sqrt(),
+            standard_error: modulus_kpa * (scatter * scatter / count + (middle * order_error).powi(2)).sqrt(),
         },
         slopes,
         loss_tangent,
@@ -164,12 +167,12 @@ fn dynamic(points: &[Modulus], warnings: &mut Vec<String>) -> Result<Dynamic, St
 }
 
 /// Order from the slope of strain against time, on logarithmic scales, in the test of the least stress.
-fn of_creep(tests: &[Creep]) -> Result<f64, String> {
+fn order_of_creep(tests: &[CreepTest]) -> Result<f64, String> {
     let least = tests.iter().min_by(|a, b| a.stress_kpa.total_cmp(&b.stress_kpa));
     let rows: Vec<[f64; 2]> = least.iter().flat_map(|test| test.rows.iter().copied()).collect();
     let (x, y): (Vec<f64>, Vec<f64>) = rows.iter().map(|[time, strain]| (time.ln(), strain.ln())).unzip();
     let expected = "expected `--order`, a file of moduli, or at least 3 times in that test at which the strain rises with a power above 0 and below 1";
-    if rows.len() < FEWEST[0] {
+    if rows.len() < MIN_FREQUENCIES {
         return Err(format!(
             "the order cannot be found from {} times in the test of the least stress; {expected}",
             rows.len()
@@ -185,9 +188,9 @@ fn of_creep(tests: &[Creep]) -> Result<f64, String> {
 }
 
 /// Shear strain and modulus by equation 2, `G = tau t^k / (gamma Gamma(1 + k))`.
-fn moduli(tests: &[Creep], order: f64) -> Vec<[f64; 2]> {
+fn moduli(tests: &[CreepTest], order: f64) -> Vec<[f64; 2]> {
     let scale = 1.0 / tgamma(1.0 + order);
-    let of = |test: &Creep| {
+    let of = |test: &CreepTest| {
         let stress = test.stress_kpa;
         let one = move |[time, strain]: &[f64; 2]| [*strain, stress * scale * time.powf(order) / strain];
         test.rows.iter().map(one).collect::<Vec<_>>()
@@ -195,32 +198,37 @@ fn moduli(tests: &[Creep], order: f64) -> Vec<[f64; 2]> {
     tests.iter().flat_map(of).collect()
 }
 
-fn creep(tests: &[Creep], order: f64, memory: Structure, warnings: &mut Vec<String>) -> Result<Stiffening, String> {
+fn creep(
+    tests: &[CreepTest],
+    order: f64,
+    memory: Structure,
+    warnings: &mut Vec<String>,
+) -> Result<StiffeningFit, String> {
     let points = moduli(tests, order);
-    if points.len() < FEWEST[1] {
-        let (found, least) = (points.len(), FEWEST[1]);
-        return Err(format!("found {found} strains; expected at least {least}"));
+    if points.len() < MIN_STRAINS {
+        let (count, least) = (points.len(), MIN_STRAINS);
+        return Err(format!("found {count} strains; expected at least {least}"));
     }
-    let seen = Curve::fitted(&points);
-    let errors = seen.errors(&points);
-    let mut curve = seen;
+    let fitted = Curve::fitted(&points);
+    let errors = fitted.errors(&points);
+    let mut curve = fitted;
     if memory == Structure::Rate && curve.has_knee() {
-        curve = seen.corrected(tests, order).map_err(|error| error.to_string())?;
+        curve = fitted.corrected(tests, order).map_err(|error| error.to_string())?;
     }
     let estimate = |at: usize| Estimate {
         value: curve.0[at],
         standard_error: errors[at],
     };
-    if seen.has_knee() {
+    if fitted.has_knee() {
         curve.doubt(&points, warnings);
     }
     let knee = curve.has_knee();
-    Ok(Stiffening {
+    Ok(StiffeningFit {
         order,
         modulus_kpa: estimate(0),
         knee_shear: knee.then(|| estimate(1)),
         stiffening: knee.then(|| estimate(2)),
-        rms: (seen.square(&points) / points.len() as f64).sqrt(),
+        rms: (fitted.square(&points) / points.len() as f64).sqrt(),
         memory,
         points,
     })

@@ -4,7 +4,7 @@
 use std::f64::consts::TAU;
 use std::fmt;
 
-use super::Case;
+use super::MaterialCase;
 use insonify_base::document::InputError;
 use insonify_base::statistics;
 use insonify_base::table::{Cell, Table};
@@ -14,18 +14,18 @@ use insonify_report::plot::{Axis, Marker, Plot, Series};
 
 /// Storage and loss modulus at one frequency.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Dynamic {
+pub struct DynamicModuli {
     /// Angular frequency, rad/s.
     pub frequency: f64,
     /// G' and G'' measured from the stress response to a sinusoidal strain, kPa.
-    pub found_kpa: [f64; 2],
+    pub measured_kpa: [f64; 2],
     /// G' and G'' of the constitutive law, kPa.
     pub exact_kpa: [f64; 2],
 }
 
 /// Strain under a constant stress.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Creep {
+pub struct CreepCurve {
     /// Constant stress, kPa.
     pub stress_kpa: f64,
     /// Curve of time (s) and shear strain.
@@ -40,7 +40,7 @@ pub struct Stiffness {
     /// Shear strain after 100 s.
     pub strain: f64,
     /// G from equation 2 of Kobayashi et al. 2010, kPa.
-    pub found_kpa: f64,
+    pub shown_kpa: f64,
     /// G of the constitutive law at this strain, kPa.
     pub law_kpa: f64,
 }
@@ -49,25 +49,29 @@ pub struct Stiffness {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rheometer {
     /// Moduli at frequencies from 0.1 to 10 rad/s.
-    pub dynamic: Vec<Dynamic>,
+    pub dynamic: Vec<DynamicModuli>,
     /// Creep at stresses from below the knee to far above it, with the structure of the case.
-    pub creep: Vec<Creep>,
+    pub creep: Vec<CreepCurve>,
     /// Stiffness at more stresses, with both structures.
     pub stiffness: Vec<Stiffness>,
 }
 
 /// Duration of a creep test, s.
-const HELD_S: f64 = 100.0;
+const CREEP_S: f64 = 100.0;
 /// Amplitude of the sinusoidal strain: 3 %, as in Kobayashi et al. 2010.
 const AMPLITUDE: f64 = 0.03;
+/// Number of frequencies of the sine, from 0.1 to 10 rad/s.
 const FREQUENCIES: usize = 13;
 /// Number of periods of a sine: the initial transient has then decayed below 1e-4.
 const PERIODS: usize = 20;
-const STEPS_A_PERIOD: usize = 256;
-const CURVES: usize = 5;
-const STRESSES: usize = 16;
+/// Number of time steps in a period.
+const STEPS_PER_PERIOD: usize = 256;
+/// Number of drawn creep curves.
+const CREEP_CURVES: usize = 5;
+/// Number of stresses at which the stiffness is derived.
+const STIFFNESS_STRESSES: usize = 16;
 
-impl Case {
+impl MaterialCase {
     /// Measures the material. Creep depends only on its knee and structure; the sine is as small as in Kobayashi et al. 2010.
     ///
     /// # Errors
@@ -85,27 +89,28 @@ impl Case {
     }
 }
 
-fn dynamic(point: &Point) -> Result<Vec<Dynamic>, HistoryError> {
-    let at = |step: usize| -> Result<Dynamic, HistoryError> {
+fn dynamic(point: &Point) -> Result<Vec<DynamicModuli>, HistoryError> {
+    let at = |step: usize| -> Result<DynamicModuli, HistoryError> {
         let frequency = 10f64.powf(2.0 * step as f64 / (FREQUENCIES - 1) as f64 - 1.0);
-        let steps = PERIODS * STEPS_A_PERIOD;
-        let phase = |step: usize| TAU * step as f64 / STEPS_A_PERIOD as f64;
+        let steps = PERIODS * STEPS_PER_PERIOD;
+        let phase = |step: usize| TAU * step as f64 / STEPS_PER_PERIOD as f64;
         let loading = Loading {
             control: Control::Strain,
             time_s: (0..=steps).map(|step| phase(step) / frequency).collect(),
             value: (0..=steps).map(|step| AMPLITUDE * phase(step).sin()).collect(),
         };
         let response = point.respond_in(&loading, Method::Exponentials, 1)?;
-        let mut found_kpa = [0.0; 2];
-        for step in steps - STEPS_A_PERIOD..steps {
+        // Projected on sine and cosine over the last period alone, without the transient.
+        let mut measured_kpa = [0.0; 2];
+        for step in steps - STEPS_PER_PERIOD..steps {
             let (sin, cos) = phase(step).sin_cos();
             let stress = response.stress_kpa[step].unwrap_or(0.0) / AMPLITUDE;
-            found_kpa[0] += stress * sin * 2.0 / STEPS_A_PERIOD as f64;
-            found_kpa[1] += stress * cos * 2.0 / STEPS_A_PERIOD as f64;
+            measured_kpa[0] += stress * sin * 2.0 / STEPS_PER_PERIOD as f64;
+            measured_kpa[1] += stress * cos * 2.0 / STEPS_PER_PERIOD as f64;
         }
-        Ok(Dynamic {
+        Ok(DynamicModuli {
             frequency,
-            found_kpa,
+            measured_kpa,
             exact_kpa: point.body.dynamic_kpa(frequency),
         })
     };
@@ -113,7 +118,7 @@ fn dynamic(point: &Point) -> Result<Vec<Dynamic>, HistoryError> {
 }
 
 /// Strain under a constant stress from the start, at the given times.
-fn held(point: &Point, stress_kpa: f64, time_s: &[f64]) -> Result<Vec<f64>, HistoryError> {
+fn strain_under(point: &Point, stress_kpa: f64, time_s: &[f64]) -> Result<Vec<f64>, HistoryError> {
     let loading = Loading {
         control: Control::Stress,
         time_s: time_s.to_vec(),
@@ -128,11 +133,11 @@ fn unit_stress(point: &Point) -> Result<f64, HistoryError> {
         knee: Knee::NONE,
         ..*point
     };
-    Ok(1.0 / held(&linear, 1.0, &[0.0, HELD_S])?[1])
+    Ok(1.0 / strain_under(&linear, 1.0, &[0.0, CREEP_S])?[1])
 }
 
 /// A strain well above the knee, or 1 if there is none.
-fn far(point: &Point) -> f64 {
+fn above_knee(point: &Point) -> f64 {
     let Knee { strain, stiffening } = point.knee;
     if strain.is_finite() && stiffening > 0.0 {
         3.0 * strain.max(1.0 / stiffening.sqrt())
@@ -141,26 +146,26 @@ fn far(point: &Point) -> f64 {
     }
 }
 
-fn creep(point: &Point) -> Result<Vec<Creep>, HistoryError> {
-    let (unit, far) = (unit_stress(point)?, far(point));
+fn creep(point: &Point) -> Result<Vec<CreepCurve>, HistoryError> {
+    let (unit, above_knee) = (unit_stress(point)?, above_knee(point));
     let mut time_s = vec![0.0];
-    time_s.extend((0..=40).map(|at| HELD_S * 10f64.powf(0.1 * f64::from(at) - 4.0)));
-    let curve = |at: usize| -> Result<Creep, HistoryError> {
-        let stress_kpa = unit * far * (at + 1) as f64 / CURVES as f64;
-        let strain = held(point, stress_kpa, &time_s)?;
+    time_s.extend((0..=40).map(|at| CREEP_S * 10f64.powf(0.1 * f64::from(at) - 4.0)));
+    let curve = |at: usize| -> Result<CreepCurve, HistoryError> {
+        let stress_kpa = unit * above_knee * (at + 1) as f64 / CREEP_CURVES as f64;
+        let strain = strain_under(point, stress_kpa, &time_s)?;
         let curve = time_s
             .iter()
             .zip(&strain)
             .skip(1)
             .map(|(time, strain)| [*time, *strain]);
         let curve = curve.collect();
-        Ok(Creep { stress_kpa, curve })
+        Ok(CreepCurve { stress_kpa, curve })
     };
-    (0..CURVES).map(curve).collect()
+    (0..CREEP_CURVES).map(curve).collect()
 }
 
 fn stiffness(point: &Point) -> Result<Vec<Stiffness>, HistoryError> {
-    let (unit, far) = (unit_stress(point)?, far(point));
+    let (unit, above_knee) = (unit_stress(point)?, above_knee(point));
     let modulus_kpa = match point.body {
         Body::SpringPot { modulus_kpa, .. } => modulus_kpa,
         Body::Zener {
@@ -172,13 +177,13 @@ fn stiffness(point: &Point) -> Result<Vec<Stiffness>, HistoryError> {
     let mut all = Vec::new();
     for structure in [Structure::Rate, Structure::LoadIntegral] {
         let point = Point { structure, ..*point };
-        for at in 0..STRESSES {
-            let linear = far * (at + 1) as f64 / STRESSES as f64;
-            let strain = held(&point, unit * linear, &[0.0, HELD_S])?[1];
+        for at in 0..STIFFNESS_STRESSES {
+            let linear = above_knee * (at + 1) as f64 / STIFFNESS_STRESSES as f64;
+            let strain = strain_under(&point, unit * linear, &[0.0, CREEP_S])?[1];
             all.push(Stiffness {
                 structure,
                 strain,
-                found_kpa: modulus_kpa * linear / strain,
+                shown_kpa: modulus_kpa * linear / strain,
                 law_kpa: modulus_kpa * point.knee.factor(strain),
             });
         }
@@ -195,7 +200,7 @@ fn slope(points: &[[f64; 2]]) -> f64 {
 impl Rheometer {
     /// Points of G' (`which` = 0) or G'' (1) against frequency.
     fn moduli(&self, which: usize, exact: bool) -> Vec<[f64; 2]> {
-        let kpa = |dynamic: &Dynamic| if exact { dynamic.exact_kpa } else { dynamic.found_kpa };
+        let kpa = |dynamic: &DynamicModuli| if exact { dynamic.exact_kpa } else { dynamic.measured_kpa };
         self.dynamic
             .iter()
             .map(|dynamic| [dynamic.frequency, kpa(dynamic)[which]])
@@ -209,9 +214,9 @@ impl Rheometer {
 
     /// Largest error of the measured G' and G'' against the constitutive law, relative to |G*|.
     pub(crate) fn dynamic_error(&self) -> f64 {
-        let error = |dynamic: &Dynamic| {
-            let [found, exact] = [dynamic.found_kpa, dynamic.exact_kpa];
-            (found[0] - exact[0]).hypot(found[1] - exact[1]) / exact[0].hypot(exact[1])
+        let error = |dynamic: &DynamicModuli| {
+            let [measured, exact] = [dynamic.measured_kpa, dynamic.exact_kpa];
+            (measured[0] - exact[0]).hypot(measured[1] - exact[1]) / exact[0].hypot(exact[1])
         };
         self.dynamic.iter().map(error).fold(0.0, f64::max)
     }
@@ -219,7 +224,7 @@ impl Rheometer {
     /// Tables of moduli and creep as a rheometer exports them, each with the stem of its file: `insonify material fit` reads them.
     pub fn tables(&self) -> [(&'static str, Table); 2] {
         let moduli = self.dynamic.iter().map(|dynamic| {
-            let [storage, loss] = dynamic.found_kpa;
+            let [storage, loss] = dynamic.measured_kpa;
             [dynamic.frequency, storage, loss].map(|x| x.to_string())
         });
         let creep = self.creep.iter().flat_map(|creep| {
@@ -250,7 +255,7 @@ impl Rheometer {
                 Series::line(format!("{:.3} kPa", creep.stress_kpa), colour, creep.curve.clone())
             });
         let of = |structure| self.stiffness.iter().filter(move |point| point.structure == structure);
-        let found = |structure| of(structure).map(|point| [point.strain, point.found_kpa]).collect();
+        let shown = |structure| of(structure).map(|point| [point.strain, point.shown_kpa]).collect();
         let mut law: Vec<[f64; 2]> = self
             .stiffness
             .iter()
@@ -284,10 +289,10 @@ impl Rheometer {
                     Axis::linear("G, kPa"),
                     vec![
                         Series::line("the law", 2, law),
-                        points("load-integral", 1, found(Structure::LoadIntegral)),
+                        points("load-integral", 1, shown(Structure::LoadIntegral)),
                         Series {
                             marker: Marker::Ring,
-                            ..points("rate", 0, found(Structure::Rate))
+                            ..points("rate", 0, shown(Structure::Rate))
                         },
                     ],
                 ),
@@ -309,22 +314,22 @@ impl fmt::Display for Rheometer {
             self.dynamic_error()
         )?;
         let rows = self.dynamic.iter().map(|dynamic| {
-            let [storage, loss] = dynamic.found_kpa.map(|kpa| format!("{kpa:.6}"));
+            let [storage, loss] = dynamic.measured_kpa.map(|kpa| format!("{kpa:.6}"));
             [format!("{:.4}", dynamic.frequency), storage, loss]
         });
         let head = ["rad/s", "G' kPa", "G'' kPa"].map(Cell::number);
         writeln!(f, "\n{}", Table::new(head).with(rows).text(" ", &[12, 14, 14]))?;
         writeln!(
             f,
-            "creep after {HELD_S} s: the stiffness that it shows, and the law's at this strain\n"
+            "creep after {CREEP_S} s: the stiffness that it shows, and the law's at this strain\n"
         )?;
         let rows = self.stiffness.iter().map(|point| {
             let name = match point.structure {
                 Structure::Rate => "rate",
                 Structure::LoadIntegral => "load-integral",
             };
-            let [strain, found, law] = [point.strain, point.found_kpa, point.law_kpa].map(|it| format!("{it:.6}"));
-            [name.to_owned(), strain, found, law]
+            let [strain, shown, law] = [point.strain, point.shown_kpa, point.law_kpa].map(|it| format!("{it:.6}"));
+            [name.to_owned(), strain, shown, law]
         });
         let head = ["structure", "strain", "G shown kPa", "G law kPa"].map(Cell::number);
         f.write_str(&Table::new(head).with(rows).text(" ", &[14, 12, 14, 14]))

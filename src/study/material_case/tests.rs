@@ -1,4 +1,4 @@
-use super::Report;
+use super::MaterialReport;
 use super::*;
 use insonify_base::blame::Blame;
 use insonify_base::document::InputError;
@@ -19,7 +19,7 @@ time_s = [0, 1, 2.5]
 value = [0.5, 0.5, -0.5]
 ";
 
-fn run(text: &str) -> Result<Report, InputError> {
+fn run(text: &str) -> Result<MaterialReport, InputError> {
     CaseFile::parse(text, "c.toml")?.resolve()?.run()
 }
 
@@ -31,8 +31,8 @@ fn refused(text: &str, key: &str, line: usize, words: &[&str]) {
         (Some(key), Some(("c.toml", line))),
         "{error}"
     );
-    let told = error.to_string();
-    assert!(words.iter().all(|word| told.contains(word)), "{told}");
+    let message = error.to_string();
+    assert!(words.iter().all(|word| message.contains(word)), "{message}");
     assert!(!error.is_machine());
 }
 
@@ -117,24 +117,24 @@ fn an_infinite_stress_is_null_and_told() {
 #[test]
 fn a_rheometer_finds_what_the_law_says() {
     let case = CaseFile::parse(EXAMPLE, "e.toml").unwrap().resolve().unwrap();
-    let found = case.rheometer().unwrap();
+    let rheometer = case.rheometer().unwrap();
     // Figure 7: both moduli rise as the frequency to the order.
-    for slope in found.slopes() {
+    for slope in rheometer.slopes() {
         assert!((slope - 0.1).abs() < 1e-4, "{slope}");
     }
-    assert!(found.dynamic_error() < 1e-4);
+    assert!(rheometer.dynamic_error() < 1e-4);
     // Figure 8: flat up to the knee, the law above it; equation 2 applies the current stiffness to the entire past.
-    for point in &found.stiffness {
-        let off = point.found_kpa / point.law_kpa - 1.0;
+    for point in &rheometer.stiffness {
+        let deviation = point.shown_kpa / point.law_kpa - 1.0;
         match point.structure {
-            _ if point.strain < 0.35 => assert!(off.abs() < 1e-6, "{point:?}"),
+            _ if point.strain < 0.35 => assert!(deviation.abs() < 1e-6, "{point:?}"),
             insonify_mechanics::tissue::viscoelastic::point::Structure::LoadIntegral => {
-                assert!(off.abs() < 1e-6, "{point:?}");
+                assert!(deviation.abs() < 1e-6, "{point:?}");
             }
             insonify_mechanics::tissue::viscoelastic::point::Structure::Rate => {
-                assert!(off < 0.0 && off > -0.02, "{point:?}");
+                assert!(deviation < 0.0 && deviation > -0.02, "{point:?}");
             }
         }
     }
-    assert_eq!(found.plots().len(), 3);
+    assert_eq!(rheometer.plots().len(), 3);
 }

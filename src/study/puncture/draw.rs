@@ -6,19 +6,21 @@ use super::liver::Liver;
 use insonify_base::statistics::percentile;
 
 /// Pixels per millimetre.
-const SCALE: f64 = 6.0;
+const PX_PER_MM: f64 = 6.0;
+/// Space beside and below the slice, mm.
 const MARGIN_MM: f64 = 8.0;
 /// Space above the capsule for the needle, mm.
 const ABOVE_MM: f64 = 12.0;
 
 /// Share of the triangles of a picture whose stress its scale covers: beside the tip there are a few of much more.
-const COVERED: f64 = 0.99;
-/// Width and height of the scale, pixels, and its steps of colour.
-const BAR: [f64; 2] = [160.0, 12.0];
-const STEPS: usize = 32;
+const COVERED_SHARE: f64 = 0.99;
+/// Width and height of the scale, pixels.
+const SCALE_PX: [f64; 2] = [160.0, 12.0];
+/// Steps of colour of the scale.
+const SCALE_STEPS: usize = 32;
 
 /// State of the slice to be drawn.
-pub(super) struct State {
+pub(super) struct SliceState {
     /// Name of the picture.
     pub name: String,
     /// Displacements, mm.
@@ -30,11 +32,11 @@ pub(super) struct State {
 }
 
 /// Stress shown in the darkest colour of all pictures, kPa: one, two or five times a power of ten.
-pub(crate) fn darkest_kpa(states: &[State]) -> f64 {
+pub(crate) fn darkest_kpa(states: &[SliceState]) -> f64 {
     let covered = states.iter().filter_map(|state| {
         let mut stress = state.stress_kpa.clone();
         stress.sort_by(f64::total_cmp);
-        percentile(&stress, COVERED)
+        percentile(&stress, COVERED_SHARE)
     });
     let most = covered.fold(f64::MIN_POSITIVE, f64::max);
     let power = 10f64.powf(most.log10().floor());
@@ -46,7 +48,7 @@ pub(crate) fn darkest_kpa(states: &[State]) -> f64 {
 }
 
 /// Draws the displaced slice, coloured by its von Mises stress up to `darkest_kpa`, with the needle.
-pub(super) fn slice(liver: &Liver, state: &State, darkest_kpa: f64) -> String {
+pub(super) fn slice(liver: &Liver, state: &SliceState, darkest_kpa: f64) -> String {
     let (displacement, travel_mm) = (&state.displacement, state.travel_mm);
     let nodes = liver.body.nodes();
     let place = |node: u32| {
@@ -59,8 +61,8 @@ pub(super) fn slice(liver: &Liver, state: &State, darkest_kpa: f64) -> String {
         fold(0, f64::NEG_INFINITY, f64::max) + MARGIN_MM,
         fold(1, f64::NEG_INFINITY, f64::max) + ABOVE_MM,
     ];
-    let [width, height] = [0, 1].map(|axis| SCALE * (high[axis] - low[axis]));
-    let pixel = |p: [f64; 2]| [SCALE * (p[0] - low[0]), SCALE * (high[1] - p[1])];
+    let [width, height] = [0, 1].map(|axis| PX_PER_MM * (high[axis] - low[axis]));
+    let pixel = |p: [f64; 2]| [PX_PER_MM * (p[0] - low[0]), PX_PER_MM * (high[1] - p[1])];
     let mut text = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width:.0} {height:.0}\" width=\"{width:.0}\" \
          height=\"{height:.0}\">\n<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n"
@@ -85,7 +87,7 @@ pub(super) fn slice(liver: &Liver, state: &State, darkest_kpa: f64) -> String {
         "<path d=\"M{x:.1} 0L{x:.1} {tip:.1}\" stroke=\"#111\" stroke-width=\"3\"/>\n\
          <text x=\"12\" y=\"24\" font-family=\"sans-serif\" font-size=\"18\">{travel_mm:.1} mm</text>"
     );
-    scale(&mut text, [width - BAR[0] - 30.0, 30.0], darkest_kpa);
+    scale(&mut text, [width - SCALE_PX[0] - 30.0, 30.0], darkest_kpa);
     text + "</svg>\n"
 }
 
@@ -96,22 +98,22 @@ fn scale(text: &mut String, [x, y]: [f64; 2], darkest_kpa: f64) {
         "<g font-family=\"sans-serif\" font-size=\"14\"><text x=\"{x:.0}\" y=\"{:.0}\">von Mises stress, kPa</text>",
         y - 8.0
     );
-    let wide = BAR[0] / STEPS as f64;
-    for step in 0..STEPS {
-        let fill = colour((step as f64 + 0.5) / STEPS as f64);
+    let wide = SCALE_PX[0] / SCALE_STEPS as f64;
+    for step in 0..SCALE_STEPS {
+        let fill = colour((step as f64 + 0.5) / SCALE_STEPS as f64);
         let left = x + step as f64 * wide;
         let _ = writeln!(
             text,
             "<path d=\"M{left:.1} {y:.1}h{wide:.1}v{:.1}h-{wide:.1}Z\" fill=\"{fill}\" stroke=\"{fill}\" stroke-width=\"0.4\"/>",
-            BAR[1]
+            SCALE_PX[1]
         );
     }
     for (share, more) in [(0.0, ""), (0.5, ""), (1.0, "+")] {
         let _ = writeln!(
             text,
             "<text x=\"{:.0}\" y=\"{:.0}\" text-anchor=\"middle\">{}{more}</text>",
-            x + share * BAR[0],
-            y + BAR[1] + 15.0,
+            x + share * SCALE_PX[0],
+            y + SCALE_PX[1] + 15.0,
             share * darkest_kpa
         );
     }

@@ -17,22 +17,25 @@ use insonify::Error;
 use insonify_base::csv::Csv;
 
 /// Least number of points for three unknowns.
-const FEWEST: usize = 4;
+const MIN_POINTS: usize = 4;
 /// Fraction of the largest force so far at which the force counts as dropped: a membrane is punctured.
 const DROP: f64 = 0.8;
-/// Maximum number of iterations, the relative change of the squared residual that ends them, and its fraction of the squared forces that
-/// counts as zero.
-const MAX: usize = 20;
+/// Maximum number of iterations.
+const MAX_ITERATIONS: usize = 20;
+/// Relative change of the squared residual that ends the iterations.
 const SETTLED: f64 = 1e-4;
-const NONE: f64 = 1e-9;
-/// Finite difference for derivatives; forces are solved to 1e-6.
-const APART: f64 = 1e-3;
-/// Lower limits of knee and stiffening.
-const MIN: [f64; 2] = [0.0, 1e-3];
+/// Squared residual that counts as zero, as a fraction of the squared forces.
+const NEGLIGIBLE: f64 = 1e-9;
+/// Finite difference of knee strain and of the logarithm of the stiffening for derivatives; forces are solved to 1e-6.
+const DIFFERENCE: f64 = 1e-3;
+/// Largest number of factors tried on the damping in an iteration.
+const MAX_DAMPINGS: usize = 8;
+/// Range of the stiffening.
+const STIFFENING: [f64; 2] = [1e-3, 1e4];
 
 /// Point of a force curve.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Sample {
+pub struct ForceSample {
     /// Travel of the needle from the undeformed capsule, mm.
     pub travel_mm: f64,
     /// Force on the needle, N.
@@ -41,7 +44,7 @@ pub struct Sample {
 
 /// Result of a fit.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Fitted {
+pub struct PunctureFit {
     /// Young's modulus below the knee, E0, kPa (kPa s^order).
     pub young_kpa: f64,
     /// Knee strain e0.
@@ -53,7 +56,7 @@ pub struct Fitted {
     /// Root mean square of the residual, N.
     pub rms_n: f64,
     /// Measured points of the first push.
-    pub samples: Vec<Sample>,
+    pub samples: Vec<ForceSample>,
     /// Fitted force at each point, N.
     pub force_n: Vec<f64>,
     /// Number of iterations.
@@ -64,16 +67,16 @@ pub struct Fitted {
 /// puncture` writes.
 ///
 /// # Errors
-/// [`CsvError`](insonify_base::csv::CsvError) if the file cannot be read or is malformed.
-pub fn read(path: &Path) -> Result<Vec<Sample>, Error> {
+/// [`StudyError::Table`] if the file cannot be read or is malformed.
+pub fn read(path: &Path) -> Result<Vec<ForceSample>, Error> {
     let table = Csv::open(path, &["travel_mm", "force_n"])?;
-    let mut samples: Vec<Sample> = Vec::new();
+    let mut samples: Vec<ForceSample> = Vec::new();
     for row in table.rows() {
         let [travel_mm, force_n] = row.numbers(["travel_mm", "force_n"])?;
         if samples.last().is_some_and(|last| travel_mm <= last.travel_mm) {
             return Err(row.wrong("travel_mm", "a travel that rises from line to line").into());
         }
-        samples.push(Sample { travel_mm, force_n });
+        samples.push(ForceSample { travel_mm, force_n });
     }
     Ok(samples)
 }
@@ -82,37 +85,46 @@ pub fn read(path: &Path) -> Result<Vec<Sample>, Error> {
 ///
 /// # Errors
 /// [`Error`] for a curve with too few points before the force drops, and if the slice cannot be solved.
-pub fn fit(options: &PunctureOptions, samples: &[Sample], progress: &mut dyn FnMut(f64)) -> Result<Fitted, Error> {
+pub fn fit(
+    options: &PunctureOptions,
+    samples: &[ForceSample],
+    progress: &mut dyn FnMut(f64),
+) -> Result<PunctureFit, Error> {
     let samples = first_push(samples)?;
-    let mut at = [options.knee_strain, options.stiffening.max(MIN[1]).ln()];
+    // The stiffening ranges over decades: its logarithm is fitted.
+    let mut at = [options.knee_strain, options.stiffening.max(STIFFENING[0]).ln()];
     let mut best = Trial::of(options, &samples, at)?;
     let mut damping = 1e-3;
     let mut iterations = 0;
     let forces: f64 = samples.iter().map(|sample| sample.force_n * sample.force_n).sum();
-    while iterations < MAX && best.square() > NONE * forces {
-        progress(iterations as f64 / MAX as f64);
+    while iterations < MAX_ITERATIONS && best.square() > NEGLIGIBLE * forces {
+        progress(iterations as f64 / MAX_ITERATIONS as f64);
         iterations += 1;
         let mut columns = Vec::with_capacity(2);
         for axis in 0..2 {
             let mut beside = at;
-            beside[axis] += APART;
+            beside[axis] += DIFFERENCE;
             let trial = Trial::of(options, &samples, beside)?;
             let pairs = trial.rest.iter().zip(&best.rest);
-            columns.push(pairs.map(|(there, here)| (there - here) / APART).collect::<Vec<f64>>());
+            columns.push(
+                pairs
+                    .map(|(there, here)| (there - here) / DIFFERENCE)
+                    .collect::<Vec<f64>>(),
+            );
         }
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let normal = Matrix2::from_fn(|row, column| dot(&columns[row], &columns[column]));
         let slope = Vector2::from_fn(|row, _| dot(&columns[row], &best.rest));
         let before = best.square();
         let mut gained = false;
-        for _ in 0..8 {
+        for _ in 0..MAX_DAMPINGS {
             let damped = normal + Matrix2::from_diagonal(&(normal.diagonal() * damping));
             let Some(step) = damped.try_inverse().map(|inverse| -(inverse * slope)) else {
                 break;
             };
             let next = [
-                (at[0] + step[0]).max(MIN[0]),
-                (at[1] + step[1]).clamp(MIN[1].ln(), 1e4f64.ln()),
+                (at[0] + step[0]).max(0.0),
+                (at[1] + step[1]).clamp(STIFFENING[0].ln(), STIFFENING[1].ln()),
             ];
             // A slice that cannot be solved counts as no improvement.
             match Trial::of(options, &samples, next) {
@@ -132,7 +144,7 @@ pub fn fit(options: &PunctureOptions, samples: &[Sample], progress: &mut dyn FnM
     let count = samples.len() as f64;
     let mean = samples.iter().map(|sample| sample.force_n).sum::<f64>() / count;
     let spread: f64 = samples.iter().map(|sample| (sample.force_n - mean).powi(2)).sum();
-    Ok(Fitted {
+    Ok(PunctureFit {
         young_kpa: best.scale * options.young_kpa,
         knee_strain: at[0],
         stiffening: at[1].exp(),
@@ -149,7 +161,7 @@ pub fn fit(options: &PunctureOptions, samples: &[Sample], progress: &mut dyn FnM
 }
 
 /// Returns the points before the force drops.
-fn first_push(samples: &[Sample]) -> Result<Vec<Sample>, Error> {
+fn first_push(samples: &[ForceSample]) -> Result<Vec<ForceSample>, Error> {
     let mut largest = (0, 0.0);
     for (at, sample) in samples.iter().enumerate() {
         if sample.force_n >= largest.1 {
@@ -162,10 +174,10 @@ fn first_push(samples: &[Sample]) -> Result<Vec<Sample>, Error> {
         .iter()
         .take(largest.0 + 1)
         .filter(|sample| sample.travel_mm > 0.0);
-    let pushed: Vec<Sample> = pushed.copied().collect();
-    if pushed.len() < FEWEST || largest.1 <= 0.0 {
+    let pushed: Vec<ForceSample> = pushed.copied().collect();
+    if pushed.len() < MIN_POINTS || largest.1 <= 0.0 {
         return Err(StudyError::refused(format!(
-            "the curve: found {} points beyond 0 mm before the force drops; expected at least 4, with a force above 0 N",
+            "the curve: found {} points beyond 0 mm before the force drops; expected at least {MIN_POINTS}, with a force above 0 N",
             pushed.len()
         )));
     }
@@ -181,7 +193,7 @@ struct Trial {
 }
 
 impl Trial {
-    fn of(options: &PunctureOptions, samples: &[Sample], [knee, stiffening]: [f64; 2]) -> Result<Trial, Error> {
+    fn of(options: &PunctureOptions, samples: &[ForceSample], [knee, stiffening]: [f64; 2]) -> Result<Trial, Error> {
         let options = PunctureOptions {
             knee_strain: knee,
             stiffening: stiffening.exp(),
@@ -189,12 +201,12 @@ impl Trial {
             capsule_n: f64::MAX,
             ..*options
         };
-        let way = samples[samples.len() - 1].travel_mm;
-        let steps = (way / options.step_mm).ceil();
+        let last_mm = samples[samples.len() - 1].travel_mm;
+        let steps = (last_mm / options.step_mm).ceil();
         let (_, mut needle) = pushing(&options, steps, false)?;
         let mut curve = vec![[0.0, 0.0]];
         for at in 1..=steps as usize {
-            let travel_mm = (at as f64 * options.step_mm).min(way);
+            let travel_mm = (at as f64 * options.step_mm).min(last_mm);
             // The last step is shorter but takes as long: forces depend on the travel.
             let pushed = needle.step(travel_mm, options.step_mm / options.speed_mm_per_s);
             let pushed = pushed.map_err(|cause| StudyError::Travel { travel_mm, cause })?;

@@ -15,18 +15,21 @@ const WIDTH_MM: f64 = 140.0;
 /// Columns and rows of quadrilaterals, each split into two triangles.
 const CELLS: [usize; 2] = [64, 40];
 
-/// Position of the entry along the width, and depth of the vein's centre below it, mm.
+/// Position of the entry along the width, mm.
 const NEEDLE_MM: f64 = 68.0;
+/// Depth of the vein's centre below the entry, mm.
 const VEIN_DEPTH_MM: f64 = 26.0;
 
 /// Semi-axes of the vein, across and along the needle, mm.
 const VEIN_MM: [f64; 2] = [10.0, 6.0];
 
-/// Modulus of blood as a share of the liver's, and the strain and rate of its stiffening. Blood moves away along the vein, out of the
-/// slice: it is soft and does not preserve its volume. When little of the vein's height is left, its walls touch: beyond this strain the
-/// blood stiffens until it is no softer than they are. A relative modulus keeps all forces proportional to the liver's.
-const BLOOD: f64 = 0.01;
-const CLOSING: [f64; 2] = [0.7, 4e3];
+/// Modulus of blood as a share of the liver's. Blood moves away along the vein, out of the slice: it is soft and does not preserve its
+/// volume. A relative modulus keeps all forces proportional to the liver's.
+const BLOOD_SHARE: f64 = 0.01;
+/// Relative strain from which blood stiffens: little of the vein's height is left, its walls touch.
+const CLOSED_STRAIN: f64 = 0.7;
+/// Rate of the stiffening of blood: until it is no softer than the walls.
+const CLOSED_STIFFENING: f64 = 4e3;
 
 /// Slice of liver and the layers on the needle's path.
 pub(super) struct Liver {
@@ -86,10 +89,14 @@ impl Liver {
         let vein: Vec<bool> = triangles.iter().map(inside).collect();
         let tissue = Material::new(options.young_kpa, options.poisson)?;
         let tissue = Stiffening::new(tissue, options.knee_strain, options.stiffening)?;
-        let blood = Stiffening::new(Material::new(BLOOD * options.young_kpa, 0.0)?, CLOSING[0], CLOSING[1])?;
+        let blood = Stiffening::new(
+            Material::new(BLOOD_SHARE * options.young_kpa, 0.0)?,
+            CLOSED_STRAIN,
+            CLOSED_STIFFENING,
+        )?;
         let laws: Vec<Stiffening> = vein.iter().map(|vein| if *vein { blood } else { tissue }).collect();
-        let held = (0..=columns as u32).flat_map(|node| [(node, 0), (node, 1)]);
-        let supports = Supports::new(nodes.len(), held);
+        let fixed = (0..=columns as u32).flat_map(|node| [(node, 0), (node, 1)]);
+        let supports = Supports::new(nodes.len(), fixed);
         let layer = |from_mm, membrane_n, share: f64| Layer {
             from_mm,
             membrane_n,

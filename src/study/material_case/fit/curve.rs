@@ -2,23 +2,27 @@
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
-use super::{Creep, moduli};
+use super::{CreepTest, moduli};
 use insonify_mechanics::tissue::viscoelastic::HistoryError;
 use insonify_mechanics::tissue::viscoelastic::point::{Body, Control, Knee, Loading, Method, Point, Structure};
 
 /// Number of tried knees between 0 and the largest strain.
-const KNEES: usize = 400;
+const TRIED_KNEES: usize = 400;
 /// Ratio of the measured strains on both sides of a knee above which a warning is given.
-const GAP: f64 = 1.3;
-/// Stiffening counts if it explains this many times the variance of its two parameters in noise, and more than this relative
-/// deviation from a constant modulus (root mean square).
-const EXPLAINED: [f64; 2] = [10.0, 1e-3];
-/// Iterations for `rate`, the change that ends them, and steps between two measured times.
+const MAX_GAP_RATIO: f64 = 1.3;
+/// Stiffening counts if it explains this many times the variance of its two parameters in noise.
+const MIN_VARIANCE_RATIO: f64 = 10.0;
+/// Stiffening counts if moduli deviate from a constant one by more than this (root mean square, relative).
+const MIN_DEVIATION: f64 = 1e-3;
+/// Most iterations, of a fit and of its correction for `rate`.
 const ROUNDS: usize = 20;
+/// Relative change that ends the iterations.
 const SETTLED: f64 = 1e-6;
+/// Steps between two measured times in simulated creep.
 const SUBSTEPS: usize = 4;
-/// Halvings of a step, and iterations for a strain.
+/// Most halvings of a Gauss-Newton step.
 const HALVINGS: i32 = 12;
+/// Most Newton iterations for a strain.
 const MAX_NEWTON: usize = 60;
 
 /// Modulus against strain: G0 (kPa s^k), gamma0 and a; gamma0 infinite and a 0 without a knee.
@@ -56,23 +60,25 @@ impl Curve {
             right += row;
         }
         match matrix.try_inverse().map(|inverse| inverse * right) {
-            Some(found) if found[0] > 0.0 && found[1] > 0.0 => Curve([found[0], knee, found[1] / found[0]]),
+            Some(solution) if solution[0] > 0.0 && solution[1] > 0.0 => {
+                Curve([solution[0], knee, solution[1] / solution[0]])
+            }
             _ => Curve([right[0] / matrix[(0, 0)], f64::INFINITY, 0.0]),
         }
     }
 
     pub(super) fn fitted(points: &[[f64; 2]]) -> Curve {
         let largest = points.iter().map(|point| point[0]).fold(0.0, f64::max);
-        let step = largest / KNEES as f64;
-        let left = |knee: f64| Curve::with_knee(points, knee).square(points);
-        let knees = (0..KNEES).map(|at| step * at as f64);
-        let start = knees.min_by(|a, b| left(*a).total_cmp(&left(*b))).unwrap_or(0.0);
-        // Golden-section search.
+        let step = largest / TRIED_KNEES as f64;
+        let square = |knee: f64| Curve::with_knee(points, knee).square(points);
+        let knees = (0..TRIED_KNEES).map(|at| step * at as f64);
+        let start = knees.min_by(|a, b| square(*a).total_cmp(&square(*b))).unwrap_or(0.0);
+        // The square has several minima: tried knees find the deepest, a golden-section search its bottom.
         let (mut low, mut high) = ((start - step).max(0.0), start + step);
         let golden = 0.5 * (5.0f64.sqrt() - 1.0);
         while high - low > 1e-9 * largest {
             let [a, b] = [high - golden * (high - low), low + golden * (high - low)];
-            if left(a) < left(b) {
+            if square(a) < square(b) {
                 high = b;
             } else {
                 low = a;
@@ -85,14 +91,14 @@ impl Curve {
         let (without, with) = (flat.square(points), curve.square(points));
         let count = points.len() as f64;
         let noise = with / (count - 3.0).max(1.0);
-        let counts = without - with > 2.0 * EXPLAINED[0] * noise && (without / count).sqrt() > EXPLAINED[1];
+        let counts = without - with > 2.0 * MIN_VARIANCE_RATIO * noise && (without / count).sqrt() > MIN_DEVIATION;
         if counts { curve.refined(points) } else { flat }
     }
 
     /// Best curve in strain, by Gauss-Newton steps from this one: a measured strain that errs falsifies both coordinates of its modulus, and
     /// a fit of moduli alone would find too little stiffening.
     fn refined(self, points: &[[f64; 2]]) -> Curve {
-        let (mut best, mut left) = (self, self.left(points));
+        let (mut best, mut log_square) = (self, self.log_square(points));
         for _ in 0..ROUNDS {
             let (matrix, right) = normal(&best, points);
             let Some(step) = matrix.try_inverse().map(|inverse| inverse * right) else {
@@ -104,14 +110,14 @@ impl Curve {
             });
             let mut valid = tried.filter(|curve| curve.0[0] > 0.0 && curve.0[1] >= 0.0 && curve.0[2] > 0.0);
             let Some((next, square)) = valid.find_map(|curve| {
-                let square = curve.left(points);
-                (square < left).then_some((curve, square))
+                let square = curve.log_square(points);
+                (square < log_square).then_some((curve, square))
             }) else {
                 break;
             };
-            let gained = left - square;
-            (best, left) = (next, square);
-            if gained <= SETTLED * left {
+            let gained = log_square - square;
+            (best, log_square) = (next, square);
+            if gained <= SETTLED * log_square {
                 break;
             }
         }
@@ -135,9 +141,9 @@ impl Curve {
     }
 
     /// Sum of squared logarithms of measured over expected strains.
-    fn left(&self, points: &[[f64; 2]]) -> f64 {
-        let off = |[strain, g]: &[f64; 2]| (strain / self.strain(strain * g)).ln().powi(2);
-        points.iter().map(off).sum()
+    fn log_square(&self, points: &[[f64; 2]]) -> f64 {
+        let square = |[strain, g]: &[f64; 2]| (strain / self.strain(strain * g)).ln().powi(2);
+        points.iter().map(square).sum()
     }
 
     /// Standard errors of the three parameters.
@@ -147,7 +153,7 @@ impl Curve {
         if !self.has_knee() {
             return [g0 * (self.square(points) / (count - 1.0) / count).sqrt(), 0.0, 0.0];
         }
-        let noise = self.left(points) / (count - 3.0).max(1.0);
+        let noise = self.log_square(points) / (count - 3.0).max(1.0);
         match normal(self, points).0.try_inverse() {
             Some(inverse) => [0, 1, 2].map(|at| (noise * inverse[(at, at)]).max(0.0).sqrt()),
             None => [f64::INFINITY; 3],
@@ -155,10 +161,10 @@ impl Curve {
     }
 
     /// Parameters with which simulated creep under the `rate` law, evaluated by equation 2, shows this curve.
-    pub(super) fn corrected(self, tests: &[Creep], order: f64) -> Result<Curve, HistoryError> {
+    pub(super) fn corrected(self, tests: &[CreepTest], order: f64) -> Result<Curve, HistoryError> {
         let mut trial = self;
         for _ in 0..ROUNDS {
-            let simulated: Result<Vec<Creep>, HistoryError> =
+            let simulated: Result<Vec<CreepTest>, HistoryError> =
                 tests.iter().map(|test| trial.creep(test, order)).collect();
             let shown = Curve::fitted(&moduli(&simulated?, order));
             if !shown.has_knee() {
@@ -166,8 +172,8 @@ impl Curve {
             }
             let mut change = 0.0f64;
             for at in 0..3 {
-                let off = self.0[at] - shown.0[at];
-                let next = (trial.0[at] + off).max(0.1 * trial.0[at]);
+                let lack = self.0[at] - shown.0[at];
+                let next = (trial.0[at] + lack).max(0.1 * trial.0[at]);
                 change = change.max((next - trial.0[at]).abs() / self.0[at].max(f64::MIN_POSITIVE));
                 trial.0[at] = next;
             }
@@ -179,7 +185,7 @@ impl Curve {
     }
 
     /// Creep at the stress and times of a test under the `rate` law.
-    fn creep(&self, test: &Creep, order: f64) -> Result<Creep, HistoryError> {
+    fn creep(&self, test: &CreepTest, order: f64) -> Result<CreepTest, HistoryError> {
         let point = Point {
             body: Body::SpringPot {
                 order,
@@ -199,7 +205,7 @@ impl Curve {
             .iter()
             .zip(&strain[1..])
             .map(|(row, strain)| [row[0], *strain]);
-        Ok(Creep {
+        Ok(CreepTest {
             rows: rows.collect(),
             ..*test
         })
@@ -215,7 +221,7 @@ impl Curve {
             warnings.push(format!(
                 "no strain below the knee of {knee:.3} was measured: the modulus is extrapolated from strains from {above:.3} on"
             ));
-        } else if above > GAP * below {
+        } else if above > MAX_GAP_RATIO * below {
             warnings.push(format!(
                 "the knee of {knee:.3} lies in a gap: no strain was measured between {below:.3} and {above:.3}"
             ));

@@ -5,7 +5,7 @@ use std::path::Path;
 use insonify_base::csv::{Csv, CsvError, Row};
 
 /// Relative difference of stresses of one creep test.
-const SAME: f64 = 0.01;
+const SAME_STRESS: f64 = 0.01;
 
 /// Units of a column: names with their factors.
 type Units<'a> = &'a [(&'static str, f64)];
@@ -34,7 +34,7 @@ pub struct Modulus {
 
 /// Strain under a constant shear stress from time 0 on.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Creep {
+pub struct CreepTest {
     /// Shear stress, kPa.
     pub stress_kpa: f64,
     /// Times after the start (s, ascending) with their shear strains.
@@ -43,14 +43,14 @@ pub struct Creep {
 
 /// Measurements of one material.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Measured {
+pub struct Measurements {
     /// Frequency sweep.
     pub moduli: Vec<Modulus>,
     /// Creep tests.
-    pub creep: Vec<Creep>,
+    pub creep: Vec<CreepTest>,
 }
 
-impl Measured {
+impl Measurements {
     /// Adds the measurements in a CSV file. Its header says what they are; other columns are ignored.
     ///
     /// # Errors
@@ -92,11 +92,11 @@ impl Measured {
         let mut last_stress = f64::NAN;
         let mut last_time = 0.0;
         let [stress, time, _] = columns;
-        let mut tests: Vec<(Creep, Row<'_>)> = Vec::new();
+        let mut tests: Vec<(CreepTest, Row<'_>)> = Vec::new();
         for row in table.rows() {
             let stress_kpa = above(row, stress)?;
             let time_s = row.number(time.0)? * time.1;
-            let begins = (stress_kpa - last_stress).abs() > SAME * stress_kpa || last_stress.is_nan();
+            let begins = (stress_kpa - last_stress).abs() > SAME_STRESS * stress_kpa || last_stress.is_nan();
             if time_s < 0.0 || !begins && time_s <= last_time {
                 let expected = "a time from 0 that rises from row to row while the stress stays the same";
                 return Err(row.wrong(time.0, expected));
@@ -105,7 +105,7 @@ impl Measured {
             if begins {
                 last_stress = stress_kpa;
                 let rows = Vec::new();
-                tests.push((Creep { stress_kpa, rows }, row));
+                tests.push((CreepTest { stress_kpa, rows }, row));
             }
             // At the start of a test the strain is 0, or that of the machine.
             if time_s > 0.0
@@ -127,9 +127,9 @@ impl Measured {
 }
 
 fn above(row: Row<'_>, (name, factor): (&'static str, f64)) -> Result<f64, CsvError> {
-    let found = row.number(name)?;
-    match found > 0.0 {
-        true => Ok(found * factor),
+    let value = row.number(name)?;
+    match value > 0.0 {
+        true => Ok(value * factor),
         false => Err(row.wrong(name, "a number above 0")),
     }
 }

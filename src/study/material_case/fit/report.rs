@@ -2,15 +2,15 @@
 
 use std::fmt;
 
-use super::{Estimate, Fit};
+use super::{Estimate, MaterialFit};
 use insonify_base::table::{Cell, Table};
 use insonify_mechanics::tissue::viscoelastic::point::{Knee, Structure};
 use insonify_report::plot::{Axis, Marker, Plot, Series};
 
 /// Number of points of a drawn curve.
-const FINE: usize = 120;
+const CURVE_POINTS: usize = 120;
 
-impl Fit {
+impl MaterialFit {
     /// Plots, each with the stem of its file.
     pub fn plots(&self) -> Vec<(&'static str, Plot)> {
         [self.moduli(), self.stiffness()].into_iter().flatten().collect()
@@ -51,7 +51,7 @@ impl Fit {
             },
             _ => Knee::NONE,
         };
-        let strains = (0..=FINE).map(|at| largest * at as f64 / FINE as f64);
+        let strains = (0..=CURVE_POINTS).map(|at| largest * at as f64 / CURVE_POINTS as f64);
         let law = strains.map(|strain| [strain, fit.modulus_kpa.value * knee.factor(strain)]);
         let series = vec![
             Series::points("measured", 0, Marker::Cross, fit.points.clone()),
@@ -90,7 +90,7 @@ impl Fit {
     }
 }
 
-impl fmt::Display for Fit {
+impl fmt::Display for MaterialFit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut table = Table::new(["parameter", "value", "standard error", "unit", "from"].map(Cell::from));
         let mut row = |name: &str, it: Estimate, unit: &str, from: &str| {

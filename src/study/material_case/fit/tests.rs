@@ -5,15 +5,15 @@ use crate::material_case::{CaseFile, EXAMPLE};
 use insonify_base::random;
 
 /// Reads tables and fits them.
-fn fitted(tables: &[&str], order: Option<f64>, memory: Structure) -> Result<Fit, String> {
+fn fitted(tables: &[&str], order: Option<f64>, memory: Structure) -> Result<MaterialFit, String> {
     let folder = tempfile::tempdir().unwrap();
-    let mut measured = Measured::default();
+    let mut measured = Measurements::default();
     for (at, table) in tables.iter().enumerate() {
         let path = folder.path().join(format!("{at}.csv"));
         fs::write(&path, table).unwrap();
         measured.add(&path).map_err(|error| error.to_string())?;
     }
-    Fit::new(&measured, order, memory)
+    MaterialFit::new(&measured, order, memory)
 }
 
 /// Measurements of the virtual rheometer on the example under a memory.
@@ -23,8 +23,8 @@ fn rheometer(memory: &str) -> [String; 2] {
     case.rheometer().unwrap().tables().map(|(_, table)| table.csv())
 }
 
-fn near(found: Estimate, exact: f64, bound: f64) {
-    assert!((found.value / exact - 1.0).abs() < bound, "{found:?} of {exact}");
+fn near(estimate: Estimate, exact: f64, bound: f64) {
+    assert!((estimate.value / exact - 1.0).abs() < bound, "{estimate:?} of {exact}");
 }
 
 #[test]
@@ -86,14 +86,14 @@ fn noise_of_two_percent_moves_the_parameters_by_their_standard_errors() {
         let tables = [noisy(&moduli, 0.02, seed), noisy(&creep, 0.02, 100 + seed)];
         let fit = fitted(&[&tables[0], &tables[1]], Some(0.1), Structure::LoadIntegral).unwrap();
         let (dynamic, creep) = (fit.dynamic.unwrap(), fit.creep.unwrap());
-        let found = [
+        let estimates = [
             (dynamic.order, 0.1),
             (dynamic.modulus_kpa, 0.4),
             (creep.modulus_kpa, 0.4),
             (creep.knee_shear.unwrap(), 0.35),
             (creep.stiffening.unwrap(), 8.0),
         ];
-        for (worst, (it, exact)) in worst.iter_mut().zip(found) {
+        for (worst, (it, exact)) in worst.iter_mut().zip(estimates) {
             *worst = worst.max((it.value / exact - 1.0).abs());
             offs.push((it.value - exact) / it.standard_error);
         }
@@ -112,10 +112,10 @@ fn tissue_that_does_not_stiffen_has_no_knee() {
         let mut table = String::from("stress_pa,time_s,strain_percent\n");
         for stress in [50.0, 100.0, 200.0] {
             for time in [1.0f64, 10.0, 100.0] {
-                let off = 1.0 + noise * (stress * time).sin();
+                let scale = 1.0 + noise * (stress * time).sin();
                 table += &format!(
                     "{stress},{time},{}\n",
-                    100.0 * off * stress * 1e-3 / 0.4 * time.powf(0.1) / tgamma(1.1)
+                    100.0 * scale * stress * 1e-3 / 0.4 * time.powf(0.1) / tgamma(1.1)
                 );
             }
         }
@@ -170,13 +170,13 @@ fn what_does_not_determine_the_parameters_is_refused() {
         (CREEP.replace("10,0.3", "10,nan"), "line 4: found `nan`"),
     ];
     for (table, words) in cases {
-        let found = fitted(&[&table], Some(0.1), Structure::LoadIntegral).unwrap_err();
-        assert!(found.contains(words), "{found}\nexpected {words}");
+        let message = fitted(&[&table], Some(0.1), Structure::LoadIntegral).unwrap_err();
+        assert!(message.contains(words), "{message}\nexpected {words}");
     }
-    let found = fitted(&[CREEP], None, Structure::LoadIntegral).unwrap_err();
+    let message = fitted(&[CREEP], None, Structure::LoadIntegral).unwrap_err();
     assert!(
-        found.contains("from 2 times in the test of the least stress; expected `--order`"),
-        "{found}"
+        message.contains("from 2 times in the test of the least stress; expected `--order`"),
+        "{message}"
     );
     // Slopes of 0.1 and a loss that does not belong to them.
     let odd = fitted(&[&SWEEP.replace("630,100", "630,200")], None, Structure::Rate).unwrap();

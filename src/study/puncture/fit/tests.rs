@@ -3,7 +3,7 @@
 use super::*;
 use crate::puncture::puncture;
 
-fn made() -> (PunctureOptions, Vec<Sample>) {
+fn simulated_curve() -> (PunctureOptions, Vec<ForceSample>) {
     let options = PunctureOptions {
         step_mm: 2.0,
         order: 0.0,
@@ -14,7 +14,7 @@ fn made() -> (PunctureOptions, Vec<Sample>) {
         ..PunctureOptions::default()
     };
     let rows = puncture(&options, &mut |_| {}).unwrap().rows;
-    let sample = |row: &crate::puncture::Row| Sample {
+    let sample = |row: &crate::puncture::PunctureStep| ForceSample {
         travel_mm: row.travel_mm,
         force_n: row.force_n,
     };
@@ -24,7 +24,7 @@ fn made() -> (PunctureOptions, Vec<Sample>) {
 /// A curve of the slice itself yields the parameters that it was made with, force drops excluded.
 #[test]
 fn numbers_that_made_a_curve_are_found_again() {
-    let (options, samples) = made();
+    let (options, samples) = simulated_curve();
     let start = PunctureOptions {
         young_kpa: 1.0,
         knee_strain: 0.3,
@@ -36,12 +36,12 @@ fn numbers_that_made_a_curve_are_found_again() {
         fitted.samples.len() < samples.len() && fitted.r_squared > 0.9999,
         "{fitted:?}"
     );
-    for (found, expected) in [
+    for (value, expected) in [
         (fitted.young_kpa, 3.0),
         (fitted.knee_strain, 0.25),
         (fitted.stiffening, 40.0),
     ] {
-        assert!((found / expected - 1.0_f64).abs() < 0.1, "{fitted:?}");
+        assert!((value / expected - 1.0_f64).abs() < 0.1, "{fitted:?}");
     }
 }
 
@@ -53,10 +53,10 @@ fn curves_are_read_and_refused() {
         std::fs::write(&path, text).unwrap();
         read(&path)
     };
-    let found = parsed("time_s,force_n,travel_mm\n0,0.5,1\n1, 0.75 ,2.5\n").unwrap();
+    let samples = parsed("time_s,force_n,travel_mm\n0,0.5,1\n1, 0.75 ,2.5\n").unwrap();
     let expected = [(1.0, 0.5), (2.5, 0.75)];
     assert_eq!(
-        found.iter().map(|s| (s.travel_mm, s.force_n)).collect::<Vec<_>>(),
+        samples.iter().map(|s| (s.travel_mm, s.force_n)).collect::<Vec<_>>(),
         expected
     );
     for (text, words) in [
@@ -78,7 +78,7 @@ fn curves_are_read_and_refused() {
             .to_string()
             .contains("none.csv")
     );
-    let (options, samples) = made();
+    let (options, samples) = simulated_curve();
     let error = fit(&options, &samples[..3], &mut |_| {}).unwrap_err().to_string();
     assert!(error.starts_with("the curve: found "), "{error}");
 }
