@@ -69,7 +69,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     })?;
     let mut pose = Isometry3::from(Translation3::from(PROBE_MM));
     let rest = HELD_AT_MM.map(|at| pose * Point3::new(0.0, 0.0, -at));
-    let mut held = rest.map(Device::at);
+    let mut devices = rest.map(Device::at);
     let mut dampers = [Damper::new(0.01)?; 2];
 
     println!("  time  hole   tip mm  axial N  aside mm  probe N: first, second  stretch mm");
@@ -81,7 +81,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                 Err(refused) => println!("C3 is refused: {refused}"),
             }
         }
-        let measured = points.pose(&[held[0].at_mm, held[1].at_mm], &pose)?;
+        let measured = points.pose(&[devices[0].at_mm, devices[1].at_mm], &pose)?;
         pose = measured.pose;
         let mut instruments = needle.instruments(&Translation3::from(hub.at_mm).into());
         instruments.probe = Some(pose);
@@ -97,7 +97,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             Vector3::z(),
         );
         let on_points = forces.probe_points.unwrap_or_default();
-        for ((device, damper), (rest, force)) in held.iter_mut().zip(&mut dampers).zip(rest.iter().zip(on_points)) {
+        for ((device, damper), (rest, force)) in devices.iter_mut().zip(&mut dampers).zip(rest.iter().zip(on_points)) {
             let damped = force + damper.force(&device.at_mm, DT_S);
             device.step(&(rest + Vector3::y() * lift_mm(time_s)), damped, Vector3::repeat(1.0));
         }

@@ -80,8 +80,8 @@ fn block() -> Result<TetMesh, Box<dyn Error>> {
 
 /// Soft tissue, held at the face y = -40 mm, and a brachytherapy needle.
 fn model(mesh: TetMesh) -> Result<Finite, Box<dyn Error>> {
-    let held = |&node: &u32| mesh.nodes()[node as usize][1] < -39.9;
-    let fixed = (0..mesh.nodes().len() as u32).filter(held);
+    let clamped = |&node: &u32| mesh.nodes()[node as usize][1] < -39.9;
+    let fixed = (0..mesh.nodes().len() as u32).filter(clamped);
     let bevel = Bevel {
         r_mm: 0.6,
         length_mm: BEVEL_MM,

@@ -63,11 +63,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     ) = (width, height);
     let mut model = scenario.model(|_, _| {})?;
     let mut moments = Moments::default();
-    let asked = Requests {
+    let requests = Requests {
         frames: true,
         mesh_s: None,
     };
-    run_scenario(&scenario, model.as_mut(), asked, &mut moments)?;
+    run_scenario(&scenario, model.as_mut(), requests, &mut moments)?;
     moments.kept.extend(moments.last.take());
 
     let (anatomy, settings) = (scenario.scene.anatomy.clone(), scenario.scene.settings.clone());

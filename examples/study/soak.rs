@@ -41,8 +41,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     let [count, steps] = counts;
     let mut flat = frames("cpu", Backend::Cpu, count)?;
-    for found in adapter::list() {
-        let name = format!("{} ({})", found.name, found.backend);
+    for adapter in adapter::list() {
+        let name = format!("{} ({})", adapter.name, adapter.backend);
         flat &= frames(&name, Backend::Adapter(AdapterChoice::named(name.clone())), count)?;
     }
     flat &= insertion(steps)?;

@@ -63,17 +63,17 @@ fn scene() -> (Anatomy, Settings, Vec<FrameState>) {
 
 /// Allocations and growth of held bytes while `work` runs.
 fn count(work: impl FnOnce()) -> (u64, i64) {
-    let (calls, held) = (CALLS.load(Relaxed), HELD.load(Relaxed));
+    let (calls, bytes) = (CALLS.load(Relaxed), HELD.load(Relaxed));
     work();
-    (CALLS.load(Relaxed) - calls, HELD.load(Relaxed) - held)
+    (CALLS.load(Relaxed) - calls, HELD.load(Relaxed) - bytes)
 }
 
 // One test alone in this binary: another would allocate meanwhile.
 #[test]
 fn a_hundred_frames_allocate_nothing() {
     let (anatomy, settings, states) = scene();
-    let (calls, held) = count(|| drop(std::hint::black_box(vec![0u8; 100])));
-    assert_eq!((calls, held), (1, 0), "the allocator counts");
+    let (calls, bytes) = count(|| drop(std::hint::black_box(vec![0u8; 100])));
+    assert_eq!((calls, bytes), (1, 0), "the allocator counts");
     let pool = insonify_base::parallel::Pool::new(2).expect("a pool");
     for backend in [Backend::Cpu, Backend::CpuF64] {
         let mut synthesizer = Synthesizer::new(anatomy.clone(), settings.clone(), backend).expect("a synthesizer");
@@ -83,21 +83,21 @@ fn a_hundred_frames_allocate_nothing() {
             }
         };
         // Inside a pool a parallel loop lives on the stacks of its threads: after a first round there is nothing to allocate.
-        let (calls, held) = pool.install(|| {
+        let (calls, bytes) = pool.install(|| {
             run();
             count(&mut run)
         });
-        assert_eq!((calls, held), (0, 0), "calls and bytes in {FRAMES} frames");
+        assert_eq!((calls, bytes), (0, 0), "calls and bytes in {FRAMES} frames");
         // From outside, each parallel loop goes through the pool's queue, which takes a block for every 63 entries and gives it
         // back. A frame has at most 32 loops; no byte is kept beyond two blocks.
         run();
-        let (calls, held) = count(&mut run);
+        let (calls, bytes) = count(&mut run);
         println!(
             "{}: {calls} allocations in {FRAMES} frames by the queue of the pool",
             synthesizer.backend()
         );
         assert!(calls <= (FRAMES as u64 * 32).div_ceil(63), "{calls} allocations");
-        assert!(held.abs() <= 4096, "{held} bytes more are held");
+        assert!(bytes.abs() <= 4096, "{bytes} bytes more are held");
     }
     // Far from the origin of the world every state is moved before it is rendered.
     let far = |state: &FrameState| {
@@ -111,19 +111,19 @@ fn a_hundred_frames_allocate_nothing() {
             synthesizer.render(&case.state).expect("a frame");
         }
     };
-    let (calls, held) = pool.install(|| {
+    let (calls, bytes) = pool.install(|| {
         run();
         count(&mut run)
     });
-    assert_eq!((calls, held), (0, 0), "calls and bytes in {FRAMES} frames far away");
+    assert_eq!((calls, bytes), (0, 0), "calls and bytes in {FRAMES} frames far away");
     let synthesizer = Synthesizer::new(anatomy, settings, Backend::Cpu).expect("a synthesizer");
     let mut rounds = simulator::rounds(synthesizer, states[0].probe_to_world, FRAMES);
-    let (calls, held) = pool.install(|| {
+    let (calls, bytes) = pool.install(|| {
         rounds();
         count(&mut rounds)
     });
     assert_eq!(
-        (calls, held),
+        (calls, bytes),
         (0, 0),
         "calls and bytes in {FRAMES} frames of a simulator, ten steps each"
     );

@@ -174,8 +174,8 @@ fn base_motions_are_found_for_what_is_wanted() {
         )
         .replace("-0.4", &number(&both, "slope").to_string());
     bench.write("found.toml", &motion);
-    let found = bench.run("beam found.toml --json").json();
-    assert!((number(&found, "com_mm") - 40.0).abs() < 1e-6);
+    let report = bench.run("beam found.toml --json").json();
+    assert!((number(&report, "com_mm") - 40.0).abs() < 1e-6);
     let about = bench
         .run("beam inverse case.toml --tip-mm 1 --rcm-mm 0")
         .text()
@@ -219,9 +219,9 @@ fn limits_of_compression_are_kept() {
 
     let axis = CASE.replace("slope = -0.4", "pivot_mm = 40");
     bench.write("axis.toml", &axis);
-    let found = bench.run("beam inverse axis.toml --tip-mm -1 --json").json();
-    let [base, slope, moved] = ["displacement_mm", "slope", "axis_displacement_mm"].map(|key| number(&found, key));
-    assert!((base - (moved + 40.0 * slope)).abs() < 1e-9, "{found}");
+    let report = bench.run("beam inverse axis.toml --tip-mm -1 --json").json();
+    let [base, slope, moved] = ["displacement_mm", "slope", "axis_displacement_mm"].map(|key| number(&report, key));
+    assert!((base - (moved + 40.0 * slope)).abs() < 1e-9, "{report}");
 }
 
 #[test]

@@ -229,11 +229,11 @@ fn needles_are_measured_in_ct_and_compared() {
     let json = run.json();
     assert!(run.stderr.is_empty(), "{run:?}");
     for (at, (displacement, left_out, _)) in motions.iter().enumerate() {
-        let (found, shape) = (&json[at], needle(*displacement));
+        let (report, shape) = (&json[at], needle(*displacement));
         let base = &shape.points[0];
         let near = |key: &str, expected: f64, within: f64| {
-            let found = number(found, key);
-            assert!((found - expected).abs() < within, "{at} {key}: {found} {expected}");
+            let value = number(report, key);
+            assert!((value - expected).abs() < within, "{at} {key}: {value} {expected}");
         };
         near("displacement_mm", base.u_mm, 0.1);
         near("slope", base.slope, 0.005);
@@ -243,9 +243,9 @@ fn needles_are_measured_in_ct_and_compared() {
         near("inserted_mm", DEPTH_MM, 0.4);
         near("com_mm", Shape::com_mm(&shape).expect("a COM"), 1.0);
         near("rcm_mm", shape.rcm_mm().expect("an RCM"), 2.5);
-        let rms = &found["markers_rms_mm"];
+        let rms = &report["markers_rms_mm"];
         assert!(rms[0].as_f64() < Some(0.3) && rms[1].as_f64() < Some(0.2), "{rms}");
-        let count = found["markers"][0].as_u64().unwrap_or(0) + found["markers"][1].as_u64().unwrap_or(0);
+        let count = report["markers"][0].as_u64().unwrap_or(0) + report["markers"][1].as_u64().unwrap_or(0);
         assert_eq!(count as usize, 19 - left_out.len());
         // What was written bends, and its shape is where the needle was painted.
         let case: toml::Table = bench.text(&format!("cases/moved_{at}.toml")).parse().expect("a case");

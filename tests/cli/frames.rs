@@ -224,8 +224,8 @@ fn a_sequence_of_ours_moves_a_probe_again() {
     ] {
         let bytes = std::fs::read(bench.path(file)).unwrap();
         for field in fields {
-            let found = bytes.windows(field.len()).any(|window| window == field.as_bytes());
-            assert!(found, "{file}: {field}");
+            let is_there = bytes.windows(field.len()).any(|window| window == field.as_bytes());
+            assert!(is_there, "{file}: {field}");
         }
     }
     let kept = Sequence::read(&bench.path("ras.nrrd")).unwrap();
@@ -362,11 +362,14 @@ fn a_probe_that_leaves_the_volume_is_told_of_by_frame() {
     let report = run.json();
     let warnings = report["warnings"].as_array().unwrap();
     let by_frame = |warning: &&serde_json::Value| warning.as_str().unwrap().contains("wholly outside the volume");
-    let told: Vec<_> = warnings.iter().filter(by_frame).collect();
-    assert_eq!(told.len(), 1, "{run:?}");
+    let outside: Vec<_> = warnings.iter().filter(by_frame).collect();
+    assert_eq!(outside.len(), 1, "{run:?}");
     assert!(
-        told[0].as_str().unwrap().starts_with("2 of 3 frames, first frame 1: "),
-        "{told:?}"
+        outside[0]
+            .as_str()
+            .unwrap()
+            .starts_with("2 of 3 frames, first frame 1: "),
+        "{outside:?}"
     );
     assert!(bench.text("out/frame_0002.json").contains("wholly outside"));
     assert!(!bench.text("out/frame_0000.json").contains("field of view"));
@@ -433,8 +436,8 @@ fn an_overlay_is_drawn_over_the_picture_and_told() {
     assert_eq!(plain.0, marked.0);
     let changed = plain.1.iter().zip(&marked.1).filter(|(a, b)| a != b).count();
     assert!((20..48 * 20).contains(&changed), "{changed} pixels are marked");
-    let told = |name: &str| bench.read::<Sidecar>(name).files.overlay;
-    assert_eq!([told("plain.json"), told("marked.json")], [false, true]);
+    let is_marked = |name: &str| bench.read::<Sidecar>(name).files.overlay;
+    assert_eq!([is_marked("plain.json"), is_marked("marked.json")], [false, true]);
     for refused in ["-o a.png --overlay --layers depth", "-o a.mha --overlay"] {
         let run = bench.run(&format!("render scene.toml --backend cpu {refused}"));
         assert!(run.status == Some(2) && run.stderr.contains("--overlay"), "{run:?}");

@@ -91,10 +91,10 @@ impl Record {
         let mut wrong = Vec::new();
         for (key, value) in expected.iter().filter(|(key, _)| key.starts_with(&group)) {
             match self.0.get(key) {
-                Some(found) if found == value => {}
+                Some(current) if current == value => {}
                 Some(_) if key.ends_with(".hash") && key.starts_with("frame") && mode != "exact" => {}
-                Some(found) if near(found, value) => {}
-                found => wrong.push(format!("{key}: {found:?}, was {value:?}")),
+                Some(current) if near(current, value) => {}
+                current => wrong.push(format!("{key}: {current:?}, was {value:?}")),
             }
         }
         let new = self.0.keys().filter(|key| !expected.contains_key(*key));
@@ -103,11 +103,11 @@ impl Record {
     }
 }
 
-fn near(found: &str, expected: &str) -> bool {
-    let [Ok(found), Ok(expected)] = [found, expected].map(str::parse::<f64>) else {
+fn near(value: &str, expected: &str) -> bool {
+    let [Ok(value), Ok(expected)] = [value, expected].map(str::parse::<f64>) else {
         return false;
     };
-    (found - expected).abs() <= 1e-3 * expected.abs() + 1e-9
+    (value - expected).abs() <= 1e-3 * expected.abs() + 1e-9
 }
 
 const SCENES: [&str; 5] = ["default", "liver-needle", "prostate-trus", "spine-linear", "sweep"];

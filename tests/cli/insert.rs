@@ -379,7 +379,10 @@ fn remeshing_works_on_a_gpu_and_changes_its_level_on_the_way() {
     // In f32 as on the CPU, up to rounding.
     bench.write("cpu.toml", &on_gpu.replace("device = \"gpu\"", "precision = \"f32\""));
     let cpu = bench.run("insert cpu.toml -o cpu --json").json();
-    let [own, other] = [&summary, &cpu].map(|summary| summary["max_base_force_n"].as_f64().expect("a force"));
-    assert!((own - other).abs() < 1e-2 * other, "{own} N, on the CPU {other} N");
+    let [gpu_force, cpu_force] = [&summary, &cpu].map(|summary| summary["max_base_force_n"].as_f64().expect("a force"));
+    assert!(
+        (gpu_force - cpu_force).abs() < 1e-2 * cpu_force,
+        "{gpu_force} N, on the CPU {cpu_force} N"
+    );
     assert_eq!(summary["remeshes"], cpu["remeshes"]);
 }

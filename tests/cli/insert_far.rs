@@ -35,7 +35,7 @@ fn write(bench: &Bench, name: &str, by: [f64; 3], [tissue, needle]: [&str; 2]) {
     let block = TetMesh::new(block.nodes().to_vec(), block.elements().to_vec(), regions).expect("a mesh");
     write_vtu(&bench.path(&format!("{name}.vtu")), &block.moved(by), None).expect("written");
     let at = |x: f64, y: f64, z: f64| format!("[{}, {}, {}]", x + by[0], y + by[1], z + by[2]);
-    let held = match tissue == MASSES {
+    let fixed = match tissue == MASSES {
         true => String::new(),
         false => format!(
             "\n[[tissue.fix]]\nbox_mm = [[-inf, -inf, {}], [inf, inf, inf]]",
@@ -68,7 +68,7 @@ tip_mm = {}
 direction = [0.1, 0.05, 1]
 "#,
         at(0.0, -40.0, -25.0),
-        tissue.replace("NAME", name) + &held,
+        tissue.replace("NAME", name) + &fixed,
         at(3.3, 2.1, -47.2),
         at(6.0, 3.45, -20.2),
     );

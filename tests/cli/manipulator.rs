@@ -46,8 +46,8 @@ fn slides_and_needles_are_tables_both_ways() {
         .enumerate()
     {
         for (axis, slide) in slides.iter().enumerate() {
-            let found = inverse[row]["slides_mm"][axis].as_f64().unwrap();
-            assert!((found - slide).abs() < 1e-9, "{row} {axis}: {found}");
+            let computed = inverse[row]["slides_mm"][axis].as_f64().unwrap();
+            assert!((computed - slide).abs() < 1e-9, "{row} {axis}: {computed}");
         }
     }
     assert!(

@@ -38,8 +38,8 @@ fn a_scene_is_written_that_can_be_rendered() {
         scene.contains("[effects.tone]") && scene.contains("# - frequency: "),
         "{scene}"
     );
-    let told = bench.run("match real.png -o matched.toml --page page.html");
-    assert!(told.text().contains("dynamic_range_db"), "{told:?}");
+    let run = bench.run("match real.png -o matched.toml --page page.html");
+    assert!(run.text().contains("dynamic_range_db"), "{run:?}");
     assert_eq!(scene, bench.text("matched.toml"));
     let page = bench.text("page.html");
     assert!(page.contains("Autocorrelation across") && page.ends_with("</body></html>\n"));

@@ -30,17 +30,17 @@ fn a_spring_pot_creeps() {
     bench.write("c.toml", CREEP);
     for rule in ["rectangle", "time-scaled-trapezoid", "trapezoid", "exponentials"] {
         bench.write("c.toml", &CREEP.replace("trapezoid", rule));
-        let found = bench.run("material c.toml --json -o c.svg").json();
-        assert_eq!(found["time_s"], serde_json::json!([0.0, 1.0, 4.0]));
-        assert_eq!(found["stress_kpa"], serde_json::json!([2.0, 2.0, 2.0]));
-        assert_eq!(found["strain"][0], 0.0);
-        assert_eq!(found.as_object().unwrap().len(), 3);
+        let report = bench.run("material c.toml --json -o c.svg").json();
+        assert_eq!(report["time_s"], serde_json::json!([0.0, 1.0, 4.0]));
+        assert_eq!(report["stress_kpa"], serde_json::json!([2.0, 2.0, 2.0]));
+        assert_eq!(report["strain"][0], 0.0);
+        assert_eq!(report.as_object().unwrap().len(), 3);
         // t^k / (G Gamma(1 + k)), and Gamma(1.5) = sqrt(pi) / 2.
         let unit = 1.0 / std::f64::consts::PI.sqrt();
         for (at, exact) in [(1, unit), (2, 2.0 * unit)] {
             assert!(
-                (found["strain"][at].as_f64().unwrap() / exact - 1.0).abs() < 1e-9,
-                "{rule}: {found}"
+                (report["strain"][at].as_f64().unwrap() / exact - 1.0).abs() < 1e-9,
+                "{rule}: {report}"
             );
         }
         let plot = bench.text("c.svg");
@@ -59,16 +59,16 @@ fn relaxation_from_a_jump_begins_with_an_infinite_stress() {
     for rule in ["rectangle", "trapezoid", "exponentials", "gruenwald-letnikov"] {
         bench.write("c.toml", &case.replace("trapezoid", rule));
         let run = bench.run("material c.toml --json");
-        let found = run.json();
+        let report = run.json();
         assert!(
-            found["stress_kpa"][0].is_null() && run.stderr.contains("infinite"),
+            report["stress_kpa"][0].is_null() && run.stderr.contains("infinite"),
             "{run:?}"
         );
         // 2 G t^-k / Gamma(1 - k), and Gamma(0.5) = sqrt(pi).
         let exact = 8.0 / (2.0 * std::f64::consts::PI).sqrt();
         assert!(
-            (found["stress_kpa"][2].as_f64().unwrap() / exact - 1.0).abs() < 1e-8,
-            "{rule}: {found}"
+            (report["stress_kpa"][2].as_f64().unwrap() / exact - 1.0).abs() < 1e-8,
+            "{rule}: {report}"
         );
     }
 }
@@ -77,16 +77,16 @@ fn relaxation_from_a_jump_begins_with_an_infinite_stress() {
 fn the_example_and_its_measurements_run() {
     let bench = Bench::new();
     bench.write("e.toml", bench.run("material --example").text());
-    let found = bench.run("material e.toml --json").json();
-    let strain: Vec<f64> = found["strain"]
+    let report = bench.run("material e.toml --json").json();
+    let strain: Vec<f64> = report["strain"]
         .as_array()
         .unwrap()
         .iter()
         .map(|x| x.as_f64().unwrap())
         .collect();
     assert!(strain.windows(2).all(|pair| pair[0] < pair[1]), "{strain:?}");
-    let told = bench.run("material e.toml --rheometer tests");
-    assert!(told.text().contains("slopes 0.1000 and 0.1000"), "{told:?}");
+    let run = bench.run("material e.toml --rheometer tests");
+    assert!(run.text().contains("slopes 0.1000 and 0.1000"), "{run:?}");
     assert_eq!(
         bench.files("tests"),
         [
@@ -105,27 +105,27 @@ fn parameters_return_from_measurements() {
     bench.write("e.toml", bench.run("material --example").text());
     bench.run("material e.toml --rheometer tests");
     let run = bench.run("material fit tests/dynamic-moduli.csv tests/creep.csv --memory rate --json -o plots");
-    let found = run.json();
+    let report = run.json();
     for (path, exact) in [
         ("/dynamic/order/value", 0.1),
         ("/dynamic/modulus_kpa/value", 0.4),
         ("/creep/modulus_kpa/value", 0.4),
         ("/creep/knee_shear/value", 0.35),
     ] {
-        let value = found.pointer(path).unwrap().as_f64().unwrap();
+        let value = report.pointer(path).unwrap().as_f64().unwrap();
         assert!((value / exact - 1.0).abs() < 5e-3, "{path}: {value}");
     }
     assert!(
         run.stderr.is_empty() && bench.files("plots").contains(&"stiffness.svg".to_owned()),
         "{run:?}"
     );
-    let told = bench.run("material fit tests/creep.csv --order 0.1");
+    let run = bench.run("material fit tests/creep.csv --order 0.1");
     assert!(
-        told.text().contains("knee_shear = 0.3") && told.text().contains("shear_kpa = 0."),
-        "{told:?}"
+        run.text().contains("knee_shear = 0.3") && run.text().contains("shear_kpa = 0."),
+        "{run:?}"
     );
     // What it prints is a case.
-    let lines: String = told
+    let lines: String = run
         .text()
         .lines()
         .skip_while(|line| !line.starts_with("law"))
@@ -222,11 +222,11 @@ fn the_schema_names_every_key() {
 #[test]
 fn rules_are_traded_off() {
     let bench = Bench::new();
-    let found = bench.run("tradeoff history --steps 100 --quiet --json -o study").json();
-    let rows = found["tables"]["history"]["rows"].as_array().unwrap();
+    let report = bench.run("tradeoff history --steps 100 --quiet --json -o study").json();
+    let rows = report["tables"]["history"]["rows"].as_array().unwrap();
     assert!(
         rows.len() == 13 && rows.iter().all(|row| row["flag"].is_null()),
-        "{found}"
+        "{report}"
     );
     assert!(bench.files("study").contains(&"history-error-time.svg".to_owned()));
 }

@@ -32,28 +32,31 @@ fn number(value: &Value) -> f64 {
 fn a_volume_becomes_a_mesh_that_info_and_the_library_accept() {
     let bench = Bench::new();
     block(&bench);
-    let made = bench
+    let report = bench
         .run("mesh make block.nrrd --nodes 600 --no-complete -o block.vtu --json")
         .json();
-    let nodes = made["nodes"].as_u64().expect("nodes");
+    let nodes = report["nodes"].as_u64().expect("nodes");
     assert!((540..=600).contains(&nodes), "{nodes} nodes");
-    assert_eq!(made["parts"], json!(1));
-    assert!(number(&made["min_dihedral_deg"]) >= 12.0 - 1e-6, "{made}");
+    assert_eq!(report["parts"], json!(1));
+    assert!(number(&report["min_dihedral_deg"]) >= 12.0 - 1e-6, "{report}");
     let info = bench.run("mesh info block.vtu --json").json();
-    assert_eq!((&info["nodes"], &info["elements"]), (&made["nodes"], &made["elements"]));
+    assert_eq!(
+        (&info["nodes"], &info["elements"]),
+        (&report["nodes"], &report["elements"])
+    );
     assert_eq!((&info["parts"], &info["quality"]["usable"]), (&json!(1), &json!(true)));
-    let least = [&info["quality"], &made].map(|from| number(&from["min_dihedral_deg"]));
+    let least = [&info["quality"], &report].map(|from| number(&from["min_dihedral_deg"]));
     assert!((least[0] - least[1]).abs() < 1e-9, "{least:?}");
     // 8 x 7 x 4 voxels of 8 mm3, of 20 x 15 x 10.
     for (place, (value, ml)) in [(4, 8.0 * 224.0e-3), (7, 8.0 * 2776.0e-3)].into_iter().enumerate() {
-        let (region, made) = (&info["regions"][place], &made["regions"][place]);
-        assert_eq!((&region["value"], &made["value"]), (&json!(value), &json!(value)));
-        assert!((number(&made["voxels_ml"]) - ml).abs() < 1e-9, "{made}");
+        let (region, report) = (&info["regions"][place], &report["regions"][place]);
+        assert_eq!((&region["value"], &report["value"]), (&json!(value), &json!(value)));
+        assert!((number(&report["voxels_ml"]) - ml).abs() < 1e-9, "{report}");
         assert!(
-            (number(&region["volume_ml"]) - number(&made["mesh_ml"])).abs() < 1e-9,
-            "{region}, {made}"
+            (number(&region["volume_ml"]) - number(&report["mesh_ml"])).abs() < 1e-9,
+            "{region}, {report}"
         );
-        assert!(number(&made["error_percent"]).abs() <= 1.0, "{made}");
+        assert!(number(&report["error_percent"]).abs() <= 1.0, "{report}");
     }
     let file = read_mesh(&bench.path("block.vtu"), &ReadOptions::default()).expect("a mesh");
     let quality = Quality::of(&file.mesh, file.mesh.nodes());

@@ -53,8 +53,8 @@ fn meshes_are_described() {
         ml(&info["regions"][0]["volume_ml"]),
         ml(&info["regions"][1]["volume_ml"]),
     ];
-    for (found, sixths) in volumes.iter().zip([4.0, 3.0, 1.0]) {
-        assert!((found - sixths / 6.0).abs() < 1e-12, "{volumes:?}");
+    for (volume, sixths) in volumes.iter().zip([4.0, 3.0, 1.0]) {
+        assert!((volume - sixths / 6.0).abs() < 1e-12, "{volumes:?}");
     }
     let region = |place: usize| {
         [

@@ -73,8 +73,8 @@ fn an_insertion_replaces_only_files_of_its_own() {
     bench.run(insert).fails(2, &["frame_0099.png", "--force"]);
     // A mesh of the run before cannot be what this one starts from.
     fs::remove_file(bench.path("frames/frame_0099.png")).unwrap();
-    let own = BLOCK.replacen("nodes = 300", "mesh = \"mesh/mesh_0000.vtu\"", 1);
-    bench.write("block.toml", &own);
+    let with_mesh = BLOCK.replacen("nodes = 300", "mesh = \"mesh/mesh_0000.vtu\"", 1);
+    bench.write("block.toml", &with_mesh);
     bench.run(insert).fails(2, &["mesh_0000.vtu", "this run reads"]);
 }
 
@@ -241,9 +241,9 @@ fn earlier_names_of_layers_are_taken_and_told() {
 fn frames_of_a_scene_where_nothing_moves_are_told_of_once() {
     let bench = bench();
     let run = bench.run("render scene.toml --backend cpu --frames 3 -o still --json");
-    let told = "all 3 frames show the same pose";
-    assert_eq!(run.stderr.matches(told).count(), 1, "{run:?}");
-    assert!(run.text().contains(told));
+    let warning = "all 3 frames show the same pose";
+    assert_eq!(run.stderr.matches(warning).count(), 1, "{run:?}");
+    assert!(run.text().contains(warning));
     let run = bench.run("render sweep.toml --backend cpu --frames 3 -o moving");
     assert!(!run.stderr.contains("the same pose"), "{run:?}");
 }
@@ -261,20 +261,20 @@ mod unix {
 
     /// Everything in a folder and below whose name shows that it was in the making.
     fn leftovers(bench: &Bench) -> Vec<String> {
-        let mut found = Vec::new();
+        let mut files = Vec::new();
         let mut folders = vec![String::from(".")];
         while let Some(folder) = folders.pop() {
             for name in bench.files(&folder) {
                 let path = format!("{folder}/{name}");
                 if name.starts_with(".insonify-") {
-                    found.push(path.clone());
+                    files.push(path.clone());
                 }
                 if bench.path(&path).is_dir() {
                     folders.push(path);
                 }
             }
         }
-        found
+        files
     }
 
     /// Starts a long run and sends it a signal as soon as something is in the making; returns its status.

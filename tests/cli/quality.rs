@@ -158,13 +158,13 @@ fn steps_are_tried_on_the_insertion_itself() {
     let cache = Cache::at(&bench.path("cache"), &Machine::here().to_string());
     cache.put(&["steps"], &free).expect("kept");
     let quality = |step_ms: f64| {
-        let asked = format!("version = 1\nquality = {{ step_ms = {step_ms} }}\n");
-        bench.write("open.toml", &BLOCK.replace("version = 1\n", &asked));
+        let head = format!("version = 1\nquality = {{ step_ms = {step_ms} }}\n");
+        bench.write("open.toml", &BLOCK.replace("version = 1\n", &head));
         let run = bench.run("insert open.toml -o out --json");
         (run.json()["quality"][0].clone(), run.stderr)
     };
-    let (met, told) = quality(10_000.0);
-    assert!(told.contains("quality: trying it on this insertion"), "{told}");
+    let (met, stderr) = quality(10_000.0);
+    assert!(stderr.contains("quality: trying it on this insertion"), "{stderr}");
     assert_eq!(
         (&met["met"], &met["settings"][0]["value"]),
         (&true.into(), &"\"exact\"".into())
@@ -179,11 +179,11 @@ fn steps_are_tried_on_the_insertion_itself() {
     assert_eq!(quality(10_000.0).0, met);
     let files = bench.files("cache").len();
     // No step that remeshes takes as little as that.
-    let (missed, told) = quality(0.01);
+    let (missed, stderr) = quality(0.01);
     assert_eq!(missed["met"], false);
     assert!(
-        told.contains("warning: quality.step_ms") && told.contains("nothing stays within 0.01 ms"),
-        "{told}"
+        stderr.contains("warning: quality.step_ms") && stderr.contains("nothing stays within 0.01 ms"),
+        "{stderr}"
     );
     assert_eq!(bench.files("cache").len(), files + 1);
 }

@@ -144,10 +144,10 @@ fn a_pixel_is_explained() {
     let sample = &report["sample"];
     assert_eq!(sample["label"]["tissue"], "phantom_top");
     let number = |value: &Value| value.as_f64().unwrap_or_else(|| panic!("{value} in {report}"));
-    let near = |found: f64, expected: f64| {
+    let near = |value: f64, expected: f64| {
         assert!(
-            (found - expected).abs() <= 1e-5 * expected.abs(),
-            "{found}, not {expected}: {report}"
+            (value - expected).abs() <= 1e-5 * expected.abs(),
+            "{value}, not {expected}: {report}"
         );
     };
     // 64 samples down to 60 mm, each in the middle of its length; sound of 9 MHz goes there and back through 0.5 dB/cm/MHz.

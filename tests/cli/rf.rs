@@ -39,23 +39,23 @@ lateral = [1, 0, 0]
 fn motion_of_a_deforming_mesh_is_found_in_its_echoes() {
     let bench = Bench::new();
     bench.write("scene.toml", COMPRESSED);
-    let made = bench
+    let summary = bench
         .run("rf scene.toml -o rf.igs.mha --truth truth.csv --node-truth nodes.csv --windows 40 --json")
         .json();
     assert_eq!(
         (
-            made["lines"].as_u64(),
-            made["samples"].as_u64(),
-            made["frames"].as_u64()
+            summary["lines"].as_u64(),
+            summary["samples"].as_u64(),
+            summary["frames"].as_u64()
         ),
         (Some(48), Some(1558), Some(3))
     );
-    let found = bench
+    let motion = bench
         .run(
             "motion rf.igs.mha -o u.csv --truth truth.csv --windows 40 --strain strain.png --displacement u.png --json",
         )
         .json();
-    let errors = &found["errors"];
+    let errors = &motion["errors"];
     let number = |axis: &str, key: &str| errors[axis][key].as_f64().expect("a number");
     assert!(
         number("axial", "bias_um").abs() < 0.2 && number("axial", "sd_um") < 1.5,
@@ -152,13 +152,13 @@ fn samples_of_32_bits_are_those_of_16_bits_without_rounding() {
             .all(|(whole, single)| single.round() == *whole)
     );
     assert!(single != double && single.iter().any(|value| value.fract() != 0.0));
-    let apart = single
+    let difference = single
         .iter()
         .zip(&double)
         .map(|(a, b)| (a - b).abs())
         .fold(0.0, f32::max);
     // A count is a thousandth of the RMS of liver.
-    assert!(apart < 0.1, "{apart} counts");
+    assert!(difference < 0.1, "{difference} counts");
 }
 
 #[test]

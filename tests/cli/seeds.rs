@@ -30,7 +30,7 @@ fn place(value: &Value) -> [f64; 3] {
     serde_json::from_value(value.clone()).expect("a place")
 }
 
-fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
+fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     (0..3).map(|axis| (a[axis] - b[axis]).powi(2)).sum::<f64>().sqrt()
 }
 
@@ -60,7 +60,7 @@ fn targets_are_neared_in_the_anatomy_at_rest() {
         let first = run(&bench, &block(model, needle, ""));
         let [left, at_rest] = ["left_at_mm", "deposited_mm"].map(|key| place(&first["seeds"][0][key]));
         assert!(
-            apart(left, at_rest) > 0.05,
+            distance(left, at_rest) > 0.05,
             "{model}: tissue gives way, {left:?} {at_rest:?}"
         );
         let target = format!("[[plan.target]]\nname = \"node\"\nat_mm = {at_rest:?}\n");

@@ -118,8 +118,8 @@ fn names_come_from_a_table_and_are_shown() {
     bench.write("a.csv", "value,name\n9,none\n");
     let words = ["such as 1, 2", "or its value", "no tissue known for labels 1, 2"];
     over("kidney").fails(2, &words);
-    let told = over("2");
-    assert!(told.stderr.contains("label 2 (soft_tissue)"), "{told:?}");
+    let run = over("2");
+    assert!(run.stderr.contains("label 2 (soft_tissue)"), "{run:?}");
     std::fs::remove_file(bench.path("a.csv")).unwrap();
     bench.write("names.csv", "value,name\none,liver\n");
     let words = ["names.csv, line 2", "\"one\""];

@@ -66,26 +66,26 @@ fn unusable(nodes: &[[f64; 3]], elements: &[[usize; 4]], words: &[&str]) {
 #[test]
 fn a_problem_is_solved() {
     let bench = bench();
-    let found = bench.run("solve p.toml --json -o out.vtu").json();
-    assert_eq!((&found["nodes"], &found["elements"]), (&5.into(), &2.into()));
+    let report = bench.run("solve p.toml --json -o out.vtu").json();
+    assert_eq!((&report["nodes"], &report["elements"]), (&5.into(), &2.into()));
     // A direct solution leaves a backward error of some rounding units.
-    assert!(found["residual"].as_f64().unwrap() < 1e-14);
-    let moved = &found["displacement_mm"];
+    assert!(report["residual"].as_f64().unwrap() < 1e-14);
+    let moved = &report["displacement_mm"];
     assert_eq!(moved.as_array().unwrap().len(), 2);
     assert_eq!(moved[1], serde_json::json!([0.0, 0.0, 0.0]));
     assert!(moved[0][2].as_f64().unwrap() > 0.0);
-    assert!(found["max_displacement_mm"].as_f64().unwrap() >= moved[0][2].as_f64().unwrap());
+    assert!(report["max_displacement_mm"].as_f64().unwrap() >= moved[0][2].as_f64().unwrap());
     for phase in ["read", "check", "assembly", "factor", "solve", "total"] {
-        assert!(found["seconds"][phase].as_f64().unwrap() >= 0.0, "{phase}");
+        assert!(report["seconds"][phase].as_f64().unwrap() >= 0.0, "{phase}");
     }
     let written = read_mesh(&bench.path("out.vtu"), &ReadOptions::default()).unwrap();
     let written = written.displacements.unwrap();
     for (axis, &written) in written[4].iter().enumerate() {
         // Numbers in JSON are read to within a rounding unit.
-        let told = moved[0][axis].as_f64().unwrap();
+        let reported = moved[0][axis].as_f64().unwrap();
         assert!(
-            (told - written).abs() <= f64::EPSILON * written.abs(),
-            "{told} {written}"
+            (reported - written).abs() <= f64::EPSILON * written.abs(),
+            "{reported} {written}"
         );
     }
 
@@ -100,19 +100,19 @@ fn the_example_runs_as_it_says() {
     let example = bench.run("solve --example").text().to_owned();
     bench.write("press.toml", &example);
     let commands = example.lines().filter_map(|line| line.strip_prefix("#   insonify "));
-    let mut made = 0;
+    let mut runs = 0;
     for command in commands {
         bench.run(command).text();
-        made += 1;
+        runs += 1;
     }
-    assert_eq!(made, 2, "{example}");
-    let found = bench.run("solve press.toml --json -o pressed.vtu").json();
-    assert_eq!(found["warnings"], serde_json::json!([]));
+    assert_eq!(runs, 2, "{example}");
+    let report = bench.run("solve press.toml --json -o pressed.vtu").json();
+    assert_eq!(report["warnings"], serde_json::json!([]));
     // The plate goes 6 mm down, and nothing much farther.
-    let farthest = found["max_displacement_mm"].as_f64().unwrap();
-    assert!((6.0..7.0).contains(&farthest), "{found}");
-    let [table, plate] = [0, 1].map(|fix| found["reaction_n"][fix][1].as_f64().unwrap());
-    assert!(plate > 0.0 && table < 0.0, "{found}");
+    let farthest = report["max_displacement_mm"].as_f64().unwrap();
+    assert!((6.0..7.0).contains(&farthest), "{report}");
+    let [table, plate] = [0, 1].map(|fix| report["reaction_n"][fix][1].as_f64().unwrap());
+    assert!(plate > 0.0 && table < 0.0, "{report}");
     assert!(read_mesh(&bench.path("pressed.vtu"), &ReadOptions::default()).is_ok());
 }
 
@@ -144,8 +144,8 @@ fn tissue_creeps_over_time() {
         (&"linear".into(), &serde_json::Value::Null)
     );
     bench.write("p.toml", &creeping());
-    let found = bench.run("solve p.toml --json -o out.vtu --history out.csv").json();
-    let history = &found["history"];
+    let report = bench.run("solve p.toml --json -o out.vtu --history out.csv").json();
+    let history = &report["history"];
     let times: Vec<f64> = serde_json::from_value(history["time_s"].clone()).unwrap();
     assert_eq!(times.len(), 13);
     assert_eq!((times[0], times[4], times[12]), (0.0, 1.0, 3.0));
@@ -154,11 +154,11 @@ fn tissue_creeps_over_time() {
         moved(0) == 0.0 && moved(4) > 0.0 && moved(12) > 1.1 * moved(4),
         "{history}"
     );
-    assert_eq!(found["displacement_mm"][0], history["displacement_mm"][12][0]);
+    assert_eq!(report["displacement_mm"][0], history["displacement_mm"][12][0]);
     // The one fix holds the load, all the time.
     for at in 4..13 {
-        let held = history["reaction_n"][at][0][2].as_f64().unwrap();
-        assert!((held + 1e-5).abs() < 1e-11, "{held} at {at}");
+        let reaction = history["reaction_n"][at][0][2].as_f64().unwrap();
+        assert!((reaction + 1e-5).abs() < 1e-11, "{reaction} at {at}");
     }
     let table = bench.text("out.csv");
     let mut lines = table.lines();
@@ -172,8 +172,8 @@ fn tissue_creeps_over_time() {
         .replace("0.001", "1.0")
         .replace("viscoelastic\"", "nonlinear\"");
     bench.write("p.toml", soft.split("[viscosity]").next().unwrap());
-    let found = bench.run("solve p.toml --json").json();
-    let [a, b] = [&found, &elastic].map(|report| report["displacement_mm"][0][2].as_f64().unwrap());
+    let report = bench.run("solve p.toml --json").json();
+    let [a, b] = [&report, &elastic].map(|run| run["displacement_mm"][0][2].as_f64().unwrap());
     assert!((a / b - 1.0).abs() < 1e-9, "{a} {b}");
 }
 
@@ -266,12 +266,12 @@ fn the_creeping_example_runs_as_it_says() {
         .iter()
         .for_each(|command| drop(bench.run(command).text().to_owned()));
     assert_eq!(commands.len(), 2);
-    let found = bench.run("solve creep.toml --json").json();
-    let force = |at: usize| found["history"]["reaction_n"][at][1][1].as_f64().unwrap();
+    let report = bench.run("solve creep.toml --json").json();
+    let force = |at: usize| report["history"]["reaction_n"][at][1][1].as_f64().unwrap();
     // The plate arrives after ten steps; faster than in proportion; then the force fades.
     assert!(
         force(10) > 2.0 * force(5) && force(50) < 0.95 * force(10) && force(50) > 0.0,
-        "{found}"
+        "{report}"
     );
 }
 
@@ -316,8 +316,8 @@ fn unusable_meshes_are_refused() {
     unusable(&flat, &TWO, &["tetrahedron 1 is flat"]);
     unusable(&CORNERS, &[TWO[0], TWO[1], [4, 3, 2, 1]], &["2", "1, 2, 3"]);
     unusable(&CORNERS, &[TWO[0], [4, 3, 3, 1]], &["tetrahedron 1", "node 3 twice"]);
-    let apart = [[0, 1, 2, 3], [0, 1, 2, 3]];
-    unusable(&CORNERS[..4], &apart, &["tetrahedron 1 is there a second time"]);
+    let twice = [[0, 1, 2, 3], [0, 1, 2, 3]];
+    unusable(&CORNERS[..4], &twice, &["tetrahedron 1 is there a second time"]);
     let mut nan = CORNERS;
     nan[3][1] = f64::NAN;
     unusable(&nan, &TWO, &["m.msh", "NaN"]);
@@ -364,8 +364,8 @@ fn organs() -> String {
 fn regions_go_by_name_everywhere() {
     let bench = Bench::new();
     bench.write("m.msh", &organs());
-    let own = "[[material]]\nregion = \"liver\"\nyoung_kpa = 2.0\npoisson = 0.3\n";
-    let problem = PROBLEM.replace("[[fix]]\nnodes = [0, 1, 2]\n", &format!("{own}[[fix]]\nREGION\n"));
+    let material = "[[material]]\nregion = \"liver\"\nyoung_kpa = 2.0\npoisson = 0.3\n";
+    let problem = PROBLEM.replace("[[fix]]\nnodes = [0, 1, 2]\n", &format!("{material}[[fix]]\nREGION\n"));
     // Every part that can move is named at once.
     refused(
         &bench,
@@ -390,13 +390,13 @@ fn regions_go_by_name_everywhere() {
         11,
         &["there is no region \"kidny_left\"", "did you mean \"kidney_left\"?"],
     );
-    let held = "region = \"left\"\n[[fix]]\nregion = 3\nsurface = true\n[[fix]]\nnodes = [0, 1, 2]";
+    let fixed = "region = \"left\"\n[[fix]]\nregion = 3\nsurface = true\n[[fix]]\nnodes = [0, 1, 2]";
     let load = "[[load]]\nregion = \"liver\"\ntotal_force_n = [0, 0, 1e-5]";
     let problem = problem.replace("[[load]]\nnodes = [4]\nnode_force_n = [0, 0, 1e-5]", load);
-    bench.write("p.toml", &problem.replace("REGION", held).replace("[4, 0]", "[3, 4]"));
-    let found = bench.run("solve p.toml --json -o out.vtu").json();
-    assert!(found["displacement_mm"][0][2].as_f64().unwrap() > 0.0, "{found}");
-    assert_eq!(found["displacement_mm"][1], serde_json::json!([0.0, 0.0, 0.0]));
+    bench.write("p.toml", &problem.replace("REGION", fixed).replace("[4, 0]", "[3, 4]"));
+    let report = bench.run("solve p.toml --json -o out.vtu").json();
+    assert!(report["displacement_mm"][0][2].as_f64().unwrap() > 0.0, "{report}");
+    assert_eq!(report["displacement_mm"][1], serde_json::json!([0.0, 0.0, 0.0]));
     let written = bench.text("out.vtu");
     for array in ["displacement", "reaction_n", "strain", "stress_kpa", "von_mises_kpa"] {
         assert!(written.contains(&format!("Name=\"{array}\"")), "{array}");
@@ -449,16 +449,16 @@ fn real_organs_deform_alike_from_every_format() {
         );
         let bench = Bench::new();
         bench.write("organs.toml", &problem);
-        let found = bench.run("solve organs.toml --json -o organs.vtu").json();
-        assert_eq!((&found["nodes"], &found["elements"]), (&5430.into(), &21727.into()));
-        assert!(found["residual"].as_f64().unwrap() < 1e-12, "{}", found["residual"]);
+        let report = bench.run("solve organs.toml --json -o organs.vtu").json();
+        assert_eq!((&report["nodes"], &report["elements"]), (&5430.into(), &21727.into()));
+        assert!(report["residual"].as_f64().unwrap() < 1e-12, "{}", report["residual"]);
         let written = read_mesh(&bench.path("organs.vtu"), &ReadOptions::default()).unwrap();
         assert_eq!(written.mesh.nodes(), mesh.nodes());
         // The reactions balance the load, node by node of the box.
         let loaded = mesh.nodes().iter().filter(|p| p[1] <= third).count() as f64 * 1e-4;
-        let reaction = found["reaction_n"][0][1].as_f64().unwrap();
+        let reaction = report["reaction_n"][0][1].as_f64().unwrap();
         assert!((reaction + loaded).abs() < 1e-9 * loaded, "{reaction} {loaded}");
-        let farthest = found["max_displacement_mm"].as_f64().unwrap();
+        let farthest = report["max_displacement_mm"].as_f64().unwrap();
         assert!(farthest > 0.0 && farthest.is_finite());
         answers.push(farthest);
     }

@@ -75,10 +75,10 @@ impl Bench {
         let cache = self.path("cache");
         #[cfg(unix)]
         if !cache.exists() {
-            let made = concat!(env!("CARGO_TARGET_TMPDIR"), "/made");
-            std::fs::create_dir_all(made).expect("a folder");
+            let shared_cache = concat!(env!("CARGO_TARGET_TMPDIR"), "/made");
+            std::fs::create_dir_all(shared_cache).expect("a folder");
             std::fs::create_dir(&cache).expect("a folder");
-            std::os::unix::fs::symlink(made, cache.join("made")).expect("a link");
+            std::os::unix::fs::symlink(shared_cache, cache.join("made")).expect("a link");
         }
         let mut command = Command::new(env!("CARGO_BIN_EXE_insonify"));
         command

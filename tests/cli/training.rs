@@ -102,10 +102,10 @@ fn tasks_are_made_and_studied() {
     bench.write("deep/mine.nrrd", &(head.to_owned() + &"x".repeat(64)));
     let textured = "\n[[scene.texture]]\nname = \"mine\"\nfile = \"mine.nrrd\"\n[[scene.tissue]]\nname = \"liver\"\ntexture = \"mine\"\n";
     bench.write("deep/biopsy.toml", &(biopsy() + textured));
-    let made = bench
+    let tasks = bench
         .run("exercise make deep/biopsy.toml --organ liver --tasks 2 --seed 3 -o tasks --json")
         .json();
-    assert_eq!(made.as_array().map(Vec::len), Some(2));
+    assert_eq!(tasks.as_array().map(Vec::len), Some(2));
     assert_eq!(
         bench
             .files("tasks")

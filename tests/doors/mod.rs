@@ -123,12 +123,12 @@ fn whatever_a_crate_shows_somebody_else_uses() {
     let lib = std::fs::read_to_string(root().join("src/lib.rs")).expect("the root");
     let exported: BTreeSet<&str> = lib.split("pub use ").skip(1).flat_map(words).collect();
     // By layer: sources without unit tests, and all that may use the names of others.
-    let mut own: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    let mut by_layer: BTreeMap<String, Vec<String>> = BTreeMap::new();
     let mut users: BTreeMap<String, Vec<String>> = BTreeMap::new();
     for path in sources(&root().join("src")) {
         let inside = path.strip_prefix(root().join("src")).expect("a source");
         let first = inside.iter().next().expect("a name").to_string_lossy().into_owned();
-        own.entry(first.clone()).or_default().push(code(&path, false));
+        by_layer.entry(first.clone()).or_default().push(code(&path, false));
         users.entry(first).or_default().push(code(&path, true));
     }
     for folder in ["tests", "benches", "examples"] {
@@ -141,14 +141,14 @@ fn whatever_a_crate_shows_somebody_else_uses() {
         let others: BTreeSet<&str> = elsewhere
             .flat_map(|(_, texts)| texts.iter().flat_map(|text| words(text)))
             .collect();
-        let lines: Vec<String> = own[layer]
+        let lines: Vec<String> = by_layer[layer]
             .iter()
             .flat_map(|text| declarations(text, &exported))
             .collect();
         for name in lines.iter().filter_map(|line| declared(line)) {
             let beside = |line: &String| declared(line) != Some(name) && words(line).any(|word| word == name);
             let by_macro = || {
-                own[layer]
+                by_layer[layer]
                     .iter()
                     .flat_map(|text| written_by_macros(text))
                     .any(|word| word == name)

@@ -84,12 +84,12 @@ fn assert_true(table: &Value, accepts: impl Fn(&str, Value) -> Result<(), String
 
 /// Checks that the schema of a table has all its ranges, and no others; `keys` are the required ones.
 fn agree<T: DeserializeOwned + JsonSchema + Ranges>(keys: Value) {
-    let found = assert_true(schema_for!(T).as_value(), |key, value| {
+    let ranges = assert_true(schema_for!(T).as_value(), |key, value| {
         let mut table = keys.clone();
         table[key] = value;
         read::<T>(table)?.check_ranges().map_err(|error| error.to_string())
     });
-    assert_eq!(found, T::RANGES.len());
+    assert_eq!(ranges, T::RANGES.len());
 }
 
 #[test]
@@ -131,12 +131,12 @@ fn schemas_say_what_other_tables_accept() {
             table[key] = value;
             Probe::try_from(read::<ProbeSpec>(table)?).map(drop).map_err(text)
         };
-        let own = case["then"]["properties"].as_object().expect("keys");
-        for (key, _) in own.iter().filter(|(_, of)| **of == false) {
+        let properties = case["then"]["properties"].as_object().expect("keys");
+        for (key, _) in properties.iter().filter(|(_, of)| **of == false) {
             let refused = accepts(key, 10.into()).expect_err(key);
             assert!(refused.contains("has no meaning"), "{refused}");
         }
-        let ranges = own.iter().filter(|(_, of)| of.is_object());
+        let ranges = properties.iter().filter(|(_, of)| of.is_object());
         let ranges: serde_json::Map<_, _> = ranges.map(|(key, of)| (key.clone(), of.clone())).collect();
         assert_eq!(
             assert_true(&json!({ "properties": ranges }), accepts),

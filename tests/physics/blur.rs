@@ -53,18 +53,18 @@ fn the_impulse_response_is_the_kernel() {
                 square += value(line, sample) * away * away;
                 // The kernel ends at three standard deviations of the widest depth.
                 let expected = (-away * away / (2.0 * sigma * sigma)).exp() / (sigma * std::f64::consts::TAU.sqrt());
-                let found = value(line, sample);
+                let amplitude = value(line, sample);
                 assert!(
-                    (found - expected).abs() < 2e-3,
-                    "{name}: {found} {away} mm aside at {depth} mm, not {expected}"
+                    (amplitude - expected).abs() < 2e-3,
+                    "{name}: {amplitude} {away} mm aside at {depth} mm, not {expected}"
                 );
             }
             assert!((sum - 1.0).abs() < 1e-6, "{name}: the kernel sums to {sum}");
             let width = 2.354_820_045_030_949_3 * square.sqrt();
-            let asked = 3.0 + 0.8 * depth / 10.0;
+            let expected = 3.0 + 0.8 * depth / 10.0;
             assert!(
-                (width / asked - 1.0).abs() < 0.02,
-                "{name}: {width} mm wide at {depth} mm, not {asked}"
+                (width / expected - 1.0).abs() < 0.02,
+                "{name}: {width} mm wide at {depth} mm, not {expected}"
             );
         }
     }

@@ -49,8 +49,8 @@ fn a_frame_does_not_remember_the_frames_before_it() {
         };
         let mut used = synthesizer(&anatomy, &settings, precision());
         for at in [0, 7, 3, 19, 3, 0] {
-            let found = used.render(&frame_of(&anatomy, at)).expect("a frame").pixels.clone();
-            assert_eq!(found, fresh(at), "frame {at}");
+            let pixels = used.render(&frame_of(&anatomy, at)).expect("a frame").pixels.clone();
+            assert_eq!(pixels, fresh(at), "frame {at}");
         }
     }
 }
@@ -101,22 +101,22 @@ fn batches_have_the_bytes_of_single_frames() {
         for threads in [1, 2, 7] {
             pool(threads).install(|| {
                 let mut batches = synthesizer(&anatomy, &settings, precision());
-                let mut found = Vec::new();
+                let mut frames = Vec::new();
                 for states in &rounds {
-                    let before = found.len();
+                    let before = frames.len();
                     let sunk = batches.render_batch(states, |at, frame| {
-                        assert_eq!(before + at, found.len(), "in order");
-                        found.push(frame.clone());
+                        assert_eq!(before + at, frames.len(), "in order");
+                        frames.push(frame.clone());
                         Ok::<_, SynthError>(())
                     });
                     sunk.expect("a batch");
-                    assert_eq!(batches.frame(), &found[found.len() - 1]);
+                    assert_eq!(batches.frame(), &frames[frames.len() - 1]);
                 }
-                let differ = found
+                let differ = frames
                     .iter()
                     .zip(&expected)
-                    .position(|(found, expected)| found != expected);
-                assert_eq!((differ, found.len()), (None, expected.len()), "{threads} threads");
+                    .position(|(frame, expected)| frame != expected);
+                assert_eq!((differ, frames.len()), (None, expected.len()), "{threads} threads");
                 assert_eq!(batches.beam().expect("a beam"), beam, "{threads} threads");
                 // The mesh stays as the last frame left it, and settings change for all threads.
                 let mut more = settings.clone();

@@ -43,9 +43,9 @@ fn echoes(angle: f64, directivity: f64, backend: Backend) -> Vec<f64> {
 fn a_plane_across_the_beam_returns_the_reflection_coefficient() {
     let expected = 100.0 * (Z[1] - Z[0]) / (Z[1] + Z[0]);
     for (name, backend) in precisions() {
-        for found in echoes(0.0, 6.0, backend) {
+        for echo in echoes(0.0, 6.0, backend) {
             // In single precision 216 terms make the normal.
-            assert!((found / expected - 1.0).abs() < 1e-4, "{name}: {found}, not {expected}");
+            assert!((echo / expected - 1.0).abs() < 1e-4, "{name}: {echo}, not {expected}");
         }
     }
 }
@@ -60,14 +60,14 @@ fn the_echo_of_a_tilted_plane_falls_with_the_power_of_the_cosine() {
             let meets = |line: &usize| (0.2 * (*line as f64 - 65.0) * f64::to_radians(angle).tan()).abs() < 15.0;
             let lines = echoes(angle, directivity, Backend::CpuF64).into_iter().enumerate();
             let all: Vec<f64> = lines.filter(|(line, _)| meets(line)).map(|(_, echo)| echo).collect();
-            let found = all.iter().sum::<f64>() / all.len() as f64;
+            let mean = all.iter().sum::<f64>() / all.len() as f64;
             let expected = coefficient * f64::to_radians(angle).cos().powf(directivity);
-            println!("{angle} degrees, power {directivity}: {found:.3}, expected {expected:.3}");
+            println!("{angle} degrees, power {directivity}: {mean:.3}, expected {expected:.3}");
             // Normals are 3 degrees off: at 60 degrees the sixth power of the cosine is then a tenth more on the mean.
-            let off = (found - expected).abs();
-            assert!(off < 0.12 * expected, "{angle} degrees: {found}, not {expected}");
-            assert!(found < before, "{angle} degrees: {found} is no less than {before}");
-            before = found;
+            let off = (mean - expected).abs();
+            assert!(off < 0.12 * expected, "{angle} degrees: {mean}, not {expected}");
+            assert!(mean < before, "{angle} degrees: {mean} is no less than {before}");
+            before = mean;
         }
     }
 }
@@ -75,8 +75,8 @@ fn the_echo_of_a_tilted_plane_falls_with_the_power_of_the_cosine() {
 #[test]
 fn a_plane_along_the_beam_is_dark() {
     // All that is left is the echo of the silent tissue: -200 dB in each of 160 samples.
-    for found in echoes(90.0, 6.0, Backend::Cpu) {
-        assert!(found < 1.01 * 160.0 * 1e-10, "{found}");
+    for echo in echoes(90.0, 6.0, Backend::Cpu) {
+        assert!(echo < 1.01 * 160.0 * 1e-10, "{echo}");
     }
 }
 

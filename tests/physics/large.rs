@@ -15,6 +15,9 @@ fn a_frame_of_8192_by_8192_pixels() {
     let area = synthesizer.tables().grid.sector_area_mm2();
     let frame = synthesizer.render(&scene::straight()).expect("a frame");
     let inside = frame.pixels.iter().filter(|&&pixel| pixel == 255).count() as f64;
-    let found = inside * frame.pixel_mm.powi(2);
-    assert!((found / area - 1.0).abs() < 1e-3, "{found} mm2 of sector, not {area}");
+    let measured_mm2 = inside * frame.pixel_mm.powi(2);
+    assert!(
+        (measured_mm2 / area - 1.0).abs() < 1e-3,
+        "{measured_mm2} mm2 of sector, not {area}"
+    );
 }

@@ -86,10 +86,10 @@ fn the_volume_in_the_plane_is_that_of_the_cylinder() {
             for (name, backend) in precisions() {
                 let mut synthesizer = synthesizer(&anatomy::uniform(PLAIN), &settings(shape, thickness), backend);
                 let beam = synthesizer.render_until("needle", &with_shaft(shaft)).expect("a beam");
-                let found = volume(&synthesizer, &beam, thickness.unwrap_or(DIAMETER_MM));
+                let volume_mm3 = volume(&synthesizer, &beam, thickness.unwrap_or(DIAMETER_MM));
                 assert!(
-                    (found / expected - 1.0).abs() < 0.015,
-                    "{name}, {}: {what}: {found} mm3, not {expected}",
+                    (volume_mm3 / expected - 1.0).abs() < 0.015,
+                    "{name}, {}: {what}: {volume_mm3} mm3, not {expected}",
                     SHAPES[shape].0
                 );
             }
@@ -121,7 +121,7 @@ fn a_bent_shaft_is_the_sum_of_its_pieces_away_from_the_joints() {
 
 #[test]
 fn the_echo_falls_with_the_angle_to_the_beam_and_repeats_below() {
-    let own = NeedleEcho {
+    let echo = NeedleEcho {
         echo_db: 20.0,
         directivity: 3.0,
         reverberations: 2,
@@ -133,7 +133,7 @@ fn the_echo_falls_with_the_angle_to_the_beam_and_repeats_below() {
     for angle in [0.0f64, 20.0, 45.0, 70.0] {
         let (sin, cos) = angle.to_radians().sin_cos();
         let mut settings = settings(0, None);
-        settings.effects.needle = Some(own.clone());
+        settings.effects.needle = Some(echo.clone());
         // Through (0, 15) at an angle to the array; the beams of a linear probe run along y.
         let state = with_shaft(&[
             [-30.0 * cos, 15.0 - 30.0 * sin, 0.0],
@@ -153,10 +153,10 @@ fn the_echo_falls_with_the_angle_to_the_beam_and_repeats_below() {
         for (repetition, below) in [0.0, 5.0, 10.0].into_iter().enumerate() {
             let expected = expected * 10f64.powf(-0.3 * repetition as f64);
             // At 70 degrees the repetitions 5 mm apart overlap: the shaft spans 4.7 mm of a scanline.
-            let found = brightest(depth + below);
+            let amplitude = brightest(depth + below);
             assert!(
-                (found / expected - 1.0).abs() < 0.01,
-                "{angle} degrees, repetition {repetition}: {found}, not {expected}"
+                (amplitude / expected - 1.0).abs() < 0.01,
+                "{angle} degrees, repetition {repetition}: {amplitude}, not {expected}"
             );
         }
     }

@@ -52,15 +52,18 @@ fn noise_has_the_mean_and_variance_asked_and_is_white() {
                 std(field)
             );
             for lag in [1, 2, SIDE, SIDE + 1, 7 * SIDE + 3] {
-                let found = correlation(&field[lag..], &field[..field.len() - lag]);
-                assert!(found.abs() < 4.0 / n.sqrt(), "{name}: correlation {found} at lag {lag}");
+                let measured = correlation(&field[lag..], &field[..field.len() - lag]);
+                assert!(
+                    measured.abs() < 4.0 / n.sqrt(),
+                    "{name}: correlation {measured} at lag {lag}"
+                );
             }
         }
         for (a, b) in [(0, 1), (1, 2), (0, 2)] {
-            let found = correlation(&frames[a], &frames[b]);
+            let measured = correlation(&frames[a], &frames[b]);
             assert!(
-                found.abs() < 4.0 / n.sqrt(),
-                "{name}: frames {a} and {b} are correlated: {found}"
+                measured.abs() < 4.0 / n.sqrt(),
+                "{name}: frames {a} and {b} are correlated: {measured}"
             );
         }
     }

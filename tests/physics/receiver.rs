@@ -68,10 +68,10 @@ fn noise_alone_is_rayleigh() {
         let power = squares(&amplitudes);
         // The power of a complex Gaussian signal of mean 1 has variance 1; with the kurtosis of its parts 1 + EXCESS / 2.
         let variance = 1.0 + EXCESS / 2.0;
-        let found = mean(&power) / 0.01;
+        let ratio = mean(&power) / 0.01;
         assert!(
-            (found - 1.0).abs() < 4.0 * (variance / n).sqrt(),
-            "{name}: mean power {found}"
+            (ratio - 1.0).abs() < 4.0 * (variance / n).sqrt(),
+            "{name}: mean power {ratio}"
         );
         let fourth = mean(&squares(&power)) / 1e-4;
         // The eighth moment of a Rayleigh amplitude of mean square 1 is 4! = 24, the fourth 2: variance 20.
@@ -102,11 +102,14 @@ fn noise_is_new_in_every_frame_and_correlated_only_within_the_pulse() {
         // Correlated draws leave fewer independent ones: 1 + 2 (4/6)^4 + 2 (1/6)^4 samples and 1 + 2 (1/2)^4 scanlines count for one.
         let along = 1.0 + 2.0 * (4.0f64 / 6.0).powi(4) + 2.0 * (1.0f64 / 6.0).powi(4);
         let sigma = (along * (1.0 + 2.0 * 0.5f64.powi(4)) / n).sqrt();
-        let found = correlation(&field[0], &field[1]);
-        assert!(found.abs() < 4.0 * sigma, "{name}: frames are correlated: {found}");
+        let measured = correlation(&field[0], &field[1]);
+        assert!(
+            measured.abs() < 4.0 * sigma,
+            "{name}: frames are correlated: {measured}"
+        );
         for lag in [3, 7, 2 * samples, 2 * samples + 1, 5 * samples - 2] {
-            let found = correlation(&field[0][lag..], &field[0][..field[0].len() - lag]);
-            assert!(found.abs() < 4.0 * sigma, "{name}: {found} at lag {lag}");
+            let measured = correlation(&field[0][lag..], &field[0][..field[0].len() - lag]);
+            assert!(measured.abs() < 4.0 * sigma, "{name}: {measured} at lag {lag}");
         }
         // The correlation of the power is the square of that of the signal: weights 1, 2, 1 give 4/6 and 1/6, two scanlines 1/2. The kurtosis
         // moves it by its own size times products of the weights, below 0.05.
@@ -116,10 +119,10 @@ fn noise_is_new_in_every_frame_and_correlated_only_within_the_pulse() {
             (samples, 0.25),
             (samples + 1, 4.0 / 36.0),
         ] {
-            let found = correlation(&field[0][lag..], &field[0][..field[0].len() - lag]);
+            let measured = correlation(&field[0][lag..], &field[0][..field[0].len() - lag]);
             assert!(
-                (found - expected).abs() < 4.0 * sigma + 0.05,
-                "{name}: {found} at lag {lag}, not {expected}"
+                (measured - expected).abs() < 4.0 * sigma + 0.05,
+                "{name}: {measured} at lag {lag}, not {expected}"
             );
         }
     }
@@ -131,15 +134,15 @@ fn powers_of_echo_and_noise_add() {
         for db in [-30.0, -20.0, -6.0] {
             let beam = &beams(&NOISE, echo(db), false, &backend, &[9])[0];
             let power = squares(&independent(beam));
-            let own = 10f64.powf(db / 10.0);
+            let echo_power = 10f64.powf(db / 10.0);
             // Noise of power 0.01 has a standard deviation of that.
-            let slack = 4.0 * 0.01 / (power.len() as f64).sqrt() + 1e-6 * own;
-            let found = mean(&power);
+            let slack = 4.0 * 0.01 / (power.len() as f64).sqrt() + 1e-6 * echo_power;
+            let measured = mean(&power);
             assert!(
-                (found - own - 0.01).abs() < slack,
-                "{name}: {found} with an echo of {own}"
+                (measured - echo_power - 0.01).abs() < slack,
+                "{name}: {measured} with an echo of {echo_power}"
             );
-            assert!(power.iter().all(|&power| power >= own * (1.0 - 1e-6)), "{name}");
+            assert!(power.iter().all(|&power| power >= echo_power * (1.0 - 1e-6)), "{name}");
         }
     }
 }
@@ -192,11 +195,11 @@ fn clutter_stands_still_and_fades() {
                         .collect::<Vec<_>>(),
                 ))
             };
-            let found = mean(&beams.iter().map(at_depth).collect::<Vec<_>>()) / expected;
+            let ratio = mean(&beams.iter().map(at_depth).collect::<Vec<_>>()) / expected;
             // Bands of 3 dB (variance 0.61) and some 20 cells of a row leave 11 %.
             assert!(
-                (found - 1.0).abs() < 0.45,
-                "{found} of the power expected at {depth_cm} cm"
+                (ratio - 1.0).abs() < 0.45,
+                "{ratio} of the power expected at {depth_cm} cm"
             );
         }
         let near = |beam: &Beam| {
@@ -222,7 +225,7 @@ fn the_array_rings_down() {
     };
     for (name, backend) in precisions() {
         let beam = &beams(&receiver, echo(-200.0), false, &backend, &[0])[0];
-        for (index, found) in beam
+        for (index, amplitude) in beam
             .amplitude
             .iter()
             .enumerate()
@@ -231,8 +234,8 @@ fn the_array_rings_down() {
             let depth = ((index % beam.samples) as f64 + 0.5) * DEPTH_MM / f64::from(SAMPLES);
             let expected = 10f64.powf(0.7) * (-depth * 5.0 / 3.15).exp();
             assert!(
-                (found - expected).abs() < 1e-5 * expected,
-                "{name}: {found} at {depth} mm, not {expected}"
+                (amplitude - expected).abs() < 1e-5 * expected,
+                "{name}: {amplitude} at {depth} mm, not {expected}"
             );
         }
     }

@@ -32,8 +32,8 @@ fn factors(shape: ProbeShape, lines: u32, beam_mm: f64, backend: Backend) -> Vec
 #[test]
 fn speeds_follow_impedances() {
     for (mrayl, speed) in [(1.38, 1450.0), (1.65, 1575.0), (1.70, 1580.0)] {
-        let found = 1540.0 / index(mrayl);
-        assert!((found / speed - 1.0).abs() < 0.02, "{mrayl} MRayl: {found} m/s");
+        let computed = 1540.0 / index(mrayl);
+        assert!((computed / speed - 1.0).abs() < 0.02, "{mrayl} MRayl: {computed} m/s");
     }
     assert_eq!([7.38, 0.0004].map(index), [index(1.65); 2], "bone and gas");
 }
@@ -50,10 +50,10 @@ fn the_middle_of_a_slow_cylinder_gathers_as_a_lens_does() {
             let since = |place: f64| (-(depth - place) / fading).exp();
             let ends = [20.0 - RADIUS_MM, 20.0 + RADIUS_MM].map(since);
             let expected = 1.0 / (1.0 - excess / RADIUS_MM * fading * (ends[1] - ends[0] + 2.0 * (1.0 - ends[1])));
-            let found = linear[120][(depth * 40.0) as usize];
+            let amplitude = linear[120][(depth * 40.0) as usize];
             assert!(
-                (found / expected - 1.0).abs() < 0.03,
-                "{name}, {depth} mm: {found}, not {expected}"
+                (amplitude / expected - 1.0).abs() < 0.03,
+                "{name}, {depth} mm: {amplitude}, not {expected}"
             );
         }
     }
@@ -106,6 +106,6 @@ fn curved_arrays_and_other_line_counts_see_the_same() {
     let [sum, all] = places.fold([0.0; 2], |[sum, all], z| {
         [sum + weight(z) * (220.0 / (220.0 + z)).powi(2), all + weight(z)]
     });
-    let (found, expected) = (curved / straight, sum / all);
-    assert!((found / expected - 1.0).abs() < 0.06, "{found}, not {expected}");
+    let (computed, expected) = (curved / straight, sum / all);
+    assert!((computed / expected - 1.0).abs() < 0.06, "{computed}, not {expected}");
 }

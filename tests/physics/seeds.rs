@@ -75,11 +75,11 @@ fn a_seed_is_bright_where_it_is_and_dark_behind() {
             let x = (line as f64 - f64::from(LINES - 1) / 2.0) * LINE_MM;
             // Square to the beam an echo of 20 dB is ten times that of the tissue.
             let inside = (x - centre).abs() < SEED_LENGTH_MM / 2.0;
-            let found = echo.amplitude[at(&echo, x, 15.0)];
+            let amplitude = echo.amplitude[at(&echo, x, 15.0)];
             let expected = if inside { 11.0 } else { 1.0 };
             assert!(
-                (found / expected - 1.0).abs() < 0.01,
-                "{name}: {found} at {x} mm, not {expected}"
+                (amplitude / expected - 1.0).abs() < 0.01,
+                "{name}: {amplitude} at {x} mm, not {expected}"
             );
             // The mean share along the chord is pi / 4; of a beam of 2 mm the seed takes its diameter. A root in steps of a
             // sixteenth of the diameter is off by less than 2 %.
@@ -90,18 +90,18 @@ fn a_seed_is_bright_where_it_is_and_dark_behind() {
             } else {
                 0.0
             };
-            let found = f64::from(shaded.loss[below]) / UNITS_PER_DB;
+            let loss_db = f64::from(shaded.loss[below]) / UNITS_PER_DB;
             assert!(
-                (found - loss).abs() <= 0.02 * loss,
-                "{name}: {found} dB at {x} mm, not {loss}"
+                (loss_db - loss).abs() <= 0.02 * loss,
+                "{name}: {loss_db} dB at {x} mm, not {loss}"
             );
             // Behind its middle the whole beam (2 mm wide at half maximum) is within the seed, to a part in a hundred.
             if (x - centre).abs() < 0.3 {
                 let left = 10f64.powf(-loss / 20.0);
-                let found = shaded.amplitude[below];
+                let amplitude = shaded.amplitude[below];
                 assert!(
-                    (found - left).abs() < 0.02 * (1.0 - left),
-                    "{name}: {found} at {x} mm, not {left}"
+                    (amplitude - left).abs() < 0.02 * (1.0 - left),
+                    "{name}: {amplitude} at {x} mm, not {left}"
                 );
             }
         }
@@ -167,11 +167,11 @@ fn needle_and_seed_shade_by_their_own_diameters() {
         };
         let beam = synthesizer.render_until("shadow_loss", &state).expect("a beam");
         for (x, diameter) in [(-4.0, SEED_DIAMETER_MM), (6.0, 1.6)] {
-            let found = f64::from(beam.loss[echo_free(&beam, x)]) / UNITS_PER_DB;
+            let loss_db = f64::from(beam.loss[echo_free(&beam, x)]) / UNITS_PER_DB;
             let expected = DB_MM * FRAC_PI_4 * diameter * diameter / BEAM_MM;
             assert!(
-                (found / expected - 1.0).abs() < 0.02,
-                "{name}: {found} dB at {x} mm, not {expected}"
+                (loss_db / expected - 1.0).abs() < 0.02,
+                "{name}: {loss_db} dB at {x} mm, not {expected}"
             );
         }
     }

@@ -69,14 +69,14 @@ fn one_tissue_follows_the_exponential_law_exactly() {
                     let expected = 2.0 * 0.7 * MHZ * depth / 10.0;
                     // Half a unit of fixed point a sample.
                     let slack = (sample as f64 + 1.0) * 0.5 / UNITS_PER_DB + 1.0 / UNITS_PER_DB;
-                    let found = loss_db(&beam, line, sample);
+                    let computed = loss_db(&beam, line, sample);
                     assert!(
-                        (found - expected).abs() <= slack,
-                        "{name}, {kind}: {found} dB at {depth} mm, not {expected}"
+                        (computed - expected).abs() <= slack,
+                        "{name}, {kind}: {computed} dB at {depth} mm, not {expected}"
                     );
                     let left = beam.amplitude[line * beam.samples + sample];
                     assert!(
-                        (left / 10f64.powf(-found / 20.0) - 1.0).abs() < 1e-4,
+                        (left / 10f64.powf(-computed / 20.0) - 1.0).abs() < 1e-4,
                         "{name}, {kind}: {left} is left of 1"
                     );
                 }
@@ -111,10 +111,10 @@ fn layers_converge_to_beer_and_lambert() {
     }
     let errors: Vec<f64> = errors.iter().map(|errors| rms(errors)).collect();
     let steps: Vec<f64> = counts.iter().map(|&count| DEPTH_MM / f64::from(count)).collect();
-    let found = order(&steps, &errors);
-    println!("loss through layers: errors {errors:.4?} dB, order {found:.2}");
+    let observed_order = order(&steps, &errors);
+    println!("loss through layers: errors {errors:.4?} dB, order {observed_order:.2}");
     // A boundary inside a sample counts for one side of it: off by up to half a sample at each boundary, first order.
-    assert!(found > 0.8, "order {found} of {errors:?}");
+    assert!(observed_order > 0.8, "order {observed_order} of {errors:?}");
     assert!(errors[4] < 0.1, "{errors:?}");
 }
 
@@ -165,8 +165,8 @@ fn the_loss_at_the_probe_frequency_can_be_switched_off_part_by_part() {
             ..Shadow::default()
         });
         let beam = beam_after(&anatomy, &settings, Backend::CpuF64, "shadow", &scene::straight());
-        let found = loss_db(&beam, 0, 40) / (40.5 * 0.25);
-        assert!((found - db_mm).abs() < 1e-3, "{found} dB/mm, not {db_mm}");
+        let computed = loss_db(&beam, 0, 40) / (40.5 * 0.25);
+        assert!((computed - db_mm).abs() < 1e-3, "{computed} dB/mm, not {db_mm}");
     }
 }
 
@@ -194,15 +194,15 @@ fn the_needle_casts_a_shadow_of_its_thickness() {
         // half chord over the slab's: its mean over the diameter is pi / 4. Summed in steps of 0.1 mm, a root that starts and
         // ends steeply is off by half a percent.
         for line in 0..9 {
-            let found = loss_db(&beam, line, 599);
+            let computed = loss_db(&beam, line, 599);
             let expected = if (3..=5).contains(&line) {
                 6.0 * 2.0 * std::f64::consts::FRAC_PI_4 * 2.0 / 3.0
             } else {
                 0.0
             };
             assert!(
-                (found - expected).abs() <= 0.005 * expected,
-                "{name}: line {line}: {found} dB, not {expected}"
+                (computed - expected).abs() <= 0.005 * expected,
+                "{name}: line {line}: {computed} dB, not {expected}"
             );
             assert_eq!(
                 loss_db(&beam, line, 180),
@@ -262,12 +262,12 @@ fn tissue_above_a_reflector_comes_back_below_it_again_and_again() {
                     let from = (share * depth / 0.05) as usize;
                     let top = (depth / 0.05).round() as usize;
                     let expected = gain.powi(order) * without.amplitude[row + from];
-                    let found = with.amplitude[row + from + order as usize * top];
-                    let off = (found / expected - 1.0).abs();
+                    let amplitude = with.amplitude[row + from + order as usize * top];
+                    let off = (amplitude / expected - 1.0).abs();
                     // Faces lie on samples, which moves the angle by up to half a degree.
                     assert!(
                         off < 0.02 + 0.006 * angle_deg * f64::from(order),
-                        "{name}, {angle_deg} degrees, line {line}, {share}, {order}: {found}, not {expected}"
+                        "{name}, {angle_deg} degrees, line {line}, {share}, {order}: {amplitude}, not {expected}"
                     );
                 }
             }
@@ -336,10 +336,10 @@ fn a_ball_above_gas_is_mirrored_in_its_surface() {
                     most = most.max(*amplitude);
                 }
                 for axis in 0..2 {
-                    let found = middle[axis] / sum;
+                    let centroid = middle[axis] / sum;
                     assert!(
-                        (found - expected[axis]).abs() < 0.4,
-                        "{name}, {shape:?}, {angle_deg} degrees: axis {axis} at {found}, not {expected:?}"
+                        (centroid - expected[axis]).abs() < 0.4,
+                        "{name}, {shape:?}, {angle_deg} degrees: axis {axis} at {centroid}, not {expected:?}"
                     );
                 }
                 assert!((most - 0.5).abs() < 0.01, "{name}, {angle_deg} degrees: {most}");
@@ -383,10 +383,10 @@ fn the_edge_of_a_shadow_opens_with_depth_as_the_aperture_does() {
                 // Elements beyond the array see nothing; those of a place near its middle are all on it.
                 let inside = x.abs() + 0.2 * depth < 14.8;
                 let open = at_plate.filter(|at| *at < 0.0).count() as f64 / 5.0;
-                let found = beam.amplitude[line * beam.samples + sample as usize];
+                let amplitude = beam.amplitude[line * beam.samples + sample as usize];
                 assert!(
-                    near || !inside || (found.sqrt() - open).abs() < 1e-4,
-                    "{name}: {found} is left at {x} mm and {depth} mm, not {}",
+                    near || !inside || (amplitude.sqrt() - open).abs() < 1e-4,
+                    "{name}: {amplitude} is left at {x} mm and {depth} mm, not {}",
                     open * open
                 );
             }
@@ -410,11 +410,11 @@ fn the_edge_of_a_shadow_is_as_soft_as_the_beam() {
                 // What passes the edge, there and back; sampled weights miss a smooth profile by less than 1 %, and their cut
                 // at three deviations by 0.3 %.
                 let open = 0.5 * (1.0 - erf(x / sigma / 2f64.sqrt()));
-                let found = beam.amplitude[line * beam.samples + 100];
+                let amplitude = beam.amplitude[line * beam.samples + 100];
                 let edge = 14.9 - x.abs() < 3.0 * sigma;
                 assert!(
-                    edge || (found.sqrt() - open).abs() < 0.012,
-                    "{name}: {found} is left at {x} mm of a beam of {beam_mm} mm, not {}",
+                    edge || (amplitude.sqrt() - open).abs() < 0.012,
+                    "{name}: {amplitude} is left at {x} mm of a beam of {beam_mm} mm, not {}",
                     open * open
                 );
             }
@@ -432,13 +432,16 @@ fn a_shadow_without_a_beam_is_one_scanline_sharp_and_bone_never_glows() {
     let sharp = half_plane(bone, [0.0, 0.0], Backend::CpuF64);
     let soft = half_plane(bone, [3.0, 0.0], Backend::CpuF64);
     for line in 0..sharp.lines {
-        let own = |beam: &Beam, sample: usize| beam.amplitude[line * beam.samples + sample];
+        let amplitude = |beam: &Beam, sample: usize| beam.amplitude[line * beam.samples + sample];
         // Two millimetres at 0.9 a millimetre leave a hundredth.
         let left = if line < 60 { 1.0 } else { 0.01 };
-        assert!((own(&sharp, 100) / left - 1.0).abs() < 1e-4, "line {line}");
+        assert!((amplitude(&sharp, 100) / left - 1.0).abs() < 1e-4, "line {line}");
         // From 11 mm on, within the plate, 20 dB and more are lost: however wide the beam, the plate is no brighter.
         for sample in 40..48 {
-            assert!(own(&soft, sample) <= own(&sharp, sample) * (1.0 + 1e-12), "line {line}");
+            assert!(
+                amplitude(&soft, sample) <= amplitude(&sharp, sample) * (1.0 + 1e-12),
+                "line {line}"
+            );
         }
     }
 }

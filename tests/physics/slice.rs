@@ -78,9 +78,12 @@ fn the_area_of_a_sliced_ball_converges() {
                 std::f64::consts::PI * (radius * radius - centre[2] * centre[2]),
             )
         });
-        let found = order(&SPACINGS_MM, &errors);
-        println!("ball, {boundary:?}: errors {errors:.4?}, order {found:.2}");
-        assert!(found > least_order, "{boundary:?}: order {found} of {errors:?}");
+        let observed_order = order(&SPACINGS_MM, &errors);
+        println!("ball, {boundary:?}: errors {errors:.4?}, order {observed_order:.2}");
+        assert!(
+            observed_order > least_order,
+            "{boundary:?}: order {observed_order} of {errors:?}"
+        );
         assert!(errors[2] < 0.02, "{boundary:?}: {errors:?}");
     }
 }
@@ -99,9 +102,12 @@ fn the_area_of_a_sliced_box_converges() {
             });
             (anatomy, 4.0 * half[0] * half[1])
         });
-        let found = order(&SPACINGS_MM, &errors);
-        println!("box, {boundary:?}: errors {errors:.4?}, order {found:.2}");
-        assert!((0.6..1.6).contains(&found), "{boundary:?}: order {found} of {errors:?}");
+        let observed_order = order(&SPACINGS_MM, &errors);
+        println!("box, {boundary:?}: errors {errors:.4?}, order {observed_order:.2}");
+        assert!(
+            (0.6..1.6).contains(&observed_order),
+            "{boundary:?}: order {observed_order} of {errors:?}"
+        );
         assert!(errors[2] < 0.03, "{boundary:?}: {errors:?}");
     }
 }

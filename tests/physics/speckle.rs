@@ -192,15 +192,15 @@ fn correlation_lengths_are_those_asked() {
         println!(
             "asked {axial} x {lateral} x {elevational} mm, found {found_axial:.3} x {found_lateral:.3} x {found_elevational:.3}"
         );
-        let found = [
+        let lengths = [
             ("axial", axial, found_axial),
             ("lateral", lateral, found_lateral),
             ("elevational", elevational, found_elevational),
         ];
-        for (what, asked, found) in found {
+        for (what, expected, measured) in lengths {
             assert!(
-                (found / asked - 1.0).abs() < 0.12,
-                "{what} length {found} mm instead of {asked}"
+                (measured / expected - 1.0).abs() < 0.12,
+                "{what} length {measured} mm instead of {expected}"
             );
         }
     }
@@ -215,16 +215,16 @@ fn lateral_length_grows_away_from_the_focus() {
     };
     let fields = fields(&settings(speckle), Backend::CpuF64, 30);
     for depth in [12.0, 24.0, 36.0] {
-        let asked = 1.5 * (1.0f64 + ((depth - 12.0) / 12.0f64).powi(2)).sqrt();
+        let expected = 1.5 * (1.0f64 + ((depth - 12.0) / 12.0f64).powi(2)).sqrt();
         let middle = (depth / SAMPLE_MM) as usize;
-        let found = full_width(
+        let width = full_width(
             &autocorrelation(&fields, SAMPLES, 24, middle - 12..middle + 12),
             LINE_MM,
         );
-        println!("{depth} mm: asked {asked:.2}, found {found:.2}");
+        println!("{depth} mm: asked {expected:.2}, found {width:.2}");
         assert!(
-            (found / asked - 1.0).abs() < 0.12,
-            "{found} mm at {depth} mm, not {asked}"
+            (width / expected - 1.0).abs() < 0.12,
+            "{width} mm at {depth} mm, not {expected}"
         );
     }
 }
@@ -239,10 +239,10 @@ fn speckle_decorrelates_out_of_plane_and_between_seeds() {
         let cells = WIDTH_MM / 1.5 * DEPTH_MM / 0.8;
         let limit = 4.0 / cells.sqrt();
         let beside = field(&mut synthesizer, &beside(4.0)).amplitude;
-        let found = correlation(&first, &beside);
+        let measured = correlation(&first, &beside);
         assert!(
-            found.abs() < limit,
-            "{name}: correlation {found} at 2.5 elevational lengths"
+            measured.abs() < limit,
+            "{name}: correlation {measured} at 2.5 elevational lengths"
         );
         let near = field(&mut synthesizer, &self::beside(0.2)).amplitude;
         // By a Gaussian of that width 2^-(1/16) = 0.96 is left.
@@ -259,10 +259,10 @@ fn speckle_decorrelates_out_of_plane_and_between_seeds() {
             })
             .expect("another seed");
         let other = field(&mut synthesizer, &scene::straight()).amplitude;
-        let found = correlation(&first, &other);
+        let measured = correlation(&first, &other);
         assert!(
-            found.abs() < limit,
-            "{name}: correlation {found} between seeds that differ in one high bit"
+            measured.abs() < limit,
+            "{name}: correlation {measured} between seeds that differ in one high bit"
         );
     }
 }

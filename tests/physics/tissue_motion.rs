@@ -224,11 +224,11 @@ const PATCHES: [[i64; 2]; 4] = [[80, 90], [215, 85], [90, 210], [205, 200]];
 fn compare(name: &str, synthesizer: &mut Synthesizer, before: &Mesh, after: &Mesh) {
     let [first, second] = [before, after].map(|mesh| synthesizer.render(&mesh.state()).expect("a frame").clone());
     for centre in PATCHES {
-        let (found, fit) = track(&first, &second, centre);
+        let (shift, fit) = track(&first, &second, centre);
         let (from, to) = (before.shift(&first, centre), after.shift(&first, centre));
         let expected = [to[0] - from[0], to[1] - from[1]];
-        let off = [found[0] - expected[0], found[1] - expected[1]];
-        println!("{name} at {centre:?}: {found:.3?} of {expected:.3?} pixels, off by {off:.3?}; correlation {fit:.3}");
+        let off = [shift[0] - expected[0], shift[1] - expected[1]];
+        println!("{name} at {centre:?}: {shift:.3?} of {expected:.3?} pixels, off by {off:.3?}; correlation {fit:.3}");
         assert!(fit > 0.8, "{name} at {centre:?}: correlation {fit}");
         for (axis, off) in ["laterally", "axially"].into_iter().zip(off) {
             assert!(

@@ -35,10 +35,10 @@ fn decibels_become_grey_levels_in_a_straight_line() {
                     &scene::straight(),
                 );
                 let expected = 255.0 * (MID_GREY + (db + 3.0) / range).clamp(0.0, 1.0);
-                for found in &beam.amplitude {
+                for grey in &beam.amplitude {
                     assert!(
-                        (found - expected).abs() < 1e-3,
-                        "{name}: {db} dB in {range} dB: {found}, not {expected}"
+                        (grey - expected).abs() < 1e-3,
+                        "{name}: {db} dB in {range} dB: {grey}, not {expected}"
                     );
                 }
             }
@@ -63,13 +63,13 @@ fn time_gain_compensation_is_a_ramp_in_depth() {
             "tone",
             &scene::straight(),
         );
-        for (index, found) in beam.amplitude.iter().enumerate() {
+        for (index, grey) in beam.amplitude.iter().enumerate() {
             let depth = ((index % 96) as f64 + 0.5) * 40.0 / 96.0;
             let points = 8.0 * ((depth - 10.0) / 20.0).clamp(0.0, 1.0);
             let expected = 255.0 * (MID_GREY + (-4.0 - 0.15 * depth + points) / 60.0);
             assert!(
-                (found - expected).abs() < 1e-3,
-                "{name}: {found} at {depth} mm, not {expected}"
+                (grey - expected).abs() < 1e-3,
+                "{name}: {grey} at {depth} mm, not {expected}"
             );
         }
     }
@@ -122,8 +122,8 @@ fn compensation_without_a_value_undoes_the_attenuation_of_average_tissue() {
             "tone",
             &scene::straight(),
         );
-        for found in &beam.amplitude {
-            assert!((found - 255.0 * MID_GREY).abs() < 0.05, "{kind}: {found}");
+        for grey in &beam.amplitude {
+            assert!((grey - 255.0 * MID_GREY).abs() < 0.05, "{kind}: {grey}");
         }
     }
 }
@@ -169,11 +169,11 @@ fn automatic_gain_takes_out_its_share_whatever_the_gain() {
             });
             let anatomy = anatomy::uniform(echo(db));
             let beam = beam_after(&anatomy, &settings, backend, "tone", &scene::straight());
-            for found in &beam.amplitude {
+            for grey in &beam.amplitude {
                 // The prior counts one sample more than the band has.
                 assert!(
-                    (found - expected).abs() < 0.02,
-                    "{name}: {db} dB: {found}, not {expected}"
+                    (grey - expected).abs() < 0.02,
+                    "{name}: {db} dB: {grey}, not {expected}"
                 );
             }
         }

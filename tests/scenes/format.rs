@@ -66,15 +66,15 @@ fn every_key_shown_in_a_comment_is_one() {
 }
 
 /// Every key that the schema knows, whichever table it is in.
-fn keys(schema: &Value, found: &mut BTreeSet<String>) {
+fn keys(schema: &Value, names: &mut BTreeSet<String>) {
     match schema {
         Value::Object(object) => {
             if let Some(Value::Object(properties)) = object.get("properties") {
-                found.extend(properties.keys().cloned());
+                names.extend(properties.keys().cloned());
             }
-            object.values().for_each(|value| keys(value, found));
+            object.values().for_each(|value| keys(value, names));
         }
-        Value::Array(list) => list.iter().for_each(|value| keys(value, found)),
+        Value::Array(list) => list.iter().for_each(|value| keys(value, names)),
         _ => {}
     }
 }

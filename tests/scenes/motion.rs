@@ -312,11 +312,11 @@ fn a_configuration_fills_in_the_probe() {
     let plus = "plus_config = \"plus.xml\"";
     let probe = |scene: &insonify_imaging::scene::Scene| toml::to_string(&scene.settings.probe).expect("toml");
     let scene = recorded("", plus, "").expect("scene");
-    let told = [
+    let words = [
         "kind = linear, width_mm = 30, depth_mm = 25, lines = 50",
         "`plus_config` (L12)",
     ];
-    assert!(says(&scene.notes, &told), "{:?}", scene.notes);
+    assert!(says(&scene.notes, &words), "{:?}", scene.notes);
     for key in [
         "kind = \"linear\"",
         "width_mm = 30",
@@ -368,9 +368,9 @@ fn frames_lie_on_the_recorded_grid() {
     let frame = super::support::render(&scene, &mut super::support::synthesizer(&scene), 1, 2);
     assert_eq!((frame.width, frame.height), (40, 30));
     for [column, row] in [[0.0, 0.0], [39.0, 0.0], [20.0, 2.0], [7.0, 29.0]] {
-        let found = frame.image_to_world.transform_point(&Point3::new(column, row, 0.0));
+        let corner = frame.image_to_world.transform_point(&Point3::new(column, row, 0.0));
         let expected = Point3::new(column + 0.05 * row - 60.0, row - 70.0, 0.0);
-        assert!((found - expected).norm() < 1e-9, "{found} {expected}");
+        assert!((corner - expected).norm() < 1e-9, "{corner} {expected}");
     }
     let frames = [0, 1].map(|frame| scene.recorded(frame, 2).expect("recorded"));
     assert!(!frames[0].transforms["StylusToTracker"].valid && frames[1].transforms.len() == 1);
@@ -388,8 +388,8 @@ fn frames_without_a_pose_are_listed() {
     let tracked = TRACKED.replace(&format!("{status}OK"), &format!("{status}INVALID"));
     let scene = recorded_as([&tracked, CONFIG], "", "", "").expect("scene");
     assert_eq!(scene.frames(), 1);
-    let told = "1 of 2 frames skipped (1); frame 1: the tracker marked its transform invalid";
-    assert!(says(&scene.warnings, &[told]), "{:?}", scene.warnings);
+    let words = "1 of 2 frames skipped (1); frame 1: the tracker marked its transform invalid";
+    assert!(says(&scene.warnings, &[words]), "{:?}", scene.warnings);
     let gone = TRACKED.replace("Status = OK", "Status = INVALID");
     let error = recorded_as([&gone, CONFIG], "", "", "").expect_err("no pose");
     assert_eq!(error.key(), Some("motion.sequence.transform"));
@@ -447,9 +447,9 @@ fn transforms_of_the_configuration_are_part_of_the_chain() {
     let plain = of("plus_config = \"plus.xml\"", "").expect("scene");
     let moved = scene.probe_pose(0, 2).position_mm() - plain.probe_pose(0, 2).position_mm();
     assert!((moved - Vector3::new(-100.0, 0.0, 0.0)).norm() < 1e-9, "{moved}");
-    let told = ["`ProbeToPhantom` does not follow from the recording alone"];
+    let words = ["`ProbeToPhantom` does not follow from the recording alone"];
     assert!(
-        says(&scene.notes, &told) && !says(&plain.notes, &["alone"]),
+        says(&scene.notes, &words) && !says(&plain.notes, &["alone"]),
         "{:?}",
         scene.notes
     );
@@ -457,8 +457,8 @@ fn transforms_of_the_configuration_are_part_of_the_chain() {
     let needle = "[needle.motion.sequence]\nfile = \"a.mha\"\ntransform = \"NeedleTipToTracker\"";
     let shared = of("plus_config = \"plus.xml\"", needle).expect("scene");
     assert!((tip(&shared) - Point3::new(-20.0, -67.0, 0.0)).norm() < 1e-9);
-    let own = of("", &format!("{needle}\nplus_config = \"plus.xml\"")).expect("scene");
-    assert_eq!(tip(&own), tip(&shared));
+    let by_needle = of("", &format!("{needle}\nplus_config = \"plus.xml\"")).expect("scene");
+    assert_eq!(tip(&by_needle), tip(&shared));
     let error = of("", needle).expect_err("no definitions");
     assert_eq!(error.key(), Some("needle.motion.sequence.transform"));
     let error = of("transform = \"ProbeToPhantom\"", "").expect_err("no definitions");
@@ -521,7 +521,7 @@ fn cropped_recordings_lie_where_their_pixels_were() {
             .contains_key("ImageToCroppedImage")
     );
     let turned = "0 1 0 -5 -1 0 0 -3 0 0 1 0 0 0 0 1";
-    for (first, second, found) in [
+    for (first, second, words) in [
         (
             shift,
             "1 0 0 -6 0 1 0 -3 0 0 1 0 0 0 0 1",
@@ -530,9 +530,9 @@ fn cropped_recordings_lie_where_their_pixels_were() {
         (turned, turned, "`ImageToCroppedImage` that is [["),
         (shift, "what", "is invalid in frame 1"),
     ] {
-        let error = recorded_as([&crops(first, second), &config], "", plus, grid).expect_err(found);
+        let error = recorded_as([&crops(first, second), &config], "", plus, grid).expect_err(words);
         assert_eq!(error.key(), Some("motion.sequence.file"));
-        assert!(error.to_string().contains(found), "{error}");
+        assert!(error.to_string().contains(words), "{error}");
     }
 }
 
@@ -554,8 +554,8 @@ fn a_real_cropped_recording_lies_where_its_pixels_were() {
         .expect("calibration");
     let probe = scene.recorded(0, scene.frames()).expect("recorded").transforms["ProbeToTracker"].matrix;
     let expected = (probe * image).transform_point(&Point3::new(335.0, 285.0, 0.0));
-    let found = pixel_mm(&scene, 0.0, 0.0);
-    assert!((found - expected).norm() < 0.05, "{found} {expected}");
+    let size = pixel_mm(&scene, 0.0, 0.0);
+    assert!((size - expected).norm() < 0.05, "{size} {expected}");
 }
 
 #[test]

@@ -170,11 +170,11 @@ fn an_array_in_the_air_is_told() {
         );
         resolve(&text).expect("a scene").warnings
     };
-    let told = |warnings: &[String]| {
+    let warns = |warnings: &[String]| {
         warnings
             .iter()
             .any(|it| it.contains("no body within 12 mm (at the worst pose) and is dark: move"))
     };
-    assert!(!told(&at(0.0)), "{:?}", at(0.0));
-    assert!(told(&at(60.0)), "{:?}", at(60.0));
+    assert!(!warns(&at(0.0)), "{:?}", at(0.0));
+    assert!(warns(&at(60.0)), "{:?}", at(60.0));
 }

@@ -47,9 +47,9 @@ fn energy_comes_from_above_with_the_second_order() {
     let exact_energy = 0.5 * 12.0e-3 * second_moment * CURVATURE.powi(2) * length;
     let excess = [1, 2, 4].map(|fine| {
         let case = bent(lattice([2 * fine, 2 * fine, 3 * fine], EXTENT), poisson);
-        let found = case.solve().displacement_mm;
+        let displacements = case.solve().displacement_mm;
         let materials = case.materials.check(&case.mesh).unwrap();
-        reference::energy(&case.mesh, &materials, &found) / exact_energy - 1.0
+        reference::energy(&case.mesh, &materials, &displacements) / exact_energy - 1.0
     });
     assert!(excess[2] > 0.0);
     for pair in excess.windows(2) {

@@ -78,9 +78,9 @@ impl Case {
     }
 
     /// Checks a solution against the exact displacement of every node, within rounding.
-    pub(super) fn check(&self, found: &[[f64; 3]], exact: impl Fn(&[f64; 3]) -> [f64; 3]) {
+    pub(super) fn check(&self, computed: &[[f64; 3]], exact: impl Fn(&[f64; 3]) -> [f64; 3]) {
         let exact: Vec<[f64; 3]> = self.mesh.nodes().iter().map(exact).collect();
-        let (error, tolerance) = (distance(found, &exact), self.tolerance());
+        let (error, tolerance) = (distance(computed, &exact), self.tolerance());
         assert!(error < tolerance, "error {error:.2e}, tolerance {tolerance:.2e}");
         // A tolerance that lets anything pass is none.
         assert!(tolerance < 1e-4, "tolerance {tolerance:.2e}");
@@ -88,13 +88,13 @@ impl Case {
 }
 
 /// The greatest difference of two displacements over the greatest displacement.
-pub(super) fn distance(found: &[[f64; 3]], exact: &[[f64; 3]]) -> f64 {
-    record::relative(found.as_flattened(), exact.as_flattened())
+pub(super) fn distance(computed: &[[f64; 3]], exact: &[[f64; 3]]) -> f64 {
+    record::relative(computed.as_flattened(), exact.as_flattened())
 }
 
 /// Sum of the reactions along an axis at nodes that `which` picks by position, N.
 pub(super) fn reaction(case: &Case, solution: &Solution, axis: u8, which: impl Fn(&[f64; 3]) -> bool) -> f64 {
-    let held = solution.reactions.iter().filter(|reaction| reaction.axis == axis);
-    let held = held.filter(|reaction| which(&case.mesh.nodes()[reaction.node as usize]));
-    held.map(|reaction| reaction.force_n).sum()
+    let reactions = solution.reactions.iter().filter(|reaction| reaction.axis == axis);
+    let reactions = reactions.filter(|reaction| which(&case.mesh.nodes()[reaction.node as usize]));
+    reactions.map(|reaction| reaction.force_n).sum()
 }

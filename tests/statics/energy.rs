@@ -57,10 +57,10 @@ fn loads_are_reciprocal() {
 fn work_becomes_energy() {
     let case = loaded(3);
     let materials = case.materials.check(&case.mesh).unwrap();
-    let found = case.solve().displacement_mm;
+    let displacements = case.solve().displacement_mm;
     let (stored, done) = (
-        reference::energy(&case.mesh, &materials, &found),
-        0.5 * work(&case.loads, &found),
+        reference::energy(&case.mesh, &materials, &displacements),
+        0.5 * work(&case.loads, &displacements),
     );
     assert!((stored / done - 1.0).abs() < case.tolerance(), "{stored} {done}");
 }
@@ -82,10 +82,10 @@ fn work_becomes_energy_in_real_organs() {
     case.fix(&[0, 1, 2], |p| p[2] < middle, |_| [0.0; 3]);
     load(&mut case, 4);
     let materials = case.materials.check(&case.mesh).unwrap();
-    let found = case.solve().displacement_mm;
+    let displacements = case.solve().displacement_mm;
     let (stored, done) = (
-        reference::energy(&case.mesh, &materials, &found),
-        0.5 * work(&case.loads, &found),
+        reference::energy(&case.mesh, &materials, &displacements),
+        0.5 * work(&case.loads, &displacements),
     );
     assert!((stored / done - 1.0).abs() < case.tolerance(), "{stored} {done}");
 }

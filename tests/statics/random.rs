@@ -42,10 +42,10 @@ fn dense(case: &Case) -> Vec<[f64; 3]> {
     let whole = reference::stiffness(&case.mesh, &materials);
     let size = whole.nrows();
     let mut displacement = DVector::zeros(size);
-    let mut held = vec![false; size];
+    let mut fixed = vec![false; size];
     for fix in &case.fixes {
         let dof = 3 * fix.node as usize + fix.axis as usize;
-        (displacement[dof], held[dof]) = (fix.displacement_mm, true);
+        (displacement[dof], fixed[dof]) = (fix.displacement_mm, true);
     }
     let mut force = -&whole * &displacement;
     for load in &case.loads {
@@ -53,7 +53,7 @@ fn dense(case: &Case) -> Vec<[f64; 3]> {
             force[3 * load.node as usize + axis] += load.force_n[axis];
         }
     }
-    let free: Vec<usize> = (0..size).filter(|dof| !held[*dof]).collect();
+    let free: Vec<usize> = (0..size).filter(|dof| !fixed[*dof]).collect();
     let reduced = DMatrix::from_fn(free.len(), free.len(), |i, j| whole[(free[i], free[j])]);
     let rhs = DVector::from_fn(free.len(), |i, _| force[free[i]]);
     let solved = reduced.full_piv_lu().solve(&rhs).unwrap();

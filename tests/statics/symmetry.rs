@@ -36,12 +36,12 @@ fn exchanged_axes_exchange_the_answer() {
         load(at(4, 1, cells), [-1e-3, 2e-3, 3e-3]),
     ];
     case.loads = loads;
-    let found = case.solve().displacement_mm;
+    let displacements = case.solve().displacement_mm;
     let turned: Vec<_> = mirrored
         .iter()
-        .map(|&node| [found[node][1], found[node][0], found[node][2]])
+        .map(|&node| [displacements[node][1], displacements[node][0], displacements[node][2]])
         .collect();
-    let error = distance(&found, &turned);
+    let error = distance(&displacements, &turned);
     assert!(error < case.tolerance(), "{error:.2e}");
 }
 
@@ -75,9 +75,12 @@ fn a_turned_problem_has_the_turned_answer() {
             .collect();
         (case.solve().displacement_mm, case.tolerance())
     };
-    let (found, tolerance) = solved(&|p| p, &|f| f);
+    let (displacements, tolerance) = solved(&|p| p, &|f| f);
     let (turned, _) = solved(&|p| turn * p + shift, &|f| turn * f);
-    let expected: Vec<_> = found.iter().map(|u| (turn * Vector3::from(*u)).into()).collect();
+    let expected: Vec<_> = displacements
+        .iter()
+        .map(|u| (turn * Vector3::from(*u)).into())
+        .collect();
     // Positions are rounded once more in turning, to the rounding unit of the largest coordinate.
     let error = distance(&turned, &expected);
     assert!(error < 10.0 * tolerance, "{error:.2e} {tolerance:.2e}");
