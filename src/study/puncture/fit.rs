@@ -67,7 +67,7 @@ pub struct PunctureFit {
 /// puncture` writes.
 ///
 /// # Errors
-/// [`StudyError::Table`] if the file cannot be read or is malformed.
+/// [`CsvError`](insonify_base::csv::CsvError) if the file cannot be read or is malformed.
 pub fn read(path: &Path) -> Result<Vec<ForceSample>, Error> {
     let table = Csv::open(path, &["travel_mm", "force_n"])?;
     let mut samples: Vec<ForceSample> = Vec::new();
