@@ -275,13 +275,14 @@ impl CaseFile {
         Ok((at(distance), direction, base, length - distance))
     }
 
-    fn layers(
+    /// Regions on the needle's line in the order in which it meets them, each with the depth at which it begins, mm.
+    fn crossings(
         &self,
         scenario: &Scenario,
         entry: &Point3<f64>,
         direction: &Vector3<f64>,
         deepest_mm: f64,
-    ) -> Result<Vec<Crossed>, InputError> {
+    ) -> Result<Vec<(i32, f64)>, InputError> {
         let mut crossed: Vec<(i32, f64)> = Vec::new();
         for step in 1..=(deepest_mm / STEP_MM) as usize {
             let depth = (step as f64 - 0.5) * STEP_MM;
@@ -299,6 +300,17 @@ impl CaseFile {
                 crossed.push((region, if crossed.is_empty() { 0.0 } else { depth - 0.5 * STEP_MM }));
             }
         }
+        Ok(crossed)
+    }
+
+    fn layers(
+        &self,
+        scenario: &Scenario,
+        entry: &Point3<f64>,
+        direction: &Vector3<f64>,
+        deepest_mm: f64,
+    ) -> Result<Vec<Crossed>, InputError> {
+        let crossed = self.crossings(scenario, entry, direction, deepest_mm)?;
         let mut layers = Vec::new();
         for (at, (region, begins_mm)) in crossed.iter().enumerate() {
             if crossed[..at].iter().any(|(before, _)| before == region) {

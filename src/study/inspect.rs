@@ -18,7 +18,7 @@ use insonify_imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 use insonify_mesh::locator::NONE;
 
 pub use report::{
-    BlurNeighbour, Corner, LabelReport, MeshReport, PixelReport, SampleReport, ShadowReport, Stage, TextureReport,
+    BlurNeighbour, Corner, LabelReport, MeshReport, PassValue, PixelReport, SampleReport, ShadowReport, TextureReport,
     TissueLoss,
 };
 
@@ -104,7 +104,7 @@ fn sample_report(synth: &mut Synthesizer, state: &FrameState, at: [f32; 2]) -> R
 
 /// Value at one sample after each pass of a frame.
 struct Stages {
-    list: Vec<Stage>,
+    list: Vec<PassValue>,
     before_blur: Option<Vec<f64>>,
     before_tone: Vec<f64>,
     last: Beam,
@@ -129,7 +129,7 @@ impl Stages {
             before_tone: Vec::new(),
             last: Beam::default(),
         };
-        // A frame has megabytes in each pass: whole amplitudes are kept only where a report reads neighbours of the sample.
+        // A pass has megabytes: its amplitudes are kept whole only where a report reads more than the sample.
         for pass in names {
             let beam = synth.render_until(pass, state)?;
             if pass == "blur" {
@@ -137,7 +137,7 @@ impl Stages {
             } else if pass == "tone" {
                 stages.before_tone = std::mem::take(&mut stages.last.amplitude);
             }
-            stages.list.push(Stage {
+            stages.list.push(PassValue {
                 pass,
                 value: beam.amplitude.get(index).copied().unwrap_or(0.0),
             });
@@ -154,7 +154,7 @@ impl Stages {
 
     /// Returns the ratio of the value after an effect to that before it; `None` without the effect or without an echo.
     fn factor_of(&self, effect: &str, synth: &Synthesizer) -> Option<f64> {
-        let belongs = |stage: &Stage| {
+        let belongs = |stage: &PassValue| {
             let mut passes = synth.plan().passes.iter();
             passes.any(|planned| planned.effect == effect && planned.pass.name == stage.pass)
         };

@@ -152,6 +152,29 @@ fn refuse(picture: &Picture, found: &str, expected: &str) -> VolumeError {
     VolumeError::malformed(picture.name.as_ref(), At::Pixels, found, expected)
 }
 
+/// Side of a pixel, mm, from the depth shown by the middle scanline (mm), or from the frame.
+fn pixel_mm(picture: &Picture, outline: Outline, depth_mm: Option<f64>) -> Result<f64, VolumeError> {
+    let shown_px = match outline.shape {
+        Shape::Rectangle { rows, .. } => rows[1] - rows[0],
+        // The picture may cut the far edge.
+        Shape::Fan { apex, radii, .. } => radii[1].min(picture.height as f64 - 0.5 - apex[1]) - radii[0],
+    };
+    match (depth_mm, picture.mm) {
+        (Some(depth_mm), _) => Ok(depth_mm / shown_px),
+        (None, Some([x, y])) if (x / y - 1.0).abs() < 0.01 => Ok(0.5 * (x + y)),
+        (None, Some([x, y])) => Err(refuse(
+            picture,
+            &format!("pixels of {x} x {y} mm"),
+            "square ones: scale the frame",
+        )),
+        (None, None) => {
+            let expected =
+                "--mm-per-pixel, --depth-mm, or a sidecar beside the frame (scales in the picture are not read)";
+            Err(refuse(picture, "no size of its pixels", expected))
+        }
+    }
+}
+
 /// Estimates probe and effects from a frame with the array at its top. The pixel size is taken from the frame, or from `depth_mm`, the
 /// depth shown by its middle scanline, mm.
 ///
@@ -164,27 +187,7 @@ pub fn fit(picture: &Picture, depth_mm: Option<f64>, seed: u64) -> Result<Match,
             "a fan or a rectangle, the array at the top: turn frames with the array at the bottom upside down";
         return Err(refuse(picture, "a sector whose edges are no lines and arcs", expected).into());
     };
-    let shown = match outline.shape {
-        Shape::Rectangle { rows, .. } => rows[1] - rows[0],
-        Shape::Fan { apex, radii, .. } => radii[1].min(picture.height as f64 - 0.5 - apex[1]) - radii[0],
-    };
-    let mm = match (depth_mm, picture.mm) {
-        (Some(depth_mm), _) => depth_mm / shown,
-        (None, Some([x, y])) if (x / y - 1.0).abs() < 0.01 => 0.5 * (x + y),
-        (None, Some([x, y])) => {
-            return Err(refuse(
-                picture,
-                &format!("pixels of {x} x {y} mm"),
-                "square ones: scale the frame",
-            )
-            .into());
-        }
-        (None, None) => {
-            let expected =
-                "--mm-per-pixel, --depth-mm, or a sidecar beside the frame (scales in the picture are not read)";
-            return Err(refuse(picture, "no size of its pixels", expected).into());
-        }
-    };
+    let mm = pixel_mm(picture, outline, depth_mm)?;
     let bench = Bench::new(picture, mask, outline, mm, seed)?;
     if bench.windows.is_empty() {
         let found = "no window of speckle in the sector";

@@ -243,6 +243,25 @@ pub struct MeasureComparison {
     pub verdict: Option<LikenessVerdict>,
 }
 
+impl MeasureComparison {
+    fn of(measure: &'static Measure, [frames, real]: [Option<MeasureSummary>; 2]) -> Self {
+        let difference = frames.as_ref().zip(real.as_ref()).and_then(|(frames, real)| {
+            let spread = real.spread?;
+            Some((frames.mean - real.mean) / spread.max(measure.floor))
+        });
+        Self {
+            measure,
+            frames,
+            real,
+            difference,
+            verdict: difference.map(|difference| match difference.abs() <= LIMIT {
+                true => LikenessVerdict::Inside,
+                false => LikenessVerdict::Outside,
+            }),
+        }
+    }
+}
+
 /// Comparison of rendered frames with real ones.
 #[derive(Clone, Debug, Serialize)]
 pub struct LikenessReport {
@@ -263,29 +282,10 @@ pub struct LikenessReport {
 pub fn compare(frames: &[Picture], real: &[Picture]) -> Result<LikenessReport, VolumeError> {
     let measured = |pictures: &[Picture]| parallel::try_map(pictures, &FrameReport::of);
     let (frames, real) = (measured(frames)?, measured(real)?);
-    let rows = MEASURES.iter().enumerate().map(|(at, measure)| {
-        let figures = [MeasureSummary::of(&frames, at), MeasureSummary::of(&real, at)];
-        let difference = match &figures {
-            [Some(rendered), Some(real)] => real
-                .spread
-                .map(|spread| (rendered.mean - real.mean) / spread.max(measure.floor)),
-            _ => None,
-        };
-        let [rendered, real] = figures;
-        MeasureComparison {
-            measure,
-            frames: rendered,
-            real,
-            difference,
-            verdict: difference.map(|d| {
-                if d.abs() <= LIMIT {
-                    LikenessVerdict::Inside
-                } else {
-                    LikenessVerdict::Outside
-                }
-            }),
-        }
-    });
+    let rows = MEASURES
+        .iter()
+        .enumerate()
+        .map(|(at, measure)| MeasureComparison::of(measure, [&frames, &real].map(|side| MeasureSummary::of(side, at))));
     let measures: Vec<MeasureComparison> = rows.collect();
     let mut notes = Vec::new();
     let unscaled: Vec<String> = frames

@@ -299,12 +299,12 @@ pub struct SolidTexture {
     level: Vec<f32>,
     exemplars: Exemplars,
     /// Figures of the comparison.
-    pub figures: Figures,
+    pub figures: TextureFigures,
 }
 
 /// Comparison of a texture with its exemplars.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Figures {
+pub struct TextureFigures {
     /// Voxels along each side.
     pub size: usize,
     /// Side of a voxel, mm.
@@ -337,7 +337,7 @@ pub fn make(
     let along = |axis: usize| full_width(&correlations(&level, side, axis, MAX_LAG.min(side / 2)), voxel_mm);
     let of = |exemplar: &Exemplar, axis: usize| full_width(&exemplar.correlations(axis, MAX_LAG), voxel_mm);
     let mean = |a: Option<f64>, b: Option<f64>| Some((a? + b?) / 2.0);
-    let figures = Figures {
+    let figures = TextureFigures {
         size: side,
         voxel_mm,
         cell_mm: first.cell_mm,

@@ -78,12 +78,7 @@ const DEPTH: [Axis; 5] = [
     Axis::linear("reaction_n_per_mm", "N/mm", "force of the needle on the tissue, N/mm"),
 ];
 
-/// Computes the compression of the tissue and the forces on it, by layer and over depth.
-///
-/// # Errors
-/// [`InputError`] if the needle has no shape.
-pub fn compression(case: &BeamCase) -> Result<Study, InputError> {
-    let shape = case.solve()?;
+fn compression_tables(case: &BeamCase, shape: &Shape) -> Vec<Table> {
     let title = "Layers of tissue: compression ratio (length over uncompressed length) and force of the needle";
     let mut layers = Table::new("layers", title, &[Factor::new("layer", "layer")], &LAYERS);
     let mut depth = Table::trace(
@@ -117,6 +112,16 @@ pub fn compression(case: &BeamCase) -> Result<Study, InputError> {
             depth.push(vec![name.clone()], values.map(Some).to_vec(), None);
         }
     }
+    vec![layers, depth]
+}
+
+/// Computes the compression of the tissue and the forces on it, by layer and over depth.
+///
+/// # Errors
+/// [`InputError`] if the needle has no shape.
+pub fn compression(case: &BeamCase) -> Result<Study, InputError> {
+    let shape = case.solve()?;
+    let tables = compression_tables(case, &shape);
     let figures = vec![
         line(
             "beam-compression",
@@ -133,13 +138,7 @@ pub fn compression(case: &BeamCase) -> Result<Study, InputError> {
             "layer",
         ),
     ];
-    let mut study = study(
-        "beam-compression",
-        "Compression of the tissue",
-        case,
-        vec![layers, depth],
-        figures,
-    );
+    let mut study = study("beam-compression", "Compression of the tissue", case, tables, figures);
     if let Some(load) = weakest(&shape) {
         study.notes.push(format!(
             "largest compression: layer {}, to {:.4} of its length, {} mm below the entry",

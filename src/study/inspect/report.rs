@@ -57,7 +57,7 @@ pub struct SampleReport {
     /// Scanlines mixed by the radial blur, with their weights.
     pub blur: Vec<BlurNeighbour>,
     /// Value after each pass that writes it.
-    pub stages: Vec<Stage>,
+    pub stages: Vec<PassValue>,
     /// Samples from which the pixel is interpolated.
     pub interpolation: Vec<Corner>,
 }
@@ -140,7 +140,7 @@ pub struct BlurNeighbour {
 
 /// Value of the sample after a pass.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Stage {
+pub struct PassValue {
     /// Name of the pass.
     pub pass: &'static str,
     /// Echo amplitude (normal liver: 1), or grey level from `tone` on.

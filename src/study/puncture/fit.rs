@@ -100,18 +100,10 @@ pub fn fit(
     while iterations < MAX_ITERATIONS && best.square() > NEGLIGIBLE * forces {
         progress(iterations as f64 / MAX_ITERATIONS as f64);
         iterations += 1;
-        let mut columns = Vec::with_capacity(2);
-        for axis in 0..2 {
-            let mut beside = at;
-            beside[axis] += DIFFERENCE;
-            let trial = Trial::of(options, &samples, beside)?;
-            let pairs = trial.rest.iter().zip(&best.rest);
-            columns.push(
-                pairs
-                    .map(|(there, here)| (there - here) / DIFFERENCE)
-                    .collect::<Vec<f64>>(),
-            );
-        }
+        let columns = [
+            best.derivative(options, &samples, at, 0)?,
+            best.derivative(options, &samples, at, 1)?,
+        ];
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let normal = Matrix2::from_fn(|row, column| dot(&columns[row], &columns[column]));
         let slope = Vector2::from_fn(|row, _| dot(&columns[row], &best.rest));
@@ -228,6 +220,20 @@ impl Trial {
             scale,
             rest: rest.collect(),
         })
+    }
+
+    /// Derivative of the residual by the knee (0) or the logarithm of the stiffening (1).
+    fn derivative(
+        &self,
+        options: &PunctureOptions,
+        samples: &[ForceSample],
+        mut at: [f64; 2],
+        axis: usize,
+    ) -> Result<Vec<f64>, Error> {
+        at[axis] += DIFFERENCE;
+        let beside = Trial::of(options, samples, at)?;
+        let pairs = beside.rest.iter().zip(&self.rest);
+        Ok(pairs.map(|(there, here)| (there - here) / DIFFERENCE).collect())
     }
 
     fn square(&self) -> f64 {

@@ -41,8 +41,11 @@ const fn measure(
     }
 }
 
+/// Index of statistics along depth.
 const AXIAL: usize = 0;
+/// Index of statistics across depth.
 const LATERAL: usize = 1;
+/// Index of statistics over rings of frequency.
 const RADIAL: usize = 2;
 
 fn uniform(parts: &Parts, of: impl Fn(&Texture) -> Option<f64>) -> Option<f64> {

@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector2, Vector3};
 use serde::Serialize;
 
 use super::groups::{Comparison, Session, compare};
-use super::hands::{Draw, Hand, Plan, hand};
+use super::hands::{Draw, Hand, InsertionPlan, hand};
 use super::{Collector, NAMES, NO_TARGET, Score, unscored};
 use crate::path::unknown;
 use crate::{StudyError, rewritten};
@@ -104,7 +104,7 @@ impl Conditions {
     /// reasons, if targets run out.
     pub fn tasks(&self, scenario: &Scenario, count: usize) -> Result<Vec<Task>, Error> {
         self.check()?;
-        let plan = Plan::of(scenario)?;
+        let plan = InsertionPlan::of(scenario)?;
         let body = scenario.scene.body();
         let label = body.named(&self.organ).ok_or_else(|| unknown(scenario, &self.organ))?;
         let volume = body.volume;
@@ -116,7 +116,7 @@ impl Conditions {
             let index = [at % width, at / width % height, at / width / height].map(|index| index as f64);
             volume.index_to_world().transform_point(&Point3::from(index))
         };
-        // A few hundred voxels of the organ, and the rim of the entry window, bound the distances that are computed.
+        // A few hundred voxels of the organ and the rim of the entry window bound the box in which distances are computed.
         let mut corners = vec![plan.entry];
         corners.extend(
             [1.0, -1.0]
@@ -156,7 +156,7 @@ impl Conditions {
     fn task(
         &self,
         scenario: &Scenario,
-        plan: &Plan,
+        plan: &InsertionPlan,
         surroundings: &Surroundings<'_>,
         label: u8,
         target: Point3<f64>,
@@ -190,14 +190,14 @@ impl Conditions {
             return Err("the needle is too short");
         }
         let along = (target - entry) / depth;
-        let clearance = surroundings.of(&[entry, target]);
-        if clearance.leaves || clearance.gas {
+        let obstacles = surroundings.of(&[entry, target]);
+        if obstacles.leaves || obstacles.gas {
             return Err("the path leaves the body, or meets gas or lung");
         }
-        if clearance.bone_mm < self.clearance_mm {
+        if obstacles.bone_mm < self.clearance_mm {
             return Err("the path passes too near to bone");
         }
-        if clearance.critical_mm < self.clearance_mm {
+        if obstacles.critical_mm < self.clearance_mm {
             return Err("the path passes too near to a critical structure");
         }
         let probe = probe(scenario, &entry, &target)?;
@@ -209,8 +209,8 @@ impl Conditions {
             target_mm: target.into(),
             entry_mm: entry.into(),
             depth_mm: depth,
-            bone_mm: Some(clearance.bone_mm).filter(|mm| mm.is_finite()),
-            critical_mm: Some(clearance.critical_mm).filter(|mm| mm.is_finite()),
+            bone_mm: Some(obstacles.bone_mm).filter(|mm| mm.is_finite()),
+            critical_mm: Some(obstacles.critical_mm).filter(|mm| mm.is_finite()),
             keyframes: times
                 .into_iter()
                 .zip(tips)
@@ -340,7 +340,7 @@ pub fn perform(scenario: &Scenario, hand: &Hand, seed: u64) -> Result<Score, Err
 
 /// Study of simulated groups.
 #[derive(Clone, Debug, Serialize)]
-pub struct Study {
+pub struct GroupStudy {
     /// Seed of the hands.
     pub seed: u64,
     /// Comparison of the groups.
@@ -360,7 +360,7 @@ pub fn study(
     people: usize,
     seed: u64,
     progress: &(dyn Fn(usize, usize) + Sync),
-) -> Result<Study, Error> {
+) -> Result<GroupStudy, Error> {
     let mut all = Vec::new();
     for (group, name) in GROUPS.into_iter().enumerate() {
         for person in 0..people {
@@ -393,7 +393,7 @@ pub fn study(
         })
     });
     let sessions: Vec<Session> = sessions?;
-    Ok(Study {
+    Ok(GroupStudy {
         seed,
         comparison: compare(&sessions),
         sessions,

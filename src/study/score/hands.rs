@@ -211,7 +211,7 @@ impl Hand {
     /// # Errors
     /// [`StudyError::Refused`](crate::StudyError::Refused) if the needle's path does not enter the body.
     pub fn perform(&self, scenario: &Scenario, seed: u64) -> Result<Scenario, Error> {
-        let plan = Plan::of(scenario)?;
+        let plan = InsertionPlan::of(scenario)?;
         let mut draw = Draw::new(seed);
         let [right, up] = across(&plan.along);
         let mut aside = |mm: f64| right * (mm * draw.normal()) + up * (mm * draw.normal());
@@ -269,7 +269,7 @@ impl Hand {
 }
 
 /// Straight insertion that a scenario plans.
-pub(super) struct Plan {
+pub(super) struct InsertionPlan {
     pub start_s: f64,
     pub speed_mm_s: f64,
     pub pause_s: f64,
@@ -281,7 +281,7 @@ pub(super) struct Plan {
     pub along: Vector3<f64>,
 }
 
-impl Plan {
+impl InsertionPlan {
     pub(super) fn of(scenario: &Scenario) -> Result<Self, Error> {
         let unscored = |reason| unscored(Path::new("the scenario"), reason);
         let keys = scenario.needle_tip().keys();

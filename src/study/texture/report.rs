@@ -5,7 +5,7 @@ use std::fmt;
 
 use image::GrayImage;
 
-use super::{Figures, MAX_LAG, SolidTexture};
+use super::{MAX_LAG, SolidTexture, TextureFigures};
 use crate::texture::synthesis::correlations;
 use insonify_base::output::OutputError;
 use insonify_base::table::{Cell, Table};
@@ -25,7 +25,7 @@ fn length(mm: Option<f64>) -> String {
     mm.map_or("-".to_owned(), |mm| format!("{mm:.3}"))
 }
 
-impl Figures {
+impl TextureFigures {
     fn table(&self) -> Table {
         let head = ["solid, mm", "exemplar, mm", "ratio", "seam"].map(Cell::number);
         let table = Table::new([Cell::from("autocorrelation along")].into_iter().chain(head));
@@ -40,7 +40,7 @@ impl Figures {
     }
 }
 
-impl fmt::Display for Figures {
+impl fmt::Display for TextureFigures {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
