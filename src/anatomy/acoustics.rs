@@ -9,14 +9,15 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub mod bank;
+pub(crate) mod numbering;
 pub(crate) mod overrides;
 pub mod presets;
 mod resolve;
-pub(crate) mod totalsegmentator;
 
+pub use numbering::Preset;
 pub use overrides::{TissueError, TissueOverride};
 pub(crate) use resolve::without_side;
-pub use resolve::{Origin, Preset, fallback, known};
+pub use resolve::{Origin, fallback, known};
 
 /// Young's modulus from which a tissue is rigid by default, kPa.
 pub const RIGID_KPA: f64 = 1e6;

@@ -93,10 +93,18 @@ impl Csv {
             path: path.to_owned(),
             cause,
         })?;
+        Self::parse(path, &bytes, required)
+    }
+
+    /// Reads a table from memory as [`Csv::open`] does; `path` is used only in errors.
+    ///
+    /// # Errors
+    /// The errors of [`Csv::open`].
+    pub fn parse(path: &Path, bytes: &[u8], required: &[&str]) -> Result<Self, CsvError> {
         let mut reader = csv::ReaderBuilder::new()
             .trim(csv::Trim::All)
             .comment(Some(b'#'))
-            .from_reader(&bytes[..]);
+            .from_reader(bytes);
         let mut table = Self {
             path: path.to_owned(),
             header: StringRecord::new(),

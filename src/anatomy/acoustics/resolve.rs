@@ -1,39 +1,16 @@
 //! Assignment of tissues to the labels of a volume.
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
-use super::{Tissue, TissueError, TissueOverride, TissueTable, presets, totalsegmentator};
+use super::{Preset, Tissue, TissueError, TissueOverride, TissueTable, numbering, presets};
 use crate::volume::Label;
 use insonify_base::document::plain;
 use insonify_base::text;
-
-/// Assignment of tissues to labels without an explicit one.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Preset {
-    /// By name, as a tissue, a TotalSegmentator class or a word such as "rib"; for unnamed labels by value, as
-    /// TotalSegmentator, BTCV or AMOS number organs, whichever fits the volumes of the labels.
-    #[default]
-    Auto,
-    /// Like `auto`, with unnamed labels by TotalSegmentator's values.
-    TotalSegmentator,
-    /// Like `auto`, with unnamed labels by the values of BTCV, 1 to 13.
-    Btcv,
-    /// Like `auto`, with unnamed labels by the values of AMOS, 1 to 15.
-    Amos,
-    /// By exact names of built-in tissues, as phantoms have them.
-    Phantom,
-    /// None: only explicit tissues count, except for the labels of a body added by completion.
-    None,
-}
 
 /// Evidence for the tissue of a label.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Origin {
     /// The label name is that of a tissue.
     Name,
-    /// The label name is that of a TotalSegmentator class.
+    /// The label name is that of a class of a numbering.
     ClassName,
     /// A word in the label name.
     Word,
@@ -62,81 +39,6 @@ impl std::fmt::Display for Origin {
     }
 }
 
-/// Words that determine the tissue without an exact name. The first row with a word of the label wins; a trailing
-/// `*` matches any ending, otherwise only a plural `s` is allowed.
-const KEYWORDS: &[(&str, &str)] = &[
-    ("background", "background"),
-    ("cyst*", "cyst"),
-    ("tumo*", "lesion"),
-    ("lesion", "lesion"),
-    ("metasta*", "lesion"),
-    ("cord", "nerve"),
-    ("nerve", "nerve"),
-    ("cartilag*", "cartilage"),
-    ("disc", "disc"),
-    ("disk", "disc"),
-    ("rib", "bone"),
-    ("vertebra*", "bone"),
-    ("spine", "bone"),
-    ("sacrum", "bone"),
-    ("bone", "bone"),
-    ("skull", "bone"),
-    ("pelvis", "bone"),
-    ("pubi*", "bone"),
-    ("femur", "bone"),
-    ("sternum", "bone"),
-    ("vein", "vessel"),
-    ("vena", "vessel"),
-    ("arter*", "vessel"),
-    ("aort*", "vessel"),
-    ("vessel", "vessel"),
-    ("blood", "vessel"),
-    ("portal", "vessel"),
-    ("lung", "lung"),
-    ("trachea", "gas"),
-    ("airway", "gas"),
-    ("gas", "gas"),
-    ("air", "air"),
-    ("gallbladder", "bile"),
-    ("bile", "bile"),
-    ("bladder", "urine"),
-    ("kidney", "kidney_cortex"),
-    ("hepat*", "liver"),
-    ("liver", "liver"),
-    ("spleen", "spleen"),
-    ("pancrea*", "pancreas"),
-    ("prostat*", "prostate_central"),
-    ("thyroid", "thyroid"),
-    ("adrenal", "adrenal"),
-    ("stomach", "bowel_content"),
-    ("colon", "bowel_content"),
-    ("rectum", "bowel_content"),
-    ("duoden*", "small_bowel"),
-    ("bowel", "small_bowel"),
-    ("intestin*", "small_bowel"),
-    ("esophag*", "stomach_wall"),
-    ("oesophag*", "stomach_wall"),
-    ("heart", "heart"),
-    ("myocard*", "heart"),
-    ("brain", "brain"),
-    ("urethra", "urethra"),
-    ("ligament", "ligament"),
-    ("tendon", "ligament"),
-    ("diaphragm", "diaphragm"),
-    ("fascia", "fascia"),
-    ("muscle", "muscle"),
-    ("muscular", "muscle"),
-    ("glute*", "muscle"),
-    ("iliopsoas", "muscle_paraspinal"),
-    ("psoas", "muscle_paraspinal"),
-    ("autochthon", "muscle_paraspinal"),
-    ("fat", "fat"),
-    ("adipos*", "fat"),
-    ("skin", "skin"),
-    ("tissue", "soft_tissue"),
-    ("body", "soft_tissue"),
-];
-
 /// Tissue of labels without evidence.
 pub fn fallback() -> &'static Tissue {
     presets::get("soft_tissue").unwrap_or(&presets::all()[0])
@@ -153,15 +55,11 @@ pub(crate) fn without_side(normalised: &str) -> String {
 
 fn by_class_name(normalised: &str) -> Option<&'static Tissue> {
     let bare = without_side(normalised);
-    let same = |class: &&totalsegmentator::Class| {
+    let same = |class: &&numbering::Class| {
         let name = class.name.to_lowercase();
         name == normalised || without_side(&name) == bare
     };
-    totalsegmentator::classes()
-        .iter()
-        .chain(totalsegmentator::body())
-        .find(same)
-        .and_then(totalsegmentator::Class::preset)
+    numbering::all().find(same).map(|class| class.tissue)
 }
 
 fn by_keyword(normalised: &str) -> Option<&'static Tissue> {
@@ -171,8 +69,8 @@ fn by_keyword(normalised: &str) -> Option<&'static Tissue> {
             None => word == keyword || word.strip_suffix('s') == Some(keyword),
         })
     };
-    let (_, tissue) = KEYWORDS.iter().find(|(keyword, _)| has(keyword))?;
-    presets::get(tissue)
+    let word = numbering::words().iter().find(|word| has(&word.text))?;
+    Some(word.tissue)
 }
 
 /// Tissue identified by a name alone, and the evidence.
@@ -228,7 +126,7 @@ fn claims(labels: &[Label], overrides: &[TissueOverride]) -> Result<Vec<Option<u
 impl TissueTable {
     /// Assigns a tissue to each of `labels` (by label index; the first is the background).
     ///
-    /// In this order: an override that claims the label by value or name; an override or preset of the same name; a TotalSegmentator class of that
+    /// In this order: an override that claims the label by value or name; an override or preset of the same name; a class of a numbering of that
     /// name (case, spaces and side are ignored); a word such as "rib"; else soft tissue, with a warning. `hint` restricts this, except for the labels
     /// appended by completion. An override named as a preset changes that preset wherever it is used. Unnamed labels have been named before by
     /// [`segmentation::open`](crate::segmentation::open).

@@ -7,7 +7,7 @@ use insonify_base::parallel;
 use nalgebra::Point3;
 
 use super::{Segmentation, stem};
-use crate::acoustics::totalsegmentator;
+use crate::acoustics::Preset;
 use crate::volume::complete::is_body;
 use crate::volume::{At, Label, LabelVolume, Loaded, VolumeError, load};
 
@@ -172,7 +172,8 @@ impl Union {
         }
         let mut free = FREE;
         for label in &mut self.labels {
-            let class = label.name.as_deref().and_then(totalsegmentator::by_name);
+            let classes = Preset::TotalSegmentator.classes();
+            let class = classes.iter().find(|class| Some(&class.name) == label.name.as_ref());
             label.value = class.map_or(free, |class| class.value);
             free += i64::from(class.is_none());
         }

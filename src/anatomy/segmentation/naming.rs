@@ -1,7 +1,7 @@
 //! Naming of labels by their values, and plausibility checks of names.
 
 use super::{Naming, Segmentation};
-use crate::acoustics::{Preset, totalsegmentator, without_side};
+use crate::acoustics::{Preset, numbering, without_side};
 use crate::volume::LabelVolume;
 use crate::volume::complete::has_body_values;
 use insonify_base::document::plain;
@@ -152,7 +152,7 @@ impl Segmentation {
     /// Organ of a label by its value. Body values, which TotalSegmentator does not have, count only in a file that has a body.
     fn organ(&self, preset: Preset, index: usize) -> Option<&'static str> {
         let value = self.volume.labels()[index].value;
-        let of_body = totalsegmentator::body().iter().any(|class| class.value == value);
+        let of_body = numbering::body().iter().any(|class| class.value == value);
         preset
             .organ(value)
             .filter(|_| !of_body || has_body_values(&self.volume))
@@ -180,10 +180,11 @@ impl Segmentation {
         if nameless.is_empty() {
             return self.read_as(Preset::TotalSegmentator, &strange);
         }
-        let fits = Preset::NUMBERINGS.map(|preset| {
+        let fit = |&preset: &Preset| {
             let names = self.organs(preset, &nameless)?;
             Some((preset, self.fit(&names, sizes), names))
-        });
+        };
+        let fits: Vec<_> = Preset::NUMBERINGS.iter().map(fit).collect();
         let Some((usual, fit, names)) = &fits[0] else {
             return;
         };

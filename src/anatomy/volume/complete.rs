@@ -11,7 +11,7 @@ mod outline;
 use nalgebra::Point3;
 
 use super::{Label, LabelVolume, VolumeError};
-use crate::acoustics::{known, totalsegmentator};
+use crate::acoustics::{known, numbering};
 pub use ct::with_ct;
 use insonify_base::parallel::{self, chunks_mut};
 use insonify_base::random::noise::Noise;
@@ -371,7 +371,7 @@ fn everywhere(volume: &LabelVolume) -> Result<Completed, VolumeError> {
 
 /// Usual value of a body label, if it is free.
 fn usual_value(name: &str) -> i64 {
-    let mut body = totalsegmentator::body().iter();
+    let mut body = numbering::body().iter();
     body.find(|class| class.name == name).map_or(0, |class| class.value)
 }
 

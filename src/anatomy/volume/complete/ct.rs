@@ -1,7 +1,7 @@
 //! Completion of a segmentation by its source CT.
 //!
 //! The body is the region denser than gas that is connected with the labels, without the table. Unlabelled voxels in it are classified by their grey
-//! values, smoothed over three voxels. The classes correspond to the values of [`totalsegmentator::body`](crate::acoustics::totalsegmentator::body).
+//! values, smoothed over three voxels. The classes correspond to the values of [`numbering::body`](crate::acoustics::numbering::body).
 
 use insonify_base::parallel::{chunks_mut, for_each};
 use nalgebra::Point3;

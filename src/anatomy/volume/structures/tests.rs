@@ -239,9 +239,9 @@ fn fat_lies_around_kidneys_and_in_patches_and_other_labels_stay() {
         return;
     };
     let mut named = plain.clone();
-    for class in crate::acoustics::totalsegmentator::classes() {
+    for class in crate::acoustics::Preset::TotalSegmentator.classes() {
         let found = named.labels().iter().position(|label| label.value == class.value);
-        named.name(found.unwrap(), class.name.to_owned());
+        named.name(found.unwrap(), class.name.clone());
     }
     let before = complete(&named, &CompleteOptions::default()).unwrap().volume;
     let after = add(&before).unwrap().volume;
