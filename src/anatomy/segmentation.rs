@@ -8,23 +8,10 @@ mod table;
 use std::path::Path;
 
 use crate::acoustics::{Preset, known};
-use crate::volume::{LabelVolume, Loaded, VolumeError, load};
+use crate::volume::{self, LabelVolume, Loaded, VolumeError, load};
 pub use info::{Info, LabelInfo};
 use naming::Sizes;
 pub use table::Names;
-
-/// File extensions of volumes, longer ones before their suffixes.
-const ENDINGS: [&str; 9] = [
-    ".seg.nrrd",
-    ".nrrd",
-    ".nhdr",
-    ".nii.gz",
-    ".nii",
-    ".hdr",
-    ".img",
-    ".mha",
-    ".mhd",
-];
 
 /// Sources of label names.
 #[derive(Clone, Debug, Default)]
@@ -73,8 +60,7 @@ impl From<Loaded> for Segmentation {
 /// Name of a volume's file without folder and extension; `None` if the extension is not that of a volume.
 pub fn stem(path: &Path) -> Option<String> {
     let name = path.file_name()?.to_string_lossy().into_owned();
-    let lower = name.to_ascii_lowercase();
-    let ending = ENDINGS.iter().find(|ending| lower.ends_with(*ending))?;
+    let ending = volume::ending(&name)?;
     Some(name[..name.len() - ending.len()].to_owned())
 }
 

@@ -8,13 +8,11 @@ mod data;
 pub mod distance;
 pub mod element;
 mod error;
+mod format;
 pub mod header;
 mod labels;
 mod load;
-mod metaimage;
 mod names;
-mod nifti;
-mod nrrd;
 mod save;
 pub mod structures;
 mod text;
@@ -26,8 +24,16 @@ use nalgebra::{Matrix4, Point3, Vector3};
 
 pub use data::read as read_data;
 pub use error::{At, VolumeError};
+pub use format::written;
+pub(crate) use format::{ending, header_beside, names as format_names};
 pub use load::{Loaded, ScalarImage, load, load_scalar, numbers, read_header};
 pub use save::save;
+
+format::formats! {
+    nifti;
+    nrrd;
+    metaimage;
+}
 
 /// One label of a volume.
 #[derive(Clone, Debug, PartialEq, Eq)]

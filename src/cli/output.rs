@@ -5,6 +5,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use insonify_anatomy::volume;
 use insonify_base::output::folder::Folder;
 use insonify_base::output::{atomic, place};
 use insonify_report::plot::Plot;
@@ -28,7 +29,8 @@ pub(crate) struct Force {
 impl Force {
     /// Refuses output files that cannot be written, before the computation; `inputs` are files that the run reads.
     pub(crate) fn check(self, files: &[&Path], inputs: &[PathBuf]) -> Result<(), Error> {
-        Ok(place::check(files, inputs, self.force)?)
+        let formats: Vec<_> = volume::written().chain(insonify_mesh::file::written()).collect();
+        Ok(place::check(files, inputs, self.force, &formats)?)
     }
 
     /// Refuses output files (or an optional one) that cannot be written or lack the required extension; `what` describes

@@ -1,14 +1,9 @@
 //! Tetrahedral mesh files. The format is recognised from the contents; coordinates are millimetres unless another [`Unit`]
 //! is given.
 //!
-//! | module | formats |
-//! |---|---|
-//! | `gmsh` | Gmsh meshes (`.msh`), read only |
-//! | [`vtk`] | unstructured grids of VTK, legacy (`.vtk`) and XML (`.vtu`) |
+//! A format is a file of this folder with its [`Format`], and a line of [`formats!`].
 
 mod error;
-mod gmsh;
-pub mod vtk;
 
 pub use error::MeshFileError;
 pub use vtk::{Poly, Values, write_pvd, write_vtp, write_vtu, write_vtu_with};
@@ -21,7 +16,38 @@ use serde::{Deserialize, Serialize};
 
 use super::TetMesh;
 use error::{Fault, quote};
+use insonify_base::output::place::Written;
 use insonify_base::{memory, read};
+
+/// A file format.
+struct Format {
+    /// How a file starts, for messages.
+    start: &'static str,
+    /// Reads the tetrahedra; `None` where the contents are not those of such a file.
+    read: fn(&[u8], &ReadOptions) -> Option<Result<Parts, Fault>>,
+    /// Files that are written.
+    written: &'static [Written],
+}
+
+/// Declares the formats by their modules.
+macro_rules! formats {
+    ($($module:ident;)+) => {
+        $(mod $module;)+
+
+        /// All formats. At most one reads a file.
+        const FORMATS: &[&Format] = &[$(&$module::FORMAT),+];
+    };
+}
+
+formats! {
+    vtk;
+    gmsh;
+}
+
+/// Mesh files that are written.
+pub fn written() -> impl Iterator<Item = Written> {
+    FORMATS.iter().flat_map(|format| format.written).copied()
+}
 
 /// Default name of the point array with the displacements.
 pub const DISPLACEMENT: &str = "displacement";
@@ -130,13 +156,10 @@ pub fn read_mesh(path: &Path, options: &ReadOptions) -> Result<MeshFile, MeshFil
 /// # Errors
 /// As [`read_mesh`].
 pub fn read_mesh_bytes(bytes: &[u8], path: &Path, options: &ReadOptions) -> Result<MeshFile, MeshFileError> {
-    let parts = vtk::read(bytes, options).or_else(|| gmsh::read(bytes, options));
+    let parts = FORMATS.iter().find_map(|format| (format.read)(bytes, options));
     let parts = parts.unwrap_or_else(|| {
-        Err(Fault::at(
-            0,
-            quote(&bytes[..bytes.len().min(24)]),
-            "`# vtk DataFile` (legacy VTK), an XML VTKFile of type UnstructuredGrid, or `$MeshFormat` (Gmsh)",
-        ))
+        let starts: Vec<&str> = FORMATS.iter().map(|format| format.start).collect();
+        Err(Fault::at(0, quote(&bytes[..bytes.len().min(24)]), starts.join(", or ")))
     });
     let parts = parts.and_then(|parts| {
         memory::check(BYTES_PER_ELEMENT * parts.elements.len() as u64, "a mesh")?;

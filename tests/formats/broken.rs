@@ -76,10 +76,9 @@ fn small() -> LabelVolume {
 
 /// One small sound file of each format, with its bytes.
 fn sound(folder: &TempDir) -> Vec<(PathBuf, Vec<u8>)> {
-    let mut files: Vec<(PathBuf, Vec<u8>)> = ["a.nii", "a.nii.gz", "a.nrrd", "a.seg.nrrd", "a.mha"]
-        .iter()
-        .map(|name| {
-            let path = folder.path().join(name);
+    let mut files: Vec<(PathBuf, Vec<u8>)> = volume::written()
+        .map(|written| {
+            let path = folder.path().join(format!("a{}", written.ending));
             volume::save(&small(), &path).unwrap();
             let bytes = std::fs::read(&path).unwrap();
             (path, bytes)

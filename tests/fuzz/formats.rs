@@ -11,7 +11,7 @@ use insonify::input::scenario::{self, ScenarioFile, SceneSource};
 use insonify::input::statics::{self, ProblemFile};
 use insonify_anatomy::segmentation::{self, Names, Naming};
 use insonify_anatomy::volume::texture::{SolidTexture, TextureOptions};
-use insonify_anatomy::volume::{load_scalar, save};
+use insonify_anatomy::volume::{load_scalar, save, written};
 use insonify_imaging::effects::Effects;
 use insonify_imaging::quality::cache::Cache;
 use insonify_imaging::quality::{Costs, pick};
@@ -230,8 +230,8 @@ fn labels(path: &Path, _: &[u8], dice: &mut Dice) -> Result<(), Error> {
     if volume.voxels().len() > 10_000 {
         return Ok(());
     }
-    let name = ["a.nii", "a.nii.gz", "a.nrrd", "a.seg.nrrd", "a.mha"][dice.below(5)];
-    let (folder, out) = beside(path, name);
+    let endings: Vec<_> = written().map(|written| written.ending).collect();
+    let (folder, out) = beside(path, &format!("a{}", endings[dice.below(endings.len())]));
     save(volume, &out)?;
     match dice.below(32) {
         0 => {

@@ -9,7 +9,7 @@ use nalgebra::Point3;
 use super::{Segmentation, stem};
 use crate::acoustics::Preset;
 use crate::volume::complete::is_body;
-use crate::volume::{At, Label, LabelVolume, Loaded, VolumeError, load};
+use crate::volume::{self, At, Label, LabelVolume, Loaded, VolumeError, load};
 
 /// Value of the first label whose name is not a class of TotalSegmentator.
 const FREE: i64 = 301;
@@ -55,9 +55,7 @@ fn volumes(folder: &Path) -> Result<Vec<Mask>, VolumeError> {
     let mut masks = Vec::new();
     for entry in fs::read_dir(folder).map_err(fail)? {
         let path = entry.map_err(fail)?.path();
-        let data_of_header = path
-            .extension()
-            .is_some_and(|ending| ending.eq_ignore_ascii_case("img"));
+        let data_of_header = volume::header_beside(&path).is_some();
         if let Some(name) = stem(&path)
             && !name.starts_with('.')
             && !data_of_header
@@ -73,7 +71,7 @@ fn volumes(folder: &Path) -> Result<Vec<Mask>, VolumeError> {
 fn masks(folder: &Path) -> Result<Vec<Mask>, VolumeError> {
     let mut masks = volumes(folder)?;
     if masks.iter().all(Mask::is_image) {
-        let mut expected = "masks such as liver.nii.gz, in NIfTI, NRRD or MetaImage".to_owned();
+        let mut expected = format!("masks such as liver.nii.gz, in {}", volume::format_names("or"));
         let inner = folder.join("segmentations");
         if volumes(&inner).is_ok_and(|inner| !inner.is_empty()) {
             expected.push_str(&format!("; there are some in {}: give that folder", inner.display()));

@@ -1,4 +1,4 @@
-//! Common header of NIfTI, NRRD and MetaImage files.
+//! Common header of image files of all formats.
 
 use std::collections::BTreeMap;
 use std::io;

@@ -8,7 +8,7 @@ use nalgebra::Matrix4;
 use super::element::{Sample, with_sample};
 use super::error::{At, VolumeError, quoted};
 use super::header::Header;
-use super::{LabelVolume, data, labels, metaimage, nifti, nrrd};
+use super::{FORMATS, LabelVolume, data, format, labels};
 use insonify_base::read;
 
 /// A label volume with the warnings of the reader.
@@ -33,8 +33,7 @@ pub struct ScalarImage {
     pub data: Vec<f32>,
 }
 
-/// Loads a label volume: NIfTI-1 (`.nii`, `.nii.gz`, `.hdr` with `.img`), NRRD (`.nrrd`, `.nhdr`, `.seg.nrrd`) or
-/// MetaImage (`.mha`, `.mhd`). A two-dimensional image is a volume of one slice, 1 mm thick.
+/// Loads a label volume of any format: see `volume/format.rs`. A two-dimensional image is a volume of one slice, 1 mm thick.
 ///
 /// # Errors
 /// [`VolumeError`] with the file, the place in it, what was found and what was expected: for files that are unreadable,
@@ -84,31 +83,18 @@ pub fn numbers(header: &mut Header) -> Result<Vec<f32>, VolumeError> {
 /// Parses the header of an image of any known format.
 pub fn read_header(path: &Path) -> Result<Header, VolumeError> {
     let fail = |cause| VolumeError::read(path, cause);
-    if path
-        .extension()
-        .is_some_and(|extension| extension.eq_ignore_ascii_case("img"))
-    {
-        let header = path.with_extension("hdr");
-        if header.is_file() {
-            return nifti::read_header(&header);
-        }
+    if let Some((format, header)) = format::header_beside(path).filter(|(_, header)| header.is_file()) {
+        return (format.read_header)(&header);
     }
     let mut start = Vec::new();
     read::open(path)
         .and_then(|file| file.take(4096).read_to_end(&mut start))
         .map_err(fail)?;
-    if start.starts_with(nrrd::MAGIC) {
-        return nrrd::read_header(path);
-    }
-    if metaimage::is_header(&start) {
-        return metaimage::read_header(path);
-    }
-    let gzipped = start.starts_with(&[0x1f, 0x8b]);
-    if gzipped || nifti::is_header(&start) {
-        return nifti::read_header(path);
+    if let Some(format) = FORMATS.iter().find(|format| (format.recognises)(&start)) {
+        return (format.read_header)(path);
     }
     if start.get(128..132) == Some(b"DICM") {
-        let instead = "convert it to NIfTI, NRRD or MetaImage";
+        let instead = format!("convert it to {}", format::names("or"));
         return Err(VolumeError::unsupported(path, At::Byte(128), "DICOM", instead));
     }
     const MESHES: [&[u8]; 4] = [b"$MeshFormat", b"# vtk DataFile", b"<VTKFile", b"<?xml"];
@@ -122,6 +108,6 @@ pub fn read_header(path: &Path) -> Result<Header, VolumeError> {
     } else {
         quoted(&String::from_utf8_lossy(&start[..start.len().min(16)]))
     };
-    let expected = "the start of a NIfTI-1, NRRD or MetaImage file";
+    let expected = format!("the start of a {} file", format::names("or"));
     Err(VolumeError::malformed(path, At::Byte(0), found, expected))
 }

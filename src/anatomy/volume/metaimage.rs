@@ -1,6 +1,8 @@
 //! MetaImage: `.mha` with its data, `.mhd` with the data in another file. Tags as MetaIO (`metaImage.cxx`,
 //! `metaObject.cxx`) reads them; world coordinates are LPS.
 
+mod write;
+
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
@@ -8,13 +10,29 @@ use nalgebra::Vector3;
 
 use super::element::{ByteOrder, Element, Scale};
 use super::error::{At, VolumeError, quoted};
+use super::format::Format;
 use super::header::{Axis, DataPlace, Encoding, Header, Skip};
 use super::names;
 use super::text::{Field, Lines};
+use insonify_base::output::place::Written;
 use insonify_base::read;
 
+/// The format.
+pub(super) const FORMAT: Format = Format {
+    name: "MetaImage",
+    endings: &[".mha", ".mhd"],
+    data_extensions: &[],
+    recognises: is_header,
+    read_header,
+    written: &[Written {
+        ending: ".mha",
+        marks: &[b"ObjectType" as &[u8], b"NDims"],
+    }],
+    write: write::write,
+};
+
 /// Whether these first bytes of a file are those of a MetaImage header.
-pub(crate) fn is_header(start: &[u8]) -> bool {
+fn is_header(start: &[u8]) -> bool {
     let line = start.split(|&byte| byte == b'\n').next().unwrap_or_default();
     let mut parts = line.splitn(2, |&byte| byte == b'=');
     let tag = String::from_utf8_lossy(parts.next().unwrap_or_default());
@@ -22,7 +40,7 @@ pub(crate) fn is_header(start: &[u8]) -> bool {
 }
 
 /// Reads the header of a MetaImage file.
-pub(super) fn read_header(path: &Path) -> Result<Header, VolumeError> {
+fn read_header(path: &Path) -> Result<Header, VolumeError> {
     let file = read::open(path).map_err(|cause| VolumeError::read(path, cause))?;
     parse(path, BufReader::new(file))
 }

@@ -1,5 +1,7 @@
 //! NIfTI-1: `.nii`, `.nii.gz` and `.hdr` with `.img`. World coordinates are RAS in the file and converted to LPS.
 
+mod write;
+
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek};
@@ -12,13 +14,15 @@ use nifti::{Endianness, NiftiHeader};
 use super::data;
 use super::element::{ByteOrder, Element, Scale};
 use super::error::{At, VolumeError, quoted};
+use super::format::{self, Format};
 use super::header::{Axis, DataPlace, Encoding, Header, Skip};
+use insonify_base::output::place::Written;
 use insonify_base::read;
 
 /// Size of the header proper, bytes (`nifti1.h`: `sizeof_hdr`).
-pub(crate) const HEADER_BYTES: usize = 348;
+const HEADER_BYTES: usize = 348;
 /// Bytes before the first extension: the header and four flags.
-pub(crate) const EXTENSIONS_START: usize = HEADER_BYTES + 4;
+const EXTENSIONS_START: usize = HEADER_BYTES + 4;
 /// Maximum total size of header extensions, bytes.
 const MAX_EXTENSION_BYTES: u64 = 64 << 20;
 
@@ -29,18 +33,41 @@ const AT_PIXDIM: At = At::Byte(76);
 const AT_VOX_OFFSET: At = At::Byte(108);
 const AT_MAGIC: At = At::Byte(344);
 
+/// First bytes of gzipped data.
+const GZIP: &[u8] = &[0x1f, 0x8b];
+
+/// The format. Of the files that are gzipped as a whole, all count as its own.
+pub(super) const FORMAT: Format = Format {
+    name: "NIfTI-1",
+    endings: &[".nii", ".nii.gz", ".hdr", ".img"],
+    data_extensions: &[("img", "hdr")],
+    recognises: |start| start.starts_with(GZIP) || is_header(start),
+    read_header,
+    written: &[
+        Written {
+            ending: ".nii",
+            marks: &[b"n+1\0"],
+        },
+        Written {
+            ending: ".nii.gz",
+            marks: &[GZIP],
+        },
+    ],
+    write: write::write,
+};
+
 /// Whether these first bytes of a file (decompressed) are those of a NIfTI or Analyze header.
-pub(crate) fn is_header(start: &[u8]) -> bool {
+fn is_header(start: &[u8]) -> bool {
     [348i32, 540]
         .iter()
         .any(|size| start.starts_with(&size.to_le_bytes()) || start.starts_with(&size.to_be_bytes()))
 }
 
 /// Reads the header of a NIfTI-1 file, plain or gzipped.
-pub(super) fn read_header(path: &Path) -> Result<Header, VolumeError> {
+fn read_header(path: &Path) -> Result<Header, VolumeError> {
     let mut file = BufReader::new(read::open(path).map_err(|cause| VolumeError::read(path, cause))?);
     let start = file.fill_buf().map_err(|cause| VolumeError::read(path, cause))?;
-    if start.starts_with(&[0x1f, 0x8b]) {
+    if start.starts_with(GZIP) {
         let mut unpacked = GzDecoder::new(file);
         parse(path, &mut unpacked, Encoding::Gzip).map_err(|error| blame_gzip(path, unpacked, error))
     } else {
@@ -127,7 +154,7 @@ fn is_attached(path: &Path, start: &[u8]) -> Result<bool, VolumeError> {
         .iter()
         .any(|size| start.starts_with(size))
     {
-        let instead = "NIfTI-1, NRRD and MetaImage are read";
+        let instead = format!("{} are read", format::names("and"));
         return Err(VolumeError::unsupported(path, At::Byte(0), "NIfTI-2", instead));
     }
     if start.len() < HEADER_BYTES {

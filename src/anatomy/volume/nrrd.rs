@@ -1,6 +1,8 @@
 //! NRRD: `.nrrd` with its data, `.nhdr` with the data in another file. After the format's definition at
 //! teem.sourceforge.net/nrrd/format.html; section names in this file are those of that page.
 
+mod write;
+
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
@@ -8,16 +10,38 @@ use nalgebra::Vector3;
 
 use super::element::{ByteOrder, Element};
 use super::error::{At, VolumeError, quoted};
+use super::format::Format;
 use super::header::{Axis, DataPlace, Encoding, Header, Skip};
 use super::names;
 use super::text::{Field, Lines};
+use insonify_base::output::place::Written;
 use insonify_base::read;
 
-/// Magic number of NRRD files.
-pub(crate) const MAGIC: &[u8] = b"NRRD";
+/// Magic number.
+const MAGIC: &[u8] = b"NRRD";
+
+/// The format.
+pub(super) const FORMAT: Format = Format {
+    name: "NRRD",
+    endings: &[".nrrd", ".seg.nrrd", ".nhdr"],
+    data_extensions: &[],
+    recognises: |start| start.starts_with(MAGIC),
+    read_header,
+    written: &[
+        Written {
+            ending: ".nrrd",
+            marks: &[MAGIC],
+        },
+        Written {
+            ending: ".seg.nrrd",
+            marks: &[MAGIC],
+        },
+    ],
+    write: write::write,
+};
 
 /// Reads the header of an NRRD file.
-pub(super) fn read_header(path: &Path) -> Result<Header, VolumeError> {
+fn read_header(path: &Path) -> Result<Header, VolumeError> {
     let file = read::open(path).map_err(|cause| VolumeError::read(path, cause))?;
     parse(path, BufReader::new(file))
 }

@@ -11,27 +11,37 @@ use super::staged::{self, StagedFile};
 /// Mark of the pages of this program.
 pub const GENERATOR: &str = "<meta name=\"generator\" content=\"insonify\">";
 
+/// Files that are written under an ending.
+#[derive(Clone, Copy, Debug)]
+pub struct Written {
+    /// Ending of their names, in lower case, with its dot.
+    pub ending: &'static str,
+    /// Bytes of which some are among the first of each of them.
+    pub marks: &'static [&'static [u8]],
+}
+
 /// Number of leading bytes compared to identify the kind of an existing file.
 const START: u64 = 512;
 
 /// Checks that files can be written under these names: their folders exist and are writable, they are not folders and, without
-/// `force`, none replaces one of the `inputs` or a file of another kind. Removes temporary files that killed runs left beside them.
+/// `force`, none replaces one of the `inputs` or a file of another kind, where `formats` are kinds beside pages, pictures and tables.
+/// Removes temporary files that killed runs left beside them.
 ///
 /// # Errors
 /// [`OutputError`] if a file cannot be written.
-pub fn check(files: &[&Path], inputs: &[PathBuf], force: bool) -> Result<(), OutputError> {
+pub fn check(files: &[&Path], inputs: &[PathBuf], force: bool, formats: &[Written]) -> Result<(), OutputError> {
     for (at, path) in files.iter().enumerate() {
         if files[..at].iter().any(|other| same(other, path)) {
             return Err(OutputError::Twice {
                 path: path.to_path_buf(),
             });
         }
-        check_one(path, inputs, force)?;
+        check_one(path, inputs, force, formats)?;
     }
     Ok(())
 }
 
-fn check_one(path: &Path, inputs: &[PathBuf], force: bool) -> Result<(), OutputError> {
+fn check_one(path: &Path, inputs: &[PathBuf], force: bool, formats: &[Written]) -> Result<(), OutputError> {
     let wrong = |expected| OutputError::Kind {
         path: path.to_owned(),
         expected,
@@ -43,7 +53,7 @@ fn check_one(path: &Path, inputs: &[PathBuf], force: bool) -> Result<(), OutputE
         Ok(_) if inputs.iter().any(|input| same(input, path)) => {
             return Err(OutputError::Input { path: path.to_owned() });
         }
-        Ok(found) if found.len() > 0 && !is_same_kind(path).map_err(failed)? => {
+        Ok(found) if found.len() > 0 && !is_same_kind(path, formats).map_err(failed)? => {
             return Err(OutputError::Taken { path: path.to_owned() });
         }
         Err(error) if error.kind() == io::ErrorKind::NotADirectory => {
@@ -70,15 +80,13 @@ fn same(a: &Path, b: &Path) -> bool {
 }
 
 /// Whether an existing file starts like those that are written under such names.
-fn is_same_kind(path: &Path) -> io::Result<bool> {
+fn is_same_kind(path: &Path, formats: &[Written]) -> io::Result<bool> {
     let ending = path.extension().map(|ending| ending.to_ascii_lowercase());
+    let name = path.to_string_lossy().to_ascii_lowercase();
+    let format = formats.iter().find(|format| name.ends_with(format.ending));
     let marks: &[&[u8]] = match ending.as_ref().and_then(|ending| ending.to_str()) {
-        Some("mha") => &[b"ObjectType", b"NDims"],
-        Some("nrrd") => &[b"NRRD"],
+        _ if let Some(format) = format => format.marks,
         Some("npy") => &[b"\x93NUMPY"],
-        Some("nii") => &[b"n+1\0"],
-        Some("gz") => &[&[0x1f, 0x8b]],
-        Some("vtu") => &[b"<VTKFile"],
         Some("svg") => &[b"<svg"],
         Some("html") => &[GENERATOR.as_bytes()],
         Some("csv") => &[b"time_s", b"frame,line,window", b"frame,node"],
@@ -112,7 +120,11 @@ mod tests {
         }
         fs::create_dir(at("folder.vtu")).unwrap();
         let input = [at("a.vtu")];
-        let checked = |name: &str, inputs: &[PathBuf], force| check(&[&at(name)], inputs, force);
+        let formats = [Written {
+            ending: ".vtu",
+            marks: &[b"<VTKFile"],
+        }];
+        let checked = |name: &str, inputs: &[PathBuf], force| check(&[&at(name)], inputs, force, &formats);
         checked("a.vtu", &[], false).unwrap();
         checked("empty.png", &input, false).unwrap();
         checked("new.vtu", &input, false).unwrap();
@@ -136,7 +148,7 @@ mod tests {
             );
         }
         assert!(!checked("none/a.vtu", &[], true).unwrap_err().is_machine());
-        let twice = check(&[&at("b.csv"), &at("./b.csv")], &[], false);
+        let twice = check(&[&at("b.csv"), &at("./b.csv")], &[], false, &formats);
         assert!(matches!(twice, Err(OutputError::Twice { .. })), "{twice:?}");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 6);
     }

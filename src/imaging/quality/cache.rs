@@ -67,7 +67,7 @@ impl Cache {
     /// [`OutputError`] if they cannot be stored.
     pub fn check(&self, thing: &[&str]) -> Result<(), OutputError> {
         match self.made(thing)? {
-            Some(path) => place::check(&[&path], &[], true),
+            Some(path) => place::check(&[&path], &[], true, &[]),
             None => Ok(()),
         }
     }

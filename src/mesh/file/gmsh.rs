@@ -15,7 +15,7 @@ mod v2;
 mod v4;
 
 use super::error::{Fault, quote};
-use super::{Cursor, Parts, ReadOptions};
+use super::{Cursor, Format, Parts, ReadOptions};
 use elements::{Elements, Regions};
 use reader::Reader;
 
@@ -34,8 +34,15 @@ enum Version {
     V4,
 }
 
+/// The format.
+pub(super) const FORMAT: Format = Format {
+    start: "`$MeshFormat` (Gmsh)",
+    read,
+    written: &[],
+};
+
 /// Returns the tetrahedra of a Gmsh file, or `None` where the contents are not a Gmsh file.
-pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Option<Result<Parts, Fault>> {
+fn read(bytes: &[u8], options: &ReadOptions) -> Option<Result<Parts, Fault>> {
     let is_section = bytes.trim_ascii_start().first() == Some(&b'$');
     is_section.then(|| {
         let regions = Regions::chosen(options)?;

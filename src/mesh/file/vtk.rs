@@ -16,15 +16,26 @@ use std::io::Write;
 use std::path::Path;
 
 use super::error::{Fault, MeshFileError, quote};
-use super::{Cursor, Parts, ReadOptions};
+use super::{Cursor, Format, Parts, ReadOptions};
 use insonify_base::output::atomic;
+use insonify_base::output::place::Written;
 use insonify_base::text::escape;
 
 /// First bytes of a legacy file.
 const LEGACY: &[u8] = b"# vtk DataFile";
 
+/// The format.
+pub(super) const FORMAT: Format = Format {
+    start: "`# vtk DataFile` (legacy VTK), an XML VTKFile of type UnstructuredGrid",
+    read,
+    written: &[Written {
+        ending: ".vtu",
+        marks: &[b"<VTKFile"],
+    }],
+};
+
 /// Returns the tetrahedra of a VTK file, or `None` where the contents are not a VTK file.
-pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Option<Result<Parts, Fault>> {
+fn read(bytes: &[u8], options: &ReadOptions) -> Option<Result<Parts, Fault>> {
     let grid = if bytes.starts_with(LEGACY) {
         legacy::parse(bytes)
     } else if bytes.trim_ascii_start().starts_with(b"<") {

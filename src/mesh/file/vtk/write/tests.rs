@@ -3,7 +3,7 @@ use std::path::Path;
 use super::super::tests::{expected, sample};
 use super::super::xml;
 use super::*;
-use crate::file::{ReadOptions, read_mesh, write_pvd};
+use crate::file::{ReadOptions, read_mesh, write_pvd, written};
 use insonify_base::blame::Blame;
 
 #[test]
@@ -13,6 +13,12 @@ fn what_is_written_is_read_again() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("mesh.vtu");
     write_vtu(&path, &mesh, Some(&displacements)).unwrap();
+    let (start, written) = (
+        std::fs::read(&path).unwrap(),
+        written().find(|written| written.ending == ".vtu").unwrap(),
+    );
+    let mark = written.marks[0];
+    assert!(start[..512].windows(mark.len()).any(|part| part == mark));
     let file = read_mesh(&path, &ReadOptions::default()).unwrap();
     let bits = |vectors: &[[f64; 3]]| -> Vec<u64> { vectors.as_flattened().iter().map(|x| x.to_bits()).collect() };
     assert_eq!(bits(file.displacements.as_deref().unwrap()), bits(&displacements));
