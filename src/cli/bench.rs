@@ -39,7 +39,7 @@ Examples:
   insonify bench --compare -o report           everything above, with a page, tables (CSV, JSON) and plots: some minutes
   insonify bench --compare scene.toml --json";
 
-/// Times frames and passes on each available backend, and with effects removed; GPU against CPU with --compare
+/// Times frames and passes on each backend; with --compare GPU against CPU, and effects removed
 #[derive(Args)]
 #[command(after_help = TEACHING)]
 pub(crate) struct Bench {

@@ -3,10 +3,12 @@
 use clap::{Args, CommandFactory};
 use clap_complete::Shell;
 
-use super::{Cli, terminal};
+use super::{Cli, Command, groups, terminal};
 use insonify::Error;
 
-/// Prints the completion script of a shell: insonify completions bash > ~/.local/share/bash-completion/completions/insonify
+/// Prints the completion script of a shell
+///
+/// insonify completions bash > ~/.local/share/bash-completion/completions/insonify
 #[derive(Args)]
 pub(crate) struct Completions {
     /// Name of the shell
@@ -17,7 +19,8 @@ pub(crate) struct Completions {
 impl Completions {
     pub(crate) fn run(&self) -> Result<(), Error> {
         let mut script = Vec::new();
-        clap_complete::generate(self.shell, &mut Cli::command(), "insonify", &mut script);
+        let mut command = groups::prefixed(Cli::command(), Command::GROUPS);
+        clap_complete::generate(self.shell, &mut command, "insonify", &mut script);
         terminal::emit(&String::from_utf8_lossy(&script))
     }
 }

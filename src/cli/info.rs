@@ -11,9 +11,11 @@ use super::input::NamesArg;
 use super::terminal;
 use insonify::Error;
 
-/// Prints size, spacing, orientation, and the labels of a file: names, voxels, millilitres, and the assigned tissue of each
-/// with the evidence (`?` for a guess); of a tracked sequence frames, images, rate, and transforms with their validity; of a
-/// PLUS configuration (.xml) probe, images, calibration and coordinate definitions
+/// Describes a label file, a folder of masks, a tracked sequence or a PLUS configuration
+///
+/// Size, spacing, orientation, and the labels of a file: names, voxels, millilitres, and the assigned tissue of each with the evidence (`?` for a
+/// guess); of a tracked sequence frames, images, rate, and transforms with their validity; of a PLUS configuration (.xml) probe, images,
+/// calibration and coordinate definitions.
 #[derive(Args)]
 pub(crate) struct Info {
     /// Label file (NIfTI, NRRD or MetaImage), a folder of binary masks named by their files, or a tracked sequence or

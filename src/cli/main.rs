@@ -1,7 +1,15 @@
 //! The `insonify` command: arguments, subcommands and their dispatch.
 
-/// Declares subcommands, each with its arguments, and `run`, which runs the one that was given.
+/// Declares subcommands, each with its arguments, and `run`, which runs the one that was given; where they stand in groups, also `GROUPS`, the
+/// title of the group of each.
 macro_rules! commands {
+    (enum $name:ident { $($title:literal { $($command:ident($arguments:ty),)* })* }) => {
+        commands! { enum $name { $($($command($arguments),)*)* } }
+
+        impl $name {
+            const GROUPS: &[&str] = &[$($(($title, stringify!($command)).0,)*)*];
+        }
+    };
     (enum $name:ident { $($command:ident($arguments:ty),)* }) => {
         #[derive(clap::Subcommand)]
         enum $name {
@@ -27,6 +35,7 @@ mod doctor;
 mod excerpt;
 mod exercise;
 mod failure;
+mod groups;
 mod identify;
 mod info;
 mod input;
@@ -61,36 +70,20 @@ mod variants;
 use std::io;
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::{CommandFactory, FromArgMatches, Parser};
 use insonify::Error;
 
 const EXAMPLES: &str = "\
 Examples:
   insonify render                                  the default scene, to frame.png
-  insonify render --labels liver.nii.gz            a label file alone: the body is completed, the probe placed
-  insonify render --labels ct.nii.gz --target kidney -o kidney.png
+  insonify render --labels ct.nii.gz --target kidney -o kidney.png   a segmentation: the probe is placed over the kidney
   insonify scene > my.toml                         the default scene, commented, ready to edit
-  insonify scene sweep > sweep.toml                a scene whose probe moves
-  insonify render sweep.toml -o frames             its frames: a folder of numbered pictures
   insonify plan my.toml                            the passes of a frame, and why each runs
-  insonify inspect my.toml --at 320,240            what made one pixel
-  insonify realism frame.png --against real/       how near frames are to real ones, measure by measure
-  insonify match real.png --depth-mm 160 -o my.toml  probe and effects from a real frame
-  insonify calibrate pivot tip.igs.mha             tip of a tracked needle; its shaft, the plane of a probe's image
-  insonify register ct.nii.gz --surface touched.csv --fit fit.toml   anatomy fitted to a mannequin
-  insonify texture liver.png --region 200,150,180,180 -o liver.nrrd   a solid texture from an image
   insonify insert liver-biopsy -o out --images     a needle insertion: forces, tissue deformation, frames
-  insonify path liver-puncture --target vessel -o plan   needle paths that allow for the deformation
-  insonify exercise make liver-biopsy --organ liver -o tasks   training tasks with random targets
-  insonify identify case.toml -o found             force parameters and moduli from a measured insertion
-  insonify score run                               how well a needle was guided to its target: ten metrics
-  insonify manipulator inverse poses.csv           a needle guide on the probe: its slides for poses of the needle
   insonify solve problem.toml -o deformed.vtu      how tissue deforms under forces and displacements
-  insonify material creep.toml -o creep.svg        how tissue creeps, relaxes and stiffens
-  insonify beam case.toml -o shape.svg             how a needle bends in tissue when its base is moved
+  insonify calibrate pivot tip.igs.mha             the tip of a tracked needle
   insonify stability --quick                       hard numerical cases, and whether they pass
-  insonify mesh info organs.msh                    regions, volumes and element quality of a mesh
-  insonify doctor                                  the GPU adapters of this machine, and the backend used
+  insonify COMMAND --help                          every option of a command, with examples
 
 Exit status: 0 success; 2 invalid arguments, files or scenes; 1 a failure of the machine.
 Environment: INSONIFY_ADAPTER names the GPU adapter where --adapter does not; INSONIFY_CACHE is the folder for phantoms and
@@ -109,40 +102,61 @@ struct Cli {
 
 commands! {
     enum Command {
-        Render(render::Render),
-        Plan(plan::Plan),
-        Inspect(inspect::Inspect),
-        Realism(realism::Realism),
-        Match(matching::Match),
-        Bench(bench::Bench),
-        Tradeoff(tradeoff::Tradeoff),
-        Info(info::Info),
-        Calibrate(calibrate::Calibrate),
-        Register(Box<register::Register>),
-        Texture(Box<texture::TextureArgs>),
-        Insert(insert::Insert),
-        Path(path::PathArgs),
-        Rf(Box<rf::Rf>),
-        Motion(motion::Motion),
-        Manipulator(manipulator::Manipulator),
-        Identify(identify::Identify),
-        Score(score::ScoreArgs),
-        Exercise(exercise::Exercise),
-        Solve(solve::Solve),
-        Material(material::Material),
-        Beam(beam::Beam),
-        Puncture(puncture::Puncture),
-        Stability(stability::Stability),
-        Phantom(phantom::Phantom),
-        Mesh(mesh::Mesh),
-        Scene(scene::Scene),
-        Schema(schema::Schema),
-        Doctor(doctor::Doctor),
-        Completions(completions::Completions),
+        "Images" {
+            Render(render::Render),
+            Plan(plan::Plan),
+            Inspect(inspect::Inspect),
+            Realism(realism::Realism),
+            Match(matching::Match),
+            Texture(Box<texture::TextureArgs>),
+            Rf(Box<rf::Rf>),
+            Motion(motion::Motion),
+        }
+        "Tissue and needles" {
+            Insert(insert::Insert),
+            Path(path::PathArgs),
+            Puncture(puncture::Puncture),
+            Beam(beam::Beam),
+            Solve(solve::Solve),
+            Material(material::Material),
+            Identify(identify::Identify),
+        }
+        "Tracking and training" {
+            Calibrate(calibrate::Calibrate),
+            Register(Box<register::Register>),
+            Manipulator(manipulator::Manipulator),
+            Exercise(exercise::Exercise),
+            Score(score::ScoreArgs),
+        }
+        "Studies" {
+            Bench(bench::Bench),
+            Tradeoff(tradeoff::Tradeoff),
+            Stability(stability::Stability),
+        }
+        "Files and setup" {
+            Scene(scene::Scene),
+            Phantom(phantom::Phantom),
+            Mesh(mesh::Mesh),
+            Info(info::Info),
+            Schema(schema::Schema),
+            Doctor(doctor::Doctor),
+            Completions(completions::Completions),
+        }
     }
 }
 
 impl Cli {
+    /// The command with its subcommands in groups.
+    fn grouped() -> clap::Command {
+        groups::grouped(Self::command(), Command::GROUPS)
+    }
+
+    /// Parses the arguments of the process.
+    fn from_arguments() -> Result<Self, clap::Error> {
+        let matches = Self::grouped().try_get_matches()?;
+        Self::from_arg_matches(&matches).map_err(|error| error.format(&mut Self::grouped()))
+    }
+
     /// Runs the subcommand.
     fn run(self) -> Result<(), Error> {
         if self.quiet {
@@ -167,7 +181,7 @@ fn quiet_mesa() {
 /// Parses the arguments, runs the command and returns its exit status.
 fn main() -> ExitCode {
     quiet_mesa();
-    let result = match Cli::try_parse() {
+    let result = match Cli::from_arguments() {
         Ok(cli) => cli.run(),
         Err(error) => {
             // A closed terminal must not cause a failure.
@@ -216,10 +230,51 @@ pub fn watch() -> io::Result<()> {
 
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory;
+    use super::*;
 
     #[test]
     fn arguments_of_every_command_go_together() {
-        super::Cli::command().debug_assert();
+        Cli::grouped().debug_assert();
+    }
+
+    #[test]
+    fn every_command_is_listed_once_under_its_group() {
+        let help = Cli::grouped().render_help().to_string();
+        let list = help
+            .split_once("Usage:")
+            .and_then(|(_, rest)| rest.split_once("\nOptions:"));
+        let mut group = "";
+        let mut listed = Vec::new();
+        for line in list.map_or("", |(list, _)| list).lines().skip(1) {
+            match line.strip_prefix("  ").map(|line| line.split_once(' ')) {
+                Some(entry) => listed.extend(entry.map(|(name, about)| (group, name, about.trim()))),
+                None => group = line.trim_end_matches(':'),
+            }
+        }
+        let command = Cli::command();
+        let declared = command.get_subcommands().zip(Command::GROUPS);
+        let abouts: Vec<String> = command
+            .get_subcommands()
+            .map(|it| it.get_about().map_or_else(String::new, ToString::to_string))
+            .collect();
+        let declared: Vec<_> = declared
+            .zip(&abouts)
+            .map(|((it, group), about)| (*group, it.get_name(), about.as_str()))
+            .collect();
+        assert_eq!(declared.len(), abouts.len());
+        assert_eq!(listed, declared);
+        // Wider terminals are rare, and clap does not break lines here.
+        for line in help.lines() {
+            assert!(line.chars().count() <= 140, "{line}");
+        }
+    }
+
+    #[test]
+    fn completions_name_the_group() {
+        let command = groups::prefixed(Cli::command(), Command::GROUPS);
+        for (subcommand, group) in command.get_subcommands().zip(Command::GROUPS) {
+            let about = subcommand.get_about().map_or_else(String::new, ToString::to_string);
+            assert!(about.starts_with(&format!("{group}: ")), "{about}");
+        }
     }
 }

@@ -29,7 +29,9 @@ Examples:
 
 docs/realism.md lists the measures of frames of this program. Exit status: 0 measured, whatever the verdicts; 2 wrong arguments or files.";
 
-/// Compares frames with real frames: speckle, grey levels, fluid, contact and edges, in units of the spread among the real ones
+/// Compares frames with real frames: speckle, grey levels, fluid, contact and edges
+///
+/// Differences are in units of the spread among the real frames.
 #[derive(Args)]
 #[command(after_help = TEACHING)]
 pub(crate) struct Realism {

@@ -241,7 +241,18 @@ fn help_teaches_and_shells_complete() {
     }
     assert!(bench.run("render --help").text().contains("--layers"));
     assert!(bench.run("--version").text().contains(env!("CARGO_PKG_VERSION")));
-    for shell in ["bash", "zsh", "fish"] {
-        assert!(bench.run(&format!("completions {shell}")).text().contains("insonify"));
+    for group in [
+        "Images",
+        "Tissue and needles",
+        "Tracking and training",
+        "Studies",
+        "Files and setup",
+    ] {
+        assert_eq!(help.text().matches(&format!("\n{group}:\n")).count(), 1, "{help:?}");
+        for shell in ["zsh", "fish"] {
+            let script = bench.run(&format!("completions {shell}"));
+            assert!(script.text().contains(&format!("{group}: ")), "{shell}");
+        }
     }
+    assert!(bench.run("completions bash").text().contains("insonify"));
 }

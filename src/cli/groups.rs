@@ -1,0 +1,41 @@
+//! Groups of subcommands in `--help` and in completions.
+
+use std::fmt::Write;
+
+use clap::Command;
+
+/// Command whose help lists the subcommands in groups. `titles` has the group of each subcommand, in order of declaration.
+pub(crate) fn grouped(command: Command, titles: &[&str]) -> Command {
+    let [heading, literal] = [command.get_styles().get_header(), command.get_styles().get_literal()];
+    let names = command.get_subcommands().map(|subcommand| subcommand.get_name().len());
+    let width = names.max().unwrap_or_default();
+    let mut list = String::new();
+    for (at, (subcommand, title)) in command.get_subcommands().zip(titles).enumerate() {
+        if at == 0 || titles[at - 1] != *title {
+            let _ = write!(list, "{heading}{title}:{heading:#}\n");
+        }
+        let (name, about) = (
+            subcommand.get_name(),
+            subcommand.get_about().cloned().unwrap_or_default(),
+        );
+        let _ = write!(list, "  {literal}{name:<width$}{literal:#}  {about}\n");
+        if titles.get(at + 1) != Some(title) {
+            list.push('\n');
+        }
+    }
+    // clap has one heading for all subcommands; otherwise this is its usual template.
+    let template = format!(
+        "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{list}{heading}Options:{heading:#}\n{{options}}{{after-help}}"
+    );
+    command.help_template(template)
+}
+
+/// Command whose subcommands are described with their group, as lists of completions have no headings.
+pub(crate) fn prefixed(command: Command, titles: &[&str]) -> Command {
+    let mut titles = titles.iter();
+    command.mut_subcommands(|subcommand| {
+        let about = subcommand.get_about().cloned().unwrap_or_default();
+        let title = titles.next().copied().unwrap_or_default();
+        subcommand.about(format!("{title}: {about}"))
+    })
+}
