@@ -49,7 +49,6 @@ pub struct Costs {
     /// Time with every setting at the option without extra cost, ms.
     pub base_ms: f64,
     /// Settings that can be varied.
-    #[serde(rename = "dials")]
     pub settings: Vec<VariedSetting>,
 }
 
@@ -59,7 +58,6 @@ pub struct VariedSetting {
     /// Keys as written in a file.
     pub keys: Vec<String>,
     /// Available values.
-    #[serde(rename = "rungs")]
     pub options: Vec<SettingOption>,
 }
 

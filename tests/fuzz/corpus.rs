@@ -32,9 +32,9 @@ pub(crate) const NAMES_OF_LABELS: [&str; 3] = [
     "  40  255 0 0  1 1 1  \"right lung\"\n",
 ];
 pub(crate) const POINTS: &str = "stretch,stress_kpa\n1.0,0.0\n0.95,-1.98\n0.90,-4.1\n0.85,-6.9\n0.8,-10.2\n0.7,-20\n";
-pub(crate) const COSTS: &str = r#"{"measured": "frames", "errors": "mm", "base_ms": 1.5, "dials": [
-    {"keys": ["lines", "samples"], "rungs": [{"values": ["64", "128"], "extra_ms": 0.1, "error": 2}, {"values": ["256", "512"], "extra_ms": 4, "error": 0}]},
-    {"keys": ["level"], "rungs": [{"values": ["exact"], "extra_ms": 0, "error": 0}, {"values": ["two"], "extra_ms": -1, "error": 0.5}]}]}"#;
+pub(crate) const COSTS: &str = r#"{"measured": "frames", "errors": "mm", "base_ms": 1.5, "settings": [
+    {"keys": ["lines", "samples"], "options": [{"values": ["64", "128"], "extra_ms": 0.1, "error": 2}, {"values": ["256", "512"], "extra_ms": 4, "error": 0}]},
+    {"keys": ["level"], "options": [{"values": ["exact"], "extra_ms": 0, "error": 0}, {"values": ["two"], "extra_ms": -1, "error": 0.5}]}]}"#;
 pub(crate) const XML: &str = r#"<PlusConfiguration version="2.3"><ScanConversion TransducerGeometry="LINEAR" ImagingDepthMm="60.0"
     TransducerWidthMm="40.0" OutputImageSizePixel="820 616" TransducerCenterPixel="410 0" OutputImageSpacingMmPerPixel="0.085 0.085"/>
     <CoordinateDefinitions><Transform From="Image" To="Probe" Matrix="0.08 0 0 1  0 0.08 0 2  0 0 0.08 3  0 0 0 1" Error="0.5"/>

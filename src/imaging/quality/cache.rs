@@ -14,6 +14,9 @@ use insonify_base::output::{OutputError, atomic, place};
 /// Maximum size of a file, bytes; a file of costs has a few thousand.
 const MAX_BYTES: u64 = 1 << 20;
 
+/// Version of the files; those of others are not read.
+const FORMAT: &str = "2";
+
 /// A cache folder of measured costs.
 #[derive(Clone, Debug)]
 pub struct Cache {
@@ -96,7 +99,7 @@ impl Cache {
     /// Path of an item.
     fn path(&self, thing: &[&str]) -> Option<PathBuf> {
         let mut hasher = blake3::Hasher::new();
-        for part in [insonify_base::VERSION, &self.machine].iter().chain(thing) {
+        for part in [insonify_base::VERSION, FORMAT, &self.machine].iter().chain(thing) {
             hasher.update(&(part.len() as u64).to_le_bytes());
             hasher.update(part.as_bytes());
         }

@@ -219,7 +219,7 @@ fn costs_are_kept_by_what_was_measured() {
 }
 
 #[test]
-fn dials_of_a_file_are_finite_short_and_have_a_value_for_each_key() {
+fn settings_of_a_file_are_finite_short_and_have_a_value_for_each_key() {
     let setting = |values: &[&str], extra_ms, copies| VariedSetting {
         keys: vec!["a".to_owned(), "b".to_owned()],
         options: vec![
