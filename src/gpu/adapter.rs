@@ -172,14 +172,14 @@ fn title(info: &wgpu::AdapterInfo) -> String {
 
 fn adapters() -> Vec<wgpu::Adapter> {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
-    let found = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
-    in_order(found, wgpu::Adapter::get_info)
+    let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+    in_order(adapters, wgpu::Adapter::get_info)
 }
 
 /// Sorts adapters best first, ties in the order found, without duplicates from a driver registered twice.
-fn in_order<A>(found: Vec<A>, info: impl Fn(&A) -> wgpu::AdapterInfo) -> Vec<A> {
+fn in_order<A>(adapters: Vec<A>, info: impl Fn(&A) -> wgpu::AdapterInfo) -> Vec<A> {
     let mut seen = std::collections::HashSet::new();
-    let mut kept: Vec<(u8, A)> = found
+    let mut ranked: Vec<(u8, A)> = adapters
         .into_iter()
         .filter_map(|adapter| {
             let info = info(&adapter);
@@ -193,8 +193,8 @@ fn in_order<A>(found: Vec<A>, info: impl Fn(&A) -> wgpu::AdapterInfo) -> Vec<A> 
             seen.insert(info).then_some((rank, adapter))
         })
         .collect();
-    kept.sort_by_key(|(rank, _)| *rank);
-    kept.into_iter().map(|(_, adapter)| adapter).collect()
+    ranked.sort_by_key(|(rank, _)| *rank);
+    ranked.into_iter().map(|(_, adapter)| adapter).collect()
 }
 
 #[cfg(test)]
@@ -214,7 +214,7 @@ mod tests {
     #[test]
     fn best_first_and_doubles_dropped() {
         use wgpu::DeviceType::{Cpu, DiscreteGpu, IntegratedGpu, VirtualGpu};
-        let found = vec![
+        let registered = vec![
             info("llvmpipe", Cpu, ""),
             info("virtual", VirtualGpu, ""),
             info("llvmpipe", Cpu, ""),
@@ -222,7 +222,7 @@ mod tests {
             info("laptop", IntegratedGpu, ""),
             info("twin", DiscreteGpu, "0000:02:00.0"),
         ];
-        let order = in_order(found, Clone::clone);
+        let order = in_order(registered, Clone::clone);
         let names: Vec<&str> = order.iter().map(|info| info.name.as_str()).collect();
         assert_eq!(
             names,

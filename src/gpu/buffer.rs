@@ -55,9 +55,9 @@ impl StorageBuffer {
             let label = label.to_owned();
             return Ok(Self { label, buffer });
         }
-        let made = Self::upload(gpu, label, data)?;
-        shared.push((hash, Arc::downgrade(&made.buffer)));
-        Ok(made)
+        let buffer = Self::upload(gpu, label, data)?;
+        shared.push((hash, Arc::downgrade(&buffer.buffer)));
+        Ok(buffer)
     }
 
     /// Overwrites from `byte_offset`, a multiple of 4, before the next submission. Bytes up to the next word

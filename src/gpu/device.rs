@@ -103,6 +103,7 @@ impl Gpu {
                 adapter: report.name.clone(),
                 message: error.to_string(),
             })?;
+        // wgpu panics at an error that nobody catches: with these it is an error of the next call.
         let faults = Faults::default();
         device.on_uncaptured_error({
             let faults = faults.clone();

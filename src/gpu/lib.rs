@@ -36,7 +36,6 @@
 //!             }",
 //!         entry: "double",
 //!         storage: &[Access::Write],
-//!         constants: &[],
 //!         loops: Loops::COUNTED,
 //!     },
 //! )?;

@@ -18,8 +18,6 @@ pub struct PassSource<'a> {
     pub entry: &'a str,
     /// Access of the storage buffers at bindings 1, 2, ...
     pub storage: &'a [Access],
-    /// Values of the pipeline-overridable constants, by name.
-    pub constants: &'a [(&'a str, f64)],
     /// What is known of its loops.
     pub loops: Loops,
 }
@@ -76,6 +74,7 @@ impl Pipeline {
             },
             other => other,
         };
+        // Compilation and the pipeline each in a scope of their own: only the former knows the line of an error.
         let mut line = None;
         let module = gpu.scoped(pass.label, || {
             let module = compile(gpu.device(), pass);
@@ -210,9 +209,9 @@ fn build(
         module,
         entry_point: Some(pass.entry),
         compilation_options: wgpu::PipelineCompilationOptions {
-            constants: pass.constants,
             // Shaders write their workgroup memory before they read it.
             zero_initialize_workgroup_memory: false,
+            ..Default::default()
         },
         cache: None,
     });

@@ -207,9 +207,9 @@ mod tests {
             buffer.write(&gpu, 0, &[expected]).unwrap();
             gpu.submit("copy", |recorder| recorder.read_back(&buffer, &readback))
                 .unwrap();
-            let mut found = [u32::MAX];
-            readback.read(&gpu, &mut found).unwrap();
-            assert_eq!(found, [expected]);
+            let mut value = [u32::MAX];
+            readback.read(&gpu, &mut value).unwrap();
+            assert_eq!(value, [expected]);
         }
     }
 
@@ -226,7 +226,6 @@ mod tests {
                 }",
             entry: "spin",
             storage: &[Access::Write],
-            constants: &[],
             loops: Loops::COUNTED,
         };
         let pipeline = Pipeline::new(&gpu, &pass).unwrap();
@@ -246,13 +245,13 @@ mod tests {
         })
         .unwrap();
 
-        let mut found = [0_u32];
+        let mut value = [0_u32];
         let mut hasty = gpu.clone();
         hasty.set_wait_timeout(Duration::ZERO);
-        let result = readback.read(&hasty, &mut found);
+        let result = readback.read(&hasty, &mut value);
         assert!(matches!(result, Err(GpuError::Timeout { .. })), "{result:?}");
-        readback.read(&gpu, &mut found).unwrap();
-        assert_eq!(found[0] & 1, 1);
+        readback.read(&gpu, &mut value).unwrap();
+        assert_eq!(value[0] & 1, 1);
     }
 
     #[test]

@@ -152,7 +152,6 @@ mod tests {
                 @compute @workgroup_size(1) fn touch() { out[0] = value; }",
             entry: "touch",
             storage: &[Access::Write],
-            constants: &[],
             loops: Loops::COUNTED,
         };
         let pipeline = Pipeline::new(&gpu, &pass).unwrap();
@@ -184,19 +183,19 @@ mod tests {
         parameters.write(&gpu).unwrap();
         run(1, [1, 1, 1]).unwrap();
         let mut readback = Readback::new(&gpu, "out", 4).unwrap();
-        let mut found = [0_u32];
+        let mut words = [0_u32];
         gpu.submit("copy", |recorder| recorder.read_back(&out, &readback))
             .unwrap();
-        readback.read(&gpu, &mut found).unwrap();
-        assert_eq!(found, [42]);
+        readback.read(&gpu, &mut words).unwrap();
+        assert_eq!(words, [42]);
 
         gpu.submit("clear", |recorder| {
             recorder.clear(&out);
             recorder.read_back(&out, &readback)
         })
         .unwrap();
-        readback.read(&gpu, &mut found).unwrap();
-        assert_eq!(found, [0]);
+        readback.read(&gpu, &mut words).unwrap();
+        assert_eq!(words, [0]);
         let mut wide = Readback::new(&gpu, "wide", 8).unwrap();
         let beyond = gpu.submit("copy", |recorder| recorder.read_back(&out, &wide));
         assert!(

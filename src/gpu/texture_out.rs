@@ -117,10 +117,10 @@ mod tests {
             })
             .unwrap();
             let (width, height) = (width as usize, height as usize);
-            let mut found = vec![0; width * height];
-            readback.read_rows(&gpu, &mut found, width, stride).unwrap();
+            let mut pixels = vec![0; width * height];
+            readback.read_rows(&gpu, &mut pixels, width, stride).unwrap();
             let expected: Vec<u8> = (0..width * height).map(|i| grey(i % width, i / width)).collect();
-            assert_eq!(found, expected, "{width} x {height}");
+            assert_eq!(pixels, expected, "{width} x {height}");
         }
     }
 

@@ -123,7 +123,7 @@ mod tests {
     };
 
     const SPIN: &str = "
-        override rounds: u32;
+        const rounds = 1u;
         @group(0) @binding(1) var<storage, read_write> out: array<u32>;
         @compute @workgroup_size(64)
         fn spin(@builtin(global_invocation_id) id: vec3u) {
@@ -143,20 +143,18 @@ mod tests {
         let out = StorageBuffer::zeroed(&gpu, "out", 4 * 4096).unwrap();
         let parameters = Parameters::new(&gpu, "none", 1).unwrap();
         let spin = |label, rounds| {
-            let constants = [("rounds", rounds)];
             let pass = PassSource {
                 label,
-                source: SPIN,
+                source: &SPIN.replace("rounds = 1u", rounds),
                 entry: "spin",
                 storage: &[Access::Write],
-                constants: &constants,
                 loops: Loops::COUNTED,
             };
             let pipeline = Pipeline::new(&gpu, &pass).unwrap();
             let bindings = pipeline.bind(&gpu, &parameters, &[&out]).unwrap();
             (pipeline, bindings)
         };
-        let passes = [spin("short", 1.0), spin("long", 60_000.0)];
+        let passes = [spin("short", "rounds = 1u"), spin("long", "rounds = 60000u")];
         let dispatches: Vec<Dispatch<'_>> = passes
             .iter()
             .map(|(pipeline, bindings)| Dispatch {

@@ -162,7 +162,6 @@ fn a_host_keeps_its_handlers_and_its_loss_shows_at_the_read_back() {
         source: "fn",
         entry: "broken",
         storage: &[],
-        constants: &[],
         loops: Loops::COUNTED,
     };
     assert!(matches!(Pipeline::new(&gpu, &broken), Err(GpuError::Shader { .. })));

@@ -3,7 +3,7 @@ use crate::{Dispatch, Readback, testing};
 
 const SCALE: &str = "
     struct Parameters { factor: u32 }
-    override bias: u32 = 0u;
+    const bias = 0u;
     @group(0) @binding(0) var<storage, read> parameters: Parameters;
     @group(0) @binding(1) var<storage, read> source: array<u32>;
     @group(0) @binding(2) var<storage, read_write> result: array<u32>;
@@ -12,26 +12,25 @@ const SCALE: &str = "
         if id.x < arrayLength(&result) { result[id.x] = source[id.x] * parameters.factor + bias; }
     }";
 
-fn scale<'a>(source: &'a str, constants: &'a [(&'a str, f64)]) -> PassSource<'a> {
+fn scale(source: &str) -> PassSource<'_> {
     PassSource {
         label: "scale",
         source,
         entry: "scale",
         storage: &[Access::Read, Access::Write],
-        constants,
         loops: Loops::COUNTED,
     }
 }
 
 #[test]
-fn a_chain_of_passes_takes_each_its_own_slot_and_constants() {
+fn a_chain_of_passes_takes_each_its_own_slot() {
     let Some(gpu) = testing::open() else { return };
     let input: Vec<u32> = (0..1000).collect();
     let first = StorageBuffer::upload(&gpu, "first", &input).unwrap();
     let second = StorageBuffer::zeroed(&gpu, "second", first.bytes()).unwrap();
     let mut parameters = Parameters::new(&gpu, "parameters", 2).unwrap();
-    let plain = Pipeline::new(&gpu, &scale(SCALE, &[])).unwrap();
-    let biased = Pipeline::new(&gpu, &scale(SCALE, &[("bias", 5.0)])).unwrap();
+    let plain = Pipeline::new(&gpu, &scale(SCALE)).unwrap();
+    let biased = Pipeline::new(&gpu, &scale(&SCALE.replace("bias = 0u", "bias = 5u"))).unwrap();
     let there = plain.bind(&gpu, &parameters, &[&first, &second]).unwrap();
     let back = biased.bind(&gpu, &parameters, &[&second, &first]).unwrap();
     let mut readback = Readback::new(&gpu, "first", first.bytes()).unwrap();
@@ -63,10 +62,10 @@ fn a_chain_of_passes_takes_each_its_own_slot_and_constants() {
             recorder.read_back(&first, &readback)
         })
         .unwrap();
-        let mut found = vec![0_u32; 1000];
-        readback.read(&gpu, &mut found).unwrap();
+        let mut result = vec![0_u32; 1000];
+        readback.read(&gpu, &mut result).unwrap();
         expected.iter_mut().for_each(|value| *value = *value * factor * 10 + 5);
-        assert_eq!(found, expected);
+        assert_eq!(result, expected);
     }
 }
 
@@ -74,7 +73,7 @@ fn a_chain_of_passes_takes_each_its_own_slot_and_constants() {
 fn wgsl_that_does_not_parse_names_the_pass_and_the_line() {
     let Some(gpu) = testing::open() else { return };
     let broken = SCALE.replace("source[id.x] *", "source[id.x] * nonsense *");
-    match Pipeline::new(&gpu, &scale(&broken, &[])).unwrap_err() {
+    match Pipeline::new(&gpu, &scale(&broken)).unwrap_err() {
         GpuError::Shader { pass, line, message } => {
             assert_eq!((pass.as_str(), line), ("scale", Some(9)));
             assert!(message.contains("nonsense"), "{message}");
@@ -93,25 +92,24 @@ fn a_pass_that_does_not_fit_its_declaration_is_an_error() {
             "an unknown entry point",
             PassSource {
                 entry: "missing",
-                ..scale(SCALE, &[])
+                ..scale(SCALE)
             },
         ),
         (
             "a buffer less than the WGSL binds",
             PassSource {
                 storage: &[Access::Read],
-                ..scale(SCALE, &[])
+                ..scale(SCALE)
             },
         ),
         (
             "an access against the WGSL's",
             PassSource {
                 storage: &[Access::Read; 2],
-                ..scale(SCALE, &[])
+                ..scale(SCALE)
             },
         ),
-        ("an unknown constant", scale(SCALE, &[("gain", 1.0)])),
-        ("a block larger than its slot", scale(&large, &[])),
+        ("a block larger than its slot", scale(&large)),
     ];
     for (what, source) in cases {
         let error = Pipeline::new(&gpu, &source).err();
@@ -129,7 +127,7 @@ fn more_storage_buffers_than_the_device_has_is_a_limit() {
     let storage = vec![Access::Read; available as usize];
     let source = PassSource {
         storage: &storage,
-        ..scale(SCALE, &[])
+        ..scale(SCALE)
     };
     assert_eq!(
         testing::exceeded("scale", Pipeline::new(&gpu, &source)),
@@ -140,7 +138,7 @@ fn more_storage_buffers_than_the_device_has_is_a_limit() {
 #[test]
 fn bindings_and_slots_are_counted() {
     let Some(gpu) = testing::open() else { return };
-    let pipeline = Pipeline::new(&gpu, &scale(SCALE, &[])).unwrap();
+    let pipeline = Pipeline::new(&gpu, &scale(SCALE)).unwrap();
     let buffer = StorageBuffer::zeroed(&gpu, "buffer", 4).unwrap();
     let mut parameters = Parameters::new(&gpu, "parameters", 1).unwrap();
     let short = pipeline.bind(&gpu, &parameters, &[&buffer]);

@@ -99,7 +99,6 @@ impl Device {
                 source: SHADER,
                 entry: "echoes",
                 storage: &STORAGE,
-                constants: &[],
                 loops: LOOPS,
             },
         )?;

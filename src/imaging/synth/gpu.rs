@@ -504,7 +504,6 @@ impl GpuExecutor {
             source: &linked.source,
             entry: ENTRY,
             storage: &storage,
-            constants: &[],
             loops: LOOPS,
         };
         Pipeline::with_block(&self.gpu, &source, linker::block_bytes(linked.passes) as u64)

@@ -239,7 +239,6 @@ impl Passes {
                 source,
                 entry: pass.entry,
                 storage: pass.storage,
-                constants: &[],
                 loops: LOOPS,
             };
             Pipeline::new(gpu, &source)

@@ -240,7 +240,6 @@ pub(super) fn apart(gpu: &Gpu, seeds: &[u64], count: usize) -> Result<[usize; 2]
             source: SHADER,
             entry: "main",
             storage: &[Access::Read, Access::Write],
-            constants: &[],
             loops: Loops::COUNTED,
         },
     )?;
