@@ -46,9 +46,9 @@ impl Recent {
             return;
         }
         self.0.push_back((key.to_owned(), bytes.to_vec()));
-        let mut held: usize = self.0.iter().map(|(_, bytes)| bytes.len()).sum();
-        while held > MAX_BYTES_IN_MEMORY {
-            held -= self.0.pop_front().map_or(held, |(_, bytes)| bytes.len());
+        let mut bytes_held: usize = self.0.iter().map(|(_, bytes)| bytes.len()).sum();
+        while bytes_held > MAX_BYTES_IN_MEMORY {
+            bytes_held -= self.0.pop_front().map_or(bytes_held, |(_, bytes)| bytes.len());
         }
     }
 }
@@ -154,12 +154,12 @@ fn put(path: &Path, bytes: &[u8]) -> Option<()> {
         files.push((about.modified().ok()?, about.len(), entry.path()));
     }
     files.sort();
-    let mut held: u64 = files.iter().map(|(_, length, _)| length).sum();
+    let mut bytes_on_disk: u64 = files.iter().map(|(_, length, _)| length).sum();
     for (_, length, path) in files {
-        if held <= MAX_BYTES {
+        if bytes_on_disk <= MAX_BYTES {
             break;
         }
-        held -= length;
+        bytes_on_disk -= length;
         fs::remove_file(path).ok()?;
     }
     Some(())
@@ -171,15 +171,15 @@ mod tests {
 
     #[test]
     fn results_are_made_once_and_large_or_old_ones_make_room() {
-        let mut made = 0;
+        let mut calls = 0;
         for _ in 0..2 {
             let bytes = cached("made once", 3, || {
-                made += 1;
+                calls += 1;
                 vec![7; 3]
             });
             assert_eq!(bytes, [7; 3]);
         }
-        assert_eq!(made, 1);
+        assert_eq!(calls, 1);
         let mut recent = Recent(VecDeque::new());
         recent.put("huge", &vec![0; MAX_BYTES_IN_MEMORY / 2 + 1]);
         assert_eq!(recent.get("huge"), None);

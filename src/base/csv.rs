@@ -179,8 +179,8 @@ impl<'a> Row<'a> {
     /// # Errors
     /// [`CsvError::Line`] for anything else.
     pub fn number(self, column: &str) -> Result<f64, CsvError> {
-        let found = self.text(column).parse().ok().filter(|number: &f64| number.is_finite());
-        found.ok_or_else(|| self.wrong(column, "a finite number"))
+        let number = self.text(column).parse().ok().filter(|number: &f64| number.is_finite());
+        number.ok_or_else(|| self.wrong(column, "a finite number"))
     }
 
     /// Finite numbers in several columns.
@@ -200,8 +200,8 @@ impl<'a> Row<'a> {
     /// # Errors
     /// [`CsvError::Line`] for anything else.
     pub fn count(self, column: &str) -> Result<usize, CsvError> {
-        let found = self.text(column).parse();
-        found.map_err(|_| self.wrong(column, "a whole number from 0"))
+        let count = self.text(column).parse();
+        count.map_err(|_| self.wrong(column, "a whole number from 0"))
     }
 
     /// Error for numbers of the row that do not go together.
@@ -283,10 +283,10 @@ mod tests {
             ),
         ];
         for (text, words) in cases {
-            let found = fault(text);
+            let error = fault(text);
             assert!(
-                found.contains(words) && found.contains("t.csv"),
-                "{found}\nexpected {words}"
+                error.contains(words) && error.contains("t.csv"),
+                "{error}\nexpected {words}"
             );
         }
     }

@@ -25,10 +25,10 @@ pub const FARTHEST_MM: f64 = 1e6;
 pub fn rigid(matrix: &Matrix4<f64>) -> Result<Matrix4<f64>, String> {
     for row in 0..4 {
         for column in 0..4 {
-            let found = matrix[(row, column)];
-            if !found.is_finite() {
+            let entry = matrix[(row, column)];
+            if !entry.is_finite() {
                 return Err(format!(
-                    "row {row}, column {column} is {found}; expected a finite number"
+                    "row {row}, column {column} is {entry}; expected a finite number"
                 ));
             }
         }
@@ -38,15 +38,15 @@ pub fn rigid(matrix: &Matrix4<f64>) -> Result<Matrix4<f64>, String> {
     if last
         .iter()
         .zip(expected)
-        .any(|(found, expected)| (found - expected).abs() > 1e-6)
+        .any(|(entry, expected)| (entry - expected).abs() > 1e-6)
     {
         return Err(format!("the last row is {last:?}; expected [0, 0, 0, 1]"));
     }
     let position = Vector3::from([0, 1, 2].map(|row| matrix[(row, 3)]));
     if position.amax() > FARTHEST_MM {
-        let found = <[f64; 3]>::from(position);
+        let position = <[f64; 3]>::from(position);
         return Err(format!(
-            "the position {found:?} mm is farther than 1e6 mm from the origin"
+            "the position {position:?} mm is farther than 1e6 mm from the origin"
         ));
     }
     let axes = matrix.fixed_view::<3, 3>(0, 0).into_owned();

@@ -269,22 +269,22 @@ pub fn try_for_each<R: Rows, E: Send>(rows: R, work: &(dyn Fn(R::Row) -> Result<
 /// Results of `make` for each row.
 pub fn map<R: Rows, T: Send>(rows: R, make: &(dyn Fn(R::Row) -> T + Sync)) -> Vec<T> {
     collect(rows, &|mut rows: R| {
-        let mut made = Vec::with_capacity(rows.count());
+        let mut results = Vec::with_capacity(rows.count());
         while let Some(row) = rows.next() {
-            made.push(make(row));
+            results.push(make(row));
         }
-        made
+        results
     })
 }
 
 /// Those of the results of `make` for each row that are not `None`.
 pub fn filter_map<R: Rows, T: Send>(rows: R, make: &(dyn Fn(R::Row) -> Option<T> + Sync)) -> Vec<T> {
     collect(rows, &|mut rows: R| {
-        let mut made = Vec::new();
+        let mut results = Vec::new();
         while let Some(row) = rows.next() {
-            made.extend(make(row));
+            results.extend(make(row));
         }
-        made
+        results
     })
 }
 
@@ -297,8 +297,8 @@ pub fn try_map<R: Rows, T: Send, E: Send>(
     make: &(dyn Fn(R::Row) -> Result<T, E> + Sync),
 ) -> Result<Vec<T>, E> {
     let first = FirstError::default();
-    let made = filter_map((0.., rows), &|(at, row)| first.unless_failed(at, || make(row)));
-    first.of(made)
+    let results = filter_map((0.., rows), &|(at, row)| first.unless_failed(at, || make(row)));
+    first.of(results)
 }
 
 /// Sorts items; those that are equal keep their order.
@@ -346,7 +346,7 @@ impl<E> FirstError<E> {
             return None;
         }
         let failed = match work() {
-            Ok(made) => return Some(made),
+            Ok(result) => return Some(result),
             Err(failed) => failed,
         };
         let mut error = self.error.lock().unwrap_or_else(PoisonError::into_inner);
@@ -356,10 +356,10 @@ impl<E> FirstError<E> {
         None
     }
 
-    fn of<T>(self, made: T) -> Result<T, E> {
+    fn of<T>(self, result: T) -> Result<T, E> {
         match self.error.into_inner().unwrap_or_else(PoisonError::into_inner) {
             Some(error) => Err(error),
-            None => Ok(made),
+            None => Ok(result),
         }
     }
 }
@@ -546,9 +546,9 @@ mod tests {
     fn scratch_is_of_the_piece() {
         in_pools(&|| {
             for count in COUNTS {
-                let made = AtomicUsize::new(0);
+                let scratches = AtomicUsize::new(0);
                 let init = || {
-                    made.fetch_add(1, Memory::Relaxed);
+                    scratches.fetch_add(1, Memory::Relaxed);
                     Vec::new()
                 };
                 let mut sizes = vec![0; count];
@@ -558,7 +558,7 @@ mod tests {
                 });
                 assert_eq!(
                     sizes.iter().filter(|size| **size == 1).count(),
-                    made.into_inner().min(count)
+                    scratches.into_inner().min(count)
                 );
             }
         });

@@ -84,13 +84,13 @@ mod tests {
                 *moment += x.powi(power) / f64::from(count);
             }
         }
-        for (found, exact, bound) in [
+        for (moment, exact, bound) in [
             (moments[0], 0.0, 0.03),
             (moments[1], 1.0, 0.05),
             (moments[2], 0.0, 0.1),
             (moments[3], 3.0, 0.3),
         ] {
-            assert!((found - exact).abs() < bound, "{moments:?}");
+            assert!((moment - exact).abs() < bound, "{moments:?}");
         }
     }
 

@@ -32,28 +32,28 @@ impl OutOfRange {
 
 /// Parses finite numbers separated by commas.
 pub fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
-    let found: Option<Vec<f64>> = text
+    let listed: Option<Vec<f64>> = text
         .split(',')
         .map(|part| part.trim().parse().ok().filter(|number: &f64| number.is_finite()))
         .collect();
-    let found = found.and_then(|found| found.try_into().ok());
-    found.ok_or_else(|| format!("expected {N} finite numbers separated by commas"))
+    let numbers = listed.and_then(|listed| listed.try_into().ok());
+    numbers.ok_or_else(|| format!("expected {N} finite numbers separated by commas"))
 }
 
 /// Checks that a number is finite and `holds`.
-pub fn check(key: &str, found: f64, holds: bool, expected: impl Into<String>) -> Result<(), OutOfRange> {
-    match found.is_finite() && holds {
+pub fn check(key: &str, number: f64, holds: bool, expected: impl Into<String>) -> Result<(), OutOfRange> {
+    match number.is_finite() && holds {
         true => Ok(()),
-        false => Err(OutOfRange::new(key, found, expected)),
+        false => Err(OutOfRange::new(key, number, expected)),
     }
 }
 
 /// Checks that a number is in a range.
-pub fn within(key: &str, found: f64, range: std::ops::RangeInclusive<f64>) -> Result<(), OutOfRange> {
+pub fn within(key: &str, number: f64, range: std::ops::RangeInclusive<f64>) -> Result<(), OutOfRange> {
     let expected = || format!("a number from {} to {}", range.start(), range.end());
-    match range.contains(&found) {
+    match range.contains(&number) {
         true => Ok(()),
-        false => Err(OutOfRange::new(key, found, expected())),
+        false => Err(OutOfRange::new(key, number, expected())),
     }
 }
 
@@ -70,8 +70,8 @@ pub struct Range<T> {
 }
 
 impl<T> Range<T> {
-    fn excludes(&self, found: f64) -> bool {
-        !(found.is_finite() && (self.holds)(found))
+    fn excludes(&self, number: f64) -> bool {
+        !(number.is_finite() && (self.holds)(number))
     }
 }
 
@@ -83,8 +83,8 @@ pub trait Ranges: Sized + 'static {
     /// The first number out of its range, with its key and the range.
     fn out_of_range(&self) -> Option<(&'static str, f64, &'static str)> {
         Self::RANGES.iter().find_map(|range| {
-            let found = (range.stated)(self).filter(|found| range.excludes(*found))?;
-            Some((range.key, found, range.expected))
+            let number = (range.stated)(self).filter(|number| range.excludes(*number))?;
+            Some((range.key, number, range.expected))
         })
     }
 
@@ -94,7 +94,7 @@ pub trait Ranges: Sized + 'static {
     /// [`OutOfRange`] for the first that is outside.
     fn check_ranges(&self) -> Result<(), OutOfRange> {
         match self.out_of_range() {
-            Some((key, found, expected)) => Err(OutOfRange::new(key, found, expected)),
+            Some((key, number, expected)) => Err(OutOfRange::new(key, number, expected)),
             None => Ok(()),
         }
     }
@@ -103,12 +103,12 @@ pub trait Ranges: Sized + 'static {
     ///
     /// # Errors
     /// [`OutOfRange`] if it is outside.
-    fn check_number(key: &str, found: f64) -> Result<(), OutOfRange> {
+    fn check_number(key: &str, number: f64) -> Result<(), OutOfRange> {
         match Self::RANGES
             .iter()
-            .find(|range| range.key == key && range.excludes(found))
+            .find(|range| range.key == key && range.excludes(number))
         {
-            Some(range) => Err(OutOfRange::new(key, found, range.expected)),
+            Some(range) => Err(OutOfRange::new(key, number, range.expected)),
             None => Ok(()),
         }
     }

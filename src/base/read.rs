@@ -84,11 +84,11 @@ pub fn open(path: &Path) -> io::Result<File> {
 
 /// Reads a regular file, or a pipe that this program was started with (`<(…)` of a shell, `/dev/stdin`).
 pub fn bytes(path: &Path, kind: Kind) -> io::Result<Vec<u8>> {
-    let found = metadata(path)?;
+    let metadata = metadata(path)?;
     let handed_over = ["/dev/fd", "/dev/stdin", "/proc/self/fd"]
         .iter()
         .any(|place| path.starts_with(place));
-    let file = if handed_over && name_of(found.file_type()) == PIPE {
+    let file = if handed_over && name_of(metadata.file_type()) == PIPE {
         File::open(path)?
     } else {
         open(path)?
@@ -97,8 +97,9 @@ pub fn bytes(path: &Path, kind: Kind) -> io::Result<Vec<u8>> {
         true => Err(Refused::TooLong { found, kind }),
         false => Ok(()),
     };
-    within(found.len())?;
-    let mut bytes = room(found.len() as usize, kind.name)?;
+    within(metadata.len())?;
+    let mut bytes = room(metadata.len() as usize, kind.name)?;
+    // One byte more than allowed: the length of a pipe is not known, and that of a file may grow while it is read.
     file.take(kind.most + 1).read_to_end(&mut bytes)?;
     within(bytes.len() as u64)?;
     Ok(bytes)

@@ -50,7 +50,7 @@ impl Cell {
 
     /// Returns the cell as an HTML element with the given name and attributes, in a column of numbers or of text.
     fn html(&self, name: &str, attributes: &str, number: bool) -> String {
-        let whole = |inner: &str, own: &str| format!("<{name}{own}{attributes}>{inner}</{name}>");
+        let whole = |inner: &str, class: &str| format!("<{name}{class}{attributes}>{inner}</{name}>");
         match self {
             Cell::Plain(text) if number => whole(&unbroken(text), " class=\"n\""),
             Cell::Number(text) => whole(&unbroken(text), " class=\"n\""),

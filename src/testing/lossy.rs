@@ -93,12 +93,12 @@ impl Draw {
     /// A correctly rounded result: of the two neighbours of the exact one either.
     fn rounded(&self, exact: f64) -> f32 {
         let nearest = exact as f32;
-        let found = match f64::from(nearest).partial_cmp(&exact) {
+        let rounded = match f64::from(nearest).partial_cmp(&exact) {
             Some(Ordering::Less) if self.is_up(exact) => nearest.next_up(),
             Some(Ordering::Greater) if !self.is_up(exact) => nearest.next_down(),
             _ => nearest,
         };
-        self.flushed(1, found)
+        self.flushed(1, rounded)
     }
 
     /// A result `off` from the exact one, at least 1 ULP.
@@ -109,12 +109,12 @@ impl Draw {
         let up = self.is_up(exact);
         let farthest = if up { exact + off } else { exact - off };
         let nearest = farthest as f32;
-        let found = match f64::from(nearest).total_cmp(&farthest) {
+        let rounded = match f64::from(nearest).total_cmp(&farthest) {
             Ordering::Greater if up => nearest.next_down(),
             Ordering::Less if !up => nearest.next_up(),
             _ => nearest,
         };
-        self.flushed(1, found)
+        self.flushed(1, rounded)
     }
 }
 

@@ -165,19 +165,19 @@ pub fn pivot(poses: &Poses) -> Result<Pivot, TrackingError> {
             all.len()
         )));
     }
-    let found = trimmed(all.len(), |used| fit_pivot(all, used))?;
-    let (point, pivot, std) = found.fitted;
-    let used = found.count();
+    let fit = trimmed(all.len(), |used| fit_pivot(all, used))?;
+    let (point, pivot, std) = fit.fitted;
+    let used = fit.count();
     Ok(Pivot {
         point_mm: point.into(),
         pivot_mm: pivot.into(),
         std_mm: std.into(),
-        rms_mm: found.rms(),
-        max_mm: found.max(),
+        rms_mm: fit.rms(),
+        max_mm: fit.max(),
         used,
         skipped: poses.skipped,
         trimmed: all.len() - used,
-        residuals: found.residuals(|at| all[at].frame),
+        residuals: fit.residuals(|at| all[at].frame),
     })
 }
 
@@ -261,16 +261,16 @@ pub fn held(poses: &[(&MarkerPose, Vector3<f64>)]) -> Result<Direction, Tracking
 /// [`TrackingError`] if the points are too close for their accuracy.
 pub fn between(hub: &Pivot, tip: &Pivot) -> Result<Direction, TrackingError> {
     let [from, to] = [hub, tip].map(|pivot| Vector3::from(pivot.point_mm));
-    let apart = (to - from).norm();
+    let distance_mm = (to - from).norm();
     let variance = |pivot: &Pivot| Vector3::from(pivot.std_mm).norm_squared() / 3.0;
-    let rms_deg = ((variance(hub) + variance(tip)).sqrt() * 2_f64.sqrt() / apart).to_degrees();
+    let rms_deg = ((variance(hub) + variance(tip)).sqrt() * 2_f64.sqrt() / distance_mm).to_degrees();
     if rms_deg.is_nan() || rms_deg > DIRECTION_DEG {
         return Err(TrackingError::new(format!(
-            "the two points are {apart:.2} mm apart, too close for a direction at their accuracy; expected points far apart on the shaft"
+            "the two points are {distance_mm:.2} mm apart, too close for a direction at their accuracy; expected points far apart on the shaft"
         )));
     }
     Ok(Direction {
-        direction: ((to - from) / apart).into(),
+        direction: ((to - from) / distance_mm).into(),
         rms_deg,
         used: hub.used + tip.used,
         residuals: Vec::new(),

@@ -50,19 +50,20 @@ impl Calibration {
         let lengths_mm = [0, 1, 2].map(|axis| column(axis).norm());
         let mut axes = [Vector3::zeros(); 2];
         for (axis, unit) in axes.iter_mut().enumerate() {
-            let found = lengths_mm[axis];
-            if !(PIXEL_MM[0]..=PIXEL_MM[1]).contains(&found) {
+            let pixel_mm = lengths_mm[axis];
+            if !(PIXEL_MM[0]..=PIXEL_MM[1]).contains(&pixel_mm) {
                 let expected = format!("expected {:e} to {}", PIXEL_MM[0], PIXEL_MM[1]);
-                return Err(wrong(format!("image axis {axis} is {found} mm a pixel; {expected}")));
+                return Err(wrong(format!("image axis {axis} is {pixel_mm} mm a pixel; {expected}")));
             }
-            *unit = column(axis) / found;
+            *unit = column(axis) / pixel_mm;
         }
         let skew = -axes[0].dot(&axes[1]).asin();
         if skew.abs() > SKEW {
-            let [found, most] = [skew.abs(), SKEW].map(f64::to_degrees);
-            let text = format!("the image axes are {found:.2} degrees off square; expected at most {most:.2}");
+            let [angle, most] = [skew.abs(), SKEW].map(f64::to_degrees);
+            let text = format!("the image axes are {angle:.2} degrees off square; expected at most {most:.2}");
             return Err(wrong(text));
         }
+        // Sum and difference of unit vectors are perpendicular whatever the angle between these: halves of them are the nearest square axes.
         let [sum, difference] = [axes[0] + axes[1], axes[0] - axes[1]].map(|v| v.normalize());
         let (x, y) = ((sum + difference).normalize(), (sum - difference).normalize());
         let z = x.cross(&y);
@@ -131,7 +132,7 @@ impl Calibration {
     /// Warning if a pixel size stated elsewhere (width, height, mm) differs by more than a twentieth.
     pub fn other_pixels(&self, stated_mm: [f64; 2]) -> Option<String> {
         let [columns, rows, _] = self.lengths_mm;
-        let off = |own: f64, stated: f64| (own / stated - 1.0).abs() > PIXEL_SHARE;
+        let off = |calibrated: f64, stated: f64| (calibrated / stated - 1.0).abs() > PIXEL_SHARE;
         (off(columns, stated_mm[0]) || off(rows, stated_mm[1])).then(|| {
             let [width, height] = stated_mm;
             format!("pixels are {columns:.4} x {rows:.4} mm by the calibration, and stated as {width} x {height} mm")
@@ -143,9 +144,9 @@ impl Calibration {
     pub fn skew_warning(&self, size: [usize; 2]) -> Option<String> {
         let (farthest, pixels) = self.moved(size)?;
         let [columns, rows, planes] = self.lengths_mm;
-        let ([width, height], [apart, tilt]) = (size, self.apart_deg());
+        let ([width, height], [angle, tilt]) = (size, self.apart_deg());
         Some(format!(
-            "the image axes of the calibration are {apart:.2} degrees apart, not 90 (its columns are {columns:.4}, {rows:.4} and \
+            "the image axes of the calibration are {angle:.2} degrees apart, not 90 (its columns are {columns:.4}, {rows:.4} and \
              {planes:.4} mm long). The transducer's axes are squared up, {tilt:.2} degrees off each of them: that moves pixels \
              of an image of {width} x {height} by up to {farthest:.2} mm ({pixels:.0} pixels), unless frames are made on \
              the recorded grid (`image.grid = \"recorded\"`)"
@@ -154,10 +155,10 @@ impl Calibration {
 
     /// Note as [`Calibration::skew_warning`], for frames on the recorded grid, in which no pixel moves.
     pub fn skew_note(&self, size: [usize; 2]) -> Option<String> {
-        let [apart, tilt] = self.apart_deg();
+        let [angle, tilt] = self.apart_deg();
         self.moved(size).map(|_| {
             format!(
-                "the image axes of the calibration are {apart:.2} degrees apart, not 90: pixels stay where it puts them, and the \
+                "the image axes of the calibration are {angle:.2} degrees apart, not 90: pixels stay where it puts them, and the \
                  outline of the sector is tilted by {tilt:.2} degrees in the image"
             )
         })

@@ -120,17 +120,17 @@ impl Blame for TrackingError {
 pub(super) fn in_ranges(of: &str, table: &impl Ranges) -> Result<(), TrackingError> {
     match table.out_of_range() {
         None => Ok(()),
-        Some((key, found, expected)) => Err(outside(of, key, found, expected)),
+        Some((key, number, expected)) => Err(outside(of, key, number, expected)),
     }
 }
 
 /// An error unless a number lies within the range that a table `T` has for its key.
-pub(super) fn in_range<T: Ranges>(of: &str, key: &'static str, found: f64) -> Result<(), TrackingError> {
-    T::check_number(key, found).map_err(|error| outside(of, key, found, &error.expected))
+pub(super) fn in_range<T: Ranges>(of: &str, key: &'static str, number: f64) -> Result<(), TrackingError> {
+    T::check_number(key, number).map_err(|error| outside(of, key, number, &error.expected))
 }
 
-fn outside(of: &str, key: &'static str, found: f64, expected: &str) -> TrackingError {
-    TrackingError::at(key, format!("{of} key `{key}` is {found}; expected {expected}"))
+fn outside(of: &str, key: &'static str, number: f64, expected: &str) -> TrackingError {
+    TrackingError::at(key, format!("{of} key `{key}` is {number}; expected {expected}"))
 }
 
 /// Key at fault in a result that must be a [`TrackingError::Value`].

@@ -160,9 +160,9 @@ impl Guide {
         let away = d.hypot(h);
         let cosine = (away * away + r * r - self.rod_mm * self.rod_mm) / (2.0 * r * away);
         if !(-1.0..=1.0).contains(&cosine) {
-            let found = second - first;
+            let offset_mm = second - first;
             let text = format!(
-                "slide II is {found} mm from its place beside slide I, where the slider-crank does not close; expected slides for a posture (B) of {} \
+                "slide II is {offset_mm} mm from its place beside slide I, where the slider-crank does not close; expected slides for a posture (B) of {} \
                  to {} degrees",
                 POSTURE_DEG[0], POSTURE_DEG[1]
             );
@@ -258,11 +258,11 @@ impl Posture {
                 "mm",
             ),
         ];
-        for (key, name, found, [low, high], unit) in axes {
-            if !(low - ROUNDING..=high + ROUNDING).contains(&found) {
+        for (key, name, place, [low, high], unit) in axes {
+            if !(low - ROUNDING..=high + ROUNDING).contains(&place) {
                 return Err(TrackingError::at(
                     key,
-                    format!("{name} of {found:.3} {unit}; expected {low} to {high}"),
+                    format!("{name} of {place:.3} {unit}; expected {low} to {high}"),
                 ));
             }
         }

@@ -125,14 +125,14 @@ fn coincident(first: usize) -> TrackingError {
     ))
 }
 
-fn point(key: &'static str, found: [f64; 3]) -> Result<Point3<f64>, TrackingError> {
-    if found.iter().all(|x| x.abs() <= FARTHEST_MM) {
-        Ok(Point3::from(found))
+fn point(key: &'static str, stated: [f64; 3]) -> Result<Point3<f64>, TrackingError> {
+    if stated.iter().all(|x| x.abs() <= FARTHEST_MM) {
+        Ok(Point3::from(stated))
     } else {
         let expected = "expected finite numbers of at most 1e6";
         Err(TrackingError::at(
             key,
-            format!("needle key `{key}` is {found:?}; {expected}"),
+            format!("needle key `{key}` is {stated:?}; {expected}"),
         ))
     }
 }

@@ -183,6 +183,7 @@ impl Search<'_> {
         let axial = -outward;
         let inward = self.inward_normal(&skin)?;
         let upright = axial.dot(&inward);
+        // More than 53 degrees off the skin's normal the array would stand on its edge.
         if upright < 0.6 {
             return None;
         }
@@ -241,6 +242,7 @@ impl Search<'_> {
     fn skin(&self, from: &Point3<f64>, outward: &Vector3<f64>) -> Option<Point3<f64>> {
         let mut last_inside = None;
         let mut travelled = 0.0;
+        // To the end of the volume, not to the first air: gaps within the body are not its skin.
         while let Some(body) = self.is_body(&(from + outward * travelled)) {
             if body {
                 last_inside = Some(travelled);
@@ -293,6 +295,7 @@ impl Search<'_> {
                     depth += STEP_MM;
                     continue;
                 };
+                // A gap before the skin is lost contact; gas behind it is anatomy.
                 touched |= (self.meaning.is_body)(label);
                 if !touched {
                     fan.gap_mm += STEP_MM / RAYS as f64;

@@ -59,13 +59,14 @@ impl PlusConfig {
     /// Reads a configuration: the `Transform` elements under `CoordinateDefinitions`, the first `ScanConversion`, and the first
     /// `TransducerCenterPixel`, `NumberOfScanLines` and `ClipRectangleOrigin` anywhere in the file.
     pub fn read(path: &Path) -> Result<Self, TrackingError> {
-        let no_xml =
-            |found: String| TrackingError::file(path, format!(": found {found}; expected a PLUS configuration (XML)"));
+        let no_xml = |contents: String| {
+            TrackingError::file(path, format!(": found {contents}; expected a PLUS configuration (XML)"))
+        };
         let bytes = read::bytes(path, read::XML).map_err(|source| TrackingError::read(path, source))?;
         let start = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes).trim_ascii_start();
         if start.first() != Some(&b'<') {
-            let found = String::from_utf8_lossy(&start[..start.len().min(16)]);
-            return Err(no_xml(format!("\"{}\"", text::head(&found, 24))));
+            let start = String::from_utf8_lossy(&start[..start.len().min(16)]);
+            return Err(no_xml(format!("\"{}\"", text::head(&start, 24))));
         }
         let text = String::from_utf8(bytes).map_err(|error| {
             let valid = error.utf8_error().valid_up_to();
@@ -181,8 +182,8 @@ impl PlusConfig {
     /// Warning if the file has two centres of the array more than a pixel apart.
     pub fn two_centres(&self) -> Option<String> {
         let ([a, b], [c, d]) = (self.array_centre_px()?, self.centre_px?);
-        let apart = (a - c).hypot(b - d) > 1.0;
-        apart.then(|| {
+        let differ = (a - c).hypot(b - d) > 1.0;
+        differ.then(|| {
             format!(
                 "`plus_config` has the centre of the array at pixel ({a}, {b}) by the transform between `Image` and \
                  `TransducerOriginPixel`, which is taken, and at ({c}, {d}) by `TransducerCenterPixel`"
@@ -222,9 +223,9 @@ impl PlusConfig {
     }
 }
 
-fn xml_error(path: &Path, at: TextPos, found: &str) -> TrackingError {
-    let found = text::clipped(found, text::MESSAGE);
-    TrackingError::file(path, format!(", line {}, column {}: {found}", at.row, at.col))
+fn xml_error(path: &Path, at: TextPos, fault: &str) -> TrackingError {
+    let fault = text::clipped(fault, text::MESSAGE);
+    TrackingError::file(path, format!(", line {}, column {}: {fault}", at.row, at.col))
 }
 
 /// An XML element with the context for its errors.
@@ -247,8 +248,8 @@ impl<'a> Element<'a> {
         Some(Self { node, ..self })
     }
 
-    fn fault(self, found: String) -> TrackingError {
-        xml_error(self.path, self.document.text_pos_at(self.node.range().start), &found)
+    fn fault(self, text: String) -> TrackingError {
+        xml_error(self.path, self.document.text_pos_at(self.node.range().start), &text)
     }
 
     fn numbers<const N: usize>(self, key: &str, expected: &str) -> Result<Option<[f64; N]>, TrackingError> {
@@ -273,12 +274,12 @@ impl<'a> Element<'a> {
 
     fn transform(self) -> Result<DefinedTransform, TrackingError> {
         let attribute = |name: &str| {
-            let found = || {
+            let missing = || {
                 self.fault(format!(
                     "`Transform` without `{name}`; expected `From`, `To` and `Matrix`"
                 ))
             };
-            self.node.attribute(name).ok_or_else(found)
+            self.node.attribute(name).ok_or_else(missing)
         };
         attribute("Matrix")?;
         Ok(DefinedTransform {
@@ -297,8 +298,8 @@ impl<'a> Element<'a> {
 
     fn wire(self) -> Result<Wire, TrackingError> {
         let end = |key: &str| {
-            let found = self.numbers(key, "three numbers, mm")?;
-            found.ok_or_else(|| self.fault(format!("`Wire` without `{key}`")))
+            let point = self.numbers(key, "three numbers, mm")?;
+            point.ok_or_else(|| self.fault(format!("`Wire` without `{key}`")))
         };
         let name = self.node.attribute("Name").or(self.node.attribute("Id"));
         Ok(Wire {
@@ -377,10 +378,10 @@ mod tests {
                 (count, centre),
                 "{name}"
             );
-            let told = plus.two_centres();
-            assert_eq!(told.is_some(), name.contains("3DSlicer"), "{told:?}");
-            if let Some(told) = told {
-                assert!(told.contains("(410, -5) by") && told.contains("(410, 0) by"), "{told}");
+            let warning = plus.two_centres();
+            assert_eq!(warning.is_some(), name.contains("3DSlicer"), "{warning:?}");
+            if let Some(warning) = warning {
+                assert!(warning.contains("(410, -5) by") && warning.contains("(410, 0) by"), "{warning}");
             }
             let image = plus.transform("Image", "Probe").expect(name);
             let calibration = Calibration::new(&image, centre.unwrap_or([410.0, 0.0])).expect(name);
@@ -463,9 +464,14 @@ mod tests {
             (info.image_size, info.array_centre_px),
             (Some([820, 616]), Some([410.0, -5.0]))
         );
-        assert_eq!(info.calibration.as_ref().map(|found| found.to.as_str()), Some("Probe"));
+        assert_eq!(
+            info.calibration.as_ref().map(|calibration| calibration.to.as_str()),
+            Some("Probe")
+        );
         assert!(
-            info.warnings.iter().any(|told| told.contains("TransducerCenterPixel")),
+            info.warnings
+                .iter()
+                .any(|warning| warning.contains("TransducerCenterPixel")),
             "{:?}",
             info.warnings
         );

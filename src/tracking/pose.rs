@@ -181,19 +181,19 @@ pub(super) fn unit(of: &str, key: &'static str, vector: Vector3<f64>) -> Result<
     if scaled.iter().all(|x| x.is_finite()) {
         Ok(Unit::new_normalize(scaled))
     } else {
-        let found = <[f64; 3]>::from(vector);
+        let stated = <[f64; 3]>::from(vector);
         let expected = "expected finite numbers that are not all zero";
         Err(TrackingError::at(
             key,
-            format!("{of} key `{key}` is {found:?}; {expected}"),
+            format!("{of} key `{key}` is {stated:?}; {expected}"),
         ))
     }
 }
 
-fn too_large(key: &'static str, found: &[f64]) -> TrackingError {
+fn too_large(key: &'static str, stated: &[f64]) -> TrackingError {
     TrackingError::at(
         key,
-        format!("pose key `{key}` is {found:?}; expected finite numbers of at most 1e6"),
+        format!("pose key `{key}` is {stated:?}; expected finite numbers of at most 1e6"),
     )
 }
 
@@ -278,8 +278,8 @@ impl PoseSpec {
                     (lateral, _) => Pose::from_direction(position, direction, lateral.map(Vector3::from))?,
                 }
             }
-            (found, position, direction) => {
-                let found = match (found, position, direction) {
+            (matrix, position, direction) => {
+                let found = match (matrix, position, direction) {
                     (Some(_), ..) => "a pose with `matrix` and other keys for the same thing",
                     (None, None, None) => "a pose without `position_mm` and `direction`",
                     (None, None, _) => "a pose without `position_mm`",

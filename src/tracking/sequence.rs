@@ -115,6 +115,7 @@ impl Sequence {
         warnings.extend(keys.warnings);
         let count = images.unwrap_or(0);
         let last = keys.frames.keys().next_back().copied();
+        // Numbers beyond the images cannot be theirs: only the order is known then.
         let fits = last.is_none_or(|last| last < count);
         if images.is_some() && !fits {
             let named = keys.frames.len();
@@ -147,9 +148,9 @@ impl Sequence {
         }
         let orientation = keys.orientation.as_deref().and_then(Orientation::parse);
         if images.is_some() && orientation.is_none() {
-            let found = keys.orientation.as_deref().unwrap_or("nothing");
+            let stated = keys.orientation.as_deref().unwrap_or("nothing");
             warnings.push(format!(
-                "the orientation of the images is given as {found:?}: taken as MF"
+                "the orientation of the images is given as {stated:?}: taken as MF"
             ));
         }
         let orientation_known = orientation.unwrap_or_default();
@@ -160,6 +161,7 @@ impl Sequence {
             .collect();
         Ok(Self {
             frames,
+            // 1 by 1 is what a header says where no size is known.
             spacing_mm: match steps[..] {
                 [x, y, ..] if shown && [x, y] != [1.0; 2] => Some(orientation_known.turned([x, y])),
                 _ => None,

@@ -112,7 +112,9 @@ impl<K: Copy + Ord> Names<K> {
             RegionName::Value(value) => (Some(*value), String::new()),
             RegionName::Name(name) => (name.trim().parse().ok(), plain(name)),
         };
-        let numbered = self.0.iter().filter(|(_, own, _)| Some(*own) == number);
+        // A number is exact and a complete name nearly so: parts of names are tried only where neither answers, so that "liver" is not also
+        // "liver_vein".
+        let numbered = self.0.iter().filter(|(_, region, _)| Some(*region) == number);
         let numbered: Vec<_> = numbered.map(|(key, ..)| (*key, "")).collect();
         if !numbered.is_empty() || name.is_empty() {
             return numbered;
@@ -120,15 +122,16 @@ impl<K: Copy + Ord> Names<K> {
         let all = || {
             self.0
                 .iter()
-                .flat_map(|(key, _, names)| names.iter().map(|own| (*key, own.as_str())))
+                .flat_map(|(key, _, names)| names.iter().map(|name| (*key, name.as_str())))
         };
-        let having = |answers: &dyn Fn(&str) -> bool| all().filter(|(_, own)| answers(&plain(own))).collect::<Vec<_>>();
+        let having =
+            |answers: &dyn Fn(&str) -> bool| all().filter(|(_, name)| answers(&plain(name))).collect::<Vec<_>>();
         let wanted = words(&name);
-        let whole = having(&|own| words(own) == wanted);
-        let has_words = |own: &str| wanted.iter().all(|word| own.split('_').any(|own| own == *word));
+        let whole = having(&|candidate| words(candidate) == wanted);
+        let has_words = |candidate: &str| wanted.iter().all(|word| words(candidate).contains(word));
         match whole.is_empty() {
             false => whole,
-            true => having(&|own| own.starts_with(&name) || has_words(own)),
+            true => having(&|candidate| candidate.starts_with(&name) || has_words(candidate)),
         }
     }
 
@@ -162,11 +165,11 @@ impl<K: Copy + Ord> Names<K> {
 
     /// All names; numbers of regions without a name.
     pub fn known(&self) -> Vec<String> {
-        let own = |(_, number, names): &(K, i64, Vec<String>)| match names[..] {
+        let names_of = |(_, number, names): &(K, i64, Vec<String>)| match names[..] {
             [] => vec![number.to_string()],
             _ => names.clone(),
         };
-        let mut known: Vec<String> = self.0.iter().flat_map(own).collect();
+        let mut known: Vec<String> = self.0.iter().flat_map(names_of).collect();
         known.sort();
         known.dedup();
         known

@@ -33,32 +33,34 @@ pub(super) fn is_old(key: &str, known: &[String]) -> bool {
 impl Source {
     /// Notes about keys under old names, in the order of the text.
     pub fn renamed(&self) -> Vec<String> {
-        let mut found = Vec::new();
+        let mut old_keys = Vec::new();
         if let Ok(root) = DeTable::parse(&self.text) {
-            collect("", root.get_ref(), &mut found);
+            collect("", root.get_ref(), &mut old_keys);
         }
-        found.sort_unstable();
+        old_keys.sort_unstable();
         let note = |(at, old, new): (usize, String, &str)| {
             format!("{}, line {}: `{old}` is now called `{new}`", self.name, self.line(at))
         };
-        found.into_iter().map(note).collect()
+        old_keys.into_iter().map(note).collect()
     }
 }
 
-fn collect(name: &str, table: &DeTable<'_>, found: &mut Vec<(usize, String, &'static str)>) {
+/// Adds the keys of a table and those below it that have old names, each with its offset and its name now.
+fn collect(name: &str, table: &DeTable<'_>, old_keys: &mut Vec<(usize, String, &'static str)>) {
     for (key, value) in table {
         let new = now(name, key.get_ref());
         if let Some(new) = new {
-            found.push((key.span().start, key.get_ref().to_string(), new));
+            old_keys.push((key.span().start, key.get_ref().to_string(), new));
         }
-        within(new.unwrap_or(key.get_ref()), value, found);
+        // The tables below go by the new name, as the list of renamed keys does.
+        within(new.unwrap_or(key.get_ref()), value, old_keys);
     }
 }
 
-fn within(name: &str, value: &Spanned<DeValue<'_>>, found: &mut Vec<(usize, String, &'static str)>) {
+fn within(name: &str, value: &Spanned<DeValue<'_>>, old_keys: &mut Vec<(usize, String, &'static str)>) {
     match value.get_ref() {
-        DeValue::Table(table) => collect(name, table, found),
-        DeValue::Array(list) => list.iter().for_each(|value| within(name, value, found)),
+        DeValue::Table(table) => collect(name, table, old_keys),
+        DeValue::Array(list) => list.iter().for_each(|value| within(name, value, old_keys)),
         _ => {}
     }
 }

@@ -31,8 +31,8 @@ pub(super) fn unknown_field(message: &str) -> Option<(String, Vec<String>)> {
 
 /// Suggests a name for serde's message about an unknown variant.
 pub(super) fn unknown_variant(message: &str) -> Option<String> {
-    let (found, known) = unknown(message, "unknown variant `")?;
-    nearest(&found, known.iter().map(String::as_str)).map(|meant| format!("did you mean \"{meant}\"?"))
+    let (value, known) = unknown(message, "unknown variant `")?;
+    nearest(&value, known.iter().map(String::as_str)).map(|meant| format!("did you mean \"{meant}\"?"))
 }
 
 fn unknown(message: &str, start: &str) -> Option<(String, Vec<String>)> {
@@ -66,12 +66,13 @@ pub(super) fn home_of<T: JsonSchema>(key: &str) -> Option<String> {
 /// Maximum depth of nested tables.
 const DEEPEST: usize = 3;
 
-fn collect(schema: &Value, at: &Value, [path, header]: [&str; 2], key: &str, depth: usize, found: &mut Vec<String>) {
+/// Adds the headers of the tables within `at`, the one at `path`, that have a key.
+fn collect(schema: &Value, at: &Value, [path, header]: [&str; 2], key: &str, depth: usize, tables: &mut Vec<String>) {
     let Some(properties) = at.get("properties").and_then(Value::as_object) else {
         return;
     };
     if !path.is_empty() && properties.contains_key(key) {
-        found.push(header.to_owned());
+        tables.push(header.to_owned());
     }
     if depth == DEEPEST {
         return;
@@ -99,7 +100,7 @@ fn collect(schema: &Value, at: &Value, [path, header]: [&str; 2], key: &str, dep
                 [&inner, &header],
                 key,
                 depth + 1,
-                found,
+                tables,
             );
         }
     }

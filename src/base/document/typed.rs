@@ -274,8 +274,8 @@ mod tests {
             "size = ",
         ] {
             let expected = toml::from_str::<All>(text).map_err(|error| (error.message().to_owned(), error.span()));
-            let found = read::<All>(text).map_err(|error| (error.message, error.span));
-            assert_eq!(found, expected, "{text}");
+            let table = read::<All>(text).map_err(|error| (error.message, error.span));
+            assert_eq!(table, expected, "{text}");
         }
         let date = read::<All>("size = 2026-01-31").unwrap_err();
         assert_eq!(

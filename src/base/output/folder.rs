@@ -36,7 +36,7 @@ pub struct Folder {
     /// Hidden subfolder; `None` after installation.
     staged: Option<StagedFolder>,
     /// Set if the folder was created for this run: it is removed if the run fails.
-    made: Option<Live>,
+    created: Option<Live>,
 }
 
 /// Extensions of numbered files that runs write.
@@ -63,7 +63,7 @@ impl Folder {
         if target.exists() && !target.is_dir() {
             return Err(wrong("a folder"));
         }
-        let made = (!target.exists()).then(|| Live::new(target));
+        let created = (!target.exists()).then(|| Live::new(target));
         fs::create_dir_all(target).map_err(|cause| match cause.kind() {
             io::ErrorKind::NotADirectory | io::ErrorKind::AlreadyExists => {
                 wrong("a folder; the path leads through a file")
@@ -79,7 +79,7 @@ impl Folder {
             force,
             before: BTreeSet::new(),
             staged: None,
-            made,
+            created,
         };
         staged::clear_leftovers(target);
         folder.before = folder.listed()?;
@@ -177,7 +177,7 @@ impl Folder {
         let Some(staged) = self.staged.take() else {
             return Ok(());
         };
-        self.made = None;
+        self.created = None;
         let mut moved = 0;
         let result = files_in(staged.path())
             .map_err(|cause| OutputError::write(&self.target, cause))
@@ -202,8 +202,9 @@ impl Folder {
         self.list(from, files.union(&self.before).cloned().collect())?;
         for name in files {
             let path = self.target.join(name);
-            let made = path.parent().map_or(Ok(()), fs::create_dir_all);
-            made.and_then(|()| fs::rename(from.join(name), &path))
+            let subfolder = path.parent().map_or(Ok(()), fs::create_dir_all);
+            subfolder
+                .and_then(|()| fs::rename(from.join(name), &path))
                 .map_err(|cause| OutputError::write(&path, cause))?;
             *moved += 1;
         }
@@ -247,7 +248,7 @@ impl Folder {
 impl Drop for Folder {
     fn drop(&mut self) {
         drop(self.staged.take());
-        if self.made.is_some() {
+        if self.created.is_some() {
             // Only if empty: anything else in it does not belong to this run.
             let _ = fs::remove_dir(&self.target);
         }

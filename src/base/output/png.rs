@@ -71,9 +71,10 @@ fn write(
     let expected = width.checked_mul(height).and_then(|n| n.checked_mul(channels));
     let size = (u32::try_from(width), u32::try_from(height));
     let ((Ok(columns @ 1..), Ok(rows @ 1..)), true) = (size, expected == Some(pixels.len())) else {
-        let found = pixels.len();
-        let expected = format!("{width}x{height} pixels of {channels} bytes each; the size must be at least 1x1");
-        let text = format!("{found} bytes of pixels for {expected}");
+        let text = format!(
+            "{} bytes of pixels for {width}x{height} pixels of {channels} bytes each; the size must be at least 1x1",
+            pixels.len()
+        );
         return Err(OutputError::contents(path, text));
     };
     let compression = match compression {

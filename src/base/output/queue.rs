@@ -144,21 +144,21 @@ mod tests {
         for threads in [0, 1, 2] {
             let queue = Queue::new(threads);
             let (done, seen) = channel();
-            let mut told = Vec::new();
+            let mut errors = Vec::new();
             for at in 0..100 {
                 let done = done.clone();
                 let put = queue.put(Box::new(move || match at {
                     3 => Err(wrong("full")),
                     _ => done.send(at).map_err(|_| wrong("nobody listens")),
                 }));
-                told.extend(put.err());
-                if !told.is_empty() {
+                errors.extend(put.err());
+                if !errors.is_empty() {
                     break;
                 }
             }
-            told.extend(queue.finish().err());
-            assert_eq!(told.len(), 1, "{threads} threads");
-            assert_eq!(told[0].to_string(), "a.png: full");
+            errors.extend(queue.finish().err());
+            assert_eq!(errors.len(), 1, "{threads} threads");
+            assert_eq!(errors[0].to_string(), "a.png: full");
             drop(done);
             assert!(seen.iter().count() < 99, "{threads} threads");
         }

@@ -164,7 +164,7 @@ pub fn calibrate(pixels: &[Pixel], poses: &Poses) -> Result<ImageCalibration, Tr
         .collect();
     let count = seen.len() as f64;
     let mean = [0, 1].map(|axis| seen.iter().map(|(pixel, _)| pixel.at[axis]).sum::<f64>() / count);
-    let found = trimmed(seen.len(), |used| {
+    let fit_of_kept = trimmed(seen.len(), |used| {
         let kept: Vec<Seen<'_>> = seen
             .iter()
             .zip(used)
@@ -175,21 +175,21 @@ pub fn calibrate(pixels: &[Pixel], poses: &Poses) -> Result<ImageCalibration, Tr
         let off = |it: &Seen<'_>| residual(it, &fit.0, mean).norm();
         Ok((fit, seen.iter().map(off).collect()))
     })?;
-    let (plane, [turn, shift], apart) = found.fitted;
-    let used = found.count();
+    let (plane, [turn, shift], angle) = fit_of_kept.fitted;
+    let used = fit_of_kept.count();
     Ok(ImageCalibration {
         image_to_probe: Rows(plane.image_to_probe(mean)),
         pixel_mm: plane.pixel_mm,
         mean_px: mean,
         std_mm: shift.into(),
         std_deg: turn.map(f64::to_degrees).into(),
-        axes_apart_deg: apart.to_degrees(),
-        rms_mm: found.rms(),
-        max_mm: found.max(),
+        axes_apart_deg: angle.to_degrees(),
+        rms_mm: fit_of_kept.rms(),
+        max_mm: fit_of_kept.max(),
         used,
         skipped: pixels.len() - seen.len(),
         trimmed: seen.len() - used,
-        residuals: found.residuals(|at| seen[at].0.frame),
+        residuals: fit_of_kept.residuals(|at| seen[at].0.frame),
     })
 }
 
@@ -213,6 +213,7 @@ fn fit(seen: &[Seen<'_>], mean: [f64; 2]) -> Result<Fit, TrackingError> {
         )));
     }
     let (mut plane, apart) = affine(seen, mean)?;
+    // Gauss-Newton on turn (0-2), pixel sides (3, 4) and centre (5-7). The axes stay perpendicular, which the affine start does not demand.
     let rows = 3 * seen.len();
     let mut normal = nalgebra::SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
     let mut squares = 0.0;
@@ -297,7 +298,7 @@ fn affine(seen: &[Seen<'_>], mean: [f64; 2]) -> Result<(Plane, f64), TrackingErr
     let solved = svd.solve(&b, 0.0).map_err(TrackingError::new)?;
     let part = |from: usize| solved.fixed_rows::<3>(from).into_owned();
     let (columns, rows) = (part(0) / reach, part(3) / reach);
-    let apart = columns.angle(&rows);
+    let angle = columns.angle(&rows);
     let pixel_mm = [columns.norm(), rows.norm()];
     let (Some(x), Some(y)) = (columns.try_normalize(1e-12), rows.try_normalize(1e-12)) else {
         return Err(undetermined());
@@ -305,6 +306,7 @@ fn affine(seen: &[Seen<'_>], mean: [f64; 2]) -> Result<(Plane, f64), TrackingErr
     let (Some(sum), Some(difference)) = ((x + y).try_normalize(1e-6), (x - y).try_normalize(1e-6)) else {
         return Err(undetermined());
     };
+    // The nearest perpendicular pair: both axes turn by the same angle.
     let [x, y] = [(sum + difference).normalize(), (sum - difference).normalize()];
     let axes = Matrix3::from_columns(&[x, y, x.cross(&y)]);
     Ok((
@@ -313,7 +315,7 @@ fn affine(seen: &[Seen<'_>], mean: [f64; 2]) -> Result<(Plane, f64), TrackingErr
             pixel_mm,
             centre: part(6),
         },
-        apart,
+        angle,
     ))
 }
 
@@ -334,8 +336,8 @@ fn project(image_to_probe: &Matrix4<f64>, pose: &MarkerPose, feature: &Feature) 
         }
     };
     let solve = Matrix3::from_columns(&[columns, rows, normal]).try_inverse()?;
-    let found = solve * at;
-    Some([found.x, found.y])
+    let pixel = solve * at;
+    Some([pixel.x, pixel.y])
 }
 
 /// Centre of the brightest echo near a pixel, as the centroid of the grey levels above half of the maximum.
@@ -386,7 +388,7 @@ pub fn follow(
 ) -> Result<ImageCalibration, TrackingError> {
     let images: Vec<Option<GreyImage>> = (0..sequence.frames.len()).map(|frame| sequence.image(frame)).collect();
     let mut image_to_probe = *start;
-    let mut found = None;
+    let mut calibration = None;
     for _ in 0..ROUNDS {
         let size = |axis| image_to_probe.fixed_view::<3, 1>(0, axis).norm();
         let pixel_mm = [size(0), size(1)];
@@ -407,7 +409,7 @@ pub fn follow(
         }
         let next = calibrate(&pixels, poses)?;
         image_to_probe = next.image_to_probe.0;
-        found = Some(next);
+        calibration = Some(next);
     }
-    found.ok_or_else(undetermined)
+    calibration.ok_or_else(undetermined)
 }

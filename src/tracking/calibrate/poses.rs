@@ -82,6 +82,7 @@ impl Poses {
             .flat_map(|frame| frame.transforms.keys())
             .chain(defined.keys())
             .collect();
+        // A set first: most names occur in every frame.
         let names: Vec<String> = names.into_iter().cloned().collect();
         let listed = || {
             if names.is_empty() {

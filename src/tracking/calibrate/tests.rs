@@ -55,15 +55,15 @@ fn named(poses: Vec<MarkerPose>) -> Poses {
     }
 }
 
-fn away(found: &Pivot) -> Vector3<f64> {
-    Vector3::from(found.point_mm) - Vector3::from(TIP)
+fn away(pivoted: &Pivot) -> Vector3<f64> {
+    Vector3::from(pivoted.point_mm) - Vector3::from(TIP)
 }
 
 #[test]
 fn the_tip_of_a_noiseless_motion_is_exact() {
-    let found = pivot(&resting(40, [0.3; 3], 0.0, 1)).unwrap();
-    assert!(away(&found).norm() < 1e-9, "{found:?}");
-    assert!((Vector3::from(found.pivot_mm) - Vector3::from(REST)).norm() < 1e-9);
+    let pivoted = pivot(&resting(40, [0.3; 3], 0.0, 1)).unwrap();
+    assert!(away(&pivoted).norm() < 1e-9, "{pivoted:?}");
+    assert!((Vector3::from(pivoted.pivot_mm) - Vector3::from(REST)).norm() < 1e-9);
 }
 
 #[test]
@@ -73,11 +73,11 @@ fn standard_deviations_cover_the_truth_and_fall_with_the_root_of_the_number() {
         let (mut inside, mut squares) = (0, 0.0);
         const TRIALS: i32 = 1000;
         for seed in 0..TRIALS {
-            let found = pivot(&resting(n, [0.3; 3], 0.5, seed)).unwrap();
-            let error = away(&found);
+            let pivoted = pivot(&resting(n, [0.3; 3], 0.5, seed)).unwrap();
+            let error = away(&pivoted);
             squares += error.norm_squared();
             inside += (0..3)
-                .filter(|&axis| error[axis].abs() < 1.96 * found.std_mm[axis])
+                .filter(|&axis| error[axis].abs() < 1.96 * pivoted.std_mm[axis])
                 .count();
         }
         let covered = inside as f64 / f64::from(3 * TRIALS);
@@ -95,13 +95,13 @@ fn outliers_are_left_out() {
     for at in 0..10 {
         poses.poses[9 * at].position += Vector3::new(30.0, -20.0, 5.0 * at as f64);
     }
-    let found = pivot(&poses).unwrap();
+    let pivoted = pivot(&poses).unwrap();
     assert!(
-        (10..=16).contains(&found.trimmed) && away(&found).norm() < 0.2,
-        "{found:?}"
+        (10..=16).contains(&pivoted.trimmed) && away(&pivoted).norm() < 0.2,
+        "{pivoted:?}"
     );
-    assert!(found.residuals.iter().filter(|r| !r.used).any(|r| r.frame == 81));
-    assert_eq!(found.used + found.trimmed, 100);
+    assert!(pivoted.residuals.iter().filter(|r| !r.used).any(|r| r.frame == 81));
+    assert_eq!(pivoted.used + pivoted.trimmed, 100);
 }
 
 #[test]
@@ -128,8 +128,8 @@ fn a_direction_is_found_from_known_ones_from_two_pivots_and_from_a_spin() {
         .iter()
         .map(|pose| (pose, pose.rotation * truth * 3.0))
         .collect();
-    let found = held(&given).unwrap();
-    assert!((Vector3::from(found.direction) - truth).norm() < 1e-12 && found.rms_deg < 1e-5);
+    let direction = held(&given).unwrap();
+    assert!((Vector3::from(direction.direction) - truth).norm() < 1e-12 && direction.rms_deg < 1e-5);
     let contrary: Vec<_> = poses.poses.iter().map(|pose| (pose, Vector3::x())).collect();
     assert!(
         held(&contrary)
@@ -143,9 +143,12 @@ fn a_direction_is_found_from_known_ones_from_two_pivots_and_from_a_spin() {
         point_mm: (Vector3::from(TIP) - 100.0 * truth).into(),
         ..tip.clone()
     };
-    let found = between(&hub, &tip).unwrap();
-    let angle = Vector3::from(found.direction).angle(&truth).to_degrees();
-    assert!(angle < 3.0 * found.rms_deg && found.rms_deg < 0.2, "{found:?}");
+    let direction = between(&hub, &tip).unwrap();
+    let angle = Vector3::from(direction.direction).angle(&truth).to_degrees();
+    assert!(
+        angle < 3.0 * direction.rms_deg && direction.rms_deg < 0.2,
+        "{direction:?}"
+    );
     assert!(between(&tip, &tip).is_err());
 
     let axis = nalgebra::Unit::new_normalize(truth);
@@ -158,9 +161,9 @@ fn a_direction_is_found_from_known_ones_from_two_pivots_and_from_a_spin() {
             position: Vector3::zeros(),
         }
     });
-    let found = spin(&named(turned.collect()), &Vector3::z()).unwrap();
-    let angle = Vector3::from(found.direction).angle(&truth).to_degrees();
-    assert!(angle < 0.1 && (0.3..0.6).contains(&found.rms_deg), "{angle} {found:?}");
+    let axis = spin(&named(turned.collect()), &Vector3::z()).unwrap();
+    let angle = Vector3::from(axis.direction).angle(&truth).to_degrees();
+    assert!(angle < 0.1 && (0.3..0.6).contains(&axis.rms_deg), "{angle} {axis:?}");
 }
 
 fn image_to_probe() -> Matrix4<f64> {
@@ -221,8 +224,11 @@ fn wires(frames: usize, noise_px: f64) -> (Vec<Pixel>, Poses) {
 #[test]
 fn pixels_on_wires_and_of_points_give_the_plane_of_the_image() {
     let (pixels, poses) = wires(12, 0.0);
-    let found = calibrate(&pixels, &poses).unwrap();
-    assert!((found.image_to_probe.0 - image_to_probe()).amax() < 1e-7, "{found:?}");
+    let calibration = calibrate(&pixels, &poses).unwrap();
+    assert!(
+        (calibration.image_to_probe.0 - image_to_probe()).amax() < 1e-7,
+        "{calibration:?}"
+    );
     let points: Vec<Pixel> = pixels[..6]
         .iter()
         .map(|pixel| {
@@ -234,8 +240,11 @@ fn pixels_on_wires_and_of_points_give_the_plane_of_the_image() {
             }
         })
         .collect();
-    let found = calibrate(&points, &poses).unwrap();
-    assert!((found.image_to_probe.0 - image_to_probe()).amax() < 1e-7, "{found:?}");
+    let calibration = calibrate(&points, &poses).unwrap();
+    assert!(
+        (calibration.image_to_probe.0 - image_to_probe()).amax() < 1e-7,
+        "{calibration:?}"
+    );
 
     let (mut noisy, poses) = wires(60, 2.0);
     noisy[100].at[0] += 100.0;
@@ -243,19 +252,19 @@ fn pixels_on_wires_and_of_points_give_the_plane_of_the_image() {
         frame: 1000,
         ..noisy[0]
     });
-    let found = calibrate(&noisy, &poses).unwrap();
-    assert!(found.trimmed >= 1 && found.skipped == 1 && !found.residuals[100].used);
+    let calibration = calibrate(&noisy, &poses).unwrap();
+    assert!(calibration.trimmed >= 1 && calibration.skipped == 1 && !calibration.residuals[100].used);
     let centre = Vector4::new(350.0, 250.0, 0.0, 1.0);
-    let off = (found.image_to_probe.0 - image_to_probe()) * centre;
+    let off = (calibration.image_to_probe.0 - image_to_probe()) * centre;
     for axis in 0..3 {
         assert!(
-            off[axis].abs() < 4.0 * found.std_mm[axis] && found.std_mm[axis] < 0.05,
-            "{off} {found:?}"
+            off[axis].abs() < 4.0 * calibration.std_mm[axis] && calibration.std_mm[axis] < 0.05,
+            "{off} {calibration:?}"
         );
     }
     // Two pixels of noise in each direction, 0.17 mm, of which distances from wires have both.
-    assert!((0.2..0.28).contains(&found.rms_mm), "{found:?}");
-    assert!((found.axes_apart_deg - 90.0).abs() < 0.5, "{found:?}");
+    assert!((0.2..0.28).contains(&calibration.rms_mm), "{calibration:?}");
+    assert!((calibration.axes_apart_deg - 90.0).abs() < 0.5, "{calibration:?}");
 }
 
 #[test]
@@ -288,11 +297,11 @@ fn wires_of_a_real_phantom_are_followed() {
         .collect();
     assert_eq!(wires.len(), 6);
     let stated = config.transform("Image", "Probe").unwrap();
-    let found = follow(&sequence, &poses, &wires, &stated).unwrap();
+    let calibration = follow(&sequence, &poses, &wires, &stated).unwrap();
     // The calibration in the file states an error of 0.51 mm; both are least certain across the image.
-    assert!(found.used > 450 && found.rms_mm < 0.4, "{found:?}");
+    assert!(calibration.used > 450 && calibration.rms_mm < 0.4, "{calibration:?}");
     let centre = Vector4::new(410.0, 200.0, 0.0, 1.0);
-    let moved = ((found.image_to_probe.0 - stated) * centre).norm();
+    let moved = ((calibration.image_to_probe.0 - stated) * centre).norm();
     assert!(moved < 3.0, "{moved} mm from the stated calibration");
 }
 

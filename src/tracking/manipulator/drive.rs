@@ -105,13 +105,13 @@ impl Slide {
             let count = drive.lead_mm / drive.counts_per_turn;
             let measured = (self.output_mm * ratio / count).round() * count;
             let error = command_mm - measured;
-            let asked = rate_mm_s + drive.proportional_per_s * error + drive.integral_per_s2 * self.integral;
-            let speed = asked.clamp(-drive.speed_mm_s, drive.speed_mm_s);
-            // Against wind-up, the integral waits while the motor runs at its highest speed.
-            if speed == asked {
+            let requested_mm_s = rate_mm_s + drive.proportional_per_s * error + drive.integral_per_s2 * self.integral;
+            let speed_mm_s = requested_mm_s.clamp(-drive.speed_mm_s, drive.speed_mm_s);
+            // Against wind-up, the integral waits while the motor runs at its highest speed_mm_s.
+            if speed_mm_s == requested_mm_s {
                 self.integral += error * PERIOD_S;
             }
-            self.input_mm += speed / ratio * PERIOD_S;
+            self.input_mm += speed_mm_s / ratio * PERIOD_S;
         }
         let [push, pull] = drive.lost_mm(load_n);
         self.output_mm = self.output_mm.clamp(self.input_mm - push, self.input_mm + pull);

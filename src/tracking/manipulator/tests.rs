@@ -34,7 +34,7 @@ fn workspace() -> Vec<Posture> {
     all
 }
 
-fn apart(a: &Posture, b: &Posture) -> f64 {
+fn largest_difference(a: &Posture, b: &Posture) -> f64 {
     let off = [
         a.position_mm - b.position_mm,
         a.posture_deg - b.posture_deg,
@@ -51,9 +51,15 @@ fn kinematics_invert_over_the_workspace() {
         assert!(high > low);
         for posture in workspace() {
             let slides = guide.slides(&posture).unwrap();
-            assert!(apart(&guide.posture(slides).unwrap(), &posture) < 1e-9, "{posture:?}");
+            assert!(
+                largest_difference(&guide.posture(slides).unwrap(), &posture) < 1e-9,
+                "{posture:?}"
+            );
             let needle = guide.needle(&posture);
-            assert!(apart(&guide.reaching(&needle).unwrap(), &posture) < 1e-9, "{posture:?}");
+            assert!(
+                largest_difference(&guide.reaching(&needle).unwrap(), &posture) < 1e-9,
+                "{posture:?}"
+            );
             let pose = needle.pose().unwrap();
             let back = InPlane::of(&pose).unwrap();
             assert!((back.angle_deg - needle.angle_deg).abs() < 1e-9 && pose.position_mm().z == 0.0);
@@ -121,16 +127,16 @@ fn what_is_out_of_range_names_its_axis() {
         ),
         (with(0.0, 0.0, f64::NAN), "needle insertion (C) of NaN"),
     ] {
-        let found = guide.slides(&posture).unwrap_err().to_string();
-        assert!(found.contains(words), "{found}");
+        let error = guide.slides(&posture).unwrap_err().to_string();
+        assert!(error.contains(words), "{error}");
     }
-    let found = guide.posture([0.0, 40.0, 0.0]).unwrap_err();
+    let error = guide.posture([0.0, 40.0, 0.0]).unwrap_err();
     assert!(
-        found.to_string().contains("does not close") && found.key() == Some("slide_2_mm"),
-        "{found}"
+        error.to_string().contains("does not close") && error.key() == Some("slide_2_mm"),
+        "{error}"
     );
-    let found = guide.posture([0.0, 12.0, 0.0]).unwrap_err().to_string();
-    assert!(found.contains("posture (B)"), "{found}");
+    let error = guide.posture([0.0, 12.0, 0.0]).unwrap_err().to_string();
+    assert!(error.contains("posture (B)"), "{error}");
     // Dead points: the rod in line with the crank, and square to the rail.
     let dead = [
         Guide {
@@ -146,24 +152,24 @@ fn what_is_out_of_range_names_its_axis() {
         Guide { rod_mm: 1.0, ..guide },
     ];
     for guide in dead {
-        let found = guide.check().unwrap_err().to_string();
-        assert!(found.contains("dead point"), "{found}");
+        let error = guide.check().unwrap_err().to_string();
+        assert!(error.contains("dead point"), "{error}");
     }
-    let found = Guide {
+    let tilted = Guide {
         tilt_deg: 60.0,
         ..guide
     };
-    assert_eq!(found.check().unwrap_err().key(), Some("tilt_deg"));
+    assert_eq!(tilted.check().unwrap_err().key(), Some("tilt_deg"));
     let aside = InPlane {
         tip_mm: [0.0, 0.0],
         angle_deg: 0.0,
     };
     let mut matrix = *aside.pose().unwrap().probe_to_world();
     matrix[(2, 3)] = 5.0;
-    let found = InPlane::of(&Pose::from_matrix(&matrix).unwrap())
+    let error = InPlane::of(&Pose::from_matrix(&matrix).unwrap())
         .unwrap_err()
         .to_string();
-    assert!(found.contains("5.00 mm from the image plane"), "{found}");
+    assert!(error.contains("5.00 mm from the image plane"), "{error}");
 }
 
 /// A point is in reach exactly where some posture of a fine grid comes near it.
@@ -280,7 +286,11 @@ fn the_closed_loop_holds_the_tip_and_the_open_loop_loses_the_lost_motion() {
     assert!((open[14_500].lost_mm[2] - push).abs() < 1e-9);
     assert!(off(&open[14_500]) > 0.25);
     let ideal = driven(&drive, Control::Ideal);
-    assert!(ideal.iter().all(|at| apart(&at.command, &at.posture) < 1e-9));
+    assert!(
+        ideal
+            .iter()
+            .all(|at| largest_difference(&at.command, &at.posture) < 1e-9)
+    );
 }
 
 /// An output at rest does not follow the input within the dead band, whatever the load.

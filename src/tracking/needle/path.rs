@@ -84,9 +84,9 @@ impl NeedlePath {
         interpolation: Interpolation,
     ) -> Result<Trajectory, TrackingError> {
         let axis = Unit::try_new(shaft_axis, 1e-9).ok_or_else(|| {
-            let found = <[f64; 3]>::from(shaft_axis);
+            let axis = <[f64; 3]>::from(shaft_axis);
             let expected = "expected finite numbers that are not all zero";
-            TrackingError::at("shaft_axis", format!("pose key `shaft_axis` is {found:?}; {expected}")).of_keyframe(0)
+            TrackingError::at("shaft_axis", format!("pose key `shaft_axis` is {axis:?}; {expected}")).of_keyframe(0)
         })?;
         let turn = Rotation3::rotation_between(&Vector3::y(), &axis)
             .unwrap_or_else(|| Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));

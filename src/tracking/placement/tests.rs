@@ -105,8 +105,8 @@ fn the_normal_of_slanted_skin_is_found() {
             fan: BeamGrid::new(&Probe::new(options.shape, options.depth_mm).unwrap()).unwrap(),
         };
         let normal = search.inward_normal(&Point3::origin()).expect("a normal");
-        let apart = normal.angle(&inward).to_degrees();
-        assert!(apart < 2.5, "{degrees}: {apart}");
+        let angle_deg = normal.angle(&inward).to_degrees();
+        assert!(angle_deg < 2.5, "{degrees}: {angle_deg}");
     }
 }
 
@@ -188,12 +188,16 @@ fn real_organs_are_seen_from_where_a_sonographer_would_stand() {
             ..PlacementOptions::default()
         };
         let index = labels.iter().position(|label| label.value == organ).expect("an organ") as u8;
-        let found = place(&volume, &[index], &meaning, &options).unwrap();
-        println!("label {organ}: score {:.2}, {}", found.score, found.note);
-        assert!(found.rays_on_target >= rays && found.visible > 0.9, "{}", found.note);
-        let axial = column(&found.probe_to_world, 1);
+        let placement = place(&volume, &[index], &meaning, &options).unwrap();
+        println!("label {organ}: score {:.2}, {}", placement.score, placement.note);
+        assert!(
+            placement.rays_on_target >= rays && placement.visible > 0.9,
+            "{}",
+            placement.note
+        );
+        let axial = column(&placement.probe_to_world, 1);
         assert!(axial.y > -0.3, "not through the back: {axial}");
-        let origin = Point3::from(column(&found.probe_to_world, 3));
+        let origin = Point3::from(column(&placement.probe_to_world, 3));
         let label = |p: Point3<f64>| volume.label_index_at(&p).unwrap();
         assert_eq!(label(origin - axial * 3.0), 0, "air behind the array");
         assert_ne!(label(origin + axial * 1.0), 0, "body in front of it");

@@ -61,15 +61,15 @@ impl PlusInfo {
         let mut calibration = None;
         if let Some(to) = marker {
             match Calibration::new(&plus.transform("Image", to)?, centre.unwrap_or_default()) {
-                Ok(found) => {
-                    let stated = plus.pixel_mm.and_then(|stated| found.other_pixels(stated));
-                    let far = centre.and(size).and_then(|size| found.far_centre(size));
-                    let skewed = found.skew_warning(size.unwrap_or([640, 480]));
+                Ok(fitted) => {
+                    let stated = plus.pixel_mm.and_then(|stated| fitted.other_pixels(stated));
+                    let far = centre.and(size).and_then(|size| fitted.far_centre(size));
+                    let skewed = fitted.skew_warning(size.unwrap_or([640, 480]));
                     warnings.extend([stated, far, skewed].into_iter().flatten());
                     calibration = Some(CalibrationInfo {
                         to: to.to_owned(),
-                        lengths_mm: found.lengths_mm(),
-                        axes_apart_deg: found.axes_apart_deg(),
+                        lengths_mm: fitted.lengths_mm(),
+                        axes_apart_deg: fitted.axes_apart_deg(),
                     });
                 }
                 Err(error) => warnings.push(error.to_string()),

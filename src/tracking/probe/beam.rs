@@ -343,8 +343,8 @@ mod tests {
             let [x, y] = grid.to_plane(line, sample);
             let (line_back, sample_back) = grid.to_beam(x, y).expect("inside");
             // Where the first and last scanlines of a full circle overlap, a whole turn lies between.
-            let (apart, turn) = ((line_back - line).abs(), TAU / grid.angular_spacing());
-            prop_assert!(apart < 1e-9 || (apart - turn).abs() < 1e-9);
+            let (lines_between, turn) = ((line_back - line).abs(), TAU / grid.angular_spacing());
+            prop_assert!(lines_between < 1e-9 || (lines_between - turn).abs() < 1e-9);
             prop_assert!((sample_back - sample).abs() < 1e-9);
         }
 

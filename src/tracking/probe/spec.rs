@@ -322,9 +322,9 @@ impl JsonSchema for ProbeSpec {
             }
         }
         let cases = ProbeKind::ALL.iter().map(|kind| {
-            let own = kind.described().1;
+            let of_kind = kind.described().1;
             let then = properties.keys().filter(|key| *key != "kind");
-            let then = then.map(|key| (key.clone(), own.get(key).cloned().unwrap_or(Value::Bool(false))));
+            let then = then.map(|key| (key.clone(), of_kind.get(key).cloned().unwrap_or(Value::Bool(false))));
             json!({
                 "if": { "properties": { "kind": { "const": kind.name() } }, "required": ["kind"] },
                 "then": { "properties": then.collect::<Map<_, _>>() },

@@ -156,8 +156,8 @@ impl Columns {
             match cell.parse::<f64>() {
                 Ok(number) if number.is_finite() => Ok(number),
                 _ => {
-                    let found = head(cell, FOUND);
-                    let text = format!(", line {line}, column `{column}`: found `{found}`; expected a finite number");
+                    let cell = head(cell, FOUND);
+                    let text = format!(", line {line}, column `{column}`: found `{cell}`; expected a finite number");
                     Err(TrackingError::file(path, text))
                 }
             }
@@ -196,7 +196,7 @@ impl Columns {
 
 fn table_error(path: &Path, error: csv::Error) -> TrackingError {
     let line = error.position().map_or(1, csv::Position::line);
-    let found = match error.kind() {
+    let fault = match error.kind() {
         csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
             format!("{len} cells; expected {expected_len}, as in the header")
         }
@@ -205,7 +205,7 @@ fn table_error(path: &Path, error: csv::Error) -> TrackingError {
     };
     match error.into_kind() {
         csv::ErrorKind::Io(source) => TrackingError::read(path, source),
-        _ => TrackingError::file(path, format!(", line {line}: {found}")),
+        _ => TrackingError::file(path, format!(", line {line}: {fault}")),
     }
 }
 
