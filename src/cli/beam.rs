@@ -143,9 +143,7 @@ impl Bend {
                 "elements of {element} mm leave {error:.1e} mm (elements of half the length differ by that): use shorter ones"
             ));
         }
-        if let Some(output) = &self.output {
-            output::plot(output, &plot(&case, &shape))?;
-        }
+        output::requested(&self.output, || plot(&case, &shape).svg())?;
         let report = BeamReport::new(&shape);
         let left = error_mm.map_or(String::new(), |error| format!("elements     leave {error:.1e} mm\n"));
         terminal::show(&report, self.json, || left + &report.to_string())
@@ -220,23 +218,20 @@ impl Inverse {
             }
         }
         let base = &case.base;
-        let own_rcm = || match base.slope {
+        let rcm_of_case = || match base.slope {
             None => Ok(None),
             Some(slope) if slope != 0.0 && base.displacement_mm != 0.0 => {
                 Ok(Some(-case.problem.control_distance_mm - base.displacement_mm / slope))
             }
-            Some(_) => {
-                let found = "the base of the case does not turn about a point";
-                Err(Failure::usage(
-                    found,
-                    "say --rcm-mm, or leave `slope` out for a base that turns freely",
-                ))
-            }
+            Some(_) => Err(Failure::usage(
+                "the base of the case does not turn about a point",
+                "say --rcm-mm, or leave `slope` out for a base that turns freely",
+            )),
         };
         let wanted = match (self.tip_mm, self.com_mm) {
             (Some(tip_mm), Some(com_mm)) => Wanted::TipAndCentre { tip_mm, com_mm },
             (Some(tip_mm), None) if self.least_compression => Wanted::TipLeast { tip_mm },
-            (Some(tip_mm), None) => match self.rcm_mm.map_or_else(own_rcm, |rcm| Ok(Some(rcm)))? {
+            (Some(tip_mm), None) => match self.rcm_mm.map_or_else(rcm_of_case, |rcm| Ok(Some(rcm)))? {
                 Some(rcm_mm) => Wanted::TipAbout { tip_mm, rcm_mm },
                 None => Wanted::TipFree { tip_mm },
             },
@@ -247,9 +242,7 @@ impl Inverse {
             (None, None) => return Err(Failure::usage("no goal is given", "give --tip-mm, --com-mm or both")),
         };
         let (driven, shape) = case.find(&wanted)?;
-        if let Some(output) = &self.output {
-            output::plot(output, &plot(&case, &shape))?;
-        }
+        output::requested(&self.output, || plot(&case, &shape).svg())?;
         let (base, report) = (&shape.points[0], BeamReport::new(&shape));
         if self.json {
             let mut all = json!({ "displacement_mm": base.u_mm, "slope": base.slope });

@@ -160,12 +160,14 @@ impl Bench {
             BackendName::Auto if choice.name.is_some() => vec![cpu(), gpu(choice)],
             BackendName::Auto => {
                 let (software, hardware): (Vec<_>, Vec<_>) =
-                    adapter::list().into_iter().partition(|found| found.software);
-                let name = |found: AdapterReport| format!("{} ({})", found.name, found.backend);
-                let gpus = hardware.into_iter().map(|found| gpu(AdapterChoice::named(name(found))));
+                    adapter::list().into_iter().partition(|adapter| adapter.software);
+                let name = |adapter: AdapterReport| format!("{} ({})", adapter.name, adapter.backend);
+                let gpus = hardware
+                    .into_iter()
+                    .map(|adapter| gpu(AdapterChoice::named(name(adapter))));
                 let unmeasured = software
                     .into_iter()
-                    .map(|found| format!("{} was not measured: it is {SOFTWARE}", name(found)));
+                    .map(|adapter| format!("{} was not measured: it is {SOFTWARE}", name(adapter)));
                 return (std::iter::once(cpu()).chain(gpus).collect(), unmeasured.collect());
             }
         };

@@ -60,7 +60,7 @@ impl Calibrate {
 
 /// Poses of the marker.
 #[derive(Args)]
-struct Motion {
+struct MarkerPoses {
     /// Poses of the marker: a tracked sequence (.igs.mha, .igs.mhd, .igs.nrrd), or CSV with the columns time_s,m00,...,m33
     #[arg(value_name = "FILE")]
     file: PathBuf,
@@ -72,7 +72,7 @@ struct Motion {
     plus_config: Option<PathBuf>,
 }
 
-impl Motion {
+impl MarkerPoses {
     fn config(&self) -> Result<Option<PlusConfig>, TrackingError> {
         self.plus_config.as_deref().map(PlusConfig::read).transpose()
     }
@@ -109,7 +109,7 @@ fn is_csv(file: &Path) -> bool {
 
 /// Output of a calibration.
 #[derive(Args)]
-struct Output {
+struct SheetOutput {
     /// Write a page with residuals and the lines for a scene and for PLUS
     #[arg(short, long, value_name = "PAGE.html")]
     output: Option<PathBuf>,
@@ -120,17 +120,15 @@ struct Output {
     json: bool,
 }
 
-impl Output {
+impl SheetOutput {
     fn check(&self, inputs: &[Option<&PathBuf>]) -> Result<(), Error> {
         let inputs: Vec<PathBuf> = inputs.iter().flatten().map(|path| (*path).clone()).collect();
         self.force.check_ending(&self.output, "html", "pages", &inputs)
     }
 
-    fn write(&self, found: &impl Serialize, sheet: &Sheet<'_>) -> Result<(), Error> {
-        if let Some(path) = &self.output {
-            output::text(path, &sheet.page()?)?;
-        }
-        terminal::show(found, self.json, || sheet.text())
+    fn write(&self, result: &impl Serialize, sheet: &Sheet<'_>) -> Result<(), Error> {
+        output::requested(&self.output, || sheet.page())?;
+        terminal::show(result, self.json, || sheet.text())
     }
 }
 
@@ -140,17 +138,17 @@ impl Output {
 #[derive(Args)]
 struct PivotArgs {
     #[command(flatten)]
-    motion: Motion,
+    motion: MarkerPoses,
     #[command(flatten)]
-    output: Output,
+    output: SheetOutput,
 }
 
 impl PivotArgs {
     fn run(&self) -> Result<(), Error> {
         self.output.check(&[Some(&self.motion.file)])?;
         let poses = self.motion.poses()?;
-        let found = pivot(&poses)?;
-        self.output.write(&found, &Sheet::pivot(&found, &poses))
+        let pivot = pivot(&poses)?;
+        self.output.write(&pivot, &Sheet::pivot(&pivot, &poses))
     }
 }
 
@@ -158,7 +156,7 @@ impl PivotArgs {
 #[derive(Args)]
 struct DirectionArgs {
     #[command(flatten)]
-    motion: Motion,
+    motion: MarkerPoses,
     /// The direction in all poses, in the frame that the transform leads to
     #[arg(long, value_name = "X,Y,Z", value_parser = numbers::<3>, allow_hyphen_values = true)]
     along: Option<[f64; 3]>,
@@ -169,7 +167,7 @@ struct DirectionArgs {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["along", "directions"])]
     hub: Option<PathBuf>,
     #[command(flatten)]
-    output: Output,
+    output: SheetOutput,
 }
 
 impl DirectionArgs {
@@ -177,7 +175,7 @@ impl DirectionArgs {
         self.output
             .check(&[Some(&self.motion.file), self.directions.as_ref(), self.hub.as_ref()])?;
         let poses = self.motion.poses()?;
-        let found = if let Some(hub) = &self.hub {
+        let direction = if let Some(hub) = &self.hub {
             let hub = self.motion.poses_in(hub, self.motion.config()?.as_ref())?;
             between(&pivot(&hub)?, &pivot(&poses)?)?
         } else if let Some(along) = self.along {
@@ -201,15 +199,17 @@ impl DirectionArgs {
             let expected = "give --along, --directions or --hub";
             return Err(Failure::usage("no direction is known", expected));
         };
-        self.output
-            .write(&found, &Sheet::direction("Direction of a shaft", &found, &poses.marker))
+        self.output.write(
+            &direction,
+            &Sheet::direction("Direction of a shaft", &direction, &poses.marker),
+        )
     }
 }
 
 fn nonzero(along: [f64; 3]) -> Result<Vector3<f64>, TrackingError> {
-    let found = Vector3::from(along);
-    match found.norm() > 1e-9 {
-        true => Ok(found),
+    let along = Vector3::from(along);
+    match along.norm() > 1e-9 {
+        true => Ok(along),
         false => Err(TrackingError::new(
             "a direction is 0,0,0; expected a vector with a length",
         )),
@@ -220,12 +220,12 @@ fn nonzero(along: [f64; 3]) -> Result<Vector3<f64>, TrackingError> {
 #[derive(Args)]
 struct SpinArgs {
     #[command(flatten)]
-    motion: Motion,
+    motion: MarkerPoses,
     /// Vector in the marker's frame on the side to which the axis points, such as the tip found by `pivot`
     #[arg(long, value_name = "X,Y,Z", value_parser = numbers::<3>, allow_hyphen_values = true)]
     toward: Option<[f64; 3]>,
     #[command(flatten)]
-    output: Output,
+    output: SheetOutput,
 }
 
 impl SpinArgs {
@@ -235,9 +235,9 @@ impl SpinArgs {
         if self.toward.is_none() {
             terminal::note("the sense of the axis is arbitrary without --toward");
         }
-        let found = spin(&poses, &self.toward.unwrap_or([1.0; 3]).into())?;
+        let axis = spin(&poses, &self.toward.unwrap_or([1.0; 3]).into())?;
         self.output
-            .write(&found, &Sheet::direction("Axis of rotation", &found, &poses.marker))
+            .write(&axis, &Sheet::direction("Axis of rotation", &axis, &poses.marker))
     }
 }
 
@@ -253,7 +253,7 @@ the configuration's calibration has them; with --follow near where a calibration
 #[command(after_help = POINTS)]
 struct PointsArgs {
     #[command(flatten)]
-    motion: Motion,
+    motion: MarkerPoses,
     /// Pixels of known points or wires (CSV)
     #[arg(long, value_name = "FILE.csv")]
     pixels: Option<PathBuf>,
@@ -261,7 +261,7 @@ struct PointsArgs {
     #[arg(long)]
     follow: bool,
     #[command(flatten)]
-    output: Output,
+    output: SheetOutput,
 }
 
 impl PointsArgs {
@@ -292,14 +292,15 @@ impl PointsArgs {
         let wires = wires(config.as_ref(), &poses.tracker)?;
         let clicked = self.pixels.as_deref().map(|path| pixels(path, &wires)).transpose()?;
         let clicked = clicked.map(|pixels| calibrate(&pixels, &poses)).transpose()?;
-        let found: ImageCalibration = match (clicked, &sequence) {
-            (Some(found), _) if !follows => found,
+        // The given pixels decide alone, or are where the wires are sought from in all images.
+        let calibration: ImageCalibration = match (clicked, &sequence) {
+            (Some(calibration), _) if !follows => calibration,
             (clicked, Some(sequence)) => {
                 let start = match (&clicked, &config) {
                     (None, Some(config)) => config.transform("Image", &poses.marker)?,
                     (clicked, _) => clicked
                         .as_ref()
-                        .map_or_else(Default::default, |found| found.image_to_probe.0),
+                        .map_or_else(Default::default, |calibration| calibration.image_to_probe.0),
                 };
                 let features: Vec<Feature> = wires.iter().map(|(_, wire)| *wire).collect();
                 follow(sequence, &poses, &features, &start)?
@@ -311,22 +312,23 @@ impl PointsArgs {
             .as_ref()
             .and_then(|config| config.transform("Image", &poses.marker).ok());
         if let Some(known) = known {
-            let [column, row] = found.mean_px;
+            let [column, row] = calibration.mean_px;
             let pixel = Point3::new(column, row, 0.0);
-            let matrix = &found.image_to_probe.0;
+            let matrix = &calibration.image_to_probe.0;
             let angle = |column: usize| {
                 let [a, b] = [matrix, &known].map(|matrix| matrix.fixed_view::<3, 1>(0, column).into_owned());
                 a.angle(&b).to_degrees()
             };
-            let apart = (matrix.transform_point(&pixel) - known.transform_point(&pixel)).norm();
+            let distance_mm = (matrix.transform_point(&pixel) - known.transform_point(&pixel)).norm();
             terminal::note(format_args!(
-                "the configuration's own ImageTo{} differs by {apart:.2} mm in the middle of the pixels, rows by {:.1} and columns by {:.1} degrees",
+                "the configuration's own ImageTo{} differs by {distance_mm:.2} mm in the middle of the pixels, rows by {:.1} and columns by {:.1} degrees",
                 poses.marker,
                 angle(0),
                 angle(1)
             ));
         }
-        self.output.write(&found, &Sheet::image(&found, &poses.marker, centre))
+        self.output
+            .write(&calibration, &Sheet::image(&calibration, &poses.marker, centre))
     }
 }
 

@@ -31,7 +31,7 @@ pub(crate) struct Doctor {
 }
 
 #[derive(Serialize)]
-struct Report {
+struct DoctorReport {
     version: &'static str,
     machine: Machine,
     adapters: Vec<AdapterReport>,
@@ -49,7 +49,7 @@ impl Doctor {
     pub(crate) fn run(&self) -> Result<(), Error> {
         let adapters = adapter::list();
         let choice = AdapterChoice::from_flag(self.adapter.as_deref());
-        let mut report = Report {
+        let mut report = DoctorReport {
             version: insonify_base::VERSION,
             machine: Machine::here(),
             adapters,
@@ -101,7 +101,7 @@ impl Doctor {
     }
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for DoctorReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "insonify {}", self.version)?;
         writeln!(f, "machine   {}", self.machine)?;

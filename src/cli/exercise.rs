@@ -219,16 +219,16 @@ impl Study {
                 .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
             tasks.push((name.replace([',', '"', '\n'], " "), scenario));
         }
-        let found = terminal::with_bar("sessions", |share| {
+        let outcome = terminal::with_bar("sessions", |share| {
             study(&tasks, usize::from(self.people), self.seed, &|done, of| {
                 share(done as f64 / of.max(1) as f64);
             })
         })?;
         let notes = study_notes(tasks.len(), usize::from(self.people), self.seed);
-        output::text(&folder.path().join("sessions.csv"), &csv(&found.sessions))?;
-        let page = found.comparison.page("Study with simulated hands", &notes)?;
+        output::text(&folder.path().join("sessions.csv"), &csv(&outcome.sessions))?;
+        let page = outcome.comparison.page("Study with simulated hands", &notes)?;
         output::text(&folder.path().join("index.html"), &page)?;
         folder.install()?;
-        terminal::show(&found, self.json, || found.comparison.to_string())
+        terminal::show(&outcome, self.json, || outcome.comparison.to_string())
     }
 }

@@ -68,9 +68,9 @@ impl Identify {
         bar.set_message("simulating insertions");
         let result = identify(case, &set);
         bar.finish_and_clear();
-        let found = result?;
-        for one in &found.results {
-            one.notes.iter().for_each(terminal::warn);
+        let identified = result?;
+        for parameters in &identified.results {
+            parameters.notes.iter().for_each(terminal::warn);
         }
         let at = |name: &str| folder.path().join(name);
         let plots = at("plots");
@@ -78,14 +78,12 @@ impl Identify {
             path: folder.place(&plots),
             cause,
         })?;
-        for (name, plot) in found.plots() {
-            output::plot(&at(&format!("plots/{name}.svg")), &plot)?;
-        }
-        for (name, text) in found.scenarios() {
+        output::plots(&plots, identified.plots())?;
+        for (name, text) in identified.scenarios() {
             output::text(&at(&name), &text)?;
         }
-        output::text(&at("index.html"), &found.page()?)?;
+        output::text(&at("index.html"), &identified.page()?)?;
         folder.install()?;
-        terminal::print(&found, self.json)
+        terminal::print(&identified, self.json)
     }
 }

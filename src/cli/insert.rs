@@ -133,7 +133,7 @@ pub(crate) enum Images {
 
 /// Summary with its provenance.
 #[derive(Serialize)]
-struct Report<'a> {
+struct InsertReport<'a> {
     scenario: String,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     quality: Vec<Picked>,
@@ -155,11 +155,11 @@ impl Insert {
         let folder = self.force.folder(output, "insert", FILES, &read)?;
         let (mut scenario, picked) = self.scenario(path)?;
         let mut picked: Vec<Picked> = picked.into_iter().collect();
-        let asked = Requests {
+        let requests = Requests {
             frames: self.images().is_some() || self.preview,
             mesh_s: self.vtu.map(|ms| ms * 1e-3),
         };
-        if asked.frames {
+        if requests.frames {
             picked.extend(self.quality.frames_of(&mut scenario, &self.backend)?);
         }
         if let Some(hand) = self.hand.as_deref().and_then(hand) {
@@ -174,8 +174,8 @@ impl Insert {
         let mut model = terminal::with_bar("preparing the model", |share| {
             scenario.model(|done, of| share(done as f64 / of.max(1) as f64))
         })?;
-        let mut writer = Writer::new(&scenario, folder.path(), asked)?;
-        if asked.frames {
+        let mut writer = Writer::new(&scenario, folder.path(), requests)?;
+        if requests.frames {
             self.extras.check(&scenario.scene)?;
             let (anatomy, mut settings) = (scenario.scene.anatomy.clone(), scenario.scene.settings.clone());
             settings.layers = self.extras.layers();
@@ -185,10 +185,10 @@ impl Insert {
             chosen.tell();
             writer.render(chosen, self.images(), &self.extras, self.preview)?;
         }
-        let mut summary = run(&scenario, model.as_mut(), asked, &mut writer)?;
+        let mut summary = run(&scenario, model.as_mut(), requests, &mut writer)?;
         let name = path.display().to_string();
         summary.warnings.extend(writer.warnings());
-        let report = Report {
+        let report = InsertReport {
             scenario: name.clone(),
             quality: picked,
             summary: &summary,

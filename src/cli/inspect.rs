@@ -32,7 +32,7 @@ pub(crate) struct Inspect {
 }
 
 #[derive(Serialize)]
-struct Report {
+struct InspectReport {
     frame: usize,
     #[serde(flatten)]
     pixel: PixelReport,
@@ -67,7 +67,7 @@ impl Inspect {
             ));
         };
         if self.json {
-            return terminal::emit_json(&Report {
+            return terminal::emit_json(&InspectReport {
                 frame: self.frame,
                 pixel,
                 warnings: scene.warnings,

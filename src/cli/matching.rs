@@ -66,9 +66,8 @@ impl Match {
         self.force.check_ending(&self.output, "toml", "scenes", &inputs)?;
         self.force.check_ending(&self.page, "html", "pages", &inputs)?;
         if self.file.is_dir() {
-            let found = format!("{} is a folder", self.file.display());
             return Err(Failure::usage(
-                found,
+                format!("{} is a folder", self.file.display()),
                 "name a single frame: only one frame can be matched",
             ));
         }
@@ -76,22 +75,13 @@ impl Match {
         // A file without frames has been refused.
         let mut frame = frames.swap_remove(0);
         frame.mm = self.mm_per_pixel.map(|mm| [mm; 2]).or(frame.mm);
-        let found = fit(&frame, self.depth_mm, self.seed)?;
-        let page = self
-            .page
-            .as_ref()
-            .map(|path| Ok::<_, Error>((path, found.page()?)))
-            .transpose()?;
-        if let Some(output) = &self.output {
-            output::text(output, &found.scene)?;
-        }
-        if let Some((path, page)) = page {
-            output::text(path, &page)?;
-        }
+        let matched = fit(&frame, self.depth_mm, self.seed)?;
+        output::requested(&self.page, || matched.page())?;
+        output::requested(&self.output, || Ok::<_, Error>(matched.scene.clone()))?;
         match (self.json, &self.output) {
-            (true, _) => terminal::emit_json(&found),
-            (false, Some(_)) => terminal::emit(&found.to_string()),
-            (false, None) => terminal::emit(&found.scene),
+            (true, _) => terminal::emit_json(&matched),
+            (false, Some(_)) => terminal::emit(&matched.to_string()),
+            (false, None) => terminal::emit(&matched.scene),
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, Subcommand};
+use clap::Args;
 use insonify_base::csv::CsvError;
 use insonify_mechanics::tissue::viscoelastic::point::Structure;
 use insonify_study::material_case::fit::{MaterialFit, Measurements};
@@ -47,19 +47,20 @@ pub(crate) struct Material {
     #[command(subcommand)]
     task: Option<Task>,
     #[command(flatten)]
-    test: Test,
+    test: MaterialTest,
 }
 
-#[derive(Subcommand)]
-enum Task {
-    Fit(FitArgs),
+commands! {
+    enum Task {
+        Fit(FitArgs),
+    }
 }
 
 impl Material {
     pub(crate) fn run(&self) -> Result<(), Error> {
         match &self.task {
             None => self.test.run(),
-            Some(Task::Fit(fit)) => fit.run(),
+            Some(task) => task.run(),
         }
     }
 }
@@ -67,7 +68,7 @@ impl Material {
 // `insonify material CASE.toml`: response of a material.
 
 #[derive(Args)]
-pub(crate) struct Test {
+pub(crate) struct MaterialTest {
     /// Case file: the material and its history
     #[arg(value_name = "CASE.toml", required_unless_present = "example")]
     case: Option<PathBuf>,
@@ -87,7 +88,7 @@ pub(crate) struct Test {
     rheometer: Option<PathBuf>,
 }
 
-impl Test {
+impl MaterialTest {
     fn run(&self) -> Result<(), Error> {
         let Some(path) = self.case.as_deref().filter(|_| !self.example) else {
             return terminal::emit(material_case::EXAMPLE);
@@ -99,9 +100,7 @@ impl Test {
         if let Some(target) = &self.rheometer {
             let folder = self.force.folder(target, "material", &[], &inputs)?;
             let tests = case.rheometer()?;
-            for (stem, plot) in tests.plots() {
-                output::plot(&folder.path().join(stem).with_extension("svg"), &plot)?;
-            }
+            output::plots(folder.path(), tests.plots())?;
             for (stem, table) in tests.tables() {
                 output::text(&folder.path().join(stem).with_extension("csv"), &table.csv())?;
             }
@@ -110,9 +109,7 @@ impl Test {
         }
         let report = case.run()?;
         report.warnings().iter().for_each(terminal::warn);
-        if let Some(output) = &self.output {
-            output::plot(output, &report.plot())?;
-        }
+        output::requested(&self.output, || report.plot().svg())?;
         terminal::print(&report, self.json)
     }
 }
@@ -159,15 +156,15 @@ pub(crate) struct FitArgs {
 }
 
 fn order(text: &str) -> Result<f64, String> {
-    let found = text.parse().ok().filter(|order: &f64| *order > 0.0 && *order < 1.0);
-    found.ok_or_else(|| "expected a number above 0 and below 1".to_owned())
+    let order = text.parse().ok().filter(|order: &f64| *order > 0.0 && *order < 1.0);
+    order.ok_or_else(|| "expected a number above 0 and below 1".to_owned())
 }
 
 impl FitArgs {
     fn run(&self) -> Result<(), Error> {
-        let folder = self.output.as_ref();
-        let folder = folder.map(|target| self.force.folder(target, "material", &[], &self.files));
-        let folder = folder.transpose()?;
+        let folder = self
+            .force
+            .requested_folder(&self.output, "material", &[], &self.files)?;
         let mut measured = Measurements::default();
         self.files.iter().try_for_each(|file| measured.add(file))?;
         let fit = MaterialFit::new(&measured, self.order, self.memory).map_err(|text| CsvError::Contents {
@@ -176,9 +173,7 @@ impl FitArgs {
         })?;
         fit.warnings.iter().for_each(terminal::warn);
         if let Some(folder) = folder {
-            for (stem, plot) in fit.plots() {
-                output::plot(&folder.path().join(stem).with_extension("svg"), &plot)?;
-            }
+            output::plots(folder.path(), fit.plots())?;
             folder.install()?;
         }
         terminal::print(&fit, self.json)

@@ -71,7 +71,7 @@ impl Info {
         };
         let file = read_mesh(&self.file, &options)?;
         let quality = Quality::of(&file.mesh, file.mesh.nodes());
-        let report = Report::new(&self.file, &file, &quality);
+        let report = MeshReport::new(&self.file, &file, &quality);
         terminal::print(&report, self.json)
     }
 }
@@ -80,7 +80,7 @@ impl Info {
 
 /// Contents and quality of a mesh.
 #[derive(Serialize)]
-pub(crate) struct Report {
+pub(crate) struct MeshReport {
     file: String,
     nodes: usize,
     elements: usize,
@@ -126,15 +126,15 @@ struct QualityReport {
     coincident_nodes: Vec<[u32; 2]>,
 }
 
-impl Report {
-    pub(crate) fn new(path: &Path, file: &MeshFile, quality: &Quality) -> Report {
+impl MeshReport {
+    pub(crate) fn new(path: &Path, file: &MeshFile, quality: &Quality) -> MeshReport {
         let regions = quality.regions.iter().map(|region| RegionReport {
             value: region.value,
             name: file.region_names.get(&region.value).cloned(),
             elements: region.elements,
             volume_ml: region.volume_ml,
         });
-        Report {
+        MeshReport {
             file: path.display().to_string(),
             nodes: file.mesh.nodes().len(),
             elements: file.mesh.elements().len(),
@@ -200,7 +200,7 @@ fn warnings(file: &MeshFile, quality: &Quality) -> Vec<String> {
     warnings
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for MeshReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [low, high] = self.bounds_mm;
         writeln!(f, "file         {}", text::clipped(&self.file, text::MESSAGE))?;
@@ -234,7 +234,7 @@ impl fmt::Display for Report {
     }
 }
 
-impl Report {
+impl MeshReport {
     fn regions(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let names = self
             .regions

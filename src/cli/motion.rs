@@ -103,7 +103,7 @@ pub(crate) struct Motion {
 }
 
 #[derive(Serialize)]
-struct Report {
+struct MotionReport {
     frames: usize,
     lines: usize,
     windows: usize,
@@ -169,8 +169,8 @@ impl Motion {
         atomic::write(&self.output, |file| {
             writeln!(file, "frame,line,window,depth_mm,axial_um,lateral_um,correlation")?;
             for (frame, values) in echoes.frames.iter().enumerate().skip(1) {
-                let found = tracker.next(values);
-                for (at, estimate) in found.iter().enumerate() {
+                let estimates = tracker.next(values);
+                for (at, estimate) in estimates.iter().enumerate() {
                     let (line, window) = (at / options.windows, at % options.windows);
                     writeln!(
                         file,
@@ -179,17 +179,21 @@ impl Motion {
                     )?;
                     correlation += estimate.correlation;
                 }
-                let kept = found.iter().filter(|it| it.correlation >= TRUSTED);
-                let share = kept.clone().count() as f64 / count;
-                let mean_um = kept.map(|it| it.axial_um.abs()).sum::<f64>() / (share * count).max(1.0);
+                let trusted_windows = estimates.iter().filter(|it| it.correlation >= TRUSTED);
+                let share = trusted_windows.clone().count() as f64 / count;
+                let mean_um = trusted_windows.map(|it| it.axial_um.abs()).sum::<f64>() / (share * count).max(1.0);
                 trusted += share;
                 losses.see(frame, share);
                 if let Some(truth) = &truth {
-                    tally.add(&found, &truth[frame]);
+                    tally.add(&estimates, &truth[frame]);
                 }
                 let moved_most = shown.frame == 0 || losses.frames.is_empty() && mean_um > shown.mean_um;
-                if self.frame.map_or(moved_most, |asked| asked == frame) {
-                    shown = Shown { frame, mean_um, found };
+                if self.frame.map_or(moved_most, |requested| requested == frame) {
+                    shown = Shown {
+                        frame,
+                        mean_um,
+                        estimates,
+                    };
                 }
                 bar.inc(1);
             }
@@ -203,7 +207,7 @@ impl Motion {
             }
         }
         let frames = echoes.frames.len() - 1;
-        let report = Report {
+        let report = MotionReport {
             frames: frames + 1,
             lines: echoes.lines,
             windows: options.windows,
@@ -254,9 +258,9 @@ impl Motion {
             let name = "sequence";
             for (frame, (values, truth)) in echoes.frames.iter().zip(&truth).enumerate().skip(1) {
                 progress(name, frame as f64 / echoes.frames.len() as f64);
-                let found = tracker.next(values);
-                course.push(name, frame as f64, &found, truth);
-                course.push_places(frame as f64, &found, truth);
+                let estimates = tracker.next(values);
+                course.push(name, frame as f64, &estimates, truth);
+                course.push_places(frame as f64, &estimates, truth);
             }
             course.end(name, tracker.switches);
             let line = &echoes.frames[0][echoes.lines / 2 * echoes.samples..][..echoes.samples];
@@ -396,12 +400,15 @@ struct Tally {
 }
 
 impl Tally {
-    fn add(&mut self, found: &[Estimate], truth: &[[f64; 2]]) {
-        let kept = || found.iter().zip(truth).filter(|(it, _)| it.correlation >= TRUSTED);
-        let n = kept().count().max(1) as f64;
+    fn add(&mut self, estimates: &[Estimate], truth: &[[f64; 2]]) {
+        let trusted = || estimates.iter().zip(truth).filter(|(it, _)| it.correlation >= TRUSTED);
+        let n = trusted().count().max(1) as f64;
         let of = |error: fn(&Estimate, &[f64; 2]) -> f64| {
-            let mean = kept().map(|(it, truth)| error(it, truth)).sum::<f64>() / n;
-            let square = kept().map(|(it, truth)| (error(it, truth) - mean).powi(2)).sum::<f64>() / n;
+            let mean = trusted().map(|(it, truth)| error(it, truth)).sum::<f64>() / n;
+            let square = trusted()
+                .map(|(it, truth)| (error(it, truth) - mean).powi(2))
+                .sum::<f64>()
+                / n;
             [mean, square.sqrt()]
         };
         let both = [
@@ -435,7 +442,7 @@ impl Tally {
     }
 }
 
-impl Report {
+impl MotionReport {
     fn text(&self) -> String {
         let mut text = format!(
             "{} frames of {} lines with {} windows: mean correlation {:.4}, {:.1} % of the windows correlate (0.8), {} changes of the reference, {:.1} correlations a window",

@@ -1,5 +1,6 @@
 //! Destinations of a command's output, checked before the computation.
 
+use std::ffi::OsStr;
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -43,11 +44,10 @@ impl Force {
         inputs: &[PathBuf],
     ) -> Result<(), Error> {
         for file in files {
-            let found = file.extension();
-            if !found.is_some_and(|found| found.eq_ignore_ascii_case(ending)) {
-                let found = format!("{}: {what} are written as .{ending}", file.display());
+            let has_ending = |extension: &OsStr| extension.eq_ignore_ascii_case(ending);
+            if !file.extension().is_some_and(has_ending) {
                 return Err(Failure::usage(
-                    found,
+                    format!("{}: {what} are written as .{ending}", file.display()),
                     format!("name the output with the ending .{ending}"),
                 ));
             }
@@ -69,6 +69,20 @@ impl Force {
         }
         Ok(Folder::open(target, command, names, inputs, self.force)?)
     }
+
+    /// Opens a folder if one is requested.
+    pub(crate) fn requested_folder(
+        self,
+        target: &Option<PathBuf>,
+        command: &'static str,
+        names: &[&str],
+        inputs: &[PathBuf],
+    ) -> Result<Option<Folder>, Error> {
+        let target = target.as_ref();
+        target
+            .map(|target| self.folder(target, command, names, inputs))
+            .transpose()
+    }
 }
 
 /// A TOML file and the files that it names.
@@ -81,7 +95,7 @@ pub(crate) fn inputs(document: &Path) -> Vec<PathBuf> {
 fn add_inputs(document: &Path, depth: usize, files: &mut Vec<PathBuf>) {
     files.push(document.to_owned());
     // A pipe can be read only once, by its reader.
-    let small = fs::metadata(document).is_ok_and(|found| found.is_file() && found.len() <= LARGEST);
+    let small = fs::metadata(document).is_ok_and(|metadata| metadata.is_file() && metadata.len() <= LARGEST);
     let text = small.then(|| fs::read_to_string(document).ok()).flatten();
     let table = text.and_then(|text| text.parse().ok());
     let folder = document.parent().unwrap_or(Path::new(""));
@@ -107,4 +121,19 @@ pub(crate) fn text(path: &Path, text: &str) -> Result<(), Error> {
 /// Writes a plot atomically.
 pub(crate) fn plot(path: &Path, plot: &Plot) -> Result<(), Error> {
     text(path, &plot.svg()?)
+}
+
+/// Writes plots into a folder, each under its name.
+pub(crate) fn plots(folder: &Path, plots: impl IntoIterator<Item = (impl AsRef<Path>, Plot)>) -> Result<(), Error> {
+    let mut plots = plots.into_iter();
+    plots.try_for_each(|(name, drawn)| plot(&folder.join(name).with_extension("svg"), &drawn))
+}
+
+/// Makes a text and writes it atomically, if a file is requested.
+pub(crate) fn requested<E: Into<Error>>(
+    file: &Option<PathBuf>,
+    content: impl FnOnce() -> Result<String, E>,
+) -> Result<(), Error> {
+    let file = file.as_ref();
+    file.map_or(Ok(()), |file| text(file, &content().map_err(Into::into)?))
 }

@@ -110,13 +110,11 @@ impl PathArgs {
         }
         file.adapter = Some(self.backend.choice());
         let scenario = resolve(&file, &base)?;
-        let bar = terminal::share();
-        bar.set_message("simulating lines");
-        let plan = plan(&scenario, &self.options(), &|done, of| {
-            bar.set_position(terminal::SHARES * done as u64 / of.max(1) as u64);
-        });
-        bar.finish_and_clear();
-        let plan = plan?;
+        let plan = terminal::with_bar("simulating lines", |share| {
+            plan(&scenario, &self.options(), &|done, of| {
+                share(done as f64 / of.max(1) as f64)
+            })
+        })?;
         let written = plan
             .scenario(&text, &scenario)
             .and_then(|text| relocated(&text, &base, &self.output));

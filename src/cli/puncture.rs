@@ -91,11 +91,8 @@ impl Puncture {
             ..PunctureOptions::default()
         };
         let inputs: Vec<PathBuf> = self.fit.iter().cloned().collect();
-        let open = |target: &PathBuf| {
-            let names = ["force.csv", "force.svg"];
-            self.force.folder(target, "puncture", &names, &inputs)
-        };
-        let folder = self.output.as_ref().map(open).transpose()?;
+        let names = ["force.csv", "force.svg"];
+        let folder = self.force.requested_folder(&self.output, "puncture", &names, &inputs)?;
         let fitted = self
             .fit
             .as_deref()
@@ -129,23 +126,23 @@ impl Puncture {
             });
             runs.collect::<Result<Vec<_>, _>>()
         })?;
-        let asked = &runs[0].1;
+        let requested = &runs[0].1;
         if let Some(folder) = folder {
             let at = |name: &str| folder.path().join(name);
             let plot = curves(&runs.iter().map(|(name, run)| (*name, run)).collect::<Vec<_>>())?;
             output::text(&at("force.svg"), &plot)?;
-            output::text(&at("force.csv"), &asked.csv())?;
-            for (name, picture) in &asked.pictures {
+            output::text(&at("force.csv"), &requested.csv())?;
+            for (name, picture) in &requested.pictures {
                 output::text(&at(&format!("{name}.svg")), picture)?;
             }
             folder.install()?;
         }
         let output = JsonOutput {
             fit: fitted.as_ref(),
-            puncture: asked,
+            puncture: requested,
         };
         terminal::show(&output, self.json, || {
-            output.fit.map(text).unwrap_or_default() + &asked.text()
+            output.fit.map(text).unwrap_or_default() + &requested.text()
         })
     }
 

@@ -57,11 +57,11 @@ impl QualityArgs {
             terminal::warn(format_args!("measured costs cannot be cached: {error}"));
         };
         let kept = cache.check(thing).inspect_err(|error| unkept(error)).is_ok();
-        let found = measure()?;
+        let costs = measure()?;
         if kept {
-            let _ = cache.put(thing, &found).inspect_err(|error| unkept(error));
+            let _ = cache.put(thing, &costs).inspect_err(|error| unkept(error));
         }
-        Ok(found)
+        Ok(costs)
     }
 }
 
@@ -116,6 +116,7 @@ impl QualityArgs {
             let measured = format!("kept to by 19 of {FRAMES} frames of this scene on {adapter}");
             let mut state = FrameState::at(Matrix4::identity());
             scene.state(0, scene.frames(), &mut state)?;
+            // The scene itself keeps its grid until one is picked.
             let mut trial = scene.clone();
             grid::measure(&grids, open, budget_ms, measured, |[lines, samples]| {
                 (trial.settings.probe.lines, trial.settings.probe.samples) = (lines, samples);
@@ -266,26 +267,26 @@ fn tried(file: &ScenarioFile, folder: &Path, picked: &Picked) -> Result<Tried, E
     let mut file = file.clone();
     set(&mut file, picked);
     let budget_ms = picked.budget_ms;
-    let found = watched(|progress| {
+    let trial = watched(|progress| {
         progress("trying an insertion", 0.0);
         let scenario = file.resolve(folder, |_| {})?;
         let mut model = scenario.model(|_, _| {})?;
-        let told = |share| progress("trying an insertion", share);
-        Ok::<_, Error>(scenario.trial(model.as_mut(), budget_ms, PATIENCE, told)?)
+        let progressed = |share| progress("trying an insertion", share);
+        Ok::<_, Error>(scenario.trial(model.as_mut(), budget_ms, PATIENCE, progressed)?)
     })?;
     let Trial {
         steps,
         over,
         longest_ms,
         ..
-    } = found;
-    let counted = match found.remeshing {
+    } = trial;
+    let counted = match trial.remeshing {
         0 => "median of the steps of this insertion, of which none remeshes".to_owned(),
         1 => "the step of this insertion that remeshes".to_owned(),
         remeshing => format!("median of the {remeshing} steps of this insertion that remesh"),
     };
     Ok(Tried {
-        ms: found.ms,
+        ms: trial.ms,
         measured: format!(
             "{counted}; {over} of {steps} steps take longer than {budget_ms} ms, the longest {longest_ms:.2} ms"
         ),

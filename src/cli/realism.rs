@@ -68,9 +68,7 @@ impl Realism {
         let frames = read(&self.files, self.mm_per_pixel)?;
         let real = read(&self.against, self.real_mm_per_pixel)?;
         let report = compare(&frames, &real)?;
-        if let Some(output) = &self.output {
-            output::text(output, &report.page(&frames, &real)?)?;
-        }
+        output::requested(&self.output, || report.page(&frames, &real))?;
         terminal::print(&report, self.json)
     }
 }

@@ -126,22 +126,18 @@ impl Register {
         known
             .iter_mut()
             .for_each(|it| it.surface_mm = self.in_lps(&it.surface_mm));
-        let found = register(&surface, &skin, &corners(&volume), &known)?;
-        doubt(&found, surface.len());
-        let map = &found.quadratic.map;
+        let registration = register(&surface, &skin, &corners(&volume), &known)?;
+        doubt(&registration, surface.len());
+        let map = &registration.quadratic.map;
         if let Some(output) = &self.output {
             save(&resample(&volume, map)?, output)?;
         }
-        if let Some(fit) = &self.fit {
-            output::text(fit, &map.toml())?;
-        }
+        output::requested(&self.fit, || Ok::<_, Error>(map.toml()))?;
         if let (Some(mesh), Some(output)) = (&self.mesh, &self.mesh_output) {
             carry(mesh, output, map)?;
         }
-        if let Some(page) = &self.page {
-            output::text(page, &insonify_study::registration::page(&found, &skin)?)?;
-        }
-        terminal::print(&found, self.json)
+        output::requested(&self.page, || insonify_study::registration::page(&registration, &skin))?;
+        terminal::print(&registration, self.json)
     }
 
     /// Reads a label volume, and closes the body around it unless told not to.
@@ -192,17 +188,17 @@ impl Register {
 }
 
 /// Tells what makes a registration of `count` surface points doubtful.
-fn doubt(found: &Registration, count: usize) {
-    if found.covered < MIN_COVERED && found.landmarks_mm.is_empty() {
+fn doubt(registration: &Registration, count: usize) {
+    if registration.covered < MIN_COVERED && registration.landmarks_mm.is_empty() {
         terminal::warn(format_args!(
             "the surface covers {:.0} % of the skin, and the start was found from its shape alone: look at the page, and give --landmarks",
-            100.0 * found.covered
+            100.0 * registration.covered
         ));
     }
-    if found.beyond > 0 {
+    if registration.beyond > 0 {
         terminal::note(format_args!(
             "{} of {} surface points lie beyond the end of the skin and are not used",
-            found.beyond, count
+            registration.beyond, count
         ));
     }
     if count < ENOUGH {
@@ -211,22 +207,22 @@ fn doubt(found: &Registration, count: usize) {
             count
         ));
     }
-    if found.quadratic.rms_mm > MAX_RMS_MM {
+    if registration.quadratic.rms_mm > MAX_RMS_MM {
         terminal::warn(format_args!(
             "the surface remains {:.1} mm (RMS) from the skin: a different body, or a poor start; look at the page, and give --landmarks",
-            found.quadratic.rms_mm
+            registration.quadratic.rms_mm
         ));
     }
-    for landmark in found.landmarks_mm.iter().filter(|it| it.quadratic_mm > FAR_MM) {
+    for landmark in registration.landmarks_mm.iter().filter(|it| it.quadratic_mm > FAR_MM) {
         terminal::warn(format_args!(
             "landmark {:?} remains {:.1} mm away",
             landmark.name, landmark.quadratic_mm
         ));
     }
-    if found.quadratic.jacobian_min < MIN_JACOBIAN {
+    if registration.quadratic.jacobian_min < MIN_JACOBIAN {
         terminal::warn(format_args!(
             "the quadratic map shrinks parts of the volume to {:.2} of their size: is it the surface of this body?",
-            found.quadratic.jacobian_min
+            registration.quadratic.jacobian_min
         ));
     }
 }

@@ -74,7 +74,7 @@ pub(crate) struct Render {
 const BATCH: usize = 64;
 
 #[derive(Serialize)]
-struct Report {
+struct RenderReport {
     backend: &'static str,
     adapter: Option<String>,
     reason: String,
@@ -143,12 +143,12 @@ impl Render {
         output: Output<'_>,
         place: &Place,
         count: usize,
-    ) -> Result<Report, Error> {
+    ) -> Result<RenderReport, Error> {
         let synth = &mut chosen.synth;
         // A GPU makes a timed frame twice: there, one more frame is timed.
         synth.time_passes(self.json && synth.gpu().is_none())?;
         // For a constant pose the scene has already warned.
-        let told = scene.probe_path().keys().len() == 1;
+        let outside_was_reported = scene.probe_path().keys().len() == 1;
         let mut passes = Passes::default();
         let mut oddities = FrameWarnings::default();
         let mut frames = Vec::with_capacity(count);
@@ -163,7 +163,7 @@ impl Render {
                 break;
             }
             let take = |at: usize, synth: &Synthesizer, ms: f64| {
-                let odd = coverage::warnings(synth.tables(), &batch[at].probe_to_world, told);
+                let odd = coverage::warnings(synth.tables(), &batch[at].probe_to_world, outside_was_reported);
                 let number = first + at;
                 let shot = Shot {
                     number,
@@ -193,14 +193,14 @@ impl Render {
             passes.add(synth.pass_times());
         }
 
-        let mut found = oddities.summary(count);
-        found.extend(repeated(scene, count));
-        found.iter().for_each(terminal::warn);
+        let mut of_frames = oddities.summary(count);
+        of_frames.extend(repeated(scene, count));
+        of_frames.iter().for_each(terminal::warn);
         let mut warnings = scene.warnings.clone();
         warnings.append(&mut chosen.warnings);
-        warnings.extend(found);
+        warnings.extend(of_frames);
         let passes = passes.report(&chosen.synth, self.json, &mut warnings);
-        let report = Report {
+        let report = RenderReport {
             backend: chosen.synth.backend(),
             adapter: chosen.adapter().map(str::to_owned),
             reason: chosen.reason.clone(),
@@ -228,7 +228,7 @@ fn repeated(scene: &Scene, count: usize) -> Option<String> {
     })
 }
 
-impl Report {
+impl RenderReport {
     fn summary(&self, path: &Path) -> String {
         let Self {
             width,
@@ -302,7 +302,7 @@ impl FrameWarnings {
     }
 
     fn summary(self, count: usize) -> Vec<String> {
-        let told = |(warning, frames): (String, Vec<usize>)| match frames[..] {
+        let sentence = |(warning, frames): (String, Vec<usize>)| match frames[..] {
             _ if count == 1 => warning,
             [frame] => format!("frame {frame}: {warning}"),
             [first, .., last] if frames.len() == count => format!("frames {first} to {last}: {warning}"),
@@ -312,7 +312,7 @@ impl FrameWarnings {
                 frames[0]
             ),
         };
-        self.0.into_iter().map(told).collect()
+        self.0.into_iter().map(sentence).collect()
     }
 }
 
@@ -338,10 +338,10 @@ mod tests {
             }
             oddities.add(frame, warnings);
         }
-        let told = oddities.summary(4);
-        assert_eq!(told[0], "frames 0 to 3: always");
-        assert_eq!(told[1], "2 of 4 frames, first frame 1: at times");
-        assert_eq!(told[2], "frame 2: once");
+        let summary = oddities.summary(4);
+        assert_eq!(summary[0], "frames 0 to 3: always");
+        assert_eq!(summary[1], "2 of 4 frames, first frame 1: at times");
+        assert_eq!(summary[2], "frame 2: once");
         let mut single = FrameWarnings::default();
         single.add(0, vec!["odd".to_owned()]);
         assert_eq!(single.summary(1), ["odd"]);

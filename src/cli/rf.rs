@@ -161,7 +161,7 @@ impl Geometry {
 }
 
 #[derive(Serialize)]
-struct Report {
+struct RfReport {
     lines: usize,
     samples: usize,
     frames: usize,
@@ -210,7 +210,7 @@ impl Rf {
     }
 
     fn synthesise(&self) -> Result<(), Error> {
-        let source = Source::open(self.input.as_deref())?;
+        let source = EchoSource::open(self.input.as_deref())?;
         let scene = source.scene();
         let probe = &scene.settings.probe;
         let acquisition = self.acquisition(probe);
@@ -232,20 +232,20 @@ impl Rf {
         })?;
         let mut recorder = Recorder::new(self, synthesizer, &acquisition)?;
         let count = match &source {
-            Source::Scene(scene) => self.frames.unwrap_or_else(|| scene.frames()),
-            Source::Scenario(scenario) => scenario.timing.moments(scenario.timing.frame_s) as usize,
+            EchoSource::Scene(scene) => self.frames.unwrap_or_else(|| scene.frames()),
+            EchoSource::Scenario(scenario) => scenario.timing.moments(scenario.timing.frame_s) as usize,
         };
         let bar = terminal::progress(count);
         match &source {
-            Source::Scene(scene) => {
+            EchoSource::Scene(scene) => {
                 for (at, state) in scene.states(count).enumerate() {
                     recorder.push(scene, &state, scene.time_s(at, count))?;
                     bar.inc(1);
                 }
             }
-            Source::Scenario(scenario) => {
+            EchoSource::Scenario(scenario) => {
                 let mut model = scenario.model(|_, _| {})?;
-                let asked = Requests {
+                let requests = Requests {
                     frames: true,
                     mesh_s: None,
                 };
@@ -254,7 +254,7 @@ impl Rf {
                     scene: &scenario.scene,
                     bar: &bar,
                 };
-                run(scenario, model.as_mut(), asked, &mut frames)?;
+                run(scenario, model.as_mut(), requests, &mut frames)?;
             }
         }
         bar.finish_and_clear();
@@ -273,7 +273,7 @@ impl Rf {
         }
     }
 
-    fn tell(&self, report: &Report) -> Result<(), Error> {
+    fn tell(&self, report: &RfReport) -> Result<(), Error> {
         if report.saturated > 0.0 {
             terminal::warn(format_args!(
                 "{:.3} % of the samples exceed 16 bits and are cut off",
@@ -283,7 +283,7 @@ impl Rf {
         if self.json {
             return terminal::emit_json(report);
         }
-        let Report {
+        let RfReport {
             lines,
             samples,
             frames,
@@ -334,12 +334,12 @@ pub(crate) fn laid_out(probe: &Probe) -> Result<(BeamGrid, ImageGrid), Error> {
     Ok((beam, image))
 }
 
-enum Source {
+enum EchoSource {
     Scene(Box<Scene>),
     Scenario(Box<scenario::Scenario>),
 }
 
-impl Source {
+impl EchoSource {
     fn open(path: Option<&Path>) -> Result<Self, Error> {
         let Some(path) = path else {
             let scene = SceneFile::parse(scene::DEFAULT, "the default scene")?.resolve(Path::new(""))?;
@@ -371,10 +371,10 @@ impl Source {
 struct Recorder {
     synthesizer: RfSynthesizer,
     writer: SequenceWriter,
-    truth: Option<Table>,
+    truth: Option<RowWriter>,
     /// Depths of the windows of the table, mm.
     depths_mm: Vec<f64>,
-    nodes: Option<Table>,
+    nodes: Option<RowWriter>,
     followed: Vec<Followed>,
     frames: usize,
     float: bool,
@@ -383,13 +383,13 @@ struct Recorder {
 }
 
 /// A table that appears under its name when it is complete.
-struct Table {
+struct RowWriter {
     path: PathBuf,
     staged: StagedFile,
     rows: String,
 }
 
-impl Table {
+impl RowWriter {
     /// Size at which rows are written, bytes.
     const BUFFER: usize = 1 << 20;
 
@@ -448,7 +448,7 @@ impl Recorder {
             }
         }
         let table =
-            |path: &Option<PathBuf>, head: &str| path.as_deref().map(|path| Table::create(path, head)).transpose();
+            |path: &Option<PathBuf>, head: &str| path.as_deref().map(|path| RowWriter::create(path, head)).transpose();
         let windows = Options {
             windows: usize::from(options.windows),
             window_mm: options.window_mm,
@@ -510,13 +510,13 @@ impl Recorder {
         Ok(())
     }
 
-    fn finish(self) -> Result<Report, Error> {
+    fn finish(self) -> Result<RfReport, Error> {
         let (lines, samples) = (self.synthesizer.lines(), self.synthesizer.samples());
         self.writer.finish()?;
         for table in self.truth.into_iter().chain(self.nodes) {
             table.finish()?;
         }
-        Ok(Report {
+        Ok(RfReport {
             lines,
             samples,
             frames: self.frames,

@@ -14,11 +14,11 @@ use insonify::Error;
 pub(crate) struct Schema {
     /// File type
     #[arg(value_enum, default_value = "scene")]
-    of: Of,
+    of: FileKind,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
-enum Of {
+enum FileKind {
     /// A scene, which `render` reads
     Scene,
     /// A scenario, which `insert` reads
@@ -40,13 +40,13 @@ enum Of {
 impl Schema {
     pub(crate) fn run(&self) -> Result<(), Error> {
         terminal::emit_json(&match self.of {
-            Of::Scene => insonify_imaging::scene::schema(),
-            Of::Solve => schema_for!(ProblemFile).to_value(),
-            Of::Material => schema_for!(material_case::CaseFile).to_value(),
-            Of::Identify => schema_for!(identification::CaseFile).to_value(),
-            Of::Beam => schema_for!(beam_case::CaseFile).to_value(),
-            Of::Insert => insonify::input::scenario::schema(),
-            Of::Sidecar => schema_for!(Sidecar).to_value(),
+            FileKind::Scene => insonify_imaging::scene::schema(),
+            FileKind::Solve => schema_for!(ProblemFile).to_value(),
+            FileKind::Material => schema_for!(material_case::CaseFile).to_value(),
+            FileKind::Identify => schema_for!(identification::CaseFile).to_value(),
+            FileKind::Beam => schema_for!(beam_case::CaseFile).to_value(),
+            FileKind::Insert => insonify::input::scenario::schema(),
+            FileKind::Sidecar => schema_for!(Sidecar).to_value(),
         })
     }
 }

@@ -80,9 +80,7 @@ impl ScoreArgs {
 
     fn compare(&self, sessions: &[groups::Session]) -> Result<(), Error> {
         let comparison = compare(sessions);
-        if let Some(output) = &self.output {
-            output::text(output, &comparison.page("Comparison of groups", &[])?)?;
-        }
+        output::requested(&self.output, || comparison.page("Comparison of groups", &[]))?;
         terminal::print(&comparison, self.json)
     }
 }

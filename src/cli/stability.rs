@@ -57,8 +57,7 @@ impl Stability {
         if cases.is_empty() {
             return Err(none_selected(self.only.as_deref().unwrap_or_default()));
         }
-        let open = |target: &PathBuf| self.force.folder(target, "stability", &FILES, &[]);
-        let folder = self.output.as_ref().map(open).transpose()?;
+        let folder = self.force.requested_folder(&self.output, "stability", &FILES, &[])?;
         let report = self.measure(&cases);
         if let Some(folder) = folder {
             write(&report, folder.path())?;

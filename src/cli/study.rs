@@ -49,8 +49,7 @@ impl Printed {
     }
 
     fn folder(&self) -> Result<Option<Folder>, Error> {
-        let open = |target: &PathBuf| self.force.folder(target, "study", &["index.html"], &[]);
-        self.output.as_ref().map(open).transpose()
+        self.force.requested_folder(&self.output, "study", &["index.html"], &[])
     }
 
     /// Creates the folder, runs the study with a progress bar, and writes and prints the results.

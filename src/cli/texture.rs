@@ -65,8 +65,8 @@ pub(crate) struct TextureArgs {
     #[arg(long, value_name = "DB", default_value_t = 60.0)]
     range_db: f64,
     /// What the texture holds
-    #[arg(long, value_enum, default_value_t = Kind::Structure)]
-    content: Kind,
+    #[arg(long, value_enum, default_value_t = KeptDetail::Structure)]
+    content: KeptDetail,
     /// Voxels along each side: a multiple of 4 from 32 to 256
     #[arg(long, value_name = "N", default_value_t = 64)]
     size: usize,
@@ -90,7 +90,7 @@ pub(crate) struct TextureArgs {
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Kind {
+enum KeptDetail {
     /// Only what is coarser than the speckle cell
     Structure,
     /// All of it, with its speckle
@@ -118,13 +118,13 @@ impl TextureArgs {
             _ => Ok(None),
         };
         let (zy, xz) = (other(&self.zy, self.zy_region)?, other(&self.xz, self.xz_region)?);
-        let own = |prepared: PreparedExemplar| prepared.exemplar;
-        let exemplars = Exemplars::of(first.exemplar.clone(), zy.map(own), xz.map(own));
-        let made = terminal::with_bar("synthesis", |share| {
+        let exemplar = |prepared: PreparedExemplar| prepared.exemplar;
+        let exemplars = Exemplars::of(first.exemplar.clone(), zy.map(exemplar), xz.map(exemplar));
+        let solid = terminal::with_bar("synthesis", |share| {
             make(&first, exemplars, self.size, self.seed, &mut |done| share(done))
         })?;
-        let extent_mm = made.side as f64 * made.voxel_mm;
-        let longest = made
+        let extent_mm = solid.side as f64 * solid.voxel_mm;
+        let longest = solid
             .figures
             .exemplar_correlation_mm
             .into_iter()
@@ -135,18 +135,18 @@ impl TextureArgs {
                 "the solid is {extent_mm:.1} mm wide, and the structure of the image {longest:.1} mm: it repeats visibly; take a larger --size or --voxel-mm"
             ));
         }
-        let lengths = made
+        let lengths = solid
             .figures
             .correlation_mm
             .iter()
-            .zip(made.figures.exemplar_correlation_mm);
-        let lengths = lengths.filter_map(|(own, exemplar)| Some((*own)? / exemplar?));
+            .zip(solid.figures.exemplar_correlation_mm);
+        let lengths = lengths.filter_map(|(solid_mm, exemplar_mm)| Some((*solid_mm)? / exemplar_mm?));
         if lengths.clone().any(|ratio| !(1.0 / UNLIKE..UNLIKE).contains(&ratio)) {
             terminal::warn(
                 "the structure of the solid is not as long as that of the image: look at the page, and take a region of one even tissue",
             );
         }
-        made.write(&self.output)?;
+        solid.write(&self.output)?;
         let name = self
             .output
             .file_stem()
@@ -156,10 +156,8 @@ impl TextureArgs {
             name,
             self.output.display().to_string()
         );
-        if let Some(page) = &self.page {
-            output::text(page, &made.page(&lines)?)?;
-        }
-        terminal::show(&made.figures, self.json, || format!("{}\n{lines}", made.figures))
+        output::requested(&self.page, || solid.page(&lines))?;
+        terminal::show(&solid.figures, self.json, || format!("{}\n{lines}", solid.figures))
     }
 
     fn prepared(&self, image: &PathBuf, region: [f64; 4], voxel_mm: Option<f64>) -> Result<PreparedExemplar, Error> {
@@ -181,8 +179,8 @@ impl TextureArgs {
             pixel_mm,
             range_db: self.range_db,
             content: match self.content {
-                Kind::Structure => Content::Structure,
-                Kind::Keep => Content::Keep,
+                KeptDetail::Structure => Content::Structure,
+                KeptDetail::Keep => Content::Keep,
             },
             voxel_mm,
         };

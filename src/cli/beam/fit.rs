@@ -69,9 +69,7 @@ impl Fit {
         })?;
         let warnings = warnings(&fit);
         warnings.iter().for_each(terminal::warn);
-        if let Some(output) = &self.output {
-            output::plot(output, &plot(&samples, &fit))?;
-        }
+        output::requested(&self.output, || plot(&samples, &fit).svg())?;
         terminal::show(&json(&fit, &warnings), self.json, || text(&fit))
     }
 }

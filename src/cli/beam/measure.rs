@@ -88,7 +88,7 @@ impl Measure {
         let design = Design::read(&self.markers)?;
         let case = CaseFile::read(&self.case)?.resolve()?;
         let at_rest = self.scan(rest, &design)?;
-        let mut found = Vec::new();
+        let mut needles = Vec::new();
         for (path, name) in moved.iter().zip(&names) {
             let measured = measure(&at_rest, &self.scan(path, &design)?).map_err(|error| named(path, &error))?;
             let base = Base {
@@ -101,12 +101,12 @@ impl Measure {
                 Some(folder) => output::text(&folder.path().join(name), &text)?,
                 None => output::text(&self.output, &text)?,
             }
-            found.push((path.display().to_string(), measured));
+            needles.push((path.display().to_string(), measured));
         }
         if let Some(folder) = folder {
             folder.install()?;
         }
-        self.print(&found)
+        self.print(&needles)
     }
 
     fn scan(&self, path: &Path, design: &Design) -> Result<Scan, Error> {
@@ -118,8 +118,10 @@ impl Measure {
         scan(&image, design, &thresholds).map_err(|error| named(path, &error))
     }
 
-    fn print(&self, found: &[(String, MeasuredNeedle)]) -> Result<(), Error> {
-        let Some((_, first)) = found.first() else { return Ok(()) };
+    fn print(&self, needles: &[(String, MeasuredNeedle)]) -> Result<(), Error> {
+        let Some((_, first)) = needles.first() else {
+            return Ok(());
+        };
         if first.rest_slope.abs() > REST[0] || first.rest_rms_mm > REST[1] {
             terminal::warn(format_args!(
                 "at rest the needle slopes by {:.3} and lies {:.2} mm (RMS) off a line; the beam expects a straight needle perpendicular to \
@@ -128,9 +130,9 @@ impl Measure {
             ));
         }
         if self.json {
-            let all: Vec<_> = found
+            let all: Vec<_> = needles
                 .iter()
-                .map(|(volume, measured)| Named { volume, measured })
+                .map(|(volume, measured)| NamedNeedle { volume, measured })
                 .collect();
             return terminal::emit_json(&all);
         }
@@ -138,7 +140,7 @@ impl Measure {
             "base mm", "slope", "s mm", "l mm", "tip mm", "RCM mm", "COM mm", "markers", "RMS mm",
         ];
         let head = std::iter::once(Cell::from("volume")).chain(head.map(Cell::number));
-        let rows = found.iter().map(|(name, it)| {
+        let rows = needles.iter().map(|(name, it)| {
             let depth = |depth: Option<f64>| depth.map_or("-".to_owned(), |depth| decimal(depth, 2));
             let [first, second] = it.markers_rms_mm.map(|rms| decimal(rms, 2));
             vec![
@@ -160,7 +162,7 @@ impl Measure {
 
 /// A measured volume in JSON.
 #[derive(serde::Serialize)]
-struct Named<'a> {
+struct NamedNeedle<'a> {
     volume: &'a str,
     #[serde(flatten)]
     measured: &'a MeasuredNeedle,
@@ -209,8 +211,8 @@ impl Compare {
             return Err(Failure::usage(found, "measure it with `insonify beam measure`"));
         }
         if cases.is_empty() {
-            let found = self.cases.iter().map(path).collect::<Vec<_>>().join(", ");
-            let found = format!("{found}: no case with `measured_mm` under `[needle]`");
+            let paths = self.cases.iter().map(path).collect::<Vec<_>>().join(", ");
+            let found = format!("{paths}: no case with `measured_mm` under `[needle]`");
             return Err(Failure::usage(
                 found,
                 "name cases that `insonify beam measure` wrote, or their folder",

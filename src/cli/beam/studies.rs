@@ -14,7 +14,7 @@ use insonify_study::beam_case::{BeamCase, CaseFile};
 const STEP_MM: f64 = 5.0;
 
 #[derive(Args)]
-struct Of {
+struct CaseArgs {
     /// Case file, as `insonify beam` reads it
     #[arg(value_name = "CASE.toml")]
     case: PathBuf,
@@ -22,7 +22,7 @@ struct Of {
     printed: Printed,
 }
 
-impl Of {
+impl CaseArgs {
     fn case(&self) -> Result<BeamCase, Error> {
         self.printed.check()?;
         Ok(CaseFile::read(&self.case)?.resolve()?)
@@ -36,7 +36,7 @@ impl Of {
 #[derive(Args)]
 pub(super) struct Compression {
     #[command(flatten)]
-    of: Of,
+    of: CaseArgs,
 }
 
 impl Compression {
@@ -50,7 +50,7 @@ impl Compression {
 #[derive(Args)]
 pub(super) struct Map {
     #[command(flatten)]
-    of: Of,
+    of: CaseArgs,
     /// Wanted deflections of the tip, mm
     #[arg(
         long,
@@ -93,7 +93,7 @@ impl Map {
 #[derive(Args)]
 pub(super) struct Sensitivity {
     #[command(flatten)]
-    of: Of,
+    of: CaseArgs,
     /// Uncertainty of the stiffness, +- percent
     #[arg(long, value_name = "PERCENT", default_value_t = 20.0, value_parser = percent)]
     mu_percent: f64,

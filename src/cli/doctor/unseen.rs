@@ -36,14 +36,14 @@ pub(super) fn reasons(root: &Path, variable: impl Fn(&str) -> Option<String>) ->
     if !nvidia && !has("dev/dri", &|name| name.starts_with("renderD")) {
         return Vec::new();
     }
-    let mut found = Vec::new();
+    let mut reasons = Vec::new();
     let library = |start: &str| {
         LIBRARIES
             .iter()
             .any(|folder| has(folder, &|name| name.starts_with(start)))
     };
     if !library("libvulkan.so.1") && variable("LD_LIBRARY_PATH").is_none() {
-        found.push(
+        reasons.push(
             "there is a graphics device, but no Vulkan loader (libvulkan.so.1): install libvulkan1 or vulkan-loader"
                 .to_owned(),
         );
@@ -52,35 +52,35 @@ pub(super) fn reasons(root: &Path, variable: impl Fn(&str) -> Option<String>) ->
         .iter()
         .find(|name| variable(name).is_some());
     if let Some(name) = named {
-        found.push(format!("{name} is set: the loader sees only the drivers that it names"));
+        reasons.push(format!("{name} is set: the loader sees only the drivers that it names"));
     }
     let driver = |is: &dyn Fn(&str) -> bool| DRIVERS.iter().any(|folder| has(folder, is));
     if nvidia {
         let capabilities = variable("NVIDIA_DRIVER_CAPABILITIES");
         let graphics = |names: &String| names.split(',').any(|name| matches!(name.trim(), "graphics" | "all"));
         if let Some(names) = capabilities.filter(|names| !graphics(names)) {
-            found.push(format!(
+            reasons.push(format!(
                 "this container has the driver capabilities \"{names}\": Vulkan needs `graphics` (NVIDIA_DRIVER_CAPABILITIES=graphics,compute,utility)"
             ));
         } else if named.is_none() && !driver(&|name| name.contains("nvidia")) {
-            found.push(
+            reasons.push(
                 "there is an NVIDIA card, but no driver file nvidia_icd.json: install the driver with its Vulkan part"
                     .to_owned(),
             );
         } else if !library("libGLX_nvidia.so.0") && !library("libEGL_nvidia.so.0") {
-            found.push("there is an NVIDIA card, but neither libGLX_nvidia.so.0 nor libEGL_nvidia.so.0, which hold its Vulkan driver".to_owned());
+            reasons.push("there is an NVIDIA card, but neither libGLX_nvidia.so.0 nor libEGL_nvidia.so.0, which hold its Vulkan driver".to_owned());
         }
         let gpus = fs::read_dir(root.join("proc/driver/nvidia/capabilities"))
             .into_iter()
             .flatten()
             .flatten();
         if gpus.into_iter().any(|gpu| has_instance(&gpu.path().join("mig"))) {
-            found.push("an NVIDIA card is partitioned (MIG): Vulkan does not run on its instances".to_owned());
+            reasons.push("an NVIDIA card is partitioned (MIG): Vulkan does not run on its instances".to_owned());
         }
     } else if named.is_none() && !driver(&|name| name.ends_with(".json")) {
-        found.push("there is a graphics device, but no Vulkan driver file (icd.d/*.json): install mesa-vulkan-drivers or the maker's driver".to_owned());
+        reasons.push("there is a graphics device, but no Vulkan driver file (icd.d/*.json): install mesa-vulkan-drivers or the maker's driver".to_owned());
     }
-    found
+    reasons
 }
 
 /// Whether a folder lists GPU instances (`gi0`, `gi1` ...).

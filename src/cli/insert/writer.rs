@@ -79,7 +79,7 @@ struct Rendering<'a> {
 }
 
 impl<'a> Writer<'a> {
-    pub(super) fn new(scenario: &'a Scenario, folder: &Path, asked: Requests) -> Result<Self, Error> {
+    pub(super) fn new(scenario: &'a Scenario, folder: &Path, requests: Requests) -> Result<Self, Error> {
         let path = folder.join("steps.csv");
         let wrong = |cause| OutputError::write(&path, cause);
         let mut steps = BufWriter::new(File::create(&path).map_err(wrong)?);
@@ -101,7 +101,7 @@ impl<'a> Writer<'a> {
             record,
             bar: terminal::share(),
             frames: None,
-            mesh_count: asked
+            mesh_count: requests
                 .mesh_s
                 .map_or(0, |every_s| scenario.timing.moments(every_s) as usize),
             series: BTreeMap::new(),

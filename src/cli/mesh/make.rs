@@ -86,21 +86,21 @@ pub(super) struct Make {
 }
 
 #[derive(Serialize)]
-struct Report {
+struct MakeReport {
     nodes: usize,
     elements: usize,
     parts: usize,
     min_dihedral_deg: f64,
     max_jacobian_condition: f64,
     mislabelled_percent: f64,
-    regions: Vec<Region>,
+    regions: Vec<RegionReport>,
     seconds: f64,
     notes: Vec<String>,
     warnings: Vec<String>,
 }
 
 #[derive(Serialize)]
-struct Region {
+struct RegionReport {
     value: i64,
     name: String,
     voxels_ml: f64,
@@ -146,7 +146,7 @@ impl Make {
             generate(&grid, self.nodes, &options, |share| progress(f64::from(share)))
         })?;
         let seconds = start.elapsed().as_secs_f64();
-        let report = Report::new(&generated.report, volume.labels(), seconds, notes, &mut warnings);
+        let report = MakeReport::new(&generated.report, volume.labels(), seconds, notes, &mut warnings);
         let named = report.regions.iter().filter(|region| !region.name.is_empty());
         let names = named.map(|region| (region.value as i32, region.name.clone())).collect();
         write_vtu_with(&self.output, &generated.mesh, &names, &[], &[])?;
@@ -174,27 +174,27 @@ impl Make {
     /// Labels to mesh, each with its value as region number.
     fn regions(&self, volume: &LabelVolume) -> Result<Vec<(u8, i32)>, Error> {
         let labels = volume.labels();
-        let held: Vec<usize> = (1..labels.len()).filter(|index| volume.holds(*index)).collect();
-        if held.is_empty() {
+        let occupied: Vec<usize> = (1..labels.len()).filter(|index| volume.holds(*index)).collect();
+        if occupied.is_empty() {
             let found = format!("{}: no voxel is labelled", self.name());
             return Err(Failure::usage(found, "give a volume with labels other than 0"));
         }
         let mut chosen = Vec::new();
         for value in &self.labels {
-            match held.iter().find(|index| labels[**index].value == *value) {
+            match occupied.iter().find(|index| labels[**index].value == *value) {
                 Some(&index) if !chosen.contains(&index) => chosen.push(index),
                 Some(_) => {}
                 None => {
                     let found = format!("{}: no voxel has label {value}", self.name());
                     return Err(Failure::usage(
                         found,
-                        format!("it holds the labels {}", listed(labels, &held)),
+                        format!("it holds the labels {}", listed(labels, &occupied)),
                     ));
                 }
             }
         }
         if self.labels.is_empty() {
-            chosen = held;
+            chosen = occupied;
         }
         chosen
             .into_iter()
@@ -219,9 +219,9 @@ fn listed(labels: &[Label], which: &[usize]) -> String {
     which.iter().map(one).collect::<Vec<_>>().join(", ")
 }
 
-impl Report {
+impl MakeReport {
     fn new(
-        made: &GenerateReport,
+        generated: &GenerateReport,
         labels: &[Label],
         seconds: f64,
         notes: Vec<String>,
@@ -233,10 +233,10 @@ impl Report {
                 .find(|label| label.value == value)
                 .and_then(|label| label.name.clone())
         };
-        let regions: Vec<Region> = made
+        let regions: Vec<RegionReport> = generated
             .regions
             .iter()
-            .map(|region| Region {
+            .map(|region| RegionReport {
                 value: i64::from(region.region),
                 name: name(i64::from(region.region)).unwrap_or_default(),
                 voxels_ml: region.voxel_ml,
@@ -244,7 +244,7 @@ impl Report {
                 error_percent: region.error_percent,
             })
             .collect();
-        let values = |which: &dyn Fn(&Region) -> bool| -> Vec<String> {
+        let values = |which: &dyn Fn(&RegionReport) -> bool| -> Vec<String> {
             regions
                 .iter()
                 .filter(|region| which(region))
@@ -265,25 +265,25 @@ impl Report {
                 off.join(", ")
             ));
         }
-        if made.mislabelled_percent > WRONG_PERCENT {
+        if generated.mislabelled_percent > WRONG_PERCENT {
             warnings.push(format!(
                 "{:.0} % of the tissue lies in another region than its own: most of it is thinner than the elements; more nodes would help",
-                made.mislabelled_percent
+                generated.mislabelled_percent
             ));
         }
-        if made.parts > 1 {
+        if generated.parts > 1 {
             warnings.push(format!(
                 "the mesh has {} parts that do not touch: each needs fixed nodes of its own",
-                made.parts
+                generated.parts
             ));
         }
-        Report {
-            nodes: made.nodes,
-            elements: made.elements,
-            parts: made.parts,
-            min_dihedral_deg: made.min_dihedral_deg,
-            max_jacobian_condition: made.max_jacobian_condition,
-            mislabelled_percent: made.mislabelled_percent,
+        MakeReport {
+            nodes: generated.nodes,
+            elements: generated.elements,
+            parts: generated.parts,
+            min_dihedral_deg: generated.min_dihedral_deg,
+            max_jacobian_condition: generated.max_jacobian_condition,
+            mislabelled_percent: generated.mislabelled_percent,
             regions,
             seconds,
             notes,

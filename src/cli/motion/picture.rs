@@ -24,7 +24,7 @@ pub(super) struct Shown {
     pub frame: usize,
     /// Mean magnitude of the axial motion of windows that correlate, um.
     pub mean_um: f64,
-    pub found: Vec<Estimate>,
+    pub estimates: Vec<Estimate>,
 }
 
 impl Motion {
@@ -40,13 +40,13 @@ impl Motion {
             return Err(Failure::usage("a picture needs the geometry of the lines", expected));
         };
         let (beam, image) = laid_out(&probe)?;
-        let (frame, found) = (shown.frame, &shown.found);
+        let (frame, estimates) = (shown.frame, &shown.estimates);
         let envelope = envelope(echoes, frame);
         let below = scan_converted(&grey(&envelope, white(&envelope), 60.0), &beam, &image, 0);
         let count = usize::from(self.windows);
         let values: Vec<f64> = match strain {
-            true => found.chunks(count).flat_map(|line| slopes(depths, line)).collect(),
-            false => found
+            true => estimates.chunks(count).flat_map(|line| slopes(depths, line)).collect(),
+            false => estimates
                 .iter()
                 .map(|it| {
                     if it.correlation >= TRUSTED {

@@ -18,11 +18,11 @@ const BEYOND: f64 = 0.05;
 const STRIDE: usize = 8;
 
 /// Warnings about a pose: the probe off the skin or inside the body, or a field of view that leaves the volume. None for a view
-/// completely outside, if the user has already been warned (`told`).
-pub(super) fn warnings(tables: &Tables, probe_to_world: &Matrix4<f64>, told: bool) -> Vec<String> {
+/// completely outside, if the user has already been warned (`outside_was_reported`).
+pub(super) fn warnings(tables: &Tables, probe_to_world: &Matrix4<f64>, outside_was_reported: bool) -> Vec<String> {
     let volume = &tables.anatomy.volume;
     let label = |line, sample| volume.label_index_at(&world_position(tables, probe_to_world, line, sample));
-    let (mut inside, mut seeing, mut apart) = (false, 0, 0);
+    let (mut inside, mut seeing, mut across_gap) = (false, 0, 0);
     let (mut samples, mut beyond) = (0, 0);
     for line in 0..tables.lines() {
         let first = (0..tables.samples()).find(|&sample| {
@@ -32,7 +32,7 @@ pub(super) fn warnings(tables: &Tables, probe_to_world: &Matrix4<f64>, told: boo
         });
         if let Some(first) = first {
             seeing += 1;
-            apart += usize::from(tables.grid.sample_depth_mm(first) > GAP_MM);
+            across_gap += usize::from(tables.grid.sample_depth_mm(first) > GAP_MM);
             if line % STRIDE == 0 {
                 let behind = (first..tables.samples()).step_by(STRIDE);
                 samples += behind.len();
@@ -43,13 +43,13 @@ pub(super) fn warnings(tables: &Tables, probe_to_world: &Matrix4<f64>, told: boo
     if seeing == 0 {
         return match inside {
             true => vec!["the field of view meets no labelled voxel".to_owned()],
-            false if told => Vec::new(),
+            false if outside_was_reported => Vec::new(),
             false => vec!["the field of view lies wholly outside the volume".to_owned()],
         };
     }
-    let mut found = Vec::new();
-    if 4 * apart > tables.lines() {
-        found.push(format!(
+    let mut warnings = Vec::new();
+    if 4 * across_gap > tables.lines() {
+        warnings.push(format!(
             "more than a quarter of the scanlines pass {GAP_MM} mm or more before they meet tissue: the probe is off the skin, and the \
              gap counts as gel, which neither echoes nor attenuates"
         ));
@@ -58,15 +58,15 @@ pub(super) fn warnings(tables: &Tables, probe_to_world: &Matrix4<f64>, told: boo
     let behind = Point3::new(ox - BEHIND_MM * dx, oy - BEHIND_MM * dy, 0.0);
     let is_tissue = |point| volume.label_index_at(&point).is_some_and(|label| label > 0);
     if tables.settings.probe.shape.kind().site() == Site::Skin && is_tissue(probe_to_world.transform_point(&behind)) {
-        found.push(format!(
+        warnings.push(format!(
             "the probe lies inside the body: there is tissue {BEHIND_MM} mm behind the array"
         ));
     }
     if beyond as f64 > BEYOND * samples as f64 {
-        found.push(format!(
+        warnings.push(format!(
             "more than {:.0} % of the field of view behind the skin lies outside the volume and stays black",
             100.0 * BEYOND
         ));
     }
-    found
+    warnings
 }
