@@ -381,7 +381,10 @@ mod tests {
             let warning = plus.two_centres();
             assert_eq!(warning.is_some(), name.contains("3DSlicer"), "{warning:?}");
             if let Some(warning) = warning {
-                assert!(warning.contains("(410, -5) by") && warning.contains("(410, 0) by"), "{warning}");
+                assert!(
+                    warning.contains("(410, -5) by") && warning.contains("(410, 0) by"),
+                    "{warning}"
+                );
             }
             let image = plus.transform("Image", "Probe").expect(name);
             let calibration = Calibration::new(&image, centre.unwrap_or([410.0, 0.0])).expect(name);
