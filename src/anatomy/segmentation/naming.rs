@@ -10,7 +10,7 @@ use insonify_base::text::some_of;
 /// Mass of an organ of a newborn and of an adult man, g (ICRP Publication 89, 2002, table 2.8; one of a pair; hollow organs with
 /// their contents), by its name without a side. For a vessel, without a newborn's: the blood in all large arteries or all large
 /// veins of a man (6 and 18 % of 5.3 l, table 2.14), above which it is implausible.
-const ORGANS: &[(&str, f64, f64)] = &[
+pub(super) const ORGANS: &[(&str, f64, f64)] = &[
     ("spleen", 9.5, 150.0),
     ("kidney", 12.5, 155.0),
     ("gallbladder", 3.3, 68.0),

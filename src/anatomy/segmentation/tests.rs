@@ -5,7 +5,8 @@ use nalgebra::Matrix4;
 use tempfile::TempDir;
 
 use super::*;
-use crate::acoustics::TissueTable;
+use crate::acoustics::numbering::Class;
+use crate::acoustics::{TissueTable, without_side};
 use crate::volume::{Label, save};
 
 /// Edge of the grid of [`organs`], voxels of 1 ml.
@@ -307,15 +308,32 @@ const BTCV: [(i64, usize); 13] = [
     (13, 5),
 ];
 
+/// Names labels of these values and volumes (ml) by the numbering that fits.
+fn read(labels: &[(i64, usize)]) -> (Option<Preset>, Segmentation) {
+    let mut segmentation = Segmentation::from(organs(labels));
+    let sizes = Sizes::of(&segmentation.volume);
+    segmentation.read_values(&Naming::default(), &sizes);
+    let preset = segmentation.by_value.as_ref().map(|(preset, _)| *preset);
+    (preset, segmentation)
+}
+
+#[test]
+fn every_numbering_is_recognised_by_organs_of_an_adult() {
+    for &preset in Preset::NUMBERINGS {
+        let adult_ml = |class: &Class| {
+            let organ = without_side(&class.name);
+            let (.., adult) = naming::ORGANS.iter().find(|(name, ..)| *name == organ)?;
+            Some((class.value, *adult as usize))
+        };
+        let labels: Vec<(i64, usize)> = preset.classes().iter().filter_map(adult_ml).collect();
+        let (recognised, segmentation) = read(&labels);
+        assert_eq!(recognised, Some(preset));
+        assert!(segmentation.warnings.is_empty(), "{:?}", segmentation.warnings);
+    }
+}
+
 #[test]
 fn the_numbering_is_the_one_that_fits_the_volumes() {
-    let read = |labels: &[(i64, usize)]| {
-        let mut segmentation = Segmentation::from(organs(labels));
-        let sizes = Sizes::of(&segmentation.volume);
-        segmentation.read_values(&Naming::default(), &sizes);
-        let preset = segmentation.by_value.as_ref().map(|(preset, _)| *preset);
-        (preset, segmentation)
-    };
     let (preset, btcv) = read(&BTCV);
     assert_eq!(preset, Some(Preset::Btcv));
     assert_eq!(
