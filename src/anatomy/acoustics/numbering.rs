@@ -104,6 +104,7 @@ numberings! {
     TotalSegmentator = "TotalSegmentator" in "total_segmentator.csv";
     Btcv = "BTCV" in "btcv.csv";
     Amos = "AMOS" in "amos.csv";
+    Flare22 = "FLARE22" in "flare22.csv";
 }
 
 impl Preset {
