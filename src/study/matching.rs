@@ -60,7 +60,7 @@ pub struct Unidentified {
 
 /// Means over the windows at one depth.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct AtDepth {
+pub struct DepthMeasurements {
     /// Mean depth of the windows, mm.
     pub depth_mm: f64,
     /// Number of windows.
@@ -79,7 +79,7 @@ pub struct AtDepth {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct WindowMeasurements {
     /// Means over the windows, by depth.
-    pub depths: Vec<AtDepth>,
+    pub depths: Vec<DepthMeasurements>,
     /// Share of the windows' pixels at each grey level.
     pub histogram: Vec<f64>,
     /// Share of the sector's pixels at each grey level.
@@ -98,7 +98,7 @@ pub struct WindowMeasurements {
 
 /// Wasserstein-1 distance of grey-level histograms from those of the real frame (mean difference of equal quantiles), grey levels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Score {
+pub struct HistogramDistance {
     /// Distance over the windows.
     pub windows: f64,
     /// Distance over the whole sector, whose anatomy a uniform phantom lacks.
@@ -131,9 +131,9 @@ pub struct Match {
     /// Measurements of the uniform phantom with the default effects of the probe type.
     pub default: WindowMeasurements,
     /// Distance of the phantom with the estimated figures from the real frame.
-    pub score: Score,
+    pub score: HistogramDistance,
     /// Distance of the phantom with default effects from the real frame.
-    pub default_score: Score,
+    pub default_score: HistogramDistance,
     /// Scene text with the figures found, ready to render, on a phantom that stands in for the real anatomy.
     pub scene: String,
 }
@@ -215,7 +215,7 @@ pub fn fit(picture: &Picture, depth_mm: Option<f64>, seed: u64) -> Result<Match,
     residual = bench.correct(&mut model, &real, &rendered);
     rounds += 1;
     let matched = phantom(&model)?;
-    let score = |measure: &WindowMeasurements| Score {
+    let score = |measure: &WindowMeasurements| HistogramDistance {
         windows: distance(&measure.histogram, &real.histogram),
         sector: distance(&measure.sector_histogram, &real.sector_histogram),
     };

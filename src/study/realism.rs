@@ -39,7 +39,7 @@ const LAGS: usize = 16;
 pub const LIMIT: f64 = 2.0;
 
 /// Raw measurements of one frame, from which [`MEASURES`] computes its values.
-pub struct Parts {
+pub(crate) struct FrameMeasurements {
     /// Distance between rows and between columns, mm.
     mm: Option<[f64; 2]>,
     /// Grey levels in the sector, ascending.
@@ -58,12 +58,12 @@ pub struct Parts {
     frame_correlation: [Option<f64>; 2],
 }
 
-impl Parts {
+impl FrameMeasurements {
     /// Measures a frame.
     ///
     /// # Errors
     /// [`VolumeError`] for a frame smaller than a window, or without a sector at least that large.
-    pub fn of(picture: &Picture) -> Result<Self, VolumeError> {
+    pub(crate) fn of(picture: &Picture) -> Result<Self, VolumeError> {
         let mask = sector_of(picture)?;
         let inside = picture.grey.iter().zip(&mask).filter(|(_, inside)| **inside);
         let mut sector: Vec<f64> = inside.map(|(grey, _)| *grey).collect();
@@ -163,7 +163,7 @@ pub struct FrameReport {
 
 impl FrameReport {
     fn of(picture: &Picture) -> Result<Self, VolumeError> {
-        let parts = Parts::of(picture)?;
+        let parts = FrameMeasurements::of(picture)?;
         let mut histogram = vec![0.0; 256 / BIN_LEVELS];
         for grey in &parts.sector {
             histogram[*grey as usize / BIN_LEVELS] += 1.0 / parts.sector.len() as f64;

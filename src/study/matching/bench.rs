@@ -2,7 +2,7 @@
 
 use super::model::rounded;
 use super::outline::{Outline, Shape};
-use super::{AtDepth, WindowMeasurements, refuse};
+use super::{DepthMeasurements, WindowMeasurements, refuse};
 use crate::realism::picture::Picture;
 use crate::realism::texture::{Patch, Texture, Window, uniform_windows};
 use insonify::Error;
@@ -234,7 +234,7 @@ impl<'a> Bench<'a> {
             grey.extend(patches.into_iter().flat_map(|patch| patch.values));
             let over = |of: &dyn Fn(usize) -> Option<f64>| median((0..textures.len()).filter_map(of).collect());
             let width = |axis: usize| over(&|at| self.widths(&textures[at], places[at % places.len()])[axis]);
-            depths.push(AtDepth {
+            depths.push(DepthMeasurements {
                 depth_mm: mean(&places),
                 windows: group.len(),
                 grey: over(&|at| Some(textures[at].mean)).unwrap_or_default(),

@@ -71,7 +71,7 @@ impl Outline {
             .filter(|&at| mask[at])
             .map(|at| [(at % width) as f64, (at / width) as f64])
             .collect();
-        let rim: Vec<Point> = (0..mask.len()).filter_map(|at| on_rim(mask, at, size)).collect();
+        let rim: Vec<RimPoint> = (0..mask.len()).filter_map(|at| on_rim(mask, at, size)).collect();
         let [fan, rectangle] = [fan(&rim, &inside, size), rectangle(&rim, &inside, size)];
         match (fan, rectangle) {
             // A fan has more free parameters: it must be better by a tenth.
@@ -82,10 +82,10 @@ impl Outline {
 }
 
 /// Rim point of a mask: column, row, and the inward direction.
-type Point = [f64; 4];
+type RimPoint = [f64; 4];
 
 /// Returns the rim point at a mask pixel that has a neighbour outside the mask and lies away from the picture's edge.
-fn on_rim(mask: &[bool], at: usize, [width, height]: [usize; 2]) -> Option<Point> {
+fn on_rim(mask: &[bool], at: usize, [width, height]: [usize; 2]) -> Option<RimPoint> {
     let (x, y) = (at % width, at / width);
     let inside = mask[at]
         && (RIM_PX..width.saturating_sub(RIM_PX)).contains(&x)
@@ -123,14 +123,14 @@ fn is_seen(agreeing: f64, visible: f64) -> bool {
 }
 
 /// Fits the rectangle whose sides most of the rim lies on; returns it with the number of agreeing points.
-fn rectangle(rim: &[Point], inside: &[[f64; 2]], size: [usize; 2]) -> Option<(Outline, f64)> {
+fn rectangle(rim: &[RimPoint], inside: &[[f64; 2]], size: [usize; 2]) -> Option<(Outline, f64)> {
     let (mut edges, mut seen, mut agreement) = ([[0.0; 2]; 2], [[false; 2]; 2], 0.0);
     for axis in 0..2 {
         let extent = [0.002, 0.998].map(|share| quantile(inside.iter().map(|p| p[axis]).collect(), share));
         for side in 0..2 {
             // The column or row in this half of the mask that most of the rim lies on, with its neighbours.
-            let inwards = |p: &&Point| [1.0, -1.0][side] * p[2 + axis] > MIN_COSINE;
-            let near = |p: &Point, place: usize| (p[axis] - place as f64).abs() < 1.5;
+            let inwards = |p: &&RimPoint| [1.0, -1.0][side] * p[2 + axis] > MIN_COSINE;
+            let near = |p: &RimPoint, place: usize| (p[axis] - place as f64).abs() < 1.5;
             let count = |place: usize| rim.iter().filter(inwards).filter(|p| near(p, place)).count();
             let middle = (0.5 * (extent[0] + extent[1])) as usize;
             let half = if side == 0 { 0..middle } else { middle..size[axis] };
@@ -167,7 +167,7 @@ fn polar(apex: [f64; 2], x: f64, y: f64) -> [f64; 2] {
 }
 
 /// Returns the edge that a rim point may lie on, judged by its inward direction: 0 for the array, 1 for the far edge, 2 for a side.
-fn edge_of(angle: f64, p: Point) -> Option<usize> {
+fn edge_of(angle: f64, p: RimPoint) -> Option<usize> {
     let (sine, cosine) = angle.sin_cos();
     let (along, across) = (p[2] * sine + p[3] * cosine, p[2] * cosine - p[3] * sine);
     let fits = [along, -along, -across * angle.signum()];
@@ -175,14 +175,14 @@ fn edge_of(angle: f64, p: Point) -> Option<usize> {
 }
 
 /// Returns the signed distance of a point outwards from an edge.
-fn distance(fan: FanParameters, edge: usize, p: Point) -> f64 {
+fn distance(fan: FanParameters, edge: usize, p: RimPoint) -> f64 {
     let [x, y, near, far, half] = fan;
     let [radius, angle] = polar([x, y], p[0], p[1]);
     [near - radius, radius - far, radius * (angle.abs() - half)][edge]
 }
 
 /// Returns the nearest edge to a point and its signed distance, if that is less than `within` and the point lies alongside the edge.
-fn nearest(fan: FanParameters, p: Point, within: f64) -> Option<(usize, f64)> {
+fn nearest(fan: FanParameters, p: RimPoint, within: f64) -> Option<(usize, f64)> {
     let [radius, angle] = polar([fan[0], fan[1]], p[0], p[1]);
     let edge = edge_of(angle, p)?;
     let beside = match edge {
@@ -194,8 +194,8 @@ fn nearest(fan: FanParameters, p: Point, within: f64) -> Option<(usize, f64)> {
 }
 
 /// Fits the fan whose edges most of the rim lies on; returns it with the number of agreeing points.
-fn fan(rim: &[Point], inside: &[[f64; 2]], size: [usize; 2]) -> Option<(Outline, f64)> {
-    let voters: Vec<Point> = rim
+fn fan(rim: &[RimPoint], inside: &[[f64; 2]], size: [usize; 2]) -> Option<(Outline, f64)> {
+    let voters: Vec<RimPoint> = rim
         .iter()
         .copied()
         .step_by(rim.len().div_ceil(MAX_POINTS).max(1))
@@ -253,7 +253,7 @@ fn fan(rim: &[Point], inside: &[[f64; 2]], size: [usize; 2]) -> Option<(Outline,
 }
 
 /// Finds the fan whose radii and angle get the most votes over a lattice of apices (P. V. C. Hough, US patent 3,069,654, 1962).
-fn guessed(voters: &[Point]) -> Option<FanParameters> {
+fn guessed(voters: &[RimPoint]) -> Option<FanParameters> {
     let bound = |axis: usize, of: fn(f64, f64) -> f64| voters.iter().map(|p| p[axis]).reduce(of);
     let [left, top] = [bound(0, f64::min)?, bound(1, f64::min)?];
     let [width, height] = [bound(0, f64::max)? - left, bound(1, f64::max)? - top];
@@ -299,7 +299,7 @@ fn guessed(voters: &[Point]) -> Option<FanParameters> {
 }
 
 /// Takes one least-squares step over the points near an edge, with J. W. Tukey's biweight.
-fn refined(fan: FanParameters, points: &[Point], within: f64) -> FanParameters {
+fn refined(fan: FanParameters, points: &[RimPoint], within: f64) -> FanParameters {
     // Scaled to one pixel at the far edge.
     let scale = [1.0, 1.0, 1.0, 1.0, 1.0 / fan[3].max(1.0)];
     let mut normal = SMatrix::<f64, 5, 5>::identity() * 1e-3;

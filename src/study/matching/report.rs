@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::{Match, Score, WindowMeasurements};
+use super::{HistogramDistance, Match, WindowMeasurements};
 use crate::realism::report::{named, small};
 use insonify_base::document::to_toml;
 use insonify_base::number::fixed;
@@ -15,7 +15,7 @@ use insonify_report::plot::{Axis, Plot, Series};
 
 impl Match {
     fn summary(&self) -> String {
-        let [before, after] = [self.default_score, self.score].map(|Score { windows, sector }| {
+        let [before, after] = [self.default_score, self.score].map(|HistogramDistance { windows, sector }| {
             format!(
                 "{} grey levels in windows and {} in the sector",
                 fixed(windows),
@@ -101,12 +101,13 @@ impl Match {
         };
         let lags =
             |values: &[f64]| -> Vec<[f64; 2]> { values.iter().enumerate().map(|(lag, v)| [lag as f64, *v]).collect() };
-        let depths = |side: &WindowMeasurements, of: &dyn Fn(&super::AtDepth) -> Option<f64>| -> Vec<[f64; 2]> {
-            side.depths
-                .iter()
-                .filter_map(|it| Some([it.depth_mm, of(it)?]))
-                .collect()
-        };
+        let depths =
+            |side: &WindowMeasurements, of: &dyn Fn(&super::DepthMeasurements) -> Option<f64>| -> Vec<[f64; 2]> {
+                side.depths
+                    .iter()
+                    .filter_map(|it| Some([it.depth_mm, of(it)?]))
+                    .collect()
+            };
         let share = ["grey level", "share in 4 grey levels"];
         vec![
             plot("Grey levels of the windows", share, &|it| classes(&it.histogram)),

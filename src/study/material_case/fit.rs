@@ -10,7 +10,7 @@ pub use measured::{CreepTest, Measurements, Modulus};
 use libm::tgamma;
 use serde::Serialize;
 
-use curve::Curve;
+use curve::StiffeningCurve;
 use insonify_base::statistics::mean;
 use insonify_mechanics::tissue::viscoelastic::point::Structure;
 
@@ -209,7 +209,7 @@ fn creep(
         let (count, least) = (points.len(), MIN_STRAINS);
         return Err(format!("found {count} strains; expected at least {least}"));
     }
-    let fitted = Curve::fitted(&points);
+    let fitted = StiffeningCurve::fitted(&points);
     let errors = fitted.errors(&points);
     let mut curve = fitted;
     if memory == Structure::Rate && curve.has_knee() {

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::sector::BLACK;
 use super::texture::Texture;
-use super::{Parts, average};
+use super::{FrameMeasurements, average};
 use insonify_base::statistics::{mean, skewness};
 
 /// Measure of one frame.
@@ -22,14 +22,14 @@ pub struct Measure {
     pub floor: f64,
     /// Function that computes the value; returns `None` if the frame does not show it.
     #[serde(skip)]
-    pub(super) of: fn(&Parts) -> Option<f64>,
+    pub(super) of: fn(&FrameMeasurements) -> Option<f64>,
 }
 
 const fn measure(
     key: &'static str,
     [name, unit, definition]: [&'static str; 3],
     floor: f64,
-    of: fn(&Parts) -> Option<f64>,
+    of: fn(&FrameMeasurements) -> Option<f64>,
 ) -> Measure {
     Measure {
         key,
@@ -48,15 +48,15 @@ const LATERAL: usize = 1;
 /// Index of statistics over rings of frequency.
 const RADIAL: usize = 2;
 
-fn uniform(parts: &Parts, of: impl Fn(&Texture) -> Option<f64>) -> Option<f64> {
+fn uniform(parts: &FrameMeasurements, of: impl Fn(&Texture) -> Option<f64>) -> Option<f64> {
     average(parts.uniform.iter().map(of))
 }
 
-fn dark(parts: &Parts, of: impl Fn(&Texture) -> Option<f64>) -> Option<f64> {
+fn dark(parts: &FrameMeasurements, of: impl Fn(&Texture) -> Option<f64>) -> Option<f64> {
     average(parts.dark.iter().map(of))
 }
 
-fn in_mm(parts: &Parts, axis: usize, pixels: Option<f64>) -> Option<f64> {
+fn in_mm(parts: &FrameMeasurements, axis: usize, pixels: Option<f64>) -> Option<f64> {
     Some(parts.mm?[axis] * pixels?)
 }
 

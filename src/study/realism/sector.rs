@@ -106,7 +106,7 @@ pub(crate) fn empty_share(picture: &Picture, mask: &[bool], depth_mm: f64) -> Op
     let column = |x: usize| (0..picture.height).map(move |y| y * width + x);
     let top = |x: usize| column(x).position(|at| mask[at]);
     let ends: Vec<[f64; 2]> = (0..width).filter_map(|x| Some([x as f64, top(x)? as f64])).collect();
-    let outline = Outline::of(&ends)?;
+    let outline = ArrayOutline::of(&ends)?;
     let rows = (0..picture.height)
         .filter(|y| mask[y * width..][..width].contains(&true))
         .count() as f64;
@@ -138,12 +138,12 @@ pub(crate) fn empty_share(picture: &Picture, mask: &[bool], depth_mm: f64) -> Op
 
 /// Lower side of a circle, or a straight line.
 #[derive(Clone, Copy)]
-enum Outline {
+enum ArrayOutline {
     Arc { centre: [f64; 2], radius: f64 },
     Line { through: [f64; 2], slope: f64 },
 }
 
-impl Outline {
+impl ArrayOutline {
     /// Returns the outline through three points from left to right; `None` if it bulges upwards.
     fn through([a, b, c]: [[f64; 2]; 3]) -> Option<Self> {
         let slope = (c[1] - a[1]) / (c[0] - a[0]);

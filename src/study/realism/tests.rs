@@ -299,7 +299,7 @@ fn dark_windows_are_found_in_fluid() {
             _ => 110.0 + 15.0 * n,
         }
     });
-    let parts = Parts::of(&frame).expect("parts");
+    let parts = FrameMeasurements::of(&frame).expect("parts");
     assert!(parts.dark.len() >= 2);
     for texture in &parts.dark {
         near("dark mean", texture.mean, 12.0, 2.0);
@@ -400,7 +400,7 @@ fn neighbours_of_a_sequence_are_correlated() {
             neighbour: Some(even(80.0, seed).grey),
             ..even(80.0, 1)
         };
-        let still = Parts::of(&frame).expect("parts").frame_correlation;
+        let still = FrameMeasurements::of(&frame).expect("parts").frame_correlation;
         near("uniform", still[1].expect("windows"), expected, 0.1);
         assert_eq!(still[0], None);
     }
@@ -408,7 +408,7 @@ fn neighbours_of_a_sequence_are_correlated() {
 
 #[test]
 fn frames_without_a_window_or_a_sector_are_refused() {
-    let message = |picture: &Picture| Parts::of(picture).err().expect("an error").to_string();
+    let message = |picture: &Picture| FrameMeasurements::of(picture).err().expect("an error").to_string();
     let small = message(&picture(48, 200, |x, y| normal(x, y, 1)[0] * 30.0 + 100.0));
     assert!(
         small.contains("48 x 200 pixels") && small.contains("at least 49 x 49"),

@@ -36,7 +36,7 @@ pub const MAX: f64 = 16.0;
 /// Weight of the prior of usual tissue, relative to the number of samples of the band.
 pub const PRIOR: f64 = 0.03;
 /// Samples in the first 1/64 of the depth do not count, because the array rings there.
-pub const NEAR: usize = 64;
+const NEAR: usize = 64;
 
 /// Parameters of automatic gain in a scene.
 #[derive(Clone, Copy, Debug)]

@@ -27,9 +27,9 @@ const MAX_NEWTON: usize = 60;
 
 /// Modulus against strain: G0 (kPa s^k), gamma0 and a; gamma0 infinite and a 0 without a knee.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Curve(pub [f64; 3]);
+pub(super) struct StiffeningCurve(pub [f64; 3]);
 
-impl Curve {
+impl StiffeningCurve {
     pub(super) fn has_knee(&self) -> bool {
         self.0[1].is_finite()
     }
@@ -52,7 +52,7 @@ impl Curve {
     }
 
     /// Best curve with this knee: G0 and G0 a follow by linear least squares.
-    fn with_knee(points: &[[f64; 2]], knee: f64) -> Curve {
+    fn with_knee(points: &[[f64; 2]], knee: f64) -> StiffeningCurve {
         let (mut matrix, mut right) = (Matrix2::zeros(), Vector2::zeros());
         for [strain, g] in points {
             let row = Vector2::new(1.0, (strain - knee).max(0.0).powi(2)) / *g;
@@ -61,16 +61,16 @@ impl Curve {
         }
         match matrix.try_inverse().map(|inverse| inverse * right) {
             Some(solution) if solution[0] > 0.0 && solution[1] > 0.0 => {
-                Curve([solution[0], knee, solution[1] / solution[0]])
+                StiffeningCurve([solution[0], knee, solution[1] / solution[0]])
             }
-            _ => Curve([right[0] / matrix[(0, 0)], f64::INFINITY, 0.0]),
+            _ => StiffeningCurve([right[0] / matrix[(0, 0)], f64::INFINITY, 0.0]),
         }
     }
 
-    pub(super) fn fitted(points: &[[f64; 2]]) -> Curve {
+    pub(super) fn fitted(points: &[[f64; 2]]) -> StiffeningCurve {
         let largest = points.iter().map(|point| point[0]).fold(0.0, f64::max);
         let step = largest / TRIED_KNEES as f64;
-        let square = |knee: f64| Curve::with_knee(points, knee).square(points);
+        let square = |knee: f64| StiffeningCurve::with_knee(points, knee).square(points);
         let knees = (0..TRIED_KNEES).map(|at| step * at as f64);
         let start = knees.min_by(|a, b| square(*a).total_cmp(&square(*b))).unwrap_or(0.0);
         // The square has several minima: tried knees find the deepest, a golden-section search its bottom.
@@ -85,8 +85,8 @@ impl Curve {
             }
         }
         let (flat, curve) = (
-            Curve::with_knee(points, f64::INFINITY),
-            Curve::with_knee(points, 0.5 * (low + high)),
+            StiffeningCurve::with_knee(points, f64::INFINITY),
+            StiffeningCurve::with_knee(points, 0.5 * (low + high)),
         );
         let (without, with) = (flat.square(points), curve.square(points));
         let count = points.len() as f64;
@@ -97,7 +97,7 @@ impl Curve {
 
     /// Best curve in strain, by Gauss-Newton steps from this one: a measured strain that errs falsifies both coordinates of its modulus, and
     /// a fit of moduli alone would find too little stiffening.
-    fn refined(self, points: &[[f64; 2]]) -> Curve {
+    fn refined(self, points: &[[f64; 2]]) -> StiffeningCurve {
         let (mut best, mut log_square) = (self, self.log_square(points));
         for _ in 0..ROUNDS {
             let (matrix, right) = normal(&best, points);
@@ -106,7 +106,7 @@ impl Curve {
             };
             let tried = (0..HALVINGS).map(|at| {
                 let share = 0.5f64.powi(at);
-                Curve([0, 1, 2].map(|axis| best.0[axis] - share * step[axis]))
+                StiffeningCurve([0, 1, 2].map(|axis| best.0[axis] - share * step[axis]))
             });
             let mut valid = tried.filter(|curve| curve.0[0] > 0.0 && curve.0[1] >= 0.0 && curve.0[2] > 0.0);
             let Some((next, square)) = valid.find_map(|curve| {
@@ -161,12 +161,12 @@ impl Curve {
     }
 
     /// Parameters with which simulated creep under the `rate` law, evaluated by equation 2, shows this curve.
-    pub(super) fn corrected(self, tests: &[CreepTest], order: f64) -> Result<Curve, HistoryError> {
+    pub(super) fn corrected(self, tests: &[CreepTest], order: f64) -> Result<StiffeningCurve, HistoryError> {
         let mut trial = self;
         for _ in 0..ROUNDS {
             let simulated: Result<Vec<CreepTest>, HistoryError> =
                 tests.iter().map(|test| trial.creep(test, order)).collect();
-            let shown = Curve::fitted(&moduli(&simulated?, order));
+            let shown = StiffeningCurve::fitted(&moduli(&simulated?, order));
             if !shown.has_knee() {
                 break;
             }
@@ -230,7 +230,7 @@ impl Curve {
 }
 
 /// Normal equations of the logarithms of strains about a curve: matrix, and right-hand side.
-fn normal(curve: &Curve, points: &[[f64; 2]]) -> (Matrix3<f64>, Vector3<f64>) {
+fn normal(curve: &StiffeningCurve, points: &[[f64; 2]]) -> (Matrix3<f64>, Vector3<f64>) {
     let ([g0, _, a], knee) = (curve.0, curve.knee());
     let (mut matrix, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for [strain, g] in points {
