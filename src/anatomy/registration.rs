@@ -181,12 +181,12 @@ impl Quadratic {
                     let at = [i, j, k];
                     let share = |axis: usize| at[axis] as f64 / counts[axis] as f64;
                     let point = Point3::from([0, 1, 2].map(|axis| low[axis] + (high[axis] - low[axis]) * share(axis)));
-                    let found = self.jacobian(&point).determinant();
-                    least = least.min(found);
-                    if found <= 0.0 {
+                    let jacobian = self.jacobian(&point).determinant();
+                    least = least.min(jacobian);
+                    if jacobian <= 0.0 {
                         let [x, y, z] = [point.x, point.y, point.z];
                         return Err(VolumeError::new(format!(
-                            "the quadratic map folds the volume at ({x:.0}, {y:.0}, {z:.0}) mm of the world (Jacobian {found:.3}); \
+                            "the quadratic map folds the volume at ({x:.0}, {y:.0}, {z:.0}) mm of the world (Jacobian {jacobian:.3}); \
                              the surface determines it too little there: touch more points on all sides, or keep the rigid map"
                         )));
                     }
@@ -409,9 +409,10 @@ fn starts(surface: &[Point3<f64>], skin: &Skin) -> Vec<Matrix4<f64>> {
         let [x, y] = [order[2], order[1]].map(|at| eigen.eigenvectors.column(at).into_owned());
         (mean, Matrix3::from_columns(&[x, y, x.cross(&y)]))
     };
-    let ((from, own), (to, other)) = (axes(surface), axes(skin.points()));
+    let ((from, of_surface), (to, of_skin)) = (axes(surface), axes(skin.points()));
     let signs = [[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]];
-    let poses = signs.map(|[x, y]| other * Matrix3::from_diagonal(&Vector3::new(x, y, x * y)) * own.transpose());
+    let poses =
+        signs.map(|[x, y]| of_skin * Matrix3::from_diagonal(&Vector3::new(x, y, x * y)) * of_surface.transpose());
     let all = std::iter::once(Matrix3::identity()).chain(poses);
     all.map(|rotation| placed(rotation, from, to)).collect()
 }
@@ -467,7 +468,7 @@ fn quadratic(surface: &[Point3<f64>], skin: &Skin, rigid: &Matrix4<f64>) -> (Qua
     let radius = surface.iter().map(|at| (at - centre).norm()).fold(1.0, f64::max);
     let start = Quadratic::rigid(rigid, centre, radius);
     let mut map = start.clone();
-    let (mut held, mut free) = (n, 0.0);
+    let (mut stiffness, mut free) = (n, 0.0);
     for _ in 0..QUADRATIC_STEPS {
         let pairs: Vec<_> = surface
             .iter()
@@ -499,12 +500,13 @@ fn quadratic(surface: &[Point3<f64>], skin: &Skin, rigid: &Matrix4<f64>) -> (Qua
             normal.ger(weight * weight, &row, &row, 1.0);
             right.axpy(-weight * weight * off, &row, 1.0);
         }
+        // The map starts stiff and is freed by halves, so that early feet, which are far off, cannot bend it.
         let prior = (sigma / BEND_MM).powi(2);
-        held = (held / 2.0).max(prior);
+        stiffness = (stiffness / 2.0).max(prior);
         for axis in 0..3 {
             for term in 0..TERMS {
                 // Shifts are free.
-                let weight = if term == 0 { 1e-9 } else { held };
+                let weight = if term == 0 { 1e-9 } else { stiffness };
                 let at = axis * TERMS + term;
                 normal[(at, at)] += weight;
                 right[at] -= weight * (map.coefficients[axis][term] - start.coefficients[axis][term]);
@@ -518,7 +520,7 @@ fn quadratic(surface: &[Point3<f64>], skin: &Skin, rigid: &Matrix4<f64>) -> (Qua
             if at.is_multiple_of(TERMS) {
                 0.0
             } else {
-                held * inverse[(at, at)]
+                stiffness * inverse[(at, at)]
             }
         };
         free = (0..3 * TERMS).map(|at| 1.0 - bound(at)).sum();
@@ -527,7 +529,7 @@ fn quadratic(surface: &[Point3<f64>], skin: &Skin, rigid: &Matrix4<f64>) -> (Qua
                 map.coefficients[axis][term] += step[axis * TERMS + term];
             }
         }
-        if step.norm() < SETTLED_MM && held <= prior {
+        if step.norm() < SETTLED_MM && stiffness <= prior {
             break;
         }
     }

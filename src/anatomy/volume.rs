@@ -71,7 +71,8 @@ pub struct LabelVolume {
     /// Shared with moved copies of the volume.
     voxels: Arc<Vec<u8>>,
     labels: Vec<Label>,
-    held: Vec<bool>,
+    /// Whether any voxel has each label.
+    occurs: Vec<bool>,
     /// The volume before structures were drawn into its organs, if there are any.
     undivided: Option<Arc<Self>>,
     index_to_world: Matrix4<f64>,
@@ -102,21 +103,21 @@ impl LabelVolume {
         if labels.first().is_none_or(|label| label.value != 0) {
             return Err(VolumeError::new("label index 0 must be the background (value 0)"));
         }
-        let mut held = vec![false; labels.len()];
+        let mut occurs = vec![false; labels.len()];
         for (at, &index) in voxels.iter().enumerate() {
-            let Some(held) = held.get_mut(usize::from(index)) else {
+            let Some(occurs) = occurs.get_mut(usize::from(index)) else {
                 let labels = labels.len();
                 let text = format!("voxel {at} has label index {index}, but there are only {labels} labels");
                 return Err(VolumeError::new(text));
             };
-            *held = true;
+            *occurs = true;
         }
         Ok(Self {
             size,
             voxels: Arc::new(voxels),
             undivided: None,
             labels,
-            held,
+            occurs,
             world_to_index: inverse(&index_to_world)?,
             index_to_world,
         })
@@ -158,7 +159,7 @@ impl LabelVolume {
 
     /// Whether any voxel has a label index. [`Label::voxels`] is no substitute: it counts voxels of the file.
     pub fn holds(&self, label_index: usize) -> bool {
-        self.held.get(label_index).is_some_and(|&held| held)
+        self.occurs.get(label_index).is_some_and(|&occurs| occurs)
     }
 
     /// Returns the volume with undivided organs, before structures such as vessels were drawn into them; itself if there are none. Meshes and
@@ -252,23 +253,24 @@ impl LabelVolume {
             }
         }
         let [x, y, z] = taps;
-        let (mut found, mut count) = ([(0u8, 0.0f64); 64], 1);
+        // At most one label for each of the 64 taps, the background first.
+        let (mut weights, mut count) = ([(0u8, 0.0f64); 64], 1);
         for (k, wz) in z {
             for (j, wy) in y {
                 for (i, wx) in x {
                     let label = self.voxels[self.offset([i, j, k])];
                     let label = if wanted(label) { label } else { 0 };
-                    let at = found[..count].iter().position(|it| it.0 == label).unwrap_or(count);
-                    (found[at].0, count) = (label, count.max(at + 1));
-                    found[at].1 += wx * wy * wz;
+                    let at = weights[..count].iter().position(|it| it.0 == label).unwrap_or(count);
+                    (weights[at].0, count) = (label, count.max(at + 1));
+                    weights[at].1 += wx * wy * wz;
                 }
             }
         }
-        if found[0].1 >= 0.5 {
+        if weights[0].1 >= 0.5 {
             return Some(0);
         }
         let more = |a: &(u8, f64), b: &(u8, f64)| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0));
-        found[1..count].iter().copied().max_by(more).map(|it| it.0)
+        weights[1..count].iter().copied().max_by(more).map(|it| it.0)
     }
 }
 

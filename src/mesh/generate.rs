@@ -267,10 +267,10 @@ fn generate_with(
     progress(0.0);
     let tissue = Tissue::new(grid)?;
     budget::check_thickness(&tissue)?;
-    let mut told = 0.0f32;
+    let mut reported = 0.0f32;
     let mut ascending = |share: f32| {
-        if share > told {
-            told = share;
+        if share > reported {
+            reported = share;
             progress(share);
         }
     };

@@ -27,7 +27,7 @@ pub mod quality;
 mod surface;
 
 pub use displacement::Displacement;
-pub use locator::{Locator, NONE};
+pub use locator::{Locator, NO_ELEMENT};
 pub use surface::Face;
 
 use quality::UnusableMesh;
@@ -178,7 +178,7 @@ impl TetMesh {
         &self.regions
     }
 
-    /// Returns, for each element and each of its corners, the element across the opposite face, or [`NONE`] at the surface.
+    /// Returns, for each element and each of its corners, the element across the opposite face, or [`NO_ELEMENT`] at the surface.
     pub fn neighbours(&self) -> &[[u32; 4]] {
         &self.neighbours
     }
@@ -215,7 +215,7 @@ impl TetMesh {
 }
 
 fn validate(nodes: &[[f64; 3]], elements: &[[u32; 4]], regions: &[i32]) -> Result<(), InvalidMesh> {
-    // The highest word is `NONE`, and the cell lists reserve one bit.
+    // The highest word is `NO_ELEMENT`, and the cell lists reserve one bit.
     let limit = (u32::MAX >> 1) as usize;
     for (what, found) in [("nodes", nodes.len()), ("tetrahedra", elements.len())] {
         if found > limit {
@@ -282,7 +282,7 @@ fn signed_volume(nodes: &[[f64; 3]], corners: &[u32; 4]) -> f64 {
 /// Local corners of the face opposite each corner.
 const OPPOSITE: [[usize; 3]; 4] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]];
 
-/// Returns, for each element and corner, the element across the opposite face, or [`NONE`].
+/// Returns, for each element and corner, the element across the opposite face, or [`NO_ELEMENT`].
 fn neighbours(elements: &[[u32; 4]]) -> Result<Vec<[u32; 4]>, InvalidMesh> {
     let mut faces: Vec<([u32; 3], u32, u8)> = Vec::with_capacity(4 * elements.len());
     for (element, corners) in elements.iter().enumerate() {
@@ -293,7 +293,7 @@ fn neighbours(elements: &[[u32; 4]]) -> Result<Vec<[u32; 4]>, InvalidMesh> {
         }
     }
     faces.sort_unstable();
-    let mut neighbours = vec![[NONE; 4]; elements.len()];
+    let mut neighbours = vec![[NO_ELEMENT; 4]; elements.len()];
     for shared in faces.chunk_by(|a, b| a.0 == b.0) {
         match shared {
             [_] => {}

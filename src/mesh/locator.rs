@@ -21,7 +21,7 @@ use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::real::Real;
 
 /// Index that denotes no element.
-pub const NONE: u32 = u32::MAX;
+pub const NO_ELEMENT: u32 = u32::MAX;
 
 /// Maximum number of elements that a walk visits before the grid takes over. Samples move by a few elements from frame to
 /// frame, and a grid look-up costs about as much as this many steps.
@@ -33,7 +33,7 @@ const UPDATE_CHUNK: usize = 2048;
 /// Result of a query.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit<T> {
-    /// Element that contains the point, or [`NONE`].
+    /// Element that contains the point, or [`NO_ELEMENT`].
     pub element: u32,
     /// Barycentric coordinates in the element, one per corner; 0 where there is no element.
     pub bary: [T; 4],
@@ -116,11 +116,11 @@ impl<T: Real> Locator<T> {
         Ok(self.prepare())
     }
 
-    /// Returns the element that contains `p` (mm), walking from `start` (any element, or [`NONE`] to use the grid at once).
+    /// Returns the element that contains `p` (mm), walking from `start` (any element, or [`NO_ELEMENT`] to use the grid at once).
     /// A `p` that is NaN or infinite lies in no element.
     pub fn locate(&self, p: [T; 3], start: u32) -> Hit<T> {
         let nowhere = Hit {
-            element: NONE,
+            element: NO_ELEMENT,
             bary: [T::zero(); 4],
         };
         if !p.iter().all(|x| x.is_finite()) {

@@ -40,16 +40,16 @@ pub fn triangulate(
     edge_mm: f64,
 ) -> Triangles {
     let outlines = Outlines::find(&region, [low, high], grid_mm);
-    let mut mesh = ConstrainedDelaunayTriangulation::<Point2<f64>>::new();
+    let mut triangulation = ConstrainedDelaunayTriangulation::<Point2<f64>>::new();
     for chain in outlines.chains(grid_mm) {
         let chain = thinned(&chain, THINNED * edge_mm);
         let mut handles: Vec<FixedVertexHandle> = Vec::new();
         for &[x, y] in &chain {
             // Only numbers that are not finite or too large are refused; those of a grid are neither.
-            handles.extend(mesh.insert(Point2::new(x, y)).ok());
+            handles.extend(triangulation.insert(Point2::new(x, y)).ok());
         }
         for pair in handles.windows(2).filter(|pair| pair[0] != pair[1]) {
-            mesh.add_constraint_and_split(pair[0], pair[1], |at| at);
+            triangulation.add_constraint_and_split(pair[0], pair[1], |at| at);
         }
     }
     // Of an equilateral triangle.
@@ -59,25 +59,26 @@ pub fn triangulate(
         .with_max_allowed_area(area)
         .with_min_required_area(1e-3 * area)
         .with_max_additional_vertices(100_000);
-    mesh.refine(refinement);
-    let mut made = Triangles::default();
+    triangulation.refine(refinement);
+    let mut mesh = Triangles::default();
     let mut numbers: BTreeMap<usize, u32> = BTreeMap::new();
-    for face in mesh.inner_faces() {
+    for face in triangulation.inner_faces() {
         let corners = face.vertices();
         let centre = face.center();
+        // The triangulation fills the convex hull: of the parts between regions there is no mesh.
         let Some(region) = region([centre.x, centre.y]) else {
             continue;
         };
-        made.triangles.push(corners.map(|corner| {
+        mesh.triangles.push(corners.map(|corner| {
             *numbers.entry(corner.index()).or_insert_with(|| {
                 let at = corner.position();
-                made.nodes.push([at.x, at.y]);
-                made.nodes.len() as u32 - 1
+                mesh.nodes.push([at.x, at.y]);
+                mesh.nodes.len() as u32 - 1
             })
         }));
-        made.regions.push(region);
+        mesh.regions.push(region);
     }
-    made
+    mesh
 }
 
 /// Outlines of regions: points, and the pairs of them that are joined.
@@ -284,13 +285,13 @@ mod tests {
             (all, ..) if all < 20.0 => Some(3),
             _ => None,
         };
-        let made = triangulate(region, [[-25.0; 2], [25.0; 2]], 0.4, 2.0);
-        let error = |of: i32, expected: f64| (made.area(of) / expected - 1.0).abs();
-        assert!(error(7, 25.0 * PI) < 0.01, "{}", made.area(7) / PI);
-        assert!(error(3, (400.0 - 16.0 - 25.0) * PI) < 0.004, "{}", made.area(3) / PI);
+        let mesh = triangulate(region, [[-25.0; 2], [25.0; 2]], 0.4, 2.0);
+        let error = |of: i32, expected: f64| (mesh.area(of) / expected - 1.0).abs();
+        assert!(error(7, 25.0 * PI) < 0.01, "{}", mesh.area(7) / PI);
+        assert!(error(3, (400.0 - 16.0 - 25.0) * PI) < 0.004, "{}", mesh.area(3) / PI);
         // Euler's formula for a disc with one hole: the mesh is connected and has no cracks.
         let mut edges: Vec<[u32; 2]> = Vec::new();
-        for corners in &made.triangles {
+        for corners in &mesh.triangles {
             for side in 0..3 {
                 let (a, b) = (corners[side], corners[(side + 1) % 3]);
                 edges.push([a.min(b), a.max(b)]);
@@ -298,7 +299,7 @@ mod tests {
         }
         edges.sort_unstable();
         edges.dedup();
-        let euler = made.nodes.len() as i64 - edges.len() as i64 + made.triangles.len() as i64;
+        let euler = mesh.nodes.len() as i64 - edges.len() as i64 + mesh.triangles.len() as i64;
         assert_eq!(euler, 0);
     }
 
@@ -306,13 +307,13 @@ mod tests {
     #[test]
     fn corners_of_many_regions_are_shared() {
         let region = |[x, y]: [f64; 2]| Some(1 + i32::from(x > 0.13) + 2 * i32::from(y > -0.21));
-        let made = triangulate(region, [[-10.0; 2], [10.0; 2]], 0.5, 3.0);
+        let mesh = triangulate(region, [[-10.0; 2], [10.0; 2]], 0.5, 3.0);
         let expected = [10.13 * 9.79, 9.87 * 9.79, 10.13 * 10.21, 9.87 * 10.21];
         for (of, expected) in (1..).zip(expected) {
             assert!(
-                (made.area(of) / expected - 1.0).abs() < 0.01,
+                (mesh.area(of) / expected - 1.0).abs() < 0.01,
                 "{of}: {} {expected}",
-                made.area(of)
+                mesh.area(of)
             );
         }
         assert!(

@@ -182,7 +182,7 @@ fn coincident(nodes: &[[f64; 3]]) -> Vec<[u32; 2]> {
     // In cells twice the reach wide, the neighbours of a point lie in its cell or in the adjacent ones on the nearer sides.
     let side = 2.0 * reach;
     let mut cells: HashMap<[i64; 3], Vec<u32>> = HashMap::new();
-    let mut found = Vec::new();
+    let mut pairs = Vec::new();
     for (index, node) in (0..).zip(nodes).filter(|(_, node)| finite(node)) {
         let place: [f64; 3] = std::array::from_fn(|axis| (node[axis] - bounds[0][axis]) / side);
         let cell = place.map(|x| x.floor() as i64);
@@ -196,11 +196,11 @@ fn coincident(nodes: &[[f64; 3]]) -> Vec<[u32; 2]> {
             .filter(|other| distance(nodes[**other as usize], *node) <= reach)
             .min();
         match earlier {
-            Some(earlier) => found.push([*earlier, index]),
+            Some(earlier) => pairs.push([*earlier, index]),
             None => cells.entry(cell).or_default().push(index),
         }
     }
-    found
+    pairs
 }
 
 fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {

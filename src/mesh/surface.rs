@@ -1,6 +1,6 @@
 //! Surface of a mesh: faces of only one tetrahedron.
 
-use super::{NONE, TetMesh};
+use super::{NO_ELEMENT, TetMesh};
 
 /// A face on the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,7 +19,7 @@ impl TetMesh {
     /// Returns the faces on the surface, by element.
     pub fn surface(&self) -> impl Iterator<Item = Face> + '_ {
         (0..).zip(&self.neighbours).flat_map(move |(element, neighbours)| {
-            let open = (0..4).filter(move |corner| neighbours[*corner] == NONE);
+            let open = (0..4).filter(move |corner| neighbours[*corner] == NO_ELEMENT);
             open.map(move |corner| self.face(element, corner))
         })
     }
@@ -27,9 +27,9 @@ impl TetMesh {
     /// Returns the faces between some regions and all others, and those of these regions on the surface, by element.
     pub fn surface_of<'a>(&'a self, regions: &'a [i32]) -> impl Iterator<Item = Face> + 'a {
         let is_of = move |element: u32| regions.contains(&self.regions[element as usize]);
-        let own = (0..).zip(&self.neighbours).filter(move |(element, _)| is_of(*element));
-        own.flat_map(move |(element, neighbours)| {
-            let open = (0..4).filter(move |corner| neighbours[*corner] == NONE || !is_of(neighbours[*corner]));
+        let of_regions = (0..).zip(&self.neighbours).filter(move |(element, _)| is_of(*element));
+        of_regions.flat_map(move |(element, neighbours)| {
+            let open = (0..4).filter(move |corner| neighbours[*corner] == NO_ELEMENT || !is_of(neighbours[*corner]));
             open.map(move |corner| self.face(element, corner))
         })
     }

@@ -11,7 +11,13 @@ fn with_point(point: [f64; 3]) -> Vec<[f64; 3]> {
 #[test]
 fn a_mesh_of_two_elements_knows_its_neighbours_and_volumes() {
     let mesh = TetMesh::new(with_point([1.0; 3]), vec![[0, 1, 2, 3], [4, 3, 2, 1]], vec![7, 8]).unwrap();
-    assert_eq!(mesh.neighbours(), [[1, NONE, NONE, NONE], [0, NONE, NONE, NONE]]);
+    assert_eq!(
+        mesh.neighbours(),
+        [
+            [1, NO_ELEMENT, NO_ELEMENT, NO_ELEMENT],
+            [0, NO_ELEMENT, NO_ELEMENT, NO_ELEMENT]
+        ]
+    );
     let volumes: Vec<f64> = mesh.volumes(mesh.nodes()).collect();
     assert!(
         (volumes[0] - 1.0 / 6.0).abs() < 1e-15 && (volumes[1] - 1.0 / 3.0).abs() < 1e-15,
@@ -99,7 +105,7 @@ fn a_mesh_over_a_box_fills_it_and_conforms() {
         assert!((nodes / target - 1.0).abs() < 0.3, "{nodes} nodes for {target}");
         // Every face without a neighbour lies on the surface of the box.
         for (element, neighbours) in mesh.neighbours().iter().enumerate() {
-            for (opposite, _) in neighbours.iter().enumerate().filter(|(_, n)| **n == NONE) {
+            for (opposite, _) in neighbours.iter().enumerate().filter(|(_, n)| **n == NO_ELEMENT) {
                 let face: Vec<[f64; 3]> = (0..4)
                     .filter(|corner| *corner != opposite)
                     .map(|corner| mesh.nodes()[mesh.elements()[element][corner] as usize])

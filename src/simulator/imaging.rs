@@ -10,7 +10,7 @@ use super::haptic::Latest;
 use insonify_imaging::synth::{Frame, FrameState, NeedleShaft, SynthError, Synthesizer};
 use insonify_mechanics::insertion::{NodeSolver, Snapshot, Tissue};
 use insonify_mesh::TetMesh;
-use insonify_mesh::locator::{Locator, NONE};
+use insonify_mesh::locator::{Locator, NO_ELEMENT};
 
 /// Renders frames of the latest complete state.
 pub struct Imaging {
@@ -187,7 +187,7 @@ impl Seeds {
     /// since only its position is known; one outside the tissue stays at its position in the reference state.
     pub(super) fn show(&mut self, snapshot: &Snapshot, tissue: &Tissue, into: &mut Vec<NeedleShaft>) {
         let count = snapshot.seeds.len();
-        self.elements.resize(count, NONE);
+        self.elements.resize(count, NO_ELEMENT);
         into.truncate(count);
         if count == 0 {
             return;
@@ -220,7 +220,7 @@ fn carried(locator: Option<&Locator<f64>>, point: &Point3<f64>, element: &mut u3
     let point = [point.x, point.y, point.z];
     *element = locator.locate(point, *element).element;
     match *element {
-        NONE => point.into(),
+        NO_ELEMENT => point.into(),
         found => locator.to_reference(found, point).into(),
     }
 }

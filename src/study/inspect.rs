@@ -15,7 +15,7 @@ use insonify_imaging::effects::warp::{BACKGROUND, FOLDED};
 use insonify_imaging::synth::layers::{Beam, world_position};
 use insonify_imaging::synth::tables::{Anatomy, Settings, Tables};
 use insonify_imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
-use insonify_mesh::locator::NONE;
+use insonify_mesh::locator::NO_ELEMENT;
 
 pub use report::{
     BlurNeighbour, Corner, LabelReport, MeshReport, PassValue, PixelReport, SampleReport, ShadowReport, TextureReport,
@@ -169,7 +169,7 @@ fn mesh_report(tables: &Tables, state: &FrameState, beam: &Beam, index: usize, w
     let mesh = tables.anatomy.mesh.as_ref()?;
     let &element = beam.element.get(index)?;
     let flag = beam.position.get(index).map_or(0, |position| position[3] as u32);
-    let containing = (element != NONE).then_some(element);
+    let containing = (element != NO_ELEMENT).then_some(element);
     let nodes = containing.and_then(|element| mesh.elements().get(element as usize).copied());
     Some(MeshReport {
         place: match (containing, flag) {

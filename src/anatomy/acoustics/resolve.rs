@@ -78,9 +78,9 @@ pub fn known(name: &str) -> Option<(&'static Tissue, Origin)> {
     let name = plain(name);
     let tissue = |name: &str| presets::get(name).map(|tissue| (tissue, Origin::Name));
     tissue(&name)
-        .or_else(|| by_class_name(&name).map(|found| (found, Origin::ClassName)))
+        .or_else(|| by_class_name(&name).map(|tissue| (tissue, Origin::ClassName)))
         .or_else(|| tissue(&without_side(&name)))
-        .or_else(|| by_keyword(&name).map(|found| (found, Origin::Word)))
+        .or_else(|| by_keyword(&name).map(|tissue| (tissue, Origin::Word)))
 }
 
 fn by_name(name: &str, hint: Preset, of_file: bool) -> Option<&'static Tissue> {

@@ -183,7 +183,8 @@ impl Seat {
         Point::x() * x + self.back * y + self.up * z
     }
 
-    fn own(&self, p: &Point) -> Point {
+    /// A point of the phantom in the frame of the seat.
+    fn local(&self, p: &Point) -> Point {
         let offset = p - self.origin;
         Point::new(offset.x, offset.dot(&self.back), offset.dot(&self.up))
     }
@@ -292,7 +293,7 @@ fn body_and_disc<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seat: S
     }
     .grown(50.0);
     let section = move |p: &Point, waist: f64| {
-        let q = seat.own(p);
+        let q = seat.local(p);
         let level = (q.x / BODY_MM[0]).hypot((q.y - BODY_Y_MM) / BODY_MM[1]);
         ((level - waist) * BODY_MM[1], q.z)
     };
@@ -302,7 +303,7 @@ fn body_and_disc<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seat: S
         side.max((height + BODY_HALF_MM + 7.5).abs() - 7.8)
     };
     let body = move |p: &Point| {
-        let height = seat.own(p).z;
+        let height = seat.local(p).z;
         let (side, _) = section(p, 0.92 + 0.10 * (height / BODY_HALF_MM).powi(2));
         smooth_max(side, height.abs() - BODY_HALF_MM, 3.0)
     };

@@ -137,9 +137,9 @@ fn organs_have_the_size_of_real_ones() {
     ];
     for (kind, ranges) in cases {
         let resolution_mm = if EXACT.contains(&kind) { 0.5 } else { 2.0 };
-        let found = millilitres(&made(kind, resolution_mm, 3));
+        let volumes_ml = millilitres(&made(kind, resolution_mm, 3));
         for (name, low, high) in ranges {
-            let ml = found[*name];
+            let ml = volumes_ml[*name];
             assert!((*low..=*high).contains(&ml), "{kind:?} {name}: {ml:.1} ml");
         }
     }
@@ -185,8 +185,8 @@ fn two_resolutions_agree() {
             let ml = fine[*name];
             // Small parts agree less closely than large ones.
             let tolerance = 0.03 + 0.5 / ml;
-            let apart = (coarse[*name] / ml - 1.0).abs();
-            assert!(apart < tolerance, "{kind:?} {name}: {} and {ml} ml", coarse[*name]);
+            let difference = (coarse[*name] / ml - 1.0).abs();
+            assert!(difference < tolerance, "{kind:?} {name}: {} and {ml} ml", coarse[*name]);
         }
     }
 }
@@ -327,10 +327,10 @@ fn default_poses_show_what_they_promise() {
     for ([radius, half_deg, depth], (kind, least)) in cases {
         let shares = view(kind, radius, half_deg, depth);
         for (name, share) in least {
-            let found = shares.get(name).copied().unwrap_or(0.0);
+            let actual = shares.get(name).copied().unwrap_or(0.0);
             assert!(
-                found >= *share,
-                "{kind:?}: {name} fills {found:.4} of the view; {shares:?}"
+                actual >= *share,
+                "{kind:?}: {name} fills {actual:.4} of the view; {shares:?}"
             );
         }
         let turn = default_pose(kind).fixed_view::<3, 3>(0, 0).into_owned();
@@ -355,15 +355,15 @@ fn skin_lies_on_the_convex_array_of_the_default_pose() {
 
 #[test]
 fn resolutions_out_of_range_are_errors() {
-    for found in [0.0, 0.29, 5.1, -1.0, f64::INFINITY] {
+    for resolution_mm in [0.0, 0.29, 5.1, -1.0, f64::INFINITY] {
         let options = PhantomOptions {
-            resolution_mm: Some(found),
+            resolution_mm: Some(resolution_mm),
             seed: 0,
         };
         let error = make(Phantom::Spine, &options).unwrap_err();
         assert_eq!(
             error.to_string(),
-            format!("resolution {found} mm; expected 0.3 to 5 mm")
+            format!("resolution {resolution_mm} mm; expected 0.3 to 5 mm")
         );
     }
     let nan = PhantomOptions {

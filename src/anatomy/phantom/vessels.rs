@@ -51,11 +51,11 @@ impl Growth<'_> {
             if pieces.len() >= MAX_PIECES {
                 break;
             }
-            let found = SPREADS_RAD
+            let segment = SPREADS_RAD
                 .iter()
                 .enumerate()
                 .find_map(|(part, &spread)| self.piece(&tip, part as i32, spread, &pieces));
-            let Some(first) = found else {
+            let Some(first) = segment else {
                 continue;
             };
             pieces.push(first);
@@ -90,7 +90,7 @@ impl Growth<'_> {
     }
 
     /// Best of several segments from a tip, if any stays inside the organ.
-    fn piece(&self, tip: &Tip, part: i32, spread: f64, own: &[Tube]) -> Option<Tube> {
+    fn piece(&self, tip: &Tip, part: i32, spread: f64, grown: &[Tube]) -> Option<Tube> {
         let radius = tip.radius;
         let [_, u, v] = frame(tip.along, off_axis(&tip.along));
         let mut best: Option<(f64, Tube)> = None;
@@ -110,7 +110,7 @@ impl Growth<'_> {
                     .min(tube.distance(&end))
                     .min(tube.distance(&(tip.at + along * (0.6 * length))))
             }) - radius;
-            let crowding = own
+            let crowding = grown
                 .iter()
                 .fold(30.0, |least: f64, tube| least.min((tube.ends[1] - end).norm()));
             if clearance < 1.5 {

@@ -68,7 +68,7 @@ pub fn bodies(image: &ScalarImage, threshold: f32) -> Result<Vec<Body>, VolumeEr
     let [columns, rows, slices] = image.size;
     let mut seen = vec![false; bright.len()];
     let voxel_mm3 = image.index_to_world.fixed_view::<3, 3>(0, 0).determinant().abs();
-    let mut found = Vec::new();
+    let mut bodies = Vec::new();
     for start in 0..bright.len() {
         if std::mem::replace(&mut seen[start], true) {
             continue;
@@ -95,13 +95,13 @@ pub fn bodies(image: &ScalarImage, threshold: f32) -> Result<Vec<Body>, VolumeEr
         }
         let sum: Vector3<f64> = voxels_mm.iter().map(|voxel| voxel.coords).sum();
         let volume = voxel_mm3 * voxels_mm.len() as f64;
-        found.push(Body {
+        bodies.push(Body {
             centre_mm: Point3::from(sum / voxels_mm.len() as f64),
             diameter_mm: (6.0 * volume / std::f64::consts::PI).cbrt(),
             voxels_mm,
         });
     }
-    Ok(found)
+    Ok(bodies)
 }
 
 /// Registers a design (mm) to the markers found (world, mm). Markers may be missing, and others found.
@@ -109,21 +109,21 @@ pub fn bodies(image: &ScalarImage, threshold: f32) -> Result<Vec<Body>, VolumeEr
 /// # Errors
 /// [`VolumeError`] if fewer than four markers, or not more than half of the design, match one to one, or if the design fits in more than one
 /// way.
-pub fn place(design: &[Point3<f64>], found: &[Point3<f64>]) -> Result<Placement, VolumeError> {
+pub fn place(design: &[Point3<f64>], markers: &[Point3<f64>]) -> Result<Placement, VolumeError> {
     let needed = MIN_MATCHED.max(design.len() / 2 + 1);
     let few = |count: usize| {
         let of = design.len();
-        let (seen, limit) = (found.len(), TOLERANCE_MM);
+        let (seen, limit) = (markers.len(), TOLERANCE_MM);
         VolumeError::new(format!(
             "{count} of {of} markers match the design within {limit} mm, of {seen} found of their size; expected at least {needed}"
         ))
     };
-    if found.len() < needed || found.len() > MAX_FOUND {
+    if markers.len() < needed || markers.len() > MAX_FOUND {
         return Err(few(0));
     }
     let mut best: Vec<Placement> = Vec::new();
-    for triangle in triangles(design, found) {
-        let Some(placement) = settled(design, found, &triangle) else {
+    for triangle in triangles(design, markers) {
+        let Some(placement) = settled(design, markers, &triangle) else {
             continue;
         };
         let count = best.first().map_or(0, Placement::count);
@@ -154,17 +154,17 @@ pub fn place(design: &[Point3<f64>], found: &[Point3<f64>]) -> Result<Placement,
 }
 
 /// Pairs of markers (design, found) whose triangles have the same sides within twice the tolerance.
-fn triangles(design: &[Point3<f64>], found: &[Point3<f64>]) -> Vec<[(usize, usize); 3]> {
+fn triangles(design: &[Point3<f64>], markers: &[Point3<f64>]) -> Vec<[(usize, usize); 3]> {
     let same = |a: (usize, usize), b: (usize, usize)| {
-        let lengths = [(design[a.0] - design[b.0]).norm(), (found[a.1] - found[b.1]).norm()];
+        let lengths = [(design[a.0] - design[b.0]).norm(), (markers[a.1] - markers[b.1]).norm()];
         (lengths[0] - lengths[1]).abs() <= 2.0 * TOLERANCE_MM
     };
     let mut all = Vec::new();
-    for i in 0..found.len() {
-        for j in i + 1..found.len() {
+    for i in 0..markers.len() {
+        for j in i + 1..markers.len() {
             for a in 0..design.len() {
                 for b in (0..design.len()).filter(|b| *b != a && same((a, i), (*b, j))) {
-                    for k in j + 1..found.len() {
+                    for k in j + 1..markers.len() {
                         let fits = |c: &usize| *c != a && *c != b && same((a, i), (*c, k)) && same((b, j), (*c, k));
                         all.extend((0..design.len()).filter(fits).map(|c| [(a, i), (b, j), (c, k)]));
                     }
@@ -176,34 +176,36 @@ fn triangles(design: &[Point3<f64>], found: &[Point3<f64>]) -> Vec<[(usize, usiz
 }
 
 /// Fits the pose to pairs, matches all markers by it, and repeats both until the pairs stay.
-fn settled(design: &[Point3<f64>], found: &[Point3<f64>], pairs: &[(usize, usize)]) -> Option<Placement> {
+fn settled(design: &[Point3<f64>], markers: &[Point3<f64>], pairs: &[(usize, usize)]) -> Option<Placement> {
     let mut pairs = pairs.to_vec();
     for _ in 0..10 {
-        let pose = fitted(design, found, &pairs)?;
-        let matched = matched(design, found, &pose);
-        let own: Vec<(usize, usize)> = matched
+        let pose = fitted(design, markers, &pairs)?;
+        let matched = matched(design, markers, &pose);
+        let new_pairs: Vec<(usize, usize)> = matched
             .iter()
             .enumerate()
             .filter_map(|(a, i)| Some((a, (*i)?)))
             .collect();
-        if own.len() < MIN_MATCHED {
+        if new_pairs.len() < MIN_MATCHED {
             return None;
         }
-        if own == pairs {
-            let squares = own.iter().map(|(a, i)| (pose * design[*a] - found[*i]).norm_squared());
-            let rms_mm = (squares.sum::<f64>() / own.len() as f64).sqrt();
+        if new_pairs == pairs {
+            let squares = new_pairs
+                .iter()
+                .map(|(a, i)| (pose * design[*a] - markers[*i]).norm_squared());
+            let rms_mm = (squares.sum::<f64>() / new_pairs.len() as f64).sqrt();
             return Some(Placement { pose, matched, rms_mm });
         }
-        pairs = own;
+        pairs = new_pairs;
     }
     None
 }
 
 /// Rigid transform from the design to the world by paired markers; `None` if they lie on a line.
-pub fn fitted(design: &[Point3<f64>], found: &[Point3<f64>], pairs: &[(usize, usize)]) -> Option<Isometry3<f64>> {
+pub fn fitted(design: &[Point3<f64>], markers: &[Point3<f64>], pairs: &[(usize, usize)]) -> Option<Isometry3<f64>> {
     let landmark = |(a, i): &(usize, usize)| Landmark {
         name: String::new(),
-        volume_mm: found[*i],
+        volume_mm: markers[*i],
         surface_mm: design[*a],
     };
     let matrix: Matrix4<f64> = kabsch(&pairs.iter().map(landmark).collect::<Vec<_>>()).ok()?;
@@ -216,10 +218,10 @@ pub fn fitted(design: &[Point3<f64>], found: &[Point3<f64>], pairs: &[(usize, us
 }
 
 /// Marker found nearest to each of the design, one to one, within the tolerance.
-fn matched(design: &[Point3<f64>], found: &[Point3<f64>], pose: &Isometry3<f64>) -> Vec<Option<usize>> {
-    let distance = |a: usize, i: usize| (pose * design[a] - found[i]).norm();
+fn matched(design: &[Point3<f64>], markers: &[Point3<f64>], pose: &Isometry3<f64>) -> Vec<Option<usize>> {
+    let distance = |a: usize, i: usize| (pose * design[a] - markers[i]).norm();
     let nearest = |a: usize| {
-        let near = (0..found.len()).min_by(|i, j| distance(a, *i).total_cmp(&distance(a, *j)))?;
+        let near = (0..markers.len()).min_by(|i, j| distance(a, *i).total_cmp(&distance(a, *j)))?;
         (distance(a, near) <= TOLERANCE_MM).then_some(near)
     };
     let mut matched: Vec<Option<usize>> = (0..design.len()).map(nearest).collect();

@@ -122,11 +122,11 @@ impl Skin {
 
     /// Nearest point of the skin.
     pub(crate) fn foot(&self, at: &Point3<f64>) -> Foot {
-        let found = self
+        let nearest = self
             .tree
             .nearest_neighbor([at.x, at.y, at.z])
             .map_or(0, |item| item.data);
-        let (away, normal) = (at - self.points[found], self.normals[found]);
+        let (away, normal) = (at - self.points[nearest], self.normals[nearest]);
         let height_mm = normal.dot(&away);
         Foot {
             normal,
@@ -142,8 +142,8 @@ impl Skin {
         let step = 1 + self.points.len() / 5000;
         let tried = self.points.iter().step_by(step);
         let near = |at: &&Point3<f64>| {
-            let found = tree.nearest_neighbor([at.x, at.y, at.z]);
-            found.is_some_and(|other| (Point3::from(*other) - **at).norm() <= within_mm)
+            let nearest = tree.nearest_neighbor([at.x, at.y, at.z]);
+            nearest.is_some_and(|other| (Point3::from(*other) - **at).norm() <= within_mm)
         };
         tried.clone().filter(near).count() as f64 / tried.count() as f64
     }
@@ -174,14 +174,14 @@ impl Foot {
 
 /// Cells outside the body that are connected with the border of the grid.
 fn outside(share: &[f32], size: [usize; 3]) -> Vec<bool> {
-    let mut found = vec![false; share.len()];
+    let mut outside = vec![false; share.len()];
     let strides = [1, size[0], size[0] * size[1]];
     let mut queue = VecDeque::new();
     for at in 0..share.len() {
         let index = [at % size[0], at / size[0] % size[1], at / strides[2]];
         let border = (0..3).any(|axis| index[axis] == 0 || index[axis] + 1 == size[axis]);
         if border && share[at] < 0.5 {
-            found[at] = true;
+            outside[at] = true;
             queue.push_back(at);
         }
     }
@@ -191,12 +191,12 @@ fn outside(share: &[f32], size: [usize; 3]) -> Vec<bool> {
             let lower = (index[axis] > 0).then(|| at - strides[axis]);
             let upper = (index[axis] + 1 < size[axis]).then(|| at + strides[axis]);
             for next in [lower, upper].into_iter().flatten() {
-                if !found[next] && share[next] < 0.5 {
-                    found[next] = true;
+                if !outside[next] && share[next] < 0.5 {
+                    outside[next] = true;
                     queue.push_back(next);
                 }
             }
         }
     }
-    found
+    outside
 }

@@ -38,8 +38,8 @@ pub fn read(path: &Path) -> Result<Vec<Point3<f64>>, VolumeError> {
                 .read_ply(&mut file)
                 .map_err(|error| wrong(format!("no PLY surface: {error}")))?;
             let vertices = ply.payload.get("vertex").map(Vec::as_slice).unwrap_or_default();
-            let found: Option<Vec<Point3<f64>>> = vertices.iter().map(vertex).collect();
-            found.ok_or_else(|| wrong("PLY vertices without numbers x, y and z".to_owned()))?
+            let points: Option<Vec<Point3<f64>>> = vertices.iter().map(vertex).collect();
+            points.ok_or_else(|| wrong("PLY vertices without numbers x, y and z".to_owned()))?
         }
         _ => return Err(wrong("expected a surface as .csv, .stl or .ply".to_owned())),
     };

@@ -105,12 +105,14 @@ fn apart(a: &Quadratic, b: &Quadratic, world: &[Point3<f64>]) -> [f64; 2] {
 fn a_known_quadratic_is_found_again() {
     let (skin, map) = (skin(), truth(10.0));
     let world = touched(&map, 3000, 0.0, 0.0, |_| true);
-    let found = register(&world, &skin, &box_of_body(), &[]).unwrap();
-    let off = apart(&found.quadratic.map, &map, &world);
-    assert!(off[0] < 0.05, "{off:?} {found}");
+    let registration = register(&world, &skin, &box_of_body(), &[]).unwrap();
+    let off = apart(&registration.quadratic.map, &map, &world);
+    assert!(off[0] < 0.05, "{off:?} {registration}");
     assert!(
-        found.quadratic.rms_mm < 0.05 && found.rigid.rms_mm > 1.0 && found.quadratic.jacobian_min > 0.5,
-        "{found}"
+        registration.quadratic.rms_mm < 0.05
+            && registration.rigid.rms_mm > 1.0
+            && registration.quadratic.jacobian_min > 0.5,
+        "{registration}"
     );
 }
 
@@ -129,10 +131,13 @@ fn noise_outliers_and_a_missing_back_are_borne() {
             surface_mm,
         });
     }
-    let found = register(&world, &skin, &box_of_body(), &marks).unwrap();
-    let off = apart(&found.quadratic.map, &map, &clean);
-    assert!(off[0] < 0.5, "{off:?} {found}");
-    assert!(found.landmarks_mm.iter().all(|it| it.quadratic_mm < 1.5), "{found}");
+    let registration = register(&world, &skin, &box_of_body(), &marks).unwrap();
+    let off = apart(&registration.quadratic.map, &map, &clean);
+    assert!(off[0] < 0.5, "{off:?} {registration}");
+    assert!(
+        registration.landmarks_mm.iter().all(|it| it.quadratic_mm < 1.5),
+        "{registration}"
+    );
 }
 
 #[test]
@@ -141,11 +146,11 @@ fn few_points_do_not_bend_the_map_after_their_noise() {
     let clean = touched(&map, 500, 0.0, 0.0, |_| true);
     for count in [40, 60] {
         let world = touched(&map, count, 1.0, 0.0, |_| true);
-        let found = register(&world, &skin, &box_of_body(), &[]).unwrap();
-        let rigid = Quadratic::rigid(&found.rigid.matrix.0, Point3::origin(), 1.0);
-        let [rigid, bent] = [&rigid, &found.quadratic.map].map(|found| apart(found, &map, &clean)[0]);
+        let registration = register(&world, &skin, &box_of_body(), &[]).unwrap();
+        let rigid = Quadratic::rigid(&registration.rigid.matrix.0, Point3::origin(), 1.0);
+        let [rigid, bent] = [&rigid, &registration.quadratic.map].map(|fitted| apart(fitted, &map, &clean)[0]);
         // The noise is told, not what is left of it after the map has followed it.
-        let rms_mm = found.quadratic.rms_mm;
+        let rms_mm = registration.quadratic.rms_mm;
         assert!(
             (0.75..1.6).contains(&rms_mm),
             "{count} points: {rms_mm} mm of noise of 1 mm"
@@ -174,16 +179,16 @@ fn what_lies_beyond_the_end_of_the_skin_is_not_used() {
             surface_mm: *at,
         })
         .collect();
-    let found = register(&world, &skin, &box_of_body(), &marks).unwrap();
+    let registration = register(&world, &skin, &box_of_body(), &marks).unwrap();
     let beyond = world.iter().filter(|at| map.map(at).z > 75.0).count();
     assert!(
-        found.beyond as f64 > 0.9 * beyond as f64 && beyond > 300,
+        registration.beyond as f64 > 0.9 * beyond as f64 && beyond > 300,
         "{} of {beyond}",
-        found.beyond
+        registration.beyond
     );
-    assert!(found.quadratic.p95_mm > 40.0, "{found}");
-    let off = apart(&found.quadratic.map, &map, &within);
-    assert!(off[0] < 0.5, "{off:?} {found}");
+    assert!(registration.quadratic.p95_mm > 40.0, "{registration}");
+    let off = apart(&registration.quadratic.map, &map, &within);
+    assert!(off[0] < 0.5, "{off:?} {registration}");
 }
 
 #[test]
@@ -202,10 +207,10 @@ fn resampled_volumes_hold_what_bulges_past_their_corners() {
     .unwrap();
     let mut map = truth(8.0);
     map.centre_mm = [200.0; 3];
-    let found = resample(&volume, &map).unwrap();
-    let [w, h, d] = found.size();
+    let resampled = resample(&volume, &map).unwrap();
+    let [w, h, d] = resampled.size();
     let cells = (0..w * h * d).map(|at| [at % w, at / w % h, at / w / h]);
-    let rim = cells.zip(found.voxels()).filter(|([i, j, k], label)| {
+    let rim = cells.zip(resampled.voxels()).filter(|([i, j, k], label)| {
         let at_rim = *i == 0 || *j == 0 || *k == 0 || *i + 1 == w || *j + 1 == h || *k + 1 == d;
         at_rim && **label == 1
     });
@@ -215,8 +220,8 @@ fn resampled_volumes_hold_what_bulges_past_their_corners() {
 #[test]
 fn what_cannot_be_registered_is_refused() {
     let (skin, map) = (skin(), truth(10.0));
-    let refused = |found: Result<Registration, VolumeError>, words: &str| {
-        let error = found.map(drop).unwrap_err().to_string();
+    let refused = |result: Result<Registration, VolumeError>, words: &str| {
+        let error = result.map(drop).unwrap_err().to_string();
         assert!(error.contains(words), "{error}");
     };
     let world = touched(&map, 40, 0.0, 0.0, |_| true);
@@ -258,22 +263,22 @@ fn labels_are_resampled_where_the_map_puts_them() {
         .to_vec();
     let volume = LabelVolume::new(size, voxels, labels, Matrix4::new_scaling(2.0)).unwrap();
     let map = truth(2.0);
-    let found = resample(&volume, &map).unwrap();
+    let resampled = resample(&volume, &map).unwrap();
     let middle = map.inverse(&Point3::new(40.0, 30.0, 50.0)).unwrap();
-    let ball: Vec<Point3<f64>> = (0..found.voxels().len())
-        .filter(|&at| found.voxels()[at] == 1)
+    let ball: Vec<Point3<f64>> = (0..resampled.voxels().len())
+        .filter(|&at| resampled.voxels()[at] == 1)
         .map(|at| {
-            let [w, h, _] = found.size();
+            let [w, h, _] = resampled.size();
             let index = Point3::from([at % w, at / w % h, at / w / h].map(|n| n as f64));
-            found.index_to_world().transform_point(&index)
+            resampled.index_to_world().transform_point(&index)
         })
         .collect();
     let mean = ball.iter().map(|at| at.coords).sum::<Vector3<f64>>() / ball.len() as f64;
     assert!((mean - middle.coords).norm() < 0.3, "{mean} {middle}");
-    let volume_mm3 = ball.len() as f64 * found.voxel_mm3();
+    let volume_mm3 = ball.len() as f64 * resampled.voxel_mm3();
     let expected = 4.0 / 3.0 * std::f64::consts::PI * 20_f64.powi(3) / map.jacobian(&middle).determinant();
     assert!((volume_mm3 / expected - 1.0).abs() < 0.03, "{volume_mm3} {expected}");
-    assert_eq!(found.labels()[1].name.as_deref(), Some("ball"));
+    assert_eq!(resampled.labels()[1].name.as_deref(), Some("ball"));
 }
 
 #[test]
@@ -323,7 +328,7 @@ fn a_real_body_deformed_is_fitted_back() {
             map.inverse(at).unwrap() + noise
         })
         .collect();
-    let found = register(&surface, &skin, &corners(&completed), &[]).unwrap();
+    let registration = register(&surface, &skin, &corners(&completed), &[]).unwrap();
     // Points within the body, none of which took part.
     let inside: Vec<Point3<f64>> = skin
         .points()
@@ -331,9 +336,9 @@ fn a_real_body_deformed_is_fitted_back() {
         .step_by(501)
         .map(|at| map.inverse(&(centre + (at - centre) * 0.5)).unwrap())
         .collect();
-    let off = apart(&found.quadratic.map, &map, &inside);
+    let off = apart(&registration.quadratic.map, &map, &inside);
     assert!(
-        off[0] < 1.0 && found.quadratic.rms_mm < 0.5 && found.rigid.rms_mm > 1.0,
-        "{off:?} {found}"
+        off[0] < 1.0 && registration.quadratic.rms_mm < 0.5 && registration.rigid.rms_mm > 1.0,
+        "{off:?} {registration}"
     );
 }

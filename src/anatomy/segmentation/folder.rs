@@ -150,7 +150,12 @@ impl Union {
         let mut voxels = 0;
         // Past 255 the volume is refused below; only the count of labels still matters.
         let index = (self.labels.len() + 1) as u8;
-        for (voxel, _) in self.voxels.iter_mut().zip(volume.voxels()).filter(|(_, own)| **own > 0) {
+        for (voxel, _) in self
+            .voxels
+            .iter_mut()
+            .zip(volume.voxels())
+            .filter(|(_, masked)| **masked > 0)
+        {
             voxels += 1;
             self.overlaps += u64::from(*voxel > 0);
             *voxel = index;
@@ -207,8 +212,8 @@ fn same_grid(first: &Path, grid: &LabelVolume, path: &Path, mask: &LabelVolume) 
         let index = [0, 1, 2].map(|axis| (which >> axis & 1) as f64 * (size[axis] - 1) as f64);
         volume.index_to_world().transform_point(&Point3::from(index))
     };
-    let apart = (0..8).map(|which| (which, (corner(grid, which) - corner(mask, which)).norm()));
-    let (which, distance) = apart.fold((0, 0.0), |worst, next| if next.1 > worst.1 { next } else { worst });
+    let distances = (0..8).map(|which| (which, (corner(grid, which) - corner(mask, which)).norm()));
+    let (which, distance) = distances.fold((0, 0.0), |worst, next| if next.1 > worst.1 { next } else { worst });
     if distance > SAME_MM {
         let place = |volume| {
             let [x, y, z] = corner(volume, which).into();

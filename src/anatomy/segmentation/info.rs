@@ -63,7 +63,7 @@ impl Info {
         let origin = volume.index_to_world().fixed_view::<3, 1>(0, 3);
         let mut warnings = segmentation.warnings.clone();
         warnings.extend(
-            TissueTable::resolve(volume.labels(), &[], Preset::Auto).map_or_else(|_| Vec::new(), |found| found.1),
+            TissueTable::resolve(volume.labels(), &[], Preset::Auto).map_or_else(|_| Vec::new(), |resolved| resolved.1),
         );
         Self {
             file: file.display().to_string(),

@@ -119,24 +119,28 @@ impl Segmentation {
         let value = |index: usize| self.volume.labels()[index].value;
         for (index, name) in names {
             let Size { ml, cut, left_mm } = sizes.0[*index];
-            let own = plain(name);
-            let mirrored = own.replace("right", "left");
+            let plain_name = plain(name);
+            let mirrored = plain_name.replace("right", "left");
             let other = names
                 .iter()
-                .find(|(_, other)| mirrored != own && plain(other) == mirrored);
+                .find(|(_, other)| mirrored != plain_name && plain(other) == mirrored);
             if let Some((other, of)) = other.filter(|(other, _)| left_mm > sizes.0[*other].left_mm) {
                 let [right, left] = [value(*index), value(*other)];
                 fit.odd
                     .push(format!("label {right} ({name}) lies left of label {left} ({of})"));
             }
-            let organ = without_side(&own);
+            let organ = without_side(&plain_name);
             let Some((_, newborn, adult)) = ORGANS.iter().find(|(known, ..)| *known == organ) else {
                 continue;
             };
             let is_vessel = *newborn == 0.0;
             let [low, high] = [SPAN[0] * newborn, if is_vessel { *adult } else { SPAN[1] * adult }];
-            if ml == 0.0 || (cut && ml < *adult) || (is_vessel && ml <= high) {
-            } else if (low..=high).contains(&ml) {
+            // What is not in the scan as a whole, and vessels, of which any length is scanned, may be small.
+            let excused = ml == 0.0 || (cut && ml < *adult) || (is_vessel && ml <= high);
+            if excused {
+                continue;
+            }
+            if (low..=high).contains(&ml) {
                 fit.sound += 1;
                 fit.misfit += (ml / adult).ln().powi(2);
             } else {

@@ -103,11 +103,11 @@ fn tissue(segmentation: &Segmentation, index: u8) -> String {
 
 #[test]
 fn stems_are_names_without_the_endings_of_volumes() {
-    let found = |name: &str| stem(Path::new(name));
-    assert_eq!(found("a/kidney_right.nii.gz").as_deref(), Some("kidney_right"));
-    assert_eq!(found("Liver.SEG.NRRD").as_deref(), Some("Liver"));
-    assert_eq!(found("a.b.mha").as_deref(), Some("a.b"));
-    assert_eq!(found("scene.toml"), None);
+    let stem_of = |name: &str| stem(Path::new(name));
+    assert_eq!(stem_of("a/kidney_right.nii.gz").as_deref(), Some("kidney_right"));
+    assert_eq!(stem_of("Liver.SEG.NRRD").as_deref(), Some("Liver"));
+    assert_eq!(stem_of("a.b.mha").as_deref(), Some("a.b"));
+    assert_eq!(stem_of("scene.toml"), None);
 }
 
 #[test]
@@ -130,11 +130,11 @@ fn a_single_mask_is_named_by_its_file_and_never_by_its_value() {
         unknown.warnings
     );
 
-    let asked = Naming {
+    let by_total_segmentator = Naming {
         preset: Preset::TotalSegmentator,
         ..Naming::default()
     };
-    let spleen = open(&folder.path("mask.nii.gz"), &asked).unwrap();
+    let spleen = open(&folder.path("mask.nii.gz"), &by_total_segmentator).unwrap();
     assert_eq!(names(&spleen), [(1, "spleen")]);
     assert!(spleen.warnings.is_empty(), "{:?}", spleen.warnings);
 }
@@ -376,10 +376,13 @@ fn values_that_totalsegmentator_does_not_have_are_read_only_as_a_whole_body() {
     // A right kidney under a value of this program's own bodies, which TotalSegmentator does not have.
     let strange = [(1, 200), (3, 160), (5, 1178), (6, 300), (200, 150)];
     for preset in [Preset::Auto, Preset::TotalSegmentator] {
-        let found = read(&strange, preset);
-        assert_eq!((names(&found)[2], names(&found)[4]), ((5, "liver"), (200, "-")));
-        assert_eq!(found.warnings, ["TotalSegmentator has no label 200 (150.00 ml)"]);
-        let info = Info::new(&found, Path::new("a.nrrd"));
+        let segmentation = read(&strange, preset);
+        assert_eq!(
+            (names(&segmentation)[2], names(&segmentation)[4]),
+            ((5, "liver"), (200, "-"))
+        );
+        assert_eq!(segmentation.warnings, ["TotalSegmentator has no label 200 (150.00 ml)"]);
+        let info = Info::new(&segmentation, Path::new("a.nrrd"));
         let label = &info.labels[5];
         assert_eq!(
             (label.tissue.as_str(), label.from.as_str()),
@@ -387,13 +390,13 @@ fn values_that_totalsegmentator_does_not_have_are_read_only_as_a_whole_body() {
         );
     }
     for few in [&[(5, 1178), (200, 150)][..], &[(200, 150)]] {
-        let found = read(few, Preset::Auto);
+        let segmentation = read(few, Preset::Auto);
         assert!(
-            names(&found).iter().all(|(_, name)| *name == "-"),
+            names(&segmentation).iter().all(|(_, name)| *name == "-"),
             "{:?}",
-            names(&found)
+            names(&segmentation)
         );
-        assert_eq!(found.warnings, ["TotalSegmentator has no label 200 (150.00 ml)"]);
+        assert_eq!(segmentation.warnings, ["TotalSegmentator has no label 200 (150.00 ml)"]);
     }
     let body = [
         (1, 200),
@@ -404,10 +407,10 @@ fn values_that_totalsegmentator_does_not_have_are_read_only_as_a_whole_body() {
         (204, 200),
         (205, 300),
     ];
-    let found = read(&body, Preset::Auto);
+    let segmentation = read(&body, Preset::Auto);
     let expected = [(201, "fat"), (202, "soft_tissue"), (204, "skin"), (205, "muscle")];
-    assert_eq!(names(&found)[3..], expected);
-    assert!(found.warnings.is_empty(), "{:?}", found.warnings);
+    assert_eq!(names(&segmentation)[3..], expected);
+    assert!(segmentation.warnings.is_empty(), "{:?}", segmentation.warnings);
 }
 
 #[test]
@@ -475,10 +478,10 @@ fn volumes_are_questioned_wherever_names_are_from() {
         ..Naming::default()
     };
     folder.write("scan.csv", table);
-    for found in [open(&file, &naming).unwrap(), opened(&file)] {
+    for segmentation in [open(&file, &naming).unwrap(), opened(&file)] {
         let expected = "label 1 (inferior vena cava) has 1126.00 ml, expected 0.0 to 954 ml, label 2 (Liver) has 13.00 ml, expected \
                         43.3 to 10800 ml: check names, voxel spacing and orientation";
-        assert_eq!(found.warnings, [expected]);
+        assert_eq!(segmentation.warnings, [expected]);
     }
 }
 
@@ -497,9 +500,9 @@ fn sides_that_are_exchanged_are_questioned() {
     assert_eq!(doubts(named(1, 2)), None);
     let mut mirrored = named(2, 1);
     mirrored.name(1, "kidney_left".to_owned());
-    let told = doubts(mirrored).unwrap();
+    let doubt = doubts(mirrored).unwrap();
     assert!(
-        told.starts_with("label 2 (kidney_right) lies left of label 1 (kidney_left): check names"),
-        "{told}"
+        doubt.starts_with("label 2 (kidney_right) lies left of label 1 (kidney_left): check names"),
+        "{doubt}"
     );
 }

@@ -102,10 +102,10 @@ impl CompleteOptions {
             ("fat_mm", self.fat_mm),
             ("skin_mm", self.skin_mm),
         ];
-        for (key, found) in layers {
-            if !(0.0..=THICKEST_MM).contains(&found) {
+        for (key, thickness_mm) in layers {
+            if !(0.0..=THICKEST_MM).contains(&thickness_mm) {
                 let layer = key.trim_end_matches("_mm");
-                let text = format!("{layer} thickness {found} mm; expected 0 to {THICKEST_MM} mm");
+                let text = format!("{layer} thickness {thickness_mm} mm; expected 0 to {THICKEST_MM} mm");
                 return Err(VolumeError::option(key, text));
             }
         }
@@ -154,8 +154,8 @@ pub(crate) fn has_body(volume: &LabelVolume) -> bool {
 /// of the labelled voxels. Otherwise these values have another meaning.
 pub(crate) fn has_body_values(volume: &LabelVolume) -> bool {
     let voxels = |value: i64| {
-        let own = |label: &&Label| label.value == value && label.name.is_none() && label.voxels > 0;
-        volume.labels().iter().find(own).map(|label| label.voxels)
+        let is_unnamed = |label: &&Label| label.value == value && label.name.is_none() && label.voxels > 0;
+        volume.labels().iter().find(is_unnamed).map(|label| label.voxels)
     };
     let body: Option<u64> = BODY_VALUES.into_iter().map(voxels).sum();
     let labelled: u64 = volume.labels().iter().skip(1).map(|label| label.voxels).sum();
@@ -315,9 +315,9 @@ fn note(
 
 /// Warning if the labels of a file, fewer than [`ENOUGH_ORGANS`] organs and no bone, are not surrounded by a trunk.
 fn shell(labels: &[Label]) -> Option<String> {
-    let held = || labels.iter().skip(1).filter(|label| label.voxels > 0);
-    let tissues: Vec<_> = held().filter_map(|label| known(label.name.as_deref()?)).collect();
-    let names: Vec<String> = held()
+    let occurring = || labels.iter().skip(1).filter(|label| label.voxels > 0);
+    let tissues: Vec<_> = occurring().filter_map(|label| known(label.name.as_deref()?)).collect();
+    let names: Vec<String> = occurring()
         .map(|label| label.name.clone().unwrap_or_else(|| label.value.to_string()))
         .collect();
     let is_trunk = tissues.len() >= ENOUGH_ORGANS || tissues.iter().any(|(tissue, _)| tissue.name == "bone");

@@ -3,7 +3,7 @@
 use insonify_base::parallel::{chunks_mut, for_each, for_each_init};
 
 /// Squared distance where there is no seed, mm^2: far beyond any volume and safe to add.
-const NONE: f32 = 1e12;
+const NO_SEED_MM2: f32 = 1e12;
 
 /// A grid of numbers, x fastest.
 pub struct Grid {
@@ -32,7 +32,10 @@ impl Grid {
 
     /// Squared distances to the cells of a set, mm^2, along some axes; very large if the set is empty.
     pub fn squared_distances(set: &[bool], size: [usize; 3], spacing: [f64; 3], axes: &[usize]) -> Self {
-        let values = set.iter().map(|&inside| if inside { 0.0 } else { NONE }).collect();
+        let values = set
+            .iter()
+            .map(|&inside| if inside { 0.0 } else { NO_SEED_MM2 })
+            .collect();
         let mut grid = Self { size, spacing, values };
         grid.transform(axes);
         grid
@@ -141,7 +144,7 @@ struct Scratch {
 
 /// One-dimensional squared distance transform: the lower envelope of parabolas rooted at the samples.
 fn lower_envelope(line: &mut [f32], spacing: f32, scratch: &mut Scratch) {
-    if line.iter().all(|&value| value >= NONE) || line.iter().all(|&value| value == 0.0) {
+    if line.iter().all(|&value| value >= NO_SEED_MM2) || line.iter().all(|&value| value == 0.0) {
         return;
     }
     let Scratch {
@@ -158,7 +161,7 @@ fn lower_envelope(line: &mut [f32], spacing: f32, scratch: &mut Scratch) {
         let (xa, xb) = (a as f32 * spacing, b as f32 * spacing);
         ((copy[b] - copy[a]) / (xb - xa) + xa + xb) / 2.0
     };
-    for at in (0..copy.len()).filter(|&at| copy[at] < NONE) {
+    for at in (0..copy.len()).filter(|&at| copy[at] < NO_SEED_MM2) {
         while let (Some(&last), Some(&bound)) = (vertices.last(), bounds.last()) {
             if crossing(last, at) > bound {
                 break;
@@ -214,7 +217,7 @@ mod tests {
         let mut grid = Grid {
             size,
             spacing,
-            values: (0..count).map(|at| if seed(at) { 0.0 } else { NONE }).collect(),
+            values: (0..count).map(|at| if seed(at) { 0.0 } else { NO_SEED_MM2 }).collect(),
         };
         grid.transform(&[0, 1, 2]);
         let index = |at: usize| [at % 9, at / 9 % 7, at / 63];

@@ -128,11 +128,11 @@ macro_rules! sample {
             const BYTES: usize = size_of::<$type>();
 
             fn decode(bytes: &[u8], order: ByteOrder) -> Self {
-                let mut own = [0; size_of::<$type>()];
-                own.copy_from_slice(bytes);
+                let mut array = [0; size_of::<$type>()];
+                array.copy_from_slice(bytes);
                 match order {
-                    ByteOrder::Little => <$type>::from_le_bytes(own),
-                    ByteOrder::Big => <$type>::from_be_bytes(own),
+                    ByteOrder::Little => <$type>::from_le_bytes(array),
+                    ByteOrder::Big => <$type>::from_be_bytes(array),
                 }
             }
 

@@ -364,8 +364,8 @@ pub(crate) mod tests {
         ]);
         for (x, refused) in [(-1e6, true), (1e6 - 75.0, false), (1e6 - 74.0, true), (1e20, true)] {
             far.origin.x = x;
-            let found = far.grid();
-            assert_eq!(found.is_err(), refused, "{x}: {found:?}");
+            let grid = far.grid();
+            assert_eq!(grid.is_err(), refused, "{x}: {grid:?}");
         }
         let message = far.grid().unwrap_err().to_string();
         assert!(

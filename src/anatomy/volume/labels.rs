@@ -316,16 +316,16 @@ mod tests {
 
     #[test]
     fn grey_levels_in_no_order_look_like_a_grey_image() {
-        let told = |values: &[i16]| {
+        let warned = |values: &[i16]| {
             let loaded = volume(cube([values.len() / 4, 4, 1], Element::I16), &bytes(values)).unwrap();
             loaded.warnings.iter().any(|warning| warning.contains("grey image"))
         };
         let mixed: Vec<i16> = (0..400).map(|at| 1 + at * 37 % 101).collect();
-        assert!(told(&mixed));
+        assert!(warned(&mixed));
         let bodies: Vec<i16> = (0..400).map(|at| 1 + at / 8).collect();
-        assert!(!told(&bodies), "fifty labels, each of several voxels in a row");
+        assert!(!warned(&bodies), "fifty labels, each of several voxels in a row");
         let few: Vec<i16> = (0..400).map(|at| 1 + at % 7).collect();
-        assert!(!told(&few));
+        assert!(!warned(&few));
     }
 
     #[test]

@@ -346,10 +346,10 @@ fn qform(raw: &NiftiHeader, spacing: [f64; 3]) -> Matrix3x4<f64> {
 /// Label names from the header extensions: each is its length, a code and the content of length minus eight bytes.
 fn label_names(mut bytes: &[u8], endianness: Endianness, warnings: &mut Vec<String>) -> BTreeMap<i64, String> {
     let word = |bytes: &[u8]| {
-        let own = [bytes[0], bytes[1], bytes[2], bytes[3]];
+        let first = [bytes[0], bytes[1], bytes[2], bytes[3]];
         match endianness {
-            Endianness::Little => i32::from_le_bytes(own),
-            Endianness::Big => i32::from_be_bytes(own),
+            Endianness::Little => i32::from_le_bytes(first),
+            Endianness::Big => i32::from_be_bytes(first),
         }
     };
     let mut names = BTreeMap::new();

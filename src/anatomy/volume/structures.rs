@@ -55,7 +55,8 @@ struct Drawing<'a> {
     volume: &'a LabelVolume,
     voxels: Vec<u8>,
     labels: Vec<Label>,
-    told: Vec<String>,
+    /// Descriptions of what was drawn.
+    notes: Vec<String>,
 }
 
 /// Draws structures into the organs of a completed volume.
@@ -67,16 +68,16 @@ pub fn add(volume: &LabelVolume) -> Result<Structured, VolumeError> {
         volume,
         voxels: volume.voxels().to_vec(),
         labels: volume.labels().to_vec(),
-        told: Vec::new(),
+        notes: Vec::new(),
     };
     drawing.trees();
     drawing.kidneys();
     drawing.heart();
     drawing.filler();
     let Drawing {
-        voxels, labels, told, ..
+        voxels, labels, notes, ..
     } = drawing;
-    if told.is_empty() {
+    if notes.is_empty() {
         return Ok(Structured {
             volume: volume.clone(),
             note: None,
@@ -88,7 +89,7 @@ pub fn add(volume: &LabelVolume) -> Result<Structured, VolumeError> {
         volume: structured,
         note: Some(format!(
             "drawn into organs that are labelled in one piece: {}; `structures = false` under [volume] leaves them as they are",
-            told.join(", ")
+            notes.join(", ")
         )),
     })
 }
@@ -104,8 +105,8 @@ impl Drawing<'_> {
                 .is_some_and(|(of, _)| of.name == tissue)
         };
         let labels = (0..=255u8).zip(self.volume.labels()).skip(1);
-        let held = labels.filter(|(at, label)| self.volume.holds(usize::from(*at)) && is(label));
-        held.map(|(at, _)| at).collect()
+        let present = labels.filter(|(at, label)| self.volume.holds(usize::from(*at)) && is(label));
+        present.map(|(at, _)| at).collect()
     }
 
     /// Whether the file has a label with voxels whose name contains one of these words.
@@ -177,7 +178,7 @@ impl Drawing<'_> {
             ("liver", &portal, Root::Innermost, "portal_branch", "portal branches"),
             ("spleen", &splenic, Root::Innermost, "splenic_vein", "splenic veins"),
         ];
-        for (stream, (tissue, from, root, name, told)) in (1u32..).zip(trees) {
+        for (stream, (tissue, from, root, name, description)) in (1u32..).zip(trees) {
             let organs = self.of_tissue(tissue);
             let Some(organ) = Organ::of(self.volume, |label| organs.contains(&label)) else {
                 continue;
@@ -196,8 +197,10 @@ impl Drawing<'_> {
                 }
             });
             if drawn > 0 {
-                self.told
-                    .push(format!("{told} (label {})", self.labels[usize::from(label)].value));
+                self.notes.push(format!(
+                    "{description} (label {})",
+                    self.labels[usize::from(label)].value
+                ));
             }
         }
     }
@@ -228,8 +231,8 @@ impl Drawing<'_> {
         }
         if drawn > 0 {
             let value = |at: u8| self.labels[usize::from(at)].value;
-            let told = format!("sinus ({}) and pyramids ({}) of kidneys", value(sinus), value(medulla));
-            self.told.push(told);
+            let note = format!("sinus ({}) and pyramids ({}) of kidneys", value(sinus), value(medulla));
+            self.notes.push(note);
         }
     }
 
@@ -277,16 +280,16 @@ impl Drawing<'_> {
             (!is_wall).then_some(blood)
         });
         if drawn > 0 {
-            let told = format!("chambers of the heart ({})", self.labels[usize::from(blood)].value);
-            self.told.push(told);
+            let note = format!("chambers of the heart ({})", self.labels[usize::from(blood)].value);
+            self.notes.push(note);
         }
     }
 
     /// Draws fat around kidneys and patches of fat and muscle, in soft tissue filled by completion.
     fn filler(&mut self) {
         let appended = |name: &str| {
-            let own = |label: &Label| label.name.as_deref() == Some(name) && label.voxels == 0;
-            self.volume.labels().iter().position(own).map(|at| at as u8)
+            let is_appended = |label: &Label| label.name.as_deref() == Some(name) && label.voxels == 0;
+            self.volume.labels().iter().position(is_appended).map(|at| at as u8)
         };
         let (Some(soft), Some(muscle)) = (appended("soft_tissue"), appended("muscle")) else {
             return;
@@ -318,7 +321,7 @@ impl Drawing<'_> {
             }
         });
         let value = self.labels[usize::from(fat)].value;
-        self.told.push(format!(
+        self.notes.push(format!(
             "fat around kidneys and patches of fat ({value}) and muscle in soft tissue"
         ));
     }

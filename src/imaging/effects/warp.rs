@@ -22,7 +22,7 @@ use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::real::Real;
-use insonify_mesh::NONE;
+use insonify_mesh::NO_ELEMENT;
 use insonify_mesh::element::{self, Frame};
 
 /// Flag of a sample in the deformed mesh; its position is now a reference position.
@@ -153,14 +153,14 @@ fn map<T: Real>(view: &View, store: &mut Store<T>) {
 pub(crate) fn rasterise<T: Real>(slab: &Slab<T>, line: usize, positions: &mut [[T; 4]], elements: &mut [u32]) {
     let ends = [0, positions.len() - 1].map(|at| positions[at].map(T::wide));
     let flag = |flag: u32| T::of(f64::from(flag));
-    elements.fill(NONE);
+    elements.fill(NO_ELEMENT);
     positions.iter_mut().for_each(|position| position[3] = flag(OUTSIDE));
     for &slot in slab.deformed.on_line(line) {
         let frame = &slab.deformed.frames[slot as usize];
         let inverted = element::is_inverted(frame);
         for sample in candidates(frame, ends, positions) {
             let (position, element) = (&mut positions[sample], &mut elements[sample]);
-            if (*element == NONE || inverted) && element::holds(frame, position) {
+            if (*element == NO_ELEMENT || inverted) && element::holds(frame, position) {
                 *element = slot.min(*element);
                 if inverted {
                     position[3] = flag(FOLDED);
@@ -170,14 +170,14 @@ pub(crate) fn rasterise<T: Real>(slab: &Slab<T>, line: usize, positions: &mut [[
             }
         }
     }
-    if !elements.contains(&NONE) {
+    if !elements.contains(&NO_ELEMENT) {
         return;
     }
     for &slot in slab.reference.on_line(line) {
         let frame = &slab.reference.frames[slot as usize];
         for sample in candidates(frame, ends, positions) {
             let position = &mut positions[sample];
-            if elements[sample] == NONE && element::holds(frame, position) {
+            if elements[sample] == NO_ELEMENT && element::holds(frame, position) {
                 position[3] = flag(BACKGROUND);
             }
         }
@@ -246,7 +246,11 @@ fn samples_between(ends: [[f64; 4]; 2], allowed: f64, samples: usize, along: imp
 /// Moves the samples of a scanline that lie in the mesh to the reference state.
 fn carry<T: Real>(slab: &Slab<T>, positions: &mut [[T; 4]], elements: &[u32]) {
     let deformed = &slab.deformed;
-    for (position, &slot) in positions.iter_mut().zip(elements).filter(|(_, slot)| **slot != NONE) {
+    for (position, &slot) in positions
+        .iter_mut()
+        .zip(elements)
+        .filter(|(_, slot)| **slot != NO_ELEMENT)
+    {
         let slot = slot as usize;
         let [x, y, z, flag] = *position;
         let [x, y, z] = element::carry_to_reference(&deformed.frames[slot], &deformed.carries[slot], [x, y, z]);

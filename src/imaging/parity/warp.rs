@@ -1,7 +1,7 @@
 //! Error bounds of the warp: the reference position of every sample. A twin may choose another element only if the sample provably lies
 //! within rounding of it, and the other side of the mesh surface only within rounding of that surface.
 
-use insonify_mesh::{NONE, TetMesh};
+use insonify_mesh::{NO_ELEMENT, TetMesh};
 use nalgebra::{Matrix3, Vector3};
 
 use super::rounding::ULP;
@@ -25,7 +25,7 @@ pub(crate) fn vector_slack(step: &Step, index: usize, vector: Vector3<f64>) -> [
     let nodes = current(step, mesh);
     let [exact, twin] = [step.before, step.twin].map(|beam| {
         let element = beam.element[index];
-        (element != NONE).then(|| Tetrahedron::new(mesh, nodes, reference(step, mesh), element))
+        (element != NO_ELEMENT).then(|| Tetrahedron::new(mesh, nodes, reference(step, mesh), element))
     });
     let carried = |element: &Option<Tetrahedron>| element.as_ref().map_or(vector, |element| element.gradient * vector);
     let apart = carried(&exact) - carried(&twin);
@@ -145,7 +145,7 @@ pub(super) fn carry(step: &Step, slack: &mut Slack) {
             let (line, sample) = step.place(index);
             format!("line {line}, sample {sample} at {world:?}")
         };
-        if exact != NONE && twin != NONE {
+        if exact != NO_ELEMENT && twin != NO_ELEMENT {
             let [exact, twin] = [exact, twin].map(|element| Tetrahedron::new(mesh, current, reference, element));
             let least = twin.least_coordinate(world);
             let allowed = twin.coordinate_slack(reach);
@@ -209,7 +209,7 @@ impl Surface {
         let elements = (0..mesh.elements().len() as u32).map(|element| Tetrahedron::new(mesh, nodes, nodes, element));
         let mut faces = Vec::new();
         for (corners, neighbours) in mesh.elements().iter().zip(mesh.neighbours()) {
-            for opposite in (0..4).filter(|&corner| neighbours[corner] == NONE) {
+            for opposite in (0..4).filter(|&corner| neighbours[corner] == NO_ELEMENT) {
                 let of_face = [0, 1, 2].map(|at| at + usize::from(at >= opposite));
                 faces.push(of_face.map(|corner| Vector3::from(nodes[corners[corner] as usize])));
             }

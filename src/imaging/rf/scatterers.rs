@@ -18,7 +18,7 @@ use insonify_base::parallel::{self, chunks_mut, for_each};
 use insonify_base::random::{hash3, seed_words, unit};
 use insonify_gpu::adapter::{self, hardware};
 use insonify_gpu::{AdapterChoice, Gpu, Needs};
-use insonify_mesh::locator::{Locator, NONE};
+use insonify_mesh::locator::{Locator, NO_ELEMENT};
 use insonify_tracking::probe::{BeamGrid, Site};
 
 /// Full width at half maximum of a Gaussian in standard deviations.
@@ -225,7 +225,7 @@ impl RfSynthesizer {
 
     /// Position in the current state of a point of the reference state (mm); one outside the mesh stays.
     pub fn carry(&self, reference: &Point3<f64>) -> Point3<f64> {
-        carried(self.locator.as_ref(), (*reference).into(), &mut { NONE })
+        carried(self.locator.as_ref(), (*reference).into(), &mut { NO_ELEMENT })
     }
 
     /// Reference and current nodes, mm.
@@ -335,7 +335,7 @@ impl RfSynthesizer {
             (amplitude != 0.0).then_some(Point {
                 at,
                 amplitude,
-                element: NONE,
+                element: NO_ELEMENT,
             })
         };
         let slices: Vec<i32> = range(2).collect();
@@ -398,7 +398,7 @@ fn carried(locator: Option<&Locator<f64>>, at: [f64; 3], element: &mut u32) -> P
     let Some(locator) = locator else { return at.into() };
     *element = locator.locate(at, *element).element;
     match *element {
-        NONE => at.into(),
+        NO_ELEMENT => at.into(),
         found => locator.to_reference(found, at).into(),
     }
 }

@@ -5,7 +5,7 @@ use nalgebra::{Matrix4, Point3, Vector3};
 use super::scatterers::RfSynthesizer;
 use insonify_base::matrix::inverse_rigid;
 use insonify_mesh::TetMesh;
-use insonify_mesh::locator::{Locator, NONE};
+use insonify_mesh::locator::{Locator, NO_ELEMENT};
 
 /// A point of the tissue that is followed.
 #[derive(Clone, Copy, Debug)]
@@ -44,8 +44,8 @@ pub fn windows(
         let first = Point3::new(x, y, 0.0);
         let now: [f64; 3] = probe_to_world.transform_point(&first).into();
         let rest = locator.as_ref().and_then(|locator| {
-            let element = locator.locate(now, NONE).element;
-            (element != NONE).then(|| locator.to_reference(element, now))
+            let element = locator.locate(now, NO_ELEMENT).element;
+            (element != NO_ELEMENT).then(|| locator.to_reference(element, now))
         });
         Followed {
             line,

@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use insonify_anatomy::volume::LabelVolume;
-use insonify_mesh::{NONE, TetMesh};
+use insonify_mesh::{NO_ELEMENT, TetMesh};
 
 /// Step of the outward search, as a fraction of a voxel's shortest edge.
 const STEP: f64 = 0.5;
@@ -30,7 +30,7 @@ pub(super) fn nodes(
     };
     let mut nodes = Vec::new();
     for (corners, neighbours) in mesh.elements().iter().zip(mesh.neighbours()) {
-        for (opposite, _) in neighbours.iter().enumerate().filter(|(_, other)| **other == NONE) {
+        for (opposite, _) in neighbours.iter().enumerate().filter(|(_, other)| **other == NO_ELEMENT) {
             let face = Face::new(mesh, corners, opposite);
             if goes_on(&face) {
                 nodes.extend((0..4).filter(|at| *at != opposite).map(|at| corners[at]));

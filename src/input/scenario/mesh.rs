@@ -19,7 +19,7 @@ use insonify_mechanics::tissue::rigid::{self, FreePart};
 use insonify_mesh::file::{ReadOptions, read_mesh};
 use insonify_mesh::generate::{GenerateOptions, LabelGrid, generate};
 use insonify_mesh::quality::Quality;
-use insonify_mesh::{NONE, TetMesh};
+use insonify_mesh::{NO_ELEMENT, TetMesh};
 use insonify_tracking::trajectory::Trajectory;
 
 /// Largest fraction of the nodes in an unsupported part of a generated mesh that is fixed automatically: small debris
@@ -294,7 +294,7 @@ fn together(mesh: &TetMesh, part: &FreePart) -> BTreeSet<u32> {
         seen[start] = true;
         while let Some(element) = next.pop() {
             nodes.extend(mesh.elements()[element]);
-            for &other in mesh.neighbours()[element].iter().filter(|other| **other != NONE) {
+            for &other in mesh.neighbours()[element].iter().filter(|other| **other != NO_ELEMENT) {
                 if !std::mem::replace(&mut seen[other as usize], true) {
                     next.push(other as usize);
                 }

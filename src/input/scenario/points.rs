@@ -10,7 +10,7 @@ use super::tissue::TissueModel;
 use crate::run::carried::Carried;
 use insonify_base::document::{InputError, InvalidFile};
 use insonify_mechanics::insertion::{NodeSolver, Tissue};
-use insonify_mesh::{Locator, NONE, TetMesh};
+use insonify_mesh::{Locator, NO_ELEMENT, TetMesh};
 
 /// A point of the tissue whose displacement is reported over time: one of `at_mm` and `node`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -186,7 +186,7 @@ impl ScenarioFile {
             };
             if spec.node.is_none()
                 && let Some(locator) = &locator
-                && locator.locate(at_mm.into(), NONE).element == NONE
+                && locator.locate(at_mm.into(), NO_ELEMENT).element == NO_ELEMENT
             {
                 let found = format!("{:?}, which is in no element of the mesh", <[f64; 3]>::from(at_mm));
                 let expected = "a point within the meshed tissue at rest (LPS, mm)";

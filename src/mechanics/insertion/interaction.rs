@@ -7,7 +7,7 @@ use std::sync::Arc;
 use nalgebra::{Point3, Vector3};
 
 use insonify_base::range::{OutOfRange, Ranges, check, parameters};
-use insonify_mesh::{Locator, NONE, TetMesh};
+use insonify_mesh::{Locator, NO_ELEMENT, TetMesh};
 
 /// Distance between samples around the tip, mm.
 const AROUND_MM: f64 = 0.25;
@@ -198,8 +198,8 @@ impl MeshRegions {
 
 impl Anatomy for MeshRegions {
     fn region(&self, at_rest_mm: &Point3<f64>) -> Option<i32> {
-        let hit = self.locator.locate((*at_rest_mm).into(), NONE);
-        (hit.element != NONE).then(|| self.mesh.regions()[hit.element as usize])
+        let hit = self.locator.locate((*at_rest_mm).into(), NO_ELEMENT);
+        (hit.element != NO_ELEMENT).then(|| self.mesh.regions()[hit.element as usize])
     }
 
     fn interaction(&self, region: i32) -> Interaction {

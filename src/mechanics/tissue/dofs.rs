@@ -1,6 +1,7 @@
 //! Degrees of freedom: three displacements per node, each free or prescribed.
 
-pub use insonify_mesh::NONE;
+/// In place of the number of a degree of freedom: it is prescribed.
+pub const NONE: u32 = u32::MAX;
 
 /// Numbering of the free displacements in the reduced system, ascending by node, then axis.
 #[derive(Clone, Debug, PartialEq, Eq)]

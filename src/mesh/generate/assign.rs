@@ -149,10 +149,11 @@ fn sweep(draft: &mut Draft, stage: &Stage, volumes: &mut [f64]) -> usize {
     let mut candidates = Vec::new();
     for element in 0..draft.elements.len() as u32 {
         let at = element as usize;
-        let own = draft.classes[at];
+        let current = draft.classes[at];
         let across = [0, 1, 2, 3].map(|face| draft.across(element, face));
         let parts = &draft.contents[at].parts;
-        if across == [own; 4] && parts.iter().all(|part| part.0 == own) {
+        // Inside a region of one class no other can be better.
+        if across == [current; 4] && parts.iter().all(|part| part.0 == current) {
             continue;
         }
         candidates.clear();
@@ -160,18 +161,19 @@ fn sweep(draft: &mut Draft, stage: &Stage, volumes: &mut [f64]) -> usize {
         candidates.extend(parts.iter().map(|part| part.0));
         candidates.sort_unstable();
         candidates.dedup();
-        candidates.retain(|class| *class != own && (stage.sound[at] || *class == OUTSIDE));
+        candidates.retain(|class| *class != current && (stage.sound[at] || *class == OUTSIDE));
         let Some(class) = stage.best(draft, element, &across, &candidates, volumes) else {
             continue;
         };
         draft.classes[at] = class;
-        let surface = own == OUTSIDE || class == OUTSIDE;
+        let surface = current == OUTSIDE || class == OUTSIDE;
+        // Parts of the mesh may touch in faces alone: a change after which they touch in a node or an edge is taken back.
         if surface && draft.elements[at].iter().any(|&node| draft.fans(node).len() > 1) {
-            draft.classes[at] = own;
+            draft.classes[at] = current;
             continue;
         }
         let volume = draft.contents[at].volume;
-        volumes[usize::from(own)] -= volume;
+        volumes[usize::from(current)] -= volume;
         volumes[usize::from(class)] += volume;
         moved += 1;
     }
@@ -182,7 +184,7 @@ impl Stage<'_> {
     /// Returns the candidate with the lowest energy, if it is below that of the element's own class.
     fn best(&self, draft: &Draft, element: u32, across: &[u8; 4], candidates: &[u8], volumes: &[f64]) -> Option<u8> {
         let at = element as usize;
-        let own = draft.classes[at];
+        let current = draft.classes[at];
         let contents = &draft.contents[at];
         let volume = contents.volume;
         let outside = contents.of(OUTSIDE);
@@ -217,12 +219,12 @@ impl Stage<'_> {
         // Differences within rounding are no gain.
         let mut best = (None, -1e-9 * volume);
         for &class in candidates {
-            let mut strained = strain(own, -volume) + strain(class, volume);
-            if own == OUTSIDE || class == OUTSIDE {
+            let mut strained = strain(current, -volume) + strain(class, volume);
+            if current == OUTSIDE || class == OUTSIDE {
                 let most = self.surface_bid * volume;
                 strained = strained.clamp(-most, most);
             }
-            let gain = cost(class) - cost(own) + strained;
+            let gain = cost(class) - cost(current) + strained;
             if gain < best.1 {
                 best = (Some(class), gain);
             }

@@ -154,8 +154,8 @@ fn refined(
         if refinement.nodes() > target {
             refinement = start();
         }
-        let end = refinement.refine(target, tissue, sampler, &mut |found| {
-            progress(0.3 * found as f32 / target.max(1) as f32);
+        let end = refinement.refine(target, tissue, sampler, &mut |nodes| {
+            progress(0.3 * nodes as f32 / target.max(1) as f32);
         });
         if sampler.is_spent() {
             return Ok(None);
@@ -201,7 +201,7 @@ pub(super) fn shortage(
     nodes: usize,
     options: &GenerateOptions,
 ) -> Result<GenerateError, GenerateError> {
-    let works = |nodes: usize| within(tissue, sampler, nodes, options, &mut |_| {}).map(|found| found.is_some());
+    let works = |nodes: usize| within(tissue, sampler, nodes, options, &mut |_| {}).map(|draft| draft.is_some());
     let (mut short, mut enough) = (nodes, nodes.max(4));
     sampler.limit(MAX_SEARCH);
     while !works(enough)? {

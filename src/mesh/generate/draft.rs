@@ -6,13 +6,13 @@ use super::bisection::Bisection;
 use super::contents::{Contents, Sampler};
 use super::tissue::{OUTSIDE, Tissue};
 use super::{FACES, cross, norm, sharpest_cosine, six_volumes, sub};
-use crate::{InvalidMesh, NONE, neighbours};
+use crate::{InvalidMesh, NO_ELEMENT, neighbours};
 
 /// Elements that fill a lattice around the tissue, including those outside.
 pub(super) struct Draft {
     pub nodes: Vec<[f64; 3]>,
     /// Axes along which a node is fixed, because it lies on a face of the lattice.
-    pub held: Vec<[bool; 3]>,
+    pub fixed: Vec<[bool; 3]>,
     /// Corners; all elements have positive volume.
     pub elements: Vec<[u32; 4]>,
     pub neighbours: Vec<[u32; 4]>,
@@ -43,7 +43,7 @@ impl Draft {
         }
         let mut draft = Draft {
             nodes: mesh.nodes.clone(),
-            held: (0..mesh.nodes.len()).map(|node| mesh.on_faces(node as u32)).collect(),
+            fixed: (0..mesh.nodes.len()).map(|node| mesh.on_faces(node as u32)).collect(),
             neighbours: neighbours(&elements)?,
             classes: Vec::new(),
             contents: Vec::new(),
@@ -82,7 +82,7 @@ impl Draft {
     /// Returns the class across a face; beyond the lattice it is the outside.
     pub(super) fn across(&self, element: u32, face: usize) -> u8 {
         match self.neighbours[element as usize][face] {
-            NONE => OUTSIDE,
+            NO_ELEMENT => OUTSIDE,
             other => self.classes[other as usize],
         }
     }

@@ -5,8 +5,8 @@ use super::draft::Draft;
 use super::path::Path;
 use super::tissue::{OUTSIDE, Tissue};
 use super::{GenerateError, GenerateReport, Generated, RegionVolume};
+use crate::TetMesh;
 use crate::quality::Quality;
-use crate::{NONE, TetMesh};
 
 /// Builds the mesh of the elements that are kept. Nodes are numbered in the order of their first element.
 pub(super) fn finish(
@@ -15,17 +15,15 @@ pub(super) fn finish(
     path: &Path,
     sampler: &Sampler,
 ) -> Result<Generated, GenerateError> {
-    let mut numbers = vec![NONE; draft.nodes.len()];
+    let mut numbers = vec![None; draft.nodes.len()];
     let (mut nodes, mut elements, mut regions) = (Vec::new(), Vec::new(), Vec::new());
     for element in draft.kept() {
         let corners = draft.elements[element as usize];
         elements.push(corners.map(|node| {
-            let number = &mut numbers[node as usize];
-            if *number == NONE {
-                *number = nodes.len() as u32;
+            *numbers[node as usize].get_or_insert_with(|| {
                 nodes.push(tissue.to_world(draft.nodes[node as usize]));
-            }
-            *number
+                nodes.len() as u32 - 1
+            })
         }));
         regions.push(tissue.regions[usize::from(draft.classes[element as usize])]);
     }

@@ -35,7 +35,7 @@ pub(super) fn fit(draft: &mut Draft, tissue: &Tissue, limits: &Limits) {
 /// Returns the target position of a node, or `None` if it lies on no interface.
 fn wanted(draft: &Draft, tissue: &Tissue, node: u32) -> Option<[f64; 3]> {
     let from = Vector3::from(draft.nodes[node as usize]);
-    let held = draft.held[node as usize];
+    let fixed = draft.fixed[node as usize];
     let (mut matrix, mut right) = (Matrix3::zeros(), Vector3::zeros());
     let (mut total, mut middle) = (0.0, Vector3::zeros());
     for &element in draft.star(node) {
@@ -61,7 +61,7 @@ fn wanted(draft: &Draft, tissue: &Tissue, node: u32) -> Option<[f64; 3]> {
             total += area;
             middle += area * 0.5 * (sum - from);
             let free = |axis: usize| {
-                if held[axis] {
+                if fixed[axis] {
                     0.0
                 } else {
                     outwards * face[axis] / (2.0 * area)
@@ -87,7 +87,7 @@ fn wanted(draft: &Draft, tissue: &Tissue, node: u32) -> Option<[f64; 3]> {
     right += (middle / total - from) * (TETHER * total);
     let step = matrix.cholesky()?.solve(&right);
     Some([0, 1, 2].map(|axis| {
-        if held[axis] {
+        if fixed[axis] {
             from[axis]
         } else {
             from[axis] + step[axis]

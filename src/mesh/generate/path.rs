@@ -87,9 +87,9 @@ impl Path {
             for w in lattice {
                 let point = w[0] * at[0] + w[1] * at[1] + w[2] * at[2] + w[3] * at[3];
                 if self.distance(&point) <= NEAR_MM {
-                    let found = tissue.class_at(point.into());
-                    all += if found == OUTSIDE { 0.0 } else { share };
-                    wrong += if found == class { 0.0 } else { share };
+                    let true_class = tissue.class_at(point.into());
+                    all += if true_class == OUTSIDE { 0.0 } else { share };
+                    wrong += if true_class == class { 0.0 } else { share };
                 }
             }
         }

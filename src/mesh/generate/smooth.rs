@@ -48,9 +48,9 @@ pub(super) fn relax(draft: &mut Draft) {
                 count += 1.0;
             }
         }
-        let held = draft.held[node as usize];
+        let fixed = draft.fixed[node as usize];
         let before = sharpest(draft, node);
-        draft.nodes[node as usize] = [0, 1, 2].map(|axis| if held[axis] { from[axis] } else { sum[axis] / count });
+        draft.nodes[node as usize] = [0, 1, 2].map(|axis| if fixed[axis] { from[axis] } else { sum[axis] / count });
         if sharpest(draft, node) >= before {
             draft.nodes[node as usize] = from;
         }

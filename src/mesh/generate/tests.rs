@@ -10,7 +10,7 @@ use std::collections::HashMap;
 use nalgebra::{Matrix4, Vector3};
 
 use super::*;
-use crate::NONE;
+use crate::NO_ELEMENT;
 
 /// Labels on a grid; all but 0 are meshed as regions of ten times their number.
 struct Volume {
@@ -102,20 +102,20 @@ impl Volume {
                 .keys()
                 .all(|region| report.regions.iter().any(|r| r.region == *region))
         );
-        for found in &report.regions {
-            let of = |label: u8| self.regions.contains(&(label, found.region));
+        for region in &report.regions {
+            let of = |label: u8| self.regions.contains(&(label, region.region));
             let voxels = voxel_ml * self.labels.iter().filter(|label| of(**label)).count() as f64;
-            let elements = volumes.get(&found.region).copied().unwrap_or(0.0);
+            let elements = volumes.get(&region.region).copied().unwrap_or(0.0);
             assert!(
-                (found.voxel_ml - voxels).abs() <= 1e-9 * voxels,
-                "{found:?}: {voxels} ml"
+                (region.voxel_ml - voxels).abs() <= 1e-9 * voxels,
+                "{region:?}: {voxels} ml"
             );
             assert!(
-                (found.mesh_ml - elements).abs() <= 1e-9 * voxels,
-                "{found:?}: {elements} ml"
+                (region.mesh_ml - elements).abs() <= 1e-9 * voxels,
+                "{region:?}: {elements} ml"
             );
             let percent = 100.0 * (elements / voxels - 1.0);
-            assert!((found.error_percent - percent).abs() < 1e-6, "{found:?}: {percent} %");
+            assert!((region.error_percent - percent).abs() < 1e-6, "{region:?}: {percent} %");
         }
     }
 }
@@ -146,7 +146,12 @@ fn surface(mesh: &TetMesh) -> Vec<[u32; 3]> {
         }
     }
     assert!(faces.values().all(|count| *count <= 2));
-    let free = mesh.neighbours().as_flattened().iter().filter(|n| **n == NONE).count();
+    let free = mesh
+        .neighbours()
+        .as_flattened()
+        .iter()
+        .filter(|n| **n == NO_ELEMENT)
+        .count();
     let single: Vec<_> = faces.into_iter().filter(|(_, count)| *count == 1).collect();
     assert_eq!(single.len(), free, "neighbours and faces disagree");
     single.into_iter().map(|(face, _)| face).collect()
@@ -168,7 +173,7 @@ fn assert_no_hinge(mesh: &TetMesh) {
             let element = reached[at] as usize;
             at += 1;
             for (corner, other) in mesh.elements()[element].iter().zip(mesh.neighbours()[element]) {
-                if *corner as usize != node && other != NONE && !reached.contains(&other) {
+                if *corner as usize != node && other != NO_ELEMENT && !reached.contains(&other) {
                     reached.push(other);
                 }
             }
@@ -205,6 +210,6 @@ fn area(mesh: &TetMesh) -> f64 {
 }
 
 fn region(generated: &Generated, number: i32) -> RegionVolume {
-    let found = generated.report.regions.iter().find(|region| region.region == number);
-    *found.unwrap_or_else(|| panic!("no region {number}"))
+    let volume = generated.report.regions.iter().find(|region| region.region == number);
+    *volume.unwrap_or_else(|| panic!("no region {number}"))
 }

@@ -59,7 +59,7 @@ fn locator<T: Real>(mesh: &TetMesh, nodes: &[[f64; 3]]) -> (Locator<T>, LocatorR
 
 /// Returns the single answer from the grid, from some elements and from some beyond the last.
 fn from_all_starts<T: Real>(locator: &Locator<T>, p: [T; 3], seed: u64) -> Hit<T> {
-    let hit = locator.locate(p, NONE);
+    let hit = locator.locate(p, NO_ELEMENT);
     let count = locator.elements.len() as u64;
     for attempt in 0..12 {
         let start = (hash3([attempt, 0, 0], seed_words(seed))[0] as u64 % (count + 2)) as u32;

@@ -1,7 +1,7 @@
 //! Connected parts of a mesh, and duplicated elements.
 
 use super::Shape;
-use crate::{NONE, TetMesh};
+use crate::{NO_ELEMENT, TetMesh};
 
 pub(super) const ML_PER_MM3: f64 = 1e-3;
 
@@ -23,19 +23,18 @@ pub(super) fn by_nodes(mesh: &TetMesh, shapes: &[Shape]) -> Vec<Part> {
         corners[1..].iter().for_each(|corner| sets.join(corners[0], *corner));
     }
     // The part of a root node.
-    let mut part_of = vec![NONE; mesh.nodes().len()];
+    let mut part_of = vec![None; mesh.nodes().len()];
     let mut parts: Vec<Part> = Vec::new();
     for (element, (corners, shape)) in (0..).zip(mesh.elements().iter().zip(shapes)) {
-        let place = &mut part_of[sets.root(corners[0]) as usize];
-        if *place == NONE {
-            *place = parts.len() as u32;
+        let number = *part_of[sets.root(corners[0]) as usize].get_or_insert_with(|| {
             parts.push(Part {
                 first: element,
                 elements: 0,
                 volume_ml: 0.0,
             });
-        }
-        let part = &mut parts[*place as usize];
+            parts.len() - 1
+        });
+        let part = &mut parts[number];
         part.elements += 1;
         part.volume_ml += shape.volume_mm3 * ML_PER_MM3;
     }
@@ -46,7 +45,7 @@ pub(super) fn by_nodes(mesh: &TetMesh, shapes: &[Shape]) -> Vec<Part> {
 pub(super) fn by_faces(mesh: &TetMesh) -> usize {
     let mut sets = Sets::new(mesh.elements().len());
     for (element, neighbours) in (0..).zip(mesh.neighbours()) {
-        let inside = neighbours.iter().filter(|other| **other != NONE);
+        let inside = neighbours.iter().filter(|other| **other != NO_ELEMENT);
         inside.for_each(|other| sets.join(element, *other));
     }
     (0..mesh.elements().len() as u32)
@@ -67,11 +66,11 @@ pub(super) fn duplicates(elements: &[[u32; 4]]) -> Vec<[u32; 2]> {
         .collect();
     sorted.sort_unstable();
     let same = sorted.chunk_by(|a, b| a.0 == b.0);
-    let mut found: Vec<[u32; 2]> = same
+    let mut pairs: Vec<[u32; 2]> = same
         .flat_map(|all| all[1..].iter().map(|(_, element)| [all[0].1, *element]))
         .collect();
-    found.sort_unstable_by_key(|pair| pair[1]);
-    found
+    pairs.sort_unstable_by_key(|pair| pair[1]);
+    pairs
 }
 
 /// Disjoint sets of numbers, each represented by its least member.

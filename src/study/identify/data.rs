@@ -10,7 +10,7 @@ use crate::identification::IdentificationCase;
 use insonify::Error;
 use insonify_base::csv::{Csv, CsvError};
 use insonify_base::statistics::percentile;
-use insonify_mesh::{Locator, NONE};
+use insonify_mesh::{Locator, NO_ELEMENT};
 use insonify_tracking::probe::BeamGrid;
 
 /// Way back that ends the first push, mm.
@@ -236,7 +236,7 @@ impl MeasuredMotion {
         let is_kept = |at: usize| {
             let (place, _) = self.points[at];
             let measured = self.measured_mm.iter().any(|row| row[at].is_finite());
-            measured && locator.locate(place.into(), NONE).element != NONE
+            measured && locator.locate(place.into(), NO_ELEMENT).element != NO_ELEMENT
         };
         let kept: Vec<usize> = (0..self.points.len()).filter(|at| is_kept(*at)).collect();
         if kept.is_empty() || self.depths_mm.len() < 2 {

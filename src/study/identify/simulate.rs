@@ -11,7 +11,7 @@ use insonify::Error;
 use insonify::input::scenario::Scenario;
 use insonify_mechanics::insertion::{Anatomy, Instruments, Interaction, Peak, Snapshot, Tissue};
 use insonify_mechanics::tissue::material::Material;
-use insonify_mesh::{Locator, NONE};
+use insonify_mesh::{Locator, NO_ELEMENT};
 
 /// Longest step of the needle, mm.
 const STEP_MM: f64 = 0.1;
@@ -172,8 +172,8 @@ impl<'a> Simulator<'a> {
         self.locator.update(&tissue.reference)?;
         let points = self.motion.iter().flat_map(|motion| &motion.points);
         let moved = points.map(|(place, along)| {
-            let hit = self.locator.locate((*place).into(), NONE);
-            if hit.element == NONE {
+            let hit = self.locator.locate((*place).into(), NO_ELEMENT);
+            if hit.element == NO_ELEMENT {
                 return f64::NAN;
             }
             let corners = self.scenario.mesh.elements()[hit.element as usize];

@@ -426,7 +426,7 @@ pub(crate) fn two_parts() -> Result<(TetMesh, u32), Unexpected> {
 pub fn surface(mesh: &TetMesh) -> Vec<bool> {
     let mut on = vec![false; mesh.nodes().len()];
     for (corners, neighbours) in mesh.elements().iter().zip(mesh.neighbours()) {
-        for opposite in (0..4).filter(|corner| neighbours[*corner] == insonify_mesh::NONE) {
+        for opposite in (0..4).filter(|corner| neighbours[*corner] == insonify_mesh::NO_ELEMENT) {
             for corner in (0..4).filter(|corner| *corner != opposite) {
                 on[corners[corner] as usize] = true;
             }

@@ -219,11 +219,11 @@ impl Cells {
                     if x.least + y.least + z.least > most {
                         continue;
                     }
-                    let found = point([x, y, z]);
-                    if found.0 < nearest[0].0 {
-                        nearest = [found, nearest[0]];
-                    } else if found.0 < nearest[1].0 {
-                        nearest[1] = found;
+                    let candidate = point([x, y, z]);
+                    if candidate.0 < nearest[0].0 {
+                        nearest = [candidate, nearest[0]];
+                    } else if candidate.0 < nearest[1].0 {
+                        nearest[1] = candidate;
                     }
                 }
             }
@@ -353,11 +353,14 @@ mod tests {
                 let index = |at: usize| at / strides[axis] % grid.size[axis];
                 let pairs = (0..field.len()).filter(|&at| index(at) + steps < grid.size[axis]);
                 let products: Vec<f32> = pairs.map(|at| field[at] * field[at + steps * strides[axis]]).collect();
-                let found = products.iter().sum::<f32>() / products.len() as f32;
-                let apart = steps as f32 * grid.spacing_mm[axis];
-                let expected = (-apart * apart / (4.0 * sigma * sigma)).exp();
+                let correlation = products.iter().sum::<f32>() / products.len() as f32;
+                let distance = steps as f32 * grid.spacing_mm[axis];
+                let expected = (-distance * distance / (4.0 * sigma * sigma)).exp();
                 // Some hundred independent grains along each axis.
-                assert!((found - expected).abs() < 0.06, "{axis} {steps}: {found} {expected}");
+                assert!(
+                    (correlation - expected).abs() < 0.06,
+                    "{axis} {steps}: {correlation} {expected}"
+                );
             }
         }
     }

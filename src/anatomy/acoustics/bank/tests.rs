@@ -155,12 +155,12 @@ fn organs_have_no_direction_and_differ_in_grain_or_contrast() {
         assert!(high < 1.5 * low, "{name}: {lengths:?}");
         let (length, contrast) = (lengths.iter().sum::<f64>() / 3.0, moments(&decibels(&bank()[name])).1);
         for (other, other_length, other_contrast) in &seen {
-            let apart = (length / other_length)
+            let difference = (length / other_length)
                 .ln()
                 .abs()
                 .max((contrast / other_contrast).ln().abs());
             assert!(
-                apart > 0.15,
+                difference > 0.15,
                 "{name} and {other}: {length} mm {contrast} dB, {other_length} mm {other_contrast} dB"
             );
         }

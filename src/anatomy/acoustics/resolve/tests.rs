@@ -54,8 +54,8 @@ fn names_find_tissues_classes_and_words() {
         ("tissue", "soft_tissue"),
     ];
     let labels = named(&cases.map(|(name, _)| name));
-    let (found, warnings) = resolved(&labels, &[], Preset::Auto);
-    assert_eq!(found, cases.map(|(_, tissue)| tissue.to_owned()));
+    let (tissues, warnings) = resolved(&labels, &[], Preset::Auto);
+    assert_eq!(tissues, cases.map(|(_, tissue)| tissue.to_owned()));
     assert!(warnings.is_empty(), "{warnings:?}");
 }
 
@@ -75,8 +75,8 @@ fn every_class_finds_its_tissue_by_name() {
 
 #[test]
 fn labels_without_names_are_soft_tissue_and_questioned() {
-    let (found, warnings) = resolved(&nameless(&[5, 150]), &[], Preset::Auto);
-    assert_eq!(found, ["soft_tissue", "soft_tissue"]);
+    let (tissues, warnings) = resolved(&nameless(&[5, 150]), &[], Preset::Auto);
+    assert_eq!(tissues, ["soft_tissue", "soft_tissue"]);
     assert_eq!(warnings.len(), 1);
     assert!(
         warnings[0].contains("labels 5, 150;") && warnings[0].contains("--names") && warnings[0].contains("labels ="),
@@ -88,8 +88,8 @@ fn labels_without_names_are_soft_tissue_and_questioned() {
 fn hints_narrow_the_rules() {
     let labels = named(&["liver", "right lung"]);
     assert_eq!(resolved(&labels, &[], Preset::Phantom).0, ["liver", "soft_tissue"]);
-    let (found, warnings) = resolved(&labels, &[], Preset::None);
-    assert_eq!(found, ["soft_tissue", "soft_tissue"]);
+    let (tissues, warnings) = resolved(&labels, &[], Preset::None);
+    assert_eq!(tissues, ["soft_tissue", "soft_tissue"]);
     assert!(
         warnings[0].contains("1 (\"liver\"), 2 (\"right lung\")"),
         "{warnings:?}"
@@ -100,8 +100,8 @@ fn hints_narrow_the_rules() {
     };
     for (hint, count) in [(Preset::None, 1), (Preset::Phantom, 0)] {
         let labels = [label(0, None), label(5, Some("liver")), appended.clone()];
-        let (found, warnings) = resolved(&labels, &[], hint);
-        assert_eq!((found[1].as_str(), warnings.len()), ("skin", count), "{warnings:?}");
+        let (tissues, warnings) = resolved(&labels, &[], hint);
+        assert_eq!((tissues[1].as_str(), warnings.len()), ("skin", count), "{warnings:?}");
         assert!(warnings.iter().all(|warning| warning.contains("label 5 (\"liver\");")));
     }
 }

@@ -205,7 +205,7 @@ impl Trees {
 /// All tubes except those of one trunk: a tree may start where its own trunk ends.
 fn others(all: &[Tube], trunk: &[Tube]) -> Vec<Tube> {
     all.iter()
-        .filter(|tube| !trunk.iter().any(|own| own.ends == tube.ends))
+        .filter(|tube| !trunk.iter().any(|part| part.ends == tube.ends))
         .copied()
         .collect()
 }

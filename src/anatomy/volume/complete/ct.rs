@@ -154,7 +154,7 @@ fn median(volume: &LabelVolume, grey: &[f32], wanted: &dyn Fn(u8) -> bool) -> Op
 
 /// Note about a body that was filled by a CT, with the voxels of each class.
 fn note(labels: &[Label], class: [u8; 8], counts: &[u64; 256], reach: f64) -> String {
-    let told: Vec<String> = CLASSES
+    let counted: Vec<String> = CLASSES
         .iter()
         .zip(class)
         .filter(|(_, at)| counts[usize::from(*at)] > 0)
@@ -166,7 +166,7 @@ fn note(labels: &[Label], class: [u8; 8], counts: &[u64; 256], reach: f64) -> St
         LIMITS_HU[0],
         LIMITS_HU[1],
         LIMITS_HU[2],
-        told.join(", ")
+        counted.join(", ")
     )
 }
 

@@ -144,8 +144,8 @@ fn coarse_mask(volume: &LabelVolume, cell: [usize; 3], margin: [usize; 3], size:
             for j in 0..ny {
                 let row = &volume.voxels()[nx * (j + ny * k)..][..nx];
                 let line = &mut slice[size[0] * (j / cell[1] + margin[1]) + margin[0]..];
-                for (cells, found) in row.chunks(cell[0]).zip(line) {
-                    *found |= cells.iter().any(|&label| label != 0);
+                for (cells, labelled) in row.chunks(cell[0]).zip(line) {
+                    *labelled |= cells.iter().any(|&label| label != 0);
                 }
             }
         }

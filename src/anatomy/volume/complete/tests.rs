@@ -301,24 +301,24 @@ fn labels_get_values_that_are_free_and_thicknesses_are_checked() {
 
 #[test]
 fn a_body_around_few_organs_is_questioned() {
-    let told = |names: &[&str]| {
+    let warning = |names: &[&str]| {
         let row = names.iter().zip(1..).map(|(name, value)| Label {
             voxels: 5,
             ..label(value, (*name != "-").then_some(*name))
         });
         shell(&std::iter::once(label(0, None)).chain(row).collect::<Vec<_>>())
     };
-    let one = told(&["kidney_right"]).unwrap();
+    let one = warning(&["kidney_right"]).unwrap();
     assert!(
         one.starts_with("the body was closed around 1 label (kidney_right): a shell around it"),
         "{one}"
     );
-    let two = told(&["liver", "-"]).unwrap();
+    let two = warning(&["liver", "-"]).unwrap();
     assert!(two.contains("2 labels (liver, 2): a shell around them"), "{two}");
-    assert!(told(&["pebble"; 9]).is_some());
-    assert_eq!(told(&["liver", "vertebrae_L3"]), None);
+    assert!(warning(&["pebble"; 9]).is_some());
+    assert_eq!(warning(&["liver", "vertebrae_L3"]), None);
     assert_eq!(
-        told(&[
+        warning(&[
             "liver", "spleen", "pancreas", "aorta", "stomach", "colon", "heart", "brain"
         ]),
         None

@@ -38,8 +38,8 @@ fn units_become_millimetres() {
     for (unit, mm) in [(0u8, 1.0), (1, 1000.0), (2, 1.0), (3, 0.001), (2 | 8, 1.0)] {
         let world = read(&with(123, &[unit])).unwrap().grid().unwrap().index_to_world;
         for (axis, size) in [-1.5, -2.0, 2.5].into_iter().enumerate() {
-            let found = world[(axis, axis)];
-            assert!((found - size * mm).abs() < 1e-12 * mm, "unit {unit}: {found}");
+            let step = world[(axis, axis)];
+            assert!((step - size * mm).abs() < 1e-12 * mm, "unit {unit}: {step}");
         }
     }
 }

@@ -55,8 +55,8 @@ fn header(volume: &LabelVolume, element: Element) -> Option<[u8; EXTENSIONS_STAR
     put(0, &(HEADER_BYTES as i32).to_le_bytes());
     put(38, b"r");
     let mut dim = [3i16, 1, 1, 1, 1, 1, 1, 1];
-    for (own, size) in dim[1..].iter_mut().zip(volume.size()) {
-        *own = i16::try_from(size).ok()?;
+    for (extent, size) in dim[1..].iter_mut().zip(volume.size()) {
+        *extent = i16::try_from(size).ok()?;
     }
     for (n, size) in dim.iter().enumerate() {
         put(40 + 2 * n, &size.to_le_bytes());

@@ -155,10 +155,10 @@ mod tests {
                 "{number}: {of:?}"
             );
             let next = colour(number + 1);
-            let apart = (0..3)
+            let difference = (0..3)
                 .map(|channel| (of[channel] - next[channel]).abs())
                 .fold(0.0, f64::max);
-            assert!(apart > 0.3, "{number}: {of:?} {next:?}");
+            assert!(difference > 0.3, "{number}: {of:?} {next:?}");
         }
     }
 }

@@ -44,14 +44,14 @@ fn volumes_come_back_from_every_format() {
             save(&volume, &path).unwrap();
             let loaded = load(&path).unwrap();
             assert_eq!(loaded.volume.size(), volume.size(), "{name}");
-            let found = |volume: &LabelVolume| -> Vec<i64> {
+            let values_of = |volume: &LabelVolume| -> Vec<i64> {
                 volume
                     .voxels()
                     .iter()
                     .map(|&v| volume.labels()[usize::from(v)].value)
                     .collect()
             };
-            assert_eq!(found(&loaded.volume), found(&volume), "{name} {values:?}");
+            assert_eq!(values_of(&loaded.volume), values_of(&volume), "{name} {values:?}");
             for label in volume.labels() {
                 let back = loaded.volume.labels().iter().find(|other| other.value == label.value);
                 assert_eq!(back, Some(label), "{name}");

@@ -36,13 +36,13 @@ impl Organ {
     pub(crate) fn voxels(&self) -> impl Iterator<Item = ([usize; 3], f64)> {
         let [nx, ny, _] = self.depth_mm.size;
         let [a, b, c] = self.low;
-        let held = self
+        let inside = self
             .depth_mm
             .values
             .iter()
             .enumerate()
             .filter(|(_, depth)| **depth > 0.0);
-        held.map(move |(at, &depth)| ([a + at % nx, b + at / nx % ny, c + at / (nx * ny)], f64::from(depth)))
+        inside.map(move |(at, &depth)| ([a + at % nx, b + at / nx % ny, c + at / (nx * ny)], f64::from(depth)))
     }
 
     /// Depth of a voxel of the volume, mm: 0 outside.

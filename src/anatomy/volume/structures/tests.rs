@@ -240,8 +240,8 @@ fn fat_lies_around_kidneys_and_in_patches_and_other_labels_stay() {
     };
     let mut named = plain.clone();
     for class in crate::acoustics::Preset::TotalSegmentator.classes() {
-        let found = named.labels().iter().position(|label| label.value == class.value);
-        named.name(found.unwrap(), class.name.clone());
+        let position = named.labels().iter().position(|label| label.value == class.value);
+        named.name(position.unwrap(), class.name.clone());
     }
     let before = complete(&named, &CompleteOptions::default()).unwrap().volume;
     let after = add(&before).unwrap().volume;

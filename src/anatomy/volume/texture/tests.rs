@@ -192,8 +192,8 @@ fn log_values_are_decibels_apart() {
 fn bad_input_is_refused_with_its_values() {
     let make =
         |size, spacing, data: Vec<f32>| SolidTexture::from_scalar(size, spacing, data, &TextureOptions::default());
-    let refused = |made: Result<SolidTexture, VolumeError>, text: &str| {
-        let error = made.expect_err(text).to_string();
+    let refused = |result: Result<SolidTexture, VolumeError>, text: &str| {
+        let error = result.expect_err(text).to_string();
         assert!(error.starts_with(text), "{error}");
     };
     refused(make([0, 1, 1], [1.0; 3], vec![]), "size [0, 1, 1]: expected 1 to 16384");

@@ -9,7 +9,7 @@ use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::random::seed_words;
 use insonify_base::real::Real;
 use insonify_base::simd::{Kernel, map};
-use insonify_mesh::NONE;
+use insonify_mesh::NO_ELEMENT;
 use insonify_mesh::element::Carry;
 
 pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
@@ -125,7 +125,7 @@ impl<T: Real> Kernel for FineScanline<'_, T> {
                 for (i, &slot) in elements[start..end]
                     .iter()
                     .enumerate()
-                    .filter(|&(_, &slot)| slot != NONE)
+                    .filter(|&(_, &slot)| slot != NO_ELEMENT)
                 {
                     let [x, y, z] = step;
                     for (steps, row) in steps.iter_mut().zip(&carries[slot as usize]) {

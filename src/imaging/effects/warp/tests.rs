@@ -60,7 +60,7 @@ fn exhaustive<T: Real>(frames: &[Frame<T>], position: &[T; 4]) -> (u32, bool) {
     let mut holding = (0..frames.len())
         .filter(|&at| element::holds(&frames[at], position))
         .peekable();
-    let lowest = holding.peek().map_or(NONE, |&at| at as u32);
+    let lowest = holding.peek().map_or(NO_ELEMENT, |&at| at as u32);
     (lowest, holding.any(|at| element::is_inverted(&frames[at])))
 }
 
@@ -99,14 +99,14 @@ fn compare<T: Real>(tables: &Tables, state: &FrameState, step: usize) -> [usize;
         rasterise(&slab, at % lines, &mut positions, &mut elements);
         for (position, &slot) in positions.iter().zip(&elements).skip(at % step).step_by(step) {
             let found = match slot {
-                NONE => NONE,
+                NO_ELEMENT => NO_ELEMENT,
                 slot => slab.deformed.elements[slot as usize],
             };
             let (lowest, inverted) = exhaustive(&deformed, position);
             assert_eq!(found, lowest, "{position:?}");
             let flag = match found {
-                NONE if exhaustive(&reference, position).0 == NONE => OUTSIDE,
-                NONE => BACKGROUND,
+                NO_ELEMENT if exhaustive(&reference, position).0 == NO_ELEMENT => OUTSIDE,
+                NO_ELEMENT => BACKGROUND,
                 _ if inverted => FOLDED,
                 _ => MAPPED,
             };

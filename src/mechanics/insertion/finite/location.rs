@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::tissue::Tissue;
 use crate::insertion::Anatomy;
 use crate::needle::CentreLine;
-use insonify_mesh::{NONE, TetMesh};
+use insonify_mesh::{NO_ELEMENT, TetMesh};
 
 /// Maximum number of elements that a search passes: a substep passes a few.
 const MAX_ELEMENTS: usize = 64;
@@ -84,9 +84,9 @@ impl Tissue {
     /// Locates a tip that is in the body for the first time: only the probe displaces the tissue then.
     pub(super) fn enter(&mut self, anatomy: &dyn Anatomy, tip: &Point3<f64>) -> Option<Place> {
         if self.probe.is_none() {
-            return self.place_at_rest(anatomy, tip, NONE);
+            return self.place_at_rest(anatomy, tip, NO_ELEMENT);
         }
-        let mut place = self.place_at_rest(anatomy, tip, NONE)?;
+        let mut place = self.place_at_rest(anatomy, tip, NO_ELEMENT)?;
         for _ in 0..ENTRY_ITERATIONS {
             let point = tip - self.displacement_at(&place);
             let next = self.place_at_rest(anatomy, &point, place.element)?;
@@ -102,7 +102,7 @@ impl Tissue {
     /// Locates a point in the original mesh; for one in the body but beside the mesh, in the element at the nearest face.
     fn place_at_rest(&self, anatomy: &dyn Anatomy, point: &Point3<f64>, from: u32) -> Option<Place> {
         let hit = self.locator.locate((*point).into(), from);
-        if hit.element != NONE {
+        if hit.element != NO_ELEMENT {
             let (element, bary) = (hit.element, hit.bary);
             return Some(Place { element, bary });
         }
@@ -191,7 +191,7 @@ fn search(
     from: u32,
     mut at: impl FnMut(u32) -> Option<Tetrahedron>,
 ) -> Option<Place> {
-    let (mut element, mut before) = (from, NONE);
+    let (mut element, mut before) = (from, NO_ELEMENT);
     for _ in 0..MAX_ELEMENTS {
         let bary = at(element)?.bary(point);
         let mut corners = [0, 1, 2, 3];
@@ -200,7 +200,7 @@ fn search(
         let beyond = corners.into_iter().take_while(|corner| bary[*corner] < -SLACK);
         let next = beyond
             .map(|corner| neighbours[corner])
-            .find(|next| ![NONE, before].contains(next));
+            .find(|next| ![NO_ELEMENT, before].contains(next));
         match next {
             Some(next) => (element, before) = (next, element),
             None => return (bary[corners[0]] >= -BESIDE).then_some(Place { element, bary }),

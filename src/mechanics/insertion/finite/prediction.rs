@@ -8,7 +8,7 @@ use super::location::Tetrahedron;
 use super::needle::PlacedNeedle;
 use super::tip::Tip;
 use super::tissue::Tissue;
-use insonify_mesh::NONE;
+use insonify_mesh::NO_ELEMENT;
 
 /// Maximum number of elements searched: a node is made every few.
 const MAX_ELEMENTS: usize = 16;
@@ -87,7 +87,7 @@ pub(super) fn next_corner(
         point += forward * through;
         travel += through;
         element = tissue.mesh.neighbours()[element as usize][face];
-        if element == NONE {
+        if element == NO_ELEMENT {
             return None;
         }
     }

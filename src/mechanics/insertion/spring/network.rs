@@ -21,7 +21,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::cylinder::{Cylinder, Parameters, Topology};
 use super::geometry::{self, Simplex};
-use insonify_mesh::NONE;
+use insonify_mesh::NO_ELEMENT;
 
 /// N/mm^2 per kPa.
 const MEGAPASCAL: f64 = 1e-3;
@@ -320,7 +320,7 @@ impl Network {
                 return Some((element, coordinates));
             }
             element = self.neighbours[element as usize][place];
-            if element == NONE {
+            if element == NO_ELEMENT {
                 break;
             }
         }

@@ -1,6 +1,6 @@
 //! Parts of a mesh: tetrahedra connected across faces.
 
-use insonify_mesh::{NONE, TetMesh};
+use insonify_mesh::{NO_ELEMENT, TetMesh};
 
 /// Parts of a mesh, and the nodes that they share.
 pub(super) struct Parts {
@@ -36,7 +36,7 @@ impl Parts {
                     }
                 }
                 for &next in &mesh.neighbours()[element as usize] {
-                    if next != NONE && of_element[next as usize] == usize::MAX {
+                    if next != NO_ELEMENT && of_element[next as usize] == usize::MAX {
                         of_element[next as usize] = part;
                         waiting.push(next);
                     }

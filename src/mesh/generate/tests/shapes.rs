@@ -37,8 +37,8 @@ fn a_block_is_filled_exactly() {
         assert_eq!(generated.report.parts, 1);
         assert!(generated.report.mislabelled_percent < 1e-9);
         let bounds = generated.mesh.bounds();
-        for (found, expected) in bounds.as_flattened().iter().zip([0.0, 0.0, 0.0, 20.0, 18.0, 18.0]) {
-            assert!((found - expected).abs() < 1e-12, "{bounds:?}");
+        for (bound, expected) in bounds.as_flattened().iter().zip([0.0, 0.0, 0.0, 20.0, 18.0, 18.0]) {
+            assert!((bound - expected).abs() < 1e-12, "{bounds:?}");
         }
     }
 }
@@ -56,8 +56,8 @@ fn the_budget_is_kept_and_used() {
         for nodes in [300, 1000, 3000] {
             let generated = volume.mesh(nodes);
             // As `generate` documents: never more, and 15 % fewer at the most.
-            let found = generated.report.nodes as f64 / nodes as f64;
-            assert!(found >= 0.85, "{} nodes for {nodes}", generated.report.nodes);
+            let share = generated.report.nodes as f64 / nodes as f64;
+            assert!(share >= 0.85, "{} nodes for {nodes}", generated.report.nodes);
         }
     }
 }
@@ -93,7 +93,7 @@ fn inclusions_share_their_nodes_with_the_block() {
     let mut worst = 0.0f64;
     for (element, neighbours) in mesh.neighbours().iter().enumerate() {
         for (opposite, other) in neighbours.iter().enumerate() {
-            if *other == NONE || mesh.regions()[*other as usize] == mesh.regions()[element] {
+            if *other == NO_ELEMENT || mesh.regions()[*other as usize] == mesh.regions()[element] {
                 continue;
             }
             for corner in FACES[opposite] {
@@ -220,12 +220,12 @@ fn where_the_volume_lies_does_not_matter() {
     let place = Matrix4::new_translation(&Vector3::new(-130.0, 45.5, 800.25)) * quarter;
     let moved = at(place).mesh(900);
     assert!(moved.mesh.elements() == plain.mesh.elements() && moved.mesh.regions() == plain.mesh.regions());
-    for (found, from) in moved.mesh.nodes().iter().zip(plain.mesh.nodes()) {
+    for (node, from) in moved.mesh.nodes().iter().zip(plain.mesh.nodes()) {
         let expected = place.transform_point(&(*from).into());
         // Rounding of coordinates below 1000 mm.
         assert!(
-            (Vector3::from(*found) - expected.coords).norm() < 1e-11,
-            "{found:?}, {expected}"
+            (Vector3::from(*node) - expected.coords).norm() < 1e-11,
+            "{node:?}, {expected}"
         );
     }
     // Other turns change the side of a voxel's face to which a sample on it is counted, and no more than that.
@@ -330,14 +330,14 @@ fn edges_are_as_short_as_asked() {
 
 #[test]
 fn progress_rises_from_0_to_1() {
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     generate(&inclusion().grid(), 500, &GenerateOptions::default(), |share| {
-        told.push(share)
+        reported.push(share)
     })
     .expect("a mesh");
-    assert_eq!((told[0], *told.last().unwrap()), (0.0, 1.0));
+    assert_eq!((reported[0], *reported.last().unwrap()), (0.0, 1.0));
     assert!(
-        told.len() > 10 && told.windows(2).all(|pair| pair[0] < pair[1]),
-        "{told:?}"
+        reported.len() > 10 && reported.windows(2).all(|pair| pair[0] < pair[1]),
+        "{reported:?}"
     );
 }

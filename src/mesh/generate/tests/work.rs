@@ -11,14 +11,14 @@ const PER_NODE: u64 = 3_000_000;
 /// Returns result and work.
 fn counted(volume: &Volume, nodes: usize) -> (Result<Generated, GenerateError>, u64) {
     let sampler = Sampler::new();
-    let found = generate_with(
+    let generated = generate_with(
         &sampler,
         &volume.grid(),
         nodes,
         &GenerateOptions::default(),
         &mut |_| {},
     );
-    (found, sampler.work())
+    (generated, sampler.work())
 }
 
 fn flat(spacing: [f64; 3]) -> Volume {
@@ -32,8 +32,8 @@ fn tissue_too_thin_for_its_extent_is_refused_at_once() {
     sheared.index_to_world[(0, 2)] = 5000.0;
     for volume in [flat([5.0, 0.001, 5.0]), slice, sheared] {
         for nodes in [60, 20_000] {
-            let (found, work) = counted(&volume, nodes);
-            assert!(matches!(found, Err(GenerateError::TooThin { .. })), "{found:?}");
+            let (generated, work) = counted(&volume, nodes);
+            assert!(matches!(generated, Err(GenerateError::TooThin { .. })), "{generated:?}");
             assert_eq!(work, 0, "{nodes} nodes");
         }
     }
@@ -74,13 +74,13 @@ fn search_for_the_least_budget_is_bounded() {
         0.344_375_693_969_463,
         0,
     );
-    let (found, work) = counted(&volume, 8);
+    let (generated, work) = counted(&volume, 8);
     assert!(
         matches!(
-            found,
+            generated,
             Err(GenerateError::TooFewNodes { .. } | GenerateError::TooThin { .. })
         ),
-        "{found:?}"
+        "{generated:?}"
     );
     assert!(work <= 8 * PER_NODE + 2 * budget::MAX_SEARCH, "{work}");
 }
@@ -99,8 +99,8 @@ proptest! {
     ) {
         let spacing = lengths.map(|length| 10f64.powf(length));
         let volume = sheared(size, spacing, shear.map(|x| x * x * x), radius, around);
-        let (found, work) = counted(&volume, nodes);
+        let (generated, work) = counted(&volume, nodes);
         let most = nodes as u64 * PER_NODE + 2 * budget::MAX_SEARCH;
-        prop_assert!(work <= most, "{} of {} for {} nodes: {:?}", work, most, nodes, found.map(|found| found.report));
+        prop_assert!(work <= most, "{} of {} for {} nodes: {:?}", work, most, nodes, generated.map(|generated| generated.report));
     }
 }

@@ -46,7 +46,7 @@ fn agrees_with_brute_force<T: Real>(seed: u64, amount: f64, shift: f64, toleranc
             .map(|e| e as u32)
             .collect();
         match hit.element {
-            NONE => assert!(
+            NO_ELEMENT => assert!(
                 (0..mesh.elements().len()).all(|e| depth(&mesh, &nodes, e, p) < tolerance),
                 "hole at {p:?}, held by {holders:?}"
             ),
@@ -81,7 +81,7 @@ fn agrees_with_brute_force<T: Real>(seed: u64, amount: f64, shift: f64, toleranc
             )
         });
         let hit = from_all_starts(&locator, on, query.wrapping_add(seed));
-        assert_ne!(hit.element, NONE, "hole at {on:?} on element {chosen}");
+        assert_ne!(hit.element, NO_ELEMENT, "hole at {on:?} on element {chosen}");
         let named = &mesh.elements()[hit.element as usize];
         assert!(
             corners[..kept].iter().all(|node| named.contains(node)),
@@ -127,7 +127,7 @@ proptest! {
             let p: [f32; 3] = std::array::from_fn(|axis| {
                 (0..4).map(|c| weights[c] / sum * nodes[corners[c] as usize][axis]).sum::<f64>() as f32
             });
-            let hit = located.locate(p, NONE);
+            let hit = located.locate(p, NO_ELEMENT);
             // Rounding p can carry it out of the mesh only through the surface, and rounding the nodes can invert an element
             // only when it is thinner than the rounding.
             if report.inverted == 0 {
@@ -135,7 +135,7 @@ proptest! {
             }
             let inside = corners.iter().all(|n| !on_surface(&mesh, *n));
             if inside && report.flat == 0 {
-                prop_assert_ne!(hit.element, NONE);
+                prop_assert_ne!(hit.element, NO_ELEMENT);
             }
         }
     }
@@ -165,19 +165,19 @@ fn affine_fields_are_undone_exactly() {
         let reference: [f64; 3] = std::array::from_fn(|axis| -98.0 + 1.99 * noise(index, axis as u64, 3));
         let u = field.apply(reference);
         let p = std::array::from_fn(|axis| reference[axis] + u[axis]);
-        let hit = gold.locate(p, NONE);
-        let found = gold.to_reference(hit.element, p);
+        let hit = gold.locate(p, NO_ELEMENT);
+        let carried = gold.to_reference(hit.element, p);
         assert!(
-            (0..3).all(|axis| (found[axis] - reference[axis]).abs() < 1e-11),
-            "{found:?} for {reference:?}"
+            (0..3).all(|axis| (carried[axis] - reference[axis]).abs() < 1e-11),
+            "{carried:?} for {reference:?}"
         );
         // f32 resolves 150 mm to 1e-5 mm; the inverse field magnifies by less than 2.
         let rounded = p.map(|x| x as f32);
         let hit = twin.locate(rounded, hit.element);
-        let found = twin.to_reference(hit.element, rounded);
+        let carried = twin.to_reference(hit.element, rounded);
         assert!(
-            (0..3).all(|axis| (f64::from(found[axis]) - reference[axis]).abs() < 5e-5),
-            "{found:?}"
+            (0..3).all(|axis| (f64::from(carried[axis]) - reference[axis]).abs() < 5e-5),
+            "{carried:?}"
         );
     }
 }
@@ -189,11 +189,11 @@ fn nodes_map_to_their_reference_positions() {
     let (located, _) = locator::<f32>(&mesh, &nodes);
     for (node, reference) in nodes.iter().zip(mesh.nodes()) {
         let p = node.map(|x| x as f32);
-        let hit = located.locate(p, NONE);
-        let found = located.to_reference(hit.element, p);
+        let hit = located.locate(p, NO_ELEMENT);
+        let carried = located.to_reference(hit.element, p);
         assert!(
-            (0..3).all(|axis| (f64::from(found[axis]) - reference[axis]).abs() < 2e-5),
-            "{found:?}, {reference:?}"
+            (0..3).all(|axis| (f64::from(carried[axis]) - reference[axis]).abs() < 2e-5),
+            "{carried:?}, {reference:?}"
         );
     }
 }
@@ -216,14 +216,14 @@ fn both_precisions_agree() {
     for index in 0..4000u64 {
         let p: [f32; 3] = std::array::from_fn(|a| ([0.0, 0.0, 150.0][a] + 75.0 * noise(index, a as u64, 9)) as f32);
         let wide = p.map(f64::from);
-        let (a, b) = (gold.locate(wide, NONE), twin.locate(p, NONE));
+        let (a, b) = (gold.locate(wide, NO_ELEMENT), twin.locate(p, NO_ELEMENT));
         if a.element != b.element {
             differing += 1;
             // Only a point within rounding of a face may change its element.
-            let near = |e: u32| e == NONE || depth(&mesh, &nodes, e as usize, wide).abs() < 1e-4;
+            let near = |e: u32| e == NO_ELEMENT || depth(&mesh, &nodes, e as usize, wide).abs() < 1e-4;
             assert!(near(a.element) && near(b.element), "{wide:?}: {a:?}, {b:?}");
         }
-        if a.element != NONE && b.element != NONE {
+        if a.element != NO_ELEMENT && b.element != NO_ELEMENT {
             let (x, y) = (gold.to_reference(a.element, wide), twin.to_reference(b.element, p));
             assert!(
                 (0..3).all(|axis| (x[axis] - f64::from(y[axis])).abs() < 2e-4),

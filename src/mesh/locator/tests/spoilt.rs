@@ -58,7 +58,7 @@ fn elements_without_volume_are_never_hit_and_leave_no_hole() {
             p[0] = 11.0;
         }
         let hit = from_all_starts(&located, p, index);
-        assert_ne!(hit.element, NONE, "hole at {p:?}");
+        assert_ne!(hit.element, NO_ELEMENT, "hole at {p:?}");
         assert!(mesh.volumes(&nodes).nth(hit.element as usize).unwrap() > 0.0);
     }
     let (_, all) = locator::<f64>(&mesh, &vec![[1.0; 3]; nodes.len()]);
@@ -84,13 +84,13 @@ fn nodes_that_are_not_finite_take_their_elements_away_and_no_others() {
         );
         for index in 0..1000u64 {
             let p: [f32; 3] = std::array::from_fn(|a| (2.0 + 1.99 * noise(index, a as u64, 4)) as f32);
-            let truth = Locator::<f32>::new(&mesh).locate(p, NONE).element;
+            let truth = Locator::<f32>::new(&mesh).locate(p, NO_ELEMENT).element;
             let hit = from_all_starts(&located, p, index);
             if depth(&mesh, mesh.nodes(), truth as usize, p.map(f64::from)) < 1e-4 {
                 continue;
             }
             let expected = if mesh.elements()[truth as usize].contains(&(node as u32)) {
-                NONE
+                NO_ELEMENT
             } else {
                 truth
             };
@@ -99,7 +99,7 @@ fn nodes_that_are_not_finite_take_their_elements_away_and_no_others() {
     }
     let (located, report) = locator::<f32>(&mesh, &vec![[f64::NAN; 3]; mesh.nodes().len()]);
     assert_eq!(report.not_finite, mesh.elements().len());
-    assert_eq!(located.locate([1.0; 3], 0).element, NONE);
+    assert_eq!(located.locate([1.0; 3], 0).element, NO_ELEMENT);
 }
 
 #[test]
@@ -114,7 +114,7 @@ fn a_far_node_does_not_empty_the_grid() {
     assert!(longest < 200, "{longest} elements in one cell");
     let p = [-5e4f32; 3];
     let hit = from_all_starts(&located, p, 1);
-    assert_ne!(hit.element, NONE);
+    assert_ne!(hit.element, NO_ELEMENT);
 }
 
 #[test]
@@ -124,7 +124,7 @@ fn queries_that_are_not_finite_or_far_away_hit_nothing() {
         for axis in 0..3 {
             let mut p = [1.0; 3];
             p[axis] = bad;
-            assert_eq!(from_all_starts(&located, p, 1).element, NONE);
+            assert_eq!(from_all_starts(&located, p, 1).element, NO_ELEMENT);
         }
     }
 }
@@ -165,7 +165,7 @@ fn the_gap_of_a_mesh_that_is_not_convex_is_outside_and_walks_cross_it() {
         match holder {
             Some(element) if depth(&mesh, &nodes, element, wide) > 1e-4 => assert_eq!(hit.element as usize, element),
             Some(_) => {}
-            None => outside += usize::from(hit.element == NONE),
+            None => outside += usize::from(hit.element == NO_ELEMENT),
         }
     }
     assert!(outside > 100);

@@ -20,8 +20,8 @@ fn defined(corners: &[[f64; 3]; 4]) -> f64 {
     jacobian.norm() * jacobian.try_inverse().unwrap().norm() / 3.0
 }
 
-fn close(found: f64, expected: f64) -> bool {
-    (found - expected).abs() <= 1e-14 * expected.abs()
+fn close(computed: f64, expected: f64) -> bool {
+    (computed - expected).abs() <= 1e-14 * expected.abs()
 }
 
 #[test]
@@ -65,8 +65,11 @@ fn thin_ones_grow_with_the_inverse_of_their_height() {
         let side = 3.0 * height / (1.0 + 12.0 * height * height).sqrt();
         let heights = height.powi(-2) + 3.0 * side.powi(-2);
         let expected = (edges * heights).sqrt() / 6.0;
-        let found = jacobian_condition(&corners);
-        assert!((found / expected - 1.0).abs() < 1e-13, "{height}: {found}, {expected}");
+        let computed = jacobian_condition(&corners);
+        assert!(
+            (computed / expected - 1.0).abs() < 1e-13,
+            "{height}: {computed}, {expected}"
+        );
         let shape = Shape::of(&corners);
         // The sides rise over the base, whose inscribed circle has the radius 1 / sqrt 12.
         let slope = (height * 12.0f64.sqrt()).atan().to_degrees();
@@ -126,9 +129,9 @@ proptest! {
     #[test]
     fn the_closed_form_is_the_definition(corners in corners()) {
         // Both lose digits in proportion to the condition.
-        let (found, expected) = (jacobian_condition(&corners), defined(&corners));
-        prop_assert!((found / expected - 1.0).abs() < 1e-14 * expected.max(10.0), "{found} {expected}");
-        prop_assert!(found >= 1.0 - 1e-14);
+        let (computed, expected) = (jacobian_condition(&corners), defined(&corners));
+        prop_assert!((computed / expected - 1.0).abs() < 1e-14 * expected.max(10.0), "{computed} {expected}");
+        prop_assert!(computed >= 1.0 - 1e-14);
     }
 
     #[test]

@@ -9,7 +9,7 @@ use insonify_imaging::synth::FrameState;
 use insonify_imaging::synth::layers::Beam;
 use insonify_imaging::synth::tables::Anatomy;
 use insonify_mesh::locator::{Locator, LocatorReport};
-use insonify_mesh::{NONE, TetMesh};
+use insonify_mesh::{NO_ELEMENT, TetMesh};
 use insonify_tracking::probe::{Linear, ProbeShape};
 
 /// Mesh with a defective state.
@@ -149,7 +149,7 @@ fn undefined(mesh: &TetMesh, beam: &Beam) -> usize {
     let elements = beam
         .element
         .iter()
-        .filter(|&&element| element != NONE && element as usize >= mesh.elements().len());
+        .filter(|&&element| element != NO_ELEMENT && element as usize >= mesh.elements().len());
     let echoes = beam.amplitude.iter().filter(|echo| !echo.is_finite());
     places.count() + elements.count() + echoes.count()
 }

@@ -3,11 +3,12 @@
 use crate::stability::fixtures::{BACKENDS, Now, Problem, Start, bits, state, two_parts};
 use crate::stability::record::{Record, Unexpected};
 use insonify_base::real::Real;
+use insonify_mechanics::tissue::dofs::NONE;
 use insonify_mechanics::tissue::element::DegenerateElement;
 use insonify_mechanics::tissue::material::Material;
 use insonify_mechanics::tissue::remesh::corner::best_corner;
 use insonify_mechanics::tissue::remesh::{AdaptedMesh, Level, Options, Precision, RemeshError};
-use insonify_mesh::{Locator, NONE};
+use insonify_mesh::{Locator, NO_ELEMENT};
 
 /// Moves a node away and back, many times.
 pub(crate) fn out_and_back(record: &mut Record<'_>) -> Result<(), Unexpected> {
@@ -255,8 +256,8 @@ pub(crate) fn near_singular(record: &mut Record<'_>) -> Result<(), Unexpected> {
 fn elements_named<T: Real>(record: &mut Record<'_>, problem: &Problem, what: &str, p: [f64; 3]) -> u32 {
     let locator = Locator::<T>::new(&problem.mesh);
     let point = p.map(T::of);
-    let first = locator.locate(point, NONE).element;
-    let again = Locator::<T>::new(&problem.mesh).locate(point, NONE).element;
+    let first = locator.locate(point, NO_ELEMENT).element;
+    let again = Locator::<T>::new(&problem.mesh).locate(point, NO_ELEMENT).element;
     let starts = 0..problem.mesh.elements().len() as u32;
     let others = starts
         .filter(|start| locator.locate(point, *start).element != first)
@@ -286,7 +287,7 @@ pub(super) fn places(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let p = mesh.point(element, weights);
         let named = elements_named::<f64>(record, &apart, &format!("{name}, f64"), p);
         elements_named::<f32>(record, &apart, &format!("{name}, f32"), p);
-        record.zero(format!("tips not found, {name}"), f64::from(named == NONE));
+        record.zero(format!("tips not found, {name}"), f64::from(named == NO_ELEMENT));
         // The corner moved to the tip, chosen from the element itself and from the one that the locator names.
         for from in [element, named] {
             let choices = [&mesh, &mesh.clone()].map(|mesh| best_corner(mesh, from, p, |_| false));
@@ -323,7 +324,7 @@ pub(super) fn places(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let single = elements_named::<f32>(record, &apart, &format!("{name}, f32"), p);
         record.zero(
             format!("elements found where there are none, {name}"),
-            f64::from(named != NONE || single != NONE),
+            f64::from(named != NO_ELEMENT || single != NO_ELEMENT),
         );
         let choice = best_corner(&mesh, named, p, |_| false);
         record.refused(format!("a corner for a tip {name}"), choice, |error| {

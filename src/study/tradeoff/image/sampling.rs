@@ -14,7 +14,7 @@ use insonify_imaging::effects::tone::Tone;
 use insonify_imaging::synth::Backend;
 use insonify_imaging::synth::tables::Settings;
 use insonify_mesh::locator::Locator;
-use insonify_mesh::{Displacement, NONE, TetMesh};
+use insonify_mesh::{Displacement, NO_ELEMENT, TetMesh};
 
 /// One effect on its own over slices, and the grids that refine its sums.
 struct Variant {
@@ -266,7 +266,7 @@ fn exhaustive(mesh: &TetMesh, nodes: &[[f64; 3]], p: [f64; 3]) -> u32 {
         .elements()
         .iter()
         .position(|&corners| least(nodes, corners, p) >= 0.0);
-    holding.map_or(NONE, |at| at as u32)
+    holding.map_or(NO_ELEMENT, |at| at as u32)
 }
 
 /// Results of one method: time per point in each frame, and differences from exhaustive search.
@@ -291,12 +291,12 @@ impl Location {
         }
         let on_a_face = [found, exact]
             .iter()
-            .filter(|element| **element != NONE)
+            .filter(|element| **element != NO_ELEMENT)
             .all(|&element| least(nodes, mesh.elements()[element as usize], p).abs() < 1e-9);
         if !on_a_face {
             self.differing += 1;
         }
-        if found != NONE && exact != NONE {
+        if found != NO_ELEMENT && exact != NO_ELEMENT {
             let [a, b] = [found, exact].map(|element| nalgebra::Vector3::from(locator.to_reference(element, p)));
             self.off_mm = self.off_mm.max((a - b).norm());
         }
@@ -321,22 +321,22 @@ pub(super) fn location(options: &ImageOptions, _: &mut Vec<String>) -> Result<Ve
         let mesh = TetMesh::over_box(BOX_MM[0], BOX_MM[1], count)?;
         let mut locator = Locator::<f64>::new(&mesh);
         let [mut walk, mut grid, mut all] = [Location::default(), Location::default(), Location::default()];
-        let mut last = vec![NONE; options.points];
+        let mut last = vec![NO_ELEMENT; options.points];
         for frame in 0..FRAMES {
             let nodes = nodes(&mesh, frame);
             locator.update(&nodes)?;
             let points = points(options.points, frame);
             let started = Instant::now();
-            let mut before = NONE;
+            let mut before = NO_ELEMENT;
             for (element, &p) in last.iter_mut().zip(&points) {
                 // As in a frame: start from the element of the last frame, otherwise from the previous sample.
-                let start = if *element == NONE { before } else { *element };
+                let start = if *element == NO_ELEMENT { before } else { *element };
                 *element = locator.locate(p, start).element;
                 before = *element;
             }
             walk.timed(started, points.len());
             let started = Instant::now();
-            let from_grid: Vec<u32> = points.iter().map(|&p| locator.locate(p, NONE).element).collect();
+            let from_grid: Vec<u32> = points.iter().map(|&p| locator.locate(p, NO_ELEMENT).element).collect();
             grid.timed(started, points.len());
             let step = (points.len() / EXHAUSTIVE).max(1);
             let tried: Vec<usize> = (0..points.len()).step_by(step).collect();

@@ -17,7 +17,7 @@ use insonify_mechanics::insertion::{Anatomy, Interaction, Model, NodeSolver, Sna
 use insonify_mechanics::tissue::material::Material;
 use insonify_mechanics::tissue::remesh::{Level, Precision};
 use insonify_mesh::TetMesh;
-use insonify_mesh::locator::{Locator, NONE};
+use insonify_mesh::locator::{Locator, NO_ELEMENT};
 
 /// Rings and layers of the cylinder: nodes every 5 mm and every 8.3 mm.
 const GRIDS: [[usize; 2]; 2] = [[5, 20], [3, 12]];
@@ -286,7 +286,7 @@ impl Contender {
         self.locator.update(&tissue.reference)?;
         let elements = self.imager.elements();
         let at = |place: [f64; 3]| {
-            let hit = self.locator.locate(place, NONE);
+            let hit = self.locator.locate(place, NO_ELEMENT);
             let corners = elements.get(hit.element as usize).into_iter().flatten();
             let pairs = corners.zip(hit.bary).map(|(node, share)| {
                 let [to, from] = [&tissue.current, &tissue.reference].map(|it| Vector3::from(it[*node as usize]));

@@ -11,13 +11,13 @@ use crate::stability::record::largest;
 use insonify::Error;
 use insonify_base::random::{hash3, seed_words, unit};
 use insonify_mechanics::tissue::assembly::Stiffness;
-use insonify_mechanics::tissue::dofs::Dofs;
+use insonify_mechanics::tissue::dofs::{Dofs, NONE};
 use insonify_mechanics::tissue::factor::Factor;
 use insonify_mechanics::tissue::material::Material;
 use insonify_mechanics::tissue::remesh::corner::best_corner;
 use insonify_mechanics::tissue::remesh::{AdaptedMesh, Change};
 use insonify_mechanics::tissue::rigid;
-use insonify_mesh::locator::{Locator, NONE};
+use insonify_mesh::locator::{Locator, NO_ELEMENT};
 use insonify_mesh::{InvalidMesh, TetMesh};
 
 /// Number of nodes in contact: half of them with the needle, if it has moved that many, the others around its entry.
@@ -216,14 +216,14 @@ fn track(
 ) -> Result<Vec<(u32, [f64; 3])>, Error> {
     let mut locator = Locator::<f64>::new(base);
     let mut track: Vec<(u32, [f64; 3])> = Vec::new();
-    let mut last = NONE;
+    let mut last = NO_ELEMENT;
     // Fine enough to skip few elements.
     let steps = (20.0 * (base.nodes().len() as f64).cbrt()) as usize;
     for step in 1..=steps {
         let share = step as f64 / steps as f64;
         let tip: [f64; 3] = std::array::from_fn(|axis| entry[axis] + share * (rest[axis] - entry[axis]));
         let element = locator.locate(tip, last).element;
-        if element == NONE || element == last || track.len() >= most {
+        if element == NO_ELEMENT || element == last || track.len() >= most {
             continue;
         }
         last = element;
