@@ -158,7 +158,7 @@ pub fn run<O: Observer>(
     observer: &mut O,
 ) -> Result<Summary, O::Error> {
     let timing = scenario.timing;
-    let contact = scenario.contact.as_ref();
+    let contact = scenario.contact();
     let beat = |every_s| Beat { every_s, next: 0 };
     let mut frames = asked.frames.then(|| beat(timing.frame_s));
     let mut meshes = asked.mesh_s.map(beat);
@@ -171,7 +171,7 @@ pub fn run<O: Observer>(
     }
     let mut view = View::new(scenario, model);
     let mut tally = Tally::new(scenario);
-    let mut changes = scenario.changes.iter().peekable();
+    let mut changes = scenario.level_changes().iter().peekable();
     for number in 1..=timing.steps {
         while let Some((_, level)) = changes.next_if(|(at_s, _)| timing.step_at(*at_s) <= number) {
             tally.change(number, &model.set_level(*level)?);

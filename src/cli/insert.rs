@@ -168,8 +168,8 @@ impl Insert {
         if let Some(file) = &self.replay {
             scenario = replaying(scenario, file)?;
         }
-        if let (Some(_), Some(stiffened)) = (self.vtu, &mut scenario.stiffened) {
-            stiffened.stress = true;
+        if self.vtu.is_some() {
+            scenario.follow_stress();
         }
         let mut model = terminal::with_bar("preparing the model", |share| {
             scenario.model(|done, of| share(done as f64 / of.max(1) as f64))

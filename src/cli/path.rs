@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use insonify::input::scenario::{ScenarioFile, TissueModel};
+use insonify::input::scenario::ScenarioFile;
 use insonify_base::output::png;
 use insonify_base::range::numbers;
 use insonify_imaging::overview::overview;
@@ -103,7 +103,7 @@ impl PathArgs {
             .folder(&self.output, "path", FILES, &inputs(&self.scenario))?;
         let (text, base) = source(&self.scenario)?;
         let mut file = ScenarioFile::parse(&text, &self.scenario.display().to_string())?;
-        if file.tissue.mesh.is_none() && file.tissue.model == TissueModel::FiniteElement {
+        if file.tissue.mesh.is_none() && file.tissue.model.is_finer_along_path() {
             // A mesh that is finer along one path would favour it.
             file.tissue.along_path = Some(false);
             terminal::note("all lines share a mesh that is not finer along a path (`tissue.along_path = false`)");

@@ -11,7 +11,7 @@ use crate::failure::Failure;
 use crate::study::watched;
 use crate::terminal;
 use insonify::Error;
-use insonify::input::scenario::{NeedleModel, NeedleTable, Scenario, ScenarioFile, TissueModel};
+use insonify::input::scenario::{NeedleModel, NeedleTable, Scenario, ScenarioFile};
 use insonify::run::Trial;
 use insonify_base::machine::Machine;
 use insonify_base::range::Ranges;
@@ -167,7 +167,7 @@ impl QualityArgs {
         let Some(budget_ms) = step_ms.filter(|_| file.quality().out_of_range().is_none()) else {
             return Ok(None);
         };
-        if file.tissue.model != TissueModel::FiniteElement {
+        if !file.tissue.model.is_remeshed() {
             terminal::warn("quality.step_ms: only `model = \"finite-element\"` has settings that can be chosen");
             return Ok(None);
         }

@@ -29,16 +29,16 @@
 pub mod aim;
 pub mod clearance;
 mod cut;
-mod cylinder;
 pub mod file;
+mod finite_element;
 pub mod guidance;
 pub mod instruments;
 mod labels;
 pub mod manipulator;
+mod mass_spring;
 mod mesh;
-mod model;
-mod modelling;
 mod needle;
+pub mod nonlinear_tissue;
 mod plan;
 pub mod planned;
 pub mod points;
@@ -47,17 +47,20 @@ mod regions;
 mod resolve;
 mod scene;
 mod section;
-pub mod stiffened;
 pub mod tissue;
+mod tissue_setup;
 
 pub use file::{ScenarioFile, SceneSource};
+pub use finite_element::{FiniteElement, Remeshing};
 pub use instruments::{NeedleModel, NeedleTable};
-pub use modelling::Modelling;
 pub use needle::{Bending, NeedleSettings};
+pub use nonlinear_tissue::NonlinearTissue;
 pub use plan::{Deposit, Guide, Target};
 pub use probe::Contact;
 pub use resolve::{Scenario, Timing};
+pub use section::PlaneSection;
 pub use tissue::{DEFAULT_NODES, TissueModel};
+pub use tissue_setup::TissueSetup;
 
 use std::path::Path;
 

@@ -8,7 +8,6 @@ use crate::input::scenario::Scenario;
 use insonify_imaging::synth::NeedleShaft;
 use insonify_mechanics::insertion::{Model, ShaftLoad, Tissue};
 use insonify_mechanics::needle::CentreLine;
-use insonify_mechanics::tissue::law::{AnyLaw, Stiffening};
 use insonify_mechanics::tissue::nonlinear::{Solid, von_mises};
 use insonify_mesh::file::Poly;
 use insonify_tracking::probe::BeamGrid;
@@ -19,22 +18,13 @@ const CORNERS: u32 = 32;
 const POINT_MM: f64 = 1e-9;
 
 impl Scenario {
-    /// Von Mises stress of each element, kPa, in its shape after remeshing; `None` for masses and springs, and for viscous tissue of which
-    /// it is not followed.
+    /// Von Mises stress of each element, kPa, in its shape after remeshing; `None` for masses and springs, for a plane, and for
+    /// viscous tissue of which it is not followed.
     pub fn von_mises_kpa(&self, model: &dyn Model, elements: &[[u32; 4]], tissue: &Tissue) -> Option<Vec<f64>> {
         if let Some(stress) = model.stress_kpa() {
             return Some(stress.iter().map(von_mises).collect());
         }
-        let laws: Vec<AnyLaw> = match &self.stiffened {
-            Some(stiffened) if stiffened.viscosity.is_some() => return None,
-            Some(stiffened) => stiffened.laws.clone(),
-            None => self
-                .materials
-                .iter()
-                .copied()
-                .map(|material| Stiffening::linear(material).into())
-                .collect(),
-        };
+        let laws = self.tissue.elastic_laws()?;
         let body = Solid::of(tissue.reference.clone(), elements.to_vec(), &laws, 1.0).ok()?;
         let pairs = tissue
             .reference
@@ -55,7 +45,7 @@ impl Scenario {
         if poly.points.len() > 1 {
             poly.lines.push((0..poly.points.len() as u32).collect());
         }
-        if let (Some(pose), Some(contact)) = (contact, &self.contact) {
+        if let (Some(pose), Some(contact)) = (contact, self.contact()) {
             let first = poly.points.len() as u32;
             for z in [0.0, -contact.probe.length_mm] {
                 let corner = |at: u32| {

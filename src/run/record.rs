@@ -47,7 +47,7 @@ impl Record {
             curves: Curves::new(scenario),
             points: Points::new(scenario),
             head: table::head(
-                scenario.contact.as_ref().map(|contact| &contact.probe),
+                scenario.contact().map(|contact| &contact.probe),
                 scenario.manipulator.is_some(),
             ),
             film: Film::new(scenario.timing.moments(scenario.timing.frame_s)),

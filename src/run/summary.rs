@@ -184,7 +184,7 @@ pub struct Tally<'a> {
 impl<'a> Tally<'a> {
     /// Starts the summary of a run of a scenario.
     pub fn new(scenario: &'a Scenario) -> Self {
-        let contact = scenario.contact.as_ref();
+        let contact = scenario.contact();
         let summary = Summary {
             nodes: scenario.mesh.nodes().len(),
             elements: scenario.mesh.elements().len(),

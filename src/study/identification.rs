@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Point3, Translation3, Unit, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use insonify::input::scenario::{self, Scenario, ScenarioFile, TissueModel};
+use insonify::input::scenario::{self, Scenario, ScenarioFile};
 use insonify_base::document::{self, InputError, InvalidFile, Names, RegionName, Source, Version, nearest};
 use insonify_base::range::parameters;
 use insonify_mechanics::tissue::material::Material;
@@ -232,7 +232,7 @@ impl CaseFile {
             }
         };
         let scenario = ScenarioFile::parse(&text, &source_name)?.resolve(&base, progress)?;
-        if scenario.modelling.model != TissueModel::FiniteElement {
+        if !scenario.file.tissue.model.is_remeshed() {
             let found = "a scenario whose tissue is not of linear finite elements";
             return Err(self.wrong_keys("scenario", found, "`tissue.model = \"finite-element\"`"));
         }
@@ -317,8 +317,7 @@ impl CaseFile {
                 let found = format!("a needle that meets {} twice", scenario.region_name(*region));
                 return Err(self.wrong_keys("scenario", found, "a region for each layer on the line"));
             }
-            let mut elements = scenario.mesh.regions().iter().zip(&scenario.materials);
-            let Some((_, material)) = elements.find(|(other, _)| *other == region) else {
+            let Some(material) = scenario.linear_material(*region) else {
                 let found = format!(
                     "{} on the needle's line without an element",
                     scenario.region_name(*region)
@@ -329,7 +328,7 @@ impl CaseFile {
                 region: *region,
                 name: scenario.region_name(*region).to_owned(),
                 begins_mm: *begins_mm,
-                material: *material,
+                material,
                 known: false,
             });
         }

@@ -153,9 +153,7 @@ pub(super) fn identify_simulated(
 ) -> Result<Identified, Error> {
     let layer = |layer: &Crossed| {
         let interaction = truth.scenario.anatomy.interaction(layer.region);
-        let mut elements = truth.scenario.mesh.regions().iter().zip(&truth.scenario.materials);
-        let material = elements.find(|(region, _)| **region == layer.region);
-        let material = material.map_or(layer.material, |(_, material)| *material);
+        let material = truth.scenario.linear_material(layer.region).unwrap_or(layer.material);
         LayerParameters {
             region: layer.region,
             region_name: layer.name.clone(),

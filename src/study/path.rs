@@ -167,7 +167,7 @@ pub fn plan(
     let mut tissue = section.unwrap_or_else(|| scenario.clone());
     tissue.guides.clear();
     tissue.deposits.clear();
-    tissue.changes.clear();
+    tissue.keep_level();
     tissue.targets.clear();
     let entries = Entries::new(scenario, target, options)?;
     let lines = entries.lines()?;

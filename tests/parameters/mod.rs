@@ -3,8 +3,8 @@
 use insonify::input::scenario;
 use insonify::input::scenario::instruments::{ContactProbeSpec, NeedleTable};
 use insonify::input::scenario::manipulator::SensorSpec;
+use insonify::input::scenario::nonlinear_tissue::{StepSolverSpec, TissueViscositySpec};
 use insonify::input::scenario::planned::{PlanSpec, PlannedNeedle, TargetSpec, TemplateSpec};
-use insonify::input::scenario::stiffened::{StepSolverSpec, TissueViscositySpec};
 use insonify::input::scenario::{file::RunSpec, tissue::TissueSpec};
 use insonify::input::statics::course::{SolverSpec, ViscositySpec};
 use insonify::input::statics::{file::MaterialSpec, selection::CylinderChoice};

@@ -8,7 +8,6 @@ use super::clearance::{Bones, Course};
 use super::file::{ScenarioFile, SceneSource};
 use super::instruments::{BESIDE, EntrySpec};
 use super::needle::NeedleSettings;
-use super::tissue::TissueModel;
 use insonify_base::document::{InputError, Names, NoRegion, RegionName};
 use insonify_imaging::scene::{Body, NeedleKeyframe, Scene};
 use insonify_tracking::placement::aims;
@@ -142,7 +141,7 @@ impl ScenarioFile {
     /// Returns the scenario with the mesh restricted to a box around the path, unless it states a box.
     pub(crate) fn boxed(&self, aim: &Aim) -> Self {
         let mut file = self.clone();
-        if file.tissue.mesh.is_none() && file.tissue.model != TissueModel::MassSpring {
+        if file.tissue.mesh.is_none() && file.tissue.model.is_meshed() {
             file.tissue.box_mm.get_or_insert(aim.box_mm());
         }
         file

@@ -7,7 +7,7 @@ use nalgebra::Point3;
 
 use super::file::ScenarioFile;
 use super::regions::{Region, Regions};
-use super::tissue::{DEFAULT_NODES, TissueModel};
+use super::tissue::DEFAULT_NODES;
 use super::{cut, mesh_note, path_pieces};
 use crate::input::statics::selection::{Choice, SelectionError, axes, ordered};
 use insonify_anatomy::volume::LabelVolume;
@@ -137,7 +137,7 @@ impl ScenarioFile {
 
     /// Whether elements are finer along the needle's path.
     fn along_path(&self) -> bool {
-        let usual = self.tissue.model == TissueModel::FiniteElement;
+        let usual = self.tissue.model.is_finer_along_path();
         self.tissue.along_path.unwrap_or(usual)
     }
 
@@ -178,12 +178,12 @@ impl ScenarioFile {
         &self,
         mesh: &TetMesh,
         names: &Regions<'_>,
-        made_of: &BTreeMap<i32, Region>,
+        properties: &BTreeMap<i32, Region>,
         notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
     ) -> Result<Vec<(u32, u8)>, InputError> {
         let mut fixed = vec![[false; 3]; mesh.nodes().len()];
-        let rigid = |region: &i32| made_of.get(region).is_some_and(|of| of.rigid);
+        let rigid = |region: &i32| properties.get(region).is_some_and(|of| of.rigid);
         let elements = mesh.elements().iter().zip(mesh.regions());
         for node in elements
             .filter(|(_, region)| rigid(region))

@@ -5,10 +5,13 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion};
 use super::file::ScenarioFile;
 use super::instruments::{NeedleModel, NeedleTable};
 use super::plan::{Deposit, Guide};
+use super::resolve::Scenario;
 use insonify_base::bending::BendingConstraint;
 use insonify_base::document::InputError;
+use insonify_base::range::OutOfRange;
 use insonify_imaging::scene::{NeedleFrame, NeedleKeyframe, NeedleMotionSpec, NeedleTable as SceneNeedle};
-use insonify_mechanics::needle::{self, Bevel, Shaft, beam::bending_stiffness_nmm2};
+use insonify_mechanics::needle::beam::bending_stiffness_nmm2;
+use insonify_mechanics::needle::{self, Bevel, Constrained, Flexible, Needle, Rigid, Shaft, Stiffness};
 use insonify_tracking::needle::{DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM};
 use insonify_tracking::pose::Pose;
 use insonify_tracking::world::World;
@@ -73,6 +76,38 @@ impl NeedleSettings {
         matches!(self.bending, Bending::None { bevel: None })
     }
 
+    /// Its shaft.
+    pub(crate) fn shaft(&self) -> Shaft {
+        Shaft {
+            length_mm: self.length_mm,
+            radius_mm: self.diameter_mm / 2.0,
+        }
+    }
+
+    fn model(&self) -> Result<Box<dyn Needle>, OutOfRange> {
+        let shaft = self.shaft();
+        Ok(match self.bending {
+            Bending::None { bevel } => Box::new(Rigid::new(shaft, bevel)?),
+            Bending::Constrained(constraint) => Box::new(Constrained::new(shaft, constraint)?),
+            Bending::Springs {
+                stiffness_nmm2,
+                link_mm,
+                bevel,
+            } => {
+                let stiffness = Stiffness::BendingNmm2(stiffness_nmm2);
+                Box::new(Flexible::springs(shaft, stiffness, link_mm, bevel)?)
+            }
+            Bending::Beam {
+                stiffness_nmm2,
+                element_mm,
+                bevel,
+            } => {
+                let stiffness = Stiffness::BendingNmm2(stiffness_nmm2);
+                Box::new(Flexible::beam(shaft, stiffness, element_mm, bevel)?)
+            }
+        })
+    }
+
     /// Transform from the base frame of the undeflected needle to world, for a pose of its tip whose axial direction is that of
     /// the needle.
     pub fn base(&self, tip: &Pose) -> Isometry3<f64> {
@@ -81,6 +116,16 @@ impl NeedleSettings {
         let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
         let base = tip.position_mm() - along * self.length_mm;
         Isometry3::from_parts(base.coords.into(), turn)
+    }
+}
+
+impl Scenario {
+    /// Builds the model of the needle.
+    pub(crate) fn needle_model(&self) -> Result<Box<dyn Needle>, InputError> {
+        self.needle.model().map_err(|error| {
+            let key = format!("needle.{}", error.key);
+            self.file.fault(key, error)
+        })
     }
 }
 

@@ -6,7 +6,6 @@ use serde::{Deserialize, Serialize};
 
 use super::file::ScenarioFile;
 use super::resolve::Scenario;
-use super::tissue::TissueModel;
 use crate::run::carried::Carried;
 use insonify_base::document::{InputError, InvalidFile};
 use insonify_mechanics::insertion::{NodeSolver, Tissue};
@@ -151,9 +150,9 @@ impl ScenarioFile {
     /// Points whose displacement is reported.
     pub(crate) fn reports(&self, mesh: &TetMesh) -> Result<Vec<Reported>, InputError> {
         // The cylinder of masses and springs takes its place when the needle enters.
-        let locator = match self.tissue.model == TissueModel::MassSpring || self.report.is_empty() {
-            true => None,
-            false => Some(Locator::<f64>::new(mesh)),
+        let locator = match self.tissue.model.is_meshed() && !self.report.is_empty() {
+            true => Some(Locator::<f64>::new(mesh)),
+            false => None,
         };
         let mut points: Vec<Reported> = Vec::new();
         for (at, spec) in self.report.iter().enumerate() {

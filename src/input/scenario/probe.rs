@@ -5,6 +5,7 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use super::file::ScenarioFile;
 use super::instruments::ContactProbeSpec;
 use super::regions::Regions;
+use super::tissue_setup::Deforming;
 use insonify_base::document::InputError;
 use insonify_imaging::scene::Scene;
 use insonify_mechanics::insertion::{Outcome, ProbeContact};
@@ -43,16 +44,12 @@ pub(super) fn rigid(pose: &Pose) -> Isometry3<f64> {
 
 impl ScenarioFile {
     /// Returns the probe in contact, if the scenario has one. Fixed nodes cannot touch it.
-    pub(crate) fn contact(
-        &self,
-        scene: &Scene,
-        mesh: &TetMesh,
-        fixed: &[(u32, u8)],
-        regions: &Regions<'_>,
-    ) -> Result<Option<Contact>, InputError> {
+    pub(crate) fn contact(&self, scene: &Scene, tissue: &Deforming) -> Result<Option<Contact>, InputError> {
         let Some(spec) = &self.contact_probe else {
             return Ok(None);
         };
+        let (mesh, fixed) = (&*tissue.mesh, &tissue.fixed);
+        let regions = Regions::new(self, scene, &tissue.names);
         self.in_ranges("contact_probe", spec)?;
         let in_probe = self.cylinder(spec)?;
         let within = spec.within_mm.unwrap_or(WITHIN_MM);

@@ -84,7 +84,7 @@ impl<'a> Regions<'a> {
     }
 
     /// Properties of each of `regions`.
-    pub(crate) fn made_of(&self, regions: &[i32]) -> Result<BTreeMap<i32, Region>, InputError> {
+    pub(crate) fn properties(&self, regions: &[i32]) -> Result<BTreeMap<i32, Region>, InputError> {
         let (mut others, mut own) = (None, BTreeMap::new());
         for (at, spec) in self.file.tissue.material.iter().enumerate() {
             let table = format!("tissue.material[{at}]");

@@ -8,31 +8,20 @@ use nalgebra::{Isometry3, Point3};
 
 use super::clearance;
 use super::file::{RunSpec, ScenarioFile};
-use super::labels::{Labels, unmeshed};
+use super::labels::unmeshed;
 use super::manipulator::Guided;
-use super::modelling::Modelling;
 use super::needle::{Moving, NeedleSettings};
 use super::plan::{Deposit, Guide, Target};
 use super::points::Reported;
-use super::probe::{Contact, rigid};
-use super::regions::Regions;
-use super::stiffened::Stiffened;
+use super::probe::rigid;
+use super::tissue_setup::{Insertion, TissueSetup};
 use insonify_base::document::InputError;
-use insonify_gpu::Gpu;
 use insonify_imaging::quality::QualitySpec;
 use insonify_imaging::scene::Scene;
-use insonify_mechanics::insertion::nonlinear::Plane;
-use insonify_mechanics::insertion::spring::Parameters;
-use insonify_mechanics::insertion::{Anatomy, Input, Instruments, Interaction, MeshRegions, Recording, Saved};
-use insonify_mechanics::tissue::law::AnyLaw;
-use insonify_mechanics::tissue::material::Material;
-use insonify_mechanics::tissue::remesh::Level;
+use insonify_mechanics::insertion::{Anatomy, Input, Instruments, Interaction, Recording, Saved};
 use insonify_mesh::TetMesh;
 use insonify_tracking::needle::NeedlePath;
 use insonify_tracking::trajectory::Trajectory;
-
-/// With fewer nodes in contact a probe presses on points rather than along its side.
-const FEW_CANDIDATES: usize = 6;
 
 /// Maximum number of steps of a run: hours of simulated time at a millisecond each.
 const MAX_STEPS: f64 = 1e7;
@@ -76,32 +65,16 @@ pub struct Scenario {
     pub scene: Scene,
     /// Mesh in the reference state.
     pub mesh: Arc<TetMesh>,
-    /// Mass-spring cylinder, for that tissue model. Then only `interactions` refer to regions, those of the volume.
-    pub cylinder: Option<Parameters>,
-    /// Stiffening tissue, for nonlinear and viscoelastic models.
-    pub stiffened: Option<Stiffened>,
-    /// Sheet in place of the solid, with `mesh` as a slab around it.
-    pub section: Option<Arc<Plane>>,
-    /// Material of each element.
-    pub materials: Vec<Material>,
-    /// Node and axis of each fixed degree of freedom, ascending.
-    pub fixed: Vec<(u32, u8)>,
+    /// Tissue, by model.
+    pub tissue: TissueSetup,
     /// Needle interaction of each region, ascending.
     pub interactions: Vec<(i32, Interaction)>,
     /// Anatomy along the needle: labels of the volume, or regions of a mesh that was read.
     pub anatomy: Arc<dyn Anatomy>,
     /// Name of each region.
     pub region_names: BTreeMap<i32, String>,
-    /// Tissue model settings.
-    pub modelling: Modelling,
-    /// GPU that stores the dense inverse; `None` on the CPU.
-    pub gpu: Option<Gpu>,
-    /// Times (s, on the clock of the motions) of changes of the level of remeshing and the new levels, ascending.
-    pub changes: Vec<(f64, Level)>,
     /// Needle settings.
     pub needle: NeedleSettings,
-    /// Probe in contact, if any.
-    pub contact: Option<Contact>,
     /// Seeds to deposit, in order of time.
     pub deposits: Vec<Deposit>,
     /// Template holes that constrain the needle, in order of time.
@@ -141,7 +114,7 @@ impl Scenario {
             .any(|deposit| self.timing.step_at(deposit.time_s) == step);
         Instruments {
             base: self.needle.base(&self.path.tip().at(time_s)),
-            probe: self.contact.as_ref().map(|contact| self.probe(step) * contact.in_probe),
+            probe: self.contact().map(|contact| self.probe(step) * contact.in_probe),
             guide: self.guide_at(time_s),
             deposit,
         }
@@ -217,7 +190,7 @@ impl Scenario {
             None => {}
         }
         self.timing.steps = recording.inputs.len() as u64;
-        self.changes.clear();
+        self.keep_level();
         self.manipulator = None;
         self.replayed = Some(Arc::new(recording));
         Ok(self)
@@ -253,45 +226,6 @@ impl Scenario {
     }
 }
 
-/// Result of resolving `[tissue]`.
-struct ResolvedTissue {
-    mesh: Arc<TetMesh>,
-    cylinder: Option<Parameters>,
-    laws: Vec<AnyLaw>,
-    materials: Vec<Material>,
-    fixed: Vec<(u32, u8)>,
-    interactions: Vec<(i32, Interaction)>,
-    anatomy: Arc<dyn Anatomy>,
-    region_names: BTreeMap<i32, String>,
-    contact: Option<Contact>,
-}
-
-impl ResolvedTissue {
-    /// Warns of interactions and contacts that have no effect, or a coarse one.
-    fn warn(&self, warnings: &mut Vec<String>) {
-        for (region, of) in &self.interactions {
-            if of.puncture_n > 0.0 && of.puncture_n <= of.cutting_n {
-                warnings.push(format!(
-                    "the surface of {} is not felt: its puncture_n ({} N) is not above its cutting_n ({} N); raise it or leave it out",
-                    self
-                        .region_names
-                        .get(region)
-                        .map_or_else(|| format!("region {region}"), String::clone),
-                    of.puncture_n,
-                    of.cutting_n
-                ));
-            }
-        }
-        let candidates = self.contact.as_ref().map(|contact| contact.probe.candidates.len());
-        if let Some(few @ 1..FEW_CANDIDATES) = candidates {
-            warnings.push(format!(
-                "only {few} nodes of the mesh can touch the contact probe: its force is coarse; lower `contact_probe.thinning`, or raise \
-                 `tissue.nodes`"
-            ));
-        }
-    }
-}
-
 impl ScenarioFile {
     /// Reads or generates everything that the scenario names, including the mesh, and checks it. Relative paths start
     /// at `base_dir`, the folder of the file. `progress` receives the completed fraction of mesh generation.
@@ -305,8 +239,7 @@ impl ScenarioFile {
     fn resolved(&self, base_dir: &Path, progress: &mut dyn FnMut(f32)) -> Result<Scenario, InputError> {
         self.in_ranges("quality", self.quality.as_ref())?;
         self.in_ranges("run", &self.run)?;
-        let modelling = self.modelling()?;
-        let stiffening = self.stiffening()?;
+        self.check_tissue()?;
         let needle = self.needle_settings()?;
         self.in_ranges("tissue", &self.tissue)?;
         self.motion_key()?;
@@ -323,48 +256,30 @@ impl ScenarioFile {
         let timing = self.timing(&scene, &path)?;
         let manipulator = self.guided(path.tip(), scene.probe_path())?;
         self.check_deposits(&deposits, &timing)?;
-        let changes = self.changes(&timing)?;
-        let gpu = self.gpu()?;
         let (mut notes, mut warnings) = (std::mem::take(&mut scene.notes), std::mem::take(&mut scene.warnings));
         notes.extend(self.source.iter().flat_map(|source| source.renamed()));
-        notes.extend(
-            gpu.iter()
-                .map(|gpu| format!("remeshing works on '{}'", gpu.report().name)),
-        );
         clearance::tell(&scene, path.tip(), &mut notes, &mut warnings);
-        let tissue = match file.cylinder_of(path.tip())? {
-            Some(parameters) => file.springs_of(&scene, parameters)?,
-            None => file.elements_of(&scene, base_dir, path.tip(), progress, &mut notes, &mut warnings)?,
+        let insertion = Insertion {
+            scene: &scene,
+            base_dir,
+            needle: &needle,
+            path: path.tip(),
+            timing: &timing,
         };
+        let tissue = file.tissue_of(&insertion, progress, &mut notes, &mut warnings)?;
         let from_file = file.tissue.mesh.is_some();
         warnings.extend(unmeshed(&scene, path.tip(), tissue.anatomy.as_ref(), from_file));
         tissue.warn(&mut warnings);
-        if stiffening.is_some() {
-            file.is_straight(path.tip(), &needle, &tissue.mesh, &tissue.laws, tissue.anatomy.as_ref())?;
-        }
         scene.anatomy.mesh = Some(Arc::clone(&tissue.mesh));
         Ok(Scenario {
             path: self.through_guide(path, manipulator.as_ref(), scene.probe_path())?,
             manipulator: manipulator.map(Arc::new),
-            stiffened: stiffening.map(|(viscosity, options)| Stiffened {
-                laws: tissue.laws,
-                viscosity,
-                stress: false,
-                options,
-            }),
             reports: file.reports(&tissue.mesh)?,
             mesh: tissue.mesh,
-            materials: tissue.materials,
-            fixed: tissue.fixed,
+            tissue: tissue.setup,
             interactions: tissue.interactions,
-            section: None,
             anatomy: tissue.anatomy,
             region_names: tissue.region_names,
-            cylinder: tissue.cylinder,
-            contact: tissue.contact,
-            modelling,
-            gpu,
-            changes,
             quality: self.quality(),
             needle,
             deposits,
@@ -402,76 +317,6 @@ impl ScenarioFile {
             return Err(self.wrong_keys("run.dt_ms", found, "shorter steps, or seeds farther apart"));
         }
         Ok(())
-    }
-
-    /// Builds the finite-element tissue.
-    fn elements_of(
-        &self,
-        scene: &Scene,
-        base_dir: &Path,
-        path: &Trajectory,
-        progress: &mut dyn FnMut(f32),
-        notes: &mut Vec<String>,
-        warnings: &mut Vec<String>,
-    ) -> Result<ResolvedTissue, InputError> {
-        let meshed = self.mesh(scene, base_dir, path, progress, notes, warnings)?;
-        let regions = Regions::new(self, scene, &meshed.names);
-        let mut present = meshed.mesh.regions().to_vec();
-        if self.tissue.mesh.is_none() {
-            present.extend(self.labelled(&regions)?);
-        }
-        present.sort_unstable();
-        present.dedup();
-        let made_of = regions.made_of(&present)?;
-        let interactions: Vec<_> = made_of.iter().map(|(region, of)| (*region, of.interaction)).collect();
-        let mesh = Arc::new(meshed.mesh);
-        let anatomy: Arc<dyn Anatomy> = match self.tissue.mesh {
-            Some(_) => Arc::new(MeshRegions::new(&mesh, &interactions)),
-            None => Arc::new(Labels::new(regions.volume(), &interactions, self.tissue.box_mm)),
-        };
-        let fixed = self.fixed(&mesh, &regions, &made_of, notes, warnings)?;
-        let of_elements = mesh.regions().iter();
-        Ok(ResolvedTissue {
-            cylinder: None,
-            laws: of_elements.clone().map(|region| made_of[region].law).collect(),
-            materials: of_elements.map(|region| made_of[region].material).collect(),
-            interactions,
-            anatomy,
-            region_names: present.iter().map(|region| (*region, regions.name(*region))).collect(),
-            contact: self.contact(scene, &mesh, &fixed, &regions)?,
-            fixed,
-            mesh,
-        })
-    }
-
-    /// Builds the mass-spring tissue.
-    fn springs_of(&self, scene: &Scene, parameters: Parameters) -> Result<ResolvedTissue, InputError> {
-        let none = BTreeMap::new();
-        let regions = Regions::new(self, scene, &none);
-        let present = self.labelled(&regions)?;
-        let made_of = regions.made_of(&present)?;
-        let interactions: Vec<_> = made_of.iter().map(|(region, of)| (*region, of.interaction)).collect();
-        let labels = Labels::new(regions.volume(), &interactions, None);
-        Ok(ResolvedTissue {
-            mesh: Arc::new(self.cylinder_mesh(parameters, &labels)?),
-            cylinder: Some(parameters),
-            laws: Vec::new(),
-            materials: Vec::new(),
-            fixed: Vec::new(),
-            interactions,
-            anatomy: Arc::new(labels),
-            region_names: present.iter().map(|region| (*region, regions.name(*region))).collect(),
-            contact: None,
-        })
-    }
-
-    /// Regions of the labels present in the volume, without the excluded ones.
-    fn labelled(&self, regions: &Regions<'_>) -> Result<Vec<i32>, InputError> {
-        let (outside, volume) = (self.outside(regions)?, regions.volume());
-        let labels = volume.labels().iter().enumerate().skip(1);
-        let held = labels.filter(|(index, _)| volume.holds(*index));
-        let numbers = held.filter_map(|(_, label)| i32::try_from(label.value).ok());
-        Ok(numbers.filter(|region| !outside.contains(region)).collect())
     }
 
     /// True if a time (s, on the clock of the motions) lies within the run.

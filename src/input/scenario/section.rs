@@ -5,9 +5,10 @@ use std::sync::Arc;
 
 use nalgebra::{Point3, Vector3};
 
+use super::nonlinear_tissue::NonlinearTissue;
 use super::regions::Regions;
 use super::resolve::Scenario;
-use super::stiffened::Stiffened;
+use super::tissue_setup::TissueSetup;
 use insonify_base::document::InputError;
 use insonify_mechanics::insertion::nonlinear::{Options, Plane};
 use insonify_mechanics::tissue::law::AnyLaw;
@@ -26,18 +27,27 @@ const HALF_MM: f64 = 0.5;
 /// Component of an axis of the plane along an axis of the world that counts as none.
 const NONE: f64 = 1e-6;
 
+/// Tissue in the image plane, without strain across it; the mesh of the scenario is a slab around it.
+#[derive(Clone, Debug)]
+pub struct PlaneSection {
+    /// Laws of the triangles, and the fixed nodes and axes of the sheet.
+    pub tissue: NonlinearTissue,
+    /// The sheet and its place.
+    pub plane: Arc<Plane>,
+}
+
 impl Scenario {
     /// Checks that the tissue does not depend on the path of the needle.
     ///
     /// # Errors
     /// [`InputError`] for masses and springs.
     pub fn check_path_independent(&self) -> Result<(), InputError> {
-        match self.cylinder {
-            Some(_) => {
+        match self.tissue {
+            TissueSetup::MassSpring(_) => {
                 let found = "masses and springs, whose cylinder lies along one path";
                 Err(self.file.wrong_keys("tissue.model", found, "another tissue model"))
             }
-            None => Ok(()),
+            _ => Ok(()),
         }
     }
 
@@ -68,33 +78,32 @@ impl Scenario {
         let mut present = made.regions.clone();
         present.sort_unstable();
         present.dedup();
-        let made_of = regions.made_of(&present)?;
-        let laws: Vec<AnyLaw> = made.regions.iter().map(|region| made_of[region].law).collect();
+        let properties = regions.properties(&present)?;
+        let laws: Vec<AnyLaw> = made.regions.iter().map(|region| properties[region].law).collect();
         let (mut notes, mut warnings) = (Vec::new(), Vec::new());
-        let held = self.file.fixed(&slab, &regions, &made_of, &mut notes, &mut warnings)?;
+        let clamped = self
+            .file
+            .fixed(&slab, &regions, &properties, &mut notes, &mut warnings)?;
         let sheet = Sheet::plane_strain(made.nodes, made.triangles, &laws, thickness_mm);
         let sheet = sheet.map_err(|error| self.file.fault("tissue", error))?;
+        let solid = self.tissue.nonlinear();
         let mut section = self.clone();
-        section.fixed = plane.fixed(&held, sheet.nodes().len());
-        section.materials = slab.regions().iter().map(|region| made_of[region].material).collect();
-        section.stiffened = Some(Stiffened {
-            laws,
-            viscosity: self.stiffened.as_ref().and_then(|stiffened| stiffened.viscosity),
-            options: self
-                .stiffened
-                .as_ref()
-                .map_or_else(Options::default, |stiffened| stiffened.options),
-            stress: false,
+        section.tissue = TissueSetup::Plane(PlaneSection {
+            tissue: NonlinearTissue {
+                laws,
+                fixed: plane.fixed(&clamped, sheet.nodes().len()),
+                viscosity: solid.and_then(|tissue| tissue.viscosity),
+                stress: false,
+                options: solid.map_or_else(Options::default, |tissue| tissue.options),
+            },
+            plane: Arc::new(Plane {
+                origin: plane.origin,
+                axes: plane.axes,
+                sheet: Arc::new(sheet),
+            }),
         });
-        section.section = Some(Arc::new(Plane {
-            origin: plane.origin,
-            axes: plane.axes,
-            sheet: Arc::new(sheet),
-        }));
         section.mesh = Arc::new(slab);
         section.scene.anatomy.mesh = Some(Arc::clone(&section.mesh));
-        section.changes.clear();
-        section.gpu = None;
         section.warnings.extend(warnings);
         Ok(section)
     }
@@ -102,7 +111,7 @@ impl Scenario {
     /// Refuses what a plane model does not support.
     fn fits_a_plane(&self) -> Result<(), InputError> {
         let wrong = |key: &str, found: &str, expected: &str| Err(self.file.wrong_keys(key, found, expected));
-        if self.contact.is_some() {
+        if self.contact().is_some() {
             return wrong(
                 "contact_probe",
                 "a probe in contact with a section of tissue",
@@ -202,6 +211,7 @@ impl Outline {
 mod tests {
     use std::path::Path;
 
+    use super::{PlaneSection, TissueSetup};
     use crate::input::scenario::{EXAMPLES, ScenarioFile};
 
     /// The section of a scenario has the areas of the labels in the image plane, and holds what the scenario holds.
@@ -212,7 +222,9 @@ mod tests {
         let file = ScenarioFile::parse(&text, "test.toml").unwrap();
         let scenario = file.resolve(Path::new(""), |_| ()).unwrap();
         let section = scenario.section(20.0).unwrap();
-        let plane = section.section.as_ref().unwrap();
+        let TissueSetup::Plane(PlaneSection { tissue, plane }) = &section.tissue else {
+            panic!("a section");
+        };
         let area = |of: i32| -> f64 {
             let parts = plane
                 .sheet
@@ -248,7 +260,7 @@ mod tests {
             let nodes = section.mesh.nodes()[..plane.sheet.nodes().len()].iter().enumerate();
             let away = |node: &[f64; 3]| (node[0] - at[0]).hypot(node[1] - at[1]);
             let nearest = nodes.min_by(|a, b| away(a.1).total_cmp(&away(b.1))).unwrap().0;
-            section
+            tissue
                 .fixed
                 .iter()
                 .filter(|(node, _)| *node as usize == nearest)

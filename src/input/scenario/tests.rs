@@ -64,3 +64,8 @@ within_mm = 3
         "[scene.pose]\nposition_mm = [0, 26, 50]\ndirection = [0, -1, 0]\nlateral = [-1, 0, 0]\n[scene.image]",
     )
 }
+
+/// Fixed nodes and axes of linear tissue.
+fn fixed(scenario: &Scenario) -> &[(u32, u8)] {
+    &scenario.tissue.finite_element().expect("finite elements").fixed
+}

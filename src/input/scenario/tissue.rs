@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::stiffened::{StepSolverSpec, TissueViscositySpec};
+use super::nonlinear_tissue::{StepSolverSpec, TissueViscositySpec};
 use crate::input::statics::selection::CylinderChoice;
 use insonify_base::document::{RegionName, word};
 use insonify_base::range::{Kind, parameters};
@@ -79,6 +79,23 @@ pub enum TissueModel {
     Nonlinear,
     /// Finite elements as in `nonlinear`, with viscosity of fractional order.
     Viscoelastic,
+}
+
+impl TissueModel {
+    /// Whether its elements are remeshed at the tip, at one of several levels.
+    pub fn is_remeshed(self) -> bool {
+        self == Self::FiniteElement
+    }
+
+    /// Whether the mesh is of the anatomy, and so has a place at rest: that of masses and springs has one once the needle enters.
+    pub fn is_meshed(self) -> bool {
+        self != Self::MassSpring
+    }
+
+    /// Whether a mesh made from the scene's volume is finer along the needle's path by default.
+    pub fn is_finer_along_path(self) -> bool {
+        self.is_remeshed()
+    }
 }
 
 impl Kind for TissueModel {

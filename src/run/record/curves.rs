@@ -66,7 +66,7 @@ impl Curves {
     pub(super) fn new(scenario: &Scenario) -> Self {
         Self {
             steps_a_stretch: scenario.timing.steps.div_ceil(STRETCHES).max(1),
-            probe: scenario.contact.is_some().then(Curve::default),
+            probe: scenario.contact().is_some().then(Curve::default),
             target: (!scenario.targets.is_empty()).then(Curve::default),
             ..Self::default()
         }

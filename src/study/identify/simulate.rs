@@ -139,11 +139,7 @@ impl<'a> Simulator<'a> {
         let scenario = &mut self.scenario;
         let mut interactions = Vec::new();
         for layer in layers {
-            let material = Material::new(layer.young_kpa, layer.poisson)?;
-            let of_layer = scenario.mesh.regions().iter().zip(&mut scenario.materials);
-            of_layer
-                .filter(|(region, _)| **region == layer.region)
-                .for_each(|(_, element)| *element = material);
+            scenario.set_linear_material(layer.region, Material::new(layer.young_kpa, layer.poisson)?);
             let interaction = Interaction {
                 friction_n_per_mm: layer.shaft_n_per_mm,
                 peak: Some(Peak {

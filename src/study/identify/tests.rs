@@ -157,13 +157,8 @@ fn parameters_that_made_the_data_return() {
         .resolve(folder.path(), |_| {})
         .unwrap();
     let inclusion = again.anatomy.region(&Point3::new(0.0, 5.0, 0.0)).unwrap();
-    let at = again
-        .mesh
-        .regions()
-        .iter()
-        .position(|region| *region == inclusion)
-        .unwrap();
-    assert_eq!(again.materials[at].young_kpa(), one.layers[1].young_kpa);
+    let material = again.linear_material(inclusion).unwrap();
+    assert_eq!(material.young_kpa(), one.layers[1].young_kpa);
     let interaction = again.anatomy.interaction(inclusion);
     assert_eq!(interaction.friction_n_per_mm, one.layers[1].shaft_n_per_mm);
     assert_eq!(interaction.peak.unwrap().width_mm, one.layers[1].width_mm);

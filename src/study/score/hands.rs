@@ -240,7 +240,7 @@ impl Hand {
             keys.push((plan.start_s + time_s, entry + direction * arc, direction));
         }
         let tip = NeedlePath::tip_trajectory(&keys, Interpolation::Linear);
-        let probe = match scenario.contact {
+        let probe = match scenario.contact() {
             // A probe in contact moves as planned: its contact nodes were chosen along that motion.
             Some(_) => None,
             None => Some(self.probe(scenario, plan.start_s, end_s, &mut draw)?),

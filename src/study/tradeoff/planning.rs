@@ -196,10 +196,8 @@ fn case(nodes: usize) -> Result<(IdentificationCase, Vec<f64>), Error> {
     let text = case.text.0.replace("nodes = 991", &format!("nodes = {nodes}"));
     case.scenario = ScenarioFile::parse(&text, "two-layer-insertion")?.resolve(Path::new(""), |_| ())?;
     let young = |region: i32| {
-        let mut elements = case.scenario.mesh.regions().iter().zip(&case.scenario.materials);
-        elements
-            .find(|(own, _)| **own == region)
-            .map_or(f64::NAN, |(_, material)| material.young_kpa())
+        let material = case.scenario.linear_material(region);
+        material.map_or(f64::NAN, |material| material.young_kpa())
     };
     let young = case.layers.iter().map(|layer| young(layer.region)).collect();
     Ok((case, young))

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::{BLOCK, resolved, with_probe};
+use super::{BLOCK, fixed, resolved, with_probe};
 
 #[test]
 fn the_base_lies_behind_the_tip_and_turns_with_the_roll() {
@@ -29,27 +29,18 @@ fn materials_are_those_of_the_tissues_but_for_what_is_said() {
     assert_eq!((own(1).friction_n_per_mm, own(2).friction_n_per_mm), (0.02, 0.25));
     // Cutting force of the inclusion is left to its tissue.
     assert_eq!(own(2).cutting_n, 1.5);
-    let of = |region| {
-        scenario
-            .mesh
-            .regions()
-            .iter()
-            .position(|of| *of == region)
-            .expect("an element")
-    };
     assert_eq!(
-        [1, 2].map(|region| scenario.materials[of(region)].young_kpa()),
+        [1, 2].map(|region| scenario.linear_material(region).unwrap().young_kpa()),
         [10.0, 33.0]
     );
-    assert!(!scenario.fixed.is_empty());
-    let held = scenario
-        .fixed
+    assert!(!fixed(&scenario).is_empty());
+    let held = fixed(&scenario)
         .iter()
         .all(|(node, _)| scenario.mesh.nodes()[*node as usize][2] >= 40.0);
     assert!(held, "only what the box holds is fixed");
 
     let rigid = resolved(&BLOCK.replace("friction_n_per_mm = 0.25", "rigid = true")).expect("a scenario");
-    assert!(rigid.fixed.len() > scenario.fixed.len());
+    assert!(fixed(&rigid).len() > fixed(&scenario).len());
     assert!(rigid.interactions[1].1.bone.is_some(), "what is rigid stops a needle");
 }
 
@@ -72,14 +63,15 @@ fn a_box_crops_what_is_meshed() {
 fn a_probe_finds_the_nodes_that_it_can_touch() {
     let text = with_probe();
     let scenario = resolved(&text.replace("nodes = 250", "nodes = 1500")).expect("a scenario");
-    let contact = scenario.contact.as_ref().expect("a probe");
+    let contact = scenario.contact().expect("a probe");
     assert!(contact.probe.candidates.len() > 10);
     for &node in &contact.probe.candidates {
         let [x, y, z] = scenario.mesh.nodes()[node as usize];
         assert!((x.hypot(y - 26.0) - 9.0).abs() <= 3.0 + 1e-9, "{x} {y} {z}");
     }
     let thinned = text.replace("nodes = 250", "nodes = 1500") + "thinning = 3\n";
-    let thinned = resolved(&thinned).expect("a scenario").contact.expect("a probe");
+    let thinned = resolved(&thinned).expect("a scenario");
+    let thinned = thinned.contact().expect("a probe");
     let (all, kept) = (&contact.probe.candidates, &thinned.probe.candidates);
     assert!(kept.iter().all(|node| all.contains(node)));
     assert!(

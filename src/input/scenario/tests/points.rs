@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::prescribed::PrescribedModel;
-use super::{BLOCK, resolved};
+use super::{BLOCK, fixed, resolved};
 use crate::input::scenario::Scenario;
 use crate::input::scenario::points::{Displaced, Extremes, Points};
 use crate::run::record::Record;
@@ -237,7 +237,7 @@ fn the_stress_of_a_deformed_mesh_is_that_of_its_materials() {
         let found = scenario
             .von_mises_kpa(&model, scenario.mesh.elements(), &tissue)
             .expect("stress");
-        for (found, material) in found.iter().zip(&scenario.materials) {
+        for (found, material) in found.iter().zip(&scenario.tissue.finite_element().unwrap().materials) {
             let [_, mu] = material.lame_kpa();
             assert!(
                 (found / (factor * mu) - 1.0).abs() < 1e-9,
@@ -263,7 +263,7 @@ fn nodes_are_fixed_by_cylinder_and_by_the_surface_of_a_region() {
     let hole = |part: &str| format!("cylinder = {{ at_mm = [0, 26, 7], axis = [0, 0, 2], radius_mm = 9, {part} }}");
     let held = |text: &str| {
         let scenario = resolved(text).unwrap_or_else(|error| panic!("{error}"));
-        let mut nodes: Vec<u32> = scenario.fixed.iter().map(|(node, _)| *node).collect();
+        let mut nodes: Vec<u32> = fixed(&scenario).iter().map(|(node, _)| *node).collect();
         nodes.dedup();
         (scenario, nodes)
     };

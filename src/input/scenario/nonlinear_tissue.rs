@@ -1,21 +1,23 @@
-//! Stiffening and viscoelastic tissue: its tables, and the features that it excludes.
+//! Nonlinear and viscoelastic tissue of a scenario: its tables, the instruments that it excludes, and the model built from it.
+
+use std::sync::Arc;
 
 use nalgebra::{Point3, Unit, Vector3};
 
 use super::file::ScenarioFile;
 use super::instruments::NeedleModel;
-use super::needle::NeedleSettings;
+use super::resolve::Scenario;
 use super::tissue::TissueModel;
+use super::tissue_setup::{Deforming, Insertion, ResolvedTissue, TissueSetup};
 use crate::input::statics::SchemeName;
 use insonify_base::document::InputError;
 use insonify_base::range::parameters;
-use insonify_mechanics::insertion::nonlinear::{Options, Viscosity, in_body, obstacle};
-use insonify_mechanics::insertion::{Anatomy, InvalidSetup};
+use insonify_mechanics::insertion::nonlinear::{Nonlinear, Options, Plane, Setup, Viscosity, in_body, obstacle};
+use insonify_mechanics::insertion::{InvalidSetup, Model};
 use insonify_mechanics::tissue::law::AnyLaw;
 use insonify_mechanics::tissue::nonlinear::creep::Memory;
 use insonify_mechanics::tissue::nonlinear::{Options as SolverOptions, Scheme, Solid};
-use insonify_mesh::TetMesh;
-use insonify_tracking::trajectory::{Key, Trajectory};
+use insonify_tracking::trajectory::Key;
 
 /// Largest sideways motion of a needle in tissue, mm: rounding of the numbers in a file.
 const SIDEWAYS_MM: f64 = 0.05;
@@ -49,11 +51,13 @@ parameters! {
     }
 }
 
-/// Stiffening tissue.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Stiffened {
+/// Nonlinear tissue.
+#[derive(Clone, Debug)]
+pub struct NonlinearTissue {
     /// Constitutive law of each element.
     pub laws: Vec<AnyLaw>,
+    /// Node and axis of each fixed degree of freedom, ascending.
+    pub fixed: Vec<(u32, u8)>,
     /// Viscosity of a viscoelastic model.
     pub viscosity: Option<Viscosity>,
     /// Whether the stress of viscous tissue is followed.
@@ -62,49 +66,69 @@ pub struct Stiffened {
     pub options: Options,
 }
 
-/// Whether the tissue of a model stiffens.
-pub fn stiffens(model: TissueModel) -> bool {
-    matches!(model, TissueModel::Nonlinear | TissueModel::Viscoelastic)
+impl NonlinearTissue {
+    /// Builds the model, of a solid or of a plane.
+    pub(super) fn model(&self, scenario: &Scenario, plane: Option<&Plane>) -> Result<Box<dyn Model>, InputError> {
+        let setup = Setup {
+            mesh: Arc::clone(&scenario.mesh),
+            laws: self.laws.clone(),
+            fixed: self.fixed.clone(),
+            interactions: scenario.interactions.clone(),
+            anatomy: Some(Arc::clone(&scenario.anatomy)),
+            shaft: scenario.needle.shaft(),
+            viscosity: self.viscosity,
+            stress: self.stress,
+            options: self.options,
+        };
+        let fault = |error: InvalidSetup| scenario.file.fault("tissue", error);
+        Ok(match plane {
+            Some(plane) => Box::new(Nonlinear::of_plane(setup, plane).map_err(fault)?),
+            None => Box::new(Nonlinear::new(setup).map_err(fault)?),
+        })
+    }
 }
 
 impl ScenarioFile {
-    /// Returns the viscosity and solver options of stiffening tissue; unsupported features are refused.
-    pub(crate) fn stiffening(&self) -> Result<Option<(Option<Viscosity>, Options)>, InputError> {
-        let spec = &self.tissue;
-        let (stiffens, creeps) = (stiffens(spec.model), spec.model == TissueModel::Viscoelastic);
-        for (at, material) in spec.material.iter().enumerate() {
-            self.of_kind(&format!("tissue.material[{at}]"), material, spec.model)?;
-        }
-        if !stiffens {
-            return Ok(None);
-        }
-        self.no_others()?;
-        self.in_ranges("tissue.solver", spec.solver.as_ref())?;
-        self.in_ranges("tissue.viscosity", spec.viscosity.as_ref())?;
-        let TissueViscositySpec { order, memory, .. } = spec.viscosity.unwrap_or_default();
-        Ok(Some((creeps.then_some(Viscosity { order, memory }), self.steps())))
+    /// Reads or makes the mesh of nonlinear tissue, through which the needle goes straight.
+    pub(crate) fn nonlinear_tissue(
+        &self,
+        insertion: &Insertion<'_>,
+        progress: &mut dyn FnMut(f32),
+        notes: &mut Vec<String>,
+        warnings: &mut Vec<String>,
+    ) -> Result<ResolvedTissue, InputError> {
+        let meshed = self.deforming(insertion, progress, notes, warnings)?;
+        let laws = meshed.of_elements(|region| region.law);
+        let TissueViscositySpec { order, memory, .. } = self.tissue.viscosity.unwrap_or_default();
+        let creeps = self.tissue.model == TissueModel::Viscoelastic;
+        self.check_straight(insertion, &meshed, &laws)?;
+        let tissue = NonlinearTissue {
+            laws,
+            fixed: meshed.fixed.clone(),
+            viscosity: creeps.then_some(Viscosity { order, memory }),
+            stress: false,
+            options: self.solver_options(),
+        };
+        Ok(meshed.modelled(TissueSetup::Nonlinear(tissue)))
     }
 
-    /// Refuses instruments that nonlinear tissue does not support.
-    fn no_others(&self) -> Result<(), InputError> {
-        if self.contact_probe.is_some() {
-            let found = "a probe in contact with nonlinear tissue, which does not support it";
-            return Err(self.wrong_keys("contact_probe", found, "`tissue.model = \"finite-element\"`"));
-        }
-        let Some(needle) = &self.needle else { return Ok(()) };
-        if needle.model != NeedleModel::Rigid {
+    /// Refuses needles that nonlinear tissue does not support, and checks its tables.
+    pub(crate) fn check_nonlinear(&self) -> Result<(), InputError> {
+        let needle = self.needle.as_ref();
+        if needle.is_some_and(|needle| needle.model != NeedleModel::Rigid) {
             let found = "a flexible needle in nonlinear tissue, which supports straight paths only";
             return Err(self.wrong_keys("needle.model", found, "`model = \"rigid\"`"));
         }
-        if needle.bevel.is_some() {
+        if needle.is_some_and(|needle| needle.bevel.is_some()) {
             let found = "a bevel in nonlinear tissue, which supports straight paths only";
             return Err(self.wrong_keys("needle.bevel", found, "a needle without"));
         }
-        Ok(())
+        self.in_ranges("tissue.solver", self.tissue.solver.as_ref())?;
+        self.in_ranges("tissue.viscosity", self.tissue.viscosity.as_ref())
     }
 
     /// Settings of a step; with viscosity, those of its memory.
-    fn steps(&self) -> Options {
+    fn solver_options(&self) -> Options {
         let spec = self.tissue.solver.unwrap_or_default();
         let scheme = spec.scheme.map_or(Scheme::MODIFIED, Into::into);
         Options {
@@ -120,15 +144,10 @@ impl ScenarioFile {
     }
 
     /// Refuses a path that the needle cannot follow: sideways in tissue, or into bone.
-    pub(crate) fn is_straight(
-        &self,
-        path: &Trajectory,
-        needle: &NeedleSettings,
-        mesh: &TetMesh,
-        laws: &[AnyLaw],
-        anatomy: &dyn Anatomy,
-    ) -> Result<(), InputError> {
-        let body = Solid::tetrahedra(mesh, laws).map_err(|error| self.fault("tissue", InvalidSetup::Solver(error)))?;
+    fn check_straight(&self, insertion: &Insertion<'_>, meshed: &Deforming, laws: &[AnyLaw]) -> Result<(), InputError> {
+        let (needle, anatomy) = (insertion.needle, meshed.anatomy.as_ref());
+        let body = Solid::tetrahedra(&meshed.mesh, laws);
+        let body = body.map_err(|error| self.fault("tissue", InvalidSetup::Solver(error)))?;
         let place = |key: &Key| {
             let base = needle.base(&key.pose);
             (
@@ -145,7 +164,7 @@ impl ScenarioFile {
             };
             self.wrong_keys(key, found, expected)
         };
-        for pair in path.keys().windows(2) {
+        for pair in insertion.path.keys().windows(2) {
             let [(from, before), (to, direction)] = [&pair[0], &pair[1]].map(place);
             let segment = to - from;
             let turned = needle.length_mm * (*before - *direction).norm();

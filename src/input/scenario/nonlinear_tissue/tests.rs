@@ -158,7 +158,7 @@ fn a_needle_pushes_into_the_liver_and_flattens_the_vein() {
 fn creep_is_that_of_the_file() {
     let text = quick().replace("nodes = 500", "nodes = 300");
     let creeping = resolved(&text).unwrap();
-    let viscosity = creeping.stiffened.as_ref().unwrap().viscosity.unwrap();
+    let viscosity = creeping.tissue.nonlinear().unwrap().viscosity.unwrap();
     assert_eq!((viscosity.order, viscosity.memory), (0.1, Memory::LoadIntegral));
     let table = "[tissue.viscosity]\norder = 0.1\nmemory = \"load-integral\"";
     assert!(text.contains(table));
@@ -166,7 +166,7 @@ fn creep_is_that_of_the_file() {
         .replacen(table, "", 1)
         .replacen("\"viscoelastic\"", "\"nonlinear\"", 1);
     let elastic = resolved(&elastic).unwrap();
-    assert_eq!(elastic.stiffened.as_ref().unwrap().viscosity, None);
+    assert_eq!(elastic.tissue.nonlinear().unwrap().viscosity, None);
     // Halfway to the capsule's puncture, then still: tissue below the knee creeps as t^-0.1, t in seconds.
     let held = |scenario: &Scenario| -> [f64; 2] {
         let mut model = scenario.model(|_, _| {}).unwrap();
