@@ -33,7 +33,6 @@ pub mod path;
 pub mod puncture;
 pub mod realism;
 pub mod registration;
-mod rewritten;
 pub mod score;
 mod search;
 pub mod stability;

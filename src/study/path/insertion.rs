@@ -6,6 +6,7 @@ use insonify::Error;
 use insonify::input::scenario::Scenario;
 use insonify::run::carried::Carried;
 use insonify::run::{Deformed, Observer, Requests, Step, run};
+use insonify_imaging::scene::NeedleKeyframe;
 use insonify_mechanics::insertion::{EventKind, StepError};
 use insonify_tracking::needle::NeedlePath;
 use insonify_tracking::trajectory::Interpolation;
@@ -31,9 +32,6 @@ pub struct Course {
     /// Way back from there, mm.
     pub back_mm: f64,
 }
-
-/// Time (s), tip (mm) and direction of an undeflected needle.
-pub(super) type Key = (f64, [f64; 3], [f64; 3]);
 
 /// When a simulation ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -127,21 +125,27 @@ impl Course {
     }
 
     /// Keyframes of the course at the scenario's speed, or slightly slower, so that each stroke takes whole steps.
-    pub fn keys(&self, scenario: &Scenario) -> Vec<Key> {
+    pub fn keys(&self, scenario: &Scenario) -> Vec<NeedleKeyframe> {
         let every_s = stride(scenario) * scenario.timing.dt_s;
         let speed = speed_mm_s(scenario);
         let round = |value: f64, to: f64| (value * to).round() / to + 0.0;
         let direction = <[f64; 3]>::from(self.along).map(|x| round(x, ROUNDED[1]));
         let at = |mm: f64| <[f64; 3]>::from(self.entry + self.along * mm).map(|x| round(x, ROUNDED[0]));
         let mut time_s = scenario.needle_tip().start_s();
-        let mut keys = vec![(time_s, at(-APPROACH_MM), direction)];
+        let key = |time_s, mm| NeedleKeyframe {
+            time_s,
+            tip_mm: at(mm),
+            direction,
+            roll_deg: None,
+        };
+        let mut keys = vec![key(time_s, -APPROACH_MM)];
         let strokes = [
             (self.depth_mm + APPROACH_MM, self.depth_mm),
             (self.back_mm, self.depth_mm - self.back_mm),
         ];
         for (length, to) in strokes.into_iter().filter(|(length, _)| *length > 0.0) {
             time_s += (length / speed / every_s - WHOLE).ceil().max(1.0) * every_s;
-            keys.push((round(time_s, ROUNDED[1]), at(to), direction));
+            keys.push(key(round(time_s, ROUNDED[1]), to));
         }
         keys
     }
@@ -151,7 +155,7 @@ impl Course {
         let keys = self.keys(scenario);
         let keys: Vec<(f64, Point3<f64>, Vector3<f64>)> = keys
             .into_iter()
-            .map(|(time_s, tip, along)| (time_s, tip.into(), along.into()))
+            .map(|key| (key.time_s, key.tip_mm.into(), key.direction.into()))
             .collect();
         let scenario_on = scenario.moved(NeedlePath::tip_trajectory(&keys, Interpolation::Linear)?, None);
         let mut model = scenario_on.model(|_, _| ())?;

@@ -6,12 +6,13 @@ use nalgebra::Point3;
 use super::correct::Corrected;
 use super::insertion::{APPROACH_MM, Sample};
 use super::{Candidate, PathPlan};
-use crate::rewritten;
-use insonify::input::scenario::Scenario;
+use insonify::input::scenario::planned::TargetSpec;
+use insonify::input::scenario::{Scenario, ScenarioText};
 use insonify_base::number::fixed;
 use insonify_base::output::OutputError;
 use insonify_base::table::{Cell, Table};
 use insonify_imaging::overlay;
+use insonify_imaging::scene::NeedleKeyframe;
 use insonify_imaging::synth::Synthesizer;
 use insonify_report::page::Page;
 use insonify_report::plot::{Axis, Marker, Plot, Series};
@@ -314,25 +315,20 @@ impl PathPlan {
         let Some((_, path)) = self.best() else {
             return Err("no path was found".to_owned());
         };
-        let mut table: toml::Table = base.parse().map_err(|error: toml::de::Error| error.to_string())?;
-        let mut keys = path.course.keys(scenario);
-        if let Some(&(time_s, tip, along)) = keys.last() {
-            keys.push((time_s + PAUSE_S, tip, along));
+        let mut keyframes = path.course.keys(scenario);
+        if let Some(last) = keyframes.last().copied() {
+            let time_s = last.time_s + PAUSE_S;
+            keyframes.push(NeedleKeyframe { time_s, ..last });
         }
-        let mut target = toml::Table::new();
-        target.insert("name".to_owned(), self.target.clone().into());
-        target.insert("at_mm".to_owned(), rewritten::list(self.target_mm));
-        rewritten::motion(&mut table, keys, target)?;
-        let mut tissue = rewritten::part(&mut table, "tissue")?;
-        if let Some(corners) = scenario.meshed_mm() {
-            let corners = corners.map(rewritten::list).to_vec();
-            tissue.entry("box_mm").or_insert(toml::Value::Array(corners));
-        }
-        if let Some(along_path) = scenario.along_path() {
-            tissue.insert("along_path".to_owned(), along_path.into());
-        }
-        table.insert("tissue".to_owned(), tissue.into());
-        let text = toml::to_string(&table).map_err(|error| error.to_string())?;
+        let target = TargetSpec {
+            name: self.target.clone(),
+            at_mm: self.target_mm,
+            radius_mm: 0.0,
+        };
+        let text = ScenarioText::parse(base)?
+            .with_needle_path(&keyframes, &target)?
+            .with_mesh(scenario.meshed_mm(), scenario.along_path())?
+            .text()?;
         Ok(format!(
             "# A path planned by `insonify path`: {}.\n\n{text}",
             self.text()

@@ -10,15 +10,17 @@ use serde::Serialize;
 use super::groups::{Comparison, Session, compare};
 use super::hands::{Draw, Hand, InsertionPlan, hand};
 use super::{Collector, NAMES, NO_TARGET, Score, unscored};
+use crate::StudyError;
 use crate::path::unknown;
-use crate::{StudyError, rewritten};
 use insonify::Error;
-use insonify::input::scenario::Scenario;
 use insonify::input::scenario::clearance::Surroundings;
+use insonify::input::scenario::planned::TargetSpec;
+use insonify::input::scenario::{Scenario, ScenarioText};
 use insonify::run::{Requests, run};
 use insonify_base::parallel;
 use insonify_base::random::hash3;
 use insonify_base::range::{OutOfRange, check};
+use insonify_imaging::scene::NeedleKeyframe;
 use insonify_mechanics::needle::across;
 use insonify_tracking::pose::Pose;
 use insonify_tracking::probe::BeamGrid;
@@ -283,30 +285,22 @@ impl Task {
     /// # Errors
     /// The reason if `base` is no table with an inline scene.
     pub fn scenario(&self, base: &str, conditions: &Conditions, number: usize) -> Result<String, String> {
-        let mut table: toml::Table = base.parse().map_err(|error: toml::de::Error| error.to_string())?;
         let rounded = |values: [f64; 3]| values.map(|value| (value * 1e4).round() / 1e4 + 0.0);
-        let list = |values: [f64; 3]| rewritten::list(rounded(values));
-        let mut scene = rewritten::part(&mut table, "scene")?;
-        scene.remove("motion");
-        let [position, axial, lateral] = self.probe;
-        let pose = [("position_mm", position), ("direction", axial), ("lateral", lateral)];
-        let pose: toml::Table = pose
-            .into_iter()
-            .map(|(key, value)| (key.to_owned(), list(value)))
-            .collect();
-        scene.insert("pose".to_owned(), pose.into());
-        table.insert("scene".to_owned(), scene.into());
-        let keys = self.keyframes.iter();
-        let keys = keys.map(|(time_s, tip, along)| ((time_s * 1e3).round() / 1e3, rounded(*tip), rounded(*along)));
-        let mut target = toml::Table::new();
-        target.insert(
-            "name".to_owned(),
-            format!("target {number} in {}", conditions.organ).into(),
-        );
-        target.insert("at_mm".to_owned(), list(self.target_mm));
-        target.insert("radius_mm".to_owned(), conditions.radius_mm.into());
-        rewritten::motion(&mut table, keys, target)?;
-        let text = toml::to_string(&table).map_err(|error| error.to_string())?;
+        let keyframes = self.keyframes.iter().map(|&(time_s, tip, along)| NeedleKeyframe {
+            time_s: (time_s * 1e3).round() / 1e3,
+            tip_mm: rounded(tip),
+            direction: rounded(along),
+            roll_deg: None,
+        });
+        let target = TargetSpec {
+            name: format!("target {number} in {}", conditions.organ),
+            at_mm: rounded(self.target_mm),
+            radius_mm: conditions.radius_mm,
+        };
+        let text = ScenarioText::parse(base)?
+            .with_probe(self.probe.map(rounded))?
+            .with_needle_path(&keyframes.collect::<Vec<_>>(), &target)?
+            .text()?;
         let distance = |mm: Option<f64>| mm.map_or("more than 30".to_owned(), |mm| format!("{mm:.0}"));
         let critical = match text.contains("critical = true") {
             true => format!("{} mm", distance(self.critical_mm)),
