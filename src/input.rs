@@ -1,5 +1,6 @@
 //! Files that users write, resolved into insertions and static problems.
 
-mod law;
+mod material;
 pub mod scenario;
+pub mod selection;
 pub mod statics;

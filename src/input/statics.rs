@@ -30,14 +30,14 @@ pub mod course;
 pub mod file;
 mod loads;
 mod resolve;
-pub mod selection;
 
 pub use course::{Model, SchemeName};
 pub use file::ProblemFile;
 
 use std::collections::BTreeMap;
 
-use super::law::LawKeys;
+use super::material::TableOfRegion;
+use super::selection::SelectionError;
 use file::MaterialSpec;
 use insonify_base::document::{InputError, InvalidFile};
 use insonify_base::range::OutOfRange;
@@ -46,7 +46,6 @@ use insonify_mechanics::tissue::material::Material;
 use insonify_mesh::TetMesh;
 pub use loads::{Applied, Loads};
 pub use resolve::{Problem, Regions};
-use selection::SelectionError;
 
 /// Example problem file with every key of linear tissue.
 pub const EXAMPLE: &str = include_str!("../../assets/press.toml");
@@ -57,8 +56,8 @@ pub const CREEP: &str = include_str!("../../assets/liver-plate.toml");
 impl ProblemFile {
     /// Creates an error about a selection of nodes or axes.
     #[allow(clippy::boxed_local, reason = "the boxed error of a result")]
-    fn odd(&self, odd: SelectionError) -> InputError {
-        self.fault(odd.0, odd.1)
+    fn selection_fault(&self, error: SelectionError) -> InputError {
+        self.fault(error.0, error.1)
     }
 
     /// Checks that a number is finite and no larger than `most`.
@@ -91,36 +90,32 @@ impl ProblemFile {
         if self.material.is_empty() {
             return Err(self.wrong_keys("material", "no `[[material]]`", "at least one"));
         }
-        let (mut others, mut made) = (None, BTreeMap::new());
-        for (table, spec) in self.material.iter().enumerate() {
-            let key = format!("material[{table}]");
-            let law = self.law(&key, spec)?;
-            let one = Made { law, table };
-            let Some(name) = &spec.region else {
-                if others.replace(one).is_some() {
-                    let found = "a second material without `region`";
-                    return Err(self.wrong_keys(key, found, "one at most, for all other regions"));
-                }
-                continue;
-            };
-            let key = format!("{key}.region");
-            for region in self.regions(&key, name, regions)? {
-                if made.insert(region, one).is_some() {
-                    let found = format!("a second material for {}", regions.called(region));
-                    return Err(self.wrong_keys(key, found, "one for each region"));
-                }
-            }
-        }
+        let laws = self.material.iter().enumerate();
+        let laws = laws.map(|(table, spec)| self.law(&format!("material[{table}]"), spec));
+        let laws: Vec<AnyLaw> = laws.collect::<Result<_, _>>()?;
+        let tables = TableOfRegion::new(
+            "material",
+            self.material.iter().map(|spec| spec.region.as_ref()),
+            |key, name| self.regions(key, name, regions),
+            |region| regions.called(region),
+            |key, found, expected| self.wrong_keys(key, found, expected),
+        )?;
+        let mut materials = BTreeMap::new();
         let mut without = BTreeMap::<i32, usize>::new();
         for region in mesh.regions() {
-            match (made.contains_key(region), others) {
-                (true, _) => {}
-                (false, Some(others)) => drop(made.insert(*region, others)),
-                (false, None) => *without.entry(*region).or_default() += 1,
+            match tables.of(*region) {
+                Some(table) => drop(materials.insert(
+                    *region,
+                    Made {
+                        law: laws[table],
+                        table,
+                    },
+                )),
+                None => *without.entry(*region).or_default() += 1,
             }
         }
         if without.is_empty() {
-            return Ok(made);
+            return Ok(materials);
         }
         let listed = without.iter();
         let listed = listed.map(|(region, elements)| format!("{} ({elements} tetrahedra)", regions.called(*region)));
@@ -137,12 +132,7 @@ impl ProblemFile {
         let material = Material::given(spec.young_kpa, spec.shear_kpa, spec.poisson).map_err(fault)?;
         self.in_ranges(table, spec)?;
         self.of_kind(table, spec, self.model)?;
-        let keys = LawKeys {
-            law: spec.law.as_ref(),
-            knee_strain: spec.knee_strain,
-            stiffening: spec.stiffening,
-        };
-        keys.law(material, self.model == Model::Viscoelastic).map_err(fault)
+        spec.law_of(material, self.model == Model::Viscoelastic).map_err(fault)
     }
 }
 

@@ -7,7 +7,7 @@ use insonify::input::scenario::nonlinear_tissue::{StepSolverSpec, TissueViscosit
 use insonify::input::scenario::planned::{PlanSpec, PlannedNeedle, TargetSpec, TemplateSpec};
 use insonify::input::scenario::{file::RunSpec, tissue::TissueSpec};
 use insonify::input::statics::course::{SolverSpec, ViscositySpec};
-use insonify::input::statics::{file::MaterialSpec, selection::CylinderChoice};
+use insonify::input::{selection::CylinderChoice, statics::file::MaterialSpec};
 use insonify_anatomy::acoustics::TissueOverride;
 use insonify_base::bending::BendingConstraint;
 use insonify_base::range::Ranges;

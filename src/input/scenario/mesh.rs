@@ -9,7 +9,7 @@ use super::file::ScenarioFile;
 use super::regions::{Region, Regions};
 use super::tissue::DEFAULT_NODES;
 use super::{cut, mesh_note, path_pieces};
-use crate::input::statics::selection::{Choice, SelectionError, axes, ordered};
+use crate::input::selection::{Selected, SelectionError, axes, ordered};
 use insonify_anatomy::volume::LabelVolume;
 use insonify_base::document::{InputError, RegionName, stated};
 use insonify_imaging::scene::Scene;
@@ -152,7 +152,8 @@ impl ScenarioFile {
 
     /// Returns the labels, with everything outside a box unlabelled.
     fn cropped(&self, volume: &LabelVolume, corners: &[[f64; 3]; 2]) -> Result<Vec<u8>, InputError> {
-        let [low, high] = ordered("tissue.box_mm", corners).map_err(|odd: SelectionError| self.fault(odd.0, odd.1))?;
+        let [low, high] =
+            ordered("tissue.box_mm", corners).map_err(|error: SelectionError| self.fault(error.0, error.1))?;
         let [nx, ny, _] = volume.size();
         let to_world = volume.index_to_world();
         let inside = |at: usize| {
@@ -206,23 +207,10 @@ impl ScenarioFile {
         }
         for (at, spec) in self.tissue.fix.iter().enumerate() {
             let table = format!("tissue.fix[{at}]");
-            let nodes_wrong = |odd: SelectionError| self.fault(odd.0, odd.1);
-            let along = axes(&table, spec.axes.as_deref().unwrap_or("xyz")).map_err(nodes_wrong)?;
-            let numbers = |key: &str, name: Option<&RegionName>| {
-                let numbers = name.map(|name| names.numbers(&format!("{table}.{key}"), name));
-                numbers.transpose()
-            };
-            let regions = numbers("region", spec.region.as_ref())?;
-            let surface_of = numbers("surface_of", spec.surface_of.as_ref())?;
-            let choice = Choice {
-                nodes: spec.nodes.as_deref(),
-                box_mm: spec.box_mm.as_ref(),
-                cylinder: spec.cylinder.as_ref(),
-                surface_of: surface_of.as_deref(),
-                regions: regions.as_deref(),
-                surface: spec.surface,
-            };
-            let nodes = choice.select(&table, mesh).map_err(nodes_wrong)?;
+            let fault = |error: SelectionError| self.fault(error.0, error.1);
+            let along = axes(&table, spec.axes.as_deref().unwrap_or("xyz")).map_err(fault)?;
+            let numbers = |key: &str, name: &RegionName| names.numbers(key, name);
+            let Selected { nodes, .. } = spec.selection().select(&table, mesh, numbers, fault)?;
             notes.push(format!("{table} fixes {} nodes", nodes.len()));
             for node in nodes {
                 along

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use super::file::ScenarioFile;
 use super::tissue::{MaterialSpec, TissueModel};
-use crate::input::law::LawKeys;
+use crate::input::material::TableOfRegion;
 use insonify_anatomy::acoustics::Tissue;
 use insonify_anatomy::volume::LabelVolume;
 use insonify_base::document::{InputError, Names, RegionName};
@@ -85,29 +85,18 @@ impl<'a> Regions<'a> {
 
     /// Properties of each of `regions`.
     pub(crate) fn properties(&self, regions: &[i32]) -> Result<BTreeMap<i32, Region>, InputError> {
-        let (mut others, mut own) = (None, BTreeMap::new());
-        for (at, spec) in self.file.tissue.material.iter().enumerate() {
-            let table = format!("tissue.material[{at}]");
-            self.check(&table, spec)?;
-            let Some(name) = &spec.region else {
-                if others.replace((at, spec)).is_some() {
-                    let found = "a second material without `region`";
-                    return Err(self.file.wrong_keys(table, found, "one at most, for all other regions"));
-                }
-                continue;
-            };
-            let key = format!("{table}.region");
-            for region in self.numbers(&key, name)? {
-                if own.insert(region, (at, spec)).is_some() {
-                    let found = format!("a second material for region {region} ({})", self.name(region));
-                    return Err(self.file.wrong_keys(key, found, "one for each region"));
-                }
-            }
+        let specs = &self.file.tissue.material;
+        for (at, spec) in specs.iter().enumerate() {
+            self.check(&format!("tissue.material[{at}]"), spec)?;
         }
-        let one = |&region: &i32| {
-            let spec = own.get(&region).or(others.as_ref()).copied();
-            Ok((region, self.region(region, spec)?))
-        };
+        let tables = TableOfRegion::new(
+            "tissue.material",
+            specs.iter().map(|spec| spec.region.as_ref()),
+            |key, name| self.numbers(key, name),
+            |region| format!("region {region} ({})", self.name(region)),
+            |key, found, expected| self.file.wrong_keys(key, found, expected),
+        )?;
+        let one = |&region: &i32| Ok((region, self.region(region, tables.of(region))?));
         regions.iter().map(one).collect()
     }
 
@@ -123,21 +112,14 @@ impl<'a> Regions<'a> {
     }
 
     fn law(&self, table: &str, spec: &MaterialSpec, material: Material) -> Result<AnyLaw, InputError> {
-        let keys = LawKeys {
-            law: spec.law.as_ref(),
-            knee_strain: spec.knee_strain,
-            stiffening: spec.stiffening,
-        };
-        let law = keys.law(material, self.file.tissue.model == TissueModel::Viscoelastic);
+        let law = spec.law_of(material, self.file.tissue.model == TissueModel::Viscoelastic);
         law.map_err(|error| self.file.fault(format!("{table}.{}", error.key), error))
     }
 
-    fn region(&self, region: i32, spec: Option<(usize, &MaterialSpec)>) -> Result<Region, InputError> {
-        let nothing = MaterialSpec::default();
-        let (at, spec) = match spec {
-            Some((at, spec)) => (Some(at), spec),
-            None => (None, &nothing),
-        };
+    /// Properties of a region by the table at an index, if it has one, and by its tissue.
+    fn region(&self, region: i32, at: Option<usize>) -> Result<Region, InputError> {
+        let unstated = MaterialSpec::default();
+        let spec = at.map_or(&unstated, |at| &self.file.tissue.material[at]);
         let table = at.map_or("tissue.material".to_owned(), |at| format!("tissue.material[{at}]"));
         let tissue = self.tissue(region);
         let number = |given: Option<f64>, of: fn(&Tissue) -> f64, key: &str| {

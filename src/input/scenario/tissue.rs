@@ -6,12 +6,12 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::nonlinear_tissue::{StepSolverSpec, TissueViscositySpec};
-use crate::input::statics::selection::CylinderChoice;
+use crate::input::material::material_table;
+use crate::input::selection::selecting;
 use insonify_base::document::{RegionName, word};
 use insonify_base::range::{Kind, parameters};
 use insonify_mechanics::insertion::spring::Parameters;
 use insonify_mechanics::insertion::{Bone, Interaction, Peak};
-use insonify_mechanics::tissue::law::LawSpec;
 use insonify_mechanics::tissue::remesh::{Level, Precision};
 use insonify_mesh::file::Unit;
 
@@ -125,26 +125,10 @@ pub enum ColumnsName {
     Dense,
 }
 
-parameters! {
+material_table! {
     /// Material of a region. Keys left open are taken from the scene's tissue of that label.
     pub struct MaterialSpec by TissueModel {
-        /// Region: its name, a part of its name, or its number. Without one, the table applies to all regions without their own
-        /// table.
-        region: Option<RegionName>;
-        /// Young's modulus.
-        young_kpa: Option<f64>, above 0 "kPa";
-        /// In place of `young_kpa`: shear modulus G. Young's modulus is 2 (1 + nu) G.
-        shear_kpa: Option<f64>, above 0 "kPa";
-        /// Poisson's ratio nu.
-        poisson: Option<f64>, above -1..0.5;
-        /// Law of the tissue, whose moduli at small strain are those above, for example `{ kind = "ogden", alpha = -5 }`; `knee_strain` and
-        /// `stiffening` state the law `knee`. Viscosity needs a law with a secant modulus. Default `linear`.
-        law: Option<LawSpec>, for Nonlinear | Viscoelastic;
-        /// Relative strain above which the tissue stiffens (0 or more). Default: no stiffening. In
-        /// simple shear the relative strain is 0.866 of the shear.
-        knee_strain: Option<f64>, for Nonlinear | Viscoelastic;
-        /// With `knee_strain`: stiffening coefficient, a in E (1 + a (e - knee)^2).
-        stiffening: Option<f64>, for Nonlinear | Viscoelastic, in 0;
+        poisson: Option<f64>;
         /// Sliding friction of the shaft, per length of shaft.
         friction_n_per_mm: Option<f64>, in 0 "N/mm";
         /// Ratio of static to sliding friction. Default 1.
@@ -166,24 +150,14 @@ parameters! {
     }
 }
 
-/// Fixed nodes: by number, or the intersection of a box, a cylinder, a region, its surface and the surface of the mesh.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct FixSpec {
-    /// Node numbers from 0 in the order of the mesh file.
-    pub nodes: Option<Vec<i64>>,
-    /// All nodes in this box, including its faces, as two opposite corners, mm. `inf` leaves a side open.
-    pub box_mm: Option<[[f64; 3]; 2]>,
-    /// All nodes inside or outside of an endless cylinder, or near its wall.
-    pub cylinder: Option<CylinderChoice>,
-    /// All nodes on the surface of a region, where it borders on others or on nothing: its name, a part of its name, or its number.
-    pub surface_of: Option<RegionName>,
-    /// All nodes of a region: its name, a part of its name, or its number.
-    pub region: Option<RegionName>,
-    /// Only nodes on the surface of the mesh. Default false.
-    pub surface: bool,
-    /// Axes along which the nodes are fixed: `x`, `y`, `z` or several. Default `xyz`.
-    pub axes: Option<String>,
+selecting! {
+    /// Fixed nodes: by number, or the intersection of a box, a cylinder, a region, its surface and the surface of the mesh.
+    #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct FixSpec {
+        /// Axes along which the nodes are fixed: `x`, `y`, `z` or several. Default `xyz`.
+        pub axes: Option<String>,
+    }
 }
 
 impl MaterialSpec {

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::Made;
 use super::file::{LoadSpec, ProblemFile};
 use super::resolve::Regions;
-use super::selection::Choice;
+use crate::input::selection::{Selected, Selection};
 use insonify_base::document::InputError;
 use insonify_mechanics::tissue::problem::Load;
 use insonify_mesh::{Face, TetMesh};
@@ -85,17 +85,12 @@ impl ProblemFile {
         loads: &mut Loads,
     ) -> Result<f64, InputError> {
         let table = format!("load[{at}]");
-        let names = [spec.region.as_ref(), spec.surface_of.as_ref()];
-        let [numbers, surface_of] = self.chosen(&table, names, regions)?;
-        let choice = Choice {
-            nodes: spec.nodes.as_deref(),
-            box_mm: spec.box_mm.as_ref(),
-            cylinder: spec.cylinder.as_ref(),
-            surface_of: surface_of.as_deref(),
-            regions: numbers.as_deref(),
+        let selection = Selection {
+            // Without numbers, what is spread acts on the surface.
             surface: spec.surface || spec.nodes.is_none() && spec.node_force_n.is_none(),
+            ..spec.selection()
         };
-        let nodes = choice.select(&table, mesh).map_err(|odd| self.odd(odd))?;
+        let Selected { nodes, regions } = self.selected(&table, &selection, mesh, regions)?;
         let strongest = "a finite number, -1e9 to 1e9 N";
         match (spec.total_force_n, spec.pressure_kpa, spec.node_force_n) {
             (None, None, Some(force_n)) => {
@@ -109,14 +104,14 @@ impl ProblemFile {
             }
             (Some(total), None, None) => {
                 self.vector(&format!("{table}.total_force_n"), &total, STRONGEST, strongest)?;
-                let (faces, whole) = self.faces(&table, mesh, &nodes, numbers.as_deref())?;
+                let (faces, whole) = self.faces(&table, mesh, &nodes, regions.as_deref())?;
                 loads.spread(at, &faces, |_, area| total.map(|force| force * (area / whole)));
                 Ok(whole)
             }
             (None, Some(pressure), None) => {
                 let expected = "-1e9 to 1e9 kPa";
                 self.within(&format!("{table}.pressure_kpa"), pressure, STRONGEST, expected)?;
-                let (faces, whole) = self.faces(&table, mesh, &nodes, numbers.as_deref())?;
+                let (faces, whole) = self.faces(&table, mesh, &nodes, regions.as_deref())?;
                 let inward = -pressure * NEWTON_PER_MM2;
                 loads.spread(at, &faces, |face, _| face.area_mm2.map(|area| inward * area));
                 Ok(whole)

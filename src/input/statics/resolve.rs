@@ -7,7 +7,7 @@ use std::time::Instant;
 use super::Made;
 use super::file::ProblemFile;
 use super::loads::Loads;
-use super::selection::{AXES, Choice, axes, numbered};
+use crate::input::selection::{AXES, Selected, Selection, axes, numbered};
 use insonify_base::document::{InputError, Names, RegionName};
 use insonify_mechanics::tissue::problem::Fix;
 use insonify_mechanics::tissue::viscoelastic::point::Method;
@@ -119,7 +119,8 @@ impl ProblemFile {
             fixes,
             tables,
             loads,
-            report_nodes: numbered("report_nodes", &self.report_nodes, nodes).map_err(|odd| self.odd(odd))?,
+            report_nodes: numbered("report_nodes", &self.report_nodes, nodes)
+                .map_err(|error| self.selection_fault(error))?,
             notes,
             warnings,
             read_seconds: started.elapsed().as_secs_f64(),
@@ -136,18 +137,16 @@ impl ProblemFile {
         })
     }
 
-    /// Numbers of the regions that match the keys `region` and `surface_of` of a table, if it has them.
-    pub(crate) fn chosen(
+    /// Nodes that a table selects.
+    pub(crate) fn selected(
         &self,
         table: &str,
-        names: [Option<&RegionName>; 2],
+        selection: &Selection<'_>,
+        mesh: &TetMesh,
         regions: &Regions,
-    ) -> Result<[Option<Vec<i32>>; 2], InputError> {
-        let numbers = |key: &str, name: Option<&RegionName>| {
-            let numbers = name.map(|name| self.regions(&format!("{table}.{key}"), name, regions));
-            numbers.transpose()
-        };
-        Ok([numbers("region", names[0])?, numbers("surface_of", names[1])?])
+    ) -> Result<Selected, InputError> {
+        let numbers = |key: &str, name: &RegionName| self.regions(key, name, regions);
+        selection.select(table, mesh, numbers, |error| self.selection_fault(error))
     }
 
     /// Fixes, and the index of the table of each.
@@ -161,7 +160,7 @@ impl ProblemFile {
         let (mut fixes, mut tables) = (Vec::new(), Vec::new());
         for (at, spec) in self.fix.iter().enumerate() {
             let table = format!("fix[{at}]");
-            let axes = axes(&table, &spec.axes).map_err(|odd| self.odd(odd))?;
+            let axes = axes(&table, &spec.axes).map_err(|error| self.selection_fault(error))?;
             let key = format!("{table}.displacement_mm");
             self.vector(&key, &spec.displacement_mm, FARTHEST, "a finite number, -1e6 to 1e6 mm")?;
             for axis in (0..3u8).filter(|axis| !axes.contains(axis) && spec.displacement_mm[*axis as usize] != 0.0) {
@@ -171,17 +170,7 @@ impl ProblemFile {
                     spec.axes
                 ));
             }
-            let names = [spec.region.as_ref(), spec.surface_of.as_ref()];
-            let [numbers, surface_of] = self.chosen(&table, names, regions)?;
-            let choice = Choice {
-                nodes: spec.nodes.as_deref(),
-                box_mm: spec.box_mm.as_ref(),
-                cylinder: spec.cylinder.as_ref(),
-                surface_of: surface_of.as_deref(),
-                regions: numbers.as_deref(),
-                surface: spec.surface,
-            };
-            let nodes = choice.select(&table, mesh).map_err(|odd| self.odd(odd))?;
+            let Selected { nodes, .. } = self.selected(&table, &spec.selection(), mesh, regions)?;
             notes.push(format!("{table} holds {} nodes", nodes.len()));
             for node in nodes {
                 fixes.extend(axes.iter().map(|&axis| Fix {

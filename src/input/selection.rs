@@ -1,10 +1,10 @@
-//! Selection of nodes and axes by a fix or a load.
+//! Selection of nodes and axes by tables of scenarios and static problems.
 
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use insonify_base::document::InvalidFile;
+use insonify_base::document::{InputError, InvalidFile, RegionName};
 use insonify_base::range::{Ranges, parameters};
 use insonify_mesh::TetMesh;
 
@@ -84,44 +84,124 @@ impl CylinderChoice {
     }
 }
 
-/// Node selection of a table: by number, or as the intersection of a box, a cylinder, regions, the surface of regions and that of the
+/// Declares a table that selects nodes: the keys that do so, and after them its own.
+macro_rules! selecting {
+    ($(#[$meta:meta])* pub struct $name:ident { $($own:tt)* }) => {
+        $(#[$meta])*
+        pub struct $name {
+            /// Node numbers from 0 in the order of the mesh file.
+            pub nodes: Option<Vec<i64>>,
+            /// All nodes in this box, including its faces, as two opposite corners, mm. `inf` leaves a side open.
+            pub box_mm: Option<[[f64; 3]; 2]>,
+            /// All nodes inside or outside of an endless cylinder, or near its wall.
+            pub cylinder: Option<$crate::input::selection::CylinderChoice>,
+            /// All nodes on the surface of a region, where it borders on others or on nothing: its name, a part of its name, or its number.
+            pub surface_of: Option<insonify_base::document::RegionName>,
+            /// All nodes of a region: its name, a part of its name, or its number.
+            pub region: Option<insonify_base::document::RegionName>,
+            /// Only nodes on the surface of the mesh. Default false.
+            #[serde(default)]
+            pub surface: bool,
+            $($own)*
+        }
+
+        impl $name {
+            /// The nodes that the table selects.
+            pub(crate) fn selection(&self) -> $crate::input::selection::Selection<'_> {
+                $crate::input::selection::Selection {
+                    nodes: self.nodes.as_deref(),
+                    box_mm: self.box_mm.as_ref(),
+                    cylinder: self.cylinder.as_ref(),
+                    surface_of: self.surface_of.as_ref(),
+                    region: self.region.as_ref(),
+                    surface: self.surface,
+                }
+            }
+        }
+    };
+}
+pub(crate) use selecting;
+
+/// Node selection of a table: by number, or as the intersection of a box, a cylinder, a region, the surface of a region and that of the
 /// mesh, where given.
-#[derive(Debug)]
-pub struct Choice<'a> {
+pub(crate) struct Selection<'a> {
     /// Numbers of nodes, from 0.
     pub nodes: Option<&'a [i64]>,
     /// Two opposite corners of a box, mm; infinite for an open side.
     pub box_mm: Option<&'a [[f64; 3]; 2]>,
     /// Cylinder that selects the nodes inside it, outside it or near its wall.
     pub cylinder: Option<&'a CylinderChoice>,
-    /// Numbers of regions whose surface is selected: their faces with other regions, and those without a neighbour.
-    pub surface_of: Option<&'a [i32]>,
-    /// Numbers of regions.
-    pub regions: Option<&'a [i32]>,
-    /// Whether only nodes of the mesh surface are selected, or of the part of it in these regions.
+    /// Region whose surface is selected: its faces with other regions, and those without a neighbour.
+    pub surface_of: Option<&'a RegionName>,
+    /// Region whose nodes are selected.
+    pub region: Option<&'a RegionName>,
+    /// Whether only nodes of the mesh surface are selected, or of the part of it in this region.
     pub surface: bool,
 }
 
+/// Selected nodes, ascending unless by number, and the numbers of the region that they are of.
+pub(crate) struct Selected {
+    pub nodes: Vec<u32>,
+    pub regions: Option<Vec<i32>>,
+}
+
+impl Selection<'_> {
+    /// Selects nodes of a mesh; `table` is the key of the table, `numbers` finds the regions that a name at a key means, and `fault` makes
+    /// an error of the file.
+    pub(crate) fn select(
+        &self,
+        table: &str,
+        mesh: &TetMesh,
+        numbers: impl Fn(&str, &RegionName) -> Result<Vec<i32>, InputError>,
+        fault: impl Fn(SelectionError) -> InputError,
+    ) -> Result<Selected, InputError> {
+        let known = |key: &str, name: Option<&RegionName>| {
+            let regions = name.map(|name| numbers(&format!("{table}.{key}"), name));
+            regions.transpose()
+        };
+        let regions = known("region", self.region)?;
+        let surface_of = known("surface_of", self.surface_of)?;
+        let choice = Choice {
+            table,
+            of: self,
+            regions: regions.as_deref(),
+            surface_of: surface_of.as_deref(),
+        };
+        let nodes = choice.nodes(mesh).map_err(fault)?;
+        Ok(Selected { nodes, regions })
+    }
+}
+
+/// A selection whose regions are found.
+struct Choice<'a> {
+    table: &'a str,
+    of: &'a Selection<'a>,
+    regions: Option<&'a [i32]>,
+    surface_of: Option<&'a [i32]>,
+}
+
 impl Choice<'_> {
-    /// Selected nodes, ascending unless by number; `table` is the key of the table.
-    pub(crate) fn select(&self, table: &str, mesh: &TetMesh) -> Result<Vec<u32>, SelectionError> {
-        let others = [self.box_mm.is_some(), self.cylinder.is_some(), self.surface];
+    fn nodes(&self, mesh: &TetMesh) -> Result<Vec<u32>, SelectionError> {
+        let (table, of) = (self.table, self.of);
+        let others = [of.box_mm.is_some(), of.cylinder.is_some(), of.surface];
         let others = others.contains(&true) || self.regions.is_some() || self.surface_of.is_some();
         let expected = "`nodes`, or some of `box_mm`, `cylinder`, `region`, `surface_of` and `surface`";
-        match self.nodes {
+        match of.nodes {
             Some(_) if others => Err(keys(table.to_owned(), "`nodes` beside another choice", expected)),
             Some([]) => Err(keys(format!("{table}.nodes"), "no nodes", "at least one")),
             Some(nodes) => numbered(&format!("{table}.nodes"), nodes, mesh.nodes().len()),
-            None if others => self.everywhere(table, mesh),
+            None if others => self.everywhere(mesh),
             None => Err(keys(table.to_owned(), "no choice of nodes", expected)),
         }
     }
 
-    fn everywhere(&self, table: &str, mesh: &TetMesh) -> Result<Vec<u32>, SelectionError> {
-        let mut picked = vec![self.regions.is_none() && !self.surface; mesh.nodes().len()];
+    /// Nodes that every stated part of the selection has; an error names the part that leaves none.
+    fn everywhere(&self, mesh: &TetMesh) -> Result<Vec<u32>, SelectionError> {
+        let (table, surface) = (self.table, self.of.surface);
+        let mut picked = vec![self.regions.is_none() && !surface; mesh.nodes().len()];
         let mut pick = |nodes: &[u32]| nodes.iter().for_each(|node| picked[*node as usize] = true);
         let of = |region: i32| self.regions.is_none_or(|regions| regions.contains(&region));
-        if self.surface {
+        if surface {
             let faces = mesh.surface().filter(|face| of(face.region));
             faces.for_each(|face| pick(&face.nodes));
         } else if self.regions.is_some() {
@@ -130,7 +210,7 @@ impl Choice<'_> {
             elements.for_each(|(corners, _)| pick(corners));
         }
         if !picked.contains(&true) {
-            let (found, expected) = match self.surface {
+            let (found, expected) = match surface {
                 true => ("no node on the surface", "a region on the surface of the mesh"),
                 false => ("no node of this region", "a region that has elements in the mesh"),
             };
@@ -140,10 +220,10 @@ impl Choice<'_> {
             let mut of = vec![false; picked.len()];
             mesh.surface_of(regions)
                 .for_each(|face| face.nodes.iter().for_each(|node| of[*node as usize] = true));
-            let held = picked.clone();
+            let before = picked.clone();
             picked.iter_mut().zip(of).for_each(|(picked, of)| *picked &= of);
             if !picked.contains(&true) {
-                let found = match held.contains(&false) {
+                let found = match before.contains(&false) {
                     true => "no node on the surface of this region among the others selected",
                     false => "no node on the surface of this region",
                 };
@@ -154,11 +234,11 @@ impl Choice<'_> {
                 ));
             }
         }
-        if let Some(cylinder) = self.cylinder {
+        if let Some(cylinder) = self.of.cylinder {
             let key = format!("{table}.cylinder");
             let miss_mm = cylinder.miss_mm(&key)?;
-            let held = (0..).zip(mesh.nodes()).filter(|(node, _)| picked[*node]);
-            let misses: Vec<(usize, f64)> = held.map(|(node, at)| (node, miss_mm(at))).collect();
+            let candidates = (0..).zip(mesh.nodes()).filter(|(node, _)| picked[*node]);
+            let misses: Vec<(usize, f64)> = candidates.map(|(node, at)| (node, miss_mm(at))).collect();
             misses.iter().for_each(|(node, miss)| picked[*node] = *miss <= 0.0);
             if !picked.contains(&true) {
                 let least = misses.iter().map(|(_, miss)| *miss).fold(f64::INFINITY, f64::min);
@@ -166,16 +246,16 @@ impl Choice<'_> {
                 return Err(keys(key, found, "one that holds at least one of the nodes"));
             }
         }
-        if let Some(corners) = self.box_mm {
+        if let Some(corners) = self.of.box_mm {
             let key = format!("{table}.box_mm");
             let [low, high] = ordered(&key, corners)?;
-            let held = picked.clone();
+            let before = picked.clone();
             for (picked, position) in picked.iter_mut().zip(mesh.nodes()) {
                 *picked &= (0..3).all(|axis| low[axis] <= position[axis] && position[axis] <= high[axis]);
             }
             if !picked.contains(&true) {
-                let nodes = held.iter().zip(mesh.nodes());
-                let positions = nodes.filter(|(held, _)| **held).map(|(_, position)| *position);
+                let nodes = before.iter().zip(mesh.nodes());
+                let positions = nodes.filter(|(picked, _)| **picked).map(|(_, position)| *position);
                 let expected = format!("a box that holds at least one of the nodes{}", extent(positions));
                 return Err(keys(key, "no node in this box", expected));
             }
