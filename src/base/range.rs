@@ -77,6 +77,8 @@ impl<T> Range<T> {
 
 /// A table of parameters whose numbers have ranges; [`parameters!`] implements it.
 pub trait Ranges: Sized + 'static {
+    /// Keys of the table.
+    const KEYS: &'static [&'static str];
     /// Ranges of the numbers that have one.
     const RANGES: &'static [Range<Self>];
 
@@ -142,7 +144,8 @@ pub trait ByKind: erased_serde::Serialize {
     }
 }
 
-fn either<K: Kind>(kinds: &[K]) -> String {
+/// Kinds as files state them, such as "`model = \"springs\"` or `model = \"beam\"`".
+pub fn either<K: Kind>(kinds: &[K]) -> String {
     kinds
         .iter()
         .map(|kind| kind.stated_as())
@@ -150,11 +153,18 @@ fn either<K: Kind>(kinds: &[K]) -> String {
         .join(" or ")
 }
 
-/// Says in the schema of a table to which kinds its keys belong, and refuses them with the other kinds where the table states its kind at `field`.
 #[doc(hidden)]
 pub fn describe_kinds<T: ByKind<Kind = K>, K: Kind + serde::Serialize>(schema: &mut schemars::Schema) {
+    describe_keys(schema, T::KINDS, T::FIELD);
+}
+
+/// Says in the schema of a table to which kinds its keys belong, and refuses them with the other kinds where the table states its kind at `field`.
+pub fn describe_keys<K: Kind + serde::Serialize>(
+    schema: &mut schemars::Schema,
+    keys: &[(&str, &[K])],
+    field: Option<&str>,
+) {
     use serde_json::{Map, Value, json};
-    let keys = T::KINDS;
     for (key, kinds) in keys {
         let description = &mut schema.ensure_object()["properties"][*key]["description"];
         *description = format!(
@@ -164,7 +174,7 @@ pub fn describe_kinds<T: ByKind<Kind = K>, K: Kind + serde::Serialize>(schema: &
         )
         .into();
     }
-    let Some(field) = T::FIELD else { return };
+    let Some(field) = field else { return };
     let mut all: Vec<K> = Vec::new();
     for kind in keys.iter().flat_map(|(_, kinds)| *kinds) {
         if !all.contains(kind) {
@@ -261,6 +271,7 @@ macro_rules! parameters {
         $crate::range::parameters! { @kinds [$($Kind $($field)?)?] $name $($key [$([$($kind)+])?])+ }
 
         impl $crate::range::Ranges for $name {
+            const KEYS: &'static [&'static str] = &[$(stringify!($key)),+];
             const RANGES: &'static [$crate::range::Range<Self>] = &[$(
                 $($crate::range::Range {
                     key: stringify!($key),

@@ -11,7 +11,7 @@ use crate::failure::Failure;
 use crate::study::watched;
 use crate::terminal;
 use insonify::Error;
-use insonify::input::scenario::{NeedleModel, NeedleTable, Scenario, ScenarioFile};
+use insonify::input::scenario::{NeedleModel, Scenario, ScenarioFile};
 use insonify::run::Trial;
 use insonify_base::machine::Machine;
 use insonify_base::range::Ranges;
@@ -197,16 +197,15 @@ impl QualityArgs {
             },
         });
         let dense = file.tissue.precision.is_some() || file.tissue.columns.is_some() || file.tissue.device.is_some();
-        let needle = |wanted: NeedleModel, stated: fn(&NeedleTable) -> bool| {
-            model == Some(wanted) && file.needle.as_ref().is_some_and(|needle| !stated(needle))
-        };
         let open = |key: &str| match key {
             // Precision, columns and device imply a level: stating them fixes the choice.
             step_costs::LEVEL => file.tissue.level.is_none() && !dense,
             // Offered only where it is open.
             step_costs::NODES => true,
-            step_costs::LINK => needle(NeedleModel::Springs, |needle| needle.link_mm.is_some()),
-            step_costs::ELEMENT => needle(NeedleModel::Beam, |needle| needle.element_mm.is_some()),
+            step_costs::LINK | step_costs::ELEMENT => file
+                .needle
+                .as_ref()
+                .is_some_and(|needle| needle.leaves_open(of_needle(key))),
             step_costs::THINNING => file
                 .contact_probe
                 .as_ref()
@@ -243,6 +242,11 @@ fn stands(key: &str, value: &str) -> bool {
     }
 }
 
+/// Key of the needle's table.
+fn of_needle(key: &str) -> &str {
+    key.strip_prefix("needle.").unwrap_or(key)
+}
+
 /// Applies the picked settings.
 fn set(file: &mut ScenarioFile, picked: &Picked) {
     if let Some(level) = picked.value(step_costs::LEVEL) {
@@ -251,11 +255,11 @@ fn set(file: &mut ScenarioFile, picked: &Picked) {
     if let Some(nodes) = picked.value(step_costs::NODES) {
         file.tissue.nodes = nodes.parse().ok();
     }
-    if let (Some(link), Some(needle)) = (picked.value(step_costs::LINK), &mut file.needle) {
-        needle.link_mm = link.parse().ok();
-    }
-    if let (Some(element), Some(needle)) = (picked.value(step_costs::ELEMENT), &mut file.needle) {
-        needle.element_mm = element.parse().ok();
+    for key in [step_costs::LINK, step_costs::ELEMENT] {
+        let length_mm = picked.value(key).and_then(|length| length.parse().ok());
+        if let (Some(length_mm), Some(needle)) = (length_mm, &mut file.needle) {
+            needle.state(of_needle(key), length_mm);
+        }
     }
     if let (Some(every), Some(probe)) = (picked.value(step_costs::THINNING), &mut file.contact_probe) {
         probe.thinning = every.parse().ok();

@@ -38,6 +38,7 @@ pub mod manipulator;
 mod mass_spring;
 mod mesh;
 mod needle;
+mod needle_table;
 pub mod nonlinear_tissue;
 mod plan;
 pub mod planned;
@@ -53,8 +54,10 @@ mod tissue_setup;
 
 pub use file::{ScenarioFile, SceneSource};
 pub use finite_element::{FiniteElement, Remeshing};
-pub use instruments::{NeedleModel, NeedleTable};
-pub use needle::{Bending, NeedleSettings};
+pub use insonify_mechanics::needle::{NeedleKeys, NeedleModel};
+pub use instruments::CommonNeedleKeys;
+pub use needle::NeedleSettings;
+pub use needle_table::NeedleTable;
 pub use nonlinear_tissue::NonlinearTissue;
 pub use plan::{Deposit, Guide, Target};
 pub use probe::Contact;
@@ -113,10 +116,10 @@ impl ScenarioFile {
         Self {
             version: Some(document::Version),
             scene: Some(SceneSource::Inline(Box::new(SceneFile::for_labels(path)))),
-            needle: Some(NeedleTable {
+            needle: Some(NeedleTable::from(CommonNeedleKeys {
                 target: Some(target.to_owned()),
-                ..NeedleTable::default()
-            }),
+                ..CommonNeedleKeys::default()
+            })),
             ..Self::default()
         }
     }

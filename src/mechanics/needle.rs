@@ -8,18 +8,34 @@ pub mod beam;
 mod chain;
 mod flexible;
 mod line;
-mod rigid;
+mod model;
 mod tangent;
 
+pub use constrained::Constrained;
 pub use flexible::{ELEMENT_MM, Flexible, LINK_MM, Stiffness};
 pub use line::{CentreLine, ShaftPoint, across};
-pub use rigid::{Constrained, Rigid};
+pub use rigid::Rigid;
 
 use std::fmt::Debug;
 
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
-use insonify_base::range::{OutOfRange, Ranges, check, parameters};
+use insonify_base::document::word;
+use insonify_base::range::{Kind, OutOfRange, Ranges, check, parameters};
+
+model::needle_models! {
+    #[default]
+    "rigid" rigid: Rigid(RigidKeys) = "Rigid, straight needle.";
+    "constrained" constrained: Constrained(ConstrainedKeys) = "Straight needle that turns from the hand's direction towards its entry direction the deeper it is (Zhu et al. 2007).";
+    "springs" springs: Springs(SpringsKeys) = "Rigid links joined by angular springs (Goksel et al. 2011).";
+    "beam" elastic: Beam(BeamKeys) = "Beam of Hermite elements that rotate with the needle.";
+}
+
+impl Kind for NeedleModel {
+    fn stated_as(self) -> String {
+        format!("`model = {}`", word(&self))
+    }
+}
 
 /// A force on the needle.
 #[derive(Clone, Copy, Debug, PartialEq)]

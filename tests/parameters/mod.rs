@@ -1,7 +1,7 @@
 //! Tables of files: the JSON schema accepts what the program accepts.
 
 use insonify::input::scenario;
-use insonify::input::scenario::instruments::{ContactProbeSpec, NeedleTable};
+use insonify::input::scenario::instruments::{CommonNeedleKeys, ContactProbeSpec};
 use insonify::input::scenario::manipulator::SensorSpec;
 use insonify::input::scenario::nonlinear_tissue::{StepSolverSpec, TissueViscositySpec};
 use insonify::input::scenario::planned::{PlanSpec, PlannedNeedle, TargetSpec, TemplateSpec};
@@ -16,14 +16,14 @@ use insonify_imaging::quality::QualitySpec;
 use insonify_imaging::scene::{ImageSpec, VolumeSpec, deform::DeformSpec, paths};
 use insonify_mechanics::insertion::spring::Parameters;
 use insonify_mechanics::insertion::{Bone, Peak};
-use insonify_mechanics::needle::Bevel;
 use insonify_mechanics::needle::beam::spec;
+use insonify_mechanics::needle::{Bevel, NeedleModel, Shaft};
 use insonify_study::identification;
 use insonify_study::material_case::CaseFile;
 use insonify_tracking::TrackingError;
 use insonify_tracking::manipulator::{Guide, drive::Drive};
 use insonify_tracking::probe::{BeamGrid, ImageGrid, Linear, Probe, ProbeKind, ProbeShape, ProbeSpec, Sampling};
-use schemars::{JsonSchema, schema_for};
+use schemars::{JsonSchema, SchemaGenerator, schema_for};
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 
@@ -154,6 +154,19 @@ fn schemas_say_what_other_tables_accept() {
 }
 
 #[test]
+fn schemas_say_what_models_of_needles_accept() {
+    let mut ranges = 0;
+    for model in NeedleModel::ALL {
+        let schema = model.schema(&mut SchemaGenerator::default()).to_value();
+        ranges += assert_true(&schema, |key, value| {
+            let keys = model.read(json!({ key: value })).map_err(|error| error.to_string())?;
+            keys.check(&Shaft::default()).map_err(|error| error.to_string())
+        });
+    }
+    assert!(ranges > 5, "{ranges}");
+}
+
+#[test]
 fn schemas_of_tables_have_their_ranges() {
     agree::<QualitySpec>(json!({}));
     agree::<BendingConstraint>(json!({}));
@@ -172,7 +185,7 @@ fn schemas_of_tables_have_their_ranges() {
     agree::<TissueSpec>(json!({}));
     agree::<SensorSpec>(json!({}));
     agree::<Parameters>(json!({}));
-    agree::<NeedleTable>(json!({}));
+    agree::<CommonNeedleKeys>(json!({}));
     agree::<StepSolverSpec>(json!({}));
     agree::<TissueViscositySpec>(json!({}));
     agree::<PlanSpec>(json!({}));

@@ -8,8 +8,9 @@ use serde::de::value::MapAccessDeserializer;
 use serde::de::{Deserializer, MapAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
-use super::instruments::{ContactProbeSpec, NeedleTable};
+use super::instruments::ContactProbeSpec;
 use super::manipulator::ManipulatorSpec;
+use super::needle_table::NeedleTable;
 use super::planned::PlanSpec;
 use super::points::ReportSpec;
 use super::tissue::TissueSpec;

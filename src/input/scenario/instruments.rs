@@ -7,36 +7,20 @@ use serde::de::value::SeqAccessDeserializer;
 use serde::de::{Deserializer, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
-use insonify_base::bending::BendingConstraint;
-use insonify_base::document::{RegionName, word};
-use insonify_base::range::{Kind, parameters};
+use insonify_base::document::RegionName;
+use insonify_base::range::parameters;
 use insonify_imaging::scene::{NeedleFrame, NeedleMotionSpec};
-use insonify_mechanics::needle::Bevel;
+use insonify_mechanics::needle::NeedleModel;
 
 parameters! {
-    /// The needle. Its motion is that of an undeflected needle: base and direction are what the hand holds.
-    pub struct NeedleTable by NeedleModel in model {
+    /// Keys of needles of every model.
+    pub struct CommonNeedleKeys {
         /// Bending model. Default `rigid`.
         model: NeedleModel;
         /// Length from base to tip. Default 150; 200 for `springs` and `beam`.
         length_mm: Option<f64>, in 0.1..=1000 "mm";
         /// Diameter. Default 1.27 (18 gauge); 1.28 for `springs` and `beam`.
         diameter_mm: Option<f64>, in 0.05..=10 "mm";
-        /// Bevelled tip. Without it the needle is symmetric.
-        bevel: Option<Bevel>, for Rigid | Springs | Beam;
-        /// Stiffness of a joint between links of 10 mm, N mm per degree. Default 10.7, that of a brachytherapy needle; joint stiffness is
-        /// inversely proportional to the link length.
-        kappa_nmm_per_deg: Option<f64>, for Springs, above 0..=1e12;
-        /// Bending stiffness EI, N mm^2; for `springs` in place of `kappa_nmm_per_deg`. Default for `beam`: 6131, that of the springs.
-        bending_stiffness_nmm2: Option<f64>, for Springs | Beam, above 0..=1e12;
-        /// Length of a link, at most that of the needle. Default 10.
-        link_mm: Option<f64>, for Springs, in 0.5..=100 "mm";
-        /// Length of an element, at most that of the needle. Default 5.
-        element_mm: Option<f64>, for Beam, in 0.5..=100 "mm";
-        /// In place of `bending_stiffness_nmm2`: Young's modulus of a solid round rod, GPa; 200 for steel.
-        young_gpa: Option<f64>, for Beam, above 0..=1e12;
-        /// Limits of bending.
-        bending: Option<BendingConstraint>, for Constrained;
         /// In place of `motion`: target of a straight insertion and withdrawal, at `plan.speed_mm_s` and with `plan.pause_s`: the name of
         /// a label or tissue, a part of one (the largest matching label counts), or a label value. The tip goes to the innermost point of
         /// it in the image plane. A probe without a pose is placed over it, and a mesh without `box_mm` is made around the path.
@@ -88,28 +72,6 @@ impl<'de> Deserialize<'de> for EntrySpec {
             }
         }
         deserializer.deserialize_any(Either)
-    }
-}
-
-/// Bending model of a needle.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum NeedleModel {
-    /// Rigid, straight needle.
-    #[default]
-    Rigid,
-    /// Straight needle that turns from the hand's direction towards its entry direction the deeper it is (Zhu et
-    /// al. 2007).
-    Constrained,
-    /// Rigid links joined by angular springs (Goksel et al. 2011).
-    Springs,
-    /// Beam of Hermite elements that rotate with the needle.
-    Beam,
-}
-
-impl Kind for NeedleModel {
-    fn stated_as(self) -> String {
-        format!("`model = {}`", word(&self))
     }
 }
 

@@ -5,7 +5,6 @@ use std::sync::Arc;
 use nalgebra::{Point3, Unit, Vector3};
 
 use super::file::ScenarioFile;
-use super::instruments::NeedleModel;
 use super::resolve::Scenario;
 use super::tissue::TissueModel;
 use super::tissue_setup::{Deforming, Insertion, ResolvedTissue, TissueSetup};
@@ -14,6 +13,7 @@ use insonify_base::document::InputError;
 use insonify_base::range::parameters;
 use insonify_mechanics::insertion::nonlinear::{Nonlinear, Options, Plane, Setup, Viscosity, in_body, obstacle};
 use insonify_mechanics::insertion::{InvalidSetup, Model};
+use insonify_mechanics::needle::NeedleModel;
 use insonify_mechanics::tissue::law::AnyLaw;
 use insonify_mechanics::tissue::nonlinear::creep::Memory;
 use insonify_mechanics::tissue::nonlinear::{Options as SolverOptions, Scheme, Solid};
@@ -114,14 +114,14 @@ impl ScenarioFile {
 
     /// Refuses needles that nonlinear tissue does not support, and checks its tables.
     pub(crate) fn check_nonlinear(&self) -> Result<(), InputError> {
-        let needle = self.needle.as_ref();
-        if needle.is_some_and(|needle| needle.model != NeedleModel::Rigid) {
-            let found = "a flexible needle in nonlinear tissue, which supports straight paths only";
-            return Err(self.wrong_keys("needle.model", found, "`model = \"rigid\"`"));
-        }
-        if needle.is_some_and(|needle| needle.bevel.is_some()) {
-            let found = "a bevel in nonlinear tissue, which supports straight paths only";
-            return Err(self.wrong_keys("needle.bevel", found, "a needle without"));
+        if !self.needle_settings()?.is_straight() {
+            let is_rigid = self.needle_table()?.model == NeedleModel::default();
+            let (key, what, expected) = match is_rigid {
+                true => ("bevel", "a bevel", "a needle without"),
+                false => ("model", "a flexible needle", "`model = \"rigid\"`"),
+            };
+            let found = format!("{what} in nonlinear tissue, which supports straight paths only");
+            return Err(self.wrong_keys(format!("needle.{key}"), found, expected));
         }
         self.in_ranges("tissue.solver", self.tissue.solver.as_ref())?;
         self.in_ranges("tissue.viscosity", self.tissue.viscosity.as_ref())

@@ -58,6 +58,7 @@ pub trait Law {
 pub struct NoKeys {}
 
 impl Ranges for NoKeys {
+    const KEYS: &'static [&'static str] = &[];
     const RANGES: &'static [Range<Self>] = &[];
 }
 
