@@ -7,8 +7,8 @@
 use std::error::Error;
 
 use insonify::{
-    BEVEL_MM, Bevel, Damper, Finite, FiniteOptions, Flexible, Guided, Haptic, HoldOptions, Interaction, LINK_MM,
-    LateralHold, Level, Material, Precision, ProbeContact, Setup, Shaft, SimulatorOptions, Stiffness, Template,
+    BEVEL_MM, Bevel, Damper, Finite, FiniteOptions, Flexible, Haptic, HoldOptions, Interaction, LINK_MM, LateralHold,
+    Level, Material, Precision, ProbeContact, Setup, Shaft, SimulatorOptions, Stiffness, Template, TemplateGuided,
     TetMesh, TwoPoints,
 };
 use nalgebra::{Isometry3, Point3, Translation3, Vector3};
@@ -59,7 +59,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut haptic = Haptic::new(Box::new(model()?), options);
 
     let length_mm = Shaft::default().length_mm;
-    let mut needle = Guided::new(template(), "A2", Point3::origin())?;
+    let mut needle = TemplateGuided::new(template(), "A2", Point3::origin())?;
     let mut hub = Device::at(Point3::new(0.0, 0.0, -length_mm));
     let mut hold = LateralHold::new(HoldOptions {
         kp_n_per_mm: 2.0,

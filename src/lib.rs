@@ -95,6 +95,6 @@ pub use run::record::Record;
 pub use run::summary::Summary;
 pub use run::{Deformed, Moment, Observer, Requests, Step, run as run_scenario};
 pub use simulator::{
-    Damper, Forces, Guided, Haptic, HoldOptions, Imaging, LateralHold, Options as SimulatorOptions, PointsPose, Policy,
-    Simulator, SimulatorError, TwoPoints,
+    Damper, Forces, Haptic, HoldOptions, Imaging, LateralHold, Options as SimulatorOptions, PointsPose, Policy,
+    Simulator, SimulatorError, TemplateGuided, TwoPoints,
 };

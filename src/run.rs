@@ -1,7 +1,7 @@
 //! Main loop of a scenario: it moves the instruments, steps the model and notifies an observer.
 
-pub mod carried;
 pub mod deformed;
+pub mod material_points;
 #[cfg(feature = "record")]
 pub mod record;
 pub mod summary;
@@ -15,11 +15,11 @@ use nalgebra::{Isometry3, Matrix4, Vector3};
 
 use crate::input::scenario::Scenario;
 use crate::input::scenario::guidance::{Guidance, Guide};
-use crate::input::scenario::points::{Displaced, Points};
-use carried::Carried;
+use crate::input::scenario::reported_points::{Displaced, Points};
 use insonify_imaging::synth::{FrameState, NeedleShaft};
 use insonify_mechanics::insertion::{Model, NodeSolver, Outcome, ShaftLoad, Snapshot, StepError, Tissue};
 use insonify_mechanics::needle::CentreLine;
+use material_points::MaterialPoints;
 use summary::{Summary, Tally};
 
 /// Tolerance for reaching a time, as a fraction of a step.
@@ -237,7 +237,7 @@ struct View {
     snapshot: Snapshot,
     tissue: Tissue,
     state: FrameState,
-    seeds: Carried,
+    seeds: MaterialPoints,
     loads: Vec<ShaftLoad>,
     von_mises_kpa: Option<Vec<f64>>,
 }
@@ -256,7 +256,7 @@ impl View {
             snapshot: Snapshot::default(),
             tissue: Tissue::default(),
             state,
-            seeds: Carried::default(),
+            seeds: MaterialPoints::default(),
             loads: Vec::new(),
             von_mises_kpa: None,
         }

@@ -7,7 +7,7 @@
 //! or requested from the model.
 //!
 //! Further support for haptic devices: a probe's pose from [`TwoPoints`] and the force on each, a [`Damper`], a
-//! [`LateralHold`], and a needle [`Guided`] by a template whose holes one device visits in turn.
+//! [`LateralHold`], and a needle [`TemplateGuided`] by a template whose holes one device visits in turn.
 //!
 //! Frames of reference and signs of forces are stated by [`Forces`], late steps by [`Policy`], saving and replaying by
 //! [`State`](crate::SimulatorState) and [`Recording`](crate::Recording); `insonify insert --replay` repeats a recording of a scenario, to score and to image it.
@@ -25,7 +25,7 @@ use nalgebra::Matrix4;
 
 use crate::Error;
 use crate::input::scenario::Scenario;
-pub use devices::{Damper, Guided, HoldOptions, LateralHold, PointsPose, TwoPoints};
+pub use devices::{Damper, HoldOptions, LateralHold, PointsPose, TemplateGuided, TwoPoints};
 pub use forces::Forces;
 pub use haptic::Haptic;
 pub use imaging::Imaging;

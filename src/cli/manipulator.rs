@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 use insonify::input::scenario::ScenarioFile;
-use insonify::input::scenario::manipulator::Guided;
+use insonify::input::scenario::manipulator::GuideMotion;
 use insonify_base::csv::{Csv, CsvError};
 use insonify_base::output::png;
 use insonify_base::table::{Cell, Table};
@@ -200,7 +200,7 @@ fn text(places: &[Place]) -> String {
 }
 
 /// Motion of the guide of a scenario, and the times of its keyframes.
-fn guided(path: &Path, control: Option<Control>) -> Result<(Guided, Vec<f64>), Error> {
+fn guided(path: &Path, control: Option<Control>) -> Result<(GuideMotion, Vec<f64>), Error> {
     let mut file = ScenarioFile::read(path)?;
     if let (Some(control), Some(spec)) = (control, &mut file.manipulator) {
         spec.control = control;
@@ -288,7 +288,7 @@ const MOTION: [&str; 11] = [
 ];
 
 /// Rows of a motion, every n-th period of the controller.
-fn rows(motion: &Guided, every: usize) -> impl Iterator<Item = [f64; 11]> + '_ {
+fn rows(motion: &GuideMotion, every: usize) -> impl Iterator<Item = [f64; 11]> + '_ {
     motion.driven.iter().step_by(every.max(1)).map(move |at| {
         let [c, p] = [at.command, at.posture].map(|it| [it.position_mm, it.posture_deg, it.insertion_mm]);
         let [l1, l2, l3] = at.lost_mm;
@@ -308,11 +308,11 @@ fn rows(motion: &Guided, every: usize) -> impl Iterator<Item = [f64; 11]> + '_ {
     })
 }
 
-fn table(motion: &Guided, every: usize) -> Table {
+fn table(motion: &GuideMotion, every: usize) -> Table {
     Table::new(MOTION).with(rows(motion, every).map(|row| row.map(|number| format!("{number:.6}"))))
 }
 
-fn plot(motion: &Guided) -> Plot {
+fn plot(motion: &GuideMotion) -> Plot {
     let every = motion.driven.len().div_ceil(MAX_ROWS);
     let line = |of: fn(&[f64; 11]) -> f64| rows(motion, every).map(move |row| [row[0], of(&row)]).collect();
     let series = vec![

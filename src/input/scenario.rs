@@ -28,7 +28,6 @@
 
 pub mod aim;
 pub mod clearance;
-mod cut;
 pub mod file;
 mod finite_element;
 pub mod guidance;
@@ -40,16 +39,16 @@ mod mesh;
 mod needle;
 mod needle_table;
 pub mod nonlinear_tissue;
-mod plan;
-pub mod planned;
-pub mod points;
+pub mod plan;
 mod probe;
 mod regions;
+pub mod reported_points;
 mod resolve;
 mod rewritten;
 mod scene;
 mod section;
 pub mod tissue;
+mod tissue_box;
 mod tissue_setup;
 
 pub use file::{ScenarioFile, SceneSource};

@@ -12,8 +12,8 @@ use std::sync::Arc;
 use super::summary::Summary;
 use super::{Moment, Step};
 use crate::input::scenario::Scenario;
-use crate::input::scenario::manipulator::Guided;
-use crate::input::scenario::points::Displaced;
+use crate::input::scenario::manipulator::GuideMotion;
+use crate::input::scenario::reported_points::Displaced;
 use curves::Curves;
 use film::Film;
 use insonify_base::output::OutputError;
@@ -34,7 +34,7 @@ pub struct Record {
     head: String,
     film: Film,
     targets: Vec<Point3<f64>>,
-    manipulator: Option<Arc<Guided>>,
+    manipulator: Option<Arc<GuideMotion>>,
     start_s: f64,
     /// Depth of the tip and its distance from the nearest target at the last step, mm.
     last: (f64, Option<f64>),

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::Step;
 use crate::input::scenario::Scenario;
-use crate::input::scenario::points::{Displaced, Extremes};
+use crate::input::scenario::reported_points::{Displaced, Extremes};
 use insonify_base::statistics::Times;
 use insonify_mechanics::insertion::{Event, EventKind, LevelChange, Snapshot, Tissue};
 

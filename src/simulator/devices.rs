@@ -186,13 +186,13 @@ impl LateralHold {
 /// A needle that goes through a hole of a template, moved by a device that stays in place: the motion of the device along
 /// its axis and its roll are applied at the chosen hole.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Guided {
+pub struct TemplateGuided {
     template: Template,
     hole_mm: Point3<f64>,
     device_mm: Point3<f64>,
 }
 
-impl Guided {
+impl TemplateGuided {
     /// Places a needle outside the body, at a hole. `device_mm` is the position of the device's own guide, in its frame of
     /// axes parallel to the world's, mm: it corresponds to the hole for the virtual needle.
     ///

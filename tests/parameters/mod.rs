@@ -4,7 +4,7 @@ use insonify::input::scenario;
 use insonify::input::scenario::instruments::{CommonNeedleKeys, ContactProbeSpec};
 use insonify::input::scenario::manipulator::SensorSpec;
 use insonify::input::scenario::nonlinear_tissue::{StepSolverSpec, TissueViscositySpec};
-use insonify::input::scenario::planned::{PlanSpec, PlannedNeedle, TargetSpec, TemplateSpec};
+use insonify::input::scenario::plan::{PlanSpec, PlannedNeedle, TargetSpec, TemplateSpec};
 use insonify::input::scenario::{file::RunSpec, tissue::TissueSpec};
 use insonify::input::statics::course::{SolverSpec, ViscositySpec};
 use insonify::input::{selection::CylinderChoice, statics::file::MaterialSpec};

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use indicatif::ProgressBar;
 use insonify::Summary;
 use insonify::input::scenario::Scenario;
-use insonify::input::scenario::points::Displaced;
+use insonify::input::scenario::reported_points::Displaced;
 use insonify::run::deformed::{NeedlePoly, seeds_poly};
 use insonify::run::record::Record;
 use insonify::run::{Deformed, Moment, Observer, Requests, Step};

@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Matrix4, Point3, Vector3};
 
 use super::resolve::Scenario;
-use crate::run::carried::Carried;
+use crate::run::material_points::MaterialPoints;
 use insonify_anatomy::volume::distance::Grid;
 use insonify_imaging::effects::shadow::Shadow;
 use insonify_imaging::effects::thickness::Thickness;
@@ -47,7 +47,7 @@ pub struct Guide<'a> {
     reach_mm: f64,
     grid: Option<BeamGrid>,
     critical: Option<Critical>,
-    carried: Carried,
+    carried: MaterialPoints,
     entry: Option<[Point3<f64>; 2]>,
     target: Option<[Point3<f64>; 2]>,
 }
@@ -68,7 +68,7 @@ impl<'a> Guide<'a> {
             reach_mm: thickness / 2.0 + target.map_or(0.0, |target| target.radius_mm),
             grid: BeamGrid::new(&settings.probe).ok(),
             critical: Critical::around(scenario, &scenario.planned_points()),
-            carried: Carried::default(),
+            carried: MaterialPoints::default(),
             entry: None,
             target: target.map(|target| [target.at_mm; 2]),
         }

@@ -94,7 +94,7 @@ impl SensorSpec {
 
 /// Motion of a guide: commands and what became of them, every millisecond.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Guided {
+pub struct GuideMotion {
     /// Dimensions.
     pub guide: Guide,
     /// Force sensor.
@@ -105,7 +105,7 @@ pub struct Guided {
     pub driven: Vec<Driven>,
 }
 
-impl Guided {
+impl GuideMotion {
     /// Period of the controller at a time, s; the first or last one beyond the ends.
     pub fn at(&self, time_s: f64) -> &Driven {
         let since = (time_s - self.driven[0].time_s) / PERIOD_S;
@@ -142,7 +142,7 @@ impl ScenarioFile {
     ///
     /// # Errors
     /// [`InputError`] with the key; also if the scenario has no `[manipulator]`.
-    pub fn resolve_guided(&self, base_dir: &Path) -> Result<(Scene, Guided), InputError> {
+    pub fn resolve_guided(&self, base_dir: &Path) -> Result<(Scene, GuideMotion), InputError> {
         let needle = self.needle_settings()?;
         self.motion_key()?;
         let (scene, ..) = self.scene_with(&needle, base_dir)?;
@@ -175,7 +175,7 @@ impl ScenarioFile {
     }
 
     /// Motion of the guide for the planned paths of tip and probe in the world, if the scenario has one.
-    pub(crate) fn guided(&self, tip: &Trajectory, probe: &Trajectory) -> Result<Option<Guided>, InputError> {
+    pub(crate) fn guided(&self, tip: &Trajectory, probe: &Trajectory) -> Result<Option<GuideMotion>, InputError> {
         let Some(spec) = &self.manipulator else {
             return Ok(None);
         };
@@ -211,7 +211,7 @@ impl ScenarioFile {
             })
             .collect();
         let driven = follow(&spec.guide, &spec.drive, spec.control, span[0], &commands?);
-        Ok(Some(Guided {
+        Ok(Some(GuideMotion {
             guide: spec.guide,
             sensor: spec.sensor,
             drive: spec.drive,
@@ -223,7 +223,7 @@ impl ScenarioFile {
     pub(crate) fn through_guide(
         &self,
         path: NeedlePath,
-        guided: Option<&Guided>,
+        guided: Option<&GuideMotion>,
         probe: &Trajectory,
     ) -> Result<NeedlePath, InputError> {
         let Some(guided) = guided else { return Ok(path) };

@@ -8,7 +8,7 @@ use nalgebra::Point3;
 use super::file::ScenarioFile;
 use super::regions::{Region, Regions};
 use super::tissue::DEFAULT_NODES;
-use super::{cut, mesh_note, path_pieces};
+use super::{mesh_note, path_pieces, tissue_box};
 use crate::input::selection::{Selected, SelectionError, axes, ordered};
 use insonify_anatomy::volume::LabelVolume;
 use insonify_base::document::{InputError, RegionName, stated};
@@ -198,7 +198,7 @@ impl ScenarioFile {
                 let value = volume.labels()[usize::from(label)].value;
                 label > 0 && !outside.iter().any(|out| i64::from(*out) == value)
             };
-            let held = cut::nodes(mesh, corners, volume, is_tissue);
+            let held = tissue_box::cut_nodes(mesh, corners, volume, is_tissue);
             notes.push(format!(
                 "the mesh is fixed where `box_mm` cuts the tissue ({} nodes)",
                 held.len()

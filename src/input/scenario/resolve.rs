@@ -9,11 +9,11 @@ use nalgebra::{Isometry3, Point3};
 use super::clearance;
 use super::file::{RunSpec, ScenarioFile};
 use super::labels::unmeshed;
-use super::manipulator::Guided;
+use super::manipulator::GuideMotion;
 use super::needle::{Moving, NeedleSettings};
 use super::plan::{Deposit, Guide, Target};
-use super::points::Reported;
 use super::probe::rigid;
+use super::reported_points::Reported;
 use super::tissue_setup::{Insertion, TissueSetup};
 use insonify_base::document::InputError;
 use insonify_imaging::quality::QualitySpec;
@@ -84,7 +84,7 @@ pub struct Scenario {
     /// Points whose displacement is reported.
     pub reports: Vec<Reported>,
     /// Motion of the needle guide on the probe, if there is one.
-    pub manipulator: Option<Arc<Guided>>,
+    pub manipulator: Option<Arc<GuideMotion>>,
     /// Times of steps and frames.
     pub timing: Timing,
     /// Time budgets of steps and frames; empty where the scenario states none.

@@ -2,7 +2,7 @@
 
 use toml::{Table, Value};
 
-use super::planned::TargetSpec;
+use super::plan::TargetSpec;
 use insonify_imaging::scene::NeedleKeyframe;
 
 /// The text of a scenario, to be written again.

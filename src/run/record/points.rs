@@ -4,7 +4,7 @@ use std::io::{self, Write};
 
 use super::curves::{Curve, STRETCHES};
 use crate::input::scenario::Scenario;
-use crate::input::scenario::points::{COMPONENTS, Displaced};
+use crate::input::scenario::reported_points::{COMPONENTS, Displaced};
 use insonify_report::plot::{Axis, Plot};
 
 /// Names and titles of the plots.

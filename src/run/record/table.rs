@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use nalgebra::Vector3;
 
 use crate::input::scenario::guidance::Guidance;
-use crate::input::scenario::manipulator::Guided;
+use crate::input::scenario::manipulator::GuideMotion;
 use crate::run::Step;
 use insonify_mechanics::insertion::ProbeContact;
 use insonify_tracking::manipulator::drive::Driven;
@@ -43,7 +43,7 @@ pub(super) fn head(probe: Option<&ProbeContact>, has_guide: bool) -> String {
     format!("{NUMBERS},{POSE},{GUIDANCE},{driven}{guide}{COUNTS}")
 }
 
-pub(super) fn row(step: &Step<'_>, guided: Option<(&Guided, &Driven)>, out: &mut impl Write) -> io::Result<()> {
+pub(super) fn row(step: &Step<'_>, guided: Option<(&GuideMotion, &Driven)>, out: &mut impl Write) -> io::Result<()> {
     let outcome = step.outcome;
     let own = outcome.on_hand.in_frame(&step.base);
     let probe = outcome.on_probe.unwrap_or_default();

@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 
-use crate::simulator::{Damper, Guided, Haptic, HoldOptions, LateralHold, Options, SimulatorError, TwoPoints};
+use crate::simulator::{Damper, Haptic, HoldOptions, LateralHold, Options, SimulatorError, TemplateGuided, TwoPoints};
 use insonify_mechanics::insertion::{Outcome, Wrench};
 use insonify_tracking::template::Template;
 
@@ -227,7 +227,7 @@ fn a_hole_is_chosen_outside_alone() {
         rows: names(["1", "2", "3"]),
     };
     let device_mm = Point3::new(100.0, 100.0, 100.0);
-    let mut guided = Guided::new(template, "A1", device_mm).expect("a hole");
+    let mut guided = TemplateGuided::new(template, "A1", device_mm).expect("a hole");
     // Rolled by 0.5 about the axis, 3 mm aside, 150 mm before its guide.
     let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.5);
     let device = Isometry3::from_parts(Translation3::new(103.0, 100.0, -50.0), roll);

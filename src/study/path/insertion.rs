@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use insonify::Error;
 use insonify::input::scenario::Scenario;
-use insonify::run::carried::Carried;
+use insonify::run::material_points::MaterialPoints;
 use insonify::run::{Deformed, Observer, Requests, Step, run};
 use insonify_imaging::scene::NeedleKeyframe;
 use insonify_mechanics::insertion::{EventKind, StepError};
@@ -168,7 +168,7 @@ impl Course {
             target,
             until,
             turns_s: keys[1].0 - keys[0].0,
-            carried: Carried::default(),
+            carried: MaterialPoints::default(),
             last: None,
             trial: Trial::default(),
         };
@@ -198,7 +198,7 @@ struct Watch<'a> {
     until: Until,
     /// End of the way in, s from the start of the run.
     turns_s: f64,
-    carried: Carried,
+    carried: MaterialPoints,
     /// The last step, with the target at rest.
     last: Option<Sample>,
     trial: Trial,

@@ -6,7 +6,7 @@ use nalgebra::Point3;
 use super::correct::Corrected;
 use super::insertion::{APPROACH_MM, Sample};
 use super::{Candidate, PathPlan};
-use insonify::input::scenario::planned::TargetSpec;
+use insonify::input::scenario::plan::TargetSpec;
 use insonify::input::scenario::{Scenario, ScenarioText};
 use insonify_base::number::fixed;
 use insonify_base::output::OutputError;

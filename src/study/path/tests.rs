@@ -1,7 +1,7 @@
 //! Plans in tissue where the answer is known.
 
 use super::*;
-use insonify::input::scenario::points::Displaced;
+use insonify::input::scenario::reported_points::Displaced;
 use insonify::run::{Observer, Requests, Step, run};
 use insonify_mechanics::insertion::StepError;
 

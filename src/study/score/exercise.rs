@@ -14,7 +14,7 @@ use crate::StudyError;
 use crate::path::unknown;
 use insonify::Error;
 use insonify::input::scenario::clearance::Surroundings;
-use insonify::input::scenario::planned::TargetSpec;
+use insonify::input::scenario::plan::TargetSpec;
 use insonify::input::scenario::{Scenario, ScenarioText};
 use insonify::run::{Requests, run};
 use insonify_base::parallel;

@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use super::prescribed::PrescribedModel;
 use super::{BLOCK, fixed, resolved};
 use crate::input::scenario::Scenario;
-use crate::input::scenario::points::{Displaced, Extremes, Points};
+use crate::input::scenario::reported_points::{Displaced, Extremes, Points};
 use crate::run::record::Record;
 use crate::run::{Deformed, Observer, Requests, Step, run};
 use insonify_mechanics::insertion::{EventKind, Model, StepError, Tissue};

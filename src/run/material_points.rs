@@ -1,4 +1,4 @@
-//! Transport of seeds with the tissue.
+//! Points that move with the tissue: seeds, targets, entries and reported points.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -8,16 +8,16 @@ use insonify_mechanics::insertion::Tissue;
 /// Tolerance by which a seed may lie outside its element: it lies on the surface, or a face has moved by rounding.
 const SLACK: f64 = 1e-6;
 
-/// Current positions of seeds, computed from the elements around them.
+/// Current positions of points of the tissue, computed from the elements around them.
 #[derive(Clone, Debug, Default)]
-pub struct Carried {
+pub struct MaterialPoints {
     /// Direction in which each seed was deposited.
     pub along: Vec<Vector3<f64>>,
     /// Element that last contained each seed.
     last: Vec<usize>,
 }
 
-impl Carried {
+impl MaterialPoints {
     /// Places seeds, given in the reference state (mm), in the deformed tissue. One that is in no element stays.
     pub fn place(
         &mut self,
@@ -110,9 +110,9 @@ mod tests {
             current,
             ..Tissue::default()
         };
-        let mut carried = Carried {
+        let mut carried = MaterialPoints {
             along: vec![Vector3::x(); 2],
-            ..Carried::default()
+            ..MaterialPoints::default()
         };
         let mut shafts = Vec::new();
         let seeds = [Point3::new(1.0, 0.5, 0.25), Point3::new(9.0, 9.0, 9.0)];

@@ -9,7 +9,7 @@ use insonify_mesh::{NO_ELEMENT, TetMesh};
 const STEP: f64 = 0.5;
 
 /// Nodes of the faces beyond which tissue continues: outside the box, or beyond the end of the volume. Ascending.
-pub(super) fn nodes(
+pub(super) fn cut_nodes(
     mesh: &TetMesh,
     [low, high]: &[[f64; 3]; 2],
     volume: &LabelVolume,

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::file::ScenarioFile;
 use super::resolve::Scenario;
-use crate::run::carried::Carried;
+use crate::run::material_points::MaterialPoints;
 use insonify_base::document::{InputError, InvalidFile};
 use insonify_mechanics::insertion::{NodeSolver, Tissue};
 use insonify_mesh::{Locator, NO_ELEMENT, TetMesh};
@@ -113,7 +113,7 @@ impl Extremes {
 /// Follows the reported points of a run.
 pub struct Points<'a> {
     points: &'a [Reported],
-    carried: Carried,
+    carried: MaterialPoints,
     displacement_mm: Vec<[f64; 6]>,
 }
 
@@ -122,7 +122,7 @@ impl<'a> Points<'a> {
     pub fn new(scenario: &'a Scenario) -> Self {
         Self {
             points: &scenario.reports,
-            carried: Carried::default(),
+            carried: MaterialPoints::default(),
             displacement_mm: Vec::new(),
         }
     }
