@@ -154,14 +154,14 @@ impl Beat {
 pub fn run<O: Observer>(
     scenario: &Scenario,
     model: &mut dyn Model,
-    asked: Requests,
+    requests: Requests,
     observer: &mut O,
 ) -> Result<Summary, O::Error> {
     let timing = scenario.timing;
     let contact = scenario.contact();
     let beat = |every_s| Beat { every_s, next: 0 };
-    let mut frames = asked.frames.then(|| beat(timing.frame_s));
-    let mut meshes = asked.mesh_s.map(beat);
+    let mut frames = requests.frames.then(|| beat(timing.frame_s));
+    let mut meshes = requests.mesh_s.map(beat);
     let mut guide = Guide::new(scenario);
     let mut points = Points::new(scenario);
     let mut carried = (guide.follows() || points.follows()).then(|| beat(timing.frame_s));
@@ -173,6 +173,7 @@ pub fn run<O: Observer>(
     let mut tally = Tally::new(scenario);
     let mut changes = scenario.level_changes().iter().peekable();
     for number in 1..=timing.steps {
+        // A change takes effect before the step that reaches its time.
         while let Some((_, level)) = changes.next_if(|(at_s, _)| timing.step_at(*at_s) <= number) {
             tally.change(number, &model.set_level(*level)?);
         }

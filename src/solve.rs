@@ -96,8 +96,8 @@ impl Problem {
     }
 
     fn linear_materials(&self) -> Result<Materials, InputError> {
-        let made = self.made.iter();
-        let materials: Vec<_> = made.map(|(region, made)| (*region, made.law.at_rest())).collect();
+        let materials = self.materials.iter();
+        let materials: Vec<_> = materials.map(|(region, of)| (*region, of.law.at_rest())).collect();
         Materials::new(None, &materials).map_err(|error| self.blame(error))
     }
 

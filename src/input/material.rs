@@ -55,7 +55,7 @@ pub(crate) use material_table;
 /// The material table of each region, and that of all other regions, as indices.
 #[derive(Default)]
 pub(crate) struct TableOfRegion {
-    own: BTreeMap<i32, usize>,
+    by_region: BTreeMap<i32, usize>,
     others: Option<usize>,
 }
 
@@ -84,7 +84,7 @@ impl TableOfRegion {
             };
             let key = format!("{key}.region");
             for region in numbers(&key, name)? {
-                if tables.own.insert(region, at).is_some() {
+                if tables.by_region.insert(region, at).is_some() {
                     let found = format!("a second material for {}", called(region));
                     return Err(fault(key, found, "one for each region"));
                 }
@@ -95,7 +95,7 @@ impl TableOfRegion {
 
     /// The table of a region.
     pub(crate) fn of(&self, region: i32) -> Option<usize> {
-        self.own.get(&region).copied().or(self.others)
+        self.by_region.get(&region).copied().or(self.others)
     }
 }
 

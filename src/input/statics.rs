@@ -77,7 +77,7 @@ impl ProblemFile {
 
 /// Material of a region.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Made {
+pub struct RegionMaterial {
     /// Elastic law of the tissue.
     pub law: AnyLaw,
     /// Index of its `[[material]]` table.
@@ -86,7 +86,7 @@ pub struct Made {
 
 impl ProblemFile {
     /// Material of each region of the mesh.
-    fn materials(&self, mesh: &TetMesh, regions: &Regions) -> Result<BTreeMap<i32, Made>, InputError> {
+    fn materials(&self, mesh: &TetMesh, regions: &Regions) -> Result<BTreeMap<i32, RegionMaterial>, InputError> {
         if self.material.is_empty() {
             return Err(self.wrong_keys("material", "no `[[material]]`", "at least one"));
         }
@@ -106,7 +106,7 @@ impl ProblemFile {
             match tables.of(*region) {
                 Some(table) => drop(materials.insert(
                     *region,
-                    Made {
+                    RegionMaterial {
                         law: laws[table],
                         table,
                     },

@@ -85,39 +85,40 @@ pub struct NeedlePoly {
 impl NeedlePoly {
     /// Needle on a centre line, under the loads of the tissue.
     pub fn new(line: &CentreLine, loads: &[ShaftLoad]) -> Self {
-        let mut made = Self::default();
+        let mut needle = Self::default();
         let length = line.length_mm();
         let inside = |arc: f64| arc.clamp(0.0, length);
         let ends = loads.iter().flat_map(|load| [inside(load.from_mm), inside(load.to_mm)]);
-        made.arc_mm = line.nodes().iter().map(|(arc, _)| *arc).chain(ends).collect();
-        made.arc_mm.sort_by(f64::total_cmp);
-        made.arc_mm.dedup_by(|next, before| *next - *before <= POINT_MM);
-        if made.arc_mm.len() < 2 {
+        needle.arc_mm = line.nodes().iter().map(|(arc, _)| *arc).chain(ends).collect();
+        needle.arc_mm.sort_by(f64::total_cmp);
+        needle.arc_mm.dedup_by(|next, before| *next - *before <= POINT_MM);
+        if needle.arc_mm.len() < 2 {
             return Self::default();
         }
-        made.poly.points = made.arc_mm.iter().map(|arc| line.at(*arc).point_mm.into()).collect();
+        needle.poly.points = needle.arc_mm.iter().map(|arc| line.at(*arc).point_mm.into()).collect();
         for load in loads.iter().filter(|load| load.length_mm() <= POINT_MM) {
-            let nearest = made
+            let nearest = needle
                 .arc_mm
                 .partition_point(|arc| *arc < inside(load.from_mm) - POINT_MM);
-            made.poly.vertices.push(nearest.min(made.arc_mm.len() - 1) as u32);
-            made.force_n.push(load.force_n.into());
-            made.along_n_per_mm.push(0.0);
-            made.across_n_per_mm.push(0.0);
+            needle.poly.vertices.push(nearest.min(needle.arc_mm.len() - 1) as u32);
+            needle.force_n.push(load.force_n.into());
+            needle.along_n_per_mm.push(0.0);
+            needle.across_n_per_mm.push(0.0);
         }
-        for (at, ends) in made.arc_mm.windows(2).enumerate() {
+        for (at, ends) in needle.arc_mm.windows(2).enumerate() {
             let middle = 0.5 * (ends[0] + ends[1]);
             let spread = loads.iter().filter(|load| load.length_mm() > POINT_MM);
-            let own = spread.filter(|load| (load.from_mm..load.to_mm).contains(&middle));
-            let density: nalgebra::Vector3<f64> = own.map(|load| load.force_n / load.length_mm()).sum();
+            let here = spread.filter(|load| (load.from_mm..load.to_mm).contains(&middle));
+            let density: nalgebra::Vector3<f64> = here.map(|load| load.force_n / load.length_mm()).sum();
             let along = line.at(middle).tangent.dot(&density);
-            made.poly.lines.push(vec![at as u32, at as u32 + 1]);
-            made.force_n.push((density * (ends[1] - ends[0])).into());
-            made.along_n_per_mm.push(along);
-            made.across_n_per_mm
+            needle.poly.lines.push(vec![at as u32, at as u32 + 1]);
+            needle.force_n.push((density * (ends[1] - ends[0])).into());
+            needle.along_n_per_mm.push(along);
+            needle
+                .across_n_per_mm
                 .push((density - line.at(middle).tangent.into_inner() * along).norm());
         }
-        made
+        needle
     }
 }
 

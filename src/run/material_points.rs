@@ -60,11 +60,11 @@ fn find(
     point: &Point3<f64>,
 ) -> Option<(Point3<f64>, Matrix3<f64>)> {
     let candidates = std::iter::once(*last).chain(0..elements.len());
-    let (element, found) = candidates
+    let (element, place) = candidates
         .filter(|element| *element < elements.len())
         .find_map(|element| Some((element, inside(&elements[element], tissue, point)?)))?;
     *last = element;
-    Some(found)
+    Some(place)
 }
 
 /// Maps a point of the reference state to the deformed element, with the rotation of directions there; `None`

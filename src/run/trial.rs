@@ -24,7 +24,7 @@ pub struct Trial {
 
 impl Scenario {
     /// Runs steps of a model made by [`Scenario::model`] from the start until the end of the scenario or until `patience` has elapsed, and counts those that take longer
-    /// than `limit_ms`. `told` receives the completed fraction, of the steps or of the time, whichever is larger.
+    /// than `limit_ms`. `progress` receives the completed fraction, of the steps or of the time, whichever is larger.
     ///
     /// # Errors
     /// Errors of a step.
@@ -33,7 +33,7 @@ impl Scenario {
         model: &mut dyn Model,
         limit_ms: f64,
         patience: Duration,
-        told: impl FnMut(f64),
+        progress: impl FnMut(f64),
     ) -> Result<Trial, StepError> {
         let mut clock = Clock {
             start: Instant::now(),
@@ -41,7 +41,7 @@ impl Scenario {
             of: self.timing.steps as f64,
             all: Vec::new(),
             remeshing: Vec::new(),
-            told,
+            progress,
         };
         match run(self, model, Requests::default(), &mut clock) {
             Ok(_) | Err(End::Late) => Ok(clock.trial(limit_ms)),
@@ -57,7 +57,7 @@ struct Clock<F> {
     of: f64,
     all: Vec<f64>,
     remeshing: Vec<f64>,
-    told: F,
+    progress: F,
 }
 
 /// Reason for the end of a trial before the end of the scenario.
@@ -74,7 +74,7 @@ impl From<StepError> for End {
 
 impl<F: FnMut(f64)> Clock<F> {
     /// Number of steps between progress reports.
-    const TOLD: u64 = 256;
+    const BETWEEN_REPORTS: u64 = 256;
 
     fn trial(mut self, limit_ms: f64) -> Trial {
         let over = self.all.iter().filter(|ms| **ms > limit_ms).count();
@@ -107,9 +107,9 @@ impl<F: FnMut(f64)> Observer for Clock<F> {
         if spent >= self.patience {
             return Err(End::Late);
         }
-        if step.number.is_multiple_of(Self::TOLD) {
+        if step.number.is_multiple_of(Self::BETWEEN_REPORTS) {
             let patience = spent.as_secs_f64() / self.patience.as_secs_f64();
-            (self.told)(patience.max(step.number as f64 / self.of));
+            (self.progress)(patience.max(step.number as f64 / self.of));
         }
         Ok(())
     }

@@ -32,8 +32,14 @@ impl TwoPoints {
     /// # Errors
     /// [`SimulatorError`].
     pub fn new(at_mm: [f64; 2]) -> Result<Self, SimulatorError> {
-        let apart = (at_mm[0] - at_mm[1]).abs();
-        SimulatorError::check("at_mm", apart, apart >= 1.0, "two points at least 1 mm apart").map(|()| Self { at_mm })
+        let distance_mm = (at_mm[0] - at_mm[1]).abs();
+        SimulatorError::check(
+            "at_mm",
+            distance_mm,
+            distance_mm >= 1.0,
+            "two points at least 1 mm apart",
+        )
+        .map(|()| Self { at_mm })
     }
 
     /// Returns the pose of a probe from its measured points, mm, world. Two points do not determine the roll about the axis:
@@ -44,15 +50,15 @@ impl TwoPoints {
     pub fn pose(&self, points: &[Point3<f64>; 2], last: &Isometry3<f64>) -> Result<PointsPose, SimulatorError> {
         let nominal = self.at_mm[1] - self.at_mm[0];
         let between = (points[0] - points[1]) * nominal.signum();
-        let (apart, nominal) = (between.norm(), nominal.abs());
+        let (distance_mm, nominal) = (between.norm(), nominal.abs());
         let expected = format!("two points about {nominal} mm apart");
-        SimulatorError::check("points", apart, apart >= 0.5 * nominal, &expected)?;
-        let axis = between / apart;
+        SimulatorError::check("points", distance_mm, distance_mm >= 0.5 * nominal, &expected)?;
+        let axis = between / distance_mm;
         let middle = nalgebra::center(&points[0], &points[1]);
         let origin = middle + axis * (0.5 * (self.at_mm[0] + self.at_mm[1]));
         Ok(PointsPose {
             pose: Isometry3::from_parts(origin.into(), pointed(&last.rotation, &axis)),
-            stretch_mm: apart - nominal,
+            stretch_mm: distance_mm - nominal,
         })
     }
 

@@ -221,7 +221,7 @@ fn carried(locator: Option<&Locator<f64>>, point: &Point3<f64>, element: &mut u3
     *element = locator.locate(point, *element).element;
     match *element {
         NO_ELEMENT => point.into(),
-        found => locator.to_reference(found, point).into(),
+        element => locator.to_reference(element, point).into(),
     }
 }
 

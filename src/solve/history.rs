@@ -80,18 +80,18 @@ impl Problem {
             problem: self,
             supports: supports.clone(),
         };
-        let (loads, held) = given.at(&moments[0]);
+        let (loads, prescribed) = given.at(&moments[0]);
         let at_start = |error: NonlinearError| self.fault_at(0.0, error);
         let options = self.file.solver.unwrap_or_default().options();
         let solver = Solver::new(Arc::clone(&body), supports, options).map_err(&at_start)?;
         let factored = started.elapsed().as_secs_f64();
         let mut history = History::default();
-        let mut runner = self.start(solver, &moments, [&loads, &held], fields, &mut history)?;
+        let mut runner = self.start(solver, &moments, [&loads, &prescribed], fields, &mut history)?;
         let mut loads = loads;
         for pair in moments.windows(2) {
             let time_s = pair[1].time_s;
-            let (now, held) = given.at(&pair[1]);
-            let progress = runner.step(time_s - pair[0].time_s, &now, &held, None);
+            let (now, prescribed) = given.at(&pair[1]);
+            let progress = runner.step(time_s - pair[0].time_s, &now, &prescribed, None);
             let progress = progress.map_err(|error| self.fault_at(time_s, error))?.clone();
             self.note(&mut history, &runner, time_s, &now, &progress);
             loads = now;
@@ -132,7 +132,7 @@ impl Problem {
         &self,
         solver: Solver<3, 4>,
         moments: &[Moment],
-        [loads, held]: [&[f64]; 2],
+        [loads, prescribed]: [&[f64]; 2],
         fields: bool,
         history: &mut History,
     ) -> Result<Structure<3, 4>, InputError> {
@@ -149,7 +149,7 @@ impl Problem {
             }
             Model::Linear | Model::Nonlinear => {
                 let mut runner = Structure::Elastic(Box::new(solver));
-                let progress = runner.step(0.0, loads, held, None).map_err(at_start)?.clone();
+                let progress = runner.step(0.0, loads, prescribed, None).map_err(at_start)?.clone();
                 (runner, progress)
             }
         };
@@ -160,8 +160,12 @@ impl Problem {
     /// Body of the mesh, with the constitutive laws of its regions.
     pub fn body(&self) -> Result<Solid, InputError> {
         // Every region has a material.
-        let laws = self.mesh.regions().iter().filter_map(|region| self.made.get(region));
-        let laws: Vec<_> = laws.map(|made| made.law).collect();
+        let laws = self
+            .mesh
+            .regions()
+            .iter()
+            .filter_map(|region| self.materials.get(region));
+        let laws: Vec<_> = laws.map(|material| material.law).collect();
         Body::tetrahedra(&self.mesh, &laws).map_err(|error| self.file.fault("mesh", error))
     }
 
@@ -254,7 +258,7 @@ impl Given<'_> {
             ..
         } = self.problem;
         let course = file.course();
-        let factor = |own: Option<&Vec<f64>>| moment.of(own.unwrap_or(&course.factor));
+        let factor = |of_table: Option<&Vec<f64>>| moment.of(of_table.unwrap_or(&course.factor));
         let mut forces = vec![0.0; self.supports.all()];
         for applied in &loads.forces {
             let factor = factor(applied.table.and_then(|table| file.load[table].factor.as_ref()));
@@ -267,12 +271,12 @@ impl Given<'_> {
             places[3 * fix.node as usize + fix.axis as usize] =
                 factor(file.fix[table].factor.as_ref()) * fix.displacement_mm;
         }
-        let held = self
+        let prescribed = self
             .supports
             .prescribed()
             .iter()
             .map(|dof| places[*dof as usize])
             .collect();
-        (forces, held)
+        (forces, prescribed)
     }
 }

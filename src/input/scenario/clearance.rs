@@ -148,8 +148,8 @@ impl<'a> Bones<'a> {
         let step = segment.norm() / steps;
         for at in 0..steps as usize {
             let point = from + segment * ((at as f64 + 0.5) / steps);
-            let found = self.body.volume.label_index_at(&point);
-            let label = found.filter(|label| !self.body.is_outside(*label)).unwrap_or(0);
+            let label = self.body.volume.label_index_at(&point);
+            let label = label.filter(|label| !self.body.is_outside(*label)).unwrap_or(0);
             if label == 0 && course.layers.is_empty() {
                 continue;
             }

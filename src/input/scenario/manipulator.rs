@@ -201,8 +201,8 @@ impl ScenarioFile {
                 if !keys.is_empty() {
                     return Ok(between(keys, time));
                 }
-                let own = probe.at(time).world_to_probe() * tip.at(time).probe_to_world();
-                let needle = Pose::from_matrix(&own).and_then(|pose| InPlane::of(&pose));
+                let in_probe = probe.at(time).world_to_probe() * tip.at(time).probe_to_world();
+                let needle = Pose::from_matrix(&in_probe).and_then(|pose| InPlane::of(&pose));
                 let posture = needle.and_then(|needle| spec.guide.reaching(&needle));
                 posture.map_err(|error| {
                     let text = format!("at {time:.3} s the guide would have to hold {error}");

@@ -98,15 +98,15 @@ impl ScenarioFile {
             None => std::borrow::Cow::Borrowed(volume.voxels()),
             Some(corners) => std::borrow::Cow::Owned(self.cropped(volume, corners)?),
         };
-        let mut held = [false; 256];
-        labels.iter().for_each(|label| held[usize::from(*label)] = true);
+        let mut is_present = [false; 256];
+        labels.iter().for_each(|label| is_present[usize::from(*label)] = true);
         let mut wanted = Vec::new();
         for (index, label) in volume.labels().iter().enumerate().skip(1) {
             let Ok(number) = i32::try_from(label.value) else {
                 let found = format!("label {}, which cannot be the number of a region", label.value);
                 return Err(self.wrong_keys("scene", found, "label values of 32 bits"));
             };
-            if held[index] && !outside.contains(&number) {
+            if is_present[index] && !outside.contains(&number) {
                 wanted.push((index as u8, number));
             }
         }
@@ -130,9 +130,9 @@ impl ScenarioFile {
             along_path: self.along_path(),
             ..GenerateOptions::default()
         };
-        let made = generate(&grid, nodes as usize, &options, progress).map_err(|error| self.fault(key, error))?;
-        notes.push(mesh_note(&made.report, options.along_path));
-        Ok(made.mesh)
+        let generated = generate(&grid, nodes as usize, &options, progress).map_err(|error| self.fault(key, error))?;
+        notes.push(mesh_note(&generated.report, options.along_path));
+        Ok(generated.mesh)
     }
 
     /// Whether elements are finer along the needle's path.
@@ -198,12 +198,12 @@ impl ScenarioFile {
                 let value = volume.labels()[usize::from(label)].value;
                 label > 0 && !outside.iter().any(|out| i64::from(*out) == value)
             };
-            let held = tissue_box::cut_nodes(mesh, corners, volume, is_tissue);
+            let cut_nodes = tissue_box::cut_nodes(mesh, corners, volume, is_tissue);
             notes.push(format!(
                 "the mesh is fixed where `box_mm` cuts the tissue ({} nodes)",
-                held.len()
+                cut_nodes.len()
             ));
-            held.into_iter().for_each(|node| fixed[node as usize] = [true; 3]);
+            cut_nodes.into_iter().for_each(|node| fixed[node as usize] = [true; 3]);
         }
         for (at, spec) in self.tissue.fix.iter().enumerate() {
             let table = format!("tissue.fix[{at}]");
@@ -230,6 +230,7 @@ impl ScenarioFile {
         fixed: &mut [[bool; 3]],
         warnings: &mut Vec<String>,
     ) -> Result<(), InputError> {
+        // A mesh that was read is the user's, down to its last part.
         let most = SMALL_PART * mesh.nodes().len() as f64;
         let free = match rigid::check(mesh, &Dofs::new(mesh.nodes().len(), list(fixed))) {
             Ok(()) => return Ok(()),
@@ -245,17 +246,17 @@ impl ScenarioFile {
                 return Err(self.fault("tissue.fix", error).with_help(Some(help)));
             }
         };
-        let mut held = 0;
+        let mut fixed_nodes = 0;
         for part in &free {
             let nodes = together(mesh, part);
-            held += nodes.len();
+            fixed_nodes += nodes.len();
             nodes.into_iter().for_each(|node| fixed[node as usize] = [true; 3]);
         }
         let parts = match free.len() {
             1 => "a small part of the mesh without fixed nodes is fixed".to_owned(),
             parts => format!("{parts} small parts of the mesh without fixed nodes are fixed"),
         };
-        warnings.push(format!("{parts} ({held} nodes)"));
+        warnings.push(format!("{parts} ({fixed_nodes} nodes)"));
         rigid::check(mesh, &Dofs::new(mesh.nodes().len(), list(fixed))).map_err(|error| self.fault("tissue.fix", error))
     }
 }

@@ -162,12 +162,12 @@ impl ScenarioFile {
                 "the template of its holes",
             ));
         };
-        let mut made = Insertions::default();
+        let mut insertions = Insertions::default();
         for (at, needle) in plan.needle.iter().enumerate() {
             let usual = [length_mm, speed_mm_s, pause_s];
-            self.insertion(&template, (at, needle), usual, &mut now_s, &mut made)?;
+            self.insertion(&template, (at, needle), usual, &mut now_s, &mut insertions)?;
         }
-        Ok(Some(made))
+        Ok(Some(insertions))
     }
 
     /// Start (s), and default speed (mm/s) and pause at full depth (s) of the needles.
@@ -184,7 +184,7 @@ impl ScenarioFile {
         (at, needle): (usize, &PlannedNeedle),
         [length_mm, speed_mm_s, pause_s]: [f64; 3],
         now_s: &mut f64,
-        made: &mut Insertions,
+        insertions: &mut Insertions,
     ) -> Result<(), InputError> {
         let table = format!("plan.needle[{at}]");
         let key = |key: &str| format!("{table}.{key}");
@@ -204,7 +204,7 @@ impl ScenarioFile {
         let speed = needle.speed_mm_s.unwrap_or(speed_mm_s);
         let direction = template.direction.into_inner();
         let mut frame = |time_s: f64, depth: f64| {
-            made.keyframes.push(NeedleKeyframe {
+            insertions.keyframes.push(NeedleKeyframe {
                 time_s,
                 tip_mm: (hole + direction * depth).into(),
                 direction: direction.into(),
@@ -219,7 +219,7 @@ impl ScenarioFile {
         frame(back_s + travel_s, 0.0);
         let spec = self.plan.as_ref().and_then(|plan| plan.template.as_ref());
         if spec.and_then(|spec| spec.holds).unwrap_or(true) {
-            made.guides.push(Guide {
+            insertions.guides.push(Guide {
                 during_s: [*now_s, back_s + travel_s],
                 at_mm: hole,
             });
@@ -230,8 +230,9 @@ impl ScenarioFile {
             let key = key(&format!("seeds_mm[{place}]"));
             seeds.push(self.number(key, *seed, |x| (0.0..=depth).contains(&x), "0 to `depth_mm`")?);
         }
+        // On the way back the deepest comes first.
         seeds.sort_by(|a, b| b.total_cmp(a));
-        made.deposits.extend(seeds.into_iter().map(|seed| Deposit {
+        insertions.deposits.extend(seeds.into_iter().map(|seed| Deposit {
             time_s: back_s + (depth - seed) / speed,
             planned_mm: Some(hole + direction * seed),
         }));

@@ -70,7 +70,7 @@ impl ScenarioFile {
         };
         let poses = scene.probe_path().keys();
         let nominal = rigid(&scene.probe_path().at(scene.probe_path().start_s())) * in_probe;
-        // Positions of the end along the initial axis of the cylinder.
+        // A node that the probe can reach anywhere along its motion is a candidate: positions of the end along the initial axis.
         let ends = poses.iter().map(|key| {
             nominal
                 .inverse_transform_point(&(rigid(&key.pose) * in_probe).translation.vector.into())
@@ -83,10 +83,10 @@ impl ScenarioFile {
             let off = place.x.hypot(place.y) - spec.radius_mm;
             off.abs() <= within && (reach[0]..=reach[1]).contains(&place.z)
         };
-        let held = |node: u32| (0..3).any(|axis| fixed.binary_search(&(node, axis)).is_ok());
+        let is_fixed = |node: u32| (0..3).any(|axis| fixed.binary_search(&(node, axis)).is_ok());
         let candidates: Vec<u32> = surface(mesh, numbers.as_deref())
             .into_iter()
-            .filter(|node| touches(*node) && !held(*node))
+            .filter(|node| touches(*node) && !is_fixed(*node))
             .collect();
         if candidates.is_empty() {
             let found = format!("no free node of the surface within {within} mm of the probe's cylinder");

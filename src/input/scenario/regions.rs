@@ -65,8 +65,9 @@ impl<'a> Regions<'a> {
 
     /// Name of a region.
     pub(crate) fn name(&self, region: i32) -> String {
-        let own = self.named.get(&region).cloned();
-        own.or_else(|| self.label(region).map(|label| self.body().name(label)))
+        let in_mesh_file = self.named.get(&region).cloned();
+        in_mesh_file
+            .or_else(|| self.label(region).map(|label| self.body().name(label)))
             .unwrap_or_else(|| region.to_string())
     }
 

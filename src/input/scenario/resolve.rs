@@ -245,6 +245,7 @@ impl ScenarioFile {
         self.motion_key()?;
         let mut targets = self.targets()?;
         let (mut scene, Moving { deposits, guides, .. }, aim) = self.scene_with(&needle, base_dir)?;
+        // A needle that is aimed needs no more tissue than lies around its path.
         let file = aim.as_ref().map_or_else(|| self.clone(), |aim| self.boxed(aim));
         targets.extend(aim.map(|super::aim::Aim { name, tip: at_mm, .. }| Target {
             name,
@@ -344,6 +345,7 @@ impl ScenarioFile {
         let dt_s = dt_ms * 1e-3;
         let (needle, probe) = (path.tip(), scene.probe_path());
         let moves = probe.keys().len() > 1;
+        // A probe at rest has a time, but no duration.
         let spans = [(needle, true), (probe, moves)].into_iter().filter(|(_, moves)| *moves);
         let spans: Vec<[f64; 2]> = spans.map(|(path, _)| [path.start_s(), path.end_s()]).collect();
         let start_s = spans.iter().map(|span| span[0]).fold(f64::INFINITY, f64::min);

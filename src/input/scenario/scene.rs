@@ -55,8 +55,8 @@ impl ScenarioFile {
                 (file, folder, false)
             }
         };
-        let own = [("needle", file.needle.is_some()), ("deform", file.deform.is_some())];
-        if let Some((key, _)) = own.iter().find(|(_, given)| *given) {
+        let moving = [("needle", file.needle.is_some()), ("deform", file.deform.is_some())];
+        if let Some((key, _)) = moving.iter().find(|(_, given)| *given) {
             let at = if is_inline {
                 format!("scene.{key}")
             } else {

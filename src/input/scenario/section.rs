@@ -24,8 +24,8 @@ const SAMPLES: f64 = 200.0;
 const MIN_MM: f64 = 0.4;
 /// Half thickness of the slab that stands for the section in images and in the selection of fixed nodes, mm.
 const HALF_MM: f64 = 0.5;
-/// Component of an axis of the plane along an axis of the world that counts as none.
-const NONE: f64 = 1e-6;
+/// Component of an axis of the plane along an axis of the world below which they are square to each other.
+const SQUARE: f64 = 1e-6;
 
 /// Tissue in the image plane, without strain across it; the mesh of the scenario is a slab around it.
 #[derive(Clone, Debug)]
@@ -65,26 +65,28 @@ impl Scenario {
             axes,
         };
         // Triangles keep their order in the plane only with a right-handed pair of axes, which lateral and axial are.
-        let made = plane.triangles(self);
-        if made.triangles.is_empty() {
+        let flat = plane.triangles(self);
+        if flat.triangles.is_empty() {
             let found = "no tissue in the image plane";
             return Err(self
                 .file
                 .wrong_keys("scene", found, "a probe whose image plane cuts the tissue"));
         }
-        let slab = plane.slab(&made).map_err(|error| self.file.fault("tissue", error))?;
+        let slab = plane
+            .slab(&flat)
+            .map_err(|error| self.file.fault("tissue", error))?;
         let none = BTreeMap::new();
         let regions = Regions::new(&self.file, &self.scene, &none);
-        let mut present = made.regions.clone();
+        let mut present = flat.regions.clone();
         present.sort_unstable();
         present.dedup();
         let properties = regions.properties(&present)?;
-        let laws: Vec<AnyLaw> = made.regions.iter().map(|region| properties[region].law).collect();
+        let laws: Vec<AnyLaw> = flat.regions.iter().map(|region| properties[region].law).collect();
         let (mut notes, mut warnings) = (Vec::new(), Vec::new());
         let clamped = self
             .file
             .fixed(&slab, &regions, &properties, &mut notes, &mut warnings)?;
-        let sheet = Sheet::plane_strain(made.nodes, made.triangles, &laws, thickness_mm);
+        let sheet = Sheet::plane_strain(flat.nodes, flat.triangles, &laws, thickness_mm);
         let sheet = sheet.map_err(|error| self.file.fault("tissue", error))?;
         let solid = self.tissue.nonlinear();
         let mut section = self.clone();
@@ -172,12 +174,12 @@ impl Outline {
     }
 
     /// The section as a slab of tetrahedra: three for each triangle, the nodes of one face before those of the other.
-    fn slab(&self, made: &Triangles) -> Result<TetMesh, insonify_mesh::InvalidMesh> {
-        let count = made.nodes.len() as u32;
-        let face = |aside: f64| made.nodes.iter().map(move |at| self.world(*at, aside).into());
+    fn slab(&self, flat: &Triangles) -> Result<TetMesh, insonify_mesh::InvalidMesh> {
+        let count = flat.nodes.len() as u32;
+        let face = |aside: f64| flat.nodes.iter().map(move |at| self.world(*at, aside).into());
         let nodes = face(-HALF_MM).chain(face(HALF_MM)).collect();
-        let mut elements = Vec::with_capacity(3 * made.triangles.len());
-        for corners in &made.triangles {
+        let mut elements = Vec::with_capacity(3 * flat.triangles.len());
+        for corners in &flat.triangles {
             // Diagonals of the side faces start at the lower number, so that neighbours agree.
             let mut order = *corners;
             let least = (0..3).min_by_key(|at| corners[*at]).unwrap_or(0);
@@ -188,22 +190,23 @@ impl Outline {
                 false => [[a, b, c, e], [a, e, c, f], [a, e, f, d]],
             });
         }
-        let regions = made.regions.iter().flat_map(|region| [*region; 3]).collect();
+        let regions = flat.regions.iter().flat_map(|region| [*region; 3]).collect();
         TetMesh::new(nodes, elements, regions)
     }
 
     /// Fixed nodes and axes of the sheet, from those of the slab: an axis in the plane is held where all axes of the world are that it has a
     /// part along.
-    fn fixed(&self, held: &[(u32, u8)], nodes: usize) -> Vec<(u32, u8)> {
-        let mut all = vec![[false; 3]; nodes];
-        for &(node, axis) in held.iter().filter(|(node, _)| (*node as usize) < nodes) {
-            all[node as usize][usize::from(axis)] = true;
+    fn fixed(&self, of_slab: &[(u32, u8)], nodes: usize) -> Vec<(u32, u8)> {
+        let mut is_fixed = vec![[false; 3]; nodes];
+        for &(node, axis) in of_slab.iter().filter(|(node, _)| (*node as usize) < nodes) {
+            is_fixed[node as usize][usize::from(axis)] = true;
         }
-        let axes = |(node, held): (usize, [bool; 3])| {
-            let holds = move |along: &usize| (0..3).all(|axis| held[axis] || self.axes[*along][axis].abs() < NONE);
+        let axes = |(node, is_fixed): (usize, [bool; 3])| {
+            let holds =
+                move |along: &usize| (0..3).all(|axis| is_fixed[axis] || self.axes[*along][axis].abs() < SQUARE);
             (0..2).filter(holds).map(move |along| (node as u32, along as u8))
         };
-        all.into_iter().enumerate().flat_map(axes).collect()
+        is_fixed.into_iter().enumerate().flat_map(axes).collect()
     }
 }
 

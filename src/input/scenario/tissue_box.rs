@@ -21,12 +21,12 @@ pub(super) fn cut_nodes(
         // Half an edge: the farthest that a coarse mesh may lie from the box.
         let steps = (0.5 * face.edge_mm / step).ceil().max(3.0) as usize;
         let mut looks = (1..=steps).map(|at| face.middle + face.outwards * (at as f64 * step));
-        let found = looks.find_map(|at| match volume.label_index_at(&at) {
+        let is_tissue_beyond = looks.find_map(|at| match volume.label_index_at(&at) {
             None => Some(true),
             Some(label) if !is_tissue(label) => Some(false),
             Some(_) => (!in_box(&at)).then_some(true),
         });
-        found == Some(true)
+        is_tissue_beyond == Some(true)
     };
     let mut nodes = Vec::new();
     for (corners, neighbours) in mesh.elements().iter().zip(mesh.neighbours()) {

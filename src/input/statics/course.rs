@@ -231,12 +231,12 @@ impl ProblemFile {
         let course = self.course();
         self.check_times(&course)?;
         self.factors("history.factor", &course.factor, &course)?;
-        let own = |table: &str, at: usize| format!("{table}[{at}].factor");
+        let factor_key = |table: &str, at: usize| format!("{table}[{at}].factor");
         for (at, factor) in self.fix.iter().map(|fix| &fix.factor).enumerate() {
-            self.own_factors(own("fix", at), factor.as_deref(), &course)?;
+            self.table_factors(factor_key("fix", at), factor.as_deref(), &course)?;
         }
         for (at, factor) in self.load.iter().map(|load| &load.factor).enumerate() {
-            self.own_factors(own("load", at), factor.as_deref(), &course)?;
+            self.table_factors(factor_key("load", at), factor.as_deref(), &course)?;
         }
         Ok(())
     }
@@ -246,7 +246,7 @@ impl ProblemFile {
         self.history.clone().unwrap_or_default()
     }
 
-    fn own_factors(&self, key: String, factors: Option<&[f64]>, course: &HistorySpec) -> Result<(), InputError> {
+    fn table_factors(&self, key: String, factors: Option<&[f64]>, course: &HistorySpec) -> Result<(), InputError> {
         match factors {
             None => Ok(()),
             Some(_) if self.history.is_none() => {

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::Made;
+use super::RegionMaterial;
 use super::file::{LoadSpec, ProblemFile};
 use super::resolve::Regions;
 use crate::input::selection::{Selected, Selection};
@@ -65,14 +65,14 @@ impl ProblemFile {
         &self,
         mesh: &TetMesh,
         regions: &Regions,
-        made: &BTreeMap<i32, Made>,
+        materials: &BTreeMap<i32, RegionMaterial>,
     ) -> Result<Loads, InputError> {
         let mut loads = Loads::default();
         for (at, spec) in self.load.iter().enumerate() {
             let area = self.load(at, spec, mesh, regions, &mut loads)?;
             loads.area_mm2.push(area);
         }
-        self.weight(mesh, made, &mut loads)?;
+        self.weight(mesh, materials, &mut loads)?;
         Ok(loads)
     }
 
@@ -163,7 +163,12 @@ impl ProblemFile {
     }
 
     /// Adds the weight of all tissue, a quarter of each tetrahedron's weight at each corner.
-    fn weight(&self, mesh: &TetMesh, made: &BTreeMap<i32, Made>, loads: &mut Loads) -> Result<(), InputError> {
+    fn weight(
+        &self,
+        mesh: &TetMesh,
+        materials: &BTreeMap<i32, RegionMaterial>,
+        loads: &mut Loads,
+    ) -> Result<(), InputError> {
         let Some(gravity) = self.gravity_m_per_s2 else {
             return Ok(());
         };
@@ -171,7 +176,7 @@ impl ProblemFile {
         let elements = mesh.elements().iter().zip(mesh.regions());
         for ((corners, region), volume) in elements.zip(mesh.volumes(mesh.nodes())) {
             // Every region has a material.
-            let Some(Made { table, .. }) = made.get(region) else {
+            let Some(RegionMaterial { table, .. }) = materials.get(region) else {
                 continue;
             };
             let density = self.material[*table].density_kg_per_m3.ok_or_else(|| {

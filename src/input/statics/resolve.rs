@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
 
-use super::Made;
+use super::RegionMaterial;
 use super::file::ProblemFile;
 use super::loads::Loads;
 use crate::input::selection::{AXES, Selected, Selection, axes, numbered};
@@ -28,7 +28,7 @@ pub struct Problem {
     /// Numbers and names of the mesh's regions.
     pub regions: Regions,
     /// Material of each region.
-    pub made: BTreeMap<i32, Made>,
+    pub materials: BTreeMap<i32, RegionMaterial>,
     /// Prescribed displacements, each of one node along one axis.
     pub fixes: Vec<Fix>,
     /// Index of the `[[fix]]` of each entry of `fixes`.
@@ -96,10 +96,10 @@ impl ProblemFile {
         quality.usable().map_err(|error| self.fault("mesh", error))?;
         warnings.extend(mesh_warnings(&quality));
         let regions = Regions::new(&mesh, read.region_names);
-        let made = self.materials(&mesh, &regions)?;
+        let materials = self.materials(&mesh, &regions)?;
         let mut notes = Vec::new();
         let (fixes, tables) = self.fixes(&mesh, &regions, &mut notes, &mut warnings)?;
-        let loads = self.loads(&mesh, &regions, &made)?;
+        let loads = self.loads(&mesh, &regions, &materials)?;
         let unloaded = loads.forces.iter().all(|applied| applied.load.force_n == [0.0; 3]);
         if unloaded && fixes.iter().all(|fix| fix.displacement_mm == 0.0) {
             warnings.push("no force and no displacement is given: nothing moves".to_owned());
@@ -114,7 +114,7 @@ impl ProblemFile {
         }
         let nodes = mesh.nodes().len();
         Ok(Problem {
-            made,
+            materials,
             regions,
             fixes,
             tables,

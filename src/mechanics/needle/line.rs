@@ -126,7 +126,7 @@ impl CentreLine {
         });
         candidates
             .min_by(|a, b| a.0.total_cmp(&b.0))
-            .map_or(0.0, |found| found.1)
+            .map_or(0.0, |(_, arc)| arc)
     }
 
     /// Returns the largest distance (mm) between corresponding nodes of two lines; infinite if their node counts differ.

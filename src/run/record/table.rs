@@ -45,14 +45,14 @@ pub(super) fn head(probe: Option<&ProbeContact>, has_guide: bool) -> String {
 
 pub(super) fn row(step: &Step<'_>, guided: Option<(&GuideMotion, &Driven)>, out: &mut impl Write) -> io::Result<()> {
     let outcome = step.outcome;
-    let own = outcome.on_hand.in_frame(&step.base);
+    let of_base = outcome.on_hand.in_frame(&step.base);
     let probe = outcome.on_probe.unwrap_or_default();
     let vectors: [Vector3<f64>; 8] = [
         step.base.translation.vector,
         step.base.rotation * Vector3::z(),
         outcome.tip_mm.coords,
-        own.force_n,
-        own.torque_nmm,
+        of_base.force_n,
+        of_base.torque_nmm,
         outcome.on_hand.force_n,
         probe.force_n,
         probe.torque_nmm,
@@ -79,7 +79,7 @@ pub(super) fn row(step: &Step<'_>, guided: Option<(&GuideMotion, &Driven)>, out:
             let (a, b, c) = (posture.position_mm, posture.posture_deg, posture.insertion_mm);
             write!(out, ",{a:.6},{b:.6},{c:.6}")?;
         }
-        let read = guided.sensor.reading(step.number, &own);
+        let read = guided.sensor.reading(step.number, &of_base);
         for vector in [at.lost_mm.into(), read[0], read[1]] {
             write!(out, ",{:.6},{:.6},{:.6}", vector.x, vector.y, vector.z)?;
         }
@@ -99,25 +99,25 @@ pub(super) fn row(step: &Step<'_>, guided: Option<(&GuideMotion, &Driven)>, out:
     )
 }
 
-fn guidance(found: &Guidance, out: &mut impl Write) -> io::Result<()> {
+fn guidance(guidance: &Guidance, out: &mut impl Write) -> io::Result<()> {
     let mut vector = |vector: Option<Vector3<f64>>| match vector {
         Some(it) => write!(out, ",{:.6},{:.6},{:.6}", it.x, it.y, it.z),
         None => write!(out, ",,,"),
     };
     let always = [
-        found.direction,
-        found.measured_tip.coords,
-        found.array.coords,
-        found.normal,
+        guidance.direction,
+        guidance.measured_tip.coords,
+        guidance.array.coords,
+        guidance.normal,
     ];
     always.into_iter().try_for_each(|it| vector(Some(it)))?;
-    for places in [found.entry, found.target] {
+    for places in [guidance.entry, guidance.target] {
         for at in 0..2 {
             vector(places.map(|places| places[at].coords))?;
         }
     }
-    write!(out, ",{}", u8::from(found.shown))?;
-    match found.clearance_mm {
+    write!(out, ",{}", u8::from(guidance.shown))?;
+    match guidance.clearance_mm {
         Some(clearance) => write!(out, ",{clearance:.3}"),
         None => write!(out, ","),
     }

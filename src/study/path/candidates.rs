@@ -151,7 +151,7 @@ impl<'a> Entries<'a> {
         let [nx, ny, nz] = volume.size();
         let is_body = |label: u8| label > 0 && !self.body.is_outside(label);
         let reach = self.scenario.needle.length_mm - APPROACH_MM;
-        let mut found = Vec::new();
+        let mut surface = Vec::new();
         for k in 1..nz.saturating_sub(1) {
             for j in 1..ny.saturating_sub(1) {
                 for i in 1..nx.saturating_sub(1) {
@@ -174,12 +174,12 @@ impl<'a> Entries<'a> {
                         .index_to_world()
                         .transform_point(&Point3::new(i as f64, j as f64, k as f64));
                     if (at - self.target).norm() <= reach && wanted(label, &at) {
-                        found.push(at);
+                        surface.push(at);
                     }
                 }
             }
         }
-        found
+        surface
     }
 
     /// Directions from entries spread evenly: the nearest to the target first, then each the farthest from those before it.
@@ -239,13 +239,13 @@ impl<'a> Entries<'a> {
                 return Some(UNMESHED);
             }
         }
-        let found = around.of(&[*entry, self.target]);
+        let course = around.of(&[*entry, self.target]);
         let least = self.options.clearance_mm;
         [
-            (found.leaves, LEAVES),
-            (found.bone_mm < least || found.bone_mm == 0.0, BONE),
-            (found.critical_mm < least || found.critical_mm == 0.0, CRITICAL),
-            (found.gas, GAS),
+            (course.leaves, LEAVES),
+            (course.bone_mm < least || course.bone_mm == 0.0, BONE),
+            (course.critical_mm < least || course.critical_mm == 0.0, CRITICAL),
+            (course.gas, GAS),
         ]
         .into_iter()
         .find_map(|(holds, reason)| holds.then_some(reason))

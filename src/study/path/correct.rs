@@ -127,8 +127,8 @@ pub(super) fn correct(
     };
     let (mut course, mut last, mut miss_mm) = (straight, first.clone(), miss_before_mm);
     if miss_mm > tolerance_mm {
-        let found = search.line(straight, tolerance_mm)?;
-        (course, last) = search.land(found, tolerance_mm)?;
+        let on_line = search.line(straight, tolerance_mm)?;
+        (course, last) = search.land(on_line, tolerance_mm)?;
         miss_mm = last.samples.last().map_or(f64::INFINITY, |sample| sample.miss().norm());
         // A search that ends farther off than it began has found nothing.
         if miss_mm >= miss_before_mm || !miss_mm.is_finite() {
@@ -251,8 +251,8 @@ impl Search<'_> {
     }
 
     /// Runs to the end of a motion, and moves that by the miss until it is within the tolerance; returns the best motion.
-    fn land(&mut self, found: Course, tolerance_mm: f64) -> Result<(Course, Trial), Error> {
-        let mut course = found;
+    fn land(&mut self, start: Course, tolerance_mm: f64) -> Result<(Course, Trial), Error> {
+        let mut course = start;
         let mut best: Option<(f64, Course, Trial, Vector3<f64>)> = None;
         let mut damping = 1.0;
         for _ in 0..LANDINGS {
@@ -282,7 +282,7 @@ impl Search<'_> {
                 false => course.depth_mm += damping * ahead,
             }
         }
-        Ok(best.map_or((found, Trial::default()), |(_, course, trial, _)| (course, trial)))
+        Ok(best.map_or((start, Trial::default()), |(_, course, trial, _)| (course, trial)))
     }
 }
 

@@ -89,8 +89,8 @@ pub struct Trial {
 pub(super) fn speed_mm_s(scenario: &Scenario) -> f64 {
     let keys = scenario.needle_tip().keys();
     let speed = |pair: &[insonify_tracking::trajectory::Key]| {
-        let way = (pair[1].pose.position_mm() - pair[0].pose.position_mm()).norm();
-        way / (pair[1].time_s - pair[0].time_s)
+        let travel_mm = (pair[1].pose.position_mm() - pair[0].pose.position_mm()).norm();
+        travel_mm / (pair[1].time_s - pair[0].time_s)
     };
     let fastest = keys
         .windows(2)
@@ -115,11 +115,11 @@ pub(super) fn look_mm(scenario: &Scenario) -> f64 {
 impl Course {
     /// The straight course to a point, mm.
     pub fn to(entry: Point3<f64>, aim: &Point3<f64>) -> Self {
-        let way = aim - entry;
+        let to_aim = aim - entry;
         Self {
             entry,
-            along: way.normalize(),
-            depth_mm: way.norm(),
+            along: to_aim.normalize(),
+            depth_mm: to_aim.norm(),
             back_mm: 0.0,
         }
     }
@@ -159,7 +159,7 @@ impl Course {
             .collect();
         let scenario_on = scenario.moved(NeedlePath::tip_trajectory(&keys, Interpolation::Linear)?, None);
         let mut model = scenario_on.model(|_, _| ())?;
-        let asked = Requests {
+        let requests = Requests {
             frames: false,
             mesh_s: Some(stride(scenario) * scenario.timing.dt_s),
         };
@@ -172,7 +172,7 @@ impl Course {
             last: None,
             trial: Trial::default(),
         };
-        match run(&scenario_on, model.as_mut(), asked, &mut watch) {
+        match run(&scenario_on, model.as_mut(), requests, &mut watch) {
             Ok(_) | Err(Stop::Reached) => Ok(watch.trial),
             Err(Stop::Failed(error)) => Err(error.into()),
         }

@@ -201,11 +201,11 @@ impl PathPlan {
     /// Distance of the tip from the target at the end of every line.
     pub fn lines_plot(&self) -> Plot {
         let points = |of: fn(&Corrected) -> f64| {
-            let found = self
+            let angles = self
                 .lines
                 .iter()
                 .filter_map(|line| Some([line.angle_deg, of(line.path.as_ref()?)]));
-            found.collect::<Vec<_>>()
+            angles.collect::<Vec<_>>()
         };
         let series = vec![
             Series::points("uncorrected", 1, Marker::Ring, points(|path| path.miss_before_mm)),

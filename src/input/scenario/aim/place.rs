@@ -25,8 +25,8 @@ pub fn innermost(scene: &Scene, pose: &Pose, label: u8) -> Option<Point3<f64>> {
     };
     let world = |[x, y]: [f64; 2]| pose.probe_to_world().transform_point(&Point3::new(x, y, 0.0));
     let is_target = |at: &[f64; 2]| {
-        let found = scene.anatomy.volume.label_index_at(&world(*at));
-        grid.to_beam(at[0], at[1]).is_some() && found == Some(label)
+        let label_there = scene.anatomy.volume.label_index_at(&world(*at));
+        grid.to_beam(at[0], at[1]).is_some() && label_there == Some(label)
     };
     let all = along(1).flat_map(|y| along(0).map(move |x| [x, y]));
     let (inside, outside): (Vec<_>, Vec<_>) = all.partition(is_target);

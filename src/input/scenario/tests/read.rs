@@ -81,6 +81,36 @@ fn faults_point_at_their_line_and_say_what_is_expected() {
         ("friction_n_per_mm = 0.25", "poisson = 0.5", 16, "below 0.5"),
         ("length_mm = 100", "length_mm = 0", 18, "0.1 to 1000"),
         ("length_mm = 100", "kappa_nmm_per_deg = 3", 18, "springs"),
+        (
+            "length_mm = 100",
+            "model = \"springs\"\nlink_m = 3",
+            19,
+            "unknown key `link_m`",
+        ),
+        (
+            "length_mm = 100",
+            "link_mm = \"3\"\nmodel = \"springs\"",
+            18,
+            "found string \"3\"",
+        ),
+        (
+            "length_mm = 100",
+            "link_mm = 3\nmodel = \"beam\"",
+            18,
+            "found `link_mm` with `model = \"beam\"`; expected `model = \"springs\"`",
+        ),
+        (
+            "length_mm = 100",
+            "length_mm = 50\nmodel = \"springs\"\nlink_mm = 60",
+            20,
+            "at most the needle's length",
+        ),
+        (
+            "length_mm = 100",
+            "model = \"constrained\"\nbending = { max_weight = 2 }",
+            19,
+            "0 to 1",
+        ),
         ("deposit_s = [1.0]", "deposit_s = [9.0]", 19, "within the run"),
         ("time_s = 2", "time_s = 0", 25, "more than 0"),
         (
