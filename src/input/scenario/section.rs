@@ -72,9 +72,7 @@ impl Scenario {
                 .file
                 .wrong_keys("scene", found, "a probe whose image plane cuts the tissue"));
         }
-        let slab = plane
-            .slab(&flat)
-            .map_err(|error| self.file.fault("tissue", error))?;
+        let slab = plane.slab(&flat).map_err(|error| self.file.fault("tissue", error))?;
         let none = BTreeMap::new();
         let regions = Regions::new(&self.file, &self.scene, &none);
         let mut present = flat.regions.clone();
