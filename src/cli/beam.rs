@@ -157,7 +157,7 @@ Examples:
   insonify beam inverse case.toml --tip-mm -2             the base turns as the case says: about its RCM, or freely
   insonify beam inverse case.toml --tip-mm -2 --rcm-mm 0  the base turns about the point of entry
   insonify beam inverse case.toml --com-mm 40             the displacement of the case; which slope, so which RCM?
-  insonify beam inverse case.toml --tip-mm -2 --com-mm 40 both displacement and slope are found
+  insonify beam inverse case.toml --tip-mm -2 --com-mm 40  both displacement and slope are found
   insonify beam inverse case.toml --tip-mm -2 --least-compression   about the RCM that compresses the tissue least
 
 A layer with `min_compression_ratio` must not be compressed beyond it: motions that do so are refused. --least-compression finds the motion

@@ -31,6 +31,8 @@ mod beam;
 mod bench;
 mod calibrate;
 mod completions;
+#[cfg(test)]
+mod docs;
 mod doctor;
 mod excerpt;
 mod exercise;

@@ -37,7 +37,7 @@ Examples:
   insonify rf liver-biopsy -o rf.igs.mha --truth truth.csv
   insonify motion rf.igs.mha -o u.csv --truth truth.csv            errors against the truth
   insonify motion --validate -o study                              accuracy on media and an insertion of known motion, with plots
-  insonify motion rf.igs.mha --truth truth.csv --validate -o study the same plots of a sequence
+  insonify motion rf.igs.mha --truth truth.csv --validate -o study  the same plots of a sequence
   insonify motion rf.igs.mha -o u.csv --strain strain.png          axial strain in colour over the B-mode, where tissue moved most
   insonify motion rf.mha -o u.csv --sampling-mhz 40 --pitch-mm 0.15
 

@@ -20,7 +20,7 @@ Examples:
   insonify puncture                          the position and the force of each puncture
   insonify puncture -o out                   force.csv, force.svg and pictures of the slice, coloured by von Mises stress
   insonify puncture --compare -o out         linear and elastic tissue in the same plot
-  insonify puncture --order 0 --stiffening 0 linear tissue
+  insonify puncture --order 0 --stiffening 0  linear tissue
   insonify puncture --fit measured.csv       modulus, knee and stiffening that fit a measured force, and the puncture with them
 
 Modulus, stiffening, thickness and all forces are assumed, chosen to reproduce the shape of the force curve measured in porcine

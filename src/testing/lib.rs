@@ -8,6 +8,7 @@ use insonify_base::parallel::Pool;
 
 pub mod gpu;
 pub mod lossy;
+pub mod pages;
 pub mod shader;
 
 /// The result of `make` on this many threads, none of which uses the cache.

@@ -188,9 +188,23 @@ impl Ct {
     }
 }
 
-fn bench() -> Bench {
-    let bench = Bench::new();
-    bench.write("tissue.toml", TISSUE);
+/// Puts a volume or the design of its markers, by the name that the docs give it, into a folder if it is to be read. False if they have no such
+/// name.
+pub(crate) fn bring(bench: &Bench, name: &str, is_read: bool) -> bool {
+    if name == "design.csv" {
+        bench.write(name, &design());
+        return true;
+    }
+    let displacement = ["rest", "moved_1", "moved_2"]
+        .iter()
+        .position(|stem| name.strip_suffix(".nii.gz") == Some(stem));
+    if let Some(at) = displacement.filter(|_| is_read) {
+        Ct::of(&needle(7.5 * at as f64), &[], 1).write(bench, name);
+    }
+    displacement.is_some()
+}
+
+fn design() -> String {
     let row =
         |body: &'static str, diameter: f64| move |[x, y, z]: &[f64; 3]| format!("{body},{diameter},{x},{y},{z}\n");
     let rows: String = SYNTHETIC_CONTAINER_MM
@@ -202,7 +216,13 @@ fn bench() -> Bench {
             .iter()
             .map(row("stage", DIAMETERS[1]))
             .collect::<String>();
-    bench.write("design.csv", &format!("body,diameter_mm,x_mm,y_mm,z_mm\n{rows}"));
+    format!("body,diameter_mm,x_mm,y_mm,z_mm\n{rows}")
+}
+
+fn bench() -> Bench {
+    let bench = Bench::new();
+    bench.write("tissue.toml", TISSUE);
+    bench.write("design.csv", &design());
     bench
 }
 

@@ -5,6 +5,7 @@ mod bad_input;
 mod beam;
 mod beam_measure;
 mod calibrate;
+mod docs;
 mod far;
 mod frames;
 mod golden;

@@ -72,6 +72,23 @@ impl Bench {
     /// The command with space-separated arguments, ready to run. Each test has its own cache folder; phantoms and textures in it are shared by all
     /// tests.
     pub(crate) fn command(&self, arguments: &str) -> Command {
+        let mut command = self.program(env!("CARGO_BIN_EXE_insonify"));
+        command.args(arguments.split_whitespace());
+        command
+    }
+
+    /// A line of shell commands, ready to run, that finds the command by its name.
+    pub(crate) fn shell(&self, line: &str) -> Command {
+        let mut command = self.program("sh");
+        let folder = Path::new(env!("CARGO_BIN_EXE_insonify")).parent().expect("a folder");
+        let path = std::env::var("PATH").unwrap_or_default();
+        command
+            .args(["-c", line])
+            .env("PATH", format!("{}:{path}", folder.display()));
+        command
+    }
+
+    fn program(&self, program: &str) -> Command {
         let cache = self.path("cache");
         #[cfg(unix)]
         if !cache.exists() {
@@ -80,9 +97,8 @@ impl Bench {
             std::fs::create_dir(&cache).expect("a folder");
             std::os::unix::fs::symlink(shared_cache, cache.join("made")).expect("a link");
         }
-        let mut command = Command::new(env!("CARGO_BIN_EXE_insonify"));
+        let mut command = Command::new(program);
         command
-            .args(arguments.split_whitespace())
             .current_dir(self.folder.path())
             .env("NODEVICE_SELECT", "1")
             .env("INSONIFY_CACHE", cache)

@@ -23,7 +23,7 @@ const EXAMPLES: &str = "\
 Examples:
   insonify tradeoff remesh --quick                              a first look, in seconds
   insonify tradeoff remesh -o study                             the default mesh, with plots
-  insonify tradeoff remesh --nodes 500,1000,3300,10000 -o study growth with the size of the mesh
+  insonify tradeoff remesh --nodes 500,1000,3300,10000 -o study  growth with the size of the mesh
   insonify tradeoff remesh --mesh organs.vtu --poisson 0.49 --json
 
 A row with a star is a best choice: no other is both faster and nearer to the truth. A row that violates the guarantee of its
