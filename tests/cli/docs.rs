@@ -162,7 +162,7 @@ fn run(page: &Page, all: bool) -> Vec<String> {
         let start = Instant::now();
         let mut shell = bench.shell(&command);
         shell.stdin(Stdio::null());
-        let run = Run::of(shell, &command);
+        let run = Run::of(shell, command.trim_start_matches("insonify "));
         if all {
             println!(
                 "{:7.1} s  {}:{line}: {command}",
