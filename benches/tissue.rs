@@ -11,7 +11,7 @@ use insonify_mechanics::tissue::assembly::Stiffness;
 use insonify_mechanics::tissue::dofs::Dofs;
 use insonify_mechanics::tissue::factor::Factor;
 use insonify_mechanics::tissue::material::{Material, Materials};
-use insonify_mechanics::tissue::nonlinear::{Options, Scheme, Solid, Solver, Stiffening, Supports, Target};
+use insonify_mechanics::tissue::nonlinear::{Scheme, Solid, Solver, SolverOptions, Stiffening, Supports, Target};
 use insonify_mechanics::tissue::problem::{Fix, Load, StaticProblem};
 use insonify_mesh::TetMesh;
 use nalgebra::Matrix4;
@@ -149,10 +149,10 @@ fn nonlinear(criterion: &mut Criterion) {
     };
     let mut group = criterion.benchmark_group("tissue/nonlinear");
     for (name, scheme) in [("modified Newton", Scheme::MODIFIED), ("full Newton", Scheme::Newton)] {
-        let options = Options {
+        let options = SolverOptions {
             scheme,
             tolerance: 1e-6,
-            ..Options::default()
+            ..SolverOptions::default()
         };
         let mut solver = Solver::new(Arc::clone(&body), supports.clone(), options).expect("held");
         let go = |solver: &mut Solver<3, 4>, depth: f64| {

@@ -73,7 +73,7 @@ pub use insonify_imaging::sidecar::Sidecar;
 pub use insonify_imaging::synth::layers::Layer;
 pub use insonify_imaging::synth::tables::{Anatomy, ImageSize, Settings};
 pub use insonify_imaging::synth::{Backend, Frame, FrameState, NeedleShaft, SynthError, Synthesizer, Ticket};
-pub use insonify_mechanics::insertion::finite::{Finite, Options as FiniteOptions, Setup};
+pub use insonify_mechanics::insertion::finite::{Finite, FiniteOptions, Setup};
 pub use insonify_mechanics::insertion::nonlinear::{Nonlinear, Setup as NonlinearSetup};
 pub use insonify_mechanics::insertion::spring::{MassSpring, Parameters as MassSpringParameters};
 pub use insonify_mechanics::insertion::{

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use insonify_study::stability::{Case, Effort, GROUPS, Report, run, select};
+use insonify_study::stability::{Effort, GROUPS, HardCase, StabilityReport, run, select};
 
 use super::failure::Failure;
 use super::output::{Force, text};
@@ -74,14 +74,14 @@ impl Stability {
         }
     }
 
-    fn measure(&self, cases: &[(&str, &Case)]) -> Report {
+    fn measure(&self, cases: &[(&str, &HardCase)]) -> StabilityReport {
         let effort = if self.quick { Effort::Quick } else { Effort::Whole };
         watched(|progress| run(cases, effort, progress))
     }
 }
 
 /// Writes a report into a folder, each file atomically.
-fn write(report: &Report, folder: &Path) -> Result<(), Error> {
+fn write(report: &StabilityReport, folder: &Path) -> Result<(), Error> {
     let results = terminal::pretty(report)?;
     let texts = [report.page()?, report.plot()?, report.markdown(), results + "\n"];
     FILES

@@ -4,7 +4,7 @@
 
 use nalgebra::{Isometry3, Matrix4, Point3, Translation3, UnitQuaternion, Vector3};
 
-use crate::insertion::finite::{Options, Setup};
+use crate::insertion::finite::{FiniteOptions, Setup};
 use crate::insertion::{Instruments, Interaction};
 use crate::needle::{Bevel, Flexible, Needle, Rigid, Shaft, Stiffness};
 use crate::tissue::material::Material;
@@ -70,7 +70,7 @@ pub fn on_table(mesh: TetMesh, material: Material, interaction: Interaction, nee
         probe: None,
         level: Level::Exact,
         precision: Precision::Double,
-        options: Options::default(),
+        options: FiniteOptions::default(),
         mesh,
     }
 }

@@ -19,6 +19,7 @@ pub use rigid::Rigid;
 use std::fmt::Debug;
 
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
+use serde::{Deserialize, Serialize};
 
 use insonify_base::document::word;
 use insonify_base::range::{Kind, OutOfRange, Ranges, check, parameters};
@@ -47,7 +48,7 @@ pub struct Load {
 }
 
 /// Point and direction of insertion.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Entry {
     /// Point on the skin, mm.
     pub point_mm: Point3<f64>,

@@ -25,7 +25,7 @@ use std::sync::Arc;
 
 use crate::tissue::dofs::NONE;
 use crate::tissue::remesh::levels::DenseInverseRemesher;
-use crate::tissue::remesh::{AdaptedMesh, Level, Maker, Options, Precision, RemeshError, Source, make};
+use crate::tissue::remesh::{AdaptedMesh, Level, Maker, Precision, RemeshError, RemesherOptions, Source, make};
 use crate::tissue::symmetric::Symmetric;
 use insonify_base::memory;
 use insonify_gpu::{Gpu, GpuError};
@@ -46,7 +46,7 @@ pub fn follow(
     mesh: &AdaptedMesh,
     source: &Source,
     level: Level,
-    options: Options,
+    options: RemesherOptions,
 ) -> Result<DeviceLevels, RemeshError> {
     let base = single(source, level)?;
     let unsuited = |reason: String| RemeshError::Unsuited {

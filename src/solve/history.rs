@@ -13,7 +13,9 @@ use insonify_base::blame::Blame;
 use insonify_base::document::InputError;
 use insonify_mechanics::tissue::error::LinearError;
 use insonify_mechanics::tissue::nonlinear::creep::Creep;
-use insonify_mechanics::tissue::nonlinear::{Body, NonlinearError, Progress, Solid, Solver, Structure, Supports};
+use insonify_mechanics::tissue::nonlinear::{
+    NonlinearBody, NonlinearError, Progress, Solid, Solver, Structure, Supports,
+};
 use insonify_mechanics::tissue::problem::{Reaction, Seconds, Solution};
 use insonify_mechanics::tissue::viscoelastic::HistoryError;
 

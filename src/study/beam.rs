@@ -9,7 +9,7 @@ pub mod measure;
 use super::tradeoff::{Axis, Factor, Figure, Study, Table};
 use insonify_base::machine::Machine;
 use insonify_mechanics::needle::beam::{
-    Base, BeamError, Compression, FoundationBeam, Layer, Material, Problem, Shape, bending_stiffness_nmm2,
+    Base, BeamError, BeamLayer, Compression, FoundationBeam, Material, Problem, Shape, bending_stiffness_nmm2,
 };
 
 /// Length of the tissue before compression, mm. An assumption: Wang et al. 2023 do not state it.
@@ -79,7 +79,7 @@ pub fn problem(
         control_distance_mm,
         pivot_mm: 0.0,
         inserted_mm,
-        layers: vec![Layer {
+        layers: vec![BeamLayer {
             thickness_mm: inserted_mm,
             material,
             compression,

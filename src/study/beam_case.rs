@@ -30,7 +30,7 @@ use insonify_base::range::OutOfRange;
 use insonify_mechanics::needle::beam::inverse::{self, Wanted};
 use insonify_mechanics::needle::beam::spec::{BaseSpec, LayerSpec, MeshSpec, NeedleSpec};
 use insonify_mechanics::needle::beam::{
-    Base, BeamError, FoundationBeam, Layer, Problem, Shape, bending_stiffness_nmm2,
+    Base, BeamError, BeamLayer, FoundationBeam, Problem, Shape, bending_stiffness_nmm2,
 };
 
 /// Example case file with every key.
@@ -170,7 +170,7 @@ impl CaseFile {
         }
     }
 
-    fn layers(&self) -> Result<Vec<Layer>, InputError> {
+    fn layers(&self) -> Result<Vec<BeamLayer>, InputError> {
         if self.layer.is_empty() {
             return Err(self.wrong_keys("layer", "no `[[layer]]`", "at least one"));
         }
@@ -186,7 +186,7 @@ impl CaseFile {
                 };
                 self.wrong_keys(key(name), found, expected)
             })?;
-            let layer = Layer {
+            let layer = BeamLayer {
                 thickness_mm: spec.thickness_mm,
                 material,
                 compression: spec.compression,

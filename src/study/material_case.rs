@@ -39,7 +39,7 @@ use insonify_base::range::parameters;
 use insonify_base::table::{Cell, Table};
 use insonify_mechanics::tissue::viscoelastic::HistoryError;
 use insonify_mechanics::tissue::viscoelastic::point::{
-    Body, Control, Knee, Loading, Method, Point, Response, Structure,
+    Control, Knee, Loading, Method, Point, Response, Rheology, Structure,
 };
 use insonify_report::plot::{Axis, Marker, Plot, Series};
 
@@ -134,7 +134,7 @@ impl CaseFile {
         Ok(MaterialCase { file: self, point })
     }
 
-    fn body(&self) -> Result<Body, InputError> {
+    fn body(&self) -> Result<Rheology, InputError> {
         let (order, modulus_kpa) = (self.order, self.modulus_kpa);
         match self.law {
             Law::SpringPot => {
@@ -144,7 +144,7 @@ impl CaseFile {
                         return Err(self.wrong_keys(key, found, "`law = \"zener\"`, to which it belongs"));
                     }
                 }
-                Ok(Body::SpringPot { order, modulus_kpa })
+                Ok(Rheology::SpringPot { order, modulus_kpa })
             }
             Law::Zener => {
                 let need = |key: &str, value: Option<f64>, what: &str| {
@@ -156,7 +156,7 @@ impl CaseFile {
                         )
                     })
                 };
-                Ok(Body::Zener {
+                Ok(Rheology::Zener {
                     order,
                     modulus_kpa,
                     modulus_inf_kpa: need("modulus_inf_kpa", self.modulus_inf_kpa, "the modulus that stays, kPa")?,
@@ -168,7 +168,7 @@ impl CaseFile {
 
     fn knee(&self) -> Result<Knee, InputError> {
         match (self.knee_shear, self.stiffening) {
-            (None, None) => Ok(Knee::NONE),
+            (None, None) => Ok(Knee::INFINITE),
             (Some(strain), Some(stiffening)) => Ok(Knee { strain, stiffening }),
             (Some(_), None) => Err(self.wrong_keys(
                 "knee_shear",

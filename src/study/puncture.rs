@@ -18,7 +18,7 @@ use insonify_base::output::OutputError;
 use insonify_base::range::{OutOfRange, check};
 use insonify_mechanics::insertion::pushing::{Phase, Pushing};
 use insonify_mechanics::tissue::nonlinear::creep::{Creep, Memory};
-use insonify_mechanics::tissue::nonlinear::{Options, Scheme, Solver, Structure};
+use insonify_mechanics::tissue::nonlinear::{Scheme, Solver, SolverOptions, Structure};
 use insonify_mechanics::tissue::viscoelastic::{Rule, Span};
 use insonify_report::plot::{Axis, Plot, Series};
 use liver::Liver;
@@ -192,7 +192,7 @@ fn pushing(options: &PunctureOptions, steps: f64, stress: bool) -> Result<(Liver
     let step = positive("step_mm", options.step_mm)?;
     let speed = positive("speed_mm_per_s", options.speed_mm_per_s)?;
     let liver = Liver::new(options)?;
-    let solving = Options {
+    let solving = SolverOptions {
         scheme: Scheme::MODIFIED,
         tolerance: 1e-6,
         iterations: 400,

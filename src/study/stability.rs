@@ -10,6 +10,7 @@
 //! | [`record`] | figures, limits, margins |
 //! | [`report`] | results as text, Markdown and JSON |
 //! | `solving` | elements, solvers, the dense inverse |
+//! | `laws` | tissue laws: compression, near incompressibility, inverted elements |
 //! | `remeshing` | remeshing and constraints |
 //! | `contact` | contact, needle, time |
 //! | `memory` | fading memory, stiffening at a knee |
@@ -20,6 +21,7 @@
 mod contact;
 pub mod fixtures;
 mod images;
+mod laws;
 mod memory;
 mod motion;
 mod planning;
@@ -34,11 +36,12 @@ use serde::Serialize;
 
 use insonify_base::machine::Machine;
 pub use record::{Record, Unexpected};
-pub use report::{CaseReport, Report};
+pub use report::{CaseReport, StabilityReport};
 
 /// All groups, in display order.
 pub const GROUPS: &[Group] = &[
     solving::GROUP,
+    laws::GROUP,
     remeshing::GROUP,
     contact::GROUP,
     memory::GROUP,
@@ -48,7 +51,7 @@ pub const GROUPS: &[Group] = &[
 ];
 
 /// Returns the cases whose name or group name contains `only`, ignoring case, each with its group's name; all cases if `None`.
-pub fn select<'a>(groups: &'a [Group], only: Option<&str>) -> Vec<(&'a str, &'a Case)> {
+pub fn select<'a>(groups: &'a [Group], only: Option<&str>) -> Vec<(&'a str, &'a HardCase)> {
     let only = only.unwrap_or("").to_lowercase();
     let pairs = groups
         .iter()
@@ -63,21 +66,21 @@ pub fn select<'a>(groups: &'a [Group], only: Option<&str>) -> Vec<(&'a str, &'a 
 }
 
 /// Runs cases one after another. `progress` receives the name of the current case and the completed fraction of the run, 0 to 1.
-pub fn run(cases: &[(&str, &Case)], effort: Effort, progress: &mut dyn FnMut(&str, f64)) -> Report {
+pub fn run(cases: &[(&str, &HardCase)], effort: Effort, progress: &mut dyn FnMut(&str, f64)) -> StabilityReport {
     let mut reports = Vec::with_capacity(cases.len());
     for (at, (group, case)) in cases.iter().enumerate() {
         let mut within = |share: f64| progress(case.name, (at as f64 + share.clamp(0.0, 1.0)) / cases.len() as f64);
         within(0.0);
         reports.push(run_case(group, case, effort, &mut within));
     }
-    Report {
+    StabilityReport {
         effort,
         machine: Machine::here(),
         cases: reports,
     }
 }
 
-fn run_case(group: &str, case: &Case, effort: Effort, progress: &mut dyn FnMut(f64)) -> CaseReport {
+fn run_case(group: &str, case: &HardCase, effort: Effort, progress: &mut dyn FnMut(f64)) -> CaseReport {
     let start = Instant::now();
     let mut record = Record::new(effort, case.seed, progress);
     if let Err(unexpected) = (case.run)(&mut record) {
@@ -108,7 +111,7 @@ impl Effort {
 
 /// Hard case.
 #[derive(Clone, Copy, Debug)]
-pub struct Case {
+pub struct HardCase {
     /// Short description of the difficulty.
     pub name: &'static str,
     /// Acceptance criterion in words.
@@ -127,7 +130,7 @@ pub struct Group {
     /// Subject.
     pub name: &'static str,
     /// Cases in display order.
-    pub cases: &'static [Case],
+    pub cases: &'static [HardCase],
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 //! by 0.1 mm (stage) and 0.2 mm (container), as Wang et al. 2023 (section III-B) measured theirs: they were built so, the same in all scans.
 
 use insonify_mechanics::needle::beam::{
-    Base, Compression, FoundationBeam, Layer, Material, Problem, Shape, bending_stiffness_nmm2,
+    Base, BeamLayer, Compression, FoundationBeam, Material, Problem, Shape, bending_stiffness_nmm2,
 };
 use insonify_study::beam::measure::{SYNTHETIC_CONTAINER_MM, SYNTHETIC_STAGE_MM};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
@@ -43,7 +43,7 @@ fn needle(displacement_mm: f64) -> Shape {
         control_distance_mm: CONTROL_MM,
         pivot_mm: 0.0,
         inserted_mm: DEPTH_MM,
-        layers: vec![Layer {
+        layers: vec![BeamLayer {
             thickness_mm: DEPTH_MM,
             material: Material::Ogden {
                 mu_kpa: 3.63,

@@ -7,7 +7,7 @@ use insonify_mechanics::tissue::inverse::{invert, sampled_residual};
 use insonify_mechanics::tissue::material::Material;
 use insonify_mechanics::tissue::symmetric::Symmetric;
 use insonify_mesh::TetMesh;
-use insonify_study::stability::{Case, Effort, GROUPS, Record, Unexpected, run, select};
+use insonify_study::stability::{Effort, GROUPS, HardCase, Record, Unexpected, run, select};
 
 /// Runs a group; what does not hold is named with its figure, its limit and, where there is one, the error.
 fn check(name: &str) {
@@ -20,6 +20,11 @@ fn check(name: &str) {
 #[test]
 fn elements_solvers_and_inverse_hold() {
     check("Elements, solvers, inverse");
+}
+
+#[test]
+fn tissue_laws_hold() {
+    check("Tissue laws");
 }
 
 #[test]
@@ -59,6 +64,7 @@ fn every_group_is_tested() {
         names,
         [
             "Elements, solvers, inverse",
+            "Tissue laws",
             "Remeshing",
             "Contact, needle, time",
             "Fading memory",
@@ -89,7 +95,7 @@ fn scaled_inverse(record: &mut Record<'_>, scale: f64) -> Result<(), Unexpected>
 }
 
 fn verdict(run_case: fn(&mut Record<'_>) -> Result<(), Unexpected>) -> (bool, String) {
-    let case = Case {
+    let case = HardCase {
         name: "a scaled compliance",
         criterion: "residual under 1e-11",
         covers: &["cpu f64"],

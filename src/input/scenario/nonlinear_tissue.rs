@@ -63,7 +63,7 @@ pub struct NonlinearTissue {
     /// Whether the stress of viscous tissue is followed.
     pub stress: bool,
     /// Substep and solver options.
-    pub options: Options,
+    pub options: NonlinearOptions,
 }
 
 impl NonlinearTissue {
@@ -131,7 +131,7 @@ impl ScenarioFile {
     fn solver_options(&self) -> Options {
         let spec = self.tissue.solver.unwrap_or_default();
         let scheme = spec.scheme.map_or(Scheme::MODIFIED, Into::into);
-        Options {
+        NonlinearOptions {
             solving: SolverOptions {
                 scheme,
                 tolerance: spec.tolerance,
@@ -139,7 +139,7 @@ impl ScenarioFile {
             },
             part_mm: spec.part_mm,
             memory_tolerance: self.tissue.viscosity.unwrap_or_default().tolerance,
-            ..Options::default()
+            ..NonlinearOptions::default()
         }
     }
 

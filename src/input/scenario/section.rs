@@ -10,7 +10,7 @@ use super::regions::Regions;
 use super::resolve::Scenario;
 use super::tissue_setup::TissueSetup;
 use insonify_base::document::InputError;
-use insonify_mechanics::insertion::nonlinear::{Options, Plane};
+use insonify_mechanics::insertion::nonlinear::{NonlinearOptions, Plane};
 use insonify_mechanics::tissue::law::AnyLaw;
 use insonify_mechanics::tissue::nonlinear::Sheet;
 use insonify_mesh::TetMesh;

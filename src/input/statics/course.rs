@@ -7,7 +7,7 @@ use super::file::ProblemFile;
 use insonify_base::document::{InputError, InvalidFile, word};
 use insonify_base::range::{Kind, parameters};
 use insonify_mechanics::tissue::nonlinear::creep::Memory;
-use insonify_mechanics::tissue::nonlinear::{Options, Scheme, Slope};
+use insonify_mechanics::tissue::nonlinear::{Scheme, Slope, SolverOptions};
 use insonify_mechanics::tissue::viscoelastic::point::Method;
 use insonify_mechanics::tissue::viscoelastic::{Rule, Span};
 
@@ -148,8 +148,8 @@ impl HistorySpec {
 
 impl SolverSpec {
     /// Settings in the form that the solver takes.
-    pub(crate) fn options(&self) -> Options {
-        Options {
+    pub(crate) fn options(&self) -> SolverOptions {
+        SolverOptions {
             scheme: self.scheme.into(),
             tolerance: self.tolerance,
             iterations: self.iterations as usize,

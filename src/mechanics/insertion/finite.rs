@@ -35,7 +35,7 @@ use super::{
 };
 use crate::needle::CentreLine;
 use crate::tissue::remesh::{Adaptation, Level, Maker};
-use body::Body;
+use body::CutTissue;
 use contacts::Contacts;
 use insonify_mesh::TetMesh;
 use joint::Joint;
@@ -44,7 +44,7 @@ use prediction::Prediction;
 use probe::ProbeNodes;
 use settle::Attempt;
 use setup::Base;
-pub use setup::{Options, Setup};
+pub use setup::{FiniteOptions, Setup};
 use tip::Tip;
 use tissue::Tissue;
 
@@ -54,8 +54,8 @@ const STILL_MM: f64 = 1e-9;
 /// Finite element model of tissue with a needle in it.
 pub struct Finite {
     base: Base,
-    options: Options,
-    body: Body,
+    options: FiniteOptions,
+    body: CutTissue,
     tissue: Tissue,
     needle: PlacedNeedle,
     tip: Tip,
@@ -200,7 +200,7 @@ impl Finite {
         if self.advance(advance) {
             self.settle(base);
             // Only now do the forces across the shaft belong to the changed mesh.
-            if self.tip.front.is_some() {
+            if self.tip.cut_front.is_some() {
                 self.transfer();
             }
         }

@@ -11,7 +11,7 @@
 //! regions of its elements: each begins with a membrane that bears the `puncture_n` of its region (or `cutting_n`, if that
 //! is more).
 //!
-//! A step is cut into substeps, in each of which the tip advances by at most [`Options::part_mm`] in tissue. A substep that
+//! A step is cut into substeps, in each of which the tip advances by at most [`NonlinearOptions::part_mm`] in tissue. A substep that
 //! cannot be solved is bisected; where that does not help either, the tissue lags behind until the next step, which is
 //! reported.
 
@@ -40,7 +40,7 @@ use frame::Frame;
 use insonify_mesh::TetMesh;
 use needle_line::NeedleLine;
 pub use needle_line::{in_body, obstacle};
-pub use setup::{Options, Plane, Setup, Viscosity};
+pub use setup::{NonlinearOptions, Plane, Setup, Viscosity};
 
 /// Maximum distance of a needle from its line of insertion, mm: rounding of poses, and hands that are nearly still.
 const BESIDE_MM: f64 = 0.05;
@@ -56,7 +56,7 @@ pub struct Nonlinear<const D: usize = 3, const N: usize = 4> {
     frame: Frame<D>,
     anatomy: Arc<dyn Anatomy>,
     shaft: Shaft,
-    options: Options,
+    options: NonlinearOptions,
     /// Fingerprint of all fixed inputs of the model, to recognise saved states of others.
     name: String,
     needle: Pushing<D, N>,

@@ -1,9 +1,10 @@
 //! Outcome of a step: forces, state of the needle, and events.
 
 use nalgebra::{Isometry3, Point3, Vector3};
+use serde::{Deserialize, Serialize};
 
 /// A force and a torque about a point.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Wrench {
     /// Force, N, world axes.
     pub force_n: Vector3<f64>,
@@ -28,7 +29,7 @@ impl Wrench {
 }
 
 /// Outcome of a step.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Outcome {
     /// Wrench of the needle on the hand at its base, about the base: as the needle is pushed in, the force points out of the
     /// body.
@@ -78,7 +79,7 @@ impl Outcome {
 }
 
 /// An event in a step.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Event {
     /// Kind of event.
     pub kind: EventKind,
@@ -91,7 +92,8 @@ pub struct Event {
 }
 
 /// Kinds of events.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum EventKind {
     /// The tip touches the surface of the body.
     Skin,

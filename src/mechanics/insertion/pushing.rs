@@ -6,7 +6,7 @@
 //! Their simulation ends at the first puncture; this one continues.
 //!
 //! The needle moves along a straight line through the body, in the reference state too. Along the line there is a list of
-//! [`Layer`]s, each behind a membrane. At a membrane the tip *pushes*: the point of the body there is held at the tip. When
+//! [`PathLayer`]s, each behind a membrane. At a membrane the tip *pushes*: the point of the body there is held at the tip. When
 //! the force exceeds the strength of the membrane it is punctured, and the tip *cuts*: it is where the deformed tissue meets
 //! it under the cutting force, and the shaft behind drags the surrounding tissue along by friction per mm of tissue. Then
 //! the next membrane is reached. The model is quasi-static, without inertia.
@@ -28,8 +28,8 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use crate::insertion::InvalidSetup;
-use crate::tissue::nonlinear::{Body, Contact, NonlinearError, Structure};
-pub use line::{Crossing, Layer, crossings};
+use crate::tissue::nonlinear::{Contact, NonlinearBody, NonlinearError, Structure};
+pub use line::{Crossing, PathLayer, crossings};
 use line::{Line, check};
 pub(super) use slide::At;
 
@@ -67,7 +67,7 @@ pub struct Pushed {
 pub struct Pushing<const D: usize, const N: usize> {
     structure: Structure<D, N>,
     line: Line<D>,
-    layers: Vec<Layer>,
+    layers: Vec<PathLayer>,
     at: At,
     loads: Vec<f64>,
     prescribed: Vec<f64>,
@@ -83,7 +83,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         structure: Structure<D, N>,
         entry: [f64; D],
         direction: [f64; D],
-        layers: Vec<Layer>,
+        layers: Vec<PathLayer>,
     ) -> Result<Self, InvalidSetup> {
         let mut needle = Pushing::away(structure);
         needle.aim(entry, direction, layers)?;
@@ -108,7 +108,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     ///
     /// # Errors
     /// [`InvalidSetup`]; the needle is then unchanged.
-    pub fn aim(&mut self, entry: [f64; D], direction: [f64; D], layers: Vec<Layer>) -> Result<(), InvalidSetup> {
+    pub fn aim(&mut self, entry: [f64; D], direction: [f64; D], layers: Vec<PathLayer>) -> Result<(), InvalidSetup> {
         check(&layers)?;
         self.line = Line::new(self.body(), entry, direction)?;
         self.layers = layers;
@@ -123,7 +123,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     }
 
     /// Returns the body in its reference state.
-    pub fn body(&self) -> &Arc<Body<D, N>> {
+    pub fn body(&self) -> &Arc<NonlinearBody<D, N>> {
         self.structure.solver().body()
     }
 
@@ -290,7 +290,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
 /// Returns the pieces of the shaft down to a depth: their points, sliding friction, and static friction, N.
 fn frictions<'a, const D: usize>(
     line: &'a Line<D>,
-    layers: &'a [Layer],
+    layers: &'a [PathLayer],
     depth_mm: f64,
 ) -> impl Iterator<Item = (&'a Contact, f64, f64)> {
     line.pieces(depth_mm).filter_map(|(point, from, to)| {

@@ -49,7 +49,7 @@ use super::{
 };
 use crate::insertion::InvalidSetup;
 use crate::needle::{CentreLine, Load, Needle};
-use body::{Body, unloaded_tip};
+use body::{NeedleState, unloaded_tip};
 use contacts::Contacts;
 use cylinder::Cylinder;
 pub(crate) use cylinder::MIN_DIHEDRAL_DEG;
@@ -67,7 +67,7 @@ pub struct MassSpring {
     needle: Box<dyn Needle>,
     network: Network,
     contacts: Contacts,
-    body: Body,
+    body: NeedleState,
     outcome: Outcome,
     /// Frame of the cylinder to world.
     frame: Isometry3<f64>,
@@ -104,7 +104,7 @@ impl MassSpring {
             needle,
             network,
             contacts: Contacts::new(most),
-            body: Body::default(),
+            body: NeedleState::default(),
             outcome: Outcome::default(),
             frame: Isometry3::identity(),
             loads: Vec::with_capacity(most + 1),

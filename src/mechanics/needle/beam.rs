@@ -40,7 +40,7 @@ mod sweep;
 
 pub use material::{Compression, Material};
 pub use newton::FoundationBeam;
-pub use problem::{Base, Layer, Problem, bending_stiffness_nmm2};
+pub use problem::{Base, BeamLayer, Problem, bending_stiffness_nmm2};
 pub use shape::{LayerLoad, Shape};
 
 /// Convergence tolerance: largest residual moment at any element's ends, as a share of the largest moment.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use faer::{Mat, MatRef};
 
 use super::strips::{BankBindings, Shared, Strips};
-use super::tiles::{MAX_RANK, Params, Passes, SIDE, Tiles};
+use super::tiles::{MAX_RANK, Passes, SIDE, TileParams, Tiles};
 use crate::tissue::compliance::Compliance;
 use crate::tissue::error::LinearError;
 use crate::tissue::remesh::levels::{Store, Which};
@@ -136,11 +136,11 @@ impl DeviceStore {
         self.update_ms
     }
 
-    fn params(&self) -> Params {
-        Params {
+    fn params(&self) -> TileParams {
+        TileParams {
             size: self.base.size() as u32,
             stride: self.strips.stride as u32,
-            ..Params::default()
+            ..TileParams::default()
         }
     }
 }
@@ -322,14 +322,14 @@ impl DeviceStore {
             Lead::Solve(limit) => (limit as f32).next_up(),
             _ => 0.0,
         };
-        let whole = Params {
+        let whole = TileParams {
             rank: columns.len() as u32,
             rows: named.len() as u32,
             rows_from: (columns.len() + block.len()) as u32,
             limit,
             ..self.params()
         };
-        let near = Params {
+        let near = TileParams {
             // Rows and columns are updated before they are read.
             rank: if rows.is_none() { whole.rank } else { 0 },
             rows: block.len() as u32,
@@ -363,7 +363,7 @@ impl DeviceStore {
     }
 
     /// Dispatches of an update up to the entries to be read.
-    fn preparation(&self, lead: Lead, whole: Params, near: Params) -> impl Iterator<Item = Dispatch<'_>> {
+    fn preparation(&self, lead: Lead, whole: TileParams, near: TileParams) -> impl Iterator<Item = Dispatch<'_>> {
         let one = |pipeline, bindings, workgroups| Dispatch {
             pipeline,
             bindings,
@@ -431,13 +431,13 @@ impl DeviceStore {
     /// Fetches entries in one request, row by row after a first value without meaning.
     fn fetch(&mut self, rows: &[usize], columns: &[usize], take: bool) -> Result<Vec<f32>, GpuError> {
         self.send_lists(&[columns, rows])?;
-        let params = Params {
+        let params = TileParams {
             rows: rows.len() as u32,
             columns: columns.len() as u32,
             rows_from: columns.len() as u32,
             ..self.params()
         };
-        let whole = Params {
+        let whole = TileParams {
             rank: if take { params.columns } else { 0 },
             ..params
         };
@@ -483,7 +483,7 @@ impl DeviceStore {
     /// Sums columns weighted by the vector; with `add`, on top of the existing sums.
     fn run_combine(&mut self, columns: &[usize], add: bool) -> Result<wgpu::SubmissionIndex, GpuError> {
         self.send_lists(&[columns])?;
-        let params = Params {
+        let params = TileParams {
             rank: columns.len() as u32,
             add: u32::from(add),
             ..self.params()
@@ -515,7 +515,7 @@ impl DeviceStore {
     }
 
     /// Dispatches that copy entries to the block.
-    fn read_entries(&self, params: Params) -> impl Iterator<Item = Dispatch<'_>> {
+    fn read_entries(&self, params: TileParams) -> impl Iterator<Item = Dispatch<'_>> {
         let workgroups = [params.columns.div_ceil(64), params.rows, 1];
         let slot = self.tiles.banks.len() as u32;
         self.of_banks(&self.passes.entries, |bank| &bank.entries, slot, workgroups)
@@ -538,11 +538,11 @@ impl DeviceStore {
     }
 
     /// Writes the parameters of each bank, those of entries in slots after all others.
-    fn set(&mut self, params: Params, entries: Params) -> Result<(), GpuError> {
+    fn set(&mut self, params: TileParams, entries: TileParams) -> Result<(), GpuError> {
         let banks = self.tiles.banks.len() as u32;
         for (slot, bank) in (0..).zip(&self.tiles.banks) {
             for (slot, params) in [(slot, params), (banks + slot, entries)] {
-                let own = Params {
+                let own = TileParams {
                     first_tile: bank.first as u32,
                     tiles: bank.tiles as u32,
                     // The first bank starts a sum, the others add to it.

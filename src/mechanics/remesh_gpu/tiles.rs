@@ -136,7 +136,7 @@ pub const MAX_RANK: usize = 128;
 /// Uniform parameters of a dispatch, shared by all passes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
-pub struct Params {
+pub struct TileParams {
     /// Number of matrix rows.
     pub size: u32,
     /// Number of columns of Y and Z in use.

@@ -15,8 +15,8 @@ pub struct Knee {
 }
 
 impl Knee {
-    /// Law without stiffening.
-    pub const NONE: Knee = Knee {
+    /// Law without stiffening: a knee that no strain reaches.
+    pub const INFINITE: Knee = Knee {
         strain: f64::INFINITY,
         stiffening: 0.0,
     };

@@ -2,7 +2,7 @@
 //!
 //! The law is that of Y. Kobayashi et al., "Development of an integrated needle insertion system with image guidance and
 //! deformation simulation", Computerized Medical Imaging and Graphics 34, 2010, sections 3.1.4 and 3.2: see [`Stiffening`].
-//! One implementation serves both dimensions ([`Body`], with [`Sheet`] and [`Solid`] for names). Strains are small, but for laws of finite strain
+//! One implementation serves both dimensions ([`NonlinearBody`], with [`Sheet`] and [`Solid`] for names). Strains are small, but for laws of finite strain
 //! ([`crate::tissue::law`]).
 //!
 //! Three schemes solve it, increment by increment ([`Scheme`]):
@@ -32,9 +32,9 @@ mod tangent;
 
 pub use crate::tissue::dofs::NONE;
 pub use crate::tissue::law::Stiffening;
-pub use body::{Body, Sheet, Solid};
+pub use body::{NonlinearBody, Sheet, Solid};
 pub use invariants::{relative_strain, von_mises};
-pub use solver::{Contact, Options, Progress, Scheme, Slope, Solver, Target};
+pub use solver::{Contact, Progress, Scheme, Slope, Solver, SolverOptions, Target};
 
 use crate::tissue::element::DegenerateElement;
 use crate::tissue::error::LinearError;
@@ -96,6 +96,24 @@ pub enum NonlinearError {
     /// Displacements or forces are not finite.
     #[error("displacements or forces are no finite numbers after {iterations} iterations; take smaller increments")]
     Overflow {
+        /// Number of iterations made.
+        iterations: usize,
+    },
+    /// An element is inverted or flat, where a law of finite strain has no stress.
+    #[error(
+        "element {element} is inverted or flat before forces balance, where its law of finite strain has no stress; take smaller \
+         increments, or displacements that leave every element a volume"
+    )]
+    Inverted {
+        /// Index of the element, from 0.
+        element: usize,
+    },
+    /// Forces balance, but not stably.
+    #[error(
+        "forces balance after {iterations} iterations, but the tissue is not stable there: it folds or buckles; take smaller \
+         increments or loads"
+    )]
+    Unstable {
         /// Number of iterations made.
         iterations: usize,
     },

@@ -122,7 +122,7 @@ pub trait Remesher: Send {
     /// work early, in [`run_deferred`](Self::run_deferred); whether the change occurs affects the results only by rounding.
     fn expect(&mut self, _support: &[u32]) {}
 
-    /// Performs one deferred task of earlier changes ([`Options::deferred`]), if any. Returns a report where that
+    /// Performs one deferred task of earlier changes ([`RemesherOptions::deferred`]), if any. Returns a report where that
     /// recomputed the compliance, which then has changed by no more than its error was.
     fn run_deferred(&mut self, _mesh: &AdaptedMesh) -> Option<RemeshReport> {
         None
@@ -225,7 +225,7 @@ fn check_step(step: u64, mesh: &AdaptedMesh, change: &Change) -> Result<(), Reme
 
 /// Tolerances and policies of a [`Remesher`]. The defaults suit tissue meshes of some thousand nodes.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Options {
+pub struct RemesherOptions {
     /// Smallest reciprocal condition of the capacitance matrix I + dK G; changes below it are refused. There an update
     /// loses more than ten of sixteen digits; moves within the mesh's own limit stay far above.
     pub reciprocal_limit: f64,
@@ -247,9 +247,9 @@ pub struct Options {
     pub single_poisson_limit: f64,
 }
 
-impl Default for Options {
+impl Default for RemesherOptions {
     fn default() -> Self {
-        Options {
+        RemesherOptions {
             reciprocal_limit: 1e-10,
             check_every: 16,
             exact_tolerance: 1e-12,

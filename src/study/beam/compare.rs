@@ -5,7 +5,7 @@ use crate::beam_case::BeamCase;
 use crate::tradeoff::{Axis, Factor, Figure, Study, Table};
 use insonify_base::machine::Machine;
 use insonify_base::statistics::{mean, percentile, std};
-use insonify_mechanics::needle::beam::{Base, BeamError, FoundationBeam, Layer, Problem, Shape};
+use insonify_mechanics::needle::beam::{Base, BeamError, BeamLayer, FoundationBeam, Problem, Shape};
 
 /// Inserted depths are grouped to multiples of this, mm.
 const DEPTH_GROUP_MM: f64 = 10.0;
@@ -27,7 +27,7 @@ const CASES: [Axis; 10] = [
 ];
 
 /// Layers of another case, the last as thick as the needle needs.
-fn reaching(layers: &[Layer], inserted_mm: f64) -> Vec<Layer> {
+fn reaching(layers: &[BeamLayer], inserted_mm: f64) -> Vec<BeamLayer> {
     let mut layers = layers.to_vec();
     let sum: f64 = layers.iter().map(|layer| layer.thickness_mm).sum();
     if let Some(last) = layers.last_mut() {

@@ -9,7 +9,7 @@ use insonify_base::document::InputError;
 use insonify_base::statistics;
 use insonify_base::table::{Cell, Table};
 use insonify_mechanics::tissue::viscoelastic::HistoryError;
-use insonify_mechanics::tissue::viscoelastic::point::{Body, Control, Knee, Loading, Method, Point, Structure};
+use insonify_mechanics::tissue::viscoelastic::point::{Control, Knee, Loading, Method, Point, Rheology, Structure};
 use insonify_report::plot::{Axis, Marker, Plot, Series};
 
 /// Storage and loss modulus at one frequency.
@@ -130,7 +130,7 @@ fn strain_under(point: &Point, stress_kpa: f64, time_s: &[f64]) -> Result<Vec<f6
 /// Stress for which the final strain without a knee would be 1.
 fn unit_stress(point: &Point) -> Result<f64, HistoryError> {
     let linear = Point {
-        knee: Knee::NONE,
+        knee: Knee::INFINITE,
         ..*point
     };
     Ok(1.0 / strain_under(&linear, 1.0, &[0.0, CREEP_S])?[1])
@@ -167,8 +167,8 @@ fn creep(point: &Point) -> Result<Vec<CreepCurve>, HistoryError> {
 fn stiffness(point: &Point) -> Result<Vec<Stiffness>, HistoryError> {
     let (unit, above_knee) = (unit_stress(point)?, above_knee(point));
     let modulus_kpa = match point.body {
-        Body::SpringPot { modulus_kpa, .. } => modulus_kpa,
-        Body::Zener {
+        Rheology::SpringPot { modulus_kpa, .. } => modulus_kpa,
+        Rheology::Zener {
             modulus_kpa,
             modulus_inf_kpa,
             ..

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::PunctureOptions;
 use insonify::Error;
-use insonify_mechanics::insertion::pushing::Layer;
+use insonify_mechanics::insertion::pushing::PathLayer;
 use insonify_mechanics::tissue::material::Material;
 use insonify_mechanics::tissue::nonlinear::{Sheet, Stiffening, Supports};
 
@@ -42,7 +42,7 @@ pub(super) struct Liver {
     /// Entry point of the needle, mm.
     pub entry: [f64; 2],
     /// Layers on the needle's path: liver, the vein, liver behind it.
-    pub layers: Vec<Layer>,
+    pub layers: Vec<PathLayer>,
 }
 
 /// Returns the lower and upper outline at a position along the width, mm.

@@ -22,7 +22,7 @@ use insonify_mechanics::tissue::inverse::invert;
 use insonify_mechanics::tissue::material::{Material, Materials};
 use insonify_mechanics::tissue::problem::{Fix, Load, Solution, StaticProblem};
 use insonify_mechanics::tissue::remesh::{
-    Adaptation, AdaptedMesh, Level, Options, Precision, RemeshError, RemeshReport, Source,
+    Adaptation, AdaptedMesh, Level, Precision, RemeshError, RemeshReport, RemesherOptions, Source,
 };
 use insonify_mechanics::tissue::symmetric::Symmetric;
 use insonify_mesh::{self, TetMesh};
@@ -199,12 +199,12 @@ pub struct Inverses {
     pub name: &'static str,
     /// Precision of the inverse.
     pub precision: Precision,
-    follow: fn(&Start, Level, Options) -> Result<Adaptation, RemeshError>,
+    follow: fn(&Start, Level, RemesherOptions) -> Result<Adaptation, RemeshError>,
 }
 
 impl Inverses {
     /// Creates a remesher for a mesh at its base, with its contacts set.
-    pub fn follow(&self, start: &Start, level: Level, options: Options) -> Result<Adaptation, RemeshError> {
+    pub fn follow(&self, start: &Start, level: Level, options: RemesherOptions) -> Result<Adaptation, RemeshError> {
         let mut adaptation = (self.follow)(start, level, options)?;
         adaptation.parts().1.set_contacts(&start.contacts)?;
         Ok(adaptation)

@@ -1,16 +1,16 @@
 //! Cases of fading memory, and of stiffening at a knee.
 
 use super::record::{Record, Unexpected, largest};
-use super::{Case, Group};
+use super::{Group, HardCase};
 use crate::fractional::{of_power, of_sine};
-use insonify_mechanics::tissue::viscoelastic::point::{Body, Control, Knee, Loading, Method, Point, Structure};
+use insonify_mechanics::tissue::viscoelastic::point::{Control, Knee, Loading, Method, Point, Rheology, Structure};
 use insonify_mechanics::tissue::viscoelastic::{History, HistoryError, Operator, Rule, Span};
 
 /// Group of fading-memory cases.
 pub(crate) const GROUP: Group = Group {
     name: "Fading memory",
     cases: &[
-        Case {
+        HardCase {
             name: "equal steps",
             criterion: "k = 0, 1e-3, 0.1, 0.5, 0.999, 1 over 1e5 steps: within 1e-6 of the exact integrals of t^p and of a sine under the \
                         trapezoid and the exponentials, bounded by 1e-3 under the rules of order 1",
@@ -18,28 +18,28 @@ pub(crate) const GROUP: Group = Group {
             seed: 81,
             run: equal,
         },
-        Case {
+        HardCase {
             name: "steps from 1e-6 to 1e3 s",
             criterion: "the same orders in one history of 1e5 steps that grow from 1e-6 to 1e3 s: within 1e-6 of the exact integrals",
             covers: &["cpu f64"],
             seed: 82,
             run: growing,
         },
-        Case {
+        HardCase {
             name: "steps that jump by 1e9",
             criterion: "1e-6 and 1e3 s in turn and at random: what is linear in time stays within 1e-9 of its exact integral",
             covers: &["cpu f64"],
             seed: 83,
             run: jumping,
         },
-        Case {
+        HardCase {
             name: "reversals at every step",
             criterion: "1e5 steps of +1 and -1: the integral never above 1.13 h^k, the derivative never above 4 h^-k: no growth",
             covers: &["cpu f64"],
             seed: 84,
             run: reversals,
         },
-        Case {
+        HardCase {
             name: "wrong histories",
             criterion: "orders outside 0 to 1, invalid steps, unequal steps under Gruenwald and Letnikov, values that are not finite, \
                         times outside a span: refused by name, the history as before",
@@ -47,7 +47,7 @@ pub(crate) const GROUP: Group = Group {
             seed: 85,
             run: refused,
         },
-        Case {
+        HardCase {
             name: "knee crossed at every step",
             criterion: "both structures, stiffening 0.1 to 1e6: Newton converges within 30 iterations, strains finite, and stresses come \
                         back from them",
@@ -64,14 +64,14 @@ pub(super) fn crossing(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let bodies = [
         (
             "spring-pot",
-            Body::SpringPot {
+            Rheology::SpringPot {
                 order: 0.1,
                 modulus_kpa: 0.4,
             },
         ),
         (
             "zener",
-            Body::Zener {
+            Rheology::Zener {
                 order: 0.3,
                 modulus_kpa: 0.4,
                 modulus_inf_kpa: 0.1,
@@ -103,7 +103,7 @@ pub(super) fn crossing(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 let pairs = response.strain.windows(2);
                 crossings = crossings.min(pairs.filter(|pair| above(&pair[0]) != above(&pair[1])).count());
                 // For a spring-pot the reverse control uses a different rule, summing strains instead of stresses.
-                if matches!(body, Body::Zener { .. }) {
+                if matches!(body, Rheology::Zener { .. }) {
                     let back = Loading {
                         control: Control::Strain,
                         value: response.strain.clone(),

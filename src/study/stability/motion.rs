@@ -1,7 +1,7 @@
 //! Cases of radio-frequency echoes and of motion estimated from them.
 
 use super::record::{Record, Unexpected, largest};
-use super::{Case, Group};
+use super::{Group, HardCase};
 use insonify_base::random::{hash3, seed_words, unit};
 use insonify_imaging::rf::medium::{Medium, PITCH_MM};
 use insonify_imaging::rf::motion::{Estimate, Options, Tracker};
@@ -10,7 +10,7 @@ use insonify_imaging::rf::motion::{Estimate, Options, Tracker};
 pub(crate) const GROUP: Group = Group {
     name: "Motion from echoes",
     cases: &[
-        Case {
+        HardCase {
             name: "echoes without signal",
             criterion: "zeros, constants, noise alone: no window correlates, and the reference stays; tissue that jumps out of reach: at most a tenth \
                         correlate by chance; everything finite",
@@ -18,7 +18,7 @@ pub(crate) const GROUP: Group = Group {
             seed: 121,
             run: none,
         },
-        Case {
+        HardCase {
             name: "damaged echoes",
             criterion: "cut off at half of their RMS, every fifth line constant, some samples at the limit: what correlates errs by less than \
                         0.5 um in the mean and 1 um in standard deviation; constant lines do not correlate",

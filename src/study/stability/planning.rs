@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::record::{Record, Unexpected, largest};
-use super::{Case, Group};
+use super::{Group, HardCase};
 use crate::beam::measure::SYNTHETIC_CONTAINER_MM;
 use crate::beam::{ELEMENT_MM, TISSUES, problem};
 use crate::identify::force::Piecewise;
@@ -20,7 +20,7 @@ use insonify_tracking::manipulator::{Guide, Posture};
 pub(crate) const GROUP: Group = Group {
     name: "Paths, drives, measured needles",
     cases: &[
-        Case {
+        HardCase {
             name: "paths beside bone",
             criterion: "the vein taken for bone: every line that passes nearer than asked is excluded, none that passes farther, and the \
                         clearance of the others is that of the ellipse, all within a voxel; a target in it, beside it or behind it is refused \
@@ -29,7 +29,7 @@ pub(crate) const GROUP: Group = Group {
             seed: 131,
             run: beside_bone,
         },
-        Case {
+        HardCase {
             name: "dead band under high gains",
             criterion: "rack with a dead band of 0 to 50 mm, gains of 100 to 1000/s and 0 to a quarter of their square, loads of 0 to 20 N: \
                         the insertion rests within 0.15 mm of its command, and is never off by more than the lost motion of a reversal and \
@@ -38,7 +38,7 @@ pub(crate) const GROUP: Group = Group {
             seed: 132,
             run: dead_band,
         },
-        Case {
+        HardCase {
             name: "base motion for far goals",
             criterion: "tips and centres of 0.01 to 40 mm to both sides, in soft and in stiffening tissue of 15 to 100 mm: met within 1e-6 mm \
                         by the base that is found, mirrored with the goal within 1e-6 mm, or refused; none below 2 mm refused",
@@ -46,7 +46,7 @@ pub(crate) const GROUP: Group = Group {
             seed: 133,
             run: far_goals,
         },
-        Case {
+        HardCase {
             name: "forces with noise",
             criterion: "a force of four regions, the narrowest 3 % of the path, with noise of 0 to 2 % of the largest force: slopes and widths \
                         within 24 % (three standard deviations of the narrowest), exact within 1e-4 without noise; noise alone, a line and a falling force are doubted",
@@ -54,7 +54,7 @@ pub(crate) const GROUP: Group = Group {
             seed: 134,
             run: noisy_forces,
         },
-        Case {
+        HardCase {
             name: "markers missing and false",
             criterion: "12 markers off by 0.2 mm, 5 of them missing, 6 false ones among them: no false match, and the error of a base 75 mm \
                         away has the root mean square of theory within 25 %",

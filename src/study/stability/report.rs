@@ -5,7 +5,7 @@ use std::fmt::{self, Write};
 use serde::Serialize;
 
 use super::record::Measure;
-use super::{Case, Effort};
+use super::{Effort, HardCase};
 use insonify_base::machine::Machine;
 use insonify_base::number::figure;
 use insonify_base::output::OutputError;
@@ -42,7 +42,7 @@ pub struct CaseReport {
 
 impl CaseReport {
     /// Creates the report of a case with its verdict.
-    pub fn new(group: &str, case: &Case, seconds: f64, measures: Vec<Measure>) -> Self {
+    pub fn new(group: &str, case: &HardCase, seconds: f64, measures: Vec<Measure>) -> Self {
         let mut report = CaseReport {
             group: group.to_owned(),
             name: case.name.to_owned(),
@@ -81,7 +81,7 @@ impl CaseReport {
 
 /// Results of all cases of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Report {
+pub struct StabilityReport {
     /// Length of the run.
     pub effort: Effort,
     /// Machine that the cases ran on.
@@ -118,7 +118,7 @@ pub(super) fn sentence(measure: &Measure) -> String {
     line
 }
 
-impl Report {
+impl StabilityReport {
     /// Returns the number of cases that fail.
     pub fn failed(&self) -> usize {
         self.cases.iter().filter(|case| !case.holds).count()
@@ -220,7 +220,7 @@ impl Report {
     }
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for StabilityReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "machine: {}; {}", self.machine, self.effort())?;
         for group in self.groups() {
@@ -258,7 +258,7 @@ impl fmt::Display for Report {
     }
 }
 
-impl Report {
+impl StabilityReport {
     /// Returns the report, with every figure, as one self-contained HTML document.
     ///
     /// # Errors

@@ -4,20 +4,20 @@ mod elements;
 mod inverse;
 mod manufactured;
 
-use super::{Case, Group};
+use super::{Group, HardCase};
 
 /// Group of solver cases.
 pub(crate) const GROUP: Group = Group {
     name: "Elements, solvers, inverse",
     cases: &[
-        Case {
+        HardCase {
             name: "patch test",
             criterion: "a linear field on irregular meshes, Jacobian condition 1 to 1e6: relative error under 100 eps x condition of K",
             covers: &["cpu f64"],
             seed: 1,
             run: elements::patch,
         },
-        Case {
+        HardCase {
             name: "slivers",
             criterion: "a vertex moved to within 1e-1 to 1e-8 of the opposite face: backward error under 1e-12; below the quality limit \
                         refused by name",
@@ -25,14 +25,14 @@ pub(crate) const GROUP: Group = Group {
             seed: 2,
             run: elements::slivers,
         },
-        Case {
+        HardCase {
             name: "near incompressibility",
             criterion: "nu 0.49 to 0.49999: backward error under 1e-12; locking measured against the exact solution; Cholesky succeeds",
             covers: &["cpu f64"],
             seed: 3,
             run: elements::near_incompressible,
         },
-        Case {
+        HardCase {
             name: "stiffness contrast",
             criterion: "1:1e4 and 1:1e8: backward error under 1e-12, K^-1 symmetric, global equilibrium to 1e-10, two-material bar exact \
                         to 100 eps x condition",
@@ -40,56 +40,56 @@ pub(crate) const GROUP: Group = Group {
             seed: 4,
             run: elements::contrast,
         },
-        Case {
+        HardCase {
             name: "units",
             criterion: "the same problem in 1e-3 and 1e3 times the units: results scale to 1e-10",
             covers: &["cpu f64"],
             seed: 5,
             run: inverse::units,
         },
-        Case {
+        HardCase {
             name: "singular problems",
             criterion: "no fixed node, one, nodes on a line, a disconnected part: refused, naming the free motion and the part",
             covers: &["cpu f64"],
             seed: 6,
             run: inverse::refused,
         },
-        Case {
+        HardCase {
             name: "order and threads",
             criterion: "nodes and elements permuted: equal to 1e-12; the same order on any number of threads: equal to the bit",
             covers: &["cpu f64"],
             seed: 7,
             run: manufactured::permuted,
         },
-        Case {
+        HardCase {
             name: "nothing, and twice as much",
             criterion: "zero load, zero rank, no contact: exactly zero, exactly unchanged; f(2x) = 2 f(x) to the bit",
             covers: &["cpu f64", "cpu f32"],
             seed: 8,
             run: inverse::nothing_and_twice,
         },
-        Case {
+        HardCase {
             name: "powers of four",
             criterion: "lengths and loads scaled by powers of four: equal to the bit after rescaling; by other factors to 1e-13 x condition",
             covers: &["cpu f64"],
             seed: 9,
             run: inverse::powers_of_four,
         },
-        Case {
+        HardCase {
             name: "manufactured solution",
             criterion: "on five meshes: orders 2 in L2 and 1 in H1 within 0.15",
             covers: &["cpu f64"],
             seed: 10,
             run: manufactured::orders,
         },
-        Case {
+        HardCase {
             name: "rigid motions",
             criterion: "norm of K r under 10 eps norm(K) norm(r)",
             covers: &["cpu f64"],
             seed: 11,
             run: elements::rigid_motions,
         },
-        Case {
+        HardCase {
             name: "definite inverse",
             criterion: "K^-1 positive definite, its asymmetry exactly zero; smallest pivot reported",
             covers: &["cpu f64", "cpu f32"],

@@ -2,8 +2,8 @@ use super::record::{largest, relative};
 use super::*;
 
 /// Returns a case with a single figure under a limit of 1e-12.
-fn one(name: &'static str, run: fn(&mut Record<'_>) -> Result<(), Unexpected>) -> Case {
-    Case {
+fn one(name: &'static str, run: fn(&mut Record<'_>) -> Result<(), Unexpected>) -> HardCase {
+    HardCase {
         name,
         criterion: "under 1e-12",
         covers: &["cpu f64"],
@@ -12,7 +12,7 @@ fn one(name: &'static str, run: fn(&mut Record<'_>) -> Result<(), Unexpected>) -
     }
 }
 
-fn report(case: &Case) -> Report {
+fn report(case: &HardCase) -> StabilityReport {
     run(&[("Group", case)], Effort::Quick, &mut |_, _| {})
 }
 

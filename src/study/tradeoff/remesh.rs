@@ -8,7 +8,7 @@
 //!
 //! Guarantees are checked: a contender that claims to be exact up to rounding must keep the relative residual |K X e - e| / (|K| |X e|) and
 //! the errors of K^-1, K^c and displacements below the limits at which the levels rebuild themselves (see
-//! [`Options`](insonify_mechanics::tissue::remesh::Options)), or its row is flagged.
+//! [`RemesherOptions`](insonify_mechanics::tissue::remesh::RemesherOptions)), or its row is flagged.
 //!
 //! | module | contents |
 //! |---|---|

@@ -1,7 +1,7 @@
 //! Needles in tissue that several tests share.
 
 use insonify_mechanics::needle::beam::{
-    Base, Compression, FoundationBeam, Layer, Material, Problem, Shape, bending_stiffness_nmm2,
+    Base, BeamLayer, Compression, FoundationBeam, Material, Problem, Shape, bending_stiffness_nmm2,
 };
 
 /// Wang et al.'s phantom and its compression model.
@@ -22,8 +22,8 @@ pub(super) const PSM: (Material, Compression) = (
     Compression::UTru,
 );
 
-pub(super) fn layer((material, compression): (Material, Compression), thickness_mm: f64) -> Layer {
-    Layer {
+pub(super) fn layer((material, compression): (Material, Compression), thickness_mm: f64) -> BeamLayer {
+    BeamLayer {
         thickness_mm,
         material,
         compression,
@@ -34,7 +34,7 @@ pub(super) fn layer((material, compression): (Material, Compression), thickness_
 }
 
 /// Wang et al.'s needle, steel of 1 mm, in these layers to their full depth, with elements of 1 mm.
-pub(super) fn problem(control_distance_mm: f64, layers: Vec<Layer>) -> Problem {
+pub(super) fn problem(control_distance_mm: f64, layers: Vec<BeamLayer>) -> Problem {
     Problem {
         bending_nmm2: bending_stiffness_nmm2(200.0, 1.0),
         control_distance_mm,

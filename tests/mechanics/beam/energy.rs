@@ -1,7 +1,7 @@
 //! What the hand does is what bends the needle and compresses the tissue.
 
 use insonify_mechanics::needle::beam::material::Law;
-use insonify_mechanics::needle::beam::{FoundationBeam, Layer, Problem, Shape};
+use insonify_mechanics::needle::beam::{BeamLayer, FoundationBeam, Problem, Shape};
 
 use super::case::{PSM, PVC, base, free, layer, problem, solve};
 
@@ -28,7 +28,7 @@ fn simpson(low: f64, high: f64, pieces: usize, of: impl Fn(f64) -> f64) -> f64 {
 }
 
 /// Energy per length (N) of tissue beside a deflection: the integral of k(u) u.
-fn compressed(layer: &Layer, u: f64) -> f64 {
+fn compressed(layer: &BeamLayer, u: f64) -> f64 {
     let law = Law::new(&layer.material, layer.compression);
     let force = |v: f64| 1e-3 * law.at(1.0 - v / layer.initial_length_mm).tangent_kpa * v;
     simpson(0.0, u.abs(), 40, force)

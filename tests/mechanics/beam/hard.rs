@@ -1,7 +1,7 @@
 //! Hard cases: a balance or an error that says why, never a number that is none.
 
 use insonify_mechanics::needle::beam::{
-    BeamError, Compression, FoundationBeam, Layer, Material, Shape, bending_stiffness_nmm2,
+    BeamError, BeamLayer, Compression, FoundationBeam, Material, Shape, bending_stiffness_nmm2,
 };
 
 use super::case::{PSM, PVC, base, free, layer, problem, solve};
@@ -183,7 +183,7 @@ fn numbers_out_of_range_are_refused_by_name() {
     assert_eq!(key(&|p| p.element_mm = 1e-9), "element_mm");
     assert_eq!(key(&|p| p.control_distance_mm = f64::NAN), "control_distance_mm");
     assert_eq!(key(&|p| p.bending_nmm2 = 0.0), "bending_stiffness_nmm2");
-    let of_layer = |change: &dyn Fn(&mut Layer)| key(&|p| change(&mut p.layers[0]));
+    let of_layer = |change: &dyn Fn(&mut BeamLayer)| key(&|p| change(&mut p.layers[0]));
     assert_eq!(of_layer(&|l| l.thickness_mm = 0.0), "thickness_mm");
     assert_eq!(of_layer(&|l| l.initial_length_mm = -2.0), "initial_length_mm");
     assert_eq!(of_layer(&|l| l.friction = 1.5), "friction");

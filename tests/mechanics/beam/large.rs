@@ -3,7 +3,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use insonify_mechanics::needle::beam::{Compression, Layer, Material, Problem};
+use insonify_mechanics::needle::beam::{BeamLayer, Compression, Material, Problem};
 
 use super::case::{PSM, PVC, base, layer, problem, solve};
 
@@ -11,7 +11,7 @@ use super::case::{PSM, PVC, base, layer, problem, solve};
 const STEP: f64 = 0.05;
 
 /// dS/dl of Ogden's material, as powers of the compression ratio.
-fn modulus(layer: &Layer, ratio: f64) -> f64 {
+fn modulus(layer: &BeamLayer, ratio: f64) -> f64 {
     let Material::Ogden { mu_kpa: m, alpha: a } = layer.material else {
         panic!("an Ogden material");
     };
@@ -24,7 +24,7 @@ fn modulus(layer: &Layer, ratio: f64) -> f64 {
 }
 
 /// u'''' at a deflection and slope in a layer.
-fn bend(problem: &Problem, layer: Option<&Layer>, u: f64, slope: f64) -> f64 {
+fn bend(problem: &Problem, layer: Option<&BeamLayer>, u: f64, slope: f64) -> f64 {
     let Some(layer) = layer else { return 0.0 };
     let ratio = (layer.initial_length_mm - u.abs()) / layer.initial_length_mm;
     let hold = 1.0 - layer.friction * slope.atan().sin().powi(2);
@@ -33,7 +33,7 @@ fn bend(problem: &Problem, layer: Option<&Layer>, u: f64, slope: f64) -> f64 {
 
 /// Deflection, slope and two derivatives at every step from the tip (given) to the base, with their places.
 fn integrate(problem: &Problem, tip: &Vector2<f64>) -> Vec<(f64, [f64; 4])> {
-    let mut spans: Vec<(f64, Option<&Layer>)> = vec![(problem.control_distance_mm, None)];
+    let mut spans: Vec<(f64, Option<&BeamLayer>)> = vec![(problem.control_distance_mm, None)];
     spans.extend(problem.layers.iter().map(|layer| (layer.thickness_mm, Some(layer))));
     let mut y = [tip.x, tip.y, 0.0, 0.0];
     let mut x = problem.inserted_mm;
@@ -123,7 +123,7 @@ fn layers_with_friction_agree_with_another_method() {
         (PVC, 2.5, 0.0),
         ((PSM.0, Compression::CTru), 30.0, 1.0),
     ];
-    let layers = layers.map(|(tissue, thickness, friction)| Layer {
+    let layers = layers.map(|(tissue, thickness, friction)| BeamLayer {
         friction,
         initial_length_mm: 20.0,
         ..layer(tissue, thickness)

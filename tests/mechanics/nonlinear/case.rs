@@ -5,7 +5,7 @@ use std::sync::Arc;
 use insonify_mechanics::tissue::law::AnyLaw;
 use insonify_mechanics::tissue::material::Material;
 use insonify_mechanics::tissue::nonlinear::{
-    Body, Options, Scheme, Sheet, Solid, Solver, Stiffening, Supports, Target,
+    NonlinearBody, Scheme, Sheet, Solid, Solver, SolverOptions, Stiffening, Supports, Target,
 };
 use insonify_mesh::TetMesh;
 use nalgebra::Matrix4;
@@ -35,7 +35,7 @@ pub(super) fn block_mesh(cells: [usize; 3], edge: f64, shaken: f64) -> TetMesh {
 
 pub(super) fn block(cells: [usize; 3], edge: f64, shaken: f64, law: impl Copy + Into<AnyLaw>) -> Arc<Solid> {
     let mesh = block_mesh(cells, edge, shaken);
-    Arc::new(Body::tetrahedra(&mesh, &vec![law; mesh.elements().len()]).unwrap())
+    Arc::new(NonlinearBody::tetrahedra(&mesh, &vec![law; mesh.elements().len()]).unwrap())
 }
 
 /// Squares of `edge` mm split in two, the inner nodes moved by up to `shaken` edges.
@@ -67,8 +67,8 @@ pub(super) fn sheet(cells: [usize; 2], edge: f64, shaken: f64, thickness: f64, l
     Arc::new(Sheet::plane_strain(nodes, triangles, &laws, thickness).unwrap())
 }
 
-pub(super) fn options(scheme: Scheme) -> Options {
-    Options {
+pub(super) fn options(scheme: Scheme) -> SolverOptions {
+    SolverOptions {
         scheme,
         tolerance: 1e-12,
         iterations: 30,
@@ -80,9 +80,9 @@ pub(super) type Held = Vec<(u32, u8, f64)>;
 
 /// A solver with its supports and how far they are driven.
 pub(super) fn held<const D: usize, const N: usize>(
-    body: &Arc<Body<D, N>>,
+    body: &Arc<NonlinearBody<D, N>>,
     held: &Held,
-    options: Options,
+    options: SolverOptions,
 ) -> (Solver<D, N>, Vec<f64>) {
     let supports = Supports::new(body.nodes().len(), held.iter().map(|&(node, axis, _)| (node, axis)));
     let mut values = vec![0.0; supports.all()];
@@ -104,7 +104,7 @@ pub(super) fn target<'a>(loads: &'a [f64], prescribed: &'a [f64]) -> Target<'a> 
 }
 
 /// The nodes at a coordinate.
-pub(super) fn at<const D: usize, const N: usize>(body: &Body<D, N>, axis: usize, place: f64) -> Vec<u32> {
+pub(super) fn at<const D: usize, const N: usize>(body: &NonlinearBody<D, N>, axis: usize, place: f64) -> Vec<u32> {
     let nodes = (0..).zip(body.nodes());
     nodes
         .filter(|(_, p)| (p[axis] - place).abs() < 1e-9)

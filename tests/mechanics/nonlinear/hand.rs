@@ -1,7 +1,7 @@
 //! Solutions by hand, and those of the linear solver.
 
 use insonify_mechanics::tissue::material::{Material, Materials};
-use insonify_mechanics::tissue::nonlinear::{Body, Contact, Scheme, Sheet, Stiffening, Target};
+use insonify_mechanics::tissue::nonlinear::{Contact, NonlinearBody, Scheme, Sheet, Stiffening, Target};
 use insonify_mechanics::tissue::problem::{Fix, Load, StaticProblem};
 use std::sync::Arc;
 
@@ -88,7 +88,7 @@ fn two_triangles_shear_as_by_hand() {
 fn below_the_knee_it_is_the_linear_body() {
     for poisson in [0.3, 0.499] {
         let mesh = block_mesh([4, 3, 3], 2.0, 0.2);
-        let body = Arc::new(Body::tetrahedra(&mesh, &vec![law(poisson); mesh.elements().len()]).unwrap());
+        let body = Arc::new(NonlinearBody::tetrahedra(&mesh, &vec![law(poisson); mesh.elements().len()]).unwrap());
         let mut fixed: Held = Vec::new();
         for node in at(&body, 2, 0.0) {
             fixed.extend((0..3).map(|axis| (node, axis, 0.0)));

@@ -1,6 +1,6 @@
 //! Strain that crosses the knee back and forth, and what is refused.
 
-use insonify_mechanics::tissue::nonlinear::{NonlinearError, Options, Scheme, Solver, Supports};
+use insonify_mechanics::tissue::nonlinear::{NonlinearError, Scheme, Solver, SolverOptions, Supports};
 use std::sync::Arc;
 
 use super::case::{block, difference, held, largest, law, options, pressed, pulled, target};
@@ -42,7 +42,7 @@ fn the_way_does_not_matter() {
         let (mut slowly, _) = held(
             &body,
             &driven,
-            Options {
+            SolverOptions {
                 iterations: 60,
                 ..options(scheme)
             },
@@ -60,7 +60,7 @@ fn the_way_does_not_matter() {
 #[test]
 fn what_cannot_be_solved_is_told() {
     let (body, rollers, unit) = pulled(2, 4.0, law(0.3));
-    let few = Options {
+    let few = SolverOptions {
         iterations: 2,
         ..options(Scheme::Newton)
     };

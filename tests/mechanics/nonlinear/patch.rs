@@ -1,7 +1,7 @@
 //! Patch tests above the knee: where the boundary is strained uniformly, so is all of an irregular mesh, with the stress of the
 //! law. In floating point to the tolerance of the balance times the condition of the tangent.
 
-use insonify_mechanics::tissue::nonlinear::{Body, Scheme, relative_strain};
+use insonify_mechanics::tissue::nonlinear::{NonlinearBody, Scheme, relative_strain};
 use std::sync::Arc;
 
 use super::case::{Held, block, difference, held, largest, law, options, sheet, target};
@@ -11,7 +11,7 @@ const CONDITION: f64 = 1e4;
 
 /// Strains the boundary of the box `extent` by `slope` in steps and checks all nodes and the stress.
 fn check<const D: usize, const N: usize>(
-    body: &Arc<Body<D, N>>,
+    body: &Arc<NonlinearBody<D, N>>,
     extent: [f64; D],
     slope: [[f64; D]; D],
     poisson: f64,

@@ -1,6 +1,6 @@
 //! How fast the schemes come to the solution.
 
-use insonify_mechanics::tissue::nonlinear::{Options, Scheme, Slope, Stiffening};
+use insonify_mechanics::tissue::nonlinear::{Scheme, Slope, SolverOptions, Stiffening};
 
 use super::case::{Held, at, block, difference, held, law, newton_orders, options, pressed, pulled, target};
 use insonify_mechanics::tissue::material::Material;
@@ -53,7 +53,7 @@ fn increments_alike_take_few_iterations() {
     let driven = pressed(&body, 8.0, [-1.6, 0.0]);
     let loads = vec![0.0; 3 * body.nodes().len()];
     let walk = |scheme, shares: &[f64]| -> Vec<usize> {
-        let loose = Options {
+        let loose = SolverOptions {
             tolerance: 1e-6,
             ..options(scheme)
         };
@@ -150,7 +150,7 @@ fn error(
     let (mut euler, _) = held(
         body,
         fixed,
-        Options {
+        SolverOptions {
             scheme,
             ..options(scheme)
         },

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::mem::offset_of;
 
 use insonify_gpu::Access;
-use insonify_mechanics::remesh_gpu::tiles::{ALL, MAX_RANK, Params, SHADER, SHADER_F64, SIDE};
+use insonify_mechanics::remesh_gpu::tiles::{ALL, MAX_RANK, SHADER, SHADER_F64, SIDE, TileParams};
 use naga::valid::{Capabilities, GlobalUse, ModuleInfo, ValidationFlags, Validator};
 use naga::{AddressSpace, Module, StorageAccess};
 
@@ -76,19 +76,19 @@ fn the_passes_of_remeshing_are_those_declared() {
 fn the_parameters_and_the_tiles_of_remeshing_are_those_of_its_shader() {
     let (module, _) = parse(SHADER, Capabilities::empty());
     let (members, span) = block_of(&module);
-    assert_eq!(span, size_of::<Params>());
+    assert_eq!(span, size_of::<TileParams>());
     for (name, offset) in [
-        ("size", offset_of!(Params, size)),
-        ("rank", offset_of!(Params, rank)),
-        ("stride", offset_of!(Params, stride)),
-        ("first_tile", offset_of!(Params, first_tile)),
-        ("tiles", offset_of!(Params, tiles)),
-        ("rows", offset_of!(Params, rows)),
-        ("columns", offset_of!(Params, columns)),
-        ("rows_from", offset_of!(Params, rows_from)),
-        ("columns_from", offset_of!(Params, columns_from)),
-        ("add", offset_of!(Params, add)),
-        ("limit", offset_of!(Params, limit)),
+        ("size", offset_of!(TileParams, size)),
+        ("rank", offset_of!(TileParams, rank)),
+        ("stride", offset_of!(TileParams, stride)),
+        ("first_tile", offset_of!(TileParams, first_tile)),
+        ("tiles", offset_of!(TileParams, tiles)),
+        ("rows", offset_of!(TileParams, rows)),
+        ("columns", offset_of!(TileParams, columns)),
+        ("rows_from", offset_of!(TileParams, rows_from)),
+        ("columns_from", offset_of!(TileParams, columns_from)),
+        ("add", offset_of!(TileParams, add)),
+        ("limit", offset_of!(TileParams, limit)),
     ] {
         assert_eq!(members.get(name), Some(&offset), "{name}");
     }

@@ -1,7 +1,7 @@
 //! Whole insertions with the inverse on a GPU: the forces of the CPU, at every step.
 
 use insonify_base::blame::Blame;
-use insonify_mechanics::insertion::finite::{Finite, Options, Setup};
+use insonify_mechanics::insertion::finite::{Finite, FiniteOptions, Setup};
 use insonify_mechanics::insertion::{EventKind, Instruments, Interaction, Model, Outcome};
 use insonify_mechanics::needle::{Rigid, Shaft};
 use insonify_mechanics::remesh_gpu::maker;
@@ -42,7 +42,7 @@ fn tissue(level: Level, precision: Precision) -> Setup {
         probe: None,
         level,
         precision,
-        options: Options::default(),
+        options: FiniteOptions::default(),
         mesh,
     }
 }

@@ -10,7 +10,7 @@ use insonify_gpu::{Gpu, GpuError};
 use insonify_mechanics::remesh_gpu::{DeviceStore, follow, tiles};
 use insonify_mechanics::tissue::remesh::levels::{Levels, Store, Which};
 use insonify_mechanics::tissue::remesh::{
-    Adaptation, AdaptedMesh, Change, Level, Options, Precision, Rebuilt, RemeshError, Remesher, Source,
+    Adaptation, AdaptedMesh, Change, Level, Precision, Rebuilt, RemeshError, Remesher, RemesherOptions, Source,
 };
 use insonify_mechanics::tissue::symmetric::Symmetric;
 use insonify_testing::lossy::{Lossy, with};
@@ -373,7 +373,7 @@ fn sums_of_columns_and_products_are_those_of_exact_arithmetic() {
     }
 }
 
-fn on_device(gpu: Option<Gpu>, mesh: &AdaptedMesh, level: Level, options: Options) -> Option<Adaptation> {
+fn on_device(gpu: Option<Gpu>, mesh: &AdaptedMesh, level: Level, options: RemesherOptions) -> Option<Adaptation> {
     let source = single(mesh);
     let device = follow(&gpu?, mesh, &source, level, options).unwrap();
     let mut adaptation = Adaptation::new(mesh.clone(), source, Level::IV, Precision::Single, options).unwrap();
@@ -404,7 +404,7 @@ fn level_one_follows_the_moved_mesh_without_f64_on_the_device() {
 
 fn level_one_follows(gpu: Option<Gpu>) {
     let mesh = mesh(0.45);
-    let Some(mut device) = on_device(gpu, &mesh, Level::I, Options::default()) else {
+    let Some(mut device) = on_device(gpu, &mesh, Level::I, RemesherOptions::default()) else {
         return;
     };
     let nodes = free_nodes(&mesh);
@@ -413,7 +413,7 @@ fn level_one_follows(gpu: Option<Gpu>) {
         single(&mesh),
         Level::I,
         Precision::Single,
-        Options::default(),
+        RemesherOptions::default(),
     )
     .unwrap();
     host.parts().1.set_contacts(&contacts(&mesh)).unwrap();
@@ -472,7 +472,7 @@ fn level_one_follows(gpu: Option<Gpu>) {
 fn levels_two_and_three_are_right_in_their_rows_and_rebuild_when_switched_up() {
     for level in [Level::II, Level::III] {
         let mesh = mesh(0.45);
-        let Some(mut device) = on_device(gpu_or_skip(), &mesh, level, Options::default()) else {
+        let Some(mut device) = on_device(gpu_or_skip(), &mesh, level, RemesherOptions::default()) else {
             return;
         };
         let base = gold(&mesh);
@@ -539,9 +539,9 @@ fn an_ill_conditioned_change_is_refused_as_on_the_cpu() {
         let Source::Single(base) = &source else {
             panic!("single is single")
         };
-        let options = Options {
+        let options = RemesherOptions {
             check_every: 0,
-            ..Options::default()
+            ..RemesherOptions::default()
         };
         let mut device = follow(&gpu, &mesh, &source, level, options).unwrap();
         let mut host = Levels::<f32>::new(&mesh, Arc::clone(base), level, options).unwrap();
@@ -579,9 +579,9 @@ fn a_move_waits_once_and_sends_little() {
         .flat_map(|gpu| levels.map(|level| (gpu, level)))
     {
         let mut mesh = mesh(0.45);
-        let options = Options {
+        let options = RemesherOptions {
             check_every: 0,
-            ..Options::default()
+            ..RemesherOptions::default()
         };
         let mut device = follow(gpu, &mesh, &single(&mesh), level, options).unwrap();
         let contacts = contacts(&mesh);
@@ -621,7 +621,7 @@ fn a_move_waits_once_and_sends_little() {
 #[test]
 fn devices_and_cpu_are_switched_while_running() {
     let mesh = mesh(0.45);
-    let Some(mut adaptation) = on_device(gpu_or_skip(), &mesh, Level::I, Options::default()) else {
+    let Some(mut adaptation) = on_device(gpu_or_skip(), &mesh, Level::I, RemesherOptions::default()) else {
         return;
     };
     let nodes = free_nodes(&mesh);
@@ -645,7 +645,14 @@ fn devices_and_cpu_are_switched_while_running() {
     step(&mut adaptation, 4);
     check(&adaptation, 2);
     let gpu = gpu_or_skip().expect("as before");
-    let back = follow(&gpu, adaptation.mesh(), &single(&mesh), Level::I, Options::default()).unwrap();
+    let back = follow(
+        &gpu,
+        adaptation.mesh(),
+        &single(&mesh),
+        Level::I,
+        RemesherOptions::default(),
+    )
+    .unwrap();
     adaptation.replace(Box::new(back)).unwrap();
     check(&adaptation, 2);
     step(&mut adaptation, 5);
@@ -671,11 +678,11 @@ fn what_a_device_cannot_do_is_said() {
     ));
 
     let nearly = mesh(0.499);
-    let refused = follow(&gpu, &nearly, &single(&nearly), Level::I, Options::default())
+    let refused = follow(&gpu, &nearly, &single(&nearly), Level::I, RemesherOptions::default())
         .err()
         .unwrap();
     assert!(refused.to_string().contains("0.499"), "{refused}");
-    let exact = follow(&gpu, &soft, &single(&soft), Level::Exact, Options::default())
+    let exact = follow(&gpu, &soft, &single(&soft), Level::Exact, RemesherOptions::default())
         .err()
         .unwrap();
     assert!(
@@ -689,12 +696,12 @@ fn what_a_device_cannot_do_is_said() {
         "{exact}"
     );
 
-    let mut adaptation = on_device(Some(gpu), &soft, Level::I, Options::default()).expect("as before");
+    let mut adaptation = on_device(Some(gpu), &soft, Level::I, RemesherOptions::default()).expect("as before");
     let Source::Single(base) = single(&soft) else {
         panic!("single is single")
     };
     let own = gpu_or_skip().expect("as before");
-    let lost = follow(&own, &soft, &Source::Single(base), Level::I, Options::default()).unwrap();
+    let lost = follow(&own, &soft, &Source::Single(base), Level::I, RemesherOptions::default()).unwrap();
     adaptation.replace(Box::new(lost)).unwrap();
     own.simulate_loss().unwrap();
     let (node, position) = nth_move(&soft, &free_nodes(&soft), 3);
@@ -713,7 +720,7 @@ fn the_levels_of_the_cpu_are_those_of_the_same_store_trait() {
     let Source::Single(base) = single(&mesh) else {
         panic!("single is single")
     };
-    let mut levels = Levels::<f32>::new(&mesh, Arc::clone(&base), Level::I, Options::default()).unwrap();
+    let mut levels = Levels::<f32>::new(&mesh, Arc::clone(&base), Level::I, RemesherOptions::default()).unwrap();
     assert_eq!(levels.store().size(), base.size());
     assert_eq!(levels.precision(), Precision::Single);
     let mut out = vec![0.0; base.size()];

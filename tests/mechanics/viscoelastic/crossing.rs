@@ -1,8 +1,8 @@
 //! The knee in other measures of strain, its slope, and the two structures of stiffening tissue.
 
-use insonify_mechanics::tissue::viscoelastic::point::{Body, Control, Knee, Loading, Method, Point, Structure};
+use insonify_mechanics::tissue::viscoelastic::point::{Control, Knee, Loading, Method, Point, Rheology, Structure};
 
-const LIVER: Body = Body::SpringPot {
+const LIVER: Rheology = Rheology::SpringPot {
     order: 0.1,
     modulus_kpa: 0.4,
 };
@@ -66,7 +66,7 @@ fn the_two_structures_differ_by_when_stiffness_counts() {
         };
         point.respond(&loading, Method::Exponentials).unwrap().strain
     };
-    let linear = strain(Structure::Rate, Knee::NONE);
+    let linear = strain(Structure::Rate, Knee::INFINITE);
     let load = strain(Structure::LoadIntegral, knee);
     let rate = strain(Structure::Rate, knee);
     for at in 1..4 {

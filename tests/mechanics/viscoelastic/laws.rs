@@ -1,6 +1,6 @@
 //! Creep and relaxation of bodies, from a jump at the start and from ramps.
 
-use insonify_mechanics::tissue::viscoelastic::point::{Body, Control, Knee, Loading, Method, Point, Structure};
+use insonify_mechanics::tissue::viscoelastic::point::{Control, Knee, Loading, Method, Point, Rheology, Structure};
 use libm::tgamma;
 
 use super::mittag_leffler::mittag_leffler;
@@ -24,10 +24,10 @@ fn times(method: Method) -> Vec<f64> {
     }
 }
 
-fn linear(body: Body) -> Point {
+fn linear(body: Rheology) -> Point {
     Point {
         body,
-        knee: Knee::NONE,
+        knee: Knee::INFINITE,
         structure: Structure::Rate,
     }
 }
@@ -40,8 +40,8 @@ fn held(control: Control, value: f64, time_s: Vec<f64>) -> Loading {
     }
 }
 
-fn zener(order: f64) -> Body {
-    Body::Zener {
+fn zener(order: f64) -> Rheology {
+    Rheology::Zener {
         order,
         modulus_kpa: 3.0,
         modulus_inf_kpa: 1.0,
@@ -52,7 +52,7 @@ fn zener(order: f64) -> Body {
 #[test]
 fn a_spring_pot_creeps_and_relaxes_as_a_power_of_time() {
     for order in ORDERS {
-        let point = linear(Body::SpringPot {
+        let point = linear(Rheology::SpringPot {
             order,
             modulus_kpa: 4.0,
         });
@@ -138,7 +138,7 @@ fn a_zener_body_of_order_0_is_a_spring() {
 #[test]
 fn ramps_are_exact_where_a_rule_is_linear_between_times() {
     for order in [0.1, 0.5, 0.9] {
-        let point = linear(Body::SpringPot {
+        let point = linear(Rheology::SpringPot {
             order,
             modulus_kpa: 4.0,
         });
@@ -182,7 +182,7 @@ fn the_limits_of_the_order_are_a_spring_and_a_dashpot() {
     };
     for method in METHODS {
         let strain = |order| {
-            let point = linear(Body::SpringPot {
+            let point = linear(Rheology::SpringPot {
                 order,
                 modulus_kpa: 4.0,
             });
@@ -207,7 +207,7 @@ fn the_limits_of_the_order_are_a_spring_and_a_dashpot() {
 #[test]
 fn dynamic_moduli_are_those_of_the_law() {
     // G* = G (i w)^k.
-    let pot = Body::SpringPot {
+    let pot = Rheology::SpringPot {
         order: 0.5,
         modulus_kpa: 2.0,
     };

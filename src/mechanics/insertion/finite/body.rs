@@ -18,12 +18,12 @@ const SPACING_MM: f64 = 1.0;
 const END_MM: f64 = 0.2;
 
 /// The body in the reference state.
-pub(super) struct Body {
+pub(super) struct CutTissue {
     pub anatomy: Arc<dyn Anatomy>,
     pub channel: Channel,
 }
 
-impl Body {
+impl CutTissue {
     /// Returns the interaction of a region with the needle.
     pub(super) fn interaction(&self, region: Option<i32>) -> Interaction {
         interaction(self.anatomy.as_ref(), region)

@@ -16,7 +16,7 @@ pub(super) const SAMPLE_MM: f64 = 0.25;
 
 /// Length of the path cut by the tip beyond a contact, within one region.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Layer {
+pub(super) struct CrossedLayer {
     /// `None` for tissue outside all regions.
     pub region: Option<i32>,
     /// Length of the layer, mm.
@@ -37,7 +37,7 @@ pub(super) struct Contact {
     /// Last change of the arc, per mm of advance of the base.
     pub drift: f64,
     /// Layers of the path from here to the next contact, or to the tip.
-    pub layers: Vec<Layer>,
+    pub layers: Vec<CrossedLayer>,
 }
 
 impl Contact {
@@ -45,7 +45,7 @@ impl Contact {
     pub(super) fn lengthen(&mut self, region: Option<i32>, length: f64) {
         match self.layers.last_mut() {
             Some(last) if last.region == region => last.length += length,
-            _ => self.layers.push(Layer { region, length }),
+            _ => self.layers.push(CrossedLayer { region, length }),
         }
     }
 
@@ -72,7 +72,7 @@ pub(super) fn set_friction_bounds(anatomy: &dyn Anatomy, contacts: &mut [Contact
         let contact = &mut contacts[at];
         let length = (end - contact.arc).max(0.0);
         let path = contact.path_mm();
-        let all = [Layer {
+        let all = [CrossedLayer {
             region: contact.region,
             length,
         }];
@@ -185,7 +185,7 @@ mod tests {
         contact.lengthen(Some(1), 2.0);
         contact.lengthen(Some(1), 1.0);
         contact.lengthen(Some(2), 4.0);
-        let layer = |region, length| Layer {
+        let layer = |region, length| CrossedLayer {
             region: Some(region),
             length,
         };
@@ -210,7 +210,7 @@ mod tests {
             drift: 0.0,
             layers: layers
                 .iter()
-                .map(|&(region, length)| Layer {
+                .map(|&(region, length)| CrossedLayer {
                     region: Some(region),
                     length,
                 })

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::body::Body;
+use super::body::CutTissue;
 use super::contact::{Contact, SAMPLE_MM, Slider, State};
 use super::joint::{Joint, MAX_RELEASED};
 use crate::insertion::ShaftLoad;
@@ -210,8 +210,8 @@ impl Contacts {
         for (at, contact) in self.nodes.iter_mut().enumerate() {
             let mut arc = self.starts[at];
             if !contact.slider.is_stuck() {
-                let found = line.nearest(&(contact.reference + joint.displacement(at)));
-                arc = contact.arc + (found - contact.arc) * share;
+                let nearest_arc = line.nearest(&(contact.reference + joint.displacement(at)));
+                arc = contact.arc + (nearest_arc - contact.arc) * share;
             }
             largest = largest.max((arc - contact.arc).abs());
             contact.arc = arc;
@@ -221,7 +221,7 @@ impl Contacts {
 
     /// Extends the path from the last node to the tip, which has moved in the reference state from `before` to `now`, or
     /// shortens it.
-    pub(crate) fn extend_path(&mut self, body: &Body, length: f64, before: &Point3<f64>, now: &Point3<f64>) {
+    pub(crate) fn extend_path(&mut self, body: &CutTissue, length: f64, before: &Point3<f64>, now: &Point3<f64>) {
         let Some(last) = self.nodes.last_mut() else { return };
         let beyond = length - last.arc;
         let path = last.path_mm();

@@ -150,10 +150,12 @@ impl Tissue {
     /// place nearest to `last` (reference state) along the needle whose tissue is as far along the needle as the tip.
     pub(super) fn locate_tip(&mut self, line: &CentreLine, last: Point3<f64>, from: u32) -> Option<Place> {
         let (tip, inverted) = (line.tip(), self.crushed);
-        let found = self.search(&tip, from);
+        let place = self.search(&tip, from);
         if self.crushed == inverted {
-            return found;
+            return place;
         }
+        // Inverted elements overlap: the place found may be far from where the tip has come from. Instead, the tissue along the needle's
+        // way is bracketed where it passes the tip, and bisected.
         let tangent = line.at(line.length_mm()).tangent.into_inner();
         let gap = |tissue: &mut Tissue, along: f64| {
             let place = tissue.locate_at_rest(&(last + tangent * along), from)?;

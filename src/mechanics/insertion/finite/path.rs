@@ -34,13 +34,13 @@ impl Finite {
         }
         let Some(force) = released else { return false };
         // Its element has changed shape.
-        self.tip.found = None;
+        self.tip.new_place = None;
         let is_empty = self.contacts.nodes.is_empty();
         self.tip.surface = self.tip.surface.filter(|_| advance > 0.0 && !is_empty);
         if is_empty {
             self.tip.force.stop_cutting();
             self.tip.corners.clear();
-            if !self.tip.bare {
+            if !self.tip.entered_without_node {
                 self.leave();
             }
         }
@@ -61,7 +61,7 @@ impl Finite {
             self.tip.force = TipForce::None;
         }
         self.tip.locate(&self.tissue, element);
-        if self.tip.found.is_some() {
+        if self.tip.new_place.is_some() {
             self.transfer();
         } else {
             self.tip.force.stop_cutting();
@@ -74,7 +74,7 @@ impl Finite {
     pub(super) fn advance(&mut self, advance: f64) -> bool {
         self.tip
             .break_surface(&mut self.contacts, &self.needle.line, &mut self.log);
-        let found = match (self.contacts.nodes.is_empty(), self.tip.element) {
+        let place = match (self.contacts.nodes.is_empty(), self.tip.element) {
             (true, _) if self.tip.force.row().is_none() => {
                 self.tissue.enter(self.body.anatomy.as_ref(), &self.needle.line.tip())
             }
@@ -84,7 +84,7 @@ impl Finite {
         // An unbroken surface takes its tissue along.
         let acts = self.tip.force != TipForce::None;
         let sticks = self.tip.surface.is_some() && acts && advance > 0.0;
-        let Some(place) = found else {
+        let Some(place) = place else {
             if !sticks {
                 self.be_outside();
             }
@@ -105,7 +105,7 @@ impl Finite {
         let before = self.tip.reference;
         let tangent = self.needle.tip().tangent;
         let behind = |front: &Point3<f64>| advance >= 0.0 && tangent.dot(&(front - at_rest)) > 0.0;
-        self.tip.front = self.tip.front.filter(behind);
+        self.tip.cut_front = self.tip.cut_front.filter(behind);
         let place = self.pass(&before, &at_rest, place);
         self.tip.element = Some(place.element);
         self.extend_path(&before);
@@ -127,14 +127,14 @@ impl Finite {
         if self.tip.force.is_on_bone() {
             return false;
         }
-        self.tip.found = Some(place);
+        self.tip.new_place = Some(place);
         advance > 0.0 && self.wants_node(&place) && self.remesh(&place, region)
     }
 
     /// Records what the tip has cut since it was at `before` in the reference state.
     fn cut(&mut self, before: &Point3<f64>, advance: f64) {
         let tip = &mut self.tip;
-        let recuts = tip.front.is_some();
+        let recuts = tip.cut_front.is_some();
         // A withdrawn tip keeps its cutting force until it is relieved of it.
         if advance > 0.0 {
             tip.in_channel = !recuts && self.body.channel.contains(&tip.reference, self.needle.radius_mm());
@@ -161,7 +161,7 @@ impl Finite {
     /// Records that the needle has left the body.
     fn leave(&mut self) {
         (self.needle.entry, self.tip.element, self.tip.region) = (None, None, None);
-        (self.tip.bare, self.tip.refused) = (false, None);
+        (self.tip.entered_without_node, self.tip.refused_at) = (false, None);
         self.log.note(EventKind::Out, self.needle.line.tip(), None);
     }
 
@@ -194,11 +194,11 @@ impl Finite {
             self.tip.meet_bone(bone, &point_mm, region, is_flexible, &mut self.log);
         }
         let Some((node, arc)) = self.first_node(place, at_rest, length - depth, bone.is_some()) else {
-            self.tip.bare = true;
+            self.tip.entered_without_node = true;
             if bone.is_none() {
                 self.tip.refuse(region, &self.needle.line, &mut self.log);
                 self.meet_surface(region);
-                self.tip.found = Some(*place);
+                self.tip.new_place = Some(*place);
             }
             return false;
         };
@@ -209,7 +209,7 @@ impl Finite {
         self.meet_surface(region);
         self.tip.locate(&self.tissue, place.element);
         if bone.is_some() {
-            self.tip.found = None;
+            self.tip.new_place = None;
         }
         true
     }
@@ -273,7 +273,7 @@ impl Finite {
         let spacing = self.options.spacing_mm;
         let tip = &self.tip;
         let refused = tip
-            .refused
+            .refused_at
             .is_some_and(|refused| (refused - tip.reference).norm() < spacing / 4.0);
         let last = self.contacts.nodes.last();
         let beyond = last.is_none_or(|last| {
@@ -306,7 +306,7 @@ impl Finite {
     /// motion of the needle, so it neither drags tissue nor relieves the hand. The tip comes to lie behind the node, by the
     /// amount that this yields more to the cutting force than the corners that shared it before.
     pub(super) fn transfer(&mut self) {
-        let front = self.tip.front.unwrap_or(self.tip.reference);
+        let front = self.tip.cut_front.unwrap_or(self.tip.reference);
         for _ in 0..TRANSFERS {
             self.take_tip();
             self.take_compliance();
@@ -314,17 +314,17 @@ impl Finite {
             self.take_forces();
             let (line, tissue) = (&self.needle.line, &mut self.tissue);
             let tip = &mut self.tip;
-            let found = tip
+            let place = tip
                 .element
                 .and_then(|element| tissue.locate_tip(line, tip.reference, element));
-            let Some(place) = found else { break };
+            let Some(place) = place else { break };
             let (before, at_rest) = (tip.reference, tissue.point_at(&place));
-            (tip.reference, tip.element, tip.found) = (at_rest, Some(place.element), Some(place));
+            (tip.reference, tip.element, tip.new_place) = (at_rest, Some(place.element), Some(place));
             if (at_rest - before).norm() < TRANSFERRED_MM {
                 break;
             }
         }
-        self.tip.front = Some(front);
+        self.tip.cut_front = Some(front);
         let starts = &mut self.contacts.starts;
         for (contact, start) in self.contacts.nodes.iter_mut().zip(starts) {
             let place = contact.reference + self.tissue.displacement_of(contact.node);
@@ -344,7 +344,7 @@ impl Finite {
     fn add_contact(&mut self, node: u32, arc: f64, state: State, region: i32) {
         let reference = self.tissue.adaptation.mesh().nodes()[node as usize].into();
         self.contacts.add(node, reference, arc, state, Some(region));
-        self.tip.refused = None;
+        self.tip.refused_at = None;
         self.tip.corners.retain(|other| *other != node);
         self.register_contacts();
     }

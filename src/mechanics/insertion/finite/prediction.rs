@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 
-use super::Options;
+use super::FiniteOptions;
 use super::contacts::Contacts;
 use super::location::Tetrahedron;
 use super::needle::PlacedNeedle;
@@ -40,7 +40,7 @@ impl Prediction {
         needle: &PlacedNeedle,
         tip: &Tip,
         tissue: &mut Tissue,
-        options: &Options,
+        options: &FiniteOptions,
     ) {
         let Some(last) = contacts.nodes.last() else { return };
         let inputs = Inputs {
@@ -68,7 +68,7 @@ pub(super) fn next_corner(
     needle: &PlacedNeedle,
     tip: &Tip,
     tissue: &Tissue,
-    options: &Options,
+    options: &FiniteOptions,
 ) -> Option<u32> {
     let mut element = tip.element?;
     let last = contacts.nodes.last()?;

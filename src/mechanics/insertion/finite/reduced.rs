@@ -109,12 +109,12 @@ impl Reduced {
                 };
                 coupling[column] = shares().map(|(node, share)| share * of(*node)).sum();
             }
-            let (contacts, own) = self.compliance[column * room..].split_at_mut(first);
-            for (row, entry) in contacts.iter_mut().enumerate() {
+            let (of_contacts, of_tip) = self.compliance[column * room..].split_at_mut(first);
+            for (row, entry) in of_contacts.iter_mut().enumerate() {
                 let of = |node: usize| condensed[(3 * probes + row, 3 * node + axis)];
                 *entry = shares().map(|(node, share)| share * of(*node)).sum();
             }
-            for (other, entry) in own[..=axis].iter_mut().enumerate() {
+            for (other, entry) in of_tip[..=axis].iter_mut().enumerate() {
                 let pairs = shares().flat_map(|one| shares().map(move |two| (one, two)));
                 *entry = pairs
                     .map(|((i, a), (j, b))| a * b * condensed[(3 * i + other, 3 * j + axis)])

@@ -83,9 +83,9 @@ impl State {
                 )));
             }
         }
-        let found = self.tip.state.found.map(|place| place.element);
+        let new_element = self.tip.state.new_place.map(|place| place.element);
         let lost = |element: &u32| *element as usize >= elements;
-        if let Some(element) = self.tip.state.element.into_iter().chain(found).find(lost) {
+        if let Some(element) = self.tip.state.element.into_iter().chain(new_element).find(lost) {
             return Err(foreign(format!("its tip is in element {element} of {elements}")));
         }
         self.check_forces(candidates.unwrap_or(0))?;
@@ -94,9 +94,9 @@ impl State {
 
     fn check_forces(&self, candidates: usize) -> Result<(), StepError> {
         let others = self.has_others.iter().filter(|has| **has).count();
-        let (found, expected) = (self.forces.len(), self.contacts.len() + others + self.released.len());
-        if found != expected {
-            return Err(foreign(format!("it has {found} forces; expected {expected}")));
+        let (forces, expected) = (self.forces.len(), self.contacts.len() + others + self.released.len());
+        if forces != expected {
+            return Err(foreign(format!("it has {forces} forces; expected {expected}")));
         }
         let nodes = candidates + self.contacts.len() + self.tip.state.corners.len();
         let mut shares = self.tip.state.force.row().into_iter().flat_map(|row| row.shares);
@@ -114,7 +114,7 @@ impl State {
         if nodes.is_empty() && (self.tip.base.is_some() || self.entry.is_some()) {
             return Err(foreign("its needle has no shape"));
         }
-        let is_in = self.tip.state.bare || !self.contacts.is_empty();
+        let is_in = self.tip.state.entered_without_node || !self.contacts.is_empty();
         match &self.entry {
             Some(_) if !is_in => Err(foreign("it has a point of entry of a needle that is not in tissue")),
             None if is_in => Err(foreign("it has no point of entry of a needle that is in tissue")),

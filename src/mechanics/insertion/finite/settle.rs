@@ -92,8 +92,8 @@ impl Finite {
 
     fn settle_within(&mut self, base: &Isometry3<f64>, most: usize) {
         let from = self.needle.base;
-        let found = self.attempt(base);
-        if found == Convergence::Converged {
+        let convergence = self.attempt(base);
+        if convergence == Convergence::Converged {
             return;
         }
         let from = from.filter(|from| super::farthest(from, base, self.needle.length_mm()) > MIN_PART_MM);
@@ -105,7 +105,7 @@ impl Finite {
             self.settle_within(base, most);
         } else {
             self.log.outcome.converged = false;
-            if found == Convergence::Failed {
+            if convergence == Convergence::Failed {
                 self.put_back();
                 self.needle.move_to(base);
                 self.write_arcs();

@@ -3,7 +3,7 @@
 use crate::tissue::error::LinearError;
 use std::sync::Arc;
 
-use super::body::{Body, Channel};
+use super::body::{Channel, CutTissue};
 use super::{Attempt, Contacts, Finite, Joint, Log, PlacedNeedle, Prediction, ProbeNodes, Tip, Tissue};
 use crate::insertion::interaction::MeshRegions;
 use crate::insertion::{Anatomy, Interaction, InvalidSetup, ProbeContact, validation};
@@ -19,7 +19,7 @@ use insonify_mesh::{Locator, TetMesh};
 
 /// Options for the subdivision and iteration of steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Options {
+pub struct FiniteOptions {
     /// Maximum motion of an instrument in one substep, mm.
     pub part_mm: f64,
     /// Maximum number of substeps; for longer motions each substep is longer.
@@ -34,7 +34,7 @@ pub struct Options {
     /// tried.
     pub condition_limit: f64,
     /// Limits of the remesher.
-    pub remesh: crate::tissue::remesh::Options,
+    pub remesh: crate::tissue::remesh::RemesherOptions,
     /// Number of columns of the base's compliance that are cached where there is no dense inverse (exact level).
     pub columns: usize,
     /// Whether there is a dense inverse at the exact level too: it is used there if it is in f64, and a change to another
@@ -42,16 +42,16 @@ pub struct Options {
     pub dense: bool,
 }
 
-impl Default for Options {
+impl Default for FiniteOptions {
     fn default() -> Self {
-        Options {
+        FiniteOptions {
             part_mm: 0.5,
             most_parts: 1000,
             most_iterations: 40,
             tolerance_mm: 1e-5,
             spacing_mm: 1.0,
             condition_limit: 100.0,
-            remesh: crate::tissue::remesh::Options {
+            remesh: crate::tissue::remesh::RemesherOptions {
                 deferred: true,
                 ..Default::default()
             },
@@ -84,7 +84,7 @@ pub struct Setup {
     /// Precision of the compliance.
     pub precision: Precision,
     /// Options for the subdivision and iteration of steps.
-    pub options: Options,
+    pub options: FiniteOptions,
 }
 
 impl Setup {
@@ -148,7 +148,7 @@ impl Setup {
         Ok(Finite {
             base,
             options: self.options,
-            body: Body {
+            body: CutTissue {
                 anatomy,
                 channel: Channel::default(),
             },
@@ -193,7 +193,7 @@ impl Base {
 
     /// Returns the source of compliance for a level and its precision: the dense inverse, except for the exact level where
     /// that is in f32 or missing.
-    pub(super) fn source(&self, level: Level, options: &Options) -> (Source, Precision) {
+    pub(super) fn source(&self, level: Level, options: &FiniteOptions) -> (Source, Precision) {
         let suits = |dense: &&Source| level != Level::Exact || dense.precision() == Precision::Double;
         let columns = || Source::Columns(Columns::new(Arc::clone(&self.factor), options.columns));
         let source = self.dense.as_ref().filter(suits).cloned().unwrap_or_else(columns);

@@ -61,7 +61,7 @@ fn setup(interaction: Interaction, level: Level) -> Setup {
         probe: None,
         level,
         precision: Precision::Double,
-        options: Options::default(),
+        options: FiniteOptions::default(),
         mesh,
     }
 }

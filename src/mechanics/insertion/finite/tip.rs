@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::Log;
-use super::body::Body;
+use super::body::CutTissue;
 use super::contact::{Slider, State, set_friction_bounds};
 use super::contacts::Contacts;
 use super::location::Place;
@@ -37,11 +37,13 @@ pub(super) struct Tip {
     pub cut_mm: f64,
     /// Position in the reference state before a change of the mesh that left the tip behind: up to there it cuts again,
     /// without events.
-    pub front: Option<Point3<f64>>,
+    #[serde(rename = "front")]
+    pub cut_front: Option<Point3<f64>>,
     /// Position in the reference state, mm.
     pub reference: Point3<f64>,
     /// A new place that is not yet in the system.
-    pub found: Option<Place>,
+    #[serde(rename = "found")]
+    pub new_place: Option<Place>,
     #[serde(flatten)]
     pub force: TipForce,
     /// Nodes in the system that are neither on the needle nor on the probe: corners of the element at the tip.
@@ -49,10 +51,12 @@ pub(super) struct Tip {
     /// Puncture force of an unbroken surface in front of the tip, N.
     pub surface: Option<f64>,
     /// Position at which no corner fitted, mm: none is tried again there.
-    pub refused: Option<Point3<f64>>,
+    #[serde(rename = "refused")]
+    pub refused_at: Option<Point3<f64>>,
     /// Whether the tip entered where no node could be made on or near the surface: the tissue is fixed there, and the depth
     /// counts from the entry.
-    pub bare: bool,
+    #[serde(rename = "bare")]
+    pub entered_without_node: bool,
     bone: Option<Met>,
 }
 
@@ -182,8 +186,8 @@ impl Tip {
     }
 
     /// Enters the tissue at a new place of the tip into the system.
-    pub(crate) fn add_to_system(&mut self, contacts: &mut Contacts, tissue: &mut Tissue, body: &Body) {
-        let Some(place) = self.found.take() else { return };
+    pub(crate) fn add_to_system(&mut self, contacts: &mut Contacts, tissue: &mut Tissue, body: &CutTissue) {
+        let Some(place) = self.new_place.take() else { return };
         let last = contacts.nodes.last();
         let node = last.map_or(NONE, |last| last.node);
         let before = std::mem::take(&mut self.force).into_row().map(|row| row.slider.state);
@@ -207,7 +211,7 @@ impl Tip {
     }
 
     /// Sets the bounds of all sliders.
-    pub(super) fn bound(&mut self, contacts: &mut Contacts, line: &CentreLine, body: &Body) {
+    pub(super) fn bound(&mut self, contacts: &mut Contacts, line: &CentreLine, body: &CutTissue) {
         // Shaft that has come out on another side has no friction.
         let end = self.end_in_tissue(contacts, line);
         let cut_mm = if self.outside { 0.0 } else { self.cut_mm };
@@ -234,7 +238,7 @@ impl Tip {
     }
 
     /// Returns the cutting force at the tip, N; at a surface its puncture force, until the tip has slipped into it.
-    pub(super) fn cutting(&self, body: &Body) -> f64 {
+    pub(super) fn cutting(&self, body: &CutTissue) -> f64 {
         let of = body.interaction(self.region);
         let cutting = if self.in_channel { 0.0 } else { of.cutting_n };
         self.surface.unwrap_or(cutting)
@@ -297,7 +301,7 @@ impl Tip {
     pub(crate) fn meet_surface(
         &mut self,
         region: i32,
-        body: &Body,
+        body: &CutTissue,
         needle: &PlacedNeedle,
         contacts: &mut Contacts,
         log: &mut Log,
@@ -318,10 +322,16 @@ impl Tip {
     /// Records the region that the tip has entered and returns whether its surface stops the tip. Near the last boundary no
     /// other region is recorded, so that a tip that wanders along a boundary does not cross it repeatedly; bone and critical
     /// regions always are.
-    pub(super) fn cross(&mut self, body: &Body, needle: &PlacedNeedle, contacts: &mut Contacts, log: &mut Log) -> bool {
+    pub(super) fn cross(
+        &mut self,
+        body: &CutTissue,
+        needle: &PlacedNeedle,
+        contacts: &mut Contacts,
+        log: &mut Log,
+    ) -> bool {
         let region = body.anatomy.region(&self.reference);
         let of = body.interaction(region);
-        let same = region == self.region || self.front.is_some();
+        let same = region == self.region || self.cut_front.is_some();
         let near = (self.reference - self.crossed).norm() < BORDER_MM && of.bone.is_none() && !of.critical;
         if same || near {
             return false;
@@ -338,7 +348,7 @@ impl Tip {
         &mut self,
         region: i32,
         advance: f64,
-        body: &Body,
+        body: &CutTissue,
         needle: &PlacedNeedle,
         log: &mut Log,
     ) {
@@ -378,7 +388,7 @@ impl Tip {
     }
 
     /// Limits the depth of the tip in bone, and drops bone that it has left. Returns whether the base has moved.
-    pub(crate) fn limit_depth_in_bone(&mut self, body: &Body, line: &CentreLine) -> bool {
+    pub(crate) fn limit_depth_in_bone(&mut self, body: &CutTissue, line: &CentreLine) -> bool {
         let tangent = line.at(line.length_mm()).tangent;
         let (is_pinned, reference) = (self.force.is_on_bone(), self.reference);
         let Some(met) = &mut self.bone else { return false };
@@ -402,15 +412,15 @@ impl Tip {
 
     /// Records that no corner fits at the tip; reported once, as one may fit farther on.
     pub(super) fn refuse(&mut self, region: i32, line: &CentreLine, log: &mut Log) {
-        if self.refused.replace(self.reference).is_none() {
+        if self.refused_at.replace(self.reference).is_none() {
             log.note(EventKind::NotRemeshed, line.tip(), Some(region));
         }
     }
 
     /// Locates the tip in the reference state, searching from an element.
     pub(super) fn locate(&mut self, tissue: &Tissue, from: u32) {
-        self.found = tissue.locate_at_rest(&self.reference, from);
-        if let Some(place) = &self.found {
+        self.new_place = tissue.locate_at_rest(&self.reference, from);
+        if let Some(place) = &self.new_place {
             self.element = Some(place.element);
         }
     }
@@ -424,7 +434,7 @@ impl Tip {
     /// Returns the depth of a tip that entered without a node, mm: fixed tissue stays where it is.
     pub(crate) fn depth_without_node_mm(&self, needle: &PlacedNeedle) -> f64 {
         let tangent = needle.tip().tangent;
-        let entry = needle.entry.as_ref().filter(|_| self.bare);
+        let entry = needle.entry.as_ref().filter(|_| self.entered_without_node);
         entry.map_or(0.0, |entry| tangent.dot(&(needle.line.tip() - entry.point_mm)).max(0.0))
     }
 }

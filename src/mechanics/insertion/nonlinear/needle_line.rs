@@ -3,9 +3,9 @@
 use nalgebra::{Point3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::insertion::pushing::{Layer, crossings};
+use crate::insertion::pushing::{PathLayer, crossings};
 use crate::insertion::{Anatomy, Interaction};
-use crate::tissue::nonlinear::{Body, Solid};
+use crate::tissue::nonlinear::{NonlinearBody, Solid};
 
 use super::Frame;
 
@@ -38,7 +38,7 @@ impl NeedleLine {
     /// Finds the line of a needle whose tip is at `tip`: into the first part of the body in front of it, or the one that
     /// contains it.
     pub(super) fn find<const D: usize, const N: usize>(
-        body: &Body<D, N>,
+        body: &NonlinearBody<D, N>,
         frame: &Frame<D>,
         anatomy: &dyn Anatomy,
         tip: &Point3<f64>,
@@ -85,11 +85,11 @@ impl NeedleLine {
     }
 
     /// Returns the layers, by the interactions of their regions with the needle.
-    pub(super) fn layers(&self, of: impl Fn(i32) -> Interaction) -> Vec<Layer> {
+    pub(super) fn layers(&self, of: impl Fn(i32) -> Interaction) -> Vec<PathLayer> {
         let layer = |&(from_mm, region): &(f64, i32)| {
             let of = of(region);
             let breaks = of.puncture_n > of.cutting_n;
-            Layer {
+            PathLayer {
                 from_mm,
                 membrane_n: if breaks { of.puncture_n } else { 0.0 },
                 cutting_n: of.cutting_n,

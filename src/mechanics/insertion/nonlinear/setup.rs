@@ -10,15 +10,15 @@ use crate::insertion::{Anatomy, Interaction, InvalidSetup, MeshRegions, Outcome,
 use crate::needle::{CentreLine, Shaft};
 use crate::tissue::law::AnyLaw;
 use crate::tissue::nonlinear::creep::{Creep, Memory};
-use crate::tissue::nonlinear::{Body, Options as Solving, Scheme, Sheet, Solid, Solver, Structure, Supports};
+use crate::tissue::nonlinear::{NonlinearBody, Scheme, Sheet, Solid, Solver, SolverOptions, Structure, Supports};
 use crate::tissue::viscoelastic::{Rule, Span};
 use insonify_mesh::TetMesh;
 
 /// Options for the subdivision and solution of steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Options {
+pub struct NonlinearOptions {
     /// Solver of an increment. Default: modified Newton-Raphson to 1e-6 of the largest force, in 400 iterations at most.
-    pub solving: Solving,
+    pub solving: SolverOptions,
     /// Maximum advance of the tip through tissue in one substep, mm (above 0). Default 0.5.
     pub part_mm: f64,
     /// Maximum number of substeps (1 or more); for longer motions each substep is longer. Default 1000.
@@ -29,10 +29,10 @@ pub struct Options {
     pub memory_s: [f64; 2],
 }
 
-impl Default for Options {
+impl Default for NonlinearOptions {
     fn default() -> Self {
-        Options {
-            solving: Solving {
+        NonlinearOptions {
+            solving: SolverOptions {
                 scheme: Scheme::MODIFIED,
                 tolerance: 1e-6,
                 iterations: 400,
@@ -42,6 +42,28 @@ impl Default for Options {
             memory_tolerance: 1e-6,
             memory_s: [1e-6, 1e5],
         }
+    }
+}
+
+impl NonlinearOptions {
+    /// Returns all options as text: part of the identity of saved states, so it must not change.
+    fn fingerprint(&self) -> String {
+        let NonlinearOptions {
+            solving,
+            part_mm,
+            most_parts,
+            memory_tolerance,
+            memory_s,
+        } = self;
+        let SolverOptions {
+            scheme,
+            tolerance,
+            iterations,
+        } = solving;
+        format!(
+            "Options {{ solving: Options {{ scheme: {scheme:?}, tolerance: {tolerance:?}, iterations: {iterations} }}, part_mm: \
+             {part_mm:?}, most_parts: {most_parts}, memory_tolerance: {memory_tolerance:?}, memory_s: {memory_s:?} }}"
+        )
     }
 }
 
@@ -75,7 +97,7 @@ pub struct Setup {
     /// Whether the stress of viscous tissue is followed: see [`Model::stress_kpa`](crate::insertion::Model::stress_kpa).
     pub stress: bool,
     /// Options for the subdivision and solution of steps.
-    pub options: Options,
+    pub options: NonlinearOptions,
 }
 
 /// Tissue in a plane: a sheet in plane strain.
@@ -117,7 +139,7 @@ impl Nonlinear<2, 3> {
 }
 
 impl<const D: usize, const N: usize> Nonlinear<D, N> {
-    fn of(setup: Setup, body: Arc<Body<D, N>>, frame: Frame<D>) -> Result<Self, InvalidSetup> {
+    fn of(setup: Setup, body: Arc<NonlinearBody<D, N>>, frame: Frame<D>) -> Result<Self, InvalidSetup> {
         let options = setup.options;
         let nodes = body.nodes().len();
         validation::interactions(&setup.interactions)?;
@@ -130,7 +152,12 @@ impl<const D: usize, const N: usize> Nonlinear<D, N> {
         if let Some(&(region, _)) = setup.interactions.iter().find(|(_, of)| of.peak.is_some()) {
             return Err(InvalidSetup::Peak { region });
         }
-        let name = format!("{nodes} nodes, {:?}, {:?}, {:?}", setup.shaft, setup.viscosity, options);
+        let name = format!(
+            "{nodes} nodes, {:?}, {:?}, {}",
+            setup.shaft,
+            setup.viscosity,
+            options.fingerprint()
+        );
         let solver = Solver::new(body, Supports::new(nodes, setup.fixed), options.solving)?;
         let structure = match setup.viscosity {
             None => Structure::Elastic(Box::new(solver)),

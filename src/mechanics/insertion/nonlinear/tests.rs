@@ -55,7 +55,7 @@ fn setup(viscosity: Option<Viscosity>) -> Setup {
         },
         viscosity,
         stress: false,
-        options: Options::default(),
+        options: NonlinearOptions::default(),
     }
 }
 

@@ -1,12 +1,12 @@
 //! Line through a body, the points of the body on it, and the layers along it.
 
 use crate::insertion::InvalidSetup;
-use crate::tissue::nonlinear::{Body, Contact};
+use crate::tissue::nonlinear::{Contact, NonlinearBody};
 use insonify_base::range::OutOfRange;
 
 /// A layer of tissue along the line of the needle, behind a membrane.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Layer {
+pub struct PathLayer {
     /// Start of the layer from the entry, in the reference state, mm. The first begins at 0.
     pub from_mm: f64,
     /// Strength of its membrane, N (0 or more; 0: there is none).
@@ -20,7 +20,7 @@ pub struct Layer {
 }
 
 /// Checks layers, given in the order in which they are met.
-pub(super) fn check(layers: &[Layer]) -> Result<(), InvalidSetup> {
+pub(super) fn check(layers: &[PathLayer]) -> Result<(), InvalidSetup> {
     if layers.first().is_none_or(|layer| layer.from_mm != 0.0) {
         return Err(InvalidSetup::First {
             found: layers.first().map(|layer| layer.from_mm),
@@ -88,7 +88,7 @@ pub struct Crossing {
 
 /// Returns the elements that a line passes through or along, ascending; `direction` is of unit length.
 pub fn crossings<const D: usize, const N: usize>(
-    body: &Body<D, N>,
+    body: &NonlinearBody<D, N>,
     origin: &[f64; D],
     direction: &[f64; D],
 ) -> Vec<Crossing> {
@@ -129,7 +129,7 @@ impl<const D: usize> Line<D> {
     }
 
     pub(super) fn new<const N: usize>(
-        body: &Body<D, N>,
+        body: &NonlinearBody<D, N>,
         entry: [f64; D],
         direction: [f64; D],
     ) -> Result<Self, InvalidSetup> {
@@ -170,7 +170,7 @@ impl<const D: usize> Line<D> {
     }
 
     /// Returns the point at a depth, constrained to a displacement along the line; without weights where there is no body.
-    pub(super) fn contact<const N: usize>(&self, body: &Body<D, N>, depth: f64, place_mm: f64) -> Contact {
+    pub(super) fn contact<const N: usize>(&self, body: &NonlinearBody<D, N>, depth: f64, place_mm: f64) -> Contact {
         let mut all = Vec::with_capacity(D * N);
         if let Some((element, _, weights)) = self.find(body, depth) {
             for (node, weight) in body.elements()[element].iter().zip(weights) {
@@ -192,12 +192,12 @@ impl<const D: usize> Line<D> {
     }
 
     /// Returns the least barycentric coordinate of the point at a depth: how far inside the body it is.
-    fn least<const N: usize>(&self, body: &Body<D, N>, depth: f64) -> f64 {
+    fn least<const N: usize>(&self, body: &NonlinearBody<D, N>, depth: f64) -> f64 {
         self.find(body, depth).map_or(f64::NEG_INFINITY, |(_, least, _)| least)
     }
 
     /// Finds the element that contains the point, or is nearest to it: that with the largest least barycentric coordinate.
-    fn find<const N: usize>(&self, body: &Body<D, N>, depth: f64) -> Option<(usize, f64, [f64; N])> {
+    fn find<const N: usize>(&self, body: &NonlinearBody<D, N>, depth: f64) -> Option<(usize, f64, [f64; N])> {
         let point: [f64; D] = std::array::from_fn(|axis| self.entry[axis] + depth * self.direction[axis]);
         let mut best: Option<(usize, f64, [f64; N])> = None;
         for &element in &self.elements {

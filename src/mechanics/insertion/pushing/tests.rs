@@ -4,7 +4,7 @@ use super::*;
 use crate::insertion::InvalidSetup;
 use crate::tissue::material::Material;
 use crate::tissue::nonlinear::creep::{Creep, Memory};
-use crate::tissue::nonlinear::{Options, Sheet, Solver, Stiffening, Supports};
+use crate::tissue::nonlinear::{Sheet, Solver, SolverOptions, Stiffening, Supports};
 use crate::tissue::viscoelastic::Rule;
 
 /// Two columns of 1 x 20 mm, 2 mm thick, whose nodes move along y only and in pairs: a bar of E (Poisson's ratio 0). The
@@ -32,18 +32,18 @@ fn bar() -> (Arc<Sheet>, Supports<2>) {
 
 fn elastic() -> Structure<2, 3> {
     let (body, supports) = bar();
-    Structure::Elastic(Box::new(Solver::new(body, supports, Options::default()).unwrap()))
+    Structure::Elastic(Box::new(Solver::new(body, supports, SolverOptions::default()).unwrap()))
 }
 
-const LAYERS: [Layer; 2] = [
-    Layer {
+const LAYERS: [PathLayer; 2] = [
+    PathLayer {
         from_mm: 0.0,
         membrane_n: 0.01,
         cutting_n: 0.002,
         friction_n_per_mm: 0.0005,
         static_ratio: 1.0,
     },
-    Layer {
+    PathLayer {
         from_mm: 12.0,
         membrane_n: 0.012,
         cutting_n: 0.002,
@@ -52,7 +52,7 @@ const LAYERS: [Layer; 2] = [
     },
 ];
 
-fn push(structure: Structure<2, 3>, layers: &[Layer]) -> Pushing<2, 3> {
+fn push(structure: Structure<2, 3>, layers: &[PathLayer]) -> Pushing<2, 3> {
     Pushing::new(structure, [0.0, 20.0], [0.0, -2.0], layers.to_vec()).unwrap()
 }
 
@@ -112,10 +112,10 @@ fn a_needle_pushes_punctures_and_cuts() {
 fn a_slow_needle_meets_less_force() {
     let at_speed = |mm_per_s: f64| {
         let (body, supports) = bar();
-        let solver = Solver::new(body, supports, Options::default()).unwrap();
+        let solver = Solver::new(body, supports, SolverOptions::default()).unwrap();
         let loads = vec![0.0; solver.supports().all()];
         let creep = Creep::new(solver, Memory::LoadIntegral, 0.1, Rule::Trapezoid, &loads).unwrap();
-        let strong = [Layer {
+        let strong = [PathLayer {
             membrane_n: 10.0,
             ..LAYERS[0]
         }];
@@ -150,8 +150,9 @@ fn a_way_that_begins_where_a_line_meets_the_body_is_one_whatever_its_direction()
 
 #[test]
 fn ways_are_checked() {
-    let refused =
-        |entry, direction, layers: &[Layer]| Pushing::new(elastic(), entry, direction, layers.to_vec()).unwrap_err();
+    let refused = |entry, direction, layers: &[PathLayer]| {
+        Pushing::new(elastic(), entry, direction, layers.to_vec()).unwrap_err()
+    };
     let down = [0.0, -1.0];
     assert!(matches!(
         refused([5.0, 20.0], down, &LAYERS),
@@ -174,7 +175,7 @@ fn ways_are_checked() {
         refused([0.0, 20.0], down, &twice),
         InvalidSetup::Layer { layer: 2, cause } if cause.key == "from_mm"
     ));
-    let negative = [Layer {
+    let negative = [PathLayer {
         cutting_n: -1.0,
         ..LAYERS[0]
     }];

@@ -2,11 +2,13 @@
 
 use nalgebra::{Isometry3, Point3, Translation3, Unit, Vector3};
 
+use serde::{Deserialize, Serialize};
+
 use crate::insertion::Bone;
 use crate::needle::{CentreLine, Entry};
 
 /// State of the last node of the stack.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) enum TipNode {
     /// The node is held at the tip.
     Held,
@@ -18,8 +20,8 @@ pub(super) enum TipNode {
 }
 
 /// Everything that changes from step to step except the springs, the stack and the last outcome.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Body {
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct NeedleState {
     pub step: u64,
     pub time_s: f64,
     /// Pose of the needle's base given by the hand; `None` before the first step.
@@ -48,7 +50,7 @@ pub(super) struct Body {
 const CATCH_UP_MM: f64 = 0.1;
 
 /// Bone met by the tip.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct BoneContact {
     /// Position of the tip of the unloaded needle when the tip met the bone, mm.
     pub at: Point3<f64>,

@@ -15,6 +15,7 @@
 //! stiff needle in soft tissue.
 
 use nalgebra::{Unit, Vector3};
+use serde::{Deserialize, Serialize};
 
 use super::network::Network;
 use crate::insertion::Interaction;
@@ -25,7 +26,7 @@ use crate::needle::{CentreLine, Load, Needle, Row, across};
 pub(super) const SAME_ARC_MM: f64 = 1e-9;
 
 /// A node on the shaft.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Contact {
     pub node: u32,
     /// Arc length from the base, mm.

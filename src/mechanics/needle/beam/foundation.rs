@@ -67,7 +67,7 @@ pub(super) struct Load {
 }
 
 impl Load {
-    pub(super) const NONE: Load = Load {
+    pub(super) const ZERO: Load = Load {
         force: [Vector2::new(0.0, 0.0); 2],
         stiffness: [[Matrix2::new(0.0, 0.0, 0.0, 0.0); 2]; 2],
     };

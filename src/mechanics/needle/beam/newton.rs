@@ -260,7 +260,7 @@ fn follow(division: &Division, elements: &[Element], beds: &[Bed], state: &mut S
         let far = element.far(&near, angles);
         state.nodes.push(far);
         let load = match division.layers[at] {
-            None => Load::NONE,
+            None => Load::ZERO,
             Some(layer) => foundation::load(&beds[layer], element.length, [near, far]).ok_or(Crush { element: at })?,
         };
         state.loads.push(load);

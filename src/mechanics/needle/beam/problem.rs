@@ -17,7 +17,7 @@ pub fn bending_stiffness_nmm2(young_gpa: f64, diameter_mm: f64) -> f64 {
 
 /// A layer of tissue between two planes across the needle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Layer {
+pub struct BeamLayer {
     /// Thickness of the layer, mm (above 0, at most 1e4).
     pub thickness_mm: f64,
     /// Material of the layer.
@@ -54,12 +54,12 @@ pub struct Problem {
     /// Depth of the tip, mm (0 to the sum of the layers).
     pub inserted_mm: f64,
     /// Layers, from the entry on.
-    pub layers: Vec<Layer>,
+    pub layers: Vec<BeamLayer>,
     /// Maximum length of an element, mm (above 0; Wang et al. 2023 use 1).
     pub element_mm: f64,
 }
 
-impl Layer {
+impl BeamLayer {
     /// Checks every number against its range.
     ///
     /// # Errors
@@ -169,7 +169,7 @@ pub(super) struct Bed {
 }
 
 impl Bed {
-    pub(super) fn new(layer: &Layer) -> Self {
+    pub(super) fn new(layer: &BeamLayer) -> Self {
         Bed {
             law: Law::new(&layer.material, layer.compression),
             initial_length_mm: layer.initial_length_mm,
@@ -182,8 +182,8 @@ impl Bed {
 mod tests {
     use super::*;
 
-    fn layer(thickness_mm: f64) -> Layer {
-        Layer {
+    fn layer(thickness_mm: f64) -> BeamLayer {
+        BeamLayer {
             thickness_mm,
             material: Material::NeoHookean { mu_kpa: 5.0 },
             compression: Compression::UEng,

@@ -46,7 +46,7 @@ impl Stiffening {
     pub const fn linear(material: Material) -> Stiffening {
         Stiffening {
             material,
-            knee: Knee::NONE,
+            knee: Knee::INFINITE,
         }
     }
 

@@ -1,5 +1,7 @@
 //! Body of nonlinear triangles or tetrahedra: its forces and their derivatives.
 
+use nalgebra::DMatrix;
+
 use super::invariants::{relative_strain, von_mises};
 use super::simplex::{Simplex, dot, orientation};
 use super::tangent::Kind;
@@ -12,7 +14,7 @@ const NEWTON_PER_MM2: f64 = 1e-3;
 
 /// Mesh of simplices in its reference state, with one material per element. Vectors over it have `D` entries per node.
 #[derive(Clone, Debug)]
-pub struct Body<const D: usize, const N: usize> {
+pub struct NonlinearBody<const D: usize, const N: usize> {
     nodes: Vec<[f64; D]>,
     elements: Vec<[u32; N]>,
     cells: Vec<Cell<D, N>>,
@@ -20,10 +22,10 @@ pub struct Body<const D: usize, const N: usize> {
 }
 
 /// Body of triangles in plane strain.
-pub type Sheet = Body<2, 3>;
+pub type Sheet = NonlinearBody<2, 3>;
 
 /// Body of tetrahedra.
-pub type Solid = Body<3, 4>;
+pub type Solid = NonlinearBody<3, 4>;
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cell<const D: usize, const N: usize> {
@@ -42,7 +44,7 @@ enum CellLaw {
         law: AnyLaw,
         /// Volume, N mm for each kPa.
         weight: f64,
-        /// Place of its moduli in [`Responses`].
+        /// Place of its gradient and moduli in [`Responses`].
         at: u32,
     },
 }
@@ -54,12 +56,17 @@ pub(super) type Moduli<const D: usize> = [[[[f64; D]; D]; D]; D];
 #[derive(Clone, Debug)]
 pub(super) struct Responses<const D: usize> {
     pub cells: Vec<Response<D>>,
-    /// Moduli of the elements whose law has no secant.
+    /// Displacement gradients of the elements whose law has no secant.
+    gradients: Vec<[[f64; D]; D]>,
+    /// Their moduli, where [`NonlinearBody::linearise`] has computed them.
     moduli: Vec<Moduli<D>>,
 }
 
 impl<const D: usize> Responses<D> {
     /// Moduli of an element whose law has no secant.
+    ///
+    /// # Panics
+    /// For such an element before [`NonlinearBody::linearise`].
     pub(super) fn moduli_of<const N: usize>(&self, cell: &Cell<D, N>) -> Option<&Moduli<D>> {
         match cell.law {
             CellLaw::Secant(_) => None,
@@ -67,9 +74,10 @@ impl<const D: usize> Responses<D> {
         }
     }
 
+    /// Copies what [`NonlinearBody::respond`] computes.
     pub(super) fn take(&mut self, other: &Self) {
         self.cells.copy_from_slice(&other.cells);
-        self.moduli.copy_from_slice(&other.moduli);
+        self.gradients.copy_from_slice(&other.gradients);
     }
 }
 
@@ -101,7 +109,7 @@ impl Sheet {
         if !(thickness_mm.is_finite() && thickness_mm > 0.0) {
             return Err(NonlinearError::Thickness { found: thickness_mm });
         }
-        Body::of(nodes, triangles, laws, thickness_mm)
+        NonlinearBody::of(nodes, triangles, laws, thickness_mm)
     }
 }
 
@@ -133,11 +141,11 @@ impl Solid {
     /// # Errors
     /// [`NonlinearError`] for unusable elements, or a wrong number of `laws`.
     pub fn tetrahedra(mesh: &TetMesh, laws: &[impl Copy + Into<AnyLaw>]) -> Result<Solid, NonlinearError> {
-        Body::of(mesh.nodes().to_vec(), mesh.elements().to_vec(), laws, 1.0)
+        NonlinearBody::of(mesh.nodes().to_vec(), mesh.elements().to_vec(), laws, 1.0)
     }
 }
 
-impl<const D: usize, const N: usize> Body<D, N> {
+impl<const D: usize, const N: usize> NonlinearBody<D, N> {
     /// Creates a body from nodes (mm), elements and one of `laws` per element, times a thickness: mm in plane strain, 1 in three dimensions.
     ///
     /// # Errors
@@ -200,7 +208,7 @@ impl<const D: usize, const N: usize> Body<D, N> {
             .enumerate()
             .map(cell)
             .collect::<Result<_, NonlinearError>>()?;
-        Ok(Body {
+        Ok(NonlinearBody {
             nodes,
             elements,
             cells,
@@ -229,14 +237,39 @@ impl<const D: usize, const N: usize> Body<D, N> {
 
     /// Responses of the body at rest.
     pub(super) fn at_rest(&self) -> Responses<D> {
-        let at_rest = |cell: &Cell<D, N>| match cell.law {
-            CellLaw::Secant(_) => None,
-            CellLaw::Finite { law, weight, .. } => Some(moduli(&law, &Tensor::zeros(), weight)),
-        };
+        let finite = self
+            .cells
+            .iter()
+            .filter(|cell| matches!(cell.law, CellLaw::Finite { .. }));
         Responses {
             cells: vec![Response::REST; self.cells.len()],
-            moduli: self.cells.iter().filter_map(at_rest).collect(),
+            gradients: vec![[[0.0; D]; D]; finite.count()],
+            moduli: Vec::new(),
         }
+    }
+
+    /// Computes the moduli of the elements whose law has no secant.
+    pub(super) fn linearise(&self, responses: &mut Responses<D>) {
+        let Responses { gradients, moduli, .. } = responses;
+        moduli.clear();
+        moduli.extend(self.cells.iter().filter_map(|cell| match cell.law {
+            CellLaw::Secant(_) => None,
+            CellLaw::Finite { law, weight, at } => Some(moduli_at(&law, &embedded(&gradients[at as usize]), weight)),
+        }));
+    }
+
+    /// Makes the moduli positive definite, with the magnitudes of their eigenvalues.
+    pub(super) fn make_definite(&self, responses: &mut Responses<D>) {
+        for cell in &self.cells {
+            if let CellLaw::Finite { at, .. } = cell.law {
+                make_definite(&mut responses.moduli[at as usize], LEAST_STIFFNESS * cell.mu);
+            }
+        }
+    }
+
+    /// An element that is inverted or flat under these displacements (mm), if one is.
+    pub(super) fn inverted(&self, displacement: &[f64]) -> Option<usize> {
+        (0..self.elements.len()).find(|element| self.is_inverted(*element, displacement))
     }
 
     /// Whether an element is inverted or flat under these displacements (mm).
@@ -316,15 +349,15 @@ impl<const D: usize, const N: usize> Body<D, N> {
     /// [`super::creep`]).
     pub(super) fn respond(&self, u: &[f64], offset: Option<&[f64]>, forces: &mut [f64], responses: &mut Responses<D>) {
         forces.fill(0.0);
-        let Responses { cells, moduli: all } = responses;
+        let Responses { cells, gradients, .. } = responses;
         for ((corners, cell), response) in self.elements.iter().zip(&self.cells).zip(cells) {
             let own = corners.map(|node| vector(u, node));
             let secant_law = match cell.law {
                 CellLaw::Secant(law) => law,
                 CellLaw::Finite { law, weight, at } => {
-                    let gradient = embedded(&cell.shape.gradient(&own));
-                    let stress = law.stress_kpa(&gradient) * weight;
-                    all[at as usize] = moduli(&law, &gradient, weight);
+                    let gradient = cell.shape.gradient(&own);
+                    gradients[at as usize] = gradient;
+                    let stress = law.stress_kpa(&embedded(&gradient)) * weight;
                     let stress = std::array::from_fn(|i| std::array::from_fn(|j| stress[(i, j)]));
                     add(forces, corners, &cell.shape.divergence(&stress));
                     continue;
@@ -373,9 +406,7 @@ impl<const D: usize, const N: usize> Body<D, N> {
         for ((corners, cell), response) in self.elements.iter().zip(&self.cells).zip(&responses.cells) {
             let own = corners.map(|node| vector(change, node));
             if let Some(moduli) = responses.moduli_of(cell) {
-                let gradient = cell.shape.gradient(&own);
-                let of = |rows: &[[f64; D]; D]| (0..D).map(|k| dot(rows[k], gradient[k])).sum::<f64>();
-                let stress = moduli.map(|row| row.map(|entry| of(&entry)));
+                let stress = contracted(moduli, &cell.shape.gradient(&own));
                 add(product, corners, &cell.shape.divergence(&stress));
                 continue;
             }
@@ -389,12 +420,17 @@ impl<const D: usize, const N: usize> Body<D, N> {
         }
     }
 
-    /// Multiplies Kobayashi et al.'s tangent by a change of displacement; of laws without a secant that at rest.
+    /// Multiplies Kobayashi et al.'s tangent by a change of displacement; of laws without a secant their moduli.
     pub(super) fn scalar(&self, responses: &Responses<D>, change: &[f64], product: &mut [f64]) {
         product.fill(0.0);
         for ((corners, cell), response) in self.elements.iter().zip(&self.cells).zip(&responses.cells) {
-            let strain = cell.shape.strain(&corners.map(|node| vector(change, node)));
-            let stress = cell.stress(&strain).map(|row| row.map(|x| response.scalar * x));
+            let change = corners.map(|node| vector(change, node));
+            let stress = match responses.moduli_of(cell) {
+                Some(moduli) => contracted(moduli, &cell.shape.gradient(&change)),
+                None => cell
+                    .stress(&cell.shape.strain(&change))
+                    .map(|row| row.map(|x| response.scalar * x)),
+            };
             add(product, corners, &cell.shape.divergence(&stress));
         }
     }
@@ -441,7 +477,32 @@ fn cauchy_kpa(law: &AnyLaw, gradient: &Tensor) -> Tensor {
     law.stress_kpa(gradient) * f.transpose() / f.determinant()
 }
 
-fn moduli<const D: usize>(law: &AnyLaw, gradient: &Tensor, weight: f64) -> Moduli<D> {
+/// Least eigenvalue of moduli that are made definite, relative to the shear modulus.
+const LEAST_STIFFNESS: f64 = 1e-3;
+
+/// Change of the stress by a change of the displacement gradient.
+fn contracted<const D: usize>(moduli: &Moduli<D>, gradient: &[[f64; D]; D]) -> [[f64; D]; D] {
+    let entry = |rows: &[[f64; D]; D]| (0..D).map(|k| dot(rows[k], gradient[k])).sum::<f64>();
+    moduli.map(|row| row.map(|rows| entry(&rows)))
+}
+
+/// Replaces the eigenvalues of moduli by their magnitudes, at least `least`.
+fn make_definite<const D: usize>(moduli: &mut Moduli<D>, least: f64) {
+    let size = D * D;
+    let matrix = DMatrix::from_fn(size, size, |row, column| {
+        moduli[row / D][row % D][column / D][column % D]
+    });
+    let mut eigen = matrix.symmetric_eigen();
+    eigen.eigenvalues.apply(|value| *value = value.abs().max(least));
+    let definite = eigen.recompose();
+    for row in 0..size {
+        for column in 0..size {
+            moduli[row / D][row % D][column / D][column % D] = definite[(row, column)];
+        }
+    }
+}
+
+fn moduli_at<const D: usize>(law: &AnyLaw, gradient: &Tensor, weight: f64) -> Moduli<D> {
     let all = law.moduli_kpa(gradient) * weight;
     let entry = |i, j, k, l| all[(3 * i + j, 3 * k + l)];
     use std::array::from_fn;

@@ -3,6 +3,7 @@
 mod approximate;
 mod iteration;
 mod linear;
+mod parts;
 mod schemes;
 mod target;
 
@@ -11,7 +12,7 @@ pub use target::{Contact, Target};
 use std::sync::Arc;
 
 use super::anderson::Anderson;
-use super::body::{Body, Responses};
+use super::body::{NonlinearBody, Responses};
 use super::predictor::Predictor;
 use super::refactorisation::RefactorisationPolicy;
 use super::tangent::Kind;
@@ -21,9 +22,9 @@ use linear::{Equations, Linear};
 /// Body with its supports and state.
 #[derive(Clone, Debug)]
 pub struct Solver<const D: usize, const N: usize> {
-    body: Arc<Body<D, N>>,
+    body: Arc<NonlinearBody<D, N>>,
     supports: Supports<D>,
-    options: Options,
+    options: SolverOptions,
     linear: Linear<D>,
     state: State<D>,
     /// State before the iteration; `start` is that before the increment.
@@ -72,7 +73,11 @@ impl<const D: usize, const N: usize> Solver<D, N> {
     ///
     /// # Panics
     /// If the supports have another number of nodes.
-    pub fn new(body: Arc<Body<D, N>>, supports: Supports<D>, options: Options) -> Result<Self, NonlinearError> {
+    pub fn new(
+        body: Arc<NonlinearBody<D, N>>,
+        supports: Supports<D>,
+        options: SolverOptions,
+    ) -> Result<Self, NonlinearError> {
         assert_eq!(body.nodes().len(), supports.nodes(), "supports of another body");
         let all = supports.all();
         let state = State {
@@ -103,7 +108,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
     }
 
     /// Body to be solved.
-    pub fn body(&self) -> &Arc<Body<D, N>> {
+    pub fn body(&self) -> &Arc<NonlinearBody<D, N>> {
         &self.body
     }
 
@@ -149,8 +154,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             kind: Kind::Scalar,
             closeness: schemes::CLOSEST,
         };
-        self.linear
-            .solve(&self.body, &self.supports, &rest, exact, &mut self.rest);
+        self.linear.solve(&self.body, &self.supports, exact, &mut self.rest);
         let mut displacement = vec![0.0; loads.len()];
         for (&dof, value) in self.supports.free().iter().zip(&self.rest) {
             displacement[dof as usize] = *value;
@@ -185,7 +189,10 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         self.progress.iterations = 0;
         self.progress.factorisations = 0;
         self.progress.residuals.clear();
-        let result = self.advance(target);
+        let result = match self.advance(target) {
+            Err(error) if self.may_be_parted(&error) => self.advance_in_parts(target),
+            result => result,
+        };
         if let Err(error) = result {
             self.state.take(&self.start);
             return Err(error);
@@ -300,7 +307,7 @@ impl Scheme {
 
 /// Options of a solver.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Options {
+pub struct SolverOptions {
     /// Solution scheme.
     pub scheme: Scheme,
     /// Largest unbalanced force relative to the largest nodal force so far. Default 1e-9.
@@ -310,9 +317,9 @@ pub struct Options {
     pub iterations: usize,
 }
 
-impl Default for Options {
+impl Default for SolverOptions {
     fn default() -> Self {
-        Options {
+        SolverOptions {
             scheme: Scheme::default(),
             tolerance: 1e-9,
             iterations: 60,

@@ -2,7 +2,7 @@
 
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 
-use super::body::{Body, Moduli, Responses};
+use super::body::{Moduli, NonlinearBody, Responses};
 use super::simplex::dot;
 use super::{NONE, Supports};
 use crate::tissue::factor::Symmetric;
@@ -10,7 +10,7 @@ use crate::tissue::factor::Symmetric;
 /// Kind of tangent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
-    /// Element stiffnesses times Kobayashi et al.'s scalar tangent.
+    /// Element stiffnesses times Kobayashi et al.'s scalar tangent; of laws without a secant their moduli.
     Scalar,
     /// The symmetric part of the consistent tangent.
     Consistent,
@@ -74,7 +74,7 @@ impl<const D: usize> Tangent<D> {
     }
 
     /// Assembles the tangent of a body from the responses of its elements.
-    pub(super) fn fill<const N: usize>(&mut self, body: &Body<D, N>, responses: &Responses<D>, kind: Kind) {
+    pub(super) fn fill<const N: usize>(&mut self, body: &NonlinearBody<D, N>, responses: &Responses<D>, kind: Kind) {
         self.values.fill(0.0);
         let width = D * N;
         let per_element = width * (width + 1) / 2;
@@ -85,7 +85,7 @@ impl<const D: usize> Tangent<D> {
             .zip(self.places.chunks_exact(per_element));
         for ((cell, response), places) in parts {
             let gradients = &cell.shape.gradients;
-            let moduli = (kind == Kind::Consistent).then(|| responses.moduli_of(cell)).flatten();
+            let moduli = responses.moduli_of(cell);
             let stiffness = match kind {
                 Kind::Scalar => response.scalar,
                 Kind::Consistent => response.secant,

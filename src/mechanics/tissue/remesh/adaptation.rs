@@ -2,14 +2,14 @@
 
 use super::adapted::{AdaptedMesh, Change, Record};
 use super::make::{Maker, Source, make};
-use super::{Level, Options, Precision, RemeshError, RemeshReport, Remesher};
+use super::{Level, Precision, RemeshError, RemeshReport, Remesher, RemesherOptions};
 
 /// Mesh with its remesher, and the base compliance that another remesher can be made from.
 pub struct Adaptation {
     mesh: AdaptedMesh,
     remesher: Box<dyn Remesher>,
     source: Source,
-    options: Options,
+    options: RemesherOptions,
     /// Constructor of remeshers, if other than [`make`].
     maker: Option<Maker>,
     /// Why a device was given up, until reported.
@@ -28,7 +28,7 @@ impl Adaptation {
         source: Source,
         level: Level,
         precision: Precision,
-        options: Options,
+        options: RemesherOptions,
     ) -> Result<Adaptation, RemeshError> {
         Adaptation::with_maker(mesh, source, level, precision, options, None)
     }
@@ -43,7 +43,7 @@ impl Adaptation {
         source: Source,
         level: Level,
         precision: Precision,
-        options: Options,
+        options: RemesherOptions,
         maker: Option<Maker>,
     ) -> Result<Adaptation, RemeshError> {
         let remesher = maker.as_deref().unwrap_or(&make)(level, precision, &source, &mesh, options)?;

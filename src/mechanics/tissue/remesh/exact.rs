@@ -34,7 +34,9 @@ use faer::{Mat, MatMut, MatRef};
 
 use super::adapted::{AdaptedMesh, Change};
 use super::difference::Difference;
-use super::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, SampleSchedule, check_step};
+use super::{
+    Level, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, RemesherOptions, SampleSchedule, check_step,
+};
 use crate::tissue::compliance::{Compliance, check_dofs};
 use contacts::Contacts;
 use speculation::Speculation;
@@ -46,7 +48,7 @@ use update::Work;
 pub struct Exact {
     source: Box<dyn Compliance + Send>,
     precision: Precision,
-    options: Options,
+    options: RemesherOptions,
     held: Support,
     contacts: Contacts,
     difference: Difference,
@@ -81,7 +83,7 @@ impl Exact {
         mesh: &AdaptedMesh,
         source: Box<dyn Compliance + Send>,
         precision: Precision,
-        options: Options,
+        options: RemesherOptions,
     ) -> Result<Exact, RemeshError> {
         let size = mesh.dofs().free();
         fits(&*source, size)?;

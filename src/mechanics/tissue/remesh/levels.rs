@@ -32,7 +32,9 @@ use faer::{Mat, MatMut, MatRef};
 
 use super::adapted::{AdaptedMesh, Change};
 use super::make::Entry;
-use super::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, SampleSchedule, check_step};
+use super::{
+    Level, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, RemesherOptions, SampleSchedule, check_step,
+};
 use crate::tissue::compliance::{check_distinct, check_dofs, check_shape};
 use crate::tissue::dofs::NONE;
 use crate::tissue::symmetric::Symmetric;
@@ -48,7 +50,7 @@ pub type Levels<T> = DenseInverseRemesher<Host<T>>;
 pub struct DenseInverseRemesher<S> {
     inverse: Inverse<S>,
     level: Level,
-    options: Options,
+    options: RemesherOptions,
     contacts: Vec<usize>,
     condensed: Mat<f64>,
     step: u64,
@@ -69,7 +71,7 @@ impl<T: Entry> Levels<T> {
         mesh: &AdaptedMesh,
         base: Arc<Symmetric<T>>,
         level: Level,
-        options: Options,
+        options: RemesherOptions,
     ) -> Result<Levels<T>, RemeshError> {
         DenseInverseRemesher::start(mesh, Host::new(base), level, options)
     }
@@ -87,7 +89,7 @@ impl<S: Store> DenseInverseRemesher<S> {
     ///
     /// # Errors
     /// [`RemeshError`] as of [`Levels::new`].
-    pub fn start(mesh: &AdaptedMesh, store: S, level: Level, options: Options) -> Result<Self, RemeshError> {
+    pub fn start(mesh: &AdaptedMesh, store: S, level: Level, options: RemesherOptions) -> Result<Self, RemeshError> {
         if level == Level::Exact {
             return Err(RemeshError::Level {
                 asked: level,

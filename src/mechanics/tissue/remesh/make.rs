@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::adapted::AdaptedMesh;
 use super::exact::Exact;
 use super::levels::Levels;
-use super::{Level, Options, Precision, RemeshError, Remesher};
+use super::{Level, Precision, RemeshError, Remesher, RemesherOptions};
 use crate::tissue::columns::Columns;
 use crate::tissue::compliance::Compliance;
 use crate::tissue::symmetric::{Scalar, Symmetric};
@@ -55,8 +55,9 @@ impl Entry for f64 {
 }
 
 /// Constructor of remeshers with the interface of [`make`], possibly on a device.
-pub type Maker =
-    Box<dyn Fn(Level, Precision, &Source, &AdaptedMesh, Options) -> Result<Box<dyn Remesher>, RemeshError> + Send>;
+pub type Maker = Box<
+    dyn Fn(Level, Precision, &Source, &AdaptedMesh, RemesherOptions) -> Result<Box<dyn Remesher>, RemeshError> + Send,
+>;
 
 /// Creates a remesher at `level` from the current state of `mesh` and the compliance of its base. Levels I to IV need a
 /// dense inverse, and use the requested precision if the source has it or a higher one; the exact level accepts any
@@ -71,7 +72,7 @@ pub fn make(
     precision: Precision,
     source: &Source,
     mesh: &AdaptedMesh,
-    options: Options,
+    options: RemesherOptions,
 ) -> Result<Box<dyn Remesher>, RemeshError> {
     let unsuited = |reason: &str| RemeshError::Unsuited {
         level,

@@ -1,6 +1,6 @@
 //! Material point in simple shear: stress from strain, or strain from stress.
 //!
-//! A linear [`Body`] relates shear strain and shear stress through its memory. A [`Knee`] stiffens it at large strain,
+//! A linear [`Rheology`] relates shear strain and shear stress through its memory. A [`Knee`] stiffens it at large strain,
 //! after the creep tests of Kobayashi et al. 2010 (figure 8, equation 3), by one of the two laws of the [module
 //! above](super) ([`Structure`]). With `s` the stiffness at a strain relative to that below the knee, and `B` the
 //! operator of the linear body on a history of strain:
@@ -16,7 +16,7 @@ mod body;
 mod respond;
 
 pub use crate::tissue::knee::Knee;
-pub use body::Body;
+pub use body::Rheology;
 pub use respond::{Loading, Method, Response};
 
 use insonify_base::range::OutOfRange;
@@ -50,7 +50,7 @@ pub enum Control {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
     /// Linear body below the knee.
-    pub body: Body,
+    pub body: Rheology,
     /// Strain-stiffening law.
     pub knee: Knee,
     /// Relation of stiffening and memory.

@@ -4,7 +4,7 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use super::{CreepTest, moduli};
 use insonify_mechanics::tissue::viscoelastic::HistoryError;
-use insonify_mechanics::tissue::viscoelastic::point::{Body, Control, Knee, Loading, Method, Point, Structure};
+use insonify_mechanics::tissue::viscoelastic::point::{Control, Knee, Loading, Method, Point, Rheology, Structure};
 
 /// Number of tried knees between 0 and the largest strain.
 const TRIED_KNEES: usize = 400;
@@ -187,7 +187,7 @@ impl StiffeningCurve {
     /// Creep at the stress and times of a test under the `rate` law.
     fn creep(&self, test: &CreepTest, order: f64) -> Result<CreepTest, HistoryError> {
         let point = Point {
-            body: Body::SpringPot {
+            body: Rheology::SpringPot {
                 order,
                 modulus_kpa: self.0[0],
             },

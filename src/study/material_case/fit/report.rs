@@ -49,7 +49,7 @@ impl MaterialFit {
                 strain: knee.value,
                 stiffening: stiffening.value,
             },
-            _ => Knee::NONE,
+            _ => Knee::INFINITE,
         };
         let strains = (0..=CURVE_POINTS).map(|at| largest * at as f64 / CURVE_POINTS as f64);
         let law = strains.map(|strain| [strain, fit.modulus_kpa.value * knee.factor(strain)]);

@@ -7,7 +7,7 @@ use crate::stability::fixtures::{
 };
 use crate::stability::record::{Record, Unexpected, largest};
 use insonify_mechanics::block::{self, USUAL};
-use insonify_mechanics::insertion::finite::{Finite, Options, Setup};
+use insonify_mechanics::insertion::finite::{Finite, FiniteOptions, Setup};
 use insonify_mechanics::insertion::spring::MassSpring;
 use insonify_mechanics::insertion::{
     Anatomy, EventKind, Instruments, Interaction, Model, Outcome, ProbeContact, Snapshot,
@@ -16,10 +16,14 @@ use insonify_mechanics::needle::{Bevel, Shaft, Stiffness};
 use insonify_mechanics::tissue::material::Material;
 use insonify_mesh::TetMesh;
 
-/// Insertion depth and advance per step, mm.
-const WAY_MM: [f64; 2] = [50.0, 0.5];
-/// Amplitude of the subsequent oscillation, mm, and steps per period.
-const SWING: (f64, usize) = (0.2, 10);
+/// Depth of the insertion, mm.
+const DEPTH_MM: f64 = 50.0;
+/// Advance per step, mm.
+const ADVANCE_MM: f64 = 0.5;
+/// Amplitude of the subsequent oscillation, mm.
+const SWING_MM: f64 = 0.2;
+/// Steps per period of it.
+const SWING_STEPS: usize = 10;
 /// Force difference allowed, N: the response of a dissipative system to periodic motion is periodic, to the tolerance of the iterations
 /// (1e-5 mm) through stiffnesses below 100 N/mm.
 const SAME_N: f64 = 1e-3;
@@ -51,18 +55,17 @@ pub(super) fn contrasts(record: &mut Record<'_>) -> Result<(), Unexpected> {
         })?;
         let name = format!("needle x {needle:e}, tissue {young_kpa} kPa");
         let mut watch = Watch::default();
-        let [depth, advance] = WAY_MM;
-        for step in 0..=(depth / advance) as usize {
-            watch.see(go_guided(&mut finite, step as f64 * advance)?);
+        for step in 0..=(DEPTH_MM / ADVANCE_MM) as usize {
+            watch.see(go_guided(&mut finite, step as f64 * ADVANCE_MM)?);
         }
         let (mut first, mut last) = (0.0, 0.0);
         for step in 0..steps {
-            let phase = std::f64::consts::TAU * step as f64 / SWING.1 as f64;
-            let outcome = go_guided(&mut finite, depth - SWING.0 * phase.sin())?;
+            let phase = std::f64::consts::TAU * step as f64 / SWING_STEPS as f64;
+            let outcome = go_guided(&mut finite, DEPTH_MM - SWING_MM * phase.sin())?;
             watch.see(outcome);
             let size = outcome.on_hand.force_n.norm();
             // The first periods are the transient.
-            if (2 * SWING.1..steps / 2).contains(&step) {
+            if (2 * SWING_STEPS..steps / 2).contains(&step) {
                 first = largest([first, size]);
             } else if step >= steps / 2 {
                 last = largest([last, size]);
@@ -93,7 +96,6 @@ fn go_guided(finite: &mut Finite, z: f64) -> Result<&Outcome, Unexpected> {
 
 /// Turns the base of an inserted needle about the skin, so that the shaft bends between hand and tip.
 pub(crate) fn bent_far(record: &mut Record<'_>) -> Result<(), Unexpected> {
-    const DEPTH_MM: f64 = 50.0;
     const TURN_DEG: f64 = 60.0;
     let steps: usize = record.effort().pick(60, 600);
     let all = [(1.0, 10.0), (0.1, 100.0), (1.0, 100.0)];
@@ -143,9 +145,9 @@ pub(crate) fn bent_far(record: &mut Record<'_>) -> Result<(), Unexpected> {
 
 /// Compares 50 mm in one step with many steps.
 pub(crate) fn large_step(record: &mut Record<'_>) -> Result<(), Unexpected> {
-    const WAY_MM: [f64; 2] = [-2.0, 48.0];
+    const FROM_TO_MM: [f64; 2] = [-2.0, 48.0];
     // Substeps are no longer than this, mm.
-    let part = insonify_mechanics::insertion::finite::Options::default().part_mm;
+    let part = insonify_mechanics::insertion::finite::FiniteOptions::default().part_mm;
     let both: [(&str, Box<dyn Fn() -> Result<Box<dyn Model>, Unexpected>>, f64); 2] = [
         (
             "finite elements",
@@ -161,15 +163,15 @@ pub(crate) fn large_step(record: &mut Record<'_>) -> Result<(), Unexpected> {
     for (name, make, part) in both {
         let mut long = make()?;
         let mut watch = Watch::default();
-        watch.see(go(&mut *long, WAY_MM[0])?);
-        let outcome = go(&mut *long, WAY_MM[1])?.clone();
+        watch.see(go(&mut *long, FROM_TO_MM[0])?);
+        let outcome = go(&mut *long, FROM_TO_MM[1])?.clone();
         watch.see(&outcome);
         let mut short = make()?;
-        go(&mut *short, WAY_MM[0])?;
-        travel(&mut *short, WAY_MM, 0.1, |_| {})?;
+        go(&mut *short, FROM_TO_MM[0])?;
+        travel(&mut *short, FROM_TO_MM, 0.1, |_| {})?;
         let last = short.outcome();
         watch.write(record, name);
-        let needed = (WAY_MM[1] - WAY_MM[0]) / part;
+        let needed = (FROM_TO_MM[1] - FROM_TO_MM[0]) / part;
         record.under(format!("parts missing, {name}"), needed - outcome.substeps as f64, 0.0);
         record.under(
             format!("contacts unlike those of small steps, {name}"),
@@ -177,10 +179,10 @@ pub(crate) fn large_step(record: &mut Record<'_>) -> Result<(), Unexpected> {
             1.0,
         );
         let order = [EventKind::Skin, EventKind::Puncture];
-        let found = outcome.events.iter().map(|event| event.kind).zip(order);
+        let in_order = outcome.events.iter().map(|event| event.kind).zip(order);
         record.zero(
             format!("skin and puncture not seen, {name}"),
-            2.0 - found.filter(|(found, expected)| found == expected).count() as f64,
+            2.0 - in_order.filter(|(kind, expected)| kind == expected).count() as f64,
         );
         record.report(
             format!("force unlike that of small steps, N, {name}"),
@@ -204,7 +206,7 @@ pub(super) fn crushed(record: &mut Record<'_>) -> Result<(), Unexpected> {
     });
     let mut finite = build(setup)?;
     let mut watch = Watch::default();
-    let mut told = 0;
+    let mut crushed_events = 0;
     let mut step = |finite: &mut dyn Model, shift: f64, z: f64| -> Result<Outcome, Unexpected> {
         let instruments = Instruments {
             probe: Some(pose(shift)),
@@ -212,7 +214,7 @@ pub(super) fn crushed(record: &mut Record<'_>) -> Result<(), Unexpected> {
         };
         let outcome = finite.step(&instruments, STEP_S)?.clone();
         watch.see(&outcome);
-        told += outcome
+        crushed_events += outcome
             .events
             .iter()
             .filter(|event| event.kind == EventKind::Crushed)
@@ -234,7 +236,7 @@ pub(super) fn crushed(record: &mut Record<'_>) -> Result<(), Unexpected> {
     }
     let back = step(&mut finite, 0.0, -7.0)?;
     watch.write(record, "a needle in crushed tissue");
-    record.report("events of crushed tissue", told as f64);
+    record.report("events of crushed tissue", crushed_events as f64);
     let left = back.on_probe.map_or(f64::NAN, |wrench| wrench.force_n.norm());
     record.under("force left on the probe, N", left, 1e-6);
     record.under("displacement left, mm", largest([displaced(&image(&mut finite))]), 1e-6);
@@ -252,14 +254,16 @@ const ROUNDING_MM: f64 = 1.0 / (1u64 << 37) as f64;
 const ROUNDINGS: f64 = 32.0;
 /// Upper limit of the stiffness of tissue or needle across a contact, N/mm (as in [`stiffness`](super::stiffness)).
 const STIFFEST_N_PER_MM: f64 = 100.0;
-/// Start and end depth and advance per step, mm: no step reaches a node, a face or a multiple of a spacing, so that rounding decides
-/// nothing.
-const AWAY_WAY_MM: [f64; 3] = [-1.3125, 38.0, 0.375];
+/// Start and end depth of the insertion far away, mm: with its advance no step reaches a node, a face or a multiple of a spacing, so that
+/// rounding decides nothing.
+const AWAY_FROM_TO_MM: [f64; 2] = [-1.3125, 38.0];
+/// Its advance per step, mm.
+const AWAY_ADVANCE_MM: f64 = 0.375;
 /// Number of the last steps that are also made backwards.
 const BACK: usize = 40;
 
 /// Insertion that is compared with its translated copy.
-struct Case {
+struct Insertion {
     name: &'static str,
     /// Creates the tissue model translated by a vector, mm.
     make: fn(&Vector3<f64>) -> Result<Box<dyn Model>, Unexpected>,
@@ -268,9 +272,9 @@ struct Case {
     tolerance_mm: f64,
 }
 
-fn cases() -> [Case; 4] {
-    let tolerance_mm = Options::default().tolerance_mm;
-    let finite = |name, make, probe| Case {
+fn cases() -> [Insertion; 4] {
+    let tolerance_mm = FiniteOptions::default().tolerance_mm;
+    let finite = |name, make, probe| Insertion {
         name,
         make,
         probe,
@@ -280,7 +284,7 @@ fn cases() -> [Case; 4] {
         finite("a rigid needle", |by| Ok(Box::new(build(moved(by)?)?)), false),
         finite("a needle of springs", |by| bending(by, false), false),
         finite("a needle of springs and a probe", |by| bending(by, true), true),
-        Case {
+        Insertion {
             name: "masses and springs",
             make: masses,
             probe: false,
@@ -372,14 +376,14 @@ fn instruments(depth: f64, probe: bool, by: &Vector3<f64>) -> Instruments {
 }
 
 /// Inserts and partly withdraws the needle; returns the outcome of each step and the final node positions, mm.
-fn run(case: &Case, by: &Vector3<f64>, watch: &mut Watch) -> Result<(Vec<Outcome>, Vec<[f64; 3]>), Unexpected> {
+fn run(case: &Insertion, by: &Vector3<f64>, watch: &mut Watch) -> Result<(Vec<Outcome>, Vec<[f64; 3]>), Unexpected> {
     let mut model = (case.make)(by)?;
-    let [from, to, step] = AWAY_WAY_MM;
-    let count = ((to - from) / step) as usize;
+    let [from, to] = AWAY_FROM_TO_MM;
+    let count = ((to - from) / AWAY_ADVANCE_MM) as usize;
     let depths = (0..=count).chain((count - BACK..count).rev());
     let mut outcomes = Vec::new();
     for at in depths {
-        let instruments = instruments(from + step * at as f64, case.probe, by);
+        let instruments = instruments(from + AWAY_ADVANCE_MM * at as f64, case.probe, by);
         let outcome = model.step(&instruments, STEP_S)?;
         watch.see(outcome);
         outcomes.push(outcome.clone());

@@ -12,7 +12,7 @@ use insonify_imaging::parity::{Case, check};
 use insonify_imaging::synth::tables::{Anatomy, ImageSize, Settings};
 use insonify_imaging::synth::{FrameState, NeedleShaft};
 use insonify_mesh::Displacement;
-use insonify_tracking::probe::{Curvilinear, Linear, Phased, Probe, ProbeShape, TrusSagittal, TrusTransverse};
+use insonify_tracking::probe::{Probe, ProbeShape, ProbeSpec};
 
 /// Random number stream of one scene.
 struct Draw {
@@ -113,33 +113,24 @@ fn anatomy(draw: &mut Draw, centre: [f64; 3]) -> Anatomy {
     anatomy
 }
 
+/// Draws a probe of any kind, with numbers near those of the kind's example.
 fn probe(draw: &mut Draw) -> Probe {
-    let shape = match draw.below(5) {
-        0 => ProbeShape::Linear(Linear {
-            width_mm: draw.within(10.0, 45.0),
-        }),
-        1 => ProbeShape::Curvilinear(Curvilinear {
-            radius_mm: draw.within(10.0, 60.0),
-            angle_deg: draw.within(20.0, 90.0),
-        }),
-        2 => ProbeShape::Phased(Phased {
-            angle_deg: draw.within(30.0, 100.0),
-        }),
-        3 => ProbeShape::TrusTransverse(TrusTransverse {
-            radius_mm: draw.within(5.0, 12.0),
-            angle_deg: draw.within(60.0, 260.0),
-        }),
-        _ => ProbeShape::TrusSagittal(TrusSagittal {
-            length_mm: draw.within(20.0, 60.0),
-        }),
-    };
-    Probe {
+    let (_, shape) = ProbeShape::EXAMPLES[draw.below(ProbeShape::EXAMPLES.len())];
+    let usual = Probe {
         shape,
         depth_mm: draw.within(20.0, 50.0),
         frequency_mhz: draw.within(2.0, 12.0),
         lines: 4 + draw.below(28) as u32,
         samples: 24 + draw.below(120) as u32,
-    }
+    };
+    let valid = (0..MAX_DRAWS).find_map(|_| {
+        let numbers = shape.numbers().into_iter();
+        let shape = numbers
+            .map(|(key, number)| (key, number * draw.within(0.4, 1.6)))
+            .collect();
+        Probe::try_from(ProbeSpec { shape, ..usual.into() }).ok()
+    });
+    valid.unwrap_or(usual)
 }
 
 /// Draws a pose at the rim of the volume that looks towards its middle, with a random roll.
@@ -245,7 +236,7 @@ fn effects(draw: &mut Draw) -> Effects {
     Effects::deserialize(Value::from(drawn)).unwrap_or_default()
 }
 
-/// Most draws of an effect until its parameters fit together.
+/// Most draws of an effect or a probe until its parameters fit together.
 const MAX_DRAWS: usize = 100;
 
 /// Follows the reference of a node of a schema.

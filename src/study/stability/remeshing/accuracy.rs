@@ -10,7 +10,7 @@ use insonify_mechanics::remesh_gpu::follow;
 use insonify_mechanics::tissue::factor::pivots;
 use insonify_mechanics::tissue::inverse::sampled_residual;
 use insonify_mechanics::tissue::remesh::{
-    Adaptation, Level, Options, Precision, Rebuilt, RemeshError, Remesher, Source,
+    Adaptation, Level, Precision, Rebuilt, RemeshError, Remesher, RemesherOptions, Source,
 };
 
 const POISSON: [f64; 3] = [0.45, 0.499, 0.4999];
@@ -47,7 +47,7 @@ fn spread(start: &Start) -> Vec<u32> {
 /// Tests the exact level: S computed from scratch, C monitored and refreshed.
 pub(super) fn exact(record: &mut Record<'_>) -> Result<(), Unexpected> {
     each(record, |record, backend, start, poisson| {
-        let mut adaptation = backend.follow(start, Level::Exact, Options::default())?;
+        let mut adaptation = backend.follow(start, Level::Exact, RemesherOptions::default())?;
         let (nodes, mut done, mut rebuilds, mut failed) = (spread(start), 0, 0u32, 0u32);
         for &count in counts(record) {
             start.go(&mut adaptation, &nodes, done..count, |_, report| {
@@ -83,7 +83,7 @@ pub(super) fn exact(record: &mut Record<'_>) -> Result<(), Unexpected> {
 }
 
 /// Returns the residual tolerance enforced by the monitor of level I.
-fn tolerance(options: &Options, precision: Precision) -> f64 {
+fn tolerance(options: &RemesherOptions, precision: Precision) -> f64 {
     match precision {
         Precision::Single => options.residual_single,
         Precision::Double => options.residual_double,
@@ -100,7 +100,7 @@ fn of_contacts(adaptation: &mut Adaptation) -> Result<f64, RemeshError> {
 /// Tests level I: rounding accumulates in the inverse and is monitored.
 pub(super) fn first(record: &mut Record<'_>) -> Result<(), Unexpected> {
     each(record, |record, backend, start, poisson| {
-        let options = Options::default();
+        let options = RemesherOptions::default();
         let beyond = poisson > options.single_poisson_limit && backend.precision == Precision::Single;
         if beyond {
             let refused = backend.follow(start, Level::I, options);
@@ -156,12 +156,12 @@ fn drifting(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let start = Start::new(record.seed(), 0.499)?;
     let backends = BACKENDS.iter().filter(|backend| backend.precision == Precision::Single);
     for backend in backends {
-        let watched = Options {
+        let watched = RemesherOptions {
             single_poisson_limit: 0.5,
             check_every: 1,
-            ..Options::default()
+            ..RemesherOptions::default()
         };
-        let unwatched = Options {
+        let unwatched = RemesherOptions {
             check_every: 0,
             ..watched
         };
@@ -197,7 +197,7 @@ fn is_definite(adaptation: &Adaptation) -> bool {
 pub(super) fn lower(record: &mut Record<'_>) -> Result<(), Unexpected> {
     each(record, |record, backend, start, poisson| {
         for level in [Level::II, Level::III] {
-            let options = Options::default();
+            let options = RemesherOptions::default();
             let mut adaptation = match backend.follow(start, level, options) {
                 Err(RemeshError::Unsuited { .. }) if backend.precision == Precision::Single && poisson > 0.49 => {
                     continue;
@@ -239,10 +239,10 @@ pub(super) fn all(record: &mut Record<'_>) -> Result<(), Unexpected> {
         for level in [Level::I, Level::II, Level::III] {
             let what = format!("level {level}, {}", gpu.report().name);
             let source = Source::Single(Arc::clone(&start.single));
-            let mut device = follow(gpu, &start.mesh, &source, level, Options::default())?;
+            let mut device = follow(gpu, &start.mesh, &source, level, RemesherOptions::default())?;
             device.set_contacts(&start.contacts)?;
             let mut mesh = start.mesh.clone();
-            let mut reference = double.follow(&start, level, Options::default())?;
+            let mut reference = double.follow(&start, level, RemesherOptions::default())?;
             start.go(&mut reference, &start.free, 0..COMPARED, |_, _| Ok(()))?;
             let (mut rebuilds, mut wrong) = (0, 0);
             for n in 0..many {
@@ -293,7 +293,7 @@ pub(crate) fn single_and_double(record: &mut Record<'_>) -> Result<(), Unexpecte
         for backend in BACKENDS.iter().filter(|backend| backend.precision == Precision::Single) {
             for level in [Level::I, Level::II, Level::III, Level::Exact] {
                 let what = format!("level {level}, {} against {}, nu {poisson}", backend.name, double.name);
-                let options = Options::default();
+                let options = RemesherOptions::default();
                 let single = backend.follow(&start, level, options);
                 if poisson > options.single_poisson_limit && level != Level::Exact {
                     record.refused(what, single, |error| match error {

@@ -17,7 +17,7 @@ pub(crate) fn out_and_back(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let start = Start::new(record.seed(), poisson)?;
         for backend in BACKENDS {
             let what = format!("{}, nu {poisson}", backend.name);
-            let mut exact = backend.follow(&start, Level::Exact, Options::default())?;
+            let mut exact = backend.follow(&start, Level::Exact, RemesherOptions::default())?;
             let (before, mut changed, mut held) = (bits(&exact), 0, 0);
             for n in 0..rounds {
                 start.go(&mut exact, &start.free, n..n + 1, |exact, _| {
@@ -31,10 +31,10 @@ pub(crate) fn out_and_back(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 changed as f64,
             );
             record.zero(format!("rows of S left, exact, {what}"), held as f64);
-            if backend.precision == Precision::Single && poisson > Options::default().single_poisson_limit {
+            if backend.precision == Precision::Single && poisson > RemesherOptions::default().single_poisson_limit {
                 continue;
             }
-            let mut first = backend.follow(&start, Level::I, Options::default())?;
+            let mut first = backend.follow(&start, Level::I, RemesherOptions::default())?;
             for n in 0..rounds {
                 start.go(&mut first, &start.free, n..n + 1, |first, _| {
                     first.undo()?;
@@ -71,7 +71,7 @@ pub(crate) fn overlapping(record: &mut Record<'_>) -> Result<(), Unexpected> {
                     continue;
                 }
                 for (name, nodes) in sequences {
-                    let mut adaptation = backend.follow(&start, level, Options::default())?;
+                    let mut adaptation = backend.follow(&start, level, RemesherOptions::default())?;
                     let mut moved = 0;
                     for (n, node) in (0..).zip(nodes) {
                         start.go(&mut adaptation, &[*node], n..n + 1, |_, _| {
@@ -147,7 +147,7 @@ pub(super) fn spoiling(record: &mut Record<'_>) -> Result<(), Unexpected> {
     ];
     for backend in BACKENDS {
         for level in [Level::I, Level::II, Level::III, Level::IV, Level::Exact] {
-            let mut adaptation = backend.follow(&start, level, Options::default())?;
+            let mut adaptation = backend.follow(&start, level, RemesherOptions::default())?;
             start.go(&mut adaptation, &[start.free[3]], 0..2, |_, _| Ok(()))?;
             let before = state(&adaptation);
             let mut changed = 0;
@@ -185,7 +185,7 @@ pub(crate) fn near_singular(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let (element, place) = flattenable(&start, 1e-8)?;
     let node = start.mesh.elements()[element as usize][place];
     start.mesh = start.mesh.with_condition_limit(f64::INFINITY);
-    let limit = Options::default().reciprocal_limit;
+    let limit = RemesherOptions::default().reciprocal_limit;
     let corners = start.mesh.elements()[element as usize];
     let is_apart = |other: &u32| {
         corners
@@ -197,7 +197,7 @@ pub(crate) fn near_singular(record: &mut Record<'_>) -> Result<(), Unexpected> {
         for level in [Level::I, Level::Exact] {
             let mut refusals = 0;
             for height in [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8] {
-                let mut adaptation = backend.follow(&start, level, Options::default())?;
+                let mut adaptation = backend.follow(&start, level, RemesherOptions::default())?;
                 // Other nodes stay away from their base, so that moving back is an update too, not a return to the base.
                 start.go(&mut adaptation, &others, 0..4, |_, _| Ok(()))?;
                 let before = state(&adaptation);

@@ -11,7 +11,7 @@ use super::{
 use crate::tradeoff::{Axis, FORCE_N, Factor, Goal, Study, Table};
 use insonify::Error;
 use insonify_mechanics::block;
-use insonify_mechanics::insertion::finite::{Finite, Options, Setup};
+use insonify_mechanics::insertion::finite::{Finite, FiniteOptions, Setup};
 use insonify_mechanics::insertion::spring::{MassSpring, Parameters};
 use insonify_mechanics::insertion::{Anatomy, Interaction, Model, NodeSolver, Snapshot, Tissue};
 use insonify_mechanics::tissue::material::Material;
@@ -237,7 +237,7 @@ fn finite(grid: [usize; 2], poisson: f64) -> Result<Contender, Error> {
         probe: None,
         level: Level::Exact,
         precision: Precision::Double,
-        options: Options::default(),
+        options: FiniteOptions::default(),
         mesh: mesh.clone(),
     };
     let mut finite = Finite::new(setup, |_, _| {})?;

@@ -15,7 +15,9 @@ use insonify_mechanics::remesh_gpu::{DeviceLevels, follow};
 use insonify_mechanics::tissue::assembly::Stiffness;
 use insonify_mechanics::tissue::columns::Columns;
 use insonify_mechanics::tissue::factor::Factor;
-use insonify_mechanics::tissue::remesh::{AdaptedMesh, Change, Level, Options, Precision, Remesher, Source, make};
+use insonify_mechanics::tissue::remesh::{
+    AdaptedMesh, Change, Level, Precision, Remesher, RemesherOptions, Source, make,
+};
 
 /// Report of an update.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -173,7 +175,7 @@ impl Kind {
     /// # Errors
     /// [`Error`] if the device lacks memory, or the precision is insufficient for the material.
     pub(crate) fn make(&self, subject: &Subject, sources: &Sources) -> Result<Box<dyn Contender>, Error> {
-        let options = Options::default();
+        let options = RemesherOptions::default();
         let mesh = &subject.mesh;
         Ok(match self {
             Kind::Dense(level, precision) => {
@@ -207,11 +209,11 @@ impl fmt::Display for Kind {
 
 /// Returns the limit of residual and error of an exact level in a precision.
 fn limit(level: Level, precision: Precision) -> Option<f64> {
-    let Options {
+    let RemesherOptions {
         residual_double,
         residual_single,
         ..
-    } = Options::default();
+    } = RemesherOptions::default();
     match (level, precision) {
         (Level::I | Level::Exact, Precision::Double) => Some(residual_double),
         (Level::I | Level::Exact, Precision::Single) => Some(residual_single),

@@ -7,7 +7,7 @@ use super::TissueOptions;
 use insonify::Error;
 use insonify_mechanics::tissue::material::Material;
 use insonify_mechanics::tissue::nonlinear::creep::{Creep, Memory};
-use insonify_mechanics::tissue::nonlinear::{Options, Scheme, Solid, Solver, Stiffening, Structure, Supports};
+use insonify_mechanics::tissue::nonlinear::{Scheme, Solid, Solver, SolverOptions, Stiffening, Structure, Supports};
 use insonify_mechanics::tissue::viscoelastic::Rule;
 use insonify_mesh::TetMesh;
 
@@ -109,7 +109,7 @@ impl Subject {
         } else {
             &self.stiffening
         };
-        let options = Options {
+        let options = SolverOptions {
             scheme: variant.scheme,
             tolerance: variant.tolerance,
             iterations: 200,

@@ -15,26 +15,22 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             self.change[dof as usize] = value - self.state.displacement[dof as usize];
         }
         let (body, supports) = (&*self.body, &self.supports);
-        let responses = &self.state.responses;
         if self.change.iter().any(|change| *change != 0.0) {
             self.linear.subtract(
                 body,
                 supports,
-                responses,
                 equations,
                 &self.change[..supports.all()],
                 &mut self.rest,
             );
         }
-        self.linear.solve(body, supports, responses, equations, &mut self.rest);
+        self.linear.solve(body, supports, equations, &mut self.rest);
         for (&dof, value) in supports.free().iter().zip(&self.rest) {
             self.change[dof as usize] = *value;
         }
         let all = supports.all();
         if let Some(contact) = target.contact {
-            let contact_response = self
-                .linear
-                .contact_response(body, supports, responses, equations, contact);
+            let contact_response = self.linear.contact_response(body, supports, equations, contact);
             let compliance = contact.along_free(supports, contact_response);
             if compliance.is_nan() || compliance <= 0.0 {
                 return Err(NonlinearError::DeadContact);
@@ -126,11 +122,18 @@ impl<const D: usize, const N: usize> Solver<D, N> {
 
     pub(super) fn finite(&self, residual: f64) -> Result<(), NonlinearError> {
         if residual.is_finite() && self.state.displacement.iter().all(|u| u.is_finite()) {
-            Ok(())
-        } else {
-            Err(NonlinearError::Overflow {
+            return Ok(());
+        }
+        let finite = self.state.displacement.iter().all(|u| u.is_finite());
+        match self
+            .body
+            .inverted(&self.state.displacement)
+            .filter(|_| finite && !self.body.has_secants())
+        {
+            Some(element) => Err(NonlinearError::Inverted { element }),
+            None => Err(NonlinearError::Overflow {
                 iterations: self.progress.iterations,
-            })
+            }),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Linear equations of an iteration.
 
-use super::super::body::{Body, Responses};
+use super::super::body::{NonlinearBody, Responses};
 use super::super::gmres::Gmres;
 use super::super::tangent::{Kind, Tangent};
 use super::super::{NonlinearError, Supports};
@@ -13,7 +13,7 @@ use crate::tissue::error::LinearError;
 pub(crate) enum Equations {
     /// The equations of the reused factor, solved by it alone.
     Kept,
-    /// The equations of a tangent at the given state, solved iteratively.
+    /// The equations of a tangent at the state of the factor, solved iteratively.
     Tangent {
         /// Kind of tangent.
         kind: Kind,
@@ -28,6 +28,8 @@ pub(super) struct Linear<const D: usize> {
     matrix: Tangent<D>,
     /// Kind of tangent factored.
     kind: Kind,
+    is_definite: bool,
+    /// Responses at the state of the factor.
     responses: Responses<D>,
     factor: Approximate,
     gmres: Gmres,
@@ -41,17 +43,20 @@ pub(super) struct Linear<const D: usize> {
 
 impl<const D: usize> Linear<D> {
     pub(super) fn new<const N: usize>(
-        body: &Body<D, N>,
+        body: &NonlinearBody<D, N>,
         supports: &Supports<D>,
         responses: &Responses<D>,
     ) -> Result<Self, NonlinearError> {
         let mut matrix = Tangent::new(body.elements(), supports).map_err(|_| NonlinearError::TooLarge)?;
-        matrix.fill(body, responses, Kind::Scalar);
+        let mut responses = responses.clone();
+        body.linearise(&mut responses);
+        matrix.fill(body, &responses, Kind::Scalar);
         let factor = Approximate::new(&matrix)?;
         Ok(Linear {
             matrix,
             kind: Kind::Scalar,
-            responses: responses.clone(),
+            is_definite: true,
+            responses,
             factor,
             gmres: Gmres::default(),
             contact_response: vec![0.0; supports.free().len()],
@@ -64,56 +69,68 @@ impl<const D: usize> Linear<D> {
     /// Factors the tangent at a state.
     pub(super) fn factor<const N: usize>(
         &mut self,
-        body: &Body<D, N>,
+        body: &NonlinearBody<D, N>,
         responses: &Responses<D>,
         kind: Kind,
     ) -> Result<(), NonlinearError> {
-        self.keep(responses, kind);
-        self.matrix.fill(body, responses, kind);
-        match self.factor.refactor(&self.matrix) {
-            // Far from balance the symmetric part need not be positive definite; the scalar tangent always is.
-            Err(error) if kind == Kind::Consistent && !is_memory(&error) => {
-                self.kind = Kind::Scalar;
-                self.matrix.fill(body, responses, Kind::Scalar);
-                Ok(self.factor.refactor(&self.matrix)?)
-            }
-            other => Ok(other?),
-        }
+        self.factor_by(body, responses, kind, Approximate::refactor)
     }
 
     /// Replaces the factor by a new one at a state.
     pub(crate) fn renew<const N: usize>(
         &mut self,
-        body: &Body<D, N>,
+        body: &NonlinearBody<D, N>,
         responses: &Responses<D>,
     ) -> Result<(), NonlinearError> {
-        self.keep(responses, Kind::Scalar);
-        self.matrix.fill(body, responses, Kind::Scalar);
-        self.factor = Approximate::new(&self.matrix)?;
-        Ok(())
+        self.factor_by(body, responses, Kind::Scalar, |factor, matrix| {
+            *factor = Approximate::new(matrix)?;
+            Ok(())
+        })
     }
 
-    fn keep(&mut self, responses: &Responses<D>, kind: Kind) {
+    fn factor_by<const N: usize>(
+        &mut self,
+        body: &NonlinearBody<D, N>,
+        responses: &Responses<D>,
+        kind: Kind,
+        factor: impl Fn(&mut Approximate, &Tangent<D>) -> Result<(), LinearError>,
+    ) -> Result<(), NonlinearError> {
         self.contact = None;
-        self.kind = kind;
+        (self.kind, self.is_definite) = (kind, true);
         self.responses.take(responses);
+        body.linearise(&mut self.responses);
+        self.matrix.fill(body, &self.responses, kind);
+        match factor(&mut self.factor, &self.matrix) {
+            // Far from balance the symmetric part need not be positive definite; the scalar tangent of secant laws always is.
+            Err(error) if (kind == Kind::Consistent || !body.has_secants()) && !is_memory(&error) => {
+                (self.kind, self.is_definite) = (Kind::Scalar, false);
+                body.make_definite(&mut self.responses);
+                self.matrix.fill(body, &self.responses, Kind::Scalar);
+                Ok(factor(&mut self.factor, &self.matrix)?)
+            }
+            other => Ok(other?),
+        }
+    }
+
+    /// Whether the tangent factored last was positive definite.
+    pub(super) fn is_definite(&self) -> bool {
+        self.is_definite
     }
 
     /// Subtracts the product of the tangent and a change of all displacements from free forces.
     pub(crate) fn subtract<const N: usize>(
         &mut self,
-        body: &Body<D, N>,
+        body: &NonlinearBody<D, N>,
         supports: &Supports<D>,
-        responses: &Responses<D>,
         equations: Equations,
         change: &[f64],
         rest: &mut [f64],
     ) {
-        let (kind, responses) = match equations {
-            Equations::Kept => (self.kind, &self.responses),
-            Equations::Tangent { kind, .. } => (kind, responses),
+        let kind = match equations {
+            Equations::Kept => self.kind,
+            Equations::Tangent { kind, .. } => kind,
         };
-        body.product(kind, responses, change, &mut self.product);
+        body.product(kind, &self.responses, change, &mut self.product);
         for (rest, &dof) in rest.iter_mut().zip(supports.free()) {
             *rest -= self.product[dof as usize];
         }
@@ -122,9 +139,8 @@ impl<const D: usize> Linear<D> {
     /// Replaces free forces by free displacements.
     pub(super) fn solve<const N: usize>(
         &mut self,
-        body: &Body<D, N>,
+        body: &NonlinearBody<D, N>,
         supports: &Supports<D>,
-        responses: &Responses<D>,
         equations: Equations,
         rest: &mut [f64],
     ) {
@@ -132,6 +148,7 @@ impl<const D: usize> Linear<D> {
             return self.factor.solve_in_place(rest);
         };
         let (change, product, factor) = (&mut self.change, &mut self.product, &mut self.factor);
+        let responses = &self.responses;
         let apply = |x: &[f64], y: &mut [f64]| {
             change.fill(0.0);
             for (value, &dof) in x.iter().zip(supports.free()) {
@@ -146,9 +163,8 @@ impl<const D: usize> Linear<D> {
     /// Returns the response of the free displacements to a unit contact force; it is cached with a reused factor.
     pub(crate) fn contact_response<const N: usize>(
         &mut self,
-        body: &Body<D, N>,
+        body: &NonlinearBody<D, N>,
         supports: &Supports<D>,
-        responses: &Responses<D>,
         equations: Equations,
         contact: &Contact,
     ) -> &[f64] {
@@ -160,7 +176,7 @@ impl<const D: usize> Linear<D> {
             let mut contact_response = std::mem::take(&mut self.contact_response);
             contact_response.fill(0.0);
             contact.add_free(1.0, supports, &mut contact_response);
-            self.solve(body, supports, responses, equations, &mut contact_response);
+            self.solve(body, supports, equations, &mut contact_response);
             self.contact_response = contact_response;
             self.contact = Some(contact.clone());
         }

@@ -15,6 +15,9 @@ const TRIAL: usize = 4;
 /// Relative residual of the linear equations in an increment without iterations: near rounding.
 pub(super) const CLOSEST: f64 = 1e-12;
 
+/// Consecutive full Newton steps under laws of finite strain that may unbalance forces more than the best so far.
+const TOLERATED: usize = 4;
+
 /// Largest number of halvings of a full Newton step.
 const HALVINGS: usize = 8;
 
@@ -139,10 +142,11 @@ impl<const D: usize, const N: usize> Solver<D, N> {
     pub(super) fn newton(&mut self, target: &Target<'_>) -> Result<(), NonlinearError> {
         let mut residual = self.residual(target);
         let mut pending = self.pending(target);
+        let (mut best, mut tolerated) = (f64::INFINITY, 0);
         loop {
             self.progress.residuals.push(residual);
             if residual <= self.options.tolerance && !pending {
-                return Ok(());
+                return self.stable();
             }
             self.more(residual)?;
             self.factor(Kind::Consistent)?;
@@ -156,10 +160,26 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             self.change(target);
             let mut next = self.residual(target);
             if !pending {
-                next = self.backtrack(target, residual, next);
+                // Full steps of tissue of finite strain that hardly changes its volume unbalance forces at first, and come out ahead of
+                // short ones.
+                let tolerates = !self.body.has_secants() && tolerated < TOLERATED && !next.is_nan();
+                if !tolerates {
+                    next = self.backtrack(target, residual, next);
+                }
+                tolerated = if next < best { 0 } else { tolerated + 1 };
+                best = best.min(next);
             }
             self.finite(next)?;
             (residual, pending) = (next, self.pending(target));
+        }
+    }
+
+    /// Whether balance is stable: the tangent of the last iteration, in laws of finite strain, is positive definite.
+    fn stable(&self) -> Result<(), NonlinearError> {
+        let iterations = self.progress.iterations;
+        match self.body.has_secants() || iterations == 0 || self.linear.is_definite() {
+            true => Ok(()),
+            false => Err(NonlinearError::Unstable { iterations }),
         }
     }
 

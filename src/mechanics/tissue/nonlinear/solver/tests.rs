@@ -1,6 +1,6 @@
 //! Tangents against finite differences, and assembled matrices against element-wise products.
 
-use super::super::body::{Body, Sheet};
+use super::super::body::{NonlinearBody, Sheet};
 use super::super::tangent::{Kind, Tangent};
 use super::*;
 use crate::tissue::factor::Symmetric;
@@ -13,12 +13,12 @@ fn law() -> Stiffening {
     Stiffening::new(Material::new(10.0, 0.45).unwrap(), 0.1, 20.0).unwrap()
 }
 
-fn solid() -> Body<3, 4> {
+fn solid() -> NonlinearBody<3, 4> {
     let mesh = TetMesh::over_box([0.0; 3], [4.0, 4.0, 2.0], 36).unwrap();
-    Body::tetrahedra(&mesh, &vec![law(); mesh.elements().len()]).unwrap()
+    NonlinearBody::tetrahedra(&mesh, &vec![law(); mesh.elements().len()]).unwrap()
 }
 
-fn sheet() -> Body<2, 3> {
+fn sheet() -> NonlinearBody<2, 3> {
     let nodes = vec![[0.0, 0.0], [2.0, 0.1], [4.0, -0.1], [0.1, 2.0], [1.8, 2.2], [4.1, 1.9]];
     let triangles = vec![[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]];
     Sheet::plane_strain(nodes, triangles, &[law(); 4], 1.5).unwrap()
@@ -30,7 +30,7 @@ fn fields(length: usize) -> [Vec<f64>; 3] {
 }
 
 /// Compares with central differences of forces, whose error is h^2 times the third derivative plus rounding over h.
-fn derivative_is_consistent<const D: usize, const N: usize>(body: &Body<D, N>, with_offset: bool) {
+fn derivative_is_consistent<const D: usize, const N: usize>(body: &NonlinearBody<D, N>, with_offset: bool) {
     let length = D * body.nodes().len();
     let [u, offset, direction] = fields(length);
     let offset = with_offset.then_some(&offset[..]);
@@ -71,7 +71,7 @@ fn the_consistent_tangent_is_the_derivative() {
 
 /// The matrix times a vector equals the element-wise product; for the consistent tangent, the mean of product and
 /// transpose.
-fn matrix_is_the_product<const D: usize, const N: usize>(body: &Body<D, N>) {
+fn matrix_is_the_product<const D: usize, const N: usize>(body: &NonlinearBody<D, N>) {
     let nodes = body.nodes().len();
     let supports = Supports::<D>::new(nodes, [(0, 0), (0, 1), (1, 1), (nodes as u32 - 1, 0)]);
     let [u, _, _] = fields(D * nodes);

@@ -5,7 +5,7 @@ use faer::Mat;
 
 const LEVELS: [Level; 5] = [Level::I, Level::II, Level::III, Level::IV, Level::Exact];
 
-fn adaptation(level: Level, options: Options) -> Adaptation {
+fn adaptation(level: Level, options: RemesherOptions) -> Adaptation {
     let mesh = adapted(0.45);
     let (source, contacts) = (Source::Double(inverse(&mesh)), dofs_of(&mesh, &inner_nodes(&mesh)[..2]));
     let mut adaptation = Adaptation::new(mesh, source, level, Precision::Double, options).expect("an adaptation");
@@ -28,13 +28,13 @@ fn expected(adaptation: &Adaptation) -> (Mat<f64>, f64) {
 #[test]
 fn a_refused_request_changes_neither_mesh_nor_remesher() {
     for level in [Level::I, Level::II, Level::III, Level::Exact] {
-        let mut adaptation = adaptation(level, Options::default());
+        let mut adaptation = adaptation(level, RemesherOptions::default());
         let inner = inner_nodes(adaptation.mesh());
         // Install a remesher that refuses everything.
         let source = adaptation.source.clone();
-        let strict = Options {
+        let strict = RemesherOptions {
             reciprocal_limit: 0.9,
-            ..Options::default()
+            ..RemesherOptions::default()
         };
         let contacts = adaptation.remesher().contacts().to_vec();
         let at_base = adapted(0.45);
@@ -75,14 +75,14 @@ fn a_refused_request_changes_neither_mesh_nor_remesher() {
 
 #[test]
 fn refused_restores_and_undos_leave_the_moves_listed() {
-    let mut adaptation = adaptation(Level::IV, Options::default());
+    let mut adaptation = adaptation(Level::IV, RemesherOptions::default());
     let inner = inner_nodes(adaptation.mesh());
     for salt in 1..3 {
         go(&mut adaptation, inner[0], salt).expect("a remesh");
     }
-    let strict = Options {
+    let strict = RemesherOptions {
         reciprocal_limit: 0.9,
-        ..Options::default()
+        ..RemesherOptions::default()
     };
     // Level IV refuses nothing, so it can reach a state where level I would.
     let (moves, nodes) = (adaptation.mesh().moves().to_vec(), adaptation.mesh().nodes().to_vec());
@@ -105,7 +105,7 @@ fn refused_restores_and_undos_leave_the_moves_listed() {
 
 #[test]
 fn levels_change_while_running_and_contacts_stay() {
-    let mut adaptation = adaptation(Level::I, Options::default());
+    let mut adaptation = adaptation(Level::I, RemesherOptions::default());
     let inner = inner_nodes(adaptation.mesh());
     let contacts = adaptation.remesher().contacts().to_vec();
     let mut salt = 0;
@@ -143,7 +143,7 @@ fn levels_change_while_running_and_contacts_stay() {
 
 #[test]
 fn undo_and_restore_bring_the_exact_level_back_to_the_base() {
-    let mut adaptation = adaptation(Level::Exact, Options::default());
+    let mut adaptation = adaptation(Level::Exact, RemesherOptions::default());
     let inner = inner_nodes(adaptation.mesh());
     let before = adaptation.remesher().condensed().to_owned();
     for (salt, node) in [inner[0], inner[1], inner[0]].into_iter().enumerate() {

@@ -14,7 +14,7 @@ mod sample_schedule;
 mod speculation;
 
 /// Creates a remesher at the base of a mesh, with contacts at some nodes.
-fn exact(mesh: &AdaptedMesh, nodes: &[u32], options: Options) -> Exact {
+fn exact(mesh: &AdaptedMesh, nodes: &[u32], options: RemesherOptions) -> Exact {
     let mut exact = Exact::new(mesh, Box::new(inverse(mesh)), Precision::Double, options).expect("a remesher");
     exact.set_contacts(&dofs_of(mesh, nodes)).expect("contacts");
     exact
@@ -43,7 +43,7 @@ fn check(mesh: &AdaptedMesh, exact: &mut Exact) {
 fn each_move_is_followed_and_s_is_what_is_touched() {
     let mut mesh = adapted(0.45);
     let inner = inner_nodes(&mesh);
-    let mut exact = exact(&mesh, &[inner[0], free_nodes(&mesh)[40]], Options::default());
+    let mut exact = exact(&mesh, &[inner[0], free_nodes(&mesh)[40]], RemesherOptions::default());
     for (salt, node) in [inner[0], inner[1], inner[0], inner[2], inner[1]]
         .into_iter()
         .enumerate()
@@ -72,7 +72,7 @@ fn each_move_is_followed_and_s_is_what_is_touched() {
 fn nodes_that_return_give_the_base_back_bit_for_bit() {
     let mut mesh = adapted(0.45);
     let inner = inner_nodes(&mesh);
-    let mut exact = exact(&mesh, &inner, Options::default());
+    let mut exact = exact(&mesh, &inner, RemesherOptions::default());
     let before = exact.condensed().to_owned();
     for (salt, node) in inner.iter().enumerate() {
         go(&mut mesh, &mut exact, *node, salt as u32);
@@ -92,7 +92,7 @@ fn nodes_that_return_give_the_base_back_bit_for_bit() {
 fn contacts_can_come_and_go_between_moves() {
     let mut mesh = adapted(0.45);
     let inner = inner_nodes(&mesh);
-    let mut exact = exact(&mesh, &[], Options::default());
+    let mut exact = exact(&mesh, &[], RemesherOptions::default());
     assert_eq!(exact.condensed().nrows(), 0);
     go(&mut mesh, &mut exact, inner[0], 1);
     let sets = [
@@ -120,7 +120,7 @@ fn contacts_can_come_and_go_between_moves() {
 fn a_change_out_of_step_is_refused_and_a_refresh_catches_up() {
     let mut mesh = adapted(0.45);
     let inner = inner_nodes(&mesh);
-    let mut exact = exact(&mesh, &inner[..2], Options::default());
+    let mut exact = exact(&mesh, &inner[..2], RemesherOptions::default());
     let first = mesh
         .move_node(inner[0], nearby(&mesh, inner[0], 1))
         .expect("a small move");
@@ -158,7 +158,7 @@ fn a_change_out_of_step_is_refused_and_a_refresh_catches_up() {
 fn a_near_singular_capacitance_is_refused_and_changes_nothing() {
     let mut mesh = adapted(0.45);
     let inner = inner_nodes(&mesh);
-    let mut exact = exact(&mesh, &inner[..2], Options::default());
+    let mut exact = exact(&mesh, &inner[..2], RemesherOptions::default());
     go(&mut mesh, &mut exact, inner[0], 1);
     let (condensed, held) = (exact.condensed().to_owned(), exact.held().to_vec());
     exact.options.reciprocal_limit = 0.9;
@@ -187,7 +187,7 @@ fn a_near_singular_capacitance_is_refused_and_changes_nothing() {
 fn displacements_are_those_of_the_moved_mesh_and_come_from_forces_on_the_base() {
     let mut mesh = adapted(0.45);
     let inner = inner_nodes(&mesh);
-    let mut exact = exact(&mesh, &[inner[0], inner[3]], Options::default());
+    let mut exact = exact(&mesh, &[inner[0], inner[3]], RemesherOptions::default());
     go(&mut mesh, &mut exact, inner[0], 1);
     go(&mut mesh, &mut exact, inner[1], 2);
     let size = mesh.dofs().free();
@@ -241,14 +241,14 @@ fn displacements_are_those_of_the_moved_mesh_and_come_from_forces_on_the_base() 
 fn a_source_that_does_not_fit_is_refused() {
     let mesh = adapted(0.45);
     let other = crate::tissue::symmetric::Symmetric::<f64>::zeros(5);
-    let refused = Exact::new(&mesh, Box::new(other), Precision::Double, Options::default());
+    let refused = Exact::new(&mesh, Box::new(other), Precision::Double, RemesherOptions::default());
     let shape = LinearError::Shape {
         what: "rows of the compliance",
         found: 5,
         expected: mesh.dofs().free(),
     };
     assert_eq!(refused.err(), Some(RemeshError::Compliance(shape)));
-    let mut exact = exact(&mesh, &[], Options::default());
+    let mut exact = exact(&mesh, &[], RemesherOptions::default());
     let asked = exact.set_level(&mesh, Level::II);
     assert_eq!(
         asked,
@@ -270,7 +270,7 @@ fn nodes_beside_the_fixed_floor_move_too() {
             .any(|other| mesh.dofs().of(*other) == [NONE; 3])
     };
     let beside = *free.iter().find(is_beside).expect("a node beside the floor");
-    let mut exact = exact(&mesh, &[beside], Options::default());
+    let mut exact = exact(&mesh, &[beside], RemesherOptions::default());
     let report = go(&mut mesh, &mut exact, beside, 3);
     assert!(report.rank < 3 * mesh.neighbours(beside).len());
     check(&mesh, &mut exact);
@@ -283,7 +283,8 @@ fn columns_on_demand_serve_as_a_dense_inverse_does() {
     let factor = Arc::new(Factor::new(mesh.stiffness()).expect("a factor"));
     // So few are kept that columns are solved again.
     let columns = Columns::new(factor, 20);
-    let mut exact = Exact::new(&mesh, Box::new(columns), Precision::Double, Options::default()).expect("a remesher");
+    let mut exact =
+        Exact::new(&mesh, Box::new(columns), Precision::Double, RemesherOptions::default()).expect("a remesher");
     exact.set_contacts(&dofs_of(&mesh, &inner)).expect("contacts");
     for (salt, node) in (1..).zip(&inner) {
         go(&mut mesh, &mut exact, *node, salt);
@@ -298,7 +299,8 @@ fn a_refined_displacement_regains_what_single_precision_loses() {
     let mut mesh = adapted(0.45);
     let inner = inner_nodes(&mesh);
     let single = Arc::new(inverse(&mesh).cast::<f32>());
-    let mut exact = Exact::new(&mesh, Box::new(single), Precision::Single, Options::default()).expect("a remesher");
+    let mut exact =
+        Exact::new(&mesh, Box::new(single), Precision::Single, RemesherOptions::default()).expect("a remesher");
     let contacts = dofs_of(&mesh, &inner);
     exact.set_contacts(&contacts).expect("contacts");
     go(&mut mesh, &mut exact, inner[0], 1);

@@ -5,7 +5,7 @@ use faer::linalg::solvers::Llt;
 
 use super::{DenseInverseRemesher, Store};
 use crate::tissue::remesh::adapted::{AdaptedMesh, Change};
-use crate::tissue::remesh::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, SampleSchedule};
+use crate::tissue::remesh::{Level, Precision, Rebuilt, RemeshError, RemeshReport, RemesherOptions, SampleSchedule};
 use insonify_base::random::{hash3, seed_words};
 
 /// Sampled residual at which the inverse is rebuilt, relative to the limit: only a few columns are sampled, and others
@@ -94,7 +94,7 @@ pub(super) fn suits(
     mesh: &AdaptedMesh,
     level: Level,
     precision: Precision,
-    options: &Options,
+    options: &RemesherOptions,
 ) -> Result<(), RemeshError> {
     let poisson = mesh.stiffness().materials().iter().map(|material| material.poisson());
     let highest = poisson.fold(-1.0, f64::max);

@@ -1,7 +1,7 @@
 use super::*;
 use crate::tissue::remesh::testing::{adapted, dofs_of, error, gold, inner_nodes, inverse, nearby, part, rounding};
 
-fn levels(mesh: &AdaptedMesh, level: Level, options: Options) -> Levels<f64> {
+fn levels(mesh: &AdaptedMesh, level: Level, options: RemesherOptions) -> Levels<f64> {
     let mut levels = Levels::new(mesh, inverse(mesh), level, options).expect("a remesher");
     levels
         .set_contacts(&dofs_of(mesh, &inner_nodes(mesh)))
@@ -23,7 +23,7 @@ fn whole<T: Entry>(levels: &Levels<T>) -> Mat<f64> {
 fn level_one_is_the_inverse_of_the_moved_mesh() {
     let mut mesh = adapted(0.45);
     let inner = inner_nodes(&mesh);
-    let mut levels = levels(&mesh, Level::I, Options::default());
+    let mut levels = levels(&mesh, Level::I, RemesherOptions::default());
     for (salt, node) in [inner[0], inner[1], inner[0]].into_iter().enumerate() {
         let report = go(&mut mesh, &mut levels, node, salt as u32);
         let gold = gold(&mesh);
@@ -41,7 +41,7 @@ fn levels_two_and_three_are_right_in_their_rows_and_leave_the_rest() {
     for level in [Level::II, Level::III] {
         let mut mesh = adapted(0.45);
         let node = inner_nodes(&mesh)[0];
-        let mut levels = levels(&mesh, level, Options::default());
+        let mut levels = levels(&mesh, level, RemesherOptions::default());
         let before = whole(&levels);
         go(&mut mesh, &mut levels, node, 1);
         let nodes = if level == Level::II {
@@ -66,7 +66,7 @@ fn levels_two_and_three_are_right_in_their_rows_and_leave_the_rest() {
 fn level_four_leaves_everything() {
     let mut mesh = adapted(0.45);
     let node = inner_nodes(&mesh)[0];
-    let mut levels = levels(&mesh, Level::IV, Options::default());
+    let mut levels = levels(&mesh, Level::IV, RemesherOptions::default());
     let (before, condensed) = (whole(&levels), levels.condensed().to_owned());
     let report = go(&mut mesh, &mut levels, node, 1);
     assert_eq!((whole(&levels), levels.condensed()), (before, condensed.as_ref()));
@@ -77,7 +77,7 @@ fn level_four_leaves_everything() {
 fn a_higher_level_begins_with_a_rebuild() {
     let mut mesh = adapted(0.45);
     let inner = inner_nodes(&mesh);
-    let mut levels = levels(&mesh, Level::IV, Options::default());
+    let mut levels = levels(&mesh, Level::IV, RemesherOptions::default());
     go(&mut mesh, &mut levels, inner[0], 1);
     assert_eq!(levels.set_level(&mesh, Level::IV), Ok(None));
     let report = levels.set_level(&mesh, Level::I).expect("a rebuild").expect("a report");
@@ -107,9 +107,9 @@ fn a_spoiled_inverse_is_seen_and_rebuilt() {
     let mut levels = levels(
         &mesh,
         Level::I,
-        Options {
+        RemesherOptions {
             check_every: 1,
-            ..Options::default()
+            ..RemesherOptions::default()
         },
     );
     assert_eq!(go(&mut mesh, &mut levels, inner[0], 1).rebuilt, None);
@@ -133,7 +133,7 @@ fn a_spoiled_inverse_is_seen_and_rebuilt() {
 fn contacts_that_are_not_positive_definite_are_mended() {
     let mut mesh = adapted(0.45);
     let inner = inner_nodes(&mesh);
-    let mut levels = levels(&mesh, Level::III, Options::default());
+    let mut levels = levels(&mesh, Level::III, RemesherOptions::default());
     let size = mesh.dofs().free();
     // Makes the first contact's compliance strongly negative.
     let dof = levels.contacts()[0];
@@ -157,7 +157,7 @@ fn single_precision_is_refused_where_rounding_outgrows_the_answer() {
     let mesh = adapted(0.495);
     let single = Arc::new(inverse(&mesh).cast::<f32>());
     for level in [Level::I, Level::II, Level::III] {
-        match Levels::new(&mesh, single.clone(), level, Options::default()) {
+        match Levels::new(&mesh, single.clone(), level, RemesherOptions::default()) {
             Err(RemeshError::Unsuited {
                 precision: Precision::Single,
                 reason,
@@ -168,20 +168,20 @@ fn single_precision_is_refused_where_rounding_outgrows_the_answer() {
             other => panic!("{other:?}"),
         }
     }
-    let mut fourth = Levels::new(&mesh, single, Level::IV, Options::default()).expect("nothing is updated");
+    let mut fourth = Levels::new(&mesh, single, Level::IV, RemesherOptions::default()).expect("nothing is updated");
     assert!(matches!(
         fourth.set_level(&mesh, Level::I),
         Err(RemeshError::Unsuited { .. })
     ));
     assert_eq!(fourth.level(), Level::IV);
-    assert!(Levels::new(&mesh, inverse(&mesh), Level::I, Options::default()).is_ok());
+    assert!(Levels::new(&mesh, inverse(&mesh), Level::I, RemesherOptions::default()).is_ok());
     let small = Arc::new(Symmetric::<f64>::zeros(3));
     assert!(matches!(
-        Levels::new(&mesh, small, Level::I, Options::default()),
+        Levels::new(&mesh, small, Level::I, RemesherOptions::default()),
         Err(RemeshError::Compliance(_))
     ));
     assert!(matches!(
-        Levels::new(&mesh, inverse(&mesh), Level::Exact, Options::default()),
+        Levels::new(&mesh, inverse(&mesh), Level::Exact, RemesherOptions::default()),
         Err(RemeshError::Level { .. })
     ));
 }
@@ -194,9 +194,9 @@ fn a_refused_change_leaves_the_inverse_as_it_was() {
         let mut levels = levels(
             &mesh,
             level,
-            Options {
+            RemesherOptions {
                 reciprocal_limit: 0.9,
-                ..Options::default()
+                ..RemesherOptions::default()
             },
         );
         let before = (whole(&levels), levels.condensed().to_owned());
@@ -217,7 +217,7 @@ fn a_refused_change_leaves_the_inverse_as_it_was() {
 fn displacements_are_the_columns_of_the_contacts() {
     let mut mesh = adapted(0.45);
     let inner = inner_nodes(&mesh);
-    let mut levels = levels(&mesh, Level::I, Options::default());
+    let mut levels = levels(&mesh, Level::I, RemesherOptions::default());
     go(&mut mesh, &mut levels, inner[0], 1);
     let contacts = dofs_of(&mesh, &inner[..1]);
     levels.set_contacts(&contacts).expect("contacts");

@@ -27,7 +27,7 @@ fn each_source_gives_what_it_can() {
             ("columns", single, (!dense_only).then_some(double)),
             ("columns", double, (!dense_only).then_some(double)),
         ] {
-            let made = make(level, asked, &source(&mesh, kind), &mesh, Options::default());
+            let made = make(level, asked, &source(&mesh, kind), &mesh, RemesherOptions::default());
             match (made, given) {
                 (Ok(remesher), Some(given)) => {
                     assert_eq!(

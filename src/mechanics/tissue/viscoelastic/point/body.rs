@@ -7,7 +7,7 @@ use crate::tissue::viscoelastic::{History, HistoryError, Operator, Rule};
 
 /// Linear viscoelastic body in shear.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Body {
+pub enum Rheology {
     /// Spring-pot: `modulus D^k strain = stress`. Creeps as `t^k / (G Gamma(1+k))`, relaxes as `G t^-k / Gamma(1-k)`.
     SpringPot {
         /// Order k, 0 to 1.
@@ -29,9 +29,9 @@ pub enum Body {
     },
 }
 
-impl Body {
+impl Rheology {
     pub(super) fn check(&self) -> Result<(), HistoryError> {
-        let (Body::SpringPot { order, modulus_kpa } | Body::Zener { order, modulus_kpa, .. }) = *self;
+        let (Rheology::SpringPot { order, modulus_kpa } | Rheology::Zener { order, modulus_kpa, .. }) = *self;
         let right = (0.0..=1.0).contains(&order);
         check("order", order, right, "a number from 0 (a spring) to 1 (a dashpot)")?;
         check(
@@ -40,7 +40,7 @@ impl Body {
             modulus_kpa > 0.0 && modulus_kpa.is_finite(),
             "a finite number of kPa above 0",
         )?;
-        if let Body::Zener {
+        if let Rheology::Zener {
             modulus_inf_kpa, tau_s, ..
         } = *self
         {
@@ -60,12 +60,12 @@ impl Body {
     /// Returns storage and loss modulus `[G', G'']` at an angular frequency (rad/s), kPa.
     pub fn dynamic_kpa(&self, frequency: f64) -> [f64; 2] {
         match *self {
-            Body::SpringPot { order, modulus_kpa } => {
+            Rheology::SpringPot { order, modulus_kpa } => {
                 let (sin, cos) = (FRAC_PI_2 * order).sin_cos();
                 let size = modulus_kpa * frequency.powf(order);
                 [size * cos, size * sin]
             }
-            Body::Zener {
+            Rheology::Zener {
                 order,
                 modulus_kpa,
                 modulus_inf_kpa,
@@ -85,14 +85,14 @@ impl Body {
     /// Returns the response at the very start, when strain jumps.
     pub(super) fn at_start(&self) -> Line {
         let slope = match *self {
-            Body::SpringPot { order, modulus_kpa } => {
+            Rheology::SpringPot { order, modulus_kpa } => {
                 if order == 0.0 {
                     1.0 / modulus_kpa
                 } else {
                     0.0
                 }
             }
-            Body::Zener {
+            Rheology::Zener {
                 order,
                 modulus_kpa,
                 modulus_inf_kpa,
@@ -147,23 +147,23 @@ pub(super) enum Memory {
 impl Memory {
     /// Starts with this strain and stress; the one that is not prescribed may be infinite.
     pub(super) fn start(
-        body: &Body,
+        body: &Rheology,
         rule: &Rule,
         control: Control,
         strain: f64,
         stress: f64,
     ) -> Result<Memory, HistoryError> {
         Ok(match (*body, control) {
-            (Body::SpringPot { order, modulus_kpa }, Control::Stress) => Memory::Creep {
+            (Rheology::SpringPot { order, modulus_kpa }, Control::Stress) => Memory::Creep {
                 modulus: modulus_kpa,
                 integral: rule.start(Operator::Integral(order), &[stress])?,
             },
-            (Body::SpringPot { order, modulus_kpa }, Control::Strain) => Memory::Relaxation {
+            (Rheology::SpringPot { order, modulus_kpa }, Control::Strain) => Memory::Relaxation {
                 modulus: modulus_kpa,
                 derivative: rule.start(Operator::Derivative(order), &[strain])?,
             },
             (
-                Body::Zener {
+                Rheology::Zener {
                     order,
                     modulus_kpa,
                     modulus_inf_kpa,

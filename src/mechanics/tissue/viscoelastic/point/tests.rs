@@ -2,7 +2,7 @@ use super::*;
 use crate::tissue::viscoelastic::HistoryError;
 
 const LIVER: Point = Point {
-    body: Body::SpringPot {
+    body: Rheology::SpringPot {
         order: 0.1,
         modulus_kpa: 0.4,
     },
@@ -20,8 +20,8 @@ const METHODS: [Method; 5] = [
     Method::Exponentials,
 ];
 
-fn zener(order: f64) -> Body {
-    Body::Zener {
+fn zener(order: f64) -> Rheology {
+    Rheology::Zener {
         order,
         modulus_kpa: 3.0,
         modulus_inf_kpa: 1.0,
@@ -66,7 +66,7 @@ fn numbers_are_checked() {
         );
     }
     for value in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        let body = |modulus_kpa, tau_s| Body::Zener {
+        let body = |modulus_kpa, tau_s| Rheology::Zener {
             order: 0.5,
             modulus_kpa,
             modulus_inf_kpa: 0.0,
@@ -128,7 +128,7 @@ fn histories_are_checked() {
     let uneven = found(&[0.0, 1.0, 3.0], &[1.0; 3], Method::GruenwaldLetnikov);
     assert!(uneven.to_string().contains("equally far apart"), "{uneven}");
     let stiff = Point {
-        body: Body::SpringPot {
+        body: Rheology::SpringPot {
             order: 0.1,
             modulus_kpa: 1e308,
         },
@@ -155,7 +155,7 @@ fn the_start_is_elastic() {
         let jump = |body, control| {
             let point = Point {
                 body,
-                knee: Knee::NONE,
+                knee: Knee::INFINITE,
                 structure: Structure::Rate,
             };
             let response = point
@@ -163,7 +163,7 @@ fn the_start_is_elastic() {
                 .unwrap();
             (response.strain[0], response.stress_kpa[0])
         };
-        let pot = |order| Body::SpringPot {
+        let pot = |order| Rheology::SpringPot {
             order,
             modulus_kpa: 4.0,
         };
@@ -183,7 +183,7 @@ fn stress_and_strain_lead_back_to_each_other() {
     let stress: Vec<f64> = times.iter().map(|t| 1.5 * (2.0 * t).sin()).collect();
     for body in [
         zener(0.4),
-        Body::SpringPot {
+        Rheology::SpringPot {
             order: 0.4,
             modulus_kpa: 2.0,
         },

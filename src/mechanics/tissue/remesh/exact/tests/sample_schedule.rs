@@ -12,7 +12,7 @@ fn an_error_in_c_or_in_the_contacts_is_seen_and_mended() {
         |exact| exact.contacts.condensed.get_mut()[(1, 1)] *= 1.0 + 1e-6,
     ];
     for (salt, spoil) in spoil.into_iter().enumerate() {
-        let mut exact = exact(&mesh, &inner[..2], Options::default());
+        let mut exact = exact(&mesh, &inner[..2], RemesherOptions::default());
         let report = go(&mut mesh, &mut exact, inner[0], 20 + salt as u32);
         assert!(report.residual.is_some_and(|residual| residual < 1e-10), "{report:?}");
         spoil(&mut exact);
@@ -36,9 +36,9 @@ fn samples_become_rarer_while_they_are_good() {
     let mut exact = exact(
         &mesh,
         &inner[..2],
-        Options {
+        RemesherOptions {
             check_every: 4,
-            ..Options::default()
+            ..RemesherOptions::default()
         },
     );
     let sampled: Vec<bool> = (0..16)
@@ -57,9 +57,9 @@ fn the_residual_is_that_of_the_whole_mesh() {
     let mut exact = exact(
         &mesh,
         &inner[..1],
-        Options {
+        RemesherOptions {
             check_every: 0,
-            ..Options::default()
+            ..RemesherOptions::default()
         },
     );
     let report = go(&mut mesh, &mut exact, inner[0], 1);

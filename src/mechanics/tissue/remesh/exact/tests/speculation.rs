@@ -1,10 +1,10 @@
 use super::*;
 
 /// Options that defer work not needed at once.
-fn deferred() -> Options {
-    Options {
+fn deferred() -> RemesherOptions {
+    RemesherOptions {
         deferred: true,
-        ..Options::default()
+        ..RemesherOptions::default()
     }
 }
 
