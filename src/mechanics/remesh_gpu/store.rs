@@ -192,9 +192,9 @@ impl Store for DeviceStore {
         let near = if block.len().pow(2) <= ENTRIES { block } else { &[] };
         if !columns.is_empty() {
             self.send_capacitance(c)?;
-            let (_, found) = self.advance(Lead::None, &columns, rows, near)?;
+            let (_, block_values) = self.advance(Lead::None, &columns, rows, near)?;
             if near.len() == block.len() {
-                return Ok(found);
+                return Ok(block_values);
             }
         }
         self.entries(block, block)
@@ -214,9 +214,9 @@ impl Store for DeviceStore {
         }
         let values: Vec<f64> = change.col_iter().flat_map(|column| column.iter().copied()).collect();
         self.strips.change.write(&self.gpu, 0, &values)?;
-        let (condition, found) = self.advance(Lead::Solve(limit), columns, rows, block)?;
+        let (condition, block_values) = self.advance(Lead::Solve(limit), columns, rows, block)?;
         // Negative below the limit: C was zero, and nothing has changed.
-        Ok((condition >= 0.0).then_some((condition, found)))
+        Ok((condition >= 0.0).then_some((condition, block_values)))
     }
 
     fn restart(&mut self, c: MatRef<'_, f64>) -> Result<(), RemeshError> {
@@ -354,12 +354,12 @@ impl DeviceStore {
         if rows.is_none() {
             self.update_all()?;
         }
-        let mut found = vec![0.0; 1 + block.len().pow(2)];
+        let mut values = vec![0.0; 1 + block.len().pow(2)];
         if wanted {
-            self.read_block(back, submission, &mut found)?;
+            self.read_block(back, submission, &mut values)?;
         }
-        let entry = |i, j| f64::from(found[1 + i * block.len() + j]);
-        Ok((f64::from(found[0]), Mat::from_fn(block.len(), block.len(), entry)))
+        let entry = |i, j| f64::from(values[1 + i * block.len() + j]);
+        Ok((f64::from(values[0]), Mat::from_fn(block.len(), block.len(), entry)))
     }
 
     /// Dispatches of an update up to the entries to be read.
@@ -418,8 +418,8 @@ impl DeviceStore {
         let high = (ENTRIES / wide).min(self.size()).max(1);
         for (left, columns) in columns.chunks(wide).enumerate() {
             for (top, rows) in rows.chunks(high).enumerate() {
-                let found = self.fetch(rows, columns, take)?;
-                for (at, value) in found[1..].iter().enumerate() {
+                let values = self.fetch(rows, columns, take)?;
+                for (at, value) in values[1..].iter().enumerate() {
                     let (i, j) = (at / columns.len(), at % columns.len());
                     block[(top * high + i, left * wide + j)] = f64::from(*value);
                 }
@@ -452,9 +452,9 @@ impl DeviceStore {
                 None => Ok(()),
             }
         })?;
-        let mut found = vec![0.0; 1 + rows.len() * columns.len()];
-        self.read_block(back, submission, &mut found)?;
-        Ok(found)
+        let mut values = vec![0.0; 1 + rows.len() * columns.len()];
+        self.read_block(back, submission, &mut values)?;
+        Ok(values)
     }
 
     /// Index of a staging buffer for this many entries and the value before them.
@@ -472,10 +472,10 @@ impl DeviceStore {
         &mut self,
         back: usize,
         submission: wgpu::SubmissionIndex,
-        found: &mut [f32],
+        values: &mut [f32],
     ) -> Result<(), GpuError> {
         match &mut self.blocks_back[back] {
-            Some(readback) => readback.read_after(&self.gpu, submission, found),
+            Some(readback) => readback.read_after(&self.gpu, submission, values),
             None => Ok(()),
         }
     }
@@ -502,9 +502,9 @@ impl DeviceStore {
     }
 
     fn read_sums(&mut self, submission: wgpu::SubmissionIndex, out: &mut [f64]) -> Result<(), RemeshError> {
-        let mut found = vec![0.0f32; out.len()];
-        self.sums_back.read_after(&self.gpu, submission, &mut found)?;
-        out.iter_mut().zip(&found).for_each(|(to, from)| *to = f64::from(*from));
+        let mut sums = vec![0.0f32; out.len()];
+        self.sums_back.read_after(&self.gpu, submission, &mut sums)?;
+        out.iter_mut().zip(&sums).for_each(|(to, from)| *to = f64::from(*from));
         Ok(())
     }
 
@@ -542,14 +542,14 @@ impl DeviceStore {
         let banks = self.tiles.banks.len() as u32;
         for (slot, bank) in (0..).zip(&self.tiles.banks) {
             for (slot, params) in [(slot, params), (banks + slot, entries)] {
-                let own = TileParams {
+                let with_slot = TileParams {
                     first_tile: bank.first as u32,
                     tiles: bank.tiles as u32,
                     // The first bank starts a sum, the others add to it.
                     add: params.add | u32::from(bank.first > 0),
                     ..params
                 };
-                self.shared.parameters.set(slot, &own)?;
+                self.shared.parameters.set(slot, &with_slot)?;
             }
         }
         self.shared.parameters.write(&self.gpu)

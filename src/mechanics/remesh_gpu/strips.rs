@@ -71,13 +71,13 @@ impl Strips {
         } = shared;
         let bind = |pipeline: &Pipeline, buffers: &[&StorageBuffer]| pipeline.bind(gpu, parameters, buffers);
         let banks = tiles.banks.iter().map(|bank| {
-            let own = &bank.buffer;
+            let tiles = &bank.buffer;
             Ok(BankBindings {
-                take: bind(&passes.take, &[own, lists, &y])?,
-                entries: bind(&passes.entries, &[own, lists, block, &y, &z])?,
-                update_all: bind(&passes.update_all, &[own, &y, &z])?,
-                update_rows: bind(&passes.update_rows, &[own, &y, &z, lists])?,
-                multiply: bind(&passes.multiply, &[own, vector, sums])?,
+                take: bind(&passes.take, &[tiles, lists, &y])?,
+                entries: bind(&passes.entries, &[tiles, lists, block, &y, &z])?,
+                update_all: bind(&passes.update_all, &[tiles, &y, &z])?,
+                update_rows: bind(&passes.update_rows, &[tiles, &y, &z, lists])?,
+                multiply: bind(&passes.multiply, &[tiles, vector, sums])?,
             })
         });
         let solve = |pass| bind(pass, &[&y, lists, &change, &matrix, &c, block]);

@@ -191,20 +191,16 @@ impl<const D: usize> Supports<D> {
             assert!((axis as usize) < D, "axis {axis} in {D} dimensions");
             of[D * node as usize + axis as usize] = NONE;
         }
-        let (mut free, mut held) = (Vec::with_capacity(of.len()), Vec::new());
+        let (mut free, mut prescribed) = (Vec::with_capacity(of.len()), Vec::new());
         for (dof, number) in (0..).zip(&mut of) {
             if *number == NONE {
-                held.push(dof);
+                prescribed.push(dof);
             } else {
                 *number = free.len() as u32;
                 free.push(dof);
             }
         }
-        Supports {
-            of,
-            free,
-            prescribed: held,
-        }
+        Supports { of, free, prescribed }
     }
 
     /// Number of nodes.

@@ -111,12 +111,12 @@ pub fn check(mesh: &TetMesh, dofs: &Dofs) -> Result<(), LinearError> {
     if !loose.is_empty() {
         return Err(LinearError::LooseNodes { nodes: loose });
     }
-    let mut held = vec![false; parts.len()];
-    while hold_more(mesh, dofs, &parts, &mut held) {}
+    let mut supported = vec![false; parts.len()];
+    while hold_more(mesh, dofs, &parts, &mut supported) {}
     let mut free = Vec::new();
-    for group in parts.groups(|part| !held[part]) {
+    for group in parts.groups(|part| !supported[part]) {
         if group.len() <= MAX_HINGED {
-            free.extend(free_parts(mesh, dofs, &parts, &held, &group));
+            free.extend(free_parts(mesh, dofs, &parts, &supported, &group));
         }
     }
     if free.is_empty() {
@@ -131,22 +131,28 @@ pub fn check(mesh: &TetMesh, dofs: &Dofs) -> Result<(), LinearError> {
 
 /// Marks the parts fixed by their own prescribed displacements and by fixed parts around them; returns whether there
 /// were any.
-fn hold_more(mesh: &TetMesh, dofs: &Dofs, parts: &Parts, held: &mut [bool]) -> bool {
-    let before = held.to_vec();
+fn hold_more(mesh: &TetMesh, dofs: &Dofs, parts: &Parts, supported: &mut [bool]) -> bool {
+    let before = supported.to_vec();
     for part in 0..parts.len() {
-        held[part] = held[part]
+        supported[part] = supported[part]
             || Frame::of(mesh, parts, &[part])
                 .null_space(mesh, dofs, parts, &before, &[part])
                 .ncols()
                 == 0;
     }
-    *held != *before
+    *supported != *before
 }
 
 /// Returns the parts of a hinged group that can move, with their indices.
-fn free_parts(mesh: &TetMesh, dofs: &Dofs, parts: &Parts, held: &[bool], group: &[usize]) -> Vec<(usize, FreePart)> {
+fn free_parts(
+    mesh: &TetMesh,
+    dofs: &Dofs,
+    parts: &Parts,
+    supported: &[bool],
+    group: &[usize],
+) -> Vec<(usize, FreePart)> {
     let frame = Frame::of(mesh, parts, group);
-    let null = frame.null_space(mesh, dofs, parts, held, group);
+    let null = frame.null_space(mesh, dofs, parts, supported, group);
     let mut free = Vec::new();
     for (place, &part) in group.iter().enumerate() {
         let motions = motion::simplest(null.rows(6 * place, 6).into_owned(), frame.centre, frame.size);
@@ -189,7 +195,14 @@ impl Frame {
 
     /// Returns the unconstrained combinations of the group's rigid motions as orthonormal columns. Each part has six
     /// rows: its translation, and its rotation about the centre times the size.
-    fn null_space(&self, mesh: &TetMesh, dofs: &Dofs, parts: &Parts, held: &[bool], group: &[usize]) -> DMatrix<f64> {
+    fn null_space(
+        &self,
+        mesh: &TetMesh,
+        dofs: &Dofs,
+        parts: &Parts,
+        supported: &[bool],
+        group: &[usize],
+    ) -> DMatrix<f64> {
         let mut rows: Vec<f64> = Vec::new();
         let width = 6 * group.len();
         // Displacement of a node along an axis per unit of the six motions of its part.
@@ -212,7 +225,7 @@ impl Frame {
         for (place, &part) in group.iter().enumerate() {
             for &node in parts.nodes(part) {
                 let tied = parts.sharing(node);
-                let still = tied.iter().any(|&other| other != part && held[other]);
+                let still = tied.iter().any(|&other| other != part && supported[other]);
                 let next = tied.iter().filter(|&&other| other > part);
                 let next = next
                     .filter_map(|other| group.iter().position(|member| member == other))

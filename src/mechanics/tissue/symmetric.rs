@@ -187,12 +187,12 @@ impl<T: Scalar> Symmetric<T> {
     pub(super) fn copy_column<U>(&self, j: usize, out: &mut [U], convert: impl Fn(T) -> U) -> Result<(), LinearError> {
         check_dofs(&[j], self.size)?;
         check_shape("rows of the column", out.len(), self.size)?;
-        let own = j / PANEL_ROWS;
-        for (value, column) in out[..j].iter_mut().zip(&self.panels[own]) {
+        let panel_of_j = j / PANEL_ROWS;
+        for (value, column) in out[..j].iter_mut().zip(&self.panels[panel_of_j]) {
             *value = convert(column.0[j % PANEL_ROWS]);
         }
         let mut row = j;
-        for panel in &self.panels[own..] {
+        for panel in &self.panels[panel_of_j..] {
             let rows = &panel[j].0[row % PANEL_ROWS..];
             for (value, &entry) in out[row..].iter_mut().zip(rows) {
                 *value = convert(entry);
@@ -290,23 +290,23 @@ impl<T: Scalar> Symmetric<T> {
         let mut y = vec![T::of(0.0); panel_rows(panels.end - 1, self.size)[1]];
         for panel in panels {
             let [first, end] = panel_rows(panel, self.size);
-            let mut own = Column([T::of(0.0); PANEL_ROWS]);
-            own.0[..end - first].copy_from_slice(&x[first..end]);
+            let mut x_of_rows = Column([T::of(0.0); PANEL_ROWS]);
+            x_of_rows.0[..end - first].copy_from_slice(&x[first..end]);
             let mut rows = Column([T::of(0.0); PANEL_ROWS]);
             let (left, diagonal) = self.panels[panel].split_at(first);
             dispatch(Left {
                 columns: left,
                 x: &x[..first],
-                own: &own,
+                x_of_rows: &x_of_rows,
                 y: &mut y[..first],
                 rows: &mut rows,
             });
             for (j, column) in diagonal.iter().enumerate() {
                 let below = j + 1..end - first;
-                rows.0[j] += column.0[j] * own.0[j];
+                rows.0[j] += column.0[j] * x_of_rows.0[j];
                 for i in below {
-                    rows.0[i] += column.0[i] * own.0[j];
-                    rows.0[j] += column.0[i] * own.0[i];
+                    rows.0[i] += column.0[i] * x_of_rows.0[j];
+                    rows.0[j] += column.0[i] * x_of_rows.0[i];
                 }
             }
             y[first..].iter_mut().zip(&rows.0).for_each(|(y, &value)| *y += value);
@@ -315,11 +315,11 @@ impl<T: Scalar> Symmetric<T> {
     }
 }
 
-/// Columns of a panel left of its diagonal block: rows += A x and y += A^T own.
+/// Columns of a panel left of its diagonal block: rows += A x and y += A^T x_of_rows.
 struct Left<'a, T> {
     columns: &'a [Column<T>],
     x: &'a [T],
-    own: &'a Column<T>,
+    x_of_rows: &'a Column<T>,
     y: &'a mut [T],
     rows: &'a mut Column<T>,
 }
@@ -331,7 +331,7 @@ impl<T: Scalar> WithSimd for Left<'_, T> {
     fn with_simd<S: Simd>(self, simd: S) {
         // Left of the diagonal block there are as many columns as rows in the panels before: a multiple of WIDTH.
         let groups = self.columns.as_chunks::<WIDTH>().0.iter();
-        let own = T::vectors::<S>(&self.own.0);
+        let x_of_rows = T::vectors::<S>(&self.x_of_rows.0);
         let rows = T::vectors_mut::<S>(&mut self.rows.0);
         for ((columns, x), y) in groups
             .zip(self.x.as_chunks::<WIDTH>().0)
@@ -340,10 +340,10 @@ impl<T: Scalar> WithSimd for Left<'_, T> {
             let columns: [_; WIDTH] = array(|j| T::vectors::<S>(&columns[j].0));
             let x: [_; WIDTH] = array(|j| T::splat(simd, x[j]));
             let mut sums = [T::splat(simd, T::of(0.0)); WIDTH];
-            for i in 0..own.len() {
+            for i in 0..x_of_rows.len() {
                 for j in 0..WIDTH {
                     rows[i] = T::multiply_add(simd, columns[j][i], x[j], rows[i]);
-                    sums[j] = T::multiply_add(simd, columns[j][i], own[i], sums[j]);
+                    sums[j] = T::multiply_add(simd, columns[j][i], x_of_rows[i], sums[j]);
                 }
             }
             for j in 0..WIDTH {

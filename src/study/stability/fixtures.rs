@@ -246,8 +246,8 @@ impl Start {
             problem.fix(&[0, 1, 2], |p| p[2] == 0.0, |_| [0.0; 3]);
             Ok(problem)
         };
-        let (usual, own) = (problem(0.45)?, problem(poisson)?);
-        let mesh = AdaptedMesh::new(&mesh, &own.materials.check(&mesh)?, &own.dofs())?;
+        let (usual, of_poisson) = (problem(0.45)?, problem(poisson)?);
+        let mesh = AdaptedMesh::new(&mesh, &of_poisson.materials.check(&mesh)?, &of_poisson.dofs())?;
         let double: Symmetric<f64> = invert(&Factor::new(mesh.stiffness())?, &mut |_, _| {})?;
         let free: Vec<u32> = (0..mesh.nodes().len() as u32)
             .filter(|node| !mesh.dofs().of(*node).contains(&NONE))
@@ -326,19 +326,19 @@ impl Now {
     /// Returns the largest error of K^c relative to its largest entry.
     pub(crate) fn error_of_contacts(&self, adaptation: &Adaptation) -> f64 {
         let contacts = adaptation.remesher().contacts();
-        let found = adaptation.remesher().condensed();
+        let condensed = adaptation.remesher().condensed();
         let pairs = (0..contacts.len()).flat_map(|i| (0..contacts.len()).map(move |j| (i, j)));
         let gold = |(i, j): (usize, usize)| self.inverse.get(contacts[i], contacts[j]);
-        let difference = largest(pairs.clone().map(|at| found[at] - gold(at)));
+        let difference = largest(pairs.clone().map(|at| condensed[at] - gold(at)));
         difference / largest(pairs.map(gold))
     }
 
     /// Returns the largest error of K^-1 relative to its largest entry.
     pub(crate) fn error_of_all(&self, adaptation: &mut Adaptation) -> Result<f64, Unexpected> {
         let all: Vec<usize> = (0..self.inverse.size()).collect();
-        let found = adaptation.parts().1.compliance(&all, &all)?;
+        let compliance = adaptation.parts().1.compliance(&all, &all)?;
         let pairs = all.iter().flat_map(|i| all.iter().map(move |j| (*i, *j)));
-        let difference = largest(pairs.clone().map(|(i, j)| found[(i, j)] - self.inverse.get(i, j)));
+        let difference = largest(pairs.clone().map(|(i, j)| compliance[(i, j)] - self.inverse.get(i, j)));
         Ok(difference / largest(pairs.map(|(i, j)| self.inverse.get(i, j))))
     }
 }
@@ -563,20 +563,20 @@ fn dominant(size: usize, apply: impl Fn(&[f64], &mut [f64])) -> f64 {
 /// Opens every adapter of the machine and records how many there are. An adapter that cannot be opened is reported but is no failure, as it
 /// renders nothing.
 pub fn gpus(record: &mut Record<'_>) -> Vec<Gpu> {
-    let mut found = Vec::new();
+    let mut opened = Vec::new();
     for adapter in adapter::list() {
         let choice = AdapterChoice::named(format!("{} ({})", adapter.name, adapter.backend));
         match Gpu::open(&choice, &Needs::default()) {
-            Ok(gpu) => found.push(gpu),
+            Ok(gpu) => opened.push(gpu),
             Err(error) => record.report(format!("adapter that does not open ({error})"), 1.0),
         }
     }
-    let what = match found.len() {
+    let what = match opened.len() {
         0 => "GPU adapters: none, so this holds of the CPU alone",
         _ => "GPU adapters",
     };
-    record.report(what, found.len() as f64);
-    found
+    record.report(what, opened.len() as f64);
+    opened
 }
 
 /// Returns the backend name of a synthesizer: `cpu`, `cpu-f64` or the adapter's name.

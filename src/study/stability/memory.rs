@@ -150,19 +150,19 @@ fn exponentials(shortest_s: f64, longest_s: f64) -> (&'static str, Rule) {
     ("exponentials", Rule::Exponentials(span))
 }
 
-/// Returns the largest error over the steps `asked`, relative to the largest integral there.
-fn error(rule: &Rule, k: f64, steps: &[f64], asked: &[usize], load: &Load<'_>) -> Result<f64, HistoryError> {
+/// Returns the largest error over the steps `evaluated`, relative to the largest integral there.
+fn error(rule: &Rule, k: f64, steps: &[f64], evaluated: &[usize], load: &Load<'_>) -> Result<f64, HistoryError> {
     let (_, value, exact) = load;
     let mut history = rule.start(Operator::Integral(k), &[value(0.0)])?;
     let (mut t, mut worst, mut scale) = (0.0, 0.0f64, 0.0f64);
-    let mut asked = asked.iter().peekable();
+    let mut evaluated = evaluated.iter().peekable();
     for (at, step) in steps.iter().enumerate() {
         t += step;
-        if asked.next_if(|asked| **asked == at + 1).is_some() {
+        if evaluated.next_if(|step| **step == at + 1).is_some() {
             let mut past = [0.0];
-            let found = history.predict(*step, &mut past)? * value(t) + past[0];
+            let integral = history.predict(*step, &mut past)? * value(t) + past[0];
             let exact = exact(k, t);
-            worst = largest([worst, found - exact]);
+            worst = largest([worst, integral - exact]);
             scale = scale.max(exact.abs());
         }
         history.commit(*step, &[value(t)])?;
@@ -171,7 +171,7 @@ fn error(rule: &Rule, k: f64, steps: &[f64], asked: &[usize], load: &Load<'_>) -
 }
 
 /// Returns the evaluated steps: eight in the last three quarters.
-fn asked(steps: usize) -> Vec<usize> {
+fn evaluated(steps: usize) -> Vec<usize> {
     (1..=8).map(|at| steps / 4 + steps * 3 * at / 32).collect()
 }
 
@@ -195,7 +195,7 @@ pub(super) fn equal(record: &mut Record<'_>) -> Result<(), Unexpected> {
         for load in &loads {
             let mut worst = 0.0f64;
             for k in ORDERS {
-                let error = error(&rule, k, &steps, &asked(count), load)?;
+                let error = error(&rule, k, &steps, &evaluated(count), load)?;
                 worst = largest([worst, error]);
             }
             record.under(format!("{name}, {}: error", load.0), worst, limit);
@@ -225,9 +225,9 @@ fn growing(record: &mut Record<'_>) -> Result<(), Unexpected> {
             let mut worst = 0.0f64;
             for k in ORDERS {
                 // Eight evaluated steps, each ten times as late as the one before, ending with the last step.
-                let asked: Vec<usize> = (1..=8).map(|at| count - (8 - at) * count / 9).collect();
-                for asked in &asked {
-                    let error = error(&rule, k, &steps[..*asked], &[*asked], load)?;
+                let evaluated: Vec<usize> = (1..=8).map(|at| count - (8 - at) * count / 9).collect();
+                for last in &evaluated {
+                    let error = error(&rule, k, &steps[..*last], &[*last], load)?;
                     worst = largest([worst, error]);
                 }
             }
@@ -250,11 +250,11 @@ fn jumping(record: &mut Record<'_>) -> Result<(), Unexpected> {
     for (name, steps) in [("in turn", turns.collect()), ("at random", random)] {
         let steps: Vec<f64> = steps;
         let length: f64 = steps.iter().sum();
-        let asked: Vec<usize> = (1..=count).collect();
+        let evaluated: Vec<usize> = (1..=count).collect();
         for (rule, history) in [("trapezoid", Rule::Trapezoid), exponentials(1e-6, length * 1.01)] {
             let mut worst = 0.0f64;
             for k in ORDERS {
-                let error = error(&history, k, &steps, &asked, &load)?;
+                let error = error(&history, k, &steps, &evaluated, &load)?;
                 worst = largest([worst, error]);
             }
             record.under(format!("{name}, {rule}: error"), worst, 1e-9);
@@ -270,8 +270,8 @@ fn highest(rule: &Rule, operator: Operator, step: f64, count: usize) -> Result<f
     for at in 1..=count {
         let value = if at % 2 == 0 { 1.0 } else { -1.0 };
         let mut past = [0.0];
-        let found = (history.predict(step, &mut past)? * value + past[0]).abs();
-        worst = largest([worst, found]);
+        let magnitude = (history.predict(step, &mut past)? * value + past[0]).abs();
+        worst = largest([worst, magnitude]);
         history.commit(step, &[value])?;
     }
     Ok(worst)

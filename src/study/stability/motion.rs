@@ -43,13 +43,17 @@ fn options() -> Options {
 /// Correlation from which a window counts.
 const TRUSTED: f64 = 0.8;
 
-fn share(found: &[Estimate]) -> f64 {
-    let trusted = found.iter().filter(|it| it.correlation >= TRUSTED).count();
-    trusted as f64 / found.len() as f64
+fn share(estimates: &[Estimate]) -> f64 {
+    let trusted = estimates.iter().filter(|it| it.correlation >= TRUSTED).count();
+    trusted as f64 / estimates.len() as f64
 }
 
-fn magnitude(found: &[Estimate]) -> f64 {
-    largest(found.iter().flat_map(|it| [it.axial_um, it.lateral_um, it.correlation]))
+fn magnitude(estimates: &[Estimate]) -> f64 {
+    largest(
+        estimates
+            .iter()
+            .flat_map(|it| [it.axial_um, it.lateral_um, it.correlation]),
+    )
 }
 
 fn none(record: &mut Record<'_>) -> Result<(), Unexpected> {
@@ -72,12 +76,16 @@ fn none(record: &mut Record<'_>) -> Result<(), Unexpected> {
     ];
     for (name, first, second) in cases {
         let mut tracker = Tracker::new(options(), LINES, &first);
-        let found = tracker.next(&second);
+        let estimates = tracker.next(&second);
         let jumps = name == JUMP;
         let limit = if jumps { 0.1 } else { 0.0 };
-        record.under(format!("{name}: share of windows that correlate"), share(&found), limit);
+        record.under(
+            format!("{name}: share of windows that correlate"),
+            share(&estimates),
+            limit,
+        );
         // The reach of the search, and of its refinement, is far below a metre.
-        record.under(format!("{name}: largest number"), magnitude(&found), 1e6);
+        record.under(format!("{name}: largest number"), magnitude(&estimates), 1e6);
         if !jumps {
             record.zero(format!("{name}: changes of the reference"), tracker.switches as f64);
         }
@@ -104,19 +112,19 @@ fn damaged(record: &mut Record<'_>) -> Result<(), Unexpected> {
             .each_ref()
             .map(|frame| -> Vec<f32> { frame.iter().enumerate().map(|(at, value)| damage(at, *value)).collect() });
         let mut tracker = Tracker::new(options(), LINES, &first);
-        let found = tracker.next(&second);
+        let estimates = tracker.next(&second);
         let count = options().windows;
-        let inner = found.iter().enumerate().filter(|(at, _)| at % count + 1 < count);
+        let inner = estimates.iter().enumerate().filter(|(at, _)| at % count + 1 < count);
         let kept = inner.filter(|(_, it)| it.correlation >= TRUSTED);
         let errors: Vec<f64> = kept.map(|(_, it)| it.axial_um - 1e3 * MOVED_MM).collect();
         let mean = errors.iter().sum::<f64>() / errors.len() as f64;
         let square = errors.iter().map(|error| (error - mean).powi(2)).sum::<f64>() / errors.len() as f64;
         record.under(format!("{name}: axial bias, um"), mean.abs(), 0.5);
         record.under(format!("{name}: axial standard deviation, um"), square.sqrt(), 1.0);
-        record.report(format!("{name}: share of windows that correlate"), share(&found));
-        record.under(format!("{name}: largest number"), magnitude(&found), 1e6);
+        record.report(format!("{name}: share of windows that correlate"), share(&estimates));
+        record.under(format!("{name}: largest number"), magnitude(&estimates), 1e6);
         if name == "constant lines" {
-            let stuck = found
+            let stuck = estimates
                 .chunks(count)
                 .step_by(5)
                 .flatten()

@@ -92,8 +92,8 @@ fn beside_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
         section_mm: Some(20.0),
     };
     let target = [10.0, 38.0, 0.0];
-    let asked = 5.0;
-    let grazing = options(target, asked);
+    let clearance_mm = 5.0;
+    let grazing = options(target, clearance_mm);
     for (name, options, reason) in [
         ("target in bone", options([-4.0, 28.0, 0.0], 0.0), "lies in bone"),
         (
@@ -106,25 +106,25 @@ fn beside_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let expected = |error: &Error| error.to_string().contains(reason);
         record.refused(name, plan(&scenario, &options, &|_, _| ()), expected);
     }
-    let found = plan(&scenario, &grazing, &|_, _| ())?;
+    let planned = plan(&scenario, &grazing, &|_, _| ())?;
     let (mut off, mut simulated, mut excluded) = (Vec::new(), 0, 0);
     let (mut near, mut far, mut late) = (0, 0, 0);
-    for line in &found.lines {
+    for line in &planned.lines {
         let Some(entry) = line.entry_mm else { continue };
         let exact = vein_mm(&entry.into(), &target.into());
         match &line.path {
             Some(path) => {
                 simulated += 1;
-                near += usize::from(exact < asked - VOXEL_MM);
+                near += usize::from(exact < clearance_mm - VOXEL_MM);
                 // The path that is cut may be nearer or farther than the straight one, by what the tissue moves.
                 off.extend(path.clearance_mm.map(|clearance| (clearance - exact).max(0.0)));
-                near += usize::from(path.clearance_mm.is_some_and(|clearance| clearance < asked));
+                near += usize::from(path.clearance_mm.is_some_and(|clearance| clearance < clearance_mm));
             }
             None => {
                 excluded += 1;
                 // Before it is simulated, for this reason or for one that does not depend on bone.
-                late += usize::from(exact < asked - VOXEL_MM && line.excluded == Some(DEFORMED_BONE));
-                far += usize::from(exact > asked + VOXEL_MM && line.excluded == Some("too near to bone"));
+                late += usize::from(exact < clearance_mm - VOXEL_MM && line.excluded == Some(DEFORMED_BONE));
+                far += usize::from(exact > clearance_mm + VOXEL_MM && line.excluded == Some("too near to bone"));
             }
         }
     }
@@ -276,12 +276,12 @@ fn noisy_forces(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let mut off = 0.0;
         for row in 0..draws {
             let curve = noisy(share, row, &|depth| exact.at(depth));
-            let found = Piecewise::fit(&curve, 4).ok_or_else(|| Unexpected::new("no fit"))?;
-            let slopes = found.slopes_n_per_mm.iter().zip(&exact.slopes_n_per_mm);
-            let widths = [0, 2].map(|region| found.width(region) / exact.width(region) - 1.0);
+            let piecewise = Piecewise::fit(&curve, 4).ok_or_else(|| Unexpected::new("no fit"))?;
+            let slopes = piecewise.slopes_n_per_mm.iter().zip(&exact.slopes_n_per_mm);
+            let widths = [0, 2].map(|region| piecewise.width(region) / exact.width(region) - 1.0);
             off = largest(
                 slopes
-                    .map(|(found, exact)| found / exact - 1.0)
+                    .map(|(slope, exact)| slope / exact - 1.0)
                     .chain(widths)
                     .chain([off]),
             );
@@ -299,7 +299,7 @@ fn noisy_forces(record: &mut Record<'_>) -> Result<(), Unexpected> {
     ];
     for (name, of) in curves {
         let curve = noisy(0.02, draws, of);
-        let doubted = Piecewise::fit(&curve, 4).is_none_or(|found| found.doubt(&curve).is_some());
+        let doubted = Piecewise::fit(&curve, 4).is_none_or(|piecewise| piecewise.doubt(&curve).is_some());
         record.zero(format!("{name}: taken for four regions"), u8::from(!doubted).into());
     }
     Ok(())
@@ -319,9 +319,9 @@ fn markers(record: &mut Record<'_>) -> Result<(), Unexpected> {
         // Each trial lacks five other markers.
         let kept: Vec<usize> = (0..SEEN).map(|at| (at * 5 + trial as usize) % design.len()).collect();
         let of_design = |at: &usize| pose * (design[*at] + NOISE_MM / 3f64.sqrt() * random(2 + *at as i32));
-        let mut found: Vec<_> = kept.iter().map(of_design).collect();
-        found.extend((20..26).map(|row| pose * Point3::from(Vector3::new(30.0, 0.0, 0.0) + 25.0 * random(row))));
-        let placement = place(&design, &found)?;
+        let mut centres: Vec<_> = kept.iter().map(of_design).collect();
+        centres.extend((20..26).map(|row| pose * Point3::from(Vector3::new(30.0, 0.0, 0.0) + 25.0 * random(row))));
+        let placement = place(&design, &centres)?;
         let is_false =
             |(at, matched): &(usize, &Option<usize>)| matched.is_some_and(|matched| kept.get(matched) != Some(at));
         false_matches += placement.matched.iter().enumerate().filter(is_false).count();

@@ -165,9 +165,9 @@ pub fn largest(values: impl IntoIterator<Item = f64>) -> f64 {
 }
 
 /// Returns the largest difference relative to the largest magnitude of `expected`; zero for equal values, even if all are zero.
-pub fn relative(found: &[f64], expected: &[f64]) -> f64 {
-    let difference = largest(found.iter().zip(expected).map(|(found, expected)| found - expected));
-    if difference == 0.0 && found.len() == expected.len() {
+pub fn relative(values: &[f64], expected: &[f64]) -> f64 {
+    let difference = largest(values.iter().zip(expected).map(|(value, expected)| value - expected));
+    if difference == 0.0 && values.len() == expected.len() {
         return 0.0;
     }
     difference / largest(expected.iter().copied())

@@ -45,7 +45,7 @@ pub(super) struct Network {
     topology: Topology,
     pub fixed: Vec<bool>,
     /// Nodes of the mesh in its own frame, mm.
-    own: Vec<Vector3<f64>>,
+    in_cylinder: Vec<Vector3<f64>>,
     /// Young's modulus, N/mm^2.
     young: f64,
     /// Density, N s^2/mm^4.
@@ -80,8 +80,8 @@ pub(super) struct Network {
 impl Network {
     /// Builds a network at rest, in the frame of the cylinder.
     pub(super) fn new(cylinder: Cylinder, parameters: &Parameters) -> Network {
-        let own: Vec<Vector3<f64>> = cylinder.mesh.nodes().iter().map(|&node| node.into()).collect();
-        let count = own.len();
+        let in_cylinder: Vec<Vector3<f64>> = cylinder.mesh.nodes().iter().map(|&node| node.into()).collect();
+        let count = in_cylinder.len();
         let topology = Topology::new(count, cylinder.mesh.elements());
         let zero = vec![Vector3::zeros(); count];
         let mut network = Network {
@@ -92,9 +92,9 @@ impl Network {
             density: parameters.density_kg_per_m3 * TONNE_PER_MM3,
             spring_damping: parameters.spring_damping_s,
             damping: parameters.damping_per_s,
-            original: own.clone(),
-            reference: own.clone(),
-            own,
+            original: in_cylinder.clone(),
+            reference: in_cylinder.clone(),
+            in_cylinder,
             displacement: zero.clone(),
             velocity: zero.clone(),
             force: zero.clone(),
@@ -111,8 +111,8 @@ impl Network {
 
     /// Moves the entire cylinder to another frame, at rest.
     pub(super) fn place(&mut self, frame: &Isometry3<f64>) {
-        for (original, own) in self.original.iter_mut().zip(&self.own) {
-            *original = (frame * Point3::from(*own)).coords;
+        for (original, in_cylinder) in self.original.iter_mut().zip(&self.in_cylinder) {
+            *original = (frame * Point3::from(*in_cylinder)).coords;
         }
         self.reference.copy_from_slice(&self.original);
         self.rest();
@@ -184,10 +184,10 @@ impl Network {
                 others += spring.abs() * spring.abs().sum();
             }
         }
-        let own = Vector3::from(rows.map(|row| row.abs().sum()));
+        let row_sums = Vector3::from(rows.map(|row| row.abs().sum()));
         self.bound[node as usize] = match self.fixed[node as usize] {
             true => 0.0,
-            false => (own + others).max() / self.mass[node as usize],
+            false => (row_sums + others).max() / self.mass[node as usize],
         };
     }
 
@@ -334,7 +334,7 @@ impl Network {
         among: impl Iterator<Item = u32>,
         corners: impl Fn(&Self, u32) -> [Vector3<f64>; 4],
     ) -> Option<(u32, [f64; 4])> {
-        let mut found = None;
+        let mut inside = None;
         let mut deepest = -SLACK;
         for element in among {
             let Some(simplex) = Simplex::new(&corners(self, element)) else {
@@ -344,10 +344,10 @@ impl Network {
             let (_, lowest) = geometry::least(&coordinates);
             if lowest > deepest {
                 deepest = lowest;
-                found = Some((element, coordinates));
+                inside = Some((element, coordinates));
             }
         }
-        found
+        inside
     }
 
     /// Moves the reference position of a node so that the node is now at a point of one of its elements with these

@@ -65,15 +65,15 @@ pub enum Wanted {
 /// # Errors
 /// [`BeamError`]; also if a layer is compressed beyond its limit.
 pub fn find(beam: &mut FoundationBeam, wanted: &Wanted) -> Result<(Base, Shape), BeamError> {
-    let found = reach(beam, wanted)?;
+    let solution = reach(beam, wanted)?;
     let limits = &beam.problem().layers;
-    let over = found
+    let over = solution
         .1
         .layers
         .iter()
         .find(|load| load.least_ratio < limits[load.layer].least_ratio);
     match over {
-        None => Ok(found),
+        None => Ok(solution),
         Some(load) => Err(BeamError::Compressed {
             layer: load.layer + 1,
             ratio: load.least_ratio,
@@ -125,8 +125,8 @@ pub fn reach(beam: &mut FoundationBeam, wanted: &Wanted) -> Result<(Base, Shape)
             within(com_mm)?;
             not_zero("displacement_mm", displacement_mm)?;
             let turned = |c: &[f64]| prescribed(displacement_mm, c[0]);
-            let found = seek(beam, &[(com_mm, 0.0)], &turned, &[NUDGE_MM / length.max(1.0)])?;
-            first(found, com_mm)
+            let solution = seek(beam, &[(com_mm, 0.0)], &turned, &[NUDGE_MM / length.max(1.0)])?;
+            first(solution, com_mm)
         }
         Wanted::TipAndCentre { tip_mm, com_mm } => {
             within(com_mm)?;
@@ -157,17 +157,19 @@ fn least_compressing(beam: &mut FoundationBeam, tip_mm: f64) -> Result<(Base, Sh
             displacement_mm: c[0] * angle.cos(),
             slope: Some(c[0] * angle.sin() / length),
         };
-        let found = seek(beam, &[(inserted, tip_mm)], &base, &[NUDGE_MM])?;
-        Ok((strain_share(beam, &found.1), found))
+        let solution = seek(beam, &[(inserted, tip_mm)], &base, &[NUDGE_MM])?;
+        Ok((strain_share(beam, &solution.1), solution))
     };
-    let share = |found: &Result<(f64, (Base, Shape)), BeamError>| found.as_ref().map_or(f64::INFINITY, |found| found.0);
+    let share = |solution: &Result<(f64, (Base, Shape)), BeamError>| {
+        solution.as_ref().map_or(f64::INFINITY, |solution| solution.0)
+    };
     let width = PI / RATIOS as f64;
     let mut best = (0.0, at(0.0));
     for step in 1..RATIOS {
         let angle = step as f64 * width;
-        let found = at(angle);
-        if share(&found) < share(&best.1) {
-            best = (angle, found);
+        let solution = at(angle);
+        if share(&solution) < share(&best.1) {
+            best = (angle, solution);
         }
     }
     let golden = 0.5 * (5.0f64.sqrt() - 1.0);
@@ -187,14 +189,16 @@ fn least_compressing(beam: &mut FoundationBeam, tip_mm: f64) -> Result<(Base, Sh
     }
     let candidates = [best.1, at_near, at_far];
     let least = candidates.into_iter().min_by(|a, b| share(a).total_cmp(&share(b)));
-    least.map_or(Err(BeamError::NoMotion { miss_mm: tip_mm.abs() }), |found| Ok(found?.1))
+    least.map_or(Err(BeamError::NoMotion { miss_mm: tip_mm.abs() }), |solution| {
+        Ok(solution?.1)
+    })
 }
 
 /// Rejects a needle that crosses its undeflected line above the goal.
-fn first(found: (Base, Shape), wanted_mm: f64) -> Result<(Base, Shape), BeamError> {
-    match found.1.com_mm() {
+fn first(solution: (Base, Shape), wanted_mm: f64) -> Result<(Base, Shape), BeamError> {
+    match solution.1.com_mm() {
         Some(found_mm) if found_mm < wanted_mm - 1e-3 => Err(BeamError::Earlier { wanted_mm, found_mm }),
-        _ => Ok(found),
+        _ => Ok(solution),
     }
 }
 

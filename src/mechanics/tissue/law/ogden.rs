@@ -58,8 +58,8 @@ impl Ogden {
         let slope = [0, 1, 2].map(|i| {
             [0, 1, 2].map(|k| {
                 // db_i / dl_k
-                let own = if i == k { powers[i] } else { 0.0 };
-                let shear = 2.0 * mu * (own - (powers[i] + powers[k]) / 3.0 + mean / 3.0);
+                let power = if i == k { powers[i] } else { 0.0 };
+                let shear = 2.0 * mu * (power - (powers[i] + powers[k]) / 3.0 + mean / 3.0);
                 let change = (shear + bulk * (2.0 * j - 1.0) * j) / stretches[k];
                 let of_square = if i == k { 2.0 * b[i] / stretches[i] } else { 0.0 };
                 (change - of_square) / stretches[i].powi(2)

@@ -75,9 +75,9 @@ impl Anderson {
         self.rest.extend_from_slice(change);
         let mut spanned = 0;
         for at in (0..self.used).rev() {
-            let (before, own) = self.directions.split_at_mut(spanned);
+            let (before, unused) = self.directions.split_at_mut(spanned);
             let (moves, step) = self.moves.split_at_mut(spanned);
-            let (direction, step) = (&mut own[0], &mut step[0]);
+            let (direction, step) = (&mut unused[0], &mut step[0]);
             direction.clone_from(&self.turns[at]);
             step.clone_from(&self.steps[at]);
             let whole = dot(direction, direction);

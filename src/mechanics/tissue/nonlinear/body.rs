@@ -302,8 +302,8 @@ impl<const D: usize, const N: usize> NonlinearBody<D, N> {
     /// If there is not one entry per degree of freedom.
     pub fn relative_strains(&self, displacement: &[f64]) -> Vec<f64> {
         let strain = |(corners, cell): (&[u32; N], &Cell<D, N>)| {
-            let own = corners.map(|node| vector(displacement, node));
-            relative_strain(&cell.shape.strain(&own)).0
+            let moved = corners.map(|node| vector(displacement, node));
+            relative_strain(&cell.shape.strain(&moved)).0
         };
         self.elements.iter().zip(&self.cells).map(strain).collect()
     }
@@ -314,8 +314,8 @@ impl<const D: usize, const N: usize> NonlinearBody<D, N> {
     /// If there is not one entry per degree of freedom.
     pub fn strains(&self, displacement: &[f64]) -> Vec<[[f64; D]; D]> {
         let strain = |(corners, cell): (&[u32; N], &Cell<D, N>)| {
-            let own = corners.map(|node| vector(displacement, node));
-            cell.shape.strain(&own)
+            let moved = corners.map(|node| vector(displacement, node));
+            cell.shape.strain(&moved)
         };
         self.elements.iter().zip(&self.cells).map(strain).collect()
     }
@@ -351,11 +351,11 @@ impl<const D: usize, const N: usize> NonlinearBody<D, N> {
         forces.fill(0.0);
         let Responses { cells, gradients, .. } = responses;
         for ((corners, cell), response) in self.elements.iter().zip(&self.cells).zip(cells) {
-            let own = corners.map(|node| vector(u, node));
+            let moved = corners.map(|node| vector(u, node));
             let secant_law = match cell.law {
                 CellLaw::Secant(law) => law,
                 CellLaw::Finite { law, weight, at } => {
-                    let gradient = cell.shape.gradient(&own);
+                    let gradient = cell.shape.gradient(&moved);
                     gradients[at as usize] = gradient;
                     let stress = law.stress_kpa(&embedded(&gradient)) * weight;
                     let stress = std::array::from_fn(|i| std::array::from_fn(|j| stress[(i, j)]));
@@ -363,13 +363,13 @@ impl<const D: usize, const N: usize> NonlinearBody<D, N> {
                     continue;
                 }
             };
-            let strain = cell.shape.strain(&own);
+            let strain = cell.shape.strain(&moved);
             let (relative, deviator) = relative_strain(&strain);
             let strained = match offset {
                 None => strain,
                 Some(offset) => {
                     let rest: [[f64; D]; N] = corners.map(|node| vector(offset, node));
-                    let rest = std::array::from_fn(|a| std::array::from_fn(|axis| own[a][axis] - rest[a][axis]));
+                    let rest = std::array::from_fn(|a| std::array::from_fn(|axis| moved[a][axis] - rest[a][axis]));
                     cell.shape.strain(&rest)
                 }
             };
@@ -404,13 +404,13 @@ impl<const D: usize, const N: usize> NonlinearBody<D, N> {
     pub(super) fn consistent(&self, responses: &Responses<D>, change: &[f64], product: &mut [f64]) {
         product.fill(0.0);
         for ((corners, cell), response) in self.elements.iter().zip(&self.cells).zip(&responses.cells) {
-            let own = corners.map(|node| vector(change, node));
+            let changed = corners.map(|node| vector(change, node));
             if let Some(moduli) = responses.moduli_of(cell) {
-                let stress = contracted(moduli, &cell.shape.gradient(&own));
+                let stress = contracted(moduli, &cell.shape.gradient(&changed));
                 add(product, corners, &cell.shape.divergence(&stress));
                 continue;
             }
-            let strain = cell.shape.strain(&own);
+            let strain = cell.shape.strain(&changed);
             let relative: f64 = (0..D).map(|i| dot(response.normal[i], strain[i])).sum();
             let stress = cell.stress(&strain);
             let stress = std::array::from_fn(|i| {

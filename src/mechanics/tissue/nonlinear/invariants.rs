@@ -3,8 +3,8 @@
 /// Returns the von Mises stress, sqrt(3/2 s : s) with s the deviator: the stress in uniaxial tension, sqrt(3) times that in simple shear.
 pub fn von_mises(stress: &[[f64; 3]; 3]) -> f64 {
     let [[xx, xy, xz], [_, yy, yz], [_, _, zz]] = *stress;
-    let apart = (xx - yy).powi(2) + (yy - zz).powi(2) + (zz - xx).powi(2);
-    (0.5 * apart + 3.0 * (xy * xy + yz * yz + xz * xz)).sqrt()
+    let differences = (xx - yy).powi(2) + (yy - zz).powi(2) + (zz - xx).powi(2);
+    (0.5 * differences + 3.0 * (xy * xy + yz * yz + xz * xz)).sqrt()
 }
 
 /// Returns the relative strain e_r = sqrt(((e1 - e2)^2 + (e2 - e3)^2 + (e3 - e1)^2) / 2) of a strain (`D` = 2: plane

@@ -203,18 +203,18 @@ impl Around {
     pub(crate) fn new(elements: &[[u32; 4]], nodes: usize) -> Around {
         let corners = Lists::corners(elements, nodes);
         let mut pairs = Vec::with_capacity(16 * nodes);
-        let mut own: Vec<u32> = Vec::new();
+        let mut neighbours: Vec<u32> = Vec::new();
         for node in 0..nodes as u32 {
-            own.clear();
-            own.extend(
+            neighbours.clear();
+            neighbours.extend(
                 corners
                     .of(node)
                     .iter()
                     .flat_map(|corner| elements[*corner as usize / 4]),
             );
-            own.sort_unstable();
-            own.dedup();
-            pairs.extend(own.iter().map(|&other| (node, other)));
+            neighbours.sort_unstable();
+            neighbours.dedup();
+            pairs.extend(neighbours.iter().map(|&other| (node, other)));
         }
         Around {
             corners,
@@ -289,12 +289,12 @@ impl Change {
             let after = Shape::of(&positions).map_err(refused)?;
             let material = &mesh.stiffness().materials()[element as usize];
             let (weights_before, weights_after) = (before.weights(material), after.weights(material));
-            let own = corners.map(|corner| dofs.of(corner).map(|dof| support.binary_search(&dof).ok()));
+            let places = corners.map(|corner| dofs.of(corner).map(|dof| support.binary_search(&dof).ok()));
             for (a, b) in (0..16).map(|pair| (pair / 4, pair % 4)) {
                 let old = before.block(weights_before, a, b);
                 let new = after.block(weights_after, a, b);
                 for (i, j) in (0..9).map(|entry| (entry / 3, entry % 3)) {
-                    if let (Some(row), Some(column)) = (own[a][i], own[b][j]) {
+                    if let (Some(row), Some(column)) = (places[a][i], places[b][j]) {
                         stiffness[(row, column)] += new[i][j] - old[i][j];
                     }
                 }

@@ -49,7 +49,7 @@ pub struct Exact {
     source: Box<dyn Compliance + Send>,
     precision: Precision,
     options: RemesherOptions,
-    held: Support,
+    support: Support,
     contacts: Contacts,
     difference: Difference,
     work: Work,
@@ -67,7 +67,7 @@ impl fmt::Debug for Exact {
             f,
             "Exact(step {}, |S| = {}, {} contacts)",
             self.step,
-            self.held.len(),
+            self.support.len(),
             self.contacts.dofs().len()
         )
     }
@@ -91,7 +91,7 @@ impl Exact {
             source,
             precision,
             options,
-            held: Support::new(size),
+            support: Support::new(size),
             contacts: Contacts::none(),
             difference: Difference::default(),
             work: Work::new(size),
@@ -108,15 +108,15 @@ impl Exact {
 
     /// Degrees of freedom S, in the order of [`correction`](Self::correction).
     #[cfg(test)]
-    pub fn held(&self) -> &[usize] {
-        self.held.dofs()
+    pub fn support_dofs(&self) -> &[usize] {
+        self.support.dofs()
     }
 
     /// Correction C of the base compliance, N/mm.
     #[cfg(test)]
     pub fn correction(&mut self) -> MatRef<'_, f64> {
         self.complete();
-        self.held.c.get()
+        self.support.c.get()
     }
 
     /// Number of times C was recomputed instead of updated.
@@ -126,17 +126,17 @@ impl Exact {
     }
 
     fn report(&self, rank: usize, reciprocal_condition: f64, rebuilt: Option<Rebuilt>) -> RemeshReport {
-        let held = self.held.len();
+        let support = self.support.len();
         let contacts = self.contacts.dofs().len();
         // An update reads G[S, P] and reads and writes C; a recomputation reads G and dK, writes the factors and C.
         let entries = match rebuilt {
-            None => rank * held + 3 * held * held + 2 * contacts * held,
-            Some(_) => 5 * held * held + contacts * held,
+            None => rank * support + 3 * support * support + 2 * contacts * support,
+            Some(_) => 5 * support * support + contacts * support,
         };
         RemeshReport {
             level: Level::Exact,
             rank,
-            held,
+            held: support,
             reciprocal_condition,
             residual: None,
             rebuilt,
@@ -148,13 +148,13 @@ impl Exact {
 
 /// Checks that a source has one row per free degree of freedom.
 fn fits(source: &dyn Compliance, size: usize) -> Result<(), LinearError> {
-    let found = source.size();
-    if found == size {
+    let rows = source.size();
+    if rows == size {
         return Ok(());
     }
     Err(LinearError::Shape {
         what: "rows of the compliance",
-        found,
+        found: rows,
         expected: size,
     })
 }
@@ -182,12 +182,12 @@ impl Remesher for Exact {
         check_step(self.step, mesh, change)?;
         self.complete();
         let (before, done) = self.meet(&change.support);
-        self.held
+        self.support
             .extend(&mut *self.source, &change.support, self.contacts.dofs())?;
         let condition = match self.update(change, done) {
             Ok(condition) => condition,
             Err(reciprocal_condition) => {
-                self.held.truncate(before);
+                self.support.truncate(before);
                 return Err(RemeshError::Singular {
                     node: change.node,
                     reciprocal_condition,
@@ -196,12 +196,12 @@ impl Remesher for Exact {
             }
         };
         self.step += 1;
-        if self.held.releases(mesh, &change.support) {
+        if self.support.releases(mesh, &change.support) {
             self.complete();
-            self.held.release(mesh, &change.support);
+            self.support.release(mesh, &change.support);
         }
         let mut report = self.report(change.support.len(), condition, None);
-        if self.held.is_empty() {
+        if self.support.is_empty() {
             self.contacts.forget_correction();
             (self.sample_schedule, self.is_due, self.work.left) = (SampleSchedule::new(), false, false);
         } else {
@@ -230,20 +230,20 @@ impl Remesher for Exact {
 
     fn refresh(&mut self, mesh: &AdaptedMesh) -> Result<RemeshReport, RemeshError> {
         self.complete();
-        let support: Vec<u32> = mesh.support().collect();
-        let mut held = Support::new(mesh.dofs().free());
-        held.extend(&mut *self.source, &support, self.contacts.dofs())?;
-        let before = std::mem::replace(&mut self.held, held);
+        let dofs: Vec<u32> = mesh.support().collect();
+        let mut support = Support::new(mesh.dofs().free());
+        support.extend(&mut *self.source, &dofs, self.contacts.dofs())?;
+        let before = std::mem::replace(&mut self.support, support);
         self.speculation.forget();
         mesh.difference_into(&mut self.difference);
         match self.recompute() {
             Ok(condition) => {
                 self.rebuilds += 1;
                 self.step = mesh.step();
-                Ok(self.report(support.len(), condition, Some(Rebuilt::Requested)))
+                Ok(self.report(dofs.len(), condition, Some(Rebuilt::Requested)))
             }
             Err(reciprocal_condition) => {
-                self.held = before;
+                self.support = before;
                 Err(RemeshError::FarFromBase {
                     reciprocal_condition,
                     limit: self.options.reciprocal_limit,
@@ -259,7 +259,7 @@ impl Remesher for Exact {
 
     fn set_contacts(&mut self, dofs: &[usize]) -> Result<(), RemeshError> {
         self.contacts
-            .set(dofs, &mut *self.source, &mut self.held, &mut self.work)
+            .set(dofs, &mut *self.source, &mut self.support, &mut self.work)
             .map_err(RemeshError::from)
     }
 
@@ -311,7 +311,7 @@ impl Remesher for Exact {
     }
 
     fn memory(&self) -> usize {
-        self.source.bytes() + self.held.bytes() + self.work.bytes() + self.speculation.bytes()
+        self.source.bytes() + self.support.bytes() + self.work.bytes() + self.speculation.bytes()
     }
 }
 

@@ -138,8 +138,8 @@ fn rows_of(level: Level, mesh: &AdaptedMesh, change: &Change) -> Option<Vec<usiz
     match level {
         Level::II => Some(change.support.iter().map(|dof| *dof as usize).collect()),
         Level::III => {
-            let own = mesh.dofs().of(change.node).into_iter().filter(|dof| *dof != NONE);
-            Some(own.map(|dof| dof as usize).collect())
+            let free_dofs = mesh.dofs().of(change.node).into_iter().filter(|dof| *dof != NONE);
+            Some(free_dofs.map(|dof| dof as usize).collect())
         }
         Level::I | Level::IV | Level::Exact => None,
     }

@@ -32,8 +32,8 @@ impl<T: Scalar> Symmetric<T> {
         let z = packed_product(y, c);
         for_each_init(self.row_panels_mut(), &Vec::new, &|rows, panel| {
             rows.clear();
-            let own = panel.first_row..panel.first_row + panel.rows;
-            rows.extend((0..rank).map(|k| packed_column(y, own.clone(), k)));
+            let panel_rows = panel.first_row..panel.first_row + panel.rows;
+            rows.extend((0..rank).map(|k| packed_column(y, panel_rows.clone(), k)));
             dispatch(Update {
                 columns: panel.columns,
                 y: rows,
@@ -60,11 +60,15 @@ impl<T: Scalar> Symmetric<T> {
         }
         let changes = changes(y, c, &sorted);
         for_each(self.row_panels_mut(), &|panel| {
-            let own = panel.first_row..panel.first_row + panel.rows;
+            let panel_rows = panel.first_row..panel.first_row + panel.rows;
             let at = panel.first_row / PANEL_ROWS * sorted.len();
             // Columns: contiguous. Pairs of given rows are changed here.
-            for (&column, change) in sorted.iter().zip(&changes[at..]).take_while(|pair| *pair.0 < own.end) {
-                let from = column.saturating_sub(own.start);
+            for (&column, change) in sorted
+                .iter()
+                .zip(&changes[at..])
+                .take_while(|pair| *pair.0 < panel_rows.end)
+            {
+                let from = column.saturating_sub(panel_rows.start);
                 let values = &mut panel.columns[column].0[from..];
                 values
                     .iter_mut()
@@ -72,7 +76,8 @@ impl<T: Scalar> Symmetric<T> {
                     .for_each(|(value, &change)| *value -= change);
             }
             // Rows: one value per column; the given rows of a panel share its cache lines.
-            let named = sorted.partition_point(|&row| row < own.start)..sorted.partition_point(|&row| row < own.end);
+            let named = sorted.partition_point(|&row| row < panel_rows.start)
+                ..sorted.partition_point(|&row| row < panel_rows.end);
             if named.is_empty() {
                 return;
             }
@@ -83,7 +88,8 @@ impl<T: Scalar> Symmetric<T> {
                     continue;
                 }
                 for q in named.clone().filter(|&q| sorted[q] > j) {
-                    column.0[sorted[q] - own.start] -= changes[j / PANEL_ROWS * sorted.len() + q].0[j % PANEL_ROWS];
+                    column.0[sorted[q] - panel_rows.start] -=
+                        changes[j / PANEL_ROWS * sorted.len() + q].0[j % PANEL_ROWS];
                 }
             }
         });
@@ -132,9 +138,9 @@ fn packed_product<T: Scalar>(y: MatRef<'_, T>, c: MatRef<'_, T>) -> Vec<[T; WIDT
 /// Computes W = Y C Y[rows]^T by panels of rows: one column for each given row.
 fn changes<T: Scalar>(y: MatRef<'_, T>, c: MatRef<'_, T>, rows: &[usize]) -> Vec<Column<T>> {
     let [size, rank] = [y.nrows(), y.ncols()];
-    let own = Mat::from_fn(rows.len(), rank, |i, k| y[(rows[i], k)]);
+    let selected = Mat::from_fn(rows.len(), rank, |i, k| y[(rows[i], k)]);
     let mut z = Mat::<T>::zeros(rows.len(), rank);
-    product(z.as_mut(), own.as_ref(), c);
+    product(z.as_mut(), selected.as_ref(), c);
     let mut changes = vec![Column([T::of(0.0); PANEL_ROWS]); size.div_ceil(PANEL_ROWS) * rows.len()];
     for_each((0.., chunks_mut(&mut changes, rows.len())), &|(panel, changes)| {
         let [first, end] = panel_rows(panel, size);

@@ -39,7 +39,7 @@ struct Step {
     /// Contribution of the value at the end of the step to each mode.
     ends: Vec<f64>,
     /// Weights of the values at both ends of the step itself.
-    own: [f64; 2],
+    step_weights: [f64; 2],
 }
 
 /// Relative rounding by which a history may exceed its span.
@@ -64,7 +64,7 @@ impl Exponentials {
                 weighted: none(),
                 starts: none(),
                 ends: none(),
-                own: [0.0; 2],
+                step_weights: [0.0; 2],
             },
             rates,
             weights,
@@ -93,8 +93,8 @@ impl Exponentials {
             return;
         }
         step.step_s = step_s;
-        let own = self.moments.of(0.0, step_s);
-        step.own = [own.start, own.end];
+        let step_weights = self.moments.of(0.0, step_s);
+        step.step_weights = [step_weights.start, step_weights.end];
         for (at, rate) in self.rates.iter().enumerate() {
             let z = rate * step_s;
             let decay = (-z).exp();
@@ -213,7 +213,7 @@ impl History for Exponentials {
     fn predict(&mut self, step_s: f64, history: &mut [f64]) -> Result<f64, HistoryError> {
         self.check(step_s, history.len())?;
         self.prepare(step_s);
-        let [start, end] = self.step.own;
+        let [start, end] = self.step.step_weights;
         for (sum, last) in history.iter_mut().zip(&self.last) {
             *sum = start * last;
         }

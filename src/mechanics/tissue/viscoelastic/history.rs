@@ -43,8 +43,9 @@ pub trait History: Debug + Send + Sync {
     /// [`HistoryError::Remembered`] for numbers that do not fit such a history, and wherever a history cannot be saved. The
     /// history is then unchanged.
     fn recall(&mut self, remembered: &[f64]) -> Result<(), HistoryError> {
-        let found = remembered.len();
-        Err(HistoryError::Remembered { found })
+        Err(HistoryError::Remembered {
+            found: remembered.len(),
+        })
     }
 
     /// Size of the history, bytes.

@@ -74,10 +74,10 @@ fn finite(slab: Slab, cell_mm: f64) -> Result<Box<dyn Model>, Unexpected> {
         slab.region(&Point3::from(*p))
             .is_some_and(|region| slab.interaction(region).bone.is_some())
     };
-    let held = (0..).zip(setup.mesh.nodes()).filter(|(_, p)| is_bone(p));
+    let fixed_nodes = (0..).zip(setup.mesh.nodes()).filter(|(_, p)| is_bone(p));
     setup
         .fixed
-        .extend(held.flat_map(|(node, _)| [0, 1, 2].map(|axis| (node, axis))));
+        .extend(fixed_nodes.flat_map(|(node, _)| [0, 1, 2].map(|axis| (node, axis))));
     setup.anatomy = Some(Arc::new(slab));
     Ok(Box::new(build(setup)?))
 }
@@ -301,8 +301,10 @@ fn finite_to_bone(surface: f64) -> Result<Box<dyn Model>, Unexpected> {
     let regions = elements.iter().map(|corners| i32::from(in_bone(corners))).collect();
     let mesh = TetMesh::new(nodes.clone(), elements, regions)?;
     let mut setup = block::on_table(mesh, Material::new(10.0, 0.45)?, USUAL, block::rigid()?);
-    let held = (0..).zip(&nodes).filter(|(_, p)| deep(p[2]) || p[2] == EXTENT[2]);
-    setup.fixed = held.flat_map(|(node, _)| [0, 1, 2].map(|axis| (node, axis))).collect();
+    let fixed_nodes = (0..).zip(&nodes).filter(|(_, p)| deep(p[2]) || p[2] == EXTENT[2]);
+    setup.fixed = fixed_nodes
+        .flat_map(|(node, _)| [0, 1, 2].map(|axis| (node, axis)))
+        .collect();
     setup.interactions.push((1, of_bone()));
     Ok(Box::new(build(setup)?))
 }

@@ -242,8 +242,8 @@ pub(super) fn period(record: &mut Record<'_>) -> Result<(), Unexpected> {
                     sliding.push(now[0] / (density * now[1]) - 1.0);
                     if let Some((from, low)) = since {
                         let expected = (RATIO * density * beyond - low) / (stiffness * SPEED);
-                        let found = (step - from) as f64 * dt;
-                        late.push((found - expected) / dt);
+                        let period_s = (step - from) as f64 * dt;
+                        late.push((period_s - expected) / dt);
                     }
                     since = Some((step, now[0]));
                 } else {

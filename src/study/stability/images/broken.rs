@@ -134,9 +134,9 @@ fn untouched(mesh: &TetMesh, broken: &Broken) -> impl Fn([f64; 4]) -> bool {
 /// Counts updates in one precision that miscount the defects, also when repeated.
 fn miscounted<T: Real>(mesh: &TetMesh, broken: &Broken) -> Result<f64, Unexpected> {
     let mut locator = Locator::<T>::new(mesh);
-    let found = [locator.update(&broken.nodes)?, locator.update(&broken.nodes)?];
+    let reports = [locator.update(&broken.nodes)?, locator.update(&broken.nodes)?];
     let healed = locator.update(mesh.nodes())?;
-    let wrong = found.iter().filter(|found| **found != broken.report).count();
+    let wrong = reports.iter().filter(|report| **report != broken.report).count();
     Ok((wrong + usize::from(healed != LocatorReport::default())) as f64)
 }
 
@@ -178,25 +178,24 @@ pub(super) fn meshes(record: &mut Record<'_>) -> Result<(), Unexpected> {
             let world = synth.render_until("contact", &straight())?;
             let whole = synth.render_until("slice", &place(mesh.nodes()))?;
             let picture = synth.render(&place(mesh.nodes()))?.pixels.clone();
-            let found = synth.render_until("slice", &place(&broken.nodes))?;
+            let beam = synth.render_until("slice", &place(&broken.nodes))?;
             let all = synth.render_until("receiver", &place(&broken.nodes))?;
             record.zero(
                 format!("{case}: undefined values"),
-                (undefined(&mesh, &found) + undefined(&mesh, &all)) as f64,
+                (undefined(&mesh, &beam) + undefined(&mesh, &all)) as f64,
             );
-            let (mut apart, mut compared) = (0usize, 0usize);
-            for index in 0..found.position.len() {
+            let (mut changed, mut compared) = (0usize, 0usize);
+            for index in 0..beam.position.len() {
                 if rest(world.position[index]) {
                     compared += 1;
-                    let same =
-                        found.position[index] == whole.position[index] && found.label[index] == whole.label[index];
-                    apart += usize::from(!same);
+                    let same = beam.position[index] == whole.position[index] && beam.label[index] == whole.label[index];
+                    changed += usize::from(!same);
                 }
             }
-            record.zero(format!("{case}: samples of the rest that changed"), apart as f64);
+            record.zero(format!("{case}: samples of the rest that changed"), changed as f64);
             record.under(
                 format!("{case}: samples over those of the rest"),
-                found.position.len() as f64 / compared.max(1) as f64,
+                beam.position.len() as f64 / compared.max(1) as f64,
                 4.0,
             );
             let again = synth.render(&place(mesh.nodes()))?;

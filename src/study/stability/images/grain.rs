@@ -28,9 +28,12 @@ const UNLIKELY: f64 = 5.0;
 pub(super) fn any(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let gpus = gpus(record);
     for gpu in &gpus {
-        let [apart, compared] = apart(gpu, &SEEDS, 20_000)?;
+        let [differing, compared] = differing_hashes(gpu, &SEEDS, 20_000)?;
         let adapter = &gpu.report().name;
-        record.zero(format!("{adapter}: hashes that differ, of {compared}"), apart as f64);
+        record.zero(
+            format!("{adapter}: hashes that differ, of {compared}"),
+            differing as f64,
+        );
     }
     record.done(0.05);
     speckle(record, &gpus)?;
@@ -39,7 +42,7 @@ pub(super) fn any(record: &mut Record<'_>) -> Result<(), Unexpected> {
 
 /// Tests the ratio of mean to standard deviation of samples three correlation lengths apart, in the first and last frames of a sweep.
 fn speckle(record: &mut Record<'_>, gpus: &[Gpu]) -> Result<(), Unexpected> {
-    let own = Speckle {
+    let speckle = Speckle {
         axial_mm: Some(0.8),
         lateral_mm: Some(1.5),
         elevational_mm: Some(1.6),
@@ -47,7 +50,7 @@ fn speckle(record: &mut Record<'_>, gpus: &[Gpu]) -> Result<(), Unexpected> {
         focal_zone_mm: Some(10_000.0),
     };
     let effects = Effects {
-        speckle: Some(own),
+        speckle: Some(speckle),
         ..Effects::default()
     };
     let shape = ProbeShape::Linear(Linear { width_mm: WIDTH_MM });
@@ -219,7 +222,7 @@ fn points(count: usize) -> Vec<[i32; 3]> {
 ///
 /// # Errors
 /// [`GpuError`] if the device cannot run the hash.
-pub(super) fn apart(gpu: &Gpu, seeds: &[u64], count: usize) -> Result<[usize; 2], GpuError> {
+pub(super) fn differing_hashes(gpu: &Gpu, seeds: &[u64], count: usize) -> Result<[usize; 2], GpuError> {
     let points = points(count);
     let pairs = || {
         seeds
@@ -258,8 +261,8 @@ pub(super) fn apart(gpu: &Gpu, seeds: &[u64], count: usize) -> Result<[usize; 2]
         )?;
         recorder.read_back(&words, &readback)
     })?;
-    let mut found = vec![[0u32; 4]; expected.len()];
-    readback.read(gpu, &mut found)?;
-    let apart = expected.iter().zip(&found).filter(|(a, b)| a[..] != b[..3]).count();
-    Ok([apart, expected.len()])
+    let mut hashes = vec![[0u32; 4]; expected.len()];
+    readback.read(gpu, &mut hashes)?;
+    let differing = expected.iter().zip(&hashes).filter(|(a, b)| a[..] != b[..3]).count();
+    Ok([differing, expected.len()])
 }

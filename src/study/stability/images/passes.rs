@@ -215,8 +215,8 @@ pub(crate) fn any_blur(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let backend = name(&synth);
         let before = synth.render_until("slice", &straight())?.amplitude;
         let after = synth.render_until("blur", &straight())?.amplitude;
-        let apart = before.iter().zip(&after).filter(|(a, b)| a != b).count();
-        record.zero(format!("{backend}: echoes that width 0 changes"), apart as f64);
+        let changed_echoes = before.iter().zip(&after).filter(|(a, b)| a != b).count();
+        record.zero(format!("{backend}: echoes that width 0 changes"), changed_echoes as f64);
     }
     record.done(0.25);
     one_scanline(record, shape, &gpus)?;
@@ -313,7 +313,7 @@ fn refused_tones(record: &mut Record<'_>, anatomy: &Anatomy) {
         record.refused(
             what,
             answer,
-            |error| matches!(error, SynthError::Effect(own) if own.key.starts_with("tone.")),
+            |error| matches!(error, SynthError::Effect(fault) if fault.key.starts_with("tone.")),
         );
     }
 }

@@ -51,7 +51,7 @@ pub(super) fn on_faces(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let anatomy = voxels(record.seed());
     let shape = ProbeShape::Linear(Linear { width_mm: 24.0 });
     let mut tally = Tally::default();
-    let (mut apart, mut moved, mut on_face): (Vec<(String, usize)>, usize, usize) = (Vec::new(), 0, 0);
+    let (mut differing_labels, mut moved, mut on_face): (Vec<(String, usize)>, usize, usize) = (Vec::new(), 0, 0);
     for boundary in [Boundary::Nearest, Boundary::Vote, Boundary::Smooth] {
         let mut effects = Effects::default();
         effects.slice.boundary = boundary;
@@ -66,18 +66,18 @@ pub(super) fn on_faces(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 .filter(|p| p[..3].iter().any(|x| x.fract() == 0.0))
                 .count();
             for (place, mut synth) in synths.enumerate() {
-                let found = synth.render_until("slice", &state)?;
+                let beam = synth.render_until("slice", &state)?;
                 moved += expected
                     .position
                     .iter()
-                    .zip(&found.position)
+                    .zip(&beam.position)
                     .filter(|(a, b)| a != b)
                     .count();
-                let labels = expected.label.iter().zip(&found.label).filter(|(a, b)| a != b).count();
-                if apart.len() <= place {
-                    apart.push((name(&synth), 0));
+                let labels = expected.label.iter().zip(&beam.label).filter(|(a, b)| a != b).count();
+                if differing_labels.len() <= place {
+                    differing_labels.push((name(&synth), 0));
                 }
-                apart[place].1 += labels;
+                differing_labels[place].1 += labels;
             }
             for grid in [[25, 80], [49, 160]] {
                 let case = Case::new(
@@ -95,8 +95,8 @@ pub(super) fn on_faces(record: &mut Record<'_>) -> Result<(), Unexpected> {
     // At least half of the planes must have samples in the critical positions.
     record.under("samples needed on faces over those there", 1000.0 / on_face as f64, 1.0);
     record.zero("places that round where none should", moved as f64);
-    for (backend, apart) in apart {
-        record.zero(format!("{backend}: labels apart where nothing rounds"), apart as f64);
+    for (backend, count) in differing_labels {
+        record.zero(format!("{backend}: labels apart where nothing rounds"), count as f64);
     }
     tally.note(record)
 }
@@ -179,18 +179,18 @@ fn truth(tables: &Tables, state: &FrameState) -> Vec<(Point3<f64>, u8)> {
 }
 
 /// Returns the largest position error in samples, and the longest run of labels that differ from double precision.
-fn worst(tables: &Tables, exact: &[(Point3<f64>, u8)], found: &Beam) -> [f64; 2] {
-    let off = |((exact, _), found): (&(Point3<f64>, u8), &[f64; 4])| {
-        let apart = exact.coords - Vector3::new(found[0], found[1], found[2]);
-        apart.norm() / tables.sample_mm()
+fn worst(tables: &Tables, exact: &[(Point3<f64>, u8)], beam: &Beam) -> [f64; 2] {
+    let off = |((exact, _), position): (&(Point3<f64>, u8), &[f64; 4])| {
+        let difference = exact.coords - Vector3::new(position[0], position[1], position[2]);
+        difference.norm() / tables.sample_mm()
     };
-    let places = largest(exact.iter().zip(&found.position).map(off));
+    let places = largest(exact.iter().zip(&beam.position).map(off));
     // Longest run of differing labels: a boundary may be shifted by a few samples along the scanline; bands would be many samples thick.
-    let samples = found.samples;
+    let samples = beam.samples;
     let mut bands = 0usize;
-    for (exact, found) in exact.chunks(samples).zip(found.label.chunks(samples)) {
+    for (exact, labels) in exact.chunks(samples).zip(beam.label.chunks(samples)) {
         let mut run = 0;
-        for ((_, a), b) in exact.iter().zip(found) {
+        for ((_, a), b) in exact.iter().zip(labels) {
             run = if a == b { 0 } else { run + 1 };
             bands = bands.max(run);
         }
@@ -222,8 +222,8 @@ pub(super) fn away(record: &mut Record<'_>) -> Result<(), Unexpected> {
             100.0,
         );
         for mut synth in synths {
-            let found = synth.render_until("slice", &state)?;
-            let [places, bands] = worst(&tables, &exact, &found);
+            let beam = synth.render_until("slice", &state)?;
+            let [places, bands] = worst(&tables, &exact, &beam);
             let what = format!("{}, {}", place.what, name(&synth));
             record.under(format!("{what}: places off, samples"), places, 0.1);
             record.under(format!("{what}: wrong labels in a row along a scanline"), bands, 1.0);
@@ -269,10 +269,10 @@ pub(crate) fn moved_scenes(record: &mut Record<'_>) -> Result<(), Unexpected> {
         tally.add(&far, verdicts);
         record.done((index + 1) as f64 / count as f64);
     }
-    for (what, found) in [("a mesh", meshes), ("a needle", needles), ("speckle", grainy)] {
+    for (what, count) in [("a mesh", meshes), ("a needle", needles), ("speckle", grainy)] {
         record.under(
             format!("scenes needed with {what} over those there"),
-            2.0 / found as f64,
+            2.0 / count as f64,
             1.0,
         );
     }
@@ -357,21 +357,21 @@ fn compare(case: &Case, by: [f64; 3], gpus: &[Gpu], sums: &mut Vec<Sum>) -> Resu
             });
         }
         let expected = near.render(&case.state)?.clone();
-        let found = far.render(&there.state)?.clone();
-        let apart = expected
+        let frame = far.render(&there.state)?.clone();
+        let differing_pixels = expected
             .pixels
             .iter()
-            .zip(&found.pixels)
+            .zip(&frame.pixels)
             .filter(|(a, b)| a != b)
             .count();
-        let frames = found.image_to_world - Matrix4::new_translation(&by) * expected.image_to_world;
+        let frames = frame.image_to_world - Matrix4::new_translation(&by) * expected.image_to_world;
         let (here, there) = (near.beam()?, far.beam()?);
         let places = here.position.iter().zip(&there.position).map(|(here, there)| {
             let moved = Vector3::new(there[0] - here[0], there[1] - here[1], there[2] - here[2]);
             (moved - by).amax()
         });
         let sum = &mut sums[at];
-        sum.pixels += apart + expected.pixels.len().abs_diff(found.pixels.len());
+        sum.pixels += differing_pixels + expected.pixels.len().abs_diff(frame.pixels.len());
         sum.places_mm = largest(places.chain([sum.places_mm]));
         sum.frame_mm = largest(frames.iter().copied().chain([sum.frame_mm]));
     }

@@ -278,9 +278,9 @@ pub(super) fn all(record: &mut Record<'_>) -> Result<(), Unexpected> {
 }
 
 /// Returns the largest difference of two K^c relative to the largest entry of the second.
-pub(super) fn difference(found: MatRef<'_, f64>, expected: MatRef<'_, f64>) -> f64 {
+pub(super) fn difference(matrix: MatRef<'_, f64>, expected: MatRef<'_, f64>) -> f64 {
     let pairs = (0..expected.nrows()).flat_map(|i| (0..expected.ncols()).map(move |j| (i, j)));
-    let worst = largest(pairs.clone().map(|at| found[at] - expected[at]));
+    let worst = largest(pairs.clone().map(|at| matrix[at] - expected[at]));
     worst / largest(pairs.map(|at| expected[at]))
 }
 

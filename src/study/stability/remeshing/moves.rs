@@ -18,10 +18,10 @@ pub(crate) fn out_and_back(record: &mut Record<'_>) -> Result<(), Unexpected> {
         for backend in BACKENDS {
             let what = format!("{}, nu {poisson}", backend.name);
             let mut exact = backend.follow(&start, Level::Exact, RemesherOptions::default())?;
-            let (before, mut changed, mut held) = (bits(&exact), 0, 0);
+            let (before, mut changed, mut rows_left) = (bits(&exact), 0, 0);
             for n in 0..rounds {
                 start.go(&mut exact, &start.free, n..n + 1, |exact, _| {
-                    held += exact.undo()?.map_or(1, |report| report.held);
+                    rows_left += exact.undo()?.map_or(1, |report| report.held);
                     Ok(())
                 })?;
                 changed += usize::from(bits(&exact) != before);
@@ -30,7 +30,7 @@ pub(crate) fn out_and_back(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 format!("rounds after which K^c has changed, exact, {what}"),
                 changed as f64,
             );
-            record.zero(format!("rows of S left, exact, {what}"), held as f64);
+            record.zero(format!("rows of S left, exact, {what}"), rows_left as f64);
             if backend.precision == Precision::Single && poisson > RemesherOptions::default().single_poisson_limit {
                 continue;
             }
@@ -110,8 +110,8 @@ fn flattenable(start: &Start, height: f64) -> Result<(u32, usize), Unexpected> {
                 .assess(corners[place], above_face(&mesh, element, place, height))
                 .is_ok()
     };
-    let found = places.into_iter().find(fits);
-    found.ok_or_else(|| Unexpected::new("no node can be moved almost onto a face"))
+    let place = places.into_iter().find(fits);
+    place.ok_or_else(|| Unexpected::new("no node can be moved almost onto a face"))
 }
 
 /// Tests moves that invert or flatten elements, at every level, and the choice of another corner.
@@ -271,9 +271,13 @@ fn elements_named<T: Real>(record: &mut Record<'_>, problem: &Problem, what: &st
 pub(super) fn places(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let start = Start::new(record.seed(), 0.45)?;
     let (parts, _) = two_parts()?;
-    let mut apart = Problem::new(parts, Material::new(10.0, 0.45)?);
-    apart.fix(&[0, 1, 2], |p| p[2] == 0.0, |_| [0.0; 3]);
-    let mesh = AdaptedMesh::new(&apart.mesh, &apart.materials.check(&apart.mesh)?, &apart.dofs())?;
+    let mut two_parts = Problem::new(parts, Material::new(10.0, 0.45)?);
+    two_parts.fix(&[0, 1, 2], |p| p[2] == 0.0, |_| [0.0; 3]);
+    let mesh = AdaptedMesh::new(
+        &two_parts.mesh,
+        &two_parts.materials.check(&two_parts.mesh)?,
+        &two_parts.dofs(),
+    )?;
     let is_free = |corners: &[u32; 4]| corners.iter().all(|node| !mesh.dofs().of(*node).contains(&NONE));
     let inner = (0..).zip(mesh.elements()).find(|(_, corners)| is_free(corners));
     let (element, corners) = inner.ok_or_else(|| Unexpected::new("no element without a fixed node"))?;
@@ -320,8 +324,8 @@ pub(super) fn places(record: &mut Record<'_>) -> Result<(), Unexpected> {
         ("in a gap between parts", [11.0, 5.0, 5.0]),
         ("at NaN", [f64::NAN, 5.0, 5.0]),
     ] {
-        let named = elements_named::<f64>(record, &apart, &format!("{name}, f64"), p);
-        let single = elements_named::<f32>(record, &apart, &format!("{name}, f32"), p);
+        let named = elements_named::<f64>(record, &two_parts, &format!("{name}, f64"), p);
+        let single = elements_named::<f32>(record, &two_parts, &format!("{name}, f32"), p);
         record.zero(
             format!("elements found where there are none, {name}"),
             f64::from(named != NO_ELEMENT || single != NO_ELEMENT),
@@ -333,13 +337,13 @@ pub(super) fn places(record: &mut Record<'_>) -> Result<(), Unexpected> {
     }
     // A vertex that may not be moved: moving any other corner there would flatten the element.
     let fixed = (0..).zip(start.mesh.elements()).find_map(|(element, corners)| {
-        let held = corners
+        let fixed_node = corners
             .iter()
             .find(|node| start.mesh.dofs().of(**node).contains(&NONE))?;
-        Some((element, *held))
+        Some((element, *fixed_node))
     });
-    let (element, held) = fixed.ok_or_else(|| Unexpected::new("no fixed node"))?;
-    let choice = best_corner(&start.mesh, element, start.mesh.nodes()[held as usize], |_| false);
+    let (element, fixed_node) = fixed.ok_or_else(|| Unexpected::new("no fixed node"))?;
+    let choice = best_corner(&start.mesh, element, start.mesh.nodes()[fixed_node as usize], |_| false);
     record.refused("a corner for a tip on a fixed vertex", choice, |error| {
         matches!(error, RemeshError::NoCorner { .. })
     });

@@ -49,11 +49,11 @@ pub(super) fn patch(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let shape = worst_condition(&mesh);
         let mut problem = Problem::new(mesh, Material::new(8.0, 0.45)?);
         problem.fix_surface(linear(seed));
-        let found = problem.solve()?.displacement_mm;
+        let displacements = problem.solve()?.displacement_mm;
         let exact: Vec<[f64; 3]> = problem.mesh.nodes().iter().map(linear(seed)).collect();
         record.under(
             format!("displacement error, Jacobian condition {shape:.0e}"),
-            relative(found.as_flattened(), exact.as_flattened()),
+            relative(displacements.as_flattened(), exact.as_flattened()),
             ROUNDING_UNITS * f64::EPSILON * problem.condition()?,
         );
     }
@@ -195,19 +195,19 @@ pub(crate) fn near_incompressible(record: &mut Record<'_>) -> Result<(), Unexpec
         let free = errors(mesh.clone(), Material::new(6.0, 0.3)?, &KEEPING_VOLUME)?;
         record.report(format!("error in L2, nu 0.3, {fine} cells an edge"), free.l2);
         for poisson in [0.49, 0.499, 0.4999, 0.49999] {
-            let found = errors(mesh.clone(), Material::new(6.0, poisson)?, &KEEPING_VOLUME)?;
+            let at_poisson = errors(mesh.clone(), Material::new(6.0, poisson)?, &KEEPING_VOLUME)?;
             record.under(
                 format!("backward error, nu {poisson}, {fine} cells"),
-                found.residual,
+                at_poisson.residual,
                 1e-12,
             );
             record.report(
                 format!("locking: error in L2, nu {poisson}, {fine} cells an edge"),
-                found.l2,
+                at_poisson.l2,
             );
             record.report(
                 format!("locking: error over that at nu 0.3, nu {poisson}, {fine} cells"),
-                found.l2 / free.l2,
+                at_poisson.l2 / free.l2,
             );
         }
     }
@@ -270,8 +270,8 @@ pub(super) fn contrast(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 limit,
             );
             let inverse: Symmetric<f64> = invert(&factor, &mut |_, _| {})?;
-            let apart = |i: usize| (0..i).filter(move |j| i.is_multiple_of(7) && j.is_multiple_of(5));
-            let pairs = (0..inverse.size()).flat_map(|i| apart(i).map(move |j| (i, j)));
+            let sampled = |i: usize| (0..i).filter(move |j| i.is_multiple_of(7) && j.is_multiple_of(5));
+            let pairs = (0..inverse.size()).flat_map(|i| sampled(i).map(move |j| (i, j)));
             let differences = pairs.map(|(i, j)| inverse.get(i, j) - inverse.get(j, i));
             record.zero(format!("asymmetry of the dense inverse, {what}"), largest(differences));
         }
@@ -314,7 +314,7 @@ fn bar(record: &mut Record<'_>, young_kpa: [f64; 2]) -> Result<(), Unexpected> {
         problem.fix(&[axis], |p| p[usize::from(axis)] == 0.0, |_| [0.0; 3]);
     }
     problem.fix(&[2], |p| p[2] == EXTENT[2], |_| [0.0, 0.0, PULL_MM]);
-    let found = problem.solve()?.displacement_mm;
+    let displacements = problem.solve()?.displacement_mm;
     let stress = PULL_MM / young_kpa.iter().map(|young| 6.0 / young).sum::<f64>();
     let exact = |p: &[f64; 3]| {
         let share = |layer: usize| (p[2] - 6.0 * layer as f64).clamp(0.0, 6.0) / young_kpa[layer];
@@ -323,7 +323,7 @@ fn bar(record: &mut Record<'_>, young_kpa: [f64; 2]) -> Result<(), Unexpected> {
     let exact: Vec<[f64; 3]> = problem.mesh.nodes().iter().map(exact).collect();
     record.under(
         format!("bar of two materials, {:.0e} on {:.0e} kPa", young_kpa[1], young_kpa[0]),
-        relative(found.as_flattened(), exact.as_flattened()),
+        relative(displacements.as_flattened(), exact.as_flattened()),
         ROUNDING_UNITS * f64::EPSILON * problem.condition()?,
     );
     Ok(())

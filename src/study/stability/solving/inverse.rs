@@ -67,8 +67,12 @@ fn scaled(problem: &Problem, length: f64, force: f64) -> Result<Problem, Unexpec
 
 /// Returns displacements of the scaled problem in the original units: stiffness is proportional to length.
 fn rescaled(problem: &Problem, length: f64, force: f64) -> Result<Vec<f64>, Unexpected> {
-    let found = scaled(problem, length, force)?.solve()?.displacement_mm;
-    Ok(found.as_flattened().iter().map(|u| u * (length / force)).collect())
+    let displacements = scaled(problem, length, force)?.solve()?.displacement_mm;
+    Ok(displacements
+        .as_flattened()
+        .iter()
+        .map(|u| u * (length / force))
+        .collect())
 }
 
 /// Solves in metres and in micrometres.
@@ -77,8 +81,8 @@ pub(super) fn units(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let first = problem.solve()?.displacement_mm;
     for unit in [1e-3, 1e3] {
         // Stresses are unchanged: forces scale with the square of the length.
-        let found = rescaled(&problem, unit, unit * unit)?;
-        let error = relative(&found, first.as_flattened());
+        let displacements = rescaled(&problem, unit, unit * unit)?;
+        let error = relative(&displacements, first.as_flattened());
         record.under(format!("difference in {unit:e} times the units"), error, 1e-10);
         let soft = scaled_stiffness(&problem, unit)?;
         record.under(
@@ -103,8 +107,8 @@ pub(crate) fn powers_of_four(record: &mut Record<'_>) -> Result<(), Unexpected> 
     let problem = Problem::block(record, 0.45)?;
     let first = problem.solve()?.displacement_mm;
     for (length, force) in [(4.0, 1.0), (0.25, 4.0), (1024.0, 0.0625), (4f64.powi(-6), 4f64.powi(9))] {
-        let found = rescaled(&problem, length, force)?;
-        let unequal = found
+        let displacements = rescaled(&problem, length, force)?;
+        let unequal = displacements
             .iter()
             .zip(first.as_flattened())
             .filter(|(a, b)| a.to_bits() != b.to_bits())
@@ -116,8 +120,8 @@ pub(crate) fn powers_of_four(record: &mut Record<'_>) -> Result<(), Unexpected> 
     }
     let limit = 1e-13 * problem.condition()?;
     for (length, force) in [(3.0, 1.0), (0.1, 0.7), (1e3, 1e-5), (1.0 / 7.0, 3.3)] {
-        let found = rescaled(&problem, length, force)?;
-        let error = relative(&found, first.as_flattened());
+        let displacements = rescaled(&problem, length, force)?;
+        let error = relative(&displacements, first.as_flattened());
         record.under(
             format!("difference, lengths x {length:.3}, loads x {force:e}"),
             error,
@@ -224,15 +228,21 @@ pub(super) fn refused(record: &mut Record<'_>) -> Result<(), Unexpected> {
         counts(&motions(error, 0)) == [2, 1] && says(error, &["translation along x", "translation along y"])
     });
     let (mesh, second) = two_parts()?;
-    let mut apart = Problem::new(mesh, material);
-    apart.fix(&[0, 1, 2], |p| p[2] == 0.0 && p[0] <= 10.0, |_| [0.0; 3]);
-    record.refused("a disconnected part", apart.solve(), |error| {
-        let held = motions(error, 0).is_empty();
-        held && counts(&motions(error, second)) == [3, 3] && says(error, &[&format!("node {second}"), "region 2"])
+    let mut two_parts = Problem::new(mesh, material);
+    two_parts.fix(&[0, 1, 2], |p| p[2] == 0.0 && p[0] <= 10.0, |_| [0.0; 3]);
+    record.refused("a disconnected part", two_parts.solve(), |error| {
+        let is_first_held = motions(error, 0).is_empty();
+        is_first_held
+            && counts(&motions(error, second)) == [3, 3]
+            && says(error, &[&format!("node {second}"), "region 2"])
     });
-    let count = apart.mesh.nodes().len() as u32;
-    let nodes = [apart.mesh.nodes(), &[[50.0; 3]]].concat();
-    let loose = TetMesh::new(nodes, apart.mesh.elements().to_vec(), apart.mesh.regions().to_vec())?;
+    let count = two_parts.mesh.nodes().len() as u32;
+    let nodes = [two_parts.mesh.nodes(), &[[50.0; 3]]].concat();
+    let loose = TetMesh::new(
+        nodes,
+        two_parts.mesh.elements().to_vec(),
+        two_parts.mesh.regions().to_vec(),
+    )?;
     let mut loose = Problem::new(loose, material);
     loose.fix(&[0, 1, 2], |p| p[2] == 0.0, |_| [0.0; 3]);
     record.refused(

@@ -161,7 +161,7 @@ pub(super) fn errors(mesh: TetMesh, material: Material, waves: &[Wave]) -> Resul
     };
     problem.loads = (0..).zip(forces).map(load).collect();
     let solution = problem.solve()?;
-    let found = solution.displacement_mm;
+    let displacements = solution.displacement_mm;
     let [lambda, mu] = lame(&material);
     let density = |gradient: &Matrix3<f64>| {
         let strain = 0.5 * (gradient + gradient.transpose());
@@ -174,7 +174,7 @@ pub(super) fn errors(mesh: TetMesh, material: Material, waves: &[Wave]) -> Resul
             sums[2] = f64::NAN;
             return;
         };
-        let values = corners.map(|node| Vector3::from(found[node as usize]));
+        let values = corners.map(|node| Vector3::from(displacements[node as usize]));
         let slope: Matrix3<f64> = (0..4).map(|k| values[k] * slopes[k].transpose()).sum();
         let interpolated: Vector3<f64> = (0..4).map(|k| values[k] * bary[k]).sum();
         let value = Vector3::from(exact(waves, &position));
@@ -295,18 +295,18 @@ pub(crate) fn permuted(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let first = problem.solve()?.displacement_mm;
     for salt in 1..4 {
         let order = shuffled(record, problem.mesh.elements().len(), salt);
-        let found = elements_permuted(&problem, &order)?.solve()?.displacement_mm;
+        let displacements = elements_permuted(&problem, &order)?.solve()?.displacement_mm;
         record.under(
             format!("difference, elements in order {salt}"),
-            relative(found.as_flattened(), first.as_flattened()),
+            relative(displacements.as_flattened(), first.as_flattened()),
             1e-12,
         );
         let order = shuffled(record, first.len(), salt);
-        let found = nodes_permuted(&problem, &order)?.solve()?.displacement_mm;
+        let displacements = nodes_permuted(&problem, &order)?.solve()?.displacement_mm;
         let expected: Vec<[f64; 3]> = order.iter().map(|node| first[*node]).collect();
         record.under(
             format!("difference, nodes in order {salt}"),
-            relative(found.as_flattened(), expected.as_flattened()),
+            relative(displacements.as_flattened(), expected.as_flattened()),
             1e-12,
         );
     }

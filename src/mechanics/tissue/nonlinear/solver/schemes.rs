@@ -56,8 +56,8 @@ impl<const D: usize, const N: usize> Solver<D, N> {
     pub(super) fn modified(&mut self, target: &Target<'_>, memory: usize) -> Result<(), NonlinearError> {
         let learns = memory > 0;
         // Whether the factor is that of exactly this state.
-        let mut own = learns && self.policy.is_due();
-        if own {
+        let mut is_fresh = learns && self.policy.is_due();
+        if is_fresh {
             self.factor(Kind::Scalar)?;
         }
         let mut residual = self.residual(target);
@@ -100,17 +100,17 @@ impl<const D: usize, const N: usize> Solver<D, N> {
                 continue;
             }
             if pending {
-                (own, tried, first) = (false, 0, next);
+                (is_fresh, tried, first) = (false, 0, next);
             } else if !balanced {
                 tried += 1;
-                if worse && own {
+                if worse && is_fresh {
                     next = self.backtrack(target, residual, next);
                 }
                 let stuck = next >= residual || next.is_nan();
                 if stuck {
                     self.state.take(&self.before);
                 }
-                if stuck && own {
+                if stuck && is_fresh {
                     // Even its own factor makes no progress from here; the derivative does.
                     return self.newton(target);
                 }
@@ -118,10 +118,10 @@ impl<const D: usize, const N: usize> Solver<D, N> {
                 if stuck || slow {
                     self.factor(Kind::Scalar)?;
                     residual = self.residual(target);
-                    (own, tried, first) = (true, 0, residual);
+                    (is_fresh, tried, first) = (true, 0, residual);
                     continue;
                 }
-                own = false;
+                is_fresh = false;
             }
             self.finite(next)?;
             (residual, pending) = (next, self.pending(target));

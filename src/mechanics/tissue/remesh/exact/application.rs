@@ -30,26 +30,35 @@ impl Exact {
     pub(super) fn carried(&mut self, forces: &[f64], out: &mut Vec<(usize, f64)>) -> Result<(), LinearError> {
         check_shape("forces", forces.len(), self.contacts.dofs().len())?;
         let Exact {
-            held, contacts, work, ..
+            support,
+            contacts,
+            work,
+            ..
         } = self;
         let forces = MatRef::from_column_major_slice(forces, forces.len(), 1);
         let mut columns = std::mem::take(&mut work.columns);
-        let (mut across, mut corrected) = columns.shape(held.len(), 2).split_at_col_mut(1);
-        product(across.rb_mut(), Accum::Replace, held.b.get(), forces, 1.0);
-        product(corrected.rb_mut(), Accum::Replace, held.c.get(), across.rb(), -1.0);
+        let (mut across, mut corrected) = columns.shape(support.len(), 2).split_at_col_mut(1);
+        product(across.rb_mut(), Accum::Replace, support.b.get(), forces, 1.0);
+        product(corrected.rb_mut(), Accum::Replace, support.c.get(), across.rb(), -1.0);
         work.add_left(across.rb(), corrected.rb_mut(), -1.0);
         out.clear();
         out.extend(contacts.dofs().iter().copied().zip(forces.col(0).iter().copied()));
-        out.extend(held.dofs().iter().copied().zip(corrected.rb().col(0).iter().copied()));
+        out.extend(
+            support
+                .dofs()
+                .iter()
+                .copied()
+                .zip(corrected.rb().col(0).iter().copied()),
+        );
         work.columns = columns;
         Ok(())
     }
 
     /// Computes out -= E_S C x.
     fn subtract_correction(&self, x: MatRef<'_, f64>, out: &mut [f64]) {
-        let mut corrected = Mat::zeros(self.held.len(), 1);
-        product(corrected.as_mut(), Accum::Replace, self.held.c.get(), x, 1.0);
-        for (&dof, force) in self.held.dofs().iter().zip(corrected.col(0).iter()) {
+        let mut corrected = Mat::zeros(self.support.len(), 1);
+        product(corrected.as_mut(), Accum::Replace, self.support.c.get(), x, 1.0);
+        for (&dof, force) in self.support.dofs().iter().zip(corrected.col(0).iter()) {
             out[dof] -= force;
         }
     }
@@ -59,13 +68,13 @@ impl Exact {
         self.complete();
         let mut block = self.source.entries(rows, columns)?;
         // S before the rows: a source that solves for columns has those of S cached.
-        let left = self.source.entries(rows, self.held.dofs())?;
-        let right = self.source.entries(columns, self.held.dofs())?;
-        let mut corrected = Mat::zeros(self.held.len(), columns.len());
+        let left = self.source.entries(rows, self.support.dofs())?;
+        let right = self.source.entries(columns, self.support.dofs())?;
+        let mut corrected = Mat::zeros(self.support.len(), columns.len());
         product(
             corrected.as_mut(),
             Accum::Replace,
-            self.held.c.get(),
+            self.support.c.get(),
             right.transpose(),
             1.0,
         );
@@ -105,7 +114,7 @@ impl Exact {
     fn apply(&mut self, x: &mut [f64], out: &mut [f64]) -> Result<(), LinearError> {
         self.complete();
         self.source.multiply_into(x, out)?;
-        let across: Vec<f64> = self.held.dofs().iter().map(|dof| out[*dof]).collect();
+        let across: Vec<f64> = self.support.dofs().iter().map(|dof| out[*dof]).collect();
         self.subtract_correction(MatRef::from_column_major_slice(&across, across.len(), 1), x);
         self.source.multiply_into(x, out)
     }
@@ -120,9 +129,9 @@ impl Exact {
         for &dof in dofs {
             unit[dof] = 1.0;
             base.copy_from_slice(&unit);
-            let mut across = vec![0.0; self.held.len()];
-            let rows = MatMut::from_column_major_slice_mut(&mut across, self.held.len(), 1);
-            self.source.entries_into(self.held.dofs(), &[dof], rows)?;
+            let mut across = vec![0.0; self.support.len()];
+            let rows = MatMut::from_column_major_slice_mut(&mut across, self.support.len(), 1);
+            self.source.entries_into(self.support.dofs(), &[dof], rows)?;
             self.subtract_correction(MatRef::from_column_major_slice(&across, across.len(), 1), &mut base);
             self.source.multiply_into(&base, &mut column)?;
             let rest = defect(mesh, &self.difference, &column, &unit);

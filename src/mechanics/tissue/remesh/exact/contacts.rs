@@ -52,7 +52,7 @@ impl Contacts {
         &mut self,
         dofs: &[usize],
         source: &mut dyn Compliance,
-        held: &mut Support,
+        support: &mut Support,
         work: &mut Work,
     ) -> Result<(), LinearError> {
         check_dofs(dofs, source.size())?;
@@ -63,9 +63,9 @@ impl Contacts {
             .collect();
         let new: Vec<usize> = (0..dofs.len()).filter(|at| before[*at].is_none()).collect();
         let new_dofs: Vec<usize> = new.iter().map(|at| dofs[*at]).collect();
-        let len = held.len();
-        let own = source.entries(dofs, &new_dofs)?;
-        let coupling = source.entries(held.dofs(), &new_dofs)?;
+        let len = support.len();
+        let with_new = source.entries(dofs, &new_dofs)?;
+        let coupling = source.entries(support.dofs(), &new_dofs)?;
 
         // Contacts in this prefix keep their places.
         let prefix = before
@@ -79,23 +79,23 @@ impl Contacts {
         let mut from = 0;
         for (mut column, old) in columns.rb_mut().col_iter_mut().zip(&before[prefix..]) {
             if let Some(old) = *old {
-                column.copy_from(held.b.get().col(old));
+                column.copy_from(support.b.get().col(old));
             } else {
                 column.copy_from(coupling.col(from));
                 from += 1;
             }
         }
-        let mut b = held.b.shape(len, dofs.len());
+        let mut b = support.b.shape(len, dofs.len());
         b.rb_mut().subcols_mut(prefix, dofs.len() - prefix).copy_from(columns);
         // B^T C B at the new columns.
         let mut cb = Mat::zeros(len, new.len());
-        product(cb.as_mut(), Accum::Replace, held.c.get(), coupling.as_ref(), 1.0);
+        product(cb.as_mut(), Accum::Replace, support.c.get(), coupling.as_ref(), 1.0);
         work.add_left(coupling.as_ref(), cb.as_mut(), 1.0);
         let mut correction = Mat::zeros(dofs.len(), new.len());
         product(
             correction.as_mut(),
             Accum::Replace,
-            held.b.get().transpose(),
+            support.b.get().transpose(),
             cb.as_ref(),
             1.0,
         );
@@ -103,9 +103,9 @@ impl Contacts {
         for (from, &j) in new.iter().enumerate() {
             // Each pair of new contacts is read once, so that both matrices stay symmetric.
             for i in (0..dofs.len()).filter(|i| before[*i].is_some() || *i <= j) {
-                bare[(i, j)] = own[(i, from)];
-                bare[(j, i)] = own[(i, from)];
-                condensed[(i, j)] = own[(i, from)] - correction[(i, from)];
+                bare[(i, j)] = with_new[(i, from)];
+                bare[(j, i)] = with_new[(i, from)];
+                condensed[(i, j)] = with_new[(i, from)] - correction[(i, from)];
                 condensed[(j, i)] = condensed[(i, j)];
             }
         }

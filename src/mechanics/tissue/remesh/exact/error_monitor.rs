@@ -58,10 +58,13 @@ impl Exact {
     /// inverse is exact, it is `dK x - y` on S and zero elsewhere, where y = C G e and x = G e - G y. Costs O(|S|^2).
     fn correction_error(&mut self) -> [f64; 2] {
         let Exact {
-            held, work, difference, ..
+            support,
+            work,
+            difference,
+            ..
         } = self;
-        let (g, c) = (held.g.get(), held.c.get());
-        let mut columns = work.columns.shape(held.len(), 4);
+        let (g, c) = (support.g.get(), support.c.get());
+        let mut columns = work.columns.shape(support.len(), 4);
         let (mut e, rest) = columns.rb_mut().split_at_col_mut(1);
         let (mut ge, rest) = rest.split_at_col_mut(1);
         let (mut y, mut gy) = rest.split_at_col_mut(1);
@@ -72,8 +75,8 @@ impl Exact {
         let mut rest = e;
         rest.copy_from(y.rb());
         for (row, column, value) in difference.entries() {
-            let from = held.place(column);
-            rest[(held.place(row), 0)] -= value * (ge[(from, 0)] - gy[(from, 0)]);
+            let from = support.place(column);
+            rest[(support.place(row), 0)] -= value * (ge[(from, 0)] - gy[(from, 0)]);
         }
         let residual = largest(rest.rb());
         let size = difference.norm_inf() * (largest(ge.rb()) + largest(gy.rb())) + largest(y.rb());
@@ -83,13 +86,16 @@ impl Exact {
     /// Returns the relative error of K^c e against K0^-1[c, c] e - B^T C B e for random signs e. Costs O(|S|^2).
     fn contacts_error(&mut self) -> f64 {
         let Exact {
-            held, contacts, work, ..
+            support,
+            contacts,
+            work,
+            ..
         } = self;
-        let (b, c) = (held.b.get(), held.c.get());
-        let mut columns = work.columns.shape(held.len(), 2);
+        let (b, c) = (support.b.get(), support.c.get());
+        let mut columns = work.columns.shape(support.len(), 2);
         let (mut be, mut y) = columns.rb_mut().split_at_col_mut(1);
-        let mut own = work.w.shape(contacts.dofs().len(), 3);
-        let (mut e, rest) = own.rb_mut().split_at_col_mut(1);
+        let mut columns_of_contacts = work.w.shape(contacts.dofs().len(), 3);
+        let (mut e, rest) = columns_of_contacts.rb_mut().split_at_col_mut(1);
         let (mut bare, mut now) = rest.split_at_col_mut(1);
         fill_with_signs(e.rb_mut(), self.step);
         product(be.rb_mut(), Accum::Replace, b, e.rb(), 1.0);

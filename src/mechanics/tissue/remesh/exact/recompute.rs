@@ -15,17 +15,20 @@ impl Exact {
     /// unchanged.
     pub(super) fn recompute(&mut self) -> Result<f64, f64> {
         let Exact {
-            held, work, difference, ..
+            support,
+            work,
+            difference,
+            ..
         } = self;
-        let len = held.len();
-        let g = held.g.get();
+        let len = support.len();
+        let g = support.g.get();
         let mut matrix = work.lu.space(len);
         matrix.fill(0.0);
         let mut next = work.next.shape(len, len);
         next.fill(0.0);
         // Columns of I + G dK, the transpose of I + dK G.
         for (row, column, value) in difference.entries() {
-            let (row, column) = (held.place(row), held.place(column));
+            let (row, column) = (support.place(row), support.place(column));
             next[(row, column)] = value;
             let (Some(sums), Some(values)) = (
                 matrix.rb_mut().col_mut(row).try_as_col_major_mut(),
@@ -48,14 +51,14 @@ impl Exact {
         }
         work.lu.solve_transpose(next.rb_mut());
         symmetrise(next.rb_mut());
-        std::mem::swap(&mut held.c, &mut work.next);
+        std::mem::swap(&mut support.c, &mut work.next);
         (self.sample_schedule, self.is_due, self.work.left) = (SampleSchedule::new(), false, false);
         self.speculation.begin_columns();
 
         self.contacts.forget_correction();
-        let b = self.held.b.get();
+        let b = self.support.b.get();
         let mut cb = self.work.columns.shape(len, b.ncols());
-        product(cb.rb_mut(), Accum::Replace, self.held.c.get(), b, 1.0);
+        product(cb.rb_mut(), Accum::Replace, self.support.c.get(), b, 1.0);
         symmetric_product(self.contacts.condensed.get_mut(), b.transpose(), cb.rb(), -1.0);
         Ok(condition)
     }

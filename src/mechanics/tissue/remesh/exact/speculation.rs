@@ -65,7 +65,7 @@ impl Exact {
             self.discard_speculation();
         }
         let met = (
-            self.speculation.before.unwrap_or(self.held.len()),
+            self.speculation.before.unwrap_or(self.support.len()),
             self.speculation.columns,
         );
         self.speculation.forget();
@@ -75,7 +75,7 @@ impl Exact {
     /// Removes from S what was only expected.
     fn discard_speculation(&mut self) {
         if let Some(before) = self.speculation.before {
-            self.held.truncate(before);
+            self.support.truncate(before);
         }
         self.speculation.forget();
     }
@@ -84,7 +84,7 @@ impl Exact {
     pub(super) fn speculate(&mut self) {
         let Exact {
             speculation,
-            held,
+            support,
             work,
             source,
             contacts,
@@ -95,25 +95,25 @@ impl Exact {
             return;
         }
         if speculation.before.is_none() {
-            let before = held.len();
+            let before = support.len();
             // A failure is reported when the change arrives.
-            match held.extend(&mut **source, &speculation.support, contacts.dofs()) {
+            match support.extend(&mut **source, &speculation.support, contacts.dofs()) {
                 Ok(()) => speculation.before = Some(before),
                 Err(_) => speculation.forget(),
             }
             return;
         }
-        let len = held.len();
+        let len = support.len();
         let first = speculation.columns;
         let count = COLUMNS_AT_ONCE.min(rank - first);
         let mut g_sp = work.g_sp.shape(len, rank).subcols_mut(first, count);
         for (column, dof) in speculation.support[first..first + count].iter().enumerate() {
             g_sp.rb_mut()
                 .col_mut(column)
-                .copy_from(held.g.get().col(held.place(*dof)));
+                .copy_from(support.g.get().col(support.place(*dof)));
         }
         let x = work.v.shape(len, rank).subcols_mut(first, count);
-        product(x, Accum::Replace, held.c.get(), g_sp.as_ref(), 1.0);
+        product(x, Accum::Replace, support.c.get(), g_sp.as_ref(), 1.0);
         speculation.columns += count;
     }
 }

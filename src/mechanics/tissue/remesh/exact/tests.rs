@@ -50,10 +50,10 @@ fn each_move_is_followed_and_s_is_what_is_touched() {
     {
         let report = go(&mut mesh, &mut exact, node, salt as u32);
         assert_eq!(report.rank, 3 * mesh.neighbours(node).len());
-        let mut held: Vec<u32> = exact.held().iter().map(|dof| *dof as u32).collect();
-        held.sort_unstable();
-        assert_eq!(held, mesh.support().collect::<Vec<_>>());
-        assert_eq!(report.held, held.len());
+        let mut support: Vec<u32> = exact.support_dofs().iter().map(|dof| *dof as u32).collect();
+        support.sort_unstable();
+        assert_eq!(support, mesh.support().collect::<Vec<_>>());
+        assert_eq!(report.held, support.len());
         assert_eq!(report.rebuilt, None);
         check(&mesh, &mut exact);
     }
@@ -62,7 +62,7 @@ fn each_move_is_followed_and_s_is_what_is_touched() {
     mesh.difference_into(&mut exact.difference);
     exact.recompute().expect("well conditioned");
     let k = mesh.stiffness().norm_inf() + exact.difference.norm_inf();
-    let g = exact.held.g.get().norm_l1();
+    let g = exact.support.g.get().norm_l1();
     let bound = f64::EPSILON * k * g;
     assert!((&updated - exact.correction()).norm_max() <= bound * updated.norm_max());
     check(&mesh, &mut exact);
@@ -84,7 +84,7 @@ fn nodes_that_return_give_the_base_back_bit_for_bit() {
         exact.remesh(&mesh, &change).expect("a remesh");
         check(&mesh, &mut exact);
     }
-    assert!(exact.held().is_empty() && exact.correction().nrows() == 0);
+    assert!(exact.support_dofs().is_empty() && exact.correction().nrows() == 0);
     assert_eq!(exact.condensed(), before.as_ref());
 }
 
@@ -160,7 +160,7 @@ fn a_near_singular_capacitance_is_refused_and_changes_nothing() {
     let inner = inner_nodes(&mesh);
     let mut exact = exact(&mesh, &inner[..2], RemesherOptions::default());
     go(&mut mesh, &mut exact, inner[0], 1);
-    let (condensed, held) = (exact.condensed().to_owned(), exact.held().to_vec());
+    let (condensed, support) = (exact.condensed().to_owned(), exact.support_dofs().to_vec());
     exact.options.reciprocal_limit = 0.9;
     let change = mesh
         .move_node(inner[1], nearby(&mesh, inner[1], 1))
@@ -175,9 +175,15 @@ fn a_near_singular_capacitance_is_refused_and_changes_nothing() {
         }
         other => panic!("{other:?}"),
     }
-    assert_eq!((exact.condensed(), exact.held()), (condensed.as_ref(), &held[..]));
+    assert_eq!(
+        (exact.condensed(), exact.support_dofs()),
+        (condensed.as_ref(), &support[..])
+    );
     assert!(matches!(exact.refresh(&mesh), Err(RemeshError::FarFromBase { .. })));
-    assert_eq!((exact.condensed(), exact.held()), (condensed.as_ref(), &held[..]));
+    assert_eq!(
+        (exact.condensed(), exact.support_dofs()),
+        (condensed.as_ref(), &support[..])
+    );
     exact.options.reciprocal_limit = 1e-10;
     exact.remesh(&mesh, &change).expect("a remesh");
     check(&mesh, &mut exact);
@@ -224,7 +230,7 @@ fn displacements_are_those_of_the_moved_mesh_and_come_from_forces_on_the_base() 
     let mut base = vec![0.0; size];
     exact.base_forces(&forces, &mut base).expect("forces");
     for (dof, force) in base.iter().enumerate() {
-        let may = exact.contacts().contains(&dof) || exact.held().contains(&dof);
+        let may = exact.contacts().contains(&dof) || exact.support_dofs().contains(&dof);
         assert!(may || *force == 0.0, "{dof}");
     }
     for (forces, length) in [(&forces[..5], size), (&forces[..], size - 1)] {

@@ -85,13 +85,13 @@ impl Exact {
     /// the change; the first `done` columns of C G[S, P] are already computed. Returns the reciprocal condition of I +
     /// d H; as an error where it is too small, which leaves C and K^c unchanged.
     pub(super) fn update(&mut self, change: &Change, done: usize) -> Result<f64, f64> {
-        let Exact { held, work, .. } = self;
-        let (len, rank) = (held.len(), change.support.len());
+        let Exact { support, work, .. } = self;
+        let (len, rank) = (support.len(), change.support.len());
         work.at.clear();
-        work.at.extend(change.support.iter().map(|dof| held.place(*dof)));
+        work.at.extend(change.support.iter().map(|dof| support.place(*dof)));
         let mut g_sp = work.g_sp.shape(len, rank);
         for (column, &at) in work.at.iter().enumerate().skip(done) {
-            g_sp.rb_mut().col_mut(column).copy_from(held.g.get().col(at));
+            g_sp.rb_mut().col_mut(column).copy_from(support.g.get().col(at));
         }
         let g_sp = g_sp.rb();
         let mut x = work.v.shape(len, rank);
@@ -99,7 +99,7 @@ impl Exact {
         product(
             to_do,
             Accum::Replace,
-            held.c.get(),
+            support.c.get(),
             g_sp.subcols(done, rank - done),
             1.0,
         );
@@ -114,7 +114,7 @@ impl Exact {
         }
         let d = d.rb();
 
-        let b = held.b.get();
+        let b = support.b.get();
         let mut w = work.w.shape(rank, b.ncols());
         pick_rows(w.rb_mut(), b, &work.at);
         product(w.rb_mut(), Accum::Add, x.rb().transpose(), b, -1.0);
@@ -140,7 +140,7 @@ impl Exact {
             let v = v.get();
             let mut vd = vd.shape(v.nrows(), v.ncols());
             product(vd.rb_mut(), Accum::Replace, v, d.get(), 1.0);
-            symmetric_product(self.held.c.get_mut(), vd.rb(), v.transpose(), 1.0);
+            symmetric_product(self.support.c.get_mut(), vd.rb(), v.transpose(), 1.0);
         }
     }
 }

@@ -203,9 +203,9 @@ impl Point {
         let strain = match control {
             Control::Strain => given,
             Control::Stress => {
-                let found = balance::strain(&self.knee, self.structure, line, given);
-                *most = found.iterations.max(*most);
-                found.strain
+                let balanced = balance::strain(&self.knee, self.structure, line, given);
+                *most = balanced.iterations.max(*most);
+                balanced.strain
             }
         };
         // The linear body receives a strain or stress that already accounts for the knee.

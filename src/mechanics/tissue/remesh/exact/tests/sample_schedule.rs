@@ -8,7 +8,7 @@ fn an_error_in_c_or_in_the_contacts_is_seen_and_mended() {
     let mut mesh = adapted(0.45);
     let inner = inner_nodes(&mesh);
     let spoil: [fn(&mut Exact); 2] = [
-        |exact| exact.held.c.get_mut()[(3, 3)] *= 1.0 + 1e-6,
+        |exact| exact.support.c.get_mut()[(3, 3)] *= 1.0 + 1e-6,
         |exact| exact.contacts.condensed.get_mut()[(1, 1)] *= 1.0 + 1e-6,
     ];
     for (salt, spoil) in spoil.into_iter().enumerate() {
@@ -68,12 +68,12 @@ fn the_residual_is_that_of_the_whole_mesh() {
     assert!(exact.residual(&mesh, &dofs).expect("a residual") < 1e-11);
     // An error e in one entry of C leaves a force e G[., dof] on that row.
     let error = 1e-3 * exact.correction()[(3, 3)];
-    exact.held.c.get_mut()[(3, 3)] += error;
-    let row = exact.held()[3];
+    exact.support.c.get_mut()[(3, 3)] += error;
+    let row = exact.support_dofs()[3];
     let found = exact.residual(&mesh, &[row]).expect("a residual");
     let size = mesh.dofs().free();
-    let at = exact.held.g.get()[(3, 3)];
-    let amplified = 1.0 + size as f64 * mesh.stiffness().norm_inf() * exact.held.g.get().norm_max();
+    let at = exact.support.g.get()[(3, 3)];
+    let amplified = 1.0 + size as f64 * mesh.stiffness().norm_inf() * exact.support.g.get().norm_max();
     assert!(
         found >= 1e-3 * error.abs() * at && found <= error.abs() * at * amplified,
         "{found}"

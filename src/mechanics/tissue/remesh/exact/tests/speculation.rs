@@ -41,7 +41,7 @@ fn a_change_that_was_expected_is_that_of_one_that_was_not() {
             exact.remesh(&mesh, &change).expect("a remesh");
             check(&mesh, &mut exact);
         }
-        assert!(exact.held().is_empty());
+        assert!(exact.support_dofs().is_empty());
     }
 }
 
@@ -72,7 +72,7 @@ fn what_was_expected_and_did_not_come_leaves_nothing() {
     let before = exact.condensed().to_owned();
     go(&mut mesh, &mut exact, inner[0], 1);
     expect(&mesh, &mut exact, inner[2], 40);
-    assert!(exact.held().len() > mesh.support().count());
+    assert!(exact.support_dofs().len() > mesh.support().count());
     // Another change arrives.
     let report = go(&mut mesh, &mut exact, inner[1], 2);
     assert_eq!(report.held, mesh.support().count());
@@ -83,7 +83,7 @@ fn what_was_expected_and_did_not_come_leaves_nothing() {
     expect(&mesh, &mut exact, inner[0], 3);
     check(&mesh, &mut exact);
     exact.refresh(&mesh).expect("well conditioned");
-    assert_eq!(exact.held().len(), mesh.support().count());
+    assert_eq!(exact.support_dofs().len(), mesh.support().count());
     expect(&mesh, &mut exact, inner[2], 2);
     exact.set_contacts(&dofs_of(&mesh, &inner[..1])).expect("contacts");
     for node in [inner[0], inner[1]] {
@@ -91,6 +91,6 @@ fn what_was_expected_and_did_not_come_leaves_nothing() {
         exact.remesh(&mesh, &change).expect("a remesh");
         check(&mesh, &mut exact);
     }
-    assert!(exact.held().is_empty());
+    assert!(exact.support_dofs().is_empty());
     assert_eq!(exact.condensed(), before.as_ref());
 }
