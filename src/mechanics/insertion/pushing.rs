@@ -244,6 +244,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         };
         self.loads.fill(0.0);
         (next.tip_n, next.shaft_n) = (0.0, 0.0);
+        // A needle that tissue holds has static friction, which follows from the motion: its force is that of the contact.
         if next.phase != Phase::Held {
             let along = if next.outward { -1.0 } else { 1.0 };
             for (point, force, _) in frictions(&self.line, &self.layers, next.depth_mm) {

@@ -121,6 +121,7 @@ impl StaticProblem<'_> {
             return Err(LinearError::Overflow);
         }
         dofs.scatter(&free, &mut displacements);
+        // A contrast of stiffness leaves the sum of all forces off by that many times rounding; refined, they balance.
         let holding = Balance::new(self.mesh, &materials)?.settle(&dofs, &factor, &forces, &mut displacements);
         for (load, holding) in forces.iter_mut().zip(holding) {
             *load = std::array::from_fn(|axis| holding[axis] - load[axis]);

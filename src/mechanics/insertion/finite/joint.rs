@@ -128,6 +128,7 @@ impl Joint {
         for (frame, force) in self.frames.iter().zip(forces) {
             self.before.extend_from_slice((frame.transpose() * force).as_slice());
         }
+        // In the frames, a state of stick or slip adds or removes one row instead of a combination of three.
         self.turned.clear();
         self.turned.resize(n * n, 0.0);
         for (j, right) in self.frames.iter().enumerate() {
@@ -163,6 +164,7 @@ impl Joint {
         while solved.rounds < most {
             solved.rounds += 1;
             solved.signs = self.solve_once(contacts, tip.as_deref(), starts, line, yields);
+            // All at once settles most problems in two rounds but may repeat itself; one at a time cannot.
             let all = solved.rounds <= ROUNDS_AT_ONCE;
             let mut changed = false;
             let sliders = contacts

@@ -106,6 +106,7 @@ impl Finite {
         let tangent = self.needle.tip().tangent;
         let behind = |front: &Point3<f64>| advance >= 0.0 && tangent.dot(&(front - at_rest)) > 0.0;
         self.tip.cut_front = self.tip.cut_front.filter(behind);
+        // Regions between both places are crossed one by one: a step may be longer than a vessel wall.
         let place = self.pass(&before, &at_rest, place);
         self.tip.element = Some(place.element);
         self.extend_path(&before);
@@ -186,6 +187,7 @@ impl Finite {
             point_mm,
             direction: tangent,
         });
+        // The step may have taken the tip deeper than the skin: what it has passed is cut.
         (self.tip.element, self.tip.cut_mm) = (Some(place.element), depth);
         (self.tip.region, self.tip.crossed, self.tip.outside) = (Some(region), at_rest, false);
         let bone = self.body.interaction(Some(region)).bone;

@@ -155,6 +155,7 @@ impl Finite {
             let slid = self.contacts.slide(&self.joint, &self.needle.line, share);
             change = slid.max(self.needle.line.distance(&self.attempt.before));
             unsettled = if solved.settled { 0 } else { unsettled + 1 };
+            // States that still change give forces of no equilibrium, however little the line moves.
             if unsettled > 0 {
                 change = f64::INFINITY;
             }

@@ -190,6 +190,7 @@ impl Tip {
         let Some(place) = self.new_place.take() else { return };
         let last = contacts.nodes.last();
         let node = last.map_or(NONE, |last| last.node);
+        // The force keeps its state of stick or slip wherever it acts next: moving it is no motion of the needle.
         let before = std::mem::take(&mut self.force).into_row().map(|row| row.slider.state);
         let state = before.or(last.map(|last| last.slider.state));
         let state = state.filter(|_| self.surface.is_none()).unwrap_or(State::Stuck);
@@ -397,6 +398,7 @@ impl Tip {
         } else if !is_pinned && !met.bone.is_in_front(body.anatomy.as_ref(), &reference, &tangent) {
             met.leave(line);
         }
+        // What the hand demands is the depth of the tip and the lag behind the hand together.
         let demanded = met.demanded(line);
         let behind = met.bone.behind_mm(demanded);
         let moved = behind != met.behind;

@@ -155,6 +155,7 @@ impl Contacts {
             let last = place + 1 == self.stack.len();
             let tip_node = last && travel.push.is_some();
             let push = travel.push.filter(|_| last).unwrap_or(0.0);
+            // What a force of 1 N moves the node by in this step: friction keeps a node whose miss it can undo.
             let reach = network.reach(contact.node, h);
             let kept = if along < 0.0 { friction + push } else { friction };
             let stuck = along.abs() <= kept * reach;

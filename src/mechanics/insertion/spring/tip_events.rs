@@ -112,10 +112,12 @@ impl MassSpring {
         let in_front = point + direction * (IN_FRONT * self.spacing_mm);
         let in_bone = self.meet_bone(before, travel, hand);
         // Side and far end are fixed: beyond them there is no element.
-        let own = self.frame.inverse_transform_point(&tip.point_mm);
-        let within = own.z <= self.parameters.length_mm() && own.coords.xy().norm() <= self.parameters.radius_mm;
-        let found = self.network.locate(&in_front, self.body.element).filter(|_| within);
-        let Some((element, _)) = found else {
+        let in_cylinder = self.frame.inverse_transform_point(&tip.point_mm);
+        let [beside, below] = [in_cylinder.coords.xy().norm(), in_cylinder.z];
+        let within = below <= self.parameters.length_mm() && beside <= self.parameters.radius_mm;
+        // In front of the tip, as a tip on a face lies in two elements.
+        let located = self.network.locate(&in_front, self.body.element).filter(|_| within);
+        let Some((element, _)) = located else {
             self.refuse();
             return;
         };

@@ -65,15 +65,16 @@ impl Pattern {
                     }
                 }
             }
+            // Places are known only once the rows are in order, so the elements around are visited twice.
             rows[start..].sort_unstable();
             for (at, &row) in rows.iter().enumerate().skip(start) {
                 met[row as usize].1 = at as u32;
             }
             for &corner in around {
-                let (element, own) = (corner as usize / 4, corner as usize % 4);
+                let (element, of_column) = (corner as usize / 4, corner as usize % 4);
                 for (other, &row) in elements[element].iter().enumerate() {
                     if row >= column {
-                        places[element][PAIR_OF[own][other]] = met[row as usize].1;
+                        places[element][PAIR_OF[of_column][other]] = met[row as usize].1;
                     }
                 }
             }

@@ -344,6 +344,17 @@ impl<const D: usize, const N: usize> NonlinearBody<D, N> {
         self.elements.iter().zip(&self.cells).map(stress).collect()
     }
 
+    /// Largest change of an entry of the displacement gradient in elements whose law has no secant, for a change of displacement.
+    pub(super) fn largest_finite_change(&self, change: &[f64]) -> f64 {
+        let elements = self.elements.iter().zip(&self.cells);
+        let finite = elements.filter(|(_, cell)| matches!(cell.law, CellLaw::Finite { .. }));
+        let largest = finite.map(|(corners, cell)| {
+            let gradient = cell.shape.gradient(&corners.map(|node| vector(change, node)));
+            gradient.iter().flatten().fold(0.0, |a: f64, x| a.max(x.abs()))
+        });
+        largest.fold(0.0, f64::max)
+    }
+
     /// Computes the forces that balance displacements `u`, and the response of each element: stress is E(e_r(u)) D
     /// epsilon(u - `offset`). Without an offset the body is elastic; with one, its stress is that of a rate (see
     /// [`super::creep`]).

@@ -55,12 +55,14 @@ impl Gmres {
                 self.columns.push(vec![0.0; MAX + 1]);
             }
             let column = &mut self.columns[used];
+            // One direction at a time, from what the ones before have left: all at once would lose their independence to rounding.
             for (entry, direction) in column.iter_mut().zip(old.iter()) {
                 *entry = dot(next, direction);
                 let share = *entry;
                 next.iter_mut().zip(direction).for_each(|(w, v)| *w -= share * v);
             }
             let left = dot(next, next).sqrt();
+            // Rotations keep the small problem triangular: its residual is then known without the solution.
             for (at, &(c, s)) in rotations[..used].iter().enumerate() {
                 (column[at], column[at + 1]) =
                     (c * column[at] + s * column[at + 1], c * column[at + 1] - s * column[at]);

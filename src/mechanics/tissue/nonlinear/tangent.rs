@@ -96,6 +96,7 @@ impl<const D: usize> Tangent<D> {
                 cell.shape.divergence(&response.rise),
                 cell.shape.divergence(&response.normal),
             );
+            // In the order of `each_pair`, whose places say where each entry goes.
             let mut places = places.iter();
             for a in 0..N {
                 for i in 0..D {

@@ -3,7 +3,10 @@
 use super::super::NonlinearError;
 use super::super::tangent::Kind;
 use super::linear::Equations;
-use super::{Contact, Progress, Solver, State, Target};
+use super::{Contact, Solver, State, Target};
+
+/// Largest change of a displacement gradient that an increment of tissue of finite strain may propose at first; beyond, it is made in parts.
+const FARTHEST: f64 = 0.4;
 
 impl<const D: usize, const N: usize> Solver<D, N> {
     /// Computes a change of the displacements, with that of the contact force at its end, from linear equations:
@@ -41,6 +44,11 @@ impl<const D: usize, const N: usize> Solver<D, N> {
                 self.change[dof as usize] += force * response;
             }
             self.change[all] = force;
+        }
+        // The first proposal tells how far the increment goes: from farther away, iterations may end in another equilibrium.
+        let is_first = self.progress.iterations == 1 && !self.body.has_secants();
+        if is_first && self.body.largest_finite_change(&self.change) > FARTHEST {
+            return Err(self.not_converged(self.progress.residual()));
         }
         Ok(())
     }
@@ -109,15 +117,18 @@ impl<const D: usize, const N: usize> Solver<D, N> {
     }
 
     pub(super) fn more(&self, residual: f64) -> Result<(), NonlinearError> {
-        let Progress { iterations, .. } = self.progress;
-        if iterations < self.options.iterations {
+        if self.progress.iterations < self.options.iterations {
             return Ok(());
         }
-        Err(NonlinearError::NotConverged {
-            iterations,
+        Err(self.not_converged(residual))
+    }
+
+    fn not_converged(&self, residual: f64) -> NonlinearError {
+        NonlinearError::NotConverged {
+            iterations: self.progress.iterations,
             residual,
             tolerance: self.options.tolerance,
-        })
+        }
     }
 
     pub(super) fn finite(&self, residual: f64) -> Result<(), NonlinearError> {

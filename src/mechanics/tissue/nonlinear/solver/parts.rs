@@ -1,11 +1,14 @@
 //! Increments in parts, where iterations do not converge on the whole: laws of finite strain have no stress in inverted elements, and
-//! a body may have several equilibria under the same loads.
+//! a body may have several equilibria under the same loads, of which the one that the state leads to is sought.
 
 use super::super::NonlinearError;
 use super::{Contact, Scheme, Solver, Target};
 
 /// Largest number of halvings of an increment.
 const HALVINGS: i32 = 10;
+
+/// Largest number of iterations in a part: where more are needed, shorter parts take fewer in all.
+const ITERATIONS: usize = 25;
 
 impl<const D: usize, const N: usize> Solver<D, N> {
     /// Whether an increment that failed for this reason is tried in parts.
@@ -21,55 +24,54 @@ impl<const D: usize, const N: usize> Solver<D, N> {
     /// Advances from the start of the increment by Newton's method, in parts that are halved where iterations fail and doubled where
     /// they converge.
     pub(super) fn advance_in_parts(&mut self, target: &Target<'_>) -> Result<(), NonlinearError> {
+        let most = self.options.iterations;
+        self.options.iterations = most.min(ITERATIONS);
+        let mut iterations = self.progress.iterations;
+        let result = self.parts(target, &mut iterations);
+        (self.options.iterations, self.progress.iterations) = (most, iterations);
+        result
+    }
+
+    fn parts(&mut self, target: &Target<'_>, iterations: &mut usize) -> Result<(), NonlinearError> {
         self.state.take(&self.start);
+        // Loads begin with the contact force that balanced the start, so a contact begins without force.
         self.state.contact = 0.0;
         let displacement = &self.start.displacement;
         let prescribed_dofs = self.supports.prescribed().iter();
         let first_prescribed: Vec<f64> = prescribed_dofs.map(|&dof| displacement[dof as usize]).collect();
         let first_place = target.contact.map_or(0.0, |contact| contact.along(displacement));
-        let between = |from: f64, to: f64, share: f64| if share == 1.0 { to } else { from + share * (to - from) };
         let (mut reached, mut part) = (0.0, 0.5);
-        let mut iterations = std::mem::take(&mut self.progress.iterations);
         while reached < 1.0 {
             let share = f64::min(reached + part, 1.0);
-            // Loads begin with the contact force that balanced the start: a contact begins without force.
-            let loads: Vec<f64> = self
-                .applied
-                .iter()
-                .zip(target.loads)
-                .map(|(from, to)| between(*from, *to, share))
-                .collect();
-            let prescribed = first_prescribed
-                .iter()
-                .zip(target.prescribed)
-                .map(|(from, to)| between(*from, *to, share));
+            let between = |from: f64, to: f64| if share == 1.0 { to } else { from + share * (to - from) };
+            let all_between = |from: &[f64], to: &[f64]| -> Vec<f64> {
+                from.iter().zip(to).map(|(from, to)| between(*from, *to)).collect()
+            };
+            let loads = all_between(&self.applied, target.loads);
+            let prescribed = all_between(&first_prescribed, target.prescribed);
             let contact = target.contact.map(|contact| Contact {
                 weights: contact.weights.clone(),
-                place_mm: between(first_place, contact.place_mm, share),
+                place_mm: between(first_place, contact.place_mm),
             });
-            let partial = Target {
+            // `start` stays that of the whole increment.
+            let before = self.state.clone();
+            self.progress.iterations = 0;
+            let result = self.newton(&Target {
                 loads: &loads,
-                prescribed: &prescribed.collect::<Vec<f64>>(),
+                prescribed: &prescribed,
                 contact: contact.as_ref(),
                 offset: None,
-            };
-            // The state after the last part that converged; `start` is that before the whole increment.
-            let before = self.state.clone();
-            let result = self.newton(&partial);
-            iterations += std::mem::take(&mut self.progress.iterations);
+            });
+            *iterations += self.progress.iterations;
             match result {
                 Ok(()) => (reached, part) = (share, 2.0 * part),
                 Err(error) if self.may_be_parted(&error) && part > 0.5f64.powi(HALVINGS) => {
                     self.state.take(&before);
                     part *= 0.5;
                 }
-                Err(error) => {
-                    self.progress.iterations = iterations;
-                    return Err(error);
-                }
+                Err(error) => return Err(error),
             }
         }
-        self.progress.iterations = iterations;
         Ok(())
     }
 }

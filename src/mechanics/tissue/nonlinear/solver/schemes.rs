@@ -75,6 +75,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             self.before.take(&self.state);
             self.propose(target, Equations::Kept)?;
             let mut predicted = false;
+            // Only the first proposal misses what that of the last increment missed; the later ones correct each other.
             if learns && self.progress.iterations == 1 {
                 let contact = target.contact.map_or(&[][..], |contact| &contact.weights);
                 predicted = self.predictor.apply(&mut self.change, contact);
@@ -114,6 +115,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
                     // Even its own factor makes no progress from here; the derivative does.
                     return self.newton(target);
                 }
+                // Slow convergence is known only after a few iterations: single ones alternate.
                 let slow = tried >= TRIAL && next > SLOW.powi(tried as i32) * first;
                 if stuck || slow {
                     self.factor(Kind::Scalar)?;

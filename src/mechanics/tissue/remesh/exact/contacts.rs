@@ -64,6 +64,7 @@ impl Contacts {
         let new: Vec<usize> = (0..dofs.len()).filter(|at| before[*at].is_none()).collect();
         let new_dofs: Vec<usize> = new.iter().map(|at| dofs[*at]).collect();
         let len = support.len();
+        // Entries of remaining contacts are kept, as reading the source is what costs.
         let with_new = source.entries(dofs, &new_dofs)?;
         let coupling = source.entries(support.dofs(), &new_dofs)?;
 
