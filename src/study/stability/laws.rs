@@ -49,7 +49,7 @@ pub(crate) const GROUP: Group = Group {
 const EDGE_MM: f64 = 8.0;
 const CELLS: usize = 4;
 /// Largest unbalanced force relative to the largest.
-const TOLERANCE: f64 = 1e-12;
+const TOLERANCE: f64 = 1e-11;
 /// Newtons per square millimetre in one kilopascal.
 const NEWTON_PER_MM2: f64 = 1e-3;
 
@@ -218,7 +218,7 @@ impl Block {
         self.step(&mut at_once, &plates, 1.0)?;
         record.under(format!("imbalance, {name}"), self.imbalance(&at_once), 1e-9);
         let mut gradual = self.solver(&plates)?;
-        let increments = record.effort().pick(16, 64);
+        let increments = record.effort().pick(32, 128);
         let mut forces = vec![0.0];
         for increment in 1..=increments {
             self.step(&mut gradual, &plates, f64::from(increment) / f64::from(increments))?;

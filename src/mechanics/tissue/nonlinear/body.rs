@@ -344,6 +344,24 @@ impl<const D: usize, const N: usize> NonlinearBody<D, N> {
         self.elements.iter().zip(&self.cells).map(stress).collect()
     }
 
+    /// Rounding of the forces of elements whose law has no secant, N: of a turned body without stress they are nothing else.
+    pub(super) fn rounding_n(&self) -> f64 {
+        let finite = self
+            .cells
+            .iter()
+            .filter(|cell| matches!(cell.law, CellLaw::Finite { .. }));
+        let unit_forces = finite.map(|cell| {
+            let steepest = cell
+                .shape
+                .gradients
+                .iter()
+                .flatten()
+                .fold(0.0, |a: f64, x| a.max(x.abs()));
+            (cell.lambda + 2.0 * cell.mu) * steepest
+        });
+        ROUNDINGS * f64::EPSILON * unit_forces.fold(0.0, f64::max)
+    }
+
     /// Largest change of an entry of the displacement gradient in elements whose law has no secant, for a change of displacement.
     pub(super) fn largest_finite_change(&self, change: &[f64]) -> f64 {
         let elements = self.elements.iter().zip(&self.cells);
@@ -487,6 +505,9 @@ fn cauchy_kpa(law: &AnyLaw, gradient: &Tensor) -> Tensor {
     let f = Tensor::identity() + gradient;
     law.stress_kpa(gradient) * f.transpose() / f.determinant()
 }
+
+/// Roundings of a nodal force: one for each of the elements around a node, and as many again in their strains.
+const ROUNDINGS: f64 = 64.0;
 
 /// Least eigenvalue of moduli that are made definite, relative to the shear modulus.
 const LEAST_STIFFNESS: f64 = 1e-3;

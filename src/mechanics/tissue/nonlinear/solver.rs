@@ -42,6 +42,8 @@ pub struct Solver<const D: usize, const N: usize> {
     progress: Progress,
     /// Largest nodal force so far, N.
     peak: f64,
+    /// Unbalanced force that is only rounding, N.
+    rounding_n: f64,
 }
 
 /// Displacements and derived quantities.
@@ -102,6 +104,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             rest: vec![0.0; supports.free().len()],
             progress: Progress::default(),
             peak: 0.0,
+            rounding_n: body.rounding_n(),
             supports,
             body,
         })
@@ -197,7 +200,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             self.state.take(&self.start);
             return Err(error);
         }
-        self.peak = self.state.forces.iter().fold(self.peak, |a, force| a.max(force.abs()));
+        self.take_peak();
         self.applied.copy_from_slice(target.loads);
         if let Some(contact) = target.contact {
             contact.add(self.state.contact, &mut self.applied);
@@ -250,6 +253,10 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         self.anderson.clear();
         self.predictor.clear();
         self.policy.reset();
+    }
+
+    fn take_peak(&mut self) {
+        self.peak = self.state.forces.iter().fold(self.peak, |a, force| a.max(force.abs()));
     }
 
     fn advance(&mut self, target: &Target<'_>) -> Result<(), NonlinearError> {

@@ -99,7 +99,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             contact.add_free(self.state.contact, &self.supports, &mut self.rest);
         }
         let left = largest(&self.rest);
-        if left == 0.0 {
+        if left <= self.rounding_n {
             return 0.0;
         }
         left / self.peak.max(largest(&self.state.forces)).max(largest(target.loads))

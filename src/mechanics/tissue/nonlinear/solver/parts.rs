@@ -27,8 +27,12 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         let most = self.options.iterations;
         self.options.iterations = most.min(ITERATIONS);
         let mut iterations = self.progress.iterations;
+        let peak = self.peak;
         let result = self.parts(target, &mut iterations);
         (self.options.iterations, self.progress.iterations) = (most, iterations);
+        if result.is_err() {
+            self.peak = peak;
+        }
         result
     }
 
@@ -41,6 +45,8 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         let first_prescribed: Vec<f64> = prescribed_dofs.map(|&dof| displacement[dof as usize]).collect();
         let first_place = target.contact.map_or(0.0, |contact| contact.along(displacement));
         let (mut reached, mut part) = (0.0, 0.5);
+        // Near an inverted element the shortest parts may fail for want of digits; the element is what to tell.
+        let mut inverted = None;
         while reached < 1.0 {
             let share = f64::min(reached + part, 1.0);
             let between = |from: f64, to: f64| if share == 1.0 { to } else { from + share * (to - from) };
@@ -64,12 +70,18 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             });
             *iterations += self.progress.iterations;
             match result {
-                Ok(()) => (reached, part) = (share, 2.0 * part),
+                Ok(()) => {
+                    (reached, part, inverted) = (share, 2.0 * part, None);
+                    self.take_peak();
+                }
                 Err(error) if self.may_be_parted(&error) && part > 0.5f64.powi(HALVINGS) => {
                     self.state.take(&before);
                     part *= 0.5;
+                    if let NonlinearError::Inverted { .. } = error {
+                        inverted = Some(error);
+                    }
                 }
-                Err(error) => return Err(error),
+                Err(error) => return Err(inverted.unwrap_or(error)),
             }
         }
         Ok(())
