@@ -168,7 +168,7 @@ impl Problem {
             .iter()
             .filter_map(|region| self.materials.get(region));
         let laws: Vec<_> = laws.map(|material| material.law).collect();
-        Body::tetrahedra(&self.mesh, &laws).map_err(|error| self.file.fault("mesh", error))
+        NonlinearBody::tetrahedra(&self.mesh, &laws).map_err(|error| self.file.fault("mesh", error))
     }
 
     /// Checks that displacements prescribed by several tables agree at all times, and start at 0 for viscous

@@ -10,7 +10,7 @@ use super::tissue::{ColumnsName, DeviceName};
 use super::tissue_setup::{Insertion, ResolvedTissue, TissueSetup};
 use insonify_base::document::InputError;
 use insonify_gpu::{AdapterChoice, Gpu, Needs};
-use insonify_mechanics::insertion::finite::{Finite, Options, Setup};
+use insonify_mechanics::insertion::finite::{Finite, FiniteOptions, Setup};
 use insonify_mechanics::insertion::{InvalidSetup, Model};
 use insonify_mechanics::needle::Needle;
 #[cfg(feature = "gpu")]
@@ -184,10 +184,10 @@ impl FiniteElement {
             probe: self.contact.as_ref().map(|contact| contact.probe.clone()),
             level: self.remeshing.level,
             precision: self.remeshing.precision,
-            options: Options {
+            options: FiniteOptions {
                 dense: self.remeshing.columns == ColumnsName::Dense,
                 spacing_mm: self.remeshing.contact_spacing_mm,
-                ..Options::default()
+                ..FiniteOptions::default()
             },
         };
         let finite = match &self.gpu {

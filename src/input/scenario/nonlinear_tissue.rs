@@ -11,12 +11,14 @@ use super::tissue_setup::{Deforming, Insertion, ResolvedTissue, TissueSetup};
 use crate::input::statics::SchemeName;
 use insonify_base::document::InputError;
 use insonify_base::range::parameters;
-use insonify_mechanics::insertion::nonlinear::{Nonlinear, Options, Plane, Setup, Viscosity, in_body, obstacle};
+use insonify_mechanics::insertion::nonlinear::{
+    Nonlinear, NonlinearOptions, Plane, Setup, Viscosity, in_body, obstacle,
+};
 use insonify_mechanics::insertion::{InvalidSetup, Model};
 use insonify_mechanics::needle::NeedleModel;
 use insonify_mechanics::tissue::law::AnyLaw;
 use insonify_mechanics::tissue::nonlinear::creep::Memory;
-use insonify_mechanics::tissue::nonlinear::{Options as SolverOptions, Scheme, Solid};
+use insonify_mechanics::tissue::nonlinear::{Scheme, Solid, SolverOptions};
 use insonify_tracking::trajectory::Key;
 
 /// Largest sideways motion of a needle in tissue, mm: rounding of the numbers in a file.
@@ -128,7 +130,7 @@ impl ScenarioFile {
     }
 
     /// Settings of a step; with viscosity, those of its memory.
-    fn solver_options(&self) -> Options {
+    fn solver_options(&self) -> NonlinearOptions {
         let spec = self.tissue.solver.unwrap_or_default();
         let scheme = spec.scheme.map_or(Scheme::MODIFIED, Into::into);
         NonlinearOptions {

@@ -94,7 +94,7 @@ impl Scenario {
                 fixed: plane.fixed(&clamped, sheet.nodes().len()),
                 viscosity: solid.and_then(|tissue| tissue.viscosity),
                 stress: false,
-                options: solid.map_or_else(Options::default, |tissue| tissue.options),
+                options: solid.map_or_else(NonlinearOptions::default, |tissue| tissue.options),
             },
             plane: Arc::new(Plane {
                 origin: plane.origin,

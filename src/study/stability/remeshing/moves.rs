@@ -7,7 +7,7 @@ use insonify_mechanics::tissue::dofs::NONE;
 use insonify_mechanics::tissue::element::DegenerateElement;
 use insonify_mechanics::tissue::material::Material;
 use insonify_mechanics::tissue::remesh::corner::best_corner;
-use insonify_mechanics::tissue::remesh::{AdaptedMesh, Level, Options, Precision, RemeshError};
+use insonify_mechanics::tissue::remesh::{AdaptedMesh, Level, Precision, RemeshError, RemesherOptions};
 use insonify_mesh::{Locator, NO_ELEMENT};
 
 /// Moves a node away and back, many times.
@@ -289,8 +289,8 @@ pub(super) fn places(record: &mut Record<'_>) -> Result<(), Unexpected> {
     ];
     for (name, weights, corners_there) in places {
         let p = mesh.point(element, weights);
-        let named = elements_named::<f64>(record, &apart, &format!("{name}, f64"), p);
-        elements_named::<f32>(record, &apart, &format!("{name}, f32"), p);
+        let named = elements_named::<f64>(record, &two_parts, &format!("{name}, f64"), p);
+        elements_named::<f32>(record, &two_parts, &format!("{name}, f32"), p);
         record.zero(format!("tips not found, {name}"), f64::from(named == NO_ELEMENT));
         // The corner moved to the tip, chosen from the element itself and from the one that the locator names.
         for from in [element, named] {
