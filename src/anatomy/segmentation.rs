@@ -9,7 +9,7 @@ use std::path::Path;
 
 use crate::acoustics::{Preset, known};
 use crate::volume::{self, LabelVolume, Loaded, VolumeError, load};
-pub use info::{Info, LabelInfo};
+pub use info::{LabelInfo, SegmentationInfo};
 use naming::Sizes;
 pub use table::Names;
 

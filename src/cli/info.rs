@@ -44,6 +44,6 @@ impl Info {
             return terminal::print(&PlusInfo::read(&self.file)?, self.json);
         }
         let opened = segmentation::open(&self.file, &self.names.naming()?)?;
-        terminal::print(&segmentation::Info::new(&opened, &self.file), self.json)
+        terminal::print(&segmentation::SegmentationInfo::new(&opened, &self.file), self.json)
     }
 }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use insonify_anatomy::phantom::{PhantomOptions, make};
-use insonify_anatomy::segmentation::{Info, Segmentation};
+use insonify_anatomy::segmentation::{Segmentation, SegmentationInfo};
 use insonify_anatomy::volume::save;
 
 use super::output::Force;
@@ -40,6 +40,6 @@ impl Phantom {
         };
         let volume = make(self.name, &options)?;
         save(&volume, &self.output)?;
-        terminal::emit(&Info::new(&Segmentation::from(volume), &self.output).to_string())
+        terminal::emit(&SegmentationInfo::new(&Segmentation::from(volume), &self.output).to_string())
     }
 }

@@ -3,7 +3,7 @@ use std::io::Read;
 use std::path::Path;
 
 use insonify::Blame;
-use insonify_anatomy::segmentation::Info;
+use insonify_anatomy::segmentation::SegmentationInfo;
 use insonify_anatomy::volume::{self, LabelVolume, Loaded};
 use nalgebra::{Point3, Vector3};
 
@@ -151,7 +151,7 @@ fn slicer_segments_have_names_and_counts() {
         (7, "tissue", 154_589),
     ];
     assert_eq!(found, expected);
-    let info = Info::new(&loaded.clone().into(), Path::new("x"));
+    let info = SegmentationInfo::new(&loaded.clone().into(), Path::new("x"));
     assert_eq!(info.orientation, "RAS");
     assert_eq!(info.origin_mm[2], -340.249_999_999_999_94);
     assert!((info.spacing_mm[0] - 3.046_875_953_674_32).abs() < 1e-12);
@@ -202,13 +202,16 @@ fn grey_images_of_one_byte_load_as_they_are() {
         assert_eq!(loaded.volume.spacing_mm(), [0.5; 3]);
     }
     if let Some(loaded) = load("textures/MouseLiverB.mha") {
-        let info = Info::new(&loaded.clone().into(), Path::new("x"));
+        let info = SegmentationInfo::new(&loaded.clone().into(), Path::new("x"));
         assert_eq!((info.orientation.as_str(), info.size), ("PLS", [128, 512, 4]));
     }
     if let Some(loaded) = load("formats/niivue_ras.hdr") {
         let again = volume::load(&data("formats/niivue_ras.img").unwrap()).unwrap();
         assert_eq!(again.volume.voxels(), loaded.volume.voxels());
-        assert_eq!(Info::new(&loaded.clone().into(), Path::new("x")).orientation, "RAS");
+        assert_eq!(
+            SegmentationInfo::new(&loaded.clone().into(), Path::new("x")).orientation,
+            "RAS"
+        );
     }
 }
 
@@ -303,7 +306,7 @@ fn two_orientations_of_one_scene_agree_in_the_world() {
     ) else {
         return;
     };
-    let letters = |volume| Info::new(&LabelVolume::clone(volume).into(), Path::new("x")).orientation;
+    let letters = |volume| SegmentationInfo::new(&LabelVolume::clone(volume).into(), Path::new("x")).orientation;
     assert_eq!(
         (letters(&first), letters(&second)),
         ("LPS".to_owned(), "PIL".to_owned())

@@ -50,7 +50,7 @@ pub(crate) struct Format {
 /// All of them, with the files that cases name put into `folder`.
 pub(crate) fn all(folder: &Path) -> Vec<Format> {
     corpus::beside(folder);
-    let saved = |name| corpus::saved(folder, name);
+    let saved = |name: &str| corpus::saved(folder, name);
     let nifti = saved("a.nii");
     let mut pair = nifti[..348].to_vec();
     pair[108..112].fill(0);
@@ -77,10 +77,12 @@ pub(crate) fn all(folder: &Path) -> Vec<Format> {
         of("nifti-gz", "case.nii.gz", true, vec![nifti], packed),
         of("nifti-pair", "pair.hdr", true, vec![pair], labels),
         of(
-            "gzip",
+            "written",
             "case.gz",
             true,
-            vec![saved("a.nii.gz"), saved("a.nrrd"), saved("a.mha")],
+            written()
+                .map(|written| saved(&format!("a{}", written.ending)))
+                .collect(),
             labels,
         ),
         of(
@@ -226,7 +228,7 @@ fn beside<'a>(path: &'a Path, name: &str) -> (&'a Path, std::path::PathBuf) {
 fn labels(path: &Path, _: &[u8], dice: &mut Dice) -> Result<(), Error> {
     let opened = segmentation::open(path, &Naming::default())?;
     let volume = &opened.volume;
-    let _ = segmentation::Info::new(&opened, path).to_string();
+    let _ = segmentation::SegmentationInfo::new(&opened, path).to_string();
     if volume.voxels().len() > 10_000 {
         return Ok(());
     }

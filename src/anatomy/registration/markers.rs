@@ -22,7 +22,7 @@ const DIFFERENT: f64 = 0.1;
 
 /// A connected set of bright voxels.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Body {
+pub struct BrightBody {
     /// Centres of its voxels, world, mm.
     pub voxels_mm: Vec<Point3<f64>>,
     /// Mean of these.
@@ -53,7 +53,7 @@ impl Placement {
 ///
 /// # Errors
 /// [`VolumeError`] if so much is bright that the threshold lies within the tissue.
-pub fn bodies(image: &ScalarImage, threshold: f32) -> Result<Vec<Body>, VolumeError> {
+pub fn bodies(image: &ScalarImage, threshold: f32) -> Result<Vec<BrightBody>, VolumeError> {
     let bright = |at: &usize| image.data[*at] >= threshold;
     let bright: Vec<usize> = (0..image.data.len()).filter(bright).collect();
     let share = bright.len() as f64 / image.data.len().max(1) as f64;
@@ -95,7 +95,7 @@ pub fn bodies(image: &ScalarImage, threshold: f32) -> Result<Vec<Body>, VolumeEr
         }
         let sum: Vector3<f64> = voxels_mm.iter().map(|voxel| voxel.coords).sum();
         let volume = voxel_mm3 * voxels_mm.len() as f64;
-        bodies.push(Body {
+        bodies.push(BrightBody {
             centre_mm: Point3::from(sum / voxels_mm.len() as f64),
             diameter_mm: (6.0 * volume / std::f64::consts::PI).cbrt(),
             voxels_mm,

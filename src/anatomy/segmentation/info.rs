@@ -15,7 +15,7 @@ const BACKGROUND: &str = "unlabelled";
 
 /// Summary of a label volume.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Info {
+pub struct SegmentationInfo {
     /// Path of the file, as given.
     pub file: String,
     /// Number of voxels along each index axis.
@@ -55,7 +55,7 @@ pub struct LabelInfo {
     pub sure: bool,
 }
 
-impl Info {
+impl SegmentationInfo {
     /// Creates the summary of a segmentation from `file`.
     pub fn new(segmentation: &Segmentation, file: &Path) -> Self {
         let volume = &segmentation.volume;
@@ -129,7 +129,7 @@ fn orientation(volume: &LabelVolume) -> String {
         .collect()
 }
 
-impl fmt::Display for Info {
+impl fmt::Display for SegmentationInfo {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [x, y, z] = self.size;
         let [dx, dy, dz] = self.spacing_mm;
@@ -204,7 +204,7 @@ mod tests {
         let volume = LabelVolume::new([2, 1, 1], vec![0, 1], vec![label(0, 1), label(9, 1)], world).unwrap();
         let mut segmentation = Segmentation::from(volume.clone());
         segmentation.warnings.push("odd".to_owned());
-        let info = Info::new(&segmentation, Path::new("a.nrrd"));
+        let info = SegmentationInfo::new(&segmentation, Path::new("a.nrrd"));
         assert_eq!(info.orientation, "PIR");
         assert_eq!(info.origin_mm, [10.0, 20.0, 30.0]);
         assert_eq!(

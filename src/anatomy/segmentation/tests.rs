@@ -382,7 +382,7 @@ fn values_that_totalsegmentator_does_not_have_are_read_only_as_a_whole_body() {
             ((5, "liver"), (200, "-"))
         );
         assert_eq!(segmentation.warnings, ["TotalSegmentator has no label 200 (150.00 ml)"]);
-        let info = Info::new(&segmentation, Path::new("a.nrrd"));
+        let info = SegmentationInfo::new(&segmentation, Path::new("a.nrrd"));
         let label = &info.labels[5];
         assert_eq!(
             (label.tissue.as_str(), label.from.as_str()),

@@ -8,7 +8,7 @@ use std::path::Path;
 
 use nalgebra::{Isometry3, Point3};
 
-use insonify_anatomy::registration::markers::{self, Body, Placement};
+use insonify_anatomy::registration::markers::{self, BrightBody, Placement};
 use insonify_anatomy::volume::{ScalarImage, VolumeError};
 use insonify_base::csv::{Csv, CsvError};
 use insonify_base::statistics::{mean, slope};
@@ -112,8 +112,9 @@ pub fn scan(image: &ScalarImage, design: &Design, thresholds: &Thresholds) -> Re
     let bodies = markers::bodies(image, thresholds.marker)?;
     let place = |at: usize| {
         let [size, other_size] = [design.diameters_mm[at], design.diameters_mm[1 - at]];
-        let off = |body: &Body, of: f64| (body.diameter_mm / of).ln().abs();
-        let alike = |body: &&Body| off(body, size) < MAX_SIZE_RATIO.ln() && off(body, size) < off(body, other_size);
+        let off = |body: &BrightBody, of: f64| (body.diameter_mm / of).ln().abs();
+        let alike =
+            |body: &&BrightBody| off(body, size) < MAX_SIZE_RATIO.ln() && off(body, size) < off(body, other_size);
         let centres: Vec<_> = bodies.iter().filter(alike).map(|body| body.centre_mm).collect();
         let named = |error| VolumeError::new(format!("markers of the {}: {error}", BODIES[at]));
         let placed = markers::place(&design.centres_mm[at], &centres).map_err(named)?;
@@ -145,7 +146,7 @@ pub fn scan(image: &ScalarImage, design: &Design, thresholds: &Thresholds) -> Re
 fn needle(
     image: &ScalarImage,
     to_container: &Isometry3<f64>,
-    bodies: &[Body],
+    bodies: &[BrightBody],
 ) -> Result<(Vec<Point3<f64>>, f64), VolumeError> {
     let moved = bodies.iter().map(|body| {
         body.voxels_mm
