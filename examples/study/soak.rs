@@ -8,11 +8,10 @@ use std::error::Error;
 use std::io;
 
 use insonify::{
-    AdapterChoice, Backend, FrameState, Observer, Record, Requests, ScenarioFile, SceneFile, Step, Synthesizer,
-    run_scenario,
+    AdapterChoice, Backend, FrameState, Observer, Record, Requests, ScenarioFile, Step, Synthesizer, run_scenario,
 };
 use insonify_gpu::adapter;
-use insonify_study::bench::compare::SCENE;
+use insonify_study::bench::compare;
 use nalgebra::Matrix4;
 
 /// Most growth a frame and a step, bytes.
@@ -50,7 +49,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 fn frames(name: &str, backend: Backend, count: u64) -> Result<bool, Box<dyn Error>> {
-    let mut scene = SceneFile::parse(SCENE, "soak")?.resolve(".".as_ref())?;
+    let mut scene = compare::scene()?;
     (scene.settings.probe.lines, scene.settings.probe.samples) = (24, 48);
     (scene.settings.image.width, scene.settings.image.height) = (64, 48);
     let mut state = FrameState::at(Matrix4::identity());

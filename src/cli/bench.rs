@@ -1,14 +1,13 @@
 //! `insonify bench`: frame times on this machine.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
 use insonify_gpu::adapter::{self, SOFTWARE};
 use insonify_gpu::{AdapterChoice, AdapterReport};
-use insonify_imaging::scene::SceneFile;
 use insonify_imaging::synth::{Backend, FrameState, SynthError};
-use insonify_study::bench::compare::{CompareOptions, SCENE, Subject, compare};
+use insonify_study::bench::compare::{CompareOptions, Subject, compare, scene};
 use insonify_study::bench::{BenchOptions, BenchReport, bench};
 use insonify_study::tradeoff::gather::Devices;
 use nalgebra::Matrix4;
@@ -123,7 +122,7 @@ impl Bench {
         let printed = Printed::new(self.output.clone(), self.force, self.json);
         printed.check()?;
         let scene = match self.input.is_default() {
-            true => SceneFile::parse(SCENE, "the scene of --compare")?.resolve(Path::new(""))?,
+            true => scene()?,
             false => self.input.scene(&self.backend)?.0,
         };
         let mut state = FrameState::at(Matrix4::identity());

@@ -5,7 +5,7 @@
 //! the enabled effects in the order of [`REGISTRY`].
 //!
 //! An effect owns its data: its parameters ([`Parameters`]), the tables that it derives from anatomy and settings
-//! (`Derived`, `derive`), its buffers ([`Buffer`]) and its vectors on the CPU (`Columns`). `registry!` lists the effects
+//! (`Derived`, `Key`, `derive`), its buffers ([`Buffer`]) and its vectors on the CPU (`Columns`). `registry!` lists the effects
 //! and what each has of these.
 
 pub mod blur;
@@ -38,13 +38,20 @@ use serde::{Deserialize, Serialize};
 use crate::effects::buffers::Buffer;
 use crate::effects::pass::Pass;
 use crate::plan::Plan;
-use crate::synth::tables::{Inputs, LabelRow, Settings, Tables};
+use crate::synth::tables::{Anatomy, LabelRow, Settings, Tables};
 use crate::synth::{FrameState, SynthError};
 use insonify_base::range::{OutOfRange, Ranges};
 use insonify_base::real::Real;
+use insonify_tracking::probe::BeamGrid;
 
 /// Whether a scene calls for an effect, and why.
-pub type Verdict = Result<String, String>;
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Wanted {
+    /// It runs, for this reason.
+    Yes(String),
+    /// It does not, for this reason.
+    No(String),
+}
 
 /// Part of a frame. Its effects run before those of the next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -83,24 +90,24 @@ pub struct Effect {
     pub name: &'static str,
     /// Part of the frame in which it runs.
     pub stage: Stage,
-    /// `Ok(reason)` if the scene calls for it, `Err(reason)` if not.
-    pub wanted: fn(&Tables) -> Verdict,
+    /// Keys of a scene file that call for it; empty if every frame has it, or no key asks for it.
+    pub example: &'static str,
+    /// Whether the scene calls for it.
+    pub wanted: fn(&Tables) -> Wanted,
     /// Passes of the effect, in order.
     pub passes: fn(&Tables) -> Vec<&'static Pass>,
-    /// Buffers of the effect alone.
+    /// Buffers of the effect alone. Those with contents are filled again when what it derives changes.
     pub buffers: &'static [&'static Buffer],
-    /// Whether what it derives differs between two settings: its tables, buffers filled from them, and `label_row`.
-    pub differs: fn(&Settings, &Settings) -> bool,
-    /// Writes what it needs to know of a label index.
-    pub label_row: Option<fn(&Tables, usize, &mut LabelRow)>,
+    /// Writes what it needs to know of a label index, from what it derives.
+    pub label_row: Option<fn(&Anatomy, &EffectTables, usize, &mut LabelRow)>,
     /// Deviations of the output from the settings, for the user.
     pub warnings: fn(&Tables) -> Vec<String>,
     /// Number of things in a frame that it does not show because there are too many.
     pub left_out: fn(&Tables, &FrameState) -> usize,
-    /// Memory besides the buffers for a number of samples, bytes.
-    pub memory: fn(&Settings, u64) -> u64,
-    /// Takes it out of the settings; `None` if every frame needs it.
-    pub remove: Option<fn(&mut Settings)>,
+    /// Bytes besides the buffers for a number of samples.
+    pub extra_bytes: fn(settings: &Settings, samples: u64) -> u64,
+    /// Takes it out of a scene; `None` if every frame needs it.
+    pub remove: Option<fn(&mut Anatomy, &mut Settings)>,
 }
 
 impl Effect {
@@ -108,14 +115,14 @@ impl Effect {
     const PLAIN: Self = Self {
         name: "",
         stage: Stage::Echoes,
-        wanted: |_| Err(String::new()),
+        example: "",
+        wanted: |_| Wanted::No(String::new()),
         passes: |_| Vec::new(),
         buffers: &[],
-        differs: |_, _| false,
         label_row: None,
         warnings: |_| Vec::new(),
         left_out: |_, _| 0,
-        memory: |_, _| 0,
+        extra_bytes: |_, _| 0,
         remove: None,
     };
 }
@@ -136,6 +143,9 @@ pub(crate) trait Setting: Default {
     /// Its value among the usual effects.
     fn usual() -> Self;
 
+    /// Its value among all effects.
+    fn all() -> Self;
+
     /// Checks the ranges.
     fn validate(&self) -> Result<(), OutOfRange> {
         Ok(())
@@ -147,33 +157,52 @@ impl<P: Parameters> Setting for Option<P> {
         P::USUAL.then(P::default)
     }
 
+    fn all() -> Self {
+        Some(P::default())
+    }
+
     fn validate(&self) -> Result<(), OutOfRange> {
-        let Some(own) = self else { return Ok(()) };
-        own.check_ranges().map_err(|error| OutOfRange {
+        let Some(parameters) = self else { return Ok(()) };
+        parameters.check_ranges().map_err(|error| OutOfRange {
             expected: format!("a number from {}", error.expected),
             ..error
         })?;
-        own.check_others()
+        parameters.check_others()
     }
 }
 
-/// Declares the effects. A line holds the name; the key of a scene, with its type and description; the tables, which
-/// `derive` makes; and the vectors on the CPU.
+/// Declares the effects. A line holds the name; the key of a scene, with its type, a type of its parameters and a description; the tables; and the vectors on the CPU.
+///
+/// Tables are made by `derive(&Anatomy, &Key)`. The function sees no settings but those in the key, which `key(&Settings, &BeamGrid)` takes, so
+/// that tables are derived again whenever they may differ.
 macro_rules! registry {
-    ($($name:ident $(: $key:ty = $doc:literal)? $(, derives $derived:ty)? $(, columns $columns:ty)?;)+) => {
+    ($(
+        $name:ident $(: $key:ident $(<$parameters:ident>)? $(with $other:ident)? = $doc:literal)?
+        $(, derives $derived:ty)? $(, columns $columns:ty)?;
+    )+) => {
         /// All effects, in the order of this list.
         pub const LISTED: &[&Effect] = &[$(&$name::EFFECT),+];
 
-        registry!(@effects $($([$name: $key = $doc])?)+);
+        /// Types of the keys of [`Effects`].
+        pub mod parameters {
+            $(
+                $(registry!(@parameters $name $key $(<$parameters>)?);)?
+                $($(pub use super::$name::$other;)?)?
+            )+
+        }
+
+        registry!(@effects $($([$name: $key $(<$parameters>)? = $doc])?)+);
         registry!(@tables $($([$name: $derived])?)+);
         registry!(@columns $($([$name: $columns])?)+);
     };
-    (@effects $([$name:ident: $key:ty = $doc:literal])+) => {
+    (@parameters $name:ident Option<$parameters:ident>) => { pub use super::$name::$parameters; };
+    (@parameters $name:ident $parameters:ident) => { pub use super::$name::$parameters; };
+    (@effects $([$name:ident: $key:ident $(<$parameters:ident>)? = $doc:literal])+) => {
         /// Effects enabled in a scene, with their parameters. An effect that is `None` is not simulated and costs nothing.
         #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
         #[serde(deny_unknown_fields, default)]
         pub struct Effects {
-            $(#[doc = $doc] pub $name: $key,)+
+            $(#[doc = $doc] pub $name: $key $(<$parameters>)?,)+
         }
 
         impl Effects {
@@ -182,6 +211,13 @@ macro_rules! registry {
             pub fn usual() -> Self {
                 Self {
                     $($name: Setting::usual(),)+
+                }
+            }
+
+            /// Returns every effect with its default parameters.
+            pub fn all() -> Self {
+                Self {
+                    $($name: Setting::all(),)+
                 }
             }
 
@@ -206,24 +242,32 @@ macro_rules! registry {
 
         impl EffectTables {
             /// Derives all tables.
-            pub fn new(inputs: &Inputs) -> Result<Self, SynthError> {
+            pub fn new(anatomy: &Anatomy, settings: &Settings, grid: &BeamGrid) -> Result<Self, SynthError> {
                 Ok(Self {
-                    $($name: $name::derive(inputs)?,)+
+                    $($name: $name::derive(anatomy, &$name::key(settings, grid))?,)+
                 })
             }
 
-            /// Derives the tables that differ from those of `old` settings; unchanged on an error.
-            pub fn set(&mut self, old: &Settings, inputs: &Inputs) -> Result<(), SynthError> {
+            /// Derives the tables whose key differs from that of `old` settings, and returns their effects; unchanged on an error.
+            pub fn set(
+                &mut self,
+                anatomy: &Anatomy,
+                old: (&Settings, &BeamGrid),
+                new: (&Settings, &BeamGrid),
+            ) -> Result<Vec<&'static Effect>, SynthError> {
                 $(
-                    let differs = ($name::EFFECT.differs)(old, inputs.settings);
-                    let $name = differs.then(|| $name::derive(inputs)).transpose()?;
+                    let key = $name::key(new.0, new.1);
+                    let differs = $name::key(old.0, old.1) != key;
+                    let $name = differs.then(|| $name::derive(anatomy, &key)).transpose()?;
                 )+
+                let mut derived = Vec::new();
                 $(
                     if let Some(tables) = $name {
                         self.$name = tables;
+                        derived.push(&$name::EFFECT);
                     }
                 )+
-                Ok(())
+                Ok(derived)
             }
         }
     };
@@ -248,34 +292,36 @@ macro_rules! registry {
     };
 }
 
+use parameters::*;
+
 registry! {
     geometry;
-    contact: Option<contact::Contact> = "Skin that conforms to the array.",
+    contact: Option<Contact> = "Skin that conforms to the array.",
         columns contact::Columns;
     warp;
-    slice: slice::Slice = "How labels are read from the volume.";
-    texture: Option<texture::Texture> = "Solid textures of the tissues that name one.",
+    slice: Slice with Boundary = "How labels are read from the volume.";
+    texture: Option<Texture> = "Solid textures of the tissues that name one.",
         derives texture::Derived;
-    thickness: Option<thickness::Thickness> = "Finite elevational thickness of the scan plane.";
-    speckle: Option<speckle::Speckle> = "Fully developed speckle.",
+    thickness: Option<Thickness> = "Finite elevational thickness of the scan plane.";
+    speckle: Option<Speckle> = "Fully developed speckle.",
         derives speckle::Derived, columns speckle::Columns<T>;
-    interface: Option<interface::Interface> = "Specular echoes where the acoustic impedance changes.";
-    needle: Option<needle::NeedleEcho> = "Echo of the needle; needs a needle in the scene.",
+    interface: Option<Interface> = "Specular echoes where the acoustic impedance changes.";
+    needle: Option<NeedleEcho> = "Echo of the needle; needs a needle in the scene.",
         columns needle::Columns;
-    shadow: Option<shadow::Shadow> = "Attenuation, and shadows of bone, gas and the needle.",
+    shadow: Option<Shadow> = "Attenuation, and shadows of bone, gas and the needle.",
         derives shadow::Derived, columns shadow::Columns<T>;
-    refraction: Option<refraction::Refraction>
+    refraction: Option<Refraction>
         = "Refraction where the speed of sound changes: dark lines under the edges of cysts, vessels and organs.",
-        columns refraction::Columns<T>;
-    blur: Option<blur::Blur> = "Radial blur about the probe's virtual apex.",
+        derives refraction::Derived, columns refraction::Columns<T>;
+    blur: Option<Blur> = "Radial blur about the probe's virtual apex.",
         derives blur::Derived;
-    receiver: Option<receiver::Receiver> = "Electronic noise and acoustic clutter.",
+    receiver: Option<Receiver> = "Electronic noise and acoustic clutter.",
         derives receiver::Derived;
-    tone: Option<tone::Tone>
+    tone: Option<Tone> with Curve
         = "Gain, time-gain compensation and log compression; without it the amplitude is shown linearly.",
         derives tone::Derived, columns tone::Columns<T>;
     scan_conversion;
-    noise: Option<noise::Noise> = "Additive Gaussian noise on grey levels.";
+    noise: Option<Noise> = "Additive Gaussian noise on grey levels.";
     quantise;
     truth, columns truth::Columns;
 }

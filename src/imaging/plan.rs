@@ -8,9 +8,9 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::effects::REGISTRY;
 use crate::effects::buffers::{self, Buffer};
 use crate::effects::pass::{Band, Pass};
+use crate::effects::{REGISTRY, Wanted};
 use crate::fusion::{Bound, Fused, MAX_BUFFERS, fuse};
 use crate::quality::Picked;
 use crate::synth::tables::Tables;
@@ -81,12 +81,12 @@ impl Plan {
         let (mut passes, mut without) = (Vec::new(), Vec::new());
         for effect in REGISTRY {
             match (effect.wanted)(tables) {
-                Ok(reason) => passes.extend((effect.passes)(tables).into_iter().map(|pass| PlannedPass {
+                Wanted::Yes(reason) => passes.extend((effect.passes)(tables).into_iter().map(|pass| PlannedPass {
                     pass,
                     effect: effect.name,
                     reason: reason.clone(),
                 })),
-                Err(reason) => without.push(Omitted {
+                Wanted::No(reason) => without.push(Omitted {
                     name: effect.name,
                     reason,
                 }),

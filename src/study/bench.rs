@@ -222,10 +222,10 @@ impl Clock<'_> {
             passes: synth.plan().passes.len(),
             time: full,
         }];
-        for effect in removable() {
+        for (effect, remove) in removable() {
             let mut settings = synth.settings().clone();
             let had_mesh = anatomy.mesh.is_some();
-            take(effect, &mut anatomy, &mut settings);
+            remove(&mut anatomy, &mut settings);
             let mesh_removed = had_mesh && anatomy.mesh.is_none();
             if !synth.plan().has(effect.name) || (!mesh_removed && settings == *synth.settings()) {
                 continue;
@@ -248,19 +248,10 @@ impl Clock<'_> {
     }
 }
 
-/// Effects that can be taken out of a scene, in the order of removal: from the last of the list to the first.
-fn removable() -> impl Iterator<Item = &'static Effect> {
-    LISTED.iter().copied().rev().filter(|effect| effect.remove.is_some())
-}
-
-/// Takes an effect out of a scene.
-fn take(effect: &Effect, anatomy: &mut Anatomy, settings: &mut Settings) {
-    if let Some(remove) = effect.remove {
-        remove(settings);
-    }
-    if effect.name == "warp" {
-        anatomy.mesh = None;
-    }
+/// Effects that can be taken out of a scene, and what takes them, in the order of removal: from the last of the list to the first.
+fn removable() -> impl Iterator<Item = (&'static Effect, fn(&mut Anatomy, &mut Settings))> {
+    let listed = LISTED.iter().copied().rev();
+    listed.filter_map(|effect| Some((effect, effect.remove?)))
 }
 
 #[cfg(test)]

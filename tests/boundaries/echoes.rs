@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::mem::offset_of;
 
 use insonify_gpu::Access;
-use insonify_imaging::rf::device::{BIN, INVOCATIONS, OWN, Params, SHADER, STORAGE};
+use insonify_imaging::rf::device::{BIN, EchoParams, INVOCATIONS, OWN, SHADER, STORAGE};
 use insonify_imaging::rf::echoes::PHASES;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{AddressSpace, StorageAccess};
@@ -37,14 +37,14 @@ fn the_pass_of_echoes_is_that_declared() {
         assert_eq!(bound[&number], AddressSpace::Storage { access }, "binding {number}");
     }
     let (members, span) = block_of(&module);
-    assert_eq!((members.len(), span), (6, size_of::<Params>()));
+    assert_eq!((members.len(), span), (6, size_of::<EchoParams>()));
     for (name, offset) in [
-        ("lines", offset_of!(Params, lines)),
-        ("samples", offset_of!(Params, samples)),
-        ("length", offset_of!(Params, length)),
-        ("ahead", offset_of!(Params, ahead)),
-        ("first", offset_of!(Params, first)),
-        ("count", offset_of!(Params, count)),
+        ("lines", offset_of!(EchoParams, lines)),
+        ("samples", offset_of!(EchoParams, samples)),
+        ("length", offset_of!(EchoParams, length)),
+        ("ahead", offset_of!(EchoParams, ahead)),
+        ("first", offset_of!(EchoParams, first)),
+        ("count", offset_of!(EchoParams, count)),
     ] {
         assert_eq!(members.get(name), Some(&offset), "{name}");
     }

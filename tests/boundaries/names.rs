@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use insonify_imaging::effects::{Effects, REGISTRY};
+use insonify_imaging::effects::REGISTRY;
 
 fn root() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
@@ -111,28 +111,29 @@ fn whoever_renders_compiles_no_insertions_no_studies_no_plots_and_no_command() {
     }
 }
 
+/// Source of an effect.
+pub(super) fn source(effect: &str) -> String {
+    let path = root().join(format!("src/imaging/effects/{effect}.rs"));
+    std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}
+
 #[test]
 fn every_effect_has_its_source_its_shader_and_its_parity_test() {
     for effect in REGISTRY {
-        for file in [
-            format!("src/imaging/effects/{}.rs", effect.name),
-            format!("shaders/{}.wgsl", effect.name),
-            format!("tests/parity/{}.rs", effect.name),
-        ] {
-            assert!(root().join(&file).is_file(), "effect `{}` lacks {file}", effect.name);
-        }
-        let parity = std::fs::read_to_string(root().join("tests/parity/mod.rs")).expect("the parity tests");
+        let shader = format!("shaders/{}.wgsl", effect.name);
         assert!(
-            parity.contains(&format!("\nmod {};", effect.name)),
-            "tests/parity/mod.rs leaves out {}",
+            root().join(&shader).is_file(),
+            "effect `{}` lacks {shader}",
             effect.name
         );
-        let tests = std::fs::read_to_string(root().join(format!("tests/parity/{}.rs", effect.name))).expect("a test");
         assert!(
-            tests.contains("#[test]"),
-            "tests/parity/{}.rs holds no test",
+            source(effect.name).contains("#[cfg(test)]\nmod parity;"),
+            "src/imaging/effects/{}.rs leaves out its parity test",
             effect.name
         );
+        let parity = format!("src/imaging/effects/{}/parity.rs", effect.name);
+        let tests = std::fs::read_to_string(root().join(&parity)).expect("a test");
+        assert!(tests.contains("#[test]"), "{parity} holds no test");
     }
 }
 
@@ -154,7 +155,7 @@ fn every_shader_belongs_to_an_effect_to_remeshing_or_to_echoes_or_is_shared() {
     }
 }
 
-/// Places besides its own files, the registry and the parity analysis where an effect may be named, and why.
+/// Places besides its own files, the registry, bounds and tests where an effect may be named, and why.
 const NAMED: &[(&str, &[&str], &str)] = &[
     (
         "imaging/rf/scatterers.rs",
@@ -276,25 +277,12 @@ fn an_effect_is_named_in_its_own_files_and_the_registry_alone() {
             .expect("a source")
             .to_string_lossy()
             .replace('\\', "/");
-        let is_test = name.split(['/', '.']).any(|part| part == "tests");
-        if is_test
-            || name.starts_with("imaging/parity")
-            || (name.starts_with("study/") && !name.starts_with("study/bench"))
-        {
+        let mut parts = name.split(['/', '.']);
+        let is_analysis = parts.any(|part| ["tests", "bound", "parity", "physics"].contains(&part));
+        if is_analysis || (name.starts_with("study/") && !name.starts_with("study/bench")) {
             continue;
         }
         let mut text = code(&path);
-        if name == "lib.rs" {
-            // The public interface has the parameters of each effect that a scene may name.
-            let schema = schemars::schema_for!(Effects).to_value();
-            for effect in schema["properties"].as_object().expect("effects").keys() {
-                assert!(
-                    has(&text, "effects::", effect),
-                    "lib.rs leaves out the parameters of {effect}"
-                );
-            }
-            continue;
-        }
         if name == "imaging/effects.rs" {
             let start = text.find("\nregistry! {").expect("the registry");
             let end = start + text[start..].find("\n}\n").expect("its end");

@@ -5,8 +5,9 @@ use std::collections::BTreeSet;
 use insonify_imaging::effects::buffers::{IMAGE, PIXELS, SCAN_MAP};
 use insonify_imaging::effects::pass::Pass;
 use insonify_imaging::effects::shadow::Shadow;
-use insonify_imaging::effects::{Effects, REGISTRY};
+use insonify_imaging::effects::{Effect, Effects, LISTED, REGISTRY, Wanted};
 use insonify_imaging::plan::Plan;
+use insonify_imaging::scene::SceneFile;
 use insonify_imaging::synth::layers::Layer;
 use insonify_imaging::synth::tables::{Anatomy, Settings, Tables};
 use insonify_imaging::synth::{Backend, Synthesizer};
@@ -16,12 +17,12 @@ use crate::support::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};
 use crate::support::gpu::{backend, gpu_or_skip};
 use crate::support::scene;
 
-/// A scene, and the passes that its plan must hold beyond those that every frame needs.
+/// A scene, and the passes that its plan must hold beyond those that every frame needs; `None` if it must hold all that effects list.
 pub(super) struct Scene {
     pub name: &'static str,
     pub anatomy: Anatomy,
     pub settings: Settings,
-    passes: &'static [&'static str],
+    passes: Option<&'static [&'static str]>,
 }
 
 /// Every frame: where its samples lie, their labels, grey levels, pixels, bytes.
@@ -46,6 +47,15 @@ fn box_of(tissue: Acoustics) -> Anatomy {
     anatomy::of(Frame::around([0.0, 20.0, 0.0], [20; 3], 2.0), &[SILENT, tissue], |_| 1)
 }
 
+fn two_tissues() -> Anatomy {
+    let other = Acoustics {
+        impedance_mrayl: 1.7,
+        ..lossy()
+    };
+    let frame = Frame::around([0.0, 20.0, 0.0], [20; 3], 2.0);
+    anatomy::layers(frame, &[-30.0, 20.0], &[SILENT, lossy(), other])
+}
+
 fn scene(name: &'static str, anatomy: Anatomy, edit: impl Fn(&mut Settings), passes: &'static [&'static str]) -> Scene {
     let mut settings = scene::settings(scene::small_probe(), scene::bare());
     edit(&mut settings);
@@ -53,46 +63,27 @@ fn scene(name: &'static str, anatomy: Anatomy, edit: impl Fn(&mut Settings), pas
         name,
         anatomy,
         settings,
-        passes,
+        passes: Some(passes),
     }
 }
 
-/// All effects, on deforming, attenuating, textured tissue with a needle.
+/// All effects, on deforming, attenuating, textured tissue of two impedances with a needle.
 pub(super) fn everything() -> Scene {
     let mesh = [[-12.0, 2.0, -12.0], [12.0, 36.0, 12.0]];
-    scene(
+    let everything = scene(
         "everything",
-        anatomy::with_mesh(box_of(lossy()), mesh, 60),
+        anatomy::with_mesh(two_tissues(), mesh, 60),
         |settings| {
-            settings.effects = Effects {
-                thickness: Some(Default::default()),
-                noise: Some(Default::default()),
-                ..Effects::usual()
-            };
+            settings.effects = Effects::all();
             settings.has_needle = true;
+            settings.layers = vec![Layer::LabelValue];
         },
-        &[
-            "contact",
-            "warp_raster",
-            "warp",
-            "texture",
-            "thickness",
-            "interface",
-            "needle",
-            "speckle_scatter",
-            "speckle_specular",
-            "speckle_axial",
-            "speckle_lateral",
-            "shadow_loss",
-            "shadow_rays",
-            "shadow_aperture",
-            "shadow",
-            "blur",
-            "receiver",
-            "tone_auto_gain",
-            "noise",
-        ],
-    )
+        &[],
+    );
+    Scene {
+        passes: None,
+        ..everything
+    }
 }
 
 pub(super) fn scenes() -> Vec<Scene> {
@@ -178,18 +169,7 @@ pub(super) fn scenes() -> Vec<Scene> {
         ),
         scene(
             "refraction between two",
-            anatomy::layers(
-                Frame::around([0.0, 20.0, 0.0], [20; 3], 2.0),
-                &[-30.0, 20.0],
-                &[
-                    SILENT,
-                    lossy(),
-                    Acoustics {
-                        impedance_mrayl: 1.7,
-                        ..lossy()
-                    },
-                ],
-            ),
+            two_tissues(),
             |s| s.effects.refraction = Some(Default::default()),
             &["refraction_phase", "refraction"],
         ),
@@ -345,15 +325,62 @@ pub(super) fn scenes() -> Vec<Scene> {
 fn expected_passes(scene: &Scene) -> Vec<&'static Pass> {
     let tables = tables(scene);
     let all = REGISTRY.iter().flat_map(|effect| (effect.passes)(&tables));
-    let is_expected = |pass: &&Pass| ALWAYS.contains(&pass.name) || scene.passes.contains(&pass.name);
+    let Some(named) = scene.passes else {
+        return all.collect();
+    };
+    let is_expected = |pass: &&Pass| ALWAYS.contains(&pass.name) || named.contains(&pass.name);
     let expected: Vec<_> = all.filter(is_expected).collect();
     assert_eq!(
         expected.len(),
-        ALWAYS.len() + scene.passes.len(),
+        ALWAYS.len() + named.len(),
         "{}: names of passes",
         scene.name
     );
     expected
+}
+
+/// The block of TOML in the docs of a source.
+fn documented(source: &str) -> String {
+    let docs = source.lines().map_while(|line| line.strip_prefix("//!"));
+    let block = docs.map(str::trim).skip_while(|line| *line != "```toml").skip(1);
+    block.take_while(|line| *line != "```").collect::<Vec<_>>().join("\n")
+}
+
+/// Whether a scene calls for an effect, and why.
+fn wanted(effect: &Effect, anatomy: &Anatomy, settings: &Settings) -> Wanted {
+    let tables = Tables::new(anatomy.clone(), settings.clone()).expect("tables");
+    (effect.wanted)(&tables)
+}
+
+#[test]
+fn the_example_of_an_effect_stands_in_its_docs_and_calls_for_it() {
+    let schema = schemars::schema_for!(Effects).to_value();
+    let keys = schema["properties"].as_object().expect("effects");
+    for effect in REGISTRY {
+        assert_eq!(
+            documented(&super::names::source(effect.name)),
+            effect.example,
+            "docs of {}",
+            effect.name
+        );
+        if effect.example.is_empty() {
+            assert!(!keys.contains_key(effect.name), "{} has no example", effect.name);
+            continue;
+        }
+        let text = format!(
+            "version = 1\nvolume = {{ phantom = \"abdomen\", resolution_mm = 5 }}\n{}",
+            effect.example
+        );
+        let file = SceneFile::parse(&text, effect.name).unwrap_or_else(|error| panic!("{error}"));
+        let scene = file.resolve(".".as_ref()).unwrap_or_else(|error| panic!("{error}"));
+        let (mut anatomy, mut settings) = (scene.anatomy, scene.settings);
+        let with = wanted(effect, &anatomy, &settings);
+        assert!(matches!(with, Wanted::Yes(_)), "{}: {with:?}", effect.name);
+        if let Some(remove) = effect.remove {
+            remove(&mut anatomy, &mut settings);
+            assert_ne!(wanted(effect, &anatomy, &settings), with, "{} is removed", effect.name);
+        }
+    }
 }
 
 fn names(passes: &[&'static Pass]) -> Vec<&'static str> {
@@ -433,32 +460,34 @@ fn effects_taken_away_take_their_pipelines_and_memory_along() {
     let gpu = gpu_or_skip();
     let all = everything();
     for make in [Backend::Cpu, Backend::CpuF64].into_iter().chain(gpu.map(backend)) {
-        let mut synthesizer = Synthesizer::new(all.anatomy.clone(), all.settings.clone(), make).expect("a synthesizer");
+        let mut synthesizer =
+            Synthesizer::new(all.anatomy.clone(), all.settings.clone(), make.clone()).expect("a synthesizer");
         let mut settings = all.settings.clone();
-        let removals: [(&str, fn(&mut Settings)); 6] = [
-            ("thickness", |s| s.effects.thickness = None),
-            ("texture", |s| s.effects.texture = None),
-            ("speckle", |s| s.effects.speckle = None),
-            ("needle", |s| s.has_needle = false),
-            ("shadow", |s| s.effects.shadow = None),
-            ("blur", |s| s.effects.blur = None),
-        ];
-        let on_gpu = synthesizer.backend() == "gpu";
-        for (name, remove) in removals {
-            let (bytes, pipelines) = (synthesizer.memory_bytes(), synthesizer.pipelines().len());
-            remove(&mut settings);
+        for effect in LISTED.iter().rev() {
+            let passes = synthesizer.plan().passes.len();
+            let before = settings.clone();
+            if let Some(remove) = effect.remove {
+                remove(&mut all.anatomy.clone(), &mut settings);
+            }
+            // The mesh of the anatomy is fixed on creation.
+            if settings == before {
+                continue;
+            }
             synthesizer.set(settings.clone()).expect("fewer effects");
-            // Textures and kernels are tables: on the CPU they are no working memory.
-            if on_gpu || !["texture"].contains(&name) {
-                assert!(
-                    synthesizer.memory_bytes() < bytes,
-                    "{}: {name} leaves its memory",
-                    synthesizer.backend()
-                );
-            }
-            if on_gpu {
-                assert!(synthesizer.pipelines().len() < pipelines, "{name} leaves its pipeline");
-            }
+            assert!(
+                synthesizer.plan().passes.len() < passes,
+                "{} leaves its passes",
+                effect.name
+            );
+            let fresh = Synthesizer::new(all.anatomy.clone(), settings.clone(), make.clone()).expect("a synthesizer");
+            let place = format!("without {} on {}", effect.name, synthesizer.backend());
+            assert_eq!(synthesizer.memory_bytes(), fresh.memory_bytes(), "memory {place}");
+            let pipelines = [&synthesizer, &fresh].map(|synthesizer| {
+                let mut names = synthesizer.pipelines();
+                names.sort_unstable();
+                names
+            });
+            assert_eq!(pipelines[0], pipelines[1], "pipelines {place}");
         }
     }
 }

@@ -2,10 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use insonify_imaging::effects::REGISTRY;
 use insonify_imaging::effects::buffers::Buffer;
-use insonify_imaging::effects::pass::{Band, Pass};
-use insonify_imaging::effects::shadow::aperture::RAYS;
+use insonify_imaging::effects::pass::{Band, Grid, Pass};
+use insonify_imaging::effects::{REGISTRY, Wanted};
 use insonify_imaging::synth::tables::Tables;
 pub(super) use insonify_testing::shader::{block_of, layout};
 use naga::valid::{Capabilities, GlobalUse, ModuleInfo, ValidationFlags, Validator};
@@ -171,13 +170,16 @@ fn workgroups_cover_the_work_and_no_more() {
             first_row: 0,
             rows: tables.height() as u32,
         };
-        for effect in REGISTRY.iter().filter(|effect| (effect.wanted)(&tables).is_ok()) {
+        for effect in REGISTRY
+            .iter()
+            .filter(|effect| matches!((effect.wanted)(&tables), Wanted::Yes(_)))
+        {
             for pass in (effect.passes)(&tables) {
                 let (module, _) = parse(pass);
                 let [size, one, also_one] = module.entry_points[entry(pass, &module)].workgroup_size;
                 assert_eq!((one, also_one), (1, 1), "{}", pass.name);
                 let [x, y, z] = pass.grid.workgroups(&tables, band);
-                let work = work(pass, &tables);
+                let work = work(pass.grid, &tables);
                 let place = format!(
                     "{} of {}: {x} x {y} x {z} groups of {size} for {work:?}",
                     pass.name, scene.name
@@ -196,47 +198,23 @@ fn workgroups_cover_the_work_and_no_more() {
     assert!(checked > 60, "{checked}");
 }
 
-/// Invocations that a pass needs along x, and groups along y and z.
-fn work(pass: &Pass, tables: &Tables) -> [u64; 3] {
+/// Invocations that a grid has along x, and groups along y and z.
+fn work(grid: Grid, tables: &Tables) -> [u64; 3] {
     let (lines, samples, planes) = (tables.lines() as u64, tables.samples() as u64, tables.planes() as u64);
-    match pass.name {
-        "geometry" | "contact" | "warp" | "slice" | "texture" => [samples, lines, planes],
-        // The elements in the slab are shared among the groups.
-        "warp_raster" => [64 * 4096, 1, 1],
-        "speckle_scatter" | "speckle_specular" | "speckle_axial" => [
-            samples,
-            tables
-                .effects
-                .speckle
-                .as_ref()
-                .map_or(0, |own| own.fine_lines(tables.lines())) as u64,
-            1,
-        ],
-        "thickness"
-        | "speckle_lateral"
-        | "interface"
-        | "needle"
-        | "shadow_aperture"
-        | "shadow"
-        | "shadow_mirror"
-        | "shadow_reverberation"
-        | "blur"
-        | "receiver"
-        | "tone" => [samples, lines, 1],
-        // One group a scanline, or a ray of an element, however many samples.
-        "shadow_loss" | "shadow_reflectors" | "refraction" => [256, lines, 1],
-        "refraction_phase" => [
-            256,
-            lines / insonify_imaging::effects::refraction::reach(tables) as u64,
-            1,
-        ],
-        "shadow_rays" => [256, lines, RAYS as u64],
-        "tone_auto_gain" => [256, insonify_imaging::effects::tone::auto_gain::BANDS as u64, 1],
-        "truth_depth" => [256, lines, 1],
-        name if name.starts_with("truth_") => [samples, lines, 1],
-        "scan_conversion" | "noise" => [tables.width() as u64, tables.height() as u64, 1],
-        "quantise" => [tables.words_per_row() as u64, tables.height() as u64, 1],
-        other => panic!("say what work the pass {other} has"),
+    let (width, height) = (tables.width() as u64, tables.height() as u64);
+    match grid {
+        Grid::Planes => [samples, lines, planes],
+        Grid::Samples => [samples, lines, 1],
+        // One group a scanline, or what else a number of groups stands for, however many samples.
+        Grid::Scanlines => [256, lines, 1],
+        Grid::Workgroups(count) => {
+            let [y, z] = count(tables).map(u64::from);
+            [256, y, z]
+        }
+        Grid::FineSamples(fine_lines) => [samples, fine_lines(tables) as u64, 1],
+        Grid::Pixels => [width, height, 1],
+        Grid::Words => [tables.words_per_row() as u64, height, 1],
+        Grid::Shared(groups) => [64 * u64::from(groups), 1, 1],
     }
 }
 

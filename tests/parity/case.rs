@@ -1,8 +1,8 @@
 //! Scenes that are compared on every backend.
 
-pub(super) use insonify_imaging::parity::Case;
+pub(crate) use insonify_imaging::parity::Case;
 use insonify_imaging::parity::{check, check_lossy};
-pub(super) use insonify_testing::lossy::BIASES;
+pub(crate) use insonify_testing::lossy::BIASES;
 
 use insonify_imaging::synth::tables::Settings;
 
@@ -11,12 +11,12 @@ use crate::support::gpu::gpu_or_skip;
 use crate::support::image::assert_within;
 
 /// Labels drawn anew at every voxel, under an oblique probe.
-pub(super) fn random(name: impl Into<String>, settings: Settings) -> Case {
+pub(crate) fn random(name: impl Into<String>, settings: Settings) -> Case {
     Case::new(name, scenes::random_anatomy(), settings, scenes::oblique_pose())
 }
 
 /// Compares the twins with the reference after every pass and at the pixels, for each of the cases.
-pub(super) fn check_all(cases: &[Case]) {
+pub(crate) fn check_all(cases: &[Case]) {
     let gpus: Vec<_> = gpu_or_skip().into_iter().collect();
     for case in cases {
         let verdicts = check(case, &gpus).unwrap_or_else(|error| panic!("{}: {error}", case.name));

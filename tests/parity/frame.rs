@@ -1,6 +1,7 @@
 //! Whole frames: the pixels themselves.
 
 use insonify_gpu::{Gpu, Readback, row_stride};
+use insonify_imaging::effects::Effects;
 use insonify_imaging::parity::check_lossy;
 use insonify_imaging::synth::Synthesizer;
 
@@ -14,7 +15,7 @@ use crate::support::scene::{self, SHAPES};
 fn all_effects_on_every_probe_shape() {
     let mut cases = Vec::new();
     for (at, (name, shape)) in SHAPES.into_iter().enumerate() {
-        let mut settings = scene::settings(scene::probe(shape, 40.0, 24, 96), scenes::all_effects());
+        let mut settings = scene::settings(scene::probe(shape, 40.0, 24, 96), Effects::all());
         settings.has_needle = true;
         settings.effects.slice.boundary =
             [Default::default(), insonify_imaging::effects::slice::Boundary::Nearest][at % 2];
@@ -41,7 +42,7 @@ fn all_effects_on_every_probe_shape() {
 #[test]
 fn all_effects_on_deforming_tissue_with_a_bent_needle() {
     let (anatomy, state) = scenes::pressed();
-    let mut settings = scene::settings(scene::small_probe(), scenes::all_effects());
+    let mut settings = scene::settings(scene::small_probe(), Effects::all());
     settings.has_needle = true;
     let state = scenes::with_needle(state);
     check_all(&[Case::new("pressed", anatomy, settings, state)]);
@@ -77,7 +78,7 @@ fn the_hosts_texture_shows_new_frames_after_a_change_of_settings() {
     let Some(gpu) = gpu_or_skip() else {
         return;
     };
-    let settings = scene::settings(scene::small_probe(), scenes::all_effects());
+    let settings = scene::settings(scene::small_probe(), Effects::all());
     let mut synth = Synthesizer::new(scenes::flat_layers(), settings, backend(gpu.clone())).expect("a synthesizer");
     let state = scene::straight();
     synth.render_to_texture(&state).expect("a frame");
@@ -105,7 +106,7 @@ fn the_hosts_texture_shows_new_frames_after_a_change_of_settings() {
 fn realistic_frames_differ_by_one_grey_level_at_most() {
     // Layers under a realistic grid: no sample is near a label's edge by design, so no bound is wide.
     let probe = scene::probe(SHAPES[1].1, 80.0, 128, 256);
-    let mut effects = insonify_imaging::effects::Effects::usual();
+    let mut effects = Effects::usual();
     effects.texture = None;
     let case = Case::new(
         "realistic",

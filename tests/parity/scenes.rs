@@ -1,6 +1,5 @@
 //! Anatomies and poses of the parity tests.
 
-use insonify_imaging::effects::Effects;
 use insonify_imaging::synth::tables::Anatomy;
 use insonify_imaging::synth::{FrameState, NeedleShaft};
 use insonify_mesh::Displacement;
@@ -36,12 +35,12 @@ fn textured(mut anatomy: Anatomy) -> Anatomy {
 }
 
 /// Labels drawn anew at every voxel of a 40 mm cube.
-pub(super) fn random_anatomy() -> Anatomy {
+pub(crate) fn random_anatomy() -> Anatomy {
     textured(anatomy::random(Frame::around(CENTRE, [40; 3], 1.0), &tissues(), 1))
 }
 
 /// The same in an oblique, anisotropic frame.
-pub(super) fn oblique_anatomy() -> Anatomy {
+pub(crate) fn oblique_anatomy() -> Anatomy {
     textured(anatomy::random(
         Frame::around(CENTRE, [40; 3], 1.0).oblique(),
         &tissues(),
@@ -50,7 +49,7 @@ pub(super) fn oblique_anatomy() -> Anatomy {
 }
 
 /// Random labels that neither attenuate nor occlude.
-pub(super) fn unattenuating() -> Anatomy {
+pub(crate) fn unattenuating() -> Anatomy {
     let tissues: Vec<Acoustics> = tissues()
         .into_iter()
         .map(|own| Acoustics {
@@ -63,7 +62,7 @@ pub(super) fn unattenuating() -> Anatomy {
 }
 
 /// The same with a tissue among them that is as opaque as bone.
-pub(super) fn with_bone() -> Anatomy {
+pub(crate) fn with_bone() -> Anatomy {
     let mut tissues = tissues();
     if let Some(last) = tissues.last_mut() {
         last.occlusion_per_mm = 0.9;
@@ -72,7 +71,7 @@ pub(super) fn with_bone() -> Anatomy {
 }
 
 /// The same with gas.
-pub(super) fn with_gas() -> Anatomy {
+pub(crate) fn with_gas() -> Anatomy {
     let mut tissues = tissues();
     if let Some(last) = tissues.last_mut() {
         (last.occlusion_per_mm, last.impedance_mrayl) = (0.9, 0.0004);
@@ -81,7 +80,7 @@ pub(super) fn with_gas() -> Anatomy {
 }
 
 /// Tissue with a ball in it over gas that is tilted and curved.
-pub(super) fn above_gas() -> Anatomy {
+pub(crate) fn above_gas() -> Anatomy {
     let mut tissues = tissues();
     if let Some(last) = tissues.last_mut() {
         (last.occlusion_per_mm, last.impedance_mrayl) = (0.9, 0.0004);
@@ -98,7 +97,7 @@ pub(super) fn above_gas() -> Anatomy {
 }
 
 /// Voxels of 1 mm whose faces lie at whole and half millimetres of the world.
-pub(super) fn unit_voxels() -> Anatomy {
+pub(crate) fn unit_voxels() -> Anatomy {
     textured(anatomy::random(
         Frame::around([0.0, 20.0, 0.0], [40; 3], 1.0),
         &tissues(),
@@ -107,12 +106,12 @@ pub(super) fn unit_voxels() -> Anatomy {
 }
 
 /// The same with a mesh of cells of 4 mm over its middle.
-pub(super) fn on_a_lattice() -> Anatomy {
+pub(crate) fn on_a_lattice() -> Anatomy {
     anatomy::with_mesh(unit_voxels(), [[-10.0, 4.0, -8.0], [10.0, 28.0, 8.0]], 6 * 7 * 5)
 }
 
 /// A ball in a box before a straight probe.
-pub(super) fn ball() -> Anatomy {
+pub(crate) fn ball() -> Anatomy {
     textured(anatomy::ball(
         Frame::around([0.0, 20.0, 0.0], [40; 3], 1.0),
         [1.0, 19.0, 0.0],
@@ -122,7 +121,7 @@ pub(super) fn ball() -> Anatomy {
 }
 
 /// Three layers before a straight probe; no sample of the grids used comes near a boundary.
-pub(super) fn flat_layers() -> Anatomy {
+pub(crate) fn flat_layers() -> Anatomy {
     anatomy::layers(
         Frame::around([0.0, 60.0, 0.0], [3, 130, 3], 1.01).stretched([100.0, 1.0, 100.0]),
         &[3.37, 21.7, 44.9],
@@ -139,13 +138,13 @@ pub(super) fn flat_layers() -> Anatomy {
 }
 
 /// A probe at the rim of the volumes, turned about every axis.
-pub(super) fn oblique_pose() -> FrameState {
+pub(crate) fn oblique_pose() -> FrameState {
     let [x, y, z] = CENTRE;
     scene::aimed([x - 9.0, y - 17.0, z + 3.0], [x + 4.0, y + 9.0, z - 2.0], 0.7)
 }
 
 /// The volume and the pose 900 mm away from the origin of the world.
-pub(super) fn far_away() -> (Anatomy, FrameState) {
+pub(crate) fn far_away() -> (Anatomy, FrameState) {
     let centre = [310.0, -440.0, 720.0];
     let anatomy = textured(anatomy::random(Frame::around(centre, [40; 3], 1.0), &tissues(), 4));
     let [x, y, z] = centre;
@@ -157,7 +156,7 @@ pub(super) fn far_away() -> (Anatomy, FrameState) {
 
 /// Random labels under a mesh smaller than the volume, pressed in and swirled: parts of the beam lie in the mesh, outside
 /// it, and where its tissue has moved away.
-pub(super) fn pressed() -> (Anatomy, FrameState) {
+pub(crate) fn pressed() -> (Anatomy, FrameState) {
     let [x, y, z] = CENTRE;
     let mut anatomy = random_anatomy();
     anatomy = anatomy::with_mesh(
@@ -192,7 +191,7 @@ pub(super) fn pressed() -> (Anatomy, FrameState) {
 }
 
 /// A bent needle that leaves the plane of a pose.
-pub(super) fn with_needle(mut state: FrameState) -> FrameState {
+pub(crate) fn with_needle(mut state: FrameState) -> FrameState {
     let points = [[-16.0, 3.0, 0.2], [-7.0, 11.0, 0.1], [1.0, 20.0, 0.3], [6.0, 31.0, 1.1]];
     let nodes = points
         .map(|point| state.probe_to_world.transform_point(&point.into()))
@@ -202,13 +201,4 @@ pub(super) fn with_needle(mut state: FrameState) -> FrameState {
         diameter_mm: 1.2,
     });
     state
-}
-
-/// Everything that the parameters can switch on.
-pub(super) fn all_effects() -> Effects {
-    Effects {
-        thickness: Some(Default::default()),
-        noise: Some(Default::default()),
-        ..Effects::usual()
-    }
 }

@@ -1,6 +1,7 @@
 //! Warp between states that both move: tissue moves the current nodes, remeshing the reference nodes.
 
 use insonify_base::random::{hash3, unit};
+use insonify_imaging::effects::Effects;
 use insonify_imaging::effects::warp::{BACKGROUND, MAPPED};
 use insonify_imaging::synth::tables::Anatomy;
 use insonify_imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
@@ -79,7 +80,7 @@ fn every_effect_on_remeshed_tissue_under_every_probe_shape() {
         .enumerate()
         .map(|(at, &(name, shape))| {
             // Speckle carries directions through the elements too.
-            let effects = [scene::bare(), scenes::all_effects()][at % 2].clone();
+            let effects = [scene::bare(), Effects::all()][at % 2].clone();
             let settings = scene::settings(scene::probe(shape, 40.0, 24, 96), effects);
             Case::new(format!("{name}, remeshed"), anatomy.clone(), settings, state.clone())
         })
@@ -135,7 +136,7 @@ fn the_background_is_where_the_moved_reference_mesh_was() {
 
 #[test]
 fn under_an_affine_map_remeshing_changes_nothing() {
-    let settings = scene::settings(scene::small_probe(), scenes::all_effects());
+    let settings = scene::settings(scene::small_probe(), Effects::all());
     let (anatomy, plain) = moved(|mesh| mesh.nodes().to_vec(), &affine());
     let (_, state) = moved(|mesh| remeshed(mesh, 2.0, 2), &affine());
     assert_ne!(plain.reference, state.reference);
@@ -164,7 +165,7 @@ fn under_an_affine_map_remeshing_changes_nothing() {
 
 /// Frames of one synthesizer against those of one made anew for each.
 fn follow(name: &str, make: impl Fn() -> Backend) {
-    let settings = scene::settings(scene::small_probe(), scenes::all_effects());
+    let settings = scene::settings(scene::small_probe(), Effects::all());
     let (anatomy, first) = moved(|mesh| remeshed(mesh, 1.5, 3), &swirl());
     // Of another outline too, so that other samples are background.
     let (_, second) = moved(shrunk, &affine());

@@ -3,16 +3,18 @@
 use std::collections::BTreeSet;
 
 use insonify_gpu::Gpu;
-use insonify_imaging::effects::Effects;
+use insonify_imaging::effects::pass::Band;
 use insonify_imaging::effects::slice::Boundary;
 use insonify_imaging::effects::tone::Tone;
-use insonify_imaging::synth::tables::{Settings, Tables};
+use insonify_imaging::effects::{Effects, LISTED};
+use insonify_imaging::plan::Plan;
+use insonify_imaging::synth::tables::{Anatomy, Settings, Tables};
 use insonify_imaging::synth::{Backend, Synthesizer};
 
 use serde_json::{Value, json};
 
-use super::synthesizer;
 use crate::support::gpu::{backend, gpu_or_skip};
+use crate::support::scene::synthesizer;
 use crate::support::scene::{everything, frame_of};
 
 type Edit = (&'static str, fn(&mut Settings));
@@ -54,16 +56,35 @@ const EDITS: &[Edit] = &[
     ("another probe", |settings| {
         settings.probe = crate::support::scene::probe(crate::support::scene::SHAPES[2].1, 35.0, 30, 70);
     }),
-    ("all again", |settings| settings.effects = everything().1.effects),
     ("fill", |settings| settings.image.fill = 200),
 ];
 
-fn follow(make: impl Fn() -> Backend) {
+/// Edits of a user, each on top of those before: at the console, then each effect taken out of a scene with all of them, and put back.
+fn edits() -> Vec<(String, Settings)> {
     let (anatomy, mut settings, _) = everything();
+    let mut edits = Vec::new();
+    for (name, edit) in EDITS {
+        edit(&mut settings);
+        edits.push(((*name).to_owned(), settings.clone()));
+    }
+    let whole = everything().1;
+    edits.push(("all again".into(), whole.clone()));
+    for effect in LISTED {
+        if let Some(remove) = effect.remove {
+            let mut without = whole.clone();
+            remove(&mut anatomy.clone(), &mut without);
+            edits.push((format!("no {}", effect.name), without));
+            edits.push((format!("{} again", effect.name), whole.clone()));
+        }
+    }
+    edits
+}
+
+fn follow(make: impl Fn() -> Backend) {
+    let (anatomy, settings, _) = everything();
     let mut edited: Synthesizer = synthesizer(&anatomy, &settings, make());
     edited.render(&frame_of(&anatomy, 2)).expect("a frame");
-    for (at, (name, edit)) in EDITS.iter().enumerate() {
-        edit(&mut settings);
+    for (at, (name, settings)) in edits().into_iter().enumerate() {
         edited
             .set(settings.clone())
             .unwrap_or_else(|error| panic!("{name}: {error}"));
@@ -116,6 +137,35 @@ fn changed_keys(effects: &Effects) -> Vec<(String, Vec<Effects>)> {
     changes
 }
 
+/// Checks that a change of settings names every buffer whose contents it changes, and derives what fresh tables hold.
+fn assert_rest_is_unchanged(name: &str, anatomy: &Anatomy, settings: &Settings, changed: Settings) {
+    let mut tables = Tables::new(anatomy.clone(), settings.clone()).expect("tables");
+    let band = Band {
+        first_row: 0,
+        rows: tables.height() as u32,
+    };
+    let buffers = Plan::new(&tables).resources.into_iter().map(|planned| planned.resource);
+    let filled: Vec<_> = buffers.filter_map(|buffer| Some((buffer, buffer.contents?))).collect();
+    let before: Vec<_> = filled
+        .iter()
+        .map(|(_, contents)| contents.bytes(&tables, band))
+        .collect();
+    let named = tables.set(changed.clone()).expect("a valid change");
+    let fresh = Tables::new(anatomy.clone(), changed).expect("tables");
+    assert!(filled.len() >= 10);
+    for ((buffer, contents), before) in filled.into_iter().zip(before) {
+        let after = contents.bytes(&tables, band);
+        assert!(
+            after == contents.bytes(&fresh, band),
+            "after {name} {buffer:?} is stale"
+        );
+        assert!(
+            named.contains(&buffer) || after == before,
+            "after {name} {buffer:?} is filled with something else, which is not said"
+        );
+    }
+}
+
 /// Each effect derives anew what a change of its keys, and of its presence, asks for, and so do the others.
 #[test]
 fn every_key_of_every_effect_changes_a_frame_as_a_fresh_synthesizer_would() {
@@ -144,6 +194,7 @@ fn every_key_of_every_effect_changes_a_frame_as_a_fresh_synthesizer_would() {
             );
             assert_eq!(edited.memory_bytes(), fresh.memory_bytes(), "after {name}");
             edited.set(settings.clone()).expect("the settings before");
+            assert_rest_is_unchanged(&name, &anatomy, &settings, changed);
             tried.insert(
                 name.split('.')
                     .next()

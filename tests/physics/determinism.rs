@@ -5,8 +5,8 @@ use insonify_imaging::synth::layers::Layer;
 use insonify_imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 use insonify_mesh::TetMesh;
 
-use super::synthesizer;
 use crate::support::gpu::{backend, gpu_or_skip};
+use crate::support::scene::synthesizer;
 use crate::support::scene::{everything, frame_of};
 
 #[test]

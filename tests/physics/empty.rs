@@ -5,9 +5,9 @@ use insonify_imaging::synth::FrameState;
 use insonify_mesh::Displacement;
 use nalgebra::{Matrix4, Vector3};
 
-use super::{beam_after, precisions, synthesizer};
 use crate::support::anatomy::{self, Frame, PLAIN, SILENT};
 use crate::support::scene;
+use crate::support::scene::{beam_after, precisions, synthesizer};
 
 #[test]
 fn a_probe_wholly_outside_the_volume_gives_a_black_frame() {

@@ -2,9 +2,9 @@
 
 use insonify_imaging::synth::Backend;
 
-use super::synthesizer;
 use crate::support::anatomy::{self, PLAIN};
 use crate::support::scene;
+use crate::support::scene::synthesizer;
 
 #[test]
 #[ignore = "takes 1 GB of memory; run it with --ignored"]

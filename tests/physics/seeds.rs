@@ -10,9 +10,9 @@ use insonify_imaging::synth::{FrameState, NeedleShaft, SEED_DIAMETER_MM, SEED_LE
 use insonify_tracking::probe::{Linear, ProbeShape};
 use nalgebra::{Point3, Vector3};
 
-use super::{precisions, synthesizer};
 use crate::support::anatomy::{self, PLAIN};
 use crate::support::scene;
+use crate::support::scene::{precisions, synthesizer};
 
 const BEAM_MM: f64 = 2.0;
 const DB_MM: f64 = 6.0;

@@ -5,9 +5,9 @@ use insonify_imaging::synth::tables::{Anatomy, Settings};
 use insonify_imaging::synth::{Backend, FrameState};
 use insonify_tracking::probe::{Linear, ProbeShape};
 
-use super::{precisions, synthesizer};
 use crate::support::anatomy::{self, PLAIN};
 use crate::support::scene;
+use crate::support::scene::{precisions, synthesizer};
 use crate::support::stats::{correlation, peak};
 
 const LINES: usize = 96;

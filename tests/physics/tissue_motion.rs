@@ -11,9 +11,9 @@ use insonify_mesh::TetMesh;
 use insonify_tracking::probe::{Linear, ProbeShape};
 use nalgebra::{Matrix3, Vector3};
 
-use super::{precisions, synthesizer};
 use crate::support::anatomy::{self, Acoustics, PLAIN};
 use crate::support::scene;
+use crate::support::scene::{precisions, synthesizer};
 
 /// Largest difference between what is tracked and what the mechanics say, pixels. The shift that fits best is the mean over
 /// the patch of the displacement, weighted by squared grey gradients. With some 80 independent speckles, or grains of

@@ -1,8 +1,9 @@
 //! Probes, settings and poses.
 
 use insonify_imaging::effects::Effects;
+use insonify_imaging::synth::layers::Beam;
 use insonify_imaging::synth::tables::{Anatomy, ImageSize, Settings};
-use insonify_imaging::synth::{FrameState, NeedleShaft};
+use insonify_imaging::synth::{Backend, FrameState, NeedleShaft, Synthesizer};
 use insonify_mesh::Displacement;
 use insonify_tracking::probe::{Probe, ProbeShape};
 use nalgebra::{Matrix4, Rotation3, Translation3, Vector3};
@@ -79,12 +80,7 @@ pub(crate) fn everything() -> (Anatomy, Settings, FrameState) {
     let frame = Frame::around([0.0, 20.0, 0.0], [40; 3], 1.0);
     let anatomy = anatomy::random(frame, &tissues, 5);
     let anatomy = anatomy::with_mesh(anatomy, [[-14.0, 4.0, -14.0], [14.0, 36.0, 14.0]], 400);
-    let effects = Effects {
-        thickness: Some(Default::default()),
-        noise: Some(Default::default()),
-        ..Effects::usual()
-    };
-    let mut settings = settings(small_probe(), effects);
+    let mut settings = settings(small_probe(), Effects::all());
     settings.has_needle = true;
     (anatomy.clone(), settings, frame_of(&anatomy, 0))
 }
@@ -110,4 +106,27 @@ pub(crate) fn frame_of(anatomy: &Anatomy, frame: u64) -> FrameState {
         diameter_mm: 1.2,
     });
     state
+}
+
+/// Both precisions of the reference.
+pub(crate) fn precisions() -> [(&'static str, Backend); 2] {
+    [("f32", Backend::Cpu), ("f64", Backend::CpuF64)]
+}
+
+/// A synthesizer of a scene that must be valid.
+pub(crate) fn synthesizer(anatomy: &Anatomy, settings: &Settings, backend: Backend) -> Synthesizer {
+    Synthesizer::new(anatomy.clone(), settings.clone(), backend).expect("a synthesizer")
+}
+
+/// What stands in beam space after a pass.
+pub(crate) fn beam_after(
+    anatomy: &Anatomy,
+    settings: &Settings,
+    backend: Backend,
+    pass: &str,
+    state: &FrameState,
+) -> Beam {
+    synthesizer(anatomy, settings, backend)
+        .render_until(pass, state)
+        .expect("a beam")
 }

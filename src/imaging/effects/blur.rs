@@ -3,14 +3,28 @@
 //! In beam space an arc of constant depth is a row of samples, so the blur is an exact lateral convolution. At the edges of
 //! the sector the weights are renormalised, so that a constant stays constant. The axial direction is not blurred, and
 //! neither is the apex.
+//!
+//! ```toml
+//! effects.blur = { width_mm = 1.3 }
+//! ```
+
+#[cfg(any(test, feature = "analysis"))]
+pub(crate) mod bound;
+#[cfg(test)]
+mod parity;
+#[cfg(test)]
+mod physics;
 
 use super::buffers::{AMPLITUDE, AMPLITUDE_NEXT, Buffer, bytes_of};
 use super::lateral::{BLOCK, FWHM_PER_SIGMA, LateralKernel, narrowed};
-use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, reference};
-use super::{Effect, Parameters, Stage, Verdict};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, bound, reference};
+use super::{
+    Effect, EffectTables, Parameters, Stage,
+    Wanted::{self, No, Yes},
+};
 use crate::synth::SynthError;
 use crate::synth::store::Store;
-use crate::synth::tables::{Inputs, Tables};
+use crate::synth::tables::{Anatomy, Settings, Tables};
 use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::range::parameters;
 use insonify_base::real::Real;
@@ -51,10 +65,10 @@ impl Blur {
 pub(crate) const EFFECT: Effect = Effect {
     name: "blur",
     stage: Stage::Beam,
+    example: "effects.blur = { width_mm = 1.3 }",
     wanted,
     passes: |_| PASSES.iter().collect(),
     buffers: &[&BLUR_KERNEL],
-    differs: |old, new| old.probe != new.probe || old.effects.blur != new.effects.blur,
     warnings: |tables| {
         let kernel = tables.effects.blur.as_ref();
         let share = kernel.map_or(1.0, |kernel| kernel.least_share);
@@ -62,25 +76,32 @@ pub(crate) const EFFECT: Effect = Effect {
             .into_iter()
             .collect()
     },
-    remove: Some(|settings| settings.effects.blur = None),
+    remove: Some(|_, settings| settings.effects.blur = None),
     ..Effect::PLAIN
 };
 
 /// Kernel of the blur.
 pub(crate) type Derived = Option<LateralKernel>;
 
+/// What the kernel depends on.
+pub(crate) type Key<'a> = (Option<&'a Blur>, f64, &'a BeamGrid);
+
+/// Takes parameters, frequency (MHz) and grid.
+pub(crate) fn key<'a>(settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
+    (settings.effects.blur.as_ref(), settings.probe.frequency_mhz, grid)
+}
+
 /// Makes the kernel.
-pub fn derive(inputs: &Inputs) -> Result<Derived, SynthError> {
-    let (own, mhz) = (&inputs.settings.effects.blur, inputs.settings.probe.frequency_mhz);
-    Ok(own.as_ref().map(|own| own.kernel(inputs.grid, mhz)))
+pub(crate) fn derive(_: &Anatomy, &(blur, frequency_mhz, grid): &Key) -> Result<Derived, SynthError> {
+    Ok(blur.map(|blur| blur.kernel(grid, frequency_mhz)))
 }
 
 /// Reach and weights of the blur, each a row over the depths (`f32`).
-static BLUR_KERNEL: Buffer =
-    Buffer::new(200, "BlurKernel", 4, |tables| weights(tables).len()).of(|tables, _| bytes_of(weights(tables)));
+static BLUR_KERNEL: Buffer = Buffer::new(200, "BlurKernel", 4, |tables| weights(&tables.effects).len())
+    .derived(|_, derived| bytes_of(weights(derived)));
 
-fn weights(tables: &Tables) -> &[f32] {
-    tables.effects.blur.as_ref().map_or(&[], |kernel| kernel.rows.of())
+fn weights(derived: &EffectTables) -> &[f32] {
+    derived.blur.as_ref().map_or(&[], |kernel| kernel.rows.of())
 }
 
 static PASSES: &[Pass] = &[Pass {
@@ -92,22 +113,23 @@ static PASSES: &[Pass] = &[Pass {
     grid: Grid::Samples,
     flips: true,
     cpu: reference!(run),
+    bound: bound!(By(bound::carry)),
 }];
 
-fn wanted(tables: &Tables) -> Verdict {
+fn wanted(tables: &Tables) -> Wanted {
     match &tables.settings.effects.blur {
-        Some(blur) if tables.lines() > 1 => Ok(format!(
+        Some(blur) if tables.lines() > 1 => Yes(format!(
             "the scene blurs laterally by {:.2} mm and more with depth",
             blur.width_at(0.0, tables.settings.probe.frequency_mhz)
         )),
-        Some(_) => Err("one scanline has no neighbours to blur with".into()),
-        None => Err("the scene names no blur".into()),
+        Some(_) => No("one scanline has no neighbours to blur with".into()),
+        None => No("the scene names no blur".into()),
     }
 }
 
 block! {
     /// Parameter block of `blur.wgsl`.
-    struct Params {
+    struct BlurParams {
         /// Scanlines.
         lines: u32,
         /// Samples along a scanline.
@@ -121,7 +143,7 @@ block! {
 
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
-    ParamBlock::of(&Params {
+    ParamBlock::of(&BlurParams {
         lines: tables.lines() as u32,
         samples: tables.samples() as u32,
         reach: tables.effects.blur.as_ref().map_or(0, |kernel| kernel.reach as u32),

@@ -5,12 +5,29 @@ use std::fmt;
 
 use bytemuck::Pod;
 
+use super::EffectTables;
 use super::pass::Band;
 use crate::synth::FrameState;
-use crate::synth::tables::{LabelRow, Tables};
+use crate::synth::tables::{Anatomy, LabelRow, Tables};
 
-/// Contents of a buffer from the tables; of a per-pixel one, those of a band of rows.
-type Contents = fn(&Tables, Band) -> Vec<u8>;
+/// Contents of a buffer.
+#[derive(Clone, Copy)]
+pub enum Contents {
+    /// Of one that effects share, from the tables; of a per-pixel one, those of a band of rows. [`Tables::set`] names those that change.
+    Shared(fn(&Tables, Band) -> Vec<u8>),
+    /// Of one of an effect, from what it derives: no other settings are in sight.
+    Derived(fn(&Anatomy, &EffectTables) -> Vec<u8>),
+}
+
+impl Contents {
+    /// Computes the bytes; of a per-pixel buffer, those of a band of rows.
+    pub fn bytes(self, tables: &Tables, band: Band) -> Vec<u8> {
+        match self {
+            Self::Shared(bytes) => bytes(tables, band),
+            Self::Derived(bytes) => bytes(&tables.anatomy, &tables.effects),
+        }
+    }
+}
 
 /// Computes the contents of a buffer for a frame.
 type PerFrame = fn(&Tables, &FrameState, &mut Vec<f32>);
@@ -52,8 +69,14 @@ impl Buffer {
     }
 
     /// The buffer, filled from the tables.
-    pub const fn of(self, contents: Contents) -> Self {
-        let contents = Some(contents);
+    const fn shared(self, bytes: fn(&Tables, Band) -> Vec<u8>) -> Self {
+        let contents = Some(Contents::Shared(bytes));
+        Self { contents, ..self }
+    }
+
+    /// The buffer of an effect, filled from what the effect derives.
+    pub(crate) const fn derived(self, bytes: fn(&Anatomy, &EffectTables) -> Vec<u8>) -> Self {
+        let contents = Some(Contents::Derived(bytes));
         Self { contents, ..self }
     }
 
@@ -142,7 +165,7 @@ fn pixels(tables: &Tables) -> usize {
 pub const UNITS_PER_DB: f64 = 1_048_576.0;
 
 /// Per scanline: origin and direction in the probe plane (`vec4<f32>`).
-pub static RAYS: Buffer = Buffer::new(0, "Rays", 16, Tables::lines).of(|tables, _| {
+pub static RAYS: Buffer = Buffer::new(0, "Rays", 16, Tables::lines).shared(|tables, _| {
     let rays: Vec<f32> = tables.rays.iter().flatten().map(|&x| x as f32).collect();
     bytes_of(&rays)
 });
@@ -164,8 +187,8 @@ pub(crate) static ELEMENT_MAPS: Buffer = Buffer::new(40, "ElementMaps", 16, |tab
 pub(crate) static HITS: Buffer = Buffer::new(50, "Hits", 8, planes);
 
 /// Label indices of the volume, four to a `u32`.
-pub(crate) static VOXELS: Buffer =
-    Buffer::new(80, "Voxels", 4, |tables| tables.volume.voxels().len().div_ceil(4)).of(|tables, _| {
+pub(crate) static VOXELS: Buffer = Buffer::new(80, "Voxels", 4, |tables| tables.volume.voxels().len().div_ceil(4))
+    .shared(|tables, _| {
         let mut bytes = tables.volume.voxels().to_vec();
         bytes.resize(bytes.len().next_multiple_of(4), 0);
         bytes
@@ -174,7 +197,7 @@ pub(crate) static VOXELS: Buffer =
 /// Per label index: its imaging properties ([`LabelRow`]).
 pub(crate) static LABEL_ROWS: Buffer =
     Buffer::new(90, "LabelRows", size_of::<LabelRow>(), |tables| tables.label_rows.len())
-        .of(|tables, _| bytes_of(&tables.label_rows));
+        .shared(|tables, _| bytes_of(&tables.label_rows));
 
 /// Per sample and sub-plane: label index (`u32`).
 pub(crate) static LABEL: Buffer = Buffer::new(120, "Label", 4, planes);
@@ -195,10 +218,12 @@ pub(crate) static NEEDLE_MASK: Buffer = Buffer::new(230, "NeedleMask", 8, beam);
 pub static LOSS: Buffer = Buffer::new(240, "Loss", 4, beam);
 
 /// Per pixel: scanline and sample coordinates, or -1 (`vec2<f32>`).
-pub static SCAN_MAP: Buffer = Buffer::new(310, "ScanMap", 8, pixels).per_pixel().of(|tables, band| {
-    let first = band.first_row as usize * tables.width();
-    bytes_of(&tables.scan_map[first..][..band.rows as usize * tables.width()])
-});
+pub static SCAN_MAP: Buffer = Buffer::new(310, "ScanMap", 8, pixels)
+    .per_pixel()
+    .shared(|tables, band| {
+        let first = band.first_row as usize * tables.width();
+        bytes_of(&tables.scan_map[first..][..band.rows as usize * tables.width()])
+    });
 
 /// Per pixel: grey level (`f32`).
 pub static IMAGE: Buffer = Buffer::new(320, "Image", 4, pixels).per_pixel();

@@ -5,14 +5,26 @@
 //! below: `s -> s + gap (1 - s / fade)^2`, which preserves the order of tissue along the beam as long as the gap is less than half the fade. If the
 //! gap is wider there is no contact, and the scanline shows the void. Gaps are those of the tissue at rest, smoothed over neighbouring scanlines
 //! because skin is smooth.
+//!
+//! ```toml
+//! effects.contact = {}
+//! ```
+
+#[cfg(test)]
+mod parity;
+#[cfg(test)]
+mod physics;
 
 use glam::Vec4;
 use nalgebra::Vector4;
 
 use super::buffers::{Buffer, POSITION, RAYS, columns};
 use super::common::{plane_step, rows};
-use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, reference};
-use super::{Effect, Parameters, Stage, Verdict};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, bound, reference};
+use super::{
+    Effect, Parameters, Stage,
+    Wanted::{self, No, Yes},
+};
 use crate::synth::FrameState;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
@@ -36,10 +48,11 @@ impl Parameters for Contact {}
 pub(crate) const EFFECT: Effect = Effect {
     name: "contact",
     stage: Stage::Tissue,
+    example: "effects.contact = {}",
     wanted,
     passes: |_| PASSES.iter().collect(),
     buffers: &[&GAPS],
-    remove: Some(|settings| settings.effects.contact = None),
+    remove: Some(|_, settings| settings.effects.contact = None),
     ..Effect::PLAIN
 };
 
@@ -63,12 +76,13 @@ static PASSES: &[Pass] = &[Pass {
     grid: Grid::Planes,
     flips: false,
     cpu: reference!(run),
+    bound: bound!(Covered("by the bound of `geometry`")),
 }];
 
-fn wanted(tables: &Tables) -> Verdict {
+fn wanted(tables: &Tables) -> Wanted {
     match &tables.settings.effects.contact {
-        Some(own) => Ok(format!("skin within {} mm of the array touches it", own.reach_mm)),
-        None => Err("the scene names no contact".into()),
+        Some(own) => Yes(format!("skin within {} mm of the array touches it", own.reach_mm)),
+        None => No("the scene names no contact".into()),
     }
 }
 
@@ -128,7 +142,7 @@ pub fn gaps(tables: &Tables, state: &FrameState, gaps: &mut Vec<f32>) {
 
 block! {
     /// Parameter block of `contact.wgsl`.
-    struct Params {
+    struct ContactParams {
         /// First three rows of the probe-to-world transform.
         probe_to_world: [Vec4; 3],
         /// Scanlines.
@@ -149,7 +163,7 @@ fn per_fade(tables: &Tables) -> f64 {
 
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
-    ParamBlock::of(&Params {
+    ParamBlock::of(&ContactParams {
         probe_to_world: rows::<f32>(&view.state.probe_to_world).map(Vec4::from),
         lines: tables.lines() as u32,
         samples: tables.samples() as u32,

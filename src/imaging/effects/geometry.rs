@@ -3,12 +3,20 @@
 //! Rays are computed once in double precision from the probe's shape; a frame only applies the probe's pose. With the
 //! `thickness` effect the same rays are repeated on parallel sub-planes; sub-plane 0 is always the central one.
 
+#[cfg(any(test, feature = "analysis"))]
+pub(crate) mod bound;
+#[cfg(test)]
+mod parity;
+
 use glam::Vec4;
 
 use super::buffers::{POSITION, RAYS};
 use super::common::{plane_step, rows};
-use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, reference};
-use super::{Effect, Stage, Verdict};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, bound, reference};
+use super::{
+    Effect, Stage,
+    Wanted::{self, Yes},
+};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 use insonify_base::parallel::{chunks_mut, for_each};
@@ -33,15 +41,16 @@ static PASSES: &[Pass] = &[Pass {
     grid: Grid::Planes,
     flips: false,
     cpu: reference!(run),
+    bound: bound!(By(bound::carry)),
 }];
 
-fn wanted(_: &Tables) -> Verdict {
-    Ok("every frame needs the place of its samples".into())
+fn wanted(_: &Tables) -> Wanted {
+    Yes("every frame needs the place of its samples".into())
 }
 
 block! {
     /// Parameter block of `geometry.wgsl`.
-    struct Params {
+    struct GeometryParams {
         /// First three rows of the probe-to-world transform.
         probe_to_world: [Vec4; 3],
         /// Scanlines.
@@ -57,7 +66,7 @@ block! {
 
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
-    ParamBlock::of(&Params {
+    ParamBlock::of(&GeometryParams {
         probe_to_world: rows::<f32>(&view.state.probe_to_world).map(Vec4::from),
         lines: tables.lines() as u32,
         samples: tables.samples() as u32,

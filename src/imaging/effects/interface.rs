@@ -11,14 +11,28 @@
 //! With speckle the echoes are added to those of the scatterers before the point spread is applied, and interfere with them;
 //! without, their moduli are added to the amplitude. Each of the two samples beside a step of labels has one half of its
 //! echo.
+//!
+//! ```toml
+//! effects.interface = { mirror_db = 44.0 }
+//! ```
+
+#[cfg(any(test, feature = "analysis"))]
+pub(crate) mod bound;
+#[cfg(test)]
+mod parity;
+#[cfg(test)]
+mod physics;
 
 use glam::Vec4;
 
 use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, POSITION, SPECULAR, VOXELS};
 use super::common::{rows, scatterers};
-use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, bound, reference};
 use super::slice::{Beyond, LabelReader};
-use super::{Effect, Parameters, Stage, Verdict};
+use super::{
+    Effect, Parameters, Stage,
+    Wanted::{self, No, Yes},
+};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 use insonify_base::parallel::{chunks_mut, for_each};
@@ -52,12 +66,13 @@ impl Parameters for Interface {}
 pub(crate) const EFFECT: Effect = Effect {
     name: "interface",
     stage: Stage::Echoes,
+    example: "effects.interface = { mirror_db = 44.0 }",
     wanted,
     passes: |tables| match tables.effects.speckle {
         Some(_) => vec![&BEFORE_SPECKLE],
         None => vec![&ALONE],
     },
-    remove: Some(|settings| settings.effects.interface = None),
+    remove: Some(|_, settings| settings.effects.interface = None),
     ..Effect::PLAIN
 };
 
@@ -104,19 +119,20 @@ const fn interface_pass(entry: &'static str, bindings: &'static [(&'static Buffe
         grid: Grid::Samples,
         flips: false,
         cpu: reference!(run),
+        bound: bound!(By(bound::carry)),
     }
 }
 
-fn wanted(tables: &Tables) -> Verdict {
+fn wanted(tables: &Tables) -> Wanted {
     match &tables.settings.effects.interface {
-        Some(_) => Ok("boundaries between tissues of different impedance, and capsules, reflect".into()),
-        None => Err("the scene names no interface echoes".into()),
+        Some(_) => Yes("boundaries between tissues of different impedance, and capsules, reflect".into()),
+        None => No("the scene names no interface echoes".into()),
     }
 }
 
 block! {
     /// Parameter block of `interface.wgsl`.
-    struct Params {
+    struct InterfaceParams {
         /// First three rows of the world-to-index transform.
         world_to_index: [Vec4; 3],
         /// Voxels along each axis.
@@ -147,7 +163,7 @@ block! {
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
     let own = tables.settings.effects.interface.clone().unwrap_or_default();
-    ParamBlock::of(&Params {
+    ParamBlock::of(&InterfaceParams {
         world_to_index: rows::<f32>(tables.volume.world_to_index()).map(Vec4::from),
         size: tables.volume.size().map(|n| n as u32),
         mirrored: u32::from(tables.settings.effects.slice.beyond == Beyond::Continue),

@@ -8,13 +8,27 @@
 //!
 //! With speckle the echo is added to that of the scatterers before the point spread is applied; without, its modulus is added
 //! to the amplitude.
+//!
+//! ```toml
+//! needle = { tip_mm = [-52.3, -20.2, -25.1], entry_mm = [-32.0, -79.6, -7.1] }
+//! effects.needle = {}
+//! ```
 
+#[cfg(any(test, feature = "analysis"))]
+pub(crate) mod bound;
+#[cfg(test)]
+mod parity;
+#[cfg(test)]
+mod physics;
 mod segments;
 mod shaft;
 
 use super::buffers::{AMPLITUDE, Buffer, NEEDLE_MASK, RAYS, SPECULAR, columns};
-use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, reference};
-use super::{Effect, Parameters, Stage, Verdict};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, bound, reference};
+use super::{
+    Effect, Parameters, Stage,
+    Wanted::{self, No, Yes},
+};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 use insonify_base::parallel::{chunks_mut, for_each};
@@ -52,6 +66,7 @@ impl Parameters for NeedleEcho {}
 pub(crate) const EFFECT: Effect = Effect {
     name: "needle",
     stage: Stage::Echoes,
+    example: "needle = { tip_mm = [-52.3, -20.2, -25.1], entry_mm = [-32.0, -79.6, -7.1] }\neffects.needle = {}",
     wanted,
     passes: |tables| match tables.effects.speckle {
         Some(_) => vec![&BEFORE_SPECKLE],
@@ -59,7 +74,7 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     buffers: &[&NEEDLE],
     left_out,
-    remove: Some(|settings| {
+    remove: Some(|_, settings| {
         settings.effects.needle = None;
         settings.has_needle = false;
     }),
@@ -120,6 +135,7 @@ const fn needle_pass(entry: &'static str, bindings: &'static [(&'static Buffer, 
         grid: Grid::Samples,
         flips: false,
         cpu: reference!(run),
+        bound: bound!(By(bound::carry)),
     }
 }
 
@@ -135,17 +151,17 @@ pub fn present(tables: &Tables) -> bool {
     tables.settings.effects.needle.is_some() && tables.settings.has_needle
 }
 
-fn wanted(tables: &Tables) -> Verdict {
+fn wanted(tables: &Tables) -> Wanted {
     match (&tables.settings.effects.needle, tables.settings.has_needle) {
-        (Some(_), true) => Ok("the scene has a needle or seeds".into()),
-        (Some(_), false) => Err("the scene has neither needle nor seeds".into()),
-        (None, _) => Err("the scene names no needle echo".into()),
+        (Some(_), true) => Yes("the scene has a needle or seeds".into()),
+        (Some(_), false) => No("the scene has neither needle nor seeds".into()),
+        (None, _) => No("the scene names no needle echo".into()),
     }
 }
 
 block! {
     /// Parameter block of `needle.wgsl`.
-    pub(crate) struct Params {
+    pub(crate) struct NeedleParams {
         /// Samples along a scanline.
         pub(crate) samples: u32,
         /// Distance between samples, mm.
@@ -181,11 +197,11 @@ block! {
 /// width.
 const MIN_BEAM_MM: f64 = 1e-3;
 
-fn numbers(view: &View) -> Params {
+fn numbers(view: &View) -> NeedleParams {
     let tables = view.tables;
     let own = tables.settings.effects.needle.clone().unwrap_or_default();
     let shadow = &tables.settings.effects.shadow;
-    Params {
+    NeedleParams {
         samples: tables.samples() as u32,
         sample_mm: tables.sample_mm() as f32,
         segments: segments(tables, view.state).count() as u32,

@@ -3,10 +3,24 @@
 //! A normal deviate is the sum of twelve bytes of a hash of pixel, frame and seed, shifted and scaled: integers until the
 //! last step, so that both backends draw the same noise. The sum of twelve uniform numbers deviates from a Gaussian only
 //! beyond three standard deviations (excess kurtosis -0.1).
+//!
+//! ```toml
+//! effects.noise = { std_grey = 7.0 }
+//! ```
+
+#[cfg(any(test, feature = "analysis"))]
+pub(crate) mod bound;
+#[cfg(test)]
+mod parity;
+#[cfg(test)]
+mod physics;
 
 use super::buffers::{IMAGE, SCAN_MAP};
-use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, reference};
-use super::{Effect, Parameters, Stage, Verdict};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, bound, reference};
+use super::{
+    Effect, Parameters, Stage,
+    Wanted::{self, No, Yes},
+};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 use insonify_base::parallel::{chunks, chunks_mut, for_each};
@@ -31,9 +45,10 @@ impl Parameters for Noise {
 pub(crate) const EFFECT: Effect = Effect {
     name: "noise",
     stage: Stage::Display,
+    example: "effects.noise = { std_grey = 7.0 }",
     wanted,
     passes: |_| PASSES.iter().collect(),
-    remove: Some(|settings| settings.effects.noise = None),
+    remove: Some(|_, settings| settings.effects.noise = None),
     ..Effect::PLAIN
 };
 
@@ -49,21 +64,22 @@ static PASSES: &[Pass] = &[Pass {
     grid: Grid::Pixels,
     flips: false,
     cpu: reference!(run),
+    bound: bound!(By(bound::carry)),
 }];
 
-fn wanted(tables: &Tables) -> Verdict {
+fn wanted(tables: &Tables) -> Wanted {
     match &tables.settings.effects.noise {
-        Some(noise) => Ok(format!(
+        Some(noise) => Yes(format!(
             "grey levels carry noise of standard deviation {}",
             noise.std_grey
         )),
-        None => Err("the scene names no additive noise".into()),
+        None => No("the scene names no additive noise".into()),
     }
 }
 
 block! {
     /// Parameter block of `noise.wgsl`.
-    struct Params {
+    struct NoiseParams {
         /// Seed.
         seed: [u32; 2],
         /// Pixels in a row.
@@ -85,7 +101,7 @@ const SUM_STD: f64 = 255.998_046_867_549_4;
 /// Mean of the sum of twelve uniform bytes.
 const SUM_MEAN: i32 = 12 * 255 / 2;
 
-fn numbers(view: &View, first_row: u32) -> Params {
+fn numbers(view: &View, first_row: u32) -> NoiseParams {
     let tables = view.tables;
     let std = tables
         .settings
@@ -93,7 +109,7 @@ fn numbers(view: &View, first_row: u32) -> Params {
         .noise
         .as_ref()
         .map_or(0.0, |noise| noise.std_grey);
-    Params {
+    NoiseParams {
         seed: seed_words(tables.settings.seed),
         width: tables.width() as u32,
         first_row,
@@ -133,7 +149,7 @@ struct Add<'a, T> {
     pixels: &'a mut [T],
     map: &'a [[f32; 2]],
     row: i32,
-    numbers: &'a Params,
+    numbers: &'a NoiseParams,
 }
 
 impl<T: Real> Kernel for Add<'_, T> {

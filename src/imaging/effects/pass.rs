@@ -173,7 +173,29 @@ pub struct Pass {
     pub flips: bool,
     /// CPU reference.
     pub cpu: Reference,
+    /// Bound on the rounding error of a twin, with the feature `analysis`.
+    #[cfg_attr(
+        not(any(test, feature = "analysis")),
+        expect(dead_code, reason = "bounds are part of the analysis")
+    )]
+    pub(crate) bound: Bound,
 }
+
+#[cfg(any(test, feature = "analysis"))]
+pub(crate) use crate::parity::Bound;
+#[cfg(not(any(test, feature = "analysis")))]
+type Bound = ();
+
+/// The bound of a pass: a variant of [`Bound`] with its content.
+macro_rules! bound {
+    ($variant:ident($($content:tt)+)) => {{
+        #[cfg(any(test, feature = "analysis"))]
+        {
+            crate::parity::Bound::$variant($($content)+)
+        }
+    }};
+}
+pub(crate) use bound;
 
 /// CPU reference of a pass in each scalar.
 pub struct Reference {

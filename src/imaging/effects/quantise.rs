@@ -1,8 +1,16 @@
 //! Quantisation: grey levels to bytes, rounded to nearest.
 
+#[cfg(any(test, feature = "analysis"))]
+pub(crate) mod bound;
+#[cfg(test)]
+mod parity;
+
 use super::buffers::{IMAGE, PIXELS};
-use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, reference};
-use super::{Effect, Stage, Verdict};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, bound, reference};
+use super::{
+    Effect, Stage,
+    Wanted::{self, Yes},
+};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 use insonify_base::parallel::{chunks, chunks_mut, for_each};
@@ -26,15 +34,16 @@ static PASSES: &[Pass] = &[Pass {
     grid: Grid::Words,
     flips: false,
     cpu: reference!(run),
+    bound: bound!(By(bound::carry)),
 }];
 
-fn wanted(_: &Tables) -> Verdict {
-    Ok("a frame is made of bytes".into())
+fn wanted(_: &Tables) -> Wanted {
+    Yes("a frame is made of bytes".into())
 }
 
 block! {
     /// Parameter block of `quantise.wgsl`.
-    struct Params {
+    struct QuantiseParams {
         /// Pixels in a row.
         width: u32,
         /// Number of words of four pixels in a row, padded.
@@ -45,7 +54,7 @@ block! {
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {
-    ParamBlock::of(&Params {
+    ParamBlock::of(&QuantiseParams {
         width: view.tables.width() as u32,
         words_per_row: view.tables.words_per_row() as u32,
         unused: [0; 2],

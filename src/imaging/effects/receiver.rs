@@ -12,17 +12,30 @@
 //! smooths noise, and over two scanlines, whose beams share elements (lag-1 correlation 0.5; 0.44 to 0.60 in recorded lines): all
 //! integers, so that both backends draw the same. The excess kurtosis of a part is -1.2 / 6 from the sum of bytes and a quarter of
 //! that after smoothing, -0.05. Background samples, outside the body, stay silent.
+//!
+//! ```toml
+//! effects.receiver = {}
+//! ```
 
+#[cfg(any(test, feature = "analysis"))]
+pub(crate) mod bound;
 mod clutter;
+#[cfg(test)]
+mod parity;
+#[cfg(test)]
+mod physics;
 
 use super::buffers::{AMPLITUDE, Buffer, LABEL, beam, bytes_of};
-use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, bound, reference};
 use super::point_spread::PointSpread;
 use super::shadow::average_db_cm;
-use super::{Effect, Parameters, Stage, Verdict};
+use super::{
+    Effect, Parameters, Stage,
+    Wanted::{self, No, Yes},
+};
 use crate::synth::SynthError;
 use crate::synth::store::Store;
-use crate::synth::tables::{Inputs, Settings, Tables};
+use crate::synth::tables::{Anatomy, Settings, Tables};
 use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::random::{hash3, pcg3d, seed_words};
 use insonify_base::range::parameters;
@@ -70,15 +83,14 @@ impl Receiver {
     }
 
     /// Power of clutter and ring-down at each sample, scanline by scanline.
-    pub fn clutter(&self, settings: &Settings, grid: &BeamGrid, attenuation_db_cm: f64) -> Vec<f32> {
-        let speckle = settings.effects.speckle.clone().unwrap_or_default();
-        let spread = PointSpread::new(&speckle, &settings.probe);
-        let mut table = clutter::table(grid, &spread, settings.seed, |depth_mm| {
-            self.clutter_power(depth_mm, attenuation_db_cm)
+    fn clutter(&self, key: &Key) -> Vec<f32> {
+        let grid = key.grid;
+        let mut table = clutter::table(grid, &key.spread, key.seed, |depth_mm| {
+            self.clutter_power(depth_mm, key.attenuation_db_cm)
         });
         for (at, power) in table.iter_mut().enumerate() {
             let depth_mm = grid.sample_depth_mm(at % grid.samples());
-            *power += self.ring_down_power(depth_mm, settings.probe.frequency_mhz) as f32;
+            *power += self.ring_down_power(depth_mm, key.frequency_mhz) as f32;
         }
         table
     }
@@ -88,25 +100,19 @@ impl Receiver {
 pub(crate) const EFFECT: Effect = Effect {
     name: "receiver",
     stage: Stage::Beam,
+    example: "effects.receiver = {}",
     wanted,
     passes: |_| PASSES.iter().collect(),
     buffers: &[&CLUTTER],
-    differs: |old, new| {
-        old.probe != new.probe
-            || average_db_cm(old) != average_db_cm(new)
-            || old.effects.speckle != new.effects.speckle
-            || old.seed != new.seed
-            || old.effects.receiver != new.effects.receiver
-    },
     // During the computation of the clutter.
-    memory: |settings, samples| {
+    extra_bytes: |settings, samples| {
         if settings.effects.receiver.is_some() {
             20 * samples
         } else {
             0
         }
     },
-    remove: Some(|settings| settings.effects.receiver = None),
+    remove: Some(|_, settings| settings.effects.receiver = None),
     ..Effect::PLAIN
 };
 
@@ -117,17 +123,38 @@ pub struct Derived {
     pub clutter: Vec<f32>,
 }
 
+/// What the clutter depends on.
+#[derive(PartialEq)]
+pub(crate) struct Key<'a> {
+    receiver: Option<&'a Receiver>,
+    spread: PointSpread,
+    attenuation_db_cm: f64,
+    frequency_mhz: f64,
+    seed: u64,
+    grid: &'a BeamGrid,
+}
+
+/// Takes parameters, the point spread, which is stated with the speckle, attenuation, frequency, seed and grid.
+pub(crate) fn key<'a>(settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
+    let speckle = settings.effects.speckle.clone().unwrap_or_default();
+    Key {
+        receiver: settings.effects.receiver.as_ref(),
+        spread: PointSpread::new(&speckle, &settings.probe),
+        attenuation_db_cm: average_db_cm(settings),
+        frequency_mhz: settings.probe.frequency_mhz,
+        seed: settings.seed,
+        grid,
+    }
+}
+
 /// Computes the clutter.
-pub fn derive(inputs: &Inputs) -> Result<Derived, SynthError> {
-    let (settings, grid) = (inputs.settings, inputs.grid);
-    let own = settings.effects.receiver.as_ref();
-    let clutter = own.map_or_else(Vec::new, |own| own.clutter(settings, grid, average_db_cm(settings)));
+pub(crate) fn derive(_: &Anatomy, key: &Key) -> Result<Derived, SynthError> {
+    let clutter = key.receiver.map_or(Vec::new(), |receiver| receiver.clutter(key));
     Ok(Derived { clutter })
 }
 
 /// Per sample: power of acoustic clutter and ring-down (`f32`).
-static CLUTTER: Buffer =
-    Buffer::new(280, "Clutter", 4, beam).of(|tables, _| bytes_of(&tables.effects.receiver.clutter));
+static CLUTTER: Buffer = Buffer::new(280, "Clutter", 4, beam).derived(|_, derived| bytes_of(&derived.receiver.clutter));
 
 static PASSES: &[Pass] = &[Pass {
     name: "receiver",
@@ -141,21 +168,22 @@ static PASSES: &[Pass] = &[Pass {
     grid: Grid::Samples,
     flips: false,
     cpu: reference!(run),
+    bound: bound!(By(bound::carry)),
 }];
 
-fn wanted(tables: &Tables) -> Verdict {
+fn wanted(tables: &Tables) -> Wanted {
     match &tables.settings.effects.receiver {
-        Some(own) => Ok(format!(
+        Some(own) => Yes(format!(
             "the receiver has noise of {} dB, clutter of {} dB and a ring-down of {} dB",
             own.noise_db, own.clutter_db, own.ring_down_db
         )),
-        None => Err("the scene names no receiver".into()),
+        None => No("the scene names no receiver".into()),
     }
 }
 
 block! {
     /// Parameter block of `receiver.wgsl`.
-    struct Params {
+    struct ReceiverParams {
         /// Seed.
         seed: [u32; 2],
         /// Samples along a scanline.
@@ -179,11 +207,11 @@ const SUM_MEAN: i32 = 6 * 255 / 2;
 /// Stream that separates these draws from those of other effects with the same seed.
 const STREAM: u32 = 0x5ec4_e1be;
 
-fn numbers(view: &View) -> Params {
+fn numbers(view: &View) -> ReceiverParams {
     let tables = view.tables;
     let [low, high] = seed_words(tables.settings.seed);
     let own = &tables.settings.effects.receiver;
-    Params {
+    ReceiverParams {
         seed: [low, high ^ STREAM],
         samples: tables.samples() as u32,
         frame: view.state.frame as u32,
@@ -229,7 +257,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
 /// Adds noise and clutter to a group of scanlines.
 struct Scanlines<'a, T> {
     first: i32,
-    numbers: &'a Params,
+    numbers: &'a ReceiverParams,
     noise: T,
     labels: &'a [u8],
     clutter: &'a [f32],
@@ -269,7 +297,7 @@ impl<T: Real> Kernel for Scanlines<'_, T> {
 
 /// Both parts of the signal at samples of a scanline, smoothed along it.
 #[inline(always)]
-fn smoothed(line: i32, start: i32, length: usize, numbers: &Params) -> [[i32; BLOCK]; 2] {
+fn smoothed(line: i32, start: i32, length: usize, numbers: &ReceiverParams) -> [[i32; BLOCK]; 2] {
     let mut parts = [[0; BLOCK + 2]; 2];
     for i in 0..length + 2 {
         let own = white(line, start - 1 + i as i32, numbers);
@@ -280,7 +308,7 @@ fn smoothed(line: i32, start: i32, length: usize, numbers: &Params) -> [[i32; BL
 
 /// Both parts of the signal before smoothing, -765 to 765 each.
 #[inline(always)]
-fn white(line: i32, sample: i32, numbers: &Params) -> [i32; 2] {
+fn white(line: i32, sample: i32, numbers: &ReceiverParams) -> [i32; 2] {
     let first = hash3([line, sample, numbers.frame as i32], numbers.seed);
     // The upper halves of both triples: six bytes each.
     let part = |words: [u32; 3]| {
@@ -298,7 +326,7 @@ fn power([re, im]: [i32; 2]) -> i32 {
 /// Power of the noise drawn for a sample, of mean [`DRAW_MEAN`].
 pub fn draw(line: usize, sample: usize, frame: u64, seed: u64) -> i32 {
     let [low, high] = seed_words(seed);
-    let numbers = Params {
+    let numbers = ReceiverParams {
         seed: [low, high ^ STREAM],
         frame: frame as u32,
         ..bytemuck::Zeroable::zeroed()

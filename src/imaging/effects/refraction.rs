@@ -11,16 +11,32 @@
 //!
 //! Speeds are derived from impedances, `c` proportional to the root of `Z`: within 2 % from fat (1.38 MRayl, 1450 m/s) to muscle (1.70 MRayl, 1580
 //! m/s).
+//!
+//! ```toml
+//! effects.refraction = {}
+//! ```
+
+#[cfg(any(test, feature = "analysis"))]
+pub(crate) mod bound;
+#[cfg(test)]
+mod parity;
+#[cfg(test)]
+mod physics;
 
 use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, columns};
 use super::common::spacing;
-use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, reference};
-use super::{Effect, Parameters, Stage, Verdict};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, bound, reference};
+use super::{
+    Effect, Parameters, Stage,
+    Wanted::{self, No, Yes},
+};
+use crate::synth::SynthError;
 use crate::synth::store::Store;
-use crate::synth::tables::Tables;
+use crate::synth::tables::{Anatomy, Settings, Tables};
 use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::range::parameters;
 use insonify_base::real::Real;
+use insonify_tracking::probe::BeamGrid;
 
 parameters! {
     /// Refraction of beams.
@@ -57,39 +73,64 @@ pub fn index(impedance_mrayl: f64) -> f64 {
     }
 }
 
-/// Units of phase per sample distance: a power of two with which sums over half a beam are integers below 2^24, exact in any order in single
-/// precision.
-pub(crate) fn units_per_sample(tables: &Tables) -> f64 {
-    let summed = (tables.samples() * reach(tables).max(1)) as f64;
-    let units = f64::from(1 << 24) / (2.0 * FURTHEST * summed);
-    units.log2().floor().exp2()
-}
-
-/// Phase increment of a sample, from 0 on, in these units.
-pub fn units(impedance_mrayl: f64, tables: &Tables) -> u32 {
-    ((index(impedance_mrayl) - 1.0 + FURTHEST) * units_per_sample(tables)).round() as u32
-}
-
 /// Registry entry.
 pub(crate) const EFFECT: Effect = Effect {
     name: "refraction",
     stage: Stage::Beam,
+    example: "effects.refraction = {}",
     wanted,
     passes: |_| PASSES.iter().collect(),
-    differs: |old, new| old.probe != new.probe || old.effects.refraction != new.effects.refraction,
-    label_row: Some(|tables, label, row| {
-        let tissue = tables.anatomy.tissues.of(label as u8);
-        row.phase = units(tissue.impedance_mrayl, tables);
-    }),
-    remove: Some(|settings| settings.effects.refraction = None),
+    label_row: Some(|_, derived, label, row| row.phase = derived.refraction.phases.get(label).copied().unwrap_or(0)),
+    remove: Some(|_, settings| settings.effects.refraction = None),
     ..Effect::PLAIN
 };
+
+/// Half beam widths of a grid, and phases; empty without refraction.
+#[derive(Clone, Debug, Default)]
+pub struct Derived {
+    /// Scanlines per half beam width at half the depth, at most a quarter of all; 0 with fewer than four scanlines.
+    pub reach: usize,
+    /// Units of phase per sample distance: a power of two with which sums over half a beam are integers below 2^24, exact in any order in single
+    /// precision.
+    units_per_sample: f64,
+    /// Per label index: phase increment of a sample, from 0 on, in these units.
+    phases: Vec<u32>,
+}
+
+/// What the tables depend on.
+pub(crate) type Key<'a> = (Option<&'a Refraction>, &'a BeamGrid);
+
+/// Takes parameters and grid.
+pub(crate) fn key<'a>(settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
+    (settings.effects.refraction.as_ref(), grid)
+}
+
+/// Fits half a beam width to the grid, and computes the phases.
+pub(crate) fn derive(anatomy: &Anatomy, &(refraction, grid): &Key) -> Result<Derived, SynthError> {
+    let Some(refraction) = refraction else {
+        return Ok(Derived::default());
+    };
+    let spacing_mm = grid.lateral_spacing_mm(grid.sample_depth_mm(grid.samples() / 2));
+    let lines = (0.5 * refraction.beam_mm / spacing_mm).round().max(1.0) as usize;
+    let reach = lines.min(grid.lines() / 4);
+    let summed = (grid.samples() * reach.max(1)) as f64;
+    let units_per_sample = (f64::from(1 << 24) / (2.0 * FURTHEST * summed)).log2().floor().exp2();
+    let phase = |label: usize| {
+        let impedance_mrayl = anatomy.tissues.of(label as u8).impedance_mrayl;
+        ((index(impedance_mrayl) - 1.0 + FURTHEST) * units_per_sample).round() as u32
+    };
+    Ok(Derived {
+        reach,
+        units_per_sample,
+        phases: (0..anatomy.volume.labels().len()).map(phase).collect(),
+    })
+}
 
 /// Per half beam width and sample: phase down to it (`f32`).
 static PHASES: Buffer = Buffer::new(275, "Phases", 4, phases_of_beam);
 
 fn phases_of_beam(tables: &Tables) -> usize {
-    tables.lines() / reach(tables).max(1) * tables.samples()
+    tables.lines() / tables.effects.refraction.reach.max(1) * tables.samples()
 }
 
 columns! {
@@ -107,9 +148,10 @@ static PASSES: &[Pass] = &[
         entry: "phase",
         bindings: &[(&LABEL, Read), (&LABEL_ROWS, Read), (&PHASES, Write)],
         params,
-        grid: Grid::Workgroups(|tables| [(tables.lines() / reach(tables)) as u32, 1]),
+        grid: Grid::Workgroups(|tables| [(tables.lines() / tables.effects.refraction.reach) as u32, 1]),
         flips: false,
         cpu: reference!(phases),
+        bound: bound!(Covered("by the bound of `refraction`")),
     },
     Pass {
         name: "refraction",
@@ -120,6 +162,7 @@ static PASSES: &[Pass] = &[
         grid: Grid::Scanlines,
         flips: false,
         cpu: reference!(run),
+        bound: bound!(By(bound::carry)),
     },
 ];
 
@@ -128,34 +171,25 @@ const SHADER: &str = concat!(
     include_str!("../../../shaders/refraction.wgsl")
 );
 
-fn wanted(tables: &Tables) -> Verdict {
+fn wanted(tables: &Tables) -> Wanted {
     if tables.settings.effects.refraction.is_none() {
-        return Err("the scene names no refraction".into());
+        return No("the scene names no refraction".into());
     }
-    if reach(tables) == 0 {
-        return Err("there are fewer than four scanlines".into());
+    if tables.effects.refraction.reach == 0 {
+        return No("there are fewer than four scanlines".into());
     }
-    let held = tables
+    let present = tables
         .label_rows
         .iter()
         .enumerate()
         .filter(|(label, _)| tables.volume.holds(*label));
-    let mut phases: Vec<u32> = held.map(|(_, row)| row.phase).collect();
+    let mut phases: Vec<u32> = present.map(|(_, row)| row.phase).collect();
     phases.sort_unstable();
     phases.dedup();
     match phases.len() {
-        0 | 1 => Err("sound is equally fast in all tissues of the volume".into()),
-        n => Ok(format!("{n} speeds of sound bend beams")),
+        0 | 1 => No("sound is equally fast in all tissues of the volume".into()),
+        n => Yes(format!("{n} speeds of sound bend beams")),
     }
-}
-
-/// Scanlines per half beam width at half the depth, at most a quarter of all; 0 with fewer than four scanlines.
-pub fn reach(tables: &Tables) -> usize {
-    let grid = &tables.grid;
-    let half = 0.5 * beam_mm(tables);
-    let spacing = grid.lateral_spacing_mm(grid.sample_depth_mm(tables.samples() / 2));
-    let lines = (half / spacing).round().max(1.0) as usize;
-    lines.min(tables.lines() / 4)
 }
 
 fn beam_mm(tables: &Tables) -> f64 {
@@ -164,7 +198,7 @@ fn beam_mm(tables: &Tables) -> f64 {
 
 block! {
     /// Parameter block of `refraction.wgsl`.
-    struct Params {
+    struct RefractionParams {
         /// Scanlines.
         lines: u32,
         /// Samples along a scanline.
@@ -187,10 +221,10 @@ block! {
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
     let [spacing, spreading] = spacing(tables).map(|x| x as f32);
-    ParamBlock::of(&Params {
+    ParamBlock::of(&RefractionParams {
         lines: tables.lines() as u32,
         samples: tables.samples() as u32,
-        reach: reach(tables) as u32,
+        reach: tables.effects.refraction.reach as u32,
         unit: unit(tables) as f32,
         spacing,
         spreading,
@@ -200,7 +234,8 @@ fn params(view: &View, _: Band) -> ParamBlock {
 }
 
 fn unit(tables: &Tables) -> f64 {
-    1.0 / (units_per_sample(tables) * reach(tables) as f64)
+    let derived = &tables.effects.refraction;
+    1.0 / (derived.units_per_sample * derived.reach as f64)
 }
 
 fn least(tables: &Tables) -> f64 {
@@ -214,9 +249,9 @@ fn fading(tables: &Tables) -> f64 {
 /// Cumulative phase down to each sample, summed over the scanlines of each half beam width.
 fn phases<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
-    let (samples, reach) = (tables.samples(), reach(tables));
+    let (samples, reach) = (tables.samples(), tables.effects.refraction.reach);
     let halves = tables.lines() / reach;
-    let own: [u32; 256] = std::array::from_fn(|label| tables.label_rows.get(label).map_or(0, |row| row.phase));
+    let increments: [u32; 256] = std::array::from_fn(|label| tables.label_rows.get(label).map_or(0, |row| row.phase));
     for_each(
         (
             chunks_mut(&mut store.effects.refraction.phases[..halves * samples], samples),
@@ -226,7 +261,7 @@ fn phases<T: Real>(view: &View, store: &mut Store<T>) {
             phases.fill(T::zero());
             for labels in labels.chunks(samples) {
                 for (phase, label) in phases.iter_mut().zip(labels) {
-                    *phase += T::of(f64::from(own[usize::from(*label)]));
+                    *phase += T::of(f64::from(increments[usize::from(*label)]));
                 }
             }
             let mut sum = T::zero();
@@ -272,7 +307,7 @@ impl<T: Real> Spread<T> {
     pub fn new(tables: &Tables) -> Self {
         Self {
             lines: tables.lines(),
-            reach: reach(tables),
+            reach: tables.effects.refraction.reach,
             unit: T::of(unit(tables)),
             spacing: spacing(tables).map(T::of),
             least: T::of(least(tables)),

@@ -1,9 +1,19 @@
 //! Scan conversion: bilinear interpolation from beam space to pixels, the last step as on scanners; pixels outside the
 //! sector take the fill level.
 
+#[cfg(any(test, feature = "analysis"))]
+pub(crate) mod bound;
+#[cfg(test)]
+mod parity;
+#[cfg(test)]
+mod physics;
+
 use super::buffers::{AMPLITUDE, IMAGE, SCAN_MAP};
-use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, reference};
-use super::{Effect, Stage, Verdict};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, bound, reference};
+use super::{
+    Effect, Stage,
+    Wanted::{self, Yes},
+};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 use insonify_base::parallel::{chunks, chunks_mut, for_each};
@@ -27,15 +37,16 @@ static PASSES: &[Pass] = &[Pass {
     grid: Grid::Pixels,
     flips: false,
     cpu: reference!(run),
+    bound: bound!(By(bound::carry)),
 }];
 
-fn wanted(_: &Tables) -> Verdict {
-    Ok("every frame becomes pixels".into())
+fn wanted(_: &Tables) -> Wanted {
+    Yes("every frame becomes pixels".into())
 }
 
 block! {
     /// Parameter block of `scan_conversion.wgsl`.
-    struct Params {
+    struct ScanConversionParams {
         /// Pixels in a row.
         width: u32,
         /// Scanlines.
@@ -49,7 +60,7 @@ block! {
 
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
-    ParamBlock::of(&Params {
+    ParamBlock::of(&ScanConversionParams {
         width: tables.width() as u32,
         lines: tables.lines() as u32,
         samples: tables.samples() as u32,

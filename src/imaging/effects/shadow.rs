@@ -7,6 +7,17 @@
 //! of shadows are as soft as the beam is wide (`penumbra`) and widen with depth as the aperture does (`aperture`), and a needle thinner than the
 //! beam shades its fraction of it. In the shadow lie mirror images (`mirror`) and repeats (`reverberation`) of what is above it. Shadows of bone,
 //! air and the needle shaft by casting rays: Zhu et al. 2007, section 2.4.
+//!
+//! ```toml
+//! effects.shadow = {}
+//! ```
+
+#[cfg(any(test, feature = "analysis"))]
+pub(crate) mod bound;
+#[cfg(test)]
+mod parity;
+#[cfg(test)]
+mod physics;
 
 use std::ops::Range;
 
@@ -15,15 +26,20 @@ use super::buffers::{
     AMPLITUDE, AMPLITUDE_NEXT, Buffer, LABEL, LABEL_ROWS, LOSS, NEEDLE_MASK, beam, bytes_of, columns,
 };
 use super::lateral::LateralKernel;
-use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, reference};
-use super::{Effect, OutOfRange, Parameters, Stage, Verdict, common};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, bound, reference};
+use super::{
+    Effect, EffectTables, OutOfRange, Parameters, Stage,
+    Wanted::{self, No, Yes},
+    common,
+};
 use crate::synth::SynthError;
 use crate::synth::store::Store;
-use crate::synth::tables::{Inputs, Settings, Tables};
+use crate::synth::tables::{Anatomy, Settings, Tables};
 use insonify_anatomy::acoustics::Tissue;
 use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::range::{check, parameters};
 use insonify_base::real::Real;
+use insonify_tracking::probe::BeamGrid;
 
 pub mod aperture;
 pub mod mirror;
@@ -101,6 +117,7 @@ pub fn units(db: f64) -> u32 {
 pub(crate) const EFFECT: Effect = Effect {
     name: "shadow",
     stage: Stage::Beam,
+    example: "effects.shadow = {}",
     wanted,
     passes: |tables| {
         let [loss, rays] = match super::needle::present(tables) {
@@ -122,25 +139,22 @@ pub(crate) const EFFECT: Effect = Effect {
             .collect()
     },
     buffers: &[&PENUMBRA_KERNEL, &APERTURE_SHIFTS, &THROUGH, &REFLECTORS],
-    differs: |old, new| old.probe != new.probe || old.effects.shadow != new.effects.shadow,
-    label_row: Some(|tables, label, row| {
-        let (settings, tissue) = (&tables.settings, tables.anatomy.tissues.of(label as u8));
-        let own = settings.effects.shadow.as_ref();
-        let db_per_mm = own.map_or(0.0, |own| own.db_per_mm(tissue, settings.probe.frequency_mhz));
-        row.loss = units(db_per_mm * tables.sample_mm());
-    }),
+    label_row: Some(|_, derived, label, row| row.loss = derived.shadow.losses.get(label).copied().unwrap_or(0)),
     // Rays of the aperture.
-    memory: |settings, samples| {
-        let opens = settings.effects.shadow.as_ref().is_some_and(|own| own.f_number > 0.0);
+    extra_bytes: |settings, samples| {
+        let shadow = settings.effects.shadow.as_ref();
+        let opens = shadow.is_some_and(|shadow| shadow.f_number > 0.0);
         if opens { 4 * aperture::RAYS as u64 * samples } else { 0 }
     },
-    remove: Some(|settings| settings.effects.shadow = None),
+    remove: Some(|_, settings| settings.effects.shadow = None),
     ..Effect::PLAIN
 };
 
 /// Tables of the shadow; empty without one.
 #[derive(Clone, Debug, Default)]
 pub struct Derived {
+    /// Per label index: loss over a sample, units.
+    pub losses: Vec<u32>,
     /// Kernel of the beam.
     pub penumbra: Option<LateralKernel>,
     /// Scanlines between a point and the elements of the aperture that receive from it; empty if shadows do not widen.
@@ -149,31 +163,44 @@ pub struct Derived {
     pub aperture_runs: Vec<Range<usize>>,
 }
 
-/// Makes kernel and aperture.
-pub fn derive(inputs: &Inputs) -> Result<Derived, SynthError> {
-    let Some(own) = &inputs.settings.effects.shadow else {
+/// What the tables depend on.
+pub(crate) type Key<'a> = (Option<&'a Shadow>, f64, &'a BeamGrid);
+
+/// Takes parameters, frequency (MHz) and grid.
+pub(crate) fn key<'a>(settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
+    (settings.effects.shadow.as_ref(), settings.probe.frequency_mhz, grid)
+}
+
+/// Makes losses, kernel and aperture.
+pub(crate) fn derive(anatomy: &Anatomy, &(shadow, frequency_mhz, grid): &Key) -> Result<Derived, SynthError> {
+    let Some(shadow) = shadow else {
         return Ok(Derived::default());
     };
-    let aperture = own.shifts(inputs.grid);
+    let loss = |label: usize| {
+        let tissue = anatomy.tissues.of(label as u8);
+        units(shadow.db_per_mm(tissue, frequency_mhz) * grid.sample_spacing_mm())
+    };
+    let aperture = shadow.shifts(grid);
     Ok(Derived {
-        penumbra: Some(own.kernel(inputs.grid)),
-        aperture_runs: aperture::runs(&aperture, inputs.grid.samples()),
+        losses: (0..anatomy.volume.labels().len()).map(loss).collect(),
+        penumbra: Some(shadow.kernel(grid)),
+        aperture_runs: aperture::runs(&aperture, grid.samples()),
         aperture,
     })
 }
 
 /// Reach and weights of the beam, each a row over the depths (`f32`).
-static PENUMBRA_KERNEL: Buffer =
-    Buffer::new(210, "PenumbraKernel", 4, |tables| weights(tables).len()).of(|tables, _| bytes_of(weights(tables)));
+static PENUMBRA_KERNEL: Buffer = Buffer::new(210, "PenumbraKernel", 4, |tables| weights(&tables.effects).len())
+    .derived(|_, derived| bytes_of(weights(derived)));
 
-fn weights(tables: &Tables) -> &[f32] {
-    let kernel = tables.effects.shadow.penumbra.as_ref();
+fn weights(derived: &EffectTables) -> &[f32] {
+    let kernel = derived.shadow.penumbra.as_ref();
     kernel.map_or(&[], |kernel| kernel.rows.of())
 }
 
 /// Per off-centre ray of the aperture and sample depth: scanlines between a point and the ray's element (`u32`).
 static APERTURE_SHIFTS: Buffer = Buffer::new(250, "ApertureShifts", 4, |tables| tables.effects.shadow.aperture.len())
-    .of(|tables, _| bytes_of(&tables.effects.shadow.aperture));
+    .derived(|_, derived| bytes_of(&derived.shadow.aperture));
 
 /// Per ray, element and sample: one-way transmittance of the occluders on it (`f32`).
 static THROUGH: Buffer = Buffer::new(260, "Through", 4, rays_of_beam);
@@ -262,6 +289,7 @@ const fn rays_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Us
         grid: Grid::Workgroups(|tables| [tables.lines() as u32, aperture::RAYS as u32]),
         flips: false,
         cpu: reference!(aperture::rays),
+        bound: bound!(Covered("by the bound of `shadow`")),
     }
 }
 
@@ -274,6 +302,7 @@ const APERTURE: Pass = Pass {
     grid: Grid::Samples,
     flips: false,
     cpu: reference!(aperture::mean),
+    bound: bound!(Covered("by the bound of `shadow`")),
 };
 
 /// Whether shadows widen with depth: the scene has occluders.
@@ -304,6 +333,7 @@ const fn loss_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Us
         grid: Grid::Scanlines,
         flips: false,
         cpu: reference!(losses),
+        bound: bound!(By(bound::carry_loss)),
     }
 }
 
@@ -322,6 +352,7 @@ const PENUMBRA: Pass = Pass {
     grid: Grid::Samples,
     flips: false,
     cpu: reference!(penumbra::run),
+    bound: bound!(By(bound::carry)),
 };
 
 const FIND_REFLECTORS: Pass = Pass {
@@ -333,6 +364,7 @@ const FIND_REFLECTORS: Pass = Pass {
     grid: Grid::Scanlines,
     flips: false,
     cpu: reference!(reverberation::reflectors),
+    bound: bound!(Covered("by the bounds of `shadow_mirror` and `shadow_reverberation`")),
 };
 
 const MIRROR: Pass = Pass {
@@ -351,6 +383,7 @@ const MIRROR: Pass = Pass {
     grid: Grid::Samples,
     flips: true,
     cpu: reference!(mirror::run),
+    bound: bound!(By(bound::carry_mirror)),
 };
 
 const REVERBERATION: Pass = Pass {
@@ -368,11 +401,12 @@ const REVERBERATION: Pass = Pass {
     grid: Grid::Samples,
     flips: false,
     cpu: reference!(reverberation::run),
+    bound: bound!(By(bound::carry_reverberation)),
 };
 
-fn wanted(tables: &Tables) -> Verdict {
+fn wanted(tables: &Tables) -> Wanted {
     let Some(shadow) = &tables.settings.effects.shadow else {
-        return Err("the scene names no shadow".into());
+        return No("the scene names no shadow".into());
     };
     let losing = tables
         .label_rows
@@ -382,16 +416,16 @@ fn wanted(tables: &Tables) -> Verdict {
         .count();
     let needle = super::needle::present(tables) && shadow.needle_db_mm > 0.0;
     match (losing, needle) {
-        (0, false) => Err("no tissue of the volume attenuates or occludes, and there is no needle".into()),
-        (0, true) => Ok("the needle shades".into()),
-        (n, true) => Ok(format!("{n} labels attenuate or occlude, and the needle shades")),
-        (n, false) => Ok(format!("{n} labels attenuate or occlude")),
+        (0, false) => No("no tissue of the volume attenuates or occludes, and there is no needle".into()),
+        (0, true) => Yes("the needle shades".into()),
+        (n, true) => Yes(format!("{n} labels attenuate or occlude, and the needle shades")),
+        (n, false) => Yes(format!("{n} labels attenuate or occlude")),
     }
 }
 
 block! {
     /// Parameter block of `shadow.wgsl`.
-    struct Params {
+    struct ShadowParams {
         /// Scanlines.
         lines: u32,
         /// Samples along a scanline.
@@ -422,7 +456,7 @@ block! {
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
     let [spacing, spreading] = common::spacing(tables).map(|x| x as f32);
-    ParamBlock::of(&Params {
+    ParamBlock::of(&ShadowParams {
         lines: tables.lines() as u32,
         samples: tables.samples() as u32,
         reach: tables

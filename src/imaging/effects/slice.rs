@@ -5,6 +5,17 @@
 //! with `"nearest"` that of the nearest voxel. Samples outside the volume, or flagged as background by the warp, are background
 //! (label index 0). With `beyond = "continue"` the body is continued where a face of the volume cuts it: labels are mirrored at
 //! the face, once.
+//!
+//! ```toml
+//! effects.slice = { boundary = "vote", beyond = "continue" }
+//! ```
+
+#[cfg(any(test, feature = "analysis"))]
+pub(crate) mod bound;
+#[cfg(test)]
+mod parity;
+#[cfg(test)]
+mod physics;
 
 use glam::Vec4;
 use schemars::JsonSchema;
@@ -12,8 +23,11 @@ use serde::{Deserialize, Serialize};
 
 use super::buffers::{AMPLITUDE, LABEL, LABEL_ROWS, POSITION, VOXELS};
 use super::common::rows;
-use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, reference};
-use super::{Effect, Setting, Stage, Verdict};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, bound, reference};
+use super::{
+    Effect, Setting, Stage,
+    Wanted::{self, Yes},
+};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 use insonify_base::parallel::{chunks, chunks_mut, for_each};
@@ -36,6 +50,10 @@ impl Setting for Slice {
             beyond: Beyond::Continue,
             ..Self::default()
         }
+    }
+
+    fn all() -> Self {
+        Self::usual()
     }
 }
 
@@ -67,6 +85,7 @@ pub enum Boundary {
 pub(crate) const EFFECT: Effect = Effect {
     name: "slice",
     stage: Stage::Tissue,
+    example: r#"effects.slice = { boundary = "vote", beyond = "continue" }"#,
     wanted,
     passes: |_| PASSES.iter().collect(),
     ..Effect::PLAIN
@@ -91,15 +110,16 @@ static PASSES: &[Pass] = &[Pass {
     grid: Grid::Planes,
     flips: false,
     cpu: reference!(run),
+    bound: bound!(By(bound::carry)),
 }];
 
-fn wanted(_: &Tables) -> Verdict {
-    Ok("every frame needs the labels in its plane".into())
+fn wanted(_: &Tables) -> Wanted {
+    Yes("every frame needs the labels in its plane".into())
 }
 
 block! {
     /// Parameter block of `slice.wgsl`.
-    struct Params {
+    struct SliceParams {
         /// First three rows of the world-to-index transform.
         world_to_index: [Vec4; 3],
         /// Voxels along each axis.
@@ -119,7 +139,7 @@ block! {
 
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
-    ParamBlock::of(&Params {
+    ParamBlock::of(&SliceParams {
         world_to_index: rows::<f32>(tables.volume.world_to_index()).map(Vec4::from),
         size: tables.volume.size().map(|n| n as u32),
         boundary: tables.settings.effects.slice.boundary as u32,

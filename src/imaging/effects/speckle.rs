@@ -9,8 +9,18 @@
 //! approximate this speckle model by noise.
 //!
 //! Kernels are scaled so that the mean power of an echo is the square of its amplitude.
+//!
+//! ```toml
+//! effects.speckle = {}
+//! ```
 
+#[cfg(any(test, feature = "analysis"))]
+pub(crate) mod bound;
 mod elevation;
+#[cfg(test)]
+mod parity;
+#[cfg(test)]
+mod physics;
 mod power;
 mod scatter;
 mod spread;
@@ -24,13 +34,18 @@ pub use tables::SpeckleTables;
 
 use super::buffers::{AMPLITUDE, Buffer, ELEMENT, ELEMENT_MAPS, POSITION, SPECULAR, bytes_of, columns};
 use super::lateral::narrowed;
-use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, bound, reference};
 use super::point_spread::PointSpread;
-use super::{Effect, Parameters, Stage, Verdict, needle};
+use super::{
+    Effect, EffectTables, Parameters, Stage,
+    Wanted::{self, No, Yes},
+    needle,
+};
 use crate::synth::SynthError;
-use crate::synth::tables::{Inputs, Tables};
+use crate::synth::tables::{Anatomy, Settings, Tables};
 use insonify_base::random::seed_words;
 use insonify_base::range::parameters;
+use insonify_tracking::probe::BeamGrid;
 
 parameters! {
     /// Fully developed speckle. Lengths are full widths at half maximum of the autocorrelation of the echo intensity, as
@@ -57,6 +72,7 @@ impl Parameters for Speckle {}
 pub(crate) const EFFECT: Effect = Effect {
     name: "speckle",
     stage: Stage::Speckle,
+    example: "effects.speckle = {}",
     wanted,
     passes: |tables| match (&tables.anatomy.mesh, has_specular(tables)) {
         (None, false) => vec![&GATHER, &AXIAL, &LATERAL],
@@ -65,7 +81,6 @@ pub(crate) const EFFECT: Effect = Effect {
         (Some(_), true) => vec![&GATHER_WARPED, &ADD_SPECULAR, &AXIAL, &LATERAL],
     },
     buffers: &[&SCATTER, &SCATTER_AXIAL, &AXIAL_KERNEL, &LATERAL_KERNEL],
-    differs: |old, new| old.probe != new.probe || old.effects.speckle != new.effects.speckle,
     warnings: |tables| {
         let Some(own) = &tables.effects.speckle else {
             return Vec::new();
@@ -74,19 +89,25 @@ pub(crate) const EFFECT: Effect = Effect {
         let lateral = narrowed("effects.speckle.lateral_mm", own.lateral.least_share, "scanlines");
         axial.into_iter().chain(lateral).collect()
     },
-    remove: Some(|settings| settings.effects.speckle = None),
+    remove: Some(|_, settings| settings.effects.speckle = None),
     ..Effect::PLAIN
 };
 
 /// Lattice and kernels of the speckle.
 pub(crate) type Derived = Option<SpeckleTables>;
 
+/// What lattice and kernels depend on.
+pub(crate) type Key<'a> = (Option<PointSpread>, &'a BeamGrid);
+
+/// Takes point spread and grid.
+pub(crate) fn key<'a>(settings: &Settings, grid: &'a BeamGrid) -> Key<'a> {
+    let speckle = settings.effects.speckle.as_ref();
+    (speckle.map(|speckle| PointSpread::new(speckle, &settings.probe)), grid)
+}
+
 /// Makes the lattice and the kernels.
-pub fn derive(inputs: &Inputs) -> Result<Derived, SynthError> {
-    let (own, probe) = (&inputs.settings.effects.speckle, &inputs.settings.probe);
-    Ok(own
-        .as_ref()
-        .map(|own| SpeckleTables::new(PointSpread::new(own, probe), inputs.grid)))
+pub(crate) fn derive(_: &Anatomy, &(spread, grid): &Key) -> Result<Derived, SynthError> {
+    Ok(spread.map(|spread| SpeckleTables::new(spread, grid)))
 }
 
 /// Per fine scanline and sample: complex echo (`vec2<f32>`).
@@ -96,24 +117,22 @@ static SCATTER: Buffer = Buffer::new(160, "Scatter", 8, fine_samples);
 static SCATTER_AXIAL: Buffer = Buffer::new(170, "ScatterAxial", 8, fine_samples);
 
 /// Weights of the axial point spread, then two factors per sample (`f32`).
-static AXIAL_KERNEL: Buffer = Buffer::new(180, "AxialKernel", 4, |tables| axial_kernel(tables).len())
-    .of(|tables, _| bytes_of(&axial_kernel(tables)));
+static AXIAL_KERNEL: Buffer = Buffer::new(180, "AxialKernel", 4, |tables| axial_kernel(&tables.effects).len())
+    .derived(|_, derived| bytes_of(&axial_kernel(derived)));
 
 /// Reach and weights of the lateral point spread, each a row over the depths, then factors of the outermost scanlines (`f32`).
-static LATERAL_KERNEL: Buffer = Buffer::new(190, "LateralKernel", 4, |tables| lateral_kernel(tables).len())
-    .of(|tables, _| bytes_of(&lateral_kernel(tables)));
+static LATERAL_KERNEL: Buffer = Buffer::new(190, "LateralKernel", 4, |tables| lateral_kernel(&tables.effects).len())
+    .derived(|_, derived| bytes_of(&lateral_kernel(derived)));
 
-fn axial_kernel(tables: &Tables) -> Vec<f32> {
-    let own = tables.effects.speckle.as_ref();
-    own.map_or(Vec::new(), |own| {
-        [own.axial.of::<f32>(), own.ends.of(), own.specular.of()].concat()
+fn axial_kernel(derived: &EffectTables) -> Vec<f32> {
+    derived.speckle.as_ref().map_or(Vec::new(), |speckle| {
+        [speckle.axial.of::<f32>(), speckle.ends.of(), speckle.specular.of()].concat()
     })
 }
 
-fn lateral_kernel(tables: &Tables) -> Vec<f32> {
-    let own = tables.effects.speckle.as_ref();
-    own.map_or(Vec::new(), |own| {
-        [own.lateral.rows.of::<f32>(), own.edges.of()].concat()
+fn lateral_kernel(derived: &EffectTables) -> Vec<f32> {
+    derived.speckle.as_ref().map_or(Vec::new(), |speckle| {
+        [speckle.lateral.rows.of::<f32>(), speckle.edges.of()].concat()
     })
 }
 
@@ -171,6 +190,7 @@ const fn scatter_pass(entry: &'static str, bindings: &'static [(&'static Buffer,
         grid: Grid::FineSamples(fine_lines),
         flips: false,
         cpu: reference!(scatter),
+        bound: bound!(Covered("by the bound of `speckle_lateral`")),
     }
 }
 
@@ -184,6 +204,7 @@ const ADD_SPECULAR: Pass = Pass {
     grid: Grid::FineSamples(fine_lines),
     flips: false,
     cpu: reference!(add_specular),
+    bound: bound!(Covered("by the bound of `speckle_lateral`")),
 };
 
 const AXIAL: Pass = Pass {
@@ -195,6 +216,7 @@ const AXIAL: Pass = Pass {
     grid: Grid::FineSamples(fine_lines),
     flips: false,
     cpu: reference!(axial),
+    bound: bound!(Covered("by the bound of `speckle_lateral`")),
 };
 
 const LATERAL: Pass = Pass {
@@ -206,6 +228,7 @@ const LATERAL: Pass = Pass {
     grid: Grid::Samples,
     flips: false,
     cpu: reference!(lateral),
+    bound: bound!(By(bound::carry)),
 };
 
 fn fine_lines(tables: &Tables) -> usize {
@@ -216,9 +239,9 @@ fn fine_lines(tables: &Tables) -> usize {
         .map_or(1, |speckle| speckle.fine_lines(tables.lines()))
 }
 
-fn wanted(tables: &Tables) -> Verdict {
+fn wanted(tables: &Tables) -> Wanted {
     match (&tables.settings.effects.speckle, &tables.effects.speckle) {
-        (Some(_), Some(derived)) => Ok(format!(
+        (Some(_), Some(derived)) => Yes(format!(
             "speckle of {:.2} by {:.2} by {:.2} mm: lattice {:.2} mm, {} sub-planes, {} fine scanlines to one",
             derived.spread.axial_mm,
             derived.spread.lateral_mm,
@@ -227,13 +250,13 @@ fn wanted(tables: &Tables) -> Verdict {
             derived.planes.len(),
             derived.oversampling
         )),
-        _ => Err("the scene names no speckle".into()),
+        _ => No("the scene names no speckle".into()),
     }
 }
 
 block! {
     /// Parameter block of `speckle.wgsl`.
-    struct Params {
+    struct SpeckleParams {
         /// Out-of-plane direction in the world; the fourth component is unused.
         elevation: Vec4,
         /// Weights of the sub-planes.
@@ -266,11 +289,11 @@ block! {
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
     let Some(own) = &tables.effects.speckle else {
-        return ParamBlock::of::<Params>(&bytemuck::Zeroable::zeroed());
+        return ParamBlock::of::<SpeckleParams>(&bytemuck::Zeroable::zeroed());
     };
     let elevation = view.state.probe_to_world.fixed_view::<3, 1>(0, 2);
     let plane = |i: usize| own.planes.get(i).map_or(0.0, |&weight| weight as f32);
-    ParamBlock::of(&Params {
+    ParamBlock::of(&SpeckleParams {
         elevation: Vec4::new(elevation[0] as f32, elevation[1] as f32, elevation[2] as f32, 0.0),
         planes: [0, 4].map(|at| Vec4::new(plane(at), plane(at + 1), plane(at + 2), plane(at + 3))),
         seed: seed_words(tables.settings.seed),

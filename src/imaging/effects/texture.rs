@@ -3,22 +3,35 @@
 //! Texture coordinates are the reference position, rotated and scaled for the tissue, so that textures move with the tissue; like all positions in
 //! passes they are relative to the local origin ([`crate::synth::local_origin`]). A texture multiplies the tissue's mean echo; its own mean square is
 //! 1.
+//!
+//! ```toml
+//! effects.texture = {}
+//! ```
+
+#[cfg(any(test, feature = "analysis"))]
+pub(crate) mod bound;
+#[cfg(test)]
+mod parity;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, POSITION, bytes_of};
-use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, reference};
-use super::{Effect, Parameters, Stage, Verdict};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, bound, reference};
+use super::{
+    Effect, EffectTables, Parameters, Stage,
+    Wanted::{self, No, Yes},
+};
 use crate::synth::SynthError;
 use crate::synth::store::Store;
-use crate::synth::tables::{Anatomy, Inputs, Settings, Tables};
+use crate::synth::tables::{Anatomy, Settings, Tables};
 use insonify_anatomy::acoustics::{Tissue, bank};
 use insonify_anatomy::volume::VolumeError;
 use insonify_anatomy::volume::texture::{Atlas, AtlasEntry, Placement, SolidTexture};
 use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::range::parameters;
 use insonify_base::real::Real;
+use insonify_tracking::probe::BeamGrid;
 
 parameters! {
     /// Solid textures.
@@ -34,43 +47,58 @@ impl Parameters for Texture {}
 pub(crate) const EFFECT: Effect = Effect {
     name: "texture",
     stage: Stage::Tissue,
+    example: "effects.texture = {}",
     wanted,
     passes: |_| PASSES.iter().collect(),
     buffers: &[&TEXTURE_ENTRIES, &TEXTURE_ATLAS],
-    differs: |old, new| old.effects.texture != new.effects.texture || old.seed != new.seed,
-    label_row: Some(|tables, label, row| {
-        if tables.effects.texture.is_some() {
-            row.texture = entry_of(&tables.anatomy, label as u8);
+    label_row: Some(|anatomy, derived, label, row| {
+        if derived.texture.is_some() {
+            row.texture = entry_of(anatomy, label as u8);
         }
     }),
-    remove: Some(|settings| settings.effects.texture = None),
+    remove: Some(|_, settings| settings.effects.texture = None),
     ..Effect::PLAIN
 };
 
 /// Solid textures of the tissues.
 pub(crate) type Derived = Option<Atlas>;
 
+/// What the atlas depends on.
+#[derive(PartialEq)]
+pub(crate) struct Key {
+    is_on: bool,
+    seed: u64,
+}
+
+/// Takes the seed of the built-in textures, and whether there is the effect.
+pub(crate) fn key(settings: &Settings, _: &BeamGrid) -> Key {
+    Key {
+        is_on: settings.effects.texture.is_some(),
+        seed: settings.seed,
+    }
+}
+
 /// Packs the textures.
-pub fn derive(inputs: &Inputs) -> Result<Derived, SynthError> {
-    Ok(atlas(inputs.anatomy, inputs.settings)?)
+pub(crate) fn derive(anatomy: &Anatomy, key: &Key) -> Result<Derived, SynthError> {
+    Ok(if key.is_on { atlas(anatomy, key.seed)? } else { None })
 }
 
 /// Placement of the solid textures in the atlas.
 static TEXTURE_ENTRIES: Buffer = Buffer::new(100, "TextureEntries", size_of::<AtlasEntry>(), |tables| {
-    entries(tables).len()
+    entries(&tables.effects).len()
 })
-.of(|tables, _| bytes_of(entries(tables)));
+.derived(|_, derived| bytes_of(entries(derived)));
 
 /// Voxels of the solid textures (`f32`).
-static TEXTURE_ATLAS: Buffer =
-    Buffer::new(110, "TextureAtlas", 4, |tables| voxels(tables).len()).of(|tables, _| bytes_of(voxels(tables)));
+static TEXTURE_ATLAS: Buffer = Buffer::new(110, "TextureAtlas", 4, |tables| voxels(&tables.effects).len())
+    .derived(|_, derived| bytes_of(voxels(derived)));
 
-fn entries(tables: &Tables) -> &[AtlasEntry] {
-    tables.effects.texture.as_ref().map_or(&[], |atlas| &atlas.entries)
+fn entries(derived: &EffectTables) -> &[AtlasEntry] {
+    derived.texture.as_ref().map_or(&[], |atlas| &atlas.entries)
 }
 
-fn voxels(tables: &Tables) -> &[f32] {
-    tables.effects.texture.as_ref().map_or(&[], |atlas| &atlas.data)
+fn voxels(derived: &EffectTables) -> &[f32] {
+    derived.texture.as_ref().map_or(&[], |atlas| &atlas.data)
 }
 
 static PASSES: &[Pass] = &[Pass {
@@ -93,13 +121,14 @@ static PASSES: &[Pass] = &[Pass {
     grid: Grid::Planes,
     flips: false,
     cpu: reference!(run),
+    bound: bound!(By(bound::carry)),
 }];
 
-fn wanted(tables: &Tables) -> Verdict {
+fn wanted(tables: &Tables) -> Wanted {
     match (&tables.settings.effects.texture, &tables.effects.texture) {
-        (None, _) => Err("the scene names no textures".into()),
-        (Some(_), None) => Err("no tissue of the volume has a texture".into()),
-        (Some(_), Some(atlas)) => Ok(format!(
+        (None, _) => No("the scene names no textures".into()),
+        (Some(_), None) => No("no tissue of the volume has a texture".into()),
+        (Some(_), Some(atlas)) => Yes(format!(
             "tissues of the volume have {} solid textures",
             atlas.entries.len()
         )),
@@ -108,7 +137,7 @@ fn wanted(tables: &Tables) -> Verdict {
 
 block! {
     /// Parameter block of `texture.wgsl`.
-    struct Params {
+    struct TextureParams {
         /// Scanlines.
         lines: u32,
         /// Samples along a scanline.
@@ -122,7 +151,7 @@ block! {
 
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
-    ParamBlock::of(&Params {
+    ParamBlock::of(&TextureParams {
         lines: tables.lines() as u32,
         samples: tables.samples() as u32,
         strength: strength(tables) as f32,
@@ -171,15 +200,12 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
 }
 
 /// Packs the solid textures named by the tissues of an anatomy's labels, in the order of their first use; `None`
-/// without the effect or without textures. Textures of the anatomy override those of the bank.
-pub fn atlas(anatomy: &Anatomy, settings: &Settings) -> Result<Option<Atlas>, VolumeError> {
-    if settings.effects.texture.is_none() {
-        return Ok(None);
-    }
+/// without textures. Textures of the anatomy override those of the bank, which are made from the seed.
+fn atlas(anatomy: &Anatomy, seed: u64) -> Result<Option<Atlas>, VolumeError> {
     let tissues = placed(anatomy);
     let mut by_name: BTreeMap<&str, Arc<SolidTexture>> = BTreeMap::new();
     for name in tissues.iter().filter_map(|tissue| tissue.texture.as_deref()) {
-        if let (false, Some(texture)) = (by_name.contains_key(name), solid(anatomy, name, settings.seed)) {
+        if let (false, Some(texture)) = (by_name.contains_key(name), solid(anatomy, name, seed)) {
             by_name.insert(name, texture);
         }
     }

@@ -2,13 +2,27 @@
 //!
 //! The scatterers of different sub-planes are incoherent: power is averaged, with the weights of a Gaussian beam
 //! profile. Labels, shadows and speckle are those of the central plane.
+//!
+//! ```toml
+//! effects.thickness = { width_mm = 2.0 }
+//! ```
+
+#[cfg(any(test, feature = "analysis"))]
+pub(crate) mod bound;
+#[cfg(test)]
+mod parity;
+#[cfg(test)]
+mod physics;
 
 use glam::Vec4;
 
 use super::buffers::AMPLITUDE;
 use super::common::plane_step;
-use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, reference};
-use super::{Effect, OutOfRange, Parameters, Stage, Verdict};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, bound, reference};
+use super::{
+    Effect, OutOfRange, Parameters, Stage,
+    Wanted::{self, No, Yes},
+};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 use insonify_base::parallel::{chunks_mut, for_each};
@@ -62,9 +76,10 @@ const MAX_PLANES: usize = 9;
 pub(crate) const EFFECT: Effect = Effect {
     name: "thickness",
     stage: Stage::Tissue,
+    example: "effects.thickness = { width_mm = 2.0 }",
     wanted,
     passes: |_| PASSES.iter().collect(),
-    remove: Some(|settings| settings.effects.thickness = None),
+    remove: Some(|_, settings| settings.effects.thickness = None),
     ..Effect::PLAIN
 };
 
@@ -77,21 +92,22 @@ static PASSES: &[Pass] = &[Pass {
     grid: Grid::Samples,
     flips: false,
     cpu: reference!(run),
+    bound: bound!(By(bound::carry)),
 }];
 
-fn wanted(tables: &Tables) -> Verdict {
+fn wanted(tables: &Tables) -> Wanted {
     match &tables.settings.effects.thickness {
-        Some(thickness) => Ok(format!(
+        Some(thickness) => Yes(format!(
             "the scan plane is {} mm thick: {} sub-planes",
             thickness.width_mm, thickness.planes
         )),
-        None => Err("the scene names no elevational thickness".into()),
+        None => No("the scene names no elevational thickness".into()),
     }
 }
 
 block! {
     /// Parameter block of `thickness.wgsl`.
-    struct Params {
+    struct ThicknessParams {
         /// Weights of the sub-planes, four to a vector.
         weights: [Vec4; 3],
         /// Samples in a plane.
@@ -118,7 +134,7 @@ fn weights<T: Real>(tables: &Tables) -> [T; 12] {
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
     let w = weights::<f32>(tables);
-    ParamBlock::of(&Params {
+    ParamBlock::of(&ThicknessParams {
         weights: [0, 4, 8].map(|at| Vec4::new(w[at], w[at + 1], w[at + 2], w[at + 3])),
         count: (tables.lines() * tables.samples()) as u32,
         planes: tables.planes() as u32,

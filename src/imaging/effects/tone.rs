@@ -3,8 +3,18 @@
 //! An echo of amplitude 1 (the mean power of normal liver) at gain 0 is shown at [`MID_GREY`] of the grey scale, and the dynamic range
 //! spans the scale. Automatic gain (`auto_gain`) equalises the level of tissue over depth, and an S-shaped curve darkens the lower
 //! half of the scale and brightens the upper one. Without a tone the grey level is 255 times the amplitude.
+//!
+//! ```toml
+//! effects.tone = { gain_db = 8.0 }
+//! ```
 
 pub mod auto_gain;
+#[cfg(any(test, feature = "analysis"))]
+pub(crate) mod bound;
+#[cfg(test)]
+mod parity;
+#[cfg(test)]
+mod physics;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -13,17 +23,21 @@ use super::buffers::{AMPLITUDE, Buffer, bytes_of, columns};
 use super::pass::{
     Band, Grid, ParamBlock, Pass,
     Use::{self, *},
-    View, block, reference,
+    View, block, bound, reference,
 };
 use super::shadow::average_db_cm;
-use super::{Effect, OutOfRange, Parameters, Stage, Verdict};
+use super::{
+    Effect, OutOfRange, Parameters, Stage,
+    Wanted::{self, Yes},
+};
 use crate::synth::SynthError;
 use crate::synth::store::Store;
-use crate::synth::tables::{Inputs, Settings, Tables};
+use crate::synth::tables::{Anatomy, Settings, Tables};
 use auto_gain::{AutoGain, BANDS};
 use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::range::{check, parameters, within};
 use insonify_base::real::{Numbers, Real};
+use insonify_tracking::probe::BeamGrid;
 
 /// Grey level of an echo of 0 dB, as a fraction of the scale: phantom frames among real B-mode data have a mean grey
 /// level of 91 to 150 of 255.
@@ -143,6 +157,7 @@ impl Tone {
 pub(crate) const EFFECT: Effect = Effect {
     name: "tone",
     stage: Stage::Display,
+    example: "effects.tone = { gain_db = 8.0 }",
     wanted,
     passes: |tables| {
         if AutoGain::of(tables).is_some() {
@@ -152,14 +167,7 @@ pub(crate) const EFFECT: Effect = Effect {
         }
     },
     buffers: &[&GAIN, &AUTO_GAIN],
-    differs: |old, new| {
-        let noise_db = |settings: &Settings| settings.effects.receiver.as_ref().map(|receiver| receiver.noise_db);
-        old.probe != new.probe
-            || average_db_cm(old) != average_db_cm(new)
-            || old.effects.tone != new.effects.tone
-            || noise_db(old) != noise_db(new)
-    },
-    remove: Some(|settings| settings.effects.tone = None),
+    remove: Some(|_, settings| settings.effects.tone = None),
     ..Effect::PLAIN
 };
 
@@ -170,13 +178,36 @@ pub struct Derived {
     pub gain: Numbers,
 }
 
+/// What the gain depends on.
+#[derive(PartialEq)]
+pub(crate) struct Key<'a> {
+    tone: Option<&'a Tone>,
+    attenuation_db_cm: f64,
+    noise_db: Option<f64>,
+    grid: &'a BeamGrid,
+}
+
+/// Takes parameters, the attenuation to compensate for, noise and grid.
+pub(crate) fn key<'a>(settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
+    let receiver = settings.effects.receiver.as_ref();
+    Key {
+        tone: settings.effects.tone.as_ref(),
+        attenuation_db_cm: average_db_cm(settings),
+        noise_db: receiver.map(|receiver| receiver.noise_db),
+        grid,
+    }
+}
+
 /// Computes the gain.
-pub fn derive(inputs: &Inputs) -> Result<Derived, SynthError> {
-    let (effects, grid) = (&inputs.settings.effects, inputs.grid);
-    let matched = average_db_cm(inputs.settings);
-    let noise_db = effects.receiver.as_ref().map(|receiver| receiver.noise_db);
-    let gain = |sample: usize| match &effects.tone {
-        Some(tone) => 10f64.powf(tone.gain_at_db(grid.sample_depth_mm(sample), matched, noise_db) / 20.0),
+pub(crate) fn derive(_: &Anatomy, key: &Key) -> Result<Derived, SynthError> {
+    let &Key {
+        tone,
+        attenuation_db_cm,
+        noise_db,
+        grid,
+    } = key;
+    let gain = |sample: usize| match tone {
+        Some(tone) => 10f64.powf(tone.gain_at_db(grid.sample_depth_mm(sample), attenuation_db_cm, noise_db) / 20.0),
         None => 1.0,
     };
     let gain = Numbers::new((0..grid.samples()).map(gain).collect());
@@ -185,7 +216,7 @@ pub fn derive(inputs: &Inputs) -> Result<Derived, SynthError> {
 
 /// Per sample depth: linear gain (`f32`).
 static GAIN: Buffer =
-    Buffer::new(290, "Gain", 4, Tables::samples).of(|tables, _| bytes_of(tables.effects.tone.gain.of::<f32>()));
+    Buffer::new(290, "Gain", 4, Tables::samples).derived(|_, derived| bytes_of(derived.tone.gain.of::<f32>()));
 
 /// Per band of depth: automatic gain, octaves (`f32`).
 static AUTO_GAIN: Buffer = Buffer::new(300, "AutoGain", 4, |_| BANDS);
@@ -203,6 +234,7 @@ const BY_HAND: Pass = pass("tone", "by_hand", const { &[(&GAIN, Read), (&AMPLITU
 const GAINS: Pass = Pass {
     grid: Grid::Workgroups(|_| [BANDS as u32, 1]),
     cpu: reference!(auto_gain::run),
+    bound: bound!(Covered("by the bound of `tone`")),
     ..pass(
         "tone_auto_gain",
         "auto_gain",
@@ -229,12 +261,13 @@ const fn pass(name: &'static str, entry: &'static str, bindings: &'static [(&'st
         grid: Grid::Samples,
         flips: false,
         cpu: reference!(run),
+        bound: bound!(By(bound::carry)),
     }
 }
 
-fn wanted(tables: &Tables) -> Verdict {
+fn wanted(tables: &Tables) -> Wanted {
     let Some(tone) = &tables.settings.effects.tone else {
-        return Ok("the scene names no tone curve: grey is 255 times the amplitude".into());
+        return Yes("the scene names no tone curve: grey is 255 times the amplitude".into());
     };
     let curve = match tone.curve {
         Curve::Linear => "",
@@ -244,7 +277,7 @@ fn wanted(tables: &Tables) -> Verdict {
         0.0 => String::new(),
         share => format!("; automatic gain removes {share} of the deviation from the usual tissue level"),
     };
-    Ok(format!(
+    Yes(format!(
         "echoes are log-compressed to {} dB{curve}{gain}",
         tone.dynamic_range_db
     ))
@@ -252,7 +285,7 @@ fn wanted(tables: &Tables) -> Verdict {
 
 block! {
     /// Parameter block of `tone.wgsl`.
-    struct Params {
+    struct ToneParams {
         /// Samples along a scanline.
         samples: u32,
         /// Scanlines.
@@ -335,7 +368,7 @@ fn params(view: &View, _: Band) -> ParamBlock {
     let map = GreyMap::<f32>::new(tables.settings.effects.tone.as_ref());
     let automatic = AutoGain::of(tables);
     let automatic = |pick: fn(&AutoGain) -> f64| automatic.as_ref().map_or(0.0, pick) as f32;
-    ParamBlock::of(&Params {
+    ParamBlock::of(&ToneParams {
         samples: tables.samples() as u32,
         lines: tables.lines() as u32,
         compress: u32::from(map.compress),

@@ -1,13 +1,20 @@
 //! Ground-truth layers for training models: label, depth and other properties of each sample. Layers are made from the samples of the central plane, and read at the nearest one
 //! to each pixel. The GPU's differ by at most one unit from those in double precision where both have the same label.
 
+#[cfg(test)]
+mod parity;
+
 use glam::Vec4;
 use nalgebra::Point3;
 
 use super::buffers::{Buffer, LABEL, LOSS, NEEDLE_MASK, POSITION, RAYS, UNITS_PER_DB, beam, bytes_of, columns};
 use super::common::rows;
-use super::pass::{Band, Grid, ParamBlock, Pass, Reference, Use, Use::*, View, block, reference};
-use super::{Effect, Stage, Verdict, needle, shadow};
+use super::pass::{Band, Grid, ParamBlock, Pass, Reference, Use, Use::*, View, block, bound, reference};
+use super::{
+    Effect, Stage,
+    Wanted::{self, No, Yes},
+    needle, shadow,
+};
 use crate::synth::layers::{Layer, world_position};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
@@ -29,25 +36,25 @@ pub(crate) const EFFECT: Effect = Effect {
             .collect()
     },
     buffers: &[&LAYERS, &LABEL_VALUES],
-    remove: Some(|settings| settings.layers.clear()),
+    remove: Some(|_, settings| settings.layers.clear()),
     ..Effect::PLAIN
 };
 
-fn wanted(tables: &Tables) -> Verdict {
+fn wanted(tables: &Tables) -> Wanted {
     let layers = &tables.settings.layers;
     let names: Vec<&str> = layers.iter().map(|layer| layer.name()).collect();
     match names.is_empty() {
-        true => Err("no ground truth is asked for".into()),
+        true => No("no ground truth is asked for".into()),
         false if layers.iter().all(|&layer| pass_of(layer, tables).is_none()) => {
-            Err(format!("{}: one value in the sector of this scene", names.join(", ")))
+            No(format!("{}: one value in the sector of this scene", names.join(", ")))
         }
-        false => Ok(format!("ground truth is asked for: {}", names.join(", "))),
+        false => Yes(format!("ground truth is asked for: {}", names.join(", "))),
     }
 }
 
 /// Pass of a layer; `None` for one that needs none, as all its values are constant.
 fn pass_of(layer: Layer, tables: &Tables) -> Option<&'static Pass> {
-    let called_for = |effect: &Effect| (effect.wanted)(tables).is_ok();
+    let called_for = |effect: &Effect| matches!((effect.wanted)(tables), Yes(_));
     match layer {
         Layer::LabelValue => Some(&VALUE),
         Layer::LabelIndex => Some(&INDEX),
@@ -67,9 +74,9 @@ pub static LAYERS: Buffer = Buffer::new(340, "Layers", 4, |tables| {
 
 /// Per label index: its value in the label file, at most 65,535 (`u32`).
 static LABEL_VALUES: Buffer =
-    Buffer::new(350, "LabelValues", 4, |tables| tables.volume.labels().len()).of(|tables, _| {
+    Buffer::new(350, "LabelValues", 4, |tables| tables.volume.labels().len()).derived(|anatomy, _| {
         bytes_of(
-            &tables
+            &anatomy
                 .volume
                 .labels()
                 .iter()
@@ -160,12 +167,13 @@ const fn pass(
         grid: Grid::Samples,
         flips: false,
         cpu,
+        bound: bound!(Covered("as layers are compared with those of the reference")),
     }
 }
 
 block! {
     /// Parameter block of `truth.wgsl`.
-    struct Params {
+    struct TruthParams {
         /// First three rows of the probe-to-world transform.
         probe_to_world: [Vec4; 3],
         /// First three rows of the transform from the world to voxels.
@@ -192,7 +200,7 @@ fn place(layer: Layer, tables: &Tables) -> usize {
 
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
-    ParamBlock::of(&Params {
+    ParamBlock::of(&TruthParams {
         probe_to_world: rows::<f32>(&view.state.probe_to_world).map(Vec4::from),
         world_to_index: rows::<f32>(tables.volume.world_to_index()).map(Vec4::from),
         places: Layer::ALL.map(|layer| place(layer, tables) as u32),

@@ -11,12 +11,24 @@
 //! The elements in the slab of the frame ([`crate::synth::slab`]) are rasterised: each tests the samples of its scanlines between those where its barycentric
 //! coordinates change sign, and of the elements that hold a sample the lowest is taken. The answer for a sample is that of a search of all
 //! elements; it depends on no other sample and on no other frame. A sample in an inverted element is in a fold.
+//!
+//! ```toml
+//! deform.field = { kind = "indentation", centre_mm = [-52.3, -20.2, -25.1], direction = [-20.3, 59.4, -18.0], depth_mm = 12.0, radius_mm = 18.0 }
+//! ```
+
+#[cfg(any(test, feature = "analysis"))]
+pub(crate) mod bound;
+#[cfg(test)]
+mod parity;
 
 use std::ops::Range;
 
 use super::buffers::{ELEMENT, ELEMENT_MAPS, HITS, POSITION};
-use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, reference};
-use super::{Effect, Stage, Verdict};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, bound, reference};
+use super::{
+    Effect, Stage,
+    Wanted::{self, No, Yes},
+};
 use crate::synth::slab::Slab;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
@@ -38,10 +50,10 @@ pub const OUTSIDE: u32 = 3;
 pub(crate) const EFFECT: Effect = Effect {
     name: "warp",
     stage: Stage::Tissue,
+    example: r#"deform.field = { kind = "indentation", centre_mm = [-52.3, -20.2, -25.1], direction = [-20.3, 59.4, -18.0], depth_mm = 12.0, radius_mm = 18.0 }"#,
     wanted,
     passes: |_| PASSES.iter().collect(),
-    // The mesh is part of the anatomy.
-    remove: Some(|_| {}),
+    remove: Some(|anatomy, _| anatomy.mesh = None),
     ..Effect::PLAIN
 };
 
@@ -60,6 +72,7 @@ static PASSES: &[Pass] = &[
         grid: Grid::Shared(GROUPS),
         flips: false,
         cpu: reference!(sort),
+        bound: bound!(Covered("by the bound of `warp`")),
     },
     Pass {
         name: "warp",
@@ -75,23 +88,24 @@ static PASSES: &[Pass] = &[
         grid: Grid::Planes,
         flips: false,
         cpu: reference!(map),
+        bound: bound!(By(bound::carry)),
     },
 ];
 
-fn wanted(tables: &Tables) -> Verdict {
+fn wanted(tables: &Tables) -> Wanted {
     match &tables.anatomy.mesh {
-        Some(mesh) => Ok(format!(
+        Some(mesh) => Yes(format!(
             "a mesh of {} nodes and {} tetrahedra deforms the tissue",
             mesh.nodes().len(),
             mesh.elements().len()
         )),
-        None => Err("no tissue model deforms: world and reference state are the same".into()),
+        None => No("no tissue model deforms: world and reference state are the same".into()),
     }
 }
 
 block! {
     /// Parameter block of `warp.wgsl`.
-    struct Params {
+    struct WarpParams {
         /// Number of scanlines of one plane.
         lines: u32,
         /// Number of samples along a scanline.
@@ -115,7 +129,7 @@ fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
     let [reference_at, frames_at, carries_at] = view.slab.map_or([0; 3], |slab| slab.maps_at);
     let count = |elements: fn(&Slab<f32>) -> usize| view.slab.map_or(0, elements) as u32;
-    ParamBlock::of(&Params {
+    ParamBlock::of(&WarpParams {
         lines: tables.lines() as u32,
         samples: tables.samples() as u32,
         planes: tables.planes() as u32,

@@ -4,7 +4,7 @@
 /// One unit in the last place of a number in [1, 2). Sums, differences and products are correctly rounded in WGSL, but in an unspecified
 /// direction, so each loses up to a full ULP rather than half. Fused and reordered sums lose no more than the sum of separately rounded
 /// products.
-pub(super) const ULP: f64 = 1.0 / 8_388_608.0;
+pub(crate) const ULP: f64 = 1.0 / 8_388_608.0;
 
 /// Relative error of `x / y`: 2.5 ULP.
 pub(crate) const DIVIDE: f64 = 2.5 * ULP;
@@ -16,17 +16,17 @@ pub(crate) const ROOT: f64 = 4.5 * ULP;
 pub(crate) const TINY: f64 = f32::MIN_POSITIVE as f64;
 
 /// Returns the relative error of `exp2(x)` when `x` has the error `off`: 3 + 2 |x| ULP.
-pub(super) fn exp2(x: f64, off: f64) -> f64 {
+pub(crate) fn exp2(x: f64, off: f64) -> f64 {
     (3.0 + 2.0 * x.abs()) * ULP + off * std::f64::consts::LN_2 * 1.01
 }
 
 /// Returns the absolute error of `log2(x)`, given the result: 2^-21 for x in [0.5, 2], otherwise 3 ULP of the result.
-pub(super) fn log2(result: f64) -> f64 {
+pub(crate) fn log2(result: f64) -> f64 {
     (2f64.powi(-21)).max(3.0 * ULP * result.abs())
 }
 
 /// Returns the relative error of `pow(x, y)` for exact `x` and `y`, specified as that of `exp2(y * log2(x))`.
-pub(super) fn pow(x: f64, y: f64) -> f64 {
+pub(crate) fn pow(x: f64, y: f64) -> f64 {
     // The shaders take 0^y as exactly 0 or 1.
     if x <= 0.0 {
         return 0.0;

@@ -28,7 +28,7 @@ const ROUNDS: usize = 7000;
 /// Parameters of a dispatch.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
-pub struct Params {
+pub struct EchoParams {
     /// Number of lines.
     pub lines: u32,
     /// Number of samples of a line.
@@ -68,7 +68,7 @@ struct Binned {
 pub struct Device {
     gpu: Gpu,
     pipeline: Pipeline,
-    params: Params,
+    params: EchoParams,
     pulse: StorageBuffer,
     ranges: StorageBuffer,
     echoes: StorageBuffer,
@@ -85,12 +85,12 @@ impl Device {
     /// [`GpuError`] where the device fails or a buffer exceeds its limits.
     pub fn new(gpu: &Gpu, pulse: &Pulse, lines: usize, samples: usize) -> Result<Self, GpuError> {
         let length = pulse.length();
-        let params = Params {
+        let params = EchoParams {
             lines: lines as u32,
             samples: samples as u32,
             length: length as u32,
             ahead: length.next_multiple_of(BIN) as u32,
-            ..Params::default()
+            ..EchoParams::default()
         };
         let pipeline = Pipeline::new(
             gpu,
@@ -137,7 +137,7 @@ impl Device {
         self.scatterers.write(&self.gpu, 0, &binned.scatterers)?;
         self.ranges.write(&self.gpu, 0, &binned.ranges)?;
         for slot in 0..dispatches {
-            let params = Params {
+            let params = EchoParams {
                 first: slot * ROUNDS as u32,
                 count: ROUNDS as u32,
                 ..self.params
@@ -178,7 +178,7 @@ impl Device {
     }
 }
 
-impl Params {
+impl EchoParams {
     /// Number of bins: those before sample 0, and those of the samples.
     fn bins(&self) -> usize {
         (self.ahead + self.samples).div_ceil(BIN as u32) as usize
@@ -204,7 +204,7 @@ impl Params {
 }
 
 impl Binned {
-    fn new(scatterers: &[Scatterer], params: &Params) -> Self {
+    fn new(scatterers: &[Scatterer], params: &EchoParams) -> Self {
         let mut scatterers: Vec<Packed> = parallel::filter_map(scatterers, &|it| params.packed(it));
         parallel::sort_by(&mut scatterers, |a, b| {
             params.bin(a).cmp(&params.bin(b)).then(a.line.total_cmp(&b.line))

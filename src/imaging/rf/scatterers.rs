@@ -10,7 +10,7 @@ use super::echoes::{Pulse, Scatterer, echoes};
 use crate::effects::point_spread::PointSpread;
 use crate::effects::shadow::Shadow;
 use crate::effects::texture;
-use crate::synth::tables::{Anatomy, Inputs, Settings};
+use crate::synth::tables::{Anatomy, Settings};
 use crate::synth::{Backend, FrameState, SynthError};
 use insonify_base::blame::Blame;
 use insonify_base::matrix::inverse_rigid;
@@ -94,13 +94,8 @@ impl RfSynthesizer {
         }
         let grid = BeamGrid::new(&settings.probe).map_err(SynthError::from)?;
         let speckle = settings.effects.speckle.clone().unwrap_or_default();
-        let inputs = Inputs {
-            anatomy: &anatomy,
-            settings: &settings,
-            grid: &grid,
-        };
         let atlas = match settings.effects.texture {
-            Some(_) => texture::derive(&inputs)?,
+            Some(_) => texture::derive(&anatomy, &texture::key(&settings, &grid))?,
             None => None,
         };
         let nodes = anatomy.mesh.as_ref().map_or(Vec::new(), |mesh| mesh.nodes().to_vec());

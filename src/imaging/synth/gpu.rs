@@ -331,7 +331,7 @@ impl GpuExecutor {
         let made = self.buffers.get(&key);
         let fits = made.is_some_and(|made| made.bytes() == bytes.next_multiple_of(4).max(4));
         let contents = buffer.contents.filter(|_| !fits || changed);
-        let contents = contents.map(|contents| contents(tables, self.bands[part]));
+        let contents = contents.map(|contents| contents.bytes(tables, self.bands[part]));
         match contents {
             Some(mut contents) if bytes >= SHARED_BYTES => {
                 self.buffers.remove(&key);

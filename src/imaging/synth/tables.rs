@@ -90,17 +90,6 @@ impl Settings {
     }
 }
 
-/// Inputs of the tables of effects.
-#[derive(Clone, Copy)]
-pub struct Inputs<'a> {
-    /// Imaged anatomy in the world.
-    pub anatomy: &'a Anatomy,
-    /// Settings of the synthesizer.
-    pub settings: &'a Settings,
-    /// Grid of scanlines and samples.
-    pub grid: &'a BeamGrid,
-}
-
 /// Imaging properties of one label.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -165,11 +154,6 @@ impl Tables {
         let image_grid = image_grid(&grid, &settings.image)?;
         check_memory(&grid, &settings)?;
         let origin = LocalOrigin::of(&anatomy.volume);
-        let inputs = Inputs {
-            anatomy: &anatomy,
-            settings: &settings,
-            grid: &grid,
-        };
         let mut tables = Self {
             origin,
             volume: origin.volume(&anatomy.volume)?,
@@ -177,7 +161,7 @@ impl Tables {
             scan_map: clamped_scan_map(&grid, &image_grid),
             rays: rays(&grid),
             label_rows: Vec::new(),
-            effects: EffectTables::new(&inputs)?,
+            effects: EffectTables::new(&anatomy, &settings, &grid)?,
             grid,
             image_grid,
             anatomy,
@@ -199,14 +183,11 @@ impl Tables {
         };
         let image_grid = image_grid(&grid, &settings.image)?;
         check_memory(&grid, &settings)?;
-        let inputs = Inputs {
-            anatomy: &self.anatomy,
-            settings: &settings,
-            grid: &grid,
-        };
-        self.effects.set(&self.settings, &inputs)?;
+        let derived = self
+            .effects
+            .set(&self.anatomy, (&self.settings, &self.grid), (&settings, &grid))?;
         let remap = probe || image_grid != self.image_grid;
-        let old = std::mem::replace(&mut self.settings, settings);
+        self.settings = settings;
         self.grid = grid;
         self.image_grid = image_grid;
         let mut changed = Vec::new();
@@ -218,9 +199,8 @@ impl Tables {
             self.rays = rays(&self.grid);
             changed.push(&RAYS);
         }
-        let differs = REGISTRY.iter().filter(|effect| (effect.differs)(&old, &self.settings));
         let mut relabel = false;
-        for effect in differs {
+        for effect in derived {
             changed.extend(effect.buffers.iter().filter(|buffer| buffer.contents.is_some()));
             relabel |= effect.label_row.is_some();
         }
@@ -286,7 +266,7 @@ impl Tables {
                 ..LabelRow::default()
             };
             for write in REGISTRY.iter().filter_map(|effect| effect.label_row) {
-                write(self, label, &mut row);
+                write(&self.anatomy, &self.effects, label, &mut row);
             }
             row
         };
@@ -306,7 +286,10 @@ fn image_grid(grid: &BeamGrid, image: &ImageSize) -> Result<ImageGrid, SynthErro
 fn check_memory(grid: &BeamGrid, settings: &Settings) -> Result<(), SynthError> {
     let ImageSize { width, height, .. } = settings.image;
     let samples = (grid.lines() * grid.samples()) as u64;
-    let effects: u64 = REGISTRY.iter().map(|effect| (effect.memory)(settings, samples)).sum();
+    let effects: u64 = REGISTRY
+        .iter()
+        .map(|effect| (effect.extra_bytes)(settings, samples))
+        .sum();
     let what = format!(
         "a frame of {width} x {height} pixels from {} x {} samples",
         grid.lines(),

@@ -21,14 +21,17 @@ use crate::tradeoff::remesh::subject::generated;
 use crate::tradeoff::remesh::{RemeshOptions, study};
 use crate::tradeoff::{Axis, Factor, Figure, Row, Study, Table};
 use insonify::Error;
+use insonify_base::document::InputError;
 use insonify_base::machine::Machine;
 use insonify_gpu::Gpu;
-use insonify_imaging::effects::Stage;
+use insonify_imaging::effects::parameters::Slice;
+use insonify_imaging::effects::{Effects, Stage};
+use insonify_imaging::scene::{Scene, SceneFile};
 use insonify_imaging::synth::tables::{Anatomy, Settings};
 use insonify_imaging::synth::{FrameState, SynthError, Synthesizer};
 
-/// Default scene, with every effect that a frame can have.
-pub const SCENE: &str = r#"
+/// Deformed tissue and a needle.
+const SCENE: &str = r#"
 version = 1
 volume = { phantom = "abdomen" }
 needle = { tip_mm = [-52.3, -20.2, -25.1], entry_mm = [-32.0, -79.6, -7.1] }
@@ -36,21 +39,20 @@ needle = { tip_mm = [-52.3, -20.2, -25.1], entry_mm = [-32.0, -79.6, -7.1] }
 [deform]
 nodes = 5000
 field = { kind = "indentation", centre_mm = [-52.3, -20.2, -25.1], direction = [0, 1, 0], depth_mm = 4, radius_mm = 15 }
-
-[effects]
-contact = {}
-texture = {}
-thickness = {}
-speckle = {}
-interface = {}
-needle = {}
-shadow = {}
-refraction = {}
-blur = {}
-receiver = {}
-tone = {}
-noise = {}
 "#;
+
+/// Default scene, with every effect that a frame can have.
+///
+/// # Errors
+/// [`InputError`] if the phantom does not fit into memory.
+pub fn scene() -> Result<Scene, InputError> {
+    let mut scene = SceneFile::parse(SCENE, "the scene of --compare")?.resolve("".as_ref())?;
+    scene.settings.effects = Effects {
+        slice: Slice::default(),
+        ..Effects::all()
+    };
+    Ok(scene)
+}
 
 /// Sizes and durations of a comparison.
 #[derive(Debug)]

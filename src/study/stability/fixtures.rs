@@ -7,7 +7,7 @@ use nalgebra::{Matrix4, Point3, Vector3};
 use super::record::{Record, Unexpected, largest, noise};
 use insonify_gpu::{AdapterChoice, Gpu, Needs, adapter};
 use insonify_imaging::effects::Effects;
-use insonify_imaging::parity::{Case, Verdict};
+use insonify_imaging::parity::{Case, Comparison};
 use insonify_imaging::synth::tables::{self, Settings};
 use insonify_imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 use insonify_mechanics::block;
@@ -629,26 +629,26 @@ struct Sum {
     first: Option<String>,
 }
 
-/// Verdicts totalled by backend.
+/// Comparisons totalled by backend.
 #[derive(Default)]
 pub struct Tally(Vec<Sum>);
 
 impl Tally {
-    /// Adds the verdicts on a scene.
-    pub fn add(&mut self, case: &Case, verdicts: Vec<Verdict>) {
-        for (at, verdict) in verdicts.into_iter().enumerate() {
+    /// Adds the comparisons of a scene.
+    pub fn add(&mut self, case: &Case, comparisons: Vec<Comparison>) {
+        for (at, comparison) in comparisons.into_iter().enumerate() {
             if self.0.len() <= at {
                 self.0.push(Sum {
-                    backend: verdict.backend.clone(),
+                    backend: comparison.backend.clone(),
                     ..Sum::default()
                 });
             }
             let sum = &mut self.0[at];
-            sum.samples += verdict.samples;
-            sum.labels_apart += verdict.labels_apart;
-            sum.share = sum.share.max(verdict.share);
-            sum.faults += verdict.faults.len();
-            if let (None, Some(fault)) = (&sum.first, verdict.faults.first()) {
+            sum.samples += comparison.samples;
+            sum.labels_apart += comparison.labels_apart;
+            sum.share = sum.share.max(comparison.share);
+            sum.faults += comparison.faults.len();
+            if let (None, Some(fault)) = (&sum.first, comparison.faults.first()) {
                 sum.first = Some(format!("{}: {fault}", case.name));
             }
         }

@@ -1,6 +1,6 @@
 //! Straight cylinder in the thickened scan plane: filled fraction of the plane, and echo along a scanline.
 
-use super::{BEVEL, BEVEL_MM, GRAIN_MM, Params, Segment};
+use super::{BEVEL, BEVEL_MM, GRAIN_MM, NeedleParams, Segment};
 use crate::effects::common::scatterers;
 use insonify_base::real::Real;
 
@@ -71,7 +71,7 @@ impl<T: Real> Shaft<T> {
 
     /// Complex multiplier of the echo at a point of the plane: grains along the shaft, and a needle's brighter bevel.
     #[inline(always)]
-    pub(crate) fn grain(&self, x: T, y: T, numbers: &Params) -> [T; 2] {
+    pub(crate) fn grain(&self, x: T, y: T, numbers: &NeedleParams) -> [T; 2] {
         let along =
             (x - self.start[0]) * self.axis[0] + (y - self.start[1]) * self.axis[1] - self.start[2] * self.axis[2];
         let share = (along / self.length.max(T::of(1e-9))).max(T::zero()).min(T::one());
@@ -92,7 +92,7 @@ impl<T: Real> Shaft<T> {
     pub(super) fn scanline(
         &self,
         ray: [T; 4],
-        numbers: &Params,
+        numbers: &NeedleParams,
         mask: &mut [[T; 2]],
         mut add: impl FnMut(usize, [T; 2]),
     ) {

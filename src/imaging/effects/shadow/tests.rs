@@ -21,7 +21,7 @@ fn what_the_voxels_hold_decides_not_what_a_file_counted() {
     use insonify_anatomy::volume::LabelVolume;
     use insonify_tracking::probe::{Linear, Probe};
 
-    let verdict = |voxels: Vec<u8>, counted: u64| {
+    let with = |voxels: Vec<u8>, counted: u64| {
         let label = |value, name: &str| insonify_anatomy::volume::Label {
             value,
             name: Some(name.into()),
@@ -40,6 +40,6 @@ fn what_the_voxels_hold_decides_not_what_a_file_counted() {
         let settings = Settings::new(probe, [8; 2], Effects::usual());
         wanted(&Tables::new(anatomy, settings).expect("tables"))
     };
-    assert_eq!(verdict(vec![0, 1], 0), Ok("1 labels attenuate or occlude".into()));
-    assert!(verdict(vec![0, 0], 1).is_err());
+    assert_eq!(with(vec![0, 1], 0), Wanted::Yes("1 labels attenuate or occlude".into()));
+    assert!(matches!(with(vec![0, 0], 1), Wanted::No(_)));
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
-use super::super::{removable, take};
+use super::super::removable;
 use super::{CompareOptions, Factor, Subject};
 use crate::tradeoff::{Axis, Table};
 use insonify::Error;
@@ -21,8 +21,8 @@ const MAX: usize = 60;
 /// Returns the scene with only the effects to keep.
 fn with(subject: &Subject<'_>, settings: &Settings, keep: impl Fn(&Effect) -> bool) -> (Anatomy, Settings) {
     let (mut anatomy, mut settings) = (subject.anatomy.clone(), settings.clone());
-    for effect in removable().filter(|effect| !keep(effect)) {
-        take(effect, &mut anatomy, &mut settings);
+    for (_, remove) in removable().filter(|(effect, _)| !keep(effect)) {
+        remove(&mut anatomy, &mut settings);
     }
     (anatomy, settings)
 }
@@ -34,7 +34,7 @@ fn present(subject: &Subject<'_>, settings: &Settings) -> Result<Vec<&'static Ef
         let (anatomy, without) = with(subject, settings, |other| other.name != effect.name);
         plan.has(effect.name) && (without != *settings || anatomy.mesh.is_none() != subject.anatomy.mesh.is_none())
     };
-    Ok(removable().filter(changes).collect())
+    Ok(removable().map(|(effect, _)| effect).filter(changes).collect())
 }
 
 fn backends(options: &CompareOptions) -> Vec<(String, Box<dyn Fn() -> Backend + '_>)> {

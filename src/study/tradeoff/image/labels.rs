@@ -14,7 +14,6 @@ use insonify_imaging::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
 use insonify_imaging::effects::slice::{Beyond, Boundary};
 use insonify_imaging::effects::tone::Tone;
 use insonify_imaging::effects::{Effects, REGISTRY};
-use insonify_imaging::plan::Plan;
 use insonify_imaging::synth::tables::{Anatomy, Settings};
 use insonify_imaging::synth::{Backend, FrameState, Synthesizer};
 use insonify_tracking::probe::{Linear, Probe, ProbeShape};
@@ -308,11 +307,14 @@ const SIMPLER: [Simpler; 9] = [
 ];
 
 /// Settings of a frame with all effects, without each, and with each simplified.
-fn simplified(all: &Settings, plan: &Plan) -> Vec<(String, Settings)> {
+fn simplified(all: &Settings, synth: &Synthesizer) -> Vec<(String, Settings)> {
     let mut rows = vec![("every usual effect".to_owned(), all.clone())];
-    for effect in REGISTRY.iter().filter(|effect| plan.has(effect.name)) {
-        let mut settings = all.clone();
-        effect.remove.iter().for_each(|remove| remove(&mut settings));
+    for effect in REGISTRY.iter().filter(|effect| synth.plan().has(effect.name)) {
+        let (mut anatomy, mut settings) = (synth.tables().anatomy.clone(), all.clone());
+        effect
+            .remove
+            .iter()
+            .for_each(|remove| remove(&mut anatomy, &mut settings));
         if settings != *all {
             rows.push((format!("without {}", effect.name), settings));
         }
@@ -341,7 +343,7 @@ pub(super) fn effects(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec
     let standard = gold.render(&subject.state)?.pixels.clone();
     let inside = inside(&gold);
     let mut synth = subject.on(own.clone(), Backend::Cpu)?;
-    for (name, settings) in simplified(&own, gold.plan()) {
+    for (name, settings) in simplified(&own, &gold) {
         synth.set(settings)?;
         let found = picture(&mut synth, &subject.state, options.patience)?;
         let apart = Apart::of(&standard, &found.pixels, &inside);

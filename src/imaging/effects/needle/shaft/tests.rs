@@ -59,7 +59,7 @@ fn obliquely_the_volume_is_the_area_over_the_sine() {
 
 #[test]
 fn the_depths_tried_hold_every_echo() {
-    let numbers = Params {
+    let numbers = NeedleParams {
         sample_mm: 0.25,
         samples: 400,
         echo: 1.0,
@@ -94,7 +94,7 @@ fn the_depths_tried_hold_every_echo() {
 
 #[test]
 fn a_bevel_is_twice_as_loud_and_grains_have_the_spread_that_is_stated() {
-    let numbers = |roughness: f64| Params {
+    let numbers = |roughness: f64| NeedleParams {
         steady: (1.0 - roughness).sqrt() as f32,
         diffuse: roughness.sqrt() as f32,
         seed: [7, 9],

@@ -1,0 +1,148 @@
+//! Error bounds of interfaces: normals from labels around positions known to within rounding, and the roughness there.
+
+use crate::effects::interface::{ROUGHNESS_MM, Surfaces};
+use crate::effects::slice::WITHIN;
+
+use crate::effects::speckle::bound::{INTERPOLATION, LOUDEST, SLOPE};
+use crate::parity::rounding::{DIVIDE, ROOT, ULP, pow};
+use crate::parity::{Slack, Step};
+
+/// Change of the gradient per tap along each axis, as a sum over all taps: with weights `w = (1 - x^2 / 9)^2` and slopes `d = x (1 - x^2 /
+/// 9)` on six taps, the sums of `|w|`, `|w'|`, `|d|`, `|d'|` are below 3.3, 2.2, 5 and 5.5.
+const CHANGE: f64 = 5.5 * 3.3 * 3.3;
+
+/// Rounding error of the gradient: 216 sums of products of weights of ten operations each.
+const SUMS: f64 = (216.0 + 3.0 * 10.0 + 3.0) * ULP * 5.0 * 3.3 * 3.3;
+
+/// Rounding error of one term of an index, in ULP: matrix stored (1/2), product (1), three sums (3).
+const TERM: f64 = 4.5;
+
+pub(crate) fn carry(step: &Step, slack: &mut Slack) {
+    let tables = step.tables;
+    let surfaces = Surfaces::<f64>::new(tables);
+    let own = tables.settings.effects.interface.clone().unwrap_or_default();
+    let mirror = 10f64.powf(own.mirror_db / 20.0);
+    let (lines, samples) = (step.lines(), step.samples());
+    slack.specular = vec![[0.0; 2]; lines * samples];
+    let loudest = 1.0 + LOUDEST;
+    for line in 0..lines {
+        let mut sums = vec![[0.0; 2]; samples];
+        for below in 1..samples {
+            let pair = [line * samples + below - 1, line * samples + below];
+            let labels = [&step.after.label, &step.twin.label].map(|labels| pair.map(|at| labels[at]));
+            let places = pair.map(|at| step.after.position[at]);
+            let [exact, twin] = labels.map(|labels| surfaces.echo(labels, places).unwrap_or([0.0; 2]));
+            let size = 0.5 * mirror * surfaces.coefficient(labels[1]);
+            let torn = pair.iter().any(|at| slack.torn.get(*at).copied().unwrap_or(false));
+            let stepped = labels[1][0] != labels[1][1];
+            let rounding = match (stepped, torn) {
+                (false, _) => 0.0,
+                (true, true) => 2.0 * size * loudest,
+                (true, false) => {
+                    let offs = pair.map(|at| slack.position[at]);
+                    rounding(step, &surfaces, own.directivity, labels[1], places, offs) * size
+                }
+            };
+            let off = (exact[0] - twin[0]).hypot(exact[1] - twin[1]) + rounding;
+            let size = exact[0].hypot(exact[1]);
+            for at in [below - 1, below] {
+                sums[at] = [sums[at][0] + off, sums[at][1] + size];
+            }
+        }
+        for (sample, [off, size]) in sums.into_iter().enumerate() {
+            let index = line * samples + sample;
+            if tables.effects.speckle.is_some() {
+                slack.specular[index] = [off + 5.0 * ULP * size, size];
+            } else {
+                slack.amplitude[index] += off + (ROOT + 5.0 * ULP) * size + ULP * step.after.amplitude[index];
+            }
+        }
+    }
+}
+
+/// Returns the rounding error of the echo of a surface of size 1.
+fn rounding(
+    step: &Step,
+    surfaces: &Surfaces<f64>,
+    power: f64,
+    labels: [u8; 2],
+    places: [[f64; 4]; 2],
+    offs: [[f64; 3]; 2],
+) -> f64 {
+    let loudest = 1.0 + LOUDEST;
+    let [before, after] = places.map(|place| [place[0], place[1], place[2]]);
+    let cosine = surfaces.cosine(labels, [before, after]);
+    let cosine_off = cosine_off(step, surfaces, labels, [before, after], offs, cosine);
+    let [low, high] = [(cosine - cosine_off).max(0.0), (cosine + cosine_off).min(1.0)];
+    let raised = cosine.powf(power);
+    let raised_off = (high.powf(power) - raised).max(raised - low.powf(power)) + high.powf(power) * pow(high, power);
+    let steps: f64 = (0..3)
+        .map(|axis| (offs[1][axis] + 3.0 * ULP * after[axis].abs()) / ROUGHNESS_MM)
+        .sum();
+    let rough_off = SLOPE * steps + LOUDEST * INTERPOLATION;
+    // Coefficient and products.
+    raised_off * loudest + (raised + raised_off) * (rough_off + (DIVIDE + 10.0 * ULP) * loudest)
+}
+
+/// Bounds the error of a cosine.
+fn cosine_off(
+    step: &Step,
+    surfaces: &Surfaces<f64>,
+    labels: [u8; 2],
+    [before, after]: [[f64; 3]; 2],
+    offs: [[f64; 3]; 2],
+    cosine: f64,
+) -> f64 {
+    let matrix = step.tables.volume.world_to_index();
+    let size = step.tables.volume.size();
+    // Error bounds of the indices of the two positions.
+    let index_off = |place: [f64; 3], off: [f64; 3]| -> [f64; 3] {
+        std::array::from_fn(|row| {
+            let terms = |q: [f64; 3]| (0..3).map(|c| (matrix[(row, c)] * q[c]).abs()).sum::<f64>();
+            terms(off) + TERM * ULP * (terms(place) + matrix[(row, 3)].abs())
+        })
+    };
+    let ends: [[f64; 3]; 2] = [index_off(before, offs[0]), index_off(after, offs[1])];
+    let index = |place: [f64; 3]| -> [f64; 3] {
+        std::array::from_fn(|row| (0..3).map(|c| matrix[(row, c)] * place[c]).sum::<f64>() + matrix[(row, 3)])
+    };
+    let (from, to) = (index(before), index(after));
+    let near_face = (0..3).any(|axis| {
+        let shifted = to[axis] + 0.5;
+        let reach = ends[1][axis] + 2.0 * WITHIN;
+        shifted.abs() < reach || (shifted - size[axis] as f64).abs() < reach
+    });
+    let gradient = surfaces.gradient(labels, after);
+    let (Some(gradient), false) = (gradient, near_face) else {
+        return if near_face { 1.0 } else { 0.0 };
+    };
+    let stride = surfaces.stride();
+    // Division by the stride: errors of the position, with its rounding, and of the result.
+    let moved: f64 = (0..3)
+        .map(|axis| (ends[1][axis] + 4.0 * ULP * size[axis] as f64) / stride[axis])
+        .sum();
+    let gradient_off: [f64; 3] =
+        std::array::from_fn(|axis| (CHANGE * moved + SUMS) / stride[axis] + DIVIDE * gradient[axis].abs());
+    let (mut along_off, mut along_size) = (0.0, 0.0);
+    let (mut steep, mut steep_off, mut long, mut long_off) = (0.0f64, 0.0f64, 0.0f64, 0.0f64);
+    for axis in 0..3 {
+        let crossed = (to[axis] - from[axis]).abs();
+        along_off += gradient_off[axis] * crossed
+            + (gradient[axis].abs() + gradient_off[axis]) * (ends[0][axis] + ends[1][axis]);
+        along_size += gradient[axis].abs() * crossed;
+        let slope = |of: [f64; 3]| (0..3).map(|row| (matrix[(row, axis)] * of[row]).abs()).sum::<f64>();
+        let exact: f64 = (0..3).map(|row| matrix[(row, axis)] * gradient[row]).sum();
+        steep += exact * exact;
+        steep_off += (slope(gradient_off) + 4.0 * ULP * slope(gradient)).powi(2);
+        let apart = after[axis] - before[axis];
+        long += apart * apart;
+        long_off += (offs[0][axis] + offs[1][axis] + ULP * (before[axis].abs() + after[axis].abs())).powi(2);
+    }
+    let (steep, steep_off, long, long_off) = (steep.sqrt(), steep_off.sqrt(), long.sqrt(), long_off.sqrt());
+    let relative = steep_off / steep + long_off / long;
+    if relative.is_nan() || relative > 0.25 {
+        return 1.0;
+    }
+    let along_off = (along_off + 6.0 * ULP * along_size) / (steep * long);
+    ((along_off + cosine * relative) / (1.0 - 1.3 * relative) + cosine * (ROOT + DIVIDE + 12.0 * ULP)).min(1.0)
+}

@@ -1,0 +1,295 @@
+//! Error bounds of shadows: sums of integers, equal wherever the labels above agree, their exponentials, and their means over the aperture
+//! and over the beam.
+
+use crate::effects::common::spacing;
+use crate::effects::shadow::aperture::{RAYS, element_at, line_at};
+use crate::effects::shadow::penumbra::opaque_units;
+use crate::effects::shadow::reverberation::{directivity, reflection, share, slope, top};
+use crate::effects::shadow::{MAX_UNITS, exponent_per_unit, mirror, needle_units, opens};
+
+use crate::parity::rounding::{DIVIDE, ROOT, TINY, ULP, exp2};
+use crate::parity::{Slack, Step};
+
+/// Propagates the bounds through the pass of the losses, which does not change echoes.
+pub(crate) fn carry_loss(step: &Step, slack: &mut Slack) {
+    let samples = step.samples();
+    let scanlines = (0..step.lines()).flat_map(|line| {
+        down(samples, |sample| {
+            let index = line * samples + sample;
+            let [tissue, tissue_off] = tissue(step, index, |_| true);
+            let [needle, needle_off] = needle(step, slack, index);
+            [tissue + needle, tissue_off + needle_off]
+        })
+    });
+    let losses = scanlines.map(|[_, off]| off).collect();
+    slack.loss = losses;
+}
+
+/// Returns the loss of a sample, in units, in a tissue that counts, and its error bound.
+fn tissue(step: &Step, index: usize, counts: impl Fn(u32) -> bool) -> [f64; 2] {
+    let loss = |label: u8| {
+        let loss = step.tables.label_rows[usize::from(label)].loss;
+        if counts(loss) { f64::from(loss) } else { 0.0 }
+    };
+    let [exact, twin] = [step.after, step.twin].map(|beam| loss(beam.label[index]));
+    [exact, (exact - twin).abs()]
+}
+
+/// Returns the loss of a sample in the needle, in units, and its error bound.
+fn needle(step: &Step, slack: &Slack, index: usize) -> [f64; 2] {
+    let units = f64::from(needle_units(step.tables));
+    let Some(shade) = step.after.shade.get(index).filter(|_| step.tables.settings.has_needle) else {
+        return [0.0; 2];
+    };
+    let shade_off = slack.shade.get(index).copied().unwrap_or(0.0);
+    // Truncating the product to whole units may change it by one.
+    let off = if shade_off > 0.0 {
+        units * (shade_off + ULP) + 1.0
+    } else {
+        0.0
+    };
+    [(shade * units).floor(), off]
+}
+
+/// Accumulates the samples' own losses down to the middle of each sample, with error bounds.
+fn down(samples: usize, own: impl Fn(usize) -> [f64; 2]) -> Vec<[f64; 2]> {
+    let mut above = [0.0; 2];
+    let sample = |sample| {
+        let [loss, off] = own(sample);
+        // Half of the sample's own loss, again truncated to whole units.
+        let halved = if off > 0.0 { 0.5 * off + 1.0 } else { 0.0 };
+        let found = [above[0] + (0.5 * loss).floor(), above[1] + halved];
+        above = [above[0] + loss, above[1] + off];
+        found
+    };
+    (0..samples).map(sample).collect()
+}
+
+/// Returns the one-way transmittance of every sample before the mean over the beam, with error bounds.
+fn through(step: &Step, slack: &Slack) -> Vec<[f64; 2]> {
+    let (lines, samples) = (step.lines(), step.samples());
+    if !opens(step.tables) {
+        let losses = step.after.loss.iter().zip(&slack.loss);
+        return losses.map(|(loss, off)| one_way(f64::from(*loss), *off)).collect();
+    }
+    let opaque = opaque_units(step.tables.sample_mm());
+    let shifts = &step.tables.effects.shadow.aperture;
+    let of_rays: Vec<[f64; 2]> = (0..RAYS * lines)
+        .flat_map(|row| {
+            let (ray, element) = (row / lines, row % lines);
+            let losses = down(samples, |sample| {
+                let Some(line) = line_at(shifts, samples, [ray, element, sample], lines) else {
+                    return [0.0; 2];
+                };
+                let index = line * samples + sample;
+                let [tissue, tissue_off] = tissue(step, index, |loss| loss >= opaque);
+                let [needle, needle_off] = needle(step, slack, index);
+                [tissue + needle, tissue_off + needle_off]
+            });
+            losses.into_iter().map(|[loss, off]| one_way(loss, off))
+        })
+        .collect();
+    let mean = |line: usize, sample: usize| {
+        let elements = (0..RAYS).filter_map(|ray| {
+            element_at(shifts, samples, [ray, line, sample], lines)
+                .map(|element| (ray * lines + element) * samples + sample)
+        });
+        let (sum, count) = elements.fold(([0.0; 2], 0.0), |([value, off], count), at| {
+            ([value + of_rays[at][0], off + of_rays[at][1]], count + 1.0)
+        });
+        let [value, off] = sum.map(|x| x / count);
+        [value, off + ((RAYS + 1) as f64 * ULP + DIVIDE) * (value + off)]
+    };
+    (0..lines)
+        .flat_map(|line| {
+            let soft = down(samples, |sample| {
+                tissue(step, line * samples + sample, |loss| loss < opaque)
+            });
+            let soft = soft.into_iter().map(|[loss, off]| one_way(loss, off)).enumerate();
+            soft.map(move |(sample, soft)| (line, sample, soft))
+        })
+        .map(|(line, sample, [soft, soft_off])| {
+            let [mean, mean_off] = mean(line, sample);
+            let off = soft_off * (mean + mean_off) + soft * mean_off;
+            [soft * mean, off + ULP * (soft * mean + off) + TINY]
+        })
+        .collect()
+}
+
+/// Returns the one-way transmittance for a loss, and its error bound.
+fn one_way(loss: f64, off: f64) -> [f64; 2] {
+    let exponent = 0.5 * exponent_per_unit();
+    let left = |units: f64| (units.clamp(0.0, f64::from(MAX_UNITS)) * exponent).exp2();
+    let (most, least) = (left(loss - off), left(loss + off));
+    let largest = (loss + off) * exponent.abs();
+    // Units converted, beyond 2^24 in either direction (1), factor stored (1/2), product (1); then the exponential.
+    let relative = exp2(largest, 2.5 * ULP * largest);
+    [left(loss), most - least + most * relative.min(1.0) + TINY]
+}
+
+/// Propagates the bounds through the mean over the beam.
+pub(crate) fn carry(step: &Step, slack: &mut Slack) {
+    let Some(kernel) = &step.tables.effects.shadow.penumbra else {
+        return slack.fault("a shadow without a kernel");
+    };
+    let (lines, samples) = (step.lines(), step.samples());
+    let opaque = opaque_units(step.tables.sample_mm());
+    let is_opaque = |label: u8| step.tables.label_rows[usize::from(label)].loss >= opaque;
+    let all = through(step, slack);
+    for sample in 0..samples {
+        let weights: Vec<f64> = kernel.at(sample).collect();
+        let through: Vec<[f64; 2]> = (0..lines).map(|line| all[line * samples + sample]).collect();
+        for line in 0..lines {
+            let (mut mean, mut off, mut norm) = (0.0, 0.0, 0.0);
+            for (tap, weight) in weights.iter().enumerate() {
+                if let Some(other) = (line + tap).checked_sub(kernel.reach).filter(|&other| other < lines) {
+                    mean += weight * through[other][0];
+                    off += weight * through[other][1];
+                    norm += weight;
+                }
+            }
+            let (mean, off) = (mean / norm, off / norm);
+            // As in `blur`: weights stored (1/2), products (1) and sums; for a truncated kernel also a division.
+            let off = off + ((1.5 + 2.0 * weights.len() as f64) * ULP + DIVIDE) * (mean + off) / norm.min(1.0);
+            let index = line * samples + sample;
+            let [own, own_off] = through[line];
+            let darker = [own.min(mean), off.max(own_off)];
+            let [left, off] = match [step.after, step.twin].map(|beam| is_opaque(beam.label[index])) {
+                [false, false] => [mean, off],
+                [true, true] => darker,
+                // Within rounding of the face of something opaque: any value between.
+                [true, false] => [darker[0], mean - darker[0] + off.max(own_off)],
+                [false, true] => [mean, mean - darker[0] + off.max(own_off)],
+            };
+            let (square, square_off) = (left * left, (2.0 * left + off) * off);
+            let amplitude = step.before.amplitude[index].abs();
+            // Two products.
+            slack.amplitude[index] = slack.amplitude[index] * (square + square_off)
+                + amplitude * (square_off + 2.0 * ULP * (square + square_off))
+                + TINY * (1.0 + amplitude);
+        }
+    }
+}
+
+/// Returns the first opaque sample of each scanline, for both backends.
+fn tops(step: &Step) -> [Vec<u32>; 2] {
+    let (lines, samples) = (step.lines(), step.samples());
+    let opaque = opaque_units(step.tables.sample_mm());
+    let is_opaque = |label: u8| step.tables.label_rows[usize::from(label)].loss >= opaque;
+    [step.after, step.twin].map(|beam| {
+        let scanlines = beam.label[..lines * samples].chunks(samples);
+        scanlines.map(|labels| top(labels, is_opaque)).collect()
+    })
+}
+
+/// Returns the rounding error of the norm of two numbers: squares below the smallest normal number may be flushed to zero.
+fn norm(size: f64) -> f64 {
+    (ROOT + 4.0 * ULP) * size + 2.0 * TINY.sqrt()
+}
+
+/// Propagates the bounds through the pass that adds mirror images.
+pub(crate) fn carry_mirror(step: &Step, slack: &mut Slack) {
+    let (lines, samples) = (step.lines(), step.samples());
+    let spacing = spacing(step.tables);
+    let tops = tops(step);
+    let share = mirror::share(step.tables);
+    let before = &step.before.amplitude;
+    let carried = slack.amplitude.clone();
+    for line in 0..lines {
+        let row = line * samples;
+        // Mirror image with its error bound, for each backend.
+        let images = [(&tops[0], step.after), (&tops[1], step.twin)].map(|(tops, beam)| {
+            let mut images = vec![[0.0; 2]; samples];
+            let depth = tops[line] as usize;
+            let is_gas = |label: u8| step.tables.label_rows[usize::from(label)].impedance < mirror::GAS_MRAYL;
+            if depth >= samples || !is_gas(beam.label[row + depth]) {
+                return images;
+            }
+            let mirror = mirror::Mirror { tops, samples, spacing };
+            let slope = slope(tops, line, samples, spacing);
+            let at = row + depth - 1;
+            let rate = f64::from(step.after.loss[at]) * exponent_per_unit() / depth as f64;
+            for (sample, image) in images.iter_mut().enumerate().skip(depth) {
+                let [from_line, from, longer] = mirror.place(line, slope, sample);
+                if !(-2.0..lines as f64 + 1.0).contains(&from_line) || !(-2.0..samples as f64 + 1.0).contains(&from) {
+                    continue;
+                }
+                // About twenty operations on lengths up to the radius of the far end, also in units of scanlines.
+                let apart = spacing[0] + spacing[1] * from.max(0.5);
+                let radius = if spacing[1] > 0.0 { spacing[0] / spacing[1] } else { 0.0 } + samples as f64;
+                let off = 20.0 * ULP * 2.0 * radius;
+                let off = off + off / apart + 4.0 * ULP * lines as f64;
+                let around = |values: &[f64]| {
+                    let window = |at: f64, count: usize| {
+                        let first = at.floor() as i64 - 1;
+                        first.max(0) as usize..(first + 4).clamp(0, count as i64) as usize
+                    };
+                    let mut most = 0.0f64;
+                    for other in window(from_line, lines) {
+                        for sample in window(from, samples) {
+                            most = most.max(values[other * samples + sample]);
+                        }
+                    }
+                    most
+                };
+                let exponent = rate * longer;
+                let left = share * exponent.exp2();
+                let lost = (slack.loss[at] * exponent_per_unit().abs() / depth as f64) * longer;
+                let relative = exp2(exponent.abs(), 8.0 * ULP * exponent.abs() + lost + rate.abs() * off);
+                let largest = around(before);
+                let exact = left * mirror.echo(before, [from_line, from]);
+                *image = [
+                    exact,
+                    left * (2.0 * off * largest + around(&carried)) + (relative + 12.0 * ULP) * left * largest,
+                ];
+            }
+            images
+        });
+        let least = tops[0][line].min(tops[1][line]) as usize;
+        for sample in least..samples {
+            let [[exact, off], [twin, twin_off]] = [images[0][sample], images[1][sample]];
+            // The norm of a pair moves by at most the change of either component.
+            slack.amplitude[row + sample] +=
+                (exact - twin).abs() + off.max(twin_off) + norm(before[row + sample].hypot(exact));
+        }
+    }
+}
+
+/// Propagates the bounds through the pass that adds reverberation.
+pub(crate) fn carry_reverberation(step: &Step, slack: &mut Slack) {
+    let (lines, samples) = (step.lines(), step.samples());
+    let [tops, of_twin] = tops(step);
+    for line in 0..lines {
+        let row = line * samples;
+        let before = &step.before.amplitude[row..][..samples];
+        // Gain with its error bound, and the resulting echoes.
+        let repeated = |tops: &[u32], labels: &[u8]| {
+            let depth = tops[line] as usize;
+            if depth >= samples {
+                return (0.0, 0.0, before.to_vec());
+            }
+            let at = row + depth - 1;
+            let [one_way, off] = one_way(f64::from(step.after.loss[at]), slack.loss[at]);
+            let share = share(step.tables) * reflection(step.tables, [labels[at], labels[at + 1]]);
+            let gain = share * one_way * one_way * directivity(tops, line, samples, spacing(step.tables));
+            // Twice the one-way loss; about seventy operations on numbers up to 1 in the directivity, the reflection and the product.
+            let off = share * ((2.0 * one_way + off) * off + 70.0 * ULP);
+            let mut echoes = before.to_vec();
+            for sample in depth..samples {
+                echoes[sample] = echoes[sample].hypot(gain * echoes[sample - depth]);
+            }
+            (gain, off, echoes)
+        };
+        let (gain, gain_off, echoes) = repeated(&tops, &step.after.label);
+        let (of_other, other_off, others) = repeated(&of_twin, &step.twin.label);
+        let (gain, gain_off) = (gain.max(of_other), gain_off.max(other_off));
+        let least = tops[line].min(of_twin[line]) as usize;
+        for sample in least..samples {
+            let [now, from] = [row + sample, row + sample - least];
+            // The norm of a pair moves by at most the change of either component.
+            slack.amplitude[now] +=
+                (gain + gain_off) * slack.amplitude[from] + gain_off * echoes[sample - least] + norm(echoes[sample]);
+            slack.amplitude[now] += (echoes[sample] - others[sample]).abs();
+        }
+    }
+}

@@ -1,0 +1,268 @@
+//! Speckle on a constant tissue, before any blur: first- and second-order statistics.
+
+use insonify_imaging::effects::speckle::Speckle;
+use insonify_imaging::synth::layers::Beam;
+use insonify_imaging::synth::tables::Settings;
+use insonify_imaging::synth::{Backend, FrameState, Synthesizer};
+use insonify_tracking::probe::{Linear, ProbeShape};
+use nalgebra::{Matrix4, Vector3};
+
+use crate::support::anatomy::{self, PLAIN};
+use crate::support::scene;
+use crate::support::scene::{precisions, synthesizer};
+use crate::support::stats::{correlation, full_width, kolmogorov_smirnov, mean, std};
+
+const LINES: usize = 96;
+const SAMPLES: usize = 240;
+const DEPTH_MM: f64 = 48.0;
+const WIDTH_MM: f64 = 38.0;
+const SAMPLE_MM: f64 = DEPTH_MM / SAMPLES as f64;
+const LINE_MM: f64 = WIDTH_MM / (LINES as f64 - 1.0);
+
+fn settings(speckle: Speckle) -> Settings {
+    let probe = scene::probe(
+        ProbeShape::Linear(Linear { width_mm: WIDTH_MM }),
+        DEPTH_MM,
+        LINES as u32,
+        SAMPLES as u32,
+    );
+    let mut settings = scene::settings(probe, scene::bare());
+    settings.effects.speckle = Some(speckle);
+    settings
+}
+
+/// Speckle whose lateral width is the same at all depths.
+fn even(axial_mm: f64, lateral_mm: f64, elevational_mm: f64) -> Speckle {
+    Speckle {
+        axial_mm: Some(axial_mm),
+        lateral_mm: Some(lateral_mm),
+        elevational_mm: Some(elevational_mm),
+        focus_mm: None,
+        focal_zone_mm: Some(10_000.0),
+    }
+}
+
+fn field(synthesizer: &mut Synthesizer, state: &FrameState) -> Beam {
+    synthesizer.render_until("speckle_lateral", state).expect("a beam")
+}
+
+/// Speckle under `count` seeds, each at another place, so that the lattice of scatterers is met in all its phases.
+fn fields(settings: &Settings, backend: Backend, count: u64) -> Vec<Beam> {
+    let mut synthesizer = synthesizer(&anatomy::uniform(PLAIN), settings, backend);
+    (0..count)
+        .map(|at| {
+            let seed = (at + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            synthesizer
+                .set(Settings {
+                    seed,
+                    ..settings.clone()
+                })
+                .expect("another seed");
+            let place = Vector3::new(0.137, 0.211, 0.319) * at as f64;
+            field(&mut synthesizer, &FrameState::at(Matrix4::new_translation(&place)))
+        })
+        .collect()
+}
+
+/// A probe moved out of its plane.
+fn beside(z: f64) -> FrameState {
+    FrameState::at(Matrix4::new_translation(&Vector3::new(0.0, 0.0, z)))
+}
+
+/// Correlations of intensity at 0, 1, 2, ... samples along the beam, or scanlines across it, over all fields.
+fn autocorrelation(fields: &[Beam], stride: usize, reach: usize, rows: std::ops::Range<usize>) -> Vec<f64> {
+    (0..reach)
+        .map(|lag| {
+            let (mut a, mut b) = (Vec::new(), Vec::new());
+            for beam in fields {
+                for line in 0..beam.lines {
+                    for sample in rows.clone() {
+                        let (at, other) = (
+                            line * beam.samples + sample,
+                            line * beam.samples + sample + lag * stride,
+                        );
+                        let stays = if stride == 1 {
+                            sample + lag < rows.end
+                        } else {
+                            line + lag < beam.lines
+                        };
+                        if stays {
+                            a.push(beam.amplitude[at].powi(2));
+                            b.push(beam.amplitude[other].powi(2));
+                        }
+                    }
+                }
+            }
+            correlation(&a, &b)
+        })
+        .collect()
+}
+
+#[test]
+fn amplitudes_are_rayleigh_distributed() {
+    for (name, backend) in precisions() {
+        // Three lengths apart, where intensities are correlated by (1/2)^36 = 1e-11 or less, samples count as independent.
+        let speckle = even(0.8, 1.5, 1.6);
+        let (down, across) = ((2.4 / SAMPLE_MM).ceil() as usize, (4.5 / LINE_MM).ceil() as usize);
+        let mut sample = Vec::new();
+        for beam in fields(&settings(speckle), backend, 30) {
+            for line in (0..LINES).step_by(across) {
+                sample.extend(
+                    (20..SAMPLES - 20)
+                        .step_by(down)
+                        .map(|i| beam.amplitude[line * SAMPLES + i]),
+                );
+            }
+        }
+        let n = sample.len() as f64;
+        // Mean over standard deviation is sqrt(pi / (4 - pi)) = 1.913. By the delta method its estimate has the variance
+        // (1 - r g + r^2 (k - 1) / 4) / n = 1.85 / n, with r the ratio, skewness g = 0.631 and kurtosis k = 3.245.
+        let ratio = mean(&sample) / std(&sample);
+        assert!(
+            (ratio - 1.913).abs() < 4.0 * (1.85 / n).sqrt(),
+            "{name}: mean over standard deviation {ratio}, n {n}"
+        );
+        let distance = kolmogorov_smirnov(sample, |a| 1.0 - (-a * a).exp());
+        println!("{name}: {n} samples, mean/std {ratio:.3}, Kolmogorov-Smirnov {distance:.3}");
+        assert!(
+            distance < 1.628,
+            "{name}: not Rayleigh of power 1: {distance} above the 1 % level"
+        );
+    }
+}
+
+#[test]
+fn mean_power_is_one_at_every_depth_and_line_edges_included() {
+    for (name, backend) in precisions() {
+        let speckle = Speckle {
+            focal_zone_mm: Some(15.0),
+            ..even(0.8, 1.5, 1.6)
+        };
+        let fields = fields(&settings(speckle), backend, 60);
+        let check = |what: &str, at: usize, samples: &dyn Fn(&Beam) -> Vec<f64>| {
+            let powers: Vec<f64> = fields
+                .iter()
+                .map(|beam| mean(&samples(beam).iter().map(|a| a * a).collect::<Vec<_>>()))
+                .collect();
+            let error = std(&powers) / (powers.len() as f64).sqrt();
+            let off = (mean(&powers) - 1.0).abs();
+            // Of 336 rows one in 1,500 runs lies beyond 5 standard errors.
+            assert!(
+                off < 5.0 * error,
+                "{name}: power {} at {what} {at}, standard error {error}",
+                mean(&powers)
+            );
+        };
+        for sample in 0..SAMPLES {
+            check("sample", sample, &|beam| {
+                (0..LINES).map(|line| beam.amplitude[line * SAMPLES + sample]).collect()
+            });
+        }
+        for line in 0..LINES {
+            check("line", line, &|beam| {
+                beam.amplitude[line * SAMPLES..][..SAMPLES].to_vec()
+            });
+        }
+    }
+}
+
+#[test]
+fn correlation_lengths_are_those_asked() {
+    for (axial, lateral, elevational) in [(0.8, 1.5, 1.6), (1.2, 1.2, 1.2), (0.6, 2.4, 2.2), (1.0, 4.0, 1.5)] {
+        let settings = settings(even(axial, lateral, elevational));
+        let fields = fields(&settings, Backend::CpuF64, 12);
+        let found_axial = full_width(&autocorrelation(&fields, 1, 16, 20..SAMPLES - 20), SAMPLE_MM);
+        let found_lateral = full_width(&autocorrelation(&fields, SAMPLES, 24, 20..SAMPLES - 20), LINE_MM);
+        let mut synthesizer = synthesizer(&anatomy::uniform(PLAIN), &settings, Backend::CpuF64);
+        let step = elevational / 8.0;
+        let intensity = |synthesizer: &mut Synthesizer, z: f64| -> Vec<f64> {
+            field(synthesizer, &beside(z)).amplitude.iter().map(|a| a * a).collect()
+        };
+        // Several places, so that the lattice is met in all its phases.
+        let places = [0.0, 11.3, 24.9, 37.1, 51.7, 66.2];
+        let mut by_distance = vec![0.0; 14];
+        for place in places {
+            let first = intensity(&mut synthesizer, place);
+            for (lag, sum) in by_distance.iter_mut().enumerate() {
+                *sum +=
+                    correlation(&first, &intensity(&mut synthesizer, place + lag as f64 * step)) / places.len() as f64;
+            }
+        }
+        let found_elevational = full_width(&by_distance, step);
+        println!(
+            "asked {axial} x {lateral} x {elevational} mm, found {found_axial:.3} x {found_lateral:.3} x {found_elevational:.3}"
+        );
+        let lengths = [
+            ("axial", axial, found_axial),
+            ("lateral", lateral, found_lateral),
+            ("elevational", elevational, found_elevational),
+        ];
+        for (what, expected, measured) in lengths {
+            assert!(
+                (measured / expected - 1.0).abs() < 0.12,
+                "{what} length {measured} mm instead of {expected}"
+            );
+        }
+    }
+}
+
+#[test]
+fn lateral_length_grows_away_from_the_focus() {
+    let speckle = Speckle {
+        focus_mm: Some(12.0),
+        focal_zone_mm: Some(12.0),
+        ..even(0.8, 1.5, 1.6)
+    };
+    let fields = fields(&settings(speckle), Backend::CpuF64, 30);
+    for depth in [12.0, 24.0, 36.0] {
+        let expected = 1.5 * (1.0f64 + ((depth - 12.0) / 12.0f64).powi(2)).sqrt();
+        let middle = (depth / SAMPLE_MM) as usize;
+        let width = full_width(
+            &autocorrelation(&fields, SAMPLES, 24, middle - 12..middle + 12),
+            LINE_MM,
+        );
+        println!("{depth} mm: asked {expected:.2}, found {width:.2}");
+        assert!(
+            (width / expected - 1.0).abs() < 0.12,
+            "{width} mm at {depth} mm, not {expected}"
+        );
+    }
+}
+
+#[test]
+fn speckle_decorrelates_out_of_plane_and_between_seeds() {
+    for (name, backend) in precisions() {
+        let settings = settings(even(0.8, 1.5, 1.6));
+        let mut synthesizer = synthesizer(&anatomy::uniform(PLAIN), &settings, backend);
+        let first = field(&mut synthesizer, &beside(0.0)).amplitude;
+        // Cells of one correlation area each: a correlation of independent fields has a standard deviation of 1 / sqrt(n).
+        let cells = WIDTH_MM / 1.5 * DEPTH_MM / 0.8;
+        let limit = 4.0 / cells.sqrt();
+        let beside = field(&mut synthesizer, &beside(4.0)).amplitude;
+        let measured = correlation(&first, &beside);
+        assert!(
+            measured.abs() < limit,
+            "{name}: correlation {measured} at 2.5 elevational lengths"
+        );
+        let near = field(&mut synthesizer, &self::beside(0.2)).amplitude;
+        // By a Gaussian of that width 2^-(1/16) = 0.96 is left.
+        let left = correlation(&first, &near);
+        assert!(
+            (left - 0.96).abs() < 0.03,
+            "{name}: {left} is left of the correlation at an eighth of a length"
+        );
+        let seed = settings.seed ^ (1 << 40);
+        synthesizer
+            .set(Settings {
+                seed,
+                ..settings.clone()
+            })
+            .expect("another seed");
+        let other = field(&mut synthesizer, &scene::straight()).amplitude;
+        let measured = correlation(&first, &other);
+        assert!(
+            measured.abs() < limit,
+            "{name}: correlation {measured} between seeds that differ in one high bit"
+        );
+    }
+}

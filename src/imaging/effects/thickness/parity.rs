@@ -1,0 +1,36 @@
+//! Thickness: a power average over sub-planes. Only the central sub-plane is read back; the others are followed as the
+//! central planes of probes moved along the elevation, and there every label that rounding allows counts.
+
+use insonify_imaging::effects::slice::Boundary;
+use insonify_imaging::effects::thickness::Thickness;
+
+use crate::parity_tests::case::{Case, check_all, random};
+use crate::parity_tests::scenes;
+use crate::support::scene::{self, SHAPES};
+
+#[test]
+fn thick_planes_of_every_probe_shape() {
+    let mut cases = Vec::new();
+    for (at, (name, shape)) in SHAPES.into_iter().enumerate() {
+        let mut settings = scene::settings(scene::probe(shape, 40.0, 24, 96), scene::bare());
+        settings.effects.thickness = Some(Thickness {
+            width_mm: 4.0,
+            planes: [3, 5, 7, 9, 5][at % 5],
+        });
+        settings.effects.texture = (at % 2 == 0).then(Default::default);
+        settings.effects.slice.boundary = [Boundary::Smooth, Boundary::Nearest, Boundary::Vote][at % 3];
+        cases.push(random(name, settings));
+    }
+    check_all(&cases);
+}
+
+#[test]
+fn thick_planes_through_a_deforming_mesh() {
+    let (anatomy, state) = scenes::pressed();
+    let mut settings = scene::settings(scene::small_probe(), scene::bare());
+    settings.effects.thickness = Some(Thickness {
+        width_mm: 4.0,
+        planes: 5,
+    });
+    check_all(&[Case::new("pressed", anatomy, settings, state)]);
+}
