@@ -94,7 +94,7 @@ fn buffers<'a>(passes: &[Bound], of: impl IntoIterator<Item = &'a usize>) -> usi
 pub fn fuse(passes: &[Bound], most: usize) -> Vec<Fused> {
     let mut sequences: Vec<Sequence> = Vec::new();
     for (at, pass) in passes.iter().enumerate() {
-        let own = domain(pass.pass.grid);
+        let needed = domain(pass.pass.grid);
         let of = |sequence: &Sequence| domain(passes[sequence.passes[0]].pass.grid);
         let widest = |sequence: &Sequence| {
             sequence
@@ -104,8 +104,8 @@ pub fn fuse(passes: &[Bound], most: usize) -> Vec<Fused> {
                 .max()
         };
         let fits = |sequence: &Sequence| {
-            own != Domain::Alone
-                && of(sequence) == own
+            needed != Domain::Alone
+                && of(sequence) == needed
                 && widest(sequence) < Some(Reach::Any)
                 && buffers(passes, sequence.passes.iter().chain([&at])) <= most
         };

@@ -32,8 +32,8 @@ pub fn draw(pixels: &mut [u8], tables: &Tables) {
     bar(&mut picture, tables.settings.effects.tone.as_ref());
     scale(&mut picture, tables);
     mark(&mut picture, tables);
-    for (grey, Rgb([own, ..])) in pixels.iter_mut().zip(picture.pixels()) {
-        *grey = *own;
+    for (grey, Rgb([value, ..])) in pixels.iter_mut().zip(picture.pixels()) {
+        *grey = *value;
     }
 }
 
@@ -135,11 +135,11 @@ fn bar(picture: &mut RgbImage, tone: Option<&Tone>) {
 fn scale(picture: &mut RgbImage, tables: &Tables) {
     let row = |depth_mm: f64| tables.image_grid.to_pixel(0.0, depth_mm)[1];
     let right = f64::from(picture.width()) - 1.0;
-    let apart = |tick_mm: f64| (row(tick_mm) - row(0.0)).abs();
+    let distance_px = |tick_mm: f64| (row(tick_mm) - row(0.0)).abs();
     let [.., largest] = TICKS_MM;
     let tick_mm = TICKS_MM
         .into_iter()
-        .find(|&tick_mm| apart(tick_mm) >= APART)
+        .find(|&tick_mm| distance_px(tick_mm) >= APART)
         .unwrap_or(largest);
     let [_, high] = canvas::text_size("0", 1);
     for tick in 0..=(tables.grid.depth_mm() / tick_mm) as u32 {

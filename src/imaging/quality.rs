@@ -212,8 +212,8 @@ fn choose(costs: &Costs, budget_ms: f64, open: impl Fn(&str) -> bool, known: &[(
             .collect()
     };
     for (known, ms) in known {
-        let found = combinations.iter_mut().find(|it| settings(it) == *known);
-        found.into_iter().for_each(|it| it.ms = *ms);
+        let measured = combinations.iter_mut().find(|it| settings(it) == *known);
+        measured.into_iter().for_each(|it| it.ms = *ms);
     }
     let choice = pareto::choose(&combinations, budget_ms, 1.0, |it| [it.ms, it.error])?;
     Some(Choice {

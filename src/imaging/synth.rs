@@ -112,7 +112,7 @@ impl Backend {
             Self::Auto if adapter::hardware(&adapter::list()).is_err() => Self::Cpu.executor(plan, tables),
             Self::Auto => match Self::gpu().executor(plan, tables) {
                 Err(SynthError::Gpu(error)) if error.is_machine() => Self::Cpu.executor(plan, tables),
-                made => made,
+                executor => executor,
             },
             Self::Adapter(choice) => on(Gpu::open(&choice, &needs())?),
             #[cfg(feature = "gpu")]

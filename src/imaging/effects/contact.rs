@@ -81,7 +81,7 @@ static PASSES: &[Pass] = &[Pass {
 
 fn wanted(tables: &Tables) -> Wanted {
     match &tables.settings.effects.contact {
-        Some(own) => Yes(format!("skin within {} mm of the array touches it", own.reach_mm)),
+        Some(contact) => Yes(format!("skin within {} mm of the array touches it", contact.reach_mm)),
         None => No("the scene names no contact".into()),
     }
 }
@@ -95,10 +95,15 @@ const SMOOTHED: usize = 2;
 
 /// Gap on each scanline of each sub-plane, mm: 0 if the array touches the body, or no body is in reach.
 pub fn gaps(tables: &Tables, state: &FrameState, gaps: &mut Vec<f32>) {
-    let reach = tables.settings.effects.contact.as_ref().map_or(0.0, |own| own.reach_mm);
+    let reach = tables
+        .settings
+        .effects
+        .contact
+        .as_ref()
+        .map_or(0.0, |contact| contact.reach_mm);
     let lines = tables.lines();
     let to_index = tables.volume.world_to_index() * state.probe_to_world;
-    let found = |at: usize| {
+    let gap = |at: usize| {
         let [x, y, dx, dy] = tables.rays[at % lines];
         let z = f64::from(plane_step(at / lines)) * tables.plane_mm();
         let (start, along) = (
@@ -127,7 +132,7 @@ pub fn gaps(tables: &Tables, state: &FrameState, gaps: &mut Vec<f32>) {
     gaps.resize(2 * lines * tables.planes(), 0.0);
     let (raw, smooth) = gaps.split_at_mut(lines * tables.planes());
     // Multiples of 1/64 mm: exact in single precision.
-    raw.iter_mut().enumerate().for_each(|(at, gap)| *gap = found(at) as f32);
+    raw.iter_mut().enumerate().for_each(|(at, raw)| *raw = gap(at) as f32);
     for (raw, smooth) in raw.chunks(lines).zip(smooth.chunks_mut(lines)) {
         for (line, gap) in smooth.iter_mut().enumerate().filter(|(line, _)| raw[*line] >= 0.0) {
             let near = &raw[line.saturating_sub(SMOOTHED)..lines.min(line + SMOOTHED + 1)];
@@ -157,8 +162,8 @@ block! {
 }
 
 fn per_fade(tables: &Tables) -> f64 {
-    let own = tables.settings.effects.contact.clone().unwrap_or_default();
-    1.0 / own.fade_mm
+    let contact = tables.settings.effects.contact.clone().unwrap_or_default();
+    1.0 / contact.fade_mm
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {

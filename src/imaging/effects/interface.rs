@@ -162,7 +162,7 @@ block! {
 
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
-    let own = tables.settings.effects.interface.clone().unwrap_or_default();
+    let interface = tables.settings.effects.interface.clone().unwrap_or_default();
     ParamBlock::of(&InterfaceParams {
         world_to_index: rows::<f32>(tables.volume.world_to_index()).map(Vec4::from),
         size: tables.volume.size().map(|n| n as u32),
@@ -170,10 +170,10 @@ fn params(view: &View, _: Band) -> ParamBlock {
         stride: strides(tables).map(|n| n as u32),
         samples: tables.samples() as u32,
         seed: roughness_seed(tables),
-        mirror: 10f64.powf(own.mirror_db / 20.0) as f32,
-        directivity: own.directivity as f32,
-        steady: (1.0 - own.roughness).sqrt() as f32,
-        diffuse: own.roughness.sqrt() as f32,
+        mirror: 10f64.powf(interface.mirror_db / 20.0) as f32,
+        directivity: interface.directivity as f32,
+        steady: (1.0 - interface.roughness).sqrt() as f32,
+        diffuse: interface.roughness.sqrt() as f32,
         per_mm: (1.0 / ROUGHNESS_MM) as f32,
         unused: 0,
     })
@@ -289,7 +289,7 @@ pub(crate) struct Surfaces<'a, T> {
 impl<'a, T: Real> Surfaces<'a, T> {
     /// Creates the surfaces of a scene.
     pub(crate) fn new(tables: &'a Tables) -> Self {
-        let own = tables.settings.effects.interface.clone().unwrap_or_default();
+        let interface = tables.settings.effects.interface.clone().unwrap_or_default();
         let row = |label: usize| tables.label_rows.get(label);
         Self {
             reader: LabelReader::new(tables),
@@ -297,10 +297,10 @@ impl<'a, T: Real> Surfaces<'a, T> {
             capsule: std::array::from_fn(|label| T::of(row(label).map_or(0.0, |row| f64::from(row.capsule)))),
             stride: strides(tables),
             seed: roughness_seed(tables),
-            mirror: T::of(10f64.powf(own.mirror_db / 20.0)),
-            directivity: T::of(own.directivity),
-            steady: T::of((1.0 - own.roughness).sqrt()),
-            diffuse: T::of(own.roughness.sqrt()),
+            mirror: T::of(10f64.powf(interface.mirror_db / 20.0)),
+            directivity: T::of(interface.directivity),
+            steady: T::of((1.0 - interface.roughness).sqrt()),
+            diffuse: T::of(interface.roughness.sqrt()),
         }
     }
 

@@ -46,16 +46,16 @@ impl LateralKernel {
     /// Gaussians with a standard deviation of `sigma_lines(sample)` scanlines ([`MAX_SIGMA`] at most), truncated at three of
     /// the widest or at four of their own, whose sum is `total(sample, weights that sum to 1)`.
     pub fn gaussian(samples: usize, sigma_lines: impl Fn(usize) -> f64, total: impl Fn(usize, &[f64]) -> f64) -> Self {
-        let asked = (0..samples).map(&sigma_lines).fold(0.0, f64::max);
-        let widest = asked.min(MAX_SIGMA);
+        let requested = (0..samples).map(&sigma_lines).fold(0.0, f64::max);
+        let widest = requested.min(MAX_SIGMA);
         let reach = (3.0 * widest).ceil() as usize;
         let mut rows = vec![0.0; (2 * reach + 2) * samples];
         for sample in 0..samples {
             let sigma = sigma_lines(sample).min(MAX_SIGMA);
             let near = reach.min((FARTHEST * sigma).ceil() as usize);
-            let own = gaussian(sigma, near);
-            let factor = total(sample, &own);
-            for (tap, weight) in own.into_iter().enumerate() {
+            let weights = gaussian(sigma, near);
+            let factor = total(sample, &weights);
+            for (tap, weight) in weights.into_iter().enumerate() {
                 rows[(1 + reach - near + tap) * samples + sample] = weight * factor;
             }
             rows[sample] = near as f64;
@@ -63,7 +63,7 @@ impl LateralKernel {
         Self {
             reach,
             rows: Numbers::new(rows),
-            least_share: if asked > widest { widest / asked } else { 1.0 },
+            least_share: if requested > widest { widest / requested } else { 1.0 },
             samples,
         }
     }

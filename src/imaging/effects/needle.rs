@@ -199,7 +199,7 @@ const MIN_BEAM_MM: f64 = 1e-3;
 
 fn numbers(view: &View) -> NeedleParams {
     let tables = view.tables;
-    let own = tables.settings.effects.needle.clone().unwrap_or_default();
+    let needle = tables.settings.effects.needle.clone().unwrap_or_default();
     let shadow = &tables.settings.effects.shadow;
     NeedleParams {
         samples: tables.samples() as u32,
@@ -208,13 +208,13 @@ fn numbers(view: &View) -> NeedleParams {
         beams_per_mm: shadow
             .as_ref()
             .map_or(0.0, |shadow| shadow.beam_mm.max(MIN_BEAM_MM).recip()) as f32,
-        echo: 10f64.powf(own.echo_db / 20.0) as f32,
-        directivity: own.directivity as f32,
-        reverberations: own.reverberations,
-        reverberation_mm: own.reverberation_mm as f32,
-        reverberation: 10f64.powf(-own.reverberation_db / 20.0) as f32,
-        steady: (1.0 - own.roughness).sqrt() as f32,
-        diffuse: own.roughness.sqrt() as f32,
+        echo: 10f64.powf(needle.echo_db / 20.0) as f32,
+        directivity: needle.directivity as f32,
+        reverberations: needle.reverberations,
+        reverberation_mm: needle.reverberation_mm as f32,
+        reverberation: 10f64.powf(-needle.reverberation_db / 20.0) as f32,
+        steady: (1.0 - needle.roughness).sqrt() as f32,
+        diffuse: needle.roughness.sqrt() as f32,
         after_surfaces: u32::from(tables.settings.effects.interface.is_some()),
         // A lattice different from that of the speckle.
         seed: seed_words(!tables.settings.seed),

@@ -67,27 +67,27 @@ mod tests {
     fn lengths_go_with_the_wavelength_unless_stated() {
         let mut probe = Probe::new(Linear { width_mm: 40.0 }, 50.0).unwrap();
         probe.frequency_mhz = 3.5;
-        let own = PointSpread::new(&Speckle::default(), &probe);
-        let lengths = [own.axial_mm, own.lateral_at(25.0), own.elevational_mm];
+        let spread = PointSpread::new(&Speckle::default(), &probe);
+        let lengths = [spread.axial_mm, spread.lateral_at(25.0), spread.elevational_mm];
         assert!(
             lengths.iter().zip([0.8, 1.5, 1.8]).all(|(a, b)| (a - b).abs() < 1e-12),
             "{lengths:?}"
         );
-        assert!((own.lateral_at(75.0) / 1.5 - 2f64.sqrt()).abs() < 1e-12);
+        assert!((spread.lateral_at(75.0) / 1.5 - 2f64.sqrt()).abs() < 1e-12);
         probe.frequency_mhz = 10.0;
         let stated = Speckle {
             lateral_mm: Some(3.0),
             ..Speckle::default()
         };
-        let own = PointSpread::new(&stated, &probe);
-        assert!((own.axial_mm - 0.28).abs() < 1e-12 && own.lateral_at(25.0) == 3.0);
+        let spread = PointSpread::new(&stated, &probe);
+        assert!((spread.axial_mm - 0.28).abs() < 1e-12 && spread.lateral_at(25.0) == 3.0);
     }
 
     /// 0.62 mm of wavelength over 20 mm of aperture: 4.9 mm at 160 mm.
     #[test]
     fn a_phased_array_is_limited_by_diffraction() {
         let probe = Probe::new(Phased { angle_deg: 80.0 }, 160.0).unwrap();
-        let own = PointSpread::new(&Speckle::default(), &probe);
-        assert!((own.lateral_at(160.0) - 160.0 * 0.616 / 20.0).abs() < 1e-9);
+        let spread = PointSpread::new(&Speckle::default(), &probe);
+        assert!((spread.lateral_at(160.0) - 160.0 * 0.616 / 20.0).abs() < 1e-9);
     }
 }

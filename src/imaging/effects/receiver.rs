@@ -173,9 +173,9 @@ static PASSES: &[Pass] = &[Pass {
 
 fn wanted(tables: &Tables) -> Wanted {
     match &tables.settings.effects.receiver {
-        Some(own) => Yes(format!(
+        Some(receiver) => Yes(format!(
             "the receiver has noise of {} dB, clutter of {} dB and a ring-down of {} dB",
-            own.noise_db, own.clutter_db, own.ring_down_db
+            receiver.noise_db, receiver.clutter_db, receiver.ring_down_db
         )),
         None => No("the scene names no receiver".into()),
     }
@@ -210,12 +210,14 @@ const STREAM: u32 = 0x5ec4_e1be;
 fn numbers(view: &View) -> ReceiverParams {
     let tables = view.tables;
     let [low, high] = seed_words(tables.settings.seed);
-    let own = &tables.settings.effects.receiver;
+    let receiver = &tables.settings.effects.receiver;
     ReceiverParams {
         seed: [low, high ^ STREAM],
         samples: tables.samples() as u32,
         frame: view.state.frame as u32,
-        noise: own.as_ref().map_or(0.0, |own| own.noise_power() / DRAW_MEAN) as f32,
+        noise: receiver
+            .as_ref()
+            .map_or(0.0, |receiver| receiver.noise_power() / DRAW_MEAN) as f32,
         unused: [0; 3],
     }
 }
@@ -231,8 +233,8 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let samples = tables.samples();
     let numbers = numbers(view);
-    let own = tables.settings.effects.receiver.as_ref();
-    let noise = T::of(own.map_or(0.0, |own| own.noise_power() / DRAW_MEAN));
+    let receiver = tables.settings.effects.receiver.as_ref();
+    let noise = T::of(receiver.map_or(0.0, |receiver| receiver.noise_power() / DRAW_MEAN));
     let chunk = LINES * samples;
     for_each(
         (
@@ -300,8 +302,7 @@ impl<T: Real> Kernel for Scanlines<'_, T> {
 fn smoothed(line: i32, start: i32, length: usize, numbers: &ReceiverParams) -> [[i32; BLOCK]; 2] {
     let mut parts = [[0; BLOCK + 2]; 2];
     for i in 0..length + 2 {
-        let own = white(line, start - 1 + i as i32, numbers);
-        (parts[0][i], parts[1][i]) = (own[0], own[1]);
+        [parts[0][i], parts[1][i]] = white(line, start - 1 + i as i32, numbers);
     }
     map(parts, |part| array(|i| part[i] + 2 * part[i + 1] + part[i + 2]))
 }
@@ -341,17 +342,17 @@ mod tests {
 
     #[test]
     fn clutter_fades() {
-        let own = Receiver {
+        let receiver = Receiver {
             noise_db: -40.0,
             clutter_db: -10.0,
             clutter_decay_db_cm: 2.0,
             ring_down_db: 14.0,
         };
-        assert!((own.noise_power() - 1e-4).abs() < 1e-12);
-        assert!((own.clutter_power(0.0, 3.0) - 1e-1).abs() < 1e-12);
+        assert!((receiver.noise_power() - 1e-4).abs() < 1e-12);
+        assert!((receiver.clutter_power(0.0, 3.0) - 1e-1).abs() < 1e-12);
         // 0.9 mm at 3.5 MHz take 8.7 dB.
-        assert!((own.ring_down_power(0.9, 3.5) - 10f64.powf(1.4) * (-2.0f64).exp()).abs() < 1e-9);
+        assert!((receiver.ring_down_power(0.9, 3.5) - 10f64.powf(1.4) * (-2.0f64).exp()).abs() < 1e-9);
         // 30 mm at 2 + 3 dB/cm take 15 dB.
-        assert!((own.clutter_power(30.0, 3.0) - 10f64.powf(-2.5)).abs() < 1e-12);
+        assert!((receiver.clutter_power(30.0, 3.0) - 10f64.powf(-2.5)).abs() < 1e-12);
     }
 }

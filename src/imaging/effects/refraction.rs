@@ -329,10 +329,10 @@ impl<T: Real> Spread<T> {
         let mut sum = T::zero();
         for (sample, (((a, b), c), d)) in a.iter().zip(b).zip(c).zip(d).enumerate() {
             let depth = T::of(sample as f64);
-            let apart = (reach * (self.spacing[0] + self.spacing[1] * depth)).max(self.least);
+            let distance = (reach * (self.spacing[0] + self.spacing[1] * depth)).max(self.least);
             let near = *a - two * *b + *c;
             let far = *b - two * *c + *d;
-            let term = (near + after * (far - near)) * self.unit / (apart * apart);
+            let term = (near + after * (far - near)) * self.unit / (distance * distance);
             sum = sum * self.left + term;
             each(sample, term, (one / (one + sum).abs()).min(most));
         }

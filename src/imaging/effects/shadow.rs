@@ -75,8 +75,8 @@ pub const SOFT_TISSUE_DB_CM_MHZ: f64 = 0.5;
 
 /// Two-way attenuation of average soft tissue, dB/cm; 0 if no attenuation is simulated.
 pub(crate) fn average_db_cm(settings: &Settings) -> f64 {
-    let own = settings.effects.shadow.as_ref();
-    if own.is_some_and(|own| own.attenuation) {
+    let shadow = settings.effects.shadow.as_ref();
+    if shadow.is_some_and(|shadow| shadow.attenuation) {
         2.0 * SOFT_TISSUE_DB_CM_MHZ * settings.probe.frequency_mhz
     } else {
         0.0
@@ -505,14 +505,14 @@ fn losses<T: Real>(view: &View, store: &mut Store<T>) {
             chunks_mut(&mut store.loss, samples),
         ),
         &|(line, through, labels, down_to)| {
-            let own = |i: usize| {
+            let sample_loss = |i: usize| {
                 let tissue = loss[usize::from(labels[i])];
                 match needle {
                     Some(units) => tissue + (mask[line * samples + i][1] * units).to_u32().unwrap_or(0),
                     None => tissue,
                 }
             };
-            accumulate(own, down_to);
+            accumulate(sample_loss, down_to);
             let power = |loss: u32| (T::of(f64::from(loss)) * exponent).exp2();
             if !opens {
                 for (through, &loss) in through.iter_mut().zip(down_to.iter()) {
@@ -522,10 +522,10 @@ fn losses<T: Real>(view: &View, store: &mut Store<T>) {
             }
             let mut above = 0u32;
             for (through, label) in through.iter_mut().zip(labels) {
-                let own = loss[usize::from(*label)];
-                let own = if own < opaque { own } else { 0 };
-                *through = power((above + own / 2).min(MAX_UNITS));
-                above = (above + own).min(MAX_UNITS);
+                let sample_loss = loss[usize::from(*label)];
+                let sample_loss = if sample_loss < opaque { sample_loss } else { 0 };
+                *through = power((above + sample_loss / 2).min(MAX_UNITS));
+                above = (above + sample_loss).min(MAX_UNITS);
             }
         },
     );
@@ -533,12 +533,12 @@ fn losses<T: Real>(view: &View, store: &mut Store<T>) {
 
 /// Accumulates the loss down to the centre of each sample, from each sample's own loss.
 #[inline(always)]
-pub fn accumulate(own: impl Fn(usize) -> u32, down_to: &mut [u32]) {
+pub fn accumulate(loss: impl Fn(usize) -> u32, down_to: &mut [u32]) {
     let mut above = 0u32;
     for (i, slot) in down_to.iter_mut().enumerate() {
-        let own = own(i);
-        *slot = (above + own / 2).min(MAX_UNITS);
-        above = (above + own).min(MAX_UNITS);
+        let loss = loss(i);
+        *slot = (above + loss / 2).min(MAX_UNITS);
+        above = (above + loss).min(MAX_UNITS);
     }
 }
 

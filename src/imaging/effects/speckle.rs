@@ -82,11 +82,11 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     buffers: &[&SCATTER, &SCATTER_AXIAL, &AXIAL_KERNEL, &LATERAL_KERNEL],
     warnings: |tables| {
-        let Some(own) = &tables.effects.speckle else {
+        let Some(speckle) = &tables.effects.speckle else {
             return Vec::new();
         };
-        let axial = narrowed("effects.speckle.axial_mm", own.axial_share, "samples");
-        let lateral = narrowed("effects.speckle.lateral_mm", own.lateral.least_share, "scanlines");
+        let axial = narrowed("effects.speckle.axial_mm", speckle.axial_share, "samples");
+        let lateral = narrowed("effects.speckle.lateral_mm", speckle.lateral.least_share, "scanlines");
         axial.into_iter().chain(lateral).collect()
     },
     remove: Some(|_, settings| settings.effects.speckle = None),
@@ -288,23 +288,23 @@ block! {
 
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
-    let Some(own) = &tables.effects.speckle else {
+    let Some(speckle) = &tables.effects.speckle else {
         return ParamBlock::of::<SpeckleParams>(&bytemuck::Zeroable::zeroed());
     };
     let elevation = view.state.probe_to_world.fixed_view::<3, 1>(0, 2);
-    let plane = |i: usize| own.planes.get(i).map_or(0.0, |&weight| weight as f32);
+    let plane = |i: usize| speckle.planes.get(i).map_or(0.0, |&weight| weight as f32);
     ParamBlock::of(&SpeckleParams {
         elevation: Vec4::new(elevation[0] as f32, elevation[1] as f32, elevation[2] as f32, 0.0),
         planes: [0, 4].map(|at| Vec4::new(plane(at), plane(at + 1), plane(at + 2), plane(at + 3))),
         seed: seed_words(tables.settings.seed),
         lines: tables.lines() as u32,
         samples: tables.samples() as u32,
-        oversampling: own.oversampling as u32,
-        plane_count: own.planes.len() as u32,
-        plane_mm: own.plane_mm as f32,
-        per_mm: (1.0 / own.lattice_mm) as f32,
-        axial_reach: own.axial_reach() as u32,
-        lateral_reach: own.lateral.reach as u32,
+        oversampling: speckle.oversampling as u32,
+        plane_count: speckle.planes.len() as u32,
+        plane_mm: speckle.plane_mm as f32,
+        per_mm: (1.0 / speckle.lattice_mm) as f32,
+        axial_reach: speckle.axial_reach() as u32,
+        lateral_reach: speckle.lateral.reach as u32,
         carries_at: view.slab.map_or(0, |slab| slab.maps_at[2]),
         unused: 0,
     })

@@ -209,19 +209,19 @@ fn atlas(anatomy: &Anatomy, seed: u64) -> Result<Option<Atlas>, VolumeError> {
             by_name.insert(name, texture);
         }
     }
-    let made: Vec<&SolidTexture> = tissues
+    let textures: Vec<&SolidTexture> = tissues
         .iter()
         .filter_map(|tissue| by_name.get(tissue.texture.as_deref()?))
         .map(Arc::as_ref)
         .collect();
-    if made.is_empty() {
+    if textures.is_empty() {
         return Ok(None);
     }
     let placements = tissues.iter().map(|tissue| Placement {
         rotation: tissue.texture_rotation(),
         scale: tissue.texture_scale,
     });
-    let pairs: Vec<(&SolidTexture, Placement)> = made.into_iter().zip(placements).collect();
+    let pairs: Vec<(&SolidTexture, Placement)> = textures.into_iter().zip(placements).collect();
     Atlas::pack(&pairs).map(Some)
 }
 
@@ -239,7 +239,7 @@ fn placed(anatomy: &Anatomy) -> Vec<&Tissue> {
     let mut tissues: Vec<&Tissue> = Vec::new();
     for label in 0..anatomy.volume.labels().len() {
         let tissue = anatomy.tissues.of(label as u8);
-        let known = |name: &str| anatomy.textures.contains_key(name) || bank::names().any(|own| own == name);
+        let known = |name: &str| anatomy.textures.contains_key(name) || bank::names().any(|built_in| built_in == name);
         if tissue.texture.as_deref().is_some_and(known) && !tissues.iter().any(|placed| placed.name == tissue.name) {
             tissues.push(tissue);
         }

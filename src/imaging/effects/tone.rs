@@ -376,9 +376,9 @@ fn params(view: &View, _: Band) -> ParamBlock {
         middle: map.middle,
         bend: map.bend,
         gamma: map.gamma,
-        scale: automatic(|own| own.scale),
-        share: automatic(|own| own.share),
-        ceiling: automatic(|own| own.ceiling),
+        scale: automatic(|gain| gain.scale),
+        share: automatic(|gain| gain.share),
+        ceiling: automatic(|gain| gain.ceiling),
         unused: [0; 2],
     })
 }

@@ -194,8 +194,8 @@ block! {
 }
 
 fn place(layer: Layer, tables: &Tables) -> usize {
-    let asked = &tables.settings.layers;
-    asked.iter().position(|&other| other == layer).unwrap_or(0)
+    let layers = &tables.settings.layers;
+    layers.iter().position(|&other| other == layer).unwrap_or(0)
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {
@@ -216,8 +216,10 @@ fn params(view: &View, _: Band) -> ParamBlock {
 fn fill<T: Real>(layer: Layer, view: &View, store: &mut Store<T>, line: impl Fn(&Store<T>, usize, &mut [u16]) + Sync) {
     let (lines, samples) = (view.tables.lines(), view.tables.samples());
     let mut layers = std::mem::take(&mut store.effects.truth.layers);
-    let own = &mut layers[place(layer, view.tables) * lines * samples..][..lines * samples];
-    for_each((0.., chunks_mut(own, samples)), &|(at, values)| line(store, at, values));
+    let values = &mut layers[place(layer, view.tables) * lines * samples..][..lines * samples];
+    for_each((0.., chunks_mut(values, samples)), &|(at, values)| {
+        line(store, at, values)
+    });
     store.effects.truth.layers = layers;
 }
 
@@ -293,11 +295,11 @@ pub fn images<V: Copy>(tables: &Tables, values: &[V], as_u16: impl Fn(V) -> u16 
     images.resize_with(tables.settings.layers.len(), Vec::new);
     for (place, (image, &layer)) in images.iter_mut().zip(&tables.settings.layers).enumerate() {
         // A layer without a pass has one value.
-        let own = pass_of(layer, tables).and_then(|_| values.get(place * count..));
+        let of_layer = pass_of(layer, tables).and_then(|_| values.get(place * count..));
         let inside = u16::from(layer == Layer::Sector);
-        let pixel = |at: &[f32; 2]| match own {
+        let pixel = |at: &[f32; 2]| match of_layer {
             _ if at[0] < 0.0 => 0,
-            Some(own) => as_u16(own[(at[0] + 0.5) as usize * samples + (at[1] + 0.5) as usize]),
+            Some(values) => as_u16(values[(at[0] + 0.5) as usize * samples + (at[1] + 0.5) as usize]),
             None => inside,
         };
         image.clear();

@@ -41,10 +41,10 @@ pub(super) fn compare(
         .map(|&[grey, _]| (grey + 0.5).clamp(0.0, 255.0) as u8)
         .collect();
     let expected = exact.render(&case.state)?.pixels.clone();
-    let apart = expected.iter().zip(&by_itself).filter(|(a, b)| a != b).count();
-    if apart > 0 || expected.len() != by_itself.len() {
+    let differing = expected.iter().zip(&by_itself).filter(|(a, b)| a != b).count();
+    if differing > 0 || expected.len() != by_itself.len() {
         slack.fault(format!(
-            "{apart} pixels of the reference do not follow from its own beam"
+            "{differing} pixels of the reference do not follow from its own beam"
         ));
     }
     let pixels = Pixels {

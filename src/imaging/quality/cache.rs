@@ -56,7 +56,7 @@ impl Cache {
         let read = File::open(&path).and_then(|file| file.take(MAX_BYTES).read_to_string(&mut text));
         let reason = match read.map(|_| serde_json::from_str(&text)) {
             Err(cause) if cause.kind() == io::ErrorKind::NotFound => return Ok(None),
-            Ok(Ok(found)) if sound(&found) => return Ok(Some(found)),
+            Ok(Ok(costs)) if sound(&costs) => return Ok(Some(costs)),
             Ok(Ok(_)) => "it holds values that no measurement gives".to_owned(),
             Ok(Err(cause)) => cause.to_string(),
             Err(cause) => cause.to_string(),
@@ -69,7 +69,7 @@ impl Cache {
     /// # Errors
     /// [`OutputError`] if they cannot be stored.
     pub fn check(&self, thing: &[&str]) -> Result<(), OutputError> {
-        match self.made(thing)? {
+        match self.with_folder(thing)? {
             Some(path) => place::check(&[&path], &[], true, &[]),
             None => Ok(()),
         }
@@ -80,7 +80,9 @@ impl Cache {
     /// # Errors
     /// [`OutputError`] if the file cannot be written.
     pub fn put<T: Serialize>(&self, thing: &[&str], costs: &T) -> Result<(), OutputError> {
-        let Some(path) = self.made(thing)? else { return Ok(()) };
+        let Some(path) = self.with_folder(thing)? else {
+            return Ok(());
+        };
         atomic::write(&path, |file| {
             let text = serde_json::to_string_pretty(costs)?;
             writeln!(file, "{text}")
@@ -88,7 +90,7 @@ impl Cache {
     }
 
     /// Path of an item, in a folder that is created.
-    fn made(&self, thing: &[&str]) -> Result<Option<PathBuf>, OutputError> {
+    fn with_folder(&self, thing: &[&str]) -> Result<Option<PathBuf>, OutputError> {
         let path = self.path(thing);
         if let Some(folder) = path.as_deref().and_then(Path::parent) {
             std::fs::create_dir_all(folder).map_err(|cause| OutputError::write(folder, cause))?;

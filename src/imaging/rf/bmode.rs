@@ -26,8 +26,8 @@ pub fn envelope(echoes: &Echoes, frame: usize) -> Vec<f32> {
 pub fn white(envelope: &[f32]) -> f32 {
     let mut sorted = envelope.to_vec();
     let at = ((1.0 - SATURATED) * sorted.len() as f64) as usize;
-    let (_, found, _) = sorted.select_nth_unstable_by(at.min(envelope.len() - 1), f32::total_cmp);
-    found.max(f32::MIN_POSITIVE)
+    let (_, level, _) = sorted.select_nth_unstable_by(at.min(envelope.len() - 1), f32::total_cmp);
+    level.max(f32::MIN_POSITIVE)
 }
 
 /// Grey levels of an envelope, line by line: 255 at `white`, 0 at `range_db` below.

@@ -212,13 +212,13 @@ impl Binned {
         let lines = params.lines as usize;
         let ranges = parallel::map(0..params.bins(), &|bin| {
             let from = scatterers.partition_point(|it| params.bin(it) < bin);
-            let own = &scatterers[from..];
-            let own = &own[..own.partition_point(|it| params.bin(it) == bin)];
+            let of_bin = &scatterers[from..];
+            let of_bin = &of_bin[..of_bin.partition_point(|it| params.bin(it) == bin)];
             // Rounding of the reach is far below a line.
-            let widest = own.iter().map(|it| it.sigma).fold(0.0, f32::max) * REACH as f32 + 1.0;
+            let widest = of_bin.iter().map(|it| it.sigma).fold(0.0, f32::max) * REACH as f32 + 1.0;
             let range = |line: usize| {
-                let low = own.partition_point(|it| it.line < line as f32 - widest);
-                let high = own.partition_point(|it| it.line <= line as f32 + widest);
+                let low = of_bin.partition_point(|it| it.line < line as f32 - widest);
+                let high = of_bin.partition_point(|it| it.line <= line as f32 + widest);
                 [(from + low) as u32, (from + high) as u32]
             };
             (0..lines).map(range).collect::<Vec<_>>()

@@ -78,10 +78,10 @@ mod tests {
             fft.forward_with(&mut forward, &mut scratch);
             let mut inverse = values.clone();
             fft.inverse_with(&mut inverse, &mut scratch);
-            for (found, sign) in [(&forward, -1.0), (&inverse, 1.0)] {
-                for (k, found) in found.iter().enumerate() {
+            for (spectrum, sign) in [(&forward, -1.0), (&inverse, 1.0)] {
+                for (k, value) in spectrum.iter().enumerate() {
                     let [re, im] = sum(k, sign);
-                    let off = (f64::from(found.re) - re).hypot(f64::from(found.im) - im);
+                    let off = (f64::from(value.re) - re).hypot(f64::from(value.im) - im);
                     assert!(off < 2e-6 * length as f64, "length {length}, {k}: off by {off}");
                 }
             }

@@ -84,8 +84,8 @@ impl Layout {
     /// the marked or the unmarked side (M, U); without one by the spacing, and a note.
     fn of(header: &Header, [width, height]: [usize; 2], by_rows: bool, notes: &mut Vec<String>) -> Self {
         let named = |key: &str| key.to_ascii_lowercase().replace(' ', "") == "ultrasoundimageorientation";
-        let found = header.key_values.iter().find(|(key, _)| named(key));
-        let letters = found.map_or_else(String::new, |(_, value)| value.trim().to_ascii_uppercase());
+        let unit = header.key_values.iter().find(|(key, _)| named(key));
+        let letters = unit.map_or_else(String::new, |(_, value)| value.trim().to_ascii_uppercase());
         let steps = [0, 1].map(|axis| step_mm(header, axis));
         let columns_are_samples = match letters.bytes().next() {
             Some(b'F' | b'N') => true,
@@ -120,8 +120,8 @@ fn step_mm(header: &Header, axis: usize) -> f64 {
 /// Values of [`FIELDS`] that a header states, or that follow from its spacing.
 fn stated(header: &Header, layout: &Layout, baseband: bool, notes: &mut Vec<String>) -> [Option<f64>; 4] {
     let mut stated = FIELDS.map(|name| {
-        let found = header.key_values.iter().find(|(key, _)| key == name)?;
-        found.1.trim().parse().ok().filter(|value: &f64| value.is_finite())
+        let (_, value) = header.key_values.iter().find(|(key, _)| key == name)?;
+        value.trim().parse().ok().filter(|value: &f64| value.is_finite())
     });
     let [columns, rows] = [0, 1].map(|axis| step_mm(header, axis));
     if [columns, rows] == [1.0; 2] {

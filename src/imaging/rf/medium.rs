@@ -76,17 +76,17 @@ impl Medium {
     /// Echoes of the medium displaced by a function of depth, with the noise of a number.
     pub fn frame(&self, noise: i32, moved: impl Fn(f64) -> [f64; 2] + Sync) -> Vec<f32> {
         let mut scatterers = self.scatterers(moved);
-        let mut found: Vec<f32> = echoes(
+        let mut samples: Vec<f32> = echoes(
             &mut scatterers,
             &Pulse::new(&self.acquisition),
             self.lines,
             self.samples,
         );
-        let rms = (found.iter().map(|value| f64::from(*value).powi(2)).sum::<f64>() / found.len() as f64).sqrt();
+        let rms = (samples.iter().map(|value| f64::from(*value).powi(2)).sum::<f64>() / samples.len() as f64).sqrt();
         let level = rms * 10_f64.powf(-self.acquisition.snr_db / 20.0);
-        for_each((0.., &mut found[..]), &|(at, value)| {
+        for_each((0.., &mut samples[..]), &|(at, value)| {
             *value += (level * normal(at as i32, 50 + noise)) as f32
         });
-        found
+        samples
     }
 }

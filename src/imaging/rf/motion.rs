@@ -78,8 +78,13 @@ impl Options {
     }
 }
 
-/// Motion of a window in samples and lines, and its correlation.
-type Found = ([f64; 2], f64);
+/// Where a window of the reference lies in a frame.
+#[derive(Clone, Copy, Default)]
+struct Match {
+    /// Motion in samples and lines.
+    shift: [f64; 2],
+    correlation: f64,
+}
 
 /// Neighbours of a window in lines and windows, whose median motion it is compared with: some beam widths aside, as windows on lines within a beam
 /// width have the same echoes and err together.
@@ -88,7 +93,8 @@ const ALONG: [isize; 3] = [-2, 0, 2];
 /// Lateral motion beside that of the neighbours beyond which an estimate has strayed, lines.
 const STRAY: f64 = 2.0;
 /// Passes over the windows that differ from their neighbours; in the second most of the neighbours are right.
-const AGAIN: usize = 2;
+const RESEEKS: usize = 2;
+/// Number of neighbours of a window.
 const NEIGHBOURS: usize = ASIDE.len() * ALONG.len();
 
 /// Share of the energy of a window without its mean, below which it is constant but for rounding.
@@ -247,50 +253,51 @@ impl Tracker {
         let values = upsampled(frame, frame.len() / self.lines, options.upsampling);
         let current = Frame::new(values, self.samples, !options.prior);
         let count = options.windows;
-        let mut found = vec![([0.0; 2], 0.0); self.lines * count];
+        let mut matches = vec![Match::default(); self.lines * count];
         let this = &*self;
-        let once = parallel::map((0.., chunks_mut(&mut found, count)), &|(line, found)| {
-            this.line(&current, line, found)
+        let counts = parallel::map((0.., chunks_mut(&mut matches, count)), &|(line, matches)| {
+            this.line(&current, line, matches)
         });
-        let mut correlations: u64 = once.into_iter().sum();
-        for _ in 0..if options.prior { AGAIN } else { 0 } {
-            let before = found.clone();
-            let again = parallel::map((0.., chunks_mut(&mut found, count)), &|(line, found)| {
-                this.again(&current, line, &before, found)
+        let mut correlations: u64 = counts.into_iter().sum();
+        // Without a prior every search was wide: a window cannot have followed a neighbour astray.
+        for _ in 0..if options.prior { RESEEKS } else { 0 } {
+            let before = matches.clone();
+            let counts = parallel::map((0.., chunks_mut(&mut matches, count)), &|(line, matches)| {
+                this.reseek_outliers(&current, line, &before, matches)
             });
-            correlations += again.into_iter().sum::<u64>();
+            correlations += counts.into_iter().sum::<u64>();
         }
         self.correlations += correlations;
         let scale = [self.options.sample_um(), self.options.pitch_mm * 1e3];
-        let estimates: Vec<Estimate> = found
+        let estimates: Vec<Estimate> = matches
             .iter()
             .zip(&self.carried)
-            .map(|((moved, correlation), carried)| Estimate {
-                axial_um: (moved[0] + carried[0]) * scale[0],
-                lateral_um: (moved[1] + carried[1]) * scale[1],
+            .map(|(Match { shift, correlation }, carried)| Estimate {
+                axial_um: (shift[0] + carried[0]) * scale[0],
+                lateral_um: (shift[1] + carried[1]) * scale[1],
                 correlation: *correlation,
             })
             .collect();
         let fallback = self.options.fallback;
         let echoing = self
             .echoing
-            .get_or_insert_with(|| found.iter().map(|(_, correlation)| *correlation >= fallback).collect());
-        let heard = found.iter().zip(&*echoing).filter(|(_, echoing)| **echoing);
-        let (sum, number) = heard.fold((0.0, 0.0), |(sum, count), ((_, correlation), _)| {
-            (sum + correlation, count + 1.0)
+            .get_or_insert_with(|| matches.iter().map(|window| window.correlation >= fallback).collect());
+        let heard = matches.iter().zip(&*echoing).filter(|(_, echoing)| **echoing);
+        let (sum, number) = heard.fold((0.0, 0.0), |(sum, count), (window, _)| {
+            (sum + window.correlation, count + 1.0)
         });
         if number > 0.0 && sum < self.options.switch * number {
-            for (carried, found) in self.carried.chunks_mut(count).zip(found.chunks(count)) {
+            for (carried, matches) in self.carried.chunks_mut(count).zip(matches.chunks(count)) {
                 for (at, carried) in carried.iter_mut().enumerate() {
                     // A window that does not correlate moves with the nearest one on its line that does.
-                    let trusted = (0..count).filter(|other| found[*other].1 >= fallback);
-                    let moved = trusted
+                    let trusted = (0..count).filter(|other| matches[*other].correlation >= fallback);
+                    let shift = trusted
                         .min_by_key(|other| other.abs_diff(at))
-                        .map_or([0.0; 2], |other| found[other].0);
+                        .map_or([0.0; 2], |other| matches[other].shift);
                     carried
                         .iter_mut()
-                        .zip(moved)
-                        .for_each(|(carried, moved)| *carried += moved);
+                        .zip(shift)
+                        .for_each(|(carried, shift)| *carried += shift);
                 }
             }
             self.reference = current;
@@ -298,9 +305,9 @@ impl Tracker {
             self.echoing = None;
             self.last.fill(None);
         } else {
-            for (last, (moved, correlation)) in self.last.iter_mut().zip(&found) {
-                if *correlation >= fallback {
-                    *last = Some(*moved);
+            for (last, window) in self.last.iter_mut().zip(&matches) {
+                if window.correlation >= fallback {
+                    *last = Some(window.shift);
                 }
             }
         }
@@ -333,15 +340,16 @@ impl Tracker {
 
     /// Seeks windows again that do not correlate, or that follow another period than their neighbours, from the median of those; returns the number
     /// of correlations.
-    fn again(&self, current: &Frame, line: usize, before: &[Found], found: &mut [Found]) -> u64 {
+    fn reseek_outliers(&self, current: &Frame, line: usize, before: &[Match], matches: &mut [Match]) -> u64 {
         let mut search = self.search(current);
         let mut near = [[0.0; 2]; NEIGHBOURS];
-        for (at, found) in found.iter_mut().enumerate() {
+        for (at, window) in matches.iter_mut().enumerate() {
             let near = self.neighbours(line, at, before, &mut near);
-            let apart =
+            let differ =
                 |a: &[f64; 2], b: &[f64; 2]| (a[0] - b[0]).abs() > self.half_period || (a[1] - b[1]).abs() > STRAY;
-            let agreeing = near.iter().filter(|other| !apart(&found.0, other)).count();
-            if near.len() < 3 || found.1 >= self.options.fallback && 2 * agreeing > near.len() {
+            let agreeing = near.iter().filter(|other| !differ(&window.shift, other)).count();
+            // Fewer than three neighbours have no majority.
+            if near.len() < 3 || window.correlation >= self.options.fallback && 2 * agreeing > near.len() {
                 continue;
             }
             let median = [0, 1].map(|axis| {
@@ -349,24 +357,34 @@ impl Tracker {
                 near.select_nth_unstable_by(half, |a, b| a[axis].total_cmp(&b[axis])).1[axis]
             });
             self.take(&mut search, line, at);
-            let near = search.climb(median.map(|moved| moved.round() as isize));
-            let refined = search.refined(near.0);
-            *found = match apart(&refined.0, &median) {
-                true => (median, near.1.max(0.0)),
-                false => refined,
+            let (place, correlation) = search.climb(median.map(|shift| shift.round() as isize));
+            let refined = search.refined(place);
+            *window = if differ(&refined.shift, &median) {
+                Match {
+                    shift: median,
+                    correlation: correlation.max(0.0),
+                }
+            } else {
+                refined
             };
         }
         search.count
     }
 
     /// Motion of the neighbours of a window that correlate.
-    fn neighbours<'a>(&self, line: usize, at: usize, found: &[Found], near: &'a mut [[f64; 2]]) -> &'a mut [[f64; 2]] {
+    fn neighbours<'a>(
+        &self,
+        line: usize,
+        at: usize,
+        matches: &[Match],
+        near: &'a mut [[f64; 2]],
+    ) -> &'a mut [[f64; 2]] {
         let count = self.options.windows;
         let mut number = 0;
         for line in ASIDE.iter().filter_map(|aside| line.checked_add_signed(*aside)) {
             for at in ALONG.iter().filter_map(|along| at.checked_add_signed(*along)) {
-                if line < self.lines && at < count && found[line * count + at].1 >= self.options.fallback {
-                    near[number] = found[line * count + at].0;
+                if line < self.lines && at < count && matches[line * count + at].correlation >= self.options.fallback {
+                    near[number] = matches[line * count + at].shift;
                     number += 1;
                 }
             }
@@ -375,7 +393,7 @@ impl Tracker {
     }
 
     /// Estimates along a line; returns the number of correlations.
-    fn line(&self, current: &Frame, line: usize, found: &mut [Found]) -> u64 {
+    fn line(&self, current: &Frame, line: usize, matches: &mut [Match]) -> u64 {
         let mut search = self.search(current);
         let count = self.options.windows;
         let wide = (self.options.wide_mm * 1e3 / self.options.sample_um()).ceil() as isize;
@@ -396,9 +414,11 @@ impl Tracker {
                     best = all;
                 }
             }
-            let (moved, correlation) = search.refined(best.0);
-            found[at] = (moved, correlation);
-            prior = (correlation >= self.options.fallback).then(|| moved.map(|moved| moved.round() as isize));
+            let window = search.refined(best.0);
+            matches[at] = window;
+            // A window that does not correlate is no start for the next one.
+            let is_trusted = window.correlation >= self.options.fallback;
+            prior = is_trusted.then(|| window.shift.map(|shift| shift.round() as isize));
             trusted = prior.or(trusted);
         }
         search.count
@@ -432,34 +452,38 @@ impl Search<'_> {
             .zip(values)
             .for_each(|(to, from)| *to = from - mean as f32);
         let energy = |values: &[f32]| values.iter().map(|value| f64::from(*value).powi(2)).sum::<f64>();
-        let own = energy(&self.template.values);
-        self.template.norm = if own > FLAT * energy(values) { own.sqrt() } else { 0.0 };
+        let varying = energy(&self.template.values);
+        self.template.norm = if varying > FLAT * energy(values) {
+            varying.sqrt()
+        } else {
+            0.0
+        };
     }
 
     /// Correlations at `N` consecutive shifts along a line, the first of which is given; [`OUTSIDE`] outside the frame.
     fn row<const N: usize>(&mut self, [down, aside]: [isize; 2]) -> [f64; N] {
-        let mut found = [OUTSIDE; N];
-        self.fill([down, aside], &mut found);
-        found
+        let mut correlations = [OUTSIDE; N];
+        self.fill([down, aside], &mut correlations);
+        correlations
     }
 
-    fn fill(&mut self, [down, aside]: [isize; 2], found: &mut [f64]) {
+    fn fill(&mut self, [down, aside]: [isize; 2], correlations: &mut [f64]) {
         let length = self.template.values.len();
         let (start, line) = (self.origin[0] + down, self.origin[1] + aside);
-        found.fill(OUTSIDE);
+        correlations.fill(OUTSIDE);
         let first = (-start).max(0);
-        let count = (found.len() as isize).min((self.samples - length) as isize + 1 - start) - first;
+        let count = (correlations.len() as isize).min((self.samples - length) as isize + 1 - start) - first;
         if count <= 0 || !(0..self.lines).contains(&line) {
             return;
         }
-        let found = &mut found[first as usize..(first + count) as usize];
+        let correlations = &mut correlations[first as usize..(first + count) as usize];
         let (start, line) = ((start + first) as usize, line as usize);
-        self.count += found.len() as u64;
-        self.sums.resize(found.len(), [0.0; 3]);
+        self.count += correlations.len() as u64;
+        self.sums.resize(correlations.len(), [0.0; 3]);
         let from = line * self.samples + start;
         dispatch(Products {
             window: &self.template.values,
-            values: &self.frame.values[from..from + length + found.len() - 1],
+            values: &self.frame.values[from..from + length + correlations.len() - 1],
             moments: self.frame.sums.is_none(),
             sums: &mut self.sums,
         });
@@ -470,18 +494,18 @@ impl Search<'_> {
                 (out[1], out[2]) = (over(sums), over(squares));
             }
         }
-        for (found, [product, sum, square]) in found.iter_mut().zip(&self.sums) {
+        for (correlation, [product, sum, square]) in correlations.iter_mut().zip(&self.sums) {
             let norm = (square - sum * sum / length as f64).max(0.0).sqrt() * self.template.norm;
-            *found = if norm > 0.0 { product / norm } else { 0.0 };
+            *correlation = if norm > 0.0 { product / norm } else { 0.0 };
         }
     }
 
     /// Highest correlation within a narrow reach along the line.
     fn climb(&mut self, [down, aside]: [isize; 2]) -> ([isize; 2], f64) {
         const REACH: isize = NARROW as isize;
-        let found: [f64; 2 * NARROW + 1] = self.row([down - REACH, aside]);
-        let mut best = ([down, aside], found[NARROW]);
-        for (step, value) in (-REACH..).zip(found) {
+        let correlations: [f64; 2 * NARROW + 1] = self.row([down - REACH, aside]);
+        let mut best = ([down, aside], correlations[NARROW]);
+        for (step, value) in (-REACH..).zip(correlations) {
             if value > best.1 {
                 best = ([down + step, aside], value);
             }
@@ -492,11 +516,11 @@ impl Search<'_> {
     /// Highest correlation within a reach along and across lines.
     fn all(&mut self, start: [isize; 2], reach: [isize; 2]) -> ([isize; 2], f64) {
         let mut best = (start, OUTSIDE);
-        let mut found = vec![OUTSIDE; 2 * reach[0] as usize + 1];
+        let mut correlations = vec![OUTSIDE; 2 * reach[0] as usize + 1];
         for aside in -reach[1]..=reach[1] {
             let first = [start[0] - reach[0], start[1] + aside];
-            self.fill(first, &mut found);
-            for (step, value) in (0..).zip(&found) {
+            self.fill(first, &mut correlations);
+            for (step, value) in (0..).zip(&correlations) {
                 if *value > best.1 {
                     best = ([first[0] + step, first[1]], *value);
                 }
@@ -525,9 +549,9 @@ impl Search<'_> {
         }
     }
 
-    /// Motion between samples and lines from the nearest ones, and the correlation there.
-    fn refined(&mut self, mut place: [isize; 2]) -> ([f64; 2], f64) {
-        let (mut down, mut height, mut at, mut nearest) = self.along(place);
+    /// Motion between samples and lines, from the peak above a place, and the correlation at the nearest sample.
+    fn refined(&mut self, place: [isize; 2]) -> Match {
+        let (mut down, mut height, mut at, mut correlation) = self.along(place);
         loop {
             let beside = [-1, 1].map(|aside| self.along([at[0], at[1] + aside]));
             let higher = beside
@@ -535,11 +559,13 @@ impl Search<'_> {
                 .max_by(|a, b| a.1.total_cmp(&b.1))
                 .filter(|it| it.1 > height);
             match higher {
-                Some(it) => (down, height, at, nearest) = (it.0, it.1, it.2, it.3),
+                Some(it) => (down, height, at, correlation) = (it.0, it.1, it.2, it.3),
                 None => {
                     let (aside, _) = cosine_peak([beside[0].1, height, beside[1].1]);
-                    place = at;
-                    return ([place[0] as f64 + down, place[1] as f64 + aside], nearest);
+                    return Match {
+                        shift: [at[0] as f64 + down, at[1] as f64 + aside],
+                        correlation,
+                    };
                 }
             }
         }

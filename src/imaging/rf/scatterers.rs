@@ -248,10 +248,10 @@ impl RfSynthesizer {
         let strain = self.reference.iter().zip(&self.current).map(moved).fold(0.0, f64::max);
         let corners = self.corners(0.0);
         let shift = self.region.as_ref().map_or(0.0, |region| {
-            let apart = |at: &Point3<f64>| {
+            let distance = |at: &Point3<f64>| {
                 (probe_to_world.transform_point(at) - region.probe_to_world.transform_point(at)).norm()
             };
-            corners.iter().map(apart).fold(0.0, f64::max)
+            corners.iter().map(distance).fold(0.0, f64::max)
         });
         if self
             .region
@@ -394,6 +394,6 @@ fn carried(locator: Option<&Locator<f64>>, at: [f64; 3], element: &mut u32) -> P
     *element = locator.locate(at, *element).element;
     match *element {
         NO_ELEMENT => at.into(),
-        found => locator.to_reference(found, at).into(),
+        element => locator.to_reference(element, at).into(),
     }
 }

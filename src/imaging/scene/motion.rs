@@ -210,13 +210,15 @@ impl SceneFile {
             }
             (None, None, Some(spec)) => {
                 let key = "needle.motion.sequence";
-                let own = spec
+                let configuration = spec
                     .plus_config
                     .as_ref()
                     .map(|config| PlusConfig::read(&base.join(config)));
-                let own = own.transpose().at(self, "needle.motion.sequence.plus_config")?;
+                let configuration = configuration
+                    .transpose()
+                    .at(self, "needle.motion.sequence.plus_config")?;
                 let transform = spec.transform.as_deref().unwrap_or("NeedleToTracker");
-                let from = (spec.file.as_deref(), transform, own.as_ref().or(plus));
+                let from = (spec.file.as_deref(), transform, configuration.as_ref().or(plus));
                 let (frames, path) = self.frames(key, from, base, notes)?;
                 warnings.extend(path.warnings);
                 let matrix =

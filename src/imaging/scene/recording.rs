@@ -278,8 +278,8 @@ impl SceneFile {
         };
         let fitted = ImageSpec::default();
         let stated = [spec.width, spec.height];
-        let own = stated == [fitted.width, fitted.height] || stated.map(|side| side as usize) == size;
-        if !own || spec.margin != fitted.margin {
+        let has_own_size = stated == [fitted.width, fitted.height] || stated.map(|side| side as usize) == size;
+        if !has_own_size || spec.margin != fitted.margin {
             let found = "`grid = \"recorded\"` with `width`, `height` or `margin`";
             return Err(self.wrong_keys("image", found, "the grid alone: the recording has its own size"));
         }

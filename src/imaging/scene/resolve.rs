@@ -348,7 +348,7 @@ fn outside(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, stated: Opt
     } else {
         ". In the first of them the"
     });
-    warning.push_str(&apart(volume, &first.pose, axes));
+    warning.push_str(&beside_volume(volume, &first.pose, axes));
     if let Some((table, world)) = stated {
         let (other, seen) = (world.other(), poses - blind(World::Ras));
         if seen > poses - black {
@@ -368,7 +368,7 @@ fn outside(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, stated: Opt
 }
 
 /// Describes the positions of an array and of the volume in the axes of `world`, and the distance between them.
-fn apart(volume: &LabelVolume, pose: &Pose, world: World) -> String {
+fn beside_volume(volume: &LabelVolume, pose: &Pose, world: World) -> String {
     let ends = volume.size().map(|count| [-0.5, count as f64 - 0.5]);
     let [mut low, mut high] = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
     for corner in 0..8 {

@@ -71,8 +71,8 @@ impl SceneFile {
         let names = Names::new(body.entries()).known();
         let meant = nearest(target, names.iter().map(String::as_str)).map(|meant| format!("did you mean \"{meant}\"?"));
         let of_file = body.volume.labels().iter().skip(1).filter(|label| label.voxels > 0);
-        let own = |label: &Label| label.name.clone().unwrap_or_else(|| label.value.to_string());
-        let mut like: Vec<String> = of_file.map(own).collect();
+        let name = |label: &Label| label.name.clone().unwrap_or_else(|| label.value.to_string());
+        let mut like: Vec<String> = of_file.map(name).collect();
         like.sort_by(|a, b| strsim::jaro_winkler(b, target).total_cmp(&strsim::jaro_winkler(a, target)));
         let labels = some_of(&like);
         let expected =
@@ -222,8 +222,11 @@ impl Body<'_> {
     }
 
     fn names_of(&self, label: u8, of: &Label) -> Vec<String> {
-        let own = of.name.as_deref().into_iter();
-        own.chain([self.tissues.of(label).name.as_ref()]).map(plain).collect()
+        let stated = of.name.as_deref().into_iter();
+        stated
+            .chain([self.tissues.of(label).name.as_ref()])
+            .map(plain)
+            .collect()
     }
 
     /// The name of a label, or its value.

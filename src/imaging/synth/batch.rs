@@ -19,8 +19,8 @@ const AHEAD: usize = 2;
 pub(super) struct Team {
     pool: Pool,
     others: Vec<Synthesizer>,
-    /// Number of threads asked for; memory may have allowed fewer.
-    asked: usize,
+    /// Number of threads that the frames suffice for; memory may have allowed fewer.
+    threads: usize,
 }
 
 impl Synthesizer {
@@ -161,15 +161,15 @@ impl Synthesizer {
 
     /// Threads that cut the meshes of several frames; `None` without a mesh, on one thread, and where the system has no threads to spare.
     fn cutters(&mut self, frames: usize) -> Option<Team> {
-        let asked = parallel::threads().min(frames);
-        if asked < 2 || self.tables.mesh.is_none() {
+        let threads = parallel::threads().min(frames);
+        if threads < 2 || self.tables.mesh.is_none() {
             return None;
         }
-        let kept = self.team.take().filter(|team| team.asked == asked);
+        let kept = self.team.take().filter(|team| team.threads == threads);
         kept.or_else(|| {
-            let pool = Pool::new(asked).ok()?;
+            let pool = Pool::new(threads).ok()?;
             let others = Vec::new();
-            Some(Team { pool, others, asked })
+            Some(Team { pool, others, threads })
         })
     }
 
@@ -177,21 +177,25 @@ impl Synthesizer {
     /// none, and where memory suffices for one frame at a time.
     fn team(&mut self, frames: usize) -> Result<Option<Team>, SynthError> {
         let threads = parallel::threads();
-        let asked = threads.min(frames);
+        let useful = threads.min(frames);
         let backend = match &self.executor {
             Executor::Cpu(_) => Backend::Cpu,
             Executor::CpuF64(_) => Backend::CpuF64,
             Executor::Gpu(_) => return Ok(None),
         };
-        if asked < 2 || 2 * frames < threads {
+        if useful < 2 || 2 * frames < threads {
             return Ok(None);
         }
-        if let Some(team) = self.team.take().filter(|team| (asked..=threads).contains(&team.asked)) {
+        if let Some(team) = self
+            .team
+            .take()
+            .filter(|team| (useful..=threads).contains(&team.threads))
+        {
             return Ok(Some(team));
         }
         let each = self.bytes_of_another();
         let fits = |others: &usize| memory::check(*others as u64 * each, "frames side by side").is_ok();
-        let others = (1..asked).rev().find(fits).unwrap_or(0);
+        let others = (1..useful).rev().find(fits).unwrap_or(0);
         // A system without threads to spare renders in turn, too.
         let pool = Pool::new(others + 1);
         let (Ok(pool), 1..) = (pool, others) else {
@@ -199,7 +203,11 @@ impl Synthesizer {
         };
         let others = (0..others).map(|_| Self::of(Arc::clone(&self.tables), backend.clone()));
         let others = others.collect::<Result<Vec<_>, _>>()?;
-        Ok(Some(Team { pool, others, asked }))
+        Ok(Some(Team {
+            pool,
+            others,
+            threads: useful,
+        }))
     }
 
     /// Memory of another thread, bytes: what passes write, pixels of frames that wait, and elements of the mesh.
@@ -232,10 +240,10 @@ impl Synthesizer {
     }
 
     /// Takes over timing and the state of the mesh.
-    fn follow(&mut self, other: &Self) {
+    fn copy_settings_from(&mut self, other: &Self) {
         match (&mut self.executor, &other.executor) {
-            (Executor::Cpu(own), Executor::Cpu(cpu)) => own.follow(cpu),
-            (Executor::CpuF64(own), Executor::CpuF64(cpu)) => own.follow(cpu),
+            (Executor::Cpu(to), Executor::Cpu(from)) => to.copy_settings_from(from),
+            (Executor::CpuF64(to), Executor::CpuF64(from)) => to.copy_settings_from(from),
             _ => {}
         }
     }
@@ -249,7 +257,7 @@ impl Team {
         take: &(impl Fn(usize, &Synthesizer, f64) -> Result<T, SynthError> + Sync),
         sink: &mut impl FnMut(usize, T) -> Result<(), E>,
     ) -> Result<(), E> {
-        self.others.iter_mut().for_each(|other| other.follow(first));
+        self.others.iter_mut().for_each(|other| other.copy_settings_from(first));
         let count = self.others.len() + 1;
         let (senders, receivers): (Vec<_>, Vec<_>) = (0..count).map(|_| sync_channel(AHEAD)).unzip();
         let members = [&mut *first].into_iter().chain(&mut self.others).zip(senders);
@@ -258,10 +266,10 @@ impl Team {
             let member = members[thread].lock().unwrap_or_else(PoisonError::into_inner).take();
             let Some((synth, sender)) = member else { return };
             for at in (thread..states.len()).step_by(count) {
-                let made = synth.timed(states, at, count).and_then(|ms| take(at, synth, ms));
-                let failed = made.is_err();
+                let result = synth.timed(states, at, count).and_then(|ms| take(at, synth, ms));
+                let failed = result.is_err();
                 // Nobody receives after an error.
-                if sender.send(made).is_err() || failed {
+                if sender.send(result).is_err() || failed {
                     return;
                 }
             }
@@ -271,8 +279,10 @@ impl Team {
             let receivers = receivers;
             for at in 0..states.len() {
                 // Where the other end is gone, its thread has panicked, which the broadcast passes on.
-                let Ok(made) = receivers[at % count].recv() else { break };
-                sink(at, made?)?;
+                let Ok(result) = receivers[at % count].recv() else {
+                    break;
+                };
+                sink(at, result?)?;
             }
             Ok(())
         });

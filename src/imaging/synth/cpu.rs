@@ -84,10 +84,10 @@ impl<T: PassScalar> CpuExecutor<T> {
     }
 
     /// Takes over whether passes are timed, and the state of the mesh.
-    pub(crate) fn follow(&mut self, other: &Self) {
+    pub(crate) fn copy_settings_from(&mut self, other: &Self) {
         self.timed = other.timed;
         if let (Some(slab), Some(other)) = (&mut self.store.slab, &other.store.slab) {
-            slab.follow(other, States::BOTH);
+            slab.copy_states_from(other, States::BOTH);
         }
     }
 

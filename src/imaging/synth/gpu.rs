@@ -57,8 +57,10 @@ const LOOPS: Loops = unsafe { Loops::ending() };
 /// Alignment of what is bound of a buffer, bytes.
 const ALIGNED: usize = ParamBlock::CAPACITY;
 
-/// Largest number of frames of a submission, and of bytes that their passes write.
+/// Largest number of frames of a submission.
 const MAX_FRAMES: usize = 16;
+
+/// Largest number of bytes that the passes of a submission write.
 const FRAMES_BYTES: u64 = 512 << 20;
 
 /// Size from which buffers filled from the tables are shared with other executors on the device, bytes.
@@ -178,7 +180,7 @@ impl GpuExecutor {
     }
 
     /// Makes memory for several frames of a submission, as many of these as limits and memory allow, and returns their number.
-    pub(crate) fn reserve_frames(&mut self, plan: &Plan, tables: &Tables, asked: usize) -> Result<usize, SynthError> {
+    pub(crate) fn reserve_frames(&mut self, plan: &Plan, tables: &Tables, wanted: usize) -> Result<usize, SynthError> {
         let uploads = uploads(plan);
         let resources = plan.resources.iter();
         let written = || {
@@ -198,7 +200,7 @@ impl GpuExecutor {
         let frames = if self.bands.len() > 1 {
             1
         } else {
-            asked.clamp(1, within)
+            wanted.clamp(1, within)
         };
         if frames > self.frames {
             let more = one * (frames - self.frames) as u64;
@@ -244,8 +246,8 @@ impl GpuExecutor {
         let slab = self.slabs.drain(..).nth(std::mem::take(&mut self.last));
         if let Some(mesh) = tables.mesh.as_ref().filter(|_| plan.uses(&ELEMENT_MAPS)) {
             let mut slab = slab.unwrap_or_else(|| Slab::new(mesh));
-            slab.forget();
-            let others: Vec<_> = (1..self.frames).map(|_| slab.another()).collect();
+            slab.invalidate();
+            let others: Vec<_> = (1..self.frames).map(|_| slab.new_for_same_mesh()).collect();
             self.slabs.push(slab);
             self.slabs.extend(others);
         }
@@ -328,8 +330,8 @@ impl GpuExecutor {
                 1
             };
         let key = (buffer, part);
-        let made = self.buffers.get(&key);
-        let fits = made.is_some_and(|made| made.bytes() == bytes.next_multiple_of(4).max(4));
+        let present = self.buffers.get(&key);
+        let fits = present.is_some_and(|buffer| buffer.bytes() == bytes.next_multiple_of(4).max(4));
         let contents = buffer.contents.filter(|_| !fits || changed);
         let contents = contents.map(|contents| contents.bytes(tables, self.bands[part]));
         match contents {
@@ -344,8 +346,8 @@ impl GpuExecutor {
             _ => {
                 // Freed before it is made in another size.
                 self.buffers.remove(&key);
-                let made = StorageBuffer::zeroed(&self.gpu, buffer.name, bytes)?;
-                self.buffers.insert(key, made);
+                let zeroed = StorageBuffer::zeroed(&self.gpu, buffer.name, bytes)?;
+                self.buffers.insert(key, zeroed);
             }
         }
         contents.map_or(Ok(()), |contents| self.buffers[&key].write(&self.gpu, 0, &contents))
@@ -477,8 +479,8 @@ impl GpuExecutor {
         let constants: Vec<u32> = extents.chain(strides).collect();
         let at = blocks_at + passes * ParamBlock::CAPACITY;
         for frame in 0..self.frames {
-            let own = &mut self.uploads.contents[at + frame * block..];
-            own[..4 * constants.len()].copy_from_slice(bytemuck::cast_slice(&constants));
+            let of_frame = &mut self.uploads.contents[at + frame * block..];
+            of_frame[..4 * constants.len()].copy_from_slice(bytemuck::cast_slice(&constants));
         }
     }
 
@@ -566,8 +568,8 @@ impl GpuExecutor {
             for step in singles.iter().chain(&self.fused) {
                 let block = step.blocks_at + frame * linker::block_bytes(step.passes.len());
                 let blocks = contents[block..].chunks_exact_mut(ParamBlock::CAPACITY);
-                for (pass, own) in step.passes.iter().zip(blocks) {
-                    own.copy_from_slice((pass.params)(&view, step.band).slot());
+                for (pass, block) in step.passes.iter().zip(blocks) {
+                    block.copy_from_slice((pass.params)(&view, step.band).slot());
                 }
             }
             for &(buffer, at, bytes) in &*per_frame {
@@ -969,7 +971,7 @@ fn cut(slabs: &mut [Slab<f32>], tables: &Tables, states: &[&FrameState]) -> Resu
             reference: state.reference.is_none(),
         };
         let (before, slabs) = slabs.split_at_mut(frame);
-        slabs[0].follow(&before[frame - 1], unmoved);
+        slabs[0].copy_states_from(&before[frame - 1], unmoved);
     }
     for_each((slabs, states), &|(slab, state)| {
         slab.cut(tables, &state.probe_to_world);

@@ -210,44 +210,50 @@ impl Linker {
         name
     }
 
-    /// Tokens with all names of the module resolved.
-    fn rewritten<'a>(&mut self, unit: &mut Unit<'a>, tokens: &[&'a str], own: Option<&str>) -> String {
+    /// Tokens with all names of the module resolved, and indices into buffers with a copy per frame offset to that of the frame. Of
+    /// `amplitude[line * samples + i]` it makes `buffer_Amplitude[at_buffer_Amplitude + u32(line * samples + i)]`. `declared` is the name of the
+    /// declaration itself, if it has one; [`SELF`] takes its place.
+    fn rewritten<'a>(&mut self, unit: &mut Unit<'a>, tokens: &[&'a str], declared: Option<&str>) -> String {
         let is_struct = tokens.first() == Some(&"struct");
         let mut text = String::new();
-        let mut shifted = Vec::new();
-        let mut shift = None;
-        let mut before = "";
+        // A buffer just named, whose index comes next, and of each open bracket whether it holds such an index.
+        let mut to_index = None;
+        let mut open_brackets = Vec::new();
+        let mut previous = "";
         for (at, &token) in tokens.iter().enumerate() {
             let next = tokens[at + 1..].iter().find(|token| !is_space(token));
-            let is_member = before == "." || (is_struct && next == Some(&":"));
+            // Members belong to their struct: a variable of the same name is another thing.
+            let is_member = previous == "." || (is_struct && next == Some(&":"));
             if is_word(token) && !is_member {
-                match own {
-                    Some(own) if own == token => text.push_str(SELF),
-                    _ => match self.resolve(unit, token) {
+                if declared == Some(token) {
+                    text.push_str(SELF);
+                } else {
+                    match self.resolve(unit, token) {
                         Name::Plain(name) => text.push_str(&name),
-                        Name::Buffer(name, is_shifted) => {
+                        Name::Buffer(name, has_copies) => {
                             text.push_str(&name);
-                            shift = is_shifted.then_some(name);
+                            to_index = has_copies.then_some(name);
                         }
-                    },
+                    }
                 }
             } else {
-                text.push_str(token);
                 debug_assert!(
-                    shift.is_none() || token == "[" || is_space(token),
-                    "{shift:?} before {token}"
+                    to_index.is_none() || token == "[" || is_space(token),
+                    "{to_index:?} before {token}"
                 );
+                text.push_str(token);
                 if token == "[" {
-                    shifted.push(shift.is_some());
-                    if let Some(name) = shift.take() {
+                    open_brackets.push(to_index.is_some());
+                    if let Some(name) = to_index.take() {
                         let _ = write!(text, "at_{name} + u32(");
                     }
-                } else if token == "]" && shifted.pop() == Some(true) {
+                } else if token == "]" && open_brackets.pop() == Some(true) {
+                    // Closes the `u32(` before the bracket.
                     text.insert(text.len() - 1, ')');
                 }
             }
             if !is_space(token) {
-                before = token;
+                previous = token;
             }
         }
         text
@@ -410,7 +416,7 @@ fn by_lines(text: &mut String, fused: &Fused, calls: &[Call], shifts: &str) {
 /// Workgroups of a dispatch for one frame, given the extents of its passes; those of the frames lie along z.
 pub fn workgroups(passes: &[Bound], fused: &Fused, extents: &[[u32; 3]]) -> [u32; 3] {
     match (&fused[..], extents) {
-        ([_], [own]) => *own,
+        ([_], [extent]) => *extent,
         ([sequence], _) if !sequence.by_line => {
             let most = |axis: usize| extents.iter().map(|extent| extent[axis]).max().unwrap_or(0);
             [most(0), most(1), 1]
@@ -469,7 +475,7 @@ fn tokens(source: &str) -> Vec<&str> {
 /// Declarations of a module.
 fn items(source: &str) -> Vec<Item<'_>> {
     let mut items = Vec::new();
-    let mut own = Vec::new();
+    let mut item = Vec::new();
     let mut depth = 0;
     for token in tokens(source) {
         match token {
@@ -477,20 +483,20 @@ fn items(source: &str) -> Vec<Item<'_>> {
             ")" | "]" | "}" => depth -= 1,
             _ => {}
         }
-        if own.is_empty() && is_space(token) {
+        if item.is_empty() && is_space(token) {
             continue;
         }
-        own.push(token);
+        item.push(token);
         if depth == 0 && (token == ";" || token == "}") {
-            items.push(Item::new(&own));
-            own.clear();
+            items.push(Item::new(&item));
+            item.clear();
         }
     }
     items
 }
 
 impl<'a> Item<'a> {
-    fn new(all: &[&'a str]) -> Self {
+    fn new(tokens: &[&'a str]) -> Self {
         let mut item = Self {
             name: "",
             tokens: Vec::new(),
@@ -498,36 +504,40 @@ impl<'a> Item<'a> {
             size: None,
             by_invocation: false,
         };
+        item.strip_attributes(tokens);
+        // `fn NAME`, `struct NAME`, but `var<storage, read> NAME`.
+        let words = || item.tokens.iter().skip_while(|token| is_space(token));
+        let before_name = match words().next() {
+            Some(&"var") => words().position(|&token| token == ">"),
+            _ => Some(0),
+        };
+        let name = words()
+            .skip(before_name.map_or(0, |at| at + 1))
+            .find(|token| is_word(token));
+        item.name = name.copied().unwrap_or_default();
+        item
+    }
+
+    /// Takes over tokens but those of attributes, such as `@binding(3)`, whose values it keeps.
+    fn strip_attributes(&mut self, tokens: &[&'a str]) {
         let mut at = 0;
-        while at < all.len() {
-            if all[at] != "@" {
-                item.tokens.push(all[at]);
+        while at < tokens.len() {
+            if tokens[at] != "@" {
+                self.tokens.push(tokens[at]);
                 at += 1;
                 continue;
             }
-            // An attribute, with its value if it has one.
-            let value = all.get(at + 3).copied().unwrap_or_default();
-            match all[at + 1] {
-                "binding" => item.binding = value.parse().ok(),
-                "workgroup_size" => item.size = value.parse().ok(),
-                "builtin" => item.by_invocation |= value == "global_invocation_id",
+            let value = tokens.get(at + 3).copied().unwrap_or_default();
+            match tokens[at + 1] {
+                "binding" => self.binding = value.parse().ok(),
+                "workgroup_size" => self.size = value.parse().ok(),
+                "builtin" => self.by_invocation |= value == "global_invocation_id",
                 _ => {}
             }
-            at += if all.get(at + 2) == Some(&"(") { 5 } else { 2 };
-            at += usize::from(all.get(at).is_some_and(|token| is_space(token)));
+            // `@`, name, and `(`, value, `)` if there is one; then a space.
+            at += if tokens.get(at + 2) == Some(&"(") { 5 } else { 2 };
+            at += usize::from(tokens.get(at).is_some_and(|token| is_space(token)));
         }
-        let words = || item.tokens.iter().skip_while(|token| is_space(token));
-        let kind = words().next().copied().unwrap_or_default();
-        let from = if kind == "var" {
-            words().position(|&token| token == ">")
-        } else {
-            Some(0)
-        };
-        let named = words()
-            .skip(from.map_or(0, |from| from + 1))
-            .find(|token| is_word(token));
-        item.name = named.copied().unwrap_or_default();
-        item
     }
 }
 

@@ -36,9 +36,9 @@ const LANES: usize = 8;
 pub struct Crossing<T> {
     /// Number of each in the mesh.
     pub elements: Vec<u32>,
-    /// Elements found by each task, at the start of its [`TESTED`] places.
-    found: Vec<u32>,
-    /// Number of elements found by each task.
+    /// Elements that each task keeps, at the start of its [`TESTED`] places.
+    kept: Vec<u32>,
+    /// Number of elements that each task keeps.
     counts: Vec<usize>,
     /// Maps to barycentric coordinates, with the first scanline and the one behind the last in spare places.
     pub frames: Vec<Frame<T>>,
@@ -55,7 +55,7 @@ impl<T: Real> Crossing<T> {
     fn new(capacity: usize) -> Self {
         Self {
             elements: Vec::with_capacity(capacity),
-            found: vec![0; capacity],
+            kept: vec![0; capacity],
             counts: vec![0; capacity.div_ceil(TESTED)],
             frames: Vec::with_capacity(capacity),
             carries: Vec::with_capacity(capacity),
@@ -107,29 +107,29 @@ impl<T: Real> Crossing<T> {
         reference: &[[f64; 3]],
     ) {
         let all = mesh.elements();
-        let test = |(task, found, count): (usize, &mut [u32], &mut usize)| {
+        let test = |(task, kept, count): (usize, &mut [u32], &mut usize)| {
             *count = 0;
             let first = task * TESTED;
-            let of_task = &all[first..first + found.len()];
+            let of_task = &all[first..first + kept.len()];
             for (block, corners) in (first / BLOCK..).zip(of_task.chunks(BLOCK)) {
                 if !view.meets(in_probe, blocks.of(block as u32)) {
                     continue;
                 }
                 for (element, corners) in (block * BLOCK..).zip(corners) {
                     if view.meets(in_probe, corners) {
-                        found[*count] = element as u32;
+                        kept[*count] = element as u32;
                         *count += 1;
                     }
                 }
             }
         };
         match &mut self.counts[..] {
-            [count] => test((0, &mut self.found, count)),
-            counts => for_each((0.., chunks_mut(&mut self.found, TESTED), counts), &test),
+            [count] => test((0, &mut self.kept, count)),
+            counts => for_each((0.., chunks_mut(&mut self.kept, TESTED), counts), &test),
         }
         self.elements.clear();
-        for (found, &count) in self.found.chunks(TESTED).zip(&self.counts) {
-            self.elements.extend_from_slice(&found[..count]);
+        for (kept, &count) in self.kept.chunks(TESTED).zip(&self.counts) {
+            self.elements.extend_from_slice(&kept[..count]);
         }
         self.frames.resize(self.elements.len(), Default::default());
         self.carries.resize(self.elements.len(), Default::default());
@@ -300,7 +300,7 @@ impl<T: Real> Slab<T> {
     }
 
     /// Memory for another slab of the same mesh, whose nodes lie as in this one; nothing is cut yet.
-    pub fn another(&self) -> Self {
+    pub fn new_for_same_mesh(&self) -> Self {
         let count = self.mesh.elements().len();
         Self {
             mesh: Arc::clone(&self.mesh),
@@ -317,7 +317,7 @@ impl<T: Real> Slab<T> {
     }
 
     /// Cuts again at the next frame: the probe or the sub-planes have changed.
-    pub fn forget(&mut self) {
+    pub fn invalidate(&mut self) {
         self.pose = None;
     }
 
@@ -348,7 +348,7 @@ impl<T: Real> Slab<T> {
     }
 
     /// Takes over the nodes of another slab of the same mesh, of the states named.
-    pub fn follow(&mut self, other: &Self, states: States) {
+    pub fn copy_states_from(&mut self, other: &Self, states: States) {
         if states.deformed && self.current != other.current {
             self.current.copy_from_slice(&other.current);
             self.moved.deformed = true;

@@ -58,7 +58,7 @@ impl<T: Real> Store<T> {
         resize(&mut self.pixels, count(&PIXELS, pixels), 0);
         self.effects.fit(plan, tables);
         match &tables.mesh {
-            Some(mesh) if plan.uses(&ELEMENT) => self.slab.get_or_insert_with(|| Slab::new(mesh)).forget(),
+            Some(mesh) if plan.uses(&ELEMENT) => self.slab.get_or_insert_with(|| Slab::new(mesh)).invalidate(),
             _ => self.slab = None,
         }
     }

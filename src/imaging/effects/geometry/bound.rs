@@ -35,7 +35,7 @@ pub(crate) fn position(step: &Step, index: usize, z: f64) -> [f64; 3] {
             .effects
             .contact
             .as_ref()
-            .map_or(0.0, |own| own.reach_mm);
+            .map_or(0.0, |contact| contact.reach_mm);
         let pressed = reach * (m(0) * dx + m(1) * dy);
         TERM * ULP * terms + ULP * (PRESSED * pressed + f64::from(u8::from(reach > 0.0)) * (terms + pressed))
     })

@@ -20,8 +20,8 @@ const TERM: f64 = 4.5;
 pub(crate) fn carry(step: &Step, slack: &mut Slack) {
     let tables = step.tables;
     let surfaces = Surfaces::<f64>::new(tables);
-    let own = tables.settings.effects.interface.clone().unwrap_or_default();
-    let mirror = 10f64.powf(own.mirror_db / 20.0);
+    let interface = tables.settings.effects.interface.clone().unwrap_or_default();
+    let mirror = 10f64.powf(interface.mirror_db / 20.0);
     let (lines, samples) = (step.lines(), step.samples());
     slack.specular = vec![[0.0; 2]; lines * samples];
     let loudest = 1.0 + LOUDEST;
@@ -40,7 +40,7 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
                 (true, true) => 2.0 * size * loudest,
                 (true, false) => {
                     let offs = pair.map(|at| slack.position[at]);
-                    rounding(step, &surfaces, own.directivity, labels[1], places, offs) * size
+                    rounding(step, &surfaces, interface.directivity, labels[1], places, offs) * size
                 }
             };
             let off = (exact[0] - twin[0]).hypot(exact[1] - twin[1]) + rounding;
@@ -134,8 +134,8 @@ fn cosine_off(
         let exact: f64 = (0..3).map(|row| matrix[(row, axis)] * gradient[row]).sum();
         steep += exact * exact;
         steep_off += (slope(gradient_off) + 4.0 * ULP * slope(gradient)).powi(2);
-        let apart = after[axis] - before[axis];
-        long += apart * apart;
+        let offset = after[axis] - before[axis];
+        long += offset * offset;
         long_off += (offs[0][axis] + offs[1][axis] + ULP * (before[axis].abs() + after[axis].abs())).powi(2);
     }
     let (steep, steep_off, long, long_off) = (steep.sqrt(), steep_off.sqrt(), long.sqrt(), long_off.sqrt());

@@ -107,14 +107,14 @@ impl Segment {
 }
 
 pub(crate) fn carry(step: &Step, slack: &mut Slack) {
-    let own = step.tables.settings.effects.needle.clone().unwrap_or_default();
+    let needle = step.tables.settings.effects.needle.clone().unwrap_or_default();
     slack.mask = vec![0.0; step.lines() * step.samples()];
     slack.shade = slack.mask.clone();
     // Stored once for all backends: the reference reads the same rounded numbers.
     let numbers = NeedleParams {
-        echo: 10f64.powf(own.echo_db / 20.0) as f32,
-        reverberation: 10f64.powf(-own.reverberation_db / 20.0) as f32,
-        reverberation_mm: own.reverberation_mm as f32,
+        echo: 10f64.powf(needle.echo_db / 20.0) as f32,
+        reverberation: 10f64.powf(-needle.reverberation_db / 20.0) as f32,
+        reverberation_mm: needle.reverberation_mm as f32,
         ..bytemuck::Zeroable::zeroed()
     };
     let beam_mm = step
@@ -138,11 +138,11 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
         for line in 0..step.lines() {
             let ray = step.tables.rays[line];
             let cosine = ray[2] * segment.axis.x + ray[3] * segment.axis.y;
-            let (square, square_off) = squareness(cosine, 2.0 * (segment.axis_off + 2.0 * ULP), own.directivity);
+            let (square, square_off) = squareness(cosine, 2.0 * (segment.axis_off + 2.0 * ULP), needle.directivity);
             for sample in 0..step.samples() {
                 let index = line * step.samples() + sample;
                 let mut echo = f64::from(numbers.echo);
-                for repetition in 0..=own.reverberations {
+                for repetition in 0..=needle.reverberations {
                     let shift = f64::from(repetition) * f64::from(numbers.reverberation_mm);
                     let depth = step.tables.grid.sample_depth_mm(sample) - shift;
                     let point = [ray[0] + ray[2] * depth, ray[1] + ray[3] * depth];
@@ -174,7 +174,7 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
                     }
                     echo *= f64::from(numbers.reverberation);
                 }
-                slack.amplitude[index] += ULP * step.after.amplitude[index] * f64::from(own.reverberations + 1);
+                slack.amplitude[index] += ULP * step.after.amplitude[index] * f64::from(needle.reverberations + 1);
             }
         }
     }

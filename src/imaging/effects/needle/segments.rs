@@ -65,7 +65,9 @@ fn crossing(tables: &Tables, state: &FrameState) -> impl Iterator<Item = Segment
         let world_to_probe = world_to_probe?;
         let ends = [pair[0], pair[1]].map(|node| world_to_probe.transform_point(&node));
         let [start_of, end_of] = segment(ends, diameter_mm, thickness_mm.unwrap_or(diameter_mm))?;
-        let factor = speckle.map_or(1.0, |own| 1.0 / own.thick_gain(diameter_mm / 2.0, tables.sample_mm()));
+        let factor = speckle.map_or(1.0, |speckle| {
+            1.0 / speckle.thick_gain(diameter_mm / 2.0, tables.sample_mm())
+        });
         // If another segment is not finite, the distance from the tip is unknown.
         let rounded = [start, end, number, factor].map(|x| if x.is_finite() { f64::from(x as f32) } else { 0.0 });
         Some([start_of, end_of, rounded])

@@ -7,8 +7,8 @@ use crate::parity::{Slack, Step};
 
 pub(crate) fn carry(step: &Step, slack: &mut Slack) {
     let tables = step.tables;
-    let own = tables.settings.effects.receiver.as_ref();
-    let noise = own.map_or(0.0, |own| own.noise_power() / DRAW_MEAN);
+    let receiver = tables.settings.effects.receiver.as_ref();
+    let noise = receiver.map_or(0.0, |receiver| receiver.noise_power() / DRAW_MEAN);
     for index in 0..step.after.amplitude.len() {
         let (line, sample) = step.place(index);
         let drawn = f64::from(draw(line, sample, step.state.frame, tables.settings.seed));

@@ -128,14 +128,14 @@ pub(super) fn rays<T: Real>(view: &View, store: &mut Store<T>) {
             let first = line * samples + run.start;
             for (at, (label, out)) in labels[first..].iter().zip(out).enumerate() {
                 let shade = |units: T| (mask[first + at][1] * units).to_u32().unwrap_or(0);
-                let own = loss[usize::from(*label)] + needle.map_or(0, shade);
-                if own == 0 {
+                let sample_loss = loss[usize::from(*label)] + needle.map_or(0, shade);
+                if sample_loss == 0 {
                     *out = left;
                     continue;
                 }
                 let to = |units: u32| (T::of(f64::from(units.min(MAX_UNITS))) * exponent).exp2();
-                *out = to(above + own / 2);
-                above = (above + own).min(MAX_UNITS);
+                *out = to(above + sample_loss / 2);
+                above = (above + sample_loss).min(MAX_UNITS);
                 left = to(above);
             }
         }

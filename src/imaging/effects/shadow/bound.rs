@@ -52,15 +52,15 @@ fn needle(step: &Step, slack: &Slack, index: usize) -> [f64; 2] {
 }
 
 /// Accumulates the samples' own losses down to the middle of each sample, with error bounds.
-fn down(samples: usize, own: impl Fn(usize) -> [f64; 2]) -> Vec<[f64; 2]> {
+fn down(samples: usize, loss: impl Fn(usize) -> [f64; 2]) -> Vec<[f64; 2]> {
     let mut above = [0.0; 2];
     let sample = |sample| {
-        let [loss, off] = own(sample);
+        let [loss, off] = loss(sample);
         // Half of the sample's own loss, again truncated to whole units.
         let halved = if off > 0.0 { 0.5 * off + 1.0 } else { 0.0 };
-        let found = [above[0] + (0.5 * loss).floor(), above[1] + halved];
+        let at_centre = [above[0] + (0.5 * loss).floor(), above[1] + halved];
         above = [above[0] + loss, above[1] + off];
-        found
+        at_centre
     };
     (0..samples).map(sample).collect()
 }
@@ -152,8 +152,8 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
             // As in `blur`: weights stored (1/2), products (1) and sums; for a truncated kernel also a division.
             let off = off + ((1.5 + 2.0 * weights.len() as f64) * ULP + DIVIDE) * (mean + off) / norm.min(1.0);
             let index = line * samples + sample;
-            let [own, own_off] = through[line];
-            let darker = [own.min(mean), off.max(own_off)];
+            let [on_line, line_off] = through[line];
+            let darker = [on_line.min(mean), off.max(line_off)];
             let [left, off] = match [step.after, step.twin].map(|beam| is_opaque(beam.label[index])) {
                 [false, false] => [mean, off],
                 [true, true] => darker,
@@ -215,10 +215,10 @@ pub(crate) fn carry_mirror(step: &Step, slack: &mut Slack) {
                     continue;
                 }
                 // About twenty operations on lengths up to the radius of the far end, also in units of scanlines.
-                let apart = spacing[0] + spacing[1] * from.max(0.5);
+                let distance = spacing[0] + spacing[1] * from.max(0.5);
                 let radius = if spacing[1] > 0.0 { spacing[0] / spacing[1] } else { 0.0 } + samples as f64;
                 let off = 20.0 * ULP * 2.0 * radius;
-                let off = off + off / apart + 4.0 * ULP * lines as f64;
+                let off = off + off / distance + 4.0 * ULP * lines as f64;
                 let around = |values: &[f64]| {
                     let window = |at: f64, count: usize| {
                         let first = at.floor() as i64 - 1;

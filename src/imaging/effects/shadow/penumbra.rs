@@ -80,15 +80,15 @@ impl<T: Real> Kernel for Scanline<'_, T> {
 
     #[inline(always)]
     fn run(self) {
-        let own = &self.through[self.place[0] * self.amplitudes.len()..];
-        let rows = self.labels.chunks(BLOCK).zip(own.chunks(BLOCK));
-        for (block, (amplitudes, (labels, own))) in self.amplitudes.chunks_mut(BLOCK).zip(rows).enumerate() {
+        let on_line = &self.through[self.place[0] * self.amplitudes.len()..];
+        let rows = self.labels.chunks(BLOCK).zip(on_line.chunks(BLOCK));
+        for (block, (amplitudes, (labels, through))) in self.amplitudes.chunks_mut(BLOCK).zip(rows).enumerate() {
             let mut mean = [T::zero(); BLOCK];
             let mean = &mut mean[..amplitudes.len()];
             self.kernel.mean(self.through, self.place, block * BLOCK, mean);
             for i in 0..amplitudes.len() {
                 let opaque = self.is_opaque[usize::from(labels[i])];
-                let left = if opaque { own[i].min(mean[i]) } else { mean[i] };
+                let left = if opaque { through[i].min(mean[i]) } else { mean[i] };
                 amplitudes[i] *= left * left;
             }
         }

@@ -70,8 +70,8 @@ pub(super) fn reflectors<T: Real>(view: &View, store: &mut Store<T>) {
             .is_some_and(|row| row.loss >= opaque)
     };
     let lines = store.label.chunks(tables.samples());
-    for (found, labels) in store.effects.shadow.reflectors.iter_mut().zip(lines) {
-        *found = top(labels, is_opaque);
+    for (reflector, labels) in store.effects.shadow.reflectors.iter_mut().zip(lines) {
+        *reflector = top(labels, is_opaque);
     }
 }
 
@@ -94,8 +94,8 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
         let reflected = T::of(reflection(tables, [labels[at - 1], labels[at]]));
         let gain = share * reflected * (above * exponent).exp2() * directivity(tops, line, samples, spacing);
         for sample in top..samples {
-            let (own, repeat) = (amplitudes[sample], gain * amplitudes[sample - top]);
-            amplitudes[sample] = (own * own + repeat * repeat).sqrt();
+            let (echo, repeat) = (amplitudes[sample], gain * amplitudes[sample - top]);
+            amplitudes[sample] = (echo * echo + repeat * repeat).sqrt();
         }
     });
 }

@@ -163,10 +163,14 @@ fn vote(tables: &Tables, low: [f64; 3], high: [f64; 3], boundary: Boundary, labe
         shares[usize::from(label(voxel))] += (0..3).map(|axis| weight(index[axis], voxel[axis])).product::<f64>();
     }
     for cell in voxels(first, last) {
-        let held: Vec<u8> = voxels(cell, cell.map(|n| n + 1)).map(label).collect();
-        let most = held.iter().map(|label| shares[usize::from(*label)]).fold(0.0, f64::max);
+        let labels: Vec<u8> = voxels(cell, cell.map(|n| n + 1)).map(label).collect();
+        let most = labels
+            .iter()
+            .map(|label| shares[usize::from(*label)])
+            .fold(0.0, f64::max);
         labels.extend(
-            held.into_iter()
+            labels
+                .into_iter()
                 .filter(|&label| shares[usize::from(label)] >= most - 2.0 * (off + share_off * ULP)),
         );
     }

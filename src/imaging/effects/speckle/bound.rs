@@ -28,11 +28,11 @@ const POSITION: f64 = 8.5;
 const MIX: f64 = DIVIDE + 3.0 * ULP;
 
 /// Error bound and size of the echo at each fine scanline and sample.
-fn echoes(step: &Step, slack: &Slack, own: &SpeckleTables) -> Vec<[f64; 2]> {
+fn echoes(step: &Step, slack: &Slack, speckle: &SpeckleTables) -> Vec<[f64; 2]> {
     let (lines, samples) = (step.lines(), step.samples());
-    let (fine_lines, over) = (own.fine_lines(lines), own.oversampling);
-    let planes: f64 = own.planes.iter().map(|weight| weight.abs()).sum();
-    let reach_mm = own.plane_mm * (own.planes.len() as f64 - 1.0) / 2.0;
+    let (fine_lines, over) = (speckle.fine_lines(lines), speckle.oversampling);
+    let planes: f64 = speckle.planes.iter().map(|weight| weight.abs()).sum();
+    let reach_mm = speckle.plane_mm * (speckle.planes.len() as f64 - 1.0) / 2.0;
     let outermost = step.state.probe_to_world.fixed_view::<3, 1>(0, 2) * reach_mm;
     let mut echoes = vec![[0.0f64; 2]; fine_lines * samples];
     for fine in 0..fine_lines {
@@ -54,16 +54,18 @@ fn echoes(step: &Step, slack: &Slack, own: &SpeckleTables) -> Vec<[f64; 2]> {
                     };
                     let given = slack.position[a][axis].max(slack.position[b][axis]).max(torn);
                     let size = pa[axis].abs().max(pb[axis].abs()) + reach_mm;
-                    (given + carried[axis] + POSITION * ULP * size + MIX * (pb[axis] - pa[axis]).abs()) / own.lattice_mm
+                    (given + carried[axis] + POSITION * ULP * size + MIX * (pb[axis] - pa[axis]).abs())
+                        / speckle.lattice_mm
                 })
                 .sum();
-            let value = planes * (SLOPE * steps + LOUDEST * (INTERPOLATION + (1.5 + own.planes.len() as f64) * ULP));
+            let value =
+                planes * (SLOPE * steps + LOUDEST * (INTERPOLATION + (1.5 + speckle.planes.len() as f64) * ULP));
             let loud = planes * LOUDEST;
             let at = nearest * samples + sample;
             let (amplitude, off) = (step.before.amplitude[at], slack.amplitude[at]);
             // Echoes of surfaces and needles, interpolated between two scanlines, times a stored factor, added.
             let specular = [a, b].map(|at| slack.specular.get(at).copied().unwrap_or([0.0; 2]));
-            let factor = own.specular.of::<f64>()[sample];
+            let factor = speckle.specular.of::<f64>()[sample];
             let [off_specular, size] = [0, 1].map(|part| factor * specular[0][part].max(specular[1][part]));
             let size = size + off_specular;
             echoes[fine * samples + sample] = [
@@ -82,14 +84,14 @@ fn echoes(step: &Step, slack: &Slack, own: &SpeckleTables) -> Vec<[f64; 2]> {
 
 pub(crate) fn carry(step: &Step, slack: &mut Slack) {
     let tables = step.tables;
-    let Some(own) = &tables.effects.speckle else {
+    let Some(speckle) = &tables.effects.speckle else {
         return slack.fault("speckle without tables");
     };
     let (lines, samples) = (step.lines(), step.samples());
-    let fine_lines = own.fine_lines(lines);
-    let over = own.oversampling;
-    let echoes = echoes(step, slack, own);
-    let axial = own.axial.of::<f64>();
+    let fine_lines = speckle.fine_lines(lines);
+    let over = speckle.oversampling;
+    let echoes = echoes(step, slack, speckle);
+    let axial = speckle.axial.of::<f64>();
     let reach = axial.len() / 2;
     let mut spread = vec![[0.0f64; 2]; fine_lines * samples];
     for fine in 0..fine_lines {
@@ -101,25 +103,25 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
                 }
             }
             // One more product with a stored factor at the ends.
-            let factor = own.ends.of::<f64>()[sample];
+            let factor = speckle.ends.of::<f64>()[sample];
             spread[fine * samples + sample] = rounded(sum, axial.len() + 2).map(|x| x * factor);
         }
     }
-    let reach = own.lateral.reach;
+    let reach = speckle.lateral.reach;
     for line in 0..lines {
         let centre = line * over;
         for sample in 0..samples {
             let mut sum = [0.0; 2];
-            for (tap, weight) in own.lateral.at(sample).enumerate() {
+            for (tap, weight) in speckle.lateral.at(sample).enumerate() {
                 if let Some(fine) = (centre + tap).checked_sub(reach).filter(|&fine| fine < fine_lines) {
                     sum = add(sum, weight.abs(), spread[fine * samples + sample]);
                 }
             }
             let taps = 2 * reach + 1;
             let [off, size] = rounded(sum, taps);
-            let scale = own
+            let scale = speckle
                 .edge(line, lines)
-                .map_or(1.0, |row| own.edges.of::<f64>()[row * samples + sample]);
+                .map_or(1.0, |row| speckle.edges.of::<f64>()[row * samples + sample]);
             // The modulus: root of a sum of two squares; at the edges times a stored factor.
             let modulus = ROOT + 2.0 * ULP + 1.5 * ULP;
             slack.amplitude[line * samples + sample] = scale * (off + modulus * size);
@@ -145,14 +147,14 @@ fn check_typical(step: &Step, slack: &mut Slack) {
         return;
     };
     let (mut off, mut bound) = (0.0, 0.0);
-    for (index, &own) in slack
+    for (index, &sample_bound) in slack
         .amplitude
         .iter()
         .enumerate()
-        .filter(|&(_, own)| *own <= 2.0 * middle)
+        .filter(|&(_, sample_bound)| *sample_bound <= 2.0 * middle)
     {
         off += (step.after.amplitude[index] - step.twin.amplitude[index]).powi(2);
-        bound += own * own;
+        bound += sample_bound * sample_bound;
     }
     let (off, bound) = (off.sqrt(), TYPICAL * bound.sqrt());
     if off > bound || off.is_nan() {

@@ -7,7 +7,7 @@ use super::tables::MAX_PLANES;
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Elevation {
     /// Distance between sub-planes, lattice steps.
-    pub apart: f64,
+    pub spacing: f64,
     /// Weights, from the most negative elevation to the most positive.
     pub weights: Vec<f64>,
 }
@@ -58,12 +58,12 @@ impl Elevation {
         best.1
     }
 
-    fn spaced(count: usize, apart: f64) -> Self {
+    fn spaced(count: usize, spacing: f64) -> Self {
         let sigma = count as f64 / PLANES_PER_SIGMA;
         let middle = (count - 1) as f64 / 2.0;
         let weights = (0..count).map(|plane| (-0.5 * ((plane as f64 - middle) / sigma).powi(2)).exp());
         Self {
-            apart,
+            spacing,
             weights: weights.collect(),
         }
     }
@@ -75,7 +75,7 @@ impl Elevation {
             let mut sum = 0.0;
             for (i, a) in self.weights.iter().enumerate() {
                 for (j, b) in self.weights.iter().enumerate() {
-                    sum += a * b * lattice_correlation(distance + (i as f64 - j as f64) * self.apart);
+                    sum += a * b * lattice_correlation(distance + (i as f64 - j as f64) * self.spacing);
                 }
             }
             sum
@@ -86,7 +86,7 @@ impl Elevation {
     /// Full width at half maximum of [`Self::correlation`], lattice steps.
     fn width(&self) -> f64 {
         // Beyond the spread of all sub-planes and the reach of the interpolation the correlation vanishes.
-        let (mut inside, mut outside) = (0.0, self.weights.len() as f64 * self.apart + 2.0);
+        let (mut inside, mut outside) = (0.0, self.weights.len() as f64 * self.spacing + 2.0);
         for _ in 0..40 {
             let middle = 0.5 * (inside + outside);
             if self.correlation(middle) > 0.5 {
@@ -106,10 +106,14 @@ mod tests {
     #[test]
     fn widths_are_those_asked() {
         for hundredths in 150..=620 {
-            let asked = f64::from(hundredths) / 100.0;
-            let elevation = Elevation::of_width(asked);
-            let off = elevation.width() / asked - 1.0;
-            assert!(off.abs() < 0.05, "{asked}: {} with {elevation:?}", elevation.width());
+            let requested = f64::from(hundredths) / 100.0;
+            let elevation = Elevation::of_width(requested);
+            let off = elevation.width() / requested - 1.0;
+            assert!(
+                off.abs() < 0.05,
+                "{requested}: {} with {elevation:?}",
+                elevation.width()
+            );
         }
         assert_eq!(Elevation::of_width(1.6).weights.len(), 3);
         assert_eq!(Elevation::of_width(3.5).weights.len(), 4);
@@ -117,15 +121,15 @@ mod tests {
 
     #[test]
     fn correlations_fall_like_a_gaussian() {
-        for asked in [1.6, 2.0, 2.4, 3.1, 3.5, 5.9] {
-            let elevation = Elevation::of_width(asked);
+        for requested in [1.6, 2.0, 2.4, 3.1, 3.5, 5.9] {
+            let elevation = Elevation::of_width(requested);
             for step in 0..100 {
                 let distance = f64::from(step) * 0.05;
-                let found = elevation.correlation(distance);
-                let gaussian = (-4.0 * std::f64::consts::LN_2 * (distance / asked).powi(2)).exp();
+                let correlation = elevation.correlation(distance);
+                let gaussian = (-4.0 * std::f64::consts::LN_2 * (distance / requested).powi(2)).exp();
                 assert!(
-                    (found - gaussian).abs() < 0.15,
-                    "{asked} at {distance}: {found}, not {gaussian}"
+                    (correlation - gaussian).abs() < 0.15,
+                    "{requested} at {distance}: {correlation}, not {gaussian}"
                 );
             }
         }
@@ -139,7 +143,7 @@ mod tests {
                 // Weights of the lattice points between which planes parallel to the lattice interpolate.
                 let mut lattice = [0.0; 40];
                 for (plane, weight) in elevation.weights.iter().enumerate() {
-                    let place = 10.0 + f64::from(phase) / 50.0 + plane as f64 * elevation.apart;
+                    let place = 10.0 + f64::from(phase) / 50.0 + plane as f64 * elevation.spacing;
                     let (point, share) = (place as usize, place.fract());
                     let norm = share.hypot(1.0 - share);
                     lattice[point] += weight * (1.0 - share) / norm;
@@ -153,7 +157,7 @@ mod tests {
                 ripple_db < 0.85,
                 "{} planes {} apart: {ripple_db} dB",
                 elevation.weights.len(),
-                elevation.apart
+                elevation.spacing
             );
         }
     }

@@ -14,15 +14,15 @@ use insonify_mesh::element::Carry;
 
 pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
-    let Some(own) = &tables.effects.speckle else { return };
+    let Some(speckle) = &tables.effects.speckle else { return };
     let (lines, samples) = (tables.lines(), tables.samples());
     let elevation = view.state.probe_to_world.fixed_view::<3, 1>(0, 2);
-    let step = [0, 1, 2].map(|axis| T::of(elevation[axis]) * T::of(own.plane_mm));
+    let step = [0, 1, 2].map(|axis| T::of(elevation[axis]) * T::of(speckle.plane_mm));
     let lattice = Lattice {
         seed: seed_words(tables.settings.seed),
-        per_mm: T::of(1.0 / own.lattice_mm),
-        planes: std::array::from_fn(|plane| T::of(own.planes.get(plane).copied().unwrap_or(0.0))),
-        count: own.planes.len(),
+        per_mm: T::of(1.0 / speckle.lattice_mm),
+        planes: std::array::from_fn(|plane| T::of(speckle.planes.get(plane).copied().unwrap_or(0.0))),
+        count: speckle.planes.len(),
     };
     let positions = &store.position[..lines * samples];
     let amplitudes = &store.amplitude[..lines * samples];
@@ -34,11 +34,13 @@ pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
     for_each(
         (0.., chunks_mut(&mut store.effects.speckle.scatter, 2 * samples)),
         &|(fine, echoes)| {
-            let line = fine / own.oversampling;
-            let part = T::of((fine % own.oversampling) as f64 / own.oversampling as f64);
+            let line = fine / speckle.oversampling;
+            let part = T::of((fine % speckle.oversampling) as f64 / speckle.oversampling as f64);
             let next = (line + 1).min(lines - 1);
             let nearest = (line
-                + usize::from(2 * (fine % own.oversampling) >= own.oversampling && fine % own.oversampling > 0))
+                + usize::from(
+                    2 * (fine % speckle.oversampling) >= speckle.oversampling && fine % speckle.oversampling > 0,
+                ))
             .min(lines - 1);
             let (a, b) = (
                 &positions[line * samples..][..samples],
@@ -63,15 +65,15 @@ pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
 /// surfaces.
 pub(super) fn add_specular<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
-    let Some(own) = &tables.effects.speckle else { return };
+    let Some(speckle) = &tables.effects.speckle else { return };
     let (lines, samples) = (tables.lines(), tables.samples());
-    let factors = own.specular.of::<T>();
+    let factors = speckle.specular.of::<T>();
     let specular = &store.specular;
     for_each(
         (0.., chunks_mut(&mut store.effects.speckle.scatter, 2 * samples)),
         &|(fine, echoes)| {
-            let line = fine / own.oversampling;
-            let part = T::of((fine % own.oversampling) as f64 / own.oversampling as f64);
+            let line = fine / speckle.oversampling;
+            let part = T::of((fine % speckle.oversampling) as f64 / speckle.oversampling as f64);
             let row = |line: usize| &specular[line * samples..][..samples];
             let (re, im) = echoes.split_at_mut(samples);
             let between = row(line).iter().zip(row((line + 1).min(lines - 1)));

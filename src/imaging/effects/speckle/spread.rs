@@ -8,11 +8,11 @@ use insonify_base::real::Real;
 use insonify_base::simd::Kernel;
 
 pub(super) fn axial<T: Real>(view: &View, store: &mut Store<T>) {
-    let Some(own) = &view.tables.effects.speckle else {
+    let Some(speckle) = &view.tables.effects.speckle else {
         return;
     };
     let samples = view.tables.samples();
-    let (weights, ends) = (own.axial.of::<T>(), own.ends.of::<T>());
+    let (weights, ends) = (speckle.axial.of::<T>(), speckle.ends.of::<T>());
     let input = &store.effects.speckle.scatter;
     for_each(
         (0.., chunks_mut(&mut store.effects.speckle.scatter_axial, samples)),
@@ -71,20 +71,20 @@ impl<T: Real> Kernel for Along<'_, T> {
 
 pub(super) fn lateral<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
-    let Some(own) = &tables.effects.speckle else { return };
+    let Some(speckle) = &tables.effects.speckle else { return };
     let (lines, samples) = (tables.lines(), tables.samples());
-    let fine_lines = own.fine_lines(lines);
+    let fine_lines = speckle.fine_lines(lines);
     let input = &store.effects.speckle.scatter_axial;
     for_each(
         (0.., chunks_mut(&mut store.amplitude[..lines * samples], samples)),
         &|(line, output)| {
             T::vectorised(Envelope {
                 input,
-                place: [line * own.oversampling, fine_lines],
-                kernel: &own.lateral,
-                edge: own
+                place: [line * speckle.oversampling, fine_lines],
+                kernel: &speckle.lateral,
+                edge: speckle
                     .edge(line, lines)
-                    .map(|row| &own.edges.of()[row * samples..][..samples]),
+                    .map(|row| &speckle.edges.of()[row * samples..][..samples]),
                 output,
             });
         },

@@ -63,12 +63,12 @@ impl SpeckleTables {
         };
 
         let elevation = Elevation::of_width(spread.elevational_mm / lattice_mm);
-        let plane_mm = elevation.apart * lattice_mm;
+        let plane_mm = elevation.spacing * lattice_mm;
         let planes = unit_power(elevation.weights, |steps| correlation(steps * plane_mm));
 
         let sample_mm = grid.sample_spacing_mm();
-        let asked = left(spread.axial_mm) / sample_mm;
-        let axial_sigma = asked.min(MAX_SIGMA);
+        let requested = left(spread.axial_mm) / sample_mm;
+        let axial_sigma = requested.min(MAX_SIGMA);
         let axial_reach = (3.0 * axial_sigma).ceil() as usize;
         let along = |steps: f64| correlation(steps * sample_mm);
         let axial = unit_power(gaussian(axial_sigma, axial_reach), along);
@@ -110,7 +110,11 @@ impl SpeckleTables {
             plane_mm,
             planes,
             axial: Numbers::new(axial),
-            axial_share: if asked > axial_sigma { axial_sigma / asked } else { 1.0 },
+            axial_share: if requested > axial_sigma {
+                axial_sigma / requested
+            } else {
+                1.0
+            },
             ends: Numbers::new(ends),
             specular: Numbers::new(specular),
             lateral,

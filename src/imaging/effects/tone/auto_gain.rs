@@ -75,7 +75,7 @@ pub fn middle(band: usize, samples: usize) -> usize {
 }
 
 /// Automatic gain of each band, octaves. `amplitude` is that of the echoes before gain, scanline by scanline.
-pub fn gains<T: Real>(own: &AutoGain, gain: &[T], amplitude: &[T]) -> [T; BANDS] {
+pub fn gains<T: Real>(parameters: &AutoGain, gain: &[T], amplitude: &[T]) -> [T; BANDS] {
     let samples = gain.len();
     let mut octaves = [T::zero(); BANDS];
     for_each((0.., &mut octaves[..]), &|(band, octaves)| {
@@ -86,11 +86,11 @@ pub fn gains<T: Real>(own: &AutoGain, gain: &[T], amplitude: &[T]) -> [T; BANDS]
             amplitude,
             gain,
             range,
-            scale: T::of(own.scale),
+            scale: T::of(parameters.scale),
         });
         let level = (value + prior) / (weight + prior);
-        let room = (T::of(own.ceiling) - gain[middle(band, samples)].log2()).max(T::zero());
-        *octaves = (-T::of(own.share) * level.log2()).min(room);
+        let room = (T::of(parameters.ceiling) - gain[middle(band, samples)].log2()).max(T::zero());
+        *octaves = (-T::of(parameters.share) * level.log2()).min(room);
     });
     octaves
 }
@@ -146,10 +146,10 @@ impl<T: Real> Kernel for Sums<'_, T> {
 
 pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
-    let Some(own) = AutoGain::of(tables) else { return };
+    let Some(parameters) = AutoGain::of(tables) else { return };
     let samples = tables.samples();
     let octaves = gains(
-        &own,
+        &parameters,
         tables.effects.tone.gain.of::<T>(),
         &store.amplitude[..tables.lines() * samples],
     );
@@ -169,9 +169,9 @@ mod tests {
     };
 
     /// Gains over 8 scanlines of 160 samples whose amplitudes are a function of scanline and sample.
-    fn of(own: &AutoGain, echo: impl Fn(usize, usize) -> f64) -> [f64; BANDS] {
+    fn of(parameters: &AutoGain, echo: impl Fn(usize, usize) -> f64) -> [f64; BANDS] {
         let amplitude: Vec<f64> = (0..8 * 160).map(|at| echo(at / 160, at % 160)).collect();
-        gains(own, &[1.0; 160], &amplitude)
+        gains(parameters, &[1.0; 160], &amplitude)
     }
 
     #[test]
@@ -203,10 +203,10 @@ mod tests {
 
     #[test]
     fn noise_is_not_lifted() {
-        let own = AutoGain { ceiling: 0.5, ..OWN };
+        let parameters = AutoGain { ceiling: 0.5, ..OWN };
         let echo = |_: usize, _: usize| 0.35;
         let free = of(&OWN, echo)[3];
-        assert!(free > 1.0 && of(&own, echo) == [0.5; BANDS]);
+        assert!(free > 1.0 && of(&parameters, echo) == [0.5; BANDS]);
         assert_eq!(of(&AutoGain { ceiling: -3.0, ..OWN }, echo), [0.0; BANDS]);
     }
 

@@ -18,9 +18,16 @@ type Ends = [f64; 2];
 
 pub(crate) fn carry(step: &Step, slack: &mut Slack) {
     let effects = &step.tables.settings.effects;
-    let bands = AutoGain::of(step.tables).map(|own| {
-        let exact = gains(&own, step.tables.effects.tone.gain.of::<f64>(), &step.before.amplitude);
-        (exact, std::array::from_fn(|band| band_ends(&own, step, slack, band)))
+    let bands = AutoGain::of(step.tables).map(|automatic| {
+        let exact = gains(
+            &automatic,
+            step.tables.effects.tone.gain.of::<f64>(),
+            &step.before.amplitude,
+        );
+        (
+            exact,
+            std::array::from_fn(|band| band_ends(&automatic, step, slack, band)),
+        )
     });
     for index in 0..step.after.amplitude.len() {
         let (_, sample) = step.place(index);
@@ -41,13 +48,13 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
             }
             None => [exact - off, exact + off].map(|a| (255.0 * a).clamp(0.0, 255.0)),
         };
-        let found = step.after.amplitude[index];
-        slack.amplitude[index] = (found - low).max(high - found) + ULP * 255.0;
+        let grey = step.after.amplitude[index];
+        slack.amplitude[index] = (grey - low).max(high - grey) + ULP * 255.0;
     }
 }
 
 /// Returns the bounds of the automatic gain of a band, octaves.
-fn band_ends(own: &AutoGain, step: &Step, slack: &Slack, band: usize) -> Ends {
+fn band_ends(automatic: &AutoGain, step: &Step, slack: &Slack, band: usize) -> Ends {
     let gain = step.tables.effects.tone.gain.of::<f64>();
     let range = range(band, step.samples());
     let count = (range.len() * step.lines()) as f64;
@@ -55,7 +62,7 @@ fn band_ends(own: &AutoGain, step: &Step, slack: &Slack, band: usize) -> Ends {
     for line in 0..step.lines() {
         for sample in range.clone() {
             let index = line * step.samples() + sample;
-            let factor = gain[sample] * own.scale;
+            let factor = gain[sample] * automatic.scale;
             let (echo, off) = (factor * step.before.amplitude[index], factor * slack.amplitude[index]);
             // Gain and factor stored (1/2 each), two products (2).
             let off = off + 3.0 * ULP * (echo + off);
@@ -78,16 +85,16 @@ fn band_ends(own: &AutoGain, step: &Step, slack: &Slack, band: usize) -> Ends {
         (value[end] + prior) * sums / ((weight[1 - end] + prior) * (2.0 - sums)) * (1.0 + side * DIVIDE)
     });
     let middle = gain[middle(band, step.samples())].log2();
-    let room = own.ceiling - middle;
+    let room = automatic.ceiling - middle;
     // Ceiling and gain stored (1/2 each), difference (1).
-    let room_off = log2(middle) + ULP * (own.ceiling.abs() + 1.0 + room.abs());
+    let room_off = log2(middle) + ULP * (automatic.ceiling.abs() + 1.0 + room.abs());
     // Louder tissue gets less gain.
     [1, 0].map(|end| {
         let side = 1.0 - 2.0 * end as f64;
         let octaves = level[end].log2();
-        let gain = -own.share * octaves;
+        let gain = -automatic.share * octaves;
         // Share stored and multiplied (2).
-        let off = own.share * log2(octaves) + 2.0 * ULP * gain.abs();
+        let off = automatic.share * log2(octaves) + 2.0 * ULP * gain.abs();
         (gain + side * off).min((room + side * room_off).max(0.0))
     })
 }
@@ -100,12 +107,16 @@ fn lifted(exact: &[f64; BANDS], ends: &[Ends; BANDS], sample: usize, samples: us
         .fold(0.0f64, |most, octaves| most.max(octaves.abs()));
     // An error of 5 of 16 in the position moves the gain by at most twice the largest; difference, product and sum lose 4 of that.
     let rounding = (5.0 * 16.0 * 2.0 + 4.0) * ULP * largest;
-    let found = at(exact, sample, samples);
+    let middle = at(exact, sample, samples);
     [0, 1].map(|end| {
         let ends: [f64; BANDS] = std::array::from_fn(|band| ends[band][end]);
         let side = 2.0 * end as f64 - 1.0;
-        let own = at(&ends, sample, samples) + side * rounding;
-        if end == 0 { own.min(found) } else { own.max(found) }
+        let octaves = at(&ends, sample, samples) + side * rounding;
+        if end == 0 {
+            octaves.min(middle)
+        } else {
+            octaves.max(middle)
+        }
     })
 }
 

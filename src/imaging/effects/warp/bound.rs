@@ -28,7 +28,7 @@ pub(crate) fn vector_slack(step: &Step, index: usize, vector: Vector3<f64>) -> [
         (element != NO_ELEMENT).then(|| Tetrahedron::new(mesh, nodes, reference(step, mesh), element))
     });
     let carried = |element: &Option<Tetrahedron>| element.as_ref().map_or(vector, |element| element.gradient * vector);
-    let apart = carried(&exact) - carried(&twin);
+    let differing = carried(&exact) - carried(&twin);
     std::array::from_fn(|row| {
         let rounding = twin.as_ref().map_or(0.0, |element| {
             // Nodes are stored in single precision: each edge is off by at most ULP times the largest coordinate, and the map by itself
@@ -36,7 +36,7 @@ pub(crate) fn vector_slack(step: &Step, index: usize, vector: Vector3<f64>) -> [
             let stored = 3.0 * 3f64.sqrt() * ULP * element.largest / element.least_height;
             (stored + 3.5 * ULP) * element.gradient.row(row).norm() * vector.norm()
         });
-        apart[row].abs() + rounding
+        differing[row].abs() + rounding
     })
 }
 

@@ -210,8 +210,8 @@ mod tests {
     fn arctangents_are_within_their_error() {
         let numbers = (-400..=400i32).map(|k| f64::from(k).powi(3) * 1e-5);
         for number in numbers.chain([f64::INFINITY, f64::NEG_INFINITY]) {
-            let found = arctangent(Pack::splat(number)).0;
-            let error = (found[LANES - 1] - number.atan()).abs();
+            let approximated = arctangent(Pack::splat(number)).0;
+            let error = (approximated[LANES - 1] - number.atan()).abs();
             assert!(error < ARCTANGENT_ERROR, "{number}: {error}");
         }
     }
