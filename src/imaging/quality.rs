@@ -184,6 +184,7 @@ fn choose(costs: &Costs, budget_ms: f64, open: impl Fn(&str) -> bool, known: &[(
     if varied.is_empty() {
         return None;
     }
+    // All of them: settings are few, and of few options each.
     let mut combinations = vec![Combination {
         options: Vec::new(),
         ms: costs.base_ms,
@@ -211,6 +212,7 @@ fn choose(costs: &Costs, budget_ms: f64, open: impl Fn(&str) -> bool, known: &[(
             })
             .collect()
     };
+    // A sum of costs misses what settings share; a trial does not.
     for (known, ms) in known {
         let measured = combinations.iter_mut().find(|it| settings(it) == *known);
         measured.into_iter().for_each(|it| it.ms = *ms);

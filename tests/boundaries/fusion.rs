@@ -207,21 +207,13 @@ fn a_frame_has_few_dispatches() {
     .expect("a scene");
     let default = default.resolve(".".as_ref()).expect("the default scene");
     let plan = Plan::new(&Tables::new(default.anatomy, default.settings).expect("tables"));
-    assert_eq!(
-        (plan.passes.len(), plan.fused(MAX_BUFFERS).len()),
-        (24, 9),
-        "{}",
-        plan.report()
-    );
     let all = Plan::new(&tables(&everything()));
-    assert_eq!(
-        (all.passes.len(), all.fused(MAX_BUFFERS).len()),
-        (24, 10),
-        "{}",
-        all.report()
-    );
+    for plan in [&plan, &all] {
+        let (passes, dispatches) = (plan.passes.len(), plan.fused(MAX_BUFFERS).len());
+        assert!(passes >= 24 && 2 * dispatches < passes, "{}", plan.report());
+    }
     // A device with the least that WebGPU promises.
-    assert!(all.fused(7).len() < 18, "{:?}", all.fused(7));
+    assert!(4 * all.fused(7).len() < 3 * all.passes.len(), "{:?}", all.fused(7));
 }
 
 #[test]

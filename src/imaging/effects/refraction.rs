@@ -52,7 +52,7 @@ impl Parameters for Refraction {}
 pub const MAX: f64 = 1.4;
 
 /// F-number of the beam: an aperture of 25 to 30 mm at a depth of 6 cm.
-pub const F_NUMBER: f64 = 2.0;
+pub(crate) const F_NUMBER: f64 = 2.0;
 
 /// Impedance of tissue with the speed of sound that scanners assume, 1540 m/s, MRayl.
 const REFERENCE_MRAYL: f64 = 1.58;

@@ -89,7 +89,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
 
 /// Bilinear value at a scanline and sample coordinate, both within the grid.
 #[inline(always)]
-pub fn bilinear<T: Real>(beam: &[T], lines: usize, samples: usize, [line, sample]: [f32; 2]) -> T {
+pub(crate) fn bilinear<T: Real>(beam: &[T], lines: usize, samples: usize, [line, sample]: [f32; 2]) -> T {
     let (l0, s0) = (line as usize, sample as usize);
     let (l1, s1) = ((l0 + 1).min(lines - 1), (s0 + 1).min(samples - 1));
     let (a, b) = (T::of(f64::from(line - l0 as f32)), T::of(f64::from(sample - s0 as f32)));

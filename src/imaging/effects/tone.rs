@@ -44,7 +44,7 @@ use insonify_tracking::probe::BeamGrid;
 pub const MID_GREY: f64 = 0.42;
 
 /// Largest grey level of noise under the default compensation, as a fraction of the scale.
-pub const NOISE_GREY: f64 = 0.1;
+pub(crate) const NOISE_GREY: f64 = 0.1;
 
 /// Blend of the S-shaped curve from a straight line (0) to the cubic 3 g^2 - 2 g^3 (1): it deviates from the line by at most 0.06 of the scale.
 /// In-vivo frames have a median grey of 18 to 24 and a skewness of 1.0 to 2.2; with a straight line synthetic frames had 40 to 100 and 0.

@@ -50,6 +50,7 @@ impl SceneFile {
         let textures = self.textures(base_dir)?;
         self.check_texture_names(&textures)?;
 
+        // Only now, as reading takes long: contradictions in the file have been refused.
         let volume = self.load_volume(base_dir, &mut notes, &mut warnings)?;
         let preset = self.volume()?.preset.unwrap_or_default();
         let (tissues, assumed) = TissueTable::resolve(volume.labels(), &self.tissue, preset)
@@ -76,6 +77,7 @@ impl SceneFile {
         let needle = self.in_world(needle, &probe)?;
         let image = self.on_grid(framing.image, tracked.as_ref())?;
         settle(&image, &mut file, tracked.as_mut());
+        // Beside the volume there is nothing to touch, and which axes were assumed matters less than that nothing is seen.
         let blind = outside(&volume, &framing.grid, &probe, self.stated_world());
         if blind.is_none() {
             notes.extend(self.assumed_worlds());

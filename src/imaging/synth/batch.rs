@@ -125,6 +125,7 @@ impl Synthesizer {
         let mut locals: Vec<_> = (0..size).map(|_| LocalFrame::new(self.tables.origin)).collect();
         let mut last = Instant::now();
         for turn in 0..states.len().div_ceil(size) + IN_FLIGHT {
+            // Taken back some turns after its submission, so that the GPU has work while frames are passed on and states prepared.
             if let Some(done) = turn.checked_sub(IN_FLIGHT)
                 && let Some((submission, mut frames)) = in_flight.pop_front()
                 && let Executor::Gpu(gpu) = &mut self.executor

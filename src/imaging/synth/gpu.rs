@@ -429,6 +429,7 @@ impl GpuExecutor {
         let mut steps = Vec::new();
         for fused in fused {
             let linked = linker::link(&bound, &fused);
+            // Kept by source: other settings mostly link to the same.
             let pipeline = match self.pipelines.get(&linked.source) {
                 Some(pipeline) => pipeline.clone(),
                 None => {
@@ -438,6 +439,7 @@ impl GpuExecutor {
                 }
             };
             let passes: Vec<&'static Pass> = numbers_of(&fused).map(|at| bound[at].pass).collect();
+            // Buffers of the beam fit whole; those of pixels may exceed a binding.
             let bands: Cow<[Band]> = match passes.iter().any(|pass| is_per_pixel(pass)) {
                 true => self.bands.clone().into(),
                 false => vec![all_rows].into(),

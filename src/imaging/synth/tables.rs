@@ -174,6 +174,7 @@ impl Tables {
     /// Changes the settings and returns the buffers whose contents changed. Nothing else is recomputed; on an error the
     /// tables are unchanged.
     pub fn set(&mut self, settings: Settings) -> Result<Vec<&'static Buffer>, SynthError> {
+        // What can fail, before anything is changed.
         settings.effects.validate()?;
         let probe = self.settings.probe != settings.probe;
         let grid = if probe {

@@ -109,6 +109,7 @@ impl<T: Real> Shaft<T> {
         let of_beam = (thickness * T::of(f64::from(numbers.beams_per_mm))).min(T::one());
         for repetition in 0..=numbers.reverberations {
             let shift = T::of(f64::from(repetition)) * T::of(f64::from(numbers.reverberation_mm));
+            // A sample more at either end, so that rounding loses none: the share is 0 beside the shaft.
             let from = ((first + shift) / step - half)
                 .floor()
                 .max(T::zero())
@@ -124,6 +125,7 @@ impl<T: Real> Shaft<T> {
                 let depth = (T::of(i as f64) + half) * step - shift;
                 let (x, y) = (ray[0] + ray[2] * depth, ray[1] + ray[3] * depth);
                 let share = self.share(x, y);
+                // Repetitions are heard where there is no needle.
                 if repetition == 0 {
                     let [filled, shaded] = mask[i];
                     let more = (filled + share).min(T::one());

@@ -116,6 +116,7 @@ pub(super) fn rays<T: Real>(view: &View, store: &mut Store<T>) {
         let (mut above, mut left) = (0u32, T::one());
         for run in &tables.effects.shadow.aperture_runs {
             let out = &mut through[run.clone()];
+            // A ray stays on one scanline for a run; outside the array nothing occludes it.
             let Some(line) = line_at(
                 &tables.effects.shadow.aperture,
                 samples,
@@ -163,6 +164,7 @@ pub(super) fn mean<T: Real>(view: &View, store: &mut Store<T>) {
                 }
                 let left = &mut left[run.clone()];
                 let share = T::one() / T::of(count as f64);
+                // Almost everywhere all rays end on the array: a sum of five slices, which runs in vector registers.
                 match rays {
                     [a, b, c, d, e] if count == RAYS => {
                         for (at, left) in left.iter_mut().enumerate() {

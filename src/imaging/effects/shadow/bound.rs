@@ -158,8 +158,8 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
                 [false, false] => [mean, off],
                 [true, true] => darker,
                 // Within rounding of the face of something opaque: any value between.
-                [true, false] => [darker[0], mean - darker[0] + off.max(own_off)],
-                [false, true] => [mean, mean - darker[0] + off.max(own_off)],
+                [true, false] => [darker[0], mean - darker[0] + off.max(line_off)],
+                [false, true] => [mean, mean - darker[0] + off.max(line_off)],
             };
             let (square, square_off) = (left * left, (2.0 * left + off) * off);
             let amplitude = step.before.amplitude[index].abs();

@@ -36,7 +36,7 @@ pub fn top(labels: &[u8], is_opaque: impl Fn(u8) -> bool) -> u32 {
 }
 
 /// Directivity of a repeat: factor on the amplitude for the tilt of the reflector, from its depths in samples.
-pub fn directivity<T: Real>(tops: &[u32], line: usize, samples: usize, spacing: [T; 2]) -> T {
+pub(crate) fn directivity<T: Real>(tops: &[u32], line: usize, samples: usize, spacing: [T; 2]) -> T {
     let slope = slope(tops, line, samples, spacing);
     let square = slope * slope;
     let cos2 = T::one() / (T::one() + square);

@@ -163,13 +163,13 @@ fn vote(tables: &Tables, low: [f64; 3], high: [f64; 3], boundary: Boundary, labe
         shares[usize::from(label(voxel))] += (0..3).map(|axis| weight(index[axis], voxel[axis])).product::<f64>();
     }
     for cell in voxels(first, last) {
-        let labels: Vec<u8> = voxels(cell, cell.map(|n| n + 1)).map(label).collect();
-        let most = labels
+        let of_cell: Vec<u8> = voxels(cell, cell.map(|n| n + 1)).map(label).collect();
+        let most = of_cell
             .iter()
             .map(|label| shares[usize::from(*label)])
             .fold(0.0, f64::max);
         labels.extend(
-            labels
+            of_cell
                 .into_iter()
                 .filter(|&label| shares[usize::from(label)] >= most - 2.0 * (off + share_off * ULP)),
         );

@@ -123,6 +123,7 @@ impl<T: Real> Kernel for FineScanline<'_, T> {
                 }
             }
             let mut steps = map(step, |step| [step; BLOCK]);
+            // Sub-planes bend with the tissue: the step between them is that of the element in the reference state.
             if let Some((carries, elements)) = deformed {
                 for (i, &slot) in elements[start..end]
                     .iter()

@@ -26,15 +26,15 @@ use insonify_base::simd::Kernel;
 pub const BANDS: usize = 16;
 /// Usual level of tissue after compensation, dB relative to the echo of liver: median of the bands of frames of livers, kidneys and the abdomen
 /// phantom behind a body wall, which attenuates more than the average tissue that is compensated for.
-pub const USUAL_DB: f64 = -5.0;
+pub(crate) const USUAL_DB: f64 = -5.0;
 /// Amplitude up to which echoes do not count, relative to usual tissue: -20 dB.
-pub const ZERO_WEIGHT: f64 = 0.1;
+pub(crate) const ZERO_WEIGHT: f64 = 0.1;
 /// Amplitude from which echoes count fully, relative to usual tissue.
-pub const FULL_WEIGHT: f64 = 0.3;
+pub(crate) const FULL_WEIGHT: f64 = 0.3;
 /// Amplitude to which larger ones are clamped, relative to usual tissue: 24 dB.
 pub const MAX: f64 = 16.0;
 /// Weight of the prior of usual tissue, relative to the number of samples of the band.
-pub const PRIOR: f64 = 0.03;
+pub(crate) const PRIOR: f64 = 0.03;
 /// Samples in the first 1/64 of the depth do not count, because the array rings there.
 const NEAR: usize = 64;
 
