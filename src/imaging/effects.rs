@@ -8,29 +8,11 @@
 //! (`Derived`, `Key`, `derive`), its buffers ([`Buffer`]) and its vectors on the CPU (`Columns`). `registry!` lists the effects
 //! and what each has of these.
 
-pub mod blur;
 pub mod buffers;
 pub mod common;
-pub mod contact;
-pub mod geometry;
-pub mod interface;
 pub mod lateral;
-pub mod needle;
-pub mod noise;
 pub mod pass;
 pub mod point_spread;
-pub mod quantise;
-pub mod receiver;
-pub mod refraction;
-pub mod scan_conversion;
-pub mod shadow;
-pub mod slice;
-pub mod speckle;
-pub mod texture;
-pub mod thickness;
-pub mod tone;
-pub mod truth;
-pub mod warp;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -180,6 +162,8 @@ macro_rules! registry {
         $name:ident $(: $key:ident $(<$parameters:ident>)? $(with $other:ident)? = $doc:literal)?
         $(, derives $derived:ty)? $(, columns $columns:ty)?;
     )+) => {
+        $(pub mod $name;)+
+
         /// All effects, in the order of this list.
         pub const LISTED: &[&Effect] = &[$(&$name::EFFECT),+];
 
