@@ -10,7 +10,7 @@ mod caption;
 use std::error::Error;
 use std::path::PathBuf;
 
-use insonify::imaging::effects::{Effect, REGISTRY};
+use insonify::imaging::effects::{Effect, LISTED};
 use insonify::{Backend, FrameState, SceneFile, Synthesizer, write_png};
 use nalgebra::Matrix4;
 
@@ -28,7 +28,7 @@ const COLUMNS: usize = 5;
 fn main() -> Result<(), Box<dyn Error>> {
     let path = std::env::args_os().nth(1).map_or("effects.png".into(), PathBuf::from);
     let removable = || {
-        REGISTRY
+        LISTED
             .iter()
             .filter(|effect| effect.remove.is_some() && !effect.example.is_empty())
     };
@@ -55,7 +55,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut picture = vec![0; columns * rows];
     for (place, panel) in panels.into_iter().enumerate() {
         let (mut anatomy, mut settings) = (scene.anatomy.clone(), scene.settings.clone());
-        for effect in REGISTRY.iter().filter(|effect| !is_shown(panel, effect)) {
+        for effect in LISTED.iter().filter(|effect| !is_shown(panel, effect)) {
             if let Some(remove) = effect.remove {
                 remove(&mut anatomy, &mut settings);
             }
