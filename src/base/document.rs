@@ -228,6 +228,7 @@ fn long_key(text: &str) -> Option<std::ops::Range<usize>> {
 }
 
 fn unreadable<T: JsonSchema>(source: &Arc<Source>, Mismatch { message, span }: Mismatch) -> InputError {
+    // An empty span at the start is no place: the whole file lacks something.
     let span = span.filter(|span| !span.is_empty() || span.start > 0);
     if message == "recursion limit" {
         let problem = InvalidFile::Syntax(format!("a key of more than {MAX_PARTS} parts"));
@@ -368,7 +369,7 @@ impl Source {
     /// table around it.
     fn find(&self, path: &str) -> Option<Range<usize>> {
         let root = DeTable::parse(&self.text).ok()?;
-        let (mut table, mut list, mut found, mut name) = (Some(root.get_ref()), None, None, "");
+        let (mut table, mut list, mut innermost, mut name) = (Some(root.get_ref()), None, None, "");
         for step in path.split(['.', '[', ']']).filter(|step| !step.is_empty()) {
             let number = step.parse::<usize>().ok();
             // A list may be written as a single table.
@@ -384,14 +385,15 @@ impl Source {
                 (None, None) => None,
             };
             let Some(value) = value else { break };
+            // The name of a list is that of its tables, by which their keys may have been renamed.
             if number.is_none() {
                 name = step;
             }
-            found = Some(value.span());
+            innermost = Some(value.span());
             table = value.get_ref().as_table();
             list = value.get_ref().as_array().map(|list| &list[..]);
         }
-        found
+        innermost
     }
 
     /// Position of a key in the table that an error points at; a tagged table is pointed at as a unit, by its header or its

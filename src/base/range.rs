@@ -137,6 +137,7 @@ pub trait ByKind: erased_serde::Serialize {
         Self: Sized,
     {
         let others = Self::KINDS.iter().filter(|(_, kinds)| !kinds.contains(&kind));
+        // All at once: the table is serialised to see which of its keys are stated.
         let (keys, kinds): (Vec<_>, Vec<_>) = others.copied().unzip();
         let key = stated(self, &keys)?;
         let at = keys.iter().position(|other| *other == key)?;
@@ -181,6 +182,7 @@ pub fn describe_keys<K: Kind + serde::Serialize>(
             all.push(*kind);
         }
     }
+    // A key with `false` as its schema may not be there: editors refuse it as the program does.
     let refused = |kind: &K| -> Map<String, Value> {
         let others = keys.iter().filter(|(_, kinds)| !kinds.contains(kind));
         others.map(|(key, _)| ((*key).to_owned(), Value::Bool(false))).collect()
@@ -233,6 +235,23 @@ impl<N: Number> Number for Option<N> {
 ///
 /// In a table `by KIND`, a [`Kind`], a key with `for A | B` before its range belongs to those variants of it only; with `by KIND in FIELD` the table
 /// states its kind itself.
+///
+/// ```
+/// use insonify_base::range::{Ranges, parameters};
+///
+/// parameters! {
+///     /// A grid of the image.
+///     pub struct Grid {
+///         /// Depth of the image.
+///         depth_mm: f64 = 80.0, in 5..=300 "mm";
+///         /// Side of a pixel; that of the scanlines if it is left out.
+///         pixel_mm: Option<f64>, above 0..=5 "mm";
+///     }
+/// }
+///
+/// let grid = Grid { pixel_mm: Some(0.0), ..Grid::default() };
+/// assert_eq!(grid.out_of_range(), Some(("pixel_mm", 0.0, "above 0, at most 5 mm")));
+/// ```
 #[macro_export]
 macro_rules! parameters {
     ($(#[$meta:meta])* pub struct $name:ident $(with $required:ident keys)? $(by $Kind:ident $(in $field:ident)?)? {
@@ -243,6 +262,7 @@ macro_rules! parameters {
             $(, above $over:literal $(..=$most:literal)? $(..$under:literal)? $($of:literal)?)?;
         )+
     }) => {
+        // What depends on the options of the table is left to the arms below: a macro cannot choose within one expansion.
         $crate::range::parameters! {
             @table [$($required)?]
             $(#[$meta])*

@@ -15,9 +15,8 @@ use insonify_imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 use insonify_study::tradeoff::gather::Devices;
 use timing::{FrameTimes, Kept};
 
-use super::failure::Failure;
+use super::failure::{Error, usage};
 use super::terminal;
-use insonify::Error;
 
 /// Reason for a GPU that is not compared with the CPU.
 pub(crate) const BEST: &str = "it is the best adapter";
@@ -79,7 +78,7 @@ impl BackendArgs {
     /// Refuses an adapter that would not be used.
     pub(crate) fn check(&self) -> Result<(), Error> {
         match (self.backend, &self.adapter) {
-            (BackendName::Cpu | BackendName::CpuF64, Some(adapter)) => Err(Failure::usage(
+            (BackendName::Cpu | BackendName::CpuF64, Some(adapter)) => Err(usage(
                 format!("--adapter {adapter} picks a GPU, and --backend asks for the CPU"),
                 "leave out one of them",
             )),

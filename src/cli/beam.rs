@@ -9,11 +9,10 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 
-use crate::failure::Failure;
+use crate::failure::{Error, Failure, usage};
 use crate::output::{self, Force};
 use crate::study::Printed;
 use crate::terminal;
-use insonify::Error;
 use insonify_mechanics::needle::beam::inverse::Wanted;
 use insonify_study::beam::table_one;
 use insonify_study::beam_case::{self, BeamReport, CaseFile, plot};
@@ -211,7 +210,7 @@ impl Inverse {
             ("--rcm-mm", self.rcm_mm),
         ] {
             if let Some(value) = value.filter(|value| !value.is_finite()) {
-                return Err(Failure::usage(
+                return Err(usage(
                     format!("{name} {value} is no length"),
                     "ask for a finite number of mm",
                 ));
@@ -223,7 +222,7 @@ impl Inverse {
             Some(slope) if slope != 0.0 && base.displacement_mm != 0.0 => {
                 Ok(Some(-case.problem.control_distance_mm - base.displacement_mm / slope))
             }
-            Some(_) => Err(Failure::usage(
+            Some(_) => Err(usage(
                 "the base of the case does not turn about a point",
                 "say --rcm-mm, or leave `slope` out for a base that turns freely",
             )),
@@ -239,7 +238,7 @@ impl Inverse {
                 com_mm,
                 displacement_mm: base.displacement_mm,
             },
-            (None, None) => return Err(Failure::usage("no goal is given", "give --tip-mm, --com-mm or both")),
+            (None, None) => return Err(usage("no goal is given", "give --tip-mm, --com-mm or both")),
         };
         let (driven, shape) = case.find(&wanted)?;
         output::requested(&self.output, || plot(&case, &shape).svg())?;

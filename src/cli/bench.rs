@@ -13,13 +13,12 @@ use insonify_study::tradeoff::gather::Devices;
 use nalgebra::Matrix4;
 
 use super::backend::{BackendArgs, BackendName};
-use super::failure::Failure;
+use super::failure::{Error, usage};
 use super::input::Input;
 use super::output::Force;
 use super::study::Printed;
 use super::terminal;
 use super::variants::ranged;
-use insonify::Error;
 
 const TEACHING: &str = "\
 Without --compare one scene is timed at its own size. With it, GPU and CPU are compared:
@@ -73,7 +72,7 @@ impl Bench {
         }
         // Not by `requires`, which clap drops where --frames, in conflict with --compare, is given.
         if self.output.is_some() {
-            return Err(Failure::usage(
+            return Err(usage(
                 "-o without --compare",
                 "only --compare writes a report; --json prints the times",
             ));
@@ -114,7 +113,7 @@ impl Bench {
 
     fn compare(&self) -> Result<(), Error> {
         if self.backend.backend == BackendName::CpuF64 {
-            return Err(Failure::usage(
+            return Err(usage(
                 "--compare --backend cpu-f64: GPUs compute in single precision, and so does the CPU beside them",
                 "ask for auto, cpu or gpu",
             ));

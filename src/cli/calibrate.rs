@@ -17,10 +17,9 @@ use insonify_tracking::calibrate::{between, held, pivot, spin};
 use insonify_tracking::plus::PlusConfig;
 use insonify_tracking::sequence::{Sequence, TrackedTransform};
 
-use super::failure::Failure;
+use super::failure::{Error, usage};
 use super::output::{self, Force};
 use super::terminal;
-use insonify::Error;
 
 const EXAMPLES: &str = "\
 Order: `pivot` finds the tip of a stylus or needle, `direction` or `spin` the axis of its shaft, `points` the plane of a probe's image. Each
@@ -197,7 +196,7 @@ impl DirectionArgs {
             held(&given)?
         } else {
             let expected = "give --along, --directions or --hub";
-            return Err(Failure::usage("no direction is known", expected));
+            return Err(usage("no direction is known", expected));
         };
         self.output.write(
             &direction,
@@ -275,7 +274,7 @@ impl PointsArgs {
         let file = &self.motion.file;
         let follows = self.follow || self.pixels.is_none();
         if follows && (is_csv(file) || config.as_ref().is_none_or(|config| config.wires().is_empty())) {
-            return Err(Failure::usage(
+            return Err(usage(
                 "no pixels are given, and they cannot be found: images or wires are missing",
                 "give --pixels, or a sequence with images and the phantom's definition in --plus-config",
             ));
@@ -305,7 +304,7 @@ impl PointsArgs {
                 let features: Vec<Feature> = wires.iter().map(|(_, wire)| *wire).collect();
                 follow(sequence, &poses, &features, &start)?
             }
-            (clicked, None) => clicked.ok_or_else(|| Failure::usage("no pixels are given", "give --pixels"))?,
+            (clicked, None) => clicked.ok_or_else(|| usage("no pixels are given", "give --pixels"))?,
         };
         let centre = config.as_ref().and_then(PlusConfig::array_centre_px);
         let known = config
@@ -343,7 +342,7 @@ fn wires(config: Option<&PlusConfig>, tracker: &str) -> Result<Vec<(String, Feat
     let placed = match config.registration() {
         // PLUS registers the phantom to the marker on it.
         Some(_) if tracker != PHANTOM_MARKER => {
-            return Err(Failure::usage(
+            return Err(usage(
                 format!("the poses lead to `{tracker}`, and the phantom is registered to `{PHANTOM_MARKER}`"),
                 format!("give a --transform to {PHANTOM_MARKER}, such as ProbeTo{PHANTOM_MARKER}"),
             ));

@@ -10,11 +10,10 @@ use insonify_base::range::numbers;
 use insonify_study::score::exercise::{Conditions, csv, study};
 use insonify_study::score::page::study_notes;
 
-use super::failure::Failure;
+use super::failure::{Error, usage};
 use super::insert::resolve;
 use super::output::{self, Force, inputs};
 use super::terminal;
-use insonify::Error;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -111,7 +110,7 @@ impl Make {
                 .and_then(|text| relocated(&text, &base, &self.output));
             let text = text.map_err(|found| {
                 let expected = "a scenario whose scene is a table: `insonify insert --example liver-biopsy`";
-                Failure::usage(format!("{}: {found}", self.scenario.display()), expected)
+                usage(format!("{}: {found}", self.scenario.display()), expected)
             })?;
             output::text(&folder.path().join(format!("task-{}.toml", at + 1)), &text)?;
         }

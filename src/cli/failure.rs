@@ -2,7 +2,8 @@
 
 use std::io;
 
-use insonify::{Blame, Error};
+use insonify::Blame;
+pub(crate) use insonify::Error;
 
 /// Why a subcommand failed.
 #[derive(Debug, thiserror::Error)]
@@ -38,12 +39,10 @@ pub(crate) enum Failure {
     Output(io::Error),
 }
 
-impl Failure {
-    /// Error of invalid arguments: what was requested, and what to request instead.
-    pub(crate) fn usage(found: impl Into<String>, help: impl Into<String>) -> Error {
-        let (found, help) = (found.into(), help.into());
-        Self::Usage { found, help }.into()
-    }
+/// Error of invalid arguments: what was requested, and what to request instead.
+pub(crate) fn usage(found: impl Into<String>, help: impl Into<String>) -> Error {
+    let (found, help) = (found.into(), help.into());
+    Failure::Usage { found, help }.into()
 }
 
 impl Blame for Failure {

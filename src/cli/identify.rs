@@ -59,16 +59,13 @@ impl Identify {
         let folder = self
             .force
             .folder(target, "identify", &["index.html"], &output::inputs(path))?;
-        let bar = terminal::share();
-        bar.set_message("making the mesh");
-        let set = |share: f64| bar.set_position((share * terminal::SHARES as f64) as u64);
         let base = path.parent().unwrap_or(Path::new(""));
-        let case = CaseFile::read(path)?.resolve(base, &mut |share| set(f64::from(share)))?;
+        let file = CaseFile::read(path)?;
+        let case = terminal::with_bar("making the mesh", |share| {
+            file.resolve(base, &mut |done| share(f64::from(done)))
+        })?;
         case.scenario.warnings.iter().for_each(terminal::warn);
-        bar.set_message("simulating insertions");
-        let result = identify(case, &set);
-        bar.finish_and_clear();
-        let identified = result?;
+        let identified = terminal::with_bar("simulating insertions", |share| identify(case, share))?;
         for parameters in &identified.results {
             parameters.notes.iter().for_each(terminal::warn);
         }

@@ -9,11 +9,10 @@ use insonify_imaging::quality::Picked;
 use insonify_imaging::scene::{self, PoseTable, Scene, SceneFile, VolumeSpec};
 
 use super::backend::BackendArgs;
-use super::failure::Failure;
+use super::failure::{Error, usage};
 use super::output::inputs;
 use super::quality::QualityArgs;
 use super::terminal::{note, warn};
-use insonify::Error;
 
 /// Largest width and height of a frame, pixels.
 const LARGEST_SIDE: u32 = 16_384;
@@ -73,7 +72,7 @@ impl Input {
             (Some(scene), _) if scene.is_dir() || stem(scene).is_some() => {
                 let name = scene.display();
                 let kind = if scene.is_dir() { "a folder" } else { "an image file" };
-                return Err(Failure::usage(
+                return Err(usage(
                     format!("{name} is {kind}, not a scene"),
                     format!("labels are given with --labels {name}"),
                 ));

@@ -17,13 +17,12 @@ use insonify_study::score::hands::{HANDS, hand};
 use serde::Serialize;
 
 use super::backend::BackendArgs;
-use super::failure::Failure;
+use super::failure::{Error, usage};
 use super::output::{Force, inputs};
 use super::quality::QualityArgs;
 use super::render::extras::Extras;
 use super::terminal;
 use super::variants::ranged;
-use insonify::Error;
 use writer::{FILES, Writer};
 
 const EXAMPLES: &str = "\
@@ -233,10 +232,7 @@ impl Insert {
                     "{}: neither a file nor a scenario that comes with the program",
                     path.display()
                 );
-                return Err(Failure::usage(
-                    found,
-                    format!("name a file, or one of {}", known.join(", ")),
-                ));
+                return Err(usage(found, format!("name a file, or one of {}", known.join(", "))));
             }
             None => ScenarioFile::read(path)?,
         })
@@ -275,7 +271,7 @@ pub(crate) fn resolve(file: &ScenarioFile, folder: &Path) -> Result<Scenario, Er
 
 fn replaying(scenario: Scenario, file: &Path) -> Result<Scenario, Error> {
     let expected = "a recording as JSON: `start` and `inputs`, of a simulator of this scenario";
-    let wrong = |found: String| Failure::usage(format!("{}: {found}", file.display()), expected);
+    let wrong = |found: String| usage(format!("{}: {found}", file.display()), expected);
     let text = read::text(file, read::RECORDING).map_err(|cause| wrong(cause.to_string()))?;
     let recording: Recording = serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;
     scenario.replaying(recording).map_err(wrong)

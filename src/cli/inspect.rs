@@ -7,10 +7,9 @@ use nalgebra::Matrix4;
 use serde::Serialize;
 
 use super::backend::BackendArgs;
-use super::failure::Failure;
+use super::failure::{Error, usage};
 use super::input::Input;
 use super::terminal;
-use insonify::Error;
 
 /// Explains one pixel: its beam and depth, tissue, texture, speckle, transmittance, blur and grey level
 #[derive(Args)]
@@ -44,7 +43,7 @@ impl Inspect {
         let (scene, _) = self.input.scene(&BackendArgs::default())?;
         let frames = self.frames.unwrap_or_else(|| scene.frames());
         if self.frame >= frames {
-            return Err(Failure::usage(
+            return Err(usage(
                 format!("--frame {} of a scene of {frames} frames", self.frame),
                 format!("frames are numbered from 0 to {}", frames - 1),
             ));
@@ -54,7 +53,7 @@ impl Inspect {
         let [column, row] = self.at;
         let Some(pixel) = inspect(&scene.anatomy, &scene.settings, &state, self.at)? else {
             let image = scene.settings.image;
-            return Err(Failure::usage(
+            return Err(usage(
                 format!(
                     "--at {column},{row} is beyond a frame of {}x{} pixels",
                     image.width, image.height

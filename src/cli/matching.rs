@@ -6,12 +6,11 @@ use clap::Args;
 use insonify_study::matching::fit;
 use insonify_study::realism::picture;
 
-use super::failure::Failure;
+use super::failure::{Error, usage};
 use super::output::{self, Force};
 use super::realism::pixel;
 use super::terminal;
 use super::variants::ranged;
-use insonify::Error;
 
 const TEACHING: &str = "\
 The sector of the frame gives the probe; the most uniform windows at five depths give point spread, dynamic range and gain, the darkest ones
@@ -66,7 +65,7 @@ impl Match {
         self.force.check_ending(&self.output, "toml", "scenes", &inputs)?;
         self.force.check_ending(&self.page, "html", "pages", &inputs)?;
         if self.file.is_dir() {
-            return Err(Failure::usage(
+            return Err(usage(
                 format!("{} is a folder", self.file.display()),
                 "name a single frame: only one frame can be matched",
             ));

@@ -18,12 +18,11 @@ use insonify_study::tradeoff::Axis;
 use insonify_study::tradeoff::motion::validation::{self, Course};
 use insonify_tracking::TrackingError;
 
-use super::failure::Failure;
+use super::failure::{Error, usage};
 use super::output::Force;
 use super::rf::Geometry;
 use super::study::Printed;
 use super::terminal;
-use insonify::Error;
 use picture::Shown;
 
 const EXAMPLES: &str = "\
@@ -156,7 +155,7 @@ impl Motion {
         let truth = self.known(&echoes)?;
         if let Some(frame) = self.frame.filter(|frame| !(1..echoes.frames.len()).contains(frame)) {
             let expected = format!("give a frame from 1 to {}", echoes.frames.len() - 1);
-            return Err(Failure::usage(format!("--frame {frame}"), expected));
+            return Err(usage(format!("--frame {frame}"), expected));
         }
         let depths = options.centres_mm(echoes.samples);
         let mut tracker = Tracker::new(options, echoes.lines, &echoes.frames[0]);
@@ -246,10 +245,7 @@ impl Motion {
         let (echoes, options) = self.echoes()?;
         let Some(truth) = self.known(&echoes)? else {
             let expected = "give --truth, as `insonify rf --truth` writes it";
-            return Err(Failure::usage(
-                "--validate of a sequence without its true motion",
-                expected,
-            ));
+            return Err(usage("--validate of a sequence without its true motion", expected));
         };
         printed.run(|progress| {
             let axis = Axis::linear("frame", "frame", "frame");
@@ -273,7 +269,7 @@ impl Motion {
     }
 
     fn options(&self, path: &Path, echoes: &Echoes) -> Result<Options, Error> {
-        let wrong = |found: String, expected: &str| Err(Failure::usage(found, expected));
+        let wrong = |found: String, expected: &str| Err(usage(found, expected));
         let file = path.display();
         if echoes.baseband {
             return wrong(

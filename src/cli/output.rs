@@ -11,8 +11,7 @@ use insonify_base::output::folder::Folder;
 use insonify_base::output::{atomic, place};
 use insonify_report::plot::Plot;
 
-use super::failure::Failure;
-use insonify::Error;
+use super::failure::{Error, usage};
 
 /// Maximum nesting of named documents: a scenario names a scene, which names no further ones.
 const DEEPEST: usize = 2;
@@ -46,7 +45,7 @@ impl Force {
         for file in files {
             let has_ending = |extension: &OsStr| extension.eq_ignore_ascii_case(ending);
             if !file.extension().is_some_and(has_ending) {
-                return Err(Failure::usage(
+                return Err(usage(
                     format!("{}: {what} are written as .{ending}", file.display()),
                     format!("name the output with the ending .{ending}"),
                 ));
@@ -65,7 +64,7 @@ impl Force {
         inputs: &[PathBuf],
     ) -> Result<Folder, Error> {
         if target.as_os_str().is_empty() {
-            return Err(Failure::usage("-o names no folder", "name a folder"));
+            return Err(usage("-o names no folder", "name a folder"));
         }
         Ok(Folder::open(target, command, names, inputs, self.force)?)
     }

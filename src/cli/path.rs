@@ -12,11 +12,10 @@ use insonify_study::path::{Entry, FILES, Goal, PathOptions, plan};
 
 use super::backend::BackendArgs;
 use super::exercise::{relocated, source};
-use super::failure::Failure;
+use super::failure::{Error, usage};
 use super::insert::resolve;
 use super::output::{self, Force, inputs};
 use super::terminal;
-use insonify::Error;
 
 const EXAMPLES: &str = "\
 Lines through the target are tried: in the image plane at angles to the beam, or from the skin. A line is excluded that comes too near
@@ -120,7 +119,7 @@ impl PathArgs {
             .and_then(|text| relocated(&text, &base, &self.output));
         let written = written.map_err(|found| {
             let expected = "a scenario whose parts are tables";
-            Failure::usage(format!("{}: {found}", self.scenario.display()), expected)
+            usage(format!("{}: {found}", self.scenario.display()), expected)
         })?;
         let at = |name: &str| folder.path().join(name);
         output::text(&at("scenario.toml"), &written)?;

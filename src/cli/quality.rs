@@ -7,10 +7,9 @@ use clap::Args;
 use nalgebra::Matrix4;
 
 use crate::backend::BackendArgs;
-use crate::failure::Failure;
+use crate::failure::{Error, Failure};
 use crate::study::watched;
 use crate::terminal;
-use insonify::Error;
 use insonify::input::scenario::{NeedleModel, Scenario, ScenarioFile};
 use insonify::run::Trial;
 use insonify_base::machine::Machine;

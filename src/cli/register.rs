@@ -18,12 +18,11 @@ use insonify_tracking::calibrate::poses::Poses;
 use insonify_tracking::sequence::Sequence;
 use insonify_tracking::world::World;
 
-use super::failure::Failure;
+use super::failure::{Error, usage};
 use super::input::NamesArg;
 use super::output::{self, Force};
 use super::terminal;
 use super::variants::variants;
-use insonify::Error;
 
 const TEACHING: &str = "\
 Stage 1 is rigid: by landmarks if given, else from the principal axes; then each surface point is drawn to the skin. Stage 2 adds a quadratic
@@ -245,7 +244,7 @@ fn carry(path: &Path, output: &Path, map: &Quadratic) -> Result<(), Error> {
             "{}: the registration cannot be inverted at all of its nodes",
             path.display()
         );
-        return Err(Failure::usage(found, "carry a mesh of the registered volume"));
+        return Err(usage(found, "carry a mesh of the registered volume"));
     };
     let moved = TetMesh::new(nodes, file.mesh.elements().to_vec(), file.mesh.regions().to_vec());
     let moved = moved.map_err(|source| MeshFileError::Mesh {

@@ -25,11 +25,10 @@ use insonify_imaging::synth::{Backend, FrameState};
 use insonify_tracking::probe::{BeamGrid, Curvilinear, ImageGrid, Linear, Phased, Probe, ProbeShape};
 
 use super::backend::{BackendArgs, BackendName};
-use super::failure::Failure;
+use super::failure::{Error, usage};
 use super::output::{Force, inputs};
 use super::render::frame_count;
 use super::terminal;
-use insonify::Error;
 
 /// Counts of the RMS of normal liver at the focus: echoes 30 dB above it fit into 16 bits.
 const COUNTS: f64 = 1000.0;
@@ -182,16 +181,13 @@ impl Rf {
         self.force
             .check_ending([&self.output], "png", "frames", &[input.to_owned()])?;
         if !RANGE_DB.contains(&self.range_db) {
-            return Err(Failure::usage(
-                format!("--range-db {}", self.range_db),
-                "give 10 to 200 dB",
-            ));
+            return Err(usage(format!("--range-db {}", self.range_db), "give 10 to 200 dB"));
         }
         let echoes = Echoes::read(input)?;
         echoes.notes.iter().for_each(terminal::note);
         if self.frame >= echoes.frames.len() {
             let found = format!("--frame {} of {} frames", self.frame, echoes.frames.len());
-            return Err(Failure::usage(found, "frames count from 0"));
+            return Err(usage(found, "frames count from 0"));
         }
         let picture = picture(
             &echoes,
@@ -220,7 +216,7 @@ impl Rf {
         self.force.check(&all, &files)?;
         if !(0.05..=probe.depth_mm / 2.0).contains(&self.window_mm) {
             let expected = format!("give 0.05 to {} mm, half of the depth", probe.depth_mm / 2.0);
-            return Err(Failure::usage(format!("--window-mm {}", self.window_mm), expected));
+            return Err(usage(format!("--window-mm {}", self.window_mm), expected));
         }
         self.backend.check()?;
         let synthesizer = RfSynthesizer::new(scene.anatomy.clone(), scene.settings.clone(), acquisition)?;

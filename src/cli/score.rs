@@ -8,10 +8,9 @@ use insonify_study::score::groups::{compare, read};
 use insonify_study::score::page::picture;
 use insonify_study::score::{Score, groups};
 
-use super::failure::Failure;
+use super::failure::{Error, usage};
 use super::output::{self, Force};
 use super::terminal;
-use insonify::Error;
 
 const TEACHING: &str = "\
 RUN is the folder that `insonify insert` wrote, or its steps.csv. The scenario needs a target: `needle.target`, or `[[plan.target]]`. The metrics
@@ -54,7 +53,7 @@ impl ScoreArgs {
             let inputs: Vec<PathBuf> = self.runs.iter().chain(&self.groups).cloned().chain(tables).collect();
             self.force.check_ending([output], "html", "pages", &inputs)?;
             if self.runs.len() > 1 {
-                return Err(Failure::usage(
+                return Err(usage(
                     "a page of several runs",
                     "score one run, or compare them with --groups",
                 ));

@@ -7,10 +7,9 @@ use insonify::input::statics::{self, Model, ProblemFile};
 use insonify::solve::Report;
 use insonify_mesh::file::{DISPLACEMENT, Values, write_vtu_with};
 
-use super::failure::Failure;
+use super::failure::{Error, usage};
 use super::output::{self, Force};
 use super::terminal;
-use insonify::Error;
 
 const EXAMPLES: &str = "\
 The case names a mesh, the [[material]] of each region, and what is held ([[fix]]) and loaded ([[load]]): nodes by number, or those that
@@ -94,10 +93,7 @@ impl Solve {
         let problem = ProblemFile::read(path)?.resolve(folder)?;
         if self.history.is_some() && problem.file.model == Model::Linear {
             let found = "--history of a case without one: `model = \"linear\"`".to_owned();
-            return Err(Failure::usage(
-                found,
-                "leave it out, or give the case a model with a [history]",
-            ));
+            return Err(usage(found, "leave it out, or give the case a model with a [history]"));
         }
         problem.notes.iter().for_each(terminal::note);
         problem.warnings.iter().for_each(terminal::warn);

@@ -5,11 +5,10 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use insonify_study::stability::{Effort, GROUPS, HardCase, StabilityReport, run, select};
 
-use super::failure::Failure;
+use super::failure::{Error, Failure, usage};
 use super::output::{Force, text};
 use super::study::watched;
 use super::terminal;
-use insonify::Error;
 
 const TEACHING: &str = "\
 Every case is hard for numerical methods: slivers, near incompressibility, 5,000 remeshes. Each has
@@ -96,5 +95,5 @@ fn none_selected(only: &str) -> Error {
         format!("{}: {}", group.name, names.join(", "))
     });
     let names: Vec<String> = names.collect();
-    Failure::usage(format!("no case has `{only}` in its name"), names.join("\n"))
+    usage(format!("no case has `{only}` in its name"), names.join("\n"))
 }

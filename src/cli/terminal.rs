@@ -12,8 +12,7 @@ use insonify_base::text::{MESSAGE, clipped, printable};
 use serde::Serialize;
 
 use super::excerpt::drawn;
-use super::failure::Failure;
-use insonify::Error;
+use super::failure::{Error, Failure};
 
 /// Writes a result to standard output. A reader that stops reading causes no failure.
 pub(crate) fn emit(text: &str) -> Result<(), Error> {

@@ -10,11 +10,10 @@ use insonify_study::realism::picture::{Picture, read};
 use insonify_study::texture::synthesis::Exemplars;
 use insonify_study::texture::{Content, Preparation, PreparedExemplar, Region, make};
 
-use super::failure::Failure;
+use super::failure::{Error, usage};
 use super::output::{self, Force};
 use super::realism::pixel;
 use super::terminal;
-use insonify::Error;
 
 const TEACHING: &str = "\
 An exemplar is a region of even tissue in a B-mode image, without writing, calipers or edges of organs. Its columns run along x of the solid and its
@@ -107,10 +106,7 @@ impl TextureArgs {
         self.force.check_ending([&self.output], "nrrd", "textures", &inputs)?;
         self.force.check_ending(&self.page, "html", "pages", &inputs)?;
         if !(10.0..=200.0).contains(&self.range_db) {
-            return Err(Failure::usage(
-                format!("--range-db {}", self.range_db),
-                "give 10 to 200 dB",
-            ));
+            return Err(usage(format!("--range-db {}", self.range_db), "give 10 to 200 dB"));
         }
         let first = self.prepared(&self.image, self.region, self.voxel_mm)?;
         let other = |image: &Option<PathBuf>, region: Option<[f64; 4]>| match (image, region) {
@@ -163,14 +159,14 @@ impl TextureArgs {
     fn prepared(&self, image: &PathBuf, region: [f64; 4], voxel_mm: Option<f64>) -> Result<PreparedExemplar, Error> {
         let pictures = read(std::slice::from_ref(image), 1, self.mm_per_pixel)?;
         let picture: &Picture = pictures.first().ok_or_else(|| {
-            Failure::usage(
+            usage(
                 format!("{}: no image", image.display()),
                 "name a PNG file or a sequence",
             )
         })?;
         let Some(pixel_mm) = picture.mm else {
             let found = format!("{}: the size of a pixel is not stated", image.display());
-            return Err(Failure::usage(found, "give --mm-per-pixel"));
+            return Err(usage(found, "give --mm-per-pixel"));
         };
         if region.iter().any(|side| *side < 0.0 || side.fract() != 0.0) {
             return Err(VolumeError::new(format!("region {region:?}; expected whole numbers from 0")).into());

@@ -18,12 +18,11 @@ use insonify_study::tradeoff::gather::{STUDIES, gather};
 use insonify_study::tradeoff::report::Report;
 
 use super::backend::BackendArgs;
-use super::failure::Failure;
+use super::failure::{Error, Failure, usage};
 use super::output::Force;
 use super::study::watched;
 use super::terminal;
 use super::variants::ranged;
-use insonify::Error;
 
 const EXAMPLES: &str = "\
 Without a subcommand all studies are run in turn and gathered into one report: the cost of each choice, its error against the
@@ -95,7 +94,7 @@ impl Tradeoff {
             .find(|name| known().all(|known| known != name.as_str()))
         {
             let names: Vec<&str> = known().collect();
-            return Err(Failure::usage(
+            return Err(usage(
                 format!("there is no study `{unknown}`"),
                 format!("studies are {}", names.join(", ")),
             ));

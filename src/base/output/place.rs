@@ -48,12 +48,12 @@ fn check_one(path: &Path, inputs: &[PathBuf], force: bool, formats: &[Written]) 
     };
     let failed = |cause| OutputError::write(path, cause);
     match fs::metadata(path) {
-        Ok(found) if !found.is_file() => return Err(wrong("a regular file")),
+        Ok(metadata) if !metadata.is_file() => return Err(wrong("a regular file")),
         Ok(_) if force => {}
         Ok(_) if inputs.iter().any(|input| same(input, path)) => {
             return Err(OutputError::Input { path: path.to_owned() });
         }
-        Ok(found) if found.len() > 0 && !is_same_kind(path, formats).map_err(failed)? => {
+        Ok(metadata) if metadata.len() > 0 && !is_same_kind(path, formats).map_err(failed)? => {
             return Err(OutputError::Taken { path: path.to_owned() });
         }
         Err(error) if error.kind() == io::ErrorKind::NotADirectory => {

@@ -142,9 +142,9 @@ pub fn abandon() {
     const TRIES: usize = 50;
     let live = hold();
     let is_staged = |path: &&PathBuf| path.file_name().is_some_and(|name| is_named(Path::new(name)));
-    let (staged, made): (Vec<_>, Vec<_>) = live.iter().partition(is_staged);
+    let (staged, created): (Vec<_>, Vec<_>) = live.iter().partition(is_staged);
     // Created folders are empty only then.
-    for path in staged.into_iter().chain(made) {
+    for path in staged.into_iter().chain(created) {
         let staged = is_staged(&path);
         // Other threads may still create folders in it.
         for _ in 0..TRIES {

@@ -4,11 +4,10 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use crate::failure::Failure;
+use crate::failure::{Error, usage};
 use crate::output::{self, Force};
 use crate::study::Printed;
 use crate::terminal;
-use insonify::Error;
 use insonify_anatomy::volume::{VolumeError, load_scalar};
 use insonify_base::number::decimal;
 use insonify_base::table::{Cell, Table};
@@ -71,7 +70,7 @@ impl Measure {
         let names: Vec<String> = moved.iter().map(|path| format!("{}.toml", stem(path))).collect();
         if let Some(twice) = (1..names.len()).find(|at| names[..*at].contains(&names[*at])) {
             let found = format!("two volumes would be written to {}", names[twice]);
-            return Err(Failure::usage(found, "give the volumes different names"));
+            return Err(usage(found, "give the volumes different names"));
         }
         let mut inputs = self.volumes.clone();
         inputs.extend([self.markers.clone(), self.case.clone()]);
@@ -208,12 +207,12 @@ impl Compare {
         let path = |path: &PathBuf| path.display().to_string();
         if let Some((name, _)) = cases.iter().find(|(_, case)| case.measured_mm.is_empty()) {
             let found = format!("the case `{name}` has no `measured_mm` under `[needle]`");
-            return Err(Failure::usage(found, "measure it with `insonify beam measure`"));
+            return Err(usage(found, "measure it with `insonify beam measure`"));
         }
         if cases.is_empty() {
             let paths = self.cases.iter().map(path).collect::<Vec<_>>().join(", ");
             let found = format!("{paths}: no case with `measured_mm` under `[needle]`");
-            return Err(Failure::usage(
+            return Err(usage(
                 found,
                 "name cases that `insonify beam measure` wrote, or their folder",
             ));
@@ -233,9 +232,7 @@ fn read(path: &Path) -> Result<(String, BeamCase), Error> {
 
 /// Cases of a folder that have a measured shape, by name. Other files may lie there too.
 fn folder(path: &Path) -> Result<Vec<(String, BeamCase)>, Error> {
-    let wrong = |error: std::io::Error| {
-        Failure::usage(format!("{}: {error}", path.display()), "name a folder that can be read")
-    };
+    let wrong = |error: std::io::Error| usage(format!("{}: {error}", path.display()), "name a folder that can be read");
     let mut files = Vec::new();
     for entry in std::fs::read_dir(path).map_err(wrong)? {
         files.push(entry.map_err(wrong)?.path());

@@ -4,9 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::failure::Failure;
+use crate::failure::{Error, usage};
 use crate::study::Printed;
-use insonify::Error;
 use insonify_study::beam::case::{Uncertainty, compression, map, sensitivity};
 use insonify_study::beam_case::{BeamCase, CaseFile};
 
@@ -70,7 +69,7 @@ impl Map {
         let case = self.of.case()?;
         for (name, values) in [("--tip-mm", &self.tip_mm), ("--rcm-mm", &self.rcm_mm)] {
             if let Some(value) = values.iter().find(|value| !value.is_finite()) {
-                return Err(Failure::usage(
+                return Err(usage(
                     format!("{name} {value} is no length"),
                     "ask for finite numbers of mm",
                 ));

@@ -14,12 +14,11 @@ use insonify_mesh::file::write_vtu_with;
 use insonify_mesh::generate::{GenerateOptions, GenerateReport, LabelGrid, generate};
 use serde::Serialize;
 
-use crate::failure::Failure;
+use crate::failure::{Error, usage};
 use crate::input::NamesArg;
 use crate::output::Force;
 use crate::terminal;
 use crate::variants::variants;
-use insonify::Error;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -177,7 +176,7 @@ impl Make {
         let occupied: Vec<usize> = (1..labels.len()).filter(|index| volume.holds(*index)).collect();
         if occupied.is_empty() {
             let found = format!("{}: no voxel is labelled", self.name());
-            return Err(Failure::usage(found, "give a volume with labels other than 0"));
+            return Err(usage(found, "give a volume with labels other than 0"));
         }
         let mut chosen = Vec::new();
         for value in &self.labels {
@@ -186,7 +185,7 @@ impl Make {
                 Some(_) => {}
                 None => {
                     let found = format!("{}: no voxel has label {value}", self.name());
-                    return Err(Failure::usage(
+                    return Err(usage(
                         found,
                         format!("it holds the labels {}", listed(labels, &occupied)),
                     ));
@@ -202,7 +201,7 @@ impl Make {
                 let value = labels[index].value;
                 let number = i32::try_from(value).map_err(|_| {
                     let found = format!("label {value} cannot be a region number");
-                    Failure::usage(found, "region numbers have 32 bits: renumber the label")
+                    usage(found, "region numbers have 32 bits: renumber the label")
                 })?;
                 Ok((index as u8, number))
             })

@@ -3,10 +3,9 @@
 use image::{Rgb, RgbImage};
 
 use super::{Motion, TRUSTED};
-use crate::failure::Failure;
+use crate::failure::{Error, usage};
 use crate::rf::laid_out;
 use crate::terminal;
-use insonify::Error;
 use insonify_imaging::canvas;
 use insonify_imaging::rf::bmode::{envelope, grey, scan_converted, white};
 use insonify_imaging::rf::file::Echoes;
@@ -37,7 +36,7 @@ impl Motion {
     ) -> Result<RgbImage, Error> {
         let Some(probe) = self.geometry.probe(echoes, self.sampling_mhz)? else {
             let expected = "give --sampling-mhz and --pitch-mm, or --radius-mm and --angle-deg";
-            return Err(Failure::usage("a picture needs the geometry of the lines", expected));
+            return Err(usage("a picture needs the geometry of the lines", expected));
         };
         let (beam, image) = laid_out(&probe)?;
         let (frame, estimates) = (shown.frame, &shown.estimates);
@@ -60,7 +59,7 @@ impl Motion {
         let shown = values.iter().filter(|value| !value.is_nan());
         let mut sizes: Vec<f64> = shown.map(|value| value.abs()).collect();
         if sizes.is_empty() {
-            return Err(Failure::usage(
+            return Err(usage(
                 format!("no window of frame {frame} correlates"),
                 "leave out --strain and --displacement; the tissue moves too far between frames, or the echoes are noise",
             ));

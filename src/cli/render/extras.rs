@@ -11,10 +11,9 @@ use insonify_tracking::needle::NeedlePose;
 use insonify_tracking::pose::Pose;
 use serde_json::json;
 
-use crate::failure::Failure;
+use crate::failure::{Error, usage};
 use crate::terminal;
 use crate::variants::{named, names};
-use insonify::Error;
 
 /// Former names of layers, and their replacements.
 const EARLIER: [(&str, Layer); 2] = [("labels", Layer::LabelValue), ("shadowed", Layer::Loss)];
@@ -65,7 +64,7 @@ impl Extras {
             );
         }
         match Layer::unfit(scene.anatomy.volume.labels()) {
-            Some(label) if self.layers().contains(&Layer::LabelValue) => Err(Failure::usage(
+            Some(label) if self.layers().contains(&Layer::LabelValue) => Err(usage(
                 format!(
                     "--layers label-value: label {} does not fit 16 bits without sign",
                     label.value

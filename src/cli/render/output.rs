@@ -25,8 +25,7 @@ use insonify_tracking::pose::Pose;
 
 use super::extras::{self, Extras};
 use super::target::{Target, name_of};
-use crate::failure::Failure;
-use insonify::Error;
+use crate::failure::{Error, usage};
 
 /// File of the parameters shared by many frames.
 pub(crate) const PARAMETERS: &str = "parameters.json";
@@ -83,7 +82,7 @@ impl<'a> Output<'a> {
     /// Creates the folder for numbered files, and starts the sequences if frames go to one.
     pub(crate) fn open(target: Target, extras: &Extras, scene: &'a Scene, frames: usize) -> Result<Self, Error> {
         if let (Target::Sequence(path, _), true) = (&target, extras.overlay) {
-            return Err(Failure::usage(
+            return Err(usage(
                 format!(
                     "--overlay draws into pictures, and {} is an image sequence",
                     path.display()
@@ -92,7 +91,7 @@ impl<'a> Output<'a> {
             ));
         }
         if !matches!(target, Target::Sequence(..)) && extras.uncompressed {
-            return Err(Failure::usage(
+            return Err(usage(
                 "--uncompressed is for image sequences, and the frames go to PNG files",
                 "write .mha or .nrrd, or leave out --uncompressed",
             ));
@@ -232,7 +231,7 @@ impl<'a> Output<'a> {
         taken: &mut Taken,
     ) -> Result<(), Error> {
         let pose = Pose::from_matrix(&shot.state.probe_to_world)
-            .map_err(|error| Failure::usage(error.to_string(), "give a pose that neither stretches nor shears"))?;
+            .map_err(|error| usage(error.to_string(), "give a pose that neither stretches nor shears"))?;
         let needle = needle(shot.state);
         if self.extras.overview {
             let path = png::layer_path(picture, "overview");

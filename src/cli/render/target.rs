@@ -5,9 +5,8 @@ use std::path::{Path, PathBuf};
 
 use super::extras::Extras;
 use super::output::PARAMETERS;
-use crate::failure::Failure;
+use crate::failure::{Error, usage};
 use crate::output::Force;
-use insonify::Error;
 use insonify_base::output::folder::{Folder, MANIFEST};
 use insonify_base::output::png;
 use insonify_imaging::sidecar::Sidecar;
@@ -40,7 +39,7 @@ impl Target {
             });
         };
         if path.as_os_str().is_empty() {
-            return Err(Failure::usage("-o names no file", "name a file or a folder"));
+            return Err(usage("-o names no file", "name a file or a folder"));
         }
         let ending = path
             .extension()
@@ -49,7 +48,7 @@ impl Target {
         match ending.as_deref() {
             Some("mha" | "nrrd" | "npy") => Ok(Self::Sequence(path.to_owned(), path.with_extension(""))),
             _ if path.is_dir() || ends_in_separator(path) => Ok(Self::Folder(path.to_owned())),
-            Some("png") if frames > 1 => Err(Failure::usage(
+            Some("png") if frames > 1 => Err(usage(
                 format!("-o {shown} is one picture, and there are {frames} frames"),
                 "name a folder, or an image sequence that ends in .mha, .nrrd or .npy",
             )),
@@ -57,7 +56,7 @@ impl Target {
                 Ok(Self::Folder(path.to_owned()))
             }
             Some("png") | None => Ok(Self::File(path.to_owned())),
-            Some(other) => Err(Failure::usage(
+            Some(other) => Err(usage(
                 format!("-o {shown}: pictures that end in .{other} are not written"),
                 "name a file that ends in .png, .mha, .nrrd or .npy, or a folder that exists",
             )),

@@ -3,10 +3,9 @@
 use clap::Args;
 use insonify_study::tradeoff::history::{HistoryOptions, study};
 
-use crate::failure::Failure;
+use crate::failure::{Error, usage};
 use crate::study::Printed;
 use crate::variants::ranged;
-use insonify::Error;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -39,7 +38,7 @@ impl History {
     pub(super) fn run(&self) -> Result<(), Error> {
         let options = self.options();
         self.printed.run(|progress| {
-            study(&options, progress).map_err(|error| Failure::usage(error.to_string(), "ask for another --order"))
+            study(&options, progress).map_err(|error| usage(error.to_string(), "ask for another --order"))
         })
     }
 

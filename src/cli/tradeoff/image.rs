@@ -7,9 +7,8 @@ use insonify_study::tradeoff::gather::Devices;
 use insonify_study::tradeoff::image::{ImageOptions, study};
 
 use crate::backend::{BackendArgs, BackendName};
-use crate::failure::Failure;
+use crate::failure::{Error, usage};
 use crate::study::Printed;
-use insonify::Error;
 
 const TEACHING: &str = "\
 Each table has a gold standard, made in the same run, and says which:
@@ -52,7 +51,7 @@ impl Image {
         self.backend.check()?;
         self.printed.check()?;
         if matches!(self.backend.backend, BackendName::CpuF64) {
-            return Err(Failure::usage(
+            return Err(usage(
                 "--backend cpu-f64: double precision is what all else is compared with",
                 "ask for auto, cpu or gpu",
             ));

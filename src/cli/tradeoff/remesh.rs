@@ -11,11 +11,10 @@ use insonify_study::tradeoff::remesh::subject::generated;
 use insonify_study::tradeoff::remesh::{NODES, RemeshOptions, study};
 
 use crate::backend::{BackendArgs, BackendName};
-use crate::failure::Failure;
+use crate::failure::{Error, usage};
 use crate::study::Printed;
 use crate::terminal;
 use crate::variants::ranged;
-use insonify::Error;
 
 use super::effort;
 
@@ -100,8 +99,7 @@ impl Remesh {
             self.nodes.clone()
         };
         let made = nodes.iter().map(|nodes| {
-            generated(*nodes)
-                .map_err(|error| Failure::usage(format!("--nodes {nodes}: {error}"), "ask for other nodes"))
+            generated(*nodes).map_err(|error| usage(format!("--nodes {nodes}: {error}"), "ask for other nodes"))
         });
         made.collect()
     }

@@ -212,7 +212,7 @@ fn fit(seen: &[Seen<'_>], mean: [f64; 2]) -> Result<Fit, TrackingError> {
             seen.len()
         )));
     }
-    let (mut plane, apart) = affine(seen, mean)?;
+    let (mut plane, axes_angle) = affine(seen, mean)?;
     // Gauss-Newton on turn (0-2), pixel sides (3, 4) and centre (5-7). The axes stay perpendicular, which the affine start does not demand.
     let rows = 3 * seen.len();
     let mut normal = nalgebra::SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
@@ -261,7 +261,7 @@ fn fit(seen: &[Seen<'_>], mean: [f64; 2]) -> Result<Fit, TrackingError> {
         .diagonal()
         .map(|v| (variance * v).sqrt());
     let part = |from| spread.fixed_rows::<3>(from).into_owned();
-    Ok((plane, [part(0), part(5)], apart))
+    Ok((plane, [part(0), part(5)], axes_angle))
 }
 
 fn undetermined() -> TrackingError {

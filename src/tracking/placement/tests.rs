@@ -230,8 +230,7 @@ fn a_radial_probe_lies_in_the_middle_of_a_vessel_across_it() {
         depth_mm: 20.0,
     };
     let place = |options: &PlacementOptions| place(&volume, &[2], &meaning, options);
-    let found = place(&options(1.5, None)).unwrap();
-    let pose = found.probe_to_world;
+    let pose = place(&options(1.5, None)).unwrap().probe_to_world;
     let centre = pose.transform_point(&Point3::new(0.0, -1.5, 0.0)).coords;
     assert!((centre - wide).norm() < 3.0, "{centre} {wide}");
     let along = column(&pose, 2);

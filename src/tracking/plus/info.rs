@@ -119,12 +119,12 @@ impl fmt::Display for PlusInfo {
         writeln!(f, "images       {}", stated(size))?;
         writeln!(f, "pixels       {}", stated(pixel))?;
         writeln!(f, "array        {}", stated(centre))?;
-        let calibration = self.calibration.as_ref().map(|found| {
-            let [columns, rows, planes] = found.lengths_mm;
-            let to = text::head(&found.to, text::WIDEST_NAME);
+        let calibration = self.calibration.as_ref().map(|calibration| {
+            let [columns, rows, planes] = calibration.lengths_mm;
+            let to = text::head(&calibration.to, text::WIDEST_NAME);
             format!(
                 "Image to {to}: columns, rows and planes {columns:.4}, {rows:.4} and {planes:.4} mm, axes {:.2} degrees apart",
-                found.axes_apart_deg
+                calibration.axes_apart_deg
             )
         });
         writeln!(f, "calibration  {}", stated(calibration))?;

@@ -303,8 +303,8 @@ impl JsonSchema for ProbeSpec {
             "Kind of probe. Required, unless the configuration of a tracked sequence states it.".into();
         properties.insert("kind".into(), kind);
         for kind in ProbeKind::ALL {
-            for (key, own) in kind.described().1 {
-                let text = own["description"].as_str().unwrap_or_default().replace("\n\n", " ");
+            for (key, of_kind) in kind.described().1 {
+                let text = of_kind["description"].as_str().unwrap_or_default().replace("\n\n", " ");
                 let text = format!("{kind}: {text}");
                 let all = properties
                     .entry(key)
@@ -315,7 +315,7 @@ impl JsonSchema for ProbeSpec {
                 };
                 // The widest range of the kinds that have the key.
                 for (bound, wider) in [("minimum", f64::min as fn(f64, f64) -> f64), ("maximum", f64::max)] {
-                    if let Some(value) = own[bound].as_f64() {
+                    if let Some(value) = of_kind[bound].as_f64() {
                         all[bound] = all[bound].as_f64().map_or(value, |other| wider(other, value)).into();
                     }
                 }
