@@ -123,6 +123,7 @@ impl BackendArgs {
             BackendName::Auto | BackendName::Gpu => Ok(Devices {
                 gpus: vec![Gpu::open(&choice, &Needs::default())?],
                 missing: Vec::new(),
+                skips_cpu: self.backend == BackendName::Gpu,
             }),
         }
     }

@@ -126,7 +126,7 @@ impl Bench {
         };
         let mut state = FrameState::at(Matrix4::identity());
         scene.state(0, scene.frames().max(1), &mut state)?;
-        let Devices { gpus, missing } = self.backend.gpus()?;
+        let Devices { gpus, missing, .. } = self.backend.gpus()?;
         let options = CompareOptions {
             patience: Duration::from_secs_f64(self.time_limit_s / 20.0),
             ..CompareOptions::usual(gpus)
@@ -174,6 +174,6 @@ impl Bench {
 }
 
 /// Parses seconds on the command line.
-pub(crate) fn seconds(text: &str) -> Result<f64, String> {
+fn seconds(text: &str) -> Result<f64, String> {
     ranged(text, 0.0..=3600.0, "a number of seconds from 0 to 3600")
 }

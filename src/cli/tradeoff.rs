@@ -1,21 +1,15 @@
 //! `insonify tradeoff`: accuracy versus time, measured on this machine.
 
-mod beam;
-mod history;
-mod image;
-mod insertion;
-mod motion;
-mod planning;
-mod remesh;
-mod tissue;
+mod study;
 
 use std::path::PathBuf;
 
 use clap::Args;
 use insonify_study::stability::Effort;
-use insonify_study::tradeoff::Rates;
-use insonify_study::tradeoff::gather::{STUDIES, gather};
+use insonify_study::tradeoff::gather::gather;
 use insonify_study::tradeoff::report::Report;
+use insonify_study::tradeoff::{Rates, STUDIES, Table};
+use study::GivenStudy;
 
 use super::backend::BackendArgs;
 use super::failure::{Error, Failure, usage};
@@ -42,7 +36,7 @@ Exit status: 0 success; 1 a study failed (the results of the others are written)
 #[command(after_help = EXAMPLES, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub(crate) struct Tradeoff {
     #[command(subcommand)]
-    study: Option<Study>,
+    study: Option<GivenStudy>,
     /// Folder for index.html, report.md, results.json, results.csv and plots; created if missing
     #[arg(short, long, value_name = "DIR", default_value = "tradeoff")]
     output: PathBuf,
@@ -65,19 +59,6 @@ pub(crate) struct Tradeoff {
     json: bool,
 }
 
-commands! {
-    enum Study {
-        Insertion(insertion::Insertion),
-        Beam(beam::Beam),
-        Remesh(remesh::Remesh),
-        History(history::History),
-        Tissue(tissue::Tissue),
-        Image(image::Image),
-        Motion(motion::Motion),
-        Planning(planning::Planning),
-    }
-}
-
 impl Tradeoff {
     pub(crate) fn run(&self) -> Result<(), Error> {
         match &self.study {
@@ -87,7 +68,7 @@ impl Tradeoff {
     }
 
     fn gather(&self) -> Result<(), Error> {
-        let known = || STUDIES.iter().map(|entry| entry.name);
+        let known = || STUDIES.iter().map(|entry| entry.about().name);
         if let Some(unknown) = self
             .only
             .iter()
@@ -100,7 +81,8 @@ impl Tradeoff {
             ));
         }
         let wanted = STUDIES.iter().copied();
-        let wanted = wanted.filter(|entry| self.only.is_empty() || self.only.iter().any(|name| name == entry.name));
+        let wanted =
+            wanted.filter(|entry| self.only.is_empty() || self.only.iter().any(|name| name == entry.about().name));
         let wanted: Vec<_> = wanted.collect();
         let folder = self
             .force
@@ -109,8 +91,9 @@ impl Tradeoff {
             frames: self.frames_per_s,
             steps: self.steps_per_s,
         };
-        let means = BackendArgs::default().gpus()?;
-        let report = watched(|progress| gather(&wanted, &means, effort(self.quick), pace, progress));
+        let devices = BackendArgs::default().gpus()?;
+        let effort = if self.quick { Effort::Quick } else { Effort::Whole };
+        let report = watched(|progress| gather(&wanted, &devices, effort, pace, progress));
         let files = report.write(folder.path())?;
         folder.install()?;
         let folder = self.output.display();
@@ -143,38 +126,21 @@ fn in_short(report: &Report) -> String {
             report.pace.frames, report.pace.steps
         ));
     }
-    lines.extend(at_pace.map(|found| format!("  {}", found.sentence())));
+    lines.extend(at_pace.map(|choice| format!("  {}", choice.sentence())));
     for chapter in &report.chapters {
-        let mut own = Vec::new();
-        for section in &chapter.sections {
-            let advice = section
-                .advice
-                .iter()
-                .map(|advice| format!("  {}: {}", advice.choosing, advice.sentence()));
-            own.extend(advice);
-        }
-        if !own.is_empty() {
-            lines.push(chapter.title.to_owned());
-            lines.extend(own);
+        let advice = chapter.study.listed().flat_map(Table::advice);
+        let advice = advice.map(|advice| format!("  {}: {}", advice.choosing, advice.sentence()));
+        let advice: Vec<String> = advice.collect();
+        if !advice.is_empty() {
+            lines.push(chapter.study.title.to_owned());
+            lines.extend(advice);
         }
     }
-    lines.extend(report.wrong().map(|(chapter, section, row)| {
+    lines.extend(report.wrong().map(|(chapter, table, row)| {
         let flag = row.flag.as_deref().unwrap_or_default();
-        format!(
-            "WRONG: {}, {}: {}: {flag}",
-            chapter.title,
-            section.title,
-            row.choices.join("; ")
-        )
+        let (study, choices) = (chapter.study.title, row.choices.join("; "));
+        format!("WRONG: {study}, {}: {choices}: {flag}", table.title)
     }));
     lines.push(format!("measured in {:.0} s on {}", report.seconds, report.machine));
     lines.join("\n")
-}
-
-/// Effort of a study.
-fn effort(quick: bool) -> Effort {
-    match quick {
-        true => Effort::Quick,
-        false => Effort::Whole,
-    }
 }

@@ -4,12 +4,16 @@ use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use schemars::{JsonSchema, schema_for};
+use schemars::{JsonSchema, Schema, schema_for};
 use serde::de::DeserializeOwned;
 
 /// Possible values of an enum without fields, with their descriptions as help.
 pub(crate) fn names<T: JsonSchema>() -> Vec<PossibleValue> {
-    let schema = schema_for!(T);
+    names_in(&schema_for!(T))
+}
+
+/// Possible values that the schema of an enum without fields has.
+pub(crate) fn names_in(schema: &Schema) -> Vec<PossibleValue> {
     let variants = schema.get("oneOf").and_then(|variants| variants.as_array());
     let value = |variant: &serde_json::Value| {
         let name = variant["const"].as_str()?.to_owned();

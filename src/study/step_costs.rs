@@ -7,11 +7,16 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::tradeoff::insertion::{InsertionOptions, Part, study};
-use crate::tradeoff::{Row, SHIFT_MM, Study, Table};
+use crate::tradeoff::SHIFT_MM;
+use crate::tradeoff::insertion::levels::{self, Levels};
+use crate::tradeoff::insertion::meshes::{self, MeshRow};
+use crate::tradeoff::insertion::pieces::{ELEMENTS, LINKS, PieceRow};
+use crate::tradeoff::insertion::thinning::{self, ThinningRow};
+use crate::tradeoff::insertion::{InsertionOptions, Progress, StepTimes};
 use insonify::Error;
 use insonify::input::scenario::DEFAULT_NODES;
 use insonify_imaging::quality::{Costs, SettingOption, VariedSetting};
+use insonify_mechanics::tissue::remesh::Level;
 
 /// Key of the condensation level in a scenario.
 pub const LEVEL: &str = "tissue.level";
@@ -35,9 +40,6 @@ const USUAL_MM: &str = "10";
 
 /// Tip error treated as zero, mm: a tenth of the smallest that a user would notice.
 const SLIGHT_MM: f64 = 0.1 * SHIFT_MM.0;
-
-/// Axis used as the cost: steps that do not remesh take less time.
-const TIME: &str = "remesh_median_ms";
 
 /// Costs of insertion steps, independent of the scenario.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -88,49 +90,78 @@ pub enum Nodes {
 /// # Errors
 /// [`Error`] if an insertion cannot be simulated.
 pub fn measure(progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<StepCosts, Error> {
-    let options = |nodes, parts| InsertionOptions {
+    let options = |nodes| InsertionOptions {
         nodes,
         depth_mm: DEPTH_MM,
         passes: 2,
-        parts,
         ..InsertionOptions::default()
     };
-    let small = vec![Part::Levels, Part::Thinning, Part::Links, Part::Elements];
-    let small = study(&options(FEW, small), &mut |what, share| progress(what, 0.6 * share))?;
     // The study refines to twice the requested number of nodes.
-    let meshes = options(USUAL / 2, vec![Part::Mesh]);
-    let meshes = study(&meshes, &mut |what, share| progress(what, 0.6 + 0.4 * share))?;
-    Ok(StepCosts::of(&small, &meshes))
+    Ok(StepCosts::of(&Insertions::measure(
+        &options(FEW),
+        &options(USUAL / 2),
+        progress,
+    )?))
+}
+
+/// Insertions that show the costs: into more and more nodes, and all others into a small block.
+pub(crate) struct Insertions {
+    pub levels: Levels,
+    pub thinning: Vec<ThinningRow>,
+    pub links: Vec<PieceRow>,
+    pub elements: Vec<PieceRow>,
+    pub meshes: Vec<MeshRow>,
+}
+
+impl Insertions {
+    pub(crate) fn measure(
+        few: &InsertionOptions,
+        more: &InsertionOptions,
+        progress: Progress<'_>,
+    ) -> Result<Self, Error> {
+        Ok(Self {
+            levels: levels::measure(few, &mut |what, share| progress(what, 0.15 * share))?,
+            thinning: thinning::measure(few, &mut |what, share| progress(what, 0.15 + 0.15 * share))?,
+            links: LINKS.measure(few, &mut |what, share| progress(what, 0.3 + 0.15 * share))?,
+            elements: ELEMENTS.measure(few, &mut |what, share| progress(what, 0.45 + 0.15 * share))?,
+            meshes: meshes::measure(more, &mut |what, share| progress(what, 0.6 + 0.4 * share))?,
+        })
+    }
 }
 
 impl StepCosts {
-    /// Extracts the costs from two insertion studies: one on a small block, and one of the number of nodes.
-    fn of(small: &Study, meshes: &Study) -> Self {
-        let first = |row: &Row| Some(row.choices[0].clone());
-        let (links, free_ms) = setting(small, ["links", LINK, "tip_mm"], first, Base::Value(USUAL_MM));
-        let (thinning, pressed_ms) = setting(small, ["thinning", THINNING, "tip_mm"], first, Base::Value("1"));
-        let of_probe = |probe: &'static str| {
-            let name = move |row: &Row| {
-                let name = match row.choices[0].as_str() {
-                    "exact condensed" => "exact",
-                    // Level IV serves only to show the value of remeshing; its error grows with the depth of the needle.
-                    "IV" => return None,
-                    other => other,
-                };
-                (row.choices[1] == probe).then(|| format!("\"{name}\""))
-            };
-            setting(small, ["levels", LEVEL, "tip_after_mm"], name, Base::Value("\"exact\"")).0
+    fn of(insertions: &Insertions) -> Self {
+        let thinning = insertions.thinning.iter();
+        let thinning = setting(THINNING, thinning.map(|row| (row.every, &row.times, row.tip_mm)));
+        let of_pieces =
+            |key, rows: &[PieceRow]| setting(key, rows.iter().map(|row| (row.length_mm, &row.times, row.tip_mm)));
+        let links = of_pieces(LINK, &insertions.links);
+        let of_probe = |probe: bool| {
+            let rows = insertions.levels.rows.iter();
+            // Level IV serves only to show the value of remeshing; its error grows with the depth of the needle.
+            let rows = rows.filter(|row| row.probe == probe && row.level != Level::IV && row.measured.flag.is_none());
+            let quoted = rows.map(|row| {
+                (
+                    format!("\"{}\"", row.level),
+                    &row.measured.times,
+                    row.measured.tip_after_mm,
+                )
+            });
+            let levels = setting(LEVEL, quoted);
+            let exact_ms = levels.ms_of("\"exact\"");
+            levels.beyond(exact_ms)
         };
-        let beyond = |study, table| setting(study, table, first, Base::Ms(free_ms)).0;
-        let nodes = small.about.iter().find(|(key, _)| *key == "nodes");
+        let meshes = insertions.meshes.iter();
+        let nodes = setting(NODES, meshes.map(|row| (row.nodes, &row.times, row.tip_mm)));
+        let base_ms = [links.ms_of(USUAL_MM), thinning.ms_of("1")];
         StepCosts {
-            few: nodes.and_then(|(_, nodes)| nodes.parse().ok()).unwrap_or(FEW as u32),
-            base_ms: [free_ms, pressed_ms],
-            levels: ["without", "with"].map(of_probe),
-            nodes: beyond(meshes, ["mesh", NODES, "tip_mm"]),
-            elements: beyond(small, ["elements", ELEMENT, "tip_mm"]),
-            links,
-            thinning,
+            few: insertions.levels.nodes as u32,
+            base_ms,
+            levels: [false, true].map(of_probe),
+            nodes: nodes.beyond(base_ms[0]),
+            elements: of_pieces(ELEMENT, &insertions.elements).beyond(base_ms[0]),
+            links: links.beyond(base_ms[0]),
+            thinning: thinning.beyond(base_ms[1]),
         }
     }
 
@@ -207,49 +238,47 @@ fn fitting(setting: &VariedSetting, needle_mm: Option<f64>) -> VariedSetting {
     }
 }
 
-/// Reference time of a setting.
-#[derive(Clone, Copy)]
-enum Base {
-    /// Time of the option with this value.
-    Value(&'static str),
-    /// Given time, ms.
-    Ms(f64),
+/// Values of a setting, each with the time of a step that remeshes, ms, and the error of the tip, mm.
+struct Measured {
+    key: &'static str,
+    options: Vec<(String, f64, f64)>,
 }
 
-/// Builds a setting from the rows of a table; returns it with its reference time, ms.
-fn setting(
-    study: &Study,
-    [table, key, error]: [&str; 3],
-    value: impl Fn(&Row) -> Option<String>,
-    base: Base,
-) -> (VariedSetting, f64) {
-    let table: Option<&Table> = study.tables.iter().find(|it| it.key == table);
-    let rows = table
-        .into_iter()
-        .flat_map(|table| table.rows.iter().map(move |row| (table, row)));
-    let found = rows.filter(|(_, row)| row.flag.is_none()).filter_map(|(table, row)| {
-        let error = if row.gold { 0.0 } else { table.value(row, error)? };
+/// Reads values, each with the times of steps and the error of the tip, mm (`None`: the gold standard).
+fn setting<'a, T: ToString>(
+    key: &'static str,
+    rows: impl Iterator<Item = (T, &'a StepTimes, Option<f64>)>,
+) -> Measured {
+    let options = rows.filter_map(|(value, times, tip_mm)| {
+        let error = tip_mm.map_or(Some(0.0), |mm| Some(mm).filter(|mm| mm.is_finite()))?;
         let error = if error < SLIGHT_MM { 0.0 } else { error };
-        Some((value(row)?, table.value(row, TIME)?, error))
+        Some((value.to_string(), times.remesh_median_ms?, error))
     });
-    let found: Vec<(String, f64, f64)> = found.collect();
-    let base_ms = match base {
-        Base::Ms(ms) => ms,
-        Base::Value(usual) => found
-            .iter()
-            .find(|(value, ..)| value == usual)
-            .map_or(0.0, |(_, ms, _)| *ms),
-    };
-    let options = found.into_iter().map(|(value, ms, error)| SettingOption {
-        values: vec![value],
-        extra_ms: ms - base_ms,
-        error,
-    });
-    let setting = VariedSetting {
-        keys: vec![key.to_owned()],
+    Measured {
+        key,
         options: options.collect(),
-    };
-    (setting, base_ms)
+    }
+}
+
+impl Measured {
+    /// Time of a value, ms; 0 if it was not measured.
+    fn ms_of(&self, value: &str) -> f64 {
+        let option = self.options.iter().find(|(other, ..)| other == value);
+        option.map_or(0.0, |(_, ms, _)| *ms)
+    }
+
+    /// Returns the setting with times beyond that of the reference.
+    fn beyond(self, base_ms: f64) -> VariedSetting {
+        let options = self.options.into_iter().map(|(value, ms, error)| SettingOption {
+            values: vec![value],
+            extra_ms: ms - base_ms,
+            error,
+        });
+        VariedSetting {
+            keys: vec![self.key.to_owned()],
+            options: options.collect(),
+        }
+    }
 }
 
 #[cfg(test)]

@@ -1,22 +1,28 @@
-//! Small scene and small study for tests.
+//! Small insertions and marked tables for tests.
 
 use std::sync::OnceLock;
 
-use crate::tradeoff::Study;
-use crate::tradeoff::insertion::{InsertionOptions, Part, study};
+use crate::step_costs::Insertions;
+use crate::tradeoff::Table;
+use crate::tradeoff::insertion::InsertionOptions;
 
-/// Study of insertions into a block of some 300 nodes, made once: levels, thinning, links and elements.
-pub fn insertions() -> &'static Study {
-    static STUDY: OnceLock<Study> = OnceLock::new();
-    STUDY.get_or_init(|| {
-        let options = InsertionOptions {
-            nodes: 300,
+/// Insertions into blocks of some 300 nodes, made once.
+pub(crate) fn insertions() -> &'static Insertions {
+    static INSERTIONS: OnceLock<Insertions> = OnceLock::new();
+    INSERTIONS.get_or_init(|| {
+        let options = |nodes| InsertionOptions {
+            nodes,
             depth_mm: 12.0,
-            bevel_depth_mm: 20.0,
             passes: 1,
-            parts: vec![Part::Levels, Part::Thinning, Part::Links, Part::Elements],
             ..InsertionOptions::default()
         };
-        study(&options, &mut |_, _| {}).unwrap()
+        Insertions::measure(&options(300), &options(600), &mut |_, _| {}).unwrap()
     })
+}
+
+/// Marks the rows with this choice as the gold standard.
+pub(crate) fn mark_gold(table: &mut Table, choice: &str) {
+    let rows = table.rows.iter_mut();
+    let gold = rows.filter(|row| row.choices.iter().any(|other| other == choice));
+    gold.for_each(|row| row.gold = true);
 }

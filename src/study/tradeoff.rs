@@ -5,33 +5,17 @@
 //! names the gold standard of each table and the user's [`Goal`]. Advice ([`Table::advice`]) and the best rows ([`Table::best`]) are
 //! derived from the rows; text, JSON, CSV and plots are all made in one place ([`Study::text`] and related methods).
 //!
-//! | module | subject |
-//! |---|---|
-//! | [`gather`] | all studies, run in sequence into one [`report`] |
-//! | [`insertion`] | needle insertions: levels, bevels, models, probe candidates, links |
-//! | [`beam`] | the needle as a beam in tissue |
-//! | [`remesh`] | remeshing levels |
-//! | [`history`] | quadrature rules of fading memory |
-//! | [`tissue`] | schemes and models of tissue that stiffens and creeps |
-//! | [`image`] | grids, labels, sampling, grain and backends of images |
-//! | [`motion`] | estimates of motion from radio-frequency echoes |
-//! | [`planning`] | paths in two and three dimensions, moduli by mesh |
+//! [`STUDIES`] is the only registry of studies: one that is not listed has no row, plot, advice or subcommand anywhere. A study is a file with its
+//! rows, their columns, its options and an `ENTRY`, and a line of `studies!`. [`gather`] runs them in sequence into one [`report`].
 
 mod advice;
-pub mod beam;
+pub mod entry;
 pub mod gather;
-pub mod history;
-pub mod image;
-pub mod insertion;
-pub mod motion;
-pub mod planning;
 mod real_time;
-pub mod remesh;
 mod render;
 pub mod report;
 #[cfg(test)]
 mod tests;
-pub mod tissue;
 
 use serde::Serialize;
 
@@ -39,7 +23,29 @@ pub use advice::{Advice, Goal, Variant};
 pub(crate) use advice::{FORCE_N, GREY_LEVELS, SHIFT_MM};
 pub use real_time::{Deadline, Rates, RealTimeChoice};
 
+use entry::AnyEntry;
 use insonify_base::machine::Machine;
+
+/// Declares the studies, each a module with its `ENTRY`.
+macro_rules! studies {
+    ($($visibility:vis $module:ident,)+) => {
+        $($visibility mod $module;)+
+
+        /// All studies, in the order of the report.
+        pub const STUDIES: &[&dyn AnyEntry] = &[$(&$module::ENTRY),+];
+    };
+}
+
+studies! {
+    pub(crate) image,
+    pub(crate) remesh,
+    pub(crate) insertion,
+    tissue,
+    beam,
+    history,
+    pub motion,
+    planning,
+}
 
 /// Parameter that distinguishes the rows of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -54,6 +60,11 @@ impl Factor {
     /// Creates a factor.
     pub const fn new(key: &'static str, label: &'static str) -> Factor {
         Factor { key, label }
+    }
+
+    /// Declares the choice of a row.
+    pub(crate) const fn of<R>(self, of: fn(&R) -> String) -> Choice<R> {
+        Choice { factor: self, of }
     }
 
     /// Describes a choice in words: a bare number is put into the label, as in "spacing 5 mm" for the label "spacing, mm".
@@ -100,20 +111,37 @@ impl Axis {
         }
     }
 
+    /// Declares the value of a row; `None` if it was not or cannot be measured.
+    pub(crate) const fn of<R>(self, of: fn(&R) -> Option<f64>) -> Column<R> {
+        Column { axis: self, of }
+    }
+
     /// Returns the unit; empty if there is none.
     pub fn unit(&self) -> &'static str {
         self.label.rsplit_once(", ").map_or("", |(_, unit)| unit)
     }
 }
 
-/// One variant and its results.
+/// Factor of rows of type `R`.
+pub(crate) struct Choice<R> {
+    factor: Factor,
+    of: fn(&R) -> String,
+}
+
+/// Axis of rows of type `R`.
+pub(crate) struct Column<R> {
+    axis: Axis,
+    of: fn(&R) -> Option<f64>,
+}
+
+/// One variant and its results, as they are written.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
     /// Choice for each factor.
     pub choices: Vec<String>,
     /// Value on each axis; `None` if it was not or cannot be measured.
     pub values: Vec<Option<f64>>,
-    /// Whether this row is the gold standard of the others (see [`Table::mark_gold`]).
+    /// Whether this row is the gold standard of the others (errors are differences from it).
     pub gold: bool,
     /// Failure to report, such as a violated guarantee.
     pub flag: Option<String>,
@@ -225,10 +253,48 @@ impl Table {
 
     /// Creates a table of a long trace, which the text report omits.
     pub fn trace(key: &'static str, title: impl Into<String>, factors: &[Factor], axes: &[Axis]) -> Self {
-        Table {
-            listed: false,
-            ..Table::new(key, title, factors, axes)
+        Table::new(key, title, factors, axes).unlisted()
+    }
+
+    /// Creates a table of typed rows.
+    pub(crate) fn of<R>(
+        key: &'static str,
+        title: impl Into<String>,
+        choices: &[Choice<R>],
+        columns: &[Column<R>],
+        rows: &[R],
+    ) -> Self {
+        let factors: Vec<Factor> = choices.iter().map(|choice| choice.factor).collect();
+        let axes: Vec<Axis> = columns.iter().map(|column| column.axis).collect();
+        let mut table = Table::new(key, title, &factors, &axes);
+        for row in rows {
+            let choices = choices.iter().map(|choice| (choice.of)(row));
+            let values = columns.iter().map(|column| (column.of)(row));
+            table.push(choices.collect(), values.collect(), None);
         }
+        table
+    }
+
+    /// Omits the table from the text report, as a long trace.
+    pub(crate) fn unlisted(mut self) -> Self {
+        self.listed = false;
+        self
+    }
+
+    /// Flags the rows that were made of `rows`.
+    pub(crate) fn flagged<R>(mut self, rows: &[R], flag: impl Fn(&R) -> Option<String>) -> Self {
+        for (written, row) in self.rows.iter_mut().zip(rows) {
+            written.flag = flag(row).or(written.flag.take());
+        }
+        self
+    }
+
+    /// Marks the gold standard among the rows that were made of `rows`.
+    pub(crate) fn gold_where<R>(mut self, rows: &[R], is_gold: impl Fn(&R) -> bool) -> Self {
+        for (written, row) in self.rows.iter_mut().zip(rows) {
+            written.gold = is_gold(row);
+        }
+        self
     }
 
     /// Sets the gold standard that errors refer to.
@@ -250,13 +316,6 @@ impl Table {
         assert!(known, "keys of {}: {goal:?}", self.key);
         self.goal = Some(goal);
         self
-    }
-
-    /// Marks the rows with this choice of a factor as the gold standard.
-    pub(crate) fn mark_gold(&mut self, factor: &str, choice: &str) {
-        let Some(at) = self.factor(factor) else { return };
-        let own = self.rows.iter_mut().filter(|row| row.choices[at] == choice);
-        own.for_each(|row| row.gold = true);
     }
 
     /// Adds a row. Values that are not finite count as not measured, and flag the row.

@@ -106,16 +106,8 @@ fn a_beam_has_elements_a_probe_has_candidates_and_no_piece_is_longer_than_the_ne
 /// Every setting has the options of its table, with times relative to the steps of the usual needle on the small block.
 #[test]
 fn studies_of_insertions_give_costs_of_every_key() {
-    let small = insertions();
-    let options = InsertionOptions {
-        nodes: 600,
-        depth_mm: 10.0,
-        passes: 1,
-        parts: vec![Part::Mesh],
-        ..InsertionOptions::default()
-    };
-    let meshes = study(&options, &mut |_, _| {}).unwrap();
-    let costs = StepCosts::of(small, &meshes);
+    let insertions = insertions();
+    let costs = StepCosts::of(insertions);
     assert!(
         (200..=300).contains(&costs.few) && costs.base_ms.iter().all(|ms| *ms > 0.0),
         "{costs:?}"
@@ -143,11 +135,6 @@ fn studies_of_insertions_give_costs_of_every_key() {
             "{setting:?}"
         );
     }
-    let value = |study: &Study, table: &str, choices: &[&str]| {
-        let table = study.tables.iter().find(|it| it.key == table).unwrap();
-        let row = table.rows.iter().find(|row| row.choices == choices).unwrap();
-        table.value(row, "remesh_median_ms").unwrap()
-    };
     let extra = |setting: &VariedSetting, value: &str| {
         setting
             .options
@@ -156,11 +143,23 @@ fn studies_of_insertions_give_costs_of_every_key() {
             .unwrap()
             .extra_ms
     };
-    let level = |name: &str| value(small, "levels", &[name, "without"]);
-    assert_eq!(extra(&costs.levels[0], "\"I\""), level("I") - level("exact condensed"));
-    let usual = value(small, "links", &["10"]);
+    let remesh_ms = |times: &StepTimes| times.remesh_median_ms.unwrap();
+    let level = |level| {
+        let mut rows = insertions.levels.rows.iter();
+        let row = rows.find(|row| row.level == level && !row.probe).unwrap();
+        remesh_ms(&row.measured.times)
+    };
+    let piece = |rows: &[PieceRow], length_mm| {
+        let row = rows.iter().find(|row| row.length_mm == length_mm).unwrap();
+        remesh_ms(&row.times)
+    };
+    assert_eq!(extra(&costs.levels[0], "\"I\""), level(Level::I) - level(Level::Exact));
+    let usual = piece(&insertions.links, 10.0);
     assert_eq!(costs.base_ms[0], usual);
-    assert_eq!(extra(&costs.elements, "5"), value(small, "elements", &["5"]) - usual);
-    let finest = meshes.tables[0].rows.last().unwrap().choices[0].clone();
-    assert_eq!(extra(&costs.nodes, &finest), value(&meshes, "mesh", &[&finest]) - usual);
+    assert_eq!(extra(&costs.elements, "5"), piece(&insertions.elements, 5.0) - usual);
+    let finest = insertions.meshes.last().unwrap();
+    assert_eq!(
+        extra(&costs.nodes, &finest.nodes.to_string()),
+        remesh_ms(&finest.times) - usual
+    );
 }

@@ -151,10 +151,10 @@ impl Table {
     fn grouped<'a>(&'a self, rows: impl Iterator<Item = &'a Row>, keys: &[&str]) -> Vec<Vec<&'a Row>> {
         let mut groups: Vec<(Vec<&str>, Vec<&Row>)> = Vec::new();
         for row in rows {
-            let own = self.choices(row, keys);
-            match groups.iter_mut().find(|(given, _)| *given == own) {
+            let choices = self.choices(row, keys);
+            match groups.iter_mut().find(|(given, _)| *given == choices) {
                 Some((_, rows)) => rows.push(row),
-                None => groups.push((own, vec![row])),
+                None => groups.push((choices, vec![row])),
             }
         }
         groups.into_iter().map(|(_, rows)| rows).collect()
@@ -177,8 +177,11 @@ impl Table {
         };
         let fixed = goal.fixed();
         let is_best = |row: &Row| {
-            let own = self.choices(row, &fixed);
-            let rivals = self.rows.iter().filter(|rival| self.choices(rival, &fixed) == own);
+            let conditions = self.choices(row, &fixed);
+            let rivals = self
+                .rows
+                .iter()
+                .filter(|rival| self.choices(rival, &fixed) == conditions);
             let front = pareto::front(&rivals.filter_map(weighed).collect::<Vec<_>>());
             weighed(row).is_some_and(|point| front.contains(&point))
         };
@@ -314,21 +317,21 @@ impl Table {
             }
         }
         let variant = |wanted: String| {
-            let own: Vec<&Row> = rows.iter().copied().filter(|row| name(row) == wanted).collect();
+            let alike: Vec<&Row> = rows.iter().copied().filter(|row| name(row) == wanted).collect();
             let most = |key: &str, gold: Option<f64>| {
                 let at = self.axis(key)?;
-                let values = own.iter().map(|row| match row.gold {
+                let values = alike.iter().map(|row| match row.gold {
                     true => gold.or(row.values[at]),
                     false => row.values[at],
                 });
                 values.reduce(|a, b| Some(a?.max(b?))).flatten()
             };
-            let complete = self.conditions(goal, &own) == all && own.iter().all(|row| row.flag.is_none());
+            let complete = self.conditions(goal, &alike) == all && alike.iter().all(|row| row.flag.is_none());
             complete.then_some(())?;
             Some(Variant {
                 cost: most(goal.cost, None)?,
                 error: most(goal.error, Some(0.0))?,
-                gold: own.iter().all(|row| row.gold),
+                gold: alike.iter().all(|row| row.gold),
                 name: wanted,
             })
         };
@@ -338,16 +341,16 @@ impl Table {
 
     /// Returns the distinct combinations of conditions.
     fn conditions<'a>(&self, goal: &Goal, rows: &[&'a Row]) -> Vec<Vec<&'a str>> {
-        let mut found: Vec<Vec<&str>> = rows.iter().map(|row| self.choices(row, &goal.over)).collect();
-        found.sort_unstable();
-        found.dedup();
-        found
+        let mut combinations: Vec<Vec<&str>> = rows.iter().map(|row| self.choices(row, &goal.over)).collect();
+        combinations.sort_unstable();
+        combinations.dedup();
+        combinations
     }
 
     /// Returns the choices of a row for some factors.
     pub(super) fn choices<'a>(&self, row: &'a Row, keys: &[&str]) -> Vec<&'a str> {
-        let found = keys.iter().filter_map(|key| self.factor(key));
-        found.map(|at| row.choices[at].as_str()).collect()
+        let positions = keys.iter().filter_map(|key| self.factor(key));
+        positions.map(|at| row.choices[at].as_str()).collect()
     }
 
     /// Describes choices of a row, each by [`Factor::name`].

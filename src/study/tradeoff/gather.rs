@@ -1,47 +1,16 @@
 //! All studies, run in sequence into one report.
-//!
-//! [`STUDIES`] is the only registry of studies: one that is not listed has no row, plot or advice anywhere. No code outside this list knows
-//! what the studies compare.
 
-use std::error::Error;
 use std::time::Instant;
 
+use super::Rates;
+use super::entry::{AnyEntry, Context};
 use super::report::{Chapter, Missing, Report};
-use super::{Rates, Study, beam, history, image, insertion, motion, planning, remesh, tissue};
 use crate::stability::Effort;
 use insonify_base::machine::{self, Machine};
 use insonify_gpu::{AdapterChoice, Gpu, GpuError, Needs, adapter};
 
 /// Callback that receives the current task of a study and the completed fraction.
 pub type Progress<'a> = &'a mut (dyn FnMut(&str, f64) + Send);
-
-/// Error of a study that failed.
-pub(crate) type StudyFailure = Box<dyn Error + Send + Sync>;
-
-/// Registration of a study.
-#[derive(Clone, Copy, Debug)]
-pub struct Entry {
-    /// Name of the study and of its subcommand.
-    pub name: &'static str,
-    /// Title of its chapter.
-    pub title: &'static str,
-    /// Question that the study answers.
-    pub question: &'static str,
-    /// Function that runs the study.
-    pub run: fn(&Devices, Effort, Progress<'_>) -> Result<Study, StudyFailure>,
-}
-
-/// All studies, in display order.
-pub const STUDIES: &[Entry] = &[
-    image::ENTRY,
-    remesh::ENTRY,
-    insertion::ENTRY,
-    tissue::ENTRY,
-    beam::ENTRY,
-    history::ENTRY,
-    motion::ENTRY,
-    planning::ENTRY,
-];
 
 /// Devices available for measurements.
 #[derive(Default)]
@@ -50,51 +19,69 @@ pub struct Devices {
     pub gpus: Vec<Gpu>,
     /// Devices that are not measured, and why.
     pub missing: Vec<String>,
+    /// Whether the CPU is not measured.
+    pub skips_cpu: bool,
 }
 
 impl Devices {
     /// Opens all hardware devices of this machine; software devices run on the CPU.
     pub fn here() -> Self {
-        let mut means = Devices::default();
-        for found in adapter::list() {
-            let name = format!("{} ({})", found.name, found.backend);
-            if found.software {
-                means
-                    .missing
-                    .push(format!("{name} was not measured: it is {}", adapter::SOFTWARE));
+        let mut devices = Devices::default();
+        for report in adapter::list() {
+            let name = format!("{} ({})", report.name, report.backend);
+            if report.software {
+                let reason = format!("{name} was not measured: it is {}", adapter::SOFTWARE);
+                devices.missing.push(reason);
                 continue;
             }
             match Gpu::open(&AdapterChoice::named(name.clone()), &Needs::default()) {
-                Ok(gpu) => means.gpus.push(gpu),
-                Err(error) => means.missing.push(format!("{name} was not measured: {error}")),
+                Ok(gpu) => devices.gpus.push(gpu),
+                Err(error) => devices.missing.push(format!("{name} was not measured: {error}")),
             }
         }
-        if means.gpus.is_empty() && means.missing.is_empty() {
-            means
-                .missing
-                .push(format!("no GPU was measured: {}", GpuError::NoAdapter));
+        if devices.gpus.is_empty() && devices.missing.is_empty() {
+            let reason = format!("no GPU was measured: {}", GpuError::NoAdapter);
+            devices.missing.push(reason);
         }
-        means
+        devices
     }
 }
 
 /// Runs every study of a list and derives the recommendations at a pace. `progress` receives the current task and the completed fraction,
 /// increasing from 0 to 1. A study that fails is listed in the report with its error; the others continue.
-pub fn gather(entries: &[Entry], means: &Devices, effort: Effort, pace: Rates, progress: Progress<'_>) -> Report {
+pub fn gather(
+    entries: &[&dyn AnyEntry],
+    devices: &Devices,
+    effort: Effort,
+    pace: Rates,
+    progress: Progress<'_>,
+) -> Report {
     let start = Instant::now();
     let (mut chapters, mut missing) = (Vec::new(), Vec::new());
     for (at, entry) in entries.iter().enumerate() {
+        let about = entry.about();
         let mut inner = |what: &str, share: f64| {
             progress(
-                &format!("{}: {what}", entry.name),
+                &format!("{}: {what}", about.name),
                 (at as f64 + share) / entries.len() as f64,
             );
         };
+        let context = Context {
+            devices,
+            warn: &|_| (),
+            progress: &mut inner,
+        };
         let begun = Instant::now();
-        match (entry.run)(means, effort, &mut inner) {
-            Ok(study) => chapters.push(Chapter::of(entry.name, entry.question, &study, &pace, begun.elapsed())),
+        match entry.run_in_report(effort, context) {
+            Ok(study) => chapters.push(Chapter {
+                name: about.name,
+                question: about.question,
+                seconds: begun.elapsed().as_secs_f64(),
+                pace,
+                study,
+            }),
             Err(error) => missing.push(Missing {
-                name: entry.name,
+                name: about.name,
                 reason: error.to_string(),
             }),
         }
@@ -108,7 +95,7 @@ pub fn gather(entries: &[Entry], means: &Devices, effort: Effort, pace: Rates, p
         pace,
         machine: Machine::here(),
         seconds: start.elapsed().as_secs_f64(),
-        notes: means.missing.clone(),
+        notes: devices.missing.clone(),
         missing,
         chapters,
     }

@@ -10,15 +10,15 @@ use std::f64::consts::TAU;
 use std::time::Instant;
 
 use super::Study;
-use super::gather::Entry;
+use super::entry::{About, Backends, Context, Entry, StudyOption, all_ranged, ranged};
 use crate::fractional::{of_power, of_sine};
 use crate::stability::Effort;
 use insonify_mechanics::tissue::viscoelastic::{HistoryError, Operator, Rule, Span};
-use report::Report;
+use report::HistoryReport;
 
 /// Options of the study.
 #[derive(Clone, Debug, PartialEq)]
-pub struct HistoryOptions {
+pub(crate) struct HistoryOptions {
     /// Order of the spring-pot, 0 to 1 (default 0.1, liver).
     pub order: f64,
     /// Numbers of steps, each 10 or more (default 100 to 100,000).
@@ -36,7 +36,7 @@ impl Default for HistoryOptions {
 
 impl HistoryOptions {
     /// Returns the options for an effort: the default, or short histories.
-    pub fn of(effort: Effort) -> Self {
+    pub(crate) fn of(effort: Effort) -> Self {
         let usual = HistoryOptions::default();
         effort.pick(
             HistoryOptions {
@@ -49,11 +49,46 @@ impl HistoryOptions {
 }
 
 /// Registration of this study.
-pub const ENTRY: Entry = Entry {
-    name: "history",
-    title: "Fading memory",
-    question: "The stress of viscoelastic tissue depends on its whole history: which rule sums it fast enough and accurately enough?",
-    run: |_, effort, progress| Ok(study(&HistoryOptions::of(effort), progress)?),
+pub(crate) const ENTRY: Entry<HistoryOptions> = Entry {
+    about: About {
+        name: "history",
+        title: "Fading memory",
+        question: "The stress of viscoelastic tissue depends on its whole history: which rule sums it fast enough and accurately enough?",
+        help: "Quadrature rules for fading memory: error against the exact law, time and memory, for each rule and length of history",
+        examples: "\
+Examples:
+  insonify tradeoff history --quick                             a first look, in a second
+  insonify tradeoff history -o study                            histories of 100 to 100,000 steps, with plots
+  insonify tradeoff history --order 0.5 --steps 1000,5000 --json
+
+A row with a star is a best choice: no other is both faster and nearer to the exact law. A row that violates the
+guarantee of its rule is marked WRONG.",
+        backends: Backends::Cpu,
+    },
+    options: &[
+        StudyOption::<HistoryOptions>::value(
+            "order",
+            "K",
+            "Order k of the fractional integral, 0 to 1",
+            |it, given| {
+                ranged(given, 0.0..=1.0, "a number from 0 (a spring) to 1 (a dashpot)").map(|value| it.order = value)
+            },
+        )
+        .shown(|it| it.order.to_string()),
+        StudyOption::<HistoryOptions>::value(
+            "steps",
+            "N,...",
+            "Steps of the histories [default: 100,1000,10000,100000; with --quick 100,1000]",
+            |it, given| {
+                all_ranged(given, 10..=1_000_000, "a number of steps from 10 to 1000000").map(|value| it.steps = value)
+            },
+        )
+        .list(),
+        StudyOption::quick("Short histories"),
+    ],
+    settings: HistoryOptions::of,
+    in_report: HistoryOptions::of,
+    run: |options, Context { progress, .. }| Ok(study(options, progress)?),
 };
 
 /// Duration of the history, s, and angular frequency of the stress, rad/s: five periods.
@@ -114,7 +149,10 @@ const FULL: [(&str, Rule); 4] = [
 ///
 /// # Errors
 /// [`HistoryError`] for an order outside 0 to 1.
-pub fn study(options: &HistoryOptions, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<Study, HistoryError> {
+pub(crate) fn study(
+    options: &HistoryOptions,
+    progress: &mut (dyn FnMut(&str, f64) + Send),
+) -> Result<Study, HistoryError> {
     let mut contenders = Vec::new();
     for &steps in &options.steps {
         for lengths in [Lengths::Equal, Lengths::Unequal] {
@@ -135,15 +173,15 @@ pub fn study(options: &HistoryOptions, progress: &mut (dyn FnMut(&str, f64) + Se
     let samples: Vec<f64> = (1..=SAMPLES).map(|at| at as f64 / SAMPLES as f64).collect();
     let work: usize = contenders.iter().map(|contender| contender.steps).sum();
     let mut done = 0;
-    let mut report = Report::new(options);
+    let mut report = HistoryReport::new(options);
     for contender in contenders {
         progress(
             &format!("{} in {} steps", contender.name, contender.steps),
             done as f64 / work as f64,
         );
         let measured = contender.measure(options.order, &samples)?;
-        report.push(&contender, &measured);
         done += contender.steps;
+        report.push(contender, measured);
     }
     progress("done", 1.0);
     Ok(report.finish())
@@ -185,7 +223,7 @@ impl Contender {
             .iter()
             .map(|share| (share * self.steps as f64) as usize / 2 * 2)
             .collect();
-        let mut found = Vec::with_capacity(samples.len());
+        let mut computed = Vec::with_capacity(samples.len());
         let mut compare = compared.iter().peekable();
         let step_s = LENGTH_S / self.steps as f64;
         let started = Instant::now();
@@ -204,15 +242,15 @@ impl Contender {
             let weight = history.predict(length, &mut past)?;
             let value = stress(t);
             if compare.next_if(|at| **at == step).is_some() {
-                found.push((t, weight * value + past[0]));
+                computed.push((t, weight * value + past[0]));
             }
             history.commit(length, &[value])?;
         }
         let seconds = started.elapsed().as_secs_f64();
         let (mut error, mut largest) = (0.0f64, 0.0f64);
-        for (t, found) in found {
+        for (t, computed_strain) in computed {
             let exact = strain(order, t);
-            error = error.max((found - exact).abs());
+            error = error.max((computed_strain - exact).abs());
             largest = largest.max(exact.abs());
         }
         Ok(Measured {

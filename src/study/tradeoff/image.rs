@@ -23,8 +23,8 @@ use std::time::{Duration, Instant};
 
 use nalgebra::Matrix4;
 
-use super::gather::Entry;
-use super::{Axis, Factor, Figure, Study, Table};
+use super::entry::{About, Backends, Context, Entry, StudyOption, seconds};
+use super::{Axis, Column, Factor, Figure, Study, Table};
 use crate::stability::Effort;
 use insonify::Error;
 use insonify_base::machine::Machine;
@@ -36,8 +36,8 @@ use insonify_imaging::synth::tables::{Settings, Tables};
 use insonify_imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 
 /// Options of the study.
-#[derive(Debug)]
-pub struct ImageOptions {
+#[derive(Clone, Debug)]
+pub(crate) struct ImageOptions {
     /// Grids of scanlines by samples, from the coarsest to the finest (two or more). The finest is the gold standard and not one of the
     /// choices.
     pub grids: Vec<[u32; 2]>,
@@ -56,53 +56,69 @@ pub struct ImageOptions {
 }
 
 impl ImageOptions {
-    /// Returns the options of a full study, at most five minutes on two cores.
-    pub fn full(gpus: Vec<Gpu>) -> Self {
+    /// Returns the options for an effort, without GPUs: at most five minutes on two cores, or seconds.
+    pub(crate) fn of(effort: Effort) -> Self {
+        let finest = [2048, 4096];
+        let coarser = [[64, 128], [128, 256], [256, 512], [512, 1024], [1024, 2048]];
         Self {
-            grids: vec![
-                [64, 128],
-                [128, 256],
-                [256, 512],
-                [512, 1024],
-                [1024, 2048],
-                [2048, 4096],
-            ],
-            voxel_mm: 1.0,
-            coarsen: 1,
-            nodes: vec![1000, 5000, 20_000],
-            points: 2000,
-            patience: Duration::from_millis(1200),
-            gpus,
-        }
-    }
-
-    /// Returns the options of a quick study, which takes seconds.
-    pub fn quick(gpus: Vec<Gpu>) -> Self {
-        Self {
-            grids: vec![[64, 128], [128, 256], [256, 512], [512, 1024], [1024, 2048]],
-            voxel_mm: 2.0,
-            coarsen: 2,
-            nodes: vec![1000],
-            points: 300,
-            patience: Duration::from_millis(120),
-            gpus,
+            grids: effort.pick(coarser.to_vec(), [&coarser[..], &[finest]].concat()),
+            voxel_mm: effort.pick(2.0, 1.0),
+            coarsen: effort.pick(2, 1),
+            nodes: effort.pick(vec![1000], vec![1000, 5000, 20_000]),
+            points: effort.pick(300, 2000),
+            patience: Duration::from_millis(effort.pick(120, 1200)),
+            gpus: Vec::new(),
         }
     }
 }
 
 /// Registration of this study.
-pub const ENTRY: Entry = Entry {
-    name: "image",
-    title: "Images",
-    question: "What are the error, in grey levels, and the time of each way of rendering a frame? Grid of the beam, backends, labels, \
-               sampling, texture, grain, point location.",
-    run: |means, effort, progress| {
-        let gpus = means.gpus.clone();
-        let options = match effort {
-            Effort::Quick => ImageOptions::quick(gpus),
-            Effort::Whole => ImageOptions::full(gpus),
+pub(crate) const ENTRY: Entry<ImageOptions> = Entry {
+    about: About {
+        name: "image",
+        title: "Images",
+        question: "What are the error, in grey levels, and the time of each way of rendering a frame? Grid of the beam, backends, labels, \
+                   sampling, texture, grain, point location.",
+        help: "Imaging options: time and memory against grey levels and millimetres, for grids, labels, sampling, grain and backends",
+        examples: "\
+Each table has a gold standard, made in the same run, and says which:
+
+  beam grid   64 x 128 to 1024 x 2048 scanlines by samples, against 2048 x 4096 in double precision
+  backends    double and single precision on the CPU, each GPU, against double precision
+  labels      nearest voxel or voted, against boundaries of a closed form (mm) and voxels of 0.25 mm (grey levels)
+  sampling    samples of a shadow, scanlines of a blur, against the finest
+  texture     trilinear look-ups or a constant echo, against double precision
+  grain       no grain, additive noise or developed speckle, against the statistics of speckle
+  location    a walk from the last frame, a search grid or every element, against every element
+
+Errors are of grey levels (of 255) on the scan-converted picture, or mm. A row with a star is a best choice: no other of its kind
+is both faster and nearer to the truth. A row marked WRONG is not a valid approximation: it has a uniform offset, a larger error
+than a coarser level, or differs where it must not.
+
+Examples:
+  insonify tradeoff image --quick                a first look, in half a minute
+  insonify tradeoff image -o study               everything, with tables and plots: minutes
+  insonify tradeoff image --backend cpu --json   without a GPU, for programs",
+        backends: Backends::Single("double precision is what all else is compared with"),
+    },
+    options: &[
+        StudyOption::quick("Coarser phantoms, fewer frames, no grid above 512 x 1024"),
+        StudyOption::<ImageOptions>::value(
+            "time-limit-s",
+            "S",
+            "Time limit for each option, s, after at least three frames [default: 1.2; with --quick 0.12]",
+            |it, given| seconds(given).map(|value| it.patience = value),
+        )
+        .alias("patience-s"),
+    ],
+    settings: ImageOptions::of,
+    in_report: ImageOptions::of,
+    run: |options, Context { devices, progress, .. }| {
+        let options = ImageOptions {
+            gpus: devices.gpus.clone(),
+            ..options.clone()
         };
-        Ok(study(&options, progress)?)
+        study(&options, progress)
     },
 };
 
@@ -110,22 +126,39 @@ const BACKEND: Factor = Factor::new("backend", "backend");
 const MEDIAN: Axis = Axis::log("median_ms", "ms", "time of a frame (median), ms");
 const P95: Axis = Axis::log("p95_ms", "p95 ms", "time of a frame (95 of 100), ms");
 const MEMORY: Axis = Axis::log("memory_mb", "MB", "working memory, MB");
-const RMS: Axis = Axis::log("rms_grey", "RMS grey", "root mean square error, grey levels of 255");
-const P99: Axis = Axis::log(
-    "p99_grey",
-    "p99 grey",
-    "error that 99 of 100 pixels keep to, grey levels",
-);
-const BIAS: Axis = Axis::linear("bias_grey", "mean grey", "mean difference, grey levels");
 
-/// Axes of a picture: time, memory, error.
-const PICTURE: [Axis; 6] = [MEDIAN, P95, MEMORY, RMS, P99, BIAS];
+/// Picture of a variant, compared with its standard.
+struct Compared<V> {
+    variant: V,
+    picture: Picture,
+    difference: Difference,
+    flag: Option<String>,
+}
+
+/// Columns of pictures: time, memory, error.
+const fn compared<V>() -> [Column<Compared<V>>; 6] {
+    [
+        MEDIAN.of(|row: &Compared<V>| Some(row.picture.time?.median_ms)),
+        P95.of(|row: &Compared<V>| Some(row.picture.time?.p95_ms)),
+        MEMORY.of(|row: &Compared<V>| Some(row.picture.memory_mb)),
+        Axis::log("rms_grey", "RMS grey", "root mean square error, grey levels of 255")
+            .of(|row: &Compared<V>| Some(row.difference.rms)),
+        Axis::log(
+            "p99_grey",
+            "p99 grey",
+            "error that 99 of 100 pixels keep to, grey levels",
+        )
+        .of(|row: &Compared<V>| Some(row.difference.p99)),
+        Axis::linear("bias_grey", "mean grey", "mean difference, grey levels")
+            .of(|row: &Compared<V>| Some(row.difference.bias)),
+    ]
+}
 
 /// Studies images. `progress` receives the current task and the completed fraction, increasing from 0 to 1.
 ///
 /// # Errors
 /// [`Error`] if a scene or mesh is invalid or a frame cannot be rendered.
-pub fn study(options: &ImageOptions, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<Study, Error> {
+pub(crate) fn study(options: &ImageOptions, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<Study, Error> {
     let mut notes = Vec::new();
     if options.gpus.is_empty() {
         notes.push("no GPU adapter: these figures are the CPU's alone".to_owned());
@@ -153,7 +186,7 @@ pub fn study(options: &ImageOptions, progress: &mut (dyn FnMut(&str, f64) + Send
     progress("done", 1.0);
     Ok(Study {
         name: "image",
-        title: ENTRY.title,
+        title: ENTRY.about.title,
         about: about(options),
         machine: Machine::here(),
         tables,
@@ -230,7 +263,7 @@ fn figures() -> Vec<Figure> {
 const QUIETEST_DB: f64 = -200.0;
 
 /// Abdomen phantom under its default probe, at the 640 x 480 pixels of the default scene.
-pub struct Subject {
+pub(crate) struct Subject {
     /// Scene with the phantom and the probe.
     pub scene: Scene,
     /// State of the only frame.
@@ -239,7 +272,7 @@ pub struct Subject {
 
 impl Subject {
     /// Creates the phantom in voxels of a given size, mm.
-    pub fn new(voxel_mm: f64) -> Result<Self, Error> {
+    pub(crate) fn new(voxel_mm: f64) -> Result<Self, Error> {
         let text = format!("version = 1\nvolume = {{ phantom = \"abdomen\", resolution_mm = {voxel_mm} }}\n");
         let mut scene = SceneFile::parse(&text, "the scene of the study")?.resolve(".".as_ref())?;
         (scene.settings.image.width, scene.settings.image.height) = (640, 480);
@@ -249,14 +282,14 @@ impl Subject {
     }
 
     /// Returns the settings with another grid.
-    pub fn grid(&self, [lines, samples]: [u32; 2]) -> Settings {
+    pub(crate) fn grid(&self, [lines, samples]: [u32; 2]) -> Settings {
         let mut settings = self.scene.settings.clone();
         (settings.probe.lines, settings.probe.samples) = (lines, samples);
         settings
     }
 
     /// Creates a synthesizer of the phantom with these settings on a backend.
-    pub fn on(&self, settings: Settings, backend: Backend) -> Result<Synthesizer, SynthError> {
+    pub(crate) fn on(&self, settings: Settings, backend: Backend) -> Result<Synthesizer, SynthError> {
         Synthesizer::new(self.scene.anatomy.clone(), settings, backend)
     }
 }
@@ -274,7 +307,7 @@ pub(crate) fn without_grain(mut settings: Settings) -> Settings {
 }
 
 /// Returns settings whose receiver takes its time but adds nothing visible.
-pub fn silent(mut settings: Settings) -> Settings {
+pub(crate) fn silent(mut settings: Settings) -> Settings {
     if let Some(receiver) = &mut settings.effects.receiver {
         receiver.noise_db = QUIETEST_DB;
         receiver.clutter_db = QUIETEST_DB;
@@ -284,7 +317,7 @@ pub fn silent(mut settings: Settings) -> Settings {
 }
 
 /// Returns the single-precision CPU and each GPU, with their names.
-pub fn single(gpus: &[Gpu]) -> Vec<(String, Backend)> {
+pub(crate) fn single(gpus: &[Gpu]) -> Vec<(String, Backend)> {
     let on_gpus = gpus.iter().map(|gpu| {
         (
             format!("gpu, {}", gpu.report().name),
@@ -297,7 +330,7 @@ pub fn single(gpus: &[Gpu]) -> Vec<(String, Backend)> {
 }
 
 /// Returns a description if a scene exceeds a device limit; such a variant is left out and noted.
-pub fn too_large(subject: &Subject, settings: &Settings, gpus: &[Gpu]) -> Result<Option<String>, SynthError> {
+pub(crate) fn too_large(subject: &Subject, settings: &Settings, gpus: &[Gpu]) -> Result<Option<String>, SynthError> {
     let plan = Plan::new(&Tables::new(subject.scene.anatomy.clone(), settings.clone())?);
     let largest = plan
         .resources
@@ -318,7 +351,7 @@ const MAX: usize = 200;
 
 /// Rendered picture with its times.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Picture {
+pub(crate) struct Picture {
     /// Grey levels, row by row from the top.
     pub pixels: Vec<u8>,
     /// Statistics of the frame times.
@@ -328,7 +361,7 @@ pub struct Picture {
 }
 
 /// Renders a frame repeatedly until `patience` is spent.
-pub fn picture(synth: &mut Synthesizer, state: &FrameState, patience: Duration) -> Result<Picture, SynthError> {
+pub(crate) fn picture(synth: &mut Synthesizer, state: &FrameState, patience: Duration) -> Result<Picture, SynthError> {
     let pixels = synth.render(state)?.pixels.clone();
     let (start, mut times) = (Instant::now(), Vec::with_capacity(MAX));
     while times.len() < MIN || (times.len() < MAX && start.elapsed() < patience) {
@@ -345,7 +378,7 @@ pub fn picture(synth: &mut Synthesizer, state: &FrameState, patience: Duration) 
 
 /// Difference of a picture from its standard, in grey levels, over the pixels inside the sector.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Apart {
+pub(crate) struct Difference {
     /// Root mean square of the differences.
     pub rms: f64,
     /// 99th percentile of the magnitudes of the differences.
@@ -354,10 +387,10 @@ pub struct Apart {
     pub bias: f64,
 }
 
-impl Apart {
+impl Difference {
     /// Compares a picture with its standard over the pixels marked as inside.
-    pub fn of(standard: &[u8], found: &[u8], inside: &[bool]) -> Self {
-        let pairs = standard.iter().zip(found).zip(inside).filter(|(_, inside)| **inside);
+    pub(crate) fn of(standard: &[u8], pixels: &[u8], inside: &[bool]) -> Self {
+        let pairs = standard.iter().zip(pixels).zip(inside).filter(|(_, inside)| **inside);
         let off: Vec<f64> = pairs.map(|((a, b), _)| f64::from(*b) - f64::from(*a)).collect();
         let n = off.len().max(1) as f64;
         let mut sizes: Vec<f64> = off.iter().map(|x| x.abs()).collect();
@@ -371,7 +404,7 @@ impl Apart {
 
     /// Describes an offset, which a valid approximation does not have: a mean difference above one grey level plus half the root mean
     /// square.
-    pub fn offset(&self) -> Option<String> {
+    pub(crate) fn offset(&self) -> Option<String> {
         (self.bias.abs() > 1.0 + 0.5 * self.rms).then(|| {
             format!(
                 "{:+.1} grey levels on the whole: an offset, no approximation",
@@ -380,9 +413,9 @@ impl Apart {
         })
     }
 
-    /// Describes an offset (see [`Apart::offset`]), or a refinement whose error exceeds that of the coarser level by more than a tenth and
+    /// Describes an offset (see [`Difference::offset`]), or a refinement whose error exceeds that of the coarser level by more than a tenth and
     /// rounding.
-    pub fn flag(&self, coarser: Option<&Apart>) -> Option<String> {
+    pub(crate) fn flag(&self, coarser: Option<&Difference>) -> Option<String> {
         let worse = coarser.filter(|coarser| self.rms > 1.1 * coarser.rms + 0.3);
         self.offset().or_else(|| {
             worse.map(|coarser| {
@@ -396,20 +429,8 @@ impl Apart {
 }
 
 /// Returns a mask of the pixels inside the sector.
-pub fn inside(synth: &Synthesizer) -> Vec<bool> {
+pub(crate) fn inside(synth: &Synthesizer) -> Vec<bool> {
     synth.tables().scan_map.iter().map(|at| at[0] >= 0.0).collect()
-}
-
-/// Returns the values of [`PICTURE`].
-pub fn values(picture: &Picture, apart: Option<&Apart>) -> Vec<Option<f64>> {
-    vec![
-        picture.time.map(|time| time.median_ms),
-        picture.time.map(|time| time.p95_ms),
-        Some(picture.memory_mb),
-        apart.map(|apart| apart.rms),
-        apart.map(|apart| apart.p99),
-        apart.map(|apart| apart.bias),
-    ]
 }
 
 #[cfg(test)]

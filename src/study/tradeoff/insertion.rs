@@ -5,26 +5,32 @@
 //!
 //! | module | comparison |
 //! |---|---|
-//! | `levels` | remeshing levels, with a probe moved sideways midway (Goksel et al. 2011, figures 13c, 14 and 15); every n-th probe candidate; number of mesh nodes |
-//! | `bevel` | bevels and meshes in a block of PVC: deflection against depth (Goksel et al. 2011, section VI-A); link lengths of an angular-spring needle, element lengths of a beam |
+//! | `levels` | remeshing levels, with a probe moved sideways midway (Goksel et al. 2011, figures 13c, 14 and 15) |
+//! | `meshes` | number of mesh nodes |
+//! | `thinning` | every n-th probe candidate |
+//! | `bevel` | bevels and meshes in a block of PVC: deflection against depth (Goksel et al. 2011, section VI-A) |
+//! | `pieces` | link lengths of an angular-spring needle, element lengths of a beam |
 //! | `masses` | masses and springs against finite elements |
 //!
 //! `Course` moves the instruments and times the steps.
 
 mod bevel;
-mod levels;
+pub(crate) mod levels;
 mod masses;
+pub(crate) mod meshes;
+pub(crate) mod pieces;
+pub(crate) mod thinning;
 
 use std::time::Instant;
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
-use schemars::JsonSchema;
+use schemars::{JsonSchema, schema_for};
 use serde::Deserialize;
 
-use super::gather::Entry;
-use super::{Axis, Figure, Study};
+use super::entry::{About, Backends, Context, Entry, StudyOption, parsed, ranged};
+use super::{Axis, Column, Figure, Study};
 use crate::stability::Effort;
-pub use crate::stability::record::largest;
+pub(crate) use crate::stability::record::largest;
 use insonify::Error;
 use insonify_base::machine::Machine;
 use insonify_base::range::OutOfRange;
@@ -39,7 +45,7 @@ use insonify_mesh::TetMesh;
 /// Part of the study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum Part {
+pub(crate) enum Part {
     /// Levels of remeshing, a probe moved sideways midway.
     Levels,
     /// Bevels and meshes in a block of PVC; with --quick a single length and mesh.
@@ -58,7 +64,7 @@ pub enum Part {
 
 impl Part {
     /// All parts.
-    pub const ALL: [Part; 7] = [
+    pub(crate) const ALL: [Part; 7] = [
         Part::Levels,
         Part::Mesh,
         Part::Bevel,
@@ -71,20 +77,20 @@ impl Part {
     /// Runs the part and adds its results to the study.
     fn run(self, options: &InsertionOptions, study: &mut Study, progress: Progress<'_>) -> Result<(), Error> {
         match self {
-            Part::Levels => levels::run_levels(options, study, progress),
-            Part::Bevel => bevel::run_bevel(options, study, progress),
+            Part::Levels => levels::run(options, study, progress),
+            Part::Bevel => bevel::run(options, study, progress),
             Part::Masses => masses::run(options, study, progress),
-            Part::Thinning => levels::run_thinning(options, study, progress),
-            Part::Links => bevel::run_pieces(&bevel::LINKS, options, study, progress),
-            Part::Elements => bevel::run_pieces(&bevel::ELEMENTS, options, study, progress),
-            Part::Mesh => levels::run_meshes(options, study, progress),
+            Part::Thinning => thinning::run(options, study, progress),
+            Part::Links => pieces::LINKS.run(options, study, progress),
+            Part::Elements => pieces::ELEMENTS.run(options, study, progress),
+            Part::Mesh => meshes::run(options, study, progress),
         }
     }
 }
 
 /// Options of the study.
 #[derive(Clone, Debug, PartialEq)]
-pub struct InsertionOptions {
+pub(crate) struct InsertionOptions {
     /// Approximate number of nodes of the block (default 3,300: the detailed model of Goksel et al. 2011).
     pub nodes: usize,
     /// Insertion depth, mm (10 to 80, default 60).
@@ -113,24 +119,70 @@ impl Default for InsertionOptions {
 }
 
 /// Registration of this study.
-pub const ENTRY: Entry = Entry {
-    name: "insertion",
-    title: "Needle insertion",
-    question: "A needle is inserted and withdrawn while a probe presses: what are the step times and the errors of force and tip position? \
-               Levels of remeshing, nodes of the mesh, links and elements of the needle, candidates of the probe, masses and springs.",
-    run: |_, effort, progress| {
-        let usual = InsertionOptions::of(effort);
-        let whole = InsertionOptions {
-            passes: 1,
-            ..usual.clone()
-        };
-        Ok(study(&effort.pick(usual, whole), progress)?)
+pub(crate) const ENTRY: Entry<InsertionOptions> = Entry {
+    about: About {
+        name: "insertion",
+        title: "Needle insertion",
+        question: "A needle is inserted and withdrawn while a probe presses: what are the step times and the errors of force and tip position? \
+                   Levels of remeshing, nodes of the mesh, links and elements of the needle, candidates of the probe, masses and springs.",
+        help: "Needle insertions: levels of remeshing, nodes of the mesh, bevels, masses and springs, candidates of the probe, links and elements of the needle",
+        examples: "\
+Examples:
+  insonify tradeoff insertion --quick                   a first look, in seconds
+  insonify tradeoff insertion -o study                  everything, with plots: minutes
+  insonify tradeoff insertion --only levels,links -o study
+  insonify tradeoff insertion --nodes 1000 --depth-mm 40 --json
+
+Each step is calculated several times over, the models in turn; its time is the least of these. A row with a star in a plot is
+a best choice; one that violates its guarantee is marked WRONG.",
+        backends: Backends::Cpu,
     },
+    options: &[
+        StudyOption::<InsertionOptions>::value("only", "PART,...", "What to compare [default: everything]", |it, given| {
+            let parts = serde_json::from_value(given.into());
+            parts.map(|parts| it.parts = parts).map_err(|error| error.to_string())
+        })
+        .list()
+        .choices(|| schema_for!(Part)),
+        StudyOption::value(
+            "nodes",
+            "N",
+            "Nodes of the block of tissue [default: 3300; with --quick 500]",
+            |it, given| ranged(given, 100..=100_000, "a number of nodes from 100 to 100000").map(|value| it.nodes = value),
+        ),
+        StudyOption::<InsertionOptions>::value(
+            "depth-mm",
+            "MM",
+            "Insertion depth, mm [default: 60; with --quick 20]",
+            |it, given| parsed(given).map(|value| it.depth_mm = value),
+        )
+        .signed(),
+        StudyOption::<InsertionOptions>::value(
+            "bevel-depth-mm",
+            "MM",
+            "Insertion depth of bevelled needles in the block of PVC, mm [default: 140; with --quick 60]",
+            |it, given| parsed(given).map(|value| it.bevel_depth_mm = value),
+        )
+        .signed(),
+        StudyOption::value(
+            "passes",
+            "N",
+            "Number of repeated calculations of each step for timing [default: 3; with --quick 1]",
+            |it, given| parsed(given).map(|value| it.passes = value),
+        ),
+        StudyOption::quick("A small block and short paths"),
+    ],
+    settings: InsertionOptions::of,
+    in_report: |effort| InsertionOptions {
+        passes: 1,
+        ..InsertionOptions::of(effort)
+    },
+    run: |options, Context { progress, .. }| study(options, progress),
 };
 
 impl InsertionOptions {
     /// Returns the options for an effort: the default, or a small block and short insertions.
-    pub fn of(effort: Effort) -> Self {
+    pub(crate) fn of(effort: Effort) -> Self {
         effort.pick(
             InsertionOptions {
                 nodes: 500,
@@ -152,25 +204,28 @@ impl InsertionOptions {
             ("passes", self.passes as f64, 1.0..=1000.0, "1 to 1000"),
             ("parts", self.parts.len() as f64, 1.0..=f64::MAX, "1 or more"),
         ];
-        match numbers.into_iter().find(|(_, found, range, _)| !range.contains(found)) {
-            Some((key, found, _, expected)) => Err(OutOfRange::new(key, found, expected).into()),
+        match numbers
+            .into_iter()
+            .find(|(_, number, range, _)| !range.contains(number))
+        {
+            Some((key, number, _, expected)) => Err(OutOfRange::new(key, number, expected).into()),
             None => Ok(()),
         }
     }
 }
 
 /// Callback that receives the current task and the completed fraction, increasing from 0 to 1.
-type Progress<'a> = &'a mut (dyn FnMut(&str, f64) + Send);
+pub(crate) type Progress<'a> = &'a mut (dyn FnMut(&str, f64) + Send);
 
 /// Studies insertions. `progress` receives the current task and the completed fraction, increasing from 0 to 1.
 ///
 /// # Errors
 /// [`Error`]; memory is checked before any large allocation.
-pub fn study(options: &InsertionOptions, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<Study, Error> {
+pub(crate) fn study(options: &InsertionOptions, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<Study, Error> {
     options.check()?;
     let mut study = Study {
         name: "tradeoff-insertion",
-        title: ENTRY.title,
+        title: ENTRY.about.title,
         about: vec![("passes", options.passes.to_string())],
         machine: Machine::here(),
         tables: Vec::new(),
@@ -186,60 +241,90 @@ pub fn study(options: &InsertionOptions, progress: &mut (dyn FnMut(&str, f64) + 
     Ok(study)
 }
 
-/// Axes for the step times of an insertion.
-pub(crate) const TIMES: [Axis; 7] = [
-    Axis::log("median_ms", "ms", "time of a step (median), ms"),
-    Axis::log("p95_ms", "p95 ms", "time of a step (95th percentile), ms"),
-    Axis::log("p99_ms", "p99 ms", "time of a step (99th percentile), ms"),
-    Axis::log("max_ms", "max ms", "time of a step (longest), ms"),
-    Axis::log(
-        "remesh_median_ms",
-        "remesh ms",
-        "time of a step that remeshes (median), ms",
-    ),
-    Axis::log(
-        "remesh_max_ms",
-        "remesh max",
-        "time of a step that remeshes (longest), ms",
-    ),
-    Axis::linear("remeshing", "remeshing", "steps that remesh"),
-];
+/// Times of the steps of an insertion.
+#[derive(Clone, Debug)]
+pub(crate) struct StepTimes {
+    median_ms: Option<f64>,
+    p95_ms: Option<f64>,
+    p99_ms: Option<f64>,
+    max_ms: Option<f64>,
+    /// Of the steps that remesh.
+    pub remesh_median_ms: Option<f64>,
+    remesh_max_ms: Option<f64>,
+    remeshing: usize,
+    /// Number of steps whose iterations did not converge.
+    unsettled: usize,
+}
 
-/// Axis for the number of steps whose iterations did not converge.
-pub(crate) const UNSETTLED: Axis = Axis::linear("unsettled", "unsettled", "steps that did not converge");
+impl StepTimes {
+    fn of(steps: &[Step]) -> Self {
+        let sorted = |keep: &dyn Fn(&Step) -> bool| {
+            let mut ms: Vec<f64> = steps.iter().filter(|step| keep(step)).map(|step| step.ms).collect();
+            ms.sort_by(f64::total_cmp);
+            ms
+        };
+        let (all, remeshing) = (sorted(&|_| true), sorted(&|step| step.remeshed));
+        Self {
+            median_ms: percentile(&all, 0.5),
+            p95_ms: percentile(&all, 0.95),
+            p99_ms: percentile(&all, 0.99),
+            max_ms: all.last().copied(),
+            remesh_median_ms: percentile(&remeshing, 0.5),
+            remesh_max_ms: remeshing.last().copied(),
+            remeshing: remeshing.len(),
+            unsettled: steps.iter().filter(|step| !step.converged).count(),
+        }
+    }
+}
 
-/// Returns the values of [`TIMES`].
-pub fn times(steps: &[Step]) -> [Option<f64>; 7] {
-    let sorted = |keep: &dyn Fn(&Step) -> bool| {
-        let mut ms: Vec<f64> = steps.iter().filter(|step| keep(step)).map(|step| step.ms).collect();
-        ms.sort_by(f64::total_cmp);
-        ms
-    };
-    let (all, remeshing) = (sorted(&|_| true), sorted(&|step| step.remeshed));
+/// Row of an insertion.
+trait Timed {
+    fn times(&self) -> &StepTimes;
+}
+
+/// Columns of the step times.
+fn times<R: Timed>() -> [Column<R>; 7] {
     [
-        percentile(&all, 0.5),
-        percentile(&all, 0.95),
-        percentile(&all, 0.99),
-        all.last().copied(),
-        percentile(&remeshing, 0.5),
-        remeshing.last().copied(),
-        Some(remeshing.len() as f64),
+        Axis::log("median_ms", "ms", "time of a step (median), ms").of(|row: &R| row.times().median_ms),
+        Axis::log("p95_ms", "p95 ms", "time of a step (95th percentile), ms").of(|row: &R| row.times().p95_ms),
+        Axis::log("p99_ms", "p99 ms", "time of a step (99th percentile), ms").of(|row: &R| row.times().p99_ms),
+        Axis::log("max_ms", "max ms", "time of a step (longest), ms").of(|row: &R| row.times().max_ms),
+        Axis::log(
+            "remesh_median_ms",
+            "remesh ms",
+            "time of a step that remeshes (median), ms",
+        )
+        .of(|row: &R| row.times().remesh_median_ms),
+        Axis::log(
+            "remesh_max_ms",
+            "remesh max",
+            "time of a step that remeshes (longest), ms",
+        )
+        .of(|row: &R| row.times().remesh_max_ms),
+        Axis::linear("remeshing", "remeshing", "steps that remesh").of(|row: &R| Some(row.times().remeshing as f64)),
     ]
 }
 
-/// Returns the value of [`UNSETTLED`].
-pub fn unsettled(steps: &[Step]) -> Option<f64> {
-    Some(steps.iter().filter(|step| !step.converged).count() as f64)
+/// Column of the steps whose iterations did not converge.
+fn unsettled<R: Timed>() -> Column<R> {
+    Axis::linear("unsettled", "unsettled", "steps that did not converge")
+        .of(|row: &R| Some(row.times().unsettled as f64))
 }
 
 /// Returns the root mean square.
-pub fn mean_square(values: impl Iterator<Item = f64>) -> f64 {
+pub(crate) fn mean_square(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, count) = values.fold((0.0, 0.0), |(sum, count), it| (sum + it * it, count + 1.0));
     (sum / count).sqrt()
 }
 
 /// Creates a line plot of a trace, with a colour for each choice of a factor.
-pub fn lines(file: &str, title: &str, table: &'static str, [x, y]: [&'static str; 2], colour: &'static str) -> Figure {
+pub(crate) fn lines(
+    file: &str,
+    title: &str,
+    table: &'static str,
+    [x, y]: [&'static str; 2],
+    colour: &'static str,
+) -> Figure {
     Figure {
         marked: false,
         ..Figure::new(file, title, table, [x, y], colour)
@@ -247,7 +332,13 @@ pub fn lines(file: &str, title: &str, table: &'static str, [x, y]: [&'static str
 }
 
 /// Creates a scatter plot with a colour for each choice of a factor, the best points marked.
-pub fn points(file: &str, title: &str, table: &'static str, axes: [&'static str; 2], colour: &'static str) -> Figure {
+pub(crate) fn points(
+    file: &str,
+    title: &str,
+    table: &'static str,
+    axes: [&'static str; 2],
+    colour: &'static str,
+) -> Figure {
     Figure {
         joined: false,
         marked: true,
@@ -256,9 +347,9 @@ pub fn points(file: &str, title: &str, table: &'static str, axes: [&'static str;
 }
 
 /// Extent of the block of tissue, mm.
-pub const EXTENT: [f64; 3] = [60.0, 60.0, 90.0];
+pub(crate) const EXTENT: [f64; 3] = [60.0, 60.0, 90.0];
 /// Entry point of the needle, mm: off all lattice planes, beside the probe.
-pub const ENTRY_MM: [f64; 2] = [31.3, 20.9];
+pub(crate) const ENTRY_MM: [f64; 2] = [31.3, 20.9];
 /// Simulated time of a step, s.
 pub(crate) const STEP_S: f64 = 1e-3;
 /// Travel of an instrument per step, mm: 20 mm/s.
@@ -272,7 +363,7 @@ const BAND_MM: [f64; 2] = [8.0, 10.0];
 
 /// Course of an insertion: needle in, probe sideways towards it, needle out.
 #[derive(Clone, Copy, Debug)]
-pub struct Course {
+pub(crate) struct Course {
     /// Final depth of the tip, mm.
     pub depth_mm: f64,
     /// Whether a probe is present.
@@ -281,7 +372,7 @@ pub struct Course {
 
 /// Result of a step.
 #[derive(Clone, Copy, Debug)]
-pub struct Step {
+pub(crate) struct Step {
     /// Minimum time over the passes, ms.
     pub ms: f64,
     /// Force on the hand, N.
@@ -303,7 +394,7 @@ impl Course {
     }
 
     /// Returns the first step in which the probe moves.
-    pub fn moved(&self) -> usize {
+    pub(crate) fn moved(&self) -> usize {
         self.steps_in() + 1
     }
 
@@ -313,12 +404,12 @@ impl Course {
     }
 
     /// Returns the first step of the withdrawal.
-    pub fn withdrawn(&self) -> usize {
+    pub(crate) fn withdrawn(&self) -> usize {
         self.moved() + self.aside()
     }
 
     /// Returns the total number of steps.
-    pub fn steps(&self) -> usize {
+    pub(crate) fn steps(&self) -> usize {
         self.withdrawn() + self.steps_in()
     }
 
@@ -336,26 +427,26 @@ impl Course {
     }
 
     /// Returns the time at the end of a step, s.
-    pub fn time_s(&self, step: usize) -> f64 {
+    pub(crate) fn time_s(&self, step: usize) -> f64 {
         (step + 1) as f64 * STEP_S
     }
 
-    /// Drives the models along the course `passes` times, in turn. `told` receives the completed fraction.
+    /// Drives the models along the course `passes` times, in turn. `progress` receives the completed fraction.
     ///
     /// # Errors
     /// [`StepError`](insonify_mechanics::insertion::StepError) if a step cannot be computed.
-    pub fn drive(
+    pub(crate) fn drive(
         &self,
         models: &mut [Finite],
         passes: usize,
-        told: &mut dyn FnMut(f64),
+        progress: &mut dyn FnMut(f64),
     ) -> Result<Vec<Vec<Step>>, Error> {
         let mut traces = vec![Vec::with_capacity(self.steps()); models.len()];
         let count = models.len();
         let runs = (passes * count) as f64;
         for pass in 0..passes {
             for (at, (model, trace)) in models.iter_mut().zip(&mut traces).enumerate() {
-                told((pass * count + at) as f64 / runs);
+                progress((pass * count + at) as f64 / runs);
                 for step in 0..self.steps() {
                     let now = timed(model, &self.instruments(step))?;
                     match pass {
@@ -373,7 +464,7 @@ impl Course {
 ///
 /// # Errors
 /// [`StepError`](insonify_mechanics::insertion::StepError) if the step cannot be computed.
-pub fn timed(model: &mut dyn Model, instruments: &Instruments) -> Result<Step, Error> {
+pub(crate) fn timed(model: &mut dyn Model, instruments: &Instruments) -> Result<Step, Error> {
     let start = Instant::now();
     let outcome = model.step(instruments, STEP_S)?;
     let ms = start.elapsed().as_secs_f64() * 1e3;
@@ -391,7 +482,7 @@ pub fn timed(model: &mut dyn Model, instruments: &Instruments) -> Result<Step, E
 ///
 /// # Errors
 /// [`Error`] if the mesh or the material is invalid.
-pub fn tissue(nodes: usize, needle: Box<dyn Needle>) -> Result<Setup, Error> {
+pub(crate) fn tissue(nodes: usize, needle: Box<dyn Needle>) -> Result<Setup, Error> {
     let mesh = TetMesh::over_box([0.0; 3], EXTENT, nodes)?;
     Ok(block::on_table(mesh, Material::new(10.0, 0.45)?, block::USUAL, needle))
 }
@@ -400,7 +491,7 @@ pub fn tissue(nodes: usize, needle: Box<dyn Needle>) -> Result<Setup, Error> {
 ///
 /// # Errors
 /// [`InvalidSetup`](insonify_mechanics::insertion::InvalidSetup) if the setup is invalid.
-pub fn model(setup: Setup) -> Result<Finite, Error> {
+pub(crate) fn model(setup: Setup) -> Result<Finite, Error> {
     let mut finite = Finite::new(setup, |_, _| {})?;
     finite.prefetch(
         &Point3::new(ENTRY_MM[0], ENTRY_MM[1], 0.0),
@@ -419,7 +510,7 @@ fn probe_at(aside: f64) -> Isometry3<f64> {
 }
 
 /// Creates a probe along z under the face y = 0 that can touch every `every`-th ring of nodes along its axis.
-pub fn probe(mesh: &TetMesh, every: usize) -> ProbeContact {
+pub(crate) fn probe(mesh: &TetMesh, every: usize) -> ProbeContact {
     let [width, from] = BAND_MM;
     let to = EXTENT[2] - 5.0;
     let in_band = |p: &[f64; 3]| p[1] == 0.0 && (p[0] - 0.5 * EXTENT[0]).abs() < width && (from..to).contains(&p[2]);

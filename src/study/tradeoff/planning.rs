@@ -5,8 +5,8 @@ use std::time::Instant;
 
 use nalgebra::{Point3, Vector3};
 
-use super::gather::Entry;
-use super::{Axis, Factor, Figure, Goal, Study, Table};
+use super::entry::{About, Backends, Context, Entry, StudyOption};
+use super::{Axis, Choice, Column, Factor, Figure, Goal, Study, Table};
 use crate::identification::{CaseFile, IdentificationCase};
 use crate::identify::identify_simulated;
 use crate::path::{Entry as Entries, Goal as Target, PathOptions, liver, miss_mm, plan};
@@ -16,11 +16,24 @@ use insonify::input::scenario::ScenarioFile;
 use insonify_base::machine::Machine;
 
 /// Registration of this study.
-pub const ENTRY: Entry = Entry {
-    name: "planning",
-    title: "Planned paths and identified tissue",
-    question: "Is planning in a section by the image plane as accurate as in three dimensions, and how fine a mesh does the identification of moduli need?",
-    run: |_, effort, progress| Ok(study(effort, progress)?),
+pub(crate) const ENTRY: Entry<Effort> = Entry {
+    about: About {
+        name: "planning",
+        title: "Planned paths and identified tissue",
+        question: "Is planning in a section by the image plane as accurate as in three dimensions, and how fine a mesh does the identification of moduli need?",
+        help: "Paths planned in two and in three dimensions, and moduli identified with several meshes",
+        examples: "\
+Examples:
+  insonify tradeoff planning --quick       coarse meshes
+  insonify tradeoff planning -o study      meshes of up to 2000 nodes, with plots
+
+A row with a star is a best choice: no other is both faster and nearer to the truth.",
+        backends: Backends::Cpu,
+    },
+    options: &[StudyOption::quick("Coarse meshes")],
+    settings: |effort| effort,
+    in_report: |effort| effort,
+    run: |effort, Context { progress, .. }| study(*effort, progress),
 };
 
 /// Angle of the planned line to the beam, degrees.
@@ -40,7 +53,7 @@ const CASE: &str = "scenario = \"two-layer-insertion\"\nforce.file = \"force\"\n
 ///
 /// # Errors
 /// [`Error`] if no path is found, or no insertion can be simulated.
-pub fn study(effort: Effort, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<Study, Error> {
+pub(crate) fn study(effort: Effort, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<Study, Error> {
     let tables = vec![
         paths(effort, &mut |what, share| progress(what, 0.5 * share))?,
         identified(effort, &mut |what, share| progress(what, 0.5 + 0.5 * share))?,
@@ -52,7 +65,7 @@ pub fn study(effort: Effort, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Re
     };
     Ok(Study {
         name: "tradeoff-planning",
-        title: ENTRY.title,
+        title: ENTRY.about.title,
         about: vec![
             (
                 "paths",
@@ -77,31 +90,38 @@ pub fn study(effort: Effort, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Re
     })
 }
 
-const TISSUE: [Factor; 1] = [Factor::new("tissue", "tissue")];
+const TISSUE: Factor = Factor::new("tissue", "tissue");
+
+/// A plan, followed in the finest tissue; without a plan, the needle goes to the target at rest.
+struct PlanRow {
+    tissue: String,
+    seconds: Option<f64>,
+    miss_mm: Option<f64>,
+    own_miss_mm: Option<f64>,
+    insertion_mm: Option<f64>,
+}
+
+const PLANNED: [Choice<PlanRow>; 1] = [TISSUE.of(|row| row.tissue.clone())];
+
+const PLAN_COLUMNS: [Column<PlanRow>; 4] = [
+    Axis::log("seconds", "s", "time of a plan, s").of(|row| row.seconds),
+    Axis::log("miss_mm", "miss mm", "miss in the finest tissue, mm").of(|row| row.miss_mm),
+    Axis::linear("own_miss_mm", "own miss mm", "miss in the tissue of the plan, mm").of(|row| row.own_miss_mm),
+    Axis::linear("insertion_mm", "depth mm", "way of the tip beyond the entry, mm").of(|row| row.insertion_mm),
+];
 
 /// Plans the path to the vein with several models of the tissue, and follows each in the finest.
 fn paths(effort: Effort, progress: &mut dyn FnMut(&str, f64)) -> Result<Table, Error> {
-    let axes = [
-        Axis::log("seconds", "s", "time of a plan, s"),
-        Axis::log("miss_mm", "miss mm", "miss in the finest tissue, mm"),
-        Axis::linear("own_miss_mm", "own miss mm", "miss in the tissue of the plan, mm"),
-        Axis::linear("insertion_mm", "depth mm", "way of the tip beyond the entry, mm"),
-    ];
-    let goal = Goal::new("seconds", "miss_mm", MISS_MM).choosing("tissue of a plan");
     let finest = effort.pick(400, 2000);
-    let title =
-        format!("Tissue of a plan: the tip's distance from the target where the path is followed in {finest} nodes");
-    let mut table = Table::new("paths", title, &TISSUE, &axes)
-        .against(format!("the target, in tissue of {finest} nodes"))
-        .seeking(goal);
     let reference = liver(finest, &[])?;
     let sections = effort.pick(&[20.0][..], &[10.0, 20.0, 40.0]).iter();
     let sections = sections.map(|mm| (format!("2-D, {mm} mm thick"), None, Some(*mm)));
     let meshes = [250, finest].map(|nodes| (format!("3-D, {nodes} nodes"), Some(nodes), None));
     let work = (sections.len() + meshes.len()) as f64;
+    let mut rows = Vec::new();
     let mut unplanned = None;
     for (name, nodes, section_mm) in sections.chain(meshes) {
-        progress(&name, table.rows.len() as f64 / work);
+        progress(&name, rows.len() as f64 / work);
         let scenario = nodes.map_or_else(|| Ok(reference.clone()), |nodes| liver(nodes, &[]))?;
         let options = PathOptions {
             target: Target::Named("vessel".to_owned()),
@@ -115,79 +135,109 @@ fn paths(effort: Effort, progress: &mut dyn FnMut(&str, f64)) -> Result<Table, E
         let plan = plan(&scenario, &options, &|_, _| ())?;
         let seconds = start.elapsed().as_secs_f64();
         let Some((_, path)) = plan.best() else { continue };
-        let miss = miss_mm(&reference, &path.course, &plan.target_mm.into())?;
-        let values = [
-            Some(seconds),
-            miss,
-            Some(path.miss_mm),
-            Some(path.insertion_mm - path.back_mm),
-        ];
-        table.push(vec![name], values.to_vec(), None);
+        rows.push(PlanRow {
+            tissue: name,
+            seconds: Some(seconds),
+            miss_mm: miss_mm(&reference, &path.course, &plan.target_mm.into())?,
+            own_miss_mm: Some(path.miss_mm),
+            insertion_mm: Some(path.insertion_mm - path.back_mm),
+        });
         unplanned = Some(path.miss_before_mm);
     }
-    let values = vec![None, unplanned, None, None];
-    table.push(vec!["none: to the target at rest".to_owned()], values, None);
-    Ok(table)
+    rows.push(PlanRow {
+        tissue: "none: to the target at rest".to_owned(),
+        seconds: None,
+        miss_mm: unplanned,
+        own_miss_mm: None,
+        insertion_mm: None,
+    });
+    let goal = Goal::new("seconds", "miss_mm", MISS_MM).choosing("tissue of a plan");
+    let title =
+        format!("Tissue of a plan: the tip's distance from the target where the path is followed in {finest} nodes");
+    Ok(Table::of("paths", title, &PLANNED, &PLAN_COLUMNS, &rows)
+        .against(format!("the target, in tissue of {finest} nodes"))
+        .seeking(goal))
 }
+
+/// An identification in a mesh.
+struct IdentificationRow {
+    nodes: usize,
+    seconds: f64,
+    /// Young's moduli of the surrounding and the inclusion, and those that made the measurement, kPa.
+    young_kpa: [f64; 2],
+    exact_kpa: [f64; 2],
+    /// Largest standard deviation of the displacements' error, mm.
+    sd_mm: Option<f64>,
+    insertions: usize,
+}
+
+impl IdentificationRow {
+    /// Largest error of Young's modulus, %.
+    fn off_percent(&self) -> f64 {
+        let errors = self.young_kpa.iter().zip(&self.exact_kpa);
+        errors.fold(0.0, |most: f64, (young, exact)| {
+            most.max(100.0 * (young / exact - 1.0).abs())
+        })
+    }
+}
+
+const IDENTIFIED: [Choice<IdentificationRow>; 1] = [TISSUE.of(|row| format!("{} nodes", row.nodes))];
+
+const IDENTIFICATION_COLUMNS: [Column<IdentificationRow>; 6] = [
+    Axis::log("seconds", "s", "time of an identification, s").of(|row| Some(row.seconds)),
+    Axis::log("off_percent", "off %", "largest error of Young's modulus, %").of(|row| Some(row.off_percent())),
+    Axis::linear(
+        "surrounding_kpa",
+        "around kPa",
+        "Young's modulus of the surrounding, kPa",
+    )
+    .of(|row| Some(row.young_kpa[0])),
+    Axis::linear(
+        "inclusion_kpa",
+        "inclusion kPa",
+        "Young's modulus of the inclusion, kPa",
+    )
+    .of(|row| Some(row.young_kpa[1])),
+    Axis::linear(
+        "sd_mm",
+        "SD mm",
+        "largest standard deviation of the displacements' error, mm",
+    )
+    .of(|row| row.sd_mm),
+    Axis::linear("insertions", "insertions", "simulated insertions").of(|row| Some(row.insertions as f64)),
+];
 
 /// Identifies moduli with several meshes from one insertion into the finest.
 fn identified(effort: Effort, progress: &mut dyn FnMut(&str, f64)) -> Result<Table, Error> {
-    let axes = [
-        Axis::log("seconds", "s", "time of an identification, s"),
-        Axis::log("off_percent", "off %", "largest error of Young's modulus, %"),
-        Axis::linear(
-            "surrounding_kpa",
-            "around kPa",
-            "Young's modulus of the surrounding, kPa",
-        ),
-        Axis::linear(
-            "inclusion_kpa",
-            "inclusion kPa",
-            "Young's modulus of the inclusion, kPa",
-        ),
-        Axis::linear(
-            "sd_mm",
-            "SD mm",
-            "largest standard deviation of the displacements' error, mm",
-        ),
-        Axis::linear("insertions", "insertions", "simulated insertions"),
-    ];
-    let goal = Goal::new("seconds", "off_percent", MODULUS_PERCENT).choosing("mesh of an identification");
     let (finest, meshes): (usize, &[usize]) = effort.pick((400, &[150, 400]), (2000, &[300, 1000, 2000]));
-    let made = case(finest)?;
-    let exact: Vec<f64> = made.1;
-    let title = format!(
-        "Mesh of an identification: {} and {} kPa, measured in {finest} nodes",
-        exact[0], exact[1]
-    );
-    let mut table = Table::new("moduli", title, &TISSUE, &axes)
-        .against("the moduli that made the measurement")
-        .seeking(goal);
+    let (measured, exact) = case(finest)?;
+    let exact_kpa = [exact[0], exact[1]];
     // In the image plane, 5 mm beside the needle, along the beam.
     let column = |x: f64| (0..10).map(move |at| (Point3::new(x, 0.0, 6.0 * f64::from(at) - 40.0), Vector3::z()));
     let points: Vec<_> = [-8.0, -4.0, 4.0, 8.0].into_iter().flat_map(column).collect();
-    for (at, nodes) in meshes.iter().enumerate() {
-        progress("identification", at as f64 / meshes.len() as f64);
-        let (case, _) = case(*nodes)?;
+    let mut rows = Vec::new();
+    for &nodes in meshes {
+        progress("identification", rows.len() as f64 / meshes.len() as f64);
+        let (case, _) = case(nodes)?;
         let start = Instant::now();
-        let found = identify_simulated(&made.0, &case, points.clone())?;
-        let seconds = start.elapsed().as_secs_f64();
-        let young = [0, 1].map(|layer| found.layers[layer].young_kpa);
-        let off = young
-            .iter()
-            .zip(&exact)
-            .map(|(found, exact)| 100.0 * (found / exact - 1.0).abs());
-        let values = [
-            Some(seconds),
-            Some(off.fold(0.0, f64::max)),
-            Some(young[0]),
-            Some(young[1]),
-            found.motion.map(|motion| motion.largest_sd_mm),
-            Some(found.insertions as f64),
-        ];
-        table.push(vec![format!("{nodes} nodes")], values.to_vec(), None);
+        let identified = identify_simulated(&measured, &case, points.clone())?;
+        rows.push(IdentificationRow {
+            nodes,
+            seconds: start.elapsed().as_secs_f64(),
+            young_kpa: [0, 1].map(|layer| identified.layers[layer].young_kpa),
+            exact_kpa,
+            sd_mm: identified.motion.map(|motion| motion.largest_sd_mm),
+            insertions: identified.insertions,
+        });
     }
-    Ok(table)
+    let goal = Goal::new("seconds", "off_percent", MODULUS_PERCENT).choosing("mesh of an identification");
+    let title = format!(
+        "Mesh of an identification: {} and {} kPa, measured in {finest} nodes",
+        exact_kpa[0], exact_kpa[1]
+    );
+    Ok(Table::of("moduli", title, &IDENTIFIED, &IDENTIFICATION_COLUMNS, &rows)
+        .against("the moduli that made the measurement")
+        .seeking(goal))
 }
 
 /// The case with a mesh of about `nodes` nodes, and the moduli of the scenario, kPa.

@@ -127,10 +127,10 @@ impl Table {
             ..goal.clone()
         };
         let groups = self.groups(&goal);
-        let found = groups
+        let choices = groups
             .iter()
             .filter_map(|rows| self.fastest(&goal, rows, beat, pace.ms(beat)));
-        found.collect()
+        choices.collect()
     }
 
     fn fastest(&self, goal: &Goal, rows: &[&Row], beat: Deadline, limit_ms: f64) -> Option<RealTimeChoice> {

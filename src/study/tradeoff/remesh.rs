@@ -17,16 +17,18 @@
 
 pub(crate) mod contender;
 mod report;
-pub mod subject;
+pub(crate) mod subject;
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::Study;
-use super::gather::Entry;
+use super::entry::{About, Backends, Entry, StudyOption, all_ranged, ranged, seconds};
+use super::gather::Devices;
 use crate::StudyError;
 use crate::stability::Effort;
-pub use contender::{Contender, Step};
+pub(crate) use contender::Contender;
 use contender::{Kind, Sources};
 use insonify::Error;
 use insonify_base::memory;
@@ -35,7 +37,8 @@ use insonify_mechanics::tissue::inverse::invert;
 use insonify_mechanics::tissue::remesh::Source;
 use insonify_mechanics::tissue::symmetric::Symmetric;
 use insonify_mesh::TetMesh;
-use report::Report;
+use insonify_mesh::file::{ReadOptions, read_mesh};
+use report::RemeshReport;
 use subject::{Gold, Subject};
 
 /// Number of states of the first insertion in which errors are evaluated.
@@ -49,7 +52,7 @@ const GRAIN_MS: f64 = 1e-3;
 
 /// Options of the study.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RemeshOptions {
+pub(crate) struct RemeshOptions {
     /// Young's modulus, kPa (default 10).
     pub young_kpa: f64,
     /// Poisson's ratio (default 0.45, as in Goksel et al. 2011).
@@ -79,7 +82,7 @@ impl Default for RemeshOptions {
 
 impl RemeshOptions {
     /// Returns the options for an effort: the default, or few updates of few moves.
-    pub fn of(effort: Effort) -> Self {
+    pub(crate) fn of(effort: Effort) -> Self {
         let usual = RemeshOptions::default();
         effort.pick(
             RemeshOptions {
@@ -92,37 +95,115 @@ impl RemeshOptions {
     }
 }
 
-/// Default number of nodes of the mesh, for a quick run and for a full one: the latter is the detailed model of Goksel et al. 2011.
-pub const NODES: (usize, usize) = (500, 3300);
-/// Mesh sizes compared in the report of all studies, for a quick run and for a full one.
-const GATHERED: (&[usize], &[usize]) = (&[500], &[500, 1500, 3300]);
-/// Number of updates and patience of a contender in that report, for a full run.
-const GATHERED_UPDATES: (usize, Duration) = (200, Duration::from_secs(8));
-
 /// Registration of this study.
-pub const ENTRY: Entry = Entry {
-    name: "remesh",
-    title: "Remeshing",
-    question: "The mesh follows the needle's tip: what does an update of the compliance at its contacts cost, and how large is the error? \
-               Levels, dense inverse or columns on demand, precision, device, size of the mesh.",
-    run: |means, effort, progress| {
-        let (updates, patience) = GATHERED_UPDATES;
+pub(crate) const ENTRY: Entry<RemeshSettings> = Entry {
+    about: About {
+        name: "remesh",
+        title: "Remeshing",
+        question: "The mesh follows the needle's tip: what does an update of the compliance at its contacts cost, and how large is the error? \
+                   Levels, dense inverse or columns on demand, precision, device, size of the mesh.",
+        help: "Levels of remeshing: time against error, for each level, backend and precision",
+        examples: "\
+Examples:
+  insonify tradeoff remesh --quick                              a first look, in seconds
+  insonify tradeoff remesh -o study                             the default mesh, with plots
+  insonify tradeoff remesh --nodes 500,1000,3300,10000 -o study  growth with the size of the mesh
+  insonify tradeoff remesh --mesh organs.vtu --poisson 0.49 --json
+
+A row with a star is a best choice: no other is both faster and nearer to the truth. A row that violates the guarantee of its
+level is marked WRONG.",
+        backends: Backends::All,
+    },
+    options: &[
+        StudyOption::<RemeshSettings>::value(
+            "mesh",
+            "FILE",
+            "Tetrahedral mesh to study (Gmsh, VTK, VTU); its lowest nodes along z, at least 3 % of all, are fixed [default: a generated block]",
+            |it, given| {
+                it.mesh = Some(given.concat().into());
+                Ok(())
+            },
+        )
+        .excludes("nodes"),
+        StudyOption::<RemeshSettings>::value(
+            "nodes",
+            "N,...",
+            "Nodes of the generated meshes [default: 3300; with --quick 500]",
+            |it, given| all_ranged(given, 100..=100_000, "a number of nodes from 100 to 100000").map(|value| it.nodes = value),
+        )
+        .list(),
+        StudyOption::value(
+            "updates",
+            "N",
+            "Number of remeshes of each contender, insertions and withdrawals of the needle together [default: 1000; with --quick 60]",
+            |it, given| ranged(given, 1..=1_000_000, "a number of updates from 1 to 1000000").map(|value| it.options.updates = value),
+        ),
+        StudyOption::number("young-kpa", "KPA", "Young's modulus, kPa", |it| &mut it.options.young_kpa),
+        StudyOption::number("poisson", "NU", "Poisson's ratio, above -1 and below 0.5", |it| &mut it.options.poisson),
+        StudyOption::<RemeshSettings>::value(
+            "time-limit-s",
+            "S",
+            "Seconds after which a contender ends early",
+            |it, given| seconds(given).map(|value| it.options.patience = value),
+        )
+        .alias("patience-s"),
+        StudyOption::quick("A small mesh and few updates"),
+    ],
+    settings: |effort| RemeshSettings {
+        mesh: None,
+        nodes: vec![effort.pick(500, 3300)],
+        options: RemeshOptions::of(effort),
+    },
+    in_report: |effort| {
         let usual = RemeshOptions::of(effort);
+        RemeshSettings {
+            mesh: None,
+            nodes: effort.pick(&[500][..], &[500, 1500, 3300]).to_vec(),
+            options: RemeshOptions {
+                updates: usual.updates.min(200),
+                patience: usual.patience.min(Duration::from_secs(8)),
+                ..usual
+            },
+        }
+    },
+    run: |settings, context| {
+        let meshes = settings.meshes(context.warn)?;
+        let Devices { gpus, skips_cpu, .. } = context.devices;
         let options = RemeshOptions {
-            updates: usual.updates.min(updates),
-            patience: usual.patience.min(patience),
-            ..usual
+            cpu: !skips_cpu,
+            ..settings.options
         };
-        let (quick, whole) = GATHERED;
-        let meshes = effort.pick(quick, whole).iter().map(|nodes| subject::generated(*nodes));
-        let meshes = meshes.collect::<Result<Vec<_>, _>>()?;
-        Ok(study(&meshes, &means.gpus, &options, progress)?)
+        study(&meshes, gpus, &options, context.progress)
     },
 };
 
+/// Settings of the study: its meshes, and how they are remeshed.
+pub(crate) struct RemeshSettings {
+    /// File of the only mesh, in place of generated ones.
+    mesh: Option<PathBuf>,
+    /// Nodes of the generated meshes; by default in a full run those of the detailed model of Goksel et al. 2011.
+    nodes: Vec<usize>,
+    options: RemeshOptions,
+}
+
+impl RemeshSettings {
+    fn meshes(&self, warn: &dyn Fn(&str)) -> Result<Vec<TetMesh>, Error> {
+        if let Some(path) = &self.mesh {
+            let file = read_mesh(path, &ReadOptions::default())?;
+            file.warnings.iter().for_each(|warning| warn(warning));
+            return Ok(vec![file.mesh]);
+        }
+        let meshes = self.nodes.iter().map(|&nodes| {
+            let refused = |error| StudyError::refused(format!("--nodes {nodes}: {error}"));
+            subject::generated(nodes).map_err(refused)
+        });
+        meshes.collect()
+    }
+}
+
 /// Measurements of a contender.
 #[derive(Clone, Debug, Default)]
-pub struct Measured {
+pub(crate) struct Measured {
     /// Time of each update, ms.
     pub times_ms: Vec<f64>,
     /// Time of each update on a device, ms.
@@ -130,7 +211,7 @@ pub struct Measured {
     /// Preparation time: the inverse where one is needed, and the first K^c, ms.
     pub prepare_ms: f64,
     /// Bytes in use at the end.
-    pub held: usize,
+    pub memory_bytes: usize,
     /// Bytes of large matrices read and written by each update, where known.
     pub bytes: Vec<usize>,
     /// Exchanges of each update with a device.
@@ -151,7 +232,7 @@ pub struct Measured {
 ///
 /// # Errors
 /// [`Error`]; memory is checked before any large allocation.
-pub fn study(
+pub(crate) fn study(
     meshes: &[TetMesh],
     gpus: &[Gpu],
     options: &RemeshOptions,
@@ -162,7 +243,7 @@ pub fn study(
     }
     let subjects = meshes.iter().map(|mesh| Subject::new(mesh, options));
     let subjects = subjects.collect::<Result<Vec<_>, _>>()?;
-    let mut report = Report::new(&subjects, gpus, options)?;
+    let mut report = RemeshReport::new(&subjects, gpus, options)?;
     let total = subjects.len() as f64;
     for (at, subject) in subjects.iter().enumerate() {
         let mut inner = |text: &str, share: f64| {
@@ -182,7 +263,7 @@ fn one(
     subject: &Subject,
     gpus: &[Gpu],
     options: &RemeshOptions,
-    report: &mut Report,
+    report: &mut RemeshReport,
     progress: &mut (dyn FnMut(&str, f64) + Send),
 ) -> Result<(), Error> {
     const INVERSE: f64 = 0.2;
@@ -219,14 +300,14 @@ fn one(
 }
 
 /// Gold standards with the number of updates after which each applies.
-pub struct Truth(Vec<(usize, Gold)>);
+pub(crate) struct Truth(Vec<(usize, Gold)>);
 
 impl Truth {
     /// Computes the gold standards.
     ///
     /// # Errors
     /// [`Error`] if a state of the mesh cannot be solved.
-    pub fn new(subject: &Subject, options: &RemeshOptions) -> Result<Truth, Error> {
+    pub(crate) fn new(subject: &Subject, options: &RemeshOptions) -> Result<Truth, Error> {
         let mut mesh = subject.mesh.clone();
         let mut states = Vec::new();
         let inserted = subject.inserted();
@@ -255,7 +336,12 @@ fn is_checkpoint(update: usize, updates: usize) -> bool {
 }
 
 /// Runs one contender; a failure is reported in its flag.
-pub fn measure(contender: &mut dyn Contender, subject: &Subject, truth: &Truth, options: &RemeshOptions) -> Measured {
+pub(crate) fn measure(
+    contender: &mut dyn Contender,
+    subject: &Subject,
+    truth: &Truth,
+    options: &RemeshOptions,
+) -> Measured {
     let mut measured = Measured::default();
     if let Err(error) = run(contender, subject, truth, options, &mut measured) {
         let updates = measured.times_ms.len();
@@ -298,9 +384,9 @@ fn run(
                 .drift
                 .push((update, gold.error_of_contacts(contender.condensed())));
             if gold.has_samples() {
-                let found = gold.errors(subject, contender)?;
+                let errors = gold.errors(subject, contender)?;
                 let worst = measured.errors.get_or_insert([0.0; 5]);
-                for (worst, error) in worst.iter_mut().zip(found) {
+                for (worst, error) in worst.iter_mut().zip(errors) {
                     *worst = if error.is_nan() { error } else { worst.max(error) };
                 }
             }
@@ -310,7 +396,7 @@ fn run(
             break;
         }
     }
-    measured.held = contender.held();
+    measured.memory_bytes = contender.memory_bytes();
     // Timing on the device requires a wait at each update, so it is done apart from wall-clock timing.
     let done = measured.times_ms.len();
     if contender.time_device()? {

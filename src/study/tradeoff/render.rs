@@ -19,7 +19,7 @@ impl Study {
             let _ = writeln!(text, "{key}: {value}");
         }
         let _ = writeln!(text, "machine: {}", self.machine);
-        for table in self.tables.iter().filter(|table| table.listed) {
+        for table in self.listed() {
             let _ = write!(text, "\n{}\n{}", table.title, table.text());
             for advice in table.advice() {
                 let _ = writeln!(text, "=> {}", advice.sentence());
@@ -45,6 +45,19 @@ impl Study {
             "tables": tables.collect::<Map<_, _>>(),
             "figures": self.figures,
             "notes": self.notes,
+        })
+    }
+
+    /// Returns the tables, except long traces, which are only plotted.
+    pub fn listed(&self) -> impl Iterator<Item = &Table> {
+        self.tables.iter().filter(|table| table.listed)
+    }
+
+    /// Returns the plots of a table, or with `None` those of traces.
+    pub(super) fn plots_of(&self, table: Option<&Table>) -> impl Iterator<Item = (&Figure, Plot)> {
+        self.plots().into_iter().filter(move |(figure, _)| match table {
+            Some(table) => table.key == figure.table,
+            None => self.listed().all(|table| table.key != figure.table),
         })
     }
 
@@ -114,13 +127,55 @@ impl Table {
         (0..self.axes.len()).filter(filled).collect()
     }
 
+    /// Returns the primary axes that have values: cost, error, and those shown beside them; all if the table offers no choice.
+    pub(super) fn primary(&self) -> Vec<usize> {
+        let filled = self.filled();
+        let Some(goal) = &self.goal else { return filled };
+        let keys = [goal.cost, goal.error].into_iter().chain(goal.beside.iter().copied());
+        keys.filter_map(|key| self.axis(key).filter(|at| filled.contains(at)))
+            .collect()
+    }
+
+    /// Returns the rows, each with whether it is one of the best.
+    pub(super) fn judged(&self) -> impl Iterator<Item = (&Row, bool)> {
+        self.rows.iter().zip(self.best())
+    }
+
+    /// Returns the rows with some of the axes, for Markdown and pages.
+    pub(super) fn cells(&self, axes: &[usize]) -> table::Table {
+        let factors = self.factors.iter().map(|factor| Cell::from(factor.label));
+        let axis = |at: &usize| Cell::Explained(self.axes[*at].heading.to_owned(), self.axes[*at].label.to_owned());
+        let mut table = table::Table::new(factors.chain(axes.iter().map(axis)).chain(["".into()]));
+        for (row, best) in self.judged() {
+            let choices = row.choices.iter().map(|choice| Cell::from(choice.as_str()));
+            let values = axes.iter().map(|at| row.figure(*at).into());
+            let class = if row.flag.is_some() { "wrong" } else { "" };
+            table.row(class, choices.chain(values).chain([Cell::Tags(row.tags(best))]));
+        }
+        table
+    }
+
+    /// Describes the columns of some axes, and the marks of the rows.
+    pub(super) fn legend(&self, axes: &[usize]) -> String {
+        let axes = axes.iter().map(|at| &self.axes[*at]);
+        let columns = axes.filter(|axis| axis.heading != axis.label);
+        let columns = columns.map(|axis| format!("{}: {}", axis.heading, axis.label));
+        let columns = columns.collect::<Vec<_>>().join("; ");
+        let words = [("Columns: ", columns), ("", self.meaning_of_best())];
+        let words = words.into_iter().filter(|(_, words)| !words.is_empty());
+        words
+            .map(|(what, words)| format!("{what}{words}."))
+            .collect::<Vec<_>>()
+            .join(" ")
+    }
+
     /// Returns the table as text: its gold standard and aligned columns, with a star for best choices and flags at the end of rows.
     pub fn text(&self) -> String {
         let shown = self.filled();
         let factors = self.factors.iter().map(|factor| Cell::from(factor.label));
         let axes = shown.iter().map(|at| Cell::number(self.axes[*at].heading));
         let head = std::iter::once("".into()).chain(factors).chain(axes).chain(["".into()]);
-        let rows = self.rows.iter().zip(self.best()).map(|(row, best)| {
+        let rows = self.judged().map(|(row, best)| {
             let star = if best { "*" } else { "" };
             let flag = row.flag.as_ref().map_or(String::new(), |flag| format!("WRONG: {flag}"));
             let values = shown.iter().map(|at| row.figure(*at));
@@ -138,7 +193,7 @@ impl Table {
     pub fn csv(&self) -> String {
         let keys = self.factors.iter().map(|factor| factor.key);
         let keys = keys.chain(self.axes.iter().map(|axis| axis.key));
-        let rows = self.rows.iter().zip(self.best()).map(|(row, best)| {
+        let rows = self.judged().map(|(row, best)| {
             let values = row
                 .values
                 .iter()
@@ -172,14 +227,14 @@ impl Table {
             "gold": self.gold,
             "advice": self.advice(),
             "axes": self.axes,
-            "rows": self.rows.iter().zip(self.best()).map(row).collect::<Vec<_>>(),
+            "rows": self.judged().map(row).collect::<Vec<_>>(),
         })
     }
 
     /// Returns the plot of a figure; `None` if it has no points.
     pub(super) fn plot(&self, figure: &Figure) -> Option<Plot> {
         let (x, y) = (self.axis(figure.x)?, self.axis(figure.y)?);
-        let colour = self.factor(figure.colour)?;
+        let by_colour = self.factor(figure.colour)?;
         let markers: Vec<usize> = figure.marker.iter().filter_map(|key| self.factor(key)).collect();
         let wanted = |row: &&Row| {
             let kept = |(key, choice): &(&str, String)| self.factor(key).is_some_and(|at| row.choices[at] == *choice);
@@ -198,14 +253,14 @@ impl Table {
             };
             let point = [across, up];
             let name_of = |at: usize| self.factors[at].name(&row.choices[at]);
-            let name = name_of(colour);
+            let name = name_of(by_colour);
             let kind = markers.iter().map(|at| name_of(*at)).collect::<Vec<_>>().join(", ");
-            let own = place(&mut colours, &name);
+            let colour = place(&mut colours, &name);
             let marker = match figure.marked {
                 true => Marker::nth(place(&mut kinds, &kind)),
                 false => Marker::None,
             };
-            let of_this = |series: &&mut Series| series.colour == own && series.marker == marker;
+            let of_this = |series: &&mut Series| series.colour == colour && series.marker == marker;
             match series.iter_mut().find(of_this) {
                 Some(series) => series.points.push(point),
                 None => series.push(Series {
@@ -213,7 +268,7 @@ impl Table {
                     points: vec![point],
                     joined: figure.joined,
                     marker,
-                    colour: own,
+                    colour,
                 }),
             }
         }
@@ -238,6 +293,14 @@ fn place(seen: &mut Vec<String>, name: &str) -> usize {
 }
 
 impl Row {
+    /// Returns the labels of a row (flagged, gold standard, best), each with a CSS class.
+    fn tags(&self, best: bool) -> Vec<(&'static str, String)> {
+        let flag = self.flag.as_ref().map(|flag| ("bad", format!("WRONG: {flag}")));
+        let gold = self.gold.then(|| ("plain", "gold standard".to_owned()));
+        let best = best.then(|| ("good", "best".to_owned()));
+        [flag, gold, best].into_iter().flatten().collect()
+    }
+
     /// Formats a value: integers in full; the gold standard has no measurable error.
     pub(super) fn figure(&self, at: usize) -> String {
         match self.values[at] {

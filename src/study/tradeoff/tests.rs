@@ -1,4 +1,5 @@
 use super::*;
+use crate::testing::mark_gold;
 use insonify_report::plot::Marker;
 
 const FACTORS: [Factor; 3] = [
@@ -73,7 +74,7 @@ fn the_best_are_found_within_each_group_and_broken_promises_are_none() {
     assert_eq!(table.best(), [true, true, false, false, true, false]);
     // The gold standard has no error, whatever it costs.
     row(&mut table, ["10", "finest", "a"], [Some(9.0), None, None], None);
-    table.mark_gold("way", "finest");
+    mark_gold(&mut table, "finest");
     assert_eq!(table.best(), [false, true, false, false, true, false, true]);
     assert_eq!(
         table.meaning_of_best(),
@@ -162,7 +163,7 @@ fn counts_are_whole_and_a_standard_is_no_gap() {
         [Some(13_107_200.0), None, Some(60.0)],
         None,
     );
-    table.mark_gold("way", "finest");
+    mark_gold(&mut table, "finest");
     let last = &table.rows[6];
     assert_eq!(
         [0, 1, 2].map(|at| last.figure(at)),

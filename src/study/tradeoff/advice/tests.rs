@@ -1,4 +1,5 @@
 use super::*;
+use crate::testing::mark_gold;
 use crate::tradeoff::{Axis, Factor};
 
 const fn factor(key: &'static str) -> Factor {
@@ -24,7 +25,7 @@ fn table(rows: &[(&str, &str, [[f64; 2]; 2])]) -> Table {
             table.push(choices.to_vec(), vec![Some(*ms), error], None);
         }
     }
-    table.mark_gold("way", "finest");
+    mark_gold(&mut table, "finest");
     table
 }
 

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::{Axis, FINE_MM, Factor, solve};
+use super::{Axis, Choice, Column, FINE_MM, Factor, solve};
 use crate::beam::{CONTROLS_MM, DEPTHS_MM, DISPLACEMENTS_MM, ELEMENT_MM, TISSUES, Tissue, problem};
 use crate::tradeoff::{Figure, Goal, SHIFT_MM, Table};
 use insonify_base::range::OutOfRange;
@@ -23,57 +23,69 @@ const REPEATS: usize = 41;
 /// Number of calls after which the lever arms follow the bent shape.
 const CALLS: usize = 60;
 
+/// A needle in pieces of a length.
+struct NeedleRow {
+    model: &'static str,
+    length_mm: f64,
+    time: Option<Spread>,
+    error_mm: f64,
+    tip_mm: f64,
+}
+
+const NEEDLE_CHOICES: [Choice<NeedleRow>; 2] = [
+    Factor::new("model", "needle").of(|row| row.model.to_owned()),
+    Factor::new("length", "link or element").of(|row| format!("{} mm", row.length_mm)),
+];
+
+const NEEDLE_COLUMNS: [Column<NeedleRow>; 5] = [
+    Axis::log("length_mm", "length mm", "length of a link or an element, mm").of(|row| Some(row.length_mm)),
+    Axis::log(
+        "median_ms",
+        "ms",
+        "time of shape and flexibility at 20 contacts (median), ms",
+    )
+    .of(|row| Some(row.time?.median_ms)),
+    Axis::log(
+        "p95_ms",
+        "p95 ms",
+        "time of shape and flexibility at 20 contacts (95th percentile), ms",
+    )
+    .of(|row| Some(row.time?.p95_ms)),
+    Axis::log("error_mm", "error mm", "largest error of the shaft, mm").of(|row| Some(row.error_mm)),
+    Axis::log("tip_mm", "tip mm", "error of the tip, mm").of(|row| Some(row.tip_mm)),
+];
+
 pub(super) fn table() -> Result<Table, OutOfRange> {
-    let axes = [
-        Axis::log("length_mm", "length mm", "length of a link or an element, mm"),
-        Axis::log(
-            "median_ms",
-            "ms",
-            "time of shape and flexibility at 20 contacts (median), ms",
-        ),
-        Axis::log(
-            "p95_ms",
-            "p95 ms",
-            "time of shape and flexibility at 20 contacts (95th percentile), ms",
-        ),
-        Axis::log("error_mm", "error mm", "largest error of the shaft, mm"),
-        Axis::log("tip_mm", "tip mm", "error of the tip, mm"),
-    ];
-    let factors = [Factor::new("model", "needle"), Factor::new("length", "link or element")];
-    let title = "Models of a needle in insertion: 200 mm, EI 6131 N mm^2, bent by 20 contacts";
-    let mut table = Table::new("needles", title, &factors, &axes)
-        .against(format!("a beam in elements of {FINE_NEEDLE_MM} mm"))
-        .seeking(
-            Goal::new("median_ms", "error_mm", SHIFT_MM)
-                .choosing("springs or a beam as the model of a needle, at one length of its pieces")
-                .each(&["length"])
-                .beside(&["p95_ms"]),
-        );
     let beam = |length| Flexible::beam(Shaft::default(), Stiffness::default(), length, None);
     let truth = bent(&mut beam(FINE_NEEDLE_MM)?);
-    for length in LENGTHS_MM {
-        let springs = Flexible::springs(Shaft::default(), Stiffness::default(), length, None)?;
-        let models: [(&str, Box<dyn Needle>); 2] = [("springs", Box::new(springs)), ("beam", Box::new(beam(length)?))];
-        for (name, mut needle) in models {
+    let mut rows = Vec::new();
+    for length_mm in LENGTHS_MM {
+        let springs = Flexible::springs(Shaft::default(), Stiffness::default(), length_mm, None)?;
+        let models: [(&str, Box<dyn Needle>); 2] =
+            [("springs", Box::new(springs)), ("beam", Box::new(beam(length_mm)?))];
+        for (model, mut needle) in models {
             let line = bent(&mut *needle);
-            let away = (0..=200).map(|arc| {
-                let [found, expected] = [&line, &truth].map(|line| line.at(f64::from(arc)).point_mm);
-                (found - expected).norm()
+            let distances = (0..=200).map(|arc| {
+                let [point, exact] = [&line, &truth].map(|line| line.at(f64::from(arc)).point_mm);
+                (point - exact).norm()
             });
-            let error = away.fold(0.0, f64::max);
-            let tip = (line.tip() - truth.tip()).norm();
-            let time = time(&mut *needle, line);
-            let values = vec![
-                Some(length),
-                time.map(|time| time.median_ms),
-                time.map(|time| time.p95_ms),
-                Some(error),
-                Some(tip),
-            ];
-            table.push(vec![name.to_owned(), format!("{length} mm")], values, None);
+            rows.push(NeedleRow {
+                model,
+                length_mm,
+                error_mm: distances.fold(0.0, f64::max),
+                tip_mm: (line.tip() - truth.tip()).norm(),
+                time: time(&mut *needle, line),
+            });
         }
     }
-    Ok(table)
+    let title = "Models of a needle in insertion: 200 mm, EI 6131 N mm^2, bent by 20 contacts";
+    let goal = Goal::new("median_ms", "error_mm", SHIFT_MM)
+        .choosing("springs or a beam as the model of a needle, at one length of its pieces")
+        .each(&["length"])
+        .beside(&["p95_ms"]);
+    Ok(Table::of("needles", title, &NEEDLE_CHOICES, &NEEDLE_COLUMNS, &rows)
+        .against(format!("a beam in elements of {FINE_NEEDLE_MM} mm"))
+        .seeking(goal))
 }
 
 fn loads() -> Vec<Load> {
@@ -137,45 +149,56 @@ struct Truth {
     tip_mm: f64,
 }
 
+/// A model of the tissue, with the errors of the tip over all base motions.
+struct ModelRow {
+    tissue: &'static str,
+    compression: Compression,
+    parameters: &'static str,
+    depth_mm: f64,
+    /// Ascending, mm.
+    errors_mm: Result<Vec<f64>, BeamError>,
+}
+
+const MODEL_CHOICES: [Choice<ModelRow>; 4] = [
+    Factor::new("tissue", "tissue").of(|row| row.tissue.to_owned()),
+    Factor::new("compression", "compression").of(|row| row.compression.name().to_owned()),
+    Factor::new("parameters", "parameters").of(|row| row.parameters.to_owned()),
+    Factor::new("depth", "depth").of(|row| format!("{} mm", row.depth_mm)),
+];
+
+const MODEL_COLUMNS: [Column<ModelRow>; 3] = [
+    Axis::linear("inserted_mm", "l mm", "inserted depth, mm").of(|row| Some(row.depth_mm)),
+    Axis::linear(
+        "median_mm",
+        "median mm",
+        "error of the tip (median over base motions), mm",
+    )
+    .of(|row| percentile(row.errors_mm.as_ref().ok()?, 0.5)),
+    Axis::linear("largest_mm", "largest mm", "error of the tip (largest), mm")
+        .of(|row| row.errors_mm.as_ref().ok()?.last().copied()),
+];
+
 pub(super) fn models_table() -> Result<Table, BeamError> {
-    let axes = [
-        Axis::linear("inserted_mm", "l mm", "inserted depth, mm"),
-        Axis::linear(
-            "median_mm",
-            "median mm",
-            "error of the tip (median over base motions), mm",
-        ),
-        Axis::linear("largest_mm", "largest mm", "error of the tip (largest), mm"),
-    ];
-    let factors = [
-        Factor::new("tissue", "tissue"),
-        Factor::new("compression", "compression"),
-        Factor::new("parameters", "parameters"),
-        Factor::new("depth", "depth"),
-    ];
-    let title = "Models: error of the tip over base motions of 2.5 to 15 mm, 20 and 40 mm before the entry";
-    let gold = format!("UEng for PVC and UTru for PSM with the right parameters, elements of {FINE_MM} mm");
-    let mut table = Table::new("models", title, &factors, &axes).against(gold);
+    let mut rows = Vec::new();
     for (tissue, other) in [(TISSUES[0], TISSUES[1]), (TISSUES[1], TISSUES[0])] {
-        for depth in DEPTHS_MM {
-            let truths = truths(&tissue, depth)?;
+        for depth_mm in DEPTHS_MM {
+            let truths = truths(&tissue, depth_mm)?;
             for compression in Compression::ALL {
-                for (parameters, material) in materials(&tissue, &other) {
-                    let found = errors(&truths, material, compression, depth);
-                    let choices = [tissue.name, compression.name(), parameters].map(str::to_owned);
-                    let choices = [&choices[..], &[format!("{depth} mm")]].concat();
-                    match found {
-                        Ok(errors) => {
-                            let values = [Some(depth), percentile(&errors, 0.5), errors.last().copied()];
-                            table.push(choices, values.to_vec(), None);
-                        }
-                        Err(error) => table.push(choices, vec![Some(depth), None, None], Some(error.to_string())),
-                    }
-                }
+                rows.extend(materials(&tissue, &other).map(|(parameters, material)| ModelRow {
+                    tissue: tissue.name,
+                    compression,
+                    parameters,
+                    depth_mm,
+                    errors_mm: errors(&truths, material, compression, depth_mm),
+                }));
             }
         }
     }
-    Ok(table)
+    let title = "Models: error of the tip over base motions of 2.5 to 15 mm, 20 and 40 mm before the entry";
+    let gold = format!("UEng for PVC and UTru for PSM with the right parameters, elements of {FINE_MM} mm");
+    Ok(Table::of("models", title, &MODEL_CHOICES, &MODEL_COLUMNS, &rows)
+        .flagged(&rows, |row| Some(row.errors_mm.as_ref().err()?.to_string()))
+        .against(gold))
 }
 
 /// Returns the parameters to compare: the right ones, wrong moduli, and those of the other tissue.

@@ -1,12 +1,12 @@
 //! Grain of tissue: solid textures and speckle models.
 
 use super::{
-    Apart, Factor, ImageOptions, MEDIAN, MEMORY, P95, PICTURE, Subject, Table, coarsened, inside, picture, sampling,
-    values, without_grain,
+    Compared, Difference, Factor, ImageOptions, MEDIAN, MEMORY, P95, Picture, Subject, Table, coarsened, compared,
+    inside, picture, sampling, without_grain,
 };
 use nalgebra::Matrix4;
 
-use crate::tradeoff::{Axis, GREY_LEVELS, Goal};
+use crate::tradeoff::{Axis, Choice, Column, GREY_LEVELS, Goal};
 use insonify::Error;
 use insonify_imaging::anatomies::{self, PLAIN};
 use insonify_imaging::effects::Effects;
@@ -33,27 +33,33 @@ pub(crate) fn grains(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<
 /// Compares frames with trilinear textures and without textures. Look-up methods in isolation are in [`sampling::lookups`].
 fn textures(options: &ImageOptions) -> Result<Table, Error> {
     let subject = Subject::new(options.voxel_mm)?;
-    let own = without_grain(subject.grid(coarsened(options, [256, 512])));
-    let mut gold = subject.on(own.clone(), Backend::CpuF64)?;
+    let structure = without_grain(subject.grid(coarsened(options, [256, 512])));
+    let mut gold = subject.on(structure.clone(), Backend::CpuF64)?;
     let standard = gold.render(&subject.state)?.pixels.clone();
     let inside = inside(&gold);
-    let title = "Solid textures, without speckle, against trilinear look-ups in double precision";
-    let goal = Goal::new("median_ms", "rms_grey", GREY_LEVELS).choosing("solid textures");
-    let mut table = Table::new("image_texture", title, &[Factor::new("texture", "texture")], &PICTURE)
-        .against("trilinear look-ups in double precision")
-        .seeking(goal.beside(&["p95_ms", "p99_grey", "memory_mb"]));
+    let mut rows = Vec::new();
     for (name, textured) in [("trilinear", true), ("none: constant echo", false)] {
-        let mut settings = own.clone();
+        let mut settings = structure.clone();
         if !textured {
             settings.effects.texture = None;
         }
         let mut synth = subject.on(settings, Backend::Cpu)?;
-        let found = picture(&mut synth, &subject.state, options.patience)?;
-        let apart = Apart::of(&standard, &found.pixels, &inside);
-        let flag = textured.then(|| super::labels::rounding(&apart)).flatten();
-        table.push(vec![name.to_owned()], values(&found, Some(&apart)), flag);
+        let picture = picture(&mut synth, &subject.state, options.patience)?;
+        let difference = Difference::of(&standard, &picture.pixels, &inside);
+        rows.push(Compared {
+            variant: name,
+            picture,
+            difference,
+            flag: textured.then(|| super::labels::rounding(&difference)).flatten(),
+        });
     }
-    Ok(table)
+    let title = "Solid textures, without speckle, against trilinear look-ups in double precision";
+    let goal = Goal::new("median_ms", "rms_grey", GREY_LEVELS).choosing("solid textures");
+    let texture = Factor::new("texture", "texture").of(|row: &Compared<&str>| row.variant.to_owned());
+    Ok(Table::of("image_texture", title, &[texture], &compared(), &rows)
+        .flagged(&rows, |row| row.flag.clone())
+        .against("trilinear look-ups in double precision")
+        .seeking(goal.beside(&["p95_ms", "p99_grey", "memory_mb"])))
 }
 
 /// Returns settings for constant tissue under one of the speckle models.
@@ -117,40 +123,49 @@ impl Look {
     }
 }
 
+/// Correlation lengths that are asked for, along and across the beam, mm.
+const LENGTHS_MM: [f64; 2] = [0.8, 1.5];
+
+/// Constant tissue under a model of its grain.
+struct GrainRow {
+    model: &'static str,
+    picture: Picture,
+    look: Look,
+    std_error_grey: f64,
+    length_error_mm: f64,
+    flag: Option<String>,
+}
+
+const MODEL: [Choice<GrainRow>; 1] = [Factor::new("model", "model").of(|row| row.model.to_owned())];
+
+const GRAIN: [Column<GrainRow>; 8] = [
+    MEDIAN.of(|row| Some(row.picture.time?.median_ms)),
+    P95.of(|row| Some(row.picture.time?.p95_ms)),
+    MEMORY.of(|row| Some(row.picture.memory_mb)),
+    Axis::linear("std_grey", "std grey", "standard deviation, grey levels").of(|row| Some(row.look.std_grey)),
+    Axis::log(
+        "std_error_grey",
+        "std off",
+        "error of the standard deviation, grey levels",
+    )
+    .of(|row| Some(row.std_error_grey)),
+    Axis::linear("axial_mm", "axial mm", "correlation length along the beam, mm").of(|row| Some(row.look.axial_mm)),
+    Axis::linear("lateral_mm", "lateral mm", "correlation length across the beam, mm")
+        .of(|row| Some(row.look.lateral_mm)),
+    Axis::log("length_error_mm", "mm off", "error of the correlation lengths, mm").of(|row| Some(row.length_error_mm)),
+];
+
 fn models(options: &ImageOptions) -> Result<Table, Error> {
-    let [axial_mm, lateral_mm] = [0.8, 1.5];
-    let asked = Speckle {
+    let [axial_mm, lateral_mm] = LENGTHS_MM;
+    let speckle = Speckle {
         axial_mm: Some(axial_mm),
         lateral_mm: Some(lateral_mm),
         elevational_mm: Some(1.8),
         focal_zone_mm: Some(10_000.0),
         focus_mm: None,
     };
-    let dynamic_range_db = Tone::default().dynamic_range_db;
-    let expected = 255.0 * SPECKLE_DB / dynamic_range_db;
-    let axes = [
-        MEDIAN,
-        P95,
-        MEMORY,
-        Axis::linear("std_grey", "std grey", "standard deviation, grey levels"),
-        Axis::log(
-            "std_error_grey",
-            "std off",
-            "error of the standard deviation, grey levels",
-        ),
-        Axis::linear("axial_mm", "axial mm", "correlation length along the beam, mm"),
-        Axis::linear("lateral_mm", "lateral mm", "correlation length across the beam, mm"),
-        Axis::log("length_error_mm", "mm off", "error of the correlation lengths, mm"),
-    ];
-    let title = format!(
-        "Grain of constant tissue, against Rayleigh statistics ({expected:.1} grey levels) and lengths of {} by {} mm",
-        axial_mm, lateral_mm
-    );
-    let goal = Goal::new("median_ms", "length_error_mm", HALF_A_CELL).choosing("grain");
-    let mut table = Table::new("image_grain", title, &[Factor::new("model", "model")], &axes)
-        .against("Rayleigh statistics, and the correlation lengths asked for")
-        .seeking(goal.beside(&["p95_ms", "std_error_grey", "memory_mb"]));
-    let ways = [
+    let expected = 255.0 * SPECKLE_DB / Tone::default().dynamic_range_db;
+    let models = [
         ("none", Effects::default()),
         (
             "additive noise",
@@ -162,36 +177,39 @@ fn models(options: &ImageOptions) -> Result<Table, Error> {
         (
             "fully developed speckle",
             Effects {
-                speckle: Some(asked.clone()),
+                speckle: Some(speckle),
                 ..Effects::default()
             },
         ),
     ];
     let state = FrameState::at(Matrix4::identity());
-    for (name, effects) in ways {
+    let mut rows = Vec::new();
+    for (model, effects) in models {
         let developed = effects.speckle.is_some();
         let mut synth = Synthesizer::new(anatomies::uniform(PLAIN), uniform(effects), Backend::Cpu)?;
-        let found = picture(&mut synth, &state, options.patience)?;
-        let look = Look::of(&found.pixels);
-        let off = (look.std_grey - expected).abs();
-        let lengths = (look.axial_mm - axial_mm)
+        let picture = picture(&mut synth, &state, options.patience)?;
+        let look = Look::of(&picture.pixels);
+        let std_error_grey = (look.std_grey - expected).abs();
+        let length_error_mm = (look.axial_mm - axial_mm)
             .abs()
             .max((look.lateral_mm - lateral_mm).abs());
         // Some 900 speckle cells determine the standard deviation to 5 % or better; logarithms narrow the correlation by a tenth.
-        let wrong = developed && (off > 0.15 * expected || lengths > 0.3 * lateral_mm);
-        let flag = wrong.then(|| "not what fully developed speckle is".to_owned());
-        let time = found.time;
-        let all = vec![
-            time.map(|time| time.median_ms),
-            time.map(|time| time.p95_ms),
-            Some(found.memory_mb),
-            Some(look.std_grey),
-            Some(off),
-            Some(look.axial_mm),
-            Some(look.lateral_mm),
-            Some(lengths),
-        ];
-        table.push(vec![name.to_owned()], all, flag);
+        let wrong = developed && (std_error_grey > 0.15 * expected || length_error_mm > 0.3 * lateral_mm);
+        rows.push(GrainRow {
+            model,
+            picture,
+            look,
+            std_error_grey,
+            length_error_mm,
+            flag: wrong.then(|| "not what fully developed speckle is".to_owned()),
+        });
     }
-    Ok(table)
+    let title = format!(
+        "Grain of constant tissue, against Rayleigh statistics ({expected:.1} grey levels) and lengths of {axial_mm} by {lateral_mm} mm"
+    );
+    let goal = Goal::new("median_ms", "length_error_mm", HALF_A_CELL).choosing("grain");
+    Ok(Table::of("image_grain", title, &MODEL, &GRAIN, &rows)
+        .flagged(&rows, |row| row.flag.clone())
+        .against("Rayleigh statistics, and the correlation lengths asked for")
+        .seeking(goal.beside(&["p95_ms", "std_error_grey", "memory_mb"])))
 }

@@ -3,11 +3,11 @@
 use nalgebra::Matrix4;
 
 use super::{
-    Apart, BACKEND, Factor, ImageOptions, PICTURE, Subject, Table, coarsened, inside, picture, silent, single,
-    too_large, values, without_grain,
+    BACKEND, Compared, Difference, Factor, ImageOptions, Subject, Table, coarsened, compared, inside, picture, silent,
+    single, too_large, without_grain,
 };
 use crate::StudyError;
-use crate::tradeoff::{Axis, Deadline, GREY_LEVELS, Goal, SHIFT_MM};
+use crate::tradeoff::{Axis, Choice, Column, Deadline, GREY_LEVELS, Goal, SHIFT_MM};
 use insonify::Error;
 use insonify_gpu::Gpu;
 use insonify_imaging::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
@@ -88,56 +88,74 @@ fn boundary_mm(synth: &mut Synthesizer, state: &FrameState) -> Result<f64, Error
     Ok(wrong as f64 * line_mm * sample_mm / length)
 }
 
+/// How labels are found at boundaries.
+struct Labelled {
+    boundary: &'static str,
+    voxel_mm: f64,
+    /// Mean distance of boundaries from their place, mm.
+    boundary_mm: f64,
+}
+
+const LABELLED: [Choice<Compared<Labelled>>; 2] = [
+    Factor::new("boundary", "label").of(|row| row.variant.boundary.to_owned()),
+    Factor::new("voxel", "voxel").of(|row| format!("{} mm", row.variant.voxel_mm)),
+];
+
+const BOUNDARIES: [Column<Compared<Labelled>>; 2] = [
+    Axis::log("voxel_mm", "voxel mm", "edge of a voxel, mm").of(|row| Some(row.variant.voxel_mm)),
+    Axis::log(
+        "boundary_mm",
+        "mm off",
+        "mean distance of boundaries from their place, mm",
+    )
+    .of(|row| Some(row.variant.boundary_mm)),
+];
+
 pub(super) fn labels(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, Error> {
     let state = FrameState::at(Matrix4::identity());
     let grid = coarsened(options, [256, 512]);
-    let axes: Vec<Axis> = [
-        Axis::log("voxel_mm", "voxel mm", "edge of a voxel, mm"),
-        Axis::log(
-            "boundary_mm",
-            "mm off",
-            "mean distance of boundaries from their place, mm",
-        ),
-    ]
-    .into_iter()
-    .chain(PICTURE)
-    .collect();
-    let title = format!(
-        "Labels at boundaries: millimetres against their closed form, grey levels against voxels of {FINEST_MM} mm, voted"
-    );
-    let factors = [Factor::new("boundary", "label"), Factor::new("voxel", "voxel")];
-    let goal = Goal::new("median_ms", "boundary_mm", SHIFT_MM).choosing("labels at boundaries");
-    let mut table = Table::new("image_labels", title, &factors, &axes)
-        .against(format!(
-            "boundaries of a closed form (mm); voxels of {FINEST_MM} mm, voted (grey levels)"
-        ))
-        .seeking(goal.beside(&["p95_ms", "rms_grey", "memory_mb"]));
     let mut finest = Synthesizer::new(anatomy(FINEST_MM), settings(Boundary::Vote, grid), Backend::CpuF64)?;
     let standard = finest.render(&state)?.pixels.clone();
     let inside = inside(&finest);
+    let mut rows = Vec::new();
     for (name, boundary) in [
         ("nearest voxel", Boundary::Nearest),
         ("voted", Boundary::Vote),
         ("smoothed", Boundary::Smooth),
     ] {
-        let mut coarser: Option<Apart> = None;
+        let mut coarser: Option<Difference> = None;
         for voxel_mm in VOXELS_MM {
             let mut synth = Synthesizer::new(anatomy(voxel_mm), settings(boundary, grid), Backend::Cpu)?;
-            let found = picture(&mut synth, &state, options.patience)?;
-            let apart = Apart::of(&standard, &found.pixels, &inside);
-            let off = boundary_mm(&mut synth, &state)?;
-            let all = [Some(voxel_mm), Some(off)]
-                .into_iter()
-                .chain(values(&found, Some(&apart)));
-            let flag = apart.flag(coarser.as_ref());
-            table.push(vec![name.to_owned(), format!("{voxel_mm} mm")], all.collect(), flag);
-            coarser = Some(apart);
+            let picture = picture(&mut synth, &state, options.patience)?;
+            let difference = Difference::of(&standard, &picture.pixels, &inside);
+            rows.push(Compared {
+                variant: Labelled {
+                    boundary: name,
+                    voxel_mm,
+                    boundary_mm: boundary_mm(&mut synth, &state)?,
+                },
+                picture,
+                difference,
+                flag: difference.flag(coarser.as_ref()),
+            });
+            coarser = Some(difference);
         }
     }
+    let title = format!(
+        "Labels at boundaries: millimetres against their closed form, grey levels against voxels of {FINEST_MM} mm, voted"
+    );
+    let goal = Goal::new("median_ms", "boundary_mm", SHIFT_MM).choosing("labels at boundaries");
+    let columns: Vec<_> = BOUNDARIES.into_iter().chain(compared()).collect();
+    let table = Table::of("image_labels", title, &LABELLED, &columns, &rows)
+        .flagged(&rows, |row| row.flag.clone())
+        .against(format!(
+            "boundaries of a closed form (mm); voxels of {FINEST_MM} mm, voted (grey levels)"
+        ))
+        .seeking(goal.beside(&["p95_ms", "rms_grey", "memory_mb"]));
     Ok(vec![table])
 }
 
-fn name([lines, samples]: [u32; 2]) -> String {
+pub(super) fn name([lines, samples]: [u32; 2]) -> String {
     format!("{lines} x {samples}")
 }
 
@@ -151,27 +169,36 @@ const CONTENTS: [Content; 2] = [("structure", without_grain), ("every usual effe
 const QUIET: &str = "Beam grids are compared with the receiver enabled at an invisible level, because its noise is drawn for each sample \
                      and therefore differs from grid to grid, however fine the grids are.";
 
+/// A grid of the beam on a backend.
+struct Gridded {
+    content: &'static str,
+    backend: String,
+    grid: [u32; 2],
+}
+
+const GRIDDED: [Choice<Compared<Gridded>>; 3] = [
+    Factor::new("content", "content").of(|row| row.variant.content.to_owned()),
+    BACKEND.of(|row| row.variant.backend.clone()),
+    Factor::new("grid", "grid").of(|row| name(row.variant.grid)),
+];
+
+const SAMPLES: Column<Compared<Gridded>> = Axis::log("samples", "samples", "samples of a frame").of(|row| {
+    let [lines, samples] = row.variant.grid.map(f64::from);
+    Some(lines * samples)
+});
+
 pub(super) fn grids(options: &ImageOptions, notes: &mut Vec<String>) -> Result<Vec<Table>, Error> {
     let subject = Subject::new(options.voxel_mm)?;
-    let samples = Axis::log("samples", "samples", "samples of a frame");
-    let axes: Vec<Axis> = std::iter::once(samples).chain(PICTURE).collect();
     // Comparing a grid with itself would show no error.
     let Some((&finest, grids)) = options.grids.split_last().filter(|(_, grids)| !grids.is_empty()) else {
-        let found = options.grids.len();
+        let count = options.grids.len();
         return Err(StudyError::refused(format!(
-            "{found} grids: expected two or more; the finest is the gold standard"
+            "{count} grids: expected two or more; the finest is the gold standard"
         )));
     };
     let largest = grids[grids.len() - 1];
-    let title = format!("Beam grid, against {} in double precision", name(finest));
-    let factors = [Factor::new("content", "content"), BACKEND, Factor::new("grid", "grid")];
-    let goal = Goal::new("median_ms", "rms_grey", GREY_LEVELS)
-        .choosing("grid of the beam")
-        .in_every(Deadline::Frame, "p95_ms");
     notes.push(QUIET.to_owned());
-    let mut table = Table::new("image_grid", title, &factors, &axes)
-        .against(format!("{} in double precision", name(finest)))
-        .seeking(goal.each(&["content"]).beside(&["p95_ms", "p99_grey", "memory_mb"]));
+    let mut rows = Vec::new();
     for (content, keep) in CONTENTS {
         let settings = |grid| keep(subject.grid(grid));
         let mut gold = subject.on(settings(finest), Backend::CpuF64)?;
@@ -180,21 +207,34 @@ pub(super) fn grids(options: &ImageOptions, notes: &mut Vec<String>) -> Result<V
         drop(gold);
         for (backend, device) in single(fitting(options, &subject, &settings(largest), notes)?) {
             let mut synth = subject.on(settings(grids[0]), device)?;
-            let mut coarser: Option<Apart> = None;
+            let mut coarser: Option<Difference> = None;
             for &grid in grids {
                 synth.set(settings(grid))?;
-                let found = picture(&mut synth, &subject.state, options.patience)?;
-                let apart = Apart::of(&standard, &found.pixels, &inside);
-                let flag = apart.flag(coarser.as_ref());
-                let size = f64::from(grid[0]) * f64::from(grid[1]);
-                let all = std::iter::once(Some(size))
-                    .chain(values(&found, Some(&apart)))
-                    .collect();
-                table.push(vec![content.to_owned(), backend.clone(), name(grid)], all, flag);
-                coarser = Some(apart);
+                let picture = picture(&mut synth, &subject.state, options.patience)?;
+                let difference = Difference::of(&standard, &picture.pixels, &inside);
+                rows.push(Compared {
+                    variant: Gridded {
+                        content,
+                        backend: backend.clone(),
+                        grid,
+                    },
+                    picture,
+                    difference,
+                    flag: difference.flag(coarser.as_ref()),
+                });
+                coarser = Some(difference);
             }
         }
     }
+    let title = format!("Beam grid, against {} in double precision", name(finest));
+    let goal = Goal::new("median_ms", "rms_grey", GREY_LEVELS)
+        .choosing("grid of the beam")
+        .in_every(Deadline::Frame, "p95_ms");
+    let columns: Vec<_> = std::iter::once(SAMPLES).chain(compared()).collect();
+    let table = Table::of("image_grid", title, &GRIDDED, &columns, &rows)
+        .flagged(&rows, |row| row.flag.clone())
+        .against(format!("{} in double precision", name(finest)))
+        .seeking(goal.each(&["content"]).beside(&["p95_ms", "p99_grey", "memory_mb"]));
     Ok(vec![table])
 }
 
@@ -223,42 +263,48 @@ fn all(options: &ImageOptions) -> Vec<(String, Backend)> {
         .collect()
 }
 
+/// A grid, and the backend that renders it.
+type OnBackend = Compared<([u32; 2], String)>;
+
+const ON_BACKEND: [Choice<OnBackend>; 2] = [
+    Factor::new("grid", "grid").of(|row| name(row.variant.0)),
+    BACKEND.of(|row| row.variant.1.clone()),
+];
+
 /// Compares double precision, single precision and each GPU on the same scene, at the default scene's grid and one below it.
 pub(super) fn backends(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, Error> {
     let subject = Subject::new(options.voxel_mm)?;
-    let factors = [Factor::new("grid", "grid"), BACKEND];
-    let title = "Precisions and backends, every usual effect, against double precision on the CPU";
-    let goal = Goal::new("median_ms", "rms_grey", GREY_LEVELS).choosing("backend of images");
-    let mut table = Table::new("image_backend", title, &factors, &PICTURE)
-        .against("double precision on the CPU")
-        .seeking(goal.each(&["grid"]).beside(&["p95_ms", "p99_grey", "memory_mb"]));
+    let mut rows: Vec<OnBackend> = Vec::new();
     for grid in [[128, 256], [256, 512]].map(|grid| coarsened(options, grid)) {
         let mut standard: Option<Vec<u8>> = None;
         for (backend, device) in all(options) {
             let mut synth = subject.on(subject.grid(grid), device)?;
-            let found = picture(&mut synth, &subject.state, options.patience)?;
-            let apart = Apart::of(
-                standard.as_ref().unwrap_or(&found.pixels),
-                &found.pixels,
-                &inside(&synth),
-            );
-            table.push(
-                vec![name(grid), backend],
-                values(&found, Some(&apart)),
-                rounding(&apart),
-            );
-            standard.get_or_insert(found.pixels);
+            let picture = picture(&mut synth, &subject.state, options.patience)?;
+            let standard = standard.get_or_insert_with(|| picture.pixels.clone());
+            let difference = Difference::of(standard, &picture.pixels, &inside(&synth));
+            rows.push(Compared {
+                variant: (grid, backend),
+                picture,
+                difference,
+                flag: rounding(&difference),
+            });
         }
     }
+    let title = "Precisions and backends, every usual effect, against double precision on the CPU";
+    let goal = Goal::new("median_ms", "rms_grey", GREY_LEVELS).choosing("backend of images");
+    let table = Table::of("image_backend", title, &ON_BACKEND, &compared(), &rows)
+        .flagged(&rows, |row| row.flag.clone())
+        .against("double precision on the CPU")
+        .seeking(goal.each(&["grid"]).beside(&["p95_ms", "p99_grey", "memory_mb"]));
     Ok(vec![table])
 }
 
 /// Describes an error too large for rounding: more than 1 % of pixels beyond one grey level, or an offset.
-pub(super) fn rounding(apart: &Apart) -> Option<String> {
-    (apart.p99 > 1.0 || apart.bias.abs() > 0.1).then(|| {
+pub(super) fn rounding(difference: &Difference) -> Option<String> {
+    (difference.p99 > 1.0 || difference.bias.abs() > 0.1).then(|| {
         format!(
             "99 of 100 pixels within {} grey levels, {:+.2} on the whole: more than rounding",
-            apart.p99, apart.bias
+            difference.p99, difference.bias
         )
     })
 }
@@ -329,26 +375,28 @@ fn simplified(all: &Settings, synth: &Synthesizer) -> Vec<(String, Settings)> {
 
 pub(super) fn effects(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, Error> {
     let subject = Subject::new(options.voxel_mm)?;
-    let own = subject.grid(coarsened(options, [256, 512]));
-    let goal = Goal::new("median_ms", "rms_grey", GREY_LEVELS).choosing("effects");
-    let mut table = Table::new(
-        "image_effects",
-        "Effects: what a frame without one saves, and by how much it differs from the frame with all",
-        &[Factor::new("effects", "effects")],
-        &PICTURE,
-    )
-    .against("every usual effect in double precision")
-    .seeking(goal.beside(&["p95_ms", "p99_grey", "memory_mb"]));
-    let mut gold = subject.on(own.clone(), Backend::CpuF64)?;
+    let usual = subject.grid(coarsened(options, [256, 512]));
+    let mut gold = subject.on(usual.clone(), Backend::CpuF64)?;
     let standard = gold.render(&subject.state)?.pixels.clone();
     let inside = inside(&gold);
-    let mut synth = subject.on(own.clone(), Backend::Cpu)?;
-    for (name, settings) in simplified(&own, &gold) {
+    let mut synth = subject.on(usual.clone(), Backend::Cpu)?;
+    let mut rows = Vec::new();
+    for (name, settings) in simplified(&usual, &gold) {
         synth.set(settings)?;
-        let found = picture(&mut synth, &subject.state, options.patience)?;
-        let apart = Apart::of(&standard, &found.pixels, &inside);
-        // Removing an effect may change the frame as a whole, so no row is flagged.
-        table.push(vec![name], values(&found, Some(&apart)), None);
+        let picture = picture(&mut synth, &subject.state, options.patience)?;
+        rows.push(Compared {
+            variant: name,
+            difference: Difference::of(&standard, &picture.pixels, &inside),
+            picture,
+            // Removing an effect may change the frame as a whole.
+            flag: None,
+        });
     }
+    let title = "Effects: what a frame without one saves, and by how much it differs from the frame with all";
+    let goal = Goal::new("median_ms", "rms_grey", GREY_LEVELS).choosing("effects");
+    let choice = Factor::new("effects", "effects").of(|row: &Compared<String>| row.variant.clone());
+    let table = Table::of("image_effects", title, &[choice], &compared(), &rows)
+        .against("every usual effect in double precision")
+        .seeking(goal.beside(&["p95_ms", "p99_grey", "memory_mb"]));
     Ok(vec![table])
 }

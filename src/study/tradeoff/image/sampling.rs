@@ -3,8 +3,8 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use super::{Apart, Factor, ImageOptions, PICTURE, Subject, Table, coarsened, inside, picture, values};
-use crate::tradeoff::{Axis, GREY_LEVELS, Goal, SHIFT_MM};
+use super::{Compared, Difference, Factor, ImageOptions, Subject, Table, coarsened, compared, inside, picture};
+use crate::tradeoff::{Axis, Choice, Column, GREY_LEVELS, Goal, SHIFT_MM};
 use insonify::Error;
 use insonify_anatomy::acoustics::bank;
 use insonify_anatomy::volume::texture::SolidTexture;
@@ -64,40 +64,49 @@ const VARIANTS: [Variant; 3] = [
     },
 ];
 
+/// An effect, and the grid that samples it.
+type Sampled = Compared<(&'static str, [u32; 2])>;
+
+const SAMPLED: [Choice<Sampled>; 2] = [
+    Factor::new("effect", "effect").of(|row| row.variant.0.to_owned()),
+    Factor::new("grid", "grid").of(|row| super::labels::name(row.variant.1)),
+];
+
 pub(super) fn sampling(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, Error> {
     let subject = Subject::new(options.voxel_mm)?;
-    let factors = [Factor::new("effect", "effect"), Factor::new("grid", "grid")];
-    let title = "Sampling of shadow (samples) and blur (scanlines), each alone, against the finest in double precision";
-    let goal = Goal::new("median_ms", "rms_grey", GREY_LEVELS).choosing("sampling of one effect");
-    let mut table = Table::new("image_sampling", title, &factors, &PICTURE)
-        .against("the finest grid of each, in double precision")
-        .seeking(goal.each(&["effect"]).beside(&["p95_ms", "p99_grey", "memory_mb"]));
-    for way in VARIANTS {
+    let mut rows: Vec<Sampled> = Vec::new();
+    for variant in VARIANTS {
         let settings = |grid| -> Settings {
-            let own = subject.grid(grid);
+            let all = subject.grid(grid);
             Settings {
-                effects: (way.keep)(&own.effects),
-                ..own
+                effects: (variant.keep)(&all.effects),
+                ..all
             }
         };
-        let [grids @ .., finest] = way.grids.map(|grid| coarsened(options, grid));
+        let [grids @ .., finest] = variant.grids.map(|grid| coarsened(options, grid));
         let mut gold = subject.on(settings(finest), Backend::CpuF64)?;
         let standard = gold.render(&subject.state)?.pixels.clone();
         let inside = inside(&gold);
-        let mut coarser: Option<Apart> = None;
+        let mut coarser: Option<Difference> = None;
         for grid in grids {
             let mut synth = subject.on(settings(grid), Backend::Cpu)?;
-            let found = picture(&mut synth, &subject.state, options.patience / 2)?;
-            let apart = Apart::of(&standard, &found.pixels, &inside);
-            let name = format!("{} x {}", grid[0], grid[1]);
-            table.push(
-                vec![way.name.to_owned(), name],
-                values(&found, Some(&apart)),
-                apart.flag(coarser.as_ref()),
-            );
-            coarser = Some(apart);
+            let picture = picture(&mut synth, &subject.state, options.patience / 2)?;
+            let difference = Difference::of(&standard, &picture.pixels, &inside);
+            rows.push(Compared {
+                variant: (variant.name, grid),
+                picture,
+                difference,
+                flag: difference.flag(coarser.as_ref()),
+            });
+            coarser = Some(difference);
         }
     }
+    let title = "Sampling of shadow (samples) and blur (scanlines), each alone, against the finest in double precision";
+    let goal = Goal::new("median_ms", "rms_grey", GREY_LEVELS).choosing("sampling of one effect");
+    let table = Table::of("image_sampling", title, &SAMPLED, &compared(), &rows)
+        .flagged(&rows, |row| row.flag.clone())
+        .against("the finest grid of each, in double precision")
+        .seeking(goal.each(&["effect"]).beside(&["p95_ms", "p99_grey", "memory_mb"]));
     Ok(vec![table])
 }
 
@@ -150,59 +159,72 @@ fn decibels(amplitude: f64) -> f64 {
     20.0 * amplitude.max(DARKEST).log10()
 }
 
-pub(crate) fn lookups() -> Table {
-    let axes = [
-        Axis::log(
-            "look_ns",
-            "ns a look-up",
-            "time of a look-up on one thread (median), ns",
-        ),
-        Axis::log("p95_ns", "p95 ns", "time of a look-up on one thread (95 of 100), ns"),
-        Axis::log("rms_db", "RMS dB", "root mean square error of the echo, dB"),
-        Axis::log(
-            "rms_grey",
-            "RMS grey",
-            "the same after log compression, grey levels of 255",
-        ),
-    ];
-    let factors = [Factor::new("texture", "texture"), Factor::new("look", "look-up")];
-    let goal = Goal::new("look_ns", "rms_grey", GREY_LEVELS).choosing("look-up of solid textures");
-    let mut table = Table::new(
-        "image_lookup",
-        "Look-ups of solid textures by themselves: the nearest voxel against trilinear",
-        &factors,
-        &axes,
+/// Look-ups of a texture by a method.
+struct LookupRow {
+    texture: &'static str,
+    method: &'static str,
+    /// Times of a look-up, ns.
+    time_ns: Option<Spread>,
+    rms_db: f64,
+    rms_grey: f64,
+}
+
+const LOOKED_UP: [Choice<LookupRow>; 2] = [
+    Factor::new("texture", "texture").of(|row| row.texture.to_owned()),
+    Factor::new("look", "look-up").of(|row| row.method.to_owned()),
+];
+
+const LOOKUP_COLUMNS: [Column<LookupRow>; 4] = [
+    Axis::log(
+        "look_ns",
+        "ns a look-up",
+        "time of a look-up on one thread (median), ns",
     )
-    .against("trilinear look-ups in double precision")
-    .seeking(goal.over(&["texture"]).beside(&["p95_ns", "rms_db"]));
+    .of(|row| Some(row.time_ns?.median_ms)),
+    Axis::log("p95_ns", "p95 ns", "time of a look-up on one thread (95 of 100), ns")
+        .of(|row| Some(row.time_ns?.p95_ms)),
+    Axis::log("rms_db", "RMS dB", "root mean square error of the echo, dB").of(|row| Some(row.rms_db)),
+    Axis::log(
+        "rms_grey",
+        "RMS grey",
+        "the same after log compression, grey levels of 255",
+    )
+    .of(|row| Some(row.rms_grey)),
+];
+
+pub(crate) fn lookups() -> Table {
     let (places, range_db) = (places(), Tone::default().dynamic_range_db);
     let singles: Vec<[f32; 3]> = places.iter().map(|place| place.map(|it| it as f32)).collect();
+    let mut rows = Vec::new();
     for name in TEXTURES {
         let Some(texture) = bank::make(name, 0) else { continue };
-        for way in LOOKUPS {
+        for method in LOOKUPS {
             let mut nanoseconds = Vec::with_capacity(REPEATS);
             for _ in 0..REPEATS {
                 let start = Instant::now();
-                let sum: f32 = singles.iter().map(|place| (way.look)(&texture, *place)).sum();
+                let sum: f32 = singles.iter().map(|place| (method.look)(&texture, *place)).sum();
                 black_box(sum);
                 nanoseconds.push(start.elapsed().as_secs_f64() * 1e9 / singles.len() as f64);
             }
             let squares = places.iter().zip(&singles).map(|(place, single)| {
-                let [gold, found] = [texture.sample(*place), f64::from((way.look)(&texture, *single))];
-                (decibels(found) - decibels(gold)).powi(2)
+                let [exact, echo] = [texture.sample(*place), f64::from((method.look)(&texture, *single))];
+                (decibels(echo) - decibels(exact)).powi(2)
             });
-            let off_db = (squares.sum::<f64>() / places.len() as f64).sqrt();
-            let time = Spread::of(nanoseconds);
-            let values = vec![
-                time.map(|time| time.median_ms),
-                time.map(|time| time.p95_ms),
-                Some(off_db),
-                Some(255.0 * off_db / range_db),
-            ];
-            table.push(vec![name.to_owned(), way.name.to_owned()], values, None);
+            let rms_db = (squares.sum::<f64>() / places.len() as f64).sqrt();
+            rows.push(LookupRow {
+                texture: name,
+                method: method.name,
+                time_ns: Spread::of(nanoseconds),
+                rms_db,
+                rms_grey: 255.0 * rms_db / range_db,
+            });
         }
     }
-    table
+    let goal = Goal::new("look_ns", "rms_grey", GREY_LEVELS).choosing("look-up of solid textures");
+    let title = "Look-ups of solid textures by themselves: the nearest voxel against trilinear";
+    Table::of("image_lookup", title, &LOOKED_UP, &LOOKUP_COLUMNS, &rows)
+        .against("trilinear look-ups in double precision")
+        .seeking(goal.over(&["texture"]).beside(&["p95_ns", "rms_db"]))
 }
 
 const BOX_MM: [[f64; 3]; 2] = [[-60.0, 0.0, -40.0], [60.0, 100.0, 40.0]];
@@ -285,38 +307,56 @@ impl Location {
 
     /// Counts a different element only if the point is not, within rounding, on a face of the elements found.
     fn judge(&mut self, locator: &Locator<f64>, mesh: &TetMesh, nodes: &[[f64; 3]], p: [f64; 3], answers: [u32; 2]) {
-        let [found, exact] = answers;
-        if found == exact {
+        let [located, exact] = answers;
+        if located == exact {
             return;
         }
-        let on_a_face = [found, exact]
+        let on_a_face = [located, exact]
             .iter()
             .filter(|element| **element != NO_ELEMENT)
             .all(|&element| least(nodes, mesh.elements()[element as usize], p).abs() < 1e-9);
         if !on_a_face {
             self.differing += 1;
         }
-        if found != NO_ELEMENT && exact != NO_ELEMENT {
-            let [a, b] = [found, exact].map(|element| nalgebra::Vector3::from(locator.to_reference(element, p)));
+        if located != NO_ELEMENT && exact != NO_ELEMENT {
+            let [a, b] = [located, exact].map(|element| nalgebra::Vector3::from(locator.to_reference(element, p)));
             self.off_mm = self.off_mm.max((a - b).norm());
         }
     }
 }
 
+/// A method of location in a mesh.
+struct LocationRow {
+    method: &'static str,
+    nodes: usize,
+    elements: usize,
+    location: Location,
+}
+
+impl LocationRow {
+    /// Times of a point in each frame, ns.
+    fn time_ns(&self) -> Option<Spread> {
+        Spread::of(self.location.nanoseconds.clone())
+    }
+}
+
+const LOCATED: [Choice<LocationRow>; 2] = [
+    Factor::new("method", "method").of(|row| row.method.to_owned()),
+    Factor::new("mesh", "mesh").of(|row| format!("{} nodes", row.nodes)),
+];
+
+const LOCATION_COLUMNS: [Column<LocationRow>; 5] = [
+    Axis::log("elements", "elements", "elements of the mesh").of(|row| Some(row.elements as f64)),
+    Axis::log("point_ns", "ns a point", "time of a point (median of frames), ns")
+        .of(|row| Some(row.time_ns()?.median_ms)),
+    Axis::log("p95_ns", "p95 ns", "time of a point (95 of 100 frames), ns").of(|row| Some(row.time_ns()?.p95_ms)),
+    Axis::linear("differing", "differ", "answers that differ from the exhaustive search")
+        .of(|row| Some(row.location.differing as f64)),
+    Axis::log("off_mm", "mm off", "largest error of a reference position, mm").of(|row| Some(row.location.off_mm)),
+];
+
 pub(super) fn location(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, Error> {
-    let axes = [
-        Axis::log("elements", "elements", "elements of the mesh"),
-        Axis::log("point_ns", "ns a point", "time of a point (median of frames), ns"),
-        Axis::log("p95_ns", "p95 ns", "time of a point (95 of 100 frames), ns"),
-        Axis::linear("differing", "differ", "answers that differ from the exhaustive search"),
-        Axis::log("off_mm", "mm off", "largest error of a reference position, mm"),
-    ];
-    let factors = [Factor::new("method", "method"), Factor::new("mesh", "mesh")];
-    let title = "Point location in a deforming mesh, double precision, one thread, against trying every element";
-    let goal = Goal::new("point_ns", "off_mm", SHIFT_MM).choosing("point location in the mesh");
-    let mut table = Table::new("image_location", title, &factors, &axes)
-        .against("every element tried")
-        .seeking(goal.each(&["mesh"]).beside(&["p95_ns", "differing"]));
+    let mut rows = Vec::new();
     for &count in &options.nodes {
         let mesh = TetMesh::over_box(BOX_MM[0], BOX_MM[1], count)?;
         let mut locator = Locator::<f64>::new(&mesh);
@@ -350,27 +390,26 @@ pub(super) fn location(options: &ImageOptions, _: &mut Vec<String>) -> Result<Ve
         }
         // The first frame has no start elements.
         walk.nanoseconds.remove(0);
-        for (name, way) in [
+        let methods = [
             ("walk from the last frame", walk),
             ("search grid", grid),
             ("every element", all),
-        ] {
-            let spread = Spread::of(way.nanoseconds);
-            let flag =
-                (way.differing > 0).then(|| format!("{} answers differ from the exhaustive search", way.differing));
-            let values = vec![
-                Some(mesh.elements().len() as f64),
-                spread.map(|spread| spread.median_ms),
-                spread.map(|spread| spread.p95_ms),
-                Some(way.differing as f64),
-                Some(way.off_mm),
-            ];
-            table.push(
-                vec![name.to_owned(), format!("{} nodes", mesh.nodes().len())],
-                values,
-                flag,
-            );
-        }
+        ];
+        rows.extend(methods.map(|(method, location)| LocationRow {
+            method,
+            nodes: mesh.nodes().len(),
+            elements: mesh.elements().len(),
+            location,
+        }));
     }
+    let title = "Point location in a deforming mesh, double precision, one thread, against trying every element";
+    let goal = Goal::new("point_ns", "off_mm", SHIFT_MM).choosing("point location in the mesh");
+    let table = Table::of("image_location", title, &LOCATED, &LOCATION_COLUMNS, &rows)
+        .flagged(&rows, |row| {
+            let differing = row.location.differing;
+            (differing > 0).then(|| format!("{differing} answers differ from the exhaustive search"))
+        })
+        .against("every element tried")
+        .seeking(goal.each(&["mesh"]).beside(&["p95_ns", "differing"]));
     Ok(vec![table])
 }

@@ -1,6 +1,6 @@
 use super::labels::rounding;
+use super::picture;
 use super::*;
-use super::{Apart, picture};
 
 fn frame(change: impl Fn(&mut insonify_imaging::synth::tables::Settings)) -> (Vec<u8>, Vec<bool>) {
     let (anatomy, mut settings, state) = insonify_imaging::anatomies::two_layers();
@@ -15,31 +15,46 @@ fn frame(change: impl Fn(&mut insonify_imaging::synth::tables::Settings)) -> (Ve
 #[test]
 fn a_level_that_is_brighter_as_a_whole_is_flagged_whatever_it_claims_to_be() {
     let (standard, inside) = frame(|_| {});
-    let same = Apart::of(&standard, &standard, &inside);
-    assert_eq!((same, same.offset(), rounding(&same)), (Apart::default(), None, None));
+    let same = Difference::of(&standard, &standard, &inside);
+    assert_eq!(
+        (same, same.offset(), rounding(&same)),
+        (Difference::default(), None, None)
+    );
     // Deliberate mistake: 2 dB of unrequested gain.
     let (louder, _) = frame(|settings| {
         settings.effects.tone.get_or_insert_default().gain_db += 2.0;
     });
-    let wrong = Apart::of(&standard, &louder, &inside);
+    let wrong = Difference::of(&standard, &louder, &inside);
     assert!(wrong.bias > 3.0, "{wrong:?}");
     for flag in [wrong.offset(), wrong.flag(None), rounding(&wrong)] {
         assert!(flag.is_some(), "{wrong:?}");
     }
     // Wording in the report.
-    let mut table = Table::new("image_grid", "A grid", &[BACKEND], &PICTURE);
-    table.push(
-        vec!["louder".to_owned()],
-        vec![None, None, None, Some(wrong.rms), None, None],
-        wrong.flag(None),
-    );
+    let rows = [Compared {
+        variant: (),
+        picture: Picture {
+            pixels: louder,
+            time: None,
+            memory_mb: 0.0,
+        },
+        difference: wrong,
+        flag: wrong.flag(None),
+    }];
+    let table = Table::of(
+        "image_grid",
+        "A grid",
+        &[BACKEND.of(|_| "louder".to_owned())],
+        &compared(),
+        &rows,
+    )
+    .flagged(&rows, |row| row.flag.clone());
     assert!(table.text().contains("WRONG: +"), "{}", table.text());
     assert_eq!(table.best(), [false]);
 }
 
 #[test]
 fn a_refinement_that_is_further_off_than_the_level_before_it_is_flagged() {
-    let off = |rms| Apart {
+    let off = |rms| Difference {
         rms,
         p99: 3.0 * rms,
         bias: 0.0,
@@ -55,7 +70,7 @@ fn a_refinement_that_is_further_off_than_the_level_before_it_is_flagged() {
 
 #[test]
 fn errors_are_those_of_the_pixels_inside() {
-    let apart = Apart::of(&[10, 20, 30, 40], &[11, 18, 30, 255], &[true, true, true, false]);
+    let apart = Difference::of(&[10, 20, 30, 40], &[11, 18, 30, 255], &[true, true, true, false]);
     assert_eq!(
         (apart.rms, apart.p99, apart.bias),
         ((5.0f64 / 3.0).sqrt(), 2.0, -1.0 / 3.0)

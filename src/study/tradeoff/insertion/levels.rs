@@ -1,12 +1,11 @@
-//! Levels of remeshing, mesh sizes and probe candidates of an insertion.
+//! Levels of remeshing along one insertion.
 
 use super::{
-    Course, ENTRY_MM, InsertionOptions, Progress, Step, TIMES, UNSETTLED, largest, lines, mean_square, points, times,
-    unsettled,
+    Course, ENTRY_MM, InsertionOptions, Progress, Step, StepTimes, Timed, largest, lines, mean_square, times, unsettled,
 };
 use crate::StudyError;
 use crate::tradeoff::remesh::FROZEN;
-use crate::tradeoff::{Axis, Deadline, FORCE_N, Factor, Figure, Goal, SHIFT_MM, Study, Table};
+use crate::tradeoff::{Axis, Choice, Column, Deadline, Factor, Figure, Goal, SHIFT_MM, Study, Table};
 use insonify::Error;
 use insonify_base::memory;
 use insonify_base::statistics::percentile;
@@ -17,12 +16,7 @@ use insonify_mechanics::tissue::remesh::{Level, Precision};
 use insonify_mechanics::tissue::symmetric::Symmetric;
 
 /// Levels compared; the first is the gold standard.
-const LEVELS: [(Level, &str); 4] = [
-    (Level::I, "I"),
-    (Level::III, "III"),
-    (Level::IV, "IV"),
-    (Level::Exact, "exact condensed"),
-];
+const LEVELS: [Level; 4] = [Level::I, Level::III, Level::IV, Level::Exact];
 /// Number of levels that use a dense inverse.
 const DENSE: usize = 3;
 /// Stride of the rings of probe candidates: every second one, as in Goksel et al. 2011.
@@ -33,70 +27,132 @@ const POINTS: usize = 400;
 /// nothing moves by more than 1e-5 mm, through stiffnesses of needle and tissue below 100 N/mm.
 const SAME_N: f64 = 1e-3;
 
-const FACTORS: [Factor; 2] = [Factor::new("level", "level"), Factor::new("probe", "probe")];
+/// What was measured at a level, with a probe or without.
+pub(crate) struct AtLevel<T> {
+    pub level: Level,
+    pub probe: bool,
+    pub measured: T,
+}
 
-const DIFFERENCES: [Axis; 4] = [
+/// An insertion.
+pub(crate) struct Inserted {
+    pub times: StepTimes,
+    /// Differences from level I before and once the probe moves (root mean square), N and mm; `None` for level I.
+    force_before_n: Option<f64>,
+    force_after_n: Option<f64>,
+    tip_before_mm: Option<f64>,
+    pub tip_after_mm: Option<f64>,
+    /// Time that each of [`PERCENT`] of the steps that remesh do not exceed, ms.
+    quartiles: [Option<f64>; 5],
+    pub flag: Option<String>,
+}
+
+/// Some steps of an insertion.
+struct Moment {
+    time_s: f64,
+    axial_n: f64,
+    across_n: f64,
+    tip_aside_mm: f64,
+    force_difference_n: Option<f64>,
+    step_ms: f64,
+}
+
+/// Per cent of the steps that remesh, and the time that they do not exceed.
+type Quartile = (f64, Option<f64>);
+
+impl Timed for AtLevel<Inserted> {
+    fn times(&self) -> &StepTimes {
+        &self.measured.times
+    }
+}
+
+/// Name of a level in the tables.
+fn name(level: Level) -> String {
+    match level {
+        Level::Exact => "exact condensed".to_owned(),
+        other => other.to_string(),
+    }
+}
+
+const fn choices<T>() -> [Choice<AtLevel<T>>; 2] {
+    [
+        Factor::new("level", "level").of(|row: &AtLevel<T>| name(row.level)),
+        Factor::new("probe", "probe").of(|row: &AtLevel<T>| if row.probe { "with" } else { "without" }.to_owned()),
+    ]
+}
+
+const DIFFERENCES: [Column<AtLevel<Inserted>>; 4] = [
     Axis::log(
         "force_before_n",
         "force before, N",
         "difference of the force at the base before the probe moves (root mean square), N",
-    ),
+    )
+    .of(|row| row.measured.force_before_n),
     Axis::log(
         "force_after_n",
         "force after, N",
         "difference of the force at the base once the probe moves (root mean square), N",
-    ),
+    )
+    .of(|row| row.measured.force_after_n),
     Axis::log(
         "tip_before_mm",
         "tip before, mm",
         "difference of the tip before the probe moves (root mean square), mm",
-    ),
+    )
+    .of(|row| row.measured.tip_before_mm),
     Axis::log(
         "tip_after_mm",
         "tip after, mm",
         "difference of the tip once the probe moves (root mean square), mm",
-    ),
+    )
+    .of(|row| row.measured.tip_after_mm),
 ];
 
-const TRACE: [Axis; 6] = [
-    Axis::linear("time_s", "s", "time, s"),
-    Axis::linear("axial_n", "axial N", "force on the hand along the needle, N"),
-    Axis::linear("across_n", "across N", "force on the hand across the needle, N"),
+const TRACE: [Column<AtLevel<Moment>>; 6] = [
+    Axis::linear("time_s", "s", "time, s").of(|row| Some(row.measured.time_s)),
+    Axis::linear("axial_n", "axial N", "force on the hand along the needle, N").of(|row| Some(row.measured.axial_n)),
+    Axis::linear("across_n", "across N", "force on the hand across the needle, N")
+        .of(|row| Some(row.measured.across_n)),
     Axis::linear(
         "tip_aside_mm",
         "tip mm",
         "tip beside the straight path, away from the probe, mm",
-    ),
+    )
+    .of(|row| Some(row.measured.tip_aside_mm)),
     Axis::log(
         "force_difference_n",
         "force off, N",
         "difference of the force at the base from level I, N",
-    ),
-    Axis::log("step_ms", "ms", "time of a step (longest of some), ms"),
+    )
+    .of(|row| row.measured.force_difference_n),
+    Axis::log("step_ms", "ms", "time of a step (longest of some), ms").of(|row| Some(row.measured.step_ms)),
 ];
 
-/// Extent and quartiles of the time of steps that remesh, beside the median and the longest of [`TIMES`] (Goksel et al. 2011, figure 15).
-const QUARTILES: [Axis; 3] = [
+/// Extent and quartiles of the time of steps that remesh, beside the median and the longest (Goksel et al. 2011, figure 15).
+const QUARTILES: [Column<AtLevel<Inserted>>; 3] = [
     Axis::log(
         "remesh_min_ms",
         "remesh min",
         "time of a step that remeshes (shortest), ms",
-    ),
+    )
+    .of(|row| row.measured.quartiles[0]),
     Axis::log(
         "remesh_q1_ms",
         "remesh q1",
         "time of a step that remeshes (lower quartile), ms",
-    ),
+    )
+    .of(|row| row.measured.quartiles[1]),
     Axis::log(
         "remesh_q3_ms",
         "remesh q3",
         "time of a step that remeshes (upper quartile), ms",
-    ),
+    )
+    .of(|row| row.measured.quartiles[3]),
 ];
 
-const SPREAD: [Axis; 2] = [
-    Axis::linear("percent", "%", "steps that remesh in no more time, %"),
-    Axis::log("remesh_ms", "remesh ms", "time of a step that remeshes, ms"),
+const SPREAD: [Column<AtLevel<Quartile>>; 2] = [
+    Axis::linear("percent", "%", "steps that remesh in no more time, %").of(|row| Some(row.measured.0)),
+    Axis::log("remesh_ms", "remesh ms", "time of a step that remeshes, ms").of(|row| row.measured.1),
 ];
 
 /// Per cent of the steps that remesh whose time is read off: the shortest, the quartiles, the longest.
@@ -109,62 +165,123 @@ fn quartiles(steps: &[Step]) -> [Option<f64>; 5] {
     PERCENT.map(|percent| percentile(&ms, percent / 100.0))
 }
 
-pub(super) fn run_levels(options: &InsertionOptions, study: &mut Study, progress: Progress<'_>) -> Result<(), Error> {
+/// Insertions at every level.
+pub(crate) struct Levels {
+    /// Nodes of the block.
+    pub nodes: usize,
+    pub rows: Vec<AtLevel<Inserted>>,
+    moments: Vec<AtLevel<Moment>>,
+    about: Vec<(&'static str, String)>,
+}
+
+/// Measures insertions at every level, with a probe and without.
+pub(crate) fn measure(options: &InsertionOptions, progress: Progress<'_>) -> Result<Levels, Error> {
     check_memory(options.nodes, memory::available())?;
-    let mut table = Table::new(
-        "levels",
-        "Levels of remeshing along one insertion: differences from level I, times of steps",
-        &FACTORS,
-        &[&DIFFERENCES[..], &TIMES, &QUARTILES, &[UNSETTLED]].concat(),
-    )
-    .against("level I in f64, which keeps the whole inverse")
-    .seeking(
-        Goal::new("remesh_median_ms", "tip_after_mm", SHIFT_MM)
-            .over(&["probe"])
-            .choosing("level of remeshing along an insertion")
-            .baseline("level", "IV", FROZEN)
-            .in_every(Deadline::Step, "remesh_median_ms")
-            .beside(&["median_ms", "max_ms", "force_after_n"]),
-    );
-    let mut spread = Table::trace("levels-remesh", "Time of steps that remesh", &FACTORS, &SPREAD);
-    let mut trace = Table::trace("levels-along", "Along the insertion", &FACTORS, &TRACE);
+    let (mut rows, mut moments, mut about_block, mut nodes) = (Vec::new(), Vec::new(), Vec::new(), 0);
     for (half, probe) in [true, false].into_iter().enumerate() {
-        let mut told = |text: &str, share: f64| progress(text, 0.5 * (half as f64 + share));
+        let mut report = |text: &str, share: f64| progress(text, 0.5 * (half as f64 + share));
         let course = Course {
             depth_mm: options.depth_mm,
             probe,
         };
         let mut models = Vec::new();
-        for (at, (level, name)) in LEVELS.into_iter().enumerate() {
-            told(&format!("level {name}: inverse"), 0.6 * at as f64 / LEVELS.len() as f64);
+        for (at, level) in LEVELS.into_iter().enumerate() {
+            let text = format!("level {}: inverse", name(level));
+            report(&text, 0.6 * at as f64 / LEVELS.len() as f64);
             models.push(model(options.nodes, level, probe)?);
         }
         if probe {
-            study.about.extend(about(options, &models));
+            nodes = models[0].mesh().nodes().len();
+            about_block = about(options, &models);
         }
         let traces = course.drive(&mut models, options.passes, &mut |share| {
-            told("levels along the insertion", 0.6 + 0.4 * share);
+            report("levels along the insertion", 0.6 + 0.4 * share);
         })?;
-        for ((_, name), steps) in LEVELS.into_iter().zip(&traces) {
-            let choices = vec![name.to_owned(), if probe { "with" } else { "without" }.to_owned()];
-            let differences = differences(&course, &traces[0], steps);
-            let force = largest(traces[0].iter().zip(steps).map(|(a, b)| (a.force_n - b.force_n).norm()));
-            let same = name != "exact condensed" || force <= SAME_N;
-            let flag = (!same).then(|| format!("off level I by {force:.1e} N: at most {SAME_N:.0e} is expected"));
-            let own = differences.map(|it| (name != "I").then_some(it));
-            let of_remeshes = quartiles(steps);
-            let [shortest, lower, _, upper, _] = of_remeshes;
-            let quartiles = [shortest, lower, upper];
-            let values = [&own[..], &times(steps), &quartiles, &[unsettled(steps)]].concat();
-            table.push(choices.clone(), values, flag);
-            for (percent, ms) in PERCENT.into_iter().zip(of_remeshes) {
-                spread.push(choices.clone(), vec![Some(percent), ms], None);
-            }
-            add_trace(&mut trace, &choices, &course, &traces[0], steps);
+        let gold = &traces[0];
+        for (level, steps) in LEVELS.into_iter().zip(&traces) {
+            let force = largest(gold.iter().zip(steps).map(|(a, b)| (a.force_n - b.force_n).norm()));
+            let is_wrong = level == Level::Exact && force > SAME_N;
+            let [force_before_n, force_after_n, tip_before_mm, tip_after_mm] =
+                differences(&course, gold, steps).map(|difference| (level != Level::I).then_some(difference));
+            let inserted = Inserted {
+                times: StepTimes::of(steps),
+                force_before_n,
+                force_after_n,
+                tip_before_mm,
+                tip_after_mm,
+                quartiles: quartiles(steps),
+                flag: is_wrong.then(|| format!("off level I by {force:.1e} N: at most {SAME_N:.0e} is expected")),
+            };
+            let at_level = |moment| AtLevel {
+                level,
+                probe,
+                measured: moment,
+            };
+            moments.extend(along(&course, gold, steps, level != Level::I).map(at_level));
+            rows.push(AtLevel {
+                level,
+                probe,
+                measured: inserted,
+            });
         }
     }
-    table.mark_gold("level", LEVELS[0].1);
-    study.tables.extend([table, trace, spread]);
+    Ok(Levels {
+        nodes,
+        rows,
+        moments,
+        about: about_block,
+    })
+}
+
+pub(super) fn run(options: &InsertionOptions, study: &mut Study, progress: Progress<'_>) -> Result<(), Error> {
+    let levels = measure(options, progress)?;
+    let goal = Goal::new("remesh_median_ms", "tip_after_mm", SHIFT_MM)
+        .over(&["probe"])
+        .choosing("level of remeshing along an insertion")
+        .baseline("level", "IV", FROZEN)
+        .in_every(Deadline::Step, "remesh_median_ms")
+        .beside(&["median_ms", "max_ms", "force_after_n"]);
+    let title = "Levels of remeshing along one insertion: differences from level I, times of steps";
+    let columns: Vec<Column<AtLevel<Inserted>>> = DIFFERENCES
+        .into_iter()
+        .chain(times())
+        .chain(QUARTILES)
+        .chain([unsettled()])
+        .collect();
+    let table = Table::of("levels", title, &choices(), &columns, &levels.rows)
+        .flagged(&levels.rows, |row| row.measured.flag.clone())
+        .gold_where(&levels.rows, |row| row.level == Level::I)
+        .against("level I in f64, which keeps the whole inverse")
+        .seeking(goal);
+    let spread = levels.rows.iter().flat_map(|row| {
+        let quartiles = PERCENT.into_iter().zip(row.measured.quartiles);
+        quartiles.map(|quartile| AtLevel {
+            level: row.level,
+            probe: row.probe,
+            measured: quartile,
+        })
+    });
+    let spread: Vec<AtLevel<Quartile>> = spread.collect();
+    study.about.extend(levels.about);
+    study.tables.extend([
+        table,
+        Table::of(
+            "levels-along",
+            "Along the insertion",
+            &choices(),
+            &TRACE,
+            &levels.moments,
+        )
+        .unlisted(),
+        Table::of(
+            "levels-remesh",
+            "Time of steps that remesh",
+            &choices(),
+            &SPREAD,
+            &spread,
+        )
+        .unlisted(),
+    ]);
     study.figures.extend(figures());
     Ok(())
 }
@@ -192,7 +309,7 @@ fn model(nodes: usize, level: Level, probe: bool) -> Result<Finite, Error> {
     })
 }
 
-/// Returns the values of [`DIFFERENCES`].
+/// Differences of forces and tips from the gold standard, before and once the probe moves (root mean square).
 fn differences(course: &Course, first: &[Step], other: &[Step]) -> [f64; 4] {
     let force = |(a, b): (&Step, &Step)| (a.force_n - b.force_n).norm();
     let tip = |(a, b): (&Step, &Step)| (a.tip_mm - b.tip_mm).norm();
@@ -206,24 +323,27 @@ fn differences(course: &Course, first: &[Step], other: &[Step]) -> [f64; 4] {
     ]
 }
 
-fn add_trace(table: &mut Table, choices: &[String], course: &Course, first: &[Step], steps: &[Step]) {
+/// Longest time of every few steps, and the state after them, with the difference from the gold standard if it is another.
+fn along<'a>(
+    course: &'a Course,
+    gold: &'a [Step],
+    steps: &'a [Step],
+    is_other: bool,
+) -> impl Iterator<Item = Moment> + 'a {
     let every = course.steps().div_ceil(POINTS);
-    for (at, (these, gold)) in steps.chunks(every).zip(first.chunks(every)).enumerate() {
-        let Some(last) = these.last() else { continue };
+    let chunks = steps.chunks(every).zip(gold.chunks(every)).enumerate();
+    chunks.filter_map(move |(at, (these, gold))| {
+        let last = these.last()?;
         let difference = largest(these.iter().zip(gold).map(|(a, b)| (a.force_n - b.force_n).norm()));
-        table.push(
-            choices.to_vec(),
-            vec![
-                Some(course.time_s(at * every + these.len() - 1)),
-                Some(last.force_n.z),
-                Some(last.force_n.y),
-                Some(last.tip_mm.y - ENTRY_MM[1]),
-                (choices[0] != "I").then_some(difference),
-                Some(largest(these.iter().map(|step| step.ms))),
-            ],
-            None,
-        );
-    }
+        Some(Moment {
+            time_s: course.time_s(at * every + these.len() - 1),
+            axial_n: last.force_n.z,
+            across_n: last.force_n.y,
+            tip_aside_mm: last.tip_mm.y - ENTRY_MM[1],
+            force_difference_n: is_other.then_some(difference),
+            step_ms: largest(these.iter().map(|step| step.ms)),
+        })
+    })
 }
 
 fn figures() -> Vec<Figure> {
@@ -287,172 +407,6 @@ pub(super) fn check_memory(nodes: usize, available: Option<usize>) -> Result<(),
         .into()),
         _ => Ok(()),
     }
-}
-
-/// Factors on the requested number of nodes; the last and finest is the gold standard.
-const SHARES: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
-
-const MESH_FACTORS: [Factor; 1] = [Factor::new("nodes", "nodes")];
-
-const MESH_AXES: [Axis; 4] = [
-    Axis::log("elements", "elements", "elements of the mesh"),
-    Axis::log(
-        "force_rms_n",
-        "force off, N",
-        "difference of the force at the base on the way in (root mean square), N",
-    ),
-    Axis::log(
-        "force_n",
-        "force off at most, N",
-        "largest difference of the force at the base on the way in, N",
-    ),
-    Axis::log(
-        "tip_mm",
-        "tip off, mm",
-        "largest difference of the tip on the way in, mm",
-    ),
-];
-
-pub(super) fn run_meshes(options: &InsertionOptions, study: &mut Study, progress: Progress<'_>) -> Result<(), Error> {
-    let course = Course {
-        depth_mm: options.depth_mm,
-        probe: false,
-    };
-    let mut models = Vec::new();
-    for (at, share) in SHARES.into_iter().enumerate() {
-        progress("nodes of the mesh", 0.3 * at as f64 / SHARES.len() as f64);
-        let needle = block::springs(Stiffness::default(), block::LINK_MM, block::BEVEL)?;
-        let nodes = (share * options.nodes as f64).round() as usize;
-        models.push(super::model(super::tissue(nodes, needle)?)?);
-    }
-    let traces = course.drive(&mut models, options.passes, &mut |share| {
-        progress("nodes of the mesh", 0.3 + 0.7 * share);
-    })?;
-    let sizes: Vec<[usize; 2]> = models
-        .iter()
-        .map(|model| [model.mesh().nodes().len(), model.mesh().elements().len()])
-        .collect();
-    let (finest, gold) = (sizes[sizes.len() - 1][0], &traces[traces.len() - 1]);
-    let mut table = Table::new(
-        "mesh",
-        "Nodes of the mesh along one insertion: differences from the finest mesh",
-        &MESH_FACTORS,
-        &[&MESH_AXES[..], &TIMES, &[UNSETTLED]].concat(),
-    )
-    .against(format!("the same block in {finest} nodes"))
-    .seeking(
-        Goal::new("remesh_median_ms", "force_rms_n", FORCE_N)
-            .choosing("mesh of the tissue")
-            .in_every(Deadline::Step, "remesh_median_ms")
-            .beside(&["median_ms", "p99_ms", "tip_mm", "elements"]),
-    );
-    let inward = course.moved();
-    for (size, steps) in sizes.iter().zip(&traces) {
-        let other = (size[0] != finest).then_some(());
-        let pairs = || gold.iter().zip(steps).take(inward);
-        let force = |(a, b): (&Step, &Step)| (a.force_n - b.force_n).norm();
-        let own = [
-            Some(size[1] as f64),
-            other.map(|()| mean_square(pairs().map(force))),
-            other.map(|()| largest(pairs().map(force))),
-            other.map(|()| largest(pairs().map(|(a, b)| (a.tip_mm - b.tip_mm).norm()))),
-        ];
-        let values = [&own[..], &times(steps), &[unsettled(steps)]].concat();
-        table.push(vec![size[0].to_string()], values, None);
-    }
-    table.mark_gold("nodes", &finest.to_string());
-    let title = "Nodes of the mesh: what accuracy costs";
-    let figure = points(
-        "insertion-mesh",
-        title,
-        "mesh",
-        ["remesh_median_ms", "force_rms_n"],
-        "nodes",
-    );
-    study.tables.push(table);
-    study.figures.push(figure);
-    Ok(())
-}
-
-/// Strides of the candidate rings; the first retains all of them.
-const THINNED: [usize; 5] = [1, 2, 3, 4, 6];
-
-const THINNING_FACTORS: [Factor; 1] = [Factor::new("every", "ring stride")];
-
-const THINNING_AXES: [Axis; 4] = [
-    Axis::linear("candidates", "candidates", "candidates of the probe"),
-    Axis::log(
-        "probe_percent",
-        "probe off, %",
-        "largest difference of the force on the probe, % of the largest",
-    ),
-    Axis::log(
-        "force_n",
-        "force off, N",
-        "largest difference of the force at the base, N",
-    ),
-    Axis::log("tip_mm", "tip off, mm", "largest difference of the tip, mm"),
-];
-
-pub(super) fn run_thinning(options: &InsertionOptions, study: &mut Study, progress: Progress<'_>) -> Result<(), Error> {
-    let mut table = Table::new(
-        "thinning",
-        "Every n-th ring of the probe's candidates: differences from all of them",
-        &THINNING_FACTORS,
-        &[&THINNING_AXES[..], &TIMES, &[UNSETTLED]].concat(),
-    )
-    .against("every candidate kept")
-    .seeking(
-        Goal::new("remesh_median_ms", "tip_mm", SHIFT_MM)
-            .choosing("candidates of the probe")
-            .in_every(Deadline::Step, "remesh_median_ms")
-            .beside(&["median_ms", "p99_ms", "candidates", "probe_percent", "force_n"]),
-    );
-    let course = Course {
-        depth_mm: options.depth_mm,
-        probe: true,
-    };
-    let (mut models, mut counts) = (Vec::new(), Vec::new());
-    for every in THINNED {
-        let needle = block::springs(Stiffness::default(), block::LINK_MM, block::BEVEL)?;
-        let tissue = super::tissue(options.nodes, needle)?;
-        let probe = super::probe(&tissue.mesh, every);
-        counts.push(probe.candidates.len());
-        models.push(super::model(Setup {
-            probe: Some(probe),
-            ..tissue
-        })?);
-    }
-    let traces = course.drive(&mut models, options.passes, &mut |share| {
-        progress("candidates of the probe", share)
-    })?;
-    let all = &traces[0];
-    let strongest = largest(all.iter().map(|step| step.probe_n.norm()));
-    for ((every, count), steps) in THINNED.into_iter().zip(counts).zip(&traces) {
-        let most = |of: &dyn Fn(&Step, &Step) -> f64| {
-            let difference = largest(all.iter().zip(steps).map(|(a, b)| of(a, b)));
-            (every > 1).then_some(difference)
-        };
-        let own = [
-            Some(count as f64),
-            most(&|a, b| 100.0 * (a.probe_n - b.probe_n).norm() / strongest),
-            most(&|a, b| (a.force_n - b.force_n).norm()),
-            most(&|a, b| (a.tip_mm - b.tip_mm).norm()),
-        ];
-        let values = [&own[..], &times(steps), &[unsettled(steps)]].concat();
-        table.push(vec![every.to_string()], values, None);
-    }
-    table.mark_gold("every", &THINNED[0].to_string());
-    let figure = points(
-        "insertion-thinning",
-        "Thinning the probe's candidates",
-        "thinning",
-        ["remesh_median_ms", "probe_percent"],
-        "every",
-    );
-    study.tables.push(table);
-    study.figures.push(figure);
-    Ok(())
 }
 
 #[cfg(test)]

@@ -6,9 +6,9 @@
 use nalgebra::{Point3, Vector3};
 
 use super::{
-    InsertionOptions, Progress, Step, TIMES, UNSETTLED, largest, mean_square, points, timed, times, unsettled,
+    InsertionOptions, Progress, Step, StepTimes, Timed, largest, mean_square, points, timed, times, unsettled,
 };
-use crate::tradeoff::{Axis, FORCE_N, Factor, Goal, Study, Table};
+use crate::tradeoff::{Axis, Choice, Column, FORCE_N, Factor, Goal, Study, Table};
 use insonify::Error;
 use insonify_mechanics::block;
 use insonify_mechanics::insertion::finite::{Finite, FiniteOptions, Setup};
@@ -30,38 +30,74 @@ const ALONG_MM: f64 = 2.5;
 const FINITE: &str = "finite elements";
 const SPRINGS: &str = "masses and springs";
 
-const FACTORS: [Factor; 3] = [
-    Factor::new("model", "model"),
-    Factor::new("poisson", "Poisson's ratio"),
-    Factor::new("spacing_mm", "spacing, mm"),
+/// Choices of a contender, as named in the table.
+#[derive(Clone)]
+struct Named {
+    model: &'static str,
+    poisson: String,
+    spacing_mm: String,
+}
+
+/// Differences from the gold standard: displacements with the needle inserted (root mean square, % and largest, mm) and half-way back, %, and
+/// forces at the base, N.
+struct Differences {
+    tissue_percent: f64,
+    tissue_mm: f64,
+    back_percent: f64,
+    force_rms_n: f64,
+    force_n: f64,
+}
+
+/// An insertion; `None` for the gold standard.
+struct MassRow {
+    named: Named,
+    differences: Option<Differences>,
+    times: StepTimes,
+}
+
+impl Timed for MassRow {
+    fn times(&self) -> &StepTimes {
+        &self.times
+    }
+}
+
+const CHOICES: [Choice<MassRow>; 3] = [
+    Factor::new("model", "model").of(|row| row.named.model.to_owned()),
+    Factor::new("poisson", "Poisson's ratio").of(|row| row.named.poisson.clone()),
+    Factor::new("spacing_mm", "spacing, mm").of(|row| row.named.spacing_mm.clone()),
 ];
 
-const AXES: [Axis; 5] = [
+const COLUMNS: [Column<MassRow>; 5] = [
     Axis::linear(
         "tissue_percent",
         "tissue off, %",
         "difference of displacements (root mean square), %",
-    ),
+    )
+    .of(|row| Some(row.differences.as_ref()?.tissue_percent)),
     Axis::log(
         "tissue_mm",
         "tissue off, mm",
         "largest difference of displacements there, mm",
-    ),
+    )
+    .of(|row| Some(row.differences.as_ref()?.tissue_mm)),
     Axis::log(
         "back_percent",
         "tissue off back, %",
         "the same with the needle drawn half way back (root mean square), %",
-    ),
+    )
+    .of(|row| Some(row.differences.as_ref()?.back_percent)),
     Axis::log(
         "force_rms_n",
         "force off, N",
         "difference of the force at the base (root mean square), N",
-    ),
+    )
+    .of(|row| Some(row.differences.as_ref()?.force_rms_n)),
     Axis::log(
         "force_n",
         "force off at most, N",
         "largest difference of the force at the base, N",
-    ),
+    )
+    .of(|row| Some(row.differences.as_ref()?.force_n)),
 ];
 
 /// Region 0 from z = 0 on.
@@ -80,16 +116,16 @@ impl Anatomy for HalfSpace {
 
 /// Model of the insertion.
 struct Contender {
-    choices: Vec<String>,
+    named: Named,
     model: Box<dyn Model>,
     imager: Box<dyn NodeSolver>,
     /// Locator of the reference nodes.
     locator: Locator<f64>,
 }
 
-/// Result of one contender.
+/// Insertion of one contender.
 #[derive(Default)]
-struct Found {
+struct Insertion {
     steps: Vec<Step>,
     /// Displacements with the needle inserted, and half-way through withdrawal.
     fields: [Vec<Vector3<f64>>; 2],
@@ -103,35 +139,32 @@ pub(super) fn run(options: &InsertionOptions, study: &mut Study, progress: Progr
         }
         contenders.push(springs(grid)?);
     }
-    let mut found: Vec<Found> = contenders.iter().map(|_| Found::default()).collect();
+    let mut insertions: Vec<Insertion> = contenders.iter().map(|_| Insertion::default()).collect();
     let count = contenders.len();
     let runs = (options.passes * count) as f64;
     for pass in 0..options.passes {
-        for (at, (contender, found)) in contenders.iter_mut().zip(&mut found).enumerate() {
+        for (at, (contender, insertion)) in contenders.iter_mut().zip(&mut insertions).enumerate() {
             let share = (pass * count + at) as f64 / runs;
             progress("masses and springs against finite elements", share);
-            contender.insert(options.depth_mm, found)?;
+            contender.insert(options.depth_mm, insertion)?;
         }
     }
-    let mut table = Table::new(
-        "masses",
-        "Masses and springs against finite elements: differences from the first row",
-        &FACTORS,
-        &[&AXES[..], &TIMES, &[UNSETTLED]].concat(),
-    )
-    .against("finite elements, nu = 0.45, on the finer nodes: the first row")
-    .seeking(
-        Goal::new("median_ms", "force_n", FORCE_N)
-            .choosing("finite elements or masses and springs")
-            .beside(&["p99_ms", "force_rms_n", "tissue_mm", "tissue_percent"]),
-    );
-    let gold = &found[0];
-    for (contender, found) in contenders.iter().zip(&found) {
-        let own = differences(gold, found).map(|it| (!std::ptr::eq(gold, found)).then_some(it));
-        let values = [&own[..], &times(&found.steps), &[unsettled(&found.steps)]].concat();
-        table.push(contender.choices.clone(), values, None);
-    }
-    table.rows[0].gold = true;
+    let compared = contenders.iter().zip(&insertions).enumerate();
+    let rows = compared.map(|(at, (contender, insertion))| MassRow {
+        named: contender.named.clone(),
+        differences: (at > 0).then(|| differences(&insertions[0], insertion)),
+        times: StepTimes::of(&insertion.steps),
+    });
+    let rows: Vec<MassRow> = rows.collect();
+    let goal = Goal::new("median_ms", "force_n", FORCE_N)
+        .choosing("finite elements or masses and springs")
+        .beside(&["p99_ms", "force_rms_n", "tissue_mm", "tissue_percent"]);
+    let title = "Masses and springs against finite elements: differences from the first row";
+    let columns: Vec<_> = COLUMNS.into_iter().chain(times()).chain([unsettled()]).collect();
+    let table = Table::of("masses", title, &CHOICES, &columns, &rows)
+        .gold_where(&rows, |row| row.differences.is_none())
+        .against("finite elements, nu = 0.45, on the finer nodes: the first row")
+        .seeking(goal);
     let title = "Masses and springs, finite elements: tissue within 10 mm of the needle";
     let mut figure = points(
         "insertion-masses",
@@ -141,22 +174,22 @@ pub(super) fn run(options: &InsertionOptions, study: &mut Study, progress: Progr
         "model",
     );
     figure.marker = vec!["poisson", "spacing_mm"];
-    study.notes.extend(recommendation(&table));
+    study.notes.extend(recommendation(&rows));
     study.tables.push(table);
     study.figures.push(figure);
     Ok(())
 }
 
 /// Returns a recommendation in words.
-fn recommendation(table: &Table) -> Option<String> {
+fn recommendation(rows: &[MassRow]) -> Option<String> {
     let row = |model: &str, poisson: &str| {
-        let mut rows = table.rows.iter();
-        rows.find(|row| row.choices[0] == model && (poisson.is_empty() || row.choices[1] == poisson))
+        let named = |row: &&MassRow| row.named.model == model && (poisson.is_empty() || row.named.poisson == poisson);
+        rows.iter().find(named)
     };
     let (finite, alike, springs) = (row(FINITE, "0.45")?, row(FINITE, "0.25")?, row(SPRINGS, "")?);
-    let value = |row: &crate::tradeoff::Row, key: &str| row.values[table.axis(key)?];
-    let slower = value(springs, "median_ms")? / value(finite, "median_ms")?;
-    let (off, material) = (value(springs, "tissue_percent")?, value(alike, "tissue_percent")?);
+    let slower = springs.times.median_ms? / finite.times.median_ms?;
+    let percent = |row: &MassRow| Some(row.differences.as_ref()?.tissue_percent);
+    let (off, material) = (percent(springs)?, percent(alike)?);
     let advice = match slower > 1.0 {
         true => {
             "take finite elements wherever the tissue has a mesh, and masses and springs where there is none: they need only to know \
@@ -209,16 +242,20 @@ fn capped(parameters: Parameters) -> Result<TetMesh, Error> {
     Ok(TetMesh::new(tissue.reference, elements, regions)?)
 }
 
-fn choices(model: &str, poisson: &str, parameters: &Parameters) -> Vec<String> {
+fn named(model: &'static str, poisson: impl ToString, parameters: &Parameters) -> Named {
     let spacing = parameters.length_mm() / parameters.layers() as f64;
-    vec![model.to_owned(), poisson.to_owned(), format!("{spacing:.1}")]
+    Named {
+        model,
+        poisson: poisson.to_string(),
+        spacing_mm: format!("{spacing:.1}"),
+    }
 }
 
 fn springs(grid: [usize; 2]) -> Result<Contender, Error> {
     let parameters = parameters(grid);
-    let choices = choices(SPRINGS, "no ratio to choose", &parameters);
+    let named = named(SPRINGS, "no ratio to choose", &parameters);
     let model = Box::new(mass_spring(parameters)?);
-    Ok(Contender::new(choices, &capped(parameters)?, model))
+    Ok(Contender::new(named, &capped(parameters)?, model))
 }
 
 fn finite(grid: [usize; 2], poisson: f64) -> Result<Contender, Error> {
@@ -226,11 +263,13 @@ fn finite(grid: [usize; 2], poisson: f64) -> Result<Contender, Error> {
     let mesh = cylinder(parameters)?;
     // Supported like the mass-spring cylinder: at its side and its far end.
     let [radius, length] = [parameters.radius_mm, parameters.length_mm()].map(|it| it * (1.0 - 1e-9));
-    let held = (0..).zip(mesh.nodes());
-    let held = held.filter(|(_, p)| p[0].hypot(p[1]) >= radius || p[2] >= length);
+    let nodes = (0..).zip(mesh.nodes());
+    let fixed_nodes = nodes.filter(|(_, p)| p[0].hypot(p[1]) >= radius || p[2] >= length);
     let setup = Setup {
         materials: vec![Material::new(parameters.young_kpa, poisson)?; mesh.elements().len()],
-        fixed: held.flat_map(|(node, _)| [0, 1, 2].map(|axis| (node, axis))).collect(),
+        fixed: fixed_nodes
+            .flat_map(|(node, _)| [0, 1, 2].map(|axis| (node, axis)))
+            .collect(),
         interactions: vec![(0, block::USUAL)],
         anatomy: None,
         needle: block::rigid()?,
@@ -242,14 +281,14 @@ fn finite(grid: [usize; 2], poisson: f64) -> Result<Contender, Error> {
     };
     let mut finite = Finite::new(setup, |_, _| {})?;
     finite.prefetch(&Point3::origin(), &Vector3::z(), parameters.length_mm(), 0.0);
-    let choices = choices(FINITE, &poisson.to_string(), &parameters);
-    Ok(Contender::new(choices, &mesh, Box::new(finite)))
+    let named = named(FINITE, poisson, &parameters);
+    Ok(Contender::new(named, &mesh, Box::new(finite)))
 }
 
 impl Contender {
-    fn new(choices: Vec<String>, mesh: &TetMesh, model: Box<dyn Model>) -> Contender {
+    fn new(named: Named, mesh: &TetMesh, model: Box<dyn Model>) -> Contender {
         Contender {
-            choices,
+            named,
             imager: model.imager(),
             locator: Locator::new(mesh),
             model,
@@ -257,18 +296,21 @@ impl Contender {
     }
 
     /// Inserts and withdraws the needle.
-    fn insert(&mut self, depth_mm: f64, found: &mut Found) -> Result<(), Error> {
-        let way = (depth_mm / ADVANCE_MM).round() as usize;
-        let first = found.steps.is_empty();
-        for step in 0..=2 * way {
-            let depth = depth_mm * (way - step.abs_diff(way)) as f64 / way as f64;
+    fn insert(&mut self, depth_mm: f64, insertion: &mut Insertion) -> Result<(), Error> {
+        let steps_in = (depth_mm / ADVANCE_MM).round() as usize;
+        let first = insertion.steps.is_empty();
+        for step in 0..=2 * steps_in {
+            let depth = depth_mm * (steps_in - step.abs_diff(steps_in)) as f64 / steps_in as f64;
             let now = timed(&mut *self.model, &block::tip_at([0.0, 0.0, depth]))?;
             if !first {
-                found.steps[step].ms = found.steps[step].ms.min(now.ms);
+                insertion.steps[step].ms = insertion.steps[step].ms.min(now.ms);
                 continue;
             }
-            found.steps.push(now);
-            for (at, field) in [way, way + way / 2].into_iter().zip(&mut found.fields) {
+            insertion.steps.push(now);
+            for (at, field) in [steps_in, steps_in + steps_in / 2]
+                .into_iter()
+                .zip(&mut insertion.fields)
+            {
                 if step == at {
                     *field = self.field(depth_mm)?;
                 }
@@ -313,23 +355,21 @@ fn places(depth_mm: f64) -> impl Iterator<Item = [f64; 3]> {
     })
 }
 
-/// Returns the values of [`AXES`].
-fn differences(gold: &Found, other: &Found) -> [f64; 5] {
-    let field = |at: usize| {
-        let pairs = || gold.fields[at].iter().zip(&other.fields[at]);
-        let off = mean_square(pairs().map(|(a, b)| (a - b).norm()));
-        let all = mean_square(pairs().map(|(a, _)| a.norm()));
-        (100.0 * off / all, largest(pairs().map(|(a, b)| (a - b).norm())))
+fn differences(gold: &Insertion, other: &Insertion) -> Differences {
+    let pairs = |at: usize| gold.fields[at].iter().zip(&other.fields[at]);
+    let percent = |at: usize| {
+        let off = mean_square(pairs(at).map(|(a, b)| (a - b).norm()));
+        100.0 * off / mean_square(pairs(at).map(|(a, _)| a.norm()))
     };
     let force = || {
-        let pairs = gold.steps.iter().zip(&other.steps);
-        pairs.map(|(a, b)| (a.force_n - b.force_n).norm())
+        let steps = gold.steps.iter().zip(&other.steps);
+        steps.map(|(a, b)| (a.force_n - b.force_n).norm())
     };
-    [
-        field(0).0,
-        field(0).1,
-        field(1).0,
-        mean_square(force()),
-        largest(force()),
-    ]
+    Differences {
+        tissue_percent: percent(0),
+        tissue_mm: largest(pairs(0).map(|(a, b)| (a - b).norm())),
+        back_percent: percent(1),
+        force_rms_n: mean_square(force()),
+        force_n: largest(force()),
+    }
 }

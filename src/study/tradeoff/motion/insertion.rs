@@ -120,14 +120,14 @@ impl Observer for Watch<'_> {
             self.tracker = Some(Tracker::new(self.options, self.synthesizer.lines(), &echoes));
             return Ok(());
         };
-        let found = tracker.next(&echoes);
+        let estimates = tracker.next(&echoes);
         let moved = |point: &Followed| {
             let [axial, lateral, _] = point.motion_um(&self.synthesizer, pose);
             [axial, lateral]
         };
         let truth: Vec<[f64; 2]> = self.followed.iter().map(moved).collect();
-        self.course.push(NAME, moment.time_s, &found, &truth);
-        self.course.push_places(moment.time_s, &found, &truth);
+        self.course.push(NAME, moment.time_s, &estimates, &truth);
+        self.course.push_places(moment.time_s, &estimates, &truth);
         Ok(())
     }
 }
@@ -159,11 +159,11 @@ pub(super) fn run_into(effort: Effort, course: &mut Course, progress: &mut dyn F
         progress,
     };
     let mut model = scenario.model(|_, _| {})?;
-    let asked = Requests {
+    let requests = Requests {
         frames: true,
         mesh_s: None,
     };
-    run(&scenario, model.as_mut(), asked, &mut watch)?;
+    run(&scenario, model.as_mut(), requests, &mut watch)?;
     let switches = watch.tracker.map_or(0, |tracker| tracker.switches);
     watch.course.end(NAME, switches);
     Ok(watch.needle)

@@ -85,9 +85,9 @@ impl Course {
     }
 
     /// Adds a frame: estimates and true axial and lateral motion (um) of the windows, line by line. Windows that do not correlate are left out.
-    pub fn push(&mut self, motion: &str, time: f64, found: &[Estimate], truth: &[[f64; 2]]) {
+    pub fn push(&mut self, motion: &str, time: f64, estimates: &[Estimate], truth: &[[f64; 2]]) {
         let fallback = self.options.fallback;
-        let kept = || found.iter().zip(truth).filter(|(it, _)| it.correlation >= fallback);
+        let kept = || estimates.iter().zip(truth).filter(|(it, _)| it.correlation >= fallback);
         let errors: Vec<f64> = kept().map(|(it, truth)| it.axial_um - truth[0]).collect();
         if errors.is_empty() {
             return;
@@ -104,28 +104,28 @@ impl Course {
     }
 
     /// Adds the courses of places and of the halves of the image at a frame.
-    pub fn push_places(&mut self, time: f64, found: &[Estimate], truth: &[[f64; 2]]) {
+    pub fn push_places(&mut self, time: f64, estimates: &[Estimate], truth: &[[f64; 2]]) {
         let (count, fallback) = (self.options.windows, self.options.fallback);
         for at in 0..PLACES.min(count) {
             let window = (2 * at + 1) * count / (2 * PLACES);
             let index = self.lines / 2 * count + window;
             let name = format!("{:.0}", self.depths[window]);
-            let estimated = (found[index].correlation >= fallback).then_some(found[index].axial_um);
+            let estimated = (estimates[index].correlation >= fallback).then_some(estimates[index].axial_um);
             for (source, um) in TRUTH.iter().zip([Some(truth[index][0]), estimated]) {
                 let values = vec![Some(time), um.map(|um| um * 1e-3)];
                 self.places.push(vec![name.clone(), (*source).to_owned()], values, None);
             }
         }
         let half = self.lines / 2 * count;
-        for (name, range) in [("unmarked", 0..half), ("marked", half..found.len())] {
-            let pairs = found[range.clone()].iter().zip(&truth[range]);
+        for (name, range) in [("unmarked", 0..half), ("marked", half..estimates.len())] {
+            let pairs = estimates[range.clone()].iter().zip(&truth[range]);
             let kept: Vec<_> = pairs.filter(|(it, _)| it.correlation >= fallback).collect();
             if kept.is_empty() {
                 continue;
             }
             let true_um = mean(&kept.iter().map(|(_, truth)| truth[1]).collect::<Vec<_>>());
-            let found_um = mean(&kept.iter().map(|(it, _)| it.lateral_um).collect::<Vec<_>>());
-            for (source, um) in TRUTH.iter().zip([true_um, found_um]) {
+            let estimated_um = mean(&kept.iter().map(|(it, _)| it.lateral_um).collect::<Vec<_>>());
+            for (source, um) in TRUTH.iter().zip([true_um, estimated_um]) {
                 let values = vec![Some(time), Some(um * 1e-3)];
                 self.sides
                     .push(vec![name.to_owned(), (*source).to_owned()], values, None);
@@ -270,8 +270,8 @@ fn media(effort: Effort, progress: Progress<'_>) -> Table {
     for (at, (name, moved)) in MEDIA.iter().chain(&MOTIONS).enumerate() {
         progress(name, 0.3 * at as f64 / (MEDIA.len() + MOTIONS.len()) as f64);
         let mut tracker = Tracker::new(options, medium.lines, &first);
-        let found = tracker.next(&medium.frame(1, moved));
-        let errors = Errors::of(&options, &medium, &found, moved);
+        let estimates = tracker.next(&medium.frame(1, moved));
+        let errors = Errors::of(&options, &medium, &estimates, moved);
         let strain = moved(1.0)[0] - moved(0.0)[0];
         let rho = strained_correlation(&medium.acquisition, options.window_mm, strain);
         let values = [
@@ -345,12 +345,12 @@ fn swing(swing: &Swing, course: &mut Course, medium: &Medium, options: Options, 
     for at in 1..=frames {
         progress(f64::from(at) / f64::from(frames));
         let moved = |z: f64| (swing.most)(z).map(|mm| mm * share(at));
-        let found = tracker.next(&medium.frame(at, moved));
-        let pairs = found.iter().enumerate().filter(|(index, _)| of_interest(*index));
-        let (found, truth): (Vec<Estimate>, Vec<[f64; 2]>) = pairs
+        let estimates = tracker.next(&medium.frame(at, moved));
+        let pairs = estimates.iter().enumerate().filter(|(index, _)| of_interest(*index));
+        let (estimates, truth): (Vec<Estimate>, Vec<[f64; 2]>) = pairs
             .map(|(index, it)| (*it, moved(centres[index % options.windows]).map(|mm| mm * 1e3)))
             .unzip();
-        course.push(swing.name, f64::from(at) / FRAMES_PER_S, &found, &truth);
+        course.push(swing.name, f64::from(at) / FRAMES_PER_S, &estimates, &truth);
     }
     course.end(swing.name, tracker.switches);
 }

@@ -21,7 +21,7 @@ use insonify_mechanics::tissue::remesh::{
 
 /// Report of an update.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Step {
+pub(crate) struct Step {
     /// Bytes of large matrices read and written, where known.
     pub bytes: Option<usize>,
     /// Whether everything was recomputed.
@@ -34,17 +34,17 @@ pub(crate) fn broken(limit: Option<f64>, measured: &Measured) -> Option<String> 
     const KINDS: [&str; 4] = ["K^-1", "K^c", "displacements", "relative residual"];
     let errors = measured.errors.iter().flatten().zip(KINDS);
     let drift = measured.drift.iter().map(|(_, error)| (error, "K^c"));
-    let found = errors.chain(drift);
-    if let Some((_, kind)) = found.clone().find(|(error, _)| !error.is_finite()) {
+    let errors = errors.chain(drift);
+    if let Some((_, kind)) = errors.clone().find(|(error, _)| !error.is_finite()) {
         return Some(format!("{kind}: not finite"));
     }
     let limit = limit?;
-    let (worst, kind) = found.max_by(|a, b| a.0.total_cmp(b.0))?;
+    let (worst, kind) = errors.max_by(|a, b| a.0.total_cmp(b.0))?;
     (*worst > limit).then(|| format!("{kind} off by {worst:.1e}, at most {limit:.0e} expected of an exact level"))
 }
 
 /// Method that keeps K^c, and requested blocks of K^-1, up to date with a mesh.
-pub trait Contender {
+pub(crate) trait Contender {
     /// Returns the upper limit of the residual and of the error of K^c if the contender is exact up to rounding.
     fn limit(&self) -> Option<f64>;
 
@@ -76,7 +76,7 @@ pub trait Contender {
     fn displacement(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), Error>;
 
     /// Returns the bytes in use, including the base.
-    fn held(&self) -> usize;
+    fn memory_bytes(&self) -> usize;
 
     /// Returns what has been exchanged with the device so far, if there is one.
     fn traffic(&mut self) -> Option<Traffic> {
@@ -272,7 +272,7 @@ impl Contender for Follower {
         Ok(self.get_mut().displacement(forces, out)?)
     }
 
-    fn held(&self) -> usize {
+    fn memory_bytes(&self) -> usize {
         self.get().memory()
     }
 
@@ -385,7 +385,7 @@ impl Contender for Refactored {
     }
 
     /// Returns the bytes of the factor's entries with their row indices, and of the solutions.
-    fn held(&self) -> usize {
+    fn memory_bytes(&self) -> usize {
         let factor = self.factor.entries() * (size_of::<f64>() + size_of::<u32>());
         factor + self.solutions.nrows() * self.solutions.ncols() * size_of::<f64>()
     }

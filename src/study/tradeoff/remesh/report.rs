@@ -3,19 +3,64 @@
 use super::contender::{self, Kind};
 use super::subject::Subject;
 use super::{FROZEN, Measured, RemeshOptions};
-use crate::tradeoff::{Axis, Deadline, Factor, Figure, Goal, SHIFT_MM, Study, Table};
+use crate::tradeoff::{Axis, Choice, Column, Deadline, Factor, Figure, Goal, SHIFT_MM, Study, Table};
 use insonify::Error;
 use insonify_base::machine::Machine;
 use insonify_base::statistics::Spread;
 use insonify_gpu::{Gpu, Traffic};
 use insonify_mechanics::tissue::symmetric::Symmetric;
 
-const FACTORS: [Factor; 4] = [
-    Factor::new("nodes", "nodes"),
-    Factor::new("level", "level"),
-    Factor::new("backend", "backend"),
-    Factor::new("precision", "precision"),
-];
+/// What was measured of a contender on a mesh.
+struct Contended<T> {
+    nodes: usize,
+    /// Level, backend and precision, as named in tables.
+    kind: [String; 3],
+    measured: T,
+}
+
+const fn choices<T>() -> [Choice<Contended<T>>; 4] {
+    [
+        Factor::new("nodes", "nodes").of(|row: &Contended<T>| row.nodes.to_string()),
+        Factor::new("level", "level").of(|row: &Contended<T>| row.kind[0].clone()),
+        Factor::new("backend", "backend").of(|row: &Contended<T>| row.kind[1].clone()),
+        Factor::new("precision", "precision").of(|row: &Contended<T>| row.kind[2].clone()),
+    ]
+}
+
+/// Measurements with what they relate to.
+struct Remeshing {
+    dofs: usize,
+    measured: Measured,
+    /// Bandwidth of a plain copy on the same device, B/s.
+    copy_b_s: Option<f64>,
+}
+
+impl Remeshing {
+    fn time(&self) -> Option<Spread> {
+        Spread::of(self.measured.times_ms.clone())
+    }
+
+    /// Bytes read and written by an update (median).
+    fn bytes(&self) -> Option<f64> {
+        median(self.measured.bytes.iter().map(|bytes| *bytes as f64).collect())
+    }
+
+    /// Bandwidth of an update, B/s.
+    fn rate(&self) -> Option<f64> {
+        Some(self.bytes()? / (self.time()?.median_ms * 1e-3))
+    }
+
+    /// Mean of an exchange with the device.
+    fn exchanged(&self, part: fn(&Traffic) -> u64) -> Option<f64> {
+        let traffic = &self.measured.traffic;
+        let total: u64 = traffic.iter().map(part).sum();
+        (!traffic.is_empty()).then(|| total as f64 / traffic.len() as f64)
+    }
+
+    fn error(&self, at: usize) -> Option<f64> {
+        Some(self.measured.errors?[at])
+    }
+}
 
 const ERROR_CONDENSED: Axis = Axis::log(
     "error_condensed",
@@ -23,93 +68,116 @@ const ERROR_CONDENSED: Axis = Axis::log(
     "relative error of K^c, the compliance at the contacts",
 );
 
-const AXES: [Axis; 21] = [
-    Axis::log("dofs", "unknowns", "free degrees of freedom"),
-    Axis::log("median_ms", "ms", "time of a remesh with its K^c (median), ms"),
+type RemeshRow = Contended<Remeshing>;
+
+const REMESH: [Column<RemeshRow>; 21] = [
+    Axis::log("dofs", "unknowns", "free degrees of freedom").of(|row| Some(row.measured.dofs as f64)),
+    Axis::log("median_ms", "ms", "time of a remesh with its K^c (median), ms")
+        .of(|row| Some(row.measured.time()?.median_ms)),
     Axis::log(
         "p95_ms",
         "p95 ms",
         "time of a remesh with its K^c (95th percentile), ms",
-    ),
+    )
+    .of(|row| Some(row.measured.time()?.p95_ms)),
     Axis::log(
         "prepare_ms",
         "ready ms",
         "time to get ready, the inverse included where one is needed, ms",
-    ),
-    Axis::log("held_mb", "holds MB", "memory held, MB"),
+    )
+    .of(|row| Some(row.measured.measured.prepare_ms)),
+    Axis::log("held_mb", "holds MB", "memory held, MB").of(|row| Some(megabytes(row.measured.measured.memory_bytes))),
     Axis::log(
         "device_ms",
         "device ms",
         "time of the update on the device (median), ms",
-    ),
+    )
+    .of(|row| median(row.measured.measured.device_ms.clone())),
     Axis::linear(
         "submissions",
         "submissions",
         "submissions to the device in a remesh (mean, samples of errors and rebuilds included)",
-    ),
-    Axis::linear("waits", "waits", "waits for the device in a remesh (mean)"),
-    Axis::log("up_kb", "up kB", "bytes sent to the device in a remesh (mean), kB"),
+    )
+    .of(|row| row.measured.exchanged(|traffic| traffic.submissions)),
+    Axis::linear("waits", "waits", "waits for the device in a remesh (mean)")
+        .of(|row| row.measured.exchanged(|traffic| traffic.waits)),
+    Axis::log("up_kb", "up kB", "bytes sent to the device in a remesh (mean), kB")
+        .of(|row| Some(1e-3 * row.measured.exchanged(|traffic| traffic.bytes_up)?)),
     Axis::log(
         "down_kb",
         "down kB",
         "bytes fetched from the device in a remesh (mean), kB",
-    ),
-    Axis::log("moved_mb", "moves MB", "bytes read and written by an update, MB"),
+    )
+    .of(|row| Some(1e-3 * row.measured.exchanged(|traffic| traffic.bytes_down)?)),
+    Axis::log("moved_mb", "moves MB", "bytes read and written by an update, MB")
+        .of(|row| Some(row.measured.bytes()? * 1e-6)),
     Axis::log(
         "bandwidth_gb_s",
         "GB/s",
         "bytes read and written over the time of an update, GB/s",
-    ),
+    )
+    .of(|row| Some(row.measured.rate()? * 1e-9)),
     Axis::linear(
         "copy_share_percent",
         "of a copy, %",
         "bandwidth as a share of that of a plain copy, %",
-    ),
+    )
+    .of(|row| Some(100.0 * row.measured.rate()? / row.measured.copy_b_s?)),
     Axis::log(
         "error_inverse",
         "err K^-1",
         "relative error of sampled columns of the inverse stiffness",
-    ),
-    ERROR_CONDENSED,
+    )
+    .of(|row| row.measured.error(0)),
+    ERROR_CONDENSED.of(|row| row.measured.error(1)),
     Axis::log(
         "error_solution",
         "err u",
         "relative error of displacements under a fixed load",
-    ),
+    )
+    .of(|row| row.measured.error(2)),
     Axis::log(
         "error_mm",
         "err mm",
         "largest error of displacements where 1 N presses on the contacts, mm",
-    ),
+    )
+    .of(|row| row.measured.error(4)),
     Axis::log(
         "residual",
         "residual",
         "relative residual |K X e - e| / (|K| |X e|) of sampled columns e, X being the inverse (infinity norms)",
-    ),
+    )
+    .of(|row| row.measured.error(3)),
     Axis::log(
         "error_drift",
         "err K^c at last",
         "relative error of the compliance at the contacts after all updates",
-    ),
-    Axis::linear("updates", "updates", "updates"),
-    Axis::linear("rebuilds", "rebuilds", "number of rebuilds"),
+    )
+    .of(|row| Some(row.measured.measured.drift.last()?.1)),
+    Axis::linear("updates", "updates", "updates").of(|row| Some(row.measured.measured.times_ms.len() as f64)),
+    Axis::linear("rebuilds", "rebuilds", "number of rebuilds").of(|row| Some(row.measured.measured.rebuilds as f64)),
+];
+
+/// Number of updates, and the error of K^c after them.
+type Drift = (usize, f64);
+
+const DRIFT: [Column<Contended<Drift>>; 2] = [
+    Axis::log("updates", "updates", "updates").of(|row| Some(row.measured.0 as f64)),
+    ERROR_CONDENSED.of(|row| Some(row.measured.1)),
 ];
 
 const GOLD: &str = "refactorisation of the moved mesh, solutions refined";
 
-const DRIFT: [Axis; 2] = [Axis::log("updates", "updates", "updates"), ERROR_CONDENSED];
-
 /// Report under construction.
-pub(super) struct Report {
+pub(super) struct RemeshReport {
     study: Study,
-    remesh: Table,
-    drift: Table,
+    rows: Vec<RemeshRow>,
     copy_cpu: f64,
     copy_gpus: Vec<(String, f64)>,
 }
 
-impl Report {
-    pub(super) fn new(subjects: &[Subject], gpus: &[Gpu], options: &RemeshOptions) -> Result<Report, Error> {
+impl RemeshReport {
+    pub(super) fn new(subjects: &[Subject], gpus: &[Gpu], options: &RemeshOptions) -> Result<Self, Error> {
         let copy_cpu = contender::of_cpu();
         let copy_gpus = gpus
             .iter()
@@ -143,98 +211,44 @@ impl Report {
         if gpus.iter().any(|gpu| gpu.report().software) {
             notes.push("a software GPU runs on the CPU: its times say nothing of a GPU".to_owned());
         }
-        Ok(Report {
+        Ok(Self {
             study: Study {
                 name: "tradeoff-remesh",
-                title: super::ENTRY.title,
+                title: super::ENTRY.about.title,
                 about,
                 machine: Machine::here(),
                 tables: Vec::new(),
                 figures: figures(subjects),
                 notes,
             },
-            remesh: Table::new(
-                "remesh",
-                "What a remesh costs, and how far it is from the truth",
-                &FACTORS,
-                &AXES,
-            )
-            .against(GOLD)
-            .seeking(
-                Goal::new("median_ms", "error_mm", SHIFT_MM)
-                    .choosing("level of remeshing alone")
-                    .baseline("level", "IV", FROZEN)
-                    .in_every(Deadline::Step, "p95_ms")
-                    .each(&["nodes"])
-                    .beside(&["p95_ms", "prepare_ms", "held_mb"]),
-            ),
-            drift: Table::new(
-                "drift",
-                "Error of the compliance at the contacts, K^c, by number of updates",
-                &FACTORS,
-                &DRIFT,
-            )
-            .against(GOLD),
+            rows: Vec::new(),
             copy_cpu,
             copy_gpus,
         })
     }
 
     pub(super) fn add(&mut self, subject: &Subject, kind: &Kind, is_exact: bool, measured: Measured) {
-        let choices: Vec<String> = std::iter::once(subject.nodes().to_string())
-            .chain(kind.choices())
-            .collect();
-        let updates = measured.times_ms.len();
-        let time = Spread::of(measured.times_ms);
-        let bytes = median(measured.bytes.iter().map(|bytes| *bytes as f64).collect());
-        let rate = time.zip(bytes).map(|(time, bytes)| bytes / (time.median_ms * 1e-3));
-        let copy = match kind.gpu() {
+        let copy_b_s = match kind.gpu() {
             None => Some(self.copy_cpu),
             Some(gpu) => {
-                let own = self.copy_gpus.iter().find(|(name, _)| *name == gpu.report().name);
-                own.map(|(_, copy)| *copy)
+                let mut copies = self.copy_gpus.iter();
+                let copy = copies.find(|(name, _)| *name == gpu.report().name);
+                copy.map(|(_, copy)| *copy)
             }
         };
-        let error = |at: usize| measured.errors.map(|errors| errors[at]);
-        for (after, error) in &measured.drift {
-            let values = vec![Some(*after as f64), Some(*error)];
-            self.drift.push(choices.clone(), values, None);
+        if let Some(flag) = measured.flag.as_ref().filter(|_| is_exact) {
+            let note = format!("{} nodes, {kind}: {flag}", subject.nodes());
+            self.study.notes.push(note);
         }
-        let traffic = &measured.traffic;
-        let exchanged = |part: fn(&Traffic) -> u64, unit: f64| {
-            let total: u64 = traffic.iter().map(part).sum();
-            (!traffic.is_empty()).then(|| unit * total as f64 / traffic.len() as f64)
-        };
-        let flag = measured.flag;
-        if let Some(flag) = flag.as_ref().filter(|_| is_exact) {
-            self.study
-                .notes
-                .push(format!("{} nodes, {kind}: {flag}", subject.nodes()));
-        }
-        let values = vec![
-            Some(subject.size() as f64),
-            time.map(|time| time.median_ms),
-            time.map(|time| time.p95_ms),
-            Some(measured.prepare_ms),
-            Some(megabytes(measured.held)),
-            median(measured.device_ms),
-            exchanged(|traffic| traffic.submissions, 1.0),
-            exchanged(|traffic| traffic.waits, 1.0),
-            exchanged(|traffic| traffic.bytes_up, 1e-3),
-            exchanged(|traffic| traffic.bytes_down, 1e-3),
-            bytes.map(|bytes| bytes * 1e-6),
-            rate.map(|rate| rate * 1e-9),
-            rate.zip(copy).map(|(rate, copy)| 100.0 * rate / copy),
-            error(0),
-            error(1),
-            error(2),
-            error(4),
-            error(3),
-            measured.drift.last().map(|(_, error)| *error),
-            Some(updates as f64),
-            Some(measured.rebuilds as f64),
-        ];
-        self.remesh.push(choices, values, flag);
+        self.rows.push(Contended {
+            nodes: subject.nodes(),
+            kind: kind.choices(),
+            measured: Remeshing {
+                dofs: subject.size(),
+                measured,
+                copy_b_s,
+            },
+        });
     }
 
     pub(super) fn note(&mut self, note: String) {
@@ -242,7 +256,28 @@ impl Report {
     }
 
     pub(super) fn finish(mut self) -> Study {
-        self.study.tables = vec![self.remesh, self.drift];
+        let goal = Goal::new("median_ms", "error_mm", SHIFT_MM)
+            .choosing("level of remeshing alone")
+            .baseline("level", "IV", FROZEN)
+            .in_every(Deadline::Step, "p95_ms")
+            .each(&["nodes"])
+            .beside(&["p95_ms", "prepare_ms", "held_mb"]);
+        let title = "What a remesh costs, and how far it is from the truth";
+        let remesh = Table::of("remesh", title, &choices(), &REMESH, &self.rows)
+            .flagged(&self.rows, |row| row.measured.measured.flag.clone())
+            .against(GOLD)
+            .seeking(goal);
+        let drift = self.rows.iter().flat_map(|row| {
+            row.measured.measured.drift.iter().map(|drift| Contended {
+                nodes: row.nodes,
+                kind: row.kind.clone(),
+                measured: *drift,
+            })
+        });
+        let drift: Vec<_> = drift.collect();
+        let title = "Error of the compliance at the contacts, K^c, by number of updates";
+        let drift = Table::of("drift", title, &choices(), &DRIFT, &drift).against(GOLD);
+        self.study.tables = vec![remesh, drift];
         self.study
     }
 }

@@ -38,7 +38,7 @@ const BOX_MM: [f64; 3] = [120.0, 100.0, 80.0];
 const SHAKEN: f64 = 0.12;
 
 /// Supported mesh with the moves of one insertion.
-pub struct Subject {
+pub(crate) struct Subject {
     /// Mesh with every node at its base position.
     pub mesh: AdaptedMesh,
     /// Factor of the stiffness at the base.
@@ -53,7 +53,7 @@ pub struct Subject {
 ///
 /// # Errors
 /// [`InvalidMesh`] if the result is not a valid mesh.
-pub fn generated(nodes: usize) -> Result<TetMesh, InvalidMesh> {
+pub(crate) fn generated(nodes: usize) -> Result<TetMesh, InvalidMesh> {
     let regular = TetMesh::over_box([0.0; 3], BOX_MM, nodes)?;
     let edge = (BOX_MM.iter().product::<f64>() / regular.nodes().len() as f64).cbrt();
     let shaken = regular.nodes().iter().zip(0..).map(|(place, node)| {
@@ -73,7 +73,7 @@ pub fn generated(nodes: usize) -> Result<TetMesh, InvalidMesh> {
 
 /// Returns the degrees of freedom of a mesh with its lowest nodes along z fixed: those in the lowest 2 % of its height or, if these are
 /// less than 3 % of all nodes, those in the lowest 10 % and at least 3 % of all.
-pub fn supports(mesh: &TetMesh) -> Dofs {
+pub(crate) fn supports(mesh: &TetMesh) -> Dofs {
     let mut heights: Vec<f64> = mesh.nodes().iter().map(|node| node[2]).collect();
     heights.sort_by(f64::total_cmp);
     let least = heights[(MIN_FIXED * heights.len() as f64) as usize];
@@ -108,7 +108,7 @@ impl Subject {
     ///
     /// # Errors
     /// [`Error`] if the mesh is unsuitable or its stiffness cannot be factorised.
-    pub fn new(mesh: &TetMesh, options: &RemeshOptions) -> Result<Subject, Error> {
+    pub(crate) fn new(mesh: &TetMesh, options: &RemeshOptions) -> Result<Subject, Error> {
         let dofs = supports(mesh);
         rigid::check(mesh, &dofs)?;
         let material = Material::new(options.young_kpa, options.poisson)?;
@@ -133,27 +133,27 @@ impl Subject {
     }
 
     /// Returns the number of nodes.
-    pub fn nodes(&self) -> usize {
+    pub(crate) fn nodes(&self) -> usize {
         self.mesh.nodes().len()
     }
 
     /// Returns the number of fixed nodes.
-    pub fn fixed(&self) -> usize {
+    pub(crate) fn fixed(&self) -> usize {
         self.nodes() - self.size() / 3
     }
 
     /// Returns the number of free degrees of freedom.
-    pub fn size(&self) -> usize {
+    pub(crate) fn size(&self) -> usize {
         self.mesh.dofs().free()
     }
 
     /// Returns the number of updates until the needle is fully inserted for the first time.
-    pub fn inserted(&self) -> usize {
+    pub(crate) fn inserted(&self) -> usize {
         self.track.len()
     }
 
     /// Returns the mean number of degrees of freedom around a moved node (s).
-    pub fn rank(&self) -> f64 {
+    pub(crate) fn rank(&self) -> f64 {
         let free = |node: &u32| self.mesh.dofs().of(*node).iter().filter(|dof| **dof != NONE).count();
         let ranks = self
             .track
@@ -166,7 +166,7 @@ impl Subject {
     ///
     /// # Errors
     /// [`RemeshError`](insonify_mechanics::tissue::remesh::RemeshError), which would indicate a fault of the mesh, as all moves have been tried before.
-    pub fn step(&self, mesh: &mut AdaptedMesh, done: usize) -> Result<Change, Error> {
+    pub(crate) fn step(&self, mesh: &mut AdaptedMesh, done: usize) -> Result<Change, Error> {
         let (length, place) = (self.track.len(), done % (2 * self.track.len()));
         let moved = mesh.moves().len();
         if place < length {
@@ -242,7 +242,7 @@ fn track(
 }
 
 /// Number of compared columns of K^-1: half at the moved part of the mesh, half spread over all of it.
-pub const SAMPLES: usize = 24;
+pub(crate) const SAMPLES: usize = 24;
 
 /// Returns the magnitude of the resultant of a load, N.
 fn resultant_n(load: &[f64]) -> f64 {
@@ -332,8 +332,8 @@ impl Gold {
     }
 
     /// Returns the relative error of K^c in the Frobenius norm.
-    pub(crate) fn error_of_contacts(&self, found: MatRef<'_, f64>) -> f64 {
-        relative(found, self.condensed.as_ref())
+    pub(crate) fn error_of_contacts(&self, condensed: MatRef<'_, f64>) -> f64 {
+        relative(condensed, self.condensed.as_ref())
     }
 
     /// Returns whether columns of K^-1 were sampled.
@@ -352,14 +352,14 @@ impl Gold {
         let forces = load(subject.contacts.len());
         let mut u = vec![0.0; subject.size()];
         contender.displacement(&forces, &mut u)?;
-        let [found, expected] =
+        let [displacement, expected] =
             [&u, &self.solution].map(|values| MatRef::from_column_major_slice(values, values.len(), 1));
         Ok([
             relative(columns.as_ref(), self.columns.as_ref()),
             self.error_of_contacts(contender.condensed()),
-            relative(found, expected),
+            relative(displacement, expected),
             self.residual(columns.as_ref()),
-            largest(u.iter().zip(&self.solution).map(|(found, expected)| found - expected)) / resultant_n(&forces),
+            largest(u.iter().zip(&self.solution).map(|(u, expected)| u - expected)) / resultant_n(&forces),
         ])
     }
 
@@ -388,11 +388,11 @@ impl Gold {
     }
 }
 
-/// Returns |found - expected| / |expected| in the Frobenius norm.
-fn relative(found: MatRef<'_, f64>, expected: MatRef<'_, f64>) -> f64 {
+/// Returns |values - expected| / |expected| in the Frobenius norm.
+fn relative(values: MatRef<'_, f64>, expected: MatRef<'_, f64>) -> f64 {
     let square = |of: &dyn Fn(usize, usize) -> f64| -> f64 {
         let columns = (0..expected.ncols()).flat_map(|j| (0..expected.nrows()).map(move |i| (i, j)));
         columns.map(|(i, j)| of(i, j).powi(2)).sum()
     };
-    (square(&|i, j| found[(i, j)] - expected[(i, j)]) / square(&|i, j| expected[(i, j)])).sqrt()
+    (square(&|i, j| values[(i, j)] - expected[(i, j)]) / square(&|i, j| expected[(i, j)])).sqrt()
 }

@@ -135,8 +135,8 @@ impl Contender for Wrong {
         self.truth.block(rows, columns)
     }
 
-    fn held(&self) -> usize {
-        self.truth.held()
+    fn memory_bytes(&self) -> usize {
+        self.truth.memory_bytes()
     }
 
     fn displacement(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), Error> {
@@ -236,7 +236,7 @@ fn offset(off: f64) -> Result<Study, Error> {
         single: Source::Single(Arc::new(double.cast())),
         double: Source::Double(double),
     };
-    let mut report = Report::new(&subjects, &[], &options)?;
+    let mut report = RemeshReport::new(&subjects, &[], &options)?;
     let kind = Kind::OnDemand;
     let mut contender = Wrong {
         truth: kind.make(subject, &sources)?,
@@ -250,18 +250,20 @@ fn offset(off: f64) -> Result<Study, Error> {
 
 #[test]
 fn a_level_seeded_with_an_offset_is_flagged_in_the_report_of_all_studies() {
-    use crate::tradeoff::gather::{Devices, gather};
-    let report = |run| {
+    use crate::tradeoff::entry::Context;
+    use crate::tradeoff::gather::gather;
+    type Run = fn(&RemeshSettings, Context<'_>) -> Result<Study, Error>;
+    let report = |run: Run| {
         let entry = Entry { run, ..ENTRY };
         gather(
-            &[entry],
+            &[&entry],
             &Devices::default(),
             Effort::Quick,
             crate::tradeoff::Rates::default(),
             &mut |_, _| {},
         )
     };
-    let (right, wrong) = (report(|_, _, _| Ok(offset(0.0)?)), report(|_, _, _| Ok(offset(1e-5)?)));
+    let (right, wrong) = (report(|_, _| offset(0.0)), report(|_, _| offset(1e-5)));
     assert_eq!(
         (right.wrong().count(), wrong.wrong().count()),
         (0, 1),
@@ -276,7 +278,8 @@ fn a_level_seeded_with_an_offset_is_flagged_in_the_report_of_all_studies() {
     let page = wrong.page().unwrap();
     assert!(page.contains("WRONG: K") && !right.page().unwrap().contains("WRONG"));
     assert_eq!(
-        wrong.chapters[0].sections[0].advice[0].take, None,
+        wrong.chapters[0].study.tables[0].advice()[0].take,
+        None,
         "it is never advised"
     );
 }

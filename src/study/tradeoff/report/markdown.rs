@@ -2,7 +2,8 @@
 
 use std::fmt::Write;
 
-use super::{Report, Section};
+use super::Report;
+use crate::tradeoff::Table;
 
 impl Report {
     /// Returns the report in Markdown, with every figure.
@@ -18,31 +19,33 @@ impl Report {
         let _ = writeln!(text, "\n{}", self.verdict());
         self.pace_in_markdown(&mut text);
         let _ = write!(text, "\n## In short\n\n");
-        for advice in self.sections().flat_map(|(_, section)| &section.advice) {
+        for advice in self.tables().flat_map(|(_, table)| table.advice()) {
             let _ = writeln!(text, "- **{}**: {}", advice.choosing, advice.sentence());
         }
         for chapter in &self.chapters {
-            let _ = write!(text, "\n## {}\n\n{}\n\n", chapter.title, chapter.question);
-            for (key, value) in &chapter.about {
+            let study = &chapter.study;
+            let _ = write!(text, "\n## {}\n\n{}\n\n", study.title, chapter.question);
+            for (key, value) in &study.about {
                 let _ = writeln!(text, "- {}: {value}", key.replace('_', " "));
             }
-            for section in &chapter.sections {
-                let _ = write!(text, "\n### {}\n\n", section.title);
-                if !section.gold.is_empty() {
-                    let _ = write!(text, "Errors against: {}.\n\n", section.gold);
+            let draw = |text: &mut String, table: Option<&Table>| {
+                for (figure, plot) in study.plots_of(table) {
+                    let _ = write!(text, "\n![{}]({}.svg)\n", plot.title, chapter.stem(figure));
                 }
-                for advice in &section.advice {
+            };
+            for table in study.listed() {
+                let _ = write!(text, "\n### {}\n\n", table.title);
+                if !table.gold.is_empty() {
+                    let _ = write!(text, "Errors against: {}.\n\n", table.gold);
+                }
+                for advice in table.advice() {
                     let _ = write!(text, "> {}\n\n", advice.sentence());
                 }
-                text += &section.markdown();
-                for drawing in chapter.drawings_of(Some(section)) {
-                    let _ = write!(text, "\n![{0}]({1}.svg)\n", drawing.plot.title, drawing.stem);
-                }
+                text += &table.markdown();
+                draw(&mut text, Some(table));
             }
-            for drawing in chapter.drawings_of(None) {
-                let _ = write!(text, "\n![{0}]({1}.svg)\n", drawing.plot.title, drawing.stem);
-            }
-            for note in &chapter.notes {
+            draw(&mut text, None);
+            for note in &study.notes {
                 let _ = write!(text, "\nNote: {note}\n");
             }
         }
@@ -82,13 +85,13 @@ impl Report {
     }
 }
 
-impl Section {
+impl Table {
     fn markdown(&self) -> String {
-        let all: Vec<usize> = (0..self.axes.len()).collect();
+        let axes = self.filled();
         format!(
             "{}\n{}\n",
-            self.table(&all).markdown(),
-            self.legend(&all).replace('|', "\\|")
+            self.cells(&axes).markdown(),
+            self.legend(&axes).replace('|', "\\|")
         )
     }
 }

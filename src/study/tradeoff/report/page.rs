@@ -1,15 +1,14 @@
 //! HTML page of the report.
 
-use std::time::Duration;
-
-use super::{Chapter, Report, Section};
-use crate::tradeoff::{Rates, Study};
+use super::Report;
+use crate::tradeoff::{Study, Table};
 use insonify_base::machine;
 use insonify_base::number::significant;
 use insonify_base::output::OutputError;
-use insonify_base::table::{Cell, Table};
+use insonify_base::table::{self, Cell};
 use insonify_base::text::escape;
 use insonify_report::page::Page;
+use insonify_report::plot::Plot;
 
 /// Number of table rows above which a table is folded.
 const ROWS: usize = 40;
@@ -29,12 +28,12 @@ impl Report {
         self.notes.iter().for_each(|note| page.paragraph("soft", note));
         let wrong = self.wrong().count() > 0;
         page.paragraph(if wrong { "warning" } else { "" }, &self.verdict());
-        for (chapter, section, row) in self.wrong() {
+        for (chapter, table, row) in self.wrong() {
             let flag = row.flag.as_deref().unwrap_or_default();
             let text = format!(
                 "{}, {}: {}: WRONG: {flag}",
-                chapter.title,
-                section.title,
+                chapter.study.title,
+                table.title,
                 row.choices.join("; ")
             );
             page.paragraph("warning", &text);
@@ -42,7 +41,17 @@ impl Report {
         self.in_time_on(&mut page);
         self.in_short(&mut page);
         for chapter in &self.chapters {
-            chapter.show(&mut page)?;
+            page.put(format_args!(
+                "<h2 id=\"{0}\">{1}</h2>",
+                escape(chapter.name),
+                escape(chapter.study.title)
+            ));
+            page.paragraph("", chapter.question);
+            chapter.study.show(&mut page, Some(chapter.seconds))?;
+            page.put(format_args!(
+                "<p class=\"soft\">More of this: <code>insonify tradeoff {} --help</code></p>",
+                escape(chapter.name)
+            ));
         }
         Ok(page.finish())
     }
@@ -60,19 +69,19 @@ impl Report {
     }
 
     /// Returns the recommendations at the required pace; `better` heads the column of slower variants.
-    pub(super) fn pace_table(&self, better: &str) -> Table {
+    pub(super) fn pace_table(&self, better: &str) -> table::Table {
         let [time, error] = ["time", "error"].map(Cell::number);
-        let mut table = Table::new(["for".into(), "recommended".into(), time, error, better.into()]);
-        for found in self.in_time() {
-            let time = format!("{} ms", significant(found.take.cost));
+        let mut table = table::Table::new(["for".into(), "recommended".into(), time, error, better.into()]);
+        for choice in self.in_time() {
+            let time = format!("{} ms", significant(choice.take.cost));
             let cells = [
-                found.what(),
-                found.recommended(),
+                choice.what(),
+                choice.recommended(),
                 time,
-                found.off(&found.take),
-                found.beyond(),
+                choice.off(&choice.take),
+                choice.beyond(),
             ];
-            table.row(if found.met { "" } else { "wrong" }, cells);
+            table.row(if choice.met { "" } else { "wrong" }, cells);
         }
         table
     }
@@ -80,25 +89,25 @@ impl Report {
     /// Adds the recommendations, one per line.
     fn in_short(&self, page: &mut Page) {
         let [cost, error] = ["cost", "error"].map(Cell::number);
-        let mut table = Table::new(["for".into(), "recommended".into(), cost, error]);
-        for advice in self.sections().flat_map(|(_, section)| &section.advice) {
+        let mut table = table::Table::new(["for".into(), "recommended".into(), cost, error]);
+        for advice in self.tables().flat_map(|(_, table)| table.advice()) {
             let [cost, error] = &advice.units;
             let what = match advice.given.is_empty() {
                 true => advice.choosing.clone(),
                 false => format!("{} ({})", advice.choosing, advice.given),
             };
-            let [way, cost, error] = match &advice.take {
-                Some(way) => {
-                    let error = match way.gold {
+            let [name, cost, error] = match &advice.take {
+                Some(variant) => {
+                    let error = match variant.gold {
                         true => Cell::Text("none (the gold standard)".to_owned()),
-                        false => format!("{} {error}", significant(way.error)).into(),
+                        false => format!("{} {error}", significant(variant.error)).into(),
                     };
-                    let cost = format!("{} {cost}", significant(way.cost));
-                    [Cell::from(way.name.as_str()), cost.into(), error]
+                    let cost = format!("{} {cost}", significant(variant.cost));
+                    [Cell::from(variant.name.as_str()), cost.into(), error]
                 }
                 None => ["none within the tolerance", "", ""].map(|it| Cell::Text(it.to_owned())),
             };
-            table.row("", [what.into(), way, cost, error]);
+            table.row("", [what.into(), name, cost, error]);
         }
         if table.is_empty() {
             return;
@@ -122,33 +131,15 @@ impl Study {
             self.machine
         );
         page.paragraph("soft", &text);
-        let chapter = Chapter::of(self.name, "", self, &Rates::default(), Duration::ZERO);
-        chapter.body(&mut page)?;
+        self.show(&mut page, None)?;
         Ok(page.finish())
     }
-}
 
-impl Chapter {
-    fn show(&self, page: &mut Page) -> Result<(), OutputError> {
-        page.put(format_args!(
-            "<h2 id=\"{0}\">{1}</h2>",
-            escape(self.name),
-            escape(self.title)
-        ));
-        page.paragraph("", self.question);
-        self.body(page)?;
-        page.put(format_args!(
-            "<p class=\"soft\">More of this: <code>insonify tradeoff {} --help</code></p>",
-            escape(self.name)
-        ));
-        Ok(())
-    }
-
-    /// Adds tables, plots, notes and settings.
-    fn body(&self, page: &mut Page) -> Result<(), OutputError> {
-        for section in &self.sections {
-            section.show(page);
-            self.figures(page, Some(section))?;
+    /// Adds tables, plots, notes and settings, with the duration (s) if it was taken.
+    fn show(&self, page: &mut Page, seconds: Option<f64>) -> Result<(), OutputError> {
+        for table in self.listed() {
+            table.show(page);
+            self.figures(page, Some(table))?;
         }
         self.figures(page, None)?;
         self.notes
@@ -159,46 +150,46 @@ impl Chapter {
             .about
             .iter()
             .map(|(key, value)| [key.replace('_', " "), value.clone()]);
-        let took = (self.seconds > 0.0).then(|| ["measured in".to_owned(), format!("{:.1} s", self.seconds)]);
-        page.table(&Table::new(["what", "here"]).with(rows.chain(took)));
+        let took = seconds.map(|seconds| ["measured in".to_owned(), format!("{seconds:.1} s")]);
+        page.table(&table::Table::new(["what", "here"]).with(rows.chain(took)));
         page.put("</details>");
         Ok(())
     }
 
-    fn figures(&self, page: &mut Page, section: Option<&Section>) -> Result<(), OutputError> {
-        let mut drawings = self.drawings_of(section).peekable();
-        if drawings.peek().is_none() {
-            return Ok(());
+    fn figures(&self, page: &mut Page, table: Option<&Table>) -> Result<(), OutputError> {
+        let plots: Vec<Plot> = self.plots_of(table).map(|(_, plot)| plot).collect();
+        match plots.is_empty() {
+            true => Ok(()),
+            false => page.plots(&plots),
         }
-        page.plots(drawings.map(|drawing| &drawing.plot))
     }
 }
 
-impl Section {
+impl Table {
     fn show(&self, page: &mut Page) {
         page.put(format_args!("<h3>{}</h3>", escape(&self.title)));
         if !self.gold.is_empty() {
             page.paragraph("soft", &format!("Errors against: {}.", self.gold));
         }
-        for advice in &self.advice {
+        for advice in self.advice() {
             page.paragraph("advice", &advice.sentence());
         }
-        let all: Vec<usize> = (0..self.axes.len()).collect();
+        let (all, first) = (self.filled(), self.primary());
         // Long and wide tables are folded but complete.
         let many = self.rows.len() > ROWS;
         if !many {
-            self.rows(page, &self.first);
+            self.add_rows(page, &first);
         }
-        if many || self.first.len() < all.len() {
+        if many || first.len() < all.len() {
             let what = format!("All {} figures of {} rows", all.len(), self.rows.len());
             page.put(format_args!("<details><summary>{what}</summary>"));
-            self.rows(page, &all);
+            self.add_rows(page, &all);
             page.put("</details>");
         }
     }
 
-    fn rows(&self, page: &mut Page, axes: &[usize]) {
-        page.table(&self.table(axes));
+    fn add_rows(&self, page: &mut Page, axes: &[usize]) {
+        page.table(&self.cells(axes));
         match self.legend(axes) {
             none if none.is_empty() => {}
             legend => page.paragraph("soft", &legend),

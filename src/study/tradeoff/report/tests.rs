@@ -1,6 +1,10 @@
 use super::*;
-use crate::tradeoff::gather::{Devices, Entry, STUDIES, gather};
-use crate::tradeoff::{Axis, Deadline, Factor, Figure, Goal, Rates, RealTimeChoice};
+use crate::StudyError;
+use crate::testing::mark_gold;
+use crate::tradeoff::entry::{About, AnyEntry, Backends, Context, Entry};
+use crate::tradeoff::gather::{Devices, gather};
+use crate::tradeoff::{Axis, Deadline, Factor, Figure, Goal, Rates, RealTimeChoice, STUDIES};
+use insonify::Error;
 use insonify_base::text::escape;
 
 const FACTORS: [Factor; 1] = [Factor::new("way", "way")];
@@ -24,7 +28,7 @@ fn study(off: f64) -> Study {
         let error = (way != "exact").then_some(error);
         table.push(vec![way.to_owned()], vec![Some(ms), Some(1.5 * ms), error, None], flag);
     }
-    table.mark_gold("way", "exact");
+    mark_gold(&mut table, "exact");
     let mut trace = Table::trace("trace", "Along the way", &FACTORS, &AXES);
     for at in 1..10 {
         trace.push(
@@ -48,21 +52,28 @@ fn study(off: f64) -> Study {
     }
 }
 
-const fn entry(name: &'static str, run: RunFn) -> Entry {
+const fn entry(name: &'static str, run: RunFn) -> Entry<()> {
     Entry {
-        name,
-        title: "Made up",
-        question: "What is it for?",
+        about: About {
+            name,
+            title: "Made up",
+            question: "What is it for?",
+            help: "A study",
+            examples: "",
+            backends: Backends::Cpu,
+        },
+        options: &[],
+        settings: |_| (),
+        in_report: |_| (),
         run,
     }
 }
 
-type RunFn =
-    fn(&Devices, Effort, crate::tradeoff::gather::Progress<'_>) -> Result<Study, crate::tradeoff::gather::StudyFailure>;
+type RunFn = fn(&(), Context<'_>) -> Result<Study, Error>;
 
-const RIGHT: Entry = entry("right", |_, _, _| Ok(study(0.5)));
-const WRONG: Entry = entry("wrong", |_, _, _| Ok(study(7.0)));
-const BROKEN: Entry = entry("broken", |_, _, _| Err("no memory".into()));
+const RIGHT: Entry<()> = entry("right", |(), _| Ok(study(0.5)));
+const WRONG: Entry<()> = entry("wrong", |(), _| Ok(study(7.0)));
+const BROKEN: Entry<()> = entry("broken", |(), _| Err(StudyError::refused("no memory")));
 
 /// Rates with 5 ms per step.
 const PACE: Rates = Rates {
@@ -70,7 +81,7 @@ const PACE: Rates = Rates {
     steps: 200.0,
 };
 
-fn report(entries: &[Entry]) -> Report {
+fn report(entries: &[&dyn AnyEntry]) -> Report {
     let mut told = Vec::new();
     let report = gather(entries, &Devices::default(), Effort::Quick, PACE, &mut |_, share| {
         told.push(share)
@@ -81,7 +92,7 @@ fn report(entries: &[Entry]) -> Report {
 
 #[test]
 fn a_wrong_way_is_flagged_wherever_it_is_shown_and_never_advised() {
-    for (entry, wrong) in [(RIGHT, 0), (WRONG, 1)] {
+    for (entry, wrong) in [(&RIGHT, 0), (&WRONG, 1)] {
         let report = report(&[entry]);
         assert_eq!(report.wrong().count(), wrong);
         let (page, markdown) = (report.page().unwrap(), report.markdown());
@@ -89,16 +100,16 @@ fn a_wrong_way_is_flagged_wherever_it_is_shown_and_never_advised() {
             assert_eq!(text.contains("at most 1 is expected"), wrong == 1, "{text}");
         }
         assert_eq!(page.contains("WRONG") && markdown.contains("marked WRONG"), wrong == 1);
-        let take = report.chapters[0].sections[0].advice[0].take.as_ref().unwrap();
+        let take = report.chapters[0].study.tables[0].advice()[0].take.clone().unwrap();
         assert_eq!(take.name, "good, \"or so\"");
     }
-    assert_eq!(report(&[RIGHT, BROKEN]).missing[0].reason, "no memory");
+    assert_eq!(report(&[&RIGHT, &BROKEN]).missing[0].reason, "no memory");
 }
 
 #[test]
 fn what_keeps_to_the_pace_stands_first() {
-    let report = report(&[RIGHT]);
-    let found: Vec<&RealTimeChoice> = report.in_time().collect();
+    let report = report(&[&RIGHT]);
+    let found: Vec<RealTimeChoice> = report.in_time().collect();
     assert_eq!(found.len(), 1);
     // 1.5 times 2 ms; the exact variant takes 13.5.
     assert_eq!(
@@ -118,7 +129,7 @@ fn what_keeps_to_the_pace_stands_first() {
 
 #[test]
 fn every_column_mark_and_cell_says_what_it_is() {
-    let report = report(&[RIGHT]);
+    let report = report(&[&RIGHT]);
     let (page, markdown) = (report.page().unwrap(), report.markdown());
     let meaning = "p95: time (95th percentile), ms";
     let best = "best: no other row has both less \"ms\" and less \"error\"";
@@ -136,8 +147,8 @@ fn every_column_mark_and_cell_says_what_it_is() {
         assert!(text.contains("below 0.1 of the tolerance count as zero"), "{text}");
     }
     // The gold standard has no error and is among the best; the report states that it is exact.
-    let section = &report.chapters[0].sections[0];
-    assert_eq!(section.best, [true, true, true]);
+    let table = &report.chapters[0].study.tables[0];
+    assert_eq!(table.best(), [true, true, true]);
     assert!(
         markdown.contains("| exact | 9 | 13.5 | standard | gold standard, best |"),
         "{markdown}"
@@ -160,8 +171,8 @@ fn a_study_by_itself_has_a_page_too() {
 
 #[test]
 fn what_is_not_in_the_list_is_nowhere() {
-    let both = report(&[RIGHT, entry("rival", RIGHT.run)]);
-    let one = report(&[RIGHT]);
+    let both = report(&[&RIGHT, &entry("rival", RIGHT.run)]);
+    let one = report(&[&RIGHT]);
     for (with, without) in [
         (both.page().unwrap(), one.page().unwrap()),
         (both.markdown(), one.markdown()),
@@ -169,7 +180,7 @@ fn what_is_not_in_the_list_is_nowhere() {
     ] {
         assert!(with.len() > without.len() && !without.contains("rival"));
     }
-    let names: Vec<&str> = STUDIES.iter().map(|entry| entry.name).collect();
+    let names: Vec<&str> = STUDIES.iter().map(|entry| entry.about().name).collect();
     let mut distinct = names.clone();
     distinct.sort_unstable();
     distinct.dedup();
@@ -178,7 +189,7 @@ fn what_is_not_in_the_list_is_nowhere() {
 
 #[test]
 fn the_page_asks_for_nothing_and_escapes_what_it_shows() {
-    let page = report(&[RIGHT]).page().unwrap();
+    let page = report(&[&RIGHT]).page().unwrap();
     for asks in ["<script", "src=", "url(", "@import", "<link rel=\"stylesheet\""] {
         assert!(!page.contains(asks), "{asks}");
     }
@@ -207,7 +218,7 @@ fn the_page_asks_for_nothing_and_escapes_what_it_shows() {
 #[test]
 fn files_are_written_whole_and_csv_has_a_line_a_figure() {
     let folder = tempfile::tempdir().unwrap();
-    let report = report(&[RIGHT]);
+    let report = report(&[&RIGHT]);
     let files = report.write(folder.path()).unwrap();
     assert_eq!(
         files,

@@ -5,6 +5,8 @@ use std::time::Instant;
 
 use super::TissueOptions;
 use insonify::Error;
+use insonify_base::statistics::Spread;
+use insonify_mechanics::tissue::law::AnyLaw;
 use insonify_mechanics::tissue::material::Material;
 use insonify_mechanics::tissue::nonlinear::creep::{Creep, Memory};
 use insonify_mechanics::tissue::nonlinear::{Scheme, Solid, Solver, SolverOptions, Stiffening, Structure, Supports};
@@ -19,25 +21,26 @@ const SECONDS: f64 = 4.0;
 
 /// Block and its prescribed motion.
 pub(super) struct Subject {
-    stiffening: Arc<Solid>,
-    linear: Arc<Solid>,
+    mesh: TetMesh,
+    /// Law of liver, which stiffens.
+    pub law: Stiffening,
     supports: Supports<3>,
     /// Final displacement of each prescribed degree of freedom, mm.
     depth: Vec<f64>,
-    options: TissueOptions,
+    /// Order of the viscosity.
+    order: f64,
 }
 
-/// Tissue model.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Model {
-    Linear,
-    Nonlinear,
-    Viscous(Memory),
-}
-
-/// Variant of the simulation.
+/// Model of the tissue: its law, and the form of its memory if it creeps.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Variant {
+pub(super) struct Model {
+    pub law: AnyLaw,
+    pub memory: Option<Memory>,
+}
+
+/// Simulation of the history.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Simulation {
     pub model: Model,
     pub scheme: Scheme,
     /// Number of steps until the plate is down.
@@ -49,17 +52,39 @@ pub(crate) struct Variant {
 
 /// Result of a simulation.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Walked {
+pub(super) struct Response {
     /// Time of each step, ms.
-    pub times_ms: Vec<f64>,
+    times_ms: Vec<f64>,
     pub iterations: usize,
     pub factorisations: usize,
     /// Final displacements, mm.
-    pub displacement: Vec<f64>,
+    displacement: Vec<f64>,
     /// Force on the plate at the end of loading and at the end of the simulation, N.
     pub force_n: [f64; 2],
     /// Step that could not be solved, with its error.
     pub flag: Option<String>,
+}
+
+impl Response {
+    pub(super) fn total_ms(&self) -> Option<f64> {
+        (!self.times_ms.is_empty()).then(|| self.times_ms.iter().sum())
+    }
+
+    pub(super) fn spread(&self) -> Option<Spread> {
+        Spread::of(self.times_ms.clone())
+    }
+
+    /// Largest difference of the displacements from others, mm.
+    pub(super) fn error_mm(&self, exact: &Response) -> f64 {
+        let pairs = self.displacement.iter().zip(&exact.displacement);
+        pairs.fold(0.0, |a: f64, (x, y)| a.max((x - y).abs()))
+    }
+
+    /// Largest difference of the displacements from others, relative to the largest of those.
+    pub(super) fn error(&self, exact: &Response) -> f64 {
+        let largest = exact.displacement.iter().fold(0.0, |a: f64, x| a.max(x.abs()));
+        self.error_mm(exact) / largest
+    }
 }
 
 impl Subject {
@@ -67,87 +92,83 @@ impl Subject {
         let mesh = TetMesh::over_box([0.0; 3], EXTENT_MM, options.nodes)?;
         let material = Material::new(options.young_kpa, options.poisson)?;
         let law = Stiffening::new(material, options.knee_strain, options.stiffening)?;
-        let elements = mesh.elements().len();
-        let body = |law| Solid::tetrahedra(&mesh, &vec![law; elements]).map(Arc::new);
         let [x, y, top] = EXTENT_MM;
         let plate =
             |p: &[f64; 3]| p[2] == top && (p[0] - x / 2.0).abs() <= x / 6.0 && (p[1] - y / 2.0).abs() <= y / 4.0;
-        let mut held = Vec::new();
+        let mut fixed = Vec::new();
         let mut pressed = vec![0.0; 3 * mesh.nodes().len()];
         for (node, p) in (0u32..).zip(mesh.nodes()) {
             if p[2] == 0.0 {
-                held.extend((0..3u8).map(|axis| (node, axis)));
+                fixed.extend((0..3u8).map(|axis| (node, axis)));
             } else if plate(p) {
-                held.push((node, 2));
+                fixed.push((node, 2));
                 pressed[3 * node as usize + 2] = -options.depth_mm;
             }
         }
-        let supports = Supports::new(mesh.nodes().len(), held);
+        let supports = Supports::new(mesh.nodes().len(), fixed);
         let depth: Vec<f64> = supports.prescribed().iter().map(|dof| pressed[*dof as usize]).collect();
         Ok(Subject {
-            stiffening: body(law)?,
-            linear: body(Stiffening::linear(material))?,
+            mesh,
+            law,
             supports,
             depth,
-            options: *options,
+            order: options.order,
         })
     }
 
     /// Returns the numbers of nodes, elements and free degrees of freedom.
     pub(super) fn sizes(&self) -> [usize; 3] {
         [
-            self.linear.nodes().len(),
-            self.linear.elements().len(),
+            self.mesh.nodes().len(),
+            self.mesh.elements().len(),
             self.supports.free().len(),
         ]
     }
 
     /// Simulates the history. A step that cannot be solved is flagged in the result and is not an error.
-    pub(super) fn walk(&self, variant: &Variant) -> Result<Walked, Error> {
-        let body = if variant.model == Model::Linear {
-            &self.linear
-        } else {
-            &self.stiffening
-        };
+    pub(super) fn simulate(&self, simulation: &Simulation) -> Result<Response, Error> {
+        let Simulation { model, steps, .. } = *simulation;
+        let laws = vec![model.law; self.mesh.elements().len()];
         let options = SolverOptions {
-            scheme: variant.scheme,
-            tolerance: variant.tolerance,
+            scheme: simulation.scheme,
+            tolerance: simulation.tolerance,
             iterations: 200,
         };
-        let solver = Solver::new(Arc::clone(body), self.supports.clone(), options)?;
+        let body = Arc::new(Solid::tetrahedra(&self.mesh, &laws)?);
+        let solver = Solver::new(body, self.supports.clone(), options)?;
         let loads = vec![0.0; self.supports.all()];
-        let mut structure = match variant.model {
-            Model::Linear | Model::Nonlinear => Structure::Elastic(Box::new(solver)),
-            Model::Viscous(memory) => {
-                let creep = Creep::new(solver, memory, self.options.order, Rule::Trapezoid, &loads)?;
+        let mut structure = match model.memory {
+            None => Structure::Elastic(Box::new(solver)),
+            Some(memory) => {
+                let creep = Creep::new(solver, memory, self.order, Rule::Trapezoid, &loads)?;
                 Structure::Viscous(Box::new(creep))
             }
         };
-        let mut walked = Walked::default();
-        let step_s = 0.5 * SECONDS / f64::from(variant.steps);
-        let steps = if variant.hold { 2 * variant.steps } else { variant.steps };
-        for step in 1..=steps {
-            let share = (f64::from(step) / f64::from(variant.steps)).min(1.0);
-            let held: Vec<f64> = self.depth.iter().map(|depth| share * depth).collect();
+        let mut response = Response::default();
+        let step_s = 0.5 * SECONDS / f64::from(steps);
+        let end = if simulation.hold { 2 * steps } else { steps };
+        for step in 1..=end {
+            let share = (f64::from(step) / f64::from(steps)).min(1.0);
+            let prescribed_mm: Vec<f64> = self.depth.iter().map(|depth| share * depth).collect();
             let started = Instant::now();
-            match structure.step(step_s, &loads, &held, None) {
+            match structure.step(step_s, &loads, &prescribed_mm, None) {
                 Ok(progress) => {
-                    walked.iterations += progress.iterations;
-                    walked.factorisations += progress.factorisations;
+                    response.iterations += progress.iterations;
+                    response.factorisations += progress.factorisations;
                 }
                 Err(error) => {
-                    walked.flag = Some(format!("step {step}: {error}"));
+                    response.flag = Some(format!("step {step}: {error}"));
                     break;
                 }
             }
-            walked.times_ms.push(1e3 * started.elapsed().as_secs_f64());
-            if step == variant.steps {
-                walked.force_n[0] = self.force(&structure);
+            response.times_ms.push(1e3 * started.elapsed().as_secs_f64());
+            if step == steps {
+                response.force_n[0] = self.force(&structure);
             }
         }
-        walked.force_n[1] = self.force(&structure);
-        walked.displacement = structure.displacement().to_vec();
-        Ok(walked)
+        response.force_n[1] = self.force(&structure);
+        response.displacement = structure.displacement().to_vec();
+        Ok(response)
     }
 
     /// Returns the force on the plate, N.

@@ -2,6 +2,8 @@
 
 use super::*;
 use insonify_base::range::OutOfRange;
+use insonify_mechanics::tissue::law::AnyLaw;
+use insonify_mechanics::tissue::material::Material;
 use insonify_mechanics::tissue::nonlinear::NonlinearError;
 
 #[test]
@@ -18,7 +20,7 @@ fn a_small_block_is_studied() {
     });
     let study = study.unwrap();
     assert_eq!(last, 1.0);
-    let [schemes, models] = &study.tables[..] else {
+    let [schemes, models, laws] = &study.tables[..] else {
         panic!("{:?}", study.tables)
     };
     assert_eq!((schemes.rows.len(), models.rows.len()), (12, 8));
@@ -44,6 +46,27 @@ fn a_small_block_is_studied() {
         assert!(force(name, "relaxed_n") < 0.99 * force(name, "force_n"), "{name}");
     }
     assert!(force("viscoelastic, rate", "error_force") < 0.02);
+    // Of every law there are rows, and a tighter tolerance comes nearer to its exact solution.
+    let all = AnyLaw::examples(Material::new(1.16, 0.45).unwrap()).unwrap();
+    assert_eq!(laws.rows.len(), 5 * all.len());
+    for (law, _) in all {
+        for scheme in ["modified, accelerated", "full Newton"] {
+            let error = |tolerance: &str| {
+                let row = laws
+                    .rows
+                    .iter()
+                    .find(|row| row.choices == [law, scheme, tolerance])
+                    .unwrap();
+                assert_eq!(row.flag, None, "{law}, {scheme}");
+                laws.value(row, "error").unwrap()
+            };
+            assert!(
+                error("1e-8") < 1e-6 && error("1e-8") <= error("1e-3"),
+                "{law}, {scheme}: {}",
+                error("1e-8")
+            );
+        }
+    }
 }
 
 #[test]
