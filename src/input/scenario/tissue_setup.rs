@@ -229,14 +229,14 @@ impl ScenarioFile {
     /// Refuses what the tissue model does not have, and checks its settings, before anything is read.
     pub(crate) fn check_tissue(&self) -> Result<(), InputError> {
         let (spec, model) = (&self.tissue, self.tissue.model);
-        self.of_kind("tissue", spec, model)?;
-        for (at, material) in spec.material.iter().enumerate() {
-            self.of_kind(&format!("tissue.material[{at}]"), material, model)?;
-        }
         let linear = "`tissue.model = \"finite-element\"`";
         if !self.run.change.is_empty() && !model.is_remeshed() {
             let found = "a change of level of a model that has none";
             return Err(self.wrong_keys("run.change", found, linear));
+        }
+        self.of_kind("tissue", spec, model)?;
+        for (at, material) in spec.material.iter().enumerate() {
+            self.of_kind(&format!("tissue.material[{at}]"), material, model)?;
         }
         if self.contact_probe.is_some() && !model.is_remeshed() {
             let tissue = match model.is_meshed() {
