@@ -12,13 +12,13 @@ pub(crate) fn grouped(command: Command, titles: &[&str]) -> Command {
     let mut list = String::new();
     for (at, (subcommand, title)) in command.get_subcommands().zip(titles).enumerate() {
         if at == 0 || titles[at - 1] != *title {
-            let _ = write!(list, "{heading}{title}:{heading:#}\n");
+            let _ = writeln!(list, "{heading}{title}:{heading:#}");
         }
         let (name, about) = (
             subcommand.get_name(),
             subcommand.get_about().cloned().unwrap_or_default(),
         );
-        let _ = write!(list, "  {literal}{name:<width$}{literal:#}  {about}\n");
+        let _ = writeln!(list, "  {literal}{name:<width$}{literal:#}  {about}");
         if titles.get(at + 1) != Some(title) {
             list.push('\n');
         }

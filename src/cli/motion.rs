@@ -239,7 +239,7 @@ impl Motion {
         let printed = Printed::new(Some(self.output.clone()), self.force, self.json);
         if self.input.is_none() {
             let effort = if self.quick { Effort::Quick } else { Effort::Whole };
-            return printed.run(|progress| Ok(validation::study(effort, progress)?));
+            return printed.run(|progress| validation::study(effort, progress));
         }
         printed.check()?;
         let (echoes, options) = self.echoes()?;

@@ -148,9 +148,7 @@ impl Puncture {
 
     fn fitted(&self, path: &Path, options: &PunctureOptions) -> Result<PunctureFit, Error> {
         let samples = fit::read(path)?;
-        Ok(terminal::with_bar("fitting", |share| {
-            fit::fit(options, &samples, &mut |done| share(done))
-        })?)
+        terminal::with_bar("fitting", |share| fit::fit(options, &samples, &mut |done| share(done)))
     }
 }
 

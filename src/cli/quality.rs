@@ -181,7 +181,7 @@ impl QualityArgs {
             || {
                 // Errors of the scenario take precedence.
                 file.resolve(folder, |_| {})?;
-                watched(|progress| Ok(step_costs::measure(progress)?))
+                watched(|progress| step_costs::measure(progress))
             },
         )?;
         let model = file.needle.as_ref().map(|needle| needle.model);

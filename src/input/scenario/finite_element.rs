@@ -128,7 +128,7 @@ impl ScenarioFile {
             gpu,
             changes,
         };
-        Ok(meshed.modelled(TissueSetup::FiniteElement(elements)))
+        Ok(meshed.modelled(TissueSetup::FiniteElement(Box::new(elements))))
     }
 
     /// Opens the GPU, if requested.

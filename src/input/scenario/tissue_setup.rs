@@ -32,7 +32,7 @@ const FEW_CANDIDATES: usize = 6;
 #[derive(Clone, Debug)]
 pub enum TissueSetup {
     /// Linear finite elements, remeshed at the tip of the needle.
-    FiniteElement(FiniteElement),
+    FiniteElement(Box<FiniteElement>),
     /// Masses and springs in a cylinder along the path: the interactions are those of the labels around it.
     MassSpring(Parameters),
     /// Nonlinear or viscoelastic finite elements.
