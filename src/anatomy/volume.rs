@@ -24,8 +24,8 @@ use nalgebra::{Matrix4, Point3, Vector3};
 
 pub use data::read as read_data;
 pub use error::{At, VolumeError};
-pub use format::written;
-pub(crate) use format::{ending, header_beside, names as format_names};
+pub(crate) use format::{ending, header_beside};
+pub use format::{names as format_names, written};
 pub use load::{Loaded, ScalarImage, load, load_scalar, numbers, read_header};
 pub use save::save;
 

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use insonify_anatomy::segmentation;
+use insonify_anatomy::volume::format_names;
 use insonify_tracking::plus::PlusInfo;
 use insonify_tracking::sequence::SequenceInfo;
 
@@ -18,9 +19,7 @@ use insonify::Error;
 /// calibration and coordinate definitions.
 #[derive(Args)]
 pub(crate) struct Info {
-    /// Label file (NIfTI, NRRD or MetaImage), a folder of binary masks named by their files, or a tracked sequence or
-    /// configuration (.xml) of PLUS
-    #[arg(value_name = "FILE")]
+    #[arg(value_name = "FILE", help = format!("Label file ({}), a folder of binary masks named by their files, or a tracked sequence or configuration (.xml) of PLUS", format_names("or")))]
     file: PathBuf,
     #[command(flatten)]
     names: NamesArg,

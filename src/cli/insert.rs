@@ -73,7 +73,7 @@ pub(crate) struct Insert {
     /// Scenario file (TOML), or the name of a built-in one
     #[arg(value_name = "SCENARIO.toml", required_unless_present_any = ["example", "reference", "labels"])]
     scenario: Option<PathBuf>,
-    /// In place of a scenario: a label file (NIfTI, NRRD or MetaImage); the probe is placed over the target
+    /// In place of a scenario: a label file; the probe is placed over the target
     #[arg(long, value_name = "FILE", conflicts_with = "scenario", requires = "target")]
     labels: Option<PathBuf>,
     /// With --labels: target label or tissue, or a part of its name; the needle goes to it from beside the probe, and

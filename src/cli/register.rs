@@ -52,7 +52,7 @@ const MIN_JACOBIAN: f64 = 0.6;
 #[derive(Args)]
 #[command(after_help = TEACHING)]
 pub(crate) struct Register {
-    /// Label file (NIfTI, NRRD or MetaImage), or a folder of binary masks named by their files
+    /// Label file, or a folder of binary masks named by their files
     #[arg(value_name = "VOLUME")]
     volume: PathBuf,
     #[command(flatten)]

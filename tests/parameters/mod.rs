@@ -102,7 +102,7 @@ fn schemas_say_what_effects_accept() {
             effects.validate().map_err(|error| error.to_string())
         });
     }
-    assert_eq!(ranges, 38);
+    assert!(ranges > 30, "{ranges} ranges of effects were tried");
 }
 
 #[test]

@@ -36,7 +36,7 @@ macro_rules! formats {
 pub(super) use formats;
 
 /// Names of all formats, the last one behind a conjunction.
-pub(crate) fn names(conjunction: &str) -> String {
+pub fn names(conjunction: &str) -> String {
     list(super::FORMATS.iter().map(|format| format.name), conjunction)
 }
 

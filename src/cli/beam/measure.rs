@@ -39,7 +39,7 @@ Exit status: 0 measured; 2 markers or needle are not found, or a file is wrong; 
 #[derive(Args)]
 #[command(after_help = MEASURE_EXAMPLES)]
 pub(super) struct Measure {
-    /// Volumes (NIfTI, NRRD, MetaImage): the needle at rest, then moved
+    /// Volumes: the needle at rest, then moved
     #[arg(value_name = "CT", num_args = 2.., required = true)]
     volumes: Vec<PathBuf>,
     /// Design of the markers

@@ -43,7 +43,7 @@ const WRONG_PERCENT: f64 = 50.0;
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Make {
-    /// Label file (NIfTI, NRRD or MetaImage), or a folder of binary masks named by their files
+    /// Label file, or a folder of binary masks named by their files
     #[arg(
         value_name = "VOLUME",
         required_unless_present = "phantom",

@@ -103,7 +103,7 @@ parameters! {
         /// Seed of irregular surfaces, vessels and gas. Default 0.
         #[serde(skip_serializing_if = "Option::is_none")]
         seed: Option<u64>, for Phantom;
-        /// Label file (NIfTI, NRRD or MetaImage), or folder of binary masks named by their files. NIfTI stores its position in single precision, in steps
+        /// Label file, or folder of binary masks named by their files (formats: `insonify info --help`). NIfTI stores its position in single precision, in steps
         /// of 0.008 mm at 1e5 mm.
         #[serde(skip_serializing_if = "Option::is_none")]
         file: Option<PathBuf>;
@@ -118,7 +118,7 @@ parameters! {
         /// Registration by `insonify register`, which places the completed anatomy in the world.
         #[serde(skip_serializing_if = "Option::is_none")]
         registration: Option<PathBuf>, for File | Ct;
-        /// CT that the labels were made from (NIfTI, NRRD or MetaImage, Hounsfield units). Unlabelled voxels in the body are then gas, fat,
+        /// CT that the labels were made from, in Hounsfield units. Unlabelled voxels in the body are then gas, fat,
         /// muscle, soft tissue or bone by their grey value, gas in the bowel is gas, and contrast-enhanced vessels of the liver are drawn.
         #[serde(skip_serializing_if = "Option::is_none")]
         ct: Option<PathBuf>, for File | Ct;
@@ -210,7 +210,7 @@ impl PoseTable {
 pub struct TextureSpec {
     /// Name of the texture; that of a built-in texture replaces it.
     pub name: String,
-    /// Three-dimensional grey file: NIfTI, NRRD or MetaImage.
+    /// Three-dimensional grey file.
     pub file: PathBuf,
     /// Distance between voxel centres along each axis, mm, above 0. Default: that of the file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
