@@ -85,7 +85,7 @@ Examples:
   insonify solve problem.toml -o deformed.vtu      how tissue deforms under forces and displacements
   insonify calibrate pivot tip.igs.mha             the tip of a tracked needle
   insonify stability --quick                       hard numerical cases, and whether they pass
-  insonify COMMAND --help                          every option of a command, with examples
+  insonify render --help                           every option of a command, with examples
 
 Exit status: 0 success; 2 invalid arguments, files or scenes; 1 a failure of the machine.
 Environment: INSONIFY_ADAPTER names the GPU adapter where --adapter does not; INSONIFY_CACHE is the folder for phantoms and
