@@ -62,7 +62,8 @@ fn echoes(step: &Step, slack: &Slack, speckle: &SpeckleTables) -> Vec<[f64; 2]> 
                 planes * (SLOPE * steps + LOUDEST * (INTERPOLATION + (1.5 + speckle.planes.len() as f64) * ULP));
             let loud = planes * LOUDEST;
             let at = nearest * samples + sample;
-            let (amplitude, off) = (step.before.amplitude[at], slack.amplitude[at]);
+            // Negative where a strong texture is dark.
+            let (amplitude, off) = (step.before.amplitude[at].abs(), slack.amplitude[at]);
             // Echoes of surfaces and needles, interpolated between two scanlines, times a stored factor, added.
             let specular = [a, b].map(|at| slack.specular.get(at).copied().unwrap_or([0.0; 2]));
             let factor = speckle.specular.of::<f64>()[sample];
