@@ -122,10 +122,17 @@ fn written_by_macros(text: &str) -> impl Iterator<Item = &str> {
 fn whatever_a_crate_shows_somebody_else_uses() {
     let lib = std::fs::read_to_string(root().join("src/lib.rs")).expect("the root");
     let mut exported: BTreeSet<&str> = lib.split("pub use ").skip(1).flat_map(words).collect();
-    // The root has the parameters of effects that their registry lists.
-    let effects = std::fs::read_to_string(root().join("src/imaging/effects.rs")).expect("the effects");
-    let registry = effects.split("\nregistry! {").nth(1).expect("the registry");
-    exported.extend(registry.split("\n}\n").take(1).flat_map(words));
+    // Registries show the types that they list.
+    let registries = [
+        ("imaging/effects.rs", "\nregistry! {"),
+        ("mechanics/needle.rs", "needle_models! {"),
+    ];
+    let listed = registries.map(|(path, start)| {
+        let text = std::fs::read_to_string(root().join("src").join(path)).expect("a source");
+        let list = text.split(start).nth(1).expect("the registry");
+        list.split("\n}\n").next().unwrap_or_default().to_owned()
+    });
+    exported.extend(listed.iter().flat_map(|list| words(list)));
     // By layer: sources without unit tests, and all that may use the names of others.
     let mut by_layer: BTreeMap<String, Vec<String>> = BTreeMap::new();
     let mut users: BTreeMap<String, Vec<String>> = BTreeMap::new();

@@ -117,7 +117,7 @@ impl ScenarioFile {
     /// Refuses needles that nonlinear tissue does not support, and checks its tables.
     pub(crate) fn check_nonlinear(&self) -> Result<(), InputError> {
         if !self.needle_settings()?.is_straight() {
-            let is_rigid = self.needle_table()?.model == NeedleModel::default();
+            let is_rigid = self.needle_table()?.model == NeedleModel::Rigid;
             let (key, what, expected) = match is_rigid {
                 true => ("bevel", "a bevel", "a needle without"),
                 false => ("model", "a flexible needle", "`model = \"rigid\"`"),
