@@ -207,6 +207,8 @@ fn axis_table(arms_mm: &[f64]) -> Result<Table, BeamError> {
                     let mut problem = problem(tissue.material, tissue.compression, control, depth, ELEMENT_MM);
                     problem.pivot_mm = *arm;
                     let mut beam = FoundationBeam::new(&problem)?;
+                    // The published RCM is a mean over these displacements: in
+                    // nonlinear tissue each of them gives another.
                     let (mut rcm, mut share) = (0.0, 0.0);
                     for displacement_mm in DISPLACEMENTS_MM {
                         let slope = None;

@@ -98,6 +98,8 @@ impl CaseFile {
             layers,
             element_mm: self.mesh.element_mm,
         };
+        // The problem knows only its own keys; whoever reads the file needs
+        // the table in which the number stands.
         problem.check().map_err(|error| {
             let table = match error.key.as_str() {
                 "control_distance_mm" | "pivot_mm" => "base",

@@ -165,6 +165,8 @@ pub fn plan(
         candidates::in_plane(scenario, &target)?;
     }
     let mut tissue = section.unwrap_or_else(|| scenario.clone());
+    // Guides, deposits and changes of level belong to the insertion of
+    // the scenario; each line is one of its own.
     tissue.guides.clear();
     tissue.deposits.clear();
     tissue.keep_level();

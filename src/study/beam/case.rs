@@ -222,6 +222,8 @@ pub fn map(case: &BeamCase, tips_mm: &[f64], rcms_mm: &[f64]) -> Result<Study, I
             let (limits, values, flag) = match case.reach(&wanted) {
                 Ok((_, shape)) => (limits(case, &shape), motion(tip_mm, &shape), None),
                 Err(error) => {
+                    // A motion that does not exist keeps its row with what was asked for,
+                    // so that the edge of the reach is seen.
                     let mut values = vec![None; MAP.len()];
                     values[0] = Some(tip_mm);
                     if let Wanted::TipAbout { rcm_mm, .. } = wanted {

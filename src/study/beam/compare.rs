@@ -82,6 +82,8 @@ pub fn compare(cases: &[(String, BeamCase)], tissues: &[(String, BeamCase)]) -> 
             (name.clone(), problem)
         });
         for (tissue, problem) in with_its_tissue.chain(with_other_tissues) {
+            // Hardly two measured needles are equally deep: without rounding
+            // every group would have one needle.
             let depth = (problem.inserted_mm / DEPTH_GROUP_MM).round() * DEPTH_GROUP_MM;
             let choices = vec![name.clone(), tissue, depth.to_string()];
             match compared(case, &problem) {

@@ -106,6 +106,7 @@ impl fmt::Display for BeamReport {
             "residual     {:.1e}, {} Newton steps\n",
             self.residual, self.iterations
         )?;
+        // Fine meshes have more nodes than fit: every n-th is shown, and the tip always.
         let last = self.shape.len().saturating_sub(1);
         let every = last.div_ceil(ROWS).max(1);
         let shown = self.shape.iter().enumerate();
@@ -121,6 +122,7 @@ impl fmt::Display for BeamReport {
 /// Plots the needle in its tissue: its shape, the tangent at its base, and both centres of motion.
 pub fn plot(case: &BeamCase, shape: &Shape) -> Plot {
     let nodes: Vec<f64> = shape.points.iter().map(|point| point.x_mm).collect();
+    // Deflections are cubic between nodes: straight lines from node to node would show corners.
     let between = |pair: &[f64]| {
         let (from, length) = (pair[0], pair[1] - pair[0]);
         (1..=FINE).map(move |part| from + length * part as f64 / FINE as f64)
@@ -143,6 +145,7 @@ pub fn plot(case: &BeamCase, shape: &Shape) -> Plot {
     }
     let base = &shape.points[0];
     let tip = nodes[nodes.len() - 1];
+    // The tangent meets the axis at the RCM; one behind the base would lead the line away from the tissue.
     let reach = shape.rcm_mm().filter(|rcm| *rcm > base.x_mm).unwrap_or(tip);
     let end = [reach, base.u_mm + base.slope * (reach - base.x_mm)];
     series.extend([

@@ -137,6 +137,7 @@ pub fn compare(
     progress("solvers", 0.45);
     let solvers = solvers(options)?;
     progress("transfers", 0.6);
+    // Only these two have a size and a ratio of both processors; transfers and effects have nothing to cross.
     let crossing = crossing(&[&passes, &solvers]);
     let mut tables = vec![passes, crossing];
     tables.extend(passes::transfers(subject, options)?);
@@ -249,6 +250,7 @@ pub fn solvers(options: &CompareOptions) -> Result<Table, Error> {
         Some(row.choices[at].clone())
     };
     let value = |row: &Row, key: &str| row.values[remesh.axes.iter().position(|axis| axis.key == key)?];
+    // GPUs run these levels in single precision: against rows in f64 the ratio would compare precisions too.
     let single: Vec<&Row> = remesh
         .rows
         .iter()
@@ -322,6 +324,8 @@ pub fn crossing(tables: &[&Table]) -> Table {
         let (Some(first), Some(last)) = (both.first(), both.last()) else {
             continue;
         };
+        // After the last size at which the CPU is as fast: times scatter near the crossing, and one lucky
+        // measurement of the GPU must not decide.
         let wins = both.iter().rposition(|(_, ratio)| *ratio <= 1.0).map_or(0, |at| at + 1);
         let size = |row: &Row| row.choices[2].clone();
         let words = match both.get(wins) {

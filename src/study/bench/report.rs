@@ -181,6 +181,7 @@ impl fmt::Display for BackendReport {
                 own.dispatches, own.uploads, own.submissions, own.waits, own.up_kb, own.down_kb
             )?;
         }
+        // Fused passes cannot be timed apart; run one by one, they need not add up to the time of a frame.
         if self.exchange.is_some() && !self.passes.is_empty() {
             writeln!(f, "  passes one by one (in a frame they are fused)")?;
         }

@@ -228,6 +228,8 @@ impl fmt::Display for SampleReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { line, sample, .. } = self;
         let [exact_line, exact_sample] = self.beam;
+        // In the order in which a pixel comes about, from its place to scan conversion, so that a reader who
+        // misses an echo can stop at the first line that is off.
         writeln!(
             f,
             "beam            scanline {line}, sample {sample} (exactly {exact_line:.2}, {exact_sample:.2}), {:.3} mm deep",

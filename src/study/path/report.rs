@@ -93,6 +93,7 @@ impl PathPlan {
                 .entry_mm
                 .map_or(String::new(), |at| at.map(|x| format!("{x:.1}")).join(" "));
             let mut cells = vec![line.number.to_string(), format!("{:.1}", line.angle_deg), entry];
+            // An excluded line has no path: empty cells keep the reason in the last column.
             cells.extend(match &line.path {
                 Some(path) => vec![
                     format!("{:.2}", path.insertion_mm),
@@ -281,6 +282,7 @@ impl PathPlan {
             (overview, "The best path in the anatomy.".to_owned()),
         ]);
         for plot in [self.target_plot(), self.lines_plot()] {
+            // The title becomes the caption: inside the picture it would stand twice.
             let untitled = Plot {
                 title: String::new(),
                 ..plot.clone()

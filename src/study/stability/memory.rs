@@ -320,6 +320,7 @@ pub(super) fn refused(record: &mut Record<'_>) -> Result<(), Unexpected> {
         }
         let mut history = rule.start(Operator::Integral(0.5), &[1.0])?;
         history.commit(0.1, &[2.0])?;
+        // What the history would answer next: no refused step may leave a trace in it.
         let before = next(history.as_mut())?;
         for step in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             let answer = history.commit(step, &[1.0]);
@@ -341,6 +342,8 @@ pub(super) fn refused(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 });
             }
             Rule::Exponentials(_) => {
+                // The sum of exponentials fits the kernel from 0.1 s to 1 s only:
+                // outside it would be silently wrong.
                 let answer = history.commit(0.01, &[1.0]);
                 record.refused(format!("{name}, short"), answer, |e| {
                     matches!(e, HistoryError::Short { .. })

@@ -115,6 +115,7 @@ fn damaged(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let estimates = tracker.next(&second);
         let count = options().windows;
         let inner = estimates.iter().enumerate().filter(|(at, _)| at % count + 1 < count);
+        // Only windows that correlate promise a motion; others are not to be used, and may be anywhere.
         let kept = inner.filter(|(_, it)| it.correlation >= TRUSTED);
         let errors: Vec<f64> = kept.map(|(_, it)| it.axial_um - 1e3 * MOVED_MM).collect();
         let mean = errors.iter().sum::<f64>() / errors.len() as f64;
@@ -124,6 +125,7 @@ fn damaged(record: &mut Record<'_>) -> Result<(), Unexpected> {
         record.report(format!("{name}: share of windows that correlate"), share(&estimates));
         record.under(format!("{name}: largest number"), magnitude(&estimates), 1e6);
         if name == "constant lines" {
+            // A constant line looks alike at every shift: none of them may pass for a match.
             let stuck = estimates
                 .chunks(count)
                 .step_by(5)

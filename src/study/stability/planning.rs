@@ -218,6 +218,8 @@ fn far_goals(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 ];
                 for goal in goals {
                     let both = [*size, -size].map(|size| find(&mut beam, &goal(size)));
+                    // A goal out of reach may be refused, but then on both sides:
+                    // the tissue is the same to either.
                     let [Ok((base, _)), Ok((other, _))] = &both else {
                         refused += 1;
                         early += usize::from(*size < 2.0);
@@ -272,6 +274,8 @@ fn noisy_forces(record: &mut Record<'_>) -> Result<(), Unexpected> {
         (1..=290).map(|at| [depth(at), of(depth(at)) + noise(at)]).collect()
     };
     let draws = record.effort().pick(2, 8);
+    // Errors of a fit grow in proportion to the noise, and so do the limits; 24 % is three standard
+    // deviations of the narrowest region.
     for (share, within) in [(0.0, 1e-4), (0.005, 0.06), (0.02, 0.24)] {
         let mut off = 0.0;
         for row in 0..draws {
@@ -292,6 +296,7 @@ fn noisy_forces(record: &mut Record<'_>) -> Result<(), Unexpected> {
             within,
         );
     }
+    // A fit of four regions finds four in any curve: those that have fewer must at least be doubted.
     let curves: [(&str, &dyn Fn(f64) -> f64); 3] = [
         ("noise alone", &|_| 0.0),
         ("a line", &|depth| 0.03 * depth),

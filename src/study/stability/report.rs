@@ -188,6 +188,7 @@ impl StabilityReport {
             self.machine
         );
         for group in self.groups() {
+            // Writing to a string cannot fail.
             let _ = write!(text, "\n## {group}\n");
             for case in self.of_group(group) {
                 let covers = case.covers.join(", ");
@@ -273,6 +274,7 @@ impl StabilityReport {
             self.machine
         );
         page.paragraph(if failed > 0 { "warning" } else { "advice" }, &verdict);
+        // Every failure in words and before the tables, whose rows show a case by one figure only.
         for case in self.cases.iter().filter(|case| !case.holds) {
             let failures: Vec<String> = case.failures().map(sentence).collect();
             page.paragraph(

@@ -158,6 +158,7 @@ pub(super) fn elements_table() -> Result<Table, BeamError> {
                 case,
                 element_mm,
                 time: Spread::of_runs(REPEATS, || beam.solve(black_box(&base)))?,
+                // The finest elements are the truth: their distance from themselves is no measurement.
                 error_mm: (element_mm > FINE_MM).then(|| largest_distance_mm(&shape, &truth)),
                 shape,
             });

@@ -60,6 +60,8 @@ pub fn gather(
     let (mut chapters, mut missing) = (Vec::new(), Vec::new());
     for (at, entry) in entries.iter().enumerate() {
         let about = entry.about();
+        // Equal shares for studies of unequal length: how long one takes on
+        // this machine is not known beforehand.
         let mut inner = |what: &str, share: f64| {
             progress(
                 &format!("{}: {what}", about.name),

@@ -200,6 +200,7 @@ pub(crate) fn study(effort: Effort, progress: &mut (dyn FnMut(&str, f64) + Send)
     let upsamplings = [1, 4].map(upsampled);
     let all: Vec<Options> = windows.into_iter().chain(upsamplings).chain([exhaustive]).collect();
     progress("the medium at rest", 0.0);
+    // One first frame for all: rows then differ by their settings and motions, not by the scatterers drawn.
     let first = medium.frame(0, |_| [0.0; 2]);
     let work = (MOTIONS.len() * all.len()) as f64;
     let mut rows = Vec::new();

@@ -138,10 +138,14 @@ fn paths(effort: Effort, progress: &mut dyn FnMut(&str, f64)) -> Result<Table, E
         rows.push(PlanRow {
             tissue: name,
             seconds: Some(seconds),
+            // The own miss only says that a plan meets its own tissue; what a
+            // plan is worth shows in the finest.
             miss_mm: miss_mm(&reference, &path.course, &plan.target_mm.into())?,
             own_miss_mm: Some(path.miss_mm),
             insertion_mm: Some(path.insertion_mm - path.back_mm),
         });
+        // The last plan is in the finest tissue: its miss before the
+        // correction is that of going without a plan.
         unplanned = Some(path.miss_before_mm);
     }
     rows.push(PlanRow {

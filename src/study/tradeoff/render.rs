@@ -248,6 +248,8 @@ impl Table {
         let mut kinds: Vec<String> = Vec::new();
         let mut series: Vec<Series> = Vec::new();
         for row in self.rows.iter().filter(wanted) {
+            // The gold standard has no error, and not every row was measured:
+            // such rows have no place in the plot.
             let (Some(across), Some(up)) = (row.values[x], row.values[y]) else {
                 continue;
             };

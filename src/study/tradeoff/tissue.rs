@@ -358,6 +358,8 @@ fn models_table(subject: &Subject, counts: &[u32], next: &mut dyn FnMut(&str)) -
     let finest = exact(subject, models[models.len() - 1].1, finest_steps, true)?;
     let mut rows = Vec::new();
     for (name, model) in models {
+        // The same model in fine steps tells the error of the steps from that of the model. Elastic tissue
+        // has no memory, so that steps add no error.
         let fine_steps = match model.memory {
             None => None,
             Some(_) => Some(exact(subject, model, finest_steps, true)?),

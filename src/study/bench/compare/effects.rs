@@ -134,6 +134,8 @@ pub(super) fn effects(subject: &Subject<'_>, options: &CompareOptions) -> Result
     let present = present(subject, &settings)?;
     for (name, backend) in backends(options) {
         let ready = |keep: &dyn Fn(&Effect) -> bool| Ready::new(subject, with(subject, &settings, keep), backend());
+        // Both stay for all effects: each is timed afresh in turn with its partner, so that the load of the
+        // machine while one effect is measured does not count for another.
         let (mut all, mut none) = (ready(&|_| true)?, ready(&|_| false)?);
         let [whole, bare] = in_turn(&mut all, &mut none, options.patience)?;
         let mut push = |what: &str,

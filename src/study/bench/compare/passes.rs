@@ -197,6 +197,7 @@ pub(super) fn transfers(subject: &Subject<'_>, options: &CompareOptions) -> Resu
             let plan = Plan::new(&tables);
             let limit = gpu.limits().max_storage_buffer_binding_size;
             let mut moves: Vec<(&str, u64, Transfer)> = Vec::new();
+            // Neither the mesh nor the parameters depend on the grid of samples: one size is enough.
             if at == 0 && plan.has("warp") {
                 moves.push(("up: the moved mesh", moved_mesh(subject, &tables)?, upload));
             }

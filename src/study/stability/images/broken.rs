@@ -66,6 +66,7 @@ fn states(mesh: &TetMesh) -> Vec<Broken> {
         let mut nodes = mesh.nodes().to_vec();
         change(&mut nodes);
         let mut report = LocatorReport::default();
+        // Counted from volumes alone, so that the locator is not held against its own way of counting.
         for (corners, volume) in mesh.elements().iter().zip(mesh.volumes(&nodes)) {
             let finite = corners
                 .iter()
@@ -193,11 +194,14 @@ pub(super) fn meshes(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 }
             }
             record.zero(format!("{case}: samples of the rest that changed"), changed as f64);
+            // At least a quarter of the samples must belong to the rest: of
+            // fewer, being unchanged would say little.
             record.under(
                 format!("{case}: samples over those of the rest"),
                 beam.position.len() as f64 / compared.max(1) as f64,
                 4.0,
             );
+            // The sound mesh again, on the same synthesizer: no buffer may keep anything of the broken state.
             let again = synth.render(&place(mesh.nodes()))?;
             let left = again.pixels.iter().zip(&picture).filter(|(a, b)| a != b).count();
             record.zero(format!("{case}: pixels that stay wrong afterwards"), left as f64);

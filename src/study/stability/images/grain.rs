@@ -261,6 +261,7 @@ pub(super) fn differing_hashes(gpu: &Gpu, seeds: &[u64], count: usize) -> Result
         )?;
         recorder.read_back(&words, &readback)
     })?;
+    // The shader writes four words a hash, as three would take the space of four in a storage array.
     let mut hashes = vec![[0u32; 4]; expected.len()];
     readback.read(gpu, &mut hashes)?;
     let differing = expected.iter().zip(&hashes).filter(|(a, b)| a[..] != b[..3]).count();

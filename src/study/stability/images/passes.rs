@@ -309,6 +309,7 @@ fn refused_tones(record: &mut Record<'_>, anatomy: &Anatomy) {
             ..Effects::default()
         };
         let settings = settings(ProbeShape::Linear(Linear { width_mm: 10.0 }), 25.0, [2, 64], effects);
+        // Tables check settings before any backend sees them, so that nothing has to be rendered.
         let answer = insonify_imaging::synth::tables::Tables::new(anatomy.clone(), settings);
         record.refused(
             what,

@@ -262,6 +262,8 @@ pub(crate) fn moved_scenes(record: &mut Record<'_>) -> Result<(), Unexpected> {
         meshes += usize::from(case.anatomy.mesh.is_some());
         needles += usize::from(case.state.needle.is_some());
         grainy += usize::from(case.settings.effects.speckle.is_some());
+        // Whole metres leave coordinates on the grid exact in f64, so that pixels must be equal; elsewhere
+        // coordinates round, and backends may differ by rounding.
         let by = METRES[index as usize % METRES.len()];
         compare(&case, by, &gpus, &mut sums)?;
         let far = case.moved(ANYWHERE)?;
@@ -370,6 +372,7 @@ fn compare(case: &Case, by: [f64; 3], gpus: &[Gpu], sums: &mut Vec<Sum>) -> Resu
             let moved = Vector3::new(there[0] - here[0], there[1] - here[1], there[2] - here[2]);
             (moved - by).amax()
         });
+        // `zip` stops at the shorter frame: pixels that only one of them has differ as well.
         let sum = &mut sums[at];
         sum.pixels += differing_pixels + expected.pixels.len().abs_diff(frame.pixels.len());
         sum.places_mm = largest(places.chain([sum.places_mm]));

@@ -118,6 +118,8 @@ pub(super) fn first(record: &mut Record<'_>) -> Result<(), Unexpected> {
         for &count in counts(record) {
             start.go(&mut adaptation, &nodes, done..count, |adaptation, report| {
                 let residual = of_contacts(adaptation)?;
+                // Where a refresh fails, the level has said that it cannot meet
+                // its tolerance: reported, but no fault.
                 if report.rebuild_failed {
                     &mut reported
                 } else {
@@ -136,6 +138,7 @@ pub(super) fn first(record: &mut Record<'_>) -> Result<(), Unexpected> {
             );
         }
         let what = format!("{}, nu {poisson}", backend.name);
+        // Even an inverse computed afresh leaves a residual: below this floor no update can get.
         let mut recomputed = Now::of(adaptation.mesh())?.inverse;
         let stiffness = adaptation.mesh().stiffness().at_nodes(adaptation.mesh().nodes())?;
         let floor = sampled_residual(&stiffness, &mut recomputed, &start.contacts)?;
@@ -246,6 +249,8 @@ pub(super) fn all(record: &mut Record<'_>) -> Result<(), Unexpected> {
             start.go(&mut reference, &start.free, 0..COMPARED, |_, _| Ok(()))?;
             let (mut rebuilds, mut wrong) = (0, 0);
             for n in 0..many {
+                // Rounding in f32 adds up with every move: a comparison with f64 has a bound after a few
+                // moves only, later K^c merely has to stay finite.
                 if n == COMPARED {
                     let limit = Now::of(&mesh)?.condition * f64::from(f32::EPSILON);
                     record.under(

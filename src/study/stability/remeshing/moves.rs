@@ -31,6 +31,7 @@ pub(crate) fn out_and_back(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 changed as f64,
             );
             record.zero(format!("rows of S left, exact, {what}"), rows_left as f64);
+            // Level I refuses f32 beyond this Poisson's ratio, as the case of its accuracy tests.
             if backend.precision == Precision::Single && poisson > RemesherOptions::default().single_poisson_limit {
                 continue;
             }

@@ -155,6 +155,8 @@ pub(crate) fn rigid_motions(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 let rigid: Vec<[f64; 3]> = mesh.nodes().iter().map(|p| moves(p).into()).collect();
                 let forces = stiffness.nodal_forces(&rigid);
                 let [force, size] = [&forces, &rigid].map(|all| largest(all.as_flattened().iter().copied()));
+                // Forces cancel from terms as large as |K| |r| and round by these:
+                // so one bound holds near and 1 m away.
                 worst.push(force / (stiffness.norm_inf() * size));
             }
             record.under(
@@ -261,6 +263,8 @@ pub(super) fn contrast(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 imbalance(&problem, &solution),
                 1e-10,
             );
+            // Contrast raises the condition number, by which two solves round
+            // apart; the backward error does not grow.
             let stiffness = problem.stiffness()?;
             let factor = Factor::new(&stiffness)?;
             let limit = ROUNDING_UNITS * f64::EPSILON * condition(&stiffness, &factor);

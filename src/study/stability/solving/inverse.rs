@@ -212,6 +212,8 @@ pub(super) fn refused(record: &mut Record<'_>) -> Result<(), Unexpected> {
         problem.load_all(6);
         Ok(problem)
     };
+    // Translations and rotations that supports leave to a rigid body: a fixed point leaves the three
+    // rotations, a fixed line the one about itself.
     let freedom: [(&str, &dyn Fn(&[f64; 3]) -> bool, [usize; 2]); 3] = [
         ("no fixed node", &|_| false, [3, 3]),
         ("one fixed node", &|p| *p == [0.0; 3], [0, 3]),

@@ -169,6 +169,8 @@ pub(super) fn errors(mesh: TetMesh, material: Material, waves: &[Wave]) -> Resul
     };
     let nodes = problem.mesh.nodes();
     let mut sums = [0.0; 4];
+    // Integrated inside the elements: at nodes errors can be smaller than
+    // in between, and fall at a higher order.
     integrate(&problem.mesh, |corners, position, bary, weight| {
         let Some(slopes) = slopes(nodes, corners) else {
             sums[2] = f64::NAN;
@@ -310,6 +312,8 @@ pub(crate) fn permuted(record: &mut Record<'_>) -> Result<(), Unexpected> {
             1e-12,
         );
     }
+    // A new order adds up otherwise and may round otherwise; the number
+    // of threads must not change a single bit.
     let alone = on_threads(&problem, 1)?;
     for threads in [2, 3, 8] {
         let several = on_threads(&problem, threads)?;

@@ -87,6 +87,8 @@ impl HistoryReport {
                 .rev()
                 .filter(|row| row.contender.lengths == Lengths::Equal)
         };
+        // The longest history shows the gain best: a full sum costs as the
+        // square of the steps, exponentials do not.
         if let Some(full) = equal().find(|row| row.contender.rule == Rule::Trapezoid) {
             let steps = full.contender.steps;
             let fast = equal()

@@ -114,6 +114,7 @@ const BOUNDARIES: [Column<Compared<Labelled>>; 2] = [
 pub(super) fn labels(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, Error> {
     let state = FrameState::at(Matrix4::identity());
     let grid = coarsened(options, [256, 512]);
+    // Grey levels have no closed form, so that the finest voxels stand for the truth; boundaries have one.
     let mut finest = Synthesizer::new(anatomy(FINEST_MM), settings(Boundary::Vote, grid), Backend::CpuF64)?;
     let standard = finest.render(&state)?.pixels.clone();
     let inside = inside(&finest);

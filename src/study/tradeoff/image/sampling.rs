@@ -76,6 +76,8 @@ pub(super) fn sampling(options: &ImageOptions, _: &mut Vec<String>) -> Result<Ve
     let subject = Subject::new(options.voxel_mm)?;
     let mut rows: Vec<Sampled> = Vec::new();
     for variant in VARIANTS {
+        // One effect at a time: together, the coarse sampling of one would
+        // hide what the other gains from a finer grid.
         let settings = |grid| -> Settings {
             let all = subject.grid(grid);
             Settings {

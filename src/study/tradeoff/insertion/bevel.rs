@@ -125,6 +125,8 @@ pub(super) fn run(options: &InsertionOptions, study: &mut Study, progress: Progr
         let aside = |step: &Step| step.tip_mm.x - 0.5 * EXTENT[0];
         let Some(last) = steps.last().map(aside) else { continue };
         let half_mm = steps.get(steps.len() / 2).map(aside);
+        // No theory gives the deflection itself, but two bounds hold on every mesh: without an offset of the
+        // tip the needle goes straight, and a larger offset bends it more.
         let smaller = rows.iter().rev().find(|row| {
             let BevelCase { bevel, cell_mm } = row.case;
             bevel.length_mm == length_mm && cell_mm == case.cell_mm

@@ -194,12 +194,16 @@ pub(crate) fn measure(options: &InsertionOptions, progress: Progress<'_>) -> Res
             nodes = models[0].mesh().nodes().len();
             about_block = about(options, &models);
         }
+        // Driven together, pass by pass in turn: a busy spell of the machine
+        // then does not fall on one level alone.
         let traces = course.drive(&mut models, options.passes, &mut |share| {
             report("levels along the insertion", 0.6 + 0.4 * share);
         })?;
         let gold = &traces[0];
         for (level, steps) in LEVELS.into_iter().zip(&traces) {
             let force = largest(gold.iter().zip(steps).map(|(a, b)| (a.force_n - b.force_n).norm()));
+            // Exact condensed solves the same equations as level I; the other
+            // levels approximate and may be off.
             let is_wrong = level == Level::Exact && force > SAME_N;
             let [force_before_n, force_after_n, tip_before_mm, tip_after_mm] =
                 differences(&course, gold, steps).map(|difference| (level != Level::I).then_some(difference));
@@ -253,6 +257,7 @@ pub(super) fn run(options: &InsertionOptions, study: &mut Study, progress: Progr
         .gold_where(&levels.rows, |row| row.level == Level::I)
         .against("level I in f64, which keeps the whole inverse")
         .seeking(goal);
+    // Quartiles are columns above, but a figure plots one point per row: here each becomes a row.
     let spread = levels.rows.iter().flat_map(|row| {
         let quartiles = PERCENT.into_iter().zip(row.measured.quartiles);
         quartiles.map(|quartile| AtLevel {

@@ -142,6 +142,8 @@ pub(super) fn run(options: &InsertionOptions, study: &mut Study, progress: Progr
     let mut insertions: Vec<Insertion> = contenders.iter().map(|_| Insertion::default()).collect();
     let count = contenders.len();
     let runs = (options.passes * count) as f64;
+    // Each step counts with its shortest time over all passes; passes lie apart in time, so that other load
+    // on the machine spoils at most some of them.
     for pass in 0..options.passes {
         for (at, (contender, insertion)) in contenders.iter_mut().zip(&mut insertions).enumerate() {
             let share = (pass * count + at) as f64 / runs;

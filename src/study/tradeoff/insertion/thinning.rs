@@ -67,6 +67,8 @@ pub(crate) fn measure(options: &InsertionOptions, progress: Progress<'_>) -> Res
         progress("candidates of the probe", share)
     })?;
     let all = &traces[0];
+    // Relative to the strongest force of the insertion: step by step the ratio
+    // would explode where the probe hardly presses.
     let strongest = largest(all.iter().map(|step| step.probe_n.norm()));
     let rows = THINNED.into_iter().zip(counts).zip(&traces);
     let rows = rows.map(|((every, candidates), steps)| {

@@ -272,6 +272,8 @@ fn media(effort: Effort, progress: Progress<'_>) -> Table {
         let mut tracker = Tracker::new(options, medium.lines, &first);
         let estimates = tracker.next(&medium.frame(1, moved));
         let errors = Errors::of(&options, &medium, &estimates, moved);
+        // Motions are linear in depth, so that 1 mm gives the strain. It decorrelates windows even without
+        // noise, and no estimator can be better than this correlation allows.
         let strain = moved(1.0)[0] - moved(0.0)[0];
         let rho = strained_correlation(&medium.acquisition, options.window_mm, strain);
         let values = [

@@ -178,6 +178,7 @@ pub(super) struct RemeshReport {
 
 impl RemeshReport {
     pub(super) fn new(subjects: &[Subject], gpus: &[Gpu], options: &RemeshOptions) -> Result<Self, Error> {
+        // Updates stream the whole inverse through memory: a plain copy says how fast that can be at best.
         let copy_cpu = contender::of_cpu();
         let copy_gpus = gpus
             .iter()
@@ -291,6 +292,7 @@ fn figures(subjects: &[Subject]) -> Vec<Figure> {
     for subject in subjects {
         let nodes = subject.nodes();
         let only = vec![("nodes", nodes.to_string())];
+        // Figures of one mesh keep plain names of files; those of several would overwrite each other.
         let several = if subjects.len() > 1 {
             format!("-{nodes}")
         } else {

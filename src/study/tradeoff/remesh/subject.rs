@@ -290,6 +290,8 @@ impl Gold {
     }
 
     fn new(subject: &Subject, mesh: &AdaptedMesh, samples: Vec<usize>) -> Result<Gold, Error> {
+        // Assembled anew at the present nodes, and solved with refinement: the truth must be free of what
+        // updates accumulate, and better than levels in f64, which err by little more than rounding.
         let stiffness = mesh.stiffness().at_nodes(mesh.nodes())?;
         let factor = Factor::new(&stiffness)?;
         let size = subject.size();

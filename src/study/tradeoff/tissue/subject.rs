@@ -162,6 +162,8 @@ impl Subject {
                 }
             }
             response.times_ms.push(1e3 * started.elapsed().as_secs_f64());
+            // Viscous tissue relaxes under the resting plate from here on: this
+            // is the peak, the last force is the rest.
             if step == steps {
                 response.force_n[0] = self.force(&structure);
             }
