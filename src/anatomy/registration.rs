@@ -307,6 +307,7 @@ pub fn register(
         [] => starts(&thinned, skin),
         _ => vec![kabsch(landmarks)?],
     };
+    // A few steps tell the right start from those upside down; only the best is iterated to its end.
     let trials = starts
         .into_iter()
         .map(|start| rigid(&thinned, skin, start, TRIAL_STEPS));
@@ -327,6 +328,7 @@ pub fn register(
     });
     let ([rigid_rms, rigid_p95], [rms_mm, p95_mm]) = (spread(&rigidly), spread(&finally));
     let count = thinned.len() as f64;
+    // The map was fitted to these points: their distances are too small by the degrees of freedom it took.
     let rms_mm = rms_mm * (count / (count - free).max(1.0)).sqrt();
     Ok(Registration {
         rigid: Rigid {

@@ -64,6 +64,7 @@ fn transform(from: &str, to: &str, matrix: &Matrix4<f64>, error: f64) -> String 
 impl<'a> Sheet<'a> {
     /// Report of a pivot calibration.
     pub fn pivot(calibration: &'a Pivot, poses: &Poses) -> Self {
+        // A pivot determines a place but no axes: the transform takes those of the marker.
         let matrix = Matrix4::new_translation(&calibration.point_mm.into());
         let listed = numbers(&matrix);
         Self {

@@ -165,6 +165,7 @@ impl CaseFile {
             let found = "a weight that is negative or not finite";
             return Err(self.wrong_keys("weights", found, "numbers of 0 or more"));
         }
+        // The cost would be 0 at every modulus.
         if self.weights.is_some() && weights.sum::<f64>() <= 0.0 {
             return Err(self.wrong_keys("weights", "weights of 0 alone", "a weight above 0"));
         }
@@ -177,6 +178,7 @@ impl CaseFile {
             let expected = format!("{}, two for each of {} layers", 2 * layers.len(), layers.len());
             return Err(self.wrong_keys("weights", found, expected));
         }
+        // The force is matched anew at every modulus: it cannot tell one from another, displacements can.
         if self.motion.is_none() && layers.iter().any(|layer| !layer.known) {
             let expected = "a table `[motion]`, or `known = true` and `young_kpa` for every layer";
             return Err(self.wrong_keys("motion", "no displacements", expected));

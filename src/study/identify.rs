@@ -374,6 +374,7 @@ impl<'a> Search<'a> {
                 100.0 * force.rms_n / largest
             ));
         }
+        // A neighbour that costs no more shows that the search ended somewhere else than at a minimum.
         for beside in beside.iter().filter(|beside| beside.cost_ratio <= 1.0) {
             self.notes.push(format!(
                 "no minimum: the cost falls where Young's modulus of {} changes by {:+.0} %",

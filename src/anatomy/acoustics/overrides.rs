@@ -171,6 +171,7 @@ impl TissueOverride {
             occlusion_per_mm: self.occlusion_per_mm.unwrap_or(base.occlusion_per_mm),
             impedance_mrayl: self.impedance_mrayl.unwrap_or(base.impedance_mrayl),
             capsule: self.capsule.unwrap_or(base.capsule),
+            // E = 2 (1 + nu) G with the ratio that this tissue ends up with: one written beside G counts.
             young_kpa: match self.shear_kpa {
                 Some(shear) => 2.0 * (1.0 + self.poisson.unwrap_or(base.poisson)) * shear,
                 None => self.young_kpa.unwrap_or(base.young_kpa),
@@ -186,6 +187,7 @@ impl TissueOverride {
             found,
             expected: expected.to_owned(),
         };
+        // A modulus out of range by `shear_kpa` must be blamed on that key, which was written.
         match (self.shear_kpa, check(&tissue, &self.name)) {
             (Some(shear), _) if self.young_kpa.is_some() => {
                 Err(of_shear(format!("{shear} beside `young_kpa`"), "one of the two"))

@@ -172,6 +172,7 @@ impl TissueTable {
         for (index, (label, claim)) in labels.iter().zip(&claims).enumerate() {
             let same_name = |name: &String| custom.iter().find(|tissue| plain(&tissue.name) == plain(name));
             let preset = match &label.name {
+                // Unless it is claimed, the background stays outside the body, whatever its name suggests.
                 _ if index == 0 => presets::all().first(),
                 Some(name) => by_name(name, hint, label.voxels > 0),
                 None => None,
@@ -180,6 +181,7 @@ impl TissueTable {
                 (Some(position), _) => &custom[*position],
                 (None, Some(named)) if index > 0 => named,
                 _ => {
+                    // Unknown only here: a label that an override claims or names needs no warning.
                     let preset = preset.unwrap_or_else(|| {
                         unknown.push(shown(label));
                         fallback()

@@ -104,6 +104,7 @@ fn digestive_tract<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed:
         4,
     );
     for (i, piece) in pancreas.into_iter().enumerate() {
+        // Neighbouring pieces take different noise: the surface breaks where they join, as between lobules.
         let lobulated = Uneven {
             shape: piece,
             noise: Noise::new(seed, 50 + (i as u32 & 1), 7.0),
@@ -123,6 +124,8 @@ fn digestive_tract<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed:
         ],
         5,
     );
+    // The wall is painted solid and then hollowed by the same shape, less its thickness: content cannot break
+    // through it. Gas takes content only, so that the wall cuts the bubble off.
     painting.add_all(&stomach, 0.0, l::STOMACH_WALL, free);
     painting.add_all(
         &stomach,
@@ -144,6 +147,7 @@ fn digestive_tract<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed:
         ],
         5,
     );
+    // A loop takes only fat that is left: duodenum and colon, which are fixed, come before the small bowel.
     loop_of_bowel(painting, &duodenum, 0.25, seed, 60);
     let colon = path(
         &[
@@ -294,6 +298,7 @@ fn kidney<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64) {
         l::BOWEL_CONTENT,
         l::GAS,
     ]);
+    // The fat capsule first clears liver, muscle and bowel; the kidney takes only fat, and a rim remains.
     painting.add(Ellipsoid { ..body }, 4.0, l::PERITONEAL_FAT, room);
     painting.add(kidney, 0.0, l::KIDNEY_CORTEX, Over::only(&[l::PERITONEAL_FAT]));
     let cortex = Over::only(&[l::KIDNEY_CORTEX]);
@@ -306,6 +311,7 @@ fn kidney<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64) {
         l::KIDNEY_MEDULLA,
         cortex,
     );
+    // The sinus alone would be closed all round; it opens at the hilum, where vessels enter.
     let opening = Ellipsoid {
         centre: body.centre + body.axes[1] * 20.0,
         radii: [12.0, 12.0, 6.0],

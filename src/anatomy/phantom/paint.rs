@@ -90,6 +90,7 @@ impl<B: Fn(&Point) -> u8 + Sync> Painting<B> {
         )?;
         let grid = Grid {
             size,
+            // Half a voxel inside the box: the anatomy must not shift with the resolution.
             first: world.min.add_scalar(resolution_mm / 2.0),
             spacing: resolution_mm,
         };

@@ -145,6 +145,7 @@ fn side_walls<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64)
         let ischium = Ellipsoid::upright([side * 62.0, 8.0, -8.0], [9.0, 24.0, 40.0]);
         painting.add(ischium, 0.0, l::BONE, soft);
     }
+    // After both sides, whose bones meet in the midplane: the joint takes their place there.
     let symphysis = Block {
         centre: Point::new(0.0, -42.0, 12.0),
         axes: [Point::x(), Point::y(), Point::z()],
@@ -161,6 +162,7 @@ fn bladder<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64) {
         noise: Noise::new(seed, 102, 20.0),
         amplitude_mm: 1.0,
     };
+    // The noise of the wall: with another, the thickness of the wall would vary by up to 2 mm either way.
     let urine = Uneven {
         shape: Ellipsoid::upright([0.0, -9.0, 43.0], [33.5, 22.5, 23.5]),
         noise: Noise::new(seed, 102, 20.0),
@@ -238,6 +240,7 @@ fn organ<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64) {
         noise: Noise::new(seed, 105, 14.0),
         amplitude_mm,
     };
+    // Vessels and nerves are not among these: the bundles stay whole on the surface of the gland.
     let soft = Over::only(&[
         l::FAT,
         l::MUSCLE,
@@ -247,6 +250,7 @@ fn organ<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64) {
         l::URINE,
         l::BONE,
     ]);
+    // Both surfaces of the capsule have the same noise, so that its thickness does not vary.
     painting.add(shape(0.8), 0.0, l::CAPSULE, soft);
     painting.add(
         shape(0.8),

@@ -202,7 +202,9 @@ fn vertebra<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, z: f64, seed
         l::LIGAMENT,
     ]);
     body_and_disc(painting, seat, soft);
+    // Ligaments before the bones that they join, which paint over their ends.
     interspinous(painting, seat, z, soft);
+    // Noise of its own for each level: equal vertebrae would show as a pattern along the spine.
     let rough = |shape: Block| Uneven {
         shape,
         noise: Noise::new(seed, (210 + level) as u32, 6.0),

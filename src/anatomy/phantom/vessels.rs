@@ -97,6 +97,7 @@ impl Growth<'_> {
         for attempt in 0..TRIES {
             let draw = |which: i32| choice(self.seed, self.stream, [tip.id, which + 4 * (attempt + 16 * part)]);
             let turn = std::f64::consts::TAU * draw(0);
+            // The root spreads directions evenly over the cone; a uniform angle would crowd them at its axis.
             let lean = spread * draw(1).sqrt();
             let along = tip.along * lean.cos() + (u * turn.cos() + v * turn.sin()) * lean.sin();
             let length = (radius * 4.2).clamp(9.0, 22.0) * (0.7 + 0.6 * draw(2));
@@ -116,6 +117,7 @@ impl Growth<'_> {
             if clearance < 1.5 {
                 continue;
             }
+            // Room counts up to these limits only: beyond them a straighter branch is better.
             let score = margin.min(14.0) + clearance.min(8.0) + crowding.min(16.0) - 8.0 * lean;
             if best.as_ref().is_none_or(|(most, _)| score > *most) {
                 let tube = Tube {

@@ -83,6 +83,7 @@ pub fn bodies(image: &ScalarImage, threshold: f32) -> Result<Vec<BrightBody>, Vo
             for z in near(index[2], slices) {
                 for y in near(index[1], rows) {
                     for x in near(index[0], columns) {
+                        // Bright voxels are few and ascending: a search needs no mask of the volume.
                         let Ok(next) = bright.binary_search(&((z * rows + y) * columns + x)) else {
                             continue;
                         };
@@ -130,6 +131,7 @@ pub fn place(design: &[Point3<f64>], markers: &[Point3<f64>]) -> Result<Placemen
         if placement.count() > count {
             best.clear();
         }
+        // Many triangles settle on the same assignment; only different ones can make the placement ambiguous.
         if placement.count() >= count && !best.iter().any(|other| other.matched == placement.matched) {
             best.push(placement);
         }
@@ -138,6 +140,7 @@ pub fn place(design: &[Point3<f64>], markers: &[Point3<f64>]) -> Result<Placemen
     let Some(first) = best.first().filter(|first| first.count() >= needed) else {
         return Err(few(best.first().map_or(0, Placement::count)));
     };
+    // As many matches in another orientation, with an error not clearly larger: noise would decide.
     let turned = |other: &Placement| first.pose.rotation.angle_to(&other.pose.rotation) > DIFFERENT;
     let other = best
         .iter()

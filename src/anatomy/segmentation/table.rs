@@ -96,6 +96,7 @@ impl Names {
         let fail = |line: u64, found: String, expected: &str| {
             VolumeError::malformed(&self.path, At::Line(line as usize), found, expected)
         };
+        // Comma last: names hold commas more often than tabs or semicolons.
         let delimiter = ['\t', ';'].into_iter().find(|c| first.contains(*c)).unwrap_or(',');
         let mut reader = csv::ReaderBuilder::new()
             .trim(csv::Trim::All)
@@ -114,6 +115,7 @@ impl Names {
         };
         let (value, name) = match has_header {
             true => {
+                // `label` heads values in some tables and names in others, but not both in one.
                 let value = column(&VALUES, None);
                 (value, column(&NAMES, value))
             }

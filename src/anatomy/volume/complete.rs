@@ -216,6 +216,7 @@ pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Compl
     };
     let warning = shell(volume.labels());
     let [_, muscle, middle, ..] = body;
+    // Muscle in one piece for meshes, as organs without structures: the layers are for images only.
     let undivided = voxels.iter().map(|&label| if label == middle { muscle } else { label });
     let undivided = LabelVolume::new(
         volume.size(),
@@ -246,6 +247,7 @@ fn draw_layers(
     let [nx, ny, _] = volume.size();
     let to_world = volume.index_to_world();
     let [fat_noise, muscle_noise] = [23, 24].map(|stream| Noise::new(0, stream, UNEVEN_MM));
+    // Thickest muscle under the deepest fat: below it, in most of the body, noise need not be computed.
     let deepest = -(1.0 + UNEVEN) * options.muscle_mm - UNEVEN * options.fat_mm;
     let counts = parallel::map((0.., chunks_mut(voxels, nx)), &|(row, line)| {
         let mut count = [0u64; 5];

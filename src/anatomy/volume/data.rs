@@ -180,6 +180,7 @@ fn text<V>(
             }
             word.push(byte);
         }
+        // Not even a separator was read: the file ends here. A word may be empty, between two separators.
         if at == start {
             let read = (expected - sink.wanted) as u64;
             return Err(short(header, at, read, expected as u64));
@@ -190,6 +191,7 @@ fn text<V>(
         number.clear();
         let text = String::from_utf8_lossy(&word);
         let parsed = element.push_text(&text, &mut number);
+        // A word of the full length was cut off: what parses is only its beginning.
         parsed.filter(|()| word.len() < MAX_WORD as usize).ok_or_else(|| {
             let expected = format!("a number of type {}", element.name());
             VolumeError::malformed(&header.data.path, At::Byte(start), quoted(&text), expected)
@@ -291,6 +293,7 @@ fn unpack<V>(
             return Err(broken(header, at, expected - sink.wanted, expected, &cause));
         }
         let more = reader.fill_buf().map_err(|cause| header.unreadable(cause))?;
+        // Parallel compressors write several gzip or bzip2 streams in a row; a decoder stops after one.
         let another_member = match encoding {
             Encoding::Bzip2 => more.starts_with(b"BZh"),
             Encoding::Zlib => false,

@@ -162,6 +162,8 @@ fn lower_envelope(line: &mut [f32], spacing: f32, scratch: &mut Scratch) {
         ((copy[b] - copy[a]) / (xb - xa) + xa + xb) / 2.0
     };
     for at in (0..copy.len()).filter(|&at| copy[at] < NO_SEED_MM2) {
+        // A parabola overtaken before its own part begins is nowhere lowest. The first bound is minus
+        // infinity, so that one parabola always remains.
         while let (Some(&last), Some(&bound)) = (vertices.last(), bounds.last()) {
             if crossing(last, at) > bound {
                 break;

@@ -122,12 +122,14 @@ pub(super) fn parse(path: &Path, mut reader: impl Read, encoding: Encoding) -> R
     let mut names = BTreeMap::new();
     let extended = start.get(HEADER_BYTES).is_some_and(|&flag| flag != 0);
     if attached && extended {
+        // The reader stands behind the four flags: extensions fill the room up to the data.
         let length = offset.saturating_sub(EXTENSIONS_START as u64).min(MAX_EXTENSION_BYTES);
         let mut extensions = Vec::new();
         take(path, &mut reader, length, &mut extensions)?;
         names = label_names(&extensions, raw.endianness, &mut warnings);
     }
     let (axes, origin) = axes(path, &raw, &mut warnings)?;
+    // A slope of 0 means that there is none (`nifti1.h`), not that all values are equal.
     let slope_given = raw.scl_slope.is_finite() && raw.scl_slope != 0.0 && raw.scl_inter.is_finite();
     Ok(Header {
         path: path.to_owned(),

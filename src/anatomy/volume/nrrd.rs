@@ -98,6 +98,7 @@ pub(super) fn parse(path: &Path, reader: impl BufRead) -> Result<Header, VolumeE
             .text
             .find(": ")
             .or_else(|| line.text.strip_suffix(':').map(str::len));
+        // The value of a field may hold ":=", and that of a key ": ": the first of the two divides the line.
         match (line.text.find(":="), colon) {
             (Some(split), colon) if colon.is_none_or(|colon| split < colon) => {
                 let (key, value) = (&line.text[..split], &line.text[split + 2..]);
@@ -261,6 +262,7 @@ impl Fields {
         per_axis("space directions", self.directions.as_ref().map(Vec::len))?;
         per_axis("spacings", self.spacings.as_ref().map(Vec::len))?;
         per_axis("kinds", self.domains.as_ref().map(Vec::len))?;
+        // Bytes and text have no byte order: their headers may leave it out. Others need it.
         let wide = element.is_some_and(|element| element.bytes() > 1);
         if self.order.is_none() && wide && encoding != Encoding::Text {
             return Err(missing("endian"));
@@ -320,6 +322,7 @@ impl Fields {
         for (axis, &size) in sizes.iter().enumerate() {
             let direction = match &self.directions {
                 Some(directions) => directions[axis].as_deref().map(point).transpose()?,
+                // Spatial axes take x, y and z in turn: an axis of colours or of time does not use one up.
                 None if spatial(axis) && next_direction < 3 => {
                     let spacing = self.spacings.as_ref().map_or(1.0, |spacings| spacings[axis]);
                     if !(spacing > 0.0 && spacing.is_finite()) {
@@ -420,6 +423,7 @@ impl Space {
         let words: Vec<&str> = if name.contains('-') {
             name.split('-').collect()
         } else {
+            // `get`, since an index within a character beyond ASCII would panic.
             (0..name.len()).filter_map(|at| name.get(at..=at)).collect()
         };
         let to_lps = match words[..] {

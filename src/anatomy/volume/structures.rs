@@ -155,6 +155,7 @@ impl Drawing<'_> {
             .labels()
             .iter()
             .position(|label| label.name.as_deref() == Some("hepatic_vein"));
+        // Vessels that the CT shows or the file labels are real: grown ones would contradict them.
         if by_ct.is_some_and(|at| self.volume.holds(at)) || self.has_named(&["hepat", "liver_v", "liver v"]) {
             return;
         }
@@ -287,6 +288,7 @@ impl Drawing<'_> {
 
     /// Draws fat around kidneys and patches of fat and muscle, in soft tissue filled by completion.
     fn filler(&mut self) {
+        // Labels appended by completion have no voxels in the file, whose own soft tissue is left alone.
         let appended = |name: &str| {
             let is_appended = |label: &Label| label.name.as_deref() == Some(name) && label.voxels == 0;
             self.volume.labels().iter().position(is_appended).map(|at| at as u8)

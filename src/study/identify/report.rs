@@ -199,6 +199,7 @@ impl Identification {
             high - low
         };
         let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
+        // An axis almost parallel to the needle has no well-defined part across it.
         let across = axes
             .into_iter()
             .filter_map(|axis| (axis - direction * axis.dot(&direction)).try_normalize(0.1));

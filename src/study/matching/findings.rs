@@ -82,6 +82,7 @@ impl Bench<'_> {
         let scatter = |of: &dyn Fn(&Texture) -> Option<f64>| scatter(real, phantom, of);
         let share = |value: f64, spread: Option<f64>| spread.map(|spread| rounded(value * spread));
         let range = model.tone.dynamic_range_db;
+        // Grey levels are decibels already: the exponential undoes the logarithm in `scatter`.
         let gain = scatter(&|it| Some((it.mean / 255.0 * range).exp())).map(rounded);
         let receiver = &model.receiver;
         figures.extend([
@@ -161,6 +162,7 @@ impl Bench<'_> {
         add("elevational width", "a frame shows one plane; it follows the frequency");
         add("ring-down", "it lies above the windows; it has its default");
         let spread = model.spread(&model.probe(self.probe));
+        // Both ends must be wider: a beam that only widens or only narrows has its waist outside the windows.
         let ends =
             [real.depths.first(), real.depths.last()].map(|it| it.map_or(0.0, |it| spread.lateral_at(it.depth_mm)));
         if ends.iter().any(|end| *end < MIN_WIDENING * model.lateral_mm) {

@@ -261,6 +261,7 @@ impl Rheometer {
             .iter()
             .map(|point| [point.strain, point.law_kpa])
             .collect();
+        // Each structure begins again at small strains: unsorted, the line would run back across the plot.
         law.sort_by(|a, b| a[0].total_cmp(&b[0]));
         vec![
             (

@@ -173,6 +173,7 @@ fn sequence(path: &Path, max_frames: usize) -> Result<Vec<Picture>, VolumeError>
             "images of type BRIGHTNESS",
         ));
     }
+    // Frames without a valid image go before the choice, which is then even among those that can be measured.
     let shown: Vec<usize> = (0..sequence.frames.len())
         .filter(|&at| sequence.image(at).is_some())
         .collect();

@@ -124,12 +124,14 @@ impl LikenessReport {
     /// Plots histogram and autocorrelations, one line per frame.
     fn plots(&self) -> [Plot; 3] {
         let all = || self.frames.iter().chain(&self.real);
+        // Millimetres only if every frame has a scale: lags in pixels on the same axis would not compare.
         let scaled = all().all(|frame| frame.mm_per_pixel.is_some());
         let plot = |title: &str, [x, y]: [&str; 2], points: &dyn Fn(&FrameReport) -> Vec<[f64; 2]>| {
             let side = |name: &'static str, colour: usize, frames: &[FrameReport]| -> Vec<Series> {
                 let line = |frame: &FrameReport| Series::line(name, colour, points(frame));
                 frames.iter().map(line).collect()
             };
+            // Real frames are the range to compare with: they come first, under the lines of the others.
             let series = [side("real frames", 1, &self.real), side("frames", 0, &self.frames)].concat();
             Plot::new(title, Axis::linear(x), Axis::linear(y), series)
         };

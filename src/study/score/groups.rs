@@ -156,6 +156,7 @@ pub fn compare(sessions: &[Session]) -> Comparison {
                     }
                 })
                 .collect();
+            // The metrics of one pair of groups are one family of tests; another pair is another question.
             let corrected = holm(&tests.iter().map(|pair| pair.welch_p).collect::<Vec<_>>());
             tests.iter_mut().zip(corrected).for_each(|(pair, p)| pair.holm_p = p);
             pairs.extend(tests);

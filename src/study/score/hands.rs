@@ -292,6 +292,7 @@ impl InsertionPlan {
         let away = |at: &Point3<f64>| (at - start).norm();
         let deepest = keys.iter().map(|key| away(&key.pose.position_mm())).fold(0.0, f64::max);
         let reached = |key: &&Key| away(&key.pose.position_mm()) > deepest - 1e-6;
+        // First and last key at the greatest depth: between them the needle rests, which is the pause.
         let (Some(there), Some(back)) = (keys.iter().find(reached), keys.iter().rev().find(reached)) else {
             return Err(unscored("has a needle that does not move"));
         };

@@ -50,6 +50,7 @@ pub(super) fn add<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: 
         noise: Noise::new(seed, 11, 7.0),
         amplitude_mm: 1.1,
     };
+    // Branches keep off this ball, larger than the lesion by a margin for its uneven surface.
     let ball = Tube {
         ends: [Point::from(centre); 2],
         radii: [radius + 1.5; 2],
@@ -67,6 +68,7 @@ pub(super) fn add<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: 
     let gallbladder = gallbladder();
     let trees = Trees::grow(seed, &|p| uneven().distance(p), &ball, &gallbladder);
     let around = Over::only(&[l::LIVER, l::PERITONEAL_FAT, l::LIGAMENT, l::PANCREAS]);
+    // Only portal branches get a wall that echoes: hepatic veins are told from them by its absence.
     painting.add_all(&trees.portal, PORTAL_WALL_MM, l::VESSEL_WALL, around);
     let within = Over::only(&[l::LIVER, l::PERITONEAL_FAT, l::VESSEL_WALL, l::LIGAMENT, l::PANCREAS]);
     painting.add_all(&trees.portal, 0.0, l::VESSEL, within);
@@ -253,6 +255,7 @@ fn great_vessels<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>) {
         l::BOWEL_CONTENT,
         l::GAS,
     ]);
+    // All walls before all lumens: where the artery leaves the aorta, its lumen opens the walls of both.
     painting.add_all(&cava, 0.8, l::VESSEL_WALL, soft);
     painting.add_all(&aorta, 1.6, l::VESSEL_WALL, soft);
     painting.add_all(&mesenteric, 1.2, l::VESSEL_WALL, soft);

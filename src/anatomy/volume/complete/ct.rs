@@ -76,6 +76,7 @@ pub fn with_ct(volume: &LabelVolume, ct: &ScalarImage, options: &CompleteOptions
 
     let thinnest = spacing.iter().copied().fold(0.0, f64::max);
     let outer = outside(volume, &grey);
+    // Skin is measured from the air of the CT: the outline around the labels may lie far from the surface.
     let from_outside = Grid::squared_distances(&outer, size, spacing, &[0, 1, 2]).values;
     let reach = options.skin_mm.max(thinnest) + 1e-3;
     let mut voxels = volume.voxels().to_vec();
@@ -84,6 +85,7 @@ pub fn with_ct(volume: &LabelVolume, ct: &ScalarImage, options: &CompleteOptions
     };
     for_each((0.., chunks_mut(&mut voxels, nx)), &|(row, line)| {
         let place = |i: usize| row * nx + i;
+        // Labels of the file first: the row then holds no appended labels, which `tissues` lacks.
         for (i, voxel) in line.iter_mut().enumerate().filter(|(_, voxel)| **voxel != 0) {
             let hu = smooth[place(i)];
             if is_tissue(*voxel, &["bowel_content", "small_bowel"]) && hu < LIMITS_HU[0] {

@@ -28,6 +28,8 @@ impl Outline {
         let cell = [0, 1, 2].map(|axis| ((GRID_MM / spacing[axis]).round() as usize).clamp(1, size[axis]));
         let coarse = [0, 1, 2].map(|axis| spacing[axis] * cell[axis] as f64);
         let reach = CLOSING_MM + WALL_MM + layers_mm;
+        // No margin across slices: the body goes on beyond the first and the last; empty cells there would
+        // close it off with a rounded end.
         let margin = [0, 1, 2].map(|axis| {
             if axis == slice_axis {
                 0
