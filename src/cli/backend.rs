@@ -145,6 +145,7 @@ fn faster(
     let mut kept = Kept::of(adapter, cache);
     let known = kept.find(tables);
     let reason = known.map(|times| format!("{}, measured before and kept", times.text(&adapter.name)));
+    // Kept times in favour of the CPU spare opening the device, which can take longer than a frame.
     if let (Some(reason), Some(false)) = (&reason, known.map(FrameTimes::is_gpu)) {
         return Chosen::of(tables, Backend::Cpu, reason);
     }
@@ -153,6 +154,7 @@ fn faster(
         let mut gpu = Chosen::of(tables, Backend::Adapter(named), BEST)?;
         let state = match (reason, several) {
             (Some(reason), _) => return Ok(Chosen { reason, ..gpu }),
+            // One frame does not repay a comparison, which renders several on both.
             (None, None) => {
                 gpu.reason += ", not compared with the CPU for a single frame";
                 return Ok(gpu);

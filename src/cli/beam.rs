@@ -217,6 +217,8 @@ impl Inverse {
             }
         }
         let base = &case.base;
+        // The base is a straight line: it turns where this line crosses the axis at rest, and one of slope 0
+        // does not cross it.
         let rcm_of_case = || match base.slope {
             None => Ok(None),
             Some(slope) if slope != 0.0 && base.displacement_mm != 0.0 => {
@@ -245,6 +247,7 @@ impl Inverse {
         let (base, report) = (&shape.points[0], BeamReport::new(&shape));
         if self.json {
             let mut all = json!({ "displacement_mm": base.u_mm, "slope": base.slope });
+            // A free base is driven by an axis behind it, which moves by another distance than it does.
             if driven.slope.is_none() && case.problem.pivot_mm > 0.0 {
                 all["axis_displacement_mm"] = json!(driven.displacement_mm);
             }

@@ -62,11 +62,13 @@ impl Doctor {
             warnings: Vec::new(),
         };
         match (&choice.name, hardware(&report.adapters)) {
+            // A software adapter opens as well, but is slower than the CPU: it is taken only by name.
             (None, Err(reason)) => report.reason = reason,
             (name, _) => match Gpu::open(&choice, &Needs::default()) {
                 Ok(gpu) => {
                     report.backend = "gpu";
                     report.adapter = Some(gpu.report().name.clone());
+                    // An adapter that is named is never compared with the CPU: kept times had no part in it.
                     if name.is_none() {
                         report.measured = Kept::of(gpu.report(), &Cache::of_user(&report.machine.to_string())).times;
                     }

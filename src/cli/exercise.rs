@@ -105,6 +105,7 @@ impl Make {
         let scenario = resolve(&file, &base)?;
         let tasks = conditions.tasks(&scenario, usize::from(self.tasks))?;
         for (at, task) in tasks.iter().enumerate() {
+            // File names in a scenario start at its own folder, and the tasks lie in another.
             let text = task
                 .scenario(&text, &conditions, at + 1)
                 .and_then(|text| relocated(&text, &base, &self.output));

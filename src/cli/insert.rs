@@ -167,6 +167,8 @@ impl Insert {
         if let Some(file) = &self.replay {
             scenario = replaying(scenario, file)?;
         }
+        // Before the model is made: a history of stress in viscous tissue has to begin with the tissue at
+        // rest.
         if self.vtu.is_some() {
             scenario.follow_stress();
         }
@@ -195,6 +197,7 @@ impl Insert {
         writer.finish(&name, &summary, &report)?;
         folder.install()?;
 
+        // Those of the scenario were told when it was read.
         summary.warnings[scenario.warnings.len()..]
             .iter()
             .for_each(terminal::warn);

@@ -186,6 +186,8 @@ impl Motion {
                 if let Some(truth) = &truth {
                     tally.add(&estimates, &truth[frame]);
                 }
+                // Once windows are lost, large motions are likely false matches: such a frame is not picked
+                // for the picture.
                 let moved_most = shown.frame == 0 || losses.frames.is_empty() && mean_um > shown.mean_um;
                 if self.frame.map_or(moved_most, |requested| requested == frame) {
                     shown = Shown {
@@ -288,6 +290,7 @@ impl Motion {
         };
         let curved = echoes.stated[2].zip(echoes.stated[3]);
         let angle = self.geometry.radius_mm.zip(self.geometry.angle_deg).or(curved);
+        // Lines of a curved array diverge: their distance is taken along the arc of the array itself.
         let at_array = angle.map(|(radius, angle)| radius * angle.to_radians() / (echoes.lines.max(2) - 1) as f64);
         let Some(pitch_mm) = self.geometry.pitch_mm.or(echoes.stated[1]).or(at_array) else {
             return wrong(

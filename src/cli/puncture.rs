@@ -107,6 +107,8 @@ impl Puncture {
             };
         }
         let mut all = vec![(name(&options), options)];
+        // Each leaves out one more part of the law, first viscosity (order 0), then stiffening: what differs
+        // between two neighbours is due to that part alone.
         if self.compare {
             all.push(("elastic", PunctureOptions { order: 0.0, ..options }));
             all.push((

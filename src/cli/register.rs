@@ -126,6 +126,7 @@ impl Register {
             .iter_mut()
             .for_each(|it| it.surface_mm = self.in_lps(&it.surface_mm));
         let registration = register(&surface, &skin, &corners(&volume), &known)?;
+        // Before the volume is resampled, which takes long and is useless under a wrong map.
         doubt(&registration, surface.len());
         let map = &registration.quadratic.map;
         if let Some(output) = &self.output {
@@ -188,6 +189,7 @@ impl Register {
 
 /// Tells what makes a registration of `count` surface points doubtful.
 fn doubt(registration: &Registration, count: usize) {
+    // A part of the skin resembles others, so that its shape alone may lead the start to the wrong place.
     if registration.covered < MIN_COVERED && registration.landmarks_mm.is_empty() {
         terminal::warn(format_args!(
             "the surface covers {:.0} % of the skin, and the start was found from its shape alone: look at the page, and give --landmarks",

@@ -220,6 +220,7 @@ impl Rf {
         }
         self.backend.check()?;
         let synthesizer = RfSynthesizer::new(scene.anatomy.clone(), scene.settings.clone(), acquisition)?;
+        // An adapter that is named is wanted in any case: only without a name does `auto` choose.
         let synthesizer = synthesizer.on(match self.backend.backend {
             BackendName::Cpu => Backend::Cpu,
             BackendName::CpuF64 => Backend::CpuF64,
@@ -431,6 +432,8 @@ impl Recorder {
         )?;
         let angle = grid.angular_spacing() * (grid.lines() - 1) as f64;
         let radius = grid.virtual_apex_mm();
+        // Lines of a curved array diverge: a radius and an angle describe them, and a pitch only at one
+        // depth.
         let pitch = radius.is_none().then(|| grid.lateral_spacing_mm(0.0));
         let values = [
             Some(acquisition.sampling_mhz),
@@ -445,6 +448,7 @@ impl Recorder {
         }
         let table =
             |path: &Option<PathBuf>, head: &str| path.as_deref().map(|path| RowWriter::create(path, head)).transpose();
+        // Depths of windows do not depend on the pitch, for which any number does.
         let windows = Options {
             windows: usize::from(options.windows),
             window_mm: options.window_mm,
@@ -485,6 +489,8 @@ impl Recorder {
         self.writer.push(&bytes, &info)?;
         let (frame, pose) = (self.frames, &state.probe_to_world);
         if let Some(table) = &mut self.truth {
+            // Windows are laid out in the first frame, and followed as points of the tissue: motion is
+            // against that frame.
             if frame == 0 {
                 let mesh = scene.anatomy.mesh.as_deref();
                 self.followed = truth::windows(&self.synthesizer, mesh, pose, &self.depths_mm);

@@ -99,6 +99,7 @@ impl Solve {
         problem.warnings.iter().for_each(terminal::warn);
         let solved = problem.solve(self.output.is_some())?;
         if let (Some(output), Some(fields)) = (&self.output, &solved.fields) {
+            // Only nodes that are held have reactions, while a mesh file needs a value at every node.
             let mut reactions = vec![[0.0; 3]; problem.mesh.nodes().len()];
             for reaction in &solved.solution.reactions {
                 reactions[reaction.node as usize][usize::from(reaction.axis)] = reaction.force_n;

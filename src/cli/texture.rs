@@ -124,6 +124,8 @@ impl TextureArgs {
             .figures
             .exemplar_correlation_mm
             .into_iter()
+            // Where correlation does not fall off within the image, its length is unknown: the solid is taken
+            // as too small for it.
             .map(|mm| mm.unwrap_or(extent_mm));
         let longest = longest.fold(0.0, f64::max);
         if 4.0 * longest > extent_mm {

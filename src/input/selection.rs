@@ -201,6 +201,8 @@ impl Choice<'_> {
         let mut picked = vec![self.regions.is_none() && !surface; mesh.nodes().len()];
         let mut pick = |nodes: &[u32]| nodes.iter().for_each(|node| picked[*node as usize] = true);
         let of = |region: i32| self.regions.is_none_or(|regions| regions.contains(&region));
+        // By faces, not by nodes: a node where two regions meet is on the surface of a region only if a face
+        // of that region is.
         if surface {
             let faces = mesh.surface().filter(|face| of(face.region));
             faces.for_each(|face| pick(&face.nodes));

@@ -92,6 +92,7 @@ impl ProblemFile {
         }
         let laws = self.material.iter().enumerate();
         let laws = laws.map(|(table, spec)| self.law(&format!("material[{table}]"), spec));
+        // All tables, even of regions that this mesh lacks: a fault would else appear with another mesh.
         let laws: Vec<AnyLaw> = laws.collect::<Result<_, _>>()?;
         let tables = TableOfRegion::new(
             "material",

@@ -377,6 +377,7 @@ impl<'a> Tally<'a> {
                 summary.warnings.push(format!("{what}: {named} ({times})"));
             }
         }
+        // These may come at every step and fill the list of events: their number could be that of the list.
         let count = |kind: EventKind| summary.events.iter().filter(|event| event.kind == kind.name()).count();
         for (kind, what) in [
             (

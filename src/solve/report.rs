@@ -93,6 +93,8 @@ impl Report {
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "mesh         {} nodes, {} tetrahedra", self.nodes, self.elements)?;
+        // A history is solved by iterations, which stop at a small force; a linear problem by one solve,
+        // whose error is that of rounding.
         let what = match self.history {
             None => "normwise backward error",
             Some(_) => "largest force out of balance over the largest force",
@@ -119,6 +121,7 @@ impl fmt::Display for Report {
         put(f, Table::new(forces("held by").into_iter().take(4)).with(fixed))?;
         let loads = self.load_n.iter().zip(&self.load_area_mm2).enumerate();
         let loads = loads.map(|(load, (force, area))| {
+            // Forces at nodes have no area to spread over.
             let area = match area {
                 0.0 => "nodes".to_owned(),
                 area => format!("{area:.3}"),

@@ -97,6 +97,7 @@ impl PlusConfig {
             .collect::<Result<_, _>>()?;
         let scan = root.all("ScanConversion").next();
         let pair = |key| scan.as_ref().map_or(Ok(None), |scan| scan.pair(key));
+        // Devices of many kinds may have these attributes: the first that has one is taken, whatever its tag.
         let clip = (root.with("ClipRectangleOrigin"), root.with("ClipRectangleSize"));
         let clip_px = match clip {
             (Some(origin), Some(size)) => {

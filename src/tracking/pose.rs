@@ -303,6 +303,7 @@ impl PoseSpec {
             }
             *radians = degrees.to_radians();
         }
+        // A pose without turns stays as it is stated, free of the rounding of a product.
         if radians == [0.0; 3] {
             return Ok(base);
         }

@@ -87,6 +87,8 @@ fn collect(schema: &Value, at: &Value, [path, header]: [&str; 2], key: &str, dep
             Some(items) => (items, format!("[[{inner}]]")),
             None => (property, format!("[{inner}]")),
         };
+        // An optional table is `anyOf` the table and null, and a table of a named type a `$ref`: keys lie
+        // behind both.
         let options = item
             .get("anyOf")
             .and_then(Value::as_array)

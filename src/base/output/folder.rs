@@ -63,6 +63,7 @@ impl Folder {
         if target.exists() && !target.is_dir() {
             return Err(wrong("a folder"));
         }
+        // Noted before it is made, so that an interrupt at any moment removes the empty folder.
         let created = (!target.exists()).then(|| Live::new(target));
         fs::create_dir_all(target).map_err(|cause| match cause.kind() {
             io::ErrorKind::NotADirectory | io::ErrorKind::AlreadyExists => {
@@ -86,6 +87,8 @@ impl Folder {
         if !force {
             folder.check(names, inputs)?;
         }
+        // In the folder itself: files from another file system are copied, not renamed, and may stay
+        // incomplete.
         let staged = StagedFolder::within(target).map_err(|cause| OutputError::Folder {
             path: target.to_owned(),
             cause: without_temporary_name(cause),

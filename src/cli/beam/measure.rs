@@ -102,6 +102,7 @@ impl Measure {
             }
             needles.push((path.display().to_string(), measured));
         }
+        // Only once every volume is measured: a failure must not leave old cases beside new ones.
         if let Some(folder) = folder {
             folder.install()?;
         }
@@ -121,6 +122,7 @@ impl Measure {
         let Some((_, first)) = needles.first() else {
             return Ok(());
         };
+        // All needles are compared with one scan at rest, so that the first tells of it for all.
         if first.rest_slope.abs() > REST[0] || first.rest_rms_mm > REST[1] {
             terminal::warn(format_args!(
                 "at rest the needle slopes by {:.3} and lies {:.2} mm (RMS) off a line; the beam expects a straight needle perpendicular to \

@@ -42,6 +42,7 @@ pub(super) fn reasons(root: &Path, variable: impl Fn(&str) -> Option<String>) ->
             .iter()
             .any(|folder| has(folder, &|name| name.starts_with(start)))
     };
+    // With LD_LIBRARY_PATH the loader may lie in any folder: its absence from the usual ones means little.
     if !library("libvulkan.so.1") && variable("LD_LIBRARY_PATH").is_none() {
         reasons.push(
             "there is a graphics device, but no Vulkan loader (libvulkan.so.1): install libvulkan1 or vulkan-loader"

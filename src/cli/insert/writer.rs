@@ -177,6 +177,7 @@ impl<'a> Writer<'a> {
             "steps.csv",
             "summary.json",
         ];
+        // The page links the summary, which is written after it: it is listed although it does not exist yet.
         let others = others
             .into_iter()
             .filter(|name| *name == "summary.json" || self.folder.join(name).is_file());

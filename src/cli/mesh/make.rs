@@ -117,6 +117,8 @@ impl Make {
             mut warnings,
             ..
         } = self.segmentation()?;
+        // Unlabelled voxels within a body would be holes in its mesh. Labels that were chosen are meshed
+        // alone, and what surrounds them is outside.
         if self.phantom.is_some() {
             notes.push("the phantom is meshed as it is, outside left out".to_owned());
         } else if self.labels.is_empty() && !self.no_complete {
@@ -257,6 +259,8 @@ impl MakeReport {
                 lost.join(", ")
             ));
         }
+        // A small region has too few elements to match its voxels; only in a large one does the error speak
+        // of nodes.
         let off = values(&|region| region.voxels_ml > LARGE_ML && region.error_percent.abs() > WORST_PERCENT);
         if !off.is_empty() {
             warnings.push(format!(

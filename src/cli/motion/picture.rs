@@ -65,6 +65,8 @@ impl Motion {
             ));
         }
         sizes.sort_by(f64::total_cmp);
+        // Of the largest, 2 % saturate: one false match would otherwise pale all other colours. The bound
+        // keeps the scale above 0 in tissue at rest.
         let most = rounded(sizes[sizes.len() * 98 / 100].max(1e-12));
         let unit = if strain { "%" } else { "um" };
         terminal::note(format_args!(

@@ -33,6 +33,7 @@ pub(super) fn warnings(tables: &Tables, probe_to_world: &Matrix4<f64>, outside_w
         if let Some(first) = first {
             seeing += 1;
             across_gap += usize::from(tables.grid.sample_depth_mm(first) > GAP_MM);
+            // Some of the samples suffice for a share; the gap before the skin needs the first of each line.
             if line % STRIDE == 0 {
                 let behind = (first..tables.samples()).step_by(STRIDE);
                 samples += behind.len();

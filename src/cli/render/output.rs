@@ -121,11 +121,13 @@ impl<'a> Output<'a> {
             }
             writer.field("WorldAxes", &scene.motion_world().to_string());
             writer.field("Simulated", &synthetic);
+            // One thread a sequence, as its frames are appended in order.
             Ok::<_, OutputError>(Stream {
                 writer: Arc::new(Mutex::new(Some(writer))),
                 queue: Queue::new(1),
             })
         };
+        // Many frames are compressed less, and on threads, so that rendering does not wait for the writing.
         let (compression, writers) = match &target {
             Target::File(_) => (Compression::Usual, 0),
             _ => {
@@ -175,6 +177,7 @@ impl<'a> Output<'a> {
             false => {
                 taken.path = self.target.path().to_owned();
                 taken.parts = self.parts(synth, shot, pixels, layers);
+                // Companions of a sequence lie in a folder beside it: its files are one level up.
                 let path = |layer: &Layer| png::layer_path(&taken.path, layer.name());
                 let paths = self.layers.iter().map(path);
                 paths.map(|path| format!("../{}", name_of(&path))).collect()

@@ -121,6 +121,8 @@ impl Place {
             true => files.push(file),
             false => left.extend(file.exists().then_some(file)),
         };
+        // A folder knows by its manifest which files are its own. Beside a single file, those of layers that
+        // are not asked for now may be left from another run, and look as if they belonged to this one.
         let layers_beside = match target {
             Target::Folder(_) => &[],
             _ => &Layer::ALL[..],

@@ -83,6 +83,8 @@ impl ScenarioFile {
             _ => self.beside(scene, &pose, &goal, needle)?,
         };
         let Goal { name, tip, in_view } = goal;
+        // Rounded as a file states them. The start lies on the rounded direction through the tip, so that the
+        // needle still ends at the target, and rounding moves its entry instead.
         let direction = ((tip - chosen.entry) / chosen.depth_mm * 1e5).map(f64::round) / 1e5;
         let start = hundredths(&(tip - direction * (chosen.depth_mm + APPROACH_MM)));
         let place = chosen.beside.map_or(String::new(), |(offset, side)| {
@@ -190,6 +192,8 @@ impl ScenarioFile {
         }
         let outward = away.normalize();
         let is_inside = |mm: f64| body.label_at(&(goal.tip + outward * mm)).is_some();
+        // Outwards from a point in the body, towards the target from one outside. A line that reaches the
+        // target without meeting the body leaves a depth of 0, which is refused below.
         let step = if is_inside(away.norm()) {
             SKIN_STEP_MM
         } else {
@@ -247,6 +251,7 @@ impl ScenarioFile {
         let entries: Vec<_> = places
             .filter_map(|(lateral, beside)| Some((skin(&body, pose, lateral, probe.depth_mm)?, beside)))
             .collect();
+        // The distances from bone are mapped once for all entries, in a box around them and the target.
         let ends: Vec<_> = entries.iter().map(|(entry, _)| *entry).chain([goal.tip]).collect();
         let bones = Bones::around(&body, &ends);
         let candidates: Vec<Candidate> = entries
@@ -265,6 +270,7 @@ impl ScenarioFile {
             let ([offset, depth], [other, deeper]) = (key(a), key(b));
             offset.total_cmp(&other).then(depth.total_cmp(&deeper))
         };
+        // Distance from bone, which stops a needle, is never given up; a target in lung has lung on any path.
         let clear = candidates.iter().filter(clear);
         let without_gas = clear.clone().filter(|it| it.course.gas.is_none()).min_by(near);
         let chosen = without_gas.or_else(|| clear.min_by(near)).cloned();

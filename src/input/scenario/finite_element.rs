@@ -87,6 +87,8 @@ impl ScenarioFile {
                 expected,
             ));
         }
+        // Precision is that of the dense inverse: at the exact level it has a use only if a later change
+        // makes one.
         let changes_to_dense = self.run.change.iter().any(|change| change.level != Level::Exact);
         if level == Level::Exact && precision == Precision::Single && !changes_to_dense {
             return Err(self.wrong_keys("tissue.precision", "f32 at the exact level", "`f64`, or another level"));

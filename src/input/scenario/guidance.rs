@@ -179,6 +179,7 @@ impl Critical {
                 high[axis] = high[axis].max(at[axis] + margin);
             }
         }
+        // A grid of the whole volume would take long, and distances beyond the margin are not used.
         let origin = low.map(|at| at.floor().max(0.0) as usize);
         let size = [0, 1, 2].map(|axis| {
             let end = (high[axis].ceil() + 1.0).clamp(0.0, volume.size()[axis] as f64) as usize;
@@ -200,6 +201,7 @@ impl Critical {
             grid: Grid::squared_distances(&set, size, spacing, &[0, 1, 2]),
             origin,
             world_to_index: *volume.world_to_index(),
+            // Distances are between centres of voxels, and the surface is half a voxel before the centre.
             half_mm: spacing.iter().copied().fold(f64::INFINITY, f64::min) / 2.0,
         })
     }

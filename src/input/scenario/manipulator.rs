@@ -197,6 +197,7 @@ impl ScenarioFile {
         let periods = ((span[1] - span[0]) / PERIOD_S).ceil() as usize;
         let commands: Result<Vec<Posture>, InputError> = (0..=periods)
             .map(|period| {
+                // The last period ends after the motion, unless this is a whole number of them.
                 let time = (span[0] + period as f64 * PERIOD_S).min(span[1]);
                 if !keys.is_empty() {
                     return Ok(between(keys, time));
@@ -256,6 +257,8 @@ impl ScenarioFile {
             let posture = key.posture().check();
             posture.map_err(|error| self.fault(format!("{path}.{}", error.key().unwrap_or_default()), error))?;
         }
+        // The guide moves a needle in a plane and along itself, without a drive about its axis; a roll of 0
+        // asks for none.
         let turns = |roll: Option<f64>| roll.is_some_and(|roll| roll != 0.0);
         let motion = self.needle.as_ref().and_then(|needle| needle.motion.as_ref());
         let mut rolls = motion

@@ -77,6 +77,7 @@ impl ScenarioFile {
                 }
             }
         };
+        // Before the solver sees the mesh: here an element of no use is blamed on a key of the file.
         let quality = Quality::of(&meshed.mesh, meshed.mesh.nodes());
         quality.usable().map_err(|error| self.fault("tissue.mesh", error))?;
         Ok(meshed)
@@ -90,6 +91,7 @@ impl ScenarioFile {
         notes: &mut Vec<String>,
     ) -> Result<TetMesh, InputError> {
         let nodes = self.tissue.nodes.unwrap_or(DEFAULT_NODES);
+        // Vessels drawn into organs are only imaged; the mesh has the organs as they were before.
         let volume = scene.anatomy.volume.undivided();
         let none = BTreeMap::new();
         let regions = Regions::new(self, scene, &none);
@@ -98,6 +100,7 @@ impl ScenarioFile {
             None => std::borrow::Cow::Borrowed(volume.voxels()),
             Some(corners) => std::borrow::Cow::Owned(self.cropped(volume, corners)?),
         };
+        // A box may cut labels away, which leaves regions without a voxel to mesh.
         let mut is_present = [false; 256];
         labels.iter().for_each(|label| is_present[usize::from(*label)] = true);
         let mut wanted = Vec::new();
@@ -192,6 +195,8 @@ impl ScenarioFile {
         {
             fixed[*node as usize] = [true; 3];
         }
+        // The body beyond a box would hold the tissue at the cut. A scenario that fixes anything states all
+        // its supports.
         if let (Some(corners), true) = (&self.tissue.box_mm, self.tissue.fix.is_empty()) {
             let (outside, volume) = (self.outside(names)?, names.volume());
             let is_tissue = |label: u8| {
@@ -218,6 +223,7 @@ impl ScenarioFile {
                     .for_each(|axis| fixed[node as usize][*axis as usize] = true);
             }
         }
+        // Last, as it looks for parts that nothing else holds.
         self.fix_small_parts(mesh, names, &mut fixed, warnings)?;
         Ok(list(&fixed))
     }

@@ -169,6 +169,7 @@ impl ScenarioFile {
         for pair in insertion.path.keys().windows(2) {
             let [(from, before), (to, direction)] = [&pair[0], &pair[1]].map(place);
             let segment = to - from;
+            // A turn about the tip leaves the tip in place, and sweeps the other end along this chord.
             let turned = needle.length_mm * (*before - *direction).norm();
             let sideways = segment.cross(&direction).norm().max(turned);
             let inside = |tip: &Point3<f64>, along: &Unit<Vector3<f64>>| in_body(&body, tip, along, needle.length_mm);

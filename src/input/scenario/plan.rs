@@ -260,6 +260,8 @@ impl ScenarioFile {
             None => normal,
             Some(given) => self.direction(&key("direction"), given)?,
         };
+        // Parallel or opposite: the cross product points out of the body where rows are counted the other
+        // way.
         if direction.cross(&normal).norm() > SQUARE {
             let found = format!("{:?}", spec.direction.unwrap_or_default());
             return Err(self.wrong_keys(key("direction"), found, "`x_axis` cross `y_axis`, or its opposite"));

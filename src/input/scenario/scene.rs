@@ -71,6 +71,8 @@ impl ScenarioFile {
         }
         let target = self.needle.as_ref().and_then(|needle| needle.target.clone());
         let is_file = file.volume.as_ref().is_some_and(|volume| volume.file.is_some());
+        // A phantom has a pose of its own. Over a volume from a file the default is above the largest soft
+        // organ, where the target of the needle may be out of view.
         if target.is_some() && is_file && file.pose.is_none() && file.motion.is_none() {
             file.pose = Some(PoseTable {
                 target,

@@ -83,6 +83,7 @@ impl ProblemFile {
     pub fn resolve(self, base_dir: &Path) -> Result<Problem, InputError> {
         let started = Instant::now();
         let mut warnings = self.source.as_ref().map_or_else(Vec::new, |source| source.renamed());
+        // Before the mesh, which may take long to read.
         self.check_course()?;
         let options = ReadOptions {
             region: self.region_array.as_deref(),

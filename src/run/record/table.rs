@@ -58,6 +58,7 @@ pub(super) fn row(step: &Step<'_>, guided: Option<(&GuideMotion, &Driven)>, out:
         probe.torque_nmm,
     ];
     write!(out, "{}", step.time_s)?;
+    // The order is that of `NUMBERS`, where deflection and depth follow the tip.
     for (at, vector) in vectors.iter().enumerate() {
         write!(out, ",{},{},{}", vector.x, vector.y, vector.z)?;
         if at == 2 {

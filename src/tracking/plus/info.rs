@@ -57,6 +57,8 @@ impl PlusInfo {
         let images = plus.transforms.iter().filter(|defined| defined.from == "Image");
         let mut markers = images.map(|defined| defined.to.as_str());
         let marker = markers.clone().find(|to| *to == "Probe");
+        // A transform to `TransducerOriginPixel` is a shift in pixels: one to a marker holds their size in
+        // mm.
         let marker = marker.or_else(|| markers.find(|to| *to != "TransducerOriginPixel"));
         let mut calibration = None;
         if let Some(to) = marker {
@@ -104,6 +106,7 @@ impl fmt::Display for PlusInfo {
             .transducer
             .as_deref()
             .map(|name| text::head(name, text::WIDEST_NAME));
+        // An empty probe that is filled from this one tells which keys the file states.
         let (_, keys) = ProbeSpec::default().filled_from(&self.probe);
         let keys = (!keys.is_empty()).then(|| keys.join(", "));
         let size = self

@@ -90,6 +90,7 @@ impl SequenceInfo {
         }
         let mut warnings = header.warnings.clone();
         warnings.extend(keys.warnings);
+        // A recording of the tracker alone has no pixels: its frames are counted by their keys.
         let element = header.element.filter(|_| width > 0 && height > 0);
         let images = element.map_or(0, |_| images);
         let named = keys.frames.len();

@@ -121,6 +121,8 @@ impl Columns {
         }
         let has = |name: &str| places.iter().any(|&(other, _)| other == name);
         let any = |names: &[&str]| names.iter().any(|name| has(name));
+        // One column decides which others are needed. Any left over are refused: two ways to give a pose
+        // could disagree.
         let (orientation, needed): (Orientation, Vec<&str>) = if any(&MATRIX) {
             (Orientation::Matrix, [&["time_s"][..], &MATRIX].concat())
         } else if any(&QUATERNION) {
@@ -172,6 +174,8 @@ impl Columns {
             Orientation::Quaternion => {
                 let [qw, qx, qy, qz] = QUATERNION;
                 let quaternion = [number(qw)?, number(qx)?, number(qy)?, number(qz)?];
+                // A quaternion does not change axes as a vector does: the pose is made in the world of the
+                // file, then carried over.
                 Pose::from_quaternion(three(place)?.into(), quaternion).map(|pose| pose.in_lps(world))
             }
             Orientation::DirectionAndLateral => {
