@@ -80,6 +80,8 @@ pub fn overview(
     let marker = {
         let bounds = beam.bounds_mm();
         let edge = beam.to_plane(beam.lines() as f64 - 1.0, -0.5);
+        // The body is drawn no narrower than a fixed part of the view: the dot of a small probe lies at that
+        // edge, not inside it.
         let x = if beam.lines() > 1 { edge[0] } else { bounds.max[0] / 2.0 };
         let away = frame.mm_per_pixel * 6.0;
         in_world(
@@ -110,6 +112,7 @@ pub fn overview(
             canvas::disc(&mut panel, frame.project(view, &needle.tip_mm()), 2.6, NEEDLE);
         }
         annotate(&mut panel, view);
+        // One bar serves all three views, which share the scale.
         if place == 0 {
             scale_bar(&mut panel, frame.mm_per_pixel);
         }

@@ -249,6 +249,8 @@ fn compare(case: &Case, exact: &mut Synthesizer, trail: &Trail, twin: Twin) -> R
             sub_plane_mm: None,
         };
         let earlier = slack.faults.len();
+        // The bound comes first: it widens the slack by what this pass may round, to which the twin is then
+        // held.
         if let Bound::By(carry) = pass.bound {
             carry(&step, &mut slack);
         }

@@ -136,6 +136,7 @@ impl Displacement {
             } => {
                 position("fixed_mm", fixed_mm)?;
                 direction("direction", along)?;
+                // Compressed by all of its height the body would be flat, and by more it would be inside out.
                 check("strain", *strain, *strain < 1.0, "a fraction below 1")?;
                 check(
                     "poisson",
@@ -238,6 +239,7 @@ impl Displacement {
                 normal,
                 amount,
             } => {
+                // Only the part of `normal` across the direction counts, so that a shear keeps the volume.
                 let height = across(normal, direction)?.dot(&(p - Vector3::from(*fixed_mm)));
                 unit(direction)?.into_inner() * (amount * height)
             }

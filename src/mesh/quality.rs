@@ -80,6 +80,7 @@ impl Quality {
         for (element, corners) in (0..).zip(mesh.elements()) {
             let corners = corners.map(|node| nodes[node as usize]);
             let shape = Shape::of(&corners);
+            // Judged by the same numbers as where points are located, so that report and rendering agree.
             match element::prepare(corners, &corners).2.kind {
                 Kind::Sound if shape.condition > CONDITION_LIMIT => slivers.push(element),
                 Kind::Sound => {}

@@ -202,6 +202,8 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
         let positions = &positions[line * samples..][..samples];
         for start in (1..samples).step_by(BLOCK) {
             let end = (start + BLOCK).min(samples);
+            // With the label above the block, so that no pair across its border is missed. Most blocks lie in
+            // one tissue and are passed over whole.
             if vectorised(Uniform(&labels[start - 1..end])) {
                 continue;
             }
@@ -221,6 +223,8 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
             }
         }
     };
+    // Echoes interfere with speckle, so that both parts are kept for it; without speckle only their size
+    // counts.
     if tables.effects.speckle.is_some() {
         for_each((0.., chunks_mut(&mut store.specular, samples)), &|(line, out)| {
             out.fill([T::zero(); 2]);

@@ -244,6 +244,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     if tables.effects.speckle.is_some() {
         let rows = (chunks_mut(&mut store.specular, samples), masks, &tables.rays[..]);
         for_each(rows, &|(out, mask, ray)| {
+            // Surfaces have filled the row if there are any; otherwise it holds the last frame.
             if numbers.after_surfaces == 0 {
                 out.fill([T::zero(); 2]);
             }

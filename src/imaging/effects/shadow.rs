@@ -522,6 +522,8 @@ fn losses<T: Real>(view: &View, store: &mut Store<T>) {
             }
             let mut above = 0u32;
             for (through, label) in through.iter_mut().zip(labels) {
+                // Opaque tissue and the needle are left to the rays across the aperture: counted here too,
+                // they would shade twice.
                 let sample_loss = loss[usize::from(*label)];
                 let sample_loss = if sample_loss < opaque { sample_loss } else { 0 };
                 *through = power((above + sample_loss / 2).min(MAX_UNITS));

@@ -206,6 +206,8 @@ impl<T: Real> Kernel for Scanline<'_, T> {
                     let index = row[0] * position[0] + row[1] * position[1] + row[2] * position[2] + row[3];
                     let x = index + T::of(0.5);
                     shifted[axis][i] = x;
+                    // Not of `index`: a single position is read from its shifted form alone, and both must
+                    // round alike.
                     base[axis][i] = floor(x - T::of(0.5));
                     is_inside[i] &= x >= T::zero() && x < size;
                 }

@@ -89,6 +89,8 @@ impl Device {
             lines: lines as u32,
             samples: samples as u32,
             length: length as u32,
+            // Echoes that begin before sample 0 reach into the image; in whole bins, so that sample 0 begins
+            // one.
             ahead: length.next_multiple_of(BIN) as u32,
             ..EchoParams::default()
         };
@@ -110,6 +112,7 @@ impl Device {
             (bins * lines * size_of::<[u32; 2]>()) as u64,
         )?;
         let pulse = StorageBuffer::upload(gpu, "pulse", pulse.table())?;
+        // An empty buffer cannot be bound; frames enlarge this one.
         let scatterers = StorageBuffer::zeroed(gpu, "scatterers", size_of::<Packed>() as u64)?;
         let parameters = Parameters::new(gpu, "echoes", 1)?;
         Ok(Self {

@@ -191,6 +191,7 @@ impl Echoes {
             if by_rows { interleaved(&frame, samples) } else { frame }
         });
         let frames: Vec<Vec<f32>> = frames.collect();
+        // Noise alone tells neighbouring echoes apart: equal ones come from a constant or saturated channel.
         let stuck = |frame: &Vec<f32>| {
             let same = frame.windows(2).filter(|pair| pair[0] == pair[1]).count();
             same as f64 > STUCK * frame.len() as f64

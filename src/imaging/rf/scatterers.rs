@@ -109,6 +109,7 @@ impl RfSynthesizer {
             locator: anatomy.mesh.as_ref().map(|mesh| Locator::new(mesh)),
             reference: nodes.clone(),
             current: nodes,
+            // The acquisition sets the sampling of echoes, not the probe's number of samples.
             samples: (grid.depth_mm() / acquisition.sample_mm()).round() as usize,
             region: None,
             points: Vec::new(),
@@ -183,6 +184,7 @@ impl RfSynthesizer {
         let to_probe = inverse_rigid(&state.probe_to_world);
         let losses = self.losses(&state.probe_to_world);
         let steps = losses.len() / self.lines();
+        // Independent scatterers add in power: the mean square is their density times the energy of one.
         let sigma_mm = self.spread.elevational_mm / FWHM;
         let energy = self.pulse.energy() * self.acquisition.sample_mm() * PI * sigma_mm * self.spread.lateral_mm / FWHM;
         let density = self.acquisition.per_cell / self.cell_mm3();

@@ -49,11 +49,13 @@ impl SceneFile {
             fill: image.fill,
             placed: None,
         };
+        // For its error alone: a fault here names a key of the scene, one while rendering could not.
         ImageGrid::fit(&grid, image.width, image.height, image.margin).map_err(|error| {
             let key = error.key().map_or("image".to_owned(), |key| format!("image.{key}"));
             self.fault(key, error)
         })?;
         let effects = self.effects.clone().unwrap_or_else(Effects::usual);
+        // Naming one effect switches the others off; a picture without log compression looks like a fault.
         if effects.tone.is_none() && effects != Effects::default() {
             notes.push(
                 "effects that `[effects]` does not name are off, the log compression of `tone` among them: grey levels are linear \

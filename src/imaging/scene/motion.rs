@@ -50,6 +50,7 @@ impl SceneFile {
         let interpolation = motion.interpolation.unwrap_or_default();
         let world = motion.world.unwrap_or_default();
         let keyframed = match (keyframes, csv, sequence) {
+            // A pose at rest states its own `world`, for which this one could be mistaken.
             (None, None, None) if motion.world.is_some() => {
                 let found = "`world` without a path";
                 return Err(self.wrong_keys("motion.world", found, "`keyframes`, `csv` or `sequence` beside it"));
@@ -113,6 +114,7 @@ impl SceneFile {
             .as_ref()
             .and_then(|motion| motion.world)
             .filter(|_| !in_probe);
+        // LPS is the default, so that only RAS is a reading that the needle's table does not show.
         if table.world.is_none() && of_probe == Some(World::Ras) {
             let note = "the needle is read as RAS, as [motion] states; `world` under [needle] states its own axes";
             notes.push(note.to_owned());
@@ -218,6 +220,8 @@ impl SceneFile {
                     .transpose()
                     .at(self, "needle.motion.sequence.plus_config")?;
                 let transform = spec.transform.as_deref().unwrap_or("NeedleToTracker");
+                // One tracker often records both tools: the configuration of the probe applies unless the
+                // needle has its own.
                 let from = (spec.file.as_deref(), transform, configuration.as_ref().or(plus));
                 let (frames, path) = self.frames(key, from, base, notes)?;
                 warnings.extend(path.warnings);

@@ -184,6 +184,8 @@ impl SceneFile {
             .iter()
             .any(|frame| frame.transforms.contains_key(transform));
         let recorded = |frame: &SequenceFrame| match frame.transforms.get(transform) {
+            // An invalid pose stays so, even where other transforms could replace it: the tracker had lost
+            // the tool.
             Some(recorded) => recorded.valid.then_some(recorded.matrix),
             None => chain(&frame.transforms, from, to),
         };
@@ -197,6 +199,7 @@ impl SceneFile {
         if named || has_pose(&frames) {
             return Ok((frames, sequence));
         }
+        // Only now the configuration: what was recorded outranks what is defined.
         let composed = |frame: &SequenceFrame| chain(&merged(&frame.transforms, &defined), from, to);
         let frames: Vec<TrackedFrame> = all.map(|frame| timed(frame, composed(frame))).collect();
         if has_pose(&frames) {
@@ -234,6 +237,8 @@ impl SceneFile {
             let key = "motion.sequence.plus_config";
             let image_to_probe = plus.transform("Image", marker).at(self, key)?;
             let Some(centre) = spec.array_centre_px.or_else(|| plus.array_centre_px()) else {
+                // The guess is offered, never used: a wrong centre shifts every pose, and nothing else would
+                // show it.
                 let help = plus.guessed_centre_px(image_size).map(|([column, row], grounds)| {
                     format!(
                         "for a straight array along the upper edge of the {grounds}, `array_centre_px = [{column}, {row}]`: a \

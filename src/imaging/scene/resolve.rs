@@ -200,6 +200,7 @@ impl SceneFile {
         }
         .map_err(fault)?;
         notes.push(completed.note);
+        // Warned of only where the mode is the default: who states it has chosen.
         if spec.unlabelled.is_none() {
             warnings.extend(completed.warning);
         }
@@ -209,6 +210,7 @@ impl SceneFile {
             notes.extend(structured.note);
             volume = structured.volume;
         }
+        // Last, so that completed tissue and drawn structures deform with the labels.
         match &spec.registration {
             Some(path) => {
                 let map = Quadratic::read(&base.join(path)).at(self, "volume.registration")?;
@@ -352,6 +354,8 @@ fn outside(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, stated: Opt
     });
     warning.push_str(&beside_volume(volume, &first.pose, axes));
     if let Some((table, world)) = stated {
+        // The turn between RAS and LPS undoes itself: applied to poses already read, it gives the other
+        // reading, whichever was stated.
         let (other, seen) = (world.other(), poses - blind(World::Ras));
         if seen > poses - black {
             let key = other.to_string().to_lowercase();

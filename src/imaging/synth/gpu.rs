@@ -897,11 +897,13 @@ impl GpuExecutor {
     pub(crate) fn beam(&self, flipped: bool, tables: &Tables) -> Result<Beam, SynthError> {
         let count = tables.lines() * tables.samples();
         let words = |buffer: &'static Buffer, per_sample: usize| -> Result<Vec<u32>, GpuError> {
+            // Scenes without the passes that bind a buffer have none; its field of the beam stays empty.
             let Some(buffer) = self.buffers.get(&(buffer, 0)) else {
                 return Ok(Vec::new());
             };
             let mut readback = Readback::new(&self.gpu, "beam", (count * per_sample * 4) as u64)?;
             let mut words = vec![0u32; count * per_sample];
+            // Frames of a submission lie one behind the other in the buffer.
             let (start, bytes) = (self.last as u64 * buffer.bytes() / self.frames as u64, readback.bytes());
             self.gpu.submit("beam", |recorder| {
                 recorder.read_back_part(buffer, start..start + bytes, &readback)

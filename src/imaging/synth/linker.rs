@@ -271,6 +271,7 @@ impl Linker {
                 call.parameters
             );
         }
+        // Padded to the size of a block on the host, where that of the next frame begins.
         let rest = block_bytes(count) - count * (ParamBlock::CAPACITY + 16);
         let _ = writeln!(source, "    extents: array<vec4<u32>, {count}>,");
         let _ = writeln!(

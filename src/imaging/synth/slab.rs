@@ -127,6 +127,7 @@ impl<T: Real> Crossing<T> {
             [count] => test((0, &mut self.kept, count)),
             counts => for_each((0.., chunks_mut(&mut self.kept, TESTED), counts), &test),
         }
+        // Joined in the order of the tasks, the elements ascend whichever task ends first.
         self.elements.clear();
         for (kept, &count) in self.kept.chunks(TESTED).zip(&self.counts) {
             self.elements.extend_from_slice(&kept[..count]);

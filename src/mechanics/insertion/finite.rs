@@ -364,6 +364,7 @@ impl Model for Finite {
         }
         self.conclude(&instruments.base, instruments.probe.as_ref());
         let (tissue, log) = (&mut self.tissue, &mut self.log);
+        // Steps that remesh take longest: deferred work waits for one that does not.
         if tissue.remeshes == 0 {
             let (contacts, needle, tip) = (&self.contacts, &self.needle, &self.tip);
             self.prediction

@@ -208,6 +208,8 @@ impl<const D: usize, const N: usize> Nonlinear<D, N> {
             Err(_) if halvings > 0 => {
                 let middle = 0.5 * (self.travel_mm + to_mm);
                 let left = self.part(middle, 0.5 * time_s, halvings - 1);
+                // From where the first half failed, the second would be the whole way again: its time is left
+                // too.
                 if left > 0.0 {
                     return left + 0.5 * time_s;
                 }

@@ -180,6 +180,7 @@ impl MassSpring {
     fn conclude(&mut self, instruments: &Instruments, parts: usize) {
         let tip = self.body.line.tip();
         let length = self.body.line.length_mm();
+        // Where bone stops the tip the base lags behind the hand: that is no deflection of the needle.
         let measured = self
             .body
             .bone_contact
@@ -202,6 +203,7 @@ impl MassSpring {
         }
         let stack = &self.contacts.stack;
         self.outcome = Outcome {
+            // Summed over the substeps so far; the hand feels their mean.
             on_hand: Wrench {
                 force_n: self.outcome.on_hand.force_n / parts as f64,
                 torque_nmm: self.outcome.on_hand.torque_nmm / parts as f64,

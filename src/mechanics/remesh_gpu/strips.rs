@@ -59,6 +59,7 @@ impl Strips {
         let z = zeroed("Z", values, size_of::<f32>())?;
         let c = zeroed("C", stride * stride, size_of::<f32>())?;
         let capacitance = passes.capacitance.as_ref();
+        // Devices without double precision leave this system to the host, and need no room for it.
         let solved = capacitance.map_or(0, |_| stride.min(MAX_RANK).pow(2));
         let change = zeroed("dK", solved, size_of::<f64>())?;
         let matrix = zeroed("I + dK G", solved, size_of::<f64>())?;

@@ -76,6 +76,7 @@ fn sections(bytes: &[u8], regions: Regions) -> Result<Contents, Fault> {
                     "$Nodes, as Gmsh writes by default",
                 ));
             }
+            // Their layout depends on the version and on the type of the file, which only $MeshFormat tells.
             (b"PhysicalNames" | b"Entities" | b"Nodes" | b"Elements", None) => {
                 return Err(Fault::at(at, quote(word), "$MeshFormat before it"));
             }
@@ -120,6 +121,7 @@ fn section(
             contents.names = Some(names::read(reader)?);
         }
         (b"Entities" | b"PartitionedEntities", Version::V4) => {
+            // Elements look up the volumes of their entities: entities behind them would come too late.
             once(contents.elements.is_some())?;
             match name {
                 b"Entities" => v4::entities(reader, &mut contents.volumes)?,
@@ -165,6 +167,7 @@ fn header(reader: &mut Reader) -> Result<Version, Fault> {
     };
     let (at, word) = reader.cursor.word();
     let wide = match (word, version) {
+        // Version 2 states the size of its reals, version 4 that of its integers, which may be narrow.
         (b"8", _) => true,
         (b"4", Version::V4) => false,
         _ => return Err(Fault::at(at, quote(word), "a data size of 8 bytes")),

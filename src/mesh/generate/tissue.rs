@@ -63,6 +63,7 @@ impl<'a> Tissue<'a> {
             thickness: 0.0,
             regions,
         };
+        // The low corner is known only after the voxels are measured; it becomes the origin of the frame.
         let low = tissue.measure(grid, &index_to_frame)?;
         tissue.origin = translation + axes * low;
         let start = frame_to_index * low;
@@ -125,6 +126,7 @@ impl<'a> Tissue<'a> {
         }
         self.extent = (high - low).into();
         let edges = [0, 1, 2].map(|axis| index_to_frame.column(axis) * (last[axis] - first[axis] + 1) as f64);
+        // Volume over face area: in a sheared block edges are longer than the distance between its faces.
         let widths = [0, 1, 2].map(|axis| {
             let face = edges[(axis + 1) % 3].cross(&edges[(axis + 2) % 3]);
             edges[axis].dot(&face).abs() / face.norm()

@@ -37,6 +37,8 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
             let stepped = labels[1][0] != labels[1][1];
             let rounding = match (stepped, torn) {
                 (false, _) => 0.0,
+                // Torn positions leave the normal open: the two may be any echoes of this size, even of
+                // opposite sign.
                 (true, true) => 2.0 * size * loudest,
                 (true, false) => {
                     let offs = pair.map(|at| slack.position[at]);

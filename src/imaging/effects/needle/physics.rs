@@ -67,6 +67,7 @@ fn the_volume_in_the_plane_is_that_of_the_cylinder() {
             Some(3.0),
             section * length,
         ),
+        // Without a thickness of its own the plane is as thick as the needle.
         (
             "across the plane",
             &[[0.5, 20.0, -9.0], [0.5, 20.0, 9.0]],
@@ -74,6 +75,7 @@ fn the_volume_in_the_plane_is_that_of_the_cylinder() {
             section * DIAMETER_MM,
         ),
         ("oblique", &oblique, Some(2.5), section * 2.5 / sine),
+        // Half the plane's 2 mm, and 0.4 mm beyond its middle.
         (
             "ending in the plane",
             &[[0.5, 20.0, -9.0], [0.5, 20.0, 0.4]],

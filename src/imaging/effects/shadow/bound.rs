@@ -102,6 +102,7 @@ fn through(step: &Step, slack: &Slack) -> Vec<[f64; 2]> {
     };
     (0..lines)
         .flat_map(|line| {
+            // Soft tissue is taken to shade all rays to a sample alike: it counts once, down the scanline.
             let soft = down(samples, |sample| {
                 tissue(step, line * samples + sample, |loss| loss < opaque)
             });

@@ -55,6 +55,7 @@ pub(crate) fn possible_labels(tables: &Tables, [x, y, z, flag]: [f64; 4], off: [
         (low[row], high[row]) = (index - off, index + off);
     }
     let mut labels = BTreeSet::new();
+    // Possible positions may lie on both sides of a face: labels beyond it are then added to those within.
     if (0..3).any(|axis| low[axis] + 0.5 <= 0.0 || high[axis] + 0.5 >= size[axis]) {
         if tables.settings.effects.slice.beyond == Beyond::Void {
             labels.insert(0);

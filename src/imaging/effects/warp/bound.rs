@@ -146,6 +146,7 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
             format!("line {line}, sample {sample} at {world:?}")
         };
         if exact != NO_ELEMENT && twin != NO_ELEMENT {
+            // The elements may differ, as both of two neighbours hold their common face.
             let [exact, twin] = [exact, twin].map(|element| Tetrahedron::new(mesh, current, reference, element));
             let least = twin.least_coordinate(world);
             let allowed = twin.coordinate_slack(reach);
@@ -159,6 +160,8 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
             let rounding = twin.map_slack(world, off);
             slack.position[index] = std::array::from_fn(|axis| (chosen[axis] - other[axis]).abs() + rounding[axis]);
         } else if exact != twin {
+            // Only one lies in the mesh, which rounding explains at its surface alone. The positions behind
+            // then have no common bound.
             let surface = Surface::of(mesh, current);
             let (far, allowed) = (surface.distance(world), surface.slack(world, reach));
             if far > allowed || allowed.is_nan() {

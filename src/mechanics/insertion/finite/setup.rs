@@ -126,6 +126,7 @@ impl Setup {
         maker: Option<Maker>,
         progress: &mut (dyn FnMut(usize, usize) + Send),
     ) -> Result<Finite, InvalidSetup> {
+        // Every check comes before the factorisation, which takes most of the time.
         self.check()?;
         let dofs = Dofs::new(self.mesh.nodes().len(), self.fixed.iter().copied());
         self.check_candidates(&dofs)?;
@@ -136,6 +137,7 @@ impl Setup {
             dense: None,
             precision: self.precision,
         };
+        // All levels but the exact one update the entries of an inverse; that one solves with the factor.
         if self.options.dense || self.level != Level::Exact {
             base.invert(progress)?;
         }

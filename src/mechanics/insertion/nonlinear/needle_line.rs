@@ -117,6 +117,8 @@ fn layered(
     let samples = ((outside_mm + length_mm) / SAMPLE_MM).ceil() as usize;
     let spacing = (outside_mm + length_mm) / samples as f64;
     for sample in 0..samples {
+        // In the middle of each interval: at the very entry, rounding would decide whether the body has
+        // begun.
         let mm = (sample as f64 + 0.5) * spacing - outside_mm;
         let Some(region) = at(mm) else { continue };
         match layers.last() {

@@ -215,6 +215,8 @@ impl Contacts {
             let contact = &self.stack[row / 2];
             let yielding = network.reach(contact.node, h);
             let mut right = self.misses[row / 2].dot(&self.rows[row].direction);
+            // The line lies under the previous forces: only their change moves it, so their motion is added
+            // back.
             for column in 0..count {
                 let before = self.stack[column / 2].side.dot(&self.rows[column].direction);
                 right += self.flexibility[column * count + row] * before;
@@ -231,6 +233,7 @@ impl Contacts {
             let contact = &self.stack[row / 2];
             let yielding = network.reach(contact.node, h);
             let direction = self.rows[row].direction;
+            // Across the shaft only the node's share of the gap is left: the needle bends by the rest.
             let miss = self.misses[row / 2].dot(&direction);
             self.misses[row / 2] += direction * (force * yielding - miss);
         }

@@ -123,8 +123,10 @@ pub fn reach(beam: &mut FoundationBeam, wanted: &Wanted) -> Result<(Base, Shape)
             displacement_mm,
         } => {
             within(com_mm)?;
+            // A base that does not move is met by the straight needle, of which every depth is a centre.
             not_zero("displacement_mm", displacement_mm)?;
             let turned = |c: &[f64]| prescribed(displacement_mm, c[0]);
+            // The slope is nudged by what moves the tip as far as a nudge of the displacement does.
             let solution = seek(beam, &[(com_mm, 0.0)], &turned, &[NUDGE_MM / length.max(1.0)])?;
             first(solution, com_mm)
         }
@@ -163,6 +165,7 @@ fn least_compressing(beam: &mut FoundationBeam, tip_mm: f64) -> Result<(Base, Sh
     let share = |solution: &Result<(f64, (Base, Shape)), BeamError>| {
         solution.as_ref().map_or(f64::INFINITY, |solution| solution.0)
     };
+    // Half a turn covers all ratios: opposite angles differ only in the sign of the solution.
     let width = PI / RATIOS as f64;
     let mut best = (0.0, at(0.0));
     for step in 1..RATIOS {
@@ -187,6 +190,7 @@ fn least_compressing(beam: &mut FoundationBeam, tip_mm: f64) -> Result<(Base, Sh
             at_near = std::mem::replace(&mut at_far, at(far));
         }
     }
+    // With several minima between its neighbours, golden sections may end above the best of the scan.
     let candidates = [best.1, at_near, at_far];
     let least = candidates.into_iter().min_by(|a, b| share(a).total_cmp(&share(b)));
     least.map_or(Err(BeamError::NoMotion { miss_mm: tip_mm.abs() }), |solution| {
@@ -239,6 +243,7 @@ fn seek(
         else {
             break;
         };
+        // Far from the goal a full step may overshoot, or find no equilibrium of the beam.
         let mut part = 1.0;
         let better = (0..HALVINGS).find_map(|_| {
             let next = &at - &step * part;

@@ -102,6 +102,8 @@ impl LayerSpec {
             ("c20_kpa", self.c20_kpa),
         ];
         let keys = self.model.keys();
+        // Ignored, a key of another model would leave the layer with a stiffness that its author did not
+        // mean.
         if let Some((key, _)) = given.iter().find(|(key, value)| value.is_some() && !keys.contains(key)) {
             return Err((key, true));
         }

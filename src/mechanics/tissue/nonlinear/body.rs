@@ -189,6 +189,7 @@ impl<const D: usize, const N: usize> NonlinearBody<D, N> {
             let shape = shape.map_err(|cause| NonlinearError::Element { element, cause })?;
             let weight = NEWTON_PER_MM2 * shape.measure * thickness;
             let [lambda, mu] = law.at_rest().lame_kpa().map(|kpa| kpa * weight);
+            // Secant laws need no moduli, which are large: only other elements have a place for them.
             let law = match law.as_secant() {
                 Some(secant) => CellLaw::Secant(secant),
                 None => {

@@ -54,6 +54,7 @@ impl<const D: usize> Tangent<D> {
             }
         }
         starts.push(rows.len() as u32);
+        // The pattern is sorted only now. Places looked up once spare every later assembly the search.
         let mut places = Vec::with_capacity(elements.len() * (D * N * (D * N + 1)) / 2);
         for corners in elements {
             each_pair(corners, supports, |pair| {

@@ -289,6 +289,7 @@ impl Change {
             let after = Shape::of(&positions).map_err(refused)?;
             let material = &mesh.stiffness().materials()[element as usize];
             let (weights_before, weights_after) = (before.weights(material), after.weights(material));
+            // Fixed degrees of freedom have no place: the inverse is that of the free ones.
             let places = corners.map(|corner| dofs.of(corner).map(|dof| support.binary_search(&dof).ok()));
             for (a, b) in (0..16).map(|pair| (pair / 4, pair % 4)) {
                 let old = before.block(weights_before, a, b);

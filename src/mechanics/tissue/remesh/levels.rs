@@ -217,6 +217,8 @@ impl<S: Store> Remesher for DenseInverseRemesher<S> {
                 Ok(rebuilt) => {
                     report.rebuilt = Some(reason);
                     report.bytes_moved += rebuilt.bytes_moved;
+                    // A rebuild is one large update from the base, which may itself lose too much: measured
+                    // again.
                     if matches!(reason, Rebuilt::Residual(_)) {
                         report.rebuild_failed = self.is_lost(mesh, change, &mut report).unwrap_or(true);
                     }

@@ -30,6 +30,8 @@ impl Parts {
             while let Some(element) = waiting.pop() {
                 for &node in &elements[element as usize] {
                     let parts = &mut sharing[node as usize];
+                    // Parts are filled one after the other: the last entry tells whether this one has the
+                    // node already.
                     if parts.last() != Some(&part) {
                         parts.push(part);
                         own.push(node);

@@ -65,6 +65,7 @@ impl Grid {
         let mut elements = Vec::new();
         let mut regions = Vec::new();
         for (cell, &kind) in self.types.iter().enumerate() {
+            // Meshers write faces, edges and points of the boundary beside the volume.
             if FLAT_TYPES.contains(&kind) {
                 continue;
             }

@@ -10,6 +10,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Grid, Fault> {
         cursor: Cursor::new(bytes),
         binary: false,
     };
+    // The first two lines are the version and a title of any text.
     reader.cursor.line();
     reader.cursor.line();
     let (at, format) = reader.cursor.word();

@@ -134,6 +134,7 @@ fn vtu(
             region_names.len()
         )?;
         for (region, name) in region_names {
+            // A zero ends a string in this encoding: one in a name would cut it in two.
             for code in format!("{region} {name}").bytes().filter(|code| *code != 0) {
                 write!(out, "{code} ")?;
             }

@@ -41,6 +41,7 @@ pub(super) fn parse(bytes: &[u8], wanted: impl Fn(bool, &str) -> bool) -> Result
             }
             "AppendedData" => {
                 appended = Some(Appended::of(&tag, &scanner)?);
+                // What follows may be raw bytes, in which no tag can be told.
                 break;
             }
             _ => {}

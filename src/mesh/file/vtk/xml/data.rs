@@ -125,6 +125,7 @@ pub(super) fn values(
         true => Packed::zlib(at, source, file)?,
         false => Packed::plain(at, source, file)?,
     };
+    // Before any memory is taken: both sizes are only claims of the file.
     if count.checked_mul(kind.size()) != Some(packed.size) {
         let found = format!("{} bytes ({} a value)", packed.size, kind.size());
         return Err(fault(found));
