@@ -1,6 +1,6 @@
 //! Numberings of labels: the organ that a label value stands for in a public data set, and its tissue.
 //!
-//! A numbering is a file of `assets/labels` with the columns value, name and tissue, and a line of [`numberings!`]. An organ that
+//! A numbering is a file of `assets/labels` with the columns value, name and tissue, and a line of `numberings!`. An organ that
 //! TotalSegmentator has too has its name there. A side is a word of the name, left or right.
 
 use std::path::Path;
