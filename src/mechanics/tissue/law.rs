@@ -62,12 +62,34 @@ impl Ranges for NoKeys {
     const RANGES: &'static [Range<Self>] = &[];
 }
 
-/// Deformation gradient F with its determinant and the transpose of its inverse; `None` where an element is flat or inverted.
-fn deformation(gradient: &Tensor) -> Option<(Tensor, f64, Tensor)> {
-    let f = Tensor::identity() + gradient;
-    let j = f.determinant();
-    let inverse = f.try_inverse().filter(|_| j > 0.0)?;
-    Some((f, j, inverse.transpose()))
+/// Deformation of an element that is neither flat nor inverted.
+struct Deformation {
+    /// Deformation gradient F.
+    f: Tensor,
+    /// Transpose of its inverse.
+    inverse: Tensor,
+    /// Change of volume J - 1.
+    dilation: f64,
+    /// C - I, twice the Green-Lagrange strain.
+    strain: Tensor,
+}
+
+impl Deformation {
+    /// Deformation with this displacement gradient H; `None` where an element is flat or inverted.
+    fn new(gradient: &Tensor) -> Option<Self> {
+        let h = gradient;
+        let f = Tensor::identity() + h;
+        let minor = |i: usize, k: usize| h[(i, i)] * h[(k, k)] - h[(i, k)] * h[(k, i)];
+        // Both strains are formed from H: from F, small ones would lose their digits to the identity.
+        let dilation = h.trace() + minor(0, 1) + minor(0, 2) + minor(1, 2) + h.determinant();
+        let inverse = f.try_inverse().filter(|_| dilation > -1.0)?;
+        Some(Self {
+            f,
+            inverse: inverse.transpose(),
+            dilation,
+            strain: h + h.transpose() + h.transpose() * h,
+        })
+    }
 }
 
 /// Declares the laws: the names of files, each with its module, type and description.
@@ -239,6 +261,24 @@ mod tests {
                 (law.moduli_kpa(&Tensor::zeros()) - linear).amax() < 1e-9 * linear.amax(),
                 "{name}"
             );
+        }
+    }
+
+    /// Small strains keep their digits: stress departs from the linear one by its square alone.
+    #[test]
+    fn under_small_strain_every_law_is_linear_to_rounding() {
+        let gradient = gradients()[0] * 1e-11;
+        let linear = laws()[0].1.stress_kpa(&gradient);
+        for (name, law) in laws() {
+            let error = (law.stress_kpa(&gradient) - linear).amax() / linear.amax();
+            assert!(error < 1e-9, "{name}: {error:e}");
+            if let Some(energy) = law.energy_kpa(&gradient) {
+                let expected = 0.5 * linear.dot(&gradient);
+                assert!(
+                    (energy / expected - 1.0).abs() < 1e-4,
+                    "{name}: {energy:e} {expected:e}"
+                );
+            }
         }
     }
 

@@ -1,6 +1,6 @@
 //! Neo-Hookean law.
 
-use super::{Law, Moduli, NoKeys, Tensor, deformation};
+use super::{Deformation, Law, Moduli, NoKeys, Tensor};
 use crate::tissue::material::Material;
 use insonify_base::range::OutOfRange;
 
@@ -24,25 +24,29 @@ impl Law for NeoHookean {
 
     fn energy_kpa(&self, gradient: &Tensor) -> Option<f64> {
         let [lambda, mu] = self.0.lame_kpa();
-        let energy = deformation(gradient).map(|(f, j, _)| {
-            let log = j.ln();
-            0.5 * mu * (f.norm_squared() - 3.0) - mu * log + 0.5 * lambda * log * log
+        let energy = Deformation::new(gradient).map(|of| {
+            let log = of.dilation.ln_1p();
+            0.5 * mu * of.strain.trace() - mu * log + 0.5 * lambda * log * log
         });
         Some(energy.unwrap_or(f64::NAN))
     }
 
     fn stress_kpa(&self, gradient: &Tensor) -> Tensor {
         let [lambda, mu] = self.0.lame_kpa();
-        let stress = deformation(gradient).map(|(f, j, inverse)| (f - inverse) * mu + inverse * (lambda * j.ln()));
+        // F - F^-T = F^-T (C - I).
+        let stress = Deformation::new(gradient).map(|of| {
+            let volumetric = Tensor::from_diagonal_element(lambda * of.dilation.ln_1p());
+            of.inverse * (of.strain * mu + volumetric)
+        });
         stress.unwrap_or(Tensor::repeat(f64::NAN))
     }
 
     fn moduli_kpa(&self, gradient: &Tensor) -> Moduli {
         let [lambda, mu] = self.0.lame_kpa();
-        let Some((_, j, inverse)) = deformation(gradient) else {
+        let Some(Deformation { inverse, dilation, .. }) = Deformation::new(gradient) else {
             return Moduli::repeat(f64::NAN);
         };
-        let coupling = mu - lambda * j.ln();
+        let coupling = mu - lambda * dilation.ln_1p();
         Moduli::from_fn(|row, column| {
             let ([i, j], [k, l]) = ([row / 3, row % 3], [column / 3, column % 3]);
             let identity = if i == k && j == l { mu } else { 0.0 };

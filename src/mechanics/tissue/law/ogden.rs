@@ -2,7 +2,7 @@
 
 use nalgebra::SymmetricEigen;
 
-use super::{Law, Moduli, Tensor, deformation};
+use super::{Deformation, Law, Moduli, Tensor};
 use crate::tissue::material::Material;
 use insonify_base::range::{OutOfRange, parameters};
 
@@ -45,21 +45,28 @@ impl Ogden {
         lambda + 2.0 * mu / 3.0
     }
 
-    fn principal(&self, f: &Tensor, j: f64) -> Principal {
+    /// Isochoric powers of the principal stretches less 1, whose squares less 1 are `strains`.
+    fn powers_less_1(&self, strains: [f64; 3], dilation: f64) -> [f64; 3] {
+        strains.map(|strain| (self.alpha * (0.5 * strain.ln_1p() - dilation.ln_1p() / 3.0)).exp_m1())
+    }
+
+    fn principal(&self, of: &Deformation) -> Principal {
         let [_, mu] = self.material.lame_kpa();
         let (alpha, bulk) = (self.alpha, self.bulk_kpa());
-        let eigen = SymmetricEigen::new(f.transpose() * f);
-        let stretches = [0, 1, 2].map(|i| eigen.eigenvalues[i].sqrt());
-        let powers = stretches.map(|stretch| (stretch * j.powf(-1.0 / 3.0)).powf(alpha));
+        let j = 1.0 + of.dilation;
+        let eigen = SymmetricEigen::new(of.strain);
+        let strains = [0, 1, 2].map(|i| eigen.eigenvalues[i]);
+        let stretches = strains.map(|strain| (1.0 + strain).sqrt());
+        let powers = self.powers_less_1(strains, of.dilation);
         let mean = powers.iter().sum::<f64>() / 3.0;
         // dW/dl_i = b_i / l_i; the second Piola-Kirchhoff stress is b_i / l_i^2.
-        let b = powers.map(|power| 2.0 * mu / alpha * (power - mean) + bulk * (j - 1.0) * j);
+        let b = powers.map(|power| 2.0 * mu / alpha * (power - mean) + bulk * of.dilation * j);
         let stress = [0, 1, 2].map(|i| b[i] / stretches[i].powi(2));
         let slope = [0, 1, 2].map(|i| {
             [0, 1, 2].map(|k| {
                 // db_i / dl_k
-                let power = if i == k { powers[i] } else { 0.0 };
-                let shear = 2.0 * mu * (power - (powers[i] + powers[k]) / 3.0 + mean / 3.0);
+                let power = if i == k { 1.0 + powers[i] } else { 0.0 };
+                let shear = 2.0 * mu * (power - (1.0 + powers[i] + powers[k] - mean) / 3.0);
                 let change = (shear + bulk * (2.0 * j - 1.0) * j) / stretches[k];
                 let of_square = if i == k { 2.0 * b[i] / stretches[i] } else { 0.0 };
                 (change - of_square) / stretches[i].powi(2)
@@ -97,27 +104,24 @@ impl Law for Ogden {
 
     fn energy_kpa(&self, gradient: &Tensor) -> Option<f64> {
         let [_, mu] = self.material.lame_kpa();
-        let energy = deformation(gradient).map(|(f, j, _)| {
-            let squares = (f.transpose() * f).symmetric_eigenvalues();
-            let sum: f64 = squares
-                .iter()
-                .map(|square| (square.sqrt() * j.powf(-1.0 / 3.0)).powf(self.alpha))
-                .sum();
-            2.0 * mu / self.alpha.powi(2) * (sum - 3.0) + 0.5 * self.bulk_kpa() * (j - 1.0).powi(2)
+        let energy = Deformation::new(gradient).map(|of| {
+            let powers = self.powers_less_1(of.strain.symmetric_eigenvalues().into(), of.dilation);
+            let sum: f64 = powers.iter().sum();
+            2.0 * mu / self.alpha.powi(2) * sum + 0.5 * self.bulk_kpa() * of.dilation.powi(2)
         });
         Some(energy.unwrap_or(f64::NAN))
     }
 
     fn stress_kpa(&self, gradient: &Tensor) -> Tensor {
-        let stress = deformation(gradient).map(|(f, j, _)| {
-            let Principal { directions, stress, .. } = self.principal(&f, j);
-            f * directions * Tensor::from_diagonal(&stress.into()) * directions.transpose()
+        let stress = Deformation::new(gradient).map(|of| {
+            let Principal { directions, stress, .. } = self.principal(&of);
+            of.f * directions * Tensor::from_diagonal(&stress.into()) * directions.transpose()
         });
         stress.unwrap_or(Tensor::repeat(f64::NAN))
     }
 
     fn moduli_kpa(&self, gradient: &Tensor) -> Moduli {
-        let Some((f, j, _)) = deformation(gradient) else {
+        let Some(of) = Deformation::new(gradient) else {
             return Moduli::repeat(f64::NAN);
         };
         let Principal {
@@ -125,10 +129,10 @@ impl Law for Ogden {
             directions,
             stress,
             slope,
-        } = self.principal(&f, j);
+        } = self.principal(&of);
         let second = directions * Tensor::from_diagonal(&stress.into()) * directions.transpose();
         // Directions carried along, F N_i: the moduli in the deformed state need no further product.
-        let carried = f * directions;
+        let carried = of.f * directions;
         let shear = |a: usize, b: usize| {
             let (x, y) = (stretches[a].powi(2), stretches[b].powi(2));
             match (x - y).abs() < EQUAL * (x + y) {
