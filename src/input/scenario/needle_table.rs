@@ -133,8 +133,8 @@ impl<'de, A: MapAccess<'de>> MapAccess<'de> for CommonKeys<'_, A> {
         loop {
             match self.table.next_key_seed(Key(seed))? {
                 None => return Ok(None),
-                Some(Found::Common(key)) => return Ok(Some(key)),
-                Some(Found::OfModels(key, unused)) => {
+                Some(NextKey::Common(key)) => return Ok(Some(key)),
+                Some(NextKey::OfModels(key, unused)) => {
                     let value = self.table.next_value_seed(ValueOf(key))?;
                     self.of_models.insert(key.to_owned(), value);
                     seed = unused;
@@ -150,24 +150,24 @@ impl<'de, A: MapAccess<'de>> MapAccess<'de> for CommonKeys<'_, A> {
 
 struct Key<S>(S);
 
-enum Found<V, S> {
+enum NextKey<V, S> {
     Common(V),
     /// A key of models, and the seed for the next key.
     OfModels(&'static str, S),
 }
 
 impl<'de, S: DeserializeSeed<'de>> DeserializeSeed<'de> for Key<S> {
-    type Value = Found<S::Value, S>;
+    type Value = NextKey<S::Value, S>;
 
     fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
         let name = String::deserialize(deserializer)?;
         if let Some(key) = OF_MODELS.iter().find(|key| **key == name) {
-            return Ok(Found::OfModels(key, self.0));
+            return Ok(NextKey::OfModels(key, self.0));
         }
         if !CommonNeedleKeys::KEYS.contains(&name.as_str()) {
             return Err(de::Error::unknown_field(&name, &ALL));
         }
-        self.0.deserialize(StrDeserializer::new(&name)).map(Found::Common)
+        self.0.deserialize(StrDeserializer::new(&name)).map(NextKey::Common)
     }
 }
 
@@ -178,14 +178,30 @@ impl<'de> DeserializeSeed<'de> for ValueOf {
     type Value = toml::Value;
 
     fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<toml::Value, D::Error> {
-        let value = toml::Value::deserialize(deserializer)?;
-        if let [model, ..] = models_with(self.0)[..] {
-            let alone = toml::Table::from_iter([(self.0.to_owned(), value.clone())]);
-            model
-                .read(toml::Value::Table(alone))
-                .map_err(|error| de::Error::custom(error.message()))?;
-        }
-        Ok(value)
+        let key = self.0;
+        // Read as its type from the file itself: only there an error knows its line.
+        let alone = MapAccessDeserializer::new(OneKey(Some(key), Some(deserializer)));
+        let model = models_with(key).into_iter().next();
+        let keys = model.ok_or_else(|| de::Error::unknown_field(key, &ALL))?.read(alone)?;
+        let mut table = toml::Table::try_from(keys).map_err(de::Error::custom)?;
+        table.remove(key).ok_or_else(|| de::Error::missing_field(key))
+    }
+}
+
+/// A table of one key, with its value.
+struct OneKey<D>(Option<&'static str>, Option<D>);
+
+impl<'de, D: Deserializer<'de>> MapAccess<'de> for OneKey<D> {
+    type Error = D::Error;
+
+    fn next_key_seed<S: DeserializeSeed<'de>>(&mut self, seed: S) -> Result<Option<S::Value>, D::Error> {
+        let key = self.0.take();
+        key.map(|key| seed.deserialize(StrDeserializer::new(key))).transpose()
+    }
+
+    fn next_value_seed<S: DeserializeSeed<'de>>(&mut self, seed: S) -> Result<S::Value, D::Error> {
+        let value = self.1.take();
+        seed.deserialize(value.ok_or_else(|| de::Error::custom("a key without a value"))?)
     }
 }
 

@@ -59,7 +59,8 @@ macro_rules! needle_models {
         }
 
         /// Keys of a needle, by model.
-        #[derive(Clone, Copy, Debug, PartialEq)]
+        #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+        #[serde(untagged)]
         pub enum NeedleKeys {
             $(#[doc = $doc] $Model($Keys),)+
         }

@@ -59,6 +59,12 @@ fn faults_point_at_their_line_and_say_what_is_expected() {
         ),
         ("dt_ms = 10", "change = [{ at_s = 1 }]", 3, "missing key `level`"),
         (
+            "deposit_s = [1.0]",
+            "deposit_s = [1.0]\n[needle.bevel]\nr_mm = 1\nlength_mm = \"long\"",
+            22,
+            "long",
+        ),
+        (
             "nodes = 250",
             "model = \"mass-spring\"\nalong_path = true",
             12,
