@@ -19,7 +19,7 @@ pub struct Page {
 
 /// A fenced block of a page.
 pub struct Block<'a> {
-    /// What is written behind the fence, such as `sh`.
+    /// Language behind the fence, such as `sh`.
     pub language: &'a str,
     /// File that the block is, if the line before it ends in its name and a colon.
     pub file: Option<&'a str>,
@@ -118,7 +118,7 @@ impl Page {
         })
     }
 
-    /// What stands in backticks outside fenced blocks, with the number of the line where it ends. In sources a span ends with its line.
+    /// Spans in backticks outside fenced blocks, each with the number of the line where it ends. In sources a span ends with its line.
     #[must_use]
     pub fn spans(&self) -> Vec<(usize, String)> {
         let mut spans = Vec::new();

@@ -83,7 +83,7 @@ pub(crate) const EFFECT: Effect = Effect {
 /// Kernel of the blur.
 pub(crate) type Derived = Option<LateralKernel>;
 
-/// What the kernel depends on.
+/// Settings on which the kernel depends.
 pub(crate) type Key<'a> = (Option<&'a Blur>, f64, &'a BeamGrid);
 
 /// Takes parameters, frequency (MHz) and grid.

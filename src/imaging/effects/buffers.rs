@@ -13,9 +13,10 @@ use crate::synth::tables::{Anatomy, LabelRow, Tables};
 /// Contents of a buffer.
 #[derive(Clone, Copy)]
 pub enum Contents {
-    /// Of one that effects share, from the tables; of a per-pixel one, those of a band of rows. [`Tables::set`] names those that change.
+    /// Bytes of a buffer that effects share, from the tables; for a buffer of pixels, those of a band of rows. [`Tables::set`] names the
+    /// shared buffers that change with the settings.
     Shared(fn(&Tables, Band) -> Vec<u8>),
-    /// Of one of an effect, from what it derives: no other settings are in sight.
+    /// Bytes of a buffer of one effect, from the tables that it derives, and so from no settings but those of its key.
     Derived(fn(&Anatomy, &EffectTables) -> Vec<u8>),
 }
 

@@ -123,7 +123,7 @@ pub struct Derived {
     pub clutter: Vec<f32>,
 }
 
-/// What the clutter depends on.
+/// Settings on which the clutter depends.
 #[derive(PartialEq)]
 pub(crate) struct Key<'a> {
     receiver: Option<&'a Receiver>,

@@ -97,7 +97,7 @@ pub struct Derived {
     phases: Vec<u32>,
 }
 
-/// What the tables depend on.
+/// Settings on which the tables depend.
 pub(crate) type Key<'a> = (Option<&'a Refraction>, &'a BeamGrid);
 
 /// Takes parameters and grid.

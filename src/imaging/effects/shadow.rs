@@ -163,7 +163,7 @@ pub struct Derived {
     pub aperture_runs: Vec<Range<usize>>,
 }
 
-/// What the tables depend on.
+/// Settings on which the tables depend.
 pub(crate) type Key<'a> = (Option<&'a Shadow>, f64, &'a BeamGrid);
 
 /// Takes parameters, frequency (MHz) and grid.

@@ -96,7 +96,7 @@ pub(crate) const EFFECT: Effect = Effect {
 /// Lattice and kernels of the speckle.
 pub(crate) type Derived = Option<SpeckleTables>;
 
-/// What lattice and kernels depend on.
+/// Settings on which lattice and kernels depend.
 pub(crate) type Key<'a> = (Option<PointSpread>, &'a BeamGrid);
 
 /// Takes point spread and grid.

@@ -63,7 +63,7 @@ pub(crate) const EFFECT: Effect = Effect {
 /// Solid textures of the tissues.
 pub(crate) type Derived = Option<Atlas>;
 
-/// What the atlas depends on.
+/// Settings on which the atlas depends.
 #[derive(PartialEq)]
 pub(crate) struct Key {
     is_on: bool,

@@ -178,7 +178,7 @@ pub struct Derived {
     pub gain: Numbers,
 }
 
-/// What the gain depends on.
+/// Settings on which the gain depends.
 #[derive(PartialEq)]
 pub(crate) struct Key<'a> {
     tone: Option<&'a Tone>,

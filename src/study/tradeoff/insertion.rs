@@ -248,7 +248,7 @@ pub(crate) struct StepTimes {
     p95_ms: Option<f64>,
     p99_ms: Option<f64>,
     max_ms: Option<f64>,
-    /// Of the steps that remesh.
+    /// Median and longest time of the steps that remesh, ms.
     pub remesh_median_ms: Option<f64>,
     remesh_max_ms: Option<f64>,
     remeshing: usize,

@@ -27,7 +27,7 @@ const POINTS: usize = 400;
 /// nothing moves by more than 1e-5 mm, through stiffnesses of needle and tissue below 100 N/mm.
 const SAME_N: f64 = 1e-3;
 
-/// What was measured at a level, with a probe or without.
+/// Measurements at a level, with a probe or without.
 pub(crate) struct AtLevel<T> {
     pub level: Level,
     pub probe: bool,

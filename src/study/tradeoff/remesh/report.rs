@@ -10,7 +10,7 @@ use insonify_base::statistics::Spread;
 use insonify_gpu::{Gpu, Traffic};
 use insonify_mechanics::tissue::symmetric::Symmetric;
 
-/// What was measured of a contender on a mesh.
+/// Measurements of a remesher on a mesh.
 struct Contended<T> {
     nodes: usize,
     /// Level, backend and precision, as named in tables.
