@@ -158,11 +158,12 @@ impl Quadratic {
     pub fn check(&self) -> Result<(), VolumeError> {
         let mut all = self.coefficients.iter().flatten().chain(&self.centre_mm);
         let finite = all.all(|number| number.abs() <= insonify_base::matrix::FARTHEST_MM);
-        match finite && self.scale_mm > 0.0 && self.scale_mm <= insonify_base::matrix::FARTHEST_MM {
-            true => Ok(()),
-            false => Err(VolumeError::new(
+        if finite && self.scale_mm > 0.0 && self.scale_mm <= insonify_base::matrix::FARTHEST_MM {
+            Ok(())
+        } else {
+            Err(VolumeError::new(
                 "a registration holds numbers beyond 1e6, or a scale that is not above 0",
-            )),
+            ))
         }
     }
 

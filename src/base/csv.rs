@@ -126,9 +126,10 @@ impl Csv {
             let record = record.map_err(|error| table.torn(error))?;
             table.records.push(record);
         }
-        match table.records.is_empty() {
-            true => Err(table.wrong(1, "no rows after the header".to_owned(), "at least one")),
-            false => Ok(table),
+        if table.records.is_empty() {
+            Err(table.wrong(1, "no rows after the header".to_owned(), "at least one"))
+        } else {
+            Ok(table)
         }
     }
 

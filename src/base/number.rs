@@ -44,9 +44,10 @@ pub fn tick(value: f64, smallest: f64) -> String {
         _ if value.abs() <= smallest => "0".to_owned(),
         -3.0..5.0 => {
             let text = format!("{value:.*}", decimals(value, 5.0));
-            match text.contains('.') {
-                true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
-                false => text,
+            if text.contains('.') {
+                text.trim_end_matches('0').trim_end_matches('.').to_owned()
+            } else {
+                text
             }
         }
         _ => format!("{value:.0e}"),

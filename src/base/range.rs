@@ -42,18 +42,20 @@ pub fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
 
 /// Checks that a number is finite and `holds`.
 pub fn check(key: &str, number: f64, holds: bool, expected: impl Into<String>) -> Result<(), OutOfRange> {
-    match number.is_finite() && holds {
-        true => Ok(()),
-        false => Err(OutOfRange::new(key, number, expected)),
+    if number.is_finite() && holds {
+        Ok(())
+    } else {
+        Err(OutOfRange::new(key, number, expected))
     }
 }
 
 /// Checks that a number is in a range.
 pub fn within(key: &str, number: f64, range: std::ops::RangeInclusive<f64>) -> Result<(), OutOfRange> {
     let expected = || format!("a number from {} to {}", range.start(), range.end());
-    match range.contains(&number) {
-        true => Ok(()),
-        false => Err(OutOfRange::new(key, number, expected())),
+    if range.contains(&number) {
+        Ok(())
+    } else {
+        Err(OutOfRange::new(key, number, expected()))
     }
 }
 

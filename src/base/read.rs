@@ -93,9 +93,12 @@ pub fn bytes(path: &Path, kind: Kind) -> io::Result<Vec<u8>> {
     } else {
         open(path)?
     };
-    let within = |found: u64| match found > kind.most {
-        true => Err(Refused::TooLong { found, kind }),
-        false => Ok(()),
+    let within = |found: u64| {
+        if found > kind.most {
+            Err(Refused::TooLong { found, kind })
+        } else {
+            Ok(())
+        }
     };
     within(metadata.len())?;
     let mut bytes = room(metadata.len() as usize, kind.name)?;

@@ -137,9 +137,12 @@ impl Table {
         let mut text = String::new();
         for line in &lines {
             let cells = line.iter().zip(self.head.iter().zip(&widths));
-            let cells = cells.map(|(cell, (head, &width))| match head.is_number() {
-                true => format!("{cell:>width$}"),
-                false => format!("{cell:<width$}"),
+            let cells = cells.map(|(cell, (head, &width))| {
+                if head.is_number() {
+                    format!("{cell:>width$}")
+                } else {
+                    format!("{cell:<width$}")
+                }
             });
             text += cells.collect::<Vec<_>>().join(gap).trim_end();
             text.push('\n');
@@ -226,9 +229,10 @@ impl Table {
 
 /// Quotes a cell of comma-separated values where necessary.
 fn quoted(text: &str) -> String {
-    match text.contains([',', '"', '\n']) {
-        true => format!("\"{}\"", text.replace('"', "\"\"")),
-        false => text.to_owned(),
+    if text.contains([',', '"', '\n']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
     }
 }
 

@@ -24,9 +24,10 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     }
     let mut out = String::with_capacity(text.len() + 16);
     for c in text.chars() {
-        match foreign(c) {
-            true => out.extend(c.escape_default()),
-            false => out.push(c),
+        if foreign(c) {
+            out.extend(c.escape_default())
+        } else {
+            out.push(c)
         }
     }
     Cow::Owned(out)

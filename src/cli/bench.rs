@@ -120,9 +120,10 @@ impl Bench {
         }
         let printed = Printed::new(self.output.clone(), self.force, self.json);
         printed.check()?;
-        let scene = match self.input.is_default() {
-            true => scene()?,
-            false => self.input.scene(&self.backend)?.0,
+        let scene = if self.input.is_default() {
+            scene()?
+        } else {
+            self.input.scene(&self.backend)?.0
         };
         let mut state = FrameState::at(Matrix4::identity());
         scene.state(0, scene.frames().max(1), &mut state)?;

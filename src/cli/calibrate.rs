@@ -207,11 +207,12 @@ impl DirectionArgs {
 
 fn nonzero(along: [f64; 3]) -> Result<Vector3<f64>, TrackingError> {
     let along = Vector3::from(along);
-    match along.norm() > 1e-9 {
-        true => Ok(along),
-        false => Err(TrackingError::new(
+    if along.norm() > 1e-9 {
+        Ok(along)
+    } else {
+        Err(TrackingError::new(
             "a direction is 0,0,0; expected a vector with a length",
-        )),
+        ))
     }
 }
 

@@ -22,9 +22,10 @@ struct Paint(bool);
 
 impl Paint {
     fn of(self, style: &str, text: &str) -> String {
-        match self.0 {
-            true => format!("\x1b[{style}m{text}\x1b[0m"),
-            false => text.to_owned(),
+        if self.0 {
+            format!("\x1b[{style}m{text}\x1b[0m")
+        } else {
+            text.to_owned()
         }
     }
 }

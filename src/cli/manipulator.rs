@@ -124,9 +124,10 @@ impl Place {
 impl Kinematics {
     fn run(&self, forward: bool) -> Result<(), Error> {
         let is_scenario = self.file.extension().is_some_and(|ending| ending == "toml");
-        let places = match is_scenario && !forward {
-            true => self.along()?,
-            false => self.table(forward)?,
+        let places = if is_scenario && !forward {
+            self.along()?
+        } else {
+            self.table(forward)?
         };
         terminal::show(&places, self.json, || text(&places))
     }
@@ -150,12 +151,13 @@ impl Kinematics {
         let table = Csv::open(&self.file, &columns)?;
         let place = |row: insonify_base::csv::Row<'_>| -> Result<Place, CsvError> {
             let [a, b, c] = row.numbers(columns)?;
-            let posture = match forward {
-                true => guide.posture([a, b, c]),
-                false => guide.reaching(&InPlane {
+            let posture = if forward {
+                guide.posture([a, b, c])
+            } else {
+                guide.reaching(&InPlane {
                     tip_mm: [a, b],
                     angle_deg: c,
-                }),
+                })
             };
             let place = posture.and_then(|posture| Place::new(&guide, posture, None));
             place.map_err(|error| row.refused(error.to_string()))

@@ -341,15 +341,16 @@ fn truth(path: &Path, echoes: &Echoes, windows: usize) -> Result<Vec<Vec<[f64; 2
         }
         all[frame][line * windows + window] = row.numbers(["axial_um", "lateral_um"])?;
     }
-    match all.iter().flatten().any(|pair| pair[0].is_nan()) {
-        true => Err(TrackingError::new(format!(
+    if all.iter().flatten().any(|pair| pair[0].is_nan()) {
+        Err(TrackingError::new(format!(
             "{}: rows are missing; expected one for each of {} frames, {} lines and {windows} windows",
             path.display(),
             all.len(),
             echoes.lines
         ))
-        .into()),
-        false => Ok(all),
+        .into())
+    } else {
+        Ok(all)
     }
 }
 

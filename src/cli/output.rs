@@ -103,10 +103,13 @@ fn add_inputs(document: &Path, depth: usize, files: &mut Vec<PathBuf>) {
         match value {
             toml::Value::Table(table) => values.extend(table.into_iter().map(|(_, value)| value)),
             toml::Value::Array(array) => values.extend(array),
-            toml::Value::String(name) if folder.join(&name).is_file() => match name.ends_with(".toml") && depth > 0 {
-                true => add_inputs(&folder.join(name), depth - 1, files),
-                false => files.push(folder.join(name)),
-            },
+            toml::Value::String(name) if folder.join(&name).is_file() => {
+                if name.ends_with(".toml") && depth > 0 {
+                    add_inputs(&folder.join(name), depth - 1, files)
+                } else {
+                    files.push(folder.join(name))
+                }
+            }
             _ => {}
         }
     }

@@ -66,9 +66,10 @@ impl QualityArgs {
 
 /// Reports the picked settings, and warns if they exceed the budget.
 fn tell(picked: &Picked) {
-    match picked.met {
-        true => terminal::say(format_args!("quality: {}", picked.why)),
-        false => terminal::warn(format_args!("quality.{}: {}", picked.asked, picked.why)),
+    if picked.met {
+        terminal::say(format_args!("quality: {}", picked.why))
+    } else {
+        terminal::warn(format_args!("quality.{}: {}", picked.asked, picked.why))
     }
 }
 

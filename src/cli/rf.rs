@@ -473,13 +473,12 @@ impl Recorder {
         let echoes = self.synthesizer.render(state)?;
         let most = f64::from(i16::MAX);
         let counts = echoes.iter().map(|value| f64::from(*value) * COUNTS);
-        let bytes: Vec<u8> = match self.float {
-            true => counts.flat_map(|count| (count as f32).to_le_bytes()).collect(),
-            false => {
-                self.saturated += counts.clone().filter(|count| count.abs() > most).count();
-                let rounded = counts.map(|count| count.clamp(-most, most).round() as i16);
-                rounded.flat_map(i16::to_le_bytes).collect()
-            }
+        let bytes: Vec<u8> = if self.float {
+            counts.flat_map(|count| (count as f32).to_le_bytes()).collect()
+        } else {
+            self.saturated += counts.clone().filter(|count| count.abs() > most).count();
+            let rounded = counts.map(|count| count.clamp(-most, most).round() as i16);
+            rounded.flat_map(i16::to_le_bytes).collect()
         };
         let info = FrameInfo {
             timestamp: time_s,

@@ -31,10 +31,7 @@ pub(crate) fn print(result: &(impl Serialize + ToString), json: bool) -> Result<
 
 /// Writes a result to standard output, as JSON or as a text of its own.
 pub(crate) fn show(result: &impl Serialize, json: bool, text: impl FnOnce() -> String) -> Result<(), Error> {
-    match json {
-        true => emit_json(result),
-        false => emit(&text()),
-    }
+    if json { emit_json(result) } else { emit(&text()) }
 }
 
 /// A result as indented JSON.

@@ -150,12 +150,13 @@ impl Choice {
     /// Describes the choice among `costs`, with the time `ms` and how that was `measured`.
     fn picked(&self, asked: &str, budget_ms: f64, costs: &Costs, ms: f64, measured: &str) -> Picked {
         let met = ms <= budget_ms;
-        let mut why = match met {
-            true => format!("{} of {budget_ms} ms", milliseconds(ms)),
-            false => format!(
+        let mut why = if met {
+            format!("{} of {budget_ms} ms", milliseconds(ms))
+        } else {
+            format!(
                 "nothing stays within {budget_ms} ms: this is the cheapest, {} ms",
                 milliseconds(ms)
-            ),
+            )
         };
         if let Some(errors) = costs.errors.as_ref().filter(|_| self.error > 0.0) {
             why += &format!(", off by {:.2} {errors}", self.error);

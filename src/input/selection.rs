@@ -212,9 +212,10 @@ impl Choice<'_> {
             elements.for_each(|(corners, _)| pick(corners));
         }
         if !picked.contains(&true) {
-            let (found, expected) = match surface {
-                true => ("no node on the surface", "a region on the surface of the mesh"),
-                false => ("no node of this region", "a region that has elements in the mesh"),
+            let (found, expected) = if surface {
+                ("no node on the surface", "a region on the surface of the mesh")
+            } else {
+                ("no node of this region", "a region that has elements in the mesh")
             };
             return Err(keys(table.to_owned(), found, expected));
         }
@@ -225,9 +226,10 @@ impl Choice<'_> {
             let before = picked.clone();
             picked.iter_mut().zip(of).for_each(|(picked, of)| *picked &= of);
             if !picked.contains(&true) {
-                let found = match before.contains(&false) {
-                    true => "no node on the surface of this region among the others selected",
-                    false => "no node on the surface of this region",
+                let found = if before.contains(&false) {
+                    "no node on the surface of this region among the others selected"
+                } else {
+                    "no node on the surface of this region"
                 };
                 return Err(keys(
                     format!("{table}.surface_of"),

@@ -62,9 +62,10 @@ impl ProblemFile {
 
     /// Checks that a number is finite and no larger than `most`.
     fn within(&self, key: &str, found: f64, most: f64, expected: &'static str) -> Result<(), InputError> {
-        match found.abs() <= most {
-            true => Ok(()),
-            false => Err(self.fault(key, InvalidFile::number(found, expected))),
+        if found.abs() <= most {
+            Ok(())
+        } else {
+            Err(self.fault(key, InvalidFile::number(found, expected)))
         }
     }
 

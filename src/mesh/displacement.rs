@@ -83,9 +83,10 @@ fn incompressible() -> f64 {
 }
 
 fn position(key: &str, value: &[f64; 3]) -> Result<(), OutOfRange> {
-    match value.iter().all(|x| x.is_finite()) {
-        true => Ok(()),
-        false => Err(OutOfRange::new(key, format!("{value:?}"), "three finite numbers")),
+    if value.iter().all(|x| x.is_finite()) {
+        Ok(())
+    } else {
+        Err(OutOfRange::new(key, format!("{value:?}"), "three finite numbers"))
     }
 }
 
@@ -103,9 +104,10 @@ fn affine(matrix: &[[f64; 4]; 4]) -> Result<(), OutOfRange> {
     let norms: f64 = linear.column_iter().map(|column| column.norm()).product();
     let solid = linear.determinant().abs() > SINGULAR * norms;
     let expected = "finite, with the last row 0 0 0 1, and directions that span a volume";
-    match finite && solid && matrix[3] == [0.0, 0.0, 0.0, 1.0] {
-        true => Ok(()),
-        false => Err(OutOfRange::new("matrix", format!("{matrix:?}"), expected)),
+    if finite && solid && matrix[3] == [0.0, 0.0, 0.0, 1.0] {
+        Ok(())
+    } else {
+        Err(OutOfRange::new("matrix", format!("{matrix:?}"), expected))
     }
 }
 

@@ -124,9 +124,12 @@ fn elements(cells: [usize; 3], points: [usize; 3], right_handed: bool, mirrored:
                 let first: usize = (0..3)
                     .map(|axis| (at[axis] + usize::from(turned[axis])) * stride[axis])
                     .sum();
-                let along = |node: usize, axis: usize| match turned[axis] {
-                    true => node - stride[axis],
-                    false => node + stride[axis],
+                let along = |node: usize, axis: usize| {
+                    if turned[axis] {
+                        node - stride[axis]
+                    } else {
+                        node + stride[axis]
+                    }
                 };
                 let upright = turned.iter().filter(|turned| **turned).count() % 2 == 0;
                 for (order, even) in WALKS {

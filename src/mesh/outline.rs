@@ -240,9 +240,10 @@ fn thinned(chain: &[[f64; 2]], most_mm: f64) -> Vec<[f64; 2]> {
         let length = along[0].hypot(along[1]);
         let away = |point: &[f64; 2]| {
             let off = [point[0] - a[0], point[1] - a[1]];
-            match length > 0.0 {
-                true => ((along[0] * off[1] - along[1] * off[0]) / length).abs(),
-                false => off[0].hypot(off[1]),
+            if length > 0.0 {
+                ((along[0] * off[1] - along[1] * off[0]) / length).abs()
+            } else {
+                off[0].hypot(off[1])
             }
         };
         let inner = (from + 1..to).map(|at| (at, away(&chain[at])));

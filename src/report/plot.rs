@@ -198,9 +198,10 @@ fn stairs<'a>(points: impl Iterator<Item = &'a [f64; 2]>) -> Vec<(f64, f64)> {
 
 /// Size below which a value on an axis is shown as 0.
 fn smallest(axis: &Axis, range: std::ops::Range<f64>) -> f64 {
-    match axis.log {
-        true => 0.0,
-        false => ZERO * (range.end - range.start),
+    if axis.log {
+        0.0
+    } else {
+        ZERO * (range.end - range.start)
     }
 }
 
@@ -304,10 +305,7 @@ impl Plot {
             Layout::Rows(rows) => 0.5 - rows.len() as f64..0.5,
             _ => self.y.range(all().map(|point| point[1])),
         };
-        let (x, y) = match self.equal {
-            true => level(x, y),
-            false => (x, y),
-        };
+        let (x, y) = if self.equal { level(x, y) } else { (x, y) };
         let linear = RangedCoordf64::from;
         let log = |range: std::ops::Range<f64>| LogCoord::from(range.log_scale());
         match (self.x.log, self.y.log) {

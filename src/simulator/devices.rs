@@ -77,9 +77,10 @@ impl Velocity {
     fn next(&mut self, place: &Point3<f64>, dt_s: f64) -> Vector3<f64> {
         let last = self.0.replace(*place).unwrap_or(*place);
         let velocity = (place - last) / dt_s;
-        match dt_s > 0.0 && velocity.iter().all(|v| v.is_finite()) {
-            true => velocity,
-            false => Vector3::zeros(),
+        if dt_s > 0.0 && velocity.iter().all(|v| v.is_finite()) {
+            velocity
+        } else {
+            Vector3::zeros()
         }
     }
 }
@@ -182,9 +183,10 @@ impl LateralHold {
             self.integral_n = grown.cap_magnitude(most_n);
         }
         let force = aside * kp + self.integral_n - velocity * kd;
-        match force.iter().all(|n| n.is_finite()) {
-            true => force.cap_magnitude(most_n),
-            false => Vector3::zeros(),
+        if force.iter().all(|n| n.is_finite()) {
+            force.cap_magnitude(most_n)
+        } else {
+            Vector3::zeros()
         }
     }
 }

@@ -142,9 +142,10 @@ impl fmt::Display for Report {
 
 /// Writes a table below an empty line, unless it is empty.
 fn put(f: &mut fmt::Formatter<'_>, table: Table) -> fmt::Result {
-    match table.is_empty() {
-        true => Ok(()),
-        false => write!(f, "\n{}", table.text(" ", &[10, 14, 14, 14, 14])),
+    if table.is_empty() {
+        Ok(())
+    } else {
+        write!(f, "\n{}", table.text(" ", &[10, 14, 14, 14, 14]))
     }
 }
 

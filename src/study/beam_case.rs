@@ -162,13 +162,14 @@ impl CaseFile {
         let measured = self.needle.measured_mm.clone().unwrap_or_default();
         let finite = measured.iter().flatten().all(|x| x.abs() <= 1e6);
         let rising = measured.windows(2).all(|pair| pair[0][0] < pair[1][0]);
-        match finite && rising && measured.len() != 1 {
-            true => Ok(measured),
-            false => Err(self.wrong_keys(
+        if finite && rising && measured.len() != 1 {
+            Ok(measured)
+        } else {
+            Err(self.wrong_keys(
                 "needle.measured_mm",
                 format!("{} pairs that do not describe a shape", measured.len()),
                 "at least two pairs of position and deflection, mm, positions rising",
-            )),
+            ))
         }
     }
 

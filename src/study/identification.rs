@@ -183,9 +183,10 @@ impl CaseFile {
             let expected = "a table `[motion]`, or `known = true` and `young_kpa` for every layer";
             return Err(self.wrong_keys("motion", "no displacements", expected));
         }
-        let poisson = match self.poisson.is_empty() {
-            true => vec![None],
-            false => self.poisson.iter().copied().map(Some).collect(),
+        let poisson = if self.poisson.is_empty() {
+            vec![None]
+        } else {
+            self.poisson.iter().copied().map(Some).collect()
         };
         let path = |path: &Path| folder.join(path);
         Ok(IdentificationCase {

@@ -254,9 +254,12 @@ impl MeasureComparison {
             frames,
             real,
             difference,
-            verdict: difference.map(|difference| match difference.abs() <= LIMIT {
-                true => LikenessVerdict::Inside,
-                false => LikenessVerdict::Outside,
+            verdict: difference.map(|difference| {
+                if difference.abs() <= LIMIT {
+                    LikenessVerdict::Inside
+                } else {
+                    LikenessVerdict::Outside
+                }
             }),
         }
     }

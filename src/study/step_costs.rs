@@ -174,10 +174,7 @@ impl StepCosts {
     /// Returns the choices open to a scenario, and their costs.
     pub fn in_situation(&self, situation: &Situation) -> Costs {
         let at = usize::from(situation.probe);
-        let needle = match situation.beam {
-            true => &self.elements,
-            false => &self.links,
-        };
+        let needle = if situation.beam { &self.elements } else { &self.links };
         let mut settings = vec![self.levels[at].clone(), fitting(needle, situation.needle_mm)];
         if situation.probe {
             settings.push(self.thinning.clone());

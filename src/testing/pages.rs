@@ -184,9 +184,10 @@ impl Page {
         let mut passages: Vec<(usize, String)> = Vec::new();
         let mut goes_on = false;
         for (at, line) in self.text.lines().enumerate() {
-            let apart = match self.name.ends_with(".md") {
-                true => line.starts_with(['|', '-']),
-                false => !line.trim_start().starts_with("# ") && !line.starts_with(' '),
+            let apart = if self.name.ends_with(".md") {
+                line.starts_with(['|', '-'])
+            } else {
+                !line.trim_start().starts_with("# ") && !line.starts_with(' ')
             };
             match passages.last_mut() {
                 Some((_, passage)) if goes_on && !apart && !line.trim().is_empty() => *passage += &format!(" {line}"),

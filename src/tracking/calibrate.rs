@@ -245,13 +245,14 @@ pub fn held(poses: &[(&MarkerPose, Vector3<f64>)]) -> Result<Direction, Tracking
         .iter()
         .map(|(pose, along)| (pose, (pose.rotation * direction).angle(along)));
     let direction = by_angles(direction, angles.map(|(pose, angle)| (pose.frame, angle)));
-    match direction.rms_deg > DIRECTION_DEG {
-        true => Err(TrackingError::new(format!(
+    if direction.rms_deg > DIRECTION_DEG {
+        Err(TrackingError::new(format!(
             "the direction differs from those given by {:.1} degrees RMS; expected at most {DIRECTION_DEG}: are they in the \
              frame that the transform leads to?",
             direction.rms_deg
-        ))),
-        false => Ok(direction),
+        )))
+    } else {
+        Ok(direction)
     }
 }
 

@@ -132,17 +132,18 @@ pub fn place(
     [100, 180]
         .into_iter()
         .find_map(|widest| search.best(&aims, widest))
-        .ok_or_else(|| match search.finds_skin(&aims) {
-            true => TrackingError::new(format!(
+        .ok_or_else(|| if search.finds_skin(&aims) {
+TrackingError::new(format!(
                 "the target is hidden: from every place on the skin in reach it lies behind bone or gas or deeper than \
                  {} mm. Give the probe's pose, or a larger depth",
                 options.depth_mm
-            )),
-            false => TrackingError::new(
+            ))
+} else {
+TrackingError::new(
                 "no skin is in reach of the target: in every direction the body ends at the edge of the volume. Complete the \
                  body (unlabelled = \"auto\") or give the probe's pose",
-            ),
-        })
+            )
+})
 }
 
 struct Search<'a> {

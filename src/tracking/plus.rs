@@ -149,9 +149,10 @@ impl PlusConfig {
                     .iter()
                     .map(|t| format!("{}To{}", t.from, t.to))
                     .collect();
-                let names = match names.is_empty() {
-                    true => "none at all".to_owned(),
-                    false => names.join(", "),
+                let names = if names.is_empty() {
+                    "none at all".to_owned()
+                } else {
+                    names.join(", ")
                 };
                 let has = text::clipped(&names, text::MESSAGE);
                 let text = format!(" defines no transform from `{from}` to `{to}`; it has {has}");

@@ -243,9 +243,10 @@ fn linked_shaders_are_valid_and_bind_what_their_passes_use() {
                     let mut uses = passes
                         .flat_map(|&at| &bound[at].buffers)
                         .filter(|(buffer, _)| *buffer == own.buffer);
-                    let access = match uses.any(|(_, how)| how.writes()) {
-                        true => StorageAccess::LOAD | StorageAccess::STORE,
-                        false => StorageAccess::LOAD,
+                    let access = if uses.any(|(_, how)| how.writes()) {
+                        StorageAccess::LOAD | StorageAccess::STORE
+                    } else {
+                        StorageAccess::LOAD
                     };
                     assert_eq!(
                         variable.space,

@@ -88,9 +88,10 @@ fn bindings_are_those_declared() {
         for (number, &(resource, how)) in (1..).zip(pass.bindings) {
             let place = format!("{}: binding {number}, {resource:?}", pass.name);
             let (space, usage) = used[&number];
-            let expected = match how.writes() {
-                false => StorageAccess::LOAD,
-                true => StorageAccess::LOAD | StorageAccess::STORE,
+            let expected = if how.writes() {
+                StorageAccess::LOAD | StorageAccess::STORE
+            } else {
+                StorageAccess::LOAD
             };
             assert_eq!(space, AddressSpace::Storage { access: expected }, "{place}");
             assert_eq!(

@@ -35,12 +35,13 @@ fn write(bench: &Bench, name: &str, by: [f64; 3], [tissue, needle]: [&str; 2]) {
     let block = TetMesh::new(block.nodes().to_vec(), block.elements().to_vec(), regions).expect("a mesh");
     write_vtu(&bench.path(&format!("{name}.vtu")), &block.moved(by), None).expect("written");
     let at = |x: f64, y: f64, z: f64| format!("[{}, {}, {}]", x + by[0], y + by[1], z + by[2]);
-    let fixed = match tissue == MASSES {
-        true => String::new(),
-        false => format!(
+    let fixed = if tissue == MASSES {
+        String::new()
+    } else {
+        format!(
             "\n[[tissue.fix]]\nbox_mm = [[-inf, -inf, {}], [inf, inf, inf]]",
             37.3 + by[2]
-        ),
+        )
     };
     let scenario = format!(
         r#"version = 1

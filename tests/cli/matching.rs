@@ -56,9 +56,12 @@ fn a_scene_is_written_that_can_be_rendered() {
 fn overlays_count_for_nothing() {
     let bench = bench();
     let grey = image::open(bench.path("real.png")).expect("a frame").into_luma8();
-    let marked = RgbImage::from_fn(160, 160, |x, y| match (x / 6 + y / 6) % 9 == 0 && x > 130 {
-        true => Rgb([0, 255, 40]),
-        false => Rgb([grey.get_pixel(x, y)[0]; 3]),
+    let marked = RgbImage::from_fn(160, 160, |x, y| {
+        if (x / 6 + y / 6) % 9 == 0 && x > 130 {
+            Rgb([0, 255, 40])
+        } else {
+            Rgb([grey.get_pixel(x, y)[0]; 3])
+        }
     });
     marked.save(bench.path("marked.png")).expect("written");
     let [plain, marked] = ["real.png --mm-per-pixel 0.25", "marked.png --mm-per-pixel 0.25"].map(|name| {

@@ -82,9 +82,12 @@ fn folders_files_and_pixel_sizes_are_read() {
 fn colour_is_read_as_luminance_and_sequences_frame_by_frame() {
     let bench = bench();
     // Luminance of a grey pixel is its grey level; a red ruler beside the sector is no part of it.
-    let tinted = RgbImage::from_fn(200, 150, |x, y| match x > 182 {
-        true => Rgb([220, (y * 40 % 256) as u8 / 8, 0]),
-        false => Rgb([grey(x, y, 80, 80); 3]),
+    let tinted = RgbImage::from_fn(200, 150, |x, y| {
+        if x > 182 {
+            Rgb([220, (y * 40 % 256) as u8 / 8, 0])
+        } else {
+            Rgb([grey(x, y, 80, 80); 3])
+        }
     });
     tinted.save(bench.path("rgb.png")).expect("written");
     let [plain, rgb] =

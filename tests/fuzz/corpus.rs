@@ -123,9 +123,11 @@ pub(crate) fn texture() -> Vec<u8> {
 
 /// A recording of three frames of 2 x 2 pixels, as MetaImage or NRRD.
 pub(crate) fn sequence(is_nrrd: bool) -> Vec<u8> {
-    let mut text = match is_nrrd {
-        true => "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 2 2 3\nspacings: 1 1 1\nencoding: raw\nkinds: domain domain list\n".to_owned(),
-        false => "ObjectType = Image\nNDims = 3\nDimSize = 2 2 3\nElementSpacing = 1 1 1\n".to_owned(),
+    let mut text = if is_nrrd {
+        "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 2 2 3\nspacings: 1 1 1\nencoding: raw\nkinds: domain domain list\n"
+            .to_owned()
+    } else {
+        "ObjectType = Image\nNDims = 3\nDimSize = 2 2 3\nElementSpacing = 1 1 1\n".to_owned()
     };
     let is = if is_nrrd { ":=" } else { " = " };
     let _ = writeln!(text, "UltrasoundImageOrientation{is}MF");

@@ -350,9 +350,10 @@ fn scene(path: &Path, _: &[u8], dice: &mut Dice) -> Result<(), Error> {
     if dice.below(8) != 0 {
         file.effects.get_or_insert_with(Effects::usual).texture = None;
     }
-    match file.volume.as_ref().is_some_and(|volume| volume.phantom.is_some()) {
-        true => Ok(()),
-        false => rendered(file, beside(path, "").0),
+    if file.volume.as_ref().is_some_and(|volume| volume.phantom.is_some()) {
+        Ok(())
+    } else {
+        rendered(file, beside(path, "").0)
     }
 }
 

@@ -51,9 +51,10 @@ fn main() -> ExitCode {
     std::thread::spawn(watch);
     // In memory where the system has such a place.
     let shared = Path::new("/dev/shm");
-    let folder = match shared.is_dir() {
-        true => tempfile::tempdir_in(shared),
-        false => tempfile::tempdir(),
+    let folder = if shared.is_dir() {
+        tempfile::tempdir_in(shared)
+    } else {
+        tempfile::tempdir()
     };
     let folder = folder.expect("a folder");
     let mut causes: BTreeMap<String, usize> = BTreeMap::new();

@@ -58,9 +58,12 @@ fn assert_true(table: &Value, accepts: impl Fn(&str, Value) -> Result<(), String
         if !(is("number") || whole) || low.is_none() || (whole && high.is_none()) {
             continue;
         }
-        let value = |number: f64| match whole {
-            true => Value::from(number as i64),
-            false => Value::from(number),
+        let value = |number: f64| {
+            if whole {
+                Value::from(number as i64)
+            } else {
+                Value::from(number)
+            }
         };
         for (end, open, sign) in [(low, "exclusiveMinimum", -1.0), (high, "exclusiveMaximum", 1.0)] {
             let Some(end) = end else { continue };

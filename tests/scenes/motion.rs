@@ -218,12 +218,13 @@ fn recorded_as(
     let text = small(&format!(
         "[motion]\n{motion}\n[motion.sequence]\nfile = \"a.mha\"\n{sequence}\n{more}"
     ));
-    let text = match more.contains("width_mm = 30") {
-        true => text.replace(
+    let text = if more.contains("width_mm = 30") {
+        text.replace(
             "phantom = \"abdomen\"\nresolution_mm = 5",
             "file = \"cube.mha\"\nunlabelled = \"air\"",
-        ),
-        false => text,
+        )
+    } else {
+        text
     };
     super::support::parse(&text).and_then(|file| file.resolve(folder.path()))
 }

@@ -43,13 +43,14 @@ pub fn read(path: &Path) -> Result<Vec<Point3<f64>>, VolumeError> {
         }
         _ => return Err(wrong("expected a surface as .csv, .stl or .ply".to_owned())),
     };
-    match points
+    if points
         .iter()
         .flat_map(|at| at.iter())
         .all(|x| x.abs() <= insonify_base::matrix::FARTHEST_MM)
     {
-        true => Ok(points),
-        false => Err(wrong("a coordinate is not finite or beyond 1e6 mm".to_owned())),
+        Ok(points)
+    } else {
+        Err(wrong("a coordinate is not finite or beyond 1e6 mm".to_owned()))
     }
 }
 

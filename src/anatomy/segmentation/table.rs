@@ -113,13 +113,12 @@ impl Names {
             let at = |name: &&str| (0..headers.len()).find(|at| headers[*at] == *name && Some(*at) != not);
             wanted.iter().find_map(at)
         };
-        let (value, name) = match has_header {
-            true => {
-                // `label` heads values in some tables and names in others, but not both in one.
-                let value = column(&VALUES, None);
-                (value, column(&NAMES, value))
-            }
-            false => (Some(0), Some(1)),
+        let (value, name) = if has_header {
+            // `label` heads values in some tables and names in others, but not both in one.
+            let value = column(&VALUES, None);
+            (value, column(&NAMES, value))
+        } else {
+            (Some(0), Some(1))
         };
         let (Some(value), Some(name)) = (value, name) else {
             let found = format!("columns {}", headers.join(", "));

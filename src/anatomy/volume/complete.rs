@@ -342,9 +342,10 @@ fn unusual_values(labels: &[Label], body: &[u8]) -> String {
         (value != usual).then(|| format!("{name} is label {value}, not {usual} as usual"))
     };
     let others: Vec<String> = body.iter().zip(LAYERS).filter_map(other).collect();
-    match others.is_empty() {
-        true => String::new(),
-        false => format!("; beside the labels of the file {}", others.join(", ")),
+    if others.is_empty() {
+        String::new()
+    } else {
+        format!("; beside the labels of the file {}", others.join(", "))
     }
 }
 

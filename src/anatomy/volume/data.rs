@@ -105,9 +105,10 @@ fn open(header: &Header, expected: usize) -> Result<(BufReader<File>, u64, u64),
         Encoding::Text => 2 * (expected / header.element()?.bytes()) as u64 - 1,
         _ => 0,
     };
-    match stored < least {
-        true => Err(short(header, end, stored, least)),
-        false => Ok((reader, begin, stored)),
+    if stored < least {
+        Err(short(header, end, stored, least))
+    } else {
+        Ok((reader, begin, stored))
     }
 }
 
@@ -319,9 +320,10 @@ fn broken(header: &Header, at: u64, unpacked: usize, expected: usize, cause: &io
     if !is_corrupt_data(cause) {
         return header.unreadable(io::Error::new(cause.kind(), cause.to_string()));
     }
-    let wanted = match unpacked == expected {
-        true => "an intact end of the compressed data".to_owned(),
-        false => format!("{expected} bytes unpacked"),
+    let wanted = if unpacked == expected {
+        "an intact end of the compressed data".to_owned()
+    } else {
+        format!("{expected} bytes unpacked")
     };
     let found = format!("broken compressed data ({cause}) after {unpacked} bytes unpacked");
     VolumeError::malformed(&header.data.path, At::Byte(at), found, wanted)

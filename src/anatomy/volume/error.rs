@@ -159,9 +159,10 @@ impl VolumeError {
 
     /// An error if there are more labels than a byte can index.
     pub(crate) fn check_labels(labels: usize) -> Result<(), Self> {
-        match labels > 256 {
-            true => Err(Self::TooManyLabels(labels)),
-            false => Ok(()),
+        if labels > 256 {
+            Err(Self::TooManyLabels(labels))
+        } else {
+            Ok(())
         }
     }
 

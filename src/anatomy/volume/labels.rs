@@ -93,9 +93,10 @@ impl Stacks {
             // Past 256 the volume is refused below; only the count of labels still matters.
             voxels.push(top as u8);
         }
-        match self.index.stored.len() > MAX_COUNTED {
-            true => Err(Unfit::TooMany),
-            false => Ok(()),
+        if self.index.stored.len() > MAX_COUNTED {
+            Err(Unfit::TooMany)
+        } else {
+            Ok(())
         }
     }
 }

@@ -209,9 +209,10 @@ fn vox_offset(path: &Path, raw: &NiftiHeader, least: u64) -> Result<u64, VolumeE
 /// Path of the `.img` beside a `.hdr`: uncompressed if it exists, else gzipped.
 fn image_file(header: &Path) -> (PathBuf, Encoding) {
     let ends = |path: &Path, end: &str| path.extension().is_some_and(|extension| extension == end);
-    let plain = match ends(header, "gz") {
-        true => header.with_extension(""),
-        false => header.to_owned(),
+    let plain = if ends(header, "gz") {
+        header.with_extension("")
+    } else {
+        header.to_owned()
     };
     let image = plain.with_extension(if ends(&plain, "HDR") { "IMG" } else { "img" });
     let packed = image.with_added_extension("gz");

@@ -76,9 +76,10 @@ pub enum NoRegion {
 impl Blame for NoRegion {}
 
 fn listed(known: &[String]) -> String {
-    match known.is_empty() {
-        true => "a mesh or volume that has regions".to_owned(),
-        false => format!("one of {}", text::some_of(known)),
+    if known.is_empty() {
+        "a mesh or volume that has regions".to_owned()
+    } else {
+        format!("one of {}", text::some_of(known))
     }
 }
 
@@ -129,9 +130,10 @@ impl<K: Copy + Ord> Names<K> {
         let wanted = words(&name);
         let whole = having(&|candidate| words(candidate) == wanted);
         let has_words = |candidate: &str| wanted.iter().all(|word| words(candidate).contains(word));
-        match whole.is_empty() {
-            false => whole,
-            true => having(&|candidate| candidate.starts_with(&name) || has_words(candidate)),
+        if whole.is_empty() {
+            having(&|candidate| candidate.starts_with(&name) || has_words(candidate))
+        } else {
+            whole
         }
     }
 

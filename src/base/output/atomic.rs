@@ -25,9 +25,10 @@ fn write_whole(path: &Path, fill: impl FnOnce(&mut BufWriter<&mut File>) -> io::
             "it exists and is not a regular file",
         ));
     }
-    let path = match path.is_symlink() {
-        true => &fs::canonicalize(path)?,
-        false => path,
+    let path = if path.is_symlink() {
+        &fs::canonicalize(path)?
+    } else {
+        path
     };
     let mut staged = StagedFile::within(folder_of(path))?;
     let mut buffer = BufWriter::new(staged.file.as_file_mut());

@@ -140,9 +140,12 @@ impl Folder {
 
     fn check(&self, names: &[&str], inputs: &[PathBuf]) -> Result<(), OutputError> {
         let wanted = |name: &str| {
-            names.iter().any(|wanted| match wanted.ends_with('_') {
-                true => name.starts_with(wanted) && WRITTEN.iter().any(|ending| name.ends_with(ending)),
-                false => name == *wanted,
+            names.iter().any(|wanted| {
+                if wanted.ends_with('_') {
+                    name.starts_with(wanted) && WRITTEN.iter().any(|ending| name.ends_with(ending))
+                } else {
+                    name == *wanted
+                }
             })
         };
         for folder in names.iter().map(|name| parent(name)).collect::<BTreeSet<_>>() {
@@ -276,9 +279,10 @@ fn files_in(folder: &Path) -> io::Result<BTreeSet<String>> {
                 "" => name.to_owned(),
                 inner => format!("{inner}/{name}"),
             };
-            match entry.file_type()?.is_dir() {
-                true => folders.push(name),
-                false => drop(files.insert(name)),
+            if entry.file_type()?.is_dir() {
+                folders.push(name);
+            } else {
+                files.insert(name);
             }
         }
     }

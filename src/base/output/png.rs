@@ -101,9 +101,10 @@ pub fn frame_path(folder: &Path, frame: usize, of: usize) -> PathBuf {
 pub fn layer_path(file: &Path, layer: &str) -> PathBuf {
     let stem = Path::new(file.file_stem().unwrap_or_default());
     // Sequences of PLUS end in .igs.mha.
-    let mut name = match stem.extension().is_some_and(|inner| inner.eq_ignore_ascii_case("igs")) {
-        true => layer_path(stem, layer).into_os_string(),
-        false => [stem.as_os_str(), "_".as_ref(), layer.as_ref()].into_iter().collect(),
+    let mut name = if stem.extension().is_some_and(|inner| inner.eq_ignore_ascii_case("igs")) {
+        layer_path(stem, layer).into_os_string()
+    } else {
+        [stem.as_os_str(), "_".as_ref(), layer.as_ref()].into_iter().collect()
     };
     name.push(".");
     name.push(file.extension().unwrap_or("png".as_ref()));

@@ -180,9 +180,10 @@ pub(super) fn clear_leftovers(folder: &Path) {
             continue;
         }
         // Failure to remove them is harmless.
-        let _ = match kind.is_dir() {
-            true => fs::remove_dir_all(&path),
-            false => fs::remove_file(&path),
+        let _ = if kind.is_dir() {
+            fs::remove_dir_all(&path)
+        } else {
+            fs::remove_file(&path)
         };
     }
 }

@@ -46,9 +46,10 @@ impl FrameTimes {
     pub(crate) fn text(&self, adapter: &str) -> String {
         let [gpu, cpu] = [self.gpu_ms, self.cpu_ms].map(milliseconds);
         let near = if self.gpu_ms > self.cpu_ms { ", within 10 %" } else { "" };
-        match self.is_gpu() {
-            true => format!("{gpu} ms a frame, the CPU {cpu} ms{near}"),
-            false => format!("{cpu} ms a frame, {adapter} {gpu} ms"),
+        if self.is_gpu() {
+            format!("{gpu} ms a frame, the CPU {cpu} ms{near}")
+        } else {
+            format!("{cpu} ms a frame, {adapter} {gpu} ms")
         }
     }
 

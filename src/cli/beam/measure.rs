@@ -201,9 +201,10 @@ impl Compare {
         self.printed.check()?;
         let mut cases = Vec::new();
         for path in &self.cases {
-            match path.is_dir() {
-                true => cases.extend(folder(path)?),
-                false => cases.push(read(path)?),
+            if path.is_dir() {
+                cases.extend(folder(path)?)
+            } else {
+                cases.push(read(path)?)
             }
         }
         let path = |path: &PathBuf| path.display().to_string();

@@ -191,9 +191,10 @@ impl<'a> Writer<'a> {
         let path = self.next("mesh", "vtu", deformed)?;
         let tissue = deformed.tissue;
         let elements = deformed.elements.to_vec();
-        let regions = match self.scenario.mesh.elements().len() == elements.len() {
-            true => self.scenario.mesh.regions().to_vec(),
-            false => vec![0; elements.len()],
+        let regions = if self.scenario.mesh.elements().len() == elements.len() {
+            self.scenario.mesh.regions().to_vec()
+        } else {
+            vec![0; elements.len()]
         };
         let mesh = TetMesh::new(tissue.reference.clone(), elements, regions).map_err(|source| MeshFileError::Mesh {
             path: path.clone(),
@@ -245,9 +246,10 @@ impl<'a> Writer<'a> {
             let tangent = deformed.needle.at(middle).tangent;
             let along = tangent.dot(&load.force_n);
             let across = (load.force_n - tangent.into_inner() * along).norm();
-            let density = match load.length_mm() > 0.0 {
-                true => format!("{:.6},{:.6}", along / load.length_mm(), across / load.length_mm()),
-                false => ",".to_owned(),
+            let density = if load.length_mm() > 0.0 {
+                format!("{:.6},{:.6}", along / load.length_mm(), across / load.length_mm())
+            } else {
+                ",".to_owned()
             };
             let ends = format!("{:.4},{:.4}", load.from_mm, load.to_mm);
             self.forces += &format!("{},{ends},{along:.6},{across:.6},{density}\n", deformed.time_s);

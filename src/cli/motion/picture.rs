@@ -43,9 +43,10 @@ impl Motion {
         let envelope = envelope(echoes, frame);
         let below = scan_converted(&grey(&envelope, white(&envelope), 60.0), &beam, &image, 0);
         let count = usize::from(self.windows);
-        let values: Vec<f64> = match strain {
-            true => estimates.chunks(count).flat_map(|line| slopes(depths, line)).collect(),
-            false => estimates
+        let values: Vec<f64> = if strain {
+            estimates.chunks(count).flat_map(|line| slopes(depths, line)).collect()
+        } else {
+            estimates
                 .iter()
                 .map(|it| {
                     if it.correlation >= TRUSTED {
@@ -54,7 +55,7 @@ impl Motion {
                         f64::NAN
                     }
                 })
-                .collect(),
+                .collect()
         };
         let shown = values.iter().filter(|value| !value.is_nan());
         let mut sizes: Vec<f64> = shown.map(|value| value.abs()).collect();
@@ -137,9 +138,10 @@ fn coloured(below: &[u8], beam: &BeamGrid, image: &ImageGrid, values: &[f64], en
 
 /// Grey in the colour of a level of -1 (blue) to 1 (red).
 fn tint(grey: f64, level: f64) -> [u8; 3] {
-    let colour = match level < 0.0 {
-        true => [40.0, 90.0, 255.0],
-        false => [255.0, 70.0, 30.0],
+    let colour = if level < 0.0 {
+        [40.0, 90.0, 255.0]
+    } else {
+        [255.0, 70.0, 30.0]
     };
     let opacity = OPACITY * level.abs().min(1.0).sqrt();
     colour.map(|part: f64| (grey * (1.0 - opacity) + part * opacity).round() as u8)
@@ -149,9 +151,10 @@ fn tint(grey: f64, level: f64) -> [u8; 3] {
 fn rounded(number: f64) -> f64 {
     let unit = 10f64.powf(number.log10().floor() - 1.0);
     // Powers of ten below 1 are not exact: their reciprocals are.
-    match unit < 1.0 {
-        true => (number / unit).ceil() / unit.recip().round(),
-        false => (number / unit).ceil() * unit,
+    if unit < 1.0 {
+        (number / unit).ceil() / unit.recip().round()
+    } else {
+        (number / unit).ceil() * unit
     }
 }
 

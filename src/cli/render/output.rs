@@ -162,26 +162,23 @@ impl<'a> Output<'a> {
             parts: Vec::new(),
             pictures: Vec::new(),
         };
-        let names = match self.sequences.is_empty() {
-            true => {
-                let (compression, size) = (self.compression, [frame.width, frame.height]);
-                let path = picture.clone();
-                taken.put(move || png::write_grey_with(compression, &path, size, &pixels));
-                let paths = self.layers.iter().map(|layer| png::layer_path(&picture, layer.name()));
-                let paths: Vec<PathBuf> = paths.collect();
-                for (path, values) in paths.iter().cloned().zip(layers) {
-                    taken.put(move || png::write_grey16(compression, &path, size, &values));
-                }
-                paths.iter().map(|path| name_of(path)).collect()
+        let names = if self.sequences.is_empty() {
+            let (compression, size) = (self.compression, [frame.width, frame.height]);
+            let path = picture.clone();
+            taken.put(move || png::write_grey_with(compression, &path, size, &pixels));
+            let paths = self.layers.iter().map(|layer| png::layer_path(&picture, layer.name()));
+            let paths: Vec<PathBuf> = paths.collect();
+            for (path, values) in paths.iter().cloned().zip(layers) {
+                taken.put(move || png::write_grey16(compression, &path, size, &values));
             }
-            false => {
-                taken.path = self.target.path().to_owned();
-                taken.parts = self.parts(synth, shot, pixels, layers);
-                // Companions of a sequence lie in a folder beside it: its files are one level up.
-                let path = |layer: &Layer| png::layer_path(&taken.path, layer.name());
-                let paths = self.layers.iter().map(path);
-                paths.map(|path| format!("../{}", name_of(&path))).collect()
-            }
+            paths.iter().map(|path| name_of(path)).collect()
+        } else {
+            taken.path = self.target.path().to_owned();
+            taken.parts = self.parts(synth, shot, pixels, layers);
+            // Companions of a sequence lie in a folder beside it: its files are one level up.
+            let path = |layer: &Layer| png::layer_path(&taken.path, layer.name());
+            let paths = self.layers.iter().map(path);
+            paths.map(|path| format!("../{}", name_of(&path))).collect()
         };
         if self.extras.overview || self.extras.sidecar {
             self.take_companions(synth, shot, &picture, names, &mut taken)?;

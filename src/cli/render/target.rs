@@ -117,9 +117,12 @@ impl Place {
         let path = target.path().to_owned();
         let layers = extras.layers();
         let (mut files, mut left) = (vec![path.clone()], Vec::new());
-        let mut sort = |file: PathBuf, wanted: bool| match wanted {
-            true => files.push(file),
-            false => left.extend(file.exists().then_some(file)),
+        let mut sort = |file: PathBuf, wanted: bool| {
+            if wanted {
+                files.push(file)
+            } else {
+                left.extend(file.exists().then_some(file))
+            }
         };
         // A folder knows by its manifest which files are its own. Beside a single file, those of layers that
         // are not asked for now may be left from another run, and look as if they belonged to this one.

@@ -134,8 +134,9 @@ fn arg(study: &'static dyn AnyEntry, flag: Flag, default: Option<String>) -> Arg
     let arg = arg.value_name(value).value_parser(parser);
     // Once for each run of the program.
     let arg = arg.default_values(default.map(|default| &*default.leak()));
-    match flag.is_list {
-        true => arg.action(ArgAction::Append).value_delimiter(','),
-        false => arg,
+    if flag.is_list {
+        arg.action(ArgAction::Append).value_delimiter(',')
+    } else {
+        arg
     }
 }

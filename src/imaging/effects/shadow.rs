@@ -120,9 +120,10 @@ pub(crate) const EFFECT: Effect = Effect {
     example: "effects.shadow = {}",
     wanted,
     passes: |tables| {
-        let [loss, rays] = match super::needle::present(tables) {
-            true => [&TISSUE_AND_NEEDLE, &RAYS_AND_NEEDLE],
-            false => [&TISSUE, &RAYS],
+        let [loss, rays] = if super::needle::present(tables) {
+            [&TISSUE_AND_NEEDLE, &RAYS_AND_NEEDLE]
+        } else {
+            [&TISSUE, &RAYS]
         };
         let (mirrors, repeats) = (mirror::mirrors(tables), reverberation::repeats(tables));
         let all = [

@@ -16,9 +16,10 @@ const SATURATED: f64 = 0.001;
 /// Envelope of a frame, line by line.
 pub fn envelope(echoes: &Echoes, frame: usize) -> Vec<f32> {
     let values = &echoes.frames[frame];
-    match echoes.baseband {
-        true => values.chunks_exact(2).map(|iq| iq[0].hypot(iq[1])).collect(),
-        false => Lines::new(echoes.samples).envelope(values),
+    if echoes.baseband {
+        values.chunks_exact(2).map(|iq| iq[0].hypot(iq[1])).collect()
+    } else {
+        Lines::new(echoes.samples).envelope(values)
     }
 }
 

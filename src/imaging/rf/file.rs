@@ -67,13 +67,15 @@ impl Layout {
         let rows = if self.by_rows { 2 } else { 1 };
         let place = |line: usize, sample: usize| {
             let sample = if self.upwards { samples - 1 - sample } else { sample };
-            let line = match self.unmarked {
-                true => lines - rows - line / rows * rows + line % rows,
-                false => line,
+            let line = if self.unmarked {
+                lines - rows - line / rows * rows + line % rows
+            } else {
+                line
             };
-            match self.columns_are_samples {
-                true => line * self.width + sample,
-                false => sample * self.width + line,
+            if self.columns_are_samples {
+                line * self.width + sample
+            } else {
+                sample * self.width + line
             }
         };
         let order = (0..lines).flat_map(|line| (0..samples).map(move |sample| (line, sample)));
@@ -91,9 +93,10 @@ impl Layout {
             Some(b'F' | b'N') => true,
             Some(b'M' | b'U') => false,
             _ => {
-                let columns = match steps[0] == steps[1] {
-                    true => width >= height,
-                    false => steps[0] < steps[1],
+                let columns = if steps[0] == steps[1] {
+                    width >= height
+                } else {
+                    steps[0] < steps[1]
                 };
                 let which = if columns { "columns" } else { "rows" };
                 notes.push(format!(

@@ -100,12 +100,13 @@ impl SceneFile {
         // An image size of a single pixel means that there are no images.
         let stored = sequence.image_size.filter(|size| *size != [1, 1]);
         let configured = plus.and_then(PlusConfig::image_size);
-        let crop = match spec.image_to_probe.is_some() || plus.is_some() {
-            true => cropping(&frames, &sequence.frames).map_err(|found| {
+        let crop = if spec.image_to_probe.is_some() || plus.is_some() {
+            cropping(&frames, &sequence.frames).map_err(|found| {
                 let expected = "a shift and a scale of columns and rows, valid and the same in all frames";
                 self.wrong_keys("motion.sequence.file", format!("`{CROP}` that {found}"), expected)
-            })?,
-            false => None,
+            })?
+        } else {
+            None
         };
         if let (Some([width, height]), Some([columns, rows]), None) = (stored, configured, crop)
             && stored != configured
@@ -122,9 +123,10 @@ impl SceneFile {
         if let Some(calibration) = &calibration {
             let size = calibrated_size.unwrap_or([640, 480]);
             let on_grid = self.image.is_some_and(|image| image.grid == GridSpec::Recorded);
-            let (skewed, still) = match on_grid {
-                true => (None, calibration.skew_note(size)),
-                false => (calibration.skew_warning(size), None),
+            let (skewed, still) = if on_grid {
+                (None, calibration.skew_note(size))
+            } else {
+                (calibration.skew_warning(size), None)
             };
             notes.extend(still.map(|text| format!("{KEY}: {text}")));
             let other = plus
@@ -345,9 +347,12 @@ fn known_transforms(
     let meant = nearest(wanted, candidates.iter().map(String::as_str)).filter(|_| misspelt);
     let help = meant.map(|meant| format!("did you mean \"{meant}\"?"));
     let frames = sequence.frames.len();
-    let has = valid.into_iter().map(|(name, valid)| match valid {
-        true => name.to_owned(),
-        false => format!("{name} (invalid in all {frames} frames)"),
+    let has = valid.into_iter().map(|(name, valid)| {
+        if valid {
+            name.to_owned()
+        } else {
+            format!("{name} (invalid in all {frames} frames)")
+        }
     });
     let mut has = has.collect::<Vec<_>>().join(", ");
     if has.is_empty() {
@@ -391,9 +396,12 @@ fn ranges(numbers: impl Iterator<Item = usize>) -> String {
             _ => ranges.push([number, number]),
         }
     }
-    let shown = ranges.iter().take(SHOWN).map(|[first, last]| match first == last {
-        true => first.to_string(),
-        false => format!("{first} to {last}"),
+    let shown = ranges.iter().take(SHOWN).map(|[first, last]| {
+        if first == last {
+            first.to_string()
+        } else {
+            format!("{first} to {last}")
+        }
     });
     let mut text = shown.collect::<Vec<_>>().join(", ");
     if ranges.len() > SHOWN {

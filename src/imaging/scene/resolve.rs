@@ -406,9 +406,12 @@ fn unseen(probe: &Trajectory, needle: Option<&Needle>, timeline: &Timeline, effe
     for frame in 0..frames {
         let time_s = timeline.time_s(frame, frames);
         let shaft = path.at(time_s).transformed(&probe.at(time_s).world_to_probe());
-        let gaps = shaft.segments_mm().map(|[a, b]| match a.z * b.z <= 0.0 {
-            true => 0.0,
-            false => a.z.abs().min(b.z.abs()),
+        let gaps = shaft.segments_mm().map(|[a, b]| {
+            if a.z * b.z <= 0.0 {
+                0.0
+            } else {
+                a.z.abs().min(b.z.abs())
+            }
         });
         nearest = gaps.fold(nearest, f64::min);
         let plane_mm = effects.needle.as_ref().and_then(|echo| echo.thickness_mm);

@@ -440,9 +440,10 @@ impl GpuExecutor {
             };
             let passes: Vec<&'static Pass> = numbers_of(&fused).map(|at| bound[at].pass).collect();
             // Buffers of the beam fit whole; those of pixels may exceed a binding.
-            let bands: Cow<[Band]> = match passes.iter().any(|pass| is_per_pixel(pass)) {
-                true => self.bands.clone().into(),
-                false => vec![all_rows].into(),
+            let bands: Cow<[Band]> = if passes.iter().any(|pass| is_per_pixel(pass)) {
+                self.bands.clone().into()
+            } else {
+                vec![all_rows].into()
             };
             for (part, &band) in bands.iter().enumerate() {
                 let extents: Vec<_> = passes.iter().map(|pass| pass.grid.workgroups(tables, band)).collect();
@@ -862,9 +863,10 @@ impl GpuExecutor {
         }
         let names: Vec<&str> = self.single.iter().map(|step| step.passes[0].name).collect();
         let timers = |names: &[&str]| Timer::new(&self.gpu, names);
-        self.timers = match on {
-            true => timers(&names)?.zip(timers(&["frame"])?).map(<[Timer; 2]>::from),
-            false => None,
+        self.timers = if on {
+            timers(&names)?.zip(timers(&["frame"])?).map(<[Timer; 2]>::from)
+        } else {
+            None
         };
         self.times.clear();
         self.frame_ms = None;

@@ -118,9 +118,10 @@ impl ScenarioFile {
     pub(crate) fn check_nonlinear(&self) -> Result<(), InputError> {
         if !self.needle_settings()?.is_straight() {
             let is_rigid = self.needle_table()?.model == NeedleModel::Rigid;
-            let (key, what, expected) = match is_rigid {
-                true => ("bevel", "a bevel", "a needle without"),
-                false => ("model", "a flexible needle", "`model = \"rigid\"`"),
+            let (key, what, expected) = if is_rigid {
+                ("bevel", "a bevel", "a needle without")
+            } else {
+                ("model", "a flexible needle", "`model = \"rigid\"`")
             };
             let found = format!("{what} in nonlinear tissue, which supports straight paths only");
             return Err(self.wrong_keys(format!("needle.{key}"), found, expected));

@@ -150,9 +150,10 @@ impl ScenarioFile {
     /// Points whose displacement is reported.
     pub(crate) fn reports(&self, mesh: &TetMesh) -> Result<Vec<Reported>, InputError> {
         // The cylinder of masses and springs takes its place when the needle enters.
-        let locator = match self.tissue.model.is_meshed() && !self.report.is_empty() {
-            true => Some(Locator::<f64>::new(mesh)),
-            false => None,
+        let locator = if self.tissue.model.is_meshed() && !self.report.is_empty() {
+            Some(Locator::<f64>::new(mesh))
+        } else {
+            None
         };
         let mut points: Vec<Reported> = Vec::new();
         for (at, spec) in self.report.iter().enumerate() {

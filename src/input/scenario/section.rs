@@ -183,9 +183,10 @@ impl Outline {
             let least = (0..3).min_by_key(|at| corners[*at]).unwrap_or(0);
             order.rotate_left(least);
             let ([a, b, c], [d, e, f]) = (order, order.map(|node| node + count));
-            elements.extend(match b < c {
-                true => [[a, b, c, f], [a, b, f, e], [a, e, f, d]],
-                false => [[a, b, c, e], [a, e, c, f], [a, e, f, d]],
+            elements.extend(if b < c {
+                [[a, b, c, f], [a, b, f, e], [a, e, f, d]]
+            } else {
+                [[a, b, c, e], [a, e, c, f], [a, e, f, d]]
             });
         }
         let regions = flat.regions.iter().flat_map(|region| [*region; 3]).collect();

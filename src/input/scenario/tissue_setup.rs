@@ -239,9 +239,10 @@ impl ScenarioFile {
             self.of_kind(&format!("tissue.material[{at}]"), material, model)?;
         }
         if self.contact_probe.is_some() && !model.is_remeshed() {
-            let tissue = match model.is_meshed() {
-                true => "nonlinear tissue",
-                false => "a mass-spring model",
+            let tissue = if model.is_meshed() {
+                "nonlinear tissue"
+            } else {
+                "a mass-spring model"
             };
             let found = format!("a probe in contact with {tissue}, which does not support it");
             return Err(self.wrong_keys("contact_probe", found, linear));

@@ -123,9 +123,10 @@ impl ProblemFile {
                     ("`node_force_n`", spec.node_force_n.is_some()),
                 ];
                 let given: Vec<&str> = given.iter().filter(|(_, given)| *given).map(|(key, _)| *key).collect();
-                let found = match given.is_empty() {
-                    true => "no force".to_owned(),
-                    false => given.join(" and "),
+                let found = if given.is_empty() {
+                    "no force".to_owned()
+                } else {
+                    given.join(" and ")
                 };
                 let expected = "one of `total_force_n`, `pressure_kpa` and `node_force_n`";
                 Err(self.wrong_keys(table, found, expected))
@@ -152,13 +153,12 @@ impl ProblemFile {
             .map(|face| (face, nalgebra::Vector3::from(face.area_mm2).norm()))
             .collect();
         let area = faces.iter().map(|(_, area)| area).sum();
-        match faces.is_empty() {
-            false => Ok((faces, area)),
-            true => {
-                let found = format!("{} nodes between which there is no face of the surface", nodes.len());
-                let expected = "all three nodes of at least one face; `node_force_n` acts on single nodes";
-                Err(self.wrong_keys(table, found, expected))
-            }
+        if faces.is_empty() {
+            let found = format!("{} nodes between which there is no face of the surface", nodes.len());
+            let expected = "all three nodes of at least one face; `node_force_n` acts on single nodes";
+            Err(self.wrong_keys(table, found, expected))
+        } else {
+            Ok((faces, area))
         }
     }
 

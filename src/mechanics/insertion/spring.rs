@@ -162,9 +162,10 @@ impl MassSpring {
 
     /// Returns the number of substeps, and whether it is as large as required.
     fn parts(&self, from: &Isometry3<f64>, to: &Isometry3<f64>, dt_s: f64) -> (usize, bool) {
-        let for_stability = match self.body.active {
-            true => (dt_s / self.network.limit_s).ceil(),
-            false => 1.0,
+        let for_stability = if self.body.active {
+            (dt_s / self.network.limit_s).ceil()
+        } else {
+            1.0
         };
         let length = self.needle.length_mm();
         let base = (to.translation.vector - from.translation.vector).norm();
@@ -251,9 +252,10 @@ impl Model for MassSpring {
         let mut before = from;
         for part in 1..=parts {
             let share = part as f64 / parts as f64;
-            let hand = match part == parts || from == to {
-                true => to,
-                false => from.try_lerp_slerp(&to, share, f64::EPSILON).unwrap_or(to),
+            let hand = if part == parts || from == to {
+                to
+            } else {
+                from.try_lerp_slerp(&to, share, f64::EPSILON).unwrap_or(to)
             };
             self.part(&before, &hand, h);
             before = hand;

@@ -32,13 +32,14 @@ pub(super) trait Keys {
 
 /// Refuses the first of two keys where both are stated.
 pub(super) fn one_of([(key, first), (other, second)]: [(&str, Option<f64>); 2]) -> Result<(), OutOfRange> {
-    match first.is_some() && second.is_some() {
-        true => Err(OutOfRange::new(
+    if first.is_some() && second.is_some() {
+        Err(OutOfRange::new(
             key,
             format!("both `{key}` and `{other}`"),
             "one of them",
-        )),
-        false => Ok(()),
+        ))
+    } else {
+        Ok(())
     }
 }
 

@@ -60,12 +60,13 @@ impl DeviceStore {
         let tiles = Tiles::new(gpu, size, bank_bytes)?;
         // Memory of a software device is allocated page by page, so that its lack would not be seen here.
         let tight = gpu.report().software && memory::available().is_some_and(|left| left as u64 <= 2 * tiles.bytes());
-        let base_tiles = match tight {
-            true => None,
-            false => match Tiles::new(gpu, size, bank_bytes) {
+        let base_tiles = if tight {
+            None
+        } else {
+            match Tiles::new(gpu, size, bank_bytes) {
                 Err(GpuError::OutOfMemory { .. }) => None,
                 tiles => Some(tiles?),
-            },
+            }
         };
         let floats = |label: &str, count: usize| StorageBuffer::zeroed(gpu, label, (count * size_of::<f32>()) as u64);
         let stride = rank.max(1).next_multiple_of(DEPTH);

@@ -252,9 +252,10 @@ impl Passes {
             update_rows: compiled(UPDATE_ROWS)?,
             combine: compiled(COMBINE)?,
             multiply: compiled(MULTIPLY)?,
-            capacitance: match gpu.has_f64() {
-                true => Some(compile(CAPACITANCE, SHADER_F64)?),
-                false => None,
+            capacitance: if gpu.has_f64() {
+                Some(compile(CAPACITANCE, SHADER_F64)?)
+            } else {
+                None
             },
         })
     }

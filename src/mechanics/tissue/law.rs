@@ -313,9 +313,10 @@ mod tests {
         let (mut low, mut high) = (0.5 / stretch.sqrt(), 2.0 / stretch.sqrt());
         for _ in 0..200 {
             let middle = 0.5 * (low + high);
-            match law.stress_kpa(&pull(middle))[(1, 1)] < 0.0 {
-                true => low = middle,
-                false => high = middle,
+            if law.stress_kpa(&pull(middle))[(1, 1)] < 0.0 {
+                low = middle
+            } else {
+                high = middle
             }
         }
         let [_, mu] = material.lame_kpa();

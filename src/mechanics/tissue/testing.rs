@@ -35,9 +35,12 @@ impl Block {
         let extent = [60.0, 40.0, 40.0];
         let regular = TetMesh::over_box([0.0; 3], extent, nodes).expect("a box");
         let inside = |p: &[f64; 3]| (0..3).all(|axis| p[axis] > 0.0 && p[axis] < extent[axis]);
-        let shaken = regular.nodes().iter().enumerate().map(|(i, p)| match inside(p) {
-            true => std::array::from_fn(|axis| p[axis] + 0.5 * value(i, axis, 1)),
-            false => *p,
+        let shaken = regular.nodes().iter().enumerate().map(|(i, p)| {
+            if inside(p) {
+                std::array::from_fn(|axis| p[axis] + 0.5 * value(i, axis, 1))
+            } else {
+                *p
+            }
         });
         let mesh = TetMesh::new(
             shaken.collect(),

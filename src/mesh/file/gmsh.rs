@@ -107,13 +107,16 @@ fn section(
     contents: &mut Contents,
     regions: Regions,
 ) -> Result<bool, Fault> {
-    let once = |repeated: bool| match repeated {
-        false => Ok(()),
-        true => Err(Fault::at(
-            at,
-            format!("${}", String::from_utf8_lossy(name)),
-            "one of each section, with $Elements as the last of them",
-        )),
+    let once = |repeated: bool| {
+        if repeated {
+            Err(Fault::at(
+                at,
+                format!("${}", String::from_utf8_lossy(name)),
+                "one of each section, with $Elements as the last of them",
+            ))
+        } else {
+            Ok(())
+        }
     };
     match (name, version) {
         (b"PhysicalNames", _) => {

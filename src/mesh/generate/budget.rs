@@ -37,9 +37,10 @@ pub(super) const MAX_SEARCH: u64 = 100_000_000;
 pub(super) fn check_thickness(tissue: &Tissue) -> Result<(), GenerateError> {
     let cell = (tissue.thickness / NARROWEST).powi(3);
     let volume: f64 = tissue.volumes.iter().sum();
-    match volume <= MAX_TRIED as f64 * cell {
-        true => Ok(()),
-        false => Err(GenerateError::TooThin { nodes: MAX_TRIED }),
+    if volume <= MAX_TRIED as f64 * cell {
+        Ok(())
+    } else {
+        Err(GenerateError::TooThin { nodes: MAX_TRIED })
     }
 }
 

@@ -25,9 +25,12 @@ fn lattice(n: usize, shift: f64) -> TetMesh {
 fn jitter(mesh: &TetMesh, amount: f64, seed: u64) -> Vec<[f64; 3]> {
     let [low, high] = mesh.bounds();
     let nodes = mesh.nodes().iter().enumerate().map(|(index, node)| {
-        std::array::from_fn(|axis| match node[axis] == low[axis] || node[axis] == high[axis] {
-            true => node[axis],
-            false => node[axis] + amount * noise(index as u64, axis as u64, seed),
+        std::array::from_fn(|axis| {
+            if node[axis] == low[axis] || node[axis] == high[axis] {
+                node[axis]
+            } else {
+                node[axis] + amount * noise(index as u64, axis as u64, seed)
+            }
         })
     });
     nodes.collect()

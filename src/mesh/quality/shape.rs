@@ -84,9 +84,10 @@ impl Scaled {
         let squared_normals: f64 = self.normals.iter().map(Vector3::norm_squared).sum();
         // A height is the determinant over the length of the normal.
         let condition = (self.squared_edges * squared_normals).sqrt() / (6.0 * self.determinant);
-        match self.determinant > 0.0 {
-            true => condition,
-            false => f64::INFINITY,
+        if self.determinant > 0.0 {
+            condition
+        } else {
+            f64::INFINITY
         }
     }
 

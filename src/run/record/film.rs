@@ -101,9 +101,10 @@ fn small(frame: &Frame) -> Option<GrayImage> {
     let (width, height) = (u32::try_from(frame.width).ok()?, u32::try_from(frame.height).ok()?);
     let whole = GrayImage::from_raw(width, height, frame.pixels.clone())?;
     let share = WIDE as f64 / f64::from(width);
-    let mut picture = match share < 1.0 {
-        true => imageops::thumbnail(&whole, WIDE as u32, (f64::from(height) * share).round().max(1.0) as u32),
-        false => whole,
+    let mut picture = if share < 1.0 {
+        imageops::thumbnail(&whole, WIDE as u32, (f64::from(height) * share).round().max(1.0) as u32)
+    } else {
+        whole
     };
     let low = 8 - BITS;
     picture

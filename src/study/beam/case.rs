@@ -191,9 +191,10 @@ fn limits(case: &BeamCase, shape: &Shape) -> String {
     let over = shape.layers.iter();
     let over = over.filter(|load| load.least_ratio < layers[load.layer].least_ratio);
     let over: Vec<_> = over.map(|load| format!("beyond in layer {}", load.layer + 1)).collect();
-    match over.is_empty() {
-        true => "kept".to_owned(),
-        false => over.join(", "),
+    if over.is_empty() {
+        "kept".to_owned()
+    } else {
+        over.join(", ")
     }
 }
 

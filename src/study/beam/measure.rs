@@ -128,9 +128,10 @@ pub fn scan(image: &ScalarImage, design: &Design, thresholds: &Thresholds) -> Re
     let [(container, container_mm), (stage, _)] = [place(0)?, place(1)?];
     let placed = [container, stage];
     let to_container = placed[0].pose.inverse();
-    let bright = match thresholds.needle == thresholds.marker {
-        true => bodies,
-        false => markers::bodies(image, thresholds.needle)?,
+    let bright = if thresholds.needle == thresholds.marker {
+        bodies
+    } else {
+        markers::bodies(image, thresholds.needle)?
     };
     let (needle_mm, tip_mm) = needle(image, &to_container, &bright)?;
     Ok(Scan {
@@ -247,9 +248,10 @@ fn lies_still(rest: &Scan, moved: &Scan) -> bool {
 /// # Errors
 /// [`VolumeError`] if base and tip do not lie on either side of the entry.
 pub fn measure(rest: &Scan, moved: &Scan) -> Result<MeasuredNeedle, VolumeError> {
-    let to_rest = match lies_still(rest, moved) {
-        true => rest.placed[0].pose.inverse() * moved.placed[0].pose,
-        false => Isometry3::identity(),
+    let to_rest = if lies_still(rest, moved) {
+        rest.placed[0].pose.inverse() * moved.placed[0].pose
+    } else {
+        Isometry3::identity()
     };
     let stage = to_rest * moved.stage;
     let shift = stage.translation.vector - rest.stage.translation.vector;

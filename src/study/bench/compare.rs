@@ -79,9 +79,10 @@ impl CompareOptions {
         Self {
             grids: vec![[64, 128], [128, 256], [256, 512], [512, 1024], [1024, 2048]],
             // Software takes ten times as long as the CPU, over dozens of frames.
-            effects_grid: match gpus.iter().any(|gpu| gpu.report().software) {
-                true => [128, 256],
-                false => [256, 512],
+            effects_grid: if gpus.iter().any(|gpu| gpu.report().software) {
+                [128, 256]
+            } else {
+                [256, 512]
             },
             patience: Duration::from_millis(200),
             most_ms: 300.0,

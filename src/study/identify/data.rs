@@ -130,12 +130,11 @@ fn forces(case: &IdentificationCase) -> Result<Vec<[f64; 2]>, Error> {
     }
     let mut rows = Vec::new();
     for row in table.rows() {
-        rows.push(match is_steps {
-            true => {
-                let offset = Point3::from(row.numbers(tip)?) - case.entry;
-                [offset.dot(&case.direction), -row.number("base_force_z_n")?]
-            }
-            false => row.numbers(["tip_mm", "force_n"])?,
+        rows.push(if is_steps {
+            let offset = Point3::from(row.numbers(tip)?) - case.entry;
+            [offset.dot(&case.direction), -row.number("base_force_z_n")?]
+        } else {
+            row.numbers(["tip_mm", "force_n"])?
         });
     }
     let depths: Vec<f64> = rows.iter().map(|row| row[0]).collect();
@@ -353,16 +352,17 @@ fn markers(case: &IdentificationCase, table: &Csv) -> Result<(Vec<(Point3<f64>, 
     let mut read = Vec::new();
     for row in table.rows() {
         let depth = row.number("tip_mm")?;
-        let place = match table.has("node") {
-            false => row.numbers(["x_mm", "y_mm", "z_mm"])?,
-            true => match nodes.get(row.count("node")?) {
+        let place = if table.has("node") {
+            match nodes.get(row.count("node")?) {
                 Some(place) => *place,
                 None => {
                     return Err(row
                         .wrong("node", format!("one of {} nodes of the mesh, from 0", nodes.len()))
                         .into());
                 }
-            },
+            }
+        } else {
+            row.numbers(["x_mm", "y_mm", "z_mm"])?
         };
         for (axis, column) in columns
             .iter()

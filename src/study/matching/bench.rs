@@ -73,9 +73,10 @@ impl<'a> Bench<'a> {
                 let radius_mm = rounded(radii[0] * mm);
                 // A phased array fans out from a point and shows no array surface.
                 let phased = !outline.seen[0] && radii[0] < PHASED * radii[1];
-                let (shape, start) = match phased {
-                    true => (ProbeShape::Phased(Phased { angle_deg }), 0.0),
-                    false => (ProbeShape::Curvilinear(Curvilinear { radius_mm, angle_deg }), radii[0]),
+                let (shape, start) = if phased {
+                    (ProbeShape::Phased(Phased { angle_deg }), 0.0)
+                } else {
+                    (ProbeShape::Curvilinear(Curvilinear { radius_mm, angle_deg }), radii[0])
                 };
                 (
                     shape,

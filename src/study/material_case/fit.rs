@@ -179,11 +179,12 @@ fn order_of_creep(tests: &[CreepTest]) -> Result<f64, String> {
         ));
     }
     let order = insonify_base::statistics::slope(&x, &y);
-    match order > 0.0 && order < 1.0 {
-        true => Ok(order),
-        false => Err(format!(
+    if order > 0.0 && order < 1.0 {
+        Ok(order)
+    } else {
+        Err(format!(
             "the strain in the test of the least stress grows as time to the power {order:.3}; {expected}"
-        )),
+        ))
     }
 }
 

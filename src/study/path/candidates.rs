@@ -66,9 +66,10 @@ pub(super) fn permitted(scenario: &Scenario, name: &str, target: &Point3<f64>) -
     let value = body.volume.labels()[usize::from(label)].value;
     let is_critical =
         |(region, of): &(i32, insonify_mechanics::insertion::Interaction)| i64::from(*region) == value && of.critical;
-    match scenario.interactions.iter().any(is_critical) {
-        true => refuse(format!("lies in {}, which is marked `critical`", body.name(label))),
-        false => Ok(()),
+    if scenario.interactions.iter().any(is_critical) {
+        refuse(format!("lies in {}, which is marked `critical`", body.name(label)))
+    } else {
+        Ok(())
     }
 }
 
@@ -76,12 +77,13 @@ pub(super) fn permitted(scenario: &Scenario, name: &str, target: &Point3<f64>) -
 pub(super) fn in_plane(scenario: &Scenario, target: &Point3<f64>) -> Result<(), Error> {
     let pose = scenario.scene.probe_path().at(scenario.timing.start_s);
     let aside_mm = pose.world_to_probe().transform_point(target).z;
-    match aside_mm.abs() <= IN_PLANE_MM {
-        true => Ok(()),
-        false => Err(wrong_target(
+    if aside_mm.abs() <= IN_PLANE_MM {
+        Ok(())
+    } else {
+        Err(wrong_target(
             &format!("lies {:.1} mm beside the image plane", aside_mm.abs()),
             "a target in the plane of a model of two dimensions",
-        )),
+        ))
     }
 }
 

@@ -277,9 +277,10 @@ impl Search<'_> {
                 back_mm: from.back_mm,
                 ..Course::to(self.entry, &aim)
             };
-            match from.back_mm > 0.0 {
-                true => course.back_mm = (from.back_mm - damping * ahead).max(0.0),
-                false => course.depth_mm += damping * ahead,
+            if from.back_mm > 0.0 {
+                course.back_mm = (from.back_mm - damping * ahead).max(0.0)
+            } else {
+                course.depth_mm += damping * ahead
             }
         }
         Ok(best.map_or((start, Trial::default()), |(_, course, trial, _)| (course, trial)))

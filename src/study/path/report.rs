@@ -54,9 +54,10 @@ impl PathPlan {
             let [x, y, z] = at.map(|x| format!("{x:.1}"));
             format!(" from ({x}, {y}, {z}) mm")
         });
-        let back = match path.back_mm > 0.0 {
-            true => format!(" and {:.1} mm back", path.back_mm),
-            false => String::new(),
+        let back = if path.back_mm > 0.0 {
+            format!(" and {:.1} mm back", path.back_mm)
+        } else {
+            String::new()
         };
         format!(
             "best of {} lines: {:.1} degrees to the beam{entry}, {:.1} mm deep{back}; misses {} by {:.2} mm, uncorrected by {:.2} mm; force up \

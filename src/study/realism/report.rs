@@ -186,9 +186,10 @@ pub(crate) fn small(picture: &Picture) -> Option<GrayImage> {
     let (width, height) = (u32::try_from(picture.width).ok()?, u32::try_from(picture.height).ok()?);
     let pixels = picture.grey.iter().map(|&grey| grey as u8).collect();
     let whole = GrayImage::from_raw(width, height, pixels)?;
-    Some(match width > MAX_PICTURE_PX {
-        true => imageops::thumbnail(&whole, MAX_PICTURE_PX, (height * MAX_PICTURE_PX / width).max(1)),
-        false => whole,
+    Some(if width > MAX_PICTURE_PX {
+        imageops::thumbnail(&whole, MAX_PICTURE_PX, (height * MAX_PICTURE_PX / width).max(1))
+    } else {
+        whole
     })
 }
 

@@ -70,9 +70,12 @@ fn picture(width: usize, height: usize, grey: impl Fn(usize, usize) -> f64) -> P
 /// Linear sector of even texture, with a margin of constant black.
 fn even(mean: f64, seed: u32) -> Picture {
     let noise = blurred(200, 160, [2.0, 1.0], seed);
-    picture(200, 160, |x, y| match (10..190).contains(&x) && (8..150).contains(&y) {
-        true => mean + 12.0 * noise[0][y * 200 + x],
-        false => 0.0,
+    picture(200, 160, |x, y| {
+        if (10..190).contains(&x) && (8..150).contains(&y) {
+            mean + 12.0 * noise[0][y * 200 + x]
+        } else {
+            0.0
+        }
     })
 }
 
@@ -237,9 +240,10 @@ fn emptiness_below_the_array_is_counted() {
             let (dx, dy) = (0.5 * (x as f64 - 120.0), 0.5 * y as f64 + 52.0 - 5.0);
             let (radius, angle) = (dx.hypot(dy), dx.atan2(dy).to_degrees());
             let from = if angle < empty_up_to_deg { 64.0 } else { 60.0 };
-            match angle.abs() < 30.0 && (from..110.0).contains(&radius) {
-                true => 90.0 + 20.0 * normal(x, y, 2)[0],
-                false => 0.0,
+            if angle.abs() < 30.0 && (from..110.0).contains(&radius) {
+                90.0 + 20.0 * normal(x, y, 2)[0]
+            } else {
+                0.0
             }
         })
     };
@@ -274,9 +278,10 @@ fn the_far_edge_of_a_dark_region_has_its_width() {
     }
     // Teeth of one pixel in every other column, of which the mean over 3 x 3 leaves a third, to either side of the mean.
     let teeth = picture(200, 200, |x, y| {
-        match (60..120 + x % 2).contains(&y) && (50..150).contains(&x) {
-            true => 20.0 + normal(x, y, 4)[0],
-            false => 120.0 + 3.0 * normal(x, y, 4)[0],
+        if (60..120 + x % 2).contains(&y) && (50..150).contains(&x) {
+            20.0 + normal(x, y, 4)[0]
+        } else {
+            120.0 + 3.0 * normal(x, y, 4)[0]
         }
     });
     let mask = sector::sector(&teeth).expect("a sector");

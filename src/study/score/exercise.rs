@@ -302,9 +302,10 @@ impl Task {
             .with_needle_path(&keyframes.collect::<Vec<_>>(), &target)?
             .text()?;
         let distance = |mm: Option<f64>| mm.map_or("more than 30".to_owned(), |mm| format!("{mm:.0}"));
-        let critical = match text.contains("critical = true") {
-            true => format!("{} mm", distance(self.critical_mm)),
-            false => "none marked".to_owned(),
+        let critical = if text.contains("critical = true") {
+            format!("{} mm", distance(self.critical_mm))
+        } else {
+            "none marked".to_owned()
         };
         Ok(format!(
             "# Training task {number}: from the skin {:.0} mm deep to a target of radius {} mm in {}; distance of bone {} mm, of critical\n\

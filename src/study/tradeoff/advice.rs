@@ -119,9 +119,10 @@ impl Goal {
 impl Advice {
     /// Returns the recommendation in words, preceded by the fixed choices.
     pub fn sentence(&self) -> String {
-        match self.given.is_empty() {
-            true => self.words.clone(),
-            false => format!("{}: {}", self.given, self.words),
+        if self.given.is_empty() {
+            self.words.clone()
+        } else {
+            format!("{}: {}", self.given, self.words)
         }
     }
 }
@@ -320,9 +321,12 @@ impl Table {
             let alike: Vec<&Row> = rows.iter().copied().filter(|row| name(row) == wanted).collect();
             let most = |key: &str, gold: Option<f64>| {
                 let at = self.axis(key)?;
-                let values = alike.iter().map(|row| match row.gold {
-                    true => gold.or(row.values[at]),
-                    false => row.values[at],
+                let values = alike.iter().map(|row| {
+                    if row.gold {
+                        gold.or(row.values[at])
+                    } else {
+                        row.values[at]
+                    }
                 });
                 values.reduce(|a, b| Some(a?.max(b?))).flatten()
             };

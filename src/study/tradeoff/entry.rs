@@ -219,9 +219,10 @@ pub(crate) fn within<T: FromStr<Err: Display> + PartialOrd + Display>(
     range: RangeInclusive<T>,
 ) -> Result<T, String> {
     let number = parsed(values)?;
-    match range.contains(&number) {
-        true => Ok(number),
-        false => Err(format!("{number} is not in {}..={}", range.start(), range.end())),
+    if range.contains(&number) {
+        Ok(number)
+    } else {
+        Err(format!("{number} is not in {}..={}", range.start(), range.end()))
     }
 }
 

@@ -72,27 +72,30 @@ pub struct RealTimeChoice {
 impl RealTimeChoice {
     /// Returns the name of the choice, with the fixed choices.
     pub fn what(&self) -> String {
-        match self.given.is_empty() {
-            true => self.choosing.clone(),
-            false => format!("{} ({})", self.choosing, self.given),
+        if self.given.is_empty() {
+            self.choosing.clone()
+        } else {
+            format!("{} ({})", self.choosing, self.given)
         }
     }
 
     /// Returns the recommended variant, and states if it is too slow.
     pub(crate) fn recommended(&self) -> String {
-        match self.met {
-            true => self.take.name.clone(),
-            false => format!("{}: the fastest, but too slow", self.take.name),
+        if self.met {
+            self.take.name.clone()
+        } else {
+            format!("{}: the fastest, but too slow", self.take.name)
         }
     }
 
     /// Returns the error of a variant with its unit.
     pub fn off(&self, variant: &Variant) -> String {
-        match variant.gold {
-            true => "none (the gold standard)".to_owned(),
-            false => format!("{} {}", significant(variant.error), self.unit)
+        if variant.gold {
+            "none (the gold standard)".to_owned()
+        } else {
+            format!("{} {}", significant(variant.error), self.unit)
                 .trim_end()
-                .to_owned(),
+                .to_owned()
         }
     }
 

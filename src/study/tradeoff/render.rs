@@ -183,9 +183,10 @@ impl Table {
             cells.chain(values).chain([flag]).collect::<Vec<_>>()
         });
         let text = table::Table::new(head).with(rows).text("  ", &[]);
-        match self.gold.is_empty() {
-            true => text,
-            false => format!("errors against: {}\n{text}", self.gold),
+        if self.gold.is_empty() {
+            text
+        } else {
+            format!("errors against: {}\n{text}", self.gold)
         }
     }
 
@@ -258,9 +259,10 @@ impl Table {
             let name = name_of(by_colour);
             let kind = markers.iter().map(|at| name_of(*at)).collect::<Vec<_>>().join(", ");
             let colour = place(&mut colours, &name);
-            let marker = match figure.marked {
-                true => Marker::nth(place(&mut kinds, &kind)),
-                false => Marker::None,
+            let marker = if figure.marked {
+                Marker::nth(place(&mut kinds, &kind))
+            } else {
+                Marker::None
             };
             let of_this = |series: &&mut Series| series.colour == colour && series.marker == marker;
             match series.iter_mut().find(of_this) {

@@ -245,9 +245,10 @@ impl Report {
 impl Chapter {
     /// Stem of the file of a figure.
     fn stem(&self, figure: &Figure) -> String {
-        match figure.file.starts_with(self.name) {
-            true => figure.file.clone(),
-            false => format!("{}-{}", self.name, figure.file),
+        if figure.file.starts_with(self.name) {
+            figure.file.clone()
+        } else {
+            format!("{}-{}", self.name, figure.file)
         }
     }
 }

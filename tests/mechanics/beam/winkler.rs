@@ -51,9 +51,10 @@ fn exact(problem: &Problem, mu_kpa: f64, displacement: f64, slope: f64) -> impl 
     let c = matrix.lu().solve(&right).expect("a closed form");
     move |x| {
         let y = x + s;
-        match x < 0.0 {
-            true => displacement + slope * y + c[0] * y * y + c[1] * y.powi(3),
-            false => inside(x, 0).iter().enumerate().map(|(j, wave)| wave * c[2 + j]).sum(),
+        if x < 0.0 {
+            displacement + slope * y + c[0] * y * y + c[1] * y.powi(3)
+        } else {
+            inside(x, 0).iter().enumerate().map(|(j, wave)| wave * c[2 + j]).sum()
         }
     }
 }

@@ -152,14 +152,18 @@ fn updates_of_every_shape_follow_the_cpu() {
         let named = |i: usize| rows.binary_search(&i).is_ok();
         let found = all(&mut store);
         let partial = Exact {
-            value: Mat::from_fn(size, size, |i, j| match named(i) || named(j) {
-                true => exact.value[(i, j)],
-                false => f64::from(base.get(i, j)),
+            value: Mat::from_fn(size, size, |i, j| {
+                if named(i) || named(j) {
+                    exact.value[(i, j)]
+                } else {
+                    f64::from(base.get(i, j))
+                }
             }),
-            bound: Mat::from_fn(size, size, |i, j| match named(i) || named(j) {
-                true => exact.bound[(i, j)],
-                false => 0.0,
-            }),
+            bound: Mat::from_fn(
+                size,
+                size,
+                |i, j| if named(i) || named(j) { exact.bound[(i, j)] } else { 0.0 },
+            ),
         };
         partial.check(found.as_ref(), |i, j| f64::from(twin.get(i, j)), &case);
         for (i, j) in (0..size).flat_map(|i| (0..i).map(move |j| (i, j))) {
@@ -276,9 +280,10 @@ fn a_capacitance_matrix_solved_on_the_device_is_that_of_exact_arithmetic() {
             let found = all(&mut store);
             let named = |i: usize| rows.is_none_or(|rows| rows.binary_search(&i).is_ok());
             for (i, j) in (0..size).flat_map(|i| (0..size).map(move |j| (i, j))) {
-                let (value, bound) = match named(i) || named(j) {
-                    true => (exact.value[(i, j)], exact.bound[(i, j)]),
-                    false => (f64::from(base.get(i, j)), 0.0),
+                let (value, bound) = if named(i) || named(j) {
+                    (exact.value[(i, j)], exact.bound[(i, j)])
+                } else {
+                    (f64::from(base.get(i, j)), 0.0)
                 };
                 let far = (found[(i, j)] - value).abs();
                 assert!(far <= bound, "{case}: ({i}, {j}) off by {far:e}, allowed {bound:e}");

@@ -200,9 +200,10 @@ fn sampled(volume: &LabelVolume, ct: &ScalarImage) -> Result<Vec<f32>, VolumeErr
     let labelled = || volume.voxels().iter().zip(&grey).filter(|(label, _)| **label != 0);
     let covered = labelled().filter(|(_, grey)| grey.is_finite()).count();
     let share = covered as f64 / labelled().count().max(1) as f64;
-    match share < COVERED {
-        true => Err(elsewhere(share)),
-        false => Ok(grey),
+    if share < COVERED {
+        Err(elsewhere(share))
+    } else {
+        Ok(grey)
     }
 }
 

@@ -76,9 +76,10 @@ pub(super) fn set_friction_bounds(anatomy: &dyn Anatomy, contacts: &mut [Contact
             region: contact.region,
             length,
         }];
-        let (layers, stretch) = match path > 0.0 {
-            true => (&contact.layers[..], length / path),
-            false => (&all[..], 1.0),
+        let (layers, stretch) = if path > 0.0 {
+            (&contact.layers[..], length / path)
+        } else {
+            (&all[..], 1.0)
         };
         let mut behind = tip - end + length;
         let (mut sliding, mut static_limits) = ([0.0; 2], [0.0; 2]);

@@ -52,9 +52,10 @@ impl Prediction {
         if self.inputs.replace(inputs) == Some(inputs) {
             return;
         }
-        let node = match withdraws {
-            true => Some(last.node),
-            false => next_corner(contacts, needle, tip, tissue, options),
+        let node = if withdraws {
+            Some(last.node)
+        } else {
+            next_corner(contacts, needle, tip, tissue, options)
         };
         if let Some(node) = node {
             tissue.adaptation.expect(node);

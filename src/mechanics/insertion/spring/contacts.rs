@@ -159,9 +159,10 @@ impl Contacts {
             let reach = network.reach(contact.node, h);
             let kept = if along < 0.0 { friction + push } else { friction };
             let stuck = along.abs() <= kept * reach;
-            let mut slip = match stuck {
-                true => 0.0,
-                false => along - along.signum() * (if along < 0.0 { sliding + push } else { sliding }) * reach,
+            let mut slip = if stuck {
+                0.0
+            } else {
+                along - along.signum() * (if along < 0.0 { sliding + push } else { sliding }) * reach
             };
             if along * slip < 0.0 {
                 // Static friction exceeds the sliding friction that would turn it back.

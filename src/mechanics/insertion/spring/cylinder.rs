@@ -186,9 +186,10 @@ fn triangles(rings: usize, sectors: usize) -> Vec<[usize; 3]> {
 /// Returns the same corners in the order that gives a positive volume.
 fn upright(corners: [u32; 4], nodes: &[[f64; 3]]) -> [u32; 4] {
     let [a, b, c, d] = corners.map(|corner| nalgebra::Vector3::from(nodes[corner as usize]));
-    match (b - a).dot(&(c - a).cross(&(d - a))) < 0.0 {
-        true => [corners[0], corners[1], corners[3], corners[2]],
-        false => corners,
+    if (b - a).dot(&(c - a).cross(&(d - a))) < 0.0 {
+        [corners[0], corners[1], corners[3], corners[2]]
+    } else {
+        corners
     }
 }
 

@@ -93,9 +93,12 @@ impl FarFace {
         let simplex = Simplex::new(corners)?;
         let (coordinates, rates) = (simplex.coordinates(tip), simplex.rates(direction));
         let steepest = rates.iter().fold(0.0, |a: f64, b| a.max(b.abs()));
-        let distance = |place: usize| match rates[place] < -PARALLEL * steepest {
-            true => coordinates[place] / -rates[place],
-            false => f64::INFINITY,
+        let distance = |place: usize| {
+            if rates[place] < -PARALLEL * steepest {
+                coordinates[place] / -rates[place]
+            } else {
+                f64::INFINITY
+            }
         };
         let opposite = match tip_node {
             Some(place) => place,

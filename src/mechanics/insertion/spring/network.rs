@@ -185,9 +185,10 @@ impl Network {
             }
         }
         let row_sums = Vector3::from(rows.map(|row| row.abs().sum()));
-        self.bound[node as usize] = match self.fixed[node as usize] {
-            true => 0.0,
-            false => (row_sums + others).max() / self.mass[node as usize],
+        self.bound[node as usize] = if self.fixed[node as usize] {
+            0.0
+        } else {
+            (row_sums + others).max() / self.mass[node as usize]
         };
     }
 

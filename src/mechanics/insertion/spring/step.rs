@@ -80,9 +80,10 @@ impl MassSpring {
             same => same,
         };
         let of_tip = interaction(self.anatomy.as_ref(), self.body.region);
-        let push = match self.body.breaking {
-            true => of_tip.cutting_n.max(of_tip.puncture_n),
-            false => of_tip.cutting_n,
+        let push = if self.body.breaking {
+            of_tip.cutting_n.max(of_tip.puncture_n)
+        } else {
+            of_tip.cutting_n
         };
         let travel = Travel {
             advancing: travel > STILL_MM,

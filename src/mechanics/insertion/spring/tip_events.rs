@@ -217,9 +217,10 @@ impl MassSpring {
         let [mut outside, mut inside] = [before.point_mm, tip.point_mm];
         for _ in 0..HALVINGS {
             let middle = nalgebra::center(&outside, &inside);
-            match self.anatomy.region(&middle) == region {
-                true => inside = middle,
-                false => outside = middle,
+            if self.anatomy.region(&middle) == region {
+                inside = middle
+            } else {
+                outside = middle
             }
         }
         self.body.bone_contact = Some(BoneContact {

@@ -88,13 +88,14 @@ impl Law for Ogden {
 
     fn new(material: Material, keys: OgdenKeys) -> Result<Self, OutOfRange> {
         let alpha = keys.alpha;
-        match alpha.abs() < LEAST_ALPHA {
-            true => Err(OutOfRange::new(
+        if alpha.abs() < LEAST_ALPHA {
+            Err(OutOfRange::new(
                 "alpha",
                 alpha,
                 "an exponent from -50 to 50, and at least 0.001 away from 0",
-            )),
-            false => Ok(Self { material, alpha }),
+            ))
+        } else {
+            Ok(Self { material, alpha })
         }
     }
 
@@ -135,10 +136,11 @@ impl Law for Ogden {
         let carried = of.f * directions;
         let shear = |a: usize, b: usize| {
             let (x, y) = (stretches[a].powi(2), stretches[b].powi(2));
-            match (x - y).abs() < EQUAL * (x + y) {
+            if (x - y).abs() < EQUAL * (x + y) {
                 // The limit for equal stretches.
-                true => (slope[b][b] - slope[a][b]) / (2.0 * stretches[b]),
-                false => (stress[b] - stress[a]) / (y - x),
+                (slope[b][b] - slope[a][b]) / (2.0 * stretches[b])
+            } else {
+                (stress[b] - stress[a]) / (y - x)
             }
         };
         let shears: [[f64; 3]; 3] = [0, 1, 2].map(|a| [0, 1, 2].map(|b| if a == b { 0.0 } else { shear(a, b) }));

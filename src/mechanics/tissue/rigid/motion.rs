@@ -106,9 +106,10 @@ impl fmt::Display for Motion {
                     "rotation about the line through ({x}, {y}, {z}) along {}",
                     Direction(*direction)
                 )?;
-                match advance_mm.abs() > NOTHING * largest {
-                    true => write!(f, " while advancing {advance_mm:.3} mm a radian"),
-                    false => Ok(()),
+                if advance_mm.abs() > NOTHING * largest {
+                    write!(f, " while advancing {advance_mm:.3} mm a radian")
+                } else {
+                    Ok(())
                 }
             }
         }

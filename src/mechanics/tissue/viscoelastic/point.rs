@@ -59,9 +59,10 @@ pub struct Point {
 
 /// Returns an error with the key and the expected values unless `right`.
 fn check(key: &'static str, found: f64, right: bool, expected: &'static str) -> Result<(), HistoryError> {
-    match right {
-        true => Ok(()),
-        false => Err(OutOfRange::new(key, found, expected).into()),
+    if right {
+        Ok(())
+    } else {
+        Err(OutOfRange::new(key, found, expected).into())
     }
 }
 

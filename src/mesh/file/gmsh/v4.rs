@@ -179,12 +179,13 @@ pub(super) fn elements(
 
 /// Checks that the items of the blocks add up to the total given before them, at `at`.
 fn sum(at: usize, what: &str, found: usize, stated: usize) -> Result<(), Fault> {
-    match found == stated {
-        true => Ok(()),
-        false => Err(Fault::at(
+    if found == stated {
+        Ok(())
+    } else {
+        Err(Fault::at(
             at,
             format!("{found} {what} in the blocks"),
             format!("{stated}"),
-        )),
+        ))
     }
 }

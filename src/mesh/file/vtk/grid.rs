@@ -43,11 +43,12 @@ pub(super) struct Grid {
 
 /// Returns whether [`Grid::select`] uses the values of an array of points or cells.
 pub(super) fn is_wanted(of_points: bool, name: &str, options: &ReadOptions) -> bool {
-    match of_points {
-        true => name == options.displacement.unwrap_or(DISPLACEMENT),
-        false => options
+    if of_points {
+        name == options.displacement.unwrap_or(DISPLACEMENT)
+    } else {
+        options
             .region
-            .map_or(REGION_NAMES.contains(&name), |region| region == name),
+            .map_or(REGION_NAMES.contains(&name), |region| region == name)
     }
 }
 
@@ -158,9 +159,10 @@ fn named<'a>(arrays: &'a [Array], name: &str) -> Option<&'a Array> {
 
 fn missing(of: &str, name: &str, arrays: &[Array]) -> Fault {
     let names: Vec<String> = arrays.iter().map(|array| format!("`{}`", array.name)).collect();
-    let found = match names.is_empty() {
-        true => format!("no {of} arrays"),
-        false => format!("{of} arrays {}", names.join(", ")),
+    let found = if names.is_empty() {
+        format!("no {of} arrays")
+    } else {
+        format!("{of} arrays {}", names.join(", "))
     };
     Fault::of_file(found, format!("a {of} array `{name}`"))
 }

@@ -91,9 +91,10 @@ fn array(reader: &mut Reader, keyword: &[u8], at: usize, tuples: usize) -> Resul
     let (components, kind) = match keyword {
         b"SCALARS" => {
             let kind = reader.kind()?;
-            let components = match reader.cursor.peek().1.first().is_some_and(u8::is_ascii_digit) {
-                true => reader.cursor.count()?,
-                false => 1,
+            let components = if reader.cursor.peek().1.first().is_some_and(u8::is_ascii_digit) {
+                reader.cursor.count()?
+            } else {
+                1
             };
             reader.keyword("LOOKUP_TABLE")?;
             reader.name()?;
@@ -182,9 +183,10 @@ struct Reader<'a> {
 impl Reader<'_> {
     pub(crate) fn keyword(&mut self, expected: &str) -> Result<(), Fault> {
         let (at, word) = self.cursor.word();
-        match word.eq_ignore_ascii_case(expected.as_bytes()) {
-            true => Ok(()),
-            false => Err(Fault::at(at, quote(word), expected)),
+        if word.eq_ignore_ascii_case(expected.as_bytes()) {
+            Ok(())
+        } else {
+            Err(Fault::at(at, quote(word), expected))
         }
     }
 

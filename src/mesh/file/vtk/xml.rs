@@ -30,9 +30,10 @@ pub(super) fn parse(bytes: &[u8], wanted: impl Fn(bool, &str) -> bool) -> Result
             "Piece" if counts.is_some() => return Err(Fault::at(tag.at, "a second Piece", "a single Piece")),
             "Piece" => counts = Some((tag.count("NumberOfPoints")?, tag.count("NumberOfCells")?)),
             "DataArray" => {
-                let text = match tag.empty {
-                    true => (scanner.at, &bytes[..0]),
-                    false => scanner.text(),
+                let text = if tag.empty {
+                    (scanner.at, &bytes[..0])
+                } else {
+                    scanner.text()
                 };
                 piece.add(sections.last().map_or("", String::as_str), tag.clone(), text, &wanted)?;
             }
@@ -124,9 +125,10 @@ impl<'a> Piece<'a> {
                         .map_or(Ok(1), |_| tag.count("NumberOfComponents"))?,
                     values: Vec::new(),
                 };
-                let arrays = match of_points {
-                    true => &mut self.point_arrays,
-                    false => &mut self.cell_arrays,
+                let arrays = if of_points {
+                    &mut self.point_arrays
+                } else {
+                    &mut self.cell_arrays
                 };
                 // Of several arrays with one name the first counts.
                 let new = wanted(of_points, name) && arrays.iter().all(|(other, _)| other.name != name);

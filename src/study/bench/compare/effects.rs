@@ -234,14 +234,13 @@ pub(super) fn memory(subject: &Subject<'_>, options: &CompareOptions) -> Result<
             let own_passes: Vec<&str> = own_passes.map(|planned| planned.pass.name).collect();
             let (anatomy, without) = with(subject, &settings, |other| other.name != effect.name);
             let fresh = Synthesizer::new(anatomy.clone(), without.clone(), backend())?;
-            let idle = match anatomy.mesh.is_none() != subject.anatomy.mesh.is_none() {
+            let idle = if anatomy.mesh.is_none() != subject.anatomy.mesh.is_none() {
                 // The mesh is fixed on creation: a scene without it needs a new synthesizer.
-                true => Synthesizer::new(anatomy, without, backend())?,
-                false => {
-                    let mut synth = Synthesizer::new(anatomy, settings.clone(), backend())?;
-                    synth.set(without)?;
-                    synth
-                }
+                Synthesizer::new(anatomy, without, backend())?
+            } else {
+                let mut synth = Synthesizer::new(anatomy, settings.clone(), backend())?;
+                synth.set(without)?;
+                synth
             };
             let planned = idle.plan().resources.iter();
             let left: u64 = planned

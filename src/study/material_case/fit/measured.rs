@@ -128,9 +128,10 @@ impl Measurements {
 
 fn above(row: Row<'_>, (name, factor): (&'static str, f64)) -> Result<f64, CsvError> {
     let value = row.number(name)?;
-    match value > 0.0 {
-        true => Ok(value * factor),
-        false => Err(row.wrong(name, "a number above 0")),
+    if value > 0.0 {
+        Ok(value * factor)
+    } else {
+        Err(row.wrong(name, "a number above 0"))
     }
 }
 

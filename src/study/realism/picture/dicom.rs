@@ -174,9 +174,10 @@ fn entries(object: &InMemDicomObject, [descriptor, plain, segmented]: [Tag; 3]) 
         (Some(data), _) => {
             let bytes = data.to_bytes().ok()?;
             // Entries of 8 bits may be packed by two.
-            match bits == 8 && bytes.len() < 2 * count {
-                true => bytes.iter().map(|byte| u16::from(*byte)).collect(),
-                false => data.to_multi_int().ok()?,
+            if bits == 8 && bytes.len() < 2 * count {
+                bytes.iter().map(|byte| u16::from(*byte)).collect()
+            } else {
+                data.to_multi_int().ok()?
             }
         }
         (None, Some(data)) => expanded(&data.to_multi_int().ok()?, count)?,

@@ -55,9 +55,10 @@ pub(super) fn scene(seed: u64, index: u64) -> Case {
     if has_needle && draw.chance(0.9) {
         needle(&mut draw, &mut state);
     }
-    let anatomy = match draw.chance(0.35) {
-        true => deformed(&mut draw, anatomy, centre, &mut state),
-        false => anatomy,
+    let anatomy = if draw.chance(0.35) {
+        deformed(&mut draw, anatomy, centre, &mut state)
+    } else {
+        anatomy
     };
     let mut effects = effects(&mut draw);
     if anatomy.mesh.is_some() {

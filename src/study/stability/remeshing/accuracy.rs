@@ -64,9 +64,10 @@ pub(super) fn exact(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 ("K^c", now.error_of_contacts(&adaptation)),
             ] {
                 let what = format!("error of {of}, {what}");
-                match allowed < ALL {
-                    true => record.under(what, error, allowed),
-                    false => record.report(format!("{what}, of which rounding may take all"), error),
+                if allowed < ALL {
+                    record.under(what, error, allowed)
+                } else {
+                    record.report(format!("{what}, of which rounding may take all"), error)
                 }
             }
         }

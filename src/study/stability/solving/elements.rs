@@ -77,9 +77,12 @@ fn sliver(height: f64) -> Result<(TetMesh, usize), Unexpected> {
         .map(|node| Vector3::from(mesh.nodes()[*node as usize]))
         .sum::<Vector3<f64>>()
         / 3.0;
-    let flattened = moved(&mesh, |node, position| match node == vertex as usize {
-        true => (middle + (Vector3::from(*position) - middle) * height).into(),
-        false => *position,
+    let flattened = moved(&mesh, |node, position| {
+        if node == vertex as usize {
+            (middle + (Vector3::from(*position) - middle) * height).into()
+        } else {
+            *position
+        }
     })?;
     Ok((flattened, element))
 }

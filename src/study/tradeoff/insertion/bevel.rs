@@ -98,9 +98,10 @@ fn cell_name(cell_mm: f64) -> String {
 
 /// Returns every r of every length on every mesh, finer meshes last; without `sweep` only the default length on the coarsest mesh.
 fn cases(sweep: bool) -> Vec<BevelCase> {
-    let (lengths, cells) = match sweep {
-        true => (&LENGTHS_MM[..], &CELLS_MM[..]),
-        false => (&LENGTHS_MM[1..2], &CELLS_MM[..1]),
+    let (lengths, cells) = if sweep {
+        (&LENGTHS_MM[..], &CELLS_MM[..])
+    } else {
+        (&LENGTHS_MM[1..2], &CELLS_MM[..1])
     };
     let of_mesh = |&cell_mm: &f64| {
         let bevels = lengths

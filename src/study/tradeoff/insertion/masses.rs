@@ -192,14 +192,11 @@ fn recommendation(rows: &[MassRow]) -> Option<String> {
     let slower = springs.times.median_ms? / finite.times.median_ms?;
     let percent = |row: &MassRow| Some(row.differences.as_ref()?.tissue_percent);
     let (off, material) = (percent(springs)?, percent(alike)?);
-    let advice = match slower > 1.0 {
-        true => {
-            "take finite elements wherever the tissue has a mesh, and masses and springs where there is none: they need only to know \
+    let advice = if slower > 1.0 {
+        "take finite elements wherever the tissue has a mesh, and masses and springs where there is none: they need only to know \
              what lies where"
-        }
-        false => {
-            "take finite elements where displacements matter, masses and springs where time alone does, or where there is no mesh"
-        }
+    } else {
+        "take finite elements where displacements matter, masses and springs where time alone does, or where there is no mesh"
     };
     Some(format!(
         "masses and springs: a step takes {slower:.2} times the median time of finite elements, and tissue is displaced {off:.0} % \

@@ -93,15 +93,17 @@ impl Report {
         let mut table = table::Table::new(["for".into(), "recommended".into(), cost, error]);
         for advice in self.tables().flat_map(|(_, table)| table.advice()) {
             let [cost, error] = &advice.units;
-            let what = match advice.given.is_empty() {
-                true => advice.choosing.clone(),
-                false => format!("{} ({})", advice.choosing, advice.given),
+            let what = if advice.given.is_empty() {
+                advice.choosing.clone()
+            } else {
+                format!("{} ({})", advice.choosing, advice.given)
             };
             let [name, cost, error] = match &advice.take {
                 Some(variant) => {
-                    let error = match variant.gold {
-                        true => Cell::Text("none (the gold standard)".to_owned()),
-                        false => format!("{} {error}", significant(variant.error)).into(),
+                    let error = if variant.gold {
+                        Cell::Text("none (the gold standard)".to_owned())
+                    } else {
+                        format!("{} {error}", significant(variant.error)).into()
                     };
                     let cost = format!("{} {cost}", significant(variant.cost));
                     [Cell::from(variant.name.as_str()), cost.into(), error]
@@ -159,10 +161,7 @@ impl Study {
 
     fn figures(&self, page: &mut Page, table: Option<&Table>) -> Result<(), OutputError> {
         let plots: Vec<Plot> = self.plots_of(table).map(|(_, plot)| plot).collect();
-        match plots.is_empty() {
-            true => Ok(()),
-            false => page.plots(&plots),
-        }
+        if plots.is_empty() { Ok(()) } else { page.plots(&plots) }
     }
 }
 

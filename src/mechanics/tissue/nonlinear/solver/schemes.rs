@@ -179,9 +179,10 @@ impl<const D: usize, const N: usize> Solver<D, N> {
     /// Whether balance is stable: the tangent of the last iteration, in laws of finite strain, is positive definite.
     fn stable(&self) -> Result<(), NonlinearError> {
         let iterations = self.progress.iterations;
-        match self.body.has_secants() || iterations == 0 || self.linear.is_definite() {
-            true => Ok(()),
-            false => Err(NonlinearError::Unstable { iterations }),
+        if self.body.has_secants() || iterations == 0 || self.linear.is_definite() {
+            Ok(())
+        } else {
+            Err(NonlinearError::Unstable { iterations })
         }
     }
 

@@ -31,9 +31,10 @@ fn it_solves_with_a_matrix_and_with_its_transpose() {
         for transpose in [false, true] {
             let a = if transpose { matrix.transpose() } else { matrix.as_ref() };
             let mut x = a * &expected;
-            match transpose {
-                true => lu.solve_transpose(x.as_mut()),
-                false => lu.solve(x.as_mut()),
+            if transpose {
+                lu.solve_transpose(x.as_mut())
+            } else {
+                lu.solve(x.as_mut())
             }
             // Forward error of a backward stable solution.
             let bound = 8.0 * size as f64 * f64::EPSILON / reciprocal;

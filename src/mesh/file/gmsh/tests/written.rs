@@ -101,9 +101,10 @@ impl Out {
 
     fn sizes(&mut self, values: &[u64]) {
         for n in values {
-            match self.encoding.wide {
-                true => self.put(n.to_string(), n.to_le_bytes()),
-                false => self.put(n.to_string(), (*n as u32).to_le_bytes()),
+            if self.encoding.wide {
+                self.put(n.to_string(), n.to_le_bytes())
+            } else {
+                self.put(n.to_string(), (*n as u32).to_le_bytes())
             }
         }
     }

@@ -121,9 +121,10 @@ pub(super) fn values(
         }
     };
     let kind = kind(tag)?;
-    let packed = match file.zlib {
-        true => Packed::zlib(at, source, file)?,
-        false => Packed::plain(at, source, file)?,
+    let packed = if file.zlib {
+        Packed::zlib(at, source, file)?
+    } else {
+        Packed::plain(at, source, file)?
     };
     // Before any memory is taken: both sizes are only claims of the file.
     if count.checked_mul(kind.size()) != Some(packed.size) {
@@ -149,9 +150,10 @@ fn ascii((at, text): (usize, &[u8]), count: usize, fault: impl Fn(String) -> Fau
         let offset = at + (word.as_ptr() as usize - text.as_ptr() as usize);
         values.push(value.ok_or_else(|| Fault::at(offset, quote(word), "a number"))?);
     }
-    match values.len() == count {
-        true => Ok(values),
-        false => Err(fault(format!("{} values", values.len()))),
+    if values.len() == count {
+        Ok(values)
+    } else {
+        Err(fault(format!("{} values", values.len())))
     }
 }
 
