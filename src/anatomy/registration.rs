@@ -21,11 +21,11 @@ impl fmt::Display for Registration {
             "quadratic: RMS {:.2} mm, 95 % below {:.2} mm, least Jacobian {:.2}",
             quadratic.rms_mm, quadratic.p95_mm, quadratic.jacobian_min
         )?;
-        for it in &self.landmarks_mm {
+        for landmark in &self.landmarks_mm {
             writeln!(
                 f,
                 "landmark {}: {:.2} mm rigid, {:.2} mm quadratic",
-                it.name, it.rigid_mm, it.quadratic_mm
+                landmark.name, landmark.rigid_mm, landmark.quadratic_mm
             )?;
         }
         Ok(())
@@ -139,8 +139,8 @@ impl Quadratic {
     /// not converge.
     pub fn inverse(&self, volume: &Point3<f64>) -> Option<Point3<f64>> {
         let centre = Point3::from(self.centre_mm);
-        let off = volume - Point3::from(self.coefficients.map(|row| row[0]));
-        let mut world = centre + self.jacobian(&centre).lu().solve(&off)?;
+        let offset = volume - Point3::from(self.coefficients.map(|row| row[0]));
+        let mut world = centre + self.jacobian(&centre).lu().solve(&offset)?;
         for _ in 0..50 {
             let step = self.jacobian(&world).lu().solve(&(self.map(&world) - volume))?;
             world -= step;
@@ -179,8 +179,8 @@ impl Quadratic {
         for k in 0..=counts[2] {
             for j in 0..=counts[1] {
                 for i in 0..=counts[0] {
-                    let at = [i, j, k];
-                    let share = |axis: usize| at[axis] as f64 / counts[axis] as f64;
+                    let index = [i, j, k];
+                    let share = |axis: usize| index[axis] as f64 / counts[axis] as f64;
                     let point = Point3::from([0, 1, 2].map(|axis| low[axis] + (high[axis] - low[axis]) * share(axis)));
                     let jacobian = self.jacobian(&point).determinant();
                     least = least.min(jacobian);
@@ -201,10 +201,10 @@ impl Quadratic {
 /// Least and largest coordinates of points.
 pub fn bounds(points: impl Iterator<Item = Point3<f64>>) -> [[f64; 3]; 2] {
     let start = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
-    points.fold(start, |[low, high], at| {
+    points.fold(start, |[low, high], point| {
         [
-            [0, 1, 2].map(|axis| low[axis].min(at[axis])),
-            [0, 1, 2].map(|axis| high[axis].max(at[axis])),
+            [0, 1, 2].map(|axis| low[axis].min(point[axis])),
+            [0, 1, 2].map(|axis| high[axis].max(point[axis])),
         ]
     })
 }
@@ -212,9 +212,9 @@ pub fn bounds(points: impl Iterator<Item = Point3<f64>>) -> [[f64; 3]; 2] {
 /// Corners of a volume's box, mm.
 pub fn corners(volume: &LabelVolume) -> Vec<Point3<f64>> {
     let size = volume.size();
-    let corner = |at: usize| {
+    let corner = |number: usize| {
         let index = [0, 1, 2].map(|axis| {
-            if at >> axis & 1 == 0 {
+            if number >> axis & 1 == 0 {
                 -0.5
             } else {
                 size[axis] as f64 - 0.5
@@ -317,15 +317,15 @@ pub fn register(
     let (map, free) = quadratic(&thinned, skin, &matrix);
     let jacobian_min = map.least_jacobian(corners, &matrix)?;
     let distances = |points: &mut dyn Iterator<Item = Point3<f64>>| -> Vec<f64> {
-        points.map(|at| skin.foot(&at).distance_mm()).collect()
+        points.map(|point| skin.foot(&point).distance_mm()).collect()
     };
-    let rigidly = distances(&mut surface.iter().map(|at| matrix.transform_point(at)));
-    let mapped: Vec<Point3<f64>> = surface.iter().map(|at| map.map(at)).collect();
+    let rigidly = distances(&mut surface.iter().map(|point| matrix.transform_point(point)));
+    let mapped: Vec<Point3<f64>> = surface.iter().map(|point| map.map(point)).collect();
     let finally = distances(&mut mapped.iter().copied());
-    let landmarks_mm = landmarks.iter().map(|it| LandmarkError {
-        name: it.name.clone(),
-        rigid_mm: (matrix.transform_point(&it.surface_mm) - it.volume_mm).norm(),
-        quadratic_mm: (map.map(&it.surface_mm) - it.volume_mm).norm(),
+    let landmarks_mm = landmarks.iter().map(|landmark| LandmarkError {
+        name: landmark.name.clone(),
+        rigid_mm: (matrix.transform_point(&landmark.surface_mm) - landmark.volume_mm).norm(),
+        quadratic_mm: (map.map(&landmark.surface_mm) - landmark.volume_mm).norm(),
     });
     let ([rigid_rms, rigid_p95], [rms_mm, p95_mm]) = (spread(&rigidly), spread(&finally));
     let count = thinned.len() as f64;
@@ -338,7 +338,7 @@ pub fn register(
             p95_mm: rigid_p95,
         },
         covered: skin.covered(&mapped, COVERED_MM),
-        beyond: mapped.iter().filter(|at| skin.foot(at).beyond).count(),
+        beyond: mapped.iter().filter(|point| skin.foot(point).beyond).count(),
         landmarks_mm: landmarks_mm.collect(),
         quadratic: Fitted {
             map,
@@ -368,11 +368,20 @@ fn scale(ascending: &[f64]) -> f64 {
 /// Rigid transform between landmarks (W. Kabsch, Acta Crystallographica A 32, 1976).
 fn kabsch(landmarks: &[Landmark]) -> Result<Matrix4<f64>, VolumeError> {
     let n = landmarks.len() as f64;
-    let mean = |of: fn(&Landmark) -> Point3<f64>| landmarks.iter().map(|it| of(it).coords).sum::<Vector3<f64>>() / n;
-    let (from, to) = (mean(|it| it.surface_mm), mean(|it| it.volume_mm));
+    let mean = |position_mm: fn(&Landmark) -> Point3<f64>| {
+        landmarks
+            .iter()
+            .map(|landmark| position_mm(landmark).coords)
+            .sum::<Vector3<f64>>()
+            / n
+    };
+    let (from, to) = (
+        mean(|landmark| landmark.surface_mm),
+        mean(|landmark| landmark.volume_mm),
+    );
     let mut covariance = Matrix3::zeros();
-    for it in landmarks {
-        covariance += (it.volume_mm.coords - to) * (it.surface_mm.coords - from).transpose();
+    for landmark in landmarks {
+        covariance += (landmark.volume_mm.coords - to) * (landmark.surface_mm.coords - from).transpose();
     }
     let svd = covariance.svd(true, true);
     let mut values: Vec<f64> = svd.singular_values.iter().copied().collect();
@@ -401,15 +410,15 @@ fn placed(rotation: Matrix3<f64>, from: Vector3<f64>, to: Vector3<f64>) -> Matri
 /// Starts of the rigid stage: the axes of both frames, and the four ways in which the principal axes match.
 fn starts(surface: &[Point3<f64>], skin: &Skin) -> Vec<Matrix4<f64>> {
     let axes = |points: &[Point3<f64>]| {
-        let mean = points.iter().map(|at| at.coords).sum::<Vector3<f64>>() / points.len() as f64;
+        let mean = points.iter().map(|point| point.coords).sum::<Vector3<f64>>() / points.len() as f64;
         let covariance: Matrix3<f64> = points
             .iter()
-            .map(|at| (at.coords - mean) * (at.coords - mean).transpose())
+            .map(|point| (point.coords - mean) * (point.coords - mean).transpose())
             .sum();
         let eigen = covariance.symmetric_eigen();
         let mut order = [0, 1, 2];
         order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
-        let [x, y] = [order[2], order[1]].map(|at| eigen.eigenvectors.column(at).into_owned());
+        let [x, y] = [order[2], order[1]].map(|column| eigen.eigenvectors.column(column).into_owned());
         (mean, Matrix3::from_columns(&[x, y, x.cross(&y)]))
     };
     let ((from, of_surface), (to, of_skin)) = (axes(surface), axes(skin.points()));
@@ -428,9 +437,9 @@ fn rigid(surface: &[Point3<f64>], skin: &Skin, start: Matrix4<f64>, steps: usize
     for _ in 0..steps {
         let mut pairs: Vec<(Point3<f64>, Foot)> = surface
             .iter()
-            .map(|at| {
-                let at = matrix.transform_point(at);
-                (at, skin.foot(&at))
+            .map(|point| {
+                let point = matrix.transform_point(point);
+                (point, skin.foot(&point))
             })
             .collect();
         pairs.sort_by(|a, b| a.1.distance_mm().total_cmp(&b.1.distance_mm()));
@@ -438,9 +447,9 @@ fn rigid(surface: &[Point3<f64>], skin: &Skin, start: Matrix4<f64>, steps: usize
         error = pairs.iter().map(|pair| pair.1.distance_mm().powi(2)).sum::<f64>() / kept as f64;
         let centre = pairs.iter().map(|pair| pair.0.coords).sum::<Vector3<f64>>() / kept as f64;
         let (mut normal, mut gradient) = (Matrix6::zeros(), Vector6::zeros());
-        for (at, foot) in &pairs {
+        for (point, foot) in &pairs {
             let n = foot.normal;
-            let turn = (at.coords - centre).cross(&n);
+            let turn = (point.coords - centre).cross(&n);
             let row = Vector6::new(turn.x, turn.y, turn.z, n.x, n.y, n.z);
             normal += row * row.transpose();
             gradient += row * foot.height_mm;
@@ -467,15 +476,15 @@ fn rigid(surface: &[Point3<f64>], skin: &Skin, start: Matrix4<f64>, steps: usize
 /// residuals. Also the degrees of freedom that the prior leaves it.
 fn quadratic(surface: &[Point3<f64>], skin: &Skin, rigid: &Matrix4<f64>) -> (Quadratic, f64) {
     let n = surface.len() as f64;
-    let centre = Point3::from(surface.iter().map(|at| at.coords).sum::<Vector3<f64>>() / n);
-    let radius = surface.iter().map(|at| (at - centre).norm()).fold(1.0, f64::max);
+    let centre = Point3::from(surface.iter().map(|point| point.coords).sum::<Vector3<f64>>() / n);
+    let radius = surface.iter().map(|point| (point - centre).norm()).fold(1.0, f64::max);
     let start = Quadratic::rigid(rigid, centre, radius);
     let mut map = start.clone();
     let (mut stiffness, mut free) = (n, 0.0);
     for _ in 0..QUADRATIC_STEPS {
         let pairs: Vec<_> = surface
             .iter()
-            .map(|at| (terms(&map.scaled(at)), skin.foot(&map.map(at))))
+            .map(|point| (terms(&map.scaled(point)), skin.foot(&map.map(point))))
             .filter(|(_, foot)| !foot.beyond)
             .collect();
         let mut sizes: Vec<f64> = pairs.iter().map(|(_, foot)| foot.distance_mm()).collect();
@@ -492,8 +501,8 @@ fn quadratic(surface: &[Point3<f64>], skin: &Skin, rigid: &Matrix4<f64>) -> (Qua
         );
         let mut row = DVector::<f64>::zeros(3 * TERMS);
         for (q, foot) in &pairs {
-            let (n, off) = (foot.normal, foot.height_mm);
-            let weight = 1.0 - (off / (BIWEIGHT * sigma)).powi(2);
+            let (n, height) = (foot.normal, foot.height_mm);
+            let weight = 1.0 - (height / (BIWEIGHT * sigma)).powi(2);
             if weight <= 0.0 {
                 continue;
             }
@@ -501,7 +510,7 @@ fn quadratic(surface: &[Point3<f64>], skin: &Skin, rigid: &Matrix4<f64>) -> (Qua
                 row.fixed_rows_mut::<TERMS>(axis * TERMS).copy_from(&(q * n[axis]));
             }
             normal.ger(weight * weight, &row, &row, 1.0);
-            right.axpy(-weight * weight * off, &row, 1.0);
+            right.axpy(-weight * weight * height, &row, 1.0);
         }
         // The map starts stiff and is freed by halves, so that early feet, which are far off, cannot bend it.
         let prior = (sigma / BEND_MM).powi(2);
@@ -510,23 +519,23 @@ fn quadratic(surface: &[Point3<f64>], skin: &Skin, rigid: &Matrix4<f64>) -> (Qua
             for term in 0..TERMS {
                 // Shifts are free.
                 let weight = if term == 0 { 1e-9 } else { stiffness };
-                let at = axis * TERMS + term;
-                normal[(at, at)] += weight;
-                right[at] -= weight * (map.coefficients[axis][term] - start.coefficients[axis][term]);
+                let unknown = axis * TERMS + term;
+                normal[(unknown, unknown)] += weight;
+                right[unknown] -= weight * (map.coefficients[axis][term] - start.coefficients[axis][term]);
             }
         }
         let Some(factor) = normal.cholesky() else { break };
         let step = factor.solve(&right);
         // Degrees of freedom that the prior leaves: the trace of the influence matrix.
         let inverse = factor.inverse();
-        let bound = |at: usize| {
-            if at.is_multiple_of(TERMS) {
+        let bound = |unknown: usize| {
+            if unknown.is_multiple_of(TERMS) {
                 0.0
             } else {
-                stiffness * inverse[(at, at)]
+                stiffness * inverse[(unknown, unknown)]
             }
         };
-        free = (0..3 * TERMS).map(|at| 1.0 - bound(at)).sum();
+        free = (0..3 * TERMS).map(|unknown| 1.0 - bound(unknown)).sum();
         for axis in 0..3 {
             for term in 0..TERMS {
                 map.coefficients[axis][term] += step[axis * TERMS + term];

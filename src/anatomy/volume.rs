@@ -103,11 +103,12 @@ impl LabelVolume {
         if labels.first().is_none_or(|label| label.value != 0) {
             return Err(VolumeError::new("label index 0 must be the background (value 0)"));
         }
+        // Indices are checked once here, so that every later look-up of a label may trust them.
         let mut occurs = vec![false; labels.len()];
-        for (at, &index) in voxels.iter().enumerate() {
+        for (voxel, &index) in voxels.iter().enumerate() {
             let Some(occurs) = occurs.get_mut(usize::from(index)) else {
                 let labels = labels.len();
-                let text = format!("voxel {at} has label index {index}, but there are only {labels} labels");
+                let text = format!("voxel {voxel} has label index {index}, but there are only {labels} labels");
                 return Err(VolumeError::new(text));
             };
             *occurs = true;
@@ -129,8 +130,8 @@ impl LabelVolume {
     /// [`VolumeError::Value`] if the new position is not finite.
     pub fn moved(&self, by_mm: Vector3<f64>) -> Result<Self, VolumeError> {
         let mut index_to_world = self.index_to_world;
-        let place = index_to_world.fixed_view::<3, 1>(0, 3) + by_mm;
-        index_to_world.fixed_view_mut::<3, 1>(0, 3).copy_from(&place);
+        let translation = index_to_world.fixed_view::<3, 1>(0, 3) + by_mm;
+        index_to_world.fixed_view_mut::<3, 1>(0, 3).copy_from(&translation);
         Ok(Self {
             world_to_index: inverse(&index_to_world)?,
             index_to_world,
@@ -248,8 +249,8 @@ impl LabelVolume {
                 t.powi(3),
             ];
             for (tap, weight) in weights.into_iter().enumerate() {
-                let at = (low + tap as f64 - 1.0).clamp(0.0, last) as usize;
-                taps[axis][tap] = (at, weight / 6.0);
+                let index = (low + tap as f64 - 1.0).clamp(0.0, last) as usize;
+                taps[axis][tap] = (index, weight / 6.0);
             }
         }
         let [x, y, z] = taps;
@@ -260,9 +261,12 @@ impl LabelVolume {
                 for (i, wx) in x {
                     let label = self.voxels[self.offset([i, j, k])];
                     let label = if wanted(label) { label } else { 0 };
-                    let at = weights[..count].iter().position(|it| it.0 == label).unwrap_or(count);
-                    (weights[at].0, count) = (label, count.max(at + 1));
-                    weights[at].1 += wx * wy * wz;
+                    let entry = weights[..count]
+                        .iter()
+                        .position(|candidate| candidate.0 == label)
+                        .unwrap_or(count);
+                    (weights[entry].0, count) = (label, count.max(entry + 1));
+                    weights[entry].1 += wx * wy * wz;
                 }
             }
         }
@@ -270,7 +274,11 @@ impl LabelVolume {
             return Some(0);
         }
         let more = |a: &(u8, f64), b: &(u8, f64)| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0));
-        weights[1..count].iter().copied().max_by(more).map(|it| it.0)
+        weights[1..count]
+            .iter()
+            .copied()
+            .max_by(more)
+            .map(|candidate| candidate.0)
     }
 }
 

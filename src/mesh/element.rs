@@ -82,9 +82,9 @@ pub fn prepare<T: Real>(current: [[T; 3]; 4], reference: &[[f64; 3]; 4]) -> (Fra
     };
     if is_hit(kind) {
         for axis in 0..3 {
-            let at = current.map(|corner| corner[axis]);
-            outline.bounds[0][axis] = at.into_iter().fold(at[0], T::min) - reach;
-            outline.bounds[1][axis] = at.into_iter().fold(at[0], T::max) + reach;
+            let coordinates = current.map(|corner| corner[axis]);
+            outline.bounds[0][axis] = coordinates.into_iter().fold(coordinates[0], T::min) - reach;
+            outline.bounds[1][axis] = coordinates.into_iter().fold(coordinates[0], T::max) + reach;
         }
     }
     (frame, carry, outline)
@@ -245,15 +245,15 @@ pub fn barycentric<T: Real>(frame: &Frame<T>, p: [T; 3]) -> [T; 4] {
 /// Returns the index and value of the least coordinate; of ties the first.
 #[inline(always)]
 pub fn least<T: Real>(coordinates: &[T; 4]) -> (usize, T) {
-    let mut place = 0;
+    let mut index = 0;
     let mut value = coordinates[0];
     for (other, &coordinate) in coordinates.iter().enumerate().skip(1) {
         if coordinate < value {
-            place = other;
+            index = other;
             value = coordinate;
         }
     }
-    (place, value)
+    (index, value)
 }
 
 /// Returns the rounding error of the barycentric coordinates; -1 in an element that is never hit.

@@ -230,16 +230,16 @@ impl<'a> Cursor<'a> {
 
     /// Reads the next word and its offset; empty at the end.
     pub(crate) fn word(&mut self) -> (usize, &'a [u8]) {
-        let (at, word) = self.peek();
-        self.at = at + word.len();
-        (at, word)
+        let (start, word) = self.peek();
+        self.at = start + word.len();
+        (start, word)
     }
 
     /// Reads the next word as a number; `expected` describes it.
     pub(crate) fn number<T: std::str::FromStr>(&mut self, expected: impl FnOnce() -> String) -> Result<T, Fault> {
-        let (at, word) = self.word();
+        let (start, word) = self.word();
         let number = std::str::from_utf8(word).ok().and_then(|word| word.parse().ok());
-        number.ok_or_else(|| Fault::at(at, quote(word), expected()))
+        number.ok_or_else(|| Fault::at(start, quote(word), expected()))
     }
 
     pub(crate) fn count(&mut self) -> Result<usize, Fault> {
@@ -248,8 +248,8 @@ impl<'a> Cursor<'a> {
 
     /// Reads the next `count` bytes.
     pub(crate) fn take(&mut self, count: usize) -> Option<&'a [u8]> {
-        let taken = self.rest().get(..count)?;
+        let bytes = self.rest().get(..count)?;
         self.at += count;
-        Some(taken)
+        Some(bytes)
     }
 }

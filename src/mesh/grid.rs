@@ -90,8 +90,8 @@ impl<T: Real> CellGrid<T> {
     fn cell(&self, p: [T; 3]) -> [u32; 3] {
         std::array::from_fn(|axis| {
             let last = f64::from(self.cells[axis] - 1);
-            let place = (p[axis] - self.origin[axis]) * self.per_mm;
-            place.wide().clamp(0.0, last) as u32
+            let cells = (p[axis] - self.origin[axis]) * self.per_mm;
+            cells.wide().clamp(0.0, last) as u32
         })
     }
 

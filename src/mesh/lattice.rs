@@ -118,11 +118,11 @@ fn elements(cells: [usize; 3], points: [usize; 3], right_handed: bool, mirrored:
     for k in 0..cells[2] {
         for j in 0..cells[1] {
             for i in 0..cells[0] {
-                let at = [i, j, k];
+                let cell = [i, j, k];
                 // The walks of a mirrored cell begin at the other end of its edges.
-                let turned = at.map(|at| mirrored && at % 2 == 1);
+                let turned = cell.map(|coordinate| mirrored && coordinate % 2 == 1);
                 let first: usize = (0..3)
-                    .map(|axis| (at[axis] + usize::from(turned[axis])) * stride[axis])
+                    .map(|axis| (cell[axis] + usize::from(turned[axis])) * stride[axis])
                     .sum();
                 let along = |node: usize, axis: usize| {
                     if turned[axis] {

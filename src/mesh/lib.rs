@@ -238,7 +238,7 @@ fn validate(nodes: &[[f64; 3]], elements: &[[u32; 4]], regions: &[i32]) -> Resul
         });
     }
     for (element, corners) in elements.iter().enumerate() {
-        for (place, &node) in corners.iter().enumerate() {
+        for (corner, &node) in corners.iter().enumerate() {
             if node as usize >= nodes.len() {
                 return Err(InvalidMesh::Node {
                     element,
@@ -246,7 +246,7 @@ fn validate(nodes: &[[f64; 3]], elements: &[[u32; 4]], regions: &[i32]) -> Resul
                     nodes: nodes.len(),
                 });
             }
-            if corners[..place].contains(&node) {
+            if corners[..corner].contains(&node) {
                 return Err(InvalidMesh::RepeatedNode {
                     element,
                     node,
@@ -286,10 +286,10 @@ const OPPOSITE: [[usize; 3]; 4] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]];
 fn neighbours(elements: &[[u32; 4]]) -> Result<Vec<[u32; 4]>, InvalidMesh> {
     let mut faces: Vec<([u32; 3], u32, u8)> = Vec::with_capacity(4 * elements.len());
     for (element, corners) in elements.iter().enumerate() {
-        for (place, opposite) in OPPOSITE.iter().enumerate() {
+        for (corner, opposite) in OPPOSITE.iter().enumerate() {
             let mut face = opposite.map(|corner| corners[corner]);
             face.sort_unstable();
-            faces.push((face, element as u32, place as u8));
+            faces.push((face, element as u32, corner as u8));
         }
     }
     faces.sort_unstable();

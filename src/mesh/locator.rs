@@ -146,14 +146,14 @@ impl<T: Real> Locator<T> {
         for _ in 0..MAX_WALK {
             let frame = self.frames.get(element as usize)?;
             let bary = element::barycentric(frame, p);
-            let (place, least) = element::least(&bary);
+            let (corner, least) = element::least(&bary);
             let slack = element::slack(frame);
             if least >= -slack.abs() {
                 let alone = least > element::clear(frame) && slack > T::zero();
                 let tangled = alone && self.grid.any_tangled && self.grid.around(p).1;
                 return (alone && !tangled).then_some(Hit { element, bary });
             }
-            element = self.neighbours[element as usize][place];
+            element = self.neighbours[element as usize][corner];
         }
         None
     }

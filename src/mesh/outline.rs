@@ -49,7 +49,7 @@ pub fn triangulate(
             handles.extend(triangulation.insert(Point2::new(x, y)).ok());
         }
         for pair in handles.windows(2).filter(|pair| pair[0] != pair[1]) {
-            triangulation.add_constraint_and_split(pair[0], pair[1], |at| at);
+            triangulation.add_constraint_and_split(pair[0], pair[1], |index| index);
         }
     }
     // Of an equilateral triangle.
@@ -71,8 +71,8 @@ pub fn triangulate(
         };
         mesh.triangles.push(corners.map(|corner| {
             *numbers.entry(corner.index()).or_insert_with(|| {
-                let at = corner.position();
-                mesh.nodes.push([at.x, at.y]);
+                let position = corner.position();
+                mesh.nodes.push([position.x, position.y]);
                 mesh.nodes.len() as u32 - 1
             })
         }));
@@ -92,19 +92,20 @@ impl Outlines {
     fn find(region: &(impl Fn([f64; 2]) -> Option<i32> + Sync), [low, high]: [[f64; 2]; 2], grid_mm: f64) -> Self {
         // Beyond the rectangle nothing is labelled, so that every outline is closed.
         let [columns, rows] = [0, 1].map(|axis| ((high[axis] - low[axis]) / grid_mm).ceil().max(1.0) as usize + 3);
-        let place = |i: usize, j: usize| [low[0] + (i as f64 - 1.0) * grid_mm, low[1] + (j as f64 - 1.0) * grid_mm];
-        let at = |point: [f64; 2]| {
+        let position = |i: usize, j: usize| [low[0] + (i as f64 - 1.0) * grid_mm, low[1] + (j as f64 - 1.0) * grid_mm];
+        let label_at = |point: [f64; 2]| {
             let inside = (0..2).all(|axis| (low[axis]..=high[axis]).contains(&point[axis]));
             inside.then(|| region(point)).flatten()
         };
-        let labels: Vec<Option<i32>> =
-            parallel::map(0..columns * rows, &|cell| at(place(cell % columns, cell / columns)));
+        let labels: Vec<Option<i32>> = parallel::map(0..columns * rows, &|cell| {
+            label_at(position(cell % columns, cell / columns))
+        });
         let mut outlines = Outlines::default();
         let mut crossings: BTreeMap<[usize; 2], usize> = BTreeMap::new();
         for j in 0..rows - 1 {
             for i in 0..columns - 1 {
                 let corners = [[i, j], [i + 1, j], [i + 1, j + 1], [i, j + 1]];
-                let mut met = Vec::new();
+                let mut meeting = Vec::new();
                 for side in 0..4 {
                     let mut ends = [corners[side], corners[(side + 1) % 4]];
                     ends.sort_unstable_by_key(|[i, j]| j * columns + i);
@@ -113,18 +114,18 @@ impl Outlines {
                     if first == last {
                         continue;
                     }
-                    let [from, to] = ends.map(|[i, j]| place(i, j));
-                    met.push(
+                    let [from, to] = ends.map(|[i, j]| position(i, j));
+                    meeting.push(
                         *crossings
                             .entry(numbers)
-                            .or_insert_with(|| outlines.add(crossing(at, from, to, first))),
+                            .or_insert_with(|| outlines.add(crossing(label_at, from, to, first))),
                     );
                 }
-                match met[..] {
+                match meeting[..] {
                     [a, b] => outlines.join(a, b),
                     [_, _, ..] => {
-                        let middle = outlines.add(junction(at, place(i, j), grid_mm));
-                        met.iter().for_each(|&point| outlines.join(point, middle));
+                        let middle = outlines.add(junction(label_at, position(i, j), grid_mm));
+                        meeting.iter().for_each(|&point| outlines.join(point, middle));
                     }
                     _ => {}
                 }
@@ -172,15 +173,15 @@ impl Outlines {
 
     fn walk(&self, start: usize, next: usize, used: &mut [bool]) -> Vec<[f64; 2]> {
         let mut chain = vec![self.points[start]];
-        let (mut before, mut at) = (start, next);
+        let (mut before, mut current) = (start, next);
         loop {
-            chain.push(self.points[at]);
-            if at == start || self.joined[at].len() != 2 {
+            chain.push(self.points[current]);
+            if current == start || self.joined[current].len() != 2 {
                 return chain;
             }
-            used[at] = true;
-            let [a, b] = [self.joined[at][0], self.joined[at][1]];
-            (before, at) = (at, if a == before { b } else { a });
+            used[current] = true;
+            let [a, b] = [self.joined[current][0], self.joined[current][1]];
+            (before, current) = (current, if a == before { b } else { a });
         }
     }
 }
@@ -204,8 +205,8 @@ fn crossing(
 fn junction(region: impl Fn([f64; 2]) -> Option<i32>, mut low: [f64; 2], mut size: f64) -> [f64; 2] {
     let labels = |[x, y]: [f64; 2], size: f64| {
         let corners = [[0.0, 0.0], [size, 0.0], [0.0, size], [size, size]];
-        let met: BTreeSet<Option<i32>> = corners.map(|[right, down]| region([x + right, y + down])).into();
-        met.len()
+        let labels: BTreeSet<Option<i32>> = corners.map(|[right, down]| region([x + right, y + down])).into();
+        labels.len()
     };
     for _ in 0..HALVINGS {
         let half = 0.5 * size;
@@ -217,7 +218,7 @@ fn junction(region: impl Fn([f64; 2]) -> Option<i32>, mut low: [f64; 2], mut siz
             None => break,
         }
     }
-    low.map(|at| at + 0.5 * size)
+    low.map(|coordinate| coordinate + 0.5 * size)
 }
 
 /// Area within a closed chain, positive if it runs anticlockwise, mm^2.
@@ -239,18 +240,18 @@ fn thinned(chain: &[[f64; 2]], most_mm: f64) -> Vec<[f64; 2]> {
         let along = [b[0] - a[0], b[1] - a[1]];
         let length = along[0].hypot(along[1]);
         let away = |point: &[f64; 2]| {
-            let off = [point[0] - a[0], point[1] - a[1]];
+            let offset = [point[0] - a[0], point[1] - a[1]];
             if length > 0.0 {
-                ((along[0] * off[1] - along[1] * off[0]) / length).abs()
+                ((along[0] * offset[1] - along[1] * offset[0]) / length).abs()
             } else {
-                off[0].hypot(off[1])
+                offset[0].hypot(offset[1])
             }
         };
-        let inner = (from + 1..to).map(|at| (at, away(&chain[at])));
+        let inner = (from + 1..to).map(|index| (index, away(&chain[index])));
         let farthest = inner.max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)));
-        if let Some((at, _)) = farthest.filter(|(_, away)| *away > most_mm) {
-            kept[at] = true;
-            parts.extend([[from, at], [at, to]]);
+        if let Some((index, _)) = farthest.filter(|(_, away)| *away > most_mm) {
+            kept[index] = true;
+            parts.extend([[from, index], [index, to]]);
         }
     }
     let points = chain.iter().zip(kept);

@@ -185,9 +185,9 @@ fn coincident(nodes: &[[f64; 3]]) -> Vec<[u32; 2]> {
     let mut cells: HashMap<[i64; 3], Vec<u32>> = HashMap::new();
     let mut pairs = Vec::new();
     for (index, node) in (0..).zip(nodes).filter(|(_, node)| finite(node)) {
-        let place: [f64; 3] = std::array::from_fn(|axis| (node[axis] - bounds[0][axis]) / side);
-        let cell = place.map(|x| x.floor() as i64);
-        let nearer: [i64; 3] = std::array::from_fn(|axis| if place[axis].fract() < 0.5 { -1 } else { 1 });
+        let scaled: [f64; 3] = std::array::from_fn(|axis| (node[axis] - bounds[0][axis]) / side);
+        let cell = scaled.map(|x| x.floor() as i64);
+        let nearer: [i64; 3] = std::array::from_fn(|axis| if scaled[axis].fract() < 0.5 { -1 } else { 1 });
         let earlier = (0..8)
             .filter_map(|corner| {
                 let near = std::array::from_fn(|axis| cell[axis] + (corner >> axis & 1) * nearer[axis]);
@@ -261,18 +261,14 @@ impl Spread {
         values.sort_by(f64::total_cmp);
         let (first, last) = (values.first().copied(), values.last().copied());
         let middle = [values.len().saturating_sub(1) / 2, values.len() / 2];
-        let [low, high] = middle.map(|place| values.get(place).copied().unwrap_or(f64::NAN));
+        let [low, high] = middle.map(|index| values.get(index).copied().unwrap_or(f64::NAN));
         // Equal infinities have no mean.
         let median = if low == high { low } else { low + (high - low) / 2.0 };
         let below = |edge: f64| values.partition_point(|value| *value < edge);
         let bins = edges.len().saturating_sub(1);
-        let histogram = edges.windows(2).enumerate().map(|(place, edge)| {
-            let start = if place == 0 { 0 } else { below(edge[0]) };
-            let end = if place + 1 == bins {
-                values.len()
-            } else {
-                below(edge[1])
-            };
+        let histogram = edges.windows(2).enumerate().map(|(bin, edge)| {
+            let start = if bin == 0 { 0 } else { below(edge[0]) };
+            let end = if bin + 1 == bins { values.len() } else { below(edge[1]) };
             Bin {
                 low: edge[0],
                 high: edge[1],
@@ -335,14 +331,14 @@ impl fmt::Display for UnusableMesh {
         const NAMED: usize = 10;
         write!(f, "the mesh cannot be calculated on:")?;
         let faults = self.faults().into_iter().filter(|(elements, _)| !elements.is_empty());
-        for (place, (elements, what)) in faults.enumerate() {
+        for (number, (elements, what)) in faults.enumerate() {
             let named: Vec<String> = elements.iter().take(NAMED).map(u32::to_string).collect();
             let (noun, verb) = if elements.len() == 1 {
                 ("tetrahedron", "is")
             } else {
                 ("tetrahedra", "are")
             };
-            write!(f, "{} {noun} {}", if place == 0 { "" } else { ";" }, named.join(", "))?;
+            write!(f, "{} {noun} {}", if number == 0 { "" } else { ";" }, named.join(", "))?;
             if elements.len() > NAMED {
                 write!(f, " and {} more", elements.len() - NAMED)?;
             }

@@ -118,8 +118,8 @@ impl<T> Trimmed<T> {
 
     fn residuals(&self, frame: impl Fn(usize) -> usize) -> Vec<Residual> {
         let both = self.residuals.iter().zip(&self.used).enumerate();
-        both.map(|(at, (&value, &used))| Residual {
-            frame: frame(at),
+        both.map(|(index, (&value, &used))| Residual {
+            frame: frame(index),
             value,
             used,
         })
@@ -177,7 +177,7 @@ pub fn pivot(poses: &Poses) -> Result<Pivot, TrackingError> {
         used,
         skipped: poses.skipped,
         trimmed: all.len() - used,
-        residuals: fit.residuals(|at| all[at].frame),
+        residuals: fit.residuals(|index| all[index].frame),
     })
 }
 
@@ -199,10 +199,10 @@ fn fit_pivot(
     // The pivot eliminated: (R - mean R) p = mean t - t.
     let mut a = DMatrix::zeros(3 * n, 3);
     let mut b = DVector::zeros(3 * n);
-    for (at, pose) in kept.iter().enumerate() {
-        a.fixed_view_mut::<3, 3>(3 * at, 0)
+    for (index, pose) in kept.iter().enumerate() {
+        a.fixed_view_mut::<3, 3>(3 * index, 0)
             .copy_from(&(pose.rotation - rotation));
-        b.fixed_rows_mut::<3>(3 * at).copy_from(&(position - pose.position));
+        b.fixed_rows_mut::<3>(3 * index).copy_from(&(position - pose.position));
     }
     let qr = a.qr();
     let r: Matrix3<f64> = qr.r().fixed_view::<3, 3>(0, 0).into_owned();
@@ -218,14 +218,14 @@ fn fit_pivot(
     let right = right.fixed_rows::<3>(0).into_owned();
     let point = svd.solve(&right, 0.0).map_err(TrackingError::new)?;
     let pivot = rotation * point + position;
-    let off = |pose: &MarkerPose| (pose.rotation * point + pose.position - pivot).norm();
-    let squares: f64 = kept.iter().map(|pose| off(pose).powi(2)).sum();
+    let distance_mm = |pose: &MarkerPose| (pose.rotation * point + pose.position - pivot).norm();
+    let squares: f64 = kept.iter().map(|pose| distance_mm(pose).powi(2)).sum();
     let variance = squares / (TRUNCATED * (3 * n - 6) as f64);
     let inverse = r.try_inverse().unwrap_or_default();
     let std = (inverse * inverse.transpose())
         .diagonal()
         .map(|v| (variance * v).sqrt());
-    Ok(((point, pivot, std), all.iter().map(off).collect()))
+    Ok(((point, pivot, std), all.iter().map(distance_mm).collect()))
 }
 
 /// Finds the direction of the marker's frame that is held along known directions of the tracker's frame: the maximum of the mean

@@ -59,8 +59,8 @@ impl Calibration {
         }
         let skew = -axes[0].dot(&axes[1]).asin();
         if skew.abs() > SKEW {
-            let [angle, most] = [skew.abs(), SKEW].map(f64::to_degrees);
-            let text = format!("the image axes are {angle:.2} degrees off square; expected at most {most:.2}");
+            let [angle, limit] = [skew.abs(), SKEW].map(f64::to_degrees);
+            let text = format!("the image axes are {angle:.2} degrees off square; expected at most {limit:.2}");
             return Err(wrong(text));
         }
         // Sum and difference of unit vectors are perpendicular whatever the angle between these: halves of them are the nearest square axes.
@@ -112,7 +112,7 @@ impl Calibration {
     /// Warning if the centre of the array lies outside images of this size by more than half of it.
     pub fn far_centre(&self, size: [usize; 2]) -> Option<String> {
         let [column, row] = self.array_centre_px;
-        let is_far = |(at, side): (f64, usize)| !(-0.5..=1.5).contains(&(at / side as f64));
+        let is_far = |(pixel, side): (f64, usize)| !(-0.5..=1.5).contains(&(pixel / side as f64));
         let [width, height] = size;
         [(column, width), (row, height)].into_iter().any(is_far).then(|| {
             format!("the centre of the array is at pixel ({column}, {row}), far outside the images of {width} x {height}: is it meant?")
@@ -132,8 +132,8 @@ impl Calibration {
     /// Warning if a pixel size stated elsewhere (width, height, mm) differs by more than a twentieth.
     pub fn other_pixels(&self, stated_mm: [f64; 2]) -> Option<String> {
         let [columns, rows, _] = self.lengths_mm;
-        let off = |calibrated: f64, stated: f64| (calibrated / stated - 1.0).abs() > PIXEL_SHARE;
-        (off(columns, stated_mm[0]) || off(rows, stated_mm[1])).then(|| {
+        let differ = |calibrated: f64, stated: f64| (calibrated / stated - 1.0).abs() > PIXEL_SHARE;
+        (differ(columns, stated_mm[0]) || differ(rows, stated_mm[1])).then(|| {
             let [width, height] = stated_mm;
             format!("pixels are {columns:.4} x {rows:.4} mm by the calibration, and stated as {width} x {height} mm")
         })
@@ -174,7 +174,7 @@ impl Calibration {
     fn moved(&self, [width, height]: [usize; 2]) -> Option<(f64, f64)> {
         let corners = [[0, 0], [width, 0], [0, height], [width, height]];
         let moved_mm = corners.map(|corner| {
-            let pixel = corner.map(|at| at as f64);
+            let pixel = corner.map(|coordinate| coordinate as f64);
             let squared = [0, 1].map(|axis| self.lengths_mm[axis] * (pixel[axis] - self.array_centre_px[axis]));
             let [x, y] = self.beyond_centre_mm(pixel);
             (x - squared[0]).hypot(y - squared[1])

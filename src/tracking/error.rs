@@ -116,21 +116,21 @@ impl Blame for TrackingError {
     }
 }
 
-/// An error unless every number of a table, `of`, lies within its range.
-pub(super) fn in_ranges(of: &str, table: &impl Ranges) -> Result<(), TrackingError> {
+/// An error unless every number of a table, `owner`, lies within its range.
+pub(super) fn in_ranges(owner: &str, table: &impl Ranges) -> Result<(), TrackingError> {
     match table.out_of_range() {
         None => Ok(()),
-        Some((key, number, expected)) => Err(outside(of, key, number, expected)),
+        Some((key, number, expected)) => Err(outside(owner, key, number, expected)),
     }
 }
 
 /// An error unless a number lies within the range that a table `T` has for its key.
-pub(super) fn in_range<T: Ranges>(of: &str, key: &'static str, number: f64) -> Result<(), TrackingError> {
-    T::check_number(key, number).map_err(|error| outside(of, key, number, &error.expected))
+pub(super) fn in_range<T: Ranges>(owner: &str, key: &'static str, number: f64) -> Result<(), TrackingError> {
+    T::check_number(key, number).map_err(|error| outside(owner, key, number, &error.expected))
 }
 
-fn outside(of: &str, key: &'static str, number: f64, expected: &str) -> TrackingError {
-    TrackingError::at(key, format!("{of} key `{key}` is {number}; expected {expected}"))
+fn outside(owner: &str, key: &'static str, number: f64, expected: &str) -> TrackingError {
+    TrackingError::at(key, format!("{owner} key `{key}` is {number}; expected {expected}"))
 }
 
 /// Key at fault in a result that must be a [`TrackingError::Value`].

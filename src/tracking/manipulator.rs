@@ -90,8 +90,8 @@ impl Guide {
     pub fn check(&self) -> Result<(), TrackingError> {
         super::error::in_ranges("manipulator", self)?;
         let [low, high] = POSTURE_DEG;
-        for at in 0..=60 {
-            let degrees = low + (high - low) * f64::from(at) / 60.0;
+        for step in 0..=60 {
+            let degrees = low + (high - low) * f64::from(step) / 60.0;
             let [crank, rod] = self.transmission(degrees.to_radians()).unwrap_or([0.0; 2]);
             if !(crank >= MIN && rod >= MIN) {
                 let text = format!(
@@ -137,9 +137,9 @@ impl Guide {
     pub fn slides(&self, posture: &Posture) -> Result<[f64; 3], TrackingError> {
         posture.check()?;
         let reached = self.reach(posture.posture_deg.to_radians()).zip(self.reach(0.0));
-        let (there, rest) = reached.ok_or_else(|| self.apart())?;
-        let first = posture.position_mm;
-        Ok([first, first + there - rest, posture.insertion_mm])
+        let (reach, reach_at_rest) = reached.ok_or_else(|| self.apart())?;
+        let position = posture.position_mm;
+        Ok([position, position + reach - reach_at_rest, posture.insertion_mm])
     }
 
     /// Posture for places of the slides, mm.
@@ -258,11 +258,11 @@ impl Posture {
                 "mm",
             ),
         ];
-        for (key, name, place, [low, high], unit) in axes {
-            if !(low - ROUNDING..=high + ROUNDING).contains(&place) {
+        for (key, name, setting, [low, high], unit) in axes {
+            if !(low - ROUNDING..=high + ROUNDING).contains(&setting) {
                 return Err(TrackingError::at(
                     key,
-                    format!("{name} of {place:.3} {unit}; expected {low} to {high}"),
+                    format!("{name} of {setting:.3} {unit}; expected {low} to {high}"),
                 ));
             }
         }

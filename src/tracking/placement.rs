@@ -284,8 +284,8 @@ impl Search<'_> {
         let mut fan = Fan::default();
         let middle = (RAYS - 1) as f64 / 2.0;
         let mut nearest_to_middle = f64::INFINITY;
-        for (at, ray) in self.fan.rays().iter().enumerate() {
-            let across = (at as f64 - middle) / middle;
+        for (ray_index, ray) in self.fan.rays().iter().enumerate() {
+            let across = (ray_index as f64 - middle) / middle;
             let start = pose.transform_point(&Point3::new(ray.origin[0], ray.origin[1], 0.0));
             let direction = pose.transform_vector(&Vector3::new(ray.direction[0], ray.direction[1], 0.0));
             let (mut blocked, mut reached, mut touched) = (false, None, false);
@@ -390,17 +390,21 @@ pub fn aims(volume: &LabelVolume, target: &[u8]) -> Option<Vec<Point3<f64>>> {
         .voxels()
         .iter()
         .enumerate()
-        .filter_map(|(at, label)| target.contains(label).then_some(at))
+        .filter_map(|(voxel, label)| target.contains(label).then_some(voxel))
         .collect();
-    let world = |at: usize| {
-        let index = Point3::new((at % nx) as f64, (at / nx % ny) as f64, (at / (nx * ny)) as f64);
+    let world = |voxel: usize| {
+        let index = Point3::new(
+            (voxel % nx) as f64,
+            (voxel / nx % ny) as f64,
+            (voxel / (nx * ny)) as f64,
+        );
         volume.index_to_world().transform_point(&index)
     };
-    let sum: Vector3<f64> = voxels.iter().map(|&at| world(at).coords).sum();
+    let sum: Vector3<f64> = voxels.iter().map(|&voxel| world(voxel).coords).sum();
     let middle = Point3::from(sum / voxels.len() as f64);
     let nearest = voxels
         .iter()
-        .map(|&at| world(at))
+        .map(|&voxel| world(voxel))
         .min_by(|a, b| (a - middle).norm_squared().total_cmp(&(b - middle).norm_squared()))?;
     // The others lie halfway from the centre to evenly spaced voxels of the list, moved onto the target.
     let mut aims = vec![nearest];

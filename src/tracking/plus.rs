@@ -123,7 +123,7 @@ impl PlusConfig {
             image_size: size.map(|size| size.map(|side| side as usize)),
             pixel_mm: pair("OutputImageSpacingMmPerPixel")?,
             wires: phantom.map_or(Ok(Vec::new()), wires)?,
-            registration: registration.map_or(Ok(None), |it| it.matrix("MatrixValue"))?,
+            registration: registration.map_or(Ok(None), |element| element.matrix("MatrixValue"))?,
         })
     }
 
@@ -225,9 +225,12 @@ impl PlusConfig {
     }
 }
 
-fn xml_error(path: &Path, at: TextPos, fault: &str) -> TrackingError {
+fn xml_error(path: &Path, position: TextPos, fault: &str) -> TrackingError {
     let fault = text::clipped(fault, text::MESSAGE);
-    TrackingError::file(path, format!(", line {}, column {}: {fault}", at.row, at.col))
+    TrackingError::file(
+        path,
+        format!(", line {}, column {}: {fault}", position.row, position.col),
+    )
 }
 
 /// An XML element with the context for its errors.

@@ -174,8 +174,8 @@ impl Pose {
     }
 }
 
-/// Direction of a vector; `of` is the table that has the key.
-pub(super) fn unit(of: &str, key: &'static str, vector: Vector3<f64>) -> Result<Unit<Vector3<f64>>, TrackingError> {
+/// Direction of a vector; `owner` is the table that has the key.
+pub(super) fn unit(owner: &str, key: &'static str, vector: Vector3<f64>) -> Result<Unit<Vector3<f64>>, TrackingError> {
     let largest = vector.amax();
     let scaled = vector / largest;
     if scaled.iter().all(|x| x.is_finite()) {
@@ -185,7 +185,7 @@ pub(super) fn unit(of: &str, key: &'static str, vector: Vector3<f64>) -> Result<
         let expected = "expected finite numbers that are not all zero";
         Err(TrackingError::at(
             key,
-            format!("{of} key `{key}` is {stated:?}; {expected}"),
+            format!("{owner} key `{key}` is {stated:?}; {expected}"),
         ))
     }
 }

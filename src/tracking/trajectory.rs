@@ -174,12 +174,13 @@ impl Trajectory {
     /// # Errors
     /// [`TrackingError`] for poses beyond the range of positions.
     pub fn carried(&self, carrier: &Self) -> Result<Self, TrackingError> {
-        let at = |time_s: f64, pose: &Pose| {
+        let carried_key = |time_s: f64, pose: &Pose| {
             let matrix = carrier.at(time_s).probe_to_world() * pose.probe_to_world();
             Ok((time_s, Pose::from_matrix(&matrix)?))
         };
         if carrier.keys.len() == 1 {
-            let keys: Result<Vec<_>, TrackingError> = self.keys.iter().map(|key| at(key.time_s, &key.pose)).collect();
+            let keys: Result<Vec<_>, TrackingError> =
+                self.keys.iter().map(|key| carried_key(key.time_s, &key.pose)).collect();
             return Self::from_keys(keys?, self.interpolation);
         }
         let (start, end) = (self.start_s().min(carrier.start_s()), self.end_s().max(carrier.end_s()));
@@ -190,7 +191,10 @@ impl Trajectory {
         times.extend(self.keys.iter().map(|key| key.time_s));
         times.sort_by(f64::total_cmp);
         times.dedup_by(|later, earlier| *later - *earlier < 1e-9);
-        let keys: Result<Vec<_>, TrackingError> = times.into_iter().map(|time| at(time, &self.at(time))).collect();
+        let keys: Result<Vec<_>, TrackingError> = times
+            .into_iter()
+            .map(|time| carried_key(time, &self.at(time)))
+            .collect();
         Self::from_keys(keys?, Interpolation::Linear)
     }
 

@@ -88,10 +88,10 @@ fn fat(grid: &Grid, seed: Seed) -> Vec<f32> {
     let grain = grid.gaussian(seed, 6, [0.7; 3]);
     let wisps = grid.gaussian(seed, 7, [0.45, 2.4, 2.4]);
     grid.fill(|i, p| {
-        let place = lobules.place([0, 1, 2].map(|axis| p[axis] + [1.0, 1.2, 1.2][axis] * sway[axis][i]));
-        let brightness = (0.35 + 0.65 * place.facing[0]) * (0.35 + 0.65 * smoothstep(-1.0, 0.8, gate[i]));
-        let septum = 24.0 * bump(place.wall_mm, 0.42) * brightness;
-        2.0 * (place.id - 0.5) + 0.9 * grain[i] + 1.4 * wisps[i] + septum
+        let lobule = lobules.place([0, 1, 2].map(|axis| p[axis] + [1.0, 1.2, 1.2][axis] * sway[axis][i]));
+        let brightness = (0.35 + 0.65 * lobule.facing[0]) * (0.35 + 0.65 * smoothstep(-1.0, 0.8, gate[i]));
+        let septum = 24.0 * bump(lobule.wall_mm, 0.42) * brightness;
+        2.0 * (lobule.id - 0.5) + 0.9 * grain[i] + 1.4 * wisps[i] + septum
     })
 }
 
@@ -165,8 +165,8 @@ fn muscle(grid: &Grid, seed: Seed) -> Vec<f32> {
     }
     .draw(grid, seed, 7);
     grid.fill(|i, [x, y, z]| {
-        let place = fascicles.place([x, y + 0.9 * sway[0][i], z + 0.9 * sway[1][i]]);
-        let wall = 18.0 * bump(place.wall_mm, 0.35) * place.facing[1] * smoothstep(0.2, 1.8, gate[i]);
+        let fascicle = fascicles.place([x, y + 0.9 * sway[0][i], z + 0.9 * sway[1][i]]);
+        let wall = 18.0 * bump(fascicle.wall_mm, 0.35) * fascicle.facing[1] * smoothstep(0.2, 1.8, gate[i]);
         2.8 * streaks[i] + 1.6 * bundles[i] + wall.max(strands[i])
     })
 }
@@ -242,8 +242,8 @@ fn pancreas(grid: &Grid, seed: Seed) -> Vec<f32> {
     let grain = grid.gaussian(seed, 2, [0.8; 3]);
     let sway = [3, 4, 5].map(|stream| grid.gaussian(seed, stream, [1.5; 3]));
     grid.fill(|i, p| {
-        let place = cells.place([0, 1, 2].map(|axis| p[axis] + 0.6 * sway[axis][i]));
-        7.0 * (place.id - 0.5) + 1.2 * grain[i] + 9.0 * bump(place.wall_mm, 0.5)
+        let cell = cells.place([0, 1, 2].map(|axis| p[axis] + 0.6 * sway[axis][i]));
+        7.0 * (cell.id - 0.5) + 1.2 * grain[i] + 9.0 * bump(cell.wall_mm, 0.5)
     })
 }
 
@@ -260,8 +260,8 @@ fn prostate_central(grid: &Grid, seed: Seed) -> Vec<f32> {
     let grain = grid.gaussian(seed, 2, [0.6; 3]);
     let sway = [3, 4, 5].map(|stream| grid.gaussian(seed, stream, [2.0; 3]));
     grid.fill(|i, p| {
-        let place = cells.place([0, 1, 2].map(|axis| p[axis] + 0.9 * sway[axis][i]));
-        11.0 * (place.id - 0.5) + 1.4 * grain[i] - 9.0 * bump(place.wall_mm, 0.8)
+        let cell = cells.place([0, 1, 2].map(|axis| p[axis] + 0.9 * sway[axis][i]));
+        11.0 * (cell.id - 0.5) + 1.4 * grain[i] - 9.0 * bump(cell.wall_mm, 0.8)
     })
 }
 

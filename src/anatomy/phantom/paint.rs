@@ -80,8 +80,8 @@ impl<B: Fn(&Point) -> u8 + Sync> Painting<B> {
         let size = [0, 1, 2].map(|axis| (extent[axis] / resolution_mm).round().max(1.0) as usize);
         let count: usize = size.iter().product();
         if count > super::MAX_VOXELS {
-            let most = format!("at most {} are made: choose a coarser resolution", super::MAX_VOXELS);
-            let text = format!("{count} voxels at {resolution_mm} mm; {most}");
+            let limit = format!("at most {} are made: choose a coarser resolution", super::MAX_VOXELS);
+            let text = format!("{count} voxels at {resolution_mm} mm; {limit}");
             return Err(VolumeError::option("resolution_mm", text));
         }
         memory::check(
@@ -119,8 +119,8 @@ impl<B: Fn(&Point) -> u8 + Sync> Painting<B> {
 
     fn paint_slice(&self, grid: &Grid, k: usize, slice: &mut [u8]) {
         let bent: Vec<Point> = (0..slice.len())
-            .map(|at| {
-                let p = grid.centre([at % grid.size[0], at / grid.size[0], k]);
+            .map(|pixel| {
+                let p = grid.centre([pixel % grid.size[0], pixel / grid.size[0], k]);
                 self.dent.as_ref().map_or(p, |dent| dent.undo(&p))
             })
             .collect();
@@ -137,9 +137,9 @@ impl<B: Fn(&Point) -> u8 + Sync> Painting<B> {
             };
             for j in ys {
                 for i in xs.clone() {
-                    let at = i + grid.size[0] * j;
-                    if layer.over.allows(slice[at]) && layer.shape.distance(&bent[at]) <= layer.grow_mm {
-                        slice[at] = layer.label;
+                    let pixel = i + grid.size[0] * j;
+                    if layer.over.allows(slice[pixel]) && layer.shape.distance(&bent[pixel]) <= layer.grow_mm {
+                        slice[pixel] = layer.label;
                     }
                 }
             }
@@ -219,10 +219,10 @@ impl Dent {
 
     /// Box that holds the deformed positions of every point of a box: displacements are along the axis of the probe, by at most the depth.
     pub(super) fn displaced(&self, bounds: &Bounds) -> Bounds {
-        let most = self.axial * self.depth_mm;
+        let deepest = self.axial * self.depth_mm;
         let swept = Bounds {
-            min: bounds.min.inf(&(bounds.min + most)),
-            max: bounds.max.sup(&(bounds.max + most)),
+            min: bounds.min.inf(&(bounds.min + deepest)),
+            max: bounds.max.sup(&(bounds.max + deepest)),
         };
         if swept.meets(&self.bounds) { swept } else { *bounds }
     }

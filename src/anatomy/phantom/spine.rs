@@ -120,7 +120,7 @@ pub(super) fn pose() -> Matrix4<f64> {
 
 /// Aorta and inferior vena cava in front of the bodies.
 fn great_vessels<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>) {
-    let at = |x: f64, radius: f64| {
+    let course_at = |x: f64, radius: f64| {
         path(
             &[
                 ([x, -56.0 - lordosis(-90.0), -95.0], radius),
@@ -130,7 +130,7 @@ fn great_vessels<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>) {
             6,
         )
     };
-    for (course, wall) in [(at(12.0, 8.5), 1.5), (at(-14.0, 10.0), 0.8)] {
+    for (course, wall) in [(course_at(12.0, 8.5), 1.5), (course_at(-14.0, 10.0), 0.8)] {
         painting.add_all(
             &course,
             wall,

@@ -119,7 +119,7 @@ impl Growth<'_> {
             }
             // Room counts up to these limits only: beyond them a straighter branch is better.
             let score = margin.min(14.0) + clearance.min(8.0) + crowding.min(16.0) - 8.0 * lean;
-            if best.as_ref().is_none_or(|(most, _)| score > *most) {
+            if best.as_ref().is_none_or(|(best_score, _)| score > *best_score) {
                 let tube = Tube {
                     ends: [tip.at, end],
                     radii: [radius, 0.94 * radius],

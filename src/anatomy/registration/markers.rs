@@ -54,7 +54,7 @@ impl Placement {
 /// # Errors
 /// [`VolumeError`] if so much is bright that the threshold lies within the tissue.
 pub fn bodies(image: &ScalarImage, threshold: f32) -> Result<Vec<BrightBody>, VolumeError> {
-    let bright = |at: &usize| image.data[*at] >= threshold;
+    let bright = |voxel: &usize| image.data[*voxel] >= threshold;
     let bright: Vec<usize> = (0..image.data.len()).filter(bright).collect();
     let share = bright.len() as f64 / image.data.len().max(1) as f64;
     if share > MAX_BRIGHT {
@@ -74,11 +74,11 @@ pub fn bodies(image: &ScalarImage, threshold: f32) -> Result<Vec<BrightBody>, Vo
             continue;
         }
         let (mut open, mut voxels_mm) = (vec![start], Vec::new());
-        while let Some(at) = open.pop() {
-            let flat = bright[at];
+        while let Some(member) = open.pop() {
+            let flat = bright[member];
             let index = [flat % columns, flat / columns % rows, flat / columns / rows];
-            let place = Point3::from(index.map(|i| i as f64));
-            voxels_mm.push(image.index_to_world.transform_point(&place));
+            let position = Point3::from(index.map(|i| i as f64));
+            voxels_mm.push(image.index_to_world.transform_point(&position));
             let near = |i: usize, count: usize| i.saturating_sub(1)..(i + 2).min(count);
             for z in near(index[2], slices) {
                 for y in near(index[1], rows) {
@@ -113,10 +113,10 @@ pub fn bodies(image: &ScalarImage, threshold: f32) -> Result<Vec<BrightBody>, Vo
 pub fn place(design: &[Point3<f64>], markers: &[Point3<f64>]) -> Result<Placement, VolumeError> {
     let needed = MIN_MATCHED.max(design.len() / 2 + 1);
     let few = |count: usize| {
-        let of = design.len();
+        let total = design.len();
         let (seen, limit) = (markers.len(), TOLERANCE_MM);
         VolumeError::new(format!(
-            "{count} of {of} markers match the design within {limit} mm, of {seen} found of their size; expected at least {needed}"
+            "{count} of {total} markers match the design within {limit} mm, of {seen} found of their size; expected at least {needed}"
         ))
     };
     if markers.len() < needed || markers.len() > MAX_FOUND {

@@ -22,11 +22,14 @@ const MAX: f64 = 2e9;
 /// [`VolumeError`] if the map cannot be inverted at a corner, or the result is too large.
 pub fn resample(volume: &LabelVolume, map: &Quadratic) -> Result<LabelVolume, VolumeError> {
     let folded = || VolumeError::new("the registration cannot be inverted on the faces of the volume");
-    let world: Option<Vec<Point3<f64>>> = faces(volume).map(|at| map.inverse(&at)).collect();
+    let world: Option<Vec<Point3<f64>>> = faces(volume).map(|point| map.inverse(&point)).collect();
     let step = volume.voxel_mm3().cbrt();
     // Between the points, faces bulge by less than a voxel.
     let [low, high] = bounds(world.ok_or_else(folded)?.into_iter());
-    let (low, high) = (low.map(|at| at - step), high.map(|at| at + step));
+    let (low, high) = (
+        low.map(|coordinate| coordinate - step),
+        high.map(|coordinate| coordinate + step),
+    );
     let size = [0, 1, 2].map(|axis| ((high[axis] - low[axis]) / step).ceil().max(1.0));
     if size.iter().product::<f64>() > MAX {
         return Err(VolumeError::new(format!(
@@ -37,14 +40,14 @@ pub fn resample(volume: &LabelVolume, map: &Quadratic) -> Result<LabelVolume, Vo
     let mut voxels: Vec<u8> = read::room(size.iter().product(), "the resampled volume")?;
     voxels.resize(size.iter().product(), 0);
     for_each((0.., chunks_mut(&mut voxels, size[0] * size[1])), &|(k, slice)| {
-        for (at, voxel) in slice.iter_mut().enumerate() {
-            let cell = [at % size[0], at / size[0], k];
+        for (pixel, voxel) in slice.iter_mut().enumerate() {
+            let cell = [pixel % size[0], pixel / size[0], k];
             let label = |share: [f64; 3]| {
-                let at = [0, 1, 2].map(|axis| low[axis] + step * (cell[axis] as f64 + share[axis]));
-                volume.label_index_at(&map.map(&Point3::from(at))).unwrap_or(0)
+                let point = [0, 1, 2].map(|axis| low[axis] + step * (cell[axis] as f64 + share[axis]));
+                volume.label_index_at(&map.map(&Point3::from(point))).unwrap_or(0)
             };
-            let corner = |at: usize| [0, 1, 2].map(|axis| if at >> axis & 1 == 0 { 0.25 } else { 0.75 });
-            let labels = [0, 1, 2, 3, 4, 5, 6, 7].map(|at| label(corner(at)));
+            let corner = |number: usize| [0, 1, 2].map(|axis| if number >> axis & 1 == 0 { 0.25 } else { 0.75 });
+            let labels = [0, 1, 2, 3, 4, 5, 6, 7].map(|number| label(corner(number)));
             *voxel = vote(labels, || label([0.5; 3]));
         }
     });
@@ -61,20 +64,20 @@ pub fn resample(volume: &LabelVolume, map: &Quadratic) -> Result<LabelVolume, Vo
 /// Points of a grid on the faces of a volume's box, mm.
 fn faces(volume: &LabelVolume) -> impl Iterator<Item = Point3<f64>> {
     let size = volume.size();
-    let at = move |n: usize, axis: usize| n as f64 / FACE as f64 * size[axis] as f64 - 0.5;
+    let coordinate = move |n: usize, axis: usize| n as f64 / FACE as f64 * size[axis] as f64 - 0.5;
     let grid = (0..=FACE).flat_map(|k| (0..=FACE).flat_map(move |j| (0..=FACE).map(move |i| [i, j, k])));
     let on_face = grid.filter(|cell| cell.iter().any(|n| *n == 0 || *n == FACE));
     on_face.map(move |[i, j, k]| {
-        let index = Point3::new(at(i, 0), at(j, 1), at(k, 2));
+        let index = Point3::new(coordinate(i, 0), coordinate(j, 1), coordinate(k, 2));
         volume.index_to_world().transform_point(&index)
     })
 }
 
 /// The most frequent of eight labels; of several the one in the middle.
 fn vote(labels: [u8; 8], middle: impl Fn() -> u8) -> u8 {
-    let count = |of: u8| labels.iter().filter(|label| **label == of).count();
-    let most = labels.iter().map(|label| count(*label)).max().unwrap_or(0);
-    let mut leading = labels.iter().filter(|label| count(**label) == most);
+    let count = |wanted: u8| labels.iter().filter(|label| **label == wanted).count();
+    let largest_count = labels.iter().map(|label| count(*label)).max().unwrap_or(0);
+    let mut leading = labels.iter().filter(|label| count(**label) == largest_count);
     match leading.next() {
         Some(first) if leading.all(|other| other == first) => *first,
         _ => middle(),

@@ -28,7 +28,7 @@ impl Skin {
         let items = points
             .iter()
             .enumerate()
-            .map(|(at, point)| GeomWithData::new((*point).into(), at));
+            .map(|(index, point)| GeomWithData::new((*point).into(), index));
         let tree = RTree::bulk_load(items.collect());
         Self { points, normals, tree }
     }
@@ -62,9 +62,9 @@ impl Skin {
         }
         let outside = outside(&share, size);
         let (mut points, mut normals) = (Vec::new(), Vec::new());
-        let index = |at: [f64; 3]| {
+        let index = |position: [f64; 3]| {
             // Centre of a block in voxels.
-            let voxel = [0, 1, 2].map(|axis| (at[axis] + 0.5) * block[axis] as f64 - 0.5);
+            let voxel = [0, 1, 2].map(|axis| (position[axis] + 0.5) * block[axis] as f64 - 0.5);
             volume.index_to_world().transform_point(&Point3::from(voxel))
         };
         for k in 1..size[2] - 1 {
@@ -82,10 +82,10 @@ impl Skin {
                             continue;
                         }
                         let t = f64::from((0.5 - share[a]) / (share[b] - share[a]));
-                        let mut at = cell.map(|n| n as f64);
-                        at[axis] += t;
-                        let slope = |of: [usize; 3], along: usize| {
-                            let (mut low, mut high) = (of, of);
+                        let mut crossing = cell.map(|n| n as f64);
+                        crossing[axis] += t;
+                        let slope = |cell: [usize; 3], along: usize| {
+                            let (mut low, mut high) = (cell, cell);
                             low[along] -= 1;
                             high[along] += 1;
                             f64::from(share[offset(high)] - share[offset(low)]) / (block[along] as f64 * spacing[along])
@@ -98,7 +98,7 @@ impl Skin {
                                 volume.index_to_world().fixed_view::<3, 1>(0, along) / spacing[along] * gradient[along];
                         }
                         if let Some(normal) = normal.try_normalize(1e-9) {
-                            points.push(index(at));
+                            points.push(index(crossing));
                             normals.push(normal);
                         }
                     }
@@ -121,12 +121,12 @@ impl Skin {
     }
 
     /// Nearest point of the skin.
-    pub(crate) fn foot(&self, at: &Point3<f64>) -> Foot {
+    pub(crate) fn foot(&self, point: &Point3<f64>) -> Foot {
         let nearest = self
             .tree
-            .nearest_neighbor([at.x, at.y, at.z])
+            .nearest_neighbor([point.x, point.y, point.z])
             .map_or(0, |item| item.data);
-        let (away, normal) = (at - self.points[nearest], self.normals[nearest]);
+        let (away, normal) = (point - self.points[nearest], self.normals[nearest]);
         let height_mm = normal.dot(&away);
         Foot {
             normal,
@@ -138,12 +138,12 @@ impl Skin {
 
     /// Share of the points within a distance (mm) of others.
     pub fn covered(&self, by: &[Point3<f64>], within_mm: f64) -> f64 {
-        let tree: RTree<[f64; 3]> = RTree::bulk_load(by.iter().map(|at| (*at).into()).collect());
+        let tree: RTree<[f64; 3]> = RTree::bulk_load(by.iter().map(|point| (*point).into()).collect());
         let step = 1 + self.points.len() / 5000;
         let tried = self.points.iter().step_by(step);
-        let near = |at: &&Point3<f64>| {
-            let nearest = tree.nearest_neighbor([at.x, at.y, at.z]);
-            nearest.is_some_and(|other| (Point3::from(*other) - **at).norm() <= within_mm)
+        let near = |point: &&Point3<f64>| {
+            let nearest = tree.nearest_neighbor([point.x, point.y, point.z]);
+            nearest.is_some_and(|nearest| (Point3::from(*nearest) - **point).norm() <= within_mm)
         };
         tried.clone().filter(near).count() as f64 / tried.count() as f64
     }
@@ -177,19 +177,19 @@ fn outside(share: &[f32], size: [usize; 3]) -> Vec<bool> {
     let mut outside = vec![false; share.len()];
     let strides = [1, size[0], size[0] * size[1]];
     let mut queue = VecDeque::new();
-    for at in 0..share.len() {
-        let index = [at % size[0], at / size[0] % size[1], at / strides[2]];
+    for voxel in 0..share.len() {
+        let index = [voxel % size[0], voxel / size[0] % size[1], voxel / strides[2]];
         let border = (0..3).any(|axis| index[axis] == 0 || index[axis] + 1 == size[axis]);
-        if border && share[at] < 0.5 {
-            outside[at] = true;
-            queue.push_back(at);
+        if border && share[voxel] < 0.5 {
+            outside[voxel] = true;
+            queue.push_back(voxel);
         }
     }
-    while let Some(at) = queue.pop_front() {
-        let index = [at % size[0], at / size[0] % size[1], at / strides[2]];
+    while let Some(voxel) = queue.pop_front() {
+        let index = [voxel % size[0], voxel / size[0] % size[1], voxel / strides[2]];
         for axis in 0..3 {
-            let lower = (index[axis] > 0).then(|| at - strides[axis]);
-            let upper = (index[axis] + 1 < size[axis]).then(|| at + strides[axis]);
+            let lower = (index[axis] > 0).then(|| voxel - strides[axis]);
+            let upper = (index[axis] + 1 < size[axis]).then(|| voxel + strides[axis]);
             for next in [lower, upper].into_iter().flatten() {
                 if !outside[next] && share[next] < 0.5 {
                     outside[next] = true;

@@ -43,9 +43,10 @@ pub fn read(path: &Path) -> Result<Vec<Point3<f64>>, VolumeError> {
         }
         _ => return Err(wrong("expected a surface as .csv, .stl or .ply".to_owned())),
     };
+    // Checked once for all formats: one point that is not finite would spoil every sum of the fit.
     if points
         .iter()
-        .flat_map(|at| at.iter())
+        .flat_map(|point| point.iter())
         .all(|x| x.abs() <= insonify_base::matrix::FARTHEST_MM)
     {
         Ok(points)

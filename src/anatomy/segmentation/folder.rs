@@ -181,19 +181,19 @@ impl Union {
             free += i64::from(class.is_none());
         }
         let mut order: Vec<usize> = (0..self.labels.len()).collect();
-        order.sort_by_key(|&at| self.labels[at].value);
-        let mut place = [0; 256];
+        order.sort_by_key(|&label| self.labels[label].value);
+        let mut new_index = [0; 256];
         let mut labels = vec![Label {
             value: 0,
             name: None,
             voxels: self.voxels.iter().filter(|voxel| **voxel == 0).count() as u64,
         }];
-        for at in order {
-            place[at + 1] = labels.len() as u8;
-            labels.push(self.labels[at].clone());
+        for label in order {
+            new_index[label + 1] = labels.len() as u8;
+            labels.push(self.labels[label].clone());
         }
         for voxel in &mut self.voxels {
-            *voxel = place[usize::from(*voxel)];
+            *voxel = new_index[usize::from(*voxel)];
         }
         LabelVolume::new(like.size(), self.voxels, labels, *like.index_to_world())
     }
@@ -208,19 +208,22 @@ fn same_grid(first: &Path, grid: &LabelVolume, path: &Path, mask: &LabelVolume) 
         let expected = format!("the {size:?} voxels of {first}: the masks of a folder share a grid");
         return Err(VolumeError::malformed(path, At::Header, found, expected));
     }
-    let corner = |volume: &LabelVolume, which: usize| {
-        let index = [0, 1, 2].map(|axis| (which >> axis & 1) as f64 * (size[axis] - 1) as f64);
+    let corner = |volume: &LabelVolume, number: usize| {
+        let index = [0, 1, 2].map(|axis| (number >> axis & 1) as f64 * (size[axis] - 1) as f64);
         volume.index_to_world().transform_point(&Point3::from(index))
     };
-    let distances = (0..8).map(|which| (which, (corner(grid, which) - corner(mask, which)).norm()));
-    let (which, distance) = distances.fold((0, 0.0), |worst, next| if next.1 > worst.1 { next } else { worst });
+    let distances = (0..8).map(|number| (number, (corner(grid, number) - corner(mask, number)).norm()));
+    let (number, distance) = distances.fold((0, 0.0), |worst, next| if next.1 > worst.1 { next } else { worst });
     if distance > SAME_MM {
-        let place = |volume| {
-            let [x, y, z] = corner(volume, which).into();
+        let corner_text = |volume| {
+            let [x, y, z] = corner(volume, number).into();
             format!("{x:.3}, {y:.3}, {z:.3} mm")
         };
-        let found = format!("a corner at {} (LPS)", place(mask));
-        let expected = format!("{} as in {first}: the masks of a folder share a grid", place(grid));
+        let found = format!("a corner at {} (LPS)", corner_text(mask));
+        let expected = format!(
+            "{} as in {first}: the masks of a folder share a grid",
+            corner_text(grid)
+        );
         return Err(VolumeError::malformed(path, At::Header, found, expected));
     }
     Ok(())

@@ -150,6 +150,7 @@ impl fmt::Display for SegmentationInfo {
             .iter()
             .map(|label| format!("{}{}", label.tissue, doubt(label)))
             .collect();
+        // Cells include their heading, so that the widest of both sets the width of a column.
         let names = column("name", self.labels.iter().map(|label| label.name.as_str()));
         let tissues = column("tissue", tissues.iter().map(String::as_str));
         let head = ["value", "voxels", "ml"];
@@ -158,15 +159,15 @@ impl fmt::Display for SegmentationInfo {
             "{:>6}  {}  {:>10}  {:>12}  {}  from",
             head[0], names[0], head[1], head[2], tissues[0]
         )?;
-        for (at, label) in self.labels.iter().enumerate() {
+        for (index, label) in self.labels.iter().enumerate() {
             writeln!(
                 f,
                 "{:>6}  {}  {:>10}  {:>12.2}  {}  {}",
                 label.value,
-                names[at + 1],
+                names[index + 1],
                 label.voxels,
                 label.millilitres,
-                tissues[at + 1],
+                tissues[index + 1],
                 label.from
             )?;
         }

@@ -75,8 +75,8 @@ fn left_mm(volume: &LabelVolume) -> Vec<f64> {
     let to_left = volume.index_to_world().row(0).into_owned();
     for (row, voxels) in volume.voxels().chunks(nx).enumerate() {
         let start = to_left[1] * (row % ny) as f64 + to_left[2] * (row / ny) as f64 + to_left[3];
-        for (at, &voxel) in voxels.iter().enumerate() {
-            sums[usize::from(voxel)] += start + to_left[0] * at as f64;
+        for (column, &voxel) in voxels.iter().enumerate() {
+            sums[usize::from(voxel)] += start + to_left[0] * column as f64;
             counts[usize::from(voxel)] += 1.0;
         }
     }
@@ -92,9 +92,9 @@ fn cut_mm2(volume: &LabelVolume) -> Vec<f64> {
         let [u, v] = [(axis + 1) % 3, (axis + 2) % 3];
         let face = step(u).cross(&step(v)).norm();
         for end in [0, size[axis] - 1] {
-            for at in 0..size[u] * size[v] {
+            for pixel in 0..size[u] * size[v] {
                 let mut index = [0; 3];
-                (index[axis], index[u], index[v]) = (end, at % size[u], at / size[u]);
+                (index[axis], index[u], index[v]) = (end, pixel % size[u], pixel / size[u]);
                 areas[usize::from(volume.voxels()[volume.offset(index)])] += face;
             }
         }
@@ -124,10 +124,11 @@ impl Segmentation {
             let other = names
                 .iter()
                 .find(|(_, other)| mirrored != plain_name && plain(other) == mirrored);
-            if let Some((other, of)) = other.filter(|(other, _)| left_mm > sizes.0[*other].left_mm) {
+            if let Some((other, other_name)) = other.filter(|(other, _)| left_mm > sizes.0[*other].left_mm) {
                 let [right, left] = [value(*index), value(*other)];
-                fit.odd
-                    .push(format!("label {right} ({name}) lies left of label {left} ({of})"));
+                fit.odd.push(format!(
+                    "label {right} ({name}) lies left of label {left} ({other_name})"
+                ));
             }
             let organ = without_side(&plain_name);
             let Some((_, newborn, adult)) = ORGANS.iter().find(|(known, ..)| *known == organ) else {

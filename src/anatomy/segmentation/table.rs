@@ -110,8 +110,9 @@ impl Names {
         };
         let headers: Vec<String> = reader.headers().map_err(broken)?.iter().map(plain).collect();
         let column = |wanted: &[&str], not: Option<usize>| {
-            let at = |name: &&str| (0..headers.len()).find(|at| headers[*at] == *name && Some(*at) != not);
-            wanted.iter().find_map(at)
+            let position =
+                |name: &&str| (0..headers.len()).find(|index| headers[*index] == *name && Some(*index) != not);
+            wanted.iter().find_map(position)
         };
         let (value, name) = if has_header {
             // `label` heads values in some tables and names in others, but not both in one.

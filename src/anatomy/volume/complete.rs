@@ -261,9 +261,9 @@ fn draw_layers(
             } else if distance > options.fat_mm {
                 4
             } else {
-                let at = to_world.transform_point(&Point3::new(i as f64, j as f64, k as f64));
-                let below = UNEVEN * options.fat_mm * fat_noise.at(&at.coords) - distance;
-                let thickness = options.muscle_mm * (1.0 + UNEVEN * muscle_noise.at(&at.coords));
+                let point = to_world.transform_point(&Point3::new(i as f64, j as f64, k as f64));
+                let below = UNEVEN * options.fat_mm * fat_noise.at(&point.coords) - distance;
+                let thickness = options.muscle_mm * (1.0 + UNEVEN * muscle_noise.at(&point.coords));
                 if below < 0.0 {
                     3
                 } else if below >= thickness {
@@ -337,8 +337,8 @@ fn shell(labels: &[Label]) -> Option<String> {
 
 /// Suffix of a note: values of the first of [`LAYERS`], at indices in `labels`, that differ from the usual ones.
 fn unusual_values(labels: &[Label], body: &[u8]) -> String {
-    let other = |(at, name): (&u8, &str)| {
-        let (value, usual) = (labels[usize::from(*at)].value, usual_value(name));
+    let other = |(index, name): (&u8, &str)| {
+        let (value, usual) = (labels[usize::from(*index)].value, usual_value(name));
         (value != usual).then(|| format!("{name} is label {value}, not {usual} as usual"))
     };
     let others: Vec<String> = body.iter().zip(LAYERS).filter_map(other).collect();
@@ -380,12 +380,12 @@ fn usual_value(name: &str) -> i64 {
 
 /// Index of the label of a name, appended if missing: with its usual value, or the next free one.
 pub(super) fn label(labels: &mut Vec<Label>, name: &str) -> u8 {
-    if let Some(at) = labels.iter().position(|label| label.name.as_deref() == Some(name)) {
-        return at as u8;
+    if let Some(index) = labels.iter().position(|label| label.name.as_deref() == Some(name)) {
+        return index as u8;
     }
-    let taken = |value: i64| labels.iter().any(|label| label.value == value);
+    let is_used = |value: i64| labels.iter().any(|label| label.value == value);
     let usual = usual_value(name);
-    let value = (usual..).find(|&value| !taken(value)).unwrap_or(usual);
+    let value = (usual..).find(|&value| !is_used(value)).unwrap_or(usual);
     labels.push(Label {
         value,
         name: Some(name.to_owned()),
@@ -401,9 +401,9 @@ fn cut_faces(volume: &LabelVolume, slice_axis: usize, skin: u8) -> Vec<String> {
     for axis in (0..3).filter(|&axis| axis != slice_axis) {
         let [u, v] = [(axis + 1) % 3, (axis + 2) % 3];
         for (end, which) in [(0, "low"), (size[axis] - 1, "high")] {
-            let touched = (0..size[u] * size[v]).any(|at| {
+            let touched = (0..size[u] * size[v]).any(|pixel| {
                 let mut index = [0; 3];
-                (index[axis], index[u], index[v]) = (end, at % size[u], at / size[u]);
+                (index[axis], index[u], index[v]) = (end, pixel % size[u], pixel / size[u]);
                 let label = volume.voxels()[volume.offset(index)];
                 label != 0 && label != skin
             });

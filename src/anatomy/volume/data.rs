@@ -29,7 +29,7 @@ const CHUNK: usize = 64 << 10;
 pub(crate) fn read_into<V>(header: &mut Header, group: usize, push: Push<V>) -> Result<Vec<V>, VolumeError> {
     let (_, expected) = header.extent()?;
     let (reader, begin, stored) = open(header, expected)?;
-    let most = match header.data.encoding {
+    let capacity = match header.data.encoding {
         Encoding::Raw | Encoding::Text => expected,
         // Maximum expansion per byte: "An Explanation of the Deflate Algorithm" (zlib) and twice the run length of blocks of bzip2.
         Encoding::Gzip | Encoding::Zlib => expected.min(stored.saturating_mul(1032) as usize),
@@ -37,8 +37,8 @@ pub(crate) fn read_into<V>(header: &mut Header, group: usize, push: Push<V>) -> 
     };
     let what = format!("an image of {}", header.sizes());
     let fail = |cause: TooLarge| header.unreadable(cause.into());
-    let values = read::room(most / group, &what).map_err(fail)?;
-    let part = read::room(group.min(most), &what).map_err(fail)?;
+    let values = read::room(capacity / group, &what).map_err(fail)?;
+    let part = read::room(group.min(capacity), &what).map_err(fail)?;
     let mut sink = Sink {
         skip: 0,
         wanted: expected,
@@ -73,21 +73,21 @@ pub(super) type Push<'a, V> = &'a mut dyn FnMut(&[u8], &mut Vec<V>) -> Result<()
 /// `expected` bytes.
 fn open(header: &Header, expected: usize) -> Result<(BufReader<File>, u64, u64), VolumeError> {
     let fail = |cause| header.unreadable(cause);
-    let place = &header.data;
-    let file = read::open(&place.path).map_err(fail)?;
+    let source = &header.data;
+    let file = read::open(&source.path).map_err(fail)?;
     let end = file.metadata().map_err(fail)?.len();
     let mut reader = BufReader::new(file);
-    reader.seek(SeekFrom::Start(place.start)).map_err(fail)?;
+    reader.seek(SeekFrom::Start(source.start)).map_err(fail)?;
     let mut skipped = 0;
-    for _ in 0..place.skip_lines {
+    for _ in 0..source.skip_lines {
         let left = MAX_SKIP - skipped;
         let line = (&mut reader).take(left).skip_until(b'\n').map_err(fail)? as u64;
         skipped += line;
         if line == left {
-            let found = format!("more than {MAX_SKIP} bytes in the {} lines to skip", place.skip_lines);
+            let found = format!("more than {MAX_SKIP} bytes in the {} lines to skip", source.skip_lines);
             return Err(VolumeError::malformed(
-                &place.path,
-                At::Byte(place.start),
+                &source.path,
+                At::Byte(source.start),
                 found,
                 "fewer",
             ));
@@ -97,10 +97,10 @@ fn open(header: &Header, expected: usize) -> Result<(BufReader<File>, u64, u64),
             break;
         }
     }
-    let begin = place.start + skipped;
+    let begin = source.start + skipped;
     let stored = end.saturating_sub(begin);
     // In text, every number but the last takes at least a digit and a blank.
-    let least = match place.encoding {
+    let least = match source.encoding {
         Encoding::Raw => expected as u64,
         Encoding::Text => 2 * (expected / header.element()?.bytes()) as u64 - 1,
         _ => 0,
@@ -112,11 +112,11 @@ fn open(header: &Header, expected: usize) -> Result<(BufReader<File>, u64, u64),
     }
 }
 
-fn short(header: &Header, at: u64, found: u64, expected: u64) -> VolumeError {
+fn short(header: &Header, offset: u64, found: u64, expected: u64) -> VolumeError {
     let element = header.element.map_or("no type", Element::name);
     VolumeError::malformed(
         &header.data.path,
-        At::Byte(at),
+        At::Byte(offset),
         format!("the end of the data after {found} bytes"),
         format!("{expected} bytes ({} of {element})", header.sizes()),
     )
@@ -166,25 +166,25 @@ fn text<V>(
     };
     let fail = |cause| header.unreadable(cause);
     let expected = sink.wanted;
-    let mut at = begin + skip.min(stored);
-    reader.seek(SeekFrom::Start(at)).map_err(fail)?;
+    let mut offset = begin + skip.min(stored);
+    reader.seek(SeekFrom::Start(offset)).map_err(fail)?;
     let (mut word, mut number) = (Vec::new(), Vec::new());
     let parts = |byte: u8| byte.is_ascii_whitespace() || byte == b',';
     while sink.wanted > 0 && sink.failed.is_none() {
         word.clear();
-        let start = at;
+        let start = offset;
         for byte in (&mut reader).take(MAX_WORD).bytes() {
             let byte = byte.map_err(fail)?;
-            at += 1;
+            offset += 1;
             if parts(byte) {
                 break;
             }
             word.push(byte);
         }
         // Not even a separator was read: the file ends here. A word may be empty, between two separators.
-        if at == start {
+        if offset == start {
             let read = (expected - sink.wanted) as u64;
-            return Err(short(header, at, read, expected as u64));
+            return Err(short(header, offset, read, expected as u64));
         }
         if word.is_empty() {
             continue;
@@ -289,9 +289,9 @@ fn unpack<V>(
             Encoding::Zlib => sink.drain(ZlibDecoder::new(&mut reader)),
             _ => sink.drain(GzDecoder::new(&mut reader)),
         };
-        let at = reader.stream_position().unwrap_or(begin);
+        let offset = reader.stream_position().unwrap_or(begin);
         if let Err(cause) = drained {
-            return Err(broken(header, at, expected - sink.wanted, expected, &cause));
+            return Err(broken(header, offset, expected - sink.wanted, expected, &cause));
         }
         let more = reader.fill_buf().map_err(|cause| header.unreadable(cause))?;
         // Parallel compressors write several gzip or bzip2 streams in a row; a decoder stops after one.
@@ -305,8 +305,8 @@ fn unpack<V>(
         }
     }
     if sink.wanted > 0 {
-        let at = reader.stream_position().unwrap_or(begin);
-        return Err(short(header, at, (expected - sink.wanted) as u64, expected as u64));
+        let offset = reader.stream_position().unwrap_or(begin);
+        return Err(short(header, offset, (expected - sink.wanted) as u64, expected as u64));
     }
     if sink.excess > 0 {
         let warning =
@@ -316,7 +316,7 @@ fn unpack<V>(
     Ok(())
 }
 
-fn broken(header: &Header, at: u64, unpacked: usize, expected: usize, cause: &io::Error) -> VolumeError {
+fn broken(header: &Header, offset: u64, unpacked: usize, expected: usize, cause: &io::Error) -> VolumeError {
     if !is_corrupt_data(cause) {
         return header.unreadable(io::Error::new(cause.kind(), cause.to_string()));
     }
@@ -326,7 +326,7 @@ fn broken(header: &Header, at: u64, unpacked: usize, expected: usize, cause: &io
         format!("{expected} bytes unpacked")
     };
     let found = format!("broken compressed data ({cause}) after {unpacked} bytes unpacked");
-    VolumeError::malformed(&header.data.path, At::Byte(at), found, wanted)
+    VolumeError::malformed(&header.data.path, At::Byte(offset), found, wanted)
 }
 
 /// Whether an error of a decoder is due to the data rather than the system.

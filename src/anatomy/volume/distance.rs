@@ -61,10 +61,11 @@ impl Grid {
             scratch.line.clear();
             scratch.line.extend_from_slice(line);
             let last = line.len() - 1;
-            for (at, value) in line.iter_mut().enumerate() {
-                let mut sum = kernel[0] * scratch.line[at];
+            for (sample, value) in line.iter_mut().enumerate() {
+                let mut sum = kernel[0] * scratch.line[sample];
                 for (step, weight) in kernel.iter().enumerate().skip(1) {
-                    sum += weight * (scratch.line[at.saturating_sub(step)] + scratch.line[(at + step).min(last)]);
+                    sum +=
+                        weight * (scratch.line[sample.saturating_sub(step)] + scratch.line[(sample + step).min(last)]);
                 }
                 *value = sum / total;
             }
@@ -124,10 +125,10 @@ fn lines(
     let mut line = std::mem::take(&mut scratch.gathered);
     for i in 0..stride {
         line.clear();
-        line.extend((0..length).map(|at| block[i + at * stride]));
+        line.extend((0..length).map(|sample| block[i + sample * stride]));
         work(&mut line, scratch);
-        for (at, value) in line.iter().enumerate() {
-            block[i + at * stride] = *value;
+        for (sample, value) in line.iter().enumerate() {
+            block[i + sample * stride] = *value;
         }
     }
     scratch.gathered = line;
@@ -161,26 +162,30 @@ fn lower_envelope(line: &mut [f32], spacing: f32, scratch: &mut Scratch) {
         let (xa, xb) = (a as f32 * spacing, b as f32 * spacing);
         ((copy[b] - copy[a]) / (xb - xa) + xa + xb) / 2.0
     };
-    for at in (0..copy.len()).filter(|&at| copy[at] < NO_SEED_MM2) {
+    for sample in (0..copy.len()).filter(|&sample| copy[sample] < NO_SEED_MM2) {
         // A parabola overtaken before its own part begins is nowhere lowest. The first bound is minus
         // infinity, so that one parabola always remains.
         while let (Some(&last), Some(&bound)) = (vertices.last(), bounds.last()) {
-            if crossing(last, at) > bound {
+            if crossing(last, sample) > bound {
                 break;
             }
             vertices.pop();
             bounds.pop();
         }
-        bounds.push(vertices.last().map_or(f32::NEG_INFINITY, |&last| crossing(last, at)));
-        vertices.push(at);
+        bounds.push(
+            vertices
+                .last()
+                .map_or(f32::NEG_INFINITY, |&last| crossing(last, sample)),
+        );
+        vertices.push(sample);
     }
     let mut nearest = 0;
-    for (at, value) in line.iter_mut().enumerate() {
-        let x = at as f32 * spacing;
+    for (sample, value) in line.iter_mut().enumerate() {
+        let x = sample as f32 * spacing;
         while bounds.get(nearest + 1).is_some_and(|&bound| bound < x) {
             nearest += 1;
         }
-        let offset = (at as f32 - vertices[nearest] as f32) * spacing;
+        let offset = (sample as f32 - vertices[nearest] as f32) * spacing;
         *value = offset * offset + copy[vertices[nearest]];
     }
 }

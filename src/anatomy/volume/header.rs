@@ -130,9 +130,9 @@ impl Header {
     pub fn unreadable(&self, cause: io::Error) -> VolumeError {
         match self.data.named {
             None => VolumeError::read(&self.path, cause),
-            Some(at) => VolumeError::Data {
+            Some(link) => VolumeError::Data {
                 path: self.path.clone(),
-                at,
+                at: link,
                 data: self.data.path.clone(),
                 cause,
             },

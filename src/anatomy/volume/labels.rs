@@ -162,10 +162,10 @@ fn volume_from(
     let mut order: Vec<usize> = (1..stored.len()).collect();
     order.sort_by_key(|&number| values[number]);
     order.insert(0, 0);
-    let mut place = [0u8; 256];
+    let mut new_index = [0u8; 256];
     let mut labels = Vec::with_capacity(order.len());
     for (position, &number) in order.iter().enumerate() {
-        place[number] = position as u8;
+        new_index[number] = position as u8;
         let name = named.get(&stored[number]).cloned().flatten();
         labels.push(Label {
             value: values[number],
@@ -174,7 +174,7 @@ fn volume_from(
         });
     }
     for voxel in &mut voxels {
-        *voxel = place[usize::from(*voxel)];
+        *voxel = new_index[usize::from(*voxel)];
     }
     warnings.extend(grey_image(&voxels, grid.size[0], &labels));
     let volume =
@@ -215,17 +215,17 @@ fn grey_image(voxels: &[u8], row: usize, labels: &[Label]) -> Option<String> {
 fn values(stored: &[Stored], named: &BTreeMap<Stored, Option<String>>, warnings: &mut Vec<String>) -> Vec<i64> {
     let mut order: Vec<usize> = (1..stored.len()).collect();
     order.sort_by_key(|&number| stored[number]);
-    let mut taken: BTreeSet<i64> = BTreeSet::from([0]);
+    let mut used: BTreeSet<i64> = BTreeSet::from([0]);
     let highest = stored.iter().map(|&(_, value)| value).max().unwrap_or(0);
     let mut free = highest.max(0);
     let mut values = vec![0; stored.len()];
     for number in order {
         let (layer, value) = stored[number];
         values[number] = value;
-        if !taken.insert(value) {
+        if !used.insert(value) {
             free = free.saturating_add(1);
             values[number] = free;
-            taken.insert(free);
+            used.insert(free);
             let name = named.get(&(layer, value)).cloned().flatten().unwrap_or_default();
             warnings.push(format!(
                 "segment {name:?} of layer {layer} takes value {free}: a lower layer already uses its value {value}"

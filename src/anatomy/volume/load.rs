@@ -71,10 +71,16 @@ pub fn numbers(header: &mut Header) -> Result<Vec<f32>, VolumeError> {
             Ok(())
         })
     })?;
-    if let Some(at) = values.iter().position(|value| !value.is_finite()) {
+    if let Some(voxel) = values.iter().position(|value| !value.is_finite()) {
         let side = |axis: usize| header.axes.get(axis).map_or(1, |axis| axis.size);
         let (x, y) = (side(0), side(1));
-        let found = format!("{} at voxel ({}, {}, {})", values[at], at % x, at / x % y, at / x / y);
+        let found = format!(
+            "{} at voxel ({}, {}, {})",
+            values[voxel],
+            voxel % x,
+            voxel / x % y,
+            voxel / x / y
+        );
         return Err(header.malformed(found, "finite grey values"));
     }
     Ok(values)

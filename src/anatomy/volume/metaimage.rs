@@ -233,8 +233,8 @@ impl Tags {
             })
             .collect();
         let mut origin = Vector3::zeros();
-        for (component, given) in origin.iter_mut().zip(self.origin.iter().flatten()) {
-            *component = *given;
+        for (component, stated) in origin.iter_mut().zip(self.origin.iter().flatten()) {
+            *component = *stated;
         }
         let encoding = match (self.text, self.compressed) {
             (false, false) => Encoding::Raw,

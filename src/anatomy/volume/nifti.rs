@@ -87,9 +87,9 @@ fn blame_gzip(path: &Path, mut unpacked: GzDecoder<BufReader<File>>, error: Volu
     let Some(cause) = broken else {
         return error;
     };
-    let at = unpacked.get_mut().stream_position().unwrap_or(0);
+    let offset = unpacked.get_mut().stream_position().unwrap_or(0);
     let found = format!("broken compressed data ({cause})");
-    VolumeError::malformed(path, At::Byte(at), found, "gzip data that unpack to a NIfTI-1 file")
+    VolumeError::malformed(path, At::Byte(offset), found, "gzip data that unpack to a NIfTI-1 file")
 }
 
 /// Parses the header at the start of `reader`, which yields decompressed bytes.

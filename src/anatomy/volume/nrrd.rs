@@ -327,10 +327,10 @@ impl Fields {
                     let spacing = self.spacings.as_ref().map_or(1.0, |spacings| spacings[axis]);
                     if !(spacing > 0.0 && spacing.is_finite()) {
                         let found = format!("spacing {spacing} of axis {axis}");
-                        let at = At::Line(self.spacings_line);
+                        let line = At::Line(self.spacings_line);
                         return Err(VolumeError::malformed(
                             path,
-                            at,
+                            line,
                             found,
                             "spacings above 0 and finite, mm",
                         ));
@@ -424,7 +424,7 @@ impl Space {
             name.split('-').collect()
         } else {
             // `get`, since an index within a character beyond ASCII would panic.
-            (0..name.len()).filter_map(|at| name.get(at..=at)).collect()
+            (0..name.len()).filter_map(|index| name.get(index..=index)).collect()
         };
         let to_lps = match words[..] {
             [x, y, z] => [

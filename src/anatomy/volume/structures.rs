@@ -102,11 +102,11 @@ impl Drawing<'_> {
                 .name
                 .as_deref()
                 .and_then(known)
-                .is_some_and(|(of, _)| of.name == tissue)
+                .is_some_and(|(found_tissue, _)| found_tissue.name == tissue)
         };
         let labels = (0..=255u8).zip(self.volume.labels()).skip(1);
-        let present = labels.filter(|(at, label)| self.volume.holds(usize::from(*at)) && is(label));
-        present.map(|(at, _)| at).collect()
+        let present = labels.filter(|(index, label)| self.volume.holds(usize::from(*index)) && is(label));
+        present.map(|(index, _)| index).collect()
     }
 
     /// Whether the file has a label with voxels whose name contains one of these words.
@@ -132,7 +132,7 @@ impl Drawing<'_> {
     fn world(&self, voxel: [usize; 3]) -> Point3<f64> {
         self.volume
             .index_to_world()
-            .transform_point(&Point3::from(voxel.map(|at| at as f64)))
+            .transform_point(&Point3::from(voxel.map(|index| index as f64)))
     }
 
     /// Relabels voxels of an organ: `structure` returns the label at a depth, mm, and a position in the world, mm, if it is inside a
@@ -156,7 +156,7 @@ impl Drawing<'_> {
             .iter()
             .position(|label| label.name.as_deref() == Some("hepatic_vein"));
         // Vessels that the CT shows or the file labels are real: grown ones would contradict them.
-        if by_ct.is_some_and(|at| self.volume.holds(at)) || self.has_named(&["hepat", "liver_v", "liver v"]) {
+        if by_ct.is_some_and(|index| self.volume.holds(index)) || self.has_named(&["hepat", "liver_v", "liver v"]) {
             return;
         }
         let vessels = |words: &[&str]| -> Vec<u8> {
@@ -165,7 +165,10 @@ impl Drawing<'_> {
                 words.iter().any(|word| name.contains(word))
             };
             let labels = (0..=255u8).zip(self.volume.labels());
-            labels.filter(|(_, label)| named(label)).map(|(at, _)| at).collect()
+            labels
+                .filter(|(_, label)| named(label))
+                .map(|(index, _)| index)
+                .collect()
         };
         let portal = vessels(&["portal"]);
         let caval = vessels(&["inferior_vena_cava", "inferior vena cava", "postcava", "ivc"]);
@@ -191,9 +194,9 @@ impl Drawing<'_> {
                 return;
             };
             let mut drawn = 0;
-            tree.paint(self.volume, |at| {
-                if organs.contains(&self.voxels[at]) {
-                    self.voxels[at] = label;
+            tree.paint(self.volume, |voxel| {
+                if organs.contains(&self.voxels[voxel]) {
+                    self.voxels[voxel] = label;
                     drawn += 1;
                 }
             });
@@ -209,7 +212,10 @@ impl Drawing<'_> {
     /// Draws the sinus and pyramids of kidneys.
     fn kidneys(&mut self) {
         let kidneys = self.of_tissue("kidney_cortex");
-        let kidneys: Vec<u8> = kidneys.into_iter().filter(|at| self.is_named(*at, "kidney")).collect();
+        let kidneys: Vec<u8> = kidneys
+            .into_iter()
+            .filter(|index| self.is_named(*index, "kidney"))
+            .collect();
         if kidneys.is_empty() || self.has_named(&["medulla", "renal_sinus", "pyramid", "kidney_cortex"]) {
             return;
         }
@@ -224,14 +230,14 @@ impl Drawing<'_> {
             };
             let [cortex_mm, parenchyma_mm] = KIDNEY_MM;
             let sinus_mm = parenchyma_mm.min(SINUS_SHARE * organ.deepest_mm());
-            drawn += self.relabel(&organ, |depth, at| match depth {
+            drawn += self.relabel(&organ, |depth, point| match depth {
                 _ if depth > sinus_mm => Some(sinus),
-                _ if depth > cortex_mm && noise.at(&at.coords) > PYRAMIDS_ABOVE => Some(medulla),
+                _ if depth > cortex_mm && noise.at(&point.coords) > PYRAMIDS_ABOVE => Some(medulla),
                 _ => None,
             });
         }
         if drawn > 0 {
-            let value = |at: u8| self.labels[usize::from(at)].value;
+            let value = |index: u8| self.labels[usize::from(index)].value;
             let note = format!("sinus ({}) and pyramids ({}) of kidneys", value(sinus), value(medulla));
             self.notes.push(note);
         }
@@ -255,9 +261,9 @@ impl Drawing<'_> {
         };
         let (mut middle, mut spread, mut count) = (Vector3::zeros(), Matrix3::zeros(), 0.0);
         for (voxel, _) in organ.voxels() {
-            let at = self.world(voxel).coords;
-            middle += at;
-            spread += at * at.transpose();
+            let point = self.world(voxel).coords;
+            middle += point;
+            spread += point * point.transpose();
             count += 1.0;
         }
         middle /= count;
@@ -274,8 +280,8 @@ impl Drawing<'_> {
         let Some(blood) = self.label("blood") else {
             return;
         };
-        let drawn = self.relabel(&organ, |depth, at| {
-            let from = at.coords - middle;
+        let drawn = self.relabel(&organ, |depth, point| {
+            let from = point.coords - middle;
             let (along, aside) = (from.dot(&axis) - valves, from.dot(&across));
             let is_wall = depth <= HEART_MM || aside.abs() < 0.5 * SEPTUM_MM || along.abs() < 0.5 * VALVES_MM;
             (!is_wall).then_some(blood)
@@ -291,7 +297,11 @@ impl Drawing<'_> {
         // Labels appended by completion have no voxels in the file, whose own soft tissue is left alone.
         let appended = |name: &str| {
             let is_appended = |label: &Label| label.name.as_deref() == Some(name) && label.voxels == 0;
-            self.volume.labels().iter().position(is_appended).map(|at| at as u8)
+            self.volume
+                .labels()
+                .iter()
+                .position(is_appended)
+                .map(|index| index as u8)
         };
         let (Some(soft), Some(muscle)) = (appended("soft_tissue"), appended("muscle")) else {
             return;
@@ -313,8 +323,8 @@ impl Drawing<'_> {
             let mut noise = noise.nearby();
             for (i, voxel) in line.iter_mut().enumerate().filter(|(_, voxel)| **voxel == soft) {
                 let near = around.as_ref().is_some_and(|around| around.holds([i, j, k]));
-                let at = to_world.transform_point(&Point3::new(i as f64, j as f64, k as f64));
-                let patch = noise.at(&at.coords);
+                let point = to_world.transform_point(&Point3::new(i as f64, j as f64, k as f64));
+                let patch = noise.at(&point.coords);
                 if near || patch > FAT_ABOVE {
                     *voxel = fat;
                 } else if patch < MUSCLE_BELOW {

@@ -26,8 +26,8 @@ impl SolidTexture {
     /// mean square 1. The data are assumed periodic; [`Self::from_scalar`] makes other data periodic.
     pub fn new(size: [usize; 3], spacing_mm: [f64; 3], mut data: Vec<f32>) -> Result<Self, VolumeError> {
         check_frame(size, spacing_mm, data.len())?;
-        if let Some(at) = data.iter().position(|value| !(value.is_finite() && *value >= 0.0)) {
-            return Err(wrong_amplitude(at, data[at]));
+        if let Some(voxel) = data.iter().position(|value| !(value.is_finite() && *value >= 0.0)) {
+            return Err(wrong_amplitude(voxel, data[voxel]));
         }
         let square = data.iter().map(|&value| f64::from(value).powi(2)).sum::<f64>() / data.len() as f64;
         if square == 0.0 {
@@ -50,8 +50,8 @@ impl SolidTexture {
     ) -> Result<Self, VolumeError> {
         check_frame(size, spacing_mm, data.len())?;
         options.check()?;
-        if let Some(at) = data.iter().position(|value| !value.is_finite()) {
-            return Err(wrong_amplitude(at, data[at]));
+        if let Some(voxel) = data.iter().position(|value| !value.is_finite()) {
+            return Err(wrong_amplitude(voxel, data[voxel]));
         }
         let amplitudes = options.values.to_amplitudes(data);
         let (size, amplitudes) = options.seam.close(size, amplitudes);
@@ -85,9 +85,9 @@ impl SolidTexture {
     }
 }
 
-fn wrong_amplitude(at: usize, value: f32) -> VolumeError {
+fn wrong_amplitude(voxel: usize, value: f32) -> VolumeError {
     VolumeError::new(format!(
-        "voxel {at} has amplitude {value}: expected finite numbers from 0"
+        "voxel {voxel} has amplitude {value}: expected finite numbers from 0"
     ))
 }
 
@@ -126,8 +126,8 @@ fn trilinear<T: Real, const N: usize>(data: &[f32], size: [u32; 3], index: &[[T;
     let mut voxels = [[T::zero(); N]; 8];
     for i in 0..N {
         for (corner, voxel) in voxels.iter_mut().enumerate() {
-            let at = sides[0][corner & 1][i] + sides[1][corner >> 1 & 1][i] + sides[2][corner >> 2][i];
-            voxel[i] = T::of(f64::from(data[at as usize]));
+            let entry = sides[0][corner & 1][i] + sides[1][corner >> 1 & 1][i] + sides[2][corner >> 2][i];
+            voxel[i] = T::of(f64::from(data[entry as usize]));
         }
     }
     let mix = |a: T, b: T, t: T| a + t * (b - a);
@@ -143,15 +143,19 @@ fn trilinear<T: Real, const N: usize>(data: &[f32], size: [u32; 3], index: &[[T;
 #[inline(always)]
 fn wrap(index: i32, length: i32) -> u32 {
     let quotient = (index as f32 / length as f32).trunc().integer();
-    let rest = index.wrapping_sub(quotient.wrapping_mul(length));
-    let rest = if rest < 0 { rest.wrapping_add(length) } else { rest };
-    let rest = if rest >= length {
-        rest.wrapping_sub(length)
+    let remainder = index.wrapping_sub(quotient.wrapping_mul(length));
+    let remainder = if remainder < 0 {
+        remainder.wrapping_add(length)
     } else {
-        rest
+        remainder
+    };
+    let remainder = if remainder >= length {
+        remainder.wrapping_sub(length)
+    } else {
+        remainder
     };
     // Larger indices give an arbitrary but valid voxel.
-    (rest as u32).min(length as u32 - 1)
+    (remainder as u32).min(length as u32 - 1)
 }
 
 // Atlas of all textures of a scene in one buffer, as read by the shaders.
@@ -207,9 +211,9 @@ impl Atlas {
                 None => {
                     let voxels = (atlas.data.len() + texture.data.len()) as u64;
                     if voxels > u64::from(u32::MAX) {
-                        let most = "at most 4294967295 fit one atlas";
+                        let limit = "at most 4294967295 fit one atlas";
                         return Err(VolumeError::new(format!(
-                            "the textures hold {voxels} voxels together; {most}"
+                            "the textures hold {voxels} voxels together; {limit}"
                         )));
                     }
                     let offset = atlas.data.len() as u32;
@@ -291,13 +295,13 @@ impl<T: Real> Kernel for Apply<'_, T> {
             let mut index = [[T::zero(); BLOCK]; 3];
             for axis in 0..3 {
                 let [x, y, z, _] = rows[axis];
-                for (at, position) in positions.iter().enumerate() {
-                    index[axis][at] = x * position[0] + y * position[1] + z * position[2];
+                for (number, position) in positions.iter().enumerate() {
+                    index[axis][number] = x * position[0] + y * position[1] + z * position[2];
                 }
             }
             let multipliers: [T; BLOCK] = trilinear(data, size, &index);
-            for (at, amplitude) in amplitudes.iter_mut().enumerate() {
-                *amplitude *= T::one() + self.strength * (multipliers[at] - T::one());
+            for (number, amplitude) in amplitudes.iter_mut().enumerate() {
+                *amplitude *= T::one() + self.strength * (multipliers[number] - T::one());
             }
         }
     }
@@ -431,8 +435,8 @@ fn relined(
 
 fn mirror(size: [usize; 3], data: &[f32], axis: usize) -> ([usize; 3], Vec<f32>) {
     let n = size[axis];
-    relined(size, data, axis, 2 * n, |at, line| {
-        line(if at < n { at } else { 2 * n - 1 - at })
+    relined(size, data, axis, 2 * n, |layer, line| {
+        line(if layer < n { layer } else { 2 * n - 1 - layer })
     })
 }
 
@@ -440,12 +444,12 @@ fn cross_fade(size: [usize; 3], data: &[f32], axis: usize, share: f64) -> ([usiz
     let n = size[axis];
     let overlap = ((share * n as f64).round() as usize).clamp(1, n / 2);
     let mean = (data.iter().map(|&x| f64::from(x)).sum::<f64>() / data.len() as f64) as f32;
-    relined(size, data, axis, n - overlap, |at, line| {
-        if at >= overlap {
-            return line(at);
+    relined(size, data, axis, n - overlap, |layer, line| {
+        if layer >= overlap {
+            return line(layer);
         }
-        let weight = at as f32 / overlap as f32;
-        let blend = weight * (line(at) - mean) + (1.0 - weight) * (line(n - overlap + at) - mean);
+        let weight = layer as f32 / overlap as f32;
+        let blend = weight * (line(layer) - mean) + (1.0 - weight) * (line(n - overlap + layer) - mean);
         let deviation = (weight * weight + (1.0 - weight) * (1.0 - weight)).sqrt();
         (mean + blend / deviation).max(0.0)
     })

@@ -56,11 +56,11 @@ fn sections(bytes: &[u8], regions: Regions) -> Result<Contents, Fault> {
     let mut contents = Contents::default();
     let mut version = None;
     loop {
-        let (at, word) = reader.cursor.word();
+        let (start, word) = reader.cursor.word();
         let Some(name) = word.strip_prefix(b"$") else {
             return match word {
                 b"" => Ok(contents),
-                _ => Err(Fault::at(at, quote(word), "a section such as $Nodes")),
+                _ => Err(Fault::at(start, quote(word), "a section such as $Nodes")),
             };
         };
         let counts = match (name, version) {
@@ -68,29 +68,29 @@ fn sections(bytes: &[u8], regions: Regions) -> Result<Contents, Fault> {
                 version = Some(header(&mut reader)?);
                 true
             }
-            (b"NOD" | b"ELM", None) => return Err(Fault::at(at, "version 1 of the format", VERSIONS)),
+            (b"NOD" | b"ELM", None) => return Err(Fault::at(start, "version 1 of the format", VERSIONS)),
             (b"ParametricNodes", _) => {
                 return Err(Fault::at(
-                    at,
+                    start,
                     "nodes with parameters",
                     "$Nodes, as Gmsh writes by default",
                 ));
             }
             // Their layout depends on the version and on the type of the file, which only $MeshFormat tells.
             (b"PhysicalNames" | b"Entities" | b"Nodes" | b"Elements", None) => {
-                return Err(Fault::at(at, quote(word), "$MeshFormat before it"));
+                return Err(Fault::at(start, quote(word), "$MeshFormat before it"));
             }
             (_, None) => false,
-            (_, Some(version)) => section(name, at, version, &mut reader, &mut contents, regions)?,
+            (_, Some(version)) => section(name, start, version, &mut reader, &mut contents, regions)?,
         };
         if !counts {
-            skip(&mut reader.cursor, at, word)?;
+            skip(&mut reader.cursor, start, word)?;
             continue;
         }
-        let (at, word) = reader.cursor.word();
+        let (start, word) = reader.cursor.word();
         if word.strip_prefix(b"$End") != Some(name) {
             return Err(Fault::at(
-                at,
+                start,
                 quote(word),
                 format!("$End{}", String::from_utf8_lossy(name)),
             ));
@@ -98,10 +98,10 @@ fn sections(bytes: &[u8], regions: Regions) -> Result<Contents, Fault> {
     }
 }
 
-/// Reads a section after its name, which starts at `at`; returns false if it is to be skipped.
+/// Reads a section after its name, which starts at `start`; returns false if it is to be skipped.
 fn section(
     name: &[u8],
-    at: usize,
+    start: usize,
     version: Version,
     reader: &mut Reader,
     contents: &mut Contents,
@@ -110,7 +110,7 @@ fn section(
     let once = |repeated: bool| {
         if repeated {
             Err(Fault::at(
-                at,
+                start,
                 format!("${}", String::from_utf8_lossy(name)),
                 "one of each section, with $Elements as the last of them",
             ))
@@ -134,14 +134,14 @@ fn section(
         (b"Nodes", _) => {
             once(contents.nodes.is_some())?;
             contents.nodes = Some(match version {
-                Version::V2 => v2::nodes(reader, at)?,
-                Version::V4 => v4::nodes(reader, at)?,
+                Version::V2 => v2::nodes(reader, start)?,
+                Version::V4 => v4::nodes(reader, start)?,
             });
         }
         (b"Elements", _) => {
             once(contents.elements.is_some())?;
             let nodes = contents.nodes.as_ref();
-            let nodes = nodes.ok_or_else(|| Fault::at(at, "$Elements", "$Nodes before it"))?;
+            let nodes = nodes.ok_or_else(|| Fault::at(start, "$Elements", "$Nodes before it"))?;
             contents.elements = Some(match version {
                 Version::V2 => v2::elements(reader, nodes, regions)?,
                 Version::V4 => v4::elements(reader, nodes, &contents.volumes, regions)?,
@@ -156,34 +156,34 @@ const VERSIONS: &str = "version 2.2 or 4.1 (save again with `gmsh old.msh -save 
 
 /// Reads version, file type and data size, and sets up the reader.
 fn header(reader: &mut Reader) -> Result<Version, Fault> {
-    let (at, word) = reader.cursor.word();
+    let (start, word) = reader.cursor.word();
     let version = match word {
         b"2" | b"2.0" | b"2.1" | b"2.2" => Version::V2,
         b"4.1" => Version::V4,
-        _ => return Err(Fault::at(at, quote(word), VERSIONS)),
+        _ => return Err(Fault::at(start, quote(word), VERSIONS)),
     };
-    let (at, word) = reader.cursor.word();
+    let (start, word) = reader.cursor.word();
     let binary = match word {
         b"0" => false,
         b"1" => true,
-        _ => return Err(Fault::at(at, quote(word), "0 (ASCII) or 1 (binary)")),
+        _ => return Err(Fault::at(start, quote(word), "0 (ASCII) or 1 (binary)")),
     };
-    let (at, word) = reader.cursor.word();
+    let (start, word) = reader.cursor.word();
     let wide = match (word, version) {
         // Version 2 states the size of its reals, version 4 that of its integers, which may be narrow.
         (b"8", _) => true,
         (b"4", Version::V4) => false,
-        _ => return Err(Fault::at(at, quote(word), "a data size of 8 bytes")),
+        _ => return Err(Fault::at(start, quote(word), "a data size of 8 bytes")),
     };
     if binary {
         reader.cursor.line();
-        let at = reader.cursor.at;
+        let start = reader.cursor.at;
         let big_endian = match reader.cursor.take(4) {
             Some([1, 0, 0, 0]) => false,
             Some([0, 0, 0, 1]) => true,
             found => {
                 return Err(Fault::at(
-                    at,
+                    start,
                     quote(found.unwrap_or_default()),
                     "a binary 1 that tells the byte order",
                 ));
@@ -195,16 +195,16 @@ fn header(reader: &mut Reader) -> Result<Version, Fault> {
 }
 
 /// Skips a section of any contents.
-fn skip(cursor: &mut Cursor, at: usize, word: &[u8]) -> Result<(), Fault> {
+fn skip(cursor: &mut Cursor, start: usize, word: &[u8]) -> Result<(), Fault> {
     let end = [b"$End", &word[1..]].concat();
     let rest = cursor.rest();
-    let is_end = |place: &usize| {
-        let after = rest[*place..].strip_prefix(end.as_slice());
+    let is_end = |length: &usize| {
+        let after = rest[*length..].strip_prefix(end.as_slice());
         after.is_some_and(|after| after.first().is_none_or(u8::is_ascii_whitespace))
     };
-    let place = (0..rest.len()).find(is_end);
-    let place = place.ok_or_else(|| Fault::at(at, quote(word), "a section of the format, or one that ends"))?;
-    cursor.at += place + end.len();
+    let length = (0..rest.len()).find(is_end);
+    let length = length.ok_or_else(|| Fault::at(start, quote(word), "a section of the format, or one that ends"))?;
+    cursor.at += length + end.len();
     Ok(())
 }
 
@@ -237,12 +237,12 @@ struct Nodes {
 }
 
 impl Nodes {
-    /// Builds the list from tags and positions in any order, which start at `at`.
-    pub(crate) fn new(mut nodes: Vec<(u64, [f64; 3])>, at: usize) -> Result<Nodes, Fault> {
+    /// Builds the list from tags and positions in any order, which start at `offset`.
+    pub(crate) fn new(mut nodes: Vec<(u64, [f64; 3])>, offset: usize) -> Result<Nodes, Fault> {
         nodes.sort_by_key(|node| node.0);
         if let Some(pair) = nodes.windows(2).find(|pair| pair[0].0 == pair[1].0) {
             return Err(Fault::at(
-                at,
+                offset,
                 format!("two nodes with the tag {}", pair[0].0),
                 "a tag of its own for every node",
             ));
@@ -251,17 +251,17 @@ impl Nodes {
         Ok(Nodes { tags, positions })
     }
 
-    /// Returns the index of a node to which an element at `at` refers.
-    pub(crate) fn index(&self, tag: u64, at: usize) -> Result<u32, Fault> {
+    /// Returns the index of a node to which an element at `offset` refers.
+    pub(crate) fn index(&self, tag: u64, offset: usize) -> Result<u32, Fault> {
         let first = self.tags.first().copied().unwrap_or_default();
         // Most files number their nodes without gaps.
-        let guess = tag.checked_sub(first).and_then(|place| usize::try_from(place).ok());
-        let place = guess
-            .filter(|place| self.tags.get(*place) == Some(&tag))
+        let guess = tag.checked_sub(first).and_then(|index| usize::try_from(index).ok());
+        let index = guess
+            .filter(|index| self.tags.get(*index) == Some(&tag))
             .or_else(|| self.tags.binary_search(&tag).ok());
-        place.and_then(|place| u32::try_from(place).ok()).ok_or_else(|| {
+        index.and_then(|index| u32::try_from(index).ok()).ok_or_else(|| {
             Fault::at(
-                at,
+                offset,
                 format!("a tetrahedron with the node {tag}"),
                 format!("the tags of {CORNERS} of the {} nodes", self.tags.len()),
             )
@@ -327,13 +327,13 @@ const KINDS: [Kind; 33] = [
 ];
 
 impl Kind {
-    /// Returns the type of a number at `at`, if meshes can contain it: a linear tetrahedron, or something flat to ignore.
-    pub(crate) fn usable(code: i32, at: usize) -> Result<&'static Kind, Fault> {
+    /// Returns the type of a number at `offset`, if meshes can contain it: a linear tetrahedron, or something flat to ignore.
+    pub(crate) fn usable(code: i32, offset: usize) -> Result<&'static Kind, Fault> {
         const EXPECTED: &str = "linear tetrahedra (type 4) as the only elements with a volume";
         match KINDS.iter().find(|kind| kind.code == code) {
-            None => Err(Fault::at(at, format!("element type {code}"), EXPECTED)),
+            None => Err(Fault::at(offset, format!("element type {code}"), EXPECTED)),
             Some(kind) if kind.dimension == 3 && !kind.is_tetrahedron() => Err(Fault::at(
-                at,
+                offset,
                 format!("a {} (element type {code})", kind.name),
                 EXPECTED,
             )),

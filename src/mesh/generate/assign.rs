@@ -148,10 +148,10 @@ fn sweep(draft: &mut Draft, stage: &Stage, volumes: &mut [f64]) -> usize {
     let mut moved = 0;
     let mut candidates = Vec::new();
     for element in 0..draft.elements.len() as u32 {
-        let at = element as usize;
-        let current = draft.classes[at];
+        let index = element as usize;
+        let current = draft.classes[index];
         let across = [0, 1, 2, 3].map(|face| draft.across(element, face));
-        let parts = &draft.contents[at].parts;
+        let parts = &draft.contents[index].parts;
         // Inside a region of one class no other can be better.
         if across == [current; 4] && parts.iter().all(|part| part.0 == current) {
             continue;
@@ -161,18 +161,18 @@ fn sweep(draft: &mut Draft, stage: &Stage, volumes: &mut [f64]) -> usize {
         candidates.extend(parts.iter().map(|part| part.0));
         candidates.sort_unstable();
         candidates.dedup();
-        candidates.retain(|class| *class != current && (stage.sound[at] || *class == OUTSIDE));
+        candidates.retain(|class| *class != current && (stage.sound[index] || *class == OUTSIDE));
         let Some(class) = stage.best(draft, element, &across, &candidates, volumes) else {
             continue;
         };
-        draft.classes[at] = class;
+        draft.classes[index] = class;
         let surface = current == OUTSIDE || class == OUTSIDE;
         // Parts of the mesh may touch in faces alone: a change after which they touch in a node or an edge is taken back.
-        if surface && draft.elements[at].iter().any(|&node| draft.fans(node).len() > 1) {
-            draft.classes[at] = current;
+        if surface && draft.elements[index].iter().any(|&node| draft.fans(node).len() > 1) {
+            draft.classes[index] = current;
             continue;
         }
-        let volume = draft.contents[at].volume;
+        let volume = draft.contents[index].volume;
         volumes[usize::from(current)] -= volume;
         volumes[usize::from(class)] += volume;
         moved += 1;
@@ -183,15 +183,15 @@ fn sweep(draft: &mut Draft, stage: &Stage, volumes: &mut [f64]) -> usize {
 impl Stage<'_> {
     /// Returns the candidate with the lowest energy, if it is below that of the element's own class.
     fn best(&self, draft: &Draft, element: u32, across: &[u8; 4], candidates: &[u8], volumes: &[f64]) -> Option<u8> {
-        let at = element as usize;
-        let current = draft.classes[at];
-        let contents = &draft.contents[at];
+        let index = element as usize;
+        let current = draft.classes[index];
+        let contents = &draft.contents[index];
         let volume = contents.volume;
         let outside = contents.of(OUTSIDE);
         let cost = |class: u8| {
             let unlike = across
                 .iter()
-                .zip(&self.prices[at])
+                .zip(&self.prices[index])
                 .filter(|(other, _)| **other != class);
             let faces: f64 = unlike
                 .map(|(&other, price)| {
@@ -221,8 +221,8 @@ impl Stage<'_> {
         for &class in candidates {
             let mut strained = strain(current, -volume) + strain(class, volume);
             if current == OUTSIDE || class == OUTSIDE {
-                let most = self.surface_bid * volume;
-                strained = strained.clamp(-most, most);
+                let limit = self.surface_bid * volume;
+                strained = strained.clamp(-limit, limit);
             }
             let gain = cost(class) - cost(current) + strained;
             if gain < best.1 {

@@ -42,12 +42,12 @@ impl Bisection {
     pub(super) fn new(lattice: &Lattice) -> Self {
         let points = lattice.cells.map(|n| n + 1);
         let stride = [1, points[0], points[0] * points[1]];
-        let at = |axis: usize, index: usize| lattice.low[axis] + lattice.edges[axis] * index as f64;
+        let coordinate = |axis: usize, index: usize| lattice.low[axis] + lattice.edges[axis] * index as f64;
         let mut nodes = Vec::with_capacity(lattice.nodes());
         for k in 0..points[2] {
             for j in 0..points[1] {
                 for i in 0..points[0] {
-                    nodes.push([at(0, i), at(1, j), at(2, k)]);
+                    nodes.push([coordinate(0, i), coordinate(1, j), coordinate(2, k)]);
                 }
             }
         }
@@ -57,12 +57,13 @@ impl Bisection {
             elements: Vec::new(),
             tags: Vec::new(),
             low: lattice.low,
-            high: [0, 1, 2].map(|axis| at(axis, lattice.cells[axis])),
+            high: [0, 1, 2].map(|axis| coordinate(axis, lattice.cells[axis])),
         };
         for k in 0..lattice.cells[2] {
             for j in 0..lattice.cells[1] {
                 for i in 0..lattice.cells[0] {
                     let first = i * stride[0] + j * stride[1] + k * stride[2];
+                    // All walks share the diagonal of the cell, so that faces of adjacent cells meet and bisection can recur.
                     for walk in WALKS {
                         let second = first + stride[walk[0]];
                         let third = second + stride[walk[1]];
@@ -136,9 +137,9 @@ impl Bisection {
         self.nodes.push([0, 1, 2].map(|axis| 0.5 * (a[axis] + b[axis])));
         self.stars.push(Vec::with_capacity(2 * around.len()));
         for &element in around {
-            let at = element as usize;
-            let corners = self.elements[at];
-            let tag = self.tags[at];
+            let index = element as usize;
+            let corners = self.elements[index];
+            let tag = self.tags[index];
             let k = usize::from(tag);
             let next = if tag > 1 { tag - 1 } else { 3 };
             let mut near = corners;
@@ -148,8 +149,8 @@ impl Bisection {
             far[k] = middle;
             self.stars[corners[k] as usize].retain(|e| *e != element);
             self.stars[middle as usize].push(element);
-            self.elements[at] = near;
-            self.tags[at] = next;
+            self.elements[index] = near;
+            self.tags[index] = next;
             changed.push(element);
             changed.push(self.elements.len() as u32);
             self.push(far, next);

@@ -121,6 +121,7 @@ pub(super) fn within(
         if kept <= nodes {
             return finish::finish(&draft, tissue, &path, sampler).map(Some);
         }
+        // Fitting and assigning change which nodes are kept; their number goes about with the aim.
         let fitting = MARGIN * aim as f64 * nodes as f64 / kept as f64;
         aim = (fitting as usize).min(aim.saturating_sub(1));
     }

@@ -61,7 +61,7 @@ impl Contents {
 pub(super) struct Sampler {
     lattices: Vec<Vec<[f64; 4]>>,
     work: AtomicU64,
-    most: AtomicU64,
+    limit: AtomicU64,
 }
 
 impl Sampler {
@@ -81,18 +81,18 @@ impl Sampler {
         Sampler {
             lattices: (MIN_ORDER..=MAX_ORDER).map(lattice).collect(),
             work: AtomicU64::new(0),
-            most: AtomicU64::new(u64::MAX),
+            limit: AtomicU64::new(u64::MAX),
         }
     }
 
     /// Limits the work from here on.
     pub(super) fn limit(&self, more: u64) {
-        self.most.store(self.work().saturating_add(more), Ordering::Relaxed);
+        self.limit.store(self.work().saturating_add(more), Ordering::Relaxed);
     }
 
     /// Returns whether the limit is reached.
     pub(crate) fn is_spent(&self) -> bool {
-        self.work() >= self.most.load(Ordering::Relaxed)
+        self.work() >= self.limit.load(Ordering::Relaxed)
     }
 
     /// Returns the work so far: the number of points, and [`WORK`] for each element.
@@ -113,11 +113,12 @@ impl Sampler {
         let volume = six_volumes(corners).abs() / 6.0;
         let lattice = self.lattice(tissue, volume);
         self.work.fetch_add(lattice.len() as u64 + WORK, Ordering::Relaxed);
-        let at = corners.map(|corner| tissue.index_of(corner));
+        let indices = corners.map(|corner| tissue.index_of(corner));
         let mut counts = [0u16; 256];
         for w in lattice {
-            let index =
-                [0, 1, 2].map(|axis| w[0] * at[0][axis] + w[1] * at[1][axis] + w[2] * at[2][axis] + w[3] * at[3][axis]);
+            let index = [0, 1, 2].map(|axis| {
+                w[0] * indices[0][axis] + w[1] * indices[1][axis] + w[2] * indices[2][axis] + w[3] * indices[3][axis]
+            });
             counts[usize::from(tissue.class_at_index(index))] += 1;
         }
         let share = volume / lattice.len() as f64;

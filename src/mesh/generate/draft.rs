@@ -109,17 +109,17 @@ impl Draft {
         let mut fans = Vec::new();
         while let Some(seed) = open.pop() {
             let mut fan = vec![seed];
-            let mut at = 0;
-            while at < fan.len() {
-                let element = fan[at] as usize;
-                at += 1;
+            let mut next = 0;
+            while next < fan.len() {
+                let element = fan[next] as usize;
+                next += 1;
                 for corner in 0..4 {
                     if self.elements[element][corner] == node {
                         continue;
                     }
                     let neighbour = self.neighbours[element][corner];
-                    if let Some(place) = open.iter().position(|e| *e == neighbour) {
-                        fan.push(open.swap_remove(place));
+                    if let Some(index) = open.iter().position(|e| *e == neighbour) {
+                        fan.push(open.swap_remove(index));
                     }
                 }
             }

@@ -28,6 +28,7 @@ pub(super) fn finish(
         regions.push(tissue.regions[usize::from(draft.classes[element as usize])]);
     }
     let mesh = TetMesh::new(nodes, elements, regions)?;
+    // In the grid's own coordinates every element is sound; far from the origin of the world rounding may flatten one.
     if !mesh.volumes(mesh.nodes()).all(|volume| volume > 0.0) {
         return Err(GenerateError::Far);
     }

@@ -26,8 +26,8 @@ const FREE: f64 = 0.1;
 /// Moves the nodes of interfaces once, in order.
 pub(super) fn fit(draft: &mut Draft, tissue: &Tissue, limits: &Limits) {
     for node in 0..draft.nodes.len() as u32 {
-        if let Some(place) = wanted(draft, tissue, node) {
-            shift(draft, node, place, limits);
+        if let Some(position) = wanted(draft, tissue, node) {
+            shift(draft, node, position, limits);
         }
     }
 }
@@ -110,8 +110,8 @@ fn parting(
     let mut seen = [false; 2];
     let mut best = (0i32, -reach);
     for sample in 0..2 * STEPS {
-        let along = (sample as f64 + 0.5) * step - reach;
-        let class = tissue.class_at((point + along * normal).into());
+        let height = (sample as f64 + 0.5) * step - reach;
+        let class = tissue.class_at((point + height * normal).into());
         if class == second {
             wrong += 1;
             seen[1] = true;
@@ -119,9 +119,9 @@ fn parting(
             wrong -= 1;
             seen[0] = true;
         }
-        let place = along + 0.5 * step;
-        if wrong < best.0 || wrong == best.0 && place.abs() < best.1.abs() {
-            best = (wrong, place);
+        let offset = height + 0.5 * step;
+        if wrong < best.0 || wrong == best.0 && offset.abs() < best.1.abs() {
+            best = (wrong, offset);
         }
     }
     (seen == [true; 2]).then_some(best.1)

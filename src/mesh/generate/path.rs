@@ -28,13 +28,13 @@ impl Path {
             let [a, b] = ends.map(|end| tissue.to_frame(end));
             let steps = (b - a).norm() / (STEP * tissue.voxel_mm3.cbrt());
             let steps = steps.ceil().clamp(1.0, MAX_STEPS) as u32;
-            let at = |step: u32| a + (b - a) * (f64::from(step) / f64::from(steps));
-            let in_tissue = |step: &u32| tissue.class_at(at(*step).into()) != OUTSIDE;
+            let point = |step: u32| a + (b - a) * (f64::from(step) / f64::from(steps));
+            let in_tissue = |step: &u32| tissue.class_at(point(*step).into()) != OUTSIDE;
             let Some(first) = (0..=steps).find(in_tissue) else {
                 continue;
             };
             let last = (first..=steps).rev().find(in_tissue).unwrap_or(first);
-            let segment = [at(first), at(last)];
+            let segment = [point(first), point(last)];
             let is_known = |[a, b]: &[Vector3<f64>; 2]| *a == segment[0] && *b == segment[1];
             let reversed = |[a, b]: &[Vector3<f64>; 2]| *b == segment[0] && *a == segment[1];
             if !segments.iter().any(|other| is_known(other) || reversed(other)) {
@@ -83,9 +83,9 @@ impl Path {
             let lattice = sampler.lattice(tissue, draft.contents[element as usize].volume);
             let share = draft.contents[element as usize].volume / lattice.len() as f64;
             let class = draft.classes[element as usize];
-            let at = corners.map(Vector3::from);
+            let corners = corners.map(Vector3::from);
             for w in lattice {
-                let point = w[0] * at[0] + w[1] * at[1] + w[2] * at[2] + w[3] * at[3];
+                let point = w[0] * corners[0] + w[1] * corners[1] + w[2] * corners[2] + w[3] * corners[3];
                 if self.distance(&point) <= NEAR_MM {
                     let true_class = tissue.class_at(point.into());
                     all += if true_class == OUTSIDE { 0.0 } else { share };

@@ -125,31 +125,31 @@ impl<'a> Refinement<'a> {
 
     /// Adds an element with its current corners to the queue and the count.
     fn admit(&mut self, element: u32, tissue: &Tissue, sampler: &Sampler) {
-        let at = element as usize;
-        if self.states.len() <= at {
-            self.states.resize(at + 1, State::default());
+        let index = element as usize;
+        if self.states.len() <= index {
+            self.states.resize(index + 1, State::default());
         }
         let corners = self.mesh.corners(element);
         let contents = sampler.contents(tissue, &corners);
-        for node in self.states[at].kept.take().into_iter().flatten() {
+        for node in self.states[index].kept.take().into_iter().flatten() {
             self.kept[node as usize] -= 1;
             self.kept_nodes -= usize::from(self.kept[node as usize] == 0);
         }
-        self.states[at].version += 1;
+        self.states[index].version += 1;
         if contents.majority() != OUTSIDE {
-            let corners = self.mesh.elements[at];
+            let corners = self.mesh.elements[index];
             for node in corners {
                 self.kept_nodes += usize::from(self.kept[node as usize] == 0);
                 self.kept[node as usize] += 1;
             }
-            self.states[at].kept = Some(corners);
+            self.states[index].kept = Some(corners);
         }
         let score = self.score(&contents, &corners, tissue.voxel_mm3);
         if score > 0.0 {
             self.queue.push(Entry {
                 score: score.to_bits(),
                 before: Reverse(element),
-                version: self.states[at].version,
+                version: self.states[index].version,
             });
         }
     }

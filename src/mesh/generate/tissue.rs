@@ -181,7 +181,7 @@ fn classes(grid: &LabelGrid) -> Result<([u8; 256], Vec<i32>), GenerateError> {
             return Err(GenerateError::RepeatedLabel { label });
         }
         let known = regions[1..].iter().position(|r| *r == region);
-        let class = known.map_or(regions.len(), |at| at + 1);
+        let class = known.map_or(regions.len(), |index| index + 1);
         if known.is_none() {
             regions.push(region);
         }

@@ -83,13 +83,13 @@ impl Sets {
 
     fn root(&mut self, member: u32) -> u32 {
         let parents = &mut self.0;
-        let mut at = member;
-        while parents[at as usize] != at {
+        let mut current = member;
+        while parents[current as usize] != current {
             // Each step halves the path for the next time.
-            parents[at as usize] = parents[parents[at as usize] as usize];
-            at = parents[at as usize];
+            parents[current as usize] = parents[parents[current as usize] as usize];
+            current = parents[current as usize];
         }
-        at
+        current
     }
 
     fn join(&mut self, a: u32, b: u32) {

@@ -94,8 +94,8 @@ impl Scaled {
     /// Returns the least and the greatest angle between two faces, degrees.
     fn dihedral_deg(&self) -> [f64; 2] {
         let mut range = [f64::INFINITY, f64::NEG_INFINITY];
-        for (place, normal) in self.normals.iter().enumerate() {
-            for other in &self.normals[..place] {
+        for (corner, normal) in self.normals.iter().enumerate() {
+            for other in &self.normals[..corner] {
                 // The angle between normals that both point outwards (or both inwards) is the supplement of the angle
                 // between the faces.
                 let angle = f64::atan2(normal.cross(other).norm(), 0.0 - normal.dot(other)).to_degrees();

@@ -58,7 +58,7 @@ impl Feature {
 
     fn origin(&self) -> Vector3<f64> {
         match self {
-            Self::Point(at) | Self::Line(at, _) => *at,
+            Self::Point(point) | Self::Line(point, _) => *point,
         }
     }
 
@@ -164,16 +164,17 @@ pub fn calibrate(pixels: &[Pixel], poses: &Poses) -> Result<ImageCalibration, Tr
         .collect();
     let count = seen.len() as f64;
     let mean = [0, 1].map(|axis| seen.iter().map(|(pixel, _)| pixel.at[axis]).sum::<f64>() / count);
+    // About their mean the pixels separate the turn of the plane from its shift, and both deviations hold where the pixels lie.
     let fit_of_kept = trimmed(seen.len(), |used| {
         let kept: Vec<Seen<'_>> = seen
             .iter()
             .zip(used)
             .filter(|(_, used)| **used)
-            .map(|(it, _)| *it)
+            .map(|(observation, _)| *observation)
             .collect();
         let fit = fit(&kept, mean)?;
-        let off = |it: &Seen<'_>| residual(it, &fit.0, mean).norm();
-        Ok((fit, seen.iter().map(off).collect()))
+        let distance_mm = |observation: &Seen<'_>| residual(observation, &fit.0, mean).norm();
+        Ok((fit, seen.iter().map(distance_mm).collect()))
     })?;
     let (plane, [turn, shift], angle) = fit_of_kept.fitted;
     let used = fit_of_kept.count();
@@ -189,7 +190,7 @@ pub fn calibrate(pixels: &[Pixel], poses: &Poses) -> Result<ImageCalibration, Tr
         used,
         skipped: pixels.len() - seen.len(),
         trimmed: seen.len() - used,
-        residuals: fit_of_kept.residuals(|at| seen[at].0.frame),
+        residuals: fit_of_kept.residuals(|index| seen[index].0.frame),
     })
 }
 
@@ -199,8 +200,8 @@ fn beyond((pixel, _): &Seen<'_>, mean: [f64; 2]) -> [f64; 2] {
 
 fn residual(seen: &Seen<'_>, plane: &Plane, mean: [f64; 2]) -> Vector3<f64> {
     let (pixel, pose) = seen;
-    let place = pose.rotation * (plane.beyond(beyond(seen, mean)) + plane.centre) + pose.position;
-    pixel.feature.across() * (place - pixel.feature.origin())
+    let position = pose.rotation * (plane.beyond(beyond(seen, mean)) + plane.centre) + pose.position;
+    pixel.feature.across() * (position - pixel.feature.origin())
 }
 
 fn fit(seen: &[Seen<'_>], mean: [f64; 2]) -> Result<Fit, TrackingError> {
@@ -220,12 +221,12 @@ fn fit(seen: &[Seen<'_>], mean: [f64; 2]) -> Result<Fit, TrackingError> {
     for _ in 0..STEPS {
         let mut jacobian = DMatrix::<f64>::zeros(rows, PARAMETERS);
         let mut right = DVector::zeros(rows);
-        for (at, it) in seen.iter().enumerate() {
-            let [u, v] = beyond(it, mean);
-            let before = it.0.feature.across() * it.1.rotation;
+        for (index, observation) in seen.iter().enumerate() {
+            let [u, v] = beyond(observation, mean);
+            let before = observation.0.feature.across() * observation.1.rotation;
             let mut put = |column, value: Vector3<f64>| {
                 jacobian
-                    .fixed_view_mut::<3, 1>(3 * at, column)
+                    .fixed_view_mut::<3, 1>(3 * index, column)
                     .copy_from(&(before * value));
             };
             let arm = plane.beyond([u, v]);
@@ -236,7 +237,9 @@ fn fit(seen: &[Seen<'_>], mean: [f64; 2]) -> Result<Fit, TrackingError> {
             }
             put(3, plane.axes.column(0) * u);
             put(4, plane.axes.column(1) * v);
-            right.fixed_rows_mut::<3>(3 * at).copy_from(&residual(it, &plane, mean));
+            right
+                .fixed_rows_mut::<3>(3 * index)
+                .copy_from(&residual(observation, &plane, mean));
         }
         squares = right.norm_squared();
         normal.copy_from(&(jacobian.transpose() * &jacobian));
@@ -276,20 +279,20 @@ fn affine(seen: &[Seen<'_>], mean: [f64; 2]) -> Result<(Plane, f64), TrackingErr
     // Pixels in units that make the columns of the problem alike.
     let reach = seen
         .iter()
-        .flat_map(|it| beyond(it, mean))
-        .fold(1.0, |most: f64, x| most.max(x.abs()));
+        .flat_map(|observation| beyond(observation, mean))
+        .fold(1.0, |largest: f64, x| largest.max(x.abs()));
     let mut a = DMatrix::zeros(3 * seen.len(), 9);
     let mut b = DVector::zeros(3 * seen.len());
-    for (at, it) in seen.iter().enumerate() {
-        let across = it.0.feature.across();
-        let before = across * it.1.rotation;
-        let [u, v] = beyond(it, mean).map(|x| x / reach);
+    for (index, observation) in seen.iter().enumerate() {
+        let across = observation.0.feature.across();
+        let before = across * observation.1.rotation;
+        let [u, v] = beyond(observation, mean).map(|x| x / reach);
         for (column, factor) in [u, v, 1.0].into_iter().enumerate() {
-            a.fixed_view_mut::<3, 3>(3 * at, 3 * column)
+            a.fixed_view_mut::<3, 3>(3 * index, 3 * column)
                 .copy_from(&(before * factor));
         }
-        let away = across * (it.0.feature.origin() - it.1.position);
-        b.fixed_rows_mut::<3>(3 * at).copy_from(&away);
+        let away = across * (observation.0.feature.origin() - observation.1.position);
+        b.fixed_rows_mut::<3>(3 * index).copy_from(&away);
     }
     let svd = a.svd(true, true);
     if svd.singular_values.min() < DETERMINED * svd.singular_values.max() {
@@ -325,29 +328,29 @@ fn project(image_to_probe: &Matrix4<f64>, pose: &MarkerPose, feature: &Feature) 
     let (columns, rows, origin): (Vector3<f64>, Vector3<f64>, Vector3<f64>) = (part(0), part(1), part(3));
     let normal = columns.cross(&rows).try_normalize(1e-12)?;
     let back = pose.rotation.transpose();
-    let at = back * (feature.origin() - pose.position) - origin;
-    let off = at.dot(&normal);
-    let at = match feature {
-        Feature::Point(_) => (off.abs() < SLICE_MM).then_some(at - normal * off)?,
+    let point = back * (feature.origin() - pose.position) - origin;
+    let height = point.dot(&normal);
+    let point = match feature {
+        Feature::Point(_) => (height.abs() < SLICE_MM).then_some(point - normal * height)?,
         Feature::Line(_, along) => {
             let along = back * along;
             let steep = along.dot(&normal);
-            (steep.abs() > 0.1).then(|| at - along * (off / steep))?
+            (steep.abs() > 0.1).then(|| point - along * (height / steep))?
         }
     };
     let solve = Matrix3::from_columns(&[columns, rows, normal]).try_inverse()?;
-    let pixel = solve * at;
+    let pixel = solve * point;
     Some([pixel.x, pixel.y])
 }
 
 /// Centre of the brightest echo near a pixel, as the centroid of the grey levels above half of the maximum.
 fn echo(image: &GreyImage, near: [f64; 2], pixel_mm: [f64; 2]) -> Option<[f64; 2]> {
     let size = [image.width, image.height];
-    let window = |at: [f64; 2], radius_mm: f64| {
+    let window = |centre: [f64; 2], radius_mm: f64| {
         let range = [0, 1].map(|axis| {
             let reach = radius_mm / pixel_mm[axis];
-            let low = (at[axis] - reach).ceil().max(0.0) as usize;
-            let high = ((at[axis] + reach).floor() + 1.0).clamp(0.0, size[axis] as f64) as usize;
+            let low = (centre[axis] - reach).ceil().max(0.0) as usize;
+            let high = ((centre[axis] + reach).floor() + 1.0).clamp(0.0, size[axis] as f64) as usize;
             low..high
         });
         let [columns, rows] = range;
@@ -355,21 +358,21 @@ fn echo(image: &GreyImage, near: [f64; 2], pixel_mm: [f64; 2]) -> Option<[f64; 2
     };
     let grey = |(column, row): (usize, usize)| image.pixels[row * size[0] + column];
     // Of equally bright pixels the first.
-    let brightest = window(near, SEARCH_MM).fold(None, |best: Option<(usize, usize)>, at| match best {
-        Some(known) if grey(known) >= grey(at) => best,
-        _ => Some(at),
+    let brightest = window(near, SEARCH_MM).fold(None, |best: Option<(usize, usize)>, pixel| match best {
+        Some(known) if grey(known) >= grey(pixel) => best,
+        _ => Some(pixel),
     })?;
     let peak = grey(brightest);
     if peak < ECHO_GREY {
         return None;
     }
     let mut sums = [0.0; 3];
-    for at in window([brightest.0 as f64, brightest.1 as f64], ECHO_MM) {
-        let weight = f64::from(grey(at)) - f64::from(peak) / 2.0;
+    for pixel in window([brightest.0 as f64, brightest.1 as f64], ECHO_MM) {
+        let weight = f64::from(grey(pixel)) - f64::from(peak) / 2.0;
         if weight > 0.0 {
             sums[0] += weight;
-            sums[1] += weight * at.0 as f64;
-            sums[2] += weight * at.1 as f64;
+            sums[1] += weight * pixel.0 as f64;
+            sums[2] += weight * pixel.1 as f64;
         }
     }
     Some([sums[1] / sums[0], sums[2] / sums[0]])
@@ -399,10 +402,10 @@ pub fn follow(
             };
             pixels.extend(features.iter().filter_map(|feature| {
                 let near = project(&image_to_probe, pose, feature)?;
-                let at = echo(image, near, pixel_mm)?;
+                let pixel = echo(image, near, pixel_mm)?;
                 Some(Pixel {
                     frame: pose.frame,
-                    at,
+                    at: pixel,
                     feature: *feature,
                 })
             }));

@@ -131,8 +131,8 @@ impl Poses {
 
     /// Pose of a frame.
     pub fn of(&self, frame: usize) -> Option<&MarkerPose> {
-        let at = self.poses.binary_search_by_key(&frame, |pose| pose.frame);
-        at.ok().map(|at| &self.poses[at])
+        let index = self.poses.binary_search_by_key(&frame, |pose| pose.frame);
+        index.ok().map(|index| &self.poses[index])
     }
 }
 

@@ -146,12 +146,13 @@ pub fn follow(
     let Some(first) = commands.first() else {
         return Ok(Vec::new());
     };
+    // Slides move from their own zero, the middle of the dead band at the first command.
     let (from, ratio) = (guide.slides(first)?, drive.reduction());
     let loads = [0.0, 0.0, drive.load_n];
     let mut slides = [Slide::default(); 3];
     let mut before = [0.0; 3];
     let mut all = Vec::with_capacity(commands.len());
-    for (at, command) in commands.iter().enumerate() {
+    for (step, command) in commands.iter().enumerate() {
         let wanted = guide.slides(command)?;
         let mut places = wanted;
         if control != Control::Ideal {
@@ -163,7 +164,7 @@ pub fn follow(
             }
         }
         all.push(Driven {
-            time_s: start_s + at as f64 * PERIOD_S,
+            time_s: start_s + step as f64 * PERIOD_S,
             command: *command,
             posture: guide.at(places)?,
             lost_mm: slides.map(|slide| (slide.input_mm - slide.output_mm) * ratio),

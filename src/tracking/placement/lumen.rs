@@ -38,14 +38,14 @@ pub(super) fn place(
         )));
     }
     let [nx, ny, _] = volume.size();
-    let world = |at: usize| {
-        let index = [at % nx, at / nx % ny, at / (nx * ny)].map(|x| x as f64);
+    let world = |voxel: usize| {
+        let index = [voxel % nx, voxel / nx % ny, voxel / (nx * ny)].map(|x| x as f64);
         volume.index_to_world().transform_point(&Point3::from(index))
     };
     let centre = world(widest);
-    let near = (0..wall_mm.len()).filter(|&at| wall_mm[at] > 0.0);
+    let near = (0..wall_mm.len()).filter(|&voxel| wall_mm[voxel] > 0.0);
     let near = near
-        .map(|at| world(at) - centre)
+        .map(|voxel| world(voxel) - centre)
         .filter(|offset| offset.norm() <= ALONG * radius_mm);
     let spread = near.fold(Matrix3::zeros(), |sum, offset| sum + offset * offset.transpose());
     let eigen = spread.symmetric_eigen();
@@ -66,8 +66,8 @@ pub(super) fn place(
     let down = (down - axis * down.dot(&axis)).normalize();
     let (x, origin) = (down.cross(&axis), centre + down * probe_mm);
     let mut probe_to_world = Matrix4::identity();
-    for (column, of) in [x, down, axis, origin.coords].iter().enumerate() {
-        probe_to_world.fixed_view_mut::<3, 1>(0, column).copy_from(of);
+    for (column, vector) in [x, down, axis, origin.coords].iter().enumerate() {
+        probe_to_world.fixed_view_mut::<3, 1>(0, column).copy_from(vector);
     }
     let note = format!(
         "probe at ({:.0}, {:.0}, {:.0}) mm, where the lumen is widest (radius {radius_mm:.1} mm), across its axis ({:.2}, {:.2}, {:.2})",

@@ -107,9 +107,9 @@ impl ImageGrid {
     /// the third axis scaled like the others so that the matrix is invertible.
     pub fn image_to_probe(&self) -> Matrix4<f64> {
         let mut matrix = Matrix4::identity();
-        for (column, of) in [(0, self.steps_mm[0]), (1, self.steps_mm[1]), (3, self.origin_mm)] {
-            matrix[(0, column)] = of[0];
-            matrix[(1, column)] = of[1];
+        for (column, vector) in [(0, self.steps_mm[0]), (1, self.steps_mm[1]), (3, self.origin_mm)] {
+            matrix[(0, column)] = vector[0];
+            matrix[(1, column)] = vector[1];
         }
         matrix[(2, 2)] = self.pixel_mm();
         matrix

@@ -113,17 +113,17 @@ impl ProbeSpec {
 
     /// Returns this table with open keys taken from another table, and those keys with their values.
     pub fn filled_from(mut self, other: &Self) -> (Self, Vec<String>) {
-        fn fill<T: Copy + fmt::Display>(key: &str, open: &mut Option<T>, from: Option<T>, taken: &mut Vec<String>) {
+        fn fill<T: Copy + fmt::Display>(key: &str, open: &mut Option<T>, from: Option<T>, filled: &mut Vec<String>) {
             if let (None, Some(value)) = (&open, from) {
-                taken.push(format!("{key} = {value}"));
+                filled.push(format!("{key} = {value}"));
                 *open = from;
             }
         }
-        let mut taken = Vec::new();
-        fill("kind", &mut self.kind, other.kind, &mut taken);
+        let mut filled = Vec::new();
+        fill("kind", &mut self.kind, other.kind, &mut filled);
         for &(key, value) in &other.shape {
             if self.number(key).is_none() {
-                taken.push(format!("{key} = {value}"));
+                filled.push(format!("{key} = {value}"));
                 self.set(key, Some(value));
             }
         }
@@ -131,10 +131,10 @@ impl ProbeSpec {
             "depth_mm",
             &mut self.sampling.depth_mm,
             other.sampling.depth_mm,
-            &mut taken,
+            &mut filled,
         );
-        fill("lines", &mut self.sampling.lines, other.sampling.lines, &mut taken);
-        (self, taken)
+        fill("lines", &mut self.sampling.lines, other.sampling.lines, &mut filled);
+        (self, filled)
     }
 
     fn shape(&self, kind: ProbeKind) -> Result<ProbeShape, TrackingError> {

@@ -106,8 +106,8 @@ fn is_affine(matrix: &Matrix4<f64>) -> bool {
 
 /// Splits a name such as `ProbeToTracker` into its two coordinate systems.
 pub fn ends(name: &str) -> Option<(&str, &str)> {
-    name.match_indices("To").find_map(|(at, _)| {
-        let (from, to) = (&name[..at], &name[at + 2..]);
+    name.match_indices("To").find_map(|(start, _)| {
+        let (from, to) = (&name[..start], &name[start + 2..]);
         (!from.is_empty() && to.starts_with(char::is_uppercase)).then_some((from, to))
     })
 }

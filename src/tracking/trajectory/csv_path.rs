@@ -36,7 +36,7 @@ enum Orientation {
 struct Columns {
     orientation: Orientation,
     /// Name and index of each used column.
-    places: Vec<(&'static str, usize)>,
+    columns: Vec<(&'static str, usize)>,
 }
 
 impl Trajectory {
@@ -109,17 +109,17 @@ impl Columns {
                 .chain(&LATERAL)
                 .chain(&MATRIX)
         };
-        let mut places: Vec<(&'static str, usize)> = Vec::new();
-        for (place, name) in header.iter().enumerate() {
+        let mut columns: Vec<(&'static str, usize)> = Vec::new();
+        for (column, name) in header.iter().enumerate() {
             let Some(&name) = known().find(|known| **known == name) else {
                 return Err(problem(name, "unknown"));
             };
-            if places.iter().any(|&(other, _)| other == name) {
+            if columns.iter().any(|&(other, _)| other == name) {
                 return Err(problem(name, "given twice"));
             }
-            places.push((name, place));
+            columns.push((name, column));
         }
-        let has = |name: &str| places.iter().any(|&(other, _)| other == name);
+        let has = |name: &str| columns.iter().any(|&(other, _)| other == name);
         let any = |names: &[&str]| names.iter().any(|name| has(name));
         // One column decides which others are needed. Any left over are refused: two ways to give a pose
         // could disagree.
@@ -138,9 +138,9 @@ impl Columns {
         if let Some(missing) = needed.iter().find(|name| !has(name)) {
             return Err(problem(missing, "missing"));
         }
-        match places.iter().find(|(name, _)| !needed.contains(name)) {
+        match columns.iter().find(|(name, _)| !needed.contains(name)) {
             Some((name, _)) => Err(problem(name, "one too many for this way to give a pose")),
-            None => Ok(Self { orientation, places }),
+            None => Ok(Self { orientation, columns }),
         }
     }
 
@@ -153,8 +153,8 @@ impl Columns {
         previous: Option<&Pose>,
     ) -> Result<(f64, Pose), TrackingError> {
         let number = |column: &'static str| {
-            let place = self.places.iter().find(|(name, _)| *name == column);
-            let cell = place.and_then(|&(_, place)| record.get(place)).unwrap_or_default();
+            let entry = self.columns.iter().find(|(name, _)| *name == column);
+            let cell = entry.and_then(|&(_, index)| record.get(index)).unwrap_or_default();
             match cell.parse::<f64>() {
                 Ok(number) if number.is_finite() => Ok(number),
                 _ => {
@@ -169,21 +169,21 @@ impl Columns {
         };
         let vector = |names| three(names).map(|stated| Vector3::from(world.vector(stated)));
         let time_s = number("time_s")?;
-        let place = ["x_mm", "y_mm", "z_mm"];
+        let position = ["x_mm", "y_mm", "z_mm"];
         let pose = match self.orientation {
             Orientation::Quaternion => {
                 let [qw, qx, qy, qz] = QUATERNION;
                 let quaternion = [number(qw)?, number(qx)?, number(qy)?, number(qz)?];
                 // A quaternion does not change axes as a vector does: the pose is made in the world of the
                 // file, then carried over.
-                Pose::from_quaternion(three(place)?.into(), quaternion).map(|pose| pose.in_lps(world))
+                Pose::from_quaternion(three(position)?.into(), quaternion).map(|pose| pose.in_lps(world))
             }
             Orientation::DirectionAndLateral => {
-                Pose::from_direction(vector(place)?.into(), vector(DIRECTION)?, Some(vector(LATERAL)?))
+                Pose::from_direction(vector(position)?.into(), vector(DIRECTION)?, Some(vector(LATERAL)?))
             }
             Orientation::Direction => match previous {
-                Some(previous) => previous.turned_to(vector(place)?.into(), vector(DIRECTION)?),
-                None => Pose::from_direction(vector(place)?.into(), vector(DIRECTION)?, None),
+                Some(previous) => previous.turned_to(vector(position)?.into(), vector(DIRECTION)?),
+                None => Pose::from_direction(vector(position)?.into(), vector(DIRECTION)?, None),
             },
             Orientation::Matrix => {
                 let mut matrix = Matrix4::zeros();

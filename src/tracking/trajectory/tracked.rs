@@ -77,6 +77,7 @@ impl Trajectory {
         let mut repeated = 0;
         let mut last_recorded = None;
         for (source, frame) in frames.iter().enumerate() {
+            // Numbered over all frames, so that a skipped one leaves a gap and the others keep their times.
             let untimed = (!timed).then_some(source as f64 * UNTIMED_FRAME_S);
             let key = locate(frame, frame.time_s.or(untimed), keys.last(), &before, &after);
             match key {

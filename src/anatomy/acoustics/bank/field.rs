@@ -64,8 +64,8 @@ impl Grid {
     pub(super) fn gaussian(&self, seed: Seed, stream: u32, sigma_mm: [f32; 3]) -> Vec<f32> {
         let words = seed.words(stream);
         let (nx, ny) = (self.size[0], self.size[1]);
-        let mut data = self.fill(|at, _| {
-            let point = [at % nx, at / nx % ny, at / nx / ny].map(|n| n as i32);
+        let mut data = self.fill(|index, _| {
+            let point = [index % nx, index / nx % ny, index / nx / ny].map(|n| n as i32);
             words(point).iter().map(|&word| unit(word)).sum()
         });
         for (axis, sigma_mm) in sigma_mm.into_iter().enumerate() {
@@ -85,7 +85,7 @@ impl Grid {
             .map(|t| (-0.5 * (t as f32 / sigma.max(1e-6)).powi(2)).exp())
             .collect();
         let [nx, ny, nz] = self.size;
-        let wrap = |at: usize, step: i64, n: usize| (at as i64 + step).rem_euclid(n as i64) as usize;
+        let wrap = |index: usize, step: i64, n: usize| (index as i64 + step).rem_euclid(n as i64) as usize;
         let mut out = vec![0.0f32; data.len()];
         for_each((0.., chunks_mut(&mut out, nx)), &|(line, row)| {
             let (j, k) = (line % ny, line / ny);
@@ -179,12 +179,12 @@ impl Cells {
     pub(super) fn new(grid: &Grid, seed: Seed, stream: u32, box_mm: [f32; 3]) -> Self {
         let period = grid.period_mm();
         let counts = [0, 1, 2].map(|axis| (period[axis] / box_mm[axis]).round().max(1.0) as i32);
-        let (place, identity) = (seed.words(stream), seed.words(stream + 1));
+        let (position_words, identity) = (seed.words(stream), seed.words(stream + 1));
         let mut points = Vec::new();
         for k in 0..counts[2] {
             for j in 0..counts[1] {
                 for i in 0..counts[0] {
-                    let offset = place([i, j, k]).map(|word| 0.5 + JITTER * (unit(word) - 0.5));
+                    let offset = position_words([i, j, k]).map(|word| 0.5 + JITTER * (unit(word) - 0.5));
                     points.push((offset, unit(identity([i, j, k])[0])));
                 }
             }
@@ -210,13 +210,13 @@ impl Cells {
         // The second nearest point is not farther than both of these.
         let [xs, ys, zs] = sides;
         let closest = usize::from(scaled[0] - scaled[0].floor() >= 0.5) * 2;
-        let most = point([xs[1], ys[1], zs[1]]).0.max(point([xs[closest], ys[1], zs[1]]).0);
+        let second_bound = point([xs[1], ys[1], zs[1]]).0.max(point([xs[closest], ys[1], zs[1]]).0);
         let mut nearest = [(f32::INFINITY, [0.0f32; 3], 0.0f32); 2];
         for z in zs {
             for y in ys {
                 for x in xs {
                     // Rounded as the distance is, so that no point of the box is nearer.
-                    if x.least + y.least + z.least > most {
+                    if x.least + y.least + z.least > second_bound {
                         continue;
                     }
                     let candidate = point([x, y, z]);
@@ -232,12 +232,12 @@ impl Cells {
     }
 
     /// Boxes before, at and behind a place along an axis.
-    fn sides(&self, axis: usize, at: f32) -> [Side; 3] {
-        let home = at.floor() as i32;
+    fn sides(&self, axis: usize, coordinate: f32) -> [Side; 3] {
+        let home = coordinate.floor() as i32;
         let stride = self.counts[..axis].iter().product::<i32>();
         [home - 1, home, home + 1].map(|index| {
             let start = index as f32;
-            let [low, high] = [-0.5, 0.5].map(|end| start + (0.5 + JITTER * end) - at);
+            let [low, high] = [-0.5, 0.5].map(|end| start + (0.5 + JITTER * end) - coordinate);
             let least = if low > 0.0 { low } else { high.min(0.0) };
             Side {
                 stored: (index.rem_euclid(self.counts[axis]) * stride) as usize,

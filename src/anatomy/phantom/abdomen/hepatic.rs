@@ -188,6 +188,7 @@ impl Trees {
         for (kind, trunks) in [(0, &portal_trunks), (1, &hepatic_trunks)] {
             for (i, trunk) in trunks.iter().enumerate() {
                 let Some(last) = trunk.last() else { continue };
+                // Each tree avoids those grown before it and every trunk but its own, at whose end it begins.
                 let growth = Growth {
                     organ,
                     avoid: &others(&avoid, trunk),

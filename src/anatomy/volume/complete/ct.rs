@@ -51,12 +51,15 @@ pub fn with_ct(volume: &LabelVolume, ct: &ScalarImage, options: &CompleteOptions
     let grey = sampled(volume, ct)?;
     let smooth = smoothed(size, spacing, &grey);
 
-    let tissue = |at: u8| known(volume.labels()[usize::from(at)].name.as_deref()?).map(|(tissue, _)| tissue);
+    let tissue = |label: u8| known(volume.labels()[usize::from(label)].name.as_deref()?).map(|(tissue, _)| tissue);
     let indices = (0..=255u8).take(volume.labels().len());
-    let tissues: Vec<_> = indices.map(|at| if at == 0 { None } else { tissue(at) }).collect();
-    let is_tissue =
-        |at: u8, names: &[&str]| tissues[usize::from(at)].is_some_and(|it| names.contains(&it.name.as_ref()));
-    let is_organ = |at: u8| tissues[usize::from(at)].is_some_and(|it| it.soft_organ);
+    let tissues: Vec<_> = indices
+        .map(|label| if label == 0 { None } else { tissue(label) })
+        .collect();
+    let is_tissue = |label: u8, names: &[&str]| {
+        tissues[usize::from(label)].is_some_and(|tissue| names.contains(&tissue.name.as_ref()))
+    };
+    let is_organ = |label: u8| tissues[usize::from(label)].is_some_and(|tissue| tissue.soft_organ);
     let median = |wanted: &dyn Fn(u8) -> bool| median(volume, &smooth, wanted);
     let doubt = median(&is_organ).filter(|hu| !ORGANS_HU.contains(hu));
     let warning = doubt.map(|hu| {
@@ -67,11 +70,17 @@ pub fn with_ct(volume: &LabelVolume, ct: &ScalarImage, options: &CompleteOptions
     let class = CLASSES.map(|name| label(&mut labels, name));
     VolumeError::check_labels(labels.len())?;
     let [.., skin, gas, _, vein] = class;
-    let liver = |at: u8| is_tissue(at, &["liver"]);
+    let liver = |label_index: u8| is_tissue(label_index, &["liver"]);
     let bright = median(&liver).map(|hu| hu + VESSELS_HU);
-    let is_vessel = |(at, hu): &(&u8, &f32)| liver(**at) && bright.is_some_and(|bright| **hu > bright);
+    let is_vessel =
+        |(label_index, hu): &(&u8, &f32)| liver(**label_index) && bright.is_some_and(|bright| **hu > bright);
     let vessels = volume.voxels().iter().zip(&smooth).filter(is_vessel).count() as f64;
-    let livers = volume.voxels().iter().filter(|at| liver(**at)).count().max(1) as f64;
+    let livers = volume
+        .voxels()
+        .iter()
+        .filter(|label_index| liver(**label_index))
+        .count()
+        .max(1) as f64;
     let has_vessels = (VESSELS_SHARE[0]..=VESSELS_SHARE[1]).contains(&(vessels / livers));
 
     let thinnest = spacing.iter().copied().fold(0.0, f64::max);
@@ -84,10 +93,10 @@ pub fn with_ct(volume: &LabelVolume, ct: &ScalarImage, options: &CompleteOptions
         return Err(elsewhere(0.0));
     };
     for_each((0.., chunks_mut(&mut voxels, nx)), &|(row, line)| {
-        let place = |i: usize| row * nx + i;
+        let index = |i: usize| row * nx + i;
         // Labels of the file first: the row then holds no appended labels, which `tissues` lacks.
         for (i, voxel) in line.iter_mut().enumerate().filter(|(_, voxel)| **voxel != 0) {
-            let hu = smooth[place(i)];
+            let hu = smooth[index(i)];
             if is_tissue(*voxel, &["bowel_content", "small_bowel"]) && hu < LIMITS_HU[0] {
                 *voxel = gas;
             } else if has_vessels && is_vessel(&(voxel, &hu)) {
@@ -95,11 +104,11 @@ pub fn with_ct(volume: &LabelVolume, ct: &ScalarImage, options: &CompleteOptions
             }
         }
         outline.along_row(row % ny, row / ny, line, |voxel, i, distance| {
-            if outer[place(i)] {
+            if outer[index(i)] {
                 return;
             }
-            let hu = smooth[place(i)];
-            let is_skin = f64::from(from_outside[place(i)]).sqrt() <= reach;
+            let hu = smooth[index(i)];
+            let is_skin = f64::from(from_outside[index(i)]).sqrt() <= reach;
             *voxel = if is_skin {
                 skin
             } else {
@@ -124,7 +133,7 @@ pub fn with_ct(volume: &LabelVolume, ct: &ScalarImage, options: &CompleteOptions
 }
 
 fn filled([soft, muscle, fat, deep_fat, skin, ..]: [u8; 8], counts: &[u64; 256]) -> Filled {
-    let count = |at: u8| counts[usize::from(at)];
+    let count = |class: u8| counts[usize::from(class)];
     Filled {
         soft_tissue: count(soft),
         muscle: count(muscle),
@@ -149,7 +158,7 @@ fn classified(hu: f32, distance: f64, class: &[u8; 8]) -> u8 {
 /// Median of the grey values under the wanted labels.
 fn median(volume: &LabelVolume, grey: &[f32], wanted: &dyn Fn(u8) -> bool) -> Option<f32> {
     let voxels = volume.voxels().iter().zip(grey);
-    let mut values: Vec<f32> = voxels.filter(|(at, _)| wanted(**at)).map(|(_, hu)| *hu).collect();
+    let mut values: Vec<f32> = voxels.filter(|(label, _)| wanted(**label)).map(|(_, hu)| *hu).collect();
     let middle = values.len() / 2;
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f32::total_cmp).1)
 }
@@ -159,8 +168,14 @@ fn note(labels: &[Label], class: [u8; 8], counts: &[u64; 256], reach: f64) -> St
     let counted: Vec<String> = CLASSES
         .iter()
         .zip(class)
-        .filter(|(_, at)| counts[usize::from(*at)] > 0)
-        .map(|(name, at)| format!("{name} ({}) {}", labels[usize::from(at)].value, counts[usize::from(at)]))
+        .filter(|(_, class)| counts[usize::from(*class)] > 0)
+        .map(|(name, class)| {
+            format!(
+                "{name} ({}) {}",
+                labels[usize::from(class)].value,
+                counts[usize::from(class)]
+            )
+        })
         .collect();
     format!(
         "filled by the CT, below {} HU as gas, to {} as fat, to {} as muscle near the outline of the labels and soft tissue elsewhere, above as \
@@ -213,9 +228,13 @@ fn nearest(volume: &LabelVolume, ct: &ScalarImage) -> Vec<f32> {
         return vec![f32::NAN; volume.voxels().len()];
     };
     let to_index = to_index * volume.index_to_world();
-    let value = |at: usize| {
-        let voxel = Point3::new((at % nx) as f64, (at / nx % ny) as f64, (at / (nx * ny)) as f64);
-        let index = to_index.transform_point(&voxel).map(f64::round);
+    let value = |voxel: usize| {
+        let index = Point3::new(
+            (voxel % nx) as f64,
+            (voxel / nx % ny) as f64,
+            (voxel / (nx * ny)) as f64,
+        );
+        let index = to_index.transform_point(&index).map(f64::round);
         let inside = (0..3).all(|axis| index[axis] >= 0.0 && index[axis] < ct.size[axis] as f64);
         let [i, j, k] = [0, 1, 2].map(|axis| index[axis] as usize);
         if inside {
@@ -225,7 +244,7 @@ fn nearest(volume: &LabelVolume, ct: &ScalarImage) -> Vec<f32> {
         }
     };
     let mut grey = vec![0.0; volume.voxels().len()];
-    for_each((0.., &mut grey[..]), &|(at, grey)| *grey = value(at));
+    for_each((0.., &mut grey[..]), &|(voxel, grey)| *grey = value(voxel));
     grey
 }
 
@@ -246,30 +265,30 @@ fn outside(volume: &LabelVolume, grey: &[f32]) -> Vec<bool> {
         .iter()
         .zip(&from_empty)
         .map(|(&label, &squared)| label != 0 && squared > opening);
-    let core = flooded(size, seeds, |at| from_empty[at] > opening);
+    let core = flooded(size, seeds, |voxel| from_empty[voxel] > opening);
     let from_core = Grid::squared_distances(&core, size, spacing, &axes).values;
-    let is_body = |at: usize| volume.voxels()[at] != 0 || (!empty[at] && from_core[at] <= opening);
+    let is_body = |voxel: usize| volume.voxels()[voxel] != 0 || (!empty[voxel] && from_core[voxel] <= opening);
     // Gas that the box cuts off at the head or the feet is inside: floods start from the sides only.
     let upwards = |axis: usize| volume.index_to_world()[(2, axis)].abs() / spacing[axis];
     let up = (0..3).fold(0, |best, axis| if upwards(axis) > upwards(best) { axis } else { best });
-    let at_side = |at: usize| {
-        let index = [at % size[0], at / size[0] % size[1], at / (size[0] * size[1])];
+    let at_side = |voxel: usize| {
+        let index = [voxel % size[0], voxel / size[0] % size[1], voxel / (size[0] * size[1])];
         (0..3).any(|axis| axis != up && (index[axis] == 0 || index[axis] + 1 == size[axis]))
     };
-    let seeds = (0..grey.len()).map(|at| at_side(at) && !is_body(at));
-    flooded(size, seeds, |at| !is_body(at))
+    let seeds = (0..grey.len()).map(|voxel| at_side(voxel) && !is_body(voxel));
+    flooded(size, seeds, |voxel| !is_body(voxel))
 }
 
 /// Flood fill: open voxels connected with the seeds across faces.
 fn flooded(size: [usize; 3], seeds: impl Iterator<Item = bool>, open: impl Fn(usize) -> bool) -> Vec<bool> {
     let mut reached: Vec<bool> = seeds.collect();
-    let mut next: Vec<usize> = (0..reached.len()).filter(|at| reached[*at]).collect();
+    let mut next: Vec<usize> = (0..reached.len()).filter(|voxel| reached[*voxel]).collect();
     let strides = [1, size[0], size[0] * size[1]];
-    while let Some(at) = next.pop() {
+    while let Some(voxel) = next.pop() {
         for axis in 0..3 {
-            let index = at / strides[axis] % size[axis];
-            let low = (index > 0).then(|| at - strides[axis]);
-            let high = (index + 1 < size[axis]).then(|| at + strides[axis]);
+            let index = voxel / strides[axis] % size[axis];
+            let low = (index > 0).then(|| voxel - strides[axis]);
+            let high = (index + 1 < size[axis]).then(|| voxel + strides[axis]);
             for other in [low, high].into_iter().flatten() {
                 if !reached[other] && open(other) {
                     reached[other] = true;

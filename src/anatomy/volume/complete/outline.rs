@@ -72,15 +72,15 @@ impl Outline {
     /// mm.
     pub(super) fn along_row(&self, j: usize, k: usize, row: &mut [u8], mut fill: impl FnMut(&mut u8, usize, f64)) {
         let grid = &self.distance;
-        let place = |axis: usize, voxel: usize| {
-            let at = (voxel as f32 + 0.5) / self.cell[axis] as f32 - 0.5 + self.margin[axis] as f32;
-            let at = at.clamp(0.0, (grid.size[axis] - 1) as f32);
-            let low = (at as usize).min(grid.size[axis].saturating_sub(2));
+        let cell_range = |axis: usize, voxel: usize| {
+            let position = (voxel as f32 + 0.5) / self.cell[axis] as f32 - 0.5 + self.margin[axis] as f32;
+            let position = position.clamp(0.0, (grid.size[axis] - 1) as f32);
+            let low = (position as usize).min(grid.size[axis].saturating_sub(2));
             let high = (low + 1).min(grid.size[axis] - 1);
-            (low, high, at - low as f32)
+            (low, high, position - low as f32)
         };
-        let (j0, j1, tj) = place(1, j);
-        let (k0, k1, tk) = place(2, k);
+        let (j0, j1, tj) = cell_range(1, j);
+        let (k0, k1, tk) = cell_range(2, k);
         let start = |j: usize, k: usize| grid.size[0] * (j + grid.size[1] * k);
         let starts = [start(j0, k0), start(j1, k0), start(j0, k1), start(j1, k1)];
         let weights = [(1.0 - tj) * (1.0 - tk), tj * (1.0 - tk), (1.0 - tj) * tk, tj * tk];
@@ -90,7 +90,7 @@ impl Outline {
             if *voxel != 0 {
                 continue;
             }
-            let (i0, i1, ti) = place(0, i);
+            let (i0, i1, ti) = cell_range(0, i);
             if known.0 != i0 {
                 known = (i0, column(i0), column(i1));
             }

@@ -51,7 +51,7 @@ pub(super) fn write(volume: &LabelVolume, path: &Path) -> Result<(), VolumeError
 /// Little-endian header after `nifti1.h`; `None` if an axis is too long for it.
 fn header(volume: &LabelVolume, element: Element) -> Option<[u8; EXTENSIONS_START]> {
     let mut header = [0; EXTENSIONS_START];
-    let mut put = |at: usize, bytes: &[u8]| header[at..at + bytes.len()].copy_from_slice(bytes);
+    let mut put = |offset: usize, bytes: &[u8]| header[offset..offset + bytes.len()].copy_from_slice(bytes);
     put(0, &(HEADER_BYTES as i32).to_le_bytes());
     put(38, b"r");
     let mut dim = [3i16, 1, 1, 1, 1, 1, 1, 1];

@@ -102,13 +102,13 @@ fn push_segments(volume: &LabelVolume, header: &mut String) {
 fn extents(volume: &LabelVolume) -> Vec<[[i64; 3]; 2]> {
     let [x, y, _] = volume.size();
     let mut extents = vec![[[0; 3], [-1; 3]]; volume.labels().len()];
-    for (at, &voxel) in volume.voxels().iter().enumerate() {
+    for (number, &voxel) in volume.voxels().iter().enumerate() {
         let [low, high] = &mut extents[usize::from(voxel)];
-        let place = [at % x, at / x % y, at / x / y].map(|n| n as i64);
+        let index = [number % x, number / x % y, number / x / y].map(|n| n as i64);
         let first = high[0] < 0;
         for axis in 0..3 {
-            low[axis] = if first { place[axis] } else { low[axis].min(place[axis]) };
-            high[axis] = high[axis].max(place[axis]);
+            low[axis] = if first { index[axis] } else { low[axis].min(index[axis]) };
+            high[axis] = high[axis].max(index[axis]);
         }
     }
     extents
@@ -119,8 +119,8 @@ fn colour(number: usize) -> [f64; 3] {
     const GOLDEN_SECTION: f64 = 0.618_033_988_749_894_9;
     let hue = (number as f64 * GOLDEN_SECTION).fract() * 6.0;
     [5.0, 3.0, 1.0].map(|shift: f64| {
-        let at = (shift + hue) % 6.0;
-        0.9 - 0.6 * at.min(4.0 - at).clamp(0.0, 1.0)
+        let phase = (shift + hue) % 6.0;
+        0.9 - 0.6 * phase.min(4.0 - phase).clamp(0.0, 1.0)
     })
 }
 

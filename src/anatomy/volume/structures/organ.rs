@@ -42,23 +42,28 @@ impl Organ {
             .iter()
             .enumerate()
             .filter(|(_, depth)| **depth > 0.0);
-        inside.map(move |(at, &depth)| ([a + at % nx, b + at / nx % ny, c + at / (nx * ny)], f64::from(depth)))
+        inside.map(move |(index, &depth)| {
+            (
+                [a + index % nx, b + index / nx % ny, c + index / (nx * ny)],
+                f64::from(depth),
+            )
+        })
     }
 
     /// Depth of a voxel of the volume, mm: 0 outside.
     pub(crate) fn depth_mm(&self, voxel: [usize; 3]) -> f64 {
-        let mut at = [0; 3];
+        let mut inside_index = [0; 3];
         for axis in 0..3 {
             match voxel[axis]
                 .checked_sub(self.low[axis])
-                .filter(|at| *at < self.depth_mm.size[axis])
+                .filter(|index| *index < self.depth_mm.size[axis])
             {
-                Some(inside) => at[axis] = inside,
+                Some(inside) => inside_index[axis] = inside,
                 None => return 0.0,
             }
         }
         let [nx, ny, _] = self.depth_mm.size;
-        f64::from(self.depth_mm.values[at[0] + nx * (at[1] + ny * at[2])])
+        f64::from(self.depth_mm.values[inside_index[0] + nx * (inside_index[1] + ny * inside_index[2])])
     }
 
     pub(crate) fn holds(&self, voxel: [usize; 3]) -> bool {
@@ -80,6 +85,7 @@ fn boxed(
     let [nx, ny, nz] = volume.size();
     let mut wanted = [false; 256];
     (0..=255u8).for_each(|label| wanted[usize::from(label)] = labels(label));
+    // Within a row only the ends matter: most rows of a volume hold none of the labels and are passed over at once.
     let (mut low, mut high) = ([usize::MAX; 3], [0; 3]);
     for (row, line) in volume.voxels().chunks(nx).enumerate() {
         let is = |label: &u8| wanted[usize::from(*label)];
@@ -95,7 +101,7 @@ fn boxed(
         return None;
     }
     let size = [nx, ny, nz];
-    let low = low.map(|at| at.saturating_sub(margin));
+    let low = low.map(|index| index.saturating_sub(margin));
     let high = [0, 1, 2].map(|axis| (high[axis] + margin + 1).min(size[axis]));
     let size = [0, 1, 2].map(|axis| high[axis] - low[axis]);
     let mut inside = Vec::with_capacity(size.iter().product());

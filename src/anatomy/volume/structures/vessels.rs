@@ -70,20 +70,20 @@ impl Tree {
         }];
         let mut paths = vec![0.0];
         // For each terminal, the node that is cheapest to join, and the cost.
-        let mut best: Vec<(usize, f64)> = left.iter().map(|at| (0, (at - root).norm())).collect();
+        let mut best: Vec<(usize, f64)> = left.iter().map(|terminal| (0, (terminal - root).norm())).collect();
         while !left.is_empty() {
             let next = (0..left.len()).reduce(|a, b| if best[b].1 < best[a].1 { b } else { a })?;
-            let (at, (parent, _)) = (left.swap_remove(next), best.swap_remove(next));
-            let path = paths[parent] + (at - nodes[parent].at).norm();
+            let (terminal, (parent, _)) = (left.swap_remove(next), best.swap_remove(next));
+            let path = paths[parent] + (terminal - nodes[parent].at).norm();
             let node = nodes.len();
             nodes.push(Node {
-                at,
+                at: terminal,
                 parent,
                 radius_mm: 0.0,
             });
             paths.push(path);
             for (at_other, best) in left.iter().zip(&mut best) {
-                let cost = (at_other - at).norm() + BALANCE * path;
+                let cost = (at_other - terminal).norm() + BALANCE * path;
                 if cost < best.1 {
                     *best = (node, cost);
                 }
@@ -130,7 +130,7 @@ impl Tree {
             .iter()
             .enumerate()
             .skip(1)
-            .filter(|(_, it)| it.radius_mm >= DRAWN * widest)
+            .filter(|(_, node)| node.radius_mm >= DRAWN * widest)
         {
             let [from, to] = [self.nodes[branch.parent].at, branch.at];
             let pieces = ((to - from).norm() / (STEP * least)).ceil().max(1.0) as usize;
@@ -149,15 +149,16 @@ impl Tree {
 /// Calls `paint` with the voxels whose centres lie in a ball.
 fn ball(volume: &LabelVolume, middle: &Point3<f64>, radius_mm: f64, paint: &mut impl FnMut(usize)) {
     let (size, spacing) = (volume.size(), volume.spacing_mm());
-    let at = volume.world_to_index().transform_point(middle);
+    let centre = volume.world_to_index().transform_point(middle);
     let reach = [0, 1, 2].map(|axis| radius_mm / spacing[axis]);
-    let low = [0, 1, 2].map(|axis| (at[axis] - reach[axis]).ceil().max(0.0) as usize);
-    let high = [0, 1, 2].map(|axis| ((at[axis] + reach[axis]).floor() + 1.0).clamp(0.0, size[axis] as f64) as usize);
+    let low = [0, 1, 2].map(|axis| (centre[axis] - reach[axis]).ceil().max(0.0) as usize);
+    let high =
+        [0, 1, 2].map(|axis| ((centre[axis] + reach[axis]).floor() + 1.0).clamp(0.0, size[axis] as f64) as usize);
     for k in low[2]..high[2] {
         for j in low[1]..high[1] {
             for i in low[0]..high[0] {
                 let voxel = [i, j, k];
-                let from = [0, 1, 2].map(|axis| (voxel[axis] as f64 - at[axis]) * spacing[axis]);
+                let from = [0, 1, 2].map(|axis| (voxel[axis] as f64 - centre[axis]) * spacing[axis]);
                 if Vector3::from(from).norm_squared() <= radius_mm * radius_mm {
                     paint(volume.offset(voxel));
                 }
@@ -174,7 +175,7 @@ fn touching(volume: &LabelVolume, organ: &Organ, vessel: impl Fn(u8) -> bool, ro
     for (voxel, _) in organ.voxels() {
         let world = volume
             .index_to_world()
-            .transform_point(&Point3::from(voxel.map(|at| at as f64)));
+            .transform_point(&Point3::from(voxel.map(|index| index as f64)));
         sum += world.coords;
         count += 1.0;
         if near.holds(voxel) {
@@ -182,9 +183,9 @@ fn touching(volume: &LabelVolume, organ: &Organ, vessel: impl Fn(u8) -> bool, ro
         }
     }
     let middle = Point3::from(sum / f64::max(count, 1.0));
-    let cost = |at: &Point3<f64>| match root {
-        Root::Highest => -at.z,
-        Root::Innermost => (at - middle).norm(),
+    let cost = |point: &Point3<f64>| match root {
+        Root::Highest => -point.z,
+        Root::Innermost => (point - middle).norm(),
     };
     touching.into_iter().min_by(|a, b| cost(a).total_cmp(&cost(b)))
 }
@@ -192,24 +193,25 @@ fn touching(volume: &LabelVolume, organ: &Organ, vessel: impl Fn(u8) -> bool, ro
 /// Points of a jittered lattice inside an organ, in the world, mm: one for each cell whose point lies in the organ.
 fn terminals(volume: &LabelVolume, organ: &Organ, stream: u32) -> Vec<Point3<f64>> {
     let seed = seed_words(u64::from(stream));
-    let cell_of = |at: &Point3<f64>| at.coords.map(|x| (x / SPACING_MM).floor() as i32);
+    let cell_of = |point: &Point3<f64>| point.coords.map(|x| (x / SPACING_MM).floor() as i32);
     let world = |voxel: [usize; 3]| {
         volume
             .index_to_world()
-            .transform_point(&Point3::from(voxel.map(|at| at as f64)))
+            .transform_point(&Point3::from(voxel.map(|index| index as f64)))
     };
     let mut cells: Vec<[i32; 3]> = organ.voxels().map(|(voxel, _)| cell_of(&world(voxel)).into()).collect();
     cells.sort_unstable();
     cells.dedup();
-    let inside = |at: &Point3<f64>| {
-        let index = volume.world_to_index().transform_point(at);
+    let inside = |point: &Point3<f64>| {
+        let index = volume.world_to_index().transform_point(point);
         let voxel = [0, 1, 2].map(|axis| index[axis].round());
-        voxel.iter().all(|at| *at >= 0.0) && organ.depth_mm(voxel.map(|at| at as usize)) > CLEAR_MM
+        voxel.iter().all(|coordinate| *coordinate >= 0.0)
+            && organ.depth_mm(voxel.map(|coordinate| coordinate as usize)) > CLEAR_MM
     };
     let point = |cell: [i32; 3]| {
         let draw = hash3(cell, seed);
-        let at = [0, 1, 2].map(|axis| (f64::from(cell[axis]) + f64::from(unit(draw[axis]))) * SPACING_MM);
-        Some(Point3::from(at)).filter(inside)
+        let point = [0, 1, 2].map(|axis| (f64::from(cell[axis]) + f64::from(unit(draw[axis]))) * SPACING_MM);
+        Some(Point3::from(point)).filter(inside)
     };
     cells.into_iter().filter_map(point).collect()
 }

@@ -78,21 +78,21 @@ impl Elements {
         }
     }
 
-    pub(super) fn push(&mut self, corners: [u32; CORNERS], of: Membership) {
-        let group = of.group.filter(|_| self.chosen == Regions::Groups);
+    pub(super) fn push(&mut self, corners: [u32; CORNERS], membership: Membership) {
+        let group = membership.group.filter(|_| self.chosen == Regions::Groups);
         self.corners.push(corners);
-        self.regions.push(group.unwrap_or(of.volume));
+        self.regions.push(group.unwrap_or(membership.volume));
         match group {
             Some(group) => self.groups.insert(group),
-            None => self.volumes.insert(of.volume),
+            None => self.volumes.insert(membership.volume),
         };
     }
 
     /// Adds a tetrahedron as [`Elements::push`] does, for files that repeat it for each of its groups: the first is kept.
     /// One repeated in the same group is a fault of the mesh and is kept too.
-    pub(crate) fn push_first(&mut self, corners: [u32; CORNERS], of: Membership) {
-        if *self.first_groups.entry(corners).or_insert(of.group) == of.group {
-            self.push(corners, of);
+    pub(crate) fn push_first(&mut self, corners: [u32; CORNERS], membership: Membership) {
+        if *self.first_groups.entry(corners).or_insert(membership.group) == membership.group {
+            self.push(corners, membership);
         } else {
             self.further_groups += 1;
         }

@@ -16,10 +16,10 @@ pub(super) fn read(reader: &mut Reader) -> Result<Names, Fault> {
     let mut names = Names::new();
     let number = || "a whole number of 32 bits".to_owned();
     for _ in 0..cursor.count()? {
-        let (at, word) = cursor.peek();
+        let (start, word) = cursor.peek();
         let dimension: i32 = cursor.number(number)?;
         if !(0..=OF_VOLUMES).contains(&dimension) {
-            return Err(Fault::at(at, quote(word), "a dimension from 0 to 3"));
+            return Err(Fault::at(start, quote(word), "a dimension from 0 to 3"));
         }
         let group: i32 = cursor.number(number)?;
         let name = quoted(cursor)?;

@@ -107,13 +107,13 @@ impl<'a> Reader<'a> {
     /// Reads the number of repetitions of `item`. The rest of the file must have room for them, so that a count never
     /// allocates more memory than the file can fill.
     pub(super) fn count(&mut self, item: Item) -> Result<usize, Fault> {
-        let at = self.cursor.at;
+        let start = self.cursor.at;
         let count = self.size()?;
-        self.room(at, count, item)
+        self.room(start, count, item)
     }
 
-    /// Checks a count found at `at` as [`Reader::count`] does.
-    pub(super) fn room(&self, at: usize, count: u64, item: Item) -> Result<usize, Fault> {
+    /// Checks a count found at `offset` as [`Reader::count`] does.
+    pub(super) fn room(&self, offset: usize, count: u64, item: Item) -> Result<usize, Fault> {
         let left = self.cursor.rest().len();
         let (least, left) = match self.encoding {
             // A digit and a space each; the last number of a file may lack the space.
@@ -127,7 +127,7 @@ impl<'a> Reader<'a> {
         let fits = count.filter(|count| count.checked_mul(least).is_some_and(|bytes| bytes <= left));
         fits.ok_or_else(|| {
             Fault::at(
-                at,
+                offset,
                 format!(
                     "{} items, of at least {least} bytes each",
                     count.map_or("too many".to_owned(), |n| n.to_string())
@@ -153,11 +153,11 @@ impl<'a> Reader<'a> {
     pub(super) fn position(&mut self, tag: u64) -> Result<[f64; 3], Fault> {
         let mut position = [0.0; 3];
         for x in &mut position {
-            let at = self.cursor.at;
+            let start = self.cursor.at;
             *x = self.float()?;
             if !x.is_finite() {
                 return Err(Fault::at(
-                    at,
+                    start,
                     format!("{x}"),
                     format!("a finite coordinate of node {tag}"),
                 ));
@@ -167,8 +167,8 @@ impl<'a> Reader<'a> {
     }
 
     fn bytes<const N: usize>(&mut self) -> Result<[u8; N], Fault> {
-        let taken = self.cursor.take(N).and_then(|bytes| bytes.first_chunk::<N>());
-        taken.copied().ok_or_else(|| {
+        let bytes = self.cursor.take(N).and_then(|bytes| bytes.first_chunk::<N>());
+        bytes.copied().ok_or_else(|| {
             let found = format!("{} bytes to the end of the file", self.cursor.rest().len());
             Fault::at(self.cursor.at, found, format!("a number of {N} bytes"))
         })
@@ -177,9 +177,9 @@ impl<'a> Reader<'a> {
 
 /// Reads a name in quotes to the end of the line.
 pub(super) fn quoted(cursor: &mut Cursor) -> Result<String, Fault> {
-    let at = cursor.at;
+    let start = cursor.at;
     let line = cursor.line().trim_ascii();
     let inside = line.strip_prefix(b"\"").and_then(|rest| rest.strip_suffix(b"\""));
-    let inside = inside.ok_or_else(|| Fault::at(at, quote(line), "a name in quotes"))?;
+    let inside = inside.ok_or_else(|| Fault::at(start, quote(line), "a name in quotes"))?;
     Ok(String::from_utf8_lossy(inside).into_owned())
 }

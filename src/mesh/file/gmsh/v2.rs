@@ -6,18 +6,18 @@ use super::{CORNERS, Fault, Kind, Nodes, quote};
 
 /// Reads a count in text, which binary data follow.
 fn count(reader: &mut Reader, item: Item) -> Result<usize, Fault> {
-    let (at, word) = reader.cursor.peek();
+    let (start, word) = reader.cursor.peek();
     let count = reader.cursor.count()?;
     reader.start_data();
-    let count = u64::try_from(count).map_err(|_| Fault::at(at, quote(word), "a count"))?;
-    reader.room(at, count, item)
+    let count = u64::try_from(count).map_err(|_| Fault::at(start, quote(word), "a count"))?;
+    reader.room(start, count, item)
 }
 
 /// Reads a tag: a whole number from 0.
 fn tag(reader: &mut Reader) -> Result<u64, Fault> {
-    let at = reader.cursor.at;
+    let start = reader.cursor.at;
     let tag = reader.int()?;
-    u64::try_from(tag).map_err(|_| Fault::at(at, format!("the tag {tag}"), "a whole number from 0"))
+    u64::try_from(tag).map_err(|_| Fault::at(start, format!("the tag {tag}"), "a whole number from 0"))
 }
 
 /// Reads `$Nodes`, which starts at `section`.
@@ -88,15 +88,15 @@ impl Block {
 
     fn binary(reader: &mut Reader) -> Result<Block, Fault> {
         let kind = Self::kind(reader)?;
-        let at = reader.cursor.at;
+        let start = reader.cursor.at;
         let elements = Self::length(reader, 1 + kind.nodes)?;
         let tags = Self::length(reader, 1)?;
         if elements == 0 {
-            return Err(Fault::at(at, "a block of no elements", "at least one"));
+            return Err(Fault::at(start, "a block of no elements", "at least one"));
         }
         let ints = tags.saturating_add(1 + kind.nodes);
         reader.room(
-            at,
+            start,
             elements as u64,
             Item {
                 ints,
@@ -107,16 +107,16 @@ impl Block {
     }
 
     fn kind(reader: &mut Reader) -> Result<&'static Kind, Fault> {
-        let at = reader.cursor.at;
-        Kind::usable(reader.int()?, at)
+        let start = reader.cursor.at;
+        Kind::usable(reader.int()?, start)
     }
 
     /// Reads a count of items of a given number of integers.
     fn length(reader: &mut Reader, ints: usize) -> Result<usize, Fault> {
-        let at = reader.cursor.at;
+        let start = reader.cursor.at;
         let count = tag(reader)?;
         reader.room(
-            at,
+            start,
             count,
             Item {
                 ints,
@@ -138,8 +138,8 @@ impl Block {
             let membership = self.membership(reader)?;
             let mut corners = [0; CORNERS];
             for corner in &mut corners {
-                let at = reader.cursor.at;
-                *corner = nodes.index(tag(reader)?, at)?;
+                let start = reader.cursor.at;
+                *corner = nodes.index(tag(reader)?, start)?;
             }
             elements.push_first(corners, membership);
         }
@@ -149,9 +149,9 @@ impl Block {
     /// Reads the tags of an element: physical group (0: none), volume, and any others.
     fn membership(&self, reader: &mut Reader) -> Result<Membership, Fault> {
         let mut tags = [0; 2];
-        for place in 0..self.tags {
+        for index in 0..self.tags {
             let tag = reader.int()?;
-            if let Some(known) = tags.get_mut(place) {
+            if let Some(known) = tags.get_mut(index) {
                 *known = tag;
             }
         }

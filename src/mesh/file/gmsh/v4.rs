@@ -66,6 +66,7 @@ fn each_entity(
             let volume = volume(reader, tag)?;
             reader.skip_floats(if dimension == 0 { 3 } else { 6 })?;
             let groups = ints(reader)?;
+            // Bounding entities, which a point lacks.
             if dimension > 0 {
                 ints(reader)?;
             }
@@ -97,7 +98,7 @@ pub(super) fn nodes(reader: &mut Reader, section: usize) -> Result<Nodes, Fault>
         floats: 3,
     };
     reader.start_data();
-    let (blocks, at) = (reader.size()?, reader.cursor.at);
+    let (blocks, counts_end) = (reader.size()?, reader.cursor.at);
     let total = reader.count(NODE)?;
     // The least and the greatest tag.
     reader.skip_sizes(2)?;
@@ -120,7 +121,7 @@ pub(super) fn nodes(reader: &mut Reader, section: usize) -> Result<Nodes, Fault>
             reader.skip_floats(parameters)?;
         }
     }
-    sum(at, "nodes", nodes.len(), total)?;
+    sum(counts_end, "nodes", nodes.len(), total)?;
     Nodes::new(nodes, section)
 }
 
@@ -132,7 +133,7 @@ pub(super) fn elements(
     regions: Regions,
 ) -> Result<Elements, Fault> {
     reader.start_data();
-    let (blocks, at) = (reader.size()?, reader.cursor.at);
+    let (blocks, counts_end) = (reader.size()?, reader.cursor.at);
     // At least a tag and a node each.
     let total = reader.count(Item {
         ints: 0,
@@ -144,8 +145,8 @@ pub(super) fn elements(
     for _ in 0..blocks {
         let start = reader.cursor.at;
         let (dimension, entity) = (reader.int()?, reader.int()?);
-        let at = reader.cursor.at;
-        let kind = Kind::usable(reader.int()?, at)?;
+        let kind_start = reader.cursor.at;
+        let kind = Kind::usable(reader.int()?, kind_start)?;
         let count = reader.count(Item {
             ints: 0,
             sizes: 1 + kind.nodes,
@@ -160,30 +161,30 @@ pub(super) fn elements(
             let found = format!("tetrahedra on an entity of dimension {dimension}");
             return Err(Fault::at(start, found, "tetrahedra in volumes, of dimension 3"));
         }
-        let of = volumes.get(&entity);
-        let membership = of.map_or(Membership::new(None, entity), |volume| volume.membership);
+        let volume = volumes.get(&entity);
+        let membership = volume.map_or(Membership::new(None, entity), |volume| volume.membership);
         for _ in 0..count {
             reader.size()?;
             let mut corners = [0; CORNERS];
             for corner in &mut corners {
-                let at = reader.cursor.at;
-                *corner = nodes.index(reader.size()?, at)?;
+                let tag_start = reader.cursor.at;
+                *corner = nodes.index(reader.size()?, tag_start)?;
             }
             elements.push(corners, membership);
         }
-        elements.further_groups += count * of.map_or(0, |volume| volume.groups.saturating_sub(1));
+        elements.further_groups += count * volume.map_or(0, |volume| volume.groups.saturating_sub(1));
     }
-    sum(at, "elements", elements.corners.len() + elements.skipped, total)?;
+    sum(counts_end, "elements", elements.corners.len() + elements.skipped, total)?;
     Ok(elements)
 }
 
-/// Checks that the items of the blocks add up to the total given before them, at `at`.
-fn sum(at: usize, what: &str, found: usize, stated: usize) -> Result<(), Fault> {
+/// Checks that the items of the blocks add up to the total given before them, at `offset`.
+fn sum(offset: usize, what: &str, found: usize, stated: usize) -> Result<(), Fault> {
     if found == stated {
         Ok(())
     } else {
         Err(Fault::at(
-            at,
+            offset,
             format!("{found} {what} in the blocks"),
             format!("{stated}"),
         ))

@@ -157,19 +157,19 @@ fn named<'a>(arrays: &'a [Array], name: &str) -> Option<&'a Array> {
     arrays.iter().find(|array| array.name == name)
 }
 
-fn missing(of: &str, name: &str, arrays: &[Array]) -> Fault {
+fn missing(owner: &str, name: &str, arrays: &[Array]) -> Fault {
     let names: Vec<String> = arrays.iter().map(|array| format!("`{}`", array.name)).collect();
     let found = if names.is_empty() {
-        format!("no {of} arrays")
+        format!("no {owner} arrays")
     } else {
-        format!("{of} arrays {}", names.join(", "))
+        format!("{owner} arrays {}", names.join(", "))
     };
-    Fault::of_file(found, format!("a {of} array `{name}`"))
+    Fault::of_file(found, format!("a {owner} array `{name}`"))
 }
 
-fn shape(of: &str, array: &Array) -> String {
+fn shape(owner: &str, array: &Array) -> String {
     format!(
-        "{of} array `{}` with {} components and {} values",
+        "{owner} array `{}` with {} components and {} values",
         array.name,
         array.components,
         array.values.len()

@@ -13,18 +13,18 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Grid, Fault> {
     // The first two lines are the version and a title of any text.
     reader.cursor.line();
     reader.cursor.line();
-    let (at, format) = reader.cursor.word();
+    let (start, format) = reader.cursor.word();
     reader.binary = match format.to_ascii_uppercase().as_slice() {
         b"ASCII" => false,
         b"BINARY" => true,
-        _ => return Err(Fault::at(at, quote(format), "ASCII or BINARY")),
+        _ => return Err(Fault::at(start, quote(format), "ASCII or BINARY")),
     };
     reader.keyword("DATASET")?;
     reader.keyword("UNSTRUCTURED_GRID")?;
     let mut grid = Grid::default();
     let mut tuples = None;
     loop {
-        let (at, word) = reader.cursor.word();
+        let (start, word) = reader.cursor.word();
         if word.is_empty() {
             return Ok(grid);
         }
@@ -32,7 +32,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Grid, Fault> {
             b"POINTS" => {
                 let count = reader.cursor.count()?;
                 let kind = reader.kind()?;
-                grid.points = reader.numbers(product(at, count, 3)?, kind)?;
+                grid.points = reader.numbers(product(start, count, 3)?, kind)?;
             }
             b"CELLS" => cells(&mut reader, &mut grid)?,
             b"CELL_TYPES" => {
@@ -44,7 +44,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Grid, Fault> {
             b"METADATA" => reader.skip_metadata(),
             name => {
                 if !attribute(&mut reader, name, tuples, &mut grid)? {
-                    return Err(Fault::at(at, quote(word), "a keyword of a legacy unstructured grid"));
+                    return Err(Fault::at(start, quote(word), "a keyword of a legacy unstructured grid"));
                 }
             }
         }
@@ -54,7 +54,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Grid, Fault> {
 /// Reads `CELLS n size` with a count before each cell, or (version 5) `CELLS n+1 size` with OFFSETS and CONNECTIVITY.
 fn cells(reader: &mut Reader, grid: &mut Grid) -> Result<(), Fault> {
     let (first, size) = (reader.cursor.count()?, reader.cursor.count()?);
-    let at = reader.cursor.peek().0;
+    let start = reader.cursor.peek().0;
     if reader.is_next("OFFSETS") {
         reader.keyword("OFFSETS")?;
         let kind = reader.kind()?;
@@ -73,7 +73,7 @@ fn cells(reader: &mut Reader, grid: &mut Grid) -> Result<(), Fault> {
             .and_then(|(n, tail)| tail.split_at_checked(usize::try_from(*n).ok()?));
         let Some((corners, tail)) = corners else {
             return Err(Fault::at(
-                at,
+                start,
                 format!("cell {cell} of {first} running past its {size} numbers"),
                 "a matching size",
             ));
@@ -86,7 +86,7 @@ fn cells(reader: &mut Reader, grid: &mut Grid) -> Result<(), Fault> {
 }
 
 /// Reads an array with `tuples` values of some components, without its keyword.
-fn array(reader: &mut Reader, keyword: &[u8], at: usize, tuples: usize) -> Result<Array, Fault> {
+fn array(reader: &mut Reader, keyword: &[u8], start: usize, tuples: usize) -> Result<Array, Fault> {
     let name = reader.name()?;
     let (components, kind) = match keyword {
         b"SCALARS" => {
@@ -106,7 +106,7 @@ fn array(reader: &mut Reader, keyword: &[u8], at: usize, tuples: usize) -> Resul
         b"TENSORS" => (9, reader.kind()?),
         _ => (1, reader.kind()?),
     };
-    let values = reader.numbers(product(at, components, tuples)?, kind)?;
+    let values = reader.numbers(product(start, components, tuples)?, kind)?;
     Ok(Array {
         name,
         components,
@@ -121,7 +121,7 @@ fn attribute(
     section: Option<(bool, usize)>,
     grid: &mut Grid,
 ) -> Result<bool, Fault> {
-    let at = reader.cursor.at;
+    let start = reader.cursor.at;
     // A FIELD may precede any section and then belongs to the file.
     let (of_points, tuples) = section.unwrap_or((true, 0));
     let mut arrays = Vec::new();
@@ -132,7 +132,7 @@ fn attribute(
                 let name = reader.name()?;
                 let (components, tuples) = (reader.cursor.count()?, reader.cursor.count()?);
                 let kind = reader.kind()?;
-                let values = reader.numbers(product(at, components, tuples)?, kind)?;
+                let values = reader.numbers(product(start, components, tuples)?, kind)?;
                 arrays.push(Array {
                     name,
                     components,
@@ -146,7 +146,7 @@ fn attribute(
         }
         b"LOOKUP_TABLE" => {
             reader.name()?;
-            let entries = product(at, reader.cursor.count()?, 4)?;
+            let entries = product(start, reader.cursor.count()?, 4)?;
             reader.numbers(entries, if reader.binary { Kind::U8 } else { Kind::F64 })?;
         }
         b"SCALARS"
@@ -156,12 +156,12 @@ fn attribute(
         | b"GLOBAL_IDS"
         | b"PEDIGREE_IDS"
         | b"TEXTURE_COORDINATES"
-        | b"COLOR_SCALARS" => arrays.push(array(reader, keyword, at, tuples)?),
+        | b"COLOR_SCALARS" => arrays.push(array(reader, keyword, start, tuples)?),
         _ => return Ok(false),
     }
     match section {
         None if keyword != b"FIELD" => {
-            return Err(Fault::at(at, quote(keyword), "POINT_DATA or CELL_DATA before it"));
+            return Err(Fault::at(start, quote(keyword), "POINT_DATA or CELL_DATA before it"));
         }
         None => {}
         Some(_) if of_points => grid.point_arrays.extend(arrays),
@@ -170,9 +170,9 @@ fn attribute(
     Ok(true)
 }
 
-fn product(at: usize, a: usize, b: usize) -> Result<usize, Fault> {
+fn product(offset: usize, a: usize, b: usize) -> Result<usize, Fault> {
     a.checked_mul(b)
-        .ok_or_else(|| Fault::at(at, format!("{a} times {b} values"), "a count that fits in memory"))
+        .ok_or_else(|| Fault::at(offset, format!("{a} times {b} values"), "a count that fits in memory"))
 }
 
 struct Reader<'a> {
@@ -182,11 +182,11 @@ struct Reader<'a> {
 
 impl Reader<'_> {
     pub(crate) fn keyword(&mut self, expected: &str) -> Result<(), Fault> {
-        let (at, word) = self.cursor.word();
+        let (start, word) = self.cursor.word();
         if word.eq_ignore_ascii_case(expected.as_bytes()) {
             Ok(())
         } else {
-            Err(Fault::at(at, quote(word), expected))
+            Err(Fault::at(start, quote(word), expected))
         }
     }
 
@@ -197,9 +197,9 @@ impl Reader<'_> {
 
     /// Reads a name, resolving the `%20` escapes of the format.
     pub(crate) fn name(&mut self) -> Result<String, Fault> {
-        let (at, word) = self.cursor.word();
+        let (start, word) = self.cursor.word();
         if word.is_empty() {
-            return Err(Fault::at(at, quote(word), "a name"));
+            return Err(Fault::at(start, quote(word), "a name"));
         }
         let mut name = Vec::with_capacity(word.len());
         let mut rest = word;
@@ -215,7 +215,7 @@ impl Reader<'_> {
     }
 
     pub(crate) fn kind(&mut self) -> Result<Kind, Fault> {
-        let (at, word) = self.cursor.word();
+        let (start, word) = self.cursor.word();
         Ok(match word.to_ascii_lowercase().as_slice() {
             b"float" => Kind::F32,
             b"double" => Kind::F64,
@@ -229,7 +229,7 @@ impl Reader<'_> {
             b"unsigned_long" | b"vtktypeuint64" => Kind::U64,
             _ => {
                 return Err(Fault::at(
-                    at,
+                    start,
                     quote(word),
                     "a VTK data type such as float, double or vtktypeint64",
                 ));

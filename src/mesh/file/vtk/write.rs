@@ -88,19 +88,19 @@ pub fn write_vtu_with(
 
 pub(super) fn check(
     path: &Path,
-    of: &'static str,
+    items: &'static str,
     expected: usize,
     arrays: &[(&str, Values)],
 ) -> Result<(), MeshFileError> {
-    for (place, (name, values)) in arrays.iter().enumerate() {
-        let taken = arrays[..place].iter().any(|(other, _)| other == name);
+    for (index, (name, values)) in arrays.iter().enumerate() {
+        let is_repeated = arrays[..index].iter().any(|(other, _)| other == name);
         // XML cannot contain control characters at all.
-        let problem = if taken {
+        let problem = if is_repeated {
             "its name is taken".to_owned()
         } else if name.is_empty() || name.chars().any(char::is_control) {
             "a name needs at least one character, and none that cannot be printed".to_owned()
         } else if values.len() != expected {
-            format!("it has {} entries for {expected} {of}", values.len())
+            format!("it has {} entries for {expected} {items}", values.len())
         } else {
             continue;
         };
@@ -196,8 +196,8 @@ pub(super) fn array(out: &mut impl Write, kind: &str, name: &str, components: us
         1 => String::new(),
         6 => (0..)
             .zip(["xx", "yy", "zz", "xy", "yz", "xz"])
-            .fold(" NumberOfComponents=\"6\"".to_owned(), |text, (at, name)| {
-                format!("{text} ComponentName{at}=\"{name}\"")
+            .fold(" NumberOfComponents=\"6\"".to_owned(), |text, (number, name)| {
+                format!("{text} ComponentName{number}=\"{name}\"")
             }),
         count => format!(" NumberOfComponents=\"{count}\""),
     };

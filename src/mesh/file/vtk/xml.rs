@@ -111,7 +111,7 @@ impl<'a> Piece<'a> {
         wanted: impl Fn(bool, &str) -> bool,
     ) -> Result<(), Fault> {
         let name = tag.get("Name").unwrap_or_default();
-        let place = match (section, name) {
+        let section_data = match (section, name) {
             ("Points", _) => &mut self.points,
             ("Cells", "connectivity") => &mut self.connectivity,
             ("Cells", "offsets") => &mut self.offsets,
@@ -137,14 +137,14 @@ impl<'a> Piece<'a> {
             }
             _ => return Ok(()),
         };
-        if place.is_some() {
+        if section_data.is_some() {
             return Err(Fault::at(
                 tag.at,
                 format!("a second array `{name}` in {section}"),
                 "one",
             ));
         }
-        *place = Some(Raw { tag, text });
+        *section_data = Some(Raw { tag, text });
         Ok(())
     }
 
@@ -214,18 +214,18 @@ struct Scanner<'a> {
 impl<'a> Scanner<'a> {
     /// Reads the text up to the next tag.
     pub(crate) fn text(&mut self) -> (usize, &'a [u8]) {
-        let (at, rest) = (self.at, &self.bytes[self.at..]);
+        let (start, rest) = (self.at, &self.bytes[self.at..]);
         let end = rest.iter().position(|b| *b == b'<').unwrap_or(rest.len());
         self.at += end;
-        (at, &rest[..end])
+        (start, &rest[..end])
     }
 
     /// Reads the next opening, closing or empty tag; comments and declarations are skipped.
     pub(crate) fn tag(&mut self) -> Result<Option<Tag>, Fault> {
         loop {
             let (before, text) = self.text();
-            let at = before + text.len();
-            let rest = &self.bytes[at..];
+            let start = before + text.len();
+            let rest = &self.bytes[start..];
             if rest.is_empty() {
                 return Ok(None);
             }
@@ -235,19 +235,19 @@ impl<'a> Scanner<'a> {
                 _ => (false, b">"),
             };
             let length = rest.windows(end.len()).position(|window| window == end);
-            let length = length.ok_or_else(|| Fault::at(at, "a tag that does not end", "`>`"))?;
-            self.at = at + length + end.len();
+            let length = length.ok_or_else(|| Fault::at(start, "a tag that does not end", "`>`"))?;
+            self.at = start + length + end.len();
             if !skip {
-                return parse_tag(at, &rest[1..length]).map(Some);
+                return parse_tag(start, &rest[1..length]).map(Some);
             }
         }
     }
 }
 
-fn parse_tag(at: usize, inside: &[u8]) -> Result<Tag, Fault> {
+fn parse_tag(start: usize, inside: &[u8]) -> Result<Tag, Fault> {
     let broken = || {
         Fault::at(
-            at,
+            start,
             quote(&inside[..inside.len().min(60)]),
             "a tag with quoted attributes",
         )
@@ -271,7 +271,7 @@ fn parse_tag(at: usize, inside: &[u8]) -> Result<Tag, Fault> {
         rest = tail.trim_start();
     }
     Ok(Tag {
-        at,
+        at: start,
         name,
         attributes,
         closing,

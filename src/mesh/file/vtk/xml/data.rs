@@ -17,7 +17,7 @@ impl Encoding {
         let choose = |key: &str, default: &str, choices: [&str; 2]| {
             let found = tag.get(key).unwrap_or(default);
             match choices.iter().position(|choice| *choice == found) {
-                Some(place) => Ok(place == 1),
+                Some(index) => Ok(index == 1),
                 None => {
                     let choices = choices.map(|choice| if choice.is_empty() { "none" } else { choice });
                     Err(Fault::at(tag.at, format!("{key}=`{found}`"), choices.join(" or ")))
@@ -63,7 +63,7 @@ impl<'a> Appended<'a> {
         let underscore = rest
             .iter()
             .position(|b| !b.is_ascii_whitespace())
-            .filter(|at| rest[*at] == b'_');
+            .filter(|index| rest[*index] == b'_');
         let start =
             underscore.ok_or_else(|| Fault::at(scanner.at, quote(&rest[..rest.len().min(16)]), "an underscore"))?;
         Ok(Appended {
@@ -90,7 +90,7 @@ pub(super) fn values(
         Fault::at(tag.at, format!("{found} in `{name}`"), expected)
     };
     let count = count.ok_or_else(|| fault("too many values".to_owned()))?;
-    let (at, source) = match tag.get("format").unwrap_or("ascii") {
+    let (start, source) = match tag.get("format").unwrap_or("ascii") {
         "ascii" => return ascii(text, count, fault),
         "binary" => (text.0, Source::Base64(text.1.trim_ascii())),
         "appended" => {
@@ -122,9 +122,9 @@ pub(super) fn values(
     };
     let kind = kind(tag)?;
     let packed = if file.zlib {
-        Packed::zlib(at, source, file)?
+        Packed::zlib(start, source, file)?
     } else {
-        Packed::plain(at, source, file)?
+        Packed::plain(start, source, file)?
     };
     // Before any memory is taken: both sizes are only claims of the file.
     if count.checked_mul(kind.size()) != Some(packed.size) {

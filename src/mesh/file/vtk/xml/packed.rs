@@ -21,13 +21,13 @@ pub(super) enum Source<'a> {
 
 impl Source<'_> {
     /// Returns the first `count` bytes, and the length of the source that they and any base64 padding occupy.
-    fn take(&self, at: usize, skip: usize, count: usize) -> Result<(Vec<u8>, usize), Fault> {
+    fn take(&self, offset: usize, skip: usize, count: usize) -> Result<(Vec<u8>, usize), Fault> {
         let short = |left: usize| {
             let found = match self {
                 Source::Raw(_) => format!("{left} bytes to the end"),
                 Source::Base64(_) => format!("{left} base64 characters to the end, of {} bytes", left / 4 * 3),
             };
-            Fault::at(at + skip, found, format!("{count} bytes of data"))
+            Fault::at(offset + skip, found, format!("{count} bytes of data"))
         };
         let left = match self {
             Source::Raw(bytes) | Source::Base64(bytes) => bytes.len().saturating_sub(skip),
@@ -43,7 +43,7 @@ impl Source<'_> {
                 let text = end.and_then(|end| bytes.get(skip..end)).ok_or_else(|| short(left))?;
                 let mut data = STANDARD
                     .decode(text)
-                    .map_err(|error| Fault::at(at + skip, format!("broken base64 ({error})"), "base64 data"))?;
+                    .map_err(|error| Fault::at(offset + skip, format!("broken base64 ({error})"), "base64 data"))?;
                 if data.len() < count {
                     return Err(short(left));
                 }
@@ -68,12 +68,12 @@ pub(super) struct Packed<'a> {
 
 impl<'a> Packed<'a> {
     /// Reads an uncompressed array: the byte count, then the bytes, encoded as one.
-    pub(super) fn plain(at: usize, source: Source<'a>, file: &Encoding) -> Result<Self, Fault> {
-        let (count, _) = source.take(at, 0, file.header_size())?;
+    pub(super) fn plain(start: usize, source: Source<'a>, file: &Encoding) -> Result<Self, Fault> {
+        let (count, _) = source.take(start, 0, file.header_size())?;
         let size = usize::try_from(file.word(&count)).ok();
         Ok(Packed {
-            size: size.ok_or_else(|| Fault::at(at, "a byte count beyond memory", "the size of the array"))?,
-            at,
+            size: size.ok_or_else(|| Fault::at(start, "a byte count beyond memory", "the size of the array"))?,
+            at: start,
             source,
             skip: file.header_size(),
             blocks: None,
@@ -82,14 +82,14 @@ impl<'a> Packed<'a> {
 
     /// Reads a compressed array: the number of blocks, their size, the size of the last partial block (0: none), the
     /// compressed sizes; then, encoded separately, the blocks.
-    pub(crate) fn zlib(at: usize, source: Source<'a>, file: &Encoding) -> Result<Self, Fault> {
+    pub(crate) fn zlib(start: usize, source: Source<'a>, file: &Encoding) -> Result<Self, Fault> {
         let width = file.header_size();
         let word = |bytes: &[u8]| usize::try_from(file.word(bytes)).ok();
-        let beyond = || Fault::at(at, "block sizes beyond memory", "the sizes of compressed blocks");
-        let count = word(&source.take(at, 0, width)?.0).ok_or_else(beyond)?;
+        let beyond = || Fault::at(start, "block sizes beyond memory", "the sizes of compressed blocks");
+        let count = word(&source.take(start, 0, width)?.0).ok_or_else(beyond)?;
         let mut packed = Packed {
             size: 0,
-            at,
+            at: start,
             source,
             skip: width,
             blocks: Some(Vec::new()),
@@ -98,7 +98,7 @@ impl<'a> Packed<'a> {
             return Ok(packed);
         }
         let words = count.checked_add(3).and_then(|words| words.checked_mul(width));
-        let (header, skip) = source.take(at, 0, words.ok_or_else(beyond)?)?;
+        let (header, skip) = source.take(start, 0, words.ok_or_else(beyond)?)?;
         let header: Option<Vec<usize>> = header.chunks_exact(width).map(word).collect();
         let header = header.ok_or_else(beyond)?;
         let (full, partial) = (header[1], header[2]);
@@ -108,7 +108,7 @@ impl<'a> Packed<'a> {
         for (block, &(size, unpacked)) in blocks.iter().enumerate() {
             if unpacked > size.saturating_mul(ZLIB_RATIO) {
                 let found = format!("block {block} of {size} bytes claiming {unpacked}");
-                return Err(Fault::at(at, found, "a zlib block"));
+                return Err(Fault::at(start, found, "a zlib block"));
             }
             packed.size = packed.size.checked_add(unpacked).ok_or_else(beyond)?;
         }
@@ -128,7 +128,7 @@ impl<'a> Packed<'a> {
         let beyond = || Fault::at(self.at, "block sizes beyond memory", "the sizes of compressed blocks");
         let sizes = blocks.iter().try_fold(0usize, |sum, (size, _)| sum.checked_add(*size));
         let (packed, _) = self.source.take(self.at, self.skip, sizes.ok_or_else(beyond)?)?;
-        let (mut rest, mut at) = (packed.as_slice(), self.at + self.skip);
+        let (mut rest, mut offset) = (packed.as_slice(), self.at + self.skip);
         let mut out = read::room(self.size, "an array of a mesh")?;
         for (block, &(size, expected)) in blocks.iter().enumerate() {
             let (data, tail) = rest.split_at(size);
@@ -138,13 +138,13 @@ impl<'a> Packed<'a> {
                 .read_to_end(&mut out);
             if let Err(error) = inflated {
                 let found = format!("broken zlib data in block {block} ({error})");
-                return Err(Fault::at(at, found, "a zlib block"));
+                return Err(Fault::at(offset, found, "a zlib block"));
             }
             if out.len() - before != expected {
                 let found = format!("{} bytes in block {block}", out.len() - before);
-                return Err(Fault::at(at, found, format!("{expected}")));
+                return Err(Fault::at(offset, found, format!("{expected}")));
             }
-            at += if matches!(self.source, Source::Raw(_)) { size } else { 0 };
+            offset += if matches!(self.source, Source::Raw(_)) { size } else { 0 };
             rest = tail;
         }
         Ok(out)
