@@ -58,6 +58,7 @@ pub fn bench(
     let mut synth = Synthesizer::new(anatomy.clone(), settings.clone(), backend.clone())?;
     let clock = Clock { states, options };
     let frame = clock.wall(&mut synth, |synth, state| synth.render(state).map(drop))?;
+    // A first frame tells whether this backend can leave frames on its GPU.
     let frame_left_on_gpu = match synth.gpu().cloned() {
         Some(gpu) if synth.render_to_texture(&states[0]).is_ok() => Some(clock.wall(&mut synth, |synth, state| {
             synth.render_to_texture(state)?;
@@ -137,8 +138,8 @@ impl Clock<'_> {
             synth.take(ticket)?;
             Ok((ms, gpu.traffic() - before))
         })?;
-        let mean = |of: fn(&Traffic) -> u64| {
-            let sum: u64 = frames.iter().map(|(_, traffic)| of(traffic)).sum();
+        let mean = |field: fn(&Traffic) -> u64| {
+            let sum: u64 = frames.iter().map(|(_, traffic)| field(traffic)).sum();
             sum as f64 / frames.len() as f64
         };
         let before_submission = Spread::of(frames.iter().map(|(ms, _)| *ms).collect());
@@ -169,7 +170,7 @@ impl Clock<'_> {
         let passes = names.iter().enumerate();
         Ok((
             passes.filter_map(|(index, pass)| spread(index, pass.name)).collect(),
-            Spread::of(frames.iter().filter_map(|&(_, whole)| whole).collect()),
+            Spread::of(frames.iter().filter_map(|&(_, frame_ms)| frame_ms).collect()),
         ))
     }
 
@@ -184,18 +185,18 @@ impl Clock<'_> {
         let start = Instant::now();
         synth.render_batch(&states, |_, _| Ok::<_, SynthError>(()))?;
         let fps = rate(start);
-        let made = tempfile::tempdir().ok().and_then(|place| {
-            let folder = Folder::open(place.path(), "bench", &[], &[], false).ok()?;
-            Some((place, folder))
+        let scratch = tempfile::tempdir().ok().and_then(|directory| {
+            let folder = Folder::open(directory.path(), "bench", &[], &[], false).ok()?;
+            Some((directory, folder))
         });
-        let Some((_place, folder)) = made else {
+        let Some((_directory, folder)) = scratch else {
             return Ok(BatchRates { fps, png_fps: None });
         };
         let writers = Queue::new(available_parallelism().map_or(1, NonZero::get));
         let mut written = Ok(());
         let start = Instant::now();
-        synth.render_batch(&states, |at, frame| {
-            let path = png::frame_path(folder.path(), at, count);
+        synth.render_batch(&states, |index, frame| {
+            let path = png::frame_path(folder.path(), index, count);
             let (size, pixels) = ([frame.width, frame.height], frame.pixels.clone());
             let job = move || png::write_grey_with(Compression::Fast, &path, size, &pixels);
             if written.is_ok() {

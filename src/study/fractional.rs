@@ -41,14 +41,14 @@ fn start_of_sine(k: f64, x: f64) -> f64 {
         // The measure is concentrated at r = 0.
         return 1.0;
     }
-    let term = |at: i32| {
-        let v = STEP * f64::from(at);
+    let term = |step: i32| {
+        let v = STEP * f64::from(step);
         ((1.0 - k) * v - x * v.exp()).exp() / ((2.0 * v).exp() + 1.0)
     };
     // To the left of e^-40 only e^((1-k) v) remains: a geometric series.
     let slow = (1.0 - k) * STEP;
-    let rest = (-slow * f64::from(ENDS + 1)).exp() / -(-slow).exp_m1();
-    (k * PI).sin() / PI * STEP * ((-ENDS..=ENDS).map(term).sum::<f64>() + rest)
+    let tail = (-slow * f64::from(ENDS + 1)).exp() / -(-slow).exp_m1();
+    (k * PI).sin() / PI * STEP * ((-ENDS..=ENDS).map(term).sum::<f64>() + tail)
 }
 
 #[cfg(test)]

@@ -154,16 +154,16 @@ impl CaseFile {
         let (scenario, text) = self.scenario(folder, progress)?;
         let (entry, direction, base, deepest_mm) = self.line(&scenario)?;
         let layers = self.layers(&scenario, &entry, &direction, deepest_mm)?;
-        for (at, ratio) in self.poisson.iter().enumerate() {
+        for (index, ratio) in self.poisson.iter().enumerate() {
             if !(0.0..0.5).contains(ratio) {
                 let wrong = InvalidFile::number(*ratio, "0 to below 0.5");
-                return Err(self.fault(format!("poisson[{at}]"), wrong));
+                return Err(self.fault(format!("poisson[{index}]"), wrong));
             }
         }
         let weights = self.weights.iter().flatten();
         if weights.clone().any(|weight| !(weight.is_finite() && *weight >= 0.0)) {
-            let found = "a weight that is negative or not finite";
-            return Err(self.wrong_keys("weights", found, "numbers of 0 or more"));
+            let wrong = "a weight that is negative or not finite";
+            return Err(self.wrong_keys("weights", wrong, "numbers of 0 or more"));
         }
         // The cost would be 0 at every modulus.
         if self.weights.is_some() && weights.sum::<f64>() <= 0.0 {
@@ -174,9 +174,9 @@ impl CaseFile {
             .as_ref()
             .filter(|weights| weights.len() != 2 * layers.len())
         {
-            let found = format!("{} weights", weights.len());
+            let count = format!("{} weights", weights.len());
             let expected = format!("{}, two for each of {} layers", 2 * layers.len(), layers.len());
-            return Err(self.wrong_keys("weights", found, expected));
+            return Err(self.wrong_keys("weights", count, expected));
         }
         // The force is matched anew at every modulus: it cannot tell one from another, displacements can.
         if self.motion.is_none() && layers.iter().any(|layer| !layer.known) {
@@ -236,8 +236,8 @@ impl CaseFile {
         };
         let scenario = ScenarioFile::parse(&text, &source_name)?.resolve(&base, progress)?;
         if !scenario.file.tissue.model.is_remeshed() {
-            let found = "a scenario whose tissue is not of linear finite elements";
-            return Err(self.wrong_keys("scenario", found, "`tissue.model = \"finite-element\"`"));
+            let wrong = "a scenario whose tissue is not of linear finite elements";
+            return Err(self.wrong_keys("scenario", wrong, "`tissue.model = \"finite-element\"`"));
         }
         Ok((scenario, (text, base)))
     }
@@ -245,37 +245,37 @@ impl CaseFile {
     /// Entry and direction of the needle's line, the base of the needle there, and the largest depth of its tip, mm.
     fn line(&self, scenario: &Scenario) -> Result<(Point3<f64>, Unit<Vector3<f64>>, Isometry3<f64>, f64), InputError> {
         let keys = scenario.needle_tip().keys();
-        let first = &keys[0].pose;
-        let (from, direction) = (first.position_mm(), first.axial());
+        let first_pose = &keys[0].pose;
+        let (start, direction) = (first_pose.position_mm(), first_pose.axial());
         let mut length = 0.0_f64;
         for key in keys {
-            let offset = key.pose.position_mm() - from;
-            let along = offset.dot(&direction);
-            let off_line_mm = (offset - direction.into_inner() * along).norm();
+            let offset = key.pose.position_mm() - start;
+            let along_mm = offset.dot(&direction);
+            let off_line_mm = (offset - direction.into_inner() * along_mm).norm();
             let turned = key.pose.axial().angle(&direction);
             if off_line_mm > MAX_OFF_LINE_MM || turned > 1e-4 {
-                let found = format!("a needle that leaves its line at {} s", key.time_s);
-                return Err(self.wrong_keys("scenario", found, "a scenario whose needle moves along its own axis"));
+                let bend = format!("a needle that leaves its line at {} s", key.time_s);
+                return Err(self.wrong_keys("scenario", bend, "a scenario whose needle moves along its own axis"));
             }
-            length = length.max(along);
+            length = length.max(along_mm);
         }
-        let at = |distance: f64| from + direction.into_inner() * distance;
+        let point = |distance: f64| start + direction.into_inner() * distance;
         let steps = (length / STEP_MM) as usize;
-        let first_inside = (0..steps).find(|step| scenario.anatomy.region(&at(*step as f64 * STEP_MM)).is_some());
+        let first_inside = (0..steps).find(|step| scenario.anatomy.region(&point(*step as f64 * STEP_MM)).is_some());
         let distance = match first_inside {
             Some(0) => {
-                let found = "a needle that begins in the tissue";
-                return Err(self.wrong_keys("scenario", found, "a scenario whose needle begins outside"));
+                let wrong = "a needle that begins in the tissue";
+                return Err(self.wrong_keys("scenario", wrong, "a scenario whose needle begins outside"));
             }
             // The surface lies between this sample and the one before.
             Some(step) => (step as f64 - 0.5) * STEP_MM,
             None => {
-                let found = "a needle that does not enter the tissue";
-                return Err(self.wrong_keys("scenario", found, "a scenario whose needle goes in"));
+                let wrong = "a needle that does not enter the tissue";
+                return Err(self.wrong_keys("scenario", wrong, "a scenario whose needle goes in"));
             }
         };
-        let base = Translation3::from(direction.into_inner() * distance) * scenario.needle.base(first);
-        Ok((at(distance), direction, base, length - distance))
+        let base = Translation3::from(direction.into_inner() * distance) * scenario.needle.base(first_pose);
+        Ok((point(distance), direction, base, length - distance))
     }
 
     /// Regions on the needle's line in the order in which it meets them, each with the depth at which it begins, mm.
@@ -290,16 +290,16 @@ impl CaseFile {
         for step in 1..=(deepest_mm / STEP_MM) as usize {
             let depth = (step as f64 - 0.5) * STEP_MM;
             let Some(region) = scenario.anatomy.region(&(entry + direction * depth)) else {
-                let found = format!("a gap in the tissue on the needle's line, {depth:.1} mm deep");
-                return Err(self.wrong_keys("scenario", found, "a line that stays in the tissue"));
+                let gap = format!("a gap in the tissue on the needle's line, {depth:.1} mm deep");
+                return Err(self.wrong_keys("scenario", gap, "a line that stays in the tissue"));
             };
-            if crossed.last().is_some_and(|last| last.0 == region) {
+            if crossed.last().is_some_and(|layer| layer.0 == region) {
                 continue;
             }
-            if crossed.last().is_some_and(|last| depth - last.1 < MIN_LAYER_MM) {
+            if crossed.last().is_some_and(|layer| depth - layer.1 < MIN_LAYER_MM) {
                 crossed.pop();
             }
-            if crossed.last().is_none_or(|last| last.0 != region) {
+            if crossed.last().is_none_or(|layer| layer.0 != region) {
                 crossed.push((region, if crossed.is_empty() { 0.0 } else { depth - 0.5 * STEP_MM }));
             }
         }
@@ -315,17 +315,17 @@ impl CaseFile {
     ) -> Result<Vec<Crossed>, InputError> {
         let crossed = self.crossings(scenario, entry, direction, deepest_mm)?;
         let mut layers = Vec::new();
-        for (at, (region, begins_mm)) in crossed.iter().enumerate() {
-            if crossed[..at].iter().any(|(before, _)| before == region) {
-                let found = format!("a needle that meets {} twice", scenario.region_name(*region));
-                return Err(self.wrong_keys("scenario", found, "a region for each layer on the line"));
+        for (index, (region, begins_mm)) in crossed.iter().enumerate() {
+            if crossed[..index].iter().any(|(before, _)| before == region) {
+                let repeated = format!("a needle that meets {} twice", scenario.region_name(*region));
+                return Err(self.wrong_keys("scenario", repeated, "a region for each layer on the line"));
             }
             let Some(material) = scenario.linear_material(*region) else {
-                let found = format!(
+                let wrong = format!(
                     "{} on the needle's line without an element",
                     scenario.region_name(*region)
                 );
-                return Err(self.wrong_keys("scenario", found, "a finer mesh (`tissue.nodes`)"));
+                return Err(self.wrong_keys("scenario", wrong, "a finer mesh (`tissue.nodes`)"));
             };
             layers.push(Crossed {
                 region: *region,
@@ -344,19 +344,19 @@ impl CaseFile {
         let names = scenario.region_names.iter();
         let names = Names::new(names.map(|(region, name)| (*region, i64::from(*region), vec![name.clone()])));
         let mut stated_regions = Vec::new();
-        for (at, spec) in self.layer.iter().enumerate() {
-            let key = |key: &str| format!("layer[{at}].{key}");
+        for (index, spec) in self.layer.iter().enumerate() {
+            let key = |key: &str| format!("layer[{index}].{key}");
             let regions = names.find(&spec.region).map_err(|error| {
                 let help = error.help();
                 self.fault(key("region"), error).with_help(help)
             })?;
             let Some(layer) = layers.iter_mut().find(|layer| regions.contains(&layer.region)) else {
-                let found = format!("{}, which is not on the needle's line", spec.region);
-                return Err(self.wrong_keys(key("region"), found, "a layer that the needle crosses"));
+                let region = format!("{}, which is not on the needle's line", spec.region);
+                return Err(self.wrong_keys(key("region"), region, "a layer that the needle crosses"));
             };
             if stated_regions.contains(&layer.region) {
-                let found = format!("a second table for {}", layer.name);
-                return Err(self.wrong_keys(key("region"), found, "one for each layer"));
+                let repeated = format!("a second table for {}", layer.name);
+                return Err(self.wrong_keys(key("region"), repeated, "one for each layer"));
             }
             stated_regions.push(layer.region);
             let young_kpa = spec.young_kpa.unwrap_or(layer.material.young_kpa());
@@ -376,7 +376,7 @@ impl IdentificationCase {
 
     /// Weights of the regions of the force, two a layer.
     pub fn weights(&self) -> Vec<f64> {
-        let usual = || (0..2 * self.layers.len()).map(|at| if at % 2 == 0 { 1.0 } else { 4.0 });
+        let usual = || (0..2 * self.layers.len()).map(|index| if index % 2 == 0 { 1.0 } else { 4.0 });
         self.file.weights.clone().unwrap_or_else(|| usual().collect())
     }
 }

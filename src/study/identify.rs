@@ -131,8 +131,8 @@ pub fn identify(case: IdentificationCase, progress: &(dyn Fn(f64) + Sync)) -> Re
         let done = runs.fetch_add(1, Ordering::Relaxed) as f64;
         progress(done / (done + 0.5 * expected).max(expected));
     };
-    let one = |poisson: &Option<f64>| Search::new(&case, &data, &model, *poisson, &count_run).find();
-    let results = parallel::try_map(&case.poisson[..], &one)?;
+    let identify = |poisson: &Option<f64>| Search::new(&case, &data, &model, *poisson, &count_run).find();
+    let results = parallel::try_map(&case.poisson[..], &identify)?;
     Ok(Identification {
         force_model: model,
         results,
@@ -168,7 +168,7 @@ pub(super) fn identify_simulated(
     let layers: Vec<LayerParameters> = truth.layers.iter().map(layer).collect();
     let mut motion = MeasuredMotion {
         points,
-        depths_mm: (1..=20).map(|at| truth.deepest_mm * f64::from(at) / 20.0).collect(),
+        depths_mm: (1..=20).map(|step| truth.deepest_mm * f64::from(step) / 20.0).collect(),
         measured_mm: Vec::new(),
     };
     let course = Simulator::new(truth, Some(&motion), truth.deepest_mm).run(&layers, true)?;
@@ -216,15 +216,15 @@ impl<'a> Search<'a> {
     fn start(&self) -> Vec<LayerParameters> {
         let layers = self.case.layers.iter().enumerate();
         let slope = |region: usize| self.model.slopes_n_per_mm[region].max(MIN_DENSITY_N_PER_MM);
-        let layer = |(at, layer): (usize, &Crossed)| LayerParameters {
+        let layer = |(index, layer): (usize, &Crossed)| LayerParameters {
             region: layer.region,
             region_name: layer.name.clone(),
             young_kpa: layer.material.young_kpa(),
             young_known: layer.known,
             poisson: self.poisson.unwrap_or(layer.material.poisson()),
-            peak_n_per_mm: slope(2 * at),
-            shaft_n_per_mm: slope(2 * at + 1),
-            width_mm: self.model.width(2 * at).max(MIN_WIDTH_MM),
+            peak_n_per_mm: slope(2 * index),
+            shaft_n_per_mm: slope(2 * index + 1),
+            width_mm: self.model.width(2 * index).max(MIN_WIDTH_MM),
         };
         layers.map(layer).collect()
     }
@@ -259,14 +259,14 @@ impl<'a> Search<'a> {
     /// Adjusts the force parameters by what a simulated force lacks. Returns the largest relative change.
     fn adjust(&self, layers: &mut [LayerParameters], simulated: &Piecewise) -> f64 {
         let mut change = 0.0_f64;
-        for (at, layer) in layers.iter_mut().enumerate() {
+        for (index, layer) in layers.iter_mut().enumerate() {
             // A density adds all but itself to a slope. Ratios of slopes would not settle where the slope of region 3 lacks the peak that
             // the tip leaves behind in the layer before.
             let lack = |region: usize| self.model.slopes_n_per_mm[region] - simulated.slopes_n_per_mm[region];
-            let ratio = self.model.width(2 * at) / simulated.width(2 * at).max(MIN_WIDTH_MM);
+            let ratio = self.model.width(2 * index) / simulated.width(2 * index).max(MIN_WIDTH_MM);
             for (parameter, new) in [
-                (&mut layer.peak_n_per_mm, lack(2 * at)),
-                (&mut layer.shaft_n_per_mm, lack(2 * at + 1)),
+                (&mut layer.peak_n_per_mm, lack(2 * index)),
+                (&mut layer.shaft_n_per_mm, lack(2 * index + 1)),
             ]
             .map(|(parameter, lack)| {
                 let new = (*parameter + lack).max(MIN_DENSITY_N_PER_MM);
@@ -284,7 +284,7 @@ impl<'a> Search<'a> {
 
     fn find(mut self) -> Result<Identified, Error> {
         let (data, mut layers) = (self.data, self.start());
-        let unknown: Vec<usize> = (0..layers.len()).filter(|at| !layers[*at].young_known).collect();
+        let unknown: Vec<usize> = (0..layers.len()).filter(|index| !layers[*index].young_known).collect();
         if let (Some(motion), false) = (&data.motion, unknown.is_empty()) {
             self.seek_moduli(motion, &mut layers, &unknown)?;
         }
@@ -304,11 +304,11 @@ impl<'a> Search<'a> {
         unknown: &[usize],
     ) -> Result<(), Error> {
         // Logarithms keep moduli positive and their steps relative.
-        let start: Vec<f64> = unknown.iter().map(|at| layers[*at].young_kpa.ln()).collect();
+        let start: Vec<f64> = unknown.iter().map(|index| layers[*index].young_kpa.ln()).collect();
         let limit = MAX_MODULUS_FACTOR.ln();
-        let set = |layers: &mut [LayerParameters], logs: &[f64]| {
+        let set_young = |layers: &mut [LayerParameters], logs: &[f64]| {
             let pairs = unknown.iter().zip(logs);
-            pairs.for_each(|(at, log)| layers[*at].young_kpa = log.exp());
+            pairs.for_each(|(index, log)| layers[*index].young_kpa = log.exp());
         };
         self.match_forces(layers)?;
         let mut trial = layers.clone();
@@ -321,12 +321,12 @@ impl<'a> Search<'a> {
             }
             // Every evaluation starts from the same forces, so that the cost is a function of the moduli alone.
             trial.clone_from(layers);
-            set(&mut trial, logs);
+            set_young(&mut trial, logs);
             let course = self.match_forces(&mut trial)?;
             Ok::<f64, Error>(self.cost(motion, &course))
         };
         let minimum = nelder_mead(&start, &vec![LOG_STEP; start.len()], TOLERANCE, MAX_OUTER, cost)?;
-        set(layers, &minimum.at);
+        set_young(layers, &minimum.at);
         let mut pairs = minimum.at.iter().zip(&start);
         if pairs.any(|(log, start)| (log - start).abs() > 0.98 * limit) {
             self.notes.push(format!(
@@ -345,13 +345,13 @@ impl<'a> Search<'a> {
         least: f64,
     ) -> Result<Vec<Sensitivity>, Error> {
         let mut sensitivities = Vec::new();
-        for at in unknown {
+        for index in unknown {
             for factor in [1.0 - PERTURBATION, 1.0 + PERTURBATION] {
                 let mut changed = layers.to_vec();
-                changed[*at].young_kpa *= factor;
+                changed[*index].young_kpa *= factor;
                 let course = self.match_forces(&mut changed)?;
                 sensitivities.push(Sensitivity {
-                    region_name: changed[*at].region_name.clone(),
+                    region_name: changed[*index].region_name.clone(),
                     factor,
                     cost_ratio: self.cost(motion, &course) / least,
                 });
@@ -406,7 +406,7 @@ impl<'a> Search<'a> {
 
     /// Weighted squares of the errors over those of the displacements (Dehghan et al. 2008, equation 1, as its text describes it).
     fn cost(&self, motion: &MeasuredMotion, course: &SimulatedInsertion) -> f64 {
-        let (mut errors, mut all) = (0.0, 0.0);
+        let (mut errors, mut sizes) = (0.0, 0.0);
         for ((depth, simulated), measured) in motion.depths_mm.iter().zip(&course.moved_mm).zip(&motion.measured_mm) {
             let weight = self.weights[self.model.region(*depth)];
             let pairs = || {
@@ -426,14 +426,14 @@ impl<'a> Search<'a> {
                 }
             };
             errors += weight * error;
-            all += weight * size;
+            sizes += weight * size;
         }
-        errors / all.max(f64::MIN_POSITIVE)
+        errors / sizes.max(f64::MIN_POSITIVE)
     }
 
     fn motion_errors(&self, motion: &MeasuredMotion, course: &SimulatedInsertion) -> MotionErrors {
         let by_depth = errors_by_depth(motion, course);
-        let largest = |of: fn(&[f64; 3]) -> f64| by_depth.iter().map(of).fold(0.0, f64::max);
+        let largest = |error: fn(&[f64; 3]) -> f64| by_depth.iter().map(error).fold(0.0, f64::max);
         MotionErrors {
             cost: self.cost(motion, course),
             largest_mean_mm: largest(|row| row[1].abs()),
@@ -471,7 +471,7 @@ fn force_errors(course: &SimulatedInsertion, measured: &[[f64; 2]]) -> ForceErro
 fn force_at(course: &SimulatedInsertion, depth: f64) -> f64 {
     let after = course.force.partition_point(|point| point[0] < depth);
     let [end, force] = course.force[after.min(course.force.len() - 1)];
-    let [start, before] = after.checked_sub(1).map_or([0.0; 2], |at| course.force[at]);
+    let [start, before] = after.checked_sub(1).map_or([0.0; 2], |row| course.force[row]);
     if end <= start {
         return force;
     }

@@ -39,17 +39,17 @@ pub fn inspect(
         return Ok(None);
     }
     let grey_level = frame.pixels[row * width + column];
-    let at = synth.tables().scan_map[row * width + column];
+    let beam_position = synth.tables().scan_map[row * width + column];
     let centre = [column as f64, row as f64];
     Ok(Some(PixelReport {
         pixel: [column, row],
         grey_level,
         plane_mm: synth.tables().image_grid.to_plane(centre[0], centre[1]),
         world_mm: transform(&image_to_world, [centre[0], centre[1], 0.0]),
-        sample: if at[0] < 0.0 {
+        sample: if beam_position[0] < 0.0 {
             None
         } else {
-            Some(sample_report(&mut synth, state, at)?)
+            Some(sample_report(&mut synth, state, beam_position)?)
         },
     }))
 }
@@ -58,11 +58,15 @@ fn transform(matrix: &Matrix4<f64>, point: [f64; 3]) -> [f64; 3] {
     matrix.transform_point(&Point3::from(point)).into()
 }
 
-fn sample_report(synth: &mut Synthesizer, state: &FrameState, at: [f32; 2]) -> Result<SampleReport, SynthError> {
-    let (line, sample) = ((at[0] + 0.5) as usize, (at[1] + 0.5) as usize);
+fn sample_report(
+    synth: &mut Synthesizer,
+    state: &FrameState,
+    beam_position: [f32; 2],
+) -> Result<SampleReport, SynthError> {
+    let (line, sample) = ((beam_position[0] + 0.5) as usize, (beam_position[1] + 0.5) as usize);
     let index = line * synth.tables().samples() + sample;
     let stages = Stages::run(synth, state, index)?;
-    let last = &stages.last;
+    let beam = &stages.last;
     let mut world: [f64; 3] = world_position(synth.tables(), &state.probe_to_world, line, sample).into();
     // Contact moves samples before the mesh carries them back: displacements count from there.
     if synth.tables().settings.effects.contact.is_some() {
@@ -70,23 +74,23 @@ fn sample_report(synth: &mut Synthesizer, state: &FrameState, at: [f32; 2]) -> R
         world.copy_from_slice(&pressed.position[index][..3]);
     }
     let tables = synth.tables();
-    let reference = last.position.get(index).map_or(world, |p| [p[0], p[1], p[2]]);
-    let label = last.label.get(index).copied().unwrap_or(0);
+    let reference = beam.position.get(index).map_or(world, |p| [p[0], p[1], p[2]]);
+    let label = beam.label.get(index).copied().unwrap_or(0);
     let moved = [0, 1, 2].map(|axis| world[axis] - reference[axis]);
     Ok(SampleReport {
-        beam: at.map(f64::from),
+        beam: beam_position.map(f64::from),
         line,
         sample,
         depth_mm: tables.grid.sample_depth_mm(sample),
         world_mm: world,
         reference_mm: reference,
         displacement_mm: moved.iter().map(|x| x * x).sum::<f64>().sqrt(),
-        mesh: mesh_report(tables, state, last, index, world),
+        mesh: mesh_report(tables, state, beam, index, world),
         label: label_report(tables, label, reference),
         texture: texture_report(tables, label, reference),
         speckle: stages.factor_of("speckle", synth),
-        needle_share: last.needle.get(index).copied(),
-        shadow: shadow_report(tables, last, line, sample),
+        needle_share: beam.needle.get(index).copied(),
+        shadow: shadow_report(tables, beam, line, sample),
         auto_gain_db: stages.auto_gain_db(tables, sample),
         gain_db: 20.0
             * tables
@@ -97,7 +101,7 @@ fn sample_report(synth: &mut Synthesizer, state: &FrameState, at: [f32; 2]) -> R
                 .get(sample)
                 .map_or(0.0, |gain| gain.log10()),
         blur: blur_report(tables, stages.before_blur.as_deref(), line, sample),
-        interpolation: corners(last, at),
+        interpolation: corners(beam, beam_position),
         stages: stages.list,
     })
 }
@@ -158,9 +162,9 @@ impl Stages {
             let mut passes = synth.plan().passes.iter();
             passes.any(|planned| planned.effect == effect && planned.pass.name == stage.pass)
         };
-        let first = self.list.iter().position(belongs)?;
+        let start = self.list.iter().position(belongs)?;
         let after = self.list.iter().rfind(|stage| belongs(stage))?.value;
-        let before = self.list.get(first.checked_sub(1)?)?.value;
+        let before = self.list.get(start.checked_sub(1)?)?.value;
         (before > 0.0).then(|| after / before)
     }
 }
@@ -225,14 +229,14 @@ fn texture_report(tables: &Tables, label: u8, reference: [f64; 3]) -> Option<Tex
 fn shadow_report(tables: &Tables, beam: &Beam, line: usize, sample: usize) -> Option<ShadowReport> {
     let start = line * beam.samples;
     let &units = beam.loss.get(start + sample)?;
-    let mut taken: Vec<TissueLoss> = Vec::new();
-    let mut take = |by: &str, mm: f64, db: f64| match taken.iter_mut().find(|taken| taken.by == by) {
-        Some(taken) => {
-            taken.mm += mm;
-            taken.db += db;
+    let mut losses: Vec<TissueLoss> = Vec::new();
+    let mut take = |cause: &str, mm: f64, db: f64| match losses.iter_mut().find(|loss| loss.by == cause) {
+        Some(loss) => {
+            loss.mm += mm;
+            loss.db += db;
         }
-        None if db > 0.0 => taken.push(TissueLoss {
-            by: by.to_owned(),
+        None if db > 0.0 => losses.push(TissueLoss {
+            by: cause.to_owned(),
             mm,
             db,
         }),
@@ -240,27 +244,27 @@ fn shadow_report(tables: &Tables, beam: &Beam, line: usize, sample: usize) -> Op
     };
     let shadow = tables.settings.effects.shadow.as_ref();
     let needle_db_mm = shadow.map_or(0.0, |shadow| shadow.needle_db_mm);
-    for at in 0..=sample {
+    for crossed in 0..=sample {
         // Only half of a sample's own loss lies before its centre.
-        let share = if at == sample { 0.5 } else { 1.0 };
+        let share = if crossed == sample { 0.5 } else { 1.0 };
         let mm = share * tables.sample_mm();
-        let label = beam.label.get(start + at).copied().unwrap_or(0);
+        let label = beam.label.get(start + crossed).copied().unwrap_or(0);
         let loss_units = tables.label_rows.get(usize::from(label)).map_or(0, |row| row.loss);
         take(
             &tables.anatomy.tissues.of(label).name,
             mm,
             share * f64::from(loss_units) / UNITS_PER_DB,
         );
-        if let Some(&fill) = beam.needle.get(start + at).filter(|&&fill| fill > 0.0) {
-            let shade = beam.shade.get(start + at).copied().unwrap_or(0.0);
+        if let Some(&fill) = beam.needle.get(start + crossed).filter(|&&fill| fill > 0.0) {
+            let shade = beam.shade.get(start + crossed).copied().unwrap_or(0.0);
             take("needle", mm * fill, mm * shade * needle_db_mm);
         }
     }
-    taken.sort_by(|a, b| b.db.total_cmp(&a.db));
+    losses.sort_by(|a, b| b.db.total_cmp(&a.db));
     Some(ShadowReport {
         transmittance: transmittance(units),
         loss_db: f64::from(units) / UNITS_PER_DB,
-        taken_by: taken,
+        taken_by: losses,
     })
 }
 
@@ -269,8 +273,8 @@ fn blur_report(tables: &Tables, before: Option<&[f64]>, line: usize, sample: usi
         return Vec::new();
     };
     let taps = kernel.at(sample).enumerate().filter_map(|(tap, weight)| {
-        let other = (line + tap).checked_sub(kernel.reach)?;
-        (other < tables.lines()).then_some((other, weight))
+        let neighbour = (line + tap).checked_sub(kernel.reach)?;
+        (neighbour < tables.lines()).then_some((neighbour, weight))
     });
     let inside: Vec<(usize, f64)> = taps.collect();
     let total: f64 = inside.iter().map(|(_, weight)| weight).sum();
@@ -285,13 +289,13 @@ fn blur_report(tables: &Tables, before: Option<&[f64]>, line: usize, sample: usi
         .collect()
 }
 
-fn corners(beam: &Beam, at: [f32; 2]) -> Vec<Corner> {
-    let (first, share) = (at.map(|x| x as usize), at.map(|x| f64::from(x.fract())));
+fn corners(beam: &Beam, position: [f32; 2]) -> Vec<Corner> {
+    let (low, share) = (position.map(|x| x as usize), position.map(|x| f64::from(x.fract())));
     let mut corners = Vec::with_capacity(4);
     for (step_line, of_line) in [(0, 1.0 - share[0]), (1, share[0])] {
         for (step_sample, of_sample) in [(0, 1.0 - share[1]), (1, share[1])] {
-            let line = (first[0] + step_line).min(beam.lines - 1);
-            let sample = (first[1] + step_sample).min(beam.samples - 1);
+            let line = (low[0] + step_line).min(beam.lines - 1);
+            let sample = (low[1] + step_sample).min(beam.samples - 1);
             let weight = of_line * of_sample;
             if weight > 0.0 {
                 corners.push(Corner {

@@ -148,8 +148,8 @@ fn distance(a: &[f64], b: &[f64]) -> f64 {
     steps.sum()
 }
 
-fn refuse(picture: &Picture, found: &str, expected: &str) -> VolumeError {
-    VolumeError::malformed(picture.name.as_ref(), At::Pixels, found, expected)
+fn refuse(picture: &Picture, fault: &str, expected: &str) -> VolumeError {
+    VolumeError::malformed(picture.name.as_ref(), At::Pixels, fault, expected)
 }
 
 /// Side of a pixel, mm, from the depth shown by the middle scanline (mm), or from the frame.
@@ -190,12 +190,12 @@ pub fn fit(picture: &Picture, depth_mm: Option<f64>, seed: u64) -> Result<Match,
     let mm = pixel_mm(picture, outline, depth_mm)?;
     let bench = Bench::new(picture, mask, outline, mm, seed)?;
     if bench.windows.is_empty() {
-        let found = "no window of speckle in the sector";
+        let wrong = "no window of speckle in the sector";
         let expected = format!(
             "one of {} scanlines by {} samples of mean grey 20 to 200",
             WINDOW[0], WINDOW[1]
         );
-        return Err(refuse(picture, found, &expected).into());
+        return Err(refuse(picture, wrong, &expected).into());
     }
     let real = bench.measure(vec![picture.clone()]);
     let mut model = Model::start(&bench.probe);

@@ -140,19 +140,19 @@ impl CaseFile {
             Law::SpringPot => {
                 for (key, value) in [("modulus_inf_kpa", self.modulus_inf_kpa), ("tau_s", self.tau_s)] {
                     if value.is_some() {
-                        let found = format!("`{key}` with `law = \"spring-pot\"`");
-                        return Err(self.wrong_keys(key, found, "`law = \"zener\"`, to which it belongs"));
+                        let key_and_law = format!("`{key}` with `law = \"spring-pot\"`");
+                        return Err(self.wrong_keys(key, key_and_law, "`law = \"zener\"`, to which it belongs"));
                     }
                 }
                 Ok(Rheology::SpringPot { order, modulus_kpa })
             }
             Law::Zener => {
-                let need = |key: &str, value: Option<f64>, what: &str| {
+                let need = |key: &str, value: Option<f64>, meaning: &str| {
                     value.ok_or_else(|| {
                         self.wrong_keys(
                             "law",
                             format!("`law = \"zener\"` without `{key}`"),
-                            format!("`{key}`, {what}"),
+                            format!("`{key}`, {meaning}"),
                         )
                     })
                 };

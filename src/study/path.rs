@@ -173,11 +173,11 @@ pub fn plan(
     tissue.targets.clear();
     let entries = Entries::new(scenario, target, options)?;
     let lines = entries.lines()?;
-    let (done, of) = (AtomicUsize::new(0), lines.len());
-    progress(0, of);
-    let mut lines: Vec<Candidate> = parallel::try_map((0.., &lines[..]), &|(at, line)| {
-        let candidate = entries.simulated(at + 1, line, &tissue);
-        progress(done.fetch_add(1, Memory::Relaxed) + 1, of);
+    let (done, count) = (AtomicUsize::new(0), lines.len());
+    progress(0, count);
+    let mut lines: Vec<Candidate> = parallel::try_map((0.., &lines[..]), &|(index, line)| {
+        let candidate = entries.simulated(index + 1, line, &tissue);
+        progress(done.fetch_add(1, Memory::Relaxed) + 1, count);
         candidate
     })?;
     lines.sort_by(|a, b| rank(a, b, options.tolerance_mm).then(a.number.cmp(&b.number)));
@@ -189,7 +189,7 @@ pub fn plan(
         let mut reasons: Vec<_> = excluded.into_iter().collect();
         reasons.sort_by_key(|(_, number)| std::cmp::Reverse(*number));
         let reasons = reasons.iter().map(|(reason, number)| format!("{number} {reason}"));
-        return Err(no_path(&name, of, &reasons.collect::<Vec<_>>().join("; ")));
+        return Err(no_path(&name, count, &reasons.collect::<Vec<_>>().join("; ")));
     }
     let mut warnings = Vec::new();
     if let Some(path) = lines[0].path.as_ref() {
@@ -232,13 +232,13 @@ pub(super) fn miss_mm(scenario: &Scenario, course: &Course, target: &Point3<f64>
         .samples
         .last()
         .filter(|_| !trial.bone)
-        .map(|last| last.miss().norm()))
+        .map(|sample| sample.miss().norm()))
 }
 
 /// Name and place of the target.
 fn goal(scenario: &Scenario, goal: &Goal) -> Result<(String, Point3<f64>), Error> {
     let name = match goal {
-        Goal::At(at) => return Ok(("the target".to_owned(), (*at).into())),
+        Goal::At(point) => return Ok(("the target".to_owned(), (*point).into())),
         Goal::Named(name) => name,
     };
     if let Some(target) = scenario.targets.iter().find(|target| target.name == *name) {
@@ -247,8 +247,8 @@ fn goal(scenario: &Scenario, goal: &Goal) -> Result<(String, Point3<f64>), Error
     let body = scenario.scene.body();
     let label = body.named(name).ok_or_else(|| unknown(scenario, name))?;
     let pose = scenario.scene.probe_path().at(scenario.timing.start_s);
-    let (at, _) = middle(&scenario.scene, &pose, label).ok_or_else(|| unknown(scenario, name))?;
-    Ok((body.name(label), at))
+    let (centre, _) = middle(&scenario.scene, &pose, label).ok_or_else(|| unknown(scenario, name))?;
+    Ok((body.name(label), centre))
 }
 
 /// Error if no line to a target is left of those tried.

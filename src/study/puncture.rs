@@ -133,8 +133,8 @@ pub fn puncture(options: &PunctureOptions, progress: &mut dyn FnMut(f64)) -> Res
     }];
     let mut states = vec![state("rest", &liver, &needle, 0.0)];
     // The state before each puncture is kept when the step reports that puncture.
-    for at in 1..=steps as usize {
-        let travel_mm = (at as f64 * step).min(TRAVEL_MM);
+    for count in 1..=steps as usize {
+        let travel_mm = (count as f64 * step).min(TRAVEL_MM);
         let pushed = needle.step(travel_mm, step / speed);
         let pushed = pushed.map_err(|cause| StudyError::Travel { travel_mm, cause })?;
         if let Some(layer) = pushed.punctured {
@@ -144,14 +144,14 @@ pub fn puncture(options: &PunctureOptions, progress: &mut dyn FnMut(f64)) -> Res
         let [upper, lower] = [near, far].map(|depth| needle.along(depth));
         rows.push(PunctureStep {
             travel_mm,
-            time_s: at as f64 * step / speed,
+            time_s: count as f64 * step / speed,
             force_n: pushed.force_n,
             tip_n: pushed.tip_n,
             depth_mm: pushed.depth_mm,
             vein_mm: far + lower - near - upper,
             punctured: pushed.punctured,
         });
-        progress(at as f64 / steps);
+        progress(count as f64 / steps);
         if pushed.phase == Phase::Free {
             break;
         }
@@ -245,9 +245,9 @@ impl Puncture {
     /// Describes the punctures in words.
     pub fn text(&self) -> String {
         let mut text = String::new();
-        for (at, row) in self.rows.iter().enumerate() {
+        for (index, row) in self.rows.iter().enumerate() {
             let Some(layer) = row.punctured else { continue };
-            let after = self.rows.get(at + 1).map_or(row.force_n, |row| row.force_n);
+            let after = self.rows.get(index + 1).map_or(row.force_n, |row| row.force_n);
             text += &format!(
                 "{:<10} punctured at {:>5.1} mm: {:.3} N, then {after:.3} N; the vein is {:.1} mm high\n",
                 NAMES.get(layer).copied().unwrap_or("layer"),

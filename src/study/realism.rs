@@ -75,8 +75,8 @@ impl FrameMeasurements {
         let frame_correlation = |windows: &[Window]| {
             let neighbour = picture.neighbour.as_ref()?;
             average(windows.iter().map(|&window| {
-                let other = Patch::of(neighbour, picture.width, window);
-                Some(correlation(&patch(window).values, &other.values))
+                let neighbour = Patch::of(neighbour, picture.width, window);
+                Some(correlation(&patch(window).values, &neighbour.values))
             }))
         };
         let blocks = picture.mm.map(|mm| {
@@ -109,8 +109,8 @@ impl FrameMeasurements {
     }
 
     /// Returns the share of the sector whose grey levels satisfy a predicate.
-    fn share(&self, of: impl Fn(f64) -> bool) -> Option<f64> {
-        Some(self.sector.iter().filter(|grey| of(**grey)).count() as f64 / self.sector.len() as f64)
+    fn share(&self, counts: impl Fn(f64) -> bool) -> Option<f64> {
+        Some(self.sector.iter().filter(|grey| counts(**grey)).count() as f64 / self.sector.len() as f64)
     }
 }
 
@@ -119,21 +119,21 @@ impl FrameMeasurements {
 /// # Errors
 /// [`VolumeError`] for a frame smaller than a window, or without a sector at least that large.
 pub(crate) fn sector_of(picture: &Picture) -> Result<Vec<bool>, VolumeError> {
-    let refuse = |found, expected: String| {
+    let refuse = |wrong, expected: String| {
         let path = picture.name.as_ref();
-        Err(VolumeError::malformed(path, At::Pixels, found, expected))
+        Err(VolumeError::malformed(path, At::Pixels, wrong, expected))
     };
     let least = WINDOW + 1;
     if picture.width < least || picture.height < least {
-        let found = format!("{} x {} pixels", picture.width, picture.height);
-        return refuse(found, format!("at least {least} x {least}"));
+        let size = format!("{} x {} pixels", picture.width, picture.height);
+        return refuse(size, format!("at least {least} x {least}"));
     }
     let large = |mask: &Vec<bool>| mask.iter().filter(|inside| **inside).count() >= WINDOW * WINDOW;
     match sector::sector(picture).filter(large) {
         Some(mask) => Ok(mask),
         None => {
-            let found = "no sector: no connected region of varying grey levels";
-            refuse(found.to_owned(), format!("one of at least {WINDOW} x {WINDOW} pixels"))
+            let wrong = "no sector: no connected region of varying grey levels";
+            refuse(wrong.to_owned(), format!("one of at least {WINDOW} x {WINDOW} pixels"))
         }
     }
 }
@@ -169,7 +169,7 @@ impl FrameReport {
             histogram[*grey as usize / BIN_LEVELS] += 1.0 / parts.sector.len() as f64;
         }
         let autocorrelation = |axis: usize| {
-            let at = |lag: usize| {
+            let correlation = |lag: usize| {
                 average(
                     parts
                         .uniform
@@ -177,7 +177,7 @@ impl FrameReport {
                         .map(|texture| Some(texture.autocorrelation[axis][lag])),
                 )
             };
-            (0..=LAGS).map_while(at).collect()
+            (0..=LAGS).map_while(correlation).collect()
         };
         Ok(Self {
             name: picture.name.clone(),
@@ -285,17 +285,16 @@ pub struct LikenessReport {
 pub fn compare(frames: &[Picture], real: &[Picture]) -> Result<LikenessReport, VolumeError> {
     let measured = |pictures: &[Picture]| parallel::try_map(pictures, &FrameReport::of);
     let (frames, real) = (measured(frames)?, measured(real)?);
-    let rows = MEASURES
-        .iter()
-        .enumerate()
-        .map(|(at, measure)| MeasureComparison::of(measure, [&frames, &real].map(|side| MeasureSummary::of(side, at))));
+    let rows = MEASURES.iter().enumerate().map(|(index, measure)| {
+        MeasureComparison::of(measure, [&frames, &real].map(|side| MeasureSummary::of(side, index)))
+    });
     let measures: Vec<MeasureComparison> = rows.collect();
     let mut notes = Vec::new();
     let unscaled: Vec<String> = frames
         .iter()
         .chain(&real)
-        .filter(|it| it.mm_per_pixel.is_none())
-        .map(|it| it.name.clone())
+        .filter(|frame| frame.mm_per_pixel.is_none())
+        .map(|frame| frame.name.clone())
         .collect();
     if !unscaled.is_empty() {
         let names = insonify_base::text::some_of(&unscaled);

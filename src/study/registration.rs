@@ -52,11 +52,11 @@ pub fn page(registration: &Registration, skin: &Skin) -> Result<String, OutputEr
             Cell::number("quadratic, mm"),
         ];
         let rows = registration.landmarks_mm.iter();
-        let rows = rows.map(|it| {
+        let rows = rows.map(|pair| {
             [
-                Cell::from(it.name.as_str()),
-                number(it.rigid_mm),
-                number(it.quadratic_mm),
+                Cell::from(pair.name.as_str()),
+                number(pair.rigid_mm),
+                number(pair.quadratic_mm),
             ]
         });
         page.table(&Table::new(head).with(rows));
@@ -81,13 +81,13 @@ fn views(registration: &Registration, skin: &Skin) -> String {
     );
     for (view, [a, b]) in planes.into_iter().enumerate() {
         // The head is up, the front of the body too.
-        let place = |at: &Point3<f64>| {
-            let x = view as f64 * VIEW_PX + VIEW_PX / 2.0 + scale * (at[a] - (low[a] + high[a]) / 2.0);
-            let y = scale * (at[b] - (low[b] + high[b]) / 2.0);
+        let pixel = |point: &Point3<f64>| {
+            let x = view as f64 * VIEW_PX + VIEW_PX / 2.0 + scale * (point[a] - (low[a] + high[a]) / 2.0);
+            let y = scale * (point[b] - (low[b] + high[b]) / 2.0);
             (x, if b == 2 { VIEW_PX / 2.0 - y } else { VIEW_PX / 2.0 + y })
         };
-        let mut dot = |at: &Point3<f64>, radius: f64, colour: &str| {
-            let (x, y) = place(at);
+        let mut dot = |point: &Point3<f64>, radius: f64, colour: &str| {
+            let (x, y) = pixel(point);
             // Writing to a string does not fail.
             let _ = write!(
                 svg,
@@ -98,14 +98,14 @@ fn views(registration: &Registration, skin: &Skin) -> String {
         skin.points()
             .iter()
             .step_by(step)
-            .for_each(|at| dot(at, 0.7, "#b0b7be"));
-        for (at, distance) in registration
+            .for_each(|point| dot(point, 0.7, "#b0b7be"));
+        for (point, distance) in registration
             .mapped
             .iter()
             .step_by(1 + registration.mapped.len() / MAX_POINTS)
         {
             let class = COLOURS.iter().find(|(limit, _)| distance < limit);
-            dot(at, 1.4, class.unwrap_or(&COLOURS[COLOURS.len() - 1]).1);
+            dot(point, 1.4, class.unwrap_or(&COLOURS[COLOURS.len() - 1]).1);
         }
     }
     svg + "</svg>"
@@ -115,15 +115,15 @@ fn histogram(registration: &Registration) -> Plot {
     const BINS: usize = 30;
     let mut sorted: Vec<f64> = registration.mapped.iter().map(|(_, distance)| *distance).collect();
     sorted.sort_by(f64::total_cmp);
-    let most = sorted.get(sorted.len() * 49 / 50).copied().unwrap_or(1.0).max(0.01);
-    let width = most / BINS as f64;
+    let end_mm = sorted.get(sorted.len() * 49 / 50).copied().unwrap_or(1.0).max(0.01);
+    let width = end_mm / BINS as f64;
     let mut points = vec![[0.0, 0.0]];
     for bin in 0..BINS {
         let range = bin as f64 * width..(bin + 1) as f64 * width;
         let count = sorted.iter().filter(|distance| range.contains(distance)).count() as f64;
         points.extend([[range.start, count], [range.end, count]]);
     }
-    points.push([most, 0.0]);
+    points.push([end_mm, 0.0]);
     Plot::new(
         "Distances of surface points from the skin",
         Axis::linear("distance, mm"),

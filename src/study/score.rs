@@ -155,7 +155,7 @@ impl Score {
 
     /// Scores the steps of a run in which the needle is in the body.
     fn of_samples(run: &Path, samples: Vec<Sample>, withdrawn: bool, end_s: f64) -> Result<Self, Error> {
-        let (Some(first), Some(last)) = (samples.first(), samples.last()) else {
+        let (Some(first_sample), Some(last_sample)) = (samples.first(), samples.last()) else {
             return Err(unscored(run, "never has the needle in the body"));
         };
         let nearest = samples
@@ -171,7 +171,7 @@ impl Score {
             metrics: metrics(&samples, 1),
             at_rest: metrics(&samples, 0),
             units: NAMES.into_iter().zip(UNITS).collect(),
-            during_s: [first.time_s, last.time_s],
+            during_s: [first_sample.time_s, last_sample.time_s],
             nearest_s: nearest.map_or(f64::NAN, |sample| sample.time_s),
             withdrawn,
             clearance_mm: clearances.reduce(f64::min),
@@ -262,21 +262,21 @@ impl Sample {
     /// Values whose means are the metrics; `normal` is that of the plane at entry.
     fn values(&self, state: usize, normal: &Vector3<f64>) -> [f64; COUNT] {
         let (entry, target) = (self.entry[state], self.target[state]);
-        let along = (target - entry).try_normalize(0.0).unwrap_or_default();
-        let out = |point: &Point3<f64>| self.normal.dot(&(point - self.array)).abs();
+        let line = (target - entry).try_normalize(0.0).unwrap_or_default();
+        let out_of_plane_mm = |point: &Point3<f64>| self.normal.dot(&(point - self.array)).abs();
         // The sine is rounded to at most 1.
         let tilt = self.direction.dot(&self.normal).abs().min(1.0).asin();
         [
-            (self.tip - entry).cross(&along).norm(),
-            self.direction.angle(&along).to_degrees(),
-            out(&self.tip),
+            (self.tip - entry).cross(&line).norm(),
+            self.direction.angle(&line).to_degrees(),
+            out_of_plane_mm(&self.tip),
             tilt.to_degrees(),
             // Planes have no sides.
             90.0 - (90.0 - self.normal.angle(normal).to_degrees()).abs(),
             (self.measured_tip - self.tip).norm(),
             self.measured_direction.angle(&self.direction).to_degrees(),
             100.0 * f64::from(u8::from(self.shown)),
-            out(&target),
+            out_of_plane_mm(&target),
             self.target_distance(state),
         ]
     }

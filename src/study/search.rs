@@ -25,7 +25,7 @@ pub(crate) fn nelder_mead<E>(
     mut cost: impl FnMut(&[f64]) -> Result<f64, E>,
 ) -> Result<Evaluation, E> {
     let mut failed = None;
-    let mut value = |at: &[f64]| cost(at).map_err(|error| failed = Some(error)).ok();
+    let mut value = |point: &[f64]| cost(point).map_err(|error| failed = Some(error)).ok();
     let minimum = search(start, steps, tolerance, max_iterations, &mut value);
     match failed {
         Some(error) => Err(error),
@@ -44,14 +44,14 @@ fn search(
     max_iterations: u64,
     value: &mut dyn FnMut(&[f64]) -> Option<f64>,
 ) -> Option<Evaluation> {
-    let mut corner = |at: Vec<f64>| value(&at).map(|cost| Evaluation { at, cost });
+    let mut corner = |point: Vec<f64>| value(&point).map(|cost| Evaluation { at: point, cost });
     let mut simplex = vec![corner(start.to_vec())?];
     for (axis, step) in steps.iter().enumerate() {
-        let mut at = start.to_vec();
-        at[axis] += step;
-        simplex.push(corner(at)?);
+        let mut point = start.to_vec();
+        point[axis] += step;
+        simplex.push(corner(point)?);
     }
-    let last = simplex.len() - 1;
+    let worst_index = simplex.len() - 1;
     let mut best = Evaluation {
         at: start.to_vec(),
         cost: f64::INFINITY,
@@ -63,12 +63,12 @@ fn search(
             best.clone_from(&simplex[0]);
         }
         let spread = deviation(&simplex);
-        if last == 0 || iteration >= max_iterations || spread < tolerance || best.cost == f64::NEG_INFINITY {
+        if worst_index == 0 || iteration >= max_iterations || spread < tolerance || best.cost == f64::NEG_INFINITY {
             break;
         }
-        let centre = centroid(&simplex[..last]);
-        let [least, second, worst] = [0, last - 1, last].map(|at| simplex[at].cost);
-        let reflected = corner(moved(&centre, [&simplex[last].at, &centre], 1.0))?;
+        let centre = centroid(&simplex[..worst_index]);
+        let [least, second, worst] = [0, worst_index - 1, worst_index].map(|corner| simplex[corner].cost);
+        let reflected = corner(moved(&centre, [&simplex[worst_index].at, &centre], 1.0))?;
         let better = if reflected.cost < least {
             let expanded = corner(moved(&centre, [&centre, &reflected.at], 2.0))?;
             Some(if expanded.cost < reflected.cost {
@@ -81,7 +81,7 @@ fn search(
         } else if reflected.cost >= second {
             // Towards the better of the worst corner and its reflection.
             let outside = reflected.cost < worst;
-            let end = if outside { &reflected } else { &simplex[last] };
+            let end = if outside { &reflected } else { &simplex[worst_index] };
             let contracted = corner(moved(&centre, [&centre, &end.at], 0.5))?;
             let accepted = contracted.cost < end.cost || outside && contracted.cost == end.cost;
             accepted.then_some(contracted)
@@ -89,11 +89,11 @@ fn search(
             return None;
         };
         match better {
-            Some(better) => simplex[last] = better,
+            Some(better) => simplex[worst_index] = better,
             None => {
-                let (kept, others) = simplex.split_first_mut()?;
-                for other in others {
-                    *other = corner(moved(&kept.at, [&kept.at, &other.at], 0.5))?;
+                let (best, others) = simplex.split_first_mut()?;
+                for vertex in others {
+                    *vertex = corner(moved(&best.at, [&best.at, &vertex.at], 0.5))?;
                 }
             }
         }
@@ -130,8 +130,8 @@ mod tests {
 
     #[test]
     fn a_quadratic_form_and_the_valley_of_rosenbrock_lead_to_their_minima() {
-        let quadratic = |at: &[f64]| {
-            let [x, y, z] = [at[0] - 1.0, at[1] + 2.0, at[2] - 3.0];
+        let quadratic = |point: &[f64]| {
+            let [x, y, z] = [point[0] - 1.0, point[1] + 2.0, point[2] - 3.0];
             Ok::<f64, ()>(x * x + 10.0 * y * y + 0.1 * z * z + x * y + 7.0)
         };
         let minimum = nelder_mead(&[0.0; 3], &[0.5; 3], 1e-14, 1000, quadratic).unwrap();
@@ -139,9 +139,13 @@ mod tests {
             assert!((argument - expected).abs() < 1e-5, "{argument} {expected}");
         }
         assert!((minimum.cost - 7.0).abs() < 1e-9);
-        let valley = |at: &[f64]| Ok::<f64, ()>((1.0 - at[0]).powi(2) + 100.0 * (at[1] - at[0] * at[0]).powi(2));
+        let valley =
+            |point: &[f64]| Ok::<f64, ()>((1.0 - point[0]).powi(2) + 100.0 * (point[1] - point[0] * point[0]).powi(2));
         let minimum = nelder_mead(&[-1.2, 1.0], &[0.5; 2], 1e-14, 1000, valley).unwrap();
-        assert!(minimum.at.iter().all(|at| (at - 1.0).abs() < 1e-5), "{minimum:?}");
+        assert!(
+            minimum.at.iter().all(|coordinate| (coordinate - 1.0).abs() < 1e-5),
+            "{minimum:?}"
+        );
         assert_eq!(
             minimum,
             nelder_mead(&[-1.2, 1.0], &[0.5; 2], 1e-14, 1000, valley).unwrap()
@@ -164,9 +168,9 @@ mod tests {
     fn points_are_those_of_the_method() {
         let points = |cost: fn(f64) -> f64, max_iterations: u64| {
             let mut points = Vec::new();
-            let run = |at: &[f64]| {
-                points.push(at[0]);
-                Ok::<f64, ()>(cost(at[0]))
+            let run = |point: &[f64]| {
+                points.push(point[0]);
+                Ok::<f64, ()>(cost(point[0]))
             };
             let minimum = nelder_mead(&[0.0], &[1.0], 0.0, max_iterations, run).unwrap();
             (points, minimum.at[0])
@@ -189,9 +193,9 @@ mod tests {
     fn equal_values_and_values_that_are_not_finite_end_the_search() {
         let run = |cost: fn(f64) -> f64, tolerance| {
             let mut calls = 0;
-            let cost = |at: &[f64]| {
+            let cost = |point: &[f64]| {
                 calls += 1;
-                Ok::<f64, ()>(cost(at[0]))
+                Ok::<f64, ()>(cost(point[0]))
             };
             let minimum = nelder_mead(&[0.0], &[1.0], tolerance, 50, cost).unwrap();
             (calls, minimum.at[0], minimum.cost)

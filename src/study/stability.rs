@@ -68,8 +68,8 @@ pub fn select<'a>(groups: &'a [Group], only: Option<&str>) -> Vec<(&'a str, &'a 
 /// Runs cases one after another. `progress` receives the name of the current case and the completed fraction of the run, 0 to 1.
 pub fn run(cases: &[(&str, &HardCase)], effort: Effort, progress: &mut dyn FnMut(&str, f64)) -> StabilityReport {
     let mut reports = Vec::with_capacity(cases.len());
-    for (at, (group, case)) in cases.iter().enumerate() {
-        let mut within = |share: f64| progress(case.name, (at as f64 + share.clamp(0.0, 1.0)) / cases.len() as f64);
+    for (index, (group, case)) in cases.iter().enumerate() {
+        let mut within = |share: f64| progress(case.name, (index as f64 + share.clamp(0.0, 1.0)) / cases.len() as f64);
         within(0.0);
         reports.push(run_case(group, case, effort, &mut within));
     }

@@ -116,7 +116,7 @@ pub(crate) struct Insertions {
 impl Insertions {
     pub(crate) fn measure(
         few: &InsertionOptions,
-        more: &InsertionOptions,
+        full: &InsertionOptions,
         progress: Progress<'_>,
     ) -> Result<Self, Error> {
         Ok(Self {
@@ -124,7 +124,7 @@ impl Insertions {
             thinning: thinning::measure(few, &mut |what, share| progress(what, 0.15 + 0.15 * share))?,
             links: LINKS.measure(few, &mut |what, share| progress(what, 0.3 + 0.15 * share))?,
             elements: ELEMENTS.measure(few, &mut |what, share| progress(what, 0.45 + 0.15 * share))?,
-            meshes: meshes::measure(more, &mut |what, share| progress(what, 0.6 + 0.4 * share))?,
+            meshes: meshes::measure(full, &mut |what, share| progress(what, 0.6 + 0.4 * share))?,
         })
     }
 }
@@ -173,9 +173,9 @@ impl StepCosts {
 
     /// Returns the choices open to a scenario, and their costs.
     pub fn in_situation(&self, situation: &Situation) -> Costs {
-        let at = usize::from(situation.probe);
+        let row = usize::from(situation.probe);
         let needle = if situation.beam { &self.elements } else { &self.links };
-        let mut settings = vec![self.levels[at].clone(), fitting(needle, situation.needle_mm)];
+        let mut settings = vec![self.levels[row].clone(), fitting(needle, situation.needle_mm)];
         if situation.probe {
             settings.push(self.thinning.clone());
         }
@@ -186,8 +186,8 @@ impl StepCosts {
         let (few, sizes) = (self.few, self.sizes());
         let (mesh, extra_ms) = match situation.nodes {
             Nodes::Open => {
-                let most = sizes.last().map_or(f64::from(few), |(nodes, _)| *nodes);
-                (format!("in blocks of {few} to {most} nodes"), 0.0)
+                let largest = sizes.last().map_or(f64::from(few), |(nodes, _)| *nodes);
+                (format!("in blocks of {few} to {largest} nodes"), 0.0)
             }
             Nodes::Stated(nodes) => (format!("at {nodes} nodes, from blocks"), extra_of(&sizes, nodes)),
             Nodes::Unknown => (format!("in a block of {few} nodes; a larger mesh takes longer"), 0.0),
@@ -196,7 +196,7 @@ impl StepCosts {
         Costs {
             measured: format!("steps that remesh, {probe} in contact, {mesh}"),
             errors: Some("mm at the tip in blocks of tissue".to_owned()),
-            base_ms: self.base_ms[at] + extra_ms,
+            base_ms: self.base_ms[row] + extra_ms,
             settings,
         }
     }
@@ -215,9 +215,10 @@ impl StepCosts {
 /// below the first.
 fn extra_of(sizes: &[(f64, f64)], nodes: u32) -> f64 {
     let nodes = f64::from(nodes);
-    let last = sizes.len().saturating_sub(1);
-    let next = sizes.iter().position(|(size, _)| *size >= nodes).unwrap_or(last);
-    let Some(&[(low, before), (high, after)]) = next.checked_sub(1).and_then(|at| sizes.get(at..=next)) else {
+    let largest = sizes.len().saturating_sub(1);
+    let next = sizes.iter().position(|(size, _)| *size >= nodes).unwrap_or(largest);
+    let Some(&[(low, before), (high, after)]) = next.checked_sub(1).and_then(|low_index| sizes.get(low_index..=next))
+    else {
         return 0.0;
     };
     before + (after - before) * (nodes - low) / (high - low)
@@ -260,7 +261,7 @@ fn setting<'a, T: ToString>(
 impl Measured {
     /// Time of a value, ms; 0 if it was not measured.
     fn ms_of(&self, value: &str) -> f64 {
-        let option = self.options.iter().find(|(other, ..)| other == value);
+        let option = self.options.iter().find(|(known, ..)| known == value);
         option.map_or(0.0, |(_, ms, _)| *ms)
     }
 

@@ -23,6 +23,6 @@ pub(crate) fn insertions() -> &'static Insertions {
 /// Marks the rows with this choice as the gold standard.
 pub(crate) fn mark_gold(table: &mut Table, choice: &str) {
     let rows = table.rows.iter_mut();
-    let gold = rows.filter(|row| row.choices.iter().any(|other| other == choice));
+    let gold = rows.filter(|row| row.choices.iter().any(|listed| listed == choice));
     gold.for_each(|row| row.gold = true);
 }

@@ -68,21 +68,21 @@ struct Image {
 
 impl Image {
     fn at(&self, x: f64, y: f64) -> f64 {
-        let place = |at: f64, n: usize| {
-            let at = at.clamp(0.0, n as f64 - 1.0);
-            let low = (at as usize).min(n.saturating_sub(2));
-            (low, at - low as f64, (low + 1).min(n - 1))
+        let between = |position: f64, n: usize| {
+            let position = position.clamp(0.0, n as f64 - 1.0);
+            let low = (position as usize).min(n.saturating_sub(2));
+            (low, position - low as f64, (low + 1).min(n - 1))
         };
-        let ((x0, u, x1), (y0, v, y1)) = (place(x, self.size[0]), place(y, self.size[1]));
+        let ((x0, u, x1), (y0, v, y1)) = (between(x, self.size[0]), between(y, self.size[1]));
         let value = |x: usize, y: usize| self.values[y * self.size[0] + x];
         let row = |y: usize| value(x0, y) * (1.0 - u) + value(x1, y) * u;
         row(y0) * (1.0 - v) + row(y1) * v
     }
 
-    fn map(&self, of: impl Fn(f64) -> f64) -> Self {
+    fn map(&self, function: impl Fn(f64) -> f64) -> Self {
         Self {
             size: self.size,
-            values: self.values.iter().map(|value| of(*value)).collect(),
+            values: self.values.iter().map(|value| function(*value)).collect(),
         }
     }
 
@@ -95,16 +95,16 @@ impl Image {
             }
             let reach = (3.0 * sigma[axis]).ceil() as isize;
             let kernel: Vec<f64> = (-reach..=reach)
-                .map(|at| (-0.5 * (at as f64 / sigma[axis]).powi(2)).exp())
+                .map(|offset| (-0.5 * (offset as f64 / sigma[axis]).powi(2)).exp())
                 .collect();
             let (n, stride) = (self.size[axis] as isize, if axis == 0 { 1 } else { self.size[0] });
             let before = image.values.clone();
-            for (at, value) in image.values.iter_mut().enumerate() {
-                let place = (at / stride % n as usize) as isize;
+            for (index, value) in image.values.iter_mut().enumerate() {
+                let position = (index / stride % n as usize) as isize;
                 let (mut sum, mut total) = (0.0, 0.0);
                 for (step, weight) in (-reach..=reach).zip(&kernel) {
-                    if (0..n).contains(&(place + step)) {
-                        sum += weight * before[(at as isize + step * stride as isize) as usize];
+                    if (0..n).contains(&(position + step)) {
+                        sum += weight * before[(index as isize + step * stride as isize) as usize];
                         total += weight;
                     }
                 }
@@ -152,7 +152,7 @@ impl Preparation {
             full_width(&flat.exemplar().correlations(axis, MAX_LAG), pixel_mm[axis])
                 .unwrap_or(MAX_LAG as f64 * pixel_mm[axis])
         });
-        let kept = match self.content {
+        let envelope = match self.content {
             Content::Keep => flat,
             Content::Structure => {
                 let power = flat.map(|a| a * a);
@@ -168,7 +168,7 @@ impl Preparation {
             Content::Structure => (cell_mm[0].min(cell_mm[1]) / 2.0).max(finest),
         };
         let voxel_mm = self.voxel_mm.unwrap_or(usual);
-        let level = kept.map(|a| 20.0 * a.log10());
+        let level = envelope.map(|a| 20.0 * a.log10());
         // Pixels smaller than voxels are averaged first.
         let level = level.smoothed(pixel_mm.map(|mm| ((voxel_mm / mm).powi(2) - 1.0).max(0.0).sqrt() / FWHM));
         let size = [0, 1].map(|axis| ((level.size[axis] as f64 - 1.0) * pixel_mm[axis] / voxel_mm) as usize + 1);
@@ -180,7 +180,7 @@ impl Preparation {
         }
         let scale = pixel_mm.map(|mm| voxel_mm / mm);
         let mut values: Vec<f32> = (0..size[0] * size[1])
-            .map(|at| level.at((at % size[0]) as f64 * scale[0], (at / size[0]) as f64 * scale[1]) as f32)
+            .map(|pixel| level.at((pixel % size[0]) as f64 * scale[0], (pixel / size[0]) as f64 * scale[1]) as f32)
             .collect();
         let mean = values.iter().sum::<f32>() / values.len() as f32;
         values.iter_mut().for_each(|value| *value -= mean);
@@ -205,10 +205,10 @@ impl Preparation {
         };
         let sigma_mm = TREND_SHARE * (width as f64 * pixel_mm[0]).min(height as f64 * pixel_mm[1]);
         let slow = level.smoothed(pixel_mm.map(|mm| sigma_mm / mm));
-        let both = level.values.iter().zip(&slow.values);
+        let pairs = level.values.iter().zip(&slow.values);
         Image {
             size: grey.size,
-            values: both.map(|(level, slow)| 10_f64.powf((level - slow) / 20.0)).collect(),
+            values: pairs.map(|(level, slow)| 10_f64.powf((level - slow) / 20.0)).collect(),
         }
     }
 
@@ -224,24 +224,31 @@ impl Preparation {
             return Err(format!("the apex ({}, {}) is not above the region", apex[0], apex[1]));
         }
         // A side on its own side of the apex binds at the far end, one beyond it at the near end. Angles and depths limit each other: iterated.
-        let (mut near, mut far, mut from, mut to) = (top, bottom, 0.0_f64, 0.0_f64);
+        let (mut near, mut far, mut least_angle, mut largest_angle) = (top, bottom, 0.0_f64, 0.0_f64);
         for _ in 0..BEAM_STEPS {
-            from = (left / if left < 0.0 { far } else { near }).clamp(-1.0, 1.0).asin();
-            to = (right / if right > 0.0 { far } else { near }).clamp(-1.0, 1.0).asin();
-            near = top / from.abs().max(to.abs()).cos();
-            let nearest = if from * to < 0.0 { 0.0 } else { from.abs().min(to.abs()) };
+            least_angle = (left / if left < 0.0 { far } else { near }).clamp(-1.0, 1.0).asin();
+            largest_angle = (right / if right > 0.0 { far } else { near }).clamp(-1.0, 1.0).asin();
+            near = top / least_angle.abs().max(largest_angle.abs()).cos();
+            let nearest = if least_angle * largest_angle < 0.0 {
+                0.0
+            } else {
+                least_angle.abs().min(largest_angle.abs())
+            };
             far = bottom / nearest.cos();
         }
-        if far - near < 16.0 * mm[1] || to <= from {
+        if far - near < 16.0 * mm[1] || largest_angle <= least_angle {
             return Err("the region leaves no rectangle of angle and depth below the apex".to_owned());
         }
         let middle = (near + far) / 2.0;
         let step = mm[0] / middle;
-        let size = [((to - from) / step) as usize + 1, ((far - near) / mm[1]) as usize + 1];
-        let value = |at: usize| {
+        let size = [
+            ((largest_angle - least_angle) / step) as usize + 1,
+            ((far - near) / mm[1]) as usize + 1,
+        ];
+        let value = |pixel: usize| {
             let (angle, radius) = (
-                from + (at % size[0]) as f64 * step,
-                near + (at / size[0]) as f64 * mm[1],
+                least_angle + (pixel % size[0]) as f64 * step,
+                near + (pixel / size[0]) as f64 * mm[1],
             );
             cut.at(
                 (radius * angle.sin() - left) / mm[0],
@@ -261,7 +268,7 @@ impl Preparation {
 /// Grey levels of a region; the error says why it has no texture.
 fn cut(picture: &Picture, region: &Region) -> Result<Image, String> {
     let [x, y, width, height] = region.window;
-    let within = |from: usize, side: usize, of: usize| from.checked_add(side).is_some_and(|end| end <= of);
+    let within = |start: usize, side: usize, size: usize| start.checked_add(side).is_some_and(|end| end <= size);
     if width < 16 || height < 16 || !within(x, width, picture.width) || !within(y, height, picture.height) {
         let size = format!("{} x {}", picture.width, picture.height);
         return Err(format!(
@@ -271,7 +278,7 @@ fn cut(picture: &Picture, region: &Region) -> Result<Image, String> {
     let inside = (y..y + height).flat_map(|row| (x..x + width).map(move |column| row * picture.width + column));
     let coloured = inside
         .clone()
-        .filter(|&at| picture.overlay.get(at).is_some_and(|is| *is))
+        .filter(|&pixel| picture.overlay.get(pixel).is_some_and(|is| *is))
         .count();
     if coloured > 0 {
         return Err(format!(
@@ -280,7 +287,7 @@ fn cut(picture: &Picture, region: &Region) -> Result<Image, String> {
     }
     let cut = Image {
         size: [width, height],
-        values: inside.map(|at| picture.grey[at]).collect(),
+        values: inside.map(|pixel| picture.grey[pixel]).collect(),
     };
     let saturated = cut.values.iter().filter(|grey| **grey >= 254.5 || **grey < 0.5).count();
     if 2 * saturated > cut.values.len() {
@@ -326,28 +333,28 @@ pub struct TextureFigures {
 /// # Errors
 /// The errors of [`synthesise`].
 pub fn make(
-    first: &PreparedExemplar,
+    prepared: &PreparedExemplar,
     exemplars: Exemplars,
     side: usize,
     seed: u64,
     progress: &mut dyn FnMut(f64),
 ) -> Result<SolidTexture, VolumeError> {
     let level = synthesise(&exemplars, side, seed, progress)?;
-    let voxel_mm = first.voxel_mm;
-    let along = |axis: usize| full_width(&correlations(&level, side, axis, MAX_LAG.min(side / 2)), voxel_mm);
-    let of = |exemplar: &Exemplar, axis: usize| full_width(&exemplar.correlations(axis, MAX_LAG), voxel_mm);
+    let voxel_mm = prepared.voxel_mm;
+    let width_mm = |axis: usize| full_width(&correlations(&level, side, axis, MAX_LAG.min(side / 2)), voxel_mm);
+    let exemplar_mm = |exemplar: &Exemplar, axis: usize| full_width(&exemplar.correlations(axis, MAX_LAG), voxel_mm);
     let mean = |a: Option<f64>, b: Option<f64>| Some((a? + b?) / 2.0);
     let figures = TextureFigures {
         size: side,
         voxel_mm,
-        cell_mm: first.cell_mm,
+        cell_mm: prepared.cell_mm,
         histogram_db: histogram_distance(&level, &exemplars.xy.values),
-        correlation_mm: [0, 1, 2].map(along),
+        correlation_mm: [0, 1, 2].map(width_mm),
         exemplar_correlation_mm: [
-            of(&exemplars.xy, 0),
+            exemplar_mm(&exemplars.xy, 0),
             // The rows of two planes run along y.
-            mean(of(&exemplars.xy, 1), of(&exemplars.zy, 1)),
-            of(&exemplars.zy, 0),
+            mean(exemplar_mm(&exemplars.xy, 1), exemplar_mm(&exemplars.zy, 1)),
+            exemplar_mm(&exemplars.zy, 0),
         ],
         seam: [0, 1, 2].map(|axis| seam(&level, side, axis)),
     };
@@ -367,7 +374,7 @@ fn histogram_distance(a: &[f32], b: &[f32]) -> f64 {
         let mut values = values.to_vec();
         values.sort_by(f32::total_cmp);
         (0..QUANTILES)
-            .map(|at| values[(2 * at + 1) * values.len() / (2 * QUANTILES)])
+            .map(|quantile| values[(2 * quantile + 1) * values.len() / (2 * QUANTILES)])
             .collect::<Vec<_>>()
     };
     let pairs = sorted(a).into_iter().zip(sorted(b));
@@ -378,10 +385,10 @@ fn histogram_distance(a: &[f32], b: &[f32]) -> f64 {
 fn seam(level: &[f32], side: usize, axis: usize) -> f64 {
     let stride = side.pow(axis as u32);
     let (mut across, mut within) = ([0.0, 0.0], [0.0, 0.0]);
-    for at in 0..level.len() {
-        let index = at / stride % side;
-        let other = at - index * stride + (index + 1) % side * stride;
-        let step = f64::from((level[at] - level[other]).abs());
+    for voxel in 0..level.len() {
+        let index = voxel / stride % side;
+        let next = voxel - index * stride + (index + 1) % side * stride;
+        let step = f64::from((level[voxel] - level[next]).abs());
         let sums = if index + 1 == side { &mut across } else { &mut within };
         sums[0] += step;
         sums[1] += 1.0;

@@ -63,8 +63,8 @@ impl Factor {
     }
 
     /// Declares the choice of a row.
-    pub(crate) const fn of<R>(self, of: fn(&R) -> String) -> Choice<R> {
-        Choice { factor: self, of }
+    pub(crate) const fn of<R>(self, text: fn(&R) -> String) -> Choice<R> {
+        Choice { factor: self, of: text }
     }
 
     /// Describes a choice in words: a bare number is put into the label, as in "spacing 5 mm" for the label "spacing, mm".
@@ -112,8 +112,8 @@ impl Axis {
     }
 
     /// Declares the value of a row; `None` if it was not or cannot be measured.
-    pub(crate) const fn of<R>(self, of: fn(&R) -> Option<f64>) -> Column<R> {
-        Column { axis: self, of }
+    pub(crate) const fn of<R>(self, value: fn(&R) -> Option<f64>) -> Column<R> {
+        Column { axis: self, of: value }
     }
 
     /// Returns the unit; empty if there is none.

@@ -168,8 +168,8 @@ impl fmt::Display for BackendReport {
         if let Some(time) = &self.gpu_time {
             row(f, "frame by GPU timestamps", time)?;
         }
-        if let Some(own) = &self.exchange {
-            let before = &own.before_submission;
+        if let Some(exchange) = &self.exchange {
+            let before = &exchange.before_submission;
             writeln!(
                 f,
                 "  {:<26} {:>10.3} {:>10.3}",
@@ -178,7 +178,12 @@ impl fmt::Display for BackendReport {
             writeln!(
                 f,
                 "  a frame: {} dispatches; uploads {:.1}, submissions {:.1}, waits {:.1}; {:.0} kB up, {:.0} kB down",
-                own.dispatches, own.uploads, own.submissions, own.waits, own.up_kb, own.down_kb
+                exchange.dispatches,
+                exchange.uploads,
+                exchange.submissions,
+                exchange.waits,
+                exchange.up_kb,
+                exchange.down_kb
             )?;
         }
         // Fused passes cannot be timed apart; run one by one, they need not add up to the time of a frame.

@@ -39,8 +39,8 @@ fn the_ladder_ends_at_slicing_alone() {
     assert_eq!(report.frame.frames, 2);
     assert!(report.memory_bytes > 0);
     assert!(report.batch.fps > 0.0 && report.batch.png_fps.is_some_and(|fps| fps > 0.0));
-    let taken: Vec<_> = report.ladder.iter().filter_map(|rung| rung.without).collect();
-    assert_eq!(taken, removable(&anatomy, &settings));
+    let removed: Vec<_> = report.ladder.iter().filter_map(|rung| rung.without).collect();
+    assert_eq!(removed, removable(&anatomy, &settings));
     let passes: Vec<_> = report.ladder.iter().map(|rung| rung.passes).collect();
     // Without tone the pass remains, with a linear display; that of automatic gain is gone.
     assert!(passes.windows(2).all(|pair| pair[1] < pair[0]), "{passes:?}");
@@ -52,9 +52,9 @@ fn the_ladder_ends_at_slicing_alone() {
         "geometry, slice, linear tone, scan conversion, quantise"
     );
 
-    let mut whole = BenchReport::new(&anatomy, &settings);
-    whole.backends.push(report);
-    let table = whole.to_string();
+    let mut bench = BenchReport::new(&anatomy, &settings);
+    bench.backends.push(report);
+    let table = bench.to_string();
     for word in [
         "64 scanlines",
         "32x24",
@@ -65,7 +65,7 @@ fn the_ladder_ends_at_slicing_alone() {
     ] {
         assert!(table.contains(word), "{word}: {table}");
     }
-    let json = serde_json::to_value(&whole).unwrap();
+    let json = serde_json::to_value(&bench).unwrap();
     assert!(json["backends"][0]["ladder"][1]["median_ms"].is_number());
     assert_eq!(json["backends"][0]["ladder"][1]["without"], "noise");
 }

@@ -60,13 +60,13 @@ fn unusable(path: &Path, text: String) -> Error {
 fn first_push(depths: &[f64]) -> Vec<usize> {
     let mut deepest = 0.0;
     let mut rows = Vec::new();
-    for (at, depth) in depths.iter().enumerate() {
+    for (row, depth) in depths.iter().enumerate() {
         if deepest > 0.0 && *depth < deepest - RETREAT_MM {
             break;
         }
         if *depth > deepest + 1e-9 {
             deepest = *depth;
-            rows.push(at);
+            rows.push(row);
         }
     }
     rows
@@ -79,7 +79,7 @@ impl Measurements {
     /// [`Error`] with the table and what it lacks.
     pub(super) fn read(case: &IdentificationCase) -> Result<Self, Error> {
         let force = forces(case)?;
-        let end = force.last().map_or(0.0, |last| last[0]);
+        let end = force.last().map_or(0.0, |row| row[0]);
         if let Some(layer) = case.layers.iter().find(|layer| layer.begins_mm >= end) {
             let text = format!(
                 "found forces up to a depth of {end:.1} mm; {} on the needle's line begins at {:.1} mm",
@@ -138,8 +138,8 @@ fn forces(case: &IdentificationCase) -> Result<Vec<[f64; 2]>, Error> {
         });
     }
     let depths: Vec<f64> = rows.iter().map(|row| row[0]).collect();
-    let push: Vec<[f64; 2]> = first_push(&depths).into_iter().map(|at| rows[at]).collect();
-    let Some(end) = push.last().map(|last| last[0]) else {
+    let push: Vec<[f64; 2]> = first_push(&depths).into_iter().map(|index| rows[index]).collect();
+    let Some(end) = push.last().map(|row| row[0]) else {
         return Err(unusable(
             path,
             "found no tip in the tissue; expected depths above 0 mm".to_owned(),
@@ -164,7 +164,7 @@ fn forces(case: &IdentificationCase) -> Result<Vec<[f64; 2]>, Error> {
         }
         before = *depth;
     }
-    if push.last().is_some_and(|last| last[1] <= 0.0) {
+    if push.last().is_some_and(|row| row[1] <= 0.0) {
         let text = "found a force that is not positive at the deepest point; expected one that is positive while the needle is pushed in";
         return Err(unusable(path, text.to_owned()));
     }
@@ -173,7 +173,8 @@ fn forces(case: &IdentificationCase) -> Result<Vec<[f64; 2]>, Error> {
 
 /// Means of neighbouring points, at most 300.
 pub(super) fn thinned(curve: &[[f64; 2]]) -> Vec<[f64; 2]> {
-    let mean = |rows: &[[f64; 2]]| [0, 1].map(|at| rows.iter().map(|row| row[at]).sum::<f64>() / rows.len() as f64);
+    let mean =
+        |rows: &[[f64; 2]]| [0, 1].map(|column| rows.iter().map(|row| row[column]).sum::<f64>() / rows.len() as f64);
     curve
         .chunks(curve.len().div_ceil(MAX_POINTS).max(1))
         .map(mean)
@@ -196,14 +197,17 @@ impl MeasuredMotion {
                 "a table of `insonify motion`, or the columns tip_mm, node or x_mm,y_mm,z_mm, and ux_mm,uy_mm,uz_mm";
             return Err(unusable(path, format!("found other columns; expected {expected}")));
         };
-        let mut all: Vec<f64> = read.iter().map(|read| read.1).collect();
-        all.dedup();
-        let mut depths: Vec<f64> = first_push(&all).into_iter().map(|at| all[at]).collect();
+        let mut all_depths: Vec<f64> = read.iter().map(|read| read.1).collect();
+        all_depths.dedup();
+        let mut depths: Vec<f64> = first_push(&all_depths)
+            .into_iter()
+            .map(|index| all_depths[index])
+            .collect();
         depths.retain(|depth| *depth <= end + RETREAT_MM);
         if depths.len() > MAX_DEPTHS {
-            let every = (depths.len() - 1) as f64 / (MAX_DEPTHS - 1) as f64;
+            let stride = (depths.len() - 1) as f64 / (MAX_DEPTHS - 1) as f64;
             depths = (0..MAX_DEPTHS)
-                .map(|at| depths[(at as f64 * every).round() as usize])
+                .map(|step| depths[(step as f64 * stride).round() as usize])
                 .collect();
         }
         let mut measured = vec![vec![f64::NAN; points.len()]; depths.len()];
@@ -212,13 +216,17 @@ impl MeasuredMotion {
         for (point, depth, moved) in read {
             // Rows of a later visit of the same depth are not of the first push.
             if depth != before {
-                if let Some(at) = depths.iter().position(|other| *other == before) {
-                    done[at] = true;
+                if let Some(row) = depths.iter().position(|known| *known == before) {
+                    done[row] = true;
                 }
                 before = depth;
             }
-            if let Some(at) = depths.iter().position(|other| *other == depth).filter(|at| !done[*at]) {
-                measured[at][point] = moved;
+            if let Some(row) = depths
+                .iter()
+                .position(|known| *known == depth)
+                .filter(|row| !done[*row])
+            {
+                measured[row][point] = moved;
             }
         }
         let motion = Self {
@@ -232,23 +240,23 @@ impl MeasuredMotion {
     /// Drops points outside the mesh and those that are never measured.
     fn within(mut self, case: &IdentificationCase, path: &Path) -> Result<Self, Error> {
         let locator = Locator::<f64>::new(&case.scenario.mesh);
-        let is_kept = |at: usize| {
-            let (place, _) = self.points[at];
-            let measured = self.measured_mm.iter().any(|row| row[at].is_finite());
-            measured && locator.locate(place.into(), NO_ELEMENT).element != NO_ELEMENT
+        let is_kept = |point: usize| {
+            let (rest_mm, _) = self.points[point];
+            let measured = self.measured_mm.iter().any(|row| row[point].is_finite());
+            measured && locator.locate(rest_mm.into(), NO_ELEMENT).element != NO_ELEMENT
         };
-        let kept: Vec<usize> = (0..self.points.len()).filter(|at| is_kept(*at)).collect();
-        if kept.is_empty() || self.depths_mm.len() < 2 {
+        let kept_points: Vec<usize> = (0..self.points.len()).filter(|point| is_kept(*point)).collect();
+        if kept_points.is_empty() || self.depths_mm.len() < 2 {
             let text = format!(
                 "found {} places in the mesh that are measured, at {} depths of the first push; expected several of both",
-                kept.len(),
+                kept_points.len(),
                 self.depths_mm.len()
             );
             return Err(unusable(path, text));
         }
-        self.points = kept.iter().map(|at| self.points[*at]).collect();
+        self.points = kept_points.iter().map(|point| self.points[*point]).collect();
         for row in &mut self.measured_mm {
-            *row = kept.iter().map(|at| row[*at]).collect();
+            *row = kept_points.iter().map(|point| row[*point]).collect();
         }
         Ok(self)
     }
@@ -311,15 +319,15 @@ fn windows(
             return Err(row.wrong("frame", "a frame whose depth of the needle is known").into());
         }
         let [x, y] = [0, 1].map(|axis| ray.origin[axis] + depth * ray.direction[axis]);
-        let key = [x, y].map(|at| (at / CELL_MM).floor() as i64);
+        let key = [x, y].map(|coordinate| (coordinate / CELL_MM).floor() as i64);
         let cell = *cells.entry(key).or_insert_with(|| {
-            let middle = key.map(|at| (at as f64 + 0.5) * CELL_MM);
-            let along = to_world.rotation * Vector3::new(ray.direction[0], ray.direction[1], 0.0);
-            points.push((to_world * Point3::new(middle[0], middle[1], 0.0), along));
+            let middle = key.map(|cell_index| (cell_index as f64 + 0.5) * CELL_MM);
+            let beam_axis = to_world.rotation * Vector3::new(ray.direction[0], ray.direction[1], 0.0);
+            points.push((to_world * Point3::new(middle[0], middle[1], 0.0), beam_axis));
             points.len() - 1
         });
-        let (values, all) = by_cell.entry((frame, cell)).or_default();
-        *all += 1;
+        let (values, count) = by_cell.entry((frame, cell)).or_default();
+        *count += 1;
         let correlates = !table.has("correlation") || row.number("correlation")? >= MIN_CORRELATION;
         if correlates {
             values.push(1e-3 * axial);
@@ -329,11 +337,11 @@ fn windows(
         return Err(unusable(path, "found no windows".to_owned()));
     }
     // Cells at the edges of the image have fewer windows, off their middle.
-    let most = by_cell.values().map(|(_, all)| *all).max().unwrap_or(0);
+    let largest_count = by_cell.values().map(|(_, count)| *count).max().unwrap_or(0);
     let mut read = Vec::new();
-    for ((frame, cell), (mut values, all)) in by_cell {
+    for ((frame, cell), (mut values, count)) in by_cell {
         values.sort_by(f64::total_cmp);
-        if (values.len() as f64) < MIN_CORRELATED_SHARE * most as f64 || 4 * all < 3 * most {
+        if (values.len() as f64) < MIN_CORRELATED_SHARE * largest_count as f64 || 4 * count < 3 * largest_count {
             continue;
         }
         if let Some(middle) = percentile(&values, 0.5) {
@@ -352,9 +360,9 @@ fn markers(case: &IdentificationCase, table: &Csv) -> Result<(Vec<(Point3<f64>, 
     let mut read = Vec::new();
     for row in table.rows() {
         let depth = row.number("tip_mm")?;
-        let place = if table.has("node") {
+        let node_mm = if table.has("node") {
             match nodes.get(row.count("node")?) {
-                Some(place) => *place,
+                Some(position) => *position,
                 None => {
                     return Err(row
                         .wrong("node", format!("one of {} nodes of the mesh, from 0", nodes.len()))
@@ -371,10 +379,10 @@ fn markers(case: &IdentificationCase, table: &Csv) -> Result<(Vec<(Point3<f64>, 
         {
             let moved = row.number(column)?;
             // A point has a row for each depth: its place at rest says which it is.
-            let point = *known.entry((place.map(f64::to_bits), axis)).or_insert_with(|| {
-                let mut along = Vector3::zeros();
-                along[axis] = 1.0;
-                points.push((place.into(), along));
+            let point = *known.entry((node_mm.map(f64::to_bits), axis)).or_insert_with(|| {
+                let mut direction = Vector3::zeros();
+                direction[axis] = 1.0;
+                points.push((node_mm.into(), direction));
                 points.len() - 1
             });
             read.push((point, depth, moved));

@@ -79,20 +79,20 @@ impl Piecewise {
         }
         // The force is linear in the slopes: the row of a point has the lengths of the regions up to its depth.
         let count = breaks.len() + 1;
-        let (mut normal, mut right) = (DMatrix::zeros(count, count), DVector::zeros(count));
+        let (mut normal, mut right_side) = (DMatrix::zeros(count, count), DVector::zeros(count));
         let mut row = vec![0.0; count];
         for [depth, force] in curve {
             row.iter_mut()
                 .zip(lengths(breaks, *depth))
-                .for_each(|(to, from)| *to = from);
+                .for_each(|(lower, upper)| *lower = upper);
             for i in 0..count {
-                right[i] += row[i] * force;
+                right_side[i] += row[i] * force;
                 for j in 0..=i {
                     normal[(i, j)] += row[i] * row[j];
                 }
             }
         }
-        let slopes = normal.cholesky()?.solve(&right);
+        let slopes = normal.cholesky()?.solve(&right_side);
         let mut model = Self {
             breaks_mm: breaks.to_vec(),
             slopes_n_per_mm: slopes.iter().copied().collect(),
@@ -112,10 +112,10 @@ impl Piecewise {
     pub fn fit(curve: &[[f64; 2]], regions: usize) -> Option<Self> {
         let end = curve.last()?[0];
         let mut best = Self::through(curve, &[])?;
-        let with = |breaks: &[f64]| {
-            let tried = (0..TRIAL_BREAKS).filter_map(|at| {
+        let fitted = |breaks: &[f64]| {
+            let tried = (0..TRIAL_BREAKS).filter_map(|step| {
                 let mut breaks = breaks.to_vec();
-                breaks.push(end * (at as f64 + 0.5) / TRIAL_BREAKS as f64);
+                breaks.push(end * (step as f64 + 0.5) / TRIAL_BREAKS as f64);
                 breaks.sort_by(f64::total_cmp);
                 Self::through(curve, &breaks)
             });
@@ -123,13 +123,13 @@ impl Piecewise {
         };
         // The residual has many minima in the breaks: each is sought over the whole curve before all are refined together.
         while best.breaks_mm.len() + 1 < regions {
-            best = with(&best.breaks_mm)?;
+            best = fitted(&best.breaks_mm)?;
             for _ in 0..MAX_SWEEPS {
                 let before = best.rms_n;
-                for at in 0..best.breaks_mm.len() {
+                for removed in 0..best.breaks_mm.len() {
                     let mut others = best.breaks_mm.clone();
-                    others.remove(at);
-                    if let Some(better) = with(&others).filter(|other| other.rms_n < best.rms_n) {
+                    others.remove(removed);
+                    if let Some(better) = fitted(&others).filter(|fit| fit.rms_n < best.rms_n) {
                         best = better;
                     }
                 }
@@ -166,23 +166,23 @@ impl Piecewise {
     /// Why the curve does not have these regions, if it does not: a slope that is not positive, or a break that it does not need.
     pub fn doubt(&self, curve: &[[f64; 2]]) -> Option<String> {
         let mm = |[start, end]: [f64; 2]| format!("{start:.1} to {end:.1} mm");
-        if let Some(at) = self.slopes_n_per_mm.iter().position(|slope| *slope <= 0.0) {
-            let (slope, ends) = (self.slopes_n_per_mm[at], mm(self.ends(at)));
+        if let Some(index) = self.slopes_n_per_mm.iter().position(|slope| *slope <= 0.0) {
+            let (slope, ends) = (self.slopes_n_per_mm[index], mm(self.ends(index)));
             return Some(format!(
                 "a force that does not rise in region {} ({ends}): {slope:.4} N/mm",
-                at + 1
+                index + 1
             ));
         }
         let largest = curve.iter().map(|point| point[1].abs()).fold(0.0, f64::max);
         let floor = (NEGLIGIBLE_SHARE * largest).powi(2);
-        for (at, place) in self.breaks_mm.iter().enumerate() {
+        for (index, break_mm) in self.breaks_mm.iter().enumerate() {
             let mut others = self.breaks_mm.clone();
-            others.remove(at);
+            others.remove(index);
             let without = Self::through(curve, &others)?;
             if without.rms_n.powi(2) + floor < MIN_GAIN * (self.rms_n.powi(2) + floor) {
                 let regions = self.slopes_n_per_mm.len();
                 return Some(format!(
-                    "a force of fewer than {regions} regions: without a break at {place:.1} mm its model errs by {:.2e} N in place of {:.2e} N",
+                    "a force of fewer than {regions} regions: without a break at {break_mm:.1} mm its model errs by {:.2e} N in place of {:.2e} N",
                     without.rms_n, self.rms_n
                 ));
             }
@@ -203,11 +203,11 @@ mod tests {
             end_mm: 58.0,
             rms_n: 0.0,
         };
-        let points = (1..=290).map(|at| {
-            let depth = 0.2 * f64::from(at);
+        let points = (1..=290).map(|step| {
+            let depth = 0.2 * f64::from(step);
             [
                 depth,
-                exact.at(depth) + noise * (f64::from(unit(hash3([at, 0, 0], [7, 9])[0])) - 0.5),
+                exact.at(depth) + noise * (f64::from(unit(hash3([step, 0, 0], [7, 9])[0])) - 0.5),
             ]
         });
         let points = points.collect();

@@ -79,11 +79,11 @@ impl Identification {
     fn regions(&self) -> Table {
         let head = ["from, mm", "to, mm", "slope, N/mm"].map(Cell::number);
         let mut table = Table::new([Cell::from("region")].into_iter().chain(head));
-        for (at, slope) in self.force_model.slopes_n_per_mm.iter().enumerate() {
-            let layer = &self.case.layers[at / 2].name;
-            let phase = if at % 2 == 0 { "punctured" } else { "penetrated" };
-            let [start, end] = self.force_model.ends(at).map(|end| decimal(end, 2));
-            let name = format!("{}: {layer} {phase}", at + 1);
+        for (index, slope) in self.force_model.slopes_n_per_mm.iter().enumerate() {
+            let layer = &self.case.layers[index / 2].name;
+            let phase = if index % 2 == 0 { "punctured" } else { "penetrated" };
+            let [start, end] = self.force_model.ends(index).map(|end| decimal(end, 2));
+            let name = format!("{}: {layer} {phase}", index + 1);
             table.row("", [name, start, end, decimal(*slope, 4)]);
         }
         table
@@ -91,7 +91,11 @@ impl Identification {
 
     /// The Poisson's ratio whose simulation comes closest to the measured displacements, if there are several.
     fn closest(&self) -> Option<String> {
-        let error = |result: &Identified| result.motion.map(|of| of.largest_mean_mm.hypot(of.largest_sd_mm));
+        let error = |result: &Identified| {
+            result
+                .motion
+                .map(|motion| motion.largest_mean_mm.hypot(motion.largest_sd_mm))
+        };
         let mut by_error: Vec<_> = self
             .results
             .iter()
@@ -133,12 +137,12 @@ impl Identification {
             ("figure-14".to_owned(), self.figure_14()),
         ];
         if let Some(motion) = &self.data.motion {
-            let series = self.results.iter().enumerate().flat_map(|(at, result)| {
+            let series = self.results.iter().enumerate().flat_map(|(index, result)| {
                 let errors = errors_by_depth(motion, &result.course);
-                let of = |column: usize| errors.iter().map(|row| [row[0], row[column]]).collect();
+                let curve = |column: usize| errors.iter().map(|row| [row[0], row[column]]).collect();
                 [
-                    Series::line(format!("{}, mean", result.name()), 2 * at, of(1)),
-                    Series::line(format!("{}, SD", result.name()), 2 * at + 1, of(2)),
+                    Series::line(format!("{}, mean", result.name()), 2 * index, curve(1)),
+                    Series::line(format!("{}, SD", result.name()), 2 * index + 1, curve(2)),
                 ]
             });
             let axes = [Axis::linear("depth of the tip, mm"), Axis::linear("error, mm")];
@@ -176,10 +180,11 @@ impl Identification {
 
     fn figure_14(&self) -> Plot {
         let mut series = vec![Series::line("measured", 1, self.data.force.clone())];
-        let colour = |at: usize| if at == 0 { 0 } else { at + 1 };
+        let colour = |index: usize| if index == 0 { 0 } else { index + 1 };
         let simulated = self.results.iter().enumerate();
-        series
-            .extend(simulated.map(|(at, result)| Series::line(result.name(), colour(at), result.course.force.clone())));
+        series.extend(
+            simulated.map(|(index, result)| Series::line(result.name(), colour(index), result.course.force.clone())),
+        );
         let axes = [Axis::linear("depth of the tip, mm"), Axis::linear("force, N")];
         let [x, y] = axes;
         Plot::new("Measured and simulated force", x, y, series)
@@ -192,9 +197,9 @@ impl Identification {
         let (simulated, measured) = (result.course.moved_mm.last()?, motion.measured_mm.last()?);
         let direction = self.case.direction.into_inner();
         let spread = |across: &Vector3<f64>| {
-            let places = motion.points.iter().map(|(place, _)| place.coords.dot(across));
-            let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), at| {
-                (low.min(at), high.max(at))
+            let places = motion.points.iter().map(|(point, _)| point.coords.dot(across));
+            let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), offset| {
+                (low.min(offset), high.max(offset))
             });
             high - low
         };
@@ -204,14 +209,20 @@ impl Identification {
             .into_iter()
             .filter_map(|axis| (axis - direction * axis.dot(&direction)).try_normalize(0.1));
         let across = across.max_by(|a, b| spread(a).total_cmp(&spread(b)))?;
-        let place = |at: usize, moved: f64| {
-            let (rest, along) = motion.points[at];
-            let now = rest + along * moved - self.case.entry;
-            [now.dot(&direction), now.dot(&across)]
+        let drawn = |point: usize, moved: f64| {
+            let (rest_mm, axis) = motion.points[point];
+            let moved_mm = rest_mm + axis * moved - self.case.entry;
+            [moved_mm.dot(&direction), moved_mm.dot(&across)]
         };
-        let kept = (0..motion.points.len()).filter(|at| measured[*at].is_finite() && simulated[*at].is_finite());
-        let kept: Vec<usize> = kept.collect();
-        let all = |moved: &dyn Fn(usize) -> f64| kept.iter().map(|at| place(*at, moved(*at))).collect::<Vec<_>>();
+        let both_finite =
+            (0..motion.points.len()).filter(|point| measured[*point].is_finite() && simulated[*point].is_finite());
+        let points: Vec<usize> = both_finite.collect();
+        let drawn_points = |moved: &dyn Fn(usize) -> f64| {
+            points
+                .iter()
+                .map(|point| drawn(*point, moved(*point)))
+                .collect::<Vec<_>>()
+        };
         let depth = *motion.depths_mm.last()?;
         Some(
             Plot::new(
@@ -219,9 +230,9 @@ impl Identification {
                 Axis::linear("along the needle, mm"),
                 Axis::linear("across, mm"),
                 vec![
-                    Series::points("at rest", 6, Marker::Frame, all(&|_| 0.0)),
-                    Series::points("measured", 1, Marker::Ring, all(&|at| measured[at])),
-                    Series::points("simulated", 0, Marker::Cross, all(&|at| simulated[at])),
+                    Series::points("at rest", 6, Marker::Frame, drawn_points(&|_| 0.0)),
+                    Series::points("measured", 1, Marker::Ring, drawn_points(&|point| measured[point])),
+                    Series::points("simulated", 0, Marker::Cross, drawn_points(&|point| simulated[point])),
                     Series::line("needle", 2, vec![[0.0, 0.0], [depth, 0.0]]),
                 ],
             )
@@ -271,14 +282,14 @@ impl Identification {
     /// Scenarios with the parameters found, by file name. Paths of existing files are made absolute.
     pub fn scenarios(&self) -> Vec<(String, String)> {
         let several = self.results.len() > 1;
-        let one = |result: &Identified| {
+        let summary = |result: &Identified| {
             let name = match (several, result.poisson) {
                 (true, Some(poisson)) => format!("scenario-{poisson}.toml"),
                 _ => "scenario.toml".to_owned(),
             };
             (name, self.scenario(result))
         };
-        self.results.iter().map(one).collect()
+        self.results.iter().map(summary).collect()
     }
 
     fn scenario(&self, result: &Identified) -> String {
@@ -333,16 +344,16 @@ impl Identification {
 /// Writes the parameters of a layer into the table of its region.
 fn set(materials: &mut Vec<Value>, layer: &super::LayerParameters) {
     let number = Value::Integer(i64::from(layer.region));
-    let at = materials
+    let index = materials
         .iter()
         .position(|material| material.get("region") == Some(&number));
-    let at = at.unwrap_or_else(|| {
+    let index = index.unwrap_or_else(|| {
         let others = materials.iter().find(|material| material.get("region").is_none());
         let template = others.cloned().unwrap_or_else(|| Value::Table(toml::Table::new()));
         materials.push(template);
         materials.len() - 1
     });
-    let Value::Table(table) = &mut materials[at] else {
+    let Value::Table(table) = &mut materials[index] else {
         return;
     };
     let mut peak = toml::Table::new();

@@ -64,7 +64,7 @@ impl Anatomy for ReplacedInteractions {
     }
 
     fn interaction(&self, region: i32) -> Interaction {
-        let replacement = self.interactions.iter().find(|(other, _)| *other == region);
+        let replacement = self.interactions.iter().find(|(changed, _)| *changed == region);
         replacement.map_or_else(|| self.anatomy.interaction(region), |(_, replacement)| *replacement)
     }
 }
@@ -87,9 +87,9 @@ impl<'a> Simulator<'a> {
         let depths = motion
             .iter()
             .flat_map(|motion| motion.depths_mm.iter().copied().enumerate());
-        let mut stops: Vec<(f64, Option<usize>)> = depths.map(|(at, depth)| (depth, Some(at))).collect();
+        let mut stops: Vec<(f64, Option<usize>)> = depths.map(|(index, depth)| (depth, Some(index))).collect();
         let steps = (deepest_mm / STEP_MM).ceil() as usize;
-        stops.extend((1..=steps).map(|at| (deepest_mm * at as f64 / steps as f64, None)));
+        stops.extend((1..=steps).map(|step| (deepest_mm * step as f64 / steps as f64, None)));
         stops.sort_by(|a, b| a.0.total_cmp(&b.0));
         Self {
             case,
@@ -151,7 +151,7 @@ impl<'a> Simulator<'a> {
             interactions.push((layer.region, interaction));
         }
         for (region, interaction) in &mut scenario.interactions {
-            if let Some((_, replacement)) = interactions.iter().find(|(other, _)| other == region) {
+            if let Some((_, replacement)) = interactions.iter().find(|(changed, _)| changed == region) {
                 *interaction = *replacement;
             }
         }
@@ -167,15 +167,16 @@ impl<'a> Simulator<'a> {
         // Points are sought in the reference state, whose nodes near the needle were moved.
         self.locator.update(&tissue.reference)?;
         let points = self.motion.iter().flat_map(|motion| &motion.points);
-        let moved = points.map(|(place, along)| {
-            let hit = self.locator.locate((*place).into(), NO_ELEMENT);
+        let moved = points.map(|(point, direction)| {
+            let hit = self.locator.locate((*point).into(), NO_ELEMENT);
             if hit.element == NO_ELEMENT {
                 return f64::NAN;
             }
             let corners = self.scenario.mesh.elements()[hit.element as usize];
             let parts = corners.iter().zip(hit.bary).map(|(node, share)| {
-                let [rest, now] = [&tissue.reference, &tissue.current].map(|nodes| Point3::from(nodes[*node as usize]));
-                share * (now - rest).dot(along)
+                let [rest_mm, moved_mm] =
+                    [&tissue.reference, &tissue.current].map(|nodes| Point3::from(nodes[*node as usize]));
+                share * (moved_mm - rest_mm).dot(direction)
             });
             parts.sum()
         });

@@ -77,9 +77,9 @@ impl Observer for Recorder {
     fn mesh(&mut self, deformed: &Deformed<'_>) -> Result<(), StepError> {
         let nodes = deformed.tissue.reference.iter().zip(&deformed.tissue.current);
         // In the image plane, 5 mm beside the needle; nodes there are not moved to the needle.
-        for (rest, now) in nodes.filter(|(rest, _)| rest[1].abs() < 4.0 && rest[0].abs() > 3.0) {
-            let [x, y, z] = rest;
-            writeln!(self.motion, "{},{x},{y},{z},{}", self.depth, now[2] - z).unwrap();
+        for (rest_mm, moved_mm) in nodes.filter(|(rest_mm, _)| rest_mm[1].abs() < 4.0 && rest_mm[0].abs() > 3.0) {
+            let [x, y, z] = rest_mm;
+            writeln!(self.motion, "{},{x},{y},{z},{}", self.depth, moved_mm[2] - z).unwrap();
         }
         Ok(())
     }
@@ -106,9 +106,9 @@ fn write(folder: &Path, scenario: &str) {
 }
 
 /// Identifies a case in a folder with the phantom's scenario.
-fn identified_case(folder: &Path, scenario: &str, more: &str) -> Identification {
+fn identified_case(folder: &Path, scenario: &str, extra: &str) -> Identification {
     std::fs::write(folder.join("phantom.toml"), scenario).unwrap();
-    let text = format!("scenario = \"phantom.toml\"\nforce.file = \"force.csv\"\n{more}");
+    let text = format!("scenario = \"phantom.toml\"\nforce.file = \"force.csv\"\n{extra}");
     let case = CaseFile::parse(&text, "case.toml")
         .unwrap()
         .resolve(folder, &mut |_| {})
@@ -134,50 +134,50 @@ fn parameters_that_made_the_data_return() {
     let folder = tempfile::tempdir().unwrap();
     write(folder.path(), PHANTOM);
     let known = "[[layer]]\nregion = \"top\"\nknown = true\n[[layer]]\nregion = \"inclusion\"\nknown = true\n";
-    let inner = identified_case(folder.path(), PHANTOM, known);
-    assert_forces(&inner.results[0]);
-    assert!(inner.results[0].motion.is_none() && inner.results[0].force.rms_n < 0.01);
+    let soft = identified_case(folder.path(), PHANTOM, known);
+    assert_forces(&soft.results[0]);
+    assert!(soft.results[0].motion.is_none() && soft.results[0].force.rms_n < 0.01);
     let start = "motion.file = \"u.csv\"\n[[layer]]\nregion = \"top\"\nknown = true\n[[layer]]\nregion = \"inclusion\"\nyoung_kpa = 22\n";
-    let outer = identified_case(folder.path(), PHANTOM, start);
-    let one = &outer.results[0];
-    assert_forces(one);
-    for (layer, exact) in one.layers.iter().zip([10.0, 33.0]) {
+    let found_case = identified_case(folder.path(), PHANTOM, start);
+    let result = &found_case.results[0];
+    assert_forces(result);
+    for (layer, exact) in result.layers.iter().zip([10.0, 33.0]) {
         assert!((layer.young_kpa / exact - 1.0).abs() < 0.05, "{layer:?}");
     }
     assert!(
-        one.beside.len() == 2 && one.beside.iter().all(|beside| beside.cost_ratio > 1.0),
+        result.beside.len() == 2 && result.beside.iter().all(|beside| beside.cost_ratio > 1.0),
         "{:?}",
-        one.beside
+        result.beside
     );
-    assert!(one.notes.is_empty(), "{:?}", one.notes);
+    assert!(result.notes.is_empty(), "{:?}", result.notes);
     // The scenario with what was found is one that can be read and has these numbers.
-    let (_, text) = &outer.scenarios()[0];
-    let again = ScenarioFile::parse(text, "found.toml")
+    let (_, text) = &found_case.scenarios()[0];
+    let reread = ScenarioFile::parse(text, "found.toml")
         .unwrap()
         .resolve(folder.path(), |_| {})
         .unwrap();
-    let inclusion = again.anatomy.region(&Point3::new(0.0, 5.0, 0.0)).unwrap();
-    let material = again.linear_material(inclusion).unwrap();
-    assert_eq!(material.young_kpa(), one.layers[1].young_kpa);
-    let interaction = again.anatomy.interaction(inclusion);
-    assert_eq!(interaction.friction_n_per_mm, one.layers[1].shaft_n_per_mm);
-    assert_eq!(interaction.peak.unwrap().width_mm, one.layers[1].width_mm);
+    let inclusion = reread.anatomy.region(&Point3::new(0.0, 5.0, 0.0)).unwrap();
+    let material = reread.linear_material(inclusion).unwrap();
+    assert_eq!(material.young_kpa(), result.layers[1].young_kpa);
+    let interaction = reread.anatomy.interaction(inclusion);
+    assert_eq!(interaction.friction_n_per_mm, result.layers[1].shaft_n_per_mm);
+    assert_eq!(interaction.peak.unwrap().width_mm, result.layers[1].width_mm);
 }
 
 #[test]
 fn measurements_that_cannot_be_used_are_told() {
     let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
-    std::fs::write(at("phantom.toml"), PHANTOM).unwrap();
+    let input = |name: &str| folder.path().join(name);
+    std::fs::write(input("phantom.toml"), PHANTOM).unwrap();
     let text = "scenario = \"phantom.toml\"\nforce.file = \"force.csv\"\nmotion.file = \"u.csv\"\nmotion.frames = \"frames.csv\"\n";
     let case = CaseFile::parse(text, "case.toml")
         .unwrap()
         .resolve(folder.path(), &mut |_| {})
         .unwrap();
     let force = |force: &dyn Fn(f64) -> Option<f64>| {
-        let rows = (0..=500).filter_map(|at| Some((0.1 * f64::from(at), force(0.1 * f64::from(at))?)));
-        rows.fold("tip_mm,force_n\n".to_owned(), |all, (tip, force)| {
-            format!("{all}{tip},{force}\n")
+        let rows = (0..=500).filter_map(|step| Some((0.1 * f64::from(step), force(0.1 * f64::from(step))?)));
+        rows.fold("tip_mm,force_n\n".to_owned(), |text, (tip, force)| {
+            format!("{text}{tip},{force}\n")
         })
     };
     let steps = |depth: f64| 0.06 * depth.min(6.0) + 0.015 * depth + 0.07 * (depth - 21.0).clamp(0.0, 8.0);
@@ -246,9 +246,9 @@ fn measurements_that_cannot_be_used_are_told() {
             "lines, those of the scenario's probe",
         ),
     ] {
-        std::fs::write(at("force.csv"), forces).unwrap();
-        std::fs::write(at("u.csv"), motion).unwrap();
-        std::fs::write(at("frames.csv"), frames).unwrap();
+        std::fs::write(input("force.csv"), forces).unwrap();
+        std::fs::write(input("u.csv"), motion).unwrap();
+        std::fs::write(input("frames.csv"), frames).unwrap();
         let error = Measurements::read(&case)
             .and_then(|data| data.model(&case))
             .unwrap_err()
@@ -265,7 +265,7 @@ fn measurements_that_cannot_be_used_are_told() {
             .to_string()
     };
     let head = "scenario = \"phantom.toml\"\nforce.file = \"force.csv\"\n";
-    for (more, expected) in [
+    for (lines, expected) in [
         ("", "no displacements"),
         ("motion.file = \"u.csv\"\npoisson = [0.5]\n", "0 to below 0.5"),
         (
@@ -281,7 +281,7 @@ fn measurements_that_cannot_be_used_are_told() {
             "above 0",
         ),
     ] {
-        let error = unknown(&format!("{head}{more}"));
+        let error = unknown(&format!("{head}{lines}"));
         assert!(error.contains(expected), "{error}\nexpected {expected}");
     }
     assert!(unknown(&head.replace("phantom.toml", "two-layer-insertio")).contains("two-layer-insertion"));

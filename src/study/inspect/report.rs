@@ -258,14 +258,8 @@ impl fmt::Display for SampleReport {
                 "transmittance   {:.6} ({:.2} dB lost on the way down and back)",
                 shadow.transmittance, shadow.loss_db
             )?;
-            for taken in &shadow.taken_by {
-                writeln!(
-                    f,
-                    "  {:<22} {:>8.2} mm {:>10.3} dB",
-                    named(&taken.by),
-                    taken.mm,
-                    taken.db
-                )?;
+            for loss in &shadow.taken_by {
+                writeln!(f, "  {:<22} {:>8.2} mm {:>10.3} dB", named(&loss.by), loss.mm, loss.db)?;
             }
         }
         if !self.blur.is_empty() {

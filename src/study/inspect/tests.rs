@@ -38,9 +38,9 @@ fn the_parts_of_a_pixel_add_up_to_it() {
     assert!((value("speckle_lateral") / value("texture") / report.speckle.unwrap() - 1.0).abs() < 1e-9);
 
     let shadow = report.shadow.as_ref().unwrap();
-    let taken: f64 = shadow.taken_by.iter().map(|taken| taken.db).sum();
+    let loss: f64 = shadow.taken_by.iter().map(|loss| loss.db).sum();
     assert!(
-        shadow.loss_db > 1.0 && (taken - shadow.loss_db).abs() < 1e-3,
+        shadow.loss_db > 1.0 && (loss - shadow.loss_db).abs() < 1e-3,
         "{shadow:?}"
     );
     let above = value("speckle_lateral") * 10f64.powf(-shadow.loss_db / 20.0);

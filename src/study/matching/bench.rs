@@ -107,7 +107,7 @@ impl<'a> Bench<'a> {
                 "the size of a pixel, or the depth, to be that of this frame",
             )
         })?;
-        let image = ImageGrid::new(picture.width, picture.height, mm, origin.map(|place| -place * mm));
+        let image = ImageGrid::new(picture.width, picture.height, mm, origin.map(|pixel| -pixel * mm));
         let image = image.map_err(SynthError::from)?;
         let mut bench = Self {
             picture,
@@ -127,10 +127,10 @@ impl<'a> Bench<'a> {
         let (beam, inside) = self.beam(self.picture);
         let band = self.grid.samples() / self.bands();
         let mut windows: Vec<Vec<Window>> = (0..self.bands())
-            .map(|at| {
-                let rows = at * band..(at + 1) * band;
+            .map(|level| {
+                let rows = level * band..(level + 1) * band;
                 let mask: Vec<bool> = (0..inside.len())
-                    .map(|at| inside[at] && rows.contains(&(at / beam.width)))
+                    .map(|pixel| inside[pixel] && rows.contains(&(pixel / beam.width)))
                     .collect();
                 uniform_windows(&beam, &mask, WINDOW, WINDOWS, GREY)
             })
@@ -160,13 +160,13 @@ impl<'a> Bench<'a> {
                 inside.push(false);
                 continue;
             }
-            let (across, down) = (x.fract(), y.fract());
-            let at = y as usize * frame.width + x as usize;
-            let row = |at: usize| frame.grey[at] * (1.0 - across) + frame.grey[at + 1] * across;
-            grey.push(row(at) * (1.0 - down) + row(at + frame.width) * down);
-            let corners = [at, at + 1, at + frame.width, at + frame.width + 1];
-            let hidden = |at: &usize| self.picture.overlay.get(*at).copied().unwrap_or(false);
-            inside.push(corners.iter().all(|&at| self.mask[at]) && !corners.iter().any(hidden));
+            let (across, below) = (x.fract(), y.fract());
+            let pixel = y as usize * frame.width + x as usize;
+            let row = |pixel: usize| frame.grey[pixel] * (1.0 - across) + frame.grey[pixel + 1] * across;
+            grey.push(row(pixel) * (1.0 - below) + row(pixel + frame.width) * below);
+            let corners = [pixel, pixel + 1, pixel + frame.width, pixel + frame.width + 1];
+            let hidden = |pixel: &usize| self.picture.overlay.get(*pixel).copied().unwrap_or(false);
+            inside.push(corners.iter().all(|&pixel| self.mask[pixel]) && !corners.iter().any(hidden));
         }
         let beam = Picture {
             width: lines,
@@ -233,13 +233,15 @@ impl<'a> Bench<'a> {
             let patches: Vec<Patch> = patches.collect();
             let textures: Vec<Texture> = parallel::map(&patches[..], &Patch::texture);
             grey.extend(patches.into_iter().flat_map(|patch| patch.values));
-            let over = |of: &dyn Fn(usize) -> Option<f64>| median((0..textures.len()).filter_map(of).collect());
-            let width = |axis: usize| over(&|at| self.widths(&textures[at], places[at % places.len()])[axis]);
+            let median_of =
+                |value: &dyn Fn(usize) -> Option<f64>| median((0..textures.len()).filter_map(value).collect());
+            let width =
+                |axis: usize| median_of(&|window| self.widths(&textures[window], places[window % places.len()])[axis]);
             depths.push(DepthMeasurements {
                 depth_mm: mean(&places),
                 windows: group.len(),
-                grey: over(&|at| Some(textures[at].mean)).unwrap_or_default(),
-                grey_std: over(&|at| Some(textures[at].std)).unwrap_or_default(),
+                grey: median_of(&|window| Some(textures[window].mean)).unwrap_or_default(),
+                grey_std: median_of(&|window| Some(textures[window].std)).unwrap_or_default(),
                 axial_mm: width(0),
                 lateral_mm: width(1),
             });
@@ -250,14 +252,14 @@ impl<'a> Bench<'a> {
             pixels.map(|(grey, _)| *grey).collect()
         };
         let lags = |axis: usize| {
-            let at = |lag: usize| {
-                let all = windows
+            let correlation = |lag: usize| {
+                let correlations = windows
                     .iter()
                     .flatten()
-                    .map(|it: &Texture| it.autocorrelation[axis][lag]);
-                mean(&all.collect::<Vec<f64>>())
+                    .map(|texture: &Texture| texture.autocorrelation[axis][lag]);
+                mean(&correlations.collect::<Vec<f64>>())
             };
-            (0..WINDOW[0].min(WINDOW[1]) / 2).map(at).collect()
+            (0..WINDOW[0].min(WINDOW[1]) / 2).map(correlation).collect()
         };
         WindowMeasurements {
             depths,
@@ -276,9 +278,9 @@ pub(super) fn unevenness(patch: &Patch) -> f64 {
     let (width, height) = (patch.width / 2, patch.height / 2);
     let quarters = [(0, 0), (width, 0), (0, height), (width, height)];
     let values = quarters.map(|(x, y)| Patch::of(&patch.values, patch.width, Window { x, y, width, height }).values);
-    let range = |of: fn(&[f64]) -> f64| {
-        let all = values.each_ref().map(|values| of(values));
-        all.iter().fold(f64::MIN, |a, b| a.max(*b)) - all.iter().fold(f64::MAX, |a, b| a.min(*b))
+    let range = |extreme: fn(&[f64]) -> f64| {
+        let extremes = values.each_ref().map(|values| extreme(values));
+        extremes.iter().fold(f64::MIN, |a, b| a.max(*b)) - extremes.iter().fold(f64::MAX, |a, b| a.min(*b))
     };
     (range(mean) + range(std)) / std(&patch.values)
 }

@@ -40,15 +40,15 @@ impl Bench<'_> {
     /// Corrects a model by its phantoms in one round and returns the largest relative change.
     pub(crate) fn correct(&self, model: &mut Model, real: &WindowMeasurements, phantom: &WindowMeasurements) -> f64 {
         let before = model.clone();
-        let ratio = |of: &dyn Fn(&Texture) -> Option<f64>| {
+        let ratio = |measure: &dyn Fn(&Texture) -> Option<f64>| {
             let [real, phantom] =
-                [real, phantom].map(|side| median(side.windows.iter().flatten().filter_map(of).collect()));
+                [real, phantom].map(|side| median(side.windows.iter().flatten().filter_map(measure).collect()));
             let ratio = real? / phantom?;
             (ratio.is_finite() && ratio > 0.0).then_some(ratio)
         };
-        let range = before.tone.dynamic_range_db / ratio(&|it| Some(it.std)).unwrap_or(1.0);
+        let range = before.tone.dynamic_range_db / ratio(&|texture| Some(texture.std)).unwrap_or(1.0);
         model.tone.dynamic_range_db = range.clamp(10.0, 120.0);
-        let axial = before.axial_mm * ratio(&|it| it.fwhm[0]).unwrap_or(1.0);
+        let axial = before.axial_mm * ratio(&|texture| texture.fwhm[0]).unwrap_or(1.0);
         model.axial_mm = axial.clamp(0.05, 10.0);
         let lateral_at = |model: &Model, depth: f64| model.spread(&model.probe(self.probe)).lateral_at(depth);
         let lengths = real.depths.iter().zip(&phantom.depths).filter_map(|(real, phantom)| {
@@ -66,7 +66,7 @@ impl Bench<'_> {
             [real.depth_mm, shown + departure(real.depth_mm)]
         });
         let gains: Vec<[f64; 2]> = gains.collect();
-        let middle = mean(&gains.iter().map(|it| it[1]).collect::<Vec<f64>>());
+        let middle = mean(&gains.iter().map(|gain| gain[1]).collect::<Vec<f64>>());
         model.tone.gain_db = middle.clamp(-60.0, 60.0);
         model.tone.tgc_points = match gains.len() {
             1 => Vec::new(),
@@ -76,7 +76,7 @@ impl Bench<'_> {
         let lateral = real
             .depths
             .iter()
-            .map(|it| lateral_at(model, it.depth_mm) / lateral_at(&before, it.depth_mm));
+            .map(|depth| lateral_at(model, depth.depth_mm) / lateral_at(&before, depth.depth_mm));
         let shares = [
             model.tone.dynamic_range_db / before.tone.dynamic_range_db,
             model.axial_mm / before.axial_mm,
@@ -90,7 +90,10 @@ impl Bench<'_> {
         let mut bound = f64::INFINITY;
         for sample in 0..beam.height {
             let row = sample * beam.width..(sample + 1) * beam.width;
-            let mut greys: Vec<f64> = row.filter(|&at| inside[at]).map(|at| beam.grey[at]).collect();
+            let mut greys: Vec<f64> = row
+                .filter(|&pixel| inside[pixel])
+                .map(|pixel| beam.grey[pixel])
+                .collect();
             greys.sort_by(f64::total_cmp);
             if let Some(grey) = percentile(&greys, 0.02).filter(|_| 2 * greys.len() > beam.width) {
                 bound = bound.min(model.level_db(grey, self.grid.sample_depth_mm(sample)));
@@ -146,7 +149,7 @@ impl Bench<'_> {
         };
         let extent = depths[1]
             .iter()
-            .fold(0.0, |most: f64, d| most.max((d - depths[1][0]).abs()));
+            .fold(0.0, |largest: f64, d| largest.max((d - depths[1][0]).abs()));
         if extent >= MIN_DECAY_EXTENT_MM {
             dark.fades = true;
             let fading = -10.0 * slope(&depths[1], &lossless(model, 1));
@@ -174,7 +177,7 @@ impl Bench<'_> {
             let silent: Vec<Picture> = silent.iter().map(|frame| self.beam(frame).0).collect();
             let deficit = [0, 1].map(|kind| -> Vec<f64> {
                 let phantom: Vec<Vec<f64>> = silent.iter().map(|beam| greys(beam, &windows[kind])).collect();
-                let phantom = |at: usize| mean(&phantom.iter().map(|greys| greys[at]).collect::<Vec<f64>>());
+                let phantom = |class: usize| mean(&phantom.iter().map(|greys| greys[class]).collect::<Vec<f64>>());
                 let phantom: Vec<f64> = (0..windows[kind].len()).map(phantom).collect();
                 let pairs = level(model, kind, &real[kind])
                     .into_iter()

@@ -22,11 +22,13 @@ const MIN_WIDENING: f64 = 1.1;
 fn scatter(
     real: &WindowMeasurements,
     phantom: &WindowMeasurements,
-    of: &dyn Fn(&Texture) -> Option<f64>,
+    measure: &dyn Fn(&Texture) -> Option<f64>,
 ) -> Option<f64> {
     let at_depth = |(real, phantom): (&Vec<Texture>, &Vec<Texture>)| -> Vec<f64> {
-        let phantom = median(phantom.iter().filter_map(of).collect());
-        real.iter().filter_map(|it| Some((of(it)? / phantom?).ln())).collect()
+        let phantom = median(phantom.iter().filter_map(measure).collect());
+        real.iter()
+            .filter_map(|texture| Some((measure(texture)? / phantom?).ln()))
+            .collect()
     };
     let ratios: Vec<f64> = real.windows.iter().zip(&phantom.windows).flat_map(at_depth).collect();
     (ratios.len() > 1).then(|| std(&ratios))
@@ -79,31 +81,31 @@ impl Bench<'_> {
             .into_iter()
             .filter_map(|(key, unit, value)| Some(figure(key, unit, value?, None)))
             .collect();
-        let scatter = |of: &dyn Fn(&Texture) -> Option<f64>| scatter(real, phantom, of);
+        let scatter = |measure: &dyn Fn(&Texture) -> Option<f64>| scatter(real, phantom, measure);
         let share = |value: f64, spread: Option<f64>| spread.map(|spread| rounded(value * spread));
         let range = model.tone.dynamic_range_db;
         // Grey levels are decibels already: the exponential undoes the logarithm in `scatter`.
-        let gain = scatter(&|it| Some((it.mean / 255.0 * range).exp())).map(rounded);
+        let gain = scatter(&|texture| Some((texture.mean / 255.0 * range).exp())).map(rounded);
         let receiver = &model.receiver;
         figures.extend([
             figure(
                 "effects.tone.dynamic_range_db",
                 "dB",
                 range,
-                share(range, scatter(&|it| Some(it.std))),
+                share(range, scatter(&|texture| Some(texture.std))),
             ),
             figure("effects.tone.gain_db", "dB", model.tone.gain_db, gain),
             figure(
                 "effects.speckle.axial_mm",
                 "mm",
                 model.axial_mm,
-                share(model.axial_mm, scatter(&|it| it.fwhm[0])),
+                share(model.axial_mm, scatter(&|texture| texture.fwhm[0])),
             ),
             figure(
                 "effects.speckle.lateral_mm",
                 "mm",
                 model.lateral_mm,
-                share(model.lateral_mm, scatter(&|it| it.fwhm[1])),
+                share(model.lateral_mm, scatter(&|texture| texture.fwhm[1])),
             ),
             figure("effects.speckle.focus_mm", "mm", model.focus_mm, None),
             figure("effects.speckle.focal_zone_mm", "mm", model.focal_zone_mm, None),
@@ -137,9 +139,9 @@ impl Bench<'_> {
         dark: DarkFindings,
     ) -> Vec<Unidentified> {
         let mut list = Vec::new();
-        let mut add = |what, why: &str| {
+        let mut add = |parameter, why: &str| {
             list.push(Unidentified {
-                what,
+                what: parameter,
                 why: why.to_owned(),
             })
         };
@@ -163,34 +165,34 @@ impl Bench<'_> {
         add("ring-down", "it lies above the windows; it has its default");
         let spread = model.spread(&model.probe(self.probe));
         // Both ends must be wider: a beam that only widens or only narrows has its waist outside the windows.
-        let ends =
-            [real.depths.first(), real.depths.last()].map(|it| it.map_or(0.0, |it| spread.lateral_at(it.depth_mm)));
+        let ends = [real.depths.first(), real.depths.last()]
+            .map(|depth| depth.map_or(0.0, |depth| spread.lateral_at(depth.depth_mm)));
         if ends.iter().any(|end| *end < MIN_WIDENING * model.lateral_mm) {
             add(
                 "focus",
                 "the lateral width has no minimum within the windows; focus_mm and focal_zone_mm only give its course there",
             );
         }
-        if real.depths.iter().all(|it| it.lateral_mm.is_none()) {
+        if real.depths.iter().all(|depth| depth.lateral_mm.is_none()) {
             add(
                 "lateral width",
                 "the autocorrelation across stays above one half in all windows: layers, no speckle; it has its default",
             );
         }
-        for (seen, what) in outline.seen.iter().zip(["array", "depth", "field of view"]) {
-            if !seen {
+        for (is_seen, parameter) in outline.seen.iter().zip(["array", "depth", "field of view"]) {
+            if !is_seen {
                 add(
-                    what,
+                    parameter,
                     "no line or arc at this edge of the sector: it reaches as far as the frame shows echoes",
                 );
             }
         }
         if dark.windows[0] == 0 {
-            let most = rounded(dark.bound_db);
+            let bound_db = rounded(dark.bound_db);
             add(
                 "noise",
                 &format!(
-                    "no dark window with grain narrower than the beam; by the darkest 2 % of each depth it is at most {most} dB"
+                    "no dark window with grain narrower than the beam; by the darkest 2 % of each depth it is at most {bound_db} dB"
                 ),
             );
         }
@@ -217,16 +219,18 @@ impl Bench<'_> {
         if self.windows.iter().flatten().any(uneven) {
             notes.push("no window is uniform: figures are those of structure, not of speckle".to_owned());
         }
-        if let Some(spread) = scatter(real, phantom, &|it| Some(it.std)).filter(|spread| *spread > MAX_SCATTER) {
+        if let Some(spread) =
+            scatter(real, phantom, &|texture| Some(texture.std)).filter(|spread| *spread > MAX_SCATTER)
+        {
             let percent = 100.0 * spread;
             notes.push(format!(
                 "the spread of grey levels varies by {percent:.0} % between windows (one tissue: 6 %): dynamic range and gain are uncertain"
             ));
         }
         if real.depths.len() < self.bands() {
-            let (measured, all) = (real.depths.len(), self.bands());
+            let (measured, bands) = (real.depths.len(), self.bands());
             notes.push(format!(
-                "uniform windows at {measured} of {all} depths: the gain is interpolated between them and constant beyond"
+                "uniform windows at {measured} of {bands} depths: the gain is interpolated between them and constant beyond"
             ));
         }
         if residual > SETTLED {

@@ -120,10 +120,10 @@ impl Model {
     pub(super) fn focus(&mut self, depths: &[[f64; 2]], depth_mm: f64) {
         let fit = |focus: f64, zone: f64| {
             let shape = |depth: f64| (1.0 + ((depth - focus) / zone).powi(2)).sqrt().ln();
-            let rest: Vec<f64> = depths.iter().map(|[depth, width]| width.ln() - shape(*depth)).collect();
-            let middle = mean(&rest);
+            let residuals: Vec<f64> = depths.iter().map(|[depth, width]| width.ln() - shape(*depth)).collect();
+            let middle = mean(&residuals);
             (
-                rest.iter().map(|r| (r - middle).powi(2)).sum::<f64>(),
+                residuals.iter().map(|r| (r - middle).powi(2)).sum::<f64>(),
                 middle.exp(),
                 focus,
                 zone,

@@ -68,10 +68,10 @@ impl Outline {
     pub fn of(mask: &[bool], width: usize) -> Option<Self> {
         let size = [width, mask.len() / width];
         let inside: Vec<[f64; 2]> = (0..mask.len())
-            .filter(|&at| mask[at])
-            .map(|at| [(at % width) as f64, (at / width) as f64])
+            .filter(|&pixel| mask[pixel])
+            .map(|pixel| [(pixel % width) as f64, (pixel / width) as f64])
             .collect();
-        let rim: Vec<RimPoint> = (0..mask.len()).filter_map(|at| on_rim(mask, at, size)).collect();
+        let rim: Vec<RimPoint> = (0..mask.len()).filter_map(|pixel| on_rim(mask, pixel, size)).collect();
         let [fan, rectangle] = [fan(&rim, &inside, size), rectangle(&rim, &inside, size)];
         match (fan, rectangle) {
             // A fan has more free parameters: it must be better by a tenth.
@@ -85,12 +85,14 @@ impl Outline {
 type RimPoint = [f64; 4];
 
 /// Returns the rim point at a mask pixel that has a neighbour outside the mask and lies away from the picture's edge.
-fn on_rim(mask: &[bool], at: usize, [width, height]: [usize; 2]) -> Option<RimPoint> {
-    let (x, y) = (at % width, at / width);
-    let inside = mask[at]
+fn on_rim(mask: &[bool], pixel: usize, [width, height]: [usize; 2]) -> Option<RimPoint> {
+    let (x, y) = (pixel % width, pixel / width);
+    let inside = mask[pixel]
         && (RIM_PX..width.saturating_sub(RIM_PX)).contains(&x)
         && (RIM_PX..height.saturating_sub(RIM_PX)).contains(&y)
-        && [at - 1, at + 1, at - width, at + width].iter().any(|&next| !mask[next]);
+        && [pixel - 1, pixel + 1, pixel - width, pixel + width]
+            .iter()
+            .any(|&next| !mask[next]);
     if !inside {
         return None;
     }
@@ -124,37 +126,49 @@ fn is_seen(agreeing: f64, visible: f64) -> bool {
 
 /// Fits the rectangle whose sides most of the rim lies on; returns it with the number of agreeing points.
 fn rectangle(rim: &[RimPoint], inside: &[[f64; 2]], size: [usize; 2]) -> Option<(Outline, f64)> {
-    let (mut edges, mut seen, mut agreement) = ([[0.0; 2]; 2], [[false; 2]; 2], 0.0);
+    let (mut edges, mut is_side_seen, mut agreement) = ([[0.0; 2]; 2], [[false; 2]; 2], 0.0);
     for axis in 0..2 {
         let extent = [0.002, 0.998].map(|share| quantile(inside.iter().map(|p| p[axis]).collect(), share));
         for side in 0..2 {
             // The column or row in this half of the mask that most of the rim lies on, with its neighbours.
             let inwards = |p: &&RimPoint| [1.0, -1.0][side] * p[2 + axis] > MIN_COSINE;
-            let near = |p: &RimPoint, place: usize| (p[axis] - place as f64).abs() < 1.5;
-            let count = |place: usize| rim.iter().filter(inwards).filter(|p| near(p, place)).count();
+            let near = |p: &RimPoint, line: usize| (p[axis] - line as f64).abs() < 1.5;
+            let count = |line: usize| rim.iter().filter(inwards).filter(|p| near(p, line)).count();
             let middle = (0.5 * (extent[0] + extent[1])) as usize;
             let half = if side == 0 { 0..middle } else { middle..size[axis] };
-            let best = half.max_by_key(|&place| count(place))?;
+            let best = half.max_by_key(|&line| count(line))?;
             let across = extent_of(inside, 1 - axis);
-            seen[axis][side] = is_seen(count(best) as f64, across);
+            is_side_seen[axis][side] = is_seen(count(best) as f64, across);
             let outwards = [-0.5, 0.5][side];
-            edges[axis][side] = if seen[axis][side] { best as f64 } else { extent[side] } + outwards;
-            agreement += if seen[axis][side] { count(best) as f64 } else { 0.0 };
+            edges[axis][side] = if is_side_seen[axis][side] {
+                best as f64
+            } else {
+                extent[side]
+            } + outwards;
+            agreement += if is_side_seen[axis][side] {
+                count(best) as f64
+            } else {
+                0.0
+            };
         }
     }
     let [columns, rows] = edges;
     let area = (columns[1] - columns[0]) * (rows[1] - rows[0]);
     let outline = Outline {
         shape: Shape::Rectangle { columns, rows },
-        seen: [seen[1][0], seen[1][1], seen[0][0] && seen[0][1]],
+        seen: [
+            is_side_seen[1][0],
+            is_side_seen[1][1],
+            is_side_seen[0][0] && is_side_seen[0][1],
+        ],
     };
     let cut = [columns[0] < RIM_PX as f64, columns[1] > (size[0] - RIM_PX) as f64];
-    let sides = (0..2).all(|side| seen[0][side] || cut[side]);
+    let sides = (0..2).all(|side| is_side_seen[0][side] || cut[side]);
     (inside.len() as f64 >= MIN_FILLED_SHARES[usize::from(!sides)] * area).then_some((outline, agreement))
 }
 
 fn extent_of(points: &[[f64; 2]], axis: usize) -> f64 {
-    let fold = |of: fn(f64, f64) -> f64, from: f64| points.iter().map(|p| p[axis]).fold(from, of);
+    let fold = |extreme: fn(f64, f64) -> f64, start: f64| points.iter().map(|p| p[axis]).fold(start, extreme);
     fold(f64::max, 0.0) - fold(f64::min, f64::MAX)
 }
 
@@ -189,8 +203,8 @@ fn nearest(fan: FanParameters, p: RimPoint, within: f64) -> Option<(usize, f64)>
         2 => !(fan[2] - within..fan[3] + within).contains(&radius),
         _ => distance(fan, 2, p) > within,
     };
-    let off = distance(fan, edge, p);
-    (!beside && off.abs() < within).then_some((edge, off))
+    let offset = distance(fan, edge, p);
+    (!beside && offset.abs() < within).then_some((edge, offset))
 }
 
 /// Fits the fan whose edges most of the rim lies on; returns it with the number of agreeing points.
@@ -206,15 +220,15 @@ fn fan(rim: &[RimPoint], inside: &[[f64; 2]], size: [usize; 2]) -> Option<(Outli
             parameters = refined(parameters, &voters, within);
         }
     }
-    let last = NEAR_PX[NEAR_PX.len() - 1];
+    let widest = NEAR_PX[NEAR_PX.len() - 1];
     let mut on_edge = [0.0; 3];
-    for (edge, _) in rim.iter().filter_map(|&p| nearest(parameters, p, last)) {
+    for (edge, _) in rim.iter().filter_map(|&p| nearest(parameters, p, widest)) {
         on_edge[edge] += 1.0;
     }
     let [x, y, near, far, half] = parameters;
-    let at = |radius: f64, angle: f64| [x + radius * angle.sin(), y + radius * angle.cos()];
-    let arc = |radius: f64| (0..(2.0 * half * radius) as usize).map(move |n| at(radius, n as f64 / radius - half));
-    let side = |sign: f64| (near as usize..far as usize).map(move |radius| at(radius as f64, sign * half));
+    let point = |radius: f64, angle: f64| [x + radius * angle.sin(), y + radius * angle.cos()];
+    let arc = |radius: f64| (0..(2.0 * half * radius) as usize).map(move |n| point(radius, n as f64 / radius - half));
+    let side = |sign: f64| (near as usize..far as usize).map(move |radius| point(radius as f64, sign * half));
     let lengths = [
         visible(arc(near), size),
         visible(arc(far), size),
@@ -225,17 +239,22 @@ fn fan(rim: &[RimPoint], inside: &[[f64; 2]], size: [usize; 2]) -> Option<(Outli
         let beyond = |p: &&[f64; 2]| distance(parameters, edge, [p[0], p[1], 0.0, 0.0]) > NEAR_PX[3];
         inside.iter().filter(beyond).count() as f64 <= MAX_BEYOND_SHARE * inside.len() as f64
     };
-    let seen: [bool; 3] = std::array::from_fn(|edge| is_seen(on_edge[edge], lengths[edge]) && outside(edge));
-    if seen.iter().filter(|seen| **seen).count() < 2 {
+    let are_seen: [bool; 3] = std::array::from_fn(|edge| is_seen(on_edge[edge], lengths[edge]) && outside(edge));
+    if are_seen.iter().filter(|is_edge_seen| **is_edge_seen).count() < 2 {
         return None;
     }
     let around: Vec<[f64; 2]> = inside.iter().map(|p| polar([x, y], p[0], p[1])).collect();
-    let extreme = |of: &dyn Fn(&[f64; 2]) -> f64, share| quantile(around.iter().map(of).collect(), share);
+    let extreme =
+        |coordinate: &dyn Fn(&[f64; 2]) -> f64, share| quantile(around.iter().map(coordinate).collect(), share);
     let radii = [
-        if seen[0] { near } else { extreme(&|p| p[0], 0.0005) } - 0.5,
-        if seen[1] { far } else { extreme(&|p| p[0], 0.9995) } + 0.5,
+        if are_seen[0] { near } else { extreme(&|p| p[0], 0.0005) } - 0.5,
+        if are_seen[1] { far } else { extreme(&|p| p[0], 0.9995) } + 0.5,
     ];
-    let half = if seen[2] { half } else { extreme(&|p| p[1].abs(), 0.998) } + 1.0 / (radii[0] + radii[1]);
+    let half = if are_seen[2] {
+        half
+    } else {
+        extreme(&|p| p[1].abs(), 0.998)
+    } + 1.0 / (radii[0] + radii[1]);
     let radii = [radii[0].max(0.0), radii[1]];
     let outline = Outline {
         shape: Shape::Fan {
@@ -243,18 +262,18 @@ fn fan(rim: &[RimPoint], inside: &[[f64; 2]], size: [usize; 2]) -> Option<(Outli
             radii,
             half,
         },
-        seen,
+        seen: are_seen,
     };
     let valid = radii[1] > radii[0] && half > 0.0 && half < 1.9 * FRAC_PI_2;
     valid.then_some((
         outline,
-        (0..3).filter(|&edge| seen[edge]).map(|edge| on_edge[edge]).sum(),
+        (0..3).filter(|&edge| are_seen[edge]).map(|edge| on_edge[edge]).sum(),
     ))
 }
 
 /// Finds the fan whose radii and angle get the most votes over a lattice of apices (P. V. C. Hough, US patent 3,069,654, 1962).
 fn guessed(voters: &[RimPoint]) -> Option<FanParameters> {
-    let bound = |axis: usize, of: fn(f64, f64) -> f64| voters.iter().map(|p| p[axis]).reduce(of);
+    let bound = |axis: usize, extreme: fn(f64, f64) -> f64| voters.iter().map(|p| p[axis]).reduce(extreme);
     let [left, top] = [bound(0, f64::min)?, bound(1, f64::min)?];
     let [width, height] = [bound(0, f64::max)? - left, bound(1, f64::max)? - top];
     if width.min(height) < 10.0 * BIN_PX {
@@ -272,22 +291,22 @@ fn guessed(voters: &[RimPoint]) -> Option<FanParameters> {
                 [(); 3].map(|()| vec![0usize; (farthest / BIN_PX).max(2.0 * FRAC_PI_2 / turn) as usize + 2]);
             for (&[radius, angle], &p) in around.iter().zip(voters) {
                 if let Some(edge) = edge_of(angle, p) {
-                    let place = if edge == 2 { angle.abs() / turn } else { radius / BIN_PX };
-                    votes[edge][place as usize] += 1;
+                    let bin = if edge == 2 { angle.abs() / turn } else { radius / BIN_PX };
+                    votes[edge][bin as usize] += 1;
                 }
             }
             // Two neighbouring bins, the first of several equal pairs.
-            let peak = |votes: &[usize], first: usize| {
-                let pairs = (first + 1..votes.len()).map(|at| (votes[at - 1] + votes[at], at));
+            let peak = |votes: &[usize], first_bin: usize| {
+                let pairs = (first_bin + 1..votes.len()).map(|bin| (votes[bin - 1] + votes[bin], bin));
                 pairs
-                    .max_by_key(|&(count, at)| (count, Reverse(at)))
+                    .max_by_key(|&(count, bin)| (count, Reverse(bin)))
                     .unwrap_or_default()
             };
             let [near, far] = [0, 1].map(|edge| peak(&votes[edge], 0));
             let sides = peak(&votes[2], (MIN_HALF_ANGLE / turn) as usize);
             let count = near.0 + far.0 + sides.0;
             if count > best.0 {
-                let radii = [near.1, far.1].map(|at| at as f64 * BIN_PX);
+                let radii = [near.1, far.1].map(|bin| bin as f64 * BIN_PX);
                 let half = (sides.1 as f64 * turn).min(1.8 * FRAC_PI_2);
                 // A missing array or far edge is placed at the end of the mask.
                 let far = if radii[1] > radii[0] { radii[1] } else { farthest };
@@ -303,7 +322,7 @@ fn refined(fan: FanParameters, points: &[RimPoint], within: f64) -> FanParameter
     // Scaled to one pixel at the far edge.
     let scale = [1.0, 1.0, 1.0, 1.0, 1.0 / fan[3].max(1.0)];
     let mut normal = SMatrix::<f64, 5, 5>::identity() * 1e-3;
-    let mut right = SVector::<f64, 5>::zeros();
+    let mut right_side = SVector::<f64, 5>::zeros();
     for &p in points {
         let Some((edge, d)) = nearest(fan, p, within) else {
             continue;
@@ -318,9 +337,12 @@ fn refined(fan: FanParameters, points: &[RimPoint], within: f64) -> FanParameter
             (moved(1.0) - moved(-1.0)) / 0.02
         });
         normal += weight * slopes * slopes.transpose();
-        right -= weight * d * slopes;
+        right_side -= weight * d * slopes;
     }
-    let step = normal.cholesky().map(|factor| factor.solve(&right)).unwrap_or_default();
+    let step = normal
+        .cholesky()
+        .map(|factor| factor.solve(&right_side))
+        .unwrap_or_default();
     // The step is limited to what the points near an edge can determine.
     let bounded = step * (within / step.norm().max(within));
     let moved: FanParameters = std::array::from_fn(|i| fan[i] + bounded[i] * scale[i]);

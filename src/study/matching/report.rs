@@ -22,7 +22,7 @@ impl Match {
                 fixed(sector)
             )
         });
-        let windows: usize = self.real.depths.iter().map(|it| it.windows).sum();
+        let windows: usize = self.real.depths.iter().map(|depth| depth.windows).sum();
         let depths = self.real.depths.len();
         format!(
             "histograms are {after} from those of the frame (default effects: {before}); {windows} windows at {depths} depths, {} rounds",
@@ -32,9 +32,13 @@ impl Match {
 
     /// Returns name, value and spread of each figure.
     fn table(&self, spread: &str) -> Table {
-        let rows = self.figures.iter().map(|it| {
-            let spread = it.spread.map_or("-".to_owned(), fixed);
-            [format!("{}, {}", it.key, it.unit), it.value.to_string(), spread]
+        let rows = self.figures.iter().map(|figure| {
+            let spread = figure.spread.map_or("-".to_owned(), fixed);
+            [
+                format!("{}, {}", figure.key, figure.unit),
+                figure.value.to_string(),
+                spread,
+            ]
         });
         Table::new([Cell::from("figure"), Cell::number("value"), Cell::number(spread)]).with(rows)
     }
@@ -44,8 +48,8 @@ impl Match {
         let name = text::printable(&self.name);
         let mut written = format!("# Matched to {name} by insonify match.\n# {}.\n", self.summary());
         written += "# Put your own volume and pose in place of [volume]. Not determined by the frame:\n";
-        for it in &self.unidentified {
-            written += &format!("# - {}: {}\n", it.what, it.why);
+        for reason in &self.unidentified {
+            written += &format!("# - {}: {}\n", reason.what, reason.why);
         }
         for note in &self.notes {
             written += &format!("# Note: {note}.\n");
@@ -70,13 +74,16 @@ impl Match {
             (&self.matched, "a uniform phantom with the figures found"),
             (&self.default, "the same with default effects"),
         ];
-        let frames = frames.map(|(side, what)| (small(&side.frame), what.to_owned()));
+        let frames = frames.map(|(side, caption)| (small(&side.frame), caption.to_owned()));
         let pictures = frames.iter();
-        page.pictures(pictures.filter_map(|(picture, what)| Some((picture.as_ref()?, what.clone()))));
+        page.pictures(pictures.filter_map(|(picture, caption)| Some((picture.as_ref()?, caption.clone()))));
         page.table(&self.table("spread over windows"));
         page.plots(&self.plots())?;
         page.put("<h2>What the frame does not tell</h2>");
-        let rows = self.unidentified.iter().map(|it| [it.what.to_owned(), it.why.clone()]);
+        let rows = self
+            .unidentified
+            .iter()
+            .map(|reason| [reason.what.to_owned(), reason.why.clone()]);
         page.stacked(&Table::new(["what", "why"]).with(rows));
         Ok(page.finish())
     }
@@ -96,35 +103,39 @@ impl Match {
         let classes = |histogram: &[f64]| -> Vec<[f64; 2]> {
             let classes = histogram.chunks(4).enumerate();
             classes
-                .map(|(at, shares)| [at as f64 * 4.0 + 1.5, shares.iter().sum()])
+                .map(|(class, shares)| [class as f64 * 4.0 + 1.5, shares.iter().sum()])
                 .collect()
         };
         let lags =
             |values: &[f64]| -> Vec<[f64; 2]> { values.iter().enumerate().map(|(lag, v)| [lag as f64, *v]).collect() };
         let depths =
-            |side: &WindowMeasurements, of: &dyn Fn(&super::DepthMeasurements) -> Option<f64>| -> Vec<[f64; 2]> {
+            |side: &WindowMeasurements, measure: &dyn Fn(&super::DepthMeasurements) -> Option<f64>| -> Vec<[f64; 2]> {
                 side.depths
                     .iter()
-                    .filter_map(|it| Some([it.depth_mm, of(it)?]))
+                    .filter_map(|depth| Some([depth.depth_mm, measure(depth)?]))
                     .collect()
             };
         let share = ["grey level", "share in 4 grey levels"];
         vec![
-            plot("Grey levels of the windows", share, &|it| classes(&it.histogram)),
-            plot("Grey levels of the sector", share, &|it| classes(&it.sector_histogram)),
+            plot("Grey levels of the windows", share, &|side| classes(&side.histogram)),
+            plot("Grey levels of the sector", share, &|side| {
+                classes(&side.sector_histogram)
+            }),
             plot(
                 "Autocorrelation along the beam",
                 ["lag, samples", "autocorrelation"],
-                &|it| lags(&it.autocorrelation_axial),
+                &|side| lags(&side.autocorrelation_axial),
             ),
-            plot("Autocorrelation across", ["lag, scanlines", "autocorrelation"], &|it| {
-                lags(&it.autocorrelation_lateral)
+            plot(
+                "Autocorrelation across",
+                ["lag, scanlines", "autocorrelation"],
+                &|side| lags(&side.autocorrelation_lateral),
+            ),
+            plot("Mean of the windows over depth", ["depth, mm", "grey level"], &|side| {
+                depths(side, &|depth| Some(depth.grey))
             }),
-            plot("Mean of the windows over depth", ["depth, mm", "grey level"], &|it| {
-                depths(it, &|at| Some(at.grey))
-            }),
-            plot("Lateral width over depth", ["depth, mm", "FWHM, mm"], &|it| {
-                depths(it, &|at| at.lateral_mm)
+            plot("Lateral width over depth", ["depth, mm", "FWHM, mm"], &|side| {
+                depths(side, &|depth| depth.lateral_mm)
             }),
         ]
     }
@@ -134,8 +145,8 @@ impl fmt::Display for Match {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.table("spread").text("  ", &[0, 10, 8]))?;
         writeln!(f, "\n{}\n\nnot determined by the frame:", self.summary())?;
-        for it in &self.unidentified {
-            writeln!(f, "  {}: {}", it.what, it.why)?;
+        for reason in &self.unidentified {
+            writeln!(f, "  {}: {}", reason.what, reason.why)?;
         }
         for note in &self.notes {
             writeln!(f, "note: {note}")?;

@@ -95,7 +95,7 @@ impl Known {
 }
 
 fn value(result: &Match, key: &str) -> f64 {
-    let figure = result.figures.iter().find(|it| it.key.ends_with(key));
+    let figure = result.figures.iter().find(|figure| figure.key.ends_with(key));
     figure.unwrap_or_else(|| panic!("{key}: {:?}", result.figures)).value
 }
 
@@ -110,8 +110,8 @@ fn result(case: &Known) -> Match {
     fit(&case.uniform(), None, 0).unwrap()
 }
 
-fn is_identified(result: &Match, what: &str) -> bool {
-    !result.unidentified.iter().any(|it| it.what == what)
+fn is_identified(result: &Match, parameter: &str) -> bool {
+    !result.unidentified.iter().any(|reason| reason.what == parameter)
 }
 
 /// Returns the lateral length in the scene found, mm.
@@ -132,10 +132,10 @@ fn gain_at(result: &Match, depth_mm: f64) -> f64 {
 /// worst of three depths.
 fn errors(case: &Known, result: &Match) -> [f64; 4] {
     let depths = [0.2, 0.5, 0.8].map(|share| share * case.depth_mm);
-    let worst = |of: &dyn Fn(f64) -> f64| {
+    let worst = |error: &dyn Fn(f64) -> f64| {
         depths
             .into_iter()
-            .map(of)
+            .map(error)
             .fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a })
     };
     let lateral = |depth: f64| {
@@ -193,7 +193,7 @@ fn known_settings_are_found_again() {
     ];
     for case in cases {
         let result = result(&case);
-        let off = errors(&case, &result);
+        let case_errors = errors(&case, &result);
         for (key, expected) in [
             (
                 "radius_mm",
@@ -222,19 +222,19 @@ fn known_settings_are_found_again() {
             let figure = result
                 .figures
                 .iter()
-                .find(|it| it.key.ends_with(&format!("probe.{key}")));
+                .find(|figure| figure.key.ends_with(&format!("probe.{key}")));
             assert_eq!(figure.is_some(), expected.is_some(), "{key} of {:?}", case.shape);
             if let (Some(figure), Some(expected)) = (figure, expected) {
                 near(key, figure.value, expected, 0.02 * expected);
             }
         }
-        for (what, off, tolerance) in [
-            ("range", off[0], 0.1),
-            ("axial", off[1], 0.15),
-            ("lateral", off[2], 0.15),
-            ("gain", off[3], 1.0),
+        for (what, error, tolerance) in [
+            ("range", case_errors[0], 0.1),
+            ("axial", case_errors[1], 0.15),
+            ("lateral", case_errors[2], 0.15),
+            ("gain", case_errors[3], 1.0),
         ] {
-            assert!(off.abs() <= tolerance, "{what} of {case:?}: {off} > {tolerance}");
+            assert!(error.abs() <= tolerance, "{what} of {case:?}: {error} > {tolerance}");
         }
         assert!(
             result.score.windows < 2.0 && 3.0 * result.score.windows < result.default_score.windows,
@@ -251,10 +251,10 @@ fn an_unknown_blur_shifts_range_and_lengths() {
         lateral_mm: 2.4,
         ..KNOWN
     };
-    let off = errors(&case, &result(&case));
+    let case_errors = errors(&case, &result(&case));
     assert!(
-        off[0].abs() < 0.25 && off[1].abs() < 0.2 && off[2].abs() < 0.2,
-        "{off:?}"
+        case_errors[0].abs() < 0.25 && case_errors[1].abs() < 0.2 && case_errors[2].abs() < 0.2,
+        "{case_errors:?}"
     );
 }
 
@@ -282,7 +282,7 @@ fn clutter_and_noise_are_told_by_dark_tissue() {
         ..soft
     };
     let box_ = Frame::around([0.0, 80.0, 0.0], [110, 110, 30], 2.0);
-    let of = |noise_db: f64, clutter_db: f64, decay: f64, depth: f64| {
+    let picture = |noise_db: f64, clutter_db: f64, decay: f64, depth: f64| {
         let mut effects = KNOWN.effects();
         effects.receiver = Some(Receiver {
             noise_db,
@@ -293,12 +293,12 @@ fn clutter_and_noise_are_told_by_dark_tissue() {
         let anatomy = anatomies::ball(box_, [0.0, depth, 0.0], 35.0, &[SILENT, soft, fluid]);
         fit(&KNOWN.frame(anatomy, effects), None, 0).unwrap()
     };
-    let cluttered = of(-200.0, -14.0, 0.5, 70.0);
+    let cluttered = picture(-200.0, -14.0, 0.5, 70.0);
     assert!(is_identified(&cluttered, "clutter") && !is_identified(&cluttered, "noise"));
     // Compared at the depth of the fluid; the decay there is less well determined.
     let level = value(&cluttered, "clutter_db") - 7.0 * value(&cluttered, "decay_db_cm");
     near("clutter", level, -17.5, 3.0);
-    let noisy = of(-52.0, -200.0, 4.0, 95.0);
+    let noisy = picture(-52.0, -200.0, 4.0, 95.0);
     assert!(
         is_identified(&noisy, "noise") && !is_identified(&noisy, "clutter"),
         "{noisy}"
@@ -317,12 +317,12 @@ fn clutter_and_noise_are_told_by_dark_tissue() {
 /// Parts cropped or dark at the edge of a frame do not move the outline.
 #[test]
 fn an_outline_is_found_in_part() {
-    let whole = KNOWN.uniform();
+    let complete = KNOWN.uniform();
     let outline = |picture: &Picture| Outline::of(&sector_of(picture).unwrap(), picture.width).unwrap();
     let masked = |keep: &dyn Fn(usize, usize) -> bool| {
-        let mut picture = whole.clone();
-        for (at, grey) in picture.grey.iter_mut().enumerate() {
-            if !keep(at % whole.width, at / whole.width) {
+        let mut picture = complete.clone();
+        for (pixel, grey) in picture.grey.iter_mut().enumerate() {
+            if !keep(pixel % complete.width, pixel / complete.width) {
                 *grey = 0.0;
             }
         }
@@ -332,7 +332,7 @@ fn an_outline_is_found_in_part() {
         Shape::Fan { apex, radii, half } => [apex[0], apex[1], radii[0], radii[1], half],
         Shape::Rectangle { .. } => panic!("{outline:?}"),
     };
-    let expected = fan(outline(&whole));
+    let expected = fan(outline(&complete));
     // A shadow on one side and a dark corner, whose edges are arcs and lines too.
     let shadowed = outline(&masked(&|x, y| {
         let (across, down) = (x as f64 - expected[0], y as f64 - expected[1]);
@@ -348,23 +348,23 @@ fn an_outline_is_found_in_part() {
         width,
         height,
         grey: (0..width * height)
-            .map(|at| whole.grey[at / width * whole.width + at % width + left])
+            .map(|pixel| complete.grey[pixel / width * complete.width + pixel % width + left])
             .collect(),
-        ..whole.clone()
+        ..complete.clone()
     };
     let cropped = outline(&cropped);
     assert_eq!(cropped.seen, [true, false, true]);
     let result = fan(cropped);
-    for (at, expected) in [
+    for (index, expected) in [
         (0, expected[0] - left as f64),
         (1, expected[1]),
         (2, expected[2]),
         (4, expected[4]),
     ] {
-        near("of a cropped sector", result[at], expected, 0.03 * expected.abs());
+        near("of a cropped sector", result[index], expected, 0.03 * expected.abs());
     }
     // Array at the bottom.
-    let mut turned = whole.clone();
+    let mut turned = complete.clone();
     turned.grey.reverse();
     assert_eq!(Outline::of(&sector_of(&turned).unwrap(), turned.width), None);
 }

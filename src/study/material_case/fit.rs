@@ -114,13 +114,13 @@ fn dynamic(points: &[Modulus], warnings: &mut Vec<String>) -> Result<SpringPotFi
             "found moduli at {count} frequencies; expected at least {least}"
         ));
     }
-    let of = |of: fn(&Modulus) -> f64| points.iter().map(|point| of(point).ln()).collect::<Vec<f64>>();
+    let logs = |part: fn(&Modulus) -> f64| points.iter().map(|point| part(point).ln()).collect::<Vec<f64>>();
     let (x, storage, loss) = (
-        of(|it| it.frequency_rad_s),
-        of(|it| it.storage_kpa),
-        of(|it| it.loss_kpa),
+        logs(|modulus| modulus.frequency_rad_s),
+        logs(|modulus| modulus.storage_kpa),
+        logs(|modulus| modulus.loss_kpa),
     );
-    let complex = of(|it| it.storage_kpa.hypot(it.loss_kpa));
+    let complex = logs(|modulus| modulus.storage_kpa.hypot(modulus.loss_kpa));
     // About the mean frequency, order and level are independent.
     let middle = mean(&x);
     let spread: f64 = x.iter().map(|x| (x - middle).powi(2)).sum();
@@ -191,12 +191,12 @@ fn order_of_creep(tests: &[CreepTest]) -> Result<f64, String> {
 /// Shear strain and modulus by equation 2, `G = tau t^k / (gamma Gamma(1 + k))`.
 fn moduli(tests: &[CreepTest], order: f64) -> Vec<[f64; 2]> {
     let scale = 1.0 / tgamma(1.0 + order);
-    let of = |test: &CreepTest| {
+    let pairs = |test: &CreepTest| {
         let stress = test.stress_kpa;
-        let one = move |[time, strain]: &[f64; 2]| [*strain, stress * scale * time.powf(order) / strain];
-        test.rows.iter().map(one).collect::<Vec<_>>()
+        let stress_over_strain = move |[time, strain]: &[f64; 2]| [*strain, stress * scale * time.powf(order) / strain];
+        test.rows.iter().map(stress_over_strain).collect::<Vec<_>>()
     };
-    tests.iter().flat_map(of).collect()
+    tests.iter().flat_map(pairs).collect()
 }
 
 fn creep(
@@ -213,12 +213,13 @@ fn creep(
     let fitted = StiffeningCurve::fitted(&points);
     let errors = fitted.errors(&points);
     let mut curve = fitted;
+    // Equation 2 applies the current stiffness to the entire past, which a memory of rates does not.
     if memory == Structure::Rate && curve.has_knee() {
         curve = fitted.corrected(tests, order).map_err(|error| error.to_string())?;
     }
-    let estimate = |at: usize| Estimate {
-        value: curve.0[at],
-        standard_error: errors[at],
+    let estimate = |parameter: usize| Estimate {
+        value: curve.0[parameter],
+        standard_error: errors[parameter],
     };
     if fitted.has_knee() {
         curve.doubt(&points, warnings);

@@ -90,7 +90,7 @@ impl MaterialCase {
 }
 
 fn dynamic(point: &Point) -> Result<Vec<DynamicModuli>, HistoryError> {
-    let at = |step: usize| -> Result<DynamicModuli, HistoryError> {
+    let moduli_at = |step: usize| -> Result<DynamicModuli, HistoryError> {
         let frequency = 10f64.powf(2.0 * step as f64 / (FREQUENCIES - 1) as f64 - 1.0);
         let steps = PERIODS * STEPS_PER_PERIOD;
         let phase = |step: usize| TAU * step as f64 / STEPS_PER_PERIOD as f64;
@@ -114,7 +114,7 @@ fn dynamic(point: &Point) -> Result<Vec<DynamicModuli>, HistoryError> {
             exact_kpa: point.body.dynamic_kpa(frequency),
         })
     };
-    (0..FREQUENCIES).map(at).collect()
+    (0..FREQUENCIES).map(moduli_at).collect()
 }
 
 /// Strain under a constant stress from the start, at the given times.
@@ -149,9 +149,9 @@ fn above_knee(point: &Point) -> f64 {
 fn creep(point: &Point) -> Result<Vec<CreepCurve>, HistoryError> {
     let (unit, above_knee) = (unit_stress(point)?, above_knee(point));
     let mut time_s = vec![0.0];
-    time_s.extend((0..=40).map(|at| CREEP_S * 10f64.powf(0.1 * f64::from(at) - 4.0)));
-    let curve = |at: usize| -> Result<CreepCurve, HistoryError> {
-        let stress_kpa = unit * above_knee * (at + 1) as f64 / CREEP_CURVES as f64;
+    time_s.extend((0..=40).map(|step| CREEP_S * 10f64.powf(0.1 * f64::from(step) - 4.0)));
+    let curve = |curve_at: usize| -> Result<CreepCurve, HistoryError> {
+        let stress_kpa = unit * above_knee * (curve_at + 1) as f64 / CREEP_CURVES as f64;
         let strain = strain_under(point, stress_kpa, &time_s)?;
         let curve = time_s
             .iter()
@@ -174,13 +174,13 @@ fn stiffness(point: &Point) -> Result<Vec<Stiffness>, HistoryError> {
             ..
         } => modulus_kpa + modulus_inf_kpa,
     };
-    let mut all = Vec::new();
+    let mut stiffness = Vec::new();
     for structure in [Structure::Rate, Structure::LoadIntegral] {
         let point = Point { structure, ..*point };
-        for at in 0..STIFFNESS_STRESSES {
-            let linear = above_knee * (at + 1) as f64 / STIFFNESS_STRESSES as f64;
+        for step in 0..STIFFNESS_STRESSES {
+            let linear = above_knee * (step + 1) as f64 / STIFFNESS_STRESSES as f64;
             let strain = strain_under(&point, unit * linear, &[0.0, CREEP_S])?[1];
-            all.push(Stiffness {
+            stiffness.push(Stiffness {
                 structure,
                 strain,
                 shown_kpa: modulus_kpa * linear / strain,
@@ -188,7 +188,7 @@ fn stiffness(point: &Point) -> Result<Vec<Stiffness>, HistoryError> {
             });
         }
     }
-    Ok(all)
+    Ok(stiffness)
 }
 
 /// Least-squares slope of a straight line through points on logarithmic scales.
@@ -199,17 +199,17 @@ fn slope(points: &[[f64; 2]]) -> f64 {
 
 impl Rheometer {
     /// Points of G' (`which` = 0) or G'' (1) against frequency.
-    fn moduli(&self, which: usize, exact: bool) -> Vec<[f64; 2]> {
+    fn moduli(&self, part: usize, exact: bool) -> Vec<[f64; 2]> {
         let kpa = |dynamic: &DynamicModuli| if exact { dynamic.exact_kpa } else { dynamic.measured_kpa };
         self.dynamic
             .iter()
-            .map(|dynamic| [dynamic.frequency, kpa(dynamic)[which]])
+            .map(|dynamic| [dynamic.frequency, kpa(dynamic)[part]])
             .collect()
     }
 
     /// Slopes of G' and G'' against frequency on logarithmic scales: k for a spring-pot.
     pub fn slopes(&self) -> [f64; 2] {
-        [0, 1].map(|which| slope(&self.moduli(which, false)))
+        [0, 1].map(|part| slope(&self.moduli(part, false)))
     }
 
     /// Largest error of the measured G' and G'' against the constitutive law, relative to |G*|.
@@ -244,18 +244,22 @@ impl Rheometer {
     pub fn plots(&self) -> Vec<(&'static str, Plot)> {
         let points = |name: &str, colour, points| Series::points(name, colour, Marker::Disc, points);
         let names = ["G', storage", "G'', loss"];
-        let moduli = [0, 1].into_iter().flat_map(|which| {
+        let moduli = [0, 1].into_iter().flat_map(|part| {
             [
-                Series::line(names[which], which, self.moduli(which, true)),
-                points(names[which], which, self.moduli(which, false)),
+                Series::line(names[part], part, self.moduli(part, true)),
+                points(names[part], part, self.moduli(part, false)),
             ]
         });
         let creep =
             self.creep.iter().enumerate().map(|(colour, creep)| {
                 Series::line(format!("{:.3} kPa", creep.stress_kpa), colour, creep.curve.clone())
             });
-        let of = |structure| self.stiffness.iter().filter(move |point| point.structure == structure);
-        let shown = |structure| of(structure).map(|point| [point.strain, point.shown_kpa]).collect();
+        let of_structure = |structure| self.stiffness.iter().filter(move |point| point.structure == structure);
+        let shown = |structure| {
+            of_structure(structure)
+                .map(|point| [point.strain, point.shown_kpa])
+                .collect()
+        };
         let mut law: Vec<[f64; 2]> = self
             .stiffness
             .iter()
@@ -329,7 +333,8 @@ impl fmt::Display for Rheometer {
                 Structure::Rate => "rate",
                 Structure::LoadIntegral => "load-integral",
             };
-            let [strain, shown, law] = [point.strain, point.shown_kpa, point.law_kpa].map(|it| format!("{it:.6}"));
+            let [strain, shown, law] =
+                [point.strain, point.shown_kpa, point.law_kpa].map(|figure| format!("{figure:.6}"));
             [name.to_owned(), strain, shown, law]
         });
         let head = ["structure", "strain", "G shown kPa", "G law kPa"].map(Cell::number);

@@ -41,21 +41,21 @@ pub(super) struct Line {
     entry: Result<Point3<f64>, &'static str>,
 }
 
-fn wrong_target(found: &str, expected: &str) -> Error {
-    StudyError::refused(format!("the target {found}; expected {expected}"))
+fn wrong_target(fault: &str, expected: &str) -> Error {
+    StudyError::refused(format!("the target {fault}; expected {expected}"))
 }
 
 /// Refuses a target outside the body, in bone or in a critical structure.
 pub(super) fn permitted(scenario: &Scenario, name: &str, target: &Point3<f64>) -> Result<(), Error> {
     let body = scenario.scene.body();
-    let at = format!("({:.1}, {:.1}, {:.1}) mm", target.x, target.y, target.z);
-    let refuse = |what: String| {
-        let found = match name {
-            "the target" => format!("at {at} {what}"),
-            name => format!("\"{name}\" at {at} {what}"),
+    let position = format!("({:.1}, {:.1}, {:.1}) mm", target.x, target.y, target.z);
+    let refuse = |fault: String| {
+        let fault = match name {
+            "the target" => format!("at {position} {fault}"),
+            name => format!("\"{name}\" at {position} {fault}"),
         };
         let expected = "a point of soft tissue within the body, in LPS millimetres, or the name of a label";
-        Err(wrong_target(&found, expected))
+        Err(wrong_target(&fault, expected))
     };
     let Some(label) = body.label_at(target) else {
         return refuse("lies outside the body".to_owned());
@@ -64,8 +64,9 @@ pub(super) fn permitted(scenario: &Scenario, name: &str, target: &Point3<f64>) -
         return refuse(format!("lies in bone ({})", body.name(label)));
     }
     let value = body.volume.labels()[usize::from(label)].value;
-    let is_critical =
-        |(region, of): &(i32, insonify_mechanics::insertion::Interaction)| i64::from(*region) == value && of.critical;
+    let is_critical = |(region, interaction): &(i32, insonify_mechanics::insertion::Interaction)| {
+        i64::from(*region) == value && interaction.critical
+    };
     if scenario.interactions.iter().any(is_critical) {
         refuse(format!("lies in {}, which is marked `critical`", body.name(label)))
     } else {
@@ -99,8 +100,8 @@ pub(super) struct Entries<'a> {
 impl<'a> Entries<'a> {
     pub(super) fn new(scenario: &'a Scenario, target: Point3<f64>, options: &'a PathOptions) -> Result<Self, Error> {
         if options.section_mm.is_some() && !matches!(options.entry, Entry::Plane(_)) {
-            let found = "in a model of two dimensions with entries outside the image plane";
-            return Err(wrong_target(found, "entries in the plane: `plane`, with `--angles`"));
+            let wrong = "in a model of two dimensions with entries outside the image plane";
+            return Err(wrong_target(wrong, "entries in the plane: `plane`, with `--angles`"));
         }
         Ok(Self {
             scenario,
@@ -115,22 +116,22 @@ impl<'a> Entries<'a> {
     pub(super) fn lines(&self) -> Result<Vec<Line>, Error> {
         let directions: Vec<Vector3<f64>> = match &self.options.entry {
             Entry::Plane([low, high]) => {
-                let last = (self.options.lines - 1).max(1) as f64;
-                let angles = (0..self.options.lines).map(|at| low + (high - low) * at as f64 / last);
+                let intervals = (self.options.lines - 1).max(1) as f64;
+                let angles = (0..self.options.lines).map(|index| low + (high - low) * index as f64 / intervals);
                 let [lateral, axial] = [self.pose.lateral().into_inner(), self.pose.axial().into_inner()];
                 angles
                     .map(|deg| lateral * deg.to_radians().sin() + axial * deg.to_radians().cos())
                     .collect()
             }
             Entry::Box(corners) => {
-                let within = |at: &Point3<f64>| {
+                let within = |point: &Point3<f64>| {
                     let sides = |axis: usize| [corners[0][axis], corners[1][axis]];
                     (0..3).all(|axis| {
                         let [a, b] = sides(axis);
-                        (a.min(b)..=a.max(b)).contains(&at[axis])
+                        (a.min(b)..=a.max(b)).contains(&point[axis])
                     })
                 };
-                self.spread(self.surface(|_, at| within(at)), "the box of entries")?
+                self.spread(self.surface(|_, point| within(point)), "the box of entries")?
             }
             Entry::Named(name) => {
                 let wanted = Names::new(self.body.entries()).all(&RegionName::Name(name.clone()));
@@ -140,9 +141,9 @@ impl<'a> Entries<'a> {
                 self.spread(self.surface(|label, _| wanted.contains(&label)), name)?
             }
         };
-        let line = |along: Vector3<f64>| Line {
-            along,
-            entry: self.skin(&along),
+        let line = |direction: Vector3<f64>| Line {
+            along: direction,
+            entry: self.skin(&direction),
         };
         Ok(directions.into_iter().map(line).collect())
     }
@@ -154,6 +155,7 @@ impl<'a> Entries<'a> {
         let is_body = |label: u8| label > 0 && !self.body.is_outside(label);
         let reach = self.scenario.needle.length_mm - APPROACH_MM;
         let mut surface = Vec::new();
+        // At the rim of the volume the field of view ends the body, not its skin.
         for k in 1..nz.saturating_sub(1) {
             for j in 1..ny.saturating_sub(1) {
                 for i in 1..nx.saturating_sub(1) {
@@ -169,14 +171,17 @@ impl<'a> Entries<'a> {
                         [i, j, k - 1],
                         [i, j, k + 1],
                     ];
-                    if beside.iter().all(|at| is_body(volume.voxels()[volume.offset(*at)])) {
+                    if beside
+                        .iter()
+                        .all(|index| is_body(volume.voxels()[volume.offset(*index)]))
+                    {
                         continue;
                     }
-                    let at = volume
+                    let point = volume
                         .index_to_world()
                         .transform_point(&Point3::new(i as f64, j as f64, k as f64));
-                    if (at - self.target).norm() <= reach && wanted(label, &at) {
-                        surface.push(at);
+                    if (point - self.target).norm() <= reach && wanted(label, &point) {
+                        surface.push(point);
                     }
                 }
             }
@@ -185,27 +190,27 @@ impl<'a> Entries<'a> {
     }
 
     /// Directions from entries spread evenly: the nearest to the target first, then each the farthest from those before it.
-    fn spread(&self, all: Vec<Point3<f64>>, of: &str) -> Result<Vec<Vector3<f64>>, Error> {
-        let nearest = all
+    fn spread(&self, points: Vec<Point3<f64>>, region_name: &str) -> Result<Vec<Vector3<f64>>, Error> {
+        let nearest = points
             .iter()
             .min_by(|a, b| (*a - self.target).norm().total_cmp(&(*b - self.target).norm()));
         let Some(mut next) = nearest.copied() else {
-            let reasons = format!("none is left: no skin in {of} within the needle's reach");
+            let reasons = format!("none is left: no skin in {region_name} within the needle's reach");
             return Err(no_path("the target", 0, &reasons));
         };
-        let mut away = vec![f64::INFINITY; all.len()];
+        let mut away = vec![f64::INFINITY; points.len()];
         let mut directions = Vec::new();
         while directions.len() < self.options.lines {
             directions.extend((self.target - next).try_normalize(1e-6));
             let mut farthest = (0.0, None);
-            for (at, away) in all.iter().zip(&mut away) {
-                *away = away.min((at - next).norm());
+            for (point, away) in points.iter().zip(&mut away) {
+                *away = away.min((point - next).norm());
                 if *away > farthest.0 {
-                    farthest = (*away, Some(*at));
+                    farthest = (*away, Some(*point));
                 }
             }
             match farthest.1 {
-                Some(at) => next = at,
+                Some(point) => next = point,
                 None => break,
             }
         }
@@ -213,18 +218,18 @@ impl<'a> Entries<'a> {
     }
 
     /// Point at which a line to the target enters the body, mm.
-    fn skin(&self, along: &Vector3<f64>) -> Result<Point3<f64>, &'static str> {
+    fn skin(&self, direction: &Vector3<f64>) -> Result<Point3<f64>, &'static str> {
         let reach = self.scenario.needle.length_mm - APPROACH_MM;
-        let mut last = self.target;
+        let mut deepest = self.target;
         for step in 1..=(reach / SKIN_MM) as usize {
-            let at = self.target - along * (step as f64 * SKIN_MM);
-            if self.body.label_at(&at).is_none() {
-                return match self.body.volume.label_index_at(&at) {
-                    Some(_) => Ok(last.map(|x| (x * 100.0).round() / 100.0)),
+            let point = self.target - direction * (step as f64 * SKIN_MM);
+            if self.body.label_at(&point).is_none() {
+                return match self.body.volume.label_index_at(&point) {
+                    Some(_) => Ok(deepest.map(|x| (x * 100.0).round() / 100.0)),
                     None => Err(NO_SKIN),
                 };
             }
-            last = at;
+            deepest = point;
         }
         Err(TOO_SHORT)
     }
@@ -236,7 +241,7 @@ impl<'a> Entries<'a> {
             return Some(AT_PROBE);
         }
         if let Some([low, high]) = self.scenario.meshed_mm() {
-            let inside = |at: &Point3<f64>| (0..3).all(|axis| (low[axis]..=high[axis]).contains(&at[axis]));
+            let inside = |point: &Point3<f64>| (0..3).all(|axis| (low[axis]..=high[axis]).contains(&point[axis]));
             if !(inside(entry) && inside(&self.target)) {
                 return Some(UNMESHED);
             }
@@ -261,8 +266,8 @@ impl<'a> Entries<'a> {
         let half = array_end_mm(&self.scenario.scene) + PROBE_MM[0];
         let to_probe = self.pose.world_to_probe();
         (0..=BEFORE_MM as usize).any(|mm| {
-            let at = to_probe.transform_point(&(entry + outward * mm as f64));
-            at.x.abs() < half && at.y < PROBE_MM[0] && at.z.abs() < PROBE_MM[0] + PROBE_MM[1]
+            let point = to_probe.transform_point(&(entry + outward * mm as f64));
+            point.x.abs() < half && point.y < PROBE_MM[0] && point.z.abs() < PROBE_MM[0] + PROBE_MM[1]
         })
     }
 
@@ -302,7 +307,7 @@ impl<'a> Entries<'a> {
         } else if cut.critical_mm < least || cut.critical_mm == 0.0 {
             candidate.excluded = Some(DEFORMED_CRITICAL);
         }
-        let nearest = [straight, cut].map(|of| of.bone_mm.min(of.critical_mm));
+        let nearest = [straight, cut].map(|clearance| clearance.bone_mm.min(clearance.critical_mm));
         path.clearance_mm = Some(nearest[0].min(nearest[1])).filter(|mm| mm.is_finite());
         candidate.path = Some(path).filter(|_| candidate.excluded.is_none());
         Ok(candidate)

@@ -118,27 +118,30 @@ pub(super) fn correct(
         runs: 0,
     };
     let straight = Course::to(entry, &target);
-    let first = search.run(&straight, Until::End)?;
-    if first.bone {
+    let uncorrected = search.run(&straight, Until::End)?;
+    if uncorrected.bone {
         return Ok(Err(DEFORMED_BONE));
     }
-    let Some(miss_before_mm) = first.samples.last().map(|sample| sample.miss().norm()) else {
+    let Some(miss_before_mm) = uncorrected.samples.last().map(|sample| sample.miss().norm()) else {
         return Ok(Err("the simulation has no step"));
     };
-    let (mut course, mut last, mut miss_mm) = (straight, first.clone(), miss_before_mm);
+    let (mut course, mut latest, mut miss_mm) = (straight, uncorrected.clone(), miss_before_mm);
     if miss_mm > tolerance_mm {
         let on_line = search.line(straight, tolerance_mm)?;
-        (course, last) = search.land(on_line, tolerance_mm)?;
-        miss_mm = last.samples.last().map_or(f64::INFINITY, |sample| sample.miss().norm());
+        (course, latest) = search.land(on_line, tolerance_mm)?;
+        miss_mm = latest
+            .samples
+            .last()
+            .map_or(f64::INFINITY, |sample| sample.miss().norm());
         // A search that ends farther off than it began has found nothing.
         if miss_mm >= miss_before_mm || !miss_mm.is_finite() {
-            (course, last, miss_mm) = (straight, first.clone(), miss_before_mm);
+            (course, latest, miss_mm) = (straight, uncorrected.clone(), miss_before_mm);
         }
     }
-    if last.bone {
+    if latest.bone {
         return Ok(Err(DEFORMED_BONE));
     }
-    let moved = last
+    let moved = latest
         .samples
         .last()
         .map_or(Vector3::zeros(), |sample| sample.target - target);
@@ -151,13 +154,13 @@ pub(super) fn correct(
         miss_mm,
         displacement_mm: [forward, (moved - course.along * forward).norm()],
         turn_deg: course.along.angle(&straight.along).to_degrees(),
-        max_force_n: last.max_force_n,
+        max_force_n: latest.max_force_n,
         clearance_mm: None,
-        punctures: last.punctures,
+        punctures: latest.punctures,
         runs: search.runs,
         course,
-        first,
-        last,
+        first: uncorrected,
+        last: latest,
     }))
 }
 
@@ -182,17 +185,17 @@ impl Search<'_> {
                 Some(gain) => gain,
                 None => *gain.insert(self.gain(&course, &meeting)?),
             };
-            let from = best.1;
-            let tip = from.entry + from.along * (from.depth_mm - from.back_mm);
+            let start = best.1;
+            let tip = start.entry + start.along * (start.depth_mm - start.back_mm);
             let aim = tip + step(&gain, &straight.along, &meeting.aside) * damping;
             course = Course {
-                depth_mm: from.depth_mm,
+                depth_mm: start.depth_mm,
                 ..Course::to(self.entry, &aim)
             };
             let next = self.meeting(&course)?;
-            let off = next.aside.norm();
-            if off < best.0 {
-                best = (off, course.at(&next));
+            let aside_mm = next.aside.norm();
+            if aside_mm < best.0 {
+                best = (aside_mm, course.at(&next));
                 meeting = next;
             } else {
                 damping *= DAMPED;
@@ -226,8 +229,8 @@ impl Search<'_> {
         };
         let trial = self.run(&beyond, Until::Passed)?;
         let passed = met(&trial.samples, &course.along);
-        let most = LEAP * look_mm(self.scenario);
-        let leapt = passed.advance_mm > most && passed.ahead_mm < 0.0;
+        let leap_mm = LEAP * look_mm(self.scenario);
+        let leapt = passed.advance_mm > leap_mm && passed.ahead_mm < 0.0;
         if !leapt {
             return Ok(Meeting {
                 depth_mm: passed.travel_mm,
@@ -237,7 +240,7 @@ impl Search<'_> {
         }
         let there_and_back = Course {
             // Where the surface gives way, a little farther, so that it does so again.
-            depth_mm: passed.end_mm + most,
+            depth_mm: passed.end_mm + leap_mm,
             back_mm: BEYOND_MM,
             ..*course
         };
@@ -265,20 +268,20 @@ impl Search<'_> {
             } else {
                 damping *= DAMPED;
             }
-            let Some((least, from, _, miss)) = &best else { break };
+            let Some((least, start, _, miss)) = &best else { break };
             if *least <= tolerance_mm {
                 break;
             }
-            let ahead = miss.dot(&from.along);
-            let tip = from.entry + from.along * (from.depth_mm - from.back_mm);
-            let aim = tip + (miss - from.along * ahead) * damping;
+            let ahead = miss.dot(&start.along);
+            let tip = start.entry + start.along * (start.depth_mm - start.back_mm);
+            let aim = tip + (miss - start.along * ahead) * damping;
             course = Course {
-                depth_mm: from.depth_mm,
-                back_mm: from.back_mm,
+                depth_mm: start.depth_mm,
+                back_mm: start.back_mm,
                 ..Course::to(self.entry, &aim)
             };
-            if from.back_mm > 0.0 {
-                course.back_mm = (from.back_mm - damping * ahead).max(0.0)
+            if start.back_mm > 0.0 {
+                course.back_mm = (start.back_mm - damping * ahead).max(0.0)
             } else {
                 course.depth_mm += damping * ahead
             }
@@ -298,8 +301,8 @@ impl Course {
 }
 
 /// Step of the aim across the needle that takes a miss away.
-fn step(gain: &Matrix2<f64>, along: &Vector3<f64>, aside: &Vector3<f64>) -> Vector3<f64> {
-    let axes = across(along);
+fn step(gain: &Matrix2<f64>, direction: &Vector3<f64>, aside: &Vector3<f64>) -> Vector3<f64> {
+    let axes = across(direction);
     let miss = Vector2::from(axes.map(|axis| axis.dot(aside)));
     let step = gain.try_inverse().map_or(miss, |inverse| -inverse * miss);
     axes[0] * step.x + axes[1] * step.y
@@ -319,9 +322,9 @@ struct Met {
 }
 
 /// Interpolates between the last two samples, of which the last is the first beyond the target in the direction of travel.
-fn met(samples: &[Sample], along: &Vector3<f64>) -> Met {
-    let ahead = |sample: &Sample| sample.miss().dot(along);
-    let aside = |sample: &Sample| sample.miss() - along * ahead(sample);
+fn met(samples: &[Sample], direction: &Vector3<f64>) -> Met {
+    let ahead = |sample: &Sample| sample.miss().dot(direction);
+    let aside = |sample: &Sample| sample.miss() - direction * ahead(sample);
     let Some(after) = samples.last() else {
         return Met {
             travel_mm: 0.0,
@@ -331,18 +334,18 @@ fn met(samples: &[Sample], along: &Vector3<f64>) -> Met {
             aside: Vector3::zeros(),
         };
     };
-    let before = samples.len().checked_sub(2).map_or(after, |at| &samples[at]);
-    let (from, to) = (ahead(before), ahead(after));
-    let share = if from > 0.0 && to <= 0.0 {
-        from / (from - to)
+    let before = samples.len().checked_sub(2).map_or(after, |index| &samples[index]);
+    let (before_mm, after_mm) = (ahead(before), ahead(after));
+    let share = if before_mm > 0.0 && after_mm <= 0.0 {
+        before_mm / (before_mm - after_mm)
     } else {
         1.0
     };
     Met {
         travel_mm: before.travel_mm + share * (after.travel_mm - before.travel_mm),
         end_mm: after.travel_mm,
-        ahead_mm: to,
-        advance_mm: from - to,
+        ahead_mm: after_mm,
+        advance_mm: before_mm - after_mm,
         aside: aside(before) * (1.0 - share) + aside(after) * share,
     }
 }

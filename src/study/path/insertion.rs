@@ -128,13 +128,13 @@ impl Course {
     pub fn keys(&self, scenario: &Scenario) -> Vec<NeedleKeyframe> {
         let every_s = stride(scenario) * scenario.timing.dt_s;
         let speed = speed_mm_s(scenario);
-        let round = |value: f64, to: f64| (value * to).round() / to + 0.0;
+        let round = |value: f64, per_unit: f64| (value * per_unit).round() / per_unit + 0.0;
         let direction = <[f64; 3]>::from(self.along).map(|x| round(x, ROUNDED[1]));
-        let at = |mm: f64| <[f64; 3]>::from(self.entry + self.along * mm).map(|x| round(x, ROUNDED[0]));
+        let tip = |mm: f64| <[f64; 3]>::from(self.entry + self.along * mm).map(|x| round(x, ROUNDED[0]));
         let mut time_s = scenario.needle_tip().start_s();
         let key = |time_s, mm| NeedleKeyframe {
             time_s,
-            tip_mm: at(mm),
+            tip_mm: tip(mm),
             direction,
             roll_deg: None,
         };
@@ -143,9 +143,9 @@ impl Course {
             (self.depth_mm + APPROACH_MM, self.depth_mm),
             (self.back_mm, self.depth_mm - self.back_mm),
         ];
-        for (length, to) in strokes.into_iter().filter(|(length, _)| *length > 0.0) {
+        for (length, depth_mm) in strokes.into_iter().filter(|(length, _)| *length > 0.0) {
             time_s += (length / speed / every_s - WHOLE).ceil().max(1.0) * every_s;
-            keys.push(key(round(time_s, ROUNDED[1]), to));
+            keys.push(key(round(time_s, ROUNDED[1]), depth_mm));
         }
         keys
     }

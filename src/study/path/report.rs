@@ -50,8 +50,8 @@ impl PathPlan {
         let Some((line, path)) = self.best() else {
             return "no path".to_owned();
         };
-        let entry = line.entry_mm.map_or(String::new(), |at| {
-            let [x, y, z] = at.map(|x| format!("{x:.1}"));
+        let entry = line.entry_mm.map_or(String::new(), |entry| {
+            let [x, y, z] = entry.map(|x| format!("{x:.1}"));
             format!(" from ({x}, {y}, {z}) mm")
         });
         let back = if path.back_mm > 0.0 {
@@ -92,7 +92,7 @@ impl PathPlan {
         let rows = self.lines.iter().map(|line| {
             let entry = line
                 .entry_mm
-                .map_or(String::new(), |at| at.map(|x| format!("{x:.1}")).join(" "));
+                .map_or(String::new(), |position| position.map(|x| format!("{x:.1}")).join(" "));
             let mut cells = vec![line.number.to_string(), format!("{:.1}", line.angle_deg), entry];
             // An excluded line has no path: empty cells keep the reason in the last column.
             cells.extend(match &line.path {
@@ -124,9 +124,9 @@ impl PathPlan {
             let entry = line.entry_mm.map_or(",,".to_owned(), list);
             let direction = line.path.as_ref().map_or(line.along.into(), |path| path.direction);
             let result = line.path.as_ref().map_or(",".repeat(9), |path| {
-                let [along, aside] = path.displacement_mm;
+                let [along_mm, aside_mm] = path.displacement_mm;
                 format!(
-                    "{},{},{},{},{},{along},{aside},{},{},{}",
+                    "{},{},{},{},{},{along_mm},{aside_mm},{},{},{}",
                     path.insertion_mm,
                     path.back_mm,
                     path.turn_deg,
@@ -156,14 +156,14 @@ impl PathPlan {
         let Some((_, path)) = self.best() else { return text };
         for (name, trial) in [("uncorrected", &path.first), ("corrected", &path.last)] {
             for sample in &trial.samples {
-                let place = |at: &Point3<f64>| <[f64; 3]>::from(*at).map(|x| format!("{x:.4}")).join(",");
-                let [along, aside] = self.moved(path, sample);
+                let position = |point: &Point3<f64>| <[f64; 3]>::from(*point).map(|x| format!("{x:.4}")).join(",");
+                let [along_mm, aside_mm] = self.moved(path, sample);
                 text += &format!(
-                    "{name},{:.4},{:.4},{},{},{along:.4},{aside:.4},{:.4},{:.5}\n",
+                    "{name},{:.4},{:.4},{},{},{along_mm:.4},{aside_mm:.4},{:.4},{:.5}\n",
                     sample.time_s,
                     sample.travel_mm,
-                    place(&sample.tip),
-                    place(&sample.target),
+                    position(&sample.tip),
+                    position(&sample.target),
                     sample.miss().norm(),
                     sample.force_n
                 );
@@ -175,24 +175,28 @@ impl PathPlan {
     /// Displacement of the target along and across the needle, mm.
     fn moved(&self, path: &Corrected, sample: &Sample) -> [f64; 2] {
         let moved = sample.target - Point3::from(self.target_mm);
-        let along = moved.dot(&path.course.along);
-        [along, (moved - path.course.along * along).norm()]
+        let along_mm = moved.dot(&path.course.along);
+        [along_mm, (moved - path.course.along * along_mm).norm()]
     }
 
     /// Displacement of the target while the needle of the best line goes in.
     pub fn target_plot(&self) -> Plot {
         let mut series = Vec::new();
         if let Some((_, path)) = self.best() {
-            for (at, (name, trial)) in [("uncorrected", &path.first), ("corrected", &path.last)]
+            for (index, (name, trial)) in [("uncorrected", &path.first), ("corrected", &path.last)]
                 .into_iter()
                 .enumerate()
             {
-                for (part, axis) in ["along the needle", "across it"].into_iter().enumerate() {
+                for (component, axis) in ["along the needle", "across it"].into_iter().enumerate() {
                     let points = trial
                         .samples
                         .iter()
-                        .map(|sample| [sample.travel_mm, self.moved(path, sample)[part]]);
-                    series.push(Series::line(format!("{axis}, {name}"), 2 * at + part, points.collect()));
+                        .map(|sample| [sample.travel_mm, self.moved(path, sample)[component]]);
+                    series.push(Series::line(
+                        format!("{axis}, {name}"),
+                        2 * index + component,
+                        points.collect(),
+                    ));
                 }
             }
         }
@@ -202,11 +206,11 @@ impl PathPlan {
 
     /// Distance of the tip from the target at the end of every line.
     pub fn lines_plot(&self) -> Plot {
-        let points = |of: fn(&Corrected) -> f64| {
+        let points = |figure: fn(&Corrected) -> f64| {
             let angles = self
                 .lines
                 .iter()
-                .filter_map(|line| Some([line.angle_deg, of(line.path.as_ref()?)]));
+                .filter_map(|line| Some([line.angle_deg, figure(line.path.as_ref()?)]));
             angles.collect::<Vec<_>>()
         };
         let series = vec![
@@ -222,15 +226,15 @@ impl PathPlan {
         let pose = scenario.scene.probe_path().at(scenario.timing.start_s);
         let target = Point3::from(self.target_mm);
         let lines = self.lines.iter().enumerate().rev().map(|(rank, line)| {
-            let (tip, along) = match &line.path {
+            let (tip, direction) = match &line.path {
                 Some(path) => (
                     path.course.entry + path.course.along * (path.insertion_mm - path.back_mm),
                     path.course.along,
                 ),
                 None => (target, line.along),
             };
-            let from = line.entry_mm.map_or(target - along * DRAWN_MM, |entry| {
-                Point3::from(entry) - along * APPROACH_MM
+            let from = line.entry_mm.map_or(target - direction * DRAWN_MM, |entry| {
+                Point3::from(entry) - direction * APPROACH_MM
             });
             let kind = if line.path.is_none() { 2 } else { usize::from(rank > 0) };
             overlay::Line {
@@ -263,14 +267,14 @@ impl PathPlan {
         }
         page.paragraph("", &(self.text() + "."));
         if let Some((_, path)) = self.best() {
-            let [along, aside] = path.displacement_mm;
+            let [along_mm, aside_mm] = path.displacement_mm;
             page.paragraph(
                 "",
                 &format!(
                     "At its end the target lies {} mm along the needle and {} mm across it from where it is at rest; {} surfaces were \
                      punctured. The correction turned the line by {} degrees.",
-                    fixed(along),
-                    fixed(aside),
+                    fixed(along_mm),
+                    fixed(aside_mm),
                     path.punctures,
                     fixed(path.turn_deg)
                 ),
@@ -319,9 +323,9 @@ impl PathPlan {
             return Err("no path was found".to_owned());
         };
         let mut keyframes = path.course.keys(scenario);
-        if let Some(last) = keyframes.last().copied() {
-            let time_s = last.time_s + PAUSE_S;
-            keyframes.push(NeedleKeyframe { time_s, ..last });
+        if let Some(end) = keyframes.last().copied() {
+            let time_s = end.time_s + PAUSE_S;
+            keyframes.push(NeedleKeyframe { time_s, ..end });
         }
         let target = TargetSpec {
             name: self.target.clone(),

@@ -60,39 +60,39 @@ fn the_middle_of_the_vein_is_met() {
             let pool = insonify_base::parallel::Pool::new(threads).unwrap();
             pool.install(|| plan(&scenario, &options, &|_, _| ()).unwrap())
         };
-        let two = on(2);
-        let path = best(&two);
+        let two_threads = on(2);
+        let path = best(&two_threads);
         assert!(path.miss_mm < 0.1 && path.miss_before_mm > 0.3, "{path:?}");
         assert!(path.punctures >= 1);
         // A line that misses by more than the tolerance ranks behind one that does not.
-        let mut worse = two.lines[0].clone();
+        let mut worse = two_threads.lines[0].clone();
         worse.path.as_mut().unwrap().miss_mm = 0.5;
-        assert_eq!(rank(&worse, &two.lines[1], 0.1), Ordering::Greater);
+        assert_eq!(rank(&worse, &two_threads.lines[1], 0.1), Ordering::Greater);
         if section_mm.is_some() {
-            let one = on(1);
+            let one_thread = on(1);
             assert_eq!(
-                serde_json::to_string(&two).unwrap(),
-                serde_json::to_string(&one).unwrap()
+                serde_json::to_string(&two_threads).unwrap(),
+                serde_json::to_string(&one_thread).unwrap()
             );
-            assert_eq!(two.series(), one.series());
+            assert_eq!(two_threads.series(), one_thread.series());
         }
         // The written scenario repeats it.
-        let text = two.scenario(
+        let text = two_threads.scenario(
             EXAMPLES.iter().find(|(name, _)| *name == "liver-puncture").unwrap().1,
             &scenario,
         );
         let text = text.unwrap().replace("nodes = 3300", "nodes = 250");
         if section_mm.is_none() {
-            let target = two.target_mm;
+            let target = two_threads.target_mm;
             let text = format!("{text}\n[[report]]\nname = \"target\"\nat_mm = {target:?}\n");
-            let again = ScenarioFile::parse(&text, "plan.toml").unwrap();
-            let again = again.resolve(Path::new(""), |_| ()).unwrap();
-            let mut model = again.model(|_, _| ()).unwrap();
-            let mut last = Last::default();
-            run(&again, model.as_mut(), Requests::default(), &mut last).unwrap();
-            let [x, y, z, ..] = last.target;
-            let now = Point3::from(target) + Vector3::new(x, y, z);
-            assert!((now - last.tip).norm() < 0.15, "{last:?}");
+            let planned = ScenarioFile::parse(&text, "plan.toml").unwrap();
+            let planned = planned.resolve(Path::new(""), |_| ()).unwrap();
+            let mut model = planned.model(|_, _| ()).unwrap();
+            let mut outcome = Last::default();
+            run(&planned, model.as_mut(), Requests::default(), &mut outcome).unwrap();
+            let [x, y, z, ..] = outcome.target;
+            let target_mm = Point3::from(target) + Vector3::new(x, y, z);
+            assert!((target_mm - outcome.tip).norm() < 0.15, "{outcome:?}");
         }
     }
 }
@@ -151,9 +151,9 @@ fn symmetry_leaves_the_direction() {
     };
     let plan = plan(&scenario, &options, &|_, _| ()).unwrap();
     let path = best(&plan);
-    let [along, aside] = path.displacement_mm;
+    let [along_mm, aside_mm] = path.displacement_mm;
     assert!(path.miss_before_mm > 0.2 && path.miss_mm < 0.1, "{path:?}");
-    assert!(along > 0.2 && aside < 0.1 * along, "{path:?}");
+    assert!(along_mm > 0.2 && aside_mm < 0.1 * along_mm, "{path:?}");
     assert!(path.turn_deg < 0.1 && path.insertion_mm > 30.2, "{path:?}");
 }
 
@@ -211,11 +211,11 @@ fn targets_and_lines_that_cannot_be_are_refused() {
         "critical = true\nyoung_kpa = 0.02\npoisson = 0.0",
     )]);
     let refused = |options: PathOptions| plan(&scenario, &options, &|_, _| ()).unwrap_err().to_string();
-    let at = |target: [f64; 3]| PathOptions {
+    let aimed_at = |target: [f64; 3]| PathOptions {
         target: Goal::At(target),
         ..options([-60.0, 60.0], 3)
     };
-    assert!(refused(at([0.0, -5.0, 0.0])).contains("outside the body"));
+    assert!(refused(aimed_at([0.0, -5.0, 0.0])).contains("outside the body"));
     assert!(refused(options([-60.0, 60.0], 3)).contains("critical"));
     let unknown = PathOptions {
         target: Goal::Named("spleen".to_owned()),
@@ -236,7 +236,7 @@ fn targets_and_lines_that_cannot_be_are_refused() {
     );
     let section = PathOptions {
         section_mm: Some(20.0),
-        ..at([-30.0, 30.0, 4.0])
+        ..aimed_at([-30.0, 30.0, 4.0])
     };
     assert!(refused(section).contains("4.0 mm beside the image plane"));
 }

@@ -38,22 +38,22 @@ pub(crate) fn darkest_kpa(states: &[SliceState]) -> f64 {
         stress.sort_by(f64::total_cmp);
         percentile(&stress, COVERED_SHARE)
     });
-    let most = covered.fold(f64::MIN_POSITIVE, f64::max);
-    let power = 10f64.powf(most.log10().floor());
+    let largest = covered.fold(f64::MIN_POSITIVE, f64::max);
+    let power = 10f64.powf(largest.log10().floor());
     [1.0, 2.0, 5.0, 10.0]
         .map(|step| step * power)
         .into_iter()
-        .find(|round| *round >= most)
-        .unwrap_or(most)
+        .find(|round| *round >= largest)
+        .unwrap_or(largest)
 }
 
 /// Draws the displaced slice, coloured by its von Mises stress up to `darkest_kpa`, with the needle.
 pub(super) fn slice(liver: &Liver, state: &SliceState, darkest_kpa: f64) -> String {
     let (displacement, travel_mm) = (&state.displacement, state.travel_mm);
     let nodes = liver.body.nodes();
-    let place = |node: u32| {
-        let at = node as usize;
-        [0, 1].map(|axis: usize| nodes[at][axis] + displacement[2 * at + axis])
+    let position = |node: u32| {
+        let index = node as usize;
+        [0, 1].map(|axis: usize| nodes[index][axis] + displacement[2 * index + axis])
     };
     let fold = |axis: usize, start: f64, pick: fn(f64, f64) -> f64| nodes.iter().map(|p| p[axis]).fold(start, pick);
     let low = [0, 1].map(|axis| fold(axis, f64::INFINITY, f64::min) - MARGIN_MM);
@@ -68,7 +68,7 @@ pub(super) fn slice(liver: &Liver, state: &SliceState, darkest_kpa: f64) -> Stri
          height=\"{height:.0}\">\n<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n"
     );
     for ((corners, kpa), vein) in liver.body.elements().iter().zip(&state.stress_kpa).zip(&liver.vein) {
-        let points = corners.map(|node| pixel(place(node)));
+        let points = corners.map(|node| pixel(position(node)));
         let fill = if *vein {
             "#3b1f6b".to_owned()
         } else {
@@ -76,8 +76,8 @@ pub(super) fn slice(liver: &Liver, state: &SliceState, darkest_kpa: f64) -> Stri
         };
         // Writing to a string in memory cannot fail.
         let _ = write!(text, "<path d=\"");
-        for (at, [x, y]) in points.iter().enumerate() {
-            let _ = write!(text, "{}{x:.1} {y:.1}", if at == 0 { "M" } else { "L" });
+        for (index, [x, y]) in points.iter().enumerate() {
+            let _ = write!(text, "{}{x:.1} {y:.1}", if index == 0 { "M" } else { "L" });
         }
         let _ = writeln!(text, "Z\" fill=\"{fill}\" stroke=\"{fill}\" stroke-width=\"0.4\"/>");
     }
@@ -101,17 +101,17 @@ fn scale(text: &mut String, [x, y]: [f64; 2], darkest_kpa: f64) {
     let wide = SCALE_PX[0] / SCALE_STEPS as f64;
     for step in 0..SCALE_STEPS {
         let fill = colour((step as f64 + 0.5) / SCALE_STEPS as f64);
-        let left = x + step as f64 * wide;
+        let left_px = x + step as f64 * wide;
         let _ = writeln!(
             text,
-            "<path d=\"M{left:.1} {y:.1}h{wide:.1}v{:.1}h-{wide:.1}Z\" fill=\"{fill}\" stroke=\"{fill}\" stroke-width=\"0.4\"/>",
+            "<path d=\"M{left_px:.1} {y:.1}h{wide:.1}v{:.1}h-{wide:.1}Z\" fill=\"{fill}\" stroke=\"{fill}\" stroke-width=\"0.4\"/>",
             SCALE_PX[1]
         );
     }
-    for (share, more) in [(0.0, ""), (0.5, ""), (1.0, "+")] {
+    for (share, suffix) in [(0.0, ""), (0.5, ""), (1.0, "+")] {
         let _ = writeln!(
             text,
-            "<text x=\"{:.0}\" y=\"{:.0}\" text-anchor=\"middle\">{}{more}</text>",
+            "<text x=\"{:.0}\" y=\"{:.0}\" text-anchor=\"middle\">{}{suffix}</text>",
             x + share * SCALE_PX[0],
             y + SCALE_PX[1] + 15.0,
             share * darkest_kpa

@@ -73,7 +73,7 @@ pub fn read(path: &Path) -> Result<Vec<ForceSample>, Error> {
     let mut samples: Vec<ForceSample> = Vec::new();
     for row in table.rows() {
         let [travel_mm, force_n] = row.numbers(["travel_mm", "force_n"])?;
-        if samples.last().is_some_and(|last| travel_mm <= last.travel_mm) {
+        if samples.last().is_some_and(|sample| travel_mm <= sample.travel_mm) {
             return Err(row.wrong("travel_mm", "a travel that rises from line to line").into());
         }
         samples.push(ForceSample { travel_mm, force_n });
@@ -92,8 +92,8 @@ pub fn fit(
 ) -> Result<PunctureFit, Error> {
     let samples = first_push(samples)?;
     // The stiffening ranges over decades: its logarithm is fitted.
-    let mut at = [options.knee_strain, options.stiffening.max(STIFFENING[0]).ln()];
-    let mut best = Trial::of(options, &samples, at)?;
+    let mut parameters = [options.knee_strain, options.stiffening.max(STIFFENING[0]).ln()];
+    let mut best = Trial::of(options, &samples, parameters)?;
     let mut damping = 1e-3;
     let mut iterations = 0;
     let forces: f64 = samples.iter().map(|sample| sample.force_n * sample.force_n).sum();
@@ -101,8 +101,8 @@ pub fn fit(
         progress(iterations as f64 / MAX_ITERATIONS as f64);
         iterations += 1;
         let columns = [
-            best.derivative(options, &samples, at, 0)?,
-            best.derivative(options, &samples, at, 1)?,
+            best.derivative(options, &samples, parameters, 0)?,
+            best.derivative(options, &samples, parameters, 1)?,
         ];
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let normal = Matrix2::from_fn(|row, column| dot(&columns[row], &columns[column]));
@@ -115,13 +115,13 @@ pub fn fit(
                 break;
             };
             let next = [
-                (at[0] + step[0]).max(0.0),
-                (at[1] + step[1]).clamp(STIFFENING[0].ln(), STIFFENING[1].ln()),
+                (parameters[0] + step[0]).max(0.0),
+                (parameters[1] + step[1]).clamp(STIFFENING[0].ln(), STIFFENING[1].ln()),
             ];
             // A slice that cannot be solved counts as no improvement.
             match Trial::of(options, &samples, next) {
                 Ok(trial) if trial.square() < before => {
-                    (at, best, gained) = (next, trial, true);
+                    (parameters, best, gained) = (next, trial, true);
                     damping = (0.2 * damping).max(1e-12);
                     break;
                 }
@@ -138,14 +138,14 @@ pub fn fit(
     let spread: f64 = samples.iter().map(|sample| (sample.force_n - mean).powi(2)).sum();
     Ok(PunctureFit {
         young_kpa: best.scale * options.young_kpa,
-        knee_strain: at[0],
-        stiffening: at[1].exp(),
+        knee_strain: parameters[0],
+        stiffening: parameters[1].exp(),
         r_squared: 1.0 - best.square() / spread,
         rms_n: (best.square() / count).sqrt(),
         force_n: samples
             .iter()
             .zip(&best.rest)
-            .map(|(sample, rest)| sample.force_n + rest)
+            .map(|(sample, residual)| sample.force_n + residual)
             .collect(),
         samples,
         iterations,
@@ -155,9 +155,9 @@ pub fn fit(
 /// Returns the points before the force drops.
 fn first_push(samples: &[ForceSample]) -> Result<Vec<ForceSample>, Error> {
     let mut largest = (0, 0.0);
-    for (at, sample) in samples.iter().enumerate() {
+    for (index, sample) in samples.iter().enumerate() {
         if sample.force_n >= largest.1 {
-            largest = (at, sample.force_n);
+            largest = (index, sample.force_n);
         } else if sample.force_n < DROP * largest.1 {
             break;
         }
@@ -197,8 +197,8 @@ impl Trial {
         let steps = (last_mm / options.step_mm).ceil();
         let (_, mut needle) = pushing(&options, steps, false)?;
         let mut curve = vec![[0.0, 0.0]];
-        for at in 1..=steps as usize {
-            let travel_mm = (at as f64 * options.step_mm).min(last_mm);
+        for index in 1..=steps as usize {
+            let travel_mm = (index as f64 * options.step_mm).min(last_mm);
             // The last step is shorter but takes as long: forces depend on the travel.
             let pushed = needle.step(travel_mm, options.step_mm / options.speed_mm_per_s);
             let pushed = pushed.map_err(|cause| StudyError::Travel { travel_mm, cause })?;
@@ -212,13 +212,13 @@ impl Trial {
             .map(|(force, sample)| force * sample.force_n)
             .sum();
         let scale = product / square;
-        let rest = model
+        let residuals = model
             .iter()
             .zip(samples)
             .map(|(force, sample)| scale * force - sample.force_n);
         Ok(Trial {
             scale,
-            rest: rest.collect(),
+            rest: residuals.collect(),
         })
     }
 
@@ -227,17 +227,19 @@ impl Trial {
         &self,
         options: &PunctureOptions,
         samples: &[ForceSample],
-        mut at: [f64; 2],
+        mut parameters: [f64; 2],
         axis: usize,
     ) -> Result<Vec<f64>, Error> {
-        at[axis] += DIFFERENCE;
-        let beside = Trial::of(options, samples, at)?;
+        parameters[axis] += DIFFERENCE;
+        let beside = Trial::of(options, samples, parameters)?;
         let pairs = beside.rest.iter().zip(&self.rest);
-        Ok(pairs.map(|(there, here)| (there - here) / DIFFERENCE).collect())
+        Ok(pairs
+            .map(|(beside_residual, residual)| (beside_residual - residual) / DIFFERENCE)
+            .collect())
     }
 
     fn square(&self) -> f64 {
-        self.rest.iter().map(|rest| rest * rest).sum()
+        self.rest.iter().map(|residual| residual * residual).sum()
     }
 }
 

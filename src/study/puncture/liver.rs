@@ -47,9 +47,9 @@ pub(super) struct Liver {
 
 /// Returns the lower and upper outline at a position along the width, mm.
 fn outline(x: f64) -> [f64; 2] {
-    let along = PI * x / WIDTH_MM;
-    let half = 9.0 + 25.0 * along.sin().max(0.0).powf(0.7);
-    let middle = 40.0 + 7.0 * along.cos();
+    let phase = PI * x / WIDTH_MM;
+    let half = 9.0 + 25.0 * phase.sin().max(0.0).powf(0.7);
+    let middle = 40.0 + 7.0 * phase.cos();
     [middle - half, middle + half]
 }
 
@@ -66,15 +66,20 @@ impl Liver {
                 nodes[j * (columns + 1) + i] = [x, y];
             }
         }
-        let at = |i: usize, j: usize| (j * (columns + 1) + i) as u32;
+        let node_at = |i: usize, j: usize| (j * (columns + 1) + i) as u32;
         let mut triangles = Vec::new();
         for j in 0..rows {
             for i in 0..columns {
-                let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+                let [a, b, c, d] = [
+                    node_at(i, j),
+                    node_at(i + 1, j),
+                    node_at(i + 1, j + 1),
+                    node_at(i, j + 1),
+                ];
                 // Diagonals follow the wall of the vein; elsewhere they are mirrored about the needle.
                 let wall = |node: u32| (radius(nodes[node as usize], centre) - 1.0).abs() < 1e-9;
-                let left = nodes[a as usize][0] < NEEDLE_MM - 1e-9;
-                if wall(a) && wall(c) || !(left || wall(b) && wall(d)) {
+                let is_left = nodes[a as usize][0] < NEEDLE_MM - 1e-9;
+                if wall(a) && wall(c) || !(is_left || wall(b) && wall(d)) {
                     triangles.extend([[a, b, c], [a, c, d]]);
                 } else {
                     triangles.extend([[a, b, d], [b, c, d]]);
@@ -121,10 +126,10 @@ impl Liver {
 /// Returns the position of a column, mm: columns are denser near the needle, and one lies on its path.
 fn column(share: f64) -> f64 {
     let middle = 0.5;
-    let from = share - middle;
+    let distance = share - middle;
     // Cubic: a third of the mean spacing at the needle.
-    let bent = from * (1.0 + 8.0 * from * from) / 3.0;
-    if from < 0.0 {
+    let bent = distance * (1.0 + 8.0 * distance * distance) / 3.0;
+    if distance < 0.0 {
         NEEDLE_MM + 2.0 * bent * NEEDLE_MM
     } else {
         NEEDLE_MM + 2.0 * bent * (WIDTH_MM - NEEDLE_MM)

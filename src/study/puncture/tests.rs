@@ -15,15 +15,15 @@ fn the_curve_has_its_shape() {
     };
     let run = puncture(&options, &mut |_| {}).unwrap();
     let punctures: Vec<usize> = (0..run.rows.len())
-        .filter(|at| run.rows[*at].punctured.is_some())
+        .filter(|row| run.rows[*row].punctured.is_some())
         .collect();
-    let layers: Vec<_> = punctures.iter().map(|at| run.rows[*at].punctured).collect();
+    let layers: Vec<_> = punctures.iter().map(|row| run.rows[*row].punctured).collect();
     assert_eq!(layers[..2], [Some(0), Some(1)], "{}", run.text());
     let [capsule, wall] = [punctures[0], punctures[1]];
-    let force = |at: usize| run.rows[at].force_n;
+    let force = |row: usize| run.rows[row].force_n;
     assert!(force(capsule) > 2.2 * force(capsule / 2), "{}", run.csv());
-    for at in [capsule, wall] {
-        assert!(force(at + 1) < 0.5 * force(at), "{}", run.csv());
+    for row in [capsule, wall] {
+        assert!(force(row + 1) < 0.5 * force(row), "{}", run.csv());
     }
     assert!(force(wall) > 2.0 * force(capsule + 2), "{}", run.csv());
     // Flattened, but never inverted.

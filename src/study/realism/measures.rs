@@ -29,7 +29,7 @@ const fn measure(
     key: &'static str,
     [name, unit, definition]: [&'static str; 3],
     floor: f64,
-    of: fn(&FrameMeasurements) -> Option<f64>,
+    value: fn(&FrameMeasurements) -> Option<f64>,
 ) -> Measure {
     Measure {
         key,
@@ -37,7 +37,7 @@ const fn measure(
         unit,
         definition,
         floor,
-        of,
+        of: value,
     }
 }
 
@@ -48,12 +48,12 @@ const LATERAL: usize = 1;
 /// Index of statistics over rings of frequency.
 const RADIAL: usize = 2;
 
-fn uniform(parts: &FrameMeasurements, of: impl Fn(&Texture) -> Option<f64>) -> Option<f64> {
-    average(parts.uniform.iter().map(of))
+fn uniform(parts: &FrameMeasurements, measure: impl Fn(&Texture) -> Option<f64>) -> Option<f64> {
+    average(parts.uniform.iter().map(measure))
 }
 
-fn dark(parts: &FrameMeasurements, of: impl Fn(&Texture) -> Option<f64>) -> Option<f64> {
-    average(parts.dark.iter().map(of))
+fn dark(parts: &FrameMeasurements, measure: impl Fn(&Texture) -> Option<f64>) -> Option<f64> {
+    average(parts.dark.iter().map(measure))
 }
 
 fn in_mm(parts: &FrameMeasurements, axis: usize, pixels: Option<f64>) -> Option<f64> {

@@ -165,36 +165,36 @@ fn sequence(path: &Path, max_frames: usize) -> Result<Vec<Picture>, VolumeError>
         "frames as .png or .dcm files, folders of them, or image sequences (.mha, .mhd, .nrrd) of grey bytes";
     let sequence = Sequence::read(path)?;
     if let Some(kind) = sequence.image_type.as_ref().filter(|kind| *kind != "BRIGHTNESS") {
-        let found = format!("images of type {kind}");
+        let kind_found = format!("images of type {kind}");
         return Err(VolumeError::malformed(
             path,
             At::Header,
-            found,
+            kind_found,
             "images of type BRIGHTNESS",
         ));
     }
     // Frames without a valid image go before the choice, which is then even among those that can be measured.
     let shown: Vec<usize> = (0..sequence.frames.len())
-        .filter(|&at| sequence.image(at).is_some())
+        .filter(|&index| sequence.image(index).is_some())
         .collect();
     if shown.is_empty() {
         return Err(VolumeError::malformed(path, At::Pixels, "no valid image", expected));
     }
     let chosen = spread(shown.len(), max_frames).map(|n| shown[n]);
-    let grey = |at: usize| -> Option<Vec<f64>> {
-        let image = sequence.image(at)?;
+    let grey = |index: usize| -> Option<Vec<f64>> {
+        let image = sequence.image(index)?;
         Some(image.pixels.iter().map(|&grey| f64::from(grey)).collect())
     };
-    let pictures = chosen.filter_map(|at| {
+    let pictures = chosen.filter_map(|index| {
         let [width, height] = sequence.image_size?;
         Some(Picture {
-            name: format!("{}, frame {at}", path.display()),
+            name: format!("{}, frame {index}", path.display()),
             width,
             height,
-            grey: grey(at)?,
+            grey: grey(index)?,
             overlay: Vec::new(),
-            mm: sequence.spacing_mm.or_else(|| scale(&sequence, at)),
-            neighbour: grey(at + 1).or_else(|| grey(at.checked_sub(1)?)),
+            mm: sequence.spacing_mm.or_else(|| scale(&sequence, index)),
+            neighbour: grey(index + 1).or_else(|| grey(index.checked_sub(1)?)),
         })
     });
     Ok(pictures.collect())
@@ -215,6 +215,6 @@ fn scale(sequence: &Sequence, frame: usize) -> Option<[f64; 2]> {
 fn is_dicom(path: &Path) -> bool {
     use std::io::Read;
     let mut start = [0; 132];
-    let whole = read::open(path).and_then(|mut file| file.read_exact(&mut start));
-    has_ending(path, "dcm") || whole.is_ok() && start[128..] == *b"DICM"
+    let is_read = read::open(path).and_then(|mut file| file.read_exact(&mut start));
+    has_ending(path, "dcm") || is_read.is_ok() && start[128..] == *b"DICM"
 }

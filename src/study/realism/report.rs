@@ -76,12 +76,12 @@ impl LikenessReport {
             page.paragraph("warning", &(note.clone() + "."));
         }
         let sides = [("frames", frames), ("real frames", real)];
-        let first = sides.map(|(side, pictures)| {
+        let example = sides.map(|(side, pictures)| {
             let picture = pictures.first()?;
             Some((small(picture)?, format!("{side}: {}", named(&picture.name))))
         });
         page.pictures(
-            first
+            example
                 .iter()
                 .flatten()
                 .map(|(picture, caption)| (picture, caption.clone())),
@@ -123,9 +123,9 @@ impl LikenessReport {
 
     /// Plots histogram and autocorrelations, one line per frame.
     fn plots(&self) -> [Plot; 3] {
-        let all = || self.frames.iter().chain(&self.real);
+        let all_frames = || self.frames.iter().chain(&self.real);
         // Millimetres only if every frame has a scale: lags in pixels on the same axis would not compare.
-        let scaled = all().all(|frame| frame.mm_per_pixel.is_some());
+        let scaled = all_frames().all(|frame| frame.mm_per_pixel.is_some());
         let plot = |title: &str, [x, y]: [&str; 2], points: &dyn Fn(&FrameReport) -> Vec<[f64; 2]>| {
             let side = |name: &'static str, colour: usize, frames: &[FrameReport]| -> Vec<Series> {
                 let line = |frame: &FrameReport| Series::line(name, colour, points(frame));
@@ -185,11 +185,11 @@ pub(crate) fn named(name: &str) -> String {
 pub(crate) fn small(picture: &Picture) -> Option<GrayImage> {
     let (width, height) = (u32::try_from(picture.width).ok()?, u32::try_from(picture.height).ok()?);
     let pixels = picture.grey.iter().map(|&grey| grey as u8).collect();
-    let whole = GrayImage::from_raw(width, height, pixels)?;
+    let picture = GrayImage::from_raw(width, height, pixels)?;
     Some(if width > MAX_PICTURE_PX {
-        imageops::thumbnail(&whole, MAX_PICTURE_PX, (height * MAX_PICTURE_PX / width).max(1))
+        imageops::thumbnail(&picture, MAX_PICTURE_PX, (height * MAX_PICTURE_PX / width).max(1))
     } else {
-        whole
+        picture
     })
 }
 

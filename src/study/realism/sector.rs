@@ -35,16 +35,16 @@ pub fn sector(picture: &Picture) -> Option<Vec<bool>> {
     let regions = regions(&live, picture.width);
     let largest = regions.into_iter().max_by_key(Vec::len)?;
     let mut mask = vec![false; live.len()];
-    largest.iter().for_each(|&at| mask[at] = true);
+    largest.iter().for_each(|&pixel| mask[pixel] = true);
     // A region that cannot be reached from the picture's edge is a hole.
     let outside: Vec<bool> = mask.iter().map(|inside| !inside).collect();
     for hole in self::regions(&outside, picture.width) {
-        let at_rim = |&at: &usize| {
-            let (x, y) = (at % size[0], at / size[0]);
+        let at_rim = |&pixel: &usize| {
+            let (x, y) = (pixel % size[0], pixel / size[0]);
             x == 0 || y == 0 || x + 1 == size[0] || y + 1 == size[1]
         };
         if !hole.iter().any(at_rim) {
-            hole.iter().for_each(|&at| mask[at] = true);
+            hole.iter().for_each(|&pixel| mask[pixel] = true);
         }
     }
     let both = |a, b| a && b;
@@ -53,42 +53,42 @@ pub fn sector(picture: &Picture) -> Option<Vec<bool>> {
 
 /// Folds each value with those within [`REACH_PX`] along an axis (`stride` 1: rows; width: columns).
 fn spread<T: Copy>(values: &[T], [width, height]: [usize; 2], stride: usize, fold: impl Fn(T, T) -> T) -> Vec<T> {
-    let of = |at: usize| {
-        let (place, length) = if stride == 1 {
-            (at % width, width)
+    let neighbours = |pixel: usize| {
+        let (position, length) = if stride == 1 {
+            (pixel % width, width)
         } else {
-            (at / width, height)
+            (pixel / width, height)
         };
-        let (first, last) = (place.saturating_sub(REACH_PX), (place + REACH_PX).min(length - 1));
-        let start = at - place * stride;
+        let (first, last) = (position.saturating_sub(REACH_PX), (position + REACH_PX).min(length - 1));
+        let start = pixel - position * stride;
         (first..=last)
-            .map(|place| values[start + place * stride])
-            .fold(values[at], &fold)
+            .map(|position| values[start + position * stride])
+            .fold(values[pixel], &fold)
     };
-    (0..values.len()).map(of).collect()
+    (0..values.len()).map(neighbours).collect()
 }
 
 /// Returns the 4-connected regions of the set pixels, each as a list of pixel indices.
-pub(super) fn regions(set: &[bool], width: usize) -> Vec<Vec<usize>> {
-    let mut left = set.to_vec();
+pub(super) fn regions(mask: &[bool], width: usize) -> Vec<Vec<usize>> {
+    let mut remaining = mask.to_vec();
     let mut regions = Vec::new();
-    for start in 0..set.len() {
-        if !std::mem::take(&mut left[start]) {
+    for start in 0..mask.len() {
+        if !std::mem::take(&mut remaining[start]) {
             continue;
         }
         let mut region = vec![start];
         let mut next = 0;
-        while let Some(&at) = region.get(next) {
+        while let Some(&pixel) = region.get(next) {
             next += 1;
-            let x = at % width;
+            let x = pixel % width;
             let neighbours = [
-                (x > 0).then(|| at - 1),
-                (x + 1 < width).then_some(at + 1),
-                at.checked_sub(width),
-                (at + width < set.len()).then_some(at + width),
+                (x > 0).then(|| pixel - 1),
+                (x + 1 < width).then_some(pixel + 1),
+                pixel.checked_sub(width),
+                (pixel + width < mask.len()).then_some(pixel + width),
             ];
             for neighbour in neighbours.into_iter().flatten() {
-                if std::mem::take(&mut left[neighbour]) {
+                if std::mem::take(&mut remaining[neighbour]) {
                     region.push(neighbour);
                 }
             }
@@ -104,36 +104,38 @@ pub(super) fn regions(set: &[bool], width: usize) -> Vec<Vec<usize>> {
 pub(crate) fn empty_share(picture: &Picture, mask: &[bool], depth_mm: f64) -> Option<f64> {
     let (width, mm) = (picture.width, picture.mm?);
     let column = |x: usize| (0..picture.height).map(move |y| y * width + x);
-    let top = |x: usize| column(x).position(|at| mask[at]);
+    let top = |x: usize| column(x).position(|pixel| mask[pixel]);
     let ends: Vec<[f64; 2]> = (0..width).filter_map(|x| Some([x as f64, top(x)? as f64])).collect();
     let outline = ArrayOutline::of(&ends)?;
     let rows = (0..picture.height)
         .filter(|y| mask[y * width..][..width].contains(&true))
         .count() as f64;
-    let (mut empty, mut all) = (0usize, 0usize);
+    let (mut empty, mut samples) = (0usize, 0usize);
     for [x, _] in &ends {
         let Some([y, slope]) = outline.at(*x) else {
             continue;
         };
         let length = slope.hypot(1.0);
         let [dx, dy] = [-slope / length, 1.0 / length];
-        let at = |along: f64| {
-            let (x, y) = ((x + along * dx).round(), (y + along * dy).round());
+        let pixel_at = |distance: f64| {
+            let (x, y) = ((x + distance * dx).round(), (y + distance * dy).round());
             let inside = x >= 0.0 && y >= 0.0 && x < width as f64 && y < picture.height as f64;
-            inside.then_some(y as usize * width + x as usize).filter(|&at| mask[at])
+            inside
+                .then_some(y as usize * width + x as usize)
+                .filter(|&pixel| mask[pixel])
         };
         // A scanline that misses the sector deeper down says nothing of contact; a tenth of it may be a hole.
-        let deeper = (1..=40).filter(|n| at(rows * (0.15 + 0.15 * f64::from(*n) / 40.0)).is_some());
+        let deeper = (1..=40).filter(|n| pixel_at(rows * (0.15 + 0.15 * f64::from(*n) / 40.0)).is_some());
         if deeper.count() < 36 {
             continue;
         }
         let step_mm = (dx * mm[0]).hypot(dy * mm[1]);
         for n in 0..((depth_mm / step_mm) as usize).min(picture.height) {
-            all += 1;
-            empty += usize::from(at(n as f64 + 0.5).is_none_or(|at| picture.grey[at] <= BLACK));
+            samples += 1;
+            empty += usize::from(pixel_at(n as f64 + 0.5).is_none_or(|pixel| picture.grey[pixel] <= BLACK));
         }
     }
-    (all > 0).then(|| empty as f64 / all as f64)
+    (samples > 0).then(|| empty as f64 / samples as f64)
 }
 
 /// Lower side of a circle, or a straight line.
@@ -168,29 +170,29 @@ impl ArrayOutline {
             Self::Line { through, slope } => Some([through[1] + slope * (x - through[0]), slope]),
             Self::Arc { centre, radius } => {
                 let across = x - centre[0];
-                let down = (radius * radius - across * across).sqrt();
-                (down > 0.0).then(|| [centre[1] + down, -across / down])
+                let height = (radius * radius - across * across).sqrt();
+                (height > 0.0).then(|| [centre[1] + height, -across / height])
             }
         }
     }
 
     /// Finds the outline that most points, and at least a fifth of them, lie on.
     fn of(points: &[[f64; 2]]) -> Option<Self> {
-        let last = points.len().checked_sub(1)?;
-        let chosen: Vec<[f64; 2]> = (0..PROPOSED).map(|n| points[n * last / (PROPOSED - 1)]).collect();
-        let middle = 0.5 * (points[0][0] + points[last][0]);
+        let last_index = points.len().checked_sub(1)?;
+        let chosen: Vec<[f64; 2]> = (0..PROPOSED).map(|n| points[n * last_index / (PROPOSED - 1)]).collect();
+        let middle = 0.5 * (points[0][0] + points[last_index][0]);
         let mut best = (points.len() as f64 / 5.0, None);
         for (i, &a) in chosen.iter().enumerate() {
             for (j, &b) in chosen.iter().enumerate().skip(i + 1) {
                 for &c in &chosen[j + 1..] {
                     let outline = Self::through([a, b, c]);
-                    let level = |it: &Self| it.at(middle).is_some_and(|[_, slope]| slope.abs() <= MAX_SLOPE);
+                    let level = |arc: &Self| arc.at(middle).is_some_and(|[_, slope]| slope.abs() <= MAX_SLOPE);
                     let Some(outline) = outline.filter(level) else {
                         continue;
                     };
                     let agreement = |p: &[f64; 2]| {
-                        let off = outline.at(p[0]).map_or(NEAR_PX, |[y, _]| y - p[1]);
-                        (1.0 - (off / NEAR_PX).powi(2)).max(0.0)
+                        let distance = outline.at(p[0]).map_or(NEAR_PX, |[y, _]| y - p[1]);
+                        (1.0 - (distance / NEAR_PX).powi(2)).max(0.0)
                     };
                     let agree: f64 = points.iter().map(agreement).sum();
                     if agree > best.0 {
@@ -233,33 +235,35 @@ pub struct Edge {
 pub fn edge(picture: &Picture, mask: &[bool]) -> Option<Edge> {
     let (width, height) = (picture.width, picture.height);
     let limit = dark_limit(picture, mask);
-    let smooth = |at: usize| -> f64 {
-        let rows = [at - width, at, at + width];
+    let smooth = |pixel: usize| -> f64 {
+        let rows = [pixel - width, pixel, pixel + width];
         rows.iter()
-            .map(|at| picture.grey[at - 1..=at + 1].iter().sum::<f64>())
+            .map(|pixel| picture.grey[pixel - 1..=pixel + 1].iter().sum::<f64>())
             .sum::<f64>()
             / 9.0
     };
-    let within = |at: usize| {
-        let (x, y) = (at % width, at / width);
-        mask[at] && x > 0 && y > 0 && x + 1 < width && y + 1 < height
+    let within = |pixel: usize| {
+        let (x, y) = (pixel % width, pixel / width);
+        mask[pixel] && x > 0 && y > 0 && x + 1 < width && y + 1 < height
     };
-    let dark: Vec<bool> = (0..mask.len()).map(|at| within(at) && smooth(at) < limit).collect();
+    let dark: Vec<bool> = (0..mask.len())
+        .map(|pixel| within(pixel) && smooth(pixel) < limit)
+        .collect();
     let boundary = |region: &Vec<usize>| -> Vec<usize> {
         let mut lowest = std::collections::BTreeMap::new();
-        for &at in region {
-            let row = lowest.entry(at % width).or_insert(at);
-            *row = at.max(*row);
+        for &pixel in region {
+            let row = lowest.entry(pixel % width).or_insert(pixel);
+            *row = pixel.max(*row);
         }
-        let clear = |&at: &usize| {
-            let (above, below) = (at.checked_sub(PROFILE_PX * width), at + PROFILE_PX * width);
+        let clear = |&pixel: &usize| {
+            let (above, below) = (pixel.checked_sub(PROFILE_PX * width), pixel + PROFILE_PX * width);
             let Some(above) = above.filter(|_| below < mask.len()) else {
                 return false;
             };
-            let mean = |from: usize| (0..5).map(|n| smooth(from + n * width)).sum::<f64>() / 5.0;
+            let mean = |start: usize| (0..5).map(|n| smooth(start + n * width)).sum::<f64>() / 5.0;
             (above..=below).step_by(width).all(within)
-                && mean(at - 4 * width) < limit
-                && mean(at + 2 * width) > 1.5 * limit
+                && mean(pixel - 4 * width) < limit
+                && mean(pixel + 2 * width) > 1.5 * limit
         };
         lowest.into_values().filter(clear).collect()
     };
@@ -271,7 +275,7 @@ pub fn edge(picture: &Picture, mask: &[bool]) -> Option<Edge> {
         .map(|n| {
             longest
                 .iter()
-                .map(|at| picture.grey[at + n * width - PROFILE_PX * width])
+                .map(|pixel| picture.grey[pixel + n * width - PROFILE_PX * width])
                 .sum::<f64>()
         })
         .collect();
@@ -282,19 +286,21 @@ pub fn edge(picture: &Picture, mask: &[bool]) -> Option<Edge> {
     let high = profile[PROFILE_PX..].iter().copied().fold(f64::MIN, f64::max);
     // The profile crosses 90 % at or below the boundary, and 10 % last before that.
     let level = |share: f64| low + share * (high - low);
-    let between = |from: usize, level: f64| from as f64 + (level - profile[from]) / (profile[from + 1] - profile[from]);
+    let between = |row: usize, level: f64| row as f64 + (level - profile[row]) / (profile[row + 1] - profile[row]);
     let end = (PROFILE_PX - 4..2 * PROFILE_PX).find(|&n| profile[n + 1] >= level(0.9))?;
     let start = (0..=end).rev().find(|&n| profile[n] <= level(0.1))?;
-    let row = |&at: &usize| {
-        let (dark, bright) = (smooth(at), smooth(at + width));
-        (at / width) as f64 + (limit - dark) / (bright - dark)
+    let row = |&pixel: &usize| {
+        let (dark, bright) = (smooth(pixel), smooth(pixel + width));
+        (pixel / width) as f64 + (limit - dark) / (bright - dark)
     };
-    let neighbours = longest.windows(3).filter(|at| at[0] % width + 2 == at[2] % width);
-    let off: Vec<f64> = neighbours
-        .map(|at| (row(&at[1]) - 0.5 * (row(&at[0]) + row(&at[2]))).abs())
+    let neighbours = longest
+        .windows(3)
+        .filter(|pixels| pixels[0] % width + 2 == pixels[2] % width);
+    let offsets: Vec<f64> = neighbours
+        .map(|pixels| (row(&pixels[1]) - 0.5 * (row(&pixels[0]) + row(&pixels[2]))).abs())
         .collect();
     Some(Edge {
         width: between(end, level(0.9)) - between(start, level(0.1)),
-        jaggedness: (!off.is_empty()).then(|| off.iter().sum::<f64>() / off.len() as f64),
+        jaggedness: (!offsets.is_empty()).then(|| offsets.iter().sum::<f64>() / offsets.len() as f64),
     })
 }

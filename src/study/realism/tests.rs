@@ -27,18 +27,18 @@ fn blurred(width: usize, height: usize, sigma: [f64; 2], seed: u32) -> [Vec<f64>
         weights.iter().map(|w| w / power).collect()
     };
     let [across, down] = sigma.map(kernel);
-    [0, 1].map(|part| {
+    [0, 1].map(|component| {
         let rows: Vec<f64> = (0..height + down.len() - 1)
             .flat_map(|y| (0..width).map(move |x| (x, y)))
             .map(|(x, y)| {
                 across
                     .iter()
                     .enumerate()
-                    .map(|(n, w)| w * normal(x + n, y, seed)[part])
+                    .map(|(n, w)| w * normal(x + n, y, seed)[component])
                     .sum()
             })
             .collect();
-        let columns = |at: usize| down.iter().enumerate().map(|(n, w)| w * rows[at + n * width]).sum();
+        let columns = |pixel: usize| down.iter().enumerate().map(|(n, w)| w * rows[pixel + n * width]).sum();
         (0..width * height).map(columns).collect()
     })
 }
@@ -92,17 +92,17 @@ fn rayleigh_speckle_has_its_moments_and_widths() {
     let textures: Vec<Texture> = (0..8)
         .map(|seed| patch(side, side, speckle(side, side, sigma, seed)).texture())
         .collect();
-    let over = |of: &dyn Fn(&Texture) -> f64| mean(&textures.iter().map(of).collect::<Vec<f64>>());
+    let average = |measure: &dyn Fn(&Texture) -> f64| mean(&textures.iter().map(measure).collect::<Vec<f64>>());
     // A speckle cell has 4 pi sigma sigma pixels, so there are 8 * 128^2 / 56 = 2300: the standard error of the first is 0.028.
     near(
         "SNR before log",
-        over(&|g| g.snr_linear),
+        average(&|g| g.snr_linear),
         (PI / (4.0 - PI)).sqrt(),
         0.06,
     );
-    near("Nakagami m", over(&|g| g.nakagami), 1.0, 0.06);
-    near("log std, dB", over(&|g| g.std) * RANGE_DB / 255.0, 5.57, 0.15);
-    near("log skewness", over(&|g| g.skewness), -1.14, 0.1);
+    near("Nakagami m", average(&|g| g.nakagami), 1.0, 0.06);
+    near("log std, dB", average(&|g| g.std) * RANGE_DB / 255.0, 5.57, 0.15);
+    near("log skewness", average(&|g| g.skewness), -1.14, 0.1);
     // The correlation of log intensity is Li2(rho^2) / Li2(1), where rho = exp(-lag^2 / (4 sigma^2)) is that of the field.
     let li2 = |x: f64| (1..400).map(|k| x.powi(k) / f64::from(k * k)).sum::<f64>();
     let (mut low, mut high) = (0.0, 1.0);
@@ -117,9 +117,14 @@ fn rayleigh_speckle_has_its_moments_and_widths() {
     for (axis, sigma) in [(0, sigma[1]), (1, sigma[0])] {
         let width = 2.0 * sigma * (-2.0 * f64::ln(low)).sqrt();
         // Linear interpolation of a convex curve overestimates by a few hundredths of a pixel.
-        near("FWHM", over(&|g| g.fwhm[axis].expect("a width")), width, 0.04 * width);
+        near(
+            "FWHM",
+            average(&|g| g.fwhm[axis].expect("a width")),
+            width,
+            0.04 * width,
+        );
         let lag1 = li2((-0.5 / (sigma * sigma)).exp()) * 6.0 / (PI * PI);
-        near("lag-1", over(&|g| g.autocorrelation[axis][1]), lag1, 0.02);
+        near("lag-1", average(&|g| g.autocorrelation[axis][1]), lag1, 0.02);
     }
 }
 
@@ -194,15 +199,15 @@ fn a_ramp_is_trend_and_no_texture() {
         48,
         48,
         (0..48 * 48)
-            .map(|at| 60.0 + (at % 48) as f64 + 0.02 * ((at / 48) as f64).powi(2))
+            .map(|pixel| 60.0 + (pixel % 48) as f64 + 0.02 * ((pixel / 48) as f64).powi(2))
             .collect(),
     );
-    let rest = ramp.detrended();
-    assert!(std(&rest.values) < 1e-9, "{}", std(&rest.values));
-    near("mean", mean(&rest.values), mean(&ramp.values), 1e-9);
+    let detrended = ramp.detrended();
+    assert!(std(&detrended.values) < 1e-9, "{}", std(&detrended.values));
+    near("mean", mean(&detrended.values), mean(&ramp.values), 1e-9);
     // A ramp along depth is a trend; across, blocks of 8 columns differ by 8 grey levels: spread of 0, 8, ..., 40.
-    let across = patch(48, 48, (0..48 * 48).map(|at| (at % 48) as f64).collect());
-    let down = patch(48, 48, (0..48 * 48).map(|at| (at / 48) as f64).collect());
+    let across = patch(48, 48, (0..48 * 48).map(|pixel| (pixel % 48) as f64).collect());
+    let down = patch(48, 48, (0..48 * 48).map(|pixel| (pixel / 48) as f64).collect());
     near("down", down.block_spread_db(6), 0.0, 1e-9);
     let six: Vec<f64> = (0..36).map(|n| f64::from(n % 6) * 8.0 * RANGE_DB / 255.0).collect();
     near("across", across.block_spread_db(6), std(&six), 1e-9);
@@ -219,13 +224,18 @@ fn the_sector_is_the_largest_varying_region_without_overlay() {
         _ => 7.0,
     });
     let mask = sector::sector(&frame).expect("a sector");
-    let of = |x: usize, y: usize| mask[y * 200 + x];
+    let is_inside = |x: usize, y: usize| mask[y * 200 + x];
     for (y, x) in (0..160).flat_map(|y| (0..200).map(move |x| (y, x))) {
         let distance = (x as f64 - 100.0).hypot(y as f64 - 80.0);
-        assert!(of(x, y) == within(x, y) || (distance - 60.0).abs() < 2.5, "({x}, {y})");
+        assert!(
+            is_inside(x, y) == within(x, y) || (distance - 60.0).abs() < 2.5,
+            "({x}, {y})"
+        );
     }
     // Coloured pixels across the middle divide it.
-    frame.overlay = (0..frame.grey.len()).map(|at| (60..70).contains(&(at / 200))).collect();
+    frame.overlay = (0..frame.grey.len())
+        .map(|pixel| (60..70).contains(&(pixel / 200)))
+        .collect();
     let upper = sector::sector(&frame).expect("a sector");
     assert!(!upper[65 * 200 + 60] && !upper[40 * 200 + 100] && upper[110 * 200 + 100]);
     let constant = picture(200, 160, |_, _| 9.0);
@@ -239,8 +249,8 @@ fn emptiness_below_the_array_is_counted() {
         picture(240, 140, |x, y| {
             let (dx, dy) = (0.5 * (x as f64 - 120.0), 0.5 * y as f64 + 52.0 - 5.0);
             let (radius, angle) = (dx.hypot(dy), dx.atan2(dy).to_degrees());
-            let from = if angle < empty_up_to_deg { 64.0 } else { 60.0 };
-            if angle.abs() < 30.0 && (from..110.0).contains(&radius) {
+            let near = if angle < empty_up_to_deg { 64.0 } else { 60.0 };
+            if angle.abs() < 30.0 && (near..110.0).contains(&radius) {
                 90.0 + 20.0 * normal(x, y, 2)[0]
             } else {
                 0.0
@@ -335,15 +345,16 @@ fn row<'a>(report: &'a LikenessReport, key: &str) -> &'a MeasureComparison {
 #[test]
 fn differences_are_in_spreads_of_the_real_frames() {
     let real = [even(80.0, 1), even(92.0, 2), even(86.0, 3)];
-    let same = compare(&real, &real).expect("a report");
-    for row in &same.measures {
+    let comparison = compare(&real, &real).expect("a report");
+    for row in &comparison.measures {
         assert!(
             row.difference.is_none_or(|d| d == 0.0) && row.verdict != Some(LikenessVerdict::Outside),
             "{row:?}"
         );
     }
     assert!(
-        same.measures
+        comparison
+            .measures
             .iter()
             .filter(|row| row.verdict == Some(LikenessVerdict::Inside))
             .count()

@@ -84,26 +84,29 @@ impl Patch {
 
     /// Subtracts the least-squares quadratic surface, keeping the mean.
     pub(crate) fn detrended(&self) -> Self {
-        let basis = |at: usize| {
-            let x = (at % self.width) as f64 / self.width as f64 - 0.5;
-            let y = (at / self.width) as f64 / self.height as f64 - 0.5;
+        let basis = |pixel: usize| {
+            let x = (pixel % self.width) as f64 / self.width as f64 - 0.5;
+            let y = (pixel / self.width) as f64 / self.height as f64 - 0.5;
             SVector::<f64, 6>::from([1.0, x, y, x * y, x * x, y * y])
         };
         let mut normal = SMatrix::<f64, 6, 6>::zeros();
-        let mut right = SVector::<f64, 6>::zeros();
-        for (at, value) in self.values.iter().enumerate() {
-            let row = basis(at);
+        let mut right_side = SVector::<f64, 6>::zeros();
+        for (pixel, value) in self.values.iter().enumerate() {
+            let row = basis(pixel);
             normal += row * row.transpose();
-            right += row * *value;
+            right_side += row * *value;
         }
         // A patch with fewer than three columns or rows does not determine the surface: only its mean is subtracted.
-        let surface = normal.cholesky().map(|factor| factor.solve(&right)).unwrap_or_default();
-        let rest: Vec<f64> = (0..self.values.len())
-            .map(|at| self.values[at] - surface.dot(&basis(at)))
+        let surface = normal
+            .cholesky()
+            .map(|factor| factor.solve(&right_side))
+            .unwrap_or_default();
+        let residual: Vec<f64> = (0..self.values.len())
+            .map(|pixel| self.values[pixel] - surface.dot(&basis(pixel)))
             .collect();
-        let shift = mean(&self.values) - mean(&rest);
+        let shift = mean(&self.values) - mean(&residual);
         Self {
-            values: rest.iter().map(|value| value + shift).collect(),
+            values: residual.iter().map(|value| value + shift).collect(),
             ..*self
         }
     }
@@ -125,16 +128,17 @@ impl Patch {
     /// and Cybernetics 3 (1973) 610) of pixels `dx` columns and `dy` rows apart, in 32 levels over 6 standard deviations.
     fn co_occurrence(&self, [dx, dy]: [usize; 2]) -> [f64; 2] {
         let (middle, spread) = (mean(&self.values), std(&self.values));
-        let level = |at: usize| {
-            let level = (self.values[at] - middle) / spread * LEVELS / 6.0 + LEVELS / 2.0;
+        let level = |pixel: usize| {
+            let level = (self.values[pixel] - middle) / spread * LEVELS / 6.0 + LEVELS / 2.0;
             level.clamp(0.0, LEVELS - 1.0).floor()
         };
         let places = (0..self.height - dy).flat_map(|y| (0..self.width - dx).map(move |x| (x, y)));
         let pairs: Vec<[f64; 2]> = places
             .map(|(x, y)| [level(y * self.width + x), level((y + dy) * self.width + x + dx)])
             .collect();
-        let over_pairs =
-            |of: &dyn Fn(f64, f64) -> f64| pairs.iter().map(|[a, b]| of(*a, *b)).sum::<f64>() / pairs.len() as f64;
+        let over_pairs = |product: &dyn Fn(f64, f64) -> f64| {
+            pairs.iter().map(|[a, b]| product(*a, *b)).sum::<f64>() / pairs.len() as f64
+        };
         let centre = over_pairs(&|a, b| 0.5 * (a + b));
         let variance = over_pairs(&|a, b| 0.5 * ((a - centre).powi(2) + (b - centre).powi(2)));
         [
@@ -147,10 +151,10 @@ impl Patch {
     fn power_slopes(&self) -> [f64; 3] {
         let (width, height) = (self.width, self.height);
         let middle = mean(&self.values);
-        let hann = |n: usize, of: usize| 0.5 - 0.5 * (TAU * n as f64 / (of as f64 - 1.0)).cos();
-        let at = |x: usize, y: usize| (self.values[y * width + x] - middle) * hann(x, width) * hann(y, height);
+        let hann = |n: usize, count: usize| 0.5 - 0.5 * (TAU * n as f64 / (count as f64 - 1.0)).cos();
+        let windowed = |x: usize, y: usize| (self.values[y * width + x] - middle) * hann(x, width) * hann(y, height);
         let mut rows: Vec<Complex32> = (0..width * height)
-            .map(|n| (at(n % width, n / width) as f32).into())
+            .map(|n| (windowed(n % width, n / width) as f32).into())
             .collect();
         // Lines of a transform lie one after another in memory: transposed between the two axes, and back when the power is read.
         Fft::new(width).forward(&mut rows);
@@ -161,7 +165,7 @@ impl Patch {
         let power: Vec<f64> = (0..width * height)
             .map(|n| f64::from(columns[n % width * height + n / width].norm_sqr()))
             .collect();
-        let frequency = |n: usize, of: usize| n.min(of - n) as f64 / of as f64;
+        let frequency = |n: usize, count: usize| n.min(count - n) as f64 / count as f64;
         let inside = |f: f64| f > BAND[0] && f < BAND[1];
         let fit = |points: Vec<[f64; 2]>| {
             let log = |axis: usize| points.iter().map(|p| p[axis].log10()).collect::<Vec<f64>>();
@@ -170,8 +174,8 @@ impl Patch {
         let axial = (1..=height / 2).map(|l| [frequency(l, height), power[l * width..][..width].iter().sum()]);
         let lateral = (1..=width / 2).map(|k| [frequency(k, width), power[k..].iter().step_by(width).sum()]);
         let mut rings = vec![[0.0; 3]; RINGS];
-        for (at, power) in power.iter().enumerate() {
-            let f = frequency(at % width, width).hypot(frequency(at / width, height));
+        for (bin, power) in power.iter().enumerate() {
+            let f = frequency(bin % width, width).hypot(frequency(bin / width, height));
             if (BAND[0]..BAND[1]).contains(&f) {
                 let ring = ((f - BAND[0]) / (BAND[1] - BAND[0]) * RINGS as f64) as usize;
                 let sums = [1.0, f, *power];
@@ -264,8 +268,8 @@ impl Sums {
     }
 
     fn mean(&self, Window { x, y, width, height }: Window) -> f64 {
-        let at = |x: usize, y: usize| self.0[y * self.1 + x];
-        let sum = at(x + width, y + height) - at(x, y + height) - at(x + width, y) + at(x, y);
+        let sum_to = |x: usize, y: usize| self.0[y * self.1 + x];
+        let sum = sum_to(x + width, y + height) - sum_to(x, y + height) - sum_to(x + width, y) + sum_to(x, y);
         sum / (width * height) as f64
     }
 }
@@ -284,13 +288,13 @@ struct WindowStatistics {
 /// Evaluates all windows of a size that lie in the sector, every 8 pixels.
 fn window_statistics(picture: &Picture, mask: &[bool], [width, height]: [usize; 2]) -> Vec<WindowStatistics> {
     let sums = |value: &dyn Fn(usize) -> f64| Sums::of(picture.width, picture.height, value);
-    let grey = |at: usize| picture.grey[at];
-    let inside = sums(&|at| f64::from(u8::from(mask[at])));
-    let first = sums(&grey);
-    let second = sums(&|at| grey(at).powi(2));
-    let black = sums(&|at| f64::from(u8::from(grey(at) <= BLACK)));
-    let white = sums(&|at| f64::from(u8::from(grey(at) >= 254.0)));
-    let places = |size: usize, all: usize| (0..all.saturating_sub(size)).step_by(STEP);
+    let grey = |pixel: usize| picture.grey[pixel];
+    let inside = sums(&|pixel| f64::from(u8::from(mask[pixel])));
+    let greys = sums(&grey);
+    let squares = sums(&|pixel| grey(pixel).powi(2));
+    let black = sums(&|pixel| f64::from(u8::from(grey(pixel) <= BLACK)));
+    let white = sums(&|pixel| f64::from(u8::from(grey(pixel) >= 254.0)));
+    let places = |size: usize, extent: usize| (0..extent.saturating_sub(size)).step_by(STEP);
     let windows = places(height, picture.height)
         .flat_map(|y| places(width, picture.width).map(move |x| Window { x, y, width, height }));
     windows
@@ -298,8 +302,8 @@ fn window_statistics(picture: &Picture, mask: &[bool], [width, height]: [usize; 
         .filter(|&window| inside.mean(window) == 1.0)
         .map(|window| {
             let moments = |window: Window| {
-                let mean = first.mean(window);
-                [mean, (second.mean(window) - mean * mean).max(0.0).sqrt()]
+                let mean = greys.mean(window);
+                [mean, (squares.mean(window) - mean * mean).max(0.0).sqrt()]
             };
             let (width, height) = (width / 2, height / 2);
             let quarters = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(right, down)| {
@@ -307,7 +311,9 @@ fn window_statistics(picture: &Picture, mask: &[bool], [width, height]: [usize; 
                 let y = window.y + down * height;
                 moments(Window { x, y, width, height })
             });
-            let extreme = |of: fn(f64, f64) -> f64, moment: usize| quarters.map(|it| it[moment]).into_iter().reduce(of);
+            let extreme = |extreme_of: fn(f64, f64) -> f64, moment: usize| {
+                quarters.map(|quarter| quarter[moment]).into_iter().reduce(extreme_of)
+            };
             let range = |moment| Some(extreme(f64::max, moment)? - extreme(f64::min, moment)?);
             let [mean, std] = moments(window);
             WindowStatistics {
@@ -331,7 +337,7 @@ fn first_separate(
     windows.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut chosen: Vec<Window> = Vec::new();
     for (_, window) in windows {
-        if chosen.len() < max_windows && chosen.iter().all(|&other| are_separate(window, other)) {
+        if chosen.len() < max_windows && chosen.iter().all(|&earlier| are_separate(window, earlier)) {
             chosen.push(window);
         }
     }
@@ -347,12 +353,12 @@ pub(crate) fn uniform_windows(
     max_windows: usize,
     grey: [f64; 2],
 ) -> Vec<Window> {
-    let fits = |it: &WindowStatistics| {
-        (grey[0]..=grey[1]).contains(&it.mean) && it.black <= 0.02 && it.white <= 0.02 && it.std > 0.0
+    let fits = |window: &WindowStatistics| {
+        (grey[0]..=grey[1]).contains(&window.mean) && window.black <= 0.02 && window.white <= 0.02 && window.std > 0.0
     };
     let windows = window_statistics(picture, mask, size).into_iter().filter(fits);
     let are_separate = |a: Window, b: Window| a.x.abs_diff(b.x) + a.y.abs_diff(b.y) >= size[1] / 2;
-    let chosen_by = |it: WindowStatistics| ((it.uneven[0] + it.uneven[1]) / it.mean, it.window);
+    let chosen_by = |window: WindowStatistics| ((window.uneven[0] + window.uneven[1]) / window.mean, window.window);
     first_separate(windows.map(chosen_by).collect(), max_windows, are_separate)
 }
 
@@ -360,13 +366,16 @@ pub(crate) fn uniform_windows(
 /// least one grey level, at most half black, and unevenness (see [`uniform_windows`]) of at most 1. They do not overlap.
 pub(crate) fn dark_windows(picture: &Picture, mask: &[bool], size: [usize; 2], max_windows: usize) -> Vec<Window> {
     let limit = dark_limit(picture, mask);
-    let fits = |it: &WindowStatistics| {
-        it.mean < limit && it.std >= 1.0 && it.black <= 0.5 && it.uneven[0] + it.uneven[1] <= it.mean
+    let fits = |window: &WindowStatistics| {
+        window.mean < limit
+            && window.std >= 1.0
+            && window.black <= 0.5
+            && window.uneven[0] + window.uneven[1] <= window.mean
     };
     let windows = window_statistics(picture, mask, size).into_iter().filter(fits);
     let are_separate = |a: Window, b: Window| a.x.abs_diff(b.x) >= size[0] || a.y.abs_diff(b.y) >= size[1];
     first_separate(
-        windows.map(|it| (it.mean, it.window)).collect(),
+        windows.map(|window| (window.mean, window.window)).collect(),
         max_windows,
         are_separate,
     )

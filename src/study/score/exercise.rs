@@ -111,11 +111,11 @@ impl Conditions {
         let label = body.named(&self.organ).ok_or_else(|| unknown(scenario, &self.organ))?;
         let volume = body.volume;
         let voxels: Vec<usize> = (0..volume.voxels().len())
-            .filter(|&at| volume.voxels()[at] == label)
+            .filter(|&voxel| volume.voxels()[voxel] == label)
             .collect();
         let [width, height, _] = volume.size();
-        let place = |at: usize| {
-            let index = [at % width, at / width % height, at / width / height].map(|index| index as f64);
+        let position = |voxel: usize| {
+            let index = [voxel % width, voxel / width % height, voxel / width / height].map(|index| index as f64);
             volume.index_to_world().transform_point(&Point3::from(index))
         };
         // A few hundred voxels of the organ and the rim of the entry window bound the box in which distances are computed.
@@ -125,7 +125,12 @@ impl Conditions {
                 .iter()
                 .flat_map(|sign| across(&plan.along).map(|axis| plan.entry + axis * (sign * self.window_mm))),
         );
-        corners.extend(voxels.iter().step_by(1 + voxels.len() / 500).map(|&at| place(at)));
+        corners.extend(
+            voxels
+                .iter()
+                .step_by(1 + voxels.len() / 500)
+                .map(|&voxel| position(voxel)),
+        );
         let surroundings = Surroundings::new(scenario, &body, &corners);
         let mut draw = Draw::new(self.seed);
         let mut reasons: BTreeMap<&'static str, usize> = BTreeMap::new();
@@ -145,7 +150,7 @@ impl Conditions {
                 )));
             }
             tried += 1;
-            let target = place(voxels[(draw.uniform() * voxels.len() as f64) as usize]);
+            let target = position(voxels[(draw.uniform() * voxels.len() as f64) as usize]);
             match self.task(scenario, &plan, &surroundings, label, target, &mut draw) {
                 Ok(task) => tasks.push(task),
                 Err(reason) => *reasons.entry(reason).or_default() += 1,
@@ -165,8 +170,10 @@ impl Conditions {
         draw: &mut Draw,
     ) -> Result<Task, &'static str> {
         let volume = &scenario.scene.anatomy.volume;
-        let is_organ = |at: Point3<f64>| volume.label_index_at(&at) == Some(label);
-        let around = (0..27).map(|at| Vector3::from([at % 3, at / 3 % 3, at / 9].map(|n| f64::from(n) - 1.0)));
+        let is_organ = |point: Point3<f64>| volume.label_index_at(&point) == Some(label);
+        let around = (0..27).map(|neighbour| {
+            Vector3::from([neighbour % 3, neighbour / 3 % 3, neighbour / 9].map(|n| f64::from(n) - 1.0))
+        });
         let mut around = around.filter_map(|side| side.try_normalize(0.5));
         if !around.all(|side| {
             [0.5, 1.0]
@@ -191,7 +198,7 @@ impl Conditions {
         if depth + APPROACH_MM > plan.length_mm {
             return Err("the needle is too short");
         }
-        let along = (target - entry) / depth;
+        let direction = (target - entry) / depth;
         let obstacles = surroundings.of(&[entry, target]);
         if obstacles.leaves || obstacles.gas {
             return Err("the path leaves the body, or meets gas or lung");
@@ -204,7 +211,7 @@ impl Conditions {
         }
         let probe = probe(scenario, &entry, &target)?;
         let travel_s = (depth + APPROACH_MM) / plan.speed_mm_s;
-        let start = entry - along * APPROACH_MM;
+        let start = entry - direction * APPROACH_MM;
         let times = [0.0, travel_s, travel_s + plan.pause_s, 2.0 * travel_s + plan.pause_s];
         let tips = [start, target, target, start];
         Ok(Task {
@@ -216,7 +223,7 @@ impl Conditions {
             keyframes: times
                 .into_iter()
                 .zip(tips)
-                .map(|(time_s, tip)| (time_s, tip.into(), along.into()))
+                .map(|(time_s, tip)| (time_s, tip.into(), direction.into()))
                 .collect(),
             probe,
         })
@@ -224,11 +231,11 @@ impl Conditions {
 }
 
 /// First point of the body on a line through a point near its skin.
-fn skin(scenario: &Scenario, near: &Point3<f64>, along: &Vector3<f64>) -> Option<Point3<f64>> {
+fn skin(scenario: &Scenario, near: &Point3<f64>, direction: &Vector3<f64>) -> Option<Point3<f64>> {
     let body = scenario.scene.body();
-    let inside = |at: &Point3<f64>| body.label_at(at).is_some();
-    let mut points = (-200..=200).map(|step| near + along * (0.25 * f64::from(step)));
-    let outside = points.next().filter(|first| !inside(first));
+    let inside = |point: &Point3<f64>| body.label_at(point).is_some();
+    let mut points = (-200..=200).map(|step| near + direction * (0.25 * f64::from(step)));
+    let outside = points.next().filter(|point| !inside(point));
     outside.and_then(|_| points.find(inside))
 }
 
@@ -256,10 +263,12 @@ fn probe(scenario: &Scenario, entry: &Point3<f64>, target: &Point3<f64>) -> Resu
     if angle > TURN_DEG {
         return Err("the probe would have to be turned too far");
     }
-    let seen = turned.world_to_probe().transform_point(target);
+    let target_in_probe = turned.world_to_probe().transform_point(target);
     let grid = BeamGrid::new(&scenario.scene.settings.probe).ok();
-    let place = grid.as_ref().and_then(|grid| grid.to_beam(seen.x, seen.y));
-    let (Some(grid), Some((line, sample))) = (&grid, place) else {
+    let sampled = grid
+        .as_ref()
+        .and_then(|grid| grid.to_beam(target_in_probe.x, target_in_probe.y));
+    let (Some(grid), Some((line, sample))) = (&grid, sampled) else {
         return Err("the target lies outside the sector");
     };
     let probe = &scenario.scene.settings.probe;
@@ -286,10 +295,10 @@ impl Task {
     /// The reason if `base` is no table with an inline scene.
     pub fn scenario(&self, base: &str, conditions: &Conditions, number: usize) -> Result<String, String> {
         let rounded = |values: [f64; 3]| values.map(|value| (value * 1e4).round() / 1e4 + 0.0);
-        let keyframes = self.keyframes.iter().map(|&(time_s, tip, along)| NeedleKeyframe {
+        let keyframes = self.keyframes.iter().map(|&(time_s, tip, direction)| NeedleKeyframe {
             time_s: (time_s * 1e3).round() / 1e3,
             tip_mm: rounded(tip),
-            direction: rounded(along),
+            direction: rounded(direction),
             roll_deg: None,
         });
         let target = TargetSpec {
@@ -356,37 +365,38 @@ pub fn study(
     seed: u64,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<GroupStudy, Error> {
-    let mut all = Vec::new();
+    let mut performances = Vec::new();
     for (group, name) in GROUPS.into_iter().enumerate() {
         for person in 0..people {
-            for (at, task) in tasks.iter().enumerate() {
-                all.push((name, group, person, at, task));
+            for (index, task) in tasks.iter().enumerate() {
+                performances.push((name, group, person, index, task));
             }
         }
     }
     let done = AtomicUsize::new(0);
-    let sessions = parallel::try_map::<_, _, Error>(&all[..], &|&(name, group, person, at, (task, scenario))| {
-        let seeded = |stream: i32| {
-            let words = hash3(
-                [group as i32, person as i32, stream],
-                [seed as u32, (seed >> 32) as u32],
-            );
-            u64::from(words[0]) << 32 | u64::from(words[1])
-        };
-        let skill = (PERSON * Draw::new(seeded(-1)).normal()).exp();
-        let scaled_hand = hand(name)
-            .map(|hand| hand.scaled(skill))
-            .unwrap_or_else(|| super::hands::HANDS[0].1);
-        let score = perform(scenario, &scaled_hand, seeded(at as i32))?;
-        progress(done.fetch_add(1, Ordering::Relaxed) + 1, all.len());
-        Ok(Session {
-            group: name.to_owned(),
-            person: format!("{name} {}", person + 1),
-            session: task.clone(),
-            // As many digits as the table of sessions has.
-            values: score.metrics.0.map(|value| (value * 1e6).round() / 1e6),
-        })
-    });
+    let sessions =
+        parallel::try_map::<_, _, Error>(&performances[..], &|&(name, group, person, index, (task, scenario))| {
+            let seeded = |stream: i32| {
+                let words = hash3(
+                    [group as i32, person as i32, stream],
+                    [seed as u32, (seed >> 32) as u32],
+                );
+                u64::from(words[0]) << 32 | u64::from(words[1])
+            };
+            let skill = (PERSON * Draw::new(seeded(-1)).normal()).exp();
+            let scaled_hand = hand(name)
+                .map(|hand| hand.scaled(skill))
+                .unwrap_or_else(|| super::hands::HANDS[0].1);
+            let score = perform(scenario, &scaled_hand, seeded(index as i32))?;
+            progress(done.fetch_add(1, Ordering::Relaxed) + 1, performances.len());
+            Ok(Session {
+                group: name.to_owned(),
+                person: format!("{name} {}", person + 1),
+                session: task.clone(),
+                // As many digits as the table of sessions has.
+                values: score.metrics.0.map(|value| (value * 1e6).round() / 1e6),
+            })
+        });
     let sessions: Vec<Session> = sessions?;
     Ok(GroupStudy {
         seed,

@@ -118,7 +118,7 @@ pub fn compare(sessions: &[Session]) -> Comparison {
             names.push(&session.group);
         }
     }
-    let of = |group: &str, metric: usize| -> Vec<f64> {
+    let sessions_of = |group: &str, metric: usize| -> Vec<f64> {
         let in_group = sessions.iter().filter(|session| session.group == group);
         in_group.map(|session| session.values[metric]).collect()
     };
@@ -132,17 +132,17 @@ pub fn compare(sessions: &[Session]) -> Comparison {
     let groups = names.iter().map(|name| Group {
         name: (*name).to_owned(),
         people: people(name, 0).len(),
-        sessions: of(name, 0).len(),
+        sessions: sessions_of(name, 0).len(),
         metrics: (0..COUNT)
-            .map(|metric| (NAMES[metric], Spread::of(of(name, metric))))
+            .map(|metric| (NAMES[metric], Spread::of(sessions_of(name, metric))))
             .collect(),
     });
     let mut pairs = Vec::new();
-    for (at, a) in names.iter().enumerate() {
-        for b in &names[at + 1..] {
+    for (index, a) in names.iter().enumerate() {
+        for b in &names[index + 1..] {
             let mut tests: Vec<Pair> = (0..COUNT)
                 .map(|metric| {
-                    let (x, y) = (of(a, metric), of(b, metric));
+                    let (x, y) = (sessions_of(a, metric), sessions_of(b, metric));
                     let (px, py) = (people(a, metric), people(b, metric));
                     Pair {
                         a: (*a).to_owned(),
@@ -183,10 +183,10 @@ impl Spread {
 
 /// Quantile of ascending values, interpolated linearly.
 pub(super) fn quantile(ascending: &[f64], share: f64) -> f64 {
-    let at = share * (ascending.len() as f64 - 1.0);
-    let low = at.floor() as usize;
+    let position = share * (ascending.len() as f64 - 1.0);
+    let low = position.floor() as usize;
     let high = (low + 1).min(ascending.len() - 1);
-    ascending[low] + (at - low as f64) * (ascending[high] - ascending[low])
+    ascending[low] + (position - low as f64) * (ascending[high] - ascending[low])
 }
 
 /// Two-sided p of Welch's t test (B. L. Welch, Biometrika 34, 1947); `None` for fewer than two values, or if none vary.
@@ -209,21 +209,25 @@ pub(crate) fn mann_whitney(a: &[f64], b: &[f64]) -> Option<f64> {
     if n == 0 || m == 0 {
         return None;
     }
-    let mut all: Vec<(f64, bool)> = a
+    let mut values: Vec<(f64, bool)> = a
         .iter()
         .map(|&x| (x, true))
         .chain(b.iter().map(|&x| (x, false)))
         .collect();
-    all.sort_by(|x, y| x.0.total_cmp(&y.0));
+    values.sort_by(|x, y| x.0.total_cmp(&y.0));
     let (mut ranks, mut ties) = (0.0, 0.0);
-    let mut from = 0;
+    let mut start = 0;
     // Tied values share the mean of their ranks.
-    while from < all.len() {
-        let to = from + all[from..].iter().take_while(|it| it.0 == all[from].0).count();
-        let (count, rank) = ((to - from) as f64, (from + to + 1) as f64 / 2.0);
-        ranks += rank * all[from..to].iter().filter(|it| it.1).count() as f64;
+    while start < values.len() {
+        let end = start
+            + values[start..]
+                .iter()
+                .take_while(|pair| pair.0 == values[start].0)
+                .count();
+        let (count, rank) = ((end - start) as f64, (start + end + 1) as f64 / 2.0);
+        ranks += rank * values[start..end].iter().filter(|pair| pair.1).count() as f64;
         ties += count.powi(3) - count;
-        from = to;
+        start = end;
     }
     let (nf, mf) = (n as f64, m as f64);
     let u = ranks - nf * (nf + 1.0) / 2.0;
@@ -241,31 +245,35 @@ pub(crate) fn mann_whitney(a: &[f64], b: &[f64]) -> Option<f64> {
 /// Statistics 18, 1947).
 fn above(u: usize, n: usize, m: usize) -> f64 {
     // Number of ways to choose each rank sum, item by item: count[chosen][u].
-    let most = n * m;
-    let mut counts = vec![vec![0.0; most + 1]; n + 1];
+    let largest = n * m;
+    let mut counts = vec![vec![0.0; largest + 1]; n + 1];
     counts[0][0] = 1.0;
     for item in 0..n + m {
         for chosen in (1..=n.min(item + 1)).rev() {
             // The item precedes nothing yet: it exceeds the items of the other group before it.
             let beats = item + 1 - chosen;
-            for sum in (beats..=most).rev() {
+            for sum in (beats..=largest).rev() {
                 counts[chosen][sum] += counts[chosen - 1][sum - beats];
             }
         }
     }
-    let all: f64 = counts[n].iter().sum();
-    counts[n][u..].iter().sum::<f64>() / all
+    let count: f64 = counts[n].iter().sum();
+    counts[n][u..].iter().sum::<f64>() / count
 }
 
 /// Corrects p values for their number by the method of Holm; missing values stay missing.
 pub(crate) fn holm(p: &[Option<f64>]) -> Vec<Option<f64>> {
-    let mut order: Vec<(usize, f64)> = p.iter().enumerate().filter_map(|(at, p)| Some((at, (*p)?))).collect();
+    let mut order: Vec<(usize, f64)> = p
+        .iter()
+        .enumerate()
+        .filter_map(|(index, p)| Some((index, (*p)?)))
+        .collect();
     order.sort_by(|a, b| a.1.total_cmp(&b.1));
     let mut corrected = vec![None; p.len()];
     let (count, mut least) = (order.len(), 0.0_f64);
-    for (rank, (at, p)) in order.into_iter().enumerate() {
+    for (rank, (index, p)) in order.into_iter().enumerate() {
         least = least.max((p * (count - rank) as f64).min(1.0));
-        corrected[at] = Some(least);
+        corrected[index] = Some(least);
     }
     corrected
 }

@@ -226,8 +226,8 @@ impl Hand {
         let notice_s = (plan.before_mm + self.notice_mm) / speed;
         let mut keys = Vec::new();
         let count = (end_s / KEY_S).ceil() as usize;
-        for at in 0..=count {
-            let time_s = (at as f64 * KEY_S).min(end_s);
+        for step in 0..=count {
+            let time_s = (step as f64 * KEY_S).min(end_s);
             let inward = time_s.min(end_s - time_s).min(inward_s);
             let arc = inward * speed - plan.before_mm;
             // Corrections are kept on the way out.
@@ -253,14 +253,14 @@ impl Hand {
         let fixed = [self.plane_mm, self.plane_deg, self.plane_deg].map(|spread| spread * draw.normal());
         let drift = [0; 3].map(|_| draw.waves(DRIFT_HZ));
         let count = (end_s / (10.0 * KEY_S)).ceil() as usize;
-        let keys = (0..=count).map(|at| {
-            let time_s = start_s + at as f64 * 10.0 * KEY_S;
+        let keys = (0..=count).map(|step| {
+            let time_s = start_s + step as f64 * 10.0 * KEY_S;
             let pose = planned.at(time_s);
-            let [out, turn, tilt] = [0, 1, 2].map(|axis| fixed[axis] + self.drift * drift[axis](time_s));
+            let [out_mm, turn, tilt] = [0, 1, 2].map(|axis| fixed[axis] + self.drift * drift[axis](time_s));
             let about = |axis: Unit<Vector3<f64>>, deg: f64| UnitQuaternion::from_axis_angle(&axis, deg.to_radians());
             let rotation = about(pose.axial(), turn) * about(pose.lateral(), tilt) * pose.rotation();
-            let place = pose.position_mm() + pose.elevational().into_inner() * out;
-            Ok((time_s, Pose::from_rotation(place, &rotation)?))
+            let position_mm = pose.position_mm() + pose.elevational().into_inner() * out_mm;
+            Ok((time_s, Pose::from_rotation(position_mm, &rotation)?))
         });
         let keys: Result<Vec<_>, TrackingError> = keys.collect();
         let path = keys.and_then(|keys| Trajectory::from_keys(keys, Interpolation::Linear));
@@ -285,40 +285,40 @@ impl InsertionPlan {
     pub(super) fn of(scenario: &Scenario) -> Result<Self, Error> {
         let unscored = |reason| unscored(Path::new("the scenario"), reason);
         let keys = scenario.needle_tip().keys();
-        let (Some(first), Some(last)) = (keys.first(), keys.last()) else {
+        let (Some(first_key), Some(last_key)) = (keys.first(), keys.last()) else {
             return Err(unscored("has a needle that does not move"));
         };
-        let start = first.pose.position_mm();
-        let away = |at: &Point3<f64>| (at - start).norm();
+        let start = first_key.pose.position_mm();
+        let away = |point: &Point3<f64>| (point - start).norm();
         let deepest = keys.iter().map(|key| away(&key.pose.position_mm())).fold(0.0, f64::max);
         let reached = |key: &&Key| away(&key.pose.position_mm()) > deepest - 1e-6;
         // First and last key at the greatest depth: between them the needle rests, which is the pause.
-        let (Some(there), Some(back)) = (keys.iter().find(reached), keys.iter().rev().find(reached)) else {
+        let (Some(reached_key), Some(back)) = (keys.iter().find(reached), keys.iter().rev().find(reached)) else {
             return Err(unscored("has a needle that does not move"));
         };
-        let target = there.pose.position_mm();
-        let Some(along) = (target - start)
+        let target = reached_key.pose.position_mm();
+        let Some(direction) = (target - start)
             .try_normalize(1e-6)
-            .filter(|_| there.time_s > first.time_s)
+            .filter(|_| reached_key.time_s > first_key.time_s)
         else {
             return Err(unscored("has a needle that does not move"));
         };
         let body = scenario.scene.body();
-        let inside = |mm: &f64| body.label_at(&(start + along * *mm)).is_some();
+        let inside = |mm: &f64| body.label_at(&(start + direction * *mm)).is_some();
         let steps = (deepest / ENTRY_MM) as usize;
-        let mut search = (0..steps).map(|at| at as f64 * ENTRY_MM);
+        let mut search = (0..steps).map(|step| step as f64 * ENTRY_MM);
         let before_mm = search
             .find(inside)
             .ok_or_else(|| unscored("plans a needle that stays outside the body"))?;
         Ok(Self {
-            start_s: first.time_s,
-            speed_mm_s: deepest / (there.time_s - first.time_s),
-            pause_s: (back.time_s - there.time_s).min(last.time_s),
+            start_s: first_key.time_s,
+            speed_mm_s: deepest / (reached_key.time_s - first_key.time_s),
+            pause_s: (back.time_s - reached_key.time_s).min(last_key.time_s),
             before_mm,
             length_mm: scenario.needle.length_mm,
-            entry: start + along * before_mm,
+            entry: start + direction * before_mm,
             target,
-            along,
+            along: direction,
         })
     }
 }

@@ -45,13 +45,13 @@ impl Score {
     }
 
     fn table(&self) -> Table {
-        let rows = (0..COUNT).map(|at| {
+        let rows = (0..COUNT).map(|metric| {
             [
-                NAMES[at].to_owned(),
-                fixed(self.metrics.0[at]),
-                fixed(self.at_rest.0[at]),
-                UNITS[at].to_owned(),
-                MEANINGS[at].to_owned(),
+                NAMES[metric].to_owned(),
+                fixed(self.metrics.0[metric]),
+                fixed(self.at_rest.0[metric]),
+                UNITS[metric].to_owned(),
+                MEANINGS[metric].to_owned(),
             ]
         });
         let [now, rest] = ["target now", "target at rest"].map(Cell::number);
@@ -98,8 +98,8 @@ impl Score {
                 .step_by(self.step())
                 .map(|sample| [sample.tip[a], sample.tip[b]]);
             let mut series = vec![Series::line("tip", 0, tip.collect())];
-            if let Some(last) = self.samples.first() {
-                let ends = [last.entry[0], last.target[0]].map(|end| [end[a], end[b]]);
+            if let Some(sample) = self.samples.first() {
+                let ends = [sample.entry[0], sample.target[0]].map(|end| [end[a], end[b]]);
                 series.push(Series::line("entry to target at rest", 1, ends.to_vec()));
                 series.push(Series::points("target", 2, Marker::Cross, vec![ends[1]]));
             }
@@ -117,23 +117,23 @@ impl Score {
 
     /// Value of each metric over time.
     fn curves(&self) -> Vec<Plot> {
-        let Some(first) = self.samples.first() else {
+        let Some(first_sample) = self.samples.first() else {
             return Vec::new();
         };
-        let normal = first.normal;
-        let all: Vec<(f64, [f64; COUNT])> = self
+        let normal = first_sample.normal;
+        let metrics: Vec<(f64, [f64; COUNT])> = self
             .samples
             .iter()
             .step_by(self.step())
             .map(|sample| (sample.time_s, sample.values(1, &normal)))
             .collect();
-        let plot = |at: usize| {
-            let points = all.iter().map(|(time_s, values)| [*time_s, values[at]]);
+        let plot = |metric: usize| {
+            let points = metrics.iter().map(|(time_s, values)| [*time_s, values[metric]]);
             Plot::new(
-                format!("{}: {}", NAMES[at], MEANINGS[at]),
+                format!("{}: {}", NAMES[metric], MEANINGS[metric]),
                 Axis::linear("time, s"),
-                Axis::linear(UNITS[at]),
-                vec![Series::line(NAMES[at], 0, points.collect())],
+                Axis::linear(UNITS[metric]),
+                vec![Series::line(NAMES[metric], 0, points.collect())],
             )
         };
         (0..COUNT).map(plot).collect()
@@ -155,9 +155,9 @@ pub fn picture(run: &Path, time_s: f64, end_s: f64) -> Option<GrayImage> {
         })
         .collect();
     files.sort();
-    let last = files.len().checked_sub(1)?;
-    let at = (time_s / end_s.max(f64::MIN_POSITIVE) * last as f64).round() as usize;
-    Some(image::open(files.get(at.min(last))?).ok()?.into_luma8())
+    let last_index = files.len().checked_sub(1)?;
+    let index = (time_s / end_s.max(f64::MIN_POSITIVE) * last_index as f64).round() as usize;
+    Some(image::open(files.get(index.min(last_index))?).ok()?.into_luma8())
 }
 
 fn p_in_words(p: Option<f64>) -> String {
@@ -183,13 +183,13 @@ impl Comparison {
             .iter()
             .map(|group| Cell::number(format!("{} (n = {})", group.name, group.sessions)));
         let table = Table::new([Cell::from(""), Cell::from("")].into_iter().chain(heads));
-        table.with((0..COUNT).map(|at| {
+        table.with((0..COUNT).map(|metric| {
             let spread = |spread: &Spread| {
                 let sd = spread.sd.map_or(String::new(), |sd| format!(" +- {}", fixed(sd)));
                 format!("{}{sd} ({})", fixed(spread.mean), fixed(spread.median))
             };
-            let cells = self.groups.iter().map(|group| spread(&group.metrics[NAMES[at]]));
-            let labels = [NAMES[at], UNITS[at]].map(str::to_owned);
+            let cells = self.groups.iter().map(|group| spread(&group.metrics[NAMES[metric]]));
+            let labels = [NAMES[metric], UNITS[metric]].map(str::to_owned);
             labels.into_iter().chain(cells).collect::<Vec<_>>()
         }))
     }
@@ -260,13 +260,14 @@ impl Comparison {
     /// Box plots: quartiles, median, and whiskers to the extremes.
     fn boxes(&self) -> Vec<Plot> {
         let names = self.groups.iter().enumerate();
-        let names = names.map(|(at, group)| format!("{}: {}", at + 1, group.name));
+        let names = names.map(|(index, group)| format!("{}: {}", index + 1, group.name));
         let names = names.collect::<Vec<_>>().join(", ");
-        let plot = |at: usize| {
-            let series = self.groups.iter().enumerate().map(|(place, group)| {
-                let values = &group.metrics[NAMES[at]].values;
+        let plot = |metric: usize| {
+            let series = self.groups.iter().enumerate().map(|(index, group)| {
+                let values = &group.metrics[NAMES[metric]].values;
                 let [low, q1, median, q3, high] = [0.0, 0.25, 0.5, 0.75, 1.0].map(|share| quantile(values, share));
-                let (middle, left, right) = (place as f64 + 1.0, place as f64 + 0.7, place as f64 + 1.3);
+                let (middle, left, right) = (index as f64 + 1.0, index as f64 + 0.7, index as f64 + 1.3);
+                // One line draws the whole box without a gap, so it goes over some edges twice.
                 let outline = [
                     [middle, low],
                     [middle, q1],
@@ -282,12 +283,12 @@ impl Comparison {
                     [right, q1],
                     [middle, q1],
                 ];
-                Series::line(group.name.clone(), place, outline.to_vec())
+                Series::line(group.name.clone(), index, outline.to_vec())
             });
             Plot::new(
-                format!("{}: {}", NAMES[at], MEANINGS[at]),
+                format!("{}: {}", NAMES[metric], MEANINGS[metric]),
                 Axis::linear(&names),
-                Axis::linear(UNITS[at]),
+                Axis::linear(UNITS[metric]),
                 series.collect(),
             )
         };

@@ -89,8 +89,8 @@ fn offsets_and_angles_are_those_of_the_geometry() {
         }
     }))
     .unwrap();
-    let rest = [5.0, 10.0, 2.0, 10.0, 0.0, 2.0, 0.0, 25.0, 1.0, 26_f64.sqrt()];
-    assert_values(&score.at_rest, rest);
+    let at_rest = [5.0, 10.0, 2.0, 10.0, 0.0, 2.0, 0.0, 25.0, 1.0, 26_f64.sqrt()];
+    assert_values(&score.at_rest, at_rest);
     // Half of the steps have the target 4 mm from the plane.
     assert!((score.metrics.0[8] - 2.5).abs() < 1e-9, "{}", score.metrics.0[8]);
     assert!(
@@ -196,9 +196,9 @@ fn biopsy() -> (String, Scenario) {
 #[test]
 fn simulated_hands_rank_as_their_errors() {
     let (_, scenario) = biopsy();
-    let mean = |name: &str, of: fn(&Metrics) -> f64| {
-        let all = (0..4).map(|seed| of(&perform(&scenario, &hand(name).unwrap(), seed).unwrap().metrics));
-        all.sum::<f64>() / 4.0
+    let mean = |name: &str, metric: fn(&Metrics) -> f64| {
+        let values = (0..4).map(|seed| metric(&perform(&scenario, &hand(name).unwrap(), seed).unwrap().metrics));
+        values.sum::<f64>() / 4.0
     };
     let line = |metrics: &Metrics| metrics.0[0];
     let [expert, late, wrong] = ["expert", "late-correction", "wrong-angle"].map(|name| mean(name, line));
@@ -232,12 +232,12 @@ fn tasks_are_within_their_conditions_and_repeatable() {
         .tasks(&scenario, 2)
         .unwrap()
     );
-    for (at, task) in tasks.iter().enumerate() {
+    for (index, task) in tasks.iter().enumerate() {
         assert!(
             (40.0..=140.0).contains(&task.depth_mm) && task.bone_mm.is_none_or(|mm| mm >= 5.0),
             "{task:?}"
         );
-        let written = task.scenario(&text, &conditions, at + 1).unwrap();
+        let written = task.scenario(&text, &conditions, index + 1).unwrap();
         let file = ScenarioFile::parse(&written, "task.toml").unwrap();
         let resolved = file.resolve(Path::new(""), |_| ()).unwrap();
         assert_eq!(resolved.targets[0].radius_mm, 5.0);
@@ -297,23 +297,23 @@ fn tasks_are_within_their_conditions_and_repeatable() {
 fn a_study_gives_the_same_table_again_and_reads_it_back() {
     let (_, scenario) = biopsy();
     let tasks = [("one".to_owned(), scenario)];
-    let first = study(&tasks, 2, 1, &|_, _| ()).unwrap();
-    let text = csv(&first.sessions);
+    let once = study(&tasks, 2, 1, &|_, _| ()).unwrap();
+    let text = csv(&once.sessions);
     assert_eq!(text, csv(&study(&tasks, 2, 1, &|_, _| ()).unwrap().sessions));
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("sessions.csv");
     std::fs::write(&path, text).unwrap();
-    let again = compare(&read(&path).unwrap());
-    assert_eq!((again.groups.len(), again.pairs.len()), (3, 30));
+    let reread = compare(&read(&path).unwrap());
+    assert_eq!((reread.groups.len(), reread.pairs.len()), (3, 30));
     assert_eq!(
         (
-            again.groups[2].name.as_str(),
-            again.groups[2].people,
-            again.groups[2].sessions
+            reread.groups[2].name.as_str(),
+            reread.groups[2].people,
+            reread.groups[2].sessions
         ),
         ("student", 2, 2)
     );
-    let page = first.comparison.page("Study", &[]).unwrap();
+    let page = once.comparison.page("Study", &[]).unwrap();
     assert!(page.contains("consultant - student") && page.contains("m10: least distance"));
     std::fs::write(&path, "group,person,session,m1\na,b,c,1\n").unwrap();
     assert!(read(&path).unwrap_err().to_string().contains("without `m2`"));

@@ -143,13 +143,13 @@ impl Watch {
     }
 
     /// Records the counts.
-    pub fn write(&self, record: &mut Record<'_>, of: &str) {
-        record.zero(format!("steps with non-finite values, {of}"), self.broken as f64);
+    pub fn write(&self, record: &mut Record<'_>, subject: &str) {
+        record.zero(format!("steps with non-finite values, {subject}"), self.broken as f64);
         record.zero(
-            format!("steps not converged and not reported, {of}"),
+            format!("steps not converged and not reported, {subject}"),
             self.unreported as f64,
         );
-        record.report(format!("steps not converged, {of}"), self.unsettled as f64);
+        record.report(format!("steps not converged, {subject}"), self.unsettled as f64);
     }
 }
 
@@ -269,19 +269,19 @@ impl Start {
     }
 
     /// Returns the allowed error of K^-1 for the current mesh: `PROMISED` at the usual condition number, growing in proportion to it.
-    pub fn allowed(&self, now: &Now, backend: &Inverses) -> f64 {
-        PROMISED * (now.condition / self.usual_condition).max(1.0) * backend.coarseness()
+    pub fn allowed(&self, state: &Now, backend: &Inverses) -> f64 {
+        PROMISED * (state.condition / self.usual_condition).max(1.0) * backend.coarseness()
     }
 
     /// Returns the `n`th move of a sequence: a node of `nodes` and its target, up to a quarter of a cell from its base along each axis.
     pub fn nth_move(&self, nodes: &[u32], n: u64) -> (u32, [f64; 3]) {
-        let at = |index: u64| noise(self.seed, 8 * n + index);
-        let place = (0.5 * (at(3) + 1.0) * nodes.len() as f64) as usize;
-        let node = nodes[place.min(nodes.len() - 1)];
+        let drawn = |index: u64| noise(self.seed, 8 * n + index);
+        let position = (0.5 * (drawn(3) + 1.0) * nodes.len() as f64) as usize;
+        let node = nodes[position.min(nodes.len() - 1)];
         let base = self.mesh.base()[node as usize];
         (
             node,
-            std::array::from_fn(|axis| base[axis] + 0.25 * CELL * at(axis as u64)),
+            std::array::from_fn(|axis| base[axis] + 0.25 * CELL * drawn(axis as u64)),
         )
     }
 
@@ -329,15 +329,15 @@ impl Now {
         let condensed = adaptation.remesher().condensed();
         let pairs = (0..contacts.len()).flat_map(|i| (0..contacts.len()).map(move |j| (i, j)));
         let gold = |(i, j): (usize, usize)| self.inverse.get(contacts[i], contacts[j]);
-        let difference = largest(pairs.clone().map(|at| condensed[at] - gold(at)));
+        let difference = largest(pairs.clone().map(|index| condensed[index] - gold(index)));
         difference / largest(pairs.map(gold))
     }
 
     /// Returns the largest error of K^-1 relative to its largest entry.
     pub(crate) fn error_of_all(&self, adaptation: &mut Adaptation) -> Result<f64, Unexpected> {
-        let all: Vec<usize> = (0..self.inverse.size()).collect();
-        let compliance = adaptation.parts().1.compliance(&all, &all)?;
-        let pairs = all.iter().flat_map(|i| all.iter().map(move |j| (*i, *j)));
+        let dofs: Vec<usize> = (0..self.inverse.size()).collect();
+        let compliance = adaptation.parts().1.compliance(&dofs, &dofs)?;
+        let pairs = dofs.iter().flat_map(|i| dofs.iter().map(move |j| (*i, *j)));
         let difference = largest(pairs.clone().map(|(i, j)| compliance[(i, j)] - self.inverse.get(i, j)));
         Ok(difference / largest(pairs.map(|(i, j)| self.inverse.get(i, j))))
     }
@@ -377,12 +377,12 @@ pub fn shaken(cells: [usize; 3], extent: [f64; 3], share: f64, seed: u64) -> Res
 }
 
 /// Returns the mesh with its nodes moved.
-pub fn moved(mesh: &TetMesh, to: impl Fn(usize, &[f64; 3]) -> [f64; 3]) -> Result<TetMesh, Unexpected> {
+pub fn moved(mesh: &TetMesh, position_of: impl Fn(usize, &[f64; 3]) -> [f64; 3]) -> Result<TetMesh, Unexpected> {
     let nodes = mesh
         .nodes()
         .iter()
         .enumerate()
-        .map(|(node, position)| to(node, position));
+        .map(|(node, position)| position_of(node, position));
     Ok(TetMesh::new(
         nodes.collect(),
         mesh.elements().to_vec(),
@@ -412,13 +412,13 @@ pub fn with_regions(mesh: &TetMesh, region: impl Fn(usize, [f64; 3]) -> i32) -> 
 
 /// Creates two adjacent blocks that share no node; the second has the nodes from the returned number on.
 pub(crate) fn two_parts() -> Result<(TetMesh, u32), Unexpected> {
-    let one = lattice([2, 2, 2], [10.0; 3])?;
-    let count = one.nodes().len() as u32;
-    let mut nodes = one.nodes().to_vec();
-    nodes.extend(one.nodes().iter().map(|[x, y, z]| [x + 12.0, *y, *z]));
-    let mut elements = one.elements().to_vec();
-    elements.extend(one.elements().iter().map(|corners| corners.map(|node| node + count)));
-    let regions = [vec![1; one.elements().len()], vec![2; one.elements().len()]].concat();
+    let cube = lattice([2, 2, 2], [10.0; 3])?;
+    let count = cube.nodes().len() as u32;
+    let mut nodes = cube.nodes().to_vec();
+    nodes.extend(cube.nodes().iter().map(|[x, y, z]| [x + 12.0, *y, *z]));
+    let mut elements = cube.elements().to_vec();
+    elements.extend(cube.elements().iter().map(|corners| corners.map(|node| node + count)));
+    let regions = [vec![1; cube.elements().len()], vec![2; cube.elements().len()]].concat();
     Ok((TetMesh::new(nodes, elements, regions)?, count))
 }
 
@@ -469,8 +469,8 @@ impl Problem {
     }
 
     /// Prescribes displacements along some axes of the nodes selected by position.
-    pub fn fix(&mut self, axes: &[u8], which: impl Fn(&[f64; 3]) -> bool, field: impl Fn(&[f64; 3]) -> [f64; 3]) {
-        for (node, position) in (0..).zip(self.mesh.nodes()).filter(|(_, position)| which(position)) {
+    pub fn fix(&mut self, axes: &[u8], chosen: impl Fn(&[f64; 3]) -> bool, field: impl Fn(&[f64; 3]) -> [f64; 3]) {
+        for (node, position) in (0..).zip(self.mesh.nodes()).filter(|(_, position)| chosen(position)) {
             let displacement = field(position);
             self.fixes.extend(axes.iter().map(|&axis| Fix {
                 node,
@@ -571,11 +571,11 @@ pub fn gpus(record: &mut Record<'_>) -> Vec<Gpu> {
             Err(error) => record.report(format!("adapter that does not open ({error})"), 1.0),
         }
     }
-    let what = match opened.len() {
+    let summary = match opened.len() {
         0 => "GPU adapters: none, so this holds of the CPU alone",
         _ => "GPU adapters",
     };
-    record.report(what, opened.len() as f64);
+    record.report(summary, opened.len() as f64);
     opened
 }
 
@@ -636,14 +636,14 @@ pub struct Tally(Vec<Sum>);
 impl Tally {
     /// Adds the comparisons of a scene.
     pub fn add(&mut self, case: &Case, comparisons: Vec<Comparison>) {
-        for (at, comparison) in comparisons.into_iter().enumerate() {
-            if self.0.len() <= at {
+        for (index, comparison) in comparisons.into_iter().enumerate() {
+            if self.0.len() <= index {
                 self.0.push(Sum {
                     backend: comparison.backend.clone(),
                     ..Sum::default()
                 });
             }
-            let sum = &mut self.0[at];
+            let sum = &mut self.0[index];
             sum.samples += comparison.samples;
             sum.labels_apart += comparison.labels_apart;
             sum.share = sum.share.max(comparison.share);
@@ -674,9 +674,9 @@ impl Tally {
                 sum.share,
                 1.0,
             );
-            let first = sum.first.as_ref().map_or(String::new(), |fault| format!(" ({fault})"));
+            let first_fault = sum.first.as_ref().map_or(String::new(), |fault| format!(" ({fault})"));
             record.zero(
-                format!("{backend}: departures that rounding cannot explain{first}"),
+                format!("{backend}: departures that rounding cannot explain{first_fault}"),
                 sum.faults as f64,
             );
         }

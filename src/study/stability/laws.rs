@@ -79,8 +79,8 @@ fn blocks(poisson: f64, seed: u64) -> Result<Vec<Block>, Unexpected> {
 }
 
 /// Returns the stretch less one across a bar whose sides are free of stress, by bisection of the law alone.
-fn across(law: &AnyLaw, along: f64) -> f64 {
-    let side_kpa = |side: f64| law.stress_kpa(&Tensor::from_diagonal(&[side, side, along].into()))[(0, 0)];
+fn across(law: &AnyLaw, stretch: f64) -> f64 {
+    let side_kpa = |side: f64| law.stress_kpa(&Tensor::from_diagonal(&[side, side, stretch].into()))[(0, 0)];
     let (mut low, mut high) = (-0.9, 3.0);
     for _ in 0..200 {
         let middle = 0.5 * (low + high);
@@ -107,17 +107,17 @@ impl Block {
 
     /// Prescribes displacements, times a share, in one increment without loads.
     fn step(&self, solver: &mut Solver<3, 4>, prescribed: &Prescribed, share: f64) -> Result<(), NonlinearError> {
-        let mut all = vec![0.0; 3 * self.body.nodes().len()];
+        let mut displacement_mm = vec![0.0; 3 * self.body.nodes().len()];
         for &(node, axis, value_mm) in prescribed {
-            all[3 * node as usize + usize::from(axis)] = share * value_mm;
+            displacement_mm[3 * node as usize + usize::from(axis)] = share * value_mm;
         }
         let values: Vec<f64> = solver
             .supports()
             .prescribed()
             .iter()
-            .map(|&dof| all[dof as usize])
+            .map(|&dof| displacement_mm[dof as usize])
             .collect();
-        let loads = vec![0.0; all.len()];
+        let loads = vec![0.0; displacement_mm.len()];
         let target = Target {
             loads: &loads,
             prescribed: &values,
@@ -141,8 +141,8 @@ impl Block {
         for (axis, stretch) in stretches.iter().enumerate() {
             prescribed.extend(self.face(axis, 0.0).map(|node| (node, axis as u8, 0.0)));
             if let Some(stretch) = stretch {
-                let by = (stretch - 1.0) * EDGE_MM;
-                prescribed.extend(self.face(axis, EDGE_MM).map(|node| (node, axis as u8, by)));
+                let stretch_mm = (stretch - 1.0) * EDGE_MM;
+                prescribed.extend(self.face(axis, EDGE_MM).map(|node| (node, axis as u8, stretch_mm)));
             }
         }
         prescribed
@@ -153,10 +153,10 @@ impl Block {
         let below = self
             .face(2, 0.0)
             .flat_map(|node| [0, 1, 2].map(|axis| (node, axis, 0.0)));
-        let by = (stretch - 1.0) * EDGE_MM;
+        let stretch_mm = (stretch - 1.0) * EDGE_MM;
         let above = self
             .face(2, EDGE_MM)
-            .flat_map(move |node| [(node, 0, 0.0), (node, 1, 0.0), (node, 2, by)]);
+            .flat_map(move |node| [(node, 0, 0.0), (node, 1, 0.0), (node, 2, stretch_mm)]);
         below.chain(above).collect()
     }
 
@@ -194,8 +194,8 @@ impl Block {
 
     /// Strain energy, N mm; `None` for a law without one.
     fn energy_nmm(&self, solver: &Solver<3, 4>) -> Option<f64> {
-        let edges = |corners: &[u32; 4], of: &dyn Fn(u32) -> Vector3<f64>| {
-            Matrix3::from_columns(&[1, 2, 3].map(|at| of(corners[at]) - of(corners[0])))
+        let edges = |corners: &[u32; 4], position: &dyn Fn(u32) -> Vector3<f64>| {
+            Matrix3::from_columns(&[1, 2, 3].map(|corner| position(corners[corner]) - position(corners[0])))
         };
         let at_rest = |node: u32| Vector3::from(self.body.nodes()[node as usize]);
         let displacement = |node: u32| Vector3::from_column_slice(&solver.displacement()[3 * node as usize..][..3]);
@@ -265,9 +265,9 @@ fn compressed(record: &mut Record<'_>) -> Result<(), Unexpected> {
             (block.force_n(&solver) / expected - 1.0).abs(),
             1e-8,
         );
-        if let (Some(found), Some(exact)) = (block.energy_nmm(&solver), block.law.energy_kpa(&gradient)) {
+        if let (Some(energy_nmm), Some(exact)) = (block.energy_nmm(&solver), block.law.energy_kpa(&gradient)) {
             let expected = exact * EDGE_MM.powi(3) * NEWTON_PER_MM2;
-            record.under(format!("energy, {name}"), (found / expected - 1.0).abs(), 1e-8);
+            record.under(format!("energy, {name}"), (energy_nmm / expected - 1.0).abs(), 1e-8);
         }
         block.press(record, STRETCH)?;
     }
@@ -323,12 +323,14 @@ fn inverted(record: &mut Record<'_>) -> Result<(), Unexpected> {
             1e-8,
         );
         let exact = block.law.stress_kpa(&turn);
-        let off = |stress: &[[f64; 3]; 3]| largest((0..9).map(|at| stress[at / 3][at % 3] - exact[(at / 3, at % 3)]));
+        let largest_error = |stress: &[[f64; 3]; 3]| {
+            largest((0..9).map(|entry| stress[entry / 3][entry % 3] - exact[(entry / 3, entry % 3)]))
+        };
         if block.law.as_secant().is_none() {
             let stresses = solver.body().stresses_kpa(solver.displacement(), solver.displacement());
             record.under(
                 format!("stress, turned, kPa, {}", block.name),
-                largest(stresses.iter().map(off)),
+                largest(stresses.iter().map(largest_error)),
                 1e-6,
             );
         }

@@ -81,9 +81,9 @@ pub(super) fn crossing(record: &mut Record<'_>) -> Result<(), Unexpected> {
     ];
     let loading = Loading {
         control: Control::Stress,
-        time_s: (0..=steps).map(|at| 1e-3 * f64::from(at)).collect(),
+        time_s: (0..=steps).map(|step| 1e-3 * f64::from(step)).collect(),
         value: (0..=steps)
-            .map(|at| [0.02, 0.5, -0.02, 0.16, -0.5][at as usize % 5])
+            .map(|step| [0.02, 0.5, -0.02, 0.16, -0.5][step as usize % 5])
             .collect(),
     };
     for (name, body) in bodies {
@@ -156,9 +156,9 @@ fn error(rule: &Rule, k: f64, steps: &[f64], evaluated: &[usize], load: &Load<'_
     let mut history = rule.start(Operator::Integral(k), &[value(0.0)])?;
     let (mut t, mut worst, mut scale) = (0.0, 0.0f64, 0.0f64);
     let mut evaluated = evaluated.iter().peekable();
-    for (at, step) in steps.iter().enumerate() {
+    for (index, step) in steps.iter().enumerate() {
         t += step;
-        if evaluated.next_if(|step| **step == at + 1).is_some() {
+        if evaluated.next_if(|step| **step == index + 1).is_some() {
             let mut past = [0.0];
             let integral = history.predict(*step, &mut past)? * value(t) + past[0];
             let exact = exact(k, t);
@@ -172,7 +172,7 @@ fn error(rule: &Rule, k: f64, steps: &[f64], evaluated: &[usize], load: &Load<'_
 
 /// Returns the evaluated steps: eight in the last three quarters.
 fn evaluated(steps: usize) -> Vec<usize> {
-    (1..=8).map(|at| steps / 4 + steps * 3 * at / 32).collect()
+    (1..=8).map(|part| steps / 4 + steps * 3 * part / 32).collect()
 }
 
 /// Tests 1e5 equal steps.
@@ -188,7 +188,7 @@ pub(super) fn equal(record: &mut Record<'_>) -> Result<(), Unexpected> {
         ("sine", &|t| (w * t).sin(), &|k, t| of_sine(k, w, t)),
     ];
     let rules = FULL.into_iter().chain([exponentials(steps[0], length)]);
-    for (at, (name, rule)) in rules.enumerate() {
+    for (index, (name, rule)) in rules.enumerate() {
         let second = matches!(rule, Rule::Trapezoid | Rule::Exponentials(_));
         // Order 1: half a step's change, at most the sine's slope (w h / 2), over the steps of a quick run.
         let limit = if second { 1e-6 } else { record.effort().pick(1e-2, 1e-3) };
@@ -200,7 +200,7 @@ pub(super) fn equal(record: &mut Record<'_>) -> Result<(), Unexpected> {
             }
             record.under(format!("{name}, {}: error", load.0), worst, limit);
         }
-        record.done((at + 1) as f64 / 5.0);
+        record.done((index + 1) as f64 / 5.0);
     }
     Ok(())
 }
@@ -209,7 +209,7 @@ pub(super) fn equal(record: &mut Record<'_>) -> Result<(), Unexpected> {
 fn growing(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let count = record.effort().pick(40_000, 100_000);
     let steps: Vec<f64> = (0..count)
-        .map(|at| 10f64.powf(9.0 * at as f64 / (count - 1) as f64 - 6.0))
+        .map(|index| 10f64.powf(9.0 * index as f64 / (count - 1) as f64 - 6.0))
         .collect();
     let length: f64 = steps.iter().sum();
     // Half a period: steps are long at the end.
@@ -220,20 +220,20 @@ fn growing(record: &mut Record<'_>) -> Result<(), Unexpected> {
         ("sine", &|t| (w * t).sin(), &|k, t| of_sine(k, w, t)),
     ];
     let rules = [("trapezoid", Rule::Trapezoid), exponentials(1e-6, length)];
-    for (at, (name, rule)) in rules.into_iter().enumerate() {
+    for (index, (name, rule)) in rules.into_iter().enumerate() {
         for load in &loads {
             let mut worst = 0.0f64;
             for k in ORDERS {
                 // Eight evaluated steps, each ten times as late as the one before, ending with the last step.
-                let evaluated: Vec<usize> = (1..=8).map(|at| count - (8 - at) * count / 9).collect();
-                for last in &evaluated {
-                    let error = error(&rule, k, &steps[..*last], &[*last], load)?;
+                let evaluated: Vec<usize> = (1..=8).map(|part| count - (8 - part) * count / 9).collect();
+                for end in &evaluated {
+                    let error = error(&rule, k, &steps[..*end], &[*end], load)?;
                     worst = largest([worst, error]);
                 }
             }
             record.under(format!("{name}, {}: error", load.0), worst, 1e-6);
         }
-        record.done((at + 1) as f64 / 2.0);
+        record.done((index + 1) as f64 / 2.0);
     }
     record.report("seconds of the history", length);
     Ok(())
@@ -242,9 +242,9 @@ fn growing(record: &mut Record<'_>) -> Result<(), Unexpected> {
 /// Tests steps that alternate between 1e-6 and 1e3 s.
 fn jumping(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let count = record.effort().pick(400, 2000);
-    let turns = (0..count).map(|at| if at % 2 == 0 { 1e-6 } else { 1e3 });
+    let turns = (0..count).map(|index| if index % 2 == 0 { 1e-6 } else { 1e3 });
     let random: Vec<f64> = (0..count as u64)
-        .map(|at| 10f64.powf(4.5 * record.noise(at) - 1.5))
+        .map(|index| 10f64.powf(4.5 * record.noise(index) - 1.5))
         .collect();
     let load: Load<'_> = ("1 + t", &|t| 1.0 + t, &|k, t| of_power(k, 0.0, t) + of_power(k, 1.0, t));
     for (name, steps) in [("in turn", turns.collect()), ("at random", random)] {
@@ -267,8 +267,8 @@ fn jumping(record: &mut Record<'_>) -> Result<(), Unexpected> {
 fn highest(rule: &Rule, operator: Operator, step: f64, count: usize) -> Result<f64, HistoryError> {
     let mut history = rule.start(operator, &[1.0])?;
     let mut worst = 0.0f64;
-    for at in 1..=count {
-        let value = if at % 2 == 0 { 1.0 } else { -1.0 };
+    for index in 1..=count {
+        let value = if index % 2 == 0 { 1.0 } else { -1.0 };
         let mut past = [0.0];
         let magnitude = (history.predict(step, &mut past)? * value + past[0]).abs();
         worst = largest([worst, magnitude]);
@@ -283,7 +283,7 @@ fn reversals(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let many = record.effort().pick(10_000, 100_000);
     let few = record.effort().pick(1000, 10_000);
     let rules = FULL.into_iter().chain([exponentials(step, 2.0 * step * many as f64)]);
-    for (at, (name, rule)) in rules.enumerate() {
+    for (index, (name, rule)) in rules.enumerate() {
         let count = if matches!(rule, Rule::Exponentials(_)) {
             many
         } else {
@@ -303,7 +303,7 @@ fn reversals(record: &mut Record<'_>) -> Result<(), Unexpected> {
         // The newest value has the weight h^k / Gamma(1 + k), and Gamma(1 + k) is at least 0.8856.
         record.under(format!("{name}: integral over h^k"), integral, 1.13);
         record.under(format!("{name}: derivative over h^-k"), derivative, 4.0);
-        record.done((at + 1) as f64 / 5.0);
+        record.done((index + 1) as f64 / 5.0);
     }
     Ok(())
 }

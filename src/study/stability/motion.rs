@@ -44,7 +44,10 @@ fn options() -> Options {
 const TRUSTED: f64 = 0.8;
 
 fn share(estimates: &[Estimate]) -> f64 {
-    let trusted = estimates.iter().filter(|it| it.correlation >= TRUSTED).count();
+    let trusted = estimates
+        .iter()
+        .filter(|estimate| estimate.correlation >= TRUSTED)
+        .count();
     trusted as f64 / estimates.len() as f64
 }
 
@@ -52,14 +55,14 @@ fn magnitude(estimates: &[Estimate]) -> f64 {
     largest(
         estimates
             .iter()
-            .flat_map(|it| [it.axial_um, it.lateral_um, it.correlation]),
+            .flat_map(|estimate| [estimate.axial_um, estimate.lateral_um, estimate.correlation]),
     )
 }
 
 fn none(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let seed = seed_words(record.seed());
     let noise = |frame: i32| -> Vec<f32> {
-        let value = |at: usize| unit(hash3([at as i32, frame, 0], seed)[0]) - 0.5;
+        let value = |index: usize| unit(hash3([index as i32, frame, 0], seed)[0]) - 0.5;
         (0..LINES * SAMPLES).map(value).collect()
     };
     let medium = Medium::new(LINES, SAMPLES);
@@ -74,8 +77,8 @@ fn none(record: &mut Record<'_>) -> Result<(), Unexpected> {
         ("noise", noise(0), noise(1)),
         (JUMP, still, away),
     ];
-    for (name, first, second) in cases {
-        let mut tracker = Tracker::new(options(), LINES, &first);
+    for (name, frame, second) in cases {
+        let mut tracker = Tracker::new(options(), LINES, &frame);
         let estimates = tracker.next(&second);
         let jumps = name == JUMP;
         let limit = if jumps { 0.1 } else { 0.0 };
@@ -100,24 +103,39 @@ fn damaged(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let frames = [medium.frame(0, |_| [0.0; 2]), medium.frame(1, |_| [MOVED_MM, 0.0])];
     let rms = (frames[0].iter().map(|value| value * value).sum::<f32>() / frames[0].len() as f32).sqrt();
     let cut = |_: usize, value: f32| value.clamp(-0.5 * rms, 0.5 * rms);
-    let lines = |at: usize, value: f32| if (at / SAMPLES).is_multiple_of(5) { rms } else { value };
-    let spikes = |at: usize, value: f32| match hash3([at as i32, 0, 0], seed)[0] % 2000 {
+    let lines = |index: usize, value: f32| {
+        if (index / SAMPLES).is_multiple_of(5) {
+            rms
+        } else {
+            value
+        }
+    };
+    let spikes = |index: usize, value: f32| match hash3([index as i32, 0, 0], seed)[0] % 2000 {
         0 => 20.0 * rms,
         _ => value,
     };
     let cases: [(&str, &dyn Fn(usize, f32) -> f32); 3] =
         [("cut off", &cut), ("constant lines", &lines), ("spikes", &spikes)];
     for (name, damage) in cases {
-        let [first, second] = frames
-            .each_ref()
-            .map(|frame| -> Vec<f32> { frame.iter().enumerate().map(|(at, value)| damage(at, *value)).collect() });
-        let mut tracker = Tracker::new(options(), LINES, &first);
-        let estimates = tracker.next(&second);
+        let [before, after] = frames.each_ref().map(|frame| -> Vec<f32> {
+            frame
+                .iter()
+                .enumerate()
+                .map(|(index, value)| damage(index, *value))
+                .collect()
+        });
+        let mut tracker = Tracker::new(options(), LINES, &before);
+        let estimates = tracker.next(&after);
         let count = options().windows;
-        let inner = estimates.iter().enumerate().filter(|(at, _)| at % count + 1 < count);
+        let within = estimates
+            .iter()
+            .enumerate()
+            .filter(|(index, _)| index % count + 1 < count);
         // Only windows that correlate promise a motion; others are not to be used, and may be anywhere.
-        let kept = inner.filter(|(_, it)| it.correlation >= TRUSTED);
-        let errors: Vec<f64> = kept.map(|(_, it)| it.axial_um - 1e3 * MOVED_MM).collect();
+        let trusted = within.filter(|(_, estimate)| estimate.correlation >= TRUSTED);
+        let errors: Vec<f64> = trusted
+            .map(|(_, estimate)| estimate.axial_um - 1e3 * MOVED_MM)
+            .collect();
         let mean = errors.iter().sum::<f64>() / errors.len() as f64;
         let square = errors.iter().map(|error| (error - mean).powi(2)).sum::<f64>() / errors.len() as f64;
         record.under(format!("{name}: axial bias, um"), mean.abs(), 0.5);
@@ -130,7 +148,7 @@ fn damaged(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 .chunks(count)
                 .step_by(5)
                 .flatten()
-                .filter(|it| it.correlation >= TRUSTED);
+                .filter(|estimate| estimate.correlation >= TRUSTED);
             record.zero("windows of constant lines that correlate", stuck.count() as f64);
         }
     }

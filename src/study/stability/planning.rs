@@ -67,8 +67,8 @@ pub(crate) const GROUP: Group = Group {
 
 /// Distance of the phantom's vein, an infinite elliptic cylinder, from the segment between two points of the image plane, mm.
 fn vein_mm(from: &Point3<f64>, to: &Point3<f64>) -> f64 {
-    let ellipse = (0..720).map(|at| {
-        let (sin, cos) = (f64::from(at).to_radians() / 2.0).sin_cos();
+    let ellipse = (0..720).map(|step| {
+        let (sin, cos) = (f64::from(step).to_radians() / 2.0).sin_cos();
         Vector3::new(-4.0 + 11.0 * cos, 28.0 + 6.5 * sin, 0.0)
     });
     let segment = to - from;
@@ -107,7 +107,7 @@ fn beside_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
         record.refused(name, plan(&scenario, &options, &|_, _| ()), expected);
     }
     let planned = plan(&scenario, &grazing, &|_, _| ())?;
-    let (mut off, mut simulated, mut excluded) = (Vec::new(), 0, 0);
+    let (mut errors, mut simulated, mut excluded) = (Vec::new(), 0, 0);
     let (mut near, mut far, mut late) = (0, 0, 0);
     for line in &planned.lines {
         let Some(entry) = line.entry_mm else { continue };
@@ -117,7 +117,7 @@ fn beside_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 simulated += 1;
                 near += usize::from(exact < clearance_mm - VOXEL_MM);
                 // The path that is cut may be nearer or farther than the straight one, by what the tissue moves.
-                off.extend(path.clearance_mm.map(|clearance| (clearance - exact).max(0.0)));
+                errors.extend(path.clearance_mm.map(|clearance| (clearance - exact).max(0.0)));
                 near += usize::from(path.clearance_mm.is_some_and(|clearance| clearance < clearance_mm));
             }
             None => {
@@ -134,7 +134,7 @@ fn beside_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
         "lines nearer than asked that are excluded once they have been simulated",
         late as f64,
     );
-    record.under("clearance beyond that of the ellipse, mm", largest(off), VOXEL_MM);
+    record.under("clearance beyond that of the ellipse, mm", largest(errors), VOXEL_MM);
     // One of each at least, or nothing grazes.
     let missing = u8::from(simulated == 0) + u8::from(excluded == 0);
     record.zero(
@@ -161,8 +161,8 @@ fn dead_band(record: &mut Record<'_>) -> Result<(), Unexpected> {
     /// Error at rest: the controller hunts through the band, and creeps across it by its integral.
     const REST_MM: f64 = 0.15;
     let (guide, commands) = (Guide::default(), in_and_back());
-    for (at, dead_band_mm) in [0.0, 4.0, 20.0, 50.0].into_iter().enumerate() {
-        let (mut rest, mut beyond) = (0.0_f64, 0.0_f64);
+    for (index, dead_band_mm) in [0.0, 4.0, 20.0, 50.0].into_iter().enumerate() {
+        let (mut rest_mm, mut beyond) = (0.0_f64, 0.0_f64);
         for proportional_per_s in [100.0, 300.0, 1000.0] {
             for share in [0.0, 0.2, 1.0] {
                 for load_n in [0.0, 5.0, 20.0] {
@@ -174,21 +174,25 @@ fn dead_band(record: &mut Record<'_>) -> Result<(), Unexpected> {
                         ..Drive::default()
                     };
                     let driven = follow(&guide, &drive, Control::ClosedLoop, 0.0, &commands)?;
-                    let off = |step: usize| driven[step].posture.insertion_mm - commands[step].insertion_mm;
-                    rest = largest([rest].into_iter().chain((5800..6000).chain(9000..9500).map(off)));
-                    let all = largest((0..commands.len()).map(off));
+                    let lag = |step: usize| driven[step].posture.insertion_mm - commands[step].insertion_mm;
+                    rest_mm = largest([rest_mm].into_iter().chain((5800..6000).chain(9000..9500).map(lag)));
+                    let whole_lag = largest((0..commands.len()).map(lag));
                     let [push, pull] = drive.lost_mm(load_n).map(|mm| mm * drive.reduction());
-                    beyond = beyond.max(all - (push + pull));
+                    beyond = beyond.max(whole_lag - (push + pull));
                 }
             }
         }
-        record.under(format!("band of {dead_band_mm} mm: error at rest, mm"), rest, REST_MM);
+        record.under(
+            format!("band of {dead_band_mm} mm: error at rest, mm"),
+            rest_mm,
+            REST_MM,
+        );
         record.under(
             format!("band of {dead_band_mm} mm: error beyond the lost motion, mm"),
             beyond,
             REST_MM,
         );
-        record.done((at + 1) as f64 / 4.0);
+        record.done((index + 1) as f64 / 4.0);
     }
     Ok(())
 }
@@ -199,13 +203,13 @@ fn far_goals(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let sizes: &[f64] = record
         .effort()
         .pick(&[0.01, 1.5, 40.0], &[0.01, 0.5, 1.5, 5.0, 15.0, 40.0]);
-    let (mut off, mut mirrored, mut early) = (0.0, 0.0, 0);
-    let (mut met, mut refused) = (0, 0);
+    let (mut miss, mut mirrored, mut early) = (0.0, 0.0, 0);
+    let (mut goals_met, mut refused) = (0, 0);
     for tissue in TISSUES {
         for initial_length_mm in lengths {
-            let mut of = problem(tissue.material, tissue.compression, 20.0, 40.0, ELEMENT_MM);
-            of.layers[0].initial_length_mm = *initial_length_mm;
-            let mut beam = FoundationBeam::new(&of)?;
+            let mut layered = problem(tissue.material, tissue.compression, 20.0, 40.0, ELEMENT_MM);
+            layered.layers[0].initial_length_mm = *initial_length_mm;
+            let mut beam = FoundationBeam::new(&layered)?;
             for size in sizes {
                 let goals: [fn(f64) -> Wanted; 4] = [
                     |tip_mm| Wanted::TipFree { tip_mm },
@@ -217,36 +221,36 @@ fn far_goals(record: &mut Record<'_>) -> Result<(), Unexpected> {
                     |tip_mm| Wanted::TipAndCentre { tip_mm, com_mm: 12.0 },
                 ];
                 for goal in goals {
-                    let both = [*size, -size].map(|size| find(&mut beam, &goal(size)));
+                    let mirrored_pair = [*size, -size].map(|size| find(&mut beam, &goal(size)));
                     // A goal out of reach may be refused, but then on both sides:
                     // the tissue is the same to either.
-                    let [Ok((base, _)), Ok((other, _))] = &both else {
+                    let [Ok((base, _)), Ok((mirror, _))] = &mirrored_pair else {
                         refused += 1;
                         early += usize::from(*size < 2.0);
-                        mirrored = largest([mirrored, f64::from(u8::from(both.iter().any(Result::is_ok)))]);
+                        mirrored = largest([mirrored, f64::from(u8::from(mirrored_pair.iter().any(Result::is_ok)))]);
                         continue;
                     };
-                    met += 1;
-                    let again = FoundationBeam::new(&of)?.solve(base)?;
-                    off = largest([off, miss_mm(&goal(*size), base, &again)]);
-                    let slopes = [base, other].map(|base| base.slope.unwrap_or(0.0));
-                    let sums = [base.displacement_mm + other.displacement_mm, slopes[0] + slopes[1]];
+                    goals_met += 1;
+                    let solved_again = FoundationBeam::new(&layered)?.solve(base)?;
+                    miss = largest([miss, miss_mm(&goal(*size), base, &solved_again)]);
+                    let slopes = [base, mirror].map(|base| base.slope.unwrap_or(0.0));
+                    let sums = [base.displacement_mm + mirror.displacement_mm, slopes[0] + slopes[1]];
                     mirrored = largest(sums.into_iter().chain([mirrored]));
                 }
             }
         }
     }
-    record.under("goal less what the base found gives, mm", off, MET_MM);
+    record.under("goal less what the base found gives, mm", miss, MET_MM);
     record.under("base of a goal and of its mirror image, mm", mirrored, MET_MM);
     record.zero("goals below 2 mm that are refused", early as f64);
-    record.report("goals met", f64::from(met));
+    record.report("goals met", f64::from(goals_met));
     record.report("goals refused", f64::from(refused));
     Ok(())
 }
 
 /// Distance of a shape from a goal, mm.
 fn miss_mm(wanted: &Wanted, base: &Base, shape: &Shape) -> f64 {
-    let at = |depth: f64| shape.at(depth)[0];
+    let displacement = |depth: f64| shape.at(depth)[0];
     match *wanted {
         Wanted::TipFree { tip_mm } | Wanted::TipLeast { tip_mm } | Wanted::TipAbout { tip_mm, .. } => {
             shape.tip_mm() - tip_mm
@@ -254,8 +258,8 @@ fn miss_mm(wanted: &Wanted, base: &Base, shape: &Shape) -> f64 {
         Wanted::Centre {
             com_mm,
             displacement_mm,
-        } => largest([at(com_mm), base.displacement_mm - displacement_mm]),
-        Wanted::TipAndCentre { tip_mm, com_mm } => largest([at(com_mm), shape.tip_mm() - tip_mm]),
+        } => largest([displacement(com_mm), base.displacement_mm - displacement_mm]),
+        Wanted::TipAndCentre { tip_mm, com_mm } => largest([displacement(com_mm), shape.tip_mm() - tip_mm]),
     }
 }
 
@@ -267,32 +271,34 @@ fn noisy_forces(record: &mut Record<'_>) -> Result<(), Unexpected> {
         rms_n: 0.0,
     };
     let seed = seed_words(record.seed());
-    let depth = |at: i32| 0.2 * f64::from(at);
-    let most = exact.at(exact.end_mm);
-    let noisy = |share: f64, row: i32, of: &dyn Fn(f64) -> f64| -> Vec<[f64; 2]> {
-        let noise = |at: i32| share * most * normal([at, row, 0], seed);
-        (1..=290).map(|at| [depth(at), of(depth(at)) + noise(at)]).collect()
+    let depth = |index: i32| 0.2 * f64::from(index);
+    let end_n = exact.at(exact.end_mm);
+    let noisy = |share: f64, row: i32, curve: &dyn Fn(f64) -> f64| -> Vec<[f64; 2]> {
+        let noise = |index: i32| share * end_n * normal([index, row, 0], seed);
+        (1..=290)
+            .map(|index| [depth(index), curve(depth(index)) + noise(index)])
+            .collect()
     };
     let draws = record.effort().pick(2, 8);
     // Errors of a fit grow in proportion to the noise, and so do the limits; 24 % is three standard
     // deviations of the narrowest region.
     for (share, within) in [(0.0, 1e-4), (0.005, 0.06), (0.02, 0.24)] {
-        let mut off = 0.0;
+        let mut error = 0.0;
         for row in 0..draws {
             let curve = noisy(share, row, &|depth| exact.at(depth));
             let piecewise = Piecewise::fit(&curve, 4).ok_or_else(|| Unexpected::new("no fit"))?;
             let slopes = piecewise.slopes_n_per_mm.iter().zip(&exact.slopes_n_per_mm);
             let widths = [0, 2].map(|region| piecewise.width(region) / exact.width(region) - 1.0);
-            off = largest(
+            error = largest(
                 slopes
                     .map(|(slope, exact)| slope / exact - 1.0)
                     .chain(widths)
-                    .chain([off]),
+                    .chain([error]),
             );
         }
         record.under(
             format!("noise of {} %: slopes and widths off", 100.0 * share),
-            off,
+            error,
             within,
         );
     }
@@ -302,8 +308,8 @@ fn noisy_forces(record: &mut Record<'_>) -> Result<(), Unexpected> {
         ("a line", &|depth| 0.03 * depth),
         ("a force that falls", &|depth| exact.at(depth) - 0.03 * depth),
     ];
-    for (name, of) in curves {
-        let curve = noisy(0.02, draws, of);
+    for (name, force) in curves {
+        let curve = noisy(0.02, draws, force);
         let doubted = Piecewise::fit(&curve, 4).is_none_or(|piecewise| piecewise.doubt(&curve).is_some());
         record.zero(format!("{name}: taken for four regions"), u8::from(!doubted).into());
     }
@@ -322,17 +328,20 @@ fn markers(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let random = |row: i32| Vector3::from_fn(|axis, _| normal([trial, row, axis as i32], seed));
         let pose = Isometry3::new(300.0 * random(0), random(1));
         // Each trial lacks five other markers.
-        let kept: Vec<usize> = (0..SEEN).map(|at| (at * 5 + trial as usize) % design.len()).collect();
-        let of_design = |at: &usize| pose * (design[*at] + NOISE_MM / 3f64.sqrt() * random(2 + *at as i32));
-        let mut centres: Vec<_> = kept.iter().map(of_design).collect();
+        let visible: Vec<usize> = (0..SEEN)
+            .map(|index| (index * 5 + trial as usize) % design.len())
+            .collect();
+        let of_design = |index: &usize| pose * (design[*index] + NOISE_MM / 3f64.sqrt() * random(2 + *index as i32));
+        let mut centres: Vec<_> = visible.iter().map(of_design).collect();
         centres.extend((20..26).map(|row| pose * Point3::from(Vector3::new(30.0, 0.0, 0.0) + 25.0 * random(row))));
         let placement = place(&design, &centres)?;
-        let is_false =
-            |(at, matched): &(usize, &Option<usize>)| matched.is_some_and(|matched| kept.get(matched) != Some(at));
+        let is_false = |(index, matched): &(usize, &Option<usize>)| {
+            matched.is_some_and(|matched| visible.get(matched) != Some(index))
+        };
         false_matches += placement.matched.iter().enumerate().filter(is_false).count();
         squares += (placement.pose * base - pose * base).norm_squared();
-        let seen: Vec<_> = kept.iter().map(|at| design[*at]).collect();
-        theory += target_error_squared(&seen, &base, NOISE_MM);
+        let markers: Vec<_> = visible.iter().map(|index| design[*index]).collect();
+        theory += target_error_squared(&markers, &base, NOISE_MM);
     }
     record.zero("false matches", false_matches as f64);
     let ratio = (squares / theory).sqrt();
@@ -352,7 +361,7 @@ fn markers(record: &mut Record<'_>) -> Result<(), Unexpected> {
 /// Expected squared error, mm^2, of a point placed by markers whose own root mean square error is `noise_mm` (J. M. Fitzpatrick, J. B. West and
 /// C. R. Maurer, IEEE Transactions on Medical Imaging 17, 1998): the distances d from the principal axes of the markers count against
 /// those of the markers, f.
-fn target_error_squared(markers: &[Point3<f64>], at: &Point3<f64>, noise_mm: f64) -> f64 {
+fn target_error_squared(markers: &[Point3<f64>], target: &Point3<f64>, noise_mm: f64) -> f64 {
     let count = markers.len() as f64;
     let centre = markers.iter().map(|marker| marker.coords).sum::<Vector3<f64>>() / count;
     let from_centre = |point: &Point3<f64>| point.coords - centre;
@@ -364,7 +373,7 @@ fn target_error_squared(markers: &[Point3<f64>], at: &Point3<f64>, noise_mm: f64
     let ratios = (0..3).map(|axis| {
         let axis = axes.column(axis).into_owned();
         let away = |point: &Point3<f64>| (from_centre(point) - axis * from_centre(point).dot(&axis)).norm_squared();
-        away(at) / (markers.iter().map(away).sum::<f64>() / count)
+        away(target) / (markers.iter().map(away).sum::<f64>() / count)
     });
     noise_mm * noise_mm / count * (1.0 + ratios.sum::<f64>() / 3.0)
 }

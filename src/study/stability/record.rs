@@ -138,7 +138,7 @@ impl<'a> Record<'a> {
             note,
             margin: limit
                 .map(|limit| limit / figure)
-                .filter(|it| it.is_finite() && *it > 0.0),
+                .filter(|margin| margin.is_finite() && *margin > 0.0),
             holds: figure.is_finite() && limit.is_none_or(|limit| figure <= limit),
         });
     }

@@ -155,13 +155,16 @@ impl StabilityReport {
         for group in self.groups() {
             rows.push(format!("[ {group} ]"));
             for case in self.of_group(group) {
-                let shown = case.measures.iter().filter(|it| it.limit.is_some() || !it.holds);
+                let shown = case
+                    .measures
+                    .iter()
+                    .filter(|measure| measure.limit.is_some() || !measure.holds);
                 for measure in shown {
                     let exact = if measure.holds { ENDS[1] } else { ENDS[0] };
-                    let at = measure.margin.unwrap_or(exact).clamp(ENDS[0], ENDS[1]);
+                    let margin = measure.margin.unwrap_or(exact).clamp(ENDS[0], ENDS[1]);
                     let large = case.worst().is_some_and(|worst| std::ptr::eq(worst, measure));
-                    let of = if measure.holds { &mut holds } else { &mut fails };
-                    of[usize::from(large)].push([at, -(rows.len() as f64)]);
+                    let points = if measure.holds { &mut holds } else { &mut fails };
+                    points[usize::from(large)].push([margin, -(rows.len() as f64)]);
                 }
                 rows.push(case.name.clone());
             }
@@ -237,9 +240,14 @@ impl fmt::Display for StabilityReport {
             ];
             let rows = self.of_group(group).map(|case| {
                 let name = format!("{} ({})", case.name, case.seed);
-                let numbers = case
-                    .worst()
-                    .map(|it| [it.what.clone(), figure(it.figure), limit(it), margin(it)]);
+                let numbers = case.worst().map(|measure| {
+                    [
+                        measure.what.clone(),
+                        figure(measure.figure),
+                        limit(measure),
+                        margin(measure),
+                    ]
+                });
                 let [what, figure, limit, margin] =
                     numbers.unwrap_or_else(|| ["nothing", "-", "-", "-"].map(str::to_owned));
                 let verdict = case.verdict().to_owned();
@@ -266,10 +274,10 @@ impl StabilityReport {
     /// [`OutputError`] if the plot cannot be drawn.
     pub fn page(&self) -> Result<String, OutputError> {
         let mut page = Page::new("Hard cases");
-        let (failed, all) = (self.failed(), self.cases.len());
+        let (failed, cases) = (self.failed(), self.cases.len());
         let verdict = format!(
-            "{} of {all} hard cases hold ({}, {}).",
-            all - failed,
+            "{} of {cases} hard cases hold ({}, {}).",
+            cases - failed,
             self.effort(),
             self.machine
         );

@@ -111,22 +111,22 @@ fn progress_goes_from_nothing_to_all_and_names_the_case() {
         Ok(())
     };
     let (first, second) = (one("first", half), one("second", half));
-    let mut told = Vec::new();
+    let mut progress = Vec::new();
     run(&[("a", &first), ("a", &second)], Effort::Quick, &mut |name, share| {
-        told.push((name.to_owned(), share))
+        progress.push((name.to_owned(), share))
     });
     let expected = [("first", 0.0), ("first", 0.25), ("second", 0.5), ("second", 0.75)];
-    assert_eq!(told, expected.map(|(name, share)| (name.to_owned(), share)));
+    assert_eq!(progress, expected.map(|(name, share)| (name.to_owned(), share)));
 }
 
 #[test]
 fn names_are_distinct_and_found_by_a_part_of_them() {
-    let all = select(GROUPS, None);
-    for (at, (_, case)) in all.iter().enumerate() {
+    let cases = select(GROUPS, None);
+    for (index, (_, case)) in cases.iter().enumerate() {
         assert!(
-            all[..at]
+            cases[..index]
                 .iter()
-                .all(|(_, other)| other.name != case.name && other.seed != case.seed),
+                .all(|(_, earlier)| earlier.name != case.name && earlier.seed != case.seed),
             "{}",
             case.name
         );

@@ -35,7 +35,7 @@ fn keys(costs: &Costs) -> Vec<String> {
 /// Stated nodes are interpolated linearly, open ones are a choice, and those of a file are reported as not counted.
 #[test]
 fn nodes_count_wherever_they_are_known() {
-    let at = |nodes| {
+    let costs_at = |nodes| {
         made_up().in_situation(&Situation {
             nodes,
             ..Situation::default()
@@ -49,7 +49,7 @@ fn nodes_count_wherever_they_are_known() {
         (2500, 1.5),
         (4500, 3.5),
     ] {
-        let costs = at(Nodes::Stated(nodes));
+        let costs = costs_at(Nodes::Stated(nodes));
         assert!((costs.base_ms - 0.2 - extra_ms).abs() < 1e-12, "{nodes}: {costs:?}");
         assert_eq!(keys(&costs), [LEVEL, LINK]);
         assert!(
@@ -58,12 +58,12 @@ fn nodes_count_wherever_they_are_known() {
             costs.measured
         );
     }
-    let open = at(Nodes::Open);
+    let open = costs_at(Nodes::Open);
     assert_eq!(
         (open.base_ms, keys(&open)),
         (0.2, [LEVEL, LINK, NODES].map(str::to_owned).to_vec())
     );
-    let unknown = at(Nodes::Unknown);
+    let unknown = costs_at(Nodes::Unknown);
     assert_eq!(
         (unknown.base_ms, keys(&unknown)),
         (0.2, [LEVEL, LINK].map(str::to_owned).to_vec())
@@ -77,7 +77,7 @@ fn nodes_count_wherever_they_are_known() {
 
 #[test]
 fn a_beam_has_elements_a_probe_has_candidates_and_no_piece_is_longer_than_the_needle() {
-    let of = |needle_mm| {
+    let costs_of = |needle_mm| {
         made_up().in_situation(&Situation {
             probe: true,
             beam: true,
@@ -85,9 +85,9 @@ fn a_beam_has_elements_a_probe_has_candidates_and_no_piece_is_longer_than_the_ne
             nodes: Nodes::Unknown,
         })
     };
-    let whole = of(None);
+    let any_length = costs_of(None);
     assert_eq!(
-        (whole.base_ms, keys(&whole)),
+        (any_length.base_ms, keys(&any_length)),
         (0.3, [LEVEL, ELEMENT, THINNING].map(str::to_owned).to_vec())
     );
     let lengths = |costs: &Costs| {
@@ -97,10 +97,10 @@ fn a_beam_has_elements_a_probe_has_candidates_and_no_piece_is_longer_than_the_ne
             .map(|option| option.values[0].clone())
             .collect::<Vec<_>>()
     };
-    assert_eq!(lengths(&whole), ["20", "10"]);
-    assert_eq!(lengths(&of(Some(15.0))), ["10"]);
+    assert_eq!(lengths(&any_length), ["20", "10"]);
+    assert_eq!(lengths(&costs_of(Some(15.0))), ["10"]);
     // A setting without options is no choice.
-    assert_eq!(keys(&of(Some(5.0))), [LEVEL, THINNING]);
+    assert_eq!(keys(&costs_of(Some(5.0))), [LEVEL, THINNING]);
 }
 
 /// Every setting has the options of its table, with times relative to the steps of the usual needle on the small block.

@@ -67,11 +67,11 @@ impl SolidTexture {
         let [width, height] = self.exemplars.xy.size;
         let exemplar = self.picture([width, height], |x, y| self.exemplars.xy.values[y * width + x]);
         let n = self.side;
-        let at = |x: usize, y: usize, z: usize| self.level[x + n * (y + n * z)];
+        let value = |x: usize, y: usize, z: usize| self.level[x + n * (y + n * z)];
         let slices = [
-            ("x-y", self.picture([n, n], |a, b| at(a, b, n / 2))),
-            ("z-y", self.picture([n, n], |a, b| at(n / 2, b, a))),
-            ("x-z", self.picture([n, n], |a, b| at(a, n / 2, b))),
+            ("x-y", self.picture([n, n], |a, b| value(a, b, n / 2))),
+            ("z-y", self.picture([n, n], |a, b| value(n / 2, b, a))),
+            ("x-z", self.picture([n, n], |a, b| value(a, n / 2, b))),
         ];
         let slices = slices
             .iter()
@@ -129,10 +129,10 @@ impl SolidTexture {
                 .map(|(lag, value)| [lag as f64 * self.voxel_mm, value])
                 .collect::<Vec<_>>()
         };
-        let first = &self.exemplars.xy;
+        let exemplar = &self.exemplars.xy;
         let mut series = vec![
-            Series::line("exemplar, columns", 0, line(first.correlations(0, MAX_LAG))),
-            Series::line("exemplar, rows", 1, line(first.correlations(1, MAX_LAG))),
+            Series::line("exemplar, columns", 0, line(exemplar.correlations(0, MAX_LAG))),
+            Series::line("exemplar, rows", 1, line(exemplar.correlations(1, MAX_LAG))),
         ];
         let solid = |axis: usize| line(correlations(&self.level, self.side, axis, MAX_LAG.min(self.side / 2)));
         series.extend((0..3).map(|axis| Series::line(format!("solid, {}", AXES[axis]), 2 + axis, solid(axis))));
@@ -151,8 +151,8 @@ impl SolidTexture {
         let length = n.min(width).min(height);
         let solid = |axis: usize| {
             let stride = n.pow(axis as u32);
-            let line = |at: usize| {
-                let start = at % stride + at / stride * stride * n;
+            let line = |line_index: usize| {
+                let start = line_index % stride + line_index / stride * stride * n;
                 (0..length).map(|index| self.level[start + index * stride]).collect()
             };
             power(
@@ -181,10 +181,12 @@ impl SolidTexture {
 /// Mean periodogram of lines of equal length, under a Hann window.
 fn power(lines: &[Vec<f32>], step_mm: f64) -> Vec<[f64; 2]> {
     let n = lines.first().map_or(0, Vec::len);
-    let hann = |at: usize| 0.5 - 0.5 * (TAU * at as f64 / n as f64).cos();
+    let hann = |sample: usize| 0.5 - 0.5 * (TAU * sample as f64 / n as f64).cos();
     let windowed = |line: &Vec<f32>| -> Vec<Complex32> {
         let values = line.iter().enumerate();
-        values.map(|(at, value)| (hann(at) as f32 * value).into()).collect()
+        values
+            .map(|(sample, value)| (hann(sample) as f32 * value).into())
+            .collect()
     };
     let mut spectra: Vec<Complex32> = lines.iter().flat_map(windowed).collect();
     Fft::new(n).forward(&mut spectra);

@@ -82,12 +82,12 @@ impl Exemplar {
             .clamp(1.0 / MAX_STRETCH, MAX_STRETCH)
             .max(MIN as f64 / height as f64);
         let rows = ((height - 1) as f64 * factor) as usize + 1;
-        let value = |at: usize| {
-            let row = ((at / width) as f64 / factor).min((height - 1) as f64);
+        let value = |pixel: usize| {
+            let row = ((pixel / width) as f64 / factor).min((height - 1) as f64);
             let low = (row as usize).min(height - 2);
             let share = (row - low as f64) as f32;
-            let of = |row: usize| self.values[row * width + at % width];
-            of(low) * (1.0 - share) + of(low + 1) * share
+            let in_row = |row: usize| self.values[row * width + pixel % width];
+            in_row(low) * (1.0 - share) + in_row(low + 1) * share
         };
         Self {
             size: [width, rows],
@@ -123,7 +123,7 @@ impl Exemplar {
             let step = if axis == 0 { lag } else { lag * width };
             let sum: f64 = (0..rows)
                 .flat_map(|row| (0..columns).map(move |column| row * width + column))
-                .map(|at| (f64::from(self.values[at]) - mean) * (f64::from(self.values[at + step]) - mean))
+                .map(|pixel| (f64::from(self.values[pixel]) - mean) * (f64::from(self.values[pixel + step]) - mean))
                 .sum();
             sum / (columns * rows).max(1) as f64
         };
@@ -132,10 +132,10 @@ impl Exemplar {
 
     fn halved(&self) -> Self {
         let size = self.size.map(|n| n / 2);
-        let value = |at: usize| {
-            let [column, row] = [2 * (at % size[0]), 2 * (at / size[0])];
-            let part = |dx: usize, dy: usize| self.values[(row + dy) * self.size[0] + column + dx];
-            (part(0, 0) + part(1, 0) + part(0, 1) + part(1, 1)) / 4.0
+        let value = |pixel: usize| {
+            let [column, row] = [2 * (pixel % size[0]), 2 * (pixel / size[0])];
+            let value = |dx: usize, dy: usize| self.values[(row + dy) * self.size[0] + column + dx];
+            (value(0, 0) + value(1, 0) + value(0, 1) + value(1, 1)) / 4.0
         };
         Self {
             size,
@@ -232,8 +232,9 @@ impl Exemplars {
 
     /// All values of the exemplars.
     fn values(&self) -> Vec<f32> {
-        let all = [&self.xy, &self.zy, &self.xz];
-        all.into_iter()
+        let exemplars = [&self.xy, &self.zy, &self.xz];
+        exemplars
+            .into_iter()
             .flat_map(|exemplar| exemplar.values.iter().copied())
             .collect()
     }
@@ -243,12 +244,13 @@ impl Exemplars {
         let wanted = [0, 1, 2].map(|axis| {
             let planes = [&self.xy, &self.zy, &self.xz];
             let covariances = planes.iter().zip(PLANES).flat_map(|(exemplar, axes)| {
-                let along = axes.iter().position(|of| *of == axis)?;
-                Some(exemplar.covariance(along, side / 2))
+                let direction = axes.iter().position(|side_axis| *side_axis == axis)?;
+                Some(exemplar.covariance(direction, side / 2))
             });
             let covariances: Vec<Vec<f64>> = covariances.collect();
-            let mean =
-                (0..=side / 2).map(|lag| covariances.iter().map(|it| it[lag]).sum::<f64>() / covariances.len() as f64);
+            let mean = (0..=side / 2).map(|lag| {
+                covariances.iter().map(|covariance| covariance[lag]).sum::<f64>() / covariances.len() as f64
+            });
             spectrum(&mean.collect::<Vec<_>>(), side)
         });
         let like = self.values();
@@ -284,10 +286,10 @@ fn covariance(values: &[f32], side: usize, axis: usize, max_lag: usize) -> Vec<f
     let stride = side.pow(axis as u32);
     let mean = values.iter().map(|value| f64::from(*value)).sum::<f64>() / values.len() as f64;
     let lag = |lag: usize| {
-        let product = |at: usize| {
-            let index = at / stride % side;
-            let other = at - index * stride + (index + lag) % side * stride;
-            (f64::from(values[at]) - mean) * (f64::from(values[other]) - mean)
+        let product = |voxel: usize| {
+            let index = voxel / stride % side;
+            let shifted = voxel - index * stride + (index + lag) % side * stride;
+            (f64::from(values[voxel]) - mean) * (f64::from(values[shifted]) - mean)
         };
         (0..values.len()).map(product).sum::<f64>() / values.len() as f64
     };
@@ -297,7 +299,7 @@ fn covariance(values: &[f32], side: usize, axis: usize, max_lag: usize) -> Vec<f
 /// Power at frequencies from 0 to half of the sampling rate from an even autocovariance up to half of the period, under a Hann taper.
 fn spectrum(covariance: &[f64], side: usize) -> Vec<f64> {
     let half = side / 2;
-    let at = |frequency: usize| {
+    let power_at = |frequency: usize| {
         let sum: f64 = (1..half)
             .map(|lag| {
                 let taper = 0.5 + 0.5 * (TAU * lag as f64 / side as f64).cos();
@@ -306,7 +308,7 @@ fn spectrum(covariance: &[f64], side: usize) -> Vec<f64> {
             .sum();
         (covariance[0] + sum).max(0.0)
     };
-    (0..=half).map(at).collect()
+    (0..=half).map(power_at).collect()
 }
 
 /// Multiplies the amplitudes of all frequencies along an axis of a periodic solid, by a periodic even kernel.
@@ -323,11 +325,12 @@ fn filter(values: &mut [f32], side: usize, axis: usize, gain: &[f64]) {
         .collect();
     let stride = side.pow(axis as u32);
     let before = values.to_vec();
-    for_each((0.., &mut values[..]), &|(at, value)| {
-        let index = at / stride % side;
-        let start = at - index * stride;
-        let part = |other: usize| kernel[(index + side - other) % side] * before[start + other * stride];
-        *value = (0..side).map(part).sum();
+    for_each((0.., &mut values[..]), &|(voxel, value)| {
+        let index = voxel / stride % side;
+        let start = voxel - index * stride;
+        let weighted =
+            |neighbour: usize| kernel[(index + side - neighbour) % side] * before[start + neighbour * stride];
+        *value = (0..side).map(weighted).sum();
     });
 }
 
@@ -335,7 +338,7 @@ impl<'a> Solid<'a> {
     fn random(side: usize, exemplars: [&'a Exemplar; 3], seed: [u32; 2]) -> Self {
         let count = side * side * side;
         let matches = [0, 1, 2].map(|plane: usize| {
-            let corners = (0..count).map(|at| anywhere(exemplars[plane], at, plane as i32, seed));
+            let corners = (0..count).map(|voxel| anywhere(exemplars[plane], voxel, plane as i32, seed));
             corners.collect::<Vec<_>>()
         });
         let mut solid = Self {
@@ -352,14 +355,14 @@ impl<'a> Solid<'a> {
 
     fn refined(coarser: &Solid<'_>, side: usize, exemplars: [&'a Exemplar; 3]) -> Self {
         let count = side * side * side;
-        let parent = |at: usize| {
-            let [x, y, z] = [at % side, at / side % side, at / side / side].map(|n| n / 2);
+        let parent = |voxel: usize| {
+            let [x, y, z] = [voxel % side, voxel / side % side, voxel / side / side].map(|n| n / 2);
             x + coarser.side * (y + coarser.side * z)
         };
         let matches = [0, 1, 2].map(|plane: usize| {
-            let corner = |at: usize| {
-                let index = [at % side, at / side % side, at / side / side];
-                let corner = coarser.matches[plane][parent(at)];
+            let corner = |voxel: usize| {
+                let index = [voxel % side, voxel / side % side, voxel / side / side];
+                let corner = coarser.matches[plane][parent(voxel)];
                 [0, 1].map(|axis| {
                     // The neighbourhood of half the extent in the middle of the coarser one.
                     let fine = 2 * usize::from(corner[axis]) + SIDE / 2 + index[PLANES[plane][axis]] % 2;
@@ -370,7 +373,7 @@ impl<'a> Solid<'a> {
         });
         let mut solid = Self {
             side,
-            values: (0..count).map(|at| coarser.values[parent(at)]).collect(),
+            values: (0..count).map(|voxel| coarser.values[parent(voxel)]).collect(),
             exemplars,
             weights: [0, 1, 2].map(|plane: usize| vec![1.0; matches[plane].len()]),
             matches,
@@ -387,17 +390,17 @@ impl<'a> Solid<'a> {
 
     /// Offset of a voxel moved along an axis of the torus.
     #[inline]
-    fn moved(&self, at: usize, axis: usize, by: isize) -> usize {
+    fn moved(&self, voxel: usize, axis: usize, step: isize) -> usize {
         let stride = self.strides()[axis];
-        let index = at / stride % self.side;
-        let next = (index as isize + by).rem_euclid(self.side as isize) as usize;
-        at - index * stride + next * stride
+        let index = voxel / stride % self.side;
+        let next = (index as isize + step).rem_euclid(self.side as isize) as usize;
+        voxel - index * stride + next * stride
     }
 
     /// Values of the neighbourhood whose upper left corner is a voxel.
-    fn patch(&self, at: usize, [columns, rows]: [usize; 2]) -> [f32; PATCH] {
+    fn patch(&self, start: usize, [columns, rows]: [usize; 2]) -> [f32; PATCH] {
         let mut patch = [0.0; PATCH];
-        let mut row_start = at;
+        let mut row_start = start;
         for row in 0..SIDE {
             let mut voxel = row_start;
             for column in 0..SIDE {
@@ -415,8 +418,8 @@ impl<'a> Solid<'a> {
         for plane in 0..3 {
             let exemplar = self.exemplars[plane];
             let old = &self.matches[plane];
-            let nearest = parallel::map(0..old.len(), &|at| {
-                self.best(at, plane, exemplar, [round as i32, level as i32])
+            let nearest = parallel::map(0..old.len(), &|voxel| {
+                self.best(voxel, plane, exemplar, [round as i32, level as i32])
             });
             let weight = |square: f32| ((f64::from(square) / floor) + 1.0).powf(EXPONENT / 2.0 - 1.0) as f32;
             self.weights[plane] = nearest.iter().map(|(_, square)| weight(*square)).collect();
@@ -424,15 +427,15 @@ impl<'a> Solid<'a> {
         }
     }
 
-    fn best(&self, at: usize, plane: usize, exemplar: &Exemplar, [round, level]: [i32; 2]) -> ([u16; 2], f32) {
+    fn best(&self, target: usize, plane: usize, exemplar: &Exemplar, [round, level]: [i32; 2]) -> ([u16; 2], f32) {
         let axes = PLANES[plane];
-        let patch = self.patch(at, axes);
+        let patch = self.patch(target, axes);
         let old = &self.matches[plane];
-        let last = exemplar.size.map(|n| n - SIDE);
-        let mut best = old[at];
+        let largest_corner = exemplar.size.map(|n| n - SIDE);
+        let mut best = old[target];
         let mut least = distance(&patch, exemplar, best, f32::INFINITY);
         let mut consider = |corner: [isize; 2]| {
-            let corner = [0, 1].map(|axis| corner[axis].clamp(0, last[axis] as isize) as u16);
+            let corner = [0, 1].map(|axis| corner[axis].clamp(0, largest_corner[axis] as isize) as u16);
             if corner != best {
                 let square = distance(&patch, exemplar, corner, least);
                 if square < least {
@@ -440,20 +443,20 @@ impl<'a> Solid<'a> {
                 }
             }
         };
-        let of = |voxel: usize| old[voxel].map(|n| n as isize);
+        let corner_of = |voxel: usize| old[voxel].map(|n| n as isize);
         for axis in 0..2 {
-            for by in [-1, 1] {
-                let mut corner = of(self.moved(at, axes[axis], by));
-                corner[axis] -= by;
+            for step in [-1, 1] {
+                let mut corner = corner_of(self.moved(target, axes[axis], step));
+                corner[axis] -= step;
                 consider(corner);
             }
         }
-        let start = old[at].map(|n| n as isize);
-        let mut reach = last[0].max(last[1]) as f64;
+        let start = old[target].map(|n| n as isize);
+        let mut reach = largest_corner[0].max(largest_corner[1]) as f64;
         for draw in 0..RANDOM_CANDIDATES {
             // A place of its own in the hash for each draw: 8 draws a round and 4 levels a plane are set aside.
             let word = hash3(
-                [at as i32, round * 8 + draw as i32, plane as i32 * 4 + level],
+                [target as i32, round * 8 + draw as i32, plane as i32 * 4 + level],
                 self.seed,
             );
             let step = [0, 1].map(|axis| ((f64::from(unit(word[axis])) * 2.0 - 1.0) * reach) as isize);
@@ -465,13 +468,13 @@ impl<'a> Solid<'a> {
 
     /// Sets every voxel to the weighted mean of what the matches around it say.
     fn average(&mut self) {
-        let all = || {
+        let exemplar_values = || {
             self.exemplars
                 .into_iter()
                 .flat_map(|exemplar| exemplar.values.iter().copied())
         };
-        let low = all().fold(f32::INFINITY, f32::min);
-        let width = ((all().fold(f32::NEG_INFINITY, f32::max) - low) / BINS as f32).max(1e-9);
+        let low = exemplar_values().fold(f32::INFINITY, f32::min);
+        let width = ((exemplar_values().fold(f32::NEG_INFINITY, f32::max) - low) / BINS as f32).max(1e-9);
         let bin = |value: f32| (((value - low) / width) as usize).min(BINS - 1);
         let histogram = |values: &mut dyn Iterator<Item = f32>| {
             let (mut counts, mut total) = ([0.0_f32; BINS], 0.0_f32);
@@ -481,20 +484,20 @@ impl<'a> Solid<'a> {
             }
             counts.map(|count| count / total.max(1.0))
         };
-        let wanted = histogram(&mut all());
+        let wanted = histogram(&mut exemplar_values());
         let present = histogram(&mut self.values.iter().copied());
         // Values of which there are too many count less.
         let mut bin_weights = [0.0_f32; BINS];
-        for at in 0..BINS {
-            let surplus = (present[at] / wanted[at].max(1e-4) - 1.0).max(0.0);
-            bin_weights[at] = 1.0 / (1.0 + surplus);
+        for bin in 0..BINS {
+            let surplus = (present[bin] / wanted[bin].max(1e-4) - 1.0).max(0.0);
+            bin_weights[bin] = 1.0 / (1.0 + surplus);
         }
-        let values: Vec<f32> = parallel::map(0..self.values.len(), &|at| {
+        let values: Vec<f32> = parallel::map(0..self.values.len(), &|voxel| {
             let (mut sum, mut total) = (0.0_f32, 0.0_f32);
             for plane in 0..3 {
                 let exemplar = self.exemplars[plane];
                 let [columns, rows] = PLANES[plane];
-                let mut row_start = at;
+                let mut row_start = voxel;
                 for row in 0..SIDE {
                     let mut corner = row_start;
                     for column in 0..SIDE {
@@ -514,8 +517,8 @@ impl<'a> Solid<'a> {
     }
 }
 
-fn anywhere(exemplar: &Exemplar, at: usize, stream: i32, seed: [u32; 2]) -> [u16; 2] {
-    let word = hash3([at as i32, -1, stream], seed);
+fn anywhere(exemplar: &Exemplar, voxel: usize, stream: i32, seed: [u32; 2]) -> [u16; 2] {
+    let word = hash3([voxel as i32, -1, stream], seed);
     [0, 1].map(|axis| (f64::from(unit(word[axis])) * (exemplar.size[axis] - SIDE + 1) as f64) as u16)
 }
 
@@ -525,8 +528,12 @@ fn distance(patch: &[f32; PATCH], exemplar: &Exemplar, [x, y]: [u16; 2], limit: 
     let mut sum = 0.0;
     for (row, patch_row) in patch.chunks_exact(SIDE).enumerate() {
         let start = (usize::from(y) + row) * exemplar.size[0] + usize::from(x);
-        let other = &exemplar.values[start..start + SIDE];
-        sum += patch_row.iter().zip(other).map(|(a, b)| (a - b) * (a - b)).sum::<f32>();
+        let exemplar_row = &exemplar.values[start..start + SIDE];
+        sum += patch_row
+            .iter()
+            .zip(exemplar_row)
+            .map(|(a, b)| (a - b) * (a - b))
+            .sum::<f32>();
         if sum >= limit {
             return sum;
         }
@@ -543,7 +550,7 @@ fn match_histogram(values: &mut [f32], like: &[f32]) {
         values[a as usize].total_cmp(&values[b as usize]).then(a.cmp(&b))
     });
     let count = values.len();
-    for (rank, at) in order.into_iter().enumerate() {
-        values[at as usize] = sorted[(rank * sorted.len() + sorted.len() / 2) / count];
+    for (rank, voxel) in order.into_iter().enumerate() {
+        values[voxel as usize] = sorted[(rank * sorted.len() + sorted.len() / 2) / count];
     }
 }

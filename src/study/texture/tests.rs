@@ -1,13 +1,14 @@
 use super::*;
 use insonify_base::random::{hash3, unit};
 
-fn random(at: usize, stream: i32) -> f64 {
-    f64::from(unit(hash3([at as i32, stream, 5], [6, 7])[0]))
+fn random(index: usize, stream: i32) -> f64 {
+    f64::from(unit(hash3([index as i32, stream, 5], [6, 7])[0]))
 }
 
 /// Normally distributed image smoothed by standard deviations in pixels, of variance 1.
 fn noise(size: [usize; 2], sigma: [f64; 2], stream: i32) -> Image {
-    let values = (0..size[0] * size[1]).map(|at| (0..6).map(|part| random(at, 10 * stream + part)).sum::<f64>() - 3.0);
+    let values =
+        (0..size[0] * size[1]).map(|pixel| (0..6).map(|draw| random(pixel, 10 * stream + draw)).sum::<f64>() - 3.0);
     let smooth = Image {
         size,
         values: values.collect(),
@@ -27,18 +28,18 @@ fn exemplar(sigma: [f64; 2], stream: i32) -> Exemplar {
 }
 
 fn synthesised(exemplars: Exemplars, seed: u64) -> SolidTexture {
-    let first = PreparedExemplar {
+    let prepared = PreparedExemplar {
         exemplar: exemplars.xy.clone(),
         voxel_mm: 0.5,
         cell_mm: [1.0, 1.0],
     };
-    make(&first, exemplars, 48, seed, &mut |_| ()).unwrap()
+    make(&prepared, exemplars, 48, seed, &mut |_| ()).unwrap()
 }
 
 #[test]
 fn a_solid_has_the_statistics_of_its_exemplars_along_each_axis() {
-    let one = exemplar([3.0, 1.5], 1);
-    let solid = synthesised(Exemplars::of(one.clone(), None, None), 0);
+    let plane = exemplar([3.0, 1.5], 1);
+    let solid = synthesised(Exemplars::of(plane.clone(), None, None), 0);
     let figures = &solid.figures;
     for axis in 0..3 {
         let (solid_mm, exemplar_mm) = (
@@ -55,18 +56,19 @@ fn a_solid_has_the_statistics_of_its_exemplars_along_each_axis() {
     assert!(figures.histogram_db < 0.05, "{figures}");
     // The solid has no preferred direction in the plane across the rows: x + z and x - z are alike.
     let n = solid.side;
-    let along = |sign: usize| {
+    let correlation = |sign: usize| {
         let value = |x: usize, y: usize, z: usize| f64::from(solid.level[x % n + n * (y + n * (z % n))]);
         let lag = 3;
-        let all = (0..n * n * n).map(|at| [at % n, at / n % n, at / n / n]);
-        all.map(|[x, y, z]| value(x, y, z) * value(x + lag, y, z + sign * lag + n * lag))
+        let voxels = (0..n * n * n).map(|voxel| [voxel % n, voxel / n % n, voxel / n / n]);
+        voxels
+            .map(|[x, y, z]| value(x, y, z) * value(x + lag, y, z + sign * lag + n * lag))
             .sum::<f64>()
     };
-    let [plus, minus] = [along(1), along(n - 1)];
+    let [plus, minus] = [correlation(1), correlation(n - 1)];
     assert!((0.5..=2.0).contains(&(plus / minus)), "{plus} {minus}");
     // The histogram is that of the exemplar.
     let mut values: Vec<f32> = solid.level.clone();
-    let mut like = one.values.clone();
+    let mut like = plane.values.clone();
     values.sort_by(f32::total_cmp);
     like.sort_by(f32::total_cmp);
     for share in [0.05, 0.5, 0.95] {
@@ -84,13 +86,13 @@ fn a_solid_is_the_same_at_any_number_of_threads_and_another_for_another_seed() {
             Some(exemplar([2.0, 1.5], 3)),
         )
     };
-    let with = |threads: usize, seed: u64| {
+    let values = |threads: usize, seed: u64| {
         let pool = insonify_base::parallel::Pool::new(threads).unwrap();
         pool.install(|| synthesise(&exemplars(), 32, seed, &mut |_| ()).unwrap())
     };
-    let one = with(1, 5);
-    assert_eq!(one, with(3, 5));
-    assert_ne!(one, with(1, 6));
+    let single = values(1, 5);
+    assert_eq!(single, values(3, 5));
+    assert_ne!(single, values(1, 6));
 }
 
 /// A picture of 8-bit greys from levels in dB about the middle of a range of 60 dB.
@@ -126,16 +128,16 @@ fn compression_and_trend_are_undone() {
     let texture = noise([200, 180], [2.0, 2.0], 4);
     let values = texture.values.iter().enumerate();
     // A gain that falls by 20 dB down the picture.
-    let sloped = values.map(|(at, value)| 3.0 * value - 20.0 * (at / 200) as f64 / 180.0);
+    let sloped = values.map(|(pixel, value)| 3.0 * value - 20.0 * (pixel / 200) as f64 / 180.0);
     let image = Image {
         size: [200, 180],
         values: sloped.collect(),
     };
     let prepared = PREPARATION.of(&picture(&image), &region([200, 180])).unwrap();
     assert_eq!((prepared.exemplar.size, prepared.voxel_mm), ([200, 180], 0.2));
-    let rows = |from: usize| {
-        let part = &prepared.exemplar.values[from * 200..(from + 40) * 200];
-        part.iter().map(|value| f64::from(*value)).sum::<f64>() / part.len() as f64
+    let rows = |start: usize| {
+        let block = &prepared.exemplar.values[start * 200..(start + 40) * 200];
+        block.iter().map(|value| f64::from(*value)).sum::<f64>() / block.len() as f64
     };
     assert!((rows(10) - rows(130)).abs() < 2.0, "{} {}", rows(10), rows(130));
     let n = prepared.exemplar.values.len() as f64;
@@ -154,14 +156,14 @@ fn compression_and_trend_are_undone() {
 fn structure_leaves_out_what_is_as_fine_as_the_speckle() {
     // Speckle of 6 dB and structure of 3 dB, ten times as coarse.
     let (speckle, structure) = (noise([400, 400], [1.5, 1.0], 5), noise([400, 400], [12.0, 12.0], 6));
-    let both = speckle
+    let pairs = speckle
         .values
         .iter()
         .zip(&structure.values)
         .map(|(fine, coarse)| 5.0 * fine + 3.0 * coarse);
     let image = picture(&Image {
         size: [400, 400],
-        values: both.collect(),
+        values: pairs.collect(),
     });
     let preparation = Preparation {
         content: Content::Structure,
@@ -174,10 +176,10 @@ fn structure_leaves_out_what_is_as_fine_as_the_speckle() {
         prepared.cell_mm
     );
     // White noise of the low-pass alone would have a width of 3.3 cells.
-    let kept = &prepared.exemplar;
-    let coarse = full_width(&kept.correlations(0, MAX_LAG), prepared.voxel_mm).unwrap();
+    let exemplar = &prepared.exemplar;
+    let coarse = full_width(&exemplar.correlations(0, MAX_LAG), prepared.voxel_mm).unwrap();
     assert!(coarse > 5.0 * prepared.cell_mm[0], "{coarse} {:?}", prepared.cell_mm);
-    let power = kept.values.iter().map(|value| value * value).sum::<f32>() / kept.values.len() as f32;
+    let power = exemplar.values.iter().map(|value| value * value).sum::<f32>() / exemplar.values.len() as f32;
     assert!(
         (2.0..3.5).contains(&power.sqrt()),
         "{} dB left of 3 of structure and 5 of speckle",
@@ -189,7 +191,7 @@ fn structure_leaves_out_what_is_as_fine_as_the_speckle() {
 fn sectors_beside_the_apex_stay_within_their_region() {
     let apex = [100.0, -60.0];
     for x in [120, 20, 100] {
-        let level = |at: usize| 4.0 * random(at, 3);
+        let level = |pixel: usize| 4.0 * random(pixel, 3);
         let image = Image {
             size: [300, 300],
             values: (0..90_000).map(level).collect(),
@@ -200,11 +202,11 @@ fn sectors_beside_the_apex_stay_within_their_region() {
         };
         let cut = cut(&picture(&image), &sector).unwrap();
         let (beam, _) = PREPARATION.beam_space(&cut, [x as f64, 60.0], apex).unwrap();
-        let clamped = |at: usize| {
-            let (row, width) = (at / beam.size[0], beam.size[0]);
-            at % width + 1 < width && (beam.values[at] - beam.values[at + 1]).abs() < 1e-12 && row > 0
+        let clamped = |pixel: usize| {
+            let (row, width) = (pixel / beam.size[0], beam.size[0]);
+            pixel % width + 1 < width && (beam.values[pixel] - beam.values[pixel + 1]).abs() < 1e-12 && row > 0
         };
-        let still = (0..beam.values.len()).filter(|&at| clamped(at)).count();
+        let still = (0..beam.values.len()).filter(|&pixel| clamped(pixel)).count();
         assert!(beam.size[0] > 20 && beam.size[1] > 40, "{:?}", beam.size);
         assert!(
             still * 1000 < beam.values.len(),
@@ -218,10 +220,10 @@ fn sectors_beside_the_apex_stay_within_their_region() {
 fn sectors_are_resampled_along_their_scanlines() {
     // Rings about an apex: levels depend on the distance alone.
     let apex = [150.0, -100.0];
-    let value = |at: usize| ((at % 300) as f64 - apex[0]).hypot((at / 300) as f64 - apex[1]) / 6.0;
+    let value = |pixel: usize| ((pixel % 300) as f64 - apex[0]).hypot((pixel / 300) as f64 - apex[1]) / 6.0;
     let rings = Image {
         size: [300, 300],
-        values: (0..90_000).map(|at| 6.0 * value(at).sin()).collect(),
+        values: (0..90_000).map(|pixel| 6.0 * value(pixel).sin()).collect(),
     };
     let sector = Region {
         window: [50, 60, 200, 220],
@@ -233,10 +235,10 @@ fn sectors_are_resampled_along_their_scanlines() {
     };
     let prepared = preparation.of(&picture(&rings), &sector).unwrap();
     let [width, height] = prepared.exemplar.size;
-    let at = |x: usize, y: usize| prepared.exemplar.values[y * width + x];
+    let value = |x: usize, y: usize| prepared.exemplar.values[y * width + x];
     for row in (20..height - 20).step_by(10) {
-        let off = (at(5, row) - at(width / 2, row)).abs();
-        assert!(off < 1.5, "row {row}: {off}");
+        let difference = (value(5, row) - value(width / 2, row)).abs();
+        assert!(difference < 1.5, "row {row}: {difference}");
     }
     let below = Region {
         apex_px: Some([150.0, 100.0]),

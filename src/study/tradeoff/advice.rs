@@ -153,7 +153,7 @@ impl Table {
         let mut groups: Vec<(Vec<&str>, Vec<&Row>)> = Vec::new();
         for row in rows {
             let choices = self.choices(row, keys);
-            match groups.iter_mut().find(|(given, _)| *given == choices) {
+            match groups.iter_mut().find(|(group_choices, _)| *group_choices == choices) {
                 Some((_, rows)) => rows.push(row),
                 None => groups.push((choices, vec![row])),
             }
@@ -194,7 +194,7 @@ impl Table {
         let Some(goal) = self.goal.as_ref().filter(|_| self.best().contains(&true)) else {
             return String::new();
         };
-        let heading = |key: &str| self.axis(key).map_or("", |at| self.axes[at].heading);
+        let heading = |key: &str| self.axis(key).map_or("", |index| self.axes[index].heading);
         let fixed = goal.fixed();
         let fixed = fixed
             .iter()
@@ -237,13 +237,13 @@ impl Table {
 
     /// Describes the given choices that the rows share.
     pub(super) fn given(&self, goal: &Goal, rows: &[&Row]) -> String {
-        let first = rows.first();
-        first.map_or(String::new(), |row| self.name(row, |key| goal.each.contains(&key)))
+        let first_row = rows.first();
+        first_row.map_or(String::new(), |row| self.name(row, |key| goal.each.contains(&key)))
     }
 
     /// Returns the unit of an axis; empty if there is none.
     pub(super) fn unit(&self, key: &str) -> &'static str {
-        self.axis(key).map_or("", |at| self.axes[at].unit())
+        self.axis(key).map_or("", |index| self.axes[index].unit())
     }
 
     fn advise(&self, goal: &Goal, rows: &[&Row]) -> Advice {
@@ -254,7 +254,7 @@ impl Table {
                 .trim_end()
                 .to_owned()
         };
-        let both = |variant: &Variant| {
+        let described = |variant: &Variant| {
             let error = format!("{} {error_unit}", significant(variant.error));
             format!("{}: {}, error {}", variant.name, cost(variant), error.trim_end())
         };
@@ -271,8 +271,11 @@ impl Table {
                 take.name,
                 cost(take)
             ),
-            (Some(take), _) => format!("Recommended: {}; the cheapest within {limit}.", both(take)),
-            (None, Some(near)) => format!("No option has an error within {limit}. The closest is {}.", both(near)),
+            (Some(take), _) => format!("Recommended: {}; the cheapest within {limit}.", described(take)),
+            (None, Some(near)) => format!(
+                "No option has an error within {limit}. The closest is {}.",
+                described(near)
+            ),
             (None, None) => "Nothing could be compared.".to_owned(),
         };
         if let Some(take) = take {
@@ -280,7 +283,7 @@ impl Table {
                 .iter()
                 .filter(|variant| SAME * variant.cost < take.cost && variant.error > goal.within);
             if let Some(next) = cheaper.min_by(by_error) {
-                words += &format!(" Cheaper: {}.", both(next));
+                words += &format!(" Cheaper: {}.", described(next));
             }
             if let Some(gold) = variants.iter().find(|variant| variant.gold).filter(|_| !take.gold) {
                 words += &format!(" The gold standard takes {}.", cost(gold));
@@ -305,11 +308,11 @@ impl Table {
 
     /// Aggregates rows into variants; returns them with the number of flagged rows.
     pub(super) fn variants(&self, goal: &Goal, rows: &[&Row]) -> (Vec<Variant>, usize) {
-        let all = self.conditions(goal, rows);
+        let conditions = self.conditions(goal, rows);
         let name = |row: &Row| self.name(row, |key| !goal.fixed().contains(&key));
         let advised = |row: &Row| {
             let baseline = goal.baseline;
-            baseline.is_none_or(|(key, choice, _)| self.factor(key).is_none_or(|at| row.choices[at] != choice))
+            baseline.is_none_or(|(key, choice, _)| self.factor(key).is_none_or(|index| row.choices[index] != choice))
         };
         let mut names: Vec<String> = Vec::new();
         for name in rows.iter().filter(|row| advised(row)).map(|row| name(row)) {
@@ -319,22 +322,23 @@ impl Table {
         }
         let variant = |wanted: String| {
             let alike: Vec<&Row> = rows.iter().copied().filter(|row| name(row) == wanted).collect();
-            let most = |key: &str, gold: Option<f64>| {
-                let at = self.axis(key)?;
+            let largest = |key: &str, gold: Option<f64>| {
+                let index = self.axis(key)?;
                 let values = alike.iter().map(|row| {
                     if row.gold {
-                        gold.or(row.values[at])
+                        gold.or(row.values[index])
                     } else {
-                        row.values[at]
+                        row.values[index]
                     }
                 });
                 values.reduce(|a, b| Some(a?.max(b?))).flatten()
             };
-            let complete = self.conditions(goal, &alike) == all && alike.iter().all(|row| row.flag.is_none());
+            // A variant that lacks a condition, or fails in one, would look better than it is.
+            let complete = self.conditions(goal, &alike) == conditions && alike.iter().all(|row| row.flag.is_none());
             complete.then_some(())?;
             Some(Variant {
-                cost: most(goal.cost, None)?,
-                error: most(goal.error, Some(0.0))?,
+                cost: largest(goal.cost, None)?,
+                error: largest(goal.error, Some(0.0))?,
                 gold: alike.iter().all(|row| row.gold),
                 name: wanted,
             })
@@ -354,7 +358,7 @@ impl Table {
     /// Returns the choices of a row for some factors.
     pub(super) fn choices<'a>(&self, row: &'a Row, keys: &[&str]) -> Vec<&'a str> {
         let positions = keys.iter().filter_map(|key| self.factor(key));
-        positions.map(|at| row.choices[at].as_str()).collect()
+        positions.map(|index| row.choices[index].as_str()).collect()
     }
 
     /// Describes choices of a row, each by [`Factor::name`].

@@ -243,8 +243,8 @@ pub(crate) fn ranged<T: FromStr + PartialOrd>(
     range: RangeInclusive<T>,
     expected: &str,
 ) -> Result<T, String> {
-    let last = all_ranged(values, range, expected)?.pop();
-    last.ok_or_else(|| format!("expected {expected}"))
+    let last_value = all_ranged(values, range, expected)?.pop();
+    last_value.ok_or_else(|| format!("expected {expected}"))
 }
 
 /// Parses the only value as seconds.
@@ -270,7 +270,7 @@ pub trait AnyEntry: Sync {
     ///
     /// # Errors
     /// An error of the study.
-    fn run(&self, given: &[(&str, Vec<String>)], context: Context<'_>) -> Result<Study, Error>;
+    fn run(&self, arguments: &[(&str, Vec<String>)], context: Context<'_>) -> Result<Study, Error>;
 
     /// Runs the study as a part of the report of all.
     ///
@@ -305,8 +305,8 @@ impl<S> AnyEntry for Entry<S> {
         }
     }
 
-    fn run(&self, given: &[(&str, Vec<String>)], context: Context<'_>) -> Result<Study, Error> {
-        let is_quick = given.iter().any(|(name, _)| *name == QUICK);
+    fn run(&self, arguments: &[(&str, Vec<String>)], context: Context<'_>) -> Result<Study, Error> {
+        let is_quick = arguments.iter().any(|(name, _)| *name == QUICK);
         let mut settings = (self.settings)(if is_quick { Effort::Quick } else { Effort::Whole });
         // Switches set several values at once, which others then change.
         for switches in [true, false] {
@@ -315,7 +315,7 @@ impl<S> AnyEntry for Entry<S> {
                 .iter()
                 .filter(|option| option.flag.value.is_none() == switches)
             {
-                for (_, values) in given.iter().filter(|(name, _)| *name == option.flag.name) {
+                for (_, values) in arguments.iter().filter(|(name, _)| *name == option.flag.name) {
                     let values: Vec<&str> = values.iter().map(String::as_str).collect();
                     let refused = |reason| StudyError::refused(format!("--{}: {reason}", option.flag.name));
                     option.apply(&mut settings, &values).map_err(refused)?;

@@ -58,20 +58,20 @@ pub fn gather(
 ) -> Report {
     let start = Instant::now();
     let (mut chapters, mut missing) = (Vec::new(), Vec::new());
-    for (at, entry) in entries.iter().enumerate() {
+    for (index, entry) in entries.iter().enumerate() {
         let about = entry.about();
         // Equal shares for studies of unequal length: how long one takes on
         // this machine is not known beforehand.
-        let mut inner = |what: &str, share: f64| {
+        let mut entry_progress = |step: &str, share: f64| {
             progress(
-                &format!("{}: {what}", about.name),
-                (at as f64 + share) / entries.len() as f64,
+                &format!("{}: {step}", about.name),
+                (index as f64 + share) / entries.len() as f64,
             );
         };
         let context = Context {
             devices,
             warn: &|_| (),
-            progress: &mut inner,
+            progress: &mut entry_progress,
         };
         let begun = Instant::now();
         match entry.run_in_report(effort, context) {

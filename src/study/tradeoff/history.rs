@@ -70,17 +70,19 @@ guarantee of its rule is marked WRONG.",
             "order",
             "K",
             "Order k of the fractional integral, 0 to 1",
-            |it, given| {
-                ranged(given, 0.0..=1.0, "a number from 0 (a spring) to 1 (a dashpot)").map(|value| it.order = value)
+            |options, texts| {
+                ranged(texts, 0.0..=1.0, "a number from 0 (a spring) to 1 (a dashpot)")
+                    .map(|value| options.order = value)
             },
         )
-        .shown(|it| it.order.to_string()),
+        .shown(|options| options.order.to_string()),
         StudyOption::<HistoryOptions>::value(
             "steps",
             "N,...",
             "Steps of the histories [default: 100,1000,10000,100000; with --quick 100,1000]",
-            |it, given| {
-                all_ranged(given, 10..=1_000_000, "a number of steps from 10 to 1000000").map(|value| it.steps = value)
+            |options, texts| {
+                all_ranged(texts, 10..=1_000_000, "a number of steps from 10 to 1000000")
+                    .map(|value| options.steps = value)
             },
         )
         .list(),
@@ -157,12 +159,13 @@ pub(crate) fn study(
     for &steps in &options.steps {
         for lengths in [Lengths::Equal, Lengths::Unequal] {
             let exponentials = EXPONENTIALS.map(|(name, tolerance)| (name, Rule::Exponentials(span(steps, tolerance))));
+            // Gruenwald-Letnikov is defined for equal steps alone, and the full rules recompute all weights at each unequal one.
             let takes = |rule: &Rule| {
                 let full = !matches!(rule, Rule::Exponentials(_));
                 lengths == Lengths::Equal || *rule != Rule::GruenwaldLetnikov && !(full && steps > MAX_UNEVEN)
             };
-            let all = FULL.into_iter().chain(exponentials);
-            contenders.extend(all.filter(|(_, rule)| takes(rule)).map(|(name, rule)| Contender {
+            let rules = FULL.into_iter().chain(exponentials);
+            contenders.extend(rules.filter(|(_, rule)| takes(rule)).map(|(name, rule)| Contender {
                 name,
                 rule,
                 lengths,
@@ -170,7 +173,7 @@ pub(crate) fn study(
             }));
         }
     }
-    let samples: Vec<f64> = (1..=SAMPLES).map(|at| at as f64 / SAMPLES as f64).collect();
+    let samples: Vec<f64> = (1..=SAMPLES).map(|sample| sample as f64 / SAMPLES as f64).collect();
     let work: usize = contenders.iter().map(|contender| contender.steps).sum();
     let mut done = 0;
     let mut report = HistoryReport::new(options);
@@ -209,10 +212,10 @@ impl Contender {
         let mut best = self.follow(order, samples)?;
         let mut spent = best.seconds;
         while spent < REPEATED_S {
-            let again = self.follow(order, samples)?;
-            spent += again.seconds.max(REPEATED_S / 50.0);
-            best.seconds = best.seconds.min(again.seconds);
-            best.slowest_s = best.slowest_s.max(again.seconds);
+            let repeated = self.follow(order, samples)?;
+            spent += repeated.seconds.max(REPEATED_S / 50.0);
+            best.seconds = best.seconds.min(repeated.seconds);
+            best.slowest_s = best.slowest_s.max(repeated.seconds);
         }
         Ok(best)
     }
@@ -241,7 +244,7 @@ impl Contender {
             let mut past = [0.0];
             let weight = history.predict(length, &mut past)?;
             let value = stress(t);
-            if compare.next_if(|at| **at == step).is_some() {
+            if compare.next_if(|compared| **compared == step).is_some() {
                 computed.push((t, weight * value + past[0]));
             }
             history.commit(length, &[value])?;

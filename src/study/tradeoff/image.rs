@@ -107,7 +107,7 @@ Examples:
             "time-limit-s",
             "S",
             "Time limit for each option, s, after at least three frames [default: 1.2; with --quick 0.12]",
-            |it, given| seconds(given).map(|value| it.patience = value),
+            |options, texts| seconds(texts).map(|value| options.patience = value),
         )
         .alias("patience-s"),
     ],
@@ -179,8 +179,8 @@ pub(crate) fn study(options: &ImageOptions, progress: &mut (dyn FnMut(&str, f64)
         ("point location", 0.93, sampling::location),
     ];
     let mut tables = Vec::new();
-    for (what, share, measure) in steps {
-        progress(what, share);
+    for (step, share, measure) in steps {
+        progress(step, share);
         tables.extend(measure(options, &mut notes)?);
     }
     progress("done", 1.0);
@@ -391,14 +391,14 @@ impl Difference {
     /// Compares a picture with its standard over the pixels marked as inside.
     pub(crate) fn of(standard: &[u8], pixels: &[u8], inside: &[bool]) -> Self {
         let pairs = standard.iter().zip(pixels).zip(inside).filter(|(_, inside)| **inside);
-        let off: Vec<f64> = pairs.map(|((a, b), _)| f64::from(*b) - f64::from(*a)).collect();
-        let n = off.len().max(1) as f64;
-        let mut sizes: Vec<f64> = off.iter().map(|x| x.abs()).collect();
+        let differences: Vec<f64> = pairs.map(|((a, b), _)| f64::from(*b) - f64::from(*a)).collect();
+        let n = differences.len().max(1) as f64;
+        let mut sizes: Vec<f64> = differences.iter().map(|x| x.abs()).collect();
         sizes.sort_by(f64::total_cmp);
         Self {
-            rms: (off.iter().map(|x| x * x).sum::<f64>() / n).sqrt(),
+            rms: (differences.iter().map(|x| x * x).sum::<f64>() / n).sqrt(),
             p99: percentile(&sizes, 0.99).unwrap_or(0.0),
-            bias: off.iter().sum::<f64>() / n,
+            bias: differences.iter().sum::<f64>() / n,
         }
     }
 
@@ -430,7 +430,12 @@ impl Difference {
 
 /// Returns a mask of the pixels inside the sector.
 pub(crate) fn inside(synth: &Synthesizer) -> Vec<bool> {
-    synth.tables().scan_map.iter().map(|at| at[0] >= 0.0).collect()
+    synth
+        .tables()
+        .scan_map
+        .iter()
+        .map(|position| position[0] >= 0.0)
+        .collect()
 }
 
 #[cfg(test)]

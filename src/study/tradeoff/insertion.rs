@@ -138,9 +138,9 @@ a best choice; one that violates its guarantee is marked WRONG.",
         backends: Backends::Cpu,
     },
     options: &[
-        StudyOption::<InsertionOptions>::value("only", "PART,...", "What to compare [default: everything]", |it, given| {
-            let parts = serde_json::from_value(given.into());
-            parts.map(|parts| it.parts = parts).map_err(|error| error.to_string())
+        StudyOption::<InsertionOptions>::value("only", "PART,...", "What to compare [default: everything]", |options, texts| {
+            let parts = serde_json::from_value(texts.into());
+            parts.map(|parts| options.parts = parts).map_err(|error| error.to_string())
         })
         .list()
         .choices(|| schema_for!(Part)),
@@ -148,27 +148,27 @@ a best choice; one that violates its guarantee is marked WRONG.",
             "nodes",
             "N",
             "Nodes of the block of tissue [default: 3300; with --quick 500]",
-            |it, given| ranged(given, 100..=100_000, "a number of nodes from 100 to 100000").map(|value| it.nodes = value),
+            |options, texts| ranged(texts, 100..=100_000, "a number of nodes from 100 to 100000").map(|value| options.nodes = value),
         ),
         StudyOption::<InsertionOptions>::value(
             "depth-mm",
             "MM",
             "Insertion depth, mm [default: 60; with --quick 20]",
-            |it, given| parsed(given).map(|value| it.depth_mm = value),
+            |options, texts| parsed(texts).map(|value| options.depth_mm = value),
         )
         .signed(),
         StudyOption::<InsertionOptions>::value(
             "bevel-depth-mm",
             "MM",
             "Insertion depth of bevelled needles in the block of PVC, mm [default: 140; with --quick 60]",
-            |it, given| parsed(given).map(|value| it.bevel_depth_mm = value),
+            |options, texts| parsed(texts).map(|value| options.bevel_depth_mm = value),
         )
         .signed(),
         StudyOption::value(
             "passes",
             "N",
             "Number of repeated calculations of each step for timing [default: 3; with --quick 1]",
-            |it, given| parsed(given).map(|value| it.passes = value),
+            |options, texts| parsed(texts).map(|value| options.passes = value),
         ),
         StudyOption::quick("A small block and short paths"),
     ],
@@ -233,9 +233,9 @@ pub(crate) fn study(options: &InsertionOptions, progress: &mut (dyn FnMut(&str, 
         notes: Vec::new(),
     };
     let total = options.parts.len() as f64;
-    for (at, part) in options.parts.iter().enumerate() {
-        let mut inner = |text: &str, share: f64| progress(text, (at as f64 + share) / total);
-        part.run(options, &mut study, &mut inner)?;
+    for (index, part) in options.parts.iter().enumerate() {
+        let mut part_progress = |text: &str, share: f64| progress(text, (index as f64 + share) / total);
+        part.run(options, &mut study, &mut part_progress)?;
     }
     progress("done", 1.0);
     Ok(study)
@@ -263,12 +263,12 @@ impl StepTimes {
             ms.sort_by(f64::total_cmp);
             ms
         };
-        let (all, remeshing) = (sorted(&|_| true), sorted(&|step| step.remeshed));
+        let (every_step, remeshing) = (sorted(&|_| true), sorted(&|step| step.remeshed));
         Self {
-            median_ms: percentile(&all, 0.5),
-            p95_ms: percentile(&all, 0.95),
-            p99_ms: percentile(&all, 0.99),
-            max_ms: all.last().copied(),
+            median_ms: percentile(&every_step, 0.5),
+            p95_ms: percentile(&every_step, 0.95),
+            p99_ms: percentile(&every_step, 0.99),
+            max_ms: every_step.last().copied(),
             remesh_median_ms: percentile(&remeshing, 0.5),
             remesh_max_ms: remeshing.last().copied(),
             remeshing: remeshing.len(),
@@ -313,7 +313,7 @@ fn unsettled<R: Timed>() -> Column<R> {
 
 /// Returns the root mean square.
 pub(crate) fn mean_square(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = values.fold((0.0, 0.0), |(sum, count), it| (sum + it * it, count + 1.0));
+    let (sum, count) = values.fold((0.0, 0.0), |(sum, count), value| (sum + value * value, count + 1.0));
     (sum / count).sqrt()
 }
 
@@ -415,11 +415,11 @@ impl Course {
 
     /// Returns the poses of the instruments at a step.
     fn instruments(&self, step: usize) -> Instruments {
-        let along = |steps: usize, of: usize, steps_in: f64| steps_in * steps.min(of) as f64 / of as f64;
+        let travelled = |steps: usize, count: usize, steps_in: f64| steps_in * steps.min(count) as f64 / count as f64;
         let (steps_in, length) = (self.steps_in(), self.depth_mm - START_MM);
-        let back = along(step.saturating_sub(self.withdrawn() - 1), steps_in, length);
-        let depth = START_MM + along(step, steps_in, length) - back;
-        let aside = along(step.saturating_sub(self.moved() - 1), self.aside(), ASIDE_MM);
+        let back = travelled(step.saturating_sub(self.withdrawn() - 1), steps_in, length);
+        let depth = START_MM + travelled(step, steps_in, length) - back;
+        let aside = travelled(step.saturating_sub(self.moved() - 1), self.aside(), ASIDE_MM);
         Instruments {
             probe: self.probe.then(|| probe_at(aside)),
             ..block::guided([ENTRY_MM[0], ENTRY_MM[1], depth])
@@ -445,13 +445,13 @@ impl Course {
         let count = models.len();
         let runs = (passes * count) as f64;
         for pass in 0..passes {
-            for (at, (model, trace)) in models.iter_mut().zip(&mut traces).enumerate() {
-                progress((pass * count + at) as f64 / runs);
+            for (index, (model, trace)) in models.iter_mut().zip(&mut traces).enumerate() {
+                progress((pass * count + index) as f64 / runs);
                 for step in 0..self.steps() {
-                    let now = timed(model, &self.instruments(step))?;
+                    let timed_step = timed(model, &self.instruments(step))?;
                     match pass {
-                        0 => trace.push(now),
-                        _ => trace[step].ms = trace[step].ms.min(now.ms),
+                        0 => trace.push(timed_step),
+                        _ => trace[step].ms = trace[step].ms.min(timed_step.ms),
                     }
                 }
             }
@@ -510,10 +510,10 @@ fn probe_at(aside: f64) -> Isometry3<f64> {
 }
 
 /// Creates a probe along z under the face y = 0 that can touch every `every`-th ring of nodes along its axis.
-pub(crate) fn probe(mesh: &TetMesh, every: usize) -> ProbeContact {
-    let [width, from] = BAND_MM;
-    let to = EXTENT[2] - 5.0;
-    let in_band = |p: &[f64; 3]| p[1] == 0.0 && (p[0] - 0.5 * EXTENT[0]).abs() < width && (from..to).contains(&p[2]);
+pub(crate) fn probe(mesh: &TetMesh, stride: usize) -> ProbeContact {
+    let [width, low] = BAND_MM;
+    let high = EXTENT[2] - 5.0;
+    let in_band = |p: &[f64; 3]| p[1] == 0.0 && (p[0] - 0.5 * EXTENT[0]).abs() < width && (low..high).contains(&p[2]);
     let band = (0..).zip(mesh.nodes()).filter(|(_, p)| in_band(p));
     let mut probe = ProbeContact {
         nominal: probe_at(0.0),
@@ -521,7 +521,7 @@ pub(crate) fn probe(mesh: &TetMesh, every: usize) -> ProbeContact {
         candidates: band.map(|(node, _)| node).collect(),
         driven_at_mm: None,
     };
-    probe.thin(mesh.nodes(), every);
+    probe.thin(mesh.nodes(), stride);
     probe
 }
 

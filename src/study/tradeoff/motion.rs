@@ -82,29 +82,39 @@ struct Errors {
 impl Errors {
     fn of(options: &Options, medium: &Medium, estimates: &[Estimate], moved: impl Fn(f64) -> [f64; 2]) -> Self {
         let centres = options.centres_mm(medium.samples);
-        let inner = |line: usize| (EDGE..medium.lines - EDGE).contains(&line);
-        let all = estimates
+        let is_inner = |line: usize| (EDGE..medium.lines - EDGE).contains(&line);
+        let inside = estimates
             .chunks(options.windows)
             .enumerate()
-            .filter(|(line, _)| inner(*line));
+            .filter(|(line, _)| is_inner(*line));
         // The last window ends where the echoes of the medium do.
-        let all: Vec<_> = all
+        let inside: Vec<_> = inside
             .flat_map(|(_, line)| line.iter().zip(&centres).take(centres.len() - 1))
             .collect();
-        let kept: Vec<_> = all
+        let trusted: Vec<_> = inside
             .iter()
-            .filter(|(it, _)| it.correlation >= options.fallback)
+            .filter(|(estimate, _)| estimate.correlation >= options.fallback)
             .collect();
-        let of = |axis: usize| -> Vec<f64> {
-            let error = |it: &Estimate, depth: f64| [it.axial_um, it.lateral_um][axis] - 1e3 * moved(depth)[axis];
-            kept.iter().map(|(it, depth)| error(it, **depth)).collect()
+        let errors_of = |axis: usize| -> Vec<f64> {
+            let error = |estimate: &Estimate, depth: f64| {
+                [estimate.axial_um, estimate.lateral_um][axis] - 1e3 * moved(depth)[axis]
+            };
+            trusted
+                .iter()
+                .map(|(estimate, depth)| error(estimate, **depth))
+                .collect()
         };
-        let (axial, lateral) = (of(0), of(1));
+        let (axial, lateral) = (errors_of(0), errors_of(1));
         let wrong = axial.iter().filter(|error| error.abs() > WRONG_UM).count();
         Self {
-            wrong: wrong as f64 / kept.len() as f64,
-            trusted: kept.len() as f64 / all.len() as f64,
-            correlation: mean(&kept.iter().map(|(it, _)| it.correlation).collect::<Vec<_>>()),
+            wrong: wrong as f64 / trusted.len() as f64,
+            trusted: trusted.len() as f64 / inside.len() as f64,
+            correlation: mean(
+                &trusted
+                    .iter()
+                    .map(|(estimate, _)| estimate.correlation)
+                    .collect::<Vec<_>>(),
+            ),
             axial: [mean(&axial), std(&axial)],
             lateral: [mean(&lateral), std(&lateral)],
         }
@@ -128,13 +138,13 @@ fn bound_um(acquisition: &Acquisition, window_mm: f64, rho: f64) -> f64 {
 /// exp(-t^2 / 4 s^2) cos(2 pi f0 t), at the delays by which the strain moves its parts.
 fn strained_correlation(acquisition: &Acquisition, window_mm: f64, strain: f64) -> f64 {
     const PARTS: usize = 100;
-    let part = |at: usize| {
-        let away_mm = ((at as f64 + 0.5) / PARTS as f64 - 0.5) * window_mm;
+    let part_of_window = |part: usize| {
+        let away_mm = ((part as f64 + 0.5) / PARTS as f64 - 0.5) * window_mm;
         let delay_us = 2e3 * strain * away_mm / SPEED_M_S;
         let envelope = (-0.25 * (delay_us / acquisition.sigma_us()).powi(2)).exp();
         envelope * (TAU * acquisition.frequency_mhz * delay_us).cos()
     };
-    (0..PARTS).map(part).sum::<f64>() / PARTS as f64
+    (0..PARTS).map(part_of_window).sum::<f64>() / PARTS as f64
 }
 
 /// Estimates with some options, of one motion.
@@ -176,18 +186,18 @@ const MOTIONS: [(&str, Moved); 3] = [
 ];
 
 /// Median time (ms) of a frame's motion, with motion known from the frame before as in a sequence, and correlations for each window.
-fn cost(options: &Options, lines: usize, [first, second]: [&[f32]; 2]) -> [Option<f64>; 2] {
+fn cost(options: &Options, lines: usize, [earlier, later]: [&[f32]; 2]) -> [Option<f64>; 2] {
     let mut times = Vec::new();
-    let mut each = None;
+    let mut correlations = None;
     for _ in 0..REPEATS {
-        let mut tracker = Tracker::new(*options, lines, first);
-        tracker.next(second);
+        let mut tracker = Tracker::new(*options, lines, earlier);
+        tracker.next(later);
         let (before, start) = (tracker.correlations, Instant::now());
-        tracker.next(second);
+        tracker.next(later);
         times.push(start.elapsed().as_secs_f64() * 1e3);
-        each = Some((tracker.correlations - before) as f64 / (lines * options.windows) as f64);
+        correlations = Some((tracker.correlations - before) as f64 / (lines * options.windows) as f64);
     }
-    [Spread::of(times).map(|spread| spread.median_ms), each]
+    [Spread::of(times).map(|spread| spread.median_ms), correlations]
 }
 
 /// Runs the study.
@@ -198,19 +208,19 @@ pub(crate) fn study(effort: Effort, progress: &mut (dyn FnMut(&str, f64) + Send)
     let exhaustive = Options { prior: false, ..usual };
     let windows = [0.5, 1.0, 2.0, 4.0].map(window);
     let upsamplings = [1, 4].map(upsampled);
-    let all: Vec<Options> = windows.into_iter().chain(upsamplings).chain([exhaustive]).collect();
+    let variants: Vec<Options> = windows.into_iter().chain(upsamplings).chain([exhaustive]).collect();
     progress("the medium at rest", 0.0);
     // One first frame for all: rows then differ by their settings and motions, not by the scatterers drawn.
-    let first = medium.frame(0, |_| [0.0; 2]);
-    let work = (MOTIONS.len() * all.len()) as f64;
+    let start = medium.frame(0, |_| [0.0; 2]);
+    let work = (MOTIONS.len() * variants.len()) as f64;
     let mut rows = Vec::new();
     for (name, moved) in MOTIONS {
-        let second = medium.frame(1, moved);
-        for &options in &all {
+        let next = medium.frame(1, moved);
+        for &options in &variants {
             progress(name, rows.len() as f64 / work);
-            let mut tracker = Tracker::new(options, medium.lines, &first);
-            let errors = Errors::of(&options, &medium, &tracker.next(&second), moved);
-            let [median_ms, correlations] = cost(&options, medium.lines, [&first, &second]);
+            let mut tracker = Tracker::new(options, medium.lines, &start);
+            let errors = Errors::of(&options, &medium, &tracker.next(&next), moved);
+            let [median_ms, correlations] = cost(&options, medium.lines, [&start, &next]);
             rows.push(MotionRow {
                 options,
                 motion: name,

@@ -179,8 +179,8 @@ impl IdentificationRow {
     /// Largest error of Young's modulus, %.
     fn off_percent(&self) -> f64 {
         let errors = self.young_kpa.iter().zip(&self.exact_kpa);
-        errors.fold(0.0, |most: f64, (young, exact)| {
-            most.max(100.0 * (young / exact - 1.0).abs())
+        errors.fold(0.0, |largest: f64, (young, exact)| {
+            largest.max(100.0 * (young / exact - 1.0).abs())
         })
     }
 }
@@ -217,7 +217,7 @@ fn identified(effort: Effort, progress: &mut dyn FnMut(&str, f64)) -> Result<Tab
     let (measured, exact) = case(finest)?;
     let exact_kpa = [exact[0], exact[1]];
     // In the image plane, 5 mm beside the needle, along the beam.
-    let column = |x: f64| (0..10).map(move |at| (Point3::new(x, 0.0, 6.0 * f64::from(at) - 40.0), Vector3::z()));
+    let column = |x: f64| (0..10).map(move |step| (Point3::new(x, 0.0, 6.0 * f64::from(step) - 40.0), Vector3::z()));
     let points: Vec<_> = [-8.0, -4.0, 4.0, 8.0].into_iter().flat_map(column).collect();
     let mut rows = Vec::new();
     for &nodes in meshes {
@@ -268,15 +268,22 @@ mod tests {
         let study = study(Effort::Quick, &mut |_, _| {}).unwrap();
         let value = |table: usize, row: &str, key: &str| {
             let table = &study.tables[table];
-            let row = table.rows.iter().find(|other| other.choices[0] == row).expect("a row");
+            let row = table
+                .rows
+                .iter()
+                .find(|candidate| candidate.choices[0] == row)
+                .expect("a row");
             table.value(row, key).expect("a value")
         };
-        let own = value(0, "3-D, 400 nodes", "miss_mm");
-        assert!(own < 0.1 && own == value(0, "3-D, 400 nodes", "own_miss_mm"), "{own}");
-        assert!(value(0, "none: to the target at rest", "miss_mm") > 10.0 * own);
+        let miss_mm = value(0, "3-D, 400 nodes", "miss_mm");
+        assert!(
+            miss_mm < 0.1 && miss_mm == value(0, "3-D, 400 nodes", "own_miss_mm"),
+            "{miss_mm}"
+        );
+        assert!(value(0, "none: to the target at rest", "miss_mm") > 10.0 * miss_mm);
         for row in ["2-D, 20 mm thick", "3-D, 250 nodes"] {
             let miss = value(0, row, "miss_mm");
-            assert!(miss > own, "{row}: {miss}");
+            assert!(miss > miss_mm, "{row}: {miss}");
         }
         assert!(value(1, "400 nodes", "off_percent") < 5.0, "{:?}", study.tables[1].rows);
         assert!(value(1, "150 nodes", "off_percent") > 20.0);

@@ -119,8 +119,8 @@ level is marked WRONG.",
             "mesh",
             "FILE",
             "Tetrahedral mesh to study (Gmsh, VTK, VTU); its lowest nodes along z, at least 3 % of all, are fixed [default: a generated block]",
-            |it, given| {
-                it.mesh = Some(given.concat().into());
+            |options, texts| {
+                options.mesh = Some(texts.concat().into());
                 Ok(())
             },
         )
@@ -129,22 +129,22 @@ level is marked WRONG.",
             "nodes",
             "N,...",
             "Nodes of the generated meshes [default: 3300; with --quick 500]",
-            |it, given| all_ranged(given, 100..=100_000, "a number of nodes from 100 to 100000").map(|value| it.nodes = value),
+            |options, texts| all_ranged(texts, 100..=100_000, "a number of nodes from 100 to 100000").map(|value| options.nodes = value),
         )
         .list(),
         StudyOption::value(
             "updates",
             "N",
             "Number of remeshes of each contender, insertions and withdrawals of the needle together [default: 1000; with --quick 60]",
-            |it, given| ranged(given, 1..=1_000_000, "a number of updates from 1 to 1000000").map(|value| it.options.updates = value),
+            |options, texts| ranged(texts, 1..=1_000_000, "a number of updates from 1 to 1000000").map(|value| options.options.updates = value),
         ),
-        StudyOption::number("young-kpa", "KPA", "Young's modulus, kPa", |it| &mut it.options.young_kpa),
-        StudyOption::number("poisson", "NU", "Poisson's ratio, above -1 and below 0.5", |it| &mut it.options.poisson),
+        StudyOption::number("young-kpa", "KPA", "Young's modulus, kPa", |options| &mut options.options.young_kpa),
+        StudyOption::number("poisson", "NU", "Poisson's ratio, above -1 and below 0.5", |options| &mut options.options.poisson),
         StudyOption::<RemeshSettings>::value(
             "time-limit-s",
             "S",
             "Seconds after which a contender ends early",
-            |it, given| seconds(given).map(|value| it.options.patience = value),
+            |options, texts| seconds(texts).map(|value| options.options.patience = value),
         )
         .alias("patience-s"),
         StudyOption::quick("A small mesh and few updates"),
@@ -245,14 +245,14 @@ pub(crate) fn study(
     let subjects = subjects.collect::<Result<Vec<_>, _>>()?;
     let mut report = RemeshReport::new(&subjects, gpus, options)?;
     let total = subjects.len() as f64;
-    for (at, subject) in subjects.iter().enumerate() {
-        let mut inner = |text: &str, share: f64| {
+    for (index, subject) in subjects.iter().enumerate() {
+        let mut subject_progress = |text: &str, share: f64| {
             progress(
                 &format!("{} nodes: {text}", subject.nodes()),
-                (at as f64 + share) / total,
+                (index as f64 + share) / total,
             );
         };
-        one(subject, gpus, options, &mut report, &mut inner)?;
+        one(subject, gpus, options, &mut report, &mut subject_progress)?;
     }
     progress("done", 1.0);
     Ok(report.finish())
@@ -268,6 +268,7 @@ fn one(
 ) -> Result<(), Error> {
     const INVERSE: f64 = 0.2;
     const GOLD: f64 = 0.1;
+    // One inverse serves all contenders; each that needs it is charged its time below.
     let begun = Instant::now();
     let double = invert::<f64>(&subject.factor, &mut |done, of| {
         progress("the dense inverse", INVERSE * done as f64 / of as f64);
@@ -282,8 +283,8 @@ fn one(
     let truth = Truth::new(subject, options)?;
     let kinds = contender::kinds(gpus, options);
     let count = kinds.len() as f64;
-    for (at, kind) in kinds.iter().enumerate() {
-        let start = INVERSE + GOLD + (1.0 - INVERSE - GOLD) * at as f64 / count;
+    for (index, kind) in kinds.iter().enumerate() {
+        let start = INVERSE + GOLD + (1.0 - INVERSE - GOLD) * index as f64 / count;
         progress(&kind.to_string(), start);
         let begun = Instant::now();
         match kind.make(subject, &sources) {
@@ -379,7 +380,7 @@ fn run(
         measured.traffic.extend(exchanged);
         measured.bytes.extend(step.bytes);
         measured.rebuilds += usize::from(step.rebuilt);
-        if let Some((_, gold)) = next.filter(|(at, _)| *at == update) {
+        if let Some((_, gold)) = next.filter(|(update_compared, _)| *update_compared == update) {
             measured
                 .drift
                 .push((update, gold.error_of_contacts(contender.condensed())));
@@ -416,8 +417,8 @@ fn check_memory(size: usize, gpus: &[Gpu], available: Option<usize>) -> Result<(
     let software = gpus.iter().any(|gpu| gpu.report().software);
     let device = if software { single } else { 0 };
     let samples = 2 * STATES * size_of::<f64>() * size * subject::SAMPLES;
-    let all = [double, double, single, device, samples, 2 * contender::BYTES];
-    let needed = all.into_iter().fold(0usize, usize::saturating_add);
+    let buffers = [double, double, single, device, samples, 2 * contender::BYTES];
+    let needed = buffers.into_iter().fold(0usize, usize::saturating_add);
     match available {
         Some(available) if needed > available => Err(StudyError::Memory {
             what: format!("the mesh of {size} degrees of freedom"),

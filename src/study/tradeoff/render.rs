@@ -123,7 +123,7 @@ impl<'a> Files<'a> {
 impl Table {
     /// Returns the axes that have values.
     pub(super) fn filled(&self) -> Vec<usize> {
-        let filled = |at: &usize| self.rows.iter().any(|row| row.values[*at].is_some());
+        let filled = |axis: &usize| self.rows.iter().any(|row| row.values[*axis].is_some());
         (0..self.axes.len()).filter(filled).collect()
     }
 
@@ -132,7 +132,7 @@ impl Table {
         let filled = self.filled();
         let Some(goal) = &self.goal else { return filled };
         let keys = [goal.cost, goal.error].into_iter().chain(goal.beside.iter().copied());
-        keys.filter_map(|key| self.axis(key).filter(|at| filled.contains(at)))
+        keys.filter_map(|key| self.axis(key).filter(|axis| filled.contains(axis)))
             .collect()
     }
 
@@ -144,11 +144,12 @@ impl Table {
     /// Returns the rows with some of the axes, for Markdown and pages.
     pub(super) fn cells(&self, axes: &[usize]) -> table::Table {
         let factors = self.factors.iter().map(|factor| Cell::from(factor.label));
-        let axis = |at: &usize| Cell::Explained(self.axes[*at].heading.to_owned(), self.axes[*at].label.to_owned());
+        let axis =
+            |index: &usize| Cell::Explained(self.axes[*index].heading.to_owned(), self.axes[*index].label.to_owned());
         let mut table = table::Table::new(factors.chain(axes.iter().map(axis)).chain(["".into()]));
         for (row, best) in self.judged() {
             let choices = row.choices.iter().map(|choice| Cell::from(choice.as_str()));
-            let values = axes.iter().map(|at| row.figure(*at).into());
+            let values = axes.iter().map(|axis| row.figure(*axis).into());
             let class = if row.flag.is_some() { "wrong" } else { "" };
             table.row(class, choices.chain(values).chain([Cell::Tags(row.tags(best))]));
         }
@@ -157,7 +158,7 @@ impl Table {
 
     /// Describes the columns of some axes, and the marks of the rows.
     pub(super) fn legend(&self, axes: &[usize]) -> String {
-        let axes = axes.iter().map(|at| &self.axes[*at]);
+        let axes = axes.iter().map(|axis| &self.axes[*axis]);
         let columns = axes.filter(|axis| axis.heading != axis.label);
         let columns = columns.map(|axis| format!("{}: {}", axis.heading, axis.label));
         let columns = columns.collect::<Vec<_>>().join("; ");
@@ -173,12 +174,12 @@ impl Table {
     pub fn text(&self) -> String {
         let shown = self.filled();
         let factors = self.factors.iter().map(|factor| Cell::from(factor.label));
-        let axes = shown.iter().map(|at| Cell::number(self.axes[*at].heading));
+        let axes = shown.iter().map(|axis| Cell::number(self.axes[*axis].heading));
         let head = std::iter::once("".into()).chain(factors).chain(axes).chain(["".into()]);
         let rows = self.judged().map(|(row, best)| {
             let star = if best { "*" } else { "" };
             let flag = row.flag.as_ref().map_or(String::new(), |flag| format!("WRONG: {flag}"));
-            let values = shown.iter().map(|at| row.figure(*at));
+            let values = shown.iter().map(|axis| row.figure(*axis));
             let cells = std::iter::once(star.to_owned()).chain(row.choices.iter().cloned());
             cells.chain(values).chain([flag]).collect::<Vec<_>>()
         });
@@ -238,12 +239,13 @@ impl Table {
         let by_colour = self.factor(figure.colour)?;
         let markers: Vec<usize> = figure.marker.iter().filter_map(|key| self.factor(key)).collect();
         let wanted = |row: &&Row| {
-            let kept = |(key, choice): &(&str, String)| self.factor(key).is_some_and(|at| row.choices[at] == *choice);
-            figure.only.iter().all(kept)
+            let is_shown =
+                |(key, choice): &(&str, String)| self.factor(key).is_some_and(|factor| row.choices[factor] == *choice);
+            figure.only.iter().all(is_shown)
         };
-        let [x_axis, y_axis] = [x, y].map(|at| plot::Axis {
-            label: self.axes[at].label.to_owned(),
-            log: self.axes[at].log,
+        let [x_axis, y_axis] = [x, y].map(|axis| plot::Axis {
+            label: self.axes[axis].label.to_owned(),
+            log: self.axes[axis].log,
         });
         let mut colours: Vec<String> = Vec::new();
         let mut kinds: Vec<String> = Vec::new();
@@ -251,13 +253,17 @@ impl Table {
         for row in self.rows.iter().filter(wanted) {
             // The gold standard has no error, and not every row was measured:
             // such rows have no place in the plot.
-            let (Some(across), Some(up)) = (row.values[x], row.values[y]) else {
+            let (Some(across), Some(value)) = (row.values[x], row.values[y]) else {
                 continue;
             };
-            let point = [across, up];
-            let name_of = |at: usize| self.factors[at].name(&row.choices[at]);
+            let point = [across, value];
+            let name_of = |factor: usize| self.factors[factor].name(&row.choices[factor]);
             let name = name_of(by_colour);
-            let kind = markers.iter().map(|at| name_of(*at)).collect::<Vec<_>>().join(", ");
+            let kind = markers
+                .iter()
+                .map(|factor| name_of(*factor))
+                .collect::<Vec<_>>()
+                .join(", ");
             let colour = place(&mut colours, &name);
             let marker = if figure.marked {
                 Marker::nth(place(&mut kinds, &kind))
@@ -289,10 +295,10 @@ impl Table {
 }
 
 /// Returns the index of a name in `seen`, appending it if it is new.
-fn place(seen: &mut Vec<String>, name: &str) -> usize {
-    seen.iter().position(|other| other == name).unwrap_or_else(|| {
-        seen.push(name.to_owned());
-        seen.len() - 1
+fn place(names: &mut Vec<String>, name: &str) -> usize {
+    names.iter().position(|known| known == name).unwrap_or_else(|| {
+        names.push(name.to_owned());
+        names.len() - 1
     })
 }
 
@@ -306,8 +312,8 @@ impl Row {
     }
 
     /// Formats a value: integers in full; the gold standard has no measurable error.
-    pub(super) fn figure(&self, at: usize) -> String {
-        match self.values[at] {
+    pub(super) fn figure(&self, axis: usize) -> String {
+        match self.values[axis] {
             Some(value) => number::grouped(value),
             None if self.gold => "standard".to_owned(),
             None => "-".to_owned(),

@@ -130,21 +130,23 @@ fn written<'a>(table: &'a Table, pace: &Rates) -> WrittenTable<'a> {
     };
     let shown = table.filled();
     let factors = table.factors.iter();
-    let axes = shown.iter().map(|at| &table.axes[*at]);
-    let place = |axis: &usize| shown.iter().position(|at| at == axis);
+    let axes = shown.iter().map(|axis| &table.axes[*axis]);
+    let position = |axis: &usize| shown.iter().position(|shown_axis| shown_axis == axis);
     let row = |row: &Row| Row {
-        values: shown.iter().map(|at| row.values[*at]).collect(),
+        values: shown.iter().map(|axis| row.values[*axis]).collect(),
         ..row.clone()
     };
     WrittenTable {
         key: table.key,
         title: &table.title,
         gold: &table.gold,
-        factors: factors.map(|it| column([it.key, it.label, it.label, ""])).collect(),
-        axes: axes
-            .map(|it| column([it.key, it.heading, it.label, it.unit()]))
+        factors: factors
+            .map(|factor| column([factor.key, factor.label, factor.label, ""]))
             .collect(),
-        first: table.primary().iter().filter_map(place).collect(),
+        axes: axes
+            .map(|axis| column([axis.key, axis.heading, axis.label, axis.unit()]))
+            .collect(),
+        first: table.primary().iter().filter_map(position).collect(),
         rows: table.rows.iter().map(row).collect(),
         best: table.best(),
         meaning_of_best: table.meaning_of_best(),
@@ -206,13 +208,15 @@ impl Report {
             "study", "table", "choices", "axis", "unit", "value", "best", "gold", "flag",
         ];
         let mut table = table::Table::new(head);
-        for (chapter, of) in self.tables() {
-            for (row, best) in of.judged() {
-                let choices = of.factors.iter().zip(&row.choices);
-                let choices: Vec<String> = choices.map(|(it, choice)| format!("{}={choice}", it.key)).collect();
-                let measured = of.axes.iter().zip(&row.values);
+        for (chapter, shown) in self.tables() {
+            for (row, best) in shown.judged() {
+                let choices = shown.factors.iter().zip(&row.choices);
+                let choices: Vec<String> = choices
+                    .map(|(factor, choice)| format!("{}={choice}", factor.key))
+                    .collect();
+                let measured = shown.axes.iter().zip(&row.values);
                 for (axis, value) in measured.filter_map(|(axis, value)| Some((axis, (*value)?))) {
-                    let [name, key, axis, unit] = [chapter.name, of.key, axis.key, axis.unit()].map(str::to_owned);
+                    let [name, key, axis, unit] = [chapter.name, shown.key, axis.key, axis.unit()].map(str::to_owned);
                     let [value, best, gold] = [value.to_string(), best.to_string(), row.gold.to_string()];
                     let flag = row.flag.clone().unwrap_or_default();
                     table.row("", [name, key, choices.join("; "), axis, unit, value, best, gold, flag]);

@@ -164,16 +164,16 @@ fn counts_are_whole_and_a_standard_is_no_gap() {
         None,
     );
     mark_gold(&mut table, "finest");
-    let last = &table.rows[6];
+    let last_row = &table.rows[6];
     assert_eq!(
-        [0, 1, 2].map(|at| last.figure(at)),
+        [0, 1, 2].map(|axis| last_row.figure(axis)),
         ["13,107,200", "standard", "60"].map(str::to_owned)
     );
     assert_eq!(table.rows[5].figure(1), "-");
     assert_eq!(
-        [-12_345.0, 999.0, 1234.0, 0.0].map(|it| Row {
-            values: vec![Some(it)],
-            ..last.clone()
+        [-12_345.0, 999.0, 1234.0, 0.0].map(|value| Row {
+            values: vec![Some(value)],
+            ..last_row.clone()
         }
         .figure(0)),
         ["-12,345", "999", "1234", "0"]
@@ -202,8 +202,8 @@ fn files_are_written_whole_and_the_same_each_time() {
             .map(|file| std::fs::read(folder.path().join(file)).unwrap())
             .collect::<Vec<_>>()
     };
-    let first = read();
+    let written = read();
     study().write(folder.path()).unwrap();
-    assert_eq!(read(), first);
+    assert_eq!(read(), written);
     assert!(study().write(&folder.path().join("none")).is_err());
 }

@@ -81,38 +81,40 @@ A row with a star is a best choice among those with as many steps: no other is b
             "nodes",
             "N",
             "Nodes of the block [default: 1000; with --quick 300, with --whole 3300]",
-            |it, given| within(given, 27..=200_000).map(|value| it.nodes = value),
+            |options, texts| within(texts, 27..=200_000).map(|value| options.nodes = value),
         ),
         StudyOption::value(
             "steps",
             "N",
             "Largest number of steps until the plate is down, doubled from 5 on [default: 20; with --quick 10, with --whole 40]",
-            |it, given| within(given, 5..=1000).map(|value| it.steps[1] = value),
+            |options, texts| within(texts, 5..=1000).map(|value| options.steps[1] = value),
         ),
-        StudyOption::number("young-kpa", "KPA", "Young's modulus below the knee, kPa", |it| {
-            &mut it.young_kpa
+        StudyOption::number("young-kpa", "KPA", "Young's modulus below the knee, kPa", |options| {
+            &mut options.young_kpa
         }),
-        StudyOption::number("poisson", "NU", "Poisson's ratio, above -1 and below 0.5", |it| {
-            &mut it.poisson
+        StudyOption::number("poisson", "NU", "Poisson's ratio, above -1 and below 0.5", |options| {
+            &mut options.poisson
         }),
         StudyOption::number(
             "knee-strain",
             "E",
             "Relative strain above which tissue stiffens",
-            |it| &mut it.knee_strain,
+            |options| &mut options.knee_strain,
         ),
         StudyOption::number(
             "stiffening",
             "A",
             "Stiffening coefficient a in E0 (1 + a (e - knee)^2)",
-            |it| &mut it.stiffening,
+            |options| &mut options.stiffening,
         ),
-        StudyOption::number("order", "K", "Order of the viscosity, 0 to 1", |it| &mut it.order),
+        StudyOption::number("order", "K", "Order of the viscosity, 0 to 1", |options| {
+            &mut options.order
+        }),
         StudyOption::quick("A small block and few steps"),
         StudyOption::<TissueOptions>::switch(
             "whole",
             "A block of the size in Kobayashi et al. 2010 and enough steps for errors to level off",
-            |it| *it = TissueOptions::full(),
+            |options| *options = TissueOptions::full(),
         )
         .excludes("quick"),
     ],
@@ -298,8 +300,8 @@ pub(crate) fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64
     let runs = (schemes().len() + models(subject.law).len()) * counts.len() + 2;
     let total = (runs + laws.len() * (1 + GENERAL_SCHEMES.len())) as f64;
     let mut done = 0.0;
-    let mut next = |what: &str| {
-        progress(what, (done / total).min(1.0));
+    let mut next = |step: &str| {
+        progress(step, (done / total).min(1.0));
         done += 1.0;
     };
     // Laws of finite strain need small steps.
@@ -317,6 +319,7 @@ pub(crate) fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64
 fn schemes_table(subject: &Subject, counts: &[u32], next: &mut dyn FnMut(&str)) -> Result<Table, Error> {
     next("the gold standard");
     let [_, (_, model), ..] = models(subject.law);
+    // Elastic tissue has no memory: its last state does not depend on the number of steps.
     let exact = exact(subject, model, 1, false)?;
     let mut runs = Vec::new();
     for (name, scheme) in schemes() {

@@ -53,17 +53,17 @@ impl StiffeningCurve {
 
     /// Best curve with this knee: G0 and G0 a follow by linear least squares.
     fn with_knee(points: &[[f64; 2]], knee: f64) -> StiffeningCurve {
-        let (mut matrix, mut right) = (Matrix2::zeros(), Vector2::zeros());
+        let (mut matrix, mut right_side) = (Matrix2::zeros(), Vector2::zeros());
         for [strain, g] in points {
             let row = Vector2::new(1.0, (strain - knee).max(0.0).powi(2)) / *g;
             matrix += row * row.transpose();
-            right += row;
+            right_side += row;
         }
-        match matrix.try_inverse().map(|inverse| inverse * right) {
+        match matrix.try_inverse().map(|inverse| inverse * right_side) {
             Some(solution) if solution[0] > 0.0 && solution[1] > 0.0 => {
                 StiffeningCurve([solution[0], knee, solution[1] / solution[0]])
             }
-            _ => StiffeningCurve([right[0] / matrix[(0, 0)], f64::INFINITY, 0.0]),
+            _ => StiffeningCurve([right_side[0] / matrix[(0, 0)], f64::INFINITY, 0.0]),
         }
     }
 
@@ -71,7 +71,7 @@ impl StiffeningCurve {
         let largest = points.iter().map(|point| point[0]).fold(0.0, f64::max);
         let step = largest / TRIED_KNEES as f64;
         let square = |knee: f64| StiffeningCurve::with_knee(points, knee).square(points);
-        let knees = (0..TRIED_KNEES).map(|at| step * at as f64);
+        let knees = (0..TRIED_KNEES).map(|knee| step * knee as f64);
         let start = knees.min_by(|a, b| square(*a).total_cmp(&square(*b))).unwrap_or(0.0);
         // The square has several minima: tried knees find the deepest, a golden-section search its bottom.
         let (mut low, mut high) = ((start - step).max(0.0), start + step);
@@ -88,10 +88,11 @@ impl StiffeningCurve {
             StiffeningCurve::with_knee(points, f64::INFINITY),
             StiffeningCurve::with_knee(points, 0.5 * (low + high)),
         );
-        let (without, with) = (flat.square(points), curve.square(points));
+        let (flat_square, curved) = (flat.square(points), curve.square(points));
         let count = points.len() as f64;
-        let noise = with / (count - 3.0).max(1.0);
-        let counts = without - with > 2.0 * MIN_VARIANCE_RATIO * noise && (without / count).sqrt() > MIN_DEVIATION;
+        let noise = curved / (count - 3.0).max(1.0);
+        let counts =
+            flat_square - curved > 2.0 * MIN_VARIANCE_RATIO * noise && (flat_square / count).sqrt() > MIN_DEVIATION;
         if counts { curve.refined(points) } else { flat }
     }
 
@@ -100,12 +101,12 @@ impl StiffeningCurve {
     fn refined(self, points: &[[f64; 2]]) -> StiffeningCurve {
         let (mut best, mut log_square) = (self, self.log_square(points));
         for _ in 0..ROUNDS {
-            let (matrix, right) = normal(&best, points);
-            let Some(step) = matrix.try_inverse().map(|inverse| inverse * right) else {
+            let (matrix, right_side) = normal(&best, points);
+            let Some(step) = matrix.try_inverse().map(|inverse| inverse * right_side) else {
                 break;
             };
-            let tried = (0..HALVINGS).map(|at| {
-                let share = 0.5f64.powi(at);
+            let tried = (0..HALVINGS).map(|halving| {
+                let share = 0.5f64.powi(halving);
                 StiffeningCurve([0, 1, 2].map(|axis| best.0[axis] - share * step[axis]))
             });
             let mut valid = tried.filter(|curve| curve.0[0] > 0.0 && curve.0[1] >= 0.0 && curve.0[2] > 0.0);
@@ -155,7 +156,7 @@ impl StiffeningCurve {
         }
         let noise = self.log_square(points) / (count - 3.0).max(1.0);
         match normal(self, points).0.try_inverse() {
-            Some(inverse) => [0, 1, 2].map(|at| (noise * inverse[(at, at)]).max(0.0).sqrt()),
+            Some(inverse) => [0, 1, 2].map(|parameter| (noise * inverse[(parameter, parameter)]).max(0.0).sqrt()),
             None => [f64::INFINITY; 3],
         }
     }
@@ -171,11 +172,11 @@ impl StiffeningCurve {
                 break;
             }
             let mut change = 0.0f64;
-            for at in 0..3 {
-                let lack = self.0[at] - shown.0[at];
-                let next = (trial.0[at] + lack).max(0.1 * trial.0[at]);
-                change = change.max((next - trial.0[at]).abs() / self.0[at].max(f64::MIN_POSITIVE));
-                trial.0[at] = next;
+            for parameter in 0..3 {
+                let lack = self.0[parameter] - shown.0[parameter];
+                let next = (trial.0[parameter] + lack).max(0.1 * trial.0[parameter]);
+                change = change.max((next - trial.0[parameter]).abs() / self.0[parameter].max(f64::MIN_POSITIVE));
+                trial.0[parameter] = next;
             }
             if change < SETTLED {
                 break;
@@ -232,7 +233,7 @@ impl StiffeningCurve {
 /// Normal equations of the logarithms of strains about a curve: matrix, and right-hand side.
 fn normal(curve: &StiffeningCurve, points: &[[f64; 2]]) -> (Matrix3<f64>, Vector3<f64>) {
     let ([g0, _, a], knee) = (curve.0, curve.knee());
-    let (mut matrix, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    let (mut matrix, mut right_side) = (Matrix3::zeros(), Vector3::zeros());
     for [strain, g] in points {
         let expected = curve.strain(strain * g);
         let above = (expected - knee.strain).max(0.0);
@@ -240,7 +241,7 @@ fn normal(curve: &StiffeningCurve, points: &[[f64; 2]]) -> (Matrix3<f64>, Vector
         let row = Vector3::new(factor, -2.0 * g0 * a * above, g0 * above * above);
         let row = row / (g0 * (factor + knee.slope(expected) * expected));
         matrix += row * row.transpose();
-        right += row * (strain / expected).ln();
+        right_side += row * (strain / expected).ln();
     }
-    (matrix, right)
+    (matrix, right_side)
 }

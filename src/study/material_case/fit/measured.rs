@@ -59,8 +59,8 @@ impl Measurements {
     pub fn add(&mut self, path: &Path) -> Result<(), CsvError> {
         let table = Csv::open(path, &[])?;
         let column = |units: Units<'static>| units.iter().copied().find(|(name, _)| table.has(name));
-        let columns = |of: [Units<'static>; 3]| -> Option<[(&'static str, f64); 3]> {
-            let [a, b, c] = of.map(column);
+        let columns = |units: [Units<'static>; 3]| -> Option<[(&'static str, f64); 3]> {
+            let [a, b, c] = units.map(column);
             Some([a?, b?, c?])
         };
         match (columns([FREQUENCY, STORAGE, LOSS]), columns([STRESS, TIME, STRAIN])) {
@@ -76,10 +76,10 @@ impl Measurements {
                 Ok(())
             }
             (None, Some(columns)) => self.add_creep(&table, columns),
-            (both, _) => Err(CsvError::Line {
+            (columns, _) => Err(CsvError::Line {
                 path: path.to_owned(),
                 line: 1,
-                found: match both {
+                found: match columns {
                     Some(_) => "the columns of both kinds of test".to_owned(),
                     None => "the columns of neither kind of test".to_owned(),
                 },
@@ -109,16 +109,16 @@ impl Measurements {
             }
             // At the start of a test the strain is 0, or that of the machine.
             if time_s > 0.0
-                && let Some((test, at)) = tests.last_mut()
+                && let Some((test, last_row)) = tests.last_mut()
             {
                 test.rows.push([time_s, above(row, columns[2])?]);
-                *at = row;
+                *last_row = row;
             }
         }
-        for (test, last) in tests {
+        for (test, last_row) in tests {
             let ends = test.rows.first().zip(test.rows.last());
-            if ends.is_some_and(|(first, last)| test.rows.len() > 1 && last[1] <= first[1]) {
-                return Err(last.wrong(columns[2].0, "a strain that rises from the start of a test to its end"));
+            if ends.is_some_and(|(first_row, last_row)| test.rows.len() > 1 && last_row[1] <= first_row[1]) {
+                return Err(last_row.wrong(columns[2].0, "a strain that rises from the start of a test to its end"));
             }
             self.creep.push(test);
         }

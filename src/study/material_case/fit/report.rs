@@ -22,19 +22,23 @@ impl MaterialFit {
         let angle = 0.5 * std::f64::consts::PI * k;
         let ends = [f64::INFINITY, 0.0];
         let frequencies = fit.points.iter().map(|point| point.frequency_rad_s);
-        let [low, high] = frequencies.fold(ends, |[low, high], it| [low.min(it), high.max(it)]);
-        let line = |share: f64| [low, high].map(|at| [at, g * share * at.powf(k)]).to_vec();
-        let measured = |of: fn(&super::Modulus) -> f64| {
+        let [low, high] = frequencies.fold(ends, |[low, high], frequency| [low.min(frequency), high.max(frequency)]);
+        let line = |share: f64| {
+            [low, high]
+                .map(|frequency| [frequency, g * share * frequency.powf(k)])
+                .to_vec()
+        };
+        let measured = |part: fn(&super::Modulus) -> f64| {
             let points = fit.points.iter();
             points
-                .map(|point| [point.frequency_rad_s, of(point)])
+                .map(|point| [point.frequency_rad_s, part(point)])
                 .collect::<Vec<_>>()
         };
         let series = vec![
             Series::line("G', storage", 0, line(angle.cos())),
-            Series::points("G', storage", 0, Marker::Ring, measured(|it| it.storage_kpa)),
+            Series::points("G', storage", 0, Marker::Ring, measured(|modulus| modulus.storage_kpa)),
             Series::line("G'', loss", 1, line(angle.sin())),
-            Series::points("G'', loss", 1, Marker::Ring, measured(|it| it.loss_kpa)),
+            Series::points("G'', loss", 1, Marker::Ring, measured(|modulus| modulus.loss_kpa)),
         ];
         let title = format!("Moduli: rings measured, lines of a spring-pot of order {k:.3}");
         let (x, y) = (Axis::log("angular frequency, rad/s"), Axis::log("modulus, kPa"));
@@ -51,7 +55,7 @@ impl MaterialFit {
             },
             _ => Knee::INFINITE,
         };
-        let strains = (0..=CURVE_POINTS).map(|at| largest * at as f64 / CURVE_POINTS as f64);
+        let strains = (0..=CURVE_POINTS).map(|point| largest * point as f64 / CURVE_POINTS as f64);
         let law = strains.map(|strain| [strain, fit.modulus_kpa.value * knee.factor(strain)]);
         let series = vec![
             Series::points("measured", 0, Marker::Cross, fit.points.clone()),
@@ -93,9 +97,9 @@ impl MaterialFit {
 impl fmt::Display for MaterialFit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut table = Table::new(["parameter", "value", "standard error", "unit", "from"].map(Cell::from));
-        let mut row = |name: &str, it: Estimate, unit: &str, from: &str| {
-            let [value, error] = [it.value, it.standard_error].map(|x| Cell::number(format!("{x:.6}")));
-            table.row("", [name.into(), value, error, unit.into(), from.into()]);
+        let mut row = |name: &str, estimate: Estimate, unit: &str, source: &str| {
+            let [value, error] = [estimate.value, estimate.standard_error].map(|x| Cell::number(format!("{x:.6}")));
+            table.row("", [name.into(), value, error, unit.into(), source.into()]);
         };
         if let Some(fit) = &self.dynamic {
             row("order k", fit.order, "", "moduli");
@@ -103,9 +107,11 @@ impl fmt::Display for MaterialFit {
         }
         if let Some(fit) = &self.creep {
             row("G0", fit.modulus_kpa, "kPa s^k", "creep");
-            let rest = [("knee gamma0", fit.knee_shear), ("stiffening a", fit.stiffening)];
-            for (name, estimate) in rest {
-                estimate.into_iter().for_each(|it| row(name, it, "", "creep"));
+            let estimates = [("knee gamma0", fit.knee_shear), ("stiffening a", fit.stiffening)];
+            for (name, estimate) in estimates {
+                estimate
+                    .into_iter()
+                    .for_each(|estimate| row(name, estimate, "", "creep"));
             }
         }
         f.write_str(&table.text("  ", &[]))?;

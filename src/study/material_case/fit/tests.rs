@@ -8,8 +8,8 @@ use insonify_base::random;
 fn fitted(tables: &[&str], order: Option<f64>, memory: Structure) -> Result<MaterialFit, String> {
     let folder = tempfile::tempdir().unwrap();
     let mut measured = Measurements::default();
-    for (at, table) in tables.iter().enumerate() {
-        let path = folder.path().join(format!("{at}.csv"));
+    for (index, table) in tables.iter().enumerate() {
+        let path = folder.path().join(format!("{index}.csv"));
         fs::write(&path, table).unwrap();
         measured.add(&path).map_err(|error| error.to_string())?;
     }
@@ -56,16 +56,16 @@ fn noisy(table: &str, share: f64, seed: u64) -> String {
     let (seed, mut count) = (random::seed_words(seed), 0);
     let mut lines: Vec<String> = table.lines().map(str::to_owned).collect();
     for line in &mut lines[1..] {
-        let cells = line.split(',').enumerate().map(|(at, cell)| {
+        let cells = line.split(',').enumerate().map(|(column, cell)| {
             count += 1;
             let noise = random::normal([count, 0, 0], seed) * share;
-            let factor = if at == 0 || cell.parse::<f64>().is_err() {
+            let factor = if column == 0 || cell.parse::<f64>().is_err() {
                 1.0
             } else {
                 1.0 + noise
             };
             (cell.parse::<f64>().unwrap()
-                * if at == 1 && table.contains("time_s") {
+                * if column == 1 && table.contains("time_s") {
                     1.0
                 } else {
                     factor
@@ -93,16 +93,16 @@ fn noise_of_two_percent_moves_the_parameters_by_their_standard_errors() {
             (creep.knee_shear.unwrap(), 0.35),
             (creep.stiffening.unwrap(), 8.0),
         ];
-        for (worst, (it, exact)) in worst.iter_mut().zip(estimates) {
-            *worst = worst.max((it.value / exact - 1.0).abs());
-            offs.push((it.value - exact) / it.standard_error);
+        for (worst, (estimate, exact)) in worst.iter_mut().zip(estimates) {
+            *worst = worst.max((estimate.value / exact - 1.0).abs());
+            offs.push((estimate.value - exact) / estimate.standard_error);
         }
     }
     for (worst, bound) in worst.iter().zip([0.1, 0.02, 0.01, 0.06, 0.2]) {
         assert!(*worst < bound, "{worst:?}");
     }
     // Deviations in standard errors have a variance of one.
-    let variance = offs.iter().map(|off| off * off).sum::<f64>() / offs.len() as f64;
+    let variance = offs.iter().map(|error| error * error).sum::<f64>() / offs.len() as f64;
     assert!((0.5..2.0).contains(&variance), "{variance}");
 }
 

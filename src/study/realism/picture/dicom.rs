@@ -45,31 +45,32 @@ pub(super) fn read(path: &Path, max_frames: usize) -> Result<Vec<Picture>, Volum
     let object = OpenFileOptions::new()
         .from_reader(Cursor::new(bytes))
         .map_err(|cause| VolumeError::malformed(path, At::Header, cause.to_string(), "a DICOM file with images"))?;
-    let wrong = |found: String| {
+    let wrong = |fault: String| {
         let expected = "grey, RGB, YBR or palette images; others can be converted to PNG with dcmj2pnm of DCMTK";
-        VolumeError::malformed(path, At::Pixels, found, expected)
+        VolumeError::malformed(path, At::Pixels, fault, expected)
     };
+    // Checked before anything is decoded: a header may promise pictures that no memory holds.
     let [rows, columns] = [tags::ROWS, tags::COLUMNS].map(|tag| number(&object, tag).unwrap_or(0.0));
     if !(1.0..=f64::from(MAX_SIDE_PX)).contains(&rows.min(columns)) || rows.max(columns) > f64::from(MAX_SIDE_PX) {
         return Err(wrong(format!("images of {columns} x {rows} pixels")));
     }
     let frames = number(&object, tags::NUMBER_OF_FRAMES).map_or(1, |count| (count as usize).max(1));
-    let grey = |at: usize| frame(&object, at as u32).map(|image| Picture::of(image, String::new(), None));
+    let grey = |index: usize| frame(&object, index as u32).map(|image| Picture::of(image, String::new(), None));
     let mm = pixel_mm(&object);
-    let pictures = super::spread(frames, max_frames).map(|at| {
-        let picture = grey(at).map_err(wrong)?;
-        let beside = if at + 1 < frames {
-            Some(at + 1)
+    let pictures = super::spread(frames, max_frames).map(|index| {
+        let picture = grey(index).map_err(wrong)?;
+        let beside = if index + 1 < frames {
+            Some(index + 1)
         } else {
-            at.checked_sub(1)
+            index.checked_sub(1)
         };
         Ok(Picture {
             name: match frames {
                 1 => path.display().to_string(),
-                _ => format!("{}, frame {at}", path.display()),
+                _ => format!("{}, frame {index}", path.display()),
             },
             mm,
-            neighbour: beside.and_then(|at| grey(at).ok()).map(|picture| picture.grey),
+            neighbour: beside.and_then(|next| grey(next).ok()).map(|picture| picture.grey),
             ..picture
         })
     });
@@ -81,13 +82,13 @@ fn number(object: &InMemDicomObject, tag: Tag) -> Option<f64> {
 }
 
 /// Decodes a frame to 8 bits a channel; the error says what is wrong with it.
-fn frame(object: &DefaultDicomObject, at: u32) -> Result<DynamicImage, String> {
-    let fail = |cause: dicom_pixeldata::Error| format!("frame {at}: {cause}");
-    let pixels = object.decode_pixel_data_frame(at).map_err(fail)?;
+fn frame(object: &DefaultDicomObject, index: u32) -> Result<DynamicImage, String> {
+    let fail = |cause: dicom_pixeldata::Error| format!("frame {index}: {cause}");
+    let pixels = object.decode_pixel_data_frame(index).map_err(fail)?;
     let kind = pixels.photometric_interpretation();
     if *kind == PhotometricInterpretation::PaletteColor {
         return coloured(object, &pixels)
-            .ok_or_else(|| format!("frame {at} with a colour palette that cannot be read"));
+            .ok_or_else(|| format!("frame {index} with a colour palette that cannot be read"));
     }
     let (width, height) = (pixels.columns(), pixels.rows());
     // Of 16 bits a channel the upper 8 are shown.
@@ -125,14 +126,14 @@ fn frame(object: &DefaultDicomObject, at: u32) -> Result<DynamicImage, String> {
             let to_rgb = match kind {
                 PhotometricInterpretation::Rgb => |rgb: [u8; 3]| rgb,
                 PhotometricInterpretation::YbrFull | PhotometricInterpretation::YbrFull422 => rgb_of,
-                other => return Err(format!("frame {at} of {other}")),
+                other => return Err(format!("frame {index} of {other}")),
             };
             let bytes = (0..plane).flat_map(|pixel| to_rgb(channels(pixel)));
             RgbImage::from_raw(width, height, bytes.collect()).map(DynamicImage::from)
         }
-        samples => return Err(format!("frame {at} with {samples} samples a pixel")),
+        samples => return Err(format!("frame {index} with {samples} samples a pixel")),
     };
-    image.ok_or_else(|| format!("frame {at} with fewer pixels than {width} x {height}"))
+    image.ok_or_else(|| format!("frame {index} with fewer pixels than {width} x {height}"))
 }
 
 /// RGB of Y, Cb and Cr (PS3.3 C.7.6.3.1.2).
@@ -154,9 +155,9 @@ fn coloured(object: &InMemDicomObject, pixels: &DecodedPixelData<'_>) -> Option<
         *palette = entries(object, tags)?;
     }
     let bytes = words.iter().flat_map(|word| {
-        palettes.each_ref().map(|(first, levels)| {
-            let at = usize::from(word.saturating_sub(*first));
-            levels[at.min(levels.len() - 1)]
+        palettes.each_ref().map(|(first_word, levels)| {
+            let level = usize::from(word.saturating_sub(*first_word));
+            levels[level.min(levels.len() - 1)]
         })
     });
     RgbImage::from_raw(pixels.columns(), pixels.rows(), bytes.collect()).map(DynamicImage::from)
@@ -164,7 +165,7 @@ fn coloured(object: &InMemDicomObject, pixels: &DecodedPixelData<'_>) -> Option<
 
 /// First index and 8-bit levels of a palette.
 fn entries(object: &InMemDicomObject, [descriptor, plain, segmented]: [Tag; 3]) -> Option<(u16, Vec<u8>)> {
-    let [count, first, bits] = <[i64; 3]>::try_from(object.get(descriptor)?.to_multi_int().ok()?).ok()?;
+    let [count, first_word, bits] = <[i64; 3]>::try_from(object.get(descriptor)?.to_multi_int().ok()?).ok()?;
     let count = if count == 0 {
         1 << 16
     } else {
@@ -185,7 +186,7 @@ fn entries(object: &InMemDicomObject, [descriptor, plain, segmented]: [Tag; 3]) 
     };
     let shift = if bits == 8 { 0 } else { 8 };
     let levels: Vec<u8> = levels.iter().take(count).map(|level| (level >> shift) as u8).collect();
-    (!levels.is_empty()).then_some((first as u16, levels))
+    (!levels.is_empty()).then_some((first_word as u16, levels))
 }
 
 /// Entries of a segmented palette: discrete (0) and linear (1) segments (PS3.3 C.7.9.2); `None` for others, and for more than `max_entries`.
@@ -203,7 +204,8 @@ fn expanded(words: &[u16], max_entries: usize) -> Option<Vec<u16>> {
             0 => levels.extend(words.by_ref().take(length)),
             1 => {
                 let (from, to) = (f64::from(*levels.last()?), f64::from(words.next()?));
-                levels.extend((1..=length).map(|at| (from + (to - from) * at as f64 / length as f64).round() as u16));
+                levels
+                    .extend((1..=length).map(|step| (from + (to - from) * step as f64 / length as f64).round() as u16));
             }
             _ => return None,
         }

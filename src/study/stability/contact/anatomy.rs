@@ -44,21 +44,21 @@ struct Slab {
 
 impl Slab {
     /// Creates a slab whose region 1 starts at z = `from_mm`.
-    fn level(from_mm: f64, thick_mm: f64, of: [Interaction; 2]) -> Slab {
+    fn level(from_mm: f64, thick_mm: f64, interactions: [Interaction; 2]) -> Slab {
         Slab {
             skin: Vector3::z(),
             from: (Vector3::z(), from_mm),
             thick_mm,
-            of,
+            of: interactions,
         }
     }
 }
 
 impl Anatomy for Slab {
     fn region(&self, at_rest_mm: &Point3<f64>) -> Option<i32> {
-        let place = at_rest_mm - Point3::new(ASIDE[0], ASIDE[1], 0.0);
-        let into = place.dot(&self.from.0) - self.from.1;
-        (place.dot(&self.skin) >= 0.0).then_some(i32::from((0.0..self.thick_mm).contains(&into)))
+        let point = at_rest_mm - Point3::new(ASIDE[0], ASIDE[1], 0.0);
+        let into = point.dot(&self.from.0) - self.from.1;
+        (point.dot(&self.skin) >= 0.0).then_some(i32::from((0.0..self.thick_mm).contains(&into)))
     }
 
     fn interaction(&self, region: i32) -> Interaction {
@@ -123,28 +123,28 @@ pub(crate) fn thin_layer(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let places = [11.0, 13.3, 15.7, 18.1, 19.6];
     let (mut place_off, mut force_off, mut missed) = (0.0, 0.0, 0);
     let mut watch = Watch::default();
-    for (at, from) in places.into_iter().enumerate() {
-        record.done(at as f64 / places.len() as f64);
+    for (index, surface) in places.into_iter().enumerate() {
+        record.done(index as f64 / places.len() as f64);
         // Without friction the hand feels only the tip.
-        let smooth = |of: Interaction| Interaction {
+        let smooth = |interaction: Interaction| Interaction {
             friction_n_per_mm: 0.0,
-            ..of
+            ..interaction
         };
-        let mut model = finite(Slab::level(from, 1.0, [SOFT, TOUGH].map(smooth)), 10.0)?;
+        let mut model = finite(Slab::level(surface, 1.0, [SOFT, TOUGH].map(smooth)), 10.0)?;
         let (mut before, mut broken) = ((0.0, 0.0f64), Vec::new());
-        let seen = push(model.as_mut(), &Vector3::z(), 40.0, |outcome| {
-            let now = (outcome.tip_at_rest_mm.map_or(0.0, |place| place.z), resistance(outcome));
+        let pushed = push(model.as_mut(), &Vector3::z(), 40.0, |outcome| {
+            let state = (outcome.tip_at_rest_mm.map_or(0.0, |point| point.z), resistance(outcome));
             if count(outcome, EventKind::Puncture) > 0 {
-                broken.push((before.0, before.1.max(now.1)));
+                broken.push((before.0, before.1.max(state.1)));
             }
-            before = now;
+            before = state;
         })?;
-        watch.broken += seen.broken;
-        watch.unsettled += seen.unsettled;
-        watch.unreported += seen.unreported;
+        watch.broken += pushed.broken;
+        watch.unsettled += pushed.unsettled;
+        watch.unreported += pushed.unreported;
         missed += broken.len().abs_diff(1);
-        for (place, force) in broken {
-            place_off = largest([place_off, (place - from).abs()]);
+        for (depth, force) in broken {
+            place_off = largest([place_off, (depth - surface).abs()]);
             force_off = largest([force_off, (force - TOUGH.puncture_n).abs()]);
         }
     }
@@ -167,8 +167,8 @@ pub(super) fn interface(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let (mut crossings, mut excess) = (0, 0.0f64);
         let watch = push(model.as_mut(), &Vector3::z(), 60.0, |outcome| {
             crossings += count(outcome, EventKind::Region);
-            let most = TOUGH.puncture_n + SOFT.friction_n_per_mm * outcome.inserted_mm;
-            excess = excess.max(resistance(outcome) - most);
+            let limit = TOUGH.puncture_n + SOFT.friction_n_per_mm * outcome.inserted_mm;
+            excess = excess.max(resistance(outcome) - limit);
         })?;
         watch.write(record, name);
         record.under(format!("borders crossed, {name}"), crossings as f64, 60.0 / BORDER_MM);
@@ -200,8 +200,8 @@ pub(super) fn oblique(record: &mut Record<'_>) -> Result<(), Unexpected> {
             if let Some(event) = outcome.events.iter().find(|event| event.kind == EventKind::Skin) {
                 skin = event.at_mm.z;
             }
-            let most = TOUGH.puncture_n + SOFT.friction_n_per_mm * outcome.inserted_mm;
-            excess = excess.max(-outcome.on_hand.force_n.dot(&direction) - most);
+            let limit = TOUGH.puncture_n + SOFT.friction_n_per_mm * outcome.inserted_mm;
+            excess = excess.max(-outcome.on_hand.force_n.dot(&direction) - limit);
         })?;
         watch.write(record, name);
         record.under(format!("where the skin is met, mm off, {name}"), skin.abs(), 1e-6);
@@ -226,24 +226,32 @@ pub(crate) fn grazed_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
         ("finite elements", finite(slab, 10.0)?),
         ("masses and springs", springs_in(slab)?),
     ] {
-        let (mut met, mut at, mut deepest, mut most) = (0, f64::INFINITY, 0.0f64, 0.0f64);
+        let (mut met_count, mut bone_mm, mut deepest, mut largest_excess) = (0, f64::INFINITY, 0.0f64, 0.0f64);
         let watch = push(model.as_mut(), &Vector3::z(), 60.0, |outcome| {
             if let Some(event) = outcome.events.iter().find(|event| event.kind == EventKind::Bone) {
-                (met, at) = (met + 1, event.at_mm.z);
+                (met_count, bone_mm) = (met_count + 1, event.at_mm.z);
             }
-            deepest = deepest.max(outcome.tip_mm.z - at);
+            // Until bone is met it lies infinitely deep, so that no step counts.
+            deepest = deepest.max(outcome.tip_mm.z - bone_mm);
             let soft = SOFT.friction_n_per_mm * outcome.inserted_mm + SOFT.cutting_n;
-            most = most.max(resistance(outcome) - soft);
+            largest_excess = largest_excess.max(resistance(outcome) - soft);
         })?;
         watch.write(record, name);
-        record.zero(format!("times that bone is met, beyond once, {name}"), met as f64 - 1.0);
+        record.zero(
+            format!("times that bone is met, beyond once, {name}"),
+            met_count as f64 - 1.0,
+        );
         record.under(
             format!("depth along the needle, mm, {name}"),
             deepest,
             BONE.penetration_mm + 0.1,
         );
         let limit = BONE.stiffness_n_per_mm * BONE.penetration_mm;
-        record.under(format!("force beyond the limit of bone, N, {name}"), most - limit, 0.05);
+        record.under(
+            format!("force beyond the limit of bone, N, {name}"),
+            largest_excess - limit,
+            0.05,
+        );
     }
     Ok(())
 }
@@ -259,20 +267,23 @@ pub(crate) fn wandering(record: &mut Record<'_>) -> Result<(), Unexpected> {
         depth += 0.02;
         broken = count(model.step(&along(&Vector3::z(), depth), STEP_S)?, EventKind::Puncture) > 0;
     }
-    let (mut watch, mut again, mut most) = (Watch::default(), 0, 0.0f64);
+    let (mut watch, mut crossings, mut largest_force) = (Watch::default(), 0, 0.0f64);
     for step in 0..1000 {
         let phase = 0.7 * f64::from(step);
         let mut hand = along(&Vector3::z(), depth + 0.05 * phase.sin());
         hand.base.translation.vector.x += 0.05 * (1.3 * phase).cos();
         let outcome = model.step(&hand, STEP_S)?;
         watch.see(outcome);
-        again += count(outcome, EventKind::Puncture) + count(outcome, EventKind::Region);
-        most = largest([most, resistance(outcome) - SOFT.friction_n_per_mm * outcome.inserted_mm]);
+        crossings += count(outcome, EventKind::Puncture) + count(outcome, EventKind::Region);
+        largest_force = largest([
+            largest_force,
+            resistance(outcome) - SOFT.friction_n_per_mm * outcome.inserted_mm,
+        ]);
     }
     watch.write(record, "trembling");
     record.zero("the surface was not reached", f64::from(u8::from(!broken)));
-    record.zero("borders crossed and surfaces broken again", again as f64);
-    record.under("force beyond that of cutting, N", most - SOFT.cutting_n, 0.05);
+    record.zero("borders crossed and surfaces broken again", crossings as f64);
+    record.under("force beyond that of cutting, N", largest_force - SOFT.cutting_n, 0.05);
     Ok(())
 }
 
@@ -325,15 +336,15 @@ pub(super) fn hit(record: &mut Record<'_>) -> Result<(), Unexpected> {
         ("finite elements", finite_to_bone as Make),
         ("masses and springs", springs_to_bone as Make),
     ];
-    for (at, (kind, make)) in kinds.into_iter().enumerate() {
-        for (place, (surface, of)) in [(50.0, "bone within"), (0.0, "bone at the surface")]
+    for (index, (kind, make)) in kinds.into_iter().enumerate() {
+        for (situation_index, (surface, situation)) in [(50.0, "bone within"), (0.0, "bone at the surface")]
             .into_iter()
             .enumerate()
         {
             for (turn, step) in [1.0, 10.0].into_iter().enumerate() {
-                record.done(0.5 * at as f64 + 0.25 * place as f64 + 0.125 * turn as f64);
+                record.done(0.5 * index as f64 + 0.25 * situation_index as f64 + 0.125 * turn as f64);
                 let mut model = make(surface)?;
-                let name = format!("{step} mm a step, {of}, {kind}");
+                let name = format!("{step} mm a step, {situation}, {kind}");
                 one(record, &mut *model, surface, step, &name)?;
             }
         }
@@ -347,48 +358,48 @@ fn one(record: &mut Record<'_>, model: &mut dyn Model, surface: f64, step: f64, 
     let hand = surface + TOO_FAR_MM;
     model.start(&block::tip_at([ASIDE[0], ASIDE[1], before]));
     let (mut watch, mut hits, mut deepest) = (Watch::default(), Vec::new(), 0.0);
-    let mut part = 0.0;
+    let mut largest_part = 0.0;
     travel(model, [before, hand], step, |outcome| {
         watch.see(outcome);
-        let met = outcome.events.iter().filter(|event| event.kind == EventKind::Bone);
-        hits.extend(met.map(|event| event.at_mm.z));
+        let bone_events = outcome.events.iter().filter(|event| event.kind == EventKind::Bone);
+        hits.extend(bone_events.map(|event| event.at_mm.z));
         deepest = largest([deepest, outcome.tip_mm.z]);
-        part = largest([part, step / outcome.substeps as f64]);
+        largest_part = largest([largest_part, step / outcome.substeps as f64]);
     })?;
     watch.write(record, name);
     record.zero(
         format!("times that bone is met, beyond once, {name}"),
         hits.len() as f64 - 1.0,
     );
-    let met = hits.first().copied().unwrap_or(f64::NAN);
+    let hit_mm = hits.first().copied().unwrap_or(f64::NAN);
     record.under(
         format!("where bone is met, mm off, {name}"),
-        (met - surface).abs(),
+        (hit_mm - surface).abs(),
         1e-9,
     );
     // Exceeds the limit only by the tip's advance within the substep in which it meets bone.
     record.under(
         format!("penetration, mm, {name}"),
         deepest - surface,
-        HIT_BONE.penetration_mm + part,
+        HIT_BONE.penetration_mm + largest_part,
     );
     // The force on the hand is a mean over a step, here of one at rest.
-    let last = go(model, hand)?;
+    let pulled = go(model, hand)?;
     let pushed = HIT_BONE.stiffness_n_per_mm * HIT_BONE.penetration_mm;
-    let friction = USUAL.friction_n_per_mm * last.inserted_mm + USUAL.cutting_n;
-    let off = (resistance(last) - pushed).abs();
+    let friction = USUAL.friction_n_per_mm * pulled.inserted_mm + USUAL.cutting_n;
+    let difference = (resistance(pulled) - pushed).abs();
     record.report(
         format!("force with the hand {TOO_FAR_MM} mm too far, N, {name}"),
-        resistance(last),
+        resistance(pulled),
     );
     record.under(
         format!("force off its limit, over friction, {name}"),
-        off / friction,
+        difference / friction,
         1.0,
     );
     record.under(
         format!("penetration at rest, mm, {name}"),
-        last.tip_mm.z - surface,
+        pulled.tip_mm.z - surface,
         HIT_BONE.penetration_mm + 1e-9,
     );
     travel(model, [hand, -3.0], step, |_| {})?;

@@ -41,8 +41,8 @@ pub(super) fn contrasts(record: &mut Record<'_>) -> Result<(), Unexpected> {
         (1e3, 0.1),
         (1e-3, 1000.0),
     ];
-    for (at, (needle, young_kpa)) in cases.into_iter().enumerate() {
-        record.done(at as f64 / cases.len() as f64);
+    for (index, (needle, young_kpa)) in cases.into_iter().enumerate() {
+        record.done(index as f64 / cases.len() as f64);
         let bevel = Bevel {
             r_mm: 0.6,
             ..block::BEVEL
@@ -58,7 +58,7 @@ pub(super) fn contrasts(record: &mut Record<'_>) -> Result<(), Unexpected> {
         for step in 0..=(DEPTH_MM / ADVANCE_MM) as usize {
             watch.see(go_guided(&mut finite, step as f64 * ADVANCE_MM)?);
         }
-        let (mut first, mut last) = (0.0, 0.0);
+        let (mut first_size, mut last_size) = (0.0, 0.0);
         for step in 0..steps {
             let phase = std::f64::consts::TAU * step as f64 / SWING_STEPS as f64;
             let outcome = go_guided(&mut finite, DEPTH_MM - SWING_MM * phase.sin())?;
@@ -66,18 +66,18 @@ pub(super) fn contrasts(record: &mut Record<'_>) -> Result<(), Unexpected> {
             let size = outcome.on_hand.force_n.norm();
             // The first periods are the transient.
             if (2 * SWING_STEPS..steps / 2).contains(&step) {
-                first = largest([first, size]);
+                first_size = largest([first_size, size]);
             } else if step >= steps / 2 {
-                last = largest([last, size]);
+                last_size = largest([last_size, size]);
             }
         }
         watch.write(record, &name);
         record.under(
             format!("growth of the force to and fro, N, {name}"),
-            last - first,
+            last_size - first_size,
             SAME_N,
         );
-        record.report(format!("largest force to and fro, N, {name}"), last);
+        record.report(format!("largest force to and fro, N, {name}"), last_size);
         record.report(format!("deflection, mm, {name}"), finite.outcome().tip_deflection_mm);
         if young_kpa >= 10.0 && needle > 1.0 {
             // A stiff needle follows its base, except for the bevel.
@@ -98,10 +98,10 @@ fn go_guided(finite: &mut Finite, z: f64) -> Result<&Outcome, Unexpected> {
 pub(crate) fn bent_far(record: &mut Record<'_>) -> Result<(), Unexpected> {
     const TURN_DEG: f64 = 60.0;
     let steps: usize = record.effort().pick(60, 600);
-    let all = [(1.0, 10.0), (0.1, 100.0), (1.0, 100.0)];
-    let cases = record.effort().pick(&all[..1], &all[..]);
-    for (at, &(needle, young_kpa)) in cases.iter().enumerate() {
-        record.done(at as f64 / cases.len() as f64);
+    let every_case = [(1.0, 10.0), (0.1, 100.0), (1.0, 100.0)];
+    let cases = record.effort().pick(&every_case[..1], &every_case[..]);
+    for (index, &(needle, young_kpa)) in cases.iter().enumerate() {
+        record.done(index as f64 / cases.len() as f64);
         let tissue = tissue(USUAL)?;
         let stiffness = Stiffness::BendingNmm2(needle * Stiffness::default().bending_nmm2());
         let mut finite = build(Setup {
@@ -110,7 +110,7 @@ pub(crate) fn bent_far(record: &mut Record<'_>) -> Result<(), Unexpected> {
             ..tissue
         })?;
         let mut watch = Watch::default();
-        travel(&mut finite, [-1.0, DEPTH_MM], 0.25, |it| watch.see(it))?;
+        travel(&mut finite, [-1.0, DEPTH_MM], 0.25, |outcome| watch.see(outcome))?;
         let straight = block::tip_at([ASIDE[0], ASIDE[1], DEPTH_MM]);
         let skin = Translation3::new(ASIDE[0], ASIDE[1], 0.0);
         let mut bent = 0.0f64;
@@ -130,7 +130,7 @@ pub(crate) fn bent_far(record: &mut Record<'_>) -> Result<(), Unexpected> {
             bent = bent.max(base.angle(&tip).to_degrees());
         }
         let name = format!("needle x {needle}, tissue {young_kpa} kPa");
-        travel(&mut finite, [DEPTH_MM, -60.0], 0.25, |it| watch.see(it))?;
+        travel(&mut finite, [DEPTH_MM, -60.0], 0.25, |outcome| watch.see(outcome))?;
         watch.write(record, &name);
         // The hand turns by 60 degrees; a soft shaft bows between hand and skin, and its buried part may tilt the other way.
         record.report(format!("bend, degrees, {name}"), bent);
@@ -147,12 +147,12 @@ pub(crate) fn bent_far(record: &mut Record<'_>) -> Result<(), Unexpected> {
 pub(crate) fn large_step(record: &mut Record<'_>) -> Result<(), Unexpected> {
     const FROM_TO_MM: [f64; 2] = [-2.0, 48.0];
     // Substeps are no longer than this, mm.
-    let part = insonify_mechanics::insertion::finite::FiniteOptions::default().part_mm;
-    let both: [(&str, Box<dyn Fn() -> Result<Box<dyn Model>, Unexpected>>, f64); 2] = [
+    let part_mm = insonify_mechanics::insertion::finite::FiniteOptions::default().part_mm;
+    let models: [(&str, Box<dyn Fn() -> Result<Box<dyn Model>, Unexpected>>, f64); 2] = [
         (
             "finite elements",
             Box::new(|| Ok(Box::new(build(tissue(USUAL)?)?))),
-            part,
+            part_mm,
         ),
         (
             "masses and springs",
@@ -160,7 +160,7 @@ pub(crate) fn large_step(record: &mut Record<'_>) -> Result<(), Unexpected> {
             1.0,
         ),
     ];
-    for (name, make, part) in both {
+    for (name, make, part_mm) in models {
         let mut long = make()?;
         let mut watch = Watch::default();
         watch.see(go(&mut *long, FROM_TO_MM[0])?);
@@ -169,13 +169,13 @@ pub(crate) fn large_step(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let mut short = make()?;
         go(&mut *short, FROM_TO_MM[0])?;
         travel(&mut *short, FROM_TO_MM, 0.1, |_| {})?;
-        let last = short.outcome();
+        let short_outcome = short.outcome();
         watch.write(record, name);
-        let needed = (FROM_TO_MM[1] - FROM_TO_MM[0]) / part;
+        let needed = (FROM_TO_MM[1] - FROM_TO_MM[0]) / part_mm;
         record.under(format!("parts missing, {name}"), needed - outcome.substeps as f64, 0.0);
         record.under(
             format!("contacts unlike those of small steps, {name}"),
-            outcome.contacts.abs_diff(last.contacts) as f64,
+            outcome.contacts.abs_diff(short_outcome.contacts) as f64,
             1.0,
         );
         let order = [EventKind::Skin, EventKind::Puncture];
@@ -186,7 +186,7 @@ pub(crate) fn large_step(record: &mut Record<'_>) -> Result<(), Unexpected> {
         );
         record.report(
             format!("force unlike that of small steps, N, {name}"),
-            (resistance(&outcome) - resistance(last)).abs(),
+            (resistance(&outcome) - resistance(short_outcome)).abs(),
         );
     }
     Ok(())
@@ -228,17 +228,17 @@ pub(super) fn crushed(record: &mut Record<'_>) -> Result<(), Unexpected> {
     record.report("elements inverted", tissue.inverted as f64);
     record.zero("crushed tissue not detected", f64::from(u8::from(tissue.inverted == 0)));
     // A needle inserted there either converges or reports that it does not.
-    for at in 0..80 {
-        step(&mut finite, 45.0, 0.5 * f64::from(at) - 2.0)?;
+    for count in 0..80 {
+        step(&mut finite, 45.0, 0.5 * f64::from(count) - 2.0)?;
     }
-    for at in 0..90 {
-        step(&mut finite, 45.0, 38.0 - 0.5 * f64::from(at))?;
+    for count in 0..90 {
+        step(&mut finite, 45.0, 38.0 - 0.5 * f64::from(count))?;
     }
     let back = step(&mut finite, 0.0, -7.0)?;
     watch.write(record, "a needle in crushed tissue");
     record.report("events of crushed tissue", crushed_events as f64);
-    let left = back.on_probe.map_or(f64::NAN, |wrench| wrench.force_n.norm());
-    record.under("force left on the probe, N", left, 1e-6);
+    let force_n = back.on_probe.map_or(f64::NAN, |wrench| wrench.force_n.norm());
+    record.under("force left on the probe, N", force_n, 1e-6);
     record.under("displacement left, mm", largest([displaced(&image(&mut finite))]), 1e-6);
     Ok(())
 }
@@ -281,9 +281,9 @@ fn cases() -> [Insertion; 4] {
         tolerance_mm,
     };
     [
-        finite("a rigid needle", |by| Ok(Box::new(build(moved(by)?)?)), false),
-        finite("a needle of springs", |by| bending(by, false), false),
-        finite("a needle of springs and a probe", |by| bending(by, true), true),
+        finite("a rigid needle", |offset| Ok(Box::new(build(moved(offset)?)?)), false),
+        finite("a needle of springs", |offset| bending(offset, false), false),
+        finite("a needle of springs and a probe", |offset| bending(offset, true), true),
         Insertion {
             name: "masses and springs",
             make: masses,
@@ -294,10 +294,10 @@ fn cases() -> [Insertion; 4] {
     ]
 }
 
-fn moved(by: &Vector3<f64>) -> Result<Setup, Unexpected> {
+fn moved(offset: &Vector3<f64>) -> Result<Setup, Unexpected> {
     let near = tissue(USUAL)?;
-    let place = |node: &[f64; 3]| (Vector3::from(*node).map(on_grid) + by).into();
-    let nodes = near.mesh.nodes().iter().map(place).collect();
+    let moved_node = |node: &[f64; 3]| (Vector3::from(*node).map(on_grid) + offset).into();
+    let nodes = near.mesh.nodes().iter().map(moved_node).collect();
     let (elements, regions) = (near.mesh.elements().to_vec(), near.mesh.regions().to_vec());
     Ok(Setup {
         mesh: TetMesh::new(nodes, elements, regions)?,
@@ -305,12 +305,12 @@ fn moved(by: &Vector3<f64>) -> Result<Setup, Unexpected> {
     })
 }
 
-fn bending(by: &Vector3<f64>, probe: bool) -> Result<Box<dyn Model>, Unexpected> {
+fn bending(offset: &Vector3<f64>, probe: bool) -> Result<Box<dyn Model>, Unexpected> {
     let near = tissue(USUAL)?;
     let under = |p: &[f64; 3]| p[1] == 0.0 && (p[0] - 30.0).abs() < 11.0 && (15.0..65.0).contains(&p[2]);
     let candidates = (0..).zip(near.mesh.nodes()).filter(|(_, p)| under(p));
     let contact = ProbeContact {
-        nominal: pressed(0.0, by),
+        nominal: pressed(0.0, offset),
         length_mm: 60.0,
         candidates: candidates.map(|(node, _)| node).collect(),
         driven_at_mm: None,
@@ -319,19 +319,23 @@ fn bending(by: &Vector3<f64>, probe: bool) -> Result<Box<dyn Model>, Unexpected>
     Ok(Box::new(build(Setup {
         needle: block::springs(Stiffness::default(), block::LINK_MM, bevel)?,
         probe: probe.then_some(contact),
-        ..moved(by)?
+        ..moved(offset)?
     })?))
 }
 
-fn masses(by: &Vector3<f64>) -> Result<Box<dyn Model>, Unexpected> {
-    let there = There {
+fn masses(offset: &Vector3<f64>) -> Result<Box<dyn Model>, Unexpected> {
+    let moved_block = There {
         layers: Layers {
             border: f64::INFINITY,
             of: [USUAL; 2],
         },
-        by: *by,
+        by: *offset,
     };
-    Ok(Box::new(MassSpring::new(coarse(), Box::new(there), block::rigid()?)?))
+    Ok(Box::new(MassSpring::new(
+        coarse(),
+        Box::new(moved_block),
+        block::rigid()?,
+    )?))
 }
 
 /// Layers translated by a vector.
@@ -356,55 +360,59 @@ fn on_grid(x: f64) -> f64 {
 }
 
 /// Places the probe below the block, pressed into it by `mm`.
-fn pressed(mm: f64, by: &Vector3<f64>) -> Isometry3<f64> {
-    Isometry3::from(Translation3::from(Vector3::new(30.0, mm - 10.0, 70.0) + by))
+fn pressed(mm: f64, offset: &Vector3<f64>) -> Isometry3<f64> {
+    Isometry3::from(Translation3::from(Vector3::new(30.0, mm - 10.0, 70.0) + offset))
 }
 
 /// Places an oblique needle with its undeformed tip at a depth, and a probe that presses the more the deeper the needle.
-fn instruments(depth: f64, probe: bool, by: &Vector3<f64>) -> Instruments {
+fn instruments(depth: f64, probe: bool, offset: &Vector3<f64>) -> Instruments {
     let turn = UnitQuaternion::from_euler_angles(-0.13, 0.09, 0.4);
     let axis = turn * Vector3::z();
     let tip = Vector3::new(ASIDE[0], ASIDE[1], 0.0) + axis * (depth / axis.z);
-    let base = (tip - axis * Shaft::default().length_mm).map(on_grid) + by;
+    let base = (tip - axis * Shaft::default().length_mm).map(on_grid) + offset;
     let press = on_grid(depth.clamp(0.0, 20.0) / 4.0);
     Instruments {
         base: Isometry3::from_parts(Translation3::from(base), turn),
-        probe: probe.then(|| pressed(press, by)),
+        probe: probe.then(|| pressed(press, offset)),
         guide: None,
         deposit: false,
     }
 }
 
 /// Inserts and partly withdraws the needle; returns the outcome of each step and the final node positions, mm.
-fn run(case: &Insertion, by: &Vector3<f64>, watch: &mut Watch) -> Result<(Vec<Outcome>, Vec<[f64; 3]>), Unexpected> {
-    let mut model = (case.make)(by)?;
+fn run(
+    case: &Insertion,
+    offset: &Vector3<f64>,
+    watch: &mut Watch,
+) -> Result<(Vec<Outcome>, Vec<[f64; 3]>), Unexpected> {
+    let mut model = (case.make)(offset)?;
     let [from, to] = AWAY_FROM_TO_MM;
     let count = ((to - from) / AWAY_ADVANCE_MM) as usize;
     let depths = (0..=count).chain((count - BACK..count).rev());
     let mut outcomes = Vec::new();
-    for at in depths {
-        let instruments = instruments(from + AWAY_ADVANCE_MM * at as f64, case.probe, by);
+    for advance in depths {
+        let instruments = instruments(from + AWAY_ADVANCE_MM * advance as f64, case.probe, offset);
         let outcome = model.step(&instruments, STEP_S)?;
         watch.see(outcome);
         outcomes.push(outcome.clone());
     }
     let mut nodes = image(&mut *model).current;
     for node in &mut nodes {
-        *node = (Vector3::from(*node) - by).into();
+        *node = (Vector3::from(*node) - offset).into();
     }
     Ok((outcomes, nodes))
 }
 
 /// Compares forces, tip and tissue of both, step by step.
 pub(crate) fn moved_far(record: &mut Record<'_>) -> Result<(), Unexpected> {
-    let by = Vector3::from(AWAY_MM);
+    let offset = Vector3::from(AWAY_MM);
     for case in &cases() {
         let name = case.name;
         let mut watch = Watch::default();
         let (near, near_nodes) = run(case, &Vector3::zeros(), &mut watch)?;
-        let (far, far_nodes) = run(case, &by, &mut watch)?;
+        let (far, far_nodes) = run(case, &offset, &mut watch)?;
         watch.write(record, name);
-        let what = |outcome: &Outcome| {
+        let discrete = |outcome: &Outcome| {
             let events = outcome
                 .events
                 .iter()
@@ -415,7 +423,7 @@ pub(crate) fn moved_far(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let pairs = || near.iter().zip(&far);
         record.zero(
             format!("steps with other contacts, remeshes or events, {name}"),
-            pairs().filter(|(near, far)| what(near) != what(far)).count() as f64,
+            pairs().filter(|(near, far)| discrete(near) != discrete(far)).count() as f64,
         );
         let longer = pairs().filter(|(near, far)| near.iterations != far.iterations).count();
         record.report(format!("steps with more or less iterations, {name}"), longer as f64);
@@ -423,7 +431,7 @@ pub(crate) fn moved_far(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let rounds: usize = far.iter().map(|outcome| outcome.iterations.max(outcome.substeps)).sum();
         let tolerance_mm = if longer > 0 { case.tolerance_mm } else { 0.0 };
         let limit_mm = ROUNDINGS * ROUNDING_MM * rounds as f64 + tolerance_mm;
-        let tips = pairs().flat_map(|(near, far)| (far.tip_mm - near.tip_mm - by).data.0[0]);
+        let tips = pairs().flat_map(|(near, far)| (far.tip_mm - near.tip_mm - offset).data.0[0]);
         record.under(format!("tip off, mm, {name}"), largest(tips), limit_mm);
         let nodes = near_nodes.as_flattened().iter().zip(far_nodes.as_flattened());
         record.under(
@@ -437,7 +445,7 @@ pub(crate) fn moved_far(record: &mut Record<'_>) -> Result<(), Unexpected> {
         };
         let forces = pairs().flat_map(|(near, far)| {
             let [near, far] = [near, far].map(wrenches);
-            [0, 1].map(|at| (far[at] - near[at]).norm())
+            [0, 1].map(|index| (far[index] - near[index]).norm())
         });
         record.under(
             format!("force off, N, {name}"),

@@ -29,8 +29,8 @@ const REST: usize = 20;
 pub(crate) fn chatter(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let steps = record.effort().pick(500, 10_000);
     let count = SWINGS_MM.len() as f64;
-    for (at, swing) in SWINGS_MM.into_iter().enumerate() {
-        record.done(at as f64 / count);
+    for (index, swing) in SWINGS_MM.into_iter().enumerate() {
+        record.done(index as f64 / count);
         let mut finite = build(tissue(USUAL)?)?;
         let name = format!("finite elements, {swing} mm");
         travel(&mut finite, [-1.0, DEPTH_MM], 0.25, |_| {})?;
@@ -77,7 +77,7 @@ pub(crate) fn chatter(record: &mut Record<'_>) -> Result<(), Unexpected> {
             )?;
         }
         // The mass-spring model reports only how many nodes stick, not which.
-        let count = |it: &MassSpring| (0..it.outcome().stuck as u32).map(|at| (at, true)).collect();
+        let count = |springs: &MassSpring| (0..springs.outcome().stuck as u32).map(|node| (node, true)).collect();
         settles(record, &mut springs, count, turned(steps - 1, swing), &name)?;
     }
     Ok(())
@@ -116,7 +116,7 @@ fn given_back(finite: &Finite, arcs: &mut BTreeMap<u32, f64>) -> impl Iterator<I
     finite.contact_forces().filter_map(move |(node, arc, force)| {
         arcs.insert(node, arc);
         // The force on tissue opposes its slip along the shaft, which is parallel to z.
-        before.get(&node).map(|from| force.z * (arc - from))
+        before.get(&node).map(|arc_before| force.z * (arc - arc_before))
     })
 }
 
@@ -129,10 +129,10 @@ fn states(finite: &Finite) -> States {
 
 /// Counts the contacts present before and after that changed their state.
 fn changed(before: &States, after: &States) -> usize {
-    let both = before
+    let shared = before
         .iter()
         .filter_map(|(node, stuck)| Some((stuck, after.get(node)?)));
-    both.filter(|(before, after)| before != after).count()
+    shared.filter(|(before, after)| before != after).count()
 }
 
 /// Records the changes that remain once the needle has rested at a depth for some steps.
@@ -150,9 +150,9 @@ fn settles<M: Model>(
     let mut before = states(model);
     let (mut switches, mut change) = (0, 0.0);
     for _ in 0..REST {
-        let now = go(model, z)?.on_hand.force_n;
-        change = largest([change, (now - force).norm()]);
-        force = now;
+        let force_now = go(model, z)?.on_hand.force_n;
+        change = largest([change, (force_now - force).norm()]);
+        force = force_now;
         let after = states(model);
         switches += changed(&before, &after) + before.len().abs_diff(after.len());
         before = after;
@@ -167,21 +167,21 @@ pub(super) fn switches(record: &mut Record<'_>) -> Result<(), Unexpected> {
     const SWING_MM: f64 = 1.0;
     const PERIODS: usize = 2;
     let steps = record.effort().pick(&[25, 250][..], &[25, 250, 2500][..]);
-    for (at, &steps) in steps.iter().enumerate() {
-        record.done(at as f64 / 3.0);
+    for (index, &steps) in steps.iter().enumerate() {
+        record.done(index as f64 / 3.0);
         let mut finite = build(tissue(USUAL)?)?;
         travel(&mut finite, [-1.0, DEPTH_MM], 0.25, |_| {})?;
-        let (mut before, mut count, mut most) = (states(&finite), 0, 0);
+        let (mut before, mut count, mut most_contacts) = (states(&finite), 0, 0);
         for step in 1..=PERIODS * steps {
             let phase = std::f64::consts::TAU * step as f64 / steps as f64;
             go(&mut finite, DEPTH_MM - 0.5 * SWING_MM * (1.0 - phase.cos()))?;
             let after = states(&finite);
             count += changed(&before, &after);
-            most = most.max(after.len());
+            most_contacts = most_contacts.max(after.len());
             before = after;
         }
         // At each of the two turns of a period a contact sticks and slips again at most once.
-        let limit = (4 * PERIODS * most) as f64;
+        let limit = (4 * PERIODS * most_contacts) as f64;
         let dt = 0.25 * STEP_S * 1000.0 / steps as f64;
         record.under(
             format!("changes of state in {PERIODS} periods of 0.25 s, dt = {dt:.0e} s"),
@@ -212,10 +212,10 @@ pub(super) fn period(record: &mut Record<'_>) -> Result<(), Unexpected> {
         puncture_n: 0.0,
         ..USUAL
     };
-    let all = [1e-3, 2.5e-4, 6.1e-5];
-    let steps = record.effort().pick(&all[..2], &all[..]);
-    for (at, &dt) in steps.iter().enumerate() {
-        record.done(at as f64 / steps.len() as f64);
+    let every_step = [1e-3, 2.5e-4, 6.1e-5];
+    let steps = record.effort().pick(&every_step[..2], &every_step[..]);
+    for (index, &dt) in steps.iter().enumerate() {
+        record.done(index as f64 / steps.len() as f64);
         let mut finite = build(tissue(interaction)?)?;
         travel(&mut finite, [-1.0, BELT_DEPTH_MM], 0.1, |_| {})?;
         let length = finite.outcome().tip_mm.z;
@@ -235,22 +235,22 @@ pub(super) fn period(record: &mut Record<'_>) -> Result<(), Unexpected> {
             let Some((_, arc, force)) = finite.contact_forces().next() else {
                 break;
             };
-            let now = [-force.z, insonify_mechanics::needle::Shaft::default().length_mm - arc];
+            let sample = [-force.z, insonify_mechanics::needle::Shaft::default().length_mm - arc];
             if let Some([force, beyond]) = before {
-                if now[1] < beyond - 1e-9 {
+                if sample[1] < beyond - 1e-9 {
                     slips += 1;
-                    sliding.push(now[0] / (density * now[1]) - 1.0);
-                    if let Some((from, low)) = since {
+                    sliding.push(sample[0] / (density * sample[1]) - 1.0);
+                    if let Some((start, low)) = since {
                         let expected = (RATIO * density * beyond - low) / (stiffness * SPEED);
-                        let period_s = (step - from) as f64 * dt;
+                        let period_s = (step - start) as f64 * dt;
                         late.push((period_s - expected) / dt);
                     }
-                    since = Some((step, now[0]));
+                    since = Some((step, sample[0]));
                 } else {
-                    stiffness = (now[0] - force) / (SPEED * dt);
+                    stiffness = (sample[0] - force) / (SPEED * dt);
                 }
             }
-            before = Some(now);
+            before = Some(sample);
         }
         let name = format!("dt = {dt:.0e} s");
         record.report(format!("slips, {name}"), f64::from(slips));
@@ -274,11 +274,14 @@ const SAME_N: f64 = 1e-6;
 pub(super) fn many(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let cycles = record.effort().pick(20, 1000);
     let mut finite = build(tissue(USUAL)?)?;
-    let rest = finite.mesh().nodes().to_vec();
+    let rest_nodes = finite.mesh().nodes().to_vec();
     repeat(record, &mut finite, cycles, "finite elements", 0.0)?;
     record.zero("degrees of freedom still held, finite elements", finite.held() as f64);
     let moved = image(&mut finite).reference;
-    record.zero("nodes not back, finite elements", f64::from(u8::from(moved != rest)));
+    record.zero(
+        "nodes not back, finite elements",
+        f64::from(u8::from(moved != rest_nodes)),
+    );
     let mut springs = springs(coarse(), USUAL)?;
     repeat(record, &mut springs, cycles, "masses and springs", 0.5)?;
     record.zero("energy left, N mm, masses and springs", springs.energy_nmm());
@@ -292,11 +295,13 @@ fn repeat(
     name: &str,
     done: f64,
 ) -> Result<(), Unexpected> {
-    let [out, deep] = WAY_MM;
+    let [withdrawn, deep] = WAY_MM;
     let cycle = |model: &mut dyn Model| -> Result<Vec<[f64; 3]>, Unexpected> {
         let mut trace = Vec::new();
-        for depths in [[out, deep], [deep, out]] {
-            travel(model, depths, 0.5, |it: &Outcome| trace.push(it.on_hand.force_n.into()))?;
+        for depths in [[withdrawn, deep], [deep, withdrawn]] {
+            travel(model, depths, 0.5, |outcome: &Outcome| {
+                trace.push(outcome.on_hand.force_n.into())
+            })?;
         }
         Ok(trace)
     };
@@ -304,13 +309,13 @@ fn repeat(
     let size = |model: &mut dyn Model| model.save().0.to_string().len() as f64;
     cycle(model)?;
     let second = cycle(model)?;
-    let kept = size(model);
-    let mut last = second.clone();
-    for at in 2..cycles {
-        last = cycle(model)?;
-        record.done(done + 0.5 * at as f64 / cycles as f64);
+    let size_before = size(model);
+    let mut latest = second.clone();
+    for index in 2..cycles {
+        latest = cycle(model)?;
+        record.done(done + 0.5 * index as f64 / cycles as f64);
     }
-    let pairs = second.as_flattened().iter().zip(last.as_flattened());
+    let pairs = second.as_flattened().iter().zip(latest.as_flattened());
     record.under(
         format!("force of cycle {cycles} less that of cycle 2, N, {name}"),
         largest(pairs.map(|(a, b)| a - b)),
@@ -318,14 +323,14 @@ fn repeat(
     );
     record.report(
         format!("largest force, N, {name}"),
-        largest(last.as_flattened().iter().copied()),
+        largest(latest.as_flattened().iter().copied()),
     );
     record.zero(format!("force left, N, {name}"), model.outcome().on_hand.force_n.norm());
     record.zero(format!("contacts left, {name}"), model.outcome().contacts as f64);
     // Allows for the digits of steps and times.
     record.under(
         format!("growth of a saved state, bytes, {name}"),
-        size(model) - kept,
+        size(model) - size_before,
         64.0,
     );
     // The mass-spring tissue needs its own time to come to rest.
@@ -334,7 +339,7 @@ fn repeat(
             &block::tip_at([
                 crate::stability::fixtures::ASIDE[0],
                 crate::stability::fixtures::ASIDE[1],
-                out,
+                withdrawn,
             ]),
             0.1,
         )?;
@@ -350,19 +355,19 @@ const STEPPED_DEPTH_MM: f64 = 40.0;
 pub(crate) fn any_length(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let usual = Parameters::default().young_kpa;
     let steps: usize = record.effort().pick(20, 400);
-    for (at, young_kpa) in [usual, 1e4 * usual].into_iter().enumerate() {
-        for (place, dt) in [1e-5, 1e-4, 1e-3, 1e-2, 0.1].into_iter().enumerate() {
-            record.done(0.5 * at as f64 + 0.1 * place as f64);
+    for (index, young_kpa) in [usual, 1e4 * usual].into_iter().enumerate() {
+        for (dt_index, dt) in [1e-5, 1e-4, 1e-3, 1e-2, 0.1].into_iter().enumerate() {
+            record.done(0.5 * index as f64 + 0.1 * dt_index as f64);
             let parameters = Parameters { young_kpa, ..coarse() };
-            let mut it = springs(parameters, USUAL)?;
-            let limit = it.explicit_limit_s();
+            let mut model = springs(parameters, USUAL)?;
+            let limit = model.explicit_limit_s();
             let name = format!("dt = {dt:.0e} s, {young_kpa:e} kPa");
             let (mut watch, mut excess, mut farthest) = (Watch::default(), 0.0, 0.0);
             let (mut too_long, mut capped) = (Vec::new(), 0);
             for step in 0..=2 * steps {
                 let z = -2.0 + (STEPPED_DEPTH_MM + 2.0) * (steps - step.abs_diff(steps)) as f64 / steps as f64;
-                let active = it.is_active();
-                let outcome = it.step(&tip_at([ASIDE[0], ASIDE[1], z]), dt)?;
+                let active = model.is_active();
+                let outcome = model.step(&tip_at([ASIDE[0], ASIDE[1], z]), dt)?;
                 watch.see(outcome);
                 let bound = USUAL.friction_n_per_mm * (STEPPED_DEPTH_MM + 0.1) + USUAL.puncture_n;
                 excess = largest([excess, (outcome.on_hand.force_n.z.abs() - bound).max(0.0)]);
@@ -373,7 +378,7 @@ pub(crate) fn any_length(record: &mut Record<'_>) -> Result<(), Unexpected> {
                     too_long.push(dt / outcome.substeps as f64 / limit);
                 }
                 if step % 20 == 0 {
-                    farthest = largest([farthest, displaced(&image(&mut it))]);
+                    farthest = largest([farthest, displaced(&image(&mut model))]);
                 }
             }
             watch.write(record, &name);
@@ -389,9 +394,9 @@ pub(crate) fn any_length(record: &mut Record<'_>) -> Result<(), Unexpected> {
             );
             // Tissue that a fast needle has dragged out of the body returns by itself.
             for _ in 0..60 {
-                it.step(&tip_at([ASIDE[0], ASIDE[1], -2.0]), 0.1)?;
+                model.step(&tip_at([ASIDE[0], ASIDE[1], -2.0]), 0.1)?;
             }
-            record.zero(format!("energy left, N mm, {name}"), it.energy_nmm());
+            record.zero(format!("energy left, N mm, {name}"), model.energy_nmm());
         }
     }
     Ok(())

@@ -35,13 +35,13 @@ fn anatomy(seed: u64) -> Result<Anatomy, Unexpected> {
     let (mut nodes, mut elements): (Vec<[f64; 3]>, Vec<[u32; 4]>) = (Vec::new(), Vec::new());
     for [low, high] in blocks {
         let block = TetMesh::over_box(low, high, 150)?;
-        let first = nodes.len() as u32;
+        let first_node = nodes.len() as u32;
         nodes.extend_from_slice(block.nodes());
         elements.extend(
             block
                 .elements()
                 .iter()
-                .map(|corners| corners.map(|corner| corner + first)),
+                .map(|corners| corners.map(|corner| corner + first_node)),
         );
     }
     let regions = vec![0; elements.len()];
@@ -55,14 +55,14 @@ fn nearest(mesh: &TetMesh, p: [f64; 3]) -> usize {
     let nodes = mesh.nodes().iter().enumerate();
     nodes
         .min_by(|a, b| square(a.1).total_cmp(&square(b.1)))
-        .map_or(0, |(at, _)| at)
+        .map_or(0, |(node, _)| node)
 }
 
 /// Returns the defective states: a node pushed through its neighbours, a node moved into the opposite face, one block inside the other,
 /// nodes that are not finite.
 fn states(mesh: &TetMesh) -> Vec<Broken> {
-    let inner = nearest(mesh, [-7.0, 20.0, 0.0]);
-    let with = |what, change: &dyn Fn(&mut Vec<[f64; 3]>)| {
+    let inner_node = nearest(mesh, [-7.0, 20.0, 0.0]);
+    let broken_by = |what, change: &dyn Fn(&mut Vec<[f64; 3]>)| {
         let mut nodes = mesh.nodes().to_vec();
         change(&mut nodes);
         let mut report = LocatorReport::default();
@@ -78,24 +78,27 @@ fn states(mesh: &TetMesh) -> Vec<Broken> {
         Broken { what, nodes, report }
     };
     let flattened = |nodes: &mut Vec<[f64; 3]>| {
-        let corners = mesh.elements().iter().find(|corners| corners.contains(&(inner as u32)));
+        let corners = mesh
+            .elements()
+            .iter()
+            .find(|corners| corners.contains(&(inner_node as u32)));
         let Some(corners) = corners else { return };
         let others: Vec<[f64; 3]> = corners
             .iter()
-            .filter(|&&corner| corner as usize != inner)
+            .filter(|&&corner| corner as usize != inner_node)
             .map(|&corner| mesh.nodes()[corner as usize])
             .collect();
-        nodes[inner] = std::array::from_fn(|axis| others.iter().map(|node| node[axis]).sum::<f64>() / 3.0);
+        nodes[inner_node] = std::array::from_fn(|axis| others.iter().map(|node| node[axis]).sum::<f64>() / 3.0);
     };
     let half = mesh.nodes().len() / 2;
     vec![
-        with("inverted", &|nodes| nodes[inner][1] += 12.0),
-        with("flat", &flattened),
-        with("overlapping", &|nodes| {
+        broken_by("inverted", &|nodes| nodes[inner_node][1] += 12.0),
+        broken_by("flat", &flattened),
+        broken_by("overlapping", &|nodes| {
             nodes[half..].iter_mut().for_each(|node| node[0] -= 4.0)
         }),
-        with("no numbers", &|nodes| {
-            nodes[inner] = [f64::NAN; 3];
+        broken_by("no numbers", &|nodes| {
+            nodes[inner_node] = [f64::NAN; 3];
             nodes[nearest(mesh, [7.0, 20.0, 0.0])][2] = f64::INFINITY;
         }),
     ]
@@ -166,31 +169,32 @@ pub(super) fn meshes(record: &mut Record<'_>) -> Result<(), Unexpected> {
     effects.slice.boundary = Boundary::Nearest;
     let settings = settings(ProbeShape::Linear(Linear { width_mm: 32.0 }), 40.0, [48, 160], effects);
     let states = states(&mesh);
-    let place = |nodes: &[[f64; 3]]| FrameState {
+    let state_of = |nodes: &[[f64; 3]]| FrameState {
         nodes: Some(nodes.to_vec()),
         ..straight()
     };
-    for (at, broken) in states.iter().enumerate() {
+    for (state_index, broken) in states.iter().enumerate() {
         let wrong = miscounted::<f64>(&mesh, broken)? + miscounted::<f32>(&mesh, broken)?;
         record.zero(format!("{}: updates that miscount what is wrong", broken.what), wrong);
-        let rest = untouched(&mesh, broken);
+        let is_untouched = untouched(&mesh, broken);
         for mut synth in everywhere(&anatomy, &settings, &gpus)? {
             let case = format!("{}, {}", broken.what, name(&synth));
             let world = synth.render_until("contact", &straight())?;
-            let whole = synth.render_until("slice", &place(mesh.nodes()))?;
-            let picture = synth.render(&place(mesh.nodes()))?.pixels.clone();
-            let beam = synth.render_until("slice", &place(&broken.nodes))?;
-            let all = synth.render_until("receiver", &place(&broken.nodes))?;
+            let intact = synth.render_until("slice", &state_of(mesh.nodes()))?;
+            let picture = synth.render(&state_of(mesh.nodes()))?.pixels.clone();
+            let beam = synth.render_until("slice", &state_of(&broken.nodes))?;
+            let received = synth.render_until("receiver", &state_of(&broken.nodes))?;
             record.zero(
                 format!("{case}: undefined values"),
-                (undefined(&mesh, &beam) + undefined(&mesh, &all)) as f64,
+                (undefined(&mesh, &beam) + undefined(&mesh, &received)) as f64,
             );
             let (mut changed, mut compared) = (0usize, 0usize);
             for index in 0..beam.position.len() {
-                if rest(world.position[index]) {
+                if is_untouched(world.position[index]) {
                     compared += 1;
-                    let same = beam.position[index] == whole.position[index] && beam.label[index] == whole.label[index];
-                    changed += usize::from(!same);
+                    let is_same =
+                        beam.position[index] == intact.position[index] && beam.label[index] == intact.label[index];
+                    changed += usize::from(!is_same);
                 }
             }
             record.zero(format!("{case}: samples of the rest that changed"), changed as f64);
@@ -202,11 +206,14 @@ pub(super) fn meshes(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 4.0,
             );
             // The sound mesh again, on the same synthesizer: no buffer may keep anything of the broken state.
-            let again = synth.render(&place(mesh.nodes()))?;
-            let left = again.pixels.iter().zip(&picture).filter(|(a, b)| a != b).count();
-            record.zero(format!("{case}: pixels that stay wrong afterwards"), left as f64);
+            let repaired = synth.render(&state_of(mesh.nodes()))?;
+            let wrong_pixels = repaired.pixels.iter().zip(&picture).filter(|(a, b)| a != b).count();
+            record.zero(
+                format!("{case}: pixels that stay wrong afterwards"),
+                wrong_pixels as f64,
+            );
         }
-        record.done((at + 1) as f64 / states.len() as f64);
+        record.done((state_index + 1) as f64 / states.len() as f64);
     }
     Ok(())
 }

@@ -105,7 +105,7 @@ fn anatomy(draw: &mut Draw, centre: [f64; 3]) -> Anatomy {
         _ => {
             let top = centre[1] - 12.0;
             let depths: Vec<f64> = (1..tissues.len())
-                .map(|at| top + draw.within(0.0, 6.0) + 5.0 * at as f64)
+                .map(|index| top + draw.within(0.0, 6.0) + 5.0 * index as f64)
                 .collect();
             anatomies::layers(frame, &depths, &tissues)
         }
@@ -140,8 +140,8 @@ fn pose(draw: &mut Draw, centre: [f64; 3]) -> FrameState {
     let away = Vector3::from(draw.point(1.0));
     let away = away.try_normalize(1e-3).unwrap_or(-Vector3::y());
     let origin = middle + away * draw.within(5.0, 22.0);
-    let along = (middle + Vector3::from(draw.point(4.0)) - origin).normalize();
-    let swing = Rotation3::rotation_between(&Vector3::y(), &along).unwrap_or_else(Rotation3::identity);
+    let axis = (middle + Vector3::from(draw.point(4.0)) - origin).normalize();
+    let swing = Rotation3::rotation_between(&Vector3::y(), &axis).unwrap_or_else(Rotation3::identity);
     let turn = swing * Rotation3::from_axis_angle(&Vector3::y_axis(), draw.within(-3.0, 3.0));
     FrameState::at(Translation3::from(origin).to_homogeneous() * turn.to_homogeneous())
 }
@@ -160,15 +160,15 @@ fn needle(draw: &mut Draw, state: &mut FrameState) {
         diameter_mm: draw.within(0.5, 2.0),
     });
     for _ in 0..draw.below(4) {
-        let place = [draw.within(-8.0, 8.0), draw.within(6.0, 26.0), draw.within(-0.5, 0.5)];
-        let along = pose.transform_vector(
+        let centre = [draw.within(-8.0, 8.0), draw.within(6.0, 26.0), draw.within(-0.5, 0.5)];
+        let axis = pose.transform_vector(
             &Vector3::from(draw.point(1.0))
                 .try_normalize(1e-3)
                 .unwrap_or(Vector3::x()),
         );
         state
             .seeds
-            .push(NeedleShaft::seed(pose.transform_point(&place.into()), &along));
+            .push(NeedleShaft::seed(pose.transform_point(&centre.into()), &axis));
     }
 }
 
@@ -198,9 +198,9 @@ fn deformed(draw: &mut Draw, anatomy: Anatomy, centre: [f64; 3], state: &mut Fra
             (Vector3::from(node) + Vector3::from(press.apply(node)) + Vector3::from(swirl.apply(node))).into()
         };
         let nodes: Vec<[f64; 3]> = mesh.nodes().iter().map(moved).collect();
-        let rest = mesh.volumes(mesh.nodes());
+        let volumes = mesh.volumes(mesh.nodes());
         // Elements keep a tenth of their volume: folded meshes are a separate case.
-        if rest
+        if volumes
             .zip(mesh.volumes(&nodes))
             .all(|(before, after)| after > 0.1 * before)
         {
@@ -244,7 +244,7 @@ const MAX_DRAWS: usize = 100;
 fn resolved<'a>(schema: &'a Value, node: &'a Value) -> &'a Value {
     let definition = node["$ref"]
         .as_str()
-        .and_then(|at| schema.pointer(at.trim_start_matches('#')));
+        .and_then(|pointer| schema.pointer(pointer.trim_start_matches('#')));
     definition.unwrap_or(node)
 }
 
@@ -269,9 +269,9 @@ fn parameters(draw: &mut Draw, schema: &Value, table: &Value) -> Value {
 
 /// Draws a number: an end of its range, or one between its default, or the low end without one, and an end, more often near the default.
 fn number(draw: &mut Draw, described: &Value) -> f64 {
-    let of = |name: &str| described[name].as_f64();
-    let (low, high) = (of("minimum").unwrap_or(0.0), of("maximum").unwrap_or(1.0));
-    let usual = of("default").unwrap_or(low);
+    let figure = |name: &str| described[name].as_f64();
+    let (low, high) = (figure("minimum").unwrap_or(0.0), figure("maximum").unwrap_or(1.0));
+    let usual = figure("default").unwrap_or(low);
     let end = if draw.chance(0.5) { low } else { high };
     let share = if draw.chance(0.1) {
         1.0

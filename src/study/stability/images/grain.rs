@@ -58,20 +58,20 @@ fn speckle(record: &mut Record<'_>, gpus: &[Gpu]) -> Result<(), Unexpected> {
     let fields = record.effort().pick(6, 30);
     let mut synths = everywhere(&anatomies::uniform(PLAIN), &settings, gpus)?;
     let count = synths.len();
-    for (at, synth) in synths.iter_mut().enumerate() {
+    for (index, synth) in synths.iter_mut().enumerate() {
         let backend = name(synth);
         for seed in SEEDS {
             synth.set(Settings {
                 seed,
                 ..settings.clone()
             })?;
-            for first in [0, FRAMES - fields] {
-                let off = rayleigh(synth, first, fields)?;
+            for first_frame in [0, FRAMES - fields] {
+                let deviation = rayleigh(synth, first_frame, fields)?;
                 record.under(
                     format!(
-                        "{backend}, seed {seed}, frames from {first}: mean over deviation, standard errors from 1.913"
+                        "{backend}, seed {seed}, frames from {first_frame}: mean over deviation, standard errors from 1.913"
                     ),
-                    off,
+                    deviation,
                     UNLIKELY,
                 );
             }
@@ -85,29 +85,29 @@ fn speckle(record: &mut Record<'_>, gpus: &[Gpu]) -> Result<(), Unexpected> {
             format!("{backend}: echoes that another frame number changes"),
             changed as f64,
         );
-        record.done(0.05 + 0.65 * (at + 1) as f64 / count as f64);
+        record.done(0.05 + 0.65 * (index + 1) as f64 / count as f64);
     }
     Ok(())
 }
 
 /// Returns the deviation of the ratio of mean to standard deviation from that of a Rayleigh distribution, sqrt(pi / (4 - pi)), in standard
 /// errors; by the delta method the estimated ratio has the variance 1.85 / n.
-fn rayleigh(synth: &mut Synthesizer, first: u64, fields: u64) -> Result<f64, Unexpected> {
+fn rayleigh(synth: &mut Synthesizer, first_frame: u64, fields: u64) -> Result<f64, Unexpected> {
     // Three lengths apart, intensities are correlated by 1e-11 or less.
-    let (down, across) = (12, 12);
+    let (line_step, sample_step) = (12, 12);
     let mut sample = Vec::new();
-    for frame in first..first + fields {
+    for frame in first_frame..first_frame + fields {
         // More than three elevational lengths from the previous frame, and never in step with the lattice.
-        let place =
-            Vector3::new(0.137, 0.211, 5.319) * frame as f64 * 0.01 + Vector3::z() * 5.0 * (frame - first) as f64;
+        let position =
+            Vector3::new(0.137, 0.211, 5.319) * frame as f64 * 0.01 + Vector3::z() * 5.0 * (frame - first_frame) as f64;
         let state = FrameState {
             frame,
-            ..FrameState::at(Matrix4::new_translation(&place))
+            ..FrameState::at(Matrix4::new_translation(&position))
         };
         let beam = synth.render_until("speckle_lateral", &state)?;
-        for line in (0..LINES).step_by(across) {
-            let inner = (20..SAMPLES - 20).step_by(down);
-            sample.extend(inner.map(|at| beam.amplitude[line * SAMPLES + at]));
+        for line in (0..LINES).step_by(sample_step) {
+            let samples = (20..SAMPLES - 20).step_by(line_step);
+            sample.extend(samples.map(|sample_index| beam.amplitude[line * SAMPLES + sample_index]));
         }
     }
     let [mean, variance] = moments(&sample);
@@ -133,7 +133,7 @@ fn noise(record: &mut Record<'_>, gpus: &[Gpu]) -> Result<(), Unexpected> {
     let frames = record.effort().pick(200, FRAMES);
     let mut synths = everywhere(&anatomies::uniform(tissue), &settings, gpus)?;
     let count = synths.len();
-    for (at, synth) in synths.iter_mut().enumerate() {
+    for (index, synth) in synths.iter_mut().enumerate() {
         let backend = name(synth);
         // Different seeds give different noise: the frames are divided between the extreme seeds.
         for seed in [0, u64::MAX] {
@@ -154,11 +154,15 @@ fn noise(record: &mut Record<'_>, gpus: &[Gpu]) -> Result<(), Unexpected> {
                         ..straight()
                     })?
                     .pixels;
-                let off: Vec<f64> = inside.iter().map(|pixel| f64::from(pixels[*pixel]) - level).collect();
-                sum += off.iter().sum::<f64>();
-                squares += off.iter().map(|x| x * x).sum::<f64>();
-                products += off.iter().zip(&before).map(|(a, b): (&f64, &f64)| a * b).sum::<f64>();
-                before = off;
+                let deviations: Vec<f64> = inside.iter().map(|pixel| f64::from(pixels[*pixel]) - level).collect();
+                sum += deviations.iter().sum::<f64>();
+                squares += deviations.iter().map(|x| x * x).sum::<f64>();
+                products += deviations
+                    .iter()
+                    .zip(&before)
+                    .map(|(a, b): (&f64, &f64)| a * b)
+                    .sum::<f64>();
+                before = deviations;
             }
             let n = (inside.len() as u64 * frames) as f64;
             // Rounding to integer grey levels adds 1/12.
@@ -174,15 +178,15 @@ fn noise(record: &mut Record<'_>, gpus: &[Gpu]) -> Result<(), Unexpected> {
                     (products / n).abs() / (variance / n.sqrt()),
                 ),
             ];
-            for (what, error) in errors {
+            for (statistic, error) in errors {
                 record.under(
-                    format!("{backend}, seed {seed}: {what} of the noise, standard errors"),
+                    format!("{backend}, seed {seed}: {statistic} of the noise, standard errors"),
                     error,
                     UNLIKELY,
                 );
             }
         }
-        record.done(0.7 + 0.3 * (at + 1) as f64 / count as f64);
+        record.done(0.7 + 0.3 * (index + 1) as f64 / count as f64);
     }
     Ok(())
 }
@@ -213,8 +217,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 /// Returns lattice points at the ends of the integer range, and a spread of others.
 fn points(count: usize) -> Vec<[i32; 3]> {
     let ends = [0, 1, -1, i32::MIN, i32::MAX];
-    let corners = (0..125).map(|at| [at % 5, at / 5 % 5, at / 25].map(|place| ends[place as usize]));
-    let spread = (0..).map(|at: i32| hash3([at, 0, 0], [3, 5]).map(|word| word as i32));
+    let corners =
+        (0..125).map(|index| [index % 5, index / 5 % 5, index / 25].map(|coordinate| ends[coordinate as usize]));
+    let spread = (0..).map(|index: i32| hash3([index, 0, 0], [3, 5]).map(|word| word as i32));
     corners.chain(spread).take(count).collect()
 }
 

@@ -23,7 +23,7 @@ const MHZ: f64 = 5.0;
 pub(crate) fn any_attenuation(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let gpus = gpus(record);
     let losses_db_cm = [0.0, 1e-6, 1e-3, 0.1, 1.0, 10.0, 1e3, 1e6];
-    for (at, db_cm) in losses_db_cm.into_iter().enumerate() {
+    for (index, db_cm) in losses_db_cm.into_iter().enumerate() {
         let tissue = Acoustics {
             // One-way attenuation; the frame multiplies by the frequency.
             attenuation_db_cm_mhz: db_cm / MHZ,
@@ -46,7 +46,7 @@ pub(crate) fn any_attenuation(record: &mut Record<'_>) -> Result<(), Unexpected>
         for mut synth in everywhere(&anatomy, &settings, &gpus)? {
             attenuated(record, &mut synth, db_cm)?;
         }
-        record.done((at + 1) as f64 / losses_db_cm.len() as f64);
+        record.done((index + 1) as f64 / losses_db_cm.len() as f64);
     }
     Ok(())
 }
@@ -55,8 +55,8 @@ pub(crate) fn any_attenuation(record: &mut Record<'_>) -> Result<(), Unexpected>
 fn attenuated(record: &mut Record<'_>, synth: &mut Synthesizer, db_cm: f64) -> Result<(), Unexpected> {
     let backend = name(synth);
     // Lossless tissue casts no shadow: the plan omits the pass.
-    let last = if synth.plan().has("shadow") { "shadow" } else { "slice" };
-    let beam = synth.render_until(last, &straight())?;
+    let last_pass = if synth.plan().has("shadow") { "shadow" } else { "slice" };
+    let beam = synth.render_until(last_pass, &straight())?;
     let lines = || beam.amplitude.chunks(LONG_SAMPLES as usize);
     let rises = lines()
         .flat_map(|line| line.windows(2))
@@ -79,7 +79,7 @@ fn attenuated(record: &mut Record<'_>, synth: &mut Synthesizer, db_cm: f64) -> R
     // single precision: units stored and multiplied, the exponential at up to 3 + 2 |x| ULP, and its square.
     let sample_cm = DEPTH_MM / f64::from(LONG_SAMPLES) / 10.0;
     let two_way = |sample: usize| (2.0 * db_cm * (sample as f64 + 0.5) * sample_cm).min(2047.0);
-    let off = lines().flat_map(|line| line.iter().enumerate()).map(|(sample, echo)| {
+    let error = lines().flat_map(|line| line.iter().enumerate()).map(|(sample, echo)| {
         let exact_db = two_way(sample);
         let exact = 10f64.powf(-exact_db / 20.0);
         let units = (0.5 * (sample as f64 + 2.0)) / UNITS_PER_DB / 20.0 * std::f64::consts::LN_10;
@@ -98,18 +98,18 @@ fn attenuated(record: &mut Record<'_>, synth: &mut Synthesizer, db_cm: f64) -> R
     } else {
         record.under(
             format!("{db_cm} dB/cm, {backend}: departure from Beer and Lambert over rounding"),
-            largest(off),
+            largest(error),
             1.0,
         );
     }
     if two_way(LONG_SAMPLES as usize - 1) > 800.0 {
-        let last = lines().map(|line| line[LONG_SAMPLES as usize - 1]);
+        let last_echoes = lines().map(|line| line[LONG_SAMPLES as usize - 1]);
         record.zero(
             format!("{db_cm} dB/cm, {backend}: deepest echo, single precision"),
             match synth.backend() {
                 // Double precision represents values that single cannot.
-                "cpu-f64" => largest(last.filter(|echo| *echo > 1e-37)),
-                _ => largest(last),
+                "cpu-f64" => largest(last_echoes.filter(|echo| *echo > 1e-37)),
+                _ => largest(last_echoes),
             },
         );
     }
@@ -182,13 +182,13 @@ fn one_scanline(record: &mut Record<'_>, shape: ProbeShape, gpus: &[Gpu]) -> Res
             before.iter().filter(|echo| **echo > 0.5).count() as f64 - 1.0,
             0.0,
         );
-        let off = after
+        let errors = after
             .iter()
             .enumerate()
             .map(|(line, echo)| echo - weight(line as i32 - middle) / sum);
         record.under(
             format!("{backend}: departure from the kernel"),
-            largest(off),
+            largest(errors),
             BLUR_ROUNDING + 2.0 * background,
         );
         record.under(
@@ -233,22 +233,22 @@ pub(crate) fn any_blur(record: &mut Record<'_>) -> Result<(), Unexpected> {
             angle_deg: 20.0,
         }),
     ];
-    for (at, shape) in narrow.into_iter().enumerate() {
+    for (index, shape) in narrow.into_iter().enumerate() {
         for mut synth in everywhere(&flat, &settings(shape, 20.0, [11, SAMPLES], effects(20.0)), &gpus)? {
             let backend = name(&synth);
             let before = synth.render_until("slice", &straight())?.amplitude;
             let after = synth.render_until("blur", &straight())?.amplitude;
-            let off = before.iter().zip(&after).map(|(a, b)| b / a - 1.0);
+            let changes = before.iter().zip(&after).map(|(a, b)| b / a - 1.0);
             record.under(
                 format!(
                     "{backend}: change of a constant under {}",
-                    ["a linear probe", "a fan", "an end ring"][at]
+                    ["a linear probe", "a fan", "an end ring"][index]
                 ),
-                largest(off),
+                largest(changes),
                 BLUR_ROUNDING,
             );
         }
-        record.done(0.5 + 0.5 * (at + 1) as f64 / narrow.len() as f64);
+        record.done(0.5 + 0.5 * (index + 1) as f64 / narrow.len() as f64);
     }
     Ok(())
 }
@@ -277,7 +277,7 @@ const ROUNDING: f64 = 255.0 * 2.0 * (0.7 / 2_097_152.0 + 8.0 / 8_388_608.0);
 
 /// Tests that tones out of range are refused.
 fn refused_tones(record: &mut Record<'_>, anatomy: &Anatomy) {
-    for (what, tone) in [
+    for (curve, tone) in [
         (
             "dynamic range 1 dB",
             Tone {
@@ -315,7 +315,7 @@ fn refused_tones(record: &mut Record<'_>, anatomy: &Anatomy) {
         // Tables check settings before any backend sees them, so that nothing has to be rendered.
         let answer = insonify_imaging::synth::tables::Tables::new(anatomy.clone(), settings);
         record.refused(
-            what,
+            curve,
             answer,
             |error| matches!(error, SynthError::Effect(fault) if fault.key.starts_with("tone.")),
         );
@@ -337,7 +337,7 @@ pub(super) fn ends(record: &mut Record<'_>) -> Result<(), Unexpected> {
     ];
     let mut names = Vec::new();
     let (mut fall, mut undefined) = (Vec::new(), Vec::new());
-    for (at, anatomy) in ladders.iter().enumerate() {
+    for (index, anatomy) in ladders.iter().enumerate() {
         for (dynamic_range_db, gain_db, tgc_points) in tones.clone() {
             // Includes a linear display without tone curve.
             for tone in [None, Some(())] {
@@ -353,35 +353,35 @@ pub(super) fn ends(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 };
                 let shape = ProbeShape::Linear(Linear { width_mm: 10.0 });
                 let settings = settings(shape, 25.0, [2, STEPS as u32], effects);
-                for (place, mut synth) in everywhere(anatomy, &settings, &gpus)?.into_iter().enumerate() {
-                    if names.len() <= place {
+                for (backend, mut synth) in everywhere(anatomy, &settings, &gpus)?.into_iter().enumerate() {
+                    if names.len() <= backend {
                         names.push(name(&synth));
                         fall.push(0.0f64);
                         undefined.push(0usize);
                     }
                     let grey = synth.render_until("tone", &straight())?.amplitude;
-                    undefined[place] += grey.iter().filter(|g| !(0.0..=255.0).contains(*g)).count();
+                    undefined[backend] += grey.iter().filter(|g| !(0.0..=255.0).contains(*g)).count();
                     let falls = grey
                         .chunks(STEPS)
                         .flat_map(|line| line.windows(2))
                         .map(|pair| (pair[0] - pair[1]).max(0.0));
-                    fall[place] = largest(falls.chain([fall[place]]));
+                    fall[backend] = largest(falls.chain([fall[backend]]));
                     let frame = synth.render(&straight())?;
                     // The fill outside the sector is grey 7; inside, loud echoes must yield white pixels.
-                    undefined[place] += usize::from(at == 0 && gain_db > 0.0 && !frame.pixels.contains(&255));
+                    undefined[backend] += usize::from(index == 0 && gain_db > 0.0 && !frame.pixels.contains(&255));
                 }
             }
         }
-        record.done((at + 1) as f64 / ladders.len() as f64);
+        record.done((index + 1) as f64 / ladders.len() as f64);
     }
-    for (place, backend) in names.iter().enumerate() {
+    for (index, backend) in names.iter().enumerate() {
         record.zero(
             format!("{backend}: grey levels outside 0 to 255"),
-            undefined[place] as f64,
+            undefined[index] as f64,
         );
         record.under(
             format!("{backend}: largest fall of a rising ladder, grey levels"),
-            fall[place],
+            fall[index],
             ROUNDING,
         );
     }

@@ -55,7 +55,7 @@ pub(super) fn on_faces(record: &mut Record<'_>) -> Result<(), Unexpected> {
     for boundary in [Boundary::Nearest, Boundary::Vote, Boundary::Smooth] {
         let mut effects = Effects::default();
         effects.slice.boundary = boundary;
-        for (at, state) in poses().into_iter().enumerate() {
+        for (index, state) in poses().into_iter().enumerate() {
             let exact_settings = settings(shape, 40.0, [33, 160], effects.clone());
             let mut synths = everywhere(&anatomy, &exact_settings, &gpus)?.into_iter();
             let Some(mut reference) = synths.next() else { continue };
@@ -65,7 +65,7 @@ pub(super) fn on_faces(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 .iter()
                 .filter(|p| p[..3].iter().any(|x| x.fract() == 0.0))
                 .count();
-            for (place, mut synth) in synths.enumerate() {
+            for (index, mut synth) in synths.enumerate() {
                 let beam = synth.render_until("slice", &state)?;
                 moved += expected
                     .position
@@ -74,14 +74,14 @@ pub(super) fn on_faces(record: &mut Record<'_>) -> Result<(), Unexpected> {
                     .filter(|(a, b)| a != b)
                     .count();
                 let labels = expected.label.iter().zip(&beam.label).filter(|(a, b)| a != b).count();
-                if differing_labels.len() <= place {
+                if differing_labels.len() <= index {
                     differing_labels.push((name(&synth), 0));
                 }
-                differing_labels[place].1 += labels;
+                differing_labels[index].1 += labels;
             }
             for grid in [[25, 80], [49, 160]] {
                 let case = Case::new(
-                    format!("{boundary:?}, pose {at}, {grid:?}"),
+                    format!("{boundary:?}, pose {index}, {grid:?}"),
                     anatomy.clone(),
                     settings(shape, 40.0, grid, effects.clone()),
                     state.clone(),
@@ -89,7 +89,7 @@ pub(super) fn on_faces(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 let verdicts = check(&case, &gpus)?;
                 tally.add(&case, verdicts);
             }
-            record.done((at as f64 + 1.0) / 3.0 * if boundary == Boundary::Nearest { 0.5 } else { 1.0 });
+            record.done((index as f64 + 1.0) / 3.0 * if boundary == Boundary::Nearest { 0.5 } else { 1.0 });
         }
     }
     // At least half of the planes must have samples in the critical positions.
@@ -149,9 +149,9 @@ const PLACES: [Place; 6] = [
 ];
 
 /// Creates slabs of one voxel each, whose faces are oblique to all axes; the probe's depth axis runs across them.
-fn anatomy(place: &Place) -> Anatomy {
+fn anatomy(situation: &Place) -> Anatomy {
     let tissue = |echo_db| Acoustics { echo_db, ..PLAIN };
-    let frame = Frame::around(place.centre, [48; 3], place.voxel_mm).oblique();
+    let frame = Frame::around(situation.centre, [48; 3], situation.voxel_mm).oblique();
     let back = frame.index_to_world.try_inverse().unwrap_or_else(Matrix4::identity);
     anatomies::of(frame, &[SILENT, tissue(0.0), tissue(6.0)], |p| {
         let index = back.transform_point(&p.into());
@@ -160,10 +160,10 @@ fn anatomy(place: &Place) -> Anatomy {
 }
 
 /// Places the middle of the scan at the middle of the volume, turned about every axis.
-fn pose(place: &Place) -> FrameState {
+fn pose(situation: &Place) -> FrameState {
     let turn = Rotation3::from_euler_angles(0.41, 0.23, -0.37).to_homogeneous();
-    let centre = Matrix4::new_translation(&Vector3::from(place.centre));
-    let back = Matrix4::new_translation(&Vector3::new(0.0, -0.5 * place.depth_mm, 0.0));
+    let centre = Matrix4::new_translation(&Vector3::from(situation.centre));
+    let back = Matrix4::new_translation(&Vector3::new(0.0, -0.5 * situation.depth_mm, 0.0));
     FrameState::at(centre * turn * back)
 }
 
@@ -180,11 +180,11 @@ fn truth(tables: &Tables, state: &FrameState) -> Vec<(Point3<f64>, u8)> {
 
 /// Returns the largest position error in samples, and the longest run of labels that differ from double precision.
 fn worst(tables: &Tables, exact: &[(Point3<f64>, u8)], beam: &Beam) -> [f64; 2] {
-    let off = |((exact, _), position): (&(Point3<f64>, u8), &[f64; 4])| {
+    let error = |((exact, _), position): (&(Point3<f64>, u8), &[f64; 4])| {
         let difference = exact.coords - Vector3::new(position[0], position[1], position[2]);
         difference.norm() / tables.sample_mm()
     };
-    let places = largest(exact.iter().zip(&beam.position).map(off));
+    let places = largest(exact.iter().zip(&beam.position).map(error));
     // Longest run of differing labels: a boundary may be shifted by a few samples along the scanline; bands would be many samples thick.
     let samples = beam.samples;
     let mut bands = 0usize;
@@ -201,15 +201,15 @@ fn worst(tables: &Tables, exact: &[(Point3<f64>, u8)], beam: &Beam) -> [f64; 2] 
 /// Tests errors of positions, in samples, and of label boundaries.
 pub(super) fn away(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let gpus = gpus(record);
-    for (at, place) in PLACES.iter().enumerate() {
-        let anatomy = anatomy(place);
+    for (index, situation) in PLACES.iter().enumerate() {
+        let anatomy = anatomy(situation);
         let mut effects = Effects::default();
         effects.slice.boundary = Boundary::Nearest;
         let shape = ProbeShape::Linear(Linear {
-            width_mm: place.depth_mm.clamp(1.0, 300.0),
+            width_mm: situation.depth_mm.clamp(1.0, 300.0),
         });
-        let settings = settings(shape, place.depth_mm, [64, 512], effects);
-        let state = pose(place);
+        let settings = settings(shape, situation.depth_mm, [64, 512], effects);
+        let state = pose(situation);
         let synths = everywhere(&anatomy, &settings, &gpus)?;
         let Some(tables) = synths.first().map(|synth| synth.tables().clone()) else {
             continue;
@@ -217,18 +217,18 @@ pub(super) fn away(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let exact = truth(&tables, &state);
         let hit = exact.iter().filter(|(_, label)| *label > 0).count();
         record.under(
-            format!("{}: samples over those in the volume", place.what),
+            format!("{}: samples over those in the volume", situation.what),
             exact.len() as f64 / hit as f64,
             100.0,
         );
         for mut synth in synths {
             let beam = synth.render_until("slice", &state)?;
             let [places, bands] = worst(&tables, &exact, &beam);
-            let what = format!("{}, {}", place.what, name(&synth));
-            record.under(format!("{what}: places off, samples"), places, 0.1);
-            record.under(format!("{what}: wrong labels in a row along a scanline"), bands, 1.0);
+            let subject = format!("{}, {}", situation.what, name(&synth));
+            record.under(format!("{subject}: places off, samples"), places, 0.1);
+            record.under(format!("{subject}: wrong labels in a row along a scanline"), bands, 1.0);
         }
-        record.done((at + 1) as f64 / PLACES.len() as f64);
+        record.done((index + 1) as f64 / PLACES.len() as f64);
     }
     Ok(())
 }
@@ -264,16 +264,16 @@ pub(crate) fn moved_scenes(record: &mut Record<'_>) -> Result<(), Unexpected> {
         grainy += usize::from(case.settings.effects.speckle.is_some());
         // Whole metres leave coordinates on the grid exact in f64, so that pixels must be equal; elsewhere
         // coordinates round, and backends may differ by rounding.
-        let by = METRES[index as usize % METRES.len()];
-        compare(&case, by, &gpus, &mut sums)?;
+        let offset = METRES[index as usize % METRES.len()];
+        compare(&case, offset, &gpus, &mut sums)?;
         let far = case.moved(ANYWHERE)?;
         let verdicts = check(&far, &gpus)?;
         tally.add(&far, verdicts);
         record.done((index + 1) as f64 / count as f64);
     }
-    for (what, count) in [("a mesh", meshes), ("a needle", needles), ("speckle", grainy)] {
+    for (kind, count) in [("a mesh", meshes), ("a needle", needles), ("speckle", grainy)] {
         record.under(
-            format!("scenes needed with {what} over those there"),
+            format!("scenes needed with {kind} over those there"),
             2.0 / count as f64,
             1.0,
         );
@@ -313,8 +313,8 @@ fn seeded(mut case: Case) -> Case {
 fn gridded(mut case: Case) -> Result<Case, Unexpected> {
     let round = |x: f64| (x / GRID_MM).round() * GRID_MM;
     let volume = &case.anatomy.volume;
-    let place: Vector3<f64> = volume.index_to_world().fixed_view::<3, 1>(0, 3).into();
-    case.anatomy.volume = Arc::new(volume.moved(place.map(round) - place)?);
+    let origin: Vector3<f64> = volume.index_to_world().fixed_view::<3, 1>(0, 3).into();
+    case.anatomy.volume = Arc::new(volume.moved(origin.map(round) - origin)?);
     let nodes = |nodes: &[[f64; 3]]| nodes.iter().map(|node| node.map(round)).collect::<Vec<_>>();
     if let Some(mesh) = &case.anatomy.mesh {
         let rounded = TetMesh::new(nodes(mesh.nodes()), mesh.elements().to_vec(), mesh.regions().to_vec())?;
@@ -341,16 +341,16 @@ struct Sum {
     frame_mm: f64,
 }
 
-fn compare(case: &Case, by: [f64; 3], gpus: &[Gpu], sums: &mut Vec<Sum>) -> Result<(), Unexpected> {
-    let there = case.moved(by)?;
-    let all = |case: &Case| -> Result<Vec<Synthesizer>, Unexpected> {
+fn compare(case: &Case, offset: [f64; 3], gpus: &[Gpu], sums: &mut Vec<Sum>) -> Result<(), Unexpected> {
+    let moved_case = case.moved(offset)?;
+    let synths_of = |case: &Case| -> Result<Vec<Synthesizer>, Unexpected> {
         let mut synths = vec![case.exact()?];
         synths.extend(case.twins(gpus)?);
         Ok(synths)
     };
-    let by = Vector3::from(by);
-    for (at, (mut near, mut far)) in all(case)?.into_iter().zip(all(&there)?).enumerate() {
-        if sums.len() <= at {
+    let offset = Vector3::from(offset);
+    for (index, (mut near, mut far)) in synths_of(case)?.into_iter().zip(synths_of(&moved_case)?).enumerate() {
+        if sums.len() <= index {
             sums.push(Sum {
                 backend: name(&near),
                 pixels: 0,
@@ -359,21 +359,25 @@ fn compare(case: &Case, by: [f64; 3], gpus: &[Gpu], sums: &mut Vec<Sum>) -> Resu
             });
         }
         let expected = near.render(&case.state)?.clone();
-        let frame = far.render(&there.state)?.clone();
+        let frame = far.render(&moved_case.state)?.clone();
         let differing_pixels = expected
             .pixels
             .iter()
             .zip(&frame.pixels)
             .filter(|(a, b)| a != b)
             .count();
-        let frames = frame.image_to_world - Matrix4::new_translation(&by) * expected.image_to_world;
-        let (here, there) = (near.beam()?, far.beam()?);
-        let places = here.position.iter().zip(&there.position).map(|(here, there)| {
-            let moved = Vector3::new(there[0] - here[0], there[1] - here[1], there[2] - here[2]);
-            (moved - by).amax()
-        });
+        let frames = frame.image_to_world - Matrix4::new_translation(&offset) * expected.image_to_world;
+        let (near_beam, far_beam) = (near.beam()?, far.beam()?);
+        let places = near_beam
+            .position
+            .iter()
+            .zip(&far_beam.position)
+            .map(|(before, after)| {
+                let moved = Vector3::new(after[0] - before[0], after[1] - before[1], after[2] - before[2]);
+                (moved - offset).amax()
+            });
         // `zip` stops at the shorter frame: pixels that only one of them has differ as well.
-        let sum = &mut sums[at];
+        let sum = &mut sums[index];
         sum.pixels += differing_pixels + expected.pixels.len().abs_diff(frame.pixels.len());
         sum.places_mm = largest(places.chain([sum.places_mm]));
         sum.frame_mm = largest(frames.iter().copied().chain([sum.frame_mm]));

@@ -28,11 +28,11 @@ fn each(
     record: &mut Record<'_>,
     mut measure: impl FnMut(&mut Record<'_>, &Inverses, &Start, f64) -> Result<(), Unexpected>,
 ) -> Result<(), Unexpected> {
-    let of = (BACKENDS.len() * POISSON.len()) as f64;
-    for (at, poisson) in POISSON.into_iter().enumerate() {
+    let total = (BACKENDS.len() * POISSON.len()) as f64;
+    for (index, poisson) in POISSON.into_iter().enumerate() {
         let start = Start::new(record.seed(), poisson)?;
         for (nth, backend) in BACKENDS.iter().enumerate() {
-            record.done((at * BACKENDS.len() + nth) as f64 / of);
+            record.done((index * BACKENDS.len() + nth) as f64 / total);
             measure(record, backend, &start, poisson)?;
         }
     }
@@ -56,18 +56,19 @@ pub(super) fn exact(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 Ok(())
             })?;
             done = count;
-            let now = Now::of(adaptation.mesh())?;
-            let what = format!("{}, nu {poisson}, {count} remeshes", backend.name);
-            let allowed = start.allowed(&now, backend);
-            for (of, error) in [
-                ("K^-1", now.error_of_all(&mut adaptation)?),
-                ("K^c", now.error_of_contacts(&adaptation)),
+            let state = Now::of(adaptation.mesh())?;
+            let subject = format!("{}, nu {poisson}, {count} remeshes", backend.name);
+            let allowed = start.allowed(&state, backend);
+            for (matrix, error) in [
+                ("K^-1", state.error_of_all(&mut adaptation)?),
+                ("K^c", state.error_of_contacts(&adaptation)),
             ] {
-                let what = format!("error of {of}, {what}");
+                let subject = format!("error of {matrix}, {subject}");
+                // Near the incompressible rounding may take every digit: such an error is shown, not judged.
                 if allowed < ALL {
-                    record.under(what, error, allowed)
+                    record.under(subject, error, allowed)
                 } else {
-                    record.report(format!("{what}, of which rounding may take all"), error)
+                    record.report(format!("{subject}, of which rounding may take all"), error)
                 }
             }
         }
@@ -115,7 +116,7 @@ pub(super) fn first(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let limit = tolerance(&options, backend.precision);
         let mut adaptation = backend.follow(start, Level::I, options)?;
         let (nodes, mut done, mut rebuilds) = (spread(start), 0, 0u32);
-        let [mut kept, mut reported] = [Vec::new(), Vec::new()];
+        let [mut residuals, mut reported] = [Vec::new(), Vec::new()];
         for &count in counts(record) {
             start.go(&mut adaptation, &nodes, done..count, |adaptation, report| {
                 let residual = of_contacts(adaptation)?;
@@ -124,32 +125,32 @@ pub(super) fn first(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 if report.rebuild_failed {
                     &mut reported
                 } else {
-                    &mut kept
+                    &mut residuals
                 }
                 .push(residual);
                 rebuilds += u32::from(report.rebuilt.is_some());
                 Ok(())
             })?;
             done = count;
-            let now = Now::of(adaptation.mesh())?;
+            let state = Now::of(adaptation.mesh())?;
             record.under(
                 format!("error of K^-1, {}, nu {poisson}, {count} remeshes", backend.name),
-                now.error_of_all(&mut adaptation)?,
-                start.allowed(&now, backend),
+                state.error_of_all(&mut adaptation)?,
+                start.allowed(&state, backend),
             );
         }
-        let what = format!("{}, nu {poisson}", backend.name);
+        let subject = format!("{}, nu {poisson}", backend.name);
         // Even an inverse computed afresh leaves a residual: below this floor no update can get.
         let mut recomputed = Now::of(adaptation.mesh())?.inverse;
         let stiffness = adaptation.mesh().stiffness().at_nodes(adaptation.mesh().nodes())?;
         let floor = sampled_residual(&stiffness, &mut recomputed, &start.contacts)?;
-        record.under(format!("worst residual, {what}"), largest(kept), limit);
+        record.under(format!("worst residual, {subject}"), largest(residuals), limit);
         record.report(
-            format!("worst residual where the level reports that it cannot meet {limit:.0e}, {what}"),
+            format!("worst residual where the level reports that it cannot meet {limit:.0e}, {subject}"),
             largest(reported),
         );
-        record.report(format!("residual of an inverse recomputed in f64, {what}"), floor);
-        record.report(format!("refreshes, {what}"), f64::from(rebuilds));
+        record.report(format!("residual of an inverse recomputed in f64, {subject}"), floor);
+        record.report(format!("refreshes, {subject}"), f64::from(rebuilds));
         Ok(())
     })?;
     drifting(record)
@@ -160,6 +161,7 @@ fn drifting(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let start = Start::new(record.seed(), 0.499)?;
     let backends = BACKENDS.iter().filter(|backend| backend.precision == Precision::Single);
     for backend in backends {
+        // Without the limit of level I single precision drifts, as it must here for the monitor to see it.
         let watched = RemesherOptions {
             single_poisson_limit: 0.5,
             check_every: 1,
@@ -179,14 +181,17 @@ fn drifting(record: &mut Record<'_>) -> Result<(), Unexpected> {
             })?;
             Ok((Now::of(adaptation.mesh())?.error_of_contacts(&adaptation), rebuilds))
         };
-        let ((kept, rebuilds), (lost, _)) = (error(watched)?, error(unwatched)?);
-        let what = format!("{} at nu 0.499, {count} remeshes", backend.name);
-        record.zero(format!("drift unseen, {what}"), f64::from(rebuilds == 0));
-        record.report(format!("error of K^c, watched, {what}"), kept);
-        record.report(format!("error of K^c, not watched, {what}"), lost.min(f64::MAX));
+        let ((watched_error, rebuilds), (unwatched_error, _)) = (error(watched)?, error(unwatched)?);
+        let subject = format!("{} at nu 0.499, {count} remeshes", backend.name);
+        record.zero(format!("drift unseen, {subject}"), f64::from(rebuilds == 0));
+        record.report(format!("error of K^c, watched, {subject}"), watched_error);
+        record.report(
+            format!("error of K^c, not watched, {subject}"),
+            unwatched_error.min(f64::MAX),
+        );
         record.under(
-            format!("error watched over error not watched, {what}"),
-            kept / lost,
+            format!("error watched over error not watched, {subject}"),
+            watched_error / unwatched_error,
             0.5,
         );
     }
@@ -206,10 +211,10 @@ pub(super) fn lower(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 Err(RemeshError::Unsuited { .. }) if backend.precision == Precision::Single && poisson > 0.49 => {
                     continue;
                 }
-                other => other?,
+                result => result?,
             };
             let (nodes, mut done, mut rebuilds, mut indefinite) = (start.free.clone(), 0, 0u32, 0u32);
-            let what = format!("level {level}, {}, nu {poisson}", backend.name);
+            let subject = format!("level {level}, {}, nu {poisson}", backend.name);
             for &count in counts(record) {
                 start.go(&mut adaptation, &nodes, done..count, |adaptation, report| {
                     rebuilds += u32::from(report.rebuilt == Some(Rebuilt::Indefinite));
@@ -217,13 +222,16 @@ pub(super) fn lower(record: &mut Record<'_>) -> Result<(), Unexpected> {
                     Ok(())
                 })?;
                 done = count;
-                let now = Now::of(adaptation.mesh())?;
+                let state = Now::of(adaptation.mesh())?;
                 // An error of the size of the compliance itself would make K^c meaningless.
-                let error = now.error_of_contacts(&adaptation);
-                record.under(format!("error of K^c, {what}, {count} remeshes"), error, 1.0);
+                let error = state.error_of_contacts(&adaptation);
+                record.under(format!("error of K^c, {subject}, {count} remeshes"), error, 1.0);
             }
-            record.zero(format!("times K^c was left indefinite, {what}"), f64::from(indefinite));
-            record.report(format!("refreshes, {what}"), f64::from(rebuilds));
+            record.zero(
+                format!("times K^c was left indefinite, {subject}"),
+                f64::from(indefinite),
+            );
+            record.report(format!("refreshes, {subject}"), f64::from(rebuilds));
         }
         Ok(())
     })
@@ -241,7 +249,7 @@ pub(super) fn all(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let start = Start::new(record.seed(), 0.45)?;
     for gpu in &gpus {
         for level in [Level::I, Level::II, Level::III] {
-            let what = format!("level {level}, {}", gpu.report().name);
+            let subject = format!("level {level}, {}", gpu.report().name);
             let source = Source::Single(Arc::clone(&start.single));
             let mut device = follow(gpu, &start.mesh, &source, level, RemesherOptions::default())?;
             device.set_contacts(&start.contacts)?;
@@ -255,7 +263,7 @@ pub(super) fn all(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 if n == COMPARED {
                     let limit = Now::of(&mesh)?.condition * f64::from(f32::EPSILON);
                     record.under(
-                        format!("difference of K^c to f64 after {COMPARED} moves, {what}"),
+                        format!("difference of K^c to f64 after {COMPARED} moves, {subject}"),
                         difference(device.condensed(), reference.remesher().condensed()),
                         limit,
                     );
@@ -274,10 +282,13 @@ pub(super) fn all(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 }
             }
             record.zero(
-                format!("states of K^c that are not finite in {many} moves, {what}"),
+                format!("states of K^c that are not finite in {many} moves, {subject}"),
                 wrong as f64,
             );
-            record.report(format!("number of rebuilds in {many} moves, {what}"), rebuilds as f64);
+            record.report(
+                format!("number of rebuilds in {many} moves, {subject}"),
+                rebuilds as f64,
+            );
         }
     }
     Ok(())
@@ -286,8 +297,8 @@ pub(super) fn all(record: &mut Record<'_>) -> Result<(), Unexpected> {
 /// Returns the largest difference of two K^c relative to the largest entry of the second.
 pub(super) fn difference(matrix: MatRef<'_, f64>, expected: MatRef<'_, f64>) -> f64 {
     let pairs = (0..expected.nrows()).flat_map(|i| (0..expected.ncols()).map(move |j| (i, j)));
-    let worst = largest(pairs.clone().map(|at| matrix[at] - expected[at]));
-    worst / largest(pairs.map(|at| expected[at]))
+    let worst = largest(pairs.clone().map(|index| matrix[index] - expected[index]));
+    worst / largest(pairs.map(|index| expected[index]))
 }
 
 /// Makes the same moves in both precisions.
@@ -298,11 +309,11 @@ pub(crate) fn single_and_double(record: &mut Record<'_>) -> Result<(), Unexpecte
         let start = Start::new(record.seed(), poisson)?;
         for backend in BACKENDS.iter().filter(|backend| backend.precision == Precision::Single) {
             for level in [Level::I, Level::II, Level::III, Level::Exact] {
-                let what = format!("level {level}, {} against {}, nu {poisson}", backend.name, double.name);
+                let subject = format!("level {level}, {} against {}, nu {poisson}", backend.name, double.name);
                 let options = RemesherOptions::default();
                 let single = backend.follow(&start, level, options);
                 if poisson > options.single_poisson_limit && level != Level::Exact {
-                    record.refused(what, single, |error| match error {
+                    record.refused(subject, single, |error| match error {
                         RemeshError::Unsuited {
                             level: named, reason, ..
                         } => *named == level && reason.contains("use f64"),
@@ -315,7 +326,7 @@ pub(crate) fn single_and_double(record: &mut Record<'_>) -> Result<(), Unexpecte
                 start.go(&mut reference, &start.free, 0..10, |_, _| Ok(()))?;
                 let limit = Now::of(reference.mesh())?.condition * f64::from(f32::EPSILON);
                 record.under(
-                    format!("difference of K^c, {what}"),
+                    format!("difference of K^c, {subject}"),
                     difference(single.remesher().condensed(), reference.remesher().condensed()),
                     limit,
                 );
@@ -324,7 +335,7 @@ pub(crate) fn single_and_double(record: &mut Record<'_>) -> Result<(), Unexpecte
                     let backward = refined(record, &mut single)?;
                     let squared = (limit * limit).max(1e-12);
                     record.under(
-                        format!("backward error after one refinement, {what}"),
+                        format!("backward error after one refinement, {subject}"),
                         backward,
                         squared,
                     );

@@ -16,7 +16,7 @@ pub(crate) fn out_and_back(record: &mut Record<'_>) -> Result<(), Unexpected> {
     for poisson in [0.45, 0.499, 0.4999] {
         let start = Start::new(record.seed(), poisson)?;
         for backend in BACKENDS {
-            let what = format!("{}, nu {poisson}", backend.name);
+            let subject = format!("{}, nu {poisson}", backend.name);
             let mut exact = backend.follow(&start, Level::Exact, RemesherOptions::default())?;
             let (before, mut changed, mut rows_left) = (bits(&exact), 0, 0);
             for n in 0..rounds {
@@ -27,27 +27,27 @@ pub(crate) fn out_and_back(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 changed += usize::from(bits(&exact) != before);
             }
             record.zero(
-                format!("rounds after which K^c has changed, exact, {what}"),
+                format!("rounds after which K^c has changed, exact, {subject}"),
                 changed as f64,
             );
-            record.zero(format!("rows of S left, exact, {what}"), rows_left as f64);
+            record.zero(format!("rows of S left, exact, {subject}"), rows_left as f64);
             // Level I refuses f32 beyond this Poisson's ratio, as the case of its accuracy tests.
             if backend.precision == Precision::Single && poisson > RemesherOptions::default().single_poisson_limit {
                 continue;
             }
-            let mut first = backend.follow(&start, Level::I, RemesherOptions::default())?;
+            let mut single = backend.follow(&start, Level::I, RemesherOptions::default())?;
             for n in 0..rounds {
-                start.go(&mut first, &start.free, n..n + 1, |first, _| {
-                    first.undo()?;
+                start.go(&mut single, &start.free, n..n + 1, |single, _| {
+                    single.undo()?;
                     Ok(())
                 })?;
             }
-            let now = Now::of(first.mesh())?;
-            let error = now.error_of_all(&mut first)?;
+            let state = Now::of(single.mesh())?;
+            let error = state.error_of_all(&mut single)?;
             record.under(
-                format!("error of K^-1 after {rounds} rounds, level I, {what}"),
+                format!("error of K^-1 after {rounds} rounds, level I, {subject}"),
                 error,
-                start.allowed(&now, backend),
+                start.allowed(&state, backend),
             );
         }
     }
@@ -68,6 +68,7 @@ pub(crate) fn overlapping(record: &mut Record<'_>) -> Result<(), Unexpected> {
         ];
         for backend in BACKENDS {
             for level in [Level::I, Level::Exact] {
+                // Level I refuses single precision so close to incompressible.
                 if level == Level::I && backend.precision == Precision::Single && poisson > 0.49 {
                     continue;
                 }
@@ -80,11 +81,18 @@ pub(crate) fn overlapping(record: &mut Record<'_>) -> Result<(), Unexpected> {
                             Ok(())
                         })?;
                     }
-                    let what = format!("{name}, level {level}, {}, nu {poisson}", backend.name);
-                    record.zero(format!("moves that did not fit, {what}"), (nodes.len() - moved) as f64);
-                    let now = Now::of(adaptation.mesh())?;
-                    let error = now.error_of_all(&mut adaptation)?;
-                    record.under(format!("error of K^-1, {what}"), error, start.allowed(&now, backend));
+                    let subject = format!("{name}, level {level}, {}, nu {poisson}", backend.name);
+                    record.zero(
+                        format!("moves that did not fit, {subject}"),
+                        (nodes.len() - moved) as f64,
+                    );
+                    let state = Now::of(adaptation.mesh())?;
+                    let error = state.error_of_all(&mut adaptation)?;
+                    record.under(
+                        format!("error of K^-1, {subject}"),
+                        error,
+                        start.allowed(&state, backend),
+                    );
                 }
             }
         }
@@ -93,8 +101,14 @@ pub(crate) fn overlapping(record: &mut Record<'_>) -> Result<(), Unexpected> {
 }
 
 /// Returns the point at `height` times the corner's own height above the opposite face of an element, for the corner at `place`.
-fn above_face(mesh: &AdaptedMesh, element: u32, place: usize, height: f64) -> [f64; 3] {
-    let weight = |corner| if corner == place { height } else { (1.0 - height) / 3.0 };
+fn above_face(mesh: &AdaptedMesh, element: u32, corner_index: usize, height: f64) -> [f64; 3] {
+    let weight = |corner| {
+        if corner == corner_index {
+            height
+        } else {
+            (1.0 - height) / 3.0
+        }
+    };
     mesh.point(element, std::array::from_fn(weight))
 }
 
@@ -102,25 +116,25 @@ fn above_face(mesh: &AdaptedMesh, element: u32, place: usize, height: f64) -> [f
 /// other element.
 fn flattenable(start: &Start, height: f64) -> Result<(u32, usize), Unexpected> {
     let mesh = start.mesh.clone().with_condition_limit(f64::INFINITY);
-    let places = (0..mesh.elements().len() as u32).flat_map(|element| (0..4).map(move |place| (element, place)));
-    let fits = |&(element, place): &(u32, usize)| {
+    let places = (0..mesh.elements().len() as u32).flat_map(|element| (0..4).map(move |corner| (element, corner)));
+    let fits = |&(element, corner): &(u32, usize)| {
         let corners = mesh.elements()[element as usize];
         let is_free = corners.iter().all(|node| start.free.contains(node));
         is_free
             && mesh
-                .assess(corners[place], above_face(&mesh, element, place, height))
+                .assess(corners[corner], above_face(&mesh, element, corner, height))
                 .is_ok()
     };
-    let place = places.into_iter().find(fits);
-    place.ok_or_else(|| Unexpected::new("no node can be moved almost onto a face"))
+    let flattenable_corner = places.into_iter().find(fits);
+    flattenable_corner.ok_or_else(|| Unexpected::new("no node can be moved almost onto a face"))
 }
 
 /// Tests moves that invert or flatten elements, at every level, and the choice of another corner.
 pub(super) fn spoiling(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let start = Start::new(record.seed(), 0.45)?;
-    let (element, place) = flattenable(&start, 1e-8)?;
-    let node = start.mesh.elements()[element as usize][place];
-    let to = |height: f64| above_face(&start.mesh, element, place, height);
+    let (element, corner) = flattenable(&start, 1e-8)?;
+    let node = start.mesh.elements()[element as usize][corner];
+    let height_position = |height: f64| above_face(&start.mesh, element, corner, height);
     let count = start.mesh.nodes().len() as u32;
     let is_element = |error: &RemeshError| matches!(error, RemeshError::Element { .. });
     let is_flat = |error: &RemeshError| {
@@ -139,9 +153,9 @@ pub(super) fn spoiling(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let far = start.mesh.nodes()[node as usize].map(|x| x + 50.0);
     let moves: [(&str, u32, [f64; 3], &dyn Fn(&RemeshError) -> bool); 7] = [
         ("50 mm away", node, far, &is_element),
-        ("beyond the opposite face", node, to(-0.5), &is_element),
-        ("onto the opposite face", node, to(0.0), &is_flat),
-        ("within 1e-8 of it", node, to(1e-8), &is_thin),
+        ("beyond the opposite face", node, height_position(-0.5), &is_element),
+        ("onto the opposite face", node, height_position(0.0), &is_flat),
+        ("within 1e-8 of it", node, height_position(1e-8), &is_thin),
         ("to NaN", node, [0.0, f64::NAN, 0.0], &is_position),
         ("to infinity", node, [f64::INFINITY, 0.0, 0.0], &is_position),
         ("a node that is not there", count, [0.0; 3], &is_node),
@@ -152,8 +166,8 @@ pub(super) fn spoiling(record: &mut Record<'_>) -> Result<(), Unexpected> {
             start.go(&mut adaptation, &[start.free[3]], 0..2, |_, _| Ok(()))?;
             let before = state(&adaptation);
             let mut changed = 0;
-            for (name, node, to, expected) in &moves {
-                let answer = adaptation.move_node(*node, *to);
+            for (name, node, position, expected) in &moves {
+                let answer = adaptation.move_node(*node, *position);
                 record.refused(format!("{name}, level {level}, {}", backend.name), answer, expected);
                 changed += usize::from(state(&adaptation) != before);
             }
@@ -164,14 +178,14 @@ pub(super) fn spoiling(record: &mut Record<'_>) -> Result<(), Unexpected> {
         }
     }
     // With the tip on the face, only the corners of that face are suitable.
-    let tip = to(1e-12);
+    let tip = height_position(1e-12);
     let chosen = best_corner(&start.mesh, element, tip, |_| false)?;
     record.zero(
         "the corner that the tip would flatten was taken",
         f64::from(chosen.node == node),
     );
     record.under("Jacobian condition with the corner taken", chosen.condition, 1e3);
-    let none = best_corner(&start.mesh, element, tip, |other| other != node);
+    let none = best_corner(&start.mesh, element, tip, |candidate| candidate != node);
     record.refused(
         "the others taken already",
         none,
@@ -183,15 +197,15 @@ pub(super) fn spoiling(record: &mut Record<'_>) -> Result<(), Unexpected> {
 /// Tests a mesh limit that lets a node come so close to a face that the update is nearly singular.
 pub(crate) fn near_singular(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let mut start = Start::new(record.seed(), 0.45)?;
-    let (element, place) = flattenable(&start, 1e-8)?;
-    let node = start.mesh.elements()[element as usize][place];
+    let (element, thin_corner) = flattenable(&start, 1e-8)?;
+    let node = start.mesh.elements()[element as usize][thin_corner];
     start.mesh = start.mesh.with_condition_limit(f64::INFINITY);
     let limit = RemesherOptions::default().reciprocal_limit;
     let corners = start.mesh.elements()[element as usize];
-    let is_apart = |other: &u32| {
+    let is_apart = |candidate: &u32| {
         corners
             .iter()
-            .all(|corner| !start.mesh.neighbours(*corner).contains(other))
+            .all(|corner| !start.mesh.neighbours(*corner).contains(candidate))
     };
     let others: Vec<u32> = start.free.iter().copied().filter(is_apart).collect();
     for backend in BACKENDS.iter().filter(|backend| backend.precision == Precision::Double) {
@@ -202,33 +216,41 @@ pub(crate) fn near_singular(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 // Other nodes stay away from their base, so that moving back is an update too, not a return to the base.
                 start.go(&mut adaptation, &others, 0..4, |_, _| Ok(()))?;
                 let before = state(&adaptation);
-                let what = format!("height {height:.0e}, level {level}, {}", backend.name);
-                match adaptation.move_node(node, above_face(&start.mesh, element, place, height)) {
+                let subject = format!("height {height:.0e}, level {level}, {}", backend.name);
+                match adaptation.move_node(node, above_face(&start.mesh, element, thin_corner, height)) {
                     Ok(report) => {
-                        record.report(format!("reciprocal condition, {what}"), report.reciprocal_condition);
+                        record.report(format!("reciprocal condition, {subject}"), report.reciprocal_condition);
                         let below = report.reciprocal_condition < limit;
-                        record.zero(format!("accepted below the limit, {what}"), f64::from(below));
-                        let now = Now::of(adaptation.mesh())?;
-                        let error = now.error_of_contacts(&adaptation);
-                        record.under(format!("error of K^c, {what}"), error, start.allowed(&now, backend));
+                        record.zero(format!("accepted below the limit, {subject}"), f64::from(below));
+                        let state = Now::of(adaptation.mesh())?;
+                        let error = state.error_of_contacts(&adaptation);
+                        record.under(
+                            format!("error of K^c, {subject}"),
+                            error,
+                            start.allowed(&state, backend),
+                        );
                         let forces = vec![1.0; start.contacts.len()];
                         let mut displacement = vec![0.0; start.mesh.dofs().free()];
                         let (mesh, remesher) = adaptation.parts();
-                        let left = remesher.displacement_refined(mesh, &forces, &mut displacement)?;
-                        record.under(format!("backward error after one refinement, {what}"), left, 1e-12);
+                        let residual = remesher.displacement_refined(mesh, &forces, &mut displacement)?;
+                        record.under(
+                            format!("backward error after one refinement, {subject}"),
+                            residual,
+                            1e-12,
+                        );
                         // Moving back uses the same capacitance in reverse.
                         adaptation.undo()?;
                         let back = Now::of(adaptation.mesh())?;
                         let error = back.error_of_contacts(&adaptation);
                         record.under(
-                            format!("error of K^c after moving back, {what}"),
+                            format!("error of K^c after moving back, {subject}"),
                             error,
                             start.allowed(&back, backend),
                         );
                     }
                     refused => {
                         refusals += 1;
-                        record.refused(format!("refused, {what}"), refused, |error| match error {
+                        record.refused(format!("refused, {subject}"), refused, |error| match error {
                             RemeshError::Singular {
                                 node: named,
                                 reciprocal_condition,
@@ -237,7 +259,7 @@ pub(crate) fn near_singular(record: &mut Record<'_>) -> Result<(), Unexpected> {
                             _ => false,
                         });
                         record.zero(
-                            format!("changed by the refusal, {what}"),
+                            format!("changed by the refusal, {subject}"),
                             f64::from(state(&adaptation) != before),
                         );
                     }
@@ -254,18 +276,18 @@ pub(crate) fn near_singular(record: &mut Record<'_>) -> Result<(), Unexpected> {
 
 /// Locates a point by walks from every element and with a fresh locator; records how many answers differ from the first, and returns that
 /// first answer.
-fn elements_named<T: Real>(record: &mut Record<'_>, problem: &Problem, what: &str, p: [f64; 3]) -> u32 {
+fn elements_named<T: Real>(record: &mut Record<'_>, problem: &Problem, subject: &str, p: [f64; 3]) -> u32 {
     let locator = Locator::<T>::new(&problem.mesh);
     let point = p.map(T::of);
-    let first = locator.locate(point, NO_ELEMENT).element;
-    let again = Locator::<T>::new(&problem.mesh).locate(point, NO_ELEMENT).element;
+    let element = locator.locate(point, NO_ELEMENT).element;
+    let element_again = Locator::<T>::new(&problem.mesh).locate(point, NO_ELEMENT).element;
     let starts = 0..problem.mesh.elements().len() as u32;
     let others = starts
-        .filter(|start| locator.locate(point, *start).element != first)
+        .filter(|start| locator.locate(point, *start).element != element)
         .count();
-    let different = others + usize::from(again != first);
-    record.zero(format!("answers that differ, {what}"), different as f64);
-    first
+    let different = others + usize::from(element_again != element);
+    record.zero(format!("answers that differ, {subject}"), different as f64);
+    element
 }
 
 /// Tests tips on vertices, edges and faces, inside, and outside the tissue.
@@ -280,8 +302,8 @@ pub(super) fn places(record: &mut Record<'_>) -> Result<(), Unexpected> {
         &two_parts.dofs(),
     )?;
     let is_free = |corners: &[u32; 4]| corners.iter().all(|node| !mesh.dofs().of(*node).contains(&NONE));
-    let inner = (0..).zip(mesh.elements()).find(|(_, corners)| is_free(corners));
-    let (element, corners) = inner.ok_or_else(|| Unexpected::new("no element without a fixed node"))?;
+    let free = (0..).zip(mesh.elements()).find(|(_, corners)| is_free(corners));
+    let (element, corners) = free.ok_or_else(|| Unexpected::new("no element without a fixed node"))?;
     let places = [
         ("on a vertex", [0.0, 0.0, 1.0, 0.0], 1),
         ("on an edge", [0.5, 0.0, 0.5, 0.0], 2),
@@ -294,24 +316,24 @@ pub(super) fn places(record: &mut Record<'_>) -> Result<(), Unexpected> {
         elements_named::<f32>(record, &two_parts, &format!("{name}, f32"), p);
         record.zero(format!("tips not found, {name}"), f64::from(named == NO_ELEMENT));
         // The corner moved to the tip, chosen from the element itself and from the one that the locator names.
-        for from in [element, named] {
-            let choices = [&mesh, &mesh.clone()].map(|mesh| best_corner(mesh, from, p, |_| false));
-            let [one, two] = &choices;
+        for start in [element, named] {
+            let choices = [&mesh, &mesh.clone()].map(|mesh| best_corner(mesh, start, p, |_| false));
+            let [choice, repeated] = &choices;
             record.zero(
-                format!("choices that differ, {name}, element {from}"),
-                f64::from(one != two),
+                format!("choices that differ, {name}, element {start}"),
+                f64::from(choice != repeated),
             );
-            let Ok(corner) = one else { continue };
-            let here = mesh.elements()[from as usize];
+            let Ok(corner) = choice else { continue };
+            let corners_here = mesh.elements()[start as usize];
             record.zero(
-                format!("choices outside the element, {name}, element {from}"),
-                f64::from(!here.contains(&corner.node)),
+                format!("choices outside the element, {name}, element {start}"),
+                f64::from(!corners_here.contains(&corner.node)),
             );
-            if from == element && corners_there < 4 {
+            if start == element && corners_there < 4 {
                 let weight = corners
                     .iter()
                     .position(|node| *node == corner.node)
-                    .map_or(0.0, |place| weights[place]);
+                    .map_or(0.0, |index| weights[index]);
                 record.zero(
                     format!("choices that flatten the element, {name}"),
                     f64::from(weight == 0.0),

@@ -65,10 +65,15 @@ pub(super) fn patch(record: &mut Record<'_>) -> Result<(), Unexpected> {
 fn sliver(height: f64) -> Result<(TetMesh, usize), Unexpected> {
     let mesh = lattice([4, 4, 4], [10.0; 3])?;
     let on_surface = surface(&mesh);
-    let inner = |node: &u32| !on_surface[*node as usize];
+    let is_inner = |node: &u32| !on_surface[*node as usize];
     let candidates = mesh.elements().iter().enumerate();
-    let mut choices = candidates
-        .flat_map(|(element, corners)| corners.iter().copied().filter(inner).map(move |node| (element, node)));
+    let mut choices = candidates.flat_map(|(element, corners)| {
+        corners
+            .iter()
+            .copied()
+            .filter(is_inner)
+            .map(move |node| (element, node))
+    });
     let (element, vertex) = choices
         .next()
         .ok_or_else(|| Unexpected::new("a lattice without inner nodes"))?;
@@ -123,7 +128,7 @@ fn names(error: &LinearError, is_it: &mut dyn FnMut(usize, DegenerateElement) ->
     match error {
         LinearError::Element {
             element, cause, others, ..
-        } => is_it(*element, *cause) || others.iter().any(|other| is_it(*other, *cause)),
+        } => is_it(*element, *cause) || others.iter().any(|candidate| is_it(*candidate, *cause)),
         _ => false,
     }
 }
@@ -157,7 +162,7 @@ pub(crate) fn rigid_motions(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 };
                 let rigid: Vec<[f64; 3]> = mesh.nodes().iter().map(|p| moves(p).into()).collect();
                 let forces = stiffness.nodal_forces(&rigid);
-                let [force, size] = [&forces, &rigid].map(|all| largest(all.as_flattened().iter().copied()));
+                let [force, size] = [&forces, &rigid].map(|vectors| largest(vectors.as_flattened().iter().copied()));
                 // Forces cancel from terms as large as |K| |r| and round by these:
                 // so one bound holds near and 1 m away.
                 worst.push(force / (stiffness.norm_inf() * size));
@@ -259,10 +264,10 @@ pub(super) fn contrast(record: &mut Record<'_>) -> Result<(), Unexpected> {
             problem.fix(&[0, 1, 2], |p| p[2] == 0.0, |_| [0.0; 3]);
             problem.load_all(record.seed());
             let solution = problem.solve()?;
-            let what = format!("{name}, 1:{ratio:.0e}");
-            record.under(format!("backward error, {what}"), solution.residual, 1e-12);
+            let subject = format!("{name}, 1:{ratio:.0e}");
+            record.under(format!("backward error, {subject}"), solution.residual, 1e-12);
             record.under(
-                format!("imbalance of all forces, {what}"),
+                format!("imbalance of all forces, {subject}"),
                 imbalance(&problem, &solution),
                 1e-10,
             );
@@ -272,7 +277,7 @@ pub(super) fn contrast(record: &mut Record<'_>) -> Result<(), Unexpected> {
             let factor = Factor::new(&stiffness)?;
             let limit = ROUNDING_UNITS * f64::EPSILON * condition(&stiffness, &factor);
             record.under(
-                format!("asymmetry of columns of K^-1, {what}"),
+                format!("asymmetry of columns of K^-1, {subject}"),
                 asymmetry_of_columns(&factor),
                 limit,
             );
@@ -280,7 +285,10 @@ pub(super) fn contrast(record: &mut Record<'_>) -> Result<(), Unexpected> {
             let sampled = |i: usize| (0..i).filter(move |j| i.is_multiple_of(7) && j.is_multiple_of(5));
             let pairs = (0..inverse.size()).flat_map(|i| sampled(i).map(move |j| (i, j)));
             let differences = pairs.map(|(i, j)| inverse.get(i, j) - inverse.get(j, i));
-            record.zero(format!("asymmetry of the dense inverse, {what}"), largest(differences));
+            record.zero(
+                format!("asymmetry of the dense inverse, {subject}"),
+                largest(differences),
+            );
         }
         for order in [[1.0, ratio], [ratio, 1.0]] {
             bar(record, order)?;

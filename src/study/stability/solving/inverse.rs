@@ -29,26 +29,26 @@ pub(super) fn definite(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-fn measure<T: Scalar>(record: &mut Record<'_>, what: &str, inverse: &Symmetric<T>) {
+fn measure<T: Scalar>(record: &mut Record<'_>, subject: &str, inverse: &Symmetric<T>) {
     let size = inverse.size();
     let mut columns = vec![vec![T::of(0.0); size]; size];
     let unread = columns
         .iter_mut()
         .enumerate()
         .filter_map(|(j, column)| inverse.column_into(j, column).err());
-    record.zero(format!("columns that cannot be read, {what}"), unread.count() as f64);
+    record.zero(format!("columns that cannot be read, {subject}"), unread.count() as f64);
     let pairs = (0..size).flat_map(|i| (0..i).map(move |j| (i, j)));
     let asymmetry = largest(pairs.map(|(i, j)| columns[i][j].wide() - columns[j][i].wide()));
-    record.zero(format!("asymmetry, {what}"), asymmetry);
+    record.zero(format!("asymmetry, {subject}"), asymmetry);
     // Stored entries, factorised in f64.
     let entries = Mat::from_fn(size, size, |i, j| inverse.get(i, j).wide());
     let pivots = pivots(entries.as_ref());
-    record.zero(format!("not positive definite, {what}"), f64::from(pivots.is_none()));
+    record.zero(format!("not positive definite, {subject}"), f64::from(pivots.is_none()));
     if let Some(pivots) = pivots {
         let smallest = pivots.into_iter().fold(f64::INFINITY, f64::min);
-        record.report(format!("smallest pivot (mm/N), {what}"), smallest);
+        record.report(format!("smallest pivot (mm/N), {subject}"), smallest);
         record.report(
-            format!("smallest pivot over the largest entry, {what}"),
+            format!("smallest pivot over the largest entry, {subject}"),
             smallest / largest(entries.col_iter().flat_map(|column| column.iter().copied())),
         );
     }
@@ -56,13 +56,13 @@ fn measure<T: Scalar>(record: &mut Record<'_>, what: &str, inverse: &Symmetric<T
 
 /// Returns the problem with all lengths times `length` and all forces times `force`.
 fn scaled(problem: &Problem, length: f64, force: f64) -> Result<Problem, Unexpected> {
-    let mut other = problem.clone();
-    other.mesh = moved(&problem.mesh, |_, p| p.map(|x| x * length))?;
-    other
+    let mut scaled = problem.clone();
+    scaled.mesh = moved(&problem.mesh, |_, p| p.map(|x| x * length))?;
+    scaled
         .loads
         .iter_mut()
         .for_each(|load| load.force_n = load.force_n.map(|f| f * force));
-    Ok(other)
+    Ok(scaled)
 }
 
 /// Returns displacements of the scaled problem in the original units: stiffness is proportional to length.
@@ -78,16 +78,16 @@ fn rescaled(problem: &Problem, length: f64, force: f64) -> Result<Vec<f64>, Unex
 /// Solves in metres and in micrometres.
 pub(super) fn units(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let problem = Problem::block(record, 0.45)?;
-    let first = problem.solve()?.displacement_mm;
+    let exact = problem.solve()?.displacement_mm;
     for unit in [1e-3, 1e3] {
         // Stresses are unchanged: forces scale with the square of the length.
         let displacements = rescaled(&problem, unit, unit * unit)?;
-        let error = relative(&displacements, first.as_flattened());
+        let error = relative(&displacements, exact.as_flattened());
         record.under(format!("difference in {unit:e} times the units"), error, 1e-10);
         let soft = scaled_stiffness(&problem, unit)?;
         record.under(
             format!("difference at {unit:e} times the stiffness"),
-            relative(&soft, first.as_flattened()),
+            relative(&soft, exact.as_flattened()),
             1e-10,
         );
     }
@@ -97,20 +97,20 @@ pub(super) fn units(record: &mut Record<'_>) -> Result<(), Unexpected> {
 /// Returns displacements with all moduli and forces times `factor`, which should be unchanged.
 fn scaled_stiffness(problem: &Problem, factor: f64) -> Result<Vec<f64>, Unexpected> {
     use insonify_mechanics::tissue::material::{Material, Materials};
-    let mut other = scaled(problem, 1.0, factor)?;
-    other.materials = Materials::uniform(Material::new(10.0 * factor, 0.45)?);
-    Ok(other.solve()?.displacement_mm.as_flattened().to_vec())
+    let mut stiffer = scaled(problem, 1.0, factor)?;
+    stiffer.materials = Materials::uniform(Material::new(10.0 * factor, 0.45)?);
+    Ok(stiffer.solve()?.displacement_mm.as_flattened().to_vec())
 }
 
 /// Scales by powers of four, for which lengths, volumes and the square roots of pivots scale without rounding, and by other factors.
 pub(crate) fn powers_of_four(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let problem = Problem::block(record, 0.45)?;
-    let first = problem.solve()?.displacement_mm;
+    let exact = problem.solve()?.displacement_mm;
     for (length, force) in [(4.0, 1.0), (0.25, 4.0), (1024.0, 0.0625), (4f64.powi(-6), 4f64.powi(9))] {
         let displacements = rescaled(&problem, length, force)?;
         let unequal = displacements
             .iter()
-            .zip(first.as_flattened())
+            .zip(exact.as_flattened())
             .filter(|(a, b)| a.to_bits() != b.to_bits())
             .count();
         record.zero(
@@ -121,7 +121,7 @@ pub(crate) fn powers_of_four(record: &mut Record<'_>) -> Result<(), Unexpected> 
     let limit = 1e-13 * problem.condition()?;
     for (length, force) in [(3.0, 1.0), (0.1, 0.7), (1e3, 1e-5), (1.0 / 7.0, 3.3)] {
         let displacements = rescaled(&problem, length, force)?;
-        let error = relative(&displacements, first.as_flattened());
+        let error = relative(&displacements, exact.as_flattened());
         record.under(
             format!("difference, lengths x {length:.3}, loads x {force:e}"),
             error,
@@ -171,8 +171,8 @@ fn rank_zero<T: Scalar>(record: &mut Record<'_>, precision: &str, factor: &Facto
         let y = Mat::from_fn(size, rank, |i, j| T::of(record.noise((i * 3 + j) as u64)));
         updated.rank_update(y.as_ref(), Mat::zeros(rank, rank).as_ref())?;
         updated.update_rows(&[0, size - 1], y.as_ref(), Mat::zeros(rank, rank).as_ref())?;
-        let what = format!("inverses in {precision} changed by nothing of rank {rank}");
-        record.zero(what, f64::from(updated != inverse));
+        let subject = format!("inverses in {precision} changed by nothing of rank {rank}");
+        record.zero(subject, f64::from(updated != inverse));
     }
     Ok(())
 }
@@ -181,8 +181,8 @@ fn rank_zero<T: Scalar>(record: &mut Record<'_>, precision: &str, factor: &Facto
 fn motions(error: &LinearError, example: u32) -> Vec<Motion> {
     match error {
         LinearError::FreeParts { parts, .. } => {
-            let part = parts.iter().find(|part| part.example == example);
-            part.map_or_else(Vec::new, |part| part.motions.clone())
+            let example_part = parts.iter().find(|example_part| example_part.example == example);
+            example_part.map_or_else(Vec::new, |example_part| example_part.motions.clone())
         }
         _ => Vec::new(),
     }

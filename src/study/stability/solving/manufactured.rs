@@ -67,8 +67,9 @@ pub(super) fn exact(waves: &[Wave], p: &[f64; 3]) -> [f64; 3] {
 
 /// Returns the displacement gradient; row i is the gradient of component i.
 fn gradient(waves: &[Wave], p: &[f64; 3]) -> Matrix3<f64> {
-    let of = |wave: &Wave| Vector3::from(wave.amplitude) * Vector3::from(wave.vector).transpose() * wave.phase(p).cos();
-    waves.iter().map(of).sum()
+    let gradient_of =
+        |wave: &Wave| Vector3::from(wave.amplitude) * Vector3::from(wave.vector).transpose() * wave.phase(p).cos();
+    waves.iter().map(gradient_of).sum()
 }
 
 /// Returns the Lame parameters, N/mm^2.
@@ -79,23 +80,23 @@ fn lame(material: &Material) -> [f64; 2] {
 /// Returns the body force -(lambda + mu) grad div u - mu laplace u, N/mm^3.
 fn body_force(waves: &[Wave], material: &Material, p: &[f64; 3]) -> Vector3<f64> {
     let [lambda, mu] = lame(material);
-    let of = |wave: &Wave| {
+    let force_of = |wave: &Wave| {
         let (amplitude, vector) = (Vector3::from(wave.amplitude), Vector3::from(wave.vector));
         let squeeze = vector * ((lambda + mu) * wave.divergence_amplitude());
         (squeeze + amplitude * (mu * vector.norm_squared())) * wave.phase(p).sin()
     };
-    waves.iter().map(of).sum()
+    waves.iter().map(force_of).sum()
 }
 
 /// Returns Gauss's four points on [0, 1] with their weights.
 fn gauss() -> [(f64, f64); 4] {
     let [inner, outer] = [-1.0, 1.0].map(|sign: f64| 0.5 * (3.0 / 7.0 + sign * 2.0 / 7.0 * 1.2f64.sqrt()).sqrt());
-    let [more, less] = [1.0, -1.0].map(|sign: f64| 0.25 + sign * 30f64.sqrt() / 72.0);
+    let [inner_weight, outer_weight] = [1.0, -1.0].map(|sign: f64| 0.25 + sign * 30f64.sqrt() / 72.0);
     [
-        (0.5 - outer, less),
-        (0.5 - inner, more),
-        (0.5 + inner, more),
-        (0.5 + outer, less),
+        (0.5 - outer, outer_weight),
+        (0.5 - inner, inner_weight),
+        (0.5 + inner, inner_weight),
+        (0.5 + outer, outer_weight),
     ]
 }
 
@@ -118,13 +119,13 @@ pub(super) fn quadrature() -> Vec<([f64; 4], f64)> {
 }
 
 /// Calls `at` with each element's corners, and the position, barycentric coordinates and weight (mm^3) of its quadrature points.
-fn integrate(mesh: &TetMesh, mut at: impl FnMut(&[u32; 4], [f64; 3], &[f64; 4], f64)) {
+fn integrate(mesh: &TetMesh, mut visit: impl FnMut(&[u32; 4], [f64; 3], &[f64; 4], f64)) {
     let points = quadrature();
     for (corners, volume) in mesh.elements().iter().zip(mesh.volumes(mesh.nodes())) {
         for (bary, weight) in &points {
             let position =
                 std::array::from_fn(|axis| (0..4).map(|k| bary[k] * mesh.nodes()[corners[k] as usize][axis]).sum());
-            at(corners, position, bary, weight * volume);
+            visit(corners, position, bary, weight * volume);
         }
     }
 }
@@ -201,35 +202,35 @@ pub(super) fn orders(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let seed = record.seed();
     let families = [("regular", 0.3, 0.0), ("shaken", 0.45, 0.1), ("regular", -0.3, 0.0)];
     let count = record.effort().pick(2, families.len());
-    for (at, (name, poisson, share)) in families.into_iter().take(count).enumerate() {
-        record.done(at as f64 / count as f64);
+    for (index, (name, poisson, share)) in families.into_iter().take(count).enumerate() {
+        record.done(index as f64 / count as f64);
         // Perturbed meshes need the range, as their constants differ.
         let sizes = match share {
             0.0 => record.effort().pick([4, 6, 8, 10, 12], [4, 6, 8, 12, 16]),
             _ => [4, 6, 8, 12, 16],
         };
         let material = Material::new(6.0, poisson)?;
-        let mut all = Vec::new();
+        let mut errors_by_mesh = Vec::new();
         for cells in sizes {
             let mesh = match share {
                 0.0 => lattice([cells; 3], [EDGE; 3])?,
                 share => shaken([cells; 3], [EDGE; 3], share, seed)?,
             };
-            all.push(errors(mesh, material, &WAVES)?);
+            errors_by_mesh.push(errors(mesh, material, &WAVES)?);
         }
         // Each perturbed mesh has its own constant: the order is measured over the full range.
-        let last = all.len() - 1;
+        let finest = errors_by_mesh.len() - 1;
         let spans: Vec<[usize; 2]> = match share {
-            0.0 => (0..last).map(|at| [at, at + 1]).collect(),
-            _ => vec![[0, last]],
+            0.0 => (0..finest).map(|mesh| [mesh, mesh + 1]).collect(),
+            _ => vec![[0, finest]],
         };
         for (norm, expected, error) in [
             ("L2", 2.0, (|errors| errors.l2) as fn(&Errors) -> f64),
             ("energy", 1.0, |errors| errors.energy),
         ] {
-            let order = |[from, to]: [usize; 2]| {
-                let finer = sizes[to] as f64 / sizes[from] as f64;
-                (error(&all[from]) / error(&all[to])).log(finer)
+            let order = |[coarse, fine]: [usize; 2]| {
+                let finer = sizes[fine] as f64 / sizes[coarse] as f64;
+                (error(&errors_by_mesh[coarse]) / error(&errors_by_mesh[fine])).log(finer)
             };
             record.under(
                 format!("|order in {norm} - {expected}|, {name} meshes, nu {poisson}"),
@@ -237,10 +238,13 @@ pub(super) fn orders(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 SLACK,
             );
         }
-        record.report(format!("error in L2 on the finest, {name}, nu {poisson}"), all[last].l2);
+        record.report(
+            format!("error in L2 on the finest, {name}, nu {poisson}"),
+            errors_by_mesh[finest].l2,
+        );
         record.under(
             format!("backward error, {name} meshes, nu {poisson}"),
-            largest(all.iter().map(|errors| errors.residual)),
+            largest(errors_by_mesh.iter().map(|errors| errors.residual)),
             1e-12,
         );
     }
@@ -271,41 +275,44 @@ fn elements_permuted(problem: &Problem, order: &[usize]) -> Result<Problem, Unex
 /// Returns the problem with its nodes permuted: node k is node `order[k]` of the original.
 fn nodes_permuted(problem: &Problem, order: &[usize]) -> Result<Problem, Unexpected> {
     let mesh = &problem.mesh;
-    let mut place = vec![0; order.len()];
-    order.iter().enumerate().for_each(|(at, node)| place[*node] = at as u32);
+    let mut new_index = vec![0; order.len()];
+    order
+        .iter()
+        .enumerate()
+        .for_each(|(index, node)| new_index[*node] = index as u32);
     let elements = mesh
         .elements()
         .iter()
-        .map(|corners| corners.map(|node| place[node as usize]));
+        .map(|corners| corners.map(|node| new_index[node as usize]));
     let nodes = order.iter().map(|node| mesh.nodes()[*node]);
-    let mut other = problem.clone();
-    other.mesh = TetMesh::new(nodes.collect(), elements.collect(), mesh.regions().to_vec())?;
-    other
+    let mut shuffled_problem = problem.clone();
+    shuffled_problem.mesh = TetMesh::new(nodes.collect(), elements.collect(), mesh.regions().to_vec())?;
+    shuffled_problem
         .fixes
         .iter_mut()
-        .for_each(|fix| fix.node = place[fix.node as usize]);
-    other
+        .for_each(|fix| fix.node = new_index[fix.node as usize]);
+    shuffled_problem
         .loads
         .iter_mut()
-        .for_each(|load| load.node = place[load.node as usize]);
-    Ok(other)
+        .for_each(|load| load.node = new_index[load.node as usize]);
+    Ok(shuffled_problem)
 }
 
 /// Solves the same problem in other orders and on more threads.
 pub(crate) fn permuted(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let problem = Problem::block(record, 0.45)?;
-    let first = problem.solve()?.displacement_mm;
+    let solved = problem.solve()?.displacement_mm;
     for salt in 1..4 {
         let order = shuffled(record, problem.mesh.elements().len(), salt);
         let displacements = elements_permuted(&problem, &order)?.solve()?.displacement_mm;
         record.under(
             format!("difference, elements in order {salt}"),
-            relative(displacements.as_flattened(), first.as_flattened()),
+            relative(displacements.as_flattened(), solved.as_flattened()),
             1e-12,
         );
-        let order = shuffled(record, first.len(), salt);
+        let order = shuffled(record, solved.len(), salt);
         let displacements = nodes_permuted(&problem, &order)?.solve()?.displacement_mm;
-        let expected: Vec<[f64; 3]> = order.iter().map(|node| first[*node]).collect();
+        let expected: Vec<[f64; 3]> = order.iter().map(|node| solved[*node]).collect();
         record.under(
             format!("difference, nodes in order {salt}"),
             relative(displacements.as_flattened(), expected.as_flattened()),

@@ -67,9 +67,9 @@ impl HistoryReport {
         let flag = match contender.rule {
             Rule::Exponentials(span) => {
                 // Unequal steps are longer by their variation, and their error is of second order.
-                let most = 2.0 * (trapezoid.map_or(f64::INFINITY, |row| row.measured.error) + span.tolerance);
-                (measured.error > most)
-                    .then(|| format!("error above {most:.1e}, twice that of the trapezoid and its tolerance"))
+                let limit = 2.0 * (trapezoid.map_or(f64::INFINITY, |row| row.measured.error) + span.tolerance);
+                (measured.error > limit)
+                    .then(|| format!("error above {limit:.1e}, twice that of the trapezoid and its tolerance"))
             }
             _ => None,
         };

@@ -6,22 +6,22 @@ fn every_rule_comes_near_the_exact_law_with_its_order() {
         steps: vec![100, 1000],
         ..HistoryOptions::default()
     };
-    let mut last = 0.0;
+    let mut reached = 0.0;
     let study = study(&options, &mut |_, share| {
-        assert!(share >= last);
-        last = share;
+        assert!(share >= reached);
+        reached = share;
     })
     .unwrap();
-    assert_eq!(last, 1.0);
+    assert_eq!(reached, 1.0);
     let json = study.json();
     let rows = json["tables"]["history"]["rows"].as_array().unwrap();
     // Seven rules on equal steps, all but one on unequal ones, twice.
     assert_eq!(rows.len(), 26);
     let error = |rule: &str, lengths: &str, count: &str| {
-        let of = rows
+        let row = rows
             .iter()
             .find(|row| row["rule"] == rule && row["lengths"] == lengths && row["count"] == count);
-        of.unwrap()["error"].as_f64().unwrap()
+        row.unwrap()["error"].as_f64().unwrap()
     };
     for (rule, order) in [
         ("rectangle", 1.0),
@@ -30,8 +30,11 @@ fn every_rule_comes_near_the_exact_law_with_its_order() {
         ("trapezoid", 2.0),
         ("exponentials, 1e-10", 2.0),
     ] {
-        let found = (error(rule, "equal", "100") / error(rule, "equal", "1000")).log10();
-        assert!(found > order - 0.2 && found < order + 0.3, "{rule}: {found}");
+        let order_found = (error(rule, "equal", "100") / error(rule, "equal", "1000")).log10();
+        assert!(
+            order_found > order - 0.2 && order_found < order + 0.3,
+            "{rule}: {order_found}"
+        );
     }
     // A loose tolerance adds no more error than itself.
     let coarse = (error("exponentials, 1e-4", "equal", "1000") - error("trapezoid", "equal", "1000")).abs();

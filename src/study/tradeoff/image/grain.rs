@@ -90,14 +90,14 @@ impl Look {
     fn of(pixels: &[u8]) -> Self {
         // The middle, away from the edges of the sector.
         let (low, high) = (SIDE / 8, SIDE - SIDE / 8);
-        let at = |row: usize, column: usize| f64::from(pixels[row * SIDE + column]);
-        let each = || (low..high).flat_map(|row| (low..high).map(move |column| [row, column]));
-        let n = each().count() as f64;
-        let mean = each().map(|[row, column]| at(row, column)).sum::<f64>() / n;
-        let product = |[down, across]: [usize; 2]| {
-            let pairs = each().filter(|[row, column]| row + down < high && column + across < high);
+        let grey = |row: usize, column: usize| f64::from(pixels[row * SIDE + column]);
+        let pixels_inside = || (low..high).flat_map(|row| (low..high).map(move |column| [row, column]));
+        let n = pixels_inside().count() as f64;
+        let mean = pixels_inside().map(|[row, column]| grey(row, column)).sum::<f64>() / n;
+        let product = |[rows, columns]: [usize; 2]| {
+            let pairs = pixels_inside().filter(|[row, column]| row + rows < high && column + columns < high);
             let (sum, count) = pairs.fold((0.0, 0.0), |(sum, count), [row, column]| {
-                let product = (at(row, column) - mean) * (at(row + down, column + across) - mean);
+                let product = (grey(row, column) - mean) * (grey(row + rows, column + columns) - mean);
                 (sum + product, count + 1.0)
             });
             sum / count
@@ -106,11 +106,11 @@ impl Look {
         let width = |step: [usize; 2]| {
             let mut before = 1.0;
             for lag in 1..SIDE / 4 {
-                let now = product(step.map(|part| part * lag)) / variance;
-                if now < 0.5 {
-                    return 2.0 * PIXEL_MM * (lag as f64 - (0.5 - now) / (before - now));
+                let correlation = product(step.map(|component| component * lag)) / variance;
+                if correlation < 0.5 {
+                    return 2.0 * PIXEL_MM * (lag as f64 - (0.5 - correlation) / (before - correlation));
                 }
-                before = now;
+                before = correlation;
             }
             f64::NAN
         };

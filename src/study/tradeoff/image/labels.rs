@@ -24,7 +24,8 @@ const FINEST_MM: f64 = 0.25;
 
 /// Returns the label at a position (mm): a tilted layer, a ball in it and a vessel through both.
 fn label(p: [f64; 3]) -> u8 {
-    let square = |axes: &[usize], at: [f64; 3]| axes.iter().map(|&axis| (p[axis] - at[axis]).powi(2)).sum::<f64>();
+    let square =
+        |axes: &[usize], centre: [f64; 3]| axes.iter().map(|&axis| (p[axis] - centre[axis]).powi(2)).sum::<f64>();
     if square(&[0, 2], [6.3, 0.0, 1.1]) + 0.2 * (p[1] - 20.0) < 9.0 {
         3
     } else if square(&[0, 1, 2], [-5.2, 21.7, 0.4]) < 81.0 {
@@ -65,26 +66,26 @@ fn boundary_mm(synth: &mut Synthesizer, state: &FrameState) -> Result<f64, Error
     let tables = synth.tables();
     let (line_mm, sample_mm) = (tables.grid.lateral_spacing_mm(0.0), tables.sample_mm());
     let exact: Vec<u8> = (0..beam.label.len())
-        .map(|at| {
+        .map(|index| {
             let p = insonify_imaging::synth::layers::world_position(
                 tables,
                 &state.probe_to_world,
-                at / beam.samples,
-                at % beam.samples,
+                index / beam.samples,
+                index % beam.samples,
             );
             label([p.x, p.y, p.z])
         })
         .collect();
     let wrong = exact.iter().zip(&beam.label).filter(|(a, b)| a != b).count();
-    let down = exact
+    let vertical = exact
         .chunks(beam.samples)
         .flat_map(|line| line.windows(2))
         .filter(|pair| pair[0] != pair[1])
         .count();
     let across = (beam.samples..exact.len())
-        .filter(|&at| exact[at] != exact[at - beam.samples])
+        .filter(|&index| exact[index] != exact[index - beam.samples])
         .count();
-    let length = (down as f64 * line_mm + across as f64 * sample_mm) * std::f64::consts::FRAC_PI_4;
+    let length = (vertical as f64 * line_mm + across as f64 * sample_mm) * std::f64::consts::FRAC_PI_4;
     Ok(wrong as f64 * line_mm * sample_mm / length)
 }
 
@@ -354,20 +355,20 @@ const SIMPLER: [Simpler; 9] = [
 ];
 
 /// Settings of a frame with all effects, without each, and with each simplified.
-fn simplified(all: &Settings, synth: &Synthesizer) -> Vec<(String, Settings)> {
-    let mut rows = vec![("every usual effect".to_owned(), all.clone())];
+fn simplified(full: &Settings, synth: &Synthesizer) -> Vec<(String, Settings)> {
+    let mut rows = vec![("every usual effect".to_owned(), full.clone())];
     for effect in REGISTRY.iter().filter(|effect| synth.plan().has(effect.name)) {
-        let (mut anatomy, mut settings) = (synth.tables().anatomy.clone(), all.clone());
+        let (mut anatomy, mut settings) = (synth.tables().anatomy.clone(), full.clone());
         effect
             .remove
             .iter()
             .for_each(|remove| remove(&mut anatomy, &mut settings));
-        if settings != *all {
+        if settings != *full {
             rows.push((format!("without {}", effect.name), settings));
         }
     }
     rows.extend(SIMPLER.iter().map(|(name, simplify)| {
-        let mut settings = all.clone();
+        let mut settings = full.clone();
         simplify(&mut settings.effects);
         ((*name).to_owned(), settings)
     }));

@@ -79,10 +79,10 @@ pub(super) fn sampling(options: &ImageOptions, _: &mut Vec<String>) -> Result<Ve
         // One effect at a time: together, the coarse sampling of one would
         // hide what the other gains from a finer grid.
         let settings = |grid| -> Settings {
-            let all = subject.grid(grid);
+            let settings = subject.grid(grid);
             Settings {
-                effects: (variant.keep)(&all.effects),
-                ..all
+                effects: (variant.keep)(&settings.effects),
+                ..settings
             }
         };
         let [grids @ .., finest] = variant.grids.map(|grid| coarsened(options, grid));
@@ -150,11 +150,11 @@ fn nearest(texture: &SolidTexture, place_mm: [f32; 3]) -> f32 {
 /// Returns the positions of a plane oblique to a texture's axes, scanline by scanline, mm.
 fn places() -> Vec<[f64; 3]> {
     let [lines, samples] = PLANE;
-    let place = |at: usize| {
-        let [line, sample] = [at / samples, at % samples].map(|count| count as f64);
+    let position = |index: usize| {
+        let [line, sample] = [index / samples, index % samples].map(|count| count as f64);
         [0.31 * line, 0.23 * sample, 0.11 * line - 0.07 * sample]
     };
-    (0..lines * samples).map(place).collect()
+    (0..lines * samples).map(position).collect()
 }
 
 fn decibels(amplitude: f64) -> f64 {
@@ -196,7 +196,10 @@ const LOOKUP_COLUMNS: [Column<LookupRow>; 4] = [
 
 pub(crate) fn lookups() -> Table {
     let (places, range_db) = (places(), Tone::default().dynamic_range_db);
-    let singles: Vec<[f32; 3]> = places.iter().map(|place| place.map(|it| it as f32)).collect();
+    let singles: Vec<[f32; 3]> = places
+        .iter()
+        .map(|position| position.map(|coordinate| coordinate as f32))
+        .collect();
     let mut rows = Vec::new();
     for name in TEXTURES {
         let Some(texture) = bank::make(name, 0) else { continue };
@@ -204,12 +207,13 @@ pub(crate) fn lookups() -> Table {
             let mut nanoseconds = Vec::with_capacity(REPEATS);
             for _ in 0..REPEATS {
                 let start = Instant::now();
-                let sum: f32 = singles.iter().map(|place| (method.look)(&texture, *place)).sum();
+                let sum: f32 = singles.iter().map(|position| (method.look)(&texture, *position)).sum();
+                // A sum that nothing reads would be optimised away, look-ups included.
                 black_box(sum);
                 nanoseconds.push(start.elapsed().as_secs_f64() * 1e9 / singles.len() as f64);
             }
-            let squares = places.iter().zip(&singles).map(|(place, single)| {
-                let [exact, echo] = [texture.sample(*place), f64::from((method.look)(&texture, *single))];
+            let squares = places.iter().zip(&singles).map(|(position, single)| {
+                let [exact, echo] = [texture.sample(*position), f64::from((method.look)(&texture, *single))];
                 (decibels(echo) - decibels(exact)).powi(2)
             });
             let rms_db = (squares.sum::<f64>() / places.len() as f64).sqrt();
@@ -257,11 +261,11 @@ fn points(count: usize, frame: usize) -> Vec<[f64; 3]> {
     let side = (count as f64).sqrt().ceil() as usize;
     let shift = 0.3 * frame as f64;
     (0..count)
-        .map(|at| {
-            let (line, sample) = (at / side, at % side);
+        .map(|index| {
+            let (line, sample) = (index / side, index % side);
             let across = -50.0 + 100.0 * (line as f64 + 0.37) / side as f64;
-            let down = 2.0 + 96.0 * (sample as f64 + 0.41) / side as f64;
-            [across + shift, down, 0.2 * across + 0.1 * down - 9.0 + shift]
+            let depth = 2.0 + 96.0 * (sample as f64 + 0.41) / side as f64;
+            [across + shift, depth, 0.2 * across + 0.1 * depth - 9.0 + shift]
         })
         .collect()
 }
@@ -274,14 +278,17 @@ fn least(nodes: &[[f64; 3]], corners: [u32; 4], p: [f64; 3]) -> f64 {
                   b: nalgebra::Vector3<f64>,
                   c: nalgebra::Vector3<f64>,
                   d: nalgebra::Vector3<f64>| { (b - a).cross(&(c - a)).dot(&(d - a)) };
-    let whole = volume(a, b, c, d);
+    let whole_volume = volume(a, b, c, d);
     let parts = [
         volume(p, b, c, d),
         volume(a, p, c, d),
         volume(a, b, p, d),
         volume(a, b, c, p),
     ];
-    parts.map(|part| part / whole).into_iter().fold(f64::INFINITY, f64::min)
+    parts
+        .map(|volume| volume / whole_volume)
+        .into_iter()
+        .fold(f64::INFINITY, f64::min)
 }
 
 /// Returns the lowest-numbered element that contains a point, by exhaustive search.
@@ -290,7 +297,7 @@ fn exhaustive(mesh: &TetMesh, nodes: &[[f64; 3]], p: [f64; 3]) -> u32 {
         .elements()
         .iter()
         .position(|&corners| least(nodes, corners, p) >= 0.0);
-    holding.map_or(NO_ELEMENT, |at| at as u32)
+    holding.map_or(NO_ELEMENT, |element| element as u32)
 }
 
 /// Results of one method: time per point in each frame, and differences from exhaustive search.
@@ -362,15 +369,15 @@ pub(super) fn location(options: &ImageOptions, _: &mut Vec<String>) -> Result<Ve
     for &count in &options.nodes {
         let mesh = TetMesh::over_box(BOX_MM[0], BOX_MM[1], count)?;
         let mut locator = Locator::<f64>::new(&mesh);
-        let [mut walk, mut grid, mut all] = [Location::default(), Location::default(), Location::default()];
-        let mut last = vec![NO_ELEMENT; options.points];
+        let [mut walk, mut grid, mut exhaustively] = [Location::default(), Location::default(), Location::default()];
+        let mut elements = vec![NO_ELEMENT; options.points];
         for frame in 0..FRAMES {
             let nodes = nodes(&mesh, frame);
             locator.update(&nodes)?;
             let points = points(options.points, frame);
             let started = Instant::now();
             let mut before = NO_ELEMENT;
-            for (element, &p) in last.iter_mut().zip(&points) {
+            for (element, &p) in elements.iter_mut().zip(&points) {
                 // As in a frame: start from the element of the last frame, otherwise from the previous sample.
                 let start = if *element == NO_ELEMENT { before } else { *element };
                 *element = locator.locate(p, start).element;
@@ -383,11 +390,14 @@ pub(super) fn location(options: &ImageOptions, _: &mut Vec<String>) -> Result<Ve
             let step = (points.len() / EXHAUSTIVE).max(1);
             let tried: Vec<usize> = (0..points.len()).step_by(step).collect();
             let started = Instant::now();
-            let exact: Vec<u32> = tried.iter().map(|&at| exhaustive(&mesh, &nodes, points[at])).collect();
-            all.timed(started, tried.len());
-            for (&at, &exact) in tried.iter().zip(&exact) {
-                walk.judge(&locator, &mesh, &nodes, points[at], [last[at], exact]);
-                grid.judge(&locator, &mesh, &nodes, points[at], [from_grid[at], exact]);
+            let exact: Vec<u32> = tried
+                .iter()
+                .map(|&index| exhaustive(&mesh, &nodes, points[index]))
+                .collect();
+            exhaustively.timed(started, tried.len());
+            for (&index, &exact) in tried.iter().zip(&exact) {
+                walk.judge(&locator, &mesh, &nodes, points[index], [elements[index], exact]);
+                grid.judge(&locator, &mesh, &nodes, points[index], [from_grid[index], exact]);
             }
         }
         // The first frame has no start elements.
@@ -395,7 +405,7 @@ pub(super) fn location(options: &ImageOptions, _: &mut Vec<String>) -> Result<Ve
         let methods = [
             ("walk from the last frame", walk),
             ("search grid", grid),
-            ("every element", all),
+            ("every element", exhaustively),
         ];
         rows.extend(methods.map(|(method, location)| LocationRow {
             method,

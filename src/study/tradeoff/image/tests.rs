@@ -7,17 +7,17 @@ fn frame(change: impl Fn(&mut insonify_imaging::synth::tables::Settings)) -> (Ve
     settings.effects.noise = None;
     change(&mut settings);
     let mut synth = Synthesizer::new(anatomy, settings, Backend::Cpu).unwrap();
-    let found = picture(&mut synth, &state, Duration::ZERO).unwrap();
-    assert!(found.memory_mb > 0.0 && found.time.is_some_and(|time| time.frames == 3));
-    (found.pixels, inside(&synth))
+    let rendered = picture(&mut synth, &state, Duration::ZERO).unwrap();
+    assert!(rendered.memory_mb > 0.0 && rendered.time.is_some_and(|time| time.frames == 3));
+    (rendered.pixels, inside(&synth))
 }
 
 #[test]
 fn a_level_that_is_brighter_as_a_whole_is_flagged_whatever_it_claims_to_be() {
     let (standard, inside) = frame(|_| {});
-    let same = Difference::of(&standard, &standard, &inside);
+    let no_difference = Difference::of(&standard, &standard, &inside);
     assert_eq!(
-        (same, same.offset(), rounding(&same)),
+        (no_difference, no_difference.offset(), rounding(&no_difference)),
         (Difference::default(), None, None)
     );
     // Deliberate mistake: 2 dB of unrequested gain.
@@ -54,16 +54,16 @@ fn a_level_that_is_brighter_as_a_whole_is_flagged_whatever_it_claims_to_be() {
 
 #[test]
 fn a_refinement_that_is_further_off_than_the_level_before_it_is_flagged() {
-    let off = |rms| Difference {
+    let difference = |rms| Difference {
         rms,
         p99: 3.0 * rms,
         bias: 0.0,
     };
-    assert_eq!(off(2.0).flag(Some(&off(4.0))), None);
-    assert_eq!(off(4.1).flag(Some(&off(4.0))), None);
+    assert_eq!(difference(2.0).flag(Some(&difference(4.0))), None);
+    assert_eq!(difference(4.1).flag(Some(&difference(4.0))), None);
     assert!(
-        off(6.0)
-            .flag(Some(&off(4.0)))
+        difference(6.0)
+            .flag(Some(&difference(4.0)))
             .is_some_and(|flag| flag.contains("coarser"))
     );
 }
@@ -88,13 +88,13 @@ fn every_table_is_filled_and_nothing_in_it_is_wrong() {
         patience: Duration::ZERO,
         gpus: Vec::new(),
     };
-    let mut last = 0.0;
+    let mut reached = 0.0;
     let study = study(&options, &mut |_, share| {
-        assert!(share >= last);
-        last = share;
+        assert!(share >= reached);
+        reached = share;
     })
     .unwrap();
-    assert_eq!(last, 1.0);
+    assert_eq!(reached, 1.0);
     let rows: Vec<(&str, usize)> = study.tables.iter().map(|table| (table.key, table.rows.len())).collect();
     let expected = [
         ("image_grid", 4),
@@ -119,26 +119,26 @@ fn every_table_is_filled_and_nothing_in_it_is_wrong() {
     // The standard is finer than every grid, so that even the finest grid has an error.
     let grids = &study.tables[0];
     let structure = grids.rows.iter().filter(|row| row.choices[0] == "structure");
-    let off: Vec<Option<f64>> = structure.map(|row| grids.value(row, "rms_grey")).collect();
+    let rms_grey: Vec<Option<f64>> = structure.map(|row| grids.value(row, "rms_grey")).collect();
     assert!(
-        off.len() == 2 && off.iter().all(|off| off.is_some_and(|off| off > 1.0)),
-        "{off:?}"
+        rms_grey.len() == 2 && rms_grey.iter().all(|rms| rms.is_some_and(|rms| rms > 1.0)),
+        "{rms_grey:?}"
     );
     // With all effects, only rounding errors remain; without one of them, the error is larger.
     let effects = study.tables.iter().find(|table| table.key == "image_effects").unwrap();
-    let off = |row| effects.value(row, "rms_grey").unwrap();
-    assert!(off(&effects.rows[0]) < 0.5);
+    let rms_grey = |row| effects.value(row, "rms_grey").unwrap();
+    assert!(rms_grey(&effects.rows[0]) < 0.5);
     for effect in ["texture", "interface", "speckle", "shadow", "automatic gain"] {
         let row = effects
             .rows
             .iter()
             .find(|row| row.choices[0] == format!("without {effect}"));
-        assert!(off(row.unwrap()) > 0.5, "{effect}: {}", off(row.unwrap()));
+        assert!(rms_grey(row.unwrap()) > 0.5, "{effect}: {}", rms_grey(row.unwrap()));
     }
     // Trilinear look-up has rounding errors only; the nearest voxel misses the variation between voxels.
     let lookups = study.tables.iter().find(|table| table.key == "image_lookup").unwrap();
     for pair in lookups.rows.chunks(2) {
-        let [nearest, trilinear] = [0, 1].map(|at| lookups.value(&pair[at], "rms_db").unwrap());
+        let [nearest, trilinear] = [0, 1].map(|row| lookups.value(&pair[row], "rms_db").unwrap());
         assert!(nearest > 0.1 && trilinear < 1e-2, "{nearest} {trilinear}");
     }
     assert_eq!(study.plots().len(), 4);

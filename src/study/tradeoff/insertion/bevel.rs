@@ -115,16 +115,18 @@ fn cases(sweep: bool) -> Vec<BevelCase> {
 pub(super) fn run(options: &InsertionOptions, study: &mut Study, progress: Progress<'_>) -> Result<(), Error> {
     let cases = cases(options.bevel_sweep);
     let (mut rows, mut trace): (Vec<BevelRow>, Vec<DepthRow>) = (Vec::new(), Vec::new());
-    for (at, case) in cases.iter().enumerate() {
+    for (index, case) in cases.iter().enumerate() {
         let Bevel { r_mm, length_mm } = case.bevel;
         let text = format!(
             "bevel of {length_mm} mm, r = {r_mm} mm, cells of {} mm",
             cell_name(case.cell_mm)
         );
-        progress(&text, at as f64 / cases.len() as f64);
+        progress(&text, index as f64 / cases.len() as f64);
         let steps = insert(case, options.bevel_depth_mm)?;
         let aside = |step: &Step| step.tip_mm.x - 0.5 * EXTENT[0];
-        let Some(last) = steps.last().map(aside) else { continue };
+        let Some(end_mm) = steps.last().map(aside) else {
+            continue;
+        };
         let half_mm = steps.get(steps.len() / 2).map(aside);
         // No theory gives the deflection itself, but two bounds hold on every mesh: without an offset of the
         // tip the needle goes straight, and a larger offset bends it more.
@@ -133,13 +135,18 @@ pub(super) fn run(options: &InsertionOptions, study: &mut Study, progress: Progr
             bevel.length_mm == length_mm && cell_mm == case.cell_mm
         });
         let flag = match smaller {
-            _ if r_mm == 0.0 && last.abs() > STRAIGHT_MM => Some(format!("straight to {STRAIGHT_MM} mm is expected")),
-            Some(before) if last <= before.deflection_mm => Some("more than with the smaller r is expected".to_owned()),
+            _ if r_mm == 0.0 && end_mm.abs() > STRAIGHT_MM => Some(format!("straight to {STRAIGHT_MM} mm is expected")),
+            Some(before) if end_mm <= before.deflection_mm => {
+                Some("more than with the smaller r is expected".to_owned())
+            }
             _ => None,
         };
         let coarser = rows.iter().rev().find(|row| row.case.bevel == case.bevel && r_mm > 0.0);
-        let change_percent = coarser.map(|before| 100.0 * (last - before.deflection_mm) / last);
-        if let (Some(change), Some(before)) = (change_percent.filter(|it| it.abs() > CONVERGED_PERCENT), coarser) {
+        let change_percent = coarser.map(|before| 100.0 * (end_mm - before.deflection_mm) / end_mm);
+        if let (Some(change), Some(before)) = (
+            change_percent.filter(|change| change.abs() > CONVERGED_PERCENT),
+            coarser,
+        ) {
             study.notes.push(format!(
                 "{text}: not converged with the mesh, {change:+.0} % from cells of {} mm",
                 cell_name(before.case.cell_mm)
@@ -147,18 +154,18 @@ pub(super) fn run(options: &InsertionOptions, study: &mut Study, progress: Progr
         }
         rows.push(BevelRow {
             case: *case,
-            deflection_mm: last,
+            deflection_mm: end_mm,
             half_mm,
             change_percent,
             times: StepTimes::of(&steps),
             flag,
         });
-        trace.extend(steps.iter().enumerate().step_by(4).map(|(step, now)| DepthRow {
+        trace.extend(steps.iter().enumerate().step_by(4).map(|(step, state)| DepthRow {
             length_mm,
             r: r_mm.to_string(),
             cell_mm: case.cell_mm,
             depth_mm: step as f64 * ADVANCE_MM,
-            deflection_mm: aside(now),
+            deflection_mm: aside(state),
         }));
     }
     let (length_mm, cell_mm) = (LENGTHS_MM[1], CELLS_MM[0]);

@@ -185,9 +185,9 @@ pub(crate) fn measure(options: &InsertionOptions, progress: Progress<'_>) -> Res
             probe,
         };
         let mut models = Vec::new();
-        for (at, level) in LEVELS.into_iter().enumerate() {
+        for (index, level) in LEVELS.into_iter().enumerate() {
             let text = format!("level {}: inverse", name(level));
-            report(&text, 0.6 * at as f64 / LEVELS.len() as f64);
+            report(&text, 0.6 * index as f64 / LEVELS.len() as f64);
             models.push(model(options.nodes, level, probe)?);
         }
         if probe {
@@ -315,10 +315,10 @@ fn model(nodes: usize, level: Level, probe: bool) -> Result<Finite, Error> {
 }
 
 /// Differences of forces and tips from the gold standard, before and once the probe moves (root mean square).
-fn differences(course: &Course, first: &[Step], other: &[Step]) -> [f64; 4] {
+fn differences(course: &Course, reference: &[Step], compared: &[Step]) -> [f64; 4] {
     let force = |(a, b): (&Step, &Step)| (a.force_n - b.force_n).norm();
     let tip = |(a, b): (&Step, &Step)| (a.tip_mm - b.tip_mm).norm();
-    let pairs = || first.iter().zip(other);
+    let pairs = || reference.iter().zip(compared);
     let moved = course.moved();
     [
         mean_square(pairs().take(moved).map(force)),
@@ -335,16 +335,16 @@ fn along<'a>(
     steps: &'a [Step],
     is_other: bool,
 ) -> impl Iterator<Item = Moment> + 'a {
-    let every = course.steps().div_ceil(POINTS);
-    let chunks = steps.chunks(every).zip(gold.chunks(every)).enumerate();
-    chunks.filter_map(move |(at, (these, gold))| {
-        let last = these.last()?;
+    let chunk_steps = course.steps().div_ceil(POINTS);
+    let chunks = steps.chunks(chunk_steps).zip(gold.chunks(chunk_steps)).enumerate();
+    chunks.filter_map(move |(chunk, (these, gold))| {
+        let last_step = these.last()?;
         let difference = largest(these.iter().zip(gold).map(|(a, b)| (a.force_n - b.force_n).norm()));
         Some(Moment {
-            time_s: course.time_s(at * every + these.len() - 1),
-            axial_n: last.force_n.z,
-            across_n: last.force_n.y,
-            tip_aside_mm: last.tip_mm.y - ENTRY_MM[1],
+            time_s: course.time_s(chunk * chunk_steps + these.len() - 1),
+            axial_n: last_step.force_n.z,
+            across_n: last_step.force_n.y,
+            tip_aside_mm: last_step.tip_mm.y - ENTRY_MM[1],
             force_difference_n: is_other.then_some(difference),
             step_ms: largest(these.iter().map(|step| step.ms)),
         })
@@ -352,23 +352,23 @@ fn along<'a>(
 }
 
 fn figures() -> Vec<Figure> {
-    let with = || vec![("probe", "with".to_owned())];
-    let along = |file: &str, title: &str, y: &'static str| Figure {
-        only: with(),
+    let with_probe = || vec![("probe", "with".to_owned())];
+    let plot = |file: &str, title: &str, y: &'static str| Figure {
+        only: with_probe(),
         ..lines(file, title, "levels-along", ["time_s", y], "level")
     };
     vec![
-        along(
+        plot(
             "insertion-force-difference",
             "Force at the needle's base: how far from level I?",
             "force_difference_n",
         ),
-        along(
+        plot(
             "insertion-tip",
             "The needle's tip, the probe moved towards it midway",
             "tip_aside_mm",
         ),
-        along("insertion-force", "Force on the hand along the needle", "axial_n"),
+        plot("insertion-force", "Force on the hand along the needle", "axial_n"),
         Figure {
             only: vec![("level", "exact condensed".to_owned())],
             ..lines(
@@ -380,7 +380,7 @@ fn figures() -> Vec<Figure> {
             )
         },
         Figure {
-            only: with(),
+            only: with_probe(),
             marked: true,
             ..lines(
                 "insertion-remesh-quartiles",
@@ -390,7 +390,7 @@ fn figures() -> Vec<Figure> {
                 "level",
             )
         },
-        along(
+        plot(
             "insertion-step-time-levels",
             "Time of a step at each level, with the probe",
             "step_ms",

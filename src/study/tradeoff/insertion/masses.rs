@@ -145,16 +145,16 @@ pub(super) fn run(options: &InsertionOptions, study: &mut Study, progress: Progr
     // Each step counts with its shortest time over all passes; passes lie apart in time, so that other load
     // on the machine spoils at most some of them.
     for pass in 0..options.passes {
-        for (at, (contender, insertion)) in contenders.iter_mut().zip(&mut insertions).enumerate() {
-            let share = (pass * count + at) as f64 / runs;
+        for (index, (contender, insertion)) in contenders.iter_mut().zip(&mut insertions).enumerate() {
+            let share = (pass * count + index) as f64 / runs;
             progress("masses and springs against finite elements", share);
             contender.insert(options.depth_mm, insertion)?;
         }
     }
     let compared = contenders.iter().zip(&insertions).enumerate();
-    let rows = compared.map(|(at, (contender, insertion))| MassRow {
+    let rows = compared.map(|(index, (contender, insertion))| MassRow {
         named: contender.named.clone(),
-        differences: (at > 0).then(|| differences(&insertions[0], insertion)),
+        differences: (index > 0).then(|| differences(&insertions[0], insertion)),
         times: StepTimes::of(&insertion.steps),
     });
     let rows: Vec<MassRow> = rows.collect();
@@ -191,7 +191,7 @@ fn recommendation(rows: &[MassRow]) -> Option<String> {
     let (finite, alike, springs) = (row(FINITE, "0.45")?, row(FINITE, "0.25")?, row(SPRINGS, "")?);
     let slower = springs.times.median_ms? / finite.times.median_ms?;
     let percent = |row: &MassRow| Some(row.differences.as_ref()?.tissue_percent);
-    let (off, material) = (percent(springs)?, percent(alike)?);
+    let (off_percent, material) = (percent(springs)?, percent(alike)?);
     let advice = if slower > 1.0 {
         "take finite elements wherever the tissue has a mesh, and masses and springs where there is none: they need only to know \
              what lies where"
@@ -199,7 +199,7 @@ fn recommendation(rows: &[MassRow]) -> Option<String> {
         "take finite elements where displacements matter, masses and springs where time alone does, or where there is no mesh"
     };
     Some(format!(
-        "masses and springs: a step takes {slower:.2} times the median time of finite elements, and tissue is displaced {off:.0} % \
+        "masses and springs: a step takes {slower:.2} times the median time of finite elements, and tissue is displaced {off_percent:.0} % \
          otherwise (finite elements with nu = 0.25 in place of 0.45: {material:.0} %); {advice}"
     ))
 }
@@ -261,7 +261,7 @@ fn finite(grid: [usize; 2], poisson: f64) -> Result<Contender, Error> {
     let parameters = parameters(grid);
     let mesh = cylinder(parameters)?;
     // Supported like the mass-spring cylinder: at its side and its far end.
-    let [radius, length] = [parameters.radius_mm, parameters.length_mm()].map(|it| it * (1.0 - 1e-9));
+    let [radius, length] = [parameters.radius_mm, parameters.length_mm()].map(|length| length * (1.0 - 1e-9));
     let nodes = (0..).zip(mesh.nodes());
     let fixed_nodes = nodes.filter(|(_, p)| p[0].hypot(p[1]) >= radius || p[2] >= length);
     let setup = Setup {
@@ -297,20 +297,20 @@ impl Contender {
     /// Inserts and withdraws the needle.
     fn insert(&mut self, depth_mm: f64, insertion: &mut Insertion) -> Result<(), Error> {
         let steps_in = (depth_mm / ADVANCE_MM).round() as usize;
-        let first = insertion.steps.is_empty();
+        let is_first = insertion.steps.is_empty();
         for step in 0..=2 * steps_in {
             let depth = depth_mm * (steps_in - step.abs_diff(steps_in)) as f64 / steps_in as f64;
-            let now = timed(&mut *self.model, &block::tip_at([0.0, 0.0, depth]))?;
-            if !first {
-                insertion.steps[step].ms = insertion.steps[step].ms.min(now.ms);
+            let timed_step = timed(&mut *self.model, &block::tip_at([0.0, 0.0, depth]))?;
+            if !is_first {
+                insertion.steps[step].ms = insertion.steps[step].ms.min(timed_step.ms);
                 continue;
             }
-            insertion.steps.push(now);
-            for (at, field) in [steps_in, steps_in + steps_in / 2]
+            insertion.steps.push(timed_step);
+            for (step_kept, field) in [steps_in, steps_in + steps_in / 2]
                 .into_iter()
                 .zip(&mut insertion.fields)
             {
-                if step == at {
+                if step == step_kept {
                     *field = self.field(depth_mm)?;
                 }
             }
@@ -326,16 +326,17 @@ impl Contender {
         self.imager.tissue(&snapshot, &mut tissue);
         self.locator.update(&tissue.reference)?;
         let elements = self.imager.elements();
-        let at = |place: [f64; 3]| {
-            let hit = self.locator.locate(place, NO_ELEMENT);
+        let moved = |point: [f64; 3]| {
+            let hit = self.locator.locate(point, NO_ELEMENT);
             let corners = elements.get(hit.element as usize).into_iter().flatten();
             let pairs = corners.zip(hit.bary).map(|(node, share)| {
-                let [to, from] = [&tissue.current, &tissue.reference].map(|it| Vector3::from(it[*node as usize]));
-                (to - from) * share
+                let [current, reference] =
+                    [&tissue.current, &tissue.reference].map(|nodes| Vector3::from(nodes[*node as usize]));
+                (current - reference) * share
             });
             pairs.sum()
         };
-        Ok(places(depth_mm).map(at).collect())
+        Ok(places(depth_mm).map(moved).collect())
     }
 }
 
@@ -354,14 +355,14 @@ fn places(depth_mm: f64) -> impl Iterator<Item = [f64; 3]> {
     })
 }
 
-fn differences(gold: &Insertion, other: &Insertion) -> Differences {
-    let pairs = |at: usize| gold.fields[at].iter().zip(&other.fields[at]);
-    let percent = |at: usize| {
-        let off = mean_square(pairs(at).map(|(a, b)| (a - b).norm()));
-        100.0 * off / mean_square(pairs(at).map(|(a, _)| a.norm()))
+fn differences(gold: &Insertion, compared: &Insertion) -> Differences {
+    let pairs = |field: usize| gold.fields[field].iter().zip(&compared.fields[field]);
+    let percent = |field: usize| {
+        let difference = mean_square(pairs(field).map(|(a, b)| (a - b).norm()));
+        100.0 * difference / mean_square(pairs(field).map(|(a, _)| a.norm()))
     };
     let force = || {
-        let steps = gold.steps.iter().zip(&other.steps);
+        let steps = gold.steps.iter().zip(&compared.steps);
         steps.map(|(a, b)| (a.force_n - b.force_n).norm())
     };
     Differences {

@@ -59,8 +59,8 @@ pub(crate) fn measure(options: &InsertionOptions, progress: Progress<'_>) -> Res
         probe: false,
     };
     let mut models = Vec::new();
-    for (at, share) in SHARES.into_iter().enumerate() {
-        progress("nodes of the mesh", 0.3 * at as f64 / SHARES.len() as f64);
+    for (index, share) in SHARES.into_iter().enumerate() {
+        progress("nodes of the mesh", 0.3 * index as f64 / SHARES.len() as f64);
         let needle = block::springs(Stiffness::default(), block::LINK_MM, block::BEVEL)?;
         let nodes = (share * options.nodes as f64).round() as usize;
         models.push(super::model(super::tissue(nodes, needle)?)?);
@@ -69,17 +69,17 @@ pub(crate) fn measure(options: &InsertionOptions, progress: Progress<'_>) -> Res
         progress("nodes of the mesh", 0.3 + 0.7 * share);
     })?;
     let gold = &traces[traces.len() - 1];
-    let rows = models.iter().zip(&traces).enumerate().map(|(at, (model, steps))| {
-        let other = (at + 1 < models.len()).then_some(());
+    let rows = models.iter().zip(&traces).enumerate().map(|(index, (model, steps))| {
+        let is_coarser = (index + 1 < models.len()).then_some(());
         let pairs = || gold.iter().zip(steps).take(course.moved());
         let force = |(a, b): (&Step, &Step)| (a.force_n - b.force_n).norm();
         MeshRow {
             nodes: model.mesh().nodes().len(),
             elements: model.mesh().elements().len(),
             times: StepTimes::of(steps),
-            force_rms_n: other.map(|()| mean_square(pairs().map(force))),
-            force_n: other.map(|()| largest(pairs().map(force))),
-            tip_mm: other.map(|()| largest(pairs().map(|(a, b)| (a.tip_mm - b.tip_mm).norm()))),
+            force_rms_n: is_coarser.map(|()| mean_square(pairs().map(force))),
+            force_n: is_coarser.map(|()| largest(pairs().map(force))),
+            tip_mm: is_coarser.map(|()| largest(pairs().map(|(a, b)| (a.tip_mm - b.tip_mm).norm()))),
         }
     });
     Ok(rows.collect())

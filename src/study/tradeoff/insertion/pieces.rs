@@ -99,17 +99,17 @@ impl Pieces {
         let gold = &traces[traces.len() - 1];
         let inward = course.moved();
         let rows = self.lengths_mm.iter().zip(&traces).map(|(&length_mm, steps)| {
-            let most = |of: &dyn Fn(&Step, &Step) -> f64| {
+            let largest_change = |change: &dyn Fn(&Step, &Step) -> f64| {
                 let pairs = gold.iter().zip(steps).take(inward);
-                (length_mm != self.finest_mm()).then(|| largest(pairs.map(|(a, b)| of(a, b))))
+                (length_mm != self.finest_mm()).then(|| largest(pairs.map(|(a, b)| change(a, b))))
             };
             let tip = steps[inward - 1].tip_mm;
             PieceRow {
                 length_mm,
                 deflection_mm: (tip.x - ENTRY_MM[0]).hypot(tip.y - ENTRY_MM[1]),
                 times: StepTimes::of(steps),
-                tip_mm: most(&|a, b| (a.tip_mm - b.tip_mm).norm()),
-                force_n: most(&|a, b| (a.force_n - b.force_n).norm()),
+                tip_mm: largest_change(&|a, b| (a.tip_mm - b.tip_mm).norm()),
+                force_n: largest_change(&|a, b| (a.force_n - b.force_n).norm()),
             }
         });
         Ok(rows.collect())

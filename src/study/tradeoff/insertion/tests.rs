@@ -14,10 +14,10 @@ fn small(part: Part) -> InsertionOptions {
     }
 }
 
-fn of(part: Part) -> Study {
-    let mut told = Vec::new();
-    let study = study(&small(part), &mut |_, share| told.push(share)).unwrap();
-    assert!(told.is_sorted() && told.last() == Some(&1.0), "{told:?}");
+fn study_of(part: Part) -> Study {
+    let mut shares = Vec::new();
+    let study = study(&small(part), &mut |_, share| shares.push(share)).unwrap();
+    assert!(shares.is_sorted() && shares.last() == Some(&1.0), "{shares:?}");
     let wrong = study.tables.iter().flat_map(|table| &table.rows);
     let wrong: Vec<&Row> = wrong.filter(|row| row.flag.is_some()).collect();
     assert!(wrong.is_empty(), "{wrong:?}");
@@ -34,13 +34,13 @@ fn value(study: &Study, choices: &[&str], key: &str) -> Option<f64> {
 /// The exact condensed level agrees with level I (or its row would be flagged), and III is closer than IV.
 #[test]
 fn levels_differ_as_they_must() {
-    let study = of(Part::Levels);
-    let of = |level: &str, key: &str| value(&study, &[level, "with"], key);
-    assert_eq!(of("I", "force_after_n"), None);
-    assert!(of("III", "tip_after_mm") < of("IV", "tip_after_mm") && of("IV", "tip_after_mm") > Some(1e-3));
-    assert!(of("exact condensed", "tip_after_mm") < Some(1e-3));
+    let study = study_of(Part::Levels);
+    let figure = |level: &str, key: &str| value(&study, &[level, "with"], key);
+    assert_eq!(figure("I", "force_after_n"), None);
+    assert!(figure("III", "tip_after_mm") < figure("IV", "tip_after_mm") && figure("IV", "tip_after_mm") > Some(1e-3));
+    assert!(figure("exact condensed", "tip_after_mm") < Some(1e-3));
     for key in ["median_ms", "p95_ms", "p99_ms", "max_ms", "remesh_max_ms"] {
-        assert!(of("exact condensed", key) > Some(0.0), "{key}");
+        assert!(figure("exact condensed", key) > Some(0.0), "{key}");
     }
     let spread = [
         "remesh_min_ms",
@@ -49,10 +49,10 @@ fn levels_differ_as_they_must() {
         "remesh_q3_ms",
         "remesh_max_ms",
     ];
-    let spread = spread.map(|key| of("III", key).expect(key));
+    let spread = spread.map(|key| figure("III", key).expect(key));
     assert!(spread.is_sorted() && spread[0] < spread[4], "{spread:?}");
-    let along = study.tables.iter().find(|table| table.key == "levels-remesh").unwrap();
-    let drawn = along.rows.iter().filter(|row| row.choices == ["III", "with"]);
+    let remesh_table = study.tables.iter().find(|table| table.key == "levels-remesh").unwrap();
+    let drawn = remesh_table.rows.iter().filter(|row| row.choices == ["III", "with"]);
     let drawn: Vec<_> = drawn.map(|row| row.values[1].unwrap()).collect();
     assert_eq!(drawn, spread);
     assert_eq!(study.tables[0].rows.len(), 8);
@@ -63,7 +63,7 @@ fn levels_differ_as_they_must() {
 /// Deflection increases with r and with depth; without a bevel there is none (or rows would be flagged).
 #[test]
 fn bevels_deflect_in_proportion() {
-    let study = of(Part::Bevel);
+    let study = study_of(Part::Bevel);
     let aside = |r: &str| value(&study, &["18", r, "10"], "deflection_mm").unwrap();
     assert!(aside("0").abs() < 0.05 && study.tables[0].rows.len() == 5);
     assert!(study.tables[1].csv().contains("measured: 10.4 mm"));
@@ -73,7 +73,7 @@ fn bevels_deflect_in_proportion() {
 
 #[test]
 fn masses_and_springs_are_set_against_finite_elements() {
-    let study = of(Part::Masses);
+    let study = study_of(Part::Masses);
     let springs = &["masses and springs", "no ratio to choose", "5.0"];
     let percent = value(&study, springs, "tissue_percent").unwrap();
     assert!((1.0..100.0).contains(&percent), "{percent} %");
@@ -92,7 +92,7 @@ fn masses_and_springs_are_set_against_finite_elements() {
 /// Fewer candidates constrain less; without thinning nothing differs.
 #[test]
 fn thinning_is_a_trade() {
-    let study = of(Part::Thinning);
+    let study = study_of(Part::Thinning);
     assert_eq!(value(&study, &["1"], "probe_percent"), None);
     assert!(value(&study, &["2"], "probe_percent") > Some(1.0));
     assert!(value(&study, &["2"], "candidates") < value(&study, &["1"], "candidates"));
@@ -127,10 +127,10 @@ fn shorter_links_and_elements_come_nearer_and_bend_the_same() {
 /// Finer meshes converge to the finest, which is the only one not compared.
 #[test]
 fn finer_meshes_come_nearer() {
-    let study = of(Part::Mesh);
+    let study = study_of(Part::Mesh);
     let table = &study.tables[0];
-    let at = table.axis("force_rms_n").unwrap();
-    let errors: Vec<Option<f64>> = table.rows.iter().map(|row| row.values[at]).collect();
+    let axis = table.axis("force_rms_n").unwrap();
+    let errors: Vec<Option<f64>> = table.rows.iter().map(|row| row.values[axis]).collect();
     assert_eq!((errors.len(), errors[3], table.rows[3].gold), (4, None, true));
     assert!(errors[2] < errors[0] && errors[2] > Some(0.0), "{errors:?}");
 }
@@ -139,12 +139,12 @@ fn finer_meshes_come_nearer() {
 fn sizes_out_of_range_are_refused_with_what_is_expected() {
     type Spoil = fn(&mut InsertionOptions);
     let spoils: [(Spoil, &str); 6] = [
-        (|it| it.nodes = 7, "100 to 100000"),
-        (|it| it.depth_mm = 90.0, "10 to 80 mm"),
-        (|it| it.depth_mm = f64::NAN, "10 to 80 mm"),
-        (|it| it.bevel_depth_mm = 150.0, "10 to 140 mm"),
-        (|it| it.passes = 0, "1 to 1000"),
-        (|it| it.parts.clear(), "1 or more"),
+        (|options| options.nodes = 7, "100 to 100000"),
+        (|options| options.depth_mm = 90.0, "10 to 80 mm"),
+        (|options| options.depth_mm = f64::NAN, "10 to 80 mm"),
+        (|options| options.bevel_depth_mm = 150.0, "10 to 140 mm"),
+        (|options| options.passes = 0, "1 to 1000"),
+        (|options| options.parts.clear(), "1 or more"),
     ];
     for (spoil, expected) in spoils {
         let mut options = small(Part::Bevel);

@@ -53,10 +53,10 @@ pub(crate) fn measure(options: &InsertionOptions, progress: Progress<'_>) -> Res
         probe: true,
     };
     let (mut models, mut counts) = (Vec::new(), Vec::new());
-    for every in THINNED {
+    for stride in THINNED {
         let needle = block::springs(Stiffness::default(), block::LINK_MM, block::BEVEL)?;
         let tissue = super::tissue(options.nodes, needle)?;
-        let probe = super::probe(&tissue.mesh, every);
+        let probe = super::probe(&tissue.mesh, stride);
         counts.push(probe.candidates.len());
         models.push(super::model(Setup {
             probe: Some(probe),
@@ -66,23 +66,23 @@ pub(crate) fn measure(options: &InsertionOptions, progress: Progress<'_>) -> Res
     let traces = course.drive(&mut models, options.passes, &mut |share| {
         progress("candidates of the probe", share)
     })?;
-    let all = &traces[0];
+    let reference = &traces[0];
     // Relative to the strongest force of the insertion: step by step the ratio
     // would explode where the probe hardly presses.
-    let strongest = largest(all.iter().map(|step| step.probe_n.norm()));
+    let strongest = largest(reference.iter().map(|step| step.probe_n.norm()));
     let rows = THINNED.into_iter().zip(counts).zip(&traces);
-    let rows = rows.map(|((every, candidates), steps)| {
-        let most = |of: &dyn Fn(&Step, &Step) -> f64| {
-            let difference = largest(all.iter().zip(steps).map(|(a, b)| of(a, b)));
-            (every > 1).then_some(difference)
+    let rows = rows.map(|((stride, candidates), steps)| {
+        let largest_change = |change: &dyn Fn(&Step, &Step) -> f64| {
+            let difference = largest(reference.iter().zip(steps).map(|(a, b)| change(a, b)));
+            (stride > 1).then_some(difference)
         };
         ThinningRow {
-            every,
+            every: stride,
             candidates,
             times: StepTimes::of(steps),
-            probe_percent: most(&|a, b| 100.0 * (a.probe_n - b.probe_n).norm() / strongest),
-            force_n: most(&|a, b| (a.force_n - b.force_n).norm()),
-            tip_mm: most(&|a, b| (a.tip_mm - b.tip_mm).norm()),
+            probe_percent: largest_change(&|a, b| 100.0 * (a.probe_n - b.probe_n).norm() / strongest),
+            force_n: largest_change(&|a, b| (a.force_n - b.force_n).norm()),
+            tip_mm: largest_change(&|a, b| (a.tip_mm - b.tip_mm).norm()),
         }
     });
     Ok(rows.collect())

@@ -145,14 +145,14 @@ pub(super) fn run_into(effort: Effort, course: &mut Course, progress: &mut dyn F
         Axis::linear("inserted_mm", "inserted mm", "length in the tissue, mm"),
         Axis::linear("force_n", "force N", "force on the needle, N"),
     ];
-    let part = Factor::new("part", "part");
+    let part_factor = Factor::new("part", "part");
     let mut watch = Watch {
         course,
         tracker: None,
         options,
         followed: Vec::new(),
         scene,
-        needle: Table::trace("needle", "Figure 9 a, b: the needle", &[part], &axes),
+        needle: Table::trace("needle", "Figure 9 a, b: the needle", &[part_factor], &axes),
         last: [0.0; 2],
         frames: scenario.timing.moments(scenario.timing.frame_s) as f64,
         synthesizer,

@@ -8,8 +8,8 @@ fn the_bound_is_the_published_one() {
         ..Acquisition::new(5.0)
     };
     for (rho, expected_um) in [(0.99, 1.3), (0.98, 1.8), (0.95, 2.9)] {
-        let found = bound_um(&acquisition, 1.0, rho);
-        assert!((found - expected_um).abs() < 0.06, "{rho}: {found} um");
+        let bound = bound_um(&acquisition, 1.0, rho);
+        assert!((bound - expected_um).abs() < 0.06, "{rho}: {bound} um");
     }
 }
 
@@ -70,7 +70,7 @@ fn estimates_follow_swings_and_a_needle() {
     assert!(value("insertion", "mean_error_um") < 20.0, "{table:?}");
     assert!(study.plots().len() >= 8, "{}", study.plots().len());
     for key in ["media", "line", "courses", "places", "sides", "needle"] {
-        let found = study.tables.iter().find(|table| table.key == key);
-        assert!(found.is_some_and(|table| !table.rows.is_empty()), "{key}");
+        let table_found = study.tables.iter().find(|table| table.key == key);
+        assert!(table_found.is_some_and(|table| !table.rows.is_empty()), "{key}");
     }
 }

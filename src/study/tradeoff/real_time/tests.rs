@@ -33,8 +33,8 @@ fn table(rows: &[(&str, &str, f64, f64)]) -> Table {
 }
 
 fn names(table: &Table, pace: &Rates) -> Vec<(String, bool)> {
-    let found = table.in_time(pace).into_iter();
-    found.map(|found| (found.take.name, found.met)).collect()
+    let choices = table.in_time(pace).into_iter();
+    choices.map(|choice| (choice.take.name, choice.met)).collect()
 }
 
 /// 16.7 ms at 60 frames per second: the time that counts is the 95th percentile under the worst load.
@@ -47,9 +47,9 @@ fn what_errs_least_in_time_is_taken_though_it_errs_more_than_asked() {
         ("full", "middle", 10.0, 9.0),
         ("full", "fine", 90.0, 4.0),
     ];
-    let found = table(&rows).in_time(&Rates::default());
-    assert_eq!(found.len(), 2);
-    let (plain, full) = (&found[0], &found[1]);
+    let choices = table(&rows).in_time(&Rates::default());
+    assert_eq!(choices.len(), 2);
+    let (plain, full) = (&choices[0], &choices[1]);
     assert_eq!(
         plain.sentence(),
         "grid (plain): middle: 16.0 ms, error 9.00 grey levels"
@@ -84,9 +84,9 @@ fn what_breaks_a_promise_or_knows_no_pace_is_not_taken() {
     wrong.rows[0].flag = Some("off".to_owned());
     assert_eq!(names(&wrong, &Rates::default()), [("other".to_owned(), true)]);
     let goal = wrong.goal.take().unwrap();
-    let once = Table {
+    let single_row = Table {
         goal: Some(Goal { every: None, ..goal }),
         ..wrong
     };
-    assert_eq!(names(&once, &Rates::default()), []);
+    assert_eq!(names(&single_row, &Rates::default()), []);
 }

@@ -73,7 +73,7 @@ pub(crate) trait Contender {
     ///
     /// # Errors
     /// [`Error`] if the displacements cannot be computed.
-    fn displacement(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), Error>;
+    fn displacement(&mut self, forces: &[f64], displacement_mm: &mut [f64]) -> Result<(), Error>;
 
     /// Returns the bytes in use, including the base.
     fn memory_bytes(&self) -> usize;
@@ -268,8 +268,8 @@ impl Contender for Follower {
         Ok(self.get_mut().compliance(rows, columns)?)
     }
 
-    fn displacement(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), Error> {
-        Ok(self.get_mut().displacement(forces, out)?)
+    fn displacement(&mut self, forces: &[f64], displacement_mm: &mut [f64]) -> Result<(), Error> {
+        Ok(self.get_mut().displacement(forces, displacement_mm)?)
     }
 
     fn memory_bytes(&self) -> usize {
@@ -375,12 +375,12 @@ impl Contender for Refactored {
         Ok(Mat::from_fn(rows.len(), columns.len(), |i, j| solutions[(rows[i], j)]))
     }
 
-    fn displacement(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), Error> {
-        out.fill(0.0);
+    fn displacement(&mut self, forces: &[f64], displacement_mm: &mut [f64]) -> Result<(), Error> {
+        displacement_mm.fill(0.0);
         for (&dof, force) in self.contacts.iter().zip(forces) {
-            out[dof] = *force;
+            displacement_mm[dof] = *force;
         }
-        self.factor.solve_in_place(out);
+        self.factor.solve_in_place(displacement_mm);
         Ok(())
     }
 

@@ -51,14 +51,14 @@ impl Remeshing {
     }
 
     /// Mean of an exchange with the device.
-    fn exchanged(&self, part: fn(&Traffic) -> u64) -> Option<f64> {
+    fn exchanged(&self, field: fn(&Traffic) -> u64) -> Option<f64> {
         let traffic = &self.measured.traffic;
-        let total: u64 = traffic.iter().map(part).sum();
+        let total: u64 = traffic.iter().map(field).sum();
         (!traffic.is_empty()).then(|| total as f64 / traffic.len() as f64)
     }
 
-    fn error(&self, at: usize) -> Option<f64> {
-        Some(self.measured.errors?[at])
+    fn error(&self, index: usize) -> Option<f64> {
+        Some(self.measured.errors?[index])
     }
 }
 

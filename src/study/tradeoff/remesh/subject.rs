@@ -56,12 +56,12 @@ pub(crate) struct Subject {
 pub(crate) fn generated(nodes: usize) -> Result<TetMesh, InvalidMesh> {
     let regular = TetMesh::over_box([0.0; 3], BOX_MM, nodes)?;
     let edge = (BOX_MM.iter().product::<f64>() / regular.nodes().len() as f64).cbrt();
-    let shaken = regular.nodes().iter().zip(0..).map(|(place, node)| {
+    let shaken = regular.nodes().iter().zip(0..).map(|(position, node)| {
         let words = hash3([node, 0, 0], seed_words(1));
         std::array::from_fn(|axis| {
-            let inside = place[axis] > 0.0 && place[axis] < BOX_MM[axis];
+            let inside = position[axis] > 0.0 && position[axis] < BOX_MM[axis];
             let shift = SHAKEN * edge * (2.0 * f64::from(unit(words[axis])) - 1.0);
-            place[axis] + if inside { shift } else { 0.0 }
+            position[axis] + if inside { shift } else { 0.0 }
         })
     });
     TetMesh::new(
@@ -93,10 +93,10 @@ pub(crate) fn supports(mesh: &TetMesh) -> Dofs {
 /// Returns the point at the given shares of a mesh's extents, mm.
 fn place(mesh: &TetMesh, share: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|axis| {
-        let along = || mesh.nodes().iter().map(|node| node[axis]);
+        let coordinates = || mesh.nodes().iter().map(|node| node[axis]);
         let (low, high) = (
-            along().fold(f64::INFINITY, f64::min),
-            along().fold(f64::NEG_INFINITY, f64::max),
+            coordinates().fold(f64::INFINITY, f64::min),
+            coordinates().fold(f64::NEG_INFINITY, f64::max),
         );
         low + share[axis] * (high - low)
     })
@@ -114,9 +114,9 @@ impl Subject {
         let material = Material::new(options.young_kpa, options.poisson)?;
         let adapted = AdaptedMesh::new(mesh, &vec![material; mesh.elements().len()], &dofs)?;
         let factor = Arc::new(Factor::new(adapted.stiffness())?);
-        let [entry, rest] = LINE.map(|share| place(mesh, share));
+        let [entry, tip] = LINE.map(|share| place(mesh, share));
         let around = nearest_free(&adapted, entry, CONTACTS / 2)?;
-        let track = track(mesh, adapted.clone(), [entry, rest], &around, options.moves)?;
+        let track = track(mesh, adapted.clone(), [entry, tip], &around, options.moves)?;
         let with_needle = track.len().min(CONTACTS - around.len());
         let touched = (0..with_needle).map(|k| track[k * track.len() / with_needle].0);
         let nodes: Vec<u32> = around.iter().copied().chain(touched).collect();
@@ -167,11 +167,11 @@ impl Subject {
     /// # Errors
     /// [`RemeshError`](insonify_mechanics::tissue::remesh::RemeshError), which would indicate a fault of the mesh, as all moves have been tried before.
     pub(crate) fn step(&self, mesh: &mut AdaptedMesh, done: usize) -> Result<Change, Error> {
-        let (length, place) = (self.track.len(), done % (2 * self.track.len()));
+        let (length, position) = (self.track.len(), done % (2 * self.track.len()));
         let moved = mesh.moves().len();
-        if place < length {
-            let (node, to) = self.track[place];
-            return Ok(mesh.move_node(node, to)?);
+        if position < length {
+            let (node, position_mm) = self.track[position];
+            return Ok(mesh.move_node(node, position_mm)?);
         }
         mesh.undo()?.ok_or_else(|| few_moves(moved))
     }
@@ -186,10 +186,10 @@ fn few_moves(moves: usize) -> Error {
 }
 
 /// Returns the free nodes nearest to a point.
-fn nearest_free(mesh: &AdaptedMesh, place: [f64; 3], count: usize) -> Result<Vec<u32>, Error> {
+fn nearest_free(mesh: &AdaptedMesh, point: [f64; 3], count: usize) -> Result<Vec<u32>, Error> {
     let distance = |node: u32| -> f64 {
         let position = mesh.nodes()[node as usize];
-        (0..3).map(|axis| (position[axis] - place[axis]).powi(2)).sum()
+        (0..3).map(|axis| (position[axis] - point[axis]).powi(2)).sum()
     };
     let mut free: Vec<u32> = (0..mesh.nodes().len() as u32)
         .filter(|node| !mesh.dofs().of(*node).contains(&NONE))
@@ -210,24 +210,24 @@ fn nearest_free(mesh: &AdaptedMesh, place: [f64; 3], count: usize) -> Result<Vec
 fn track(
     base: &TetMesh,
     mut mesh: AdaptedMesh,
-    [entry, rest]: [[f64; 3]; 2],
-    taken: &[u32],
-    most: usize,
+    [entry, target]: [[f64; 3]; 2],
+    loaded: &[u32],
+    max_moves: usize,
 ) -> Result<Vec<(u32, [f64; 3])>, Error> {
     let mut locator = Locator::<f64>::new(base);
     let mut track: Vec<(u32, [f64; 3])> = Vec::new();
-    let mut last = NO_ELEMENT;
+    let mut previous = NO_ELEMENT;
     // Fine enough to skip few elements.
     let steps = (20.0 * (base.nodes().len() as f64).cbrt()) as usize;
     for step in 1..=steps {
         let share = step as f64 / steps as f64;
-        let tip: [f64; 3] = std::array::from_fn(|axis| entry[axis] + share * (rest[axis] - entry[axis]));
-        let element = locator.locate(tip, last).element;
-        if element == NO_ELEMENT || element == last || track.len() >= most {
+        let tip: [f64; 3] = std::array::from_fn(|axis| entry[axis] + share * (target[axis] - entry[axis]));
+        let element = locator.locate(tip, previous).element;
+        if element == NO_ELEMENT || element == previous || track.len() >= max_moves {
             continue;
         }
-        last = element;
-        let is_taken = |node| taken.contains(&node) || track.iter().any(|(moved, _)| *moved == node);
+        previous = element;
+        let is_taken = |node| loaded.contains(&node) || track.iter().any(|(moved, _)| *moved == node);
         let Ok(corner) = best_corner(&mesh, element, tip, is_taken) else {
             continue;
         };
@@ -246,8 +246,8 @@ pub(crate) const SAMPLES: usize = 24;
 
 /// Returns the magnitude of the resultant of a load, N.
 fn resultant_n(load: &[f64]) -> f64 {
-    let along = |axis: usize| load.iter().skip(axis).step_by(3).sum::<f64>();
-    (0..3).map(|axis| along(axis).powi(2)).sum::<f64>().sqrt()
+    let sum = |axis: usize| load.iter().skip(axis).step_by(3).sum::<f64>();
+    (0..3).map(|axis| sum(axis).powi(2)).sum::<f64>().sqrt()
 }
 
 /// Reference solutions in one state of the mesh.
@@ -281,8 +281,10 @@ impl Gold {
     /// [`Error`] if the moved mesh cannot be solved.
     pub(crate) fn with_samples(subject: &Subject, mesh: &AdaptedMesh) -> Result<Gold, Error> {
         let support: Vec<usize> = mesh.support().map(|dof| dof as usize).collect();
-        let spread = |count: usize, of: usize| (0..count.min(of)).map(move |k| k * of / count.min(of));
-        let mut samples: Vec<usize> = spread(SAMPLES / 2, support.len()).map(|at| support[at]).collect();
+        let spread = |count: usize, available: usize| {
+            (0..count.min(available)).map(move |k| k * available / count.min(available))
+        };
+        let mut samples: Vec<usize> = spread(SAMPLES / 2, support.len()).map(|index| support[index]).collect();
         samples.extend(spread(SAMPLES / 2, subject.size()));
         samples.sort_unstable();
         samples.dedup();
@@ -316,7 +318,7 @@ impl Gold {
                 .col_mut(j)
                 .iter_mut()
                 .zip(&values)
-                .for_each(|(to, from)| *to = *from);
+                .for_each(|(target, source)| *target = *source);
         }
         let mut forces = vec![0.0; size];
         contacts
@@ -349,8 +351,8 @@ impl Gold {
     /// # Errors
     /// [`Error`] if the contender fails.
     pub(crate) fn errors(&self, subject: &Subject, contender: &mut dyn Contender) -> Result<[f64; 5], Error> {
-        let every: Vec<usize> = (0..subject.size()).collect();
-        let columns = contender.block(&every, &self.samples)?;
+        let rows: Vec<usize> = (0..subject.size()).collect();
+        let columns = contender.block(&rows, &self.samples)?;
         let forces = load(subject.contacts.len());
         let mut u = vec![0.0; subject.size()];
         contender.displacement(&forces, &mut u)?;
@@ -392,9 +394,9 @@ impl Gold {
 
 /// Returns |values - expected| / |expected| in the Frobenius norm.
 fn relative(values: MatRef<'_, f64>, expected: MatRef<'_, f64>) -> f64 {
-    let square = |of: &dyn Fn(usize, usize) -> f64| -> f64 {
+    let square = |entry: &dyn Fn(usize, usize) -> f64| -> f64 {
         let columns = (0..expected.ncols()).flat_map(|j| (0..expected.nrows()).map(move |i| (i, j)));
-        columns.map(|(i, j)| of(i, j).powi(2)).sum()
+        columns.map(|(i, j)| entry(i, j).powi(2)).sum()
     };
     (square(&|i, j| values[(i, j)] - expected[(i, j)]) / square(&|i, j| expected[(i, j)])).sqrt()
 }

@@ -21,9 +21,9 @@ fn small() -> TetMesh {
 
 #[test]
 fn every_level_is_measured_and_keeps_what_it_promises() {
-    let mut told = Vec::new();
-    let study = study(&[small()], &[], &options(), &mut |_, share| told.push(share)).unwrap();
-    assert!(told.is_sorted() && told.last() == Some(&1.0), "{told:?}");
+    let mut shares = Vec::new();
+    let study = study(&[small()], &[], &options(), &mut |_, share| shares.push(share)).unwrap();
+    assert!(shares.is_sorted() && shares.last() == Some(&1.0), "{shares:?}");
     let table = &study.tables[0];
     assert_eq!(
         table.rows.len(),
@@ -50,8 +50,8 @@ fn every_level_is_measured_and_keeps_what_it_promises() {
     let drift = &study.tables[1];
     let states = drift.rows.len() / table.rows.len();
     assert!(states >= 3 + 2, "{states} states");
-    for (row, of) in drift.rows.chunks(states).zip(&table.rows) {
-        assert!(row.iter().all(|row| row.choices == of.choices));
+    for (row, row_of_table) in drift.rows.chunks(states).zip(&table.rows) {
+        assert!(row.iter().all(|row| row.choices == row_of_table.choices));
         let updates: Vec<f64> = row.iter().filter_map(|row| row.values[0]).collect();
         assert!(updates.is_sorted() && updates[..3] == [1.0, 2.0, 3.0], "{updates:?}");
         assert_eq!(updates[states - 2..], [10.0, 30.0]);
@@ -62,10 +62,10 @@ fn every_level_is_measured_and_keeps_what_it_promises() {
 /// Returns a ball with approximately the given number of nodes, 40 mm in radius.
 fn ball(nodes: usize) -> TetMesh {
     let cube = TetMesh::over_box([-40.0; 3], [40.0; 3], nodes).unwrap();
-    let round = cube.nodes().iter().map(|place| {
-        let [x, y, z] = *place;
+    let round = cube.nodes().iter().map(|position| {
+        let [x, y, z] = *position;
         let farthest = x.abs().max(y.abs()).max(z.abs());
-        place.map(|coordinate| coordinate * farthest / (x * x + y * y + z * z).sqrt().max(1e-9))
+        position.map(|coordinate| coordinate * farthest / (x * x + y * y + z * z).sqrt().max(1e-9))
     });
     TetMesh::new(round.collect(), cube.elements().to_vec(), cube.regions().to_vec()).unwrap()
 }
@@ -139,8 +139,8 @@ impl Contender for Wrong {
         self.truth.memory_bytes()
     }
 
-    fn displacement(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), Error> {
-        self.truth.displacement(forces, out)
+    fn displacement(&mut self, forces: &[f64], displacement_mm: &mut [f64]) -> Result<(), Error> {
+        self.truth.displacement(forces, displacement_mm)
     }
 }
 
@@ -158,16 +158,24 @@ fn a_level_that_is_wrong_is_flagged_by_its_error() {
         insonify_mechanics::tissue::remesh::Level::Exact,
         insonify_mechanics::tissue::remesh::Precision::Double,
     );
-    for (off, flagged) in [(0.0, false), (1e-5, true), (f64::NAN, true)] {
+    for (offset_mm, flagged) in [(0.0, false), (1e-5, true), (f64::NAN, true)] {
         let mut contender = Wrong {
             truth: exact.make(&subject, &sources).unwrap(),
-            off,
+            off: offset_mm,
             condensed: Mat::new(),
         };
         let measured = measure(&mut contender, &subject, &truth, &options);
-        let found = measured.errors.map_or(f64::NAN, |errors| errors[1]);
-        assert!(off.is_nan() || (found <= 1e-9) == (off == 0.0), "off by {off}: {found}");
-        assert_eq!(measured.flag.is_some(), flagged, "off by {off}: {:?}", measured.flag);
+        let error = measured.errors.map_or(f64::NAN, |errors| errors[1]);
+        assert!(
+            offset_mm.is_nan() || (error <= 1e-9) == (offset_mm == 0.0),
+            "off by {offset_mm}: {error}"
+        );
+        assert_eq!(
+            measured.flag.is_some(),
+            flagged,
+            "off by {offset_mm}: {:?}",
+            measured.flag
+        );
     }
 }
 
@@ -175,14 +183,14 @@ fn a_level_that_is_wrong_is_flagged_by_its_error() {
 fn memory_is_checked_first_and_unsuited_meshes_are_errors() {
     let refused = check_memory(30_000, &[], Some(1 << 30)).unwrap_err();
     let Some(StudyError::Memory {
-        what,
+        what: buffer,
         needed,
         available,
     }) = refused.downcast_ref()
     else {
         panic!("{refused}")
     };
-    assert!(what.contains("30000") && *available == 1 << 30, "{what}");
+    assert!(buffer.contains("30000") && *available == 1 << 30, "{buffer}");
     assert!(*needed > 2 * Symmetric::<f64>::bytes_of(30_000));
     assert!(check_memory(3000, &[], Some(1 << 30)).is_ok());
     assert!(check_memory(30_000, &[], None).is_ok());
@@ -226,7 +234,7 @@ fn an_insertion_moves_each_node_once_and_a_withdrawal_restores_all() {
 }
 
 /// Runs the exact level with an error too large for rounding.
-fn offset(off: f64) -> Result<Study, Error> {
+fn offset(offset_mm: f64) -> Result<Study, Error> {
     let options = options();
     let subjects = [Subject::new(&small(), &options)?];
     let subject = &subjects[0];
@@ -240,7 +248,7 @@ fn offset(off: f64) -> Result<Study, Error> {
     let kind = Kind::OnDemand;
     let mut contender = Wrong {
         truth: kind.make(subject, &sources)?,
-        off,
+        off: offset_mm,
         condensed: Mat::new(),
     };
     let measured = measure(&mut contender, subject, &truth, &options);
@@ -263,22 +271,22 @@ fn a_level_seeded_with_an_offset_is_flagged_in_the_report_of_all_studies() {
             &mut |_, _| {},
         )
     };
-    let (right, wrong) = (report(|_, _| offset(0.0)), report(|_, _| offset(1e-5)));
+    let (right_report, wrong_report) = (report(|_, _| offset(0.0)), report(|_, _| offset(1e-5)));
     assert_eq!(
-        (right.wrong().count(), wrong.wrong().count()),
+        (right_report.wrong().count(), wrong_report.wrong().count()),
         (0, 1),
         "{:?}",
-        wrong.missing
+        wrong_report.missing
     );
-    let (_, _, row) = wrong.wrong().next().unwrap();
+    let (_, _, row) = wrong_report.wrong().next().unwrap();
     assert!(
         row.flag.as_ref().unwrap().contains("expected of an exact level")
             && row.choices.contains(&"exact, columns on demand".to_owned())
     );
-    let page = wrong.page().unwrap();
-    assert!(page.contains("WRONG: K") && !right.page().unwrap().contains("WRONG"));
+    let page = wrong_report.page().unwrap();
+    assert!(page.contains("WRONG: K") && !right_report.page().unwrap().contains("WRONG"));
     assert_eq!(
-        wrong.chapters[0].study.tables[0].advice()[0].take,
+        wrong_report.chapters[0].study.tables[0].advice()[0].take,
         None,
         "it is never advised"
     );

@@ -93,7 +93,7 @@ impl Report {
         let mut table = table::Table::new(["for".into(), "recommended".into(), cost, error]);
         for advice in self.tables().flat_map(|(_, table)| table.advice()) {
             let [cost, error] = &advice.units;
-            let what = if advice.given.is_empty() {
+            let condition = if advice.given.is_empty() {
                 advice.choosing.clone()
             } else {
                 format!("{} ({})", advice.choosing, advice.given)
@@ -108,9 +108,9 @@ impl Report {
                     let cost = format!("{} {cost}", significant(variant.cost));
                     [Cell::from(variant.name.as_str()), cost.into(), error]
                 }
-                None => ["none within the tolerance", "", ""].map(|it| Cell::Text(it.to_owned())),
+                None => ["none within the tolerance", "", ""].map(|text| Cell::Text(text.to_owned())),
             };
-            table.row("", [what.into(), name, cost, error]);
+            table.row("", [condition.into(), name, cost, error]);
         }
         if table.is_empty() {
             return;
@@ -174,16 +174,16 @@ impl Table {
         for advice in self.advice() {
             page.paragraph("advice", &advice.sentence());
         }
-        let (all, first) = (self.filled(), self.primary());
+        let (filled, primary) = (self.filled(), self.primary());
         // Long and wide tables are folded but complete.
         let many = self.rows.len() > ROWS;
         if !many {
-            self.add_rows(page, &first);
+            self.add_rows(page, &primary);
         }
-        if many || first.len() < all.len() {
-            let what = format!("All {} figures of {} rows", all.len(), self.rows.len());
-            page.put(format_args!("<details><summary>{what}</summary>"));
-            self.add_rows(page, &all);
+        if many || primary.len() < filled.len() {
+            let summary = format!("All {} figures of {} rows", filled.len(), self.rows.len());
+            page.put(format_args!("<details><summary>{summary}</summary>"));
+            self.add_rows(page, &filled);
             page.put("</details>");
         }
     }

@@ -16,13 +16,17 @@ const AXES: [Axis; 4] = [
 ];
 
 /// Returns a study with the gold standard, a good variant, one with the error `off`, and a trace of it.
-fn study(off: f64) -> Study {
+fn study(error_of_wrong: f64) -> Study {
     let goal = Goal::new("ms", "error_mm", (0.1, "a <reason>")).beside(&["p95_ms"]);
     let goal = goal.in_every(Deadline::Step, "p95_ms");
     let mut table = Table::new("ways", "Ways & means", &FACTORS, &AXES)
         .against("the exact way")
         .seeking(goal);
-    let rows = [("exact", 9.0, 0.0), ("good, \"or so\"", 2.0, 0.05), ("wrong", 1.0, off)];
+    let rows = [
+        ("exact", 9.0, 0.0),
+        ("good, \"or so\"", 2.0, 0.05),
+        ("wrong", 1.0, error_of_wrong),
+    ];
     for (way, ms, error) in rows {
         let flag = (error > 1.0).then(|| format!("off by {error} mm: at most 1 is expected"));
         let error = (way != "exact").then_some(error);
@@ -30,10 +34,10 @@ fn study(off: f64) -> Study {
     }
     mark_gold(&mut table, "exact");
     let mut trace = Table::trace("trace", "Along the way", &FACTORS, &AXES);
-    for at in 1..10 {
+    for step in 1..10 {
         trace.push(
             vec!["exact".to_owned()],
-            vec![Some(f64::from(at)), None, Some(0.1 / f64::from(at)), None],
+            vec![Some(f64::from(step)), None, Some(0.1 / f64::from(step)), None],
             None,
         );
     }
@@ -82,11 +86,11 @@ const PACE: Rates = Rates {
 };
 
 fn report(entries: &[&dyn AnyEntry]) -> Report {
-    let mut told = Vec::new();
+    let mut shares = Vec::new();
     let report = gather(entries, &Devices::default(), Effort::Quick, PACE, &mut |_, share| {
-        told.push(share)
+        shares.push(share)
     });
-    assert!(told.is_sorted() && told.last() == Some(&1.0), "{told:?}");
+    assert!(shares.is_sorted() && shares.last() == Some(&1.0), "{shares:?}");
     report
 }
 
@@ -109,16 +113,16 @@ fn a_wrong_way_is_flagged_wherever_it_is_shown_and_never_advised() {
 #[test]
 fn what_keeps_to_the_pace_stands_first() {
     let report = report(&[&RIGHT]);
-    let found: Vec<RealTimeChoice> = report.in_time().collect();
-    assert_eq!(found.len(), 1);
+    let choices: Vec<RealTimeChoice> = report.in_time().collect();
+    assert_eq!(choices.len(), 1);
     // 1.5 times 2 ms; the exact variant takes 13.5.
     assert_eq!(
-        found[0].sentence(),
+        choices[0].sentence(),
         "Ways & means: good, \"or so\": 3.00 ms, error 0.0500 mm"
     );
     let (page, markdown) = (report.page().unwrap(), report.markdown());
     for text in [&page, &markdown] {
-        let [pace, short] = ["For 60 frames and 200 steps a second", "In short"].map(|it| text.find(it));
+        let [pace, short] = ["For 60 frames and 200 steps a second", "In short"].map(|heading| text.find(heading));
         assert!(pace.is_some() && pace < short, "{text}");
         assert!(
             text.contains("exact: 13.5 ms, error none (the gold standard)"),
@@ -171,14 +175,14 @@ fn a_study_by_itself_has_a_page_too() {
 
 #[test]
 fn what_is_not_in_the_list_is_nowhere() {
-    let both = report(&[&RIGHT, &entry("rival", RIGHT.run)]);
-    let one = report(&[&RIGHT]);
-    for (with, without) in [
-        (both.page().unwrap(), one.page().unwrap()),
-        (both.markdown(), one.markdown()),
-        (both.csv(), one.csv()),
+    let two_entries = report(&[&RIGHT, &entry("rival", RIGHT.run)]);
+    let one_entry = report(&[&RIGHT]);
+    for (with_rival, without_rival) in [
+        (two_entries.page().unwrap(), one_entry.page().unwrap()),
+        (two_entries.markdown(), one_entry.markdown()),
+        (two_entries.csv(), one_entry.csv()),
     ] {
-        assert!(with.len() > without.len() && !without.contains("rival"));
+        assert!(with_rival.len() > without_rival.len() && !without_rival.contains("rival"));
     }
     let names: Vec<&str> = STUDIES.iter().map(|entry| entry.about().name).collect();
     let mut distinct = names.clone();
@@ -194,9 +198,12 @@ fn the_page_asks_for_nothing_and_escapes_what_it_shows() {
         assert!(!page.contains(asks), "{asks}");
     }
     // A namespace of the plots' format, not an external address.
-    let addresses: Vec<_> = page.match_indices("http").map(|(at, _)| &page[at..at + 26]).collect();
+    let addresses: Vec<_> = page
+        .match_indices("http")
+        .map(|(offset, _)| &page[offset..offset + 26])
+        .collect();
     assert!(
-        addresses.iter().all(|it| *it == "http://www.w3.org/2000/svg"),
+        addresses.iter().all(|address| *address == "http://www.w3.org/2000/svg"),
         "{addresses:?}"
     );
     for text in [

@@ -13,13 +13,13 @@ fn a_small_block_is_studied() {
         steps: [4, 8],
         ..TissueOptions::default()
     };
-    let mut last = 0.0;
+    let mut reached = 0.0;
     let study = study(&options, &mut |_, share| {
-        assert!((last..=1.0).contains(&share));
-        last = share;
+        assert!((reached..=1.0).contains(&share));
+        reached = share;
     });
     let study = study.unwrap();
-    assert_eq!(last, 1.0);
+    assert_eq!(reached, 1.0);
     let [schemes, models, laws] = &study.tables[..] else {
         panic!("{:?}", study.tables)
     };
@@ -47,9 +47,9 @@ fn a_small_block_is_studied() {
     }
     assert!(force("viscoelastic, rate", "error_force") < 0.02);
     // Of every law there are rows, and a tighter tolerance comes nearer to its exact solution.
-    let all = AnyLaw::examples(Material::new(1.16, 0.45).unwrap()).unwrap();
-    assert_eq!(laws.rows.len(), 5 * all.len());
-    for (law, _) in all {
+    let examples = AnyLaw::examples(Material::new(1.16, 0.45).unwrap()).unwrap();
+    assert_eq!(laws.rows.len(), 5 * examples.len());
+    for (law, _) in examples {
         for scheme in ["modified, accelerated", "full Newton"] {
             let error = |tolerance: &str| {
                 let row = laws

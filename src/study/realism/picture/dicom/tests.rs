@@ -9,7 +9,7 @@ fn put(object: &mut InMemDicomObject, tag: Tag, vr: VR, value: impl Into<Primiti
 }
 
 /// A file of `frames` of 8-bit pixels, 4 columns by 2 rows each.
-fn file(kind: &str, frames: &[[u8; 8]], more: impl Fn(&mut InMemDicomObject)) -> Vec<u8> {
+fn file(kind: &str, frames: &[[u8; 8]], change: impl Fn(&mut InMemDicomObject)) -> Vec<u8> {
     let mut object = InMemDicomObject::new_empty();
     for (tag, number) in [
         (tags::ROWS, 2_u16),
@@ -25,7 +25,7 @@ fn file(kind: &str, frames: &[[u8; 8]], more: impl Fn(&mut InMemDicomObject)) ->
     put(&mut object, tags::PHOTOMETRIC_INTERPRETATION, VR::CS, kind);
     put(&mut object, tags::NUMBER_OF_FRAMES, VR::IS, frames.len().to_string());
     put(&mut object, tags::PIXEL_DATA, VR::OB, frames.concat());
-    more(&mut object);
+    change(&mut object);
     let meta = FileMetaTableBuilder::new()
         .transfer_syntax("1.2.840.10008.1.2.1")
         .media_storage_sop_class_uid("1.2.840.10008.5.1.4.1.1.6.1")
@@ -36,11 +36,11 @@ fn file(kind: &str, frames: &[[u8; 8]], more: impl Fn(&mut InMemDicomObject)) ->
     bytes
 }
 
-fn pictures(bytes: &[u8], most: usize) -> Result<Vec<Picture>, VolumeError> {
+fn pictures(bytes: &[u8], max_frames: usize) -> Result<Vec<Picture>, VolumeError> {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("us.dcm");
     std::fs::write(&path, bytes).expect("a file");
-    read(&path, most)
+    read(&path, max_frames)
 }
 
 fn region(columns: u32, delta_cm: f64, units: u16) -> InMemDicomObject {
@@ -100,8 +100,8 @@ fn palettes_colour_indices() {
     let words = PrimitiveValue::U16(words.into());
     let bytes = PrimitiveValue::U8(vec![10, 20, 30, 40, 50, 60, 70, 0].into());
     for (data, bits) in [(words, 16), (bytes.clone(), 8)] {
-        let all = [data.clone(), data.clone(), data];
-        let read = pictures(&file("PALETTE COLOR", &[indices], palette(all, bits)), 1).unwrap();
+        let levels = [data.clone(), data.clone(), data];
+        let read = pictures(&file("PALETTE COLOR", &[indices], palette(levels, bits)), 1).unwrap();
         assert_eq!(read[0].grey, grey);
         assert!(!read[0].overlay.contains(&true));
     }
@@ -135,14 +135,14 @@ fn colours_and_inverted_grey_levels_are_decoded() {
     // Y, Cb and Cr of a red pixel (BT.601), grey elsewhere.
     let mut luminance = [128; 24];
     luminance[..3].copy_from_slice(&[76, 85, 255]);
-    for (kind, planar, bytes, at) in [
+    for (kind, planar, bytes, expected) in [
         ("RGB", 0, by_pixel, 1),
         ("RGB", 1, by_channel, 1),
         ("YBR_FULL", 0, luminance, 0),
     ] {
         let read = colour(kind, planar, bytes);
         let coloured: Vec<usize> = (0..8).filter(|pixel| read.overlay[*pixel]).collect();
-        assert_eq!(coloured, [at], "{kind}, {planar}");
+        assert_eq!(coloured, [expected], "{kind}, {planar}");
     }
     // Luma of the red pixel (Rec. 709).
     assert!((colour("YBR_FULL", 0, luminance).grey[0] - 0.2126 * 254.0).abs() < 1.5);
@@ -164,14 +164,14 @@ fn segments_of_palettes_expand() {
 
 #[test]
 fn broken_files_are_refused() {
-    let whole = file("MONOCHROME2", &[[9; 8]; 3], |_| ());
-    for at in (0..whole.len()).step_by(3) {
-        let mut bytes = whole.clone();
-        bytes[at] ^= 0x55;
+    let bytes_written = file("MONOCHROME2", &[[9; 8]; 3], |_| ());
+    for offset in (0..bytes_written.len()).step_by(3) {
+        let mut bytes = bytes_written.clone();
+        bytes[offset] ^= 0x55;
         let _ = pictures(&bytes, 3);
-        let _ = pictures(&whole[..at], 3);
+        let _ = pictures(&bytes_written[..offset], 3);
     }
-    let error = pictures(&whole[..140], 1).unwrap_err().to_string();
+    let error = pictures(&bytes_written[..140], 1).unwrap_err().to_string();
     assert!(error.contains("expected a DICOM file with images"), "{error}");
     let wide = file("MONOCHROME2", &[[9; 8]], |object| {
         put(object, tags::COLUMNS, VR::US, 9000_u16)
