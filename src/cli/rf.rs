@@ -22,7 +22,7 @@ use insonify_imaging::rf::{Acquisition, SPEED_M_S};
 use insonify_imaging::scene::{self, Scene, SceneFile};
 use insonify_imaging::sequence::{FrameInfo, SequenceWriter};
 use insonify_imaging::synth::{Backend, FrameState};
-use insonify_tracking::probe::{BeamGrid, Curvilinear, ImageGrid, Linear, Phased, Probe, ProbeShape};
+use insonify_tracking::probe::{BeamGrid, ImageGrid, Linear, Probe, ProbeShape};
 
 use super::backend::{BackendArgs, BackendName};
 use super::failure::{Error, usage};
@@ -144,8 +144,7 @@ impl Geometry {
             .or(echoes.stated[2].zip(echoes.stated[3]));
         let pitch = self.pitch_mm.or(echoes.stated[1]);
         let shape = match (self.pitch_mm, curved, pitch) {
-            (None, Some((0.0, angle_deg)), _) => ProbeShape::Phased(Phased { angle_deg }),
-            (None, Some((radius_mm, angle_deg)), _) => ProbeShape::Curvilinear(Curvilinear { radius_mm, angle_deg }),
+            (None, Some((radius_mm, angle_deg)), _) => ProbeShape::sector(radius_mm, angle_deg),
             (_, _, Some(pitch)) => ProbeShape::Linear(Linear {
                 width_mm: pitch * (echoes.lines - 1) as f64,
             }),

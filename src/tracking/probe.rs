@@ -98,6 +98,17 @@ impl ProbeKind {
     }
 }
 
+impl ProbeShape {
+    /// Scanlines along the radii of a circle: from a convex array, or of a phased array where the radius is 0.
+    pub fn sector(radius_mm: f64, angle_deg: f64) -> Self {
+        if radius_mm == 0.0 {
+            Phased { angle_deg }.into()
+        } else {
+            Curvilinear { radius_mm, angle_deg }.into()
+        }
+    }
+}
+
 impl Probe {
     /// Creates a probe of a shape (or of a kind's table, such as [`Linear`]) with imaging depth `depth_mm`, the kind's usual frequency and the default grid of 256
     /// scanlines by 512 samples.

@@ -13,7 +13,7 @@ use insonify_imaging::effects::Effects;
 use insonify_imaging::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
 use insonify_imaging::synth::tables::Settings;
 use insonify_imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
-use insonify_tracking::probe::{BeamGrid, Curvilinear, ImageGrid, Linear, Phased, Probe, ProbeShape};
+use insonify_tracking::probe::{BeamGrid, ImageGrid, Linear, Probe, ProbeShape};
 
 /// Size of a window in scanlines and samples.
 pub(super) const WINDOW: [usize; 2] = [48, 40];
@@ -70,14 +70,10 @@ impl<'a> Bench<'a> {
             }
             Shape::Fan { apex, radii, half } => {
                 let angle_deg = rounded(2.0 * half.to_degrees());
-                let radius_mm = rounded(radii[0] * mm);
                 // A phased array fans out from a point and shows no array surface.
                 let phased = !outline.seen[0] && radii[0] < PHASED * radii[1];
-                let (shape, start) = if phased {
-                    (ProbeShape::Phased(Phased { angle_deg }), 0.0)
-                } else {
-                    (ProbeShape::Curvilinear(Curvilinear { radius_mm, angle_deg }), radii[0])
-                };
+                let start = if phased { 0.0 } else { radii[0] };
+                let shape = ProbeShape::sector(rounded(start * mm), angle_deg);
                 (
                     shape,
                     radii[1] - start,
