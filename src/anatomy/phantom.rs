@@ -3,13 +3,8 @@
 //! World coordinates are LPS millimetres with the origin inside the body. Label 0 is the outside; the other labels carry
 //! the names of their tissues, so that a tissue table needs no mapping.
 
-mod abdomen;
 mod geometry;
-mod liver_vein;
 mod paint;
-mod prostate;
-mod spine;
-mod two_layer;
 mod vessels;
 
 use nalgebra::{Matrix4, Vector3};
@@ -24,25 +19,78 @@ const RESOLUTION_RANGE_MM: [f64; 2] = [0.3, 5.0];
 /// Maximum number of voxels of a phantom: one byte each, so 256 MiB.
 pub(crate) const MAX_VOXELS: usize = 256 << 20;
 
-/// A built-in phantom.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum Phantom {
+/// What a phantom's file declares.
+struct Facts {
+    /// Voxel edge by default, mm.
+    voxel_mm: f64,
+    /// Makes it, given the voxel edge in mm and the seed.
+    make: fn(f64, u64) -> Result<LabelVolume, VolumeError>,
+    /// Default pose of the probe.
+    pose: fn() -> Matrix4<f64>,
+    /// Probe of that pose.
+    probe: UsualProbe,
+}
+
+/// Probe of a phantom's default pose, as in the `[probe]` of a scene.
+#[derive(Clone, Copy, Debug)]
+pub struct UsualProbe {
+    /// Name of its kind.
+    pub kind: &'static str,
+    /// Numbers of the kind, by key.
+    pub numbers: &'static [(&'static str, f64)],
+    /// Length of its scanlines, mm.
+    pub depth_mm: f64,
+}
+
+/// Declares the phantoms, each with its module.
+macro_rules! phantoms {
+    ($($(#[$meta:meta])* $module:ident: $Kind:ident;)+) => {
+        $(mod $module;)+
+
+        /// A built-in phantom.
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+        #[serde(rename_all = "kebab-case")]
+        pub enum Phantom {
+            $($(#[$meta])* $Kind,)+
+        }
+
+        impl Phantom {
+            /// All phantoms.
+            pub const ALL: &'static [Self] = &[$(Self::$Kind),+];
+
+            fn facts(self) -> &'static Facts {
+                match self {
+                    $(Self::$Kind => &$module::PHANTOM,)+
+                }
+            }
+        }
+
+        /// Value and name of each label of a phantom, in order of value from 1. The names are tissue names.
+        #[cfg(test)]
+        pub fn labels(kind: Phantom) -> &'static [(u8, &'static str)] {
+            match kind {
+                $(Phantom::$Kind => $module::labels::TABLE,)+
+            }
+        }
+    };
+}
+
+phantoms! {
     /// Right upper and middle abdomen of a slim adult: liver with vessels and a lesion, gallbladder, right kidney, ribs,
     /// bowel with gas. 240 x 200 x 228 mm, 1 mm voxels by default.
     #[default]
-    Abdomen,
+    abdomen: Abdomen;
     /// Male pelvis around the prostate, with a rectum that holds a transrectal probe in gel. 110 x 110 x 120 mm, 0.6 mm
     /// voxels by default.
-    Prostate,
+    prostate: Prostate;
     /// Lumbar spine L2 to L5 with the muscles behind it. 160 x 130 x 170 mm, 0.8 mm voxels by default.
-    Spine,
+    spine: Spine;
     /// The inclusion phantom of Dehghan et al. 2008: a harder inclusion in a softer block, with a hole for a probe. 90 x 80 x 90 mm,
     /// 0.5 mm voxels by default.
-    TwoLayer,
+    two_layer: TwoLayer;
     /// An exposed liver, its inferior vena cava across the image, after the experiment of Kobayashi et al. 2010. 110 x
     /// 74 x 48 mm, 0.5 mm voxels by default.
-    LiverVein,
+    liver_vein: LiverVein;
 }
 
 /// Options for generating a phantom.
@@ -59,57 +107,24 @@ pub struct PhantomOptions {
 /// # Errors
 /// A resolution outside its range, or a volume past [`MAX_VOXELS`].
 pub fn make(kind: Phantom, options: &PhantomOptions) -> Result<LabelVolume, VolumeError> {
-    let resolution_mm = options.resolution_mm.unwrap_or(match kind {
-        Phantom::Abdomen => 1.0,
-        Phantom::Prostate => 0.6,
-        Phantom::Spine => 0.8,
-        Phantom::TwoLayer | Phantom::LiverVein => 0.5,
-    });
+    let facts = kind.facts();
+    let resolution_mm = options.resolution_mm.unwrap_or(facts.voxel_mm);
     let [finest, coarsest] = RESOLUTION_RANGE_MM;
     if !(finest..=coarsest).contains(&resolution_mm) {
         let text = format!("resolution {resolution_mm} mm; expected {finest} to {coarsest} mm");
         return Err(VolumeError::option("resolution_mm", text));
     }
-    match kind {
-        Phantom::Abdomen => abdomen::make(resolution_mm, options.seed),
-        Phantom::Prostate => prostate::make(resolution_mm, options.seed),
-        Phantom::Spine => spine::make(resolution_mm, options.seed),
-        Phantom::TwoLayer => two_layer::make(resolution_mm),
-        Phantom::LiverVein => liver_vein::make(resolution_mm),
-    }
+    (facts.make)(resolution_mm, options.seed)
 }
 
-/// Value and name of each label of a phantom, in order of value from 1. The names are tissue names.
-#[cfg(test)]
-pub fn labels(kind: Phantom) -> &'static [(u8, &'static str)] {
-    match kind {
-        Phantom::Abdomen => abdomen::labels::TABLE,
-        Phantom::Prostate => prostate::labels::TABLE,
-        Phantom::Spine => spine::labels::TABLE,
-        Phantom::TwoLayer => two_layer::labels::TABLE,
-        Phantom::LiverVein => liver_vein::labels::TABLE,
-    }
-}
-
-/// Default pose (probe to world, LPS mm) for a phantom:
-///
-/// - abdomen: curvilinear, radius 60 mm, 70 degrees, depth 150 mm, right subcostal and oblique to the sagittal plane, feet
-///   on the right of the image: liver with its vessels, gallbladder and right kidney, a rib's shadow at the left edge.
-///   The skin bears the dent of this probe.
-/// - prostate: transrectal, transverse, radius 10 mm, in the middle of the gland.
-/// - spine: curvilinear, radius 60 mm, 60 degrees, depth 100 mm, sagittal over the laminae, from behind, feet on the right.
-///   The skin bears the dent of this probe.
-/// - two-layer: linear, 38 mm wide, depth 75 mm, on the face opposite to that where the needle enters (Dehghan et al. 2008, "Experimental
-///   setup").
-/// - liver-vein: curvilinear, radius 20 mm, 75 degrees, depth 62 mm, on the capsule, the vein across the image.
+/// Default pose (probe to world, LPS mm) for a phantom.
 pub fn default_pose(kind: Phantom) -> Matrix4<f64> {
-    match kind {
-        Phantom::Abdomen => abdomen::pose(),
-        Phantom::Prostate => prostate::pose(),
-        Phantom::Spine => spine::pose(),
-        Phantom::TwoLayer => two_layer::pose(),
-        Phantom::LiverVein => liver_vein::pose(),
-    }
+    (kind.facts().pose)()
+}
+
+/// Probe that a phantom's default pose is meant for.
+pub fn usual_probe(kind: Phantom) -> UsualProbe {
+    kind.facts().probe
 }
 
 /// Probe-to-world matrix from the array's centre, the direction into the body and a direction towards the marked side

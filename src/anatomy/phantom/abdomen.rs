@@ -10,7 +10,7 @@ use nalgebra::Matrix4;
 
 use super::geometry::{Bounds, Point, Uneven};
 use super::paint::{Dent, Over, Painting};
-use super::pose_at;
+use super::{Facts, UsualProbe, pose_at};
 use crate::phantom::geometry::{Ellipsoid, Shape, Solid, Tube, frame, path, smooth_max, smooth_min};
 use crate::volume::{LabelVolume, VolumeError};
 use insonify_base::random::noise::{Noise, choice};
@@ -54,7 +54,20 @@ const PROBE_RADIUS_MM: f64 = 60.0;
 /// Indentation of the skin by that probe, mm.
 const PRESSED_MM: f64 = 11.0;
 
-pub(super) fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, VolumeError> {
+/// Imaged from right subcostal and oblique to the sagittal plane, feet on the right of the image: liver with its vessels, gallbladder and
+/// right kidney, a rib's shadow at the left edge. The skin bears the dent of this probe.
+pub(super) const PHANTOM: Facts = Facts {
+    voxel_mm: 1.0,
+    make,
+    pose,
+    probe: UsualProbe {
+        kind: "curvilinear",
+        numbers: &[("radius_mm", PROBE_RADIUS_MM), ("angle_deg", 70.0)],
+        depth_mm: 150.0,
+    },
+};
+
+fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, VolumeError> {
     let wall = wall::Wall::new(seed);
     let dent = Dent::new(&pose(), PROBE_RADIUS_MM, 1.6 * PRESSED_MM, wall::skin_depth);
     let mut painting = Painting::new(move |p: &Point| wall.label(p), Some(dent));
@@ -70,7 +83,7 @@ pub(super) fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, VolumeE
 
 /// Right subcostal oblique view, as used for the gallbladder: liver in front of it, great vessels and the spine to the
 /// patient's left, the right kidney below; the marked side points to the patient's left and head.
-pub(super) fn pose() -> Matrix4<f64> {
+fn pose() -> Matrix4<f64> {
     let axial = Point::new(0.148, 0.962, 0.229).normalize();
     let mut skin = Point::new(-75.0, -122.0, -57.0);
     while wall::skin_depth(&skin) < 0.0 {

@@ -8,7 +8,7 @@ use nalgebra::Matrix4;
 
 use super::geometry::{Bounds, Point};
 use super::paint::Painting;
-use super::pose_at;
+use super::{Facts, UsualProbe, pose_at};
 use crate::volume::{LabelVolume, VolumeError};
 
 pub(super) mod labels {
@@ -27,7 +27,19 @@ const VEIN_MM: [[f64; 2]; 2] = [[-4.0, 28.0], [11.0, 6.5]];
 /// Position of the array's centre, just above the capsule, mm.
 const ARRAY_MM: [f64; 2] = [-10.0, -0.5];
 
-pub(super) fn make(resolution_mm: f64) -> Result<LabelVolume, VolumeError> {
+/// Imaged on the capsule, the vein across the image.
+pub(super) const PHANTOM: Facts = Facts {
+    voxel_mm: 0.5,
+    make,
+    pose,
+    probe: UsualProbe {
+        kind: "curvilinear",
+        numbers: &[("radius_mm", 20.0), ("angle_deg", 75.0)],
+        depth_mm: 62.0,
+    },
+};
+
+fn make(resolution_mm: f64, _seed: u64) -> Result<LabelVolume, VolumeError> {
     let [middle, half] = VEIN_MM;
     let base = move |p: &Point| {
         let across = ((p.x - middle[0]) / half[0]).hypot((p.y - middle[1]) / half[1]);
@@ -41,7 +53,7 @@ pub(super) fn make(resolution_mm: f64) -> Result<LabelVolume, VolumeError> {
     Painting::new(base, None).volume(&Bounds { min, max }, resolution_mm, l::TABLE, "liver-vein")
 }
 
-pub(super) fn pose() -> Matrix4<f64> {
+fn pose() -> Matrix4<f64> {
     let [x, y] = ARRAY_MM;
     pose_at(Point::new(x, y, 0.0), Point::y(), Point::x())
 }

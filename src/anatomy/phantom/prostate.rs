@@ -5,7 +5,7 @@ use nalgebra::Matrix4;
 
 use super::geometry::{Block, Bounds, Ellipsoid, Point, Shape, Solid, Tube, Uneven, path, smooth_max, step};
 use super::paint::{Over, Painting};
-use super::pose_at;
+use super::{Facts, UsualProbe, pose_at};
 use crate::volume::{LabelVolume, VolumeError};
 use insonify_base::random::noise::Noise;
 
@@ -89,7 +89,19 @@ fn surroundings(p: &Point, fat: &Noise) -> u8 {
     l::FAT
 }
 
-pub(super) fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, VolumeError> {
+/// Imaged across, in the middle of the gland.
+pub(super) const PHANTOM: Facts = Facts {
+    voxel_mm: 0.6,
+    make,
+    pose,
+    probe: UsualProbe {
+        kind: "trus-transverse",
+        numbers: &[("radius_mm", PROBE_RADIUS_MM), ("angle_deg", 160.0)],
+        depth_mm: 60.0,
+    },
+};
+
+fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, VolumeError> {
     let fat = Noise::new(seed, 100, 25.0);
     let mut painting = Painting::new(move |p: &Point| surroundings(p, &fat), None);
     side_walls(&mut painting, seed);
@@ -104,7 +116,7 @@ pub(super) fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, VolumeE
     painting.volume(&world, resolution_mm, l::TABLE, &format!("prostate {seed}"))
 }
 
-pub(super) fn pose() -> Matrix4<f64> {
+fn pose() -> Matrix4<f64> {
     pose_at(
         Point::new(0.0, RECTUM_Y_MM - PROBE_RADIUS_MM, 2.0),
         -Point::y(),

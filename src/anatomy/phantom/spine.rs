@@ -5,7 +5,7 @@ use nalgebra::Matrix4;
 
 use super::geometry::{Bounds, Point, path, step};
 use super::paint::{Dent, Over, Painting};
-use super::pose_at;
+use super::{Facts, UsualProbe, pose_at};
 use crate::phantom::geometry::{Block, Ellipsoid, Solid, Tube, Uneven, frame, smooth_max};
 use crate::volume::{LabelVolume, VolumeError};
 use insonify_base::random::noise::{Noise, choice};
@@ -92,7 +92,19 @@ fn surroundings(p: &Point, fat: &Noise, septa: &Noise) -> u8 {
     l::PERITONEAL_FAT
 }
 
-pub(super) fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, VolumeError> {
+/// Imaged from behind, sagittal over the laminae, feet on the right. The skin bears the dent of this probe.
+pub(super) const PHANTOM: Facts = Facts {
+    voxel_mm: 0.8,
+    make,
+    pose,
+    probe: UsualProbe {
+        kind: "curvilinear",
+        numbers: &[("radius_mm", PROBE_RADIUS_MM), ("angle_deg", 60.0)],
+        depth_mm: 100.0,
+    },
+};
+
+fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, VolumeError> {
     let (fat, septa) = (Noise::new(seed, 200, 35.0), Noise::new(seed, 201, 25.0));
     let dent = Dent::new(&pose(), PROBE_RADIUS_MM, 1.6 * PRESSED_MM, skin_depth);
     let mut painting = Painting::new(move |p: &Point| surroundings(p, &fat, &septa), Some(dent));
@@ -109,7 +121,7 @@ pub(super) fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, VolumeE
     painting.volume(&world, resolution_mm, l::TABLE, &format!("spine {seed}"))
 }
 
-pub(super) fn pose() -> Matrix4<f64> {
+fn pose() -> Matrix4<f64> {
     let axial = -Point::y();
     let mut skin = Point::new(-13.0, 70.0, 0.0);
     while skin_depth(&skin) < 0.0 {

@@ -12,14 +12,6 @@ type Case<T> = (Phantom, &'static [T]);
 /// Radius, half angle in degrees and depth of a fan.
 type View = [f64; 3];
 
-const KINDS: [Phantom; 5] = [
-    Phantom::Abdomen,
-    Phantom::Prostate,
-    Phantom::Spine,
-    Phantom::TwoLayer,
-    Phantom::LiverVein,
-];
-
 /// Phantoms of exact solids, which are independent of the seed.
 const EXACT: [Phantom; 2] = [Phantom::TwoLayer, Phantom::LiverVein];
 
@@ -33,8 +25,8 @@ fn made(kind: Phantom, resolution_mm: f64, seed: u64) -> LabelVolume {
 
 /// A phantom at 1 mm with seed 0, made once for all tests.
 fn fine(kind: Phantom) -> &'static LabelVolume {
-    static MADE: [OnceLock<LabelVolume>; KINDS.len()] = [const { OnceLock::new() }; KINDS.len()];
-    let at = KINDS.iter().position(|known| *known == kind).unwrap();
+    static MADE: [OnceLock<LabelVolume>; Phantom::ALL.len()] = [const { OnceLock::new() }; Phantom::ALL.len()];
+    let at = Phantom::ALL.iter().position(|known| *known == kind).unwrap();
     MADE[at].get_or_init(|| made(kind, 1.0, 0))
 }
 
@@ -53,7 +45,7 @@ fn value(kind: Phantom, name: &str) -> u8 {
 
 #[test]
 fn the_same_seed_gives_the_same_bytes_at_any_thread_count() {
-    for kind in KINDS {
+    for &kind in Phantom::ALL {
         let (one, three) = (made_on(1, || made(kind, 3.0, 7)), made_on(3, || made(kind, 3.0, 7)));
         assert_eq!(one.voxels(), three.voxels(), "{kind:?}");
         assert_eq!(one.labels(), three.labels());
@@ -74,7 +66,7 @@ fn the_same_seed_gives_the_same_bytes_at_any_thread_count() {
 
 #[test]
 fn labels_are_numbered_from_one_and_named_once() {
-    for kind in KINDS {
+    for &kind in Phantom::ALL {
         let table = labels(kind);
         for (i, (value, name)) in table.iter().enumerate() {
             assert_eq!(usize::from(*value), i + 1);

@@ -9,7 +9,7 @@ use nalgebra::Matrix4;
 
 use super::geometry::{Bounds, Point, Tube};
 use super::paint::{Over, Painting};
-use super::pose_at;
+use super::{Facts, UsualProbe, pose_at};
 use crate::volume::{LabelVolume, VolumeError};
 
 pub(super) mod labels {
@@ -30,7 +30,19 @@ const STEM_MM: f64 = 6.0;
 /// Radius of the hole and its distance behind the inclusion's axis, mm.
 const HOLE_MM: [f64; 2] = [9.0, 26.0];
 
-pub(super) fn make(resolution_mm: f64) -> Result<LabelVolume, VolumeError> {
+/// Imaged on the face opposite to that where the needle enters (Dehghan et al. 2008, "Experimental setup").
+pub(super) const PHANTOM: Facts = Facts {
+    voxel_mm: 0.5,
+    make,
+    pose,
+    probe: UsualProbe {
+        kind: "linear",
+        numbers: &[("width_mm", 38.0)],
+        depth_mm: 75.0,
+    },
+};
+
+fn make(resolution_mm: f64, _seed: u64) -> Result<LabelVolume, VolumeError> {
     let [radius, half_length] = INCLUSION_MM;
     let [hole_radius, hole_y] = HOLE_MM;
     let base = move |p: &Point| {
@@ -51,6 +63,6 @@ pub(super) fn make(resolution_mm: f64) -> Result<LabelVolume, VolumeError> {
     painting.volume(&Bounds { min: -half, max: half }, resolution_mm, l::TABLE, "two-layer")
 }
 
-pub(super) fn pose() -> Matrix4<f64> {
+fn pose() -> Matrix4<f64> {
     pose_at(Point::new(0.0, 0.0, HALF_MM[2]), -Point::z(), Point::x())
 }

@@ -4,10 +4,11 @@ use super::At;
 use super::file::{SceneFile, VolumeSpec};
 use crate::effects::Effects;
 use crate::synth::tables::ImageSize;
-use insonify_anatomy::phantom::Phantom;
+use insonify_anatomy::phantom::{self, Phantom};
 use insonify_base::document::InputError;
+use insonify_tracking::TrackingError;
 use insonify_tracking::plus::PlusConfig;
-use insonify_tracking::probe::{BeamGrid, Curvilinear, ImageGrid, Linear, Probe, ProbeShape, TrusTransverse};
+use insonify_tracking::probe::{BeamGrid, ImageGrid, Probe, ProbeKind, ProbeSpec, Sampling};
 
 /// Frame settings of a scene, independent of its content.
 pub(super) struct Framing {
@@ -94,29 +95,30 @@ impl SceneFile {
     }
 }
 
-/// Default probe: the one that matches a phantom's default pose, and a deep curvilinear one for files.
-fn usual_probe(phantom: Option<Phantom>) -> Result<Probe, insonify_tracking::TrackingError> {
-    let (shape, depth_mm) = match phantom {
-        None | Some(Phantom::Abdomen) => {
-            let (radius_mm, angle_deg) = (60.0, 70.0);
-            (ProbeShape::Curvilinear(Curvilinear { radius_mm, angle_deg }), 150.0)
+/// Default probe: the one that matches a phantom's default pose; for files that of the default phantom, deep and curvilinear.
+fn usual_probe(phantom: Option<Phantom>) -> Result<Probe, TrackingError> {
+    let usual = phantom::usual_probe(phantom.unwrap_or_default());
+    let mut kinds = ProbeKind::ALL.iter().copied();
+    Probe::try_from(ProbeSpec {
+        kind: kinds.find(|kind| kind.name() == usual.kind),
+        shape: usual.numbers.to_vec(),
+        sampling: Sampling {
+            depth_mm: Some(usual.depth_mm),
+            ..Sampling::default()
+        },
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_phantom_names_a_probe_that_there_is() {
+        for &phantom in Phantom::ALL {
+            let probe = usual_probe(Some(phantom)).unwrap_or_else(|error| panic!("{phantom:?}: {error}"));
+            let kind = phantom::usual_probe(phantom).kind;
+            assert_eq!(probe.shape.kind().name(), kind, "{phantom:?}");
         }
-        Some(Phantom::Prostate) => {
-            let (radius_mm, angle_deg) = (10.0, 160.0);
-            (
-                ProbeShape::TrusTransverse(TrusTransverse { radius_mm, angle_deg }),
-                60.0,
-            )
-        }
-        Some(Phantom::Spine) => {
-            let (radius_mm, angle_deg) = (60.0, 60.0);
-            (ProbeShape::Curvilinear(Curvilinear { radius_mm, angle_deg }), 100.0)
-        }
-        Some(Phantom::LiverVein) => {
-            let (radius_mm, angle_deg) = (20.0, 75.0);
-            (ProbeShape::Curvilinear(Curvilinear { radius_mm, angle_deg }), 62.0)
-        }
-        Some(Phantom::TwoLayer) => (ProbeShape::Linear(Linear { width_mm: 38.0 }), 75.0),
-    };
-    Probe::new(shape, depth_mm)
+    }
 }
