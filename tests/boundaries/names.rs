@@ -173,7 +173,11 @@ const NAMED: &[(&str, &[&str], &str)] = &[
         "their layers have passes where the scene calls for them",
     ),
     ("imaging/synth/cpu.rs", &["truth"], "returns the layers with the frame"),
-    ("imaging/synth/gpu.rs", &["truth"], "returns the layers with the frame"),
+    (
+        "imaging/synth/gpu/readback.rs",
+        &["truth"],
+        "returns the layers with the frame",
+    ),
     (
         "cli/rf.rs",
         &["shadow", "speckle", "texture"],
