@@ -97,7 +97,9 @@ impl Problem {
 
     fn linear_materials(&self) -> Result<Materials, InputError> {
         let materials = self.materials.iter();
-        let materials: Vec<_> = materials.map(|(region, of)| (*region, of.law.at_rest())).collect();
+        let materials: Vec<_> = materials
+            .map(|(region, material)| (*region, material.law.at_rest()))
+            .collect();
         Materials::new(None, &materials).map_err(|error| self.blame(error))
     }
 
@@ -166,9 +168,9 @@ impl Problem {
     /// Key of the fix that gives a displacement a value different from an earlier one.
     fn contradicting(&self, node: u32, axis: u8) -> String {
         let same = self.fixes.iter().zip(&self.tables);
-        let mut given = same.filter(|(fix, _)| (fix.node, fix.axis) == (node, axis));
-        let first = given.next().map(|(fix, _)| fix.displacement_mm);
-        let other = given.find(|(fix, _)| Some(fix.displacement_mm) != first);
-        other.map_or("fix".to_owned(), |(_, table)| format!("fix[{table}]"))
+        let mut displacements = same.filter(|(fix, _)| (fix.node, fix.axis) == (node, axis));
+        let first_mm = displacements.next().map(|(fix, _)| fix.displacement_mm);
+        let different = displacements.find(|(fix, _)| Some(fix.displacement_mm) != first_mm);
+        different.map_or("fix".to_owned(), |(_, table)| format!("fix[{table}]"))
     }
 }

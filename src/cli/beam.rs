@@ -246,16 +246,16 @@ impl Inverse {
         output::requested(&self.output, || plot(&case, &shape).svg())?;
         let (base, report) = (&shape.points[0], BeamReport::new(&shape));
         if self.json {
-            let mut all = json!({ "displacement_mm": base.u_mm, "slope": base.slope });
+            let mut printed = json!({ "displacement_mm": base.u_mm, "slope": base.slope });
             // A free base is driven by an axis behind it, which moves by another distance than it does.
             if driven.slope.is_none() && case.problem.pivot_mm > 0.0 {
-                all["axis_displacement_mm"] = json!(driven.displacement_mm);
+                printed["axis_displacement_mm"] = json!(driven.displacement_mm);
             }
-            let rest = serde_json::to_value(&report).map_err(|error| Failure::Output(error.into()))?;
-            if let (Some(all), Some(rest)) = (all.as_object_mut(), rest.as_object()) {
-                all.extend(rest.clone());
+            let printed_report = serde_json::to_value(&report).map_err(|error| Failure::Output(error.into()))?;
+            if let (Some(printed), Some(printed_report)) = (printed.as_object_mut(), printed_report.as_object()) {
+                printed.extend(printed_report.clone());
             }
-            return terminal::emit_json(&all);
+            return terminal::emit_json(&printed);
         }
         let mut motion = format!("displacement {:.6} mm\nslope        {:.6}\n", base.u_mm, base.slope);
         if driven.slope.is_none() && case.problem.pivot_mm > 0.0 {

@@ -178,22 +178,22 @@ impl DirectionArgs {
             let hub = self.motion.poses_in(hub, self.motion.config()?.as_ref())?;
             between(&pivot(&hub)?, &pivot(&poses)?)?
         } else if let Some(along) = self.along {
-            let along = nonzero(along)?;
-            held(&poses.poses.iter().map(|pose| (pose, along)).collect::<Vec<_>>())?
+            let direction = nonzero(along)?;
+            held(&poses.poses.iter().map(|pose| (pose, direction)).collect::<Vec<_>>())?
         } else if let Some(file) = &self.directions {
             let table = Csv::read(file, &["frame", "dx", "dy", "dz"], &[]).map_err(TrackingError::from)?;
-            let mut given = Vec::new();
+            let mut directions = Vec::new();
             for row in table.rows() {
-                let along = row.numbers(["dx", "dy", "dz"]).map_err(TrackingError::from)?;
+                let direction = row.numbers(["dx", "dy", "dz"]).map_err(TrackingError::from)?;
                 let frame = row.count("frame").map_err(TrackingError::from)?;
-                given.extend(
+                directions.extend(
                     poses
                         .of(frame)
-                        .map(|pose| nonzero(along).map(|along| (pose, along)))
+                        .map(|pose| nonzero(direction).map(|direction| (pose, direction)))
                         .transpose()?,
                 );
             }
-            held(&given)?
+            held(&directions)?
         } else {
             let expected = "give --along, --directions or --hub";
             return Err(usage("no direction is known", expected));
@@ -205,10 +205,10 @@ impl DirectionArgs {
     }
 }
 
-fn nonzero(along: [f64; 3]) -> Result<Vector3<f64>, TrackingError> {
-    let along = Vector3::from(along);
-    if along.norm() > 1e-9 {
-        Ok(along)
+fn nonzero(direction: [f64; 3]) -> Result<Vector3<f64>, TrackingError> {
+    let direction = Vector3::from(direction);
+    if direction.norm() > 1e-9 {
+        Ok(direction)
     } else {
         Err(TrackingError::new(
             "a direction is 0,0,0; expected a vector with a length",

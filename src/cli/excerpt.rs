@@ -43,14 +43,14 @@ pub(crate) fn drawn(message: &str, help: Option<&str>, excerpt: Option<&Excerpt>
 /// Numbered lines of a file between a heading, which names file, line and column (from 1), and a foot.
 fn framed(excerpt: &Excerpt, paint: Paint) -> String {
     let lines: Vec<&str> = excerpt.text.split_inclusive('\n').collect();
-    let last = match lines.len() {
+    let last_number = match lines.len() {
         0 => 0,
         count => excerpt.lines_before + count,
     };
-    let digits = last.to_string().len();
+    let digits = last_number.to_string().len();
     let margin = " ".repeat(digits + 2);
-    let place = format!("{}:{}:{}", excerpt.name, excerpt.line, excerpt.column + 1);
-    let mut out = format!("{margin}╭─[{}]\n", paint.of(CYAN_UNDERLINED, &place));
+    let location = format!("{}:{}:{}", excerpt.name, excerpt.line, excerpt.column + 1);
+    let mut out = format!("{margin}╭─[{}]\n", paint.of(CYAN_UNDERLINED, &location));
     let mut begin = 0;
     for (number, line) in (excerpt.lines_before + 1..).zip(lines) {
         let number = paint.of(DIM, &format!("{number:digits$}"));
@@ -58,7 +58,7 @@ fn framed(excerpt: &Excerpt, paint: Paint) -> String {
         let _ = writeln!(out, " {number} │ {}", expanded(text).0);
         if (begin..begin + line.len()).contains(&excerpt.span.start) {
             let [start, end] = [excerpt.span.start, excerpt.span.end]
-                .map(|at| expanded(&text[..text.floor_char_boundary(at - begin)]).1);
+                .map(|offset| expanded(&text[..text.floor_char_boundary(offset - begin)]).1);
             for mark in marks(start, end, excerpt.span.is_empty()) {
                 let _ = writeln!(out, "{margin}· {}", paint.of(MAGENTA, &mark));
             }

@@ -104,24 +104,24 @@ impl Make {
         let file = ScenarioFile::parse(&text, &self.scenario.display().to_string())?;
         let scenario = resolve(&file, &base)?;
         let tasks = conditions.tasks(&scenario, usize::from(self.tasks))?;
-        for (at, task) in tasks.iter().enumerate() {
+        for (index, task) in tasks.iter().enumerate() {
             // File names in a scenario start at its own folder, and the tasks lie in another.
             let text = task
-                .scenario(&text, &conditions, at + 1)
+                .scenario(&text, &conditions, index + 1)
                 .and_then(|text| relocated(&text, &base, &self.output));
-            let text = text.map_err(|found| {
+            let text = text.map_err(|error| {
                 let expected = "a scenario whose scene is a table: `insonify insert --example liver-biopsy`";
-                usage(format!("{}: {found}", self.scenario.display()), expected)
+                usage(format!("{}: {error}", self.scenario.display()), expected)
             })?;
-            output::text(&folder.path().join(format!("task-{}.toml", at + 1)), &text)?;
+            output::text(&folder.path().join(format!("task-{}.toml", index + 1)), &text)?;
         }
         folder.install()?;
         if self.json {
             return terminal::emit_json(&tasks);
         }
-        let lines = tasks.iter().enumerate().map(|(at, task)| {
+        let lines = tasks.iter().enumerate().map(|(index, task)| {
             let [x, y, z] = task.target_mm;
-            let file = self.output.join(format!("task-{}.toml", at + 1));
+            let file = self.output.join(format!("task-{}.toml", index + 1));
             format!(
                 "{}: target ({x:.1}, {y:.1}, {z:.1}) mm, {:.0} mm deep",
                 file.display(),
@@ -220,8 +220,8 @@ impl Study {
             tasks.push((name.replace([',', '"', '\n'], " "), scenario));
         }
         let outcome = terminal::with_bar("sessions", |share| {
-            study(&tasks, usize::from(self.people), self.seed, &|done, of| {
-                share(done as f64 / of.max(1) as f64);
+            study(&tasks, usize::from(self.people), self.seed, &|done, count| {
+                share(done as f64 / count.max(1) as f64);
             })
         })?;
         let notes = study_notes(tasks.len(), usize::from(self.people), self.seed);

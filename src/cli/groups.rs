@@ -10,8 +10,8 @@ pub(crate) fn grouped(command: Command, titles: &[&str]) -> Command {
     let names = command.get_subcommands().map(|subcommand| subcommand.get_name().len());
     let width = names.max().unwrap_or_default();
     let mut list = String::new();
-    for (at, (subcommand, title)) in command.get_subcommands().zip(titles).enumerate() {
-        if at == 0 || titles[at - 1] != *title {
+    for (index, (subcommand, title)) in command.get_subcommands().zip(titles).enumerate() {
+        if index == 0 || titles[index - 1] != *title {
             let _ = writeln!(list, "{heading}{title}:{heading:#}");
         }
         let (name, about) = (
@@ -19,7 +19,7 @@ pub(crate) fn grouped(command: Command, titles: &[&str]) -> Command {
             subcommand.get_about().cloned().unwrap_or_default(),
         );
         let _ = writeln!(list, "  {literal}{name:<width$}{literal:#}  {about}");
-        if titles.get(at + 1) != Some(title) {
+        if titles.get(index + 1) != Some(title) {
             list.push('\n');
         }
     }

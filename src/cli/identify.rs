@@ -69,17 +69,17 @@ impl Identify {
         for parameters in &identified.results {
             parameters.notes.iter().for_each(terminal::warn);
         }
-        let at = |name: &str| folder.path().join(name);
-        let plots = at("plots");
+        let path_of = |name: &str| folder.path().join(name);
+        let plots = path_of("plots");
         std::fs::create_dir_all(&plots).map_err(|cause| OutputError::Folder {
             path: folder.place(&plots),
             cause,
         })?;
         output::plots(&plots, identified.plots())?;
         for (name, text) in identified.scenarios() {
-            output::text(&at(&name), &text)?;
+            output::text(&path_of(&name), &text)?;
         }
-        output::text(&at("index.html"), &identified.page()?)?;
+        output::text(&path_of("index.html"), &identified.page()?)?;
         folder.install()?;
         terminal::print(&identified, self.json)
     }

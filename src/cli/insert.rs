@@ -173,7 +173,7 @@ impl Insert {
             scenario.follow_stress();
         }
         let mut model = terminal::with_bar("preparing the model", |share| {
-            scenario.model(|done, of| share(done as f64 / of.max(1) as f64))
+            scenario.model(|done, count| share(done as f64 / count.max(1) as f64))
         })?;
         let mut writer = Writer::new(&scenario, folder.path(), requests)?;
         if requests.frames {
@@ -251,8 +251,8 @@ impl Insert {
         file.adapter = Some(self.backend.choice());
         let picked = self.quality.steps(&mut file, folder)?;
         let scenario = resolve(&file, folder)?;
-        for (at, line) in scenario.notes.iter().flat_map(|note| note.lines().enumerate()) {
-            match at {
+        for (index, line) in scenario.notes.iter().flat_map(|note| note.lines().enumerate()) {
+            match index {
                 0 => terminal::note(line),
                 _ => terminal::say(line),
             }
@@ -287,8 +287,8 @@ fn summary_line(summary: &Summary, output: &Path) -> String {
         left => format!(", {left} seeds"),
     };
     let changes = summary.level_changes.iter().map(|change| {
-        let (to, at, jump, took) = (&change.to, change.time_s, change.force_jump_n, change.seconds);
-        format!(", level {to} from {at:.3} s (took {took:.3} s, force on the hand {jump:.1e} N apart)")
+        let (level, time_s, jump_n, seconds) = (&change.to, change.time_s, change.force_jump_n, change.seconds);
+        format!(", level {level} from {time_s:.3} s (took {seconds:.3} s, force on the hand {jump_n:.1e} N apart)")
     });
     let changes: String = changes.collect();
     let targets = summary.targets.iter();

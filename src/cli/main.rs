@@ -244,7 +244,7 @@ mod tests {
         let help = Cli::grouped().render_help().to_string();
         let list = help
             .split_once("Usage:")
-            .and_then(|(_, rest)| rest.split_once("\nOptions:"));
+            .and_then(|(_, after_usage)| after_usage.split_once("\nOptions:"));
         let mut group = "";
         let mut listed = Vec::new();
         for line in list.map_or("", |(list, _)| list).lines().skip(1) {
@@ -257,11 +257,11 @@ mod tests {
         let declared = command.get_subcommands().zip(Command::GROUPS);
         let abouts: Vec<String> = command
             .get_subcommands()
-            .map(|it| it.get_about().map_or_else(String::new, ToString::to_string))
+            .map(|subcommand| subcommand.get_about().map_or_else(String::new, ToString::to_string))
             .collect();
         let declared: Vec<_> = declared
             .zip(&abouts)
-            .map(|((it, group), about)| (*group, it.get_name(), about.as_str()))
+            .map(|((subcommand, group), about)| (*group, subcommand.get_name(), about.as_str()))
             .collect();
         assert_eq!(declared.len(), abouts.len());
         assert_eq!(listed, declared);

@@ -246,9 +246,9 @@ impl Follow {
         output::text(&folder.path().join("motion.csv"), &table(&motion, 1).csv())?;
         output::plot(&folder.path().join("tip-error.svg"), &plot(&motion))?;
         folder.install()?;
-        let off = |at| motion.off_mm(at);
-        let largest = motion.driven.iter().map(off).fold(0.0, f64::max);
-        let last = motion.driven.last().map_or(0.0, off);
+        let error_mm = |driven| motion.off_mm(driven);
+        let largest = motion.driven.iter().map(error_mm).fold(0.0, f64::max);
+        let last_mm = motion.driven.last().map_or(0.0, error_mm);
         let lost = motion
             .drive
             .lost_mm(motion.drive.load_n)
@@ -257,13 +257,13 @@ impl Follow {
             let every = motion.driven.len().div_ceil(MAX_ROWS);
             return terminal::emit_json(&json!({
                 "largest_tip_error_mm": largest,
-                "final_tip_error_mm": last,
+                "final_tip_error_mm": last_mm,
                 "lost_mm": lost,
                 "motion": rows(&motion, every).collect::<Vec<_>>(),
             }));
         }
         terminal::emit(&format!(
-            "{} s at {} Hz: the tip is at most {largest:.3} mm from its command, {last:.3} mm at the end; the drive loses {:.3} mm pushing and {:.3} mm \
+            "{} s at {} Hz: the tip is at most {largest:.3} mm from its command, {last_mm:.3} mm at the end; the drive loses {:.3} mm pushing and {:.3} mm \
              pulling; wrote {}",
             (motion.driven.len() - 1) as f64 * PERIOD_S,
             1.0 / PERIOD_S,
@@ -291,11 +291,12 @@ const MOTION: [&str; 11] = [
 
 /// Rows of a motion, every n-th period of the controller.
 fn rows(motion: &GuideMotion, every: usize) -> impl Iterator<Item = [f64; 11]> + '_ {
-    motion.driven.iter().step_by(every.max(1)).map(move |at| {
-        let [c, p] = [at.command, at.posture].map(|it| [it.position_mm, it.posture_deg, it.insertion_mm]);
-        let [l1, l2, l3] = at.lost_mm;
+    motion.driven.iter().step_by(every.max(1)).map(move |driven| {
+        let [c, p] = [driven.command, driven.posture]
+            .map(|posture| [posture.position_mm, posture.posture_deg, posture.insertion_mm]);
+        let [l1, l2, l3] = driven.lost_mm;
         [
-            at.time_s,
+            driven.time_s,
             c[0],
             c[1],
             c[2],
@@ -305,7 +306,7 @@ fn rows(motion: &GuideMotion, every: usize) -> impl Iterator<Item = [f64; 11]> +
             l1,
             l2,
             l3,
-            motion.off_mm(at),
+            motion.off_mm(driven),
         ]
     })
 }
@@ -316,7 +317,7 @@ fn table(motion: &GuideMotion, every: usize) -> Table {
 
 fn plot(motion: &GuideMotion) -> Plot {
     let every = motion.driven.len().div_ceil(MAX_ROWS);
-    let line = |of: fn(&[f64; 11]) -> f64| rows(motion, every).map(move |row| [row[0], of(&row)]).collect();
+    let line = |value: fn(&[f64; 11]) -> f64| rows(motion, every).map(move |row| [row[0], value(&row)]).collect();
     let series = vec![
         Series::line("error of the tip", 0, line(|row| row[10])),
         Series::line("lost motion, I", 1, line(|row| row[7])),
@@ -364,11 +365,11 @@ impl Workspace {
         let mut chosen = self.backend.synthesizer(scene.anatomy.clone(), settings, None)?;
         let pixels = chosen.synth.render(&state)?.pixels.clone();
         let path = guided.driven.iter().step_by(guided.driven.len().div_ceil(MAX_ROWS));
-        let path: Vec<[f64; 2]> = path.map(|at| guided.guide.needle(&at.command).tip_mm).collect();
+        let path: Vec<[f64; 2]> = path.map(|driven| guided.guide.needle(&driven.command).tip_mm).collect();
         let picture = overlay::workspace(
             &pixels,
             chosen.synth.tables(),
-            |at| guided.guide.angles_deg(at).is_some(),
+            |posture| guided.guide.angles_deg(posture).is_some(),
             &path,
         );
         let (width, height) = (picture.width() as usize, picture.height() as usize);

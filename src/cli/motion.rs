@@ -169,8 +169,8 @@ impl Motion {
             writeln!(file, "frame,line,window,depth_mm,axial_um,lateral_um,correlation")?;
             for (frame, values) in echoes.frames.iter().enumerate().skip(1) {
                 let estimates = tracker.next(values);
-                for (at, estimate) in estimates.iter().enumerate() {
-                    let (line, window) = (at / options.windows, at % options.windows);
+                for (index, estimate) in estimates.iter().enumerate() {
+                    let (line, window) = (index / options.windows, index % options.windows);
                     writeln!(
                         file,
                         "{frame},{line},{window},{:.4},{:.3},{:.3},{:.5}",
@@ -178,9 +178,10 @@ impl Motion {
                     )?;
                     correlation += estimate.correlation;
                 }
-                let trusted_windows = estimates.iter().filter(|it| it.correlation >= TRUSTED);
+                let trusted_windows = estimates.iter().filter(|estimate| estimate.correlation >= TRUSTED);
                 let share = trusted_windows.clone().count() as f64 / count;
-                let mean_um = trusted_windows.map(|it| it.axial_um.abs()).sum::<f64>() / (share * count).max(1.0);
+                let mean_um =
+                    trusted_windows.map(|estimate| estimate.axial_um.abs()).sum::<f64>() / (share * count).max(1.0);
                 trusted += share;
                 losses.see(frame, share);
                 if let Some(truth) = &truth {
@@ -299,16 +300,16 @@ impl Motion {
             );
         };
         let length_mm = echoes.samples as f64 * self.speed_m_s * 1e-3 / (2.0 * sampling_mhz);
-        for (name, value, most) in [
+        for (name, value, greatest) in [
             ("--sampling-mhz", sampling_mhz, 1000.0),
             ("--speed-m-s", self.speed_m_s, 10_000.0),
             ("--window-mm", self.window_mm, length_mm / 2.0),
             ("--wide-mm", self.wide_mm, length_mm),
         ] {
-            if !(value > 0.0 && value <= most) {
+            if !(value > 0.0 && value <= greatest) {
                 return wrong(
                     format!("{name} {value}"),
-                    &format!("give a number above 0, at most {most:.3}"),
+                    &format!("give a number above 0, at most {greatest:.3}"),
                 );
             }
         }
@@ -332,25 +333,29 @@ fn truth(path: &Path, echoes: &Echoes, windows: usize) -> Result<Vec<Vec<[f64; 2
         &["frame", "line", "window", "axial_um", "lateral_um"],
         &["depth_mm", "elevational_um"],
     )?;
-    let mut all = vec![vec![[f64::NAN; 2]; echoes.lines * windows]; echoes.frames.len()];
+    let mut truth = vec![vec![[f64::NAN; 2]; echoes.lines * windows]; echoes.frames.len()];
     for row in table.rows() {
         let (frame, line, window) = (row.count("frame")?, row.count("line")?, row.count("window")?);
-        if frame >= all.len() || line >= echoes.lines || window >= windows {
-            let expected = format!("{} frames of {} lines with {windows} windows", all.len(), echoes.lines);
+        if frame >= truth.len() || line >= echoes.lines || window >= windows {
+            let expected = format!(
+                "{} frames of {} lines with {windows} windows",
+                truth.len(),
+                echoes.lines
+            );
             return Err(row.wrong("window", expected).into());
         }
-        all[frame][line * windows + window] = row.numbers(["axial_um", "lateral_um"])?;
+        truth[frame][line * windows + window] = row.numbers(["axial_um", "lateral_um"])?;
     }
-    if all.iter().flatten().any(|pair| pair[0].is_nan()) {
+    if truth.iter().flatten().any(|pair| pair[0].is_nan()) {
         Err(TrackingError::new(format!(
             "{}: rows are missing; expected one for each of {} frames, {} lines and {windows} windows",
             path.display(),
-            all.len(),
+            truth.len(),
             echoes.lines
         ))
         .into())
     } else {
-        Ok(all)
+        Ok(truth)
     }
 }
 
@@ -401,19 +406,24 @@ struct Tally {
 
 impl Tally {
     fn add(&mut self, estimates: &[Estimate], truth: &[[f64; 2]]) {
-        let trusted = || estimates.iter().zip(truth).filter(|(it, _)| it.correlation >= TRUSTED);
+        let trusted = || {
+            estimates
+                .iter()
+                .zip(truth)
+                .filter(|(estimate, _)| estimate.correlation >= TRUSTED)
+        };
         let n = trusted().count().max(1) as f64;
-        let of = |error: fn(&Estimate, &[f64; 2]) -> f64| {
-            let mean = trusted().map(|(it, truth)| error(it, truth)).sum::<f64>() / n;
+        let moments = |error: fn(&Estimate, &[f64; 2]) -> f64| {
+            let mean = trusted().map(|(estimate, truth)| error(estimate, truth)).sum::<f64>() / n;
             let square = trusted()
-                .map(|(it, truth)| (error(it, truth) - mean).powi(2))
+                .map(|(estimate, truth)| (error(estimate, truth) - mean).powi(2))
                 .sum::<f64>()
                 / n;
             [mean, square.sqrt()]
         };
         let both = [
-            of(|it, truth| it.axial_um - truth[0]),
-            of(|it, truth| it.lateral_um - truth[1]),
+            moments(|estimate, truth| estimate.axial_um - truth[0]),
+            moments(|estimate, truth| estimate.lateral_um - truth[1]),
         ];
         self.frames.push((n, both));
     }
@@ -421,17 +431,17 @@ impl Tally {
     fn errors(&self) -> Errors {
         let n: f64 = self.frames.iter().map(|(n, _)| n).sum();
         let spread = |axis: usize| {
-            let of = || self.frames.iter().map(|(n, both)| (*n, both[axis]));
-            let bias = of().map(|(n, [mean, _])| n * mean).sum::<f64>() / n;
-            let square = of()
+            let frames = || self.frames.iter().map(|(n, both)| (*n, both[axis]));
+            let bias = frames().map(|(n, [mean, _])| n * mean).sum::<f64>() / n;
+            let square = frames()
                 .map(|(n, [mean, sd])| n * (sd * sd + (mean - bias).powi(2)))
                 .sum::<f64>()
                 / n;
             Spread {
                 bias_um: bias,
                 sd_um: square.sqrt(),
-                worst_mean_um: of().map(|(_, [mean, _])| mean.abs()).fold(0.0, f64::max),
-                worst_sd_um: of().map(|(_, [_, sd])| sd).fold(0.0, f64::max),
+                worst_mean_um: frames().map(|(_, [mean, _])| mean.abs()).fold(0.0, f64::max),
+                worst_sd_um: frames().map(|(_, [_, sd])| sd).fold(0.0, f64::max),
             }
         };
         Errors {
@@ -473,8 +483,8 @@ mod tests {
     #[test]
     fn frames_that_lose_their_windows_are_told() {
         let mut losses = Losses::default();
-        for (at, share) in [0.9, 0.97, 0.8, 0.97, 0.58, 0.9, 0.6].into_iter().enumerate() {
-            losses.see(at + 1, share);
+        for (index, share) in [0.9, 0.97, 0.8, 0.97, 0.58, 0.9, 0.6].into_iter().enumerate() {
+            losses.see(index + 1, share);
         }
         assert_eq!((&losses.frames[..], losses.fall), (&[5, 7][..], [0.58, 0.97]));
         let warning = losses.warning(0.8).expect("a warning");

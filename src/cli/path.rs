@@ -110,23 +110,23 @@ impl PathArgs {
         file.adapter = Some(self.backend.choice());
         let scenario = resolve(&file, &base)?;
         let plan = terminal::with_bar("simulating lines", |share| {
-            plan(&scenario, &self.options(), &|done, of| {
-                share(done as f64 / of.max(1) as f64)
+            plan(&scenario, &self.options(), &|done, count| {
+                share(done as f64 / count.max(1) as f64)
             })
         })?;
         let written = plan
             .scenario(&text, &scenario)
             .and_then(|text| relocated(&text, &base, &self.output));
-        let written = written.map_err(|found| {
+        let written = written.map_err(|error| {
             let expected = "a scenario whose parts are tables";
-            usage(format!("{}: {found}", self.scenario.display()), expected)
+            usage(format!("{}: {error}", self.scenario.display()), expected)
         })?;
-        let at = |name: &str| folder.path().join(name);
-        output::text(&at("scenario.toml"), &written)?;
-        output::text(&at("lines.csv"), &plan.csv())?;
-        output::text(&at("target.csv"), &plan.series())?;
-        output::plot(&at("target.svg"), &plan.target_plot())?;
-        output::plot(&at("lines.svg"), &plan.lines_plot())?;
+        let path_of = |name: &str| folder.path().join(name);
+        output::text(&path_of("scenario.toml"), &written)?;
+        output::text(&path_of("lines.csv"), &plan.csv())?;
+        output::text(&path_of("target.csv"), &plan.series())?;
+        output::plot(&path_of("target.svg"), &plan.target_plot())?;
+        output::plot(&path_of("lines.svg"), &plan.lines_plot())?;
         let anatomy = &scenario.scene.anatomy;
         let mut chosen = self
             .backend
@@ -142,11 +142,11 @@ impl PathArgs {
         let overview = overview(&anatomy.volume, &colours, &pose, beam, needle.as_ref());
         for (name, picture) in [("lines.png", &picture), ("overview.png", &overview)] {
             let [width, height] = [picture.width(), picture.height()].map(|side| side as usize);
-            png::write_rgb(&at(name), width, height, picture.as_raw())?;
+            png::write_rgb(&path_of(name), width, height, picture.as_raw())?;
         }
-        output::text(&at("index.html"), &plan.page(&picture, &overview)?)?;
+        output::text(&path_of("index.html"), &plan.page(&picture, &overview)?)?;
         let json = terminal::pretty(&plan)?;
-        output::text(&at("summary.json"), &format!("{json}\n"))?;
+        output::text(&path_of("summary.json"), &format!("{json}\n"))?;
         folder.install()?;
         plan.warnings.iter().for_each(terminal::warn);
         if self.json {

@@ -106,12 +106,12 @@ impl Puncture {
                 ..options
             };
         }
-        let mut all = vec![(name(&options), options)];
+        let mut variants = vec![(name(&options), options)];
         // Each leaves out one more part of the law, first viscosity (order 0), then stiffening: what differs
         // between two neighbours is due to that part alone.
         if self.compare {
-            all.push(("elastic", PunctureOptions { order: 0.0, ..options }));
-            all.push((
+            variants.push(("elastic", PunctureOptions { order: 0.0, ..options }));
+            variants.push((
                 "linear",
                 PunctureOptions {
                     order: 0.0,
@@ -120,22 +120,22 @@ impl Puncture {
                 },
             ));
         }
-        let count = all.len() as f64;
+        let count = variants.len() as f64;
         let runs = terminal::with_bar("", |progress| {
-            let runs = all.into_iter().enumerate().map(|(at, (name, options))| {
-                let run = puncture(&options, &mut |share| progress((at as f64 + share) / count));
+            let runs = variants.into_iter().enumerate().map(|(index, (name, options))| {
+                let run = puncture(&options, &mut |share| progress((index as f64 + share) / count));
                 run.map(|run| (name, run))
             });
             runs.collect::<Result<Vec<_>, _>>()
         })?;
         let requested = &runs[0].1;
         if let Some(folder) = folder {
-            let at = |name: &str| folder.path().join(name);
+            let path_of = |name: &str| folder.path().join(name);
             let plot = curves(&runs.iter().map(|(name, run)| (*name, run)).collect::<Vec<_>>())?;
-            output::text(&at("force.svg"), &plot)?;
-            output::text(&at("force.csv"), &requested.csv())?;
+            output::text(&path_of("force.svg"), &plot)?;
+            output::text(&path_of("force.csv"), &requested.csv())?;
             for (name, picture) in &requested.pictures {
-                output::text(&at(&format!("{name}.svg")), picture)?;
+                output::text(&path_of(&format!("{name}.svg")), picture)?;
             }
             folder.install()?;
         }

@@ -35,7 +35,7 @@ impl QualityArgs {
     /// and measured again.
     fn kept<T>(
         &self,
-        thing: &[&str],
+        key: &[&str],
         what: &str,
         sound: impl Fn(&T) -> bool,
         measure: impl FnOnce() -> Result<T, Error>,
@@ -45,7 +45,7 @@ impl QualityArgs {
     {
         let cache = Cache::of_user(&Machine::here().to_string());
         if !self.recalibrate {
-            match cache.get(thing, sound) {
+            match cache.get(key, sound) {
                 Ok(Some(known)) => return Ok(known),
                 Ok(None) => {}
                 Err(bad) => terminal::warn(format_args!("the cached costs are ignored: {bad}")),
@@ -55,10 +55,10 @@ impl QualityArgs {
         let unkept = |error: &dyn std::fmt::Display| {
             terminal::warn(format_args!("measured costs cannot be cached: {error}"));
         };
-        let kept = cache.check(thing).inspect_err(|error| unkept(error)).is_ok();
+        let kept = cache.check(key).inspect_err(|error| unkept(error)).is_ok();
         let costs = measure()?;
         if kept {
-            let _ = cache.put(thing, &costs).inspect_err(|error| unkept(error));
+            let _ = cache.put(key, &costs).inspect_err(|error| unkept(error));
         }
         Ok(costs)
     }
@@ -105,14 +105,14 @@ impl QualityArgs {
             (format!("{}{adapter}", chosen.synth.backend()), software)
         };
         let described = serde_json::to_string(&scene.file).map_err(|error| Failure::Output(error.into()))?;
-        let thing = ["frame", &adapter, &format!("{budget_ms}"), &described];
+        let key = ["frame", &adapter, &format!("{budget_ms}"), &described];
         let stands = |key: &str, value: &str| {
             let column = usize::from(key == grid::KEYS[1]);
             grid::KEYS.contains(&key) && grids.iter().any(|grid| grid[column].to_string() == value)
         };
         let sound =
             |costs: &Costs| costs.settings.len() == 1 && costs.settings.iter().all(|setting| setting.is_sound(stands));
-        let costs = self.kept(&thing, "measuring frames of this scene", sound, || {
+        let costs = self.kept(&key, "measuring frames of this scene", sound, || {
             let measured = format!("kept to by 19 of {FRAMES} frames of this scene on {adapter}");
             let mut state = FrameState::at(Matrix4::identity());
             scene.state(0, scene.frames(), &mut state)?;
@@ -214,12 +214,12 @@ impl QualityArgs {
         };
         // Costs are measured in blocks; the picked settings are tried on the insertion itself.
         let described = file.described(folder)?;
-        let thing = ["trial", &format!("{budget_ms}"), &described];
+        let key = ["trial", &format!("{budget_ms}"), &described];
         let sound = |picked: &Option<Picked>| {
             let mut settings = picked.iter().flat_map(|picked| &picked.settings);
             settings.all(|setting| stands(&setting.key, &setting.value))
         };
-        let picked = self.kept(&thing, "trying it on this insertion", sound, || {
+        let picked = self.kept(&key, "trying it on this insertion", sound, || {
             pick_tried("step_ms", &costs, budget_ms, open, |picked| tried(file, folder, picked))
         })?;
         let Some(picked) = picked else {
@@ -299,6 +299,6 @@ fn tried(file: &ScenarioFile, folder: &Path, picked: &Picked) -> Result<Tried, E
 
 /// Level by its name in a file.
 fn level_named(name: &str) -> Option<Level> {
-    let all = [Level::Exact, Level::I, Level::II, Level::III, Level::IV];
-    all.into_iter().find(|level| format!("\"{level}\"") == name)
+    let levels = [Level::Exact, Level::I, Level::II, Level::III, Level::IV];
+    levels.into_iter().find(|level| format!("\"{level}\"") == name)
 }

@@ -99,13 +99,13 @@ pub(crate) struct Register {
 
 impl Register {
     pub(crate) fn run(&self) -> Result<(), Error> {
-        let given = [
+        let inputs = [
             Some(&self.volume),
             Some(&self.surface),
             self.landmarks.as_ref(),
             self.mesh.as_ref(),
         ];
-        let inputs: Vec<PathBuf> = given.into_iter().flatten().cloned().collect();
+        let inputs: Vec<PathBuf> = inputs.into_iter().flatten().cloned().collect();
         let force = self.force;
         force.check_ending(&self.page, "html", "pages", &inputs)?;
         force.check_ending(&self.fit, "toml", "registrations", &inputs)?;
@@ -124,7 +124,7 @@ impl Register {
             .unwrap_or_default();
         known
             .iter_mut()
-            .for_each(|it| it.surface_mm = self.in_lps(&it.surface_mm));
+            .for_each(|landmark| landmark.surface_mm = self.in_lps(&landmark.surface_mm));
         let registration = register(&surface, &skin, &corners(&volume), &known)?;
         // Before the volume is resampled, which takes long and is useless under a wrong map.
         doubt(&registration, surface.len());
@@ -177,13 +177,13 @@ impl Register {
                 .poses
                 .iter()
                 .map(|pose| Point3::from(pose.rotation * nalgebra::Vector3::from(tip) + pose.position));
-            return Ok(touched.map(|at| self.in_lps(&at)).collect());
+            return Ok(touched.map(|point| self.in_lps(&point)).collect());
         }
         if segmentation::stem(&self.surface).is_some() || self.surface.is_dir() {
             let skin = skin_of(&self.open(&self.surface)?)?;
             return Ok(skin.points().to_vec());
         }
-        Ok(read(&self.surface)?.iter().map(|at| self.in_lps(at)).collect())
+        Ok(read(&self.surface)?.iter().map(|point| self.in_lps(point)).collect())
     }
 }
 
@@ -214,7 +214,11 @@ fn doubt(registration: &Registration, count: usize) {
             registration.quadratic.rms_mm
         ));
     }
-    for landmark in registration.landmarks_mm.iter().filter(|it| it.quadratic_mm > FAR_MM) {
+    for landmark in registration
+        .landmarks_mm
+        .iter()
+        .filter(|landmark| landmark.quadratic_mm > FAR_MM)
+    {
         terminal::warn(format_args!(
             "landmark {:?} remains {:.1} mm away",
             landmark.name, landmark.quadratic_mm

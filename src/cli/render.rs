@@ -157,28 +157,28 @@ impl Render {
         let mut states = scene.states(count);
         let size = BATCH.max(4 * insonify_base::parallel::threads());
         loop {
-            let first = frames.len();
+            let first_number = frames.len();
             let batch: Vec<FrameState> = states.by_ref().take(size).collect();
             if batch.is_empty() {
                 break;
             }
-            let take = |at: usize, synth: &Synthesizer, ms: f64| {
-                let odd = coverage::warnings(synth.tables(), &batch[at].probe_to_world, outside_was_reported);
-                let number = first + at;
+            let take = |index: usize, synth: &Synthesizer, ms: f64| {
+                let odd = coverage::warnings(synth.tables(), &batch[index].probe_to_world, outside_was_reported);
+                let number = first_number + index;
                 let shot = Shot {
                     number,
                     time_s: scene.time_s(number, count),
-                    state: &batch[at],
+                    state: &batch[index],
                     clearance_mm: None,
                     warnings: &odd,
                 };
-                let taken = output.take(synth, &shot);
-                Ok((taken, odd, synth.pass_times().to_vec(), ms))
+                let frame = output.take(synth, &shot);
+                Ok((frame, odd, synth.pass_times().to_vec(), ms))
             };
-            synth.batch(&batch, take, |at, (taken, odd, times, ms)| {
-                let path = place.of(&output.write(taken?)?).to_string_lossy().into_owned();
+            synth.batch(&batch, take, |index, (frame, odd, times, ms)| {
+                let path = place.of(&output.write(frame?)?).to_string_lossy().into_owned();
                 passes.add(&times);
-                oddities.add(first + at, odd);
+                oddities.add(first_number + index, odd);
                 frames.push(FrameReport { path, ms });
                 bar.inc(1);
                 Ok::<_, Error>(())

@@ -210,9 +210,9 @@ impl Rf {
         let probe = &scene.settings.probe;
         let acquisition = self.acquisition(probe);
         let files = self.input.as_deref().map_or_else(Vec::new, inputs);
-        let all = [Some(&self.output), self.truth.as_ref(), self.node_truth.as_ref()];
-        let all: Vec<&Path> = all.into_iter().flatten().map(PathBuf::as_path).collect();
-        self.force.check(&all, &files)?;
+        let outputs = [Some(&self.output), self.truth.as_ref(), self.node_truth.as_ref()];
+        let outputs: Vec<&Path> = outputs.into_iter().flatten().map(PathBuf::as_path).collect();
+        self.force.check(&outputs, &files)?;
         if !(0.05..=probe.depth_mm / 2.0).contains(&self.window_mm) {
             let expected = format!("give 0.05 to {} mm, half of the depth", probe.depth_mm / 2.0);
             return Err(usage(format!("--window-mm {}", self.window_mm), expected));
@@ -234,8 +234,8 @@ impl Rf {
         let bar = terminal::progress(count);
         match &source {
             EchoSource::Scene(scene) => {
-                for (at, state) in scene.states(count).enumerate() {
-                    recorder.push(scene, &state, scene.time_s(at, count))?;
+                for (index, state) in scene.states(count).enumerate() {
+                    recorder.push(scene, &state, scene.time_s(index, count))?;
                     bar.inc(1);
                 }
             }
@@ -470,13 +470,13 @@ impl Recorder {
 
     fn push(&mut self, scene: &Scene, state: &FrameState, time_s: f64) -> Result<(), Error> {
         let echoes = self.synthesizer.render(state)?;
-        let most = f64::from(i16::MAX);
+        let full_scale = f64::from(i16::MAX);
         let counts = echoes.iter().map(|value| f64::from(*value) * COUNTS);
         let bytes: Vec<u8> = if self.float {
             counts.flat_map(|count| (count as f32).to_le_bytes()).collect()
         } else {
-            self.saturated += counts.clone().filter(|count| count.abs() > most).count();
-            let rounded = counts.map(|count| count.clamp(-most, most).round() as i16);
+            self.saturated += counts.clone().filter(|count| count.abs() > full_scale).count();
+            let rounded = counts.map(|count| count.clamp(-full_scale, full_scale).round() as i16);
             rounded.flat_map(i16::to_le_bytes).collect()
         };
         let info = FrameInfo {

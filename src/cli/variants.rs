@@ -33,14 +33,14 @@ pub(crate) fn variants<T>() -> impl TypedValueParser<Value = T>
 where
     T: JsonSchema + DeserializeOwned + Clone + Send + Sync + 'static,
 {
-    PossibleValuesParser::new(names::<T>()).try_map(|given| {
+    PossibleValuesParser::new(names::<T>()).try_map(|typed| {
         // Where case is ignored, clap passes on what was given.
         let names = names::<T>();
         let name = names
             .iter()
             .map(PossibleValue::get_name)
-            .find(|name| name.eq_ignore_ascii_case(&given));
-        serde_json::from_value(name.unwrap_or(&given).into())
+            .find(|name| name.eq_ignore_ascii_case(&typed));
+        serde_json::from_value(name.unwrap_or(&typed).into())
     })
 }
 

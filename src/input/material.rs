@@ -73,10 +73,10 @@ impl TableOfRegion {
         fault: impl Fn(String, String, &str) -> InputError,
     ) -> Result<Self, InputError> {
         let mut tables = Self::default();
-        for (at, name) in names.enumerate() {
-            let key = format!("{list}[{at}]");
+        for (index, name) in names.enumerate() {
+            let key = format!("{list}[{index}]");
             let Some(name) = name else {
-                if tables.others.replace(at).is_some() {
+                if tables.others.replace(index).is_some() {
                     let found = "a second material without `region`".to_owned();
                     return Err(fault(key, found, "one at most, for all other regions"));
                 }
@@ -84,7 +84,7 @@ impl TableOfRegion {
             };
             let key = format!("{key}.region");
             for region in numbers(&key, name)? {
-                if tables.by_region.insert(region, at).is_some() {
+                if tables.by_region.insert(region, index).is_some() {
                     let found = format!("a second material for {}", called(region));
                     return Err(fault(key, found, "one for each region"));
                 }

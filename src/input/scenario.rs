@@ -130,14 +130,14 @@ const PIECE_MM: f64 = 2.0;
 /// Straight pieces of the tip's path, mm.
 fn path_pieces(tip: &Trajectory) -> Vec<[Point3<f64>; 2]> {
     let mut places = tip.keys().iter().map(|key| key.pose.position_mm());
-    let Some(mut from) = places.next() else {
+    let Some(mut start) = places.next() else {
         return Vec::new();
     };
     let mut pieces = Vec::new();
-    for to in places {
-        if (to - from).norm() >= PIECE_MM {
-            pieces.push([from, to]);
-            from = to;
+    for end in places {
+        if (end - start).norm() >= PIECE_MM {
+            pieces.push([start, end]);
+            start = end;
         }
     }
     pieces
@@ -146,7 +146,7 @@ fn path_pieces(tip: &Trajectory) -> Vec<[Point3<f64>; 2]> {
 /// Note about a generated mesh.
 fn mesh_note(report: &GenerateReport, along_path: bool) -> String {
     let GenerateReport { nodes, elements, .. } = report;
-    let all = report.mislabelled_percent;
+    let mislabelled = report.mislabelled_percent;
     let finer = if along_path {
         "finer along the needle's path"
     } else {
@@ -154,11 +154,11 @@ fn mesh_note(report: &GenerateReport, along_path: bool) -> String {
     };
     match report.near_mislabelled_percent {
         None => format!(
-            "mesh: {nodes} nodes, {elements} tetrahedra; {all:.0} % of the tissue lie in elements of another region"
+            "mesh: {nodes} nodes, {elements} tetrahedra; {mislabelled:.0} % of the tissue lie in elements of another region"
         ),
         Some(near) => format!(
             "mesh: {nodes} nodes, {elements} tetrahedra, {finer}; {near:.0} % of the tissue within {NEAR_MM} mm of the path and \
-             {all:.0} % of all tissue lie in elements of another region"
+             {mislabelled:.0} % of all tissue lie in elements of another region"
         ),
     }
 }

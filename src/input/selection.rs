@@ -55,8 +55,8 @@ impl CylinderChoice {
         if let Some((name, found, expected)) = self.out_of_range() {
             return number(format!("{key}.{name}"), found, expected);
         }
-        if let Some(at) = self.at_mm.iter().position(|x| !x.is_finite()) {
-            return number(format!("{key}.at_mm[{at}]"), self.at_mm[at], "a coordinate, mm");
+        if let Some(index) = self.at_mm.iter().position(|x| !x.is_finite()) {
+            return number(format!("{key}.at_mm[{index}]"), self.at_mm[index], "a coordinate, mm");
         }
         let axis = Vector3::from(self.axis);
         let Some(axis) = axis
@@ -71,10 +71,10 @@ impl CylinderChoice {
             let found = "`within_mm` of a part that has no wall";
             return Err(keys(format!("{key}.within_mm"), found, "`part = \"wall\"`"));
         }
-        let (at, part) = (Point3::from(self.at_mm), self.part);
+        let (point_on_axis, part) = (Point3::from(self.at_mm), self.part);
         Ok(move |point: &[f64; 3]| {
-            let from = Point3::from(*point) - at;
-            let beyond = (from - axis * axis.dot(&from)).norm() - radius;
+            let offset = Point3::from(*point) - point_on_axis;
+            let beyond = (offset - axis * axis.dot(&offset)).norm() - radius;
             match part {
                 CylinderPart::Inside => beyond,
                 CylinderPart::Outside => -beyond,
@@ -200,15 +200,15 @@ impl Choice<'_> {
         let (table, surface) = (self.table, self.of.surface);
         let mut picked = vec![self.regions.is_none() && !surface; mesh.nodes().len()];
         let mut pick = |nodes: &[u32]| nodes.iter().for_each(|node| picked[*node as usize] = true);
-        let of = |region: i32| self.regions.is_none_or(|regions| regions.contains(&region));
+        let is_chosen = |region: i32| self.regions.is_none_or(|regions| regions.contains(&region));
         // By faces, not by nodes: a node where two regions meet is on the surface of a region only if a face
         // of that region is.
         if surface {
-            let faces = mesh.surface().filter(|face| of(face.region));
+            let faces = mesh.surface().filter(|face| is_chosen(face.region));
             faces.for_each(|face| pick(&face.nodes));
         } else if self.regions.is_some() {
             let elements = mesh.elements().iter().zip(mesh.regions());
-            let elements = elements.filter(|(_, region)| of(**region));
+            let elements = elements.filter(|(_, region)| is_chosen(**region));
             elements.for_each(|(corners, _)| pick(corners));
         }
         if !picked.contains(&true) {
@@ -220,11 +220,14 @@ impl Choice<'_> {
             return Err(keys(table.to_owned(), found, expected));
         }
         if let Some(regions) = self.surface_of {
-            let mut of = vec![false; picked.len()];
+            let mut is_on_surface = vec![false; picked.len()];
             mesh.surface_of(regions)
-                .for_each(|face| face.nodes.iter().for_each(|node| of[*node as usize] = true));
+                .for_each(|face| face.nodes.iter().for_each(|node| is_on_surface[*node as usize] = true));
             let before = picked.clone();
-            picked.iter_mut().zip(of).for_each(|(picked, of)| *picked &= of);
+            picked
+                .iter_mut()
+                .zip(is_on_surface)
+                .for_each(|(picked, is_on_surface)| *picked &= is_on_surface);
             if !picked.contains(&true) {
                 let found = if before.contains(&false) {
                     "no node on the surface of this region among the others selected"
@@ -242,7 +245,9 @@ impl Choice<'_> {
             let key = format!("{table}.cylinder");
             let miss_mm = cylinder.miss_mm(&key)?;
             let candidates = (0..).zip(mesh.nodes()).filter(|(node, _)| picked[*node]);
-            let misses: Vec<(usize, f64)> = candidates.map(|(node, at)| (node, miss_mm(at))).collect();
+            let misses: Vec<(usize, f64)> = candidates
+                .map(|(node, position_mm)| (node, miss_mm(position_mm)))
+                .collect();
             misses.iter().for_each(|(node, miss)| picked[*node] = *miss <= 0.0);
             if !picked.contains(&true) {
                 let least = misses.iter().map(|(_, miss)| *miss).fold(f64::INFINITY, f64::min);
@@ -271,8 +276,8 @@ impl Choice<'_> {
 
 /// Parses letters into axes (0 to 2).
 pub fn axes(table: &str, letters: &str) -> Result<Vec<u8>, SelectionError> {
-    let place = |letter: char| AXES.iter().position(|axis| *axis == letter).map(|axis| axis as u8);
-    let mut axes: Vec<u8> = letters.chars().filter_map(place).collect();
+    let axis_of = |letter: char| AXES.iter().position(|axis| *axis == letter).map(|axis| axis as u8);
+    let mut axes: Vec<u8> = letters.chars().filter_map(axis_of).collect();
     axes.sort_unstable();
     axes.dedup();
     // Unknown and repeated letters are refused.
@@ -287,21 +292,24 @@ fn keys(key: String, found: impl Into<String>, expected: impl Into<String>) -> S
     Box::new((key, InvalidFile::keys(found, expected)))
 }
 
-/// Checks that each number is that of one of `of` nodes (from 0); `key` is the key of the list.
-pub fn numbered(key: &str, nodes: &[i64], of: usize) -> Result<Vec<u32>, SelectionError> {
-    let check = |(at, &found): (usize, &i64)| match u32::try_from(found) {
-        Ok(node) if (node as usize) < of => Ok(node),
-        _ => Err(Box::new((format!("{key}[{at}]"), InvalidFile::node(found, of)))),
+/// Checks that each number is that of one of `node_count` nodes (from 0); `key` is the key of the list.
+pub fn numbered(key: &str, nodes: &[i64], node_count: usize) -> Result<Vec<u32>, SelectionError> {
+    let check = |(index, &found): (usize, &i64)| match u32::try_from(found) {
+        Ok(node) if (node as usize) < node_count => Ok(node),
+        _ => Err(Box::new((
+            format!("{key}[{index}]"),
+            InvalidFile::node(found, node_count),
+        ))),
     };
     nodes.iter().enumerate().map(check).collect()
 }
 
 /// Minimum and maximum corners of a box.
 pub fn ordered(key: &str, corners: &[[f64; 3]; 2]) -> Result<[[f64; 3]; 2], SelectionError> {
-    if let Some((at, found)) = first(corners.as_flattened(), |x| x.is_nan()) {
+    if let Some((index, found)) = first(corners.as_flattened(), |x| x.is_nan()) {
         let expected = "a coordinate, mm, or `inf` for an open side";
         return Err(Box::new((
-            format!("{key}[{}][{}]", at / 3, at % 3),
+            format!("{key}[{}][{}]", index / 3, index % 3),
             InvalidFile::number(found, expected),
         )));
     }
@@ -324,6 +332,6 @@ fn extent(positions: impl Iterator<Item = [f64; 3]>) -> String {
             high[axis] = high[axis].max(position[axis]);
         }
     }
-    let along = |axis: usize| format!("{} to {} mm along {}", low[axis], high[axis], AXES[axis]);
-    format!(", which lie from {}, {}, {}", along(0), along(1), along(2))
+    let extent = |axis: usize| format!("{} to {} mm along {}", low[axis], high[axis], AXES[axis]);
+    format!(", which lie from {}, {}, {}", extent(0), extent(1), extent(2))
 }

@@ -60,18 +60,18 @@ impl ProblemFile {
         self.fault(error.0, error.1)
     }
 
-    /// Checks that a number is finite and no larger than `most`.
-    fn within(&self, key: &str, found: f64, most: f64, expected: &'static str) -> Result<(), InputError> {
-        if found.abs() <= most {
+    /// Checks that a number is finite and no larger than `bound`.
+    fn within(&self, key: &str, found: f64, bound: f64, expected: &'static str) -> Result<(), InputError> {
+        if found.abs() <= bound {
             Ok(())
         } else {
             Err(self.fault(key, InvalidFile::number(found, expected)))
         }
     }
 
-    /// Checks that each component of a vector is finite and no larger than `most`.
-    fn vector(&self, key: &str, vector: &[f64; 3], most: f64, expected: &'static str) -> Result<(), InputError> {
-        let check = |(at, found): (usize, &f64)| self.within(&format!("{key}[{at}]"), *found, most, expected);
+    /// Checks that each component of a vector is finite and no larger than `bound`.
+    fn vector(&self, key: &str, vector: &[f64; 3], bound: f64, expected: &'static str) -> Result<(), InputError> {
+        let check = |(index, found): (usize, &f64)| self.within(&format!("{key}[{index}]"), *found, bound, expected);
         vector.iter().enumerate().try_for_each(check)
     }
 }

@@ -92,12 +92,12 @@ impl Preview {
             for column in 0..width / cell {
                 let rows = (row * cell..(row + 1) * cell).map(|row| row * width + column * cell);
                 let sum: usize = rows
-                    .flat_map(|at| &pixels[at..at + cell])
+                    .flat_map(|start| &pixels[start..start + cell])
                     .map(|grey| usize::from(*grey))
                     .sum();
                 // The grey level nearest to the mean.
-                let most = 255 * cell * cell;
-                self.shown.push(((2 * sum * (GREYS - 1) + most) / (2 * most)) as u8);
+                let white = 255 * cell * cell;
+                self.shown.push(((2 * sum * (GREYS - 1) + white) / (2 * white)) as u8);
             }
         }
         let frame = gif::Frame {
@@ -145,7 +145,7 @@ mod tests {
         for frame in 0..5u8 {
             // A step from dark to bright in the middle of a cell.
             let pixels: Vec<u8> = (0..900 * 30)
-                .map(|at| if at % 900 < 451 { 0 } else { 50 * (frame + 1) })
+                .map(|index| if index % 900 < 451 { 0 } else { 50 * (frame + 1) })
                 .collect();
             preview.push(&pixels).unwrap();
         }
@@ -161,8 +161,8 @@ mod tests {
         while let Some(frame) = decoder.read_next_frame().unwrap() {
             assert_eq!(frame.delay, 8);
             let bright = f64::from(50 * (2 * frames + 1));
-            let shown = |at: usize| f64::from(palette[3 * usize::from(frame.buffer[at])]);
-            for (at, expected) in [
+            let shown = |index: usize| f64::from(palette[3 * usize::from(frame.buffer[index])]);
+            for (index, expected) in [
                 (0, 0.0),
                 (149, 0.0),
                 (150, 2.0 / 3.0 * bright),
@@ -170,9 +170,9 @@ mod tests {
                 (299, bright),
             ] {
                 assert!(
-                    (shown(at) - expected).abs() <= 2.1,
-                    "frame {frames}, {at}: {} {expected}",
-                    shown(at)
+                    (shown(index) - expected).abs() <= 2.1,
+                    "frame {frames}, {index}: {} {expected}",
+                    shown(index)
                 );
             }
             frames += 1;

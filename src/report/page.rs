@@ -139,14 +139,14 @@ impl Page {
 
     /// Adds a slider over pictures, each a `data:` address and a caption; it stays hidden where scripts do not run.
     pub fn slider(&mut self, pictures: &[(String, String)]) {
-        let Some(last) = pictures.len().checked_sub(1) else {
+        let Some(last_index) = pictures.len().checked_sub(1) else {
             return;
         };
         // No string may close the script element.
         let pictures = serde_json::json!(pictures).to_string().replace('<', "\\u003c");
         self.put(format_args!(
             "<div class=\"slider\" hidden><figure><img alt=\"\"><figcaption></figcaption></figure>\
-             <input type=\"range\" min=\"0\" max=\"{last}\" value=\"0\" aria-label=\"frame\"></div>\n<script>{{\
+             <input type=\"range\" min=\"0\" max=\"{last_index}\" value=\"0\" aria-label=\"frame\"></div>\n<script>{{\
              const pictures={pictures},box=document.currentScript.previousElementSibling,bar=box.querySelector('input'),\
              show=()=>{{const[at,what]=pictures[bar.value],image=box.querySelector('img');image.src=at;image.alt=what;\
              box.querySelector('figcaption').textContent=what}};bar.oninput=show;show();box.hidden=false}}</script>"

@@ -88,9 +88,9 @@ impl Axis {
             };
         }
         // An axis of non-negative values starts at zero.
-        let from = if low >= 0.0 { 0.0 } else { low };
-        let margin = if high > from {
-            0.06 * (high - from)
+        let start = if low >= 0.0 { 0.0 } else { low };
+        let margin = if high > start {
+            0.06 * (high - start)
         } else {
             0.5 * high.abs().max(1.0)
         };
@@ -299,11 +299,11 @@ impl Plot {
             // An unreadable font would appear as failed text in every plot.
             let _ = plotters::style::register_font("sans-serif", FontStyle::Normal, font);
         });
-        let all = || self.series.iter().flat_map(|series| &series.points);
-        let x = self.x.range(all().map(|point| point[0]));
+        let points = || self.series.iter().flat_map(|series| &series.points);
+        let x = self.x.range(points().map(|point| point[0]));
         let y = match layout {
             Layout::Rows(rows) => 0.5 - rows.len() as f64..0.5,
-            _ => self.y.range(all().map(|point| point[1])),
+            _ => self.y.range(points().map(|point| point[1])),
         };
         let (x, y) = if self.equal { level(x, y) } else { (x, y) };
         let linear = RangedCoordf64::from;
@@ -349,13 +349,13 @@ impl Plot {
         let mut builder = ChartBuilder::on(&axes);
         let (labels, lettering) = match layout {
             Layout::Alone | Layout::Rows(_) => {
-                let (left, most) = match layout {
+                let (left, y_labels) = match layout {
                     Layout::Rows(rows) => (NAMES, rows.len()),
                     _ => (78, 11),
                 };
                 let builder = builder.caption(&self.title, ("sans-serif", 22)).margin(16);
                 builder.x_label_area_size(52).y_label_area_size(left);
-                ([11, most], [17, 14])
+                ([11, y_labels], [17, 14])
             }
             Layout::Page => {
                 builder.margin(8).x_label_area_size(48).y_label_area_size(70);
@@ -422,7 +422,7 @@ fn colour(n: usize) -> RGBAColor {
 }
 
 /// Returns a drawable point of the given shape.
-fn marker<'a, DB, C>(at: C, marker: Marker, colour: RGBAColor) -> DynElement<'a, DB, C>
+fn marker<'a, DB, C>(centre: C, marker: Marker, colour: RGBAColor) -> DynElement<'a, DB, C>
 where
     DB: DrawingBackend + 'a,
     C: Clone + 'static,
@@ -430,14 +430,14 @@ where
     let thick = colour.stroke_width(2);
     let corners = [(-MARK + 1, -MARK + 1), (MARK, MARK)];
     match marker {
-        Marker::Disc => Circle::new(at, MARK, colour.filled()).into_dyn(),
-        Marker::Ring => Circle::new(at, MARK, thick).into_dyn(),
-        Marker::Square => (EmptyElement::at(at) + Rectangle::new(corners, colour.filled())).into_dyn(),
-        Marker::Triangle => TriangleMarker::new(at, MARK + 1, colour.filled()).into_dyn(),
-        Marker::Cross => Cross::new(at, MARK, thick).into_dyn(),
-        Marker::Dot => Circle::new(at, MARK / 3, colour.filled()).into_dyn(),
-        Marker::Frame => (EmptyElement::at(at) + Rectangle::new(corners, thick)).into_dyn(),
-        Marker::None => EmptyElement::at(at).into_dyn(),
+        Marker::Disc => Circle::new(centre, MARK, colour.filled()).into_dyn(),
+        Marker::Ring => Circle::new(centre, MARK, thick).into_dyn(),
+        Marker::Square => (EmptyElement::at(centre) + Rectangle::new(corners, colour.filled())).into_dyn(),
+        Marker::Triangle => TriangleMarker::new(centre, MARK + 1, colour.filled()).into_dyn(),
+        Marker::Cross => Cross::new(centre, MARK, thick).into_dyn(),
+        Marker::Dot => Circle::new(centre, MARK / 3, colour.filled()).into_dyn(),
+        Marker::Frame => (EmptyElement::at(centre) + Rectangle::new(corners, thick)).into_dyn(),
+        Marker::None => EmptyElement::at(centre).into_dyn(),
     }
 }
 

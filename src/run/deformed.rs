@@ -46,22 +46,23 @@ impl Scenario {
             poly.lines.push((0..poly.points.len() as u32).collect());
         }
         if let (Some(pose), Some(contact)) = (contact, self.contact()) {
-            let first = poly.points.len() as u32;
+            let first_point = poly.points.len() as u32;
             for z in [0.0, -contact.probe.length_mm] {
-                let corner = |at: u32| {
-                    let (sin, cos) = (TAU * f64::from(at) / f64::from(CORNERS)).sin_cos();
+                let corner = |corner: u32| {
+                    let (sin, cos) = (TAU * f64::from(corner) / f64::from(CORNERS)).sin_cos();
                     pose * Point3::new(contact.radius_mm * cos, contact.radius_mm * sin, z)
                 };
-                poly.points.extend((0..CORNERS).map(|at| <[f64; 3]>::from(corner(at))));
+                poly.points
+                    .extend((0..CORNERS).map(|index| <[f64; 3]>::from(corner(index))));
             }
-            let sides = (0..CORNERS).map(|at| {
-                let [here, next] = [at, (at + 1) % CORNERS].map(|at| first + at);
-                vec![here, here + CORNERS, next + CORNERS, next]
+            let sides = (0..CORNERS).map(|corner| {
+                let [start, end] = [corner, (corner + 1) % CORNERS].map(|corner| first_point + corner);
+                vec![start, start + CORNERS, end + CORNERS, end]
             });
             poly.polygons.extend(sides);
-            poly.polygons.push((first..first + CORNERS).collect());
+            poly.polygons.push((first_point..first_point + CORNERS).collect());
             poly.polygons
-                .push((first + CORNERS..first + 2 * CORNERS).rev().collect());
+                .push((first_point + CORNERS..first_point + 2 * CORNERS).rev().collect());
         }
         poly
     }
@@ -105,18 +106,18 @@ impl NeedlePoly {
             needle.along_n_per_mm.push(0.0);
             needle.across_n_per_mm.push(0.0);
         }
-        for (at, ends) in needle.arc_mm.windows(2).enumerate() {
+        for (segment, ends) in needle.arc_mm.windows(2).enumerate() {
             let middle = 0.5 * (ends[0] + ends[1]);
             let spread = loads.iter().filter(|load| load.length_mm() > POINT_MM);
-            let here = spread.filter(|load| (load.from_mm..load.to_mm).contains(&middle));
-            let density: nalgebra::Vector3<f64> = here.map(|load| load.force_n / load.length_mm()).sum();
-            let along = line.at(middle).tangent.dot(&density);
-            needle.poly.lines.push(vec![at as u32, at as u32 + 1]);
+            let loads_here = spread.filter(|load| (load.from_mm..load.to_mm).contains(&middle));
+            let density: nalgebra::Vector3<f64> = loads_here.map(|load| load.force_n / load.length_mm()).sum();
+            let along_n_per_mm = line.at(middle).tangent.dot(&density);
+            needle.poly.lines.push(vec![segment as u32, segment as u32 + 1]);
             needle.force_n.push((density * (ends[1] - ends[0])).into());
-            needle.along_n_per_mm.push(along);
+            needle.along_n_per_mm.push(along_n_per_mm);
             needle
                 .across_n_per_mm
-                .push((density - line.at(middle).tangent.into_inner() * along).norm());
+                .push((density - line.at(middle).tangent.into_inner() * along_n_per_mm).norm());
         }
         needle
     }
@@ -126,10 +127,10 @@ impl NeedlePoly {
 pub fn seeds_poly(seeds: &[NeedleShaft]) -> Poly {
     let mut poly = Poly::default();
     for seed in seeds {
-        let first = poly.points.len() as u32;
+        let first_point = poly.points.len() as u32;
         poly.points
             .extend(seed.nodes.iter().map(|node| <[f64; 3]>::from(*node)));
-        poly.lines.push((first..poly.points.len() as u32).collect());
+        poly.lines.push((first_point..poly.points.len() as u32).collect());
     }
     poly
 }
@@ -162,7 +163,7 @@ mod tests {
         assert_eq!(needle.arc_mm, [0.0, 50.0, 60.0, 100.0]);
         assert_eq!(needle.poly.points[2..], [[0.0, 0.0, 60.0], [0.0, 40.0, 60.0]]);
         assert_eq!((&needle.poly.vertices[..], needle.poly.lines.len()), (&[3][..], 3));
-        let near = |found: &[f64], expected: [f64; 4]| found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12);
+        let near = |values: &[f64], expected: [f64; 4]| values.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12);
         assert!(near(&needle.along_n_per_mm, [0.0, 0.0, -0.1, -0.05]), "{needle:?}");
         assert!(near(&needle.across_n_per_mm, [0.0, 0.0, 0.03, 0.0]), "{needle:?}");
         let sum: Vector3<f64> = needle.force_n.iter().map(|force| Vector3::from(*force)).sum();

@@ -14,7 +14,7 @@ pub struct MaterialPoints {
     /// Direction in which each seed was deposited.
     pub along: Vec<Vector3<f64>>,
     /// Element that last contained each seed.
-    last: Vec<usize>,
+    last_elements: Vec<usize>,
 }
 
 impl MaterialPoints {
@@ -27,59 +27,61 @@ impl MaterialPoints {
         into: &mut Vec<NeedleShaft>,
     ) {
         into.clear();
-        self.last.resize(seeds.len(), 0);
-        for ((seed, along), last) in seeds.iter().zip(&self.along).zip(&mut self.last) {
-            into.push(match find(last, elements, tissue, seed) {
-                None => NeedleShaft::seed(*seed, along),
-                Some((at, turned)) => NeedleShaft::seed(at, &(turned * along)),
+        self.last_elements.resize(seeds.len(), 0);
+        for ((seed, direction), last_element) in seeds.iter().zip(&self.along).zip(&mut self.last_elements) {
+            into.push(match find(last_element, elements, tissue, seed) {
+                None => NeedleShaft::seed(*seed, direction),
+                Some((position, rotation)) => NeedleShaft::seed(position, &(rotation * direction)),
             });
         }
     }
 
     /// Current position of a point of the reference state, mm; `slot` numbers the points that are followed. A point outside the mesh moves
     /// with the nearest node.
-    pub fn point(&mut self, slot: usize, rest: &Point3<f64>, elements: &[[u32; 4]], tissue: &Tissue) -> Point3<f64> {
-        if self.last.len() <= slot {
-            self.last.resize(slot + 1, 0);
+    pub fn point(&mut self, slot: usize, at_rest: &Point3<f64>, elements: &[[u32; 4]], tissue: &Tissue) -> Point3<f64> {
+        if self.last_elements.len() <= slot {
+            self.last_elements.resize(slot + 1, 0);
         }
-        if let Some((at, _)) = find(&mut self.last[slot], elements, tissue, rest) {
-            return at;
+        if let Some((position, _)) = find(&mut self.last_elements[slot], elements, tissue, at_rest) {
+            return position;
         }
-        let from = |node: &[f64; 3]| (Point3::from(*node) - rest).norm_squared();
+        let distance = |node: &[f64; 3]| (Point3::from(*node) - at_rest).norm_squared();
         let pairs = tissue.reference.iter().zip(&tissue.current);
-        let nearest = pairs.min_by(|a, b| from(a.0).total_cmp(&from(b.0)));
-        nearest.map_or(*rest, |(then, now)| rest + (Point3::from(*now) - Point3::from(*then)))
+        let nearest = pairs.min_by(|a, b| distance(a.0).total_cmp(&distance(b.0)));
+        nearest.map_or(*at_rest, |(then, now)| {
+            at_rest + (Point3::from(*now) - Point3::from(*then))
+        })
     }
 }
 
 /// Finds a point in the element that last contained it, or in any other: its position and the rotation there.
 fn find(
-    last: &mut usize,
+    last_element: &mut usize,
     elements: &[[u32; 4]],
     tissue: &Tissue,
     point: &Point3<f64>,
 ) -> Option<(Point3<f64>, Matrix3<f64>)> {
-    let candidates = std::iter::once(*last).chain(0..elements.len());
-    let (element, place) = candidates
+    let candidates = std::iter::once(*last_element).chain(0..elements.len());
+    let (element, position) = candidates
         .filter(|element| *element < elements.len())
         .find_map(|element| Some((element, inside(&elements[element], tissue, point)?)))?;
-    *last = element;
-    Some(place)
+    *last_element = element;
+    Some(position)
 }
 
 /// Maps a point of the reference state to the deformed element, with the rotation of directions there; `None`
 /// outside the element.
 fn inside(corners: &[u32; 4], tissue: &Tissue, point: &Point3<f64>) -> Option<(Point3<f64>, Matrix3<f64>)> {
     let edges = |nodes: &[[f64; 3]]| -> Option<(Point3<f64>, Matrix3<f64>)> {
-        let at = |corner: usize| nodes.get(corners[corner] as usize).map(|node| Point3::from(*node));
-        let origin = at(0)?;
+        let node = |corner: usize| nodes.get(corners[corner] as usize).map(|node| Point3::from(*node));
+        let origin = node(0)?;
         Some((
             origin,
-            Matrix3::from_columns(&[at(1)? - origin, at(2)? - origin, at(3)? - origin]),
+            Matrix3::from_columns(&[node(1)? - origin, node(2)? - origin, node(3)? - origin]),
         ))
     };
-    let (origin, rest) = edges(&tissue.reference)?;
-    let back = rest.try_inverse()?;
+    let (origin, at_rest) = edges(&tissue.reference)?;
+    let back = at_rest.try_inverse()?;
     let shares = back * (point - origin);
     let is_inside = shares.iter().all(|share| *share >= -SLACK) && shares.sum() <= 1.0 + SLACK;
     if !is_inside {
@@ -119,8 +121,8 @@ mod tests {
         carried.place(&seeds, &[[0, 1, 2, 3]], &tissue, &mut shafts);
         let middle = |shaft: &NeedleShaft| nalgebra::center(&shaft.nodes[0], &shaft.nodes[1]);
         assert!((middle(&shafts[0]) - Point3::new(9.5, 1.0, 0.25)).norm() < 1e-12);
-        let along = (shafts[0].nodes[1] - shafts[0].nodes[0]).normalize();
-        assert!((along - Vector3::y()).norm() < 1e-12);
+        let direction = (shafts[0].nodes[1] - shafts[0].nodes[0]).normalize();
+        assert!((direction - Vector3::y()).norm() < 1e-12);
         assert!((middle(&shafts[1]) - seeds[1]).norm() < 1e-12, "outside it stays");
     }
 }

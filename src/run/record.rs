@@ -37,7 +37,7 @@ pub struct Record {
     manipulator: Option<Arc<GuideMotion>>,
     start_s: f64,
     /// Depth of the tip and its distance from the nearest target at the last step, mm.
-    last: (f64, Option<f64>),
+    last_step: (f64, Option<f64>),
 }
 
 impl Record {
@@ -54,7 +54,7 @@ impl Record {
             targets: scenario.targets.iter().map(|target| target.at_mm).collect(),
             manipulator: scenario.manipulator.clone(),
             start_s: scenario.timing.start_s,
-            last: (0.0, None),
+            last_step: (0.0, None),
         }
     }
 
@@ -74,8 +74,8 @@ impl Record {
         let outcome = step.outcome;
         let tip = outcome.tip_at_rest_mm.unwrap_or(outcome.tip_mm);
         let distances = self.targets.iter().map(|target| (tip - target).norm());
-        self.last = (outcome.inserted_mm, distances.reduce(f64::min));
-        self.curves.add(step, self.last.1);
+        self.last_step = (outcome.inserted_mm, distances.reduce(f64::min));
+        self.curves.add(step, self.last_step.1);
         let guided = self
             .manipulator
             .as_ref()
@@ -85,7 +85,7 @@ impl Record {
 
     /// Records a frame if the page shows it.
     pub fn frame(&mut self, moment: &Moment<'_>, frame: &Frame) {
-        let (inserted_mm, target_mm) = self.last;
+        let (inserted_mm, target_mm) = self.last_step;
         self.film
             .add(frame, moment.number, moment.time_s, inserted_mm, target_mm);
     }

@@ -177,7 +177,7 @@ pub struct Tally<'a> {
     remesh_ms: Times,
     summary: Summary,
     /// Indices of the seeds taken by the model, among all seeds.
-    taken: Vec<usize>,
+    taken_seeds: Vec<usize>,
     unheard: u64,
 }
 
@@ -209,7 +209,7 @@ impl<'a> Tally<'a> {
             ms: Times::default(),
             remesh_ms: Times::default(),
             summary,
-            taken: Vec::new(),
+            taken_seeds: Vec::new(),
             unheard: 0,
         }
     }
@@ -224,8 +224,8 @@ impl<'a> Tally<'a> {
         summary.steps = step.number;
         summary.simulated_s = step.time_s;
         summary.max_base_force_n = summary.max_base_force_n.max(outcome.on_hand.force_n.norm());
-        if let (Some(most), Some(wrench)) = (&mut summary.max_probe_force_n, &outcome.on_probe) {
-            *most = most.max(wrench.force_n.norm());
+        if let (Some(largest_n), Some(wrench)) = (&mut summary.max_probe_force_n, &outcome.on_probe) {
+            *largest_n = largest_n.max(wrench.force_n.norm());
         }
         summary.tip_deflection_mm = summary.tip_deflection_mm.max(outcome.tip_deflection_mm);
         summary.max_inserted_mm = summary.max_inserted_mm.max(outcome.inserted_mm);
@@ -238,11 +238,11 @@ impl<'a> Tally<'a> {
             target.nearest_tip_mm = target.nearest_tip_mm.min(distance);
         }
         if let Some(clearance) = step.guidance.clearance_mm {
-            let met = summary.critical.get_or_insert(CriticalMet {
+            let critical = summary.critical.get_or_insert(CriticalMet {
                 entries: 0,
                 clearance_mm: f64::INFINITY,
             });
-            met.clearance_mm = met.clearance_mm.min(clearance);
+            critical.clearance_mm = critical.clearance_mm.min(clearance);
         }
         let entered = |event: &&Event| event.kind == EventKind::Critical;
         let entries = outcome.events.iter().filter(entered).count();
@@ -293,18 +293,18 @@ impl<'a> Tally<'a> {
 
     /// Records the tissue at a frame or mesh output.
     pub fn see(&mut self, tissue: &Tissue) {
-        let most = &mut self.summary.max_inverted_elements;
-        *most = (*most).max(Some(tissue.inverted));
+        let max_inverted = &mut self.summary.max_inverted_elements;
+        *max_inverted = (*max_inverted).max(Some(tissue.inverted));
     }
 
     fn seed(&mut self, step: &Step<'_>) {
         let timing = &self.scenario.timing;
         let mut deposits = self.scenario.deposits.iter();
-        let Some(deposit) = deposits.find(|of| timing.step_at(of.time_s) == step.number) else {
+        let Some(deposit) = deposits.find(|deposit| timing.step_at(deposit.time_s) == step.number) else {
             return;
         };
         if step.outcome.events.iter().any(|event| event.kind == EventKind::Seed) {
-            self.taken.push(self.summary.seeds.len());
+            self.taken_seeds.push(self.summary.seeds.len());
         }
         self.summary.seeds.push(Seed {
             time_s: step.time_s,
@@ -326,12 +326,14 @@ impl<'a> Tally<'a> {
             remesh_median: self.remesh_ms.percentile(0.5),
             remesh_max: self.remesh_ms.percentile(1.0),
         };
-        for (seed, place) in self.taken.iter().zip(&last.seeds) {
+        for (seed, position_mm) in self.taken_seeds.iter().zip(&last.seeds) {
             let seed = &mut self.summary.seeds[*seed];
-            seed.deposited_mm = Some((*place).into());
-            seed.distance_mm = seed.planned_mm.map(|planned| (place - Point3::from(planned)).norm());
+            seed.deposited_mm = Some((*position_mm).into());
+            seed.distance_mm = seed
+                .planned_mm
+                .map(|planned| (position_mm - Point3::from(planned)).norm());
             for target in &mut self.summary.targets {
-                let distance = (place - Point3::from(target.at_mm)).norm();
+                let distance = (position_mm - Point3::from(target.at_mm)).norm();
                 target.nearest_seed_mm = Some(target.nearest_seed_mm.map_or(distance, |least| least.min(distance)));
             }
         }
@@ -349,9 +351,9 @@ impl<'a> Tally<'a> {
             ));
         }
         if summary.not_converged > 0 {
-            let (odd, of) = (summary.not_converged, summary.steps);
+            let (unconverged, steps) = (summary.not_converged, summary.steps);
             summary.warnings.push(format!(
-                "{odd} of {of} steps did not converge: their forces are approximate"
+                "{unconverged} of {steps} steps did not converge: their forces are approximate"
             ));
         }
         if let Some(inverted @ 1..) = summary.max_inverted_elements {
@@ -360,26 +362,26 @@ impl<'a> Tally<'a> {
                  only one is imaged"
             ));
         }
-        for (kind, what) in [
+        for (kind, sentence) in [
             (EventKind::Bone, "the needle hit bone"),
             (EventKind::Critical, "the needle entered a critical structure"),
         ] {
-            let met = summary.events.iter().filter(|event| event.kind == kind.name());
-            let mut regions: Vec<&str> = met.clone().filter_map(|event| event.region.as_deref()).collect();
+            let events = summary.events.iter().filter(|event| event.kind == kind.name());
+            let mut regions: Vec<&str> = events.clone().filter_map(|event| event.region.as_deref()).collect();
             regions.sort_unstable();
             regions.dedup();
-            if let Some(first) = met.clone().next() {
-                let (at, named) = (first.time_s, regions.join(", "));
-                let times = match met.count() {
-                    1 => format!("at {at:.2} s"),
-                    times => format!("{times} times, first at {at:.2} s"),
+            if let Some(first) = events.clone().next() {
+                let (time_s, named) = (first.time_s, regions.join(", "));
+                let times = match events.count() {
+                    1 => format!("at {time_s:.2} s"),
+                    times => format!("{times} times, first at {time_s:.2} s"),
                 };
-                summary.warnings.push(format!("{what}: {named} ({times})"));
+                summary.warnings.push(format!("{sentence}: {named} ({times})"));
             }
         }
         // These may come at every step and fill the list of events: their number could be that of the list.
         let count = |kind: EventKind| summary.events.iter().filter(|event| event.kind == kind.name()).count();
-        for (kind, what) in [
+        for (kind, sentence) in [
             (
                 EventKind::Crushed,
                 "elements beside the contacts were inverted: tissue is crushed there",
@@ -394,7 +396,7 @@ impl<'a> Tally<'a> {
             let times = count(kind);
             if times > 0 {
                 let plural = if times == 1 { "once" } else { "more than once" };
-                summary.warnings.push(format!("{what} ({plural}; see the events)"));
+                summary.warnings.push(format!("{sentence} ({plural}; see the events)"));
             }
         }
         if summary.max_inserted_mm == 0.0 {

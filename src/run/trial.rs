@@ -38,8 +38,8 @@ impl Scenario {
         let mut clock = Clock {
             start: Instant::now(),
             patience,
-            of: self.timing.steps as f64,
-            all: Vec::new(),
+            steps: self.timing.steps as f64,
+            step_ms: Vec::new(),
             remeshing: Vec::new(),
             progress,
         };
@@ -54,8 +54,8 @@ impl Scenario {
 struct Clock<F> {
     start: Instant,
     patience: Duration,
-    of: f64,
-    all: Vec<f64>,
+    steps: f64,
+    step_ms: Vec<f64>,
     remeshing: Vec<f64>,
     progress: F,
 }
@@ -77,20 +77,20 @@ impl<F: FnMut(f64)> Clock<F> {
     const BETWEEN_REPORTS: u64 = 256;
 
     fn trial(mut self, limit_ms: f64) -> Trial {
-        let over = self.all.iter().filter(|ms| **ms > limit_ms).count();
-        self.all.sort_by(f64::total_cmp);
+        let over = self.step_ms.iter().filter(|ms| **ms > limit_ms).count();
+        self.step_ms.sort_by(f64::total_cmp);
         self.remeshing.sort_by(f64::total_cmp);
         let counted = if self.remeshing.is_empty() {
-            &self.all
+            &self.step_ms
         } else {
             &self.remeshing
         };
         Trial {
             ms: percentile(counted, 0.5).unwrap_or(0.0),
-            longest_ms: self.all.last().copied().unwrap_or(0.0),
+            longest_ms: self.step_ms.last().copied().unwrap_or(0.0),
             remeshing: self.remeshing.len(),
             over,
-            steps: self.all.len(),
+            steps: self.step_ms.len(),
         }
     }
 }
@@ -99,7 +99,7 @@ impl<F: FnMut(f64)> Observer for Clock<F> {
     type Error = End;
 
     fn step(&mut self, step: &Step<'_>) -> Result<(), End> {
-        self.all.push(step.ms);
+        self.step_ms.push(step.ms);
         if step.outcome.remeshes > 0 {
             self.remeshing.push(step.ms);
         }
@@ -109,7 +109,7 @@ impl<F: FnMut(f64)> Observer for Clock<F> {
         }
         if step.number.is_multiple_of(Self::BETWEEN_REPORTS) {
             let patience = spent.as_secs_f64() / self.patience.as_secs_f64();
-            (self.progress)(patience.max(step.number as f64 / self.of));
+            (self.progress)(patience.max(step.number as f64 / self.steps));
         }
         Ok(())
     }

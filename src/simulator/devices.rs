@@ -74,9 +74,9 @@ impl TwoPoints {
 struct Velocity(Option<Point3<f64>>);
 
 impl Velocity {
-    fn next(&mut self, place: &Point3<f64>, dt_s: f64) -> Vector3<f64> {
-        let last = self.0.replace(*place).unwrap_or(*place);
-        let velocity = (place - last) / dt_s;
+    fn next(&mut self, position: &Point3<f64>, dt_s: f64) -> Vector3<f64> {
+        let previous = self.0.replace(*position).unwrap_or(*position);
+        let velocity = (position - previous) / dt_s;
         if dt_s > 0.0 && velocity.iter().all(|v| v.is_finite()) {
             velocity
         } else {
@@ -238,9 +238,9 @@ impl TemplateGuided {
     /// hole, as far along it as the device is beyond its guide, and rolled about it as the device is.
     pub fn instruments(&self, device: &Isometry3<f64>) -> Instruments {
         let axis = self.template.direction.into_inner();
-        let along = axis.dot(&(device.translation.vector - self.device_mm.coords));
+        let depth = axis.dot(&(device.translation.vector - self.device_mm.coords));
         Instruments {
-            base: Isometry3::from_parts((self.hole_mm + axis * along).into(), pointed(&device.rotation, &axis)),
+            base: Isometry3::from_parts((self.hole_mm + axis * depth).into(), pointed(&device.rotation, &axis)),
             probe: None,
             guide: Some(self.hole_mm),
             deposit: false,

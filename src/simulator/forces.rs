@@ -39,12 +39,12 @@ impl Forces {
 
 /// Wrenches returned by a step.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Given {
+pub(super) struct Wrenches {
     hand: Wrench,
     probe: Option<Wrench>,
 }
 
-impl Given {
+impl Wrenches {
     pub(super) fn of(outcome: &Outcome) -> Self {
         Self {
             hand: outcome.on_hand,
@@ -74,31 +74,31 @@ impl Given {
 /// Blend from the forces returned last to those of the model.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Easing {
-    given: Given,
+    returned: Wrenches,
     /// Remaining simulated time of the blend, s.
     left_s: f64,
 }
 
 impl Easing {
     /// Returns the forces after a step of `dt_s`.
-    pub(super) fn next(&mut self, computed: Given, dt_s: f64, late: bool, policy: Policy) -> Given {
+    pub(super) fn next(&mut self, computed: Wrenches, dt_s: f64, late: bool, policy: Policy) -> Wrenches {
         if let (Policy::Ease { over }, true) = (policy, late) {
             self.left_s = over.as_secs_f64();
         }
-        self.given = if dt_s < self.left_s {
+        self.returned = if dt_s < self.left_s {
             let share = dt_s / self.left_s;
             self.left_s -= dt_s;
-            Given {
-                hand: between(&self.given.hand, &computed.hand, share),
+            Wrenches {
+                hand: between(&self.returned.hand, &computed.hand, share),
                 probe: computed
                     .probe
-                    .map(|probe| between(&self.given.probe.unwrap_or_default(), &probe, share)),
+                    .map(|probe| between(&self.returned.probe.unwrap_or_default(), &probe, share)),
             }
         } else {
             self.left_s = 0.0;
             computed
         };
-        self.given
+        self.returned
     }
 }
 

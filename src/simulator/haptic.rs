@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use nalgebra::Isometry3;
 
-use super::forces::{Easing, Forces, Given};
+use super::forces::{Easing, Forces, Wrenches};
 use super::imaging::Imaging;
 use super::{Options, SimulatorError};
 use insonify_imaging::synth::Synthesizer;
@@ -60,7 +60,7 @@ impl Haptic {
     /// [`StepError`]; then nothing has changed, and the hand keeps its previous forces.
     pub fn step(&mut self, instruments: &Instruments, dt_s: f64) -> Result<Forces, StepError> {
         let start = Instant::now();
-        let computed = Given::of(self.model.step(instruments, dt_s)?);
+        let computed = Wrenches::of(self.model.step(instruments, dt_s)?);
         self.time_s += dt_s;
         if let Some(recording) = &mut self.recording {
             recording.inputs.push(Input {
@@ -74,8 +74,8 @@ impl Haptic {
         }
         let took = start.elapsed();
         let overrun = took.checked_sub(self.options.budget).filter(|late| !late.is_zero());
-        let given = self.easing.next(computed, dt_s, overrun.is_some(), self.options.policy);
-        Ok(given.forces(instruments, self.options.probe_points, took, overrun))
+        let shown = self.easing.next(computed, dt_s, overrun.is_some(), self.options.policy);
+        Ok(shown.forces(instruments, self.options.probe_points, took, overrun))
     }
 
     /// Changes the remeshing level, and returns the duration of the change and the jump of the force on the hand. It may

@@ -200,14 +200,14 @@ impl Seeds {
                 return;
             }
         }
-        for (at, (seed, element)) in snapshot.seeds.iter().zip(&mut self.elements).enumerate() {
-            let place = carried(self.locator.as_ref(), seed, element);
-            match into.get_mut(at) {
+        for (index, (seed, element)) in snapshot.seeds.iter().zip(&mut self.elements).enumerate() {
+            let position = carried(self.locator.as_ref(), seed, element);
+            match into.get_mut(index) {
                 Some(NeedleShaft { nodes, .. }) => {
-                    let by = place - center(&nodes[0], &nodes[1]);
-                    nodes.iter_mut().for_each(|node| *node += by);
+                    let shift = position - center(&nodes[0], &nodes[1]);
+                    nodes.iter_mut().for_each(|node| *node += shift);
                 }
-                None => into.push(NeedleShaft::seed(place, &at_tip(snapshot))),
+                None => into.push(NeedleShaft::seed(position, &at_tip(snapshot))),
             }
         }
     }

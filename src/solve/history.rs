@@ -46,12 +46,12 @@ impl History {
         text.extend(report_nodes.iter().map(|node| axes(format!("node{node}"), "mm")));
         text.extend((0..fixes).map(|fix| axes(format!("fix{fix}"), "n")));
         text.push('\n');
-        for (at, time_s) in self.time_s.iter().enumerate() {
+        for (index, time_s) in self.time_s.iter().enumerate() {
             text += &format!(
                 "{time_s},{},{},{:e}",
-                self.iterations[at], self.factorisations[at], self.residual[at]
+                self.iterations[index], self.factorisations[index], self.residual[index]
             );
-            let vectors = self.displacement_mm[at].iter().chain(&self.reaction_n[at]);
+            let vectors = self.displacement_mm[index].iter().chain(&self.reaction_n[index]);
             text.extend(vectors.flatten().map(|value| format!(",{value}")));
             text.push('\n');
         }
@@ -78,11 +78,11 @@ impl Problem {
             self.fixes.iter().map(|fix| (fix.node, fix.axis)),
         );
         let assembled = started.elapsed().as_secs_f64();
-        let given = Given {
+        let prescription = Prescription {
             problem: self,
             supports: supports.clone(),
         };
-        let (loads, prescribed) = given.at(&moments[0]);
+        let (loads, prescribed) = prescription.at(&moments[0]);
         let at_start = |error: NonlinearError| self.fault_at(0.0, error);
         let options = self.file.solver.unwrap_or_default().options();
         let solver = Solver::new(Arc::clone(&body), supports, options).map_err(&at_start)?;
@@ -92,7 +92,7 @@ impl Problem {
         let mut loads = loads;
         for pair in moments.windows(2) {
             let time_s = pair[1].time_s;
-            let (now, prescribed) = given.at(&pair[1]);
+            let (now, prescribed) = prescription.at(&pair[1]);
             let progress = runner.step(time_s - pair[0].time_s, &now, &prescribed, None);
             let progress = progress.map_err(|error| self.fault_at(time_s, error))?.clone();
             self.note(&mut history, &runner, time_s, &now, &progress);
@@ -175,7 +175,7 @@ impl Problem {
     /// tissue.
     fn check_held(&self) -> Result<(), InputError> {
         let course = self.file.course();
-        let mut given: BTreeMap<(u32, u8), Vec<f64>> = BTreeMap::new();
+        let mut displacements_mm: BTreeMap<(u32, u8), Vec<f64>> = BTreeMap::new();
         for (fix, &table) in self.fixes.iter().zip(&self.tables) {
             let factors = self.file.fix[table].factor.as_ref().unwrap_or(&course.factor);
             let values: Vec<f64> = factors.iter().map(|factor| factor * fix.displacement_mm).collect();
@@ -184,8 +184,10 @@ impl Problem {
                 let expected = "0 at the start: a jump would need infinite force in viscous tissue; use a short ramp";
                 return Err(self.file.wrong_keys(format!("fix[{table}]"), found, expected));
             }
-            let first = given.entry((fix.node, fix.axis)).or_insert_with(|| values.clone());
-            if let Some((first, other)) = first.iter().zip(&values).find(|(a, b)| a != b) {
+            let first_mm = displacements_mm
+                .entry((fix.node, fix.axis))
+                .or_insert_with(|| values.clone());
+            if let Some((first, other)) = first_mm.iter().zip(&values).find(|(a, b)| a != b) {
                 let error = LinearError::Contradiction {
                     node: fix.node,
                     axis: fix.axis,
@@ -199,8 +201,8 @@ impl Problem {
 
     fn note(&self, history: &mut History, runner: &Structure<3, 4>, time_s: f64, loads: &[f64], progress: &Progress) {
         let vector = |node: &u32| {
-            let first = 3 * *node as usize;
-            std::array::from_fn(|axis| runner.displacement()[first + axis])
+            let first_dof = 3 * *node as usize;
+            std::array::from_fn(|axis| runner.displacement()[first_dof + axis])
         };
         let force = |node: u32, axis: u8| {
             let dof = 3 * node as usize + axis as usize;
@@ -245,12 +247,12 @@ impl Blame for StepFailed {
 }
 
 /// Loads and prescribed displacements over time.
-struct Given<'a> {
+struct Prescription<'a> {
     problem: &'a Problem,
     supports: Supports<3>,
 }
 
-impl Given<'_> {
+impl Prescription<'_> {
     fn at(&self, moment: &Moment) -> (Vec<f64>, Vec<f64>) {
         let Problem {
             file,

@@ -95,14 +95,14 @@ impl fmt::Display for Report {
         writeln!(f, "mesh         {} nodes, {} tetrahedra", self.nodes, self.elements)?;
         // A history is solved by iterations, which stop at a small force; a linear problem by one solve,
         // whose error is that of rounding.
-        let what = match self.history {
+        let error_name = match self.history {
             None => "normwise backward error",
             Some(_) => "largest force out of balance over the largest force",
         };
-        writeln!(f, "residual     {:.1e} ({what})", self.residual)?;
+        writeln!(f, "residual     {:.1e} ({error_name})", self.residual)?;
         if let Some(history) = &self.history {
             let [iterations, factorisations] =
-                [&history.iterations, &history.factorisations].map(|all| all.iter().sum::<usize>());
+                [&history.iterations, &history.factorisations].map(|counts| counts.iter().sum::<usize>());
             writeln!(
                 f,
                 "history      {} steps to {} s, {iterations} iterations, {factorisations} factorisations",

@@ -12,7 +12,7 @@ fn a_measured_choice_is_kept_and_followed() {
     let folder = tempfile::tempdir().unwrap();
     let cache = Cache::at(folder.path(), "here");
     let (mut anatomy, settings, state) = anatomies::two_layers();
-    let around = |by: f64| std::array::from_fn(|axis| state.probe_to_world[(axis, 3)] + by);
+    let around = |offset_mm: f64| std::array::from_fn(|axis| state.probe_to_world[(axis, 3)] + offset_mm);
     anatomy.mesh = TetMesh::over_box(around(-70.0), around(70.0), 500).ok().map(Arc::new);
     let tables = Arc::new(Tables::new(anatomy.clone(), settings.clone()).unwrap());
     let choose = |several| faster(&tables, adapter, several, &cache).unwrap();

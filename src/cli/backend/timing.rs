@@ -108,19 +108,19 @@ fn described(tables: &Tables, plan: &Plan) -> (String, String) {
         .resources
         .iter()
         .map(|planned| (planned.resource.name, planned.bytes));
-    let all = format!(
+    let fingerprint = format!(
         "{scene} {:?} {:?}",
         passes.collect::<Vec<_>>(),
         sizes.collect::<Vec<_>>()
     );
-    (scene, blake3::hash(all.as_bytes()).to_hex()[..16].to_owned())
+    (scene, blake3::hash(fingerprint.as_bytes()).to_hex()[..16].to_owned())
 }
 
 /// Times kept for an adapter: by this very program, on this machine, with its number of threads.
 pub(crate) struct Kept<'a> {
     cache: &'a Cache,
     /// What they are kept by.
-    thing: [String; 2],
+    key: [String; 2],
     /// The times, the last measured last.
     pub times: Vec<FrameTimes>,
 }
@@ -135,16 +135,16 @@ impl<'a> Kept<'a> {
             driver_info,
             ..
         } = adapter;
-        let thing = [
+        let key = [
             format!("auto {name} {backend} {driver} {driver_info}"),
             program().unwrap_or_default(),
         ];
         let is_time = |ms: f64| ms.is_finite() && ms >= 0.0;
-        let sound = |all: &Vec<FrameTimes>| all.iter().all(|times| is_time(times.gpu_ms) && is_time(times.cpu_ms));
-        let times = cache.get(&[&thing[0], &thing[1]], sound).ok().flatten();
+        let sound = |kept: &Vec<FrameTimes>| kept.iter().all(|times| is_time(times.gpu_ms) && is_time(times.cpu_ms));
+        let times = cache.get(&[&key[0], &key[1]], sound).ok().flatten();
         Self {
             cache,
-            thing,
+            key,
             times: times.unwrap_or_default(),
         }
     }
@@ -160,7 +160,7 @@ impl<'a> Kept<'a> {
         self.times.retain(|old| old.key != times.key);
         self.times.push(times);
         self.times.drain(..self.times.len().saturating_sub(MAX_KEPT));
-        self.cache.put(&[&self.thing[0], &self.thing[1]], &self.times)
+        self.cache.put(&[&self.key[0], &self.key[1]], &self.times)
     }
 }
 
@@ -170,12 +170,12 @@ mod tests {
 
     /// Median of frames that take these times, and the number of them made.
     fn median_of(ms: &[f64]) -> (f64, usize) {
-        let mut made = 0;
+        let mut calls = 0;
         let median = median_ms(|| {
-            made += 1;
-            ms.get(made - 1).copied().ok_or("too many")
+            calls += 1;
+            ms.get(calls - 1).copied().ok_or("too many")
         });
-        (median.unwrap(), made)
+        (median.unwrap(), calls)
     }
 
     #[test]
@@ -233,13 +233,13 @@ mod tests {
             (kept.times.len(), kept.times.last()),
             (MAX_KEPT, Some(&times("9", 3.0, 4.0)))
         );
-        let other = AdapterReport {
+        let updated = AdapterReport {
             driver_info: "newer".to_owned(),
             ..gpu.report().clone()
         };
-        assert!(Kept::of(&other, &cache).times.is_empty());
-        let mut kept = Kept::of(&other, &cache);
+        assert!(Kept::of(&updated, &cache).times.is_empty());
+        let mut kept = Kept::of(&updated, &cache);
         kept.put(times("bad", -1.0, 2.0)).unwrap();
-        assert!(Kept::of(&other, &cache).times.is_empty(), "no time is negative");
+        assert!(Kept::of(&updated, &cache).times.is_empty(), "no time is negative");
     }
 }

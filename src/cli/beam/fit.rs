@@ -139,11 +139,11 @@ fn json(fit: &fit::Fit, warnings: &[String]) -> Value {
 
 fn plot(samples: &[Sample], fit: &fit::Fit) -> Plot {
     let [low, high] = [(fit.range[0] - BEYOND).max(0.5 * fit.range[0]), fit.range[1].max(1.0)];
-    let measured = samples.iter().map(|it| [1.0 - it.stretch, it.stress_kpa]);
+    let measured = samples.iter().map(|sample| [1.0 - sample.stretch, sample.stress_kpa]);
     let mut series = vec![Series::points("measured", 6, Marker::Ring, measured.collect())];
     for (colour, model) in fit.models.iter().enumerate() {
         let law = Law::new(&model.material, fit.compression);
-        let stretches = (0..=FINE).map(|at| low + (high - low) * at as f64 / FINE as f64);
+        let stretches = (0..=FINE).map(|index| low + (high - low) * index as f64 / FINE as f64);
         let points = stretches.map(|stretch| [1.0 - stretch, law.at(stretch).stress_kpa]);
         series.push(Series::line(model.material.model(), colour, points.collect()));
     }

@@ -66,10 +66,10 @@ pub(super) struct Measure {
 
 impl Measure {
     pub(super) fn run(&self) -> Result<(), Error> {
-        let (rest, moved) = (&self.volumes[0], &self.volumes[1..]);
+        let (scan_at_rest, moved) = (&self.volumes[0], &self.volumes[1..]);
         let names: Vec<String> = moved.iter().map(|path| format!("{}.toml", stem(path))).collect();
-        if let Some(twice) = (1..names.len()).find(|at| names[..*at].contains(&names[*at])) {
-            let found = format!("two volumes would be written to {}", names[twice]);
+        if let Some(repeated) = (1..names.len()).find(|index| names[..*index].contains(&names[*index])) {
+            let found = format!("two volumes would be written to {}", names[repeated]);
             return Err(usage(found, "give the volumes different names"));
         }
         let mut inputs = self.volumes.clone();
@@ -86,7 +86,7 @@ impl Measure {
         };
         let design = Design::read(&self.markers)?;
         let case = CaseFile::read(&self.case)?.resolve()?;
-        let at_rest = self.scan(rest, &design)?;
+        let at_rest = self.scan(scan_at_rest, &design)?;
         let mut needles = Vec::new();
         for (path, name) in moved.iter().zip(&names) {
             let measured = measure(&at_rest, &self.scan(path, &design)?).map_err(|error| named(path, &error))?;
@@ -131,29 +131,29 @@ impl Measure {
             ));
         }
         if self.json {
-            let all: Vec<_> = needles
+            let named: Vec<_> = needles
                 .iter()
                 .map(|(volume, measured)| NamedNeedle { volume, measured })
                 .collect();
-            return terminal::emit_json(&all);
+            return terminal::emit_json(&named);
         }
         let head = [
             "base mm", "slope", "s mm", "l mm", "tip mm", "RCM mm", "COM mm", "markers", "RMS mm",
         ];
         let head = std::iter::once(Cell::from("volume")).chain(head.map(Cell::number));
-        let rows = needles.iter().map(|(name, it)| {
+        let rows = needles.iter().map(|(name, needle)| {
             let depth = |depth: Option<f64>| depth.map_or("-".to_owned(), |depth| decimal(depth, 2));
-            let [first, second] = it.markers_rms_mm.map(|rms| decimal(rms, 2));
+            let [first, second] = needle.markers_rms_mm.map(|rms| decimal(rms, 2));
             vec![
                 name.clone(),
-                decimal(it.displacement_mm, 3),
-                decimal(it.slope, 4),
-                decimal(it.control_distance_mm, 2),
-                decimal(it.inserted_mm, 2),
-                decimal(it.tip_mm, 3),
-                depth(it.rcm_mm),
-                depth(it.com_mm),
-                format!("{}+{}", it.markers[0], it.markers[1]),
+                decimal(needle.displacement_mm, 3),
+                decimal(needle.slope, 4),
+                decimal(needle.control_distance_mm, 2),
+                decimal(needle.inserted_mm, 2),
+                decimal(needle.tip_mm, 3),
+                depth(needle.rcm_mm),
+                depth(needle.com_mm),
+                format!("{}+{}", needle.markers[0], needle.markers[1]),
                 format!("{first}/{second}"),
             ]
         });

@@ -35,13 +35,13 @@ impl CaseArgs {
 #[derive(Args)]
 pub(super) struct Compression {
     #[command(flatten)]
-    of: CaseArgs,
+    args: CaseArgs,
 }
 
 impl Compression {
     pub(super) fn run(&self) -> Result<(), Error> {
-        let case = self.of.case()?;
-        self.of.printed.run(|_| Ok(compression(&case)?))
+        let case = self.args.case()?;
+        self.args.printed.run(|_| Ok(compression(&case)?))
     }
 }
 
@@ -49,7 +49,7 @@ impl Compression {
 #[derive(Args)]
 pub(super) struct Map {
     #[command(flatten)]
-    of: CaseArgs,
+    args: CaseArgs,
     /// Wanted deflections of the tip, mm
     #[arg(
         long,
@@ -66,7 +66,7 @@ pub(super) struct Map {
 
 impl Map {
     pub(super) fn run(&self) -> Result<(), Error> {
-        let case = self.of.case()?;
+        let case = self.args.case()?;
         for (name, values) in [("--tip-mm", &self.tip_mm), ("--rcm-mm", &self.rcm_mm)] {
             if let Some(value) = values.iter().find(|value| !value.is_finite()) {
                 return Err(usage(
@@ -82,7 +82,7 @@ impl Map {
             // A base at the entry cannot turn about it.
             rcms.retain(|rcm| case.problem.control_distance_mm + rcm > 0.0);
         }
-        self.of.printed.run(|_| Ok(map(&case, &self.tip_mm, &rcms)?))
+        self.args.printed.run(|_| Ok(map(&case, &self.tip_mm, &rcms)?))
     }
 }
 
@@ -92,7 +92,7 @@ impl Map {
 #[derive(Args)]
 pub(super) struct Sensitivity {
     #[command(flatten)]
-    of: CaseArgs,
+    args: CaseArgs,
     /// Uncertainty of the stiffness, +- percent
     #[arg(long, value_name = "PERCENT", default_value_t = 20.0, value_parser = percent)]
     mu_percent: f64,
@@ -111,12 +111,12 @@ fn percent(text: &str) -> Result<f64, String> {
 
 impl Sensitivity {
     pub(super) fn run(&self) -> Result<(), Error> {
-        let case = self.of.case()?;
-        let by = Uncertainty {
+        let case = self.args.case()?;
+        let uncertainty = Uncertainty {
             mu_percent: self.mu_percent,
             alpha_percent: self.alpha_percent,
             t0_percent: self.t0_percent,
         };
-        self.of.printed.run(|_| Ok(sensitivity(&case, &by)?))
+        self.args.printed.run(|_| Ok(sensitivity(&case, &uncertainty)?))
     }
 }

@@ -31,7 +31,10 @@ pub(super) fn reasons(root: &Path, variable: impl Fn(&str) -> Option<String>) ->
             .map(|entry| entry.file_name())
             .any(|name| is(&name.to_string_lossy()))
     };
-    let numbered = |name: &str, start: &str| name.strip_prefix(start).is_some_and(|rest| rest.parse::<u32>().is_ok());
+    let numbered = |name: &str, start: &str| {
+        name.strip_prefix(start)
+            .is_some_and(|digits| digits.parse::<u32>().is_ok())
+    };
     let nvidia = has("dev", &|name| numbered(name, "nvidia"));
     if !nvidia && !has("dev/dri", &|name| name.starts_with("renderD")) {
         return Vec::new();
@@ -118,24 +121,25 @@ mod tests {
         const LOADER: &str = "usr/lib/x86_64-linux-gnu/libvulkan.so.1";
         const LIBRARY: &str = "usr/lib/x86_64-linux-gnu/libGLX_nvidia.so.0";
         const DRIVER: &str = "etc/vulkan/icd.d/nvidia_icd.json";
-        let one =
-            |found: Vec<String>, part: &str| assert!(found.len() == 1 && found[0].contains(part), "{part}: {found:?}");
+        let assert_one = |reasons: Vec<String>, part: &str| {
+            assert!(reasons.len() == 1 && reasons[0].contains(part), "{part}: {reasons:?}")
+        };
         assert!(on(&["dev/null", "dev/nvidiactl"], &[]).is_empty(), "no card");
         assert!(
             on(&["dev/nvidia0", LOADER, DRIVER, LIBRARY], &[]).is_empty(),
             "nothing is missing"
         );
-        one(on(&["dev/nvidia0", DRIVER, LIBRARY], &[]), "libvulkan.so.1");
-        one(on(&["dev/nvidia0", LOADER, LIBRARY], &[]), "nvidia_icd.json");
-        one(on(&["dev/nvidia0", LOADER, DRIVER], &[]), "libGLX_nvidia");
+        assert_one(on(&["dev/nvidia0", DRIVER, LIBRARY], &[]), "libvulkan.so.1");
+        assert_one(on(&["dev/nvidia0", LOADER, LIBRARY], &[]), "nvidia_icd.json");
+        assert_one(on(&["dev/nvidia0", LOADER, DRIVER], &[]), "libGLX_nvidia");
         let compute = [("NVIDIA_DRIVER_CAPABILITIES", "compute,utility")];
-        one(on(&["dev/nvidia0", LOADER], &compute), "graphics");
-        let all = [("NVIDIA_DRIVER_CAPABILITIES", "all")];
-        assert!(on(&["dev/nvidia0", LOADER, DRIVER, LIBRARY], &all).is_empty());
+        assert_one(on(&["dev/nvidia0", LOADER], &compute), "graphics");
+        let all_capabilities = [("NVIDIA_DRIVER_CAPABILITIES", "all")];
+        assert!(on(&["dev/nvidia0", LOADER, DRIVER, LIBRARY], &all_capabilities).is_empty());
         let part = "proc/driver/nvidia/capabilities/gpu0/mig/gi1/access";
-        one(on(&["dev/nvidia0", LOADER, DRIVER, LIBRARY, part], &[]), "MIG");
-        one(on(&["dev/dri/renderD128", LOADER], &[]), "mesa-vulkan-drivers");
-        one(
+        assert_one(on(&["dev/nvidia0", LOADER, DRIVER, LIBRARY, part], &[]), "MIG");
+        assert_one(on(&["dev/dri/renderD128", LOADER], &[]), "mesa-vulkan-drivers");
+        assert_one(
             on(
                 &["dev/dri/renderD128", LOADER, "usr/share/vulkan/icd.d/radeon.json"],
                 &[("VK_DRIVER_FILES", "/none")],

@@ -244,15 +244,15 @@ impl<'a> Writer<'a> {
         for load in deformed.loads {
             let middle = 0.5 * (load.from_mm + load.to_mm);
             let tangent = deformed.needle.at(middle).tangent;
-            let along = tangent.dot(&load.force_n);
-            let across = (load.force_n - tangent.into_inner() * along).norm();
+            let along_n = tangent.dot(&load.force_n);
+            let across = (load.force_n - tangent.into_inner() * along_n).norm();
             let density = if load.length_mm() > 0.0 {
-                format!("{:.6},{:.6}", along / load.length_mm(), across / load.length_mm())
+                format!("{:.6},{:.6}", along_n / load.length_mm(), across / load.length_mm())
             } else {
                 ",".to_owned()
             };
             let ends = format!("{:.4},{:.4}", load.from_mm, load.to_mm);
-            self.forces += &format!("{},{ends},{along:.6},{across:.6},{density}\n", deformed.time_s);
+            self.forces += &format!("{},{ends},{along_n:.6},{across:.6},{density}\n", deformed.time_s);
         }
         Ok(())
     }

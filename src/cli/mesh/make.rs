@@ -213,11 +213,11 @@ impl Make {
 
 /// Lists label values with their names, for a message.
 fn listed(labels: &[Label], which: &[usize]) -> String {
-    let one = |&index: &usize| match &labels[index].name {
+    let described = |&index: &usize| match &labels[index].name {
         Some(name) => format!("{} ({name})", labels[index].value),
         None => labels[index].value.to_string(),
     };
-    which.iter().map(one).collect::<Vec<_>>().join(", ")
+    which.iter().map(described).collect::<Vec<_>>().join(", ")
 }
 
 impl MakeReport {
@@ -261,11 +261,11 @@ impl MakeReport {
         }
         // A small region has too few elements to match its voxels; only in a large one does the error speak
         // of nodes.
-        let off = values(&|region| region.voxels_ml > LARGE_ML && region.error_percent.abs() > WORST_PERCENT);
-        if !off.is_empty() {
+        let inexact = values(&|region| region.voxels_ml > LARGE_ML && region.error_percent.abs() > WORST_PERCENT);
+        if !inexact.is_empty() {
             warnings.push(format!(
                 "regions {} of more than {LARGE_ML} ml are off by more than {WORST_PERCENT} % in volume: more nodes would help",
-                off.join(", ")
+                inexact.join(", ")
             ));
         }
         if generated.mislabelled_percent > WRONG_PERCENT {

@@ -48,9 +48,9 @@ impl Motion {
         } else {
             estimates
                 .iter()
-                .map(|it| {
-                    if it.correlation >= TRUSTED {
-                        it.axial_um
+                .map(|estimate| {
+                    if estimate.correlation >= TRUSTED {
+                        estimate.axial_um
                     } else {
                         f64::NAN
                     }
@@ -68,40 +68,43 @@ impl Motion {
         sizes.sort_by(f64::total_cmp);
         // Of the largest, 2 % saturate: one false match would otherwise pale all other colours. The bound
         // keeps the scale above 0 in tissue at rest.
-        let most = rounded(sizes[sizes.len() * 98 / 100].max(1e-12));
+        let largest = rounded(sizes[sizes.len() * 98 / 100].max(1e-12));
         let unit = if strain { "%" } else { "um" };
         terminal::note(format_args!(
-            "frame {frame}: colours from {} {unit} ({}, blue) to {most} {unit} ({}, red)",
-            -most,
+            "frame {frame}: colours from {} {unit} ({}, blue) to {largest} {unit} ({}, red)",
+            -largest,
             if strain { "compressed" } else { "towards the probe" },
             if strain { "stretched" } else { "away" }
         ));
         let ends = [depths[0], depths[count - 1]];
-        let mut picture = coloured(&below, &beam, &image, &values, ends, most);
-        colour_bar(&mut picture, most, unit);
+        let mut picture = coloured(&below, &beam, &image, &values, ends, largest);
+        colour_bar(&mut picture, largest, unit);
         Ok(picture)
     }
 }
 
 /// Axial strain along a line, %: slopes over some windows; NaN where a window does not correlate.
 fn slopes(depths: &[f64], line: &[Estimate]) -> Vec<f64> {
-    let slope = |at: usize| {
-        let from = at.saturating_sub(SLOPE / 2);
-        let to = (at + SLOPE / 2 + 1).min(line.len());
+    let slope = |index: usize| {
+        let start = index.saturating_sub(SLOPE / 2);
+        let end = (index + SLOPE / 2 + 1).min(line.len());
         let trusted = || {
-            depths[from..to]
+            depths[start..end]
                 .iter()
-                .zip(&line[from..to])
-                .filter(|(_, it)| it.correlation >= TRUSTED)
+                .zip(&line[start..end])
+                .filter(|(_, estimate)| estimate.correlation >= TRUSTED)
         };
         let n = trusted().count() as f64;
-        if line[at].correlation < TRUSTED || n < 3.0 {
+        if line[index].correlation < TRUSTED || n < 3.0 {
             return f64::NAN;
         }
         let x = trusted().map(|(depth, _)| depth).sum::<f64>() / n;
-        let y = trusted().map(|(_, it)| it.axial_um).sum::<f64>() / n;
-        let (top, bottom) = trusted().fold((0.0, 0.0), |(top, bottom), (depth, it)| {
-            (top + (depth - x) * (it.axial_um - y), bottom + (depth - x).powi(2))
+        let y = trusted().map(|(_, estimate)| estimate.axial_um).sum::<f64>() / n;
+        let (top, bottom) = trusted().fold((0.0, 0.0), |(top, bottom), (depth, estimate)| {
+            (
+                top + (depth - x) * (estimate.axial_um - y),
+                bottom + (depth - x).powi(2),
+            )
         });
         // um/mm are per mille.
         0.1 * top / bottom
@@ -110,7 +113,14 @@ fn slopes(depths: &[f64], line: &[Estimate]) -> Vec<f64> {
 }
 
 /// Values of windows in colour over grey pixels: blue below 0, red above.
-fn coloured(below: &[u8], beam: &BeamGrid, image: &ImageGrid, values: &[f64], ends: [f64; 2], most: f64) -> RgbImage {
+fn coloured(
+    below: &[u8],
+    beam: &BeamGrid,
+    image: &ImageGrid,
+    values: &[f64],
+    ends: [f64; 2],
+    largest: f64,
+) -> RgbImage {
     let count = values.len() / beam.lines();
     RgbImage::from_fn(image.width() as u32, image.height() as u32, |x, y| {
         let grey = f64::from(below[y as usize * image.width() + x as usize]);
@@ -132,7 +142,7 @@ fn coloured(below: &[u8], beam: &BeamGrid, image: &ImageGrid, values: &[f64], en
         if value.is_nan() {
             return Rgb([grey as u8; 3]);
         }
-        Rgb(tint(grey, value / most))
+        Rgb(tint(grey, value / largest))
     })
 }
 
@@ -159,7 +169,7 @@ fn rounded(number: f64) -> f64 {
 }
 
 /// Bar of the colours of a picture with its ends, in its upper right corner.
-fn colour_bar(picture: &mut RgbImage, most: f64, unit: &str) {
+fn colour_bar(picture: &mut RgbImage, largest: f64, unit: &str) {
     let (width, height) = (picture.width(), picture.height());
     let (left, top, long) = (width.saturating_sub(16), 10, height.saturating_sub(20).min(120));
     for y in 0..long {
@@ -168,7 +178,7 @@ fn colour_bar(picture: &mut RgbImage, most: f64, unit: &str) {
             picture.put_pixel(x, top + y, Rgb(tint(110.0, level)));
         }
     }
-    for (share, value) in [(0.0, most), (0.5, 0.0), (1.0, -most)] {
+    for (share, value) in [(0.0, largest), (0.5, 0.0), (1.0, -largest)] {
         let name = format!("{value} {unit}");
         let [wide, high] = canvas::text_size(&name, 1);
         let y = f64::from(top) + share * f64::from(long) - 0.5 * f64::from(high);

@@ -25,17 +25,17 @@ pub(super) fn warnings(tables: &Tables, probe_to_world: &Matrix4<f64>, outside_w
     let (mut inside, mut seeing, mut across_gap) = (false, 0, 0);
     let (mut samples, mut beyond) = (0, 0);
     for line in 0..tables.lines() {
-        let first = (0..tables.samples()).find(|&sample| {
+        let first_tissue = (0..tables.samples()).find(|&sample| {
             let label = label(line, sample);
             inside |= label.is_some();
             label.is_some_and(|label| label > 0)
         });
-        if let Some(first) = first {
+        if let Some(first_tissue) = first_tissue {
             seeing += 1;
-            across_gap += usize::from(tables.grid.sample_depth_mm(first) > GAP_MM);
+            across_gap += usize::from(tables.grid.sample_depth_mm(first_tissue) > GAP_MM);
             // Some of the samples suffice for a share; the gap before the skin needs the first of each line.
             if line % STRIDE == 0 {
-                let behind = (first..tables.samples()).step_by(STRIDE);
+                let behind = (first_tissue..tables.samples()).step_by(STRIDE);
                 samples += behind.len();
                 beyond += behind.filter(|&sample| label(line, sample).is_none()).count();
             }

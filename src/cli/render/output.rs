@@ -189,7 +189,7 @@ impl<'a> Output<'a> {
     /// Frame and layers as parts of the sequences.
     fn parts(&self, synth: &Synthesizer, shot: &Shot<'_>, pixels: Vec<u8>, layers: Vec<Vec<u16>>) -> Vec<Job> {
         let world = self.scene.motion_world();
-        let places = [synth.frame().image_to_world, shot.state.probe_to_world].map(|place| world.transform(place));
+        let places = [synth.frame().image_to_world, shot.state.probe_to_world].map(|pose| world.transform(pose));
         let transforms = transforms(places, self.scene.recorded(shot.number, self.frames));
         let owned = transforms
             .iter()
@@ -198,7 +198,7 @@ impl<'a> Output<'a> {
         let bytes = layers
             .into_iter()
             .map(|values| values.iter().flat_map(|value| value.to_le_bytes()).collect());
-        let all = [pixels].into_iter().chain(bytes).zip(&self.sequences);
+        let buffers = [pixels].into_iter().chain(bytes).zip(&self.sequences);
         let time_s = shot.time_s;
         let part = |(pixels, stream): (Vec<u8>, &Stream)| {
             let (writer, owned) = (Arc::clone(&stream.writer), Arc::clone(&owned));
@@ -219,7 +219,7 @@ impl<'a> Output<'a> {
             };
             Box::new(job) as Job
         };
-        all.map(part).collect()
+        buffers.map(part).collect()
     }
 
     fn take_companions(
@@ -316,8 +316,8 @@ impl Taken {
     }
 }
 
-fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
-    of.lock().unwrap_or_else(PoisonError::into_inner)
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Needle of a frame: the displayed part towards the tip.

@@ -56,8 +56,8 @@ impl Target {
                 Ok(Self::Folder(path.to_owned()))
             }
             Some("png") | None => Ok(Self::File(path.to_owned())),
-            Some(other) => Err(usage(
-                format!("-o {shown}: pictures that end in .{other} are not written"),
+            Some(extension) => Err(usage(
+                format!("-o {shown}: pictures that end in .{extension} are not written"),
                 "name a file that ends in .png, .mha, .nrrd or .npy, or a folder that exists",
             )),
         }
@@ -78,10 +78,10 @@ impl Target {
     }
 
     /// Path of the picture of a frame, or its equivalent for a sequence: companion files are named after it.
-    pub(crate) fn picture(&self, frame: usize, of: usize) -> PathBuf {
+    pub(crate) fn picture(&self, frame: usize, count: usize) -> PathBuf {
         match self {
             Self::File(path) => path.clone(),
-            Self::Folder(folder) | Self::Sequence(_, folder) => png::frame_path(folder, frame, of),
+            Self::Folder(folder) | Self::Sequence(_, folder) => png::frame_path(folder, frame, count),
         }
     }
 }
@@ -204,8 +204,8 @@ mod tests {
         assert_eq!(chosen("a.mha", 1), Ok(Target::Sequence("a.mha".into(), "a".into())));
         assert_eq!(chosen("a.npy", 2), Ok(Target::Sequence("a.npy".into(), "a".into())));
         assert_eq!(chosen("a.nrrd", 9), Ok(Target::Sequence("a.nrrd".into(), "a".into())));
-        for other in ["a.png", "a.mp4", "a.igs.MHD"] {
-            assert_eq!(chosen(other, 2), Err(2), "{other}");
+        for name in ["a.png", "a.mp4", "a.igs.MHD"] {
+            assert_eq!(chosen(name, 2), Err(2), "{name}");
         }
         assert_eq!(chosen("a.jpg", 1), Err(2));
         assert_eq!(chosen("", 1), Err(2));

@@ -87,12 +87,12 @@ impl ScenarioFile {
         // needle still ends at the target, and rounding moves its entry instead.
         let direction = ((tip - chosen.entry) / chosen.depth_mm * 1e5).map(f64::round) / 1e5;
         let start = hundredths(&(tip - direction * (chosen.depth_mm + APPROACH_MM)));
-        let place = chosen.beside.map_or(String::new(), |(offset, side)| {
+        let side_in_words = chosen.beside.map_or(String::new(), |(offset, side)| {
             format!(", {offset:.0} mm from the {side} end of the array,")
         });
-        let point = |at: &Point3<f64>| format!("({:.1}, {:.1}, {:.1}) mm", at.x, at.y, at.z);
+        let point = |point: &Point3<f64>| format!("({:.1}, {:.1}, {:.1}) mm", point.x, point.y, point.z);
         let note = format!(
-            "needle: from the skin at {}{place} {:.0} mm deep to {} in {name}, {}, at {:.0} degrees to the beam; on the way {}",
+            "needle: from the skin at {}{side_in_words} {:.0} mm deep to {} in {name}, {}, at {:.0} degrees to the beam; on the way {}",
             point(&chosen.entry),
             chosen.depth_mm,
             point(&tip),
@@ -181,14 +181,14 @@ impl ScenarioFile {
     ) -> Result<Candidate, InputError> {
         let stated = self.place("needle.entry", entry)?;
         let away = stated - goal.tip;
-        let found = |what: &str| format!("an entry {:.0} mm from {}{what}", away.norm(), goal.name);
+        let refused = |what: &str| format!("an entry {:.0} mm from {}{what}", away.norm(), goal.name);
         let reach = needle.length_mm - APPROACH_MM;
         let expected = format!(
             "1 to {reach:.0} mm, of a needle of {} mm (`length_mm`)",
             needle.length_mm
         );
         if away.norm() < 1.0 {
-            return Err(self.wrong_keys("needle.entry", found(""), expected));
+            return Err(self.wrong_keys("needle.entry", refused(""), expected));
         }
         let outward = away.normalize();
         let is_inside = |mm: f64| body.label_at(&(goal.tip + outward * mm)).is_some();
@@ -199,9 +199,9 @@ impl ScenarioFile {
         } else {
             -SKIN_STEP_MM
         };
-        let from_stated = (0..).map(|at| away.norm() + step * f64::from(at));
-        let mut along = from_stated.take_while(|mm| *mm >= 0.0);
-        let skin = along.find(|mm| is_inside(*mm) != (step > 0.0)).unwrap_or(0.0);
+        let from_stated = (0..).map(|index| away.norm() + step * f64::from(index));
+        let mut distances_mm = from_stated.take_while(|mm| *mm >= 0.0);
+        let skin = distances_mm.find(|mm| is_inside(*mm) != (step > 0.0)).unwrap_or(0.0);
         let moved = (skin - away.norm()).abs();
         let (entry, depth_mm) = if moved > ON_SKIN_MM {
             (goal.tip + outward * skin, skin)
@@ -210,8 +210,8 @@ impl ScenarioFile {
         };
         if !(1.0..=reach).contains(&depth_mm) {
             let skin = format!(", on whose line the skin is {skin:.0} mm from it");
-            let found = found(if moved > ON_SKIN_MM { &skin } else { "" });
-            return Err(self.wrong_keys("needle.entry", found, expected));
+            let refused = refused(if moved > ON_SKIN_MM { &skin } else { "" });
+            return Err(self.wrong_keys("needle.entry", refused, expected));
         }
         if moved > ON_SKIN_MM {
             let side = if step > 0.0 { "inside" } else { "outside" };
@@ -243,7 +243,7 @@ impl ScenarioFile {
             return Err(self.wrong_keys("needle.entry", found, "a point [x, y, z] on the skin, mm"));
         }
         let end = array_end_mm(scene);
-        let offsets = (0..).map(|at| OFFSETS_MM[0] + OFFSET_STEP_MM * f64::from(at));
+        let offsets = (0..).map(|index| OFFSETS_MM[0] + OFFSET_STEP_MM * f64::from(index));
         let sides = [(1.0, "marked"), (-1.0, "unmarked")];
         let places = offsets
             .take_while(|offset| *offset <= OFFSETS_MM[1])
@@ -262,17 +262,20 @@ impl ScenarioFile {
                 depth_mm: (goal.tip - entry).norm(),
                 course: bones.course(&[entry, goal.tip]),
             })
-            .filter(|it| it.depth_mm + APPROACH_MM <= needle.length_mm && !it.course.leaves())
+            .filter(|candidate| candidate.depth_mm + APPROACH_MM <= needle.length_mm && !candidate.course.leaves())
             .collect();
-        let clear = |it: &&Candidate| it.course.nearest.is_none_or(|(_, away)| away >= CLEAR_MM);
+        let clear = |candidate: &&Candidate| candidate.course.nearest.is_none_or(|(_, away)| away >= CLEAR_MM);
         let near = |a: &&Candidate, b: &&Candidate| {
-            let key = |it: &Candidate| [it.beside.map_or(0.0, |(offset, _)| offset), it.depth_mm];
-            let ([offset, depth], [other, deeper]) = (key(a), key(b));
-            offset.total_cmp(&other).then(depth.total_cmp(&deeper))
+            let key = |candidate: &Candidate| [candidate.beside.map_or(0.0, |(offset, _)| offset), candidate.depth_mm];
+            let ([offset, depth], [farther, deeper]) = (key(a), key(b));
+            offset.total_cmp(&farther).then(depth.total_cmp(&deeper))
         };
         // Distance from bone, which stops a needle, is never given up; a target in lung has lung on any path.
         let clear = candidates.iter().filter(clear);
-        let without_gas = clear.clone().filter(|it| it.course.gas.is_none()).min_by(near);
+        let without_gas = clear
+            .clone()
+            .filter(|candidate| candidate.course.gas.is_none())
+            .min_by(near);
         let chosen = without_gas.or_else(|| clear.min_by(near)).cloned();
         chosen.ok_or_else(|| self.no_path_error(&body, goal, needle, &candidates))
     }
@@ -290,7 +293,7 @@ impl ScenarioFile {
             let expected = "a target in soft tissue, or `needle.entry` as a point [x, y, z] on the skin for a path that ends at bone";
             return self.wrong_keys("needle.target", found, expected);
         }
-        let passed = candidates.iter().filter_map(|it| it.course.nearest);
+        let passed = candidates.iter().filter_map(|candidate| candidate.course.nearest);
         let found = match passed.max_by(|a, b| a.1.total_cmp(&b.1)) {
             Some((label, away)) => format!(
                 "no straight path from beside the probe to {} that keeps {CLEAR_MM} mm from bone; the best passes {} at {away:.1} mm",
@@ -312,9 +315,9 @@ impl Aim {
     pub(crate) fn keyframes(&self, [start_s, speed_mm_s, pause_s]: [f64; 3]) -> Vec<NeedleKeyframe> {
         let travel_s = (self.tip - self.start).norm() / speed_mm_s;
         let back_s = start_s + travel_s + pause_s;
-        let frame = |(time_s, at): (f64, Point3<f64>)| NeedleKeyframe {
+        let frame = |(time_s, tip): (f64, Point3<f64>)| NeedleKeyframe {
             time_s: (time_s * 1e3).round() / 1e3,
-            tip_mm: at.into(),
+            tip_mm: tip.into(),
             direction: self.direction.into(),
             roll_deg: None,
         };

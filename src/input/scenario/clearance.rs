@@ -61,18 +61,18 @@ impl<'a> Surroundings<'a> {
     /// Obstacles of a path through `points` (mm) from the skin.
     pub fn of(&self, points: &[Point3<f64>]) -> Obstacles {
         let course = self.bones.course(points);
-        let along = points.windows(2).flat_map(|pair| {
+        let points_on_path = points.windows(2).flat_map(|pair| {
             let segment = pair[1] - pair[0];
             let steps = (segment.norm() / STEP_MM).ceil().max(1.0);
-            (0..=steps as usize).map(move |at| pair[0] + segment * (at as f64 / steps))
+            (0..=steps as usize).map(move |step| pair[0] + segment * (step as f64 / steps))
         });
         let critical = self.critical.as_ref();
         Obstacles {
             leaves: course.leaves(),
             gas: course.gas.is_some(),
             bone_mm: course.nearest.map_or(f64::INFINITY, |(_, away)| away),
-            critical_mm: along
-                .filter_map(|at| critical?.distance(&at))
+            critical_mm: points_on_path
+                .filter_map(|point| critical?.distance(&point))
                 .fold(f64::INFINITY, f64::min),
         }
     }
@@ -91,22 +91,26 @@ impl<'a> Bones<'a> {
     pub(crate) fn around(body: &'a Body<'a>, points: &[Point3<f64>]) -> Self {
         let volume = body.volume;
         let corner = |fold: fn(f64, f64) -> f64, start: f64, margin: f64| {
-            let all = points.iter();
-            [0, 1, 2].map(|axis| all.clone().map(|point| point[axis]).fold(start, fold) + margin)
+            let points = points.iter();
+            [0, 1, 2].map(|axis| points.clone().map(|point| point[axis]).fold(start, fold) + margin)
         };
         let ends = [
             corner(f64::min, f64::INFINITY, -LOOKED_MM),
             corner(f64::max, f64::NEG_INFINITY, LOOKED_MM),
         ];
-        let corners = (0..8).map(|at| Point3::from([0, 1, 2].map(|axis| ends[at >> axis & 1][axis])));
-        let corners: Vec<_> = corners.map(|at| volume.world_to_index().transform_point(&at)).collect();
+        let corners = (0..8).map(|corner| Point3::from([0, 1, 2].map(|axis| ends[corner >> axis & 1][axis])));
+        let corners: Vec<_> = corners
+            .map(|corner| volume.world_to_index().transform_point(&corner))
+            .collect();
         let range = |axis: usize| {
-            let along = corners.iter().map(|at| at[axis]);
-            let low = along.clone().fold(f64::INFINITY, f64::min).floor().max(0.0) as usize;
-            let high = along.fold(-1.0, f64::max).ceil() + 1.0;
+            let indices = corners.iter().map(|corner| corner[axis]);
+            let low = indices.clone().fold(f64::INFINITY, f64::min).floor().max(0.0) as usize;
+            let high = indices.fold(-1.0, f64::max).ceil() + 1.0;
             low..(high.max(0.0) as usize).min(volume.size()[axis])
         };
-        let is_bone: Vec<bool> = (0..volume.labels().len()).map(|at| body.is_bone(at as u8)).collect();
+        let is_bone: Vec<bool> = (0..volume.labels().len())
+            .map(|index| body.is_bone(index as u8))
+            .collect();
         let mut voxels = Vec::new();
         for k in range(2) {
             for j in range(1) {
@@ -129,8 +133,8 @@ impl<'a> Bones<'a> {
         let mut depth = 0.0;
         for pair in points.windows(2) {
             self.pass(&mut course, &mut depth, [&pair[0], &pair[1]]);
-            for (at, label) in &self.voxels {
-                let away = (distance(at, &pair[0], &pair[1]) - self.half_mm).max(0.0);
+            for (voxel_mm, label) in &self.voxels {
+                let away = (distance(voxel_mm, &pair[0], &pair[1]) - self.half_mm).max(0.0);
                 if away <= LOOKED_MM && course.nearest.is_none_or(|(_, least)| away < least) {
                     course.nearest = Some((*label, away));
                 }
@@ -146,8 +150,8 @@ impl<'a> Bones<'a> {
         let segment = to - from;
         let steps = (segment.norm() / STEP_MM).ceil().max(1.0);
         let step = segment.norm() / steps;
-        for at in 0..steps as usize {
-            let point = from + segment * ((at as f64 + 0.5) / steps);
+        for index in 0..steps as usize {
+            let point = from + segment * ((index as f64 + 0.5) / steps);
             let label = self.body.volume.label_index_at(&point);
             let label = label.filter(|label| !self.body.is_outside(*label)).unwrap_or(0);
             if label == 0 && course.layers.is_empty() {
@@ -175,13 +179,13 @@ impl Course {
 
     /// Lists the tissues along the path in words.
     pub(crate) fn layers_in_words(&self, body: &Body<'_>) -> String {
-        let one = |(label, mm): &At| match label {
+        let layer = |(label, mm): &At| match label {
             0 => format!("outside {mm:.0}"),
             label => format!("{} {mm:.0}", body.name(*label)),
         };
         // Steps between voxels are not layers.
         let layers = self.layers.iter().filter(|(_, mm)| *mm >= 1.0);
-        layers.map(one).collect::<Vec<_>>().join(", ") + " mm"
+        layers.map(layer).collect::<Vec<_>>().join(", ") + " mm"
     }
 }
 
@@ -189,22 +193,22 @@ impl Course {
 pub fn tell(scene: &Scene, tip: &Trajectory, notes: &mut Vec<String>, warnings: &mut Vec<String>) {
     let mut points: Vec<Point3<f64>> = Vec::new();
     for key in tip.keys() {
-        let at = key.pose.position_mm();
-        if points.last().is_none_or(|last| (at - last).norm() > NEAR_MM) {
-            points.push(at);
+        let tip = key.pose.position_mm();
+        if points.last().is_none_or(|last| (tip - last).norm() > NEAR_MM) {
+            points.push(tip);
         }
     }
     let body = scene.body();
     let course = Bones::around(&body, &points).course(&points);
-    let mut met = |what: &str, (label, depth): At| {
+    let mut warn = |what: &str, (label, depth): At| {
         let name = body.name(label);
         warnings.push(format!(
             "the planned path meets {what} ({name}) {depth:.0} mm below the surface"
         ));
     };
-    course.gas.into_iter().for_each(|at| met("gas or lung", at));
+    course.gas.into_iter().for_each(|entry| warn("gas or lung", entry));
     match (course.bone, course.nearest) {
-        (Some(at), _) => met("bone", at),
+        (Some(entry), _) => warn("bone", entry),
         (None, Some((label, away))) => {
             let name = body.name(label);
             notes.push(format!(
@@ -217,7 +221,7 @@ pub fn tell(scene: &Scene, tip: &Trajectory, notes: &mut Vec<String>, warnings: 
 
 /// Distance of a point from a segment, mm.
 fn distance(point: &Point3<f64>, a: &Point3<f64>, b: &Point3<f64>) -> f64 {
-    let (along, off): (Vector3<f64>, Vector3<f64>) = (b - a, point - a);
-    let share = (off.dot(&along) / along.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-    (off - along * share).norm()
+    let (along, offset): (Vector3<f64>, Vector3<f64>) = (b - a, point - a);
+    let share = (offset.dot(&along) / along.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+    (offset - along * share).norm()
 }

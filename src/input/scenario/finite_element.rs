@@ -146,8 +146,8 @@ impl ScenarioFile {
     /// Times of changes of the level, and the new levels.
     fn changes(&self, timing: &Timing) -> Result<Vec<(f64, Level)>, InputError> {
         let mut changes: Vec<(f64, Level)> = Vec::new();
-        for (at, change) in self.run.change.iter().enumerate() {
-            let key = format!("run.change[{at}].at_s");
+        for (index, change) in self.run.change.iter().enumerate() {
+            let key = format!("run.change[{index}].at_s");
             let at_s = self.number(
                 key.as_str(),
                 change.at_s,
@@ -223,9 +223,9 @@ fn faulty_key(error: &InvalidSetup) -> &'static str {
 
 /// Prefetches the data that remeshing along the needle's path will read, so that no step waits for it.
 fn prefetch(scenario: &Scenario, finite: &mut Finite) {
-    for [from, to] in path_pieces(scenario.path.tip()) {
-        let along = to - from;
+    for [start, end] in path_pieces(scenario.path.tip()) {
+        let along = end - start;
         let length = along.norm();
-        finite.prefetch(&from, &(along / length), length, ASIDE_MM);
+        finite.prefetch(&start, &(along / length), length, ASIDE_MM);
     }
 }

@@ -60,7 +60,7 @@ impl<'a> Guide<'a> {
             .effects
             .thickness
             .as_ref()
-            .map_or(Thickness::default().width_mm, |it| it.width_mm);
+            .map_or(Thickness::default().width_mm, |thickness| thickness.width_mm);
         let target = scenario.targets.first();
         Self {
             scenario,
@@ -82,8 +82,8 @@ impl<'a> Guide<'a> {
     /// Carries entry and target with the tissue.
     pub(crate) fn carry(&mut self, imager: &dyn NodeSolver, tissue: &Tissue) {
         for (slot, places) in [&mut self.entry, &mut self.target].into_iter().enumerate() {
-            if let Some([rest, now]) = places {
-                *now = self.carried.point(slot, rest, imager.elements(), tissue);
+            if let Some([at_rest, now]) = places {
+                *now = self.carried.point(slot, at_rest, imager.elements(), tissue);
             }
         }
     }
@@ -120,7 +120,7 @@ impl<'a> Guide<'a> {
     }
 
     /// Two-way loss along a scanline down to a sample, dB, through the anatomy at rest as seen from the probe.
-    fn loss_db(&self, rest: &Point3<f64>, probe: &Isometry3<f64>, line: f64, sample: f64) -> f64 {
+    fn loss_db(&self, point: &Point3<f64>, probe: &Isometry3<f64>, line: f64, sample: f64) -> f64 {
         let (Some(grid), scene) = (&self.grid, &self.scenario.scene) else {
             return 0.0;
         };
@@ -134,11 +134,11 @@ impl<'a> Guide<'a> {
         let [x, y] = grid.to_plane(line, sample);
         // The scanline in the anatomy at rest ends at the target.
         let ray = probe.transform_point(&Point3::new(x, y, 0.0)) - start;
-        let start = rest - ray;
+        let start = point - ray;
         let steps = (ray.norm() / RAY_MM).ceil().max(1.0);
         let volume = &scene.anatomy.volume;
-        let lost = |at: usize| {
-            let point = start + ray * ((at as f64 + 0.5) / steps);
+        let lost = |step: usize| {
+            let point = start + ray * ((step as f64 + 0.5) / steps);
             let label = volume.label_index_at(&point);
             label.map_or(0.0, |label| {
                 shadow.db_per_mm(scene.anatomy.tissues.of(label), scene.settings.probe.frequency_mhz)
@@ -162,8 +162,9 @@ impl Critical {
     pub(crate) fn around(scenario: &Scenario, points: &[Point3<f64>]) -> Option<Self> {
         let volume = &scenario.scene.anatomy.volume;
         let is_critical = |value: i64| {
-            let known = |(region, it): &&(i32, Interaction)| i64::from(*region) == value && it.critical;
-            scenario.interactions.iter().any(|it| known(&it))
+            let known =
+                |(region, interaction): &&(i32, Interaction)| i64::from(*region) == value && interaction.critical;
+            scenario.interactions.iter().any(|interaction| known(&interaction))
         };
         let critical: Vec<bool> = volume.labels().iter().map(|label| is_critical(label.value)).collect();
         if !critical.contains(&true) {
@@ -172,15 +173,15 @@ impl Critical {
         let spacing = volume.spacing_mm();
         let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
         for point in points {
-            let at = volume.world_to_index().transform_point(point);
+            let index = volume.world_to_index().transform_point(point);
             for axis in 0..3 {
                 let margin = MARGIN_MM / spacing[axis];
-                low[axis] = low[axis].min(at[axis] - margin);
-                high[axis] = high[axis].max(at[axis] + margin);
+                low[axis] = low[axis].min(index[axis] - margin);
+                high[axis] = high[axis].max(index[axis] + margin);
             }
         }
         // A grid of the whole volume would take long, and distances beyond the margin are not used.
-        let origin = low.map(|at| at.floor().max(0.0) as usize);
+        let origin = low.map(|index| index.floor().max(0.0) as usize);
         let size = [0, 1, 2].map(|axis| {
             let end = (high[axis].ceil() + 1.0).clamp(0.0, volume.size()[axis] as f64) as usize;
             end.saturating_sub(origin[axis])
@@ -192,8 +193,8 @@ impl Critical {
         for k in 0..size[2] {
             for j in 0..size[1] {
                 for i in 0..size[0] {
-                    let at = volume.offset([origin[0] + i, origin[1] + j, origin[2] + k]);
-                    set.push(critical[usize::from(volume.voxels()[at])]);
+                    let voxel = volume.offset([origin[0] + i, origin[1] + j, origin[2] + k]);
+                    set.push(critical[usize::from(volume.voxels()[voxel])]);
                 }
             }
         }
@@ -207,11 +208,11 @@ impl Critical {
     }
 
     /// Distance of a point at rest from the nearest critical voxel, mm, 0 only within one; `None` outside the grid.
-    pub(crate) fn distance(&self, at: &Point3<f64>) -> Option<f64> {
-        let at = self.world_to_index.transform_point(at);
+    pub(crate) fn distance(&self, point: &Point3<f64>) -> Option<f64> {
+        let index = self.world_to_index.transform_point(point);
         let mut offset = 0;
         for axis in (0..3).rev() {
-            let cell = at[axis].round() - self.origin[axis] as f64;
+            let cell = index[axis].round() - self.origin[axis] as f64;
             if !(0.0..self.grid.size[axis] as f64).contains(&cell) {
                 return None;
             }

@@ -31,9 +31,13 @@ impl Labels {
         within: Option<[[f64; 3]; 2]>,
     ) -> Labels {
         let interactions: BTreeMap<_, _> = interactions.iter().copied().collect();
-        let region = |value: i64| i32::try_from(value).ok().filter(|it| interactions.contains_key(it));
+        let region = |value: i64| {
+            i32::try_from(value)
+                .ok()
+                .filter(|region| interactions.contains_key(region))
+        };
         let regions = volume.labels().iter().enumerate();
-        let regions = regions.map(|(at, label)| region(label.value).filter(|_| at > 0));
+        let regions = regions.map(|(index, label)| region(label.value).filter(|_| index > 0));
         Labels {
             regions: regions.collect(),
             volume: volume.clone(),
@@ -69,16 +73,16 @@ pub(super) fn unmeshed(scene: &Scene, path: &Trajectory, meshed: &dyn Anatomy, r
     let mut passed: BTreeMap<u8, f64> = BTreeMap::new();
     let mut begins_outside = false;
     for pair in path.keys().windows(2) {
-        let [from, to] = [&pair[0], &pair[1]].map(|key| key.pose.position_mm());
-        let steps = ((to - from).norm() / STEP_MM).ceil();
-        for at in 0..steps as usize {
-            let point = from + (to - from) * ((at as f64 + 0.5) / steps);
+        let [start, end] = [&pair[0], &pair[1]].map(|key| key.pose.position_mm());
+        let steps = ((end - start).norm() / STEP_MM).ceil();
+        for step in 0..steps as usize {
+            let point = start + (end - start) * ((step as f64 + 0.5) / steps);
             if meshed.region(&point).is_some() {
                 continue;
             }
             begins_outside |= passed.is_empty();
             if let Some(label) = body.label_at(&point) {
-                *passed.entry(label).or_default() += (to - from).norm() / steps;
+                *passed.entry(label).or_default() += (end - start).norm() / steps;
             }
         }
     }
@@ -107,7 +111,7 @@ mod tests {
     /// Body (1) below an oblique surface of 2 mm voxels, a skin (2) of one voxel on it, gel (3) above.
     fn labels(within: Option<[[f64; 3]; 2]>) -> Labels {
         let size = [20, 20, 20];
-        let voxels = (0..8000).map(|at| match (at / 400) as f64 - 0.5 * (at % 20) as f64 {
+        let voxels = (0..8000).map(|voxel| match (voxel / 400) as f64 - 0.5 * (voxel % 20) as f64 {
             ..4.0 => 3,
             ..5.0 => 2,
             _ => 1,
@@ -130,17 +134,17 @@ mod tests {
         let labels = labels(None);
         let begins = |x: f64| {
             (0..400)
-                .map(|at| 0.1 * f64::from(at))
+                .map(|step| 0.1 * f64::from(step))
                 .find(|z| labels.region(&Point3::new(x, 20.0, *z)).is_some())
         };
-        for at in 20..80 {
-            let x = 0.25 * f64::from(at);
-            let [found, next] = [begins(x), begins(x + 0.25)].map(Option::unwrap);
-            assert!((next - found).abs() < 0.45, "{x}: {found} {next}");
+        for step in 20..80 {
+            let x = 0.25 * f64::from(step);
+            let [begin, next] = [begins(x), begins(x + 0.25)].map(Option::unwrap);
+            assert!((next - begin).abs() < 0.45, "{x}: {begin} {next}");
             // Voxels of skin have their centres where z is from 8 + x / 2 to 10 + x / 2 mm.
-            assert!((found - 8.0 - 0.5 * x).abs() < 1.1, "{x}: {found}");
+            assert!((begin - 8.0 - 0.5 * x).abs() < 1.1, "{x}: {begin}");
             let skin = (0..400)
-                .map(|at| 0.1 * f64::from(at))
+                .map(|step| 0.1 * f64::from(step))
                 .filter(|z| labels.region(&Point3::new(x, 20.0, *z)) == Some(12));
             assert!(
                 (0.8..3.2).contains(&(0.1 * skin.count() as f64)),

@@ -118,21 +118,21 @@ impl GuideMotion {
     /// [`TrackingError`] for poses beyond the range of positions.
     pub(crate) fn tip(&self, probe: &Trajectory) -> Result<Trajectory, TrackingError> {
         let every = self.driven.len().div_ceil(MAX_POSES);
-        let last = self.driven.len() - 1;
+        let last_index = self.driven.len() - 1;
         let shown = self
             .driven
             .iter()
             .enumerate()
-            .filter(|(at, _)| at % every == 0 || *at == last);
+            .filter(|(index, _)| index % every == 0 || *index == last_index);
         let poses: Result<Vec<(f64, Pose)>, TrackingError> = shown
-            .map(|(_, at)| Ok((at.time_s, self.guide.needle(&at.posture).pose()?)))
+            .map(|(_, driven)| Ok((driven.time_s, self.guide.needle(&driven.posture).pose()?)))
             .collect();
         Trajectory::from_keys(poses?, Interpolation::Linear)?.carried(probe)
     }
 
     /// Distance of the tip from where it is commanded to be, mm.
-    pub fn off_mm(&self, at: &Driven) -> f64 {
-        let [a, b] = [at.command, at.posture].map(|posture| self.guide.needle(&posture).tip_mm);
+    pub fn off_mm(&self, driven: &Driven) -> f64 {
+        let [a, b] = [driven.command, driven.posture].map(|posture| self.guide.needle(&posture).tip_mm);
         (a[0] - b[0]).hypot(a[1] - b[1])
     }
 }
@@ -242,9 +242,9 @@ impl ScenarioFile {
             })?;
         }
         self.in_ranges("manipulator.sensor", &spec.sensor)?;
-        for (at, key) in spec.keyframes.iter().enumerate() {
-            let path = format!("manipulator.keyframes[{at}]");
-            let after = at
+        for (index, key) in spec.keyframes.iter().enumerate() {
+            let path = format!("manipulator.keyframes[{index}]");
+            let after = index
                 .checked_sub(1)
                 .map_or(f64::NEG_INFINITY, |before| spec.keyframes[before].time_s);
             let range = |x: f64| x > after && x.abs() <= 1e9;
@@ -283,7 +283,7 @@ impl ScenarioFile {
             return Ok(None);
         };
         self.check_guide(spec)?;
-        let one = |key: &PostureKey| {
+        let keyframe = |key: &PostureKey| {
             let needle = spec.guide.needle(&key.posture());
             let (sin, cos) = needle.angle_deg.to_radians().sin_cos();
             NeedleKeyframe {
@@ -293,14 +293,17 @@ impl ScenarioFile {
                 roll_deg: None,
             }
         };
-        Ok(Some(spec.keyframes.iter().map(one).collect()))
+        Ok(Some(spec.keyframes.iter().map(keyframe).collect()))
     }
 }
 
 /// Posture at a time, linear between keyframes.
 fn between(keys: &[PostureKey], time_s: f64) -> Posture {
     let after = keys.partition_point(|key| key.time_s <= time_s);
-    let (Some(a), Some(b)) = (after.checked_sub(1).and_then(|at| keys.get(at)), keys.get(after)) else {
+    let (Some(a), Some(b)) = (
+        after.checked_sub(1).and_then(|before| keys.get(before)),
+        keys.get(after),
+    ) else {
         return keys[after.min(keys.len() - 1)].posture();
     };
     a.posture()

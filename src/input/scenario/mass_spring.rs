@@ -28,7 +28,7 @@ impl ScenarioFile {
         let properties = regions.properties(&present)?;
         let interactions: Vec<_> = properties
             .iter()
-            .map(|(region, of)| (*region, of.interaction))
+            .map(|(region, properties)| (*region, properties.interaction))
             .collect();
         let labels = Labels::new(regions.volume(), &interactions, None);
         Ok(ResolvedTissue {

@@ -147,8 +147,8 @@ impl ScenarioFile {
     /// Numbers of the labels excluded from the mesh.
     pub(crate) fn outside(&self, regions: &Regions<'_>) -> Result<Vec<i32>, InputError> {
         let mut outside = Vec::new();
-        for (at, name) in self.tissue.outside.iter().enumerate() {
-            outside.extend(regions.numbers(&format!("tissue.outside[{at}]"), name)?);
+        for (index, name) in self.tissue.outside.iter().enumerate() {
+            outside.extend(regions.numbers(&format!("tissue.outside[{index}]"), name)?);
         }
         Ok(outside)
     }
@@ -159,8 +159,12 @@ impl ScenarioFile {
             ordered("tissue.box_mm", corners).map_err(|error: SelectionError| self.fault(error.0, error.1))?;
         let [nx, ny, _] = volume.size();
         let to_world = volume.index_to_world();
-        let inside = |at: usize| {
-            let index = Point3::new((at % nx) as f64, (at / nx % ny) as f64, (at / (nx * ny)) as f64);
+        let is_inside = |voxel: usize| {
+            let index = Point3::new(
+                (voxel % nx) as f64,
+                (voxel / nx % ny) as f64,
+                (voxel / (nx * ny)) as f64,
+            );
             let world = to_world.transform_point(&index);
             (0..3).all(|axis| low[axis] <= world[axis] && world[axis] <= high[axis])
         };
@@ -168,7 +172,7 @@ impl ScenarioFile {
             .voxels()
             .iter()
             .enumerate()
-            .map(|(at, &label)| if label > 0 && inside(at) { label } else { 0 })
+            .map(|(voxel, &label)| if label > 0 && is_inside(voxel) { label } else { 0 })
             .collect();
         if labels.iter().all(|label| *label == 0) {
             let expected = "a box that holds labelled tissue (LPS, mm)";
@@ -187,7 +191,7 @@ impl ScenarioFile {
         warnings: &mut Vec<String>,
     ) -> Result<Vec<(u32, u8)>, InputError> {
         let mut fixed = vec![[false; 3]; mesh.nodes().len()];
-        let rigid = |region: &i32| properties.get(region).is_some_and(|of| of.rigid);
+        let rigid = |region: &i32| properties.get(region).is_some_and(|material| material.rigid);
         let elements = mesh.elements().iter().zip(mesh.regions());
         for node in elements
             .filter(|(_, region)| rigid(region))
@@ -210,15 +214,15 @@ impl ScenarioFile {
             ));
             cut_nodes.into_iter().for_each(|node| fixed[node as usize] = [true; 3]);
         }
-        for (at, spec) in self.tissue.fix.iter().enumerate() {
-            let table = format!("tissue.fix[{at}]");
+        for (index, spec) in self.tissue.fix.iter().enumerate() {
+            let table = format!("tissue.fix[{index}]");
             let fault = |error: SelectionError| self.fault(error.0, error.1);
-            let along = axes(&table, spec.axes.as_deref().unwrap_or("xyz")).map_err(fault)?;
+            let fixed_axes = axes(&table, spec.axes.as_deref().unwrap_or("xyz")).map_err(fault)?;
             let numbers = |key: &str, name: &RegionName| names.numbers(key, name);
             let Selected { nodes, .. } = spec.selection().select(&table, mesh, numbers, fault)?;
             notes.push(format!("{table} fixes {} nodes", nodes.len()));
             for node in nodes {
-                along
+                fixed_axes
                     .iter()
                     .for_each(|axis| fixed[node as usize][*axis as usize] = true);
             }
@@ -237,11 +241,11 @@ impl ScenarioFile {
         warnings: &mut Vec<String>,
     ) -> Result<(), InputError> {
         // A mesh that was read is the user's, down to its last part.
-        let most = SMALL_PART * mesh.nodes().len() as f64;
+        let max_nodes = SMALL_PART * mesh.nodes().len() as f64;
         let free = match rigid::check(mesh, &Dofs::new(mesh.nodes().len(), list(fixed))) {
             Ok(()) => return Ok(()),
             Err(LinearError::FreeParts { parts, .. })
-                if self.tissue.mesh.is_none() && parts.iter().all(|part| (part.nodes as f64) <= most) =>
+                if self.tissue.mesh.is_none() && parts.iter().all(|part| (part.nodes as f64) <= max_nodes) =>
             {
                 parts
             }
@@ -289,9 +293,9 @@ fn together(mesh: &TetMesh, part: &FreePart) -> BTreeSet<u32> {
         seen[start] = true;
         while let Some(element) = next.pop() {
             nodes.extend(mesh.elements()[element]);
-            for &other in mesh.neighbours()[element].iter().filter(|other| **other != NO_ELEMENT) {
-                if !std::mem::replace(&mut seen[other as usize], true) {
-                    next.push(other as usize);
+            for &neighbour in mesh.neighbours()[element].iter().filter(|other| **other != NO_ELEMENT) {
+                if !std::mem::replace(&mut seen[neighbour as usize], true) {
+                    next.push(neighbour as usize);
                 }
             }
         }

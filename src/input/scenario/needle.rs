@@ -100,8 +100,12 @@ impl ScenarioFile {
             ("needle.target", table.target.is_some()),
             ("manipulator.keyframes", self.is_guided()),
         ];
-        let given: Vec<&str> = movers.iter().filter(|(_, given)| *given).map(|(key, _)| *key).collect();
-        let motion_key = match given[..] {
+        let given_keys: Vec<&str> = movers
+            .iter()
+            .filter(|(_, is_given)| *is_given)
+            .map(|(key, _)| *key)
+            .collect();
+        let motion_key = match given_keys[..] {
             [] => {
                 let expected = "`target`, `[[needle.motion.keyframes]]`, `needle.motion.csv`, `needle.motion.sequence` or \
                                 `[[plan.needle]]`";
@@ -177,9 +181,9 @@ impl ScenarioFile {
     }
 
     fn commanded(&self, times: &[f64]) -> Result<Vec<Deposit>, InputError> {
-        for (at, time) in times.iter().enumerate() {
-            let after = at.checked_sub(1).map_or(f64::NEG_INFINITY, |before| times[before]);
-            let key = format!("needle.deposit_s[{at}]");
+        for (index, time) in times.iter().enumerate() {
+            let after = index.checked_sub(1).map_or(f64::NEG_INFINITY, |before| times[before]);
+            let key = format!("needle.deposit_s[{index}]");
             self.number(key, *time, |time| time > after, "a time in s after the one before")?;
         }
         Ok(times

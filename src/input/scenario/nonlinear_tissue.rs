@@ -168,13 +168,13 @@ impl ScenarioFile {
             self.wrong_keys(key, found, expected)
         };
         for pair in insertion.path.keys().windows(2) {
-            let [(from, before), (to, direction)] = [&pair[0], &pair[1]].map(place);
-            let segment = to - from;
+            let [(start, before), (end, direction)] = [&pair[0], &pair[1]].map(place);
+            let segment = end - start;
             // A turn about the tip leaves the tip in place, and sweeps the other end along this chord.
             let turned = needle.length_mm * (*before - *direction).norm();
             let sideways = segment.cross(&direction).norm().max(turned);
             let inside = |tip: &Point3<f64>, along: &Unit<Vector3<f64>>| in_body(&body, tip, along, needle.length_mm);
-            if sideways > SIDEWAYS_MM && (inside(&from, &before) || inside(&to, &direction)) {
+            if sideways > SIDEWAYS_MM && (inside(&start, &before) || inside(&end, &direction)) {
                 let found = format!(
                     "a needle in tissue that is moved {sideways:.2} mm sideways, at {} s",
                     pair[1].time_s
@@ -183,8 +183,8 @@ impl ScenarioFile {
                     "motion along the needle's axis until it is out: this model does not support lateral motion";
                 return Err(blame(&pair[1], found, expected));
             }
-            let met = obstacle(anatomy, &from, &direction, segment.dot(&direction));
-            if let Some(at_mm) = met.filter(|_| sideways <= SIDEWAYS_MM) {
+            let obstacle_mm = obstacle(anatomy, &start, &direction, segment.dot(&direction));
+            if let Some(at_mm) = obstacle_mm.filter(|_| sideways <= SIDEWAYS_MM) {
                 let found = format!(
                     "a needle that meets bone {at_mm:.1} mm on its way, by {} s",
                     pair[1].time_s

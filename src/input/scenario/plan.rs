@@ -134,8 +134,8 @@ impl ScenarioFile {
     /// Targets of the plan.
     pub(crate) fn targets(&self) -> Result<Vec<Target>, InputError> {
         let specs = self.plan.iter().flat_map(|plan| &plan.target);
-        let one = |(at, spec): (usize, &TargetSpec)| {
-            let table = format!("plan.target[{at}]");
+        let target = |(index, spec): (usize, &TargetSpec)| {
+            let table = format!("plan.target[{index}]");
             self.in_ranges(&table, spec)?;
             Ok(Target {
                 name: spec.name.clone(),
@@ -143,7 +143,7 @@ impl ScenarioFile {
                 radius_mm: spec.radius_mm,
             })
         };
-        specs.enumerate().map(one).collect()
+        specs.enumerate().map(target).collect()
     }
 
     /// Planned insertions of a needle of the given length (mm), if there are any.
@@ -163,9 +163,9 @@ impl ScenarioFile {
             ));
         };
         let mut insertions = Insertions::default();
-        for (at, needle) in plan.needle.iter().enumerate() {
+        for (index, needle) in plan.needle.iter().enumerate() {
             let usual = [length_mm, speed_mm_s, pause_s];
-            self.insertion(&template, (at, needle), usual, &mut now_s, &mut insertions)?;
+            self.insertion(&template, (index, needle), usual, &mut now_s, &mut insertions)?;
         }
         Ok(Some(insertions))
     }
@@ -226,8 +226,8 @@ impl ScenarioFile {
         }
         *now_s = back_s + travel_s + pause_s;
         let mut seeds = Vec::with_capacity(needle.seeds_mm.len());
-        for (place, seed) in needle.seeds_mm.iter().enumerate() {
-            let key = key(&format!("seeds_mm[{place}]"));
+        for (index, seed) in needle.seeds_mm.iter().enumerate() {
+            let key = key(&format!("seeds_mm[{index}]"));
             seeds.push(self.number(key, *seed, |x| (0.0..=depth).contains(&x), "0 to `depth_mm`")?);
         }
         // On the way back the deepest comes first.
@@ -258,7 +258,7 @@ impl ScenarioFile {
         let normal = Unit::new_normalize(x.cross(&y));
         let direction = match spec.direction {
             None => normal,
-            Some(given) => self.direction(&key("direction"), given)?,
+            Some(direction) => self.direction(&key("direction"), direction)?,
         };
         // Parallel or opposite: the cross product points out of the body where rows are counted the other
         // way.
@@ -268,13 +268,14 @@ impl ScenarioFile {
         }
         self.in_ranges("plan.template", spec)?;
         let spacing = spec.spacing_mm.unwrap_or(DEFAULT_SPACING_MM);
-        for (which, names) in [("columns", &spec.names.columns), ("rows", &spec.names.rows)] {
-            let odd = (0..names.len()).find(|at| names[*at].is_empty() || names[..*at].contains(&names[*at]));
-            let key = key(&format!("names.{which}"));
+        for (list, names) in [("columns", &spec.names.columns), ("rows", &spec.names.rows)] {
+            let odd =
+                (0..names.len()).find(|index| names[*index].is_empty() || names[..*index].contains(&names[*index]));
+            let key = key(&format!("names.{list}"));
             match odd {
                 _ if names.is_empty() => return Err(self.wrong_keys(key, "no names", "at least one")),
-                Some(at) => {
-                    let found = format!("the name \"{}\"", names[at]);
+                Some(index) => {
+                    let found = format!("the name \"{}\"", names[index]);
                     return Err(self.wrong_keys(key, found, "names of one letter or more, each once"));
                 }
                 None => {}

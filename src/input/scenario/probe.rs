@@ -54,8 +54,8 @@ impl ScenarioFile {
         let in_probe = self.cylinder(spec)?;
         let within = spec.within_mm.unwrap_or(WITHIN_MM);
         let thinning = spec.thinning.unwrap_or(1);
-        for (at, driven) in spec.driven_at_mm.iter().flatten().enumerate() {
-            let key = format!("contact_probe.driven_at_mm[{at}]");
+        for (index, driven) in spec.driven_at_mm.iter().flatten().enumerate() {
+            let key = format!("contact_probe.driven_at_mm[{index}]");
             self.number(key, *driven, |x| x.abs() <= 1000.0, "-1000 to 1000 mm")?;
         }
         if let Some([a, b]) = spec.driven_at_mm
@@ -76,12 +76,14 @@ impl ScenarioFile {
                 .inverse_transform_point(&(rigid(&key.pose) * in_probe).translation.vector.into())
                 .z
         });
-        let [last, first] = ends.fold([0.0f64, 0.0f64], |[last, first], z| [last.min(z), first.max(z)]);
-        let reach = [last - spec.length_mm, first];
+        let [deepest, outermost] = ends.fold([0.0f64, 0.0f64], |[deepest, outermost], z| {
+            [deepest.min(z), outermost.max(z)]
+        });
+        let reach = [deepest - spec.length_mm, outermost];
         let touches = |node: u32| {
-            let place = nominal.inverse_transform_point(&Point3::from(mesh.nodes()[node as usize]));
-            let off = place.x.hypot(place.y) - spec.radius_mm;
-            off.abs() <= within && (reach[0]..=reach[1]).contains(&place.z)
+            let local = nominal.inverse_transform_point(&Point3::from(mesh.nodes()[node as usize]));
+            let gap = local.x.hypot(local.y) - spec.radius_mm;
+            gap.abs() <= within && (reach[0]..=reach[1]).contains(&local.z)
         };
         let is_fixed = |node: u32| (0..3).any(|axis| fixed.binary_search(&(node, axis)).is_ok());
         let candidates: Vec<u32> = surface(mesh, numbers.as_deref())
@@ -123,8 +125,8 @@ impl ScenarioFile {
 
 /// Nodes on the surface of a mesh, ascending; optionally of some regions only.
 fn surface(mesh: &TetMesh, regions: Option<&[i32]>) -> Vec<u32> {
-    let of = |face: &Face| regions.is_none_or(|regions| regions.contains(&face.region));
-    let mut nodes: Vec<u32> = mesh.surface().filter(of).flat_map(|face| face.nodes).collect();
+    let is_chosen = |face: &Face| regions.is_none_or(|regions| regions.contains(&face.region));
+    let mut nodes: Vec<u32> = mesh.surface().filter(is_chosen).flat_map(|face| face.nodes).collect();
     nodes.sort_unstable();
     nodes.dedup();
     nodes

@@ -55,8 +55,8 @@ impl<'a> Regions<'a> {
     /// Label index whose value is the number of a region.
     fn label(&self, region: i32) -> Option<u8> {
         let labels = self.scene.anatomy.volume.labels();
-        let at = labels.iter().position(|label| label.value == i64::from(region))?;
-        u8::try_from(at).ok()
+        let index = labels.iter().position(|label| label.value == i64::from(region))?;
+        u8::try_from(index).ok()
     }
 
     fn tissue(&self, region: i32) -> Option<&Tissue> {
@@ -87,8 +87,8 @@ impl<'a> Regions<'a> {
     /// Properties of each of `regions`.
     pub(crate) fn properties(&self, regions: &[i32]) -> Result<BTreeMap<i32, Region>, InputError> {
         let specs = &self.file.tissue.material;
-        for (at, spec) in specs.iter().enumerate() {
-            self.check(&format!("tissue.material[{at}]"), spec)?;
+        for (index, spec) in specs.iter().enumerate() {
+            self.check(&format!("tissue.material[{index}]"), spec)?;
         }
         let tables = TableOfRegion::new(
             "tissue.material",
@@ -97,8 +97,8 @@ impl<'a> Regions<'a> {
             |region| format!("region {region} ({})", self.name(region)),
             |key, found, expected| self.file.wrong_keys(key, found, expected),
         )?;
-        let one = |&region: &i32| Ok((region, self.region(region, tables.of(region))?));
-        regions.iter().map(one).collect()
+        let properties = |&region: &i32| Ok((region, self.region(region, tables.of(region))?));
+        regions.iter().map(properties).collect()
     }
 
     /// Checks the values of a material table, independent of its region.
@@ -118,13 +118,15 @@ impl<'a> Regions<'a> {
     }
 
     /// Properties of a region by the table at an index, if it has one, and by its tissue.
-    fn region(&self, region: i32, at: Option<usize>) -> Result<Region, InputError> {
+    fn region(&self, region: i32, index: Option<usize>) -> Result<Region, InputError> {
         let unstated = MaterialSpec::default();
-        let spec = at.map_or(&unstated, |at| &self.file.tissue.material[at]);
-        let table = at.map_or("tissue.material".to_owned(), |at| format!("tissue.material[{at}]"));
+        let spec = index.map_or(&unstated, |index| &self.file.tissue.material[index]);
+        let table = index.map_or("tissue.material".to_owned(), |index| {
+            format!("tissue.material[{index}]")
+        });
         let tissue = self.tissue(region);
-        let number = |given: Option<f64>, of: fn(&Tissue) -> f64, key: &str| {
-            given.or(tissue.map(of)).ok_or_else(|| {
+        let number = |given: Option<f64>, usual: fn(&Tissue) -> f64, key: &str| {
+            given.or(tissue.map(usual)).ok_or_else(|| {
                 let found = format!("no `{key}` for region {region}, which is no label of the scene");
                 self.file
                     .wrong_keys(&table, found, "a `[[tissue.material]]` that states it")

@@ -156,8 +156,8 @@ impl ScenarioFile {
             None
         };
         let mut points: Vec<Reported> = Vec::new();
-        for (at, spec) in self.report.iter().enumerate() {
-            let table = format!("report[{at}]");
+        for (index, spec) in self.report.iter().enumerate() {
+            let table = format!("report[{index}]");
             let is_plain = |c: char| c.is_ascii_alphanumeric() || "_-".contains(c);
             if spec.name.is_empty() || !spec.name.chars().all(is_plain) {
                 let found = format!("\"{}\"", spec.name);
@@ -179,8 +179,8 @@ impl ScenarioFile {
                     let unknown = || self.fault(format!("{table}.node"), InvalidFile::node(found, nodes.len()));
                     (*node.ok_or_else(unknown)?).into()
                 }
-                (given, _, _) => {
-                    let found = given.map_or("neither `at_mm` nor `node`", |_| "both `at_mm` and `node`");
+                (at_mm, _, _) => {
+                    let found = at_mm.map_or("neither `at_mm` nor `node`", |_| "both `at_mm` and `node`");
                     return Err(self.wrong_keys(table, found, "one of them"));
                 }
             };

@@ -141,8 +141,8 @@ impl Scenario {
     /// Box of the meshed part of the volume, mm, if the file or the aim of the needle restricts it.
     pub fn meshed_mm(&self) -> Option<[[f64; 3]; 2]> {
         let corners = self.file.tissue.box_mm?;
-        let of = |pick: fn(f64, f64) -> f64| [0, 1, 2].map(|axis| pick(corners[0][axis], corners[1][axis]));
-        Some([of(f64::min), of(f64::max)])
+        let corner = |pick: fn(f64, f64) -> f64| [0, 1, 2].map(|axis| pick(corners[0][axis], corners[1][axis]));
+        Some([corner(f64::min), corner(f64::max)])
     }
 
     /// Whether elements are finer along the needle's path, as the file states it.
@@ -175,16 +175,16 @@ impl Scenario {
     /// The reason if the recording has no step, or steps of another length than the scenario's.
     pub fn replaying(mut self, recording: Recording) -> Result<Self, String> {
         let dt_s = self.timing.dt_s;
-        let other = recording
+        let different = recording
             .inputs
             .iter()
             .position(|input| (input.dt_s - dt_s).abs() > REACHED * dt_s);
-        match other {
+        match different {
             _ if recording.inputs.is_empty() => return Err("no step; expected at least one".to_owned()),
-            Some(at) => {
-                let found = recording.inputs[at].dt_s;
+            Some(step) => {
+                let dt_of_step = recording.inputs[step].dt_s;
                 return Err(format!(
-                    "step {at} of {found} s; expected {dt_s} s, as the scenario's `run.dt_s`"
+                    "step {step} of {dt_of_step} s; expected {dt_s} s, as the scenario's `run.dt_s`"
                 ));
             }
             None => {}
@@ -215,8 +215,8 @@ impl Scenario {
     pub fn is_skin(&self, region: i32) -> bool {
         let anatomy = &self.scene.anatomy;
         let labels = anatomy.volume.labels().iter();
-        let at = labels.clone().position(|label| label.value == i64::from(region));
-        let tissue = at.map(|at| anatomy.tissues.of(at as u8).name.as_ref());
+        let label_index = labels.clone().position(|label| label.value == i64::from(region));
+        let tissue = label_index.map(|label_index| anatomy.tissues.of(label_index as u8).name.as_ref());
         tissue == Some("skin") || self.region_name(region) == "skin"
     }
 
@@ -297,13 +297,13 @@ impl ScenarioFile {
 
     /// Checks that each seed is deposited within the run, in a step of its own.
     fn check_deposits(&self, deposits: &[Deposit], timing: &Timing) -> Result<(), InputError> {
-        if let Some(at) = deposits.iter().position(|of| !self.during(timing, of.time_s)) {
+        if let Some(index) = deposits.iter().position(|deposit| !self.during(timing, deposit.time_s)) {
             let key = if self.needle_table()?.deposit_s.is_empty() {
                 "plan.needle"
             } else {
                 "needle.deposit_s"
             };
-            let found = format!("a seed at {} s", deposits[at].time_s);
+            let found = format!("a seed at {} s", deposits[index].time_s);
             return Err(self.wrong_keys(
                 key,
                 found,

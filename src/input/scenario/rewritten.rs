@@ -98,6 +98,6 @@ impl ScenarioText {
     }
 }
 
-fn value(of: &impl serde::Serialize) -> Result<Value, String> {
-    Value::try_from(of).map_err(|error| error.to_string())
+fn value(part: &impl serde::Serialize) -> Result<Value, String> {
+    Value::try_from(part).map_err(|error| error.to_string())
 }

@@ -56,15 +56,15 @@ impl ScenarioFile {
             }
         };
         let moving = [("needle", file.needle.is_some()), ("deform", file.deform.is_some())];
-        if let Some((key, _)) = moving.iter().find(|(_, given)| *given) {
-            let at = if is_inline {
+        if let Some((key, _)) = moving.iter().find(|(_, is_given)| *is_given) {
+            let place = if is_inline {
                 format!("scene.{key}")
             } else {
                 "scene".to_owned()
             };
             let found = format!("a scene with `{key}` of its own");
             return Err(self.wrong_keys(
-                at,
+                place,
                 found,
                 "a scene without: the scenario moves the needle and the tissue",
             ));

@@ -129,9 +129,9 @@ impl Scenario {
             .iter()
             .position(|fix| fix.surface || fix.nodes.is_some())
         {
-            Some(at) => {
+            Some(index) => {
                 let found = "`nodes` or `surface`, which name no places in a section";
-                wrong(&format!("tissue.fix[{at}]"), found, "`box_mm` or `region`")
+                wrong(&format!("tissue.fix[{index}]"), found, "`box_mm` or `region`")
             }
             None => Ok(()),
         }
@@ -154,10 +154,10 @@ impl Outline {
     fn triangles(&self, scenario: &Scenario) -> Triangles {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for node in scenario.mesh.nodes() {
-            let from = Point3::from(*node) - self.origin;
+            let offset = Point3::from(*node) - self.origin;
             for axis in 0..2 {
-                let at = from.dot(&self.axes[axis]);
-                (low[axis], high[axis]) = (low[axis].min(at), high[axis].max(at));
+                let coordinate = offset.dot(&self.axes[axis]);
+                (low[axis], high[axis]) = (low[axis].min(coordinate), high[axis].max(coordinate));
             }
         }
         // The surface of a mesh may lie within that of the labels.
@@ -167,20 +167,24 @@ impl Outline {
         let grid_mm = (sides[0].max(sides[1]) / SAMPLES).max(MIN_MM);
         // Twice the area of an equilateral triangle is sqrt(3)/2 of its squared edge.
         let edge_mm = (sides[0] * sides[1] / TRIANGLES * 4.0 / 3f64.sqrt()).sqrt();
-        let region = |at: [f64; 2]| scenario.anatomy.region(&self.world(at, 0.0));
+        let region = |position: [f64; 2]| scenario.anatomy.region(&self.world(position, 0.0));
         triangulate(region, corners, grid_mm, edge_mm)
     }
 
     /// The section as a slab of tetrahedra: three for each triangle, the nodes of one face before those of the other.
     fn slab(&self, flat: &Triangles) -> Result<TetMesh, insonify_mesh::InvalidMesh> {
         let count = flat.nodes.len() as u32;
-        let face = |aside: f64| flat.nodes.iter().map(move |at| self.world(*at, aside).into());
+        let face = |aside: f64| {
+            flat.nodes
+                .iter()
+                .map(move |position| self.world(*position, aside).into())
+        };
         let nodes = face(-HALF_MM).chain(face(HALF_MM)).collect();
         let mut elements = Vec::with_capacity(3 * flat.triangles.len());
         for corners in &flat.triangles {
             // Diagonals of the side faces start at the lower number, so that neighbours agree.
             let mut order = *corners;
-            let least = (0..3).min_by_key(|at| corners[*at]).unwrap_or(0);
+            let least = (0..3).min_by_key(|corner| corners[*corner]).unwrap_or(0);
             order.rotate_left(least);
             let ([a, b, c], [d, e, f]) = (order, order.map(|node| node + count));
             elements.extend(if b < c {
@@ -202,8 +206,8 @@ impl Outline {
         }
         let axes = |(node, is_fixed): (usize, [bool; 3])| {
             let holds =
-                move |along: &usize| (0..3).all(|axis| is_fixed[axis] || self.axes[*along][axis].abs() < SQUARE);
-            (0..2).filter(holds).map(move |along| (node as u32, along as u8))
+                move |in_plane: &usize| (0..3).all(|axis| is_fixed[axis] || self.axes[*in_plane][axis].abs() < SQUARE);
+            (0..2).filter(holds).map(move |axis| (node as u32, axis as u8))
         };
         is_fixed.into_iter().enumerate().flat_map(axes).collect()
     }
@@ -227,13 +231,13 @@ mod tests {
         let TissueSetup::Plane(PlaneSection { tissue, plane }) = &section.tissue else {
             panic!("a section");
         };
-        let area = |of: i32| -> f64 {
+        let area = |label: i32| -> f64 {
             let parts = plane
                 .sheet
                 .elements()
                 .iter()
                 .zip(section.mesh.regions().iter().step_by(3));
-            let parts = parts.filter(|(_, region)| **region == of);
+            let parts = parts.filter(|(_, region)| **region == label);
             parts
                 .map(|(corners, _)| {
                     let [a, b, c] = corners.map(|node| plane.sheet.nodes()[node as usize]);
@@ -246,21 +250,22 @@ mod tests {
         let mut counted = [0.0; 3];
         for j in 0..580 {
             for i in 0..760 {
-                let at = nalgebra::Point3::new(-42.0 + (f64::from(i) + 0.5) * step, (f64::from(j) + 0.5) * step, 0.0);
-                counted[usize::from(volume.label_index_at(&at).unwrap())] += step * step;
+                let point =
+                    nalgebra::Point3::new(-42.0 + (f64::from(i) + 0.5) * step, (f64::from(j) + 0.5) * step, 0.0);
+                counted[usize::from(volume.label_index_at(&point).unwrap())] += step * step;
             }
         }
         for label in [1, 2] {
-            let found = area(label);
+            let area_mm2 = area(label);
             assert!(
-                (found / counted[label as usize] - 1.0).abs() < 0.01,
-                "{label}: {found} {counted:?}"
+                (area_mm2 / counted[label as usize] - 1.0).abs() < 0.01,
+                "{label}: {area_mm2} {counted:?}"
             );
         }
         // Held: the back and both sides, but not the capsule.
-        let held = |at: [f64; 3]| {
+        let is_fixed = |position: [f64; 3]| {
             let nodes = section.mesh.nodes()[..plane.sheet.nodes().len()].iter().enumerate();
-            let away = |node: &[f64; 3]| (node[0] - at[0]).hypot(node[1] - at[1]);
+            let away = |node: &[f64; 3]| (node[0] - position[0]).hypot(node[1] - position[1]);
             let nearest = nodes.min_by(|a, b| away(a.1).total_cmp(&away(b.1))).unwrap().0;
             tissue
                 .fixed
@@ -269,10 +274,10 @@ mod tests {
                 .count()
         };
         assert_eq!(
-            [[0.0, 58.0, 0.0], [-42.0, 20.0, 0.0], [34.0, 20.0, 0.0]].map(held),
+            [[0.0, 58.0, 0.0], [-42.0, 20.0, 0.0], [34.0, 20.0, 0.0]].map(is_fixed),
             [2; 3]
         );
-        assert_eq!(held([0.0, 0.0, 0.0]), 0);
+        assert_eq!(is_fixed([0.0, 0.0, 0.0]), 0);
         assert!((section.mesh.nodes().len()) / 2 == plane.sheet.nodes().len());
     }
 

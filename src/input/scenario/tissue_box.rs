@@ -16,24 +16,32 @@ pub(super) fn cut_nodes(
     is_tissue: impl Fn(u8) -> bool,
 ) -> Vec<u32> {
     let step = STEP * volume.spacing_mm().into_iter().fold(f64::INFINITY, f64::min);
-    let in_box = |at: &Point3<f64>| (0..3).all(|axis| (low[axis]..=high[axis]).contains(&at[axis]));
+    let in_box = |point: &Point3<f64>| (0..3).all(|axis| (low[axis]..=high[axis]).contains(&point[axis]));
     let goes_on = |face: &Face| {
         // Half an edge: the farthest that a coarse mesh may lie from the box.
         let steps = (0.5 * face.edge_mm / step).ceil().max(3.0) as usize;
-        let mut looks = (1..=steps).map(|at| face.middle + face.outwards * (at as f64 * step));
-        let is_tissue_beyond = looks.find_map(|at| match volume.label_index_at(&at) {
+        let mut looks = (1..=steps).map(|index| face.middle + face.outwards * (index as f64 * step));
+        let is_tissue_beyond = looks.find_map(|point| match volume.label_index_at(&point) {
             None => Some(true),
             Some(label) if !is_tissue(label) => Some(false),
-            Some(_) => (!in_box(&at)).then_some(true),
+            Some(_) => (!in_box(&point)).then_some(true),
         });
         is_tissue_beyond == Some(true)
     };
     let mut nodes = Vec::new();
     for (corners, neighbours) in mesh.elements().iter().zip(mesh.neighbours()) {
-        for (opposite, _) in neighbours.iter().enumerate().filter(|(_, other)| **other == NO_ELEMENT) {
+        for (opposite, _) in neighbours
+            .iter()
+            .enumerate()
+            .filter(|(_, neighbour)| **neighbour == NO_ELEMENT)
+        {
             let face = Face::new(mesh, corners, opposite);
             if goes_on(&face) {
-                nodes.extend((0..4).filter(|at| *at != opposite).map(|at| corners[at]));
+                nodes.extend(
+                    (0..4)
+                        .filter(|corner| *corner != opposite)
+                        .map(|corner| corners[corner]),
+                );
             }
         }
     }
@@ -51,11 +59,11 @@ struct Face {
 
 impl Face {
     fn new(mesh: &TetMesh, corners: &[u32; 4], opposite: usize) -> Self {
-        let at = |corner: usize| Point3::from(mesh.nodes()[corners[corner] as usize]);
-        let [a, b, c] = [1, 2, 3].map(|turn| at((opposite + turn) % 4));
+        let position = |corner: usize| Point3::from(mesh.nodes()[corners[corner] as usize]);
+        let [a, b, c] = [1, 2, 3].map(|turn| position((opposite + turn) % 4));
         let middle = Point3::from((a.coords + b.coords + c.coords) / 3.0);
         let normal = (b - a).cross(&(c - a)).normalize();
-        let away = normal.dot(&(middle - at(opposite))).signum();
+        let away = normal.dot(&(middle - position(opposite))).signum();
         Self {
             middle,
             outwards: normal * away,

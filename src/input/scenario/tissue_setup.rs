@@ -128,7 +128,7 @@ impl Scenario {
         let materials = &self.tissue.finite_element()?.materials;
         let mut elements = self.mesh.regions().iter().zip(materials);
         elements
-            .find(|(other, _)| **other == region)
+            .find(|(listed, _)| **listed == region)
             .map(|(_, material)| *material)
     }
 
@@ -137,8 +137,8 @@ impl Scenario {
         let TissueSetup::FiniteElement(elements) = &mut self.tissue else {
             return;
         };
-        for (other, of_element) in self.mesh.regions().iter().zip(&mut elements.materials) {
-            if *other == region {
+        for (of_region, of_element) in self.mesh.regions().iter().zip(&mut elements.materials) {
+            if *of_region == region {
                 *of_element = material;
             }
         }
@@ -168,16 +168,16 @@ pub(crate) struct ResolvedTissue {
 impl ResolvedTissue {
     /// Warns of interactions and contacts that have no effect, or a coarse one.
     pub(crate) fn warn(&self, warnings: &mut Vec<String>) {
-        for (region, of) in &self.interactions {
-            if of.puncture_n > 0.0 && of.puncture_n <= of.cutting_n {
+        for (region, interaction) in &self.interactions {
+            if interaction.puncture_n > 0.0 && interaction.puncture_n <= interaction.cutting_n {
                 warnings.push(format!(
                     "the surface of {} is not felt: its puncture_n ({} N) is not above its cutting_n ({} N); raise it or leave it out",
                     self
                         .region_names
                         .get(region)
                         .map_or_else(|| format!("region {region}"), String::clone),
-                    of.puncture_n,
-                    of.cutting_n
+                    interaction.puncture_n,
+                    interaction.cutting_n
                 ));
             }
         }
@@ -209,9 +209,9 @@ pub(crate) struct Deforming {
 
 impl Deforming {
     /// A property of each element.
-    pub(crate) fn of_elements<T>(&self, of: impl Fn(&Region) -> T) -> Vec<T> {
+    pub(crate) fn of_elements<T>(&self, property: impl Fn(&Region) -> T) -> Vec<T> {
         let regions = self.mesh.regions().iter();
-        regions.map(|region| of(&self.properties[region])).collect()
+        regions.map(|region| property(&self.properties[region])).collect()
     }
 
     pub(crate) fn modelled(self, setup: TissueSetup) -> ResolvedTissue {
@@ -235,8 +235,8 @@ impl ScenarioFile {
             return Err(self.wrong_keys("run.change", found, linear));
         }
         self.of_kind("tissue", spec, model)?;
-        for (at, material) in spec.material.iter().enumerate() {
-            self.of_kind(&format!("tissue.material[{at}]"), material, model)?;
+        for (index, material) in spec.material.iter().enumerate() {
+            self.of_kind(&format!("tissue.material[{index}]"), material, model)?;
         }
         if self.contact_probe.is_some() && !model.is_remeshed() {
             let tissue = if model.is_meshed() {
@@ -298,7 +298,7 @@ impl ScenarioFile {
         let properties = regions.properties(&present)?;
         let interactions: Vec<_> = properties
             .iter()
-            .map(|(region, of)| (*region, of.interaction))
+            .map(|(region, properties)| (*region, properties.interaction))
             .collect();
         let mesh = Arc::new(meshed.mesh);
         let anatomy: Arc<dyn Anatomy> = match self.tissue.mesh {

@@ -211,8 +211,8 @@ impl ProblemFile {
             ("history", self.history.is_some(), linear),
             ("viscosity", self.viscosity.is_some(), self.model != Model::Viscoelastic),
         ];
-        for (table, given, out_of_place) in tables {
-            if given && out_of_place {
+        for (table, is_given, out_of_place) in tables {
+            if is_given && out_of_place {
                 let found = format!("[{table}] beside `model = \"{}\"`", self.model.name());
                 let expected = if table == "viscosity" {
                     "`model = \"viscoelastic\"`"
@@ -231,12 +231,12 @@ impl ProblemFile {
         let course = self.course();
         self.check_times(&course)?;
         self.factors("history.factor", &course.factor, &course)?;
-        let factor_key = |table: &str, at: usize| format!("{table}[{at}].factor");
-        for (at, factor) in self.fix.iter().map(|fix| &fix.factor).enumerate() {
-            self.table_factors(factor_key("fix", at), factor.as_deref(), &course)?;
+        let factor_key = |table: &str, index: usize| format!("{table}[{index}].factor");
+        for (index, factor) in self.fix.iter().map(|fix| &fix.factor).enumerate() {
+            self.table_factors(factor_key("fix", index), factor.as_deref(), &course)?;
         }
-        for (at, factor) in self.load.iter().map(|load| &load.factor).enumerate() {
-            self.table_factors(factor_key("load", at), factor.as_deref(), &course)?;
+        for (index, factor) in self.load.iter().map(|load| &load.factor).enumerate() {
+            self.table_factors(factor_key("load", index), factor.as_deref(), &course)?;
         }
         Ok(())
     }
@@ -271,11 +271,16 @@ impl ProblemFile {
             let found = format!("{} times", times.len());
             return Err(self.wrong_keys("history.time_s", found, "two or more"));
         }
-        let right = |at: usize, time: f64| match at {
+        let is_valid = |index: usize, time: f64| match index {
             0 => time == 0.0,
-            _ => time.is_finite() && time > times[at - 1],
+            _ => time.is_finite() && time > times[index - 1],
         };
-        self.list("history.time_s", times, right, "0 first, then ascending finite times")?;
+        self.list(
+            "history.time_s",
+            times,
+            is_valid,
+            "0 first, then ascending finite times",
+        )?;
         let step = course.step_s;
         let expected = "a time above 0, for 100000 steps at most";
         let steps: f64 = times.windows(2).map(|pair| ((pair[1] - pair[0]) / step).ceil()).sum();
@@ -292,8 +297,12 @@ impl ProblemFile {
         right: impl Fn(usize, f64) -> bool,
         expected: &'static str,
     ) -> Result<(), InputError> {
-        match numbers.iter().enumerate().find(|(at, number)| !right(*at, **number)) {
-            Some((at, &found)) => Err(self.fault(format!("{key}[{at}]"), InvalidFile::number(found, expected))),
+        match numbers
+            .iter()
+            .enumerate()
+            .find(|(index, number)| !right(*index, **number))
+        {
+            Some((index, &found)) => Err(self.fault(format!("{key}[{index}]"), InvalidFile::number(found, expected))),
             None => Ok(()),
         }
     }

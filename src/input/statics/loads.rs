@@ -40,8 +40,8 @@ pub struct Loads {
 impl Loads {
     /// Total force of a table, N; without a table the weight.
     pub fn sum_n(&self, table: Option<usize>) -> [f64; 3] {
-        let of = self.forces.iter().filter(|applied| applied.table == table);
-        of.fold([0.0; 3], |sum, applied| {
+        let forces = self.forces.iter().filter(|applied| applied.table == table);
+        forces.fold([0.0; 3], |sum, applied| {
             std::array::from_fn(|axis| sum[axis] + applied.load.force_n[axis])
         })
     }
@@ -68,8 +68,8 @@ impl ProblemFile {
         materials: &BTreeMap<i32, RegionMaterial>,
     ) -> Result<Loads, InputError> {
         let mut loads = Loads::default();
-        for (at, spec) in self.load.iter().enumerate() {
-            let area = self.load(at, spec, mesh, regions, &mut loads)?;
+        for (index, spec) in self.load.iter().enumerate() {
+            let area = self.load(index, spec, mesh, regions, &mut loads)?;
             loads.area_mm2.push(area);
         }
         self.weight(mesh, materials, &mut loads)?;
@@ -78,13 +78,13 @@ impl ProblemFile {
 
     fn load(
         &self,
-        at: usize,
+        index: usize,
         spec: &LoadSpec,
         mesh: &TetMesh,
         regions: &Regions,
         loads: &mut Loads,
     ) -> Result<f64, InputError> {
-        let table = format!("load[{at}]");
+        let table = format!("load[{index}]");
         let selection = Selection {
             // Without numbers, what is spread acts on the surface.
             surface: spec.surface || spec.nodes.is_none() && spec.node_force_n.is_none(),
@@ -97,7 +97,7 @@ impl ProblemFile {
                 self.vector(&format!("{table}.node_force_n"), &force_n, STRONGEST, strongest)?;
                 let load = |node| Applied {
                     load: Load { node, force_n },
-                    table: Some(at),
+                    table: Some(index),
                 };
                 loads.forces.extend(nodes.into_iter().map(load));
                 Ok(0.0)
@@ -105,7 +105,7 @@ impl ProblemFile {
             (Some(total), None, None) => {
                 self.vector(&format!("{table}.total_force_n"), &total, STRONGEST, strongest)?;
                 let (faces, whole) = self.faces(&table, mesh, &nodes, regions.as_deref())?;
-                loads.spread(at, &faces, |_, area| total.map(|force| force * (area / whole)));
+                loads.spread(index, &faces, |_, area| total.map(|force| force * (area / whole)));
                 Ok(whole)
             }
             (None, Some(pressure), None) => {
@@ -113,20 +113,24 @@ impl ProblemFile {
                 self.within(&format!("{table}.pressure_kpa"), pressure, STRONGEST, expected)?;
                 let (faces, whole) = self.faces(&table, mesh, &nodes, regions.as_deref())?;
                 let inward = -pressure * NEWTON_PER_MM2;
-                loads.spread(at, &faces, |face, _| face.area_mm2.map(|area| inward * area));
+                loads.spread(index, &faces, |face, _| face.area_mm2.map(|area| inward * area));
                 Ok(whole)
             }
             _ => {
-                let given = [
+                let forces = [
                     ("`total_force_n`", spec.total_force_n.is_some()),
                     ("`pressure_kpa`", spec.pressure_kpa.is_some()),
                     ("`node_force_n`", spec.node_force_n.is_some()),
                 ];
-                let given: Vec<&str> = given.iter().filter(|(_, given)| *given).map(|(key, _)| *key).collect();
-                let found = if given.is_empty() {
+                let given_keys: Vec<&str> = forces
+                    .iter()
+                    .filter(|(_, is_given)| *is_given)
+                    .map(|(key, _)| *key)
+                    .collect();
+                let found = if given_keys.is_empty() {
                     "no force".to_owned()
                 } else {
-                    given.join(" and ")
+                    given_keys.join(" and ")
                 };
                 let expected = "one of `total_force_n`, `pressure_kpa` and `node_force_n`";
                 Err(self.wrong_keys(table, found, expected))

@@ -51,9 +51,9 @@ pub struct Regions(pub(crate) BTreeMap<i32, String>, Names<i32>);
 
 impl Regions {
     fn new(mesh: &TetMesh, names: BTreeMap<i32, String>) -> Self {
-        let mut all = mesh.regions().to_vec();
-        all.sort_unstable();
-        all.dedup();
+        let mut regions = mesh.regions().to_vec();
+        regions.sort_unstable();
+        regions.dedup();
         let name = |region: i32| {
             (
                 region,
@@ -61,7 +61,7 @@ impl Regions {
                 names.get(&region).cloned().into_iter().collect(),
             )
         };
-        let known = Names::new(all.into_iter().map(name));
+        let known = Names::new(regions.into_iter().map(name));
         Regions(names, known)
     }
 
@@ -159,15 +159,15 @@ impl ProblemFile {
         warnings: &mut Vec<String>,
     ) -> Result<(Vec<Fix>, Vec<usize>), InputError> {
         let (mut fixes, mut tables) = (Vec::new(), Vec::new());
-        for (at, spec) in self.fix.iter().enumerate() {
-            let table = format!("fix[{at}]");
+        for (index, spec) in self.fix.iter().enumerate() {
+            let table = format!("fix[{index}]");
             let axes = axes(&table, &spec.axes).map_err(|error| self.selection_fault(error))?;
             let key = format!("{table}.displacement_mm");
             self.vector(&key, &spec.displacement_mm, FARTHEST, "a finite number, -1e6 to 1e6 mm")?;
             for axis in (0..3u8).filter(|axis| !axes.contains(axis) && spec.displacement_mm[*axis as usize] != 0.0) {
-                let (axis, given) = (AXES[axis as usize], spec.displacement_mm[axis as usize]);
+                let (axis, displacement) = (AXES[axis as usize], spec.displacement_mm[axis as usize]);
                 warnings.push(format!(
-                    "{table}: displacement_mm gives {given} mm along {axis}, but `axes = \"{}\"` leaves {axis} free",
+                    "{table}: displacement_mm gives {displacement} mm along {axis}, but `axes = \"{}\"` leaves {axis} free",
                     spec.axes
                 ));
             }
@@ -180,7 +180,7 @@ impl ProblemFile {
                     displacement_mm: spec.displacement_mm[axis as usize],
                 }));
             }
-            tables.resize(fixes.len(), at);
+            tables.resize(fixes.len(), index);
         }
         Ok((fixes, tables))
     }
@@ -200,10 +200,10 @@ fn file_warnings(name: &Path, read: &MeshFile) -> Vec<String> {
 /// Warnings about the quality of a mesh.
 fn mesh_warnings(quality: &Quality) -> Vec<String> {
     let mut odd = Vec::new();
-    if let [[first, other], ..] = quality.coincident_nodes[..] {
+    if let [[first, second], ..] = quality.coincident_nodes[..] {
         let pairs = quality.coincident_nodes.len();
         odd.push(format!(
-            "nodes {first} and {other} coincide but are separate nodes, not merged ({pairs} such pairs)"
+            "nodes {first} and {second} coincide but are separate nodes, not merged ({pairs} such pairs)"
         ));
     }
     if let [_, second, ..] = quality.parts[..] {

@@ -46,10 +46,15 @@ fn failure(text: &str) -> (Option<String>, Option<usize>, String) {
 }
 
 fn refused(text: &str, key: &str, line: usize, words: &[&str]) {
-    let found = failure(text);
-    assert_eq!((found.0.as_deref(), found.1), (Some(key), Some(line)), "{}", found.2);
+    let refusal = failure(text);
+    assert_eq!(
+        (refusal.0.as_deref(), refusal.1),
+        (Some(key), Some(line)),
+        "{}",
+        refusal.2
+    );
     for word in words {
-        assert!(found.2.contains(word), "no {word:?} in {}", found.2);
+        assert!(refusal.2.contains(word), "no {word:?} in {}", refusal.2);
     }
 }
 
@@ -134,8 +139,8 @@ fn reactions_are_those_of_each_fix() {
     assert!(tip[2] < 0.0 && (tip[0], tip[1]) == (0.0, 0.0));
     assert!((floor[2] + tip[2] + 0.001).abs() < 1e-12, "{report:?}");
     // A second fix of the same nodes adds nothing.
-    let again = format!("{GOOD}[[fix]]\nbox_mm = [[-1, -1, 0], [9, 9, 0]]\n");
-    assert_eq!(solve(&again).unwrap().reaction_n[1], [0.0; 3]);
+    let fixed_twice = format!("{GOOD}[[fix]]\nbox_mm = [[-1, -1, 0], [9, 9, 0]]\n");
+    assert_eq!(solve(&fixed_twice).unwrap().reaction_n[1], [0.0; 3]);
 }
 
 #[test]
@@ -177,7 +182,7 @@ fn axes_choose_what_is_fixed() {
 
 #[test]
 fn selections_are_checked() {
-    let fix = |with: &str| GOOD.replace("box_mm = [[-1, -1, 0], [9, 9, 0]]", with);
+    let fix = |selection: &str| GOOD.replace("box_mm = [[-1, -1, 0], [9, 9, 0]]", selection);
     refused(
         &fix("nodes = [0, 1, 36]"),
         "fix[0].nodes[2]",
@@ -271,31 +276,36 @@ fn materials_cover_the_mesh_once() {
         10,
         &["a second material for region 0"],
     );
-    let other = format!("{material}region = 3\n");
+    let unknown_region = format!("{material}region = 3\n");
     let words = ["there is no region 3", "expected one of 0"];
-    refused(&GOOD.replace(material, &other), "material[0].region", 6, &words);
-    let found = failure(&GOOD.replace(material, "")).2;
+    refused(
+        &GOOD.replace(material, &unknown_region),
+        "material[0].region",
+        6,
+        &words,
+    );
+    let message = failure(&GOOD.replace(material, "")).2;
     assert!(
-        found.contains("no `[[material]]`") && found.contains("(p.toml)"),
-        "{found}"
+        message.contains("no `[[material]]`") && message.contains("(p.toml)"),
+        "{message}"
     );
 }
 
 #[test]
 fn contradictions_name_the_later_table() {
-    let again = format!("{GOOD}[[fix]]\nnodes = [3]\naxes = \"y\"\ndisplacement_mm = [0, 0.5, 0]\n");
+    let contradiction = format!("{GOOD}[[fix]]\nnodes = [3]\naxes = \"y\"\ndisplacement_mm = [0, 0.5, 0]\n");
     refused(
-        &again,
+        &contradiction,
         "fix[1]",
         11,
         &["node 3 is fixed at both 0 mm and 0.5 mm along y"],
     );
-    assert!(solve(&again.replace("0.5", "0.0")).is_ok());
+    assert!(solve(&contradiction.replace("0.5", "0.0")).is_ok());
 }
 
 #[test]
 fn free_motion_points_at_the_fixes() {
-    let fix = |with: &str| GOOD.replace("box_mm = [[-1, -1, 0], [9, 9, 0]]", with);
+    let fix = |selection: &str| GOOD.replace("box_mm = [[-1, -1, 0], [9, 9, 0]]", selection);
     refused(
         &fix("nodes = [0]"),
         "fix",
@@ -308,10 +318,10 @@ fn free_motion_points_at_the_fixes() {
     );
     refused(&fix("nodes = [0, 1, 2]"), "fix", 6, &["along x"]);
     let none = GOOD.replace("[[fix]]\nbox_mm = [[-1, -1, 0], [9, 9, 0]]\n", "");
-    let found = failure(&none).2;
+    let message = failure(&none).2;
     assert!(
-        found.contains("any translation or rotation") && found.contains("(p.toml)"),
-        "{found}"
+        message.contains("any translation or rotation") && message.contains("(p.toml)"),
+        "{message}"
     );
 }
 
@@ -331,9 +341,9 @@ fn keys_are_known() {
 
 #[test]
 fn meshes_that_cannot_be_read_are_named() {
-    let found = failure(&GOOD.replace("block.vtu", "none.vtu"));
-    assert_eq!((found.0.as_deref(), found.1), (Some("mesh"), Some(1)));
-    assert!(found.2.contains("none.vtu"), "{}", found.2);
-    let found = failure(&format!("region_array = \"organ\"\n{GOOD}"));
-    assert!(found.2.contains("organ"), "{}", found.2);
+    let refusal = failure(&GOOD.replace("block.vtu", "none.vtu"));
+    assert_eq!((refusal.0.as_deref(), refusal.1), (Some("mesh"), Some(1)));
+    assert!(refusal.2.contains("none.vtu"), "{}", refusal.2);
+    let refusal = failure(&format!("region_array = \"organ\"\n{GOOD}"));
+    assert!(refusal.2.contains("organ"), "{}", refusal.2);
 }

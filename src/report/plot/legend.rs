@@ -36,13 +36,13 @@ impl Plot {
             let columns = columns(&part, layout);
             for row in part.chunks(columns) {
                 for (column, (shape, name)) in (0..).zip(row) {
-                    let at = (14 + column * PAGE[0] as i32 / 2, top);
+                    let centre = (14 + column * PAGE[0] as i32 / 2, top);
                     match shape {
-                        Some((shape, colour)) => area.draw(&marker(at, *shape, *colour))?,
-                        None => area.draw(&Circle::new(at, MARK + 4, BLACK.mix(0.35).stroke_width(2)))?,
+                        Some((shape, colour)) => area.draw(&marker(centre, *shape, *colour))?,
+                        None => area.draw(&Circle::new(centre, MARK + 4, BLACK.mix(0.35).stroke_width(2)))?,
                     }
                     for (below, line) in (0..).zip(wrapped(name, layout)) {
-                        area.draw_text(&line, &style, (at.0 + 18, at.1 - 8 + WRAPPED * below))?;
+                        area.draw_text(&line, &style, (centre.0 + 18, centre.1 - 8 + WRAPPED * below))?;
                     }
                 }
                 top += height(row, layout);
@@ -88,11 +88,11 @@ fn height(row: &[Key<'_>], layout: Layout<'_>) -> i32 {
 
 /// Wraps a name into lines that fit, between words if possible.
 fn wrapped(name: &str, layout: Layout<'_>) -> Vec<String> {
-    let most = match layout {
+    let width = match layout {
         Layout::Page => FULL,
         _ => HALF,
     };
-    table::wrapped(name, most, true)
+    table::wrapped(name, width, true)
 }
 
 /// Returns the number of columns of a part of the legend.

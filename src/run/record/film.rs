@@ -44,7 +44,10 @@ impl Film {
 
     pub(super) fn add(&mut self, frame: &Frame, number: u64, time_s: f64, inserted_mm: f64, target_mm: Option<f64>) {
         let slides = number.is_multiple_of(self.every);
-        let deeper = self.deepest.as_ref().is_none_or(|most| inserted_mm > most.inserted_mm);
+        let deeper = self
+            .deepest
+            .as_ref()
+            .is_none_or(|deepest| inserted_mm > deepest.inserted_mm);
         let distance = target_mm.unwrap_or(f64::INFINITY);
         let nearer = self
             .nearest
@@ -74,12 +77,15 @@ impl Film {
 
     /// First and deepest frame and the one nearest to a target, labelled.
     pub(super) fn chosen(&self) -> Vec<(&'static str, &Shot)> {
-        let all = [
+        let shots = [
             ("first", self.shots.first()),
             ("deepest", self.deepest.as_ref()),
             ("closest to the target", self.nearest.as_ref()),
         ];
-        all.into_iter().filter_map(|(what, shot)| Some((what, shot?))).collect()
+        shots
+            .into_iter()
+            .filter_map(|(name, shot)| Some((name, shot?)))
+            .collect()
     }
 }
 
@@ -138,7 +144,7 @@ mod tests {
             film.add(&frame, number, number as f64 * 0.04, depth, Some((depth - 201.0).abs()));
         }
         assert!(film.shots.len() <= 60 && film.shots.len() > 50, "{}", film.shots.len());
-        let chosen: Vec<_> = film.chosen().iter().map(|(what, shot)| (*what, shot.number)).collect();
+        let chosen: Vec<_> = film.chosen().iter().map(|(name, shot)| (*name, shot.number)).collect();
         assert_eq!(chosen, [("first", 0), ("deepest", 251), ("closest to the target", 201)]);
         let shot = &film.shots[1];
         assert_eq!(shot.picture.dimensions(), (320, 240));

@@ -49,7 +49,7 @@ fn frames(page: &mut Page, film: &Film) {
     page.put("<h2>Frames</h2>");
     let labelled = chosen
         .iter()
-        .map(|(what, shot)| (&shot.picture, format!("{what}: {}", shot.caption())));
+        .map(|(name, shot)| (&shot.picture, format!("{name}: {}", shot.caption())));
     page.pictures(labelled);
     let shots = film.shots.iter();
     let shots: Vec<_> = shots
@@ -60,9 +60,9 @@ fn frames(page: &mut Page, film: &Film) {
 
 fn figures(summary: &Summary) -> Vec<[String; 2]> {
     let ms = &summary.step_ms;
-    let remesh = ms
-        .remesh_max
-        .map_or("no step remeshed".to_owned(), |most| format!("{most:.3} ms"));
+    let remesh = ms.remesh_max.map_or("no step remeshed".to_owned(), |longest_ms| {
+        format!("{longest_ms:.3} ms")
+    });
     let rows = [
         (
             "Simulated",
@@ -88,24 +88,24 @@ fn figures(summary: &Summary) -> Vec<[String; 2]> {
         ),
         ("Longest step that remeshes", remesh),
     ];
-    let rows = rows.map(|(what, figure)| [what.to_owned(), figure]).into_iter();
+    let rows = rows.map(|(quantity, figure)| [quantity.to_owned(), figure]).into_iter();
     let force = summary
         .max_probe_force_n
         .map(|force| ["Largest force on the probe".to_owned(), format!("{force:.3} N")]);
     let nearest = summary.targets.iter().map(|target| {
-        let what = format!("Least distance of the tip from the target ({})", target.name);
-        [what, format!("{:.2} mm", target.nearest_tip_mm)]
+        let quantity = format!("Least distance of the tip from the target ({})", target.name);
+        [quantity, format!("{:.2} mm", target.nearest_tip_mm)]
     });
     rows.chain(force).chain(nearest).collect()
 }
 
 /// Adds targets, seeds, changes of level and events.
 fn tables(page: &mut Page, summary: &Summary) {
-    let two = |mm: Option<f64>, otherwise: &str| mm.map_or(otherwise.to_owned(), |mm| format!("{mm:.2}"));
+    let in_mm = |mm: Option<f64>, otherwise: &str| mm.map_or(otherwise.to_owned(), |mm| format!("{mm:.2}"));
     let targets = summary.targets.iter().map(|target| {
         let (tip, seed) = (
-            two(Some(target.nearest_tip_mm), ""),
-            two(target.nearest_seed_mm, "none"),
+            in_mm(Some(target.nearest_tip_mm), ""),
+            in_mm(target.nearest_seed_mm, "none"),
         );
         [target.name.clone(), place(target.at_mm), tip, seed]
     });
@@ -133,12 +133,12 @@ fn tables(page: &mut Page, summary: &Summary) {
     table(page, "Points", heads, points);
     let seeds = summary.seeds.iter().map(|seed| {
         let [planned, deposited] = [(seed.planned_mm, ""), (seed.deposited_mm, "outside the tissue")]
-            .map(|(at, otherwise)| at.map_or(otherwise.to_owned(), place));
+            .map(|(position, otherwise)| position.map_or(otherwise.to_owned(), place));
         [
-            two(Some(seed.time_s), ""),
+            in_mm(Some(seed.time_s), ""),
             planned,
             deposited,
-            two(seed.distance_mm, ""),
+            in_mm(seed.distance_mm, ""),
         ]
     });
     let heads = ["left at, s", "planned, mm", "deposited, mm", "distance, mm"];

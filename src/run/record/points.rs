@@ -72,7 +72,7 @@ impl Points {
     pub(super) fn plots(&self) -> Vec<(&'static str, Plot)> {
         let plot = |(component, (file, title)): (usize, (&'static str, &str))| {
             let curves = self.names.iter().zip(&self.curves).enumerate();
-            let series = curves.map(|(at, (name, curves))| curves[component].series(name, at));
+            let series = curves.map(|(index, (name, curves))| curves[component].series(name, index));
             let y = Axis::linear("displacement, mm");
             let plot = Plot::new(title, Axis::linear("simulated time, s"), y, series.collect());
             (file, plot)

@@ -59,29 +59,29 @@ pub(super) fn row(step: &Step<'_>, guided: Option<(&GuideMotion, &Driven)>, out:
     ];
     write!(out, "{}", step.time_s)?;
     // The order is that of `NUMBERS`, where deflection and depth follow the tip.
-    for (at, vector) in vectors.iter().enumerate() {
+    for (index, vector) in vectors.iter().enumerate() {
         write!(out, ",{},{},{}", vector.x, vector.y, vector.z)?;
-        if at == 2 {
+        if index == 2 {
             write!(out, ",{},{}", outcome.tip_deflection_mm, outcome.inserted_mm)?;
         }
     }
-    let (place, turn) = (step.probe.translation.vector, step.probe.rotation.coords);
+    let (position, turn) = (step.probe.translation.vector, step.probe.rotation.coords);
     write!(
         out,
         ",{},{},{},{},{},{},{}",
-        place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w
+        position.x, position.y, position.z, turn.x, turn.y, turn.z, turn.w
     )?;
     guidance(&step.guidance, out)?;
     for force in step.driven.iter().flatten() {
         write!(out, ",{},{},{}", force.x, force.y, force.z)?;
     }
-    if let Some((guided, at)) = guided {
-        for posture in [at.command, at.posture] {
+    if let Some((guided, driven)) = guided {
+        for posture in [driven.command, driven.posture] {
             let (a, b, c) = (posture.position_mm, posture.posture_deg, posture.insertion_mm);
             write!(out, ",{a:.6},{b:.6},{c:.6}")?;
         }
         let read = guided.sensor.reading(step.number, &of_base);
-        for vector in [at.lost_mm.into(), read[0], read[1]] {
+        for vector in [driven.lost_mm.into(), read[0], read[1]] {
             write!(out, ",{:.6},{:.6},{:.6}", vector.x, vector.y, vector.z)?;
         }
     }
@@ -102,7 +102,7 @@ pub(super) fn row(step: &Step<'_>, guided: Option<(&GuideMotion, &Driven)>, out:
 
 fn guidance(guidance: &Guidance, out: &mut impl Write) -> io::Result<()> {
     let mut vector = |vector: Option<Vector3<f64>>| match vector {
-        Some(it) => write!(out, ",{:.6},{:.6},{:.6}", it.x, it.y, it.z),
+        Some(vector) => write!(out, ",{:.6},{:.6},{:.6}", vector.x, vector.y, vector.z),
         None => write!(out, ",,,"),
     };
     let always = [
@@ -111,10 +111,10 @@ fn guidance(guidance: &Guidance, out: &mut impl Write) -> io::Result<()> {
         guidance.array.coords,
         guidance.normal,
     ];
-    always.into_iter().try_for_each(|it| vector(Some(it)))?;
+    always.into_iter().try_for_each(|force| vector(Some(force)))?;
     for places in [guidance.entry, guidance.target] {
-        for at in 0..2 {
-            vector(places.map(|places| places[at].coords))?;
+        for end in 0..2 {
+            vector(places.map(|places| places[end].coords))?;
         }
     }
     write!(out, ",{}", u8::from(guidance.shown))?;

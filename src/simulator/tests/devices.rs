@@ -11,11 +11,11 @@ use super::{Fake, instruments, patient};
 const DT_S: f64 = 1e-3;
 
 fn poses() -> impl Iterator<Item = Isometry3<f64>> {
-    (0..20).map(|at| {
-        let at = f64::from(at);
+    (0..20).map(|index| {
+        let index = f64::from(index);
         Isometry3::from_parts(
-            Translation3::new(30.0 * at.sin(), -7.0 * at, 100.0 + at),
-            UnitQuaternion::from_euler_angles(0.3 * at, (1.1 * at).cos(), -0.17 * at),
+            Translation3::new(30.0 * index.sin(), -7.0 * index, 100.0 + index),
+            UnitQuaternion::from_euler_angles(0.3 * index, (1.1 * index).cos(), -0.17 * index),
         )
     })
 }
@@ -27,10 +27,10 @@ fn the_pose_of_a_probe_comes_back_from_its_points() {
         let points = TwoPoints::new(at_mm).expect("points");
         for pose in poses() {
             let measured = at_mm.map(|at| pose * Point3::new(0.0, 0.0, -at));
-            let found = points.pose(&measured, &pose).expect("a pose");
-            assert!(found.stretch_mm.abs() < 1e-10);
-            assert!((found.pose.translation.vector - pose.translation.vector).norm() < 1e-10);
-            assert!(found.pose.rotation.angle_to(&pose.rotation) < 1e-7);
+            let measured_pose = points.pose(&measured, &pose).expect("a pose");
+            assert!(measured_pose.stretch_mm.abs() < 1e-10);
+            assert!((measured_pose.pose.translation.vector - pose.translation.vector).norm() < 1e-10);
+            assert!(measured_pose.pose.rotation.angle_to(&pose.rotation) < 1e-7);
             // From a neighbouring pose: rotated without roll.
             let before = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 0.2) * pose;
             let after = points.pose(&measured, &before).expect("a pose").pose;
@@ -46,10 +46,10 @@ fn the_pose_of_a_probe_comes_back_from_its_points() {
 fn points_too_far_apart_are_told_and_shared_by_both() {
     let points = TwoPoints::new([20.0, 80.0]).expect("points");
     let measured = [Point3::new(1.0, 2.0, 2.0), Point3::new(1.0, 2.0, -62.0)];
-    let found = points.pose(&measured, &Isometry3::identity()).expect("a pose");
-    assert!((found.stretch_mm - 4.0).abs() < 1e-12);
+    let measured_pose = points.pose(&measured, &Isometry3::identity()).expect("a pose");
+    assert!((measured_pose.stretch_mm - 4.0).abs() < 1e-12);
     // The first point would be at 0, the second at -60 in the middle of both.
-    assert!((found.pose.translation.vector - Vector3::new(1.0, 2.0, 20.0)).norm() < 1e-12);
+    assert!((measured_pose.pose.translation.vector - Vector3::new(1.0, 2.0, 20.0)).norm() < 1e-12);
     let near = [measured[0], measured[0] + Vector3::x() * 29.0];
     let error = points.pose(&near, &Isometry3::identity()).expect_err("too near");
     assert!(error.to_string().contains("about 60 mm apart"), "{error}");
@@ -108,8 +108,8 @@ impl Mass {
 /// The damper absorbs its momentum: m v = c s, for any step. Above 2 m/dt it becomes unstable.
 #[test]
 fn a_damper_stops_a_mass_where_its_momentum_is_spent() {
-    let most = Damper::most_ns_per_mm(0.3, DT_S);
-    assert!((most - 0.6).abs() < 1e-12);
+    let largest = Damper::most_ns_per_mm(0.3, DT_S);
+    assert!((largest - 0.6).abs() < 1e-12);
     let run = |c: f64| {
         let mut damper = Damper::new(c).expect("a damper");
         let mut mass = Mass {
@@ -123,7 +123,7 @@ fn a_damper_stops_a_mass_where_its_momentum_is_spent() {
         }
         mass
     };
-    for c in [0.003, 0.1, 0.95 * most] {
+    for c in [0.003, 0.1, 0.95 * largest] {
         let mass = run(c);
         let way = Vector3::new(0.0, 100.0, 50.0) * (0.3e-3 / c);
         assert!(mass.velocity_mm_s.norm() < 1e-9, "{c}: {}", mass.velocity_mm_s);
@@ -132,13 +132,13 @@ fn a_damper_stops_a_mass_where_its_momentum_is_spent() {
             "{c}"
         );
     }
-    assert!(run(1.05 * most).velocity_mm_s.norm() > 1e6);
+    assert!(run(1.05 * largest).velocity_mm_s.norm() > 1e6);
     for c in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert!(Damper::new(c).is_err(), "{c}");
     }
     let mut damper = Damper::new(1.0).expect("a damper");
-    for (place, dt_s) in [(0.0, 1.0), (1.0, 0.0), (f64::NAN, 1.0), (2.0, 1.0), (2.0, f64::NAN)] {
-        assert_eq!(damper.force(&Point3::new(place, 0.0, 0.0), dt_s), Vector3::zeros());
+    for (x_mm, dt_s) in [(0.0, 1.0), (1.0, 0.0), (f64::NAN, 1.0), (2.0, 1.0), (2.0, f64::NAN)] {
+        assert_eq!(damper.force(&Point3::new(x_mm, 0.0, 0.0), dt_s), Vector3::zeros());
     }
 }
 
@@ -200,10 +200,10 @@ fn a_hold_pulls_no_harder_than_it_may() {
     assert!(pull(0.0).norm() <= HOLD.most_n * (1.0 + 1e-12));
     type Spoil = fn(&mut HoldOptions);
     let spoils: [(&str, Spoil); 4] = [
-        ("kp_n_per_mm", |it| it.kp_n_per_mm = 0.0),
-        ("ki_n_per_mm_s", |it| it.ki_n_per_mm_s = -1.0),
-        ("kd_ns_per_mm", |it| it.kd_ns_per_mm = f64::NAN),
-        ("most_n", |it| it.most_n = f64::INFINITY),
+        ("kp_n_per_mm", |options| options.kp_n_per_mm = 0.0),
+        ("ki_n_per_mm_s", |options| options.ki_n_per_mm_s = -1.0),
+        ("kd_ns_per_mm", |options| options.kd_ns_per_mm = f64::NAN),
+        ("most_n", |options| options.most_n = f64::INFINITY),
     ];
     for (key, spoil) in spoils {
         let mut options = HOLD;
@@ -245,8 +245,8 @@ fn a_hole_is_chosen_outside_alone() {
     assert!(unknown.contains("A1 to C3"), "{unknown}");
     guided.choose("C2", &outcome).expect("a hole");
     let hole = Point3::new(20.0, 25.0, -50.0);
-    let found = guided.instruments(&device);
-    assert_eq!((guided.hole_mm(), found.guide), (hole, Some(hole)));
-    assert!((found.base.translation.vector - Vector3::new(20.0, 25.0, -200.0)).norm() < 1e-12);
-    assert!(found.base.rotation.angle_to(&roll) < 1e-12);
+    let instruments = guided.instruments(&device);
+    assert_eq!((guided.hole_mm(), instruments.guide), (hole, Some(hole)));
+    assert!((instruments.base.translation.vector - Vector3::new(20.0, 25.0, -200.0)).norm() < 1e-12);
+    assert!(instruments.base.rotation.angle_to(&roll) < 1e-12);
 }

@@ -5,7 +5,7 @@ use std::time::Duration;
 use nalgebra::{Isometry3, Vector3};
 
 use super::{Fake, instruments, patient};
-use crate::simulator::forces::{Easing, Given};
+use crate::simulator::forces::{Easing, Wrenches};
 use crate::simulator::{Haptic, Options, Policy};
 use insonify_mechanics::insertion::{Instruments, Outcome, Wrench};
 
@@ -21,11 +21,11 @@ fn forces_are_on_the_hand_in_both_frames() {
         deposit: false,
     };
     let forces = haptic.step(&inputs, 1e-3).expect("step");
-    let found = haptic.outcome().on_hand;
-    assert_eq!((forces.hand_world, forces.probe_world), (found, Some(found)));
+    let on_hand = haptic.outcome().on_hand;
+    assert_eq!((forces.hand_world, forces.probe_world), (on_hand, Some(on_hand)));
     let axes = |world: Vector3<f64>| Vector3::new(world.x, -world.z, world.y);
-    assert!((forces.hand_base.force_n - axes(found.force_n)).norm() < 1e-12);
-    assert!((forces.hand_base.torque_nmm - axes(found.torque_nmm)).norm() < 1e-12);
+    assert!((forces.hand_base.force_n - axes(on_hand.force_n)).norm() < 1e-12);
+    assert!((forces.hand_base.torque_nmm - axes(on_hand.torque_nmm)).norm() < 1e-12);
     assert_eq!(forces.overrun, None);
     // Rejected input changes nothing.
     assert!(haptic.step(&inputs, 0.0).is_err());
@@ -53,21 +53,21 @@ fn a_late_step_says_so_and_eases() {
         assert_eq!(haptic.outcome().contacts, 1);
         (forces.hand_world.force_n, haptic.outcome().on_hand.force_n)
     };
-    let (given, computed) = late(Policy::Finish);
-    assert_eq!(given, computed);
+    let (shown, computed) = late(Policy::Finish);
+    assert_eq!(shown, computed);
     let over = Duration::from_millis(4);
-    let (given, computed) = late(Policy::Ease { over });
-    assert!((given - computed * 0.25).norm() < 1e-15);
+    let (shown, computed) = late(Policy::Ease { over });
+    assert!((shown - computed * 0.25).norm() < 1e-15);
 }
 
 #[test]
 fn forces_ease_linearly_and_never_freeze() {
-    let given = |force: f64| {
+    let shown = |force: f64| {
         let wrench = Wrench {
             force_n: Vector3::new(force, 0.0, 0.0),
             torque_nmm: Vector3::new(0.0, force, 0.0),
         };
-        Given::of(&Outcome {
+        Wrenches::of(&Outcome {
             on_hand: wrench,
             on_probe: Some(wrench),
             ..Outcome::default()
@@ -79,7 +79,7 @@ fn forces_ease_linearly_and_never_freeze() {
     let mut easing = Easing::default();
     let mut next = |force, late| {
         let forces = easing
-            .next(given(force), 1e-3, late, policy)
+            .next(shown(force), 1e-3, late, policy)
             .forces(&instruments(0), None, Duration::ZERO, None);
         assert_eq!(forces.probe_world, Some(forces.hand_world));
         assert_eq!(forces.hand_world.torque_nmm.y, forces.hand_world.force_n.x);

@@ -21,14 +21,14 @@ fn no_state_is_ever_torn() {
         }
         model.step
     });
-    let mut last = 0;
+    let mut last_value = 0;
     for _ in 0..100 {
         while !latest.take() {
             thread::yield_now();
         }
         let state = latest.state();
-        assert!(state.step > last, "{} after {last}", state.step);
-        last = state.step;
+        assert!(state.step > last_value, "{} after {last_value}", state.step);
+        last_value = state.step;
         let (step, mark) = (state.step as usize, state.step as f64);
         assert_eq!(state.time_s, mark);
         assert!(state.line.nodes().iter().all(|node| node.1.z == mark));
@@ -44,5 +44,5 @@ fn no_state_is_ever_torn() {
     stop.store(true, Ordering::Relaxed);
     let written = writer.join().expect("writer");
     // The last one is available, unless it was taken.
-    assert!(latest.take() == (last < written) && latest.state().step == written);
+    assert!(latest.take() == (last_value < written) && latest.state().step == written);
 }

@@ -68,7 +68,7 @@ fn frames_show_the_latest_state_and_tissue_is_computed_once_for_each() {
     let asked = model.asked.clone();
     let tissues = || asked.tissues.load(Ordering::Relaxed);
     let mut simulator = Simulator::new(Box::new(model), synthesizer, 1.27, patient()).expect("simulator");
-    let rest = simulator.frame(&pose).expect("frame").pixels.clone();
+    let at_rest = simulator.frame(&pose).expect("frame").pixels.clone();
     assert_eq!(tissues(), 1);
     for step in 0..6 {
         simulator.step(&instruments(step), 1e-3).expect("step");
@@ -76,7 +76,7 @@ fn frames_show_the_latest_state_and_tissue_is_computed_once_for_each() {
     let (haptic, mut imaging) = simulator.split();
     let moved = imaging.frame(&pose).expect("frame").pixels.clone();
     assert_eq!((tissues(), imaging.snapshot().step), (2, 6));
-    assert!(moved != rest);
+    assert!(moved != at_rest);
     assert!(imaging.frame(&pose).expect("frame").pixels == moved);
     assert_eq!(tissues(), 2);
     drop(haptic);
@@ -95,10 +95,10 @@ fn a_patient_far_from_the_origin_is_imaged_as_one_near_it() {
         FrameState::at(pose),
     );
     // Whole metres, and a needle with seeds behind it in the plane, some of them in the tissue.
-    let by = [-64_000.0, 1e5, 2_000.0];
-    let far = near.moved(by).expect("a place");
+    let shift_mm = [-64_000.0, 1e5, 2_000.0];
+    let far = near.moved(shift_mm).expect("a place");
     let entry = Vector3::new(-3.0, 2.0, -4.0);
-    let frames = [(&near, entry), (&far, entry + Vector3::from(by))].map(|(case, entry)| {
+    let frames = [(&near, entry), (&far, entry + Vector3::from(shift_mm))].map(|(case, entry)| {
         let model = Fake {
             mesh: case.anatomy.mesh.clone(),
             entry,
@@ -115,7 +115,7 @@ fn a_patient_far_from_the_origin_is_imaged_as_one_near_it() {
     });
     for (near, far) in frames[0].iter().zip(&frames[1]) {
         assert!(near.pixels == far.pixels);
-        let back = Matrix4::new_translation(&-Vector3::from(by)) * far.image_to_world;
+        let back = Matrix4::new_translation(&-Vector3::from(shift_mm)) * far.image_to_world;
         assert!((back - near.image_to_world).abs().max() < 1e-9);
     }
     assert!(
@@ -127,10 +127,10 @@ fn a_patient_far_from_the_origin_is_imaged_as_one_near_it() {
 #[test]
 fn another_mesh_is_refused() {
     let (synthesizer, _, mesh) = scene(true);
-    let found = mesh.as_ref().map_or(0, |mesh| mesh.elements().len());
+    let element_count = mesh.as_ref().map_or(0, |mesh| mesh.elements().len());
     let refused = Simulator::new(Box::new(Fake::default()), synthesizer, 1.27, patient());
     let text = refused.err().map(|error| error.to_string());
-    let expected = format!("the imaged mesh has {found} elements; expected the 0 of the tissue model");
+    let expected = format!("the imaged mesh has {element_count} elements; expected the 0 of the tissue model");
     assert_eq!(text, Some(expected));
     let (synthesizer, ..) = scene(true);
     let refused = Simulator::new(
@@ -155,7 +155,8 @@ fn seeds_move_with_the_tissue() {
     let mesh = TetMesh::lattice([3; 3], &Matrix4::new_nonuniform_scaling(&size)).expect("mesh");
     let (mesh, mut tissue) = (Arc::new(mesh), Tissue::default());
     // Linear in each element, so exact: a stretch along x, after a remesh that left the boundary unchanged.
-    let stretched = |tissue: &Tissue, by: f64| tissue.reference.iter().map(|&[x, y, z]| [x * by, y, z]).collect();
+    let stretched =
+        |tissue: &Tissue, stretch: f64| tissue.reference.iter().map(|&[x, y, z]| [x * stretch, y, z]).collect();
     tissue.reference = mesh.nodes().to_vec();
     let inner = |node: &&mut [f64; 3]| node.iter().all(|x| (0.1..9.9).contains(x));
     tissue
@@ -169,24 +170,24 @@ fn seeds_move_with_the_tissue() {
         .set([(0.0, Point3::origin()), (10.0, Point3::new(0.0, 6.0, 8.0))]);
     let mut seeds = Seeds::new(Some(mesh));
     let (mut plain, mut shown, mut still) = (Seeds::new(None), Vec::new(), Vec::new());
-    for (count, by) in [(0, 1.0), (1, 1.1), (3, 1.3), (2, 0.8)] {
-        tissue.current = stretched(&tissue, by);
+    for (count, stretch) in [(0, 1.0), (1, 1.1), (3, 1.3), (2, 0.8)] {
+        tissue.current = stretched(&tissue, stretch);
         let places = [[3.0, 4.0, 5.0], [9.0, 1.0, 1.0], [-5.0, 0.0, 0.0]].map(Point3::from);
         snapshot.seeds = places[..count].to_vec();
         seeds.show(&snapshot, &tissue, &mut shown);
         plain.show(&snapshot, &tissue, &mut still);
         assert_eq!((shown.len(), still.len()), (count, count));
-        for ((place, shown), still) in places.iter().zip(&shown).zip(&still) {
+        for ((position, shown), still) in places.iter().zip(&shown).zip(&still) {
             // The last one lies outside.
-            let expected = if place.x < 0.0 {
-                *place
+            let expected = if position.x < 0.0 {
+                *position
             } else {
-                Point3::new(place.x * by, place.y, place.z)
+                Point3::new(position.x * stretch, position.y, position.z)
             };
-            let along = shown.nodes[1] - shown.nodes[0];
+            let direction = shown.nodes[1] - shown.nodes[0];
             assert!((nalgebra::center(&shown.nodes[0], &shown.nodes[1]) - expected).norm() < 1e-9);
-            assert!((along.normalize() - Vector3::new(0.0, 0.6, 0.8)).norm() < 1e-9);
-            assert!((nalgebra::center(&still.nodes[0], &still.nodes[1]) - place).norm() < 1e-12);
+            assert!((direction.normalize() - Vector3::new(0.0, 0.6, 0.8)).norm() < 1e-9);
+            assert!((nalgebra::center(&still.nodes[0], &still.nodes[1]) - position).norm() < 1e-12);
         }
     }
 }

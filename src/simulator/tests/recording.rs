@@ -17,12 +17,12 @@ fn a_recording_replays_to_the_bit_also_from_a_file() {
     }
     assert_eq!(haptic.take_recording(), None);
     haptic.record();
-    let mut found = Vec::new();
+    let mut forces_seen = Vec::new();
     for step in 10..200 {
         let forces = haptic
             .step(&instruments(step), 1.0 / (700.0 + step as f64))
             .expect("step");
-        found.push((forces.hand_base, haptic.outcome().clone()));
+        forces_seen.push((forces.hand_base, haptic.outcome().clone()));
     }
     let end = haptic.save();
     let recording = haptic.take_recording().expect("recording");
@@ -31,11 +31,11 @@ fn a_recording_replays_to_the_bit_also_from_a_file() {
     let read: Recording = serde_json::from_str(&text).expect("recording");
     assert_eq!(read, recording);
     for recording in [recording, read] {
-        let mut other = Haptic::new(Box::new(Fake::default()), patient());
+        let mut replayed = Haptic::new(Box::new(Fake::default()), patient());
         let mut seen = Vec::new();
         let step = |forces: &Forces, outcome: &Outcome| seen.push((forces.hand_base, outcome.clone()));
-        other.replay(&recording, step).expect("replay");
-        assert!(seen == found && other.save() == end && other.time_s() == haptic.time_s());
+        replayed.replay(&recording, step).expect("replay");
+        assert!(seen == forces_seen && replayed.save() == end && replayed.time_s() == haptic.time_s());
     }
 }
 
@@ -158,12 +158,12 @@ fn inputs_that_are_none_are_refused() {
     let input: Input = serde_json::from_str(good).expect("input");
     assert_eq!(input.instruments.base.translation.vector, Vector3::new(1.0, 2.0, 3.0));
     assert!(input.instruments.probe.is_none() && !input.instruments.deposit);
-    for (from, to, said) in [
+    for (written, replacement, said) in [
         ("0.6", "0.7", "`quaternion_xyzw` of `base` is [0.0, 0.7, 0.0, 0.8]"),
         ("dt_s", "dt", "unknown field `dt`"),
         ("position_mm", "position", "unknown field `position`"),
     ] {
-        let error = serde_json::from_str::<Input>(&good.replace(from, to)).expect_err(to);
+        let error = serde_json::from_str::<Input>(&good.replace(written, replacement)).expect_err(replacement);
         assert!(error.to_string().contains(said), "{error}");
     }
 }

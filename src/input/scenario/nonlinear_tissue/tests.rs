@@ -17,7 +17,7 @@ fn ready() -> String {
 /// Coarser mesh and voxels, and half the insertion time, to run in seconds.
 fn quick() -> String {
     let mut text = ready();
-    for (from, to) in [
+    for (key, replacement) in [
         ("nodes = 3300", "nodes = 500"),
         (
             "phantom = \"liver-vein\"",
@@ -26,8 +26,8 @@ fn quick() -> String {
         ("dt_ms = 40.0", "dt_ms = 80.0"),
         ("frame_rate_hz = 12.5", "frame_rate_hz = 4.0"),
     ] {
-        assert!(text.contains(from), "{from}");
-        text = text.replacen(from, to, 1);
+        assert!(text.contains(key), "{key}");
+        text = text.replacen(key, replacement, 1);
     }
     text
 }
@@ -52,9 +52,10 @@ impl Observer for Watch {
         assert!(step.outcome.converged, "{:?}", step.outcome);
         self.force_n.push(step.outcome.on_hand.force_n.norm());
         self.inserted_mm.push(step.outcome.inserted_mm);
-        let at = self.force_n.len() - 1;
+        let number = self.force_n.len() - 1;
         let events = step.outcome.events.iter();
-        self.events.extend(events.map(|event| (event.kind, event.region, at)));
+        self.events
+            .extend(events.map(|event| (event.kind, event.region, number)));
         Ok(())
     }
 
@@ -67,11 +68,11 @@ impl Observer for Watch {
 fn watched(scenario: &Scenario) -> Watch {
     let mut model = scenario.model(|_, _| {}).unwrap();
     let mut watch = Watch::default();
-    let asked = Requests {
+    let requests = Requests {
         frames: true,
         mesh_s: None,
     };
-    run(scenario, model.as_mut(), asked, &mut watch).unwrap();
+    run(scenario, model.as_mut(), requests, &mut watch).unwrap();
     watch
 }
 
@@ -83,7 +84,7 @@ fn vein_mm2(synth: &mut Synthesizer, state: &FrameState, vessel: u8) -> f64 {
     let turn = f64::to_radians(angle_deg) / beam.lines as f64;
     let shown = beam.label.iter().enumerate().filter(|(_, label)| **label == vessel);
     shown
-        .map(|(at, _)| step * turn * (radius_mm + step * (at % beam.samples) as f64))
+        .map(|(sample, _)| step * turn * (radius_mm + step * (sample % beam.samples) as f64))
         .sum()
 }
 
@@ -97,15 +98,15 @@ fn a_needle_pushes_into_the_liver_and_flattens_the_vein() {
         scenario
             .region_names
             .iter()
-            .find(|(_, own)| *own == name)
+            .find(|(_, region_name)| *region_name == name)
             .map(|(region, _)| *region)
     };
     let (liver, vessel) = (region("liver"), region("vessel"));
-    let of = |kind| {
-        let found = watch.events.iter().filter(move |(own, _, _)| *own == kind);
-        found.map(|&(_, region, at)| (region, at)).collect::<Vec<_>>()
+    let events_of = |kind| {
+        let events = watch.events.iter().filter(move |(event, _, _)| *event == kind);
+        events.map(|&(_, region, step)| (region, step)).collect::<Vec<_>>()
     };
-    let (skin, punctures) = (of(EventKind::Skin), of(EventKind::Puncture));
+    let (skin, punctures) = (events_of(EventKind::Skin), events_of(EventKind::Puncture));
     assert!(skin.len() == 1 && skin[0].0 == liver, "{skin:?}");
     assert_eq!(
         punctures.iter().map(|(region, _)| *region).collect::<Vec<_>>(),
@@ -142,14 +143,17 @@ fn a_needle_pushes_into_the_liver_and_flattens_the_vein() {
     let (anatomy, settings) = (scenario.scene.anatomy.clone(), scenario.scene.settings.clone());
     let mut synth = Synthesizer::new(anatomy, settings, Backend::Cpu).unwrap();
     let mut area = |until: usize| {
-        let (_, state) = watch.frames.iter().rev().find(|(at, _)| *at <= until).unwrap();
+        let (_, state) = watch.frames.iter().rev().find(|(step, _)| *step <= until).unwrap();
         vein_mm2(&mut synth, state, vessel)
     };
-    let [rest, pushed, pressed, after] = [touch - 1, capsule, wall, force.len() - 1].map(&mut area);
+    let [at_rest, pushed, pressed, after] = [touch - 1, capsule, wall, force.len() - 1].map(&mut area);
     // An ellipse of half axes 11 and 6.5 mm, sampled.
     let ellipse = std::f64::consts::PI * 11.0 * 6.5;
-    assert!((rest / ellipse - 1.0).abs() < 0.05, "{rest} for {ellipse}");
-    assert!(pushed < 0.8 * rest && pressed < 0.7 * rest, "{rest} {pushed} {pressed}");
+    assert!((at_rest / ellipse - 1.0).abs() < 0.05, "{at_rest} for {ellipse}");
+    assert!(
+        pushed < 0.8 * at_rest && pressed < 0.7 * at_rest,
+        "{at_rest} {pushed} {pressed}"
+    );
     assert!(after > 1.1 * pressed, "{pressed} {after}");
 }
 
@@ -168,7 +172,7 @@ fn creep_is_that_of_the_file() {
     let elastic = resolved(&elastic).unwrap();
     assert_eq!(elastic.tissue.nonlinear().unwrap().viscosity, None);
     // Halfway to the capsule's puncture, then still: tissue below the knee creeps as t^-0.1, t in seconds.
-    let held = |scenario: &Scenario| -> [f64; 2] {
+    let forces_n = |scenario: &Scenario| -> [f64; 2] {
         let mut model = scenario.model(|_, _| {}).unwrap();
         let mut force = |step: u64| {
             let instruments = scenario.instruments(step);
@@ -182,16 +186,19 @@ fn creep_is_that_of_the_file() {
         (1..=30).for_each(|step| {
             let _ = force(step);
         });
-        let first = force(30);
+        let first_n = force(30);
         (0..20).for_each(|_| {
             let _ = force(30);
         });
-        [first, force(30)]
+        [first_n, force(30)]
     };
-    let [first, last] = held(&elastic);
-    assert!(first > 0.01 && (last / first - 1.0).abs() < 1e-2, "{first} {last}");
-    let [first, last] = held(&creeping);
-    assert!(first > 0.01 && last < 0.95 * first, "{first} {last}");
+    let [first_n, last_n] = forces_n(&elastic);
+    assert!(
+        first_n > 0.01 && (last_n / first_n - 1.0).abs() < 1e-2,
+        "{first_n} {last_n}"
+    );
+    let [first_n, last_n] = forces_n(&creeping);
+    assert!(first_n > 0.01 && last_n < 0.95 * first_n, "{first_n} {last_n}");
 }
 
 #[test]
@@ -211,12 +218,12 @@ fn a_run_replays_with_the_same_bits() {
     steps(model.as_mut(), 1, 40);
     let saved: Saved = serde_json::from_str(&serde_json::to_string(&model.save()).unwrap()).unwrap();
     let expected = steps(model.as_mut(), 40, 60);
-    let mut other = scenario.model(|_, _| {}).unwrap();
-    other.restore(&saved).unwrap();
-    assert_eq!(steps(other.as_mut(), 40, 60), expected);
+    let mut restored = scenario.model(|_, _| {}).unwrap();
+    restored.restore(&saved).unwrap();
+    assert_eq!(steps(restored.as_mut(), 40, 60), expected);
     let (mut a, mut b) = (Snapshot::default(), Snapshot::default());
     model.snapshot(&mut a);
-    other.snapshot(&mut b);
+    restored.snapshot(&mut b);
     assert_eq!(a, b);
 }
 
@@ -231,7 +238,7 @@ fn what_such_tissue_cannot_have_is_refused_where_it_stands() {
     };
     let elastic = text.replacen("\"viscoelastic\"", "\"nonlinear\"", 1);
     let linear = text.replacen("\"viscoelastic\"", "\"finite-element\"", 1);
-    let after = |text: &str, at: &str, add: &str| text.replacen(at, &format!("{at}\n{add}"), 1);
+    let with_line = |text: &str, line: &str, added: &str| text.replacen(line, &format!("{line}\n{added}"), 1);
     let needle = "diameter_mm = 1.0";
     let cases = [
         (
@@ -261,22 +268,22 @@ fn what_such_tissue_cannot_have_is_refused_where_it_stands() {
             "above 0, below 1",
         ),
         (
-            after(&text, "nodes = 500", "level = \"I\""),
+            with_line(&text, "nodes = 500", "level = \"I\""),
             "level",
             "`level` with `model = \"viscoelastic\"`",
         ),
         (
-            after(&text, needle, "model = \"springs\""),
+            with_line(&text, needle, "model = \"springs\""),
             "model = \"springs\"",
             "supports straight paths only",
         ),
         (
-            after(&text, needle, "bevel = { r_mm = 0.6, length_mm = 5.0 }"),
+            with_line(&text, needle, "bevel = { r_mm = 0.6, length_mm = 5.0 }"),
             "bevel",
             "supports straight paths only",
         ),
         (
-            after(
+            with_line(
                 &text,
                 "puncture_n = 0.6",
                 "peak = { density_n_per_mm = 0.1, width_mm = 3.0 }",
@@ -285,7 +292,7 @@ fn what_such_tissue_cannot_have_is_refused_where_it_stands() {
             "`peak` with `model = \"viscoelastic\"`",
         ),
         (
-            after(&text, "puncture_n = 0.5", "rigid = true"),
+            with_line(&text, "puncture_n = 0.5", "rigid = true"),
             "[[needle.motion.keyframes]]",
             "meets bone",
         ),
@@ -310,17 +317,17 @@ fn what_such_tissue_cannot_have_is_refused_where_it_stands() {
         }
     }
     // Sideways, in tissue.
-    let last = text.rfind("[[needle.motion.keyframes]]").unwrap();
+    let last_keyframe = text.rfind("[[needle.motion.keyframes]]").unwrap();
     let sideways = format!(
         "{}{}",
-        &text[..last],
-        text[last..].replacen("tip_mm = [-", "tip_mm = [-1", 1)
+        &text[..last_keyframe],
+        text[last_keyframe..].replacen("tip_mm = [-", "tip_mm = [-1", 1)
     );
     let error = resolved(&sideways).map(drop).unwrap_err();
     assert!(error.to_string().contains("does not support lateral motion"), "{error}");
     assert!(
         error
             .location()
-            .is_some_and(|(_, line)| line > sideways[..last].lines().count())
+            .is_some_and(|(_, line)| line > sideways[..last_keyframe].lines().count())
     );
 }

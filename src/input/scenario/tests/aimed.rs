@@ -35,15 +35,19 @@ fn a_needle_enters_beside_the_probe_and_goes_to_its_target() {
     assert_eq!(keys.len(), 4);
     let (start, tip) = (keys[0].1, keys[1].1);
     let body = scenario.scene.body();
-    let at = |point: &Point3<f64>| body.volume.label_index_at(point).map(|label| body.name(label));
-    assert_eq!(at(&tip).as_deref(), Some("lesion"));
+    let label_at = |point: &Point3<f64>| body.volume.label_index_at(point).map(|label| body.name(label));
+    assert_eq!(label_at(&tip).as_deref(), Some("lesion"));
     let label = body.volume.label_index_at(&start);
-    assert!(label.is_none_or(|label| body.is_outside(label)), "{:?}", at(&start));
+    assert!(
+        label.is_none_or(|label| body.is_outside(label)),
+        "{:?}",
+        label_at(&start)
+    );
     // In the image plane, beyond the ends of the array: 60 mm of radius and 70 degrees.
     let to_probe = scenario.probe(0).inverse();
-    let [from, to] = [start, tip].map(|point| to_probe * point);
-    assert!(from.z.abs() < 0.1 && to.z.abs() < 0.1, "{from} {to}");
-    let entry = from + (to - from).normalize() * 10.0;
+    let [start, end] = [start, tip].map(|point| to_probe * point);
+    assert!(start.z.abs() < 0.1 && end.z.abs() < 0.1, "{start} {end}");
+    let entry = start + (end - start).normalize() * 10.0;
     let aside = entry.x.abs() - 60.0 * 35f64.to_radians().sin();
     assert!((9.9..60.1).contains(&aside), "{aside}");
     assert_eq!(scenario.targets[0].name, "lesion");
@@ -53,15 +57,15 @@ fn a_needle_enters_beside_the_probe_and_goes_to_its_target() {
     let nodes = scenario.mesh.nodes().iter().zip(0u32..);
     let near: Vec<u32> = nodes
         .filter(|(node, _)| (Point3::from(**node) - entry).norm() < 15.0)
-        .map(|(_, at)| at)
+        .map(|(_, node)| node)
         .collect();
-    let held = near
+    let fixed_nodes = near
         .iter()
         .filter(|node| fixed(&scenario).contains(&(**node, 0)))
         .count();
     assert!(
-        !near.is_empty() && held == 0,
-        "the skin at the entry is free: {held} of {}",
+        !near.is_empty() && fixed_nodes == 0,
+        "the skin at the entry is free: {fixed_nodes} of {}",
         near.len()
     );
 }
@@ -91,7 +95,7 @@ fn a_stated_entry_is_moved_onto_the_skin() {
             .find(|warning| warning.starts_with("needle.entry"));
         assert_eq!(warned.is_some(), told.is_some(), "{:?}", scenario.warnings);
         assert!(
-            told.is_none_or(|words| warned.is_some_and(|it| it.contains(words))),
+            told.is_none_or(|words| warned.is_some_and(|warning| warning.contains(words))),
             "{warned:?}"
         );
     }
@@ -119,7 +123,7 @@ fn the_lines_that_are_told_state_the_same() {
 #[test]
 fn what_cannot_be_aimed_is_refused_at_its_line() {
     let far = "[needle]\nlength_mm = 30";
-    for (from, to, line, words) in [
+    for (written, replacement, line, words) in [
         (
             "[needle]\ntarget = \"lesion\"",
             "[needle]\ntarget = \"lesions\"",
@@ -164,12 +168,16 @@ fn what_cannot_be_aimed_is_refused_at_its_line() {
             "a needle that does not move",
         ),
     ] {
-        let text = AIMED.replacen(from, to, 1);
-        assert_ne!(text, AIMED, "{from}");
-        let error = resolved(&text).map(drop).expect_err(to);
+        let text = AIMED.replacen(written, replacement, 1);
+        assert_ne!(text, AIMED, "{written}");
+        let error = resolved(&text).map(drop).expect_err(replacement);
         let told = format!("{error} {}", error.help().unwrap_or_default());
-        assert!(told.contains(words), "{to}: {told}");
-        assert_eq!(error.location().map(|(_, line)| line), Some(line), "{to}: {error}");
+        assert!(told.contains(words), "{replacement}: {told}");
+        assert_eq!(
+            error.location().map(|(_, line)| line),
+            Some(line),
+            "{replacement}: {error}"
+        );
     }
 }
 
@@ -189,12 +197,17 @@ fn bone_on_the_way_is_found_before_the_run() {
         clear.notes
     );
     let through = bony.replace("tip_mm = [0, 0, -30]", "tip_mm = [0, 0, 30]");
-    let met = resolved(&through).expect("a scenario");
-    let warning = met
+    let through_bone = resolved(&through).expect("a scenario");
+    let warning = through_bone
         .warnings
         .iter()
         .find(|warning| warning.contains("meets bone (phantom_inclusion)"));
-    assert!(warning.is_some(), "{:?} {:?}", met.notes, met.warnings);
+    assert!(
+        warning.is_some(),
+        "{:?} {:?}",
+        through_bone.notes,
+        through_bone.warnings
+    );
 }
 
 #[test]

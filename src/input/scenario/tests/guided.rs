@@ -61,8 +61,8 @@ fn a_needle_in_the_frame_of_the_probe_goes_with_it() {
         let depth = 10.0 + 20.0 * step as f64 / 200.0;
         let expected = moved.probe(step) * Point3::new(0.0, depth, 0.0);
         assert!((tip(&moved, step) - expected).norm() < 1e-6, "{step}");
-        let along = moved.instruments(step).base.rotation * Vector3::z();
-        assert!((along - moved.probe(step).rotation * Vector3::y()).norm() < 1e-6);
+        let direction = moved.instruments(step).base.rotation * Vector3::z();
+        assert!((direction - moved.probe(step).rotation * Vector3::y()).norm() < 1e-6);
     }
 }
 
@@ -73,15 +73,15 @@ fn a_guide_makes_the_motion_of_the_needle() {
     for (text, bound) in [(ideal.clone(), 1e-9), (ideal.replace("ideal", "closed-loop"), 0.1)] {
         let guided = resolved(&text).unwrap();
         for step in [0, 60, 133, 200] {
-            let off = (tip(&plan, step) - tip(&guided, step)).norm();
-            assert!(off < bound, "{step}: {off}");
+            let error_mm = (tip(&plan, step) - tip(&guided, step)).norm();
+            assert!(error_mm < bound, "{step}: {error_mm}");
         }
     }
     let open = resolved(&ideal.replace("ideal", "open-loop")).unwrap();
     let lost = open.manipulator.as_ref().unwrap().drive;
     let lost = lost.lost_mm(0.0)[0] * lost.reduction();
-    let off = (tip(&plan, 150) - tip(&open, 150)).norm();
-    assert!((off - lost).abs() < 1e-6 && lost > 0.25, "{off} {lost}");
+    let error_mm = (tip(&plan, 150) - tip(&open, 150)).norm();
+    assert!((error_mm - lost).abs() < 1e-6 && lost > 0.25, "{error_mm} {lost}");
 }
 
 #[test]
@@ -90,9 +90,12 @@ fn keyframes_of_a_guide_move_the_needle_with_the_probe() {
     let guided = scenario.manipulator.clone().unwrap();
     for step in [0, 77, 200] {
         let share = step as f64 / 200.0;
-        let at = guided.at(2.0 * share).command;
-        assert!((at.posture_deg - 5.0 * share).abs() < 1e-9 && (at.insertion_mm - 8.0 - 10.0 * share).abs() < 1e-9);
-        let [x, y] = guided.guide.needle(&at).tip_mm;
+        let command = guided.at(2.0 * share).command;
+        assert!(
+            (command.posture_deg - 5.0 * share).abs() < 1e-9
+                && (command.insertion_mm - 8.0 - 10.0 * share).abs() < 1e-9
+        );
+        let [x, y] = guided.guide.needle(&command).tip_mm;
         let expected = scenario.probe(step) * Point3::new(x, y, 0.0);
         assert!((tip(&scenario, step) - expected).norm() < 1e-6, "{step}");
     }
@@ -208,8 +211,8 @@ fn the_sensor_reads_the_wrench_with_its_noise() {
             "{squares:?}"
         );
     }
-    let other = SensorSpec { seed: 1, ..sensor };
-    assert_ne!(sensor.reading(5, &wrench), other.reading(5, &wrench));
+    let reseeded = SensorSpec { seed: 1, ..sensor };
+    assert_ne!(sensor.reading(5, &wrench), reseeded.reading(5, &wrench));
     let exact = SensorSpec {
         noise_n: 0.0,
         noise_nmm: 0.0,

@@ -18,26 +18,29 @@ fn the_base_lies_behind_the_tip_and_turns_with_the_roll() {
 #[test]
 fn materials_are_those_of_the_tissues_but_for_what_is_said() {
     let scenario = resolved(BLOCK).expect("a scenario");
-    let own = |region: i32| {
+    let interaction = |region: i32| {
         scenario
             .interactions
             .iter()
-            .find(|(of, _)| *of == region)
+            .find(|(listed, _)| *listed == region)
             .expect("a region")
             .1
     };
-    assert_eq!((own(1).friction_n_per_mm, own(2).friction_n_per_mm), (0.02, 0.25));
+    assert_eq!(
+        (interaction(1).friction_n_per_mm, interaction(2).friction_n_per_mm),
+        (0.02, 0.25)
+    );
     // Cutting force of the inclusion is left to its tissue.
-    assert_eq!(own(2).cutting_n, 1.5);
+    assert_eq!(interaction(2).cutting_n, 1.5);
     assert_eq!(
         [1, 2].map(|region| scenario.linear_material(region).unwrap().young_kpa()),
         [10.0, 33.0]
     );
     assert!(!fixed(&scenario).is_empty());
-    let held = fixed(&scenario)
+    let is_in_box = fixed(&scenario)
         .iter()
         .all(|(node, _)| scenario.mesh.nodes()[*node as usize][2] >= 40.0);
-    assert!(held, "only what the box holds is fixed");
+    assert!(is_in_box, "only what the box holds is fixed");
 
     let rigid = resolved(&BLOCK.replace("friction_n_per_mm = 0.25", "rigid = true")).expect("a scenario");
     assert!(fixed(&rigid).len() > fixed(&scenario).len());
@@ -93,7 +96,9 @@ fn the_mesh_is_finer_along_the_path_unless_the_file_says_no() {
     let [fine, even] = [&fine, &even].map(|text| resolved(text).expect("a scenario"));
     let near = |scenario: &crate::input::scenario::Scenario| {
         let nodes = scenario.mesh.nodes().iter();
-        nodes.filter(|at| at[0].hypot(at[1]) < 12.0 && at[2] < -20.0).count()
+        nodes
+            .filter(|node| node[0].hypot(node[1]) < 12.0 && node[2] < -20.0)
+            .count()
     };
     assert!(near(&fine) > 2 * near(&even), "{} and {}", near(&fine), near(&even));
     let told = |scenario: &crate::input::scenario::Scenario, words: &str| {

@@ -20,7 +20,7 @@ fn reporting() -> String {
 /// Tissue of a scenario under an affine displacement, slope times position plus shift.
 fn affine(scenario: &Scenario, slope: &Matrix3<f64>, shift: &Vector3<f64>) -> Tissue {
     let nodes = scenario.mesh.nodes();
-    let moved = |at: &[f64; 3]| <[f64; 3]>::from(Vector3::from(*at) + slope * Vector3::from(*at) + shift);
+    let moved = |point: &[f64; 3]| <[f64; 3]>::from(Vector3::from(*point) + slope * Vector3::from(*point) + shift);
     Tissue {
         reference: nodes.to_vec(),
         current: nodes.iter().map(moved).collect(),
@@ -38,24 +38,24 @@ fn points_are_carried_in_the_world_and_in_the_image() {
     let imager = PrescribedModel::new(&scenario).imager();
     let mut points = Points::new(&scenario);
     let probe = scenario.probe(0);
-    let found = points.carry(imager.as_ref(), &tissue, &probe).to_vec();
+    let carried = points.carry(imager.as_ref(), &tissue, &probe).to_vec();
     let node = Vector3::from(scenario.mesh.nodes()[7]);
-    for (found, at) in found.iter().zip([Vector3::new(3.0, -2.0, 4.0), node]) {
-        let expected = slope * at + shift;
+    for (components, point) in carried.iter().zip([Vector3::new(3.0, -2.0, 4.0), node]) {
+        let expected = slope * point + shift;
         let axial = expected.dot(&Vector3::new(0.6, 0.8, 0.0));
         let lateral = expected.dot(&Vector3::new(0.8, -0.6, 0.0));
         let elevational = expected.dot(&Vector3::new(0.8, -0.6, 0.0).cross(&Vector3::new(0.6, 0.8, 0.0)));
         let expected = [expected.x, expected.y, expected.z, axial, lateral, elevational];
-        for (found, expected) in found.iter().zip(expected) {
-            assert!((found - expected).abs() < 1e-9, "{found} for {expected}");
+        for (component, expected) in components.iter().zip(expected) {
+            assert!((component - expected).abs() < 1e-9, "{component} for {expected}");
         }
     }
     let mut extremes = Extremes::new(&scenario.reports[0]);
-    extremes.add(0.5, &found[0]);
-    extremes.add(0.75, &found[0].map(|value| -0.5 * value));
-    let axial = found[0][3];
+    extremes.add(0.5, &carried[0]);
+    extremes.add(0.75, &carried[0].map(|value| -0.5 * value));
+    let axial = carried[0][3];
     assert_eq!(extremes.axial_mm, [axial.min(-0.5 * axial), axial.max(-0.5 * axial)]);
-    let [x, y, z, ..] = found[0];
+    let [x, y, z, ..] = carried[0];
     assert!((extremes.max_displacement_mm - Vector3::new(x, y, z).norm()).abs() < 1e-12);
     assert_eq!(
         (extremes.max_at_s, extremes.x_mm),
@@ -74,7 +74,7 @@ struct Kept {
 }
 
 impl Kept {
-    fn of(scenario: &Scenario, model: &mut dyn Model, asked: Requests) -> (Kept, crate::run::summary::Summary) {
+    fn of(scenario: &Scenario, model: &mut dyn Model, requests: Requests) -> (Kept, crate::run::summary::Summary) {
         let mut kept = Kept {
             record: Record::new(scenario),
             steps: Vec::new(),
@@ -83,7 +83,7 @@ impl Kept {
             regions: Vec::new(),
         };
         kept.record.points_head(&mut kept.points).expect("memory");
-        let summary = run(scenario, model, asked, &mut kept).expect("a run");
+        let summary = run(scenario, model, requests, &mut kept).expect("a run");
         (kept, summary)
     }
 }
@@ -92,14 +92,14 @@ impl Observer for Kept {
     type Error = StepError;
 
     fn step(&mut self, step: &Step<'_>) -> Result<(), StepError> {
-        let met = step
+        let crossings = step
             .outcome
             .events
             .iter()
             .filter(|event| event.kind == EventKind::Region);
         let depth = step.outcome.tip_at_rest_mm.map_or(f64::NAN, |tip| tip.z);
         self.regions
-            .extend(met.filter_map(|event| Some((event.region?, depth))));
+            .extend(crossings.filter_map(|event| Some((event.region?, depth))));
         self.record.step(step, &mut self.steps).expect("memory");
         Ok(())
     }
@@ -119,28 +119,28 @@ impl Observer for Kept {
 fn a_run_writes_the_displacements_of_points_at_the_rate_of_frames() {
     let scenario = resolved(&reporting()).expect("a scenario");
     let mut model = scenario.model(|_, _| {}).expect("a model");
-    let asked = Requests {
+    let requests = Requests {
         frames: false,
         mesh_s: Some(0.5),
     };
-    let (kept, summary) = Kept::of(&scenario, model.as_mut(), asked);
+    let (kept, summary) = Kept::of(&scenario, model.as_mut(), requests);
     let text = String::from_utf8(kept.points).expect("text");
     let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
     assert_eq!(rows.len(), 52, "25 a second for 2 s, and the head");
     assert!(rows.iter().all(|row| row.len() == 14), "{text}");
     assert_eq!(rows[0][2..6], ["lump_x_mm", "lump_y_mm", "lump_z_mm", "lump_axial_mm"]);
     let column = |name: &str| {
-        let at = rows[0].iter().position(|head| *head == name).expect("a column");
+        let index = rows[0].iter().position(|head| *head == name).expect("a column");
         rows[1..]
             .iter()
-            .map(move |row| row[at].parse::<f64>().expect("a number"))
+            .map(move |row| row[index].parse::<f64>().expect("a number"))
     };
     // The needle drags the tissue along z, the normal of the image here.
-    let most = column("lump_z_mm").fold(0.0, f64::max);
-    assert!(most > 0.05, "{most}");
+    let largest_mm = column("lump_z_mm").fold(0.0, f64::max);
+    assert!(largest_mm > 0.05, "{largest_mm}");
     let point = &summary.points[0];
     assert!(
-        (point.z_mm[1] - most).abs() < 1e-6 && point.max_displacement_mm >= most,
+        (point.z_mm[1] - largest_mm).abs() < 1e-6 && point.max_displacement_mm >= largest_mm,
         "{point:?}"
     );
     let apart: f64 = column("lump_z_mm")
@@ -208,11 +208,11 @@ fn odd_points_are_refused() {
         );
     }
     let springs = BLOCK.replace("nodes = 250", "model = \"mass-spring\"");
-    let at = springs.find("[[tissue.fix]]").expect("a fix");
+    let fix_table = springs.find("[[tissue.fix]]").expect("a fix");
     let end = springs.find("[[tissue.material]]").expect("a material");
     let springs = format!(
         "{}{}[[report]]\nname = \"a\"\nnode = 1\n",
-        &springs[..at],
+        &springs[..fix_table],
         &springs[end..]
     );
     let error = resolved(&springs).map(drop).expect_err("a node");
@@ -234,14 +234,17 @@ fn the_stress_of_a_deformed_mesh_is_that_of_its_materials() {
         ),
     ] {
         let tissue = affine(&scenario, &slope, &Vector3::new(1.0, 2.0, 3.0));
-        let found = scenario
+        let stress_kpa = scenario
             .von_mises_kpa(&model, scenario.mesh.elements(), &tissue)
             .expect("stress");
-        for (found, material) in found.iter().zip(&scenario.tissue.finite_element().unwrap().materials) {
+        for (mises_kpa, material) in stress_kpa
+            .iter()
+            .zip(&scenario.tissue.finite_element().unwrap().materials)
+        {
             let [_, mu] = material.lame_kpa();
             assert!(
-                (found / (factor * mu) - 1.0).abs() < 1e-9,
-                "{found} for {}",
+                (mises_kpa / (factor * mu) - 1.0).abs() < 1e-9,
+                "{mises_kpa} for {}",
                 factor * mu
             );
         }
@@ -254,46 +257,46 @@ fn nodes_are_fixed_by_cylinder_and_by_the_surface_of_a_region() {
     let fine = BLOCK
         .replace("nodes = 250", "nodes = 1500")
         .replace("resolution_mm = 5", "resolution_mm = 3");
-    let with = |fix: &str| {
+    let with_fix = |fix: &str| {
         fine.replace(
             "[[tissue.material]]",
             &format!("[[tissue.fix]]\n{fix}\n[[tissue.material]]"),
         )
     };
     let hole = |part: &str| format!("cylinder = {{ at_mm = [0, 26, 7], axis = [0, 0, 2], radius_mm = 9, {part} }}");
-    let held = |text: &str| {
+    let held_nodes = |text: &str| {
         let scenario = resolved(text).unwrap_or_else(|error| panic!("{error}"));
         let mut nodes: Vec<u32> = fixed(&scenario).iter().map(|(node, _)| *node).collect();
         nodes.dedup();
         (scenario, nodes)
     };
-    let off = |scenario: &Scenario, node: u32| {
+    let gap_mm = |scenario: &Scenario, node: u32| {
         let [x, y, _] = scenario.mesh.nodes()[node as usize];
         x.hypot(y - 26.0) - 9.0
     };
-    let (scenario, nodes) = held(&with(&(hole("within_mm = 2") + "\nsurface = true")));
+    let (scenario, nodes) = held_nodes(&with_fix(&(hole("within_mm = 2") + "\nsurface = true")));
     let of_hole: Vec<u32> = nodes
         .iter()
         .copied()
         .filter(|node| scenario.mesh.nodes()[*node as usize][2] < 40.0)
         .collect();
     assert!(of_hole.len() > 40, "{}", of_hole.len());
-    assert!(of_hole.iter().all(|node| off(&scenario, *node).abs() <= 2.0));
+    assert!(of_hole.iter().all(|node| gap_mm(&scenario, *node).abs() <= 2.0));
     // The bar holds all around, and all along.
-    for (axis, from, to) in [(0, -8.0, 8.0), (1, 18.5, 33.0), (2, -40.0, 35.0)] {
+    for (axis, start, end) in [(0, -8.0, 8.0), (1, 18.5, 33.0), (2, -40.0, 35.0)] {
         let places = of_hole.iter().map(|node| scenario.mesh.nodes()[*node as usize][axis]);
         let (low, high) = (
             places.clone().fold(f64::INFINITY, f64::min),
             places.fold(f64::NEG_INFINITY, f64::max),
         );
-        assert!(low < from && high > to, "axis {axis}: {low} to {high}");
+        assert!(low < start && high > end, "axis {axis}: {low} to {high}");
     }
     let counted = |note: &&String| note.starts_with("tissue.fix[1] fixes ") && note.ends_with(" nodes");
     assert_eq!(scenario.notes.iter().filter(counted).count(), 1, "{:?}", scenario.notes);
 
-    let (scenario, inside) = held(&with(&hole("part = \"inside\"")));
-    let (_, outside) = held(&with(&hole("part = \"outside\"")));
-    let wall = |node: &u32| off(&scenario, *node) <= 0.0;
+    let (scenario, inside) = held_nodes(&with_fix(&hole("part = \"inside\"")));
+    let (_, outside) = held_nodes(&with_fix(&hole("part = \"outside\"")));
+    let wall = |node: &u32| gap_mm(&scenario, *node) <= 0.0;
     assert!(
         inside
             .iter()
@@ -302,7 +305,7 @@ fn nodes_are_fixed_by_cylinder_and_by_the_surface_of_a_region() {
     );
     assert!(inside.len() + outside.len() >= scenario.mesh.nodes().len());
 
-    let (scenario, nodes) = held(&with("surface_of = \"phantom_inclusion\""));
+    let (scenario, nodes) = held_nodes(&with_fix("surface_of = \"phantom_inclusion\""));
     let mesh = &scenario.mesh;
     let mut regions = vec![[false; 2]; mesh.nodes().len()];
     for (corners, region) in mesh.elements().iter().zip(mesh.regions()) {
@@ -354,7 +357,7 @@ fn nodes_are_fixed_by_cylinder_and_by_the_surface_of_a_region() {
             "no node in this box",
         ),
     ] {
-        let error = resolved(&with(&fix)).map(drop).expect_err(&fix);
+        let error = resolved(&with_fix(&fix)).map(drop).expect_err(&fix);
         let key = if key.is_empty() {
             "tissue.fix[1]".to_owned()
         } else {

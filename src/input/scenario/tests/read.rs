@@ -127,13 +127,13 @@ fn faults_point_at_their_line_and_say_what_is_expected() {
         ),
         ("roll_deg = 90", "roll_deg = nan", 28, "finite number of degrees"),
     ];
-    for (from, to, line, words) in cases {
-        let text = BLOCK.replacen(from, to, 1);
-        assert_ne!(text, BLOCK, "{from}");
-        let error = resolved(&text).map(drop).expect_err(to);
-        assert_eq!(error.location(), Some(("block.toml", *line)), "{to}: {error}");
-        assert!(error.to_string().contains(words), "{to}: {error}");
-        assert!(!error.is_machine(), "{to}");
+    for (written, replacement, line, words) in cases {
+        let text = BLOCK.replacen(written, replacement, 1);
+        assert_ne!(text, BLOCK, "{written}");
+        let error = resolved(&text).map(drop).expect_err(replacement);
+        assert_eq!(error.location(), Some(("block.toml", *line)), "{replacement}: {error}");
+        assert!(error.to_string().contains(words), "{replacement}: {error}");
+        assert!(!error.is_machine(), "{replacement}");
     }
 }
 
@@ -142,8 +142,8 @@ fn scenes_are_named_or_refused() {
     let needle = BLOCK.replace("[scene.image]", "[scene.needle]\ntip_mm = [0, 0, 0]\n[scene.image]");
     let error = resolved(&needle).map(drop).expect_err("a needle of its own");
     assert!(error.to_string().contains("the scenario moves the needle"), "{error}");
-    let at = BLOCK.find("[tissue]").expect("a table");
-    let named = |scene: &str| format!("version = 1\nscene = \"{scene}\"\n{}", &BLOCK[at..]);
+    let tissue_table = BLOCK.find("[tissue]").expect("a table");
+    let named = |scene: &str| format!("version = 1\nscene = \"{scene}\"\n{}", &BLOCK[tissue_table..]);
     for (scene, words) in [
         ("liver-needle", "a scene with `needle` of its own"),
         ("prostate-truss", "unknown name"),
@@ -165,63 +165,63 @@ fn scenarios_that_come_with_the_crate_are_read() {
 
 #[test]
 fn every_key_is_explained_by_the_schema() {
-    fn undocumented(at: &serde_json::Value, path: &str, found: &mut Vec<String>) {
-        let properties = at.get("properties").and_then(serde_json::Value::as_object);
+    fn undocumented(schema: &serde_json::Value, path: &str, missing: &mut Vec<String>) {
+        let properties = schema.get("properties").and_then(serde_json::Value::as_object);
         for (name, property) in properties.into_iter().flatten() {
             let path = format!("{path}.{name}");
             if property.get("description").is_none() {
-                found.push(path.clone());
+                missing.push(path.clone());
             }
         }
     }
     let schema = schema();
-    let mut found = Vec::new();
-    undocumented(&schema, "", &mut found);
+    let mut missing = Vec::new();
+    undocumented(&schema, "", &mut missing);
     let defined = schema.get("$defs").and_then(serde_json::Value::as_object);
-    for (name, of) in defined.into_iter().flatten() {
-        undocumented(of, name, &mut found);
+    for (name, definition) in defined.into_iter().flatten() {
+        undocumented(definition, name, &mut missing);
     }
-    assert!(found.is_empty(), "{found:?}");
+    assert!(missing.is_empty(), "{missing:?}");
 }
 
 /// Paths of all keys in a schema, lists of tables as their tables; the keys of a scene are excluded.
-fn known(schema: &Value, root: &Value, path: &str, found: &mut BTreeSet<String>) {
+fn known(schema: &Value, root: &Value, path: &str, paths: &mut BTreeSet<String>) {
     if let Some(reference) = schema["$ref"].as_str() {
         return known(
             &root[reference.rsplit_once("$defs/").map_or("", |(_, name)| name)],
             root,
             path,
-            found,
+            paths,
         );
     }
-    for many in ["anyOf", "oneOf"] {
-        for option in schema[many].as_array().into_iter().flatten() {
-            known(option, root, path, found);
+    for combinator in ["anyOf", "oneOf"] {
+        for option in schema[combinator].as_array().into_iter().flatten() {
+            known(option, root, path, paths);
         }
     }
     if schema["items"].is_object() {
-        known(&schema["items"], root, path, found);
+        known(&schema["items"], root, path, paths);
     }
-    for (key, of) in schema["properties"].as_object().into_iter().flatten() {
+    for (key, property) in schema["properties"].as_object().into_iter().flatten() {
         let path = format!("{path}.{key}");
         if path != ".scene" {
-            known(of, root, &path, found);
+            known(property, root, &path, paths);
         }
-        found.insert(path);
+        paths.insert(path);
     }
 }
 
 /// Paths of all keys in a document.
-fn written(value: &toml::Value, path: &str, found: &mut BTreeSet<String>) {
+fn written(value: &toml::Value, path: &str, paths: &mut BTreeSet<String>) {
     match value {
         toml::Value::Table(table) => {
-            for (key, of) in table {
+            for (key, value) in table {
                 let path = format!("{path}.{key}");
-                written(of, &path, found);
-                found.insert(path);
+                written(value, &path, paths);
+                paths.insert(path);
             }
         }
-        toml::Value::Array(list) => list.iter().for_each(|of| written(of, path, found)),
+        toml::Value::Array(list) => list.iter().for_each(|value| written(value, path, paths)),
         _ => {}
     }
 }

@@ -38,9 +38,9 @@ impl Observer for Heard {
     }
 }
 
-fn heard(scenario: &Scenario, asked: Requests) -> (Heard, Summary) {
+fn heard(scenario: &Scenario, requests: Requests) -> (Heard, Summary) {
     let mut heard = Heard::default();
-    let summary = run(scenario, &mut PrescribedModel::new(scenario), asked, &mut heard).expect("a run");
+    let summary = run(scenario, &mut PrescribedModel::new(scenario), requests, &mut heard).expect("a run");
     (heard, summary)
 }
 
@@ -48,11 +48,11 @@ fn heard(scenario: &Scenario, asked: Requests) -> (Heard, Summary) {
 fn a_run_steps_from_start_to_end_and_tells_of_it() {
     let scenario = resolved(BLOCK).expect("a scenario");
     assert!(scenario.scene.settings.has_needle && scenario.scene.anatomy.mesh.is_some());
-    let asked = Requests {
+    let requests = Requests {
         frames: true,
         mesh_s: Some(0.5),
     };
-    let (heard, summary) = heard(&scenario, asked);
+    let (heard, summary) = heard(&scenario, requests);
     assert_eq!((summary.steps, heard.steps.len()), (200, 200));
     assert!((summary.simulated_s - 2.0).abs() < 1e-12);
     for &(time_s, tip) in &heard.steps {
@@ -88,8 +88,8 @@ fn a_run_steps_from_start_to_end_and_tells_of_it() {
 
 #[test]
 fn a_plan_moves_the_needle_and_leaves_seeds_on_the_way_out() {
-    let at = BLOCK.find("[needle]").expect("a table");
-    let planned = BLOCK[..at].to_owned()
+    let needle_table = BLOCK.find("[needle]").expect("a table");
+    let planned = BLOCK[..needle_table].to_owned()
         + r#"
 [needle]
 length_mm = 100
@@ -171,15 +171,15 @@ fn the_force_on_a_probe_is_split_between_the_points_that_drive_it() {
         let lines: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
         assert!(lines.iter().all(|line| line.len() == columns), "{:?}", lines[0]);
         assert_eq!(lines[0].last(), Some(&"step_ms"));
-        let of = |name: &str| lines[0].iter().position(|column| *column == name);
-        let force = |name: &str| of(name).map(|at| lines[1][at].parse::<f64>().expect("a number"));
-        assert_eq!(force("driven_1_force_y_n").is_some(), columns == 75);
+        let column_of = |name: &str| lines[0].iter().position(|column| *column == name);
+        let value = |name: &str| column_of(name).map(|column| lines[1][column].parse::<f64>().expect("a number"));
+        assert_eq!(value("driven_1_force_y_n").is_some(), columns == 75);
         let pose = scenario.instruments(1).probe.expect("a probe");
-        let place = ["probe_x_mm", "probe_y_mm", "probe_z_mm"].map(|name| force(name).expect("a place"));
-        assert_eq!(place, <[f64; 3]>::from(pose.translation.vector));
-        let turn = ["probe_qx", "probe_qy", "probe_qz", "probe_qw"].map(|name| force(name).expect("a turn"));
+        let position = ["probe_x_mm", "probe_y_mm", "probe_z_mm"].map(|name| value(name).expect("a place"));
+        assert_eq!(position, <[f64; 3]>::from(pose.translation.vector));
+        let turn = ["probe_qx", "probe_qy", "probe_qz", "probe_qw"].map(|name| value(name).expect("a turn"));
         assert_eq!(turn, <[f64; 4]>::from(pose.rotation.coords));
-        if let (Some(first), Some(second)) = (force("driven_1_force_y_n"), force("driven_2_force_y_n")) {
+        if let (Some(first), Some(second)) = (value("driven_1_force_y_n"), value("driven_2_force_y_n")) {
             assert!(
                 (first + 2.0).abs() < 1e-9 && (second + 1.0).abs() < 1e-9,
                 "{first} {second}"

@@ -84,14 +84,14 @@ fn stress_and_strain_of_a_pulled_bar_are_uniform_in_every_model() {
             .map(|tables| ("viscoelastic", tables, 0.5)),
     );
     for (model, tables, stress) in cases {
-        let mut own = BAR.to_owned();
+        let mut case = BAR.to_owned();
         if model != "linear" {
-            own = own.replace("poisson = 0.0\n", &format!("poisson = 0.0\n{stiff}"));
+            case = case.replace("poisson = 0.0\n", &format!("poisson = 0.0\n{stiff}"));
         }
         let folder = tempfile::tempdir().unwrap();
         let mesh = TetMesh::over_box([0.0; 3], [4.0, 4.0, 20.0], 60).unwrap();
         write_vtu(&folder.path().join("bar.vtu"), &mesh, None).unwrap();
-        let text = format!("model = \"{model}\"\n{own}{pull}{tables}");
+        let text = format!("model = \"{model}\"\n{case}{pull}{tables}");
         let problem = ProblemFile::parse(&text, "p.toml")
             .unwrap()
             .resolve(folder.path())
@@ -100,11 +100,11 @@ fn stress_and_strain_of_a_pulled_bar_are_uniform_in_every_model() {
         let fields = solved.fields.as_ref().unwrap();
         let long = solved.solution.displacement_mm.iter().map(|u| u[2]).fold(0.0, f64::max) / 20.0;
         let mises = fields.von_mises_kpa();
-        for ((strain, found), mises) in fields.strain.iter().zip(&fields.stress_kpa).zip(mises) {
-            for at in 0..6 {
-                let [strained, stressed] = if at == 2 { [long, stress] } else { [0.0; 2] };
-                assert!((strain[at] - strained).abs() < 1e-6 * long, "{text} {strain:?}");
-                assert!((found[at] - stressed).abs() < 1e-5, "{text} {found:?}");
+        for ((strain, stress_kpa), mises) in fields.strain.iter().zip(&fields.stress_kpa).zip(mises) {
+            for component in 0..6 {
+                let [strained, stressed] = if component == 2 { [long, stress] } else { [0.0; 2] };
+                assert!((strain[component] - strained).abs() < 1e-6 * long, "{text} {strain:?}");
+                assert!((stress_kpa[component] - stressed).abs() < 1e-5, "{text} {stress_kpa:?}");
             }
             assert!((mises - stress).abs() < 1e-5);
         }
@@ -113,8 +113,8 @@ fn stress_and_strain_of_a_pulled_bar_are_uniform_in_every_model() {
 
 #[test]
 fn loads_are_checked() {
-    let load = |with: &str| GOOD.replace("nodes = [35]\nnode_force_n = [0, 0, 0.001]", with);
-    let refused = |with: &str, key: &str, line, words: &[&str]| super::refused(&load(with), key, line, words);
+    let load = |force: &str| GOOD.replace("nodes = [35]\nnode_force_n = [0, 0, 0.001]", force);
+    let refused = |force: &str, key: &str, line, words: &[&str]| super::refused(&load(force), key, line, words);
     refused("nodes = [35]", "load[0]", 8, &["no force", "`total_force_n`"]);
     refused(
         "surface = true\npressure_kpa = 1\nnode_force_n = [0, 0, 1]",
@@ -143,7 +143,8 @@ fn loads_are_checked() {
 
 #[test]
 fn what_overflows_is_refused_with_the_key() {
-    let pushed = |by: &str| format!("{GOOD}[[fix]]\nnodes = [35]\ndisplacement_mm = [0, 0, {by}]\n");
+    let pushed =
+        |displacement: &str| format!("{GOOD}[[fix]]\nnodes = [35]\ndisplacement_mm = [0, 0, {displacement}]\n");
     refused(&pushed("1e308"), "fix[1].displacement_mm[2]", 13, &["1e6 mm"]);
     refused(&pushed("-1e7"), "fix[1].displacement_mm[2]", 13, &["found -10000000"]);
     let soft = GOOD.replace("5.0", "1e-303").replace("0.001]", "1e9]");
@@ -175,7 +176,10 @@ fn a_mesh_in_metres_says_so() {
     assert!(small.warnings[0].contains("0.003 mm long") && small.warnings[0].contains("mesh_unit = \"m\""));
     let problem = resolved(&format!("mesh_unit = \"m\"\n{GOOD}")).unwrap();
     assert!(problem.warnings.is_empty(), "{:?}", problem.warnings);
-    let found = Report::new(&problem, &problem.solve(false).unwrap()).max_displacement_mm;
+    let displacement_mm = Report::new(&problem, &problem.solve(false).unwrap()).max_displacement_mm;
     let expected = solve(GOOD).unwrap().max_displacement_mm;
-    assert!((found / expected - 1.0).abs() < 1e-9, "{found} {expected}");
+    assert!(
+        (displacement_mm / expected - 1.0).abs() < 1e-9,
+        "{displacement_mm} {expected}"
+    );
 }
