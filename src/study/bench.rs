@@ -176,8 +176,8 @@ impl Clock<'_> {
 
     /// Frames a second of batches, whose first frames are not counted, in memory and as a folder of PNG files.
     fn batches(&self, synth: &mut Synthesizer, frame: Spread) -> Result<BatchRates, SynthError> {
-        let within = (self.options.patience.as_secs_f64() * frame.fps) as usize;
-        let count = self.options.frames.min(within).max(MIN_FRAMES);
+        let affordable = (self.options.patience.as_secs_f64() * frame.fps) as usize;
+        let count = self.options.frames.min(affordable).max(MIN_FRAMES);
         let states: Vec<FrameState> = self.states.iter().cycle().take(count).cloned().collect();
         let rate = |start: Instant| count as f64 / start.elapsed().as_secs_f64();
         // Starts the threads.
@@ -193,21 +193,21 @@ impl Clock<'_> {
             return Ok(BatchRates { fps, png_fps: None });
         };
         let writers = Queue::new(available_parallelism().map_or(1, NonZero::get));
-        let mut written = Ok(());
+        let mut png_result = Ok(());
         let start = Instant::now();
         synth.render_batch(&states, |index, frame| {
             let path = png::frame_path(folder.path(), index, count);
             let (size, pixels) = ([frame.width, frame.height], frame.pixels.clone());
             let job = move || png::write_grey_with(Compression::Fast, &path, size, &pixels);
-            if written.is_ok() {
-                written = writers.put(Box::new(job));
+            if png_result.is_ok() {
+                png_result = writers.put(Box::new(job));
             }
             Ok::<_, SynthError>(())
         })?;
-        let written = written.and_then(|()| writers.finish());
+        let png_result = png_result.and_then(|()| writers.finish());
         Ok(BatchRates {
             fps,
-            png_fps: written.is_ok().then(|| rate(start)),
+            png_fps: png_result.is_ok().then(|| rate(start)),
         })
     }
 

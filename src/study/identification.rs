@@ -228,10 +228,10 @@ impl CaseFile {
                     .with_help(help));
             }
             _ => {
-                let read = document::read(&path)
+                let text = document::read(&path)
                     .map_err(|error: InputError| error.at_key("scenario", self.source.as_ref()))?;
                 let base = path.parent().unwrap_or(Path::new("")).to_owned();
-                (read, path.display().to_string(), base)
+                (text, path.display().to_string(), base)
             }
         };
         let scenario = ScenarioFile::parse(&text, &source_name)?.resolve(&base, progress)?;
@@ -376,7 +376,7 @@ impl IdentificationCase {
 
     /// Weights of the regions of the force, two a layer.
     pub fn weights(&self) -> Vec<f64> {
-        let usual = || (0..2 * self.layers.len()).map(|index| if index % 2 == 0 { 1.0 } else { 4.0 });
-        self.file.weights.clone().unwrap_or_else(|| usual().collect())
+        let default_weights = || (0..2 * self.layers.len()).map(|index| if index % 2 == 0 { 1.0 } else { 4.0 });
+        self.file.weights.clone().unwrap_or_else(|| default_weights().collect())
     }
 }

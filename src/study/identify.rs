@@ -289,11 +289,11 @@ impl<'a> Search<'a> {
             self.seek_moduli(motion, &mut layers, &unknown)?;
         }
         let course = self.match_forces(&mut layers)?;
-        let beside = match &data.motion {
+        let sensitivities = match &data.motion {
             Some(motion) => self.sensitivities(motion, &layers, &unknown, self.cost(motion, &course))?,
             None => Vec::new(),
         };
-        Ok(self.conclude(layers, course, beside))
+        Ok(self.conclude(layers, course, sensitivities))
     }
 
     /// The outer loop: sets the moduli of the `unknown` layers to those whose displacements are nearest to the measured ones.
@@ -326,8 +326,8 @@ impl<'a> Search<'a> {
             Ok::<f64, Error>(self.cost(motion, &course))
         };
         let minimum = nelder_mead(&start, &vec![LOG_STEP; start.len()], TOLERANCE, MAX_OUTER, cost)?;
-        set_young(layers, &minimum.at);
-        let mut pairs = minimum.at.iter().zip(&start);
+        set_young(layers, &minimum.point);
+        let mut pairs = minimum.point.iter().zip(&start);
         if pairs.any(|(log, start)| (log - start).abs() > 0.98 * limit) {
             self.notes.push(format!(
                 "a modulus reached the limit of the search, a factor of {MAX_MODULUS_FACTOR} from its starting value: no minimum was found"
@@ -364,7 +364,7 @@ impl<'a> Search<'a> {
         mut self,
         layers: Vec<LayerParameters>,
         course: SimulatedInsertion,
-        beside: Vec<Sensitivity>,
+        sensitivities: Vec<Sensitivity>,
     ) -> Identified {
         let force = force_errors(&course, &self.data.force);
         let largest = self.data.force.iter().map(|point| point[1]).fold(0.0, f64::max);
@@ -375,11 +375,11 @@ impl<'a> Search<'a> {
             ));
         }
         // A neighbour that costs no more shows that the search ended somewhere else than at a minimum.
-        for beside in beside.iter().filter(|beside| beside.cost_ratio <= 1.0) {
+        for sensitivity in sensitivities.iter().filter(|sensitivity| sensitivity.cost_ratio <= 1.0) {
             self.notes.push(format!(
                 "no minimum: the cost falls where Young's modulus of {} changes by {:+.0} %",
-                beside.region_name,
-                100.0 * (beside.factor - 1.0)
+                sensitivity.region_name,
+                100.0 * (sensitivity.factor - 1.0)
             ));
         }
         if course.unsettled > 0 {
@@ -397,7 +397,7 @@ impl<'a> Search<'a> {
                 .motion
                 .as_ref()
                 .map(|motion| self.motion_errors(motion, &course)),
-            beside,
+            beside: sensitivities,
             insertions: self.simulator.runs,
             notes: self.notes,
             course,

@@ -76,7 +76,7 @@ fn sample_report(
     let tables = synth.tables();
     let reference = beam.position.get(index).map_or(world, |p| [p[0], p[1], p[2]]);
     let label = beam.label.get(index).copied().unwrap_or(0);
-    let moved = [0, 1, 2].map(|axis| world[axis] - reference[axis]);
+    let displacement = [0, 1, 2].map(|axis| world[axis] - reference[axis]);
     Ok(SampleReport {
         beam: beam_position.map(f64::from),
         line,
@@ -84,7 +84,7 @@ fn sample_report(
         depth_mm: tables.grid.sample_depth_mm(sample),
         world_mm: world,
         reference_mm: reference,
-        displacement_mm: moved.iter().map(|x| x * x).sum::<f64>().sqrt(),
+        displacement_mm: displacement.iter().map(|x| x * x).sum::<f64>().sqrt(),
         mesh: mesh_report(tables, state, beam, index, world),
         label: label_report(tables, label, reference),
         texture: texture_report(tables, label, reference),
@@ -230,7 +230,7 @@ fn shadow_report(tables: &Tables, beam: &Beam, line: usize, sample: usize) -> Op
     let start = line * beam.samples;
     let &units = beam.loss.get(start + sample)?;
     let mut losses: Vec<TissueLoss> = Vec::new();
-    let mut take = |cause: &str, mm: f64, db: f64| match losses.iter_mut().find(|loss| loss.by == cause) {
+    let mut add_loss = |cause: &str, mm: f64, db: f64| match losses.iter_mut().find(|loss| loss.by == cause) {
         Some(loss) => {
             loss.mm += mm;
             loss.db += db;
@@ -250,14 +250,14 @@ fn shadow_report(tables: &Tables, beam: &Beam, line: usize, sample: usize) -> Op
         let mm = share * tables.sample_mm();
         let label = beam.label.get(start + crossed).copied().unwrap_or(0);
         let loss_units = tables.label_rows.get(usize::from(label)).map_or(0, |row| row.loss);
-        take(
+        add_loss(
             &tables.anatomy.tissues.of(label).name,
             mm,
             share * f64::from(loss_units) / UNITS_PER_DB,
         );
         if let Some(&fill) = beam.needle.get(start + crossed).filter(|&&fill| fill > 0.0) {
             let shade = beam.shade.get(start + crossed).copied().unwrap_or(0.0);
-            take("needle", mm * fill, mm * shade * needle_db_mm);
+            add_loss("needle", mm * fill, mm * shade * needle_db_mm);
         }
     }
     losses.sort_by(|a, b| b.db.total_cmp(&a.db));

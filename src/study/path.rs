@@ -137,8 +137,8 @@ impl PathOptions {
             )?;
         }
         if let Entry::Plane([low, high]) = self.entry {
-            let within = -85.0 <= low && low <= high && high <= 85.0;
-            check("angles", low, within, "two ascending angles from -85 to 85")?;
+            let ascending = -85.0 <= low && low <= high && high <= 85.0;
+            check("angles", low, ascending, "two ascending angles from -85 to 85")?;
         }
         Ok(())
     }
@@ -259,12 +259,14 @@ fn no_path(target: &str, tried: usize, reasons: &str) -> Error {
 /// Error if no label or tissue of a scenario has a name.
 pub(super) fn unknown(scenario: &Scenario, name: &str) -> Error {
     let entries = scenario.scene.body().entries();
-    let known: Vec<String> = entries
+    let known_names: Vec<String> = entries
         .iter()
         .filter_map(|(_, _, names)| names.first().cloned())
         .collect();
-    let known = some_of(&known);
-    StudyError::refused(format!("no label or tissue is named {name:?}; expected one of {known}"))
+    let examples = some_of(&known_names);
+    StudyError::refused(format!(
+        "no label or tissue is named {name:?}; expected one of {examples}"
+    ))
 }
 
 /// Order of lines: simulated before excluded, then by miss (those within the tolerance are equal), clearance (to 1 mm) and peak force.

@@ -121,14 +121,14 @@ pub fn puncture(options: &PunctureOptions, progress: &mut dyn FnMut(f64)) -> Res
         return Err(OutOfRange::new("step_mm", step, expected).into());
     }
     let (liver, mut needle) = pushing(options, steps, true)?;
-    let [near, far] = [1, 2].map(|layer: usize| liver.layers[layer].from_mm);
+    let [near_wall, far_wall] = [1, 2].map(|layer: usize| liver.layers[layer].from_mm);
     let mut rows = vec![PunctureStep {
         travel_mm: 0.0,
         time_s: 0.0,
         force_n: 0.0,
         tip_n: 0.0,
         depth_mm: 0.0,
-        vein_mm: far - near,
+        vein_mm: far_wall - near_wall,
         punctured: None,
     }];
     let mut states = vec![state("rest", &liver, &needle, 0.0)];
@@ -141,14 +141,14 @@ pub fn puncture(options: &PunctureOptions, progress: &mut dyn FnMut(f64)) -> Res
             let name = NAMES.get(layer).copied().unwrap_or("layer");
             states.push(state(&format!("before-{name}"), &liver, &needle, travel_mm));
         }
-        let [upper, lower] = [near, far].map(|depth| needle.along(depth));
+        let [upper, lower] = [near_wall, far_wall].map(|depth| needle.along(depth));
         rows.push(PunctureStep {
             travel_mm,
             time_s: count as f64 * step / speed,
             force_n: pushed.force_n,
             tip_n: pushed.tip_n,
             depth_mm: pushed.depth_mm,
-            vein_mm: far + lower - near - upper,
+            vein_mm: far_wall + lower - near_wall - upper,
             punctured: pushed.punctured,
         });
         progress(count as f64 / steps);

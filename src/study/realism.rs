@@ -187,7 +187,7 @@ impl FrameReport {
             autocorrelation_lateral: autocorrelation(1),
             values: MEASURES
                 .iter()
-                .map(|measure| (measure.of)(&parts).filter(|value| value.is_finite()))
+                .map(|measure| (measure.value)(&parts).filter(|value| value.is_finite()))
                 .collect(),
         })
     }

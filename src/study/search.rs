@@ -6,7 +6,7 @@ use std::cmp::Ordering;
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Evaluation {
     /// Arguments.
-    pub at: Vec<f64>,
+    pub point: Vec<f64>,
     /// Value there.
     pub cost: f64,
 }
@@ -30,7 +30,7 @@ pub(crate) fn nelder_mead<E>(
     match failed {
         Some(error) => Err(error),
         None => Ok(minimum.unwrap_or_else(|| Evaluation {
-            at: start.to_vec(),
+            point: start.to_vec(),
             cost: f64::INFINITY,
         })),
     }
@@ -44,7 +44,7 @@ fn search(
     max_iterations: u64,
     value: &mut dyn FnMut(&[f64]) -> Option<f64>,
 ) -> Option<Evaluation> {
-    let mut corner = |point: Vec<f64>| value(&point).map(|cost| Evaluation { at: point, cost });
+    let mut corner = |point: Vec<f64>| value(&point).map(|cost| Evaluation { point, cost });
     let mut simplex = vec![corner(start.to_vec())?];
     for (axis, step) in steps.iter().enumerate() {
         let mut point = start.to_vec();
@@ -53,7 +53,7 @@ fn search(
     }
     let worst_index = simplex.len() - 1;
     let mut best = Evaluation {
-        at: start.to_vec(),
+        point: start.to_vec(),
         cost: f64::INFINITY,
     };
     for iteration in 0.. {
@@ -68,9 +68,9 @@ fn search(
         }
         let centre = centroid(&simplex[..worst_index]);
         let [least, second, worst] = [0, worst_index - 1, worst_index].map(|corner| simplex[corner].cost);
-        let reflected = corner(moved(&centre, [&simplex[worst_index].at, &centre], 1.0))?;
+        let reflected = corner(moved(&centre, [&simplex[worst_index].point, &centre], 1.0))?;
         let better = if reflected.cost < least {
-            let expanded = corner(moved(&centre, [&centre, &reflected.at], 2.0))?;
+            let expanded = corner(moved(&centre, [&centre, &reflected.point], 2.0))?;
             Some(if expanded.cost < reflected.cost {
                 expanded
             } else {
@@ -82,7 +82,7 @@ fn search(
             // Towards the better of the worst corner and its reflection.
             let outside = reflected.cost < worst;
             let end = if outside { &reflected } else { &simplex[worst_index] };
-            let contracted = corner(moved(&centre, [&centre, &end.at], 0.5))?;
+            let contracted = corner(moved(&centre, [&centre, &end.point], 0.5))?;
             let accepted = contracted.cost < end.cost || outside && contracted.cost == end.cost;
             accepted.then_some(contracted)
         } else {
@@ -91,9 +91,9 @@ fn search(
         match better {
             Some(better) => simplex[worst_index] = better,
             None => {
-                let (best, others) = simplex.split_first_mut()?;
-                for vertex in others {
-                    *vertex = corner(moved(&best.at, [&best.at, &vertex.at], 0.5))?;
+                let (best, vertices) = simplex.split_first_mut()?;
+                for vertex in vertices {
+                    *vertex = corner(moved(&best.point, [&best.point, &vertex.point], 0.5))?;
                 }
             }
         }
@@ -111,9 +111,9 @@ fn deviation(simplex: &[Evaluation]) -> f64 {
 
 fn centroid(corners: &[Evaluation]) -> Vec<f64> {
     let share = 1.0 / corners.len() as f64;
-    let mut sum = corners[0].at.clone();
+    let mut sum = corners[0].point.clone();
     for corner in &corners[1..] {
-        sum.iter_mut().zip(&corner.at).for_each(|(sum, value)| *sum += value);
+        sum.iter_mut().zip(&corner.point).for_each(|(sum, value)| *sum += value);
     }
     sum.into_iter().map(|sum| sum * share).collect()
 }
@@ -135,7 +135,7 @@ mod tests {
             Ok::<f64, ()>(x * x + 10.0 * y * y + 0.1 * z * z + x * y + 7.0)
         };
         let minimum = nelder_mead(&[0.0; 3], &[0.5; 3], 1e-14, 1000, quadratic).unwrap();
-        for (argument, expected) in minimum.at.iter().zip([1.0, -2.0, 3.0]) {
+        for (argument, expected) in minimum.point.iter().zip([1.0, -2.0, 3.0]) {
             assert!((argument - expected).abs() < 1e-5, "{argument} {expected}");
         }
         assert!((minimum.cost - 7.0).abs() < 1e-9);
@@ -143,7 +143,7 @@ mod tests {
             |point: &[f64]| Ok::<f64, ()>((1.0 - point[0]).powi(2) + 100.0 * (point[1] - point[0] * point[0]).powi(2));
         let minimum = nelder_mead(&[-1.2, 1.0], &[0.5; 2], 1e-14, 1000, valley).unwrap();
         assert!(
-            minimum.at.iter().all(|coordinate| (coordinate - 1.0).abs() < 1e-5),
+            minimum.point.iter().all(|coordinate| (coordinate - 1.0).abs() < 1e-5),
             "{minimum:?}"
         );
         assert_eq!(
@@ -173,7 +173,7 @@ mod tests {
                 Ok::<f64, ()>(cost(point[0]))
             };
             let minimum = nelder_mead(&[0.0], &[1.0], 0.0, max_iterations, run).unwrap();
-            (points, minimum.at[0])
+            (points, minimum.point[0])
         };
         // Reflected and expanded.
         assert_eq!(points(|x| -x, 1), (vec![0.0, 1.0, 2.0, 3.0], 3.0));
@@ -198,7 +198,7 @@ mod tests {
                 Ok::<f64, ()>(cost(point[0]))
             };
             let minimum = nelder_mead(&[0.0], &[1.0], tolerance, 50, cost).unwrap();
-            (calls, minimum.at[0], minimum.cost)
+            (calls, minimum.point[0], minimum.cost)
         };
         assert_eq!(run(|_| 3.0, 1e-9), (2, 0.0, 3.0));
         // The tolerance is not reached by equality.

@@ -50,9 +50,9 @@ pub const GROUPS: &[Group] = &[
     planning::GROUP,
 ];
 
-/// Returns the cases whose name or group name contains `only`, ignoring case, each with its group's name; all cases if `None`.
-pub fn select<'a>(groups: &'a [Group], only: Option<&str>) -> Vec<(&'a str, &'a HardCase)> {
-    let only = only.unwrap_or("").to_lowercase();
+/// Returns the cases whose name or group name contains `part_of_name`, ignoring case, each with its group's name; all cases if `None`.
+pub fn select<'a>(groups: &'a [Group], part_of_name: Option<&str>) -> Vec<(&'a str, &'a HardCase)> {
+    let part_of_name = part_of_name.unwrap_or("").to_lowercase();
     let pairs = groups
         .iter()
         .flat_map(|group| group.cases.iter().map(|case| (group.name, case)));
@@ -60,7 +60,7 @@ pub fn select<'a>(groups: &'a [Group], only: Option<&str>) -> Vec<(&'a str, &'a 
         .filter(|(group, case)| {
             [group, case.name]
                 .iter()
-                .any(|name| name.to_lowercase().contains(&only))
+                .any(|name| name.to_lowercase().contains(&part_of_name))
         })
         .collect()
 }
@@ -69,9 +69,10 @@ pub fn select<'a>(groups: &'a [Group], only: Option<&str>) -> Vec<(&'a str, &'a 
 pub fn run(cases: &[(&str, &HardCase)], effort: Effort, progress: &mut dyn FnMut(&str, f64)) -> StabilityReport {
     let mut reports = Vec::with_capacity(cases.len());
     for (index, (group, case)) in cases.iter().enumerate() {
-        let mut within = |share: f64| progress(case.name, (index as f64 + share.clamp(0.0, 1.0)) / cases.len() as f64);
-        within(0.0);
-        reports.push(run_case(group, case, effort, &mut within));
+        let mut case_progress =
+            |share: f64| progress(case.name, (index as f64 + share.clamp(0.0, 1.0)) / cases.len() as f64);
+        case_progress(0.0);
+        reports.push(run_case(group, case, effort, &mut case_progress));
     }
     StabilityReport {
         effort,

@@ -115,15 +115,15 @@ pub(crate) struct Insertions {
 
 impl Insertions {
     pub(crate) fn measure(
-        few: &InsertionOptions,
+        quick: &InsertionOptions,
         full: &InsertionOptions,
         progress: Progress<'_>,
     ) -> Result<Self, Error> {
         Ok(Self {
-            levels: levels::measure(few, &mut |what, share| progress(what, 0.15 * share))?,
-            thinning: thinning::measure(few, &mut |what, share| progress(what, 0.15 + 0.15 * share))?,
-            links: LINKS.measure(few, &mut |what, share| progress(what, 0.3 + 0.15 * share))?,
-            elements: ELEMENTS.measure(few, &mut |what, share| progress(what, 0.45 + 0.15 * share))?,
+            levels: levels::measure(quick, &mut |what, share| progress(what, 0.15 * share))?,
+            thinning: thinning::measure(quick, &mut |what, share| progress(what, 0.15 + 0.15 * share))?,
+            links: LINKS.measure(quick, &mut |what, share| progress(what, 0.3 + 0.15 * share))?,
+            elements: ELEMENTS.measure(quick, &mut |what, share| progress(what, 0.45 + 0.15 * share))?,
             meshes: meshes::measure(full, &mut |what, share| progress(what, 0.6 + 0.4 * share))?,
         })
     }
@@ -132,7 +132,7 @@ impl Insertions {
 impl StepCosts {
     fn of(insertions: &Insertions) -> Self {
         let thinning = insertions.thinning.iter();
-        let thinning = setting(THINNING, thinning.map(|row| (row.every, &row.times, row.tip_mm)));
+        let thinning = setting(THINNING, thinning.map(|row| (row.stride, &row.times, row.tip_mm)));
         let of_pieces =
             |key, rows: &[PieceRow]| setting(key, rows.iter().map(|row| (row.length_mm, &row.times, row.tip_mm)));
         let links = of_pieces(LINK, &insertions.links);
@@ -167,8 +167,8 @@ impl StepCosts {
 
     /// Returns every setting that was varied, with the costs of its options.
     pub fn settings(&self) -> impl Iterator<Item = &VariedSetting> {
-        let others = [&self.nodes, &self.links, &self.elements, &self.thinning];
-        self.levels.iter().chain(others)
+        let other_settings = [&self.nodes, &self.links, &self.elements, &self.thinning];
+        self.levels.iter().chain(other_settings)
     }
 
     /// Returns the choices open to a scenario, and their costs.
@@ -261,7 +261,7 @@ fn setting<'a, T: ToString>(
 impl Measured {
     /// Time of a value, ms; 0 if it was not measured.
     fn ms_of(&self, value: &str) -> f64 {
-        let option = self.options.iter().find(|(known, ..)| known == value);
+        let option = self.options.iter().find(|(choice, ..)| choice == value);
         option.map_or(0.0, |(_, ms, _)| *ms)
     }
 

@@ -140,11 +140,11 @@ impl Preparation {
     /// # Errors
     /// [`VolumeError`] if the region leaves the image, holds coloured pixels or a single grey level, or gives too few voxels.
     pub fn of(&self, picture: &Picture, region: &Region) -> Result<PreparedExemplar, VolumeError> {
-        let wrong = |text: String| VolumeError::new(format!("{}: {text}", picture.name));
-        let cut = cut(picture, region).map_err(wrong)?;
+        let refuse = |text: String| VolumeError::new(format!("{}: {text}", picture.name));
+        let cut = cut(picture, region).map_err(refuse)?;
         let corner = [region.window[0] as f64, region.window[1] as f64];
         let (grey, pixel_mm) = match region.apex_px {
-            Some(apex) => self.beam_space(&cut, corner, apex).map_err(wrong)?,
+            Some(apex) => self.beam_space(&cut, corner, apex).map_err(refuse)?,
             None => (cut, self.pixel_mm),
         };
         let flat = self.flattened(&grey, pixel_mm);
@@ -163,17 +163,17 @@ impl Preparation {
         };
         // Structure is smooth over a speckle cell: two voxels a cell hold it.
         let finest = pixel_mm[0].min(pixel_mm[1]);
-        let usual = match self.content {
+        let default_mm = match self.content {
             Content::Keep => finest,
             Content::Structure => (cell_mm[0].min(cell_mm[1]) / 2.0).max(finest),
         };
-        let voxel_mm = self.voxel_mm.unwrap_or(usual);
+        let voxel_mm = self.voxel_mm.unwrap_or(default_mm);
         let level = envelope.map(|a| 20.0 * a.log10());
         // Pixels smaller than voxels are averaged first.
         let level = level.smoothed(pixel_mm.map(|mm| ((voxel_mm / mm).powi(2) - 1.0).max(0.0).sqrt() / FWHM));
         let size = [0, 1].map(|axis| ((level.size[axis] as f64 - 1.0) * pixel_mm[axis] / voxel_mm) as usize + 1);
         if size.iter().any(|n| *n < MIN) {
-            return Err(wrong(format!(
+            return Err(refuse(format!(
                 "the region gives {} x {} voxels of {voxel_mm:.3} mm; expected at least {MIN} x {MIN}: take a larger region, or smaller voxels (`--voxel-mm`)",
                 size[0], size[1]
             )));
@@ -185,7 +185,7 @@ impl Preparation {
         let mean = values.iter().sum::<f32>() / values.len() as f32;
         values.iter_mut().for_each(|value| *value -= mean);
         if values.iter().all(|value| value.abs() < 1e-3) {
-            return Err(wrong("the region has a single grey level; expected tissue".to_owned()));
+            return Err(refuse("the region has a single grey level; expected tissue".to_owned()));
         }
         Ok(PreparedExemplar {
             exemplar: Exemplar { size, values },
@@ -268,8 +268,8 @@ impl Preparation {
 /// Grey levels of a region; the error says why it has no texture.
 fn cut(picture: &Picture, region: &Region) -> Result<Image, String> {
     let [x, y, width, height] = region.window;
-    let within = |start: usize, side: usize, size: usize| start.checked_add(side).is_some_and(|end| end <= size);
-    if width < 16 || height < 16 || !within(x, width, picture.width) || !within(y, height, picture.height) {
+    let fits = |start: usize, side: usize, size: usize| start.checked_add(side).is_some_and(|end| end <= size);
+    if width < 16 || height < 16 || !fits(x, width, picture.width) || !fits(y, height, picture.height) {
         let size = format!("{} x {}", picture.width, picture.height);
         return Err(format!(
             "region {x},{y},{width},{height}; expected at least 16 x 16 pixels within the image of {size}"
@@ -278,7 +278,7 @@ fn cut(picture: &Picture, region: &Region) -> Result<Image, String> {
     let inside = (y..y + height).flat_map(|row| (x..x + width).map(move |column| row * picture.width + column));
     let coloured = inside
         .clone()
-        .filter(|&pixel| picture.overlay.get(pixel).is_some_and(|is| *is))
+        .filter(|&pixel| picture.overlay.get(pixel).is_some_and(|covered| *covered))
         .count();
     if coloured > 0 {
         return Err(format!(
@@ -384,16 +384,16 @@ fn histogram_distance(a: &[f32], b: &[f32]) -> f64 {
 /// Mean step across the seam of an axis over that between other neighbours.
 fn seam(level: &[f32], side: usize, axis: usize) -> f64 {
     let stride = side.pow(axis as u32);
-    let (mut across, mut within) = ([0.0, 0.0], [0.0, 0.0]);
+    let (mut across, mut inside) = ([0.0, 0.0], [0.0, 0.0]);
     for voxel in 0..level.len() {
         let index = voxel / stride % side;
         let next = voxel - index * stride + (index + 1) % side * stride;
         let step = f64::from((level[voxel] - level[next]).abs());
-        let sums = if index + 1 == side { &mut across } else { &mut within };
+        let sums = if index + 1 == side { &mut across } else { &mut inside };
         sums[0] += step;
         sums[1] += 1.0;
     }
-    across[0] / across[1] / (within[0] / within[1])
+    across[0] / across[1] / (inside[0] / inside[1])
 }
 
 impl SolidTexture {

@@ -64,7 +64,7 @@ impl Factor {
 
     /// Declares the choice of a row.
     pub(crate) const fn of<R>(self, text: fn(&R) -> String) -> Choice<R> {
-        Choice { factor: self, of: text }
+        Choice { factor: self, text }
     }
 
     /// Describes a choice in words: a bare number is put into the label, as in "spacing 5 mm" for the label "spacing, mm".
@@ -113,7 +113,7 @@ impl Axis {
 
     /// Declares the value of a row; `None` if it was not or cannot be measured.
     pub(crate) const fn of<R>(self, value: fn(&R) -> Option<f64>) -> Column<R> {
-        Column { axis: self, of: value }
+        Column { axis: self, value }
     }
 
     /// Returns the unit; empty if there is none.
@@ -125,13 +125,13 @@ impl Axis {
 /// Factor of rows of type `R`.
 pub(crate) struct Choice<R> {
     factor: Factor,
-    of: fn(&R) -> String,
+    text: fn(&R) -> String,
 }
 
 /// Axis of rows of type `R`.
 pub(crate) struct Column<R> {
     axis: Axis,
-    of: fn(&R) -> Option<f64>,
+    value: fn(&R) -> Option<f64>,
 }
 
 /// One variant and its results, as they are written.
@@ -268,8 +268,8 @@ impl Table {
         let axes: Vec<Axis> = columns.iter().map(|column| column.axis).collect();
         let mut table = Table::new(key, title, &factors, &axes);
         for row in rows {
-            let choices = choices.iter().map(|choice| (choice.of)(row));
-            let values = columns.iter().map(|column| (column.of)(row));
+            let choices = choices.iter().map(|choice| (choice.text)(row));
+            let values = columns.iter().map(|column| (column.value)(row));
             table.push(choices.collect(), values.collect(), None);
         }
         table

@@ -188,7 +188,7 @@ impl MeasuredMotion {
     fn read(case: &IdentificationCase, path: &Path, frames: Option<&Path>, end: f64) -> Result<Self, Error> {
         let table = Csv::open(path, &[])?;
         let has = |names: &[&str]| names.iter().all(|name| table.has(name));
-        let (points, read) = if has(&["frame", "line", "window", "depth_mm", "axial_um"]) {
+        let (points, readings) = if has(&["frame", "line", "window", "depth_mm", "axial_um"]) {
             windows(case, &table, path, &depths_of_frames(case, frames, path)?)?
         } else if table.has("tip_mm") && (table.has("node") || has(&["x_mm", "y_mm", "z_mm"])) {
             markers(case, &table)?
@@ -197,7 +197,7 @@ impl MeasuredMotion {
                 "a table of `insonify motion`, or the columns tip_mm, node or x_mm,y_mm,z_mm, and ux_mm,uy_mm,uz_mm";
             return Err(unusable(path, format!("found other columns; expected {expected}")));
         };
-        let mut all_depths: Vec<f64> = read.iter().map(|read| read.1).collect();
+        let mut all_depths: Vec<f64> = readings.iter().map(|reading| reading.1).collect();
         all_depths.dedup();
         let mut depths: Vec<f64> = first_push(&all_depths)
             .into_iter()
@@ -213,17 +213,17 @@ impl MeasuredMotion {
         let mut measured = vec![vec![f64::NAN; points.len()]; depths.len()];
         let mut done = vec![false; depths.len()];
         let mut before = f64::NAN;
-        for (point, depth, moved) in read {
+        for (point, depth, moved) in readings {
             // Rows of a later visit of the same depth are not of the first push.
             if depth != before {
-                if let Some(row) = depths.iter().position(|known| *known == before) {
+                if let Some(row) = depths.iter().position(|known_depth| *known_depth == before) {
                     done[row] = true;
                 }
                 before = depth;
             }
             if let Some(row) = depths
                 .iter()
-                .position(|known| *known == depth)
+                .position(|known_depth| *known_depth == depth)
                 .filter(|row| !done[*row])
             {
                 measured[row][point] = moved;
@@ -338,17 +338,17 @@ fn windows(
     }
     // Cells at the edges of the image have fewer windows, off their middle.
     let largest_count = by_cell.values().map(|(_, count)| *count).max().unwrap_or(0);
-    let mut read = Vec::new();
+    let mut readings = Vec::new();
     for ((frame, cell), (mut values, count)) in by_cell {
         values.sort_by(f64::total_cmp);
         if (values.len() as f64) < MIN_CORRELATED_SHARE * largest_count as f64 || 4 * count < 3 * largest_count {
             continue;
         }
         if let Some(middle) = percentile(&values, 0.5) {
-            read.push((cell, depths[&frame], middle));
+            readings.push((cell, depths[&frame], middle));
         }
     }
-    Ok((points, read))
+    Ok((points, readings))
 }
 
 /// Nodes or marked points with some components of their displacement.
@@ -356,8 +356,8 @@ fn markers(case: &IdentificationCase, table: &Csv) -> Result<(Vec<(Point3<f64>, 
     let columns = ["ux_mm", "uy_mm", "uz_mm"];
     let nodes = case.scenario.mesh.nodes();
     let mut points: Vec<(Point3<f64>, Vector3<f64>)> = Vec::new();
-    let mut known: BTreeMap<([u64; 3], usize), usize> = BTreeMap::new();
-    let mut read = Vec::new();
+    let mut indices: BTreeMap<([u64; 3], usize), usize> = BTreeMap::new();
+    let mut readings = Vec::new();
     for row in table.rows() {
         let depth = row.number("tip_mm")?;
         let node_mm = if table.has("node") {
@@ -379,14 +379,14 @@ fn markers(case: &IdentificationCase, table: &Csv) -> Result<(Vec<(Point3<f64>, 
         {
             let moved = row.number(column)?;
             // A point has a row for each depth: its place at rest says which it is.
-            let point = *known.entry((node_mm.map(f64::to_bits), axis)).or_insert_with(|| {
+            let point = *indices.entry((node_mm.map(f64::to_bits), axis)).or_insert_with(|| {
                 let mut direction = Vector3::zeros();
                 direction[axis] = 1.0;
                 points.push((node_mm.into(), direction));
                 points.len() - 1
             });
-            read.push((point, depth, moved));
+            readings.push((point, depth, moved));
         }
     }
-    Ok((points, read))
+    Ok((points, readings))
 }

@@ -127,9 +127,9 @@ impl Piecewise {
             for _ in 0..MAX_SWEEPS {
                 let before = best.rms_n;
                 for removed in 0..best.breaks_mm.len() {
-                    let mut others = best.breaks_mm.clone();
-                    others.remove(removed);
-                    if let Some(better) = fitted(&others).filter(|fit| fit.rms_n < best.rms_n) {
+                    let mut fewer = best.breaks_mm.clone();
+                    fewer.remove(removed);
+                    if let Some(better) = fitted(&fewer).filter(|fit| fit.rms_n < best.rms_n) {
                         best = better;
                     }
                 }
@@ -156,7 +156,7 @@ impl Piecewise {
             Ok::<f64, ()>(model.map_or(10.0 * squares, |model| model.rms_n.powi(2)))
         };
         let minimum = nelder_mead(&self.breaks_mm, &steps, 1e-13 * squares, 400, cost).ok()?;
-        let minimum = Self::through(curve, &minimum.at);
+        let minimum = Self::through(curve, &minimum.point);
         [minimum, start]
             .into_iter()
             .flatten()
@@ -176,9 +176,9 @@ impl Piecewise {
         let largest = curve.iter().map(|point| point[1].abs()).fold(0.0, f64::max);
         let floor = (NEGLIGIBLE_SHARE * largest).powi(2);
         for (index, break_mm) in self.breaks_mm.iter().enumerate() {
-            let mut others = self.breaks_mm.clone();
-            others.remove(index);
-            let without = Self::through(curve, &others)?;
+            let mut fewer = self.breaks_mm.clone();
+            fewer.remove(index);
+            let without = Self::through(curve, &fewer)?;
             if without.rms_n.powi(2) + floor < MIN_GAIN * (self.rms_n.powi(2) + floor) {
                 let regions = self.slopes_n_per_mm.len();
                 return Some(format!(
@@ -217,12 +217,12 @@ mod tests {
     /// Seven parameters of a curve that has them return; with noise of 20 mN to a few per cent.
     #[test]
     fn seven_parameters_return() {
-        for (noise, near) in [(0.0, 1e-5), (0.02, 0.03)] {
+        for (noise, tolerance) in [(0.0, 1e-5), (0.02, 0.03)] {
             let (exact, points) = curve(noise);
             let fit = Piecewise::fit(&points, 4).unwrap();
             let pairs = exact.breaks_mm.iter().zip(&fit.breaks_mm);
             for (exact, fit) in pairs.chain(exact.slopes_n_per_mm.iter().zip(&fit.slopes_n_per_mm)) {
-                assert!((fit / exact - 1.0).abs() < near, "{noise}: {exact} {fit}");
+                assert!((fit / exact - 1.0).abs() < tolerance, "{noise}: {exact} {fit}");
             }
             assert_eq!(fit.doubt(&points), None);
             assert_eq!(fit.region(25.0), 2);

@@ -59,10 +59,10 @@ impl Identification {
         let head = head.map(Cell::number);
         let mut table = Table::new([Cell::from("")].into_iter().chain(head));
         for result in &self.results {
-            let moved = result
+            let motion_errors = result
                 .motion
                 .map(|errors| [errors.largest_mean_mm, errors.largest_sd_mm]);
-            let [mean, sd] = moved.map_or([String::new(), String::new()], |errors| errors.map(significant));
+            let [mean, sd] = motion_errors.map_or([String::new(), String::new()], |errors| errors.map(significant));
             let numbers = [
                 mean,
                 sd,
@@ -121,10 +121,10 @@ impl Identification {
                 .chain(["E changed by", "cost over the least"].map(Cell::number)),
         );
         for result in &self.results {
-            for beside in &result.beside {
-                let change = format!("{:+.0} %", 100.0 * (beside.factor - 1.0));
-                let cost = significant(beside.cost_ratio);
-                table.row("", [result.name(), beside.region_name.clone(), change, cost]);
+            for sensitivity in &result.beside {
+                let change = format!("{:+.0} %", 100.0 * (sensitivity.factor - 1.0));
+                let cost = significant(sensitivity.cost_ratio);
+                table.row("", [result.name(), sensitivity.region_name.clone(), change, cost]);
             }
         }
         table
@@ -149,9 +149,9 @@ impl Identification {
             let [x, y] = axes;
             let plot = Plot::new("Errors of the simulated displacements", x, y, series.collect());
             plots.push(("errors".to_owned(), plot));
-            let several = self.results.len() > 1;
+            let has_several = self.results.len() > 1;
             for result in &self.results {
-                let name = match (several, result.poisson) {
+                let name = match (has_several, result.poisson) {
                     (true, Some(poisson)) => format!("figure-15-{poisson}"),
                     _ => "figure-15".to_owned(),
                 };
@@ -209,18 +209,18 @@ impl Identification {
             .into_iter()
             .filter_map(|axis| (axis - direction * axis.dot(&direction)).try_normalize(0.1));
         let across = across.max_by(|a, b| spread(a).total_cmp(&spread(b)))?;
-        let drawn = |point: usize, moved: f64| {
+        let drawn = |point: usize, displacement: f64| {
             let (rest_mm, axis) = motion.points[point];
-            let moved_mm = rest_mm + axis * moved - self.case.entry;
+            let moved_mm = rest_mm + axis * displacement - self.case.entry;
             [moved_mm.dot(&direction), moved_mm.dot(&across)]
         };
         let both_finite =
             (0..motion.points.len()).filter(|point| measured[*point].is_finite() && simulated[*point].is_finite());
         let points: Vec<usize> = both_finite.collect();
-        let drawn_points = |moved: &dyn Fn(usize) -> f64| {
+        let drawn_points = |displacement: &dyn Fn(usize) -> f64| {
             points
                 .iter()
-                .map(|point| drawn(*point, moved(*point)))
+                .map(|point| drawn(*point, displacement(*point)))
                 .collect::<Vec<_>>()
         };
         let depth = *motion.depths_mm.last()?;
@@ -264,10 +264,10 @@ impl Identification {
             "Mean and standard deviation of the error are taken over all measured places at a depth of the tip; the largest over all depths counts (Table III).",
         );
         self.closest().iter().for_each(|closest| page.paragraph("", closest));
-        let beside = self.beside();
-        if !beside.is_empty() {
+        let sensitivities = self.beside();
+        if !sensitivities.is_empty() {
             page.put("<h2>Certainty</h2>");
-            page.table(&beside);
+            page.table(&sensitivities);
             page.paragraph(
                 "soft",
                 "How far the cost rises where one modulus is changed and the forces are matched again: the less, the less certain the modulus.",
@@ -281,9 +281,9 @@ impl Identification {
 
     /// Scenarios with the parameters found, by file name. Paths of existing files are made absolute.
     pub fn scenarios(&self) -> Vec<(String, String)> {
-        let several = self.results.len() > 1;
+        let has_several = self.results.len() > 1;
         let summary = |result: &Identified| {
-            let name = match (several, result.poisson) {
+            let name = match (has_several, result.poisson) {
                 (true, Some(poisson)) => format!("scenario-{poisson}.toml"),
                 _ => "scenario.toml".to_owned(),
             };
@@ -348,8 +348,8 @@ fn set(materials: &mut Vec<Value>, layer: &super::LayerParameters) {
         .iter()
         .position(|material| material.get("region") == Some(&number));
     let index = index.unwrap_or_else(|| {
-        let others = materials.iter().find(|material| material.get("region").is_none());
-        let template = others.cloned().unwrap_or_else(|| Value::Table(toml::Table::new()));
+        let unnamed = materials.iter().find(|material| material.get("region").is_none());
+        let template = unnamed.cloned().unwrap_or_else(|| Value::Table(toml::Table::new()));
         materials.push(template);
         materials.len() - 1
     });

@@ -167,7 +167,7 @@ impl<'a> Simulator<'a> {
         // Points are sought in the reference state, whose nodes near the needle were moved.
         self.locator.update(&tissue.reference)?;
         let points = self.motion.iter().flat_map(|motion| &motion.points);
-        let moved = points.map(|(point, direction)| {
+        let displacements = points.map(|(point, direction)| {
             let hit = self.locator.locate((*point).into(), NO_ELEMENT);
             if hit.element == NO_ELEMENT {
                 return f64::NAN;
@@ -180,6 +180,6 @@ impl<'a> Simulator<'a> {
             });
             parts.sum()
         });
-        Ok(moved.collect())
+        Ok(displacements.collect())
     }
 }

@@ -133,10 +133,10 @@ fn assert_forces(identified: &Identified) {
 fn parameters_that_made_the_data_return() {
     let folder = tempfile::tempdir().unwrap();
     write(folder.path(), PHANTOM);
-    let known = "[[layer]]\nregion = \"top\"\nknown = true\n[[layer]]\nregion = \"inclusion\"\nknown = true\n";
-    let soft = identified_case(folder.path(), PHANTOM, known);
-    assert_forces(&soft.results[0]);
-    assert!(soft.results[0].motion.is_none() && soft.results[0].force.rms_n < 0.01);
+    let known_layers = "[[layer]]\nregion = \"top\"\nknown = true\n[[layer]]\nregion = \"inclusion\"\nknown = true\n";
+    let identified = identified_case(folder.path(), PHANTOM, known_layers);
+    assert_forces(&identified.results[0]);
+    assert!(identified.results[0].motion.is_none() && identified.results[0].force.rms_n < 0.01);
     let start = "motion.file = \"u.csv\"\n[[layer]]\nregion = \"top\"\nknown = true\n[[layer]]\nregion = \"inclusion\"\nyoung_kpa = 22\n";
     let found_case = identified_case(folder.path(), PHANTOM, start);
     let result = &found_case.results[0];
@@ -145,7 +145,7 @@ fn parameters_that_made_the_data_return() {
         assert!((layer.young_kpa / exact - 1.0).abs() < 0.05, "{layer:?}");
     }
     assert!(
-        result.beside.len() == 2 && result.beside.iter().all(|beside| beside.cost_ratio > 1.0),
+        result.beside.len() == 2 && result.beside.iter().all(|sensitivity| sensitivity.cost_ratio > 1.0),
         "{:?}",
         result.beside
     );
@@ -183,7 +183,7 @@ fn measurements_that_cannot_be_used_are_told() {
     let steps = |depth: f64| 0.06 * depth.min(6.0) + 0.015 * depth + 0.07 * (depth - 21.0).clamp(0.0, 8.0);
     let motion = "frame,line,window,depth_mm,axial_um\n0,0,0,20,0\n1,0,0,20,5\n2,0,0,20,9\n";
     let frames = "frame,tip_mm\n0,-1\n1,20\n2,40\n";
-    let good = force(&|depth| Some(steps(depth)));
+    let monotone = force(&|depth| Some(steps(depth)));
     for (forces, motion, frames, expected) in [
         (
             force(&|depth| (!(10.0..14.0).contains(&depth)).then(|| steps(depth))),
@@ -222,25 +222,25 @@ fn measurements_that_cannot_be_used_are_told() {
             "found other columns; expected tip_mm,force_n",
         ),
         (
-            good.clone(),
+            monotone.clone(),
             "frame,line\n0,0\n",
             frames,
             "found other columns; expected a table of `insonify motion`",
         ),
         (
-            good.clone(),
+            monotone.clone(),
             motion,
             "frame,tip_mm\n0,2\n1,20\n2,40\n",
             "found the needle 2.0 mm deep in the first frame",
         ),
         (
-            good.clone(),
+            monotone.clone(),
             motion,
             "frame,tip_mm\n0,-1\n1,20\n",
             "a frame whose depth of the needle is known",
         ),
         (
-            good.clone(),
+            monotone.clone(),
             "frame,line,window,depth_mm,axial_um\n0,9999,0,20,0\n",
             frames,
             "lines, those of the scenario's probe",

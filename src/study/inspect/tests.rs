@@ -93,14 +93,14 @@ fn a_moved_mesh_is_seen_through() {
             .nodes
             .unwrap()
             .map(|node| state.nodes.as_ref().unwrap()[node as usize][axis]);
-        let back: f64 = weights
+        let interpolated: f64 = weights
             .iter()
             .zip(corners)
             .map(|(weight, corner)| weight * corner)
             .sum();
-        assert!((back - report.world_mm[axis]).abs() < 1e-9);
-        let moved = [2.0, 0.0, -1.0][axis];
-        assert!((report.world_mm[axis] - report.reference_mm[axis] - moved).abs() < 1e-9);
+        assert!((interpolated - report.world_mm[axis]).abs() < 1e-9);
+        let displacement = [2.0, 0.0, -1.0][axis];
+        assert!((report.world_mm[axis] - report.reference_mm[axis] - displacement).abs() < 1e-9);
     }
     assert!((report.displacement_mm - 5f64.sqrt()).abs() < 1e-9);
 }

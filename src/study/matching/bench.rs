@@ -150,8 +150,8 @@ impl<'a> Bench<'a> {
         for (sample, line) in (0..samples).flat_map(|sample| (0..lines).map(move |line| (sample, line))) {
             let [x, y] = self.grid.to_plane(line as f64, sample as f64);
             let [x, y] = self.image.to_pixel(x, y);
-            let within = x >= 0.0 && y >= 0.0 && x < (frame.width - 1) as f64 && y < (frame.height - 1) as f64;
-            if !within {
+            let is_inside = x >= 0.0 && y >= 0.0 && x < (frame.width - 1) as f64 && y < (frame.height - 1) as f64;
+            if !is_inside {
                 grey.push(0.0);
                 inside.push(false);
                 continue;
@@ -183,11 +183,11 @@ impl<'a> Bench<'a> {
         let mut settings = Settings::new(probe, [self.picture.width, self.picture.height], effects.clone());
         settings.seed = self.seed;
         settings.image.placed = Some(self.image);
-        let soft = Acoustics {
+        let tissue = Acoustics {
             attenuation_db_cm_mhz: SOFT_TISSUE_DB_CM_MHZ,
             ..acoustics
         };
-        let mut synth = Synthesizer::new(uniform(soft), settings.clone(), Backend::Cpu)?;
+        let mut synth = Synthesizer::new(uniform(tissue), settings.clone(), Backend::Cpu)?;
         let seeds = (0..PHANTOMS).map(|n| self.seed.wrapping_add(n));
         let frame = |seed| {
             synth.set(Settings {

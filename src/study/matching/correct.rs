@@ -62,8 +62,8 @@ impl Bench<'_> {
         // Greys of the phantom follow from gain and range, so the gain can be solved for.
         let departure = |depth: f64| before.gain_db(depth) - before.tgc_db_cm() * depth / 10.0;
         let gains = real.depths.iter().zip(&phantom.depths).map(|(real, phantom)| {
-            let shown = model.shown_db(real.grey) - before.shown_db(phantom.grey);
-            [real.depth_mm, shown + departure(real.depth_mm)]
+            let shown_db = model.shown_db(real.grey) - before.shown_db(phantom.grey);
+            [real.depth_mm, shown_db + departure(real.depth_mm)]
         });
         let gains: Vec<[f64; 2]> = gains.collect();
         let middle = mean(&gains.iter().map(|gain| gain[1]).collect::<Vec<f64>>());
@@ -72,7 +72,7 @@ impl Bench<'_> {
             1 => Vec::new(),
             _ => gains.iter().map(|[depth, gain]| [*depth, gain - middle]).collect(),
         };
-        let moved = gains.iter().map(|&[depth, gain]| 0.1 * (gain - departure(depth)).abs());
+        let gain_changes = gains.iter().map(|&[depth, gain]| 0.1 * (gain - departure(depth)).abs());
         let lateral = real
             .depths
             .iter()
@@ -82,7 +82,7 @@ impl Bench<'_> {
             model.axial_mm / before.axial_mm,
         ];
         let changes = shares.into_iter().chain(lateral).map(|share| share.ln().abs());
-        changes.chain(moved).fold(0.0, f64::max)
+        changes.chain(gain_changes).fold(0.0, f64::max)
     }
 
     /// Upper bound of the noise, dB: at no depth does it exceed the darkest 2 % of its row.
@@ -131,8 +131,8 @@ impl Bench<'_> {
                 .map(|&window| self.depth_mm(window))
                 .collect::<Vec<f64>>()
         });
-        let usual = Receiver::default();
-        model.receiver.noise_db = usual.noise_db.min(dark.bound_db);
+        let defaults = Receiver::default();
+        model.receiver.noise_db = defaults.noise_db.min(dark.bound_db);
         let level = |model: &Model, kind: usize, greys: &[f64]| -> Vec<f64> {
             greys
                 .iter()
@@ -163,7 +163,7 @@ impl Bench<'_> {
         if !windows[0].is_empty() {
             model.receiver.noise_db = lowest(level(model, 0, &real[0]).into_iter()).clamp(-200.0, 20.0);
             let quiet = at_array(model, 0) - HIDDEN_DB;
-            model.receiver.clutter_db = usual.clutter_db.min(quiet).max(-200.0);
+            model.receiver.clutter_db = defaults.clutter_db.min(quiet).max(-200.0);
         }
         if !windows[1].is_empty() {
             model.receiver.clutter_db = at_array(model, 1).clamp(-200.0, 20.0);

@@ -115,8 +115,8 @@ fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
 
 /// Returns the length of an edge, given as points 1 pixel apart, that lies in the picture away from its border.
 fn visible(edge: impl Iterator<Item = [f64; 2]>, size: [usize; 2]) -> f64 {
-    let within = |p: &[f64; 2]| (0..2).all(|i| p[i] >= RIM_PX as f64 && p[i] < size[i] as f64 - RIM_PX as f64);
-    edge.filter(within).count() as f64
+    let is_inside = |p: &[f64; 2]| (0..2).all(|i| p[i] >= RIM_PX as f64 && p[i] < size[i] as f64 - RIM_PX as f64);
+    edge.filter(is_inside).count() as f64
 }
 
 /// Returns whether the number of agreeing rim pixels suffices for an edge of the given visible length.
@@ -132,8 +132,8 @@ fn rectangle(rim: &[RimPoint], inside: &[[f64; 2]], size: [usize; 2]) -> Option<
         for side in 0..2 {
             // The column or row in this half of the mask that most of the rim lies on, with its neighbours.
             let inwards = |p: &&RimPoint| [1.0, -1.0][side] * p[2 + axis] > MIN_COSINE;
-            let near = |p: &RimPoint, line: usize| (p[axis] - line as f64).abs() < 1.5;
-            let count = |line: usize| rim.iter().filter(inwards).filter(|p| near(p, line)).count();
+            let is_near = |p: &RimPoint, line: usize| (p[axis] - line as f64).abs() < 1.5;
+            let count = |line: usize| rim.iter().filter(inwards).filter(|p| is_near(p, line)).count();
             let middle = (0.5 * (extent[0] + extent[1])) as usize;
             let half = if side == 0 { 0..middle } else { middle..size[axis] };
             let best = half.max_by_key(|&line| count(line))?;
@@ -195,16 +195,16 @@ fn distance(fan: FanParameters, edge: usize, p: RimPoint) -> f64 {
     [near - radius, radius - far, radius * (angle.abs() - half)][edge]
 }
 
-/// Returns the nearest edge to a point and its signed distance, if that is less than `within` and the point lies alongside the edge.
-fn nearest(fan: FanParameters, p: RimPoint, within: f64) -> Option<(usize, f64)> {
+/// Returns the nearest edge to a point and its signed distance, if that is less than `max_distance` and the point lies alongside the edge.
+fn nearest(fan: FanParameters, p: RimPoint, max_distance: f64) -> Option<(usize, f64)> {
     let [radius, angle] = polar([fan[0], fan[1]], p[0], p[1]);
     let edge = edge_of(angle, p)?;
-    let beside = match edge {
-        2 => !(fan[2] - within..fan[3] + within).contains(&radius),
-        _ => distance(fan, 2, p) > within,
+    let is_beside = match edge {
+        2 => !(fan[2] - max_distance..fan[3] + max_distance).contains(&radius),
+        _ => distance(fan, 2, p) > max_distance,
     };
     let offset = distance(fan, edge, p);
-    (!beside && offset.abs() < within).then_some((edge, offset))
+    (!is_beside && offset.abs() < max_distance).then_some((edge, offset))
 }
 
 /// Fits the fan whose edges most of the rim lies on; returns it with the number of agreeing points.
@@ -215,9 +215,9 @@ fn fan(rim: &[RimPoint], inside: &[[f64; 2]], size: [usize; 2]) -> Option<(Outli
         .step_by(rim.len().div_ceil(MAX_POINTS).max(1))
         .collect();
     let mut parameters = guessed(&voters)?;
-    for within in NEAR_PX {
+    for max_distance in NEAR_PX {
         for _ in 0..3 {
-            parameters = refined(parameters, &voters, within);
+            parameters = refined(parameters, &voters, max_distance);
         }
     }
     let widest = NEAR_PX[NEAR_PX.len() - 1];
@@ -318,23 +318,23 @@ fn guessed(voters: &[RimPoint]) -> Option<FanParameters> {
 }
 
 /// Takes one least-squares step over the points near an edge, with J. W. Tukey's biweight.
-fn refined(fan: FanParameters, points: &[RimPoint], within: f64) -> FanParameters {
+fn refined(fan: FanParameters, points: &[RimPoint], max_distance: f64) -> FanParameters {
     // Scaled to one pixel at the far edge.
     let scale = [1.0, 1.0, 1.0, 1.0, 1.0 / fan[3].max(1.0)];
     let mut normal = SMatrix::<f64, 5, 5>::identity() * 1e-3;
     let mut right_side = SVector::<f64, 5>::zeros();
     for &p in points {
-        let Some((edge, d)) = nearest(fan, p, within) else {
+        let Some((edge, d)) = nearest(fan, p, max_distance) else {
             continue;
         };
-        let weight = (1.0 - (d / within).powi(2)).powi(2);
+        let weight = (1.0 - (d / max_distance).powi(2)).powi(2);
         let slopes = SVector::<f64, 5>::from_fn(|i, _| {
-            let moved = |sign: f64| {
+            let distance_after = |sign: f64| {
                 let mut fan = fan;
                 fan[i] += sign * 0.01 * scale[i];
                 distance(fan, edge, p)
             };
-            (moved(1.0) - moved(-1.0)) / 0.02
+            (distance_after(1.0) - distance_after(-1.0)) / 0.02
         });
         normal += weight * slopes * slopes.transpose();
         right_side -= weight * d * slopes;
@@ -344,10 +344,10 @@ fn refined(fan: FanParameters, points: &[RimPoint], within: f64) -> FanParameter
         .map(|factor| factor.solve(&right_side))
         .unwrap_or_default();
     // The step is limited to what the points near an edge can determine.
-    let bounded = step * (within / step.norm().max(within));
-    let moved: FanParameters = std::array::from_fn(|i| fan[i] + bounded[i] * scale[i]);
-    if moved[2] > 0.0 && moved[3] > moved[2] && moved[4] > 0.0 {
-        moved
+    let bounded = step * (max_distance / step.norm().max(max_distance));
+    let moved_fan: FanParameters = std::array::from_fn(|i| fan[i] + bounded[i] * scale[i]);
+    if moved_fan[2] > 0.0 && moved_fan[3] > moved_fan[2] && moved_fan[4] > 0.0 {
+        moved_fan
     } else {
         fan
     }

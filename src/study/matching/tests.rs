@@ -86,11 +86,11 @@ impl Known {
     }
 
     fn uniform(&self) -> Picture {
-        let soft = Acoustics {
+        let tissue = Acoustics {
             attenuation_db_cm_mhz: SOFT_TISSUE_DB_CM_MHZ,
             ..PLAIN
         };
-        self.frame(anatomies::uniform(soft), self.effects())
+        self.frame(anatomies::uniform(tissue), self.effects())
     }
 }
 
@@ -116,8 +116,8 @@ fn is_identified(result: &Match, parameter: &str) -> bool {
 
 /// Returns the lateral length in the scene found, mm.
 fn lateral_at(result: &Match, depth_mm: f64) -> f64 {
-    let away = (depth_mm - value(result, "focus_mm")) / value(result, "focal_zone_mm");
-    value(result, ".lateral_mm") * away.hypot(1.0)
+    let zones = (depth_mm - value(result, "focus_mm")) / value(result, "focal_zone_mm");
+    value(result, ".lateral_mm") * zones.hypot(1.0)
 }
 
 /// Returns the gain at a depth in the scene found, without the compensation of average tissue, dB.
@@ -273,13 +273,13 @@ fn a_focus_is_told_where_it_is_seen() {
 
 #[test]
 fn clutter_and_noise_are_told_by_dark_tissue() {
-    let soft = Acoustics {
+    let tissue = Acoustics {
         attenuation_db_cm_mhz: SOFT_TISSUE_DB_CM_MHZ,
         ..PLAIN
     };
     let fluid = Acoustics {
         echo_db: SILENT.echo_db,
-        ..soft
+        ..tissue
     };
     let box_ = Frame::around([0.0, 80.0, 0.0], [110, 110, 30], 2.0);
     let picture = |noise_db: f64, clutter_db: f64, decay: f64, depth: f64| {
@@ -290,7 +290,7 @@ fn clutter_and_noise_are_told_by_dark_tissue() {
             clutter_decay_db_cm: decay,
             ..Receiver::default()
         });
-        let anatomy = anatomies::ball(box_, [0.0, depth, 0.0], 35.0, &[SILENT, soft, fluid]);
+        let anatomy = anatomies::ball(box_, [0.0, depth, 0.0], 35.0, &[SILENT, tissue, fluid]);
         fit(&KNOWN.frame(anatomy, effects), None, 0).unwrap()
     };
     let cluttered = picture(-200.0, -14.0, 0.5, 70.0);

@@ -255,7 +255,7 @@ impl Rheometer {
                 Series::line(format!("{:.3} kPa", creep.stress_kpa), colour, creep.curve.clone())
             });
         let of_structure = |structure| self.stiffness.iter().filter(move |point| point.structure == structure);
-        let shown = |structure| {
+        let points_of = |structure| {
             of_structure(structure)
                 .map(|point| [point.strain, point.shown_kpa])
                 .collect()
@@ -294,10 +294,10 @@ impl Rheometer {
                     Axis::linear("G, kPa"),
                     vec![
                         Series::line("the law", 2, law),
-                        points("load-integral", 1, shown(Structure::LoadIntegral)),
+                        points("load-integral", 1, points_of(Structure::LoadIntegral)),
                         Series {
                             marker: Marker::Ring,
-                            ..points("rate", 0, shown(Structure::Rate))
+                            ..points("rate", 0, points_of(Structure::Rate))
                         },
                     ],
                 ),

@@ -124,14 +124,14 @@ impl<'a> Entries<'a> {
                     .collect()
             }
             Entry::Box(corners) => {
-                let within = |point: &Point3<f64>| {
+                let in_box = |point: &Point3<f64>| {
                     let sides = |axis: usize| [corners[0][axis], corners[1][axis]];
                     (0..3).all(|axis| {
                         let [a, b] = sides(axis);
                         (a.min(b)..=a.max(b)).contains(&point[axis])
                     })
                 };
-                self.spread(self.surface(|_, point| within(point)), "the box of entries")?
+                self.spread(self.surface(|_, point| in_box(point)), "the box of entries")?
             }
             Entry::Named(name) => {
                 let wanted = Names::new(self.body.entries()).all(&RegionName::Name(name.clone()));
@@ -163,7 +163,7 @@ impl<'a> Entries<'a> {
                     if !is_body(label) {
                         continue;
                     }
-                    let beside = [
+                    let neighbours = [
                         [i - 1, j, k],
                         [i + 1, j, k],
                         [i, j - 1, k],
@@ -171,7 +171,7 @@ impl<'a> Entries<'a> {
                         [i, j, k - 1],
                         [i, j, k + 1],
                     ];
-                    if beside
+                    if neighbours
                         .iter()
                         .all(|index| is_body(volume.voxels()[volume.offset(*index)]))
                     {
@@ -198,15 +198,15 @@ impl<'a> Entries<'a> {
             let reasons = format!("none is left: no skin in {region_name} within the needle's reach");
             return Err(no_path("the target", 0, &reasons));
         };
-        let mut away = vec![f64::INFINITY; points.len()];
+        let mut distances = vec![f64::INFINITY; points.len()];
         let mut directions = Vec::new();
         while directions.len() < self.options.lines {
             directions.extend((self.target - next).try_normalize(1e-6));
             let mut farthest = (0.0, None);
-            for (point, away) in points.iter().zip(&mut away) {
-                *away = away.min((point - next).norm());
-                if *away > farthest.0 {
-                    farthest = (*away, Some(*point));
+            for (point, distance) in points.iter().zip(&mut distances) {
+                *distance = distance.min((point - next).norm());
+                if *distance > farthest.0 {
+                    farthest = (*distance, Some(*point));
                 }
             }
             match farthest.1 {
@@ -299,7 +299,7 @@ impl<'a> Entries<'a> {
         };
         // Where the needle cut the tissue, in the tissue at rest: that is where the deformed needle lies in it.
         let mut cut = vec![entry];
-        cut.extend(path.last.samples.iter().filter_map(|sample| sample.rest));
+        cut.extend(path.last.samples.iter().filter_map(|sample| sample.tip_at_rest_mm));
         let [straight, cut] = [&[entry, self.target][..], &cut].map(|points| around.of(points));
         let least = self.options.clearance_mm;
         if cut.bone_mm < least || cut.bone_mm == 0.0 {

@@ -141,18 +141,18 @@ pub(super) fn correct(
     if latest.bone {
         return Ok(Err(DEFORMED_BONE));
     }
-    let moved = latest
+    let displacement = latest
         .samples
         .last()
         .map_or(Vector3::zeros(), |sample| sample.target - target);
-    let forward = moved.dot(&course.along);
+    let forward = displacement.dot(&course.along);
     Ok(Ok(Corrected {
         direction: course.along.into(),
         insertion_mm: course.depth_mm,
         back_mm: course.back_mm,
         miss_before_mm,
         miss_mm,
-        displacement_mm: [forward, (moved - course.along * forward).norm()],
+        displacement_mm: [forward, (displacement - course.along * forward).norm()],
         turn_deg: course.along.angle(&straight.along).to_degrees(),
         max_force_n: latest.max_force_n,
         clearance_mm: None,

@@ -54,7 +54,7 @@ pub struct Sample {
     /// Tip, mm.
     pub tip: Point3<f64>,
     /// The tissue at the tip at rest, mm; `None` outside.
-    pub rest: Option<Point3<f64>>,
+    pub tip_at_rest_mm: Option<Point3<f64>>,
     /// The target in the deformed tissue, mm.
     pub target: Point3<f64>,
     /// Force on the hand, N.
@@ -213,7 +213,7 @@ impl Observer for Watch<'_> {
             time_s: step.time_s,
             travel_mm: (step.guidance.measured_tip - self.course.entry).dot(&self.course.along),
             tip: outcome.tip_mm,
-            rest: outcome.tip_at_rest_mm,
+            tip_at_rest_mm: outcome.tip_at_rest_mm,
             target: *self.target,
             force_n: outcome.on_hand.force_n.norm(),
         };
@@ -239,7 +239,7 @@ impl Observer for Watch<'_> {
         let goes_back = sample.time_s > self.turns_s * (1.0 + WHOLE);
         let reached = match self.until {
             Until::End => false,
-            Until::Passed => sample.rest.is_some() && ahead_mm <= 0.0,
+            Until::Passed => sample.tip_at_rest_mm.is_some() && ahead_mm <= 0.0,
             Until::Returned => goes_back && ahead_mm >= 0.0,
         };
         if reached { Err(Stop::Reached) } else { Ok(()) }

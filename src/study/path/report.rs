@@ -54,13 +54,13 @@ impl PathPlan {
             let [x, y, z] = entry.map(|x| format!("{x:.1}"));
             format!(" from ({x}, {y}, {z}) mm")
         });
-        let back = if path.back_mm > 0.0 {
+        let drawn_back = if path.back_mm > 0.0 {
             format!(" and {:.1} mm back", path.back_mm)
         } else {
             String::new()
         };
         format!(
-            "best of {} lines: {:.1} degrees to the beam{entry}, {:.1} mm deep{back}; misses {} by {:.2} mm, uncorrected by {:.2} mm; force up \
+            "best of {} lines: {:.1} degrees to the beam{entry}, {:.1} mm deep{drawn_back}; misses {} by {:.2} mm, uncorrected by {:.2} mm; force up \
              to {:.2} N, clearance {} mm",
             self.lines.len(),
             line.angle_deg,
@@ -174,9 +174,9 @@ impl PathPlan {
 
     /// Displacement of the target along and across the needle, mm.
     fn moved(&self, path: &Corrected, sample: &Sample) -> [f64; 2] {
-        let moved = sample.target - Point3::from(self.target_mm);
-        let along_mm = moved.dot(&path.course.along);
-        [along_mm, (moved - path.course.along * along_mm).norm()]
+        let displacement = sample.target - Point3::from(self.target_mm);
+        let along_mm = displacement.dot(&path.course.along);
+        [along_mm, (displacement - path.course.along * along_mm).norm()]
     }
 
     /// Displacement of the target while the needle of the best line goes in.

@@ -56,11 +56,11 @@ fn the_middle_of_the_vein_is_met() {
             section_mm,
             ..options([-30.0, -23.0], 2)
         };
-        let on = |threads: usize| {
+        let plan_on = |threads: usize| {
             let pool = insonify_base::parallel::Pool::new(threads).unwrap();
             pool.install(|| plan(&scenario, &options, &|_, _| ()).unwrap())
         };
-        let two_threads = on(2);
+        let two_threads = plan_on(2);
         let path = best(&two_threads);
         assert!(path.miss_mm < 0.1 && path.miss_before_mm > 0.3, "{path:?}");
         assert!(path.punctures >= 1);
@@ -69,7 +69,7 @@ fn the_middle_of_the_vein_is_met() {
         worse.path.as_mut().unwrap().miss_mm = 0.5;
         assert_eq!(rank(&worse, &two_threads.lines[1], 0.1), Ordering::Greater);
         if section_mm.is_some() {
-            let one_thread = on(1);
+            let one_thread = plan_on(1);
             assert_eq!(
                 serde_json::to_string(&two_threads).unwrap(),
                 serde_json::to_string(&one_thread).unwrap()
@@ -225,14 +225,14 @@ fn targets_and_lines_that_cannot_be_are_refused() {
     assert!(refused(options([-60.0, 60.0], 0)).contains("candidates"));
     assert!(refused(options([60.0, -60.0], 3)).contains("angles"));
     // Below the vein: both lines pass it.
-    let none = refused(PathOptions {
+    let message = refused(PathOptions {
         target: Goal::At([-4.0, 45.0, 0.0]),
         clearance_mm: 25.0,
         ..options([-30.0, -20.0], 2)
     });
     assert!(
-        none.contains("no path") && none.contains("critical structure"),
-        "{none}"
+        message.contains("no path") && message.contains("critical structure"),
+        "{message}"
     );
     let section = PathOptions {
         section_mm: Some(20.0),

@@ -106,7 +106,7 @@ pub fn fit(
         ];
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let normal = Matrix2::from_fn(|row, column| dot(&columns[row], &columns[column]));
-        let slope = Vector2::from_fn(|row, _| dot(&columns[row], &best.rest));
+        let slope = Vector2::from_fn(|row, _| dot(&columns[row], &best.residuals));
         let before = best.square();
         let mut gained = false;
         for _ in 0..MAX_DAMPINGS {
@@ -144,7 +144,7 @@ pub fn fit(
         rms_n: (best.square() / count).sqrt(),
         force_n: samples
             .iter()
-            .zip(&best.rest)
+            .zip(&best.residuals)
             .map(|(sample, residual)| sample.force_n + residual)
             .collect(),
         samples,
@@ -181,7 +181,7 @@ struct Trial {
     /// Best-fitting factor on the modulus.
     scale: f64,
     /// Residual: force of the slice less the measured force, N.
-    rest: Vec<f64>,
+    residuals: Vec<f64>,
 }
 
 impl Trial {
@@ -218,7 +218,7 @@ impl Trial {
             .map(|(force, sample)| scale * force - sample.force_n);
         Ok(Trial {
             scale,
-            rest: residuals.collect(),
+            residuals: residuals.collect(),
         })
     }
 
@@ -231,15 +231,15 @@ impl Trial {
         axis: usize,
     ) -> Result<Vec<f64>, Error> {
         parameters[axis] += DIFFERENCE;
-        let beside = Trial::of(options, samples, parameters)?;
-        let pairs = beside.rest.iter().zip(&self.rest);
+        let neighbour = Trial::of(options, samples, parameters)?;
+        let pairs = neighbour.residuals.iter().zip(&self.residuals);
         Ok(pairs
             .map(|(beside_residual, residual)| (beside_residual - residual) / DIFFERENCE)
             .collect())
     }
 
     fn square(&self) -> f64 {
-        self.rest.iter().map(|residual| residual * residual).sum()
+        self.residuals.iter().map(|residual| residual * residual).sum()
     }
 }
 

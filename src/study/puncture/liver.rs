@@ -100,8 +100,8 @@ impl Liver {
             CLOSED_STIFFENING,
         )?;
         let laws: Vec<Stiffening> = vein.iter().map(|vein| if *vein { blood } else { tissue }).collect();
-        let fixed = (0..=columns as u32).flat_map(|node| [(node, 0), (node, 1)]);
-        let supports = Supports::new(nodes.len(), fixed);
+        let fixed_dofs = (0..=columns as u32).flat_map(|node| [(node, 0), (node, 1)]);
+        let supports = Supports::new(nodes.len(), fixed_dofs);
         let layer = |from_mm, membrane_n, share: f64| PathLayer {
             from_mm,
             membrane_n,

@@ -39,16 +39,16 @@ fn the_curve_has_its_shape() {
 #[test]
 fn what_makes_no_curve_is_refused() {
     let default = PunctureOptions::default();
-    let wrong = |options: PunctureOptions| puncture(&options, &mut |_| {}).unwrap_err();
+    let refused = |options: PunctureOptions| puncture(&options, &mut |_| {}).unwrap_err();
     assert!(matches!(
-        wrong(PunctureOptions {
+        refused(PunctureOptions {
             step_mm: 0.0,
             ..default
         }).downcast_ref(),
         Some(OutOfRange { key, .. }) if key == "step_mm"
     ));
     assert!(matches!(
-        wrong(PunctureOptions {
+        refused(PunctureOptions {
             step_mm: 1e-5,
             ..default
         })
@@ -56,7 +56,7 @@ fn what_makes_no_curve_is_refused() {
         Some(OutOfRange { .. })
     ));
     assert!(matches!(
-        wrong(PunctureOptions {
+        refused(PunctureOptions {
             speed_mm_per_s: f64::NAN,
             ..default
         })
@@ -64,7 +64,7 @@ fn what_makes_no_curve_is_refused() {
         Some(OutOfRange { .. })
     ));
     assert!(matches!(
-        wrong(PunctureOptions {
+        refused(PunctureOptions {
             young_kpa: 0.0,
             ..default
         })
@@ -72,7 +72,7 @@ fn what_makes_no_curve_is_refused() {
         Some(OutOfRange { .. })
     ));
     assert!(matches!(
-        wrong(PunctureOptions {
+        refused(PunctureOptions {
             stiffening: -1.0,
             ..default
         })
@@ -80,20 +80,20 @@ fn what_makes_no_curve_is_refused() {
         Some(OutOfRange { .. })
     ));
     assert!(matches!(
-        wrong(PunctureOptions {
+        refused(PunctureOptions {
             thickness_mm: 0.0,
             ..default
         })
         .downcast_ref(),
         Some(NonlinearError::Thickness { .. })
     ));
-    let wall = wrong(PunctureOptions {
+    let wall = refused(PunctureOptions {
         wall_n: -1.0,
         ..default
     });
     assert!(wall.downcast_ref::<InvalidSetup>().is_some());
     assert!(matches!(
-        wrong(PunctureOptions { order: 1.5, ..default }).downcast_ref(),
+        refused(PunctureOptions { order: 1.5, ..default }).downcast_ref(),
         Some(StudyError::Travel { .. })
     ));
 }

@@ -22,7 +22,7 @@ pub struct Measure {
     pub floor: f64,
     /// Function that computes the value; returns `None` if the frame does not show it.
     #[serde(skip)]
-    pub(super) of: fn(&FrameMeasurements) -> Option<f64>,
+    pub(super) value: fn(&FrameMeasurements) -> Option<f64>,
 }
 
 const fn measure(
@@ -37,7 +37,7 @@ const fn measure(
         unit,
         definition,
         floor,
-        of: value,
+        value,
     }
 }
 

@@ -87,7 +87,7 @@ fn has_ending(path: &Path, ending: &str) -> bool {
 /// Lists the PNG and DICOM files of a folder by name, without layers and overviews.
 fn folder(path: &Path) -> Result<Vec<PathBuf>, VolumeError> {
     let fail = |cause| VolumeError::read(path, cause);
-    let beside: Vec<String> = Layer::ALL
+    let layer_suffixes: Vec<String> = Layer::ALL
         .iter()
         .map(|layer| format!("_{}", layer.name()))
         .chain(["_overview".to_owned()])
@@ -96,7 +96,8 @@ fn folder(path: &Path) -> Result<Vec<PathBuf>, VolumeError> {
     for entry in fs::read_dir(path).map_err(fail)? {
         let file = entry.map_err(fail)?.path();
         let stem = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        if (has_ending(&file, "png") || has_ending(&file, "dcm")) && !beside.iter().any(|suffix| stem.ends_with(suffix))
+        if (has_ending(&file, "png") || has_ending(&file, "dcm"))
+            && !layer_suffixes.iter().any(|suffix| stem.ends_with(suffix))
         {
             files.push(file);
         }
@@ -174,13 +175,13 @@ fn sequence(path: &Path, max_frames: usize) -> Result<Vec<Picture>, VolumeError>
         ));
     }
     // Frames without a valid image go before the choice, which is then even among those that can be measured.
-    let shown: Vec<usize> = (0..sequence.frames.len())
+    let image_indices: Vec<usize> = (0..sequence.frames.len())
         .filter(|&index| sequence.image(index).is_some())
         .collect();
-    if shown.is_empty() {
+    if image_indices.is_empty() {
         return Err(VolumeError::malformed(path, At::Pixels, "no valid image", expected));
     }
-    let chosen = spread(shown.len(), max_frames).map(|n| shown[n]);
+    let chosen = spread(image_indices.len(), max_frames).map(|n| image_indices[n]);
     let grey = |index: usize| -> Option<Vec<f64>> {
         let image = sequence.image(index)?;
         Some(image.pixels.iter().map(|&grey| f64::from(grey)).collect())

@@ -242,12 +242,12 @@ pub fn edge(picture: &Picture, mask: &[bool]) -> Option<Edge> {
             .sum::<f64>()
             / 9.0
     };
-    let within = |pixel: usize| {
+    let is_inside = |pixel: usize| {
         let (x, y) = (pixel % width, pixel / width);
         mask[pixel] && x > 0 && y > 0 && x + 1 < width && y + 1 < height
     };
     let dark: Vec<bool> = (0..mask.len())
-        .map(|pixel| within(pixel) && smooth(pixel) < limit)
+        .map(|pixel| is_inside(pixel) && smooth(pixel) < limit)
         .collect();
     let boundary = |region: &Vec<usize>| -> Vec<usize> {
         let mut lowest = std::collections::BTreeMap::new();
@@ -261,7 +261,7 @@ pub fn edge(picture: &Picture, mask: &[bool]) -> Option<Edge> {
                 return false;
             };
             let mean = |start: usize| (0..5).map(|n| smooth(start + n * width)).sum::<f64>() / 5.0;
-            (above..=below).step_by(width).all(within)
+            (above..=below).step_by(width).all(is_inside)
                 && mean(pixel - 4 * width) < limit
                 && mean(pixel + 2 * width) > 1.5 * limit
         };

@@ -249,8 +249,8 @@ fn emptiness_below_the_array_is_counted() {
         picture(240, 140, |x, y| {
             let (dx, dy) = (0.5 * (x as f64 - 120.0), 0.5 * y as f64 + 52.0 - 5.0);
             let (radius, angle) = (dx.hypot(dy), dx.atan2(dy).to_degrees());
-            let near = if angle < empty_up_to_deg { 64.0 } else { 60.0 };
-            if angle.abs() < 30.0 && (near..110.0).contains(&radius) {
+            let nearest_mm = if angle < empty_up_to_deg { 64.0 } else { 60.0 };
+            if angle.abs() < 30.0 && (nearest_mm..110.0).contains(&radius) {
                 90.0 + 20.0 * normal(x, y, 2)[0]
             } else {
                 0.0
@@ -416,9 +416,9 @@ fn neighbours_of_a_sequence_are_correlated() {
             neighbour: Some(even(80.0, seed).grey),
             ..even(80.0, 1)
         };
-        let still = FrameMeasurements::of(&frame).expect("parts").frame_correlation;
-        near("uniform", still[1].expect("windows"), expected, 0.1);
-        assert_eq!(still[0], None);
+        let correlations = FrameMeasurements::of(&frame).expect("parts").frame_correlation;
+        near("uniform", correlations[1].expect("windows"), expected, 0.1);
+        assert_eq!(correlations[0], None);
     }
 }
 
@@ -440,8 +440,8 @@ fn frames_without_a_window_or_a_sector_are_refused() {
             }
         }),
     ] {
-        let none = message(&frame);
-        assert!(none.contains("a.png") && none.contains("no sector"), "{none}");
+        let text = message(&frame);
+        assert!(text.contains("a.png") && text.contains("no sector"), "{text}");
     }
 }
 

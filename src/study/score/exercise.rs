@@ -231,10 +231,10 @@ impl Conditions {
 }
 
 /// First point of the body on a line through a point near its skin.
-fn skin(scenario: &Scenario, near: &Point3<f64>, direction: &Vector3<f64>) -> Option<Point3<f64>> {
+fn skin(scenario: &Scenario, point_near: &Point3<f64>, direction: &Vector3<f64>) -> Option<Point3<f64>> {
     let body = scenario.scene.body();
     let inside = |point: &Point3<f64>| body.label_at(point).is_some();
-    let mut points = (-200..=200).map(|step| near + direction * (0.25 * f64::from(step)));
+    let mut points = (-200..=200).map(|step| point_near + direction * (0.25 * f64::from(step)));
     let outside = points.next().filter(|point| !inside(point));
     outside.and_then(|_| points.find(inside))
 }

@@ -231,8 +231,8 @@ impl Hand {
             let inward = time_s.min(end_s - time_s).min(inward_s);
             let arc = inward * speed - plan.before_mm;
             // Corrections are kept on the way out.
-            let since = (time_s - notice_s).max(0.0);
-            let remaining = self.residual + (1.0 - self.residual) * (-since / self.correction_s).exp();
+            let since_s = (time_s - notice_s).max(0.0);
+            let remaining = self.residual + (1.0 - self.residual) * (-since_s / self.correction_s).exp();
             // The needle pivots about its entry: the shorter the part outside, the farther a shift of the hand turns it.
             let lever_mm = (plan.length_mm - arc).max(MIN_LEVER_MM);
             let shake = [0, 1].map(|axis| self.tremor_mm * tremor[axis](time_s) / lever_mm);
@@ -250,13 +250,13 @@ impl Hand {
 
     fn probe(&self, scenario: &Scenario, start_s: f64, end_s: f64, draw: &mut Draw) -> Result<Trajectory, Error> {
         let planned = scenario.scene.probe_path();
-        let fixed = [self.plane_mm, self.plane_deg, self.plane_deg].map(|spread| spread * draw.normal());
+        let offsets = [self.plane_mm, self.plane_deg, self.plane_deg].map(|spread| spread * draw.normal());
         let drift = [0; 3].map(|_| draw.waves(DRIFT_HZ));
         let count = (end_s / (10.0 * KEY_S)).ceil() as usize;
         let keys = (0..=count).map(|step| {
             let time_s = start_s + step as f64 * 10.0 * KEY_S;
             let pose = planned.at(time_s);
-            let [out_mm, turn, tilt] = [0, 1, 2].map(|axis| fixed[axis] + self.drift * drift[axis](time_s));
+            let [out_mm, turn, tilt] = [0, 1, 2].map(|axis| offsets[axis] + self.drift * drift[axis](time_s));
             let about = |axis: Unit<Vector3<f64>>, deg: f64| UnitQuaternion::from_axis_angle(&axis, deg.to_radians());
             let rotation = about(pose.axial(), turn) * about(pose.lateral(), tilt) * pose.rotation();
             let position_mm = pose.position_mm() + pose.elevational().into_inner() * out_mm;
@@ -289,11 +289,14 @@ impl InsertionPlan {
             return Err(unscored("has a needle that does not move"));
         };
         let start = first_key.pose.position_mm();
-        let away = |point: &Point3<f64>| (point - start).norm();
-        let deepest = keys.iter().map(|key| away(&key.pose.position_mm())).fold(0.0, f64::max);
-        let reached = |key: &&Key| away(&key.pose.position_mm()) > deepest - 1e-6;
+        let distance = |point: &Point3<f64>| (point - start).norm();
+        let deepest = keys
+            .iter()
+            .map(|key| distance(&key.pose.position_mm()))
+            .fold(0.0, f64::max);
+        let at_target = |key: &&Key| distance(&key.pose.position_mm()) > deepest - 1e-6;
         // First and last key at the greatest depth: between them the needle rests, which is the pause.
-        let (Some(reached_key), Some(back)) = (keys.iter().find(reached), keys.iter().rev().find(reached)) else {
+        let (Some(reached_key), Some(back)) = (keys.iter().find(at_target), keys.iter().rev().find(at_target)) else {
             return Err(unscored("has a needle that does not move"));
         };
         let target = reached_key.pose.position_mm();

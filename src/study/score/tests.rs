@@ -201,8 +201,8 @@ fn simulated_hands_rank_as_their_errors() {
         values.sum::<f64>() / 4.0
     };
     let line = |metrics: &Metrics| metrics.0[0];
-    let [expert, late, wrong] = ["expert", "late-correction", "wrong-angle"].map(|name| mean(name, line));
-    assert!(expert < late && late < wrong, "{expert} {late} {wrong}");
+    let [expert, late, wrong_angle] = ["expert", "late-correction", "wrong-angle"].map(|name| mean(name, line));
+    assert!(expert < late && late < wrong_angle, "{expert} {late} {wrong_angle}");
     let angle = |metrics: &Metrics| metrics.0[1];
     assert!(mean("expert", angle) < mean("tremor", angle));
     let miss = |metrics: &Metrics| metrics.0[9];

@@ -59,7 +59,7 @@ pub struct Layers {
     /// Coordinate z at which region 1 begins, mm.
     pub border: f64,
     /// Interaction in region 0, then in region 1.
-    pub of: [Interaction; 2],
+    pub interactions: [Interaction; 2],
 }
 
 impl Anatomy for Layers {
@@ -68,7 +68,7 @@ impl Anatomy for Layers {
     }
 
     fn interaction(&self, region: i32) -> Interaction {
-        self.of[usize::from(region == 1)]
+        self.interactions[usize::from(region == 1)]
     }
 }
 
@@ -86,7 +86,7 @@ pub fn coarse() -> Parameters {
 pub fn springs(parameters: Parameters, interaction: Interaction) -> Result<MassSpring, Unexpected> {
     let layers = Layers {
         border: f64::INFINITY,
-        of: [interaction; 2],
+        interactions: [interaction; 2],
     };
     Ok(MassSpring::new(parameters, Box::new(layers), block::rigid()?)?)
 }
@@ -131,10 +131,10 @@ impl Watch {
     pub fn see(&mut self, outcome: &Outcome) {
         let wrenches = std::iter::once(&outcome.on_hand).chain(&outcome.on_probe);
         let numbers = wrenches.flat_map(|wrench| wrench.force_n.iter().chain(wrench.torque_nmm.iter()));
-        let others = [outcome.tip_deflection_mm, outcome.inserted_mm];
+        let lengths = [outcome.tip_deflection_mm, outcome.inserted_mm];
         let finite = numbers
             .chain(outcome.tip_mm.iter())
-            .chain(&others)
+            .chain(&lengths)
             .all(|x| x.is_finite());
         let reported = outcome.events.iter().any(|event| event.kind == EventKind::NotConverged);
         self.broken += usize::from(!finite);
@@ -246,14 +246,14 @@ impl Start {
             problem.fix(&[0, 1, 2], |p| p[2] == 0.0, |_| [0.0; 3]);
             Ok(problem)
         };
-        let (usual, of_poisson) = (problem(0.45)?, problem(poisson)?);
+        let (reference, of_poisson) = (problem(0.45)?, problem(poisson)?);
         let mesh = AdaptedMesh::new(&mesh, &of_poisson.materials.check(&mesh)?, &of_poisson.dofs())?;
         let double: Symmetric<f64> = invert(&Factor::new(mesh.stiffness())?, &mut |_, _| {})?;
         let free: Vec<u32> = (0..mesh.nodes().len() as u32)
             .filter(|node| !mesh.dofs().of(*node).contains(&NONE))
             .collect();
-        let some = free.iter().step_by(free.len() / 10).take(10);
-        let contacts = some
+        let contact_nodes = free.iter().step_by(free.len() / 10).take(10);
+        let contacts = contact_nodes
             .flat_map(|node| mesh.dofs().of(*node))
             .map(|dof| dof as usize)
             .collect();
@@ -262,7 +262,7 @@ impl Start {
             double: Arc::new(double),
             free,
             contacts,
-            usual_condition: usual.condition()?,
+            usual_condition: reference.condition()?,
             mesh,
             seed,
         })
@@ -424,15 +424,15 @@ pub(crate) fn two_parts() -> Result<(TetMesh, u32), Unexpected> {
 
 /// Returns whether each node lies on the surface.
 pub fn surface(mesh: &TetMesh) -> Vec<bool> {
-    let mut on = vec![false; mesh.nodes().len()];
+    let mut is_on_surface = vec![false; mesh.nodes().len()];
     for (corners, neighbours) in mesh.elements().iter().zip(mesh.neighbours()) {
         for opposite in (0..4).filter(|corner| neighbours[*corner] == insonify_mesh::NO_ELEMENT) {
             for corner in (0..4).filter(|corner| *corner != opposite) {
-                on[corners[corner] as usize] = true;
+                is_on_surface[corners[corner] as usize] = true;
             }
         }
     }
-    on
+    is_on_surface
 }
 
 /// Static problem that owns its data.
@@ -518,8 +518,8 @@ impl Problem {
 
     /// Returns the numbering of the degrees of freedom that are not fixed.
     pub fn dofs(&self) -> Dofs {
-        let fixed = self.fixes.iter().map(|fix| (fix.node, fix.axis));
-        Dofs::new(self.mesh.nodes().len(), fixed)
+        let fixed_dofs = self.fixes.iter().map(|fix| (fix.node, fix.axis));
+        Dofs::new(self.mesh.nodes().len(), fixed_dofs)
     }
 
     /// Assembles the stiffness over the degrees of freedom that are not fixed.
@@ -626,7 +626,7 @@ struct Sum {
     labels_apart: usize,
     share: f64,
     faults: usize,
-    first: Option<String>,
+    first_fault: Option<String>,
 }
 
 /// Comparisons totalled by backend.
@@ -648,8 +648,8 @@ impl Tally {
             sum.labels_apart += comparison.labels_apart;
             sum.share = sum.share.max(comparison.share);
             sum.faults += comparison.faults.len();
-            if let (None, Some(fault)) = (&sum.first, comparison.faults.first()) {
-                sum.first = Some(format!("{}: {fault}", case.name));
+            if let (None, Some(fault)) = (&sum.first_fault, comparison.faults.first()) {
+                sum.first_fault = Some(format!("{}: {fault}", case.name));
             }
         }
     }
@@ -674,7 +674,10 @@ impl Tally {
                 sum.share,
                 1.0,
             );
-            let first_fault = sum.first.as_ref().map_or(String::new(), |fault| format!(" ({fault})"));
+            let first_fault = sum
+                .first_fault
+                .as_ref()
+                .map_or(String::new(), |fault| format!(" ({fault})"));
             record.zero(
                 format!("{backend}: departures that rounding cannot explain{first_fault}"),
                 sum.faults as f64,

@@ -166,8 +166,8 @@ impl Block {
         let nodes = (0..).zip(self.body.nodes()).filter(|(_, p)| outside(p));
         nodes
             .flat_map(|(node, p)| {
-                let moved = gradient * Vector3::from(*p);
-                [0, 1, 2].map(|axis| (node, axis, moved[usize::from(axis)]))
+                let displacement = gradient * Vector3::from(*p);
+                [0, 1, 2].map(|axis| (node, axis, displacement[usize::from(axis)]))
             })
             .collect()
     }

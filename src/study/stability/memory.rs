@@ -88,7 +88,7 @@ pub(super) fn crossing(record: &mut Record<'_>) -> Result<(), Unexpected> {
     };
     for (name, body) in bodies {
         for (structure, word) in [(Structure::Rate, "rate"), (Structure::LoadIntegral, "load-integral")] {
-            let (mut iterations, mut crossings, mut wrong) = (0, usize::MAX, 0);
+            let (mut iterations, mut crossings, mut non_finite) = (0, usize::MAX, 0);
             let mut differences = Vec::new();
             for stiffening in [0.1, 8.0, 1e3, 1e6] {
                 let knee = Knee {
@@ -98,25 +98,28 @@ pub(super) fn crossing(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 let point = Point { body, knee, structure };
                 let response = point.respond_in(&loading, Method::Trapezoid, 1)?;
                 iterations = iterations.max(response.iterations);
-                wrong += response.strain.iter().filter(|strain| !strain.is_finite()).count();
+                non_finite += response.strain.iter().filter(|strain| !strain.is_finite()).count();
                 let above = |strain: &f64| strain.abs() > knee.strain;
                 let pairs = response.strain.windows(2);
                 crossings = crossings.min(pairs.filter(|pair| above(&pair[0]) != above(&pair[1])).count());
                 // For a spring-pot the reverse control uses a different rule, summing strains instead of stresses.
                 if matches!(body, Rheology::Zener { .. }) {
-                    let back = Loading {
+                    let reversed = Loading {
                         control: Control::Strain,
                         value: response.strain.clone(),
                         ..loading.clone()
                     };
-                    let back = point.respond_in(&back, Method::Trapezoid, 1)?;
-                    let stresses = back.stress_kpa.iter().zip(&loading.value);
+                    let reversed = point.respond_in(&reversed, Method::Trapezoid, 1)?;
+                    let stresses = reversed.stress_kpa.iter().zip(&loading.value);
                     differences.push(largest(stresses.map(|(a, b)| a.unwrap_or(f64::NAN) - b)));
                 }
             }
             record.under(format!("{name}, {word}: most iterations"), iterations as f64, 30.0);
             record.report(format!("{name}, {word}: fewest crossings"), crossings as f64);
-            record.zero(format!("{name}, {word}: strains that are not finite"), wrong as f64);
+            record.zero(
+                format!("{name}, {word}: strains that are not finite"),
+                non_finite as f64,
+            );
             if !differences.is_empty() {
                 record.under(
                     format!("{name}, {word}: stress that comes back, kPa off"),
@@ -281,13 +284,13 @@ fn highest(rule: &Rule, operator: Operator, step: f64, count: usize) -> Result<f
 fn reversals(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let step = 1e-3;
     let many = record.effort().pick(10_000, 100_000);
-    let few = record.effort().pick(1000, 10_000);
+    let fewer_steps = record.effort().pick(1000, 10_000);
     let rules = FULL.into_iter().chain([exponentials(step, 2.0 * step * many as f64)]);
     for (index, (name, rule)) in rules.enumerate() {
         let count = if matches!(rule, Rule::Exponentials(_)) {
             many
         } else {
-            few
+            fewer_steps
         };
         let (mut integral, mut derivative) = (0.0f64, 0.0f64);
         for k in ORDERS {

@@ -68,14 +68,14 @@ fn none(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let medium = Medium::new(LINES, SAMPLES);
     let zeros = vec![0.0; LINES * SAMPLES];
     let constant = vec![1.0e4; LINES * SAMPLES];
-    let still = medium.frame(0, |_| [0.0; 2]);
-    let away = medium.frame(1, |_| [6.0, 0.0]);
+    let at_rest = medium.frame(0, |_| [0.0; 2]);
+    let moved_away = medium.frame(1, |_| [6.0, 0.0]);
     let cases = [
         ("zeros", zeros.clone(), zeros.clone()),
         ("constants", constant.clone(), constant),
-        ("zeros after echoes", still.clone(), zeros),
+        ("zeros after echoes", at_rest.clone(), zeros),
         ("noise", noise(0), noise(1)),
-        (JUMP, still, away),
+        (JUMP, at_rest, moved_away),
     ];
     for (name, frame, second) in cases {
         let mut tracker = Tracker::new(options(), LINES, &frame);
@@ -127,12 +127,12 @@ fn damaged(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let mut tracker = Tracker::new(options(), LINES, &before);
         let estimates = tracker.next(&after);
         let count = options().windows;
-        let within = estimates
+        let on_lines = estimates
             .iter()
             .enumerate()
             .filter(|(index, _)| index % count + 1 < count);
         // Only windows that correlate promise a motion; others are not to be used, and may be anywhere.
-        let trusted = within.filter(|(_, estimate)| estimate.correlation >= TRUSTED);
+        let trusted = on_lines.filter(|(_, estimate)| estimate.correlation >= TRUSTED);
         let errors: Vec<f64> = trusted
             .map(|(_, estimate)| estimate.axial_um - 1e3 * MOVED_MM)
             .collect();

@@ -72,11 +72,11 @@ fn vein_mm(from: &Point3<f64>, to: &Point3<f64>) -> f64 {
         Vector3::new(-4.0 + 11.0 * cos, 28.0 + 6.5 * sin, 0.0)
     });
     let segment = to - from;
-    let away = ellipse.map(|rim| {
+    let distances = ellipse.map(|rim| {
         let share = (rim - from.coords).dot(&segment) / segment.norm_squared();
         (from.coords + segment * share.clamp(0.0, 1.0) - rim).norm()
     });
-    away.fold(f64::INFINITY, f64::min)
+    distances.fold(f64::INFINITY, f64::min)
 }
 
 fn beside_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
@@ -108,17 +108,17 @@ fn beside_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
     }
     let planned = plan(&scenario, &grazing, &|_, _| ())?;
     let (mut errors, mut simulated, mut excluded) = (Vec::new(), 0, 0);
-    let (mut near, mut far, mut late) = (0, 0, 0);
+    let (mut too_near, mut far, mut late) = (0, 0, 0);
     for line in &planned.lines {
         let Some(entry) = line.entry_mm else { continue };
         let exact = vein_mm(&entry.into(), &target.into());
         match &line.path {
             Some(path) => {
                 simulated += 1;
-                near += usize::from(exact < clearance_mm - VOXEL_MM);
+                too_near += usize::from(exact < clearance_mm - VOXEL_MM);
                 // The path that is cut may be nearer or farther than the straight one, by what the tissue moves.
                 errors.extend(path.clearance_mm.map(|clearance| (clearance - exact).max(0.0)));
-                near += usize::from(path.clearance_mm.is_some_and(|clearance| clearance < clearance_mm));
+                too_near += usize::from(path.clearance_mm.is_some_and(|clearance| clearance < clearance_mm));
             }
             None => {
                 excluded += 1;
@@ -128,7 +128,7 @@ fn beside_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
             }
         }
     }
-    record.zero("lines nearer than asked that are planned", near as f64);
+    record.zero("lines nearer than asked that are planned", too_near as f64);
     record.zero("lines farther than asked that are excluded", far as f64);
     record.zero(
         "lines nearer than asked that are excluded once they have been simulated",
@@ -282,7 +282,7 @@ fn noisy_forces(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let draws = record.effort().pick(2, 8);
     // Errors of a fit grow in proportion to the noise, and so do the limits; 24 % is three standard
     // deviations of the narrowest region.
-    for (share, within) in [(0.0, 1e-4), (0.005, 0.06), (0.02, 0.24)] {
+    for (share, limit) in [(0.0, 1e-4), (0.005, 0.06), (0.02, 0.24)] {
         let mut error = 0.0;
         for row in 0..draws {
             let curve = noisy(share, row, &|depth| exact.at(depth));
@@ -299,7 +299,7 @@ fn noisy_forces(record: &mut Record<'_>) -> Result<(), Unexpected> {
         record.under(
             format!("noise of {} %: slopes and widths off", 100.0 * share),
             error,
-            within,
+            limit,
         );
     }
     // A fit of four regions finds four in any curve: those that have fewer must at least be doubted.
@@ -372,8 +372,9 @@ fn target_error_squared(markers: &[Point3<f64>], target: &Point3<f64>, noise_mm:
     let axes = spread.symmetric_eigen().eigenvectors;
     let ratios = (0..3).map(|axis| {
         let axis = axes.column(axis).into_owned();
-        let away = |point: &Point3<f64>| (from_centre(point) - axis * from_centre(point).dot(&axis)).norm_squared();
-        away(target) / (markers.iter().map(away).sum::<f64>() / count)
+        let from_axis =
+            |point: &Point3<f64>| (from_centre(point) - axis * from_centre(point).dot(&axis)).norm_squared();
+        from_axis(target) / (markers.iter().map(from_axis).sum::<f64>() / count)
     });
     noise_mm * noise_mm / count * (1.0 + ratios.sum::<f64>() / 3.0)
 }

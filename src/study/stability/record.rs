@@ -107,12 +107,12 @@ impl<'a> Record<'a> {
         answer: Result<T, E>,
         expected: impl Fn(&E) -> bool,
     ) {
-        let (wrong, note) = match answer {
+        let (failures, note) = match answer {
             Ok(_) => (1.0, "not refused".to_owned()),
             Err(error) if expected(&error) => (0.0, format!("refused: {error}")),
             Err(error) => (1.0, format!("refused for another reason: {error}")),
         };
-        self.note(what, wrong, Some(0.0), Some(note));
+        self.note(what, failures, Some(0.0), Some(note));
     }
 
     /// Records an unexpected error.

@@ -120,8 +120,8 @@ fn studies_of_insertions_give_costs_of_every_key() {
     assert_eq!(levels, ["\"I\"", "\"III\"", "\"exact\""], "level IV is a baseline");
     for setting in costs.levels.iter().chain([&costs.links, &costs.thinning]) {
         assert!(setting.options.len() >= 3, "{setting:?}");
-        let usual = setting.options.iter().filter(|option| option.extra_ms == 0.0);
-        assert_eq!(usual.count(), 1, "{setting:?}");
+        let default_options = setting.options.iter().filter(|option| option.extra_ms == 0.0);
+        assert_eq!(default_options.count(), 1, "{setting:?}");
     }
     for setting in [
         &costs.nodes,
@@ -154,12 +154,15 @@ fn studies_of_insertions_give_costs_of_every_key() {
         remesh_ms(&row.times)
     };
     assert_eq!(extra(&costs.levels[0], "\"I\""), level(Level::I) - level(Level::Exact));
-    let usual = piece(&insertions.links, 10.0);
-    assert_eq!(costs.base_ms[0], usual);
-    assert_eq!(extra(&costs.elements, "5"), piece(&insertions.elements, 5.0) - usual);
+    let default_ms = piece(&insertions.links, 10.0);
+    assert_eq!(costs.base_ms[0], default_ms);
+    assert_eq!(
+        extra(&costs.elements, "5"),
+        piece(&insertions.elements, 5.0) - default_ms
+    );
     let finest = insertions.meshes.last().unwrap();
     assert_eq!(
         extra(&costs.nodes, &finest.nodes.to_string()),
-        remesh_ms(&finest.times) - usual
+        remesh_ms(&finest.times) - default_ms
     );
 }

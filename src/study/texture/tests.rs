@@ -206,11 +206,11 @@ fn sectors_beside_the_apex_stay_within_their_region() {
             let (row, width) = (pixel / beam.size[0], beam.size[0]);
             pixel % width + 1 < width && (beam.values[pixel] - beam.values[pixel + 1]).abs() < 1e-12 && row > 0
         };
-        let still = (0..beam.values.len()).filter(|&pixel| clamped(pixel)).count();
+        let repeated = (0..beam.values.len()).filter(|&pixel| clamped(pixel)).count();
         assert!(beam.size[0] > 20 && beam.size[1] > 40, "{:?}", beam.size);
         assert!(
-            still * 1000 < beam.values.len(),
-            "{still} of {} repeat the edge",
+            repeated * 1000 < beam.values.len(),
+            "{repeated} of {} repeat the edge",
             beam.values.len()
         );
     }

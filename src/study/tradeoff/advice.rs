@@ -64,11 +64,11 @@ pub struct Advice {
 
 impl Goal {
     /// Creates a goal: the cheapest variant within a tolerance given with its reason, such as [`SHIFT_MM`].
-    pub fn new(cost: &'static str, error: &'static str, (within, reason): (f64, &'static str)) -> Self {
+    pub fn new(cost: &'static str, error: &'static str, (limit, reason): (f64, &'static str)) -> Self {
         Goal {
             cost,
             error,
-            within,
+            within: limit,
             reason,
             ..Goal::default()
         }
@@ -195,11 +195,11 @@ impl Table {
             return String::new();
         };
         let heading = |key: &str| self.axis(key).map_or("", |index| self.axes[index].heading);
-        let fixed = goal.fixed();
-        let fixed = fixed
+        let fixed_keys = goal.fixed();
+        let fixed_choices = fixed_keys
             .iter()
             .filter_map(|key| Some(self.factors[self.factor(key)?].label));
-        let same = match fixed.collect::<Vec<_>>().join(", ") {
+        let same = match fixed_choices.collect::<Vec<_>>().join(", ") {
             none if none.is_empty() => none,
             some => format!(" with the same {some}"),
         };
@@ -208,14 +208,14 @@ impl Table {
     }
 
     /// Returns the Pareto fronts of the best rows among those shown, one for each set of competing rows, from left to right.
-    pub(super) fn fronts(&self, x: &str, y: &str, shown: impl Fn(&Row) -> bool) -> Vec<Vec<[f64; 2]>> {
+    pub(super) fn fronts(&self, x: &str, y: &str, is_shown: impl Fn(&Row) -> bool) -> Vec<Vec<[f64; 2]>> {
         let Some(goal) = self.goal.as_ref().filter(|goal| [goal.cost, goal.error] == [x, y]) else {
             return Vec::new();
         };
         // A gold standard without a measured error cannot be plotted.
         let point = |row: &Row| Some([self.value(row, x)?, self.value(row, y)?]);
         let best = self.rows.iter().zip(self.best());
-        let best = best.filter(|(row, best)| *best && shown(row) && point(row).is_some());
+        let best = best.filter(|(row, best)| *best && is_shown(row) && point(row).is_some());
         let fronts = self
             .grouped(best.map(|(row, _)| row), &goal.fixed())
             .into_iter()

@@ -258,8 +258,8 @@ pub(crate) struct StepTimes {
 
 impl StepTimes {
     fn of(steps: &[Step]) -> Self {
-        let sorted = |keep: &dyn Fn(&Step) -> bool| {
-            let mut ms: Vec<f64> = steps.iter().filter(|step| keep(step)).map(|step| step.ms).collect();
+        let sorted = |counts: &dyn Fn(&Step) -> bool| {
+            let mut ms: Vec<f64> = steps.iter().filter(|step| counts(step)).map(|step| step.ms).collect();
             ms.sort_by(f64::total_cmp);
             ms
         };
@@ -417,8 +417,8 @@ impl Course {
     fn instruments(&self, step: usize) -> Instruments {
         let travelled = |steps: usize, count: usize, steps_in: f64| steps_in * steps.min(count) as f64 / count as f64;
         let (steps_in, length) = (self.steps_in(), self.depth_mm - START_MM);
-        let back = travelled(step.saturating_sub(self.withdrawn() - 1), steps_in, length);
-        let depth = START_MM + travelled(step, steps_in, length) - back;
+        let withdrawn_mm = travelled(step.saturating_sub(self.withdrawn() - 1), steps_in, length);
+        let depth = START_MM + travelled(step, steps_in, length) - withdrawn_mm;
         let aside = travelled(step.saturating_sub(self.moved() - 1), self.aside(), ASIDE_MM);
         Instruments {
             probe: self.probe.then(|| probe_at(aside)),
@@ -509,7 +509,7 @@ fn probe_at(aside: f64) -> Isometry3<f64> {
     )
 }
 
-/// Creates a probe along z under the face y = 0 that can touch every `every`-th ring of nodes along its axis.
+/// Creates a probe along z under the face y = 0 that can touch every `stride`-th ring of nodes along its axis.
 pub(crate) fn probe(mesh: &TetMesh, stride: usize) -> ProbeContact {
     let [width, low] = BAND_MM;
     let high = EXTENT[2] - 5.0;

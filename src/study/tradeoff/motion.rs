@@ -80,7 +80,7 @@ struct Errors {
 }
 
 impl Errors {
-    fn of(options: &Options, medium: &Medium, estimates: &[Estimate], moved: impl Fn(f64) -> [f64; 2]) -> Self {
+    fn of(options: &Options, medium: &Medium, estimates: &[Estimate], displacement: impl Fn(f64) -> [f64; 2]) -> Self {
         let centres = options.centres_mm(medium.samples);
         let is_inner = |line: usize| (EDGE..medium.lines - EDGE).contains(&line);
         let inside = estimates
@@ -97,7 +97,7 @@ impl Errors {
             .collect();
         let errors_of = |axis: usize| -> Vec<f64> {
             let error = |estimate: &Estimate, depth: f64| {
-                [estimate.axial_um, estimate.lateral_um][axis] - 1e3 * moved(depth)[axis]
+                [estimate.axial_um, estimate.lateral_um][axis] - 1e3 * displacement(depth)[axis]
             };
             trusted
                 .iter()
@@ -105,9 +105,9 @@ impl Errors {
                 .collect()
         };
         let (axial, lateral) = (errors_of(0), errors_of(1));
-        let wrong = axial.iter().filter(|error| error.abs() > WRONG_UM).count();
+        let misses = axial.iter().filter(|error| error.abs() > WRONG_UM).count();
         Self {
-            wrong: wrong as f64 / trusted.len() as f64,
+            wrong: misses as f64 / trusted.len() as f64,
             trusted: trusted.len() as f64 / inside.len() as f64,
             correlation: mean(
                 &trusted
@@ -214,12 +214,12 @@ pub(crate) fn study(effort: Effort, progress: &mut (dyn FnMut(&str, f64) + Send)
     let start = medium.frame(0, |_| [0.0; 2]);
     let work = (MOTIONS.len() * variants.len()) as f64;
     let mut rows = Vec::new();
-    for (name, moved) in MOTIONS {
-        let next = medium.frame(1, moved);
+    for (name, displacement) in MOTIONS {
+        let next = medium.frame(1, displacement);
         for &options in &variants {
             progress(name, rows.len() as f64 / work);
             let mut tracker = Tracker::new(options, medium.lines, &start);
-            let errors = Errors::of(&options, &medium, &tracker.next(&next), moved);
+            let errors = Errors::of(&options, &medium, &tracker.next(&next), displacement);
             let [median_ms, correlations] = cost(&options, medium.lines, [&start, &next]);
             rows.push(MotionRow {
                 options,

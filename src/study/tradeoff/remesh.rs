@@ -252,14 +252,14 @@ pub(crate) fn study(
                 (index as f64 + share) / total,
             );
         };
-        one(subject, gpus, options, &mut report, &mut subject_progress)?;
+        study_mesh(subject, gpus, options, &mut report, &mut subject_progress)?;
     }
     progress("done", 1.0);
     Ok(report.finish())
 }
 
 /// Studies one mesh.
-fn one(
+fn study_mesh(
     subject: &Subject,
     gpus: &[Gpu],
     options: &RemeshOptions,

@@ -172,14 +172,14 @@ impl Table {
 
     /// Returns the table as text: its gold standard and aligned columns, with a star for best choices and flags at the end of rows.
     pub fn text(&self) -> String {
-        let shown = self.filled();
+        let filled = self.filled();
         let factors = self.factors.iter().map(|factor| Cell::from(factor.label));
-        let axes = shown.iter().map(|axis| Cell::number(self.axes[*axis].heading));
+        let axes = filled.iter().map(|axis| Cell::number(self.axes[*axis].heading));
         let head = std::iter::once("".into()).chain(factors).chain(axes).chain(["".into()]);
         let rows = self.judged().map(|(row, best)| {
             let star = if best { "*" } else { "" };
             let flag = row.flag.as_ref().map_or(String::new(), |flag| format!("WRONG: {flag}"));
-            let values = shown.iter().map(|axis| row.figure(*axis));
+            let values = filled.iter().map(|axis| row.figure(*axis));
             let cells = std::iter::once(star.to_owned()).chain(row.choices.iter().cloned());
             cells.chain(values).chain([flag]).collect::<Vec<_>>()
         });
@@ -264,9 +264,9 @@ impl Table {
                 .map(|factor| name_of(*factor))
                 .collect::<Vec<_>>()
                 .join(", ");
-            let colour = place(&mut colours, &name);
+            let colour = index_of(&mut colours, &name);
             let marker = if figure.marked {
-                Marker::nth(place(&mut kinds, &kind))
+                Marker::nth(index_of(&mut kinds, &kind))
             } else {
                 Marker::None
             };
@@ -294,8 +294,8 @@ impl Table {
     }
 }
 
-/// Returns the index of a name in `seen`, appending it if it is new.
-fn place(names: &mut Vec<String>, name: &str) -> usize {
+/// Returns the index of a name in a list, appending it if it is new.
+fn index_of(names: &mut Vec<String>, name: &str) -> usize {
     names.iter().position(|known| known == name).unwrap_or_else(|| {
         names.push(name.to_owned());
         names.len() - 1

@@ -128,12 +128,12 @@ fn written<'a>(table: &'a Table, pace: &Rates) -> WrittenTable<'a> {
         label,
         unit,
     };
-    let shown = table.filled();
+    let filled = table.filled();
     let factors = table.factors.iter();
-    let axes = shown.iter().map(|axis| &table.axes[*axis]);
-    let position = |axis: &usize| shown.iter().position(|shown_axis| shown_axis == axis);
+    let axes = filled.iter().map(|axis| &table.axes[*axis]);
+    let position = |axis: &usize| filled.iter().position(|shown_axis| shown_axis == axis);
     let row = |row: &Row| Row {
-        values: shown.iter().map(|axis| row.values[*axis]).collect(),
+        values: filled.iter().map(|axis| row.values[*axis]).collect(),
         ..row.clone()
     };
     WrittenTable {
@@ -208,15 +208,16 @@ impl Report {
             "study", "table", "choices", "axis", "unit", "value", "best", "gold", "flag",
         ];
         let mut table = table::Table::new(head);
-        for (chapter, shown) in self.tables() {
-            for (row, best) in shown.judged() {
-                let choices = shown.factors.iter().zip(&row.choices);
+        for (chapter, table_data) in self.tables() {
+            for (row, best) in table_data.judged() {
+                let choices = table_data.factors.iter().zip(&row.choices);
                 let choices: Vec<String> = choices
                     .map(|(factor, choice)| format!("{}={choice}", factor.key))
                     .collect();
-                let measured = shown.axes.iter().zip(&row.values);
+                let measured = table_data.axes.iter().zip(&row.values);
                 for (axis, value) in measured.filter_map(|(axis, value)| Some((axis, (*value)?))) {
-                    let [name, key, axis, unit] = [chapter.name, shown.key, axis.key, axis.unit()].map(str::to_owned);
+                    let [name, key, axis, unit] =
+                        [chapter.name, table_data.key, axis.key, axis.unit()].map(str::to_owned);
                     let [value, best, gold] = [value.to_string(), best.to_string(), row.gold.to_string()];
                     let flag = row.flag.clone().unwrap_or_default();
                     table.row("", [name, key, choices.join("; "), axis, unit, value, best, gold, flag]);

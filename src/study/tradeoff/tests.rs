@@ -196,14 +196,14 @@ fn files_are_written_whole_and_the_same_each_time() {
         files,
         ["ways.csv", "tradeoff-test.json", "cost.svg", "cost.png", "index.html"]
     );
-    let read = || {
+    let read_files = || {
         files
             .iter()
             .map(|file| std::fs::read(folder.path().join(file)).unwrap())
             .collect::<Vec<_>>()
     };
-    let written = read();
+    let written = read_files();
     study().write(folder.path()).unwrap();
-    assert_eq!(read(), written);
+    assert_eq!(read_files(), written);
     assert!(study().write(&folder.path().join("none")).is_err());
 }

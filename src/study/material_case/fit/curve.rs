@@ -167,13 +167,13 @@ impl StiffeningCurve {
         for _ in 0..ROUNDS {
             let simulated: Result<Vec<CreepTest>, HistoryError> =
                 tests.iter().map(|test| trial.creep(test, order)).collect();
-            let shown = StiffeningCurve::fitted(&moduli(&simulated?, order));
-            if !shown.has_knee() {
+            let refitted = StiffeningCurve::fitted(&moduli(&simulated?, order));
+            if !refitted.has_knee() {
                 break;
             }
             let mut change = 0.0f64;
             for parameter in 0..3 {
-                let lack = self.0[parameter] - shown.0[parameter];
+                let lack = self.0[parameter] - refitted.0[parameter];
                 let next = (trial.0[parameter] + lack).max(0.1 * trial.0[parameter]);
                 change = change.max((next - trial.0[parameter]).abs() / self.0[parameter].max(f64::MIN_POSITIVE));
                 trial.0[parameter] = next;

@@ -45,21 +45,21 @@ pub(super) fn read(path: &Path, max_frames: usize) -> Result<Vec<Picture>, Volum
     let object = OpenFileOptions::new()
         .from_reader(Cursor::new(bytes))
         .map_err(|cause| VolumeError::malformed(path, At::Header, cause.to_string(), "a DICOM file with images"))?;
-    let wrong = |fault: String| {
+    let refuse = |fault: String| {
         let expected = "grey, RGB, YBR or palette images; others can be converted to PNG with dcmj2pnm of DCMTK";
         VolumeError::malformed(path, At::Pixels, fault, expected)
     };
     // Checked before anything is decoded: a header may promise pictures that no memory holds.
     let [rows, columns] = [tags::ROWS, tags::COLUMNS].map(|tag| number(&object, tag).unwrap_or(0.0));
     if !(1.0..=f64::from(MAX_SIDE_PX)).contains(&rows.min(columns)) || rows.max(columns) > f64::from(MAX_SIDE_PX) {
-        return Err(wrong(format!("images of {columns} x {rows} pixels")));
+        return Err(refuse(format!("images of {columns} x {rows} pixels")));
     }
     let frames = number(&object, tags::NUMBER_OF_FRAMES).map_or(1, |count| (count as usize).max(1));
     let grey = |index: usize| frame(&object, index as u32).map(|image| Picture::of(image, String::new(), None));
     let mm = pixel_mm(&object);
     let pictures = super::spread(frames, max_frames).map(|index| {
-        let picture = grey(index).map_err(wrong)?;
-        let beside = if index + 1 < frames {
+        let picture = grey(index).map_err(refuse)?;
+        let neighbour_index = if index + 1 < frames {
             Some(index + 1)
         } else {
             index.checked_sub(1)
@@ -70,7 +70,9 @@ pub(super) fn read(path: &Path, max_frames: usize) -> Result<Vec<Picture>, Volum
                 _ => format!("{}, frame {index}", path.display()),
             },
             mm,
-            neighbour: beside.and_then(|next| grey(next).ok()).map(|picture| picture.grey),
+            neighbour: neighbour_index
+                .and_then(|next| grey(next).ok())
+                .map(|picture| picture.grey),
             ..picture
         })
     });

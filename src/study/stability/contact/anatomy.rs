@@ -37,9 +37,9 @@ const BORDER_MM: f64 = 0.5;
 #[derive(Clone, Copy, Debug)]
 struct Slab {
     skin: Vector3<f64>,
-    from: (Vector3<f64>, f64),
+    near_plane: (Vector3<f64>, f64),
     thick_mm: f64,
-    of: [Interaction; 2],
+    interactions: [Interaction; 2],
 }
 
 impl Slab {
@@ -47,9 +47,9 @@ impl Slab {
     fn level(from_mm: f64, thick_mm: f64, interactions: [Interaction; 2]) -> Slab {
         Slab {
             skin: Vector3::z(),
-            from: (Vector3::z(), from_mm),
+            near_plane: (Vector3::z(), from_mm),
             thick_mm,
-            of: interactions,
+            interactions,
         }
     }
 }
@@ -57,12 +57,12 @@ impl Slab {
 impl Anatomy for Slab {
     fn region(&self, at_rest_mm: &Point3<f64>) -> Option<i32> {
         let point = at_rest_mm - Point3::new(ASIDE[0], ASIDE[1], 0.0);
-        let into = point.dot(&self.from.0) - self.from.1;
+        let into = point.dot(&self.near_plane.0) - self.near_plane.1;
         (point.dot(&self.skin) >= 0.0).then_some(i32::from((0.0..self.thick_mm).contains(&into)))
     }
 
     fn interaction(&self, region: i32) -> Interaction {
-        self.of[usize::from(region == 1)]
+        self.interactions[usize::from(region == 1)]
     }
 }
 
@@ -160,7 +160,7 @@ pub(super) fn interface(record: &mut Record<'_>) -> Result<(), Unexpected> {
     for (tilt, name) in [(0.0, "in the border"), (0.5f64, "at 0.5 degrees")] {
         let normal = Vector3::new(tilt.to_radians().cos(), 0.0, tilt.to_radians().sin());
         let slab = Slab {
-            from: (normal, 20.0 * normal.z),
+            near_plane: (normal, 20.0 * normal.z),
             ..Slab::level(0.0, f64::INFINITY, [SOFT, TOUGH])
         };
         let mut model = finite(slab, 10.0)?;
@@ -219,7 +219,7 @@ pub(crate) fn grazed_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
         ..SOFT
     };
     let slab = Slab {
-        from: (normal, 30.0 * normal.z),
+        near_plane: (normal, 30.0 * normal.z),
         ..Slab::level(0.0, f64::INFINITY, [SOFT, bone])
     };
     for (name, mut model) in [
@@ -233,8 +233,8 @@ pub(crate) fn grazed_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
             }
             // Until bone is met it lies infinitely deep, so that no step counts.
             deepest = deepest.max(outcome.tip_mm.z - bone_mm);
-            let soft = SOFT.friction_n_per_mm * outcome.inserted_mm + SOFT.cutting_n;
-            largest_excess = largest_excess.max(resistance(outcome) - soft);
+            let soft_n = SOFT.friction_n_per_mm * outcome.inserted_mm + SOFT.cutting_n;
+            largest_excess = largest_excess.max(resistance(outcome) - soft_n);
         })?;
         watch.write(record, name);
         record.zero(
@@ -324,7 +324,7 @@ fn finite_to_bone(surface: f64) -> Result<Box<dyn Model>, Unexpected> {
 fn springs_to_bone(surface: f64) -> Result<Box<dyn Model>, Unexpected> {
     let layers = Layers {
         border: surface,
-        of: [USUAL, of_bone()],
+        interactions: [USUAL, of_bone()],
     };
     Ok(Box::new(MassSpring::new(coarse(), Box::new(layers), block::rigid()?)?))
 }
@@ -345,7 +345,7 @@ pub(super) fn hit(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 record.done(0.5 * index as f64 + 0.25 * situation_index as f64 + 0.125 * turn as f64);
                 let mut model = make(surface)?;
                 let name = format!("{step} mm a step, {situation}, {kind}");
-                one(record, &mut *model, surface, step, &name)?;
+                hit_bone(record, &mut *model, surface, step, &name)?;
             }
         }
     }
@@ -353,7 +353,13 @@ pub(super) fn hit(record: &mut Record<'_>) -> Result<(), Unexpected> {
 }
 
 /// Pushes the needle into bone that begins at a depth (mm), and withdraws it.
-fn one(record: &mut Record<'_>, model: &mut dyn Model, surface: f64, step: f64, name: &str) -> Result<(), Unexpected> {
+fn hit_bone(
+    record: &mut Record<'_>,
+    model: &mut dyn Model,
+    surface: f64,
+    step: f64,
+    name: &str,
+) -> Result<(), Unexpected> {
     let before = -1.0;
     let hand = surface + TOO_FAR_MM;
     model.start(&block::tip_at([ASIDE[0], ASIDE[1], before]));

@@ -30,7 +30,7 @@ const SAME_N: f64 = 1e-3;
 
 /// Inserts the needle, then oscillates it.
 pub(super) fn contrasts(record: &mut Record<'_>) -> Result<(), Unexpected> {
-    let usual = Stiffness::default().bending_nmm2();
+    let default_nmm2 = Stiffness::default().bending_nmm2();
     let steps = record.effort().pick(400, 10_000);
     let cases = [
         (1.0, 0.1),
@@ -49,7 +49,7 @@ pub(super) fn contrasts(record: &mut Record<'_>) -> Result<(), Unexpected> {
         };
         let tissue = tissue(block::USUAL)?;
         let mut finite = build(Setup {
-            needle: block::springs(Stiffness::BendingNmm2(needle * usual), block::LINK_MM, bevel)?,
+            needle: block::springs(Stiffness::BendingNmm2(needle * default_nmm2), block::LINK_MM, bevel)?,
             materials: vec![Material::new(young_kpa, 0.45)?; tissue.mesh.elements().len()],
             ..tissue
         })?;
@@ -327,7 +327,7 @@ fn masses(offset: &Vector3<f64>) -> Result<Box<dyn Model>, Unexpected> {
     let moved_block = There {
         layers: Layers {
             border: f64::INFINITY,
-            of: [USUAL; 2],
+            interactions: [USUAL; 2],
         },
         by: *offset,
     };

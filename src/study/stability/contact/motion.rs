@@ -224,7 +224,7 @@ pub(super) fn period(record: &mut Record<'_>) -> Result<(), Unexpected> {
             finite.outcome().contacts.abs_diff(1) as f64,
         );
         // Force on the node in the direction of withdrawal, and length of shaft beyond it.
-        let (mut before, mut since, mut slips) = (None::<[f64; 2]>, None::<(usize, f64)>, 0);
+        let (mut before, mut slip_start, mut slips) = (None::<[f64; 2]>, None::<(usize, f64)>, 0);
         let (mut sliding, mut late, mut stiffness) = (Vec::new(), Vec::new(), 0.0);
         for step in 1.. {
             let drawn = SPEED * dt * step as f64;
@@ -240,12 +240,12 @@ pub(super) fn period(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 if sample[1] < beyond - 1e-9 {
                     slips += 1;
                     sliding.push(sample[0] / (density * sample[1]) - 1.0);
-                    if let Some((start, low)) = since {
+                    if let Some((start, low)) = slip_start {
                         let expected = (RATIO * density * beyond - low) / (stiffness * SPEED);
                         let period_s = (step - start) as f64 * dt;
                         late.push((period_s - expected) / dt);
                     }
-                    since = Some((step, sample[0]));
+                    slip_start = Some((step, sample[0]));
                 } else {
                     stiffness = (sample[0] - force) / (SPEED * dt);
                 }
@@ -277,10 +277,10 @@ pub(super) fn many(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let rest_nodes = finite.mesh().nodes().to_vec();
     repeat(record, &mut finite, cycles, "finite elements", 0.0)?;
     record.zero("degrees of freedom still held, finite elements", finite.held() as f64);
-    let moved = image(&mut finite).reference;
+    let nodes_after = image(&mut finite).reference;
     record.zero(
         "nodes not back, finite elements",
-        f64::from(u8::from(moved != rest_nodes)),
+        f64::from(u8::from(nodes_after != rest_nodes)),
     );
     let mut springs = springs(coarse(), USUAL)?;
     repeat(record, &mut springs, cycles, "masses and springs", 0.5)?;
@@ -353,9 +353,9 @@ const STEPPED_DEPTH_MM: f64 = 40.0;
 
 /// Inserts and withdraws at time steps of 1e-5 to 0.1 s, at speeds that take some hundred steps each.
 pub(crate) fn any_length(record: &mut Record<'_>) -> Result<(), Unexpected> {
-    let usual = Parameters::default().young_kpa;
+    let default_kpa = Parameters::default().young_kpa;
     let steps: usize = record.effort().pick(20, 400);
-    for (index, young_kpa) in [usual, 1e4 * usual].into_iter().enumerate() {
+    for (index, young_kpa) in [default_kpa, 1e4 * default_kpa].into_iter().enumerate() {
         for (dt_index, dt) in [1e-5, 1e-4, 1e-3, 1e-2, 0.1].into_iter().enumerate() {
             record.done(0.5 * index as f64 + 0.1 * dt_index as f64);
             let parameters = Parameters { young_kpa, ..coarse() };

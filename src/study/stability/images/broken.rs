@@ -106,12 +106,12 @@ fn states(mesh: &TetMesh) -> Vec<Broken> {
 
 /// Returns a predicate for samples unaffected in either state: outside every box around an element with a moved node.
 fn untouched(mesh: &TetMesh, broken: &Broken) -> impl Fn([f64; 4]) -> bool {
-    let moved: Vec<bool> = mesh.nodes().iter().zip(&broken.nodes).map(|(a, b)| a != b).collect();
+    let is_moved: Vec<bool> = mesh.nodes().iter().zip(&broken.nodes).map(|(a, b)| a != b).collect();
     let mut boxes = Vec::new();
     for corners in mesh
         .elements()
         .iter()
-        .filter(|corners| corners.iter().any(|&corner| moved[corner as usize]))
+        .filter(|corners| corners.iter().any(|&corner| is_moved[corner as usize]))
     {
         for nodes in [mesh.nodes(), &broken.nodes] {
             let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
@@ -140,8 +140,8 @@ fn miscounted<T: Real>(mesh: &TetMesh, broken: &Broken) -> Result<f64, Unexpecte
     let mut locator = Locator::<T>::new(mesh);
     let reports = [locator.update(&broken.nodes)?, locator.update(&broken.nodes)?];
     let healed = locator.update(mesh.nodes())?;
-    let wrong = reports.iter().filter(|report| **report != broken.report).count();
-    Ok((wrong + usize::from(healed != LocatorReport::default())) as f64)
+    let miscounts = reports.iter().filter(|report| **report != broken.report).count();
+    Ok((miscounts + usize::from(healed != LocatorReport::default())) as f64)
 }
 
 /// Counts undefined values: invalid positions, flags and elements, and echoes that are not finite.
@@ -174,8 +174,11 @@ pub(super) fn meshes(record: &mut Record<'_>) -> Result<(), Unexpected> {
         ..straight()
     };
     for (state_index, broken) in states.iter().enumerate() {
-        let wrong = miscounted::<f64>(&mesh, broken)? + miscounted::<f32>(&mesh, broken)?;
-        record.zero(format!("{}: updates that miscount what is wrong", broken.what), wrong);
+        let miscounts = miscounted::<f64>(&mesh, broken)? + miscounted::<f32>(&mesh, broken)?;
+        record.zero(
+            format!("{}: updates that miscount what is wrong", broken.what),
+            miscounts,
+        );
         let is_untouched = untouched(&mesh, broken);
         for mut synth in everywhere(&anatomy, &settings, &gpus)? {
             let case = format!("{}, {}", broken.what, name(&synth));

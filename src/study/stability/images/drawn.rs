@@ -17,14 +17,14 @@ use insonify_tracking::probe::{Probe, ProbeShape, ProbeSpec};
 /// Random number stream of one scene.
 struct Draw {
     seed: u64,
-    at: u64,
+    drawn: u64,
 }
 
 impl Draw {
     /// Returns a number in [low, high).
     fn within(&mut self, low: f64, high: f64) -> f64 {
-        self.at += 1;
-        low + (high - low) * (0.5 + 0.5 * noise(self.seed, self.at))
+        self.drawn += 1;
+        low + (high - low) * (0.5 + 0.5 * noise(self.seed, self.drawn))
     }
 
     fn below(&mut self, count: usize) -> usize {
@@ -44,7 +44,7 @@ impl Draw {
 pub(super) fn scene(seed: u64, index: u64) -> Case {
     let mut draw = Draw {
         seed: seed ^ index.wrapping_mul(0x9e37_79b9_7f4a_7c15),
-        at: 0,
+        drawn: 0,
     };
     let centre = draw.point(80.0);
     let anatomy = anatomy(&mut draw, centre);
@@ -117,7 +117,7 @@ fn anatomy(draw: &mut Draw, centre: [f64; 3]) -> Anatomy {
 /// Draws a probe of any kind, with numbers near those of the kind's example.
 fn probe(draw: &mut Draw) -> Probe {
     let (_, shape) = ProbeShape::EXAMPLES[draw.below(ProbeShape::EXAMPLES.len())];
-    let usual = Probe {
+    let default_probe = Probe {
         shape,
         depth_mm: draw.within(20.0, 50.0),
         frequency_mhz: draw.within(2.0, 12.0),
@@ -129,17 +129,21 @@ fn probe(draw: &mut Draw) -> Probe {
         let shape = numbers
             .map(|(key, number)| (key, number * draw.within(0.4, 1.6)))
             .collect();
-        Probe::try_from(ProbeSpec { shape, ..usual.into() }).ok()
+        Probe::try_from(ProbeSpec {
+            shape,
+            ..default_probe.into()
+        })
+        .ok()
     });
-    valid.unwrap_or(usual)
+    valid.unwrap_or(default_probe)
 }
 
 /// Draws a pose at the rim of the volume that looks towards its middle, with a random roll.
 fn pose(draw: &mut Draw, centre: [f64; 3]) -> FrameState {
     let middle = Vector3::from(centre);
-    let away = Vector3::from(draw.point(1.0));
-    let away = away.try_normalize(1e-3).unwrap_or(-Vector3::y());
-    let origin = middle + away * draw.within(5.0, 22.0);
+    let outward = Vector3::from(draw.point(1.0));
+    let outward = outward.try_normalize(1e-3).unwrap_or(-Vector3::y());
+    let origin = middle + outward * draw.within(5.0, 22.0);
     let axis = (middle + Vector3::from(draw.point(4.0)) - origin).normalize();
     let swing = Rotation3::rotation_between(&Vector3::y(), &axis).unwrap_or_else(Rotation3::identity);
     let turn = swing * Rotation3::from_axis_angle(&Vector3::y_axis(), draw.within(-3.0, 3.0));
@@ -194,10 +198,10 @@ fn deformed(draw: &mut Draw, anatomy: Anatomy, centre: [f64; 3], state: &mut Fra
         radius_mm,
     };
     loop {
-        let moved = |&node: &[f64; 3]| -> [f64; 3] {
+        let moved_node = |&node: &[f64; 3]| -> [f64; 3] {
             (Vector3::from(node) + Vector3::from(press.apply(node)) + Vector3::from(swirl.apply(node))).into()
         };
-        let nodes: Vec<[f64; 3]> = mesh.nodes().iter().map(moved).collect();
+        let nodes: Vec<[f64; 3]> = mesh.nodes().iter().map(moved_node).collect();
         let volumes = mesh.volumes(mesh.nodes());
         // Elements keep a tenth of their volume: folded meshes are a separate case.
         if volumes
@@ -252,14 +256,14 @@ fn resolved<'a>(schema: &'a Value, node: &'a Value) -> &'a Value {
 fn parameters(draw: &mut Draw, schema: &Value, table: &Value) -> Value {
     let mut drawn = Map::new();
     for (key, described) in table["properties"].as_object().into_iter().flatten() {
-        let is = |name: &str| described["type"] == name || described["type"][0] == name;
+        let is_type = |name: &str| described["type"] == name || described["type"][0] == name;
         let choices = resolved(schema, described)["oneOf"].as_array();
         let value = match choices {
             Some(choices) => choices[draw.below(choices.len())]["const"].clone(),
-            None if is("boolean") => draw.chance(0.7).into(),
+            None if is_type("boolean") => draw.chance(0.7).into(),
             None if described["type"].is_array() && draw.chance(0.4) => continue,
-            None if is("integer") => (number(draw, described).round() as u64).into(),
-            None if is("number") => number(draw, described).into(),
+            None if is_type("integer") => (number(draw, described).round() as u64).into(),
+            None if is_type("number") => number(draw, described).into(),
             None => continue,
         };
         drawn.insert(key.clone(), value);
@@ -271,14 +275,14 @@ fn parameters(draw: &mut Draw, schema: &Value, table: &Value) -> Value {
 fn number(draw: &mut Draw, described: &Value) -> f64 {
     let figure = |name: &str| described[name].as_f64();
     let (low, high) = (figure("minimum").unwrap_or(0.0), figure("maximum").unwrap_or(1.0));
-    let usual = figure("default").unwrap_or(low);
+    let default = figure("default").unwrap_or(low);
     let end = if draw.chance(0.5) { low } else { high };
     let share = if draw.chance(0.1) {
         1.0
     } else {
         draw.within(0.0, 1.0).powi(3)
     };
-    usual + share * (end - usual)
+    default + share * (end - default)
 }
 
 /// Compares all backends on randomly drawn scenes.

@@ -77,9 +77,11 @@ fn speckle(record: &mut Record<'_>, gpus: &[Gpu]) -> Result<(), Unexpected> {
             }
         }
         // Speckle is fixed to the tissue: a returning probe sees the same pattern.
-        let still = |frame: u64| FrameState { frame, ..straight() };
-        let before = synth.render_until("speckle_lateral", &still(0))?.amplitude;
-        let after = synth.render_until("speckle_lateral", &still(FRAMES - 1))?.amplitude;
+        let frame_state = |frame: u64| FrameState { frame, ..straight() };
+        let before = synth.render_until("speckle_lateral", &frame_state(0))?.amplitude;
+        let after = synth
+            .render_until("speckle_lateral", &frame_state(FRAMES - 1))?
+            .amplitude;
         let changed = before.iter().zip(&after).filter(|(a, b)| a != b).count();
         record.zero(
             format!("{backend}: echoes that another frame number changes"),

@@ -158,11 +158,11 @@ fn one_scanline(record: &mut Record<'_>, shape: ProbeShape, gpus: &[Gpu]) -> Res
     // deviations rounded up to whole scanlines, with sum 1.
     let sigma = 1.0 / FWHM_PER_SIGMA;
     let reach = (3.0 * sigma).ceil() as i32;
-    let weight = |away: i32| {
-        if away.abs() > reach {
+    let weight = |distance: i32| {
+        if distance.abs() > reach {
             0.0
         } else {
-            (-0.5 * (f64::from(away) / sigma).powi(2)).exp()
+            (-0.5 * (f64::from(distance) / sigma).powi(2)).exp()
         }
     };
     let sum: f64 = (-reach..=reach).map(weight).sum();

@@ -51,7 +51,8 @@ pub(super) fn on_faces(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let anatomy = voxels(record.seed());
     let shape = ProbeShape::Linear(Linear { width_mm: 24.0 });
     let mut tally = Tally::default();
-    let (mut differing_labels, mut moved, mut on_face): (Vec<(String, usize)>, usize, usize) = (Vec::new(), 0, 0);
+    let (mut differing_labels, mut rounded_apart, mut on_face): (Vec<(String, usize)>, usize, usize) =
+        (Vec::new(), 0, 0);
     for boundary in [Boundary::Nearest, Boundary::Vote, Boundary::Smooth] {
         let mut effects = Effects::default();
         effects.slice.boundary = boundary;
@@ -67,7 +68,7 @@ pub(super) fn on_faces(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 .count();
             for (index, mut synth) in synths.enumerate() {
                 let beam = synth.render_until("slice", &state)?;
-                moved += expected
+                rounded_apart += expected
                     .position
                     .iter()
                     .zip(&beam.position)
@@ -94,7 +95,7 @@ pub(super) fn on_faces(record: &mut Record<'_>) -> Result<(), Unexpected> {
     }
     // At least half of the planes must have samples in the critical positions.
     record.under("samples needed on faces over those there", 1000.0 / on_face as f64, 1.0);
-    record.zero("places that round where none should", moved as f64);
+    record.zero("places that round where none should", rounded_apart as f64);
     for (backend, count) in differing_labels {
         record.zero(format!("{backend}: labels apart where nothing rounds"), count as f64);
     }
@@ -152,9 +153,9 @@ const PLACES: [Place; 6] = [
 fn anatomy(situation: &Place) -> Anatomy {
     let tissue = |echo_db| Acoustics { echo_db, ..PLAIN };
     let frame = Frame::around(situation.centre, [48; 3], situation.voxel_mm).oblique();
-    let back = frame.index_to_world.try_inverse().unwrap_or_else(Matrix4::identity);
+    let to_index = frame.index_to_world.try_inverse().unwrap_or_else(Matrix4::identity);
     anatomies::of(frame, &[SILENT, tissue(0.0), tissue(6.0)], |p| {
-        let index = back.transform_point(&p.into());
+        let index = to_index.transform_point(&p.into());
         1 + (index.y.round().rem_euclid(2.0)) as u8
     })
 }
@@ -163,8 +164,8 @@ fn anatomy(situation: &Place) -> Anatomy {
 fn pose(situation: &Place) -> FrameState {
     let turn = Rotation3::from_euler_angles(0.41, 0.23, -0.37).to_homogeneous();
     let centre = Matrix4::new_translation(&Vector3::from(situation.centre));
-    let back = Matrix4::new_translation(&Vector3::new(0.0, -0.5 * situation.depth_mm, 0.0));
-    FrameState::at(centre * turn * back)
+    let to_middle = Matrix4::new_translation(&Vector3::new(0.0, -0.5 * situation.depth_mm, 0.0));
+    FrameState::at(centre * turn * to_middle)
 }
 
 /// Computes sample positions and labels from pose and volume in double precision, independently of passes and local origin.
@@ -327,8 +328,8 @@ fn gridded(mut case: Case) -> Result<Case, Unexpected> {
     for shaft in state.needle.iter_mut().chain(&mut state.seeds) {
         shaft.nodes.iter_mut().for_each(|node| *node = node.map(round));
     }
-    for moved in [&mut state.nodes, &mut state.reference] {
-        *moved = moved.as_deref().map(nodes);
+    for node_list in [&mut state.nodes, &mut state.reference] {
+        *node_list = node_list.as_deref().map(nodes);
     }
     Ok(case)
 }
@@ -373,8 +374,8 @@ fn compare(case: &Case, offset: [f64; 3], gpus: &[Gpu], sums: &mut Vec<Sum>) -> 
             .iter()
             .zip(&far_beam.position)
             .map(|(before, after)| {
-                let moved = Vector3::new(after[0] - before[0], after[1] - before[1], after[2] - before[2]);
-                (moved - offset).amax()
+                let displacement = Vector3::new(after[0] - before[0], after[1] - before[1], after[2] - before[2]);
+                (displacement - offset).amax()
             });
         // `zip` stops at the shorter frame: pixels that only one of them has differ as well.
         let sum = &mut sums[index];

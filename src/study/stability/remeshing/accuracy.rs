@@ -256,7 +256,7 @@ pub(super) fn all(record: &mut Record<'_>) -> Result<(), Unexpected> {
             let mut mesh = start.mesh.clone();
             let mut reference = double.follow(&start, level, RemesherOptions::default())?;
             start.go(&mut reference, &start.free, 0..COMPARED, |_, _| Ok(()))?;
-            let (mut rebuilds, mut wrong) = (0, 0);
+            let (mut rebuilds, mut violations) = (0, 0);
             for n in 0..many {
                 // Rounding in f32 adds up with every move: a comparison with f64 has a bound after a few
                 // moves only, later K^c merely has to stay finite.
@@ -273,7 +273,7 @@ pub(super) fn all(record: &mut Record<'_>) -> Result<(), Unexpected> {
                     let change = mesh.move_node(node, position)?;
                     let report = device.remesh(&mesh, &change)?;
                     rebuilds += usize::from(report.rebuilt.is_some());
-                    wrong += usize::from(
+                    violations += usize::from(
                         device
                             .condensed()
                             .col_iter()
@@ -283,7 +283,7 @@ pub(super) fn all(record: &mut Record<'_>) -> Result<(), Unexpected> {
             }
             record.zero(
                 format!("states of K^c that are not finite in {many} moves, {subject}"),
-                wrong as f64,
+                violations as f64,
             );
             record.report(
                 format!("number of rebuilds in {many} moves, {subject}"),

@@ -74,17 +74,17 @@ pub(crate) fn overlapping(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 }
                 for (name, nodes) in sequences {
                     let mut adaptation = backend.follow(&start, level, RemesherOptions::default())?;
-                    let mut moved = 0;
+                    let mut moves_made = 0;
                     for (n, node) in (0..).zip(nodes) {
                         start.go(&mut adaptation, &[*node], n..n + 1, |_, _| {
-                            moved += 1;
+                            moves_made += 1;
                             Ok(())
                         })?;
                     }
                     let subject = format!("{name}, level {level}, {}, nu {poisson}", backend.name);
                     record.zero(
                         format!("moves that did not fit, {subject}"),
-                        (nodes.len() - moved) as f64,
+                        (nodes.len() - moves_made) as f64,
                     );
                     let state = Now::of(adaptation.mesh())?;
                     let error = state.error_of_all(&mut adaptation)?;
@@ -100,7 +100,7 @@ pub(crate) fn overlapping(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// Returns the point at `height` times the corner's own height above the opposite face of an element, for the corner at `place`.
+/// Returns the point at `height` times the corner's own height above the opposite face of an element, for the corner at `corner_index`.
 fn above_face(mesh: &AdaptedMesh, element: u32, corner_index: usize, height: f64) -> [f64; 3] {
     let weight = |corner| {
         if corner == corner_index {
@@ -185,10 +185,10 @@ pub(super) fn spoiling(record: &mut Record<'_>) -> Result<(), Unexpected> {
         f64::from(chosen.node == node),
     );
     record.under("Jacobian condition with the corner taken", chosen.condition, 1e3);
-    let none = best_corner(&start.mesh, element, tip, |candidate| candidate != node);
+    let no_corner = best_corner(&start.mesh, element, tip, |candidate| candidate != node);
     record.refused(
         "the others taken already",
-        none,
+        no_corner,
         |error| matches!(error, RemeshError::NoCorner { unfit, .. } if unfit.len() == 4),
     );
     Ok(())
@@ -240,12 +240,12 @@ pub(crate) fn near_singular(record: &mut Record<'_>) -> Result<(), Unexpected> {
                         );
                         // Moving back uses the same capacitance in reverse.
                         adaptation.undo()?;
-                        let back = Now::of(adaptation.mesh())?;
-                        let error = back.error_of_contacts(&adaptation);
+                        let returned = Now::of(adaptation.mesh())?;
+                        let error = returned.error_of_contacts(&adaptation);
                         record.under(
                             format!("error of K^c after moving back, {subject}"),
                             error,
-                            start.allowed(&back, backend),
+                            start.allowed(&returned, backend),
                         );
                     }
                     refused => {
@@ -282,10 +282,10 @@ fn elements_named<T: Real>(record: &mut Record<'_>, problem: &Problem, subject: 
     let element = locator.locate(point, NO_ELEMENT).element;
     let element_again = Locator::<T>::new(&problem.mesh).locate(point, NO_ELEMENT).element;
     let starts = 0..problem.mesh.elements().len() as u32;
-    let others = starts
+    let differing = starts
         .filter(|start| locator.locate(point, *start).element != element)
         .count();
-    let different = others + usize::from(element_again != element);
+    let different = differing + usize::from(element_again != element);
     record.zero(format!("answers that differ, {subject}"), different as f64);
     element
 }
@@ -359,13 +359,13 @@ pub(super) fn places(record: &mut Record<'_>) -> Result<(), Unexpected> {
         });
     }
     // A vertex that may not be moved: moving any other corner there would flatten the element.
-    let fixed = (0..).zip(start.mesh.elements()).find_map(|(element, corners)| {
+    let fixed_element = (0..).zip(start.mesh.elements()).find_map(|(element, corners)| {
         let fixed_node = corners
             .iter()
             .find(|node| start.mesh.dofs().of(**node).contains(&NONE))?;
         Some((element, *fixed_node))
     });
-    let (element, fixed_node) = fixed.ok_or_else(|| Unexpected::new("no fixed node"))?;
+    let (element, fixed_node) = fixed_element.ok_or_else(|| Unexpected::new("no fixed node"))?;
     let choice = best_corner(&start.mesh, element, start.mesh.nodes()[fixed_node as usize], |_| false);
     record.refused("a corner for a tip on a fixed vertex", choice, |error| {
         matches!(error, RemeshError::NoCorner { .. })

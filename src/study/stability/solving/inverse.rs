@@ -149,13 +149,13 @@ pub(crate) fn nothing_and_twice(record: &mut Record<'_>) -> Result<(), Unexpecte
         unequal(flat(&doubled), twice),
     );
     problem.loads.clear();
-    let still = problem.solve()?;
+    let unloaded = problem.solve()?;
     let zeros = std::iter::repeat(0.0);
     record.zero(
         "displacements of no load that are not zero",
-        unequal(flat(&still), zeros.clone()),
+        unequal(flat(&unloaded), zeros.clone()),
     );
-    let reactions = still.reactions.iter().map(|reaction| reaction.force_n);
+    let reactions = unloaded.reactions.iter().map(|reaction| reaction.force_n);
     record.zero("reactions to no load that are not zero", unequal(reactions, zeros));
     let factor = Factor::new(&problem.stiffness()?)?;
     rank_zero::<f64>(record, "f64", &factor)?;
@@ -206,9 +206,9 @@ fn says(error: &LinearError, words: &[&str]) -> bool {
 /// Tests bodies with too few supports.
 pub(super) fn refused(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let material = Material::new(10.0, 0.45)?;
-    let block = |fixed: &dyn Fn(&[f64; 3]) -> bool| -> Result<Problem, Unexpected> {
+    let block = |is_fixed: &dyn Fn(&[f64; 3]) -> bool| -> Result<Problem, Unexpected> {
         let mut problem = Problem::new(lattice([3, 3, 3], [10.0; 3])?, material);
-        problem.fix(&[0, 1, 2], fixed, |_| [0.0; 3]);
+        problem.fix(&[0, 1, 2], is_fixed, |_| [0.0; 3]);
         problem.load_all(6);
         Ok(problem)
     };
@@ -219,8 +219,8 @@ pub(super) fn refused(record: &mut Record<'_>) -> Result<(), Unexpected> {
         ("one fixed node", &|p| *p == [0.0; 3], [0, 3]),
         ("fixed nodes on a line", &|p| p[1..] == [0.0; 2], [0, 1]),
     ];
-    for (name, fixed, expected) in freedom {
-        record.refused(name, block(fixed)?.solve(), |error| {
+    for (name, is_fixed, expected) in freedom {
+        record.refused(name, block(is_fixed)?.solve(), |error| {
             counts(&motions(error, 0)) == expected && says(error, &["node 0", "rotation"])
         });
     }

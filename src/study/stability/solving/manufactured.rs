@@ -118,7 +118,7 @@ pub(super) fn quadrature() -> Vec<([f64; 4], f64)> {
     points
 }
 
-/// Calls `at` with each element's corners, and the position, barycentric coordinates and weight (mm^3) of its quadrature points.
+/// Calls `visit` with each element's corners, and the position, barycentric coordinates and weight (mm^3) of its quadrature points.
 fn integrate(mesh: &TetMesh, mut visit: impl FnMut(&[u32; 4], [f64; 3], &[f64; 4], f64)) {
     let points = quadrature();
     for (corners, volume) in mesh.elements().iter().zip(mesh.volumes(mesh.nodes())) {
@@ -323,18 +323,18 @@ pub(crate) fn permuted(record: &mut Record<'_>) -> Result<(), Unexpected> {
     // of threads must not change a single bit.
     let alone = on_threads(&problem, 1)?;
     for threads in [2, 3, 8] {
-        let several = on_threads(&problem, threads)?;
+        let threaded = on_threads(&problem, threads)?;
         record.zero(
             format!("solutions that {threads} threads change"),
-            f64::from(several.0 != alone.0),
+            f64::from(threaded.0 != alone.0),
         );
         record.zero(
             format!("dense inverses that {threads} threads change"),
-            f64::from(several.1 != alone.1),
+            f64::from(threaded.1 != alone.1),
         );
         record.zero(
             format!("updated inverses that {threads} threads change"),
-            f64::from(several.2 != alone.2),
+            f64::from(threaded.2 != alone.2),
         );
     }
     Ok(())

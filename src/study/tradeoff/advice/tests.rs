@@ -18,10 +18,10 @@ fn table(rows: &[(&str, &str, [[f64; 2]; 2])]) -> Table {
     let mut table = Table::new("ways", "Ways", &FACTORS, &AXES)
         .against("the finest")
         .seeking(goal.each(&["nodes"]).over(&["load"]));
-    for (nodes, way, figures) in rows {
+    for (nodes, method, figures) in rows {
         for (load, [ms, error]) in ["small", "large"].into_iter().zip(figures) {
-            let choices = [nodes, way, load].map(str::to_owned);
-            let error = (*way != "finest").then_some(*error);
+            let choices = [nodes, method, load].map(str::to_owned);
+            let error = (*method != "finest").then_some(*error);
             table.push(choices.to_vec(), vec![Some(*ms), error], None);
         }
     }
@@ -43,9 +43,9 @@ fn usual() -> Table {
 fn the_cheapest_way_within_the_limit_under_all_conditions_is_taken() {
     let advice = usual().advice();
     assert_eq!(advice.len(), 2, "one for each number of nodes");
-    let way = advice[0].take.as_ref().unwrap();
+    let advised = advice[0].take.as_ref().unwrap();
     assert_eq!(
-        (way.name.as_str(), way.cost, way.error, way.gold),
+        (advised.name.as_str(), advised.cost, advised.error, advised.gold),
         ("good", 6.0, 0.02, false)
     );
     assert_eq!(
@@ -73,7 +73,10 @@ fn a_baseline_is_never_advised() {
     };
     baseline(&mut table, "good");
     let advice = &table.advice()[0];
-    assert_eq!(advice.take.as_ref().map(|way| way.name.as_str()), Some("finest"));
+    assert_eq!(
+        advice.take.as_ref().map(|advised| advised.name.as_str()),
+        Some("finest")
+    );
     assert!(
         advice
             .words
@@ -85,10 +88,10 @@ fn a_baseline_is_never_advised() {
 
 #[test]
 fn what_is_flagged_or_not_measured_under_all_conditions_is_no_choice() {
-    let mut wrong = usual();
-    let row = wrong.rows.iter().position(|row| row.choices[1] == "good").unwrap();
-    wrong.rows[row].flag = Some("off".to_owned());
-    let advice = &wrong.advice()[0];
+    let mut flagged = usual();
+    let row = flagged.rows.iter().position(|row| row.choices[1] == "good").unwrap();
+    flagged.rows[row].flag = Some("off".to_owned());
+    let advice = &flagged.advice()[0];
     assert!(
         advice.take.as_ref().unwrap().gold && advice.words.contains("One row is marked WRONG"),
         "{}",
@@ -107,7 +110,10 @@ fn of_ways_that_cost_the_same_the_one_that_errs_least_is_taken() {
         ("10", "slower", [[1.06, 0.001], [1.06, 0.001]]),
     ]);
     let advice = &close.advice()[0];
-    assert_eq!(advice.take.as_ref().map(|way| way.name.as_str()), Some("as fast"));
+    assert_eq!(
+        advice.take.as_ref().map(|advised| advised.name.as_str()),
+        Some("as fast")
+    );
     assert!(!advice.words.contains("Cheaper"), "{}", advice.words);
 }
 

@@ -194,14 +194,14 @@ fn models(options: &ImageOptions) -> Result<Table, Error> {
             .abs()
             .max((look.lateral_mm - lateral_mm).abs());
         // Some 900 speckle cells determine the standard deviation to 5 % or better; logarithms narrow the correlation by a tenth.
-        let wrong = developed && (std_error_grey > 0.15 * expected || length_error_mm > 0.3 * lateral_mm);
+        let deviates = developed && (std_error_grey > 0.15 * expected || length_error_mm > 0.3 * lateral_mm);
         rows.push(GrainRow {
             model,
             picture,
             look,
             std_error_grey,
             length_error_mm,
-            flag: wrong.then(|| "not what fully developed speckle is".to_owned()),
+            flag: deviates.then(|| "not what fully developed speckle is".to_owned()),
         });
     }
     let title = format!(

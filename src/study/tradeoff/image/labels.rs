@@ -76,7 +76,7 @@ fn boundary_mm(synth: &mut Synthesizer, state: &FrameState) -> Result<f64, Error
             label([p.x, p.y, p.z])
         })
         .collect();
-    let wrong = exact.iter().zip(&beam.label).filter(|(a, b)| a != b).count();
+    let mislabelled = exact.iter().zip(&beam.label).filter(|(a, b)| a != b).count();
     let vertical = exact
         .chunks(beam.samples)
         .flat_map(|line| line.windows(2))
@@ -86,7 +86,7 @@ fn boundary_mm(synth: &mut Synthesizer, state: &FrameState) -> Result<f64, Error
         .filter(|&index| exact[index] != exact[index - beam.samples])
         .count();
     let length = (vertical as f64 * line_mm + across as f64 * sample_mm) * std::f64::consts::FRAC_PI_4;
-    Ok(wrong as f64 * line_mm * sample_mm / length)
+    Ok(mislabelled as f64 * line_mm * sample_mm / length)
 }
 
 /// How labels are found at boundaries.
@@ -201,8 +201,8 @@ pub(super) fn grids(options: &ImageOptions, notes: &mut Vec<String>) -> Result<V
     let largest = grids[grids.len() - 1];
     notes.push(QUIET.to_owned());
     let mut rows = Vec::new();
-    for (content, keep) in CONTENTS {
-        let settings = |grid| keep(subject.grid(grid));
+    for (content, reduced) in CONTENTS {
+        let settings = |grid| reduced(subject.grid(grid));
         let mut gold = subject.on(settings(finest), Backend::CpuF64)?;
         let standard = gold.render(&subject.state)?.pixels.clone();
         let inside = inside(&gold);
@@ -259,7 +259,7 @@ fn fitting<'a>(
 }
 
 /// Returns all backends, the gold standard first.
-fn all(options: &ImageOptions) -> Vec<(String, Backend)> {
+fn all_backends(options: &ImageOptions) -> Vec<(String, Backend)> {
     std::iter::once(("cpu f64".to_owned(), Backend::CpuF64))
         .chain(single(&options.gpus))
         .collect()
@@ -279,7 +279,7 @@ pub(super) fn backends(options: &ImageOptions, _: &mut Vec<String>) -> Result<Ve
     let mut rows: Vec<OnBackend> = Vec::new();
     for grid in [[128, 256], [256, 512]].map(|grid| coarsened(options, grid)) {
         let mut standard: Option<Vec<u8>> = None;
-        for (backend, device) in all(options) {
+        for (backend, device) in all_backends(options) {
             let mut synth = subject.on(subject.grid(grid), device)?;
             let picture = picture(&mut synth, &subject.state, options.patience)?;
             let standard = standard.get_or_insert_with(|| picture.pixels.clone());

@@ -148,7 +148,7 @@ fn nearest(texture: &SolidTexture, place_mm: [f32; 3]) -> f32 {
 }
 
 /// Returns the positions of a plane oblique to a texture's axes, scanline by scanline, mm.
-fn places() -> Vec<[f64; 3]> {
+fn positions() -> Vec<[f64; 3]> {
     let [lines, samples] = PLANE;
     let position = |index: usize| {
         let [line, sample] = [index / samples, index % samples].map(|count| count as f64);
@@ -195,8 +195,8 @@ const LOOKUP_COLUMNS: [Column<LookupRow>; 4] = [
 ];
 
 pub(crate) fn lookups() -> Table {
-    let (places, range_db) = (places(), Tone::default().dynamic_range_db);
-    let singles: Vec<[f32; 3]> = places
+    let (positions, range_db) = (positions(), Tone::default().dynamic_range_db);
+    let singles: Vec<[f32; 3]> = positions
         .iter()
         .map(|position| position.map(|coordinate| coordinate as f32))
         .collect();
@@ -212,11 +212,11 @@ pub(crate) fn lookups() -> Table {
                 black_box(sum);
                 nanoseconds.push(start.elapsed().as_secs_f64() * 1e9 / singles.len() as f64);
             }
-            let squares = places.iter().zip(&singles).map(|(position, single)| {
+            let squares = positions.iter().zip(&singles).map(|(position, single)| {
                 let [exact, echo] = [texture.sample(*position), f64::from((method.look)(&texture, *single))];
                 (decibels(echo) - decibels(exact)).powi(2)
             });
-            let rms_db = (squares.sum::<f64>() / places.len() as f64).sqrt();
+            let rms_db = (squares.sum::<f64>() / positions.len() as f64).sqrt();
             rows.push(LookupRow {
                 texture: name,
                 method: method.name,
@@ -250,8 +250,8 @@ fn nodes(mesh: &TetMesh, frame: usize) -> Vec<[f64; 3]> {
     mesh.nodes()
         .iter()
         .map(|&node| {
-            let moved = press.apply(node);
-            [0, 1, 2].map(|axis| node[axis] + moved[axis])
+            let displacement = press.apply(node);
+            [0, 1, 2].map(|axis| node[axis] + displacement[axis])
         })
         .collect()
 }

@@ -24,10 +24,10 @@ fn a_level_that_is_brighter_as_a_whole_is_flagged_whatever_it_claims_to_be() {
     let (louder, _) = frame(|settings| {
         settings.effects.tone.get_or_insert_default().gain_db += 2.0;
     });
-    let wrong = Difference::of(&standard, &louder, &inside);
-    assert!(wrong.bias > 3.0, "{wrong:?}");
-    for flag in [wrong.offset(), wrong.flag(None), rounding(&wrong)] {
-        assert!(flag.is_some(), "{wrong:?}");
+    let brighter = Difference::of(&standard, &louder, &inside);
+    assert!(brighter.bias > 3.0, "{brighter:?}");
+    for flag in [brighter.offset(), brighter.flag(None), rounding(&brighter)] {
+        assert!(flag.is_some(), "{brighter:?}");
     }
     // Wording in the report.
     let rows = [Compared {
@@ -37,8 +37,8 @@ fn a_level_that_is_brighter_as_a_whole_is_flagged_whatever_it_claims_to_be() {
             time: None,
             memory_mb: 0.0,
         },
-        difference: wrong,
-        flag: wrong.flag(None),
+        difference: brighter,
+        flag: brighter.flag(None),
     }];
     let table = Table::of(
         "image_grid",
@@ -143,10 +143,10 @@ fn every_table_is_filled_and_nothing_in_it_is_wrong() {
     }
     assert_eq!(study.plots().len(), 4);
     assert!(study.text().contains("no GPU adapter"));
-    let few = ImageOptions {
+    let too_few = ImageOptions {
         grids: vec![[8, 8]],
         ..options
     };
-    let error = super::study(&few, &mut |_, _| {}).unwrap_err().to_string();
+    let error = super::study(&too_few, &mut |_, _| {}).unwrap_err().to_string();
     assert!(error.starts_with("1 grids: expected two or more"), "{error}");
 }

@@ -177,20 +177,20 @@ pub(super) fn run(options: &InsertionOptions, study: &mut Study, progress: Progr
         deflection_mm: MEASURED_MM,
     }));
     let axes = ["depth_mm", "deflection_mm"];
-    let figure = |file: &str, title: &str, colour, only| Figure {
-        only,
+    let figure = |file: &str, title: &str, colour, condition| Figure {
+        only: condition,
         ..lines(file, title, "bevel-depth", axes, colour)
     };
     let length = || ("length_mm", length_mm.to_string());
     let title = "Bevelled needles in PVC (20 kPa): deflection against depth";
-    let only = vec![length(), ("cell_mm", cell_name(cell_mm))];
-    study.figures.push(figure("insertion-bevel", title, "r_mm", only));
+    let fixed_cell = vec![length(), ("cell_mm", cell_name(cell_mm))];
+    study.figures.push(figure("insertion-bevel", title, "r_mm", fixed_cell));
     if options.bevel_sweep {
         let title = "A bevelled needle in PVC, r = 0.6 mm: deflection by the cells of the mesh";
-        let only = vec![length(), ("r_mm", FITTED_MM.to_string())];
+        let fixed_radius = vec![length(), ("r_mm", FITTED_MM.to_string())];
         study
             .figures
-            .push(figure("insertion-bevel-mesh", title, "cell_mm", only));
+            .push(figure("insertion-bevel-mesh", title, "cell_mm", fixed_radius));
     }
     let title = format!("Bevels in a block of PVC: deflection at {} mm", options.bevel_depth_mm);
     let columns: Vec<_> = COLUMNS.into_iter().chain([unsettled()]).collect();

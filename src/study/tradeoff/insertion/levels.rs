@@ -319,12 +319,12 @@ fn differences(course: &Course, reference: &[Step], compared: &[Step]) -> [f64; 
     let force = |(a, b): (&Step, &Step)| (a.force_n - b.force_n).norm();
     let tip = |(a, b): (&Step, &Step)| (a.tip_mm - b.tip_mm).norm();
     let pairs = || reference.iter().zip(compared);
-    let moved = course.moved();
+    let steps_moved = course.moved();
     [
-        mean_square(pairs().take(moved).map(force)),
-        mean_square(pairs().skip(moved).map(force)),
-        mean_square(pairs().take(moved).map(tip)),
-        mean_square(pairs().skip(moved).map(tip)),
+        mean_square(pairs().take(steps_moved).map(force)),
+        mean_square(pairs().skip(steps_moved).map(force)),
+        mean_square(pairs().take(steps_moved).map(tip)),
+        mean_square(pairs().skip(steps_moved).map(tip)),
     ]
 }
 

@@ -188,10 +188,10 @@ fn recommendation(rows: &[MassRow]) -> Option<String> {
         let named = |row: &&MassRow| row.named.model == model && (poisson.is_empty() || row.named.poisson == poisson);
         rows.iter().find(named)
     };
-    let (finite, alike, springs) = (row(FINITE, "0.45")?, row(FINITE, "0.25")?, row(SPRINGS, "")?);
+    let (finite, same_poisson, springs) = (row(FINITE, "0.45")?, row(FINITE, "0.25")?, row(SPRINGS, "")?);
     let slower = springs.times.median_ms? / finite.times.median_ms?;
     let percent = |row: &MassRow| Some(row.differences.as_ref()?.tissue_percent);
-    let (off_percent, material) = (percent(springs)?, percent(alike)?);
+    let (off_percent, material) = (percent(springs)?, percent(same_poisson)?);
     let advice = if slower > 1.0 {
         "take finite elements wherever the tissue has a mesh, and masses and springs where there is none: they need only to know \
              what lies where"
@@ -326,7 +326,7 @@ impl Contender {
         self.imager.tissue(&snapshot, &mut tissue);
         self.locator.update(&tissue.reference)?;
         let elements = self.imager.elements();
-        let moved = |point: [f64; 3]| {
+        let displacement = |point: [f64; 3]| {
             let hit = self.locator.locate(point, NO_ELEMENT);
             let corners = elements.get(hit.element as usize).into_iter().flatten();
             let pairs = corners.zip(hit.bary).map(|(node, share)| {
@@ -336,12 +336,12 @@ impl Contender {
             });
             pairs.sum()
         };
-        Ok(places(depth_mm).map(moved).collect())
+        Ok(points_compared(depth_mm).map(displacement).collect())
     }
 }
 
 /// Returns the points at which tissue is compared.
-fn places(depth_mm: f64) -> impl Iterator<Item = [f64; 3]> {
+fn points_compared(depth_mm: f64) -> impl Iterator<Item = [f64; 3]> {
     let (radii, around) = AROUND;
     let layers = (depth_mm / ALONG_MM) as usize;
     (0..layers).flat_map(move |layer| {

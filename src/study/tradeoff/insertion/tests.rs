@@ -18,9 +18,9 @@ fn study_of(part: Part) -> Study {
     let mut shares = Vec::new();
     let study = study(&small(part), &mut |_, share| shares.push(share)).unwrap();
     assert!(shares.is_sorted() && shares.last() == Some(&1.0), "{shares:?}");
-    let wrong = study.tables.iter().flat_map(|table| &table.rows);
-    let wrong: Vec<&Row> = wrong.filter(|row| row.flag.is_some()).collect();
-    assert!(wrong.is_empty(), "{wrong:?}");
+    let flagged = study.tables.iter().flat_map(|table| &table.rows);
+    let flagged: Vec<&Row> = flagged.filter(|row| row.flag.is_some()).collect();
+    assert!(flagged.is_empty(), "{flagged:?}");
     assert_eq!(study.plots().len(), study.figures.len(), "every figure has points");
     study
 }

@@ -12,7 +12,7 @@ const THINNED: [usize; 5] = [1, 2, 3, 4, 6];
 
 /// An insertion with every n-th ring of candidates.
 pub(crate) struct ThinningRow {
-    pub every: usize,
+    pub stride: usize,
     candidates: usize,
     pub times: StepTimes,
     /// Largest differences from all candidates, %, N and mm; `None` for all of them.
@@ -27,7 +27,7 @@ impl Timed for ThinningRow {
     }
 }
 
-const CHOICES: [Choice<ThinningRow>; 1] = [Factor::new("every", "ring stride").of(|row| row.every.to_string())];
+const CHOICES: [Choice<ThinningRow>; 1] = [Factor::new("every", "ring stride").of(|row| row.stride.to_string())];
 
 const COLUMNS: [Column<ThinningRow>; 4] = [
     Axis::linear("candidates", "candidates", "candidates of the probe").of(|row| Some(row.candidates as f64)),
@@ -77,7 +77,7 @@ pub(crate) fn measure(options: &InsertionOptions, progress: Progress<'_>) -> Res
             (stride > 1).then_some(difference)
         };
         ThinningRow {
-            every: stride,
+            stride,
             candidates,
             times: StepTimes::of(steps),
             probe_percent: largest_change(&|a, b| 100.0 * (a.probe_n - b.probe_n).norm() / strongest),
@@ -97,7 +97,7 @@ pub(super) fn run(options: &InsertionOptions, study: &mut Study, progress: Progr
     let title = "Every n-th ring of the probe's candidates: differences from all of them";
     let columns: Vec<_> = COLUMNS.into_iter().chain(times()).chain([unsettled()]).collect();
     let table = Table::of("thinning", title, &CHOICES, &columns, &rows)
-        .gold_where(&rows, |row| row.every == THINNED[0])
+        .gold_where(&rows, |row| row.stride == THINNED[0])
         .against("every candidate kept")
         .seeking(goal);
     study.tables.push(table);

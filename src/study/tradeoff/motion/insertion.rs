@@ -121,11 +121,11 @@ impl Observer for Watch<'_> {
             return Ok(());
         };
         let estimates = tracker.next(&echoes);
-        let moved = |point: &Followed| {
+        let displacement = |point: &Followed| {
             let [axial, lateral, _] = point.motion_um(&self.synthesizer, pose);
             [axial, lateral]
         };
-        let truth: Vec<[f64; 2]> = self.followed.iter().map(moved).collect();
+        let truth: Vec<[f64; 2]> = self.followed.iter().map(displacement).collect();
         self.course.push(NAME, moment.time_s, &estimates, &truth);
         self.course.push_places(moment.time_s, &estimates, &truth);
         Ok(())

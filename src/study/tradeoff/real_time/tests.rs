@@ -22,9 +22,9 @@ fn table(rows: &[(&str, &str, f64, f64)]) -> Table {
                 .over(&["load"])
                 .in_every(Deadline::Frame, "p95_ms"),
         );
-    for (content, way, ms, error) in rows {
+    for (content, method, ms, error) in rows {
         for (load, times) in [("small", 1.0), ("large", 2.0)] {
-            let choices = [content, way, load].map(str::to_owned);
+            let choices = [content, method, load].map(str::to_owned);
             let values = vec![Some(times * ms), Some(2.0 * times * ms), Some(*error)];
             table.push(choices.to_vec(), values, None);
         }
@@ -80,13 +80,13 @@ fn nothing_is_paid_for_an_error_that_is_none() {
 
 #[test]
 fn what_breaks_a_promise_or_knows_no_pace_is_not_taken() {
-    let mut wrong = table(&[("plain", "good", 1.0, 0.1), ("plain", "other", 3.0, 1.0)]);
-    wrong.rows[0].flag = Some("off".to_owned());
-    assert_eq!(names(&wrong, &Rates::default()), [("other".to_owned(), true)]);
-    let goal = wrong.goal.take().unwrap();
+    let mut flagged = table(&[("plain", "good", 1.0, 0.1), ("plain", "other", 3.0, 1.0)]);
+    flagged.rows[0].flag = Some("off".to_owned());
+    assert_eq!(names(&flagged, &Rates::default()), [("other".to_owned(), true)]);
+    let goal = flagged.goal.take().unwrap();
     let single_row = Table {
         goal: Some(Goal { every: None, ..goal }),
-        ..wrong
+        ..flagged
     };
     assert_eq!(names(&single_row, &Rates::default()), []);
 }

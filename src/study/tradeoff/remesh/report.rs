@@ -291,19 +291,19 @@ fn figures(subjects: &[Subject]) -> Vec<Figure> {
     let mut figures = Vec::new();
     for subject in subjects {
         let nodes = subject.nodes();
-        let only = vec![("nodes", nodes.to_string())];
+        let of_mesh = vec![("nodes", nodes.to_string())];
         // Figures of one mesh keep plain names of files; those of several would overwrite each other.
-        let several = if subjects.len() > 1 {
+        let suffix = if subjects.len() > 1 {
             format!("-{nodes}")
         } else {
             String::new()
         };
         figures.push(Figure {
-            only: only.clone(),
+            only: of_mesh.clone(),
             joined: false,
             marked: true,
             ..figure(
-                &format!("remesh-error-time{several}"),
+                &format!("remesh-error-time{suffix}"),
                 format!("Remeshing {nodes} nodes: what accuracy costs"),
                 "remesh",
                 "median_ms",
@@ -311,9 +311,9 @@ fn figures(subjects: &[Subject]) -> Vec<Figure> {
             )
         });
         figures.push(Figure {
-            only,
+            only: of_mesh,
             ..figure(
-                &format!("remesh-drift{several}"),
+                &format!("remesh-drift{suffix}"),
                 format!("Remeshing {nodes} nodes: does the error grow?"),
                 "drift",
                 "updates",

@@ -77,21 +77,21 @@ pub(crate) fn supports(mesh: &TetMesh) -> Dofs {
     let mut heights: Vec<f64> = mesh.nodes().iter().map(|node| node[2]).collect();
     heights.sort_by(f64::total_cmp);
     let least = heights[(MIN_FIXED * heights.len() as f64) as usize];
-    let [narrow, wide] = [FIXED, FIXED_OF_ROUND].map(|share| place(mesh, [0.0, 0.0, share])[2]);
+    let [narrow, wide] = [FIXED, FIXED_OF_ROUND].map(|share| point_in_extents(mesh, [0.0, 0.0, share])[2]);
     let floor = if least <= narrow { narrow } else { wide.max(least) };
-    let fixed = mesh
+    let fixed_nodes = mesh
         .nodes()
         .iter()
         .zip(0..)
         .filter(|(position, _)| position[2] <= floor);
     Dofs::new(
         mesh.nodes().len(),
-        fixed.flat_map(|(_, node)| [0, 1, 2].map(|axis| (node, axis))),
+        fixed_nodes.flat_map(|(_, node)| [0, 1, 2].map(|axis| (node, axis))),
     )
 }
 
 /// Returns the point at the given shares of a mesh's extents, mm.
-fn place(mesh: &TetMesh, share: [f64; 3]) -> [f64; 3] {
+fn point_in_extents(mesh: &TetMesh, share: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|axis| {
         let coordinates = || mesh.nodes().iter().map(|node| node[axis]);
         let (low, high) = (
@@ -114,7 +114,7 @@ impl Subject {
         let material = Material::new(options.young_kpa, options.poisson)?;
         let adapted = AdaptedMesh::new(mesh, &vec![material; mesh.elements().len()], &dofs)?;
         let factor = Arc::new(Factor::new(adapted.stiffness())?);
-        let [entry, tip] = LINE.map(|share| place(mesh, share));
+        let [entry, tip] = LINE.map(|share| point_in_extents(mesh, share));
         let around = nearest_free(&adapted, entry, CONTACTS / 2)?;
         let track = track(mesh, adapted.clone(), [entry, tip], &around, options.moves)?;
         let with_needle = track.len().min(CONTACTS - around.len());
@@ -168,12 +168,12 @@ impl Subject {
     /// [`RemeshError`](insonify_mechanics::tissue::remesh::RemeshError), which would indicate a fault of the mesh, as all moves have been tried before.
     pub(crate) fn step(&self, mesh: &mut AdaptedMesh, done: usize) -> Result<Change, Error> {
         let (length, position) = (self.track.len(), done % (2 * self.track.len()));
-        let moved = mesh.moves().len();
+        let moves = mesh.moves().len();
         if position < length {
             let (node, position_mm) = self.track[position];
             return Ok(mesh.move_node(node, position_mm)?);
         }
-        mesh.undo()?.ok_or_else(|| few_moves(moved))
+        mesh.undo()?.ok_or_else(|| few_moves(moves))
     }
 }
 

@@ -107,7 +107,7 @@ fn an_exact_level_refuses_a_base_that_is_barely_held() {
 /// Contender that follows exactly, except for an error too large for rounding.
 struct Wrong {
     truth: Box<dyn Contender>,
-    off: f64,
+    deviation: f64,
     condensed: Mat<f64>,
 }
 
@@ -123,7 +123,7 @@ impl Contender for Wrong {
     fn remesh(&mut self, mesh: &AdaptedMesh, change: &Change) -> Result<Step, Error> {
         let step = self.truth.remesh(mesh, change)?;
         self.condensed = self.truth.condensed().to_owned();
-        self.condensed[(0, 0)] *= 1.0 + self.off;
+        self.condensed[(0, 0)] *= 1.0 + self.deviation;
         Ok(step)
     }
 
@@ -158,22 +158,22 @@ fn a_level_that_is_wrong_is_flagged_by_its_error() {
         insonify_mechanics::tissue::remesh::Level::Exact,
         insonify_mechanics::tissue::remesh::Precision::Double,
     );
-    for (offset_mm, flagged) in [(0.0, false), (1e-5, true), (f64::NAN, true)] {
+    for (deviation, flagged) in [(0.0, false), (1e-5, true), (f64::NAN, true)] {
         let mut contender = Wrong {
             truth: exact.make(&subject, &sources).unwrap(),
-            off: offset_mm,
+            deviation,
             condensed: Mat::new(),
         };
         let measured = measure(&mut contender, &subject, &truth, &options);
         let error = measured.errors.map_or(f64::NAN, |errors| errors[1]);
         assert!(
-            offset_mm.is_nan() || (error <= 1e-9) == (offset_mm == 0.0),
-            "off by {offset_mm}: {error}"
+            deviation.is_nan() || (error <= 1e-9) == (deviation == 0.0),
+            "off by {deviation}: {error}"
         );
         assert_eq!(
             measured.flag.is_some(),
             flagged,
-            "off by {offset_mm}: {:?}",
+            "off by {deviation}: {:?}",
             measured.flag
         );
     }
@@ -198,11 +198,11 @@ fn memory_is_checked_first_and_unsuited_meshes_are_errors() {
     let tiny = TetMesh::over_box([0.0; 3], [1.0; 3], 27).unwrap();
     let refused = Subject::new(&tiny, &options()).err().expect("27 nodes are too few");
     assert!(refused.to_string().contains("expected"), "{refused}");
-    let wrong = RemeshOptions {
+    let invalid = RemeshOptions {
         poisson: 0.5,
         ..options()
     };
-    let refused = Subject::new(&small(), &wrong).err();
+    let refused = Subject::new(&small(), &invalid).err();
     assert!(refused.is_some_and(|error| error.downcast_ref::<OutOfRange>().is_some()));
     // f32 is insufficient near incompressibility: reported, not measured.
     let nearly = RemeshOptions {
@@ -227,14 +227,14 @@ fn an_insertion_moves_each_node_once_and_a_withdrawal_restores_all() {
     let mut mesh = subject.mesh.clone();
     for done in 0..2 * subject.inserted() {
         subject.step(&mut mesh, done).unwrap();
-        let away = (done + 1).min(2 * subject.inserted() - done - 1);
-        assert_eq!(mesh.away().len(), away);
+        let nodes_away = (done + 1).min(2 * subject.inserted() - done - 1);
+        assert_eq!(mesh.away().len(), nodes_away);
     }
     assert_eq!(mesh.nodes(), subject.mesh.nodes());
 }
 
 /// Runs the exact level with an error too large for rounding.
-fn offset(offset_mm: f64) -> Result<Study, Error> {
+fn offset(deviation: f64) -> Result<Study, Error> {
     let options = options();
     let subjects = [Subject::new(&small(), &options)?];
     let subject = &subjects[0];
@@ -248,7 +248,7 @@ fn offset(offset_mm: f64) -> Result<Study, Error> {
     let kind = Kind::OnDemand;
     let mut contender = Wrong {
         truth: kind.make(subject, &sources)?,
-        off: offset_mm,
+        deviation,
         condensed: Mat::new(),
     };
     let measured = measure(&mut contender, subject, &truth, &options);

@@ -26,8 +26,8 @@ impl Report {
             page.paragraph("warning", &text);
         }
         self.notes.iter().for_each(|note| page.paragraph("soft", note));
-        let wrong = self.wrong().count() > 0;
-        page.paragraph(if wrong { "warning" } else { "" }, &self.verdict());
+        let has_wrong = self.wrong().count() > 0;
+        page.paragraph(if has_wrong { "warning" } else { "" }, &self.verdict());
         // Wrong rows stand before all advice, which is not to be followed without knowing them.
         for (chapter, table, row) in self.wrong() {
             let flag = row.flag.as_deref().unwrap_or_default();

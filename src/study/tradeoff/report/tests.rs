@@ -15,7 +15,7 @@ const AXES: [Axis; 4] = [
     Axis::log("never", "never", "never measured"),
 ];
 
-/// Returns a study with the gold standard, a good variant, one with the error `off`, and a trace of it.
+/// Returns a study with the gold standard, a good variant, one with the error `error_of_wrong`, and a trace of it.
 fn study(error_of_wrong: f64) -> Study {
     let goal = Goal::new("ms", "error_mm", (0.1, "a <reason>")).beside(&["p95_ms"]);
     let goal = goal.in_every(Deadline::Step, "p95_ms");
@@ -27,10 +27,14 @@ fn study(error_of_wrong: f64) -> Study {
         ("good, \"or so\"", 2.0, 0.05),
         ("wrong", 1.0, error_of_wrong),
     ];
-    for (way, ms, error) in rows {
+    for (method, ms, error) in rows {
         let flag = (error > 1.0).then(|| format!("off by {error} mm: at most 1 is expected"));
-        let error = (way != "exact").then_some(error);
-        table.push(vec![way.to_owned()], vec![Some(ms), Some(1.5 * ms), error, None], flag);
+        let error = (method != "exact").then_some(error);
+        table.push(
+            vec![method.to_owned()],
+            vec![Some(ms), Some(1.5 * ms), error, None],
+            flag,
+        );
     }
     mark_gold(&mut table, "exact");
     let mut trace = Table::trace("trace", "Along the way", &FACTORS, &AXES);
@@ -96,14 +100,17 @@ fn report(entries: &[&dyn AnyEntry]) -> Report {
 
 #[test]
 fn a_wrong_way_is_flagged_wherever_it_is_shown_and_never_advised() {
-    for (entry, wrong) in [(&RIGHT, 0), (&WRONG, 1)] {
+    for (entry, wrong_count) in [(&RIGHT, 0), (&WRONG, 1)] {
         let report = report(&[entry]);
-        assert_eq!(report.wrong().count(), wrong);
+        assert_eq!(report.wrong().count(), wrong_count);
         let (page, markdown) = (report.page().unwrap(), report.markdown());
         for text in [&page, &markdown, &report.csv(), &report.json().unwrap()] {
-            assert_eq!(text.contains("at most 1 is expected"), wrong == 1, "{text}");
+            assert_eq!(text.contains("at most 1 is expected"), wrong_count == 1, "{text}");
         }
-        assert_eq!(page.contains("WRONG") && markdown.contains("marked WRONG"), wrong == 1);
+        assert_eq!(
+            page.contains("WRONG") && markdown.contains("marked WRONG"),
+            wrong_count == 1
+        );
         let take = report.chapters[0].study.tables[0].advice()[0].take.clone().unwrap();
         assert_eq!(take.name, "good, \"or so\"");
     }

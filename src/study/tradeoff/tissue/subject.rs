@@ -95,17 +95,17 @@ impl Subject {
         let [x, y, top] = EXTENT_MM;
         let plate =
             |p: &[f64; 3]| p[2] == top && (p[0] - x / 2.0).abs() <= x / 6.0 && (p[1] - y / 2.0).abs() <= y / 4.0;
-        let mut fixed = Vec::new();
+        let mut fixed_dofs = Vec::new();
         let mut pressed = vec![0.0; 3 * mesh.nodes().len()];
         for (node, p) in (0u32..).zip(mesh.nodes()) {
             if p[2] == 0.0 {
-                fixed.extend((0..3u8).map(|axis| (node, axis)));
+                fixed_dofs.extend((0..3u8).map(|axis| (node, axis)));
             } else if plate(p) {
-                fixed.push((node, 2));
+                fixed_dofs.push((node, 2));
                 pressed[3 * node as usize + 2] = -options.depth_mm;
             }
         }
-        let supports = Supports::new(mesh.nodes().len(), fixed);
+        let supports = Supports::new(mesh.nodes().len(), fixed_dofs);
         let depth: Vec<f64> = supports.prescribed().iter().map(|dof| pressed[*dof as usize]).collect();
         Ok(Subject {
             mesh,

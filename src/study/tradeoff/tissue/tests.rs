@@ -71,13 +71,13 @@ fn a_small_block_is_studied() {
 
 #[test]
 fn what_is_no_tissue_is_refused() {
-    let wrong = |options| study(&options, &mut |_, _| {}).unwrap_err();
+    let refused = |options| study(&options, &mut |_, _| {}).unwrap_err();
     let default = TissueOptions {
         nodes: 60,
         ..TissueOptions::default()
     };
     assert!(matches!(
-        wrong(TissueOptions {
+        refused(TissueOptions {
             poisson: 0.5,
             ..default
         })
@@ -85,7 +85,7 @@ fn what_is_no_tissue_is_refused() {
         Some(OutOfRange { .. })
     ));
     assert!(matches!(
-        wrong(TissueOptions {
+        refused(TissueOptions {
             stiffening: -1.0,
             ..default
         })
@@ -93,7 +93,7 @@ fn what_is_no_tissue_is_refused() {
         Some(OutOfRange { .. })
     ));
     assert!(matches!(
-        wrong(TissueOptions { order: 2.0, ..default }).downcast_ref(),
+        refused(TissueOptions { order: 2.0, ..default }).downcast_ref(),
         Some(NonlinearError::History(_))
     ));
 }

@@ -70,16 +70,16 @@ fn frames_and_their_neighbours_are_read_with_the_size_of_the_largest_region() {
         let regions = DataSetSequence::from(regions);
         object.put(DataElement::new(tags::SEQUENCE_OF_ULTRASOUND_REGIONS, VR::SQ, regions));
     });
-    let read = pictures(&bytes, 2).unwrap();
-    assert_eq!(read.len(), 2);
-    assert_eq!(read[0].grey, [1.0; 8]);
-    assert_eq!(read[0].neighbour.as_deref(), Some(&[2.0; 8][..]));
-    assert_eq!(read[1].grey, frames[2].map(f64::from));
-    assert_eq!(read[1].neighbour.as_deref(), Some(&[2.0; 8][..]));
-    assert_eq!((read[1].width, read[1].height), (4, 2));
-    let mm = read[0].mm.unwrap();
+    let decoded = pictures(&bytes, 2).unwrap();
+    assert_eq!(decoded.len(), 2);
+    assert_eq!(decoded[0].grey, [1.0; 8]);
+    assert_eq!(decoded[0].neighbour.as_deref(), Some(&[2.0; 8][..]));
+    assert_eq!(decoded[1].grey, frames[2].map(f64::from));
+    assert_eq!(decoded[1].neighbour.as_deref(), Some(&[2.0; 8][..]));
+    assert_eq!((decoded[1].width, decoded[1].height), (4, 2));
+    let mm = decoded[0].mm.unwrap();
     assert!((mm[0] - 0.2).abs() < 1e-12 && (mm[1] - 0.4).abs() < 1e-12, "{mm:?}");
-    assert!(read[1].name.ends_with("us.dcm, frame 2") && read[1].overlay.is_empty());
+    assert!(decoded[1].name.ends_with("us.dcm, frame 2") && decoded[1].overlay.is_empty());
 }
 
 #[test]
@@ -101,17 +101,17 @@ fn palettes_colour_indices() {
     let bytes = PrimitiveValue::U8(vec![10, 20, 30, 40, 50, 60, 70, 0].into());
     for (data, bits) in [(words, 16), (bytes.clone(), 8)] {
         let levels = [data.clone(), data.clone(), data];
-        let read = pictures(&file("PALETTE COLOR", &[indices], palette(levels, bits)), 1).unwrap();
-        assert_eq!(read[0].grey, grey);
-        assert!(!read[0].overlay.contains(&true));
+        let decoded = pictures(&file("PALETTE COLOR", &[indices], palette(levels, bits)), 1).unwrap();
+        assert_eq!(decoded[0].grey, grey);
+        assert!(!decoded[0].overlay.contains(&true));
     }
     let red = PrimitiveValue::U8(vec![10, 200, 30, 40, 50, 60, 70, 0].into());
-    let read = pictures(
+    let decoded = pictures(
         &file("PALETTE COLOR", &[indices], palette([red, bytes.clone(), bytes], 8)),
         1,
     )
     .unwrap();
-    assert_eq!(read[0].overlay.iter().position(|is| *is), Some(2));
+    assert_eq!(decoded[0].overlay.iter().position(|covered| *covered), Some(2));
     let error = pictures(&file("PALETTE COLOR", &[indices], |_| ()), 1)
         .unwrap_err()
         .to_string();
@@ -140,14 +140,14 @@ fn colours_and_inverted_grey_levels_are_decoded() {
         ("RGB", 1, by_channel, 1),
         ("YBR_FULL", 0, luminance, 0),
     ] {
-        let read = colour(kind, planar, bytes);
-        let coloured: Vec<usize> = (0..8).filter(|pixel| read.overlay[*pixel]).collect();
+        let decoded = colour(kind, planar, bytes);
+        let coloured: Vec<usize> = (0..8).filter(|pixel| decoded.overlay[*pixel]).collect();
         assert_eq!(coloured, [expected], "{kind}, {planar}");
     }
     // Luma of the red pixel (Rec. 709).
     assert!((colour("YBR_FULL", 0, luminance).grey[0] - 0.2126 * 254.0).abs() < 1.5);
-    let read = pictures(&file("MONOCHROME1", &[[0, 1, 2, 3, 4, 5, 254, 255]], |_| ()), 1).unwrap();
-    assert_eq!(read[0].grey, [255.0, 254.0, 253.0, 252.0, 251.0, 250.0, 1.0, 0.0]);
+    let decoded = pictures(&file("MONOCHROME1", &[[0, 1, 2, 3, 4, 5, 254, 255]], |_| ()), 1).unwrap();
+    assert_eq!(decoded[0].grey, [255.0, 254.0, 253.0, 252.0, 251.0, 250.0, 1.0, 0.0]);
 }
 
 #[test]
