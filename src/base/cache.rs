@@ -34,8 +34,8 @@ struct Recent(VecDeque<(String, Vec<u8>)>);
 
 impl Recent {
     fn get(&mut self, key: &str) -> Option<Vec<u8>> {
-        let at = self.0.iter().position(|(other, _)| other == key)?;
-        let entry = self.0.remove(at)?;
+        let index = self.0.iter().position(|(other, _)| other == key)?;
+        let entry = self.0.remove(index)?;
         let bytes = entry.1.clone();
         self.0.push_back(entry);
         Some(bytes)
@@ -56,18 +56,18 @@ impl Recent {
 /// The user's cache folder: `$INSONIFY_CACHE`, or `insonify` in the cache folder of the system; `None` where the system
 /// has no place for it.
 pub fn folder() -> Option<PathBuf> {
-    let of = |name: &str| env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
+    let variable = |name: &str| env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
     let usual = || {
         let folder = match env::consts::OS {
-            "windows" => of("LOCALAPPDATA"),
-            "macos" => of("HOME").map(|home| home.join("Library/Caches")),
-            _ => of("XDG_CACHE_HOME")
+            "windows" => variable("LOCALAPPDATA"),
+            "macos" => variable("HOME").map(|home| home.join("Library/Caches")),
+            _ => variable("XDG_CACHE_HOME")
                 .filter(|folder| folder.is_absolute())
-                .or_else(|| of("HOME").map(|home| home.join(".cache"))),
+                .or_else(|| variable("HOME").map(|home| home.join(".cache"))),
         };
         folder.map(|folder| folder.join("insonify"))
     };
-    of(FOLDER_VARIABLE).or_else(usual)
+    variable(FOLDER_VARIABLE).or_else(usual)
 }
 
 /// Lets [`cached`] write files. Only the command calls this: programs that embed the library write nothing to their users' folders.

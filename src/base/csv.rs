@@ -111,8 +111,8 @@ impl Csv {
             records: Vec::new(),
         };
         table.header = reader.headers().map_err(|error| table.torn(error))?.clone();
-        for (at, name) in table.header.iter().enumerate() {
-            if table.header.iter().take(at).any(|other| other == name) {
+        for (index, name) in table.header.iter().enumerate() {
+            if table.header.iter().take(index).any(|other| other == name) {
                 let found = format!("the column `{}` twice", head(name, QUOTED));
                 return Err(table.wrong(1, found, "each column once"));
             }
@@ -171,8 +171,8 @@ impl Csv {
 impl<'a> Row<'a> {
     /// Cell of a column; empty if the table has no such column.
     pub fn text(self, column: &str) -> &'a str {
-        let place = self.table.header.iter().position(|name| name == column);
-        place.and_then(|place| self.record.get(place)).unwrap_or_default()
+        let index = self.table.header.iter().position(|name| name == column);
+        index.and_then(|index| self.record.get(index)).unwrap_or_default()
     }
 
     /// Finite number in a column.

@@ -247,10 +247,10 @@ fn unreadable<T: JsonSchema>(source: &Arc<Source>, Mismatch { message, span }: M
         .filter(|name| !renamed::is_old(name, &known))
         .cloned()
         .collect();
-    let place = span.as_ref().and_then(|span| source.find_key(span, &key)).or(span);
+    let key_span = span.as_ref().and_then(|span| source.find_key(span, &key)).or(span);
     let help = suggest::for_key(&key, &known, || suggest::home_of::<T>(&key));
     InputError::new(InvalidFile::UnknownKey { key, known })
-        .in_text(source, place)
+        .in_text(source, key_span)
         .with_help(help)
 }
 
@@ -381,7 +381,7 @@ impl Source {
                     .iter()
                     .find(|(key, _)| key.get_ref() == step || now(name, key.get_ref()) == Some(step))
                     .map(|(_, value)| value),
-                (None, Some(list)) => number.and_then(|at| <[_]>::get(list, at)),
+                (None, Some(list)) => number.and_then(|index| <[_]>::get(list, index)),
                 (None, None) => None,
             };
             let Some(value) = value else { break };

@@ -76,8 +76,8 @@ fn kib(text: &str, key: &str) -> Option<u64> {
 /// Bytes left under a limit of the process after what counts towards it.
 fn limit_left(limits: &str, limit: &str, process: &str, used: &str) -> Option<u64> {
     let line = limits.lines().find_map(|line| line.strip_prefix(limit))?;
-    let most: u64 = line.split_whitespace().next()?.parse().ok()?;
-    Some(most.saturating_sub(kib(process, used)?))
+    let limit_bytes: u64 = line.split_whitespace().next()?.parse().ok()?;
+    Some(limit_bytes.saturating_sub(kib(process, used)?))
 }
 
 /// File names of a control group's limit, its usage, and the page cache within that usage, which is reclaimed under memory pressure.

@@ -3,9 +3,9 @@
 /// Fraction of a linear axis below which a tick is the rounding error of zero.
 pub const ZERO: f64 = 1e-9;
 
-/// Returns the number of decimals that three significant digits take, at most `most`.
-fn decimals(value: f64, most: f64) -> usize {
-    (2.0 - value.abs().log10().floor()).clamp(0.0, most) as usize
+/// Returns the number of decimals that three significant digits take, at most `limit`.
+fn decimals(value: f64, limit: f64) -> usize {
+    (2.0 - value.abs().log10().floor()).clamp(0.0, limit) as usize
 }
 
 /// Formats a number with three significant digits and at most three decimals.
@@ -29,8 +29,8 @@ pub fn grouped(value: f64) -> String {
     }
     let digits = format!("{:.0}", value.abs());
     let mut text = if value < 0.0 { "-" } else { "" }.to_owned();
-    for (at, digit) in digits.chars().enumerate() {
-        if digits.len() > 4 && at > 0 && (digits.len() - at).is_multiple_of(3) {
+    for (index, digit) in digits.chars().enumerate() {
+        if digits.len() > 4 && index > 0 && (digits.len() - index).is_multiple_of(3) {
             text.push(',');
         }
         text.push(digit);

@@ -158,8 +158,8 @@ impl<'a, T: Send> Rows for ChunksMut<'a, T> {
     }
 
     fn split_at(self, row: usize) -> (Self, Self) {
-        let at = self.items.len().min(row * self.size);
-        let (first, last) = self.items.split_at_mut(at);
+        let middle = self.items.len().min(row * self.size);
+        let (first, last) = self.items.split_at_mut(middle);
         (chunks_mut(first, self.size), chunks_mut(last, self.size))
     }
 
@@ -260,8 +260,8 @@ pub fn for_each_init<R: Rows, S>(rows: R, init: &(dyn Fn() -> S + Sync), work: &
 /// The error of the first row that fails.
 pub fn try_for_each<R: Rows, E: Send>(rows: R, work: &(dyn Fn(R::Row) -> Result<(), E> + Sync)) -> Result<(), E> {
     let first = FirstError::default();
-    for_each((0.., rows), &|(at, row)| {
-        first.unless_failed(at, || work(row));
+    for_each((0.., rows), &|(index, row)| {
+        first.unless_failed(index, || work(row));
     });
     first.of(())
 }
@@ -297,7 +297,7 @@ pub fn try_map<R: Rows, T: Send, E: Send>(
     make: &(dyn Fn(R::Row) -> Result<T, E> + Sync),
 ) -> Result<Vec<T>, E> {
     let first = FirstError::default();
-    let results = filter_map((0.., rows), &|(at, row)| first.unless_failed(at, || make(row)));
+    let results = filter_map((0.., rows), &|(index, row)| first.unless_failed(index, || make(row)));
     first.of(results)
 }
 
@@ -374,11 +374,11 @@ fn collect<R: Rows, T: Send>(rows: R, piece: &(dyn Fn(R) -> Vec<T> + Sync)) -> V
     if lists.len() == 1 {
         return lists.pop_front().unwrap_or_default();
     }
-    let mut all = Vec::with_capacity(lists.iter().map(Vec::len).sum());
+    let mut joined = Vec::with_capacity(lists.iter().map(Vec::len).sum());
     for mut list in lists {
-        all.append(&mut list);
+        joined.append(&mut list);
     }
-    all
+    joined
 }
 
 /// Cuts rows into pieces, and merges the results of neighbours.

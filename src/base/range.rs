@@ -142,8 +142,8 @@ pub trait ByKind: erased_serde::Serialize {
         // All at once: the table is serialised to see which of its keys are stated.
         let (keys, kinds): (Vec<_>, Vec<_>) = others.copied().unzip();
         let key = stated(self, &keys)?;
-        let at = keys.iter().position(|other| *other == key)?;
-        Some((key, either(kinds[at])))
+        let index = keys.iter().position(|other| *other == key)?;
+        Some((key, either(kinds[index])))
     }
 }
 

@@ -87,7 +87,7 @@ pub fn bytes(path: &Path, kind: Kind) -> io::Result<Vec<u8>> {
     let metadata = metadata(path)?;
     let handed_over = ["/dev/fd", "/dev/stdin", "/proc/self/fd"]
         .iter()
-        .any(|place| path.starts_with(place));
+        .any(|folder| path.starts_with(folder));
     let file = if handed_over && name_of(metadata.file_type()) == PIPE {
         File::open(path)?
     } else {

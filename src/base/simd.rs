@@ -33,8 +33,8 @@ pub fn dispatch<K: WithSimd>(kernel: K) -> K::Output {
 #[inline(always)]
 pub fn array<T: Copy, const N: usize>(value: impl Fn(usize) -> T) -> [T; N] {
     let mut values = [value(0); N];
-    for at in 1..N {
-        values[at] = value(at);
+    for lane in 1..N {
+        values[lane] = value(lane);
     }
     values
 }
@@ -42,7 +42,7 @@ pub fn array<T: Copy, const N: usize>(value: impl Fn(usize) -> T) -> [T; N] {
 /// Elements of an array, each transformed. Unlike `map` of the standard library it is always inlined.
 #[inline(always)]
 pub fn map<T: Copy, U: Copy, const N: usize>(elements: [T; N], function: impl Fn(T) -> U) -> [U; N] {
-    array(|at| function(elements[at]))
+    array(|index| function(elements[index]))
 }
 
 /// Numbers in `N` lanes, with lane-wise arithmetic.
@@ -65,7 +65,7 @@ impl<const N: usize> Pack<N> {
     /// A function of two arguments, lane by lane.
     #[inline(always)]
     pub fn zip(self, other: Self, function: impl Fn(f64, f64) -> f64) -> Self {
-        Self(array(|at| function(self.0[at], other.0[at])))
+        Self(array(|lane| function(self.0[lane], other.0[lane])))
     }
 
     /// Lane-wise minimum; of NaN and a number the number.
@@ -95,7 +95,13 @@ impl<const N: usize> Pack<N> {
     /// Lane-wise selection: `yes` in lanes below those of `other`, `no` in the rest and at NaN.
     #[inline(always)]
     pub fn if_below(self, other: Self, yes: Self, no: Self) -> Self {
-        Self(array(|at| if self.0[at] < other.0[at] { yes.0[at] } else { no.0[at] }))
+        Self(array(|lane| {
+            if self.0[lane] < other.0[lane] {
+                yes.0[lane]
+            } else {
+                no.0[lane]
+            }
+        }))
     }
 }
 

@@ -145,8 +145,8 @@ impl Times {
 
 /// Returns the nearest-rank percentile of ascending numbers at a share of 0 to 1; `None` for an empty slice.
 pub fn percentile(ascending: &[f64], share: f64) -> Option<f64> {
-    let place = (share * ascending.len() as f64).ceil() as usize;
-    ascending.get(place.max(1) - 1).copied()
+    let rank = (share * ascending.len() as f64).ceil() as usize;
+    ascending.get(rank.max(1) - 1).copied()
 }
 
 #[cfg(test)]

@@ -56,7 +56,7 @@ impl Cell {
             Cell::Number(text) => whole(&unbroken(text), " class=\"n\""),
             Cell::Plain(text) | Cell::Text(text) => whole(&unbroken(text), ""),
             Cell::Pair(text, below) => {
-                let [text, below] = [text, below].map(|it| unbroken(it));
+                let [text, below] = [text, below].map(|part| unbroken(part));
                 whole(&format!("{text}<br><small class=\"soft\">{below}</small>"), "")
             }
             Cell::Explained(text, meaning) => {
@@ -75,9 +75,9 @@ impl Cell {
 /// Replaces spaces within products such as 256 x 512 so that they do not break across lines.
 fn unbroken(text: &str) -> String {
     let mut joined = String::new();
-    for (at, part) in text.split(" x ").enumerate() {
-        if at > 0 {
-            let is_digit = |it: char| it.is_ascii_digit();
+    for (index, part) in text.split(" x ").enumerate() {
+        if index > 0 {
+            let is_digit = |character: char| character.is_ascii_digit();
             let numbers = joined.ends_with(is_digit) && part.starts_with(is_digit);
             joined += if numbers { "\u{a0}x\u{a0}" } else { " x " };
         }

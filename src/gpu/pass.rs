@@ -83,7 +83,7 @@ impl Pipeline {
                 .messages
                 .iter()
                 .find_map(|message| message.location)
-                .map(|at| at.line_number);
+                .map(|location| location.line_number);
             Ok(module)
         });
         let module = module.map_err(|error| shader_error(error, line))?;

@@ -138,6 +138,7 @@ pub fn of(frame: Frame, tissues: &[Acoustics], label: impl Fn([f64; 3]) -> u8) -
             }
         }
     }
+    // One label for each tissue, in their order, so that a label indexes the tissue table directly.
     let labels = (0..tissues.len())
         .map(|index| Label {
             value: index as i64,
@@ -205,7 +206,7 @@ pub fn random(frame: Frame, tissues: &[Acoustics], seed: u32) -> Anatomy {
 pub fn hashed_texture() -> Arc<SolidTexture> {
     let size = [9, 8, 7];
     let data = (0..size.iter().product::<usize>())
-        .map(|at| 0.25 + insonify_base::random::unit(hash3([at as i32, 3, 5], [8, 13])[0]))
+        .map(|index| 0.25 + insonify_base::random::unit(hash3([index as i32, 3, 5], [8, 13])[0]))
         .collect();
     Arc::new(SolidTexture::new(size, [1.1, 0.9, 1.4], data).expect("a texture"))
 }

@@ -66,12 +66,12 @@ pub(super) fn fill(picture: &mut RgbImage, polygon: &[Point], colour: Colour, op
     let low = [0, 1].map(|axis| extreme(axis, f64::min, f64::INFINITY));
     let high = [0, 1].map(|axis| extreme(axis, f64::max, f64::NEG_INFINITY));
     each_pixel(picture, low, high, |picture, x, y| {
-        let at = [f64::from(x), f64::from(y)];
+        let centre = [f64::from(x), f64::from(y)];
         let mut inside = false;
         for (i, a) in polygon.iter().enumerate() {
             let b = polygon[(i + 1) % polygon.len()];
-            if (a[1] > at[1]) != (b[1] > at[1]) {
-                inside ^= at[0] < a[0] + (at[1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0]);
+            if (a[1] > centre[1]) != (b[1] > centre[1]) {
+                inside ^= centre[0] < a[0] + (centre[1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0]);
             }
         }
         if inside {
@@ -120,14 +120,14 @@ pub fn text_size(text: &str, dot: u32) -> [u32; 2] {
     [(letters * 6).saturating_sub(1) * dot, 7 * dot]
 }
 
-/// Draws a text whose upper left dot is at `at`, with dots of `dot` pixels and a dark rim.
-pub fn text(picture: &mut RgbImage, at: [u32; 2], text: &str, dot: u32, colour: Colour) {
+/// Draws a text whose upper left dot is at `corner`, with dots of `dot` pixels and a dark rim.
+pub fn text(picture: &mut RgbImage, corner: [u32; 2], text: &str, dot: u32, colour: Colour) {
     for (rim, ink) in [(1i64, [0, 0, 0]), (0, colour)] {
-        for (place, letter) in text.chars().enumerate() {
+        for (index, letter) in text.chars().enumerate() {
             for (row, bits) in glyph(letter).into_iter().enumerate() {
                 for column in (0..5).filter(|column| bits >> (4 - column) & 1 == 1) {
-                    let x = i64::from(at[0]) + (place as i64 * 6 + column) * i64::from(dot);
-                    let y = i64::from(at[1]) + row as i64 * i64::from(dot);
+                    let x = i64::from(corner[0]) + (index as i64 * 6 + column) * i64::from(dot);
+                    let y = i64::from(corner[1]) + row as i64 * i64::from(dot);
                     square(picture, [x - rim, y - rim], i64::from(dot) + 2 * rim, ink);
                 }
             }

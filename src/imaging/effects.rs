@@ -317,13 +317,13 @@ const fn in_order() -> [&'static Effect; LISTED.len()] {
     let mut order = [LISTED[0]; LISTED.len()];
     let (mut stage, mut placed) = (0, 0);
     while placed < LISTED.len() {
-        let mut at = 0;
-        while at < LISTED.len() {
-            if LISTED[at].stage as usize == stage {
-                order[placed] = LISTED[at];
+        let mut index = 0;
+        while index < LISTED.len() {
+            if LISTED[index].stage as usize == stage {
+                order[placed] = LISTED[index];
                 placed += 1;
             }
-            at += 1;
+            index += 1;
         }
         stage += 1;
     }

@@ -50,8 +50,8 @@ fn reach(how: Use) -> Reach {
 fn between(a: &Bound, b: &Bound) -> Option<Reach> {
     let pairs = a.buffers.iter().flat_map(|x| b.buffers.iter().map(move |y| (x, y)));
     pairs
-        .filter(|((x, used), (y, again))| x == y && (used.writes() || again.writes()))
-        .map(|((_, used), (_, again))| reach(*used).max(reach(*again)))
+        .filter(|((x, used), (y, other_use))| x == y && (used.writes() || other_use.writes()))
+        .map(|((_, used), (_, other_use))| reach(*used).max(reach(*other_use)))
         .max()
 }
 
@@ -80,9 +80,9 @@ fn domain(grid: Grid) -> Domain {
 }
 
 /// Number of different buffers of some passes.
-fn buffers<'a>(passes: &[Bound], of: impl IntoIterator<Item = &'a usize>) -> usize {
+fn buffers<'a>(passes: &[Bound], numbers: impl IntoIterator<Item = &'a usize>) -> usize {
     let mut all: Vec<&Buffer> = Vec::new();
-    for (buffer, _) in of.into_iter().flat_map(|&at| &passes[at].buffers) {
+    for (buffer, _) in numbers.into_iter().flat_map(|&number| &passes[number].buffers) {
         if !all.contains(buffer) {
             all.push(buffer);
         }
@@ -90,12 +90,12 @@ fn buffers<'a>(passes: &[Bound], of: impl IntoIterator<Item = &'a usize>) -> usi
     all.len()
 }
 
-/// Dispatches of a frame, in order, each binding at most `most` buffers.
-pub fn fuse(passes: &[Bound], most: usize) -> Vec<Fused> {
+/// Dispatches of a frame, in order, each binding at most `limit` buffers.
+pub fn fuse(passes: &[Bound], limit: usize) -> Vec<Fused> {
     let mut sequences: Vec<Sequence> = Vec::new();
-    for (at, pass) in passes.iter().enumerate() {
+    for (number, pass) in passes.iter().enumerate() {
         let needed = domain(pass.pass.grid);
-        let of = |sequence: &Sequence| domain(passes[sequence.passes[0]].pass.grid);
+        let domain_of = |sequence: &Sequence| domain(passes[sequence.passes[0]].pass.grid);
         let widest = |sequence: &Sequence| {
             sequence
                 .passes
@@ -105,9 +105,9 @@ pub fn fuse(passes: &[Bound], most: usize) -> Vec<Fused> {
         };
         let fits = |sequence: &Sequence| {
             needed != Domain::Alone
-                && of(sequence) == needed
+                && domain_of(sequence) == needed
                 && widest(sequence) < Some(Reach::Any)
-                && buffers(passes, sequence.passes.iter().chain([&at])) <= most
+                && buffers(passes, sequence.passes.iter().chain([&number])) <= limit
         };
         // Behind all that it needs; in the last of these if it fits.
         let last = sequences.iter().rposition(|sequence| widest(sequence).is_some());
@@ -116,23 +116,23 @@ pub fn fuse(passes: &[Bound], most: usize) -> Vec<Fused> {
         match (first..sequences.len()).find(|&joined| fits(&sequences[joined])) {
             Some(joined) => {
                 let by_line = by_line || widest(&sequences[joined]) == Some(Reach::Line);
-                sequences[joined].passes.push(at);
+                sequences[joined].passes.push(number);
                 sequences[joined].by_line |= by_line;
             }
             None => sequences.insert(
                 first,
                 Sequence {
-                    passes: vec![at],
+                    passes: vec![number],
                     by_line,
                 },
             ),
         }
     }
-    side_by_side(passes, sequences, most)
+    side_by_side(passes, sequences, limit)
 }
 
 /// Joins neighbouring sequences that need nothing of each other and have workgroups of the same size.
-fn side_by_side(passes: &[Bound], sequences: Vec<Sequence>, most: usize) -> Vec<Fused> {
+fn side_by_side(passes: &[Bound], sequences: Vec<Sequence>, limit: usize) -> Vec<Fused> {
     let joins =
         |sequence: &Sequence| sequence.by_line || matches!(passes[sequence.passes[0]].pass.grid, Grid::Workgroups(_));
     let mut fused: Vec<Fused> = Vec::new();
@@ -150,7 +150,7 @@ fn side_by_side(passes: &[Bound], sequences: Vec<Sequence>, most: usize) -> Vec<
             Some(last)
                 if joins(&sequence)
                     && last.iter().all(independent)
-                    && buffers(passes, last.iter().chain([&sequence]).flat_map(|other| &other.passes)) <= most =>
+                    && buffers(passes, last.iter().chain([&sequence]).flat_map(|other| &other.passes)) <= limit =>
             {
                 last.push(sequence);
             }

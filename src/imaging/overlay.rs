@@ -43,8 +43,9 @@ pub fn workspace(pixels: &[u8], tables: &Tables, reaches: impl Fn([f64; 2]) -> b
     let (width, height) = (tables.width() as u32, tables.height() as u32);
     let grid = &tables.image_grid;
     let within = |column: u32, row: u32| {
-        let at = |column: f64, row: f64| reaches(grid.to_plane(column, row));
-        [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]].map(|[right, down]| at(f64::from(column) + right, f64::from(row) + down))
+        let reaches_at = |column: f64, row: f64| reaches(grid.to_plane(column, row));
+        [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]
+            .map(|[right, down]| reaches_at(f64::from(column) + right, f64::from(row) + down))
     };
     let mut picture = RgbImage::from_fn(width, height, |column, row| {
         let grey = f64::from(pixels[(row * width + column) as usize]);
@@ -92,19 +93,19 @@ pub fn lines(
     let (width, height) = (tables.width() as u32, tables.height() as u32);
     let grey = pixels.iter().flat_map(|&grey| [grey; 3]).collect();
     let mut picture = RgbImage::from_raw(width, height, grey).unwrap_or_else(|| RgbImage::new(width, height));
-    let place = |at: &Point3<f64>| {
-        let at = world_to_probe.transform_point(at);
-        tables.image_grid.to_pixel(at.x, at.y)
+    let pixel = |point: &Point3<f64>| {
+        let point = world_to_probe.transform_point(point);
+        tables.image_grid.to_pixel(point.x, point.y)
     };
     for line in lines {
         for pair in line.points.windows(2) {
-            let ends = [place(&pair[0]), place(&pair[1])];
+            let ends = [pixel(&pair[0]), pixel(&pair[1])];
             canvas::line(&mut picture, ends, line.width + 1.6, RIM, 0.6);
             canvas::line(&mut picture, ends, line.width, line.colour, 1.0);
         }
     }
     for mark in marks {
-        let [x, y] = place(mark);
+        let [x, y] = pixel(mark);
         for (size, colour) in [(3.4, RIM), (1.6, [255, 214, 64])] {
             canvas::line(&mut picture, [[x - 6.0, y], [x + 6.0, y]], size, colour, 1.0);
             canvas::line(&mut picture, [[x, y - 6.0], [x, y + 6.0]], size, colour, 1.0);
@@ -150,9 +151,9 @@ fn scale(picture: &mut RgbImage, tables: &Tables) {
         if tick % 5 == 0 && tick > 0 {
             let text = format!("{} cm", tick_mm * f64::from(tick) / 10.0);
             let [wide, _] = canvas::text_size(&text, 1);
-            let at = [right - TICK[1] - 4.0 - f64::from(wide), y - f64::from(high / 2)];
-            if at.iter().all(|&x| x >= 1.0) {
-                canvas::text(picture, at.map(|x| x.round() as u32), &text, 1, INK);
+            let corner = [right - TICK[1] - 4.0 - f64::from(wide), y - f64::from(high / 2)];
+            if corner.iter().all(|&x| x >= 1.0) {
+                canvas::text(picture, corner.map(|x| x.round() as u32), &text, 1, INK);
             }
         }
     }
@@ -180,7 +181,7 @@ fn arrow(picture: &mut RgbImage, [x, y]: Point) {
 /// Draws a disc beside the marked end of the array.
 fn mark(picture: &mut RgbImage, tables: &Tables) {
     let [x, y] = tables.grid.to_plane(tables.lines() as f64 - 0.5, -0.5);
-    let within = |at: f64, side: u32| at.clamp(f64::from(EDGE), f64::from(side.max(2 * EDGE) - EDGE));
+    let within = |coordinate: f64, side: u32| coordinate.clamp(f64::from(EDGE), f64::from(side.max(2 * EDGE) - EDGE));
     let [column, row] = tables.image_grid.to_pixel(x, y);
     let centre = [within(column + 10.0, picture.width()), within(row, picture.height())];
     canvas::disc(picture, centre, 5.0, RIM);

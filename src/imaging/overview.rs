@@ -90,7 +90,7 @@ pub fn overview(
         )
     };
     let mut picture = RgbImage::from_pixel(3 * PANEL + 4 * GAP, PANEL + 2 * GAP, Rgb(PAPER));
-    for (place, view) in VIEWS.iter().enumerate() {
+    for (number, view) in VIEWS.iter().enumerate() {
         let mut panel = slice(volume, colours, &frame, view);
         let flat = |points: &[Point3<f64>]| -> Vec<Point> { points.iter().map(|p| frame.project(view, p)).collect() };
         let outline = flat(&sector);
@@ -113,18 +113,18 @@ pub fn overview(
         }
         annotate(&mut panel, view);
         // One bar serves all three views, which share the scale.
-        if place == 0 {
+        if number == 0 {
             scale_bar(&mut panel, frame.mm_per_pixel);
         }
-        let left = GAP + place as u32 * (PANEL + GAP);
+        let left = GAP + number as u32 * (PANEL + GAP);
         imageops::replace(&mut picture, &panel, i64::from(left), i64::from(GAP));
     }
     picture
 }
 
 fn in_world(pose: &Pose, plane: &[[f64; 2]]) -> Vec<Point3<f64>> {
-    let place = |&[x, y]: &[f64; 2]| pose.probe_to_world().transform_point(&Point3::new(x, y, 0.0));
-    plane.iter().map(place).collect()
+    let position = |&[x, y]: &[f64; 2]| pose.probe_to_world().transform_point(&Point3::new(x, y, 0.0));
+    plane.iter().map(position).collect()
 }
 
 /// Outline of the probe's body in its plane: the array's curve, closed behind it; the complete round probe if the array
@@ -169,12 +169,12 @@ impl Frame {
             (low, high) = (low.inf(&world), high.sup(&world));
         }
         let room = (high - low).amax().max(1e-3);
-        let (least, most) = (low.add_scalar(-room), high.add_scalar(room));
+        let (lower, upper) = (low.add_scalar(-room), high.add_scalar(room));
         let behind = pose
             .probe_to_world()
             .transform_point(&Point3::new(0.0, -0.15 * room, 0.0));
         for point in sector.iter().chain([&behind]) {
-            let world = bounded(*point).sup(&least).inf(&most);
+            let world = bounded(*point).sup(&lower).inf(&upper);
             (low, high) = (low.inf(&world), high.sup(&world));
         }
         let cut = pose
@@ -241,8 +241,8 @@ fn annotate(panel: &mut RgbImage, view: &View) {
         [middle_x, edge],
         [middle_x, PANEL - edge - height],
     ];
-    for (letter, at) in view.letters.iter().zip(places) {
-        canvas::text(panel, at, letter, 2, LETTER);
+    for (letter, corner) in view.letters.iter().zip(places) {
+        canvas::text(panel, corner, letter, 2, LETTER);
     }
 }
 

@@ -237,13 +237,13 @@ fn compare(case: &Case, exact: &mut Synthesizer, trail: &Trail, twin: Twin) -> R
             trail.names()
         ));
     }
-    for (at, (pass, beam)) in trail.passes.iter().zip(&twin.trail.beams).enumerate() {
+    for (index, (pass, beam)) in trail.passes.iter().zip(&twin.trail.beams).enumerate() {
         let step = Step {
             case,
             tables: exact.tables(),
             state: local.of(&case.state),
-            before: at.checked_sub(1).map_or(&empty, |before| &trail.beams[before]),
-            after: &trail.beams[at],
+            before: index.checked_sub(1).map_or(&empty, |before| &trail.beams[before]),
+            after: &trail.beams[index],
             twin: beam,
             to_nearest: twin.to_nearest,
             sub_plane_mm: None,

@@ -144,7 +144,7 @@ impl Plan {
 
     fn names(&self, fused: &Fused) -> Vec<&'static str> {
         let numbers = fused.iter().flat_map(|sequence| &sequence.passes);
-        numbers.map(|&at| self.passes[at].pass.name).collect()
+        numbers.map(|&number| self.passes[number].pass.name).collect()
     }
 
     /// Bytes of all resources.

@@ -149,8 +149,8 @@ struct Choice {
 impl Choice {
     /// Describes the choice among `costs`, with the time `ms` and how that was `measured`.
     fn picked(&self, asked: &str, budget_ms: f64, costs: &Costs, ms: f64, measured: &str) -> Picked {
-        let met = ms <= budget_ms;
-        let mut why = if met {
+        let within_budget = ms <= budget_ms;
+        let mut why = if within_budget {
             format!("{} of {budget_ms} ms", milliseconds(ms))
         } else {
             format!(
@@ -168,7 +168,7 @@ impl Choice {
             asked: asked.to_owned(),
             budget_ms,
             expected_ms: ms,
-            met,
+            met: within_budget,
             why: format!("{}: {why} ({measured})", list(&self.settings)),
             settings: self.settings.clone(),
         }
@@ -201,10 +201,10 @@ fn choose(costs: &Costs, budget_ms: f64, open: impl Fn(&str) -> bool, known: &[(
         });
         combinations = longer.collect();
     }
-    let settings = |of: &Combination<'_>| -> Vec<Setting> {
+    let settings = |combination: &Combination<'_>| -> Vec<Setting> {
         let pairs = varied
             .iter()
-            .zip(&of.options)
+            .zip(&combination.options)
             .flat_map(|(setting, option)| setting.keys.iter().zip(&option.values));
         pairs
             .map(|(key, value)| Setting {
@@ -215,10 +215,14 @@ fn choose(costs: &Costs, budget_ms: f64, open: impl Fn(&str) -> bool, known: &[(
     };
     // A sum of costs misses what settings share; a trial does not.
     for (known, ms) in known {
-        let measured = combinations.iter_mut().find(|it| settings(it) == *known);
-        measured.into_iter().for_each(|it| it.ms = *ms);
+        let measured = combinations
+            .iter_mut()
+            .find(|combination| settings(combination) == *known);
+        measured.into_iter().for_each(|combination| combination.ms = *ms);
     }
-    let choice = pareto::choose(&combinations, budget_ms, 1.0, |it| [it.ms, it.error])?;
+    let choice = pareto::choose(&combinations, budget_ms, 1.0, |combination| {
+        [combination.ms, combination.error]
+    })?;
     Some(Choice {
         settings: settings(choice.taken),
         ms: choice.taken.ms,

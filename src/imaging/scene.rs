@@ -137,22 +137,22 @@ impl Scene {
         self.timeline.frames()
     }
 
-    /// Time of frame `frame` of `of`, s. If there are as many frames as recorded poses, recorded times are used; otherwise
+    /// Time of frame `frame` of `frames`, s. If there are as many frames as recorded poses, recorded times are used; otherwise
     /// frames are evenly spaced.
-    pub fn time_s(&self, frame: usize, of: usize) -> f64 {
-        self.timeline.time_s(frame, of)
+    pub fn time_s(&self, frame: usize, frames: usize) -> f64 {
+        self.timeline.time_s(frame, frames)
     }
 
-    /// Pose of the probe in frame `frame` of `of`.
-    pub fn probe_pose(&self, frame: usize, of: usize) -> Pose {
-        self.probe.at(self.time_s(frame, of))
+    /// Pose of the probe in frame `frame` of `frames`.
+    pub fn probe_pose(&self, frame: usize, frames: usize) -> Pose {
+        self.probe.at(self.time_s(frame, frames))
     }
 
-    /// Recorded data for frame `frame` of `of` from the tracked sequence that moves the probe; `None` if the number of
+    /// Recorded data for frame `frame` of `frames` from the tracked sequence that moves the probe; `None` if the number of
     /// frames differs from that of recorded poses.
-    pub fn recorded(&self, frame: usize, of: usize) -> Option<&SequenceFrame> {
+    pub fn recorded(&self, frame: usize, frames: usize) -> Option<&SequenceFrame> {
         let keys = self.probe.keys();
-        let key = keys.get(frame).filter(|_| keys.len() == of)?;
+        let key = keys.get(frame).filter(|_| keys.len() == frames)?;
         self.recording.get(key.source)
     }
 
@@ -162,11 +162,11 @@ impl Scene {
         motion.and_then(|motion| motion.world).unwrap_or_default()
     }
 
-    /// Pose of the needle in frame `frame` of `of`, if the scene has one.
-    pub fn needle_pose(&self, frame: usize, of: usize) -> Option<NeedlePose> {
+    /// Pose of the needle in frame `frame` of `frames`, if the scene has one.
+    pub fn needle_pose(&self, frame: usize, frames: usize) -> Option<NeedlePose> {
         match self.needle.as_ref()? {
             Needle::Still(pose) => Some(pose.clone()),
-            Needle::Moving { path, .. } => Some(path.at(self.time_s(frame, of))),
+            Needle::Moving { path, .. } => Some(path.at(self.time_s(frame, frames))),
         }
     }
 
@@ -206,24 +206,24 @@ impl Scene {
         }
     }
 
-    /// Fills in the state of frame `frame` of `of`, reusing what `into` already holds.
+    /// Fills in the state of frame `frame` of `frames`, reusing what `into` already holds.
     ///
     /// # Errors
     /// [`InvalidFile::Unknown`] if there is no such frame.
-    pub fn state(&self, frame: usize, of: usize, into: &mut FrameState) -> Result<(), InputError> {
-        if frame >= of {
-            let wrong = format!("frame {frame} of {of}; frames count from 0");
+    pub fn state(&self, frame: usize, frames: usize, into: &mut FrameState) -> Result<(), InputError> {
+        if frame >= frames {
+            let wrong = format!("frame {frame} of {frames}; frames count from 0");
             return Err(InputError::new(InvalidFile::Unknown(wrong)));
         }
-        self.fill(frame, of, into);
+        self.fill(frame, frames, into);
         Ok(())
     }
 
-    /// States of `of` frames, in order; [`frames`](Self::frames) are what the scene asks for.
-    pub fn states(&self, of: usize) -> impl ExactSizeIterator<Item = FrameState> + '_ {
-        (0..of).map(move |frame| {
+    /// States of so many frames, in order; [`frames`](Self::frames) are what the scene asks for.
+    pub fn states(&self, frames: usize) -> impl ExactSizeIterator<Item = FrameState> + '_ {
+        (0..frames).map(move |frame| {
             let mut state = FrameState::at(Matrix4::identity());
-            self.fill(frame, of, &mut state);
+            self.fill(frame, frames, &mut state);
             state
         })
     }
@@ -236,8 +236,8 @@ impl Scene {
         Synthesizer::new(self.anatomy.clone(), self.settings.clone(), backend)
     }
 
-    fn fill(&self, frame: usize, of: usize, into: &mut FrameState) {
-        let time_s = self.time_s(frame, of);
+    fn fill(&self, frame: usize, frames: usize, into: &mut FrameState) {
+        let time_s = self.time_s(frame, frames);
         into.frame = frame as u64;
         into.probe_to_world = *self.probe.at(time_s).probe_to_world();
         match &self.needle {
@@ -305,7 +305,7 @@ impl Timeline {
     /// Creates the timeline from the times of a recording that moves probe or needle, or else from the union of all
     /// spans (first and last time, s).
     pub(crate) fn new(recorded: Option<Vec<f64>>, spans: &[[f64; 2]], stated: Option<usize>) -> Self {
-        let cover = |all: [f64; 2], span: [f64; 2]| [all[0].min(span[0]), all[1].max(span[1])];
+        let cover = |covered: [f64; 2], span: [f64; 2]| [covered[0].min(span[0]), covered[1].max(span[1])];
         let times = match (recorded, spans.iter().copied().reduce(cover)) {
             (Some(times), _) => Times::Recorded(times),
             (None, Some(span)) if span[1] > span[0] => Times::Span(span),
@@ -332,15 +332,15 @@ impl Timeline {
         }
     }
 
-    /// Time of frame `frame` of `of`, s.
-    pub(crate) fn time_s(&self, frame: usize, of: usize) -> f64 {
+    /// Time of frame `frame` of `frames`, s.
+    pub(crate) fn time_s(&self, frame: usize, frames: usize) -> f64 {
         let [start, end] = match &self.times {
             Times::Still => return 0.0,
-            Times::Recorded(times) if times.len() == of => return times[frame.min(of - 1)],
+            Times::Recorded(times) if times.len() == frames => return times[frame.min(frames - 1)],
             Times::Recorded(times) => [self.start_s(), times.last().copied().unwrap_or_default()],
             Times::Span(span) => *span,
         };
-        let share = (frame as f64 / of.saturating_sub(1).max(1) as f64).min(1.0);
+        let share = (frame as f64 / frames.saturating_sub(1).max(1) as f64).min(1.0);
         start * (1.0 - share) + end * share
     }
 }

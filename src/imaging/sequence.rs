@@ -34,15 +34,15 @@ pub fn transforms(
 ) -> Vec<(&str, Matrix4<f64>, bool)> {
     let cropped = recorded.is_some_and(|frame| frame.transforms.contains_key("ImageToCroppedImage"));
     let image = if cropped { "CroppedImageToWorld" } else { "ImageToWorld" };
-    let mut all = vec![
+    let mut transforms = vec![
         (image, image_to_world, true),
         ("TransducerToWorld", transducer_to_world, true),
     ];
     let others = recorded.into_iter().flat_map(|frame| &frame.transforms);
     let others = others
         .filter(|(name, _)| !["ImageToWorld", "CroppedImageToWorld", "TransducerToWorld"].contains(&name.as_str()));
-    all.extend(others.map(|(name, transform)| (name.as_str(), transform.matrix, transform.valid)));
-    all
+    transforms.extend(others.map(|(name, transform)| (name.as_str(), transform.matrix, transform.valid)));
+    transforms
 }
 
 fn wrong_size(path: &Path, frame: usize, found: usize, [width, height]: [usize; 2]) -> OutputError {

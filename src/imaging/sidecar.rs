@@ -131,7 +131,7 @@ impl NeedlePlace {
         let tip = needle.tip_mm();
         let in_probe: Point3<f64> = pose.world_to_probe().transform_point(&tip);
         let tip_px = grid.to_pixel(in_probe.x, in_probe.y);
-        let inside = |at: f64, pixels: usize| at >= -0.5 && at < pixels as f64 - 0.5;
+        let inside = |coordinate: f64, pixels: usize| coordinate >= -0.5 && coordinate < pixels as f64 - 0.5;
         Self {
             tip_mm: tip.into(),
             tip_px,

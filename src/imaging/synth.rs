@@ -401,7 +401,7 @@ impl Synthesizer {
         let end = passes
             .iter()
             .rposition(|planned| planned.pass.name == pass)
-            .map_or(passes.len(), |at| at + 1);
+            .map_or(passes.len(), |index| index + 1);
         match &mut self.executor {
             Executor::Cpu(cpu) => cpu.run(&passes[..end], &self.tables, state)?,
             Executor::CpuF64(cpu) => cpu.run(&passes[..end], &self.tables, state)?,
@@ -415,8 +415,8 @@ impl Synthesizer {
     pub(crate) fn render_each(&mut self, state: &FrameState) -> Result<Vec<layers::Beam>, SynthError> {
         self.begin_alone(state)?;
         let mut beams = Vec::with_capacity(self.plan.passes.len());
-        for at in 0..self.plan.passes.len() {
-            let (state, passes) = (self.local.of(state), &self.plan.passes[..=at]);
+        for index in 0..self.plan.passes.len() {
+            let (state, passes) = (self.local.of(state), &self.plan.passes[..=index]);
             match (&mut self.executor, passes) {
                 (Executor::Cpu(cpu), [.., last]) => cpu.run(std::slice::from_ref(last), &self.tables, state)?,
                 (Executor::CpuF64(cpu), [.., last]) => cpu.run(std::slice::from_ref(last), &self.tables, state)?,
@@ -424,7 +424,7 @@ impl Synthesizer {
                 (Executor::Gpu(gpu), [first]) => gpu.run_until(first.pass.name, &self.plan, &self.tables, state)?,
                 (_, []) => {}
             }
-            beams.push(self.beam_after(at + 1)?);
+            beams.push(self.beam_after(index + 1)?);
         }
         Ok(beams)
     }

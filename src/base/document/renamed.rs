@@ -20,7 +20,7 @@ const RENAMED: &[[&str; 3]] = &[
 
 /// Current name of a renamed key of a table.
 pub(super) fn now(table: &str, key: &str) -> Option<&'static str> {
-    let row = RENAMED.iter().find(|[of, old, _]| (*of, *old) == (table, key));
+    let row = RENAMED.iter().find(|[owner, old, _]| (*owner, *old) == (table, key));
     row.map(|[.., new]| *new)
 }
 
@@ -38,8 +38,12 @@ impl Source {
             collect("", root.get_ref(), &mut old_keys);
         }
         old_keys.sort_unstable();
-        let note = |(at, old, new): (usize, String, &str)| {
-            format!("{}, line {}: `{old}` is now called `{new}`", self.name, self.line(at))
+        let note = |(offset, old, new): (usize, String, &str)| {
+            format!(
+                "{}, line {}: `{old}` is now called `{new}`",
+                self.name,
+                self.line(offset)
+            )
         };
         old_keys.into_iter().map(note).collect()
     }

@@ -66,9 +66,16 @@ pub(super) fn home_of<T: JsonSchema>(key: &str) -> Option<String> {
 /// Maximum depth of nested tables.
 const DEEPEST: usize = 3;
 
-/// Adds the headers of the tables within `at`, the one at `path`, that have a key.
-fn collect(schema: &Value, at: &Value, [path, header]: [&str; 2], key: &str, depth: usize, tables: &mut Vec<String>) {
-    let Some(properties) = at.get("properties").and_then(Value::as_object) else {
+/// Adds the headers of the tables within `schema_part`, the one at `path`, that have a key.
+fn collect(
+    schema: &Value,
+    schema_part: &Value,
+    [path, header]: [&str; 2],
+    key: &str,
+    depth: usize,
+    tables: &mut Vec<String>,
+) {
+    let Some(properties) = schema_part.get("properties").and_then(Value::as_object) else {
         return;
     };
     if !path.is_empty() && properties.contains_key(key) {

@@ -158,6 +158,7 @@ impl Folder {
                 }
             }
         }
+        // An input inside the folder would be moved away or written over before it is read again.
         let Ok(root) = fs::canonicalize(&self.target) else {
             return Ok(());
         };

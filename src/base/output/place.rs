@@ -30,8 +30,8 @@ const START: u64 = 512;
 /// # Errors
 /// [`OutputError`] if a file cannot be written.
 pub fn check(files: &[&Path], inputs: &[PathBuf], force: bool, formats: &[Written]) -> Result<(), OutputError> {
-    for (at, path) in files.iter().enumerate() {
-        if files[..at].iter().any(|other| same(other, path)) {
+    for (index, path) in files.iter().enumerate() {
+        if files[..index].iter().any(|other| same(other, path)) {
             return Err(OutputError::Twice {
                 path: path.to_path_buf(),
             });

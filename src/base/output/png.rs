@@ -92,9 +92,9 @@ fn write(
     })
 }
 
-/// Path of frame `frame` of `of` in a numbered folder: `frame_0000.png`, with as many digits as the last one has, at least 4.
-pub fn frame_path(folder: &Path, frame: usize, of: usize) -> PathBuf {
-    folder.join(format!("frame_{}.png", numbered(frame, of)))
+/// Path of frame `frame` of `total` in a numbered folder: `frame_0000.png`, with as many digits as the last one has, at least 4.
+pub fn frame_path(folder: &Path, frame: usize, total: usize) -> PathBuf {
+    folder.join(format!("frame_{}.png", numbered(frame, total)))
 }
 
 /// Path of a layer of a file: beside it, with the layer's name before the extension: `frame_0000_depth.png`.

@@ -60,10 +60,10 @@ impl Nearby {
             self.cell = Some(cell);
         }
         let t = (scaled - cell).map(|f| f * f * (3.0 - 2.0 * f));
-        let along_x = |at: usize| self.corners[at] + (self.corners[at + 1] - self.corners[at]) * t.x;
-        let along_xy = |at: usize| {
-            let low = along_x(at);
-            low + (along_x(at + 2) - low) * t.y
+        let along_x = |corner: usize| self.corners[corner] + (self.corners[corner + 1] - self.corners[corner]) * t.x;
+        let along_xy = |corner: usize| {
+            let low = along_x(corner);
+            low + (along_x(corner + 2) - low) * t.y
         };
         let low = along_xy(0);
         2.0 * (low + (along_xy(4) - low) * t.z) - 1.0

@@ -18,10 +18,10 @@ pub(crate) fn plane_step(plane: usize) -> i32 {
 /// Distance between scanlines at the array and its growth per sample, in sample distances.
 pub fn spacing(tables: &Tables) -> [f64; 2] {
     let grid = &tables.grid;
-    let at = |sample: usize| grid.lateral_spacing_mm(grid.sample_depth_mm(sample)) / tables.sample_mm();
+    let scanline_samples = |sample: usize| grid.lateral_spacing_mm(grid.sample_depth_mm(sample)) / tables.sample_mm();
     [
-        at(0),
-        (at(tables.samples() - 1) - at(0)) / (tables.samples() - 1).max(1) as f64,
+        scanline_samples(0),
+        (scanline_samples(tables.samples() - 1) - scanline_samples(0)) / (tables.samples() - 1).max(1) as f64,
     ]
 }
 

@@ -103,9 +103,9 @@ pub fn gaps(tables: &Tables, state: &FrameState, gaps: &mut Vec<f32>) {
         .map_or(0.0, |contact| contact.reach_mm);
     let lines = tables.lines();
     let to_index = tables.volume.world_to_index() * state.probe_to_world;
-    let gap = |at: usize| {
-        let [x, y, dx, dy] = tables.rays[at % lines];
-        let z = f64::from(plane_step(at / lines)) * tables.plane_mm();
+    let gap = |index: usize| {
+        let [x, y, dx, dy] = tables.rays[index % lines];
+        let z = f64::from(plane_step(index / lines)) * tables.plane_mm();
         let (start, along) = (
             to_index * Vector4::new(x, y, z, 1.0),
             to_index * Vector4::new(dx, dy, 0.0, 0.0),
@@ -132,7 +132,9 @@ pub fn gaps(tables: &Tables, state: &FrameState, gaps: &mut Vec<f32>) {
     gaps.resize(2 * lines * tables.planes(), 0.0);
     let (raw, smooth) = gaps.split_at_mut(lines * tables.planes());
     // Multiples of 1/64 mm: exact in single precision.
-    raw.iter_mut().enumerate().for_each(|(at, raw)| *raw = gap(at) as f32);
+    raw.iter_mut()
+        .enumerate()
+        .for_each(|(index, raw)| *raw = gap(index) as f32);
     for (raw, smooth) in raw.chunks(lines).zip(smooth.chunks_mut(lines)) {
         for (line, gap) in smooth.iter_mut().enumerate().filter(|(line, _)| raw[*line] >= 0.0) {
             let near = &raw[line.saturating_sub(SMOOTHED)..lines.min(line + SMOOTHED + 1)];

@@ -214,11 +214,11 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
                 }
                 let echo = T::vectorised(Step {
                     surfaces: &surfaces,
-                    labels: between.map(|at| labels[at]),
-                    positions: between.map(|at| positions[at]),
+                    labels: between.map(|index| labels[index]),
+                    positions: between.map(|index| positions[index]),
                 });
                 if let Some(echo) = echo {
-                    between.into_iter().for_each(|at| add(at, echo));
+                    between.into_iter().for_each(|index| add(index, echo));
                 }
             }
         }
@@ -389,15 +389,15 @@ impl<'a, T: Real> Surfaces<'a, T> {
         // Lanes past the taps have zero weight.
         let (mut weights, mut slopes) = ([[T::zero(); LANES]; 3], [[T::zero(); LANES]; 3]);
         for axis in 0..3 {
-            let at = (shifted[axis] - half) / T::from_signed(self.stride[axis]);
+            let steps = (shifted[axis] - half) / T::from_signed(self.stride[axis]);
             // Shifting by one keeps the truncation a floor: indices start at -0.5.
-            base[axis] = (at + T::one()).trunc().integer() - 1;
-            let fraction = at - T::from_signed(base[axis]);
+            base[axis] = (steps + T::one()).trunc().integer() - 1;
+            let fraction = steps - T::from_signed(base[axis]);
             for tap in 0..TAPS {
                 let x = T::from_signed(tap as i32 + 1 - REACH) - fraction;
-                let rest = T::one() - x * x * T::of(1.0 / f64::from(REACH * REACH));
-                weights[axis][tap] = rest * rest;
-                slopes[axis][tap] = x * rest;
+                let closeness = T::one() - x * x * T::of(1.0 / f64::from(REACH * REACH));
+                weights[axis][tap] = closeness * closeness;
+                slopes[axis][tap] = x * closeness;
             }
         }
         let mut offsets = [[0; LANES]; 3];
@@ -407,18 +407,20 @@ impl<'a, T: Real> Surfaces<'a, T> {
         }
         let [columns, rows, slabs] = &offsets;
         let mut labels = [[0; LANES]; TAPS * TAPS];
-        for (at, labels) in labels.iter_mut().enumerate() {
-            *labels = self.reader.row(columns, rows[at % TAPS] + slabs[at / TAPS]);
+        for (row, labels) in labels.iter_mut().enumerate() {
+            *labels = self.reader.row(columns, rows[row % TAPS] + slabs[row / TAPS]);
         }
         // 1 for the second label, -1 for the first: all at once, as each step fills vector registers.
         let mut signs = [[T::zero(); LANES]; TAPS * TAPS];
         let (all_signs, labels) = (signs.as_flattened_mut(), labels.as_flattened());
-        for at in 0..LANES * TAPS * TAPS {
-            all_signs[at] = T::from_signed(i32::from(i8::from(labels[at] == far) - i8::from(labels[at] == near)));
+        for voxel in 0..LANES * TAPS * TAPS {
+            all_signs[voxel] = T::from_signed(i32::from(
+                i8::from(labels[voxel] == far) - i8::from(labels[voxel] == near),
+            ));
         }
         let mut sums = [[T::zero(); LANES]; 3];
-        for (at, signs) in signs.iter().enumerate() {
-            let (j, k) = (at % TAPS, at / TAPS);
+        for (row, signs) in signs.iter().enumerate() {
+            let (j, k) = (row % TAPS, row / TAPS);
             let factors = [
                 weights[1][j] * weights[2][k],
                 slopes[1][j] * weights[2][k],

@@ -158,12 +158,12 @@ impl<T: Real> Kernel for Add<'_, T> {
     #[inline(always)]
     fn run(self) {
         let scale = T::of(f64::from(self.numbers.scale));
-        for (column, (pixel, at)) in self.pixels.iter_mut().zip(self.map).enumerate() {
+        for (column, (pixel, beam_position)) in self.pixels.iter_mut().zip(self.map).enumerate() {
             let deviate = deviate(column as i32, self.row, self.numbers.frame, self.numbers.seed);
             let noisy = (*pixel + T::from_signed(deviate) * scale)
                 .max(T::zero())
                 .min(T::of(255.0));
-            *pixel = if at[0] < 0.0 { *pixel } else { noisy };
+            *pixel = if beam_position[0] < 0.0 { *pixel } else { noisy };
         }
     }
 }

@@ -36,14 +36,15 @@ impl PointSpread {
     /// Completes the stated lengths with the defaults of a probe.
     pub fn new(speckle: &Speckle, probe: &Probe) -> Self {
         let mhz = probe.frequency_mhz;
-        let of = |stated: Option<f64>, at_1_mhz: f64, most: f64| stated.unwrap_or((at_1_mhz / mhz).clamp(0.05, most));
+        let scaled =
+            |stated: Option<f64>, at_1_mhz: f64, largest: f64| stated.unwrap_or((at_1_mhz / mhz).clamp(0.05, largest));
         let aperture_mm = probe.shape.kind().shared_aperture_mm();
         Self {
-            axial_mm: of(speckle.axial_mm, AXIAL_MM, 10.0),
-            lateral_mm: of(speckle.lateral_mm, LATERAL_MM, 20.0),
-            elevational_mm: of(speckle.elevational_mm, ELEVATIONAL_MM, 20.0),
+            axial_mm: scaled(speckle.axial_mm, AXIAL_MM, 10.0),
+            lateral_mm: scaled(speckle.lateral_mm, LATERAL_MM, 20.0),
+            elevational_mm: scaled(speckle.elevational_mm, ELEVATIONAL_MM, 20.0),
             focus_mm: speckle.focus_mm.unwrap_or(probe.depth_mm / 2.0),
-            focal_zone_mm: of(speckle.focal_zone_mm, FOCAL_ZONE_MM, 10_000.0).max(1.0),
+            focal_zone_mm: scaled(speckle.focal_zone_mm, FOCAL_ZONE_MM, 10_000.0).max(1.0),
             divergence: match (aperture_mm, speckle.lateral_mm) {
                 (Some(aperture_mm), None) => SOUND_MM_US / mhz / aperture_mm,
                 _ => 0.0,

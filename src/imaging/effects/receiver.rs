@@ -88,8 +88,8 @@ impl Receiver {
         let mut table = clutter::table(grid, &key.spread, key.seed, |depth_mm| {
             self.clutter_power(depth_mm, key.attenuation_db_cm)
         });
-        for (at, power) in table.iter_mut().enumerate() {
-            let depth_mm = grid.sample_depth_mm(at % grid.samples());
+        for (index, power) in table.iter_mut().enumerate() {
+            let depth_mm = grid.sample_depth_mm(index % grid.samples());
             *power += self.ring_down_power(depth_mm, key.frequency_mhz) as f32;
         }
         table
@@ -243,9 +243,9 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
             chunks(&store.label, chunk),
             chunks(&tables.effects.receiver.clutter, chunk),
         ),
-        &|(at, amplitudes, labels, clutter)| {
+        &|(block, amplitudes, labels, clutter)| {
             T::vectorised(Scanlines {
-                first: (at * LINES) as i32,
+                first: (block * LINES) as i32,
                 numbers: &numbers,
                 noise,
                 labels,
@@ -280,9 +280,9 @@ impl<T: Real> Kernel for Scanlines<'_, T> {
             let mut before = smoothed(self.first, start as i32, length, self.numbers);
             for (line, amplitudes) in self.amplitudes.chunks_mut(samples).enumerate() {
                 let after = smoothed(self.first + line as i32 + 1, start as i32, length, self.numbers);
-                let at = line * samples + start;
-                let labels = &self.labels[at..at + length];
-                let clutter = &self.clutter[at..at + length];
+                let index = line * samples + start;
+                let labels = &self.labels[index..index + length];
+                let clutter = &self.clutter[index..index + length];
                 let amplitudes = &mut amplitudes[start..start + length];
                 for i in 0..length {
                     let drawn = power(map([0, 1], |part: usize| before[part][i] + after[part][i]));

@@ -64,12 +64,12 @@ const SOFT_MRAYL: f64 = 1.65;
 
 /// Refractive index of a tissue of an impedance, MRayl.
 pub fn index(impedance_mrayl: f64) -> f64 {
-    let of = |mrayl: f64| (REFERENCE_MRAYL / mrayl).sqrt();
-    let index = of(impedance_mrayl);
+    let ratio = |mrayl: f64| (REFERENCE_MRAYL / mrayl).sqrt();
+    let index = ratio(impedance_mrayl);
     if (index - 1.0).abs() < FURTHEST {
         index
     } else {
-        of(SOFT_MRAYL)
+        ratio(SOFT_MRAYL)
     }
 }
 
@@ -319,13 +319,13 @@ impl<T: Real> Spread<T> {
     /// cumulative phase of a half beam width. Scanlines at the sides use the nearest defined curvature.
     #[inline(always)]
     pub fn factors<'a>(&self, line: usize, phases: impl Fn(usize) -> &'a [T], mut each: impl FnMut(usize, T, T)) {
-        let (one, two, most) = (T::one(), T::of(2.0), T::of(MAX));
+        let (one, two, largest) = (T::one(), T::of(2.0), T::of(MAX));
         let reach = T::of(self.reach as f64);
         let last = (self.lines / self.reach) as i32 - 3;
-        let place = (T::of(line as f64) + T::of(0.5)) / reach - T::of(0.5);
-        let first = place.truncate().clamp(1, last);
-        let after = (place - T::from_signed(first)).max(T::zero()).min(one);
-        let [a, b, c, d] = std::array::from_fn(|at| phases(first as usize + at - 1));
+        let position = (T::of(line as f64) + T::of(0.5)) / reach - T::of(0.5);
+        let first = position.truncate().clamp(1, last);
+        let after = (position - T::from_signed(first)).max(T::zero()).min(one);
+        let [a, b, c, d] = std::array::from_fn(|point| phases(first as usize + point - 1));
         let mut sum = T::zero();
         for (sample, (((a, b), c), d)) in a.iter().zip(b).zip(c).zip(d).enumerate() {
             let depth = T::of(sample as f64);
@@ -334,7 +334,7 @@ impl<T: Real> Spread<T> {
             let far = *b - two * *c + *d;
             let term = (near + after * (far - near)) * self.unit / (distance * distance);
             sum = sum * self.left + term;
-            each(sample, term, (one / (one + sum).abs()).min(most));
+            each(sample, term, (one / (one + sum).abs()).min(largest));
         }
     }
 }

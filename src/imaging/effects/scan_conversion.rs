@@ -76,11 +76,11 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     for_each(
         (chunks_mut(&mut store.image, width), chunks(&tables.scan_map, width)),
         &|(row, map)| {
-            for (pixel, &at) in row.iter_mut().zip(map) {
-                *pixel = if at[0] < 0.0 {
+            for (pixel, &beam_position) in row.iter_mut().zip(map) {
+                *pixel = if beam_position[0] < 0.0 {
                     fill
                 } else {
-                    bilinear(beam, lines, samples, at)
+                    bilinear(beam, lines, samples, beam_position)
                 };
             }
         },

@@ -126,7 +126,7 @@ pub(crate) const EFFECT: Effect = Effect {
             [&TISSUE, &RAYS]
         };
         let (mirrors, repeats) = (mirror::mirrors(tables), reverberation::repeats(tables));
-        let all = [
+        let passes = [
             (true, loss),
             (opens(tables), rays),
             (opens(tables), &APERTURE),
@@ -135,7 +135,8 @@ pub(crate) const EFFECT: Effect = Effect {
             (mirrors, &MIRROR),
             (repeats, &REVERBERATION),
         ];
-        all.into_iter()
+        passes
+            .into_iter()
             .filter_map(|(runs, pass)| runs.then_some(pass))
             .collect()
     },

@@ -213,13 +213,13 @@ impl<T: Real> Kernel for Scanline<'_, T> {
                 }
             }
             for (i, label) in labels.iter_mut().enumerate() {
-                let at = [shifted[0][i], shifted[1][i], shifted[2][i]];
+                let position = [shifted[0][i], shifted[1][i], shifted[2][i]];
                 *label = if positions[i][3] == T::one() {
                     0
                 } else if is_inside[i] {
-                    reader.inside(at, [base[0][i], base[1][i], base[2][i]], &mut cell)
+                    reader.inside(position, [base[0][i], base[1][i], base[2][i]], &mut cell)
                 } else {
-                    reader.beyond(at, &mut cell)
+                    reader.beyond(position, &mut cell)
                 };
             }
             for i in 0..labels.len() {
@@ -416,8 +416,8 @@ impl<'a, T: Real> LabelReader<'a, T> {
             shares[group * TOGETHER..][..TOGETHER].copy_from_slice(&together(&cell.members[group], &weights));
         }
         let (mut best, mut best_share) = (0, -T::one());
-        for at in 0..8 {
-            let corner = nearest ^ at;
+        for number in 0..8 {
+            let corner = nearest ^ number;
             let (candidate, share) = (cell.labels[corner], shares[usize::from(cell.kind[corner] & 7)]);
             if share > best_share || (share == best_share && candidate < best) {
                 (best, best_share) = (candidate, share);
@@ -449,12 +449,12 @@ impl<'a, T: Real> LabelReader<'a, T> {
         let rows = self.offsets::<4>(1, cell.base[1] - 1, 1);
         let slabs = self.offsets::<4>(2, cell.base[2] - 1, 1);
         let mut around = [[0; 4]; 16];
-        for (at, row) in around.iter_mut().enumerate() {
-            *row = self.row(&columns, rows[at % 4] + slabs[at / 4]);
+        for (number, row) in around.iter_mut().enumerate() {
+            *row = self.row(&columns, rows[number % 4] + slabs[number / 4]);
         }
         let around = around.as_flattened();
         for group in 0..cell.count.div_ceil(TOGETHER) {
-            let kinds: [u8; TOGETHER] = array(|at| cell.kinds[group * TOGETHER + at]);
+            let kinds: [u8; TOGETHER] = array(|member| cell.kinds[group * TOGETHER + member]);
             let members = cell.members[group].as_flattened_mut();
             for voxel in 0..64 {
                 members[voxel] = map(kinds, |kind| if around[voxel] == kind { T::one() } else { T::zero() });
@@ -467,7 +467,7 @@ impl<'a, T: Real> LabelReader<'a, T> {
     pub(crate) fn offsets<const N: usize>(&self, axis: usize, first: i32, stride: i32) -> [usize; N] {
         let pitch = [1, self.size[0], self.size[0] * self.size[1]][axis];
         let last = self.size[axis] - 1;
-        array(|at| ((first + at as i32 * stride).max(0) as usize).min(last) * pitch)
+        array(|step| ((first + step as i32 * stride).max(0) as usize).min(last) * pitch)
     }
 
     /// Labels at offsets along the first axis, given the sum of the offsets along the others.
@@ -477,8 +477,8 @@ impl<'a, T: Real> LabelReader<'a, T> {
         if columns[1] == columns[0] + 1 && columns[N - 1] == columns[0] + N - 1 {
             row.copy_from_slice(&self.voxels[columns[0] + offset..][..N]);
         } else {
-            for at in 0..N {
-                row[at] = self.voxels[columns[at] + offset];
+            for lane in 0..N {
+                row[lane] = self.voxels[columns[lane] + offset];
             }
         }
         row
@@ -505,8 +505,8 @@ fn inner_share<T: Real>(labels: &[u8; 8], label: u8, [x, y, z]: &[[T; 4]; 3]) ->
 #[inline(always)]
 fn together<T: Real>(members: &[[[T; TOGETHER]; 4]; 16], [x, y, z]: &[[T; 4]; 3]) -> [T; TOGETHER] {
     let mut sums = [[T::zero(); TOGETHER]; 4];
-    for (at, members) in members.iter().enumerate() {
-        let weight = y[at % 4] * z[at / 4];
+    for (row, members) in members.iter().enumerate() {
+        let weight = y[row % 4] * z[row / 4];
         for column in 0..4 {
             for label in 0..TOGETHER {
                 sums[column][label] += weight * members[column][label];

@@ -295,7 +295,7 @@ fn params(view: &View, _: Band) -> ParamBlock {
     let plane = |i: usize| speckle.planes.get(i).map_or(0.0, |&weight| weight as f32);
     ParamBlock::of(&SpeckleParams {
         elevation: Vec4::new(elevation[0] as f32, elevation[1] as f32, elevation[2] as f32, 0.0),
-        planes: [0, 4].map(|at| Vec4::new(plane(at), plane(at + 1), plane(at + 2), plane(at + 3))),
+        planes: [0, 4].map(|first| Vec4::new(plane(first), plane(first + 1), plane(first + 2), plane(first + 3))),
         seed: seed_words(tables.settings.seed),
         lines: tables.lines() as u32,
         samples: tables.samples() as u32,

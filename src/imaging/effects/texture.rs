@@ -231,7 +231,7 @@ pub(crate) fn entry_of(anatomy: &Anatomy, label: u8) -> u32 {
     placed(anatomy)
         .iter()
         .position(|placed| placed.name == tissue.name)
-        .map_or(0, |at| at as u32 + 1)
+        .map_or(0, |index| index as u32 + 1)
 }
 
 /// Tissues of the volume's labels with an available texture, each once.

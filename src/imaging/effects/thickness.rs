@@ -135,7 +135,7 @@ fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
     let w = weights::<f32>(tables);
     ParamBlock::of(&ThicknessParams {
-        weights: [0, 4, 8].map(|at| Vec4::new(w[at], w[at + 1], w[at + 2], w[at + 3])),
+        weights: [0, 4, 8].map(|first| Vec4::new(w[first], w[first + 1], w[first + 2], w[first + 3])),
         count: (tables.lines() * tables.samples()) as u32,
         planes: tables.planes() as u32,
         samples: tables.samples() as u32,

@@ -85,11 +85,11 @@ parameters! {
 
 impl Parameters for Tone {
     fn check_others(&self) -> Result<(), OutOfRange> {
-        for (at, &[depth, gain]) in self.tgc_points.iter().enumerate() {
-            let key = |axis: usize| format!("tgc_points[{at}][{axis}]");
+        for (index, &[depth, gain]) in self.tgc_points.iter().enumerate() {
+            let key = |axis: usize| format!("tgc_points[{index}][{axis}]");
             within(&key(0), depth, 0.0..=1000.0)?;
             within(&key(1), gain, -100.0..=100.0)?;
-            let before = at
+            let before = index
                 .checked_sub(1)
                 .map_or(f64::NEG_INFINITY, |before| self.tgc_points[before][0]);
             let expected = format!("more than the depth before it, {before}");
@@ -123,8 +123,8 @@ impl Tone {
         let compensation = self.tgc_db_cm.map_or_else(
             || {
                 let shown_db = (NOISE_GREY - MID_GREY) * self.dynamic_range_db - self.gain_db;
-                let most = noise_db.map_or(f64::INFINITY, |noise_db| (shown_db - noise_db).max(0.0));
-                (attenuation_db_cm * depth_mm / 10.0).min(most)
+                let limit = noise_db.map_or(f64::INFINITY, |noise_db| (shown_db - noise_db).max(0.0));
+                (attenuation_db_cm * depth_mm / 10.0).min(limit)
             },
             |slope| slope * depth_mm / 10.0,
         );
@@ -142,7 +142,7 @@ impl Tone {
     fn curve_db(&self, depth_mm: f64) -> f64 {
         let after = self.tgc_points.partition_point(|point| point[0] <= depth_mm);
         match (
-            after.checked_sub(1).map(|at| self.tgc_points[at]),
+            after.checked_sub(1).map(|index| self.tgc_points[index]),
             self.tgc_points.get(after),
         ) {
             (Some([d0, g0]), Some([d1, g1])) => g0 + (g1 - g0) * (depth_mm - d0) / (d1 - d0),

@@ -217,17 +217,24 @@ fn fill<T: Real>(layer: Layer, view: &View, store: &mut Store<T>, line: impl Fn(
     let (lines, samples) = (view.tables.lines(), view.tables.samples());
     let mut layers = std::mem::take(&mut store.effects.truth.layers);
     let values = &mut layers[place(layer, view.tables) * lines * samples..][..lines * samples];
-    for_each((0.., chunks_mut(values, samples)), &|(at, values)| {
-        line(store, at, values)
+    for_each((0.., chunks_mut(values, samples)), &|(row, values)| {
+        line(store, row, values)
     });
     store.effects.truth.layers = layers;
 }
 
 /// Fills a layer from the place of each sample.
-fn fill_each<T: Real>(layer: Layer, view: &View, store: &mut Store<T>, of: impl Fn(&Store<T>, usize) -> u16 + Sync) {
+fn fill_each<T: Real>(
+    layer: Layer,
+    view: &View,
+    store: &mut Store<T>,
+    value_of: impl Fn(&Store<T>, usize) -> u16 + Sync,
+) {
     fill(layer, view, store, |store, line, values| {
         let first = line * values.len();
-        (first..).zip(values).for_each(|(at, value)| *value = of(store, at));
+        (first..)
+            .zip(values)
+            .for_each(|(index, value)| *value = value_of(store, index));
     });
 }
 
@@ -237,32 +244,39 @@ fn fixed(value: f64) -> u16 {
 
 fn label_values<T: Real>(view: &View, store: &mut Store<T>) {
     let labels = view.tables.volume.labels();
-    fill_each(Layer::LabelValue, view, store, |store, at| {
-        value(&labels[usize::from(store.label[at])])
+    fill_each(Layer::LabelValue, view, store, |store, index| {
+        value(&labels[usize::from(store.label[index])])
     });
 }
 
 fn label_indices<T: Real>(view: &View, store: &mut Store<T>) {
-    fill_each(Layer::LabelIndex, view, store, |store, at| u16::from(store.label[at]));
+    fill_each(Layer::LabelIndex, view, store, |store, index| {
+        u16::from(store.label[index])
+    });
 }
 
-fn point<T: Real>(store: &Store<T>, at: usize) -> Point3<f64> {
-    let [x, y, z, _] = store.position[at].map(Real::wide);
+fn point<T: Real>(store: &Store<T>, index: usize) -> Point3<f64> {
+    let [x, y, z, _] = store.position[index].map(Real::wide);
     Point3::new(x, y, z)
 }
 
 fn beyond<T: Real>(view: &View, store: &mut Store<T>) {
     let volume = &view.tables.volume;
-    fill_each(Layer::Beyond, view, store, |store, at| {
-        u16::from(store.label[at] > 0 && volume.label_index_at(&point(store, at)).is_none())
+    fill_each(Layer::Beyond, view, store, |store, index| {
+        u16::from(store.label[index] > 0 && volume.label_index_at(&point(store, index)).is_none())
     });
 }
 
 fn displacements<T: Real>(view: &View, store: &mut Store<T>) {
     let samples = view.tables.samples();
-    fill_each(Layer::Displacement, view, store, |store, at| {
-        let world = world_position(view.tables, &view.state.probe_to_world, at / samples, at % samples);
-        fixed(100.0 * (world - point(store, at)).norm())
+    fill_each(Layer::Displacement, view, store, |store, index| {
+        let world = world_position(
+            view.tables,
+            &view.state.probe_to_world,
+            index / samples,
+            index % samples,
+        );
+        fixed(100.0 * (world - point(store, index)).norm())
     });
 }
 
@@ -278,14 +292,14 @@ fn depths<T: Real>(view: &View, store: &mut Store<T>) {
 }
 
 fn needle_shares<T: Real>(view: &View, store: &mut Store<T>) {
-    fill_each(Layer::Needle, view, store, |store, at| {
-        fixed(255.0 * store.needle_mask[at][0].wide())
+    fill_each(Layer::Needle, view, store, |store, index| {
+        fixed(255.0 * store.needle_mask[index][0].wide())
     });
 }
 
 fn losses<T: Real>(view: &View, store: &mut Store<T>) {
-    fill_each(Layer::Loss, view, store, |store, at| {
-        fixed(100.0 * f64::from(store.loss[at]) / UNITS_PER_DB)
+    fill_each(Layer::Loss, view, store, |store, index| {
+        fixed(100.0 * f64::from(store.loss[index]) / UNITS_PER_DB)
     });
 }
 
@@ -293,13 +307,15 @@ fn losses<T: Real>(view: &View, store: &mut Store<T>) {
 pub fn images<V: Copy>(tables: &Tables, values: &[V], as_u16: impl Fn(V) -> u16 + Sync, images: &mut Vec<Vec<u16>>) {
     let (count, samples) = (beam(tables), tables.samples());
     images.resize_with(tables.settings.layers.len(), Vec::new);
-    for (place, (image, &layer)) in images.iter_mut().zip(&tables.settings.layers).enumerate() {
+    for (number, (image, &layer)) in images.iter_mut().zip(&tables.settings.layers).enumerate() {
         // A layer without a pass has one value.
-        let of_layer = pass_of(layer, tables).and_then(|_| values.get(place * count..));
+        let of_layer = pass_of(layer, tables).and_then(|_| values.get(number * count..));
         let inside = u16::from(layer == Layer::Sector);
-        let pixel = |at: &[f32; 2]| match of_layer {
-            _ if at[0] < 0.0 => 0,
-            Some(values) => as_u16(values[(at[0] + 0.5) as usize * samples + (at[1] + 0.5) as usize]),
+        let pixel = |beam_position: &[f32; 2]| match of_layer {
+            _ if beam_position[0] < 0.0 => 0,
+            Some(values) => {
+                as_u16(values[(beam_position[0] + 0.5) as usize * samples + (beam_position[1] + 0.5) as usize])
+            }
             None => inside,
         };
         image.clear();

@@ -157,15 +157,15 @@ fn map<T: Real>(view: &View, store: &mut Store<T>) {
         chunks_mut(&mut store.position, samples),
         chunks_mut(&mut store.element, samples),
     );
-    for_each(scanlines, &|(at, positions, elements)| {
-        rasterise(slab, at % lines, positions, elements);
+    for_each(scanlines, &|(row, positions, elements)| {
+        rasterise(slab, row % lines, positions, elements);
         carry(slab, positions, elements);
     });
 }
 
 /// Finds the elements of the samples of one scanline, as slots in the list of deformed elements, and sets the flags of their positions.
 pub(crate) fn rasterise<T: Real>(slab: &Slab<T>, line: usize, positions: &mut [[T; 4]], elements: &mut [u32]) {
-    let ends = [0, positions.len() - 1].map(|at| positions[at].map(T::wide));
+    let ends = [0, positions.len() - 1].map(|sample| positions[sample].map(T::wide));
     let flag = |flag: u32| T::of(f64::from(flag));
     elements.fill(NO_ELEMENT);
     positions.iter_mut().for_each(|position| position[3] = flag(OUTSIDE));

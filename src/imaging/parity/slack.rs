@@ -129,16 +129,16 @@ impl Departures {
     }
 
     fn within(&mut self, step: &Step, index: usize, what: &str, [exact, twin, bound]: [f64; 3]) {
-        let off = (twin - exact).abs();
-        if off <= bound && bound.is_finite() {
-            if off > 0.0 {
-                self.share = self.share.max(off / bound);
+        let error = (twin - exact).abs();
+        if error <= bound && bound.is_finite() {
+            if error > 0.0 {
+                self.share = self.share.max(error / bound);
             }
             return;
         }
-        let at = step.at(index);
+        let label = step.at(index);
         self.faults.push(format!(
-            "{at}: {what} {twin} instead of {exact}: off by {off:e}, at most {bound:e} by rounding"
+            "{label}: {what} {twin} instead of {exact}: off by {error:e}, at most {bound:e} by rounding"
         ));
     }
 }

@@ -47,8 +47,8 @@ pub fn pick_tried<E>(
         known.push((choice.settings.clone(), tried.ms));
         all.push((choice, tried));
     }
-    let taken = pareto::choose(&all, budget_ms, 1.0, |(choice, tried)| [tried.ms, choice.error]);
-    Ok(taken.map(
+    let cheapest = pareto::choose(&all, budget_ms, 1.0, |(choice, tried)| [tried.ms, choice.error]);
+    Ok(cheapest.map(
         |pareto::Choice {
              taken: (choice, tried), ..
          }| { choice.picked(asked, budget_ms, costs, tried.ms, &tried.measured) },

@@ -26,8 +26,8 @@ pub fn envelope(echoes: &Echoes, frame: usize) -> Vec<f32> {
 /// Envelope that becomes white: that of the brightest thousandth of the samples.
 pub fn white(envelope: &[f32]) -> f32 {
     let mut sorted = envelope.to_vec();
-    let at = ((1.0 - SATURATED) * sorted.len() as f64) as usize;
-    let (_, level, _) = sorted.select_nth_unstable_by(at.min(envelope.len() - 1), f32::total_cmp);
+    let rank = ((1.0 - SATURATED) * sorted.len() as f64) as usize;
+    let (_, level, _) = sorted.select_nth_unstable_by(rank.min(envelope.len() - 1), f32::total_cmp);
     level.max(f32::MIN_POSITIVE)
 }
 
@@ -44,24 +44,24 @@ pub fn scan_converted(grey: &[f32], beam: &BeamGrid, image: &ImageGrid, fill: u8
     let (lines, samples) = (beam.lines(), grey.len() / beam.lines());
     let wide = ((image.pixel_mm() / (beam.depth_mm() / samples as f64)).round() as usize).max(1);
     let rows = samples / wide;
-    let mean = |at: usize| {
-        let start = at / rows * samples + at % rows * wide;
+    let mean = |row: usize| {
+        let start = row / rows * samples + row % rows * wide;
         grey[start..start + wide].iter().sum::<f32>() / wide as f32
     };
     let averaged: Vec<f32> = (0..lines * rows).map(mean).collect();
     let scale = rows as f32 / beam.samples() as f32;
     let value = |[line, sample]: [f32; 2]| {
         let sample = (sample + 0.5) * scale - 0.5;
-        let place = |at: f32, count: usize| {
-            let at = at.clamp(0.0, (count - 1) as f32);
-            let low = (at as usize).min(count.saturating_sub(2));
-            (low, at - low as f32, (low + 1).min(count - 1))
+        let neighbours = |position: f32, count: usize| {
+            let position = position.clamp(0.0, (count - 1) as f32);
+            let low = (position as usize).min(count.saturating_sub(2));
+            (low, position - low as f32, (low + 1).min(count - 1))
         };
-        let ((l0, u, l1), (s0, v, s1)) = (place(line, lines), place(sample, rows));
+        let ((l0, u, l1), (s0, v, s1)) = (neighbours(line, lines), neighbours(sample, rows));
         let along = |l: usize| averaged[l * rows + s0] * (1.0 - v) + averaged[l * rows + s1] * v;
         (along(l0) * (1.0 - u) + along(l1) * u).round() as u8
     };
     let map = scan_map(beam, image, 0..image.height());
-    let pixel = |place: &[f32; 2]| if *place == OUTSIDE { fill } else { value(*place) };
+    let pixel = |position: &[f32; 2]| if *position == OUTSIDE { fill } else { value(*position) };
     parallel::map(&map[..], &pixel)
 }

@@ -188,47 +188,47 @@ impl EchoParams {
     }
 
     /// A scatterer whose pulse and beam reach the image.
-    fn packed(&self, it: &Scatterer) -> Option<Packed> {
-        let (start, [low, high]) = (it.sample.floor(), it.lines(self.lines as usize)?);
+    fn packed(&self, scatterer: &Scatterer) -> Option<Packed> {
+        let (start, [low, high]) = (scatterer.sample.floor(), scatterer.lines(self.lines as usize)?);
         let first = start - (self.length / 2 - 1) as f64;
         (first < f64::from(self.samples) && first > -f64::from(self.length)).then_some(Packed {
             start: first as i32,
-            fraction: (it.sample - start) as f32,
-            line: it.line,
-            amplitude: it.amplitude,
-            sigma: it.sigma,
+            fraction: (scatterer.sample - start) as f32,
+            line: scatterer.line,
+            amplitude: scatterer.amplitude,
+            sigma: scatterer.sigma,
             reach: low as u32 | (high as u32) << 16,
         })
     }
 
-    fn bin(&self, it: &Packed) -> usize {
-        (it.start + self.ahead as i32) as usize / BIN
+    fn bin(&self, scatterer: &Packed) -> usize {
+        (scatterer.start + self.ahead as i32) as usize / BIN
     }
 }
 
 impl Binned {
     fn new(scatterers: &[Scatterer], params: &EchoParams) -> Self {
-        let mut scatterers: Vec<Packed> = parallel::filter_map(scatterers, &|it| params.packed(it));
+        let mut scatterers: Vec<Packed> = parallel::filter_map(scatterers, &|scatterer| params.packed(scatterer));
         parallel::sort_by(&mut scatterers, |a, b| {
             params.bin(a).cmp(&params.bin(b)).then(a.line.total_cmp(&b.line))
         });
         let lines = params.lines as usize;
         let ranges = parallel::map(0..params.bins(), &|bin| {
-            let from = scatterers.partition_point(|it| params.bin(it) < bin);
+            let from = scatterers.partition_point(|scatterer| params.bin(scatterer) < bin);
             let of_bin = &scatterers[from..];
-            let of_bin = &of_bin[..of_bin.partition_point(|it| params.bin(it) == bin)];
+            let of_bin = &of_bin[..of_bin.partition_point(|scatterer| params.bin(scatterer) == bin)];
             // Rounding of the reach is far below a line.
-            let widest = of_bin.iter().map(|it| it.sigma).fold(0.0, f32::max) * REACH as f32 + 1.0;
+            let widest = of_bin.iter().map(|scatterer| scatterer.sigma).fold(0.0, f32::max) * REACH as f32 + 1.0;
             let range = |line: usize| {
-                let low = of_bin.partition_point(|it| it.line < line as f32 - widest);
-                let high = of_bin.partition_point(|it| it.line <= line as f32 + widest);
+                let low = of_bin.partition_point(|scatterer| scatterer.line < line as f32 - widest);
+                let high = of_bin.partition_point(|scatterer| scatterer.line <= line as f32 + widest);
                 [(from + low) as u32, (from + high) as u32]
             };
             (0..lines).map(range).collect::<Vec<_>>()
         });
         let ranges: Vec<[u32; 2]> = ranges.concat();
         let near = params.ahead as usize / BIN + 1;
-        let most = (0..lines).flat_map(|line| {
+        let largest = (0..lines).flat_map(|line| {
             let counts: Vec<u32> = ranges
                 .iter()
                 .skip(line)
@@ -238,7 +238,7 @@ impl Binned {
             counts.windows(near).map(|counts| counts.iter().sum::<u32>()).max()
         });
         Self {
-            most: most.max().unwrap_or(0) as usize,
+            most: largest.max().unwrap_or(0) as usize,
             scatterers,
             ranges,
         }

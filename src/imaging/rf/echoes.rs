@@ -31,8 +31,8 @@ impl Pulse {
         } = *acquisition;
         let sigma_us = acquisition.sigma_us();
         let half = (PULSE_REACH * sigma_us * sampling_mhz).ceil() as usize;
-        let value = |at: usize| {
-            let (phase, sample) = (at / (2 * half + 2), at % (2 * half + 2));
+        let value = |index: usize| {
+            let (phase, sample) = (index / (2 * half + 2), index % (2 * half + 2));
             let t = (sample as f64 - half as f64 - phase as f64 / PHASES as f64) / sampling_mhz;
             ((-0.5 * (t / sigma_us).powi(2)).exp() * (std::f64::consts::TAU * frequency_mhz * t).cos()) as f32
         };
@@ -100,28 +100,32 @@ impl Scatterer {
 /// Adds the echoes of scatterers to `lines` scanlines of `samples`, line by line. The result does not depend on the number of threads. In double
 /// precision it is the gold standard of both backends.
 pub fn echoes<R: Real>(scatterers: &mut [Scatterer], pulse: &Pulse, lines: usize, samples: usize) -> Vec<R> {
+    // Blocks of scanlines are filled by several threads; sorted by scanline, the scatterers that reach a block are one run.
     sort_by(scatterers, |a, b| a.line.total_cmp(&b.line));
-    let widest = scatterers.iter().map(|it| it.sigma).fold(0.0, f32::max) * REACH as f32;
+    let widest = scatterers.iter().map(|scatterer| scatterer.sigma).fold(0.0, f32::max) * REACH as f32;
     let mut out = vec![R::default(); lines * samples];
     for_each((0.., chunks_mut(&mut out, BLOCK * samples)), &|(block, rows)| {
         let (first, last) = (block * BLOCK, block * BLOCK + rows.len() / samples - 1);
-        let from = scatterers.partition_point(|it| it.line < first as f32 - widest);
-        let to = scatterers.partition_point(|it| it.line <= last as f32 + widest);
+        let from = scatterers.partition_point(|scatterer| scatterer.line < first as f32 - widest);
+        let to = scatterers.partition_point(|scatterer| scatterer.line <= last as f32 + widest);
         let mut wave = vec![R::default(); pulse.length()];
-        for it in &scatterers[from..to] {
-            let Some([low, high]) = it.lines(lines) else { continue };
+        for scatterer in &scatterers[from..to] {
+            let Some([low, high]) = scatterer.lines(lines) else {
+                continue;
+            };
             let (low, high) = (low.max(first), high.min(last));
-            let start = it.sample.floor();
+            let start = scatterer.sample.floor();
             let begin = start - pulse.half as f64;
             if low > high || begin >= samples as f64 || begin + (pulse.length() as f64) < 0.0 {
                 continue;
             }
-            pulse.at((it.sample - start) as f32, &mut wave);
+            pulse.at((scatterer.sample - start) as f32, &mut wave);
             let skip = ((-begin).max(0.0) as usize).min(wave.len());
             let begin = begin.max(0.0) as usize;
             let wave = &wave[skip..];
             let count = wave.len().min(samples - begin);
-            let [centre, sigma, amplitude] = [it.line, it.sigma, it.amplitude].map(|value| R::of(f64::from(value)));
+            let [centre, sigma, amplitude] =
+                [scatterer.line, scatterer.sigma, scatterer.amplitude].map(|value| R::of(f64::from(value)));
             for line in low..=high {
                 let away = (R::of(line as f64) - centre) / sigma;
                 let weight = amplitude * (R::of(-0.5) * away * away).exp();

@@ -65,7 +65,7 @@ impl Layout {
         let (lines, samples) = (self.lines(), self.samples());
         // Rows of in-phase and quadrature values stay in their order.
         let rows = if self.by_rows { 2 } else { 1 };
-        let place = |line: usize, sample: usize| {
+        let index = |line: usize, sample: usize| {
             let sample = if self.upwards { samples - 1 - sample } else { sample };
             let line = if self.unmarked {
                 lines - rows - line / rows * rows + line % rows
@@ -79,7 +79,7 @@ impl Layout {
             }
         };
         let order = (0..lines).flat_map(|line| (0..samples).map(move |sample| (line, sample)));
-        order.map(|(line, sample)| frame[place(line, sample)]).collect()
+        order.map(|(line, sample)| frame[index(line, sample)]).collect()
     }
 
     /// Layout by the orientation that a header states, in letters of PLUS: columns and rows run far from or near to the transducer (F, N), towards

@@ -57,7 +57,7 @@ impl Medium {
         let length_mm = self.samples as f64 * sample_mm + self.before_mm + 1.0;
         let lines = self.lines as f64 + 2.0 * ASIDE;
         let count = (33.0 * length_mm * 3.2 * lines * PITCH_MM) as usize;
-        let place = |item: usize| {
+        let scatterer = |item: usize| {
             let item = item as i32;
             let z = random(item, 1) * length_mm - self.before_mm;
             let line = random(item, 2) * lines - ASIDE;
@@ -70,7 +70,7 @@ impl Medium {
                 sigma: LATERAL as f32,
             }
         };
-        parallel::map(0..count, &place)
+        parallel::map(0..count, &scatterer)
     }
 
     /// Echoes of the medium displaced by a function of depth, with the noise of a number.
@@ -84,8 +84,8 @@ impl Medium {
         );
         let rms = (samples.iter().map(|value| f64::from(*value).powi(2)).sum::<f64>() / samples.len() as f64).sqrt();
         let level = rms * 10_f64.powf(-self.acquisition.snr_db / 20.0);
-        for_each((0.., &mut samples[..]), &|(at, value)| {
-            *value += (level * normal(at as i32, 50 + noise)) as f32
+        for_each((0.., &mut samples[..]), &|(index, value)| {
+            *value += (level * normal(index as i32, 50 + noise)) as f32
         });
         samples
     }

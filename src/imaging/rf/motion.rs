@@ -65,8 +65,9 @@ impl Options {
         let wide = samples * self.upsampling;
         let window = ((self.window_mm * 1e3 / self.sample_um()).round() as usize).clamp(8, wide / 2);
         let room = (wide - window - 2 * self.upsampling) as f64;
-        let start =
-            |at: usize| self.upsampling + (room * at as f64 / (self.windows.max(2) - 1) as f64).round() as usize;
+        let start = |window: usize| {
+            self.upsampling + (room * window as f64 / (self.windows.max(2) - 1) as f64).round() as usize
+        };
         (window, (0..self.windows).map(start).collect())
     }
 
@@ -150,8 +151,8 @@ impl Frame {
             let mut sums = vec![0.0; values.len() / samples * (samples + 1)];
             let rows = (chunks_mut(&mut sums, samples + 1), chunks(&values, samples));
             for_each(rows, &|(sums, row)| {
-                for (at, value) in row.iter().enumerate() {
-                    sums[at + 1] = sums[at] + each(f64::from(*value));
+                for (sample, value) in row.iter().enumerate() {
+                    sums[sample + 1] = sums[sample] + each(f64::from(*value));
                 }
             });
             sums
@@ -184,9 +185,9 @@ impl WithSimd for Products<'_> {
         let window = f32::vectors::<S>(self.window);
         let zero = f32::splat(simd, 0.0);
         let one = f32::splat(simd, 1.0);
-        let rest = size_of_val(window) / size_of::<f32>();
-        for (at, out) in self.sums.iter_mut().enumerate() {
-            let values = &self.values[at..at + length];
+        let whole = size_of_val(window) / size_of::<f32>();
+        for (lag, out) in self.sums.iter_mut().enumerate() {
+            let values = &self.values[lag..lag + length];
             let mut sums = [zero; 3];
             for (a, b) in window.iter().zip(f32::vectors::<S>(values)) {
                 sums[0] = f32::multiply_add(simd, *a, *b, sums[0]);
@@ -198,7 +199,7 @@ impl WithSimd for Products<'_> {
             for (total, sum) in out.iter_mut().zip(sums) {
                 *total = f64::from(f32::total(simd, sum));
             }
-            for (a, b) in self.window[rest..].iter().zip(&values[rest..]) {
+            for (a, b) in self.window[whole..].iter().zip(&values[whole..]) {
                 out[0] += f64::from(a * b);
                 out[1] += f64::from(*b);
                 out[2] += f64::from(b * b);
@@ -288,11 +289,11 @@ impl Tracker {
         });
         if number > 0.0 && sum < self.options.switch * number {
             for (carried, matches) in self.carried.chunks_mut(count).zip(matches.chunks(count)) {
-                for (at, carried) in carried.iter_mut().enumerate() {
+                for (window, carried) in carried.iter_mut().enumerate() {
                     // A window that does not correlate moves with the nearest one on its line that does.
                     let trusted = (0..count).filter(|other| matches[*other].correlation >= fallback);
                     let shift = trusted
-                        .min_by_key(|other| other.abs_diff(at))
+                        .min_by_key(|other| other.abs_diff(window))
                         .map_or([0.0; 2], |other| matches[other].shift);
                     carried
                         .iter_mut()
@@ -330,11 +331,11 @@ impl Tracker {
     }
 
     /// Takes a window of the reference, where the tissue of that window of the first frame is.
-    fn take(&self, search: &mut Search, line: usize, at: usize) {
-        let carried = self.carried[line * self.options.windows + at].map(|moved| moved.round() as isize);
+    fn take(&self, search: &mut Search, line: usize, window: usize) {
+        let carried = self.carried[line * self.options.windows + window].map(|moved| moved.round() as isize);
         search.take(
             &self.reference,
-            [self.starts[at] as isize + carried[0], line as isize + carried[1]],
+            [self.starts[window] as isize + carried[0], line as isize + carried[1]],
         );
     }
 
@@ -343,8 +344,8 @@ impl Tracker {
     fn reseek_outliers(&self, current: &Frame, line: usize, before: &[Match], matches: &mut [Match]) -> u64 {
         let mut search = self.search(current);
         let mut near = [[0.0; 2]; NEIGHBOURS];
-        for (at, window) in matches.iter_mut().enumerate() {
-            let near = self.neighbours(line, at, before, &mut near);
+        for (number, window) in matches.iter_mut().enumerate() {
+            let near = self.neighbours(line, number, before, &mut near);
             let differ =
                 |a: &[f64; 2], b: &[f64; 2]| (a[0] - b[0]).abs() > self.half_period || (a[1] - b[1]).abs() > STRAY;
             let agreeing = near.iter().filter(|other| !differ(&window.shift, other)).count();
@@ -356,9 +357,9 @@ impl Tracker {
                 let half = near.len() / 2;
                 near.select_nth_unstable_by(half, |a, b| a[axis].total_cmp(&b[axis])).1[axis]
             });
-            self.take(&mut search, line, at);
-            let (place, correlation) = search.climb(median.map(|shift| shift.round() as isize));
-            let refined = search.refined(place);
+            self.take(&mut search, line, number);
+            let (peak, correlation) = search.climb(median.map(|shift| shift.round() as isize));
+            let refined = search.refined(peak);
             *window = if differ(&refined.shift, &median) {
                 Match {
                     shift: median,
@@ -375,16 +376,19 @@ impl Tracker {
     fn neighbours<'a>(
         &self,
         line: usize,
-        at: usize,
+        window: usize,
         matches: &[Match],
         near: &'a mut [[f64; 2]],
     ) -> &'a mut [[f64; 2]] {
         let count = self.options.windows;
         let mut number = 0;
         for line in ASIDE.iter().filter_map(|aside| line.checked_add_signed(*aside)) {
-            for at in ALONG.iter().filter_map(|along| at.checked_add_signed(*along)) {
-                if line < self.lines && at < count && matches[line * count + at].correlation >= self.options.fallback {
-                    near[number] = matches[line * count + at].shift;
+            for window in ALONG.iter().filter_map(|along| window.checked_add_signed(*along)) {
+                if line < self.lines
+                    && window < count
+                    && matches[line * count + window].correlation >= self.options.fallback
+                {
+                    near[number] = matches[line * count + window].shift;
                     number += 1;
                 }
             }
@@ -400,22 +404,22 @@ impl Tracker {
         let across = self.options.wide_lines as isize;
         let mut prior: Option<[isize; 2]> = None;
         let mut trusted: Option<[isize; 2]> = None;
-        for at in 0..count {
-            let index = line * count + at;
-            self.take(&mut search, line, at);
-            let last = self.last[index].map(|moved| moved.map(|moved| moved.round() as isize));
-            let mut best = match prior.or(last) {
+        for number in 0..count {
+            let index = line * count + number;
+            self.take(&mut search, line, number);
+            let last_shift = self.last[index].map(|moved| moved.map(|moved| moved.round() as isize));
+            let mut best = match prior.or(last_shift) {
                 Some(start) if self.options.prior => search.climb(start),
                 _ => ([0; 2], OUTSIDE),
             };
             if best.1 < self.options.fallback {
-                let all = search.all(trusted.or(last).unwrap_or_default(), [wide, across]);
-                if all.1 > best.1 {
-                    best = all;
+                let best_in_range = search.all(trusted.or(last_shift).unwrap_or_default(), [wide, across]);
+                if best_in_range.1 > best.1 {
+                    best = best_in_range;
                 }
             }
             let window = search.refined(best.0);
-            matches[at] = window;
+            matches[number] = window;
             // A window that does not correlate is no start for the next one.
             let is_trusted = window.correlation >= self.options.fallback;
             prior = is_trusted.then(|| window.shift.map(|shift| shift.round() as isize));
@@ -489,8 +493,8 @@ impl Search<'_> {
         });
         if let Some([sums, squares]) = &self.frame.sums {
             let from = from + line;
-            for (at, out) in self.sums.iter_mut().enumerate() {
-                let over = |sums: &[f64]| sums[from + at + length] - sums[from + at];
+            for (lag, out) in self.sums.iter_mut().enumerate() {
+                let over = |sums: &[f64]| sums[from + lag + length] - sums[from + lag];
                 (out[1], out[2]) = (over(sums), over(squares));
             }
         }
@@ -530,17 +534,17 @@ impl Search<'_> {
     }
 
     /// Peak along the line through a place: its offset, height and the sample below it.
-    fn along(&mut self, mut place: [isize; 2]) -> (f64, f64, [isize; 2], f64) {
-        let mut three: [f64; 3] = self.row([place[0] - 1, place[1]]);
+    fn along(&mut self, mut start: [isize; 2]) -> (f64, f64, [isize; 2], f64) {
+        let mut three: [f64; 3] = self.row([start[0] - 1, start[1]]);
         loop {
             let [before, middle, after] = three;
             if before.max(after) <= middle {
                 let (offset, height) = cosine_peak(three);
-                return (offset, height, place, middle);
+                return (offset, height, start, middle);
             }
             let step = if before > after { -1 } else { 1 };
-            place[0] += step;
-            let [next] = self.row([place[0] + step, place[1]]);
+            start[0] += step;
+            let [next] = self.row([start[0] + step, start[1]]);
             three = if step < 0 {
                 [next, before, middle]
             } else {
@@ -550,20 +554,22 @@ impl Search<'_> {
     }
 
     /// Motion between samples and lines, from the peak above a place, and the correlation at the nearest sample.
-    fn refined(&mut self, place: [isize; 2]) -> Match {
-        let (mut down, mut height, mut at, mut correlation) = self.along(place);
+    fn refined(&mut self, start: [isize; 2]) -> Match {
+        let (mut down, mut height, mut peak, mut correlation) = self.along(start);
         loop {
-            let beside = [-1, 1].map(|aside| self.along([at[0], at[1] + aside]));
+            let beside = [-1, 1].map(|aside| self.along([peak[0], peak[1] + aside]));
             let higher = beside
                 .iter()
                 .max_by(|a, b| a.1.total_cmp(&b.1))
-                .filter(|it| it.1 > height);
+                .filter(|candidate| candidate.1 > height);
             match higher {
-                Some(it) => (down, height, at, correlation) = (it.0, it.1, it.2, it.3),
+                Some(candidate) => {
+                    (down, height, peak, correlation) = (candidate.0, candidate.1, candidate.2, candidate.3)
+                }
                 None => {
                     let (aside, _) = cosine_peak([beside[0].1, height, beside[1].1]);
                     return Match {
-                        shift: [at[0] as f64 + down, at[1] as f64 + aside],
+                        shift: [peak[0] as f64 + down, peak[1] as f64 + aside],
                         correlation,
                     };
                 }

@@ -192,9 +192,9 @@ impl RfSynthesizer {
         let (grid, locator, spread) = (&self.grid, self.locator.as_ref(), &self.spread);
         let (sample_mm, last) = (self.acquisition.sample_mm(), self.lines() - 1);
         let mut seen: Vec<Scatterer> = parallel::filter_map(&mut self.points[..], &|point| {
-            let at = to_probe.transform_point(&carried(locator, point.at, &mut point.element));
-            let (line, depth_mm) = grid.to_line_and_depth(at.x, at.y);
-            let beyond = at.z / sigma_mm;
+            let point_mm = to_probe.transform_point(&carried(locator, point.at, &mut point.element));
+            let (line, depth_mm) = grid.to_line_and_depth(point_mm.x, point_mm.y);
+            let beyond = point_mm.z / sigma_mm;
             if beyond.abs() > REACH || depth_mm <= 0.0 || depth_mm > grid.depth_mm() + 1.0 {
                 return None;
             }
@@ -250,8 +250,8 @@ impl RfSynthesizer {
         let strain = self.reference.iter().zip(&self.current).map(moved).fold(0.0, f64::max);
         let corners = self.corners(0.0);
         let shift = self.region.as_ref().map_or(0.0, |region| {
-            let distance = |at: &Point3<f64>| {
-                (probe_to_world.transform_point(at) - region.probe_to_world.transform_point(at)).norm()
+            let distance = |corner: &Point3<f64>| {
+                (probe_to_world.transform_point(corner) - region.probe_to_world.transform_point(corner)).norm()
             };
             corners.iter().map(distance).fold(0.0, f64::max)
         });
@@ -277,7 +277,7 @@ impl RfSynthesizer {
         let aside = REACH * self.spread.lateral_mm / FWHM + margin_mm;
         let x = [bounds.min[0] - aside, bounds.max[0] + aside];
         let y = [bounds.min[1] - margin_mm, bounds.max[1] + margin_mm];
-        let corner = |at: usize| Point3::new(x[at & 1], y[at >> 1 & 1], [-beyond, beyond][at >> 2]);
+        let corner = |number: usize| Point3::new(x[number & 1], y[number >> 1 & 1], [-beyond, beyond][number >> 2]);
         (0..8).map(corner).collect()
     }
 
@@ -288,10 +288,10 @@ impl RfSynthesizer {
         let (low, high) = (corners[0], corners[7]);
         let world: Vec<_> = corners
             .iter()
-            .map(|at| region.probe_to_world.transform_point(at))
+            .map(|corner| region.probe_to_world.transform_point(corner))
             .collect();
         let range = |axis: usize| {
-            let along = || world.iter().map(|at| at[axis] / side);
+            let along = || world.iter().map(|corner| corner[axis] / side);
             let (from, to) = (
                 along().fold(f64::INFINITY, f64::min),
                 along().fold(f64::NEG_INFINITY, f64::max),
@@ -300,7 +300,7 @@ impl RfSynthesizer {
         };
         let to_probe = inverse_rigid(&region.probe_to_world);
         let seed = seed_words(self.settings.seed);
-        let other = seed_words(self.settings.seed ^ AMPLITUDES);
+        let sign_seed = seed_words(self.settings.seed ^ AMPLITUDES);
         let volume = &self.anatomy.volume;
         let tissues = &self.anatomy.tissues;
         let strength = self
@@ -311,26 +311,26 @@ impl RfSynthesizer {
             .map_or(0.0, |texture| texture.strength);
         let point = |cell: [i32; 3]| {
             let words = hash3(cell, seed);
-            let at = [0, 1, 2].map(|axis| (f64::from(cell[axis]) + f64::from(unit(words[axis]))) * side);
-            let seen = to_probe.transform_point(&Point3::from(at));
+            let position = [0, 1, 2].map(|axis| (f64::from(cell[axis]) + f64::from(unit(words[axis]))) * side);
+            let seen = to_probe.transform_point(&Point3::from(position));
             if (0..3).any(|axis| !(low[axis]..=high[axis]).contains(&seen[axis])) {
                 return None;
             }
-            let label = volume.label_index_at(&Point3::from(at))?;
+            let label = volume.label_index_at(&Point3::from(position))?;
             let tissue = tissues.of(label);
             let mut amplitude = 10_f64.powf(tissue.echogenicity_db / 20.0);
             let entry = self.entries[usize::from(label)] as usize;
             if let (Some(atlas), true) = (&self.atlas, entry > 0) {
-                amplitude *= 1.0 + strength * (atlas.sample(entry - 1, at) - 1.0);
+                amplitude *= 1.0 + strength * (atlas.sample(entry - 1, position) - 1.0);
             }
             // Equal magnitudes need fewest scatterers for fully developed speckle.
-            let amplitude = if hash3(cell, other)[0] & 1 == 0 {
+            let amplitude = if hash3(cell, sign_seed)[0] & 1 == 0 {
                 amplitude
             } else {
                 -amplitude
             } as f32;
             (amplitude != 0.0).then_some(Point {
-                at,
+                at: position,
                 amplitude,
                 element: NO_ELEMENT,
             })
@@ -352,8 +352,8 @@ impl RfSynthesizer {
         let lost = |line: usize| -> Vec<f32> {
             let ray = self.grid.rays()[line];
             let mut sum = 0.0;
-            let step = |at: usize| {
-                let along = (at as f64 + 0.5) * LOSS_MM;
+            let left = |step: usize| {
+                let along = (step as f64 + 0.5) * LOSS_MM;
                 let [x, y] = [0, 1].map(|axis| ray.origin[axis] + along * ray.direction[axis]);
                 let point = probe_to_world.transform_point(&Point3::new(x, y, 0.0));
                 let db = self.db_per_mm(shadow, &point) * LOSS_MM;
@@ -361,13 +361,13 @@ impl RfSynthesizer {
                 sum += db;
                 10_f64.powf(-here / 20.0) as f32
             };
-            (0..steps).map(step).collect()
+            (0..steps).map(left).collect()
         };
         parallel::map(0..self.lines(), &lost).concat()
     }
 
-    fn db_per_mm(&self, shadow: &Shadow, at: &Point3<f64>) -> f64 {
-        let label = self.anatomy.volume.label_index_at(at);
+    fn db_per_mm(&self, shadow: &Shadow, position: &Point3<f64>) -> f64 {
+        let label = self.anatomy.volume.label_index_at(position);
         label.map_or(0.0, |label| {
             shadow.db_per_mm(self.anatomy.tissues.of(label), self.acquisition.frequency_mhz)
         })
@@ -391,11 +391,11 @@ impl RfSynthesizer {
 }
 
 /// Current position of a point of the reference state, whose search starts at `element`.
-fn carried(locator: Option<&Locator<f64>>, at: [f64; 3], element: &mut u32) -> Point3<f64> {
-    let Some(locator) = locator else { return at.into() };
-    *element = locator.locate(at, *element).element;
+fn carried(locator: Option<&Locator<f64>>, position: [f64; 3], element: &mut u32) -> Point3<f64> {
+    let Some(locator) = locator else { return position.into() };
+    *element = locator.locate(position, *element).element;
     match *element {
-        NO_ELEMENT => at.into(),
-        element => locator.to_reference(element, at).into(),
+        NO_ELEMENT => position.into(),
+        element => locator.to_reference(element, position).into(),
     }
 }

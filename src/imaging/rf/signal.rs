@@ -53,13 +53,13 @@ const KAISER: f64 = 8.0;
 
 /// Interpolation kernels at each fraction of a sample, for samples `HALF - 1` before to `HALF` behind: windowed sinc functions.
 fn kernels(upsampling: usize) -> Vec<[f32; 2 * HALF]> {
-    let weight = |fraction: f64, at: usize| {
-        let away = fraction + (HALF - 1) as f64 - at as f64;
+    let weight = |fraction: f64, tap: usize| {
+        let away = fraction + (HALF - 1) as f64 - tap as f64;
         let window = bessel_i0(KAISER * (1.0 - (away / HALF as f64).powi(2)).max(0.0).sqrt()) / bessel_i0(KAISER);
         (PI * away).sin() / (PI * away) * window
     };
     let kernel = |phase: usize| {
-        let weights: [f64; 2 * HALF] = std::array::from_fn(|at| weight(phase as f64 / upsampling as f64, at));
+        let weights: [f64; 2 * HALF] = std::array::from_fn(|tap| weight(phase as f64 / upsampling as f64, tap));
         // Constants stay constant.
         let sum: f64 = weights.iter().sum();
         weights.map(|weight| (weight / sum) as f32)
@@ -113,8 +113,8 @@ impl Kernel for Between<'_> {
         for (block, out) in self.out.chunks_mut(LANES * upsampling).enumerate() {
             let from = &self.padded[block * LANES..];
             let count = out.len() / upsampling;
-            for at in 0..count {
-                out[at * upsampling] = from[HALF - 1 + at];
+            for sample in 0..count {
+                out[sample * upsampling] = from[HALF - 1 + sample];
             }
             for (phase, kernel) in self.kernels.iter().enumerate() {
                 let mut sums = [0.0_f32; LANES];
@@ -123,8 +123,8 @@ impl Kernel for Between<'_> {
                         sums[lane] += values[lane] * weight;
                     }
                 }
-                for at in 0..count {
-                    out[at * upsampling + phase + 1] = sums[at];
+                for sample in 0..count {
+                    out[sample * upsampling + phase + 1] = sums[sample];
                 }
             }
         }

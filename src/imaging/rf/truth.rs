@@ -37,7 +37,7 @@ pub fn windows(
         let _ = locator.update_states(Some(current), Some(reference));
         locator
     });
-    let place = |line: usize, window: usize| {
+    let followed = |line: usize, window: usize| {
         let depth_mm = depths_mm[window];
         let ray = grid.rays()[line];
         let [x, y] = [0, 1].map(|axis| ray.origin[axis] + depth_mm * ray.direction[axis]);
@@ -58,7 +58,7 @@ pub fn windows(
     let lines = 0..grid.lines();
     lines
         .flat_map(|line| (0..depths_mm.len()).map(move |window| (line, window)))
-        .map(|(line, window)| place(line, window))
+        .map(|(line, window)| followed(line, window))
         .collect()
 }
 

@@ -104,7 +104,7 @@ impl Deformation {
     fn amplitude_at(&self, time_s: f64) -> f64 {
         let after = self.amplitude.partition_point(|point| point[0] <= time_s);
         match (
-            after.checked_sub(1).and_then(|at| self.amplitude.get(at)),
+            after.checked_sub(1).and_then(|index| self.amplitude.get(index)),
             self.amplitude.get(after),
         ) {
             (Some(a), Some(b)) => a[1] + (b[1] - a[1]) * ((time_s - a[0]) / (b[0] - a[0])),
@@ -132,10 +132,10 @@ impl SceneFile {
     pub(super) fn deformation(&self, volume: &LabelVolume, base: &Path) -> Result<Option<Deformation>, InputError> {
         let Some(spec) = &self.deform else { return Ok(None) };
         self.in_ranges("deform", spec)?;
-        for (at, field) in spec.field.iter().enumerate() {
+        for (index, field) in spec.field.iter().enumerate() {
             field
                 .validate()
-                .map_err(|error| self.fault(format!("deform.field[{at}].{}", error.key), error))?;
+                .map_err(|error| self.fault(format!("deform.field[{index}].{}", error.key), error))?;
         }
         if spec.field.is_empty() && spec.mesh.is_none() {
             return Err(self.wrong_keys("deform", "neither `field` nor `mesh`", "what deforms the tissue"));
@@ -208,15 +208,15 @@ impl SceneFile {
                 if points.is_empty() {
                     return Err(self.wrong_keys("deform.amplitude", "no points", "at least one `[time_s, share]`"));
                 }
-                for (at, point) in points.iter().enumerate() {
-                    let previous = at.checked_sub(1).map_or(f64::NEG_INFINITY, |at| points[at][0]);
+                for (index, point) in points.iter().enumerate() {
+                    let previous = index.checked_sub(1).map_or(f64::NEG_INFINITY, |index| points[index][0]);
                     if !(point[0].abs() <= LATEST_S && point[0] > previous) {
                         let expected = "a time in s after the one before, at most 1e9";
-                        return Err(number(&format!("deform.amplitude[{at}][0]"), point[0], expected));
+                        return Err(number(&format!("deform.amplitude[{index}][0]"), point[0], expected));
                     }
                     if point[1].is_nan() || point[1].abs() > 100.0 {
                         let expected = "a share from -100 to 100";
-                        return Err(number(&format!("deform.amplitude[{at}][1]"), point[1], expected));
+                        return Err(number(&format!("deform.amplitude[{index}][1]"), point[1], expected));
                     }
                 }
                 Ok(points.clone())

@@ -265,10 +265,10 @@ impl SceneFile {
         interpolation: Interpolation,
     ) -> Result<Trajectory, InputError> {
         let mut keys = Vec::with_capacity(keyframes.len());
-        for (at, (key, of)) in tip.keys().iter().zip(keyframes).enumerate() {
-            let roll = of.roll_deg.unwrap_or(0.0);
+        for (index, (key, keyframe)) in tip.keys().iter().zip(keyframes).enumerate() {
+            let roll = keyframe.roll_deg.unwrap_or(0.0);
             if !roll.is_finite() {
-                let key = format!("needle.motion.keyframes[{at}].roll_deg");
+                let key = format!("needle.motion.keyframes[{index}].roll_deg");
                 let (found, expected) = (roll, "a finite number of degrees");
                 return Err(self.fault(key, InvalidFile::number(found, expected)));
             }

@@ -56,6 +56,7 @@ impl SceneFile {
         warnings: &mut Vec<String>,
     ) -> Option<ProbeSpec> {
         let recorded = plus.map(|plus| (plus.probe(), plus.transducer().unwrap_or("a transducer without a name")));
+        // Geometry of a probe of another kind would mean something else: keys are filled in only where the kinds agree.
         match (&self.probe, recorded) {
             (Some(ProbeSpec { kind: Some(kind), .. }), Some((ProbeSpec { kind: Some(other), .. }, name)))
                 if kind != other =>
@@ -66,11 +67,11 @@ impl SceneFile {
                 self.probe.clone()
             }
             (stated, Some((recorded @ ProbeSpec { kind: Some(_), .. }, name))) => {
-                let (table, taken) = stated.clone().unwrap_or_default().filled_from(recorded);
-                if !taken.is_empty() {
+                let (table, filled) = stated.clone().unwrap_or_default().filled_from(recorded);
+                if !filled.is_empty() {
                     notes.push(format!(
                         "the probe has {} from `plus_config` ({name})",
-                        taken.join(", ")
+                        filled.join(", ")
                     ));
                 }
                 Some(table)
@@ -196,14 +197,17 @@ impl SceneFile {
             tool_to_tracker,
         };
         let has_pose = |frames: &[TrackedFrame]| frames.iter().any(|frame| frame.tool_to_tracker.is_some());
-        let all = sequence.frames.iter();
-        let frames: Vec<TrackedFrame> = all.clone().map(|frame| timed(frame, recorded(frame))).collect();
+        let recorded_frames = sequence.frames.iter();
+        let frames: Vec<TrackedFrame> = recorded_frames
+            .clone()
+            .map(|frame| timed(frame, recorded(frame)))
+            .collect();
         if named || has_pose(&frames) {
             return Ok((frames, sequence));
         }
         // Only now the configuration: what was recorded outranks what is defined.
         let composed = |frame: &SequenceFrame| chain(&merged(&frame.transforms, &defined), from, to);
-        let frames: Vec<TrackedFrame> = all.map(|frame| timed(frame, composed(frame))).collect();
+        let frames: Vec<TrackedFrame> = recorded_frames.map(|frame| timed(frame, composed(frame))).collect();
         if has_pose(&frames) {
             notes.push(format!(
                 "{key}: `{transform}` does not follow from the recording alone: transforms that `plus_config` defines are part of it"
@@ -231,7 +235,7 @@ impl SceneFile {
             spec.image_to_probe.is_some(),
             spec.plus_config.is_some(),
         ];
-        if ways.iter().filter(|given| **given).count() > 1 {
+        if ways.iter().filter(|stated| **stated).count() > 1 {
             let found = "more than one of `transducer_to_probe`, `image_to_probe` and `plus_config`";
             return Err(self.wrong_keys(KEY, found, "at most one calibration"));
         }
@@ -343,6 +347,7 @@ fn known_transforms(
     let pairs = systems.iter().flat_map(|from| systems.iter().map(move |to| (from, to)));
     let pairs = pairs.filter(|(from, to)| from != to);
     let candidates: Vec<String> = pairs.map(|(from, to)| format!("{from}To{to}")).collect();
+    // A suggestion helps with a coordinate system that nobody names; a pair of known ones is absent, not misspelt.
     let misspelt = !ends_of_it.iter().all(|end| systems.contains(end));
     let meant = nearest(wanted, candidates.iter().map(String::as_str)).filter(|_| misspelt);
     let help = meant.map(|meant| format!("did you mean \"{meant}\"?"));

@@ -258,8 +258,8 @@ impl SceneFile {
 
     fn textures(&self, base: &Path) -> Result<BTreeMap<String, Arc<SolidTexture>>, InputError> {
         let mut textures = BTreeMap::new();
-        for (at, spec) in self.texture.iter().enumerate() {
-            let key = |key: &str| format!("texture[{at}].{key}");
+        for (index, spec) in self.texture.iter().enumerate() {
+            let key = |key: &str| format!("texture[{index}].{key}");
             if spec.name.trim().is_empty() || textures.contains_key(&spec.name) {
                 let found = format!("the name \"{}\"", spec.name);
                 return Err(self.wrong_keys(key("name"), found, "a name that no other texture has"));
@@ -283,26 +283,26 @@ impl SceneFile {
         };
         let spacing_mm = spec.spacing_mm.unwrap_or(image.spacing_mm);
         SolidTexture::from_scalar(image.size, spacing_mm, image.data, &options).map_err(|error| {
-            let at = match error.key() {
+            let field = match error.key() {
                 Some("spacing_mm") if spec.spacing_mm.is_some() => "spacing_mm",
                 Some("db_per_unit") => "values",
                 Some("share") => "seam",
                 _ => "file",
             };
-            self.fault(key(at), error)
+            self.fault(key(field), error)
         })
     }
 
     fn check_texture_names(&self, textures: &BTreeMap<String, Arc<SolidTexture>>) -> Result<(), InputError> {
         let mut known: Vec<&str> = bank::names().collect();
         known.extend(textures.keys().map(String::as_str).chain(["none"]));
-        for (at, tissue) in self.tissue.iter().enumerate() {
+        for (index, tissue) in self.tissue.iter().enumerate() {
             if let Some(name) = &tissue.texture
                 && !known.contains(&name.as_str())
             {
                 let help = nearest(name, known.iter().copied()).map(|meant| format!("did you mean \"{meant}\"?"));
                 let wrong = InvalidFile::name(name, &format!("one of {}", known.join(", ")));
-                let error = self.fault(format!("tissue[{at}].texture"), wrong);
+                let error = self.fault(format!("tissue[{index}].texture"), wrong);
                 return Err(error.with_help(help));
             }
         }
@@ -310,13 +310,16 @@ impl SceneFile {
     }
 
     fn tissue_key(&self, error: &TissueError) -> String {
-        let at = match error {
+        let index = match error {
             TissueError::Unnamed { position } => position.checked_sub(1),
             _ => error
                 .tissue()
                 .and_then(|name| self.tissue.iter().rposition(|tissue| tissue.name == name)),
         };
-        at.map_or_else(|| "tissue".to_owned(), |at| format!("tissue[{at}].{}", error.key()))
+        index.map_or_else(
+            || "tissue".to_owned(),
+            |index| format!("tissue[{index}].{}", error.key()),
+        )
     }
 }
 
@@ -384,15 +387,15 @@ fn beside_volume(volume: &LabelVolume, pose: &Pose, world: World) -> String {
         low = [0, 1, 2].map(|axis| low[axis].min(corner[axis]));
         high = [0, 1, 2].map(|axis| high[axis].max(corner[axis]));
     }
-    let at = world.vector(pose.position_mm().into());
-    let gaps = [0, 1, 2].map(|axis| (low[axis] - at[axis]).max(at[axis] - high[axis]).max(0.0));
+    let centre = world.vector(pose.position_mm().into());
+    let gaps = [0, 1, 2].map(|axis| (low[axis] - centre[axis]).max(centre[axis] - high[axis]).max(0.0));
     let distance = Vector3::from(gaps).norm();
-    let [at, low, high] = [at, low, high].map(|point| {
+    let [centre, low, high] = [centre, low, high].map(|point| {
         let [x, y, z] = point.map(|along| along.round() as i64);
         format!("({x}, {y}, {z})")
     });
     format!(
-        " centre of the array is at {at} mm and the volume spans {low} to {high} mm ({world}): {distance:.0} mm apart"
+        " centre of the array is at {centre} mm and the volume spans {low} to {high} mm ({world}): {distance:.0} mm apart"
     )
 }
 
@@ -441,7 +444,7 @@ fn without_contact(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, rea
                 let point = pose.probe_to_world().transform_point(&Point3::new(x, y, 0.0));
                 volume.label_index_at(&point).is_some_and(|label| label > 0)
             };
-            !(0..=LOOKS).any(|at| touches(reach_mm * at as f64 / LOOKS as f64))
+            !(0..=LOOKS).any(|look| touches(reach_mm * look as f64 / LOOKS as f64))
         };
         let step = (grid.lines() / LOOKS).max(1);
         let looked = grid.rays().len().div_ceil(step);
@@ -459,8 +462,8 @@ fn sees(volume: &LabelVolume, grid: &BeamGrid, pose: &Pose) -> bool {
     let step = (grid.lines() / LOOKS).max(1);
     let depth_mm = grid.samples() as f64 * grid.sample_spacing_mm();
     grid.rays().iter().step_by(step).any(|ray| {
-        (0..LOOKS).any(|at| {
-            let depth = (at as f64 + 0.5) / LOOKS as f64 * depth_mm;
+        (0..LOOKS).any(|look| {
+            let depth = (look as f64 + 0.5) / LOOKS as f64 * depth_mm;
             let [x, y] = [0, 1].map(|axis| ray.origin[axis] + depth * ray.direction[axis]);
             let point = pose.probe_to_world().transform_point(&Point3::new(x, y, 0.0));
             volume.label_index_at(&point).is_some()

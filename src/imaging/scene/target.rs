@@ -48,6 +48,7 @@ impl SceneFile {
             let expected = "`position_mm` with `direction`, or `matrix`, beside it";
             return Err(self.wrong_keys("pose.world", "`world` without a pose that is stated", expected));
         }
+        // The default pose of a phantom is outside the body, where a probe for lumens cannot be.
         let phantom = self.volume.as_ref().and_then(|volume| volume.phantom);
         let base = match phantom {
             Some(phantom)
@@ -129,12 +130,12 @@ impl SceneFile {
         };
         match place(body.volume, &[label], &meaning, &options) {
             Ok(placement) => {
-                let place = if probe.shape.kind().site() == Site::Lumen {
+                let position = if probe.shape.kind().site() == Site::Lumen {
                     "in"
                 } else {
                     "over"
                 };
-                notes.push(format!("placed {place} {name}: {}", placement.note));
+                notes.push(format!("placed {position} {name}: {}", placement.note));
                 Pose::from_matrix(&placement.probe_to_world).map_err(|error| self.fault("pose", error))
             }
             // Inside the body there is no place to fall back to; on the skin a picture from the front of the volume is better than none.
@@ -185,7 +186,7 @@ impl Body<'_> {
         let mut labels: Vec<u8> = (0u8..=255)
             .zip(self.volume.labels())
             .skip(1)
-            .filter(|(label, of)| counts[usize::from(*label)] > 0 && wanted(*label, of))
+            .filter(|(label, entry)| counts[usize::from(*label)] > 0 && wanted(*label, entry))
             .map(|(label, _)| label)
             .collect();
         labels.sort_by_key(|label| std::cmp::Reverse(counts[usize::from(*label)]));
@@ -199,7 +200,7 @@ impl Body<'_> {
     /// Largest soft organ, or else the largest label from the file itself.
     fn largest_organ(&self) -> Option<u8> {
         self.largest(|label, _| self.tissues.of(label).soft_organ)
-            .or_else(|| self.largest(|label, of| of.voxels > 0 && !self.is_outside(label)))
+            .or_else(|| self.largest(|label, entry| entry.voxels > 0 && !self.is_outside(label)))
             .or_else(|| self.largest(|label, _| !self.is_outside(label)))
     }
 
@@ -218,12 +219,12 @@ impl Body<'_> {
     pub fn entries(&self) -> Vec<(u8, i64, Vec<String>)> {
         let labels = (0u8..=255).zip(self.volume.labels()).skip(1);
         labels
-            .map(|(label, of)| (label, of.value, self.names_of(label, of)))
+            .map(|(label, entry)| (label, entry.value, self.names_of(label, entry)))
             .collect()
     }
 
-    fn names_of(&self, label: u8, of: &Label) -> Vec<String> {
-        let stated = of.name.as_deref().into_iter();
+    fn names_of(&self, label: u8, entry: &Label) -> Vec<String> {
+        let stated = entry.name.as_deref().into_iter();
         stated
             .chain([self.tissues.of(label).name.as_ref()])
             .map(plain)
@@ -232,19 +233,19 @@ impl Body<'_> {
 
     /// The name of a label, or its value.
     pub fn name(&self, label: u8) -> String {
-        let of = &self.volume.labels()[usize::from(label)];
-        self.names_of(label, of)
+        let entry = &self.volume.labels()[usize::from(label)];
+        self.names_of(label, entry)
             .into_iter()
             .next()
-            .unwrap_or_else(|| of.value.to_string())
+            .unwrap_or_else(|| entry.value.to_string())
     }
 
     /// The name of a label, or its value with the name of its tissue.
     fn name_with_value(&self, label: u8) -> String {
-        let of = &self.volume.labels()[usize::from(label)];
-        match of.name {
+        let entry = &self.volume.labels()[usize::from(label)];
+        match entry.name {
             Some(_) => self.name(label),
-            None => format!("label {} ({})", of.value, self.tissues.of(label).name),
+            None => format!("label {} ({})", entry.value, self.tissues.of(label).name),
         }
     }
 
@@ -253,14 +254,18 @@ impl Body<'_> {
         let [nx, ny, nz] = self.volume.size();
         let to_world = self.volume.index_to_world();
         let (mut sum, mut count) = (Vector3::zeros(), 0.0);
-        for (at, _) in self
+        for (voxel, _) in self
             .volume
             .voxels()
             .iter()
             .enumerate()
             .filter(|(_, voxel)| **voxel == label)
         {
-            sum += Vector3::new((at % nx) as f64, (at / nx % ny) as f64, (at / (nx * ny)) as f64);
+            sum += Vector3::new(
+                (voxel % nx) as f64,
+                (voxel / nx % ny) as f64,
+                (voxel / (nx * ny)) as f64,
+            );
             count += 1.0;
         }
         let middle = to_world.transform_point(&Point3::from(sum / f64::max(count, 1.0)));

@@ -58,12 +58,12 @@ impl Synthesizer {
         mut sink: impl FnMut(usize, &Frame) -> Result<(), E>,
     ) -> Result<(), E> {
         if let Executor::Gpu(_) = &self.executor {
-            return self.batch_on_gpu(states, &mut |at, synth, _| sink(at, &synth.frame));
+            return self.batch_on_gpu(states, &mut |index, synth, _| sink(index, &synth.frame));
         }
         self.batch(
             states,
             |_, synth, _| Ok(synth.frame().clone()),
-            |at, frame| sink(at, &frame),
+            |index, frame| sink(index, &frame),
         )
     }
 
@@ -76,12 +76,12 @@ impl Synthesizer {
         mut sink: impl FnMut(usize, T) -> Result<(), E>,
     ) -> Result<(), E> {
         if let Executor::Gpu(_) = &self.executor {
-            return self.batch_on_gpu(states, &mut |at, synth, ms| sink(at, take(at, synth, ms)?));
+            return self.batch_on_gpu(states, &mut |index, synth, ms| sink(index, take(index, synth, ms)?));
         }
         let Some(mut team) = self.team(states.len())? else {
-            for at in 0..states.len() {
-                let ms = self.timed(states, at, 1)?;
-                sink(at, take(at, self, ms)?)?;
+            for index in 0..states.len() {
+                let ms = self.timed(states, index, 1)?;
+                sink(index, take(index, self, ms)?)?;
             }
             return Ok(());
         };
@@ -108,7 +108,7 @@ impl Synthesizer {
         let result = self.submissions(states, size, team.as_ref(), each);
         self.team = team;
         if let (Executor::Gpu(gpu), true) = (&mut self.executor, result.is_err()) {
-            (0..IN_FLIGHT).for_each(|place| gpu.release(place));
+            (0..IN_FLIGHT).for_each(|slot| gpu.release(slot));
         }
         result
     }
@@ -123,7 +123,7 @@ impl Synthesizer {
         let mut in_flight: VecDeque<(_, Vec<Frame>)> = VecDeque::with_capacity(IN_FLIGHT);
         let mut spare: Vec<Vec<Frame>> = Vec::new();
         let mut locals: Vec<_> = (0..size).map(|_| LocalFrame::new(self.tables.origin)).collect();
-        let mut last = Instant::now();
+        let mut last_taken = Instant::now();
         for turn in 0..states.len().div_ceil(size) + IN_FLIGHT {
             // Taken back some turns after its submission, so that the GPU has work while frames are passed on and states prepared.
             if let Some(done) = turn.checked_sub(IN_FLIGHT)
@@ -131,11 +131,11 @@ impl Synthesizer {
                 && let Executor::Gpu(gpu) = &mut self.executor
             {
                 gpu.take((&self.plan, &self.tables), submission, done % IN_FLIGHT, &mut frames)?;
-                let ms = last.elapsed().as_secs_f64() * 1e3 / frames.len() as f64;
-                last = Instant::now();
-                for (at, frame) in frames.iter_mut().enumerate() {
+                let ms = last_taken.elapsed().as_secs_f64() * 1e3 / frames.len() as f64;
+                last_taken = Instant::now();
+                for (number, frame) in frames.iter_mut().enumerate() {
                     mem::swap(&mut self.frame, frame);
-                    each(done * size + at, self, ms)?;
+                    each(done * size + number, self, ms)?;
                 }
                 spare.push(frames);
             }
@@ -166,8 +166,8 @@ impl Synthesizer {
         if threads < 2 || self.tables.mesh.is_none() {
             return None;
         }
-        let kept = self.team.take().filter(|team| team.threads == threads);
-        kept.or_else(|| {
+        let reusable = self.team.take().filter(|team| team.threads == threads);
+        reusable.or_else(|| {
             let pool = Pool::new(threads).ok()?;
             let others = Vec::new();
             Some(Team { pool, others, threads })
@@ -224,9 +224,9 @@ impl Synthesizer {
 
     /// Renders the state at a place in a batch of which this synthesizer renders each frame that is `stride` after the last: nodes that the
     /// state leaves as they were are those of the frames between. Returns the time, ms.
-    fn timed(&mut self, states: &[FrameState], at: usize, stride: usize) -> Result<f64, SynthError> {
+    fn timed(&mut self, states: &[FrameState], index: usize, stride: usize) -> Result<f64, SynthError> {
         let start = Instant::now();
-        let (state, before) = (&states[at], &states[(at + 1).saturating_sub(stride)..at]);
+        let (state, before) = (&states[index], &states[(index + 1).saturating_sub(stride)..index]);
         let nodes = before.iter().rev().find_map(|state| state.nodes.as_ref());
         let reference = before.iter().rev().find_map(|state| state.reference.as_ref());
         if (state.nodes.is_none() && nodes.is_some()) || (state.reference.is_none() && reference.is_some()) {
@@ -266,8 +266,8 @@ impl Team {
         let work = |thread: usize| {
             let member = members[thread].lock().unwrap_or_else(PoisonError::into_inner).take();
             let Some((synth, sender)) = member else { return };
-            for at in (thread..states.len()).step_by(count) {
-                let result = synth.timed(states, at, count).and_then(|ms| take(at, synth, ms));
+            for index in (thread..states.len()).step_by(count) {
+                let result = synth.timed(states, index, count).and_then(|ms| take(index, synth, ms));
                 let failed = result.is_err();
                 // Nobody receives after an error.
                 if sender.send(result).is_err() || failed {
@@ -278,12 +278,12 @@ impl Team {
         // A thread runs its own part of a broadcast alone, so none waits for the frames of another.
         let result = self.pool.broadcast(&work, || {
             let receivers = receivers;
-            for at in 0..states.len() {
+            for index in 0..states.len() {
                 // Where the other end is gone, its thread has panicked, which the broadcast passes on.
-                let Ok(result) = receivers[at % count].recv() else {
+                let Ok(result) = receivers[index % count].recv() else {
                     break;
                 };
-                sink(at, result?)?;
+                sink(index, result?)?;
             }
             Ok(())
         });

@@ -96,9 +96,9 @@ impl Synthesizer {
                 continue;
             }
             if let (Executor::Gpu(gpu), Some(submission)) = (&mut self.executor, flight.submission.take()) {
-                let of = (&self.plan, &*self.tables);
+                let plan_and_tables = (&self.plan, &*self.tables);
                 gpu.take(
-                    of,
+                    plan_and_tables,
                     submission,
                     place_of(ticket),
                     std::slice::from_mut(&mut flight.frame),

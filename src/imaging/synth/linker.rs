@@ -34,7 +34,7 @@ pub struct BoundBuffer {
     /// Size of an element of its array in the shader, bytes.
     pub element: u32,
     /// Type of the array.
-    of: String,
+    element_type: String,
 }
 
 /// Bytes of the block of a frame: the parameters of each pass, its extent, and the stride between the frames of each buffer.
@@ -54,12 +54,12 @@ pub fn link(passes: &[Bound], fused: &Fused) -> Linked {
     for sequence in fused {
         // Passes since the last barrier, by their place.
         let mut unordered: Vec<(usize, usize)> = Vec::new();
-        for &at in &sequence.passes {
-            let items = items(passes[at].pass.shader);
-            let place = calls.len();
+        for &number in &sequence.passes {
+            let items = items(passes[number].pass.shader);
+            let position = calls.len();
             let mut call = linker.entry(&mut Unit {
-                place,
-                bound: &passes[at],
+                position,
+                bound: &passes[number],
                 items: &items,
                 done: BTreeMap::new(),
             });
@@ -67,12 +67,12 @@ pub fn link(passes: &[Bound], fused: &Fused) -> Linked {
             call.after_barrier = sequence.by_line
                 && unordered.iter().any(|&(before, other)| {
                     !(call.by_invocation || calls[before].by_invocation)
-                        || depend_along_scanline(&passes[other], &passes[at])
+                        || depend_along_scanline(&passes[other], &passes[number])
                 });
             if call.after_barrier {
                 unordered.clear();
             }
-            unordered.push((place, at));
+            unordered.push((position, number));
             calls.push(call);
         }
     }
@@ -102,7 +102,7 @@ struct Item<'a> {
 }
 
 struct Unit<'a> {
-    place: usize,
+    position: usize,
     bound: &'a Bound,
     items: &'a [Item<'a>],
     done: BTreeMap<&'a str, Name>,
@@ -121,7 +121,7 @@ struct Linker {
     declared: String,
     /// Names by declaration.
     known: BTreeMap<String, String>,
-    taken: BTreeSet<String>,
+    used: BTreeSet<String>,
     buffers: Vec<BoundBuffer>,
 }
 
@@ -156,12 +156,12 @@ impl Linker {
             return Name::Plain(name.to_owned());
         };
         let resolved = match item.binding {
-            Some(0) => Name::Plain(format!("batch_blocks[batch_frame].p{}", unit.place)),
+            Some(0) => Name::Plain(format!("batch_blocks[batch_frame].p{}", unit.position)),
             Some(binding) => {
                 let (buffer, how) = unit.bound.buffers[binding - 1];
-                let of = self.rewritten(unit, &after_colon(&item.tokens), None);
+                let element_type = self.rewritten(unit, &after_colon(&item.tokens), None);
                 let access = if how.writes() { Access::Write } else { Access::Read };
-                self.bind(buffer, access, of)
+                self.bind(buffer, access, element_type)
             }
             None => Name::Plain(self.declare(unit, item)),
         };
@@ -169,17 +169,17 @@ impl Linker {
         resolved
     }
 
-    fn bind(&mut self, buffer: &'static Buffer, access: Access, of: String) -> Name {
+    fn bind(&mut self, buffer: &'static Buffer, access: Access, element_type: String) -> Name {
         let name = format!("buffer_{}", buffer.name);
         match self.buffers.iter_mut().find(|known| known.buffer == buffer) {
             Some(known) => {
-                debug_assert_eq!(known.of, of, "{buffer:?}");
+                debug_assert_eq!(known.element_type, element_type, "{buffer:?}");
                 if access == Access::Write {
                     known.access = access;
                 }
             }
             None => {
-                let element = match of.split(['<', '>']).nth(1) {
+                let element = match element_type.split(['<', '>']).nth(1) {
                     Some("vec4") => 16,
                     Some("vec2") => 8,
                     Some("f32" | "u32" | "atomic") => 4,
@@ -189,7 +189,7 @@ impl Linker {
                     buffer,
                     access,
                     element,
-                    of,
+                    element_type,
                 });
             }
         }
@@ -202,8 +202,8 @@ impl Linker {
             return known.clone();
         }
         let mut name = item.name.to_owned();
-        while !self.taken.insert(name.clone()) {
-            name = format!("{}_{}", item.name, self.taken.len());
+        while !self.used.insert(name.clone()) {
+            name = format!("{}_{}", item.name, self.used.len());
         }
         let _ = writeln!(self.declared, "{}\n", text.replace(SELF, &name));
         self.known.insert(text, name.clone());
@@ -220,8 +220,8 @@ impl Linker {
         let mut to_index = None;
         let mut open_brackets = Vec::new();
         let mut previous = "";
-        for (at, &token) in tokens.iter().enumerate() {
-            let next = tokens[at + 1..].iter().find(|token| !is_space(token));
+        for (index, &token) in tokens.iter().enumerate() {
+            let next = tokens[index + 1..].iter().find(|token| !is_space(token));
             // Members belong to their struct: a variable of the same name is another thing.
             let is_member = previous == "." || (is_struct && next == Some(&":"));
             if is_word(token) && !is_member {
@@ -263,20 +263,20 @@ impl Linker {
         let mut source = self.declared;
         let count = calls.len();
         let _ = writeln!(source, "struct Block {{");
-        for (place, call) in calls.iter().enumerate() {
+        for (number, call) in calls.iter().enumerate() {
             let _ = writeln!(
                 source,
-                "    @align(16) @size({}) p{place}: {},",
+                "    @align(16) @size({}) p{number}: {},",
                 ParamBlock::CAPACITY,
                 call.parameters
             );
         }
         // Padded to the size of a block on the host, where that of the next frame begins.
-        let rest = block_bytes(count) - count * (ParamBlock::CAPACITY + 16);
+        let padding = block_bytes(count) - count * (ParamBlock::CAPACITY + 16);
         let _ = writeln!(source, "    extents: array<vec4<u32>, {count}>,");
         let _ = writeln!(
             source,
-            "    @size({rest}) strides: array<vec4<u32>, {}>,\n}}",
+            "    @size({padding}) strides: array<vec4<u32>, {}>,\n}}",
             MAX_BUFFERS / 4
         );
         let _ = writeln!(source, "var<private> batch_frame: u32;");
@@ -285,19 +285,19 @@ impl Linker {
             "@group(0) @binding(0) var<storage, read> batch_blocks: array<Block>;"
         );
         let mut shifts = String::new();
-        for (at, bound) in self.buffers.iter().enumerate() {
-            let (name, of, binding) = (bound.buffer.name, &bound.of, at + 1);
+        for (index, bound) in self.buffers.iter().enumerate() {
+            let (name, element_type, binding) = (bound.buffer.name, &bound.element_type, index + 1);
             let access = match bound.access {
                 Access::Read => "read",
                 Access::Write => "read_write",
             };
             let _ = writeln!(
                 source,
-                "@group(0) @binding({binding}) var<storage, {access}> buffer_{name}: {of};"
+                "@group(0) @binding({binding}) var<storage, {access}> buffer_{name}: {element_type};"
             );
             if has_copy_per_frame(bound.buffer) {
                 let _ = writeln!(source, "var<private> at_buffer_{name}: u32;");
-                let stride = format!("batch_blocks[0].strides[{}][{}]", at / 4, at % 4);
+                let stride = format!("batch_blocks[0].strides[{}][{}]", index / 4, index % 4);
                 let _ = writeln!(shifts, "    at_buffer_{name} = batch_frame * {stride};");
             }
         }
@@ -323,7 +323,7 @@ const MAX_LINES: u32 = 65_535;
 /// Entry point that calls those of the passes.
 fn wrapper(fused: &Fused, calls: &[Call], shifts: &str) -> String {
     let mut text = String::new();
-    let extent = |place: usize| format!("batch_blocks[0].extents[{place}]");
+    let extent = |number: usize| format!("batch_blocks[0].extents[{number}]");
     match (&fused[..], calls) {
         ([_], [call]) => {
             let (inputs, group, thread) = if call.by_invocation {
@@ -339,8 +339,8 @@ fn wrapper(fused: &Fused, calls: &[Call], shifts: &str) -> String {
         ([sequence], _) if !sequence.by_line => {
             let _ = writeln!(text, "@compute @workgroup_size(64)\nfn {ENTRY}({BY_INVOCATION}) {{");
             let _ = writeln!(text, "    batch_frame = group.z;\n{shifts}");
-            for (place, call) in calls.iter().enumerate() {
-                let z = format!("{}.z", extent(place));
+            for (number, call) in calls.iter().enumerate() {
+                let z = format!("{}.z", extent(number));
                 let _ = writeln!(text, "    for (var z = 0u; z < {z}; z++) {{");
                 let _ = writeln!(text, "        {}(vec3<u32>(id.xy, z));\n    }}", call.name);
             }
@@ -353,7 +353,7 @@ fn wrapper(fused: &Fused, calls: &[Call], shifts: &str) -> String {
 
 /// The part of the entry point for sequences that have a scanline to each workgroup.
 fn by_lines(text: &mut String, fused: &Fused, calls: &[Call], shifts: &str) {
-    let extent = |place: usize| format!("batch_blocks[0].extents[{place}]");
+    let extent = |number: usize| format!("batch_blocks[0].extents[{number}]");
     let _ = writeln!(
         text,
         "@compute @workgroup_size({THREADS})\nfn {ENTRY}({BY_WORKGROUP}) {{"
@@ -362,44 +362,46 @@ fn by_lines(text: &mut String, fused: &Fused, calls: &[Call], shifts: &str) {
         text,
         "    batch_frame = id.z;\n{shifts}    var line = id.y + {MAX_LINES}u * id.x;"
     );
-    let mut place = 0;
+    let mut number = 0;
     for sequence in fused {
-        let e = extent(place);
+        let e = extent(number);
         let lines = if sequence.by_line {
             format!("{e}.y")
         } else {
             format!("{e}.y * {e}.z")
         };
         let _ = writeln!(text, "    if line < {lines} {{");
-        let end = place + sequence.passes.len();
-        while place < end {
-            if calls[place].after_barrier {
+        let end = number + sequence.passes.len();
+        while number < end {
+            if calls[number].after_barrier {
                 let _ = writeln!(text, "        storageBarrier();\n        workgroupBarrier();");
             }
-            let name = &calls[place].name;
+            let name = &calls[number].name;
             if !sequence.by_line {
-                let e = extent(place);
+                let e = extent(number);
                 let _ = writeln!(
                     text,
                     "        {name}(thread, vec3<u32>(0u, line % {e}.y, line / {e}.y));"
                 );
-                place += 1;
-            } else if !calls[place].by_invocation {
+                number += 1;
+            } else if !calls[number].by_invocation {
                 let _ = writeln!(text, "        {name}(thread, vec3<u32>(0u, line, 0u));");
-                place += 1;
+                number += 1;
             } else {
                 // Up to the next barrier, an invocation goes through all passes at a sample.
-                let run = place..end;
-                let run = run.take_while(|&at| calls[at].by_invocation && (at == place || !calls[at].after_barrier));
+                let run = number..end;
+                let run = run.take_while(|&member| {
+                    calls[member].by_invocation && (member == number || !calls[member].after_barrier)
+                });
                 let run: Vec<usize> = run.collect();
-                let widest = run.iter().map(|&at| format!("{}.x", extent(at)));
+                let widest = run.iter().map(|&member| format!("{}.x", extent(member)));
                 let widest = widest.reduce(|a, b| format!("max({a}, {b})")).unwrap_or_default();
                 let _ = writeln!(
                     text,
                     "        for (var x = thread; x < 64u * {widest}; x += {THREADS}u) {{"
                 );
-                for &at in &run {
-                    let (e, name) = (extent(at), &calls[at].name);
+                for &member in &run {
+                    let (e, name) = (extent(member), &calls[member].name);
                     let _ = writeln!(
                         text,
                         "            for (var z = 0u; z < {e}.z; z++) {{\n                \
@@ -407,7 +409,7 @@ fn by_lines(text: &mut String, fused: &Fused, calls: &[Call], shifts: &str) {
                     );
                 }
                 let _ = writeln!(text, "        }}");
-                place += run.len();
+                number += run.len();
             }
         }
         let _ = writeln!(text, "        return;\n    }}\n    line -= {lines};");
@@ -419,14 +421,14 @@ pub fn workgroups(passes: &[Bound], fused: &Fused, extents: &[[u32; 3]]) -> [u32
     match (&fused[..], extents) {
         ([_], [extent]) => *extent,
         ([sequence], _) if !sequence.by_line => {
-            let most = |axis: usize| extents.iter().map(|extent| extent[axis]).max().unwrap_or(0);
-            [most(0), most(1), 1]
+            let largest = |axis: usize| extents.iter().map(|extent| extent[axis]).max().unwrap_or(0);
+            [largest(0), largest(1), 1]
         }
         _ => {
-            let mut place = 0;
+            let mut number = 0;
             let lines = fused.iter().map(|sequence| {
-                let [_, y, z] = extents[place];
-                place += sequence.passes.len();
+                let [_, y, z] = extents[number];
+                number += sequence.passes.len();
                 let shares = matches!(passes[sequence.passes[0]].pass.grid, Grid::Workgroups(_));
                 if shares { y * z } else { y }
             });
@@ -513,7 +515,7 @@ impl<'a> Item<'a> {
             _ => Some(0),
         };
         let name = words()
-            .skip(before_name.map_or(0, |at| at + 1))
+            .skip(before_name.map_or(0, |index| index + 1))
             .find(|token| is_word(token));
         item.name = name.copied().unwrap_or_default();
         item
@@ -521,23 +523,23 @@ impl<'a> Item<'a> {
 
     /// Takes over tokens but those of attributes, such as `@binding(3)`, whose values it keeps.
     fn strip_attributes(&mut self, tokens: &[&'a str]) {
-        let mut at = 0;
-        while at < tokens.len() {
-            if tokens[at] != "@" {
-                self.tokens.push(tokens[at]);
-                at += 1;
+        let mut index = 0;
+        while index < tokens.len() {
+            if tokens[index] != "@" {
+                self.tokens.push(tokens[index]);
+                index += 1;
                 continue;
             }
-            let value = tokens.get(at + 3).copied().unwrap_or_default();
-            match tokens[at + 1] {
+            let value = tokens.get(index + 3).copied().unwrap_or_default();
+            match tokens[index + 1] {
                 "binding" => self.binding = value.parse().ok(),
                 "workgroup_size" => self.size = value.parse().ok(),
                 "builtin" => self.by_invocation |= value == "global_invocation_id",
                 _ => {}
             }
             // `@`, name, and `(`, value, `)` if there is one; then a space.
-            at += if tokens.get(at + 2) == Some(&"(") { 5 } else { 2 };
-            at += usize::from(tokens.get(at).is_some_and(|token| is_space(token)));
+            index += if tokens.get(index + 2) == Some(&"(") { 5 } else { 2 };
+            index += usize::from(tokens.get(index).is_some_and(|token| is_space(token)));
         }
     }
 }

@@ -97,8 +97,8 @@ impl LocalOrigin {
     /// Converts a transform to the world into one to local coordinates.
     fn pose(&self, to_world: &Matrix4<f64>) -> Matrix4<f64> {
         let mut to_local = *to_world;
-        let place = to_world.fixed_view::<3, 1>(0, 3) - self.world_mm;
-        to_local.fixed_view_mut::<3, 1>(0, 3).copy_from(&place);
+        let translation = to_world.fixed_view::<3, 1>(0, 3) - self.world_mm;
+        to_local.fixed_view_mut::<3, 1>(0, 3).copy_from(&translation);
         to_local
     }
 
@@ -120,10 +120,10 @@ impl LocalOrigin {
     }
 }
 
-fn place(beam: &mut Beam, at: impl Fn([f64; 3]) -> [f64; 3]) {
+fn place(beam: &mut Beam, moved: impl Fn([f64; 3]) -> [f64; 3]) {
     for position in &mut beam.position {
         let [x, y, z, _] = *position;
-        [position[0], position[1], position[2]] = at([x, y, z]);
+        [position[0], position[1], position[2]] = moved([x, y, z]);
     }
 }
 

@@ -106,11 +106,11 @@ impl<T: Real> Crossing<T> {
         nodes: &[[T; 3]],
         reference: &[[f64; 3]],
     ) {
-        let all = mesh.elements();
+        let elements = mesh.elements();
         let test = |(task, kept, count): (usize, &mut [u32], &mut usize)| {
             *count = 0;
             let first = task * TESTED;
-            let of_task = &all[first..first + kept.len()];
+            let of_task = &elements[first..first + kept.len()];
             for (block, corners) in (first / BLOCK..).zip(of_task.chunks(BLOCK)) {
                 if !view.meets(in_probe, blocks.of(block as u32)) {
                     continue;

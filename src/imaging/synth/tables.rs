@@ -313,8 +313,8 @@ fn rays(grid: &BeamGrid) -> Vec<[f64; 4]> {
 fn clamped_scan_map(grid: &BeamGrid, image: &ImageGrid) -> Vec<[f32; 2]> {
     let mut map = scan_map(grid, image, 0..image.height());
     let last = [grid.lines() as f32 - 1.0, grid.samples() as f32 - 1.0];
-    for at in map.iter_mut().filter(|at| **at != OUTSIDE) {
-        *at = [at[0].clamp(0.0, last[0]), at[1].clamp(0.0, last[1])];
+    for position in map.iter_mut().filter(|position| **position != OUTSIDE) {
+        *position = [position[0].clamp(0.0, last[0]), position[1].clamp(0.0, last[1])];
     }
     map
 }

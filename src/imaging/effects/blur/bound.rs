@@ -16,9 +16,9 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
             let (mut off, mut size, mut norm) = (0.0, 0.0, 0.0);
             for (tap, weight) in weights.iter().enumerate() {
                 if let Some(other) = (line + tap).checked_sub(kernel.reach).filter(|&other| other < lines) {
-                    let at = other * samples + sample;
-                    off += weight * before[at];
-                    size += weight * (step.before.amplitude[at].abs() + before[at]);
+                    let index = other * samples + sample;
+                    off += weight * before[index];
+                    size += weight * (step.before.amplitude[index].abs() + before[index]);
                     norm += weight;
                 }
             }

@@ -49,9 +49,9 @@ fn a_belly_touches_a_straight_array_within_reach() {
                 "{name}: {:?}",
                 beam.position[deep]
             );
-            let order = (1..SAMPLES as usize).all(|at| {
+            let order = (1..SAMPLES as usize).all(|sample| {
                 let row = line * SAMPLES as usize;
-                beam.position[row + at][1] > beam.position[row + at - 1][1]
+                beam.position[row + sample][1] > beam.position[row + sample - 1][1]
             });
             assert!(order, "{name}: line {line}");
         }
@@ -106,7 +106,8 @@ fn the_layer_beyond_marks_what_is_continued() {
         let mut synth = crate::support::scene::synthesizer(&body, &settings, insonify_imaging::synth::Backend::Cpu);
         let state = scene::straight();
         let frame = synth.render(&state).expect("a frame");
-        let [beyond_it, sector] = [0, 1].map(|at| frame.layers[at].iter().map(|&value| f64::from(value)).sum::<f64>());
+        let [beyond_it, sector] =
+            [0, 1].map(|layer| frame.layers[layer].iter().map(|&value| f64::from(value)).sum::<f64>());
         let share = beyond_it / sector;
         // 19.5 of the 60 mm of the array lie beside the 41 mm of the volume; columns are 60 mm over the width of the image.
         assert!((share - expected).abs() < 0.05, "{beyond:?}: {share}, not {expected}");

@@ -29,11 +29,14 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
         let mut sums = vec![[0.0; 2]; samples];
         for below in 1..samples {
             let pair = [line * samples + below - 1, line * samples + below];
-            let labels = [&step.after.label, &step.twin.label].map(|labels| pair.map(|at| labels[at]));
-            let places = pair.map(|at| step.after.position[at]);
+            let labels =
+                [&step.after.label, &step.twin.label].map(|labels| pair.map(|sample_index| labels[sample_index]));
+            let places = pair.map(|sample_index| step.after.position[sample_index]);
             let [exact, twin] = labels.map(|labels| surfaces.echo(labels, places).unwrap_or([0.0; 2]));
             let size = 0.5 * mirror * surfaces.coefficient(labels[1]);
-            let torn = pair.iter().any(|at| slack.torn.get(*at).copied().unwrap_or(false));
+            let torn = pair
+                .iter()
+                .any(|sample_index| slack.torn.get(*sample_index).copied().unwrap_or(false));
             let stepped = labels[1][0] != labels[1][1];
             let rounding = match (stepped, torn) {
                 (false, _) => 0.0,
@@ -41,14 +44,14 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
                 // opposite sign.
                 (true, true) => 2.0 * size * loudest,
                 (true, false) => {
-                    let offs = pair.map(|at| slack.position[at]);
+                    let offs = pair.map(|sample_index| slack.position[sample_index]);
                     rounding(step, &surfaces, interface.directivity, labels[1], places, offs) * size
                 }
             };
             let off = (exact[0] - twin[0]).hypot(exact[1] - twin[1]) + rounding;
             let size = exact[0].hypot(exact[1]);
-            for at in [below - 1, below] {
-                sums[at] = [sums[at][0] + off, sums[at][1] + size];
+            for sample_index in [below - 1, below] {
+                sums[sample_index] = [sums[sample_index][0] + off, sums[sample_index][1] + size];
             }
         }
         for (sample, [off, size]) in sums.into_iter().enumerate() {
@@ -72,7 +75,7 @@ fn rounding(
     offs: [[f64; 3]; 2],
 ) -> f64 {
     let loudest = 1.0 + LOUDEST;
-    let [before, after] = places.map(|place| [place[0], place[1], place[2]]);
+    let [before, after] = places.map(|position| [position[0], position[1], position[2]]);
     let cosine = surfaces.cosine(labels, [before, after]);
     let cosine_off = cosine_off(step, surfaces, labels, [before, after], offs, cosine);
     let [low, high] = [(cosine - cosine_off).max(0.0), (cosine + cosine_off).min(1.0)];
@@ -98,15 +101,15 @@ fn cosine_off(
     let matrix = step.tables.volume.world_to_index();
     let size = step.tables.volume.size();
     // Error bounds of the indices of the two positions.
-    let index_off = |place: [f64; 3], off: [f64; 3]| -> [f64; 3] {
+    let index_off = |position: [f64; 3], off: [f64; 3]| -> [f64; 3] {
         std::array::from_fn(|row| {
             let terms = |q: [f64; 3]| (0..3).map(|c| (matrix[(row, c)] * q[c]).abs()).sum::<f64>();
-            terms(off) + TERM * ULP * (terms(place) + matrix[(row, 3)].abs())
+            terms(off) + TERM * ULP * (terms(position) + matrix[(row, 3)].abs())
         })
     };
     let ends: [[f64; 3]; 2] = [index_off(before, offs[0]), index_off(after, offs[1])];
-    let index = |place: [f64; 3]| -> [f64; 3] {
-        std::array::from_fn(|row| (0..3).map(|c| matrix[(row, c)] * place[c]).sum::<f64>() + matrix[(row, 3)])
+    let index = |position: [f64; 3]| -> [f64; 3] {
+        std::array::from_fn(|row| (0..3).map(|c| matrix[(row, c)] * position[c]).sum::<f64>() + matrix[(row, 3)])
     };
     let (from, to) = (index(before), index(after));
     let near_face = (0..3).any(|axis| {
@@ -132,7 +135,7 @@ fn cosine_off(
         along_off += gradient_off[axis] * crossed
             + (gradient[axis].abs() + gradient_off[axis]) * (ends[0][axis] + ends[1][axis]);
         along_size += gradient[axis].abs() * crossed;
-        let slope = |of: [f64; 3]| (0..3).map(|row| (matrix[(row, axis)] * of[row]).abs()).sum::<f64>();
+        let slope = |vector: [f64; 3]| (0..3).map(|row| (matrix[(row, axis)] * vector[row]).abs()).sum::<f64>();
         let exact: f64 = (0..3).map(|row| matrix[(row, axis)] * gradient[row]).sum();
         steep += exact * exact;
         steep_off += (slope(gradient_off) + 4.0 * ULP * slope(gradient)).powi(2);

@@ -64,8 +64,8 @@ fn the_echo_of_a_tilted_plane_falls_with_the_power_of_the_cosine() {
             let expected = coefficient * f64::to_radians(angle).cos().powf(directivity);
             println!("{angle} degrees, power {directivity}: {mean:.3}, expected {expected:.3}");
             // Normals are 3 degrees off: at 60 degrees the sixth power of the cosine is then a tenth more on the mean.
-            let off = (mean - expected).abs();
-            assert!(off < 0.12 * expected, "{angle} degrees: {mean}, not {expected}");
+            let error = (mean - expected).abs();
+            assert!(error < 0.12 * expected, "{angle} degrees: {mean}, not {expected}");
             assert!(mean < before, "{angle} degrees: {mean} is no less than {before}");
             before = mean;
         }

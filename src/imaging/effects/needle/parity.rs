@@ -40,12 +40,12 @@ fn straight_and_bent_needles_in_and_out_of_the_plane() {
         ("a point", &[[1.0, 20.0, 0.0], [1.0, 20.0, 0.001]]),
     ];
     let mut cases = Vec::new();
-    for (at, (name, points)) in shafts.into_iter().enumerate() {
-        let (kind, shape) = SHAPES[at % SHAPES.len()];
+    for (number, (name, points)) in shafts.into_iter().enumerate() {
+        let (kind, shape) = SHAPES[number % SHAPES.len()];
         let mut settings = scene::settings(scene::probe(shape, 40.0, 24, 96), scene::bare());
         settings.has_needle = true;
         settings.effects.needle = Some(NeedleEcho {
-            thickness_mm: (at % 2 == 1).then_some(2.0),
+            thickness_mm: (number % 2 == 1).then_some(2.0),
             ..Default::default()
         });
         let mut state = scenes::oblique_pose();
@@ -103,12 +103,12 @@ fn seeds_with_and_without_a_needle() {
         ([0.0, 20.0, 6.0], [0.0, 1.0, 0.0], 0.8),
     ];
     let mut cases = Vec::new();
-    for (at, (kind, shape)) in SHAPES.into_iter().enumerate() {
-        let effects = [scene::bare(), Effects::all()][at % 2].clone();
+    for (number, (kind, shape)) in SHAPES.into_iter().enumerate() {
+        let effects = [scene::bare(), Effects::all()][number % 2].clone();
         let mut settings = scene::settings(scene::probe(shape, 40.0, 24, 96), effects);
         settings.has_needle = true;
         settings.effects.needle = Some(NeedleEcho {
-            thickness_mm: (at % 3 == 2).then_some(1.5),
+            thickness_mm: (number % 3 == 2).then_some(1.5),
             ..Default::default()
         });
         settings.effects.shadow = Some(Default::default());

@@ -76,8 +76,8 @@ impl<T: Real> Shaft<T> {
             (x - self.start[0]) * self.axis[0] + (y - self.start[1]) * self.axis[1] - self.start[2] * self.axis[2];
         let share = (along / self.length.max(T::of(1e-9))).max(T::zero()).min(T::one());
         let from_tip = self.from_tip[0] + share * (self.from_tip[1] - self.from_tip[0]);
-        let place = [from_tip * T::of(1.0 / GRAIN_MM), self.number, T::zero()];
-        let ([re], [im]) = scatterers(&place.map(|x| [x]), numbers.seed);
+        let lattice_point = [from_tip * T::of(1.0 / GRAIN_MM), self.number, T::zero()];
+        let ([re], [im]) = scatterers(&lattice_point.map(|x| [x]), numbers.seed);
         let [steady, diffuse] = [numbers.steady, numbers.diffuse].map(|x| T::of(f64::from(x)));
         let is_bevel = self.number == T::zero() && from_tip < T::of(BEVEL_MM);
         let factor = if is_bevel {

@@ -15,8 +15,8 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
         return slack.fault("a noise pass without noise");
     };
     let scale = f64::from((noise.std_grey / SUM_STD) as f32);
-    for (index, (pixel, at)) in slack.image.iter_mut().zip(&tables.scan_map).enumerate() {
-        if at[0] < 0.0 {
+    for (index, (pixel, beam_position)) in slack.image.iter_mut().zip(&tables.scan_map).enumerate() {
+        if beam_position[0] < 0.0 {
             continue;
         }
         let (row, column) = (index / tables.width(), index % tables.width());

@@ -47,13 +47,13 @@ pub(super) fn table(grid: &BeamGrid, spread: &PointSpread, seed: u64, power: imp
             .map(|sample| echo([line as i32, sample as i32], shares[sample], seed))
             .collect();
         (0..samples)
-            .map(|sample| convolved(&axial, sample, samples, |at| echoes[at]))
+            .map(|sample| convolved(&axial, sample, samples, |index| echoes[index]))
             .collect()
     });
     let mut clutter = vec![0.0; lines * samples];
     for_each((0.., chunks_mut(&mut clutter, samples)), &|(line, clutter)| {
         for (sample, power) in clutter.iter_mut().enumerate() {
-            let [re, im] = convolved(&across[sample], line, lines, |at| scanlines[at][sample]);
+            let [re, im] = convolved(&across[sample], line, lines, |index| scanlines[index][sample]);
             *power = (means[sample] * (re * re + im * im)) as f32;
         }
     });
@@ -72,17 +72,17 @@ fn width(kernel: &[f64]) -> f64 {
     let variance = kernel
         .iter()
         .enumerate()
-        .map(|(at, weight)| weight * (at as f64 - centre).powi(2));
+        .map(|(index, weight)| weight * (index as f64 - centre).powi(2));
     (FWHM_PER_SIGMA * variance.sum::<f64>().sqrt()).max(1.0)
 }
 
-/// Convolution at index `place` of `places`, of unit power for independent values of unit power.
-fn convolved(kernel: &[f64], place: usize, places: usize, value: impl Fn(usize) -> Complex) -> Complex {
+/// Convolution at index `index` of `count`, of unit power for independent values of unit power.
+fn convolved(kernel: &[f64], index: usize, count: usize, value: impl Fn(usize) -> Complex) -> Complex {
     let reach = kernel.len() / 2;
     let (mut sum, mut power) = ([0.0; 2], 0.0);
-    for at in place.saturating_sub(reach)..=(place + reach).min(places - 1) {
-        let weight = kernel[at + reach - place];
-        let [re, im] = value(at);
+    for other in index.saturating_sub(reach)..=(index + reach).min(count - 1) {
+        let weight = kernel[other + reach - index];
+        let [re, im] = value(other);
         (sum[0], sum[1]) = (sum[0] + weight * re, sum[1] + weight * im);
         power += weight * weight;
     }
@@ -114,7 +114,7 @@ fn bands(grid: &BeamGrid, seed: [u32; 2]) -> Vec<f64> {
     (0..grid.samples() as i32)
         .map(|sample| {
             let taps = kernel.iter().zip(sample - reach..);
-            let drawn = taps.map(|(weight, at)| weight * normal(at)).sum::<f64>() / norm;
+            let drawn = taps.map(|(weight, sample)| weight * normal(sample)).sum::<f64>() / norm;
             (sigma * drawn - 0.5 * sigma * sigma).exp()
         })
         .collect()

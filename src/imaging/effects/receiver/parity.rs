@@ -10,7 +10,7 @@ use crate::support::scene::{self, SHAPES};
 #[test]
 fn noise_and_clutter_on_every_probe_shape() {
     let mut cases = Vec::new();
-    for (at, (name, shape)) in SHAPES.into_iter().enumerate() {
+    for (number, (name, shape)) in SHAPES.into_iter().enumerate() {
         for receiver in [
             Receiver::default(),
             Receiver {
@@ -30,9 +30,9 @@ fn noise_and_clutter_on_every_probe_shape() {
             let mut settings = scene::settings(scene::probe(shape, 40.0, 11, 151), scene::bare());
             settings.effects.receiver = Some(receiver.clone());
             settings.effects.tone = Some(Default::default());
-            settings.effects.shadow = (at % 2 == 0).then(Shadow::default);
+            settings.effects.shadow = (number % 2 == 0).then(Shadow::default);
             let mut state = scenes::oblique_pose();
-            state.frame = [0, 3, u64::from(u32::MAX) + 9][at % 3];
+            state.frame = [0, 3, u64::from(u32::MAX) + 9][number % 3];
             cases.push(Case::new(
                 format!("{name}, {receiver:?}"),
                 scenes::random_anatomy(),

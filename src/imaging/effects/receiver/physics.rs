@@ -208,9 +208,9 @@ fn clutter_stands_still_and_fades() {
                 .flat_map(|line| line[..100].to_vec())
                 .collect::<Vec<_>>()
         };
-        let again = correlation(&near(&beams[0]), &near(&beam(0, 1)));
+        let next = correlation(&near(&beams[0]), &near(&beam(0, 1)));
         let other = correlation(&near(&beams[0]), &near(&beams[1]));
-        assert!(again > 0.99 && other.abs() < 0.3, "{again} {other}");
+        assert!(next > 0.99 && other.abs() < 0.3, "{next} {other}");
     }
 }
 

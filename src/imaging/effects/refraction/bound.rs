@@ -11,7 +11,7 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
     let spread = Spread::<f64>::new(step.tables);
     let reach = step.tables.effects.refraction.reach;
     let phases = [step.after, step.twin].map(|beam| -> Vec<f64> {
-        let increment = |at: usize| f64::from(step.tables.label_rows[usize::from(beam.label[at])].phase);
+        let increment = |index: usize| f64::from(step.tables.label_rows[usize::from(beam.label[index])].phase);
         let mut phases = vec![0.0; lines / reach * samples];
         for (half, down) in phases.chunks_mut(samples).enumerate() {
             let mut sum = 0.0;

@@ -9,11 +9,11 @@ use crate::support::scene::{self, SHAPES};
 #[test]
 fn steps_of_the_speed_of_sound_on_every_probe_shape() {
     let mut cases = Vec::new();
-    for (at, (name, shape)) in SHAPES.into_iter().enumerate() {
+    for (number, (name, shape)) in SHAPES.into_iter().enumerate() {
         for (lines, samples) in [(24, 96), (5, 700)] {
             let mut settings = scene::settings(scene::probe(shape, 40.0, lines, samples), scene::bare());
             settings.effects.refraction = Some(Refraction {
-                beam_mm: [3.0, 0.5, 20.0, 6.0, 1.5][at % 5],
+                beam_mm: [3.0, 0.5, 20.0, 6.0, 1.5][number % 5],
             });
             for (volume, anatomy, state) in [
                 ("random", scenes::random_anatomy(), scenes::oblique_pose()),

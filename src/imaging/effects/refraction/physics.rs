@@ -47,7 +47,7 @@ fn the_middle_of_a_slow_cylinder_gathers_as_a_lens_does() {
         for depth in [40.0, 50.0, 59.0] {
             // One face within the cylinder, two behind it.
             let fading = F_NUMBER * 6.0;
-            let since = |place: f64| (-(depth - place) / fading).exp();
+            let since = |face: f64| (-(depth - face) / fading).exp();
             let ends = [20.0 - RADIUS_MM, 20.0 + RADIUS_MM].map(since);
             let expected = 1.0 / (1.0 - excess / RADIUS_MM * fading * (ends[1] - ends[0] + 2.0 * (1.0 - ends[1])));
             let amplitude = linear[120][(depth * 40.0) as usize];
@@ -63,13 +63,16 @@ fn the_middle_of_a_slow_cylinder_gathers_as_a_lens_does() {
 fn edges_of_a_cylinder_cast_dark_lines_and_nothing_else_changes() {
     for (name, backend) in precisions() {
         let linear = factors(ProbeShape::Linear(Linear { width_mm: 60.0 }), 241, 3.0, backend);
-        let at = |x_mm: f64, depth: f64| linear[(120.0 + x_mm * 4.0).round() as usize][(depth * 40.0) as usize];
+        let linear_at = |x_mm: f64, depth: f64| linear[(120.0 + x_mm * 4.0).round() as usize][(depth * 40.0) as usize];
         for side in [-1.0, 1.0] {
-            let edge = (0..9).map(|step| at(side * (RADIUS_MM + 0.25 * f64::from(step)), 55.0));
+            let edge = (0..9).map(|step| linear_at(side * (RADIUS_MM + 0.25 * f64::from(step)), 55.0));
             let darkest = edge.fold(f64::INFINITY, f64::min);
             assert!(darkest < 0.7, "{name}: {darkest} beside the edge");
-            assert!((at(side * 20.0, 55.0) - 1.0).abs() < 1e-6, "{name}: away from it");
-            assert_eq!(at(side * RADIUS_MM, 5.0), 1.0, "{name}: above it");
+            assert!(
+                (linear_at(side * 20.0, 55.0) - 1.0).abs() < 1e-6,
+                "{name}: away from it"
+            );
+            assert_eq!(linear_at(side * RADIUS_MM, 5.0), 1.0, "{name}: above it");
         }
     }
 }

@@ -11,12 +11,12 @@ const MIXES: f64 = 2.0 * 4.0;
 pub(crate) fn carry(step: &Step, slack: &mut Slack) {
     let (tables, beam) = (step.tables, step.after);
     let fill = f64::from(tables.settings.image.fill);
-    let pixel = |&at: &[f32; 2]| {
-        if at[0] < 0.0 {
+    let pixel = |&beam_position: &[f32; 2]| {
+        if beam_position[0] < 0.0 {
             return [fill, 0.0];
         }
-        let grey = bilinear(&beam.amplitude, beam.lines, beam.samples, at);
-        let off = bilinear(&slack.amplitude, beam.lines, beam.samples, at);
+        let grey = bilinear(&beam.amplitude, beam.lines, beam.samples, beam_position);
+        let off = bilinear(&slack.amplitude, beam.lines, beam.samples, beam_position);
         [grey, off + MIXES * ULP * 255.0]
     };
     slack.image = tables.scan_map.iter().map(pixel).collect();

@@ -44,10 +44,10 @@ fn interpolation_between_equal_neighbours_is_exact_to_one_ulp() {
         let beam = [value; 12];
         for line in 0..20 {
             for sample in 0..30 {
-                let at = [line as f32 * 0.1, sample as f32 * 0.1];
+                let position = [line as f32 * 0.1, sample as f32 * 0.1];
                 assert!(
-                    (bilinear(&beam, 3, 4, at) - value).abs() <= value * f32::EPSILON,
-                    "{at:?}"
+                    (bilinear(&beam, 3, 4, position) - value).abs() <= value * f32::EPSILON,
+                    "{position:?}"
                 );
             }
         }
@@ -102,8 +102,8 @@ fn a_pixel_shows_the_tissue_at_its_place_in_the_world() {
         let frame = synthesizer.render(&scene::straight()).expect("a frame");
         let (mut bright, mut dark) = (0, 0);
         for (index, &pixel) in frame.pixels.iter().enumerate() {
-            let at = nalgebra::Point3::new((index % 240) as f64, (index / 240) as f64, 0.0);
-            let world = frame.image_to_world.transform_point(&at);
+            let pixel_position = nalgebra::Point3::new((index % 240) as f64, (index / 240) as f64, 0.0);
+            let world = frame.image_to_world.transform_point(&pixel_position);
             let away = ((world.x - centre[0]).powi(2) + (world.y - centre[1]).powi(2)).sqrt();
             // Half a voxel's diagonal, a scanline and a sample blur the rim.
             if away < radius - 0.8 {

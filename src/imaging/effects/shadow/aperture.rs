@@ -127,8 +127,8 @@ pub(super) fn rays<T: Real>(view: &View, store: &mut Store<T>) {
                 continue;
             };
             let first = line * samples + run.start;
-            for (at, (label, out)) in labels[first..].iter().zip(out).enumerate() {
-                let shade = |units: T| (mask[first + at][1] * units).to_u32().unwrap_or(0);
+            for (element, (label, out)) in labels[first..].iter().zip(out).enumerate() {
+                let shade = |units: T| (mask[first + element][1] * units).to_u32().unwrap_or(0);
                 let sample_loss = loss[usize::from(*label)] + needle.map_or(0, shade);
                 if sample_loss == 0 {
                     *out = left;
@@ -167,13 +167,13 @@ pub(super) fn mean<T: Real>(view: &View, store: &mut Store<T>) {
                 // Almost everywhere all rays end on the array: a sum of five slices, which runs in vector registers.
                 match rays {
                     [a, b, c, d, e] if count == RAYS => {
-                        for (at, left) in left.iter_mut().enumerate() {
-                            *left *= (a[at] + b[at] + c[at] + d[at] + e[at]) * share;
+                        for (sample, left) in left.iter_mut().enumerate() {
+                            *left *= (a[sample] + b[sample] + c[sample] + d[sample] + e[sample]) * share;
                         }
                     }
                     _ => {
-                        for (at, left) in left.iter_mut().enumerate() {
-                            let sum = rays[..count].iter().fold(T::zero(), |sum, ray| sum + ray[at]);
+                        for (sample, left) in left.iter_mut().enumerate() {
+                            let sum = rays[..count].iter().fold(T::zero(), |sum, ray| sum + ray[sample]);
                             *left *= sum * share;
                         }
                     }

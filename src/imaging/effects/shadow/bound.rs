@@ -94,8 +94,8 @@ fn through(step: &Step, slack: &Slack) -> Vec<[f64; 2]> {
             element_at(shifts, samples, [ray, line, sample], lines)
                 .map(|element| (ray * lines + element) * samples + sample)
         });
-        let (sum, count) = elements.fold(([0.0; 2], 0.0), |([value, off], count), at| {
-            ([value + of_rays[at][0], off + of_rays[at][1]], count + 1.0)
+        let (sum, count) = elements.fold(([0.0; 2], 0.0), |([value, off], count), element| {
+            ([value + of_rays[element][0], off + of_rays[element][1]], count + 1.0)
         });
         let [value, off] = sum.map(|x| x / count);
         [value, off + ((RAYS + 1) as f64 * ULP + DIVIDE) * (value + off)]
@@ -121,11 +121,14 @@ fn through(step: &Step, slack: &Slack) -> Vec<[f64; 2]> {
 fn one_way(loss: f64, off: f64) -> [f64; 2] {
     let exponent = 0.5 * exponent_per_unit();
     let left = |units: f64| (units.clamp(0.0, f64::from(MAX_UNITS)) * exponent).exp2();
-    let (most, least) = (left(loss - off), left(loss + off));
+    let (largest_share, least_share) = (left(loss - off), left(loss + off));
     let largest = (loss + off) * exponent.abs();
     // Units converted, beyond 2^24 in either direction (1), factor stored (1/2), product (1); then the exponential.
     let relative = exp2(largest, 2.5 * ULP * largest);
-    [left(loss), most - least + most * relative.min(1.0) + TINY]
+    [
+        left(loss),
+        largest_share - least_share + largest_share * relative.min(1.0) + TINY,
+    ]
 }
 
 /// Propagates the bounds through the mean over the beam.
@@ -136,10 +139,10 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
     let (lines, samples) = (step.lines(), step.samples());
     let opaque = opaque_units(step.tables.sample_mm());
     let is_opaque = |label: u8| step.tables.label_rows[usize::from(label)].loss >= opaque;
-    let all = through(step, slack);
+    let left_of_all = through(step, slack);
     for sample in 0..samples {
         let weights: Vec<f64> = kernel.at(sample).collect();
-        let through: Vec<[f64; 2]> = (0..lines).map(|line| all[line * samples + sample]).collect();
+        let through: Vec<[f64; 2]> = (0..lines).map(|line| left_of_all[line * samples + sample]).collect();
         for line in 0..lines {
             let (mut mean, mut off, mut norm) = (0.0, 0.0, 0.0);
             for (tap, weight) in weights.iter().enumerate() {
@@ -208,8 +211,8 @@ pub(crate) fn carry_mirror(step: &Step, slack: &mut Slack) {
             }
             let mirror = mirror::Mirror { tops, samples, spacing };
             let slope = slope(tops, line, samples, spacing);
-            let at = row + depth - 1;
-            let rate = f64::from(step.after.loss[at]) * exponent_per_unit() / depth as f64;
+            let index = row + depth - 1;
+            let rate = f64::from(step.after.loss[index]) * exponent_per_unit() / depth as f64;
             for (sample, image) in images.iter_mut().enumerate().skip(depth) {
                 let [from_line, from, longer] = mirror.place(line, slope, sample);
                 if !(-2.0..lines as f64 + 1.0).contains(&from_line) || !(-2.0..samples as f64 + 1.0).contains(&from) {
@@ -221,21 +224,21 @@ pub(crate) fn carry_mirror(step: &Step, slack: &mut Slack) {
                 let off = 20.0 * ULP * 2.0 * radius;
                 let off = off + off / distance + 4.0 * ULP * lines as f64;
                 let around = |values: &[f64]| {
-                    let window = |at: f64, count: usize| {
-                        let first = at.floor() as i64 - 1;
+                    let window = |position: f64, count: usize| {
+                        let first = position.floor() as i64 - 1;
                         first.max(0) as usize..(first + 4).clamp(0, count as i64) as usize
                     };
-                    let mut most = 0.0f64;
+                    let mut loudest = 0.0f64;
                     for other in window(from_line, lines) {
                         for sample in window(from, samples) {
-                            most = most.max(values[other * samples + sample]);
+                            loudest = loudest.max(values[other * samples + sample]);
                         }
                     }
-                    most
+                    loudest
                 };
                 let exponent = rate * longer;
                 let left = share * exponent.exp2();
-                let lost = (slack.loss[at] * exponent_per_unit().abs() / depth as f64) * longer;
+                let lost = (slack.loss[index] * exponent_per_unit().abs() / depth as f64) * longer;
                 let relative = exp2(exponent.abs(), 8.0 * ULP * exponent.abs() + lost + rate.abs() * off);
                 let largest = around(before);
                 let exact = left * mirror.echo(before, [from_line, from]);
@@ -269,9 +272,9 @@ pub(crate) fn carry_reverberation(step: &Step, slack: &mut Slack) {
             if depth >= samples {
                 return (0.0, 0.0, before.to_vec());
             }
-            let at = row + depth - 1;
-            let [one_way, off] = one_way(f64::from(step.after.loss[at]), slack.loss[at]);
-            let share = share(step.tables) * reflection(step.tables, [labels[at], labels[at + 1]]);
+            let index = row + depth - 1;
+            let [one_way, off] = one_way(f64::from(step.after.loss[index]), slack.loss[index]);
+            let share = share(step.tables) * reflection(step.tables, [labels[index], labels[index + 1]]);
             let gain = share * one_way * one_way * directivity(tops, line, samples, spacing(step.tables));
             // Twice the one-way loss; about seventy operations on numbers up to 1 in the directivity, the reflection and the product.
             let off = share * ((2.0 * one_way + off) * off + 70.0 * ULP);

@@ -48,10 +48,10 @@ impl<T: Real> Mirror<'_, T> {
     /// Source of a sample beyond the surface: fractional scanline and sample, and the extra path length in sample distances.
     #[inline(always)]
     pub fn place(&self, line: usize, slope: T, sample: usize) -> [T; 3] {
-        let of = |n: usize| T::of(n as f64);
+        let number = |n: usize| T::of(n as f64);
         let (one, two, half) = (T::one(), T::of(2.0), T::of(0.5));
-        let top = of(self.tops[line] as usize);
-        let beyond = of(sample) + half - top;
+        let top = number(self.tops[line] as usize);
+        let beyond = number(sample) + half - top;
         let cos2 = one / (one + slope * slope);
         let across = beyond * two * slope * cos2;
         let down = top + beyond * (one - two * cos2);
@@ -68,8 +68,8 @@ impl<T: Real> Mirror<'_, T> {
         } else {
             [across / spacing, down]
         };
-        let longer = (of(sample) + half - depth).max(T::zero());
-        [of(line) + lines, depth - half, longer]
+        let longer = (number(sample) + half - depth).max(T::zero());
+        [number(line) + lines, depth - half, longer]
     }
 
     /// Bilinear echo at a fractional scanline and sample; samples outside the image or below a surface count as 0.
@@ -82,7 +82,7 @@ impl<T: Real> Mirror<'_, T> {
         // Shifting by one keeps the truncation a floor.
         let [first_line, first] = [line, sample].map(|x| (x + one).truncate() - 1);
         let (across, along) = (line - T::from_signed(first_line), sample - T::from_signed(first));
-        let at = |line: i32, sample: i32| {
+        let amplitude = |line: i32, sample: i32| {
             let known =
                 line >= 0 && (line as usize) < lines && sample >= 0 && (sample as u32) < self.tops[line as usize];
             if known {
@@ -91,7 +91,7 @@ impl<T: Real> Mirror<'_, T> {
                 T::zero()
             }
         };
-        let along_line = |line: i32| (one - along) * at(line, first) + along * at(line, first + 1);
+        let along_line = |line: i32| (one - along) * amplitude(line, first) + along * amplitude(line, first + 1);
         (one - across) * along_line(first_line) + across * along_line(first_line + 1)
     }
 }

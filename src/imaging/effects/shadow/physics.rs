@@ -44,8 +44,8 @@ fn loss_db(beam: &Beam, line: usize, sample: usize) -> f64 {
 /// Two-way loss of layers with one-way coefficients `alphas` (dB/cm/MHz) that start at `starts`, at a depth.
 fn beer_lambert(starts: &[f64], alphas: &[f64], depth: f64) -> f64 {
     let mut db = 0.0;
-    for (at, (&start, alpha)) in starts.iter().zip(alphas).enumerate() {
-        let end = starts.get(at + 1).copied().unwrap_or(f64::INFINITY);
+    for (index, (&start, alpha)) in starts.iter().zip(alphas).enumerate() {
+        let end = starts.get(index + 1).copied().unwrap_or(f64::INFINITY);
         db += 2.0 * alpha * MHZ / 10.0 * (depth.min(end) - start).max(0.0);
     }
     db
@@ -138,13 +138,17 @@ fn behind_bone_it_is_dark() {
             &scene::straight(),
         );
         for line in 0..beam.lines {
-            let at = |depth: f64| beam.amplitude[line * beam.samples + (depth / DEPTH_MM * 240.0) as usize];
+            let amplitude_at = |depth: f64| beam.amplitude[line * beam.samples + (depth / DEPTH_MM * 240.0) as usize];
             assert!(
-                at(19.5) > 0.2,
+                amplitude_at(19.5) > 0.2,
                 "{name}: tissue in front of the bone shows: {}",
-                at(19.5)
+                amplitude_at(19.5)
             );
-            assert!(at(27.0) < 1e-5, "{name}: behind bone is {}", at(27.0));
+            assert!(
+                amplitude_at(27.0) < 1e-5,
+                "{name}: behind bone is {}",
+                amplitude_at(27.0)
+            );
         }
     }
 }
@@ -247,9 +251,9 @@ fn above_opaque(angle_deg: f64, reverberation: f64, backend: Backend) -> Beam {
 #[test]
 fn tissue_above_a_reflector_comes_back_below_it_again_and_again() {
     for angle_deg in [0.0, 10.0, 20.0] {
-        for ((name, backend), (_, again)) in precisions().into_iter().zip(precisions()) {
+        for ((name, backend), (_, backend_without)) in precisions().into_iter().zip(precisions()) {
             let with = above_opaque(angle_deg, 0.35, backend);
-            let without = above_opaque(angle_deg, 0.0, again);
+            let without = above_opaque(angle_deg, 0.0, backend_without);
             let angle = f64::to_radians(angle_deg);
             // Lines whose neighbours all see the face.
             for line in 12..49 {
@@ -263,10 +267,10 @@ fn tissue_above_a_reflector_comes_back_below_it_again_and_again() {
                     let top = (depth / 0.05).round() as usize;
                     let expected = gain.powi(order) * without.amplitude[row + from];
                     let amplitude = with.amplitude[row + from + order as usize * top];
-                    let off = (amplitude / expected - 1.0).abs();
+                    let error = (amplitude / expected - 1.0).abs();
                     // Faces lie on samples, which moves the angle by up to half a degree.
                     assert!(
-                        off < 0.02 + 0.006 * angle_deg * f64::from(order),
+                        error < 0.02 + 0.006 * angle_deg * f64::from(order),
                         "{name}, {angle_deg} degrees, line {line}, {share}, {order}: {amplitude}, not {expected}"
                     );
                 }
@@ -316,24 +320,24 @@ fn a_ball_above_gas_is_mirrored_in_its_surface() {
             });
             for (name, backend) in precisions() {
                 let beam = beam_after(&anatomy, &settings, backend, "shadow_mirror", &scene::straight());
-                let (mut sum, mut middle, mut most) = (0.0, [0.0; 2], 0.0f64);
-                for (at, amplitude) in beam.amplitude.iter().enumerate() {
-                    let [line, sample] = [at / 1200, at % 1200].map(|n| n as f64);
+                let (mut sum, mut middle, mut loudest) = (0.0, [0.0; 2], 0.0f64);
+                for (index, amplitude) in beam.amplitude.iter().enumerate() {
+                    let [line, sample] = [index / 1200, index % 1200].map(|n| n as f64);
                     let depth = (sample + 0.5) * 0.05;
-                    let place = if spread > 0.0 {
+                    let centre = if spread > 0.0 {
                         let angle = (line - 80.0) / 160.0 * 50f64.to_radians();
                         [(spread + depth) * angle.sin(), (spread + depth) * angle.cos() - spread]
                     } else {
                         [(line - 80.0) * 0.25, depth]
                     };
                     // Beyond the surface, past what gas itself returns; areas of samples grow with the distance from the apex.
-                    if place[1] < 30.0 + slope * place[0] + 4.0 {
+                    if centre[1] < 30.0 + slope * centre[0] + 4.0 {
                         continue;
                     }
                     let weight = amplitude * (spread + depth).max(f64::from(u8::from(spread == 0.0)));
                     sum += weight;
-                    (0..2).for_each(|axis| middle[axis] += weight * place[axis]);
-                    most = most.max(*amplitude);
+                    (0..2).for_each(|axis| middle[axis] += weight * centre[axis]);
+                    loudest = loudest.max(*amplitude);
                 }
                 for axis in 0..2 {
                     let centroid = middle[axis] / sum;
@@ -342,7 +346,7 @@ fn a_ball_above_gas_is_mirrored_in_its_surface() {
                         "{name}, {shape:?}, {angle_deg} degrees: axis {axis} at {centroid}, not {expected:?}"
                     );
                 }
-                assert!((most - 0.5).abs() < 0.01, "{name}, {angle_deg} degrees: {most}");
+                assert!((loudest - 0.5).abs() < 0.01, "{name}, {angle_deg} degrees: {loudest}");
             }
         }
     }
@@ -379,10 +383,10 @@ fn the_edge_of_a_shadow_opens_with_depth_as_the_aperture_does() {
                 // Where the five rays to the place pass the plate.
                 let at_plate = (-2..=2).map(|ray| x + f64::from(ray) / 5.0 / 2.0 * (depth - 11.0));
                 // The plate is 2 mm thick, and rays keep to scanlines.
-                let near = at_plate.clone().any(|at| at.abs() < 0.2 + 0.25);
+                let near = at_plate.clone().any(|offset| offset.abs() < 0.2 + 0.25);
                 // Elements beyond the array see nothing; those of a place near its middle are all on it.
                 let inside = x.abs() + 0.2 * depth < 14.8;
-                let open = at_plate.filter(|at| *at < 0.0).count() as f64 / 5.0;
+                let open = at_plate.filter(|offset| *offset < 0.0).count() as f64 / 5.0;
                 let amplitude = beam.amplitude[line * beam.samples + sample as usize];
                 assert!(
                     near || !inside || (amplitude.sqrt() - open).abs() < 1e-4,

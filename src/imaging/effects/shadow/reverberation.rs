@@ -54,9 +54,9 @@ pub fn slope<T: Real>(tops: &[u32], line: usize, samples: usize, spacing: [T; 2]
     if first == last {
         return T::zero();
     }
-    let of = |n: u32| T::of(f64::from(n));
-    let across = of((last - first) as u32) * (spacing[0] + spacing[1] * of(tops[line]));
-    (of(tops[last]) - of(tops[first])) / across
+    let number = |n: u32| T::of(f64::from(n));
+    let across = number((last - first) as u32) * (spacing[0] + spacing[1] * number(tops[line]));
+    (number(tops[last]) - number(tops[first])) / across
 }
 
 /// Finds the reflector of each scanline.
@@ -90,8 +90,8 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
             return;
         }
         let above = T::of(f64::from(losses[line * samples + top - 1]));
-        let at = line * samples + top;
-        let reflected = T::of(reflection(tables, [labels[at - 1], labels[at]]));
+        let index = line * samples + top;
+        let reflected = T::of(reflection(tables, [labels[index - 1], labels[index]]));
         let gain = share * reflected * (above * exponent).exp2() * directivity(tops, line, samples, spacing);
         for sample in top..samples {
             let (echo, repeat) = (amplitudes[sample], gain * amplitudes[sample - top]);

@@ -86,28 +86,28 @@ fn folded([low, high]: [f64; 2], size: f64) -> [f64; 2] {
     // Negation and differences of numbers up to twice the size lose 2 ULP of it.
     let off = 2.0 * ULP * (2.0 * size + low.abs().max(high.abs()));
     let ends = [-0.5, size - 0.5];
-    let mirror = |at: f64| match at {
-        at if at < ends[0] => 2.0 * ends[0] - at,
-        at if at >= ends[1] => 2.0 * ends[1] - at,
-        at => at,
+    let mirror = |position: f64| match position {
+        position if position < ends[0] => 2.0 * ends[0] - position,
+        position if position >= ends[1] => 2.0 * ends[1] - position,
+        position => position,
     };
     let [a, b] = [mirror(low), mirror(high)];
     let on_end = |end: f64| low < end && high >= end;
     let reached = [a, b].into_iter().chain(ends.into_iter().filter(|end| on_end(*end)));
-    let (least, most) = reached.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), at| {
-        (least.min(at), most.max(at))
+    let (lowest, highest) = reached.fold((f64::INFINITY, f64::NEG_INFINITY), |(lowest, highest), position| {
+        (lowest.min(position), highest.max(position))
     });
-    let (least, most) = (least - off, most + off);
+    let (lowest, highest) = (lowest - off, highest + off);
     // Indices mirrored at the upper end keep a distance from it.
-    let least = if high >= ends[1] {
-        least.min(ends[1] - 1.01 * WITHIN)
+    let lowest = if high >= ends[1] {
+        lowest.min(ends[1] - 1.01 * WITHIN)
     } else {
-        least
+        lowest
     };
-    if least < ends[0] - 1.0 || most > ends[1] + 1.0 {
-        return [least, most];
+    if lowest < ends[0] - 1.0 || highest > ends[1] + 1.0 {
+        return [lowest, highest];
     }
-    [least, most].map(|at| at.clamp(ends[0] + 1e-9, ends[1] - 1e-9))
+    [lowest, highest].map(|position| position.clamp(ends[0] + 1e-9, ends[1] - 1e-9))
 }
 
 /// Collects the labels of the voxels whose cells the box of indices touches.
@@ -139,15 +139,15 @@ fn vote(tables: &Tables, low: [f64; 3], high: [f64; 3], boundary: Boundary, labe
         Boundary::Smooth => (1, SMOOTH_SHARE),
         _ => (0, SHARE),
     };
-    let weight = |at: f64, voxel: i64| match boundary {
+    let weight = |position: f64, voxel: i64| match boundary {
         Boundary::Smooth => {
-            let tap = voxel + 1 - at.floor() as i64;
+            let tap = voxel + 1 - position.floor() as i64;
             usize::try_from(tap)
                 .ok()
-                .and_then(|tap| spline(at - at.floor()).get(tap).copied())
+                .and_then(|tap| spline(position - position.floor()).get(tap).copied())
                 .map_or(0.0, |six| six / 6.0)
         }
-        _ => (1.0 - (at - voxel as f64).abs()).max(0.0),
+        _ => (1.0 - (position - voxel as f64).abs()).max(0.0),
     };
     let label = |voxel: [i64; 3]| {
         let voxel = std::array::from_fn(|axis| voxel[axis].clamp(0, size[axis] as i64 - 1) as usize);
@@ -158,21 +158,21 @@ fn vote(tables: &Tables, low: [f64; 3], high: [f64; 3], boundary: Boundary, labe
         (first[2]..=last[2]).flat_map(plane)
     };
     // Cells touched by the box.
-    let [first, last] = [low, high].map(|ends| ends.map(|at| at.floor() as i64));
+    let [first, last] = [low, high].map(|ends| ends.map(|position| position.floor() as i64));
     let mut shares = vec![0.0; tables.volume.labels().len()];
     for voxel in voxels(first.map(|n| n - beyond), last.map(|n| n + 1 + beyond)) {
         shares[usize::from(label(voxel))] += (0..3).map(|axis| weight(index[axis], voxel[axis])).product::<f64>();
     }
     for cell in voxels(first, last) {
         let of_cell: Vec<u8> = voxels(cell, cell.map(|n| n + 1)).map(label).collect();
-        let most = of_cell
+        let largest_share = of_cell
             .iter()
             .map(|label| shares[usize::from(*label)])
             .fold(0.0, f64::max);
         labels.extend(
             of_cell
                 .into_iter()
-                .filter(|&label| shares[usize::from(label)] >= most - 2.0 * (off + share_off * ULP)),
+                .filter(|&label| shares[usize::from(label)] >= largest_share - 2.0 * (off + share_off * ULP)),
         );
     }
 }

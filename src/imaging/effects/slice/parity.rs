@@ -40,12 +40,15 @@ fn far_samples_are_possible_labels_only_at_faces() {
     let case = Case::new("proof", scenes::unit_voxels(), settings, scene::straight());
     let exact = case.exact().expect("the reference");
     let tables = exact.tables();
-    let off = [1e-6; 3];
-    let middle = possible_labels(tables, [0.0, 20.0, 0.0, 0.0], off);
+    let error = [1e-6; 3];
+    let middle = possible_labels(tables, [0.0, 20.0, 0.0, 0.0], error);
     assert_eq!(middle.len(), 1, "the middle of a voxel leaves no doubt: {middle:?}");
     assert_eq!(
-        possible_labels(tables, [0.0, 500.0, 0.0, 0.0], off),
+        possible_labels(tables, [0.0, 500.0, 0.0, 0.0], error),
         BTreeSet::from([0])
     );
-    assert_eq!(possible_labels(tables, [0.0, 20.0, 0.0, 1.0], off), BTreeSet::from([0]));
+    assert_eq!(
+        possible_labels(tables, [0.0, 20.0, 0.0, 1.0], error),
+        BTreeSet::from([0])
+    );
 }

@@ -43,13 +43,13 @@ fn errors(boundary: Boundary, case: impl Fn(i32, f64) -> (Anatomy, f64)) -> Vec<
     SPACINGS_MM
         .iter()
         .map(|&spacing| {
-            let off: Vec<f64> = (0..BODIES)
+            let errors: Vec<f64> = (0..BODIES)
                 .map(|body| {
                     let (anatomy, expected) = case(body, spacing);
                     area(&anatomy, boundary) / expected - 1.0
                 })
                 .collect();
-            rms(&off)
+            rms(&errors)
         })
         .collect()
 }
@@ -124,15 +124,15 @@ fn stairs(boundary: Boundary, run: f64) -> f64 {
     let mut settings = scene::settings(probe, scene::bare());
     settings.effects.slice.boundary = boundary;
     let beam = beam_after(&anatomy, &settings, Backend::CpuF64, "slice", &scene::straight());
-    let off: Vec<f64> = (0..121)
+    let errors: Vec<f64> = (0..121)
         .map(|line| {
             let labels = &beam.label[line * 800..][..800];
             let first = labels.iter().position(|label| *label == 2).expect("the far side");
             0.05 * first as f64 - (20.0 + 0.25 * (line as f64 - 60.0) / run)
         })
         .collect();
-    let mean = off.iter().sum::<f64>() / off.len() as f64;
-    (off.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / off.len() as f64).sqrt()
+    let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+    (errors.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / errors.len() as f64).sqrt()
 }
 
 /// The half-level line of a half-plane's labels under a cubic B-spline, worked out in two dimensions and apart from the renderer, departs from

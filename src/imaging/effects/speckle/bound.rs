@@ -36,9 +36,13 @@ fn echoes(step: &Step, slack: &Slack, speckle: &SpeckleTables) -> Vec<[f64; 2]> 
     let outermost = step.state.probe_to_world.fixed_view::<3, 1>(0, 2) * reach_mm;
     let mut echoes = vec![[0.0f64; 2]; fine_lines * samples];
     for fine in 0..fine_lines {
-        let (line, rest) = (fine / over, fine % over);
+        let (line, remainder) = (fine / over, fine % over);
         let next = (line + 1).min(lines - 1);
-        let nearest = if rest > 0 && 2 * rest >= over { next } else { line };
+        let nearest = if remainder > 0 && 2 * remainder >= over {
+            next
+        } else {
+            line
+        };
         for sample in 0..samples {
             let (a, b) = (line * samples + sample, next * samples + sample);
             let (pa, pb) = (step.before.position[a], step.before.position[b]);
@@ -52,20 +56,20 @@ fn echoes(step: &Step, slack: &Slack, speckle: &SpeckleTables) -> Vec<[f64; 2]> 
                     } else {
                         0.0
                     };
-                    let given = slack.position[a][axis].max(slack.position[b][axis]).max(torn);
+                    let bound = slack.position[a][axis].max(slack.position[b][axis]).max(torn);
                     let size = pa[axis].abs().max(pb[axis].abs()) + reach_mm;
-                    (given + carried[axis] + POSITION * ULP * size + MIX * (pb[axis] - pa[axis]).abs())
+                    (bound + carried[axis] + POSITION * ULP * size + MIX * (pb[axis] - pa[axis]).abs())
                         / speckle.lattice_mm
                 })
                 .sum();
             let value =
                 planes * (SLOPE * steps + LOUDEST * (INTERPOLATION + (1.5 + speckle.planes.len() as f64) * ULP));
             let loud = planes * LOUDEST;
-            let at = nearest * samples + sample;
+            let index = nearest * samples + sample;
             // Negative where a strong texture is dark.
-            let (amplitude, off) = (step.before.amplitude[at].abs(), slack.amplitude[at]);
+            let (amplitude, off) = (step.before.amplitude[index].abs(), slack.amplitude[index]);
             // Echoes of surfaces and needles, interpolated between two scanlines, times a stored factor, added.
-            let specular = [a, b].map(|at| slack.specular.get(at).copied().unwrap_or([0.0; 2]));
+            let specular = [a, b].map(|index| slack.specular.get(index).copied().unwrap_or([0.0; 2]));
             let factor = speckle.specular.of::<f64>()[sample];
             let [off_specular, size] = [0, 1].map(|part| factor * specular[0][part].max(specular[1][part]));
             let size = size + off_specular;
@@ -99,8 +103,8 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
         for sample in 0..samples {
             let mut sum = [0.0; 2];
             for (tap, weight) in axial.iter().enumerate() {
-                if let Some(at) = (sample + tap).checked_sub(reach).filter(|&at| at < samples) {
-                    sum = add(sum, weight.abs(), echoes[fine * samples + at]);
+                if let Some(index) = (sample + tap).checked_sub(reach).filter(|&index| index < samples) {
+                    sum = add(sum, weight.abs(), echoes[fine * samples + index]);
                 }
             }
             // One more product with a stored factor at the ends.

@@ -45,9 +45,9 @@ impl Elevation {
             for (_, [low, high]) in DISTANCES.into_iter().filter(|(from, _)| count >= *from) {
                 for step in 0..=((high - low) / STEP).round() as usize {
                     let candidate = Self::spaced(count, low + step as f64 * STEP);
-                    let off = (candidate.width() / width - 1.0).abs();
-                    if off < best.0 {
-                        best = (off, candidate);
+                    let error = (candidate.width() / width - 1.0).abs();
+                    if error < best.0 {
+                        best = (error, candidate);
                     }
                 }
             }

@@ -50,16 +50,19 @@ fn field(synthesizer: &mut Synthesizer, state: &FrameState) -> Beam {
 fn fields(settings: &Settings, backend: Backend, count: u64) -> Vec<Beam> {
     let mut synthesizer = synthesizer(&anatomy::uniform(PLAIN), settings, backend);
     (0..count)
-        .map(|at| {
-            let seed = (at + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        .map(|number| {
+            let seed = (number + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
             synthesizer
                 .set(Settings {
                     seed,
                     ..settings.clone()
                 })
                 .expect("another seed");
-            let place = Vector3::new(0.137, 0.211, 0.319) * at as f64;
-            field(&mut synthesizer, &FrameState::at(Matrix4::new_translation(&place)))
+            let translation = Vector3::new(0.137, 0.211, 0.319) * number as f64;
+            field(
+                &mut synthesizer,
+                &FrameState::at(Matrix4::new_translation(&translation)),
+            )
         })
         .collect()
 }
@@ -77,7 +80,7 @@ fn autocorrelation(fields: &[Beam], stride: usize, reach: usize, rows: std::ops:
             for beam in fields {
                 for line in 0..beam.lines {
                     for sample in rows.clone() {
-                        let (at, other) = (
+                        let (index, other) = (
                             line * beam.samples + sample,
                             line * beam.samples + sample + lag * stride,
                         );
@@ -87,7 +90,7 @@ fn autocorrelation(fields: &[Beam], stride: usize, reach: usize, rows: std::ops:
                             line + lag < beam.lines
                         };
                         if stays {
-                            a.push(beam.amplitude[at].powi(2));
+                            a.push(beam.amplitude[index].powi(2));
                             b.push(beam.amplitude[other].powi(2));
                         }
                     }
@@ -139,17 +142,17 @@ fn mean_power_is_one_at_every_depth_and_line_edges_included() {
             ..even(0.8, 1.5, 1.6)
         };
         let fields = fields(&settings(speckle), backend, 60);
-        let check = |what: &str, at: usize, samples: &dyn Fn(&Beam) -> Vec<f64>| {
+        let check = |what: &str, position: usize, samples: &dyn Fn(&Beam) -> Vec<f64>| {
             let powers: Vec<f64> = fields
                 .iter()
                 .map(|beam| mean(&samples(beam).iter().map(|a| a * a).collect::<Vec<_>>()))
                 .collect();
             let error = std(&powers) / (powers.len() as f64).sqrt();
-            let off = (mean(&powers) - 1.0).abs();
+            let deviation = (mean(&powers) - 1.0).abs();
             // Of 336 rows one in 1,500 runs lies beyond 5 standard errors.
             assert!(
-                off < 5.0 * error,
-                "{name}: power {} at {what} {at}, standard error {error}",
+                deviation < 5.0 * error,
+                "{name}: power {} at {what} {position}, standard error {error}",
                 mean(&powers)
             );
         };
@@ -181,11 +184,11 @@ fn correlation_lengths_are_those_asked() {
         // Several places, so that the lattice is met in all its phases.
         let places = [0.0, 11.3, 24.9, 37.1, 51.7, 66.2];
         let mut by_distance = vec![0.0; 14];
-        for place in places {
-            let first = intensity(&mut synthesizer, place);
+        for position in places {
+            let first = intensity(&mut synthesizer, position);
             for (lag, sum) in by_distance.iter_mut().enumerate() {
-                *sum +=
-                    correlation(&first, &intensity(&mut synthesizer, place + lag as f64 * step)) / places.len() as f64;
+                *sum += correlation(&first, &intensity(&mut synthesizer, position + lag as f64 * step))
+                    / places.len() as f64;
             }
         }
         let found_elevational = full_width(&by_distance, step);

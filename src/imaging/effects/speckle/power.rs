@@ -11,12 +11,12 @@ pub(crate) fn lattice_correlation(steps: f64) -> f64 {
     const PER_STEP: usize = 128;
     static TABLE: LazyLock<Vec<f64>> = LazyLock::new(|| {
         (0..=2 * PER_STEP)
-            .map(|at| averaged_correlation(at as f64 / PER_STEP as f64))
+            .map(|step| averaged_correlation(step as f64 / PER_STEP as f64))
             .chain([0.0])
             .collect()
     });
-    let at = steps.abs() * PER_STEP as f64;
-    let (before, share) = (at as usize, at.fract());
+    let position = steps.abs() * PER_STEP as f64;
+    let (before, share) = (position as usize, position.fract());
     match TABLE.get(before..before + 2) {
         Some(values) => values[0] + share * (values[1] - values[0]),
         None => 0.0,
@@ -26,21 +26,21 @@ pub(crate) fn lattice_correlation(steps: f64) -> f64 {
 fn averaged_correlation(steps: f64) -> f64 {
     const PLACES: usize = 512;
     // The two lattice points around a position, and their weights.
-    let weights = |place: f64| {
-        let share = place.fract();
+    let weights = |position: f64| {
+        let share = position.fract();
         let norm = share.hypot(1.0 - share);
-        (place.floor(), [(1.0 - share) / norm, share / norm])
+        (position.floor(), [(1.0 - share) / norm, share / norm])
     };
-    let at = |place: usize| {
-        let place = (place as f64 + 0.5) / PLACES as f64;
-        let ((first, a), (other, b)) = (weights(place), weights(place + steps));
+    let correlation_at = |position: usize| {
+        let position = (position as f64 + 0.5) / PLACES as f64;
+        let ((first, a), (other, b)) = (weights(position), weights(position + steps));
         match (other - first) as usize {
             0 => a[0] * b[0] + a[1] * b[1],
             1 => a[1] * b[0],
             _ => 0.0,
         }
     };
-    (0..PLACES).map(at).sum::<f64>() / PLACES as f64
+    (0..PLACES).map(correlation_at).sum::<f64>() / PLACES as f64
 }
 
 /// Mean power of a weighted sum of values of unit power with a given correlation.
@@ -56,12 +56,12 @@ pub(super) fn power(weights: &[f64], correlation: impl Fn(f64) -> f64) -> f64 {
     weights.iter().enumerate().map(|(i, w)| w * row(i)).sum()
 }
 
-/// Factor that restores the mean power of a kernel of unit power at index `place` of `count`, truncated at both
+/// Factor that restores the mean power of a kernel of unit power at index `index` of `count`, truncated at both
 /// ends.
-pub(super) fn restored(weights: &[f64], place: usize, count: usize, correlation: impl Fn(f64) -> f64) -> f64 {
+pub(super) fn restored(weights: &[f64], index: usize, count: usize, correlation: impl Fn(f64) -> f64) -> f64 {
     let reach = weights.len() / 2;
-    let first = reach.saturating_sub(place);
-    let last = (count - place + reach).min(weights.len());
+    let first = reach.saturating_sub(index);
+    let last = (count - index + reach).min(weights.len());
     if last - first == weights.len() {
         return 1.0;
     }

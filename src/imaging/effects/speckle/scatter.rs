@@ -116,10 +116,10 @@ impl<T: Real> Kernel for FineScanline<'_, T> {
         let (re, im) = echoes.split_at_mut(samples);
         for start in (0..samples).step_by(BLOCK) {
             let end = (start + BLOCK).min(samples);
-            let mut at = [[T::zero(); BLOCK]; 3];
+            let mut middle = [[T::zero(); BLOCK]; 3];
             for axis in 0..3 {
                 for i in start..end {
-                    at[axis][i - start] = a[i][axis] + part * (b[i][axis] - a[i][axis]);
+                    middle[axis][i - start] = a[i][axis] + part * (b[i][axis] - a[i][axis]);
                 }
             }
             let mut steps = map(step, |step| [step; BLOCK]);
@@ -137,7 +137,7 @@ impl<T: Real> Kernel for FineScanline<'_, T> {
                 }
             }
             lattice.block(
-                &at,
+                &middle,
                 &steps,
                 &amplitudes[start..end],
                 &mut re[start..end],
@@ -160,9 +160,16 @@ pub(super) struct Lattice<T> {
 }
 
 impl<T: Real> Lattice<T> {
-    /// Complex echoes at up to [`BLOCK`] reference positions `at` (mm), with `steps` (mm) from one sub-plane to the next.
+    /// Complex echoes at up to [`BLOCK`] reference `positions` (mm), with `steps` (mm) from one sub-plane to the next.
     #[inline(always)]
-    fn block(&self, at: &[[T; BLOCK]; 3], steps: &[[T; BLOCK]; 3], amplitudes: &[T], re: &mut [T], im: &mut [T]) {
+    fn block(
+        &self,
+        positions: &[[T; BLOCK]; 3],
+        steps: &[[T; BLOCK]; 3],
+        amplitudes: &[T],
+        re: &mut [T],
+        im: &mut [T],
+    ) {
         let (mut sum_re, mut sum_im) = ([T::zero(); BLOCK], [T::zero(); BLOCK]);
         let middle = T::of((self.count - 1) as f64 / 2.0);
         for plane in 0..self.count {
@@ -170,7 +177,7 @@ impl<T: Real> Lattice<T> {
             let mut p = [[T::zero(); BLOCK]; 3];
             for axis in 0..3 {
                 for i in 0..BLOCK {
-                    p[axis][i] = (at[axis][i] + steps[axis][i] * away) * self.per_mm;
+                    p[axis][i] = (positions[axis][i] + steps[axis][i] * away) * self.per_mm;
                 }
             }
             let (a, b) = scatterers(&p, self.seed);

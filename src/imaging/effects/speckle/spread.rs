@@ -107,7 +107,7 @@ impl<T: Real> Kernel for Envelope<'_, T> {
     #[inline(always)]
     fn run(self) {
         let samples = self.output.len();
-        let part = |at: usize| &self.input[at * samples..][..samples];
+        let part = |line: usize| &self.input[line * samples..][..samples];
         for (block, output) in self.output.chunks_mut(BLOCK).enumerate() {
             let parts = |fine: usize| [part(2 * fine), part(2 * fine + 1)];
             let [re, im] = self.kernel.sums(self.place, block * BLOCK, parts);

@@ -98,8 +98,8 @@ impl SpeckleTables {
             .map(|weights| 1.0 / (step * weights.iter().sum::<f64>()))
             .collect();
         let edge_lines = lateral.reach.div_ceil(oversampling).min(grid.lines().div_ceil(2));
-        let edges = parallel::map(0..edge_lines * grid.samples(), &|at| {
-            let (line, sample) = (at / grid.samples(), at % grid.samples());
+        let edges = parallel::map(0..edge_lines * grid.samples(), &|index| {
+            let (line, sample) = (index / grid.samples(), index % grid.samples());
             let across = |steps: f64| correlation(steps * fine_mm(sample));
             restored(&by_depth[sample], line * oversampling, fine_lines, across)
         });

@@ -38,8 +38,8 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
         let twin = row(step.twin.label[index]);
         let mut off = (predicted(step.after.label[index]) - predicted(step.twin.label[index])).abs();
         if twin.texture > 0 {
-            let (moved, most) = look_up(step, twin.texture as usize - 1, [x, y, z], slack.position[index]);
-            off += f64::from(twin.echo) * (strength * moved + APPLY * ULP * (1.0 + strength * (1.0 + most)));
+            let (moved, largest) = look_up(step, twin.texture as usize - 1, [x, y, z], slack.position[index]);
+            off += f64::from(twin.echo) * (strength * moved + APPLY * ULP * (1.0 + strength * (1.0 + largest)));
         }
         slack.amplitude[index] = off;
     }
@@ -53,7 +53,7 @@ fn look_up(step: &Step, entry: usize, p: [f64; 3], off: [f64; 3]) -> (f64, f64) 
     let placed = &atlas.entries[entry];
     let count: usize = placed.size.iter().map(|&n| n as usize).product();
     let data = &atlas.data[placed.offset as usize..][..count];
-    let (least, most) = data.iter().fold((f64::INFINITY, 0.0f64), |(low, high), &value| {
+    let (least, largest) = data.iter().fold((f64::INFINITY, 0.0f64), |(low, high), &value| {
         (low.min(f64::from(value)), high.max(f64::from(value)))
     });
     let steps: f64 = placed
@@ -65,5 +65,5 @@ fn look_up(step: &Step, entry: usize, p: [f64; 3], off: [f64; 3]) -> (f64, f64) 
         })
         .sum();
     // Between neighbouring voxels a value changes by no more than the full range.
-    ((most - least) * steps + MIXES * ULP * most, most)
+    ((largest - least) * steps + MIXES * ULP * largest, largest)
 }

@@ -56,20 +56,20 @@ fn plane_slack(step: &Step, z: f64, outer: &mut Slack) -> Result<Vec<f64>, Synth
     let last = tissue.count() - 1;
     let mut slack = Slack::default();
     let empty = Beam::default();
-    for at in 0..=last {
+    for index in 0..=last {
         // The reference stands in for the twin, whose labels cannot be read: where rounding could change a label, `doubt` below counts
         // every possible outcome.
         let step = Step {
             case: step.case,
             tables: exact.tables(),
             state: step.state,
-            before: at.checked_sub(1).map_or(&empty, |before| &trail.beams[before]),
-            after: &trail.beams[at],
-            twin: &trail.beams[at],
+            before: index.checked_sub(1).map_or(&empty, |before| &trail.beams[before]),
+            after: &trail.beams[index],
+            twin: &trail.beams[index],
             to_nearest: step.to_nearest,
             sub_plane_mm: Some(z),
         };
-        if let Bound::By(carry) = trail.passes[at].bound {
+        if let Bound::By(carry) = trail.passes[index].bound {
             carry(&step, &mut slack);
         }
     }
@@ -85,7 +85,7 @@ fn is_tissue(effect: &str) -> bool {
 
 /// Returns the bounds of `slack`, widened to the full range of amplitudes where a label is in doubt.
 fn doubt(tables: &Tables, beam: &Beam, slack: &Slack) -> Vec<f64> {
-    let most = tables
+    let largest = tables
         .label_rows
         .iter()
         .map(|row| f64::from(row.echo))
@@ -101,7 +101,7 @@ fn doubt(tables: &Tables, beam: &Beam, slack: &Slack) -> Vec<f64> {
         .texture
         .as_ref()
         .map_or(0.0, |texture| texture.strength);
-    let loudest = most * (1.0 + strength * brightest);
+    let loudest = largest * (1.0 + strength * brightest);
     (0..beam.label.len())
         .map(|index| {
             let sure =

@@ -11,14 +11,14 @@ use crate::support::scene::{self, SHAPES};
 #[test]
 fn thick_planes_of_every_probe_shape() {
     let mut cases = Vec::new();
-    for (at, (name, shape)) in SHAPES.into_iter().enumerate() {
+    for (number, (name, shape)) in SHAPES.into_iter().enumerate() {
         let mut settings = scene::settings(scene::probe(shape, 40.0, 24, 96), scene::bare());
         settings.effects.thickness = Some(Thickness {
             width_mm: 4.0,
-            planes: [3, 5, 7, 9, 5][at % 5],
+            planes: [3, 5, 7, 9, 5][number % 5],
         });
-        settings.effects.texture = (at % 2 == 0).then(Default::default);
-        settings.effects.slice.boundary = [Boundary::Smooth, Boundary::Nearest, Boundary::Vote][at % 3];
+        settings.effects.texture = (number % 2 == 0).then(Default::default);
+        settings.effects.slice.boundary = [Boundary::Smooth, Boundary::Nearest, Boundary::Vote][number % 3];
         cases.push(random(name, settings));
     }
     check_all(&cases);

@@ -98,10 +98,11 @@ pub fn gains<T: Real>(parameters: &AutoGain, gain: &[T], amplitude: &[T]) -> [T;
 /// Automatic gain at a sample, octaves: interpolated between the centres of the bands.
 pub fn at<T: Real>(octaves: &[T; BANDS], sample: usize, samples: usize) -> T {
     let half = T::of(0.5);
-    let place = (T::from_signed(sample as i32) + half) * (T::of(BANDS as f64) / T::from_signed(samples as i32)) - half;
-    let place = place.max(T::zero()).min(T::of((BANDS - 1) as f64));
-    let band = (place.truncate() as usize).min(BANDS - 2);
-    octaves[band] + (place - T::from_signed(band as i32)) * (octaves[band + 1] - octaves[band])
+    let position =
+        (T::from_signed(sample as i32) + half) * (T::of(BANDS as f64) / T::from_signed(samples as i32)) - half;
+    let position = position.max(T::zero()).min(T::of((BANDS - 1) as f64));
+    let band = (position.truncate() as usize).min(BANDS - 2);
+    octaves[band] + (position - T::from_signed(band as i32)) * (octaves[band + 1] - octaves[band])
 }
 
 /// Number of samples processed together.
@@ -120,7 +121,7 @@ impl<T: Real> Kernel for Sums<'_, T> {
 
     #[inline(always)]
     fn run(self) -> [T; 2] {
-        let (zero, most) = (T::of(ZERO_WEIGHT), T::of(MAX));
+        let (zero, largest) = (T::of(ZERO_WEIGHT), T::of(MAX));
         let rise = T::of(1.0 / (FULL_WEIGHT - ZERO_WEIGHT));
         let mut sums = [T::zero(); 2];
         for start in self.range.clone().step_by(BLOCK) {
@@ -133,7 +134,7 @@ impl<T: Real> Kernel for Sums<'_, T> {
                     let echo = line[i] * gain[i] * self.scale;
                     let weight = ((echo - zero) * rise).max(T::zero()).min(T::one());
                     columns[0][i] += weight;
-                    columns[1][i] += weight * echo.min(most);
+                    columns[1][i] += weight * echo.min(largest);
                 }
             }
             for (sum, column) in sums.iter_mut().zip(&columns) {

@@ -104,7 +104,7 @@ fn lifted(exact: &[f64; BANDS], ends: &[Ends; BANDS], sample: usize, samples: us
     let largest = ends
         .iter()
         .flatten()
-        .fold(0.0f64, |most, octaves| most.max(octaves.abs()));
+        .fold(0.0f64, |largest, octaves| largest.max(octaves.abs()));
     // An error of 5 of 16 in the position moves the gain by at most twice the largest; difference, product and sum lose 4 of that.
     let rounding = (5.0 * 16.0 * 2.0 + 4.0) * ULP * largest;
     let middle = at(exact, sample, samples);

@@ -43,12 +43,12 @@ fn linear_and_compressed_tones() {
         ),
     ];
     let mut cases = Vec::new();
-    for (at, (name, tone)) in curves.into_iter().enumerate() {
+    for (number, (name, tone)) in curves.into_iter().enumerate() {
         // Of the bands of depth: as many samples in each, not, and fewer than bands.
         for (speckled, samples) in [(false, 96), (true, 151), (false, 11)] {
-            let mut settings = scene::settings(scene::probe(SHAPES[at].1, 40.0, 24, samples), scene::bare());
+            let mut settings = scene::settings(scene::probe(SHAPES[number].1, 40.0, 24, samples), scene::bare());
             // Noise that the automatic gain must not lift.
-            settings.effects.receiver = (at == 4 && samples == 96).then(|| Receiver {
+            settings.effects.receiver = (number == 4 && samples == 96).then(|| Receiver {
                 noise_db: -25.0,
                 ..Receiver::default()
             });

@@ -192,9 +192,9 @@ fn tissue_behind_urine_is_at_most_8_db_too_bright() {
     let anatomy = anatomy::layers(frame, &[0.0, 18.0, 68.0], &[anatomy::SILENT, tissue, urine, tissue]);
     let over = |tone: Tone| {
         let greys = greys(&anatomy, None, tone);
-        let at = |depth_mm: f64| greys[(2.0 * depth_mm) as usize];
-        assert_eq!(at(45.0), 0.0, "urine");
-        [at(9.0), at(93.0)].map(|grey| (grey / 255.0 - MID_GREY) * 60.0 - USUAL_DB)
+        let grey_at = |depth_mm: f64| greys[(2.0 * depth_mm) as usize];
+        assert_eq!(grey_at(45.0), 0.0, "urine");
+        [grey_at(9.0), grey_at(93.0)].map(|grey| (grey / 255.0 - MID_GREY) * 60.0 - USUAL_DB)
     };
     let [before, behind] = over(Tone::linear());
     assert!(before.abs() < 0.3 && (behind - 25.0).abs() < 0.3, "{before} {behind}");

@@ -13,7 +13,7 @@ const TORN: f64 = 2e-3;
 fn layers_follow_the_reference() {
     let (anatomy, mut settings, _) = everything();
     settings.layers = Layer::ALL.to_vec();
-    let states: Vec<_> = (0..5).map(|at| frame_of(&anatomy, at)).collect();
+    let states: Vec<_> = (0..5).map(|frame| frame_of(&anatomy, frame)).collect();
     let render = |backend: Backend| {
         let mut synth = Synthesizer::new(anatomy.clone(), settings.clone(), backend).expect("a synthesizer");
         let mut layers = Vec::new();
@@ -25,8 +25,8 @@ fn layers_follow_the_reference() {
         layers
     };
     let expected = render(Backend::CpuF64);
-    let other = [Backend::Cpu].into_iter().chain(gpu_or_skip().map(backend));
-    for (at, found) in other.map(render).enumerate() {
+    let others = [Backend::Cpu].into_iter().chain(gpu_or_skip().map(backend));
+    for (backend, found) in others.map(render).enumerate() {
         assert_eq!(found.len(), expected.len());
         for (found, expected) in found.iter().zip(&expected) {
             for (layer, (found, expected)) in Layer::ALL.iter().zip(found.iter().zip(expected)) {
@@ -35,8 +35,8 @@ fn layers_follow_the_reference() {
                     Layer::LabelValue | Layer::LabelIndex | Layer::Sector | Layer::Beyond => 0,
                     _ => 1,
                 };
-                let torn = pairs().filter(|&off| off > unit).count() as f64 / expected.len() as f64;
-                assert!(torn <= TORN, "{layer:?}, backend {at}: {torn}");
+                let torn = pairs().filter(|&difference| difference > unit).count() as f64 / expected.len() as f64;
+                assert!(torn <= TORN, "{layer:?}, backend {backend}: {torn}");
                 // Every layer says something here, but what is beyond the volume.
                 let said = expected.iter().any(|&value| value > 0);
                 assert!(said || *layer == Layer::Beyond, "{layer:?}");

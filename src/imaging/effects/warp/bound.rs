@@ -216,7 +216,7 @@ impl Surface {
         let mut faces = Vec::new();
         for (corners, neighbours) in mesh.elements().iter().zip(mesh.neighbours()) {
             for opposite in (0..4).filter(|&corner| neighbours[corner] == NO_ELEMENT) {
-                let of_face = [0, 1, 2].map(|at| at + usize::from(at >= opposite));
+                let of_face = [0, 1, 2].map(|corner| corner + usize::from(corner >= opposite));
                 faces.push(of_face.map(|corner| Vector3::from(nodes[corners[corner] as usize])));
             }
         }

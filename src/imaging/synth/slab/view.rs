@@ -60,9 +60,9 @@ impl<'a> SlabView<'a> {
         [2, 0, 1].into_iter().all(|axis| {
             let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
             for &node in nodes {
-                let at = in_probe[axis][node as usize];
-                low = if at < low { at } else { low };
-                high = if at > high { at } else { high };
+                let coordinate = in_probe[axis][node as usize];
+                low = if coordinate < low { coordinate } else { low };
+                high = if coordinate > high { coordinate } else { high };
             }
             let reach = MAX_REACH * (high - low) + self.margin;
             low - reach <= self.bounds[1][axis] && high + reach >= self.bounds[0][axis]
@@ -73,8 +73,8 @@ impl<'a> SlabView<'a> {
     /// last.
     #[inline(always)]
     pub(super) fn lines(&self, corners: &[[Pack<LANES>; 3]; 4], reach: Pack<LANES>) -> [[u32; 2]; LANES] {
-        let all = self.grid.lines() as u32;
-        if all == 1 {
+        let line_count = self.grid.lines() as u32;
+        if line_count == 1 {
             return [[0, 1]; LANES];
         }
         let margin = reach * self.scale + self.margin;
@@ -99,7 +99,7 @@ impl<'a> SlabView<'a> {
             clear,
             ..
         } = directions;
-        let middle = f64::from(all - 1) / 2.0;
+        let middle = f64::from(line_count - 1) / 2.0;
         let (low, high, per, near) = match behind {
             None => (low, high, self.grid.to_line_and_depth(1.0, 0.0).0 - middle, NEAR),
             Some(_) => {
@@ -111,10 +111,10 @@ impl<'a> SlabView<'a> {
         let end = (high * per + (middle + near + 1.0)).map(f64::floor);
         array(|lane| {
             if behind.is_some() && clear.0[lane] <= 0.0 {
-                return [0, all];
+                return [0, line_count];
             }
-            let first = first.0[lane].clamp(0.0, f64::from(all)) as u32;
-            [first, end.0[lane].clamp(f64::from(first), f64::from(all)) as u32]
+            let first = first.0[lane].clamp(0.0, f64::from(line_count)) as u32;
+            [first, end.0[lane].clamp(f64::from(first), f64::from(line_count)) as u32]
         })
     }
 }
@@ -172,16 +172,16 @@ const ARCTANGENT_ERROR: f64 = 1.2e-5;
 
 /// Arctangents within [`ARCTANGENT_ERROR`] (Abramowitz and Stegun 1964, 4.4.49).
 #[inline(always)]
-fn arctangent(of: Pack<LANES>) -> Pack<LANES> {
+fn arctangent(tangent: Pack<LANES>) -> Pack<LANES> {
     let one = Pack::splat(1.0);
-    let size = of.abs();
+    let size = tangent.abs();
     let x = size.min(one) / size.max(one);
     let square = x * x;
     let polynomial =
         (((square * 0.020_835_1 - 0.085_133) * square + 0.180_141) * square - 0.330_299_5) * square + 0.999_866;
     let angle = polynomial * x;
     let angle = one.if_below(size, Pack::splat(FRAC_PI_2) - angle, angle);
-    Pack(array(|lane| angle.0[lane].copysign(of.0[lane])))
+    Pack(array(|lane| angle.0[lane].copysign(tangent.0[lane])))
 }
 
 /// Positions of nodes in the frame of the probe.
