@@ -60,10 +60,12 @@ fn scaling(extent: [f64; 3]) -> Matrix4<f64> {
 /// Sets up tissue of one material, fixed at its far end along z, at the exact condensed level and without a probe.
 pub fn on_table(mesh: TetMesh, material: Material, interaction: Interaction, needle: Box<dyn Needle>) -> Setup {
     let end = mesh.bounds()[1][2];
-    let held = (0..).zip(mesh.nodes()).filter(|(_, p)| p[2] == end);
+    let fixed_nodes = (0..).zip(mesh.nodes()).filter(|(_, p)| p[2] == end);
     Setup {
         materials: vec![material; mesh.elements().len()],
-        fixed: held.flat_map(|(node, _)| [0, 1, 2].map(|axis| (node, axis))).collect(),
+        fixed: fixed_nodes
+            .flat_map(|(node, _)| [0, 1, 2].map(|axis| (node, axis)))
+            .collect(),
         interactions: vec![(0, interaction)],
         anatomy: None,
         needle,

@@ -92,14 +92,14 @@ impl Kernel for Factor<'_> {
         reciprocals.clear();
         let mut signs = Signs::default();
         for j in 0..n {
-            let (before, rest) = entries.split_at_mut(j * n);
-            let column = &mut rest[j..n];
+            let (before, from_column) = entries.split_at_mut(j * n);
+            let column = &mut from_column[j..n];
             let diagonal = column[0].abs();
-            for (other, reciprocal) in before.chunks_exact(n).zip(reciprocals.iter()) {
+            for (earlier, reciprocal) in before.chunks_exact(n).zip(reciprocals.iter()) {
                 // A dropped row has a column of zeros.
                 let pivot = if *reciprocal == 0.0 { 0.0 } else { 1.0 / reciprocal };
-                let factor = other[j] * pivot;
-                column.iter_mut().zip(&other[j..]).for_each(|(x, y)| *x -= factor * y);
+                let factor = earlier[j] * pivot;
+                column.iter_mut().zip(&earlier[j..]).for_each(|(x, y)| *x -= factor * y);
             }
             let pivot = column[0];
             // A NaN is not a usable pivot either.
@@ -129,8 +129,8 @@ impl Kernel for Forward<'_> {
             let (done, below) = x.split_at_mut((j + 1) * width);
             let row = &done[j * width..];
             let factors = &entries[j * n + j + 1..(j + 1) * n];
-            for (factor, other) in factors.iter().zip(below.chunks_exact_mut(width)) {
-                other.iter_mut().zip(row).for_each(|(x, y)| *x -= factor * y);
+            for (factor, lower_row) in factors.iter().zip(below.chunks_exact_mut(width)) {
+                lower_row.iter_mut().zip(row).for_each(|(x, y)| *x -= factor * y);
             }
         }
     }
@@ -155,8 +155,8 @@ impl Kernel for Backward<'_> {
                 continue;
             }
             let factors = &ldl.entries[j * n + j + 1..(j + 1) * n];
-            for (factor, other) in factors.iter().zip(below.chunks_exact(width)) {
-                row.iter_mut().zip(other).for_each(|(x, y)| *x -= factor * y);
+            for (factor, lower_row) in factors.iter().zip(below.chunks_exact(width)) {
+                row.iter_mut().zip(lower_row).for_each(|(x, y)| *x -= factor * y);
             }
         }
     }

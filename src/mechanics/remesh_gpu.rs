@@ -89,8 +89,8 @@ pub fn maker(gpu: &Gpu) -> Maker {
 fn check_memory(size: usize, name: &str, available: Option<usize>) -> Result<(), String> {
     match available {
         Some(available) if tiles::bytes_of(size) > available as u64 => {
-            let there = format!("{:.2} GiB are available", gib(available as u64));
-            Err(no_room(size, name, &there))
+            let available_text = format!("{:.2} GiB are available", gib(available as u64));
+            Err(no_room(size, name, &available_text))
         }
         _ => Ok(()),
     }

@@ -148,12 +148,12 @@ impl Finite {
 
     /// Moves the instruments to their new poses, in substeps short enough that no element is skipped.
     fn travel(&mut self, base: &Isometry3<f64>, probe: Option<&Isometry3<f64>>) {
-        let from = self.log.base.unwrap_or_else(|| self.beginning(base));
+        let start = self.log.base.unwrap_or_else(|| self.beginning(base));
         let pressed = self.tissue.probe.as_ref();
         let probe_from = pressed.and_then(|probe| probe.pose);
-        let mut motion = farthest(&from, base, self.needle.length_mm());
-        if let (Some(from), Some(to), Some(pressed)) = (&probe_from, probe, pressed) {
-            motion = motion.max(farthest(from, to, pressed.length_mm()));
+        let mut motion = farthest(&start, base, self.needle.length_mm());
+        if let (Some(start), Some(to), Some(pressed)) = (&probe_from, probe, pressed) {
+            motion = motion.max(farthest(start, to, pressed.length_mm()));
         }
         let parts = (motion / self.options.part_mm)
             .ceil()
@@ -161,11 +161,11 @@ impl Finite {
         for part in 1..=parts as usize {
             let share = part as f64 / parts;
             // The last pose is exactly the given one.
-            let between = |from: &Isometry3<f64>, to: &Isometry3<f64>| {
-                if share < 1.0 { from.lerp_slerp(to, share) } else { *to }
+            let between = |start: &Isometry3<f64>, to: &Isometry3<f64>| {
+                if share < 1.0 { start.lerp_slerp(to, share) } else { *to }
             };
             let probe = probe.map(|to| between(probe_from.as_ref().unwrap_or(to), to));
-            self.substep(&between(&from, base), probe.as_ref());
+            self.substep(&between(&start, base), probe.as_ref());
             self.log.outcome.substeps += 1;
         }
         self.log.base = Some(*base);
@@ -229,8 +229,8 @@ impl Finite {
         let about = Point3::from(base.translation.vector);
         let mut on_hand = Wrench::default();
         let tip = line.tip();
-        for (at, force) in contacts.forces.iter().enumerate() {
-            on_hand.add(-force, &line.at(contacts.arcs[at]).point_mm, &about);
+        for (index, force) in contacts.forces.iter().enumerate() {
+            on_hand.add(-force, &line.at(contacts.arcs[index]).point_mm, &about);
         }
         on_hand.add(self.tip.bone_force(line), &tip, &about);
         let mut on_probe = None;
@@ -242,7 +242,7 @@ impl Finite {
             }
             on_probe = Some(wrench);
         }
-        let first = contacts.nodes.first().map_or(f64::INFINITY, |contact| contact.arc);
+        let first_arc = contacts.nodes.first().map_or(f64::INFINITY, |contact| contact.arc);
         let end = self.tip.end_in_tissue(contacts, line);
         // The straight needle as measured, its bevel included; at bone it lags behind the hand.
         let measured = self.tip.stopped(base);
@@ -253,7 +253,7 @@ impl Finite {
         outcome.tip_mm = tip;
         outcome.tip_at_rest_mm = self.tip.at_rest(&self.needle);
         outcome.tip_deflection_mm = (tip - self.unloaded.tip()).norm();
-        outcome.inserted_mm = (end - first).max(self.tip.depth_without_node_mm(&self.needle));
+        outcome.inserted_mm = (end - first_arc).max(self.tip.depth_without_node_mm(&self.needle));
         outcome.contacts = contacts.nodes.len();
         outcome.stuck = contacts
             .nodes

@@ -88,11 +88,11 @@ impl NodeSolver for NetworkImager {
 fn write_nodes(nodes: &[[f64; 3]], moved: &[(u32, [f64; 3])], displacement: &[[f64; 3]], into: &mut Tissue) {
     into.reference.clear();
     into.reference.extend_from_slice(nodes);
-    for (node, place) in moved {
-        into.reference[*node as usize] = *place;
+    for (node, position) in moved {
+        into.reference[*node as usize] = *position;
     }
     into.current.clone_from(&into.reference);
-    for (node, by) in into.current.iter_mut().zip(displacement) {
-        (0..3).for_each(|axis| node[axis] += by[axis]);
+    for (node, shift) in into.current.iter_mut().zip(displacement) {
+        (0..3).for_each(|axis| node[axis] += shift[axis]);
     }
 }

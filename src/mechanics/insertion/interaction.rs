@@ -61,8 +61,8 @@ impl Bone {
     /// largest penetration.
     pub(super) fn is_in_front(&self, anatomy: &dyn Anatomy, at_rest: &Point3<f64>, direction: &Vector3<f64>) -> bool {
         let samples = ((self.penetration_mm + 2.0 * AROUND_MM) / AROUND_MM).ceil() as usize;
-        (0..=samples).any(|at| {
-            let point = at_rest + direction * (AROUND_MM * (at as f64 - 1.0));
+        (0..=samples).any(|sample| {
+            let point = at_rest + direction * (AROUND_MM * (sample as f64 - 1.0));
             interaction(anatomy, anatomy.region(&point)).bone.is_some()
         })
     }
@@ -155,7 +155,7 @@ pub(super) const BORDER_MM: f64 = 0.5;
 pub(super) fn interaction(anatomy: &dyn Anatomy, region: Option<i32>) -> Interaction {
     region
         .map(|region| anatomy.interaction(region))
-        .filter(|it| it.check().is_ok())
+        .filter(|interaction| interaction.check().is_ok())
         .unwrap_or_default()
 }
 
@@ -218,8 +218,8 @@ mod tests {
             stiffness_n_per_mm: 40.0,
             penetration_mm: 0.5,
         };
-        for (asked, force, behind) in [(-1.0, 0.0, 0.0), (0.25, 10.0, 0.0), (0.5, 20.0, 0.0), (10.0, 20.0, 9.5)] {
-            assert_eq!((bone.force_n(asked), bone.behind_mm(asked)), (force, behind));
+        for (depth_mm, force, behind) in [(-1.0, 0.0, 0.0), (0.25, 10.0, 0.0), (0.5, 20.0, 0.0), (10.0, 20.0, 9.5)] {
+            assert_eq!((bone.force_n(depth_mm), bone.behind_mm(depth_mm)), (force, behind));
         }
     }
 
@@ -250,30 +250,30 @@ mod tests {
         assert_eq!(Interaction::default().check(), Ok(()));
         type Spoil = fn(&mut Interaction);
         let spoils: [(&str, Spoil); 8] = [
-            ("friction_n_per_mm", |it| it.friction_n_per_mm = -0.1),
-            ("static_ratio", |it| it.static_ratio = 0.99),
-            ("cutting_n", |it| it.cutting_n = f64::NAN),
-            ("puncture_n", |it| it.puncture_n = f64::INFINITY),
-            ("density_n_per_mm", |it| {
-                it.peak = Some(Peak {
+            ("friction_n_per_mm", |interaction| interaction.friction_n_per_mm = -0.1),
+            ("static_ratio", |interaction| interaction.static_ratio = 0.99),
+            ("cutting_n", |interaction| interaction.cutting_n = f64::NAN),
+            ("puncture_n", |interaction| interaction.puncture_n = f64::INFINITY),
+            ("density_n_per_mm", |interaction| {
+                interaction.peak = Some(Peak {
                     density_n_per_mm: -1.0,
                     width_mm: 1.0,
                 })
             }),
-            ("width_mm", |it| {
-                it.peak = Some(Peak {
+            ("width_mm", |interaction| {
+                interaction.peak = Some(Peak {
                     density_n_per_mm: 1.0,
                     width_mm: 0.0,
                 })
             }),
-            ("stiffness_n_per_mm", |it| {
-                it.bone = Some(Bone {
+            ("stiffness_n_per_mm", |interaction| {
+                interaction.bone = Some(Bone {
                     stiffness_n_per_mm: 0.0,
                     penetration_mm: 1.0,
                 })
             }),
-            ("penetration_mm", |it| {
-                it.bone = Some(Bone {
+            ("penetration_mm", |interaction| {
+                interaction.bone = Some(Bone {
                     stiffness_n_per_mm: 1.0,
                     penetration_mm: -1.0,
                 })

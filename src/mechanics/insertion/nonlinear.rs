@@ -95,8 +95,8 @@ impl<const D: usize, const N: usize> Nonlinear<D, N> {
             let hub = Point3::from(base.translation.vector);
             let beside = axis.beside_mm(&tip).max(axis.beside_mm(&hub));
             // For a needle that may start on a new line, only rounding counts as being on it.
-            let most = if self.needle.is_outside() { 1e-9 } else { BESIDE_MM };
-            if beside <= most && axis.direction.dot(&direction) > 0.0 {
+            let tolerance_mm = if self.needle.is_outside() { 1e-9 } else { BESIDE_MM };
+            if beside <= tolerance_mm && axis.direction.dot(&direction) > 0.0 {
                 return Ok(axis.travel_mm(&tip));
             }
             if !self.needle.is_outside() {
@@ -131,11 +131,11 @@ impl<const D: usize, const N: usize> Nonlinear<D, N> {
     /// Aims the needle along its line.
     fn take_axis(&mut self) {
         let anatomy = self.anatomy.as_ref();
-        let of = |region: i32| interaction(anatomy, Some(region));
+        let interaction_of = |region: i32| interaction(anatomy, Some(region));
         let axis = self.axis.as_ref().filter(|axis| !axis.regions.is_empty());
         let aimed = axis.map(|axis| {
             let (entry, direction) = (self.frame.point(&axis.entry), self.frame.vector(&axis.direction));
-            self.needle.aim(entry, direction, axis.layers(of))
+            self.needle.aim(entry, direction, axis.layers(interaction_of))
         });
         if aimed.is_none_or(|aimed| aimed.is_err()) {
             self.needle.withdraw();
@@ -181,9 +181,9 @@ impl<const D: usize, const N: usize> Nonlinear<D, N> {
                 self.outcome.stuck = usize::from(pushed.phase == Phase::Held);
                 self.set_force(pushed.force_n);
                 self.travel_mm = to_mm;
-                let at = self.entered();
+                let entry_region = self.entered();
                 if was_outside && pushed.phase != Phase::Free {
-                    self.note(EventKind::Skin, at);
+                    self.note(EventKind::Skin, entry_region);
                 }
                 if let Some(layer) = pushed.punctured {
                     let region = self.axis.as_ref().and_then(|axis| axis.region(layer));
@@ -260,8 +260,8 @@ impl<const D: usize, const N: usize> Nonlinear<D, N> {
         let depth = self.needle.tip_depth_mm();
         let inside = self.axis.as_ref().filter(|_| depth > 0.0 && !self.needle.is_outside());
         let at_rest = inside.map(|axis| axis.entry + depth * axis.direction.into_inner());
-        if let Some(place) = at_rest.filter(|_| instruments.deposit) {
-            self.seeds.push(place);
+        if let Some(position) = at_rest.filter(|_| instruments.deposit) {
+            self.seeds.push(position);
             self.note(EventKind::Seed, self.region);
         }
         self.outcome.crushed = self.crushed();

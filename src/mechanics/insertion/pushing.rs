@@ -170,8 +170,8 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     pub fn shaft(&self) -> impl Iterator<Item = ([f64; 2], f64)> + '_ {
         let depth = self.at.depth_mm;
         let sliding = || frictions(&self.line, &self.layers, depth).map(|(_, force, _)| force);
-        let all: f64 = sliding().sum();
-        let share = if all > 0.0 { self.at.shaft_n / all } else { 0.0 };
+        let total_n: f64 = sliding().sum();
+        let share = if total_n > 0.0 { self.at.shaft_n / total_n } else { 0.0 };
         let pieces = self
             .line
             .pieces(depth)
@@ -246,10 +246,10 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         (next.tip_n, next.shaft_n) = (0.0, 0.0);
         // A needle that tissue holds has static friction, which follows from the motion: its force is that of the contact.
         if next.phase != Phase::Held {
-            let along = if next.outward { -1.0 } else { 1.0 };
+            let sign = if next.outward { -1.0 } else { 1.0 };
             for (point, force, _) in frictions(&self.line, &self.layers, next.depth_mm) {
-                next.shaft_n += along * force;
-                point.add(along * force, &mut self.loads);
+                next.shaft_n += sign * force;
+                point.add(sign * force, &mut self.loads);
             }
         }
         if let Phase::Cutting(layer) = next.phase {

@@ -96,18 +96,18 @@ impl MassSpring {
         let (skin_nodes, least_dihedral_deg) = (cylinder.skin_nodes, cylinder.least_dihedral_deg);
         let imaged = [cylinder.mesh.elements(), &cylinder.cap].concat().into();
         let network = Network::new(cylinder, &parameters);
-        let most = 4 * parameters.layers();
+        let capacity = 4 * parameters.layers();
         Ok(MassSpring {
             spacing_mm: network.shortest_edge_mm(),
             parameters,
             anatomy,
             needle,
             network,
-            contacts: Contacts::new(most),
+            contacts: Contacts::new(capacity),
             body: NeedleState::default(),
             outcome: Outcome::default(),
             frame: Isometry3::identity(),
-            loads: Vec::with_capacity(most + 1),
+            loads: Vec::with_capacity(capacity + 1),
             measured: CentreLine::default(),
             skin_nodes,
             imaged,
@@ -148,11 +148,11 @@ impl MassSpring {
         self.needle.place(base, None, &[], &[], &mut self.body.line);
         let inside = self.anatomy.region(&self.body.line.tip()).is_some();
         let back = if inside { self.needle.length_mm() } else { 0.0 };
-        let from = base * Translation3::new(0.0, 0.0, -back);
-        self.needle.place(&from, None, &[], &[], &mut self.body.line);
+        let start = base * Translation3::new(0.0, 0.0, -back);
+        self.needle.place(&start, None, &[], &[], &mut self.body.line);
         let tip = self.tip();
         self.put(&tip_events::frame_at(&tip.point_mm, &tip.tangent));
-        from
+        start
     }
 
     fn put(&mut self, frame: &Isometry3<f64>) {
@@ -172,8 +172,11 @@ impl MassSpring {
         let tip = (unloaded_tip(to, length) - unloaded_tip(from, length)).norm();
         let farthest = 1.5 * self.parameters.lambda * self.spacing_mm;
         let for_motion = (base.max(tip) / farthest).ceil();
-        let most = self.parameters.most_substeps as f64;
-        let parts = for_stability.min(most).max(for_motion).clamp(1.0, MAX_PARTS as f64);
+        let max_substeps = self.parameters.most_substeps as f64;
+        let parts = for_stability
+            .min(max_substeps)
+            .max(for_motion)
+            .clamp(1.0, MAX_PARTS as f64);
         (parts as usize, for_motion <= MAX_PARTS as f64)
     }
 
@@ -185,15 +188,16 @@ impl MassSpring {
         let measured = self
             .body
             .bone_contact
-            .map_or(instruments.base, |met| met.stopped(&instruments.base, length));
+            .map_or(instruments.base, |contact| contact.stopped(&instruments.base, length));
         self.needle.place(&measured, None, &[], &[], &mut self.measured);
         let inside = self.body.active && !self.contacts.stack.is_empty();
-        let found = inside
+        let location = inside
             .then(|| self.network.locate(&tip.coords, self.body.element))
             .flatten();
-        let at_rest = found.map(|(element, at)| Point3::from(self.network.to_reference(element, &at)));
-        if let Some(place) = at_rest.filter(|_| instruments.deposit) {
-            self.body.seeds.push(place);
+        let at_rest =
+            location.map(|(element, coordinates)| Point3::from(self.network.to_reference(element, &coordinates)));
+        if let Some(position) = at_rest.filter(|_| instruments.deposit) {
+            self.body.seeds.push(position);
             self.event(EventKind::Seed, tip, self.body.region);
         }
         let crushed = self
@@ -236,12 +240,12 @@ impl Model for MassSpring {
 
     fn step(&mut self, instruments: &Instruments, dt_s: f64) -> Result<&Outcome, StepError> {
         check(instruments, dt_s)?;
-        let to = instruments.base;
-        let from = match self.body.base {
+        let end = instruments.base;
+        let start = match self.body.base {
             Some(base) => base,
-            None => self.begin(&to),
+            None => self.begin(&end),
         };
-        let (parts, enough) = self.parts(&from, &to, dt_s);
+        let (parts, enough) = self.parts(&start, &end, dt_s);
         self.body.step += 1;
         self.body.time_s += dt_s;
         self.outcome.on_hand = Wrench::default();
@@ -249,18 +253,18 @@ impl Model for MassSpring {
         self.outcome.converged = enough;
         self.outcome.events.clear();
         let h = (dt_s / parts as f64).min(self.network.limit_s);
-        let mut before = from;
+        let mut before = start;
         for part in 1..=parts {
             let share = part as f64 / parts as f64;
-            let hand = if part == parts || from == to {
-                to
+            let hand = if part == parts || start == end {
+                end
             } else {
-                from.try_lerp_slerp(&to, share, f64::EPSILON).unwrap_or(to)
+                start.try_lerp_slerp(&end, share, f64::EPSILON).unwrap_or(end)
             };
             self.part(&before, &hand, h);
             before = hand;
         }
-        self.body.base = Some(to);
+        self.body.base = Some(end);
         if !enough {
             self.event(EventKind::NotConverged, self.body.line.tip(), self.body.region);
         }
@@ -280,20 +284,20 @@ impl Model for MassSpring {
     fn shaft_loads(&self, into: &mut Vec<ShaftLoad>) {
         into.clear();
         let (stack, length) = (&self.contacts.stack, self.body.line.length_mm());
-        for (at, contact) in stack.iter().enumerate() {
+        for (index, contact) in stack.iter().enumerate() {
             let from_mm = contact.arc.min(length);
-            let next = stack.get(at + 1).map_or(length, |next| next.arc.min(length));
+            let next = stack.get(index + 1).map_or(length, |next| next.arc.min(length));
             into.push(ShaftLoad {
                 from_mm,
                 to_mm: next.max(from_mm),
                 force_n: contact.force,
             });
         }
-        if let (Some(met), Some(base)) = (&self.body.bone_contact, &self.body.base) {
+        if let (Some(contact), Some(base)) = (&self.body.bone_contact, &self.body.base) {
             into.push(ShaftLoad {
                 from_mm: length,
                 to_mm: length,
-                force_n: met.force(base, self.needle.length_mm()),
+                force_n: contact.force(base, self.needle.length_mm()),
             });
         }
     }
@@ -305,7 +309,8 @@ impl Model for MassSpring {
         into.seeds.clone_from(&self.body.seeds);
         into.moved.clear();
         let reference = (0..).zip(&self.network.reference);
-        into.moved.extend(reference.map(|(node, at)| (node, (*at).into())));
+        into.moved
+            .extend(reference.map(|(node, position)| (node, (*position).into())));
         let count = self.network.reference.len() as u32;
         into.moved.extend((count..).zip(self.cap()));
         let mut field = match std::mem::take(&mut into.field) {
@@ -313,7 +318,12 @@ impl Model for MassSpring {
             Field::BaseForces(_) => Vec::new(),
         };
         field.clear();
-        field.extend(self.network.displacement.iter().map(|&by| <[f64; 3]>::from(by)));
+        field.extend(
+            self.network
+                .displacement
+                .iter()
+                .map(|&displacement| <[f64; 3]>::from(displacement)),
+        );
         into.field = Field::Displacement(field);
     }
 

@@ -112,28 +112,28 @@ impl Blame for InvalidSetup {
 }
 
 /// Checks the interactions of regions with the needle.
-pub(super) fn interactions(given: &[(i32, Interaction)]) -> Result<(), InvalidSetup> {
+pub(super) fn interactions(interactions: &[(i32, Interaction)]) -> Result<(), InvalidSetup> {
     let check = |(region, interaction): &(i32, Interaction)| {
         let region = *region;
         interaction
             .check()
             .map_err(|cause| InvalidSetup::Interaction { region, cause })
     };
-    given.iter().try_for_each(check)
+    interactions.iter().try_for_each(check)
 }
 
 /// Checks that fixed nodes and axes exist in a mesh with this number of nodes.
-pub(super) fn fixed(given: &[(u32, u8)], nodes: usize) -> Result<(), InvalidSetup> {
+pub(super) fn fixed(supports: &[(u32, u8)], nodes: usize) -> Result<(), InvalidSetup> {
     let missing = |(node, axis): &&(u32, u8)| *node as usize >= nodes || *axis > 2;
-    match given.iter().find(missing) {
+    match supports.iter().find(missing) {
         Some(&(node, axis)) => Err(InvalidSetup::Fixed { node, axis, nodes }),
         None => Ok(()),
     }
 }
 
 /// Checks that numbers are finite and above 0.
-pub(super) fn above_zero(given: &[(&'static str, f64)]) -> Result<(), InvalidSetup> {
-    match given.iter().find(|(_, found)| !(found.is_finite() && *found > 0.0)) {
+pub(super) fn above_zero(values: &[(&'static str, f64)]) -> Result<(), InvalidSetup> {
+    match values.iter().find(|(_, found)| !(found.is_finite() && *found > 0.0)) {
         Some(&(key, found)) => Err(OutOfRange::new(key, found, "a finite number above 0").into()),
         None => Ok(()),
     }

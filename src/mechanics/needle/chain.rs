@@ -23,29 +23,30 @@ impl Chain {
     /// Builds a shaft with joints at rising arcs (mm) within it, with or without one at the base. Bevel and length must be
     /// valid.
     pub(super) fn new(length_mm: f64, joints: &[f64], bevel: Option<&Bevel>) -> Self {
-        let first = usize::from(joints.first() != Some(&0.0));
-        let mut arcs = vec![0.0; first];
+        let first_joint = usize::from(joints.first() != Some(&0.0));
+        let mut arcs = vec![0.0; first_joint];
         arcs.extend_from_slice(joints);
         arcs.push(length_mm);
-        let mut at: Vec<usize> = (first..first + joints.len()).collect();
+        let mut joint_nodes: Vec<usize> = (first_joint..first_joint + joints.len()).collect();
         let tilt = bevel.filter(|bevel| bevel.r_mm > 0.0).map(|bevel| {
             let start = length_mm - bevel.length_mm;
             let near = arcs.iter().position(|arc| (arc - start).abs() < APART_MM);
-            let from = near.unwrap_or_else(|| {
-                let from = arcs.partition_point(|&arc| arc < start);
-                arcs.insert(from, start);
-                at.iter_mut()
-                    .filter(|joint| **joint >= from)
+            let start_node = near.unwrap_or_else(|| {
+                let index = arcs.partition_point(|&arc| arc < start);
+                arcs.insert(index, start);
+                joint_nodes
+                    .iter_mut()
+                    .filter(|joint| **joint >= index)
                     .for_each(|joint| *joint += 1);
-                from
+                index
             });
-            (from, bevel.direction())
+            (start_node, bevel.direction())
         });
         let nodes = Vec::with_capacity(arcs.len());
-        let turns = Vec::with_capacity(at.len());
+        let turns = Vec::with_capacity(joint_nodes.len());
         Self {
             arcs,
-            joints: at,
+            joints: joint_nodes,
             tilt,
             nodes,
             turns,
@@ -88,26 +89,26 @@ impl Chain {
         let mut frame = base.rotation;
         // Points are computed from the last turn of the shaft, so that a straight one is straight to the bit.
         let mut turned = (self.arcs[0], Point3::from(base.translation.vector));
-        let mut along = direction(&frame, 0);
+        let mut tangent = direction(&frame, 0);
         let mut joint = 0;
         self.nodes.clear();
         self.turns.clear();
         self.nodes.push(turned);
         if self.joints.first() == Some(&0) {
-            let angle = turn(0, &along);
+            let angle = turn(0, &tangent);
             self.turns.push(angle);
             if angle != Vector3::zeros() {
                 frame = UnitQuaternion::from_scaled_axis(angle) * frame;
-                along = direction(&frame, 0);
+                tangent = direction(&frame, 0);
             }
             joint = 1;
         }
         for (node, &arc) in self.arcs.iter().enumerate().skip(1) {
-            let point = turned.1 + along * (arc - turned.0);
+            let point = turned.1 + tangent * (arc - turned.0);
             self.nodes.push((arc, point));
             let mut turns = self.tilt.as_ref().is_some_and(|tilt| tilt.0 == node);
             if self.joints.get(joint) == Some(&node) {
-                let angle = turn(joint, &along);
+                let angle = turn(joint, &tangent);
                 self.turns.push(angle);
                 if angle != Vector3::zeros() {
                     frame = UnitQuaternion::from_scaled_axis(angle) * frame;
@@ -116,7 +117,7 @@ impl Chain {
                 joint += 1;
             }
             if turns {
-                along = direction(&frame, node);
+                tangent = direction(&frame, node);
                 turned = (arc, point);
             }
         }

@@ -4,11 +4,11 @@ use nalgebra::{Isometry3, Point3, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Returns two unit vectors perpendicular to a unit vector and to each other.
-pub fn across(along: &Vector3<f64>) -> [Vector3<f64>; 2] {
+pub fn across(direction: &Vector3<f64>) -> [Vector3<f64>; 2] {
     let mut aside = Vector3::zeros();
-    aside[along.iamin()] = 1.0;
-    let across = along.cross(&aside).normalize();
-    [across, along.cross(&across)]
+    aside[direction.iamin()] = 1.0;
+    let across = direction.cross(&aside).normalize();
+    [across, direction.cross(&across)]
 }
 
 /// A point of the shaft.
@@ -111,18 +111,21 @@ impl CentreLine {
 
     /// Returns the arc (mm) of the point nearest to `point`: below 0 before the base, above the length beyond the tip.
     pub fn nearest(&self, point: &Point3<f64>) -> f64 {
-        let last = self.nodes.len() - 1;
-        let candidates = (1..=last).map(|link| {
+        let last_link = self.nodes.len() - 1;
+        let candidates = (1..=last_link).map(|link| {
             let [(from, a), (to, b)] = [self.nodes[link - 1], self.nodes[link]];
-            let along = b - a;
-            let mut share = (point - a).dot(&along) / along.norm_squared();
+            let segment = b - a;
+            let mut share = (point - a).dot(&segment) / segment.norm_squared();
             if link > 1 {
                 share = share.max(0.0);
             }
-            if link < last {
+            if link < last_link {
                 share = share.min(1.0);
             }
-            ((point - (a + along * share)).norm_squared(), from + share * (to - from))
+            (
+                (point - (a + segment * share)).norm_squared(),
+                from + share * (to - from),
+            )
         });
         candidates
             .min_by(|a, b| a.0.total_cmp(&b.0))
@@ -140,10 +143,10 @@ impl CentreLine {
 
     fn on_link(&self, link: usize, arc_mm: f64) -> ShaftPoint {
         let [(from, a), (to, b)] = [self.nodes[link - 1], self.nodes[link]];
-        let along = b - a;
+        let segment = b - a;
         ShaftPoint {
-            point_mm: a + along * ((arc_mm - from) / (to - from)),
-            tangent: Unit::new_normalize(along),
+            point_mm: a + segment * ((arc_mm - from) / (to - from)),
+            tangent: Unit::new_normalize(segment),
         }
     }
 }
@@ -174,15 +177,15 @@ mod tests {
         assert_eq!(line.at(10.0).tangent, Unit::new_unchecked(Vector3::x()));
         // Off the line, outside the corner.
         assert_eq!(line.nearest(&Point3::new(-1.0, 3.0, 11.0)), 10.0);
-        let mut other = line.clone();
-        assert_eq!(line.distance(&other), 0.0);
-        other.set([
+        let mut moved = line.clone();
+        assert_eq!(line.distance(&moved), 0.0);
+        moved.set([
             (0.0, Point3::origin()),
             (10.0, corner),
             (14.0, Point3::new(4.0, 0.5, 10.0)),
         ]);
-        assert_eq!(line.distance(&other), 0.5);
-        other.set([(0.0, Point3::origin()), (10.0, corner)]);
-        assert_eq!(line.distance(&other), f64::INFINITY);
+        assert_eq!(line.distance(&moved), 0.5);
+        moved.set([(0.0, Point3::origin()), (10.0, corner)]);
+        assert_eq!(line.distance(&moved), f64::INFINITY);
     }
 }

@@ -74,14 +74,14 @@ impl Tangent {
                 let turned = geometric * axis;
                 for (near, others) in self.axes[..far].iter().enumerate() {
                     let resisted = axis * resistance.entry(far, near, count) - turned;
-                    for (a, other) in others.iter().enumerate() {
-                        *self.stiffness.entry(2 * far + b, 2 * near + a) = other.dot(&resisted);
+                    for (a, row_axis) in others.iter().enumerate() {
+                        *self.stiffness.entry(2 * far + b, 2 * near + a) = row_axis.dot(&resisted);
                     }
                 }
                 let turned = symmetric(&geometric) * axis;
-                for (a, other) in axes[..=b].iter().enumerate() {
+                for (a, row_axis) in axes[..=b].iter().enumerate() {
                     let spring = if a == b { resistance.entry(far, far, count) } else { 0.0 };
-                    *self.stiffness.entry(2 * far + b, 2 * far + a) = spring - other.dot(&turned);
+                    *self.stiffness.entry(2 * far + b, 2 * far + a) = spring - row_axis.dot(&turned);
                 }
             }
         }
@@ -173,17 +173,17 @@ impl Kernel for AddSquares<'_> {
             let out = &mut self.out[column * width..][column..width];
             // Four rows at a time: `out` is read and written less often.
             let fours = self.rows.chunks_exact(4 * width);
-            let rest = fours.remainder().chunks_exact(width);
+            let remaining_rows = fours.remainder().chunks_exact(width);
             let done = self.weights.len() / 4 * 4;
             for (rows, weights) in fours.zip(self.weights.chunks_exact(4)) {
-                let row = |at: usize| &rows[at * width + column..(at + 1) * width];
-                let factor = |at: usize| rows[at * width + column] * weights[at];
+                let row = |index: usize| &rows[index * width + column..(index + 1) * width];
+                let factor = |index: usize| rows[index * width + column] * weights[index];
                 let ([a, b, c, d], [e, f, g, h]) = ([0, 1, 2, 3].map(row), [0, 1, 2, 3].map(factor));
                 for (out, (((a, b), c), d)) in out.iter_mut().zip(a.iter().zip(b).zip(c).zip(d)) {
                     *out += (e * a + f * b) + (g * c + h * d);
                 }
             }
-            for (row, weight) in rest.zip(&self.weights[done..]) {
+            for (row, weight) in remaining_rows.zip(&self.weights[done..]) {
                 let factor = row[column] * weight;
                 out.iter_mut()
                     .zip(&row[column..])
@@ -204,11 +204,11 @@ fn sum_up(chain: &Chain, line: &CentreLine, loads: &[Load], sums: &mut Vec<Beyon
     sums.clear();
     sums.resize(joints.len(), Beyond::default());
     for load in loads {
-        if let Some(last) = chain.joints_before(load.arc_mm).checked_sub(1) {
+        if let Some(last_joint) = chain.joints_before(load.arc_mm).checked_sub(1) {
             let force = load.force_n.map(|part| part.clamp(-MAX_FORCE_N, MAX_FORCE_N));
             let from_base = line.at(load.arc_mm).point_mm - nodes[0].1;
-            sums[last].force += force;
-            sums[last].moments += from_base * force.transpose();
+            sums[last_joint].force += force;
+            sums[last_joint].moments += from_base * force.transpose();
         }
     }
     for joint in (1..sums.len()).rev() {

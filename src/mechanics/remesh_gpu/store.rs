@@ -33,7 +33,7 @@ pub struct DeviceStore {
     /// Staging buffers by log2 of their capacity in values.
     blocks_back: Vec<Option<Readback>>,
     /// Columns for the following update or restart.
-    taken: Vec<usize>,
+    taken_columns: Vec<usize>,
     timer: Option<Timer>,
     update_ms: Option<f64>,
 }
@@ -83,7 +83,7 @@ impl DeviceStore {
             sums_back: Readback::new(gpu, "sums", shared.sums.bytes())?,
             blocks_back: (0..=(ENTRIES + 1).ilog2()).map(|_| None).collect(),
             gpu: gpu.clone(),
-            taken: Vec::new(),
+            taken_columns: Vec::new(),
             timer: None,
             update_ms: None,
             base,
@@ -179,7 +179,7 @@ impl Store for DeviceStore {
     }
 
     fn take(&mut self, which: Which, columns: &[usize]) -> Result<Mat<f64>, RemeshError> {
-        self.taken = columns.to_vec();
+        self.taken_columns = columns.to_vec();
         if which == Which::Base {
             // A restart takes the columns on the device.
             return Ok(Arc::clone(&self.base).entries(columns, columns)?);
@@ -189,7 +189,7 @@ impl Store for DeviceStore {
     }
 
     fn update(&mut self, c: MatRef<'_, f64>, rows: Option<&[usize]>, block: &[usize]) -> Result<Mat<f64>, RemeshError> {
-        let columns = std::mem::take(&mut self.taken);
+        let columns = std::mem::take(&mut self.taken_columns);
         let near = if block.len().pow(2) <= ENTRIES { block } else { &[] };
         if !columns.is_empty() {
             self.send_capacitance(c)?;
@@ -221,7 +221,7 @@ impl Store for DeviceStore {
     }
 
     fn restart(&mut self, c: MatRef<'_, f64>) -> Result<(), RemeshError> {
-        let columns = std::mem::take(&mut self.taken);
+        let columns = std::mem::take(&mut self.taken_columns);
         self.make_room(columns.len())?;
         if self.base_tiles.is_none() {
             self.tiles.send(&self.gpu, &self.base)?;
@@ -239,10 +239,10 @@ impl Store for DeviceStore {
         self.check_length(out.len())?;
         let stride = self.strips.stride;
         let mut submission = None;
-        for (at, (columns, weights)) in columns.chunks(stride).zip(weights.chunks(stride)).enumerate() {
+        for (chunk, (columns, weights)) in columns.chunks(stride).zip(weights.chunks(stride)).enumerate() {
             let weights: Vec<f32> = weights.iter().map(|weight| *weight as f32).collect();
             self.shared.vector.write(&self.gpu, 0, &weights)?;
-            submission = Some(self.run_combine(columns, at > 0)?);
+            submission = Some(self.run_combine(columns, chunk > 0)?);
         }
         match submission {
             Some(submission) => self.read_sums(submission, out),
@@ -365,26 +365,26 @@ impl DeviceStore {
 
     /// Dispatches of an update up to the entries to be read.
     fn preparation(&self, lead: Lead, whole: TileParams, near: TileParams) -> impl Iterator<Item = Dispatch<'_>> {
-        let one = |pipeline, bindings, workgroups| Dispatch {
+        let dispatch = |pipeline, bindings, workgroups| Dispatch {
             pipeline,
             bindings,
             slot: 0,
             workgroups,
         };
         let solve = match (lead, &self.passes.capacitance, &self.strips.capacitance) {
-            (Lead::Solve(_), Some(pass), Some(bindings)) => Some(one(pass, bindings, [1, 1, 1])),
+            (Lead::Solve(_), Some(pass), Some(bindings)) => Some(dispatch(pass, bindings, [1, 1, 1])),
             _ => None,
         };
         let rank = whole.rank as usize;
         let take = (!matches!(lead, Lead::None)).then(|| self.take_columns(rank));
         let width = [self.blocks(), padded(rank) / DEPTH as u32, 1];
-        let product = one(&self.passes.product, &self.strips.product, width);
+        let product = dispatch(&self.passes.product, &self.strips.product, width);
         let height = [self.blocks(), whole.rows, 1];
         let rows = self.of_banks(&self.passes.update_rows, |bank| &bank.update_rows, 0, height);
         let rows = (whole.rows > 0).then_some(rows);
         let entries = (near.rows > 0).then(|| self.read_entries(near));
-        let first = take.into_iter().flatten().chain(solve).chain([product]);
-        first
+        let leading = take.into_iter().flatten().chain(solve).chain([product]);
+        leading
             .chain(rows.into_iter().flatten())
             .chain(entries.into_iter().flatten())
     }
@@ -420,8 +420,8 @@ impl DeviceStore {
         for (left, columns) in columns.chunks(wide).enumerate() {
             for (top, rows) in rows.chunks(high).enumerate() {
                 let values = self.fetch(rows, columns, take)?;
-                for (at, value) in values[1..].iter().enumerate() {
-                    let (i, j) = (at / columns.len(), at % columns.len());
+                for (index, value) in values[1..].iter().enumerate() {
+                    let (i, j) = (index / columns.len(), index % columns.len());
                     block[(top * high + i, left * wide + j)] = f64::from(*value);
                 }
             }
@@ -444,8 +444,8 @@ impl DeviceStore {
         };
         self.set(whole, params)?;
         let back = self.staging(rows.len() * columns.len())?;
-        let taken = take.then(|| self.take_columns(columns.len()));
-        let dispatches = taken.into_iter().flatten().chain(self.read_entries(params));
+        let copies = take.then(|| self.take_columns(columns.len()));
+        let dispatches = copies.into_iter().flatten().chain(self.read_entries(params));
         let submission = self.gpu.submit("entries", |recorder| {
             recorder.run("entries", dispatches)?;
             match &self.blocks_back[back] {
@@ -461,12 +461,12 @@ impl DeviceStore {
     /// Index of a staging buffer for this many entries and the value before them.
     fn staging(&mut self, entries: usize) -> Result<usize, GpuError> {
         let power = (entries + 1).next_power_of_two();
-        let at = power.ilog2() as usize;
-        if self.blocks_back[at].is_none() {
+        let bucket = power.ilog2() as usize;
+        if self.blocks_back[bucket].is_none() {
             let bytes = (power * size_of::<f32>()) as u64;
-            self.blocks_back[at] = Some(Readback::new(&self.gpu, "entries", bytes)?);
+            self.blocks_back[bucket] = Some(Readback::new(&self.gpu, "entries", bytes)?);
         }
-        Ok(at)
+        Ok(bucket)
     }
 
     fn read_block(

@@ -49,8 +49,8 @@ impl Tiles {
     pub(crate) fn new(gpu: &Gpu, size: usize, bank_bytes: u64) -> Result<Self, GpuError> {
         let count = tiles_of(size.div_ceil(SIDE));
         // A dispatch has one workgroup per tile of a bank.
-        let most = (bank_bytes / TILE_BYTES).min(u64::from(gpu.limits().max_compute_workgroups_per_dimension));
-        if most == 0 {
+        let max_tiles = (bank_bytes / TILE_BYTES).min(u64::from(gpu.limits().max_compute_workgroups_per_dimension));
+        if max_tiles == 0 {
             return Err(GpuError::Limit {
                 what: "a tile of the inverse".to_owned(),
                 limit: "max_storage_buffer_binding_size",
@@ -58,9 +58,9 @@ impl Tiles {
                 available: bank_bytes,
             });
         }
-        let most = most as usize;
-        let banks = (0..count).step_by(most).map(|first| {
-            let tiles = most.min(count - first);
+        let max_tiles = max_tiles as usize;
+        let banks = (0..count).step_by(max_tiles).map(|first| {
+            let tiles = max_tiles.min(count - first);
             let label = format!("tiles {first} to {} of the inverse", first + tiles - 1);
             Ok(Bank {
                 buffer: StorageBuffer::zeroed(gpu, &label, tiles as u64 * TILE_BYTES)?,

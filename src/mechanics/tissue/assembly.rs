@@ -70,8 +70,8 @@ impl Stiffness {
         let Structure { dofs, pattern, .. } = &*structure;
         let mut values = Vec::with_capacity(pattern.entries());
         let mut sums = vec![0.0; dofs.free()];
-        pattern.for_each_entry(dofs, |row, column, at, (i, j)| {
-            let value = blocks[at][i][j];
+        pattern.for_each_entry(dofs, |row, column, index, (i, j)| {
+            let value = blocks[index][i][j];
             values.push(value);
             sums[row as usize] += value.abs();
             if row != column {
@@ -133,8 +133,8 @@ impl Stiffness {
     pub fn nodal_forces(&self, displacement_mm: &[[f64; 3]]) -> Vec<[f64; 3]> {
         assert_eq!(displacement_mm.len(), self.dofs().nodes(), "one displacement a node");
         let mut forces = vec![[0.0; 3]; displacement_mm.len()];
-        for (column, row, at) in self.structure.pattern.blocks() {
-            let block = &self.blocks[at];
+        for (column, row, index) in self.structure.pattern.blocks() {
+            let block = &self.blocks[index];
             let (u, v) = (displacement_mm[column], displacement_mm[row]);
             for i in 0..3 {
                 forces[row][i] += block[i][0] * u[0] + block[i][1] * u[1] + block[i][2] * u[2];
@@ -160,10 +160,10 @@ impl Structure {
                 Err(cause) => return Err(self.unusable(nodes, element, cause)),
             };
             let weights = shape.weights(material);
-            for (&at, (a, b)) in places.iter().zip(PAIRS) {
+            for (&block_index, (a, b)) in places.iter().zip(PAIRS) {
                 let (row, column) = if corners[a] > corners[b] { (a, b) } else { (b, a) };
                 let block = shape.block(weights, row, column);
-                for (sums, row) in blocks[at as usize].iter_mut().zip(&block) {
+                for (sums, row) in blocks[block_index as usize].iter_mut().zip(&block) {
                     for (sum, value) in sums.iter_mut().zip(row) {
                         *sum += value;
                     }
@@ -174,13 +174,13 @@ impl Structure {
     }
 
     fn unusable(&self, nodes: &[[f64; 3]], element: usize, cause: DegenerateElement) -> LinearError {
-        let rest = self.elements.iter().enumerate().skip(element + 1);
-        let others = rest.filter(|(_, corners)| Shape::of(&corners.map(|node| nodes[node as usize])).is_err());
+        let following = self.elements.iter().enumerate().skip(element + 1);
+        let others = following.filter(|(_, corners)| Shape::of(&corners.map(|node| nodes[node as usize])).is_err());
         LinearError::Element {
             element,
             corners: self.elements[element],
             cause,
-            others: others.map(|(other, _)| other).take(10).collect(),
+            others: others.map(|(degenerate, _)| degenerate).take(10).collect(),
         }
     }
 }

@@ -188,9 +188,9 @@ impl Compliance for Columns {
                 let Some(column) = &self.columns[*side] else {
                     continue;
                 };
-                for (i, &other) in others.iter().enumerate() {
-                    let at = if by_rows { (j, i) } else { (i, j) };
-                    out[at] = column.values[other];
+                for (i, &row) in others.iter().enumerate() {
+                    let entry = if by_rows { (j, i) } else { (i, j) };
+                    out[entry] = column.values[row];
                 }
             }
         }

@@ -6,7 +6,7 @@ pub const NONE: u32 = u32::MAX;
 /// Numbering of the free displacements in the reduced system, ascending by node, then axis.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Dofs {
-    of: Vec<[u32; 3]>,
+    numbers: Vec<[u32; 3]>,
     free: Vec<(u32, u8)>,
 }
 
@@ -21,12 +21,12 @@ impl Dofs {
             nodes < (u32::MAX / 3) as usize,
             "{nodes} nodes outnumber 32-bit degrees of freedom"
         );
-        let mut of = vec![[0; 3]; nodes];
+        let mut numbers = vec![[0; 3]; nodes];
         for (node, axis) in fixed {
-            of[node as usize][axis as usize] = NONE;
+            numbers[node as usize][axis as usize] = NONE;
         }
         let mut free = Vec::with_capacity(3 * nodes);
-        for (node, dofs) in of.iter_mut().enumerate() {
+        for (node, dofs) in numbers.iter_mut().enumerate() {
             for (axis, dof) in dofs.iter_mut().enumerate() {
                 if *dof != NONE {
                     *dof = free.len() as u32;
@@ -34,12 +34,12 @@ impl Dofs {
                 }
             }
         }
-        Dofs { of, free }
+        Dofs { numbers, free }
     }
 
     /// Number of nodes.
     pub fn nodes(&self) -> usize {
-        self.of.len()
+        self.numbers.len()
     }
 
     /// Number of free degrees of freedom: the size of the reduced system.
@@ -52,7 +52,7 @@ impl Dofs {
     /// # Panics
     /// If the node is out of range.
     pub fn of(&self, node: u32) -> [u32; 3] {
-        self.of[node as usize]
+        self.numbers[node as usize]
     }
 
     /// Node and axis of a free degree of freedom.
@@ -65,7 +65,7 @@ impl Dofs {
 
     /// Prescribed degrees of freedom as (node, axis), ascending.
     pub fn prescribed(&self) -> impl Iterator<Item = (u32, u8)> + '_ {
-        self.of.iter().enumerate().flat_map(|(node, dofs)| {
+        self.numbers.iter().enumerate().flat_map(|(node, dofs)| {
             (0..3u8)
                 .filter(|&axis| dofs[axis as usize] == NONE)
                 .map(move |axis| (node as u32, axis))
@@ -76,9 +76,9 @@ impl Dofs {
     ///
     /// # Panics
     /// If there is not one entry per node.
-    pub fn gather(&self, all: &[[f64; 3]]) -> Vec<f64> {
-        assert_eq!(all.len(), self.nodes(), "one entry a node");
-        let entry = |&(node, axis): &(u32, u8)| all[node as usize][axis as usize];
+    pub fn gather(&self, nodal: &[[f64; 3]]) -> Vec<f64> {
+        assert_eq!(nodal.len(), self.nodes(), "one entry a node");
+        let entry = |&(node, axis): &(u32, u8)| nodal[node as usize][axis as usize];
         self.free.iter().map(entry).collect()
     }
 
@@ -86,11 +86,11 @@ impl Dofs {
     ///
     /// # Panics
     /// If there is not one entry per node, or not one value per free degree of freedom.
-    pub fn scatter(&self, free: &[f64], all: &mut [[f64; 3]]) {
-        assert_eq!(all.len(), self.nodes(), "one entry a node");
+    pub fn scatter(&self, free: &[f64], nodal: &mut [[f64; 3]]) {
+        assert_eq!(nodal.len(), self.nodes(), "one entry a node");
         assert_eq!(free.len(), self.free(), "one value a free degree of freedom");
         for (value, &(node, axis)) in free.iter().zip(&self.free) {
-            all[node as usize][axis as usize] = *value;
+            nodal[node as usize][axis as usize] = *value;
         }
     }
 }

@@ -319,8 +319,8 @@ fn defect(stiffness: &Stiffness, solution: &[f64], rhs: &[f64]) -> (Vec<f64>, f6
         .iter_mut()
         .zip(rhs)
         .for_each(|(product, b)| *product = b - *product);
-    let largest = |all: &[f64]| {
-        all.iter().fold(0.0, |a: f64, x| {
+    let largest = |values: &[f64]| {
+        values.iter().fold(0.0, |a: f64, x| {
             if a.is_nan() || x.is_nan() {
                 f64::NAN
             } else {

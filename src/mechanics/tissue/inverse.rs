@@ -72,21 +72,21 @@ fn check_memory_of<T: Scalar>(size: usize, threads: usize, available: Option<usi
 /// Solves for the rows of a panel.
 fn fill<T: Scalar>(factor: &Factor, panel: PanelMut<'_, T>) -> Result<(), LinearError> {
     let mut solutions = Mat::<f64>::zeros(factor.size(), BLOCK.min(panel.rows));
-    for first in (0..panel.rows).step_by(BLOCK) {
-        let count = BLOCK.min(panel.rows - first);
+    for first_row in (0..panel.rows).step_by(BLOCK) {
+        let count = BLOCK.min(panel.rows - first_row);
         solutions.fill(0.0);
         for k in 0..count {
-            solutions[(panel.first_row + first + k, k)] = 1.0;
+            solutions[(panel.first_row + first_row + k, k)] = 1.0;
         }
         factor.solve_many_in_place(solutions.as_mut().subcols_mut(0, count));
         let lower = solutions.as_ref().get(..panel.columns.len(), ..count);
-        check_finite(lower, panel.first_row + first)?;
+        check_finite(lower, panel.first_row + first_row)?;
         // Transposed in square blocks, so that both sides are accessed locally.
-        for (at, columns) in panel.columns.chunks_mut(BLOCK).enumerate() {
+        for (block, columns) in panel.columns.chunks_mut(BLOCK).enumerate() {
             for k in 0..count {
-                let values = lower.col(k).subrows(at * BLOCK, columns.len());
+                let values = lower.col(k).subrows(block * BLOCK, columns.len());
                 for (column, &value) in columns.iter_mut().zip(values.iter()) {
-                    column.0[first + k] = T::of(value);
+                    column.0[first_row + k] = T::of(value);
                 }
             }
         }
@@ -94,13 +94,13 @@ fn fill<T: Scalar>(factor: &Factor, panel: PanelMut<'_, T>) -> Result<(), Linear
     Ok(())
 }
 
-/// Checks that the solutions for the unit forces from `first` on are finite.
-fn check_finite(solutions: MatRef<'_, f64>, first: usize) -> Result<(), LinearError> {
+/// Checks that the solutions for the unit forces from `first_row` on are finite.
+fn check_finite(solutions: MatRef<'_, f64>, first_row: usize) -> Result<(), LinearError> {
     let bad = solutions
         .col_iter()
         .position(|column| !column.iter().all(|x| x.is_finite()));
     match bad {
-        Some(k) => Err(LinearError::Column { dof: first + k }),
+        Some(k) => Err(LinearError::Column { dof: first_row + k }),
         None => Ok(()),
     }
 }

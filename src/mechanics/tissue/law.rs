@@ -210,12 +210,12 @@ mod tests {
         ]
     }
 
-    fn difference<const N: usize>(of: impl Fn(&Tensor) -> [f64; N], gradient: &Tensor, entry: usize) -> [f64; N] {
+    fn difference<const N: usize>(function: impl Fn(&Tensor) -> [f64; N], gradient: &Tensor, entry: usize) -> [f64; N] {
         const STEP: f64 = 1e-6;
         let mut step = Tensor::zeros();
         step[(entry / 3, entry % 3)] = STEP;
-        let [after, before] = [of(&(gradient + step)), of(&(gradient - step))];
-        std::array::from_fn(|at| (after[at] - before[at]) / (2.0 * STEP))
+        let [after, before] = [function(&(gradient + step)), function(&(gradient - step))];
+        std::array::from_fn(|component| (after[component] - before[component]) / (2.0 * STEP))
     }
 
     #[test]
@@ -227,11 +227,11 @@ mod tests {
                 for entry in 0..9 {
                     if law.energy_kpa(&gradient).is_some() {
                         let [slope] = difference(|h| [law.energy_kpa(h).unwrap()], &gradient, entry);
-                        let at = (entry / 3, entry % 3);
+                        let position = (entry / 3, entry % 3);
                         assert!(
-                            (slope - stress[at]).abs() < 1e-8 * scale,
+                            (slope - stress[position]).abs() < 1e-8 * scale,
                             "{name} {gradient}{slope} {}",
-                            stress[at]
+                            stress[position]
                         );
                     }
                     let rows = |h: &Tensor| -> [f64; 9] {
@@ -289,12 +289,12 @@ mod tests {
         for (name, law) in laws() {
             for gradient in gradients() {
                 let turned = turn * (Tensor::identity() + gradient) - Tensor::identity();
-                let [found, expected] = [law.stress_kpa(&turned), turn * law.stress_kpa(&gradient)];
-                let is_objective = (found - expected).amax() < 1e-9 * law.moduli_kpa(&gradient).amax();
+                let [stress_kpa, expected] = [law.stress_kpa(&turned), turn * law.stress_kpa(&gradient)];
+                let is_objective = (stress_kpa - expected).amax() < 1e-9 * law.moduli_kpa(&gradient).amax();
                 assert_eq!(
                     is_objective,
                     law.as_secant().is_none(),
-                    "{name} {gradient}{found}{expected}"
+                    "{name} {gradient}{stress_kpa}{expected}"
                 );
                 if law.as_secant().is_none() {
                     let [a, b] = [&gradient, &turned].map(|h| law.energy_kpa(h).expect("an energy"));

@@ -95,10 +95,10 @@ impl Materials {
     pub fn new(default: Option<Material>, by_region: &[(i32, Material)]) -> Result<Materials, LinearError> {
         let mut map = BTreeMap::new();
         for &(region, material) in by_region {
-            if let Some(first) = map.insert(region, material) {
+            if let Some(listed) = map.insert(region, material) {
                 return Err(LinearError::TwoMaterials {
                     region,
-                    materials: [first, material],
+                    materials: [listed, material],
                 });
             }
         }

@@ -170,7 +170,7 @@ impl Blame for NonlinearError {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Supports<const D: usize> {
     /// Number of each degree of freedom among the free ones; [`NONE`] where prescribed.
-    of: Vec<u32>,
+    numbers: Vec<u32>,
     free: Vec<u32>,
     prescribed: Vec<u32>,
 }
@@ -186,13 +186,13 @@ impl<const D: usize> Supports<D> {
             nodes < (u32::MAX / 4) as usize,
             "{nodes} nodes outnumber 32-bit degrees of freedom"
         );
-        let mut of = vec![0; D * nodes];
+        let mut numbers = vec![0; D * nodes];
         for (node, axis) in prescribed {
             assert!((axis as usize) < D, "axis {axis} in {D} dimensions");
-            of[D * node as usize + axis as usize] = NONE;
+            numbers[D * node as usize + axis as usize] = NONE;
         }
-        let (mut free, mut prescribed) = (Vec::with_capacity(of.len()), Vec::new());
-        for (dof, number) in (0..).zip(&mut of) {
+        let (mut free, mut prescribed) = (Vec::with_capacity(numbers.len()), Vec::new());
+        for (dof, number) in (0..).zip(&mut numbers) {
             if *number == NONE {
                 prescribed.push(dof);
             } else {
@@ -200,17 +200,21 @@ impl<const D: usize> Supports<D> {
                 free.push(dof);
             }
         }
-        Supports { of, free, prescribed }
+        Supports {
+            numbers,
+            free,
+            prescribed,
+        }
     }
 
     /// Number of nodes.
     pub fn nodes(&self) -> usize {
-        self.of.len() / D
+        self.numbers.len() / D
     }
 
     /// Number of all degrees of freedom, free or not.
     pub fn all(&self) -> usize {
-        self.of.len()
+        self.numbers.len()
     }
 
     /// Free degrees of freedom, ascending.
@@ -228,13 +232,13 @@ impl<const D: usize> Supports<D> {
     /// # Panics
     /// If `dof` is out of range.
     pub fn number(&self, dof: usize) -> u32 {
-        self.of[dof]
+        self.numbers[dof]
     }
 
     /// Copies the free entries of a vector over all degrees of freedom.
-    fn gather(&self, all: &[f64], free: &mut [f64]) {
+    fn gather(&self, values: &[f64], free: &mut [f64]) {
         for (value, dof) in free.iter_mut().zip(&self.free) {
-            *value = all[*dof as usize];
+            *value = values[*dof as usize];
         }
     }
 }

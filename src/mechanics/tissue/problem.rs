@@ -173,12 +173,12 @@ impl StaticProblem<'_> {
                     value,
                 });
             }
-            let first = *fixed.entry((node, axis)).or_insert(value);
-            if first != value {
+            let first_mm = *fixed.entry((node, axis)).or_insert(value);
+            if first_mm != value {
                 return Err(LinearError::Contradiction {
                     node,
                     axis,
-                    displacements_mm: [first, value],
+                    displacements_mm: [first_mm, value],
                 });
             }
         }
@@ -257,8 +257,8 @@ impl<'a> Balance<'a> {
     fn forces(&self, displacement_mm: &[[f64; 3]]) -> Vec<[f64; 3]> {
         let mut forces = vec![[0.0; 3]; displacement_mm.len()];
         for (corners, (shape, weights)) in self.elements.iter().zip(&self.shapes) {
-            let own = shape.forces(*weights, &corners.map(|node| displacement_mm[node as usize]));
-            for (node, force) in corners.iter().zip(own) {
+            let element_forces = shape.forces(*weights, &corners.map(|node| displacement_mm[node as usize]));
+            for (node, force) in corners.iter().zip(element_forces) {
                 forces[*node as usize]
                     .iter_mut()
                     .zip(force)
@@ -278,9 +278,9 @@ impl<'a> Balance<'a> {
         displacement_mm: &mut Vec<[f64; 3]>,
     ) -> Vec<[f64; 3]> {
         let mut holding = self.forces(displacement_mm);
-        let mut off = imbalance(dofs, loads, &holding);
+        let mut residual = imbalance(dofs, loads, &holding);
         for _ in 0..STEPS {
-            if off <= BALANCED {
+            if residual <= BALANCED {
                 break;
             }
             let defect = |force: &[[f64; 3]]| dofs.gather(force);
@@ -293,10 +293,10 @@ impl<'a> Balance<'a> {
             let next = self.forces(&refined);
             let left = imbalance(dofs, loads, &next);
             // Stops where the imbalance grows or is NaN.
-            if left.is_nan() || left >= off {
+            if left.is_nan() || left >= residual {
                 break;
             }
-            (*displacement_mm, holding, off) = (refined, next, left);
+            (*displacement_mm, holding, residual) = (refined, next, left);
         }
         holding
     }

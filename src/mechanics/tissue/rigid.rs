@@ -76,7 +76,7 @@ impl FreePart {
             None => format!("region {region}"),
         };
         let regions: Vec<String> = self.regions.iter().take(NAMED).map(region).collect();
-        let more = if self.regions.len() > NAMED { ", ..." } else { "" };
+        let ellipsis = if self.regions.len() > NAMED { ", ..." } else { "" };
         // All six rigid motions need no list.
         let motions = match self.motions.len() {
             6 => "any translation or rotation".to_owned(),
@@ -88,7 +88,7 @@ impl FreePart {
                 .join(", "),
         };
         format!(
-            "{}{more} ({} nodes, {:.3} ml, node {}), {motions}",
+            "{}{ellipsis} ({} nodes, {:.3} ml, node {}), {motions}",
             regions.join(", "),
             self.nodes,
             self.volume_ml,
@@ -154,8 +154,8 @@ fn free_parts(
     let frame = Frame::of(mesh, parts, group);
     let null = frame.null_space(mesh, dofs, parts, supported, group);
     let mut free = Vec::new();
-    for (place, &part) in group.iter().enumerate() {
-        let motions = motion::simplest(null.rows(6 * place, 6).into_owned(), frame.centre, frame.size);
+    for (index, &part) in group.iter().enumerate() {
+        let motions = motion::simplest(null.rows(6 * index, 6).into_owned(), frame.centre, frame.size);
         if !motions.is_empty() {
             let nodes = parts.nodes(part);
             free.push((
@@ -208,21 +208,21 @@ impl Frame {
         // Displacement of a node along an axis per unit of the six motions of its part.
         let displacement = |node: u32, axis: usize| {
             let arm = (Vector3::from(mesh.nodes()[node as usize]) - self.centre) / self.size;
-            let along = Vector3::ith(axis, 1.0);
-            let turned = arm.cross(&along);
-            [along.x, along.y, along.z, turned.x, turned.y, turned.z]
+            let direction = Vector3::ith(axis, 1.0);
+            let turned = arm.cross(&direction);
+            [direction.x, direction.y, direction.z, turned.x, turned.y, turned.z]
         };
         let mut row = |entries: &[(usize, f64)], node: u32, axis: usize| {
             let start = rows.len();
             rows.resize(start + width, 0.0);
             let displacement = displacement(node, axis);
-            for &(place, sign) in entries {
+            for &(index, sign) in entries {
                 for (column, value) in displacement.iter().enumerate() {
-                    rows[start + 6 * place + column] = sign * value;
+                    rows[start + 6 * index + column] = sign * value;
                 }
             }
         };
-        for (place, &part) in group.iter().enumerate() {
+        for (index, &part) in group.iter().enumerate() {
             for &node in parts.nodes(part) {
                 let tied = parts.sharing(node);
                 let still = tied.iter().any(|&other| other != part && supported[other]);
@@ -232,9 +232,9 @@ impl Frame {
                     .min();
                 for axis in 0..3 {
                     if still || dofs.of(node)[axis] == NONE {
-                        row(&[(place, 1.0)], node, axis);
+                        row(&[(index, 1.0)], node, axis);
                     } else if let Some(next) = next {
-                        row(&[(place, 1.0), (next, -1.0)], node, axis);
+                        row(&[(index, 1.0), (next, -1.0)], node, axis);
                     }
                 }
             }

@@ -103,8 +103,8 @@ impl<'a, T: Send> Rows for PanelsMut<'a, T> {
 
 /// Returns the first row of a panel and the one after its last.
 fn panel_rows(panel: usize, size: usize) -> [usize; 2] {
-    let first = panel * PANEL_ROWS;
-    [first, (first + PANEL_ROWS).min(size)]
+    let first_row = panel * PANEL_ROWS;
+    [first_row, (first_row + PANEL_ROWS).min(size)]
 }
 
 impl<T: Scalar> Symmetric<T> {
@@ -242,9 +242,9 @@ impl<T: PartialEq> PartialEq for Symmetric<T> {
     /// Compares only meaningful values.
     fn eq(&self, other: &Self) -> bool {
         let equal = |panel: usize| {
-            let [first, end] = panel_rows(panel, self.size);
-            (0..end).all(|j| {
-                let rows = j.saturating_sub(first)..end - first;
+            let [first_row, end_row] = panel_rows(panel, self.size);
+            (0..end_row).all(|j| {
+                let rows = j.saturating_sub(first_row)..end_row - first_row;
                 self.panels[panel][j].0[rows.clone()] == other.panels[panel][j].0[rows]
             })
         };
@@ -289,27 +289,30 @@ impl<T: Scalar> Symmetric<T> {
     fn part(&self, panels: std::ops::Range<usize>, x: &[T]) -> Vec<T> {
         let mut y = vec![T::of(0.0); panel_rows(panels.end - 1, self.size)[1]];
         for panel in panels {
-            let [first, end] = panel_rows(panel, self.size);
+            let [first_row, end] = panel_rows(panel, self.size);
             let mut x_of_rows = Column([T::of(0.0); PANEL_ROWS]);
-            x_of_rows.0[..end - first].copy_from_slice(&x[first..end]);
+            x_of_rows.0[..end - first_row].copy_from_slice(&x[first_row..end]);
             let mut rows = Column([T::of(0.0); PANEL_ROWS]);
-            let (left, diagonal) = self.panels[panel].split_at(first);
+            let (left, diagonal) = self.panels[panel].split_at(first_row);
             dispatch(Left {
                 columns: left,
-                x: &x[..first],
+                x: &x[..first_row],
                 x_of_rows: &x_of_rows,
-                y: &mut y[..first],
+                y: &mut y[..first_row],
                 rows: &mut rows,
             });
             for (j, column) in diagonal.iter().enumerate() {
-                let below = j + 1..end - first;
+                let below = j + 1..end - first_row;
                 rows.0[j] += column.0[j] * x_of_rows.0[j];
                 for i in below {
                     rows.0[i] += column.0[i] * x_of_rows.0[j];
                     rows.0[j] += column.0[i] * x_of_rows.0[i];
                 }
             }
-            y[first..].iter_mut().zip(&rows.0).for_each(|(y, &value)| *y += value);
+            y[first_row..]
+                .iter_mut()
+                .zip(&rows.0)
+                .for_each(|(y, &value)| *y += value);
         }
         y
     }

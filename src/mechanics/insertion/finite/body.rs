@@ -38,9 +38,9 @@ impl CutTissue {
         within: impl Fn(Option<i32>) -> bool,
     ) -> Option<f64> {
         let is_in = |behind: f64| within(self.anatomy.region(&(from - tangent * behind)));
-        let most = (length_mm / SAMPLE_MM).ceil() as usize;
-        let beyond = (1..=most).find(|at| !is_in(*at as f64 * SAMPLE_MM))?;
-        let [mut inside, mut outside] = [beyond - 1, beyond].map(|at| at as f64 * SAMPLE_MM);
+        let samples = (length_mm / SAMPLE_MM).ceil() as usize;
+        let beyond = (1..=samples).find(|sample| !is_in(*sample as f64 * SAMPLE_MM))?;
+        let [mut inside, mut outside] = [beyond - 1, beyond].map(|sample| sample as f64 * SAMPLE_MM);
         for _ in 0..HALVINGS {
             let middle = 0.5 * (inside + outside);
             *(if is_in(middle) { &mut inside } else { &mut outside }) = middle;
@@ -62,9 +62,9 @@ impl Channel {
         self.paths.iter().any(|path| {
             let (mut length, mut nearest) = (0.0, [f64::INFINITY, 0.0]);
             for ends in path.windows(2) {
-                let (along, off) = (ends[1] - ends[0], point - ends[0]);
-                let share = (off.dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
-                let distance = (off - along * share).norm();
+                let (along, offset) = (ends[1] - ends[0], point - ends[0]);
+                let share = (offset.dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
+                let distance = (offset - along * share).norm();
                 // NaN for a segment without length.
                 if distance < nearest[0] {
                     nearest = [distance, length + along.norm() * share];
@@ -100,9 +100,9 @@ mod tests {
     use super::*;
 
     fn go(channel: &mut Channel, x: f64, from: f64, to: f64) {
-        let at = |step: f64| Point3::new(x, 0.0, from + 0.05 * step);
+        let point = |step: f64| Point3::new(x, 0.0, from + 0.05 * step);
         (1..=((to - from) / 0.05).round() as u32)
-            .for_each(|step| channel.cut(&at(f64::from(step) - 1.0), &at(f64::from(step))));
+            .for_each(|step| channel.cut(&point(f64::from(step) - 1.0), &point(f64::from(step))));
     }
 
     #[test]

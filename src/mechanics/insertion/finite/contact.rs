@@ -67,29 +67,29 @@ impl Contact {
 
 /// Sets the bounds of all contacts, base first, with the tip at arc `tip` (mm), behind which `cut_mm` are newly cut.
 pub(super) fn set_friction_bounds(anatomy: &dyn Anatomy, contacts: &mut [Contact], tip: f64, cut_mm: f64) {
-    for at in 0..contacts.len() {
-        let end = contacts.get(at + 1).map_or(tip, |next| next.arc.min(tip));
-        let contact = &mut contacts[at];
+    for index in 0..contacts.len() {
+        let end = contacts.get(index + 1).map_or(tip, |next| next.arc.min(tip));
+        let contact = &mut contacts[index];
         let length = (end - contact.arc).max(0.0);
         let path = contact.path_mm();
-        let all = [CrossedLayer {
+        let undivided = [CrossedLayer {
             region: contact.region,
             length,
         }];
         let (layers, stretch) = if path > 0.0 {
             (&contact.layers[..], length / path)
         } else {
-            (&all[..], 1.0)
+            (&undivided[..], 1.0)
         };
         let mut behind = tip - end + length;
         let (mut sliding, mut static_limits) = ([0.0; 2], [0.0; 2]);
         for layer in layers {
             let within = [behind - layer.length * stretch, behind];
-            let of = interaction(anatomy, layer.region);
+            let interaction = interaction(anatomy, layer.region);
             for (direction, cut_mm) in [cut_mm, 0.0].into_iter().enumerate() {
-                let force = of.shaft_n(within, cut_mm);
+                let force = interaction.shaft_n(within, cut_mm);
                 sliding[direction] += force;
-                static_limits[direction] += force * of.static_ratio;
+                static_limits[direction] += force * interaction.static_ratio;
             }
             behind = within[0];
         }
@@ -154,10 +154,10 @@ impl Slider {
     /// Returns the state to change to where Coulomb's law is violated: a force (N) out of bounds, or a slip (mm, of the
     /// tissue towards the tip) in the direction of the friction that should resist it.
     pub(crate) fn violated(&self, force: f64, slip: f64) -> Option<State> {
-        let [most, least] = self.static_limits;
+        let [upper, lower] = self.static_limits;
         match self.state {
-            State::Stuck if force > most + BOUND * most.abs() => Some(State::Slipping(1.0)),
-            State::Stuck if force < least - BOUND * least.abs() => Some(State::Slipping(-1.0)),
+            State::Stuck if force > upper + BOUND * upper.abs() => Some(State::Slipping(1.0)),
+            State::Stuck if force < lower - BOUND * lower.abs() => Some(State::Slipping(-1.0)),
             // Tissue pushed towards the tip must move towards the base; tissue without friction may move either way.
             State::Slipping(direction) if slip * direction > SLIP_TOLERANCE_MM && self.sliding != [0.0; 2] => {
                 Some(State::Stuck)
@@ -264,9 +264,9 @@ mod tests {
         let resting = [12.0 * 0.02, 4.0 * 0.02 + 4.0 * 0.05, 5.0 * 0.05];
         // One of the 6 mm of the peak lies before the last contact.
         let cutting = [12.0 * 0.02, 4.0 * 0.02 + 3.0 * 0.05 + 0.1, 5.0 * 0.1];
-        for at in 0..3 {
-            let slider = &contacts[at].slider;
-            assert!(near(slider.sliding[0], cutting[at]) && near(slider.sliding[1], -resting[at]));
+        for index in 0..3 {
+            let slider = &contacts[index].slider;
+            assert!(near(slider.sliding[0], cutting[index]) && near(slider.sliding[1], -resting[index]));
         }
         assert!(near(contacts[0].slider.static_limits[1], -1.5 * resting[0]));
         // A tip in a channel has no peak; an unknown region does nothing.

@@ -82,27 +82,27 @@ impl Contacts {
     /// force (N) passes between the tip and the node that was made there.
     pub(crate) fn set_others(&mut self, [has_tip, has_guide]: [bool; 2], line: &CentreLine, cutting: impl Fn() -> f64) {
         let [had_tip, had_guide] = self.has_others;
-        let at = self.nodes.len();
+        let index = self.nodes.len();
         if has_tip && !had_tip {
             let cutting = cutting();
             let mut share = Vector3::zeros();
-            if let Some(last) = self.forces[..at].last_mut() {
+            if let Some(last) = self.forces[..index].last_mut() {
                 let tangent = line.at(line.length_mm()).tangent;
                 share = tangent.into_inner() * tangent.dot(last).clamp(0.0, cutting);
                 *last -= share;
             }
-            self.forces.insert(at, share);
+            self.forces.insert(index, share);
         } else if had_tip && !has_tip {
-            let force = self.forces.remove(at);
-            if let Some(last) = self.forces[..at].last_mut() {
+            let force = self.forces.remove(index);
+            if let Some(last) = self.forces[..index].last_mut() {
                 *last += force;
             }
         }
-        let at = at + usize::from(has_tip);
+        let index = index + usize::from(has_tip);
         if has_guide && !had_guide {
-            self.forces.insert(at, Vector3::zeros());
+            self.forces.insert(index, Vector3::zeros());
         } else if had_guide && !has_guide {
-            self.forces.remove(at);
+            self.forces.remove(index);
         }
         self.has_others = [has_tip, has_guide];
     }
@@ -145,10 +145,10 @@ impl Contacts {
 
     /// Drops the loads of released nodes, once the needle lies without them.
     pub(crate) fn drop_faded_releases(&mut self) {
-        let first = self.forces.len() - self.released.len();
-        if self.forces[first..].iter().all(|force| force.norm() < FADED_N) {
-            self.forces.truncate(first);
-            self.arcs.truncate(first);
+        let first_released = self.forces.len() - self.released.len();
+        if self.forces[first_released..].iter().all(|force| force.norm() < FADED_N) {
+            self.forces.truncate(first_released);
+            self.arcs.truncate(first_released);
             self.released.clear();
         }
     }
@@ -164,14 +164,14 @@ impl Contacts {
     /// Writes the forces of the tissue on the needle, N: each on the shaft from its node to the next, the last to the arc `end` (mm), and
     /// that at the tip of `line`.
     pub(super) fn shaft_loads(&self, line: &CentreLine, end: f64, cutting: Option<f64>, into: &mut Vec<ShaftLoad>) {
-        for (at, contact) in self.nodes.iter().enumerate() {
+        for (index, contact) in self.nodes.iter().enumerate() {
             // A node may lie beyond the tip until the tissue has caught up.
             let from_mm = contact.arc.min(end);
-            let next = self.nodes.get(at + 1).map_or(end, |next| next.arc.min(end));
+            let next = self.nodes.get(index + 1).map_or(end, |next| next.arc.min(end));
             into.push(ShaftLoad {
                 from_mm,
                 to_mm: next.max(from_mm),
-                force_n: -self.forces[at],
+                force_n: -self.forces[index],
             });
         }
         let length = line.length_mm();
@@ -199,18 +199,18 @@ impl Contacts {
 
     /// Moves the forces from those at the beginning of the iteration by a share of the step to the solution.
     pub(crate) fn step_forces(&mut self, joint: &Joint, share: f64) {
-        for (at, (force, before)) in self.forces.iter_mut().zip(&self.before).enumerate() {
-            *force = before + (joint.force(at) - before) * share;
+        for (index, (force, before)) in self.forces.iter_mut().zip(&self.before).enumerate() {
+            *force = before + (joint.force(index) - before) * share;
         }
     }
 
     /// Moves the arcs of slipping nodes by a share of the step to the solution. Returns the largest change, mm.
     pub(super) fn slide(&mut self, joint: &Joint, line: &CentreLine, share: f64) -> f64 {
         let mut largest = 0.0f64;
-        for (at, contact) in self.nodes.iter_mut().enumerate() {
-            let mut arc = self.starts[at];
+        for (index, contact) in self.nodes.iter_mut().enumerate() {
+            let mut arc = self.starts[index];
             if !contact.slider.is_stuck() {
-                let nearest_arc = line.nearest(&(contact.reference + joint.displacement(at)));
+                let nearest_arc = line.nearest(&(contact.reference + joint.displacement(index)));
                 arc = contact.arc + (nearest_arc - contact.arc) * share;
             }
             largest = largest.max((arc - contact.arc).abs());

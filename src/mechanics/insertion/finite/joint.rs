@@ -160,25 +160,25 @@ impl Joint {
         yields: Option<&NeedleCompliance>,
     ) -> Solved {
         let mut solved = Solved::default();
-        let most = 4 * contacts.len() + ROUNDS_AT_ONCE + 4;
-        while solved.rounds < most {
+        let max_rounds = 4 * contacts.len() + ROUNDS_AT_ONCE + 4;
+        while solved.rounds < max_rounds {
             solved.rounds += 1;
             solved.signs = self.solve_once(contacts, tip.as_deref(), starts, line, yields);
             // All at once settles most problems in two rounds but may repeat itself; one at a time cannot.
-            let all = solved.rounds <= ROUNDS_AT_ONCE;
+            let at_once = solved.rounds <= ROUNDS_AT_ONCE;
             let mut changed = false;
             let sliders = contacts
                 .iter_mut()
                 .map(|contact| (contact.reference, &mut contact.slider));
-            let last = tip.as_deref_mut().map(|tip| (tip.reference, &mut tip.slider));
-            for (at, (reference, slider)) in sliders.chain(last).enumerate() {
-                let place = line.at(starts.get(at).copied().unwrap_or(line.length_mm())).point_mm;
-                let gap = reference + self.displacement(at) - place;
-                let slip = self.frames[at].column(0).dot(&gap) + self.needle_displacement(3 * at, yields);
-                if let Some(state) = slider.violated(self.forces[3 * at], slip) {
+            let tip_slider = tip.as_deref_mut().map(|tip| (tip.reference, &mut tip.slider));
+            for (index, (reference, slider)) in sliders.chain(tip_slider).enumerate() {
+                let position = line.at(starts.get(index).copied().unwrap_or(line.length_mm())).point_mm;
+                let gap = reference + self.displacement(index) - position;
+                let slip = self.frames[index].column(0).dot(&gap) + self.needle_displacement(3 * index, yields);
+                if let Some(state) = slider.violated(self.forces[3 * index], slip) {
                     slider.state = state;
                     changed = true;
-                    if !all {
+                    if !at_once {
                         break;
                     }
                 }
@@ -199,10 +199,10 @@ impl Joint {
             .iter()
             .zip(&self.before)
             .map(|(force, before)| force - before);
-        let given = changes
+        let products = changes
             .enumerate()
             .map(|(column, change)| yields.entry(row, column) * change);
-        given.sum::<f64>() - yields.drift[row]
+        products.sum::<f64>() - yields.drift[row]
     }
 
     /// Writes the known forces, and for the unknown ones the rows and their right-hand sides: the gap between line and
@@ -212,36 +212,36 @@ impl Joint {
         self.forces.resize(3 * self.nodes(), 0.0);
         self.rows.clear();
         self.right.clear();
-        for (at, contact) in contacts.iter().enumerate() {
+        for (index, contact) in contacts.iter().enumerate() {
             let stuck = contact.slider.is_stuck();
-            let arc = if stuck { starts[at] } else { contact.arc };
-            let gap = line.at(arc).point_mm - contact.reference - self.tissue.offset(at);
-            let local = self.frames[at].transpose() * gap;
+            let arc = if stuck { starts[index] } else { contact.arc };
+            let gap = line.at(arc).point_mm - contact.reference - self.tissue.offset(index);
+            let local = self.frames[index].transpose() * gap;
             if stuck {
-                self.rows.push(3 * at);
+                self.rows.push(3 * index);
                 self.right.push(local.x);
             }
-            self.rows.extend([3 * at + 1, 3 * at + 2]);
+            self.rows.extend([3 * index + 1, 3 * index + 2]);
             self.right.extend([local.y, local.z]);
-            self.forces[3 * at] = contact.slider.force().unwrap_or_default();
+            self.forces[3 * index] = contact.slider.force().unwrap_or_default();
         }
         if let Some(tip) = tip {
-            let at = contacts.len();
+            let tip_index = contacts.len();
             if tip.slider.is_stuck() {
-                let gap = line.tip() - tip.reference - self.tissue.offset(at);
-                let local = self.frames[at].transpose() * gap;
+                let gap = line.tip() - tip.reference - self.tissue.offset(tip_index);
+                let local = self.frames[tip_index].transpose() * gap;
                 // Bone pins the tip; tissue does not constrain it across the shaft.
                 let rows = if tip.compliance_mm_per_n > 0.0 { 3 } else { 1 };
-                self.rows.extend(3 * at..3 * at + rows);
+                self.rows.extend(3 * tip_index..3 * tip_index + rows);
                 self.right.extend(local.iter().take(rows));
             }
-            self.forces[3 * at] = tip.slider.force().unwrap_or_default();
+            self.forces[3 * tip_index] = tip.slider.force().unwrap_or_default();
         }
         if let Some(guide) = self.guide {
-            let at = self.tissue.yielding();
+            let guide_index = self.tissue.yielding();
             let gap = line.at(line.nearest(&guide)).point_mm - guide;
-            let local = self.frames[at].transpose() * gap;
-            self.rows.extend([3 * at + 1, 3 * at + 2]);
+            let local = self.frames[guide_index].transpose() * gap;
+            self.rows.extend([3 * guide_index + 1, 3 * guide_index + 2]);
             self.right.extend([local.y, local.z]);
         }
     }
@@ -256,9 +256,9 @@ impl Joint {
     ) -> Signs {
         self.write_rows(contacts, tip, starts, line);
         let n = self.forces.len();
-        for at in (0..n).filter(|at| self.forces[*at] != 0.0) {
-            let force = self.forces[at];
-            let column = &self.turned[at * n..(at + 1) * n];
+        for component in (0..n).filter(|at| self.forces[*at] != 0.0) {
+            let force = self.forces[component];
+            let column = &self.turned[component * n..(component + 1) * n];
             self.right
                 .iter_mut()
                 .zip(&self.rows)
@@ -298,8 +298,8 @@ impl Joint {
         let n = self.forces.len();
         let mut local = Vector3::zeros();
         for (column, force) in self.forces.iter().enumerate() {
-            let at = column * n + 3 * node;
-            local += Vector3::from_column_slice(&self.turned[at..at + 3]) * *force;
+            let entry = column * n + 3 * node;
+            local += Vector3::from_column_slice(&self.turned[entry..entry + 3]) * *force;
         }
         self.frames[node] * local + self.tissue.offset(node)
     }

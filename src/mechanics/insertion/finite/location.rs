@@ -157,16 +157,17 @@ impl Tissue {
         // Inverted elements overlap: the place found may be far from where the tip has come from. Instead, the tissue along the needle's
         // way is bracketed where it passes the tip, and bisected.
         let tangent = line.at(line.length_mm()).tangent.into_inner();
-        let gap = |tissue: &mut Tissue, along: f64| {
-            let place = tissue.locate_at_rest(&(last + tangent * along), from)?;
+        let gap = |tissue: &mut Tissue, distance_mm: f64| {
+            let place = tissue.locate_at_rest(&(last + tangent * distance_mm), from)?;
             let lies = tissue.point_at(&place) + tissue.displacement_at(&place);
             Some((tangent.dot(&(tip - lies)), place))
         };
         let forward = gap(self, 0.0)?.0.signum();
         let passed = |gap: f64| gap * forward <= 0.0;
         let places = (1..=SEARCHED).map(|step| f64::from(step) * SEARCH_MM * forward);
-        let beyond = |tissue: &mut Tissue, along: f64| gap(tissue, along).is_none_or(|(gap, _)| passed(gap));
-        let (mut near, mut far) = (0.0, places.into_iter().find(|along| beyond(self, *along))?);
+        let beyond =
+            |tissue: &mut Tissue, distance_mm: f64| gap(tissue, distance_mm).is_none_or(|(gap, _)| passed(gap));
+        let (mut near, mut far) = (0.0, places.into_iter().find(|distance_mm| beyond(self, *distance_mm))?);
         for _ in 0..HALVINGS {
             let middle = 0.5 * (near + far);
             *(if beyond(self, middle) { &mut far } else { &mut near }) = middle;
@@ -191,11 +192,11 @@ fn search(
     mesh: &TetMesh,
     point: &Point3<f64>,
     from: u32,
-    mut at: impl FnMut(u32) -> Option<Tetrahedron>,
+    mut tetrahedron: impl FnMut(u32) -> Option<Tetrahedron>,
 ) -> Option<Place> {
     let (mut element, mut before) = (from, NO_ELEMENT);
     for _ in 0..MAX_ELEMENTS {
-        let bary = at(element)?.bary(point);
+        let bary = tetrahedron(element)?.bary(point);
         let mut corners = [0, 1, 2, 3];
         corners.sort_by(|a: &usize, b| bary[*a].total_cmp(&bary[*b]));
         let neighbours = mesh.neighbours()[element as usize];

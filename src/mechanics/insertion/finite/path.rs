@@ -338,16 +338,16 @@ impl Finite {
     /// Moves the best corner of an element to the tip. Returns the node, or `None` if none fits.
     fn move_corner(&mut self, element: u32) -> Option<u32> {
         let (nodes, limit) = (&self.contacts.nodes, self.options.condition_limit);
-        let to = self.tip.reference;
-        let node = self.tissue.corner(element, to, nodes, limit, |_| true)?;
-        self.tissue.move_node(node, to).then_some(node)
+        let target = self.tip.reference;
+        let node = self.tissue.corner(element, target, nodes, limit, |_| true)?;
+        self.tissue.move_node(node, target).then_some(node)
     }
 
     fn add_contact(&mut self, node: u32, arc: f64, state: State, region: i32) {
         let reference = self.tissue.adaptation.mesh().nodes()[node as usize].into();
         self.contacts.add(node, reference, arc, state, Some(region));
         self.tip.refused_at = None;
-        self.tip.corners.retain(|other| *other != node);
+        self.tip.corners.retain(|corner| *corner != node);
         self.register_contacts();
     }
 

@@ -82,8 +82,8 @@ pub(super) fn next_corner(
         let tetrahedron = Tetrahedron::new(&corners.map(|node| Point3::from(mesh.nodes()[node as usize])))?;
         let (through, face) = tetrahedron.exit(&point, &forward)?;
         if !corners.contains(&last.node) && travel + through >= spacing {
-            let to = point + forward * (spacing - travel).max(0.0);
-            return tissue.corner(element, to, &contacts.nodes, options.condition_limit, |_| true);
+            let target = point + forward * (spacing - travel).max(0.0);
+            return tissue.corner(element, target, &contacts.nodes, options.condition_limit, |_| true);
         }
         point += forward * through;
         travel += through;

@@ -14,7 +14,7 @@ pub(super) struct ProbeNodes {
     /// Positions of the candidates in the probe frame when the tissue is at rest, mm.
     nominal: Vec<Point3<f64>>,
     /// Positions of the candidates in the world when the tissue is at rest, mm.
-    rest: Vec<Point3<f64>>,
+    at_rest: Vec<Point3<f64>>,
     /// Current positions of the candidates, mm.
     places: Vec<Point3<f64>>,
     rows: Vec<ProbeRow>,
@@ -24,20 +24,20 @@ pub(super) struct ProbeNodes {
 
 impl ProbeNodes {
     pub(super) fn new(contact: ProbeContact, nodes: &[[f64; 3]]) -> ProbeNodes {
-        let rest: Vec<_> = contact
+        let at_rest: Vec<_> = contact
             .candidates
             .iter()
             .map(|node| Point3::from(nodes[*node as usize]))
             .collect();
         ProbeNodes {
-            nominal: rest
+            nominal: at_rest
                 .iter()
-                .map(|place| contact.nominal.inverse_transform_point(place))
+                .map(|position| contact.nominal.inverse_transform_point(position))
                 .collect(),
-            places: rest.clone(),
-            touching: vec![false; rest.len()],
+            places: at_rest.clone(),
+            touching: vec![false; at_rest.len()],
             rows: Vec::new(),
-            rest,
+            at_rest,
             contact,
             pose: None,
         }
@@ -81,7 +81,7 @@ impl ProbeNodes {
     /// Writes the constraint rows of the candidates in contact.
     fn constrain(&mut self, directions: Option<[Vector3<f64>; 2]>) {
         self.rows.clear();
-        let touching = (0..self.touching.len()).filter(|at| self.touching[*at]);
+        let touching = (0..self.touching.len()).filter(|candidate| self.touching[*candidate]);
         let rows = touching.flat_map(|contact| {
             let directions = directions.into_iter().flatten();
             directions.map(move |direction| ProbeRow { contact, direction })
@@ -111,9 +111,9 @@ impl ProbeNodes {
         self.pose = pose.copied();
         let frame = pose.map(|pose| self.frame(pose));
         let mut changed = false;
-        for (at, touching) in self.touching.iter_mut().enumerate() {
+        for (candidate, touching) in self.touching.iter_mut().enumerate() {
             let touches = frame.is_some_and(|frame| {
-                let behind = -frame.inverse_transform_point(&self.places[at]).z;
+                let behind = -frame.inverse_transform_point(&self.places[candidate]).z;
                 (0.0..=self.contact.length_mm).contains(&behind)
             });
             changed |= touches != *touching;
@@ -134,16 +134,16 @@ impl ProbeNodes {
         let frame = self.pose.map(|pose| self.frame(&pose)).unwrap_or_default();
         self.rows.iter().map(move |row| {
             let target = frame * self.nominal[row.contact];
-            row.direction.dot(&(target - self.rest[row.contact]))
+            row.direction.dot(&(target - self.at_rest[row.contact]))
         })
     }
 
     /// Computes the positions of the candidates under the forces of the last solution on all contacts.
     fn find_places(&mut self, condensed: MatRef<'_, f64>, forces: &[f64]) {
-        self.places.clone_from(&self.rest);
+        self.places.clone_from(&self.at_rest);
         for (column, force) in forces.iter().enumerate().filter(|(_, force)| **force != 0.0) {
-            for (at, place) in self.places.iter_mut().enumerate() {
-                (0..3).for_each(|axis| place[axis] += condensed[(3 * at + axis, column)] * force);
+            for (candidate, position) in self.places.iter_mut().enumerate() {
+                (0..3).for_each(|axis| position[axis] += condensed[(3 * candidate + axis, column)] * force);
             }
         }
     }

@@ -79,14 +79,14 @@ impl Reduced {
         self.answer.clear();
         self.answer.resize(p * room, 0.0);
         self.compliance.resize(room * room, 0.0);
-        let first = 3 * probes;
+        let first_column = 3 * probes;
         for column in 0..3 * contacts {
             for (row, coupling) in rows.iter().zip(self.coupling.chunks_exact_mut(room)) {
-                let at = (0..3).map(|axis| condensed[(3 * row.contact + axis, first + column)]);
-                coupling[column] = at.zip(row.direction.iter()).map(|(k, d)| k * d).sum();
+                let entries = (0..3).map(|axis| condensed[(3 * row.contact + axis, first_column + column)]);
+                coupling[column] = entries.zip(row.direction.iter()).map(|(k, d)| k * d).sum();
             }
             for row in 0..=column {
-                self.compliance[column * room + row] = condensed[(first + row, first + column)];
+                self.compliance[column * room + row] = condensed[(first_column + row, first_column + column)];
             }
         }
         self.eliminate(0, 3 * contacts);
@@ -98,31 +98,31 @@ impl Reduced {
         self.clear_rest();
         self.has_tip = tip.is_some();
         let Some(tip) = tip else { return };
-        let (room, first) = (self.room(), 3 * self.contacts);
+        let (room, tip_start) = (self.room(), 3 * self.contacts);
         let shares = || tip.shares.iter().filter(|(_, share)| *share != 0.0);
         for axis in 0..3 {
-            let column = first + axis;
+            let column = tip_start + axis;
             for (row, coupling) in self.rows.iter().zip(self.coupling.chunks_exact_mut(room)) {
-                let of = |node: usize| {
-                    let at = (0..3).map(|a| row.direction[a] * condensed[(3 * row.contact + a, 3 * node + axis)]);
-                    at.sum::<f64>()
+                let coupling_of = |node: usize| {
+                    let products = (0..3).map(|a| row.direction[a] * condensed[(3 * row.contact + a, 3 * node + axis)]);
+                    products.sum::<f64>()
                 };
-                coupling[column] = shares().map(|(node, share)| share * of(*node)).sum();
+                coupling[column] = shares().map(|(node, share)| share * coupling_of(*node)).sum();
             }
-            let (of_contacts, of_tip) = self.compliance[column * room..].split_at_mut(first);
+            let (of_contacts, of_tip) = self.compliance[column * room..].split_at_mut(tip_start);
             for (row, entry) in of_contacts.iter_mut().enumerate() {
-                let of = |node: usize| condensed[(3 * probes + row, 3 * node + axis)];
-                *entry = shares().map(|(node, share)| share * of(*node)).sum();
+                let compliance_of = |node: usize| condensed[(3 * probes + row, 3 * node + axis)];
+                *entry = shares().map(|(node, share)| share * compliance_of(*node)).sum();
             }
-            for (other, entry) in of_tip[..=axis].iter_mut().enumerate() {
+            for (row_axis, entry) in of_tip[..=axis].iter_mut().enumerate() {
                 let pairs = shares().flat_map(|one| shares().map(move |two| (one, two)));
                 *entry = pairs
-                    .map(|((i, a), (j, b))| a * b * condensed[(3 * i + other, 3 * j + axis)])
+                    .map(|((i, a), (j, b))| a * b * condensed[(3 * i + row_axis, 3 * j + axis)])
                     .sum();
             }
         }
-        self.eliminate(first, first + 3);
-        for column in first..first + 3 {
+        self.eliminate(tip_start, tip_start + 3);
+        for column in tip_start..tip_start + 3 {
             self.compliance[column * room + column] += tip.compliance_mm_per_n;
         }
     }
@@ -134,8 +134,8 @@ impl Reduced {
             rows.chunks_exact_mut(room).for_each(|row| row[n..].fill(0.0));
         }
         for column in 0..room {
-            let from = if column < n { n } else { 0 };
-            self.compliance[column * room + from..(column + 1) * room].fill(0.0);
+            let first_row = if column < n { n } else { 0 };
+            self.compliance[column * room + first_row..(column + 1) * room].fill(0.0);
         }
     }
 

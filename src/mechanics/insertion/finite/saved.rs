@@ -61,23 +61,23 @@ impl State {
         let mesh = adaptation.mesh();
         let [nodes, elements] = [mesh.nodes().len(), mesh.elements().len()];
         if [nodes, elements] != [self.nodes, self.elements] {
-            let (other, of) = (self.nodes, self.elements);
+            let (saved_nodes, saved_elements) = (self.nodes, self.elements);
             return Err(foreign(format!(
-                "its mesh has {other} nodes and {of} elements, that of this one {nodes} and {elements}"
+                "its mesh has {saved_nodes} nodes and {saved_elements} elements, that of this one {nodes} and {elements}"
             )));
         }
         let candidates = probe.map(|probe| probe.nodes().len());
         if self.probe.as_ref().map(|(_, touching)| touching.len()) != candidates {
             return Err(foreign("its probe has other candidates"));
         }
-        let mut taken = vec![false; nodes];
+        let mut is_taken = vec![false; nodes];
         for node in probe.into_iter().flat_map(ProbeNodes::nodes) {
-            taken[*node as usize] = true;
+            is_taken[*node as usize] = true;
         }
         let needle = self.contacts.iter().map(|contact| contact.node);
         for node in needle.chain(self.tip.state.corners.iter().copied()) {
             let is_free = (node as usize) < nodes && !mesh.dofs().of(node).contains(&NONE);
-            if !is_free || std::mem::replace(&mut taken[node as usize], true) {
+            if !is_free || std::mem::replace(&mut is_taken[node as usize], true) {
                 return Err(foreign(format!(
                     "node {node} is on its needle or at its tip; expected free nodes, each once"
                 )));
@@ -209,8 +209,8 @@ impl Tissue {
     fn check_moves(&self, moved: &[(u32, [f64; 3])]) -> Result<(), StepError> {
         let mut trial = self.adaptation.mesh().clone();
         while trial.undo().map_err(foreign)?.is_some() {}
-        for (node, place) in moved {
-            trial.move_node(*node, *place).map_err(foreign)?;
+        for (node, position) in moved {
+            trial.move_node(*node, *position).map_err(foreign)?;
         }
         Ok(())
     }
@@ -229,8 +229,8 @@ impl Tissue {
     /// Resets the reference nodes and moves the listed ones, up to the first that cannot be moved.
     fn try_moves(&mut self, moved: &[(u32, [f64; 3])]) -> Result<(), StepError> {
         while self.adaptation.undo().map_err(foreign)?.is_some() {}
-        for (node, place) in moved {
-            self.adaptation.move_node(*node, *place).map_err(foreign)?;
+        for (node, position) in moved {
+            self.adaptation.move_node(*node, *position).map_err(foreign)?;
         }
         Ok(())
     }

@@ -82,27 +82,27 @@ impl Start {
 impl Finite {
     /// Moves the needle to a base and settles it there, in halves if it would jump or oscillate.
     pub(super) fn settle(&mut self, base: &Isometry3<f64>) {
-        let most = self.log.outcome.iterations + MAX_ATTEMPTS * self.options.most_iterations;
+        let max_iterations = self.log.outcome.iterations + MAX_ATTEMPTS * self.options.most_iterations;
         let base = self.tip.stopped(base);
-        self.settle_within(&base, most);
+        self.settle_within(&base, max_iterations);
         // Only now: a reverted attempt restores its loads.
         self.contacts.drop_faded_releases();
         self.take_forces();
     }
 
-    fn settle_within(&mut self, base: &Isometry3<f64>, most: usize) {
-        let from = self.needle.base;
+    fn settle_within(&mut self, base: &Isometry3<f64>, max_iterations: usize) {
+        let start = self.needle.base;
         let convergence = self.attempt(base);
         if convergence == Convergence::Converged {
             return;
         }
-        let from = from.filter(|from| super::farthest(from, base, self.needle.length_mm()) > MIN_PART_MM);
-        if let Some(from) = from.filter(|_| self.log.outcome.iterations < most) {
+        let start = start.filter(|start| super::farthest(start, base, self.needle.length_mm()) > MIN_PART_MM);
+        if let Some(start) = start.filter(|_| self.log.outcome.iterations < max_iterations) {
             self.put_back();
-            let middle = from.lerp_slerp(base, 0.5);
-            self.settle_within(&middle, most);
+            let middle = start.lerp_slerp(base, 0.5);
+            self.settle_within(&middle, max_iterations);
             self.contacts.start();
-            self.settle_within(base, most);
+            self.settle_within(base, max_iterations);
         } else {
             self.log.outcome.converged = false;
             if convergence == Convergence::Failed {

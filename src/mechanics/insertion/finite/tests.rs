@@ -101,7 +101,7 @@ fn what_remeshing_moves_is_foreseen() {
         } = finite;
         prediction::next_corner(contacts, needle, tip, tissue, options)
     };
-    let (mut foreseen, mut made, mut gone) = (0, 0, 0);
+    let (mut foreseen, mut added, mut removed) = (0, 0, 0);
     for step in 0..1000 {
         // In by 50 mm, and out.
         let z = 0.1 * f64::from(500 - (step - 500i32).abs());
@@ -109,16 +109,16 @@ fn what_remeshing_moves_is_foreseen() {
         finite.step(&at(z), 0.001).expect("a step");
         let after = nodes(&finite);
         if after.len() > before.len() {
-            made += 1;
+            added += 1;
             foreseen += usize::from(expected == after.last().copied());
         } else if after.len() < before.len() {
-            gone += 1;
+            removed += 1;
             assert_eq!(after, before[..after.len()], "the last comes off");
         }
     }
-    assert!(made >= 5 && gone >= 5, "{made} made, {gone} gone");
+    assert!(added >= 5 && removed >= 5, "{added} added, {removed} removed");
     // The first node cannot be predicted; the others follow from the straight path.
-    assert!(foreseen + 2 >= made, "{foreseen} of {made}");
+    assert!(foreseen + 2 >= added, "{foreseen} of {added}");
 }
 
 /// A rigid needle that slides through one tissue carries its friction per length all along, its cutting force at the tip, and in all the
@@ -155,8 +155,8 @@ fn forces_along_the_needle_are_those_of_the_tissue() {
         cut += usize::from((tip.force_n.z + 0.5).abs() < 1e-9);
         for load in shaft.iter().filter(|load| load.length_mm() > 1.0) {
             let density = load.force_n.z / load.length_mm();
-            let most = if outcome.remeshes > 0 { AFTER_REMESH } else { SAME };
-            assert!(density.abs() < 0.02 + most, "{step}: {density}");
+            let tolerance = if outcome.remeshes > 0 { AFTER_REMESH } else { SAME };
+            assert!(density.abs() < 0.02 + tolerance, "{step}: {density}");
             slid += usize::from((density + 0.02).abs() < SAME);
         }
     }

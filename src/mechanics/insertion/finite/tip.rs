@@ -165,7 +165,7 @@ impl Met {
 
 impl Tip {
     pub(super) fn in_bone(&self) -> bool {
-        self.bone.is_some_and(|met| met.bone.holds())
+        self.bone.is_some_and(|contact| contact.bone.holds())
     }
 
     /// Returns the pose of the needle's base for this pose of the hand: behind it while bone stops the tip.
@@ -178,11 +178,11 @@ impl Tip {
 
     /// Returns the force of bone on the tip of a rigid needle, N: it grows with the demanded depth in the bone.
     pub(crate) fn bone_force(&self, line: &CentreLine) -> Vector3<f64> {
-        let Some(met) = self.bone.filter(|_| !self.force.is_on_bone()) else {
+        let Some(contact) = self.bone.filter(|_| !self.force.is_on_bone()) else {
             return Vector3::zeros();
         };
         let tangent = line.at(line.length_mm()).tangent;
-        tangent.into_inner() * -met.bone.force_n(met.demanded(line))
+        tangent.into_inner() * -contact.bone.force_n(contact.demanded(line))
     }
 
     /// Enters the tissue at a new place of the tip into the system.
@@ -198,7 +198,7 @@ impl Tip {
         let share = corners
             .iter()
             .position(|corner| *corner == node)
-            .map_or(0.0, |at| place.bary[at]);
+            .map_or(0.0, |corner| place.bary[corner]);
         if share > AT_NODE {
             self.force = TipForce::Node;
             // The cutting force moves from the tissue beside the node to the node.
@@ -240,8 +240,8 @@ impl Tip {
 
     /// Returns the cutting force at the tip, N; at a surface its puncture force, until the tip has slipped into it.
     pub(super) fn cutting(&self, body: &CutTissue) -> f64 {
-        let of = body.interaction(self.region);
-        let cutting = if self.in_channel { 0.0 } else { of.cutting_n };
+        let interaction = body.interaction(self.region);
+        let cutting = if self.in_channel { 0.0 } else { interaction.cutting_n };
         self.surface.unwrap_or(cutting)
     }
 
@@ -275,10 +275,10 @@ impl Tip {
     /// Returns the row of a place whose corners are in the system, except fixed ones.
     fn row_at(&self, place: &Place, slider: Slider, contacts: &Contacts, tissue: &Tissue) -> TipRow {
         let corners = tissue.mesh.elements()[place.element as usize];
-        let share = |at: usize| {
+        let share = |corner: usize| {
             tissue
-                .index_of(corners[at], &contacts.nodes, &self.corners)
-                .map_or((0, 0.0), |index| (index, place.bary[at]))
+                .index_of(corners[corner], &contacts.nodes, &self.corners)
+                .map_or((0, 0.0), |index| (index, place.bary[corner]))
         };
         TipRow {
             shares: std::array::from_fn(share),
@@ -307,12 +307,13 @@ impl Tip {
         contacts: &mut Contacts,
         log: &mut Log,
     ) {
-        let of = body.interaction(Some(region));
-        if of.critical {
+        let interaction = body.interaction(Some(region));
+        if interaction.critical {
             log.note(EventKind::Critical, needle.line.tip(), Some(region));
         }
-        let breaks = of.puncture_n > of.cutting_n && !body.channel.contains(&self.reference, needle.radius_mm());
-        self.surface = breaks.then_some(of.puncture_n);
+        let breaks = interaction.puncture_n > interaction.cutting_n
+            && !body.channel.contains(&self.reference, needle.radius_mm());
+        self.surface = breaks.then_some(interaction.puncture_n);
         if self.surface.is_some()
             && let Some(slider) = self.slider(contacts)
         {
@@ -331,9 +332,10 @@ impl Tip {
         log: &mut Log,
     ) -> bool {
         let region = body.anatomy.region(&self.reference);
-        let of = body.interaction(region);
+        let interaction = body.interaction(region);
         let same = region == self.region || self.cut_front.is_some();
-        let near = (self.reference - self.crossed).norm() < BORDER_MM && of.bone.is_none() && !of.critical;
+        let near =
+            (self.reference - self.crossed).norm() < BORDER_MM && interaction.bone.is_none() && !interaction.critical;
         if same || near {
             return false;
         }
@@ -360,29 +362,36 @@ impl Tip {
         };
         let tip = needle.tip();
         let length = needle.line.length_mm();
-        let border = body.border_behind(&self.reference, &tip.tangent, length, |other| other == Some(region));
+        let border = body.border_behind(&self.reference, &tip.tangent, length, |sampled| sampled == Some(region));
         // A needle that entered from the side has not advanced farther than its base.
         let depth = border.unwrap_or(0.0).min(advance);
-        let at = tip.point_mm - tip.tangent.into_inner() * depth;
-        self.meet_bone(&bone, &at, region, needle.is_flexible(), log);
+        let border_point = tip.point_mm - tip.tangent.into_inner() * depth;
+        self.meet_bone(&bone, &border_point, region, needle.is_flexible(), log);
     }
 
     /// Records bone met `at` a point, unless some is already. The shape of a flexible needle is solved with bone as one of
     /// its contacts.
-    pub(crate) fn meet_bone(&mut self, bone: &Bone, at: &Point3<f64>, region: i32, is_flexible: bool, log: &mut Log) {
+    pub(crate) fn meet_bone(
+        &mut self,
+        bone: &Bone,
+        point: &Point3<f64>,
+        region: i32,
+        is_flexible: bool,
+        log: &mut Log,
+    ) {
         if !self.in_bone() {
             self.bone = Some(Met {
-                at: *at,
+                at: *point,
                 bone: *bone,
                 behind: self.bone.map_or(0.0, |left| left.behind),
             });
-            log.note(EventKind::Bone, *at, Some(region));
+            log.note(EventKind::Bone, *point, Some(region));
         }
         if is_flexible {
             self.force = TipForce::Bone(TipRow {
                 shares: [(0, 0.0); 4],
                 compliance_mm_per_n: 1.0 / bone.stiffness_n_per_mm,
-                reference: *at,
+                reference: *point,
                 slider: Slider::new(State::Stuck),
             });
         }
@@ -392,17 +401,17 @@ impl Tip {
     pub(crate) fn limit_depth_in_bone(&mut self, body: &CutTissue, line: &CentreLine) -> bool {
         let tangent = line.at(line.length_mm()).tangent;
         let (is_pinned, reference) = (self.force.is_on_bone(), self.reference);
-        let Some(met) = &mut self.bone else { return false };
-        if !met.bone.holds() {
-            met.at += tangent.into_inner() * CATCH_UP_MM;
-        } else if !is_pinned && !met.bone.is_in_front(body.anatomy.as_ref(), &reference, &tangent) {
-            met.leave(line);
+        let Some(contact) = &mut self.bone else { return false };
+        if !contact.bone.holds() {
+            contact.at += tangent.into_inner() * CATCH_UP_MM;
+        } else if !is_pinned && !contact.bone.is_in_front(body.anatomy.as_ref(), &reference, &tangent) {
+            contact.leave(line);
         }
         // What the hand demands is the depth of the tip and the lag behind the hand together.
-        let demanded = met.demanded(line);
-        let behind = met.bone.behind_mm(demanded);
-        let moved = behind != met.behind;
-        met.behind = behind;
+        let demanded = contact.demanded(line);
+        let behind = contact.bone.behind_mm(demanded);
+        let moved = behind != contact.behind;
+        contact.behind = behind;
         if demanded < 0.0 {
             self.bone = None;
             if is_pinned {

@@ -82,7 +82,7 @@ impl Tissue {
 
     /// Returns the index of a node in the compliance.
     pub(super) fn index_of(&self, node: u32, needle: &[Contact], corners: &[u32]) -> Option<usize> {
-        system_nodes(self.probe.as_ref(), needle, corners).position(|other| other == node)
+        system_nodes(self.probe.as_ref(), needle, corners).position(|listed| listed == node)
     }
 
     /// Passes the contacts to the remesher: those of the probe, those of the needle, corners at the tip.
@@ -169,12 +169,12 @@ impl Tissue {
         condition_limit: f64,
         may: impl Fn(u32) -> bool,
     ) -> Option<u32> {
-        let taken = |node: u32| {
+        let is_taken = |node: u32| {
             let on_needle = needle.iter().any(|contact| contact.node == node);
             let on_probe = self.probe.as_ref().is_some_and(|probe| probe.nodes().contains(&node));
             on_needle || on_probe || !may(node)
         };
-        let corner = best_corner(self.adaptation.mesh(), element, to.into(), taken).ok()?;
+        let corner = best_corner(self.adaptation.mesh(), element, to.into(), is_taken).ok()?;
         (corner.condition <= condition_limit).then_some(corner.node)
     }
 
@@ -190,8 +190,8 @@ impl Tissue {
             let middle =
                 Point3::from((places[0].coords + places[1].coords + places[2].coords + places[3].coords) / 4.0);
             let size = places.iter().map(|place| (place - middle).norm()).fold(0.0, f64::max);
-            let along = (middle - from).dot(&direction).clamp(0.0, length_mm);
-            if (middle - (from + direction * along)).norm() <= size + aside_mm {
+            let distance_mm = (middle - from).dot(&direction).clamp(0.0, length_mm);
+            if (middle - (from + direction * distance_mm)).norm() <= size + aside_mm {
                 for corner in corners {
                     mesh.neighbours(*corner)
                         .iter()
@@ -233,16 +233,16 @@ impl Tissue {
             }
             return;
         }
-        let mut all = vec![0.0; mesh.dofs().free()];
+        let mut displacement = vec![0.0; mesh.dofs().free()];
         let mut nodes = vec![[0.0; 3]; mesh.nodes().len()];
         let forces = &self.contact_forces;
         if let Err(error) = self
             .adaptation
-            .with_fallback(|_, remesher| remesher.displacement(forces, &mut all))
+            .with_fallback(|_, remesher| remesher.displacement(forces, &mut displacement))
         {
             unreachable!("one force a contact, one displacement a degree of freedom: {error}");
         }
-        self.adaptation.mesh().dofs().scatter(&all, &mut nodes);
+        self.adaptation.mesh().dofs().scatter(&displacement, &mut nodes);
         into.field = Field::Displacement(nodes);
     }
 }
@@ -299,19 +299,19 @@ impl Nearby {
         contacts: u64,
         node: u32,
     ) -> Result<[f64; 3], RemeshError> {
-        let at = match self.nodes.iter().position(|near| near.node == node) {
-            Some(at) if self.holds(adaptation, carried, contacts) => at,
+        let index = match self.nodes.iter().position(|near| near.node == node) {
+            Some(index) if self.holds(adaptation, carried, contacts) => index,
             _ => self.read(adaptation, carried, contacts, node)?,
         };
-        if let Some(displacement) = self.nodes[at].displacement {
+        if let Some(displacement) = self.nodes[index].displacement {
             return Ok(displacement);
         }
         let columns = self.columns.len();
         let displacement = [0, 1, 2].map(|axis| {
-            let row = &self.rows[(3 * at + axis) * columns..][..columns];
+            let row = &self.rows[(3 * index + axis) * columns..][..columns];
             row.iter().zip(carried).map(|(entry, (_, force))| entry * force).sum()
         });
-        self.nodes[at].displacement = Some(displacement);
+        self.nodes[index].displacement = Some(displacement);
         Ok(displacement)
     }
 
@@ -337,10 +337,10 @@ impl Nearby {
             let mesh_step = adaptation.mesh().step();
             self.key = Some(Key { mesh_step, contacts });
         }
-        let (at, columns) = (self.nodes.len(), self.columns.len());
-        self.rows.truncate(3 * at * columns);
-        self.rows.resize(3 * (at + 1) * columns, 0.0);
-        let rows = self.rows[3 * at * columns..].chunks_exact_mut(columns.max(1));
+        let (index, columns) = (self.nodes.len(), self.columns.len());
+        self.rows.truncate(3 * index * columns);
+        self.rows.resize(3 * (index + 1) * columns, 0.0);
+        let rows = self.rows[3 * index * columns..].chunks_exact_mut(columns.max(1));
         let dofs = adaptation.mesh().dofs().of(node);
         // Fixed degrees of freedom keep zeros.
         for (row, dof) in rows.zip(dofs).filter(|(_, dof)| *dof != NONE) {
@@ -353,6 +353,6 @@ impl Nearby {
             node,
             displacement: None,
         });
-        Ok(at)
+        Ok(index)
     }
 }

@@ -33,7 +33,11 @@ impl<const D: usize> Frame<D> {
 
     /// Vector of the world with these components.
     pub(super) fn in_world(&self, components: &[f64; D]) -> [f64; 3] {
-        let parts = self.axes.iter().zip(components).map(|(axis, along)| axis * *along);
+        let parts = self
+            .axes
+            .iter()
+            .zip(components)
+            .map(|(axis, component)| axis * *component);
         parts.sum::<Vector3<f64>>().into()
     }
 

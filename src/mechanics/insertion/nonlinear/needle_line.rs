@@ -44,22 +44,22 @@ impl NeedleLine {
         tip: &Point3<f64>,
         direction: &Unit<Vector3<f64>>,
     ) -> NeedleLine {
-        let mut all = crossings(body, &frame.point(tip), &frame.vector(direction));
-        all.sort_by(|a, b| a.from_mm.total_cmp(&b.from_mm).then(a.element.cmp(&b.element)));
+        let mut crossings = crossings(body, &frame.point(tip), &frame.vector(direction));
+        crossings.sort_by(|a, b| a.from_mm.total_cmp(&b.from_mm).then(a.element.cmp(&b.element)));
         let (mut start, mut end) = (0, f64::NEG_INFINITY);
-        let mut last = all.len();
-        for (at, crossing) in all.iter().enumerate() {
+        let mut end_index = crossings.len();
+        for (index, crossing) in crossings.iter().enumerate() {
             if crossing.from_mm > end + GAP_MM {
                 // A stretch of the body ends here.
                 if end > 0.0 {
-                    last = at;
+                    end_index = index;
                     break;
                 }
-                start = at;
+                start = index;
             }
             end = end.max(crossing.to_mm);
         }
-        let stretch = if end > 0.0 { &all[start..last] } else { &[] };
+        let stretch = if end > 0.0 { &crossings[start..end_index] } else { &[] };
         let entry_mm = stretch.first().map_or(0.0, |crossing| crossing.from_mm);
         let entry = tip + entry_mm * direction.into_inner();
         let length_mm = if stretch.is_empty() { 0.0 } else { end - entry_mm };
@@ -85,16 +85,16 @@ impl NeedleLine {
     }
 
     /// Returns the layers, by the interactions of their regions with the needle.
-    pub(super) fn layers(&self, of: impl Fn(i32) -> Interaction) -> Vec<PathLayer> {
+    pub(super) fn layers(&self, interaction_of: impl Fn(i32) -> Interaction) -> Vec<PathLayer> {
         let layer = |&(from_mm, region): &(f64, i32)| {
-            let of = of(region);
-            let breaks = of.puncture_n > of.cutting_n;
+            let interaction = interaction_of(region);
+            let breaks = interaction.puncture_n > interaction.cutting_n;
             PathLayer {
                 from_mm,
-                membrane_n: if breaks { of.puncture_n } else { 0.0 },
-                cutting_n: of.cutting_n,
-                friction_n_per_mm: of.friction_n_per_mm,
-                static_ratio: of.static_ratio,
+                membrane_n: if breaks { interaction.puncture_n } else { 0.0 },
+                cutting_n: interaction.cutting_n,
+                friction_n_per_mm: interaction.friction_n_per_mm,
+                static_ratio: interaction.static_ratio,
             }
         };
         self.regions.iter().map(layer).collect()
@@ -110,17 +110,17 @@ fn layered(
     direction: &Unit<Vector3<f64>>,
     length_mm: f64,
 ) -> Vec<(f64, i32)> {
-    let at = |mm: f64| anatomy.region(&(entry + direction.scale(mm)));
+    let region_at = |mm: f64| anatomy.region(&(entry + direction.scale(mm)));
     let mut layers: Vec<(f64, i32)> = Vec::new();
     let outside = (1..=(OUTSIDE_MM / SAMPLE_MM) as usize).map(|sample| sample as f64 * SAMPLE_MM);
-    let outside_mm = outside.take_while(|mm| at(-mm).is_some()).last().unwrap_or(0.0);
+    let outside_mm = outside.take_while(|mm| region_at(-mm).is_some()).last().unwrap_or(0.0);
     let samples = ((outside_mm + length_mm) / SAMPLE_MM).ceil() as usize;
     let spacing = (outside_mm + length_mm) / samples as f64;
     for sample in 0..samples {
         // In the middle of each interval: at the very entry, rounding would decide whether the body has
         // begun.
         let mm = (sample as f64 + 0.5) * spacing - outside_mm;
-        let Some(region) = at(mm) else { continue };
+        let Some(region) = region_at(mm) else { continue };
         match layers.last() {
             None => layers.push((-outside_mm, region)),
             Some((_, above)) if *above == region => {}
@@ -128,7 +128,7 @@ fn layered(
                 let [mut before, mut behind] = [mm - spacing, mm];
                 for _ in 0..HALVINGS {
                     let middle = 0.5 * (before + behind);
-                    *(if at(middle) == Some(region) {
+                    *(if region_at(middle) == Some(region) {
                         &mut behind
                     } else {
                         &mut before
@@ -139,8 +139,8 @@ fn layered(
         }
     }
     let mut kept: Vec<(f64, i32)> = Vec::new();
-    for (at, layer) in layers.iter().enumerate() {
-        let to = layers.get(at + 1).map_or(length_mm, |(from, _)| *from);
+    for (index, layer) in layers.iter().enumerate() {
+        let to = layers.get(index + 1).map_or(length_mm, |(from, _)| *from);
         let thin = to - layer.0 < THINNEST_MM;
         if kept.last().is_none_or(|(_, above)| *above != layer.1 && !thin) {
             kept.push(*layer);
@@ -172,8 +172,9 @@ pub fn obstacle(
 
 /// Returns whether the shaft of a needle, `length_mm` behind its tip, is in the body, or the tip touches it.
 pub fn in_body(body: &Solid, tip: &Point3<f64>, direction: &Unit<Vector3<f64>>, length_mm: f64) -> bool {
-    let met = crossings(body, &(*tip).into(), &(**direction).into());
+    let crossed = crossings(body, &(*tip).into(), &(**direction).into());
     // A surface at the tip is not yet entered.
-    met.iter()
+    crossed
+        .iter()
         .any(|crossing| crossing.from_mm < -GAP_MM && crossing.to_mm > -length_mm)
 }

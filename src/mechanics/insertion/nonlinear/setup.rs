@@ -149,7 +149,11 @@ impl<const D: usize, const N: usize> Nonlinear<D, N> {
             ("tolerance", options.solving.tolerance),
         ])?;
         setup.shaft.check()?;
-        if let Some(&(region, _)) = setup.interactions.iter().find(|(_, of)| of.peak.is_some()) {
+        if let Some(&(region, _)) = setup
+            .interactions
+            .iter()
+            .find(|(_, interaction)| interaction.peak.is_some())
+        {
             return Err(InvalidSetup::Peak { region });
         }
         let name = format!(

@@ -28,7 +28,7 @@ fn setup(viscosity: Option<Viscosity>) -> Setup {
     };
     let fixed = (0u32..)
         .zip(mesh.nodes())
-        .filter(|(_, at)| at[2] == EDGE_MM[2])
+        .filter(|(_, position)| position[2] == EDGE_MM[2])
         .flat_map(|(node, _)| [0, 1, 2].map(|axis| (node, axis)))
         .collect();
     let laws = regions.iter().map(law).map(Into::into).collect();
@@ -80,9 +80,9 @@ const X: f64 = 15.7;
 /// Depths of the tip, step by step.
 fn in_and_out() -> Vec<f64> {
     let step = 0.4;
-    let inward = (0..50).map(|at| -2.0 + step * f64::from(at));
+    let inward = (0..50).map(|index| -2.0 + step * f64::from(index));
     let still = std::iter::repeat_n(-2.0 + step * 49.0, 5);
-    let outward = (0..80).map(|at| -2.0 + step * (49.0 - f64::from(at)));
+    let outward = (0..80).map(|index| -2.0 + step * (49.0 - f64::from(index)));
     inward.chain(still).chain(outward).collect()
 }
 
@@ -157,15 +157,20 @@ fn it_pushes_punctures_stops_and_comes_out() {
         ];
         assert_eq!(told(&seen), expected, "{viscosity:?}");
         // Pushing, the force rises; after a puncture it falls.
-        let first = seen
+        let first_puncture = seen
             .outcomes
             .iter()
             .position(|outcome| outcome.events.iter().any(|event| event.kind == Puncture));
-        let first = first.unwrap();
+        let first_puncture = first_puncture.unwrap();
         let touch = seen.force.iter().position(|force| *force > 0.0).unwrap();
-        assert!(first > touch + 3 && seen.force[touch..=first].windows(2).all(|pair| pair[1] > pair[0]));
         assert!(
-            seen.force[first] > 0.05 && seen.force[first + 1] < 0.02,
+            first_puncture > touch + 3
+                && seen.force[touch..=first_puncture]
+                    .windows(2)
+                    .all(|pair| pair[1] > pair[0])
+        );
+        assert!(
+            seen.force[first_puncture] > 0.05 && seen.force[first_puncture + 1] < 0.02,
             "{:?}",
             seen.force
         );
@@ -181,9 +186,11 @@ fn it_pushes_punctures_stops_and_comes_out() {
             ),
         }
         // On withdrawal it is pulled back, at most by friction along the inserted length, within the change in one step.
-        let most = |outcome: &Outcome| 0.002 * outcome.inserted_mm;
+        let friction_n = |outcome: &Outcome| 0.002 * outcome.inserted_mm;
         let outward = &seen.outcomes[60..];
-        let pulled = outward.iter().map(|outcome| outcome.on_hand.force_n.z - most(outcome));
+        let pulled = outward
+            .iter()
+            .map(|outcome| outcome.on_hand.force_n.z - friction_n(outcome));
         assert!(pulled.fold(f64::NEG_INFINITY, f64::max) < 0.003);
         assert!(outward.iter().any(|outcome| outcome.on_hand.force_n.z > 0.01));
         assert!(
@@ -215,22 +222,22 @@ fn it_pushes_punctures_stops_and_comes_out() {
 fn the_tip_is_where_the_deformed_tissue_has_it() {
     for viscosity in [None, creeping()] {
         let mut model = Nonlinear::new(setup(viscosity)).unwrap();
-        let (mut held, mut most) = (0, 0.0_f64);
+        let (mut held, mut largest_mm) = (0, 0.0_f64);
         let depths = in_and_out();
         for (step, depth) in depths.iter().enumerate() {
             let outcome = model.step(&at(X, *depth), 0.05).unwrap();
-            let rest = outcome.tip_at_rest_mm;
-            let Some(rest) = rest.filter(|_| step >= 50 && model.needle.phase() == Phase::Held) else {
+            let at_rest = outcome.tip_at_rest_mm;
+            let Some(at_rest) = at_rest.filter(|_| step >= 50 && model.needle.phase() == Phase::Held) else {
                 continue;
             };
-            let off = rest.z + model.needle.along(rest.z) - depth;
+            let error_mm = at_rest.z + model.needle.along(at_rest.z) - depth;
             // The entry lies a rounding outside.
-            assert!(off.abs() < 1e-6, "{depth}: {rest} is {off} mm off");
+            assert!(error_mm.abs() < 1e-6, "{depth}: {at_rest} is {error_mm} mm off");
             held += 1;
-            most = most.max((model.needle.depth_mm() - rest.z).abs());
+            largest_mm = largest_mm.max((model.needle.depth_mm() - at_rest.z).abs());
         }
         // The tissue at the tip does not stay there.
-        assert!(held > 5 && most > 0.05, "{held} {most}");
+        assert!(held > 5 && largest_mm > 0.05, "{held} {largest_mm}");
     }
 }
 
@@ -242,13 +249,13 @@ fn it_goes_through_and_back() {
         setup.interactions[0].1.friction_n_per_mm = 0.002;
         let nodes = setup.mesh.nodes().iter().enumerate();
         setup.fixed = nodes
-            .filter(|(_, at)| (0..2).any(|axis| at[axis] == 0.0 || at[axis] == EDGE_MM[axis]))
+            .filter(|(_, position)| (0..2).any(|axis| position[axis] == 0.0 || position[axis] == EDGE_MM[axis]))
             .flat_map(|(node, _)| [0, 1, 2].map(|axis| (node as u32, axis)))
             .collect();
         let mut model = Nonlinear::new(setup).unwrap();
         let (step, in_steps) = (0.4, 85);
-        let inward = (0..in_steps).map(|at| -2.0 + step * f64::from(at));
-        let outward = (0..in_steps).map(|at| -2.0 + step * f64::from(in_steps - 2 - at));
+        let inward = (0..in_steps).map(|index| -2.0 + step * f64::from(index));
+        let outward = (0..in_steps).map(|index| -2.0 + step * f64::from(in_steps - 2 - index));
         let depths: Vec<f64> = inward.chain(outward).collect();
         let seen = run(&mut model, &depths);
         use EventKind::{Out, Puncture, Region, Skin};
@@ -292,14 +299,14 @@ fn a_saved_state_goes_on_with_the_same_bits() {
             let saved = model.save();
             let text = serde_json::to_string(&saved).unwrap();
             let expected = run(&mut model, &depths[stop..stop + 6]);
-            let mut other = Nonlinear::new(setup(viscosity)).unwrap();
-            run(&mut other, &depths[..5]);
-            other.restore(&serde_json::from_str(&text).unwrap()).unwrap();
-            let found = run(&mut other, &depths[stop..stop + 6]);
-            assert_eq!(found.outcomes, expected.outcomes, "{stop}");
+            let mut restored = Nonlinear::new(setup(viscosity)).unwrap();
+            run(&mut restored, &depths[..5]);
+            restored.restore(&serde_json::from_str(&text).unwrap()).unwrap();
+            let continued = run(&mut restored, &depths[stop..stop + 6]);
+            assert_eq!(continued.outcomes, expected.outcomes, "{stop}");
             let (mut a, mut b) = (Snapshot::default(), Snapshot::default());
             model.snapshot(&mut a);
-            other.snapshot(&mut b);
+            restored.snapshot(&mut b);
             assert_eq!(a, b);
         }
     }
@@ -383,9 +390,9 @@ fn bone_on_the_way_is_found() {
     };
     let anatomy = MeshRegions::new(&setup.mesh, &[(2, bone)]);
     let (tip, direction) = (Point3::new(X, 14.3, -5.0), Vector3::z_axis());
-    let at = obstacle(&anatomy, &tip, &direction, 40.0).unwrap();
+    let distance_mm = obstacle(&anatomy, &tip, &direction, 40.0).unwrap();
     // The layer's elements are those with their centroids in it: they begin within one row of the mesh.
-    assert!((12.0..17.0).contains(&at), "{at}");
+    assert!((12.0..17.0).contains(&distance_mm), "{distance_mm}");
     assert_eq!(obstacle(&anatomy, &tip, &direction, 5.0), None);
 }
 
@@ -419,7 +426,7 @@ fn skin_outside_the_mesh_breaks_and_critical_tissue_is_told() {
     let mut setup = setup(None);
     setup.anatomy = Some(Arc::new(Beyond));
     let mut model = Nonlinear::new(setup).unwrap();
-    let depths: Vec<f64> = (0..50).map(|at| -2.0 + 0.4 * f64::from(at)).collect();
+    let depths: Vec<f64> = (0..50).map(|index| -2.0 + 0.4 * f64::from(index)).collect();
     let expected = [
         (EventKind::Skin, Some(5)),
         (EventKind::Puncture, Some(5)),
@@ -461,14 +468,14 @@ fn forces_along_the_needle_and_stress_are_known() {
         slid += usize::from(shaft.first().is_some_and(|load| load.force_n.z < 0.0));
         let displacement = model.needle.structure().displacement();
         let expected = body.stresses_kpa(displacement, displacement);
-        let found = model.stress_kpa().expect("it is followed");
-        let apart = found
+        let stress_kpa = model.stress_kpa().expect("it is followed");
+        let apart = stress_kpa
             .as_flattened()
             .as_flattened()
             .iter()
             .zip(expected.as_flattened().as_flattened());
-        let most = apart.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-        assert!(most < 1e-9, "{depth}: {most} kPa");
+        let largest_kpa = apart.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(largest_kpa < 1e-9, "{depth}: {largest_kpa} kPa");
     }
     assert!(slid > 30, "{slid}");
     assert!(Nonlinear::new(setup(viscosity)).unwrap().stress_kpa().is_none());

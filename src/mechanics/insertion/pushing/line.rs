@@ -26,12 +26,12 @@ pub(super) fn check(layers: &[PathLayer]) -> Result<(), InvalidSetup> {
             found: layers.first().map(|layer| layer.from_mm),
         });
     }
-    for (at, layer) in layers.iter().enumerate() {
+    for (index, layer) in layers.iter().enumerate() {
         let wrong = |key, found: f64, expected| {
             let cause = OutOfRange::new(key, found, expected);
-            Err(InvalidSetup::Layer { layer: at, cause })
+            Err(InvalidSetup::Layer { layer: index, cause })
         };
-        let above = at
+        let above = index
             .checked_sub(1)
             .map_or(f64::NEG_INFINITY, |above| layers[above].from_mm);
         if !(layer.from_mm.is_finite() && layer.from_mm > above) {
@@ -42,9 +42,9 @@ pub(super) fn check(layers: &[PathLayer]) -> Result<(), InvalidSetup> {
             ("cutting_n", layer.cutting_n),
             ("friction_n_per_mm", layer.friction_n_per_mm),
         ];
-        for (what, found) in forces {
+        for (key, found) in forces {
             if !(found.is_finite() && found >= 0.0) {
-                return wrong(what, found, "a finite number, 0 or more");
+                return wrong(key, found, "a finite number, 0 or more");
             }
         }
         let ratio = layer.static_ratio;
@@ -98,11 +98,11 @@ pub fn crossings<const D: usize, const N: usize>(
         let [here, there] = [origin, &beyond].map(|point| body.barycentric(element as usize, point));
         for (here, there) in here.iter().zip(&there) {
             let (inside, slope) = (here + BESIDE, there - here);
-            let at = -inside / slope;
+            let crossing_mm = -inside / slope;
             if slope > 0.0 {
-                from_mm = from_mm.max(at);
+                from_mm = from_mm.max(crossing_mm);
             } else if slope < 0.0 {
-                to_mm = to_mm.min(at);
+                to_mm = to_mm.min(crossing_mm);
             } else if inside < 0.0 {
                 return None;
             }
@@ -140,11 +140,11 @@ impl<const D: usize> Line<D> {
             });
         }
         let direction = direction.map(|x| x / norm);
-        let all = crossings(body, &entry, &direction);
+        let crossed = crossings(body, &entry, &direction);
         let mut line = Line {
             entry,
             direction,
-            elements: all.iter().map(|crossing| crossing.element).collect(),
+            elements: crossed.iter().map(|crossing| crossing.element).collect(),
             points: Vec::new(),
             length: 0.0,
         };
@@ -171,21 +171,24 @@ impl<const D: usize> Line<D> {
 
     /// Returns the point at a depth, constrained to a displacement along the line; without weights where there is no body.
     pub(super) fn contact<const N: usize>(&self, body: &NonlinearBody<D, N>, depth: f64, place_mm: f64) -> Contact {
-        let mut all = Vec::with_capacity(D * N);
+        let mut entries = Vec::with_capacity(D * N);
         if let Some((element, _, weights)) = self.find(body, depth) {
             for (node, weight) in body.elements()[element].iter().zip(weights) {
-                for (axis, along) in self.direction.iter().enumerate().filter(|(_, along)| **along != 0.0) {
-                    all.push((D as u32 * node + axis as u32, weight * along));
+                for (axis, component) in self.direction.iter().enumerate().filter(|(_, along)| **along != 0.0) {
+                    entries.push((D as u32 * node + axis as u32, weight * component));
                 }
             }
         }
-        Contact { weights: all, place_mm }
+        Contact {
+            weights: entries,
+            place_mm,
+        }
     }
 
     /// Returns the points that represent the shaft down to a depth, with the start and end of their pieces.
     pub(super) fn pieces(&self, depth: f64) -> impl Iterator<Item = (&Contact, f64, f64)> {
-        let pieces = self.points.iter().enumerate().map(move |(at, point)| {
-            let from = at as f64 * PIECE_MM;
+        let pieces = self.points.iter().enumerate().map(move |(index, point)| {
+            let from = index as f64 * PIECE_MM;
             (point, from, (from + PIECE_MM).min(depth))
         });
         pieces.take_while(|(_, from, to)| to > from)
@@ -203,7 +206,7 @@ impl<const D: usize> Line<D> {
         for &element in &self.elements {
             let weights = body.barycentric(element as usize, &point);
             let least = weights.iter().fold(f64::INFINITY, |a: f64, b| a.min(*b));
-            if best.is_none_or(|(_, most, _)| least > most) {
+            if best.is_none_or(|(_, best_weight, _)| least > best_weight) {
                 best = Some((element as usize, least, weights));
             }
         }

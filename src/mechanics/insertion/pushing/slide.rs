@@ -134,7 +134,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     /// Returns the sliding and the static friction summed over the shaft, N.
     fn friction_n(&self, depth_mm: f64) -> [f64; 2] {
         frictions(&self.line, &self.layers, depth_mm)
-            .fold([0.0; 2], |[sum, held], (_, force, most)| [sum + force, held + most])
+            .fold([0.0; 2], |[sum, held], (_, force, limit)| [sum + force, held + limit])
     }
 
     /// Returns the force of the tip in a held needle, as it was when the needle stopped; a needle does not pull with its
@@ -165,14 +165,14 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     pub(super) fn share(&self, next: &mut At) {
         let force = self.structure.contact_force();
         let tip = self.held_tip(next);
-        let [friction, most] = self.friction_n(next.depth_mm);
+        let [friction, limit_n] = self.friction_n(next.depth_mm);
         next.tip_n = force * tip / (tip + friction);
         next.shaft_n = force - next.tip_n;
-        if force >= next.held_tip_n + most && next.travel_mm > self.at.travel_mm + STILL_MM {
+        if force >= next.held_tip_n + limit_n && next.travel_mm > self.at.travel_mm + STILL_MM {
             let intact = next.depth_mm >= next.cut_mm;
             next.phase = if intact { next.intact } else { Phase::Free };
             next.outward = false;
-        } else if force <= -most {
+        } else if force <= -limit_n {
             (next.phase, next.outward) = (Phase::Free, true);
             next.depth_mm = self.depth_at(next.travel_mm, [0.0, next.depth_mm]);
         }

@@ -24,10 +24,10 @@ fn bar() -> (Arc<Sheet>, Supports<2>) {
     }
     let law = Stiffening::linear(Material::new(10.0, 0.0).unwrap());
     let body = Sheet::plane_strain(nodes, triangles.clone(), &vec![law; triangles.len()], 2.0).unwrap();
-    let held = (0..3 * (rows + 1))
+    let supports = (0..3 * (rows + 1))
         .map(|node| (node, 0))
         .chain((0..3).map(|node| (node, 1)));
-    (Arc::new(body), Supports::new(3 * (rows as usize + 1), held))
+    (Arc::new(body), Supports::new(3 * (rows as usize + 1), supports))
 }
 
 fn elastic() -> Structure<2, 3> {
@@ -66,16 +66,18 @@ fn a_needle_pushes_punctures_and_cuts() {
         let travel = 0.1 * f64::from(step);
         trace.push((travel, needle.step(travel, 0.02).unwrap()));
     }
-    let punctures: Vec<usize> = (0..trace.len()).filter(|at| trace[*at].1.punctured.is_some()).collect();
+    let punctures: Vec<usize> = (0..trace.len())
+        .filter(|step| trace[*step].1.punctured.is_some())
+        .collect();
     assert_eq!(punctures.len(), 2, "{trace:?}");
-    for (&at, layer) in punctures.iter().zip(0..) {
-        let (_, pushed) = trace[at];
+    for (&step, layer) in punctures.iter().zip(0..) {
+        let (_, pushed) = trace[step];
         assert_eq!((pushed.punctured, pushed.phase), (Some(layer), Phase::Pushing(layer)));
         let bears = LAYERS[layer].membrane_n;
-        assert!(pushed.tip_n > bears && trace[at - 1].1.tip_n <= bears);
+        assert!(pushed.tip_n > bears && trace[step - 1].1.tip_n <= bears);
         // After the puncture only the cutting force acts on the tip.
-        assert!((trace[at + 1].1.tip_n - 0.002).abs() < 1e-15);
-        assert!(trace[at + 1].1.force_n < pushed.force_n);
+        assert!((trace[step + 1].1.tip_n - 0.002).abs() < 1e-15);
+        assert!(trace[step + 1].1.force_n < pushed.force_n);
     }
     // Up to the first puncture, the tip stays in place in the tissue and the force rises with its travel.
     for pair in trace[..punctures[0]].windows(2) {
@@ -133,12 +135,12 @@ fn a_slow_needle_meets_less_force() {
 #[test]
 fn a_way_that_begins_where_a_line_meets_the_body_is_one_whatever_its_direction() {
     let mut needle = push(elastic(), &LAYERS);
-    for at in 0..200 {
-        let angle = 0.9 * f64::from(at - 100) / 100.0;
+    for index in 0..200 {
+        let angle = 0.9 * f64::from(index - 100) / 100.0;
         let direction = [angle.sin(), -angle.cos()];
         let tip = [0.3 - 7.0 * direction[0], 20.0 - 7.0 * direction[1]];
-        let met = crossings(needle.body(), &tip, &direction);
-        let from_mm = met
+        let crossed = crossings(needle.body(), &tip, &direction);
+        let from_mm = crossed
             .iter()
             .fold(f64::INFINITY, |least, crossing| least.min(crossing.from_mm));
         let entry = [0, 1].map(|axis| tip[axis] + from_mm * direction[axis]);

@@ -69,17 +69,17 @@ pub(super) struct Contacts {
 }
 
 impl Contacts {
-    pub(super) fn new(most: usize) -> Contacts {
+    pub(super) fn new(capacity: usize) -> Contacts {
         Contacts {
-            stack: Vec::with_capacity(most),
-            before: Vec::with_capacity(most),
-            tangents: Vec::with_capacity(most),
-            misses: Vec::with_capacity(most),
-            rows: Vec::with_capacity(2 * most),
+            stack: Vec::with_capacity(capacity),
+            before: Vec::with_capacity(capacity),
+            tangents: Vec::with_capacity(capacity),
+            misses: Vec::with_capacity(capacity),
+            rows: Vec::with_capacity(2 * capacity),
             flexibility: Vec::new(),
-            drift: Vec::with_capacity(2 * most),
+            drift: Vec::with_capacity(2 * capacity),
             system: Ldl::default(),
-            across: Vec::with_capacity(2 * most),
+            across: Vec::with_capacity(2 * capacity),
         }
     }
 
@@ -106,14 +106,14 @@ impl Contacts {
     /// region.
     fn friction(
         &self,
-        place: usize,
+        index: usize,
         tip: f64,
         advancing: bool,
         interaction: impl Fn(Option<i32>) -> Interaction,
     ) -> [f64; 2] {
-        let contact = &self.stack[place];
+        let contact = &self.stack[index];
         let from = contact.arc.clamp(0.0, tip);
-        let to = self.stack.get(place + 1).map_or(tip, |next| next.arc.clamp(from, tip));
+        let to = self.stack.get(index + 1).map_or(tip, |next| next.arc.clamp(from, tip));
         let border = contact.beyond.map_or(to, |(length, _)| to.min(from + length));
         let cut_mm = if advancing { f64::INFINITY } else { 0.0 };
         let mut forces = [0.0; 2];
@@ -122,10 +122,10 @@ impl Contacts {
             (contact.beyond.map(|(_, region)| region), [border, to]),
         ] {
             let Some(region) = region else { continue };
-            let of = interaction(region);
-            let sliding = of.shaft_n([tip - to, tip - from], cut_mm);
+            let layer = interaction(region);
+            let sliding = layer.shaft_n([tip - to, tip - from], cut_mm);
             forces[0] += sliding;
-            forces[1] += sliding * of.static_ratio;
+            forces[1] += sliding * layer.static_ratio;
         }
         forces
     }
@@ -144,27 +144,27 @@ impl Contacts {
         self.tangents.clear();
         self.misses.clear();
         let mut cut = false;
-        for place in 0..self.stack.len() {
-            let contact = self.stack[place];
+        for index in 0..self.stack.len() {
+            let contact = self.stack[index];
             let on_shaft = line.at(contact.arc);
             let miss = network.now(contact.node) - on_shaft.point_mm.coords;
-            let along = miss.dot(&on_shaft.tangent);
+            let along_mm = miss.dot(&on_shaft.tangent);
             let tip = line.length_mm();
-            let [sliding, holding] = self.friction(place, tip, travel.advancing, &interaction);
+            let [sliding, holding] = self.friction(index, tip, travel.advancing, &interaction);
             let friction = if contact.stuck { holding } else { sliding };
-            let last = place + 1 == self.stack.len();
-            let tip_node = last && travel.push.is_some();
-            let push = travel.push.filter(|_| last).unwrap_or(0.0);
+            let is_last = index + 1 == self.stack.len();
+            let tip_node = is_last && travel.push.is_some();
+            let push = travel.push.filter(|_| is_last).unwrap_or(0.0);
             // What a force of 1 N moves the node by in this step: friction keeps a node whose miss it can undo.
             let reach = network.reach(contact.node, h);
-            let kept = if along < 0.0 { friction + push } else { friction };
-            let stuck = along.abs() <= kept * reach;
+            let kept = if along_mm < 0.0 { friction + push } else { friction };
+            let stuck = along_mm.abs() <= kept * reach;
             let mut slip = if stuck {
                 0.0
             } else {
-                along - along.signum() * (if along < 0.0 { sliding + push } else { sliding }) * reach
+                along_mm - along_mm.signum() * (if along_mm < 0.0 { sliding + push } else { sliding }) * reach
             };
-            if along * slip < 0.0 {
+            if along_mm * slip < 0.0 {
                 // Static friction exceeds the sliding friction that would turn it back.
                 slip = 0.0;
             }
@@ -172,7 +172,7 @@ impl Contacts {
                 slip = slip.min((tip - contact.arc).max(0.0));
             }
             cut |= tip_node && slip < 0.0;
-            let contact = &mut self.stack[place];
+            let contact = &mut self.stack[index];
             contact.stuck = slip == 0.0;
             contact.arc += slip;
             self.tangents.push(on_shaft.tangent);
@@ -182,14 +182,14 @@ impl Contacts {
         if needle.is_flexible() && !self.stack.is_empty() {
             self.bend(network, h, line, needle);
         }
-        for (place, contact) in self.stack.iter_mut().enumerate() {
+        for (index, contact) in self.stack.iter_mut().enumerate() {
             let node = contact.node as usize;
-            let back = self.misses[place];
-            let tangent = &self.tangents[place];
+            let back = self.misses[index];
+            let tangent = &self.tangents[index];
             contact.force = back / network.reach(contact.node, h);
             contact.side = contact.force - tangent.into_inner() * tangent.dot(&contact.force);
             network.displacement[node] -= back;
-            network.velocity[node] = (network.displacement[node] - self.before[place]) / h;
+            network.velocity[node] = (network.displacement[node] - self.before[index]) / h;
         }
         cut
     }

@@ -123,7 +123,7 @@ impl Cylinder {
             .iter()
             .map(|[x, y, _]| [*x, *y, -parameters.radius_mm])
             .collect();
-        let all = [&nodes[..], &before].concat();
+        let all_nodes = [&nodes[..], &before].concat();
         let after = nodes.len() as u32;
         let mut cap = Vec::with_capacity(3 * triangles.len());
         for triangle in &triangles {
@@ -131,7 +131,7 @@ impl Cylinder {
             skin.sort_unstable();
             let [a, b, c] = skin;
             let [d, e, f] = skin.map(|corner| corner + after);
-            cap.extend([[a, b, c, f], [a, b, e, f], [a, d, e, f]].map(|corners| upright(corners, &all)));
+            cap.extend([[a, b, c, f], [a, b, e, f], [a, d, e, f]].map(|corners| upright(corners, &all_nodes)));
         }
         let thin = InvalidSetup::Thin { found_deg: 0.0 };
         let regions = vec![0; elements.len()];
@@ -159,7 +159,7 @@ impl Cylinder {
 fn polar(rings: usize, sectors: usize) -> impl Iterator<Item = (usize, f64)> {
     let on_ring = move |ring: usize| {
         let count = (sectors * ring).max(1);
-        (0..count).map(move |place| (ring, std::f64::consts::TAU * place as f64 / count as f64))
+        (0..count).map(move |index| (ring, std::f64::consts::TAU * index as f64 / count as f64))
     };
     (0..=rings).flat_map(on_ring)
 }
@@ -167,17 +167,17 @@ fn polar(rings: usize, sectors: usize) -> impl Iterator<Item = (usize, f64)> {
 /// Returns the triangles of a layer: in each sector, between ring i and i + 1, i + 1 based on the outer ring and i on the
 /// inner.
 fn triangles(rings: usize, sectors: usize) -> Vec<[usize; 3]> {
-    let node = |ring: usize, place: usize| match ring {
+    let node = |ring: usize, index: usize| match ring {
         0 => 0,
-        _ => 1 + sectors * ring * (ring - 1) / 2 + place % (sectors * ring),
+        _ => 1 + sectors * ring * (ring - 1) / 2 + index % (sectors * ring),
     };
     let mut triangles = Vec::with_capacity(sectors * rings * rings);
     for ring in 0..rings {
         for sector in 0..sectors {
-            let inner = |place: usize| node(ring, sector * ring + place);
-            let outer = |place: usize| node(ring + 1, sector * (ring + 1) + place);
-            triangles.extend((0..=ring).map(|place| [outer(place), outer(place + 1), inner(place)]));
-            triangles.extend((0..ring).map(|place| [inner(place), outer(place + 1), inner(place + 1)]));
+            let inner = |index: usize| node(ring, sector * ring + index);
+            let outer = |index: usize| node(ring + 1, sector * (ring + 1) + index);
+            triangles.extend((0..=ring).map(|index| [outer(index), outer(index + 1), inner(index)]));
+            triangles.extend((0..ring).map(|index| [inner(index), outer(index + 1), inner(index + 1)]));
         }
     }
     triangles
@@ -213,7 +213,7 @@ impl Topology {
         let mut edges: Vec<[u32; 2]> = elements.iter().flat_map(ends).collect();
         edges.sort_unstable();
         edges.dedup();
-        let number = |edge: [u32; 2]| edges.partition_point(|other| *other < edge) as u32;
+        let number = |edge: [u32; 2]| edges.partition_point(|listed| *listed < edge) as u32;
         let edges_of_element: Vec<[u32; 6]> = elements.iter().map(|element| ends(element).map(number)).collect();
         let of_element = (0u32..).zip(&edges_of_element);
         let elements_of_edge = of_element.flat_map(|(element, edges)| edges.map(|edge| (edge, element)));

@@ -32,8 +32,8 @@ impl Simplex {
 
     /// Returns the barycentric coordinates of a point.
     pub(super) fn coordinates(&self, point: &Vector3<f64>) -> [f64; 4] {
-        let from = point - self.origin;
-        let [b, c, d] = self.gradients.map(|gradient| gradient.dot(&from));
+        let offset = point - self.origin;
+        let [b, c, d] = self.gradients.map(|gradient| gradient.dot(&offset));
         [1.0 - (b + c + d), b, c, d]
     }
 
@@ -46,13 +46,13 @@ impl Simplex {
 
 /// Returns the index of the least of four coordinates, and its value.
 pub(super) fn least(coordinates: &[f64; 4]) -> (usize, f64) {
-    let mut found = (0, coordinates[0]);
-    for (place, coordinate) in coordinates.iter().enumerate().skip(1) {
-        if *coordinate < found.1 {
-            found = (place, *coordinate);
+    let mut lowest = (0, coordinates[0]);
+    for (corner, coordinate) in coordinates.iter().enumerate().skip(1) {
+        if *coordinate < lowest.1 {
+            lowest = (corner, *coordinate);
         }
     }
-    found
+    lowest
 }
 
 /// Interpolates vectors at the corners by barycentric coordinates.
@@ -93,15 +93,15 @@ impl FarFace {
         let simplex = Simplex::new(corners)?;
         let (coordinates, rates) = (simplex.coordinates(tip), simplex.rates(direction));
         let steepest = rates.iter().fold(0.0, |a: f64, b| a.max(b.abs()));
-        let distance = |place: usize| {
-            if rates[place] < -PARALLEL * steepest {
-                coordinates[place] / -rates[place]
+        let distance = |corner: usize| {
+            if rates[corner] < -PARALLEL * steepest {
+                coordinates[corner] / -rates[corner]
             } else {
                 f64::INFINITY
             }
         };
         let opposite = match tip_node {
-            Some(place) => place,
+            Some(corner) => corner,
             None => least(&std::array::from_fn(distance)).0,
         };
         let distance = distance(opposite);
@@ -123,7 +123,7 @@ impl FarFace {
     pub(crate) fn nearest_first(&self, corners: &[Vector3<f64>; 4]) -> [usize; 3] {
         let mut places = face(self.opposite);
         places.sort_by(|&a, &b| {
-            let [a, b] = [a, b].map(|place| (corners[place] - self.at).norm_squared());
+            let [a, b] = [a, b].map(|corner| (corners[corner] - self.at).norm_squared());
             a.total_cmp(&b)
         });
         places

@@ -137,8 +137,8 @@ impl Network {
     /// for bit.
     fn measure_about(&mut self, node: u32) {
         let around = self.topology.elements_of_node.of(node).len();
-        for place in 0..around {
-            let element = self.topology.elements_of_node.of(node)[place] as usize;
+        for index in 0..around {
+            let element = self.topology.elements_of_node.of(node)[index] as usize;
             self.elements[element]
                 .into_iter()
                 .for_each(|corner| self.measure_mass(corner));
@@ -146,8 +146,8 @@ impl Network {
                 .into_iter()
                 .for_each(|edge| self.measure_spring(edge));
         }
-        for place in 0..around {
-            let element = self.topology.elements_of_node.of(node)[place] as usize;
+        for index in 0..around {
+            let element = self.topology.elements_of_node.of(node)[index] as usize;
             self.elements[element]
                 .into_iter()
                 .for_each(|corner| self.measure_bound(corner));
@@ -162,12 +162,12 @@ impl Network {
 
     fn measure_spring(&mut self, edge: u32) {
         let [a, b] = self.topology.edges[edge as usize];
-        let along = self.reference[b as usize] - self.reference[a as usize];
+        let direction = self.reference[b as usize] - self.reference[a as usize];
         let around = self.topology.elements_of_edge.of(edge).iter();
         let volume: f64 = around.map(|&element| geometry::volume(&self.at_rest(element))).sum();
-        let squared = along.norm_squared();
+        let squared = direction.norm_squared();
         let stiffness = self.young * volume / squared;
-        self.spring[edge as usize] = along * (stiffness / squared).sqrt();
+        self.spring[edge as usize] = direction * (stiffness / squared).sqrt();
     }
 
     /// Computes the largest absolute row sum of a node's three rows, over its mass (Gershgorin).
@@ -316,11 +316,11 @@ impl Network {
                 break;
             };
             let coordinates = simplex.coordinates(point);
-            let (place, lowest) = geometry::least(&coordinates);
+            let (lowest_corner, lowest) = geometry::least(&coordinates);
             if lowest >= -SLACK {
                 return Some((element, coordinates));
             }
-            element = self.neighbours[element as usize][place];
+            element = self.neighbours[element as usize][lowest_corner];
             if element == NO_ELEMENT {
                 break;
             }
@@ -356,10 +356,10 @@ impl Network {
     /// element would become inverted or flat.
     pub(crate) fn take_to(&mut self, node: u32, element: u32, coordinates: &[f64; 4], now: &Vector3<f64>) -> bool {
         let before = self.reference[node as usize];
-        let to = self.to_reference(element, coordinates);
+        let position = self.to_reference(element, coordinates);
         let corners = self.elements[element as usize];
         let velocity = geometry::mix(coordinates, &corners.map(|corner| self.velocity[corner as usize]));
-        self.reference[node as usize] = to;
+        self.reference[node as usize] = position;
         let sound = self.around(node).iter().all(|&element| {
             let original = self.elements[element as usize].map(|corner| self.original[corner as usize]);
             geometry::volume(&self.at_rest(element)) >= FLATTEST * geometry::volume(&original)
@@ -368,7 +368,7 @@ impl Network {
             self.reference[node as usize] = before;
             return false;
         }
-        self.displacement[node as usize] = now - to;
+        self.displacement[node as usize] = now - position;
         self.velocity[node as usize] = velocity;
         self.measure_about(node);
         true

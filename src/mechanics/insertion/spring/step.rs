@@ -54,9 +54,9 @@ impl MassSpring {
         {
             bone_contact.leave(hand, length);
         }
-        self.body.bone_contact = self.body.bone_contact.filter(|met| !met.is_left(hand, length));
+        self.body.bone_contact = self.body.bone_contact.filter(|contact| !contact.is_left(hand, length));
         let bone_contact = self.body.bone_contact;
-        let stopped = |hand: &Isometry3<f64>| bone_contact.map_or(*hand, |met| met.stopped(hand, length));
+        let stopped = |hand: &Isometry3<f64>| bone_contact.map_or(*hand, |contact| contact.stopped(hand, length));
         let base = stopped(hand);
         self.contacts.loads(&mut self.loads);
         let (entry, line) = (self.body.entry.as_ref(), &mut self.body.line);
@@ -144,8 +144,8 @@ impl MassSpring {
     fn add_force_on_hand(&mut self, hand: &Isometry3<f64>) {
         let about = Point3::from(hand.translation.vector);
         for contact in &self.contacts.stack {
-            let at = self.body.line.at(contact.arc).point_mm;
-            self.outcome.on_hand.add(contact.force, &at, &about);
+            let point = self.body.line.at(contact.arc).point_mm;
+            self.outcome.on_hand.add(contact.force, &point, &about);
         }
         if let Some(bone_contact) = &self.body.bone_contact {
             let force = bone_contact.force(hand, self.needle.length_mm());

@@ -24,8 +24,8 @@ impl Needle for Stiff {
     }
 
     fn place(&mut self, base: &Isometry3<f64>, _: Option<&Entry>, _: &[Load], _: &[Load], line: &mut CentreLine) {
-        let at = |z: f64| base * Point3::new(0.0, 0.0, z);
-        line.set([(0.0, at(0.0)), (self.0, at(self.0))]);
+        let point = |z: f64| base * Point3::new(0.0, 0.0, z);
+        line.set([(0.0, point(0.0)), (self.0, point(self.0))]);
     }
 
     fn linearise(&mut self, _: &CentreLine, _: &[Load], _: &[Row], _: &mut [f64], _: &mut [f64]) -> usize {
@@ -42,9 +42,9 @@ pub(super) struct Beam {
 }
 
 impl Beam {
-    /// Returns the deflection at arc `at` under a unit force at arc `of`, mm/N.
-    fn yielding(&self, at: f64, of: f64) -> f64 {
-        let (near, far) = (at.min(of), at.max(of));
+    /// Returns the deflection (mm/N) at one arc under a unit force at another.
+    fn yielding(&self, arc_mm: f64, load_arc_mm: f64) -> f64 {
+        let (near, far) = (arc_mm.min(load_arc_mm), arc_mm.max(load_arc_mm));
         near * near * (3.0 * far - near) / (6.0 * self.ei)
     }
 }
@@ -63,12 +63,12 @@ impl Needle for Beam {
     }
 
     fn place(&mut self, base: &Isometry3<f64>, _: Option<&Entry>, _: &[Load], loads: &[Load], line: &mut CentreLine) {
-        let along = base * nalgebra::Vector3::z();
+        let direction = base * nalgebra::Vector3::z();
         line.set((0..=30).map(|node| {
             let arc = self.length_mm * node as f64 / 30.0;
             let mut point = base * Point3::new(0.0, 0.0, arc);
             for load in loads {
-                let across = load.force_n - along * along.dot(&load.force_n);
+                let across = load.force_n - direction * direction.dot(&load.force_n);
                 point += across * self.yielding(arc, load.arc_mm);
             }
             (arc, point)
@@ -94,10 +94,10 @@ pub(super) struct Layers {
 }
 
 impl Layers {
-    pub(super) fn one(of: Interaction) -> Layers {
+    pub(super) fn one(interaction: Interaction) -> Layers {
         Layers {
             at: vec![0.0],
-            of: vec![of],
+            of: vec![interaction],
         }
     }
 }

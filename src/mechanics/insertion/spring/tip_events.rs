@@ -77,18 +77,18 @@ impl MassSpring {
     }
 
     /// Enters the body at a node of the skin.
-    fn enter(&mut self, at: &Point3<f64>, node: u32, region: i32) {
+    fn enter(&mut self, point: &Point3<f64>, node: u32, region: i32) {
         self.body.entry = Some(Entry {
-            point_mm: *at,
+            point_mm: *point,
             direction: self.tip().tangent,
         });
         self.body.active = true;
         self.body.breaking = true;
         self.body.region = Some(region);
-        self.body.crossed = at.coords;
+        self.body.crossed = point.coords;
         self.push(node, Some(region));
         self.contacts.remember(&self.network);
-        self.event(EventKind::Skin, *at, Some(region));
+        self.event(EventKind::Skin, *point, Some(region));
     }
 
     fn push(&mut self, node: u32, region: Option<i32>) {
@@ -157,9 +157,10 @@ impl MassSpring {
             self.body.tip_node = TipNode::Penetrated;
             return;
         }
-        for place in far.nearest_first(&corners) {
-            let node = nodes[place];
-            let free = !self.network.fixed[node as usize] && self.contacts.stack.iter().all(|it| it.node != node);
+        for corner in far.nearest_first(&corners) {
+            let node = nodes[corner];
+            let free =
+                !self.network.fixed[node as usize] && self.contacts.stack.iter().all(|contact| contact.node != node);
             if free && self.network.take_to(node, element, &coordinates, &point) {
                 self.outcome.remeshes += 1;
                 self.push(node, self.body.region);
@@ -185,19 +186,19 @@ impl MassSpring {
         let tip = self.tip().point_mm;
         let reference = tip + back;
         let region = self.anatomy.region(&reference);
-        let of = interaction(self.anatomy.as_ref(), region);
-        let near = (reference.coords - self.body.crossed).norm() < BORDER_MM && !of.critical;
+        let interaction = interaction(self.anatomy.as_ref(), region);
+        let near = (reference.coords - self.body.crossed).norm() < BORDER_MM && !interaction.critical;
         // Bone does not move with the springs.
-        if of.bone.is_none() && !near && std::mem::replace(&mut self.body.region, region) != region {
+        if interaction.bone.is_none() && !near && std::mem::replace(&mut self.body.region, region) != region {
             self.body.crossed = reference.coords;
             let length = self.body.line.length_mm();
             if let Some(last) = self.contacts.stack.last_mut() {
                 let from = last.beyond.map_or(length - last.arc, |(from, _)| from);
                 last.beyond = (region != last.region).then_some((from, region));
             }
-            self.body.breaking = of.puncture_n > of.cutting_n;
+            self.body.breaking = interaction.puncture_n > interaction.cutting_n;
             self.event(EventKind::Region, tip, region);
-            if of.critical {
+            if interaction.critical {
                 self.event(EventKind::Critical, tip, region);
             }
         }
@@ -211,7 +212,7 @@ impl MassSpring {
             return false;
         };
         self.body.region = region;
-        if self.body.bone_contact.is_some_and(|met| met.bone.holds()) || travel <= STILL_MM {
+        if self.body.bone_contact.is_some_and(|contact| contact.bone.holds()) || travel <= STILL_MM {
             return true;
         }
         let [mut outside, mut inside] = [before.point_mm, tip.point_mm];

@@ -87,13 +87,13 @@ fn linearisation_is_what_forces_move() {
             ];
             let mut line = CentreLine::default();
             settle(&mut needle, &base, &loads, &mut line);
-            let (mut drift, mut found) = (vec![1.0; rows.len()], DMatrix::zeros(rows.len(), rows.len()));
+            let (mut drift, mut flexibility) = (vec![1.0; rows.len()], DMatrix::zeros(rows.len(), rows.len()));
             assert_eq!(
-                needle.linearise(&line, &loads, &rows, &mut drift, found.as_mut_slice()),
+                needle.linearise(&line, &loads, &rows, &mut drift, flexibility.as_mut_slice()),
                 0
             );
             assert!(drift.iter().all(|drift| drift.abs() < 1e-8), "{drift:?}");
-            let largest = (0..rows.len()).map(|i| found[(i, i)]).fold(0.0, f64::max);
+            let largest = (0..rows.len()).map(|i| flexibility[(i, i)]).fold(0.0, f64::max);
             for (j, row) in rows.iter().enumerate() {
                 let step = 1e-5;
                 let mut moved = |force: f64| {
@@ -107,8 +107,12 @@ fn linearisation_is_what_forces_move() {
                 for (i, row) in rows.iter().enumerate() {
                     let difference = plus.at(row.arc_mm).point_mm - minus.at(row.arc_mm).point_mm;
                     let expected = difference.dot(&row.direction) / (2.0 * step);
-                    let error = (found[(i, j)] - expected).abs();
-                    assert!(error <= tolerance * largest, "{i} {j}: {} {expected}", found[(i, j)]);
+                    let error = (flexibility[(i, j)] - expected).abs();
+                    assert!(
+                        error <= tolerance * largest,
+                        "{i} {j}: {} {expected}",
+                        flexibility[(i, j)]
+                    );
                 }
             }
         }
@@ -128,8 +132,8 @@ fn ways_to_buckle_are_counted() {
             let axis = base.rotation * Vector3::z();
             let loads = [load(LENGTH, (axis * (-share * buckling_n())).into())];
             let (mut drift, mut out) = ([0.0], [0.0]);
-            let found = needle.linearise(&line, &loads, &rows()[..1], &mut drift, &mut out);
-            assert_eq!(found, ways, "{share}");
+            let unstable_ways = needle.linearise(&line, &loads, &rows()[..1], &mut drift, &mut out);
+            assert_eq!(unstable_ways, ways, "{share}");
         }
     }
 }
@@ -174,13 +178,13 @@ fn no_force_tears_it() {
             for _ in 0..5 {
                 needle.place(&slanted(), None, &loads, &loads, &mut line);
                 let links = line.nodes().windows(2);
-                let along: Vec<_> = links
+                let segments: Vec<_> = links
                     .map(|pair| (pair[1].1 - pair[0].1, pair[1].0 - pair[0].0))
                     .collect();
-                for (along, length) in &along {
-                    assert!((along.norm() - length).abs() < 1e-12, "{force}: {along}");
+                for (segment, length) in &segments {
+                    assert!((segment.norm() - length).abs() < 1e-12, "{force}: {segment}");
                 }
-                for pair in along.windows(2).filter(|_| is_springs) {
+                for pair in segments.windows(2).filter(|_| is_springs) {
                     assert!(pair[0].0.angle(&pair[1].0) < MAX_TURN + 1e-7, "{force}");
                 }
             }
@@ -194,9 +198,9 @@ fn without_loads_it_is_straight_to_the_bit() {
         let (base, mut line) = (slanted(), CentreLine::default());
         settle(&mut needle, &base, &[load(200.0, [0.1, 0.1, 0.1])], &mut line);
         settle(&mut needle, &base, &[load(150.0, [0.0; 3])], &mut line);
-        let along = base.rotation * Vector3::z();
+        let direction = base.rotation * Vector3::z();
         for &(arc, point) in line.nodes() {
-            assert_eq!(point, Point3::from(base.translation.vector) + along * arc);
+            assert_eq!(point, Point3::from(base.translation.vector) + direction * arc);
         }
     }
 }

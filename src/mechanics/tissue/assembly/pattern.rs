@@ -50,31 +50,31 @@ impl Pattern {
         let mut rows = Vec::with_capacity(8 * nodes);
         let mut places = vec![[0; 10]; elements.len()];
         // Last column in which each node occurred, and its block there.
-        let mut met = vec![(NONE, 0); nodes];
+        let mut last_column = vec![(NONE, 0); nodes];
         for column in 0..nodes as u32 {
             let around = corners.of(column);
             let start = rows.len();
             starts.push(start as u32);
             rows.push(column);
-            met[column as usize].0 = column;
+            last_column[column as usize].0 = column;
             for &corner in around {
                 for &row in &elements[corner as usize / 4] {
-                    if row > column && met[row as usize].0 != column {
-                        met[row as usize].0 = column;
+                    if row > column && last_column[row as usize].0 != column {
+                        last_column[row as usize].0 = column;
                         rows.push(row);
                     }
                 }
             }
             // Places are known only once the rows are in order, so the elements around are visited twice.
             rows[start..].sort_unstable();
-            for (at, &row) in rows.iter().enumerate().skip(start) {
-                met[row as usize].1 = at as u32;
+            for (block, &row) in rows.iter().enumerate().skip(start) {
+                last_column[row as usize].1 = block as u32;
             }
             for &corner in around {
                 let (element, of_column) = (corner as usize / 4, corner as usize % 4);
-                for (other, &row) in elements[element].iter().enumerate() {
+                for (of_row, &row) in elements[element].iter().enumerate() {
                     if row >= column {
-                        places[element][PAIR_OF[of_column][other]] = met[row as usize].1;
+                        places[element][PAIR_OF[of_column][of_row]] = last_column[row as usize].1;
                     }
                 }
             }
@@ -115,11 +115,11 @@ impl Pattern {
                 .enumerate()
                 .filter(|(_, column)| *column != NONE)
             {
-                for at in span.clone() {
-                    for (i, row) in dofs.of(self.rows[at]).into_iter().enumerate() {
+                for block in span.clone() {
+                    for (i, row) in dofs.of(self.rows[block]).into_iter().enumerate() {
                         // Numbers ascend with node and axis: this omits entries above the diagonal.
                         if row != NONE && row >= column {
-                            entry(row, column, at, (i, j));
+                            entry(row, column, block, (i, j));
                         }
                     }
                 }
@@ -145,7 +145,7 @@ impl Pattern {
     /// All blocks as (column node, row node, number).
     pub(super) fn blocks(&self) -> impl Iterator<Item = (usize, usize, usize)> + '_ {
         self.starts.windows(2).enumerate().flat_map(move |(column, span)| {
-            (span[0] as usize..span[1] as usize).map(move |at| (column, self.rows[at] as usize, at))
+            (span[0] as usize..span[1] as usize).map(move |block| (column, self.rows[block] as usize, block))
         })
     }
 }

@@ -68,16 +68,17 @@ fn products_are_those_of_the_dense_matrix() {
     let (mesh, materials, dofs) = example();
     let stiffness = Stiffness::assemble(&mesh, &materials, &dofs).unwrap();
     let expected = dense(&mesh, &materials);
-    let all: Vec<[f64; 3]> = (0..dofs.nodes())
+    let displacement_mm: Vec<[f64; 3]> = (0..dofs.nodes())
         .map(|n| [0, 1, 2].map(|axis| f64::sin((3 * n + axis) as f64)))
         .collect();
-    let product = &expected * nalgebra::DVector::from_iterator(3 * dofs.nodes(), all.iter().flatten().copied());
+    let product =
+        &expected * nalgebra::DVector::from_iterator(3 * dofs.nodes(), displacement_mm.iter().flatten().copied());
     // Sums of at most some hundred products.
     let bound = 500.0 * f64::EPSILON * expected.amax();
-    for (force, expected) in stiffness.nodal_forces(&all).iter().flatten().zip(&product) {
+    for (force, expected) in stiffness.nodal_forces(&displacement_mm).iter().flatten().zip(&product) {
         assert!((force - expected).abs() < bound);
     }
-    let mut free = all.clone();
+    let mut free = displacement_mm.clone();
     dofs.prescribed()
         .for_each(|(node, axis)| free[node as usize][axis as usize] = 0.0);
     let mut y = vec![f64::NAN; dofs.free()];

@@ -24,8 +24,8 @@ fn columns_and_entries_are_those_of_the_dense_inverse() {
     let bound = size as f64 * f64::EPSILON * block.stiffness.norm_inf() * norm * norm;
     for dof in [0, 7, size - 1] {
         dense.column_into(dof, &mut expected).expect("a column");
-        for (found, expected) in columns.column(dof).expect("a column").iter().zip(&expected) {
-            assert!((found - expected).abs() <= bound, "{found} {expected}");
+        for (value, expected) in columns.column(dof).expect("a column").iter().zip(&expected) {
+            assert!((value - expected).abs() <= bound, "{value} {expected}");
         }
     }
     assert!(
@@ -33,11 +33,11 @@ fn columns_and_entries_are_those_of_the_dense_inverse() {
         "{residual:e}"
     );
     let (rows, sides) = ([5, 7, 300, 5], [size - 1, 7, 0]);
-    let found = columns.entries(&rows, &sides).expect("entries");
+    let block = columns.entries(&rows, &sides).expect("entries");
     let expected = dense.entries(&rows, &sides).expect("entries");
     for i in 0..rows.len() {
         for j in 0..sides.len() {
-            assert!((found[(i, j)] - expected[(i, j)]).abs() <= bound);
+            assert!((block[(i, j)] - expected[(i, j)]).abs() <= bound);
         }
     }
 }

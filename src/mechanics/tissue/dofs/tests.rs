@@ -17,9 +17,9 @@ fn free_degrees_are_numbered_by_node_and_axis() {
 #[test]
 fn scattering_undoes_gathering() {
     let dofs = Dofs::new(2, [(0, 0), (1, 1)]);
-    let all = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]];
-    assert_eq!(dofs.gather(&all), [2.0, 3.0, 4.0, 6.0]);
+    let nodal = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]];
+    assert_eq!(dofs.gather(&nodal), [2.0, 3.0, 4.0, 6.0]);
     let mut back = [[0.5; 3]; 2];
-    dofs.scatter(&dofs.gather(&all), &mut back);
+    dofs.scatter(&dofs.gather(&nodal), &mut back);
     assert_eq!(back, [[0.5, 2.0, 3.0], [4.0, 0.5, 6.0]]);
 }

@@ -124,18 +124,18 @@ fn forces_from_differences_are_those_of_the_stiffness_and_balance() {
     let shape = Shape::of(&CORNERS).unwrap();
     let moved: [[f64; 3]; 4] =
         std::array::from_fn(|a| std::array::from_fn(|i| ((5 * a + i) as f64).sin() + [1e3, -2e3, 5e2][i]));
-    let found = shape.forces(shape.weights(&material), &moved);
-    let largest = found.as_flattened().iter().fold(0.0, |a: f64, x| a.max(x.abs()));
+    let forces = shape.forces(shape.weights(&material), &moved);
+    let largest = forces.as_flattened().iter().fold(0.0, |a: f64, x| a.max(x.abs()));
     for (a, i) in (0..12).map(|n| (n / 3, n % 3)) {
         let terms = (0..12).map(|n| blocks[a][n / 3][i][n % 3] * moved[n / 3][n % 3]);
         let size: f64 = terms.clone().map(f64::abs).sum();
         assert!(
-            (found[a][i] - terms.sum::<f64>()).abs() < 100.0 * f64::EPSILON * size,
+            (forces[a][i] - terms.sum::<f64>()).abs() < 100.0 * f64::EPSILON * size,
             "{a} {i}"
         );
     }
     for axis in 0..3 {
-        let sum: f64 = found.iter().map(|force| force[axis]).sum();
+        let sum: f64 = forces.iter().map(|force| force[axis]).sum();
         assert!(sum.abs() <= 4.0 * f64::EPSILON * largest, "{sum:e}");
     }
     let away = [[1e6, -3e5, 7.0]; 4];

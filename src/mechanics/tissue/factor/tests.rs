@@ -45,15 +45,16 @@ fn solutions_solve() {
 fn many_right_hand_sides_are_each_one() {
     let stiffness = block(400, false);
     let factor = Factor::new(&stiffness).unwrap();
-    let mut many = Mat::from_fn(factor.size(), 5, |i, j| wave(i + 1, j)[i]);
-    factor.solve_many_in_place(many.as_mut());
+    let mut solutions = Mat::from_fn(factor.size(), 5, |i, j| wave(i + 1, j)[i]);
+    factor.solve_many_in_place(solutions.as_mut());
     for j in 0..5 {
-        let mut one = wave(factor.size(), j);
-        factor.solve_in_place(&mut one);
-        let largest = one.iter().fold(0.0, |a: f64, x| a.max(x.abs()));
+        let mut solution = wave(factor.size(), j);
+        factor.solve_in_place(&mut solution);
+        let largest = solution.iter().fold(0.0, |a: f64, x| a.max(x.abs()));
         assert!(
-            one.iter()
-                .zip(many.col(j).iter())
+            solution
+                .iter()
+                .zip(solutions.col(j).iter())
                 .all(|(a, b)| (a - b).abs() < 1e-12 * largest)
         );
     }
@@ -80,20 +81,20 @@ fn solves_on_several_threads_give_the_same_bits() {
 fn refactoring_is_factoring() {
     let stiffness = block(200, false);
     let mut factor = Factor::new(&stiffness).unwrap();
-    let first = factor.clone();
+    let before = factor.clone();
     let mesh = TetMesh::over_box([0.0; 3], [30.0, 20.0, 20.0], 200).unwrap();
     let mut nodes = mesh.nodes().to_vec();
     let top = nodes.len() - 1;
     nodes[top][2] += 1.0;
     let moved = stiffness.at_nodes(&nodes).unwrap();
     factor.refactor(&moved).unwrap();
-    assert_ne!(factor.values, first.values);
+    assert_ne!(factor.values, before.values);
     assert_eq!(factor.values, Factor::new(&moved).unwrap().values);
     factor.refactor(&stiffness).unwrap();
-    assert_eq!(factor.values, first.values);
+    assert_eq!(factor.values, before.values);
     let error = factor.refactor(&block(100, false)).unwrap_err();
     assert!(matches!(error, LinearError::Pattern { .. }), "{error}");
-    assert_eq!(factor.values, first.values);
+    assert_eq!(factor.values, before.values);
 }
 
 #[test]
@@ -122,14 +123,14 @@ fn a_matrix_that_is_not_definite_names_a_node() {
 fn a_failed_refactorisation_leaves_the_factor() {
     let stiffness = block(30, false);
     let mut factor = Factor::new(&stiffness).unwrap();
-    let first = factor.values.clone();
+    let before = factor.values.clone();
     let mut broken = stiffness.clone();
     broken.negate();
     assert!(matches!(
         factor.refactor(&broken),
         Err(LinearError::NotPositiveDefinite { .. })
     ));
-    assert_eq!(factor.values, first);
+    assert_eq!(factor.values, before);
 }
 
 #[test]
@@ -139,9 +140,9 @@ fn nothing_gives_nothing() {
     let (x, residual) = factor.solve_refined(&stiffness, &vec![0.0; factor.size()]);
     assert_eq!((x, residual), (vec![0.0; factor.size()], 0.0));
     let mesh = TetMesh::over_box([0.0; 3], [1.0; 3], 8).unwrap();
-    let all = (0..8).flat_map(|node| [0, 1, 2].map(|axis| (node, axis)));
+    let all_fixed = (0..8).flat_map(|node| [0, 1, 2].map(|axis| (node, axis)));
     let materials = vec![Material::new(5.0, 0.45).unwrap(); mesh.elements().len()];
-    let none = Stiffness::assemble(&mesh, &materials, &Dofs::new(8, all)).unwrap();
+    let none = Stiffness::assemble(&mesh, &materials, &Dofs::new(8, all_fixed)).unwrap();
     let factor = Factor::new(&none).unwrap();
     assert_eq!(factor.solve_refined(&none, &[]), (vec![], 0.0));
 }

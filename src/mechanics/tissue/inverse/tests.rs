@@ -42,9 +42,9 @@ fn it_is_the_inverse_of_an_independent_dense_one() {
         let condition = stiffness.norm() * expected.norm();
         // Both have errors of a few n eps times the condition (Higham, section 14.3).
         let bound = 10.0 * size as f64 * f64::EPSILON * condition * expected.norm();
-        let found = DMatrix::from_fn(size, size, |i, j| inverse.get(i, j));
-        assert!((&found - &expected).norm() <= bound, "nu {poisson}");
-        let pivots = found.cholesky().expect("positive definite").l().diagonal();
+        let computed = DMatrix::from_fn(size, size, |i, j| inverse.get(i, j));
+        assert!((&computed - &expected).norm() <= bound, "nu {poisson}");
+        let pivots = computed.cholesky().expect("positive definite").l().diagonal();
         assert!(
             pivots.min().powi(2) > 0.0,
             "nu {poisson}: smallest pivot {:e}",
@@ -90,11 +90,11 @@ fn single_precision_is_the_double_one_rounded_once() {
 #[test]
 fn the_number_of_threads_changes_no_bit() {
     let block = Block::new(600, 0.45);
-    let one = on_threads(1, || inverted::<f64>(&block));
+    let on_one = on_threads(1, || inverted::<f64>(&block));
     for threads in [2, 3] {
         assert_eq!(
             on_threads(threads, || inverted::<f64>(&block)),
-            one,
+            on_one,
             "{threads} threads"
         );
     }
@@ -141,9 +141,10 @@ fn what_exceeds_the_memory_is_refused_with_what_it_needs() {
 fn a_residual_tells_a_wrong_inverse() {
     let block = Block::new(200, 0.45);
     let mut inverse = inverted::<f64>(&block);
-    let mut other = inverted::<f64>(&Block::new(200, 0.3));
+    let mut singular = inverted::<f64>(&Block::new(200, 0.3));
     let dofs = [3, 100];
-    let [good, bad] = [&mut inverse, &mut other].map(|x| sampled_residual(&block.stiffness, x, &dofs).expect("sizes"));
+    let [good, bad] =
+        [&mut inverse, &mut singular].map(|x| sampled_residual(&block.stiffness, x, &dofs).expect("sizes"));
     assert!(good < 1e-9 && bad > 1e-2, "{good:e}, {bad:e}");
     let mut undefined = Symmetric::from_fn(inverse.size(), |i, _| if i == 3 { f64::NAN } else { 0.0 });
     assert!(

@@ -24,9 +24,9 @@ impl Law for NeoHookean {
 
     fn energy_kpa(&self, gradient: &Tensor) -> Option<f64> {
         let [lambda, mu] = self.0.lame_kpa();
-        let energy = Deformation::new(gradient).map(|of| {
-            let log = of.dilation.ln_1p();
-            0.5 * mu * of.strain.trace() - mu * log + 0.5 * lambda * log * log
+        let energy = Deformation::new(gradient).map(|deformation| {
+            let log = deformation.dilation.ln_1p();
+            0.5 * mu * deformation.strain.trace() - mu * log + 0.5 * lambda * log * log
         });
         Some(energy.unwrap_or(f64::NAN))
     }
@@ -34,9 +34,9 @@ impl Law for NeoHookean {
     fn stress_kpa(&self, gradient: &Tensor) -> Tensor {
         let [lambda, mu] = self.0.lame_kpa();
         // F - F^-T = F^-T (C - I).
-        let stress = Deformation::new(gradient).map(|of| {
-            let volumetric = Tensor::from_diagonal_element(lambda * of.dilation.ln_1p());
-            of.inverse * (of.strain * mu + volumetric)
+        let stress = Deformation::new(gradient).map(|deformation| {
+            let volumetric = Tensor::from_diagonal_element(lambda * deformation.dilation.ln_1p());
+            deformation.inverse * (deformation.strain * mu + volumetric)
         });
         stress.unwrap_or(Tensor::repeat(f64::NAN))
     }
@@ -64,9 +64,12 @@ mod tests {
     #[test]
     fn a_bar_has_its_closed_form() {
         for stretch in [0.7, 1.3, 2.0f64] {
-            let (found, mu) = uniaxial_kpa::<NeoHookean>(NoKeys {}, stretch);
+            let (stress_kpa, mu) = uniaxial_kpa::<NeoHookean>(NoKeys {}, stretch);
             let expected = mu * (stretch - stretch.powi(-2));
-            assert!((found / expected - 1.0).abs() < 1e-4, "{stretch}: {found} {expected}");
+            assert!(
+                (stress_kpa / expected - 1.0).abs() < 1e-4,
+                "{stretch}: {stress_kpa} {expected}"
+            );
         }
     }
 }

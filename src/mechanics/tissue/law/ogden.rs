@@ -50,17 +50,17 @@ impl Ogden {
         strains.map(|strain| (self.alpha * (0.5 * strain.ln_1p() - dilation.ln_1p() / 3.0)).exp_m1())
     }
 
-    fn principal(&self, of: &Deformation) -> Principal {
+    fn principal(&self, deformation: &Deformation) -> Principal {
         let [_, mu] = self.material.lame_kpa();
         let (alpha, bulk) = (self.alpha, self.bulk_kpa());
-        let j = 1.0 + of.dilation;
-        let eigen = SymmetricEigen::new(of.strain);
+        let j = 1.0 + deformation.dilation;
+        let eigen = SymmetricEigen::new(deformation.strain);
         let strains = [0, 1, 2].map(|i| eigen.eigenvalues[i]);
         let stretches = strains.map(|strain| (1.0 + strain).sqrt());
-        let powers = self.powers_less_1(strains, of.dilation);
+        let powers = self.powers_less_1(strains, deformation.dilation);
         let mean = powers.iter().sum::<f64>() / 3.0;
         // dW/dl_i = b_i / l_i; the second Piola-Kirchhoff stress is b_i / l_i^2.
-        let b = powers.map(|power| 2.0 * mu / alpha * (power - mean) + bulk * of.dilation * j);
+        let b = powers.map(|power| 2.0 * mu / alpha * (power - mean) + bulk * deformation.dilation * j);
         let stress = [0, 1, 2].map(|i| b[i] / stretches[i].powi(2));
         let slope = [0, 1, 2].map(|i| {
             [0, 1, 2].map(|k| {
@@ -105,24 +105,24 @@ impl Law for Ogden {
 
     fn energy_kpa(&self, gradient: &Tensor) -> Option<f64> {
         let [_, mu] = self.material.lame_kpa();
-        let energy = Deformation::new(gradient).map(|of| {
-            let powers = self.powers_less_1(of.strain.symmetric_eigenvalues().into(), of.dilation);
+        let energy = Deformation::new(gradient).map(|deformation| {
+            let powers = self.powers_less_1(deformation.strain.symmetric_eigenvalues().into(), deformation.dilation);
             let sum: f64 = powers.iter().sum();
-            2.0 * mu / self.alpha.powi(2) * sum + 0.5 * self.bulk_kpa() * of.dilation.powi(2)
+            2.0 * mu / self.alpha.powi(2) * sum + 0.5 * self.bulk_kpa() * deformation.dilation.powi(2)
         });
         Some(energy.unwrap_or(f64::NAN))
     }
 
     fn stress_kpa(&self, gradient: &Tensor) -> Tensor {
-        let stress = Deformation::new(gradient).map(|of| {
-            let Principal { directions, stress, .. } = self.principal(&of);
-            of.f * directions * Tensor::from_diagonal(&stress.into()) * directions.transpose()
+        let stress = Deformation::new(gradient).map(|deformation| {
+            let Principal { directions, stress, .. } = self.principal(&deformation);
+            deformation.f * directions * Tensor::from_diagonal(&stress.into()) * directions.transpose()
         });
         stress.unwrap_or(Tensor::repeat(f64::NAN))
     }
 
     fn moduli_kpa(&self, gradient: &Tensor) -> Moduli {
-        let Some(of) = Deformation::new(gradient) else {
+        let Some(deformation) = Deformation::new(gradient) else {
             return Moduli::repeat(f64::NAN);
         };
         let Principal {
@@ -130,10 +130,10 @@ impl Law for Ogden {
             directions,
             stress,
             slope,
-        } = self.principal(&of);
+        } = self.principal(&deformation);
         let second = directions * Tensor::from_diagonal(&stress.into()) * directions.transpose();
         // Directions carried along, F N_i: the moduli in the deformed state need no further product.
-        let carried = of.f * directions;
+        let carried = deformation.f * directions;
         let shear = |a: usize, b: usize| {
             let (x, y) = (stretches[a].powi(2), stretches[b].powi(2));
             if (x - y).abs() < EQUAL * (x + y) {
@@ -176,11 +176,11 @@ mod tests {
     fn a_bar_has_its_closed_form() {
         for alpha in [2.0, -5.0, 9.0f64] {
             for stretch in [0.7, 1.3, 2.0f64] {
-                let (found, mu) = uniaxial_kpa::<Ogden>(OgdenKeys { alpha }, stretch);
+                let (stress_kpa, mu) = uniaxial_kpa::<Ogden>(OgdenKeys { alpha }, stretch);
                 let expected = 2.0 * mu / alpha * (stretch.powf(alpha - 1.0) - stretch.powf(-alpha / 2.0 - 1.0));
                 assert!(
-                    (found / expected - 1.0).abs() < 1e-4,
-                    "{alpha} {stretch}: {found} {expected}"
+                    (stress_kpa / expected - 1.0).abs() < 1e-4,
+                    "{alpha} {stretch}: {stress_kpa} {expected}"
                 );
             }
         }

@@ -53,9 +53,9 @@ fn regions_without_a_material_are_counted() {
     let error = some.check(&mesh).unwrap_err();
     assert_eq!(error, LinearError::NoMaterial { regions: vec![(7, 1)] });
     assert!(error.to_string().contains("region 7 (1 tetrahedra)"), "{error}");
-    let all = Materials::new(Some(hard), &[(4, soft)]).unwrap();
-    assert_eq!(all.check(&mesh).unwrap(), vec![soft, hard]);
-    assert_eq!(all.named_regions().collect::<Vec<_>>(), vec![4]);
+    let both = Materials::new(Some(hard), &[(4, soft)]).unwrap();
+    assert_eq!(both.check(&mesh).unwrap(), vec![soft, hard]);
+    assert_eq!(both.named_regions().collect::<Vec<_>>(), vec![4]);
     assert_eq!(Materials::uniform(soft).of(-3), Some(&soft));
 }
 

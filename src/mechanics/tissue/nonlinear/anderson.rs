@@ -8,11 +8,11 @@ pub(super) struct Anderson {
     turns: Vec<Vec<f64>>,
     used: usize,
     last: Option<Last>,
-    /// Orthonormal directions that span the turns; `moves` are the corresponding steps, `rest` the unexplained part of
-    /// the change.
+    /// Orthonormal directions that span the turns; `moves` are the corresponding steps, `unexplained` the part of
+    /// the change that they leave.
     directions: Vec<Vec<f64>>,
     moves: Vec<Vec<f64>>,
-    rest: Vec<f64>,
+    unexplained: Vec<f64>,
 }
 
 #[derive(Clone, Debug)]
@@ -71,28 +71,28 @@ impl Anderson {
     /// Subtracts from the change the combination of turns nearest to it, and the corresponding steps.
     fn combine(&mut self, change: &mut [f64]) {
         // Newest first: of dependent turns the newest are used. Each operation on a turn is also applied to its step.
-        self.rest.clear();
-        self.rest.extend_from_slice(change);
+        self.unexplained.clear();
+        self.unexplained.extend_from_slice(change);
         let mut spanned = 0;
-        for at in (0..self.used).rev() {
+        for index in (0..self.used).rev() {
             let (before, unused) = self.directions.split_at_mut(spanned);
             let (moves, step) = self.moves.split_at_mut(spanned);
             let (direction, step) = (&mut unused[0], &mut step[0]);
-            direction.clone_from(&self.turns[at]);
-            step.clone_from(&self.steps[at]);
+            direction.clone_from(&self.turns[index]);
+            step.clone_from(&self.steps[index]);
             let whole = dot(direction, direction);
-            for (other, by) in before.iter().zip(moves) {
-                let share = dot(direction, other);
-                subtract(direction, share, other);
-                subtract(step, share, by);
+            for (direction_before, move_before) in before.iter().zip(moves) {
+                let share = dot(direction, direction_before);
+                subtract(direction, share, direction_before);
+                subtract(step, share, move_before);
             }
             let left = dot(direction, direction);
             if left > NEW * NEW * whole {
                 let scale = 1.0 / left.sqrt();
                 direction.iter_mut().for_each(|x| *x *= scale);
                 step.iter_mut().for_each(|x| *x *= scale);
-                let share = dot(&self.rest, direction);
-                subtract(&mut self.rest, share, direction);
+                let share = dot(&self.unexplained, direction);
+                subtract(&mut self.unexplained, share, direction);
                 subtract(change, share, direction);
                 subtract(change, share, step);
                 spanned += 1;

@@ -75,9 +75,9 @@ impl<const D: usize> Responses<D> {
     }
 
     /// Copies what [`NonlinearBody::respond`] computes.
-    pub(super) fn take(&mut self, other: &Self) {
-        self.cells.copy_from_slice(&other.cells);
-        self.gradients.copy_from_slice(&other.gradients);
+    pub(super) fn take(&mut self, source: &Self) {
+        self.cells.copy_from_slice(&source.cells);
+        self.gradients.copy_from_slice(&source.gradients);
     }
 }
 
@@ -291,8 +291,11 @@ impl<const D: usize, const N: usize> NonlinearBody<D, N> {
     /// If the element does not exist.
     pub fn barycentric(&self, element: usize, point: &[f64; D]) -> [f64; N] {
         let corner = self.nodes[self.elements[element][0] as usize];
-        let from: [f64; D] = std::array::from_fn(|axis| point[axis] - corner[axis]);
-        let mut weights = self.cells[element].shape.gradients.map(|gradient| dot(gradient, from));
+        let offset: [f64; D] = std::array::from_fn(|axis| point[axis] - corner[axis]);
+        let mut weights = self.cells[element]
+            .shape
+            .gradients
+            .map(|gradient| dot(gradient, offset));
         weights[0] += 1.0;
         weights
     }
@@ -329,7 +332,7 @@ impl<const D: usize, const N: usize> NonlinearBody<D, N> {
     /// If there is not one entry per degree of freedom.
     pub fn stresses_kpa(&self, displacement: &[f64], strained: &[f64]) -> Vec<[[f64; D]; D]> {
         let stress = |(corners, cell): (&[u32; N], &Cell<D, N>)| {
-            let [state, rate] = [displacement, strained].map(|all| corners.map(|node| vector(all, node)));
+            let [state, rate] = [displacement, strained].map(|values| corners.map(|node| vector(values, node)));
             match cell.law {
                 CellLaw::Secant(law) => {
                     let secant = law.secant(relative_strain(&cell.shape.strain(&state)).0);
@@ -398,9 +401,9 @@ impl<const D: usize, const N: usize> NonlinearBody<D, N> {
             let strained = match offset {
                 None => strain,
                 Some(offset) => {
-                    let rest: [[f64; D]; N] = corners.map(|node| vector(offset, node));
-                    let rest = std::array::from_fn(|a| std::array::from_fn(|axis| moved[a][axis] - rest[a][axis]));
-                    cell.shape.strain(&rest)
+                    let at_rest: [[f64; D]; N] = corners.map(|node| vector(offset, node));
+                    let change = std::array::from_fn(|a| std::array::from_fn(|axis| moved[a][axis] - at_rest[a][axis]));
+                    cell.shape.strain(&change)
                 }
             };
             let stress = cell.stress(&strained);
@@ -536,23 +539,23 @@ fn make_definite<const D: usize>(moduli: &mut Moduli<D>, least: f64) {
 }
 
 fn moduli_at<const D: usize>(law: &AnyLaw, gradient: &Tensor, weight: f64) -> Moduli<D> {
-    let all = law.moduli_kpa(gradient) * weight;
-    let entry = |i, j, k, l| all[(3 * i + j, 3 * k + l)];
+    let moduli = law.moduli_kpa(gradient) * weight;
+    let entry = |i, j, k, l| moduli[(3 * i + j, 3 * k + l)];
     use std::array::from_fn;
     from_fn(|i| from_fn(|j| from_fn(|k| from_fn(|l| entry(i, j, k, l)))))
 }
 
 #[inline]
-pub(super) fn vector<const D: usize>(all: &[f64], node: u32) -> [f64; D] {
-    let first = D * node as usize;
-    std::array::from_fn(|axis| all[first + axis])
+pub(super) fn vector<const D: usize>(values: &[f64], node: u32) -> [f64; D] {
+    let first_dof = D * node as usize;
+    std::array::from_fn(|axis| values[first_dof + axis])
 }
 
 #[inline]
 fn add<const D: usize, const N: usize>(sums: &mut [f64], corners: &[u32; N], forces: &[[f64; D]; N]) {
     for (node, force) in corners.iter().zip(forces) {
-        let first = D * *node as usize;
-        sums[first..first + D]
+        let first_dof = D * *node as usize;
+        sums[first_dof..first_dof + D]
             .iter_mut()
             .zip(force)
             .for_each(|(sum, force)| *sum += force);

@@ -105,8 +105,8 @@ impl<const D: usize, const N: usize> Creep<D, N> {
             return Err(NonlinearError::Displaced);
         }
         let rate = self.solver.at_rest(&self.loads)?.0;
-        let rest = vec![0.0; rate.len()];
-        let now = self.solver.body().stresses_kpa(&rest, &rate);
+        let at_rest = vec![0.0; rate.len()];
+        let now = self.solver.body().stresses_kpa(&at_rest, &rate);
         let initial = now.as_flattened().as_flattened();
         let history = match self.memory {
             Memory::LoadIntegral => Some(rule.start(Operator::Integral(order), initial)?),

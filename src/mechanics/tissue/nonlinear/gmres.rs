@@ -63,9 +63,11 @@ impl Gmres {
             }
             let left = dot(next, next).sqrt();
             // Rotations keep the small problem triangular: its residual is then known without the solution.
-            for (at, &(c, s)) in rotations[..used].iter().enumerate() {
-                (column[at], column[at + 1]) =
-                    (c * column[at] + s * column[at + 1], c * column[at + 1] - s * column[at]);
+            for (index, &(c, s)) in rotations[..used].iter().enumerate() {
+                (column[index], column[index + 1]) = (
+                    c * column[index] + s * column[index + 1],
+                    c * column[index + 1] - s * column[index],
+                );
             }
             let length = column[used].hypot(left);
             if length == 0.0 || !length.is_finite() {
@@ -82,10 +84,10 @@ impl Gmres {
             }
             next.iter_mut().for_each(|w| *w /= left);
         }
-        for at in (0..used).rev() {
-            right[at] /= self.columns[at][at];
-            for above in 0..at {
-                right[above] -= self.columns[at][above] * right[at];
+        for index in (0..used).rev() {
+            right[index] /= self.columns[index][index];
+            for above in 0..index {
+                right[above] -= self.columns[index][above] * right[index];
             }
         }
         rhs.fill(0.0);
@@ -96,11 +98,11 @@ impl Gmres {
     }
 }
 
-fn room(vectors: &mut Vec<Vec<f64>>, at: usize, length: usize) {
-    if vectors.len() == at {
+fn room(vectors: &mut Vec<Vec<f64>>, index: usize, length: usize) {
+    if vectors.len() == index {
         vectors.push(Vec::new());
     }
-    vectors[at].resize(length, 0.0);
+    vectors[index].resize(length, 0.0);
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {

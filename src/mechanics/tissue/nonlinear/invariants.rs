@@ -62,8 +62,11 @@ mod tests {
                 ([0.0, 0.0, 0.2, 0.0, 0.0, 0.0], 2.0 * mu * 0.1),
                 ([0.0, 0.0, 0.0, 0.0, 0.3, 0.0], 3f64.sqrt() * mu * 0.1),
             ] {
-                let found = sheet.von_mises_kpa(&u, &sheet.stresses_kpa(&u, &u))[0];
-                assert!((found - expected).abs() < 1e-12, "{poisson}: {found} for {expected}");
+                let mises_kpa = sheet.von_mises_kpa(&u, &sheet.stresses_kpa(&u, &u))[0];
+                assert!(
+                    (mises_kpa - expected).abs() < 1e-12,
+                    "{poisson}: {mises_kpa} for {expected}"
+                );
             }
         }
     }

@@ -38,7 +38,7 @@ pub struct Solver<const D: usize, const N: usize> {
     anderson: Anderson,
     predictor: Predictor,
     policy: RefactorisationPolicy,
-    rest: Vec<f64>,
+    residual: Vec<f64>,
     progress: Progress,
     /// Largest nodal force so far, N.
     peak: f64,
@@ -58,11 +58,11 @@ struct State<const D: usize> {
 }
 
 impl<const D: usize> State<D> {
-    fn take(&mut self, other: &State<D>) {
-        self.displacement.copy_from_slice(&other.displacement);
-        self.forces.copy_from_slice(&other.forces);
-        self.responses.take(&other.responses);
-        self.contact = other.contact;
+    fn take(&mut self, source: &State<D>) {
+        self.displacement.copy_from_slice(&source.displacement);
+        self.forces.copy_from_slice(&source.forces);
+        self.responses.take(&source.responses);
+        self.contact = source.contact;
     }
 }
 
@@ -81,10 +81,10 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         options: SolverOptions,
     ) -> Result<Self, NonlinearError> {
         assert_eq!(body.nodes().len(), supports.nodes(), "supports of another body");
-        let all = supports.all();
+        let dof_count = supports.all();
         let state = State {
-            displacement: vec![0.0; all],
-            forces: vec![0.0; all],
+            displacement: vec![0.0; dof_count],
+            forces: vec![0.0; dof_count],
             responses: body.at_rest(),
             contact: 0.0,
         };
@@ -95,13 +95,13 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             before: state.clone(),
             start: state.clone(),
             state,
-            applied: vec![0.0; all],
-            offset: vec![0.0; all],
-            change: vec![0.0; all + 1],
+            applied: vec![0.0; dof_count],
+            offset: vec![0.0; dof_count],
+            change: vec![0.0; dof_count + 1],
             anderson: Anderson::default(),
             predictor: Predictor::default(),
             policy: RefactorisationPolicy::default(),
-            rest: vec![0.0; supports.free().len()],
+            residual: vec![0.0; supports.free().len()],
             progress: Progress::default(),
             peak: 0.0,
             rounding_n: body.rounding_n(),
@@ -149,21 +149,21 @@ impl<const D: usize, const N: usize> Solver<D, N> {
     /// factored.
     pub(super) fn at_rest(&mut self, loads: &[f64]) -> Result<(Vec<f64>, Vec<f64>), NonlinearError> {
         target::list("loads", loads, self.supports.all())?;
-        let rest = self.body.at_rest();
-        self.linear.factor(&self.body, &rest, Kind::Scalar)?;
+        let responses = self.body.at_rest();
+        self.linear.factor(&self.body, &responses, Kind::Scalar)?;
         self.forget();
-        self.supports.gather(loads, &mut self.rest);
+        self.supports.gather(loads, &mut self.residual);
         let exact = Equations::Tangent {
             kind: Kind::Scalar,
             closeness: schemes::CLOSEST,
         };
-        self.linear.solve(&self.body, &self.supports, exact, &mut self.rest);
+        self.linear.solve(&self.body, &self.supports, exact, &mut self.residual);
         let mut displacement = vec![0.0; loads.len()];
-        for (&dof, value) in self.supports.free().iter().zip(&self.rest) {
+        for (&dof, value) in self.supports.free().iter().zip(&self.residual) {
             displacement[dof as usize] = *value;
         }
         let mut forces = vec![0.0; loads.len()];
-        self.body.scalar(&rest, &displacement, &mut forces);
+        self.body.scalar(&responses, &displacement, &mut forces);
         // At prescribed degrees of freedom, forces are loads plus reactions; at free ones the loads are exact.
         for &dof in self.supports.free() {
             forces[dof as usize] = loads[dof as usize];
@@ -224,12 +224,12 @@ impl<const D: usize, const N: usize> Solver<D, N> {
     /// # Errors
     /// [`NonlinearError`] for numbers that do not fit such a body.
     pub(super) fn take_state(&mut self, state: &[f64], offset: bool) -> Result<(), NonlinearError> {
-        let all = self.supports.all();
-        target::list("numbers of a state", state, 3 * all + 2)?;
-        self.state.displacement.copy_from_slice(&state[..all]);
-        self.offset.copy_from_slice(&state[all..2 * all]);
-        self.applied.copy_from_slice(&state[2 * all..3 * all]);
-        (self.state.contact, self.peak) = (state[3 * all], state[3 * all + 1]);
+        let dof_count = self.supports.all();
+        target::list("numbers of a state", state, 3 * dof_count + 2)?;
+        self.state.displacement.copy_from_slice(&state[..dof_count]);
+        self.offset.copy_from_slice(&state[dof_count..2 * dof_count]);
+        self.applied.copy_from_slice(&state[2 * dof_count..3 * dof_count]);
+        (self.state.contact, self.peak) = (state[3 * dof_count], state[3 * dof_count + 1]);
         self.renew(offset)
     }
 

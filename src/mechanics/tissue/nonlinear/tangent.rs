@@ -59,9 +59,9 @@ impl<const D: usize> Tangent<D> {
         for corners in elements {
             each_pair(corners, supports, |pair| {
                 places.push(pair.map_or(NONE, |(row, column)| {
-                    let first = starts[column as usize];
-                    let span = &rows[first as usize..starts[column as usize + 1] as usize];
-                    first + span.partition_point(|other| *other < row) as u32
+                    let first_entry = starts[column as usize];
+                    let span = &rows[first_entry as usize..starts[column as usize + 1] as usize];
+                    first_entry + span.partition_point(|listed| *listed < row) as u32
                 }));
             });
         }
@@ -115,10 +115,10 @@ impl<const D: usize> Tangent<D> {
                             if stiffens {
                                 entry += 0.5 * (rise[a][i] * normal[b][j] + normal[a][i] * rise[b][j]);
                             }
-                            if let Some(&place) = places.next()
-                                && place != NONE
+                            if let Some(&destination) = places.next()
+                                && destination != NONE
                             {
-                                self.values[place as usize] += entry;
+                                self.values[destination as usize] += entry;
                             }
                         }
                     }

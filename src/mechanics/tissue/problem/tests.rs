@@ -44,7 +44,7 @@ fn reactions_balance_loads() {
     assert!(solution.residual < 1e-15);
     assert_eq!(solution.reactions.len(), problem.fixes.len());
     for axis in 0..3 {
-        let sum = |all: &mut dyn Iterator<Item = f64>| all.sum::<f64>();
+        let sum = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>();
         let reactions = sum(&mut solution
             .reactions
             .iter()
@@ -81,8 +81,8 @@ fn prescribed_displacements_are_kept() {
             })
         })
         .collect();
-    let all = problem.solve().unwrap();
-    assert_eq!(all.displacement_mm, vec![[0.5; 3]; 36]);
+    let solution = problem.solve().unwrap();
+    assert_eq!(solution.displacement_mm, vec![[0.5; 3]; 36]);
 }
 
 fn failure(change: impl FnOnce(&mut StaticProblem)) -> String {

@@ -150,8 +150,8 @@ impl AdaptedMesh {
     /// # Panics
     /// If the node does not exist.
     pub(crate) fn support_of(&self, node: u32) -> impl Iterator<Item = u32> + '_ {
-        let all = self.neighbours(node).iter().flat_map(|node| self.dofs().of(*node));
-        all.filter(|dof| *dof != NONE)
+        let dofs = self.neighbours(node).iter().flat_map(|node| self.dofs().of(*node));
+        dofs.filter(|dof| *dof != NONE)
     }
 
     /// Elements around a node, with its place in each.
@@ -214,7 +214,7 @@ impl Around {
             );
             neighbours.sort_unstable();
             neighbours.dedup();
-            pairs.extend(neighbours.iter().map(|&other| (node, other)));
+            pairs.extend(neighbours.iter().map(|&neighbour| (node, neighbour)));
         }
         Around {
             corners,
@@ -274,7 +274,7 @@ impl Change {
         let stiffness = &mut self.stiffness;
         stiffness.truncate(0, 0);
         stiffness.resize_with(size, size, |_, _| 0.0);
-        for (element, place) in mesh.elements_around(node) {
+        for (element, moved_corner) in mesh.elements_around(node) {
             let corners = mesh.elements()[element as usize];
             let mut positions = mesh.positions(element, mesh.nodes());
             let refused = |cause| RemeshError::Element {
@@ -285,7 +285,7 @@ impl Change {
                 cause,
             };
             let before = Shape::of(&positions).map_err(refused)?;
-            positions[place] = to;
+            positions[moved_corner] = to;
             let after = Shape::of(&positions).map_err(refused)?;
             let material = &mesh.stiffness().materials()[element as usize];
             let (weights_before, weights_after) = (before.weights(material), after.weights(material));

@@ -28,14 +28,14 @@ pub fn best_corner(
     mesh: &AdaptedMesh,
     element: u32,
     tip: [f64; 3],
-    taken: impl Fn(u32) -> bool,
+    is_taken: impl Fn(u32) -> bool,
 ) -> Result<Corner, RemeshError> {
     let mut corners = corners_of(mesh, element)?;
     corners.sort_unstable();
     let mut best: Option<Corner> = None;
     let mut unfit = Vec::new();
     for node in corners {
-        match try_node(mesh, node, tip, &taken) {
+        match try_node(mesh, node, tip, &is_taken) {
             Ok(corner) if best.is_none_or(|best| corner.condition < best.condition) => best = Some(corner),
             Ok(_) => {}
             Err(reason) => unfit.push(reason),
@@ -53,11 +53,16 @@ fn corners_of(mesh: &AdaptedMesh, element: u32) -> Result<[u32; 4], RemeshError>
     })
 }
 
-fn try_node(mesh: &AdaptedMesh, node: u32, tip: [f64; 3], taken: &impl Fn(u32) -> bool) -> Result<Corner, RemeshError> {
+fn try_node(
+    mesh: &AdaptedMesh,
+    node: u32,
+    tip: [f64; 3],
+    is_taken: &impl Fn(u32) -> bool,
+) -> Result<Corner, RemeshError> {
     if mesh.dofs().of(node).contains(&NONE) {
         return Err(RemeshError::Fixed { node });
     }
-    if taken(node) {
+    if is_taken(node) {
         return Err(RemeshError::Taken { node });
     }
     let condition = mesh.assess(node, tip)?;

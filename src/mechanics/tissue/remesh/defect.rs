@@ -18,12 +18,12 @@ pub(super) fn defect(mesh: &AdaptedMesh, difference: &Difference, u: &[f64], f: 
 /// Returns |f - K u| / (|K| |u| + |f|) in maximum norms, the normwise backward error (J. L. Rigal and J. Gaches, JACM
 /// 14, 1967), with |K| bounded by the sum of the norms of the base and the difference.
 pub(super) fn backward_error(mesh: &AdaptedMesh, difference: &Difference, u: &[f64], f: &[f64]) -> f64 {
-    let rest = largest(&defect(mesh, difference, u, f));
+    let residual = largest(&defect(mesh, difference, u, f));
     let norm = mesh.stiffness().norm_inf() + difference.norm_inf();
-    if rest == 0.0 {
+    if residual == 0.0 {
         0.0
     } else {
-        rest / (norm * largest(u) + largest(f))
+        residual / (norm * largest(u) + largest(f))
     }
 }
 

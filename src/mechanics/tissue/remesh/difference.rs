@@ -51,11 +51,11 @@ impl Difference {
         rows.flat_map(move |(rows, span)| {
             let span = span[0] as usize..span[1] as usize;
             (0..3).filter(|i| rows[*i] != NONE).flat_map(move |i| {
-                span.clone().flat_map(move |at| {
-                    let columns = self.dofs[self.columns[at] as usize];
+                span.clone().flat_map(move |block| {
+                    let columns = self.dofs[self.columns[block] as usize];
                     (0..3)
                         .filter(move |j| columns[*j] != NONE)
-                        .map(move |j| (rows[i], columns[j], self.blocks[at][i][j]))
+                        .map(move |j| (rows[i], columns[j], self.blocks[block][i][j]))
                 })
             })
         })
@@ -74,10 +74,10 @@ impl Difference {
     /// Infinity norm (largest absolute row sum), N/mm.
     pub fn norm_inf(&self) -> f64 {
         let mut largest = 0.0f64;
-        let (mut sum, mut last) = (0.0, NONE);
+        let (mut sum, mut current_row) = (0.0, NONE);
         for (row, _, value) in self.entries() {
-            if row != last {
-                (sum, last) = (0.0, row);
+            if row != current_row {
+                (sum, current_row) = (0.0, row);
             }
             sum += f64::abs(value);
             largest = largest.max(sum);
@@ -87,8 +87,8 @@ impl Difference {
 
     pub(super) fn assemble(&mut self, mesh: &AdaptedMesh) {
         self.lay_out(mesh);
-        for at in 0..self.elements.len() {
-            let element = self.elements[at];
+        for index in 0..self.elements.len() {
+            let element = self.elements[index];
             let shapes = [mesh.base(), mesh.nodes()].map(|nodes| Shape::of(&mesh.positions(element, nodes)));
             let [Ok(base), Ok(now)] = shapes else {
                 // Neither the base nor an accepted move has unusable elements.
@@ -127,15 +127,18 @@ impl Difference {
         self.places.fill(NONE);
         let dofs: &Dofs = mesh.dofs();
         self.dofs.clear();
-        for (place, &node) in self.nodes.iter().enumerate() {
-            self.places[node as usize] = place as u32;
+        for (index, &node) in self.nodes.iter().enumerate() {
+            self.places[node as usize] = index as u32;
             self.dofs.push(dofs.of(node));
         }
         self.starts.clear();
         self.starts.push(0);
         self.columns.clear();
         for &node in &self.nodes {
-            let places = mesh.neighbours(node).iter().map(|other| self.places[*other as usize]);
+            let places = mesh
+                .neighbours(node)
+                .iter()
+                .map(|neighbour| self.places[*neighbour as usize]);
             self.columns.extend(places.filter(|place| *place != NONE));
             self.starts.push(self.columns.len() as u32);
         }
@@ -146,8 +149,8 @@ impl Difference {
     /// Returns the block of two touched nodes of one element.
     fn block_at(&mut self, row: u32, column: u32) -> &mut NodeBlock {
         let span = self.starts[row as usize] as usize..self.starts[row as usize + 1] as usize;
-        let at = self.columns[span.clone()].partition_point(|other| *other < column);
-        &mut self.blocks[span.start + at]
+        let offset = self.columns[span.clone()].partition_point(|listed| *listed < column);
+        &mut self.blocks[span.start + offset]
     }
 }
 

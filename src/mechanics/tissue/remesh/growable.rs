@@ -75,21 +75,21 @@ impl Growable {
 
     /// Removes a row; the last one takes its place.
     pub(crate) fn take_row(&mut self, row: usize) {
-        let last = self.rows - 1;
+        let last_row = self.rows - 1;
         for mut column in self.get_mut().col_iter_mut() {
-            column[row] = column[last];
+            column[row] = column[last_row];
         }
-        self.rows = last;
+        self.rows = last_row;
     }
 
     /// Removes a column; the last one takes its place.
     pub(crate) fn take_column(&mut self, column: usize) {
-        let last = self.columns - 1;
-        if column < last {
-            let (mut left, right) = self.get_mut().split_at_col_mut(last);
+        let last_column = self.columns - 1;
+        if column < last_column {
+            let (mut left, right) = self.get_mut().split_at_col_mut(last_column);
             left.rb_mut().col_mut(column).copy_from(right.col(0));
         }
-        self.columns = last;
+        self.columns = last_column;
     }
 }
 
@@ -98,10 +98,10 @@ pub(super) fn mirror(mut matrix: MatMut<'_, f64>) {
     // In blocks, as row entries of a large matrix are far apart.
     const BLOCK: usize = 16;
     let size = matrix.nrows();
-    for first in (0..size).step_by(BLOCK) {
-        for left in (0..=first).step_by(BLOCK) {
+    for block_start in (0..size).step_by(BLOCK) {
+        for left in (0..=block_start).step_by(BLOCK) {
             for j in left..(left + BLOCK).min(size) {
-                for i in first.max(j + 1)..(first + BLOCK).min(size) {
+                for i in block_start.max(j + 1)..(block_start + BLOCK).min(size) {
                     matrix[(j, i)] = matrix[(i, j)];
                 }
             }

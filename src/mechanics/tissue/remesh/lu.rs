@@ -93,7 +93,7 @@ impl Lu {
         let mut probe = std::mem::take(&mut self.probe);
         probe.shape(size, 1).fill(1.0 / size as f64);
         let mut best = 0.0f64;
-        let mut last = None;
+        let mut last_peak = None;
         for _ in 0..ESTIMATE_STEPS {
             self.solve(probe.get_mut());
             let norm = norm_one(probe.get());
@@ -106,10 +106,10 @@ impl Lu {
             signs.iter_mut().for_each(|x| *x = f64::copysign(1.0, *x));
             self.solve_transpose(probe.get_mut());
             let steepest = largest(probe.get());
-            if last == Some(steepest) {
+            if last_peak == Some(steepest) {
                 break;
             }
-            last = Some(steepest);
+            last_peak = Some(steepest);
             let mut unit = probe.get_mut();
             unit.fill(0.0);
             unit[(steepest, 0)] = 1.0;
@@ -120,12 +120,12 @@ impl Lu {
             *x = (1.0 + i as f64 / steps) * if i % 2 == 0 { 1.0 } else { -1.0 };
         }
         self.solve(probe.get_mut());
-        let other = 2.0 * norm_one(probe.get()) / (3.0 * size as f64);
+        let alternative = 2.0 * norm_one(probe.get()) / (3.0 * size as f64);
         self.probe = probe;
-        if best.is_nan() || other.is_nan() {
+        if best.is_nan() || alternative.is_nan() {
             f64::NAN
         } else {
-            best.max(other)
+            best.max(alternative)
         }
     }
 

@@ -26,7 +26,7 @@ pub(super) fn free_nodes(mesh: &AdaptedMesh) -> Vec<u32> {
 /// Free nodes whose neighbours are all free, near the middle.
 pub(crate) fn inner_nodes(mesh: &AdaptedMesh) -> Vec<u32> {
     let free = free_nodes(mesh);
-    let is_inner = |node: &u32| mesh.neighbours(*node).iter().all(|other| free.contains(other));
+    let is_inner = |node: &u32| mesh.neighbours(*node).iter().all(|neighbour| free.contains(neighbour));
     free.iter().copied().filter(is_inner).collect()
 }
 
@@ -71,8 +71,8 @@ pub(super) fn inverse(mesh: &AdaptedMesh) -> Arc<Symmetric<f64>> {
 }
 
 /// Returns the largest difference relative to the largest entry of `expected`.
-pub(super) fn error(found: &Mat<f64>, expected: &Mat<f64>) -> f64 {
-    (found - expected).norm_max() / expected.norm_max()
+pub(super) fn error(computed: &Mat<f64>, expected: &Mat<f64>) -> f64 {
+    (computed - expected).norm_max() / expected.norm_max()
 }
 
 /// Returns the largest difference of two inverses that are each backward stable, relative to the largest entry: twice

@@ -48,14 +48,14 @@ pub(crate) fn simplest(columns: DMatrix<f64>, centre: Vector3<f64>, size: f64) -
         rows.swap_rows(rank, pivot);
         let scaled = rows.row(rank) / rows[(rank, column)];
         rows.row_mut(rank).copy_from(&scaled);
-        for other in (0..rows.nrows()).filter(|other| *other != rank) {
-            let reduced = rows.row(other) - &scaled * rows[(other, column)];
-            rows.row_mut(other).copy_from(&reduced);
+        for row in (0..rows.nrows()).filter(|other| *other != rank) {
+            let reduced = rows.row(row) - &scaled * rows[(row, column)];
+            rows.row_mut(row).copy_from(&reduced);
         }
         rank += 1;
     }
     let motion = |row: usize| {
-        let part = |first: usize| Vector3::from_fn(|axis, _| clean(rows[(row, first + axis)]));
+        let part = |first_column: usize| Vector3::from_fn(|axis, _| clean(rows[(row, first_column + axis)]));
         motion(part(0), part(3) / size, centre)
     };
     (0..rank).map(motion).collect()

@@ -19,14 +19,14 @@ impl Parts {
         let mut nodes: Vec<Vec<u32>> = Vec::new();
         let mut sharing: Vec<Vec<usize>> = vec![Vec::new(); mesh.nodes().len()];
         let mut waiting = Vec::new();
-        for first in 0..elements.len() {
-            if of_element[first] != usize::MAX {
+        for start in 0..elements.len() {
+            if of_element[start] != usize::MAX {
                 continue;
             }
             let part = nodes.len();
-            let mut own = Vec::new();
-            of_element[first] = part;
-            waiting.push(first as u32);
+            let mut part_nodes = Vec::new();
+            of_element[start] = part;
+            waiting.push(start as u32);
             while let Some(element) = waiting.pop() {
                 for &node in &elements[element as usize] {
                     let parts = &mut sharing[node as usize];
@@ -34,7 +34,7 @@ impl Parts {
                     // node already.
                     if parts.last() != Some(&part) {
                         parts.push(part);
-                        own.push(node);
+                        part_nodes.push(node);
                     }
                 }
                 for &next in &mesh.neighbours()[element as usize] {
@@ -44,8 +44,8 @@ impl Parts {
                     }
                 }
             }
-            own.sort_unstable();
-            nodes.push(own);
+            part_nodes.sort_unstable();
+            nodes.push(part_nodes);
         }
         Parts {
             of_element,
@@ -79,7 +79,7 @@ impl Parts {
     pub(super) fn regions(&self, mesh: &TetMesh, part: usize) -> Vec<i32> {
         let elements = self.of_element.iter().zip(mesh.regions());
         let mut regions: Vec<i32> = elements
-            .filter(|(of, _)| **of == part)
+            .filter(|(part_of, _)| **part_of == part)
             .map(|(_, region)| *region)
             .collect();
         regions.sort_unstable();
@@ -90,26 +90,29 @@ impl Parts {
     /// Volume of a part, mm^3.
     pub(super) fn volume_mm3(&self, mesh: &TetMesh, part: usize) -> f64 {
         let volumes = self.of_element.iter().zip(mesh.volumes(mesh.nodes()));
-        volumes.filter(|(of, _)| **of == part).map(|(_, volume)| volume).sum()
+        volumes
+            .filter(|(part_of, _)| **part_of == part)
+            .map(|(_, volume)| volume)
+            .sum()
     }
 
     /// Groups the parts selected by `wanted` with those that they share nodes with, directly or through others.
     pub(super) fn groups(&self, wanted: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
         let mut seen: Vec<bool> = (0..self.len()).map(|part| !wanted(part)).collect();
         let mut groups = Vec::new();
-        for first in 0..self.len() {
-            if seen[first] {
+        for start in 0..self.len() {
+            if seen[start] {
                 continue;
             }
-            seen[first] = true;
-            let mut group = vec![first];
+            seen[start] = true;
+            let mut group = vec![start];
             let mut next = 0;
             while next < group.len() {
                 for &node in self.nodes(group[next]) {
-                    for &other in self.sharing(node) {
-                        if !seen[other] {
-                            seen[other] = true;
-                            group.push(other);
+                    for &neighbour in self.sharing(node) {
+                        if !seen[neighbour] {
+                            seen[neighbour] = true;
+                            group.push(neighbour);
                         }
                     }
                 }

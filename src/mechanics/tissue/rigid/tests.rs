@@ -105,19 +105,25 @@ fn sliding_bottoms_leave_plane_motion() {
 
 /// Returns two cubes of eight nodes, the second moved by `shift`, in regions 1 and 2.
 fn pair(shift: [f64; 3]) -> TetMesh {
-    let one = cube(0.0);
-    let mut nodes = one.nodes().to_vec();
+    let first_cube = cube(0.0);
+    let mut nodes = first_cube.nodes().to_vec();
     nodes.extend(
-        one.nodes()
+        first_cube
+            .nodes()
             .iter()
             .map(|node| -> [f64; 3] { std::array::from_fn(|k| node[k] + shift[k]) }),
     );
-    let mut elements = one.elements().to_vec();
-    elements.extend(one.elements().iter().map(|corners| corners.map(|node| node + 8)));
+    let mut elements = first_cube.elements().to_vec();
+    elements.extend(first_cube.elements().iter().map(|corners| corners.map(|node| node + 8)));
     let regions = [vec![1; 6], vec![2; 6]].concat();
     // Coincident nodes are merged; the remaining duplicates belong to no element.
-    let first = |node: u32| nodes.iter().position(|other| *other == nodes[node as usize]).unwrap() as u32;
-    let elements = elements.iter().map(|corners| corners.map(first)).collect();
+    let merged = |node: u32| {
+        nodes
+            .iter()
+            .position(|position| *position == nodes[node as usize])
+            .unwrap() as u32
+    };
+    let elements = elements.iter().map(|corners| corners.map(merged)).collect();
     TetMesh::new(nodes, elements, regions).unwrap()
 }
 
@@ -183,9 +189,9 @@ fn nodes_of_no_element_are_numbered() {
     );
     let text = error.to_string();
     assert!(text.contains("8, 10, 12, 13, 14, 15, 16, 17, and 2 more"), "{text}");
-    let held: Vec<u32> = (8..20).collect();
+    let fixed_nodes: Vec<u32> = (8..20).collect();
     assert_eq!(
-        check(&mesh, &Dofs::new(20, [all(&[0, 1, 2]), all(&held)].concat())),
+        check(&mesh, &Dofs::new(20, [all(&[0, 1, 2]), all(&fixed_nodes)].concat())),
         Ok(())
     );
 }

@@ -81,10 +81,10 @@ fn check_rank_update<T: Scalar>() {
             let [y, c] = [dense(&y), dense(&c)];
             let expected = &before - &y * &c * y.transpose();
             let magnitude = before.abs() + y.abs() * c.abs() * y.abs().transpose();
-            let found = full(&matrix);
+            let updated = full(&matrix);
             for i in 0..size {
                 for j in 0..=i {
-                    let error = (found[(i, j)] - expected[(i, j)]).abs();
+                    let error = (updated[(i, j)] - expected[(i, j)]).abs();
                     // The reference also rounds, in f64.
                     let terms = 2 * rank + 1;
                     let bound = rounding::<T>(terms, magnitude[(i, j)]) + rounding::<f64>(terms, magnitude[(i, j)]);
@@ -137,19 +137,19 @@ fn updated_rows_are_those_of_a_full_update_and_others_stay() {
     ] {
         let (y, c) = operands::<f64>(size, 24);
         let start = symmetric::<f64>(size, 1);
-        let [mut some, mut all] = [start.clone(), start.clone()];
-        some.update_rows(&rows, y.as_ref(), c.as_ref()).expect("an update");
-        all.rank_update(y.as_ref(), c.as_ref()).expect("an update");
+        let [mut some_rows, mut all_rows] = [start.clone(), start.clone()];
+        some_rows.update_rows(&rows, y.as_ref(), c.as_ref()).expect("an update");
+        all_rows.rank_update(y.as_ref(), c.as_ref()).expect("an update");
         let [wide_y, wide_c] = [dense(&y), dense(&c)];
         let magnitude = full(&start).abs() + wide_y.abs() * wide_c.abs() * wide_y.abs().transpose();
         for i in 0..size {
             for j in 0..size {
                 if rows.contains(&i) || rows.contains(&j) {
-                    let error = (some.get(i, j) - all.get(i, j)).abs();
+                    let error = (some_rows.get(i, j) - all_rows.get(i, j)).abs();
                     let bound = 2.0 * rounding::<f64>(2 * 24 + 1, magnitude[(i, j)]);
                     assert!(error <= bound, "({i}, {j}) of {size}: {error:e} > {bound:e}");
                 } else {
-                    assert_eq!(some.get(i, j), start.get(i, j), "({i}, {j}) of {size}");
+                    assert_eq!(some_rows.get(i, j), start.get(i, j), "({i}, {j}) of {size}");
                 }
             }
         }
@@ -198,9 +198,9 @@ fn results_do_not_depend_on_the_number_of_threads() {
         matrix.multiply(&x, &mut product).expect("a product");
         (matrix, product)
     };
-    let one = on_threads(1, run);
+    let on_one = on_threads(1, run);
     for threads in [2, 3] {
-        assert!(on_threads(threads, run) == one, "{threads} threads");
+        assert!(on_threads(threads, run) == on_one, "{threads} threads");
     }
 }
 

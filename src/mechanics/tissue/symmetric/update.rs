@@ -61,18 +61,18 @@ impl<T: Scalar> Symmetric<T> {
         let changes = changes(y, c, &sorted);
         for_each(self.row_panels_mut(), &|panel| {
             let panel_rows = panel.first_row..panel.first_row + panel.rows;
-            let at = panel.first_row / PANEL_ROWS * sorted.len();
+            let offset = panel.first_row / PANEL_ROWS * sorted.len();
             // Columns: contiguous. Pairs of given rows are changed here.
             for (&column, change) in sorted
                 .iter()
-                .zip(&changes[at..])
+                .zip(&changes[offset..])
                 .take_while(|pair| *pair.0 < panel_rows.end)
             {
-                let from = column.saturating_sub(panel_rows.start);
-                let values = &mut panel.columns[column].0[from..];
+                let first_row = column.saturating_sub(panel_rows.start);
+                let values = &mut panel.columns[column].0[first_row..];
                 values
                     .iter_mut()
-                    .zip(&change.0[from..])
+                    .zip(&change.0[first_row..])
                     .for_each(|(value, &change)| *value -= change);
             }
             // Rows: one value per column; the given rows of a panel share its cache lines.
@@ -174,7 +174,7 @@ impl<T: Scalar> WithSimd for Update<'_, T> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let (groups, rest) = self.columns.as_chunks_mut::<WIDTH>();
+        let (groups, single_columns) = self.columns.as_chunks_mut::<WIDTH>();
         let mut z = self.z.chunks_exact(self.y.len());
         for (group, z) in groups.iter_mut().zip(&mut z) {
             if S::REGISTER_COUNT >= 32 {
@@ -187,8 +187,8 @@ impl<T: Scalar> WithSimd for Update<'_, T> {
             }
         }
         if let Some(z) = z.next() {
-            for (at, column) in rest.iter_mut().enumerate() {
-                tiles::<T, S, 1>(simd, std::array::from_mut(column), self.y, z, at);
+            for (index, column) in single_columns.iter_mut().enumerate() {
+                tiles::<T, S, 1>(simd, std::array::from_mut(column), self.y, z, index);
             }
         }
     }

@@ -9,7 +9,7 @@ use super::kernel::of_jump;
 pub(super) struct Slopes {
     order: f64,
     initial: Vec<f64>,
-    last: Vec<f64>,
+    newest: Vec<f64>,
     slopes: Vec<f64>,
     /// Integral of order 1 - k of piecewise constant functions.
     inner: Box<dyn History>,
@@ -21,7 +21,7 @@ impl Slopes {
         Slopes {
             order,
             initial: initial.to_vec(),
-            last: initial.to_vec(),
+            newest: initial.to_vec(),
             slopes: vec![0.0; initial.len()],
             inner,
         }
@@ -40,26 +40,26 @@ impl History for Slopes {
     fn predict(&mut self, step_s: f64, history: &mut [f64]) -> Result<f64, HistoryError> {
         let weight = self.inner.predict(step_s, history)? / step_s;
         let jump = of_jump(-self.order, self.inner.time_s() + step_s);
-        for ((sum, last), initial) in history.iter_mut().zip(&self.last).zip(&self.initial) {
-            *sum += jump * initial - weight * last;
+        for ((sum, newest), initial) in history.iter_mut().zip(&self.newest).zip(&self.initial) {
+            *sum += jump * initial - weight * newest;
         }
         Ok(weight)
     }
 
     fn commit(&mut self, step_s: f64, value: &[f64]) -> Result<(), HistoryError> {
         HistoryError::check_step(step_s)?;
-        HistoryError::check_components(value.len(), self.last.len())?;
+        HistoryError::check_components(value.len(), self.newest.len())?;
         HistoryError::check_value(value)?;
-        for ((slope, value), last) in self.slopes.iter_mut().zip(value).zip(&self.last) {
-            *slope = (value - last) / step_s;
+        for ((slope, value), newest) in self.slopes.iter_mut().zip(value).zip(&self.newest) {
+            *slope = (value - newest) / step_s;
         }
         self.inner.commit(step_s, &self.slopes)?;
-        self.last.copy_from_slice(value);
+        self.newest.copy_from_slice(value);
         Ok(())
     }
 
     fn bytes(&self) -> usize {
-        3 * self.last.len() * size_of::<f64>() + self.inner.bytes()
+        3 * self.newest.len() * size_of::<f64>() + self.inner.bytes()
     }
 
     fn boxed(&self) -> Box<dyn History> {

@@ -20,7 +20,7 @@ pub(super) struct Exponentials {
     weights: Vec<f64>,
     time_s: f64,
     /// Newest value.
-    last: Vec<f64>,
+    newest: Vec<f64>,
     /// Integral of exponential times function, for each exponential and component.
     modes: Vec<f64>,
     step: Step,
@@ -56,7 +56,7 @@ impl Exponentials {
             moments: Moments::new(basis, order),
             span,
             time_s: 0.0,
-            last: initial.to_vec(),
+            newest: initial.to_vec(),
             modes: vec![0.0; rates.len() * initial.len()],
             step: Step {
                 step_s: 0.0,
@@ -73,15 +73,15 @@ impl Exponentials {
 
     fn check(&self, step_s: f64, components: usize) -> Result<(), HistoryError> {
         HistoryError::check_step(step_s)?;
-        HistoryError::check_components(components, self.last.len())?;
+        HistoryError::check_components(components, self.newest.len())?;
         if step_s < self.span.shortest_s * (1.0 - SLACK) {
             let (found, shortest) = (step_s, self.span.shortest_s);
             return Err(HistoryError::Short { found, shortest });
         }
-        let found = self.time_s + step_s;
-        if found > self.span.longest_s * (1.0 + SLACK) {
+        let end_s = self.time_s + step_s;
+        if end_s > self.span.longest_s * (1.0 + SLACK) {
             let longest = self.span.longest_s;
-            return Err(HistoryError::Long { found, longest });
+            return Err(HistoryError::Long { found: end_s, longest });
         }
         Ok(())
     }
@@ -95,18 +95,18 @@ impl Exponentials {
         step.step_s = step_s;
         let step_weights = self.moments.of(0.0, step_s);
         step.step_weights = [step_weights.start, step_weights.end];
-        for (at, rate) in self.rates.iter().enumerate() {
+        for (index, rate) in self.rates.iter().enumerate() {
             let z = rate * step_s;
             let decay = (-z).exp();
-            step.decays[at] = decay;
-            step.weighted[at] = decay * self.weights[at];
+            step.decays[index] = decay;
+            step.weighted[index] = decay * self.weights[index];
             let [start, end] = match self.basis {
                 Basis::Constant => [0.0, mean(z)],
                 Basis::Mean => [0.5 * mean(z); 2],
                 Basis::Linear => ends(z, decay),
             };
-            step.starts[at] = start * step_s;
-            step.ends[at] = end * step_s;
+            step.starts[index] = start * step_s;
+            step.ends[index] = end * step_s;
         }
     }
 }
@@ -135,7 +135,7 @@ fn ends(z: f64, decay: f64) -> [f64; 2] {
 /// Advances all modes by a step: decay, and contributions of both ends.
 struct Advance<'a> {
     step: &'a Step,
-    last: &'a [f64],
+    newest: &'a [f64],
     value: &'a [f64],
     modes: &'a mut [f64],
 }
@@ -148,18 +148,18 @@ impl Kernel for Advance<'_> {
         let Step {
             decays, starts, ends, ..
         } = self.step;
-        if let ([last], [value]) = (self.last, self.value) {
+        if let ([newest], [value]) = (self.newest, self.value) {
             let rates = decays.iter().zip(starts).zip(ends);
             for (mode, ((decay, start), end)) in self.modes.iter_mut().zip(rates) {
-                *mode = decay * *mode + (start * last + end * value);
+                *mode = decay * *mode + (start * newest + end * value);
             }
             return;
         }
-        let components = self.last.len().max(1);
-        for (at, modes) in self.modes.chunks_exact_mut(components).enumerate() {
-            let (decay, start, end) = (decays[at], starts[at], ends[at]);
-            for ((mode, last), value) in modes.iter_mut().zip(self.last).zip(self.value) {
-                *mode = decay * *mode + (start * last + end * value);
+        let components = self.newest.len().max(1);
+        for (index, modes) in self.modes.chunks_exact_mut(components).enumerate() {
+            let (decay, start, end) = (decays[index], starts[index], ends[index]);
+            for ((mode, newest), value) in modes.iter_mut().zip(self.newest).zip(self.value) {
+                *mode = decay * *mode + (start * newest + end * value);
             }
         }
     }
@@ -182,14 +182,14 @@ impl Kernel for Recall<'_> {
         if let [sum] = self.sums {
             let mut lanes = [0.0; LANES];
             let (weights, modes) = (self.weighted.chunks_exact(LANES), self.modes.chunks_exact(LANES));
-            let rest = weights.remainder().iter().zip(modes.remainder());
-            let rest: f64 = rest.map(|(weight, mode)| weight * mode).sum();
+            let tail = weights.remainder().iter().zip(modes.remainder());
+            let tail_sum: f64 = tail.map(|(weight, mode)| weight * mode).sum();
             for (weight, mode) in weights.zip(modes) {
                 for lane in 0..LANES {
                     lanes[lane] += weight[lane] * mode[lane];
                 }
             }
-            *sum += lanes.iter().sum::<f64>() + rest;
+            *sum += lanes.iter().sum::<f64>() + tail_sum;
             return;
         }
         let modes = self.modes.chunks_exact(self.sums.len().max(1));
@@ -203,7 +203,7 @@ impl Kernel for Recall<'_> {
 
 impl History for Exponentials {
     fn components(&self) -> usize {
-        self.last.len()
+        self.newest.len()
     }
 
     fn time_s(&self) -> f64 {
@@ -214,8 +214,8 @@ impl History for Exponentials {
         self.check(step_s, history.len())?;
         self.prepare(step_s);
         let [start, end] = self.step.step_weights;
-        for (sum, last) in history.iter_mut().zip(&self.last) {
-            *sum = start * last;
+        for (sum, newest) in history.iter_mut().zip(&self.newest) {
+            *sum = start * newest;
         }
         vectorised(Recall {
             weighted: &self.step.weighted,
@@ -231,35 +231,35 @@ impl History for Exponentials {
         self.prepare(step_s);
         vectorised(Advance {
             step: &self.step,
-            last: &self.last,
+            newest: &self.newest,
             value,
             modes: &mut self.modes,
         });
-        self.last.copy_from_slice(value);
+        self.newest.copy_from_slice(value);
         self.time_s += step_s;
         Ok(())
     }
 
     fn remembered(&self) -> Vec<f64> {
-        [&[self.time_s][..], &self.last, &self.modes].concat()
+        [&[self.time_s][..], &self.newest, &self.modes].concat()
     }
 
     fn recall(&mut self, remembered: &[f64]) -> Result<(), HistoryError> {
         let found = remembered.len();
-        let fits = found == 1 + self.last.len() + self.modes.len();
+        let fits = found == 1 + self.newest.len() + self.modes.len();
         if !fits || remembered.iter().any(|x| !x.is_finite()) {
             return Err(HistoryError::Remembered { found });
         }
-        let (last, modes) = remembered[1..].split_at(self.last.len());
+        let (newest, modes) = remembered[1..].split_at(self.newest.len());
         self.time_s = remembered[0];
-        self.last.copy_from_slice(last);
+        self.newest.copy_from_slice(newest);
         self.modes.copy_from_slice(modes);
         Ok(())
     }
 
     fn bytes(&self) -> usize {
         // Rates, weights and step data: six numbers per exponential.
-        (6 * self.rates.len() + self.modes.len() + self.last.len()) * size_of::<f64>()
+        (6 * self.rates.len() + self.modes.len() + self.newest.len()) * size_of::<f64>()
     }
 
     fn boxed(&self) -> Box<dyn History> {

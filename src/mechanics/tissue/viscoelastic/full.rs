@@ -75,8 +75,8 @@ impl Full {
 
     /// Returns the common length of all steps, if this one has it too.
     fn equal(&self, step_s: f64) -> Option<f64> {
-        let first = self.steps.first().copied().unwrap_or(step_s);
-        (self.even && (step_s - first).abs() <= EQUAL * first).then_some(first)
+        let first_s = self.steps.first().copied().unwrap_or(step_s);
+        (self.even && (step_s - first_s).abs() <= EQUAL * first_s).then_some(first_s)
     }
 
     /// Writes the weights of all values so far to `uneven`, and returns that of the new one. Lags are summed backwards
@@ -87,11 +87,11 @@ impl Full {
         let newest = self.moments.of(0.0, step_s);
         let mut near = step_s;
         let mut start = newest.start;
-        for at in (0..self.steps.len()).rev() {
-            let step = self.steps[at];
+        for index in (0..self.steps.len()).rev() {
+            let step = self.steps[index];
             let ends = self.moments.of(near, step);
             near += step;
-            self.uneven[at + 1] = start + ends.end;
+            self.uneven[index + 1] = start + ends.end;
             start = ends.start;
         }
         self.uneven[0] = start;
@@ -144,8 +144,8 @@ impl History for Full {
 
     fn bytes(&self) -> usize {
         let lags = [&self.lags.starts, &self.lags.ends, &self.lags.inner];
-        let own = [&self.values, &self.steps, &self.uneven];
-        let count: usize = own.iter().chain(&lags).map(|list| list.len()).sum();
+        let own_lists = [&self.values, &self.steps, &self.uneven];
+        let count: usize = own_lists.iter().chain(&lags).map(|list| list.len()).sum();
         count * size_of::<f64>()
     }
 
@@ -178,21 +178,21 @@ impl<const BACKWARDS: bool> Kernel for Sum<'_, BACKWARDS> {
         let Sum { weights, values, sums } = self;
         if let [sum] = sums {
             let count = weights.len();
-            let mut at = 0;
-            while at < count {
-                let end = (at + BLOCK).min(count);
+            let mut start = 0;
+            while start < count {
+                let end = (start + BLOCK).min(count);
                 let block = if BACKWARDS {
-                    &weights[count - end..count - at]
+                    &weights[count - end..count - start]
                 } else {
-                    &weights[at..end]
+                    &weights[start..end]
                 };
-                *sum += dot::<BACKWARDS>(block, &values[at..end]);
-                at = end;
+                *sum += dot::<BACKWARDS>(block, &values[start..end]);
+                start = end;
             }
             return;
         }
-        for (at, time) in values.chunks_exact(sums.len().max(1)).enumerate() {
-            let weight = weights[if BACKWARDS { weights.len() - 1 - at } else { at }];
+        for (index, time) in values.chunks_exact(sums.len().max(1)).enumerate() {
+            let weight = weights[if BACKWARDS { weights.len() - 1 - index } else { index }];
             for (sum, value) in sums.iter_mut().zip(time) {
                 *sum += weight * value;
             }
@@ -204,20 +204,20 @@ impl<const BACKWARDS: bool> Kernel for Sum<'_, BACKWARDS> {
 fn dot<const BACKWARDS: bool>(weights: &[f64], values: &[f64]) -> f64 {
     let mut lanes = [0.0; LANES];
     let whole = values.len() / LANES * LANES;
-    for at in (0..whole).step_by(LANES) {
-        let value = &values[at..at + LANES];
+    for start in (0..whole).step_by(LANES) {
+        let value = &values[start..start + LANES];
         let weight = if BACKWARDS {
-            &weights[weights.len() - at - LANES..weights.len() - at]
+            &weights[weights.len() - start - LANES..weights.len() - start]
         } else {
-            &weights[at..at + LANES]
+            &weights[start..start + LANES]
         };
         for lane in 0..LANES {
             lanes[lane] += weight[if BACKWARDS { LANES - 1 - lane } else { lane }] * value[lane];
         }
     }
     let mut sum: f64 = lanes.iter().sum();
-    for at in whole..values.len() {
-        sum += weights[if BACKWARDS { weights.len() - 1 - at } else { at }] * values[at];
+    for index in whole..values.len() {
+        sum += weights[if BACKWARDS { weights.len() - 1 - index } else { index }] * values[index];
     }
     sum
 }
@@ -229,12 +229,14 @@ mod tests {
     #[test]
     fn sums_are_those_of_a_plain_loop() {
         for (times, components) in [(0, 1), (1, 1), (31, 1), (32, 1), (1300, 1), (5, 3), (40, 2), (7, 0)] {
-            let weights: Vec<f64> = (0..times).map(|at| 1.0 / (1.0 + at as f64)).collect();
-            let values: Vec<f64> = (0..times * components).map(|at| (at as f64 * 0.7).sin()).collect();
+            let weights: Vec<f64> = (0..times).map(|index| 1.0 / (1.0 + index as f64)).collect();
+            let values: Vec<f64> = (0..times * components)
+                .map(|index| (index as f64 * 0.7).sin())
+                .collect();
             let plain = |component: usize, backwards: bool| -> f64 {
-                let weight = |at: usize| weights[if backwards { times - 1 - at } else { at }];
+                let weight = |index: usize| weights[if backwards { times - 1 - index } else { index }];
                 (0..times)
-                    .map(|at| weight(at) * values[at * components + component])
+                    .map(|index| weight(index) * values[index * components + component])
                     .sum()
             };
             let mut sums = vec![0.0; components];

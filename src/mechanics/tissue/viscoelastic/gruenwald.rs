@@ -59,10 +59,10 @@ impl GruenwaldLetnikov {
             self.weights_step_s = step_s;
         }
         let nu = self.exponent;
-        let mut last = self.weights.last().copied().unwrap_or(step_s.powf(nu));
+        let mut weight = self.weights.last().copied().unwrap_or(step_s.powf(nu));
         for j in self.weights.len() + 1..=count {
-            last *= (j as f64 - 1.0 + nu) / j as f64;
-            self.weights.push(last);
+            weight *= (j as f64 - 1.0 + nu) / j as f64;
+            self.weights.push(weight);
         }
     }
 }

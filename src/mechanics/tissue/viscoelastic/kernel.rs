@@ -63,8 +63,8 @@ impl Moments {
         let lag = near + step;
         let power = self.scale * lag.powf(k);
         let x = step / lag;
-        let rest = near / lag;
-        let log = if x < SERIES { (-x).ln_1p() } else { rest.ln() };
+        let near_share = near / lag;
+        let log = if x < SERIES { (-x).ln_1p() } else { near_share.ln() };
         let zeroth = -power * (k * log).exp_m1();
         match self.basis {
             Basis::Constant => Ends {
@@ -79,7 +79,7 @@ impl Moments {
                 let [start, end] = if x < SERIES {
                     series(k, x)
                 } else {
-                    closed(k, x, rest, log)
+                    closed(k, x, near_share, log)
                 };
                 Ends {
                     start: power * start,
@@ -110,10 +110,10 @@ fn series(k: f64, x: f64) -> [f64; 2] {
 
 /// Computes the weights of both ends from powers, for a lag of 1 and without the scale; `rest` is 1 - x and `log` its
 /// logarithm.
-fn closed(k: f64, x: f64, rest: f64, log: f64) -> [f64; 2] {
+fn closed(k: f64, x: f64, near_share: f64, log: f64) -> [f64; 2] {
     let zeroth = -(k * log).exp_m1();
-    let first = k / (k + 1.0) * -((k + 1.0) * log).exp_m1();
-    [(first - rest * zeroth) / x, (zeroth - first) / x]
+    let first_moment = k / (k + 1.0) * -((k + 1.0) * log).exp_m1();
+    [(first_moment - near_share * zeroth) / x, (zeroth - first_moment) / x]
 }
 
 #[cfg(test)]

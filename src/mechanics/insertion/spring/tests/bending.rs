@@ -15,13 +15,13 @@ fn with_beam(young_kpa: f64, ei: f64) -> MassSpring {
 }
 
 /// Returns the largest distance of the nodes from the shaft, mm.
-fn gap(it: &MassSpring) -> f64 {
-    let off = it.contacts.stack.iter().map(|contact| {
-        let on_shaft = it.body.line.at(contact.arc);
-        let miss = it.network.now(contact.node) - on_shaft.point_mm.coords;
+fn gap(springs: &MassSpring) -> f64 {
+    let distances = springs.contacts.stack.iter().map(|contact| {
+        let on_shaft = springs.body.line.at(contact.arc);
+        let miss = springs.network.now(contact.node) - on_shaft.point_mm.coords;
         (miss - on_shaft.tangent.into_inner() * on_shaft.tangent.dot(&miss)).norm()
     });
-    off.fold(0.0, f64::max)
+    distances.fold(0.0, f64::max)
 }
 
 /// Inserted 50 mm and moved 3 mm aside at the base: needle and tissue come to rest together, where the needle bends just so
@@ -30,27 +30,29 @@ fn gap(it: &MassSpring) -> f64 {
 fn needle_and_tissue_find_each_other() {
     let mut tips = Vec::new();
     for (young_kpa, ei) in [(10.0, 6e3), (10.0, 6e6), (10.0, 6.0), (0.1, 6e3), (1e3, 6e3)] {
-        let mut it = with_beam(young_kpa, ei);
-        drive(&mut it, [-2.0, 50.0], 100.0, 1e-3, |_| {});
-        let before = it.outcome.tip_mm;
+        let mut springs = with_beam(young_kpa, ei);
+        drive(&mut springs, [-2.0, 50.0], 100.0, 1e-3, |_| {});
+        let before = springs.outcome.tip_mm;
         for step in 1..=100 {
-            it.step(&tip_at(0.3 + 0.03 * step as f64, 0.2, 50.0), 1e-3).unwrap();
-            assert!(it.outcome.on_hand.force_n.norm() < 30.0, "{young_kpa} {ei} {step}");
+            springs
+                .step(&tip_at(0.3 + 0.03 * step as f64, 0.2, 50.0), 1e-3)
+                .unwrap();
+            assert!(springs.outcome.on_hand.force_n.norm() < 30.0, "{young_kpa} {ei} {step}");
         }
         // The softest tissue takes a second to lose a third of its remaining motion.
         for _ in 0..60 {
-            it.step(&tip_at(3.3, 0.2, 50.0), 0.4).unwrap();
+            springs.step(&tip_at(3.3, 0.2, 50.0), 0.4).unwrap();
         }
-        let (force, line) = (it.outcome.on_hand.force_n, it.body.line.clone());
-        it.step(&tip_at(3.3, 0.2, 50.0), 0.05).unwrap();
+        let (force, line) = (springs.outcome.on_hand.force_n, springs.body.line.clone());
+        springs.step(&tip_at(3.3, 0.2, 50.0), 0.05).unwrap();
         assert!(
-            (it.outcome.on_hand.force_n - force).norm() < 1e-6 * force.norm() + 1e-9,
+            (springs.outcome.on_hand.force_n - force).norm() < 1e-6 * force.norm() + 1e-9,
             "{young_kpa} {ei}"
         );
-        assert!(line.distance(&it.body.line) < 1e-6, "{young_kpa} {ei}");
+        assert!(line.distance(&springs.body.line) < 1e-6, "{young_kpa} {ei}");
         // The polyline of the needle has chords of 5 mm.
-        assert!(gap(&it) < 0.02, "{young_kpa} {ei} {}", gap(&it));
-        tips.push(it.outcome.tip_mm.x - before.x);
+        assert!(gap(&springs) < 0.02, "{young_kpa} {ei} {}", gap(&springs));
+        tips.push(springs.outcome.tip_mm.x - before.x);
     }
     let [usual, stiff, soft, in_soft, in_stiff] = tips[..] else {
         panic!()
@@ -65,25 +67,25 @@ fn needle_and_tissue_find_each_other() {
 /// from the springs alone bends the beam to where the nodes are.
 #[test]
 fn forces_of_springs_bend_the_needle() {
-    let mut it = with_beam(10.0, 6e3);
-    drive(&mut it, [-2.0, 50.0], 100.0, 1e-3, |_| {});
+    let mut springs = with_beam(10.0, 6e3);
+    drive(&mut springs, [-2.0, 50.0], 100.0, 1e-3, |_| {});
     for _ in 0..40 {
-        it.step(&tip_at(3.3, 0.2, 50.0), 0.1).unwrap();
+        springs.step(&tip_at(3.3, 0.2, 50.0), 0.1).unwrap();
     }
-    it.network.find_forces();
-    for contact in &it.contacts.stack {
-        let mut at = Vector3::new(3.3, 0.2, 0.0);
-        for other in &it.contacts.stack {
-            let tangent = it.body.line.at(other.arc).tangent;
-            let force = it.network.force[other.node as usize];
+    springs.network.find_forces();
+    for contact in &springs.contacts.stack {
+        let mut position = Vector3::new(3.3, 0.2, 0.0);
+        for loaded in &springs.contacts.stack {
+            let tangent = springs.body.line.at(loaded.arc).tangent;
+            let force = springs.network.force[loaded.node as usize];
             // Only the component across the shaft bends it.
             let force = force - tangent.into_inner() * tangent.dot(&force);
-            let (near, far) = (contact.arc.min(other.arc), contact.arc.max(other.arc));
-            at += Vector3::new(force.x, force.y, 0.0) * (near * near * (3.0 * far - near) / (6.0 * 6e3));
+            let (near, far) = (contact.arc.min(loaded.arc), contact.arc.max(loaded.arc));
+            position += Vector3::new(force.x, force.y, 0.0) * (near * near * (3.0 * far - near) / (6.0 * 6e3));
         }
-        let now = it.network.now(contact.node);
+        let now = springs.network.now(contact.node);
         // Chords of 5 mm, and shaft directions that turn with the needle.
-        assert!((now - at).xy().norm() < 0.02, "{now} {at}");
+        assert!((now - position).xy().norm() < 0.02, "{now} {position}");
     }
 }
 
@@ -92,12 +94,17 @@ fn forces_of_springs_bend_the_needle() {
 fn shaken_needles_do_not_run_away() {
     for young_kpa in [0.1, 10.0, 1e3] {
         for ei in [6.0, 6e3, 6e6] {
-            let mut it = with_beam(young_kpa, ei);
-            drive(&mut it, [-2.0, 40.0], 200.0, 1e-3, |_| {});
+            let mut springs = with_beam(young_kpa, ei);
+            drive(&mut springs, [-2.0, 40.0], 200.0, 1e-3, |_| {});
             let mut halves = [0.0f64; 2];
             for step in 0..200 {
                 let x = if step % 2 == 0 { 0.5 } else { 0.1 };
-                let force = it.step(&tip_at(x, 0.2, 40.0), 1e-3).unwrap().on_hand.force_n.norm();
+                let force = springs
+                    .step(&tip_at(x, 0.2, 40.0), 1e-3)
+                    .unwrap()
+                    .on_hand
+                    .force_n
+                    .norm();
                 assert!(force.is_finite());
                 halves[step / 100] = halves[step / 100].max(force);
             }

@@ -6,17 +6,17 @@ use super::super::testing::*;
 use super::super::*;
 use crate::insertion::{Bone, Interaction, Tissue};
 
-fn events(it: &mut MassSpring, way: [f64; 2], speed: f64) -> Vec<(EventKind, f64, Option<i32>)> {
-    let mut found = Vec::new();
-    drive(it, way, speed, 1e-3, |outcome| {
-        found.extend(
+fn events(springs: &mut MassSpring, way: [f64; 2], speed: f64) -> Vec<(EventKind, f64, Option<i32>)> {
+    let mut events = Vec::new();
+    drive(springs, way, speed, 1e-3, |outcome| {
+        events.extend(
             outcome
                 .events
                 .iter()
                 .map(|event| (event.kind, event.at_mm.z, event.region)),
         );
     });
-    found
+    events
 }
 
 /// The skin is pushed in until its puncture force is reached; then less is enough.
@@ -27,39 +27,39 @@ fn the_skin_breaks_at_its_force() {
         cutting_n: 0.1,
         ..Interaction::default()
     };
-    let mut it = model(Parameters::default(), Layers::one(skin));
-    let mut most = 0.0f64;
+    let mut springs = model(Parameters::default(), Layers::one(skin));
+    let mut largest_n = 0.0f64;
     let mut broken = None;
-    drive(&mut it, [-1.0, 8.0], 10.0, 1e-3, |outcome| {
+    drive(&mut springs, [-1.0, 8.0], 10.0, 1e-3, |outcome| {
         let force = -outcome.on_hand.force_n.z;
         if outcome.events.iter().any(|event| event.kind == EventKind::Puncture) {
             broken = Some((outcome.inserted_mm, force, outcome.tip_mm.z));
         }
         assert!(force <= if broken.is_none() { 0.2 } else { 0.2 + 1e-12 });
-        most = most.max(force);
+        largest_n = largest_n.max(force);
     });
     let (inserted, force, depth) = broken.unwrap();
     assert!(
-        inserted < 0.5 && force >= 0.1 && depth > 1.0 && most > 0.195,
-        "{broken:?} {most}"
+        inserted < 0.5 && force >= 0.1 && depth > 1.0 && largest_n > 0.195,
+        "{broken:?} {largest_n}"
     );
-    assert!(-it.outcome.on_hand.force_n.z <= 0.1 + 1e-12);
+    assert!(-springs.outcome.on_hand.force_n.z <= 0.1 + 1e-12);
 }
 
 /// Two layers: the boundary is met where it is in the reference state, and the friction of each acts where its nodes lie.
 #[test]
 fn layers_have_their_friction() {
-    let of = |friction_n_per_mm| Interaction {
+    let sliding = |friction_n_per_mm| Interaction {
         friction_n_per_mm,
         ..Interaction::default()
     };
     let layers = Layers {
         at: vec![0.0, 25.0],
-        of: vec![of(0.002), of(0.02)],
+        of: vec![sliding(0.002), sliding(0.02)],
     };
-    let mut it = model(Parameters::default(), layers);
-    let found = events(&mut it, [-1.0, 60.0], 20.0);
-    let kinds: Vec<_> = found.iter().map(|event| (event.0, event.2)).collect();
+    let mut springs = model(Parameters::default(), layers);
+    let seen = events(&mut springs, [-1.0, 60.0], 20.0);
+    let kinds: Vec<_> = seen.iter().map(|event| (event.0, event.2)).collect();
     assert_eq!(
         kinds,
         [
@@ -68,25 +68,25 @@ fn layers_have_their_friction() {
             (EventKind::Region, Some(1)),
         ]
     );
-    assert!(found[2].1 >= 25.0 && found[2].1 < 27.5, "{found:?}");
+    assert!(seen[2].1 >= 25.0 && seen[2].1 < 27.5, "{seen:?}");
     // Each length of the shaft has the friction of its own layer.
-    let stack = it.contacts.stack.iter();
-    let places = stack.map(|contact| (contact.arc, it.network.reference[contact.node as usize].z));
+    let stack = springs.contacts.stack.iter();
+    let places = stack.map(|contact| (contact.arc, springs.network.reference[contact.node as usize].z));
     let places: Vec<_> = places.chain([(150.0, 60.0)]).collect();
     let friction = |pair: &[(f64, f64)]| {
-        let [(from, above), (to, below)] = [pair[0], pair[1]];
+        let [(start_mm, above), (end_mm, below)] = [pair[0], pair[1]];
         let shallow = ((25.0 - above) / (below - above)).clamp(0.0, 1.0);
-        (to - from) * (0.002 * shallow + 0.02 * (1.0 - shallow))
+        (end_mm - start_mm) * (0.002 * shallow + 0.02 * (1.0 - shallow))
     };
     let whole: f64 = places.windows(2).map(friction).sum();
-    let force = -it.outcome.on_hand.force_n.z;
+    let force = -springs.outcome.on_hand.force_n.z;
     assert!(
         force <= whole + 1e-3 && force > 0.9 * whole && whole > 0.5,
         "{force} {whole}"
     );
     // On withdrawal the sign changes.
-    drive(&mut it, [60.0, 50.0], 20.0, 1e-3, |_| {});
-    assert!(it.outcome.on_hand.force_n.z > 0.4);
+    drive(&mut springs, [60.0, 50.0], 20.0, 1e-3, |_| {});
+    assert!(springs.outcome.on_hand.force_n.z > 0.4);
 }
 
 /// Bone at 1 and at 10 mm a step: it is met where it lies in the body at rest, however the springs are pushed; the depth of
@@ -105,31 +105,31 @@ fn bone_stops_the_tip() {
             at: vec![0.0, 30.0],
             of: vec![Interaction::default(), bone],
         };
-        let mut it = model(coarse(), layers);
-        let found = events(&mut it, [-10.0, 50.0], speed);
-        let (kind, depth, region) = *found.last().unwrap();
+        let mut springs = model(coarse(), layers);
+        let seen = events(&mut springs, [-10.0, 50.0], speed);
+        let (kind, depth, region) = *seen.last().unwrap();
         assert_eq!((kind, region), (EventKind::Bone, Some(1)));
         assert!((depth - 30.0).abs() < 1e-9, "{depth}");
-        let tip = it.outcome.tip_mm.z;
+        let tip = springs.outcome.tip_mm.z;
         assert!(
-            tip <= depth + 0.5 + 1e-9 && it.outcome.tip_deflection_mm < 1e-9,
+            tip <= depth + 0.5 + 1e-9 && springs.outcome.tip_deflection_mm < 1e-9,
             "{tip} {depth}"
         );
-        (0..30).for_each(|_| assert!(it.step(&tip_at(0.3, 0.2, 50.0), 0.1).is_ok()));
+        (0..30).for_each(|_| assert!(springs.step(&tip_at(0.3, 0.2, 50.0), 0.1).is_ok()));
         // The hand is 20 mm too far: 4 N/mm times the largest depth of the tip.
-        let force = it.outcome.on_hand.force_n.z;
+        let force = springs.outcome.on_hand.force_n.z;
         assert!((force + 2.0).abs() < 1e-9, "{force}");
-        let found = events(&mut it, [50.0, 20.0], speed);
-        assert!(found.iter().all(|event| event.0 == EventKind::Region), "{found:?}");
-        assert!((it.outcome.tip_mm.z - 20.0).abs() < 1e-9);
+        let seen = events(&mut springs, [50.0, 20.0], speed);
+        assert!(seen.iter().all(|event| event.0 == EventKind::Region), "{seen:?}");
+        assert!((springs.outcome.tip_mm.z - 20.0).abs() < 1e-9);
     }
 }
 
 /// A first pose in the body counts as pushed in along the needle.
 #[test]
 fn a_needle_may_begin_in_the_body() {
-    let mut it = model(coarse(), Layers::one(soft()));
-    let outcome = it.step(&tip_at(0.3, 0.2, 40.0), 0.1).unwrap();
+    let mut springs = model(coarse(), Layers::one(soft()));
+    let outcome = springs.step(&tip_at(0.3, 0.2, 40.0), 0.1).unwrap();
     assert!(outcome.contacts > 4 && outcome.inserted_mm > 35.0);
     assert_eq!(outcome.events[0].kind, EventKind::Skin);
     assert!(outcome.events[0].at_mm.z.abs() < 1e-9);
@@ -138,76 +138,82 @@ fn a_needle_may_begin_in_the_body() {
 /// Beyond the cylinder no node can be moved to the tip: reported once, and the needle continues.
 #[test]
 fn out_of_the_far_end() {
-    let mut it = model(coarse(), Layers::one(soft()));
-    let found = events(&mut it, [-1.0, 140.0], 100.0);
-    let last = found.last().unwrap();
+    let mut springs = model(coarse(), Layers::one(soft()));
+    let seen = events(&mut springs, [-1.0, 140.0], 100.0);
+    let last = seen.last().unwrap();
     assert_eq!(last.0, EventKind::NotRemeshed);
-    assert!(last.1 > 93.0 && found.len() == 3, "{found:?}");
-    assert!(it.outcome.inserted_mm > 130.0);
-    let found = events(&mut it, [140.0, -1.0], 100.0);
-    assert_eq!(found.iter().map(|event| event.0).collect::<Vec<_>>(), [EventKind::Out]);
+    assert!(last.1 > 93.0 && seen.len() == 3, "{seen:?}");
+    assert!(springs.outcome.inserted_mm > 130.0);
+    let seen = events(&mut springs, [140.0, -1.0], 100.0);
+    assert_eq!(seen.iter().map(|event| event.0).collect::<Vec<_>>(), [EventKind::Out]);
 }
 
 /// Seeds keep their positions in the reference state, and move with the tissue.
 #[test]
 fn seeds_go_with_the_tissue() {
-    let mut it = model(coarse(), Layers::one(soft()));
-    drive(&mut it, [-1.0, 40.0], 50.0, 1e-3, |_| {});
+    let mut springs = model(coarse(), Layers::one(soft()));
+    drive(&mut springs, [-1.0, 40.0], 50.0, 1e-3, |_| {});
     let mut instruments = tip_at(0.3, 0.2, 40.0);
     instruments.deposit = true;
-    let outcome = it.step(&instruments, 1e-3).unwrap();
+    let outcome = springs.step(&instruments, 1e-3).unwrap();
     assert_eq!(outcome.events.last().map(|event| event.kind), Some(EventKind::Seed));
     let mut snapshot = Snapshot::default();
-    it.snapshot(&mut snapshot);
+    springs.snapshot(&mut snapshot);
     let seed = snapshot.seeds[0];
     // The tip had pushed tissue before it: at rest the seed lies less deep.
     assert!(seed.z < 39.9 && seed.z > 34.0, "{seed}");
-    drive(&mut it, [40.0, -1.0], 50.0, 1e-3, |_| {});
-    it.snapshot(&mut snapshot);
+    drive(&mut springs, [40.0, -1.0], 50.0, 1e-3, |_| {});
+    springs.snapshot(&mut snapshot);
     assert_eq!(snapshot.seeds, [seed]);
 }
 
 /// The image gets all nodes; before the needle is in, they show the undeformed tissue.
 #[test]
 fn the_image_gets_nodes() {
-    let mut it = model(coarse(), Layers::one(soft()));
-    let mut imager = it.imager();
+    let mut springs = model(coarse(), Layers::one(soft()));
+    let mut imager = springs.imager();
     let (mut snapshot, mut tissue) = (Snapshot::default(), Tissue::default());
-    it.step(&tip_at(0.3, 0.2, -5.0), 1e-3).unwrap();
-    it.snapshot(&mut snapshot);
+    springs.step(&tip_at(0.3, 0.2, -5.0), 1e-3).unwrap();
+    springs.snapshot(&mut snapshot);
     imager.tissue(&snapshot, &mut tissue);
     assert_eq!(tissue.reference, tissue.current);
     // Along the needle, from its tip.
     assert!((Vector3::from(tissue.reference[0]) - Vector3::new(0.3, 0.2, -5.0)).norm() < 1e-9);
-    drive(&mut it, [-5.0, 40.0], 50.0, 1e-3, |_| {});
-    it.snapshot(&mut snapshot);
+    drive(&mut springs, [-5.0, 40.0], 50.0, 1e-3, |_| {});
+    springs.snapshot(&mut snapshot);
     imager.tissue(&snapshot, &mut tissue);
-    let count = imager.elements().iter().flatten().max().map(|&most| most as usize + 1);
+    let count = imager
+        .elements()
+        .iter()
+        .flatten()
+        .max()
+        .map(|&highest| highest as usize + 1);
     assert_eq!(Some(tissue.current.len()), count);
-    for (node, current) in tissue.current.iter().enumerate().take(it.network.reference.len()) {
-        assert_eq!(Vector3::from(*current), it.network.now(node as u32));
-        assert_eq!(Vector3::from(tissue.reference[node]), it.network.reference[node]);
+    for (node, current) in tissue.current.iter().enumerate().take(springs.network.reference.len()) {
+        assert_eq!(Vector3::from(*current), springs.network.now(node as u32));
+        assert_eq!(Vector3::from(tissue.reference[node]), springs.network.reference[node]);
     }
     // Skin at z = 0.
     assert!((tissue.reference[1][2]).abs() < 1e-9);
-    assert_eq!((snapshot.step, snapshot.line.tip()), (901, it.outcome.tip_mm));
+    assert_eq!((snapshot.step, snapshot.line.tip()), (901, springs.outcome.tip_mm));
 }
 
 /// Shares of a point in an element; `None` outside.
-fn shares(corners: &[u32; 4], nodes: &[[f64; 3]], at: &Vector3<f64>) -> Option<[f64; 4]> {
+fn shares(corners: &[u32; 4], nodes: &[[f64; 3]], point: &Vector3<f64>) -> Option<[f64; 4]> {
     let [a, b, c, d] = corners.map(|corner| Vector3::from(nodes[corner as usize]));
-    let [u, v, w]: [f64; 3] = (Matrix3::from_columns(&[b - a, c - a, d - a]).try_inverse()? * (at - a)).into();
-    let all = [1.0 - u - v - w, u, v, w];
-    all.iter().all(|share| *share > -1e-9).then_some(all)
+    let [u, v, w]: [f64; 3] = (Matrix3::from_columns(&[b - a, c - a, d - a]).try_inverse()? * (point - a)).into();
+    let shares = [1.0 - u - v - w, u, v, w];
+    shares.iter().all(|share| *share > -1e-9).then_some(shares)
 }
 
 /// Displacement in the image of a point at rest; `None` where no element is.
-fn imaged(elements: &[[u32; 4]], tissue: &Tissue, at: &Vector3<f64>) -> Option<Vector3<f64>> {
+fn imaged(elements: &[[u32; 4]], tissue: &Tissue, point: &Vector3<f64>) -> Option<Vector3<f64>> {
     elements.iter().find_map(|corners| {
-        let shares = shares(corners, &tissue.reference, at)?;
+        let shares = shares(corners, &tissue.reference, point)?;
         let moved = |(corner, share): (&u32, f64)| {
-            let [now, rest] = [&tissue.current, &tissue.reference].map(|nodes| Vector3::from(nodes[*corner as usize]));
-            (now - rest) * share
+            let [now, at_rest] =
+                [&tissue.current, &tissue.reference].map(|nodes| Vector3::from(nodes[*corner as usize]));
+            (now - at_rest) * share
         };
         Some(corners.iter().zip(shares).map(moved).sum())
     })
@@ -217,27 +223,27 @@ fn imaged(elements: &[[u32; 4]], tissue: &Tissue, at: &Vector3<f64>) -> Option<V
 #[test]
 fn an_oblique_entry_does_not_tear_the_image() {
     let parameters = coarse();
-    let mut it = model(
+    let mut springs = model(
         parameters,
         Layers::one(Interaction {
             cutting_n: 5.0,
             ..soft()
         }),
     );
-    let along = Vector3::new(1.0, 0.0, 1.0).normalize();
-    let turn = UnitQuaternion::rotation_between(&Vector3::z(), &along).unwrap();
+    let direction = Vector3::new(1.0, 0.0, 1.0).normalize();
+    let turn = UnitQuaternion::rotation_between(&Vector3::z(), &direction).unwrap();
     for step in 0..600 {
-        let tip = along * (0.05 * f64::from(step) - 5.0);
-        let base = Isometry3::from_parts((tip - along * 150.0).into(), turn);
+        let tip = direction * (0.05 * f64::from(step) - 5.0);
+        let base = Isometry3::from_parts((tip - direction * 150.0).into(), turn);
         let instruments = Instruments {
             base,
             ..tip_at(0.0, 0.0, 0.0)
         };
-        it.step(&instruments, 1e-3).unwrap();
+        springs.step(&instruments, 1e-3).unwrap();
     }
-    let mut imager = it.imager();
+    let mut imager = springs.imager();
     let (mut snapshot, mut tissue) = (Snapshot::default(), Tissue::default());
-    it.snapshot(&mut snapshot);
+    springs.snapshot(&mut snapshot);
     imager.tissue(&snapshot, &mut tissue);
     let elements = imager.elements();
     let aside = Vector3::new(-1.0, 0.0, 1.0).normalize();
@@ -245,14 +251,14 @@ fn an_oblique_entry_does_not_tear_the_image() {
     for step in 1..18 {
         // On the side on which the skin rises before the disc.
         let on_disc = aside * f64::from(step);
-        let at = |before: f64| imaged(elements, &tissue, &(on_disc - along * before));
+        let displacement_at = |before: f64| imaged(elements, &tissue, &(on_disc - direction * before));
         for before in [0.1, 0.5 * f64::from(step), 0.98 * f64::from(step)] {
             assert!(
-                at(before).is_some(),
+                displacement_at(before).is_some(),
                 "no tissue {before} mm before the disc, {step} mm aside"
             );
         }
-        let [before, after] = [1e-3, -1e-3].map(|before| at(before).unwrap());
+        let [before, after] = [1e-3, -1e-3].map(|before| displacement_at(before).unwrap());
         assert!((before - after).norm() < 1e-3, "{before} {after}");
         largest = largest.max(after.norm());
     }
@@ -261,18 +267,18 @@ fn an_oblique_entry_does_not_tear_the_image() {
 
 #[test]
 fn steps_that_cannot_be_made_are_refused() {
-    let mut it = model(coarse(), Layers::one(soft()));
+    let mut springs = model(coarse(), Layers::one(soft()));
     for dt_s in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert!(matches!(
-            it.step(&tip_at(0.0, 0.0, 0.0), dt_s),
+            springs.step(&tip_at(0.0, 0.0, 0.0), dt_s),
             Err(StepError::Input { .. })
         ));
     }
     let nowhere = tip_at(f64::NAN, 0.0, 0.0);
-    assert!(matches!(it.step(&nowhere, 1e-3), Err(StepError::Input { .. })));
+    assert!(matches!(springs.step(&nowhere, 1e-3), Err(StepError::Input { .. })));
     // Farther than can be resolved: reported, not hidden.
-    it.step(&tip_at(0.0, 0.0, -1e6), 1e-3).unwrap();
-    let outcome = it.step(&tip_at(0.0, 0.0, -5.0), 1e-3).unwrap();
+    springs.step(&tip_at(0.0, 0.0, -1e6), 1e-3).unwrap();
+    let outcome = springs.step(&tip_at(0.0, 0.0, -5.0), 1e-3).unwrap();
     assert!(!outcome.converged && outcome.substeps == MAX_PARTS);
     assert_eq!(
         outcome.events.last().map(|event| event.kind),
@@ -283,35 +289,35 @@ fn steps_that_cannot_be_made_are_refused() {
 /// A tip that wanders along a boundary crosses it once, and its surface resists once.
 #[test]
 fn a_border_is_crossed_once() {
-    let of = |puncture_n| Interaction {
+    let breaking = |puncture_n| Interaction {
         puncture_n,
         ..Interaction::default()
     };
     let layers = Layers {
         at: vec![0.0, 25.0],
-        of: vec![of(0.0), of(0.1)],
+        of: vec![breaking(0.0), breaking(0.1)],
     };
-    let mut it = model(Parameters::default(), layers);
-    let mut found = events(&mut it, [-1.0, 25.2], 20.0);
+    let mut springs = model(Parameters::default(), layers);
+    let mut seen = events(&mut springs, [-1.0, 25.2], 20.0);
     for _ in 0..4 {
-        found.extend(events(&mut it, [25.2, 24.9], 20.0));
-        found.extend(events(&mut it, [24.9, 25.2], 20.0));
+        seen.extend(events(&mut springs, [25.2, 24.9], 20.0));
+        seen.extend(events(&mut springs, [24.9, 25.2], 20.0));
     }
-    let crossings = found.iter().filter(|event| event.0 == EventKind::Region).count();
-    assert_eq!(crossings, 1, "{found:?}");
+    let crossings = seen.iter().filter(|event| event.0 == EventKind::Region).count();
+    assert_eq!(crossings, 1, "{seen:?}");
 }
 
 #[test]
 fn a_thin_critical_layer_is_told() {
-    let of = |critical| Interaction {
+    let critical_layer = |critical| Interaction {
         critical,
         ..Interaction::default()
     };
     let layers = Layers {
         at: vec![0.0, 20.0, 20.3, 20.45],
-        of: [false, false, true, false].map(of).to_vec(),
+        of: [false, false, true, false].map(critical_layer).to_vec(),
     };
-    let found = events(&mut model(Parameters::default(), layers), [-1.0, 25.0], 20.0);
-    let told = found.iter().filter(|event| event.0 == EventKind::Critical).count();
-    assert_eq!(told, 1, "{found:?}");
+    let seen = events(&mut model(Parameters::default(), layers), [-1.0, 25.0], 20.0);
+    let told = seen.iter().filter(|event| event.0 == EventKind::Critical).count();
+    assert_eq!(told, 1, "{seen:?}");
 }

@@ -71,7 +71,7 @@ fn the_cylinder_is_whole() {
             .neighbours()
             .iter()
             .flatten()
-            .filter(|&&other| other == u32::MAX)
+            .filter(|&&neighbour| neighbour == u32::MAX)
             .count();
         assert_eq!(outside, 2 * sectors * rings * rings + 2 * sectors * rings * layers);
     }
@@ -88,17 +88,21 @@ fn the_cylinder_is_whole() {
 fn numbers_out_of_range_are_named() {
     type Spoil = fn(&mut Parameters);
     let spoils: [(&str, Spoil); 11] = [
-        ("young_kpa", |it| it.young_kpa = 0.0),
-        ("density_kg_per_m3", |it| it.density_kg_per_m3 = f64::NAN),
-        ("damping_per_s", |it| it.damping_per_s = -1.0),
-        ("spring_damping_s", |it| it.spring_damping_s = f64::INFINITY),
-        ("radius_mm", |it| it.radius_mm = -1.0),
-        ("length_mm", |it| it.length_mm = Some(0.0)),
-        ("rings", |it| it.rings = 0),
-        ("sectors", |it| it.sectors = 2),
-        ("layers", |it| it.layers = Some(1)),
-        ("lambda", |it| it.lambda = 0.3),
-        ("most_substeps", |it| it.most_substeps = 0),
+        ("young_kpa", |parameters| parameters.young_kpa = 0.0),
+        ("density_kg_per_m3", |parameters| {
+            parameters.density_kg_per_m3 = f64::NAN
+        }),
+        ("damping_per_s", |parameters| parameters.damping_per_s = -1.0),
+        ("spring_damping_s", |parameters| {
+            parameters.spring_damping_s = f64::INFINITY
+        }),
+        ("radius_mm", |parameters| parameters.radius_mm = -1.0),
+        ("length_mm", |parameters| parameters.length_mm = Some(0.0)),
+        ("rings", |parameters| parameters.rings = 0),
+        ("sectors", |parameters| parameters.sectors = 2),
+        ("layers", |parameters| parameters.layers = Some(1)),
+        ("lambda", |parameters| parameters.lambda = 0.3),
+        ("most_substeps", |parameters| parameters.most_substeps = 0),
     ];
     assert_eq!(Parameters::default().check(), Ok(()));
     for (expected, spoil) in spoils {
@@ -119,56 +123,61 @@ fn numbers_out_of_range_are_named() {
 
 #[test]
 fn rest_stays_at_rest_to_the_bit() {
-    let mut it = network(&small());
-    it.place(&nalgebra::Isometry3::new(
+    let mut network = network(&small());
+    network.place(&nalgebra::Isometry3::new(
         Vector3::new(13.7, -8.1, 120.3),
         Vector3::new(0.3, 1.1, -0.7),
     ));
     for _ in 0..100 {
-        let h = it.limit_s;
-        go(&mut it, h);
+        let h = network.limit_s;
+        go(&mut network, h);
     }
-    assert!(it.displacement.iter().all(|by| *by == Vector3::zeros()));
-    assert_eq!(it.energy(), 0.0);
+    assert!(
+        network
+            .displacement
+            .iter()
+            .all(|displacement| *displacement == Vector3::zeros())
+    );
+    assert_eq!(network.energy(), 0.0);
 }
 
 /// Springs act in pairs: for any displacements, the sums of their forces and torques on all nodes, the fixed ones included,
 /// vanish.
 #[test]
 fn forces_balance() {
-    let mut it = network(&small());
-    shake(&mut it);
-    it.find_forces();
-    let sum: Vector3<f64> = it.force.iter().sum();
-    let turn: Vector3<f64> = it
+    let mut network = network(&small());
+    shake(&mut network);
+    network.find_forces();
+    let sum: Vector3<f64> = network.force.iter().sum();
+    let turn: Vector3<f64> = network
         .force
         .iter()
-        .zip(&it.reference)
-        .map(|(force, at)| at.cross(force))
+        .zip(&network.reference)
+        .map(|(force, position)| position.cross(force))
         .sum();
-    let size: f64 = it.force.iter().map(|force| force.norm()).sum();
+    let size: f64 = network.force.iter().map(|force| force.norm()).sum();
     assert!(sum.norm() < 1e-14 * size && turn.norm() < 1e-13 * size * 20.0);
     assert!(size > 1.0);
 }
 
 /// Computes the stiffness of the free nodes by unit displacements, divided by their masses: M^-1/2 K M^-1/2.
-fn dynamic_matrix(it: &mut Network) -> (Vec<usize>, DMatrix<f64>) {
-    let free: Vec<usize> = (0..it.mass.len()).filter(|&node| !it.fixed[node]).collect();
+fn dynamic_matrix(network: &mut Network) -> (Vec<usize>, DMatrix<f64>) {
+    let free: Vec<usize> = (0..network.mass.len()).filter(|&node| !network.fixed[node]).collect();
     let mut matrix = DMatrix::zeros(3 * free.len(), 3 * free.len());
     for (column, &node) in free.iter().enumerate() {
         for axis in 0..3 {
-            it.rest();
-            it.displacement[node][axis] = 1.0;
-            it.find_forces();
-            for (row, &other) in free.iter().enumerate() {
-                let scale = (it.mass[node] * it.mass[other]).sqrt();
-                for to in 0..3 {
-                    matrix[(3 * row + to, 3 * column + axis)] = -it.force[other][to] / scale;
+            network.rest();
+            network.displacement[node][axis] = 1.0;
+            network.find_forces();
+            for (row, &row_node) in free.iter().enumerate() {
+                let scale = (network.mass[node] * network.mass[row_node]).sqrt();
+                for row_axis in 0..3 {
+                    matrix[(3 * row + row_axis, 3 * column + axis)] = -network.force[row_node][row_axis] / scale;
                 }
             }
         }
     }
-    it.rest();
+    network.rest();
     (free, matrix)
 }
 
@@ -182,30 +191,31 @@ fn free_vibrations_have_their_frequency() {
         length_mm: Some(24.0),
         ..small()
     };
-    let mut it = network(&parameters);
-    let (free, matrix) = dynamic_matrix(&mut it);
+    let mut network = network(&parameters);
+    let (free, matrix) = dynamic_matrix(&mut network);
     assert_eq!(free.len(), 3);
     assert!((&matrix - matrix.transpose()).amax() < 1e-12 * matrix.amax());
     let modes = matrix.symmetric_eigen();
-    let limit = it.limit_s;
-    for (place, squared) in modes.eigenvalues.iter().enumerate() {
+    let limit = network.limit_s;
+    for (index, squared) in modes.eigenvalues.iter().enumerate() {
         let frequency = squared.sqrt();
         assert!(limit < 2.0 / frequency);
         for h in [0.02 / frequency, 0.9 * limit] {
-            it.rest();
-            let mode: DVector<f64> = modes.eigenvectors.column(place).into();
+            network.rest();
+            let mode: DVector<f64> = modes.eigenvectors.column(index).into();
             for (row, &node) in free.iter().enumerate() {
-                it.displacement[node] = mode.fixed_rows::<3>(3 * row).into_owned() / it.mass[node].sqrt() * 1e-4;
+                network.displacement[node] =
+                    mode.fixed_rows::<3>(3 * row).into_owned() / network.mass[node].sqrt() * 1e-4;
             }
-            let start = it.displacement.clone();
+            let start = network.displacement.clone();
             let steps = 1000;
-            (0..steps).for_each(|_| go(&mut it, h));
+            (0..steps).for_each(|_| go(&mut network, h));
             let angle = (1.0 - 0.5 * squared * h * h).acos();
             let turned = steps as f64 * angle;
             let share = turned.cos() - (0.5 * angle).tan() * turned.sin();
             for &node in &free {
-                let miss = (it.displacement[node] - start[node] * share).norm();
-                assert!(miss < 1e-9 * start.iter().map(|by| by.norm()).fold(0.0, f64::max));
+                let miss = (network.displacement[node] - start[node] * share).norm();
+                assert!(miss < 1e-9 * start.iter().map(|displacement| displacement.norm()).fold(0.0, f64::max));
             }
             if h * frequency < 0.1 {
                 // At short steps that is the frequency of the oscillator itself, to (h w)^2 / 24.
@@ -219,22 +229,22 @@ fn free_vibrations_have_their_frequency() {
 /// first, a being half the step times the highest frequency.
 #[test]
 fn undamped_energy_stays_bounded() {
-    let mut it = network(&small());
-    shake(&mut it);
-    let h = it.limit_s;
-    let invariant = |it: &mut Network| {
-        it.find_forces();
-        let mixed: f64 = it.velocity.iter().zip(&it.force).map(|(v, f)| v.dot(f)).sum();
-        it.energy() + 0.5 * h * mixed
+    let mut network = network(&small());
+    shake(&mut network);
+    let h = network.limit_s;
+    let invariant = |network: &mut Network| {
+        network.find_forces();
+        let mixed: f64 = network.velocity.iter().zip(&network.force).map(|(v, f)| v.dot(f)).sum();
+        network.energy() + 0.5 * h * mixed
     };
-    let (first, energy) = (invariant(&mut it), it.energy());
+    let (first_invariant, energy) = (invariant(&mut network), network.energy());
     let a = 0.95;
     for _ in 0..10_000 {
-        go(&mut it, h);
-        assert!(it.energy() <= energy * (1.0 + a) / (1.0 - a));
+        go(&mut network, h);
+        assert!(network.energy() <= energy * (1.0 + a) / (1.0 - a));
     }
-    assert!((invariant(&mut it) / first - 1.0).abs() < 1e-9);
-    assert!(it.energy() > energy * (1.0 - a) / (1.0 + a));
+    assert!((invariant(&mut network) / first_invariant - 1.0).abs() < 1e-9);
+    assert!(network.energy() > energy * (1.0 - a) / (1.0 + a));
 }
 
 /// With damping of either kind the energy never exceeds that bound of any earlier energy, and vanishes, up to the limit
@@ -242,45 +252,48 @@ fn undamped_energy_stays_bounded() {
 #[test]
 fn damped_energy_never_grows() {
     for (damping_per_s, spring_damping_s) in [(200.0, 0.0), (0.0, 1e-4), (200.0, 1e-4), (20.0, 1e-2), (2e4, 0.0)] {
-        let mut it = network(&Parameters {
+        let mut network = network(&Parameters {
             damping_per_s,
             spring_damping_s,
             ..small()
         });
-        shake(&mut it);
-        let h = it.limit_s;
-        let first = it.energy();
-        let mut least = first;
+        shake(&mut network);
+        let h = network.limit_s;
+        let first_energy = network.energy();
+        let mut least = first_energy;
         for _ in 0..10_000 {
-            go(&mut it, h);
-            let energy = it.energy();
+            go(&mut network, h);
+            let energy = network.energy();
             // (1 + a) / (1 - a) of a = 0.95; the last term is where squares underflow.
             assert!(energy <= 39.0 * least + 1e-290, "{damping_per_s} {spring_damping_s}");
             least = least.min(energy);
         }
-        assert!(it.energy() < 1e-3 * first, "{damping_per_s} {spring_damping_s}");
+        assert!(
+            network.energy() < 1e-3 * first_energy,
+            "{damping_per_s} {spring_damping_s}"
+        );
     }
 }
 
 /// Beyond the limit the same springs diverge: the limit is not trivial.
 #[test]
 fn beyond_twice_the_limit_it_bursts() {
-    let mut it = network(&small());
-    shake(&mut it);
-    let first = it.energy();
-    let h = 2.0 * it.limit_s;
+    let mut network = network(&small());
+    shake(&mut network);
+    let first_energy = network.energy();
+    let h = 2.0 * network.limit_s;
     for _ in 0..200 {
         // Without the mass increase for stability.
-        it.find_forces();
-        for node in 0..it.mass.len() {
-            if !it.fixed[node] {
-                let gain = h / it.mass[node];
-                it.velocity[node] += it.force[node] * gain;
-                it.displacement[node] += it.velocity[node] * h;
+        network.find_forces();
+        for node in 0..network.mass.len() {
+            if !network.fixed[node] {
+                let gain = h / network.mass[node];
+                network.velocity[node] += network.force[node] * gain;
+                network.displacement[node] += network.velocity[node] * h;
             }
         }
     }
-    assert!(it.energy() > 1e6 * first);
+    assert!(network.energy() > 1e6 * first_energy);
 }
 
 /// A long cylinder fixed at both ends and stretched: its apparent modulus. Its springs are not distributed evenly over
@@ -301,18 +314,18 @@ fn drawn_out_it_shows_its_modulus() {
     for (fixed, node) in cylinder.fixed.iter_mut().zip(cylinder.mesh.nodes()) {
         *fixed = node[2] == 0.0 || node[2] == 80.0;
     }
-    let mut it = Network::new(cylinder, &parameters);
-    for node in 0..it.mass.len() {
-        it.displacement[node].z = 0.01 * it.original[node].z;
+    let mut network = Network::new(cylinder, &parameters);
+    for node in 0..network.mass.len() {
+        network.displacement[node].z = 0.01 * network.original[node].z;
     }
-    let h = it.limit_s;
-    (0..3000).for_each(|_| go(&mut it, h));
+    let h = network.limit_s;
+    (0..3000).for_each(|_| go(&mut network, h));
     let end = |z: f64| -> f64 {
-        let held = (0..it.mass.len()).filter(|&node| it.original[node].z == z);
-        held.map(|node| it.force[node].z).sum()
+        let end_nodes = (0..network.mass.len()).filter(|&node| network.original[node].z == z);
+        end_nodes.map(|node| network.force[node].z).sum()
     };
-    let (force, other) = (end(0.0), end(80.0));
-    assert!((force + other).abs() < 1e-6 * force);
+    let (force, opposite) = (end(0.0), end(80.0));
+    assert!((force + opposite).abs() < 1e-6 * force);
     let area = 6.0 * 100.0 * (std::f64::consts::TAU / 12.0).sin();
     let modulus_kpa = force / area / 0.01 * 1e3;
     assert!((modulus_kpa / 10.0 - 1.0).abs() < 0.2, "{modulus_kpa}");
@@ -321,40 +334,41 @@ fn drawn_out_it_shows_its_modulus() {
 /// A node that is moved and restored leaves masses and springs bit for bit, and moves no tissue.
 #[test]
 fn moved_and_restored() {
-    let mut it = network(&coarse());
-    for node in 0..it.mass.len() {
-        it.displacement[node] = it.original[node] * 0.01 + Vector3::repeat(0.1);
+    let mut network = network(&coarse());
+    for node in 0..network.mass.len() {
+        network.displacement[node] = network.original[node] * 0.01 + Vector3::repeat(0.1);
     }
-    let before = it.clone();
-    let total: f64 = it.mass.iter().sum();
-    let node = (0..it.mass.len() as u32).find(|&node| !it.fixed[node as usize] && it.original[node as usize].z > 20.0);
+    let before = network.clone();
+    let total: f64 = network.mass.iter().sum();
+    let node = (0..network.mass.len() as u32)
+        .find(|&node| !network.fixed[node as usize] && network.original[node as usize].z > 20.0);
     let node = node.unwrap();
-    let element = it.around(node)[3];
-    let place = it.elements[element as usize]
+    let element = network.around(node)[3];
+    let corner = network.elements[element as usize]
         .iter()
         .position(|&corner| corner == node)
         .unwrap();
     let mut coordinates = [0.2; 4];
-    coordinates[place] = 0.4;
-    let to = it.to_reference(element, &coordinates);
-    assert!(it.take_to(node, element, &coordinates, &(to * 1.01 + Vector3::repeat(0.1))));
-    assert_eq!(it.reference[node as usize], to);
-    assert!((it.mass.iter().sum::<f64>() / total - 1.0).abs() < 1e-12);
+    coordinates[corner] = 0.4;
+    let position = network.to_reference(element, &coordinates);
+    assert!(network.take_to(node, element, &coordinates, &(position * 1.01 + Vector3::repeat(0.1))));
+    assert_eq!(network.reference[node as usize], position);
+    assert!((network.mass.iter().sum::<f64>() / total - 1.0).abs() < 1e-12);
     // A linear field is reproduced exactly wherever the node is.
-    it.find_forces();
-    it.restore(node);
-    assert_eq!(format!("{:?}", it.reference), format!("{:?}", before.reference));
-    assert_eq!(it.mass, before.mass);
-    assert!((it.displacement[node as usize] - before.displacement[node as usize]).norm() < 1e-13);
-    let moving = |it: &Network| {
-        (0..it.mass.len() as u32)
-            .map(|node| it.moving_mass(node, 1.0))
+    network.find_forces();
+    network.restore(node);
+    assert_eq!(format!("{:?}", network.reference), format!("{:?}", before.reference));
+    assert_eq!(network.mass, before.mass);
+    assert!((network.displacement[node as usize] - before.displacement[node as usize]).norm() < 1e-13);
+    let moving = |network: &Network| {
+        (0..network.mass.len() as u32)
+            .map(|node| network.moving_mass(node, 1.0))
             .collect::<Vec<_>>()
     };
-    assert_eq!(moving(&it), moving(&before));
+    assert_eq!(moving(&network), moving(&before));
     // Onto the face opposite: the element would be flat.
     coordinates = [1.0 / 3.0; 4];
-    coordinates[place] = 0.0;
-    assert!(!it.take_to(node, element, &coordinates, &to));
-    assert_eq!((it.mass, it.reference), (before.mass, before.reference));
+    coordinates[corner] = 0.0;
+    assert!(!network.take_to(node, element, &coordinates, &position));
+    assert_eq!((network.mass, network.reference), (before.mass, before.reference));
 }

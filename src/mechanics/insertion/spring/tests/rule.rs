@@ -16,14 +16,14 @@ fn diagonal() -> Vector3<f64> {
 #[test]
 fn a_tip_node_is_penetrated_within_lambda_circumferences() {
     // Along the diagonal the face is 1 / sqrt 3 = 0.577 away; 0.05 circumferences are 0.212.
-    for (along, met) in [(0.0, false), (0.36, false), (0.37, true), (0.57, true)] {
+    for (share, is_met) in [(0.0, false), (0.36, false), (0.37, true), (0.57, true)] {
         let mut corners = element();
-        corners[0] = diagonal() * along;
+        corners[0] = diagonal() * share;
         let far = FarFace::of(&corners, &corners[0], &diagonal(), Some(0)).unwrap();
-        assert!((far.distance - (1.0 / 3f64.sqrt() - along)).abs() < 1e-14);
+        assert!((far.distance - (1.0 / 3f64.sqrt() - share)).abs() < 1e-14);
         assert!((far.at - Vector3::repeat(1.0 / 3.0)).norm() < 1e-14);
         assert!((far.circumference - 18f64.sqrt()).abs() < 1e-14);
-        assert_eq!((far.opposite, far.is_met(0.05)), (0, met), "{along}");
+        assert_eq!((far.opposite, far.is_met(0.05)), (0, is_met), "{share}");
     }
 }
 
@@ -32,10 +32,10 @@ fn a_tip_node_is_penetrated_within_lambda_circumferences() {
 fn the_rule_is_the_same_at_any_size() {
     for size in [1e-3, 1.0, 1e3] {
         let mut corners = element().map(|corner| corner * size);
-        for (along, met) in [(0.36, false), (0.37, true)] {
-            corners[0] = diagonal() * (along * size);
+        for (share, is_met) in [(0.36, false), (0.37, true)] {
+            corners[0] = diagonal() * (share * size);
             let far = FarFace::of(&corners, &corners[0], &diagonal(), Some(0)).unwrap();
-            assert_eq!(far.is_met(0.05), met);
+            assert_eq!(far.is_met(0.05), is_met);
         }
     }
 }

@@ -12,20 +12,20 @@ fn a_cantilever_bends_as_the_closed_form() {
     // Small: finite angles add (deflection / length)^2 of the deflection, 1e-9.
     let force = 1e-5;
     for element in [50.0, 25.0, 5.0, 1.0] {
-        for (at, seen) in [(200.0, 200.0), (100.0, 200.0), (200.0, 100.0), (100.0, 50.0)] {
-            let (near, far) = (f64::min(at, seen), f64::max(at, seen));
+        for (loaded_mm, seen) in [(200.0, 200.0), (100.0, 200.0), (200.0, 100.0), (100.0, 50.0)] {
+            let (near, far) = (f64::min(loaded_mm, seen), f64::max(loaded_mm, seen));
             let beam = force * near * near * (3.0 * far - near) / (6.0 * stiffness);
             let (mut needle, mut line) = (needle(element, None), CentreLine::default());
             settle(
                 &mut needle,
                 &Isometry3::identity(),
-                &[load(at, [0.0, force, 0.0])],
+                &[load(loaded_mm, [0.0, force, 0.0])],
                 &mut line,
             );
-            let found = line.at(seen).point_mm.y;
+            let deflection_mm = line.at(seen).point_mm.y;
             assert!(
-                (found - beam).abs() < 1e-8 * beam,
-                "{element} {at} {seen}: {found} {beam}"
+                (deflection_mm - beam).abs() < 1e-8 * beam,
+                "{element} {loaded_mm} {seen}: {deflection_mm} {beam}"
             );
         }
     }
@@ -35,21 +35,22 @@ fn a_cantilever_bends_as_the_closed_form() {
 #[test]
 fn forces_between_nodes_converge() {
     let stiffness = Stiffness::default().bending_nmm2();
-    let (force, at) = (1e-5, 93.0);
-    let beam = force * at * at * at / (3.0 * stiffness);
+    let (force, arc_mm) = (1e-5, 93.0);
+    let beam = force * arc_mm * arc_mm * arc_mm / (3.0 * stiffness);
     let error = |element: f64| {
         let (mut needle, mut line) = (needle(element, None), CentreLine::default());
         settle(
             &mut needle,
             &Isometry3::identity(),
-            &[load(at, [force, 0.0, 0.0])],
+            &[load(arc_mm, [force, 0.0, 0.0])],
             &mut line,
         );
-        (line.at(at).point_mm.x - beam).abs()
+        (line.at(arc_mm).point_mm.x - beam).abs()
     };
     // The polyline cuts the curve by at most h^2/8 of the curvature, and the force acts on the chord: h^3/(48 EI).
     for element in [20.0f64, 10.0, 4.0] {
-        let bound = force * at * element * element / (8.0 * stiffness) + force * element.powi(3) / (48.0 * stiffness);
+        let bound =
+            force * arc_mm * element * element / (8.0 * stiffness) + force * element.powi(3) / (48.0 * stiffness);
         assert!(error(element) < bound, "{element}: {} {bound}", error(element));
     }
     assert!(error(4.0) < 0.1 * error(20.0));
@@ -87,16 +88,16 @@ fn springs_of_short_links_bend_alike() {
     ];
     let (mut beam, base) = (needle(2.0, Some(BEVEL)), slanted());
     let mut springs = Flexible::springs(Shaft::default(), Stiffness::default(), 2.0, Some(BEVEL)).expect("springs");
-    let [mut one, mut other] = [CentreLine::default(), CentreLine::default()];
-    settle(&mut beam, &base, &loads, &mut one);
-    settle(&mut springs, &base, &loads, &mut other);
+    let [mut beam_line, mut spring_line] = [CentreLine::default(), CentreLine::default()];
+    settle(&mut beam, &base, &loads, &mut beam_line);
+    settle(&mut springs, &base, &loads, &mut spring_line);
     let straight = base * Point3::new(0.0, 0.0, LENGTH);
-    let bent = (one.tip() - straight).norm();
+    let bent = (beam_line.tip() - straight).norm();
     // h^2/(4 L^2) of the deflection is 2.5e-5 of it; levers of a tilted needle add as much again, and more.
     assert!(
-        bent > 10.0 && (one.tip() - other.tip()).norm() < 3e-4 * bent,
+        bent > 10.0 && (beam_line.tip() - spring_line.tip()).norm() < 3e-4 * bent,
         "{} of {bent}",
-        one.tip() - other.tip()
+        beam_line.tip() - spring_line.tip()
     );
 }
 

@@ -21,23 +21,23 @@ fn a_cantilever_bends_as_the_beam() {
     // Small: lines of finite angles add (deflection / length)^2 of it, 1e-9.
     let force = 1e-5;
     for link in [10.0, 5.0, 2.5] {
-        for (at, seen) in [
+        for (loaded_mm, seen) in [
             (200.0, 200.0),
             (100.0, 200.0),
             (200.0, 100.0),
             (60.0, 40.0),
             (40.0, 60.0),
         ] {
-            let (near, far) = (f64::min(at, seen), f64::max(at, seen));
+            let (near, far) = (f64::min(loaded_mm, seen), f64::max(loaded_mm, seen));
             let beam = force * near * near * (3.0 * far - near) / (6.0 * stiffness);
-            let less = force * link * link * near / (12.0 * stiffness);
+            let correction = force * link * link * near / (12.0 * stiffness);
             let (mut needle, mut line) = (needle(link, None), CentreLine::default());
-            let loads = [load(at, [0.0, force, 0.0])];
+            let loads = [load(loaded_mm, [0.0, force, 0.0])];
             settle(&mut needle, &Isometry3::identity(), &loads, &mut line);
-            let found = line.at(seen).point_mm.y;
+            let deflection_mm = line.at(seen).point_mm.y;
             assert!(
-                (found - (beam - less)).abs() < 1e-7 * beam,
-                "{link} {at} {seen}: {found} {beam}"
+                (deflection_mm - (beam - correction)).abs() < 1e-7 * beam,
+                "{link} {loaded_mm} {seen}: {deflection_mm} {beam}"
             );
         }
     }
@@ -96,18 +96,19 @@ fn flexibility_is_symmetric_and_positive_semidefinite() {
     let loads = [load(200.0, [0.2, 0.1, 0.0])];
     let mut line = CentreLine::default();
     settle(&mut needle, &slanted(), &loads, &mut line);
-    let found = flexibility(&mut needle, &line, &loads, &rows);
+    let computed = flexibility(&mut needle, &line, &loads, &rows);
     let size = rows.len();
-    let dense = DMatrix::from_fn(size, size, |i, j| found[(i, j)]);
+    let dense = DMatrix::from_fn(size, size, |i, j| computed[(i, j)]);
     assert_eq!(dense, dense.transpose());
     let values = SymmetricEigen::new(dense).eigenvalues;
     // Rounding of the sums (40 terms) and of the eigenvalues.
     let rounding = 100.0 * size as f64 * f64::EPSILON * values.max();
     assert!(values.max() > 1.0 && values.min() > -rounding, "{values}");
     // It adds, and to the line of this needle only.
-    let (mut twice, mut drift) = (found.clone(), vec![0.0; size]);
+    let (mut twice, mut drift) = (computed.clone(), vec![0.0; size]);
     needle.linearise(&line, &loads, &rows, &mut drift, twice.as_mut_slice());
-    let error = (0..size * size).map(|at| (twice[(at / size, at % size)] - 2.0 * found[(at / size, at % size)]).abs());
+    let error = (0..size * size)
+        .map(|index| (twice[(index / size, index % size)] - 2.0 * computed[(index / size, index % size)]).abs());
     assert!(error.fold(0.0, f64::max) < rounding);
     let before = twice.clone();
     line.set([(0.0, Point3::origin()), (LENGTH, Point3::new(0.0, 0.0, LENGTH))]);
@@ -130,9 +131,9 @@ fn there_is_no_torsion() {
         let mut carried = rolled.rotation * Vector3::x();
         let mut before = rolled.rotation * Vector3::z();
         for pair in nodes[..nodes.len() - 1].windows(2) {
-            let along = (pair[1].1 - pair[0].1).normalize();
-            let turn = UnitQuaternion::rotation_between(&before, &along).expect("no reversal");
-            (carried, before) = (turn * carried, along);
+            let tangent = (pair[1].1 - pair[0].1).normalize();
+            let turn = UnitQuaternion::rotation_between(&before, &tangent).expect("no reversal");
+            (carried, before) = (turn * carried, tangent);
         }
         let end = nodes[nodes.len() - 2];
         let offset = line.tip() - (end.1 + before * (16.0f64 - 0.36).sqrt());
@@ -169,19 +170,19 @@ fn it_settles() {
 #[test]
 fn a_bevel_tilts_the_last_part() {
     let loads = [load(195.0, [0.1, 0.0, 0.0])];
-    let place = |bevel| {
+    let placed = |bevel| {
         let (mut needle, mut line) = (needle(10.0, bevel), CentreLine::default());
         settle(&mut needle, &slanted(), &loads, &mut line);
         line
     };
-    let plain = place(None);
-    let zero = place(Some(Bevel {
+    let plain = placed(None);
+    let zero = placed(Some(Bevel {
         r_mm: 0.0,
         length_mm: 4.0,
     }));
     assert_eq!(zero, plain);
     // Joints stay where they are if the bevel begins between them.
-    let faint = place(Some(Bevel {
+    let faint = placed(Some(Bevel {
         r_mm: 1e-9,
         length_mm: 33.0,
     }));

@@ -98,13 +98,13 @@ impl Approximate {
         }
         let mut probe = std::mem::take(&mut self.probe);
         let mut product = std::mem::take(&mut self.product);
-        for (at, x) in (0..).zip(&mut probe) {
-            *x = if pcg_step(at) >> 31 == 0 { 1.0 } else { -1.0 };
+        for (index, x) in (0..).zip(&mut probe) {
+            *x = if pcg_step(index) >> 31 == 0 { 1.0 } else { -1.0 };
         }
         matrix.product(&probe, &mut product);
         self.solve_in_place(&mut product);
-        let off: f64 = product.iter().zip(&probe).map(|(a, b)| (a - b) * (a - b)).sum();
-        let accurate = off <= SINGLE_TOLERANCE * SINGLE_TOLERANCE * probe.len() as f64;
+        let square_error: f64 = product.iter().zip(&probe).map(|(a, b)| (a - b) * (a - b)).sum();
+        let accurate = square_error <= SINGLE_TOLERANCE * SINGLE_TOLERANCE * probe.len() as f64;
         (self.probe, self.product) = (probe, product);
         accurate
     }

@@ -24,14 +24,14 @@ impl<const D: usize, const N: usize> Solver<D, N> {
                 supports,
                 equations,
                 &self.change[..supports.all()],
-                &mut self.rest,
+                &mut self.residual,
             );
         }
-        self.linear.solve(body, supports, equations, &mut self.rest);
-        for (&dof, value) in supports.free().iter().zip(&self.rest) {
+        self.linear.solve(body, supports, equations, &mut self.residual);
+        for (&dof, value) in supports.free().iter().zip(&self.residual) {
             self.change[dof as usize] = *value;
         }
-        let all = supports.all();
+        let dof_count = supports.all();
         if let Some(contact) = target.contact {
             let contact_response = self.linear.contact_response(body, supports, equations, contact);
             let compliance = contact.along_free(supports, contact_response);
@@ -43,7 +43,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             for (&dof, response) in supports.free().iter().zip(contact_response) {
                 self.change[dof as usize] += force * response;
             }
-            self.change[all] = force;
+            self.change[dof_count] = force;
         }
         // The first proposal tells how far the increment goes: from farther away, iterations may end in another equilibrium.
         let is_first = self.progress.iterations == 1 && !self.body.has_secants();
@@ -83,8 +83,8 @@ impl<const D: usize, const N: usize> Solver<D, N> {
     /// Writes the unbalanced free forces to `rest`, and returns the largest relative to the largest force so far. The
     /// current forces would not do as a reference: those of an unloaded body are only rounding.
     pub(super) fn residual(&mut self, target: &Target<'_>) -> f64 {
-        let largest = |all: &[f64]| {
-            all.iter().fold(0.0, |a: f64, x| {
+        let largest = |values: &[f64]| {
+            values.iter().fold(0.0, |a: f64, x| {
                 if a.is_nan() || x.is_nan() {
                     f64::NAN
                 } else {
@@ -92,13 +92,13 @@ impl<const D: usize, const N: usize> Solver<D, N> {
                 }
             })
         };
-        for (rest, &dof) in self.rest.iter_mut().zip(self.supports.free()) {
-            *rest = target.loads[dof as usize] - self.state.forces[dof as usize];
+        for (residual, &dof) in self.residual.iter_mut().zip(self.supports.free()) {
+            *residual = target.loads[dof as usize] - self.state.forces[dof as usize];
         }
         if let Some(contact) = target.contact {
-            contact.add_free(self.state.contact, &self.supports, &mut self.rest);
+            contact.add_free(self.state.contact, &self.supports, &mut self.residual);
         }
-        let left = largest(&self.rest);
+        let left = largest(&self.residual);
         if left <= self.rounding_n {
             return 0.0;
         }
@@ -110,8 +110,8 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         let displacement = &self.state.displacement;
         let mut prescribed = self.supports.prescribed().iter().zip(target.prescribed);
         let away = |contact: &Contact| {
-            let place = contact.along(displacement);
-            (place - contact.place_mm).abs() > 1e-12 * (place.abs() + contact.place_mm.abs())
+            let place_mm = contact.along(displacement);
+            (place_mm - contact.place_mm).abs() > 1e-12 * (place_mm.abs() + contact.place_mm.abs())
         };
         prescribed.any(|(&dof, value)| displacement[dof as usize] != *value) || target.contact.is_some_and(away)
     }

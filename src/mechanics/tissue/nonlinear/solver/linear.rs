@@ -124,15 +124,15 @@ impl<const D: usize> Linear<D> {
         supports: &Supports<D>,
         equations: Equations,
         change: &[f64],
-        rest: &mut [f64],
+        residual: &mut [f64],
     ) {
         let kind = match equations {
             Equations::Kept => self.kind,
             Equations::Tangent { kind, .. } => kind,
         };
         body.product(kind, &self.responses, change, &mut self.product);
-        for (rest, &dof) in rest.iter_mut().zip(supports.free()) {
-            *rest -= self.product[dof as usize];
+        for (value, &dof) in residual.iter_mut().zip(supports.free()) {
+            *value -= self.product[dof as usize];
         }
     }
 
@@ -142,10 +142,10 @@ impl<const D: usize> Linear<D> {
         body: &NonlinearBody<D, N>,
         supports: &Supports<D>,
         equations: Equations,
-        rest: &mut [f64],
+        residual: &mut [f64],
     ) {
         let Equations::Tangent { kind, closeness } = equations else {
-            return self.factor.solve_in_place(rest);
+            return self.factor.solve_in_place(residual);
         };
         let (change, product, factor) = (&mut self.change, &mut self.product, &mut self.factor);
         let responses = &self.responses;
@@ -157,7 +157,8 @@ impl<const D: usize> Linear<D> {
             body.product(kind, responses, change, product);
             supports.gather(product, y);
         };
-        self.gmres.solve(rest, closeness, apply, |x| factor.solve_in_place(x));
+        self.gmres
+            .solve(residual, closeness, apply, |x| factor.solve_in_place(x));
     }
 
     /// Returns the response of the free displacements to a unit contact force; it is cached with a reused factor.

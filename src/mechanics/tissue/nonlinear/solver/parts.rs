@@ -24,12 +24,12 @@ impl<const D: usize, const N: usize> Solver<D, N> {
     /// Advances from the start of the increment by Newton's method, in parts that are halved where iterations fail and doubled where
     /// they converge.
     pub(super) fn advance_in_parts(&mut self, target: &Target<'_>) -> Result<(), NonlinearError> {
-        let most = self.options.iterations;
-        self.options.iterations = most.min(ITERATIONS);
+        let max_iterations = self.options.iterations;
+        self.options.iterations = max_iterations.min(ITERATIONS);
         let mut iterations = self.progress.iterations;
         let peak = self.peak;
         let result = self.parts(target, &mut iterations);
-        (self.options.iterations, self.progress.iterations) = (most, iterations);
+        (self.options.iterations, self.progress.iterations) = (max_iterations, iterations);
         if result.is_err() {
             self.peak = peak;
         }

@@ -32,11 +32,11 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         self.factor(kind)?;
         if !corrected && target.offset.is_none() {
             // Only the increase of the loads: the body is assumed to balance those before.
-            for (rest, &dof) in self.rest.iter_mut().zip(self.supports.free()) {
-                *rest = target.loads[dof as usize] - self.applied[dof as usize];
+            for (residual, &dof) in self.residual.iter_mut().zip(self.supports.free()) {
+                *residual = target.loads[dof as usize] - self.applied[dof as usize];
             }
             if let Some(contact) = target.contact {
-                contact.add_free(self.state.contact, &self.supports, &mut self.rest);
+                contact.add_free(self.state.contact, &self.supports, &mut self.residual);
             }
         }
         self.propose(
@@ -63,7 +63,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         let mut residual = self.residual(target);
         let mut pending = self.pending(target);
         // Iterations with the factor in this increment, and the residual before them.
-        let (mut tried, mut first) = (0, residual);
+        let (mut tries, mut first) = (0, residual);
         self.anderson.clear();
         loop {
             self.progress.residuals.push(residual);
@@ -101,9 +101,9 @@ impl<const D: usize, const N: usize> Solver<D, N> {
                 continue;
             }
             if pending {
-                (is_fresh, tried, first) = (false, 0, next);
+                (is_fresh, tries, first) = (false, 0, next);
             } else if !balanced {
-                tried += 1;
+                tries += 1;
                 if worse && is_fresh {
                     next = self.backtrack(target, residual, next);
                 }
@@ -116,11 +116,11 @@ impl<const D: usize, const N: usize> Solver<D, N> {
                     return self.newton(target);
                 }
                 // Slow convergence is known only after a few iterations: single ones alternate.
-                let slow = tried >= TRIAL && next > SLOW.powi(tried as i32) * first;
+                let slow = tries >= TRIAL && next > SLOW.powi(tries as i32) * first;
                 if stuck || slow {
                     self.factor(Kind::Scalar)?;
                     residual = self.residual(target);
-                    (is_fresh, tried, first) = (true, 0, residual);
+                    (is_fresh, tries, first) = (true, 0, residual);
                     continue;
                 }
                 is_fresh = false;

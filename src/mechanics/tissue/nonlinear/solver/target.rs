@@ -60,18 +60,18 @@ impl Contact {
 
 impl Target<'_> {
     pub(in super::super) fn check<const D: usize>(&self, supports: &Supports<D>) -> Result<(), NonlinearError> {
-        let (all, prescribed) = (supports.all(), supports.prescribed().len());
-        list("loads", self.loads, all)?;
+        let (dof_count, prescribed) = (supports.all(), supports.prescribed().len());
+        list("loads", self.loads, dof_count)?;
         list("prescribed displacements", self.prescribed, prescribed)?;
         if let Some(offset) = self.offset {
-            list("offsets", offset, all)?;
+            list("offsets", offset, dof_count)?;
         }
         let Some(contact) = self.contact else { return Ok(()) };
-        if let Some(&(dof, _)) = contact.weights.iter().find(|(dof, _)| *dof as usize >= all) {
+        if let Some(&(dof, _)) = contact.weights.iter().find(|(dof, _)| *dof as usize >= dof_count) {
             return Err(NonlinearError::Length {
                 what: "as a degree of freedom of the contact",
                 found: dof as usize,
-                expected: all,
+                expected: dof_count,
             });
         }
         let weights = contact.weights.iter().map(|(_, weight)| *weight);

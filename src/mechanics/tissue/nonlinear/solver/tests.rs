@@ -37,28 +37,28 @@ fn derivative_is_consistent<const D: usize, const N: usize>(body: &NonlinearBody
     let mut responses = body.at_rest();
     let mut forces = [(); 3].map(|()| vec![0.0; length]);
     let h = 1e-5;
-    for (forces, by) in forces.iter_mut().zip([-h, h, 0.0]) {
-        let moved: Vec<f64> = u.iter().zip(&direction).map(|(u, v)| u + by * v).collect();
+    for (forces, step) in forces.iter_mut().zip([-h, h, 0.0]) {
+        let moved: Vec<f64> = u.iter().zip(&direction).map(|(u, v)| u + step * v).collect();
         body.respond(&moved, offset, forces, &mut responses);
     }
     assert!(responses.cells.iter().filter(|response| response.secant > 1.05).count() > body.elements().len() / 2);
     let mut product = vec![0.0; length];
     body.consistent(&responses, &direction, &mut product);
     let size = product.iter().fold(0.0, |a: f64, x| a.max(x.abs()));
-    for (at, exact) in product.iter().enumerate() {
-        let difference = (forces[1][at] - forces[0][at]) / (2.0 * h);
+    for (dof, exact) in product.iter().enumerate() {
+        let difference = (forces[1][dof] - forces[0][dof]) / (2.0 * h);
         assert!(
             (difference - exact).abs() < 1e-8 * size,
-            "{exact} but {difference} at {at} of {D} dimensions"
+            "{exact} but {difference} at {dof} of {D} dimensions"
         );
     }
     // Kobayashi et al.'s tangent is not a derivative of this.
     body.scalar(&responses, &direction, &mut product);
-    let off = product
+    let differences = product
         .iter()
         .enumerate()
-        .map(|(at, x)| (x - (forces[1][at] - forces[0][at]) / (2.0 * h)).abs());
-    assert!(off.fold(0.0, f64::max) > 1e-3 * size);
+        .map(|(dof, x)| (x - (forces[1][dof] - forces[0][dof]) / (2.0 * h)).abs());
+    assert!(differences.fold(0.0, f64::max) > 1e-3 * size);
 }
 
 #[test]
@@ -79,9 +79,9 @@ fn matrix_is_the_product<const D: usize, const N: usize>(body: &NonlinearBody<D,
     body.respond(&u, None, &mut vec![0.0; D * nodes], &mut responses);
     let mut matrix = Tangent::new(body.elements(), &supports).unwrap();
     let size = supports.free().len();
-    let unit = |at: usize, kind: Kind| -> Vec<f64> {
+    let unit = |column: usize, kind: Kind| -> Vec<f64> {
         let mut unit = vec![0.0; D * nodes];
-        unit[supports.free()[at] as usize] = 1.0;
+        unit[supports.free()[column] as usize] = 1.0;
         let mut product = vec![0.0; D * nodes];
         match kind {
             Kind::Scalar => body.scalar(&responses, &unit, &mut product),
@@ -91,18 +91,18 @@ fn matrix_is_the_product<const D: usize, const N: usize>(body: &NonlinearBody<D,
     };
     for kind in [Kind::Scalar, Kind::Consistent] {
         matrix.fill(body, &responses, kind);
-        let columns: Vec<Vec<f64>> = (0..size).map(|at| unit(at, kind)).collect();
+        let columns: Vec<Vec<f64>> = (0..size).map(|column| unit(column, kind)).collect();
         let scale = columns.iter().flatten().fold(0.0, |a: f64, x| a.max(x.abs()));
         let lower = matrix.lower();
         for (j, column) in columns.iter().enumerate() {
             for (i, entry) in column.iter().enumerate().skip(j) {
                 let expected = 0.5 * (entry + columns[i][j]);
                 let span = lower.col_ptr()[j] as usize..lower.col_ptr()[j + 1] as usize;
-                let place = lower.row_idx()[span.clone()].iter().position(|row| *row as usize == i);
-                let found = place.map_or(0.0, |place| lower.val()[span.start + place]);
+                let offset = lower.row_idx()[span.clone()].iter().position(|row| *row as usize == i);
+                let entry = offset.map_or(0.0, |offset| lower.val()[span.start + offset]);
                 assert!(
-                    (found - expected).abs() < 1e-13 * scale,
-                    "{found} but {expected} at {i}, {j}, {kind:?}"
+                    (entry - expected).abs() < 1e-13 * scale,
+                    "{entry} but {expected} at {i}, {j}, {kind:?}"
                 );
             }
         }

@@ -14,8 +14,8 @@ fn adaptation(level: Level, options: RemesherOptions) -> Adaptation {
 }
 
 fn go(adaptation: &mut Adaptation, node: u32, salt: u32) -> Result<RemeshReport, RemeshError> {
-    let to = nearby(adaptation.mesh(), node, salt);
-    adaptation.move_node(node, to)
+    let target = nearby(adaptation.mesh(), node, salt);
+    adaptation.move_node(node, target)
 }
 
 /// Computes the expected K^c and its rounding.
@@ -109,17 +109,18 @@ fn levels_change_while_running_and_contacts_stay() {
     let inner = inner_nodes(adaptation.mesh());
     let contacts = adaptation.remesher().contacts().to_vec();
     let mut salt = 0;
-    for from in LEVELS {
-        for to in LEVELS {
+    for first in LEVELS {
+        for second in LEVELS {
             for precision in [Precision::Double, Precision::Single] {
-                adaptation.switch(from, Precision::Double).expect("a switch");
+                adaptation.switch(first, Precision::Double).expect("a switch");
                 salt += 1;
                 go(&mut adaptation, inner[salt % inner.len()], salt as u32).expect("a remesh");
-                adaptation.switch(to, precision).expect("a switch");
-                assert_eq!(adaptation.remesher().level(), to);
+                adaptation.switch(second, precision).expect("a switch");
+                assert_eq!(adaptation.remesher().level(), second);
                 assert_eq!(adaptation.remesher().contacts(), contacts);
                 // To a higher level, or one of another kind or precision, it is current.
-                if from == to || (to > from && to != Level::Exact && from != Level::I && precision == Precision::Double)
+                if first == second
+                    || (second > first && second != Level::Exact && first != Level::I && precision == Precision::Double)
                 {
                     continue;
                 }
@@ -130,10 +131,10 @@ fn levels_change_while_running_and_contacts_stay() {
                 } else {
                     1.0
                 };
-                let found = error(&adaptation.remesher().condensed().to_owned(), &expected);
+                let largest_error = error(&adaptation.remesher().condensed().to_owned(), &expected);
                 assert!(
-                    found <= bound * eps,
-                    "{from} to {to} in {precision}: {found:e} > {:e}",
+                    largest_error <= bound * eps,
+                    "{first} to {second} in {precision}: {largest_error:e} > {:e}",
                     bound * eps
                 );
             }

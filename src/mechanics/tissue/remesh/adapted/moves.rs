@@ -31,10 +31,10 @@ impl AdaptedMesh {
             return Err(RemeshError::Position { node, to });
         }
         let (mut worst, mut thinnest, mut before) = (0.0, 0, 0.0f64);
-        for (element, place) in self.elements_around(node) {
+        for (element, corner) in self.elements_around(node) {
             let mut positions = self.positions(element, &self.nodes);
             before = before.max(jacobian_condition(&positions));
-            positions[place] = to;
+            positions[corner] = to;
             if let Err(cause) = Shape::of(&positions) {
                 let corners = self.elements()[element as usize];
                 return Err(RemeshError::Element {
@@ -154,9 +154,9 @@ impl AdaptedMesh {
     /// Updates the record of whether a node is away from its base.
     pub(super) fn note(&mut self, node: u32) {
         let is_away = self.nodes[node as usize] != self.base[node as usize];
-        let place = self.away.binary_search(&node);
+        let index = self.away.binary_search(&node);
         let neighbours = self.around.neighbours(node);
-        match place {
+        match index {
             Err(at) if is_away => {
                 self.away.insert(at, node);
                 neighbours.iter().for_each(|node| self.touched[*node as usize] += 1);

@@ -23,12 +23,12 @@ fn neighbours_share_an_element() {
             .iter()
             .enumerate()
             .filter(|(_, corners)| corners.contains(&node));
-        let expected: Vec<(u32, [u32; 4])> = elements.map(|(at, corners)| (at as u32, *corners)).collect();
-        let mut found: Vec<_> = mesh.elements_around(node).collect();
-        found.sort_unstable();
-        assert_eq!(found.len(), expected.len());
-        for ((element, place), (other, corners)) in found.into_iter().zip(&expected) {
-            assert_eq!((element, corners[place]), (*other, node));
+        let expected: Vec<(u32, [u32; 4])> = elements.map(|(index, corners)| (index as u32, *corners)).collect();
+        let mut around: Vec<_> = mesh.elements_around(node).collect();
+        around.sort_unstable();
+        assert_eq!(around.len(), expected.len());
+        for ((element, corner), (expected_element, corners)) in around.into_iter().zip(&expected) {
+            assert_eq!((element, corners[corner]), (*expected_element, node));
         }
         let mut neighbours: Vec<u32> = expected.iter().flat_map(|(_, corners)| *corners).collect();
         neighbours.sort_unstable();
@@ -44,16 +44,16 @@ fn a_change_is_the_difference_of_the_assembled_stiffnesses() {
     let nodes = [free_nodes(&mesh)[3], inner_nodes(&mesh)[0]];
     for node in nodes {
         let before = current(&mesh);
-        let to = nearby(&mesh, node, 1);
-        let change = mesh.move_node(node, to).expect("a small move");
+        let target = nearby(&mesh, node, 1);
+        let change = mesh.move_node(node, target).expect("a small move");
         let after = current(&mesh);
         // Each entry is a sum over at most all elements around a node of differences of terms no larger than the
         // largest.
         let bound = 4.0 * 32.0 * f64::EPSILON * after.norm_max().max(before.norm_max());
-        let place = |dof: usize| change.support.binary_search(&(dof as u32)).ok();
+        let index_of = |dof: usize| change.support.binary_search(&(dof as u32)).ok();
         for (i, j) in (0..after.nrows()).flat_map(|i| (0..after.ncols()).map(move |j| (i, j))) {
             let expected = after[(i, j)] - before[(i, j)];
-            match (place(i), place(j)) {
+            match (index_of(i), index_of(j)) {
                 (Some(a), Some(b)) => {
                     assert!((change.stiffness[(a, b)] - expected).abs() <= bound, "({i}, {j})");
                     assert_eq!(change.stiffness[(a, b)], change.stiffness[(b, a)]);
@@ -61,7 +61,7 @@ fn a_change_is_the_difference_of_the_assembled_stiffnesses() {
                 _ => assert_eq!(expected, 0.0, "({i}, {j})"),
             }
         }
-        assert_eq!((change.node, change.to, change.step), (node, to, mesh.step()));
+        assert_eq!((change.node, change.to, change.step), (node, target, mesh.step()));
     }
 }
 
@@ -126,43 +126,46 @@ fn unusable_moves_are_refused_and_change_nothing() {
         }
     );
     assert_eq!(mesh.restore(count as u32).expect_err("no such node"), refused);
-    for to in [[f64::NAN, 0.0, 0.0], [0.0, f64::INFINITY, 0.0]] {
-        assert!(matches!(mesh.move_node(node, to), Err(RemeshError::Position { .. })));
+    for target in [[f64::NAN, 0.0, 0.0], [0.0, f64::INFINITY, 0.0]] {
+        assert!(matches!(
+            mesh.move_node(node, target),
+            Err(RemeshError::Position { .. })
+        ));
     }
     // Beyond the far face of one of its tetrahedra, that tetrahedron is inverted.
-    let (element, place) = mesh.elements_around(node).next().expect("an element");
+    let (element, corner) = mesh.elements_around(node).next().expect("an element");
     let mut outside = [1.0; 4];
-    outside[place] = -2.0;
+    outside[corner] = -2.0;
     let inverted = mesh.move_node(node, mesh.point(element, outside));
     assert!(matches!(inverted, Err(RemeshError::Element { .. })), "{inverted:?}");
     // Almost on that face, the tetrahedron is too thin.
     let mut close = [(1.0 - 1e-6) / 3.0; 4];
-    close[place] = 1e-6;
-    let to = mesh.point(element, close);
-    match mesh.move_node(node, to) {
+    close[corner] = 1e-6;
+    let target = mesh.point(element, close);
+    match mesh.move_node(node, target) {
         Err(RemeshError::Condition { condition, limit, .. }) => assert!(condition > limit && limit == CONDITION_LIMIT),
         other => panic!("{other:?}"),
     }
     assert_eq!(state(&mesh), before);
     // With a larger limit the move passes.
     let mut lenient = mesh.clone().with_condition_limit(1e9);
-    lenient.move_node(node, to).expect("within the limit");
+    lenient.move_node(node, target).expect("within the limit");
     // From there, a move passes that exceeds the usual limit but improves the mesh.
     let mut better = lenient.with_condition_limit(CONDITION_LIMIT);
     close = [(1.0 - 2e-6) / 3.0; 4];
-    close[place] = 2e-6;
-    let to = mesh.point(element, close);
-    assert!(better.assess(node, to).expect("better than before") > CONDITION_LIMIT);
-    better.move_node(node, to).expect("better than before");
+    close[corner] = 2e-6;
+    let target = mesh.point(element, close);
+    assert!(better.assess(node, target).expect("better than before") > CONDITION_LIMIT);
+    better.move_node(node, target).expect("better than before");
 }
 
 #[test]
 fn a_point_follows_its_barycentric_coordinates() {
     let mesh = adapted(0.3);
     for (corner, node) in mesh.elements()[5].into_iter().enumerate() {
-        let mut at = [0.0; 4];
-        at[corner] = 1.0;
-        assert_eq!(mesh.point(5, at), mesh.nodes()[node as usize]);
+        let mut weights = [0.0; 4];
+        weights[corner] = 1.0;
+        assert_eq!(mesh.point(5, weights), mesh.nodes()[node as usize]);
     }
 }
 

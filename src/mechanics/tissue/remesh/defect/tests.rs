@@ -11,14 +11,14 @@ fn it_is_what_is_missing_to_hold_the_forces() {
     let size = k.nrows();
     let f: Vec<f64> = (0..size).map(|i| value(i, 0, 1)).collect();
     let u: Vec<f64> = (0..size).map(|i| value(i, 0, 2)).collect();
-    let found = defect(&mesh, &difference, &u, &f);
+    let computed = defect(&mesh, &difference, &u, &f);
     for i in 0..size {
         let terms = || (0..size).map(|j| k[(i, j)] * u[j]);
         let magnitude: f64 = f[i].abs() + terms().map(f64::abs).sum::<f64>();
         let expected = f[i] - terms().sum::<f64>();
         // The base and the difference, which partly cancel, are added in turn.
         assert!(
-            (found[i] - expected).abs() <= 4.0 * size as f64 * f64::EPSILON * magnitude,
+            (computed[i] - expected).abs() <= 4.0 * size as f64 * f64::EPSILON * magnitude,
             "row {i}"
         );
     }
@@ -30,7 +30,7 @@ fn it_is_what_is_missing_to_hold_the_forces() {
         .collect();
     assert!(backward_error(&mesh, &difference, &right, &f) <= size as f64 * f64::EPSILON);
     let norm = mesh.stiffness().norm_inf() + difference.norm_inf();
-    let expected = largest(&found) / (norm * largest(&u) + largest(&f));
+    let expected = largest(&computed) / (norm * largest(&u) + largest(&f));
     assert!(expected > 1e-3 && (backward_error(&mesh, &difference, &u, &f) / expected - 1.0).abs() < 1e-12);
     assert_eq!(
         backward_error(&mesh, &difference, &vec![0.0; size], &vec![0.0; size]),

@@ -7,9 +7,9 @@ use crate::tissue::testing::value;
 fn moved() -> AdaptedMesh {
     let mut mesh = adapted(0.45);
     for node in free_nodes(&mesh).into_iter().step_by(7) {
-        let to = nearby(&mesh, node, 1);
-        if mesh.assess(node, to).is_ok() {
-            mesh.move_node(node, to).expect("assessed");
+        let target = nearby(&mesh, node, 1);
+        if mesh.assess(node, target).is_ok() {
+            mesh.move_node(node, target).expect("assessed");
         }
     }
     mesh
@@ -21,16 +21,16 @@ fn it_is_the_assembled_stiffness_less_that_of_the_base() {
     assert!(mesh.away().len() > 5);
     let expected = current(&mesh) - dense(mesh.stiffness());
     let size = expected.nrows();
-    let mut found = Mat::<f64>::zeros(size, size);
+    let mut summed = Mat::<f64>::zeros(size, size);
     for (row, column, value) in mesh.difference().entries() {
-        found[(row as usize, column as usize)] += value;
+        summed[(row as usize, column as usize)] += value;
     }
     // Sums over at most 32 elements around a pair of nodes, of terms no larger than the largest entry.
     let bound = 4.0 * 32.0 * f64::EPSILON * current(&mesh).norm_max();
-    assert!((&found - &expected).norm_max() <= bound);
-    assert_eq!(found, found.transpose().to_owned());
+    assert!((&summed - &expected).norm_max() <= bound);
+    assert_eq!(summed, summed.transpose().to_owned());
 
-    let sums = found.row_iter().map(|row| row.iter().map(|x| x.abs()).sum::<f64>());
+    let sums = summed.row_iter().map(|row| row.iter().map(|x| x.abs()).sum::<f64>());
     let norm = sums.fold(0.0, f64::max);
     assert!((mesh.difference().norm_inf() - norm).abs() <= size as f64 * f64::EPSILON * norm);
 
@@ -38,7 +38,7 @@ fn it_is_the_assembled_stiffness_less_that_of_the_base() {
     let mut product = vec![1.0; size];
     mesh.difference().add_product(&x, &mut product);
     for i in 0..size {
-        let terms = || (0..size).map(|j| found[(i, j)] * x[j]);
+        let terms = || (0..size).map(|j| summed[(i, j)] * x[j]);
         let magnitude: f64 = 1.0 + terms().map(f64::abs).sum::<f64>();
         let expected = 1.0 + terms().sum::<f64>();
         assert!(
@@ -55,9 +55,9 @@ fn it_depends_on_where_nodes_are_and_not_on_how_they_came_there() {
     let before = entries(&mesh);
     let (node, home) = (mesh.away()[0], mesh.nodes()[mesh.away()[0] as usize]);
     for salt in 10..40 {
-        let to = nearby(&mesh, node, salt);
-        if mesh.assess(node, to).is_ok() {
-            mesh.move_node(node, to).expect("assessed");
+        let target = nearby(&mesh, node, salt);
+        if mesh.assess(node, target).is_ok() {
+            mesh.move_node(node, target).expect("assessed");
         }
     }
     assert_ne!(entries(&mesh), before);

@@ -96,18 +96,18 @@ impl Exact {
         out: &mut [f64],
     ) -> Result<f64, LinearError> {
         self.full_displacement(forces, out)?;
-        let mut all = vec![0.0; out.len()];
+        let mut full_forces = vec![0.0; out.len()];
         for (&dof, force) in self.contacts.dofs().iter().zip(forces) {
-            all[dof] = *force;
+            full_forces[dof] = *force;
         }
         mesh.difference_into(&mut self.difference);
-        let mut rest = defect(mesh, &self.difference, out, &all);
+        let mut residual = defect(mesh, &self.difference, out, &full_forces);
         let mut correction = vec![0.0; out.len()];
-        self.apply(&mut rest, &mut correction)?;
+        self.apply(&mut residual, &mut correction)?;
         out.iter_mut()
             .zip(&correction)
             .for_each(|(u, correction)| *u += correction);
-        Ok(backward_error(mesh, &self.difference, out, &all))
+        Ok(backward_error(mesh, &self.difference, out, &full_forces))
     }
 
     /// Computes out = K^-1 x for any forces x, which are overwritten.
@@ -134,8 +134,8 @@ impl Exact {
             self.source.entries_into(self.support.dofs(), &[dof], rows)?;
             self.subtract_correction(MatRef::from_column_major_slice(&across, across.len(), 1), &mut base);
             self.source.multiply_into(&base, &mut column)?;
-            let rest = defect(mesh, &self.difference, &column, &unit);
-            worst = rest
+            let residual = defect(mesh, &self.difference, &column, &unit);
+            worst = residual
                 .iter()
                 .fold(worst, |a, r| if r.is_nan() { f64::INFINITY } else { a.max(r.abs()) });
             unit[dof] = 0.0;

@@ -61,8 +61,8 @@ impl Contacts {
             .iter()
             .map(|dof| self.dofs.iter().position(|old| old == dof))
             .collect();
-        let new: Vec<usize> = (0..dofs.len()).filter(|at| before[*at].is_none()).collect();
-        let new_dofs: Vec<usize> = new.iter().map(|at| dofs[*at]).collect();
+        let new: Vec<usize> = (0..dofs.len()).filter(|index| before[*index].is_none()).collect();
+        let new_dofs: Vec<usize> = new.iter().map(|index| dofs[*index]).collect();
         let len = support.len();
         // Entries of remaining contacts are kept, as reading the source is what costs.
         let with_new = source.entries(dofs, &new_dofs)?;
@@ -72,18 +72,18 @@ impl Contacts {
         let prefix = before
             .iter()
             .enumerate()
-            .take_while(|(at, old)| **old == Some(*at))
+            .take_while(|(index, old)| **old == Some(*index))
             .count();
         rearrange(&mut self.bare, &mut self.spare, &before, prefix);
         rearrange(&mut self.condensed, &mut self.spare, &before, prefix);
         let mut columns = self.columns.shape(len, dofs.len() - prefix);
-        let mut from = 0;
+        let mut coupling_column = 0;
         for (mut column, old) in columns.rb_mut().col_iter_mut().zip(&before[prefix..]) {
             if let Some(old) = *old {
                 column.copy_from(support.b.get().col(old));
             } else {
-                column.copy_from(coupling.col(from));
-                from += 1;
+                column.copy_from(coupling.col(coupling_column));
+                coupling_column += 1;
             }
         }
         let mut b = support.b.shape(len, dofs.len());
@@ -101,12 +101,12 @@ impl Contacts {
             1.0,
         );
         let (mut bare, mut condensed) = (self.bare.get_mut(), self.condensed.get_mut());
-        for (from, &j) in new.iter().enumerate() {
+        for (new_column, &j) in new.iter().enumerate() {
             // Each pair of new contacts is read once, so that both matrices stay symmetric.
             for i in (0..dofs.len()).filter(|i| before[*i].is_some() || *i <= j) {
-                bare[(i, j)] = with_new[(i, from)];
-                bare[(j, i)] = with_new[(i, from)];
-                condensed[(i, j)] = with_new[(i, from)] - correction[(i, from)];
+                bare[(i, j)] = with_new[(i, new_column)];
+                bare[(j, i)] = with_new[(i, new_column)];
+                condensed[(i, j)] = with_new[(i, new_column)] - correction[(i, new_column)];
                 condensed[(j, i)] = condensed[(i, j)];
             }
         }

@@ -75,8 +75,8 @@ impl Exact {
         let mut rest = e;
         rest.copy_from(y.rb());
         for (row, column, value) in difference.entries() {
-            let from = support.place(column);
-            rest[(support.place(row), 0)] -= value * (ge[(from, 0)] - gy[(from, 0)]);
+            let place = support.place(column);
+            rest[(support.place(row), 0)] -= value * (ge[(place, 0)] - gy[(place, 0)]);
         }
         let residual = largest(rest.rb());
         let size = difference.norm_inf() * (largest(ge.rb()) + largest(gy.rb())) + largest(y.rb());

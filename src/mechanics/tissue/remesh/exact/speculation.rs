@@ -64,12 +64,12 @@ impl Exact {
         if self.speculation.support != support {
             self.discard_speculation();
         }
-        let met = (
+        let expected = (
             self.speculation.before.unwrap_or(self.support.len()),
             self.speculation.columns,
         );
         self.speculation.forget();
-        met
+        expected
     }
 
     /// Removes from S what was only expected.
@@ -104,15 +104,18 @@ impl Exact {
             return;
         }
         let len = support.len();
-        let first = speculation.columns;
-        let count = COLUMNS_AT_ONCE.min(rank - first);
-        let mut g_sp = work.g_sp.shape(len, rank).subcols_mut(first, count);
-        for (column, dof) in speculation.support[first..first + count].iter().enumerate() {
+        let first_column = speculation.columns;
+        let count = COLUMNS_AT_ONCE.min(rank - first_column);
+        let mut g_sp = work.g_sp.shape(len, rank).subcols_mut(first_column, count);
+        for (column, dof) in speculation.support[first_column..first_column + count]
+            .iter()
+            .enumerate()
+        {
             g_sp.rb_mut()
                 .col_mut(column)
                 .copy_from(support.g.get().col(support.place(*dof)));
         }
-        let x = work.v.shape(len, rank).subcols_mut(first, count);
+        let x = work.v.shape(len, rank).subcols_mut(first_column, count);
         product(x, Accum::Replace, support.c.get(), g_sp.as_ref(), 1.0);
         speculation.columns += count;
     }

@@ -83,8 +83,8 @@ impl Support {
             return result;
         }
         self.c.extend(len, len);
-        for place in old..len {
-            self.places[self.dofs[place]] = place as u32;
+        for index in old..len {
+            self.places[self.dofs[index]] = index as u32;
         }
         Ok(())
     }
@@ -133,16 +133,16 @@ impl Support {
     }
 
     fn take(&mut self, dof: usize) {
-        let place = self.places[dof] as usize;
+        let index = self.places[dof] as usize;
         for matrix in [&mut self.g, &mut self.c] {
-            matrix.take_row(place);
-            matrix.take_column(place);
+            matrix.take_row(index);
+            matrix.take_column(index);
         }
-        self.b.take_row(place);
+        self.b.take_row(index);
         self.places[dof] = NONE;
-        self.dofs.swap_remove(place);
-        if let Some(&moved) = self.dofs.get(place) {
-            self.places[moved] = place as u32;
+        self.dofs.swap_remove(index);
+        if let Some(&moved) = self.dofs.get(index) {
+            self.places[moved] = index as u32;
         }
     }
 

@@ -121,17 +121,17 @@ fn a_change_out_of_step_is_refused_and_a_refresh_catches_up() {
     let mut mesh = adapted(0.45);
     let inner = inner_nodes(&mesh);
     let mut exact = exact(&mesh, &inner[..2], RemesherOptions::default());
-    let first = mesh
+    let first_change = mesh
         .move_node(inner[0], nearby(&mesh, inner[0], 1))
         .expect("a small move");
-    exact.remesh(&mesh, &first).expect("a remesh");
+    exact.remesh(&mesh, &first_change).expect("a remesh");
     let before = exact.condensed().to_owned();
-    let again = RemeshError::OutOfStep {
+    let out_of_step = RemeshError::OutOfStep {
         expected: 2,
         found: 1,
         mesh: 1,
     };
-    assert_eq!(exact.remesh(&mesh, &first), Err(again));
+    assert_eq!(exact.remesh(&mesh, &first_change), Err(out_of_step));
     let second = mesh
         .move_node(inner[1], nearby(&mesh, inner[1], 1))
         .expect("a small move");
@@ -246,8 +246,13 @@ fn displacements_are_those_of_the_moved_mesh_and_come_from_forces_on_the_base() 
 #[test]
 fn a_source_that_does_not_fit_is_refused() {
     let mesh = adapted(0.45);
-    let other = crate::tissue::symmetric::Symmetric::<f64>::zeros(5);
-    let refused = Exact::new(&mesh, Box::new(other), Precision::Double, RemesherOptions::default());
+    let too_small = crate::tissue::symmetric::Symmetric::<f64>::zeros(5);
+    let refused = Exact::new(
+        &mesh,
+        Box::new(too_small),
+        Precision::Double,
+        RemesherOptions::default(),
+    );
     let shape = LinearError::Shape {
         what: "rows of the compliance",
         found: 5,
@@ -255,9 +260,9 @@ fn a_source_that_does_not_fit_is_refused() {
     };
     assert_eq!(refused.err(), Some(RemeshError::Compliance(shape)));
     let mut exact = exact(&mesh, &[], RemesherOptions::default());
-    let asked = exact.set_level(&mesh, Level::II);
+    let refusal = exact.set_level(&mesh, Level::II);
     assert_eq!(
-        asked,
+        refusal,
         Err(RemeshError::Level {
             asked: Level::II,
             offered: Level::Exact
@@ -273,7 +278,7 @@ fn nodes_beside_the_fixed_floor_move_too() {
     let is_beside = |node: &&u32| {
         mesh.neighbours(**node)
             .iter()
-            .any(|other| mesh.dofs().of(*other) == [NONE; 3])
+            .any(|neighbour| mesh.dofs().of(*neighbour) == [NONE; 3])
     };
     let beside = *free.iter().find(is_beside).expect("a node beside the floor");
     let mut exact = exact(&mesh, &[beside], RemesherOptions::default());
@@ -326,11 +331,11 @@ fn a_refined_displacement_regains_what_single_precision_loses() {
             .map(|(dof, force)| gold[(i, *dof)] * force)
             .sum()
     };
-    let off = |u: &[f64]| (0..u.len()).fold(0.0, |most: f64, i| most.max((u[i] - expected(i)).abs()));
+    let error = |u: &[f64]| (0..u.len()).fold(0.0, |largest: f64, i| largest.max((u[i] - expected(i)).abs()));
     assert!(
-        off(&refined) < 1e-3 * off(&plain),
+        error(&refined) < 1e-3 * error(&plain),
         "{:e} {:e}",
-        off(&refined),
-        off(&plain)
+        error(&refined),
+        error(&plain)
     );
 }

@@ -90,8 +90,8 @@ impl Exact {
         work.at.clear();
         work.at.extend(change.support.iter().map(|dof| support.place(*dof)));
         let mut g_sp = work.g_sp.shape(len, rank);
-        for (column, &at) in work.at.iter().enumerate().skip(done) {
-            g_sp.rb_mut().col_mut(column).copy_from(support.g.get().col(at));
+        for (column, &place) in work.at.iter().enumerate().skip(done) {
+            g_sp.rb_mut().col_mut(column).copy_from(support.g.get().col(place));
         }
         let g_sp = g_sp.rb();
         let mut x = work.v.shape(len, rank);
@@ -123,8 +123,8 @@ impl Exact {
         symmetric_product(self.contacts.condensed.get_mut(), w.rb().transpose(), dw.rb(), -1.0);
 
         // x becomes -V; the sign cancels in V D V^T.
-        for (column, &at) in work.at.iter().enumerate() {
-            x[(at, column)] -= 1.0;
+        for (column, &place) in work.at.iter().enumerate() {
+            x[(place, column)] -= 1.0;
         }
         work.left = true;
         if !self.options.deferred {

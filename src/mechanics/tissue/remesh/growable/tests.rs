@@ -33,10 +33,10 @@ fn values_stay_when_it_grows_and_what_is_new_is_zero() {
 #[test]
 fn memory_is_kept_when_it_shrinks() {
     let mut grown = filled(30, 30);
-    let (bytes, place) = (grown.bytes(), grown.get().as_ptr());
+    let (bytes, address) = (grown.bytes(), grown.get().as_ptr());
     grown.shape(2, 3);
     grown.shape(30, 30);
-    assert_eq!((grown.bytes(), grown.get().as_ptr()), (bytes, place));
+    assert_eq!((grown.bytes(), grown.get().as_ptr()), (bytes, address));
 }
 
 #[test]

@@ -45,11 +45,11 @@ impl<S: Store> DenseInverseRemesher<S> {
     /// contact, and a random one.
     fn sample(&mut self, mesh: &AdaptedMesh, change: &Change) -> Result<f64, RemeshError> {
         let any = hash3([self.step as i32, 0, 0], seed_words(0))[0] as usize % self.inverse.store.size();
-        let own = change.support.first().map_or(any, |dof| *dof as usize);
+        let moved = change.support.first().map_or(any, |dof| *dof as usize);
         let softer = |a: &usize, b: &usize| self.condensed[(*a, *a)].total_cmp(&self.condensed[(*b, *b)]);
         let contact = (0..self.contacts.len()).max_by(softer);
-        let contact = contact.map_or(any, |at| self.contacts[at]);
-        self.inverse.residual(mesh, &[own, contact, any])
+        let contact = contact.map_or(any, |index| self.contacts[index]);
+        self.inverse.residual(mesh, &[moved, contact, any])
     }
 
     /// Whether the residual exceeds the limit even after a rebuild, as when one update loses that much.

@@ -64,10 +64,10 @@ impl<S: Store> Inverse<S> {
     pub(super) fn rebuild(&mut self, mesh: &AdaptedMesh, limit: f64) -> Result<Result<f64, f64>, RemeshError> {
         mesh.difference_into(&mut self.difference);
         let columns: Vec<usize> = mesh.support().map(|dof| dof as usize).collect();
-        let place = |dof: u32| columns.partition_point(|column| *column < dof as usize);
+        let index_of = |dof: u32| columns.partition_point(|column| *column < dof as usize);
         let mut change = Mat::zeros(columns.len(), columns.len());
         for (row, column, value) in self.difference.entries() {
-            change[(place(row), place(column))] = value;
+            change[(index_of(row), index_of(column))] = value;
         }
         let mut g = self.store.take(Which::Base, &columns)?;
         symmetrise(g.as_mut());
@@ -93,8 +93,12 @@ impl<S: Store> Inverse<S> {
                 .zip(column.iter())
                 .for_each(|(to, from)| *to = *from);
             unit[dof] = 1.0;
-            let rest = largest(&defect(mesh, &self.difference, &self.column, &unit));
-            worst = if rest.is_nan() { rest } else { worst.max(rest) };
+            let residual = largest(&defect(mesh, &self.difference, &self.column, &unit));
+            worst = if residual.is_nan() {
+                residual
+            } else {
+                worst.max(residual)
+            };
             if worst.is_nan() {
                 break;
             }
@@ -124,17 +128,17 @@ impl<S: Store> Inverse<S> {
         forces: &[f64],
         out: &mut [f64],
     ) -> Result<f64, RemeshError> {
-        let mut all = vec![0.0; out.len()];
+        let mut full_forces = vec![0.0; out.len()];
         for (&dof, force) in contacts.iter().zip(forces) {
-            all[dof] = *force;
+            full_forces[dof] = *force;
         }
         mesh.difference_into(&mut self.difference);
-        let rest = defect(mesh, &self.difference, out, &all);
-        self.store.multiply(&rest, &mut self.column)?;
+        let residual = defect(mesh, &self.difference, out, &full_forces);
+        self.store.multiply(&residual, &mut self.column)?;
         out.iter_mut()
             .zip(&self.column)
             .for_each(|(u, correction)| *u += correction);
-        Ok(backward_error(mesh, &self.difference, out, &all))
+        Ok(backward_error(mesh, &self.difference, out, &full_forces))
     }
 
     /// Size of this many columns, bytes.

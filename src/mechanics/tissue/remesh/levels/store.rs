@@ -95,7 +95,7 @@ pub trait Store: Send {
 pub struct Host<T> {
     base: Arc<Symmetric<T>>,
     pub(super) current: Symmetric<T>,
-    taken: Mat<T>,
+    taken_columns: Mat<T>,
     column: Vec<f64>,
 }
 
@@ -109,7 +109,7 @@ impl<T: Scalar> Host<T> {
     pub(super) fn new(base: Arc<Symmetric<T>>) -> Self {
         Host {
             current: (*base).clone(),
-            taken: Mat::new(),
+            taken_columns: Mat::new(),
             column: vec![0.0; base.size()],
             base,
         }
@@ -138,13 +138,13 @@ impl<T: Entry> Store for Host<T> {
             Which::Current => &self.current,
             Which::Base => &*self.base,
         };
-        self.taken = read_columns(matrix, columns)?;
-        let block = |i, j| self.taken[(columns[i], j)].wide();
+        self.taken_columns = read_columns(matrix, columns)?;
+        let block = |i, j| self.taken_columns[(columns[i], j)].wide();
         Ok(Mat::from_fn(columns.len(), columns.len(), block))
     }
 
     fn update(&mut self, c: MatRef<'_, f64>, rows: Option<&[usize]>, block: &[usize]) -> Result<Mat<f64>, RemeshError> {
-        let (y, c) = (self.taken.as_ref(), rounded(c));
+        let (y, c) = (self.taken_columns.as_ref(), rounded(c));
         match rows {
             None => self.current.rank_update(y, c.as_ref())?,
             Some(rows) => self.current.update_rows(rows, y, c.as_ref())?,

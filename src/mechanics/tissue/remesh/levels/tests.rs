@@ -50,13 +50,13 @@ fn levels_two_and_three_are_right_in_their_rows_and_leave_the_rest() {
             std::slice::from_ref(&node)
         };
         let rows = dofs_of(&mesh, nodes);
-        let (gold, found) = (gold(&mesh), whole(&levels));
+        let (gold, updated) = (gold(&mesh), whole(&levels));
         let bound = rounding(&mesh, &gold) * gold.norm_max();
         for (i, j) in (0..gold.nrows()).flat_map(|i| (0..gold.ncols()).map(move |j| (i, j))) {
             if rows.contains(&i) || rows.contains(&j) {
-                assert!((found[(i, j)] - gold[(i, j)]).abs() <= bound, "{level} ({i}, {j})");
+                assert!((updated[(i, j)] - gold[(i, j)]).abs() <= bound, "{level} ({i}, {j})");
             } else {
-                assert_eq!(found[(i, j)], before[(i, j)], "{level} ({i}, {j})");
+                assert_eq!(updated[(i, j)], before[(i, j)], "{level} ({i}, {j})");
             }
         }
     }
@@ -145,8 +145,8 @@ fn contacts_that_are_not_positive_definite_are_mended() {
         .current
         .rank_update(unit.as_ref(), large.as_ref())
         .expect("an update");
-    let last = *inner.last().expect("nodes");
-    let report = go(&mut mesh, &mut levels, last, 1);
+    let last_node = *inner.last().expect("nodes");
+    let report = go(&mut mesh, &mut levels, last_node, 1);
     assert_eq!(report.rebuilt, Some(Rebuilt::Indefinite));
     let gold = gold(&mesh);
     assert!(error(&whole(&levels), &gold) <= rounding(&mesh, &gold));

@@ -96,18 +96,18 @@ fn the_capacitance_is_that_of_the_matrix_inversion_lemma() {
     let root = random(size, 2);
     let mut h = &root * root.transpose();
     symmetrise(h.as_mut());
-    let mut found = Mat::zeros(size, size);
+    let mut computed = Mat::zeros(size, size);
     let mut lu = Lu::default();
-    let reciprocal = capacitance(&mut lu, d.as_ref(), h.as_ref(), found.as_mut());
+    let reciprocal = capacitance(&mut lu, d.as_ref(), h.as_ref(), computed.as_mut());
     // (h^-1 + d)^-1 = h - h D h.
     let inverse = PartialPivLu::new(h.as_ref()).inverse();
     let expected = PartialPivLu::new((&inverse + &d).as_ref()).inverse();
-    let updated = &h - &h * &found * &h;
+    let updated = &h - &h * &computed * &h;
     let worst = norm(inverse.as_ref()) * norm(h.as_ref()) / reciprocal;
     assert!((&updated - &expected).norm_max() <= size as f64 * f64::EPSILON * worst * expected.norm_max());
-    assert_eq!(found, found.transpose().to_owned());
-    let nothing = capacitance(&mut lu, Mat::zeros(size, size).as_ref(), h.as_ref(), found.as_mut());
-    assert_eq!((nothing, found.norm_max()), (1.0, 0.0));
+    assert_eq!(computed, computed.transpose().to_owned());
+    let nothing = capacitance(&mut lu, Mat::zeros(size, size).as_ref(), h.as_ref(), computed.as_mut());
+    assert_eq!((nothing, computed.norm_max()), (1.0, 0.0));
     for size in [size, size + 1] {
         let undefined = Mat::from_fn(size, size, |_, _| f64::NAN);
         assert_eq!(

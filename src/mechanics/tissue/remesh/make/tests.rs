@@ -19,7 +19,7 @@ fn each_source_gives_what_it_can() {
     let [single, double] = [Precision::Single, Precision::Double];
     for level in [Level::I, Level::II, Level::III, Level::IV, Level::Exact] {
         let dense_only = level != Level::Exact;
-        for (kind, asked, given) in [
+        for (kind, wanted, expected) in [
             ("f32", single, Some(single)),
             ("f32", double, None),
             ("f64", single, Some(if dense_only { single } else { double })),
@@ -27,13 +27,13 @@ fn each_source_gives_what_it_can() {
             ("columns", single, (!dense_only).then_some(double)),
             ("columns", double, (!dense_only).then_some(double)),
         ] {
-            let made = make(level, asked, &source(&mesh, kind), &mesh, RemesherOptions::default());
-            match (made, given) {
-                (Ok(remesher), Some(given)) => {
+            let result = make(level, wanted, &source(&mesh, kind), &mesh, RemesherOptions::default());
+            match (result, expected) {
+                (Ok(remesher), Some(expected)) => {
                     assert_eq!(
                         (remesher.level(), remesher.precision()),
-                        (level, given),
-                        "{kind} {asked}"
+                        (level, expected),
+                        "{kind} {wanted}"
                     );
                 }
                 (
@@ -44,10 +44,10 @@ fn each_source_gives_what_it_can() {
                     }),
                     None,
                 ) => {
-                    assert_eq!((of, precision), (level, asked));
+                    assert_eq!((of, precision), (level, wanted));
                     assert!(reason.contains("inverse"), "{reason}");
                 }
-                (made, _) => panic!("{level} {kind} {asked}: {:?}", made.map(|made| made.level())),
+                (result, _) => panic!("{level} {kind} {wanted}: {:?}", result.map(|result| result.level())),
             }
         }
     }

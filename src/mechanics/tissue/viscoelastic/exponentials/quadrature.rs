@@ -74,10 +74,10 @@ impl Quadrature {
         }
         let mut weights: Vec<f64> = rates.iter().map(|rate| scale * rate.powf(a)).collect();
         // Sum of the weights of the slow rates, a geometric series.
-        let rest = scale * rate.powf(a) / -(-a * spacing).exp_m1();
+        let slow_weight = scale * rate.powf(a) / -(-a * spacing).exp_m1();
         for [node, weight] in gauss(a, spacing) {
             rates.push(rate * node);
-            weights.push(rest * weight);
+            weights.push(slow_weight * weight);
         }
         Ok(Quadrature { rates, weights })
     }
@@ -87,8 +87,8 @@ impl Quadrature {
 fn spacing(a: f64, bound: f64) -> f64 {
     let error = |y: f64| {
         // The terms decrease faster than a geometric series of ratio e^(-pi y / 2).
-        let first = 2.0 * (PI / (PI * y).sinh()).sqrt() * y.powf(a - 0.5) / tgamma(a);
-        first / (1.0 - (-0.5 * PI * y).exp())
+        let first_term = 2.0 * (PI / (PI * y).sinh()).sqrt() * y.powf(a - 0.5) / tgamma(a);
+        first_term / (1.0 - (-0.5 * PI * y).exp())
     };
     let (mut low, mut high) = (0.5, 100.0);
     for _ in 0..60 {
@@ -133,18 +133,23 @@ fn gauss(a: f64, spacing: f64) -> [[f64; 2]; TAIL] {
         power(n + a - 1.0) * (gap(n) / gap(a + 2.0 * n - 1.0)) * (gap(n) / gap(a + 2.0 * n))
     };
     let mut jacobi = SMatrix::<f64, TAIL, TAIL>::zeros();
-    for at in 0..TAIL {
-        let n = at as f64;
-        jacobi[(at, at)] = rise(n) + fall(n);
-        if at > 0 {
+    for row in 0..TAIL {
+        let n = row as f64;
+        jacobi[(row, row)] = rise(n) + fall(n);
+        if row > 0 {
             let next = (rise(n - 1.0) * fall(n)).sqrt();
-            jacobi[(at, at - 1)] = next;
-            jacobi[(at - 1, at)] = next;
+            jacobi[(row, row - 1)] = next;
+            jacobi[(row - 1, row)] = next;
         }
     }
     let eigen = SymmetricEigen::new(jacobi);
     // Rounding may put a node below 0 when a is tiny.
-    std::array::from_fn(|at| [eigen.eigenvalues[at].max(0.0), eigen.eigenvectors[(0, at)].powi(2)])
+    std::array::from_fn(|column| {
+        [
+            eigen.eigenvalues[column].max(0.0),
+            eigen.eigenvectors[(0, column)].powi(2),
+        ]
+    })
 }
 
 #[cfg(test)]

@@ -17,15 +17,15 @@ const ORDERS: [f64; 6] = [0.0, 1e-3, 0.1, 0.5, 0.999, 1.0];
 const OPERATORS: [fn(f64) -> Operator; 2] = [Operator::Integral, Operator::Derivative];
 
 /// Returns the results for a function with values `of(t)` after each of some steps.
-fn follow(history: &mut dyn History, steps: &[f64], of: impl Fn(f64) -> f64) -> Vec<f64> {
+fn follow(history: &mut dyn History, steps: &[f64], function: impl Fn(f64) -> f64) -> Vec<f64> {
     let mut t = 0.0;
     let mut results = Vec::new();
     for &step in steps {
         t += step;
         let mut past = [0.0];
         let weight = history.predict(step, &mut past).unwrap();
-        results.push(weight * of(t) + past[0]);
-        history.commit(step, &[of(t)]).unwrap();
+        results.push(weight * function(t) + past[0]);
+        history.commit(step, &[function(t)]).unwrap();
     }
     results
 }
@@ -33,7 +33,7 @@ fn follow(history: &mut dyn History, steps: &[f64], of: impl Fn(f64) -> f64) -> 
 #[test]
 fn a_jump_at_the_start_is_exact_under_every_rule() {
     let even = [0.25; 40];
-    let uneven: Vec<f64> = (0..40).map(|at| 10f64.powi(at % 9 - 6)).collect();
+    let uneven: Vec<f64> = (0..40).map(|index| 10f64.powi(index % 9 - 6)).collect();
     for rule in RULES {
         for order in ORDERS {
             for operator in OPERATORS {
@@ -67,7 +67,7 @@ fn a_jump_at_the_start_is_exact_under_every_rule() {
 #[test]
 fn ends_of_the_order_are_the_function_its_integral_and_its_derivative() {
     let steps = [0.5; 16];
-    let of = |t: f64| 1.0 + 3.0 * t;
+    let function = |t: f64| 1.0 + 3.0 * t;
     for rule in RULES {
         for (operator, exact) in [
             (
@@ -79,11 +79,11 @@ fn ends_of_the_order_are_the_function_its_integral_and_its_derivative() {
             (Operator::Integral(1.0), &|t| t + 1.5 * t * t),
         ] {
             let mut history = rule.start(operator, &[1.0]).unwrap();
-            for (at, result) in follow(history.as_mut(), &steps, of).iter().enumerate() {
-                let t = 0.5 * (at + 1) as f64;
+            for (index, result) in follow(history.as_mut(), &steps, function).iter().enumerate() {
+                let t = 0.5 * (index + 1) as f64;
                 // The first-order rules use the value at the end of a step for all of it.
-                let first = matches!(rule, Rule::Rectangle | Rule::GruenwaldLetnikov);
-                let late = if first && operator == Operator::Integral(1.0) {
+                let is_first_order = matches!(rule, Rule::Rectangle | Rule::GruenwaldLetnikov);
+                let late = if is_first_order && operator == Operator::Integral(1.0) {
                     0.5 * 1.5 * t
                 } else {
                     0.0
@@ -103,30 +103,30 @@ fn components_are_kept_apart_and_predictions_change_nothing() {
         for operator in OPERATORS.map(|operator| operator(0.3)) {
             let mut three = rule.start(operator, &[1.0, 0.0, -2.0]).unwrap();
             let mut third = rule.start(operator, &[-2.0]).unwrap();
-            for at in 0..70 {
+            for index in 0..70 {
                 // A step of another length in between discards the cached weights.
                 if !matches!(rule, Rule::GruenwaldLetnikov) {
                     three.predict(0.7, &mut [0.0; 3]).unwrap();
                 }
-                let (mut all, mut one) = ([9.0; 3], [9.0]);
-                let weight = three.predict(0.1, &mut all).unwrap();
-                assert_eq!(weight, third.predict(0.1, &mut one).unwrap());
+                let (mut three_sums, mut third_sum) = ([9.0; 3], [9.0]);
+                let weight = three.predict(0.1, &mut three_sums).unwrap();
+                assert_eq!(weight, third.predict(0.1, &mut third_sum).unwrap());
                 assert!(
-                    (all[2] - one[0]).abs() < 1e-12 * one[0].abs().max(1.0),
+                    (three_sums[2] - third_sum[0]).abs() < 1e-12 * third_sum[0].abs().max(1.0),
                     "{rule:?} {operator:?}"
                 );
-                assert_eq!(all[1], 0.0);
-                let value = (at as f64).sin();
+                assert_eq!(three_sums[1], 0.0);
+                let value = (index as f64).sin();
                 three.commit(0.1, &[1.0, 0.0, value]).unwrap();
                 third.commit(0.1, &[value]).unwrap();
             }
             assert!((three.time_s() - 7.0).abs() < 1e-12 && three.components() == 3);
             // A copy continues identically.
             let mut copy = three.clone();
-            let (mut all, mut same) = ([0.0; 3], [0.0; 3]);
-            three.predict(0.1, &mut all).unwrap();
-            copy.predict(0.1, &mut same).unwrap();
-            assert_eq!(all, same);
+            let (mut three_sums, mut copy_sums) = ([0.0; 3], [0.0; 3]);
+            three.predict(0.1, &mut three_sums).unwrap();
+            copy.predict(0.1, &mut copy_sums).unwrap();
+            assert_eq!(three_sums, copy_sums);
         }
     }
 }
@@ -135,8 +135,8 @@ fn components_are_kept_apart_and_predictions_change_nothing() {
 fn what_is_wrong_is_refused_and_changes_nothing() {
     for rule in RULES {
         for order in [-0.1, 1.1, f64::NAN, f64::INFINITY] {
-            let found = rule.start(Operator::Integral(order), &[0.0]).unwrap_err();
-            assert!(matches!(found, HistoryError::Order { .. }));
+            let refusal = rule.start(Operator::Integral(order), &[0.0]).unwrap_err();
+            assert!(matches!(refusal, HistoryError::Order { .. }));
         }
         assert!(matches!(
             rule.start(Operator::Derivative(0.5), &[0.0, f64::NAN]).unwrap_err(),
@@ -197,7 +197,7 @@ fn exponentials_take_the_same_memory_however_long() {
 #[test]
 fn what_is_remembered_is_recalled() {
     let value = |t: f64| [(3.0 * t).sin(), 1.0 + t];
-    let steps: [f64; 12] = std::array::from_fn(|at| 0.5 + 0.1 * (at % 3) as f64);
+    let steps: [f64; 12] = std::array::from_fn(|index| 0.5 + 0.1 * (index % 3) as f64);
     let operator = Operator::Integral(0.3);
     let start = |initial: &[f64]| Rule::Exponentials(SPAN).start(operator, initial).unwrap();
     let mut history = start(&[0.5, -1.0]);
@@ -207,30 +207,33 @@ fn what_is_remembered_is_recalled() {
         history.commit(*step, &value(t)).unwrap();
     }
     let remembered = history.remembered();
-    let mut other = start(&[7.0, 8.0]);
-    other.commit(0.5, &[1.0, 2.0]).unwrap();
-    let before = other.remembered();
+    let mut recalled = start(&[7.0, 8.0]);
+    recalled.commit(0.5, &[1.0, 2.0]).unwrap();
+    let before = recalled.remembered();
     let mut broken = remembered.clone();
     broken.push(1.0);
-    assert!(matches!(other.recall(&broken), Err(HistoryError::Remembered { .. })));
+    assert!(matches!(recalled.recall(&broken), Err(HistoryError::Remembered { .. })));
     broken.truncate(remembered.len());
     broken[1] = f64::NAN;
-    assert!(matches!(other.recall(&broken), Err(HistoryError::Remembered { .. })));
-    assert_eq!(other.remembered(), before);
-    other.recall(&remembered).unwrap();
-    assert_eq!(other.time_s(), history.time_s());
+    assert!(matches!(recalled.recall(&broken), Err(HistoryError::Remembered { .. })));
+    assert_eq!(recalled.remembered(), before);
+    recalled.recall(&remembered).unwrap();
+    assert_eq!(recalled.time_s(), history.time_s());
     for step in &steps[7..] {
         t += step;
         let [mut a, mut b] = [[0.0; 2]; 2];
         let weights = [
             history.predict(*step, &mut a).unwrap(),
-            other.predict(*step, &mut b).unwrap(),
+            recalled.predict(*step, &mut b).unwrap(),
         ];
         assert!(weights[0] == weights[1] && a == b, "{a:?} {b:?}");
         history.commit(*step, &value(t)).unwrap();
-        other.commit(*step, &value(t)).unwrap();
+        recalled.commit(*step, &value(t)).unwrap();
     }
     let mut trapezoid = Rule::Trapezoid.start(operator, &[0.5, -1.0]).unwrap();
-    let own = trapezoid.remembered();
-    assert_eq!(trapezoid.recall(&own), Err(HistoryError::Remembered { found: 0 }));
+    let remembered = trapezoid.remembered();
+    assert_eq!(
+        trapezoid.recall(&remembered),
+        Err(HistoryError::Remembered { found: 0 })
+    );
 }

@@ -6,13 +6,13 @@ fn by_quadrature(k: f64, lag: f64, step: f64) -> [f64; 2] {
     let near = lag - step;
     let (low, high) = (near.powf(k), lag.powf(k));
     let mut sums = [0.0; 2];
-    for at in 0..=N {
-        let v = low + (high - low) * at as f64 / N as f64;
+    for index in 0..=N {
+        let v = low + (high - low) * index as f64 / N as f64;
         let u = v.powf(1.0 / k);
-        let weight = if at == 0 || at == N {
+        let weight = if index == 0 || index == N {
             1.0
         } else {
-            2.0 + 2.0 * (at % 2) as f64
+            2.0 + 2.0 * (index % 2) as f64
         };
         sums[0] += weight * (u - near) / step;
         sums[1] += weight * (lag - u) / step;
@@ -44,9 +44,12 @@ fn series_meets_powers() {
     for k in [1e-3, 0.1, 0.5, 0.999, 1.0] {
         // Powers lose 1/x^2 of their digits here, those of small orders more.
         for x in [0.2, 0.25, 0.3] {
-            let (one, other) = (series(k, x), closed(k, x, 1.0 - x, (-x).ln_1p()));
-            for (one, other) in one.iter().zip(other) {
-                assert!((one / other - 1.0).abs() < 1e-13, "{k} {x}: {one} {other}");
+            let (by_series, by_formula) = (series(k, x), closed(k, x, 1.0 - x, (-x).ln_1p()));
+            for (by_series, by_formula) in by_series.iter().zip(by_formula) {
+                assert!(
+                    (by_series / by_formula - 1.0).abs() < 1e-13,
+                    "{k} {x}: {by_series} {by_formula}"
+                );
             }
         }
     }
@@ -87,10 +90,10 @@ fn a_short_lag_before_a_long_step_counts() {
     for k in [1e-3, 0.1, 0.5, 0.999] {
         let (near, step) = (1e-9, 1e3);
         let (linear, constant) = (Moments::new(Basis::Linear, k), Moments::new(Basis::Constant, k));
-        let held = inverse_gamma(1.0 + k) * (f64::powf(near + step, k) - near.powf(k));
-        assert!((constant.of(near, step).end / held - 1.0).abs() < 1e-13, "{k}");
+        let expected = inverse_gamma(1.0 + k) * (f64::powf(near + step, k) - near.powf(k));
+        assert!((constant.of(near, step).end / expected - 1.0).abs() < 1e-13, "{k}");
         let ends = linear.of(near, step);
-        assert!(((ends.start + ends.end) / held - 1.0).abs() < 1e-12, "{k}");
+        assert!(((ends.start + ends.end) / expected - 1.0).abs() < 1e-12, "{k}");
         let newest = linear.of(0.0, step);
         assert!((ends.start / newest.start - 1.0).abs() < 1e-10, "{k}");
     }

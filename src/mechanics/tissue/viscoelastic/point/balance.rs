@@ -41,8 +41,8 @@ fn root(knee: &Knee, c: f64, r: f64) -> Found {
     }
     // Above the knee s is at least a times the square of the strain above it, so x exceeds both knee and c by at most
     // the cube root of r / a.
-    let from = knee.strain.max(c);
-    let high = whole.min((from + (r / knee.stiffening).cbrt()).max(c));
+    let start = knee.strain.max(c);
+    let high = whole.min((start + (r / knee.stiffening).cbrt()).max(c));
     if c >= -knee.strain {
         descend(knee, c, r, high)
     } else {
@@ -80,7 +80,7 @@ fn descend(knee: &Knee, c: f64, r: f64, mut x: f64) -> Found {
 fn search(knee: &Knee, c: f64, r: f64, mut high: f64) -> Found {
     let mut low = c;
     let mut x = c;
-    let mut last = high - low;
+    let mut last_step = high - low;
     for iterations in 1..=MAX {
         let (step, left) = newton(knee, c, r, x);
         if left {
@@ -96,10 +96,10 @@ fn search(knee: &Knee, c: f64, r: f64, mut high: f64) -> Found {
             return Found { strain, iterations };
         }
         // Also taken for NaN, where the slope is 0.
-        if !(next >= low - slack && next <= high + slack && step.abs() <= 0.5 * last) {
+        if !(next >= low - slack && next <= high + slack && step.abs() <= 0.5 * last_step) {
             next = low + 0.5 * (high - low);
         }
-        last = (next - x).abs();
+        last_step = (next - x).abs();
         x = next;
     }
     let (strain, iterations) = (x, MAX);

@@ -67,18 +67,18 @@ impl Loading {
         if times != values || times == 0 {
             return Err(HistoryError::Lengths { times, values });
         }
-        let wrong = |key: &str, at: usize, found: f64, expected| {
-            HistoryError::Number(OutOfRange::new(format!("{key}[{at}]"), found, expected))
+        let wrong = |key: &str, index: usize, found: f64, expected| {
+            HistoryError::Number(OutOfRange::new(format!("{key}[{index}]"), found, expected))
         };
-        if let Some(at) = self.value.iter().position(|x| !x.is_finite()) {
-            return Err(wrong("value", at, self.value[at], "a finite number"));
+        if let Some(index) = self.value.iter().position(|x| !x.is_finite()) {
+            return Err(wrong("value", index, self.value[index], "a finite number"));
         }
-        for (at, time) in self.time_s.iter().enumerate() {
+        for (index, time) in self.time_s.iter().enumerate() {
             if !time.is_finite() {
-                return Err(wrong("time_s", at, *time, "a finite number of seconds"));
+                return Err(wrong("time_s", index, *time, "a finite number of seconds"));
             }
-            if at > 0 && *time <= self.time_s[at - 1] {
-                return Err(wrong("time_s", at, *time, "a time after the one before it"));
+            if index > 0 && *time <= self.time_s[index - 1] {
+                return Err(wrong("time_s", index, *time, "a time after the one before it"));
             }
         }
         let length = self.time_s[times - 1] - self.time_s[0];
@@ -88,15 +88,15 @@ impl Loading {
     /// Checks that the times are equally spaced.
     fn check_equal(&self) -> Result<(), HistoryError> {
         let times = &self.time_s;
-        let Some(first) = times.get(1).map(|second| second - times[0]) else {
+        let Some(first_s) = times.get(1).map(|second| second - times[0]) else {
             return Ok(());
         };
         let odd = times
             .windows(2)
-            .position(|pair| (pair[1] - pair[0] - first).abs() > EQUAL * first);
-        odd.map_or(Ok(()), |at| {
+            .position(|pair| (pair[1] - pair[0] - first_s).abs() > EQUAL * first_s);
+        odd.map_or(Ok(()), |index| {
             let expected = "times equally far apart, which the rule of Gruenwald and Letnikov needs";
-            Err(OutOfRange::new(format!("time_s[{}]", at + 1), times[at + 1], expected).into())
+            Err(OutOfRange::new(format!("time_s[{}]", index + 1), times[index + 1], expected).into())
         })
     }
 }
@@ -115,9 +115,9 @@ struct Division {
 const GRADING: i32 = 3;
 
 impl Division {
-    /// Returns the share of the time between two points at the end of step `at`.
-    fn share(self, at: usize) -> f64 {
-        (at as f64 / self.substeps as f64).powi(self.grading)
+    /// Returns the share of the time between two points at the end of `substep`.
+    fn share(self, substep: usize) -> f64 {
+        (substep as f64 / self.substeps as f64).powi(self.grading)
     }
 }
 
@@ -171,27 +171,27 @@ impl Point {
         }
         response.push(&start, time_s[0])?;
         let mut memory = Memory::start(&self.body, rule, *control, start.reduced_strain, start.reduced_stress)?;
-        for at in 1..time_s.len() {
-            let length = time_s[at] - time_s[at - 1];
-            let rise = value[at] - value[at - 1];
+        for index in 1..time_s.len() {
+            let length = time_s[index] - time_s[index - 1];
+            let rise = value[index] - value[index - 1];
             let mut before = 0.0;
             for substep in 1..=division.substeps {
                 let share = division.share(substep);
                 let step_s = (share - before) * length;
                 before = share;
-                let given = if substep == division.substeps {
-                    value[at]
+                let value_now = if substep == division.substeps {
+                    value[index]
                 } else {
-                    value[at - 1] + share * rise
+                    value[index - 1] + share * rise
                 };
                 let line = memory.predict(step_s)?;
-                let state = self.balance(&line, *control, given, &mut response.iterations);
+                let state = self.balance(&line, *control, value_now, &mut response.iterations);
                 if !(state.stress.is_finite() && state.strain.is_finite()) {
-                    return Err(HistoryError::Overflow { time_s: time_s[at] });
+                    return Err(HistoryError::Overflow { time_s: time_s[index] });
                 }
                 memory.commit(step_s, state.reduced_strain, state.reduced_stress)?;
                 if substep == division.substeps {
-                    response.push(&state, time_s[at])?;
+                    response.push(&state, time_s[index])?;
                 }
             }
         }
@@ -199,12 +199,12 @@ impl Point {
     }
 
     /// Returns strain and stress for a prescribed one of them, with those of the linear body on a line.
-    fn balance(&self, line: &Line, control: Control, given: f64, most: &mut usize) -> State {
+    fn balance(&self, line: &Line, control: Control, prescribed: f64, max_iterations: &mut usize) -> State {
         let strain = match control {
-            Control::Strain => given,
+            Control::Strain => prescribed,
             Control::Stress => {
-                let balanced = balance::strain(&self.knee, self.structure, line, given);
-                *most = balanced.iterations.max(*most);
+                let balanced = balance::strain(&self.knee, self.structure, line, prescribed);
+                *max_iterations = balanced.iterations.max(*max_iterations);
                 balanced.strain
             }
         };
@@ -217,11 +217,11 @@ impl Point {
         let reduced_strain = over_strain * strain;
         let reduced_stress = match control {
             Control::Strain => line.stress(reduced_strain),
-            Control::Stress => given / over_stress,
+            Control::Stress => prescribed / over_stress,
         };
         let stress = match control {
             Control::Strain => over_stress * reduced_stress,
-            Control::Stress => given,
+            Control::Stress => prescribed,
         };
         State {
             strain,
@@ -243,8 +243,8 @@ struct State {
 
 impl Response {
     fn push(&mut self, state: &State, time_s: f64) -> Result<(), HistoryError> {
-        let first = self.strain.is_empty();
-        if state.stress.is_nan() || !state.strain.is_finite() || !(first || state.stress.is_finite()) {
+        let is_first = self.strain.is_empty();
+        if state.stress.is_nan() || !state.strain.is_finite() || !(is_first || state.stress.is_finite()) {
             return Err(HistoryError::Overflow { time_s });
         }
         self.strain.push(state.strain);

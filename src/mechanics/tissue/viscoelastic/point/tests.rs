@@ -50,9 +50,9 @@ fn a_single_time_is_the_response_of_that_moment() {
 #[test]
 fn numbers_are_checked() {
     let wrong = |point: Point, wanted: &str| {
-        let found = point.respond(&loading(Control::Stress, &[0.0], &[1.0]), Method::Trapezoid);
+        let response = point.respond(&loading(Control::Stress, &[0.0], &[1.0]), Method::Trapezoid);
         assert!(
-            matches!(found, Err(HistoryError::Number(error)) if error.key == wanted),
+            matches!(response, Err(HistoryError::Number(error)) if error.key == wanted),
             "{wanted}"
         );
     };
@@ -99,14 +99,14 @@ fn numbers_are_checked() {
 
 #[test]
 fn histories_are_checked() {
-    let found = |times: &[f64], values: &[f64], method| {
+    let error_of = |times: &[f64], values: &[f64], method| {
         LIVER
             .respond(&loading(Control::Stress, times, values), method)
             .unwrap_err()
     };
-    let wrong = |times: &[f64], values: &[f64], wanted: &str, place: Option<usize>| {
-        let error = found(times, values, Method::Trapezoid);
-        let key = place.map_or(wanted.to_owned(), |at| format!("{wanted}[{at}]"));
+    let wrong = |times: &[f64], values: &[f64], wanted: &str, index: Option<usize>| {
+        let error = error_of(times, values, Method::Trapezoid);
+        let key = index.map_or(wanted.to_owned(), |index| format!("{wanted}[{index}]"));
         assert!(
             matches!(&error, HistoryError::Number(error) if error.key == key),
             "{error:?}"
@@ -118,14 +118,14 @@ fn histories_are_checked() {
     wrong(&[0.0, 1.0], &[1.0, f64::INFINITY], "value", Some(1));
     wrong(&[-1.7e308, 1.7e308], &[1.0; 2], "time_s", None);
     assert!(matches!(
-        found(&[], &[], Method::Trapezoid),
+        error_of(&[], &[], Method::Trapezoid),
         HistoryError::Lengths { .. }
     ));
     assert!(matches!(
-        found(&[0.0], &[], Method::Trapezoid),
+        error_of(&[0.0], &[], Method::Trapezoid),
         HistoryError::Lengths { .. }
     ));
-    let uneven = found(&[0.0, 1.0, 3.0], &[1.0; 3], Method::GruenwaldLetnikov);
+    let uneven = error_of(&[0.0, 1.0, 3.0], &[1.0; 3], Method::GruenwaldLetnikov);
     assert!(uneven.to_string().contains("equally far apart"), "{uneven}");
     let stiff = Point {
         body: Rheology::SpringPot {
@@ -179,7 +179,7 @@ fn the_start_is_elastic() {
 
 #[test]
 fn stress_and_strain_lead_back_to_each_other() {
-    let times: Vec<f64> = (0..=20).map(|at| 0.1 * at as f64).collect();
+    let times: Vec<f64> = (0..=20).map(|step| 0.1 * step as f64).collect();
     let stress: Vec<f64> = times.iter().map(|t| 1.5 * (2.0 * t).sin()).collect();
     for body in [
         zener(0.4),
@@ -195,17 +195,17 @@ fn stress_and_strain_lead_back_to_each_other() {
                 knee: LIVER.knee,
             };
             for method in METHODS {
-                let there = point
+                let strain = point
                     .respond_in(&loading(Control::Stress, &times, &stress), method, 32)
                     .unwrap();
                 let back = point
-                    .respond_in(&loading(Control::Strain, &times, &there.strain), method, 32)
+                    .respond_in(&loading(Control::Strain, &times, &strain.strain), method, 32)
                     .unwrap();
                 let difference = back.stress_kpa.iter().zip(&stress).map(|(a, b)| (a.unwrap() - b).abs());
                 // The strain is not linear between the times, as the reverse computation assumes.
                 let worst = difference.fold(0.0, f64::max);
                 assert!(worst < 0.05, "{body:?} {structure:?} {method:?}: {worst}");
-                assert!(there.iterations <= 30);
+                assert!(strain.iterations <= 30);
             }
         }
     }
@@ -219,20 +219,20 @@ fn opposite_loads_have_opposite_responses() {
     for structure in [Structure::Rate, Structure::LoadIntegral] {
         let point = Point { structure, ..LIVER };
         for control in [Control::Stress, Control::Strain] {
-            let one = point
+            let response = point
                 .respond_in(&loading(control, &times, &values), Method::Trapezoid, 16)
                 .unwrap();
-            let other = point
+            let mirrored = point
                 .respond_in(&loading(control, &times, &opposite), Method::Trapezoid, 16)
                 .unwrap();
-            assert!(one.strain.iter().zip(&other.strain).all(|(a, b)| *a == -b));
+            assert!(response.strain.iter().zip(&mirrored.strain).all(|(a, b)| *a == -b));
         }
     }
 }
 
 #[test]
 fn the_two_structures_part_beyond_the_knee_only() {
-    let times: Vec<f64> = (0..=10).map(|at| at as f64).collect();
+    let times: Vec<f64> = (0..=10).map(|step| step as f64).collect();
     let response = |structure, stress: f64| {
         let point = Point { structure, ..LIVER };
         let loading = loading(Control::Stress, &times, &vec![stress; times.len()]);

@@ -16,12 +16,16 @@ struct Chain {
 impl Chain {
     fn new(ground: f64) -> Self {
         let (mut starts, mut rows, mut values) = (vec![0], Vec::new(), Vec::new());
-        for at in 0..LINKS as u32 {
-            let links = if at == 0 || at as usize == LINKS - 1 { 1.0 } else { 2.0 };
-            rows.push(at);
+        for node in 0..LINKS as u32 {
+            let links = if node == 0 || node as usize == LINKS - 1 {
+                1.0
+            } else {
+                2.0
+            };
+            rows.push(node);
             values.push(ground + links);
-            if (at as usize) < LINKS - 1 {
-                rows.push(at + 1);
+            if (node as usize) < LINKS - 1 {
+                rows.push(node + 1);
                 values.push(-1.0);
             }
             starts.push(rows.len() as u32);
@@ -42,18 +46,21 @@ impl Symmetric for Chain {
 }
 
 /// Returns the error for all nodes displaced by `by`, when the links carry no force.
-fn alike(chain: &Chain, factor: &mut Approximate, ground: f64, by: f64) -> f64 {
-    let mut forces = vec![ground * by; LINKS];
+fn alike(chain: &Chain, factor: &mut Approximate, ground: f64, displacement: f64) -> f64 {
+    let mut forces = vec![ground * displacement; LINKS];
     let mut check = vec![0.0; LINKS];
-    chain.product(&vec![by; LINKS], &mut check);
+    chain.product(&vec![displacement; LINKS], &mut check);
     assert!(
         check
             .iter()
             .zip(&forces)
-            .all(|(a, b)| (a - b).abs() <= 1e-15 * by.abs() * (ground + 4.0))
+            .all(|(a, b)| (a - b).abs() <= 1e-15 * displacement.abs() * (ground + 4.0))
     );
     factor.solve_in_place(&mut forces);
-    forces.iter().map(|u| (u / by - 1.0).abs()).fold(0.0, f64::max)
+    forces
+        .iter()
+        .map(|u| (u / displacement - 1.0).abs())
+        .fold(0.0, f64::max)
 }
 
 #[test]
@@ -62,9 +69,9 @@ fn a_sound_matrix_is_factored_in_single_precision() {
     let mut factor = Approximate::new(&chain).unwrap();
     assert!(factor.is_single());
     // Its condition is 5 and rounding 6e-8; forces far outside the range of single precision do not matter.
-    for by in [1.0, 1e-60, -1e60] {
-        let off = alike(&chain, &mut factor, 1.0, by);
-        assert!(off > 1e-12 && off < 1e-6, "{off:e} for {by:e}");
+    for displacement in [1.0, 1e-60, -1e60] {
+        let error = alike(&chain, &mut factor, 1.0, displacement);
+        assert!(error > 1e-12 && error < 1e-6, "{error:e} for {displacement:e}");
     }
     let mut none = vec![0.0; LINKS];
     factor.solve_in_place(&mut none);
@@ -79,8 +86,8 @@ fn what_single_precision_loses_is_factored_in_double() {
         let chain = Chain::new(ground);
         let mut factor = Approximate::new(&chain).unwrap();
         assert!(!factor.is_single(), "{ground:e}");
-        let off = alike(&chain, &mut factor, ground, 1.0);
-        assert!(off < 4.0 / ground * f64::EPSILON * LINKS as f64, "{off:e}");
+        let error = alike(&chain, &mut factor, ground, 1.0);
+        assert!(error < 4.0 / ground * f64::EPSILON * LINKS as f64, "{error:e}");
         // Another matrix of the same pattern: in single precision until it fails, in double from then on.
         let mut factor = Approximate::new(&Chain::new(1.0)).unwrap();
         factor.refactor(&Chain::new(0.5)).unwrap();

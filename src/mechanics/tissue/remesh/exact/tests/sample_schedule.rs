@@ -70,13 +70,13 @@ fn the_residual_is_that_of_the_whole_mesh() {
     let error = 1e-3 * exact.correction()[(3, 3)];
     exact.support.c.get_mut()[(3, 3)] += error;
     let row = exact.support_dofs()[3];
-    let found = exact.residual(&mesh, &[row]).expect("a residual");
+    let residual = exact.residual(&mesh, &[row]).expect("a residual");
     let size = mesh.dofs().free();
-    let at = exact.support.g.get()[(3, 3)];
+    let diagonal = exact.support.g.get()[(3, 3)];
     let amplified = 1.0 + size as f64 * mesh.stiffness().norm_inf() * exact.support.g.get().norm_max();
     assert!(
-        found >= 1e-3 * error.abs() * at && found <= error.abs() * at * amplified,
-        "{found}"
+        residual >= 1e-3 * error.abs() * diagonal && residual <= error.abs() * diagonal * amplified,
+        "{residual}"
     );
     let wrong = LinearError::OutOfRange { dof: size, size };
     assert_eq!(exact.residual(&mesh, &[size]), Err(RemeshError::Compliance(wrong)));

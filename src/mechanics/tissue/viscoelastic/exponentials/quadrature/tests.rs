@@ -6,8 +6,8 @@ fn worst(order: f64, span: Span) -> (f64, usize) {
     let Quadrature { rates, weights } = Quadrature::new(order, span).unwrap();
     let points = 4000;
     let decades = (span.longest_s / span.shortest_s).ln();
-    let errors = (0..=points).map(|at| {
-        let t = span.shortest_s * (decades * at as f64 / points as f64).exp();
+    let errors = (0..=points).map(|index| {
+        let t = span.shortest_s * (decades * index as f64 / points as f64).exp();
         let sum: f64 = rates
             .iter()
             .zip(&weights)

@@ -3,37 +3,37 @@ use super::*;
 /// Returns numbers over many decades, of both signs.
 fn many() -> Vec<f64> {
     let sizes = (-8..=4).map(|exponent| 10f64.powi(exponent));
-    let mut all: Vec<f64> = sizes.flat_map(|size| [-3.0 * size, -size, size, 2.5 * size]).collect();
-    all.extend([0.0, 0.35, -0.35, 0.35 + 1e-12]);
-    all
+    let mut values: Vec<f64> = sizes.flat_map(|size| [-3.0 * size, -size, size, 2.5 * size]).collect();
+    values.extend([0.0, 0.35, -0.35, 0.35 + 1e-12]);
+    values
 }
 
 #[test]
 fn the_root_balances_within_thirty_iterations() {
-    let mut most = 0;
+    let mut max_iterations = 0;
     for stiffening in [0.0, 1e-6, 1.0, 12.5, 1e4, 1e8] {
         for strain in [0.0, 1e-9, 0.35, 2.0] {
             let knee = Knee { strain, stiffening };
             for c in many() {
                 for r in many() {
-                    let found = root(&knee, c, r);
-                    let x = found.strain;
+                    let root = root(&knee, c, r);
+                    let x = root.strain;
                     let miss = (x - c) * knee.factor(x) - r;
                     // Effect of rounding of x alone on the equation.
                     let slope = knee.factor(x) + ((x - c) * knee.slope(x)).abs();
                     let bound = 8.0 * f64::EPSILON * (x.abs().max(c.abs()) * slope + r.abs());
-                    assert!(miss.abs() <= bound, "{knee:?} {c} {r}: {found:?}, {miss:e} > {bound:e}");
+                    assert!(miss.abs() <= bound, "{knee:?} {c} {r}: {root:?}, {miss:e} > {bound:e}");
                     // Driven back against its past beyond the knee, there may be two more roots: bisection is then
                     // allowed.
                     let against = c * r < 0.0 && c.abs() > strain;
                     if !against {
-                        most = most.max(found.iterations);
+                        max_iterations = max_iterations.max(root.iterations);
                     }
                 }
             }
         }
     }
-    assert!(most <= 30, "{most}");
+    assert!(max_iterations <= 30, "{max_iterations}");
 }
 
 #[test]
@@ -43,8 +43,8 @@ fn convergence_is_quadratic() {
         strain: 0.35,
         stiffening: 12.5,
     };
-    let found = root(&knee, 0.2, 3.0);
-    assert!(found.iterations <= 8, "{found:?}");
+    let root = root(&knee, 0.2, 3.0);
+    assert!(root.iterations <= 8, "{root:?}");
 }
 
 #[test]
