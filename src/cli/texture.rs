@@ -109,11 +109,14 @@ impl TextureArgs {
             return Err(usage(format!("--range-db {}", self.range_db), "give 10 to 200 dB"));
         }
         let first = self.prepared(&self.image, self.region, self.voxel_mm)?;
-        let other = |image: &Option<PathBuf>, region: Option<[f64; 4]>| match (image, region) {
+        let prepared_view = |image: &Option<PathBuf>, region: Option<[f64; 4]>| match (image, region) {
             (Some(image), Some(region)) => self.prepared(image, region, Some(first.voxel_mm)).map(Some),
             _ => Ok(None),
         };
-        let (zy, xz) = (other(&self.zy, self.zy_region)?, other(&self.xz, self.xz_region)?);
+        let (zy, xz) = (
+            prepared_view(&self.zy, self.zy_region)?,
+            prepared_view(&self.xz, self.xz_region)?,
+        );
         let exemplar = |prepared: PreparedExemplar| prepared.exemplar;
         let exemplars = Exemplars::of(first.exemplar.clone(), zy.map(exemplar), xz.map(exemplar));
         let solid = terminal::with_bar("synthesis", |share| {

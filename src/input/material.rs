@@ -112,7 +112,7 @@ impl LawKeys<'_> {
     /// # Errors
     /// [`OutOfRange`] with the key at fault.
     pub(crate) fn law(&self, material: Material, creeps: bool) -> Result<AnyLaw, OutOfRange> {
-        let alone = |key: &str, other: &str| Err(OutOfRange::new(key, "alone", format!("`{other}` beside it")));
+        let alone = |key: &str, other_key: &str| Err(OutOfRange::new(key, "alone", format!("`{other_key}` beside it")));
         match (self.law, self.knee_strain, self.stiffening) {
             (None, None, None) => Linear::new(material, NoKeys {}).map(AnyLaw::from),
             (None, Some(knee), Some(rate)) => Stiffening::new(material, knee, rate).map(AnyLaw::from),

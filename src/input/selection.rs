@@ -163,7 +163,7 @@ impl Selection<'_> {
         let surface_of = known("surface_of", self.surface_of)?;
         let choice = Choice {
             table,
-            of: self,
+            selection: self,
             regions: regions.as_deref(),
             surface_of: surface_of.as_deref(),
         };
@@ -175,18 +175,22 @@ impl Selection<'_> {
 /// A selection whose regions are found.
 struct Choice<'a> {
     table: &'a str,
-    of: &'a Selection<'a>,
+    selection: &'a Selection<'a>,
     regions: Option<&'a [i32]>,
     surface_of: Option<&'a [i32]>,
 }
 
 impl Choice<'_> {
     fn nodes(&self, mesh: &TetMesh) -> Result<Vec<u32>, SelectionError> {
-        let (table, of) = (self.table, self.of);
-        let others = [of.box_mm.is_some(), of.cylinder.is_some(), of.surface];
+        let (table, selection) = (self.table, self.selection);
+        let others = [
+            selection.box_mm.is_some(),
+            selection.cylinder.is_some(),
+            selection.surface,
+        ];
         let others = others.contains(&true) || self.regions.is_some() || self.surface_of.is_some();
         let expected = "`nodes`, or some of `box_mm`, `cylinder`, `region`, `surface_of` and `surface`";
-        match of.nodes {
+        match selection.nodes {
             Some(_) if others => Err(keys(table.to_owned(), "`nodes` beside another choice", expected)),
             Some([]) => Err(keys(format!("{table}.nodes"), "no nodes", "at least one")),
             Some(nodes) => numbered(&format!("{table}.nodes"), nodes, mesh.nodes().len()),
@@ -197,7 +201,7 @@ impl Choice<'_> {
 
     /// Nodes that every stated part of the selection has; an error names the part that leaves none.
     fn everywhere(&self, mesh: &TetMesh) -> Result<Vec<u32>, SelectionError> {
-        let (table, surface) = (self.table, self.of.surface);
+        let (table, surface) = (self.table, self.selection.surface);
         let mut picked = vec![self.regions.is_none() && !surface; mesh.nodes().len()];
         let mut pick = |nodes: &[u32]| nodes.iter().for_each(|node| picked[*node as usize] = true);
         let is_chosen = |region: i32| self.regions.is_none_or(|regions| regions.contains(&region));
@@ -241,7 +245,7 @@ impl Choice<'_> {
                 ));
             }
         }
-        if let Some(cylinder) = self.of.cylinder {
+        if let Some(cylinder) = self.selection.cylinder {
             let key = format!("{table}.cylinder");
             let miss_mm = cylinder.miss_mm(&key)?;
             let candidates = (0..).zip(mesh.nodes()).filter(|(node, _)| picked[*node]);
@@ -255,7 +259,7 @@ impl Choice<'_> {
                 return Err(keys(key, found, "one that holds at least one of the nodes"));
             }
         }
-        if let Some(corners) = self.of.box_mm {
+        if let Some(corners) = self.selection.box_mm {
             let key = format!("{table}.box_mm");
             let [low, high] = ordered(&key, corners)?;
             let before = picked.clone();

@@ -90,6 +90,7 @@ impl NeedlePoly {
         let length = line.length_mm();
         let inside = |arc: f64| arc.clamp(0.0, length);
         let ends = loads.iter().flat_map(|load| [inside(load.from_mm), inside(load.to_mm)]);
+        // A node at each end of a load, so that the density is constant along a segment.
         needle.arc_mm = line.nodes().iter().map(|(arc, _)| *arc).chain(ends).collect();
         needle.arc_mm.sort_by(f64::total_cmp);
         needle.arc_mm.dedup_by(|next, before| *next - *before <= POINT_MM);
@@ -97,6 +98,7 @@ impl NeedlePoly {
             return Self::default();
         }
         needle.poly.points = needle.arc_mm.iter().map(|arc| line.at(*arc).point_mm.into()).collect();
+        // First, since VTK counts vertices before lines, and the values of cells are in that order.
         for load in loads.iter().filter(|load| load.length_mm() <= POINT_MM) {
             let nearest = needle
                 .arc_mm

@@ -236,6 +236,7 @@ impl<'a> Writer<'a> {
         )?;
         let probe = self.scenario.probe_poly(&deformed.probe, deformed.contact.as_ref());
         let series: [(&str, Poly); 2] = [("probe", probe), ("seeds", seeds_poly(deformed.seeds))];
+        // Seeds are written even before the first is left, so that their series has the times of the others.
         for (series, poly) in series {
             if series == "probe" || !self.scenario.deposits.is_empty() || !deformed.seeds.is_empty() {
                 write_vtp(&self.next(series, "vtp", deformed)?, &poly, &[], &[])?;

@@ -262,6 +262,7 @@ impl<'a> Output<'a> {
         layers: Vec<String>,
     ) -> Sidecar {
         let grid = &synth.tables().image_grid;
+        // Parameters are those of all frames: beside more than one picture they are written once, in a file.
         let single = matches!(self.target, Target::File(_));
         let layers = self.layers.iter().zip(layers).map(|(layer, path)| LayerFile {
             name: layer.name().to_owned(),

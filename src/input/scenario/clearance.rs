@@ -98,6 +98,7 @@ impl<'a> Bones<'a> {
             corner(f64::min, f64::INFINITY, -LOOKED_MM),
             corner(f64::max, f64::NEG_INFINITY, LOOKED_MM),
         ];
+        // The volume may be turned in the world: all corners of the box bound the range of its indices.
         let corners = (0..8).map(|corner| Point3::from([0, 1, 2].map(|axis| ends[corner >> axis & 1][axis])));
         let corners: Vec<_> = corners
             .map(|corner| volume.world_to_index().transform_point(&corner))

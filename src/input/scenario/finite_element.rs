@@ -200,6 +200,7 @@ impl FiniteElement {
             None => Finite::new(setup, progress),
         };
         let mut finite = finite.map_err(|error| scenario.file.fault(faulty_key(&error), error))?;
+        // The other levels keep a whole inverse, of which nothing remains to be read on the way.
         if prepared && self.remeshing.level == Level::Exact {
             prefetch(scenario, &mut finite);
         }

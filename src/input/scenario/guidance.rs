@@ -97,10 +97,12 @@ impl<'a> Guide<'a> {
         if outcome.inserted_mm > 0.0 && self.entry.is_none() {
             self.entry = Some([outcome.tip_at_rest_mm.unwrap_or(outcome.tip_mm), outcome.tip_mm]);
         }
-        let along = base.rotation * Vector3::z();
+        let direction = base.rotation * Vector3::z();
         let tip = outcome.tip_at_rest_mm;
         Guidance {
-            direction: model.tip_direction().map_or(along, |direction| direction.into_inner()),
+            direction: model
+                .tip_direction()
+                .map_or(direction, |direction| direction.into_inner()),
             measured_tip: base * Point3::new(0.0, 0.0, self.length_mm),
             array: probe * Point3::origin(),
             normal: probe.rotation * Vector3::z(),

@@ -293,7 +293,10 @@ fn together(mesh: &TetMesh, part: &FreePart) -> BTreeSet<u32> {
         seen[start] = true;
         while let Some(element) = next.pop() {
             nodes.extend(mesh.elements()[element]);
-            for &neighbour in mesh.neighbours()[element].iter().filter(|other| **other != NO_ELEMENT) {
+            for &neighbour in mesh.neighbours()[element]
+                .iter()
+                .filter(|neighbour| **neighbour != NO_ELEMENT)
+            {
                 if !std::mem::replace(&mut seen[neighbour as usize], true) {
                     next.push(neighbour as usize);
                 }

@@ -151,7 +151,7 @@ impl ScenarioFile {
         let (needle, anatomy) = (insertion.needle, meshed.anatomy.as_ref());
         let body = Solid::tetrahedra(&meshed.mesh, laws);
         let body = body.map_err(|error| self.fault("tissue", InvalidSetup::Solver(error)))?;
-        let place = |key: &Key| {
+        let tip_and_direction = |key: &Key| {
             let base = needle.base(&key.pose);
             (
                 base * Point3::new(0.0, 0.0, needle.length_mm),
@@ -168,7 +168,7 @@ impl ScenarioFile {
             self.wrong_keys(key, found, expected)
         };
         for pair in insertion.path.keys().windows(2) {
-            let [(start, before), (end, direction)] = [&pair[0], &pair[1]].map(place);
+            let [(start, before), (end, direction)] = [&pair[0], &pair[1]].map(tip_and_direction);
             let segment = end - start;
             // A turn about the tip leaves the tip in place, and sweeps the other end along this chord.
             let turned = needle.length_mm * (*before - *direction).norm();

@@ -132,6 +132,7 @@ impl<'a> Regions<'a> {
                     .wrong_keys(&table, found, "a `[[tissue.material]]` that states it")
             })
         };
+        // Beside a stated shear modulus, Young's modulus of the tissue would be one too many.
         let young = match spec.shear_kpa {
             Some(_) => spec.young_kpa,
             None => Some(number(spec.young_kpa, |tissue| tissue.young_kpa, "young_kpa")?),

@@ -57,14 +57,14 @@ impl ScenarioFile {
         };
         let moving = [("needle", file.needle.is_some()), ("deform", file.deform.is_some())];
         if let Some((key, _)) = moving.iter().find(|(_, is_given)| *is_given) {
-            let place = if is_inline {
+            let key_in_file = if is_inline {
                 format!("scene.{key}")
             } else {
                 "scene".to_owned()
             };
             let found = format!("a scene with `{key}` of its own");
             return Err(self.wrong_keys(
-                place,
+                key_in_file,
                 found,
                 "a scene without: the scenario moves the needle and the tissue",
             ));

@@ -205,6 +205,7 @@ impl Model {
 impl ProblemFile {
     /// Checks the tables for the model, and their values.
     pub(crate) fn check_course(&self) -> Result<(), InputError> {
+        // A table that the model would not read is refused rather than ignored.
         let linear = self.model == Model::Linear;
         let tables = [
             ("solver", self.solver.is_some(), linear),

@@ -36,14 +36,14 @@ impl ProbeContact {
         if every <= 1 {
             return;
         }
-        let place = |&node: &u32| (self.nominal.inverse_transform_point(&nodes[node as usize].into()), node);
-        let mut places: Vec<(Point3<f64>, u32)> = self.candidates.iter().map(place).collect();
+        let in_probe = |&node: &u32| (self.nominal.inverse_transform_point(&nodes[node as usize].into()), node);
+        let mut places: Vec<(Point3<f64>, u32)> = self.candidates.iter().map(in_probe).collect();
         places.sort_by(|(a, m), (b, n)| a.z.total_cmp(&b.z).then(m.cmp(n)));
         let thickness = RING * spacing(&places);
-        let (mut ring, mut start) = (0, places.first().map_or(0.0, |(place, _)| place.z));
-        places.retain(|(place, _)| {
-            if place.z - start > thickness {
-                (ring, start) = (ring + 1, place.z);
+        let (mut ring, mut start) = (0, places.first().map_or(0.0, |(position, _)| position.z));
+        places.retain(|(position, _)| {
+            if position.z - start > thickness {
+                (ring, start) = (ring + 1, position.z);
             }
             ring % every == 0
         });
@@ -52,9 +52,9 @@ impl ProbeContact {
     }
 }
 
-/// Returns a rotation turned by the shortest rotation that brings its z axis to the unit vector `along`, without roll.
-pub fn pointed(rotation: &UnitQuaternion<f64>, along: &Vector3<f64>) -> UnitQuaternion<f64> {
-    let turn = UnitQuaternion::rotation_between(&(rotation * Vector3::z()), along)
+/// Returns a rotation turned by the shortest rotation that brings its z axis to the unit vector `direction`, without roll.
+pub fn pointed(rotation: &UnitQuaternion<f64>, direction: &Vector3<f64>) -> UnitQuaternion<f64> {
+    let turn = UnitQuaternion::rotation_between(&(rotation * Vector3::z()), direction)
         .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&(rotation * Vector3::x_axis()), std::f64::consts::PI));
     turn * rotation
 }
@@ -65,25 +65,25 @@ pub fn lever([first, second]: [f64; 2], wrench: &Wrench, pose: &Isometry3<f64>) 
     // The torque of forces f at -b along the axis is -b axis x f: (axis x torque) gives back the sum of b f across.
     let moment = axis.cross(&wrench.torque_nmm);
     let across = wrench.force_n - axis * axis.dot(&wrench.force_n);
-    let along = wrench.force_n - across;
+    let axial = wrench.force_n - across;
     let share = (moment - across * first) / (second - first);
-    [across - share + along * 0.5, share + along * 0.5]
+    [across - share + axial * 0.5, share + axial * 0.5]
 }
 
 /// Returns the median distance from a point to its nearest neighbour, mm; infinite for a single point. Points ascend along
 /// z.
 fn spacing(places: &[(Point3<f64>, u32)]) -> f64 {
-    let nearest = |at: usize| {
-        let place = places[at].0;
-        let (mut before, mut after) = (places[..at].iter().rev(), places[at + 1..].iter());
+    let nearest = |index: usize| {
+        let position = places[index].0;
+        let (mut before, mut after) = (places[..index].iter().rev(), places[index + 1..].iter());
         let sides: [&mut dyn Iterator<Item = &(Point3<f64>, u32)>; 2] = [&mut before, &mut after];
         let mut least = f64::INFINITY;
         for others in sides {
-            for (other, _) in others {
-                if (other.z - place.z).abs() >= least {
+            for (neighbour, _) in others {
+                if (neighbour.z - position.z).abs() >= least {
                     break;
                 }
-                least = least.min((other - place).norm());
+                least = least.min((neighbour - position).norm());
             }
         }
         least
@@ -107,12 +107,16 @@ mod tests {
         );
         // Numbered neither along the axis nor around it: 7 and 320 have no common divisor.
         let places = (0..320i32).map(|number| {
-            let at = number * 7 % 320;
-            let by = hash3([at, 0, 0], seed_words(3)).map(|word| shaken * 4.0 * (f64::from(unit(word)) - 0.5));
-            let (turn, along) = (f64::from(at % 16), f64::from(at / 16));
+            let index = number * 7 % 320;
+            let shift = hash3([index, 0, 0], seed_words(3)).map(|word| shaken * 4.0 * (f64::from(unit(word)) - 0.5));
+            let (turn, ring) = (f64::from(index % 16), f64::from(index / 16));
             let (sine, cosine) = (turn * std::f64::consts::TAU / 16.0).sin_cos();
-            let place = Point3::new(10.2 * cosine + by[0], 10.2 * sine + by[1], 4.0 * along - 80.0 + by[2]);
-            (nominal * place).into()
+            let position = Point3::new(
+                10.2 * cosine + shift[0],
+                10.2 * sine + shift[1],
+                4.0 * ring - 80.0 + shift[2],
+            );
+            (nominal * position).into()
         });
         let contact = ProbeContact {
             nominal,
@@ -127,18 +131,21 @@ mod tests {
         let (mut contact, nodes) = cylinder(shaken);
         contact.thin(&nodes, every);
         assert!(contact.candidates.is_sorted());
-        let place = |node: &u32| contact.nominal.inverse_transform_point(&nodes[*node as usize].into());
-        contact.candidates.iter().map(place).collect()
+        let in_probe = |node: &u32| contact.nominal.inverse_transform_point(&nodes[*node as usize].into());
+        contact.candidates.iter().map(in_probe).collect()
     }
 
     #[test]
     fn every_nth_ring_of_a_lattice_is_kept_whole() {
         assert_eq!(thinned(0.0, 1).len(), 320);
         for every in [2, 3, 7, 40] {
-            let mut along: Vec<i64> = thinned(0.0, every).iter().map(|place| place.z.round() as i64).collect();
-            along.sort_unstable();
+            let mut depths_mm: Vec<i64> = thinned(0.0, every)
+                .iter()
+                .map(|position| position.z.round() as i64)
+                .collect();
+            depths_mm.sort_unstable();
             let rings = (0..20).step_by(every).flat_map(|ring| [4 * ring - 80; 16]);
-            assert_eq!(along, rings.collect::<Vec<i64>>(), "every {every}");
+            assert_eq!(depths_mm, rings.collect::<Vec<i64>>(), "every {every}");
         }
     }
 
@@ -147,12 +154,18 @@ mod tests {
     fn an_irregular_surface_is_thinned_evenly() {
         let kept = thinned(0.6, 3);
         assert!((80..=140).contains(&kept.len()), "{}", kept.len());
-        let mut along: Vec<f64> = kept.iter().map(|place| place.z).collect();
-        along.sort_by(f64::total_cmp);
-        let gap = along.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
+        let mut depths_mm: Vec<f64> = kept.iter().map(|position| position.z).collect();
+        depths_mm.sort_by(f64::total_cmp);
+        let gap = depths_mm.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
         assert!(gap < 3.0 * 4.0, "{gap} mm");
-        assert!(along[0] < -79.0 && along[along.len() - 1] > -16.0, "{along:?}");
-        let middle = kept.iter().fold(Vector3::zeros(), |sum, place| sum + place.coords) / kept.len() as f64;
+        assert!(
+            depths_mm[0] < -79.0 && depths_mm[depths_mm.len() - 1] > -16.0,
+            "{depths_mm:?}"
+        );
+        let middle = kept
+            .iter()
+            .fold(Vector3::zeros(), |sum, position| sum + position.coords)
+            / kept.len() as f64;
         assert!(middle.xy().norm() < 1.5, "{middle}");
     }
 

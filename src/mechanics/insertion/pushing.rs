@@ -68,7 +68,7 @@ pub struct Pushing<const D: usize, const N: usize> {
     structure: Structure<D, N>,
     line: Line<D>,
     layers: Vec<PathLayer>,
-    at: At,
+    state: At,
     loads: Vec<f64>,
     prescribed: Vec<f64>,
 }
@@ -96,7 +96,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         Pushing {
             line: Line::empty(),
             layers: Vec::new(),
-            at: At::default(),
+            state: At::default(),
             loads: vec![0.0; supports.all()],
             prescribed: vec![0.0; supports.prescribed().len()],
             structure,
@@ -112,13 +112,13 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         check(&layers)?;
         self.line = Line::new(self.body(), entry, direction)?;
         self.layers = layers;
-        self.at = At::before();
+        self.state = At::before();
         Ok(())
     }
 
     /// Removes the needle from all tissue, until it is aimed again.
     pub fn withdraw(&mut self) {
-        (self.line, self.at) = (Line::empty(), At::default());
+        (self.line, self.state) = (Line::empty(), At::default());
         self.layers.clear();
     }
 
@@ -139,39 +139,43 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
 
     /// Returns the phase of the tip.
     pub fn phase(&self) -> Phase {
-        self.at.phase
+        self.state.phase
     }
 
     /// Returns the depth of the tip in the tissue, in the reference state, mm.
     pub fn depth_mm(&self) -> f64 {
-        self.at.depth_mm
+        self.state.depth_mm
     }
 
     /// Returns the depth of the tissue that is now at the tip, in the reference state, mm. A held needle takes along the mean of the tissue at its
     /// shaft: the tissue at its tip may pass it, or lag behind.
     pub fn tip_depth_mm(&self) -> f64 {
-        match self.at.phase {
-            Phase::Held => self.depth_at(self.at.travel_mm, [0.0, self.line.length()]),
-            _ => self.at.depth_mm,
+        match self.state.phase {
+            Phase::Held => self.depth_at(self.state.travel_mm, [0.0, self.line.length()]),
+            _ => self.state.depth_mm,
         }
     }
 
     /// Returns whether the needle is outside and touches no tissue.
     pub fn is_outside(&self) -> bool {
-        self.at.phase == Phase::Free && self.at.depth_mm == 0.0
+        self.state.phase == Phase::Free && self.state.depth_mm == 0.0
     }
 
     /// Returns the number of shaft points in tissue.
     pub fn pieces(&self) -> usize {
-        self.line.pieces(self.at.depth_mm).count()
+        self.line.pieces(self.state.depth_mm).count()
     }
 
     /// Returns the forces of the shaft on the tissue along its direction, N, each between two places, mm beyond the entry.
     pub fn shaft(&self) -> impl Iterator<Item = ([f64; 2], f64)> + '_ {
-        let depth = self.at.depth_mm;
+        let depth = self.state.depth_mm;
         let sliding = || frictions(&self.line, &self.layers, depth).map(|(_, force, _)| force);
         let total_n: f64 = sliding().sum();
-        let share = if total_n > 0.0 { self.at.shaft_n / total_n } else { 0.0 };
+        let share = if total_n > 0.0 {
+            self.state.shaft_n / total_n
+        } else {
+            0.0
+        };
         let pieces = self
             .line
             .pieces(depth)
@@ -181,18 +185,18 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
 
     /// Returns whether the tip has come out on the far side.
     pub fn is_through(&self) -> bool {
-        self.at.intact == Phase::Free && self.at.depth_mm > 0.0 && self.at.depth_mm >= self.at.cut_mm
+        self.state.intact == Phase::Free && self.state.depth_mm > 0.0 && self.state.depth_mm >= self.state.cut_mm
     }
 
     /// Returns the layer of the tip, not one whose membrane is intact; `None` outside.
     pub fn tip_layer(&self) -> Option<usize> {
-        let at = &self.at;
-        match (at.phase, at.intact) {
+        let state = &self.state;
+        match (state.phase, state.intact) {
             (Phase::Cutting(layer), _) => Some(layer),
             (Phase::Pushing(layer), _) => layer.checked_sub(1),
             _ if self.is_outside() || self.is_through() => None,
-            (_, Phase::Pushing(layer)) if at.depth_mm >= at.cut_mm => layer.checked_sub(1),
-            _ => self.layers.iter().rposition(|layer| layer.from_mm <= at.depth_mm),
+            (_, Phase::Pushing(layer)) if state.depth_mm >= state.cut_mm => layer.checked_sub(1),
+            _ => self.layers.iter().rposition(|layer| layer.from_mm <= state.depth_mm),
         }
     }
 
@@ -208,26 +212,26 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     /// # Errors
     /// [`NonlinearError`] where the stiffness cannot be factored.
     pub(super) fn put_state(&mut self) -> Result<(At, [Vec<f64>; 2]), NonlinearError> {
-        Ok((self.at, self.structure.put_state()?))
+        Ok((self.state, self.structure.put_state()?))
     }
 
     /// Returns the state of the needle.
     pub(super) fn at(&self) -> At {
-        self.at
+        self.state
     }
 
     /// Restores the state of the needle on the line at which it is aimed.
-    pub(super) fn put_at(&mut self, at: At) {
-        self.at = at;
+    pub(super) fn put_at(&mut self, state: At) {
+        self.state = state;
     }
 
     /// Restores a state of a needle with the same aim.
     ///
     /// # Errors
     /// [`NonlinearError`] for numbers that do not fit the body.
-    pub(super) fn take_state(&mut self, at: At, state: [&[f64]; 2]) -> Result<(), NonlinearError> {
-        self.structure.take_state(state)?;
-        self.at = at;
+    pub(super) fn take_state(&mut self, state: At, body_state: [&[f64]; 2]) -> Result<(), NonlinearError> {
+        self.structure.take_state(body_state)?;
+        self.state = state;
         Ok(())
     }
 
@@ -238,7 +242,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     pub fn step(&mut self, travel_mm: f64, step_s: f64) -> Result<Pushed, NonlinearError> {
         let mut next = self.advance(travel_mm);
         let contact = match next.phase {
-            Phase::Held => Some(self.held(&next, travel_mm - self.at.travel_mm)),
+            Phase::Held => Some(self.held(&next, travel_mm - self.state.travel_mm)),
             Phase::Pushing(_) => Some(self.line.contact(self.body(), next.depth_mm, travel_mm - next.depth_mm)),
             Phase::Free | Phase::Cutting(_) => None,
         };
@@ -283,7 +287,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
             Phase::Free | Phase::Cutting(_) => {}
         }
         (pushed.force_n, pushed.tip_n) = (next.tip_n + next.shaft_n, next.tip_n);
-        self.at = next;
+        self.state = next;
         Ok(pushed)
     }
 }

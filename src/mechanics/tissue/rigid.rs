@@ -225,10 +225,10 @@ impl Frame {
         for (index, &part) in group.iter().enumerate() {
             for &node in parts.nodes(part) {
                 let tied = parts.sharing(node);
-                let still = tied.iter().any(|&other| other != part && supported[other]);
-                let next = tied.iter().filter(|&&other| other > part);
+                let still = tied.iter().any(|&sharing| sharing != part && supported[sharing]);
+                let next = tied.iter().filter(|&&sharing| sharing > part);
                 let next = next
-                    .filter_map(|other| group.iter().position(|member| member == other))
+                    .filter_map(|sharing| group.iter().position(|member| member == sharing))
                     .min();
                 for axis in 0..3 {
                     if still || dofs.of(node)[axis] == NONE {

@@ -118,7 +118,7 @@ direction = [0, 0, 1]
     let scenario = scenario.expect("a scenario");
     let mut haptic = Haptic::new(scenario.model(|_, _| {}).expect("a model"), patient());
     haptic.record();
-    let mut made = Vec::new();
+    let mut forces_made = Vec::new();
     // Another way in than the scenario's, and a probe that turns.
     for step in 0..80 {
         let share = f64::from(step) / 80.0;
@@ -127,7 +127,7 @@ direction = [0, 0, 1]
         haptic.record_view(view);
         let instruments = Instruments { base, ..instruments(0) };
         haptic.step(&instruments, 0.01).expect("a step");
-        made.push((haptic.outcome().clone(), view * Point3::origin(), view * Vector3::z()));
+        forces_made.push((haptic.outcome().clone(), view * Point3::origin(), view * Vector3::z()));
     }
     let recording = haptic.take_recording().expect("a recording");
     let text = serde_json::to_string(&recording).expect("text");
@@ -148,8 +148,8 @@ direction = [0, 0, 1]
     let mut model = replayed.model(|_, _| {}).expect("a model");
     let mut seen = Seen::default();
     run(&replayed, model.as_mut(), Requests::default(), &mut seen).expect("a run");
-    assert!(made.iter().any(|(outcome, ..)| outcome.inserted_mm > 5.0));
-    assert!(seen.0 == made, "the replay differs");
+    assert!(forces_made.iter().any(|(outcome, ..)| outcome.inserted_mm > 5.0));
+    assert!(seen.0 == forces_made, "the replay differs");
 }
 
 #[test]

@@ -256,7 +256,7 @@ impl Joint {
     ) -> Signs {
         self.write_rows(contacts, tip, starts, line);
         let n = self.forces.len();
-        for component in (0..n).filter(|at| self.forces[*at] != 0.0) {
+        for component in (0..n).filter(|component| self.forces[*component] != 0.0) {
             let force = self.forces[component];
             let column = &self.turned[component * n..(component + 1) * n];
             self.right

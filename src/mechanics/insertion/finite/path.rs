@@ -329,8 +329,8 @@ impl Finite {
         self.tip.cut_front = Some(front);
         let starts = &mut self.contacts.starts;
         for (contact, start) in self.contacts.nodes.iter_mut().zip(starts) {
-            let place = contact.reference + self.tissue.displacement_of(contact.node);
-            let arc = self.needle.line.nearest(&place);
+            let position = contact.reference + self.tissue.displacement_of(contact.node);
+            let arc = self.needle.line.nearest(&position);
             (contact.arc, *start) = (arc, arc);
         }
     }

@@ -115,7 +115,7 @@ impl Reduced {
                 *entry = shares().map(|(node, share)| share * compliance_of(*node)).sum();
             }
             for (row_axis, entry) in of_tip[..=axis].iter_mut().enumerate() {
-                let pairs = shares().flat_map(|one| shares().map(move |two| (one, two)));
+                let pairs = shares().flat_map(|row_share| shares().map(move |column_share| (row_share, column_share)));
                 *entry = pairs
                     .map(|((i, a), (j, b))| a * b * condensed[(3 * i + row_axis, 3 * j + axis)])
                     .sum();

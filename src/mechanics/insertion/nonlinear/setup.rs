@@ -156,6 +156,7 @@ impl<const D: usize, const N: usize> Nonlinear<D, N> {
         {
             return Err(InvalidSetup::Peak { region });
         }
+        // A saved state is taken back only by a model of this name: everything that the state depends on is in it.
         let name = format!(
             "{nodes} nodes, {:?}, {:?}, {}",
             setup.shaft,

@@ -174,7 +174,12 @@ impl<const D: usize> Line<D> {
         let mut entries = Vec::with_capacity(D * N);
         if let Some((element, _, weights)) = self.find(body, depth) {
             for (node, weight) in body.elements()[element].iter().zip(weights) {
-                for (axis, component) in self.direction.iter().enumerate().filter(|(_, along)| **along != 0.0) {
+                for (axis, component) in self
+                    .direction
+                    .iter()
+                    .enumerate()
+                    .filter(|(_, component)| **component != 0.0)
+                {
                     entries.push((D as u32 * node + axis as u32, weight * component));
                 }
             }

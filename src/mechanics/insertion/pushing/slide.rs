@@ -46,7 +46,7 @@ impl At {
 impl<const D: usize, const N: usize> Pushing<D, N> {
     /// Returns the next state of the needle, with its tip at `travel_mm` and the current displacements.
     pub(super) fn advance(&self, travel_mm: f64) -> At {
-        let now = &self.at;
+        let now = &self.state;
         let mut next = At { travel_mm, ..*now };
         let moved = travel_mm - now.travel_mm;
         let in_tissue = now.depth_mm > 0.0 || matches!(now.phase, Phase::Cutting(_));
@@ -140,7 +140,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     /// Returns the force of the tip in a held needle, as it was when the needle stopped; a needle does not pull with its
     /// tip.
     fn held_tip(&self, next: &At) -> f64 {
-        let pulls = self.at.phase == Phase::Held && self.at.tip_n + self.at.shaft_n <= 0.0;
+        let pulls = self.state.phase == Phase::Held && self.state.tip_n + self.state.shaft_n <= 0.0;
         if pulls { 0.0 } else { next.held_tip_n.max(0.0) }
     }
 
@@ -168,7 +168,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         let [friction, limit_n] = self.friction_n(next.depth_mm);
         next.tip_n = force * tip / (tip + friction);
         next.shaft_n = force - next.tip_n;
-        if force >= next.held_tip_n + limit_n && next.travel_mm > self.at.travel_mm + STILL_MM {
+        if force >= next.held_tip_n + limit_n && next.travel_mm > self.state.travel_mm + STILL_MM {
             let intact = next.depth_mm >= next.cut_mm;
             next.phase = if intact { next.intact } else { Phase::Free };
             next.outward = false;

@@ -81,7 +81,7 @@ impl MassSpring {
 
     pub(super) fn take_saved(&mut self, saved: &Saved) -> Result<(), StepError> {
         let model = self.model();
-        if let Some(saved_model) = saved.0["model"].as_str().filter(|other| **other != model) {
+        if let Some(saved_model) = saved.0["model"].as_str().filter(|saved_model| **saved_model != model) {
             return Err(StepError::Foreign(format!("found `{saved_model}`; expected `{model}`")));
         }
         let state = State::deserialize(&saved.0).map_err(|error| StepError::Foreign(error.to_string()))?;

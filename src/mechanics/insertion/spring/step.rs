@@ -74,6 +74,7 @@ impl MassSpring {
             .stack
             .last()
             .is_some_and(|last| last.arc >= length - SAME_ARC_MM);
+        // A pause changes nothing: the node at the tip stays with it until the needle is withdrawn.
         self.body.tip_node = match self.body.tip_node {
             _ if retracting => TipNode::Empty,
             TipNode::Empty if travel > STILL_MM && at_tip => TipNode::Held,

@@ -89,27 +89,27 @@ impl Needle for Beam {
 /// A layered body below z = 0: region i from `at[i]` (mm) on.
 #[derive(Clone, Debug)]
 pub(super) struct Layers {
-    pub at: Vec<f64>,
-    pub of: Vec<Interaction>,
+    pub starts_mm: Vec<f64>,
+    pub interactions: Vec<Interaction>,
 }
 
 impl Layers {
     pub(super) fn one(interaction: Interaction) -> Layers {
         Layers {
-            at: vec![0.0],
-            of: vec![interaction],
+            starts_mm: vec![0.0],
+            interactions: vec![interaction],
         }
     }
 }
 
 impl Anatomy for Layers {
     fn region(&self, point_mm: &Point3<f64>) -> Option<i32> {
-        let above = self.at.iter().filter(|&&at| at <= point_mm.z).count();
+        let above = self.starts_mm.iter().filter(|&&start| start <= point_mm.z).count();
         above.checked_sub(1).map(|region| region as i32)
     }
 
     fn interaction(&self, region: i32) -> Interaction {
-        self.of[region as usize]
+        self.interactions[region as usize]
     }
 }
 

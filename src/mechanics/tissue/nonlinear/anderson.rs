@@ -37,6 +37,7 @@ impl Anderson {
             return;
         }
         if let Some(last) = self.last.take() {
+            // The oldest step gives its memory to the newest: iterations do not allocate.
             if self.used == memory {
                 self.steps.rotate_left(1);
                 self.turns.rotate_left(1);

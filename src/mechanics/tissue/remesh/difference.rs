@@ -121,6 +121,7 @@ impl Difference {
         for &element in &self.elements {
             self.nodes.extend(mesh.elements()[element as usize]);
         }
+        // In ascending order, so that the columns of a row are too: `block_at` searches them by halves.
         self.nodes.sort_unstable();
         self.nodes.dedup();
         self.places.resize(mesh.nodes().len(), NONE);

@@ -48,7 +48,7 @@ pub(crate) fn simplest(columns: DMatrix<f64>, centre: Vector3<f64>, size: f64) -
         rows.swap_rows(rank, pivot);
         let scaled = rows.row(rank) / rows[(rank, column)];
         rows.row_mut(rank).copy_from(&scaled);
-        for row in (0..rows.nrows()).filter(|other| *other != rank) {
+        for row in (0..rows.nrows()).filter(|row| *row != rank) {
             let reduced = rows.row(row) - &scaled * rows[(row, column)];
             rows.row_mut(row).copy_from(&reduced);
         }

@@ -54,8 +54,8 @@ fn layers_have_their_friction() {
         ..Interaction::default()
     };
     let layers = Layers {
-        at: vec![0.0, 25.0],
-        of: vec![sliding(0.002), sliding(0.02)],
+        starts_mm: vec![0.0, 25.0],
+        interactions: vec![sliding(0.002), sliding(0.02)],
     };
     let mut springs = model(Parameters::default(), layers);
     let seen = events(&mut springs, [-1.0, 60.0], 20.0);
@@ -102,8 +102,8 @@ fn bone_stops_the_tip() {
     };
     for speed in [20.0, 1e3, 1e4] {
         let layers = Layers {
-            at: vec![0.0, 30.0],
-            of: vec![Interaction::default(), bone],
+            starts_mm: vec![0.0, 30.0],
+            interactions: vec![Interaction::default(), bone],
         };
         let mut springs = model(coarse(), layers);
         let seen = events(&mut springs, [-10.0, 50.0], speed);
@@ -294,8 +294,8 @@ fn a_border_is_crossed_once() {
         ..Interaction::default()
     };
     let layers = Layers {
-        at: vec![0.0, 25.0],
-        of: vec![breaking(0.0), breaking(0.1)],
+        starts_mm: vec![0.0, 25.0],
+        interactions: vec![breaking(0.0), breaking(0.1)],
     };
     let mut springs = model(Parameters::default(), layers);
     let mut seen = events(&mut springs, [-1.0, 25.2], 20.0);
@@ -314,8 +314,8 @@ fn a_thin_critical_layer_is_told() {
         ..Interaction::default()
     };
     let layers = Layers {
-        at: vec![0.0, 20.0, 20.3, 20.45],
-        of: [false, false, true, false].map(critical_layer).to_vec(),
+        starts_mm: vec![0.0, 20.0, 20.3, 20.45],
+        interactions: [false, false, true, false].map(critical_layer).to_vec(),
     };
     let seen = events(&mut model(Parameters::default(), layers), [-1.0, 25.0], 20.0);
     let told = seen.iter().filter(|event| event.0 == EventKind::Critical).count();

@@ -65,20 +65,20 @@ impl Exact {
         } = self;
         let (g, c) = (support.g.get(), support.c.get());
         let mut columns = work.columns.shape(support.len(), 4);
-        let (mut e, rest) = columns.rb_mut().split_at_col_mut(1);
-        let (mut ge, rest) = rest.split_at_col_mut(1);
-        let (mut y, mut gy) = rest.split_at_col_mut(1);
+        let (mut e, products) = columns.rb_mut().split_at_col_mut(1);
+        let (mut ge, products) = products.split_at_col_mut(1);
+        let (mut y, mut gy) = products.split_at_col_mut(1);
         fill_with_signs(e.rb_mut(), self.step);
         product(ge.rb_mut(), Accum::Replace, g, e.rb(), 1.0);
         product(y.rb_mut(), Accum::Replace, c, ge.rb(), 1.0);
         product(gy.rb_mut(), Accum::Replace, g, y.rb(), 1.0);
-        let mut rest = e;
-        rest.copy_from(y.rb());
+        let mut defect = e;
+        defect.copy_from(y.rb());
         for (row, column, value) in difference.entries() {
             let place = support.place(column);
-            rest[(support.place(row), 0)] -= value * (ge[(place, 0)] - gy[(place, 0)]);
+            defect[(support.place(row), 0)] -= value * (ge[(place, 0)] - gy[(place, 0)]);
         }
-        let residual = largest(rest.rb());
+        let residual = largest(defect.rb());
         let size = difference.norm_inf() * (largest(ge.rb()) + largest(gy.rb())) + largest(y.rb());
         [residual, relative(residual, size)]
     }
@@ -95,8 +95,8 @@ impl Exact {
         let mut columns = work.columns.shape(support.len(), 2);
         let (mut be, mut y) = columns.rb_mut().split_at_col_mut(1);
         let mut columns_of_contacts = work.w.shape(contacts.dofs().len(), 3);
-        let (mut e, rest) = columns_of_contacts.rb_mut().split_at_col_mut(1);
-        let (mut bare, mut now) = rest.split_at_col_mut(1);
+        let (mut e, products) = columns_of_contacts.rb_mut().split_at_col_mut(1);
+        let (mut bare, mut now) = products.split_at_col_mut(1);
         fill_with_signs(e.rb_mut(), self.step);
         product(be.rb_mut(), Accum::Replace, b, e.rb(), 1.0);
         product(y.rb_mut(), Accum::Replace, c, be.rb(), 1.0);

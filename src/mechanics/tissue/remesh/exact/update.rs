@@ -161,11 +161,11 @@ impl Work {
     }
 }
 
-/// Copies rows `at` of a matrix.
-fn pick_rows(mut out: MatMut<'_, f64>, from: MatRef<'_, f64>, at: &[usize]) {
+/// Copies rows of a matrix.
+fn pick_rows(mut out: MatMut<'_, f64>, from: MatRef<'_, f64>, indices: &[usize]) {
     for (mut out, from) in out.rb_mut().col_iter_mut().zip(from.col_iter()) {
-        for (row, &at) in at.iter().enumerate() {
-            out[row] = from[at];
+        for (row, &index) in indices.iter().enumerate() {
+            out[row] = from[index];
         }
     }
 }
