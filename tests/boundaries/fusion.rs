@@ -1,5 +1,7 @@
 //! Passes fused into dispatches: order, barriers, and the shaders that are linked of them.
 
+use std::collections::BTreeSet;
+
 use insonify_imaging::effects::buffers::Buffer;
 use insonify_imaging::effects::pass::{Grid, Use};
 use insonify_imaging::fusion::{Bound, Fused, MAX_BUFFERS, fuse};
@@ -31,13 +33,11 @@ fn place(fused: &[Fused], pass: usize) -> [usize; 3] {
 
 fn most_buffers(bound: &[Bound], fused: &Fused) -> usize {
     let passes = fused.iter().flat_map(|sequence| &sequence.passes);
-    let mut places: Vec<u32> = passes
+    let buffers: BTreeSet<&Buffer> = passes
         .flat_map(|&at| &bound[at].buffers)
-        .map(|(buffer, _)| buffer.place)
+        .map(|&(buffer, _)| buffer)
         .collect();
-    places.sort_unstable();
-    places.dedup();
-    places.len()
+    buffers.len()
 }
 
 /// The same passes with reads and writes of every written buffer exchanged, so that reads precede writes.

@@ -36,10 +36,11 @@ type PerFrame = fn(&Tables, &FrameState, &mut Vec<f32>);
 /// A buffer shared by passes. On the CPU it is a vector of [`Store`](crate::synth::store::Store) or a table; on the GPU a storage
 /// buffer.
 pub struct Buffer {
-    /// Name, unique over all effects.
+    /// Name, unique over all effects: by it buffers are told apart.
     pub name: &'static str,
-    /// Place in the lists of plans, unique over all effects.
-    pub place: u32,
+    /// Order in the lists of plans; those of the same number are listed by name. A number, as buffers that effects share and
+    /// those of one effect alternate there, in another order than that of their first use.
+    order: u32,
     /// Size of an element on the GPU, bytes.
     pub element: usize,
     /// Number of elements on the GPU.
@@ -56,10 +57,10 @@ pub struct Buffer {
 
 impl Buffer {
     /// A buffer that passes write.
-    pub const fn new(place: u32, name: &'static str, element: usize, len: fn(&Tables) -> usize) -> Self {
+    pub const fn new(order: u32, name: &'static str, element: usize, len: fn(&Tables) -> usize) -> Self {
         Self {
             name,
-            place,
+            order,
             element,
             len,
             contents: None,
@@ -105,7 +106,7 @@ impl Buffer {
 
 impl PartialEq for Buffer {
     fn eq(&self, other: &Self) -> bool {
-        self.place == other.place
+        self.name == other.name
     }
 }
 
@@ -119,7 +120,7 @@ impl PartialOrd for Buffer {
 
 impl Ord for Buffer {
     fn cmp(&self, other: &Self) -> Ordering {
-        self.place.cmp(&other.place)
+        (self.order, self.name).cmp(&(other.order, other.name))
     }
 }
 
