@@ -2,7 +2,7 @@
 
 mod picture;
 
-use std::io::Write;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -15,7 +15,7 @@ use insonify_imaging::rf::file::Echoes;
 use insonify_imaging::rf::motion::{Estimate, Options, Tracker};
 use insonify_study::stability::Effort;
 use insonify_study::tradeoff::Axis;
-use insonify_study::tradeoff::motion::validation::{self, Course};
+use insonify_study::tradeoff::motion::validation;
 use insonify_tracking::TrackingError;
 
 use super::failure::{Error, usage};
@@ -142,6 +142,7 @@ struct Spread {
 const TRUSTED: f64 = 0.8;
 /// Share of the windows that correlate which must be left from one frame to the next: below it tissue moved further than the search reaches.
 const KEPT: f64 = 0.8;
+
 impl Motion {
     pub(crate) fn run(&self) -> Result<(), Error> {
         if self.validate {
@@ -160,43 +161,14 @@ impl Motion {
         let depths = options.centres_mm(echoes.samples);
         let mut tracker = Tracker::new(options, echoes.lines, &echoes.frames[0]);
         let bar = terminal::progress(echoes.frames.len() - 1);
-        let count = (echoes.lines * options.windows) as f64;
-        let (mut correlation, mut trusted) = (0.0, 0.0);
-        let mut losses = Losses::default();
-        let mut shown = Shown::default();
-        let mut tally = Tally::default();
+        let mut summary = Summary::default();
         atomic::write(&self.output, |file| {
             writeln!(file, "frame,line,window,depth_mm,axial_um,lateral_um,correlation")?;
             for (frame, values) in echoes.frames.iter().enumerate().skip(1) {
                 let estimates = tracker.next(values);
-                for (index, estimate) in estimates.iter().enumerate() {
-                    let (line, window) = (index / options.windows, index % options.windows);
-                    writeln!(
-                        file,
-                        "{frame},{line},{window},{:.4},{:.3},{:.3},{:.5}",
-                        depths[window], estimate.axial_um, estimate.lateral_um, estimate.correlation
-                    )?;
-                    correlation += estimate.correlation;
-                }
-                let trusted_windows = estimates.iter().filter(|estimate| estimate.correlation >= TRUSTED);
-                let share = trusted_windows.clone().count() as f64 / count;
-                let mean_um =
-                    trusted_windows.map(|estimate| estimate.axial_um.abs()).sum::<f64>() / (share * count).max(1.0);
-                trusted += share;
-                losses.see(frame, share);
-                if let Some(truth) = &truth {
-                    tally.add(&estimates, &truth[frame]);
-                }
-                // Once windows are lost, large motions are likely false matches: such a frame is not picked
-                // for the picture.
-                let moved_most = shown.frame == 0 || losses.frames.is_empty() && mean_um > shown.mean_um;
-                if self.frame.map_or(moved_most, |requested| requested == frame) {
-                    shown = Shown {
-                        frame,
-                        mean_um,
-                        estimates,
-                    };
-                }
+                write_rows(file, frame, &estimates, &depths)?;
+                let truth = truth.as_ref().map(|truth| truth[frame].as_slice());
+                summary.add(frame, estimates, truth, self.frame);
                 bar.inc(1);
             }
             Ok(())
@@ -204,23 +176,24 @@ impl Motion {
         bar.finish_and_clear();
         for (path, strain) in [(&self.displacement, false), (&self.strain, true)] {
             if let Some(path) = path {
-                let picture = self.picture(&echoes, &depths, &shown, strain)?;
+                let picture = self.picture(&echoes, &depths, &summary.shown, strain)?;
                 png::write_rgb(path, picture.width() as usize, picture.height() as usize, &picture)?;
             }
         }
         let frames = echoes.frames.len() - 1;
+        let count = (echoes.lines * options.windows) as f64;
         let report = MotionReport {
             frames: frames + 1,
             lines: echoes.lines,
             windows: options.windows,
-            correlation: correlation / (frames as f64 * count),
-            trusted: trusted / frames as f64,
+            correlation: summary.correlation / (frames as f64 * count),
+            trusted: summary.trusted / frames as f64,
             correlations: tracker.correlations,
             references: tracker.switches,
-            lost: losses.frames.clone(),
-            errors: truth.is_some().then(|| tally.errors()),
+            lost: summary.losses.frames.clone(),
+            errors: truth.is_some().then(|| summary.tally.errors()),
         };
-        losses.warning(options.wide_mm).iter().for_each(terminal::warn);
+        summary.losses.warning(options.wide_mm).iter().for_each(terminal::warn);
         terminal::show(&report, self.json, || report.text())
     }
 
@@ -252,7 +225,7 @@ impl Motion {
         };
         printed.run(|progress| {
             let axis = Axis::linear("frame", "frame", "frame");
-            let mut course = Course::new(options, echoes.lines, echoes.samples, axis);
+            let mut course = validation::Course::new(options, echoes.lines, echoes.samples, axis);
             let mut tracker = Tracker::new(options, echoes.lines, &echoes.frames[0]);
             let name = "sequence";
             for (frame, (values, truth)) in echoes.frames.iter().zip(&truth).enumerate().skip(1) {
@@ -356,6 +329,58 @@ fn truth(path: &Path, echoes: &Echoes, windows: usize) -> Result<Vec<Vec<[f64; 2
         .into())
     } else {
         Ok(truth)
+    }
+}
+
+/// Writes the rows of a frame.
+fn write_rows(file: &mut impl Write, frame: usize, estimates: &[Estimate], depths_mm: &[f64]) -> io::Result<()> {
+    for (index, estimate) in estimates.iter().enumerate() {
+        let (line, window) = (index / depths_mm.len(), index % depths_mm.len());
+        writeln!(
+            file,
+            "{frame},{line},{window},{:.4},{:.3},{:.3},{:.5}",
+            depths_mm[window], estimate.axial_um, estimate.lateral_um, estimate.correlation
+        )?;
+    }
+    Ok(())
+}
+
+/// What a sequence shows besides the rows of its table.
+#[derive(Default)]
+struct Summary {
+    /// Sum of the correlations of all windows.
+    correlation: f64,
+    /// Sum over the frames of the share of windows that correlate.
+    trusted: f64,
+    losses: Losses,
+    shown: Shown,
+    tally: Tally,
+}
+
+impl Summary {
+    /// Takes the estimates of a frame, and its true motion if it is known. Shown is the requested frame, or else the one that moves most.
+    fn add(&mut self, frame: usize, estimates: Vec<Estimate>, truth: Option<&[[f64; 2]]>, requested: Option<usize>) {
+        for estimate in &estimates {
+            self.correlation += estimate.correlation;
+        }
+        let trusted = || estimates.iter().filter(|estimate| estimate.correlation >= TRUSTED);
+        let count = estimates.len() as f64;
+        let share = trusted().count() as f64 / count;
+        let mean_um = trusted().map(|estimate| estimate.axial_um.abs()).sum::<f64>() / (share * count).max(1.0);
+        self.trusted += share;
+        self.losses.see(frame, share);
+        if let Some(truth) = truth {
+            self.tally.add(&estimates, truth);
+        }
+        // Once windows are lost, large motions are likely false matches: such a frame is not picked for the picture.
+        let moved_most = self.shown.frame == 0 || self.losses.frames.is_empty() && mean_um > self.shown.mean_um;
+        if requested.map_or(moved_most, |requested| requested == frame) {
+            self.shown = Shown {
+                frame,
+                mean_um,
+                estimates,
+            };
+        }
     }
 }
 

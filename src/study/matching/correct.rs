@@ -119,82 +119,103 @@ impl Bench<'_> {
     pub(crate) fn darkness(&self, model: &mut Model) -> Result<DarkFindings, SynthError> {
         let (beam, inside) = self.beam(self.picture);
         let windows = self.noise_and_clutter(model, &beam, &inside);
-        let mut dark = DarkFindings {
+        let mut findings = DarkFindings {
             bound_db: self.noise_bound_db(model, &beam, &inside).clamp(-200.0, 20.0),
             windows: [windows[0].len(), windows[1].len()],
             ..DarkFindings::default()
         };
-        let real = [0, 1].map(|kind| greys(&beam, &windows[kind]));
-        let depths = [0, 1].map(|kind| {
-            windows[kind]
-                .iter()
-                .map(|&window| self.depth_mm(window))
-                .collect::<Vec<f64>>()
-        });
-        let defaults = Receiver::default();
-        model.receiver.noise_db = defaults.noise_db.min(dark.bound_db);
-        let level = |model: &Model, kind: usize, greys: &[f64]| -> Vec<f64> {
-            greys
-                .iter()
-                .zip(&depths[kind])
-                .map(|(grey, depth)| model.level_db(*grey, *depth))
-                .collect()
+        let dark = DarkWindows {
+            greys: [0, 1].map(|kind| greys(&beam, &windows[kind])),
+            depths_mm: [0, 1].map(|kind| windows[kind].iter().map(|&window| self.depth_mm(window)).collect()),
+            windows,
         };
-        // Level of a window at the array, except for the loss in tissue; as tissue may echo in any window, the darkest counts.
-        let lossless = |model: &Model, kind: usize| -> Vec<f64> {
-            let levels = level(model, kind, &real[kind]).into_iter().zip(&depths[kind]);
-            levels
-                .map(|(level, depth)| level + model.tgc_db_cm() * depth / 10.0)
-                .collect()
-        };
-        let extent = depths[1]
-            .iter()
-            .fold(0.0, |largest: f64, d| largest.max((d - depths[1][0]).abs()));
-        if extent >= MIN_DECAY_EXTENT_MM {
-            dark.fades = true;
-            let fading = -10.0 * slope(&depths[1], &lossless(model, 1));
-            model.receiver.clutter_decay_db_cm = fading.clamp(0.0, 50.0);
-        }
-        let decay = model.receiver.clutter_decay_db_cm;
-        let at_array = |model: &Model, kind: usize| {
-            let levels = lossless(model, kind).into_iter().zip(&depths[kind]);
-            lowest(levels.map(|(level, depth)| level + decay * depth / 10.0))
-        };
-        if !windows[0].is_empty() {
-            model.receiver.noise_db = lowest(level(model, 0, &real[0]).into_iter()).clamp(-200.0, 20.0);
-            let quiet = at_array(model, 0) - HIDDEN_DB;
-            model.receiver.clutter_db = defaults.clutter_db.min(quiet).max(-200.0);
-        }
-        if !windows[1].is_empty() {
-            model.receiver.clutter_db = at_array(model, 1).clamp(-200.0, 20.0);
-        }
+        findings.fades = dark.estimate(model, findings.bound_db);
         // Logarithms, sparse echoes and black bias a mean grey against the power: the remainder is corrected with the echo-free phantom.
         for _ in 0..DARK_ROUNDS {
-            if windows.iter().all(Vec::is_empty) {
+            if dark.windows.iter().all(Vec::is_empty) {
                 break;
             }
             let silent = self.phantoms(model.probe(self.probe), &model.effects(), SILENT)?;
             let silent: Vec<Picture> = silent.iter().map(|frame| self.beam(frame).0).collect();
-            let deficit = [0, 1].map(|kind| -> Vec<f64> {
-                let phantom: Vec<Vec<f64>> = silent.iter().map(|beam| greys(beam, &windows[kind])).collect();
-                let phantom = |class: usize| mean(&phantom.iter().map(|greys| greys[class]).collect::<Vec<f64>>());
-                let phantom: Vec<f64> = (0..windows[kind].len()).map(phantom).collect();
-                let pairs = level(model, kind, &real[kind])
-                    .into_iter()
-                    .zip(level(model, kind, &phantom));
-                pairs.map(|(real, phantom)| real - phantom).collect()
-            });
-            dark.spread_db = [0, 1].map(|kind| (deficit[kind].len() > 1).then(|| std(&deficit[kind])));
-            if !deficit[0].is_empty() {
-                model.receiver.noise_db =
-                    (model.receiver.noise_db + lowest(deficit[0].iter().copied())).clamp(-200.0, 20.0);
+            let deficits = [0, 1].map(|kind| dark.deficit_db(model, kind, &silent));
+            let Receiver {
+                noise_db, clutter_db, ..
+            } = &mut model.receiver;
+            for (level_db, deficit) in [noise_db, clutter_db].into_iter().zip(&deficits) {
+                if !deficit.is_empty() {
+                    *level_db = (*level_db + lowest(deficit.iter().copied())).clamp(-200.0, 20.0);
+                }
             }
-            if !deficit[1].is_empty() {
-                model.receiver.clutter_db =
-                    (model.receiver.clutter_db + lowest(deficit[1].iter().copied())).clamp(-200.0, 20.0);
-            }
+            findings.spread_db = deficits.map(|deficit| (deficit.len() > 1).then(|| std(&deficit)));
         }
-        Ok(dark)
+        Ok(findings)
+    }
+}
+
+/// Dark windows of the real frame: of noise, and of clutter.
+struct DarkWindows {
+    windows: [Vec<Window>; 2],
+    depths_mm: [Vec<f64>; 2],
+    /// Mean grey levels.
+    greys: [Vec<f64>; 2],
+}
+
+impl DarkWindows {
+    /// Levels that give the windows of a kind their greys, dB.
+    fn levels_db(&self, model: &Model, kind: usize, greys: &[f64]) -> Vec<f64> {
+        let windows = greys.iter().zip(&self.depths_mm[kind]);
+        windows.map(|(grey, depth)| model.level_db(*grey, *depth)).collect()
+    }
+
+    /// Levels of the real frame at the array, except for a decay, dB.
+    fn lossless_db(&self, model: &Model, kind: usize) -> Vec<f64> {
+        let levels = self.levels_db(model, kind, &self.greys[kind]);
+        let windows = levels.into_iter().zip(&self.depths_mm[kind]);
+        let lossless = windows.map(|(level, depth)| level + model.tgc_db_cm() * depth / 10.0);
+        lossless.collect()
+    }
+
+    /// Sets noise and clutter from the real frame alone, and returns whether the decay of clutter was fitted.
+    fn estimate(&self, model: &mut Model, noise_bound_db: f64) -> bool {
+        let defaults = Receiver::default();
+        model.receiver.noise_db = defaults.noise_db.min(noise_bound_db);
+        let depths = &self.depths_mm[1];
+        let extent = depths
+            .iter()
+            .fold(0.0, |largest: f64, depth| largest.max((depth - depths[0]).abs()));
+        let fades = extent >= MIN_DECAY_EXTENT_MM;
+        if fades {
+            let fading = -10.0 * slope(depths, &self.lossless_db(model, 1));
+            model.receiver.clutter_decay_db_cm = fading.clamp(0.0, 50.0);
+        }
+        let decay = model.receiver.clutter_decay_db_cm;
+        // As tissue may echo in any window, the darkest counts.
+        let at_array = |model: &Model, kind: usize| {
+            let levels = self.lossless_db(model, kind).into_iter().zip(&self.depths_mm[kind]);
+            lowest(levels.map(|(level, depth)| level + decay * depth / 10.0))
+        };
+        if !self.windows[0].is_empty() {
+            let levels = self.levels_db(model, 0, &self.greys[0]);
+            model.receiver.noise_db = lowest(levels.into_iter()).clamp(-200.0, 20.0);
+            let quiet = at_array(model, 0) - HIDDEN_DB;
+            model.receiver.clutter_db = defaults.clutter_db.min(quiet).max(-200.0);
+        }
+        if !self.windows[1].is_empty() {
+            model.receiver.clutter_db = at_array(model, 1).clamp(-200.0, 20.0);
+        }
+        fades
+    }
+
+    /// Level of the real frame above the mean of echo-free phantoms, by window of a kind, dB.
+    fn deficit_db(&self, model: &Model, kind: usize, silent: &[Picture]) -> Vec<f64> {
+        let phantoms: Vec<Vec<f64>> = silent.iter().map(|beam| greys(beam, &self.windows[kind])).collect();
+        let mean_grey = |window: usize| mean(&phantoms.iter().map(|greys| greys[window]).collect::<Vec<f64>>());
+        let phantom: Vec<f64> = (0..self.windows[kind].len()).map(mean_grey).collect();
+        let [real, phantom] = [&self.greys[kind], &phantom].map(|greys| self.levels_db(model, kind, greys));
+        real.into_iter()
+            .zip(phantom)
+            .map(|(real, phantom)| real - phantom)
+            .collect()
     }
 }
 
