@@ -86,8 +86,8 @@ impl BackendArgs {
         }
     }
 
-    /// Creates a synthesizer on the requested backend. `several` is the state of a frame, if there are more to render: then `auto` times
-    /// frames of it on a hardware GPU and on the CPU.
+    /// Creates a synthesizer on the requested backend. `several` is the state of a frame, if there are more to render:
+    /// then `auto` times frames of it on a hardware GPU and on the CPU.
     pub(crate) fn synthesizer(
         &self,
         anatomy: Anatomy,
@@ -134,8 +134,8 @@ impl BackendArgs {
     }
 }
 
-/// A synthesizer on an adapter or on the CPU, whichever makes a frame faster, by times that are kept or, of several frames,
-/// measured now; on the CPU if the adapter cannot render the scene.
+/// A synthesizer on an adapter or on the CPU, whichever makes a frame faster, by times that are kept or, of several
+/// frames, measured now; on the CPU if the adapter cannot render the scene.
 fn faster(
     tables: &Arc<Tables>,
     adapter: &AdapterReport,

@@ -60,10 +60,12 @@ impl Calibrate {
 /// Poses of the marker.
 #[derive(Args)]
 struct MarkerPoses {
-    /// Poses of the marker: a tracked sequence (.igs.mha, .igs.mhd, .igs.nrrd), or CSV with the columns time_s,m00,...,m33
+    /// Poses of the marker: a tracked sequence (.igs.mha, .igs.mhd, .igs.nrrd), or CSV with the columns
+    /// time_s,m00,...,m33
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// Transform from the marker to the tracker or a reference, composed if need be [default: the only one to the tracker]
+    /// Transform from the marker to the tracker or a reference, composed if need be
+    /// [default: the only one to the tracker]
     #[arg(long, value_name = "NAME")]
     transform: Option<String>,
     /// Configuration of PLUS with more transforms
@@ -131,9 +133,11 @@ impl SheetOutput {
     }
 }
 
-/// Finds the point that the motion of a marker leaves fixed: the tip of a stylus or needle that is tilted to all sides in a dent
+/// Finds the point that the motion of a marker leaves fixed: the tip of a stylus or needle that is tilted to all sides
+/// in a dent
 ///
-/// Poses whose residual is more than 2.5 standard deviations (from the median absolute deviation) above the median are left out.
+/// Poses whose residual is more than 2.5 standard deviations (from the median absolute deviation) above the median are
+/// left out.
 #[derive(Args)]
 struct PivotArgs {
     #[command(flatten)]
@@ -321,7 +325,8 @@ impl PointsArgs {
             };
             let distance_mm = (matrix.transform_point(&pixel) - known.transform_point(&pixel)).norm();
             terminal::note(format_args!(
-                "the configuration's own ImageTo{} differs by {distance_mm:.2} mm in the middle of the pixels, rows by {:.1} and columns by {:.1} degrees",
+                "the configuration's own ImageTo{} differs by {distance_mm:.2} mm in the middle of the pixels, rows \
+                 by {:.1} and columns by {:.1} degrees",
                 poses.marker,
                 angle(0),
                 angle(1)

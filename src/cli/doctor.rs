@@ -25,7 +25,8 @@ pub(crate) struct Doctor {
     /// Part of the name of the GPU adapter to select
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
-    /// Print JSON: `version`, `machine`, `adapters`, `backend`, `adapter`, `reason`, `measured`, `cache`, `hints`, `warnings`
+    /// Print JSON: `version`, `machine`, `adapters`, `backend`, `adapter`, `reason`, `measured`, `cache`, `hints`,
+    /// `warnings`
     #[arg(long)]
     json: bool,
 }

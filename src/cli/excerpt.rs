@@ -30,7 +30,8 @@ impl Paint {
     }
 }
 
-/// Returns the text of a failure, each line complete. Message and help are lines without control characters; none is wrapped, which a terminal does itself.
+/// Returns the text of a failure, each line complete. Message and help are lines without control characters; none is
+/// wrapped, which a terminal does itself.
 pub(crate) fn drawn(message: &str, help: Option<&str>, excerpt: Option<&Excerpt>, coloured: bool) -> String {
     let paint = Paint(coloured);
     let line = |head: &str, text: &str| format!("{head}{}\n", text.trim_end_matches(' '));

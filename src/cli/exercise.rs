@@ -47,8 +47,8 @@ impl Exercise {
 /// Makes training tasks: scenarios with random reachable targets in an organ, each with its reference run
 #[derive(Args)]
 struct Make {
-    /// Scenario that the tasks are made from, with an inline scene: a file, or the name of a built-in one. Its needle enters in the middle of
-    /// the entry window; its speed and pause are those of the reference runs
+    /// Scenario that the tasks are made from, with an inline scene: a file, or the name of a built-in one. Its needle
+    /// enters in the middle of the entry window; its speed and pause are those of the reference runs
     #[arg(value_name = "SCENARIO.toml")]
     scenario: PathBuf,
     /// Organ of the targets: a label or tissue, or a part of its name

@@ -4,7 +4,8 @@ use std::fmt::Write;
 
 use clap::Command;
 
-/// Command whose help lists the subcommands in groups. `titles` has the group of each subcommand, in order of declaration.
+/// Command whose help lists the subcommands in groups. `titles` has the group of each subcommand, in order of
+/// declaration.
 pub(crate) fn grouped(command: Command, titles: &[&str]) -> Command {
     let [heading, literal] = [command.get_styles().get_header(), command.get_styles().get_literal()];
     let names = command.get_subcommands().map(|subcommand| subcommand.get_name().len());

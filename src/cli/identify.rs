@@ -46,7 +46,8 @@ pub(crate) struct Identify {
     output: Option<PathBuf>,
     #[command(flatten)]
     force: Force,
-    /// Print one JSON object: `force_model`, and `found` with `layers`, `force`, `motion`, `beside`, `notes` for each Poisson's ratio
+    /// Print one JSON object: `force_model`, and `found` with `layers`, `force`, `motion`, `beside`, `notes` for each
+    /// Poisson's ratio
     #[arg(long)]
     json: bool,
 }

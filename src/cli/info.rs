@@ -14,18 +14,19 @@ use insonify::Error;
 
 /// Describes a label file, a folder of masks, a tracked sequence or a PLUS configuration
 ///
-/// Size, spacing, orientation, and the labels of a file: names, voxels, millilitres, and the assigned tissue of each with the evidence (`?` for a
-/// guess); of a tracked sequence frames, images, rate, and transforms with their validity; of a PLUS configuration (.xml) probe, images,
-/// calibration and coordinate definitions.
+/// Size, spacing, orientation, and the labels of a file: names, voxels, millilitres, and the assigned tissue of each
+/// with the evidence (`?` for a guess); of a tracked sequence frames, images, rate, and transforms with their validity;
+/// of a PLUS configuration (.xml) probe, images, calibration and coordinate definitions.
 #[derive(Args)]
 pub(crate) struct Info {
-    #[arg(value_name = "FILE", help = format!("Label file ({}), a folder of binary masks named by their files, or a tracked sequence or configuration (.xml) of PLUS", format_names("or")))]
+    #[arg(value_name = "FILE", help = format!("Label file ({}), a folder of binary masks named by their files, or a \
+        tracked sequence or configuration (.xml) of PLUS", format_names("or")))]
     file: PathBuf,
     #[command(flatten)]
     names: NamesArg,
-    /// Print JSON: `size`, `spacing_mm`, `orientation`, `origin_mm`, `labels`, `notes`, `warnings`; of a sequence `bytes`, `frames`,
-    /// `images`, `time`, `transforms`, `warnings`; of a configuration `transducer`, `probe`, `image_size`, `pixel_mm`,
-    /// `array_centre_px`, `calibration`, `transforms`, `warnings`
+    /// Print JSON: `size`, `spacing_mm`, `orientation`, `origin_mm`, `labels`, `notes`, `warnings`; of a sequence
+    /// `bytes`, `frames`, `images`, `time`, `transforms`, `warnings`; of a configuration `transducer`, `probe`,
+    /// `image_size`, `pixel_mm`, `array_centre_px`, `calibration`, `transforms`, `warnings`
     #[arg(long)]
     json: bool,
 }

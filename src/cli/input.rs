@@ -38,10 +38,12 @@ impl NamesArg {
 
 #[derive(Args)]
 pub(crate) struct Input {
-    /// Scene file (TOML), or the name of a built-in scene; without one the default scene, or with --labels the label file alone
+    /// Scene file (TOML), or the name of a built-in scene; without one the default scene, or with --labels the label
+    /// file alone
     #[arg(value_name = "SCENE.toml")]
     scene: Option<PathBuf>,
-    /// Label file to image, or a folder of binary masks named by their files; with a scene it replaces the scene's volume
+    /// Label file to image, or a folder of binary masks named by their files; with a scene it replaces the scene's
+    /// volume
     #[arg(long, value_name = "FILE")]
     labels: Option<PathBuf>,
     #[command(flatten)]

@@ -89,7 +89,8 @@ pub(crate) struct Insert {
     /// Folder to write to
     #[arg(short, long, value_name = "DIR", required_unless_present_any = ["example", "reference"])]
     output: Option<PathBuf>,
-    /// Render images at the scenario's rate: `png` for numbered pictures, `mha` for an image sequence; also called --frames
+    /// Render images at the scenario's rate: `png` for numbered pictures, `mha` for an image sequence; also called
+    /// --frames
     #[arg(long, alias = "frames", value_enum, value_name = "KIND", num_args = 0..=1, require_equals = true, default_missing_value = "png")]
     images: Option<Images>,
     #[command(flatten)]
@@ -100,14 +101,15 @@ pub(crate) struct Insert {
     /// With --hand: seed of its errors
     #[arg(long, value_name = "N", default_value_t = 0, requires = "hand")]
     hand_seed: u64,
-    /// Repeat a recorded session in place of the scenario's motions: JSON of `Recording`, which `Haptic::take_recording` of a simulator of the
-    /// same scenario gives
+    /// Repeat a recorded session in place of the scenario's motions: JSON of `Recording`, which
+    /// `Haptic::take_recording` of a simulator of the same scenario gives
     #[arg(long, value_name = "FILE.json", conflicts_with = "hand")]
     replay: Option<PathBuf>,
     /// Write a small animated picture of the frames: preview.gif
     #[arg(long)]
     preview: bool,
-    /// Write the deformed mesh, the needle with the forces along it, the probe and the seeds at this interval, in milliseconds of simulated time
+    /// Write the deformed mesh, the needle with the forces along it, the probe and the seeds at this interval, in
+    /// milliseconds of simulated time
     #[arg(long, value_name = "MS", value_parser = period)]
     vtu: Option<f64>,
     #[command(flatten)]
@@ -116,7 +118,8 @@ pub(crate) struct Insert {
     backend: BackendArgs,
     #[command(flatten)]
     quality: QualityArgs,
-    /// Print the summary as one JSON object: `steps`, `max_base_force_n`, `tip_deflection_mm`, `remeshes`, `step_ms`, `events`, `seeds`, `warnings`, ...
+    /// Print the summary as one JSON object: `steps`, `max_base_force_n`, `tip_deflection_mm`, `remeshes`, `step_ms`,
+    /// `events`, `seeds`, `warnings`, ...
     #[arg(long)]
     json: bool,
 }
@@ -301,8 +304,8 @@ fn summary_line(summary: &Summary, output: &Path) -> String {
         })
         .collect();
     format!(
-        "wrote {}: {} steps ({:.2} s), force on the hand up to {:.2} N, tip deflection up to {:.2} mm{targets}, {} remeshes{changes}{seeds}; \
-         a step takes {:.3} ms (99 %: {:.3}, longest {:.3}); open {}",
+        "wrote {}: {} steps ({:.2} s), force on the hand up to {:.2} N, tip deflection up to {:.2} mm{targets}, {} \
+         remeshes{changes}{seeds}; a step takes {:.3} ms (99 %: {:.3}, longest {:.3}); open {}",
         output.display(),
         summary.steps,
         summary.simulated_s,

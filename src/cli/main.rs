@@ -1,7 +1,7 @@
 //! The `insonify` command: arguments, subcommands and their dispatch.
 
-/// Declares subcommands, each with its arguments, and `run`, which runs the one that was given; where they stand in groups, also `GROUPS`, the
-/// title of the group of each.
+/// Declares subcommands, each with its arguments, and `run`, which runs the one that was given; where they stand in
+/// groups, also `GROUPS`, the title of the group of each.
 macro_rules! commands {
     (enum $name:ident { $($title:literal { $($command:ident($arguments:ty),)* })* }) => {
         commands! { enum $name { $($($command($arguments),)*)* } }
@@ -172,7 +172,8 @@ impl Cli {
     }
 }
 
-/// Keeps Mesa's device selection layer, loaded by every adapter query, from printing an error where there is no display.
+/// Keeps Mesa's device selection layer, loaded by every adapter query, from printing an error where there is no
+/// display.
 #[allow(unsafe_code, reason = "the environment is set before any other thread runs")]
 fn quiet_mesa() {
     if std::env::var_os("NODEVICE_SELECT").is_none() {
@@ -202,8 +203,8 @@ fn main() -> ExitCode {
 
 // Handling of interrupts, termination requests and system limits.
 
-/// Ends the program on SIGINT, SIGTERM and SIGHUP with the conventional shell status, after removing unfinished output; a file that
-/// exceeds the size limit is a write error.
+/// Ends the program on SIGINT, SIGTERM and SIGHUP with the conventional shell status, after removing unfinished output;
+/// a file that exceeds the size limit is a write error.
 #[cfg(unix)]
 pub fn watch() -> io::Result<()> {
     use std::sync::Arc;

@@ -89,7 +89,8 @@ pub(crate) struct Kinematics {
     /// Scenario whose [manipulator.guide] has the dimensions
     #[arg(long, value_name = "SCENARIO.toml")]
     scenario: Option<PathBuf>,
-    /// Print a JSON list of objects: `slides_mm`, `position_mm`, `posture_deg`, `insertion_mm`, `tip_mm`, `angle_deg`, `turn_deg_per_mm`
+    /// Print a JSON list of objects: `slides_mm`, `position_mm`, `posture_deg`, `insertion_mm`, `tip_mm`, `angle_deg`,
+    /// `turn_deg_per_mm`
     #[arg(long)]
     json: bool,
 }
@@ -232,7 +233,8 @@ pub(crate) struct Follow {
     control: Option<Control>,
     #[command(flatten)]
     force: Force,
-    /// Print JSON: `largest_tip_error_mm`, `final_tip_error_mm`, `lost_mm` (pushing and pulling, of a slide), `motion` (rows as in motion.csv)
+    /// Print JSON: `largest_tip_error_mm`, `final_tip_error_mm`, `lost_mm` (pushing and pulling, of a slide), `motion`
+    /// (rows as in motion.csv)
     #[arg(long)]
     json: bool,
 }
@@ -263,8 +265,8 @@ impl Follow {
             }));
         }
         terminal::emit(&format!(
-            "{} s at {} Hz: the tip is at most {largest:.3} mm from its command, {last_mm:.3} mm at the end; the drive loses {:.3} mm pushing and {:.3} mm \
-             pulling; wrote {}",
+            "{} s at {} Hz: the tip is at most {largest:.3} mm from its command, {last_mm:.3} mm at the end; the \
+             drive loses {:.3} mm pushing and {:.3} mm pulling; wrote {}",
             (motion.driven.len() - 1) as f64 * PERIOD_S,
             1.0 / PERIOD_S,
             lost[0],

@@ -83,7 +83,8 @@ pub(crate) struct MaterialTest {
     output: Option<PathBuf>,
     #[command(flatten)]
     force: Force,
-    /// Run the measurements of Kobayashi et al. 2010 on the material in place of its history: plots (SVG), and the moduli and creep as CSV
+    /// Run the measurements of Kobayashi et al. 2010 on the material in place of its history: plots (SVG), and the
+    /// moduli and creep as CSV
     #[arg(long, value_name = "DIR", conflicts_with_all = ["json", "output"])]
     rheometer: Option<PathBuf>,
 }
@@ -145,7 +146,8 @@ pub(crate) struct FitArgs {
     /// Quantity that the stiffness multiplies: with `rate` the result is corrected for what equation 2 neglects
     #[arg(long, value_parser = variants::<Structure>(), default_value = "load-integral")]
     memory: Structure,
-    /// Print one JSON object: `dynamic` (`order`, `modulus_kpa`, `loss_tangent`, ...), `creep` (`modulus_kpa`, `knee_shear`, `stiffening`, ...), `warnings`
+    /// Print one JSON object: `dynamic` (`order`, `modulus_kpa`, `loss_tangent`, ...), `creep` (`modulus_kpa`,
+    /// `knee_shear`, `stiffening`, ...), `warnings`
     #[arg(long)]
     json: bool,
     /// Draw measurements and fitted laws: dynamic-moduli.svg, stiffness.svg

@@ -56,8 +56,8 @@ pub(crate) struct Info {
     /// `region`, `label`, `material`, `medit:ref`, `gmsh:physical` and `CellEntityIds`
     #[arg(long, alias = "region", value_name = "NAME")]
     region_array: Option<String>,
-    /// Print JSON: `nodes`, `elements`, `bounds_mm`, `volume_ml`, `regions`, `parts`, `quality`, `warnings`; infinite or
-    /// missing numbers are null
+    /// Print JSON: `nodes`, `elements`, `bounds_mm`, `volume_ml`, `regions`, `parts`, `quality`, `warnings`; infinite
+    /// or missing numbers are null
     #[arg(long)]
     json: bool,
 }

@@ -78,8 +78,8 @@ pub(crate) struct Motion {
     /// Report errors against the true motion, as `insonify rf --truth` writes it
     #[arg(long, value_name = "FILE.csv")]
     truth: Option<PathBuf>,
-    /// Draw estimates against the truth into the folder -o, as Dehghan et al. 2008: those of RF against --truth, or without RF those of media and an
-    /// insertion whose motion is known
+    /// Draw estimates against the truth into the folder -o, as Dehghan et al. 2008: those of RF against --truth, or
+    /// without RF those of media and an insertion whose motion is known
     #[arg(long, conflicts_with_all = ["strain", "displacement"])]
     validate: bool,
     /// With --validate and without RF: smaller media and a shorter insertion
@@ -96,7 +96,9 @@ pub(crate) struct Motion {
     frame: Option<usize>,
     #[command(flatten)]
     force: Force,
-    /// Print JSON: `frames`, `lines`, `windows`, `correlation` (mean), `trusted` (share of windows above 0.8), `correlations` (count), `references`, `lost` (frames in which a fifth of the windows stop correlating), and with --truth `errors`
+    /// Print JSON: `frames`, `lines`, `windows`, `correlation` (mean), `trusted` (share of windows above 0.8),
+    /// `correlations` (count), `references`, `lost` (frames in which a fifth of the windows stop correlating), and with
+    /// --truth `errors`
     #[arg(long)]
     json: bool,
 }
@@ -114,7 +116,8 @@ struct MotionReport {
     correlations: u64,
     /// Number of changes of the reference.
     references: usize,
-    /// Frames in which the share of windows that correlate falls to less than [`KEPT`] of that of the best frame before.
+    /// Frames in which the share of windows that correlate falls to less than [`KEPT`] of that of the best frame
+    /// before.
     lost: Vec<usize>,
     #[serde(skip_serializing_if = "Option::is_none")]
     errors: Option<Errors>,
@@ -140,7 +143,8 @@ struct Spread {
 
 /// Correlation below which an estimate is not compared with the truth.
 const TRUSTED: f64 = 0.8;
-/// Share of the windows that correlate which must be left from one frame to the next: below it tissue moved further than the search reaches.
+/// Share of the windows that correlate which must be left from one frame to the next: below it tissue moved further
+/// than the search reaches.
 const KEPT: f64 = 0.8;
 
 impl Motion {
@@ -358,7 +362,8 @@ struct Summary {
 }
 
 impl Summary {
-    /// Takes the estimates of a frame, and its true motion if it is known. Shown is the requested frame, or else the one that moves most.
+    /// Takes the estimates of a frame, and its true motion if it is known. Shown is the requested frame, or else the
+    /// one that moves most.
     fn add(&mut self, frame: usize, estimates: Vec<Estimate>, truth: Option<&[[f64; 2]]>, requested: Option<usize>) {
         for estimate in &estimates {
             self.correlation += estimate.correlation;
@@ -416,8 +421,9 @@ impl Losses {
             n => format!(", and {} later frames lose windows too", n - 1),
         };
         Some(format!(
-            "frame {first}: only {after:.0} % of the windows correlate, {before:.0} % before{others}. Tissue moved further than the search reaches \
-             ({wide_mm} mm): motion against the first frame is unreliable from there on, whatever the correlation; record more frames a second"
+            "frame {first}: only {after:.0} % of the windows correlate, {before:.0} % before{others}. Tissue moved \
+             further than the search reaches ({wide_mm} mm): motion against the first frame is unreliable from there \
+             on, whatever the correlation; record more frames a second"
         ))
     }
 }
@@ -480,7 +486,8 @@ impl Tally {
 impl MotionReport {
     fn text(&self) -> String {
         let mut text = format!(
-            "{} frames of {} lines with {} windows: mean correlation {:.4}, {:.1} % of the windows correlate (0.8), {} changes of the reference, {:.1} correlations a window",
+            "{} frames of {} lines with {} windows: mean correlation {:.4}, {:.1} % of the windows correlate (0.8), \
+             {} changes of the reference, {:.1} correlations a window",
             self.frames,
             self.lines,
             self.windows,

@@ -33,8 +33,8 @@ impl Force {
         Ok(place::check(files, inputs, self.force, &formats)?)
     }
 
-    /// Refuses output files (or an optional one) that cannot be written or lack the required extension; `what` describes
-    /// their contents in the error.
+    /// Refuses output files (or an optional one) that cannot be written or lack the required extension; `what`
+    /// describes their contents in the error.
     pub(crate) fn check_ending<'a>(
         self,
         files: impl IntoIterator<Item = &'a PathBuf>,

@@ -43,10 +43,12 @@ pub(crate) struct PathArgs {
     /// Scenario file (TOML), or the name of a built-in one; needle, tissue and speed are used; its motion is ignored
     #[arg(value_name = "SCENARIO.toml")]
     scenario: PathBuf,
-    /// Target: a point in the anatomy at rest (LPS), mm, or the name of a target of the scenario's plan, a label or a tissue
+    /// Target: a point in the anatomy at rest (LPS), mm, or the name of a target of the scenario's plan, a label or a
+    /// tissue
     #[arg(long, value_name = "X,Y,Z|NAME", allow_hyphen_values = true)]
     target: String,
-    /// Entries of the needle: `plane` (in the image plane), a box as two corners in mm, or a label or tissue of the skin
+    /// Entries of the needle: `plane` (in the image plane), a box as two corners in mm, or a label or tissue of the
+    /// skin
     #[arg(
         long,
         value_name = "plane|X,Y,Z,X,Y,Z|NAME",
@@ -54,7 +56,8 @@ pub(crate) struct PathArgs {
         allow_hyphen_values = true
     )]
     entry: String,
-    /// With --entry plane: least and largest angle to the beam's axis, degrees, positive where the needle goes towards the marked side
+    /// With --entry plane: least and largest angle to the beam's axis, degrees, positive where the needle goes towards
+    /// the marked side
     #[arg(long, value_name = "MIN,MAX", default_value = "-60,60", value_parser = numbers::<2>, allow_hyphen_values = true)]
     angles: [f64; 2],
     /// Number of lines to try

@@ -15,8 +15,8 @@ pub(crate) struct Plan {
     input: Input,
     #[command(flatten)]
     backend: BackendArgs,
-    /// Print JSON: `passes`, `dispatches`, `without`, `resources`, `bytes`, `warnings`, and `quality` if the scene states a
-    /// budget
+    /// Print JSON: `passes`, `dispatches`, `without`, `resources`, `bytes`, `warnings`, and `quality` if the scene
+    /// states a budget
     #[arg(long)]
     json: bool,
 }

@@ -62,8 +62,8 @@ pub(crate) struct Puncture {
     /// Add elastic and linear tissue to the plot
     #[arg(long)]
     compare: bool,
-    /// CSV file with columns travel_mm and force_n: modulus, knee and stiffening are fitted to its first push, starting from the
-    /// given values
+    /// CSV file with columns travel_mm and force_n: modulus, knee and stiffening are fitted to its first push, starting
+    /// from the given values
     #[arg(long, value_name = "CSV")]
     fit: Option<PathBuf>,
     /// Folder for force.csv, force.svg and pictures of the slice; created if missing

@@ -159,8 +159,8 @@ impl QualityArgs {
 const PATIENCE: Duration = Duration::from_secs(20);
 
 impl QualityArgs {
-    /// Picks, sets and reports the open settings of a scenario that states a step time budget. `folder` is the base of relative paths
-    /// of the scenario.
+    /// Picks, sets and reports the open settings of a scenario that states a step time budget. `folder` is the base of
+    /// relative paths of the scenario.
     pub(crate) fn steps(&self, file: &mut ScenarioFile, folder: &Path) -> Result<Option<Picked>, Error> {
         let QualitySpec { step_ms, .. } = file.quality();
         // A budget out of range is refused with its place in the file when the scenario is resolved.

@@ -39,7 +39,8 @@ A scene that says `volume.registration = \"fit.toml\"` beside its file applies t
 
 /// Share of the skin below which a start without landmarks is questioned.
 const MIN_COVERED: f64 = 0.3;
-/// Number of surface points above which the quadratic map is well determined: at 30 of 1 mm noise it errs by more than the rigid one.
+/// Number of surface points above which the quadratic map is well determined: at 30 of 1 mm noise it errs by more than
+/// the rigid one.
 const ENOUGH: usize = 100;
 /// Distance of the surface from the skin above which a fit is doubtful, mm RMS.
 const MAX_RMS_MM: f64 = 3.0;
@@ -60,7 +61,8 @@ pub(crate) struct Register {
     /// Points of the physical surface: .csv, .stl, .ply, a segmentation, or a tracked sequence of a stylus
     #[arg(long, value_name = "FILE")]
     surface: PathBuf,
-    /// Points known on both sides: CSV with name,volume_x_mm,volume_y_mm,volume_z_mm,surface_x_mm,surface_y_mm,surface_z_mm
+    /// Points known on both sides: CSV with
+    /// name,volume_x_mm,volume_y_mm,volume_z_mm,surface_x_mm,surface_y_mm,surface_z_mm
     #[arg(long, value_name = "FILE.csv")]
     landmarks: Option<PathBuf>,
     /// Axes of the surface and of the landmarks' surface_*_mm

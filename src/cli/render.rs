@@ -52,7 +52,8 @@ pub(crate) struct Render {
     input: Input,
     #[command(flatten)]
     backend: BackendArgs,
-    /// A PNG file for one frame, a folder for many, an image sequence (.mha, .nrrd), or an array (.npy) [default: frame.png or frames]
+    /// A PNG file for one frame, a folder for many, an image sequence (.mha, .nrrd), or an array (.npy)
+    /// [default: frame.png or frames]
     #[arg(short, long, value_name = "PATH")]
     output: Option<PathBuf>,
     /// Number of frames of the scene's motion [default: that of the scene]

@@ -300,8 +300,8 @@ pub(crate) fn picture(echoes: &Echoes, frame: usize, probe: Option<Probe>, range
     let grey = grey(&envelope, white(&envelope), range_db);
     let Some(probe) = probe else {
         terminal::note(
-            "the geometry of the lines is not known: columns are lines, and rows are means of samples; give --pitch-mm, or --radius-mm and --angle-deg, \
-             and --sampling-mhz or --depth-mm",
+            "the geometry of the lines is not known: columns are lines, and rows are means of samples; give \
+             --pitch-mm, or --radius-mm and --angle-deg, and --sampling-mhz or --depth-mm",
         );
         let wide = (echoes.samples / 512).max(1);
         let rows = echoes.samples / wide;

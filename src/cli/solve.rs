@@ -55,12 +55,13 @@ pub(crate) struct Solve {
         conflicts_with_all = ["case", "json", "output", "history"]
     )]
     example: Option<Example>,
-    /// Print one JSON object: `model`, `nodes`, `elements`, `residual`, `displacement_mm`, `max_displacement_mm`, `load_n`,
-    /// `load_area_mm2`, `weight_n`, `reaction_n`, `seconds`, `warnings`, and for models with a history `history`
+    /// Print one JSON object: `model`, `nodes`, `elements`, `residual`, `displacement_mm`, `max_displacement_mm`,
+    /// `load_n`, `load_area_mm2`, `weight_n`, `reaction_n`, `seconds`, `warnings`, and for models with a history
+    /// `history`
     #[arg(long)]
     json: bool,
-    /// Write the mesh with `displacement` (mm) and `reaction_n` (N) of its nodes, and `strain`, `stress_kpa` (symmetric tensors: xx, yy,
-    /// zz, xy, yz, xz) and `von_mises_kpa` of its elements
+    /// Write the mesh with `displacement` (mm) and `reaction_n` (N) of its nodes, and `strain`, `stress_kpa` (symmetric
+    /// tensors: xx, yy, zz, xy, yz, xz) and `von_mises_kpa` of its elements
     #[arg(short, long, value_name = "OUT.vtu")]
     output: Option<PathBuf>,
     /// Write the history: displacements of `report_nodes` (mm) and forces of each fix (N), one row per step

@@ -54,7 +54,8 @@ pub(crate) struct TextureArgs {
     /// Region of the x-z image
     #[arg(long, value_name = "X,Y,W,H", value_parser = numbers::<4>, requires = "xz")]
     xz_region: Option<[f64; 4]>,
-    /// Curved array: column and row of the virtual apex, at which the scanlines meet; regions are resampled to beam space
+    /// Curved array: column and row of the virtual apex, at which the scanlines meet; regions are resampled to beam
+    /// space
     #[arg(long, value_name = "X,Y", value_parser = numbers::<2>, allow_hyphen_values = true)]
     apex: Option<[f64; 2]>,
     /// Side of a pixel, if the image does not state it
@@ -133,7 +134,8 @@ impl TextureArgs {
         let longest = longest.fold(0.0, f64::max);
         if 4.0 * longest > extent_mm {
             terminal::warn(format_args!(
-                "the solid is {extent_mm:.1} mm wide, and the structure of the image {longest:.1} mm: it repeats visibly; take a larger --size or --voxel-mm"
+                "the solid is {extent_mm:.1} mm wide, and the structure of the image {longest:.1} mm: it repeats \
+                 visibly; take a larger --size or --voxel-mm"
             ));
         }
         let lengths = solid

@@ -1,4 +1,5 @@
-//! Values of arguments: numbers within a range, and enums of the library, whose names and descriptions come from the schema of the enum.
+//! Values of arguments: numbers within a range, and enums of the library, whose names and descriptions come from the
+//! schema of the enum.
 
 use std::ops::RangeInclusive;
 use std::str::FromStr;

@@ -1,5 +1,5 @@
-//! Labelled volumes with closed-form geometry, for measurements and tests. World coordinates are in mm; a probe at the identity pose looks
-//! from the origin along +y.
+//! Labelled volumes with closed-form geometry, for measurements and tests. World coordinates are in mm; a probe at the
+//! identity pose looks from the origin along +y.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -120,8 +120,8 @@ impl Frame {
     }
 }
 
-/// Creates an anatomy whose label at each voxel is `label(world position of the voxel's centre)`; label 0 is the background, and label `i`
-/// has the acoustics `tissues[i]`.
+/// Creates an anatomy whose label at each voxel is `label(world position of the voxel's centre)`; label 0 is the
+/// background, and label `i` has the acoustics `tissues[i]`.
 ///
 /// # Panics
 /// If the frame is empty or singular.

@@ -1,12 +1,12 @@
 //! Registry of effects in order of execution.
 //!
-//! An effect states when a scene calls for it and which passes it consists of. A pass is declared once: its name, shader,
-//! bindings in order, parameters, dispatch size, and the CPU function that is its reference. A frame runs the passes of
-//! the enabled effects in the order of [`REGISTRY`].
+//! An effect states when a scene calls for it and which passes it consists of. A pass is declared once: its name,
+//! shader, bindings in order, parameters, dispatch size, and the CPU function that is its reference. A frame runs the
+//! passes of the enabled effects in the order of [`REGISTRY`].
 //!
 //! An effect owns its data: its parameters ([`Parameters`]), the tables that it derives from anatomy and settings
-//! (`Derived`, `Key`, `derive`), its buffers ([`Buffer`]) and its vectors on the CPU (`Columns`). `registry!` lists the effects
-//! and what each has of these.
+//! (`Derived`, `Key`, `derive`), its buffers ([`Buffer`]) and its vectors on the CPU (`Columns`). `registry!` lists the
+//! effects and what each has of these.
 
 pub mod buffers;
 pub mod common;
@@ -153,10 +153,11 @@ impl<P: Parameters> Setting for Option<P> {
     }
 }
 
-/// Declares the effects. A line holds the name; the key of a scene, with its type, a type of its parameters and a description; the tables; and the vectors on the CPU.
+/// Declares the effects. A line holds the name; the key of a scene, with its type, a type of its parameters and a
+/// description; the tables; and the vectors on the CPU.
 ///
-/// Tables are made by `derive(&Anatomy, &Key)`. The function sees no settings but those in the key, which `key(&Settings, &BeamGrid)` takes, so
-/// that tables are derived again whenever they may differ.
+/// Tables are made by `derive(&Anatomy, &Key)`. The function sees no settings but those in the key, which
+/// `key(&Settings, &BeamGrid)` takes, so that tables are derived again whenever they may differ.
 macro_rules! registry {
     ($(
         $name:ident $(: $key:ident $(<$parameters:ident>)? $(with $other:ident)? = $doc:literal)?
@@ -190,8 +191,8 @@ macro_rules! registry {
         }
 
         impl Effects {
-            /// Returns every effect with its default parameters, except additive noise, which duplicates what speckle does
-            /// physically.
+            /// Returns every effect with its default parameters, except additive noise, which duplicates what speckle
+            /// does physically.
             pub fn usual() -> Self {
                 Self {
                     $($name: Setting::usual(),)+
@@ -232,7 +233,8 @@ macro_rules! registry {
                 })
             }
 
-            /// Derives the tables whose key differs from that of `old` settings, and returns their effects; unchanged on an error.
+            /// Derives the tables whose key differs from that of `old` settings, and returns their effects; unchanged
+            /// on an error.
             pub fn set(
                 &mut self,
                 anatomy: &Anatomy,

@@ -1,7 +1,8 @@
 //! Fusion of passes into shared GPU dispatches.
 //!
-//! A pass follows another in the same invocation, or in the same workgroup behind a barrier, where it uses what the other wrote at its own
-//! sample or on its own scanline ([`Use`]). Passes that need nothing of each other run side by side in workgroups of their own.
+//! A pass follows another in the same invocation, or in the same workgroup behind a barrier, where it uses what the
+//! other wrote at its own sample or on its own scanline ([`Use`]). Passes that need nothing of each other run side by
+//! side in workgroups of their own.
 
 use crate::effects::buffers::Buffer;
 use crate::effects::pass::{Grid, Pass, Use};

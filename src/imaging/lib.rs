@@ -1,7 +1,7 @@
 //! Frames from anatomy and motion: scene files, effects, the plan of passes, both backends, and image sequences.
 //!
-//! Features: `gpu`, on by default, has wgpu and `rf`, radio-frequency echoes; `analysis` has bounds on rounding errors and
-//! volumes with closed forms.
+//! Features: `gpu`, on by default, has wgpu and `rf`, radio-frequency echoes; `analysis` has bounds on rounding errors
+//! and volumes with closed forms.
 
 #[cfg(any(test, feature = "analysis"))]
 pub mod anatomies;

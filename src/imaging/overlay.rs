@@ -1,4 +1,5 @@
-//! Scanner overlay of a picture: a depth scale, a bar of the grey map, the side of the probe's mark, and the focus; lines in colour.
+//! Scanner overlay of a picture: a depth scale, a bar of the grey map, the side of the probe's mark, and the focus;
+//! lines in colour.
 
 use image::{Rgb, RgbImage};
 use nalgebra::{Matrix4, Point3};
@@ -37,8 +38,8 @@ pub fn draw(pixels: &mut [u8], tables: &Tables) {
     }
 }
 
-/// Tints the part of a grey picture whose points in the plane of the probe (lateral, axial, mm) a needle reaches, outlines it, and draws a path of
-/// the needle's tip with a disc at its end.
+/// Tints the part of a grey picture whose points in the plane of the probe (lateral, axial, mm) a needle reaches,
+/// outlines it, and draws a path of the needle's tip with a disc at its end.
 pub fn workspace(pixels: &[u8], tables: &Tables, reaches: impl Fn([f64; 2]) -> bool, path: &[[f64; 2]]) -> RgbImage {
     let (width, height) = (tables.width() as u32, tables.height() as u32);
     let grid = &tables.image_grid;
@@ -81,8 +82,8 @@ pub struct Line {
     pub width: f64,
 }
 
-/// Returns a grey picture of the size in the tables with lines over it, projected square onto the image plane, and a cross at each of the
-/// `marks` (mm).
+/// Returns a grey picture of the size in the tables with lines over it, projected square onto the image plane, and a
+/// cross at each of the `marks` (mm).
 pub fn lines(
     pixels: &[u8],
     tables: &Tables,

@@ -30,15 +30,16 @@ const MARKER: Colour = [64, 220, 120];
 const NEEDLE: Colour = [90, 215, 255];
 const LETTER: Colour = [235, 238, 245];
 
-/// One view: the world axes along its columns and rows, their signs, and the letters at its left, right, top and bottom.
+/// One view: the world axes along its columns and rows, their signs, and the letters at its left, right, top and
+/// bottom.
 struct View {
     axes: [usize; 2],
     signs: [f64; 2],
     letters: [&'static str; 4],
 }
 
-/// Axial, coronal and sagittal in radiological convention: the patient's right on the left, anterior up or on the left, the
-/// head up.
+/// Axial, coronal and sagittal in radiological convention: the patient's right on the left, anterior up or on the left,
+/// the head up.
 const VIEWS: [View; 3] = [
     View {
         axes: [0, 1],
@@ -64,9 +65,10 @@ struct Frame {
     mm_per_pixel: f64,
 }
 
-/// Draws three slices of a label volume (axial, coronal, sagittal, at one scale) through the middle of the probe's field of
-/// view, with the outline of the field of view, the probe with a green dot at its marked side, and the needle if there is
-/// one, all in orthographic projection. `colours` holds one sRGB colour per label index; an index beyond it is drawn grey.
+/// Draws three slices of a label volume (axial, coronal, sagittal, at one scale) through the middle of the probe's
+/// field of view, with the outline of the field of view, the probe with a green dot at its marked side, and the needle
+/// if there is one, all in orthographic projection. `colours` holds one sRGB colour per label index; an index beyond it
+/// is drawn grey.
 pub fn overview(
     volume: &LabelVolume,
     colours: &[[u8; 3]],

@@ -1,9 +1,10 @@
 //! Agreement between backends: a running error analysis, pass by pass and sample by sample.
 //!
-//! The double-precision reference is the truth; its single-precision twin and every GPU must follow it to within rounding. The tolerance is
-//! derived, not guessed: the file `bound.rs` of each effect propagates the error bound through its passes, from the error of single operations in WGSL
-//! and in Rust (`rounding`). No sample is excluded and no share of failures is allowed. A label may differ only where the sample provably
-//! lies within rounding of a label boundary.
+//! The double-precision reference is the truth; its single-precision twin and every GPU must follow it to within
+//! rounding. The tolerance is derived, not guessed: the file `bound.rs` of each effect propagates the error bound
+//! through its passes, from the error of single operations in WGSL and in Rust (`rounding`). No sample is excluded and
+//! no share of failures is allowed. A label may differ only where the sample provably lies within rounding of a label
+//! boundary.
 //!
 //! Each backend runs the complete chain of passes by itself: no result is passed from one to another.
 
@@ -182,7 +183,8 @@ pub fn check(case: &Case, gpus: &[Gpu]) -> Result<Vec<Comparison>, SynthError> {
         .collect()
 }
 
-/// Compares the least accurate arithmetic that WGSL allows with the reference, as [`check`] does a GPU: once for each bias.
+/// Compares the least accurate arithmetic that WGSL allows with the reference, as [`check`] does a GPU: once for each
+/// bias.
 ///
 /// # Errors
 /// [`SynthError`] if a backend cannot render the scene.

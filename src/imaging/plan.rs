@@ -1,7 +1,7 @@
 //! Rendering plan: the passes and resources that a scene needs, each with its reason.
 //!
-//! The plan makes no decisions: every effect of the registry states whether the scene calls for it. What a plan does not
-//! list is not built: no pipeline, no buffer, no dispatch.
+//! The plan makes no decisions: every effect of the registry states whether the scene calls for it. What a plan does
+//! not list is not built: no pipeline, no buffer, no dispatch.
 
 use std::collections::BTreeSet;
 use std::fmt;

@@ -1,9 +1,9 @@
 //! Automatic choice of accuracy settings from their measured cost on this machine.
 //!
-//! A scene may state a time budget for a frame, and a scenario one for a step (`quality = { frame_ms = 16, step_ms = 1 }`). Settings
-//! left open are then picked: among those within the budget, the ones with the smallest error. Keys that are stated stay unchanged.
-//! Costs are measured once and cached ([`cache`]); the choice and its reason are reported, so that it can be written into the file
-//! and reproduced on any machine.
+//! A scene may state a time budget for a frame, and a scenario one for a step
+//! (`quality = { frame_ms = 16, step_ms = 1 }`). Settings left open are then picked: among those within the budget, the
+//! ones with the smallest error. Keys that are stated stay unchanged. Costs are measured once and cached ([`cache`]);
+//! the choice and its reason are reported, so that it can be written into the file and reproduced on any machine.
 //!
 //! | file | contents |
 //! |---|---|
@@ -65,7 +65,8 @@ pub struct VariedSetting {
 const MAX_OPTIONS: usize = 16;
 
 impl VariedSetting {
-    /// Whether each option has finite costs and a value for each key that `stands` for it, and there are no more than can be tried.
+    /// Whether each option has finite costs and a value for each key that `stands` for it, and there are no more than
+    /// can be tried.
     pub fn is_sound(&self, stands: impl Fn(&str, &str) -> bool) -> bool {
         let sound = |option: &SettingOption| {
             let pairs = self.keys.iter().zip(&option.values);
@@ -129,8 +130,8 @@ struct Combination<'a> {
     error: f64,
 }
 
-/// Picks an option of every open setting: among combinations within `budget_ms` the one with the smallest error, the cheaper of two with
-/// equal error; if none is within the budget, the cheapest. `None` if no setting is open.
+/// Picks an option of every open setting: among combinations within `budget_ms` the one with the smallest error, the
+/// cheaper of two with equal error; if none is within the budget, the cheapest. `None` if no setting is open.
 pub fn pick(asked: &str, costs: &Costs, budget_ms: f64, open: impl Fn(&str) -> bool) -> Option<Picked> {
     let choice = choose(costs, budget_ms, open, &[])?;
     Some(choice.picked(asked, budget_ms, costs, choice.ms, &costs.measured))

@@ -1,4 +1,5 @@
-//! Radio-frequency echoes: synthesis from point scatterers that move with the tissue, envelopes and B-mode frames, and estimates of motion.
+//! Radio-frequency echoes: synthesis from point scatterers that move with the tissue, envelopes and B-mode frames, and
+//! estimates of motion.
 
 pub mod bmode;
 pub mod device;
@@ -36,7 +37,8 @@ pub struct Acquisition {
 }
 
 impl Acquisition {
-    /// Pulse and receiver of R. Zahiri-Azar and S. E. Salcudean (2006) at a centre frequency: 8 samples a period, 60 % bandwidth.
+    /// Pulse and receiver of R. Zahiri-Azar and S. E. Salcudean (2006) at a centre frequency: 8 samples a period, 60 %
+    /// bandwidth.
     pub fn new(frequency_mhz: f64) -> Self {
         Self {
             frequency_mhz,

@@ -1,8 +1,8 @@
 //! Scene files, validated: a TOML file becomes a [`Scene`], in which every effect and model is optional.
 //!
-//! [`SceneFile`] is the file as written; [`SceneFile::resolve`] loads the files that it names, fills in defaults, checks
-//! every number against its range and reports its assumptions. The format is explained by the commented default scene,
-//! [`DEFAULT`], and described by [`schema`].
+//! [`SceneFile`] is the file as written; [`SceneFile::resolve`] loads the files that it names, fills in defaults,
+//! checks every number against its range and reports its assumptions. The format is explained by the commented default
+//! scene, [`DEFAULT`], and described by [`schema`].
 //!
 //! ```
 //! use insonify_imaging::scene::SceneFile;
@@ -131,14 +131,14 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Number of frames: the stated number, or else one for each pose of a recording, 25 per second of any other motion,
-    /// and 1 where nothing moves.
+    /// Number of frames: the stated number, or else one for each pose of a recording, 25 per second of any other
+    /// motion, and 1 where nothing moves.
     pub fn frames(&self) -> usize {
         self.timeline.frames()
     }
 
-    /// Time of frame `frame` of `frames`, s. If there are as many frames as recorded poses, recorded times are used; otherwise
-    /// frames are evenly spaced.
+    /// Time of frame `frame` of `frames`, s. If there are as many frames as recorded poses, recorded times are used;
+    /// otherwise frames are evenly spaced.
     pub fn time_s(&self, frame: usize, frames: usize) -> f64 {
         self.timeline.time_s(frame, frames)
     }
@@ -148,8 +148,8 @@ impl Scene {
         self.probe.at(self.time_s(frame, frames))
     }
 
-    /// Recorded data for frame `frame` of `frames` from the tracked sequence that moves the probe; `None` if the number of
-    /// frames differs from that of recorded poses.
+    /// Recorded data for frame `frame` of `frames` from the tracked sequence that moves the probe; `None` if the number
+    /// of frames differs from that of recorded poses.
     pub fn recorded(&self, frame: usize, frames: usize) -> Option<&SequenceFrame> {
         let keys = self.probe.keys();
         let key = keys.get(frame).filter(|_| keys.len() == frames)?;

@@ -1,5 +1,5 @@
-//! Image sequences with one pose per frame, in the convention of PLUS: `.mha` and `.nrrd`, uint8 (layers uint16), orientation
-//! MF; and NumPy arrays (`.npy`), of pixels alone.
+//! Image sequences with one pose per frame, in the convention of PLUS: `.mha` and `.nrrd`, uint8 (layers uint16),
+//! orientation MF; and NumPy arrays (`.npy`), of pixels alone.
 
 use std::fmt::Write as _;
 use std::fs::File;
@@ -26,8 +26,8 @@ pub struct FrameInfo<'a> {
     pub image_valid: bool,
 }
 
-/// Transforms of a rendered frame: `ImageToWorld` (`CroppedImageToWorld` if it has the pixels of a cropped recording) and
-/// `TransducerToWorld` (the centre of the array), and all others recorded for it by a tracker.
+/// Transforms of a rendered frame: `ImageToWorld` (`CroppedImageToWorld` if it has the pixels of a cropped recording)
+/// and `TransducerToWorld` (the centre of the array), and all others recorded for it by a tracker.
 pub fn transforms(
     [image_to_world, transducer_to_world]: [Matrix4<f64>; 2],
     recorded: Option<&SequenceFrame>,
@@ -86,10 +86,10 @@ enum Packer {
     Raw(BufWriter<File>),
 }
 
-/// Writer of a sequence, frame by frame: `.mha` and `.nrrd` with the transforms and times of the frames, compressed unless
-/// [`SequenceWriter::uncompressed`]; `.npy` with the pixels alone, never compressed. Pixels go to a temporary file, so memory use is
-/// independent of their number; the sequence appears under its name when [`SequenceWriter::finish`] returns, and not at all if it is
-/// dropped before.
+/// Writer of a sequence, frame by frame: `.mha` and `.nrrd` with the transforms and times of the frames, compressed
+/// unless [`SequenceWriter::uncompressed`]; `.npy` with the pixels alone, never compressed. Pixels go to a temporary
+/// file, so memory use is independent of their number; the sequence appears under its name when
+/// [`SequenceWriter::finish`] returns, and not at all if it is dropped before.
 pub struct SequenceWriter {
     path: PathBuf,
     format: Format,
@@ -153,8 +153,8 @@ impl SequenceWriter {
         })
     }
 
-    /// Starts a sequence of radio-frequency echoes (`RF_REAL`): a row of samples for each line, away from the probe, signed 16-bit numbers or
-    /// 32-bit floating-point ones.
+    /// Starts a sequence of radio-frequency echoes (`RF_REAL`): a row of samples for each line, away from the probe,
+    /// signed 16-bit numbers or 32-bit floating-point ones.
     ///
     /// # Errors
     /// The errors of [`SequenceWriter::create`].
@@ -176,8 +176,8 @@ impl SequenceWriter {
         Ok(Self { packer, ..self })
     }
 
-    /// Sets a field of the sequence, such as `WorldAxes`, before the first frame; `.npy` has none. Names consist of letters, and values of
-    /// one line.
+    /// Sets a field of the sequence, such as `WorldAxes`, before the first frame; `.npy` has none. Names consist of
+    /// letters, and values of one line.
     pub fn field(&mut self, name: &str, value: &str) {
         debug_assert!(self.frames == 0 && name.chars().all(|c| c.is_ascii_alphabetic()) && !value.contains('\n'));
         let is = self.assignment();

@@ -85,15 +85,17 @@ pub enum Backend {
     Cpu,
     /// CPU reference in double precision: the gold standard.
     CpuF64,
-    /// The best hardware GPU, or [`Backend::Cpu`] where there is none or where it cannot render the scene. Nothing is timed: the choice does not
-    /// depend on the load of the machine. The command, whose `--backend auto` times frames on both, says which is faster.
+    /// The best hardware GPU, or [`Backend::Cpu`] where there is none or where it cannot render the scene. Nothing is
+    /// timed: the choice does not depend on the load of the machine. The command, whose `--backend auto` times frames
+    /// on both, says which is faster.
     Auto,
     /// A GPU adapter of this machine.
     Adapter(AdapterChoice),
     /// A device and its queue, lent by the host.
     #[cfg(feature = "gpu")]
     Host(Box<(wgpu::Device, wgpu::Queue)>),
-    /// An open GPU. Synthesizers on clones of one share volume and textures: several probes on one anatomy have one copy.
+    /// An open GPU. Synthesizers on clones of one share volume and textures: several probes on one anatomy have one
+    /// copy.
     Gpu(Box<Gpu>),
 }
 
@@ -223,8 +225,8 @@ impl Synthesizer {
         self.take(ticket)
     }
 
-    /// Renders one frame and leaves it on the GPU, in the texture returned by [`Synthesizer::texture`]. On a CPU backend
-    /// it is the same as [`Synthesizer::render`].
+    /// Renders one frame and leaves it on the GPU, in the texture returned by [`Synthesizer::texture`]. On a CPU
+    /// backend it is the same as [`Synthesizer::render`].
     pub fn render_to_texture(&mut self, state: &FrameState) -> Result<(), SynthError> {
         if !matches!(self.executor, Executor::Gpu(_)) {
             return self.render(state).map(drop);
@@ -235,7 +237,8 @@ impl Synthesizer {
     }
 
     /// Records a frame into an encoder of the host's own, on the device lent as [`Backend::Host`], up to its copy into
-    /// [`Synthesizer::texture`]. The host submits the encoder before it records or renders the next frame. On a CPU backend nothing is recorded.
+    /// [`Synthesizer::texture`]. The host submits the encoder before it records or renders the next frame. On a CPU
+    /// backend nothing is recorded.
     #[cfg(feature = "gpu")]
     pub fn encode(&mut self, encoder: &mut wgpu::CommandEncoder, state: &FrameState) -> Result<(), SynthError> {
         self.with_last(state, |gpu, plan, tables, state| {
@@ -257,8 +260,8 @@ impl Synthesizer {
         }
     }
 
-    /// Texture (R8Unorm) that holds the last frame of [`Synthesizer::render_to_texture`]; `None` on a CPU backend. The same
-    /// texture is reused as long as the image size does not change.
+    /// Texture (R8Unorm) that holds the last frame of [`Synthesizer::render_to_texture`]; `None` on a CPU backend. The
+    /// same texture is reused as long as the image size does not change.
     #[cfg(feature = "gpu")]
     pub fn texture(&self) -> Option<&wgpu::Texture> {
         match &self.executor {
@@ -284,9 +287,9 @@ impl Synthesizer {
         Ok(())
     }
 
-    /// Changes settings between frames: gain, depth, focus, effects. Only what depends on a changed setting is rebuilt, and
-    /// the rebuilt buffers are returned. On an invalid setting the synthesizer is left unchanged.
-    /// Frames in flight are dropped.
+    /// Changes settings between frames: gain, depth, focus, effects. Only what depends on a changed setting is rebuilt,
+    /// and the rebuilt buffers are returned. On an invalid setting the synthesizer is left unchanged. Frames in flight
+    /// are dropped.
     pub fn set(&mut self, settings: Settings) -> Result<Vec<&'static Buffer>, SynthError> {
         self.drop_in_flight();
         // Without a team nobody shares the tables, and nothing is copied here.
@@ -354,7 +357,8 @@ impl Synthesizer {
         }
     }
 
-    /// Enables or disables timing of passes. Off initially. A GPU makes each timed frame twice: by passes one by one, for their times, and fused.
+    /// Enables or disables timing of passes. Off initially. A GPU makes each timed frame twice: by passes one by one,
+    /// for their times, and fused.
     pub fn time_passes(&mut self, on: bool) -> Result<(), SynthError> {
         match &mut self.executor {
             Executor::Cpu(cpu) => cpu.timed = on,
@@ -373,8 +377,8 @@ impl Synthesizer {
         }
     }
 
-    /// GPU time of the last frame, whose passes are fused, from its first timestamp to its last, ms; `None` on a CPU backend, on a device
-    /// without timestamps, and while passes are not timed.
+    /// GPU time of the last frame, whose passes are fused, from its first timestamp to its last, ms; `None` on a CPU
+    /// backend, on a device without timestamps, and while passes are not timed.
     pub fn gpu_frame_ms(&self) -> Option<f64> {
         match &self.executor {
             Executor::Gpu(gpu) => gpu.frame_ms(),
@@ -464,8 +468,8 @@ impl Synthesizer {
 /// Shaft of a needle, or a seed, in the world.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NeedleShaft {
-    /// Nodes of the shaft, mm, hub first and tip last; two for a straight one. If there are more than 65, those towards the tip
-    /// are shown.
+    /// Nodes of the shaft, mm, hub first and tip last; two for a straight one. If there are more than 65, those towards
+    /// the tip are shown.
     pub nodes: Vec<Point3<f64>>,
     /// Diameter, mm.
     pub diameter_mm: f64,
@@ -487,8 +491,8 @@ impl NeedleShaft {
     }
 }
 
-/// State that varies from frame to frame. All positions are in the world, at any distance from its origin: they are in double
-/// precision, and are translated near 0 before they are rounded.
+/// State that varies from frame to frame. All positions are in the world, at any distance from its origin: they are in
+/// double precision, and are translated near 0 before they are rounded.
 #[derive(Clone, Debug)]
 pub struct FrameState {
     /// Frame number; it seeds the additive noise.
@@ -497,13 +501,14 @@ pub struct FrameState {
     pub probe_to_world: Matrix4<f64>,
     /// Needle of this frame, if any.
     pub needle: Option<NeedleShaft>,
-    /// Seeds in the tissue, and other shafts beside the needle: shown as the needle is, with or without one. Of those that meet
-    /// the scan plane the first are shown, up to 256 segments with the needle's; [`Frame::left_out`] counts the others.
+    /// Seeds in the tissue, and other shafts beside the needle: shown as the needle is, with or without one. Of those
+    /// that meet the scan plane the first are shown, up to 256 segments with the needle's; [`Frame::left_out`] counts
+    /// the others.
     pub seeds: Vec<NeedleShaft>,
     /// Current positions of the mesh nodes, mm; `None` keeps those of the last frame (initially the reference).
     pub nodes: Option<Vec<[f64; 3]>>,
-    /// Reference positions of the mesh nodes, mm, which remeshing moves; `None` keeps those of the last frame (initially
-    /// those of the mesh). Labels, textures and speckle are looked up there.
+    /// Reference positions of the mesh nodes, mm, which remeshing moves; `None` keeps those of the last frame
+    /// (initially those of the mesh). Labels, textures and speckle are looked up there.
     pub reference: Option<Vec<[f64; 3]>>,
 }
 

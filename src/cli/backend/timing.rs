@@ -80,8 +80,8 @@ impl FrameTimes {
     }
 }
 
-/// Median of the times (ms) of up to five frames, and of none that begins after 100 ms. The first one warms up: it counts only where
-/// it takes as long alone.
+/// Median of the times (ms) of up to five frames, and of none that begins after 100 ms. The first one warms up: it
+/// counts only where it takes as long alone.
 fn median_ms<E>(mut frame: impl FnMut() -> Result<f64, E>) -> Result<f64, E> {
     let (mut times, mut sum) = (Vec::new(), 0.0);
     while times.len() <= FRAMES && sum < PATIENCE_MS {

@@ -48,7 +48,8 @@ pub(super) struct Fit {
     /// Compression of the sample, and the stress measure
     #[arg(long, value_parser = variants::<Compression>(), ignore_case = true, default_value = "UEng")]
     compression: Compression,
-    /// Print one JSON object: `compression`, `stretch`, `models` (model, parameters, `r_squared`, `rms_kpa`, `parts_below`), `warnings`
+    /// Print one JSON object: `compression`, `stretch`, `models` (model, parameters, `r_squared`, `rms_kpa`,
+    /// `parts_below`), `warnings`
     #[arg(long)]
     json: bool,
     /// Draw data and models

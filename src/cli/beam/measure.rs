@@ -125,8 +125,8 @@ impl Measure {
         // All needles are compared with one scan at rest, so that the first tells of it for all.
         if first.rest_slope.abs() > REST[0] || first.rest_rms_mm > REST[1] {
             terminal::warn(format_args!(
-                "at rest the needle slopes by {:.3} and lies {:.2} mm (RMS) off a line; the beam expects a straight needle perpendicular to \
-                 the surface",
+                "at rest the needle slopes by {:.3} and lies {:.2} mm (RMS) off a line; the beam expects a straight \
+                 needle perpendicular to the surface",
                 first.rest_slope, first.rest_rms_mm
             ));
         }
@@ -182,8 +182,8 @@ fn stem(path: &Path) -> String {
 
 /// Compares measured needles with computed ones: tip, shape, RCM and COM, and statistics over all
 ///
-/// Errors by tissue and depth: mean, median, largest, variance (Wang et al. 2023, figures 7 and 8), mean centres (Table I). Each needle is
-/// computed with the base motion and tissue of its case, and with the layers of every `--tissue`.
+/// Errors by tissue and depth: mean, median, largest, variance (Wang et al. 2023, figures 7 and 8), mean centres (Table
+/// I). Each needle is computed with the base motion and tissue of its case, and with the layers of every `--tissue`.
 #[derive(Args)]
 pub(super) struct Compare {
     /// Cases with `measured_mm`, or folders of them

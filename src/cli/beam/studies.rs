@@ -30,8 +30,8 @@ impl CaseArgs {
 
 /// Prints compression of and force on the tissue, by layer and over depth
 ///
-/// Compression ratio: length of the tissue beside the needle over its uncompressed length. A row is flagged if its layer is compressed
-/// beyond its `min_compression_ratio`.
+/// Compression ratio: length of the tissue beside the needle over its uncompressed length. A row is flagged if its
+/// layer is compressed beyond its `min_compression_ratio`.
 #[derive(Args)]
 pub(super) struct Compression {
     #[command(flatten)]
@@ -88,7 +88,8 @@ impl Map {
 
 /// Prints the effect of uncertain mu, alpha and t0 on tip, COM and RCM
 ///
-/// The base moves as the case says. For materials other than Ogden's, mu stands for all their coefficients, and there is no alpha.
+/// The base moves as the case says. For materials other than Ogden's, mu stands for all their coefficients, and there
+/// is no alpha.
 #[derive(Args)]
 pub(super) struct Sensitivity {
     #[command(flatten)]

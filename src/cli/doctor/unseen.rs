@@ -23,7 +23,8 @@ const DRIVERS: [&str; 4] = [
     "run/opengl-driver/share/vulkan/icd.d",
 ];
 
-/// Reasons found in the files under `root` and in environment variables; none where no card is plugged in or passed through.
+/// Reasons found in the files under `root` and in environment variables; none where no card is plugged in or passed
+/// through.
 pub(super) fn reasons(root: &Path, variable: impl Fn(&str) -> Option<String>) -> Vec<String> {
     let has = |folder: &str, is: &dyn Fn(&str) -> bool| {
         let entries = fs::read_dir(root.join(folder)).into_iter().flatten().flatten();
@@ -64,7 +65,8 @@ pub(super) fn reasons(root: &Path, variable: impl Fn(&str) -> Option<String>) ->
         let graphics = |names: &String| names.split(',').any(|name| matches!(name.trim(), "graphics" | "all"));
         if let Some(names) = capabilities.filter(|names| !graphics(names)) {
             reasons.push(format!(
-                "this container has the driver capabilities \"{names}\": Vulkan needs `graphics` (NVIDIA_DRIVER_CAPABILITIES=graphics,compute,utility)"
+                "this container has the driver capabilities \"{names}\": Vulkan needs `graphics` \
+                 (NVIDIA_DRIVER_CAPABILITIES=graphics,compute,utility)"
             ));
         } else if named.is_none() && !driver(&|name| name.contains("nvidia")) {
             reasons.push(
@@ -72,7 +74,11 @@ pub(super) fn reasons(root: &Path, variable: impl Fn(&str) -> Option<String>) ->
                     .to_owned(),
             );
         } else if !library("libGLX_nvidia.so.0") && !library("libEGL_nvidia.so.0") {
-            reasons.push("there is an NVIDIA card, but neither libGLX_nvidia.so.0 nor libEGL_nvidia.so.0, which hold its Vulkan driver".to_owned());
+            reasons.push(
+                "there is an NVIDIA card, but neither libGLX_nvidia.so.0 nor libEGL_nvidia.so.0, which hold \
+                its Vulkan driver"
+                    .to_owned(),
+            );
         }
         let gpus = fs::read_dir(root.join("proc/driver/nvidia/capabilities"))
             .into_iter()
@@ -82,7 +88,11 @@ pub(super) fn reasons(root: &Path, variable: impl Fn(&str) -> Option<String>) ->
             reasons.push("an NVIDIA card is partitioned (MIG): Vulkan does not run on its instances".to_owned());
         }
     } else if named.is_none() && !driver(&|name| name.ends_with(".json")) {
-        reasons.push("there is a graphics device, but no Vulkan driver file (icd.d/*.json): install mesa-vulkan-drivers or the maker's driver".to_owned());
+        reasons.push(
+            "there is a graphics device, but no Vulkan driver file (icd.d/*.json): install \
+            mesa-vulkan-drivers or the maker's driver"
+                .to_owned(),
+        );
     }
     reasons
 }

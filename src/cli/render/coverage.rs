@@ -5,8 +5,8 @@ use insonify_imaging::synth::tables::Tables;
 use insonify_tracking::probe::Site;
 use nalgebra::{Matrix4, Point3};
 
-/// Largest gap without tissue under the outermost elements of a convex array on flat skin, mm: about the sagitta of 60 mm
-/// at 30 degrees.
+/// Largest gap without tissue under the outermost elements of a convex array on flat skin, mm: about the sagitta of 60
+/// mm at 30 degrees.
 const GAP_MM: f64 = 10.0;
 
 /// Depth of tissue behind the array from which the array is inside the body, mm: more than indented skin.
@@ -17,8 +17,8 @@ const BEYOND: f64 = 0.05;
 /// Stride in scanlines and samples for this check.
 const STRIDE: usize = 8;
 
-/// Warnings about a pose: the probe off the skin or inside the body, or a field of view that leaves the volume. None for a view
-/// completely outside, if the user has already been warned (`outside_was_reported`).
+/// Warnings about a pose: the probe off the skin or inside the body, or a field of view that leaves the volume. None
+/// for a view completely outside, if the user has already been warned (`outside_was_reported`).
 pub(super) fn warnings(tables: &Tables, probe_to_world: &Matrix4<f64>, outside_was_reported: bool) -> Vec<String> {
     let volume = &tables.anatomy.volume;
     let label = |line, sample| volume.label_index_at(&world_position(tables, probe_to_world, line, sample));

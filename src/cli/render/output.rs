@@ -290,7 +290,8 @@ impl<'a> Output<'a> {
         }
     }
 
-    /// Hands a frame to the threads that write; returns its path. Frames of sequences are written in the order of the calls.
+    /// Hands a frame to the threads that write; returns its path. Frames of sequences are written in the order of the
+    /// calls.
     pub(crate) fn write(&self, taken: Taken) -> Result<PathBuf, Error> {
         for (stream, part) in self.sequences.iter().zip(taken.parts) {
             stream.queue.put(part)?;

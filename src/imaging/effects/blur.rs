@@ -1,8 +1,9 @@
-//! Radial blur about the probe's virtual apex (Zhu et al. 2007, section 2.4): a lateral Gaussian along arcs of constant depth.
+//! Radial blur about the probe's virtual apex (Zhu et al. 2007, section 2.4): a lateral Gaussian along arcs of constant
+//! depth.
 //!
-//! In beam space an arc of constant depth is a row of samples, so the blur is an exact lateral convolution. At the edges of
-//! the sector the weights are renormalised, so that a constant stays constant. The axial direction is not blurred, and
-//! neither is the apex.
+//! In beam space an arc of constant depth is a row of samples, so the blur is an exact lateral convolution. At the
+//! edges of the sector the weights are renormalised, so that a constant stays constant. The axial direction is not
+//! blurred, and neither is the apex.
 //!
 //! ```toml
 //! effects.blur = { width_mm = 1.3 }

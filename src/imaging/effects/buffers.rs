@@ -13,8 +13,8 @@ use crate::synth::tables::{Anatomy, LabelRow, Tables};
 /// Contents of a buffer.
 #[derive(Clone, Copy)]
 pub enum Contents {
-    /// Bytes of a buffer that effects share, from the tables; for a buffer of pixels, those of a band of rows. [`Tables::set`] names the
-    /// shared buffers that change with the settings.
+    /// Bytes of a buffer that effects share, from the tables; for a buffer of pixels, those of a band of rows.
+    /// [`Tables::set`] names the shared buffers that change with the settings.
     Shared(fn(&Tables, Band) -> Vec<u8>),
     /// Bytes of a buffer of one effect, from the tables that it derives, and so from no settings but those of its key.
     Derived(fn(&Anatomy, &EffectTables) -> Vec<u8>),
@@ -33,13 +33,13 @@ impl Contents {
 /// Computes the contents of a buffer for a frame.
 type PerFrame = fn(&Tables, &FrameState, &mut Vec<f32>);
 
-/// A buffer shared by passes. On the CPU it is a vector of [`Store`](crate::synth::store::Store) or a table; on the GPU a storage
-/// buffer.
+/// A buffer shared by passes. On the CPU it is a vector of [`Store`](crate::synth::store::Store) or a table; on the GPU
+/// a storage buffer.
 pub struct Buffer {
     /// Name, unique over all effects: by it buffers are told apart.
     pub name: &'static str,
-    /// Order in the lists of plans; those of the same number are listed by name. A number, as buffers that effects share and
-    /// those of one effect alternate there, in another order than that of their first use.
+    /// Order in the lists of plans; those of the same number are listed by name. A number, as buffers that effects
+    /// share and those of one effect alternate there, in another order than that of their first use.
     order: u32,
     /// Size of an element on the GPU, bytes.
     pub element: usize,
@@ -178,14 +178,15 @@ pub static POSITION: Buffer = Buffer::new(20, "Position", 16, planes);
 /// Per sample and sub-plane: slot of the element that contains it among those in the slab (`u32`).
 pub static ELEMENT: Buffer = Buffer::new(30, "Element", 4, planes);
 
-/// Affine maps of the elements in the slab: of the reference state four each, of the deformed state four and three (`vec4<f32>`).
+/// Affine maps of the elements in the slab: of the reference state four each, of the deformed state four and three
+/// (`vec4<f32>`).
 pub(crate) static ELEMENT_MAPS: Buffer = Buffer::new(40, "ElementMaps", 16, |tables| {
     11 * tables.mesh.as_ref().map_or(0, |mesh| mesh.elements().len())
 })
 .packed();
 
-/// Per sample and sub-plane, during the warp on a GPU: complement of the lowest slot that contains it, and flags (`vec2<u32>`); cleared
-/// before every frame.
+/// Per sample and sub-plane, during the warp on a GPU: complement of the lowest slot that contains it, and flags
+/// (`vec2<u32>`); cleared before every frame.
 pub(crate) static HITS: Buffer = Buffer::new(50, "Hits", 8, planes);
 
 /// Label indices of the volume, four to a `u32`.
@@ -243,8 +244,8 @@ pub fn bound(buffer: &'static Buffer, flipped: bool) -> &'static Buffer {
     }
 }
 
-/// Declares the vectors of an effect on the CPU: each with its element, the buffer without which it is empty, its length
-/// and its first value.
+/// Declares the vectors of an effect on the CPU: each with its element, the buffer without which it is empty, its
+/// length and its first value.
 macro_rules! columns {
     ($(#[$doc:meta])* pub struct $name:ident $(<$t:ident>)? {
         $($(#[$field_doc:meta])* $field:ident: [$type:ty; $len:expr] = $fill:expr, $buffer:ident;)+

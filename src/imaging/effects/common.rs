@@ -25,8 +25,9 @@ pub fn spacing(tables: &Tables) -> [f64; 2] {
     ]
 }
 
-/// Complex values of unit mean power at positions in lattice units: the eight scatterers around each, linearly weighted, over
-/// the root of the sum of the squared weights. Corner by corner, so that the inner loops run in vector registers.
+/// Complex values of unit mean power at positions in lattice units: the eight scatterers around each, linearly
+/// weighted, over the root of the sum of the squared weights. Corner by corner, so that the inner loops run in vector
+/// registers.
 #[inline(always)]
 pub fn scatterers<T: Real, const N: usize>(p: &[[T; N]; 3], seed: [u32; 2]) -> ([T; N], [T; N]) {
     let mut side = [[[T::zero(); N]; 2]; 3];

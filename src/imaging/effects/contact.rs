@@ -1,10 +1,11 @@
 //! Contact: conformation of the skin to the array.
 //!
-//! A body at rest touches a curved or straight array in a few points only; in practice both are pressed together and gel fills the remaining gaps. On
-//! each scanline the gap between array and body is found, up to a reach, and samples are shifted to deeper tissue by the gap at the array and less
-//! below: `s -> s + gap (1 - s / fade)^2`, which preserves the order of tissue along the beam as long as the gap is less than half the fade. If the
-//! gap is wider there is no contact, and the scanline shows the void. Gaps are those of the tissue at rest, smoothed over neighbouring scanlines
-//! because skin is smooth.
+//! A body at rest touches a curved or straight array in a few points only; in practice both are pressed together and
+//! gel fills the remaining gaps. On each scanline the gap between array and body is found, up to a reach, and samples
+//! are shifted to deeper tissue by the gap at the array and less below: `s -> s + gap (1 - s / fade)^2`, which
+//! preserves the order of tissue along the beam as long as the gap is less than half the fade. If the gap is wider
+//! there is no contact, and the scanline shows the void. Gaps are those of the tissue at rest, smoothed over
+//! neighbouring scanlines because skin is smooth.
 //!
 //! ```toml
 //! effects.contact = {}

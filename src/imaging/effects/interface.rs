@@ -2,15 +2,16 @@
 //!
 //! The echo of a surface is `mirror R cos^n(theta) m`. `R` is the reflection coefficient `|Z1 - Z2| / (Z1 + Z2)` of the
 //! impedances on either side, or that of a capsule between them if that is larger (Cobbold, Foundations of Biomedical
-//! Ultrasound, 2007, section 1.8). `theta` is the angle of incidence in the tissue at rest, relative to the normal of the
-//! labels' boundary in three dimensions; the exponent represents the aperture of the probe and the roughness of the surface: 4
-//! fits the ridge of bone in 3,740 columns of frames of a linear probe from 0 to 75 degrees. `m` is a complex number of unit
-//! mean power, smooth over [`ROUGHNESS_MM`] and anchored in the tissue: a constant part and a diffuse one (Beckmann and
-//! Spizzichino, The Scattering of Electromagnetic Waves from Rough Surfaces, 1963), whose amplitude is Rice distributed.
+//! Ultrasound, 2007, section 1.8). `theta` is the angle of incidence in the tissue at rest, relative to the normal of
+//! the labels' boundary in three dimensions; the exponent represents the aperture of the probe and the roughness of the
+//! surface: 4 fits the ridge of bone in 3,740 columns of frames of a linear probe from 0 to 75 degrees. `m` is a
+//! complex number of unit mean power, smooth over [`ROUGHNESS_MM`] and anchored in the tissue: a constant part and a
+//! diffuse one (Beckmann and Spizzichino, The Scattering of Electromagnetic Waves from Rough Surfaces, 1963), whose
+//! amplitude is Rice distributed.
 //!
-//! With speckle the echoes are added to those of the scatterers before the point spread is applied, and interfere with them;
-//! without, their moduli are added to the amplitude. Each of the two samples beside a step of labels has one half of its
-//! echo.
+//! With speckle the echoes are added to those of the scatterers before the point spread is applied, and interfere with
+//! them; without, their moduli are added to the amplitude. Each of the two samples beside a step of labels has one half
+//! of its echo.
 //!
 //! ```toml
 //! effects.interface = { mirror_db = 44.0 }
@@ -270,8 +271,8 @@ impl Kernel for Uniform<'_> {
     }
 }
 
-/// Half the number of voxels along each axis used for a normal: the weights `(1 - (x / 3)^2)^2` vanish there. On random planes they
-/// give the normal to 3 degrees, compared with 12 for a cubic B-spline.
+/// Half the number of voxels along each axis used for a normal: the weights `(1 - (x / 3)^2)^2` vanish there. On random
+/// planes they give the normal to 3 degrees, compared with 12 for a cubic B-spline.
 pub const REACH: i32 = 3;
 
 /// Number of taps of a normal along an axis, padded to vector registers.
@@ -327,8 +328,8 @@ impl<'a, T: Real> Surfaces<'a, T> {
         step.max((c - d).abs())
     }
 
-    /// Half the echo of the surface between two samples of a scanline, from their labels and reference positions (mm); `None` if the labels
-    /// are the same or reflect nothing. Each of the two samples has one half.
+    /// Half the echo of the surface between two samples of a scanline, from their labels and reference positions (mm);
+    /// `None` if the labels are the same or reflect nothing. Each of the two samples has one half.
     #[inline(always)]
     pub(crate) fn echo(&self, labels: [u8; 2], positions: [[T; 4]; 2]) -> Option<[T; 2]> {
         if labels[0] == labels[1] {
@@ -352,8 +353,8 @@ impl<'a, T: Real> Surfaces<'a, T> {
         [self.steady + self.diffuse * re, self.diffuse * im]
     }
 
-    /// Cosine of the angle between the normal of the boundary of two labels, at the second of two reference positions (mm), and the line between
-    /// them; 0 if there is no normal.
+    /// Cosine of the angle between the normal of the boundary of two labels, at the second of two reference positions
+    /// (mm), and the line between them; 0 if there is no normal.
     #[inline(always)]
     pub(crate) fn cosine(&self, labels: [u8; 2], [before, after]: [[T; 3]; 2]) -> T {
         let Some(gradient) = self.gradient(labels, after) else {

@@ -1,7 +1,7 @@
 //! Lateral kernels: Gaussian weights across scanlines whose width depends on depth.
 //!
-//! Shared by the lateral point spread of `speckle`, by `blur` and by `shadow`. Widths are given in scanlines for each sample depth, so
-//! that a kernel follows arcs of constant depth about the probe's virtual apex.
+//! Shared by the lateral point spread of `speckle`, by `blur` and by `shadow`. Widths are given in scanlines for each
+//! sample depth, so that a kernel follows arcs of constant depth about the probe's virtual apex.
 
 use insonify_base::real::{Numbers, Real};
 
@@ -10,8 +10,8 @@ use insonify_base::real::{Numbers, Real};
 pub struct LateralKernel {
     /// Largest number of scanlines on each side.
     pub reach: usize,
-    /// Rows over the sample depths: number of scanlines on each side, beyond which the weights are zero; then the weights,
-    /// tap by tap.
+    /// Rows over the sample depths: number of scanlines on each side, beyond which the weights are zero; then the
+    /// weights, tap by tap.
     pub rows: Numbers,
     /// Smallest ratio of actual to requested width over all depths: below 1 where a kernel exceeds the maximum reach.
     pub least_share: f64,
@@ -27,8 +27,8 @@ pub const MAX_REACH: usize = 64;
 /// Largest standard deviation of a kernel, in taps: truncated at three of them it still has a Gaussian's shape.
 pub(crate) const MAX_SIGMA: f64 = MAX_REACH as f64 / 3.0;
 
-/// Standard deviations to each side beyond which the weights of a depth are zero, if the widest kernel reaches so far: there a
-/// Gaussian is below -69 dB of its peak.
+/// Standard deviations to each side beyond which the weights of a depth are zero, if the widest kernel reaches so far:
+/// there a Gaussian is below -69 dB of its peak.
 const FARTHEST: f64 = 4.0;
 
 /// Warning about a length whose kernel would reach too far, given the share of it that comes out.
@@ -43,8 +43,8 @@ pub(crate) fn narrowed(key: &str, share: f64, finer: &str) -> Option<String> {
 }
 
 impl LateralKernel {
-    /// Gaussians with a standard deviation of `sigma_lines(sample)` scanlines ([`MAX_SIGMA`] at most), truncated at three of
-    /// the widest or at four of their own, whose sum is `total(sample, weights that sum to 1)`.
+    /// Gaussians with a standard deviation of `sigma_lines(sample)` scanlines ([`MAX_SIGMA`] at most), truncated at
+    /// three of the widest or at four of their own, whose sum is `total(sample, weights that sum to 1)`.
     pub fn gaussian(samples: usize, sigma_lines: impl Fn(usize) -> f64, total: impl Fn(usize, &[f64]) -> f64) -> Self {
         let requested = (0..samples).map(&sigma_lines).fold(0.0, f64::max);
         let widest = requested.min(MAX_SIGMA);
@@ -78,8 +78,8 @@ impl LateralKernel {
 pub const BLOCK: usize = 64;
 
 impl LateralKernel {
-    /// Weighted sums of `N` fields across the scanlines around `line` of `lines`, at the [`BLOCK`] samples from `start` on, as far as
-    /// the scanline reaches. `scanline` gives each field's scanline of a number.
+    /// Weighted sums of `N` fields across the scanlines around `line` of `lines`, at the [`BLOCK`] samples from `start`
+    /// on, as far as the scanline reaches. `scanline` gives each field's scanline of a number.
     #[inline(always)]
     pub(super) fn sums<'a, T: Real, const N: usize>(
         &self,
@@ -110,9 +110,9 @@ impl LateralKernel {
         sums
     }
 
-    /// Weighted mean across the scanlines around `line`, at the samples from `start` on, as many as `output` has (at most
-    /// [`BLOCK`]). `field` is stored scanline by scanline. If the kernel is truncated at the first or last of `lines`
-    /// scanlines, the weights are renormalised.
+    /// Weighted mean across the scanlines around `line`, at the samples from `start` on, as many as `output` has (at
+    /// most [`BLOCK`]). `field` is stored scanline by scanline. If the kernel is truncated at the first or last of
+    /// `lines` scanlines, the weights are renormalised.
     #[inline(always)]
     pub(super) fn mean<T: Real>(&self, field: &[T], place: [usize; 2], start: usize, output: &mut [T]) {
         let samples = self.samples;

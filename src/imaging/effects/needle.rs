@@ -1,13 +1,14 @@
 //! Needle: echo of the shaft where it crosses the thickened scan plane (Zhu et al. 2007, section 2.3), and of seeds.
 //!
-//! The brightness of a sample is the fraction of the plane's thickness, by default the needle's diameter, that the shaft fills
-//! there: the length of the elevational chord through the cylinder, in closed form, for every segment of a bent shaft. The echo
-//! is strongest where the shaft is perpendicular to the beam and falls with a power of the sine of the angle between them.
-//! Reverberation inside the shaft repeats the echo further down the beam. Grains along the shaft make the line uneven, and the
-//! bevel at a needle's tip is brighter. Brachytherapy seeds are modelled as short shafts.
+//! The brightness of a sample is the fraction of the plane's thickness, by default the needle's diameter, that the
+//! shaft fills there: the length of the elevational chord through the cylinder, in closed form, for every segment of a
+//! bent shaft. The echo is strongest where the shaft is perpendicular to the beam and falls with a power of the sine of
+//! the angle between them. Reverberation inside the shaft repeats the echo further down the beam. Grains along the
+//! shaft make the line uneven, and the bevel at a needle's tip is brighter. Brachytherapy seeds are modelled as short
+//! shafts.
 //!
-//! With speckle the echo is added to that of the scatterers before the point spread is applied; without, its modulus is added
-//! to the amplitude.
+//! With speckle the echo is added to that of the scatterers before the point spread is applied; without, its modulus is
+//! added to the amplitude.
 //!
 //! ```toml
 //! needle = { tip_mm = [-52.3, -20.2, -25.1], entry_mm = [-32.0, -79.6, -7.1] }

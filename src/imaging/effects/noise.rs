@@ -1,8 +1,9 @@
-//! Noise: additive zero-mean Gaussian per pixel and frame, on grey levels after scan conversion (Zhu et al. 2007, section 2.4).
+//! Noise: additive zero-mean Gaussian per pixel and frame, on grey levels after scan conversion (Zhu et al. 2007,
+//! section 2.4).
 //!
-//! A normal deviate is the sum of twelve bytes of a hash of pixel, frame and seed, shifted and scaled: integers until the
-//! last step, so that both backends draw the same noise. The sum of twelve uniform numbers deviates from a Gaussian only
-//! beyond three standard deviations (excess kurtosis -0.1).
+//! A normal deviate is the sum of twelve bytes of a hash of pixel, frame and seed, shifted and scaled: integers until
+//! the last step, so that both backends draw the same noise. The sum of twelve uniform numbers deviates from a Gaussian
+//! only beyond three standard deviations (excess kurtosis -0.1).
 //!
 //! ```toml
 //! effects.noise = { std_grey = 7.0 }

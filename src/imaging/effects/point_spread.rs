@@ -1,13 +1,13 @@
 //! Point spread of a probe: stated lengths, with defaults from its frequency and kind.
 //!
-//! Lengths are full widths at half maximum of the autocorrelation of the echo intensity and scale with the wavelength: 0.8 x 1.5 mm at 3.5
-//! MHz, 0.3 x 0.5 mm at 10 MHz, as in frames of phantoms and muscle at those frequencies.
+//! Lengths are full widths at half maximum of the autocorrelation of the echo intensity and scale with the wavelength:
+//! 0.8 x 1.5 mm at 3.5 MHz, 0.3 x 0.5 mm at 10 MHz, as in frames of phantoms and muscle at those frequencies.
 
 use super::speckle::Speckle;
 use insonify_tracking::probe::Probe;
 
-/// Lengths at 1 MHz, mm: axial, lateral at the focus, elevational, and from the focus to where the lateral length has grown by sqrt 2 (a
-/// Rayleigh length, which scales with the wavelength at constant f-number).
+/// Lengths at 1 MHz, mm: axial, lateral at the focus, elevational, and from the focus to where the lateral length has
+/// grown by sqrt 2 (a Rayleigh length, which scales with the wavelength at constant f-number).
 pub const AXIAL_MM: f64 = 2.8;
 const LATERAL_MM: f64 = 5.25;
 const ELEVATIONAL_MM: f64 = 6.3;

@@ -1,17 +1,20 @@
 //! Receiver: noise, clutter and ring-down of a scanner.
 //!
-//! The array rings down after transmission: a band at its face on every scanline that is in contact. Acoustic clutter, which is reverberation
-//! in the body wall and echoes caught by side lobes, is sound: it is fixed in the probe's frame, has the point spread of the probe, is
-//! strongest near the array, is attenuated like any echo and in addition decays from one round trip to the next (`clutter`). Electronic noise
-//! has the same power at every depth; the subsequent time-gain compensation amplifies it. None of them is in phase with the echo, so powers
-//! add: `a' = sqrt(a^2 + c + n^2 E)`, with `c` the power of ring-down and clutter at the sample, `n^2` that of the noise and `E` of mean 1.
-//! In bladders clutter was found to dominate by far, and noise to be weak (M. A. Lediju et al., Ultrasonic Imaging 30 (2008) 151).
+//! The array rings down after transmission: a band at its face on every scanline that is in contact. Acoustic clutter,
+//! which is reverberation in the body wall and echoes caught by side lobes, is sound: it is fixed in the probe's frame,
+//! has the point spread of the probe, is strongest near the array, is attenuated like any echo and in addition decays
+//! from one round trip to the next (`clutter`). Electronic noise has the same power at every depth; the subsequent
+//! time-gain compensation amplifies it. None of them is in phase with the echo, so powers add:
+//! `a' = sqrt(a^2 + c + n^2 E)`, with `c` the power of ring-down and clutter at the sample, `n^2` that of the noise and
+//! `E` of mean 1. In bladders clutter was found to dominate by far, and noise to be weak (M. A. Lediju et al.,
+//! Ultrasonic Imaging 30 (2008) 151).
 //!
-//! `E` is the power of a complex Gaussian signal, whose amplitude is Rayleigh distributed. Each part of the signal is a sum of six
-//! bytes of a hash of scanline, sample, frame and seed, smoothed along the scanline with the weights 1, 2, 1 as the receive filter
-//! smooths noise, and over two scanlines, whose beams share elements (lag-1 correlation 0.5; 0.44 to 0.60 in recorded lines): all
-//! integers, so that both backends draw the same. The excess kurtosis of a part is -1.2 / 6 from the sum of bytes and a quarter of
-//! that after smoothing, -0.05. Background samples, outside the body, stay silent.
+//! `E` is the power of a complex Gaussian signal, whose amplitude is Rayleigh distributed. Each part of the signal is a
+//! sum of six bytes of a hash of scanline, sample, frame and seed, smoothed along the scanline with the weights 1, 2, 1
+//! as the receive filter smooths noise, and over two scanlines, whose beams share elements (lag-1 correlation 0.5; 0.44
+//! to 0.60 in recorded lines): all integers, so that both backends draw the same. The excess kurtosis of a part is -1.2
+//! / 6 from the sum of bytes and a quarter of that after smoothing, -0.05. Background samples, outside the body, stay
+//! silent.
 //!
 //! ```toml
 //! effects.receiver = {}
@@ -57,9 +60,9 @@ parameters! {
     }
 }
 
-/// Depth over which the amplitude of the ring-down falls to 1/e, mm at 1 MHz: a constant number of periods at every frequency. In real
-/// frames the band is 2 to 3 mm deep under a 5 MHz abdominal array (at most 10 dB over the tissue below it) and 0.3 mm under a 14 MHz
-/// linear one.
+/// Depth over which the amplitude of the ring-down falls to 1/e, mm at 1 MHz: a constant number of periods at every
+/// frequency. In real frames the band is 2 to 3 mm deep under a 5 MHz abdominal array (at most 10 dB over the tissue
+/// below it) and 0.3 mm under a 14 MHz linear one.
 const RING_DOWN_MM: f64 = 3.15;
 
 impl Parameters for Receiver {}
@@ -70,8 +73,8 @@ impl Receiver {
         10f64.powf(self.noise_db / 10.0)
     }
 
-    /// Mean power of the clutter at a depth, relative to the echo of liver at the array. `attenuation_db_cm` is its two-way
-    /// attenuation.
+    /// Mean power of the clutter at a depth, relative to the echo of liver at the array. `attenuation_db_cm` is its
+    /// two-way attenuation.
     pub fn clutter_power(&self, depth_mm: f64, attenuation_db_cm: f64) -> f64 {
         let fade_db = (attenuation_db_cm + self.clutter_decay_db_cm) * depth_mm / 10.0;
         10f64.powf((self.clutter_db - fade_db) / 10.0)
@@ -197,8 +200,8 @@ block! {
     }
 }
 
-/// Mean of [`draw`]: two parts, each of the variance of six bytes, 6 (256^2 - 1) / 12, times 1 + 4 + 1 for the smoothing along the
-/// scanline, on two scanlines.
+/// Mean of [`draw`]: two parts, each of the variance of six bytes, 6 (256^2 - 1) / 12, times 1 + 4 + 1 for the
+/// smoothing along the scanline, on two scanlines.
 pub(crate) const DRAW_MEAN: f64 = 2.0 * 12.0 * 32_767.5;
 
 /// Mean of the sum of six bytes.

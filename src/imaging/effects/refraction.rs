@@ -1,16 +1,19 @@
-//! Refraction: focusing and defocusing of beams where the speed of sound changes; dark lines under the edges of cysts, vessels and organs.
+//! Refraction: focusing and defocusing of beams where the speed of sound changes; dark lines under the edges of cysts,
+//! vessels and organs.
 //!
-//! The phase of a straight scanline is advanced by the path `d = sum (n - 1)`, where `n` is the refractive index. The gradient of `d` across the
-//! scanlines deflects the beam (paraxial approximation of geometrical optics: M. Born and E. Wolf, Principles of Optics, 1999, chapter 3), and its
-//! curvature focuses or defocuses it. With scanlines `h(s)` apart, the factor on the one-way intensity, and so on the amplitude of an echo, is `1
-//! / |1 + sum d''(s) / h(s)^2|`, at most [`MAX`]. The artefact: M. K. Feldman et al., RadioGraphics 29 (2009) 1179.
+//! The phase of a straight scanline is advanced by the path `d = sum (n - 1)`, where `n` is the refractive index. The
+//! gradient of `d` across the scanlines deflects the beam (paraxial approximation of geometrical optics: M. Born and E.
+//! Wolf, Principles of Optics, 1999, chapter 3), and its curvature focuses or defocuses it. With scanlines `h(s)`
+//! apart, the factor on the one-way intensity, and so on the amplitude of an echo, is `1 / |1 + sum d''(s) / h(s)^2|`,
+//! at most [`MAX`]. The artefact: M. K. Feldman et al., RadioGraphics 29 (2009) 1179.
 //!
-//! A beam is wider than a ray. The second difference `d''` is that of averages over half the beam width, linearly interpolated between them. At a distance
-//! `z` below a lens the converging beam of f-number `F` is `z / F` wide at the lens and averages over it, so that the effect of a lens saturates at `F` beam
-//! widths: terms of the sum decay exponentially with that length ([`F_NUMBER`]).
+//! A beam is wider than a ray. The second difference `d''` is that of averages over half the beam width, linearly
+//! interpolated between them. At a distance `z` below a lens the converging beam of f-number `F` is `z / F` wide at the
+//! lens and averages over it, so that the effect of a lens saturates at `F` beam widths: terms of the sum decay
+//! exponentially with that length ([`F_NUMBER`]).
 //!
-//! Speeds are derived from impedances, `c` proportional to the root of `Z`: within 2 % from fat (1.38 MRayl, 1450 m/s) to muscle (1.70 MRayl, 1580
-//! m/s).
+//! Speeds are derived from impedances, `c` proportional to the root of `Z`: within 2 % from fat (1.38 MRayl, 1450 m/s)
+//! to muscle (1.70 MRayl, 1580 m/s).
 //!
 //! ```toml
 //! effects.refraction = {}
@@ -90,8 +93,8 @@ pub(crate) const EFFECT: Effect = Effect {
 pub struct Derived {
     /// Scanlines per half beam width at half the depth, at most a quarter of all; 0 with fewer than four scanlines.
     pub reach: usize,
-    /// Units of phase per sample distance: a power of two with which sums over half a beam are integers below 2^24, exact in any order in single
-    /// precision.
+    /// Units of phase per sample distance: a power of two with which sums over half a beam are integers below 2^24,
+    /// exact in any order in single precision.
     units_per_sample: f64,
     /// Per label index: phase increment of a sample, from 0 on, in these units.
     phases: Vec<u32>,
@@ -315,8 +318,9 @@ impl<T: Real> Spread<T> {
         }
     }
 
-    /// Calls `each` for every sample of a scanline with its number, its term of the sum and the factor on its amplitude. `phases` returns the
-    /// cumulative phase of a half beam width. Scanlines at the sides use the nearest defined curvature.
+    /// Calls `each` for every sample of a scanline with its number, its term of the sum and the factor on its
+    /// amplitude. `phases` returns the cumulative phase of a half beam width. Scanlines at the sides use the nearest
+    /// defined curvature.
     #[inline(always)]
     pub fn factors<'a>(&self, line: usize, phases: impl Fn(usize) -> &'a [T], mut each: impl FnMut(usize, T, T)) {
         let (one, two, largest) = (T::one(), T::of(2.0), T::of(MAX));

@@ -1,12 +1,14 @@
 //! Shadow: attenuation and occlusion along the scanlines.
 //!
-//! Transmittance is a running product down each scanline, stored as a running sum of losses in fixed-point decibels, so that it is the same for
-//! any grouping of the samples, on the CPU and in a parallel scan. A tissue contributes its two-way attenuation `2 alpha f` and, if it occludes
-//! as bone and gas do, its occlusion per millimetre; the needle contributes `needle_db_mm` where it fills the scan plane. A sample is subject to
-//! the loss of everything above it and half its own, so the sum converges to the Beer-Lambert law with the square of the sample distance. Edges
-//! of shadows are as soft as the beam is wide (`penumbra`) and widen with depth as the aperture does (`aperture`), and a needle thinner than the
-//! beam shades its fraction of it. In the shadow lie mirror images (`mirror`) and repeats (`reverberation`) of what is above it. Shadows of bone,
-//! air and the needle shaft by casting rays: Zhu et al. 2007, section 2.4.
+//! Transmittance is a running product down each scanline, stored as a running sum of losses in fixed-point decibels, so
+//! that it is the same for any grouping of the samples, on the CPU and in a parallel scan. A tissue contributes its
+//! two-way attenuation `2 alpha f` and, if it occludes as bone and gas do, its occlusion per millimetre; the needle
+//! contributes `needle_db_mm` where it fills the scan plane. A sample is subject to the loss of everything above it and
+//! half its own, so the sum converges to the Beer-Lambert law with the square of the sample distance. Edges of shadows
+//! are as soft as the beam is wide (`penumbra`) and widen with depth as the aperture does (`aperture`), and a needle
+//! thinner than the beam shades its fraction of it. In the shadow lie mirror images (`mirror`) and repeats
+//! (`reverberation`) of what is above it. Shadows of bone, air and the needle shaft by casting rays: Zhu et al. 2007,
+//! section 2.4.
 //!
 //! ```toml
 //! effects.shadow = {}
@@ -484,8 +486,8 @@ pub(crate) fn exponent_per_unit() -> f64 {
     -(10.0f64.log2()) / 20.0 / UNITS_PER_DB
 }
 
-/// Loss of a sample where a needle as thick as the beam is wide fills the scan plane, units. The needle pass computes the
-/// fraction of the beam that is shaded.
+/// Loss of a sample where a needle as thick as the beam is wide fills the scan plane, units. The needle pass computes
+/// the fraction of the beam that is shaded.
 pub(crate) fn needle_units(tables: &Tables) -> f32 {
     let shadow = tables.settings.effects.shadow.as_ref();
     units(shadow.map_or(0.0, |shadow| shadow.needle_db_mm) * tables.sample_mm()) as f32

@@ -1,10 +1,10 @@
 //! Slice: label of every sample, and the constant echo of its tissue.
 //!
-//! The label is the one with the largest sum of cubic B-spline weights over the 64 voxels around the sample, which smooths the
-//! staircase boundaries of coarse segmentations; with `boundary = "vote"` that of the trilinear weights of the eight voxels,
-//! with `"nearest"` that of the nearest voxel. Samples outside the volume, or flagged as background by the warp, are background
-//! (label index 0). With `beyond = "continue"` the body is continued where a face of the volume cuts it: labels are mirrored at
-//! the face, once.
+//! The label is the one with the largest sum of cubic B-spline weights over the 64 voxels around the sample, which
+//! smooths the staircase boundaries of coarse segmentations; with `boundary = "vote"` that of the trilinear weights of
+//! the eight voxels, with `"nearest"` that of the nearest voxel. Samples outside the volume, or flagged as background
+//! by the warp, are background (label index 0). With `beyond = "continue"` the body is continued where a face of the
+//! volume cuts it: labels are mirrored at the face, once.
 //!
 //! ```toml
 //! effects.slice = { boundary = "vote", beyond = "continue" }
@@ -247,8 +247,8 @@ struct Cell<T> {
     /// Labels of the eight voxels around it; bits 0, 1, 2 of their number step along x, y, z.
     labels: [u8; 8],
     is_uniform: bool,
-    /// Distinct labels of the eight, the number of them (0 if the voxels around are not read yet), and which of them each of the
-    /// eight is.
+    /// Distinct labels of the eight, the number of them (0 if the voxels around are not read yet), and which of them
+    /// each of the eight is.
     kinds: [u8; 8],
     count: usize,
     kind: [u8; 8],
@@ -270,8 +270,8 @@ impl<T: Real> Default for Cell<T> {
     }
 }
 
-/// Distance from a face of the volume within which a mirrored position is kept, voxels: in single precision, 10,000 voxels can
-/// still be distinguished from it.
+/// Distance from a face of the volume within which a mirrored position is kept, voxels: in single precision, 10,000
+/// voxels can still be distinguished from it.
 pub(crate) const WITHIN: f64 = 1e-3;
 
 /// Reads labels at world positions.
@@ -308,8 +308,8 @@ impl<'a, T: Real> LabelReader<'a, T> {
         })
     }
 
-    /// Label index outside the volume, at `shifted` (voxels, from the corner of the first): that of the mirrored position; 0
-    /// outside the body continued beyond the volume.
+    /// Label index outside the volume, at `shifted` (voxels, from the corner of the first): that of the mirrored
+    /// position; 0 outside the body continued beyond the volume.
     #[inline(never)]
     fn beyond(&self, shifted: [T; 3], cell: &mut Cell<T>) -> u8 {
         let Some((shifted, _)) = self.within(shifted) else {
@@ -318,8 +318,8 @@ impl<'a, T: Real> LabelReader<'a, T> {
         self.inside(shifted, map(shifted, |x| floor(x - T::of(0.5))), cell)
     }
 
-    /// Label index in the volume at `shifted` (voxels, from the corner of the first), in the cell from voxel `base` on. `cell`
-    /// caches the voxels around the previous position.
+    /// Label index in the volume at `shifted` (voxels, from the corner of the first), in the cell from voxel `base` on.
+    /// `cell` caches the voxels around the previous position.
     #[inline(always)]
     fn inside(&self, shifted: [T; 3], base: [i32; 3], cell: &mut Cell<T>) -> u8 {
         match self.boundary {
@@ -328,8 +328,8 @@ impl<'a, T: Real> LabelReader<'a, T> {
         }
     }
 
-    /// Position in the volume that corresponds to `shifted` (voxels, from the corner of the first), and the axes along which it is
-    /// mirrored; `None` if there is none.
+    /// Position in the volume that corresponds to `shifted` (voxels, from the corner of the first), and the axes along
+    /// which it is mirrored; `None` if there is none.
     #[inline(always)]
     pub(crate) fn within(&self, mut shifted: [T; 3]) -> Option<([T; 3], [bool; 3])> {
         let mut mirrored = [false; 3];
@@ -403,7 +403,8 @@ impl<'a, T: Real> LabelReader<'a, T> {
         let nearest = (0..3).fold(0, |corner, axis| {
             corner | usize::from(fraction[axis] > T::of(0.5)) << axis
         });
-        // A label with more than half of all weights among the eight inner voxels wins whatever the outer ones are, as it does for most samples.
+        // A label with more than half of all weights among the eight inner voxels wins whatever the outer ones are, as
+        // it does for most samples.
         let label = cell.labels[nearest];
         if inner_share(&cell.labels, label, &weights) > T::of(HALF + ROUNDED) {
             return label;
@@ -545,8 +546,8 @@ pub fn majority<T: Real>(labels: [u8; 8], fraction: [T; 3]) -> u8 {
     best
 }
 
-/// Weights of the cubic B-spline on the four points around a fraction of a step, times 6: without thirds, samples on faces of voxels
-/// have exact sums in any precision.
+/// Weights of the cubic B-spline on the four points around a fraction of a step, times 6: without thirds, samples on
+/// faces of voxels have exact sums in any precision.
 #[inline(always)]
 pub fn spline<T: Real>(t: T) -> [T; 4] {
     let (one, three) = (T::one(), T::of(3.0));

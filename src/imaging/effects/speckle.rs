@@ -1,12 +1,13 @@
 //! Speckle: fully developed, anchored in the tissue.
 //!
 //! Space is filled with a cubic lattice of scatterers in the tissue's *reference* state, starting at the local origin
-//! ([`crate::synth::local_origin`]), each a complex random number from a hash of its lattice point. A sample interpolates the eight around its
-//! reference position, weighted by its echo amplitude; the point spread of the probe is then applied in the beam frame as a separable convolution:
-//! across the plane (sub-planes of the same sample), along the beam, and across scanlines with a width that follows the focus. The envelope is the
-//! modulus. Sums of independent complex numbers make the amplitude Rayleigh distributed (mean over standard deviation 1.91; Wagner et al., IEEE
-//! Trans. Sonics Ultrason. 30(3), 1983), and since the lattice lies in the reference state the pattern moves with the tissue. Zhu et al. 2007
-//! approximate this speckle model by noise.
+//! ([`crate::synth::local_origin`]), each a complex random number from a hash of its lattice point. A sample
+//! interpolates the eight around its reference position, weighted by its echo amplitude; the point spread of the probe
+//! is then applied in the beam frame as a separable convolution: across the plane (sub-planes of the same sample),
+//! along the beam, and across scanlines with a width that follows the focus. The envelope is the modulus. Sums of
+//! independent complex numbers make the amplitude Rayleigh distributed (mean over standard deviation 1.91; Wagner et
+//! al., IEEE Trans. Sonics Ultrason. 30(3), 1983), and since the lattice lies in the reference state the pattern moves
+//! with the tissue. Zhu et al. 2007 approximate this speckle model by noise.
 //!
 //! Kernels are scaled so that the mean power of an echo is the square of its amplitude.
 //!
@@ -120,7 +121,8 @@ static SCATTER_AXIAL: Buffer = Buffer::new(170, "ScatterAxial", 8, fine_samples)
 static AXIAL_KERNEL: Buffer = Buffer::new(180, "AxialKernel", 4, |tables| axial_kernel(&tables.effects).len())
     .derived(|_, derived| bytes_of(&axial_kernel(derived)));
 
-/// Reach and weights of the lateral point spread, each a row over the depths, then factors of the outermost scanlines (`f32`).
+/// Reach and weights of the lateral point spread, each a row over the depths, then factors of the outermost scanlines
+/// (`f32`).
 static LATERAL_KERNEL: Buffer = Buffer::new(190, "LateralKernel", 4, |tables| lateral_kernel(&tables.effects).len())
     .derived(|_, derived| bytes_of(&lateral_kernel(derived)));
 

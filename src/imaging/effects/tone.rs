@@ -1,8 +1,9 @@
 //! Tone: gain, time-gain compensation and log compression to grey levels.
 //!
-//! An echo of amplitude 1 (the mean power of normal liver) at gain 0 is shown at [`MID_GREY`] of the grey scale, and the dynamic range
-//! spans the scale. Automatic gain (`auto_gain`) equalises the level of tissue over depth, and an S-shaped curve darkens the lower
-//! half of the scale and brightens the upper one. Without a tone the grey level is 255 times the amplitude.
+//! An echo of amplitude 1 (the mean power of normal liver) at gain 0 is shown at [`MID_GREY`] of the grey scale, and
+//! the dynamic range spans the scale. Automatic gain (`auto_gain`) equalises the level of tissue over depth, and an
+//! S-shaped curve darkens the lower half of the scale and brightens the upper one. Without a tone the grey level is 255
+//! times the amplitude.
 //!
 //! ```toml
 //! effects.tone = { gain_db = 8.0 }
@@ -46,8 +47,9 @@ pub const MID_GREY: f64 = 0.42;
 /// Largest grey level of noise under the default compensation, as a fraction of the scale.
 pub(crate) const NOISE_GREY: f64 = 0.1;
 
-/// Blend of the S-shaped curve from a straight line (0) to the cubic 3 g^2 - 2 g^3 (1): it deviates from the line by at most 0.06 of the scale.
-/// In-vivo frames have a median grey of 18 to 24 and a skewness of 1.0 to 2.2; with a straight line synthetic frames had 40 to 100 and 0.
+/// Blend of the S-shaped curve from a straight line (0) to the cubic 3 g^2 - 2 g^3 (1): it deviates from the line by at
+/// most 0.06 of the scale. In-vivo frames have a median grey of 18 to 24 and a skewness of 1.0 to 2.2; with a straight
+/// line synthetic frames had 40 to 100 and 0.
 const S_BEND: f64 = 0.6;
 
 /// Curve from fraction of the dynamic range to fraction of the grey scale.
@@ -117,8 +119,8 @@ impl Tone {
         GreyMap::new(Some(self)).bent(share.clamp(0.0, 1.0)).powf(self.gamma)
     }
 
-    /// Gain at a depth, dB. `attenuation_db_cm` is the attenuation that the default compensation matches; it then ends where
-    /// noise of `noise_db` would be shown at [`NOISE_GREY`].
+    /// Gain at a depth, dB. `attenuation_db_cm` is the attenuation that the default compensation matches; it then ends
+    /// where noise of `noise_db` would be shown at [`NOISE_GREY`].
     pub fn gain_at_db(&self, depth_mm: f64, attenuation_db_cm: f64, noise_db: Option<f64>) -> f64 {
         let compensation = self.tgc_db_cm.map_or_else(
             || {

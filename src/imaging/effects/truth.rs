@@ -1,5 +1,6 @@
-//! Ground-truth layers for training models: label, depth and other properties of each sample. Layers are made from the samples of the central plane, and read at the nearest one
-//! to each pixel. The GPU's differ by at most one unit from those in double precision where both have the same label.
+//! Ground-truth layers for training models: label, depth and other properties of each sample. Layers are made from the
+//! samples of the central plane, and read at the nearest one to each pixel. The GPU's differ by at most one unit from
+//! those in double precision where both have the same label.
 
 #[cfg(test)]
 mod parity;

@@ -8,9 +8,10 @@
 //! | the reference mesh only | unchanged: its tissue has moved away | [`BACKGROUND`] |
 //! | neither | unchanged | [`OUTSIDE`] |
 //!
-//! The elements in the slab of the frame ([`crate::synth::slab`]) are rasterised: each tests the samples of its scanlines between those where its barycentric
-//! coordinates change sign, and of the elements that hold a sample the lowest is taken. The answer for a sample is that of a search of all
-//! elements; it depends on no other sample and on no other frame. A sample in an inverted element is in a fold.
+//! The elements in the slab of the frame ([`crate::synth::slab`]) are rasterised: each tests the samples of its
+//! scanlines between those where its barycentric coordinates change sign, and of the elements that hold a sample the
+//! lowest is taken. The answer for a sample is that of a search of all elements; it depends on no other sample and on
+//! no other frame. A sample in an inverted element is in a fold.
 //!
 //! ```toml
 //! deform.field = { kind = "indentation", centre_mm = [-52.3, -20.2, -25.1], direction = [-20.3, 59.4, -18.0], depth_mm = 12.0, radius_mm = 18.0 }
@@ -163,7 +164,8 @@ fn map<T: Real>(view: &View, store: &mut Store<T>) {
     });
 }
 
-/// Finds the elements of the samples of one scanline, as slots in the list of deformed elements, and sets the flags of their positions.
+/// Finds the elements of the samples of one scanline, as slots in the list of deformed elements, and sets the flags of
+/// their positions.
 pub(crate) fn rasterise<T: Real>(slab: &Slab<T>, line: usize, positions: &mut [[T; 4]], elements: &mut [u32]) {
     let ends = [0, positions.len() - 1].map(|sample| positions[sample].map(T::wide));
     let flag = |flag: u32| T::of(f64::from(flag));
@@ -204,7 +206,8 @@ fn candidates<T: Real>(frame: &Frame<T>, ends: [[f64; 4]; 2], positions: &[[T; 4
     let offsets = ends.map(|end| [0, 1, 2].map(|axis| end[axis] - frame[0][axis]));
     let length = |v: [f64; 3]| (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
     let steepest: f64 = frame[1..].iter().map(|row| length([row[0], row[1], row[2]])).sum();
-    // The slack bounds the rounding of a coordinate at a point in the element; far from it, rounding is that of the offset.
+    // The slack bounds the rounding of a coordinate at a point in the element; far from it, rounding is that of the
+    // offset.
     let farthest = length(offsets[0]).max(length(offsets[1]));
     let allowed = 16.0 * (element::slack(&frame) + T::epsilon().wide() * steepest * farthest);
     let [first, last] = ends;
@@ -221,10 +224,12 @@ fn candidates<T: Real>(frame: &Frame<T>, ends: [[f64; 4]; 2], positions: &[[T; 4
     samples_between(coordinates, allowed, positions.len(), along)
 }
 
-/// Samples of a scanline that may lie in an element, given the barycentric coordinates of the first and the last sample.
+/// Samples of a scanline that may lie in an element, given the barycentric coordinates of the first and the last
+/// sample.
 ///
-/// Coordinates are linear along a scanline: an end whose coordinate is below `-allowed` bounds the samples. `along` is the share of the way from
-/// the first sample to the last that lies behind a sample; samples are in ascending order, but not evenly spaced (`contact` shifts them).
+/// Coordinates are linear along a scanline: an end whose coordinate is below `-allowed` bounds the samples. `along` is
+/// the share of the way from the first sample to the last that lies behind a sample; samples are in ascending order,
+/// but not evenly spaced (`contact` shifts them).
 fn samples_between(ends: [[f64; 4]; 2], allowed: f64, samples: usize, along: impl Fn(usize) -> f64) -> Range<usize> {
     let (mut from, mut to) = (0.0f64, 1.0f64);
     for corner in 0..4 {

@@ -1,15 +1,16 @@
-//! Error bounds of single operations in WGSL (W3C, WebGPU Shading Language, section "Accuracy of Concrete Floating Point Expressions") and
-//! in Rust. The larger of the two is used, so that one bound serves both backends.
+//! Error bounds of single operations in WGSL (W3C, WebGPU Shading Language, section "Accuracy of Concrete Floating
+//! Point Expressions") and in Rust. The larger of the two is used, so that one bound serves both backends.
 
-/// One unit in the last place of a number in [1, 2). Sums, differences and products are correctly rounded in WGSL, but in an unspecified
-/// direction, so each loses up to a full ULP rather than half. Fused and reordered sums lose no more than the sum of separately rounded
-/// products.
+/// One unit in the last place of a number in [1, 2). Sums, differences and products are correctly rounded in WGSL, but
+/// in an unspecified direction, so each loses up to a full ULP rather than half. Fused and reordered sums lose no more
+/// than the sum of separately rounded products.
 pub(crate) const ULP: f64 = 1.0 / 8_388_608.0;
 
 /// Relative error of `x / y`: 2.5 ULP.
 pub(crate) const DIVIDE: f64 = 2.5 * ULP;
 
-/// Relative error of `sqrt(x)`, specified as that of `1 / inverseSqrt(x)`: 2 ULP for the inverse root and 2.5 for the division.
+/// Relative error of `sqrt(x)`, specified as that of `1 / inverseSqrt(x)`: 2 ULP for the inverse root and 2.5 for the
+/// division.
 pub(crate) const ROOT: f64 = 4.5 * ULP;
 
 /// Smallest normal number: results below it may be flushed to zero.

@@ -41,7 +41,8 @@ impl Slack {
     }
 }
 
-/// One pass of a case: the reference before and after it, and the twin after it. State and beams are relative to the local origin.
+/// One pass of a case: the reference before and after it, and the twin after it. State and beams are relative to the
+/// local origin.
 pub(crate) struct Step<'a> {
     pub case: &'a Case,
     pub tables: &'a Tables,
@@ -51,7 +52,8 @@ pub(crate) struct Step<'a> {
     pub twin: &'a Beam,
     /// Whether sums and products of the twin are rounded to nearest.
     pub to_nearest: bool,
-    /// Elevation of a sub-plane, mm, whose twin cannot be read: the reference stands in for it. `None` in the central plane.
+    /// Elevation of a sub-plane, mm, whose twin cannot be read: the reference stands in for it. `None` in the central
+    /// plane.
     pub sub_plane_mm: Option<f64>,
 }
 

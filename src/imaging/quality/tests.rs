@@ -68,7 +68,8 @@ fn what_is_stated_is_not_touched_and_what_cannot_be_met_is_said_with_its_figure(
     let met = pick("step_ms", &costs(), 1.0, |_| true).unwrap();
     assert_eq!(
         met.why,
-        "link = 10, every = 1: 0.50 of 1 ms, off by 0.10 mm of made-up tissue; the next better, link = 5, every = 1, takes 1.30 ms (made up)"
+        "link = 10, every = 1: 0.50 of 1 ms, off by 0.10 mm of made-up tissue; the next better, link = 5, every = 1, \
+         takes 1.30 ms (made up)"
     );
 }
 

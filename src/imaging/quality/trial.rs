@@ -15,9 +15,10 @@ pub struct Tried {
     pub measured: String,
 }
 
-/// Picks as [`pick`](super::pick) does, tries the picked settings, scales the costs of all untried settings by the ratio of measured
-/// to predicted time, and picks again, until the pick has been tried already. Of all tried settings it returns the one with the
-/// smallest error within `budget_ms`; if none is within the budget, the fastest. `None` if no setting is open.
+/// Picks as [`pick`](super::pick) does, tries the picked settings, scales the costs of all untried settings by the
+/// ratio of measured to predicted time, and picks again, until the pick has been tried already. Of all tried settings
+/// it returns the one with the smallest error within `budget_ms`; if none is within the budget, the fastest. `None` if
+/// no setting is open.
 ///
 /// # Errors
 /// Errors of `trial`.

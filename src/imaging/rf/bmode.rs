@@ -38,8 +38,8 @@ pub fn grey(envelope: &[f32], white: f32, range_db: f64) -> Vec<f32> {
     parallel::map(envelope, &|value| grey(level(value)))
 }
 
-/// Scan conversion of grey levels, bilinear between lines and samples; `fill` outside the sector. Lines with more samples than pixels are averaged
-/// along their depth first.
+/// Scan conversion of grey levels, bilinear between lines and samples; `fill` outside the sector. Lines with more
+/// samples than pixels are averaged along their depth first.
 pub fn scan_converted(grey: &[f32], beam: &BeamGrid, image: &ImageGrid, fill: u8) -> Vec<u8> {
     let (lines, samples) = (beam.lines(), grey.len() / beam.lines());
     let wide = ((image.pixel_mm() / (beam.depth_mm() / samples as f64)).round() as usize).max(1);

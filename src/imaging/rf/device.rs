@@ -16,13 +16,14 @@ pub const BIN: usize = 64;
 pub const INVOCATIONS: usize = 64;
 /// Samples that an invocation adds up; must equal the shader's constant and divide [`BIN`].
 pub const OWN: usize = 8;
-/// Every loop of these shaders counts towards a bound that does not change within it, or narrows an interval of integers.
+/// Every loop of these shaders counts towards a bound that does not change within it, or narrows an interval of
+/// integers.
 #[allow(unsafe_code, reason = "says that loops end")]
 // SAFETY: as above.
 const LOOPS: Loops = unsafe { Loops::ending() };
 
-/// Most scatterers that a dispatch adds to a sample: software Vulkan ends loops after 65,535 rounds, and each scatterer takes one for itself and
-/// one for each sample.
+/// Most scatterers that a dispatch adds to a sample: software Vulkan ends loops after 65,535 rounds, and each scatterer
+/// takes one for itself and one for each sample.
 const ROUNDS: usize = 7000;
 
 /// Parameters of a dispatch.

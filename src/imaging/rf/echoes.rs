@@ -97,10 +97,11 @@ impl Scatterer {
     }
 }
 
-/// Adds the echoes of scatterers to `lines` scanlines of `samples`, line by line. The result does not depend on the number of threads. In double
-/// precision it is the gold standard of both backends.
+/// Adds the echoes of scatterers to `lines` scanlines of `samples`, line by line. The result does not depend on the
+/// number of threads. In double precision it is the gold standard of both backends.
 pub fn echoes<R: Real>(scatterers: &mut [Scatterer], pulse: &Pulse, lines: usize, samples: usize) -> Vec<R> {
-    // Blocks of scanlines are filled by several threads; sorted by scanline, the scatterers that reach a block are one run.
+    // Blocks of scanlines are filled by several threads; sorted by scanline, the scatterers that reach a block are one
+    // run.
     sort_by(scatterers, |a, b| a.line.total_cmp(&b.line));
     let widest = scatterers.iter().map(|scatterer| scatterer.sigma).fold(0.0, f32::max) * REACH as f32;
     let mut out = vec![R::default(); lines * samples];

@@ -32,13 +32,14 @@ impl Fft {
         vec![Complex32::default(); forward.max(inverse)]
     }
 
-    /// Replaces each run of [`length`](Self::length) numbers x by X(k) = sum over n of x(n) exp(-2 pi i k n / length). Allocates nothing.
+    /// Replaces each run of [`length`](Self::length) numbers x by X(k) = sum over n of x(n) exp(-2 pi i k n / length).
+    /// Allocates nothing.
     pub fn forward_with(&self, buffer: &mut [Complex32], scratch: &mut [Complex32]) {
         self.forward.process_with_scratch(buffer, scratch);
     }
 
-    /// Replaces each run of [`length`](Self::length) numbers X by x(n) = sum over k of X(k) exp(2 pi i k n / length), `length` times the inverse of
-    /// [`forward_with`](Self::forward_with). Allocates nothing.
+    /// Replaces each run of [`length`](Self::length) numbers X by x(n) = sum over k of X(k) exp(2 pi i k n / length),
+    /// `length` times the inverse of [`forward_with`](Self::forward_with). Allocates nothing.
     pub fn inverse_with(&self, buffer: &mut [Complex32], scratch: &mut [Complex32]) {
         self.inverse.process_with_scratch(buffer, scratch);
     }

@@ -1,4 +1,5 @@
-//! Sequences of echoes: those of this program, of PLUS (`RF_REAL`, `RF_IQ_LINE`, `RF_I_LINE_Q_LINE`), and volumes whose slices are frames.
+//! Sequences of echoes: those of this program, of PLUS (`RF_REAL`, `RF_IQ_LINE`, `RF_I_LINE_Q_LINE`), and volumes whose
+//! slices are frames.
 
 use std::path::Path;
 
@@ -7,8 +8,8 @@ use insonify_anatomy::volume::header::Header;
 use insonify_anatomy::volume::{At, VolumeError, numbers, read_header};
 use insonify_tracking::sequence::Sequence;
 
-/// Names of the fields in which this program states sampling rate (MHz), distance between lines (mm), radius of the array (mm) and field of view
-/// (degrees).
+/// Names of the fields in which this program states sampling rate (MHz), distance between lines (mm), radius of the
+/// array (mm) and field of view (degrees).
 pub const FIELDS: [&str; 4] = ["RfSamplingMHz", "RfPitchMm", "RfRadiusMm", "RfAngleDeg"];
 /// Share of equal neighbouring samples at which lines are constant or saturated.
 const STUCK: f64 = 0.5;
@@ -82,8 +83,8 @@ impl Layout {
         order.map(|(line, sample)| frame[index(line, sample)]).collect()
     }
 
-    /// Layout by the orientation that a header states, in letters of PLUS: columns and rows run far from or near to the transducer (F, N), towards
-    /// the marked or the unmarked side (M, U); without one by the spacing, and a note.
+    /// Layout by the orientation that a header states, in letters of PLUS: columns and rows run far from or near to the
+    /// transducer (F, N), towards the marked or the unmarked side (M, U); without one by the spacing, and a note.
     fn of(header: &Header, [width, height]: [usize; 2], by_rows: bool, notes: &mut Vec<String>) -> Self {
         let named = |key: &str| key.to_ascii_lowercase().replace(' ', "") == "ultrasoundimageorientation";
         let unit = header.key_values.iter().find(|(key, _)| named(key));
@@ -150,7 +151,8 @@ impl Echoes {
     /// Reads a sequence of echoes of any number type.
     ///
     /// # Errors
-    /// [`VolumeError`] with the file, what was found and what was expected: images of another type, no data, or lines that are constant.
+    /// [`VolumeError`] with the file, what was found and what was expected: images of another type, no data, or lines
+    /// that are constant.
     pub fn read(path: &Path) -> Result<Self, VolumeError> {
         let mut header = read_header(path)?;
         let wrong = |found: String, expected: &str| VolumeError::malformed(path, At::Header, found, expected);

@@ -1,6 +1,6 @@
-//! Motion of tissue between radio-frequency frames: normalised cross-correlation with prediction from prior estimates (R. Zahiri-Azar and
-//! S. E. Salcudean, "Motion estimation in ultrasound images using time domain cross correlation with prior estimates", IEEE Transactions on
-//! Biomedical Engineering 53, 2006).
+//! Motion of tissue between radio-frequency frames: normalised cross-correlation with prediction from prior estimates
+//! (R. Zahiri-Azar and S. E. Salcudean, "Motion estimation in ultrasound images using time domain cross correlation
+//! with prior estimates", IEEE Transactions on Biomedical Engineering 53, 2006).
 
 use super::signal::upsampled;
 use insonify_base::parallel::{self, chunks, chunks_mut, for_each};
@@ -59,8 +59,8 @@ impl Options {
         self.speed_m_s / 2.0 / self.sampling_mhz / self.upsampling as f64
     }
 
-    /// Length of a window and its first samples along a line of `samples`, after upsampling. A sample at either end stays free, so that peaks at
-    /// no motion have neighbours.
+    /// Length of a window and its first samples along a line of `samples`, after upsampling. A sample at either end
+    /// stays free, so that peaks at no motion have neighbours.
     fn layout(&self, samples: usize) -> (usize, Vec<usize>) {
         let wide = samples * self.upsampling;
         let window = ((self.window_mm * 1e3 / self.sample_um()).round() as usize).clamp(8, wide / 2);
@@ -87,8 +87,8 @@ struct Match {
     correlation: f64,
 }
 
-/// Neighbours of a window in lines and windows, whose median motion it is compared with: some beam widths aside, as windows on lines within a beam
-/// width have the same echoes and err together.
+/// Neighbours of a window in lines and windows, whose median motion it is compared with: some beam widths aside, as
+/// windows on lines within a beam width have the same echoes and err together.
 const ASIDE: [isize; 9] = [-16, -8, -4, -2, 0, 2, 4, 8, 16];
 const ALONG: [isize; 3] = [-2, 0, 2];
 /// Lateral motion beside that of the neighbours beyond which an estimate has strayed, lines.
@@ -118,7 +118,8 @@ pub struct Estimate {
 /// Lines of a frame after upsampling.
 struct Frame {
     values: Vec<f32>,
-    /// Running sums of the values and of their squares: where every search is wide they cost less than sums over each window.
+    /// Running sums of the values and of their squares: where every search is wide they cost less than sums over each
+    /// window.
     sums: Option<[Vec<f64>; 2]>,
 }
 
@@ -133,7 +134,8 @@ pub struct Tracker {
     starts: Vec<usize>,
     /// Motion of the reference against the first frame, in samples and lines, for each window.
     carried: Vec<[f64; 2]>,
-    /// Windows with echoes: those that correlated with the first frame after the reference. Noise alone does not change the reference.
+    /// Windows with echoes: those that correlated with the first frame after the reference. Noise alone does not change
+    /// the reference.
     echoing: Option<Vec<bool>>,
     /// Half a period of the echoes, samples: neighbours further apart follow different periods.
     half_period: f64,
@@ -168,7 +170,8 @@ struct Template {
     norm: f64,
 }
 
-/// Sums over a window at consecutive places: of the products with the template, and with `moments` of the values and of their squares.
+/// Sums over a window at consecutive places: of the products with the template, and with `moments` of the values and of
+/// their squares.
 struct Products<'a> {
     window: &'a [f32],
     values: &'a [f32],
@@ -208,7 +211,8 @@ impl WithSimd for Products<'_> {
     }
 }
 
-/// Peak between samples of a cosine through three values (I. Cespedes et al., Ultrasonic Imaging 17, 1995): its offset in samples and height.
+/// Peak between samples of a cosine through three values (I. Cespedes et al., Ultrasonic Imaging 17, 1995): its offset
+/// in samples and height.
 fn cosine_peak([before, at, after]: [f64; 3]) -> (f64, f64) {
     let ratio = (before + after) / (2.0 * at);
     if !(at > 0.0 && before.min(after) > OUTSIDE && ratio.abs() < 1.0 && at >= before.max(after)) {
@@ -339,8 +343,8 @@ impl Tracker {
         );
     }
 
-    /// Seeks windows again that do not correlate, or that follow another period than their neighbours, from the median of those; returns the number
-    /// of correlations.
+    /// Seeks windows again that do not correlate, or that follow another period than their neighbours, from the median
+    /// of those; returns the number of correlations.
     fn reseek_outliers(&self, current: &Frame, line: usize, before: &[Match], matches: &mut [Match]) -> u64 {
         let mut search = self.search(current);
         let mut near = [[0.0; 2]; NEIGHBOURS];

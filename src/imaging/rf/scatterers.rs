@@ -78,8 +78,8 @@ pub struct RfSynthesizer {
 }
 
 impl RfSynthesizer {
-    /// Prepares the synthesis: beam widths and focus are those of `effects.speckle`, losses those of `effects.shadow`, textures those of
-    /// `effects.texture`; other effects do not act on echoes.
+    /// Prepares the synthesis: beam widths and focus are those of `effects.speckle`, losses those of `effects.shadow`,
+    /// textures those of `effects.texture`; other effects do not act on echoes.
     ///
     /// # Errors
     /// [`SynthError`] for a probe or an acquisition out of range.
@@ -122,7 +122,8 @@ impl RfSynthesizer {
         })
     }
 
-    /// Adds up echoes on a backend; without this, on the CPU in single precision. Scatterers are carried and noise is added on the CPU.
+    /// Adds up echoes on a backend; without this, on the CPU in single precision. Scatterers are carried and noise is
+    /// added on the CPU.
     ///
     /// # Errors
     /// [`SynthError`] where the GPU cannot be opened, or the echoes exceed its limits.

@@ -22,8 +22,8 @@ impl Lines {
         }
     }
 
-    /// Envelopes: magnitudes of the analytic signals, in which the negative half of the spectrum is removed (the Hilbert transform by
-    /// S. L. Marple, IEEE Transactions on Signal Processing 47, 1999).
+    /// Envelopes: magnitudes of the analytic signals, in which the negative half of the spectrum is removed (the
+    /// Hilbert transform by S. L. Marple, IEEE Transactions on Signal Processing 47, 1999).
     pub fn envelope(&self, lines: &[f32]) -> Vec<f32> {
         let mut out = vec![0.0; lines.len()];
         let length = self.fft.length();
@@ -51,7 +51,8 @@ const HALF: usize = 16;
 /// Shape of their Kaiser window: stop band -80 dB, pass band to 0.84 of half the sampling rate.
 const KAISER: f64 = 8.0;
 
-/// Interpolation kernels at each fraction of a sample, for samples `HALF - 1` before to `HALF` behind: windowed sinc functions.
+/// Interpolation kernels at each fraction of a sample, for samples `HALF - 1` before to `HALF` behind: windowed sinc
+/// functions.
 fn kernels(upsampling: usize) -> Vec<[f32; 2 * HALF]> {
     let weight = |fraction: f64, tap: usize| {
         let away = fraction + (HALF - 1) as f64 - tap as f64;
@@ -76,7 +77,8 @@ fn bessel_i0(x: f64) -> f64 {
     1.0 + terms.sum::<f64>()
 }
 
-/// Lines of `samples` upsampled by a factor: the samples themselves and band-limited values between them. Beyond its ends a line keeps its end values.
+/// Lines of `samples` upsampled by a factor: the samples themselves and band-limited values between them. Beyond its
+/// ends a line keeps its end values.
 pub fn upsampled(lines: &[f32], samples: usize, upsampling: usize) -> Vec<f32> {
     let kernels = kernels(upsampling);
     let mut out = vec![0.0; lines.len() * upsampling];

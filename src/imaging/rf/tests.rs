@@ -142,7 +142,8 @@ fn upsampled_lines_pass_through_their_samples() {
 #[test]
 fn rigid_motion_is_found_to_a_fraction_of_a_micrometre() {
     let first = frame(0, |_| [0.0; 2]);
-    // Walker and Trahey, IEEE Transactions on Ultrasonics, Ferroelectrics and Frequency Control 42, 1995, at correlation 1: noise counts within the band.
+    // Walker and Trahey, IEEE Transactions on Ultrasonics, Ferroelectrics and Frequency Control 42, 1995, at
+    // correlation 1: noise counts within the band.
     let [f0, b, t] = [5.0, 0.6, 2e3 / SPEED_M_S];
     let snr2 = 10_f64.powf(acquisition().snr_db / 10.0) * (acquisition().sampling_mhz / 2.0) / (b * f0);
     let variance = 3.0 / (2.0 * f0.powi(3) * PI * PI * t * (b.powi(3) + 12.0 * b)) * ((1.0 + 1.0 / snr2).powi(2) - 1.0);
@@ -190,7 +191,8 @@ fn strain_costs_correlation_and_a_prior_saves_searches() {
     );
 }
 
-/// Windows at the array whose tissue has left the image, or came in, find no place of their own; none below may follow them.
+/// Windows at the array whose tissue has left the image, or came in, find no place of their own; none below may follow
+/// them.
 #[test]
 fn no_window_follows_a_wrong_place_near_the_array() {
     for moved in [
@@ -247,13 +249,15 @@ fn motion_adds_up_over_changes_of_the_reference() {
 
 /// Rounding unit of single precision.
 const UNIT: f64 = 0.5 * f32::EPSILON as f64;
-/// Largest relative error of a lateral weight, rounding units. WGSL allows exp(x) 3 + 2 |x| ULP of 2 units and a division 2.5; |x| is at most 4.5.
-/// The exponent x = -(a / s)^2 / 2 has the roundings of a difference, a division twice, and two products: 2 (1 + 5) + 2 = 14 units, which exp turns
-/// into 4.5 times that. Rust's exp and division are closer.
+/// Largest relative error of a lateral weight, rounding units. WGSL allows exp(x) 3 + 2 |x| ULP of 2 units and a
+/// division 2.5; |x| is at most 4.5. The exponent x = -(a / s)^2 / 2 has the roundings of a difference, a division
+/// twice, and two products: 2 (1 + 5) + 2 = 14 units, which exp turns into 4.5 times that. Rust's exp and division are
+/// closer.
 const WEIGHT: f64 = 2.0 * (3.0 + 2.0 * 4.5) + 4.5 * 14.0;
 
-/// Bound on the rounding error of the sum of pulses in single precision: each has the errors of its weight and of two products, and that of the
-/// interpolation between two rows of its table, five roundings of the larger one; a sum of n terms adds n units of the sum of their magnitudes.
+/// Bound on the rounding error of the sum of pulses in single precision: each has the errors of its weight and of two
+/// products, and that of the interpolation between two rows of its table, five roundings of the larger one; a sum of n
+/// terms adds n units of the sum of their magnitudes.
 fn rounding(scatterers: &[Scatterer], pulse: &Pulse, lines: usize, samples: usize) -> Vec<f64> {
     let mut sums = vec![[0.0; 3]; lines * samples];
     let length = pulse.length() as i64;

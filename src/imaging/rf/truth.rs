@@ -63,7 +63,8 @@ pub fn windows(
 }
 
 impl Followed {
-    /// Motion since the first frame, um: away from the probe along the line, towards the marked side, and along the normal of the image.
+    /// Motion since the first frame, um: away from the probe along the line, towards the marked side, and along the
+    /// normal of the image.
     pub fn motion_um(&self, synthesizer: &RfSynthesizer, probe_to_world: &Matrix4<f64>) -> [f64; 3] {
         let now = inverse_rigid(probe_to_world).transform_point(&synthesizer.carry(&self.rest));
         let ray = synthesizer.grid().rays()[self.line];
@@ -71,7 +72,8 @@ impl Followed {
     }
 }
 
-/// Motion of each mesh node from the reference state, um: along the middle line, towards the marked side, and along the normal of the image.
+/// Motion of each mesh node from the reference state, um: along the middle line, towards the marked side, and along the
+/// normal of the image.
 pub fn nodes<'a>(synthesizer: &'a RfSynthesizer, probe_to_world: &Matrix4<f64>) -> impl Iterator<Item = [f64; 3]> + 'a {
     let [reference, current] = synthesizer.nodes();
     let to_probe = inverse_rigid(probe_to_world);

@@ -95,7 +95,8 @@ impl SceneFile {
     }
 }
 
-/// Default probe: the one that matches a phantom's default pose; for files that of the default phantom, deep and curvilinear.
+/// Default probe: the one that matches a phantom's default pose; for files that of the default phantom, deep and
+/// curvilinear.
 fn usual_probe(phantom: Option<Phantom>) -> Result<Probe, TrackingError> {
     let usual = phantom::usual_probe(phantom.unwrap_or_default());
     let mut kinds = ProbeKind::ALL.iter().copied();

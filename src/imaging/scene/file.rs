@@ -76,8 +76,8 @@ pub struct SceneFile {
 document::input_file!(SceneFile, in_ranges);
 
 impl SceneFile {
-    /// Default scene for a label file or folder of masks: the body completed, tissues by name or value, the probe on the skin
-    /// over the largest soft organ, the usual effects.
+    /// Default scene for a label file or folder of masks: the body completed, tissues by name or value, the probe on
+    /// the skin over the largest soft organ, the usual effects.
     pub fn for_labels(path: &Path) -> Self {
         Self {
             version: Some(Version),

@@ -330,8 +330,8 @@ fn cropping(frames: &[TrackedFrame], recorded: &[SequenceFrame]) -> Result<Optio
     Err(format!("is {rows:?}"))
 }
 
-/// Lists the transforms of a sequence, invalid ones marked, and those defined in the configuration, with a suggestion for
-/// a misspelt name.
+/// Lists the transforms of a sequence, invalid ones marked, and those defined in the configuration, with a suggestion
+/// for a misspelt name.
 fn known_transforms(
     sequence: &Sequence,
     defined: &BTreeMap<String, TrackedTransform>,

@@ -77,7 +77,8 @@ impl SceneFile {
         let needle = self.in_world(needle, &probe)?;
         let image = self.on_grid(framing.image, tracked.as_ref())?;
         settle(&image, &mut file, tracked.as_mut());
-        // Beside the volume there is nothing to touch, and which axes were assumed matters less than that nothing is seen.
+        // Beside the volume there is nothing to touch, and which axes were assumed matters less than that nothing is
+        // seen.
         let blind = outside(&volume, &framing.grid, &probe, self.stated_world());
         if blind.is_none() {
             notes.extend(self.assumed_worlds());
@@ -453,7 +454,8 @@ fn without_contact(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, rea
     let worst = path.keys().iter().map(|key| dark(&key.pose)).max()?;
     (worst > MAX_DARK_PERCENT).then(|| {
         format!(
-            "{worst} % of the array has no body within {reach_mm} mm (at the worst pose) and is dark: move the probe, or raise `effects.contact.reach_mm`"
+            "{worst} % of the array has no body within {reach_mm} mm (at the worst pose) and is dark: move the probe, \
+             or raise `effects.contact.reach_mm`"
         )
     })
 }

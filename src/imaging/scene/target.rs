@@ -138,7 +138,8 @@ impl SceneFile {
                 notes.push(format!("placed {position} {name}: {}", placement.note));
                 Pose::from_matrix(&placement.probe_to_world).map_err(|error| self.fault("pose", error))
             }
-            // Inside the body there is no place to fall back to; on the skin a picture from the front of the volume is better than none.
+            // Inside the body there is no place to fall back to; on the skin a picture from the front of the volume is
+            // better than none.
             Err(error) if probe.shape.kind().site() == Site::Lumen => {
                 let key = error
                     .key()

@@ -15,7 +15,8 @@ use insonify_base::parallel::{self, Pool};
 /// Frames of a thread that wait for the sink.
 const AHEAD: usize = 2;
 
-/// Threads of batches. On the CPU each has a synthesizer, the first the owner's; on a GPU they cut the mesh of the frames of a submission.
+/// Threads of batches. On the CPU each has a synthesizer, the first the owner's; on a GPU they cut the mesh of the
+/// frames of a submission.
 pub(super) struct Team {
     pool: Pool,
     others: Vec<Synthesizer>,
@@ -24,14 +25,14 @@ pub(super) struct Team {
 }
 
 impl Synthesizer {
-    /// Renders frames that do not depend on each other, and passes them with their index to `sink`, in order. Pixels are those of
-    /// [`Synthesizer::render`] for one state after another, at any number of threads; afterwards the synthesizer is as after the
-    /// last of them. An error, of a frame or of the sink, ends the batch.
+    /// Renders frames that do not depend on each other, and passes them with their index to `sink`, in order. Pixels
+    /// are those of [`Synthesizer::render`] for one state after another, at any number of threads; afterwards the
+    /// synthesizer is as after the last of them. An error, of a frame or of the sink, ends the batch.
     ///
-    /// On the CPU each thread renders frames of its own, which saves the waits between passes of a frame that is shared by all.
-    /// The threads belong to the synthesizer, as many as the caller's pool has, or fewer where memory does not suffice; they
-    /// share its tables, and last until it is dropped or its settings change. On a GPU a submission has several frames, whose meshes are cut
-    /// on such threads, and three submissions are in flight.
+    /// On the CPU each thread renders frames of its own, which saves the waits between passes of a frame that is shared
+    /// by all. The threads belong to the synthesizer, as many as the caller's pool has, or fewer where memory does not
+    /// suffice; they share its tables, and last until it is dropped or its settings change. On a GPU a submission has
+    /// several frames, whose meshes are cut on such threads, and three submissions are in flight.
     ///
     /// ```
     /// use insonify_imaging::scene::SceneFile;
@@ -67,8 +68,8 @@ impl Synthesizer {
         )
     }
 
-    /// Like [`Synthesizer::render_batch`], but `take` converts each frame on the thread that rendered it, given its index, the
-    /// synthesizer after `render`, and the time of the frame, ms.
+    /// Like [`Synthesizer::render_batch`], but `take` converts each frame on the thread that rendered it, given its
+    /// index, the synthesizer after `render`, and the time of the frame, ms.
     pub fn batch<T: Send, E: From<SynthError>>(
         &mut self,
         states: &[FrameState],
@@ -92,7 +93,8 @@ impl Synthesizer {
 }
 
 impl Synthesizer {
-    /// Renders a batch in submissions of several frames, of which several are in flight, and calls `each` with the time since the frame before, ms.
+    /// Renders a batch in submissions of several frames, of which several are in flight, and calls `each` with the time
+    /// since the frame before, ms.
     fn batch_on_gpu<E: From<SynthError>>(
         &mut self,
         states: &[FrameState],
@@ -125,7 +127,8 @@ impl Synthesizer {
         let mut locals: Vec<_> = (0..size).map(|_| LocalFrame::new(self.tables.origin)).collect();
         let mut last_taken = Instant::now();
         for turn in 0..states.len().div_ceil(size) + IN_FLIGHT {
-            // Taken back some turns after its submission, so that the GPU has work while frames are passed on and states prepared.
+            // Taken back some turns after its submission, so that the GPU has work while frames are passed on and
+            // states prepared.
             if let Some(done) = turn.checked_sub(IN_FLIGHT)
                 && let Some((submission, mut frames)) = in_flight.pop_front()
                 && let Executor::Gpu(gpu) = &mut self.executor
@@ -160,7 +163,8 @@ impl Synthesizer {
         Ok(())
     }
 
-    /// Threads that cut the meshes of several frames; `None` without a mesh, on one thread, and where the system has no threads to spare.
+    /// Threads that cut the meshes of several frames; `None` without a mesh, on one thread, and where the system has no
+    /// threads to spare.
     fn cutters(&mut self, frames: usize) -> Option<Team> {
         let threads = parallel::threads().min(frames);
         if threads < 2 || self.tables.mesh.is_none() {
@@ -174,8 +178,8 @@ impl Synthesizer {
         })
     }
 
-    /// Threads for a batch on the CPU; `None` where frames are rendered in turn: on a GPU, on one thread, for so few frames that most threads would have
-    /// none, and where memory suffices for one frame at a time.
+    /// Threads for a batch on the CPU; `None` where frames are rendered in turn: on a GPU, on one thread, for so few
+    /// frames that most threads would have none, and where memory suffices for one frame at a time.
     fn team(&mut self, frames: usize) -> Result<Option<Team>, SynthError> {
         let threads = parallel::threads();
         let useful = threads.min(frames);
@@ -222,8 +226,8 @@ impl Synthesizer {
         written + ((AHEAD + 2) * self.frame.pixels.len()) as u64 + scalar * PER_ELEMENT * elements as u64
     }
 
-    /// Renders the state at a place in a batch of which this synthesizer renders each frame that is `stride` after the last: nodes that the
-    /// state leaves as they were are those of the frames between. Returns the time, ms.
+    /// Renders the state at a place in a batch of which this synthesizer renders each frame that is `stride` after the
+    /// last: nodes that the state leaves as they were are those of the frames between. Returns the time, ms.
     fn timed(&mut self, states: &[FrameState], index: usize, stride: usize) -> Result<f64, SynthError> {
         let start = Instant::now();
         let (state, before) = (&states[index], &states[(index + 1).saturating_sub(stride)..index]);

@@ -23,7 +23,8 @@ fn place_of(ticket: Ticket) -> usize {
 }
 
 impl Synthesizer {
-    /// Submits a frame: a GPU works on it while the caller goes on, a CPU backend renders it here. At most three frames are in flight.
+    /// Submits a frame: a GPU works on it while the caller goes on, a CPU backend renders it here. At most three frames
+    /// are in flight.
     ///
     /// ```
     /// use insonify_imaging::scene::SceneFile;
@@ -87,8 +88,8 @@ impl Synthesizer {
         self.take(ticket).map(|frame| Some((ticket, frame)))
     }
 
-    /// Waits for a frame in flight and returns it; frames before it are dropped. If the frame is no longer in flight, returns the
-    /// last frame taken.
+    /// Waits for a frame in flight and returns it; frames before it are dropped. If the frame is no longer in flight,
+    /// returns the last frame taken.
     pub fn take(&mut self, ticket: Ticket) -> Result<&Frame, SynthError> {
         while let Some(mut flight) = self.in_flight.pop_front_if(|oldest| oldest.ticket <= ticket) {
             if flight.ticket < ticket {

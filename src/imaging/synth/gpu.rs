@@ -1,5 +1,5 @@
-//! GPU execution of a plan: its buffers, pipelines and bind groups persist; a submission has one frame or several, one upload, and the
-//! dispatches of the fused passes.
+//! GPU execution of a plan: its buffers, pipelines and bind groups persist; a submission has one frame or several, one
+//! upload, and the dispatches of the fused passes.
 
 mod memory;
 mod readback;

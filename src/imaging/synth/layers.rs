@@ -9,17 +9,17 @@ use super::tables::Tables;
 use insonify_anatomy::volume::Label;
 use insonify_base::real::Real;
 
-/// Beam-space results: scanline by scanline of the central plane, widened to double precision. Results of omitted passes
-/// are empty.
+/// Beam-space results: scanline by scanline of the central plane, widened to double precision. Results of omitted
+/// passes are empty.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Beam {
     /// Number of scanlines.
     pub lines: usize,
     /// Number of samples along a scanline.
     pub samples: usize,
-    /// Reference position in the world, mm, and the warp's flag. Passes compute it in single precision relative to the local
-    /// origin ([`super::local_origin`]), and it is converted to the world in double precision: at 1e5 mm it is as accurate as
-    /// near the origin.
+    /// Reference position in the world, mm, and the warp's flag. Passes compute it in single precision relative to the
+    /// local origin ([`super::local_origin`]), and it is converted to the world in double precision: at 1e5 mm it is as
+    /// accurate as near the origin.
     pub position: Vec<[f64; 4]>,
     /// Mesh element that contains the sample; `u32::MAX` for none.
     pub element: Vec<u32>,

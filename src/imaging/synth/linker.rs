@@ -1,8 +1,9 @@
 //! Linking of fused passes into one shader, for several frames at a time.
 //!
-//! Each pass is a shader of its own ([`Pass`](crate::effects::pass::Pass)). Of each, what its entry point reaches is taken over; declarations
-//! that are the same in several passes are taken over once. Binding 0 has a block for each frame with the parameters of all passes, and bindings 1, 2,
-//! ... the buffers. Buffers that passes write hold consecutive copies, one per frame; indices into them are offset accordingly.
+//! Each pass is a shader of its own ([`Pass`](crate::effects::pass::Pass)). Of each, what its entry point reaches is
+//! taken over; declarations that are the same in several passes are taken over once. Binding 0 has a block for each
+//! frame with the parameters of all passes, and bindings 1, 2, ... the buffers. Buffers that passes write hold
+//! consecutive copies, one per frame; indices into them are offset accordingly.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -37,7 +38,8 @@ pub struct BoundBuffer {
     element_type: String,
 }
 
-/// Bytes of the block of a frame: the parameters of each pass, its extent, and the stride between the frames of each buffer.
+/// Bytes of the block of a frame: the parameters of each pass, its extent, and the stride between the frames of each
+/// buffer.
 pub fn block_bytes(passes: usize) -> usize {
     (passes * (ParamBlock::CAPACITY + 16) + 4 * MAX_BUFFERS).next_multiple_of(ParamBlock::CAPACITY)
 }
@@ -210,9 +212,10 @@ impl Linker {
         name
     }
 
-    /// Tokens with all names of the module resolved, and indices into buffers with a copy per frame offset to that of the frame. Of
-    /// `amplitude[line * samples + i]` it makes `buffer_Amplitude[at_buffer_Amplitude + u32(line * samples + i)]`. `declared` is the name of the
-    /// declaration itself, if it has one; [`SELF`] takes its place.
+    /// Tokens with all names of the module resolved, and indices into buffers with a copy per frame offset to that of
+    /// the frame. Of `amplitude[line * samples + i]` it makes
+    /// `buffer_Amplitude[at_buffer_Amplitude + u32(line * samples + i)]`. `declared` is the name of the declaration
+    /// itself, if it has one; [`SELF`] takes its place.
     fn rewritten<'a>(&mut self, unit: &mut Unit<'a>, tokens: &[&'a str], declared: Option<&str>) -> String {
         let is_struct = tokens.first() == Some(&"struct");
         let mut text = String::new();

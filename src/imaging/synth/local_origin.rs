@@ -1,8 +1,9 @@
 //! Local origin of the passes for scenes far from the origin of the world.
 //!
-//! Passes run in single precision, whose absolute resolution decreases with magnitude: 0.008 mm at 1e5 mm, half a fine sample.
-//! Therefore a distant scene is translated before anything is rounded: volume, mesh, pose, needle, seeds and nodes, in double
-//! precision, by one vector of whole metres. Passes use local coordinates only; all output of the synthesizer is in the world.
+//! Passes run in single precision, whose absolute resolution decreases with magnitude: 0.008 mm at 1e5 mm, half a fine
+//! sample. Therefore a distant scene is translated before anything is rounded: volume, mesh, pose, needle, seeds and
+//! nodes, in double precision, by one vector of whole metres. Passes use local coordinates only; all output of the
+//! synthesizer is in the world.
 //!
 //! ```text
 //!   world, f64:  Anatomy, FrameState ──┐                                      ┌──► Beam, Frame::image_to_world
@@ -10,14 +11,16 @@
 //!   local, f64 and f32:                └──► Tables, plan, passes ─────────────┘
 //! ```
 //!
-//! **Choice.** If no coordinate of the volume's centre exceeds [`FAR_MM`], it is the world's origin: nothing is translated, and
-//! results are bit-identical. Otherwise it is the whole number of metres ([`STEP_MM`]) nearest to the centre along each axis. It
-//! depends on the volume alone, so it is the same in all frames, on all backends, and for all settings.
+//! **Choice.** If no coordinate of the volume's centre exceeds [`FAR_MM`], it is the world's origin: nothing is
+//! translated, and results are bit-identical. Otherwise it is the whole number of metres ([`STEP_MM`]) nearest to the
+//! centre along each axis. It depends on the volume alone, so it is the same in all frames, on all backends, and for
+//! all settings.
 //!
-//! **Anchoring of the grain.** The lattice of scatterers and the solid textures start at the local origin, so that they belong to
-//! the tissue: a scene translated by whole metres, near or far, is the same scene to the passes, and its frames are the same, as
-//! exactly as its coordinates in the world are (a double at 1e5 mm resolves 1.5e-11 mm). Translated by any other vector it has the
-//! same anatomy with another grain of the same statistics, as it has near the world's origin.
+//! **Anchoring of the grain.** The lattice of scatterers and the solid textures start at the local origin, so that they
+//! belong to the tissue: a scene translated by whole metres, near or far, is the same scene to the passes, and its
+//! frames are the same, as exactly as its coordinates in the world are (a double at 1e5 mm resolves 1.5e-11 mm).
+//! Translated by any other vector it has the same anatomy with another grain of the same statistics, as it has near the
+//! world's origin.
 
 use std::mem;
 use std::sync::Arc;
@@ -29,13 +32,14 @@ use super::{FrameState, NeedleShaft};
 use insonify_anatomy::volume::{LabelVolume, VolumeError};
 use insonify_mesh::TetMesh;
 
-/// Largest coordinate of a volume's centre without translation, mm. Below it, single precision resolves 2^-12 mm: stored and summed,
-/// a coordinate has at most this error, which is a tenth of a sample of 0.0024 mm, finer than 8,192 samples over 20 mm. Patients and
-/// phantoms in the frame of a scanner or tracker lie well within it.
+/// Largest coordinate of a volume's centre without translation, mm. Below it, single precision resolves 2^-12 mm:
+/// stored and summed, a coordinate has at most this error, which is a tenth of a sample of 0.0024 mm, finer than 8,192
+/// samples over 20 mm. Patients and phantoms in the frame of a scanner or tracker lie well within it.
 pub(crate) const FAR_MM: f64 = 4096.0;
 
-/// A local origin is a multiple of this along each axis, mm: a metre. Differences of coordinates and such a number are exact in double
-/// precision, and coordinates within a volume's extent from its centre are at most 500 mm larger, resolved to 2^-14 mm or less.
+/// A local origin is a multiple of this along each axis, mm: a metre. Differences of coordinates and such a number are
+/// exact in double precision, and coordinates within a volume's extent from its centre are at most 500 mm larger,
+/// resolved to 2^-14 mm or less.
 pub(crate) const STEP_MM: f64 = 1000.0;
 
 /// Origin of local coordinates in the world.

@@ -1,4 +1,5 @@
-//! Elements of a deforming mesh in the slab of a frame: those in which a sample of any scanline of any sub-plane can lie.
+//! Elements of a deforming mesh in the slab of a frame: those in which a sample of any scanline of any sub-plane can
+//! lie.
 //!
 //! Only these are prepared. Nothing is carried over from one frame to the next but the
 //! positions of nodes that a frame leaves out.
@@ -96,7 +97,8 @@ impl<T: Real> Crossing<T> {
         self.starts[0] = 0;
     }
 
-    /// Finds and prepares the elements of a state whose nodes are at `nodes` (mm) and, in the probe frame, at `in_probe`.
+    /// Finds and prepares the elements of a state whose nodes are at `nodes` (mm) and, in the probe frame, at
+    /// `in_probe`.
     fn cut(
         &mut self,
         view: &SlabView,
@@ -273,8 +275,8 @@ pub struct Slab<T> {
     pub deformed: Crossing<T>,
     /// Elements of the reference state; their maps to the reference state are the identity.
     pub reference: Crossing<T>,
-    /// Starts of the maps in the buffer of element maps on a GPU, in vec4: of the reference elements, and of the deformed ones, to barycentric
-    /// coordinates and to the reference state.
+    /// Starts of the maps in the buffer of element maps on a GPU, in vec4: of the reference elements, and of the
+    /// deformed ones, to barycentric coordinates and to the reference state.
     pub maps_at: [u32; 3],
 }
 
@@ -328,7 +330,8 @@ impl<T: Real> Slab<T> {
         Ok(self.cut(tables, &state.probe_to_world))
     }
 
-    /// Moves the nodes to the state of a frame. Nodes that are NaN or infinite are permitted: their elements hold no sample.
+    /// Moves the nodes to the state of a frame. Nodes that are NaN or infinite are permitted: their elements hold no
+    /// sample.
     ///
     /// # Errors
     /// [`InvalidMesh`] if the number of positions is not that of the mesh; nothing is changed then.

@@ -1,4 +1,5 @@
-//! Working memory of the CPU backend: one vector per buffer that passes write, empty for those that a plan does not use.
+//! Working memory of the CPU backend: one vector per buffer that passes write, empty for those that a plan does not
+//! use.
 
 use super::slab::Slab;
 use super::tables::Tables;

@@ -109,8 +109,8 @@ pub struct LabelRow {
 }
 
 impl LabelRow {
-    /// Amplitude reflection coefficient of the surface between two labels at perpendicular incidence: that of their impedances, or of a
-    /// capsule if it is larger.
+    /// Amplitude reflection coefficient of the surface between two labels at perpendicular incidence: that of their
+    /// impedances, or of a capsule if it is larger.
     pub(crate) fn reflection(&self, other: &Self) -> f64 {
         let [a, b] = [self, other].map(|row| f64::from(row.impedance));
         let step = if a + b > 0.0 { (a - b).abs() / (a + b) } else { 0.0 };
@@ -118,8 +118,8 @@ impl LabelRow {
     }
 }
 
-/// All data derived from an [`Anatomy`] and [`Settings`]. Passes use positions relative to the local origin, and never the anatomy
-/// itself, which is in the world.
+/// All data derived from an [`Anatomy`] and [`Settings`]. Passes use positions relative to the local origin, and never
+/// the anatomy itself, which is in the world.
 #[derive(Clone, Debug)]
 pub struct Tables {
     /// Imaged anatomy in the world.
@@ -282,8 +282,8 @@ fn image_grid(grid: &BeamGrid, image: &ImageSize) -> Result<ImageGrid, SynthErro
     }
 }
 
-/// Refuses a frame that does not fit into memory, before any allocation: map, grey levels and bytes of its pixels, the copy
-/// that is returned, a position, an amplitude and a label per sample, and what effects need besides their buffers.
+/// Refuses a frame that does not fit into memory, before any allocation: map, grey levels and bytes of its pixels, the
+/// copy that is returned, a position, an amplitude and a label per sample, and what effects need besides their buffers.
 fn check_memory(grid: &BeamGrid, settings: &Settings) -> Result<(), SynthError> {
     let ImageSize { width, height, .. } = settings.image;
     let samples = (grid.lines() * grid.samples()) as u64;

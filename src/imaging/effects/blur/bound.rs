@@ -22,7 +22,8 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
                     norm += weight;
                 }
             }
-            // Weights stored (1/2), products (1) and sums; for a truncated kernel also the sum of its weights and a division.
+            // Weights stored (1/2), products (1) and sums; for a truncated kernel also the sum of its weights and a
+            // division.
             let rounding = (1.5 + 2.0 * weights.len() as f64) * ULP + DIVIDE;
             slack.amplitude[line * samples + sample] = (off + rounding * size) / norm.min(1.0);
         }

@@ -109,7 +109,8 @@ fn the_layer_beyond_marks_what_is_continued() {
         let [beyond_it, sector] =
             [0, 1].map(|layer| frame.layers[layer].iter().map(|&value| f64::from(value)).sum::<f64>());
         let share = beyond_it / sector;
-        // 19.5 of the 60 mm of the array lie beside the 41 mm of the volume; columns are 60 mm over the width of the image.
+        // 19.5 of the 60 mm of the array lie beside the 41 mm of the volume; columns are 60 mm over the width of the
+        // image.
         assert!((share - expected).abs() < 0.05, "{beyond:?}: {share}, not {expected}");
     }
 }

@@ -3,12 +3,14 @@
 use crate::parity::rounding::ULP;
 use crate::parity::{Slack, Step};
 
-/// Rounding error of one term of a coordinate, in ULP of the term. Along the ray: sample distance stored (1/2) and multiplied (1), ray
-/// stored (1/2), product (1) and sum (1): 4. Then matrix stored (1/2), product (1) and three sums (3).
+/// Rounding error of one term of a coordinate, in ULP of the term. Along the ray: sample distance stored (1/2) and
+/// multiplied (1), ray stored (1/2), product (1) and sum (1): 4. Then matrix stored (1/2), product (1) and three sums
+/// (3).
 const TERM: f64 = 4.0 + 4.5;
 
-/// Rounding error of the shift that `contact` adds, in ULP of its largest value: direction and matrix stored and multiplied (2), two such
-/// summed (1), the gap multiplied (1); its share, a square of a difference from 1 (8); their product (1).
+/// Rounding error of the shift that `contact` adds, in ULP of its largest value: direction and matrix stored and
+/// multiplied (2), two such summed (1), the gap multiplied (1); its share, a square of a difference from 1 (8); their
+/// product (1).
 const PRESSED: f64 = 13.0;
 
 pub(crate) fn carry(step: &Step, slack: &mut Slack) {

@@ -7,8 +7,8 @@ use crate::effects::speckle::bound::{INTERPOLATION, LOUDEST, SLOPE};
 use crate::parity::rounding::{DIVIDE, ROOT, ULP, pow};
 use crate::parity::{Slack, Step};
 
-/// Change of the gradient per tap along each axis, as a sum over all taps: with weights `w = (1 - x^2 / 9)^2` and slopes `d = x (1 - x^2 /
-/// 9)` on six taps, the sums of `|w|`, `|w'|`, `|d|`, `|d'|` are below 3.3, 2.2, 5 and 5.5.
+/// Change of the gradient per tap along each axis, as a sum over all taps: with weights `w = (1 - x^2 / 9)^2` and
+/// slopes `d = x (1 - x^2 / 9)` on six taps, the sums of `|w|`, `|w'|`, `|d|`, `|d'|` are below 3.3, 2.2, 5 and 5.5.
 const CHANGE: f64 = 5.5 * 3.3 * 3.3;
 
 /// Rounding error of the gradient: 216 sums of products of weights of ten operations each.

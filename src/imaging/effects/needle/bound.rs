@@ -1,5 +1,6 @@
-//! Error bounds of the needle pass: chords through a cylinder. A chord ends in a square root, so at the edge of the shaft rounding errors
-//! enter by their root; in front of the tip and behind the hub the filled share may jump within rounding of the end.
+//! Error bounds of the needle pass: chords through a cylinder. A chord ends in a square root, so at the edge of the
+//! shaft rounding errors enter by their root; in front of the tip and behind the hub the filled share may jump within
+//! rounding of the end.
 
 use crate::effects::needle::{BEVEL, BEVEL_MM, GRAIN_MM, NeedleParams, segments};
 use nalgebra::{Point3, Vector3};
@@ -29,7 +30,8 @@ impl Segment {
         let span = end - start;
         let size = start.coords.amax().max(end.coords.amax());
         let length = span.norm();
-        // Ends stored (1/2 each), difference (1), divided by the length; length from products, sums and a root; division.
+        // Ends stored (1/2 each), difference (1), divided by the length; length from products, sums and a root;
+        // division.
         let axis_off = 2.0 * ULP * size / length + (2.0 * ULP + ROOT + 2.0 * 2.0 * ULP * size / length + DIVIDE);
         Self {
             start: start.coords,
@@ -166,8 +168,9 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
                     if repetition == 0 {
                         let before = slack.mask[index];
                         slack.mask[index] = (before + share_off + ULP).min(1.0);
-                        // No change if the share is zero on both sides. Otherwise the shaded share grows by as much as the filled one: a
-                        // difference of two sums, times the share of the beam (stored and multiplied), added.
+                        // No change if the share is zero on both sides. Otherwise the shaded share grows by as much as
+                        // the filled one: a difference of two sums, times the share of the beam (stored and
+                        // multiplied), added.
                         if share_off > 0.0 {
                             slack.shade[index] += of_beam * (before + slack.mask[index]) + 5.0 * ULP;
                         }

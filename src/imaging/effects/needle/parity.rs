@@ -1,5 +1,5 @@
-//! Needle: chords through a cylinder. The chord ends in a square root, so at the edge of the shaft rounding shows by its
-//! root; in front of the tip and behind the hub the share may jump within rounding of the end.
+//! Needle: chords through a cylinder. The chord ends in a square root, so at the edge of the shaft rounding shows by
+//! its root; in front of the tip and behind the hub the share may jump within rounding of the end.
 
 use insonify_imaging::effects::Effects;
 use insonify_imaging::effects::needle::NeedleEcho;

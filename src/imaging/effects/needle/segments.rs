@@ -7,17 +7,17 @@ use crate::synth::FrameState;
 use crate::synth::tables::Tables;
 use insonify_tracking::needle::MAX_NODES;
 
-/// Start and end of a straight segment in the probe frame (mm), followed by its radius and by the thickness of the plane for it,
-/// mm. Then the distances of its start and end from the tip (mm), the number of its shaft (0 for the needle), and the factor on
-/// its echo before a point spread.
+/// Start and end of a straight segment in the probe frame (mm), followed by its radius and by the thickness of the
+/// plane for it, mm. Then the distances of its start and end from the tip (mm), the number of its shaft (0 for the
+/// needle), and the factor on its echo before a point spread.
 pub type Segment<T> = [[T; 4]; 3];
 
 /// Maximum number of segments of needle and seeds in a frame: at least 192 seeds in one plane.
 pub(crate) const MAX_SEGMENTS: usize = 256;
 
-/// Segments of needle and seeds that meet the scan plane, for the CPU and for upload. For a needle of more than 64 segments
-/// those towards the tip, then those of the seeds in their order, up to [`MAX_SEGMENTS`]. Segments that are not finite or
-/// have no thickness are skipped.
+/// Segments of needle and seeds that meet the scan plane, for the CPU and for upload. For a needle of more than 64
+/// segments those towards the tip, then those of the seeds in their order, up to [`MAX_SEGMENTS`]. Segments that are
+/// not finite or have no thickness are skipped.
 pub fn segments(tables: &Tables, state: &FrameState) -> impl Iterator<Item = Segment<f64>> {
     crossing(tables, state).take(MAX_SEGMENTS)
 }

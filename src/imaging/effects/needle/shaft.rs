@@ -42,7 +42,8 @@ impl<T: Real> Shaft<T> {
         let u = self.axis;
         let q = [x - self.start[0], y - self.start[1], -self.start[2]];
         let along = q[0] * u[0] + q[1] * u[1] + q[2] * u[2];
-        // Distance from the axis at elevation z: |w + z v|, with w and v the parts of q and of z's axis across the shaft.
+        // Distance from the axis at elevation z: |w + z v|, with w and v the parts of q and of z's axis across the
+        // shaft.
         let w = [q[0] - along * u[0], q[1] - along * u[1], q[2] - along * u[2]];
         let a = T::one() - u[2] * u[2];
         let b = w[2];

@@ -1,4 +1,5 @@
-//! Error bounds of quantisation to the nearest byte: a bounded grey level may become any byte between those of its ends.
+//! Error bounds of quantisation to the nearest byte: a bounded grey level may become any byte between those of its
+//! ends.
 
 use crate::parity::rounding::ULP;
 use crate::parity::{Slack, Step};

@@ -1,4 +1,5 @@
-//! Quantise: to the nearest byte. A grey level known to within a bound may come out as any byte between those of its ends.
+//! Quantise: to the nearest byte. A grey level known to within a bound may come out as any byte between those of its
+//! ends.
 
 use crate::parity_tests::case::{check_all, random};
 use crate::support::scene;

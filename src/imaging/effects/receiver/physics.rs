@@ -1,4 +1,5 @@
-//! Noise and clutter: Rayleigh statistics where nothing echoes, powers that add, the laws in depth, a new draw each frame.
+//! Noise and clutter: Rayleigh statistics where nothing echoes, powers that add, the laws in depth, a new draw each
+//! frame.
 
 use insonify_imaging::effects::receiver::Receiver;
 use insonify_imaging::effects::shadow::Shadow;
@@ -23,8 +24,8 @@ const NOISE: Receiver = Receiver {
     ring_down_db: -200.0,
 };
 
-/// Excess kurtosis of each part of the signal: of the sum of six uniform bytes, -(6/5) / 6 up to the grain of a byte, times
-/// the sum of the fourth powers of the weights 1, 2, 1 on two scanlines over the square of that of their squares.
+/// Excess kurtosis of each part of the signal: of the sum of six uniform bytes, -(6/5) / 6 up to the grain of a byte,
+/// times the sum of the fourth powers of the weights 1, 2, 1 on two scanlines over the square of that of their squares.
 const EXCESS: f64 = -0.2 * 18.0 / 36.0 / 2.0;
 
 /// Amplitudes after the receiver, in tissue of an echo and of an attenuation, at the frames asked for.
@@ -66,7 +67,8 @@ fn noise_alone_is_rayleigh() {
         let amplitudes = independent(beam);
         let n = amplitudes.len() as f64;
         let power = squares(&amplitudes);
-        // The power of a complex Gaussian signal of mean 1 has variance 1; with the kurtosis of its parts 1 + EXCESS / 2.
+        // The power of a complex Gaussian signal of mean 1 has variance 1; with the kurtosis of its parts 1 + EXCESS /
+        // 2.
         let variance = 1.0 + EXCESS / 2.0;
         let ratio = mean(&power) / 0.01;
         assert!(
@@ -99,7 +101,8 @@ fn noise_is_new_in_every_frame_and_correlated_only_within_the_pulse() {
         let field: Vec<Vec<f64>> = frames.iter().map(|beam| squares(&beam.amplitude)).collect();
         let samples = SAMPLES as usize;
         let n = field[0].len() as f64;
-        // Correlated draws leave fewer independent ones: 1 + 2 (4/6)^4 + 2 (1/6)^4 samples and 1 + 2 (1/2)^4 scanlines count for one.
+        // Correlated draws leave fewer independent ones: 1 + 2 (4/6)^4 + 2 (1/6)^4 samples and 1 + 2 (1/2)^4 scanlines
+        // count for one.
         let along = 1.0 + 2.0 * (4.0f64 / 6.0).powi(4) + 2.0 * (1.0f64 / 6.0).powi(4);
         let sigma = (along * (1.0 + 2.0 * 0.5f64.powi(4)) / n).sqrt();
         let measured = correlation(&field[0], &field[1]);
@@ -111,8 +114,8 @@ fn noise_is_new_in_every_frame_and_correlated_only_within_the_pulse() {
             let measured = correlation(&field[0][lag..], &field[0][..field[0].len() - lag]);
             assert!(measured.abs() < 4.0 * sigma, "{name}: {measured} at lag {lag}");
         }
-        // The correlation of the power is the square of that of the signal: weights 1, 2, 1 give 4/6 and 1/6, two scanlines 1/2. The kurtosis
-        // moves it by its own size times products of the weights, below 0.05.
+        // The correlation of the power is the square of that of the signal: weights 1, 2, 1 give 4/6 and 1/6, two
+        // scanlines 1/2. The kurtosis moves it by its own size times products of the weights, below 0.05.
         for (lag, expected) in [
             (1, 16.0 / 36.0),
             (2, 1.0 / 36.0),
@@ -147,8 +150,8 @@ fn powers_of_echo_and_noise_add() {
     }
 }
 
-/// Clutter fades beyond the attenuation of average soft tissue, stands still from frame to frame while noise is new, and is another with
-/// another seed.
+/// Clutter fades beyond the attenuation of average soft tissue, stands still from frame to frame while noise is new,
+/// and is another with another seed.
 #[test]
 fn clutter_stands_still_and_fades() {
     let receiver = Receiver {

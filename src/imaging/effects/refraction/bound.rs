@@ -1,5 +1,5 @@
-//! Error bounds of refraction: cumulative phases are integers, equal wherever the labels above agree; their curvature is a sum of rounded
-//! terms.
+//! Error bounds of refraction: cumulative phases are integers, equal wherever the labels above agree; their curvature
+//! is a sum of rounded terms.
 
 use crate::effects::refraction::{MAX, Spread};
 
@@ -41,8 +41,8 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
         );
         for (sample, ((factor, terms), twin)) in exact.into_iter().zip(twin).enumerate() {
             let index = line * samples + sample;
-            // Fifteen operations per term and the division; as many products and sums as samples, of the terms and of 1; decaying factors,
-            // with exponents up to ten times the decay length.
+            // Fifteen operations per term and the division; as many products and sums as samples, of the terms and of
+            // 1; decaying factors, with exponents up to ten times the decay length.
             let sum_off = (2.0 * samples as f64 + 80.0) * ULP * (1.0 + terms) + DIVIDE * terms;
             let largest = factor.max(twin);
             let off = (factor - twin).abs() + (largest * largest * sum_off).min(MAX) + (DIVIDE + ULP) * largest;

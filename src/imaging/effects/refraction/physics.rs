@@ -38,7 +38,8 @@ fn speeds_follow_impedances() {
     assert_eq!([7.38, 0.0004].map(index), [index(1.65); 2], "bone and gas");
 }
 
-/// A beam through the middle of a cylinder of index `n` is gathered by two lenses of focal length `r / (n - 1)`, as far as they act.
+/// A beam through the middle of a cylinder of index `n` is gathered by two lenses of focal length `r / (n - 1)`, as far
+/// as they act.
 #[test]
 fn the_middle_of_a_slow_cylinder_gathers_as_a_lens_does() {
     let excess = index(Z[1]) - index(Z[0]);
@@ -92,8 +93,9 @@ fn curved_arrays_and_other_line_counts_see_the_same() {
         let (a, b) = (few[line][2200], many[2 * line][2200]);
         assert!((a / b - 1.0).abs() < 0.12, "{line}: {a} and {b}");
     }
-    // From an array of 200 mm radius beams diverge as from a source 220 mm before the middle of the cylinder, and a beam that is wider changes
-    // its width by less: by the square of the ratio, on the mean over where the cylinder acts from, its two faces up to 30 mm behind it.
+    // From an array of 200 mm radius beams diverge as from a source 220 mm before the middle of the cylinder, and a
+    // beam that is wider changes its width by less: by the square of the ratio, on the mean over where the cylinder
+    // acts from, its two faces up to 30 mm behind it.
     let straight = ProbeShape::Linear(Linear { width_mm: 60.0 });
     let curved = ProbeShape::Curvilinear(Curvilinear {
         radius_mm: 200.0,

@@ -5,7 +5,8 @@ use crate::effects::scan_conversion::bilinear;
 use crate::parity::rounding::ULP;
 use crate::parity::{Slack, Step};
 
-/// Rounding error of two successive mixes (difference, product, sum of numbers up to 255; the weight is exact), in ULP of 255.
+/// Rounding error of two successive mixes (difference, product, sum of numbers up to 255; the weight is exact), in ULP
+/// of 255.
 const MIXES: f64 = 2.0 * 4.0;
 
 pub(crate) fn carry(step: &Step, slack: &mut Slack) {

@@ -1,11 +1,12 @@
-//! Aperture: bone, gas and needles shade a point from only part of the aperture, so that the edges of their shadows widen with
-//! depth.
+//! Aperture: bone, gas and needles shade a point from only part of the aperture, so that the edges of their shadows
+//! widen with depth.
 //!
-//! A scanner receives from a point at depth `z` with elements up to `z / (2 F)` to either side, of f-number `F`. Rays from [`RAYS`] of them run
-//! straight to each point; the wave is the mean of their transmittances (O. Mattausch and O. Goksel, Eurographics Workshop on Visual Computing for
-//! Biology and Medicine, 2016, cast such rays at random). A ray from an element has the same angle for all points on it, so that the losses down one
-//! ray serve all of them: they are accumulated in one scan per element and angle. Elements beyond the ends of the array are ignored. The attenuation
-//! of soft tissue is that of the scanline.
+//! A scanner receives from a point at depth `z` with elements up to `z / (2 F)` to either side, of f-number `F`. Rays
+//! from [`RAYS`] of them run straight to each point; the wave is the mean of their transmittances (O. Mattausch and O.
+//! Goksel, Eurographics Workshop on Visual Computing for Biology and Medicine, 2016, cast such rays at random). A ray
+//! from an element has the same angle for all points on it, so that the losses down one ray serve all of them: they are
+//! accumulated in one scan per element and angle. Elements beyond the ends of the array are ignored. The attenuation of
+//! soft tissue is that of the scanline.
 
 use std::ops::Range;
 
@@ -23,8 +24,8 @@ pub const RAYS: usize = 5;
 const SIDE: usize = RAYS / 2;
 
 impl Shadow {
-    /// For each off-centre ray, from the inside outwards, a row over the samples: scanlines between the point and the element. Empty if
-    /// shadows do not widen.
+    /// For each off-centre ray, from the inside outwards, a row over the samples: scanlines between the point and the
+    /// element. Empty if shadows do not widen.
     pub fn shifts(&self, grid: &BeamGrid) -> Vec<u32> {
         if self.f_number > 0.0 {
             shifts(self.f_number, grid)

@@ -1,5 +1,5 @@
-//! Error bounds of shadows: sums of integers, equal wherever the labels above agree, their exponentials, and their means over the aperture
-//! and over the beam.
+//! Error bounds of shadows: sums of integers, equal wherever the labels above agree, their exponentials, and their
+//! means over the aperture and over the beam.
 
 use crate::effects::common::spacing;
 use crate::effects::shadow::aperture::{RAYS, element_at, line_at};
@@ -186,7 +186,8 @@ fn tops(step: &Step) -> [Vec<u32>; 2] {
     })
 }
 
-/// Returns the rounding error of the norm of two numbers: squares below the smallest normal number may be flushed to zero.
+/// Returns the rounding error of the norm of two numbers: squares below the smallest normal number may be flushed to
+/// zero.
 fn norm(size: f64) -> f64 {
     (ROOT + 4.0 * ULP) * size + 2.0 * TINY.sqrt()
 }
@@ -276,7 +277,8 @@ pub(crate) fn carry_reverberation(step: &Step, slack: &mut Slack) {
             let [one_way, off] = one_way(f64::from(step.after.loss[index]), slack.loss[index]);
             let share = share(step.tables) * reflection(step.tables, [labels[index], labels[index + 1]]);
             let gain = share * one_way * one_way * directivity(tops, line, samples, spacing(step.tables));
-            // Twice the one-way loss; about seventy operations on numbers up to 1 in the directivity, the reflection and the product.
+            // Twice the one-way loss; about seventy operations on numbers up to 1 in the directivity, the reflection
+            // and the product.
             let off = share * ((2.0 * one_way + off) * off + 70.0 * ULP);
             let mut echoes = before.to_vec();
             for sample in depth..samples {

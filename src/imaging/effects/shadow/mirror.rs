@@ -1,9 +1,10 @@
-//! Mirror image: gas and lung reflect the beam into the tissue above them; its echoes return along the same path and appear beyond the surface.
+//! Mirror image: gas and lung reflect the beam into the tissue above them; its echoes return along the same path and
+//! appear beyond the surface.
 //!
-//! The beam of a scanline is reflected at the first gas or lung by the law of reflection, within the scan plane and at the tilt estimated by
-//! [`reverberation`]. A sample beyond the surface receives the echo at the same path length along the reflected beam, multiplied by
-//! [`Shadow::mirror`](super::Shadow::mirror) and by the attenuation of the extra path, at the mean rate down to the surface. The artefact: M. K.
-//! Feldman et al., RadioGraphics 29 (2009) 1179.
+//! The beam of a scanline is reflected at the first gas or lung by the law of reflection, within the scan plane and at
+//! the tilt estimated by [`reverberation`]. A sample beyond the surface receives the echo at the same path length along
+//! the reflected beam, multiplied by [`Shadow::mirror`](super::Shadow::mirror) and by the attenuation of the extra
+//! path, at the mean rate down to the surface. The artefact: M. K. Feldman et al., RadioGraphics 29 (2009) 1179.
 
 use super::{exponent_per_unit, penumbra, reverberation};
 use crate::effects::common::spacing;
@@ -45,7 +46,8 @@ pub struct Mirror<'a, T> {
 }
 
 impl<T: Real> Mirror<'_, T> {
-    /// Source of a sample beyond the surface: fractional scanline and sample, and the extra path length in sample distances.
+    /// Source of a sample beyond the surface: fractional scanline and sample, and the extra path length in sample
+    /// distances.
     #[inline(always)]
     pub fn place(&self, line: usize, slope: T, sample: usize) -> [T; 3] {
         let number = |n: usize| T::of(n as f64);
@@ -60,7 +62,8 @@ impl<T: Real> Mirror<'_, T> {
             let apex = spacing / spreading;
             let ahead = apex + down;
             let radius = (across * across + ahead * ahead).sqrt();
-            // Twice the arctangent of half the angle, by its Pade approximant: to 1e-5 up to 45 degrees, where images end.
+            // Twice the arctangent of half the angle, by its Pade approximant: to 1e-5 up to 45 degrees, where images
+            // end.
             let tangent = across / (radius + ahead).max(T::of(1e-6));
             let square = tangent * tangent;
             let angle = two * tangent * (T::of(15.0) + T::of(4.0) * square) / (T::of(15.0) + T::of(9.0) * square);

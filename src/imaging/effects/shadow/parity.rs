@@ -1,4 +1,5 @@
-//! Shadow: a sum of integers, which agree exactly wherever the labels above agree, one exponential, and its mean over the beam.
+//! Shadow: a sum of integers, which agree exactly wherever the labels above agree, one exponential, and its mean over
+//! the beam.
 
 use insonify_imaging::effects::shadow::Shadow;
 

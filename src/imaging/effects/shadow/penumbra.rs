@@ -1,10 +1,11 @@
 //! Penumbra: shadow edges as soft as the beam is wide.
 //!
-//! An obstacle shades part of the aperture. The wave that reaches a depth is the mean over the aperture of what each part
-//! transmits, and the echo returns through the same aperture: with `t` the one-way transmittance down each scanline, the echo
-//! is multiplied by `(sum w t)^2`, where `w` are Gaussian weights across scanlines of the width of the beam. At the edge of a
-//! half plane that is a quarter of the amplitude. A sample inside an opaque tissue is seen only by the part of the beam that
-//! its own scanline represents, otherwise bone would appear bright where the beam passes it.
+//! An obstacle shades part of the aperture. The wave that reaches a depth is the mean over the aperture of what each
+//! part transmits, and the echo returns through the same aperture: with `t` the one-way transmittance down each
+//! scanline, the echo is multiplied by `(sum w t)^2`, where `w` are Gaussian weights across scanlines of the width of
+//! the beam. At the edge of a half plane that is a quarter of the amplitude. A sample inside an opaque tissue is seen
+//! only by the part of the beam that its own scanline represents, otherwise bone would appear bright where the beam
+//! passes it.
 
 use super::{Shadow, units};
 use crate::effects::lateral::{BLOCK, FWHM_PER_SIGMA, LateralKernel};

@@ -176,8 +176,8 @@ fn the_loss_at_the_probe_frequency_can_be_switched_off_part_by_part() {
 
 #[test]
 fn the_needle_casts_a_shadow_of_its_thickness() {
-    // A needle of 2 mm across the beam, in the plane: the middle line crosses its whole diameter. It fills two thirds of a
-    // beam of 3 mm.
+    // A needle of 2 mm across the beam, in the plane: the middle line crosses its whole diameter. It fills two thirds
+    // of a beam of 3 mm.
     for (name, backend) in precisions() {
         let mut settings = settings(ProbeShape::Linear(Linear { width_mm: 40.0 }), 600);
         settings.has_needle = true;
@@ -194,9 +194,9 @@ fn the_needle_casts_a_shadow_of_its_thickness() {
             diameter_mm: 2.0,
         });
         let beam = beam_after(&anatomy::uniform(PLAIN), &settings, backend, "shadow", &state);
-        // Scanlines lie 5 mm apart: those at -5, 0 and 5 mm cross the needle. The share along the chord is the cylinder's
-        // half chord over the slab's: its mean over the diameter is pi / 4. Summed in steps of 0.1 mm, a root that starts and
-        // ends steeply is off by half a percent.
+        // Scanlines lie 5 mm apart: those at -5, 0 and 5 mm cross the needle. The share along the chord is the
+        // cylinder's half chord over the slab's: its mean over the diameter is pi / 4. Summed in steps of 0.1 mm, a
+        // root that starts and ends steeply is off by half a percent.
         for line in 0..9 {
             let computed = loss_db(&beam, line, 599);
             let expected = if (3..=5).contains(&line) {
@@ -219,8 +219,8 @@ fn the_needle_casts_a_shadow_of_its_thickness() {
 
 const BONE_MRAYL: f64 = 7.0;
 
-/// Tissue above something opaque whose face lies 20 mm deep in the middle and rises to one side by an angle, after the pass that repeats its echoes if
-/// they are.
+/// Tissue above something opaque whose face lies 20 mm deep in the middle and rises to one side by an angle, after the
+/// pass that repeats its echoes if they are.
 fn above_opaque(angle_deg: f64, reverberation: f64, backend: Backend) -> Beam {
     let opaque = Acoustics {
         occlusion_per_mm: 1.0,
@@ -330,7 +330,8 @@ fn a_ball_above_gas_is_mirrored_in_its_surface() {
                     } else {
                         [(line - 80.0) * 0.25, depth]
                     };
-                    // Beyond the surface, past what gas itself returns; areas of samples grow with the distance from the apex.
+                    // Beyond the surface, past what gas itself returns; areas of samples grow with the distance from
+                    // the apex.
                     if centre[1] < 30.0 + slope * centre[0] + 4.0 {
                         continue;
                     }
@@ -411,8 +412,8 @@ fn the_edge_of_a_shadow_is_as_soft_as_the_beam() {
             for line in 0..beam.lines {
                 // Scanlines every 0.25 mm from -14.875 mm; those at 0.125 mm and beyond meet the plate.
                 let x = -14.875 + 0.25 * line as f64;
-                // What passes the edge, there and back; sampled weights miss a smooth profile by less than 1 %, and their cut
-                // at three deviations by 0.3 %.
+                // What passes the edge, there and back; sampled weights miss a smooth profile by less than 1 %, and
+                // their cut at three deviations by 0.3 %.
                 let open = 0.5 * (1.0 - erf(x / sigma / 2f64.sqrt()));
                 let amplitude = beam.amplitude[line * beam.samples + 100];
                 let edge = 14.9 - x.abs() < 3.0 * sigma;

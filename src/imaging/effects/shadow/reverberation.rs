@@ -1,10 +1,12 @@
 //! Reverberation: repeated echoes between the first bone, gas or lung of a scanline and the face of the array.
 //!
-//! An echo from depth z appears again at z + d, z + 2 d, ..., where d is the depth of the reflector: the A-lines of lung, and the haze of tissue
-//! above it in the shadow of gas. Each repeat is attenuated over the path to the reflector and back, multiplied by [`Shadow::reverberation`], by the
-//! reflection coefficient of the reflector (0.99 for gas, 0.65 for bone) and, for a reflector tilted by theta, by cos^4 theta (the law of
-//! [`interface`](crate::effects::interface)) and cos^4 2 theta (the angle at which it returns to the array). Powers are added, as the phases over
-//! such long paths are random. A lung's A-lines: D. Lichtenstein et al., Intensive Care Med. 24 (1998) 1331.
+//! An echo from depth z appears again at z + d, z + 2 d, ..., where d is the depth of the reflector: the A-lines of
+//! lung, and the haze of tissue above it in the shadow of gas. Each repeat is attenuated over the path to the reflector
+//! and back, multiplied by [`Shadow::reverberation`], by the reflection coefficient of the reflector (0.99 for gas,
+//! 0.65 for bone) and, for a reflector tilted by theta, by cos^4 theta (the law of
+//! [`interface`](crate::effects::interface)) and cos^4 2 theta (the angle at which it returns to the array). Powers are
+//! added, as the phases over such long paths are random. A lung's A-lines: D. Lichtenstein et al., Intensive Care Med.
+//! 24 (1998) 1331.
 
 use super::{Shadow, exponent_per_unit, penumbra};
 use crate::effects::common::spacing;

@@ -1,5 +1,5 @@
-//! Error bounds of the slice: the label of every sample. A twin may read another label only where the sample provably lies within rounding
-//! of a label boundary.
+//! Error bounds of the slice: the label of every sample. A twin may read another label only where the sample provably
+//! lies within rounding of a label boundary.
 
 use std::collections::BTreeSet;
 
@@ -12,12 +12,12 @@ use crate::parity::{Slack, Step};
 /// Rounding error of one term of an index, in ULP: matrix stored (1/2), product (1), three sums (3).
 const TERM: f64 = 4.5;
 
-/// Rounding error of a share of the votes under trilinear interpolation, in ULP: eight weights of two products each from fractions that
-/// lose one difference each, and up to seven sums, of weights that sum to 1.
+/// Rounding error of a share of the votes under trilinear interpolation, in ULP: eight weights of two products each
+/// from fractions that lose one difference each, and up to seven sums, of weights that sum to 1.
 const SHARE: f64 = 2.0 + 3.0 + 7.0;
 
-/// Rounding error of a share of the votes under B-splines, in ULP: weights of up to eight operations each from a fraction that loses a
-/// difference, two products, and sums of four by four by four terms, of weights that sum to 1.
+/// Rounding error of a share of the votes under B-splines, in ULP: weights of up to eight operations each from a
+/// fraction that loses a difference, two products, and sums of four by four by four terms, of weights that sum to 1.
 const SMOOTH_SHARE: f64 = 3.0 * (8.0 + 1.0) + 2.0 + 12.0 + 16.0;
 
 pub(crate) fn carry(step: &Step, slack: &mut Slack) {
@@ -38,7 +38,8 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
     }
 }
 
-/// Returns the labels possible within rounding at a reference position (with its flag; relative to the local origin) known to `off` mm.
+/// Returns the labels possible within rounding at a reference position (with its flag; relative to the local origin)
+/// known to `off` mm.
 pub(crate) fn possible_labels(tables: &Tables, [x, y, z, flag]: [f64; 4], off: [f64; 3]) -> BTreeSet<u8> {
     if flag == 1.0 {
         return BTreeSet::from([0]);
@@ -126,8 +127,8 @@ fn nearest(tables: &Tables, low: [f64; 3], high: [f64; 3], labels: &mut BTreeSet
     }
 }
 
-/// Collects the labels whose share of the votes may be the largest somewhere in the box of indices. Shares, trilinear or of B-splines, are
-/// continuous across cells and change by at most 1 per voxel along each axis.
+/// Collects the labels whose share of the votes may be the largest somewhere in the box of indices. Shares, trilinear
+/// or of B-splines, are continuous across cells and change by at most 1 per voxel along each axis.
 fn vote(tables: &Tables, low: [f64; 3], high: [f64; 3], boundary: Boundary, labels: &mut BTreeSet<u8>) {
     let index: [f64; 3] = std::array::from_fn(|axis| 0.5 * (low[axis] + high[axis]));
     let off: f64 = (0..3).map(|axis| 0.5 * (high[axis] - low[axis])).sum();

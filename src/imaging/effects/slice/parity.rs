@@ -1,5 +1,5 @@
-//! Slice: the label of every sample. A twin may read another label only where the sample provably lies within rounding of
-//! a place where the label changes.
+//! Slice: the label of every sample. A twin may read another label only where the sample provably lies within rounding
+//! of a place where the label changes.
 
 use std::collections::BTreeSet;
 

@@ -112,8 +112,8 @@ fn the_area_of_a_sliced_box_converges() {
     }
 }
 
-/// Departure of a boundary from the straight line that it stands for, from scanline to scanline, rms, mm: a plane that rises one voxel of 1.5 mm
-/// every `run` voxels, read from labels of samples every 0.05 mm.
+/// Departure of a boundary from the straight line that it stands for, from scanline to scanline, rms, mm: a plane that
+/// rises one voxel of 1.5 mm every `run` voxels, read from labels of samples every 0.05 mm.
 fn stairs(boundary: Boundary, run: f64) -> f64 {
     let anatomy = anatomy::of(
         Frame::around([0.0, 20.0, 0.0], [40, 40, 7], 1.5),
@@ -135,8 +135,9 @@ fn stairs(boundary: Boundary, run: f64) -> f64 {
     (errors.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / errors.len() as f64).sqrt()
 }
 
-/// The half-level line of a half-plane's labels under a cubic B-spline, worked out in two dimensions and apart from the renderer, departs from
-/// the plane by 0.136 mm rms where it rises one voxel of 1.5 mm in two, and by 0.276 mm where one in four.
+/// The half-level line of a half-plane's labels under a cubic B-spline, worked out in two dimensions and apart from the
+/// renderer, departs from the plane by 0.136 mm rms where it rises one voxel of 1.5 mm in two, and by 0.276 mm where
+/// one in four.
 #[test]
 fn smooth_boundaries_are_the_half_level_of_a_cubic_b_spline() {
     for (run, expected) in [(2.0, 0.136), (4.0, 0.276)] {

@@ -1,4 +1,5 @@
-//! Error bounds of speckle: a lattice interpolated at positions known to within rounding, two convolutions and a modulus.
+//! Error bounds of speckle: a lattice interpolated at positions known to within rounding, two convolutions and a
+//! modulus.
 
 use crate::effects::speckle::SpeckleTables;
 use crate::effects::warp::bound as warp;
@@ -8,20 +9,20 @@ use crate::parity::{Slack, Step};
 /// Largest modulus of a scatterer, a complex number whose parts are uniform in +-sqrt(6) / 2: sqrt(3).
 const SCATTERER: f64 = 1.732_050_807_568_877_2;
 
-/// Largest interpolated scatterer. The interpolation divides by the product over the axes of sqrt(f^2 + (1 - f)^2), each at least
-/// sqrt(1/2), so the result grows by at most sqrt(8).
+/// Largest interpolated scatterer. The interpolation divides by the product over the axes of sqrt(f^2 + (1 - f)^2),
+/// each at least sqrt(1/2), so the result grows by at most sqrt(8).
 pub(crate) const LOUDEST: f64 = SCATTERER * 2.828_427_124_746_190_3;
 
-/// Change of the interpolated value per lattice step along one axis: with q = 1 / sqrt(f^2 + (1 - f)^2), at most q_y q_z (2 |S| q_x + |S|
-/// |q_x'|), where q <= sqrt 2 and |q'| <= 1.089.
+/// Change of the interpolated value per lattice step along one axis: with q = 1 / sqrt(f^2 + (1 - f)^2), at most q_y
+/// q_z (2 |S| q_x + |S| |q_x'|), where q <= sqrt 2 and |q'| <= 1.089.
 pub(crate) const SLOPE: f64 = 2.0 * SCATTERER * (2.0 * std::f64::consts::SQRT_2 + 1.089);
 
-/// Rounding error of the interpolation, relative to the loudest: differences (2), products (3) and eight sums (8) of the weighted corners,
-/// and for the scale three sums of squares (4 each), two products, root and division.
+/// Rounding error of the interpolation, relative to the loudest: differences (2), products (3) and eight sums (8) of
+/// the weighted corners, and for the scale three sums of squares (4 each), two products, root and division.
 pub(crate) const INTERPOLATION: f64 = 13.0 * ULP + (6.0 + 2.0) * ULP + ROOT + DIVIDE + ULP;
 
-/// Rounding error of a position in lattice units, in ULP of it: mix of two scanlines (3), offset (3), sum (1), lattice distance stored
-/// (1/2) and product (1).
+/// Rounding error of a position in lattice units, in ULP of it: mix of two scanlines (3), offset (3), sum (1), lattice
+/// distance stored (1/2) and product (1).
 const POSITION: f64 = 8.5;
 
 /// Rounding error of the mix of two positions, whose weight is a quotient.
@@ -137,14 +138,15 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
     }
 }
 
-/// Ratio of typical error to bound. The bound adds thousands of roundings (kernel taps, corners, terms) as if all had the same sign.
-/// Independent roundings add in quadrature (N. J. Higham and T. Mary, SIAM J. Sci. Comput. 41(5), 2019): the sum of `n` of equal size is
-/// the bound over sqrt(n). With more than 400 in every echo of these scenes, typically a twentieth remains. This holds for rounding to
-/// nearest, whose errors have no common sign, and not where a device truncates, as WGSL allows.
+/// Ratio of typical error to bound. The bound adds thousands of roundings (kernel taps, corners, terms) as if all had
+/// the same sign. Independent roundings add in quadrature (N. J. Higham and T. Mary, SIAM J. Sci. Comput. 41(5), 2019):
+/// the sum of `n` of equal size is the bound over sqrt(n). With more than 400 in every echo of these scenes, typically
+/// a twentieth remains. This holds for rounding to nearest, whose errors have no common sign, and not where a device
+/// truncates, as WGSL allows.
 const TYPICAL: f64 = 1.0 / 20.0;
 
-/// Checks the root mean square of the deviations, which an error too small for the bounds would still raise. Samples with a wide bound
-/// because of a doubtful label nearby are excluded; only the bounds apply to them.
+/// Checks the root mean square of the deviations, which an error too small for the bounds would still raise. Samples
+/// with a wide bound because of a doubtful label nearby are excluded; only the bounds apply to them.
 fn check_typical(step: &Step, slack: &mut Slack) {
     let mut bounds = slack.amplitude.clone();
     bounds.sort_by(f64::total_cmp);

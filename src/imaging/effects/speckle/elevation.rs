@@ -19,10 +19,11 @@ const FEWEST: usize = 3;
 /// a third to three quarters of the middle.
 const PLANES_PER_SIGMA: f64 = 2.5;
 
-/// Candidate ranges of the distance between sub-planes, lattice steps, with the minimum number of sub-planes for each. At
-/// multiples of a lattice step, or near them, sub-planes parallel to the lattice all have the same fractional position
-/// between lattice points, and the total power varies with the position of the scan plane: by 2.8 dB at one step, by less
-/// than 0.7 dB at these distances. Wider ones leave a shoulder in the correlation, below one half for fewer than four.
+/// Candidate ranges of the distance between sub-planes, lattice steps, with the minimum number of sub-planes for each.
+/// At multiples of a lattice step, or near them, sub-planes parallel to the lattice all have the same fractional
+/// position between lattice points, and the total power varies with the position of the scan plane: by 2.8 dB at one
+/// step, by less than 0.7 dB at these distances. Wider ones leave a shoulder in the correlation, below one half for
+/// fewer than four.
 const DISTANCES: [(usize, [f64; 2]); 4] = [
     (3, [0.55, 0.66]),
     (4, [1.25, 1.4]),
@@ -37,8 +38,8 @@ const STEP: f64 = 0.01;
 const TOLERANCE: f64 = 0.03;
 
 impl Elevation {
-    /// Smallest number of sub-planes whose echo intensity has a correlation of full width at half maximum `width` lattice
-    /// steps; the closest one if none has it.
+    /// Smallest number of sub-planes whose echo intensity has a correlation of full width at half maximum `width`
+    /// lattice steps; the closest one if none has it.
     pub(crate) fn of_width(width: f64) -> Self {
         let mut best = (f64::INFINITY, Self::spaced(FEWEST, DISTANCES[0].1[0]));
         for count in FEWEST..=MAX_PLANES {

@@ -104,7 +104,8 @@ fn autocorrelation(fields: &[Beam], stride: usize, reach: usize, rows: std::ops:
 #[test]
 fn amplitudes_are_rayleigh_distributed() {
     for (name, backend) in precisions() {
-        // Three lengths apart, where intensities are correlated by (1/2)^36 = 1e-11 or less, samples count as independent.
+        // Three lengths apart, where intensities are correlated by (1/2)^36 = 1e-11 or less, samples count as
+        // independent.
         let speckle = even(0.8, 1.5, 1.6);
         let (down, across) = ((2.4 / SAMPLE_MM).ceil() as usize, (4.5 / LINE_MM).ceil() as usize);
         let mut sample = Vec::new();
@@ -118,8 +119,9 @@ fn amplitudes_are_rayleigh_distributed() {
             }
         }
         let n = sample.len() as f64;
-        // Mean over standard deviation is sqrt(pi / (4 - pi)) = 1.913. By the delta method its estimate has the variance
-        // (1 - r g + r^2 (k - 1) / 4) / n = 1.85 / n, with r the ratio, skewness g = 0.631 and kurtosis k = 3.245.
+        // Mean over standard deviation is sqrt(pi / (4 - pi)) = 1.913. By the delta method its estimate has the
+        // variance (1 - r g + r^2 (k - 1) / 4) / n = 1.85 / n, with r the ratio, skewness g = 0.631 and kurtosis k =
+        // 3.245.
         let ratio = mean(&sample) / std(&sample);
         assert!(
             (ratio - 1.913).abs() < 4.0 * (1.85 / n).sqrt(),
@@ -238,7 +240,8 @@ fn speckle_decorrelates_out_of_plane_and_between_seeds() {
         let settings = settings(even(0.8, 1.5, 1.6));
         let mut synthesizer = synthesizer(&anatomy::uniform(PLAIN), &settings, backend);
         let first = field(&mut synthesizer, &beside(0.0)).amplitude;
-        // Cells of one correlation area each: a correlation of independent fields has a standard deviation of 1 / sqrt(n).
+        // Cells of one correlation area each: a correlation of independent fields has a standard deviation of 1 /
+        // sqrt(n).
         let cells = WIDTH_MM / 1.5 * DEPTH_MM / 0.8;
         let limit = 4.0 / cells.sqrt();
         let beside = field(&mut synthesizer, &beside(4.0)).amplitude;

@@ -27,8 +27,8 @@ pub struct SpeckleTables {
     pub axial_share: f64,
     /// Per sample: factor that compensates for the truncation of the axial kernel at the ends of a scanline.
     pub ends: Numbers,
-    /// Per sample: factor by which a surface perpendicular to the beam preserves its echo through both kernels, the step between two
-    /// samples being shared by them.
+    /// Per sample: factor by which a surface perpendicular to the beam preserves its echo through both kernels, the
+    /// step between two samples being shared by them.
     pub specular: Numbers,
     /// Weights across fine scanlines.
     pub lateral: LateralKernel,
@@ -122,8 +122,8 @@ impl SpeckleTables {
         }
     }
 
-    /// Gain of the axial kernel for an echo that extends over `reach_mm` to either side, sampled every `sample_mm`, relative to that of a
-    /// surface.
+    /// Gain of the axial kernel for an echo that extends over `reach_mm` to either side, sampled every `sample_mm`,
+    /// relative to that of a surface.
     pub(crate) fn thick_gain(&self, reach_mm: f64, sample_mm: f64) -> f64 {
         let axial = self.axial.of::<f64>();
         let middle = (axial.len() / 2) as f64;

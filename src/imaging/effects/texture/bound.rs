@@ -6,12 +6,12 @@ use crate::parity::{Slack, Step};
 /// Rounding error of one term of a voxel index, in ULP: product (1) and two sums (2); all backends store the same rows.
 const TERM: f64 = 3.0;
 
-/// Rounding error of the look-up, in ULP of the largest value: three successive mixes, each a difference, a product and a sum of numbers up
-/// to twice as large, and the weight, which lost 1 in the difference with its floor.
+/// Rounding error of the look-up, in ULP of the largest value: three successive mixes, each a difference, a product and
+/// a sum of numbers up to twice as large, and the weight, which lost 1 in the difference with its floor.
 const MIXES: f64 = 3.0 * 4.0 + 3.0;
 
-/// Rounding error of `amplitude * (1 + strength * (value - 1))`, in ULP of its terms: strength stored (1/2), difference, product, sum and
-/// product.
+/// Rounding error of `amplitude * (1 + strength * (value - 1))`, in ULP of its terms: strength stored (1/2),
+/// difference, product, sum and product.
 const APPLY: f64 = 4.5;
 
 pub(crate) fn carry(step: &Step, slack: &mut Slack) {

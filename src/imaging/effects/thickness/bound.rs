@@ -1,5 +1,6 @@
-//! Error bounds of slice thickness: a power average over sub-planes. Only the central sub-plane is read back; the others are treated as
-//! central planes of probes moved in elevation, where every label possible within rounding is taken into account.
+//! Error bounds of slice thickness: a power average over sub-planes. Only the central sub-plane is read back; the
+//! others are treated as central planes of probes moved in elevation, where every label possible within rounding is
+//! taken into account.
 
 use crate::effects::common::plane_step;
 use crate::effects::slice::bound::possible_labels;
@@ -12,7 +13,8 @@ use crate::synth::SynthError;
 use crate::synth::layers::Beam;
 use crate::synth::tables::Tables;
 
-/// Rounding error of the sum of powers, in ULP of it: weight stored (1/2), two products (2), nine sums (9). The root halves it.
+/// Rounding error of the sum of powers, in ULP of it: weight stored (1/2), two products (2), nine sums (9). The root
+/// halves it.
 const SUM: f64 = 11.5;
 
 pub(crate) fn carry(step: &Step, slack: &mut Slack) {
@@ -57,8 +59,8 @@ fn plane_slack(step: &Step, z: f64, outer: &mut Slack) -> Result<Vec<f64>, Synth
     let mut slack = Slack::default();
     let empty = Beam::default();
     for index in 0..=last {
-        // The reference stands in for the twin, whose labels cannot be read: where rounding could change a label, `doubt` below counts
-        // every possible outcome.
+        // The reference stands in for the twin, whose labels cannot be read: where rounding could change a label,
+        // `doubt` below counts every possible outcome.
         let step = Step {
             case: step.case,
             tables: exact.tables(),

@@ -1,14 +1,15 @@
 //! Automatic gain: frame-by-frame equivalent of a scanner's one-touch time-gain compensation.
 //!
-//! The depth of the image is divided into [`BANDS`], as by the sliders of a scanner. In each band the level of tissue is measured over all
-//! scanlines, and a fraction of its deviation from the usual one is removed; between the centres of bands the gain is interpolated linearly.
-//! (Zones of depth and the mean of what is tissue in them: US patent 5,579,768, 1996; masks of what is tissue: R. Moshavegh et al., Proc. SPIE
-//! 9419 (2015) 941904.)
+//! The depth of the image is divided into [`BANDS`], as by the sliders of a scanner. In each band the level of tissue
+//! is measured over all scanlines, and a fraction of its deviation from the usual one is removed; between the centres
+//! of bands the gain is interpolated linearly. (Zones of depth and the mean of what is tissue in them: US patent
+//! 5,579,768, 1996; masks of what is tissue: R. Moshavegh et al., Proc. SPIE 9419 (2015) 941904.)
 //!
-//! The level is a weighted mean of amplitudes: the weight is 0 below [`ZERO_WEIGHT`], so that fluid and shadows do not count and are not amplified,
-//! rises to 1 at [`FULL_WEIGHT`], and amplitudes above [`MAX`] are clamped. A prior of usual tissue replaces missing echoes, so that the gain never
-//! exceeds 12.6 dB. Weight times amplitude is a continuous function of the amplitude with a slope of at most 2.5, and the divisor is never near
-//! 0: a small error of the echoes causes a small one of the gain, which a percentile of a histogram does not guarantee.
+//! The level is a weighted mean of amplitudes: the weight is 0 below [`ZERO_WEIGHT`], so that fluid and shadows do not
+//! count and are not amplified, rises to 1 at [`FULL_WEIGHT`], and amplitudes above [`MAX`] are clamped. A prior of
+//! usual tissue replaces missing echoes, so that the gain never exceeds 12.6 dB. Weight times amplitude is a continuous
+//! function of the amplitude with a slope of at most 2.5, and the divisor is never near 0: a small error of the echoes
+//! causes a small one of the gain, which a percentile of a histogram does not guarantee.
 //!
 //! Noise is never amplified above [`super::NOISE_GREY`].
 
@@ -24,8 +25,9 @@ use insonify_base::simd::Kernel;
 
 /// Number of bands of depth.
 pub const BANDS: usize = 16;
-/// Usual level of tissue after compensation, dB relative to the echo of liver: median of the bands of frames of livers, kidneys and the abdomen
-/// phantom behind a body wall, which attenuates more than the average tissue that is compensated for.
+/// Usual level of tissue after compensation, dB relative to the echo of liver: median of the bands of frames of livers,
+/// kidneys and the abdomen phantom behind a body wall, which attenuates more than the average tissue that is
+/// compensated for.
 pub(crate) const USUAL_DB: f64 = -5.0;
 /// Amplitude up to which echoes do not count, relative to usual tissue: -20 dB.
 pub(crate) const ZERO_WEIGHT: f64 = 0.1;

@@ -1,6 +1,6 @@
-//! Error bounds of the tone pass: a clamped logarithm. Its slope is steep for faint echoes, so both ends of the amplitude interval are
-//! mapped. Automatic gain is a ratio of two sums over a depth band of terms that increase with amplitude, so its ends are mapped in the
-//! same way.
+//! Error bounds of the tone pass: a clamped logarithm. Its slope is steep for faint echoes, so both ends of the
+//! amplitude interval are mapped. Automatic gain is a ratio of two sums over a depth band of terms that increase with
+//! amplitude, so its ends are mapped in the same way.
 
 use crate::effects::tone::auto_gain::{
     AutoGain, BANDS, FULL_WEIGHT, MAX, PRIOR, ZERO_WEIGHT, at, gains, middle, range,
@@ -68,8 +68,8 @@ fn band_ends(automatic: &AutoGain, step: &Step, slack: &Slack, band: usize) -> E
             let off = off + 3.0 * ULP * (echo + off);
             for (end, echo) in [(echo - off).max(0.0), echo + off].into_iter().enumerate() {
                 let side = 2.0 * end as f64 - 1.0;
-                // Difference, at most 0.3 where not clamped (1), its constant stored (1/2), both times 5; then the factor stored and the
-                // product, at most 1 (2).
+                // Difference, at most 0.3 where not clamped (1), its constant stored (1/2), both times 5; then the
+                // factor stored and the product, at most 1 (2).
                 let own_weight =
                     ((echo - ZERO_WEIGHT) / (FULL_WEIGHT - ZERO_WEIGHT) + side * 5.0 * ULP).clamp(0.0, 1.0);
                 weight[end] += own_weight;
@@ -105,7 +105,8 @@ fn lifted(exact: &[f64; BANDS], ends: &[Ends; BANDS], sample: usize, samples: us
         .iter()
         .flatten()
         .fold(0.0f64, |largest, octaves| largest.max(octaves.abs()));
-    // An error of 5 of 16 in the position moves the gain by at most twice the largest; difference, product and sum lose 4 of that.
+    // An error of 5 of 16 in the position moves the gain by at most twice the largest; difference, product and sum lose
+    // 4 of that.
     let rounding = (5.0 * 16.0 * 2.0 + 4.0) * ULP * largest;
     let middle = at(exact, sample, samples);
     [0, 1].map(|end| {

@@ -1,5 +1,6 @@
-//! Tone: a logarithm, clamped. Its slope is steep for faint echoes, so the bound is taken at both ends of the interval that
-//! the amplitude is known to. Automatic gain is a ratio of two sums over a band of depth, of terms that rise with the amplitude: so are its ends.
+//! Tone: a logarithm, clamped. Its slope is steep for faint echoes, so the bound is taken at both ends of the interval
+//! that the amplitude is known to. Automatic gain is a ratio of two sums over a band of depth, of terms that rise with
+//! the amplitude: so are its ends.
 
 use insonify_imaging::effects::receiver::Receiver;
 use insonify_imaging::effects::tone::{Curve, Tone};

@@ -180,7 +180,8 @@ fn automatic_gain_takes_out_its_share_whatever_the_gain() {
     }
 }
 
-/// 5 cm of urine in tissue of average attenuation are compensated for by 25 dB too much: of that a fifth is left, and the urine stays black.
+/// 5 cm of urine in tissue of average attenuation are compensated for by 25 dB too much: of that a fifth is left, and
+/// the urine stays black.
 #[test]
 fn tissue_behind_urine_is_at_most_8_db_too_bright() {
     let tissue = Acoustics {

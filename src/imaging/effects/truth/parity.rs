@@ -6,7 +6,8 @@ use insonify_imaging::synth::{Backend, SynthError, Synthesizer};
 use crate::support::gpu::{backend, gpu_or_skip};
 use crate::support::scene::{everything, frame_of};
 
-/// Share of the pixels whose labels differ where a sample lies within rounding of a face, and with them what is derived of labels.
+/// Share of the pixels whose labels differ where a sample lies within rounding of a face, and with them what is derived
+/// of labels.
 const TORN: f64 = 2e-3;
 
 #[test]

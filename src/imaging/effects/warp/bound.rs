@@ -1,5 +1,6 @@
-//! Error bounds of the warp: the reference position of every sample. A twin may choose another element only if the sample provably lies
-//! within rounding of it, and the other side of the mesh surface only within rounding of that surface.
+//! Error bounds of the warp: the reference position of every sample. A twin may choose another element only if the
+//! sample provably lies within rounding of it, and the other side of the mesh surface only within rounding of that
+//! surface.
 
 use insonify_mesh::{NO_ELEMENT, TetMesh};
 use nalgebra::{Matrix3, Vector3};
@@ -10,14 +11,14 @@ use crate::parity::{Slack, Step};
 /// Rounding error of one term of the map, in ULP: gradient stored (1/2), product (1), three sums (3).
 const TERM: f64 = 4.5;
 
-/// Tolerances of point location: for a barycentric coordinate in ULP per unit of (1 + aspect), and for the point in ULP of the largest
-/// coordinate over the least height. They are the locator's constants of 16 and 2 epsilons, derived there (an epsilon is 1 ULP), doubled
-/// for the rounding of the tested coordinate.
+/// Tolerances of point location: for a barycentric coordinate in ULP per unit of (1 + aspect), and for the point in ULP
+/// of the largest coordinate over the least height. They are the locator's constants of 16 and 2 epsilons, derived
+/// there (an epsilon is 1 ULP), doubled for the rounding of the tested coordinate.
 const COORDINATE: f64 = 2.0 * 16.0;
 const POINT: f64 = 2.0 * 2.0;
 
-/// Bounds each coordinate of a vector (mm, world) that a sample's element maps to the reference state: the difference between the elements
-/// of reference and twin, and the rounding of the map.
+/// Bounds each coordinate of a vector (mm, world) that a sample's element maps to the reference state: the difference
+/// between the elements of reference and twin, and the rounding of the map.
 pub(crate) fn vector_slack(step: &Step, index: usize, vector: Vector3<f64>) -> [f64; 3] {
     let Some(mesh) = step.tables.mesh.as_deref() else {
         return [0.0; 3];
@@ -31,8 +32,9 @@ pub(crate) fn vector_slack(step: &Step, index: usize, vector: Vector3<f64>) -> [
     let differing = carried(&exact) - carried(&twin);
     std::array::from_fn(|row| {
         let rounding = twin.as_ref().map_or(0.0, |element| {
-            // Nodes are stored in single precision: each edge is off by at most ULP times the largest coordinate, and the map by itself
-            // times that over the least height. Then gradient stored (1/2), product (1), two sums (2).
+            // Nodes are stored in single precision: each edge is off by at most ULP times the largest coordinate, and
+            // the map by itself times that over the least height. Then gradient stored (1/2), product (1), two sums
+            // (2).
             let stored = 3.0 * 3f64.sqrt() * ULP * element.largest / element.least_height;
             (stored + 3.5 * ULP) * element.gradient.row(row).norm() * vector.norm()
         });
@@ -96,8 +98,8 @@ impl Tetrahedron {
         self.reference + self.gradient * (p - self.corner)
     }
 
-    /// Returns how far below zero the least barycentric coordinate may be, in a twin that knows the point to `off` mm, with the point still
-    /// accepted.
+    /// Returns how far below zero the least barycentric coordinate may be, in a twin that knows the point to `off` mm,
+    /// with the point still accepted.
     fn coordinate_slack(&self, off: f64) -> f64 {
         let aspect = 1.0 + self.diameter / self.least_height;
         (COORDINATE * aspect + POINT * self.largest / self.least_height) * ULP + off / self.least_height
@@ -232,7 +234,8 @@ impl Surface {
         distances.fold(f64::INFINITY, f64::min)
     }
 
-    /// Returns the largest distance at which rounding decides: the slack of a coordinate times the height, in the worst element.
+    /// Returns the largest distance at which rounding decides: the slack of a coordinate times the height, in the worst
+    /// element.
     fn slack(&self, p: Vector3<f64>, off: f64) -> f64 {
         let near = self
             .elements
@@ -245,7 +248,8 @@ impl Surface {
     }
 }
 
-/// Returns the distance from a point to a triangle: to its plane if the point projects inside, otherwise to its nearest edge.
+/// Returns the distance from a point to a triangle: to its plane if the point projects inside, otherwise to its nearest
+/// edge.
 fn triangle_distance([a, b, c]: [Vector3<f64>; 3], p: Vector3<f64>) -> f64 {
     let normal = (b - a).cross(&(c - a)).normalize();
     let inside = [(a, b), (b, c), (c, a)]

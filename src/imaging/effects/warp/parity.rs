@@ -1,5 +1,5 @@
-//! Warp: the reference position of every sample. A twin may choose another element only if the sample provably lies within
-//! rounding of it, and another side of the mesh's surface only within rounding of that surface.
+//! Warp: the reference position of every sample. A twin may choose another element only if the sample provably lies
+//! within rounding of it, and another side of the mesh's surface only within rounding of that surface.
 
 use insonify_imaging::effects::warp::{BACKGROUND, MAPPED};
 use insonify_mesh::Displacement;
@@ -25,7 +25,8 @@ fn pressed_tissue_under_every_probe_shape() {
 
 #[test]
 fn samples_on_faces_edges_and_nodes_of_the_mesh() {
-    // A lattice of whole millimetres under an axis-aligned probe: samples lie on shared faces, edges, nodes and the surface.
+    // A lattice of whole millimetres under an axis-aligned probe: samples lie on shared faces, edges, nodes and the
+    // surface.
     let settings = {
         let shape = ProbeShape::Linear(Linear { width_mm: 24.0 });
         scene::settings(scene::probe(shape, 40.0, 25, 80), scene::bare())

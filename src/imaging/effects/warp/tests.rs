@@ -23,7 +23,8 @@ fn tables(shape: ProbeShape, nodes: usize) -> Tables {
     Tables::new(anatomy, settings).unwrap()
 }
 
-/// Tissue pressed under the probe, folded where one node passes its neighbours, without a number at another, and remeshed.
+/// Tissue pressed under the probe, folded where one node passes its neighbours, without a number at another, and
+/// remeshed.
 fn state(tables: &Tables, pose: Matrix4<f64>) -> FrameState {
     let mesh = tables.mesh.as_ref().unwrap();
     let press = Displacement::Indentation {
@@ -55,7 +56,8 @@ fn state(tables: &Tables, pose: Matrix4<f64>) -> FrameState {
     }
 }
 
-/// Lowest of all elements at some nodes that holds a position, and whether an inverted one does: every element is tried.
+/// Lowest of all elements at some nodes that holds a position, and whether an inverted one does: every element is
+/// tried.
 fn exhaustive<T: Real>(frames: &[Frame<T>], position: &[T; 4]) -> (u32, bool) {
     let mut holding = (0..frames.len())
         .filter(|&at| element::holds(&frames[at], position))
@@ -64,7 +66,8 @@ fn exhaustive<T: Real>(frames: &[Frame<T>], position: &[T; 4]) -> (u32, bool) {
     (lowest, holding.any(|at| element::is_inverted(&frames[at])))
 }
 
-/// Compares the raster of a frame with the exhaustive search in every `step`-th sample; returns how many samples had each flag.
+/// Compares the raster of a frame with the exhaustive search in every `step`-th sample; returns how many samples had
+/// each flag.
 fn compare<T: Real>(tables: &Tables, state: &FrameState, step: usize) -> [usize; 4] {
     let mesh = tables.mesh.as_ref().unwrap();
     let (lines, samples) = (tables.lines(), tables.samples());

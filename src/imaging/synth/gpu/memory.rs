@@ -34,7 +34,8 @@ impl GpuExecutor {
         self.fit_frames(plan, tables, changed)
     }
 
-    /// Makes memory for several frames of a submission, as many of these as limits and memory allow, and returns their number.
+    /// Makes memory for several frames of a submission, as many of these as limits and memory allow, and returns their
+    /// number.
     pub(crate) fn reserve_frames(&mut self, plan: &Plan, tables: &Tables, wanted: usize) -> Result<usize, SynthError> {
         let uploads = uploads(plan);
         let resources = plan.resources.iter();

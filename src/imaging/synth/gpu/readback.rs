@@ -27,7 +27,8 @@ impl GpuExecutor {
         Ok(())
     }
 
-    /// Bytes that come back from a submission: the pixels of each band, and behind them the ground truth, if there is any.
+    /// Bytes that come back from a submission: the pixels of each band, and behind them the ground truth, if there is
+    /// any.
     fn read_back_sizes(&self, tables: &Tables) -> Vec<u64> {
         let row_bytes = (self.frames * tables.words_per_row() * 4) as u64;
         let pixels = self.bands.iter().map(|band| u64::from(band.rows) * row_bytes);
@@ -117,7 +118,8 @@ impl GpuExecutor {
         }
     }
 
-    /// Reads the beam-space results of the last frame, relative to the local origin, as they were after the last executed pass.
+    /// Reads the beam-space results of the last frame, relative to the local origin, as they were after the last
+    /// executed pass.
     pub(crate) fn beam(&self, flipped: bool, tables: &Tables) -> Result<Beam, SynthError> {
         let count = tables.lines() * tables.samples();
         let words = |buffer: &'static Buffer, per_sample: usize| -> Result<Vec<u32>, GpuError> {

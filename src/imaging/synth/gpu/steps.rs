@@ -10,7 +10,8 @@ use crate::synth::linker::{self, ENTRY, Linked};
 use crate::synth::tables::Tables;
 use insonify_gpu::{Access, Dispatch, GpuError, Loops, PassSource, Pipeline, StorageBuffer};
 
-/// Every loop of these shaders counts towards a bound that does not change within it, or narrows an interval of integers.
+/// Every loop of these shaders counts towards a bound that does not change within it, or narrows an interval of
+/// integers.
 #[allow(unsafe_code, reason = "says that loops end")]
 // SAFETY: as above.
 const LOOPS: Loops = unsafe { Loops::ending() };
@@ -82,7 +83,8 @@ impl GpuExecutor {
         Ok(steps)
     }
 
-    /// Writes the extents of the passes and the strides between the frames of each buffer into the blocks of a dispatch.
+    /// Writes the extents of the passes and the strides between the frames of each buffer into the blocks of a
+    /// dispatch.
     fn write_constants(&mut self, blocks_at: usize, extents: &[[u32; 3]], linked: &Linked, part: usize) {
         let (block, passes) = (linker::block_bytes(extents.len()), extents.len());
         let extents = extents.iter().flat_map(|&[x, y, z]| [x, y, z, 0]);

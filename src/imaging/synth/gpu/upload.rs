@@ -24,8 +24,9 @@ pub(super) const UPLOAD_BYTES: u64 = 64 << 10;
 const OF_REFERENCE: usize = size_of::<ElementFrame<f32>>();
 const OF_DEFORMED: usize = size_of::<ElementFrame<f32>>() + size_of::<Carry<f32>>();
 
-/// Places in the buffer of uploads, bytes: element maps of the reference state, blocks of parameters of the passes one by one and fused,
-/// buffers filled before every frame, and element maps of the deformed state, which end with those that a submission has.
+/// Places in the buffer of uploads, bytes: element maps of the reference state, blocks of parameters of the passes one
+/// by one and fused, buffers filled before every frame, and element maps of the deformed state, which end with those
+/// that a submission has.
 #[derive(Default)]
 pub(super) struct Uploads {
     /// The buffer.
@@ -236,8 +237,8 @@ impl GpuExecutor {
     }
 }
 
-/// Cuts the mesh for several frames. Nodes that a frame leaves as they were are those of the frame before; the first slab has those of
-/// the last submission.
+/// Cuts the mesh for several frames. Nodes that a frame leaves as they were are those of the frame before; the first
+/// slab has those of the last submission.
 fn cut(slabs: &mut [Slab<f32>], tables: &Tables, states: &[&FrameState]) -> Result<(), InvalidMesh> {
     try_for_each((&mut *slabs, states), &|(slab, state)| slab.move_nodes(state))?;
     for (frame, state) in states.iter().enumerate().skip(1) {

@@ -52,8 +52,8 @@ impl<'a> SlabView<'a> {
         }
     }
 
-    /// Whether the box of the nodes of an element, grown by what may test as inside, meets that of the samples. If the box of several elements
-    /// does not, none of theirs does. Nodes that are NaN do not count.
+    /// Whether the box of the nodes of an element, grown by what may test as inside, meets that of the samples. If the
+    /// box of several elements does not, none of theirs does. Nodes that are NaN do not count.
     #[inline(always)]
     pub(super) fn meets(&self, in_probe: &[Vec<f64>; 3], nodes: &[u32]) -> bool {
         // Most elements lie beside the plane.
@@ -69,8 +69,8 @@ impl<'a> SlabView<'a> {
         })
     }
 
-    /// First scanline that can meet each of several elements with these corners, grown by `reach` (mm in the world), and the one past the
-    /// last.
+    /// First scanline that can meet each of several elements with these corners, grown by `reach` (mm in the world),
+    /// and the one past the last.
     #[inline(always)]
     pub(super) fn lines(&self, corners: &[[Pack<LANES>; 3]; 4], reach: Pack<LANES>) -> [[u32; 2]; LANES] {
         let line_count = self.grid.lines() as u32;
