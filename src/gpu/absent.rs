@@ -30,6 +30,8 @@ pub struct Needs;
 pub struct AdapterReport {
     /// Name given by the driver.
     pub name: String,
+    /// Whether it computes on the CPU.
+    pub software: bool,
 }
 
 /// Adapter to open.
