@@ -1,75 +1,109 @@
-//! What does each effect do? The same frame with one effect at a time, then with all, as one picture.
+//! What does each effect do? The same frame with one effect at a time, then with all, as one picture; a picture of a frame
+//! without and with each effect; and the page that shows them.
 //!
 //! The first panel is slicing alone: labels become echoes, shown linearly. The second adds the tone curve, which every
 //! further panel has too, beside the one effect in its caption. What the effects do is that of their examples, which exaggerate.
 //!
-//! `cargo run --release --example one_effect -- docs/effects.png`
+//! `cargo run --release --example one_effect -- docs`
 
 mod caption;
+mod page;
 
 use std::error::Error;
-use std::path::PathBuf;
+use std::fs;
+use std::path::{Path, PathBuf};
 
-use insonify::imaging::effects::{Effect, LISTED};
-use insonify::{Backend, FrameState, SceneFile, Synthesizer, write_png};
+use insonify::imaging::effects::LISTED;
+use insonify::{Backend, Frame, FrameState, SceneFile, write_png};
 use nalgebra::Matrix4;
 
-/// What the examples of effects are added to.
+/// What the examples of effects are added to. The probe is 4 mm off the skin, and grey around the sector shows it.
 const SCENE: &str = r#"
 version = 1
 seed = 11
-volume = { phantom = "abdomen" }
-probe = { kind = "curvilinear", radius_mm = 60.0, angle_deg = 70.0, depth_mm = 100.0, frequency_mhz = 4.0 }
-image = { width = 300, height = 190, margin = 0.015 }
+volume = { phantom = "abdomen", resolution_mm = 2.0 }
+probe = { kind = "curvilinear", radius_mm = 60.0, angle_deg = 70.0, depth_mm = 104.0, frequency_mhz = 4.0 }
+pose = { position_mm = [-68.7, -81.0, -47.2], direction = [0.15, 0.96, 0.23], lateral = [0.66, -0.27, 0.7] }
+image = { width = 300, height = 190, margin = 0.015, fill = 48 }
 "#;
 
 const COLUMNS: usize = 5;
 
+/// Grey level around the sector, in the scene and below its panel.
+const FILL: u8 = 48;
+
+/// Between the two frames of a picture, pixels.
+const GAP: usize = 4;
+
 fn main() -> Result<(), Box<dyn Error>> {
-    let path = std::env::args_os().nth(1).map_or("effects.png".into(), PathBuf::from);
-    let removable = || {
-        LISTED
-            .iter()
-            .filter(|effect| effect.remove.is_some() && !effect.example.is_empty())
-    };
-    let examples: Vec<&str> = removable().map(|effect| effect.example).collect();
-    let scene = SceneFile::parse(&format!("{SCENE}{}", examples.join("\n")), "one_effect")?.resolve(".".as_ref())?;
+    let folder = std::env::args_os().nth(1).map_or(".".into(), PathBuf::from);
+    fs::create_dir_all(folder.join("effects"))?;
+    let effects = || LISTED.iter().filter(|effect| !effect.example.is_empty());
+    for effect in effects() {
+        let others: &[&str] = if effect.name == "tone" { &[] } else { &["tone"] };
+        let frames = [frame(others)?, frame(&["tone", effect.name])?];
+        write_pair(&folder.join("effects").join(format!("{}.png", effect.name)), &frames)?;
+    }
+    let all: Vec<&str> = effects().map(|effect| effect.name).collect();
+    let single = all.iter().filter(|name| !["slice", "tone"].contains(name));
+    let mut panels = vec![("slice", frame(&["slice"])?), ("tone", frame(&["tone"])?)];
+    for name in single {
+        panels.push((name, frame(&["tone", name])?));
+    }
+    panels.push(("all", frame(&all)?));
+    write_panels(&folder.join("effects.png"), &panels)?;
+    fs::write(folder.join("effects.md"), page::page()?)?;
+    println!("{}", folder.display());
+    Ok(())
+}
+
+/// A frame of the scene with the examples of these effects.
+fn frame(effects: &[&str]) -> Result<Frame, Box<dyn Error>> {
+    let mut text = SCENE.to_owned();
+    for effect in LISTED.iter().filter(|effect| effects.contains(&effect.name)) {
+        text += &format!("{}\n", effect.example);
+    }
+    // A scene that lists no effects has the usual ones.
+    if effects.is_empty() {
+        text += "effects = {}\n";
+    }
+    let scene = SceneFile::parse(&text, "one_effect")?.resolve(".".as_ref())?;
     let mut state = FrameState::at(Matrix4::identity());
     scene.state(0, 1, &mut state)?;
+    Ok(scene.synthesizer(Backend::Cpu)?.render(&state)?.clone())
+}
 
-    let single = removable()
-        .filter(|effect| effect.name != "tone")
-        .map(|effect| effect.name);
-    let panels: Vec<&str> = ["slice", "tone"].into_iter().chain(single).chain(["all"]).collect();
-    let is_shown = |panel: &str, effect: &Effect| match panel {
-        "all" => true,
-        "slice" => false,
-        _ => effect.name == panel || effect.name == "tone",
-    };
-
-    let [width, height] = [scene.settings.image.width, scene.settings.image.height];
+/// Writes frames with their names.
+fn write_panels(path: &Path, panels: &[(&str, Frame)]) -> Result<(), Box<dyn Error>> {
+    let [width, height] = [panels[0].1.width, panels[0].1.height];
     let (columns, rows) = (
         COLUMNS * width,
         panels.len().div_ceil(COLUMNS) * (height + caption::HEIGHT),
     );
-    let mut picture = vec![0; columns * rows];
-    for (place, panel) in panels.into_iter().enumerate() {
-        let (mut anatomy, mut settings) = (scene.anatomy.clone(), scene.settings.clone());
-        for effect in LISTED.iter().filter(|effect| !is_shown(panel, effect)) {
-            if let Some(remove) = effect.remove {
-                remove(&mut anatomy, &mut settings);
-            }
-        }
-        let mut synth = Synthesizer::new(anatomy, settings, Backend::Cpu)?;
-        let pixels = &synth.render(&state)?.pixels;
-        let (left, top) = (place % COLUMNS * width, place / COLUMNS * (height + caption::HEIGHT));
-        for (row, line) in pixels.chunks_exact(width).enumerate() {
-            picture[(top + row) * columns + left..][..width].copy_from_slice(line);
-        }
-        caption::write(&mut picture, columns, [left + 8, top + height + 4], panel);
-        println!("{panel:<10} {} passes", synth.plan().passes.len());
+    let mut picture = vec![FILL; columns * rows];
+    for (index, (name, frame)) in panels.iter().enumerate() {
+        let (left, top) = (index % COLUMNS * width, index / COLUMNS * (height + caption::HEIGHT));
+        copy(frame, &mut picture, columns, [left, top]);
+        caption::write(&mut picture, columns, [left + 8, top + height + 4], name);
     }
-    write_png(&path, columns, rows, &picture)?;
-    println!("{}", path.display());
+    write_png(path, columns, rows, &picture)?;
     Ok(())
+}
+
+/// Writes two frames side by side.
+fn write_pair(path: &Path, frames: &[Frame; 2]) -> Result<(), Box<dyn Error>> {
+    let [width, height] = [frames[0].width, frames[0].height];
+    let columns = 2 * width + GAP;
+    let mut picture = vec![0; columns * height];
+    copy(&frames[0], &mut picture, columns, [0, 0]);
+    copy(&frames[1], &mut picture, columns, [width + GAP, 0]);
+    write_png(path, columns, height, &picture)?;
+    Ok(())
+}
+
+/// Copies a frame into a picture with its upper left pixel at `corner`.
+fn copy(frame: &Frame, picture: &mut [u8], columns: usize, [left, top]: [usize; 2]) {
+    for (row, line) in frame.pixels.chunks_exact(frame.width).enumerate() {
+        picture[(top + row) * columns + left..][..frame.width].copy_from_slice(line);
+    }
 }

@@ -6,7 +6,7 @@
 //!
 //! An effect owns its data: its parameters ([`Parameters`]), the tables that it derives from anatomy and settings
 //! (`Derived`, `Key`, `derive`), its buffers ([`Buffer`]) and its vectors on the CPU (`Columns`). `registry!` lists the
-//! effects and what each has of these.
+//! effects and what each has of these. `docs/effects.md` shows what each does to a frame.
 
 pub mod buffers;
 pub mod common;

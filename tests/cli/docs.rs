@@ -17,6 +17,9 @@ use insonify_testing::pages::{Page, invocations, pages, root, sources, texts};
 use insonify_testing::shared;
 use serde_json::Value;
 
+#[path = "../../examples/one_effect/page.rs"]
+mod effects_page;
+
 use crate::beam_measure;
 use crate::support::{Bench, Run};
 
@@ -432,16 +435,24 @@ fn lists_of_choices_are_complete() {
         .flat_map(|list| texts.iter().flat_map(|page| page.incomplete(list)))
         .collect();
     assert!(faults.is_empty(), "{}", faults.join("\n"));
-    let guide = &texts
-        .iter()
-        .find(|page| page.name == "docs/guide.md")
-        .expect("a guide")
-        .text;
-    let effects = lists.iter().find(|list| list.iter().any(|name| name == "speckle"));
-    for effect in effects.expect("the effects") {
-        assert!(
-            guide.contains(&format!("| {effect} |")),
-            "the guide has no row {effect}"
-        );
-    }
+}
+
+#[test]
+fn the_page_of_effects_is_that_of_the_registry() {
+    let expected = effects_page::page().expect("sources of effects");
+    let found = std::fs::read_to_string(root().join("docs/effects.md")).expect("docs/effects.md");
+    let same = expected
+        .lines()
+        .zip(found.lines())
+        .take_while(|(one, other)| one == other);
+    let line = same.count();
+    let nth = |text: &str| text.lines().nth(line).unwrap_or_default().to_owned();
+    assert!(
+        found == expected,
+        "docs/effects.md:{}: `{}`, expected `{}`: write the page anew by `{}`",
+        line + 1,
+        nth(&found),
+        nth(&expected),
+        effects_page::COMMAND
+    );
 }

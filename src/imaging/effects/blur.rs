@@ -1,12 +1,12 @@
-//! Radial blur about the probe's virtual apex (Zhu et al. 2007, section 2.4): a lateral Gaussian along arcs of constant
-//! depth.
+//! Blur: a lateral Gaussian along arcs of constant depth, radial about the probe's virtual apex (Zhu et al. 2007,
+//! section 2.4).
 //!
 //! In beam space an arc of constant depth is a row of samples, so the blur is an exact lateral convolution. At the
 //! edges of the sector the weights are renormalised, so that a constant stays constant. The axial direction is not
 //! blurred, and neither is the apex.
 //!
 //! ```toml
-//! effects.blur = { width_mm = 1.3 }
+//! effects.blur = { width_mm = 2.5 }
 //! ```
 
 #[cfg(any(test, feature = "analysis"))]
@@ -66,7 +66,7 @@ impl Blur {
 pub(crate) const EFFECT: Effect = Effect {
     name: "blur",
     stage: Stage::Beam,
-    example: "effects.blur = { width_mm = 1.3 }",
+    example: "effects.blur = { width_mm = 2.5 }",
     wanted,
     passes: |_| PASSES.iter().collect(),
     buffers: &[&BLUR_KERNEL],

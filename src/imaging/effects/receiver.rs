@@ -17,7 +17,7 @@
 //! silent.
 //!
 //! ```toml
-//! effects.receiver = {}
+//! effects.receiver = { clutter_db = 0.0 }
 //! ```
 
 #[cfg(any(test, feature = "analysis"))]
@@ -103,7 +103,7 @@ impl Receiver {
 pub(crate) const EFFECT: Effect = Effect {
     name: "receiver",
     stage: Stage::Beam,
-    example: "effects.receiver = {}",
+    example: "effects.receiver = { clutter_db = 0.0 }",
     wanted,
     passes: |_| PASSES.iter().collect(),
     buffers: &[&CLUTTER],

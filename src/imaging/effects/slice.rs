@@ -7,7 +7,7 @@
 //! volume cuts it: labels are mirrored at the face, once.
 //!
 //! ```toml
-//! effects.slice = { boundary = "vote", beyond = "continue" }
+//! effects.slice = { boundary = "nearest", beyond = "continue" }
 //! ```
 
 #[cfg(any(test, feature = "analysis"))]
@@ -85,7 +85,7 @@ pub enum Boundary {
 pub(crate) const EFFECT: Effect = Effect {
     name: "slice",
     stage: Stage::Tissue,
-    example: r#"effects.slice = { boundary = "vote", beyond = "continue" }"#,
+    example: r#"effects.slice = { boundary = "nearest", beyond = "continue" }"#,
     wanted,
     passes: |_| PASSES.iter().collect(),
     ..Effect::PLAIN

@@ -1,6 +1,8 @@
-//! Ground-truth layers for training models: label, depth and other properties of each sample. Layers are made from the
-//! samples of the central plane, and read at the nearest one to each pixel. The GPU's differ by at most one unit from
-//! those in double precision where both have the same label.
+//! Truth: layers for training models, with label, depth and other properties of each sample.
+//!
+//! Frames have the layers that are asked for (`insonify render --layers`). They are made from the samples of the
+//! central plane, and read at the nearest one to each pixel. The GPU's differ by at most one unit from those in double
+//! precision where both have the same label.
 
 #[cfg(test)]
 mod parity;
