@@ -1,6 +1,62 @@
 //! `insonify` synthesises B-mode ultrasound frames from labelled volumes, on the GPU through wgpu and on a CPU
 //! reference that checks every pass.
 //!
+//! # Examples
+//!
+//! A frame of a scene. The GPU or the CPU makes it; here, the CPU:
+//!
+//! ```
+//! use insonify::{Backend, SceneFile};
+//!
+//! let text = r#"
+//! version = 1
+//! volume = { phantom = "abdomen", resolution_mm = 4.0 }
+//! image = { width = 320, height = 240 }
+//! "#;
+//! let scene = SceneFile::parse(text, "scene.toml")?.resolve(".".as_ref())?;
+//! let mut synthesizer = scene.synthesizer(Backend::Cpu)?;
+//! for state in scene.states(1) {
+//!     // A state has the poses of probe and needle, and the positions of mesh nodes.
+//!     let frame = synthesizer.render(&state)?;
+//!     assert_eq!((frame.width, frame.height, frame.pixels.len()), (320, 240, 320 * 240));
+//! }
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! Steps of an insertion at haptic rate, and an image of the moved tissue:
+//!
+//! ```
+//! use insonify::{Backend, ScenarioFile, Simulator, SimulatorOptions};
+//!
+//! let text = r#"
+//! version = 1
+//! [scene]
+//! volume = { phantom = "two-layer", resolution_mm = 3.0 }
+//! image = { width = 160, height = 120 }
+//! [tissue]
+//! model = "mass-spring"
+//! [[needle.motion.keyframes]]
+//! time_s = 0.0
+//! tip_mm = [8.0, 0.0, -46.0]
+//! direction = [0.0, 0.0, 1.0]
+//! [[needle.motion.keyframes]]
+//! time_s = 0.1
+//! tip_mm = [8.0, 0.0, -26.0]
+//! direction = [0.0, 0.0, 1.0]
+//! "#;
+//! let scenario = ScenarioFile::parse(text, "insert.toml")?.resolve(".".as_ref(), |_| ())?;
+//! let mut simulator = Simulator::of_scenario(&scenario, Backend::Cpu, SimulatorOptions::default())?;
+//! for step in 1..=scenario.timing.steps {
+//!     // In a simulator, the poses that devices measure; the forces are rendered on them.
+//!     let forces = simulator.step(&scenario.instruments(step), scenario.timing.dt_s)?;
+//!     assert!(forces.axial_n() < 1e-9);
+//! }
+//! let view = scenario.scene.probe_pose(0, 1);
+//! let frame = simulator.frame(view.probe_to_world())?;
+//! assert!(frame.pixels.iter().any(|grey| *grey > 0));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
 //! # Map
 //!
 //! This crate is what a simulator and a renderer need. What it does not have at its root stands in its modules and in the crates below it:

@@ -87,6 +87,46 @@ pub struct Deformed<'a> {
 }
 
 /// Observer of a run.
+///
+/// ```
+/// use insonify::{Observer, Requests, ScenarioFile, Step, StepError, run_scenario};
+///
+/// /// The largest force on the hand, N.
+/// struct Largest(f64);
+///
+/// impl Observer for Largest {
+///     type Error = StepError;
+///
+///     fn step(&mut self, step: &Step<'_>) -> Result<(), StepError> {
+///         self.0 = self.0.max(step.outcome.on_hand.force_n.norm());
+///         Ok(())
+///     }
+/// }
+///
+/// let text = r#"
+/// version = 1
+/// [scene]
+/// volume = { phantom = "two-layer", resolution_mm = 3.0 }
+/// image = { width = 160, height = 120 }
+/// [tissue]
+/// model = "mass-spring"
+/// [[needle.motion.keyframes]]
+/// time_s = 0.0
+/// tip_mm = [8.0, 0.0, -46.0]
+/// direction = [0.0, 0.0, 1.0]
+/// [[needle.motion.keyframes]]
+/// time_s = 0.1
+/// tip_mm = [8.0, 0.0, -26.0]
+/// direction = [0.0, 0.0, 1.0]
+/// "#;
+/// let scenario = ScenarioFile::parse(text, "insert.toml")?.resolve(".".as_ref(), |_| ())?;
+/// let mut model = scenario.model(|_, _| {})?;
+/// let mut largest = Largest(0.0);
+/// let summary = run_scenario(&scenario, model.as_mut(), Requests::default(), &mut largest)?;
+/// assert_eq!(summary.steps, 100);
+/// assert!((summary.max_base_force_n - largest.0).abs() < 1e-12);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub trait Observer {
     /// Errors of the observer and of steps.
     type Error: From<StepError>;

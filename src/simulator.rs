@@ -115,6 +115,44 @@ pub enum Policy {
 }
 
 /// Steps and images of one model, on one or two threads.
+///
+/// The [crate](crate) has an example on one thread. On two, for a scenario:
+///
+/// ```
+/// use insonify::{Backend, ScenarioFile, Simulator, SimulatorOptions};
+///
+/// # let text = r#"
+/// # version = 1
+/// # [scene]
+/// # volume = { phantom = "two-layer", resolution_mm = 3.0 }
+/// # image = { width = 160, height = 120 }
+/// # [tissue]
+/// # model = "mass-spring"
+/// # [[needle.motion.keyframes]]
+/// # time_s = 0.0
+/// # tip_mm = [8.0, 0.0, -46.0]
+/// # direction = [0.0, 0.0, 1.0]
+/// # [[needle.motion.keyframes]]
+/// # time_s = 0.1
+/// # tip_mm = [8.0, 0.0, -26.0]
+/// # direction = [0.0, 0.0, 1.0]
+/// # "#;
+/// # let scenario = ScenarioFile::parse(text, "insert.toml")?.resolve(".".as_ref(), |_| ())?;
+/// let simulator = Simulator::of_scenario(&scenario, Backend::Cpu, SimulatorOptions::default())?;
+/// let (mut haptic, mut imaging) = simulator.split();
+/// let view = *scenario.scene.probe_pose(0, 1).probe_to_world();
+/// std::thread::scope(|scope| {
+///     // Here one frame; in a simulator, as many as there is time for.
+///     let images = scope.spawn(move || imaging.frame(&view).map(|frame| frame.pixels.len()));
+///     for step in 1..=scenario.timing.steps {
+///         haptic.step(&scenario.instruments(step), scenario.timing.dt_s)?;
+///     }
+///     assert_eq!(images.join().expect("no panic")?, 160 * 120);
+///     Ok::<(), Box<dyn std::error::Error>>(())
+/// })?;
+/// assert!(haptic.outcome().inserted_mm > 10.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Simulator {
     haptic: Haptic,
     imaging: Imaging,

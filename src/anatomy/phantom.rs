@@ -104,6 +104,20 @@ pub struct PhantomOptions {
 
 /// Generates a phantom. The same kind, resolution and seed give the same bytes at any thread count.
 ///
+/// ```
+/// use insonify_anatomy::phantom::{Phantom, PhantomOptions, make};
+/// use insonify_anatomy::volume::{load, save};
+///
+/// let options = PhantomOptions { resolution_mm: Some(5.0), ..PhantomOptions::default() };
+/// let volume = make(Phantom::TwoLayer, &options)?;
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("block.nrrd");
+/// save(&volume, &path)?;
+/// let loaded = load(&path)?.volume;
+/// assert_eq!((loaded.size(), loaded.spacing_mm()), (volume.size(), [5.0; 3]));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// A resolution outside its range, or a volume past [`MAX_VOXELS`].
 pub fn make(kind: Phantom, options: &PhantomOptions) -> Result<LabelVolume, VolumeError> {

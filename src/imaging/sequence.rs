@@ -90,6 +90,24 @@ enum Packer {
 /// unless [`SequenceWriter::uncompressed`]; `.npy` with the pixels alone, never compressed. Pixels go to a temporary
 /// file, so memory use is independent of their number; the sequence appears under its name when
 /// [`SequenceWriter::finish`] returns, and not at all if it is dropped before.
+///
+/// ```
+/// use insonify_imaging::sequence::{FrameInfo, SequenceWriter};
+/// use insonify_tracking::sequence::Sequence;
+/// use nalgebra::Matrix4;
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("sweep.igs.mha");
+/// let mut writer = SequenceWriter::create(&path, 2, 3)?;
+/// let transforms = [("ImageToWorld", Matrix4::new_scaling(0.2), true)];
+/// let info = FrameInfo { timestamp: 0.5, transforms: &transforms, image_valid: true };
+/// writer.push(&[0, 50, 100, 150, 200, 250], &info)?;
+/// writer.finish()?;
+///
+/// let image = Sequence::read(&path)?.image(0).ok_or("no image")?;
+/// assert_eq!((image.width, image.height, image.pixels[5]), (2, 3, 250));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct SequenceWriter {
     path: PathBuf,
     format: Format,

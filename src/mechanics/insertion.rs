@@ -161,6 +161,64 @@ pub trait NodeSolver: Send {
 pub struct Saved(pub serde_json::Value);
 
 /// Model of tissue with a needle in it and optionally a probe.
+///
+/// [`Finite`](finite::Finite) has an example of its use. A model of one's own, here of tissue beyond z = 0 that does not move:
+///
+/// ```
+/// use insonify_mechanics::insertion::{Instruments, Model, NodeSolver, Outcome, Saved, Snapshot, StepError, Tissue};
+/// use nalgebra::{Isometry3, Point3, Vector3};
+///
+/// /// A needle of 100 mm, held by 0.02 N a millimetre.
+/// #[derive(Default)]
+/// struct Friction {
+///     base: Isometry3<f64>,
+///     outcome: Outcome,
+/// }
+///
+/// impl Model for Friction {
+///     fn step(&mut self, instruments: &Instruments, _dt_s: f64) -> Result<&Outcome, StepError> {
+///         self.base = instruments.base;
+///         self.outcome.tip_mm = self.base * Point3::new(0.0, 0.0, 100.0);
+///         self.outcome.inserted_mm = self.outcome.tip_mm.z.max(0.0);
+///         self.outcome.on_hand.force_n = self.base * Vector3::z() * (-0.02 * self.outcome.inserted_mm);
+///         Ok(&self.outcome)
+///     }
+///     fn outcome(&self) -> &Outcome {
+///         &self.outcome
+///     }
+///     fn snapshot(&mut self, into: &mut Snapshot) {
+///         let shaft = [0.0, 100.0].map(|arc_mm| (arc_mm, self.base * Point3::new(0.0, 0.0, arc_mm)));
+///         into.line.set(shaft);
+///     }
+///     fn imager(&self) -> Box<dyn NodeSolver> {
+///         Box::new(Rest)
+///     }
+///     fn save(&mut self) -> Saved {
+///         Saved(serde_json::json!([self.base, self.outcome]))
+///     }
+///     fn restore(&mut self, saved: &Saved) -> Result<(), StepError> {
+///         let read = serde_json::from_value(saved.0.clone());
+///         (self.base, self.outcome) = read.map_err(|error| StepError::Foreign(error.to_string()))?;
+///         Ok(())
+///     }
+/// }
+///
+/// /// No mesh.
+/// struct Rest;
+///
+/// impl NodeSolver for Rest {
+///     fn elements(&self) -> &[[u32; 4]] {
+///         &[]
+///     }
+///     fn tissue(&mut self, _: &Snapshot, _: &mut Tissue) {}
+/// }
+///
+/// let mut model = Friction::default();
+/// let base = Isometry3::translation(0.0, 0.0, -60.0);
+/// let outcome = model.step(&Instruments { base, probe: None, guide: None, deposit: false }, 1e-3)?;
+/// assert_eq!((outcome.inserted_mm, outcome.on_hand.force_n.z), (40.0, -0.8));
+/// # Ok::<(), StepError>(())
+/// ```
 pub trait Model: Send {
     /// Sets the poses of the instruments before the first step, which then starts from there and skips no element. A needle
     /// whose tip begins in the tissue is left to the first step, which treats it as pushed in before. Models without an

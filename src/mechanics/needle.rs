@@ -70,6 +70,25 @@ pub struct Row {
 /// The caller iterates: it requests the shape under the current forces and the flexibility there, solves tissue and needle
 /// together, and repeats with the new forces until nothing moves. A needle keeps only buffers between calls: results depend
 /// on the arguments alone.
+///
+/// ```
+/// use insonify_mechanics::needle::{CentreLine, Flexible, Load, Needle, Shaft, Stiffness};
+/// use nalgebra::{Isometry3, Vector3};
+///
+/// let shaft = Shaft { length_mm: 100.0, radius_mm: 0.64 };
+/// let stiffness = Stiffness::default();
+/// let mut needle = Flexible::beam(shaft, stiffness, 10.0, None)?;
+///
+/// // Held at its base, a needle yields to a force at its tip as a cantilever does: F L^3 / (3 EI).
+/// let loads = [Load { arc_mm: 100.0, force_n: Vector3::x() * 0.01 }];
+/// let mut line = CentreLine::default();
+/// for _ in 0..10 {
+///     needle.place(&Isometry3::identity(), None, &loads, &loads, &mut line);
+/// }
+/// let expected_mm = 0.01 * 100.0_f64.powi(3) / (3.0 * stiffness.bending_nmm2());
+/// assert!((line.tip().x / expected_mm - 1.0).abs() < 1e-3, "{} mm", line.tip().x);
+/// # Ok::<(), insonify_base::range::OutOfRange>(())
+/// ```
 pub trait Needle: Send + Debug {
     /// Returns the length from base to tip, mm.
     fn length_mm(&self) -> f64;

@@ -36,6 +36,25 @@ use quality::UnusableMesh;
 ///
 /// Node order of an element: its signed volume is `(n1 - n0) . ((n2 - n0) x (n3 - n0)) / 6`. A mesh in which every element
 /// with a volume is negative was written with the other convention and is reoriented on construction.
+///
+/// ```
+/// use insonify_mesh::{Displacement, TetMesh};
+///
+/// let mesh = TetMesh::over_box([0.0; 3], [40.0; 3], 125)?;
+/// assert_eq!((mesh.nodes().len(), mesh.bounds()), (125, [[0.0; 3], [40.0; 3]]));
+///
+/// // Pressed as by a probe; no element is inverted.
+/// let press = Displacement::Indentation {
+///     centre_mm: [20.0, 20.0, 0.0],
+///     direction: [0.0, 0.0, 1.0],
+///     depth_mm: 5.0,
+///     radius_mm: 10.0,
+/// };
+/// let mut current = Vec::new();
+/// press.displace(mesh.nodes(), &mut current);
+/// assert!(mesh.volumes(&current).all(|mm3| mm3 > 0.0));
+/// # Ok::<(), insonify_mesh::InvalidMesh>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct TetMesh {
     nodes: Vec<[f64; 3]>,

@@ -10,6 +10,24 @@ use insonify_mechanics::insertion::{Instruments, Outcome, Wrench, lever, pointed
 use insonify_tracking::template::Template;
 
 /// Two points on the axis of a probe, each driven by a device that measures and renders three axes.
+///
+/// ```
+/// use insonify::{Damper, TwoPoints};
+/// use nalgebra::{Isometry3, Point3};
+///
+/// // Devices hold a probe 90 and 150 mm behind its end; they measure one point 1 mm too far from the other.
+/// let points = TwoPoints::new([90.0, 150.0])?;
+/// let measured = [Point3::new(0.0, 0.0, -90.0), Point3::new(0.0, 0.0, -151.0)];
+/// let probe = points.pose(&measured, &Isometry3::identity())?;
+/// assert!((probe.stretch_mm - 1.0).abs() < 1e-9);
+/// assert!((probe.pose.translation.z + 0.5).abs() < 1e-9, "half of it at each point");
+///
+/// // Against 1 mm in 1 ms, 0.01 N s/mm are 10 N.
+/// let mut damper = Damper::new(0.01)?;
+/// damper.force(&Point3::origin(), 1e-3);
+/// assert!((damper.force(&Point3::new(1.0, 0.0, 0.0), 1e-3).x + 10.0).abs() < 1e-9);
+/// # Ok::<(), insonify::SimulatorError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TwoPoints {
     at_mm: [f64; 2],
@@ -193,6 +211,31 @@ impl LateralHold {
 
 /// A needle that goes through a hole of a template, moved by a device that stays in place: the motion of the device along
 /// its axis and its roll are applied at the chosen hole.
+///
+/// ```
+/// use insonify::{HoldOptions, LateralHold, Template, TemplateGuided};
+/// use nalgebra::{Isometry3, Point3, Vector3};
+///
+/// let names = |letters: &str| letters.chars().map(String::from).collect();
+/// let template = Template {
+///     origin_mm: Point3::new(20.0, 20.0, -5.0),
+///     steps_mm: [Vector3::x() * 5.0, Vector3::y() * 5.0],
+///     direction: Vector3::z_axis(),
+///     columns: names("AB"),
+///     rows: names("12"),
+/// };
+/// let needle = TemplateGuided::new(template, "B1", Point3::origin())?;
+/// let instruments = needle.instruments(&Isometry3::translation(0.0, 0.0, -180.0));
+/// assert_eq!(instruments.guide, Some(Point3::new(25.0, 20.0, -5.0)));
+/// assert_eq!(instruments.base.translation.vector, Vector3::new(25.0, 20.0, -185.0));
+///
+/// // The device itself is held on its own axis.
+/// let options = HoldOptions { kp_n_per_mm: 2.0, ki_n_per_mm_s: 0.0, kd_ns_per_mm: 0.0, most_n: 6.0 };
+/// let mut hold = LateralHold::new(options)?;
+/// let force = hold.force(&Point3::new(1.0, 0.0, -180.0), &Point3::origin(), &Vector3::z_axis(), 1e-3);
+/// assert!((force - Vector3::new(-2.0, 0.0, 0.0)).norm() < 1e-9);
+/// # Ok::<(), insonify::SimulatorError>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct TemplateGuided {
     template: Template,

@@ -12,7 +12,7 @@ use insonify_mechanics::insertion::{NodeSolver, Snapshot, Tissue};
 use insonify_mesh::TetMesh;
 use insonify_mesh::locator::{Locator, NO_ELEMENT};
 
-/// Renders frames of the latest complete state.
+/// Renders frames of the latest complete state. [`Simulator`](super::Simulator) has an example.
 pub struct Imaging {
     latest: Latest,
     /// `None` if the image has no mesh: then node positions are not needed.

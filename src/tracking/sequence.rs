@@ -52,6 +52,30 @@ pub struct GreyImage {
 }
 
 /// A tracked sequence.
+///
+/// ```
+/// use insonify_tracking::sequence::Sequence;
+/// use nalgebra::Point3;
+///
+/// let text = "\
+/// NDims = 3
+/// DimSize = 2 2 1
+/// ElementType = MET_UCHAR
+/// Seq_Frame0000_Timestamp = 0.5
+/// Seq_Frame0000_ProbeToTrackerTransform = 1 0 0 5 0 1 0 0 0 0 1 0 0 0 0 1
+/// Seq_Frame0000_ProbeToTrackerTransformStatus = OK
+/// ElementDataFile = LOCAL
+/// ";
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("sweep.igs.mha");
+/// std::fs::write(&path, [text.as_bytes(), &[0, 80, 160, 240]].concat())?;
+///
+/// let sequence = Sequence::read(&path)?;
+/// assert_eq!((sequence.image_size, sequence.frames[0].timestamp), (Some([2, 2]), Some(0.5)));
+/// let tracker_to_probe = sequence.transform(0, "Tracker", "Probe").ok_or("no chain of transforms")?;
+/// assert_eq!(tracker_to_probe.transform_point(&Point3::origin()), Point3::new(-5.0, 0.0, 0.0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Sequence {
     /// Frames in order; images without keys become frames without transforms.

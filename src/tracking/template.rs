@@ -5,6 +5,23 @@ use nalgebra::{Point3, Unit, Vector3};
 use insonify_base::document::nearest;
 
 /// A plate with rows and columns of holes, perpendicular to the needles that it guides.
+///
+/// ```
+/// use insonify_tracking::template::Template;
+/// use nalgebra::{Point3, Vector3};
+///
+/// let names = |letters: &str| letters.chars().map(String::from).collect();
+/// let template = Template {
+///     origin_mm: Point3::origin(),
+///     steps_mm: [Vector3::x() * 5.0, Vector3::y() * 5.0],
+///     direction: Vector3::z_axis(),
+///     columns: names("ABC"),
+///     rows: names("123"),
+/// };
+/// assert_eq!(template.hole("C2"), Ok(Point3::new(10.0, 5.0, 0.0)));
+/// let unknown = template.hole("D2").unwrap_err();
+/// assert_eq!(unknown.expected, "a hole of the template, A1 to C3");
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Template {
     /// Position of the hole of the first column and row, mm.

@@ -11,6 +11,17 @@ use insonify_base::real::Real;
 use insonify_base::simd::{Kernel, array, map};
 
 /// A periodic volume of amplitude multipliers with mean square 1. The centre of voxel (0, 0, 0) lies at the origin.
+///
+/// ```
+/// use insonify_anatomy::volume::texture::SolidTexture;
+///
+/// // Bright layers, 2 mm apart.
+/// let layers = SolidTexture::new([4, 1, 1], [0.5, 1.0, 1.0], vec![3.0, 1.0, 1.0, 1.0])?;
+/// assert_eq!(layers.period_mm(), [2.0, 1.0, 1.0]);
+/// let [bright, dark, next] = [0.0, 1.0, 2.0].map(|x| layers.sample([x, 0.0, 0.0]));
+/// assert!((bright / dark - 3.0_f64).abs() < 1e-6 && bright == next);
+/// # Ok::<(), insonify_anatomy::volume::VolumeError>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct SolidTexture {
     size: [usize; 3],

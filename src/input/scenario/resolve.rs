@@ -58,7 +58,8 @@ impl Timing {
     }
 }
 
-/// A scenario ready to run: every file read, every number in its range, the mesh made.
+/// A scenario ready to run: every file read, every number in its range, the mesh made. [`Observer`](crate::Observer) has an
+/// example.
 #[derive(Clone, Debug)]
 pub struct Scenario {
     /// Imaged scene, with the deforming mesh.

@@ -52,6 +52,43 @@ use tissue::Tissue;
 const STILL_MM: f64 = 1e-9;
 
 /// Finite element model of tissue with a needle in it.
+///
+/// ```
+/// use insonify_mechanics::insertion::finite::{Finite, FiniteOptions, Setup};
+/// use insonify_mechanics::insertion::{Instruments, Interaction, Model};
+/// use insonify_mechanics::needle::{Rigid, Shaft};
+/// use insonify_mechanics::tissue::material::Material;
+/// use insonify_mechanics::tissue::remesh::{Level, Precision};
+/// use insonify_mesh::TetMesh;
+/// use nalgebra::Isometry3;
+///
+/// // A block of 40 mm, held at its far face.
+/// let mesh = TetMesh::over_box([0.0; 3], [40.0; 3], 216)?;
+/// let far = (0u32..).zip(mesh.nodes()).filter(|(_, node)| node[2] == 40.0);
+/// let tissue = Interaction { friction_n_per_mm: 0.02, cutting_n: 0.5, puncture_n: 1.0, ..Interaction::default() };
+/// let setup = Setup {
+///     materials: vec![Material::new(10.0, 0.45)?; mesh.elements().len()],
+///     fixed: far.flat_map(|(node, _)| [0, 1, 2].map(|axis| (node, axis))).collect(),
+///     interactions: vec![(0, tissue)],
+///     anatomy: None,
+///     needle: Box::new(Rigid::new(Shaft::default(), None)?),
+///     probe: None,
+///     level: Level::Exact,
+///     precision: Precision::Double,
+///     options: FiniteOptions::default(),
+///     mesh,
+/// };
+/// let mut model = Finite::new(setup, |_, _| {})?;
+///
+/// // The hand pushes a needle of 200 mm along z, 0.5 mm a step.
+/// for step in 0..=40 {
+///     let base = Isometry3::translation(19.0, 21.0, 0.5 * f64::from(step) - 200.0);
+///     model.step(&Instruments { base, probe: None, guide: None, deposit: false }, 5e-3)?;
+/// }
+/// let outcome = model.outcome();
+/// assert!(outcome.inserted_mm > 10.0 && outcome.on_hand.force_n.z < -0.5);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Finite {
     base: Base,
     options: FiniteOptions,

@@ -17,6 +17,25 @@ pub type Tensor = Matrix3<f64>;
 pub type Moduli = SMatrix<f64, 9, 9>;
 
 /// A constitutive law.
+///
+/// ```
+/// use insonify_mechanics::tissue::law::{Law, NeoHookean, NoKeys, Tensor};
+/// use insonify_mechanics::tissue::material::Material;
+///
+/// let material = Material::new(10.0, 0.45)?;
+/// let law = NeoHookean::new(material, NoKeys {})?;
+/// let [_, shear_kpa] = material.lame_kpa();
+///
+/// // Sheared by 1 %, the tissue answers by its shear modulus.
+/// let mut gradient = Tensor::zeros();
+/// gradient[(0, 1)] = 0.01;
+/// let stress_kpa = law.stress_kpa(&gradient)[(0, 1)];
+/// assert!((stress_kpa - 0.01 * shear_kpa).abs() < 1e-5);
+///
+/// // Entry (1, 1) of the moduli is dP_01 / dH_01.
+/// assert!((law.moduli_kpa(&Tensor::zeros())[(1, 1)] - shear_kpa).abs() < 1e-12);
+/// # Ok::<(), insonify_base::range::OutOfRange>(())
+/// ```
 pub trait Law {
     /// Keys of the law in files, besides the moduli of the material at rest.
     type Keys: Ranges + Clone;
