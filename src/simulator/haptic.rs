@@ -17,6 +17,41 @@ use insonify_mechanics::tissue::remesh::Level;
 /// Steps a model on the caller's thread.
 ///
 /// A step allocates nothing of its own except the memory of a recording in progress.
+///
+/// ```
+/// use std::sync::Arc;
+///
+/// use insonify::{
+///     Haptic, Instruments, Interaction, MassSpring, MassSpringParameters, MeshRegions, Rigid, Shaft, SimulatorOptions,
+///     TetMesh,
+/// };
+/// use nalgebra::Isometry3;
+///
+/// let mesh = Arc::new(TetMesh::over_box([-30.0, -30.0, 0.0], [30.0, 30.0, 60.0], 64)?);
+/// let tissue = Interaction { friction_n_per_mm: 0.02, cutting_n: 0.5, puncture_n: 1.0, ..Interaction::default() };
+/// let regions = MeshRegions::new(&mesh, &[(0, tissue)]);
+/// let parameters = MassSpringParameters { length_mm: Some(50.0), ..MassSpringParameters::default() };
+/// let needle = Rigid::new(Shaft::default(), None)?;
+/// let model = MassSpring::new(parameters, Box::new(regions), Box::new(needle))?;
+///
+/// let mut haptic = Haptic::new(Box::new(model), SimulatorOptions::default());
+/// haptic.record();
+/// let mut rendered = Vec::new();
+/// for step in 0..60 {
+///     // In a simulator, the pose that a device measures.
+///     let base = Isometry3::translation(0.0, 0.0, 0.4 * f64::from(step) - 201.0);
+///     let forces = haptic.step(&Instruments { base, probe: None, guide: None, deposit: false }, 1e-3)?;
+///     rendered.push(forces.axial_n());
+/// }
+/// assert!(rendered[59] < -0.1, "{} N", rendered[59]);
+///
+/// // The same steps give the same forces, bit for bit.
+/// let recording = haptic.take_recording().ok_or("no recording")?;
+/// let mut repeated = Vec::new();
+/// haptic.replay(&recording, |forces, _| repeated.push(forces.axial_n()))?;
+/// assert_eq!(repeated, rendered);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Haptic {
     model: Box<dyn Model>,
     options: Options,

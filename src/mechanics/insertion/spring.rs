@@ -62,6 +62,8 @@ pub const MAX_PARTS: usize = 4096;
 /// Mass-spring model of tissue with a needle.
 #[derive(Debug)]
 pub struct MassSpring {
+    /// Parameters and needle as text, to recognise saved states of others. A needle's own text changes with the shape that it was last asked for.
+    name: String,
     parameters: Parameters,
     anatomy: Box<dyn Anatomy>,
     needle: Box<dyn Needle>,
@@ -98,6 +100,7 @@ impl MassSpring {
         let network = Network::new(cylinder, &parameters);
         let capacity = 4 * parameters.layers();
         Ok(MassSpring {
+            name: format!("mass-spring, version 2, {parameters:?}, {needle:?}"),
             spacing_mm: network.shortest_edge_mm(),
             parameters,
             anatomy,

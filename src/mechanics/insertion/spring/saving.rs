@@ -54,17 +54,13 @@ impl State {
 }
 
 impl MassSpring {
-    fn model(&self) -> String {
-        format!("mass-spring, version 2, {:?}, {:?}", self.parameters, self.needle)
-    }
-
     pub(super) fn to_saved(&self) -> Saved {
         let network = &self.network;
         let rest_positions = (0..).zip(network.reference.iter().zip(&network.original));
         let moved = rest_positions.filter(|(_, (now, original))| now != original);
         let moving = |field: &[Vector3<f64>]| if self.body.active { field.to_vec() } else { Vec::new() };
         let state = State {
-            model: self.model(),
+            model: self.name.clone(),
             needle: self.body.clone(),
             outcome: self.outcome.clone(),
             contacts: self.contacts.stack.clone(),
@@ -80,8 +76,8 @@ impl MassSpring {
     }
 
     pub(super) fn take_saved(&mut self, saved: &Saved) -> Result<(), StepError> {
-        let model = self.model();
-        if let Some(saved_model) = saved.0["model"].as_str().filter(|saved_model| **saved_model != model) {
+        let model = &self.name;
+        if let Some(saved_model) = saved.0["model"].as_str().filter(|saved_model| **saved_model != *model) {
             return Err(StepError::Foreign(format!("found `{saved_model}`; expected `{model}`")));
         }
         let state = State::deserialize(&saved.0).map_err(|error| StepError::Foreign(error.to_string()))?;
