@@ -13,6 +13,7 @@ pub mod header;
 mod labels;
 mod load;
 mod names;
+pub(crate) mod overlap;
 mod save;
 pub mod structures;
 mod text;
@@ -42,7 +43,7 @@ pub struct Label {
     pub value: i64,
     /// Name from the file, or one assigned later.
     pub name: Option<String>,
-    /// Voxels that carried the value in the file (before any completion, and before overlapping layers were flattened).
+    /// Voxels that carried the value in the file (before any completion); of overlapping segments, only those on top.
     pub voxels: u64,
 }
 

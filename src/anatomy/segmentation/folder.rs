@@ -9,6 +9,7 @@ use nalgebra::Point3;
 use super::{Segmentation, stem};
 use crate::acoustics::Preset;
 use crate::volume::complete::is_body;
+use crate::volume::overlap::{Overlaps, precedence};
 use crate::volume::{self, At, Label, LabelVolume, Loaded, VolumeError, load};
 
 /// Value of the first label whose name is not a class of TotalSegmentator.
@@ -67,7 +68,7 @@ fn volumes(folder: &Path) -> Result<Vec<Mask>, VolumeError> {
     Ok(masks)
 }
 
-/// Lists the masks of a folder by name, those of the entire body first: later ones take precedence.
+/// Lists the masks of a folder by name, those of the entire body first.
 fn masks(folder: &Path) -> Result<Vec<Mask>, VolumeError> {
     let mut masks = volumes(folder)?;
     if masks.iter().all(Mask::is_image) {
@@ -101,7 +102,7 @@ pub(super) fn read(folder: &Path) -> Result<Segmentation, VolumeError> {
     let mut union = Union {
         voxels: vec![0; first.volume.voxels().len()],
         labels: Vec::new(),
-        overlaps: 0,
+        overlaps: Overlaps::default(),
     };
     union.add(&masks[0], &first.volume)?;
     for some in masks[1..].chunks(parallel::threads()) {
@@ -112,7 +113,11 @@ pub(super) fn read(folder: &Path) -> Result<Segmentation, VolumeError> {
             union.add(mask, &volume)?;
         }
     }
-    let (labels, overlaps) = (union.labels.len(), union.overlaps);
+    let labels = union.labels.len();
+    let overlaps = union.overlaps.warning("masks", |label| {
+        let label = &union.labels[label];
+        (label.name.clone().unwrap_or_default(), label.voxels)
+    });
     let volume = union.volume(&first.volume).map_err(|error| error.in_file(folder))?;
     let mut segmentation = Segmentation::from(volume);
     segmentation.warnings = first.warnings;
@@ -122,20 +127,16 @@ pub(super) fn read(folder: &Path) -> Result<Segmentation, VolumeError> {
         masks.len(),
         masks.len() - labels
     ));
-    if overlaps > 0 {
-        segmentation.warnings.push(format!(
-            "{overlaps} voxels belong to several masks: the last by name is used"
-        ));
-    }
+    segmentation.warnings.extend(overlaps);
     Ok(segmentation)
 }
 
 /// Union of masks.
 struct Union {
     voxels: Vec<u8>,
-    /// Labels in the order of their masks, without values.
+    /// Labels in the order of their masks, without values, with all voxels of the mask.
     labels: Vec<Label>,
-    overlaps: u64,
+    overlaps: Overlaps,
 }
 
 impl Union {
@@ -147,24 +148,29 @@ impl Union {
         if !volume.holds(1) {
             return Ok(());
         }
-        let mut voxels = 0;
-        // Past 255 the volume is refused below; only the count of labels still matters.
-        let index = (self.labels.len() + 1) as u8;
-        for (voxel, _) in self
-            .voxels
-            .iter_mut()
-            .zip(volume.voxels())
-            .filter(|(_, masked)| **masked > 0)
-        {
-            voxels += 1;
-            self.overlaps += u64::from(*voxel > 0);
-            *voxel = index;
-        }
         self.labels.push(Label {
             value: 0,
             name: Some(mask.name.clone()),
-            voxels,
+            voxels: volume.labels()[1].voxels,
         });
+        let new = self.labels.len() - 1;
+        let rank = |label: &Label| precedence(label.name.as_deref(), label.voxels);
+        let ranks: Vec<_> = self.labels.iter().map(rank).collect();
+        let masked = volume.voxels().iter().map(|&masked| masked > 0);
+        for (voxel, _) in self.voxels.iter_mut().zip(masked).filter(|(_, masked)| *masked) {
+            // Past 255 the volume is refused below; only the count of labels still matters.
+            let Some(old) = usize::from(*voxel).checked_sub(1) else {
+                *voxel = new.wrapping_add(1) as u8;
+                continue;
+            };
+            let (below, above) = if ranks[new] >= ranks[old] {
+                (old, new)
+            } else {
+                (new, old)
+            };
+            self.overlaps.add(below, above, 1);
+            *voxel = above.wrapping_add(1) as u8;
+        }
         Ok(())
     }
 
@@ -173,8 +179,13 @@ impl Union {
         if self.labels.len() > 255 {
             return Err(VolumeError::TooManyLabels(self.labels.len() + 1));
         }
+        let mut kept = [0; 256];
+        for &voxel in &self.voxels {
+            kept[usize::from(voxel)] += 1;
+        }
         let mut free = FREE;
-        for label in &mut self.labels {
+        for (index, label) in self.labels.iter_mut().enumerate() {
+            label.voxels = kept[index + 1];
             let classes = Preset::TotalSegmentator.classes();
             let class = classes.iter().find(|class| Some(&class.name) == label.name.as_ref());
             label.value = class.map_or(free, |class| class.value);
@@ -186,7 +197,7 @@ impl Union {
         let mut labels = vec![Label {
             value: 0,
             name: None,
-            voxels: self.voxels.iter().filter(|voxel| **voxel == 0).count() as u64,
+            voxels: kept[0],
         }];
         for label in order {
             new_index[label + 1] = labels.len() as u8;

@@ -6,6 +6,7 @@ use super::data::{self, Push};
 use super::element::{ByteOrder, Sample, Scale, label_of, with_sample};
 use super::error::VolumeError;
 use super::header::Header;
+use super::overlap::{Overlaps, precedence};
 use super::{Label, LabelVolume, Loaded, names};
 
 /// Layer and value of a label in the file. The background is layer 0, value 0.
@@ -13,104 +14,184 @@ type Stored = (usize, i64);
 
 const BACKGROUND: Stored = (0, 0);
 
-/// Numbers the stored labels in order of appearance, and counts their voxels.
-struct Index {
-    numbers: HashMap<Stored, usize>,
-    stored: Vec<Stored>,
-    counts: Vec<u64>,
-    last: (Stored, usize),
-}
-
-impl Index {
-    fn new() -> Self {
-        Self {
-            numbers: HashMap::from([(BACKGROUND, 0)]),
-            stored: vec![BACKGROUND],
-            counts: vec![0],
-            last: (BACKGROUND, 0),
-        }
-    }
-
-    fn number(&mut self, label: Stored) -> usize {
-        if self.last.0 != label {
-            let next = self.stored.len();
-            let number = *self.numbers.entry(label).or_insert(next);
-            if number == next {
-                self.stored.push(label);
-                self.counts.push(0);
-            }
-            self.last = (label, number);
-        }
-        self.last.1
-    }
-}
-
-/// Maximum number of distinct labels that are counted.
+/// Maximum number of distinct stacks of labels that are counted.
 const MAX_COUNTED: usize = 1 << 16;
 
-/// Stored labels of voxels, and the conversion of numbers to them.
+/// The labels of voxels: a stack has one for each layer that labels the voxel, the lowest first.
 struct Stacks {
-    index: Index,
+    /// Number of each stack, in order of appearance; that of no label is 0.
+    numbers: HashMap<Vec<Stored>, usize>,
+    /// Stacks with their voxels.
+    counted: Vec<(Vec<Stored>, u64)>,
+    /// Bytes of the last stack, and its number.
+    last: (Vec<u8>, usize),
     layers: usize,
     order: ByteOrder,
     scale: Option<Scale>,
-    /// Number of voxels claimed by more than one layer.
-    overlaps: u64,
+}
+
+/// Labels of which each voxel has the top one of its stack.
+struct Flattened {
+    /// The background, and all labels of the file.
+    stored: Vec<Stored>,
+    /// Voxels that each label claims, and those that it keeps.
+    claimed: Vec<u64>,
+    counts: Vec<u64>,
+    /// Top label of each stack.
+    tops: Vec<u8>,
+    overlaps: Overlaps,
 }
 
 /// Why numbers form no labels.
 enum Unfit {
     /// A number that is not a label, in the next voxel.
     Fraction(f64),
-    /// More than [`MAX_COUNTED`] distinct labels.
+    /// More than [`MAX_COUNTED`] distinct stacks.
     TooMany,
 }
 
+/// Source of image data.
+trait Source {
+    /// As [`data::read_into`].
+    fn read<V>(self, header: &mut Header, group: usize, push: Push<V>) -> Result<Vec<V>, VolumeError>;
+}
+
+/// The file of a header.
+struct DataFile;
+
+impl Source for DataFile {
+    fn read<V>(self, header: &mut Header, group: usize, push: Push<V>) -> Result<Vec<V>, VolumeError> {
+        data::read_into(header, group, push)
+    }
+}
+
 impl Stacks {
-    /// Appends the number of the stored label of each voxel.
-    fn push<T: Sample>(&mut self, bytes: &[u8], voxels: &mut Vec<u8>) -> Result<(), Unfit> {
-        for stack in bytes.chunks_exact(T::BYTES * self.layers) {
-            let mut top = 0;
-            let mut claims = 0;
-            for (layer, number) in stack.chunks_exact(T::BYTES).enumerate() {
-                let sample = T::decode(number, self.order);
-                let label = match self.scale {
-                    None => sample.as_label(),
-                    Some(scale) => label_of(scale.apply(sample.as_f64())),
-                };
-                let Some(value) = label else {
-                    let value = self.scale.map_or(sample.as_f64(), |scale| scale.apply(sample.as_f64()));
-                    return Err(Unfit::Fraction(value));
-                };
-                if value != 0 {
-                    top = self.index.number((layer, value));
-                    self.index.counts[top] += 1;
-                    claims += 1;
-                }
-            }
-            self.index.counts[0] += u64::from(claims == 0);
-            self.overlaps += u64::from(claims > 1);
-            // Past 256 the volume is refused below; only the count of labels still matters.
-            voxels.push(top as u8);
+    fn new(header: &Header, layers: usize) -> Self {
+        Self {
+            numbers: HashMap::from([(Vec::new(), 0)]),
+            counted: vec![(Vec::new(), 0)],
+            last: (Vec::new(), 0),
+            layers,
+            order: header.data_order(),
+            scale: header.scale,
         }
-        if self.index.stored.len() > MAX_COUNTED {
+    }
+
+    /// Reads the number of the stack of each voxel, as a type that holds it.
+    fn read<V>(
+        &mut self,
+        header: &mut Header,
+        size: [usize; 3],
+        source: impl Source,
+        voxel: fn(usize) -> V,
+    ) -> Result<Vec<V>, VolumeError> {
+        let path = header.path.clone();
+        with_sample!(header.element()?, T => source.read(header, self.layers * T::BYTES, &mut |bytes, voxels| {
+            self.push::<T, V>(bytes, voxels, voxel).map_err(|unfit| match unfit {
+                Unfit::TooMany => VolumeError::TooManyLabels(self.labels().len()).in_file(&path),
+                Unfit::Fraction(value) => {
+                    let (voxel, [x, y, _]) = (voxels.len(), size);
+                    VolumeError::Fractional {
+                        path: path.clone(),
+                        voxel: [voxel % x, voxel / x % y, voxel / x / y],
+                        value,
+                    }
+                }
+            })
+        }))
+    }
+
+    fn push<T: Sample, V>(&mut self, bytes: &[u8], voxels: &mut Vec<V>, voxel: fn(usize) -> V) -> Result<(), Unfit> {
+        for stack in bytes.chunks_exact(T::BYTES * self.layers) {
+            if self.last.0 != stack {
+                let mut labels = Vec::with_capacity(self.layers);
+                for (layer, number) in stack.chunks_exact(T::BYTES).enumerate() {
+                    let sample = T::decode(number, self.order);
+                    let label = match self.scale {
+                        None => sample.as_label(),
+                        Some(scale) => label_of(scale.apply(sample.as_f64())),
+                    };
+                    let Some(value) = label else {
+                        let value = self.scale.map_or(sample.as_f64(), |scale| scale.apply(sample.as_f64()));
+                        return Err(Unfit::Fraction(value));
+                    };
+                    if value != 0 {
+                        labels.push((layer, value));
+                    }
+                }
+                let next = self.counted.len();
+                let number = *self.numbers.entry(labels.clone()).or_insert(next);
+                if number == next {
+                    self.counted.push((labels, 0));
+                }
+                self.last.0.clear();
+                self.last.0.extend_from_slice(stack);
+                self.last.1 = number;
+            }
+            self.counted[self.last.1].1 += 1;
+            voxels.push(voxel(self.last.1));
+        }
+        if self.counted.len() > MAX_COUNTED {
             Err(Unfit::TooMany)
         } else {
             Ok(())
         }
     }
+
+    /// Takes the top label of each stack.
+    fn flattened(&self, named: &BTreeMap<Stored, Option<String>>) -> Flattened {
+        let mut stored = self.labels();
+        let unseen = named.keys().filter(|label| label.1 != 0 && !stored.contains(label));
+        stored.extend(unseen.copied().collect::<Vec<_>>());
+        let number: HashMap<Stored, usize> = stored.iter().copied().zip(0..).collect();
+        let mut claimed = vec![0; stored.len()];
+        for (stack, voxels) in &self.counted {
+            for label in stack {
+                claimed[number[label]] += voxels;
+            }
+        }
+        let mut flattened = Flattened {
+            tops: Vec::with_capacity(self.counted.len()),
+            counts: vec![0; stored.len()],
+            overlaps: Overlaps::default(),
+            claimed,
+            stored,
+        };
+        for (stack, voxels) in &self.counted {
+            let numbers = || stack.iter().map(|label| number[label]);
+            // Of equals the higher layer is on top.
+            let top = numbers().max_by_key(|&label| {
+                let name = named.get(&flattened.stored[label]).and_then(Option::as_deref);
+                precedence(name, flattened.claimed[label])
+            });
+            let top = top.unwrap_or(0);
+            flattened.counts[top] += voxels;
+            for below in numbers().filter(|label| *label != top) {
+                flattened.overlaps.add(below, top, *voxels);
+            }
+            // Past 256 labels the volume is refused; only their count still matters.
+            flattened.tops.push(top as u8);
+        }
+        flattened
+    }
+
+    /// The background, and the labels in order of appearance.
+    fn labels(&self) -> Vec<Stored> {
+        let mut seen = BTreeSet::from([BACKGROUND]);
+        let labels = self.counted.iter().flat_map(|(stack, _)| stack);
+        std::iter::once(BACKGROUND)
+            .chain(labels.copied().filter(|label| seen.insert(*label)))
+            .collect()
+    }
 }
 
-/// Reads the label volume of an image. If the first axis holds the layers of a segmentation, they are flattened: a higher
-/// layer takes precedence.
+/// Reads the label volume of an image. If the first axis holds the layers of a segmentation, they are flattened: a body lies
+/// below organs, and a larger segment below a smaller one.
 pub(super) fn volume(header: Header) -> Result<Loaded, VolumeError> {
-    volume_from(header, |header, group, push| data::read_into(header, group, push))
+    volume_from(header, DataFile)
 }
 
-fn volume_from(
-    mut header: Header,
-    read: impl FnOnce(&mut Header, usize, Push<u8>) -> Result<Vec<u8>, VolumeError>,
-) -> Result<Loaded, VolumeError> {
+fn volume_from(mut header: Header, source: impl Source) -> Result<Loaded, VolumeError> {
     let named = names::segments(&header.key_values);
     let layered = header.axes.len() == 4 && header.axes[0].direction.is_none() && !named.is_empty();
     let stacked = layered.then(|| header.axes.remove(0));
@@ -118,46 +199,33 @@ fn volume_from(
     let grid = header.grid();
     let size = grid.as_ref().map_or([1; 3], |grid| grid.size);
     header.axes.splice(..0, stacked);
-    let layers = stacked.map_or(1, |axis| axis.size);
-    let mut stacks = Stacks {
-        index: Index::new(),
-        layers,
-        order: header.data_order(),
-        scale: header.scale,
-        overlaps: 0,
-    };
+    let mut stacks = Stacks::new(&header, stacked.map_or(1, |axis| axis.size));
     let path = header.path.clone();
-    let mut voxels = with_sample!(header.element()?, T => read(&mut header, layers * T::BYTES, &mut |bytes, voxels| {
-        stacks.push::<T>(bytes, voxels).map_err(|unfit| match unfit {
-            Unfit::TooMany => VolumeError::TooManyLabels(stacks.index.stored.len()).in_file(&path),
-            Unfit::Fraction(value) => {
-                let (voxel, [x, y, _]) = (voxels.len(), size);
-                VolumeError::Fractional {
-                    path: path.clone(),
-                    voxel: [voxel % x, voxel / x % y, voxel / x / y],
-                    value,
-                }
-            }
-        })
-    }))?;
+    let flattened: Flattened;
+    let mut voxels;
+    if layered {
+        let numbers = stacks.read(&mut header, size, source, |number| number as u32)?;
+        flattened = stacks.flattened(&named);
+        voxels = numbers.iter().map(|number| flattened.tops[*number as usize]).collect();
+    } else {
+        voxels = stacks.read(&mut header, size, source, |number| number as u8)?;
+        flattened = stacks.flattened(&named);
+    }
     let grid = grid?;
+    let stored = &flattened.stored;
+    VolumeError::check_labels(stored.len()).map_err(|error| error.in_file(&path))?;
     let mut warnings = std::mem::take(&mut header.warnings);
     if let Some(degrees) = grid.shear_deg {
         warnings.push(format!(
             "the axes are sheared: {degrees:.2} degrees off a right angle; taken as they are"
         ));
     }
-    for &label in named.keys().filter(|&&(_, value)| value != 0) {
-        stacks.index.number(label);
-    }
-    let stored = &stacks.index.stored;
-    VolumeError::check_labels(stored.len()).map_err(|error| error.in_file(&path))?;
-    if stacks.overlaps > 0 {
-        let overlaps = stacks.overlaps;
-        warnings.push(format!(
-            "{overlaps} voxels belong to segments of several layers: the highest layer is used"
-        ));
-    }
+    warnings.extend(flattened.overlaps.warning("segments", |label| {
+        let (layer, value) = stored[label];
+        let name = named.get(&stored[label]).cloned().flatten();
+        let name = name.unwrap_or_else(|| format!("value {value} of layer {layer}"));
+        (name, flattened.claimed[label])
+    }));
     let values = values(stored, &named, &mut warnings);
     let mut order: Vec<usize> = (1..stored.len()).collect();
     order.sort_by_key(|&number| values[number]);
@@ -170,7 +238,7 @@ fn volume_from(
         labels.push(Label {
             value: values[number],
             name: name.or_else(|| header.names.get(&values[number]).cloned()),
-            voxels: stacks.index.counts[number],
+            voxels: flattened.counts[number],
         });
     }
     for voxel in &mut voxels {
@@ -258,10 +326,14 @@ mod tests {
     }
 
     fn volume(header: Header, bytes: &[u8]) -> Result<Loaded, VolumeError> {
-        volume_from(header, |_, _, push| {
+        volume_from(header, bytes)
+    }
+
+    impl Source for &[u8] {
+        fn read<V>(self, _: &mut Header, _: usize, push: Push<V>) -> Result<Vec<V>, VolumeError> {
             let mut voxels = Vec::new();
-            push(bytes, &mut voxels).map(|()| voxels)
-        })
+            push(self, &mut voxels).map(|()| voxels)
+        }
     }
 
     fn bytes(values: &[i16]) -> Vec<u8> {
@@ -329,45 +401,75 @@ mod tests {
         assert!(!warned(&few));
     }
 
-    #[test]
-    fn higher_layers_win_and_shared_values_part() {
-        let mut layered = cube([4, 1, 1], Element::I16);
+    /// Reads segments of a row of voxels, each with its name, value and layer. Bytes have one number a layer for each voxel.
+    fn segments(layers: usize, segments: &[(&str, i64, usize)], numbers: &[i16]) -> Loaded {
+        let mut layered = cube([numbers.len() / layers, 1, 1], Element::I16);
         layered.axes.insert(
             0,
             Axis {
-                size: 2,
+                size: layers,
                 direction: None,
             },
         );
-        let keys = [
-            ("Segment0_Name", "low"),
-            ("Segment0_LabelValue", "1"),
-            ("Segment1_Name", "high"),
-            ("Segment1_LabelValue", "1"),
-            ("Segment1_Layer", "1"),
-            ("Segment2_Name", "empty"),
-            ("Segment2_LabelValue", "2"),
-        ];
-        layered.key_values = keys.map(|(key, value)| (key.to_owned(), value.to_owned())).to_vec();
-        let loaded = volume(layered, &bytes(&[0, 0, 1, 0, 1, 1, 0, 1])).unwrap();
-        assert_eq!(values(&loaded), [(0, 1), (1, 2), (2, 0), (3, 2)]);
-        let names: Vec<_> = loaded
-            .volume
-            .labels()
-            .iter()
-            .map(|label| label.name.as_deref())
-            .collect();
-        assert_eq!(names, [None, Some("low"), Some("empty"), Some("high")]);
+        for (number, (name, value, layer)) in segments.iter().enumerate() {
+            let key = |key: &str, value: String| (format!("Segment{number}_{key}"), value);
+            layered.key_values.extend([
+                key("Name", (*name).to_owned()),
+                key("LabelValue", value.to_string()),
+                key("Layer", layer.to_string()),
+            ]);
+        }
+        volume(layered, &bytes(numbers)).unwrap()
+    }
+
+    fn names(loaded: &Loaded) -> Vec<Option<&str>> {
+        let labels = loaded.volume.labels().iter();
+        labels.map(|label| label.name.as_deref()).collect()
+    }
+
+    #[test]
+    fn smaller_segments_lie_above_larger_ones_and_shared_values_part() {
+        let loaded = segments(
+            2,
+            &[("low", 1, 0), ("high", 1, 1), ("empty", 2, 0)],
+            &[0, 0, 1, 0, 1, 1, 0, 1],
+        );
+        // Of two segments of two voxels each, that of the higher layer is on top.
+        assert_eq!(values(&loaded), [(0, 1), (1, 1), (2, 0), (3, 2)]);
+        assert_eq!(names(&loaded), [None, Some("low"), Some("empty"), Some("high")]);
         assert_eq!(loaded.volume.voxels(), [0, 1, 3, 3]);
+        let told = |words: &str| loaded.warnings.iter().any(|warning| warning.contains(words));
+        assert!(told("low: 50 % covered by high"), "{:?}", loaded.warnings);
+        assert!(told("takes value 3"), "{:?}", loaded.warnings);
+        let small_below = segments(2, &[("small", 1, 0), ("large", 1, 1)], &[0, 1, 1, 1, 0, 1]);
+        assert_eq!(small_below.volume.voxels(), [2, 1, 2]);
+    }
+
+    #[test]
+    fn a_body_lies_below_organs_whatever_its_layer_and_size() {
+        // The body has as many voxels as the liver: only its name puts it below.
+        let numbers = [1, 1, 1, 1, 2, 0, 0, 0];
+        let loaded = segments(2, &[("liver", 1, 0), ("kidney", 2, 0), ("Body", 1, 1)], &numbers);
+        assert_eq!(values(&loaded), [(0, 1), (1, 2), (2, 1), (3, 0)]);
+        assert_eq!(loaded.volume.voxels(), [1, 1, 2, 0]);
+        assert_eq!(loaded.warnings.len(), 2, "{:?}", loaded.warnings);
         assert!(
-            loaded.warnings.iter().any(|w| w.starts_with("1 voxels belong")),
+            loaded.warnings[0].ends_with("Body: 100 % covered by liver"),
             "{:?}",
             loaded.warnings
         );
-        assert!(
-            loaded.warnings.iter().any(|w| w.contains("takes value 3")),
-            "{:?}",
-            loaded.warnings
-        );
+        let apart = segments(2, &[("liver", 1, 0), ("Body", 2, 1)], &[1, 0, 0, 2]);
+        assert!(apart.warnings.is_empty(), "{:?}", apart.warnings);
+    }
+
+    #[test]
+    fn more_combinations_of_segments_than_labels_are_flattened() {
+        // Two layers of 30 labels each, all pairs of them once, and the labels of the second layer once more alone.
+        let pairs = (0..900).flat_map(|pair: i16| [1 + pair / 30, 31 + pair % 30]);
+        let numbers: Vec<i16> = pairs.chain((0..30).flat_map(|label| [0, 31 + label])).collect();
+        let keys: Vec<(&str, i64, usize)> = (1..=60).map(|value| ("", value, usize::from(value > 30))).collect();
+        let loaded = segments(2, &keys, &numbers);
+        let kept: Vec<u64> = loaded.volume.labels()[1..].iter().map(|label| label.voxels).collect();
+        assert_eq!(kept, [[30; 30], [1; 30]].concat());
     }
 }

@@ -1,9 +1,11 @@
-//! Names of labels in files: as user-defined keys `LabelName_<value>`, as segments of 3D Slicer, and as a table in XML.
+//! Names of labels in files: as user-defined keys `LabelName_<value>`, as segments of 3D Slicer, as groups of MITK, and as a table in
+//! XML.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use insonify_base::text::unescape;
+use serde_json::Value;
 
 const PREFIX: &str = "LabelName_";
 
@@ -31,8 +33,8 @@ pub(super) struct Segment {
     pub layer: usize,
 }
 
-/// Parses the segments among the keys of a file, in file order, by layer and value. If two share both, the first
-/// counts.
+/// Parses the segments among the keys of a file by layer and value, those of 3D Slicer in file order. If two share both, the
+/// first counts.
 pub(super) fn segments(key_values: &[(String, String)]) -> BTreeMap<(usize, i64), Option<String>> {
     let mut by_number: BTreeMap<usize, Segment> = BTreeMap::new();
     for (key, value) in key_values {
@@ -51,10 +53,28 @@ pub(super) fn segments(key_values: &[(String, String)]) -> BTreeMap<(usize, i64)
             _ => {}
         }
     }
-    let mut by_place = BTreeMap::new();
+    let mut by_place = groups(key_values);
     for segment in by_number.into_values() {
         let value = segment.value.unwrap_or(1);
         by_place.entry((segment.layer, value)).or_insert(segment.name);
+    }
+    by_place
+}
+
+/// Key of the groups of labels in a segmentation of MITK, as JSON: a list with one entry a layer, each with its `labels`.
+const GROUPS: &str = "org.mitk.multilabel.segmentation.labelgroups";
+
+/// Parses the labels of MITK among the keys of a file, by layer and value.
+fn groups(key_values: &[(String, String)]) -> BTreeMap<(usize, i64), Option<String>> {
+    let text = key_values.iter().find(|(key, _)| key == GROUPS).map(|(_, text)| text);
+    let groups = text.and_then(|text| serde_json::from_str::<Vec<Value>>(text).ok());
+    let mut by_place = BTreeMap::new();
+    for (layer, group) in groups.iter().flatten().enumerate() {
+        for label in group["labels"].as_array().into_iter().flatten() {
+            if let Some(value) = label["value"].as_i64() {
+                by_place.insert((layer, value), label["name"].as_str().map(str::to_owned));
+            }
+        }
     }
     by_place
 }
@@ -144,6 +164,20 @@ mod tests {
             ((2, 1), Some("only_id".to_owned())),
         ];
         assert_eq!(read, BTreeMap::from(expected));
+    }
+
+    #[test]
+    fn groups_of_mitk_become_segments() {
+        let json = r#"[{"name": "organs", "labels": [{"name": "Liver", "value": 1, "visible": true}, {"value": 3}]}, {"name": "empty"},
+            {"labels": null}, {"labels": [{"name": "Tumor", "value": 4}, {"name": "no value"}]}]"#;
+        let read = |json: &str| segments(&[(GROUPS.to_owned(), json.to_owned())]);
+        let expected = [
+            ((0, 1), Some("Liver".to_owned())),
+            ((0, 3), None),
+            ((3, 4), Some("Tumor".to_owned())),
+        ];
+        assert_eq!(read(json), BTreeMap::from(expected));
+        assert!(read("[{").is_empty() && read("{\"labels\": 1}").is_empty());
     }
 
     #[test]

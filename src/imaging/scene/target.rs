@@ -69,15 +69,23 @@ impl SceneFile {
 
     /// Error about a target that matches no label, with the most similar labels and the warnings about labels.
     fn no_target(&self, target: &str, body: &Body<'_>, warnings: &[String]) -> InputError {
-        let names = Names::new(body.entries()).known();
+        let entries = body.entries().into_iter();
+        let (present, empty): (Vec<_>, Vec<_>) = entries.partition(|entry| body.volume.holds(usize::from(entry.0)));
+        let is_empty = !Names::new(empty).all(&RegionName::Name(target.to_owned())).is_empty();
+        let names = Names::new(present).known();
         let meant = nearest(target, names.iter().map(String::as_str)).map(|meant| format!("did you mean \"{meant}\"?"));
         let of_file = body.volume.labels().iter().skip(1).filter(|label| label.voxels > 0);
         let name = |label: &Label| label.name.clone().unwrap_or_else(|| label.value.to_string());
         let mut like: Vec<String> = of_file.map(name).collect();
         like.sort_by(|a, b| strsim::jaro_winkler(b, target).total_cmp(&strsim::jaro_winkler(a, target)));
         let labels = some_of(&like);
+        let kind = if is_empty {
+            "a label with voxels, which it has not,"
+        } else {
+            "a label"
+        };
         let expected =
-            format!("a label such as {labels}, a part of its name, or its value; `insonify info FILE` lists them");
+            format!("{kind} such as {labels}, a part of its name, or its value; `insonify info FILE` lists them");
         let error = self.fault("pose.target", InvalidFile::name(target, &expected));
         let help: Vec<String> = meant.into_iter().chain(warnings.iter().cloned()).collect();
         error.with_help((!help.is_empty()).then(|| clipped(&help.join("; "), MESSAGE)))
