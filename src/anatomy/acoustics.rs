@@ -16,8 +16,8 @@ mod resolve;
 
 pub use numbering::Preset;
 pub use overrides::{TissueError, TissueOverride};
-pub(crate) use resolve::without_side;
 pub use resolve::{Origin, fallback, known};
+pub(crate) use resolve::{Side, side, without_side};
 
 /// Young's modulus from which a tissue is rigid by default, kPa.
 pub const RIGID_KPA: f64 = 1e6;

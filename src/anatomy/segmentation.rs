@@ -1,17 +1,22 @@
 //! Segmentations: a label file or a folder of masks, with labels named by the file, a table, file names or label values.
 
+mod evidence;
 mod folder;
 mod info;
 mod naming;
+mod surround;
 mod table;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::acoustics::{Preset, known};
-use crate::volume::{self, LabelVolume, Loaded, VolumeError, load};
+use crate::volume::{self, Label, LabelVolume, Loaded, VolumeError, load};
+use evidence::Extents;
 pub use info::{LabelInfo, SegmentationInfo};
-use naming::Sizes;
 pub use table::Names;
+
+/// Name of the description of a data set of nnU-Net.
+const DATA_SET: &str = "dataset.json";
 
 /// Sources of label names.
 #[derive(Clone, Debug, Default)]
@@ -65,7 +70,7 @@ pub fn stem(path: &Path) -> Option<String> {
 }
 
 /// Opens a label file, or a folder of binary masks named by their files, and names its labels: by `names`, or else by the
-/// file, by a table beside it (`liver.csv` for `liver.nii.gz`), by the name of a file that is a single mask, and by the
+/// file, by a table beside it (`liver.csv` for `liver.nii.gz`, or `dataset.json` of nnU-Net), by the name of a file that is a single mask, and by the
 /// values of a numbering.
 ///
 /// # Errors
@@ -78,6 +83,9 @@ pub fn open(path: &Path, naming: &Naming) -> Result<Segmentation, VolumeError> {
     } else {
         load(path)?.into()
     };
+    segmentation
+        .unlabel_background(naming)
+        .map_err(|error| error.in_file(path))?;
     let by_table = match &naming.names {
         Some(names) => {
             segmentation.take_names(names);
@@ -85,13 +93,18 @@ pub fn open(path: &Path, naming: &Naming) -> Result<Segmentation, VolumeError> {
         }
         None => segmentation.nameless(naming).next().is_some() && segmentation.take_names_beside(path),
     };
-    segmentation.name_mask(path, naming);
-    let sizes = Sizes::of(&segmentation.volume);
+    let stem = stem(path);
+    segmentation.name_mask(stem.as_deref());
+    let extents = Extents::of(&segmentation.volume);
     // Values missing from a table belong to its own numbering.
     if !by_table || naming.preset != Preset::Auto {
-        segmentation.read_values(naming, &sizes);
+        segmentation.name_body(naming, &extents);
+        segmentation
+            .warnings
+            .extend(segmentation.nameless_mask(stem.as_deref(), naming));
+        segmentation.read_values(naming, stem.as_deref(), &extents);
     }
-    segmentation.warnings.extend(segmentation.doubts(&sizes));
+    segmentation.warnings.extend(segmentation.doubts(&extents));
     Ok(segmentation)
 }
 
@@ -122,46 +135,78 @@ impl Segmentation {
         }
     }
 
-    /// Takes the names from the table of the same stem beside a label file, and returns whether it did: an unreadable table
-    /// belongs to something else.
+    /// Takes the names from the first table beside a label file that names a label of it, and returns whether there is one: an unreadable
+    /// table belongs to something else.
     fn take_names_beside(&mut self, path: &Path) -> bool {
-        let table = stem(path).map(|stem| path.with_file_name(format!("{stem}.csv")));
-        let Some(table) = table.filter(|table| table.is_file()) else {
-            return false;
-        };
-        match Names::read(&table) {
-            Ok(names) => self.take_names(&names),
-            Err(error) => {
-                self.notes.push(format!("not used as label names: {error}"));
-                return false;
+        for table in tables_beside(path) {
+            match Names::read(&table) {
+                Ok(names)
+                    if self.volume.labels()[1..]
+                        .iter()
+                        .any(|label| names.of(label.value).is_some()) =>
+                {
+                    self.take_names(&names);
+                    return true;
+                }
+                Ok(_) => {}
+                Err(error) => self.notes.push(format!("not used as label names: {error}")),
             }
         }
-        true
+        false
     }
 
     /// Names the only label of a mask after its file, if the name identifies a tissue.
-    fn name_mask(&mut self, path: &Path, naming: &Naming) {
-        let [_, only] = self.volume.labels() else {
-            return;
-        };
-        if only.name.is_some() {
-            return;
-        }
-        let Some(stem) = stem(path) else {
-            return;
-        };
-        if known(&stem).is_some() {
-            self.notes.push(format!("the only label is named by its file: {stem}"));
-            self.volume.name(1, stem);
-        } else if naming::is_mask(only.value) && naming.preset == Preset::Auto && !naming.claimed.contains(&only.value)
+    fn name_mask(&mut self, stem: Option<&str>) {
+        if let ([_, Label { name: None, .. }], Some(stem)) = (self.volume.labels(), stem)
+            && known(stem).is_some()
         {
-            self.warnings.push(format!(
-                "the only label, {}, has no name, and the file name \"{stem}\" names no tissue: name the file after it, such \
-                 as kidney_right.nii.gz, or name it with --names FILE",
-                only.value
-            ));
+            self.notes.push(format!("the only label is named by its file: {stem}"));
+            self.volume.name(1, stem.to_owned());
         }
     }
+
+    /// Warning about a mask that nothing names.
+    fn nameless_mask(&self, stem: Option<&str>, naming: &Naming) -> Option<String> {
+        let ([_, Label { name: None, value, .. }], Some(stem)) = (self.volume.labels(), stem) else {
+            return None;
+        };
+        let is_nameless = naming::is_mask(*value) && naming.preset == Preset::Auto && !naming.claimed.contains(value);
+        is_nameless.then(|| {
+            format!(
+                "the only label, {value}, has no name, and the file name \"{stem}\" names no tissue: name the file after it, such as \
+                 kidney_right.nii.gz, or name it with --names FILE"
+            )
+        })
+    }
+}
+
+/// Tables that may name the labels of a file: of its stem, and those of nnU-Net's data set, whose labels lie in folders such as
+/// `labelsTr`.
+fn tables_beside(path: &Path) -> impl Iterator<Item = PathBuf> {
+    let beside = |name: String| path.with_file_name(name);
+    let stem = stem(path).unwrap_or_default();
+    let mut tables = ["csv", "tsv", "ctbl"]
+        .map(|ending| beside(format!("{stem}.{ending}")))
+        .to_vec();
+    tables.push(beside(DATA_SET.to_owned()));
+    let folder = path.parent().map(|folder| {
+        if folder == Path::new("") {
+            Path::new(".")
+        } else {
+            folder
+        }
+    });
+    let folder = folder.and_then(|folder| folder.canonicalize().ok());
+    let is_labels = |name: &std::ffi::OsStr| name.to_string_lossy().starts_with("labels");
+    if folder.as_deref().and_then(Path::file_name).is_some_and(is_labels) {
+        tables.extend(
+            folder
+                .as_deref()
+                .and_then(Path::parent)
+                .map(|parent| parent.join(DATA_SET)),
+        );
+    }
+    tables.into_iter().filter(|table| table.is_file())
 }
 
 /// Lists values for a sentence: all if few, otherwise the first ones.

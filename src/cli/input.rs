@@ -20,8 +20,9 @@ const LARGEST_SIDE: u32 = 16_384;
 /// Argument for a table of label names.
 #[derive(Args)]
 pub(crate) struct NamesArg {
-    /// Table of label names: CSV with columns `value` and `name`, a colour table of 3D Slicer, or label descriptions of
-    /// ITK-SNAP [default: for labels without names, the file of the same stem that ends in .csv]
+    /// Table of label names: CSV with columns `value` and `name`, a colour table of 3D Slicer or FreeSurfer, label descriptions of
+    /// ITK-SNAP, dataset.json of nnU-Net [default: for labels without names, the file of the same stem that ends in .csv, .tsv
+    /// or .ctbl, or dataset.json beside it]
     #[arg(long, value_name = "FILE")]
     names: Option<PathBuf>,
 }

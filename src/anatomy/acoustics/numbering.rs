@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Tissue, presets};
 use insonify_base::csv::{Csv, CsvError, Row};
+use insonify_base::document::plain;
 
 /// A label of a numbering.
 #[derive(Clone, Debug, PartialEq)]
@@ -87,6 +88,14 @@ macro_rules! numberings {
                 }
             }
 
+            /// Name of the file of the numbering, without its ending; empty for a preset without one.
+            fn stem(self) -> &'static str {
+                match self {
+                    $(Self::$Name => &$file[..$file.len() - ".csv".len()],)+
+                    Self::Auto | Self::Phantom | Self::None => "",
+                }
+            }
+
             fn data(self) -> Result<&'static [Class], &'static CsvError> {
                 match self {
                     $(Self::$Name => {
@@ -104,13 +113,29 @@ numberings! {
     TotalSegmentator = "TotalSegmentator" in "total_segmentator.csv";
     Btcv = "BTCV" in "btcv.csv";
     Amos = "AMOS" in "amos.csv";
+    Flare21 = "FLARE21" in "flare21.csv";
     Flare22 = "FLARE22" in "flare22.csv";
+    TotalMr = "TotalSegmentator total_mr" in "total_mr.csv";
+    TotalV1 = "TotalSegmentator v1" in "total_v1.csv";
+    Word = "WORD" in "word.csv";
+    AbdomenAtlas = "AbdomenAtlas" in "abdomen_atlas.csv";
+    Lits = "LiTS" in "lits.csv";
+    LungVessels = "TotalSegmentator lung_vessels" in "lung_vessels.csv";
+    LiverVessels = "TotalSegmentator liver_vessels" in "liver_vessels.csv";
 }
 
 impl Preset {
     /// Labels of the numbering; none for a preset without one.
     pub(crate) fn classes(self) -> &'static [Class] {
         self.data().unwrap_or_default()
+    }
+
+    /// Whether a file's name has the words of the numbering, such as `total_mr` or `flare22`.
+    pub(crate) fn is_stated_by(self, name: &str) -> bool {
+        let words = format!("_{}_", plain(name));
+        let stem = self.stem();
+        !stem.is_empty()
+            && (words.contains(&format!("_{stem}_")) || words.contains(&format!("_{}_", stem.replace('_', ""))))
     }
 
     /// Organ of a label value; `None` for a value that the preset does not know. TotalSegmentator is taken to have the labels of

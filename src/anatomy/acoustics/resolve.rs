@@ -44,12 +44,32 @@ pub fn fallback() -> &'static Tissue {
     presets::get("soft_tissue").unwrap_or(&presets::all()[0])
 }
 
-/// A normalised name without the words left and right.
+/// Side of an organ, of the patient.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Side {
+    Left,
+    Right,
+}
+
+/// Side that a word of a name means.
+fn side_of(word: &str) -> Option<Side> {
+    match word {
+        "left" | "lt" | "l" => Some(Side::Left),
+        "right" | "rt" | "r" => Some(Side::Right),
+        _ => None,
+    }
+}
+
+/// Side in a normalised name, unless it names both or nothing else.
+pub(crate) fn side(normalised: &str) -> Option<Side> {
+    let mut sides = normalised.split('_').filter_map(side_of);
+    let side = sides.next()?;
+    (sides.all(|other| other == side) && !without_side(normalised).is_empty()).then_some(side)
+}
+
+/// A normalised name without the words of a side.
 pub(crate) fn without_side(normalised: &str) -> String {
-    let words: Vec<&str> = normalised
-        .split('_')
-        .filter(|&word| word != "left" && word != "right")
-        .collect();
+    let words: Vec<&str> = normalised.split('_').filter(|word| side_of(word).is_none()).collect();
     words.join("_")
 }
 

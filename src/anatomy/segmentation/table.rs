@@ -1,7 +1,10 @@
-//! Tables of label names: CSV, colour tables of 3D Slicer, label descriptions of ITK-SNAP.
+//! Tables of label names: CSV, colour tables of 3D Slicer and FreeSurfer, label descriptions of ITK-SNAP, data sets of nnU-Net.
 
+use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+
+use serde_json::Value;
 
 use crate::volume::{At, VolumeError};
 use insonify_base::read;
@@ -19,7 +22,7 @@ pub struct Names {
 
 impl Names {
     /// Reads a table: CSV with columns such as `value` (or `label`) and `name`, or these two without a header; a colour table of 3D Slicer (number,
-    /// name and colour per line); label descriptions of ITK-SNAP.
+    /// name and colour per line) or FreeSurfer; label descriptions of ITK-SNAP; `dataset.json` of nnU-Net.
     ///
     /// # Errors
     /// [`VolumeError`] with the line, for tables of other formats, values that are not integers, and values with two
@@ -37,7 +40,9 @@ impl Names {
         let first = first.unwrap_or_default();
         let after = first.trim_start_matches(|c: char| c.is_ascii_digit());
         let is_value = after.len() < first.len();
-        if is_value && !after.trim_start().starts_with([',', ';']) {
+        if first.starts_with(['{', '[']) {
+            names.read_json(&text)?;
+        } else if is_value && !after.trim_start().starts_with([',', ';']) {
             names.read_colours(&text)?;
         } else {
             names.read_csv(&text, first, !is_value)?;
@@ -76,17 +81,70 @@ impl Names {
         }
     }
 
-    /// Parses lines of a number, a name and a colour, or of a number, a colour and a name in quotes.
+    /// Parses lines of a number, a name and a colour, or of a number, a colour and a name in quotes. Names may have blanks.
     fn read_colours(&mut self, text: &str) -> Result<(), VolumeError> {
-        for (line, row) in text.lines().enumerate() {
-            let row = row.trim();
-            if row.is_empty() || row.starts_with('#') {
-                continue;
+        let rows: Vec<(usize, &str)> = (1..)
+            .zip(text.lines().map(str::trim))
+            .filter(|(_, row)| !row.is_empty() && !row.starts_with('#'))
+            .collect();
+        let is_number = |word: &&str| word.parse::<f64>().is_ok();
+        let numbers = |row: &str| row.split_whitespace().rev().take_while(is_number).count();
+        let unquoted = rows.iter().filter(|(_, row)| !row.contains('"'));
+        // The colour of all rows: a name may end in a number, too.
+        let colour = match unquoted.map(|(_, row)| numbers(row)).min().unwrap_or(0) {
+            numbers @ 3.. => numbers.min(4),
+            _ => 0,
+        };
+        for (line, row) in rows {
+            let words: Vec<&str> = row.split_whitespace().collect();
+            let name = match row.split_once('"') {
+                Some((_, rest)) => rest.trim_end_matches('"').trim().to_owned(),
+                None => words[1..words.len().saturating_sub(colour).max(1)].join(" "),
+            };
+            self.add(line, words[0], &name)?;
+        }
+        Ok(())
+    }
+
+    /// Parses the `labels` of a data set of nnU-Net: names with values, or values with names. A name may have several values, as a region
+    /// does; a value then has the name of the smallest one.
+    fn read_json(&mut self, text: &str) -> Result<(), VolumeError> {
+        const EXPECTED: &str = "`labels` with a value or a list of values for each name, or a name for each value, as nnU-Net's dataset.json \
+                                has it";
+        let fail = |line: usize, found: String| VolumeError::malformed(&self.path, At::Line(line), found, EXPECTED);
+        let json: Value = serde_json::from_str(text).map_err(|error| fail(error.line(), error.to_string()))?;
+        let labels = json.get("labels").and_then(Value::as_object);
+        let labels = labels.ok_or_else(|| fail(1, "no table `labels`".to_owned()))?;
+        let mut regions = Vec::new();
+        for (key, value) in labels {
+            let line = text
+                .lines()
+                .position(|line| line.contains(&format!("\"{key}\"")))
+                .map_or(1, |index| index + 1);
+            let number = |value: &Value| value.as_i64().ok_or_else(|| fail(line, format!("{key:?}: {value}")));
+            let (values, name) = match value {
+                Value::String(name) if key.parse::<i64>().is_ok() => (vec![key.parse().unwrap_or_default()], name),
+                Value::Array(values) => (values.iter().map(number).collect::<Result<_, _>>()?, key),
+                value => (vec![number(value)?], key),
+            };
+            regions.push((line, values, name));
+        }
+        regions.sort_by_key(|(_, values, _)| Reverse(values.len()));
+        for (line, values, name) in regions {
+            match values[..] {
+                [value] => {
+                    let of_region = labels
+                        .values()
+                        .any(|other| other.as_array().is_some_and(|all| all.contains(&value.into())));
+                    if of_region {
+                        self.by_value.remove(&value);
+                    }
+                    self.add(line, &value.to_string(), name)?;
+                }
+                _ => self
+                    .by_value
+                    .extend(values.into_iter().map(|value| (value, name.clone()))),
             }
-            let mut words = row.split_whitespace();
-            let (value, second) = (words.next().unwrap_or_default(), words.next().unwrap_or_default());
-            let quoted = row.split_once('"').map(|(_, rest)| rest.trim_end_matches('"'));
-            self.add(line + 1, value, quoted.unwrap_or(second).trim())?;
         }
         Ok(())
     }

@@ -107,8 +107,9 @@ parameters! {
         /// of 0.008 mm at 1e5 mm.
         #[serde(skip_serializing_if = "Option::is_none")]
         file: Option<PathBuf>;
-        /// Table of label names: CSV with columns `value` and `name`, a colour table of 3D Slicer, or label
-        /// descriptions of ITK-SNAP. Default: for labels without names, the file of the same stem that ends in .csv.
+        /// Table of label names: CSV with columns `value` and `name`, a colour table of 3D Slicer or FreeSurfer, label
+        /// descriptions of ITK-SNAP, `dataset.json` of nnU-Net. Default: for labels without names, the file of the same stem
+        /// that ends in .csv, .tsv or .ctbl, or `dataset.json` beside it or, if the folder is `labelsTr` or the like, above it.
         #[serde(skip_serializing_if = "Option::is_none")]
         names: Option<PathBuf>, for File | Ct;
         /// Treatment of unlabelled voxels. Default `auto`: a body is closed around the labelled anatomy unless the

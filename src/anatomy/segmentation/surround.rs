@@ -1,0 +1,98 @@
+//! Labels that are no organs: a background that is not 0, and a body.
+
+use super::evidence::Extents;
+use super::{Naming, Segmentation};
+use crate::acoustics::Preset;
+use crate::volume::complete::has_body_values;
+use crate::volume::{Label, LabelVolume, VolumeError};
+
+/// Values that files use for the background in place of 0, or for what is not to be looked at.
+const BACKGROUNDS: [i64; 2] = [-1, 255];
+
+/// Name of a body.
+const BODY: &str = "body";
+/// Volume from which a label through all slices may be a body, and from which a single one is, ml: no organ is as large.
+const BODY_ML: [f64; 2] = [3000.0, 11000.0];
+/// Least fraction of its box that a body fills.
+const BODY_FILL: f64 = 0.5;
+
+impl Segmentation {
+    /// Takes a label -1 or 255 that has all corners of the volume, beside other labels, for the background.
+    pub(super) fn unlabel_background(&mut self, naming: &Naming) -> Result<(), VolumeError> {
+        let volume = &self.volume;
+        let Some(around) = surrounding(volume) else {
+            return Ok(());
+        };
+        let labels = volume.labels();
+        let Label { value, name, voxels } = &labels[usize::from(around)];
+        let mut others = (1..labels.len()).filter(|&label| label != usize::from(around) && volume.holds(label));
+        let is_guess = BACKGROUNDS.contains(value) && name.is_none() && !naming.claimed.contains(value);
+        if !is_guess || others.next().is_none() {
+            return Ok(());
+        }
+        let litres = *voxels as f64 * volume.voxel_mm3() / 1e6;
+        let mut note = format!("label {value} ({litres:.1} l) surrounds all others and is taken as unlabelled");
+        if labels[0].voxels > 0 {
+            note.push_str(", as is 0");
+        }
+        let mut labels = labels.to_vec();
+        labels[0].voxels += labels.remove(usize::from(around)).voxels;
+        let moved = volume.voxels().iter().map(|&voxel| match voxel.cmp(&around) {
+            std::cmp::Ordering::Less => voxel,
+            std::cmp::Ordering::Equal => 0,
+            std::cmp::Ordering::Greater => voxel - 1,
+        });
+        self.volume = LabelVolume::new(volume.size(), moved.collect(), labels, *volume.index_to_world())?;
+        self.notes.push(note);
+        Ok(())
+    }
+
+    /// Names a label without a name that is as large as a body and encloses all others.
+    pub(super) fn name_body(&mut self, naming: &Naming, extents: &Extents) {
+        if naming.preset != Preset::Auto || has_body_values(&self.volume) {
+            return;
+        }
+        let volume = &self.volume;
+        let spacing = volume.spacing_mm();
+        let upwards = |axis: &usize| volume.index_to_world()[(2, *axis)].abs() / spacing[*axis];
+        let slices = [0, 1, 2].into_iter().max_by(|a, b| upwards(a).total_cmp(&upwards(b)));
+        let present: Vec<usize> = (1..volume.labels().len())
+            .filter(|label| volume.holds(*label))
+            .collect();
+        let is_body = |&label: &usize| {
+            let extent = &extents.labels[label];
+            let sides = extent.voxels.map(|[first, last]| last + 1 - first);
+            let fill = volume.labels()[label].voxels as f64 / sides.iter().product::<usize>() as f64;
+            let through = slices.is_some_and(|axis| sides[axis] == volume.size()[axis]);
+            let encloses = |other: &usize| {
+                let other = &extents.labels[*other].voxels;
+                (0..3).all(|axis| extent.voxels[axis][0] <= other[axis][0] && other[axis][1] <= extent.voxels[axis][1])
+            };
+            let is_large = (through && extent.ml >= BODY_ML[0]) || (present.len() == 1 && extent.ml >= BODY_ML[1]);
+            is_large
+                && surrounding(volume).map(usize::from) != Some(label)
+                && fill >= BODY_FILL
+                && present.iter().all(encloses)
+        };
+        let nameless: Vec<usize> = self.nameless(naming).collect();
+        if let Some(label) = nameless.into_iter().find(is_body) {
+            let Label { value, .. } = self.volume.labels()[label];
+            let ml = extents.labels[label].ml;
+            self.notes.push(format!(
+                "label {value} is taken for the body: {:.1} l that enclose all other labels",
+                ml / 1000.0
+            ));
+            self.volume.name(label, BODY.to_owned());
+        }
+    }
+}
+
+/// Label of all corners of a volume.
+fn surrounding(volume: &LabelVolume) -> Option<u8> {
+    let last = volume.size().map(|n| n - 1);
+    let corner = |which: usize| {
+        let index = [0, 1, 2].map(|axis| (which >> axis & 1) * last[axis]);
+        volume.voxels()[volume.offset(index)]
+    };
+    (1..8).all(|which| corner(which) == corner(0)).then(|| corner(0))
+}
