@@ -56,6 +56,7 @@ impl From<LabelVolume> for Segmentation {
 impl From<Loaded> for Segmentation {
     fn from(loaded: Loaded) -> Self {
         Self {
+            notes: loaded.notes,
             warnings: loaded.warnings,
             ..loaded.volume.into()
         }

@@ -8,6 +8,8 @@ mod data;
 pub mod distance;
 pub mod element;
 mod error;
+mod extent;
+mod foreign;
 mod format;
 pub mod header;
 mod labels;
@@ -15,9 +17,12 @@ mod load;
 mod names;
 pub(crate) mod overlap;
 mod save;
+mod several;
 pub mod structures;
 mod text;
 pub mod texture;
+mod unit;
+mod values;
 
 use std::sync::Arc;
 

@@ -172,14 +172,19 @@ fn plain_label_maps_have_their_counts() {
 
 #[test]
 fn grey_images_are_told_from_labels() {
+    for name in ["formats/niivue_mha.mha", "rf/MouseLiverRF.mha"] {
+        refused(name, "is this a grey image rather than a label map?");
+    }
     for name in [
         "volumes/CTChest4.nrrd",
         "volumes/ts_example_ct.nii.gz",
         "volumes/ts_example_ct_sm.nii.gz",
-        "formats/niivue_mha.mha",
-        "rf/MouseLiverRF.mha",
+        "formats/niivue_shear_crop.nii.gz",
     ] {
-        refused(name, "is this a grey image rather than a label map?");
+        refused(
+            name,
+            "HU), expected labels: give its segmentation; `volume.ct` of a scene takes the CT",
+        );
     }
     refused(
         "formats/niivue_LPS.nii.gz",
@@ -187,10 +192,6 @@ fn grey_images_are_told_from_labels() {
     );
     refused(
         "formats/niivue_PIL.nii.gz",
-        "expected a whole number: this is no label volume",
-    );
-    refused(
-        "formats/niivue_shear_crop.nii.gz",
         "expected a whole number: this is no label volume",
     );
 }
@@ -240,27 +241,43 @@ fn flat_and_long_nrrd_images() {
         assert_eq!(loaded.volume.spacing_mm(), [1.0458, 2.0, 1.0]);
     }
     refused("formats/pynrrd/test_simple4d_raw.nrrd", "voxel (0, 0, 0) is 0.769034");
-    refused(
-        "tracked/NwirePhantomFreehand.igs.nrrd",
-        "axis 2 of 97 entries that is no direction of space",
-    );
+    for name in [
+        "NwirePhantomFreehand.igs.nrrd",
+        "NwirePhantomFreehandCropped.igs.mha",
+        "Prostate10_tracker.igs.mha",
+    ] {
+        refused(
+            &format!("tracked/{name}"),
+            "a recording of tracked frames is not supported",
+        );
+    }
 }
 
 #[test]
 fn other_formats_are_named() {
-    refused(
-        "tracked/SlidingProbeTrackingData.igs.mha",
-        "no image (sizes 0 x 0 x 85)",
-    );
-    refused("textures/gdcm-US-ALOKA-16.dcm", "DICOM is not supported");
-    refused(
-        "meshes/aigt_NeedleModel.vtk",
-        "a mesh is not supported; give a volume of labels",
-    );
-    refused(
-        "formats/pynrrd/BallBinary30x30x30.raw",
-        "expected the start of a NIfTI-1, NRRD or MetaImage file",
-    );
+    for (name, expected) in [
+        (
+            "tracked/SlidingProbeTrackingData.igs.mha",
+            "a recording of tracked frames is not supported",
+        ),
+        (
+            "textures/gdcm-US-ALOKA-16.dcm",
+            "an ultrasound image in DICOM is not supported",
+        ),
+        ("meshes/aigt_NeedleModel.vtk", "a surface (VTK) is not supported"),
+        ("meshes/plus_Needle_20cm.stl", "a surface (STL) is not supported"),
+        ("meshes/DERIVED_s0328_liver.obj", "a surface (OBJ) is not supported"),
+        (
+            "meshes/DERIVED_s0328_3organ_tet.vtu",
+            "a mesh is not supported; give a volume of labels",
+        ),
+        (
+            "formats/pynrrd/BallBinary30x30x30.raw",
+            "numbers without a header is not supported; give its header",
+        ),
+    ] {
+        refused(name, expected);
+    }
     let missing = insonify_anatomy::volume::load("/nowhere/no_such_file.nrrd".as_ref())
         .map(drop)
         .unwrap_err()

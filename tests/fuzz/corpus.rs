@@ -85,6 +85,25 @@ pub(crate) fn saved(folder: &Path, name: &str) -> Vec<u8> {
     bytes
 }
 
+/// The file of [`saved`] in NIfTI-1 as one of NIfTI-2.
+pub(crate) fn nifti_2(nifti: &[u8]) -> Vec<u8> {
+    let offset = f32::from_le_bytes(nifti[108..112].try_into().expect("four bytes")) as usize;
+    let mut bytes = vec![0; 544];
+    let mut put = |start: usize, number: &[u8]| bytes[start..start + number.len()].copy_from_slice(number);
+    put(0, &540i32.to_le_bytes());
+    put(4, b"n+2\0\r\n\x1a\n");
+    put(12, &nifti[70..72]);
+    for index in 0..8 {
+        put(16 + 8 * index, &[3i64, 6, 6, 6, 1, 1, 1, 1][index].to_le_bytes());
+        put(104 + 8 * index, &1f64.to_le_bytes());
+    }
+    put(168, &544i64.to_le_bytes());
+    put(344, &1i32.to_le_bytes());
+    put(500, &2i32.to_le_bytes());
+    bytes.extend_from_slice(&nifti[offset..]);
+    bytes
+}
+
 /// Voxels as they stand in a raw file.
 fn raw() -> Vec<u8> {
     volume().voxels().iter().map(|index| 7 * index).collect()

@@ -52,6 +52,7 @@ pub(crate) fn all(folder: &Path) -> Vec<Format> {
     corpus::beside(folder);
     let saved = |name: &str| corpus::saved(folder, name);
     let nifti = saved("a.nii");
+    let nifti_2 = corpus::nifti_2(&nifti);
     let mut pair = nifti[..348].to_vec();
     pair[108..112].fill(0);
     pair[344..348].copy_from_slice(b"ni1\0");
@@ -75,6 +76,7 @@ pub(crate) fn all(folder: &Path) -> Vec<Format> {
     vec![
         of("nifti", "case.nii", true, vec![nifti.clone()], labels),
         of("nifti-gz", "case.nii.gz", true, vec![nifti], packed),
+        of("nifti-2", "case.nii", true, vec![nifti_2], labels),
         of("nifti-pair", "pair.hdr", true, vec![pair], labels),
         of(
             "written",

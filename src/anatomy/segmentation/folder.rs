@@ -120,6 +120,7 @@ pub(super) fn read(folder: &Path) -> Result<Segmentation, VolumeError> {
     });
     let volume = union.volume(&first.volume).map_err(|error| error.in_file(folder))?;
     let mut segmentation = Segmentation::from(volume);
+    segmentation.notes = first.notes;
     segmentation.warnings = first.warnings;
     segmentation.notes.push(format!(
         "{} holds {} masks, {} of them empty; each is the label of its file's name",

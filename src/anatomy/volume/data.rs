@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
+use std::path::PathBuf;
 
 use bzip2::bufread::BzDecoder;
 use flate2::bufread::{GzDecoder, ZlibDecoder};
@@ -27,13 +28,26 @@ const CHUNK: usize = 64 << 10;
 /// Reads the numbers of an image into values, one for each `group` of bytes. `push` appends those of a slice of complete
 /// groups; numbers have the byte order of [`Header::data_order`].
 pub(crate) fn read_into<V>(header: &mut Header, group: usize, push: Push<V>) -> Result<Vec<V>, VolumeError> {
-    let (_, expected) = header.extent()?;
-    let (reader, begin, stored) = open(header, expected)?;
+    let (_, total) = header.extent()?;
+    let files = std::mem::take(&mut header.data.more);
+    let count = files.len() + 1;
+    if !total.is_multiple_of(count) {
+        let found = format!("{count} data files for {}", header.sizes());
+        return Err(header.malformed(found, "files that share the image equally"));
+    }
+    let expected = total / count;
+    let paths: Vec<PathBuf> = std::iter::once(header.data.path.clone()).chain(files).collect();
+    // All files are looked at first: a header may name more of them than there are, and promise what no memory holds.
+    let mut stored: u64 = 0;
+    for path in &paths {
+        header.data.path.clone_from(path);
+        stored = stored.saturating_add(open(header, expected)?.2);
+    }
     let capacity = match header.data.encoding {
-        Encoding::Raw | Encoding::Text => expected,
+        Encoding::Raw | Encoding::Text => total,
         // Maximum expansion per byte: "An Explanation of the Deflate Algorithm" (zlib) and twice the run length of blocks of bzip2.
-        Encoding::Gzip | Encoding::Zlib => expected.min(stored.saturating_mul(1032) as usize),
-        Encoding::Bzip2 => expected.min(stored.saturating_mul(1 << 21) as usize),
+        Encoding::Gzip | Encoding::Zlib => total.min(stored.saturating_mul(1032) as usize),
+        Encoding::Bzip2 => total.min(stored.saturating_mul(1 << 21) as usize),
     };
     let what = format!("an image of {}", header.sizes());
     let fail = |cause: TooLarge| header.unreadable(cause.into());
@@ -41,7 +55,7 @@ pub(crate) fn read_into<V>(header: &mut Header, group: usize, push: Push<V>) -> 
     let part = read::room(group.min(capacity), &what).map_err(fail)?;
     let mut sink = Sink {
         skip: 0,
-        wanted: expected,
+        wanted: 0,
         excess: 0,
         part,
         group,
@@ -50,10 +64,15 @@ pub(crate) fn read_into<V>(header: &mut Header, group: usize, push: Push<V>) -> 
         push,
         failed: None,
     };
-    match header.data.encoding {
-        Encoding::Raw => raw(header, reader, begin, stored, &mut sink)?,
-        Encoding::Text => text(header, reader, begin, stored, &mut sink)?,
-        Encoding::Gzip | Encoding::Zlib | Encoding::Bzip2 => unpack(header, reader, begin, expected, &mut sink)?,
+    for path in paths {
+        header.data.path = path;
+        (sink.skip, sink.wanted, sink.excess) = (0, expected, 0);
+        let (reader, begin, stored) = open(header, expected)?;
+        match header.data.encoding {
+            Encoding::Raw => raw(header, reader, begin, stored, &mut sink)?,
+            Encoding::Text => text(header, reader, begin, stored, &mut sink)?,
+            Encoding::Gzip | Encoding::Zlib | Encoding::Bzip2 => unpack(header, reader, begin, expected, &mut sink)?,
+        }
     }
     sink.failed.map_or(Ok(sink.values), Err)
 }
@@ -114,11 +133,15 @@ fn open(header: &Header, expected: usize) -> Result<(BufReader<File>, u64, u64),
 
 fn short(header: &Header, offset: u64, found: u64, expected: u64) -> VolumeError {
     let element = header.element.map_or("no type", Element::name);
+    let part = match header.extent() {
+        Ok((_, total)) if total as u64 > expected => "a share of ",
+        _ => "",
+    };
     VolumeError::malformed(
         &header.data.path,
         At::Byte(offset),
         format!("the end of the data after {found} bytes"),
-        format!("{expected} bytes ({} of {element})", header.sizes()),
+        format!("{expected} bytes ({part}{} of {element})", header.sizes()),
     )
 }
 

@@ -86,6 +86,8 @@ pub enum ByteOrder {
 /// Linear scale of stored numbers: `slope * number + intercept`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scale {
+    /// Name of the factor in the header.
+    pub key: &'static str,
     /// Factor on the stored number.
     pub slope: f64,
     /// Value of a stored 0.
@@ -94,8 +96,8 @@ pub struct Scale {
 
 impl Scale {
     /// Creates the scale; `None` for the identity.
-    pub fn new(slope: f64, intercept: f64) -> Option<Self> {
-        (slope != 1.0 || intercept != 0.0).then_some(Self { slope, intercept })
+    pub fn new(key: &'static str, slope: f64, intercept: f64) -> Option<Self> {
+        (slope != 1.0 || intercept != 0.0).then_some(Self { key, slope, intercept })
     }
 
     /// Value that a stored number stands for.
@@ -112,14 +114,8 @@ pub trait Sample: Copy {
     fn decode(bytes: &[u8], order: ByteOrder) -> Self;
     /// Converts to the nearest double.
     fn as_f64(self) -> f64;
-    /// Converts to a label value; `None` if it is not an integer or needs more than 63 bits.
+    /// An integer as a label value; `None` for other types, and if it needs more than 63 bits.
     fn as_label(self) -> Option<i64>;
-}
-
-/// Converts an integral double to a label value.
-pub(crate) fn label_of(value: f64) -> Option<i64> {
-    const LIMIT: f64 = 9_007_199_254_740_992.0; // 2^53: beyond it doubles skip whole numbers.
-    (value.fract() == 0.0 && value.abs() <= LIMIT).then_some(value as i64)
 }
 
 macro_rules! sample {
@@ -155,8 +151,8 @@ sample!(u32, |n| Some(i64::from(n)));
 sample!(i32, |n| Some(i64::from(n)));
 sample!(u64, |n| i64::try_from(n).ok());
 sample!(i64, Some);
-sample!(f32, |n| label_of(f64::from(n)));
-sample!(f64, label_of);
+sample!(f32, |_| None);
+sample!(f64, |_| None);
 
 /// Runs `$body` with `$type` bound to the Rust type of an [`Element`].
 macro_rules! with_sample {
@@ -200,12 +196,9 @@ mod tests {
     }
 
     #[test]
-    fn labels_are_whole_numbers_that_fit() {
-        assert_eq!(7.0f32.as_label(), Some(7));
-        assert_eq!((-3.0f64).as_label(), Some(-3));
-        assert_eq!(0.5f64.as_label(), None);
-        assert_eq!(f64::NAN.as_label(), None);
-        assert_eq!(f32::INFINITY.as_label(), None);
+    fn integers_that_fit_are_labels() {
+        assert_eq!((-3i8).as_label(), Some(-3));
+        assert_eq!(7.0f32.as_label(), None);
         assert_eq!(u64::MAX.as_label(), None);
         assert_eq!(u16::decode(&[1, 2], ByteOrder::Big), 258);
         assert_eq!(u16::decode(&[1, 2], ByteOrder::Little), 513);

@@ -89,7 +89,8 @@ pub enum VolumeError {
     },
     /// A label volume holds a number that is not a label.
     #[error(
-        "{}: voxel ({}, {}, {}) is {value:?}, expected a whole number: this is no label volume (label values lie within 2^63 of 0)",
+        "{}: voxel ({}, {}, {}) is {value:?}{origin}, expected a whole number: this is no label volume (labels are stored as whole \
+         numbers within 2^63 of 0, without a scale)",
         path.display(), voxel[0], voxel[1], voxel[2]
     )]
     Fractional {
@@ -99,6 +100,8 @@ pub enum VolumeError {
         voxel: [usize; 3],
         /// Value of the voxel.
         value: f64,
+        /// Stored number and scale, in brackets, if there is a scale.
+        origin: String,
     },
     /// The numbers are valid but do not form a label volume.
     #[error("{}: {cause}", path.display())]
@@ -213,12 +216,21 @@ impl Blame for VolumeError {
     }
 }
 
-/// Text of a file as shown in an error: quoted and truncated to a readable length.
+/// Text of a file as shown in an error: quoted and truncated to a readable length; bytes that are no text are not shown.
 pub(super) fn quoted(text: &str) -> String {
     const SHOWN: usize = 60;
+    if !is_text(text) {
+        return "bytes that are no text".to_owned();
+    }
     let mut shown: String = text.chars().take(SHOWN).collect();
     if shown.len() < text.len() {
         shown.push('…');
     }
-    format!("{shown:?}")
+    format!("\"{}\"", shown.replace(['\t', '\n', '\r'], " "))
+}
+
+/// Whether decoded bytes are text: no control characters but tabs and line ends, and none that is no UTF-8.
+pub(super) fn is_text(text: &str) -> bool {
+    let strange = |c: char| (c.is_control() && !c.is_ascii_whitespace()) || c == char::REPLACEMENT_CHARACTER;
+    !text.contains(strange)
 }

@@ -54,13 +54,28 @@ pub(crate) fn ending(name: &str) -> Option<&'static str> {
         .max_by_key(|ending| ending.len())
 }
 
-/// The format of a file that holds data alone, by its extension, and the path of the header beside it.
+/// The format of a file that holds data alone, by its extension, and the path of the header beside it; either may be gzipped.
 pub(crate) fn header_beside(path: &Path) -> Option<(&'static Format, PathBuf)> {
-    let extension = path.extension()?;
+    let is_gzipped = path
+        .extension()
+        .is_some_and(|extension| extension.eq_ignore_ascii_case("gz"));
+    let plain = if is_gzipped {
+        path.with_extension("")
+    } else {
+        path.to_owned()
+    };
+    let extension = plain.extension()?;
     super::FORMATS.iter().find_map(|format| {
         let mut extensions = format.data_extensions.iter();
         let (_, header) = extensions.find(|(data, _)| extension.eq_ignore_ascii_case(data))?;
-        Some((*format, path.with_extension(header)))
+        let header = plain.with_extension(header);
+        let packed = header.with_added_extension("gz");
+        let beside = if packed.is_file() && !header.is_file() {
+            packed
+        } else {
+            header
+        };
+        Some((*format, beside))
     })
 }
 

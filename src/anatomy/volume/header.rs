@@ -59,8 +59,10 @@ pub enum Skip {
 /// Location of the data.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DataPlace {
-    /// File that holds the data.
+    /// File that holds the data, or the first part of them.
     pub path: PathBuf,
+    /// Files with the other parts, all of one size, in order.
+    pub more: Vec<PathBuf>,
     /// Position in the header of the name of that file, if it is a separate one.
     pub named: Option<At>,
     /// Offset in that file of the data, or of the lines to skip, bytes.
@@ -225,7 +227,7 @@ impl Header {
         if let Some(step) = steps.into_iter().find(|step| *step > MAX_SPACING_MM) {
             return Err(self.malformed(
                 format!("a spacing of {step:e} mm"),
-                format!("at most {MAX_SPACING_MM} mm"),
+                format!("at most {MAX_SPACING_MM} mm; check the unit of the spacing"),
             ));
         }
         let units = [x, y, z].map(|direction| direction.try_normalize(0.0).unwrap_or_else(Vector3::zeros));
@@ -274,6 +276,7 @@ pub(crate) mod tests {
             scale: None,
             data: DataPlace {
                 path: PathBuf::from("test"),
+                more: Vec::new(),
                 named: None,
                 start: 0,
                 skip_lines: 0,

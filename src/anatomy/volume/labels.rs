@@ -3,10 +3,11 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use super::data::{self, Push};
-use super::element::{ByteOrder, Sample, Scale, label_of, with_sample};
+use super::element::{ByteOrder, Sample, with_sample};
 use super::error::VolumeError;
 use super::header::Header;
 use super::overlap::{Overlaps, precedence};
+use super::values::{Fraction, Values};
 use super::{Label, LabelVolume, Loaded, names};
 
 /// Layer and value of a label in the file. The background is layer 0, value 0.
@@ -23,11 +24,11 @@ struct Stacks {
     numbers: HashMap<Vec<Stored>, usize>,
     /// Stacks with their voxels.
     counted: Vec<(Vec<Stored>, u64)>,
-    /// Bytes of the last stack, and its number.
-    last: (Vec<u8>, usize),
+    /// Bytes of the last stack, its number, and how many of its numbers are missing.
+    last: (Vec<u8>, usize, u64),
     layers: usize,
     order: ByteOrder,
-    scale: Option<Scale>,
+    values: Values,
 }
 
 /// Labels of which each voxel has the top one of its stack.
@@ -45,7 +46,7 @@ struct Flattened {
 /// Why numbers form no labels.
 enum Unfit {
     /// A number that is not a label, in the next voxel.
-    Fraction(f64),
+    Fraction(Fraction),
     /// More than [`MAX_COUNTED`] distinct stacks.
     TooMany,
 }
@@ -70,10 +71,10 @@ impl Stacks {
         Self {
             numbers: HashMap::from([(Vec::new(), 0)]),
             counted: vec![(Vec::new(), 0)],
-            last: (Vec::new(), 0),
+            last: (Vec::new(), 0, 0),
             layers,
             order: header.data_order(),
-            scale: header.scale,
+            values: Values::new(header.scale),
         }
     }
 
@@ -85,16 +86,17 @@ impl Stacks {
         source: impl Source,
         voxel: fn(usize) -> V,
     ) -> Result<Vec<V>, VolumeError> {
-        let path = header.path.clone();
+        let (path, scale) = (header.path.clone(), header.scale);
         with_sample!(header.element()?, T => source.read(header, self.layers * T::BYTES, &mut |bytes, voxels| {
             self.push::<T, V>(bytes, voxels, voxel).map_err(|unfit| match unfit {
                 Unfit::TooMany => VolumeError::TooManyLabels(self.labels().len()).in_file(&path),
-                Unfit::Fraction(value) => {
+                Unfit::Fraction(fraction) => {
                     let (voxel, [x, y, _]) = (voxels.len(), size);
                     VolumeError::Fractional {
                         path: path.clone(),
                         voxel: [voxel % x, voxel / x % y, voxel / x / y],
-                        value,
+                        value: fraction.value,
+                        origin: fraction.origin(scale),
                     }
                 }
             })
@@ -105,16 +107,10 @@ impl Stacks {
         for stack in bytes.chunks_exact(T::BYTES * self.layers) {
             if self.last.0 != stack {
                 let mut labels = Vec::with_capacity(self.layers);
+                let missing = self.values.missing;
                 for (layer, number) in stack.chunks_exact(T::BYTES).enumerate() {
                     let sample = T::decode(number, self.order);
-                    let label = match self.scale {
-                        None => sample.as_label(),
-                        Some(scale) => label_of(scale.apply(sample.as_f64())),
-                    };
-                    let Some(value) = label else {
-                        let value = self.scale.map_or(sample.as_f64(), |scale| scale.apply(sample.as_f64()));
-                        return Err(Unfit::Fraction(value));
-                    };
+                    let value = self.values.label(sample).map_err(Unfit::Fraction)?;
                     if value != 0 {
                         labels.push((layer, value));
                     }
@@ -126,7 +122,9 @@ impl Stacks {
                 }
                 self.last.0.clear();
                 self.last.0.extend_from_slice(stack);
-                self.last.1 = number;
+                (self.last.1, self.last.2) = (number, self.values.missing - missing);
+            } else {
+                self.values.missing += self.last.2;
             }
             self.counted[self.last.1].1 += 1;
             voxels.push(voxel(self.last.1));
@@ -247,7 +245,11 @@ fn volume_from(mut header: Header, source: impl Source) -> Result<Loaded, Volume
     warnings.extend(grey_image(&voxels, grid.size[0], &labels));
     let volume =
         LabelVolume::new(grid.size, voxels, labels, grid.index_to_world).map_err(|error| error.in_file(&path))?;
-    Ok(Loaded { volume, warnings })
+    Ok(Loaded {
+        volume,
+        notes: stacks.values.notes(),
+        warnings,
+    })
 }
 
 /// Number of labels from which a file may be a grey image.
@@ -307,7 +309,7 @@ fn values(stored: &[Stored], named: &BTreeMap<Stored, Option<String>>, warnings:
 mod tests {
     use nalgebra::Vector3;
 
-    use super::super::element::Element;
+    use super::super::element::{Element, Scale};
     use super::super::header::Axis;
     use super::super::header::tests::header;
     use super::*;
@@ -364,7 +366,7 @@ mod tests {
         let message = volume(cube([2, 2, 1], Element::F64), &numbers).unwrap_err().to_string();
         assert!(message.contains("voxel (1, 1, 0) is 1.5"), "{message}");
         let mut scaled = cube([2, 1, 1], Element::I16);
-        scaled.scale = Scale::new(0.5, 0.0);
+        scaled.scale = Scale::new("scl_slope", 0.5, 0.0);
         let message = volume(scaled, &bytes(&[2, 3])).unwrap_err().to_string();
         assert!(message.contains("voxel (1, 0, 0) is 1.5"), "{message}");
     }

@@ -6,9 +6,9 @@ use std::path::Path;
 use nalgebra::Matrix4;
 
 use super::element::{Sample, with_sample};
-use super::error::{At, VolumeError, quoted};
+use super::error::{At, VolumeError};
 use super::header::Header;
-use super::{FORMATS, LabelVolume, data, format, labels};
+use super::{FORMATS, LabelVolume, data, extent, foreign, format, labels};
 use insonify_base::read;
 
 /// A label volume with the warnings of the reader.
@@ -16,6 +16,8 @@ use insonify_base::read;
 pub struct Loaded {
     /// Loaded volume.
     pub volume: LabelVolume,
+    /// What was read otherwise than as it stands, one sentence each.
+    pub notes: Vec<String>,
     /// Assumptions and warnings, one sentence each.
     pub warnings: Vec<String>,
 }
@@ -37,9 +39,53 @@ pub struct ScalarImage {
 ///
 /// # Errors
 /// [`VolumeError`] with the file, the place in it, what was found and what was expected: for files that are unreadable,
-/// of another format or broken, or hold no labels (fractions, or more than 256 distinct values).
+/// of another format or broken, or hold no labels (fractions, more than 256 distinct values, recordings), or span what no body
+/// does.
 pub fn load(path: &Path) -> Result<Loaded, VolumeError> {
-    labels::volume(read_header(path)?)
+    let header = read_header(path)?;
+    refuse_sequence(&header)?;
+    let loaded = labels::volume(header).map_err(|error| grey(path, error))?;
+    extent::check(&loaded.volume).map_err(|error| error.in_file(path))?;
+    Ok(loaded)
+}
+
+/// An error if an image is a sequence: a recording of frames, or volumes of 3D Slicer over time.
+fn refuse_sequence(header: &Header) -> Result<(), VolumeError> {
+    let frames = header.key_values.iter().any(|(key, _)| key.starts_with("Seq_Frame"));
+    if frames {
+        let instead = "`insonify info` tells what is in it, `[motion.sequence]` of a scene moves the probe by it; labels are a volume";
+        return Err(header.unsupported("a recording of tracked frames", instead));
+    }
+    let name = header.path.to_string_lossy().to_ascii_lowercase();
+    let stem = name.rsplit_once('.').map_or("", |(stem, _)| stem);
+    if stem.ends_with(".seq") && header.axes.len() > 3 {
+        let found = format!("a sequence of volumes ({})", header.sizes());
+        return Err(header.unsupported(found, "save one of them, in 3D Slicer as .seg.nrrd or .nrrd"));
+    }
+    Ok(())
+}
+
+/// Air and bone, in Hounsfield units: an image with values beyond both is a CT.
+const CT_HU: [f32; 2] = [-900.0, 150.0];
+
+/// The error about an image that is no label volume, which says so if it is a CT.
+fn grey(path: &Path, error: VolumeError) -> VolumeError {
+    let is_grey = match &error {
+        VolumeError::Fractional { .. } => true,
+        VolumeError::Volume { cause, .. } => matches!(**cause, VolumeError::TooManyLabels(_)),
+        _ => false,
+    };
+    let Some(image) = is_grey.then(|| load_scalar(path).ok()).flatten() else {
+        return error;
+    };
+    let ends = |(low, high): (f32, f32), &value: &f32| (low.min(value), high.max(value));
+    let (low, high) = image.data.iter().fold((f32::MAX, f32::MIN), ends);
+    if low > CT_HU[0] || high < CT_HU[1] {
+        return error;
+    }
+    let found = format!("a CT ({low} to {high} HU)");
+    let expected = "labels: give its segmentation; `volume.ct` of a scene takes the CT beside it";
+    VolumeError::malformed(path, At::Voxels, found, expected)
 }
 
 /// Loads a grey volume from the formats of [`load`], any element type.
@@ -94,26 +140,10 @@ pub fn read_header(path: &Path) -> Result<Header, VolumeError> {
     }
     let mut start = Vec::new();
     read::open(path)
-        .and_then(|file| file.take(4096).read_to_end(&mut start))
+        .and_then(|file| file.take(foreign::START).read_to_end(&mut start))
         .map_err(fail)?;
-    if let Some(format) = FORMATS.iter().find(|format| (format.recognises)(&start)) {
-        return (format.read_header)(path);
+    match FORMATS.iter().find(|format| (format.recognises)(&start)) {
+        Some(format) => (format.read_header)(path),
+        None => Err(foreign::refusal(path, &start)),
     }
-    if start.get(128..132) == Some(b"DICM") {
-        let instead = format!("convert it to {}", format::names("or"));
-        return Err(VolumeError::unsupported(path, At::Byte(128), "DICOM", instead));
-    }
-    const MESHES: [&[u8]; 4] = [b"$MeshFormat", b"# vtk DataFile", b"<VTKFile", b"<?xml"];
-    if MESHES.iter().any(|first| start.starts_with(first)) {
-        let instead = "give a volume of labels; `insonify mesh info` looks into a mesh, and `mesh = \"FILE\"` in a file for `solve` or \
-                       `insert` calculates on it as it is";
-        return Err(VolumeError::unsupported(path, At::Byte(0), "a mesh", instead));
-    }
-    let found = if start.is_empty() {
-        "an empty file".to_owned()
-    } else {
-        quoted(&String::from_utf8_lossy(&start[..start.len().min(16)]))
-    };
-    let expected = format!("the start of a {} file", format::names("or"));
-    Err(VolumeError::malformed(path, At::Byte(0), found, expected))
 }

@@ -12,8 +12,8 @@ use super::element::{ByteOrder, Element, Scale};
 use super::error::{At, VolumeError, quoted};
 use super::format::Format;
 use super::header::{Axis, DataPlace, Encoding, Header, Skip};
-use super::names;
 use super::text::{Field, Lines};
+use super::{names, several, unit};
 use insonify_base::output::place::Written;
 use insonify_base::read;
 
@@ -30,6 +30,9 @@ pub(super) const FORMAT: Format = Format {
     }],
     write: write::write,
 };
+
+/// Tag of the factor from stored numbers to values.
+const SLOPE: &str = "ElementToIntensityFunctionSlope";
 
 /// Whether these first bytes of a file are those of a MetaImage header.
 fn is_header(start: &[u8]) -> bool {
@@ -62,7 +65,13 @@ struct Tags {
     header_size: i64,
     slope: Option<f64>,
     intercept: Option<f64>,
-    data_file: Option<String>,
+    orientation: Option<[char; 3]>,
+    /// Millimetres per unit of length.
+    unit_mm: Option<f64>,
+    /// Names of the data files, and whether they are the remaining lines of the header.
+    data_files: Option<Vec<String>>,
+    is_list: bool,
+    warnings: Vec<String>,
     key_values: Vec<(String, String)>,
 }
 
@@ -70,7 +79,7 @@ struct Tags {
 pub(super) fn parse(path: &Path, reader: impl BufRead) -> Result<Header, VolumeError> {
     let mut lines = Lines::new(reader);
     let mut tags = Tags::default();
-    while tags.data_file.is_none() {
+    while tags.data_files.is_none() {
         let Some(line) = lines.next().map_err(|cause| VolumeError::read(path, cause))? else {
             let found = format!("the end of the header after {} lines", lines.count());
             return Err(VolumeError::malformed(
@@ -98,7 +107,16 @@ pub(super) fn parse(path: &Path, reader: impl BufRead) -> Result<Header, VolumeE
             value: value.trim(),
         })?;
     }
-    tags.finish(path, lines.offset(), lines.count())
+    // It is the last tag of the header, but for a list of files.
+    let (header_bytes, header_lines) = (lines.offset(), lines.count());
+    while tags.is_list
+        && let Some(line) = lines.next().map_err(|cause| VolumeError::read(path, cause))?
+    {
+        let names = tags.data_files.get_or_insert_default();
+        names.extend(Some(line.text.trim().to_owned()).filter(|name| !name.is_empty()));
+        several::check(path, At::Line(line.number), names.len())?;
+    }
+    tags.finish(path, header_bytes, header_lines)
 }
 
 /// Parses a flag; the accepted values are those of MetaIO.
@@ -148,32 +166,33 @@ impl Tags {
                     return Err(field.malformed(expected));
                 }
             }
-            "ElementToIntensityFunctionSlope" => self.slope = Some(field.exactly(1, "a number")?[0]),
+            SLOPE => self.slope = Some(field.exactly(1, "a number")?[0]),
             "ElementToIntensityFunctionOffset" => self.intercept = Some(field.exactly(1, "a number")?[0]),
             "ElementDataFile" => {
-                if field.value.starts_with("LIST") || field.value.contains('%') {
-                    return Err(field.unsupported("the data must lie in one file"));
-                }
                 if field.value.is_empty() {
                     return Err(field.malformed("LOCAL or the name of a file"));
                 }
-                self.data_file = Some(field.value.to_owned());
+                self.is_list = several::is_list(field.value);
+                self.data_files = Some(if self.is_list {
+                    Vec::new()
+                } else {
+                    several::names(field)?
+                });
             }
-            // AnatomicalOrientation repeats the transform, and many writers get it wrong.
-            "ObjectType"
-            | "ObjectSubType"
-            | "Comment"
-            | "Name"
-            | "ID"
-            | "ParentID"
-            | "Color"
-            | "CenterOfRotation"
-            | "AnatomicalOrientation"
-            | "CompressedDataSize"
-            | "CompressionLevel"
-            | "ElementMin"
-            | "ElementMax"
-            | "DistanceUnits"
+            "AnatomicalOrientation" => {
+                let letters: Vec<char> = field.value.to_ascii_uppercase().chars().collect();
+                self.orientation = letters.try_into().ok();
+            }
+            "DistanceUnits" if !matches!(field.value, "?" | "") => {
+                self.unit_mm = unit::millimetres(field.value);
+                if self.unit_mm.is_none() {
+                    let (line, unit) = (field.line, quoted(field.value));
+                    self.warnings
+                        .push(format!("line {line}: DistanceUnits {unit} taken as mm"));
+                }
+            }
+            "ObjectType" | "ObjectSubType" | "Comment" | "Name" | "ID" | "ParentID" | "Color" | "CenterOfRotation"
+            | "CompressedDataSize" | "CompressionLevel" | "ElementMin" | "ElementMax" | "DistanceUnits"
             | "Modality" => {}
             other => self.key_values.push((other.to_owned(), field.value.to_owned())),
         }
@@ -209,12 +228,12 @@ impl Tags {
         let dimensions = self.dimensions.ok_or_else(|| missing("NDims"))?;
         let sizes = self.sizes.take().ok_or_else(|| missing("DimSize"))?;
         let element = self.element.ok_or_else(|| missing("ElementType"))?;
-        let data_file = self.data_file.take().ok_or_else(|| missing("ElementDataFile"))?;
-        let mut warnings = Vec::new();
-        let spacing = self.spacing.take().or(self.element_size.take()).unwrap_or_else(|| {
-            warnings.push("no spacing in the file: taken as 1 mm along every axis".to_owned());
-            vec![1.0; dimensions]
-        });
+        let data_files = self.data_files.take().unwrap_or_default();
+        let [data_file, more @ ..] = data_files.as_slice() else {
+            return Err(missing("ElementDataFile"));
+        };
+        let (spacing, directions) = (self.steps(dimensions), self.cosines(dimensions));
+        let unit = self.unit_mm.unwrap_or(1.0);
         let axes = sizes
             .iter()
             .enumerate()
@@ -222,19 +241,19 @@ impl Tags {
                 let direction = (axis < 3).then(|| {
                     let mut step = Vector3::zeros();
                     for component in 0..dimensions.min(3) {
-                        step[component] = match &self.directions {
+                        step[component] = match &directions {
                             Some(cosines) => cosines[axis * dimensions + component],
                             None => f64::from(u8::from(component == axis)),
                         };
                     }
-                    step * spacing[axis]
+                    step * spacing[axis] * unit
                 });
                 Axis { size, direction }
             })
             .collect();
         let mut origin = Vector3::zeros();
         for (component, stated) in origin.iter_mut().zip(self.origin.iter().flatten()) {
-            *component = *stated;
+            *component = *stated * unit;
         }
         let encoding = match (self.text, self.compressed) {
             (false, false) => Encoding::Raw,
@@ -245,6 +264,7 @@ impl Tags {
                 return Err(VolumeError::malformed(path, At::Header, "compressed text", expected));
             }
         };
+        let beside = |name: &String| path.parent().unwrap_or(Path::new("")).join(name);
         let local = matches!(data_file.as_str(), "LOCAL" | "Local" | "local");
         Ok(Header {
             path: path.to_owned(),
@@ -256,14 +276,10 @@ impl Tags {
             } else {
                 ByteOrder::Little
             },
-            scale: Scale::new(self.slope.unwrap_or(1.0), self.intercept.unwrap_or(0.0)),
+            scale: Scale::new(SLOPE, self.slope.unwrap_or(1.0), self.intercept.unwrap_or(0.0)),
             data: DataPlace {
-                path: if local {
-                    path.to_owned()
-                } else {
-                    path.parent().unwrap_or(Path::new("")).join(&data_file)
-                },
-                // It is the last tag of the header.
+                path: if local { path.to_owned() } else { beside(data_file) },
+                more: more.iter().map(beside).collect(),
                 named: (!local).then_some(At::Line(header_lines)),
                 start: if local { header_bytes } else { 0 },
                 skip_lines: 0,
@@ -272,10 +288,66 @@ impl Tags {
             },
             names: names::from_keys(&self.key_values),
             key_values: self.key_values,
-            warnings,
+            warnings: self.warnings,
         })
     }
+
+    /// Distance between samples along each axis.
+    fn steps(&mut self, dimensions: usize) -> Vec<f64> {
+        let (spacing, size) = (self.spacing.take(), self.element_size.take());
+        if let (Some(spacing), Some(size)) = (&spacing, &size) {
+            let differing = spacing
+                .iter()
+                .zip(size)
+                .filter(|(spacing, size)| (*size / **spacing - 1.0).abs() > SAME_SIZE);
+            // Slices may be thicker or thinner than their distance.
+            if differing.count() > 1 {
+                let list = |numbers: &[f64]| numbers.iter().map(f64::to_string).collect::<Vec<_>>().join(" x ");
+                self.warnings.push(format!(
+                    "ElementSpacing is {} and ElementSize {}: the spacing is used; if organs have a wrong size, mend it",
+                    list(spacing),
+                    list(size)
+                ));
+            }
+        }
+        spacing.or(size).unwrap_or_else(|| {
+            let warning = "no spacing in the file: taken as 1 mm along every axis";
+            self.warnings.push(warning.to_owned());
+            vec![1.0; dimensions]
+        })
+    }
+
+    /// Direction cosines of the axes. AnatomicalOrientation repeats them, and many writers get it wrong: it counts only where
+    /// there are none. Its letters name the sides at which the axes start (`MET_ORIENTATION`), so that RAI is LPS.
+    fn cosines(&mut self, dimensions: usize) -> Option<Vec<f64>> {
+        let (None, Some(letters), 3) = (&self.directions, self.orientation, dimensions) else {
+            return self.directions.take();
+        };
+        let mut cosines = vec![0.0; 9];
+        for (axis, letter) in letters.into_iter().enumerate() {
+            let (side, world) = SIDES
+                .iter()
+                .zip([0, 0, 1, 1, 2, 2])
+                .find(|(side, _)| **side == letter)?;
+            cosines[3 * axis + world] = if matches!(side, 'R' | 'A' | 'I') { 1.0 } else { -1.0 };
+        }
+        let worlds = [0, 1, 2].map(|world| (0..3).filter(|axis| cosines[3 * axis + world] != 0.0).count());
+        if worlds != [1; 3] || letters == ['R', 'A', 'I'] {
+            return None;
+        }
+        let letters: String = letters.iter().collect();
+        self.warnings.push(format!(
+            "no TransformMatrix in the file: its axes start at the sides that AnatomicalOrientation names, {letters}"
+        ));
+        Some(cosines)
+    }
 }
+
+/// Sides of the body, two for each axis of the world.
+const SIDES: [char; 6] = ['R', 'L', 'A', 'P', 'I', 'S'];
+
+/// Relative deviation of the sizes of elements from their distances from which they contradict each other.
+const SAME_SIZE: f64 = 0.01;
 
 /// Parses the `MET_` types; sizes as in MetaIO, whose `MET_LONG` has four bytes.
 fn element(field: &Field) -> Result<Option<Element>, VolumeError> {

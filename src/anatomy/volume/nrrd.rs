@@ -12,8 +12,8 @@ use super::element::{ByteOrder, Element};
 use super::error::{At, VolumeError, quoted};
 use super::format::Format;
 use super::header::{Axis, DataPlace, Encoding, Header, Skip};
-use super::names;
-use super::text::{Field, Lines};
+use super::text::{Field, Line, Lines};
+use super::{names, several, unit};
 use insonify_base::output::place::Written;
 use insonify_base::read;
 
@@ -56,18 +56,26 @@ struct Fields {
     order: Option<ByteOrder>,
     space: Option<Space>,
     space_dimension: Option<usize>,
-    /// Millimetres per unit of the space.
-    unit_mm: Option<f64>,
+    /// Units along the axes of the space.
+    space_units: Units,
     directions: Option<Vec<Option<Vec<f64>>>>,
     origin: Option<Vec<f64>>,
     spacings: Option<Vec<f64>>,
+    /// Units along the index axes, where there are no directions.
+    units: Units,
+    minima: Option<Vec<f64>>,
+    maxima: Option<Vec<f64>>,
+    /// Whether samples are the nodes of each axis, its ends among them, and not the centres of cells.
+    nodes: Option<Vec<bool>>,
     /// Whether each axis is spatial.
     domains: Option<Vec<bool>>,
     spacings_line: usize,
     skip_lines: usize,
     skip_bytes: Option<Skip>,
-    /// Name of the data file and its line number.
-    data_file: Option<(String, usize)>,
+    /// Names of the data files and the line number of the field.
+    data_files: Option<(Vec<String>, usize)>,
+    /// Whether the names of data files are the remaining lines.
+    is_list: bool,
     key_values: Vec<(String, String)>,
     warnings: Vec<String>,
 }
@@ -88,6 +96,10 @@ pub(super) fn parse(path: &Path, reader: impl BufRead) -> Result<Header, VolumeE
     }
     let mut fields = Fields::default();
     while let Some(line) = lines.next().map_err(fail)? {
+        if fields.is_list {
+            fields.take_name(path, &line)?;
+            continue;
+        }
         if line.text.is_empty() {
             break;
         }
@@ -168,7 +180,19 @@ impl Fields {
             "space dimension" => {
                 self.space_dimension = Some(field.exactly::<usize>(1, "the number of dimensions of space")?[0]);
             }
-            "space units" => self.unit_mm = self.unit(field),
+            "space units" => self.space_units = Units::parse(field),
+            "units" => self.units = Units::parse(field),
+            "axis mins" | "axismins" => self.minima = Some(field.numbers("numbers, one an axis")?),
+            "axis maxs" | "axismaxs" => self.maxima = Some(field.numbers("numbers, one an axis")?),
+            "centers" | "centerings" => {
+                let centerings = field.value.to_ascii_lowercase();
+                self.nodes = Some(
+                    centerings
+                        .split_whitespace()
+                        .map(|centering| centering == "node")
+                        .collect(),
+                );
+            }
             "space directions" => self.directions = Some(vectors(field)?),
             "space origin" => {
                 self.origin = match vectors(field)?.as_slice() {
@@ -196,18 +220,20 @@ impl Fields {
                 });
             }
             "data file" | "datafile" => {
-                if field.value.starts_with("LIST") || field.value.contains('%') {
-                    return Err(field.unsupported("the data must lie in one file"));
-                }
                 if field.value.is_empty() {
                     return Err(field.malformed("the name of a file"));
                 }
-                self.data_file = Some((field.value.to_owned(), field.line));
+                self.is_list = several::is_list(field.value);
+                let names = if self.is_list {
+                    Vec::new()
+                } else {
+                    several::names(field)?
+                };
+                self.data_files = Some((names, field.line));
             }
             // These do not affect the numbers or their position (a measurement frame is for vector data).
             "content" | "block size" | "blocksize" | "number" | "min" | "max" | "old min" | "oldmin" | "old max"
-            | "oldmax" | "thicknesses" | "axis mins" | "axismins" | "axis maxs" | "axismaxs" | "centers"
-            | "centerings" | "labels" | "units" | "sample units" | "sampleunits" | "measurement frame" => {}
+            | "oldmax" | "thicknesses" | "labels" | "sample units" | "sampleunits" | "measurement frame" => {}
             other => self
                 .warnings
                 .push(format!("line {}: unknown field {} ignored", field.line, quoted(other))),
@@ -215,24 +241,14 @@ impl Fields {
         Ok(())
     }
 
-    fn unit(&mut self, field: &Field) -> Option<f64> {
-        let unit = field
-            .value
-            .split('"')
-            .find(|part| !part.trim().is_empty())
-            .unwrap_or_default();
-        let known = match unit.trim() {
-            "mm" | "millimeter" | "millimetre" => Some(1.0),
-            "cm" => Some(10.0),
-            "m" => Some(1000.0),
-            "um" | "µm" | "micron" => Some(0.001),
-            _ => None,
-        };
-        if known.is_none() {
-            let warning = format!("line {}: space units {} taken as mm", field.line, quoted(field.value));
-            self.warnings.push(warning);
+    /// Adds a line of a list of data files.
+    fn take_name(&mut self, path: &Path, line: &Line) -> Result<(), VolumeError> {
+        let name = line.text.trim();
+        let (names, _) = self.data_files.get_or_insert_default();
+        if !name.is_empty() {
+            names.push(name.to_owned());
         }
-        known
+        several::check(path, At::Line(line.number), names.len())
     }
 
     fn finish(mut self, path: &Path, header_bytes: u64, header_lines: usize) -> Result<Header, VolumeError> {
@@ -261,6 +277,8 @@ impl Fields {
         per_axis("sizes", Some(sizes.len()))?;
         per_axis("space directions", self.directions.as_ref().map(Vec::len))?;
         per_axis("spacings", self.spacings.as_ref().map(Vec::len))?;
+        per_axis("axis mins", self.minima.as_ref().map(Vec::len))?;
+        per_axis("axis maxs", self.maxima.as_ref().map(Vec::len))?;
         per_axis("kinds", self.domains.as_ref().map(Vec::len))?;
         // Bytes and text have no byte order: their headers may leave it out. Others need it.
         let wide = element.is_some_and(|element| element.bytes() > 1);
@@ -268,15 +286,21 @@ impl Fields {
             return Err(missing("endian"));
         }
         let (axes, origin) = self.geometry(path, &sizes)?;
-        let data = match &self.data_file {
-            Some((name, _)) => (path.parent().unwrap_or(Path::new("")).join(name), 0),
+        let beside = |name: &String| path.parent().unwrap_or(Path::new("")).join(name);
+        let (data, more, start) = match &self.data_files {
+            Some((names, _)) => {
+                let [first, more @ ..] = names.as_slice() else {
+                    return Err(missing("data file"));
+                };
+                (beside(first), more.iter().map(beside).collect(), 0)
+            }
             None if path
                 .extension()
                 .is_some_and(|extension| extension.eq_ignore_ascii_case("nhdr")) =>
             {
                 return Err(missing("data file"));
             }
-            None => (path.to_owned(), header_bytes),
+            None => (path.to_owned(), Vec::new(), header_bytes),
         };
         Ok(Header {
             path: path.to_owned(),
@@ -286,9 +310,10 @@ impl Fields {
             order: self.order.unwrap_or(ByteOrder::Little),
             scale: None,
             data: DataPlace {
-                path: data.0,
-                named: self.data_file.map(|(_, line)| At::Line(line)),
-                start: data.1,
+                path: data,
+                more,
+                named: self.data_files.map(|(_, line)| At::Line(line)),
+                start,
                 skip_lines: self.skip_lines,
                 skip: self.skip_bytes.unwrap_or(Skip::Bytes(0)),
                 encoding,
@@ -299,10 +324,12 @@ impl Fields {
         })
     }
 
-    /// "Space and orientation information", else "spacings", else steps of 1 mm.
+    /// "Space and orientation information", else "spacings" or the ends of the axes, else steps of 1 mm.
     fn geometry(&mut self, path: &Path, sizes: &[usize]) -> Result<(Vec<Axis>, Vector3<f64>), VolumeError> {
         let signs = self.space.map_or(Vector3::repeat(1.0), |space| space.to_lps);
-        let to_lps = signs * self.unit_mm.unwrap_or(1.0);
+        let mut doubts = Vec::new();
+        let space_units = [0, 1, 2].map(|axis| self.space_units.millimetres(axis, &mut doubts).unwrap_or(1.0));
+        let to_lps = signs.component_mul(&Vector3::from(space_units));
         let dimension = self.space.map(|space| space.dimension).or(self.space_dimension);
         let point = |numbers: &[f64]| match dimension {
             Some(dimension) if dimension != numbers.len() => {
@@ -315,7 +342,8 @@ impl Fields {
                 Ok(Vector3::new(number(0), number(1), number(2)).component_mul(&to_lps))
             }
         };
-        let origin = self.origin.as_deref().map_or(Ok(Vector3::zeros()), point)?;
+        let stated_origin = self.origin.as_deref().map(point).transpose()?;
+        let mut origin = stated_origin.unwrap_or_default();
         let spatial = |axis: usize| self.domains.as_ref().is_none_or(|domains| domains[axis]);
         let mut axes = Vec::with_capacity(sizes.len());
         let mut next_direction = 0;
@@ -324,19 +352,14 @@ impl Fields {
                 Some(directions) => directions[axis].as_deref().map(point).transpose()?,
                 // Spatial axes take x, y and z in turn: an axis of colours or of time does not use one up.
                 None if spatial(axis) && next_direction < 3 => {
-                    let spacing = self.spacings.as_ref().map_or(1.0, |spacings| spacings[axis]);
-                    if !(spacing > 0.0 && spacing.is_finite()) {
-                        let found = format!("spacing {spacing} of axis {axis}");
-                        let line = At::Line(self.spacings_line);
-                        return Err(VolumeError::malformed(
-                            path,
-                            line,
-                            found,
-                            "spacings above 0 and finite, mm",
-                        ));
+                    let unit = self.units.millimetres(axis, &mut doubts);
+                    let unit = unit.unwrap_or(space_units[next_direction]);
+                    let (first, spacing) = self.line(path, axis, size)?;
+                    if stated_origin.is_none() {
+                        origin[next_direction] = first * unit;
                     }
                     let mut step = Vector3::zeros();
-                    step[next_direction] = spacing;
+                    step[next_direction] = spacing * unit;
                     next_direction += 1;
                     Some(step)
                 }
@@ -344,15 +367,48 @@ impl Fields {
             };
             axes.push(Axis { size, direction });
         }
-        if self.directions.is_none() && self.spacings.is_none() {
+        self.warnings.append(&mut doubts);
+        let ends = self.minima.is_some() && self.maxima.is_some();
+        if self.directions.is_none() && self.spacings.is_none() && !ends {
             self.warnings
                 .push("no spacing in the file: taken as 1 mm along every axis".to_owned());
+        }
+        if self.directions.is_none() && signs != Vector3::repeat(1.0) {
+            self.warnings.push(
+                "no space directions in the file: the axes are taken as those of LPS, not of its space".to_owned(),
+            );
         }
         if self.space.is_none() && self.directions.is_some() && self.space_dimension != Some(2) {
             self.warnings
                 .push("no anatomical space in the file: taken as LPS".to_owned());
         }
         Ok((axes, origin))
+    }
+
+    /// Position of the first sample and step of an axis without direction ("axis mins", "axis maxs", "centerings"), in its
+    /// unit. Samples are the centres of cells unless the file says that they are nodes.
+    fn line(&self, path: &Path, axis: usize, size: usize) -> Result<(f64, f64), VolumeError> {
+        let end = |ends: &Option<Vec<f64>>| ends.as_ref().map(|ends| ends[axis]).filter(|end| end.is_finite());
+        let is_node = self.nodes.as_ref().and_then(|nodes| nodes.get(axis)) == Some(&true);
+        let (minimum, maximum) = (end(&self.minima), end(&self.maxima));
+        let intervals = if is_node { size.max(2) - 1 } else { size };
+        let between = minimum.zip(maximum).map(|(low, high)| (high - low) / intervals as f64);
+        let spacing = match &self.spacings {
+            // A spacing that is not known is NaN.
+            Some(spacings) if !(spacings[axis].is_nan() && between.is_some()) => {
+                let spacing = spacings[axis];
+                if !(spacing > 0.0 && spacing.is_finite()) {
+                    let found = format!("spacing {spacing} of axis {axis}");
+                    let line = At::Line(self.spacings_line);
+                    let expected = "spacings above 0 and finite, mm";
+                    return Err(VolumeError::malformed(path, line, found, expected));
+                }
+                spacing.copysign(between.unwrap_or(1.0))
+            }
+            _ => between.unwrap_or(1.0),
+        };
+        let half = if is_node { 0.0 } else { spacing / 2.0 };
+        Ok((minimum.map_or(0.0, |minimum| minimum + half), spacing))
     }
 }
 
@@ -389,6 +445,41 @@ fn encoding(field: &Field) -> Result<Encoding, VolumeError> {
         "hex" | "zrl" => return Err(field.unsupported("raw, gzip, bzip2 and ascii are read")),
         _ => return Err(field.malformed("raw, gzip, bzip2 or ascii")),
     })
+}
+
+/// Units of a field, one an axis.
+#[derive(Default)]
+struct Units {
+    names: Vec<String>,
+    field: String,
+    line: usize,
+}
+
+impl Units {
+    fn parse(field: &Field) -> Self {
+        let names: Vec<&str> = if field.value.contains('"') {
+            field.value.split('"').skip(1).step_by(2).collect()
+        } else {
+            field.value.split_whitespace().collect()
+        };
+        Self {
+            names: names.into_iter().map(str::to_owned).collect(),
+            field: field.name.to_owned(),
+            line: field.line,
+        }
+    }
+
+    /// Millimetres of the unit of an axis, that of the last one where fewer are stated; `None` if there is none. One that is no
+    /// length is told once and taken as a millimetre.
+    fn millimetres(&self, axis: usize, doubts: &mut Vec<String>) -> Option<f64> {
+        let name = self.names.get(axis).or(self.names.last())?;
+        let known = unit::millimetres(name);
+        let doubt = format!("line {}: {} {} taken as mm", self.line, self.field, quoted(name));
+        if known.is_none() && !doubts.contains(&doubt) {
+            doubts.push(doubt);
+        }
+        Some(known.unwrap_or(1.0))
+    }
 }
 
 // Spaces and vectors of an NRRD header.

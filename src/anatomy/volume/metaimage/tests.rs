@@ -24,7 +24,14 @@ fn transform_rows_are_axes() {
 fn spacing_wins_over_size_and_its_absence_is_told() {
     let both = read("ElementSize = 5 5 5\nElementSpacing = 1 2 3").unwrap();
     assert_eq!(both.axes[1].direction, Some(Vector3::new(0.0, 2.0, 0.0)));
-    assert!(both.warnings.is_empty());
+    assert_eq!(
+        both.warnings,
+        [
+            "ElementSpacing is 1 x 2 x 3 and ElementSize 5 x 5 x 5: the spacing is used; if organs have a wrong size, mend it"
+        ]
+    );
+    let thick = read("ElementSize = 1 2 5\nElementSpacing = 1 2 3").unwrap();
+    assert!(thick.warnings.is_empty(), "slices may be thicker than their distance");
     assert!(read("").unwrap().warnings[0].contains("no spacing"));
 }
 
@@ -84,11 +91,7 @@ fn broken_tags_name_their_line() {
         ("TransformMatrix = 1 0 0 1", "expected 9 numbers"),
         ("ElementType = MET_STRING", "line 5: found ElementType"),
         ("ElementNumberOfChannels = 3", "images of one channel"),
-        (
-            "ElementDataFile = LIST",
-            "line 5: ElementDataFile \"LIST\" is not supported",
-        ),
-        ("ElementDataFile = slice%03d.raw 1 9 1", "the data must lie in one file"),
+        ("ElementDataFile = slice%03d.raw 9 1 1", "line 5: found ElementDataFile"),
         ("CompressedData = maybe", "expected True or False"),
         ("HeaderSize = -2", "line 5: found HeaderSize"),
         ("ObjectType = Tube", "only images are read"),
@@ -105,4 +108,71 @@ fn broken_tags_name_their_line() {
         .map(|_| "loaded")
         .unwrap_err();
     assert!(endless.to_string().contains("after 1 lines"), "{endless}");
+}
+
+#[test]
+fn the_stated_orientation_counts_where_there_are_no_directions() {
+    let diagonal = |more: &str| {
+        let header = read(&format!("ElementSpacing = 1 1 1\n{more}")).unwrap();
+        let world = header.grid().unwrap().index_to_world;
+        (world.diagonal().xyz(), header.warnings)
+    };
+    let (lps, quiet) = diagonal("AnatomicalOrientation = RAI");
+    assert_eq!((lps, quiet.len()), (Vector3::repeat(1.0), 0));
+    let (ras, told) = diagonal("AnatomicalOrientation = LPI");
+    assert_eq!(ras, Vector3::new(-1.0, -1.0, 1.0));
+    assert!(
+        told[0].contains("AnatomicalOrientation") && told[0].contains("LPI"),
+        "{told:?}"
+    );
+    for other in ["???", "RRI", "RA", ""] {
+        assert_eq!(
+            diagonal(&format!("AnatomicalOrientation = {other}")),
+            (Vector3::repeat(1.0), Vec::new()),
+            "{other}"
+        );
+    }
+    let (stated, quiet) = diagonal("AnatomicalOrientation = LPI\nTransformMatrix = 1 0 0 0 1 0 0 0 1");
+    assert_eq!(
+        (stated, quiet.len()),
+        (Vector3::repeat(1.0), 0),
+        "the matrix comes first"
+    );
+}
+
+#[test]
+fn units_of_distance_become_millimetres() {
+    let read = |unit: &str| {
+        read(&format!(
+            "DistanceUnits = {unit}\nElementSpacing = 1 2 3\nOffset = 7 8 9"
+        ))
+        .unwrap()
+    };
+    for (unit, mm) in [("mm", 1.0), ("um", 1e-3), ("cm", 10.0), ("?", 1.0), ("furlong", 1.0)] {
+        let header = read(unit);
+        let world = header.grid().unwrap().index_to_world;
+        assert_eq!((world[(1, 1)], world[(2, 3)]), (2.0 * mm, 9.0 * mm), "{unit}");
+        assert_eq!(header.warnings.is_empty(), unit != "furlong");
+    }
+}
+
+#[test]
+fn data_in_several_files_have_their_names() {
+    let names = |value: &str| {
+        let text = format!("NDims = 1\nDimSize = 4\nElementType = MET_UCHAR\nElementDataFile = {value}\n");
+        let parsed = parse(Path::new("folder/test.mhd"), text.as_bytes()).map_err(|error| error.to_string());
+        parsed.map(|header| {
+            let data = header.data;
+            let all = std::iter::once(data.path).chain(data.more);
+            all.map(|path| path.display().to_string()).collect::<Vec<_>>()
+        })
+    };
+    assert_eq!(names("LIST\na.raw\nb.raw").unwrap(), ["folder/a.raw", "folder/b.raw"]);
+    assert_eq!(names("LIST 2\na.raw").unwrap(), ["folder/a.raw"]);
+    assert_eq!(
+        names("s%03d.raw 1 3 1").unwrap(),
+        ["folder/s001.raw", "folder/s002.raw", "folder/s003.raw"]
+    );
+    assert_eq!(names("s%02d.raw 1 2").unwrap(), ["folder/s01.raw", "folder/s02.raw"]);
+    assert!(names("LIST").unwrap_err().contains("no tag \"ElementDataFile\""));
 }

@@ -74,8 +74,19 @@ fn broken_fields_name_their_byte() {
         (with(70, &128i16.to_le_bytes()), "byte 70: datatype 128 (RGB colours)"),
         (with(108, &100f32.to_le_bytes()), "byte 108: found vox_offset 100"),
         (with(108, &f32::NAN.to_le_bytes()), "byte 108: found vox_offset NaN"),
-        (with(344, b"xxxx"), "byte 344: found magic \"xxxx\""),
-        (with(0, &540i32.to_le_bytes()), "byte 0: NIfTI-2 is not supported"),
+        (
+            with(344, b"xxxx"),
+            "byte 344: found magic \"xxxx\", expected \"n+1\" or \"ni1\"",
+        ),
+        (with(344, b"\x01\x02\x03\x04"), "found magic bytes that are no text"),
+        (
+            with(344, b"\0\0\0\0"),
+            "byte 344: an Analyze 7.5 header is not supported",
+        ),
+        (
+            with(0, &540i32.to_le_bytes()),
+            "found the end of the file after 352 bytes, expected a NIfTI-2 header of 540 bytes",
+        ),
         (
             sample()[..200].to_vec(),
             "byte 200: found the end of the file after 200 bytes",
@@ -106,4 +117,113 @@ fn big_endian_headers_are_read() {
     let header = read(&bytes).unwrap();
     assert_eq!(header.order, ByteOrder::Big);
     assert_eq!(header.sizes(), "2 x 3 x 4");
+}
+
+/// A header of NIfTI-2 with the sizes and voxel sizes of [`sample`].
+fn sample_2(big: bool) -> Vec<u8> {
+    let mut bytes = vec![0u8; 544];
+    let mut put = |start: usize, mut number: Vec<u8>| {
+        if big {
+            number.reverse();
+        }
+        bytes[start..start + number.len()].copy_from_slice(&number);
+    };
+    put(0, 540i32.to_le_bytes().to_vec());
+    put(12, 2i16.to_le_bytes().to_vec());
+    for (index, size) in [3i64, 2, 3, 4].iter().enumerate() {
+        put(16 + 8 * index, size.to_le_bytes().to_vec());
+    }
+    for (index, size) in [1f64, 1.5, 2.0, 2.5].iter().enumerate() {
+        put(104 + 8 * index, size.to_le_bytes().to_vec());
+    }
+    put(168, 544i64.to_le_bytes().to_vec());
+    put(348, 2i32.to_le_bytes().to_vec());
+    for (row, (step, offset)) in [(1.5f64, 7f64), (2.0, 8.0), (2.5, 9.0)].into_iter().enumerate() {
+        put(400 + 32 * row + 8 * row, step.to_le_bytes().to_vec());
+        put(400 + 32 * row + 24, offset.to_le_bytes().to_vec());
+    }
+    put(500, 1i32.to_le_bytes().to_vec());
+    bytes[4..12].copy_from_slice(b"n+2\0\r\n\x1a\n");
+    bytes
+}
+
+#[test]
+fn nifti_2_is_read_in_both_byte_orders() {
+    for big in [false, true] {
+        let header = read(&sample_2(big)).unwrap();
+        let grid = header.grid().unwrap();
+        assert_eq!((grid.size, header.element), ([2, 3, 4], Some(Element::U8)));
+        assert_eq!(
+            grid.index_to_world.diagonal().as_slice(),
+            [-1500.0, -2000.0, 2500.0, 1.0]
+        );
+        assert_eq!(
+            grid.index_to_world.column(3).xyz().as_slice(),
+            [-7000.0, -8000.0, 9000.0]
+        );
+        assert_eq!(header.data.skip, Skip::Bytes(544));
+        assert_eq!(header.order == ByteOrder::Big, big);
+    }
+    let mut text = sample_2(false);
+    text[8] = b' ';
+    let message = read(&text).unwrap_err();
+    assert!(message.contains("byte 4: found magic"), "{message}");
+}
+
+/// A header with voxels of 7 mm and an sform whose steps are the given ones, and its warnings.
+fn warned(steps: [f32; 3], change: impl Fn(&mut Vec<u8>)) -> Vec<String> {
+    let mut bytes = with(254, &1i16.to_le_bytes());
+    for axis in 0..3 {
+        bytes[80 + 4 * axis..][..4].copy_from_slice(&7f32.to_le_bytes());
+        bytes[280 + 20 * axis..][..4].copy_from_slice(&steps[axis].to_le_bytes());
+    }
+    change(&mut bytes);
+    read(&bytes).unwrap().warnings
+}
+
+#[test]
+fn an_sform_that_contradicts_the_voxel_sizes_is_told() {
+    let told = warned([1.0; 3], |_| ());
+    assert_eq!(
+        told,
+        [
+            "the sform has voxels of 1 x 1 x 1 mm, pixdim says 7 x 7 x 7 mm: the sform is used; if organs have a wrong size, mend the sform"
+        ]
+    );
+    assert!(warned([7.0, 7.0, 6.9], |_| ())[0].contains("7 x 7 x 6.9 mm"));
+    // Rounding, an axis of one voxel, and voxel sizes that are not stated.
+    assert!(warned([7.05, 7.0, 7.0], |_| ()).is_empty());
+    assert!(
+        warned([7.0, 7.0, 1.0], |bytes| bytes[46..48]
+            .copy_from_slice(&1i16.to_le_bytes()))
+        .is_empty()
+    );
+    assert!(warned([1.0; 3], |bytes| bytes[80..92].fill(0)).is_empty());
+}
+
+#[test]
+fn a_qform_at_another_place_is_told_from_one_voxel_on() {
+    let moved = |x: f32, code: i16| {
+        warned([7.0; 3], |bytes| {
+            bytes[252..254].copy_from_slice(&code.to_le_bytes());
+            bytes[268..272].copy_from_slice(&x.to_le_bytes());
+        })
+    };
+    let told = moved(8.0, 1);
+    assert!(
+        told.len() == 1
+            && told[0].contains("lies at (0, 0, 0) mm by the sform and at (-8, 0, 0) mm by the qform, 8 mm apart"),
+        "{told:?}"
+    );
+    assert!(moved(6.9, 1).is_empty());
+    assert!(moved(8.0, 0).is_empty(), "there is no qform");
+    // Half a turn about z.
+    let turned = warned([7.0; 3], |bytes| {
+        bytes[252..254].copy_from_slice(&1i16.to_le_bytes());
+        bytes[264..268].copy_from_slice(&1f32.to_le_bytes());
+    });
+    assert!(
+        turned[0].contains("voxel (1, 2, ") && turned[0].contains("apart"),
+        "{turned:?}"
+    );
 }

@@ -119,11 +119,6 @@ fn broken_fields_name_their_line() {
         ("type: short", "no field \"endian\""),
         ("byte skip: -2", "line 6: found byte skip \"-2\""),
         ("line skip: -1", "line 6: found line skip \"-1\""),
-        ("data file: LIST", "line 6: data file \"LIST\" is not supported"),
-        (
-            "data file: slice%03d.raw 1 9 1",
-            "is not supported; the data must lie in one file",
-        ),
         ("no separator here", "line 6: found \"no separator here\""),
         ("dimension: 0", "line 6: found dimension \"0\""),
     ] {
@@ -175,4 +170,116 @@ fn lists_have_no_direction_and_units_scale() {
         and("space dimension: 3\nspace units: \"m\" \"m\" \"m\"\nspace directions: (0.001,0,0) (0,0.002,0) (0,0,1)");
     let step = metres.unwrap().axes[1].direction.unwrap();
     assert_eq!(step, Vector3::new(0.0, 2.0, 0.0));
+}
+
+fn world(more: &str) -> nalgebra::Matrix4<f64> {
+    and(more).unwrap().grid().unwrap().index_to_world
+}
+
+#[test]
+fn units_of_the_space_are_those_of_its_axes() {
+    let directions = "space: RAS\nspace directions: (1,0,0) (0,2,0) (0,0,3)\nspace origin: (10,20,30)";
+    for units in [
+        "\"microns\" \"microns\" \"microns\"",
+        "\"um\"",
+        "micrometers micrometers micrometers",
+    ] {
+        let world = world(&format!("{directions}\nspace units: {units}"));
+        assert!(
+            (world
+                - nalgebra::Matrix4::new(
+                    -1e-3, 0.0, 0.0, -1e-2, 0.0, -2e-3, 0.0, -2e-2, 0.0, 0.0, 3e-3, 3e-2, 0.0, 0.0, 0.0, 1.0,
+                ))
+            .norm()
+                < 1e-12,
+            "{units}: {world}"
+        );
+    }
+    let mixed = world(&format!("{directions}\nspace units: \"mm\" \"cm\" \"m\""));
+    assert_eq!(mixed.diagonal().as_slice(), [-1.0, -20.0, 3000.0, 1.0]);
+    assert_eq!(mixed.column(3).xyz().as_slice(), [-10.0, -200.0, 30_000.0]);
+    let header = and(&format!("{directions}\nspace units: \"mm\" \"furlong\" \"furlong\"")).unwrap();
+    assert_eq!(header.warnings, ["line 9: space units \"furlong\" taken as mm"]);
+}
+
+#[test]
+fn spacings_have_the_units_of_their_axes() {
+    let world = world("spacings: 1 2 3\nunits: \"cm\" \"mm\" \"um\"");
+    assert_eq!(world.diagonal().as_slice(), [10.0, 2.0, 3e-3, 1.0]);
+    let header = read("type: uchar\ndimension: 4\nsizes: 5 2 3 4\nencoding: raw\nunits: \"s\" \"mm\" \"mm\" \"mm\"\nkinds: time domain domain domain\nspacings: nan 1 1 1").unwrap();
+    assert!(header.warnings.is_empty(), "{:?}", header.warnings);
+    assert!(
+        and("spacings: 1 2 3\nunits: \"s\" \"mm\" \"mm\"").unwrap().warnings[0].contains("units \"s\" taken as mm")
+    );
+}
+
+#[test]
+fn ends_of_axes_place_an_image_without_directions() {
+    // Cells of 2, 3 and 4 mm, and then nodes.
+    let cells = world("axis mins: 10 20 30\naxis maxs: 14 29 46");
+    assert_eq!(cells.diagonal().as_slice(), [2.0, 3.0, 4.0, 1.0]);
+    assert_eq!(cells.column(3).xyz().as_slice(), [11.0, 21.5, 32.0]);
+    let nodes =
+        world("axis mins: 10 20 30\naxis maxs: 14 29 46\ncenterings: node node cell\nunits: \"cm\" \"mm\" \"mm\"");
+    assert_eq!(nodes.diagonal().as_slice(), [40.0, 4.5, 4.0, 1.0]);
+    assert_eq!(nodes.column(3).xyz().as_slice(), [100.0, 20.0, 32.0]);
+    let backwards = world("axis mins: 10 20 30\naxis maxs: 6 29 46");
+    assert_eq!((backwards[(0, 0)], backwards[(0, 3)]), (-2.0, 9.0));
+    let spaced = world("spacings: 1 2 nan\naxis mins: 10 nan 30\naxis maxs: nan nan 46");
+    assert_eq!(spaced.diagonal().as_slice(), [1.0, 2.0, 4.0, 1.0]);
+    assert_eq!(spaced.column(3).xyz().as_slice(), [10.5, 0.0, 32.0]);
+    assert!(
+        and("axis mins: 10 20 30\naxis maxs: 14 29 46")
+            .unwrap()
+            .warnings
+            .is_empty()
+    );
+    let directed = world("space: LPS\nspace directions: (1,0,0) (0,1,0) (0,0,1)\naxis mins: 10 20 30");
+    assert_eq!(directed.column(3).xyz().norm(), 0.0, "directions come first");
+}
+
+#[test]
+fn a_space_without_directions_is_questioned() {
+    assert!(and("space: RAS\nspacings: 1 1 1").unwrap().warnings[0].contains("no space directions"));
+    assert!(and("space: LPS\nspacings: 1 1 1").unwrap().warnings.is_empty());
+}
+
+#[test]
+fn data_in_several_files_have_their_names() {
+    let names = |more: &str| {
+        let data = and(more).unwrap().data;
+        let all: Vec<String> = std::iter::once(&data.path)
+            .chain(&data.more)
+            .map(|path| path.display().to_string())
+            .collect();
+        (all, data.named)
+    };
+    let expected = ["folder/a.raw", "folder/b c.raw"].map(str::to_owned).to_vec();
+    assert_eq!(
+        names("data file: LIST\na.raw\nb c.raw"),
+        (expected.clone(), Some(At::Line(6)))
+    );
+    assert_eq!(names("data file: LIST 3\na.raw\n\nb c.raw").0, expected);
+    assert_eq!(
+        names("data file: part%03d.raw 8 12 2").0,
+        ["folder/part008.raw", "folder/part010.raw", "folder/part012.raw"]
+    );
+    assert_eq!(
+        names("data file: part%d.raw 1 0 -1 3").0,
+        ["folder/part1.raw", "folder/part0.raw"]
+    );
+    assert_eq!(names("data file: 50% done.raw").0, ["folder/50% done.raw"]);
+    for (more, expected) in [
+        (
+            "data file: part%d.raw",
+            "line 6: found data file \"part%d.raw\", expected a pattern with first number",
+        ),
+        ("data file: part%d.raw 0 9 -1", "expected a pattern"),
+        ("data file: part%d.raw 0 9 0", "expected a pattern"),
+        ("data file: part%d.raw 0 99999 1", "expected at most 65536 data files"),
+        ("data file: LIST", "no field \"data file\""),
+    ] {
+        let message = and(more).map(|_| "read").expect_err(more);
+        assert!(message.contains(expected), "{message}");
+    }
 }
