@@ -3,6 +3,7 @@
 //! A [`LabelVolume`] holds one byte a voxel: an index into its list of [`Label`]s. Index 0 is always the background
 //! (value 0: unlabelled). World coordinates are LPS millimetres; voxel centres lie at integer indices.
 
+mod channels;
 pub mod complete;
 mod data;
 pub mod distance;

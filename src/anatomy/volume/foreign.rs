@@ -74,6 +74,7 @@ const KINDS: &[Kind] = &[
     Kind { name: "a zip archive", marks: &[&[Offset(0, b"PK\x03\x04")]], endings: &[".zip"], instead: ARCHIVE },
     Kind { name: "a tar archive", marks: &[&[Offset(257, b"ustar")]], endings: &[".tar"], instead: ARCHIVE },
     Kind { name: "a packed file (bzip2, xz, zstd, 7z or rar)", marks: &[&[Offset(0, b"BZh")], &[Offset(0, b"\xfd7zXZ")], &[Offset(0, b"\x28\xb5\x2f\xfd")], &[Offset(0, b"7z\xbc\xaf")], &[Offset(0, b"Rar!")]], endings: &[], instead: ARCHIVE },
+    Kind { name: "a list of points", marks: &[&[Offset(0, b"# Markups")], &[Within(b"markups-schema")]], endings: &[".fcsv", ".mrk.json"], instead: "give a volume of labels; points touched on a body fit it with `insonify register`" },
     Kind { name: "a PDF file", marks: &[&[Offset(0, b"%PDF")]], endings: &[], instead: UNKNOWN_KIND },
     Kind { name: "a file of numbers without a header", marks: &[], endings: &[".raw", ".zraw", ".raw.gz", ".bin", ".dat", ".img"], instead: "give its header: the .mhd, .nhdr or .hdr beside it" },
 ];

@@ -8,7 +8,7 @@ use nalgebra::Matrix4;
 use super::element::{Sample, with_sample};
 use super::error::{At, VolumeError};
 use super::header::Header;
-use super::{FORMATS, LabelVolume, data, extent, foreign, format, labels};
+use super::{FORMATS, LabelVolume, channels, data, extent, foreign, format, labels};
 use insonify_base::read;
 
 /// A label volume with the warnings of the reader.
@@ -44,7 +44,10 @@ pub struct ScalarImage {
 pub fn load(path: &Path) -> Result<Loaded, VolumeError> {
     let header = read_header(path)?;
     refuse_sequence(&header)?;
-    let loaded = labels::volume(header).map_err(|error| grey(path, error))?;
+    let loaded = match channels::axis(&header) {
+        Some(axis) => channels::volume(header, axis)?,
+        None => labels::volume(header).map_err(|error| grey(path, error))?,
+    };
     extent::check(&loaded.volume).map_err(|error| error.in_file(path))?;
     Ok(loaded)
 }
@@ -65,8 +68,8 @@ fn refuse_sequence(header: &Header) -> Result<(), VolumeError> {
     Ok(())
 }
 
-/// Air and bone, in Hounsfield units: an image with values beyond both is a CT.
-const CT_HU: [f32; 2] = [-900.0, 150.0];
+/// Least and largest values of CTs, in Hounsfield units: padding or air, and bone or metal.
+const CT_HU: [std::ops::RangeInclusive<f32>; 2] = [-4096.0..=-900.0, 150.0..=40_000.0];
 
 /// The error about an image that is no label volume, which says so if it is a CT.
 fn grey(path: &Path, error: VolumeError) -> VolumeError {
@@ -80,11 +83,11 @@ fn grey(path: &Path, error: VolumeError) -> VolumeError {
     };
     let ends = |(low, high): (f32, f32), &value: &f32| (low.min(value), high.max(value));
     let (low, high) = image.data.iter().fold((f32::MAX, f32::MIN), ends);
-    if low > CT_HU[0] || high < CT_HU[1] {
+    if !(CT_HU[0].contains(&low) && CT_HU[1].contains(&high)) {
         return error;
     }
     let found = format!("a CT ({low} to {high} HU)");
-    let expected = "labels: give its segmentation; `volume.ct` of a scene takes the CT beside it";
+    let expected = "labels: give its segmentation; `volume.ct` of a scene takes the CT";
     VolumeError::malformed(path, At::Voxels, found, expected)
 }
 
