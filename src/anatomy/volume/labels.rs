@@ -372,6 +372,26 @@ mod tests {
     }
 
     #[test]
+    fn numbers_near_whole_ones_are_rounded_and_nan_is_unlabelled() {
+        let nan = f64::NAN;
+        let numbers: Vec<u8> = [nan, nan, 1.999_9, 1.999_9, nan]
+            .iter()
+            .flat_map(|n| n.to_le_bytes())
+            .collect();
+        let loaded = volume(cube([5, 1, 1], Element::F64), &numbers).unwrap();
+        assert_eq!(values(&loaded), [(0, 3), (2, 2)]);
+        let expected = "values are rounded to whole numbers, by at most 1.0e-4 (1.9999 to 2)";
+        assert_eq!(loaded.notes, [expected, "3 voxels are NaN: taken as unlabelled"]);
+        let mut scaled = cube([2, 1, 1], Element::U8);
+        scaled.scale = Scale::new("scl_slope", 63.0 / 255.0, 0.0);
+        let message = volume(scaled, &[255, 121]).unwrap_err().to_string();
+        assert!(
+            message.contains("(stored 121, scl_slope 0.247059), expected a whole number"),
+            "{message}"
+        );
+    }
+
+    #[test]
     fn more_than_256_labels_look_like_a_grey_image() {
         let grey: Vec<i16> = (1..=256).collect();
         let message = volume(cube([256, 1, 1], Element::I16), &bytes(&grey))
