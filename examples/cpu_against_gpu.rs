@@ -9,7 +9,6 @@ use insonify::{AdapterChoice, Backend, Frame, FrameState, GpuError, SceneFile, S
 use nalgebra::Matrix4;
 
 const SCENE: &str = r#"
-version = 1
 volume = { phantom = "abdomen", resolution_mm = 2.0 }
 needle = { tip_mm = [-52.3, -20.2, -25.1], entry_mm = [-32.0, -79.6, -7.1] }
 "#;

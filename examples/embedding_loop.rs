@@ -14,7 +14,6 @@ use nalgebra::{Matrix4, Point3, Rotation3, Translation3, Vector3};
 
 /// What is imaged and how; the motion is the simulator's.
 const SCENE: &str = r#"
-version = 1
 volume = { phantom = "abdomen", resolution_mm = 2.0 }
 needle = { tip_mm = [-52.3, -20.2, -25.1], entry_mm = [-32.0, -79.6, -7.1] }
 

@@ -20,7 +20,6 @@ use nalgebra::{Isometry3, Matrix4, Point3, Vector3};
 /// What is imaged and how. The block is 90 x 80 x 90 mm around the origin; the probe looks along -z from one face, and the
 /// needle comes along z through the opposite one. The needle here only asks for its effect: where it is, the steps say.
 const SCENE: &str = r#"
-version = 1
 volume = { phantom = "two-layer", resolution_mm = 1.0 }
 needle = { tip_mm = [8, 0, -40], entry_mm = [8, 0, -45] }
 "#;

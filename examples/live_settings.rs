@@ -10,7 +10,6 @@ use insonify::{Backend, FrameState, SceneFile, Settings, Synthesizer, Thickness}
 use nalgebra::Matrix4;
 
 const SCENE: &str = r#"
-version = 1
 volume = { phantom = "abdomen", resolution_mm = 2.0 }
 "#;
 

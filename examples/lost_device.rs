@@ -8,7 +8,6 @@ use std::error::Error;
 use insonify::{AdapterChoice, Backend, GpuError, SceneFile, SynthError};
 
 const SCENE: &str = r#"
-version = 1
 volume = { phantom = "abdomen", resolution_mm = 2.0 }
 "#;
 

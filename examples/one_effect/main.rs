@@ -19,7 +19,6 @@ use nalgebra::Matrix4;
 
 /// What the examples of effects are added to. The probe is 4 mm off the skin, and grey around the sector shows it.
 const SCENE: &str = r#"
-version = 1
 seed = 11
 volume = { phantom = "abdomen", resolution_mm = 2.0 }
 probe = { kind = "curvilinear", radius_mm = 60.0, angle_deg = 70.0, depth_mm = 104.0, frequency_mhz = 4.0 }
@@ -59,13 +58,16 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 /// A frame of the scene with the examples of these effects.
 fn frame(effects: &[&str]) -> Result<Frame, Box<dyn Error>> {
-    let mut text = SCENE.to_owned();
-    for effect in LISTED.iter().filter(|effect| effects.contains(&effect.name)) {
-        text += &format!("{}\n", effect.example);
+    let shown = LISTED.iter().filter(|effect| effects.contains(&effect.name));
+    // A mesh has no table among the effects.
+    let keyed = shown.clone().filter(|effect| effect.example.contains("effects."));
+    let names: Vec<&str> = keyed.map(|effect| effect.name).collect();
+    let mut text = format!("{SCENE}effects.only = {names:?}\n");
+    if !names.contains(&"slice") {
+        text += "effects.slice.beyond = \"void\"\n";
     }
-    // A scene that lists no effects has the usual ones.
-    if effects.is_empty() {
-        text += "effects = {}\n";
+    for effect in shown {
+        text += &format!("{}\n", effect.example);
     }
     let scene = SceneFile::parse(&text, "one_effect")?.resolve(".".as_ref())?;
     let mut state = FrameState::at(Matrix4::identity());

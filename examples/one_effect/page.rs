@@ -3,7 +3,7 @@
 use std::fs;
 use std::io;
 
-use insonify::imaging::effects::{Effect, Effects, LISTED};
+use insonify::imaging::effects::{Effect, EffectsTable, LISTED};
 use insonify_testing::pages::root;
 use serde_json::Value;
 
@@ -15,7 +15,7 @@ const COLUMNS: usize = 100;
 
 /// The page.
 pub(crate) fn page() -> io::Result<String> {
-    let schema = schemars::schema_for!(Effects).to_value();
+    let schema = schemars::schema_for!(EffectsTable).to_value();
     let (mut rows, mut sections) = (String::new(), String::new());
     for effect in LISTED {
         let source = fs::read_to_string(root().join(source(effect)))?;
@@ -115,10 +115,12 @@ fn keys(effect: &Effect, source: &str, schema: &Value) -> String {
     text
 }
 
-/// The definition that a schema refers to, also as one that may be left out.
+/// The definition that a schema refers to, also as the first of several.
 fn definition<'a>(part: &Value, schema: &'a Value) -> Option<&'a Value> {
-    let reference = part["$ref"].as_str().or_else(|| part["anyOf"][0]["$ref"].as_str())?;
-    schema.pointer(reference.strip_prefix('#')?)
+    match part["$ref"].as_str() {
+        Some(reference) => schema.pointer(reference.strip_prefix('#')?),
+        None => definition(part.get("anyOf")?.get(0)?, schema),
+    }
 }
 
 fn description(schema: &Value) -> String {

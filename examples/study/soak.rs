@@ -23,7 +23,6 @@ const STATES: usize = 50;
 
 /// A needle that goes in and out of a block.
 const INSERTION: &str = r#"
-version = 1
 run = { dt_ms = 1 }
 tissue = { nodes = 300, fix = [{ box_mm = [[-inf, -inf, 40], [inf, inf, inf]] }] }
 [scene.volume]

@@ -1,12 +1,14 @@
 //! User-written TOML files: parsing, errors that point at a line, and suggestions for misspelt words.
 
 mod fault;
+mod lists;
 mod region;
 mod renamed;
 mod suggest;
 mod typed;
 
 pub use fault::{Excerpt, InputError};
+pub use lists::Table;
 pub use region::{Names, NoRegion, RegionName, plain};
 pub use suggest::nearest;
 
@@ -203,7 +205,10 @@ pub fn read(path: &Path) -> Result<String, InputError> {
 }
 
 /// Parses a text and keeps it for errors that point into it; `name` is the file name shown in them.
-pub fn parse<T: DeserializeOwned + JsonSchema>(text: &str, name: &str) -> Result<(T, Arc<Source>), InputError> {
+pub fn parse<T: DeserializeOwned + JsonSchema + 'static>(
+    text: &str,
+    name: &str,
+) -> Result<(T, Arc<Source>), InputError> {
     let source = Arc::new(Source::new(name, text));
     match typed::read(text) {
         Ok(parsed) => Ok((parsed, source)),
@@ -309,36 +314,47 @@ fn without_rust(message: &str) -> String {
     format!("{start}expected {plain}")
 }
 
-/// Format version of every file that insonify reads: 1.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Version;
+/// Format version of a file: 1 to `NEWEST`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Version<const NEWEST: i64 = 1>(i64);
 
-const VERSION: i64 = 1;
+impl<const NEWEST: i64> Version<NEWEST> {
+    /// The newest version, which is the default of every file.
+    pub const NEWEST: Self = Self(NEWEST);
 
-impl Serialize for Version {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_i64(VERSION)
+    /// Number of the version.
+    pub fn number(self) -> i64 {
+        self.0
     }
 }
 
-impl<'de> Deserialize<'de> for Version {
+impl<const NEWEST: i64> Serialize for Version<NEWEST> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_i64(self.0)
+    }
+}
+
+impl<'de, const NEWEST: i64> Deserialize<'de> for Version<NEWEST> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        match i64::deserialize(deserializer)? {
-            VERSION => Ok(Version),
-            other => Err(D::Error::custom(format_args!(
-                "found version {other} of the format; expected {VERSION}, which is the default"
+        match (i64::deserialize(deserializer)?, NEWEST) {
+            (version, _) if (1..=NEWEST).contains(&version) => Ok(Self(version)),
+            (other, 1) => Err(D::Error::custom(format_args!(
+                "found version {other} of the format; expected 1, which is the default"
+            ))),
+            (other, _) => Err(D::Error::custom(format_args!(
+                "found version {other} of the format; expected 1 to {NEWEST}, which is the default"
             ))),
         }
     }
 }
 
-impl JsonSchema for Version {
+impl<const NEWEST: i64> JsonSchema for Version<NEWEST> {
     fn schema_name() -> Cow<'static, str> {
-        "Version".into()
+        format!("Version{NEWEST}").into()
     }
 
     fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        json_schema!({ "const": VERSION })
+        json_schema!({ "enum": Vec::from_iter(1..=NEWEST) })
     }
 }
 
@@ -363,6 +379,11 @@ impl Source {
     pub fn line(&self, byte: usize) -> usize {
         let before = &self.text.as_bytes()[..byte.min(self.text.len())];
         1 + before.iter().filter(|&&b| b == b'\n').count()
+    }
+
+    /// Line of the value at a key path, from 1, if it is written.
+    pub fn line_of(&self, path: &str) -> Option<usize> {
+        self.find(path).map(|span| self.line(span.start))
     }
 
     /// Position of the value at a key path such as `tissue[2].young_kpa`; if it is not written, that of the innermost

@@ -9,6 +9,7 @@ use clap::{Args, ValueEnum};
 use insonify::Summary;
 use insonify::input::scenario::{self, Scenario, ScenarioFile};
 use insonify::run::{Requests, run};
+use insonify_base::document::Table;
 use insonify_base::read;
 use insonify_imaging::quality::Picked;
 use insonify_imaging::synth::FrameState;
@@ -27,7 +28,7 @@ use writer::{FILES, Writer};
 
 const EXAMPLES: &str = "\
 A scenario file names a scene (the anatomy and the pose or motion of the probe) and describes the needle, its motion and the tissue:
-  version = 1
+  version = 2
   scene = \"prostate-trus\"
   [[tissue.material]]
   region = \"prostate_peripheral\"
@@ -279,7 +280,7 @@ fn replaying(scenario: Scenario, file: &Path) -> Result<Scenario, Error> {
     let expected = "a recording as JSON: `start` and `inputs`, of a simulator of this scenario";
     let wrong = |found: String| usage(format!("{}: {found}", file.display()), expected);
     let text = read::text(file, read::RECORDING).map_err(|cause| wrong(cause.to_string()))?;
-    let recording: Recording = serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;
+    let Table(recording): Table<Recording> = serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;
     scenario.replaying(recording).map_err(wrong)
 }
 

@@ -25,7 +25,7 @@ impl Plan {
     pub(crate) fn run(&self) -> Result<(), Error> {
         let (scene, picked) = self.input.scene(&self.backend)?;
         let tables = Tables::new(scene.anatomy, scene.settings)?;
-        let mut plan = insonify_imaging::plan::Plan::new(&tables).report();
+        let mut plan = insonify_imaging::plan::Plan::new(&tables).report(&scene.origins);
         plan.quality = picked;
         plan.warnings.iter().for_each(terminal::warn);
         if self.json {

@@ -13,12 +13,14 @@ pub mod common;
 pub mod lateral;
 pub mod pass;
 pub mod point_spread;
+pub mod table;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::effects::buffers::Buffer;
 use crate::effects::pass::Pass;
+use crate::effects::table::{Contradiction, Origin, Origins, Stated};
 use crate::plan::Plan;
 use crate::synth::tables::{Anatomy, LabelRow, Settings, Tables};
 use crate::synth::{FrameState, SynthError};
@@ -34,6 +36,9 @@ pub enum Wanted {
     /// It does not, for this reason.
     No(String),
 }
+
+/// What every frame has, as a word on what needs a pass.
+pub(crate) const EVERY_FRAME: &str = "every frame";
 
 /// Part of a frame. Its effects run before those of the next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -90,6 +95,8 @@ pub struct Effect {
     pub extra_bytes: fn(settings: &Settings, samples: u64) -> u64,
     /// Takes it out of a scene; `None` if every frame needs it.
     pub remove: Option<fn(&mut Anatomy, &mut Settings)>,
+    /// What needs a pass of it, if that is not the effect itself.
+    pub needed_by: fn(&Tables, &Pass) -> Option<&'static str>,
 }
 
 impl Effect {
@@ -106,6 +113,7 @@ impl Effect {
         left_out: |_, _| 0,
         extra_bytes: |_, _| 0,
         remove: None,
+        needed_by: |_, _| None,
     };
 }
 
@@ -122,6 +130,19 @@ pub trait Parameters: Default + Ranges {
 
 /// A key of [`Effects`].
 pub(crate) trait Setting: Default {
+    /// Its form in a scene file.
+    type Stated;
+
+    /// Its value where a file states it so, and how it came there, unless every frame needs it: see [`table::resolved`].
+    fn resolved(
+        stated: Option<&Self::Stated>,
+        listed: Option<bool>,
+        excluding: bool,
+    ) -> Result<(Self, Option<Origin>), bool>;
+
+    /// What a file states for this value.
+    fn stated(&self) -> Option<Self::Stated>;
+
     /// Its value among the usual effects.
     fn usual() -> Self;
 
@@ -134,7 +155,25 @@ pub(crate) trait Setting: Default {
     }
 }
 
-impl<P: Parameters> Setting for Option<P> {
+impl<P: Parameters + Clone> Setting for Option<P> {
+    type Stated = Stated<P>;
+
+    fn resolved(
+        stated: Option<&Stated<P>>,
+        listed: Option<bool>,
+        excluding: bool,
+    ) -> Result<(Self, Option<Origin>), bool> {
+        let (parameters, origin) = table::resolved(stated, listed, excluding)?;
+        Ok((parameters, Some(origin)))
+    }
+
+    fn stated(&self) -> Option<Stated<P>> {
+        match self {
+            Some(parameters) => Some(Stated::With(parameters.clone())),
+            None => P::USUAL.then_some(Stated::Switch(false)),
+        }
+    }
+
     fn usual() -> Self {
         P::USUAL.then(P::default)
     }
@@ -182,6 +221,8 @@ macro_rules! registry {
     };
     (@parameters $name:ident Option<$parameters:ident>) => { pub use super::$name::$parameters; };
     (@parameters $name:ident $parameters:ident) => { pub use super::$name::$parameters; };
+    (@stated $name:ident Option<$parameters:ident>) => { Stated<$parameters> };
+    (@stated $name:ident $parameters:ident) => { $name::Table };
     (@effects $([$name:ident: $key:ident $(<$parameters:ident>)? = $doc:literal])+) => {
         /// Effects enabled in a scene, with their parameters. An effect that is `None` is not simulated and costs nothing.
         #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -190,7 +231,60 @@ macro_rules! registry {
             $(#[doc = $doc] pub $name: $key $(<$parameters>)?,)+
         }
 
+        /// Name of an effect that a scene file may state.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+        #[expect(non_camel_case_types, reason = "they are the keys of files")]
+        #[schemars(inline)]
+        pub enum EffectName {
+            $(#[doc = $doc] $name,)+
+        }
+
+        /// Effects of a scene file: the usual ones, and those with `true` or a table, without those with `false`.
+        #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+        #[serde(deny_unknown_fields, default)]
+        pub struct EffectsTable {
+            /// Exactly these effects, besides what every frame needs. Default: the usual ones and those named, and with `version = 1` those
+            /// that have a table.
+            #[serde(skip_serializing_if = "Option::is_none")]
+            pub only: Option<Vec<EffectName>>,
+            $(
+                #[doc = $doc]
+                #[serde(skip_serializing_if = "Option::is_none")]
+                pub $name: Option<registry!(@stated $name $key $(<$parameters>)?)>,
+            )+
+        }
+
+        impl EffectsTable {
+            /// Effects that the table calls for, and how they came there; with `excluding` those that it does not name are off.
+            ///
+            /// # Errors
+            /// An effect that it both calls for and leaves out.
+            pub(crate) fn resolve(&self, excluding: bool) -> Result<(Effects, Origins), Contradiction> {
+                let mut origins = Origins::new();
+                let effects = Effects {
+                    $($name: {
+                        let effect = stringify!($name);
+                        let listed = self.only.as_ref().map(|only| only.contains(&EffectName::$name));
+                        let (setting, origin) =
+                            <$key $(<$parameters>)? as Setting>::resolved(self.$name.as_ref(), listed, excluding)
+                                .map_err(|is_listed| Contradiction { effect, is_listed })?;
+                        origins.extend(origin.map(|origin| (effect, origin)));
+                        setting
+                    },)+
+                };
+                Ok((effects, origins))
+            }
+        }
+
         impl Effects {
+            /// The table of a scene file that has these effects.
+            fn stated(&self) -> EffectsTable {
+                EffectsTable {
+                    only: None,
+                    $($name: Setting::stated(&self.$name),)+
+                }
+            }
+
             /// Returns every effect with its default parameters, except additive noise, which duplicates what speckle
             /// does physically.
             pub fn usual() -> Self {

@@ -10,7 +10,8 @@ use serde::Serialize;
 
 use crate::effects::buffers::{self, Buffer};
 use crate::effects::pass::{Band, Pass};
-use crate::effects::{REGISTRY, Wanted};
+use crate::effects::table::{Origin, Origins};
+use crate::effects::{EVERY_FRAME, REGISTRY, Wanted};
 use crate::fusion::{Bound, Fused, MAX_BUFFERS, fuse};
 use crate::quality::Picked;
 use crate::synth::tables::Tables;
@@ -21,6 +22,8 @@ pub struct PlannedPass {
     pub pass: &'static Pass,
     /// Name of the effect that the pass belongs to.
     pub effect: &'static str,
+    /// What needs it, if that is not the effect.
+    pub needed_by: Option<&'static str>,
     /// Why the scene calls for it.
     pub reason: String,
 }
@@ -50,12 +53,12 @@ pub struct PlannedResource {
 /// use insonify_imaging::scene::SceneFile;
 /// use insonify_imaging::synth::Backend;
 ///
-/// let text = "version = 1\nvolume = { phantom = \"abdomen\", resolution_mm = 5 }";
+/// let text = "volume = { phantom = \"abdomen\", resolution_mm = 5 }";
 /// let mut scene = SceneFile::parse(text, "scene.toml")?.resolve(".".as_ref())?;
 /// let usual = scene.synthesizer(Backend::Cpu)?;
 /// let usual = usual.plan();
 /// assert!(usual.has("speckle") && !usual.has("needle") && !usual.has("warp"));
-/// println!("{}", usual.report());
+/// println!("{}", usual.report(&scene.origins));
 ///
 /// scene.settings.effects = Effects::default();
 /// let slicing = scene.synthesizer(Backend::Cpu)?;
@@ -84,6 +87,10 @@ impl Plan {
                 Wanted::Yes(reason) => passes.extend((effect.passes)(tables).into_iter().map(|pass| PlannedPass {
                     pass,
                     effect: effect.name,
+                    needed_by: match effect.remove {
+                        None => Some(EVERY_FRAME),
+                        Some(_) => (effect.needed_by)(tables, pass),
+                    },
                     reason: reason.clone(),
                 })),
                 Wanted::No(reason) => without.push(Omitted {
@@ -171,17 +178,32 @@ impl Plan {
             .collect()
     }
 
-    /// The plan as plain data, for JSON.
-    pub fn report(&self) -> PlanReport {
+    /// The plan as plain data, for JSON. `origins` are those of the effects in the scene ([`Scene::origins`](crate::scene::Scene::origins)), empty for
+    /// settings made in code.
+    pub fn report(&self, origins: &Origins) -> PlanReport {
         let named = |planned: &PlannedPass| NamedPass {
             name: planned.pass.name,
             effect: planned.effect,
+            origin: match (planned.needed_by, origins.get(planned.effect)) {
+                (Some(other), _) => format!("needed by {other}"),
+                (None, Some(Origin::Usual)) => "usual".to_owned(),
+                (None, _) => "named".to_owned(),
+            },
             reason: planned.reason.clone(),
+        };
+        let left_out = |omitted: &Omitted| {
+            let absence = origins
+                .get(omitted.name)
+                .and_then(|origin| origin.absence(omitted.name));
+            Omitted {
+                name: omitted.name,
+                reason: absence.unwrap_or_else(|| omitted.reason.clone()),
+            }
         };
         PlanReport {
             passes: self.passes.iter().map(named).collect(),
             dispatches: self.fused(MAX_BUFFERS).iter().map(|fused| self.names(fused)).collect(),
-            without: self.without.clone(),
+            without: self.without.iter().map(left_out).collect(),
             resources: self.resources.clone(),
             bytes: self.bytes(),
             warnings: self.warnings.clone(),
@@ -200,6 +222,8 @@ pub struct NamedPass {
     pub name: &'static str,
     /// Name of the effect that the pass belongs to.
     pub effect: &'static str,
+    /// How it came into the scene: `usual`, `named`, or `needed by` something else.
+    pub origin: String,
     /// Why the scene calls for it.
     pub reason: String,
 }
@@ -228,7 +252,7 @@ impl fmt::Display for PlanReport {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         writeln!(f, "Passes")?;
         for pass in &self.passes {
-            writeln!(f, "  {:<21} {}", pass.name, pass.reason)?;
+            writeln!(f, "  {:<21} {}: {}", pass.name, pass.origin, pass.reason)?;
         }
         writeln!(f, "Dispatches on a GPU: passes that it runs together, in order")?;
         for (number, passes) in (1..).zip(&self.dispatches) {

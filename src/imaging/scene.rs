@@ -7,12 +7,12 @@
 //! ```
 //! use insonify_imaging::scene::SceneFile;
 //!
-//! let file = SceneFile::parse("version = 1\n[volume]\nphantom = \"abdomen\"\nresolution_mm = 4\n", "mine.toml")?;
+//! let file = SceneFile::parse("[volume]\nphantom = \"abdomen\"\nresolution_mm = 4\n", "mine.toml")?;
 //! let scene = file.resolve(".".as_ref())?;
 //! assert_eq!(scene.frames(), 1);
 //!
-//! let error = SceneFile::parse("version = 1\n[volume]\nphanton = \"abdomen\"\n", "mine.toml").unwrap_err();
-//! assert_eq!(error.location(), Some(("mine.toml", 3)));
+//! let error = SceneFile::parse("[volume]\nphanton = \"abdomen\"\n", "mine.toml").unwrap_err();
+//! assert_eq!(error.location(), Some(("mine.toml", 2)));
 //! # Ok::<(), insonify_base::document::InputError>(())
 //! ```
 
@@ -25,7 +25,7 @@ mod recording;
 mod resolve;
 mod target;
 
-pub use file::{PoseTable, SceneFile, TextureSpec, VolumeKind, VolumeSpec};
+pub use file::{PoseTable, SceneFile, TextureSpec, Version, VolumeKind, VolumeSpec};
 pub use insonify_tracking::probe::ImageSpec;
 pub use paths::{NeedleFrame, NeedleKeyframe, NeedleMotionSpec, NeedleTable};
 pub use target::Body;
@@ -34,6 +34,7 @@ use std::path::Path;
 
 use nalgebra::{Matrix4, Point3};
 
+use crate::effects::table::Origins;
 use crate::quality::QualitySpec;
 use crate::synth::tables::{Anatomy, Settings};
 use crate::synth::{Backend, FrameState, NeedleShaft, SynthError, Synthesizer};
@@ -81,7 +82,6 @@ pub fn schema() -> serde_json::Value {
 /// use insonify_imaging::synth::FrameState;
 ///
 /// let text = r#"
-/// version = 1
 /// volume = { phantom = "abdomen", resolution_mm = 5 }
 /// motion.frames = 5
 /// [[needle.motion.keyframes]]
@@ -117,6 +117,8 @@ pub struct Scene {
     pub quality: QualitySpec,
     /// Whether the scene leaves the numbers of scanlines and samples open.
     pub open_grid: [bool; 2],
+    /// How effects came into the scene, or why they stayed out of it.
+    pub origins: Origins,
     /// Assumptions made, for the user.
     pub notes: Vec<String>,
     /// Suspicious settings, for the user.

@@ -146,7 +146,7 @@ pub struct PassTime {
 /// use insonify_imaging::synth::{Backend, FrameState, Synthesizer};
 /// use nalgebra::Translation3;
 ///
-/// let text = "version = 1\nvolume = { phantom = \"abdomen\", resolution_mm = 4 }";
+/// let text = "volume = { phantom = \"abdomen\", resolution_mm = 4 }";
 /// let scene = SceneFile::parse(text, "scene.toml")?.resolve(".".as_ref())?;
 /// let pose = *scene.probe_pose(0, 1).probe_to_world();
 /// let mut synth = Synthesizer::new(scene.anatomy, scene.settings, Backend::Cpu)?;

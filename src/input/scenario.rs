@@ -7,7 +7,6 @@
 //! use insonify::ScenarioFile;
 //!
 //! let text = r#"
-//! version = 1
 //! scene = "prostate-trus"
 //! [[needle.motion.keyframes]]
 //! time_s = 0
@@ -22,7 +21,7 @@
 //! assert!(file.plan.is_none());
 //!
 //! let error = ScenarioFile::parse(&text.replace("tip_mm", "tip"), "insert.toml").unwrap_err();
-//! assert_eq!(error.location(), Some(("insert.toml", 6)));
+//! assert_eq!(error.location(), Some(("insert.toml", 5)));
 //! # Ok::<(), insonify::InputError>(())
 //! ```
 
@@ -70,8 +69,8 @@ use std::path::Path;
 
 use nalgebra::Point3;
 
-use insonify_base::document::{self, InputError, InvalidFile};
-use insonify_imaging::scene::SceneFile;
+use insonify_base::document::{InputError, InvalidFile};
+use insonify_imaging::scene::{SceneFile, Version};
 use insonify_mesh::generate::{GenerateReport, NEAR_MM};
 use insonify_tracking::trajectory::Trajectory;
 
@@ -113,7 +112,7 @@ impl ScenarioFile {
     /// it.
     pub fn for_labels(path: &Path, target: &str) -> Self {
         Self {
-            version: Some(document::Version),
+            version: Some(Version::NEWEST),
             scene: Some(SceneSource::Inline(Box::new(SceneFile::for_labels(path)))),
             needle: Some(NeedleTable::from(CommonNeedleKeys {
                 target: Some(target.to_owned()),

@@ -145,7 +145,7 @@ impl Clock<'_> {
         let before_submission = Spread::of(frames.iter().map(|(ms, _)| *ms).collect());
         Ok(before_submission.map(|before_submission| Exchange {
             before_submission,
-            dispatches: synth.plan().report().dispatches.len(),
+            dispatches: synth.plan().report(&Default::default()).dispatches.len(),
             uploads: mean(|traffic| traffic.uploads),
             submissions: mean(|traffic| traffic.submissions),
             waits: mean(|traffic| traffic.waits),

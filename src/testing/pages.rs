@@ -199,7 +199,7 @@ impl Page {
     }
 
     /// Passages that quote most of these names but not all: lists that lack one. Fewer than three names make no list, and one that refers to
-    /// `insonify schema` may leave names out.
+    /// `insonify schema`, or is the `only` of a scene, may leave names out.
     #[must_use]
     pub fn incomplete(&self, names: &[String]) -> Vec<String> {
         let lists = self.passages().into_iter().filter_map(|(line, text)| {
@@ -214,8 +214,9 @@ impl Page {
                 .map(String::as_str)
                 .collect();
             let quoted = names.len() - lacking.len();
-            let is_list =
-                quoted >= 3 && 2 * quoted > names.len() && !lacking.is_empty() && !text.contains("insonify schema");
+            // `only` is a choice of effects.
+            let is_choice = text.contains("only = [") || text.contains("insonify schema");
+            let is_list = quoted >= 3 && 2 * quoted > names.len() && !lacking.is_empty() && !is_choice;
             is_list.then(|| format!("{}:{line}: a list lacks {}", self.name, lacking.join(", ")))
         });
         lists.collect()

@@ -70,6 +70,17 @@ impl ProbeKind {
         self.facts().usual_mhz
     }
 
+    /// A usual probe of the kind.
+    pub fn usual(self) -> Probe {
+        Probe {
+            shape: ProbeShape::usual(self),
+            depth_mm: self.facts().usual_depth_mm,
+            frequency_mhz: self.usual_frequency_mhz(),
+            lines: spec::DEFAULT_LINES,
+            samples: spec::DEFAULT_SAMPLES,
+        }
+    }
+
     /// Place of the array.
     pub fn site(self) -> Site {
         self.facts().site
@@ -125,6 +136,18 @@ impl Probe {
         Ok(probe)
     }
 
+    /// The table of a file that states kind, shape and depth.
+    pub fn shape_and_depth(&self) -> ProbeSpec {
+        ProbeSpec {
+            kind: Some(self.shape.kind()),
+            shape: self.shape.numbers(),
+            sampling: Sampling {
+                depth_mm: Some(self.depth_mm),
+                ..Sampling::default()
+            },
+        }
+    }
+
     /// Checks every number against its documented range. One scanline and one sample are allowed; a sector without angle
     /// or depth is not.
     pub fn validate(&self) -> Result<(), TrackingError> {
@@ -147,6 +170,22 @@ pub(crate) mod tests {
             samples: 40,
         });
         probes.to_vec()
+    }
+
+    #[test]
+    fn the_usual_probe_of_every_kind_is_one() {
+        for &kind in ProbeKind::ALL {
+            let usual = kind.usual();
+            assert!(usual.validate().is_ok(), "{kind}");
+            assert_eq!(usual.shape.kind(), kind);
+            let table = ProbeSpec {
+                kind: Some(kind),
+                ..ProbeSpec::default()
+            };
+            let (filled, taken) = table.filled_from(&usual.shape_and_depth());
+            assert_eq!(Probe::try_from(filled).ok(), Some(usual), "{kind}");
+            assert!(taken.contains(&format!("depth_mm = {}", usual.depth_mm)), "{taken:?}");
+        }
     }
 
     #[test]

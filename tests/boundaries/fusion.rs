@@ -167,7 +167,7 @@ fn dispatches_of_a_very_wide_probe_are_within_the_limits_of_any_device() {
         return;
     };
     let text = r#"
-        version = 1
+        version = 2
         volume = { phantom = "abdomen", resolution_mm = 5 }
         probe = { kind = "curvilinear", radius_mm = 200.0, angle_deg = 180.0, depth_mm = 1000.0, frequency_mhz = 15.0, lines = 8192, samples = 64 }
         image = { width = 64, height = 64 }
@@ -210,7 +210,11 @@ fn a_frame_has_few_dispatches() {
     let all = Plan::new(&tables(&everything()));
     for plan in [&plan, &all] {
         let (passes, dispatches) = (plan.passes.len(), plan.fused(MAX_BUFFERS).len());
-        assert!(passes >= 24 && 2 * dispatches < passes, "{}", plan.report());
+        assert!(
+            passes >= 24 && 2 * dispatches < passes,
+            "{}",
+            plan.report(&Default::default())
+        );
     }
     // A device with the least that WebGPU promises.
     assert!(4 * all.fused(7).len() < 3 * all.passes.len(), "{:?}", all.fused(7));

@@ -216,6 +216,11 @@ const NAMED: &[(&str, &[&str], &str)] = &[
     ("imaging/effects/shadow.rs", &["needle"], "the needle shades"),
     ("imaging/effects/shadow/aperture.rs", &["needle"], "the needle shades"),
     (
+        "imaging/effects/table.rs",
+        &["slice"],
+        "tells that the continuation beyond a volume has another default",
+    ),
+    (
         "imaging/effects/receiver.rs",
         &["speckle", "shadow"],
         "clutter has the point spread, and attenuates",
@@ -237,7 +242,6 @@ const NAMED: &[(&str, &[&str], &str)] = &[
         "draws the focus and the grey scale",
     ),
     ("input/scenario/scene.rs", &["needle"], "an insertion shows its needle"),
-    ("imaging/scene/check.rs", &["tone"], "tells that grey levels are linear"),
     (
         "imaging/scene/resolve.rs",
         &["contact", "needle"],

@@ -368,7 +368,7 @@ fn the_example_of_an_effect_stands_in_its_docs_and_calls_for_it() {
             continue;
         }
         let text = format!(
-            "version = 1\nvolume = {{ phantom = \"abdomen\", resolution_mm = 5 }}\n{}",
+            "volume = {{ phantom = \"abdomen\", resolution_mm = 5 }}\n{}",
             effect.example
         );
         let file = SceneFile::parse(&text, effect.name).unwrap_or_else(|error| panic!("{error}"));
@@ -419,7 +419,7 @@ fn plans_list_the_passes_called_for_and_no_other() {
 fn reports_add_up() {
     for scene in scenes() {
         let plan = Plan::new(&tables(&scene));
-        let report = plan.report();
+        let report = plan.report(&Default::default());
         assert_eq!(
             report.bytes,
             report.resources.iter().map(|resource| resource.bytes).sum::<u64>()

@@ -38,7 +38,7 @@ fn a_scene_over_the_limits_names_the_limit() {
     let large = SCENE
         .replace("samples = 64", "samples = 16384")
         .replace("lines = 32", &format!("lines = {lines}"));
-    bench.write("large.toml", &format!("{large}[effects]\n"));
+    bench.write("large.toml", &format!("{large}[effects]\nonly = []\n"));
     bench
         .run("render large.toml --backend gpu")
         .fails(1, &["max_storage_buffer_binding_size", &limit.to_string()]);

@@ -373,7 +373,7 @@ fn items_and_sources_that_the_pages_name_exist() {
     assert!(faults.is_empty(), "{}", faults.join("\n"));
 }
 
-/// The choices of a JSON schema: values of a key, kinds of a table, and the tables of effects.
+/// The choices of a JSON schema: values of a key and kinds of a table.
 fn choices(schema: &Value, lists: &mut BTreeSet<Vec<String>>) {
     let strings = |values: &[Value]| -> Option<Vec<String>> {
         let texts = values.iter().map(|value| value.as_str().map(str::to_owned));
@@ -399,12 +399,6 @@ fn choices(schema: &Value, lists: &mut BTreeSet<Vec<String>>) {
                         .collect::<Option<Vec<_>>>()
                         .and_then(|values| strings(&values)),
                 );
-            }
-            if let Some(effects) = object
-                .get("Effects")
-                .and_then(|effects| effects["properties"].as_object())
-            {
-                lists.insert(effects.keys().cloned().collect());
             }
             object.values().for_each(|inner| choices(inner, lists));
         }

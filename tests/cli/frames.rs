@@ -18,9 +18,9 @@ keyframes = [
 [needle]
 tip_mm = [5, -10, 0]
 direction = [0, 1, 1]
-[effects.needle]
-[effects.shadow]
-[effects.tone]
+[effects]
+only = [\"needle\", \"shadow\", \"tone\"]
+slice.beyond = \"void\"
 "
     )
 }
@@ -384,7 +384,7 @@ fn a_label_file_alone_is_enough() {
     assert!(run.stderr.contains("liver"), "{run:?}");
     assert!(grey(&bench.path("liver.png")).1.iter().any(|&grey| grey > 60));
     std::fs::create_dir(bench.path("scenes")).unwrap();
-    bench.write("scenes/own.toml", &format!("{SCENE}[effects]\n"));
+    bench.write("scenes/own.toml", &format!("{SCENE}[effects]\nonly = []\n"));
     bench
         .run("render scenes/own.toml --labels body.nii.gz --backend cpu -o replaced.png")
         .text();
@@ -406,9 +406,9 @@ fn doubtful_poses_and_choices_are_questioned() {
         warnings.contains("inside the body") && warnings.contains("outside the volume"),
         "{warnings}"
     );
-    let partial = with("partial.toml", "[effects.slice]\nboundary = \"nearest\"\n");
+    let partial = with("partial.toml", "[effects]\nonly = [\"speckle\"]\n");
     assert!(partial.text().contains("\"warnings\": []"), "{partial:?}");
-    assert!(partial.stderr.contains("does not name are off"), "{partial:?}");
+    assert!(partial.stderr.contains("grey levels are linear"), "{partial:?}");
     bench.write("moving.toml", &moving());
     let still = bench.run("render moving.toml --backend cpu --target inclusion -o still.png");
     still.text();

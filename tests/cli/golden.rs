@@ -142,7 +142,7 @@ fn frames_and_plans_of_scenes_and_phantoms_are_as_they_were() {
         let state = scene.states(1).next().expect("a first frame");
         if planned {
             let tables = Tables::new(scene.anatomy.clone(), scene.settings.clone()).expect("tables");
-            let mut plan = Plan::new(&tables).report();
+            let mut plan = Plan::new(&tables).report(&scene.origins);
             plan.warnings.splice(0..0, scene.warnings.clone());
             let plan = serde_json::to_value(&plan).expect("a plan");
             record.put_json(&format!("plan {name}"), &plan);
@@ -212,7 +212,7 @@ fn solved_cases_are_as_they_were() {
 /// Commands that are refused, with what they read.
 const REFUSED: &[(&str, &str)] = &[
     ("", "render none.toml"),
-    ("version = 2", "render a.toml"),
+    ("version = 3", "render a.toml"),
     ("version = 1\n[volume]\nphantom = \"spleen\"", "render a.toml"),
     ("version = 1\n[volume\nphantom = 1", "render a.toml"),
     ("version = 1\nsead = 3", "render a.toml"),

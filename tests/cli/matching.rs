@@ -10,7 +10,7 @@ fn bench() -> Bench {
     bench.write(
         "real.toml",
         r#"
-version = 1
+version = 2
 volume = { phantom = "two-layer", resolution_mm = 3 }
 [probe]
 kind = "linear"
@@ -21,9 +21,10 @@ samples = 192
 [image]
 width = 160
 height = 160
-[effects.speckle]
-[effects.tone]
-auto_gain = 0
+[effects]
+only = ["speckle", "tone"]
+slice.beyond = "void"
+tone.auto_gain = 0
 "#,
     );
     bench.run("render real.toml --backend cpu --sidecar -o real.png").text();

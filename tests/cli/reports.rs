@@ -7,7 +7,7 @@ use crate::support::{Bench, SCENE, names};
 #[test]
 fn plans_list_passes_with_reasons() {
     let bench = Bench::new();
-    bench.write("bare.toml", &format!("{SCENE}[effects]\n"));
+    bench.write("bare.toml", &format!("{SCENE}[effects]\nonly = []\n"));
     let bare = bench.run("plan bare.toml --json").json();
     assert_eq!(
         names(&bare["passes"]),
@@ -19,6 +19,7 @@ fn plans_list_passes_with_reasons() {
     ] {
         assert!(without.contains(&effect), "{effect}: {without:?}");
     }
+    assert_eq!(bare["passes"][0]["origin"], "needed by every frame");
     assert!(bare["passes"][0]["reason"].is_string() && bare["without"][0]["reason"].is_string());
     // Four numbers of four bytes for each of 64 samples on 32 scanlines; a byte for each of 48 x 40 pixels, in rows of 256.
     let buffers = bare["resources"].as_array().expect("a list");
@@ -119,7 +120,7 @@ fn a_configuration_is_described() {
 fn the_default_scene_can_be_edited_and_rendered() {
     let bench = Bench::new();
     let text = bench.run("scene").text().to_owned();
-    assert!(text.contains("version = 1"));
+    assert!(text.contains("version = 2"));
     bench.write("mine.toml", &text);
     bench.run("plan mine.toml").text();
     let schema = bench.run("schema").json();

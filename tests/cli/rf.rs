@@ -4,7 +4,7 @@ use crate::support::Bench;
 
 /// A linear array on a block that is compressed along the beam by up to 1 %, on a mesh.
 const COMPRESSED: &str = r#"
-version = 1
+version = 2
 seed = 4
 [volume]
 phantom = "two-layer"
@@ -16,7 +16,8 @@ depth_mm = 30
 frequency_mhz = 5
 lines = 48
 [effects]
-slice = {}
+only = []
+slice.beyond = "void"
 [deform]
 nodes = 400
 ramp_s = 1.0

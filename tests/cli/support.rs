@@ -9,7 +9,7 @@ use tempfile::TempDir;
 
 /// A coarse phantom under a small probe: every command on it takes a moment.
 pub(crate) const SCENE: &str = r#"
-version = 1
+version = 2
 seed = 3
 [volume]
 phantom = "two-layer"

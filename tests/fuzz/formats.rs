@@ -13,6 +13,7 @@ use insonify_anatomy::segmentation::{self, Names, Naming};
 use insonify_anatomy::volume::texture::{SolidTexture, TextureOptions};
 use insonify_anatomy::volume::{load_scalar, save, written};
 use insonify_imaging::effects::Effects;
+use insonify_imaging::effects::table::Stated;
 use insonify_imaging::quality::cache::Cache;
 use insonify_imaging::quality::{Costs, pick};
 use insonify_imaging::scene::{self, ImageSpec, SceneFile};
@@ -253,7 +254,7 @@ fn labels(path: &Path, _: &[u8], dice: &mut Dice) -> Result<(), Error> {
         1..4 => {
             // Solid textures take longer than all else.
             let mut file = SceneFile::for_labels(path);
-            file.effects = Some(Default::default());
+            file.effects = Some((&Effects::default()).into());
             let _ = rendered(file, folder);
         }
         _ => {}
@@ -323,7 +324,7 @@ fn rendered(mut file: SceneFile, folder: &Path) -> Result<(), Error> {
     let mut state = FrameState::at(Matrix4::identity());
     scene.state(0, scene.frames(), &mut state)?;
     let mut synth = Synthesizer::new(scene.anatomy, scene.settings, Backend::Cpu)?;
-    let _ = synth.plan().report().to_string();
+    let _ = synth.plan().report(&Default::default()).to_string();
     if small {
         synth.render(&state)?;
     }
@@ -350,7 +351,7 @@ fn scene(path: &Path, _: &[u8], dice: &mut Dice) -> Result<(), Error> {
     let mut file = SceneFile::read(path)?;
     // One of eight has its solid textures, which take a hundred times as long as the rest, as do phantoms.
     if dice.below(8) != 0 {
-        file.effects.get_or_insert_with(Effects::usual).texture = None;
+        file.effects.get_or_insert_default().texture = Some(Stated::Switch(false));
     }
     if file.volume.as_ref().is_some_and(|volume| volume.phantom.is_some()) {
         Ok(())

@@ -1,19 +1,21 @@
 //! Tables of files: the JSON schema accepts what the program accepts.
 
 use insonify::input::scenario;
+use insonify::input::scenario::ScenarioFile;
 use insonify::input::scenario::instruments::{CommonNeedleKeys, ContactProbeSpec};
 use insonify::input::scenario::manipulator::SensorSpec;
 use insonify::input::scenario::nonlinear_tissue::{StepSolverSpec, TissueViscositySpec};
 use insonify::input::scenario::plan::{PlanSpec, PlannedNeedle, TargetSpec, TemplateSpec};
 use insonify::input::scenario::{file::RunSpec, tissue::TissueSpec};
 use insonify::input::statics::course::{SolverSpec, ViscositySpec};
-use insonify::input::{selection::CylinderChoice, statics::file::MaterialSpec};
+use insonify::input::{selection::CylinderChoice, statics::ProblemFile, statics::file::MaterialSpec};
 use insonify_anatomy::acoustics::TissueOverride;
 use insonify_base::bending::BendingConstraint;
+use insonify_base::document::InputError;
 use insonify_base::range::Ranges;
 use insonify_imaging::effects::Effects;
 use insonify_imaging::quality::QualitySpec;
-use insonify_imaging::scene::{ImageSpec, VolumeSpec, deform::DeformSpec, paths};
+use insonify_imaging::scene::{ImageSpec, SceneFile, VolumeSpec, deform::DeformSpec, paths};
 use insonify_mechanics::insertion::spring::Parameters;
 use insonify_mechanics::insertion::{Bone, Peak};
 use insonify_mechanics::needle::beam::spec;
@@ -210,6 +212,53 @@ fn schemas_of_tables_have_their_ranges() {
     agree::<spec::BaseSpec>(json!({ "control_distance_mm": 20, "displacement_mm": 3 }));
     let layer = json!({ "thickness_mm": 9, "model": "yeoh", "compression": "UTru", "initial_length_mm": 50 });
     agree::<spec::LayerSpec>(layer);
+}
+
+/// Checks of every key of a file that is a table, or a list of tables, that a list in place of a table is refused.
+fn refuses_lists<T: JsonSchema>(parse: impl Fn(&str) -> Result<(), InputError>) {
+    let schema = schema_for!(T).to_value();
+    let mut tried = 0;
+    for (key, node) in schema["properties"].as_object().expect("keys") {
+        let node = resolved(&schema, node);
+        let text = if node["properties"].is_object() {
+            format!("{key} = [1]")
+        } else if resolved(&schema, &node["items"])["properties"].is_object() {
+            format!("{key} = [[1]]")
+        } else {
+            continue;
+        };
+        let error = parse(&text).expect_err(&text);
+        assert!(
+            error.to_string().contains("found a list, expected a table"),
+            "{text}: {error}"
+        );
+        tried += 1;
+    }
+    assert!(tried > 2, "{tried}");
+}
+
+#[test]
+fn lists_in_place_of_tables_are_refused() {
+    refuses_lists::<SceneFile>(|text| SceneFile::parse(text, "a").map(drop));
+    refuses_lists::<ScenarioFile>(|text| ScenarioFile::parse(text, "a").map(drop));
+    refuses_lists::<ProblemFile>(|text| ProblemFile::parse(text, "a").map(drop));
+    refuses_lists::<identification::CaseFile>(|text| identification::CaseFile::parse(text, "a").map(drop));
+    for text in [
+        "effects.speckle = [0.8, 1.5]",
+        "probe = [\"linear\", 40, 60]",
+        "deform.field = [[\"rotation\", [0, 0, 0], [0, 0, 1], 3.0]]",
+        "needle.motion.keyframes = [[0.0, [0, 0, 0]]]",
+    ] {
+        let error = SceneFile::parse(text, "a").expect_err(text);
+        assert!(error.to_string().contains("found a list"), "{text}: {error}");
+    }
+    for text in [
+        "scene.volume = [\"abdomen\"]",
+        "tissue.material = [{ region = \"liver\", law = [\"neo-hookean\"] }]",
+    ] {
+        let error = ScenarioFile::parse(text, "a").expect_err(text);
+        assert!(error.to_string().contains("found a list"), "{text}: {error}");
+    }
 }
 
 #[test]

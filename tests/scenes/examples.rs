@@ -46,7 +46,7 @@ fn what_a_scene_does_not_name_is_not_made() {
     let plain = quick("default").resolve(Path::new(".")).expect("default");
     assert!(plain.anatomy.mesh.is_none() && !plain.settings.has_needle);
     assert!(plain.needle_pose(0, 1).is_none());
-    let plan = synthesizer(&plain).plan().report();
+    let plan = synthesizer(&plain).plan().report(&plain.origins);
     let passes: Vec<_> = plan.passes.iter().map(|pass| pass.effect).collect();
     for absent in ["warp", "needle", "thickness", "noise"] {
         assert!(!passes.contains(&absent), "{absent} in {passes:?}");

@@ -3,7 +3,8 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use insonify_imaging::effects::Effects;
+use insonify_imaging::effects::table::Stated;
+use insonify_imaging::effects::{Effects, EffectsTable};
 use insonify_imaging::scene::{DEFAULT, SceneFile, schema};
 use serde_json::Value;
 
@@ -12,9 +13,11 @@ use super::support::{parse, uncommented};
 #[test]
 fn the_default_scene_writes_the_defaults() {
     let file = parse(DEFAULT).expect("default");
-    assert_eq!(file.effects, Some(Effects::usual()));
+    let mut effects = EffectsTable::from(&Effects::usual());
+    effects.speckle = Some(Stated::With(Default::default()));
+    assert_eq!(file.effects, Some(effects));
     assert_eq!(file.image, Some(insonify_imaging::scene::ImageSpec::default()));
-    let mut bare = parse("version = 1\n[volume]\nphantom = \"abdomen\"").expect("bare");
+    let mut bare = parse("[volume]\nphantom = \"abdomen\"").expect("bare");
     let mut full = file;
     for file in [&mut bare, &mut full] {
         file.volume.as_mut().expect("volume").resolution_mm = Some(5.0);
@@ -58,7 +61,10 @@ fn every_key_shown_in_a_comment_is_one() {
     let effects = file.effects.clone().expect("effects");
     assert_eq!(
         (effects.thickness, effects.noise),
-        (Some(Default::default()), Some(Default::default()))
+        (
+            Some(Stated::With(Default::default())),
+            Some(Stated::With(Default::default()))
+        )
     );
     let full = serde_json::to_value(&file).expect("json");
     assert!(full["needle"]["bending"]["alpha_per_mm"].is_number());
@@ -119,6 +125,11 @@ fn fits(value: &Value, schema: &Value, root: &Value) -> Result<(), String> {
     if let Some(expected) = schema.get("const").filter(|expected| *expected != value) {
         return Err(format!("{value} is not {expected}"));
     }
+    if let Some(choices) = schema.get("enum").and_then(Value::as_array)
+        && !choices.contains(value)
+    {
+        return Err(format!("{value} is none of {choices:?}"));
+    }
     let types: Vec<&str> = match schema.get("type") {
         Some(Value::String(kind)) => vec![kind],
         Some(Value::Array(kinds)) => kinds.iter().filter_map(Value::as_str).collect(),
@@ -173,9 +184,9 @@ fn the_schema_accepts_what_the_parser_accepts() {
         fits(&value, &schema, &schema).unwrap_or_else(|error| panic!("{error}"));
     }
     for wrong in [
-        "version = 1",
+        "volume = 1",
         "version = 1\nsed = 3\n[volume]",
-        "version = 2\n[volume]\nphantom = \"abdomen\"",
+        "version = 3\n[volume]\nphantom = \"abdomen\"",
         "version = 1\n[volume]\nphantom = 3",
     ] {
         let value: Value = toml::from_str(wrong).expect("toml");
@@ -185,7 +196,9 @@ fn the_schema_accepts_what_the_parser_accepts() {
 
 #[test]
 fn a_resolved_scene_written_down_resolves_to_itself() {
-    let text = super::support::small("[pose]\ntarget = \"liver\"\nrock_deg = 3\n[effects.tone]\ngain_db = 4\n");
+    let text = super::support::small(
+        "[pose]\ntarget = \"liver\"\nrock_deg = 3\n[effects]\nblur = false\nnoise = true\ntone.gain_db = 4\n",
+    );
     let scene = super::support::resolve(&text).expect("scene");
     let written = toml::to_string(&scene.file).expect("toml");
     let again = super::support::resolve(&written).unwrap_or_else(|error| panic!("{error}\n{written}"));

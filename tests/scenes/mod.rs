@@ -2,6 +2,7 @@
 //! mistake in one.
 
 mod broken;
+mod effects;
 mod errors;
 mod examples;
 mod format;

@@ -355,7 +355,7 @@ fn frames_lie_on_the_recorded_grid() {
     let scene = recorded(
         "",
         "plus_config = \"plus.xml\"",
-        "[image]\ngrid = \"recorded\"\n[effects]",
+        "[image]\ngrid = \"recorded\"\n[effects]\nonly = []",
     )
     .expect("scene");
     assert_eq!((scene.settings.image.width, scene.settings.image.height), (40, 30));

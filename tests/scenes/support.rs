@@ -3,14 +3,15 @@
 use insonify_base::document::InputError;
 use std::path::Path;
 
-use insonify_imaging::effects::Effects;
+use insonify_imaging::effects::EffectName;
+use insonify_imaging::effects::table::Stated;
 use insonify_imaging::scene::{DEFAULT, Scene, SceneFile};
 use insonify_imaging::synth::{Backend, Frame, FrameState, Synthesizer};
 use nalgebra::Matrix4;
 
 /// A phantom scene that resolves in milliseconds, with more text behind it.
 pub(super) fn small(more: &str) -> String {
-    format!("version = 1\n[volume]\nphantom = \"abdomen\"\nresolution_mm = 5\n{more}\n")
+    format!("version = 2\n[volume]\nphantom = \"abdomen\"\nresolution_mm = 5\n{more}\n")
 }
 
 pub(super) fn parse(text: &str) -> Result<SceneFile, InputError> {
@@ -45,7 +46,11 @@ pub(super) fn shrink(file: &mut SceneFile) {
 
 /// Takes the solid textures away, which take seconds to make.
 pub(super) fn without_textures(file: &mut SceneFile) {
-    file.effects.get_or_insert_with(Effects::usual).texture = None;
+    let effects = file.effects.get_or_insert_default();
+    match &mut effects.only {
+        Some(only) => only.retain(|effect| *effect != EffectName::texture),
+        None => effects.texture = Some(Stated::Switch(false)),
+    }
 }
 
 pub(super) fn synthesizer(scene: &Scene) -> Synthesizer {

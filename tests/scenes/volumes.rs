@@ -148,16 +148,29 @@ fn a_probe_outside_the_volume_is_warned_of() {
     assert!(inside.warnings.is_empty(), "{:?}", inside.warnings);
 }
 
+/// Without a volume, a scene shows the usual one, changed as it says.
 #[test]
-fn effects_are_the_usual_ones_or_those_named() {
-    use insonify_imaging::effects::Effects;
-    assert_eq!(resolve(&small("")).expect("scene").settings.effects, Effects::usual());
-    assert_eq!(
-        resolve(&small("[effects]")).expect("scene").settings.effects,
-        Effects::default()
-    );
-    let named = resolve(&small("[effects.noise]")).expect("scene").settings.effects;
-    assert!(named.noise.is_some() && named.speckle.is_none() && named.tone.is_none());
+fn a_volume_that_is_not_named_is_the_usual_one() {
+    let told = |text: &str| {
+        let scene = resolve(text).unwrap_or_else(|error| panic!("{error}"));
+        let notes = scene
+            .notes
+            .iter()
+            .filter(|note| note.contains("names no volume"))
+            .count();
+        (scene.anatomy.volume, notes)
+    };
+    let (stated, notes) = told("volume = { phantom = \"abdomen\", resolution_mm = 4, seed = 3 }");
+    assert_eq!(notes, 0);
+    let (open, notes) = told("volume = { resolution_mm = 4, seed = 3 }");
+    assert_eq!(notes, 1);
+    assert!(open.voxels() == stated.voxels() && open.index_to_world() == stated.index_to_world());
+    let (other, _) = told("volume = { resolution_mm = 4 }");
+    assert!(other.voxels() != stated.voxels());
+    let error = resolve("volume = { ct = \"ct.nii.gz\" }")
+        .map(drop)
+        .expect_err("no labels");
+    assert!(error.to_string().contains("neither `phantom` nor `file`"), "{error}");
 }
 
 /// A probe of which half the array hangs in the air is told.

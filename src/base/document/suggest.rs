@@ -94,13 +94,9 @@ fn collect(
             Some(items) => (items, format!("[[{inner}]]")),
             None => (property, format!("[{inner}]")),
         };
-        // An optional table is `anyOf` the table and null, and a table of a named type a `$ref`: keys lie
-        // behind both.
-        let options = item
-            .get("anyOf")
-            .and_then(Value::as_array)
-            .map_or(std::slice::from_ref(item), Vec::as_slice);
-        for option in options {
+        // An optional table is `anyOf` the table and null, also one that may be `true` or `false`, and a table of a named type a `$ref`: keys
+        // lie behind all of them.
+        for option in options(item) {
             let reference = option.get("$ref").and_then(Value::as_str);
             let target = reference.and_then(|reference| schema.pointer(reference.strip_prefix('#')?));
             collect(
@@ -112,6 +108,14 @@ fn collect(
                 tables,
             );
         }
+    }
+}
+
+/// A schema, or those that it is any of.
+fn options(item: &Value) -> Vec<&Value> {
+    match item.get("anyOf").and_then(Value::as_array) {
+        Some(several) => several.iter().flat_map(options).collect(),
+        None => vec![item],
     }
 }
 

@@ -6,6 +6,7 @@
 use std::fmt;
 use std::ops::Range;
 
+use schemars::JsonSchema;
 use serde::de::value::StrDeserializer;
 use serde::de::{
     self, DeserializeOwned, DeserializeSeed, Deserializer, EnumAccess, IntoDeserializer, MapAccess, SeqAccess,
@@ -13,6 +14,8 @@ use serde::de::{
 };
 use toml::Spanned;
 use toml::de::{DeFloat, DeInteger, DeString, DeTable, DeValue};
+
+use super::lists::in_place_of_table;
 
 /// What a text says against TOML or the type that it is read as, and where: bytes of the text.
 #[derive(Clone, Debug)]
@@ -47,8 +50,15 @@ impl de::Error for Mismatch {
 }
 
 /// Reads a text as a type.
-pub(super) fn read<T: DeserializeOwned>(text: &str) -> Result<T, Mismatch> {
-    T::deserialize(Value(parsed(text)?))
+pub(super) fn read<T: DeserializeOwned + JsonSchema + 'static>(text: &str) -> Result<T, Mismatch> {
+    let file = parsed(text)?;
+    match in_place_of_table::<T>(&file) {
+        None => T::deserialize(Value(file)),
+        list => Err(Mismatch {
+            message: "invalid type: sequence, expected a map".to_owned(),
+            span: list,
+        }),
+    }
 }
 
 fn parsed(text: &str) -> Result<Spanned<DeValue<'_>>, Mismatch> {
@@ -234,18 +244,19 @@ impl<'de> VariantAccess<'de> for Value<'de> {
 mod tests {
     use std::collections::BTreeMap;
 
+    use schemars::JsonSchema;
     use serde::Deserialize;
 
     use super::*;
 
-    #[derive(Debug, Deserialize, PartialEq)]
+    #[derive(Debug, Deserialize, JsonSchema, PartialEq)]
     #[serde(rename_all = "kebab-case")]
     enum Choice {
         Plain,
         Number(f64),
     }
 
-    #[derive(Debug, Deserialize, PartialEq)]
+    #[derive(Debug, Deserialize, JsonSchema, PartialEq)]
     #[serde(deny_unknown_fields)]
     struct All {
         seed: Option<u64>,
@@ -254,6 +265,54 @@ mod tests {
         is_on: Option<bool>,
         choice: Option<Choice>,
         inner: Option<BTreeMap<String, [i32; 2]>>,
+    }
+
+    /// A law as files have them: a table with `kind`.
+    #[derive(Debug, Deserialize, JsonSchema, PartialEq)]
+    #[serde(tag = "kind", rename_all = "kebab-case")]
+    enum Law {
+        Neo { rate: f64 },
+    }
+
+    #[derive(Debug, Deserialize, JsonSchema, PartialEq)]
+    struct Holder {
+        inner: Option<Inner>,
+        law: Option<Law>,
+        laws: Option<Vec<Law>>,
+        named: Option<BTreeMap<String, Inner>>,
+        point: Option<(f64, f64)>,
+    }
+
+    #[derive(Debug, Deserialize, JsonSchema, PartialEq)]
+    struct Inner {
+        #[serde(default)]
+        rate: f64,
+    }
+
+    #[test]
+    fn a_list_in_place_of_a_table_is_refused_at_its_place() {
+        for (text, place) in [
+            ("inner = []", 8..10),
+            ("inner = [3.0]", 8..13),
+            ("law = [\"neo\", 3.0]", 6..18),
+            ("laws = [[\"neo\", 3.0]]", 8..20),
+            ("[named]\na = [2.0]", 12..17),
+        ] {
+            let refused = read::<Holder>(text).expect_err(text);
+            assert_eq!(
+                (&*refused.message, refused.span),
+                ("invalid type: sequence, expected a map", Some(place)),
+                "{text}"
+            );
+        }
+        for text in [
+            "inner = { rate = 3.0 }",
+            "point = [1.0, 2.0]",
+            "laws = [{ kind = \"neo\", rate = 1.0 }]",
+            "[named.a]\nrate = 2.0",
+        ] {
+            assert!(read::<Holder>(text).is_ok(), "{text}");
+        }
     }
 
     #[test]

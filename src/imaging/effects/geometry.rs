@@ -46,7 +46,7 @@ static PASSES: &[Pass] = &[Pass {
 }];
 
 fn wanted(_: &Tables) -> Wanted {
-    Yes("every frame needs the place of its samples".into())
+    Yes("the place of its samples".into())
 }
 
 block! {

@@ -38,7 +38,7 @@ static PASSES: &[Pass] = &[Pass {
 }];
 
 fn wanted(_: &Tables) -> Wanted {
-    Yes("a frame is made of bytes".into())
+    Yes("its bytes".into())
 }
 
 block! {

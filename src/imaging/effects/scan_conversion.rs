@@ -41,7 +41,7 @@ static PASSES: &[Pass] = &[Pass {
 }];
 
 fn wanted(_: &Tables) -> Wanted {
-    Yes("every frame becomes pixels".into())
+    Yes("its pixels".into())
 }
 
 block! {

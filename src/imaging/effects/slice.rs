@@ -24,6 +24,7 @@ use serde::{Deserialize, Serialize};
 use super::buffers::{AMPLITUDE, LABEL, LABEL_ROWS, POSITION, VOXELS};
 use super::common::rows;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, bound, reference};
+use super::table::Origin;
 use super::{
     Effect, Setting, Stage,
     Wanted::{self, Yes},
@@ -44,7 +45,39 @@ pub struct Slice {
     pub beyond: Beyond,
 }
 
+/// Sampling of labels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+#[schemars(rename = "Slice")]
+pub struct Table {
+    /// Rule for the label near a boundary. Default `smooth`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub boundary: Option<Boundary>,
+    /// Continuation of the body beyond the faces of the volume that cut it. Default `continue`; `void` with `version = 1` and any `[effects]`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub beyond: Option<Beyond>,
+}
+
 impl Setting for Slice {
+    type Stated = Table;
+
+    fn resolved(stated: Option<&Table>, _: Option<bool>, excluding: bool) -> Result<(Self, Option<Origin>), bool> {
+        let stated = stated.copied().unwrap_or_default();
+        let open = if excluding { Self::default() } else { Self::usual() };
+        let slice = Self {
+            boundary: stated.boundary.unwrap_or(open.boundary),
+            beyond: stated.beyond.unwrap_or(open.beyond),
+        };
+        Ok((slice, None))
+    }
+
+    fn stated(&self) -> Option<Table> {
+        Some(Table {
+            boundary: Some(self.boundary),
+            beyond: Some(self.beyond),
+        })
+    }
+
     fn usual() -> Self {
         Self {
             beyond: Beyond::Continue,
@@ -114,7 +147,7 @@ static PASSES: &[Pass] = &[Pass {
 }];
 
 fn wanted(_: &Tables) -> Wanted {
-    Yes("every frame needs the labels in its plane".into())
+    Yes("the labels in its plane".into())
 }
 
 block! {

@@ -81,6 +81,15 @@ pub(crate) const EFFECT: Effect = Effect {
         (Some(_), false) => vec![&GATHER_WARPED, &AXIAL, &LATERAL],
         (Some(_), true) => vec![&GATHER_WARPED, &ADD_SPECULAR, &AXIAL, &LATERAL],
     },
+    needed_by: |tables, pass| {
+        let specular = if needle::present(tables) { "needle" } else { "interface" };
+        let specular = if tables.settings.effects.interface.is_some() {
+            "interface"
+        } else {
+            specular
+        };
+        (pass.name == ADD_SPECULAR.name).then_some(specular)
+    },
     buffers: &[&SCATTER, &SCATTER_AXIAL, &AXIAL_KERNEL, &LATERAL_KERNEL],
     warnings: |tables| {
         let Some(speckle) = &tables.effects.speckle else {

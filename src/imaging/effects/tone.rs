@@ -28,7 +28,7 @@ use super::pass::{
 };
 use super::shadow::average_db_cm;
 use super::{
-    Effect, OutOfRange, Parameters, Stage,
+    EVERY_FRAME, Effect, OutOfRange, Parameters, Stage,
     Wanted::{self, Yes},
 };
 use crate::synth::SynthError;
@@ -170,6 +170,7 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     buffers: &[&GAIN, &AUTO_GAIN],
     remove: Some(|_, settings| settings.effects.tone = None),
+    needed_by: |tables, _| tables.settings.effects.tone.is_none().then_some(EVERY_FRAME),
     ..Effect::PLAIN
 };
 
@@ -269,7 +270,7 @@ const fn pass(name: &'static str, entry: &'static str, bindings: &'static [(&'st
 
 fn wanted(tables: &Tables) -> Wanted {
     let Some(tone) = &tables.settings.effects.tone else {
-        return Yes("the scene names no tone curve: grey is 255 times the amplitude".into());
+        return Yes("without a tone curve grey is 255 times the amplitude".into());
     };
     let curve = match tone.curve {
         Curve::Linear => "",

@@ -40,6 +40,7 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     buffers: &[&LAYERS, &LABEL_VALUES],
     remove: Some(|_, settings| settings.layers.clear()),
+    needed_by: |_, _| Some("the layers"),
     ..Effect::PLAIN
 };
 

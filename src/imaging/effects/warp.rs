@@ -55,6 +55,7 @@ pub(crate) const EFFECT: Effect = Effect {
     wanted,
     passes: |_| PASSES.iter().collect(),
     remove: Some(|anatomy, _| anatomy.mesh = None),
+    needed_by: |_, _| Some("the mesh"),
     ..Effect::PLAIN
 };
 

@@ -2,7 +2,8 @@
 
 use super::At;
 use super::file::{SceneFile, VolumeSpec};
-use crate::effects::Effects;
+use crate::effects::table::{Contradiction, Origin, Origins};
+use crate::effects::{Effects, EffectsTable};
 use crate::synth::tables::ImageSize;
 use insonify_anatomy::phantom::{self, Phantom};
 use insonify_base::document::InputError;
@@ -18,6 +19,7 @@ pub(super) struct Framing {
     pub grid: BeamGrid,
     pub image: ImageSize,
     pub effects: Effects,
+    pub origins: Origins,
 }
 
 impl SceneFile {
@@ -36,11 +38,26 @@ impl SceneFile {
         self.in_ranges("needle", self.needle.as_ref())?;
         let table = self.probe_table(plus, notes, warnings);
         let stated = table.as_ref().map(|table| table.sampling).unwrap_or_default();
+        let invalid = |error: TrackingError| self.fault(format!("probe.{}", error.key().unwrap_or_default()), error);
+        let usual = usual_probe(volume.phantom).map_err(invalid)?;
         let probe = match table {
-            Some(spec) => Probe::try_from(spec),
-            None => usual_probe(volume.phantom),
+            // What a recording has been made with is not guessed.
+            Some(spec) if plus.is_some_and(|plus| plus.probe().kind.is_some()) => {
+                Probe::try_from(spec).map_err(invalid)?
+            }
+            Some(spec) => {
+                let usual = spec.kind.map_or(usual, ProbeKind::usual);
+                let (spec, taken) = spec.filled_from(&usual.shape_and_depth());
+                if !taken.is_empty() {
+                    notes.push(format!(
+                        "the probe has {}, which `[probe]` leaves open",
+                        taken.join(", ")
+                    ));
+                }
+                Probe::try_from(spec).map_err(invalid)?
+            }
+            None => usual,
         };
-        let probe = probe.map_err(|error| self.fault(format!("probe.{}", error.key().unwrap_or_default()), error))?;
         let grid = BeamGrid::new(&probe).at(self, "probe")?;
         let image = self.image.unwrap_or_default();
         let image = ImageSize {
@@ -55,15 +72,7 @@ impl SceneFile {
             let key = error.key().map_or("image".to_owned(), |key| format!("image.{key}"));
             self.fault(key, error)
         })?;
-        let effects = self.effects.clone().unwrap_or_else(Effects::usual);
-        // Naming one effect switches the others off; a picture without log compression looks like a fault.
-        if effects.tone.is_none() && effects != Effects::default() {
-            notes.push(
-                "effects that `[effects]` does not name are off, the log compression of `tone` among them: grey levels are linear \
-                 in amplitude"
-                    .to_owned(),
-            );
-        }
+        let (effects, origins) = self.called_for(notes)?;
         effects
             .validate()
             .map_err(|error| self.fault(format!("effects.{}", error.key), error))?;
@@ -73,7 +82,48 @@ impl SceneFile {
             grid,
             image,
             effects,
+            origins,
         })
+    }
+
+    /// Effects that the scene calls for, and how they came there.
+    fn called_for(&self, notes: &mut Vec<String>) -> Result<(Effects, Origins), InputError> {
+        let Some(table) = &self.effects else {
+            return EffectsTable::default()
+                .resolve(false)
+                .map_err(|it| self.contradiction(it));
+        };
+        let excluding = self.version.is_some_and(|version| version.number() == 1);
+        let (effects, origins) = table.resolve(excluding).map_err(|it| self.contradiction(it))?;
+        if self.version.is_none() {
+            notes.extend(table.formerly());
+        }
+        // A picture without log compression looks like a fault; who says `tone = false` means it.
+        let is_left_out = matches!(origins.get("tone"), Some(Origin::Unlisted | Origin::Unnamed));
+        let others = origins.iter().any(|(name, origin)| origin.absence(name).is_none());
+        if is_left_out && others {
+            notes.push(
+                "the log compression of `tone` is off, as `[effects]` names others: grey levels are linear in amplitude".to_owned(),
+            );
+        }
+        Ok((effects, origins))
+    }
+
+    fn contradiction(&self, Contradiction { effect, is_listed }: Contradiction) -> InputError {
+        let line = self.source.as_ref().and_then(|source| source.line_of("effects.only"));
+        let only = line.map_or("`only`".to_owned(), |line| format!("`only` (line {line})"));
+        let (found, expected) = if is_listed {
+            (
+                format!("`{effect} = false`, and \"{effect}\" in {only}"),
+                "one of them".to_owned(),
+            )
+        } else {
+            (
+                format!("`{effect}`, which {only} does not list"),
+                format!("\"{effect}\" in `only` too, or nothing of it"),
+            )
+        };
+        self.wrong_keys(format!("effects.{effect}"), found, expected)
     }
 
     /// Returns the volume table after checking that it names exactly one volume and no key that does not apply to

@@ -8,24 +8,27 @@ use serde::{Deserialize, Serialize};
 
 use super::deform::DeformSpec;
 use super::paths::{MotionSpec, NeedleTable};
-use crate::effects::Effects;
+use crate::effects::EffectsTable;
 use crate::quality::QualitySpec;
 use insonify_anatomy::acoustics::{Preset, TissueOverride};
 use insonify_anatomy::phantom::Phantom;
 use insonify_anatomy::volume::complete::Unlabelled;
 use insonify_anatomy::volume::texture::{Seam, Values};
-use insonify_base::document::{self, Source, Version};
+use insonify_base::document::{self, Source};
 use insonify_base::range::{Kind, parameters};
 use insonify_tracking::placement::ScanPlane;
 use insonify_tracking::pose::{PoseSpec, pose_table};
 use insonify_tracking::probe::{ImageSpec, ProbeSpec};
 use insonify_tracking::world::World;
 
+/// Version of scenes and scenarios.
+pub type Version = document::Version<2>;
+
 /// A scene file. Paths are relative to the folder of the file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SceneFile {
-    /// Version of the format: 1, which is the default.
+    /// Version of the format: 1 or 2, which is the default. With 1, `[effects]` leaves out all effects that it does not name.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub version: Option<Version>,
     /// Seed of all random numbers of a frame: speckle, noise, solid textures. Default 0.
@@ -35,8 +38,7 @@ pub struct SceneFile {
     /// machine. Without it, open keys have their defaults.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub quality: Option<QualitySpec>,
-    /// Imaged volume.
-    #[schemars(required)]
+    /// Imaged volume. Default: the abdomen phantom.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub volume: Option<VolumeSpec>,
     /// Transducer. Default: that of a recording's PLUS configuration; or the one that suits the phantom; for a file a
@@ -64,10 +66,9 @@ pub struct SceneFile {
     /// Solid textures from files.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub texture: Vec<TextureSpec>,
-    /// Effects. Without any `[effects]` table the usual ones are enabled with their defaults; with one, exactly those
-    /// that it names, and an empty `[effects]` leaves only slicing.
+    /// Changes of the usual effects.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub effects: Option<Effects>,
+    pub effects: Option<EffectsTable>,
     /// Source text, for errors that point into it.
     #[serde(skip)]
     pub(super) source: Option<Arc<Source>>,
@@ -80,7 +81,7 @@ impl SceneFile {
     /// the skin over the largest soft organ, the usual effects.
     pub fn for_labels(path: &Path) -> Self {
         Self {
-            version: Some(Version),
+            version: Some(Version::NEWEST),
             volume: Some(VolumeSpec {
                 file: Some(path.to_owned()),
                 ..VolumeSpec::default()
@@ -91,7 +92,7 @@ impl SceneFile {
 }
 
 parameters! {
-    /// Imaged volume: exactly one of `phantom` and `file`. It may lie anywhere in the world, with probe, needle and deformation in the
+    /// Imaged volume: one of `phantom` and `file`, or the abdomen phantom. It may lie anywhere in the world, with probe, needle and deformation in the
     /// same coordinates: if a coordinate of its centre exceeds 4096 mm, synthesis uses a local origin at the nearest whole metres.
     pub struct VolumeSpec by VolumeKind {
         /// A volume generated from code.

@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::check::Framing;
 use super::deform::Deformation;
-use super::file::{PoseTable, SceneFile, TextureSpec};
+use super::file::{PoseTable, SceneFile, TextureSpec, Version, VolumeKind};
 use super::motion::Needle;
 use super::paths::MotionSpec;
 use super::recording::{CROP, Recording};
@@ -17,7 +17,7 @@ use super::{At, Scene, Timeline};
 use crate::effects::Effects;
 use crate::synth::tables::{Anatomy, ImageSize, Settings};
 use insonify_anatomy::acoustics::{TissueError, TissueTable, bank};
-use insonify_anatomy::phantom::{self, PhantomOptions};
+use insonify_anatomy::phantom::{self, Phantom, PhantomOptions};
 use insonify_anatomy::registration::{Quadratic, resample};
 use insonify_anatomy::segmentation::{Names, Naming, open};
 use insonify_anatomy::volume::complete::{CompleteOptions, complete, with_ct};
@@ -25,6 +25,7 @@ use insonify_anatomy::volume::texture::{SolidTexture, TextureOptions};
 use insonify_anatomy::volume::{LabelVolume, VolumeError, load_scalar, structures};
 use insonify_base::document::{InputError, InvalidFile, nearest};
 use insonify_base::matrix::Rows;
+use insonify_base::range::ByKind;
 use insonify_tracking::pose::Pose;
 use insonify_tracking::probe::{BeamGrid, ProbeSpec, Ray};
 use insonify_tracking::trajectory::Trajectory;
@@ -38,6 +39,28 @@ impl SceneFile {
     /// [`InputError`] with the key and its place in the file.
     pub fn resolve(&self, base_dir: &Path) -> Result<Scene, InputError> {
         let mut notes: Vec<String> = self.source.iter().flat_map(|source| source.renamed()).collect();
+        match self.with_usual_volume(&mut notes) {
+            Some(file) => file.resolved(base_dir, notes),
+            None => self.resolved(base_dir, notes),
+        }
+    }
+
+    /// The file with the usual volume, if it names none. `None` if it does, or has keys that belong to another volume.
+    fn with_usual_volume(&self, notes: &mut Vec<String>) -> Option<Self> {
+        let mut volume = self.volume.clone().unwrap_or_default();
+        let is_open = volume.phantom.is_none() && volume.file.is_none();
+        if !is_open || volume.misplaced(VolumeKind::Phantom).is_some() {
+            return None;
+        }
+        volume.phantom = Some(Phantom::default());
+        notes.push("the scene names no volume: it shows the phantom `abdomen`".to_owned());
+        Some(Self {
+            volume: Some(volume),
+            ..self.clone()
+        })
+    }
+
+    fn resolved(&self, base_dir: &Path, mut notes: Vec<String>) -> Result<Scene, InputError> {
         let mut warnings = Vec::new();
         let plus = self.plus_config(base_dir)?;
         let framing = self.framing(plus.as_ref(), &mut notes, &mut warnings)?;
@@ -108,6 +131,7 @@ impl SceneFile {
             },
             quality: self.quality.unwrap_or_default(),
             open_grid: framing.open_grid,
+            origins: framing.origins,
             notes,
             warnings,
             file,
@@ -152,7 +176,8 @@ impl SceneFile {
         Self {
             probe: Some(ProbeSpec::from(framing.probe)),
             image: Some(self.image.unwrap_or_default()),
-            effects: Some(framing.effects.clone()),
+            version: Some(Version::NEWEST),
+            effects: Some((&framing.effects).into()),
             source: None,
             ..self.clone()
         }

@@ -38,7 +38,7 @@ impl Synthesizer {
     /// use insonify_imaging::scene::SceneFile;
     /// use insonify_imaging::synth::{Backend, SynthError};
     ///
-    /// let text = "version = 1\nvolume = { phantom = \"abdomen\", resolution_mm = 5 }";
+    /// let text = "volume = { phantom = \"abdomen\", resolution_mm = 5 }";
     /// let scene = SceneFile::parse(text, "scene.toml")?.resolve(".".as_ref())?;
     /// let mut synth = scene.synthesizer(Backend::Cpu)?;
     /// let states: Vec<_> = scene.states(4).collect();

@@ -124,7 +124,7 @@ impl ScenarioFile {
         {
             let path = toml::Value::String(path.display().to_string());
             lines += &format!(
-                "version = 1\n[scene.volume]\nfile = {path}\n[scene.pose]\ntarget = \"{}\"\n",
+                "version = 2\n[scene.volume]\nfile = {path}\n[scene.pose]\ntarget = \"{}\"\n",
                 aim.name
             );
         }

@@ -14,11 +14,11 @@ use super::needle_table::NeedleTable;
 use super::plan::PlanSpec;
 use super::reported_points::ReportSpec;
 use super::tissue::TissueSpec;
-use insonify_base::document::{self, Source, Version};
+use insonify_base::document::{self, Source};
 use insonify_base::range::parameters;
 use insonify_gpu::AdapterChoice;
 use insonify_imaging::quality::QualitySpec;
-use insonify_imaging::scene::SceneFile;
+use insonify_imaging::scene::{SceneFile, Version};
 use insonify_mechanics::tissue::remesh::Level;
 
 /// A needle insertion: scene, deformable tissue, and the motion of needle and probe. Paths are relative to the folder of the
@@ -26,7 +26,7 @@ use insonify_mechanics::tissue::remesh::Level;
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ScenarioFile {
-    /// Version of the format: 1, which is the default.
+    /// Version of the format: 1 or 2, which is the default, as of scenes; `[scene]` has that of the scenario.
     pub version: Option<Version>,
     /// Imaged scene and pose or motion of the probe: the name of a scene that comes with the program, the path of a scene
     /// file, or a scene as a table. It has no needle and no deformation of its own: the scenario provides both.

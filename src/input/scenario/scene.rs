@@ -6,6 +6,7 @@ use super::aim::Aim;
 use super::file::{ScenarioFile, SceneSource};
 use super::needle::{Moving, NeedleSettings};
 use insonify_base::document::{InputError, InvalidFile, nearest};
+use insonify_imaging::effects::table::Origin;
 use insonify_imaging::scene::{EXAMPLES, PoseTable, Scene, SceneFile};
 
 impl ScenarioFile {
@@ -34,8 +35,10 @@ impl ScenarioFile {
                 (scene, moving, Some(aim))
             }
         };
-        // An inserted needle is shown even if the scene does not enable it.
-        scene.settings.effects.needle.get_or_insert_default();
+        // With version 1, an inserted needle is shown even if the scene does not name it.
+        if scene.origins.get("needle") == Some(&Origin::Unnamed) {
+            scene.settings.effects.needle.get_or_insert_default();
+        }
         Ok((scene, moving, aim))
     }
 
@@ -49,7 +52,11 @@ impl ScenarioFile {
                     "the name of a scene, its path, or a table `[scene]`",
                 ));
             }
-            Some(SceneSource::Inline(file)) => ((**file).clone(), base.to_owned(), true),
+            Some(SceneSource::Inline(file)) => {
+                let mut scene = (**file).clone();
+                scene.version = scene.version.or(self.version);
+                (scene, base.to_owned(), true)
+            }
             Some(SceneSource::Named(name)) => {
                 let (file, folder) = self.named_scene(name, base)?;
                 (file, folder, false)

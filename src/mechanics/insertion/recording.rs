@@ -1,9 +1,10 @@
 //! Saved states and recorded inputs.
 
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use super::{Instruments, Saved};
+use insonify_base::document::Table;
 
 /// Tolerance on the length of a unit quaternion in a file.
 const UNIT_TOLERANCE: f64 = 1e-9;
@@ -24,9 +25,14 @@ pub struct State {
 #[serde(deny_unknown_fields)]
 pub struct Recording {
     /// State before the first step.
+    #[serde(deserialize_with = "keyed")]
     pub start: State,
     /// Inputs of each step.
     pub inputs: Vec<Input>,
+}
+
+fn keyed<'de, D: Deserializer<'de>>(table: D) -> Result<State, D::Error> {
+    Table::deserialize(table).map(|Table(state)| state)
 }
 
 /// Inputs of a step.
@@ -34,7 +40,7 @@ pub struct Recording {
 /// In a file it has `dt_s`, `base`, and where they are used `probe`, `guide_mm`, `deposit` and `view`; a pose has `position_mm` and
 /// `quaternion_xyzw`, a unit quaternion.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "Written", into = "Written")]
+#[serde(try_from = "Table<Written>", into = "Written")]
 pub struct Input {
     /// Poses of needle and probe.
     pub instruments: Instruments,
@@ -48,15 +54,15 @@ pub struct Input {
 #[serde(deny_unknown_fields)]
 struct Written {
     dt_s: f64,
-    base: Pose,
+    base: Table<Pose>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    probe: Option<Pose>,
+    probe: Option<Table<Pose>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     guide_mm: Option<[f64; 3]>,
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     deposit: bool,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    view: Option<Pose>,
+    view: Option<Table<Pose>>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -67,11 +73,11 @@ struct Pose {
 }
 
 impl Pose {
-    fn of(pose: &Isometry3<f64>) -> Self {
-        Self {
+    fn of(pose: &Isometry3<f64>) -> Table<Self> {
+        Table(Self {
             position_mm: pose.translation.vector.into(),
             quaternion_xyzw: pose.rotation.coords.into(),
-        }
+        })
     }
 
     fn read(&self, key: &'static str) -> Result<Isometry3<f64>, String> {
@@ -116,19 +122,19 @@ impl From<Input> for Written {
     }
 }
 
-impl TryFrom<Written> for Input {
+impl TryFrom<Table<Written>> for Input {
     type Error = String;
 
-    fn try_from(written: Written) -> Result<Self, String> {
+    fn try_from(Table(written): Table<Written>) -> Result<Self, String> {
         Ok(Self {
             instruments: Instruments {
-                base: written.base.read("base")?,
-                probe: written.probe.map(|pose| pose.read("probe")).transpose()?,
+                base: written.base.0.read("base")?,
+                probe: written.probe.map(|pose| pose.0.read("probe")).transpose()?,
                 guide: written.guide_mm.map(Point3::from),
                 deposit: written.deposit,
             },
             dt_s: written.dt_s,
-            view: written.view.map(|pose| pose.read("view")).transpose()?,
+            view: written.view.map(|pose| pose.0.read("view")).transpose()?,
         })
     }
 }

@@ -162,6 +162,12 @@ fn inputs_that_are_none_are_refused() {
         ("0.6", "0.7", "`quaternion_xyzw` of `base` is [0.0, 0.7, 0.0, 0.8]"),
         ("dt_s", "dt", "unknown field `dt`"),
         ("position_mm", "position", "unknown field `position`"),
+        (
+            r#"{"position_mm": [1, 2, 3], "quaternion_xyzw": [0, 0.6, 0, 0.8]}"#,
+            "[[1, 2, 3], [0, 0.6, 0, 0.8]]",
+            "invalid type: sequence, expected a table",
+        ),
+        (good, "[0.001]", "invalid type: sequence, expected a table"),
     ] {
         let error = serde_json::from_str::<Input>(&good.replace(written, replacement)).expect_err(replacement);
         assert!(error.to_string().contains(said), "{error}");

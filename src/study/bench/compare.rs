@@ -32,7 +32,6 @@ use insonify_imaging::synth::{FrameState, SynthError, Synthesizer};
 
 /// Deformed tissue and a needle.
 const SCENE: &str = r#"
-version = 1
 volume = { phantom = "abdomen" }
 needle = { tip_mm = [-52.3, -20.2, -25.1], entry_mm = [-32.0, -79.6, -7.1] }
 

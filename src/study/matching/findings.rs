@@ -8,7 +8,7 @@ use super::{EstimatedParameter, ROUNDS, SETTLED, Unidentified, WindowMeasurement
 use crate::realism::texture::{Patch, Texture, Window};
 use insonify_anatomy::phantom::Phantom;
 use insonify_base::statistics::{median, std};
-use insonify_imaging::scene::{ImageSpec, SceneFile, VolumeSpec};
+use insonify_imaging::scene::{ImageSpec, SceneFile, Version, VolumeSpec};
 use insonify_tracking::probe::ProbeSpec;
 
 /// Scatter of the windows' standard deviation above which they hold more than one tissue or no speckle; in fully developed speckle it is
@@ -40,7 +40,7 @@ impl Bench<'_> {
         let bounds = self.grid.bounds_mm();
         let pixels = |axis: usize| ((bounds.max[axis] - bounds.min[axis]) / self.image.pixel_mm()).ceil() as u32;
         let mut scene = SceneFile::default();
-        scene.version = Some(insonify_base::document::Version);
+        scene.version = Some(Version::NEWEST);
         scene.seed = self.seed;
         scene.volume = Some(VolumeSpec {
             phantom: Some(Phantom::Abdomen),
@@ -53,7 +53,7 @@ impl Bench<'_> {
             margin: 0.0,
             ..ImageSpec::default()
         });
-        scene.effects = Some(model.effects());
+        scene.effects = Some((&model.effects()).into());
         scene
     }
 

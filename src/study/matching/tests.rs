@@ -5,6 +5,7 @@ use insonify_imaging::anatomies::{self, Acoustics, Frame, SILENT};
 use insonify_imaging::effects::receiver::Receiver;
 use insonify_imaging::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
 use insonify_imaging::effects::speckle::Speckle;
+use insonify_imaging::effects::table::Stated;
 use insonify_imaging::effects::tone::Tone;
 use insonify_imaging::scene::SceneFile;
 use insonify_imaging::synth::tables::{Anatomy, Settings};
@@ -123,7 +124,9 @@ fn lateral_at(result: &Match, depth_mm: f64) -> f64 {
 /// Returns the gain at a depth in the scene found, without the compensation of average tissue, dB.
 fn gain_at(result: &Match, depth_mm: f64) -> f64 {
     let scene: SceneFile = toml::from_str(&result.scene).unwrap();
-    let mut tone = scene.effects.unwrap().tone.unwrap();
+    let Some(Stated::With(mut tone)) = scene.effects.unwrap().tone else {
+        panic!("{}", result.scene);
+    };
     tone.tgc_db_cm = Some(0.0);
     tone.gain_at_db(depth_mm, 0.0, None)
 }

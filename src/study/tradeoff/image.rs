@@ -273,7 +273,7 @@ pub(crate) struct Subject {
 impl Subject {
     /// Creates the phantom in voxels of a given size, mm.
     pub(crate) fn new(voxel_mm: f64) -> Result<Self, Error> {
-        let text = format!("version = 1\nvolume = {{ phantom = \"abdomen\", resolution_mm = {voxel_mm} }}\n");
+        let text = format!("volume = {{ phantom = \"abdomen\", resolution_mm = {voxel_mm} }}\n");
         let mut scene = SceneFile::parse(&text, "the scene of the study")?.resolve(".".as_ref())?;
         (scene.settings.image.width, scene.settings.image.height) = (640, 480);
         let mut state = FrameState::at(Matrix4::identity());

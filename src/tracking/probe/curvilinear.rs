@@ -19,6 +19,11 @@ impl Kind for Curvilinear {
     const NAME: &'static str = "curvilinear";
     const USUAL_MHZ: f64 = 3.5;
     const SITE: Site = Site::Skin;
+    const USUAL: Self = Self {
+        radius_mm: 60.0,
+        angle_deg: 70.0,
+    };
+    const USUAL_DEPTH_MM: f64 = 150.0;
     const EXAMPLE: Self = Self {
         radius_mm: 30.0,
         angle_deg: 60.0,

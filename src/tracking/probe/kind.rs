@@ -48,6 +48,10 @@ pub(super) trait Kind: Ranges + Copy + Serialize + DeserializeOwned + schemars::
     const SITE: Site;
     /// See [`ProbeKind::shared_aperture_mm`](super::ProbeKind::shared_aperture_mm).
     const SHARED_APERTURE_MM: Option<f64> = None;
+    /// A usual probe of the kind.
+    const USUAL: Self;
+    /// Its usual imaging depth, mm.
+    const USUAL_DEPTH_MM: f64;
     /// A probe of the kind with a field of view of some 40 mm.
     const EXAMPLE: Self;
 
@@ -59,6 +63,7 @@ pub(super) trait Kind: Ranges + Copy + Serialize + DeserializeOwned + schemars::
 pub(super) struct Facts {
     pub name: &'static str,
     pub usual_mhz: f64,
+    pub usual_depth_mm: f64,
     pub site: Site,
     pub shared_aperture_mm: Option<f64>,
     pub keys: fn() -> Vec<&'static str>,
@@ -74,6 +79,7 @@ impl Facts {
         Self {
             name: K::NAME,
             usual_mhz: K::USUAL_MHZ,
+            usual_depth_mm: K::USUAL_DEPTH_MM,
             site: K::SITE,
             shared_aperture_mm: K::SHARED_APERTURE_MM,
             keys: || K::RANGES.iter().map(|range| range.key).collect(),
@@ -131,6 +137,12 @@ macro_rules! kinds {
             /// A shape of each kind, with its name.
             pub const EXAMPLES: [(&'static str, Self); Self::KINDS] = [$((<$Kind as Kind>::NAME, Self::$Kind(<$Kind as Kind>::EXAMPLE)),)+];
             const KINDS: usize = ProbeKind::ALL.len();
+
+            fn usual(kind: ProbeKind) -> Self {
+                match kind {
+                    $(ProbeKind::$Kind => Self::$Kind(<$Kind as Kind>::USUAL),)+
+                }
+            }
 
             /// Kind of probe.
             pub fn kind(&self) -> ProbeKind {

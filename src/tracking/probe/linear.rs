@@ -17,6 +17,8 @@ impl Kind for Linear {
     const NAME: &'static str = "linear";
     const USUAL_MHZ: f64 = 9.0;
     const SITE: Site = Site::Skin;
+    const USUAL: Self = Self { width_mm: 38.0 };
+    const USUAL_DEPTH_MM: f64 = 60.0;
     const EXAMPLE: Self = Self { width_mm: 36.0 };
 
     fn layout(&self) -> Layout {

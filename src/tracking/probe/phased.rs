@@ -19,6 +19,8 @@ impl Kind for Phased {
     const SITE: Site = Site::Skin;
     // That of adult cardiac probes.
     const SHARED_APERTURE_MM: Option<f64> = Some(20.0);
+    const USUAL: Self = Self { angle_deg: 80.0 };
+    const USUAL_DEPTH_MM: f64 = 160.0;
     const EXAMPLE: Self = Self { angle_deg: 80.0 };
 
     fn layout(&self) -> Layout {

@@ -19,6 +19,8 @@ impl Kind for Radial {
     const NAME: &'static str = "radial";
     const USUAL_MHZ: f64 = 20.0;
     const SITE: Site = Site::Lumen;
+    const USUAL: Self = Self { radius_mm: 1.0 };
+    const USUAL_DEPTH_MM: f64 = 20.0;
     const EXAMPLE: Self = Self { radius_mm: 2.0 };
 
     fn layout(&self) -> Layout {

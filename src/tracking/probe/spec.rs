@@ -51,7 +51,7 @@ parameters! {
 /// A probe as written in a file: one table of the keys below and those of its kind. `Probe::try_from` validates it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct ProbeSpec {
-    /// Kind of probe. Required, unless the configuration of a tracked sequence states it.
+    /// Kind of probe. Default: that of the PLUS configuration of a recording, or of the usual probe of the volume.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub kind: Option<ProbeKind>,
     /// Numbers of the kind's own keys.
@@ -66,7 +66,8 @@ parameters! {
     /// Keys of every kind of probe.
     #[derive(Copy)]
     pub struct Sampling {
-        /// Length of every scanline, mm. Required, unless the configuration of a tracked sequence states it.
+        /// Length of every scanline, mm. Default: that of the PLUS configuration of a recording, or of the usual probe of the kind, or,
+        /// without a kind, of the volume.
         #[serde(skip_serializing_if = "Option::is_none")]
         depth_mm: Option<f64>, in 0.1..=1000;
         /// Centre frequency, MHz. Default: that of the kind.
@@ -300,7 +301,7 @@ impl JsonSchema for ProbeSpec {
         let mut properties = Map::new();
         let mut kind = generator.subschema_for::<Option<ProbeKind>>().to_value();
         kind["description"] =
-            "Kind of probe. Required, unless the configuration of a tracked sequence states it.".into();
+            "Kind of probe. Default: that of the PLUS configuration of a recording, or of the usual probe of the volume.".into();
         properties.insert("kind".into(), kind);
         for kind in ProbeKind::ALL {
             for (key, of_kind) in kind.described().1 {

@@ -17,6 +17,8 @@ impl Kind for TrusSagittal {
     const NAME: &'static str = "trus-sagittal";
     const USUAL_MHZ: f64 = 7.0;
     const SITE: Site = Site::Rectum;
+    const USUAL: Self = Self { length_mm: 60.0 };
+    const USUAL_DEPTH_MM: f64 = 60.0;
     const EXAMPLE: Self = Self { length_mm: 40.0 };
 
     fn layout(&self) -> Layout {

@@ -19,6 +19,11 @@ impl Kind for TrusTransverse {
     const NAME: &'static str = "trus-transverse";
     const USUAL_MHZ: f64 = 7.0;
     const SITE: Site = Site::Rectum;
+    const USUAL: Self = Self {
+        radius_mm: 10.0,
+        angle_deg: 160.0,
+    };
+    const USUAL_DEPTH_MM: f64 = 60.0;
     const EXAMPLE: Self = Self {
         radius_mm: 9.0,
         angle_deg: 200.0,

@@ -11,7 +11,7 @@ use insonify_base::blame::Blame;
 #[test]
 fn faults_point_at_their_line_and_say_what_is_expected() {
     let cases: &[(&str, &str, usize, &str)] = &[
-        ("version = 1", "version = 2", 1, "found version 2"),
+        ("version = 1", "version = 3", 1, "found version 3"),
         ("dt_ms = 10", "dt_ms = 0", 3, "0.01 to 100 ms"),
         ("dt_ms = 10", "dt_s = 10", 3, "unknown key `dt_s`"),
         ("phantom = \"two-layer\"", "phantom = \"two\"", 5, "unknown value `two`"),

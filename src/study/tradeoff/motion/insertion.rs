@@ -17,7 +17,6 @@ pub(crate) const ABOUT: &str = "two-layer phantom, 991 nodes, needle 5 mm out of
                          second";
 
 const SCENARIO: &str = r#"
-version = 1
 [run]
 dt_ms = 20
 [scene]
@@ -30,7 +29,8 @@ kind = "linear"
 depth_mm = 75
 frequency_mhz = 5
 [scene.effects]
-slice = {}
+only = ["needle"]
+slice.beyond = "void"
 [tissue]
 nodes = 991
 # The back, where the probe is, and the base.

@@ -1,0 +1,157 @@
+//! Effects as a scene file states them.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::marker::PhantomData;
+
+use schemars::JsonSchema;
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{Deserializer, Error, MapAccess, Visitor};
+use serde::{Deserialize, Serialize};
+
+use super::slice::Beyond;
+use super::{Effects, EffectsTable};
+
+/// An effect in a scene file.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[serde(untagged)]
+#[schemars(inline)]
+pub enum Stated<P> {
+    /// A table: with these keys, and defaults for the others.
+    With(P),
+    /// `true`: with all defaults; `false`: left out.
+    Switch(bool),
+}
+
+impl<'de, P: Deserialize<'de>> Deserialize<'de> for Stated<P> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Either<P>(PhantomData<P>);
+        impl<'de, P: Deserialize<'de>> Visitor<'de> for Either<P> {
+            type Value = Stated<P>;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a table, `true` or `false`")
+            }
+
+            fn visit_bool<E: Error>(self, is_on: bool) -> Result<Stated<P>, E> {
+                Ok(Stated::Switch(is_on))
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, keys: A) -> Result<Stated<P>, A::Error> {
+                P::deserialize(MapAccessDeserializer::new(keys)).map(Stated::With)
+            }
+        }
+        deserializer.deserialize_any(Either(PhantomData))
+    }
+}
+
+/// How an effect came into a scene, or why it stayed out of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Origin {
+    /// It is one of the usual effects.
+    Usual,
+    /// The scene names it.
+    Named,
+    /// The scene says `false`.
+    Off,
+    /// `only` does not list it.
+    Unlisted,
+    /// It is not one of the usual effects, and the scene does not name it.
+    Unusual,
+    /// A scene of version 1 names others.
+    Unnamed,
+}
+
+impl Origin {
+    /// Reason why an effect is not in a scene; `None` if it is.
+    pub(crate) fn absence(self, effect: &str) -> Option<String> {
+        match self {
+            Self::Usual | Self::Named => None,
+            Self::Off => Some(format!("left out by `{effect} = false`")),
+            Self::Unlisted => Some("not in `only`".to_owned()),
+            Self::Unusual => Some("not usual; name it to have it".to_owned()),
+            Self::Unnamed => Some("not named, and with `version = 1` naming others leaves it out".to_owned()),
+        }
+    }
+}
+
+/// How effects came into a scene, by name. Effects of settings made in code, which are not here, count as named.
+pub type Origins = BTreeMap<&'static str, Origin>;
+
+/// An effect that a scene file both calls for and leaves out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Contradiction {
+    /// Name of the effect.
+    pub effect: &'static str,
+    /// Whether `only` lists it, and it is `false`; otherwise `only` does not, and it is named.
+    pub is_listed: bool,
+}
+
+/// Whether a scene has an effect that it states so, and is in `only` or not, if there is that list; `Err` with the latter if they contradict each
+/// other. With `excluding` an effect that is not stated is off.
+pub(super) fn resolved<P: super::Parameters + Clone>(
+    stated: Option<&Stated<P>>,
+    listed: Option<bool>,
+    excluding: bool,
+) -> Result<(Option<P>, Origin), bool> {
+    match (stated, listed) {
+        (Some(Stated::Switch(false)), Some(true)) => Err(true),
+        (Some(Stated::Switch(true) | Stated::With(_)), Some(false)) => Err(false),
+        (Some(Stated::With(parameters)), _) => Ok((Some(parameters.clone()), Origin::Named)),
+        (Some(Stated::Switch(true)), _) | (None, Some(true)) => Ok((Some(P::default()), Origin::Named)),
+        (Some(Stated::Switch(false)), _) => Ok((None, Origin::Off)),
+        (None, Some(false)) => Ok((None, Origin::Unlisted)),
+        (None, None) if excluding => Ok((None, Origin::Unnamed)),
+        (None, None) if P::USUAL => Ok((Some(P::default()), Origin::Usual)),
+        (None, None) => Ok((None, Origin::Unusual)),
+    }
+}
+
+impl EffectsTable {
+    /// What changed with version 2 for a table without a version: effects that it left out before, and the keys that leave them out now. `None` if
+    /// nothing did, or the table cannot be older.
+    pub(crate) fn formerly(&self) -> Option<String> {
+        let keys = serde_json::to_value(self).ok()?;
+        let is_newer = |value: &serde_json::Value| value.is_boolean();
+        if self.only.is_some() || keys.as_object()?.values().any(is_newer) {
+            return None;
+        }
+        let [(_, now), (_, before)] = [self.resolve(false).ok()?, self.resolve(true).ok()?];
+        let having = |origins: &Origins| -> Vec<&'static str> {
+            let is_on = origins.iter().filter(|(name, origin)| origin.absence(name).is_none());
+            is_on.map(|(name, _)| *name).collect()
+        };
+        let kept = having(&before);
+        let added: Vec<&str> = having(&now).into_iter().filter(|name| !kept.contains(name)).collect();
+        let mut changes = Vec::new();
+        if !added.is_empty() {
+            let only: Vec<String> = kept.iter().map(|name| format!("\"{name}\"")).collect();
+            changes.push(format!("`only = [{}]`", only.join(", ")));
+        }
+        let mut news = added.join(", ");
+        if self.slice.is_none_or(|slice| slice.beyond.is_none()) {
+            changes.push(format!(
+                "`slice.beyond = {}`",
+                insonify_base::document::word(&Beyond::Void)
+            ));
+            news.push_str(if added.is_empty() {
+                "`slice.beyond`"
+            } else {
+                " and `slice.beyond`"
+            });
+        }
+        (!changes.is_empty()).then(|| {
+            format!(
+                "`[effects]` changes the usual effects and leaves the others as they are: {news} would have been off before version 2; \
+                 {} under [effects] brings that frame back, `version = 2` ends this note",
+                changes.join(" and ")
+            )
+        })
+    }
+}
+
+impl From<&Effects> for EffectsTable {
+    fn from(effects: &Effects) -> Self {
+        effects.stated()
+    }
+}

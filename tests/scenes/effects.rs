@@ -1,0 +1,307 @@
+//! Which effects a scene file calls for.
+
+use std::collections::BTreeSet;
+
+use insonify_imaging::effects::table::Origin;
+use insonify_imaging::effects::{Effect, Effects, EffectsTable, LISTED};
+use insonify_imaging::plan::Plan;
+use insonify_imaging::scene::Scene;
+use insonify_imaging::synth::tables::Tables;
+use serde_json::Value;
+
+use super::support::{fault, parse, render, resolve, shrink, synthesizer};
+
+/// Effects that a scene may do without, by the keys of its `[effects]`.
+fn effects() -> Vec<&'static Effect> {
+    let schema = schemars::schema_for!(EffectsTable).to_value();
+    let keys = schema["properties"].as_object().expect("effects");
+    let found: Vec<_> = LISTED
+        .iter()
+        .copied()
+        .filter(|effect| keys.contains_key(effect.name) && effect.remove.is_some())
+        .collect();
+    assert!(found.len() > 10);
+    found
+}
+
+/// Names of the effects that are on.
+fn on(effects: &Effects) -> BTreeSet<String> {
+    let table = serde_json::to_value(effects).expect("JSON");
+    let keys = table.as_object().expect("a table").iter();
+    let on = keys.filter(|(name, value)| *name != "slice" && !value.is_null());
+    on.map(|(name, _)| name.clone()).collect()
+}
+
+fn listed<'a>(names: impl IntoIterator<Item = &'a String>) -> String {
+    let names: Vec<String> = names.into_iter().map(|name| format!("\"{name}\"")).collect();
+    format!("[{}]", names.join(", "))
+}
+
+/// A small scene that each effect changes, with more text behind it.
+fn scene(version: &str, more: &str) -> Scene {
+    let text = format!(
+        "{version}\nvolume = {{ phantom = \"abdomen\", resolution_mm = 5 }}\n\
+         needle = {{ tip_mm = [-52.3, -20.2, -25.1], entry_mm = [-32.0, -79.6, -7.1] }}\n{more}\n"
+    );
+    let mut file = parse(&text).unwrap_or_else(|error| panic!("{error}\n{text}"));
+    shrink(&mut file);
+    let volume = file.volume.as_mut().expect("a volume");
+    volume.resolution_mm = Some(5.0);
+    file.resolve("".as_ref())
+        .unwrap_or_else(|error| panic!("{error}\n{text}"))
+}
+
+fn plan(scene: &Scene) -> Plan {
+    Plan::new(&Tables::new(scene.anatomy.clone(), scene.settings.clone()).expect("tables"))
+}
+
+/// Passes, buffers and their sizes.
+fn contents(plan: &Plan) -> (Vec<&'static str>, Value) {
+    let passes = plan.passes.iter().map(|planned| planned.pass.name).collect();
+    (passes, serde_json::to_value(&plan.resources).expect("JSON"))
+}
+
+/// An effect that is `false`, and one that `only` does not list: the same plan, buffers and bytes.
+#[test]
+fn an_effect_that_is_false_is_one_that_only_does_not_list() {
+    // Solid textures take seconds to make; they are left out beside every other effect.
+    let off = |name: &str| scene("", &format!("[effects]\ntexture = false\n{name} = false"));
+    let usual = on(&Effects::usual());
+    for effect in effects() {
+        let name = effect.name;
+        let excluded = if name == "texture" {
+            scene("", "effects.texture = false")
+        } else {
+            off(name)
+        };
+        let kept = usual.iter().filter(|kept| *kept != name && *kept != "texture");
+        let only = scene("", &format!("[effects]\nonly = {}", listed(kept)));
+        assert_eq!(excluded.settings, only.settings, "{name}");
+        assert!(!on(&excluded.settings.effects).contains(name));
+        assert_eq!(contents(&plan(&excluded)), contents(&plan(&only)), "{name}");
+        let [first, second] = [&excluded, &only].map(|scene| {
+            let mut synthesizer = synthesizer(scene);
+            let frame = render(scene, &mut synthesizer, 0, 1);
+            (frame.pixels, synthesizer.memory_bytes())
+        });
+        assert!(first == second, "{name}");
+    }
+}
+
+#[test]
+fn a_list_of_nothing_leaves_what_every_frame_needs() {
+    let nothing = scene("", "effects.only = []");
+    let plan = plan(&nothing);
+    let (passes, _) = contents(&plan);
+    assert_eq!(passes, ["geometry", "slice", "tone", "scan_conversion", "quantise"]);
+    let bound: BTreeSet<&str> = plan
+        .passes
+        .iter()
+        .flat_map(|planned| planned.pass.bindings)
+        .map(|(buffer, _)| buffer.name)
+        .collect();
+    assert_eq!(
+        bound,
+        plan.resources.iter().map(|planned| planned.resource.name).collect()
+    );
+    let synthesizer = synthesizer(&nothing);
+    let expected = Effects {
+        slice: Effects::usual().slice,
+        ..Effects::default()
+    };
+    assert_eq!(nothing.settings.effects, expected);
+    let mut bare = nothing.clone();
+    bare.settings.effects = expected;
+    assert_eq!(
+        synthesizer.memory_bytes(),
+        super::support::synthesizer(&bare).memory_bytes()
+    );
+    let report = plan.report(&nothing.origins);
+    for pass in &report.passes {
+        assert_eq!(pass.origin, "needed by every frame", "{}", pass.name);
+    }
+    let reason = |name: &str| {
+        report
+            .without
+            .iter()
+            .find(|omitted| omitted.name == name)
+            .map(|omitted| &*omitted.reason)
+    };
+    assert_eq!(reason("speckle"), Some("not in `only`"));
+    assert_eq!(
+        reason("warp"),
+        Some("no tissue model deforms: world and reference state are the same")
+    );
+}
+
+/// A key of an effect changes that key, and nothing else.
+#[test]
+fn keys_change_what_they_name() {
+    let usual = scene("", "");
+    assert_eq!(usual.settings.effects, Effects::usual());
+    let louder = scene("", "[effects.tone]\ngain_db = 6");
+    let mut expected = Effects::usual();
+    expected.tone.as_mut().expect("tone").gain_db = 6.0;
+    assert_eq!(louder.settings.effects, expected);
+    assert_eq!(contents(&plan(&louder)), contents(&plan(&usual)));
+    let voted = scene("", "effects.slice.boundary = \"vote\"").settings.effects;
+    assert_eq!(voted.slice.beyond, Effects::usual().slice.beyond);
+    assert!(voted.slice != Effects::usual().slice);
+    for effect in effects() {
+        let name = effect.name;
+        let named = scene("", &format!("effects.{name} = true"));
+        let mut all = on(&Effects::usual());
+        all.insert(name.to_owned());
+        assert_eq!(on(&named.settings.effects), all);
+        assert_eq!(named.origins[name], Origin::Named);
+        let keyed = scene("", &format!("effects.{name} = {{}}"));
+        assert_eq!(keyed.settings.effects, named.settings.effects, "{name}");
+    }
+}
+
+#[test]
+fn naming_excludes_in_version_1() {
+    for effect in effects() {
+        let name = effect.name;
+        let named = scene("version = 1", &format!("[effects.{name}]"));
+        assert_eq!(on(&named.settings.effects), BTreeSet::from([name.to_owned()]));
+        assert_eq!(named.settings.effects.slice, Effects::default().slice);
+    }
+    assert_eq!(scene("version = 1", "").settings.effects, Effects::usual());
+    assert_eq!(scene("version = 1", "[effects]").settings.effects, Effects::default());
+}
+
+/// What a file without a version would have left out is told, and so are the keys that leave it out.
+#[test]
+fn a_file_without_a_version_is_told_what_changed() {
+    let told = |scene: &Scene| -> Option<String> {
+        let note = scene.notes.iter().find(|note| note.contains("before version 2"));
+        note.cloned()
+    };
+    for effect in effects() {
+        let table = format!("{} = {{}}", effect.name);
+        let note = told(&scene("", &format!("[effects]\n{table}"))).expect(effect.name);
+        let keys = note
+            .split('`')
+            .filter(|part| part.starts_with("only = ") || part.starts_with("slice.beyond = "));
+        let keys = keys.collect::<Vec<_>>().join("\n");
+        let now = scene("version = 2", &format!("[effects]\n{table}\n{keys}"));
+        let before = scene("version = 1", &format!("[effects]\n{table}"));
+        assert_eq!(now.settings, before.settings, "{note}");
+        let missing = on(&Effects::usual()).into_iter().filter(|name| name != effect.name);
+        for name in missing {
+            assert!(note.contains(&name), "{name}: {note}");
+        }
+    }
+    for newer in [
+        "",
+        "effects.only = [\"tone\"]",
+        "effects.tone = false",
+        "effects.noise = true",
+    ] {
+        assert_eq!(told(&scene("", newer)), None, "{newer}");
+        assert_eq!(told(&scene("version = 2", "[effects.tone]")), None);
+        assert_eq!(told(&scene("version = 1", "[effects.tone]")), None);
+    }
+    // All named, and the continuation, too: nothing has changed.
+    let all: Vec<String> = effects()
+        .iter()
+        .map(|effect| format!("{} = {{}}", effect.name))
+        .collect();
+    let all = format!("[effects]\nslice.beyond = \"void\"\n{}", all.join("\n"));
+    assert_eq!(told(&scene("", &all)), None);
+}
+
+#[test]
+fn contradictions_name_both_places() {
+    let error = fault("version = 2\n[effects]\nonly = [\"tone\"]\ntone = false");
+    assert_eq!(error.key(), Some("effects.tone"));
+    assert!(error.to_string().contains("\"tone\" in `only` (line 3)"), "{error}");
+    for named in ["speckle = true", "speckle = { axial_mm = 1 }"] {
+        let error = fault(&format!("[effects]\nonly = []\n{named}"));
+        assert_eq!(error.location().map(|(_, line)| line), Some(3), "{error}");
+        assert!(
+            error.to_string().contains("which `only` (line 2) does not list"),
+            "{error}"
+        );
+    }
+    let error = fault("[effects]\nonly = [\"tonne\"]");
+    assert!(
+        error.help().is_some_and(|help| help.contains("did you mean \"tone\"?")),
+        "{error}"
+    );
+    for text in [
+        "effects.slice = false",
+        "effects.tone = 3",
+        "effects.tone = [6.0]",
+        "effects = [\"tone\"]",
+    ] {
+        let error = fault(text);
+        assert!(error.to_string().contains("expected a table"), "{text}: {error}");
+    }
+}
+
+/// The plan says of each pass how it came into the scene, and of each effect that is left out, why.
+#[test]
+fn plans_say_where_effects_come_from() {
+    let scene = scene("", "[effects]\nspeckle = {}\nblur = false\n");
+    let report = plan(&scene).report(&scene.origins);
+    let origin = |name: &str| {
+        let pass = report.passes.iter().find(|pass| pass.name == name);
+        pass.unwrap_or_else(|| panic!("{name}: {report}")).origin.clone()
+    };
+    assert_eq!(origin("geometry"), "needed by every frame");
+    assert_eq!(origin("needle"), "usual");
+    assert_eq!(origin("speckle_scatter"), "named");
+    assert_eq!(origin("speckle_specular"), "needed by interface");
+    let reason = |name: &str| {
+        report
+            .without
+            .iter()
+            .find(|omitted| omitted.name == name)
+            .map(|omitted| &*omitted.reason)
+    };
+    assert_eq!(reason("blur"), Some("left out by `blur = false`"));
+    assert_eq!(reason("noise"), Some("not usual; name it to have it"));
+    assert!(report.to_string().contains("usual: "), "{report}");
+}
+
+/// Grey levels that are linear are told where other effects were named, and not where that is what the scene says.
+#[test]
+fn linear_grey_levels_are_told() {
+    let told = |version: &str, more: &str| {
+        let scene = scene(version, more);
+        scene.notes.iter().any(|note| note.contains("grey levels are linear"))
+    };
+    assert!(told("version = 1", "[effects.speckle]"));
+    assert!(told("", "effects.only = [\"speckle\"]"));
+    assert!(!told("", "effects.tone = false"));
+    assert!(!told("", "effects.only = []"));
+    assert!(!told("version = 2", "[effects.speckle]"));
+}
+
+/// What a scene leaves open of its probe is that of the usual probe.
+#[test]
+fn a_probe_is_the_usual_one_but_for_what_is_stated() {
+    for phantom in ["abdomen", "prostate", "two-layer"] {
+        let resolve = |more: &str| {
+            let text = format!("volume = {{ phantom = \"{phantom}\", resolution_mm = 5 }}\n{more}");
+            resolve(&text).unwrap_or_else(|error| panic!("{error}"))
+        };
+        let (usual, deeper) = (resolve(""), resolve("probe.depth_mm = 47"));
+        let mut expected = usual.settings.probe;
+        expected.depth_mm = 47.0;
+        assert_eq!(deeper.settings.probe, expected);
+        let told = |scene: &Scene| {
+            scene
+                .notes
+                .iter()
+                .filter(|note| note.contains("`[probe]` leaves open"))
+                .count()
+        };
+        assert_eq!((told(&usual), told(&deeper)), (0, 1), "{:?}", deeper.notes);
+        let file = toml::to_string(&deeper.file).expect("TOML");
+        let again = super::support::resolve(&file).expect("a scene");
+        assert_eq!((again.settings.probe, told(&again)), (expected, 0));
+    }
+}
