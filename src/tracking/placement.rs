@@ -3,7 +3,7 @@
 //! Rays are cast outwards from points inside the target; where one leaves the body for air, not through a face of the
 //! volume that cuts the body, the probe could stand. Each such position is scored by a fan of rays: how many reach the
 //! target before bone or gas, how much of the target they see, how far away it is and how perpendicular the probe is to
-//! the skin.
+//! the skin. A position whose array reaches past a face that cuts the body counts as hidden, unless there is no other.
 
 mod lumen;
 
@@ -129,21 +129,35 @@ pub fn place(
         fan: BeamGrid::new(&probe)?,
     };
     // From the front and the sides, up to ten degrees behind them; all round only if that finds nothing.
-    [100, 180]
-        .into_iter()
-        .find_map(|widest| search.best(&aims, widest))
-        .ok_or_else(|| if search.finds_skin(&aims) {
-TrackingError::new(format!(
-                "the target is hidden: from every place on the skin in reach it lies behind bone or gas or deeper than \
-                 {} mm. Give the probe's pose, or a larger depth",
-                options.depth_mm
-            ))
-} else {
-TrackingError::new(
-                "no skin is in reach of the target: in every direction the body ends at the edge of the volume. Complete the \
-                 body (unlabelled = \"auto\") or give the probe's pose",
-            )
-})
+    let mut cut = None;
+    for widest in [100, 180] {
+        match search.best(&aims, widest) {
+            Some(best) if best.beyond == 0.0 => return Ok(best.placement),
+            other => cut = cut.or(other),
+        }
+    }
+    if let Some(best) = cut {
+        return Ok(best.placement);
+    }
+    Err(if search.finds_skin(&aims) {
+        TrackingError::new(format!(
+            "the target is hidden: from every place on the skin in reach it lies behind bone or gas or deeper than \
+             {} mm. Give the probe's pose, or a larger depth",
+            options.depth_mm
+        ))
+    } else {
+        TrackingError::new(
+            "no skin is in reach of the target: in every direction the body ends at the edge of the volume. Complete the \
+             body (unlabelled = \"auto\") or give the probe's pose",
+        )
+    })
+}
+
+/// A placement that may be chosen.
+struct Candidate {
+    placement: Placement,
+    /// Fraction of the array past a face that cuts the body.
+    beyond: f64,
 }
 
 struct Search<'a> {
@@ -157,7 +171,7 @@ struct Search<'a> {
 
 impl Search<'_> {
     /// Best position over all aims and directions up to `widest` degrees from the front.
-    fn best(&self, aims: &[Point3<f64>], widest: i32) -> Option<Placement> {
+    fn best(&self, aims: &[Point3<f64>], widest: i32) -> Option<Candidate> {
         let candidates = parallel::map(&outwards(aims, widest)[..], &|(aim, outward)| {
             let planes = match self.options.plane {
                 Some(plane) => vec![plane],
@@ -169,7 +183,8 @@ impl Search<'_> {
             candidates.collect::<Vec<_>>()
         });
         let candidates = candidates.into_iter().flatten();
-        candidates.reduce(|best, next| if next.score > best.score { next } else { best })
+        let rank = |candidate: &Candidate| (candidate.beyond == 0.0, candidate.placement.score);
+        candidates.reduce(|best, next| if rank(&next) > rank(&best) { next } else { best })
     }
 
     /// Whether any ray reaches skin.
@@ -179,7 +194,7 @@ impl Search<'_> {
             .any(|(aim, outward)| self.skin(aim, outward).is_some())
     }
 
-    fn candidate(&self, aim: &Point3<f64>, outward: &Vector3<f64>, plane: ScanPlane) -> Option<Placement> {
+    fn candidate(&self, aim: &Point3<f64>, outward: &Vector3<f64>, plane: ScanPlane) -> Option<Candidate> {
         let skin = self.skin(aim, outward)?;
         let axial = -outward;
         let inward = self.inward_normal(&skin)?;
@@ -215,7 +230,15 @@ impl Search<'_> {
             (x, _) if x > 0.0 => "right side",
             _ => "left side",
         };
-        Some(Placement {
+        let cut = if fan.beyond > 0.0 {
+            format!(
+                "; {:.0} % of the array lies past a face of the volume that cuts the body",
+                100.0 * fan.beyond
+            )
+        } else {
+            String::new()
+        };
+        let placement = Placement {
             probe_to_world: pose,
             rays_on_target: fan.share,
             visible,
@@ -223,7 +246,7 @@ impl Search<'_> {
             score,
             note: format!(
                 "probe on the skin at ({:.0}, {:.0}, {:.0}) mm, from the {side}: {:.0} % of the rays reach the target, \
-                 {:.0} mm deep; {:.0} % of it in view lies behind bone or gas",
+                 {:.0} mm deep; {:.0} % of it in view lies behind bone or gas{cut}",
                 skin.x,
                 skin.y,
                 skin.z,
@@ -231,11 +254,22 @@ impl Search<'_> {
                 fan.depth_mm,
                 100.0 * (1.0 - visible),
             ),
+        };
+        Some(Candidate {
+            placement,
+            beyond: fan.beyond,
         })
     }
 
     fn is_body(&self, p: &Point3<f64>) -> Option<bool> {
         self.volume.label_index_at(p).map(|label| (self.meaning.is_body)(label))
+    }
+
+    /// Whether the body is cut by the face of the volume beside a point outside it.
+    fn is_cut_beside(&self, p: &Point3<f64>) -> bool {
+        let index = self.volume.world_to_index().transform_point(p);
+        let inside = [0, 1, 2].map(|axis| index[axis].clamp(0.0, self.volume.size()[axis] as f64 - 1.0));
+        self.volume.label_at_index(inside).is_some_and(self.meaning.is_body)
     }
 
     /// Point where a ray from inside leaves the body for the last time; `None` if it leaves through a face of the
@@ -288,10 +322,12 @@ impl Search<'_> {
             let across = (ray_index as f64 - middle) / middle;
             let start = pose.transform_point(&Point3::new(ray.origin[0], ray.origin[1], 0.0));
             let direction = pose.transform_vector(&Vector3::new(ray.direction[0], ray.direction[1], 0.0));
-            let (mut blocked, mut reached, mut touched) = (false, None, false);
+            let (mut blocked, mut reached, mut touched, mut beyond) = (false, None, false, false);
             let mut depth = 0.5 * STEP_MM;
             while depth < self.options.depth_mm {
-                let Some(label) = self.volume.label_index_at(&(start + direction * depth)) else {
+                let point = start + direction * depth;
+                let Some(label) = self.volume.label_index_at(&point) else {
+                    beyond = beyond || (!touched && self.is_cut_beside(&point));
                     fan.outside += STEP_MM / (self.options.depth_mm * RAYS as f64);
                     depth += STEP_MM;
                     continue;
@@ -315,6 +351,7 @@ impl Search<'_> {
                 }
                 depth += STEP_MM;
             }
+            fan.beyond += if beyond { 1.0 / RAYS as f64 } else { 0.0 };
             if let Some(reached) = reached {
                 fan.share += 1.0 / RAYS as f64;
                 if across.abs() < nearest_to_middle {
@@ -357,6 +394,8 @@ struct Fan {
     /// Fractions of the fan outside the volume, and behind bone or gas.
     outside: f64,
     blocked: f64,
+    /// Fraction of the rays that meet no skin before they are past a face that cuts the body.
+    beyond: f64,
     /// Gap of air between array and skin, mm, averaged over the rays.
     gap_mm: f64,
     /// Depth of the target near the middle ray, mm.

@@ -148,6 +148,36 @@ fn the_probe_never_stands_on_a_face_that_cuts_the_body() {
 }
 
 #[test]
+fn the_array_does_not_reach_past_a_face_that_cuts_the_body() {
+    // The right half of the body, which ends at x = 0: above the ball, beside the face, the array would stand half on nothing.
+    let ball = Vector3::new(-16.0, -55.0, 5.0);
+    let whole = cylinder(ball, |_| false, BOX);
+    let [nx, ny, nz] = whole.size();
+    let voxels = whole.voxels().chunks(nx).flat_map(|row| row[..nx / 2].to_vec());
+    let half = LabelVolume::new([nx / 2, ny, nz], voxels.collect(), labels(), *whole.index_to_world()).unwrap();
+    let past_cut = |volume: &LabelVolume| {
+        let place = placed(volume, ScanPlane::Transverse).unwrap();
+        let [origin, x] = [3, 0].map(|at| column(&place.probe_to_world, at));
+        // Half of the array's chord: a radius of 60 mm over 70 degrees.
+        ((origin + x * 34.4).x.max((origin - x * 34.4).x), place.note)
+    };
+    let (end, note) = past_cut(&half);
+    assert!(end < 0.0 && !note.contains("cuts the body"), "{end} {note}");
+    let (end, _) = past_cut(&whole);
+    assert!(end > 0.0, "a whole body is imaged across the midline: {end}");
+    // Where nothing else is in reach, it is told: a slab no wider than the array.
+    let slab = nx / 2 - 15..nx / 2 + 15;
+    let voxels = whole.voxels().chunks(nx).flat_map(|row| row[slab.clone()].to_vec());
+    let shift = Matrix4::new_translation(&Vector3::new(2.0 * slab.start as f64, 0.0, 0.0));
+    let slab = LabelVolume::new([30, ny, nz], voxels.collect(), labels(), shift * whole.index_to_world()).unwrap();
+    let (_, note) = past_cut(&slab);
+    assert!(
+        note.contains("of the array lies past a face of the volume that cuts the body"),
+        "{note}"
+    );
+}
+
+#[test]
 fn missing_targets_and_bad_depths_are_errors() {
     let volume = cylinder(Vector3::zeros(), |_| false, BOX);
     let meaning = Meaning {
