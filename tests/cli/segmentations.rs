@@ -134,3 +134,54 @@ fn names_come_from_a_table_and_are_shown() {
         .run("mesh make a.nrrd --nodes 100 --names names.csv -o a.vtu")
         .fails(2, &words);
 }
+
+/// A segmentation of 3D Slicer in two layers of 8 x 8 x 8 voxels of 10 mm: a liver in the first, and a segment of this name and extent
+/// along the first axis over it.
+fn overlapping(name: &str, over: std::ops::Range<usize>) -> String {
+    let segment = |number: usize, name: &str| {
+        format!("Segment{number}_Name:={name}\nSegment{number}_LabelValue:=1\nSegment{number}_Layer:={number}\n")
+    };
+    let mut text = format!(
+        "NRRD0004\ntype: unsigned char\ndimension: 4\nspace: left-posterior-superior\nsizes: 2 8 8 8\n\
+         space directions: none (10,0,0) (0,10,0) (0,0,10)\nkinds: list domain domain domain\nencoding: ascii\n{}{}\n",
+        segment(0, "liver"),
+        segment(1, name)
+    );
+    for voxel in 0..512 {
+        let index = [voxel % 8, voxel / 8 % 8, voxel / 64];
+        let inner = index[1..].iter().all(|n| (2..6).contains(n));
+        let [liver, other] = [2..6, over.clone()].map(|range| u8::from(inner && range.contains(&index[0])));
+        text.push_str(&format!("{liver} {other} "));
+    }
+    text
+}
+
+#[test]
+fn overlapping_segments_are_told_and_a_covered_target_is_not_proposed() {
+    let bench = Bench::new();
+    bench.write("body.seg.nrrd", &overlapping("Body", 1..7));
+    bench.write("lesion.seg.nrrd", &overlapping("lesion", 2..6));
+    bench.write("halves.seg.nrrd", &overlapping("left lobe", 4..6));
+    let render = |file: &str| {
+        bench.run(&format!(
+            "render --labels {file}.seg.nrrd --target liver --size 32x32 --backend cpu -o a.png"
+        ))
+    };
+    let body = render("body");
+    body.text();
+    assert!(
+        body.stderr.contains("Body: 67 % covered by liver") && body.stderr.contains("placed over liver"),
+        "{body:?}"
+    );
+    render("halves").text();
+    // Of two segments of the same size the higher layer is on top, and nothing of the liver is left.
+    let run = render("lesion");
+    run.fails(
+        2,
+        &[
+            "liver: 100 % covered by lesion",
+            "a label with voxels, which it has not, such as lesion",
+        ],
+    );
+    assert!(!run.stderr.contains("did you mean"), "{run:?}");
+}

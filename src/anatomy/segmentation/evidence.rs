@@ -314,6 +314,56 @@ impl Named {
             vertebra,
         }
     }
+
+    fn known(&self) -> Option<&'static Organ> {
+        ORGANS.iter().find(|organ| organ.name == self.organ)
+    }
+}
+
+/// Least number of organs that show a factor on all lengths, and the largest logarithm of a volume between the extremes of such organs.
+const SCALED_ORGANS: usize = 3;
+const SCALED_SPREAD: f64 = 3.0;
+
+/// Factor by which lengths are too large, if most organs have implausible volumes and all are off by about the same factor; otherwise 1.
+fn scale<'a>(named: impl Iterator<Item = &'a Named>, extents: &Extents) -> f64 {
+    let (mut logarithms, mut odd) = (Vec::new(), 0);
+    for named in named {
+        let Some(organ) = named.known().filter(|organ| organ.adult_ml > 0.0) else {
+            continue;
+        };
+        let Extent { ml, cut, .. } = extents.labels[named.label];
+        if !cut {
+            odd += usize::from(!(organ.ml[0]..=organ.ml[1]).contains(&ml));
+            logarithms.push((ml / organ.adult_ml).ln());
+        }
+    }
+    let extreme = |fold: fn(f64, f64) -> f64| logarithms.iter().copied().reduce(fold).unwrap_or(0.0);
+    let spread = extreme(f64::max) - extreme(f64::min);
+    let is_scaled = logarithms.len() >= SCALED_ORGANS && 2 * odd > logarithms.len() && spread < SCALED_SPREAD;
+    if is_scaled {
+        (logarithms.iter().sum::<f64>() / logarithms.len() as f64 / 3.0).exp()
+    } else {
+        1.0
+    }
+}
+
+fn scale_text(scale: f64) -> String {
+    let times = if scale < 1.0 {
+        format!("1/{:.1}", 1.0 / scale)
+    } else {
+        format!("{scale:.1}")
+    };
+    let power = scale.log10().round();
+    let unit = match power as i32 {
+        _ if (scale.log10() - power).abs() > 0.15 => "",
+        -1 => ", as of centimetres that are read as millimetres",
+        1 => ", as of millimetres that are read as centimetres",
+        _ => "",
+    };
+    format!(
+        "all organs are too {} alike, by a factor of about {times} in length{unit}",
+        if scale < 1.0 { "small" } else { "large" }
+    )
 }
 
 /// Plausibility of the names of labels.
@@ -325,6 +375,8 @@ pub(super) struct Fit {
     pub odd: Vec<(usize, String)>,
     /// Description of the orders in which most organs are exchanged.
     pub turned: Option<String>,
+    /// Description of the factor by which all organs are too small or too large.
+    pub scaled: Option<String>,
     /// Sum of the evidence; about the logarithm of a likelihood.
     pub score: f64,
 }
@@ -336,15 +388,20 @@ impl Fit {
         let named: Vec<Named> = names.iter().map(Named::new).collect();
         let shown = |named: &Named| format!("label {} ({})", labels[named.label].value, named.name);
         let present = named.iter().filter(|named| extents.labels[named.label].ml > 0.0);
+        let scale = scale(present.clone(), extents);
+        if scale != 1.0 {
+            fit.score += SCALED;
+            fit.scaled = Some(scale_text(scale));
+        }
         for named in present.clone() {
-            fit.weigh(named, extents, &shown(named));
+            fit.weigh(named, extents, scale, &shown(named));
         }
         let mut turned = Vec::new();
         for order in &ORDERS {
             let (mut kept, mut broken) = (0, Vec::new());
             for first in present.clone() {
                 for second in present.clone() {
-                    match order.holds(first, second, extents) {
+                    match order.holds(first, second, extents, scale) {
                         Some(true) => kept += 1,
                         Some(false) => {
                             let text = format!("{} {} {}", shown(first), order.is_exchanged, shown(second));
@@ -385,15 +442,16 @@ impl Fit {
     }
 
     /// Weighs volume, height and course of a label.
-    fn weigh(&mut self, named: &Named, extents: &Extents, shown: &str) {
-        let Some(organ) = ORGANS.iter().find(|organ| organ.name == named.organ) else {
+    fn weigh(&mut self, named: &Named, extents: &Extents, scale: f64, shown: &str) {
+        let Some(organ) = named.known() else {
             return;
         };
         let Extent { ml, cut, .. } = extents.labels[named.label];
+        let ml = ml / scale.powi(3);
         let [low, high] = organ.ml;
         // What is not in the scan as a whole may be small.
         let excused = cut && ml < organ.adult_ml;
-        let tall_mm = extents.tall_mm(named.label);
+        let tall_mm = extents.tall_mm(named.label) / scale;
         if ml > high || (ml < low && !excused) {
             let text = format!("{shown} has {ml:.2} ml, expected {low:.1} to {high:.0} ml");
             self.odd.push((named.label, text));
@@ -420,13 +478,14 @@ impl Fit {
     }
 }
 
-/// Scores of an implausible label and of two exchanged ones.
+/// Scores of an implausible label, of two exchanged ones and of a factor on all lengths.
 const IMPLAUSIBLE: f64 = -4.0;
 const EXCHANGED: f64 = -4.0;
+const SCALED: f64 = -4.0;
 
 impl Order {
     /// Whether two organs lie in this order; `None` if there is none, or they lie too close.
-    fn holds(&self, first: &Named, second: &Named, extents: &Extents) -> Option<bool> {
+    fn holds(&self, first: &Named, second: &Named, extents: &Extents, scale: f64) -> Option<bool> {
         let (least, margin_mm, ranks) = match (first.vertebra, second.vertebra) {
             (Some(a), Some(b)) if self.axis == 2 => (1.0, 10.0, [a, b]),
             _ => {
@@ -447,7 +506,7 @@ impl Order {
         if apart > 0.0 {
             Some(true)
         } else {
-            (apart < -margin_mm).then_some(false)
+            (apart < -margin_mm * scale).then_some(false)
         }
     }
 }

@@ -121,18 +121,14 @@ impl Segmentation {
         let shown = |label: usize, name: &str| format!("{} {name}", self.volume.labels()[label].value);
         if is_sure && doubtful.is_empty() {
             let usual = readings.first().filter(|usual| usual.preset != best.preset);
-            let why = match usual {
-                _ if best.is_stated => ", which the file's name states".to_owned(),
-                Some(usual) => {
-                    let odd: Vec<String> = usual.fit.odd.iter().map(|(_, odd)| odd.clone()).collect();
-                    let odd = if odd.is_empty() {
-                        "volumes fit less".to_owned()
-                    } else {
-                        some_of(&odd)
-                    };
-                    format!(": by those of {}, {odd}", usual.preset.title())
+            let odd = usual.map(|usual| usual.fit.odd.iter().map(|(_, odd)| odd.clone()).collect::<Vec<_>>());
+            let why = match (usual, odd) {
+                (Some(usual), Some(odd)) if !odd.is_empty() => {
+                    format!(": by those of {}, {}", usual.preset.title(), some_of(&odd))
                 }
-                None => String::new(),
+                (Some(_), _) if best.is_stated => ", which the file's name states".to_owned(),
+                (Some(usual), _) => format!(": they fit better than those of {}", usual.preset.title()),
+                _ => String::new(),
             };
             self.notes.push(format!("{by}{why}"));
         } else {
@@ -204,13 +200,15 @@ impl Segmentation {
         }
     }
 
-    /// Warnings about labels that are implausible for their names, and about a file that is turned.
+    /// Warnings about labels that are implausible for their names, and about a file that is turned or scaled.
     pub(super) fn doubts(&self, extents: &Extents) -> Vec<String> {
         let labels = self.volume.labels().iter().enumerate().skip(1);
         let names: Vec<(usize, String)> = labels
             .filter_map(|(index, label)| Some((index, label.name.clone()?)))
             .collect();
-        let Fit { odd, turned, .. } = Fit::of(self.volume.labels(), extents, &names);
+        let Fit {
+            odd, turned, scaled, ..
+        } = Fit::of(self.volume.labels(), extents, &names);
         let remedy = match self.by_value {
             Some(_) => "name the labels with --names FILE, or choose another volume.preset",
             None => "check names, voxel spacing and orientation",
@@ -218,7 +216,8 @@ impl Segmentation {
         let odd: Vec<String> = odd.into_iter().map(|(_, odd)| odd).collect();
         let odd = (!odd.is_empty()).then(|| format!("{}: {remedy}", odd.join(", ")));
         let turned = turned.map(|turned| format!("{turned}: check its orientation, not its names"));
-        turned.into_iter().chain(odd).collect()
+        let scaled = scaled.map(|scaled| format!("{scaled}: check the voxel spacing and its unit, not the names"));
+        scaled.into_iter().chain(turned).chain(odd).collect()
     }
 }
 

@@ -740,6 +740,33 @@ fn turned_files_are_told_as_such() {
 }
 
 #[test]
+fn organs_that_are_all_too_small_or_large_are_a_matter_of_spacing() {
+    let organs = numbered(Preset::TotalSegmentator);
+    let scaled = |factor: f64| {
+        let to_world = Matrix4::new_scaling(factor) * organs.index_to_world();
+        named("a.nrrd", &moved(organs.clone(), to_world))
+    };
+    for (factor, words) in [
+        (1.0 / 7.0, "all organs are too small alike, by a factor of about 1/"),
+        (
+            0.1,
+            "as of centimetres that are read as millimetres: check the voxel spacing and its unit, not the names",
+        ),
+        (10.0, "all organs are too large alike, by a factor of about"),
+    ] {
+        let read = scaled(factor);
+        assert_eq!(names(&read), names(&scaled(1.0)), "{factor}: {:?}", read.warnings);
+        let [warning] = &read.warnings[..] else {
+            panic!("{factor}: {:?}", read.warnings);
+        };
+        assert!(warning.contains(words), "{warning}");
+    }
+    // Near misses: a child, and one odd organ.
+    assert!(scaled(0.7).warnings.is_empty(), "{:?}", scaled(0.7).warnings);
+    assert!(scaled(1.0).warnings.is_empty());
+}
+
+#[test]
 fn a_single_label_as_large_as_a_body_is_a_body() {
     let filled = |size: [usize; 3], value: i64, inside: &dyn Fn([usize; 3]) -> bool| {
         let place = |offset: usize| [offset % size[0], offset / size[0] % size[1], offset / size[0] / size[1]];

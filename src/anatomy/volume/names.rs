@@ -64,19 +64,38 @@ pub(super) fn segments(key_values: &[(String, String)]) -> BTreeMap<(usize, i64)
 /// Key of the groups of labels in a segmentation of MITK, as JSON: a list with one entry a layer, each with its `labels`.
 const GROUPS: &str = "org.mitk.multilabel.segmentation.labelgroups";
 
+/// Beginning of the key of one label in older segmentations of MITK, as XML; the layer and a count follow.
+const LABEL: &str = "org.mitk.label_";
+
 /// Parses the labels of MITK among the keys of a file, by layer and value.
 fn groups(key_values: &[(String, String)]) -> BTreeMap<(usize, i64), Option<String>> {
-    let text = key_values.iter().find(|(key, _)| key == GROUPS).map(|(_, text)| text);
-    let groups = text.and_then(|text| serde_json::from_str::<Vec<Value>>(text).ok());
     let mut by_place = BTreeMap::new();
-    for (layer, group) in groups.iter().flatten().enumerate() {
-        for label in group["labels"].as_array().into_iter().flatten() {
-            if let Some(value) = label["value"].as_i64() {
-                by_place.insert((layer, value), label["name"].as_str().map(str::to_owned));
+    for (key, text) in key_values {
+        if key == GROUPS {
+            let groups = serde_json::from_str::<Vec<Value>>(text).unwrap_or_default();
+            for (layer, group) in groups.iter().enumerate() {
+                for label in group["labels"].as_array().into_iter().flatten() {
+                    if let Some(value) = label["value"].as_i64() {
+                        by_place.insert((layer, value), label["name"].as_str().map(str::to_owned));
+                    }
+                }
             }
+        } else if let Some((layer, _)) = key.strip_prefix(LABEL).and_then(|rest| rest.split_once('_'))
+            && let Ok(layer) = layer.parse()
+            && let Some(Ok(value)) = property(text, "value").map(|value| value.parse())
+        {
+            by_place.insert((layer, value), property(text, "name"));
         }
     }
     by_place
+}
+
+/// Value of a property in the XML of a label of MITK: `<property key="name" ..><string value="Liver"/>`.
+fn property(xml: &str, key: &str) -> Option<String> {
+    let (_, rest) = xml.split_once(&format!("key=\"{key}\""))?;
+    let (_, rest) = rest.split_once(" value=\"")?;
+    let (value, _) = rest.split_once('"')?;
+    Some(unescape(value))
 }
 
 // XML label table of Connectome Workbench (Caret) and TotalSegmentator in a NIfTI header extension.
@@ -177,6 +196,20 @@ mod tests {
             ((3, 4), Some("Tumor".to_owned())),
         ];
         assert_eq!(read(json), BTreeMap::from(expected));
+        let label = |name: &str, value: u8| {
+            format!(
+                "<?xml version=\"1.0\"?><Label><property key=\"name\" type=\"StringProperty\"><string value=\"{name}\"/></property>\
+                 <property key=\"value\" type=\"UIntProperty\"><unsigned value=\"{value}\"/></property></Label>"
+            )
+        };
+        let older = [
+            ("000_00000", label("Exterior", 0)),
+            ("001_00001", label("Gall &amp; duct", 7)),
+            ("x", label("no layer", 1)),
+        ];
+        let older = segments(&older.map(|(key, text)| (format!("{LABEL}{key}"), text)));
+        let expected = [((0, 0), "Exterior"), ((1, 7), "Gall & duct")].map(|(key, name)| (key, Some(name.to_owned())));
+        assert_eq!(older, BTreeMap::from(expected));
         assert!(read("[{").is_empty() && read("{\"labels\": 1}").is_empty());
     }
 
