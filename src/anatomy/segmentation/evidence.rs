@@ -348,10 +348,16 @@ fn scale<'a>(named: impl Iterator<Item = &'a Named>, extents: &Extents) -> f64 {
 }
 
 fn scale_text(scale: f64) -> String {
-    let times = if scale < 1.0 {
-        format!("1/{:.1}", 1.0 / scale)
+    let times = scale.max(1.0 / scale);
+    let times = if times < 10.0 {
+        format!("{times:.1}")
     } else {
-        format!("{scale:.1}")
+        format!("{times:.0}")
+    };
+    let (size, times) = if scale < 1.0 {
+        ("small", format!("1/{times}"))
+    } else {
+        ("large", times)
     };
     let power = scale.log10().round();
     let unit = match power as i32 {
@@ -360,10 +366,7 @@ fn scale_text(scale: f64) -> String {
         1 => ", as of millimetres that are read as centimetres",
         _ => "",
     };
-    format!(
-        "all organs are too {} alike, by a factor of about {times} in length{unit}",
-        if scale < 1.0 { "small" } else { "large" }
-    )
+    format!("all organs are too {size} alike, by a factor of about {times} in length{unit}")
 }
 
 /// Plausibility of the names of labels.

@@ -15,6 +15,9 @@ const MARGIN: f64 = 1.0;
 /// Score of a numbering that the file's name states.
 const STATED: f64 = 3.0;
 
+/// Number of faults of the usual numbering that tell why another was chosen.
+const EXAMPLES: usize = 3;
+
 /// What to do about labels without names.
 const REMEDY: &str = "name the labels with --names FILE or volume.names, choose another volume.preset, or write [[tissue]] with name and \
                       labels = [VALUE, ...]";
@@ -121,10 +124,15 @@ impl Segmentation {
         let shown = |label: usize, name: &str| format!("{} {name}", self.volume.labels()[label].value);
         if is_sure && doubtful.is_empty() {
             let usual = readings.first().filter(|usual| usual.preset != best.preset);
-            let odd = usual.map(|usual| usual.fit.odd.iter().map(|(_, odd)| odd.clone()).collect::<Vec<_>>());
+            let odd = usual.map(|usual| usual.fit.odd.as_slice());
             let why = match (usual, odd) {
                 (Some(usual), Some(odd)) if !odd.is_empty() => {
-                    format!(": by those of {}, {}", usual.preset.title(), some_of(&odd))
+                    let examples: Vec<&str> = odd.iter().take(EXAMPLES).map(|(_, odd)| odd.as_str()).collect();
+                    let more = match odd.len() - examples.len() {
+                        0 => String::new(),
+                        n => format!(" and {n} more"),
+                    };
+                    format!(": by those of {}, {}{more}", usual.preset.title(), examples.join(", "))
                 }
                 (Some(_), _) if best.is_stated => ", which the file's name states".to_owned(),
                 (Some(usual), _) => format!(": they fit better than those of {}", usual.preset.title()),

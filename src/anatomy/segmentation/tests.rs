@@ -510,6 +510,70 @@ fn every_numbering_is_recognised_by_a_torso() {
     );
 }
 
+/// A volume with names of TotalSegmentator in the values of a numbering, without names. A class has all labels that it comprises.
+fn recoded(volume: &LabelVolume, numbering: Preset) -> LabelVolume {
+    let comprises = |class: &str, organ: &str| {
+        let lung = class
+            .strip_prefix("lung_")
+            .filter(|side| ["left", "right"].contains(side));
+        organ == class
+            || organ.strip_prefix(class).is_some_and(|rest| rest.starts_with('_'))
+            || lung.is_some_and(|side| organ.starts_with("lung_") && organ.ends_with(side))
+    };
+    let classes = numbering.classes();
+    let of_label: Vec<u8> = volume
+        .labels()
+        .iter()
+        .map(|label| {
+            let name = label.name.as_deref().unwrap_or_default();
+            let class = classes.iter().position(|class| comprises(&class.name, name));
+            class.map_or(0, |class| class as u8 + 1)
+        })
+        .collect();
+    let voxels = volume
+        .voxels()
+        .iter()
+        .map(|&voxel| of_label[usize::from(voxel)])
+        .collect();
+    let counts = |class: usize| {
+        let labels = volume.labels().iter().zip(&of_label);
+        labels
+            .filter(|(_, of)| usize::from(**of) == class + 1)
+            .map(|(label, _)| label.voxels as usize)
+            .sum()
+    };
+    let labels: Vec<(i64, usize)> = classes
+        .iter()
+        .enumerate()
+        .map(|(class, of)| (of.value, counts(class)))
+        .collect();
+    moved(
+        self::volume(volume.size(), voxels, &labels, 1.0),
+        *volume.index_to_world(),
+    )
+}
+
+#[test]
+fn real_anatomy_is_recognised_in_every_numbering() {
+    let Some(path) = insonify_testing::shared("volumes/ts_example_seg_full.nii.gz") else {
+        return;
+    };
+    let real = load(&path).unwrap().volume;
+    for &numbering in Preset::NUMBERINGS {
+        let mut read = Segmentation::from(recoded(&real, numbering));
+        let extents = Extents::of(&read.volume);
+        read.read_values(&Naming::default(), None, &extents);
+        let thin = matches!(numbering, Preset::Lits | Preset::LungVessels | Preset::LiverVessels);
+        assert_eq!(
+            preset(&read) == Some(numbering),
+            !thin,
+            "{numbering:?}: {:?}",
+            read.warnings
+        );
+        assert_eq!(read.warnings.is_empty(), !thin, "{numbering:?}: {:?}", read.warnings);
+    }
+}
+
 #[test]
 fn total_mr_is_not_read_as_total() {
     let mr = [
