@@ -348,25 +348,14 @@ fn scale<'a>(named: impl Iterator<Item = &'a Named>, extents: &Extents) -> f64 {
 }
 
 fn scale_text(scale: f64) -> String {
-    let times = scale.max(1.0 / scale);
-    let times = if times < 10.0 {
-        format!("{times:.1}")
+    if scale < 1.0 {
+        format!(
+            "all organs are too small alike, by a factor of about 1/{:.0} in length",
+            1.0 / scale
+        )
     } else {
-        format!("{times:.0}")
-    };
-    let (size, times) = if scale < 1.0 {
-        ("small", format!("1/{times}"))
-    } else {
-        ("large", times)
-    };
-    let power = scale.log10().round();
-    let unit = match power as i32 {
-        _ if (scale.log10() - power).abs() > 0.15 => "",
-        -1 => ", as of centimetres that are read as millimetres",
-        1 => ", as of millimetres that are read as centimetres",
-        _ => "",
-    };
-    format!("all organs are too {size} alike, by a factor of about {times} in length{unit}")
+        format!("all organs are too large alike, by a factor of about {scale:.0} in length")
+    }
 }
 
 /// Plausibility of the names of labels.

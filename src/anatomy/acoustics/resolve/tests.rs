@@ -52,6 +52,10 @@ fn names_find_tissues_classes_and_words() {
         ("gastrocnemius muscle", "muscle"),
         ("subcutaneous fat tissue", "fat"),
         ("tissue", "soft_tissue"),
+        ("Gall bladder", "bile"),
+        ("Postcava", "vessel"),
+        ("Kidney_R", "kidney_cortex"),
+        ("Rt. adrenal gland", "adrenal"),
     ];
     let labels = named(&cases.map(|(name, _)| name));
     let (tissues, warnings) = resolved(&labels, &[], Preset::Auto);
