@@ -212,7 +212,7 @@ const ORDERS: [Order; 3] = [
         is_exchanged: "lies left of",
         file_is: "mirrored",
         rank: across,
-        least: 2.0,
+        least: 1.0,
         margin_mm: 10.0,
     },
     Order {
@@ -235,13 +235,16 @@ const ORDERS: [Order; 3] = [
     },
 ];
 
-/// From the patient's right to the left.
+/// From the patient's right to the left, with the spine in the middle and the large vessels close to it.
 fn across(organ: &str, side: Option<Side>) -> Option<f64> {
     // The halves of the heart lie one before the other.
     match (side, organ) {
         (_, "heart_chamber") => None,
-        (Some(Side::Right), _) | (None, "liver" | "gallbladder" | "inferior_vena_cava") => Some(-1.0),
-        (Some(Side::Left), _) | (None, "spleen" | "stomach" | "aorta") => Some(1.0),
+        (Some(Side::Right), _) | (None, "liver" | "gallbladder") => Some(-1.0),
+        (None, "inferior_vena_cava") => Some(-0.5),
+        (None, "vertebra" | "vertebrae" | "spine" | "spinal_cord" | "sacrum") => Some(0.0),
+        (None, "aorta") => Some(0.5),
+        (Some(Side::Left), _) | (None, "spleen" | "stomach") => Some(1.0),
         _ => None,
     }
 }

@@ -964,4 +964,15 @@ fn sides_that_are_exchanged_are_questioned() {
         doubt.starts_with("label 2 (kidney_right) lies left of label 1 (kidney_left): check names"),
         "{doubt}"
     );
+    // A liver lies right of the spine, by more than a little.
+    let mut liver = torso(&[(1, "liver"), (2, "vertebrae")]);
+    liver.name(1, "Liver".to_owned());
+    liver.name(2, "Spine".to_owned());
+    assert_eq!(doubts(liver.clone()), None);
+    let turn = Matrix4::new_nonuniform_scaling(&[-1.0, 1.0, 1.0].into());
+    let doubt = doubts(moved(liver.clone(), turn * liver.index_to_world())).unwrap();
+    assert!(
+        doubt.starts_with("label 1 (Liver) lies left of label 2 (Spine): check names"),
+        "{doubt}"
+    );
 }
