@@ -6,11 +6,13 @@
 mod channels;
 pub mod complete;
 mod data;
+#[cfg(feature = "dicom")]
+mod dicom;
 pub mod distance;
 pub mod element;
 mod error;
 mod extent;
-mod foreign;
+pub(crate) mod foreign;
 mod format;
 pub mod header;
 mod labels;

@@ -5,6 +5,7 @@ pub mod blame;
 pub mod cache;
 
 pub mod csv;
+pub mod dicom;
 pub mod document;
 pub mod machine;
 pub mod matrix;

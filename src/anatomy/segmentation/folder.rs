@@ -76,6 +76,8 @@ fn masks(folder: &Path) -> Result<Vec<Mask>, VolumeError> {
         let inner = folder.join("segmentations");
         if volumes(&inner).is_ok_and(|inner| !inner.is_empty()) {
             expected.push_str(&format!("; there are some in {}: give that folder", inner.display()));
+        } else if let Some(error) = volume::foreign::in_folder(folder).filter(|_| masks.is_empty()) {
+            return Err(error);
         }
         return Err(VolumeError::malformed(folder, At::Folder, "no mask", expected));
     }

@@ -3,9 +3,10 @@
 use std::collections::HashMap;
 
 use super::data;
-use super::element::{Sample, with_sample};
+use super::element::{Sample, Scale, with_sample};
 use super::error::VolumeError;
 use super::header::{Axis, Header};
+use super::overlap::{Overlaps, precedence};
 use super::values::Values;
 use super::{Label, LabelVolume, Loaded, names};
 
@@ -13,9 +14,9 @@ use super::{Label, LabelVolume, Loaded, names};
 type Steps = HashMap<(u32, usize), u32>;
 
 /// Channels of the voxels: a set for each combination that there is.
-struct Sets {
-    /// Channels of each set, ascending; set 0 is empty.
-    channels: Vec<Vec<usize>>,
+pub(super) struct Sets {
+    /// Channels of each set; set 0 is empty.
+    pub(super) channels: Vec<Vec<usize>>,
     steps: Steps,
     /// The last step, which is likely the next one, too.
     last: ((u32, usize), u32),
@@ -23,8 +24,17 @@ struct Sets {
 }
 
 impl Sets {
+    pub(super) fn new(scale: Option<Scale>) -> Self {
+        Self {
+            channels: vec![Vec::new()],
+            steps: Steps::new(),
+            last: ((0, usize::MAX), 0),
+            values: Values::new(scale),
+        }
+    }
+
     /// Number of a set with one more channel.
-    fn with(&mut self, set: u32, channel: usize) -> u32 {
+    pub(super) fn with(&mut self, set: u32, channel: usize) -> u32 {
         if self.last.0 != (set, channel) {
             let next = self.channels.len() as u32;
             let number = *self.steps.entry((set, channel)).or_insert(next);
@@ -57,8 +67,8 @@ pub(super) fn axis(header: &Header) -> Option<usize> {
     (is_outermost && names::segments(&header.key_values).is_empty()).then_some(index)
 }
 
-/// Reads masks of 0 and 1 as labels, 1 for the first channel; a smaller mask lies above a larger one. Where each voxel has exactly
-/// one channel, the first one is the background, as networks have it.
+/// Reads masks of 0 and 1 as labels, 1 for the first channel. Where each voxel has exactly one channel, the first one is the
+/// background, as networks have it.
 pub(super) fn volume(mut header: Header, axis: usize) -> Result<Loaded, VolumeError> {
     let channels = header.axes.remove(axis);
     let grid = header.grid()?;
@@ -77,12 +87,7 @@ pub(super) fn volume(mut header: Header, axis: usize) -> Result<Loaded, VolumeEr
     }
     let voxels = grid.size.iter().product();
     let (order, is_fastest) = (header.data_order(), axis == 0);
-    let mut sets = Sets {
-        channels: vec![Vec::new()],
-        steps: Steps::new(),
-        last: ((0, usize::MAX), 0),
-        values: Values::new(header.scale),
-    };
+    let mut sets = Sets::new(header.scale);
     let mut of_voxels = vec![0u32; voxels];
     let mut refusal = None;
     let mut read = 0;
@@ -104,16 +109,25 @@ pub(super) fn volume(mut header: Header, axis: usize) -> Result<Loaded, VolumeEr
     }))
     .map_err(|error| refusal.take().unwrap_or(error))?;
     let mut warnings = std::mem::take(&mut source.warnings);
-    let labelled = flattened(&of_voxels, &sets.channels, count);
-    warnings.extend(labelled.overlaps());
-    let last = labelled.labels.len() - 1;
-    let background = if labelled.has_background {
+    let has_background = has_background(&of_voxels, &sets.channels);
+    if has_background {
+        // The set of the first channel alone is that of no label.
+        for set in &mut sets.channels {
+            *set = set.iter().filter_map(|channel| channel.checked_sub(1)).collect();
+        }
+    }
+    let values = 1..=count as i64 - i64::from(has_background);
+    let names: Vec<Option<String>> = values.map(|value| header.names.get(&value).cloned()).collect();
+    let labelled = flattened(&of_voxels, &sets.channels, &names);
+    warnings.extend(labelled.warning);
+    let background = if has_background {
         ", the first of them the background"
     } else {
         ""
     };
     let mut notes = vec![format!(
-        "{count} masks in axis {axis} are read as labels 1 to {last}{background}"
+        "{count} masks in axis {axis} are read as labels 1 to {}{background}",
+        names.len()
     )];
     notes.extend(sets.values.notes());
     let volume = LabelVolume::new(grid.size, labelled.voxels, labelled.labels, grid.index_to_world)
@@ -125,60 +139,61 @@ pub(super) fn volume(mut header: Header, axis: usize) -> Result<Loaded, VolumeEr
     })
 }
 
-struct Flattened {
-    voxels: Vec<u8>,
-    labels: Vec<Label>,
-    has_background: bool,
-    /// Voxels with several channels.
-    shared: u64,
+/// Masks as one label a voxel.
+pub(super) struct Flattened {
+    pub(super) voxels: Vec<u8>,
+    /// The background, and the labels of the channels, by number.
+    pub(super) labels: Vec<Label>,
+    /// Masks that lose voxels to others.
+    pub(super) warning: Option<String>,
 }
 
-impl Flattened {
-    fn overlaps(&self) -> Option<String> {
-        let shared = self.shared;
-        (shared > 0).then(|| format!("{shared} voxels lie in several masks: the smaller mask is drawn"))
-    }
+/// Whether each voxel has exactly one channel, and the first corner, which a body does not reach, the first one.
+fn has_background(of_voxels: &[u32], sets: &[Vec<usize>]) -> bool {
+    let has_corner = of_voxels.first().is_some_and(|&set| sets[set as usize] == [0]);
+    has_corner && of_voxels.iter().all(|&set| sets[set as usize].len() == 1)
 }
 
-/// One label for each set of channels.
-fn flattened(of_voxels: &[u32], sets: &[Vec<usize>], count: usize) -> Flattened {
+/// One label for each channel, by its name if it has one; a body lies below organs, and a larger mask below a smaller one.
+pub(super) fn flattened(of_voxels: &[u32], sets: &[Vec<usize>], names: &[Option<String>]) -> Flattened {
     let mut voxels_of = vec![0u64; sets.len()];
     for &set in of_voxels {
         voxels_of[set as usize] += 1;
     }
-    let held = |set: &usize| voxels_of[*set] > 0;
-    let is_partition = (0..sets.len()).filter(held).all(|set| sets[set].len() == 1);
-    // Background surrounds a body: it has the first corner.
-    let has_background = is_partition && of_voxels.first().is_some_and(|&set| sets[set as usize] == [0]);
-    let mut claimed = vec![0u64; count];
-    for (set, channels) in sets.iter().enumerate() {
-        channels.iter().for_each(|&channel| claimed[channel] += voxels_of[set]);
+    let mut claimed = vec![0u64; names.len()];
+    for (channels, voxels) in sets.iter().zip(&voxels_of) {
+        channels.iter().for_each(|&channel| claimed[channel] += voxels);
     }
-    let first = u8::from(has_background);
-    let tops: Vec<u8> = sets
-        .iter()
-        .map(|channels| {
-            let top = channels.iter().min_by_key(|&&channel| claimed[channel]);
-            top.map_or(0, |&channel| channel as u8 + 1 - first)
-        })
-        .collect();
-    let mut labels: Vec<Label> = (0..=count - usize::from(first))
-        .map(|value| Label {
-            value: value as i64,
-            name: None,
-            voxels: 0,
-        })
-        .collect();
-    let voxels = of_voxels.iter().map(|&set| tops[set as usize]).collect::<Vec<u8>>();
-    for (set, &top) in tops.iter().enumerate() {
-        labels[usize::from(top)].voxels += voxels_of[set];
+    let rank = |channel: usize| precedence(names[channel].as_deref(), claimed[channel]);
+    let mut labels = vec![Label {
+        value: 0,
+        name: None,
+        voxels: 0,
+    }];
+    labels.extend((1..).zip(names).map(|(value, name)| Label {
+        value,
+        name: name.clone(),
+        voxels: 0,
+    }));
+    let mut overlaps = Overlaps::default();
+    let mut tops = Vec::with_capacity(sets.len());
+    for (channels, &voxels) in sets.iter().zip(&voxels_of) {
+        let top = channels.iter().copied().max_by_key(|&channel| rank(channel));
+        for &below in channels.iter().filter(|&&channel| voxels > 0 && Some(channel) != top) {
+            overlaps.add(below, top.unwrap_or(below), voxels);
+        }
+        let label = top.map_or(0, |channel| channel + 1);
+        labels[label].voxels += voxels;
+        tops.push(label as u8);
     }
-    let shared = (0..sets.len()).filter(|&set| sets[set].len() > 1);
+    let named = |channel: usize| {
+        let name = names[channel].clone();
+        (name.unwrap_or_else(|| format!("mask {channel}")), claimed[channel])
+    };
     Flattened {
-        shared: shared.map(|set| voxels_of[set]).sum(),
-        voxels,
+        voxels: of_voxels.iter().map(|&set| tops[set as usize]).collect(),
+        warning: overlaps.warning("masks", named),
         labels,
-        has_background,
     }
 }
 
@@ -221,7 +236,9 @@ mod tests {
             );
             assert_eq!(
                 loaded.warnings,
-                ["1 voxels lie in several masks: the smaller mask is drawn"]
+                [
+                    "masks overlap, and a body lies below organs, a larger one below a smaller one: mask 0: 33 % covered by mask 1"
+                ]
             );
         }
     }

@@ -1,12 +1,17 @@
 //! Files that are no volumes: their kinds, by the first bytes or the ending of the name, and what to do with them.
 
-use std::path::Path;
+use std::io::Read;
+use std::path::{Path, PathBuf};
 
 use super::error::{At, VolumeError, is_text, quoted};
 use super::{FORMATS, format};
+use insonify_base::read;
 
 /// Number of bytes at the start of a file by which it is recognised.
-pub(super) const START: u64 = 4096;
+const START: u64 = 4096;
+
+/// Number of files of a folder that are looked at.
+const FILES: usize = 100;
 
 /// A kind of file.
 struct Kind {
@@ -38,12 +43,18 @@ const MESH: &str = "give a volume of labels; `insonify mesh info` looks into a m
 const CONVERT: &str = "save it as NIfTI, NRRD or MetaImage, with the program that wrote it";
 const UNKNOWN_KIND: &str = "save what it holds as NIfTI, NRRD or MetaImage";
 
+const SEGMENTATION: &str = if cfg!(feature = "dicom") {
+    "give the file itself where labels are meant"
+} else {
+    "this program was built without the feature `dicom`; segimage2itkimage of dcmqi and 3D Slicer make NIfTI or NRRD of it"
+};
+
 /// Kinds in the order in which they are tried.
 #[rustfmt::skip]
 const KINDS: &[Kind] = &[
     Kind { name: "a pointer of Git LFS", marks: &[&[Offset(0, b"version https://git-lfs")]], endings: &[], instead: "fetch the file itself: git lfs pull" },
     Kind { name: "a web page", marks: &[&[Offset(0, b"<!DOCTYPE html")], &[Offset(0, b"<!doctype html")], &[Offset(0, b"<html")]], endings: &[], instead: "download the file itself" },
-    Kind { name: "a DICOM segmentation (SEG)", marks: &[&[DICM, Within(b"1.2.840.10008.5.1.4.1.1.66.4")]], endings: &[], instead: "convert it to NIfTI or NRRD: segimage2itkimage of dcmqi, or 3D Slicer" },
+    Kind { name: "a DICOM segmentation (SEG)", marks: &[&[DICM, Within(b"1.2.840.10008.5.1.4.1.1.66.4")]], endings: &[], instead: SEGMENTATION },
     Kind { name: "a DICOM structure set (RTSTRUCT)", marks: &[&[DICM, Within(b"1.2.840.10008.5.1.4.1.1.481.3")]], endings: &[], instead: "its contours become labels with plastimatch convert, or in 3D Slicer" },
     Kind { name: "a CT slice in DICOM", marks: &[&[DICM, Within(b"1.2.840.10008.5.1.4.1.1.2\0")], &[DICM, Within(b"1.2.840.10008.5.1.4.1.1.2.1")]], endings: &[], instead: "labels come from a segmentation of the series (dcm2niix makes a volume of it, which TotalSegmentator segments); `volume.ct` takes the volume" },
     Kind { name: "an MR slice in DICOM", marks: &[&[DICM, Within(b"1.2.840.10008.5.1.4.1.1.4\0")], &[DICM, Within(b"1.2.840.10008.5.1.4.1.1.4.1")]], endings: &[], instead: "labels come from a segmentation of the series (dcm2niix makes a volume of it, which TotalSegmentator segments)" },
@@ -121,9 +132,35 @@ pub(super) fn unpacked(path: &Path, start: &[u8]) -> VolumeError {
 
 /// Refusal of a file of a known kind.
 fn kind(path: &Path, start: &[u8]) -> Option<VolumeError> {
-    let name = path.to_string_lossy().to_ascii_lowercase();
-    let kind = KINDS.iter().find(|kind| kind.is(start, &name))?;
+    let kind = kind_of(path, start)?;
     Some(VolumeError::unsupported(path, At::Byte(0), kind.name, kind.instead))
+}
+
+fn kind_of(path: &Path, start: &[u8]) -> Option<&'static Kind> {
+    let name = path.to_string_lossy().to_ascii_lowercase();
+    KINDS.iter().find(|kind| kind.is(start, &name))
+}
+
+/// Refusal of a folder without masks, by the first of its files that is of a known kind.
+pub(crate) fn in_folder(folder: &Path) -> Option<VolumeError> {
+    let entries = std::fs::read_dir(folder).ok()?;
+    let mut paths: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
+    paths.sort();
+    paths.iter().filter(|path| path.is_file()).take(FILES).find_map(|path| {
+        let kind = kind_of(path, &start_of(path).ok()?)?;
+        let name = path.file_name().unwrap_or_default().display();
+        let found = format!("a folder with {} ({name}) and no mask", kind.name);
+        Some(VolumeError::unsupported(folder, At::Folder, found, kind.instead))
+    })
+}
+
+/// First bytes of a file.
+pub(super) fn start_of(path: &Path) -> Result<Vec<u8>, VolumeError> {
+    let mut start = Vec::new();
+    read::open(path)
+        .and_then(|file| file.take(START).read_to_end(&mut start))
+        .map_err(|cause| VolumeError::read(path, cause))?;
+    Ok(start)
 }
 
 #[cfg(test)]
@@ -146,7 +183,7 @@ mod tests {
                 "a",
                 dicom("1.2.840.10008.5.1.4.1.1.66.4"),
                 "a DICOM segmentation (SEG)",
-                "dcmqi",
+                SEGMENTATION,
             ),
             ("a", dicom("1.2.840.10008.5.1.4.1.1.481.3"), "(RTSTRUCT)", "plastimatch"),
             (
@@ -220,6 +257,22 @@ mod tests {
             unpacked(Path::new("a.gz"), &[0; 40])
                 .to_string()
                 .contains("of no known kind")
+        );
+    }
+
+    #[test]
+    fn a_folder_without_masks_is_told_by_its_files() {
+        let folder = tempfile::tempdir().unwrap();
+        assert!(in_folder(folder.path()).is_none());
+        let mut slice = vec![0; 128];
+        slice.extend_from_slice(b"DICM\x02\0\x02\0UI\x1a\x001.2.840.10008.5.1.4.1.1.2\0");
+        for (name, bytes) in [("notes.txt", b"a note".to_vec()), ("slice_1", slice)] {
+            std::fs::write(folder.path().join(name), bytes).unwrap();
+        }
+        let message = in_folder(folder.path()).unwrap().to_string();
+        assert!(
+            message.contains("a folder with a CT slice in DICOM (slice_1) and no mask") && message.contains("series"),
+            "{message}"
         );
     }
 

@@ -1,15 +1,15 @@
 //! Loading of image files, with their format detected by content.
 
-use std::io::Read;
 use std::path::Path;
 
 use nalgebra::Matrix4;
 
+#[cfg(feature = "dicom")]
+use super::dicom;
 use super::element::{Sample, with_sample};
 use super::error::{At, VolumeError};
 use super::header::Header;
 use super::{FORMATS, LabelVolume, channels, data, extent, foreign, format, labels};
-use insonify_base::read;
 
 /// A label volume with the warnings of the reader.
 #[derive(Clone, Debug)]
@@ -42,6 +42,10 @@ pub struct ScalarImage {
 /// of another format or broken, or hold no labels (fractions, more than 256 distinct values, recordings), or span what no body
 /// does.
 pub fn load(path: &Path) -> Result<Loaded, VolumeError> {
+    #[cfg(feature = "dicom")]
+    if dicom::recognises(&foreign::start_of(path)?) {
+        return dicom::load(path);
+    }
     let header = read_header(path)?;
     refuse_sequence(&header)?;
     let loaded = match channels::axis(&header) {
@@ -137,14 +141,10 @@ pub fn numbers(header: &mut Header) -> Result<Vec<f32>, VolumeError> {
 
 /// Parses the header of an image of any known format.
 pub fn read_header(path: &Path) -> Result<Header, VolumeError> {
-    let fail = |cause| VolumeError::read(path, cause);
     if let Some((format, header)) = format::header_beside(path).filter(|(_, header)| header.is_file()) {
         return (format.read_header)(&header);
     }
-    let mut start = Vec::new();
-    read::open(path)
-        .and_then(|file| file.take(foreign::START).read_to_end(&mut start))
-        .map_err(fail)?;
+    let start = foreign::start_of(path)?;
     match FORMATS.iter().find(|format| (format.recognises)(&start)) {
         Some(format) => (format.read_header)(path),
         None => Err(foreign::refusal(path, &start)),

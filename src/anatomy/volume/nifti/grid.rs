@@ -159,10 +159,18 @@ fn contradiction(raw: &Fields, sizes: &[usize], sform: &Matrix3x4<f64>, mm: f64)
     });
     let apart = |corner: &([f64; 3], Point3<f64>, Point3<f64>)| (corner.1 - corner.2).norm();
     let farthest = corners.reduce(|best, next| if apart(&next) > apart(&best) { next } else { best })?;
-    let voxel = axes.map(step).fold(0.0, f64::max) * mm;
+    // A qform cannot hold a shear, which moves corners by itself.
+    let unit = |axis: usize| sform.column(axis).normalize();
+    let pairs = [(0, 1), (1, 2), (0, 2)].map(|(one, other)| unit(one).dot(&unit(other)).abs());
+    let shear = pairs
+        .into_iter()
+        .filter(|cosine| cosine.is_finite())
+        .fold(0.0, f64::max);
+    let diagonal = axes.clone().map(|axis| step(axis) * last(axis)).fold(0.0, f64::hypot);
+    let allowed = (axes.map(step).fold(0.0, f64::max) + shear * diagonal) * mm;
     let [x, y, z] = farthest.0;
     let position = |point: &Point3<f64>| point.coords.map(short).as_slice().join(", ");
-    (apart(&farthest) > voxel).then(|| {
+    (apart(&farthest) > allowed).then(|| {
         format!(
             "sform and qform differ: voxel ({x}, {y}, {z}) lies at ({}) mm by the sform and at ({}) mm by the qform, {} mm apart (LPS); \
              the sform is used",

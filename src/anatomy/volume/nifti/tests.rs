@@ -217,6 +217,16 @@ fn a_qform_at_another_place_is_told_from_one_voxel_on() {
     );
     assert!(moved(6.9, 1).is_empty());
     assert!(moved(8.0, 0).is_empty(), "there is no qform");
+    // A shear of 0.1 of a step along x for each one along y moves the last corner by 1.4 mm, and more moves it more.
+    let sheared = |qform_mm: f32| {
+        warned([7.0; 3], |bytes| {
+            bytes[252..254].copy_from_slice(&1i16.to_le_bytes());
+            bytes[284..288].copy_from_slice(&0.7f32.to_le_bytes());
+            bytes[268..272].copy_from_slice(&qform_mm.to_le_bytes());
+        })
+    };
+    assert!(sheared(-6.9).is_empty());
+    assert_eq!(sheared(-20.0).len(), 1);
     // Half a turn about z.
     let turned = warned([7.0; 3], |bytes| {
         bytes[252..254].copy_from_slice(&1i16.to_le_bytes());

@@ -16,7 +16,7 @@ use image::{DynamicImage, GrayImage, RgbImage};
 
 use super::{MAX_SIDE_PX, Picture};
 use insonify_anatomy::volume::{At, VolumeError};
-use insonify_base::read;
+use insonify_base::{dicom, read};
 
 /// Physical units of a region's pixels: centimetres (PS3.3 C.8.5.5.1.15).
 const CENTIMETRES: u16 = 3;
@@ -42,6 +42,10 @@ const PALETTES: [[Tag; 3]; 3] = [
 /// Reads up to `max_frames` evenly spaced frames.
 pub(super) fn read(path: &Path, max_frames: usize) -> Result<Vec<Picture>, VolumeError> {
     let bytes = read::bytes(path, read::DICOM).map_err(|cause| VolumeError::read(path, cause))?;
+    dicom::check_lengths(&bytes).map_err(|error| {
+        let found = format!("an element of {} bytes", error.length);
+        VolumeError::malformed(path, At::Byte(error.offset as u64), found, "one that ends in the file")
+    })?;
     let object = OpenFileOptions::new()
         .from_reader(Cursor::new(bytes))
         .map_err(|cause| VolumeError::malformed(path, At::Header, cause.to_string(), "a DICOM file with images"))?;
