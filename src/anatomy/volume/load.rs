@@ -150,3 +150,133 @@ pub fn read_header(path: &Path) -> Result<Header, VolumeError> {
         None => Err(foreign::refusal(path, &start)),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::io::Write;
+    use std::path::PathBuf;
+
+    use super::*;
+
+    const CUBE: &str = "type: uchar\ndimension: 3\nsizes: 2 2 3\nspacings: 1 1 1";
+
+    fn refused(path: &Path) -> String {
+        load(path).map(drop).expect_err("refused").to_string()
+    }
+
+    fn gzipped(bytes: &[u8]) -> Vec<u8> {
+        let mut packer = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+        packer.write_all(bytes).unwrap();
+        packer.finish().unwrap()
+    }
+
+    #[test]
+    fn data_in_several_files_are_one_image() {
+        let folder = tempfile::tempdir().unwrap();
+        let put = |name: &str, bytes: &[u8]| {
+            let path = folder.path().join(name);
+            fs::write(&path, bytes).unwrap();
+            path
+        };
+        let header = |encoding: &str, files: &str| {
+            put(
+                "a.nhdr",
+                format!("NRRD0004\n{CUBE}\nencoding: {encoding}\ndata file: {files}\n").as_bytes(),
+            )
+        };
+        let slices = [[1, 0, 0, 1], [0, 2, 2, 0], [3, 3, 0, 0]];
+        for (index, slice) in slices.iter().enumerate() {
+            put(&format!("s{index}.raw"), slice);
+            put(&format!("s{index}.gz"), &gzipped(slice));
+            put(
+                &format!("s{index}.txt"),
+                format!("{slice:?}").replace(['[', ']'], "").as_bytes(),
+            );
+        }
+        for (encoding, files) in [
+            ("raw", "s%d.raw 0 2 1"),
+            ("raw", "LIST\ns0.raw\ns1.raw\ns2.raw"),
+            ("gzip", "s%d.gz 0 2 1 2"),
+            ("ascii", "s%d.txt 0 2 1"),
+        ] {
+            let loaded = load(&header(encoding, files)).unwrap();
+            assert_eq!(loaded.volume.voxels(), slices.concat(), "{encoding} {files}");
+            assert!(loaded.warnings.is_empty(), "{:?}", loaded.warnings);
+        }
+        let meta = "NDims = 3\nDimSize = 2 2 3\nElementType = MET_UCHAR\nElementSpacing = 1 1 1\nElementDataFile = s%d.raw 0 2 1\n";
+        assert_eq!(
+            load(&put("a.mhd", meta.as_bytes())).unwrap().volume.voxels(),
+            slices.concat()
+        );
+        let missing = refused(&header("raw", "s%d.raw 1 3 1"));
+        assert!(
+            missing.contains("s3.raw cannot be read") && missing.contains("line 7"),
+            "{missing}"
+        );
+        assert!(refused(&header("raw", "s%d.raw 0 4 1")).contains("5 data files for 2 x 2 x 3"));
+        put("s1.raw", &[0, 2]);
+        let short = refused(&header("raw", "s%d.raw 0 2 1"));
+        assert!(
+            short.contains("s1.raw") && short.contains("after 2 bytes, expected 4 bytes (a share of 2 x 2 x 3"),
+            "{short}"
+        );
+    }
+
+    #[test]
+    fn recordings_and_sequences_are_no_labels() {
+        let folder = tempfile::tempdir().unwrap();
+        let put = |name: &str, header: &str| -> PathBuf {
+            let path = folder.path().join(name);
+            let mut bytes = format!("NRRD0004\n{header}\nencoding: raw\n\n").into_bytes();
+            bytes.extend([0, 1, 1, 0, 0, 1, 1, 0, 1, 1, 1, 1]);
+            fs::write(&path, bytes).unwrap();
+            path
+        };
+        let frames = format!("{CUBE}\nSeq_Frame0000_Timestamp:=1.0");
+        assert!(refused(&put("a.nrrd", &frames)).contains("a recording of tracked frames is not supported"));
+        let times = "type: uchar\ndimension: 4\nsizes: 2 2 1 3\nkinds: domain domain domain list\nspacings: 1 1 1 nan";
+        assert!(refused(&put("a.seq.nrrd", times)).contains("a sequence of volumes (2 x 2 x 1 x 3) is not supported"));
+        // The same as masks, and a volume of that name.
+        assert_eq!(load(&put("a.seg.nrrd", times)).unwrap().volume.labels().len(), 4);
+        load(&put("b.seq.nrrd", CUBE)).unwrap();
+    }
+
+    #[test]
+    fn a_ct_is_told_from_other_grey_images() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.nrrd");
+        let save = |values: &[i16]| {
+            let sizes = values.len();
+            let mut bytes = format!(
+                "NRRD0004\ntype: short\nendian: little\ndimension: 3\nsizes: {sizes} 1 1\nspacings: 1 1 1\nencoding: raw\n\n"
+            )
+            .into_bytes();
+            bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+            fs::write(&path, bytes).unwrap();
+            refused(&path)
+        };
+        let ct: Vec<i16> = (-1000..400).collect();
+        assert!(save(&ct).contains("found a CT (-1000 to 399 HU), expected labels: give its segmentation"));
+        let mr: Vec<i16> = (0..1400).collect();
+        let echoes: Vec<i16> = (-9000..9000).step_by(10).collect();
+        for grey in [mr, echoes] {
+            assert!(save(&grey).contains("is this a grey image rather than a label map?"));
+        }
+    }
+
+    #[test]
+    fn labels_over_metres_are_refused_by_their_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.nrrd");
+        let mut bytes =
+            b"NRRD0004\ntype: uchar\ndimension: 3\nsizes: 2 2 3\nspacings: 4000 4000 4000\nencoding: raw\n\n".to_vec();
+        bytes.extend([1; 12]);
+        fs::write(&path, bytes).unwrap();
+        let message = refused(&path);
+        assert!(
+            message.contains("a.nrrd: found labels over 8000 x 8000 x 12000 mm"),
+            "{message}"
+        );
+    }
+}
