@@ -67,8 +67,7 @@ pub(super) fn axis(header: &Header) -> Option<usize> {
     (is_outermost && names::segments(&header.key_values).is_empty()).then_some(index)
 }
 
-/// Reads masks of 0 and 1 as labels, 1 for the first channel. Where each voxel has exactly one channel, the first one is the
-/// background, as networks have it.
+/// Reads masks of 0 and 1 as labels, 1 for the first channel, unless that one is a background, as networks have it.
 pub(super) fn volume(mut header: Header, axis: usize) -> Result<Loaded, VolumeError> {
     let channels = header.axes.remove(axis);
     let grid = header.grid()?;
@@ -148,10 +147,13 @@ pub(super) struct Flattened {
     pub(super) warning: Option<String>,
 }
 
-/// Whether each voxel has exactly one channel, and the first corner, which a body does not reach, the first one.
+/// Whether the first channel is a background: it has the first corner, which a body seldom reaches, and half of the voxels, and
+/// shares none with others.
 fn has_background(of_voxels: &[u32], sets: &[Vec<usize>]) -> bool {
-    let has_corner = of_voxels.first().is_some_and(|&set| sets[set as usize] == [0]);
-    has_corner && of_voxels.iter().all(|&set| sets[set as usize].len() == 1)
+    let first = |set: &&u32| sets[**set as usize].contains(&0);
+    let alone = |set: &u32| sets[*set as usize] == [0];
+    let voxels = of_voxels.iter().filter(first).count();
+    of_voxels.first().is_some_and(alone) && 2 * voxels >= of_voxels.len() && of_voxels.iter().filter(first).all(alone)
 }
 
 /// One label for each channel, by its name if it has one; a body lies below organs, and a larger mask below a smaller one.
@@ -244,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_of_channels_that_fill_the_volume_is_the_background() {
+    fn a_first_channel_around_all_others_is_the_background() {
         let folder = tempfile::tempdir().unwrap();
         let loaded = load(&file(folder.path(), LAST, &[1, 0, 1, 0, 0, 1, 0, 1])).unwrap();
         assert_eq!(
@@ -256,6 +258,10 @@ mod tests {
             "{:?}",
             loaded.notes
         );
+        let loaded = load(&file(folder.path(), LAST, &[1, 0, 1, 0, 0, 1, 0, 0])).unwrap();
+        assert_eq!(loaded.volume.voxels(), [0, 1, 0, 0], "a channel is missing");
+        let loaded = load(&file(folder.path(), LAST, &[1, 1, 1, 0, 0, 1, 0, 0])).unwrap();
+        assert_eq!(loaded.volume.voxels(), [1, 2, 1, 0], "a body has other masks in it");
         // Where the corner has another channel, all of them are labels.
         let loaded = load(&file(folder.path(), LAST, &[0, 1, 1, 1, 1, 0, 0, 0])).unwrap();
         assert_eq!(loaded.volume.voxels(), [2, 1, 1, 1]);
