@@ -74,7 +74,7 @@ pub(super) fn volume(mut header: Header, axis: usize) -> Result<Loaded, VolumeEr
     header.axes.insert(axis, channels);
     let count = channels.size;
     let refused = |value: f64, channel: usize| {
-        let found = format!("axis {axis} with {count} entries, which are no masks ({value} in entry {channel})");
+        let found = format!("axis {axis} with {count} entries that are no masks ({value} in entry {channel})");
         let instead = format!(
             "masks of 0 and 1 are read as labels; of anything else save one entry, 0 to {}, as a volume of three axes",
             count - 1
@@ -274,7 +274,7 @@ mod tests {
             .unwrap_err()
             .to_string();
         assert!(
-            message.contains("axis 3 with 2 entries, which are no masks (2 in entry 1)")
+            message.contains("axis 3 with 2 entries that are no masks (2 in entry 1)")
                 && message.contains("save one entry, 0 to 1"),
             "{message}"
         );

@@ -68,6 +68,7 @@ const KINDS: &[Kind] = &[
     Kind { name: "a mesh", marks: &[&[Offset(0, b"# vtk DataFile")], &[Within(b"<VTKFile")], &[Within(b"<Xdmf")], &[Offset(0, b"$MeshFormat")], &[Offset(0, b"MeshVersionFormatted")]], endings: &[".msh", ".vtu", ".xdmf", ".inp"], instead: MESH },
     Kind { name: "a scene of 3D Slicer", marks: &[&[Within(b"<MRML")]], endings: &[".mrml", ".mrb"], instead: "save its segmentation as .seg.nrrd" },
     Kind { name: "a configuration of PLUS", marks: &[&[Within(b"<PlusConfiguration")]], endings: &[], instead: "it places frames (`plus` in a scene), and has no labels" },
+    Kind { name: "a surface (GIfTI)", marks: &[&[Within(b"<GIFTI")]], endings: &[".gii"], instead: SURFACE },
     Kind { name: "an XML file", marks: &[&[Offset(0, b"<?xml")]], endings: &[], instead: "give a volume of labels" },
     Kind { name: "a NumPy array", marks: &[&[Offset(0, b"\x93NUMPY")]], endings: &[".npy", ".npz"], instead: NO_PLACE },
     Kind { name: "a MATLAB file", marks: &[&[Offset(0, b"MATLAB ")]], endings: &[".mat"], instead: NO_PLACE },
@@ -76,6 +77,8 @@ const KINDS: &[Kind] = &[
     Kind { name: "a volume of FreeSurfer", marks: &[], endings: &[".mgh", ".mgz"], instead: "convert it to NIfTI: mri_convert IN.mgz OUT.nii.gz" },
     Kind { name: "a volume of MRtrix", marks: &[&[Offset(0, b"mrtrix image")]], endings: &[".mif"], instead: "convert it to NIfTI: mrconvert IN.mif OUT.nii.gz" },
     Kind { name: "a volume of Amira", marks: &[&[Offset(0, b"# AmiraMesh")], &[Offset(0, b"# Avizo")]], endings: &[".am"], instead: CONVERT },
+    Kind { name: "a volume of AFNI", marks: &[], endings: &[".head", ".brik", ".brik.gz"], instead: "convert it to NIfTI: 3dAFNItoNIFTI IN+orig" },
+    Kind { name: "a volume of Philips (PAR/REC)", marks: &[], endings: &[".par", ".rec"], instead: "convert it to NIfTI: parrec2nii of nibabel, or dcm2niix" },
     Kind { name: "a picture (PNG)", marks: &[&[Offset(0, b"\x89PNG")]], endings: &[".png"], instead: NO_PLACE },
     Kind { name: "a picture (JPEG)", marks: &[&[Offset(0, b"\xff\xd8\xff")]], endings: &[".jpg", ".jpeg"], instead: NO_LABELS },
     Kind { name: "a picture (GIF)", marks: &[&[Offset(0, b"GIF8")]], endings: &[".gif"], instead: NO_LABELS },
@@ -107,7 +110,10 @@ pub(super) fn refusal(path: &Path, start: &[u8]) -> VolumeError {
         let found = if start.is_empty() {
             "an empty file".to_owned()
         } else if is_text(&text) {
-            format!("the text {}", quoted(text.lines().next().unwrap_or_default()))
+            format!(
+                "the text {}",
+                quoted(text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default())
+            )
         } else {
             "a file of no known kind".to_owned()
         };
@@ -217,6 +223,18 @@ mod tests {
             ("a.npy", b"\x93NUMPY\x01\0".to_vec(), "a NumPy array", "nibabel"),
             ("a.npz", b"PK\x03\x04".to_vec(), "a NumPy array", "spacing"),
             ("a.zip", b"PK\x03\x04".to_vec(), "a zip archive", "unpack"),
+            (
+                "a",
+                b"<?xml version=\"1.0\"?>\n<GIFTI>".to_vec(),
+                "a surface (GIfTI)",
+                "3D Slicer",
+            ),
+            (
+                "a+orig.HEAD",
+                b"\n\ntype = x".to_vec(),
+                "a volume of AFNI",
+                "3dAFNItoNIFTI",
+            ),
             ("a.mat", b"MATLAB 5.0 MAT-file".to_vec(), "a MATLAB file", "spacing"),
             ("a", late, "an HDF5 file", "convert"),
             ("a.png", b"\x89PNG\r\n\x1a\n".to_vec(), "a picture (PNG)", "spacing"),
@@ -237,6 +255,7 @@ mod tests {
                 &b"version = 1\n[volume]\n"[..],
                 "found the text \"version = 1\", expected the start of a NIfTI, NRRD or MetaImage file",
             ),
+            (b"\n \nvalue\n", "found the text \"value\""),
             (b"", "found an empty file"),
             (b"\x01\x02\0\0\xff", "found a file of no known kind"),
         ] {
