@@ -136,20 +136,20 @@ impl Segmentation {
         }
     }
 
-    /// Takes the names from the first table beside a label file that names a label of it, and returns whether there is one: an unreadable
-    /// table belongs to something else.
+    /// Takes the names from the first table beside a label file, and returns whether there is one: an unreadable table belongs to something
+    /// else, and so does a data set that names no label of the file.
     fn take_names_beside(&mut self, path: &Path) -> bool {
         for table in tables_beside(path) {
             match Names::read(&table) {
                 Ok(names)
-                    if self.volume.labels()[1..]
-                        .iter()
-                        .any(|label| names.of(label.value).is_some()) =>
-                {
+                    if table.ends_with(DATA_SET)
+                        && self.volume.labels()[1..]
+                            .iter()
+                            .all(|label| names.of(label.value).is_none()) => {}
+                Ok(names) => {
                     self.take_names(&names);
                     return true;
                 }
-                Ok(_) => {}
                 Err(error) => self.notes.push(format!("not used as label names: {error}")),
             }
         }
