@@ -15,6 +15,9 @@ const MARGIN: f64 = 1.0;
 /// Score of a numbering that the file's name states.
 const STATED: f64 = 3.0;
 
+/// Number of names that show how a numbering reads labels.
+const FEW: usize = 4;
+
 /// Number of faults of the usual numbering that tell why another was chosen.
 const EXAMPLES: usize = 3;
 
@@ -103,7 +106,7 @@ impl Segmentation {
         }
         let rivals: Vec<&Reading> = readings
             .iter()
-            .filter(|rival| rival.preset != best.preset && rival.fit.score > best.fit.score - MARGIN)
+            .filter(|rival| rival.names != best.names && rival.fit.score > best.fit.score - MARGIN)
             .collect();
         let tissue = |name: &str| known(name).map(|(tissue, _)| &tissue.name);
         let is_certain = |&label: &usize| {
@@ -141,6 +144,8 @@ impl Segmentation {
             self.notes.push(format!("{by}{why}"));
         } else {
             let names: Vec<String> = best.names.iter().map(|(label, name)| shown(*label, name)).collect();
+            let more = if names.len() > FEW { ", ..." } else { "" };
+            let names = names[..names.len().min(FEW)].join(", ");
             let unnamed: Vec<String> = doubtful
                 .iter()
                 .map(|&label| {
@@ -155,7 +160,7 @@ impl Segmentation {
                 })
                 .collect();
             let titles: Vec<String> = rivals.iter().map(|rival| rival.preset.title().to_owned()).collect();
-            let mut text = format!("{by} ({})", some_of(&names));
+            let mut text = format!("{by} ({names}{more})");
             if !is_sure {
                 text.push_str(" on weak evidence");
             }
@@ -168,10 +173,10 @@ impl Segmentation {
                 } else {
                     "in doubt stay"
                 };
-                text.push_str(&format!(
-                    "; {kept} without a name, as soft tissue: {}",
-                    some_of(&unnamed)
-                ));
+                text.push_str(&format!("; {kept} without a name, as soft tissue"));
+                if !rivals.is_empty() {
+                    text.push_str(&format!(": {}", some_of(&unnamed)));
+                }
             }
             self.warnings.push(format!("{text}: {REMEDY}"));
         }

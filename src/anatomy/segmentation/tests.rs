@@ -746,7 +746,7 @@ fn weak_evidence_warns_and_names_nothing() {
     let small = opened(&folder.save("scan.nrrd", &organs(&[(6, 1178), (5, 13)])));
     assert_eq!(names(&small), [(5, "-"), (6, "-")]);
     assert!(
-        small.warnings[0].contains("may have the numbers of BTCV (5 esophagus, 6 liver) on weak evidence"),
+        small.warnings[0].contains("may have the numbers of BTCV (5 esophagus, 6 liver) on weak evidence; all stay without a name, as soft tissue: name"),
         "{:?}",
         small.warnings
     );
