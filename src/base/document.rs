@@ -336,15 +336,14 @@ impl<const NEWEST: i64> Serialize for Version<NEWEST> {
 
 impl<'de, const NEWEST: i64> Deserialize<'de> for Version<NEWEST> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        match (i64::deserialize(deserializer)?, NEWEST) {
-            (version, _) if (1..=NEWEST).contains(&version) => Ok(Self(version)),
-            (other, 1) => Err(D::Error::custom(format_args!(
-                "found version {other} of the format; expected 1, which is the default"
-            ))),
-            (other, _) => Err(D::Error::custom(format_args!(
-                "found version {other} of the format; expected 1 to {NEWEST}, which is the default"
-            ))),
+        let version = i64::deserialize(deserializer)?;
+        if (1..=NEWEST).contains(&version) {
+            return Ok(Self(version));
         }
+        let older: String = (1..NEWEST).map(|older| format!("{older} or ")).collect();
+        Err(D::Error::custom(format_args!(
+            "found version {version} of the format; expected {older}{NEWEST}, which is the default"
+        )))
     }
 }
 

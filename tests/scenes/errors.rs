@@ -198,7 +198,7 @@ fn tables_that_do_not_go_together_are_explained() {
     check(
         "version = 3\n[volume]\nphantom = \"spine\"",
         "3",
-        &["found version 3", "expected 1 to 2"],
+        &["found version 3", "expected 1 or 2"],
     );
     check(&small("[deform]"), "[deform]", &["neither `field` nor `mesh`"]);
     check(
@@ -216,7 +216,7 @@ fn tables_that_do_not_go_together_are_explained() {
     check(
         &small("[probe]\nwidth_mm = 50"),
         "50",
-        &["no meaning for a curvilinear probe"],
+        &["no meaning for a curvilinear probe", "state the `kind`"],
     );
 }
 

@@ -128,22 +128,19 @@ impl EffectsTable {
             let only: Vec<String> = kept.iter().map(|name| format!("\"{name}\"")).collect();
             changes.push(format!("`only = [{}]`", only.join(", ")));
         }
-        let mut news = added.join(", ");
+        let mut without = added.join(", ");
         if self.slice.is_none_or(|slice| slice.beyond.is_none()) {
             changes.push(format!(
                 "`slice.beyond = {}`",
                 insonify_base::document::word(&Beyond::Void)
             ));
-            news.push_str(if added.is_empty() {
-                "`slice.beyond`"
-            } else {
-                " and `slice.beyond`"
-            });
+            without.push_str(if added.is_empty() { "labels" } else { ", and labels" });
+            without.push_str(" beyond the volume");
         }
         (!changes.is_empty()).then(|| {
             format!(
-                "`[effects]` changes the usual effects and leaves the others as they are: {news} would have been off before version 2; \
-                 {} under [effects] brings that frame back, `version = 2` ends this note",
+                "`[effects]` leaves the usual effects as they are. For the frame of version 1, without {without}, state {} under \
+                 [effects]; `version = 2` ends this note",
                 changes.join(" and ")
             )
         })

@@ -38,26 +38,9 @@ impl SceneFile {
         self.in_ranges("needle", self.needle.as_ref())?;
         let table = self.probe_table(plus, notes, warnings);
         let stated = table.as_ref().map(|table| table.sampling).unwrap_or_default();
-        let invalid = |error: TrackingError| self.fault(format!("probe.{}", error.key().unwrap_or_default()), error);
-        let usual = usual_probe(volume.phantom).map_err(invalid)?;
-        let probe = match table {
-            // What a recording has been made with is not guessed.
-            Some(spec) if plus.is_some_and(|plus| plus.probe().kind.is_some()) => {
-                Probe::try_from(spec).map_err(invalid)?
-            }
-            Some(spec) => {
-                let usual = spec.kind.map_or(usual, ProbeKind::usual);
-                let (spec, taken) = spec.filled_from(&usual.shape_and_depth());
-                if !taken.is_empty() {
-                    notes.push(format!(
-                        "the probe has {}, which `[probe]` leaves open",
-                        taken.join(", ")
-                    ));
-                }
-                Probe::try_from(spec).map_err(invalid)?
-            }
-            None => usual,
-        };
+        // What a recording has been made with is not guessed.
+        let is_recorded = plus.is_some_and(|plus| plus.probe().kind.is_some());
+        let probe = self.probe(table, volume.phantom, is_recorded, notes)?;
         let grid = BeamGrid::new(&probe).at(self, "probe")?;
         let image = self.image.unwrap_or_default();
         let image = ImageSize {
@@ -83,6 +66,37 @@ impl SceneFile {
             image,
             effects,
             origins,
+        })
+    }
+
+    /// The probe of a table. Open keys are those of the usual probe of its kind, without a kind of the phantom, unless it `is_whole`.
+    fn probe(
+        &self,
+        table: Option<ProbeSpec>,
+        phantom: Option<Phantom>,
+        is_whole: bool,
+        notes: &mut Vec<String>,
+    ) -> Result<Probe, InputError> {
+        let invalid = |error: TrackingError| self.fault(format!("probe.{}", error.key().unwrap_or_default()), error);
+        let usual = usual_probe(phantom).map_err(invalid)?;
+        let table = match table {
+            None => return Ok(usual),
+            Some(table) if is_whole => return Probe::try_from(table).map_err(invalid),
+            Some(table) => table,
+        };
+        let kind = table.kind;
+        let (table, taken) = table.filled_from(&kind.map_or(usual, ProbeKind::usual).shape_and_depth());
+        if !taken.is_empty() {
+            notes.push(format!(
+                "the probe has {}, which `[probe]` leaves open",
+                taken.join(", ")
+            ));
+        }
+        let of_usual = usual.shape.numbers();
+        let is_foreign = |(key, _): &(&str, f64)| of_usual.iter().all(|(other, _)| other != key);
+        let is_of_another = kind.is_none() && table.shape.iter().any(is_foreign);
+        Probe::try_from(table).map_err(|error| {
+            invalid(error).with_help(is_of_another.then(|| "or state the `kind` that has it".to_owned()))
         })
     }
 
