@@ -75,7 +75,9 @@ struct MarkerPoses {
 
 impl MarkerPoses {
     fn config(&self) -> Result<Option<PlusConfig>, TrackingError> {
-        self.plus_config.as_deref().map(PlusConfig::read).transpose()
+        let config = self.plus_config.as_deref().map(PlusConfig::read).transpose()?;
+        config.iter().flat_map(PlusConfig::warnings).for_each(terminal::warn);
+        Ok(config)
     }
 
     fn poses(&self) -> Result<Poses, Error> {

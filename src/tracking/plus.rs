@@ -53,6 +53,7 @@ pub struct PlusConfig {
     pixel_mm: Option<[f64; 2]>,
     wires: Vec<Wire>,
     registration: Option<Matrix4<f64>>,
+    warnings: Vec<String>,
 }
 
 impl PlusConfig {
@@ -63,16 +64,17 @@ impl PlusConfig {
             TrackingError::file(path, format!(": found {contents}; expected a PLUS configuration (XML)"))
         };
         let bytes = read::bytes(path, read::XML).map_err(|source| TrackingError::read(path, source))?;
-        let start = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes).trim_ascii_start();
-        if start.first() != Some(&b'<') {
-            let start = String::from_utf8_lossy(&start[..start.len().min(16)]);
-            return Err(no_xml(format!("\"{}\"", text::head(&start, 24))));
+        let text = decoded(&bytes).map_err(&no_xml)?;
+        let text = text.trim_start();
+        if text.starts_with('<') {
+            return Self::parse(text, path);
         }
-        let text = String::from_utf8(bytes).map_err(|error| {
-            let valid = error.utf8_error().valid_up_to();
-            no_xml(format!("text that is not UTF-8 from byte {valid} on"))
-        })?;
-        Self::parse(&text, path)
+        let is_text = !text.is_empty() && text.chars().take(16).all(|c| c.is_whitespace() || !c.is_control());
+        Err(no_xml(match text.chars().take(16).collect::<String>() {
+            start if is_text => format!("\"{}\"", text::head(&start, 24)),
+            _ if bytes.is_empty() => "an empty file".to_owned(),
+            _ => "binary data".to_owned(),
+        }))
     }
 
     /// Parses a configuration as [`PlusConfig::read`] does, from text; `path` is the file name shown in errors.
@@ -96,35 +98,43 @@ impl PlusConfig {
             .map(|element| element.transform())
             .collect::<Result<_, _>>()?;
         let scan = root.all("ScanConversion").next();
-        let pair = |key| scan.as_ref().map_or(Ok(None), |scan| scan.pair(key));
-        // Devices of many kinds may have these attributes: the first that has one is taken, whatever its tag.
-        let clip = (root.with("ClipRectangleOrigin"), root.with("ClipRectangleSize"));
-        let clip_px = match clip {
-            (Some(origin), Some(size)) => {
-                let corner = origin.pair("ClipRectangleOrigin")?;
-                corner
-                    .zip(size.pair("ClipRectangleSize")?)
-                    .map(|(corner, size)| [corner, size])
-            }
-            _ => None,
+        // What serves a guess or a check alone is left out where it cannot be read.
+        let mut warnings = Vec::new();
+        let mut guess = |element: Option<Element<'_>>, key: &str| {
+            let pair = element.map_or(Ok(None), |element| element.pair(key));
+            pair.unwrap_or_else(|error| {
+                warnings.push(format!("{error}: ignored"));
+                None
+            })
         };
+        // Devices of many kinds may have these attributes: the first that has one is taken, whatever its tag.
+        let clip = ["ClipRectangleOrigin", "ClipRectangleSize"].map(|key| guess(root.with(key), key));
+        let size = guess(scan, "OutputImageSizePixel");
+        let pixel_mm = guess(scan, "OutputImageSpacingMmPerPixel");
         let centre = root.with("TransducerCenterPixel");
         let phantom = root.all("PhantomDefinition").next();
         let wires = |phantom: Element<'_>| phantom.all("Wire").map(|wire| wire.wire()).collect::<Result<_, _>>();
         let registration = phantom.and_then(|phantom| phantom.all("Registration").next());
-        let size = pair("OutputImageSizePixel")?.filter(|size| size.iter().all(|side| (1.0..=65_535.0).contains(side)));
+        let size = size.filter(|size| size.iter().all(|side| (1.0..=65_535.0).contains(side)));
+        let probe = root.probe(scan, &mut warnings)?;
         Ok(Self {
             path: path.to_owned(),
             transforms,
             centre_px: centre.map_or(Ok(None), |centre| centre.pair("TransducerCenterPixel"))?,
-            clip_px,
+            clip_px: clip[0].zip(clip[1]).map(<[[f64; 2]; 2]>::from),
             transducer: scan.and_then(|scan| scan.node.attribute("TransducerName").map(str::to_owned)),
-            probe: root.probe(scan)?,
+            probe,
             image_size: size.map(|size| size.map(|side| side as usize)),
-            pixel_mm: pair("OutputImageSpacingMmPerPixel")?,
+            pixel_mm,
             wires: phantom.map_or(Ok(Vec::new()), wires)?,
             registration: registration.map_or(Ok(None), |element| element.matrix("MatrixValue"))?,
+            warnings,
         })
+    }
+
+    /// What was left out, one sentence each.
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
     }
 
     /// Wires of the phantom definition.
@@ -225,6 +235,41 @@ impl PlusConfig {
     }
 }
 
+/// Text of an XML file in the encodings that PLUS's parser reads: UTF-8, UTF-16, and ISO-8859-1 or ASCII where its first line says so. Of
+/// other text the error tells what was found.
+fn decoded(bytes: &[u8]) -> Result<String, String> {
+    let utf16 = |bytes: &[u8], word: fn([u8; 2]) -> u16| {
+        let words: Vec<u16> = bytes.as_chunks().0.iter().map(|pair| word(*pair)).collect();
+        String::from_utf16(&words).map_err(|_| "text that is not UTF-16".to_owned())
+    };
+    match bytes {
+        [0xff, 0xfe, rest @ ..] | rest @ [b'<', 0, ..] => return utf16(rest, u16::from_le_bytes),
+        [0xfe, 0xff, rest @ ..] | rest @ [0, b'<', ..] => return utf16(rest, u16::from_be_bytes),
+        _ => {}
+    }
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let declaration = bytes.split(|byte| *byte == b'>').next().unwrap_or_default();
+    let declaration = String::from_utf8_lossy(declaration).to_ascii_lowercase();
+    let stated = declaration
+        .trim_start()
+        .starts_with("<?xml")
+        .then(|| declaration.split_once("encoding"));
+    let stated = stated.flatten().and_then(|(_, rest)| rest.split(['"', '\'']).nth(1));
+    match stated {
+        Some("iso-8859-1" | "latin1" | "windows-1252" | "us-ascii") => {
+            Ok(bytes.iter().map(|byte| char::from(*byte)).collect())
+        }
+        _ if !bytes.is_ascii() && !bytes.trim_ascii_start().starts_with(b"<") => Err("binary data".to_owned()),
+        _ => String::from_utf8(bytes.to_vec()).map_err(|error| {
+            let valid = error.utf8_error().valid_up_to();
+            format!(
+                "text that is not UTF-8 from byte {valid} on (its first line may state another: \
+                 `<?xml version=\"1.0\" encoding=\"ISO-8859-1\"?>`)"
+            )
+        }),
+    }
+}
+
 fn xml_error(path: &Path, position: TextPos, fault: &str) -> TrackingError {
     let fault = text::clipped(fault, text::MESSAGE);
     TrackingError::file(
@@ -269,8 +314,15 @@ impl<'a> Element<'a> {
         }
     }
 
+    /// Numbers of columns and of rows; one of planes may follow.
     fn pair(self, key: &str) -> Result<Option<[f64; 2]>, TrackingError> {
-        self.numbers(key, "two numbers: of columns and of rows")
+        const EXPECTED: &str = "two numbers, of columns and of rows, or three with that of planes";
+        let pair = self.numbers(key, EXPECTED);
+        pair.or_else(|_| {
+            Ok(self
+                .numbers::<3>(key, EXPECTED)?
+                .map(|[columns, rows, _]| [columns, rows]))
+        })
     }
 
     fn number(self, key: &str) -> Result<Option<f64>, TrackingError> {
@@ -314,11 +366,13 @@ impl<'a> Element<'a> {
     }
 
     /// Keys of a probe table stated by a `ScanConversion`, and the number of scanlines.
-    fn probe(self, scan: Option<Self>) -> Result<ProbeSpec, TrackingError> {
+    fn probe(self, scan: Option<Self>, warnings: &mut Vec<String>) -> Result<ProbeSpec, TrackingError> {
         let mut spec = ProbeSpec::default();
         for key in ["NumberOfScanLines", "NumberOfScanlines"] {
-            if let Some(lines) = self.with(key).map_or(Ok(None), |element| element.number(key))? {
-                spec.sampling.lines = Some(lines as u32);
+            match self.with(key).map_or(Ok(None), |element| element.number(key)) {
+                Ok(Some(lines)) => spec.sampling.lines = Some(lines as u32),
+                Ok(None) => {}
+                Err(error) => warnings.push(format!("{error}: ignored")),
             }
         }
         let Some(scan) = scan else { return Ok(spec) };
@@ -499,8 +553,9 @@ mod tests {
         let path = folder.path().join("a.xml");
         for (bytes, found) in [
             (&b"ObjectType = Image\n"[..], "found \"ObjectType = Ima\""),
-            (&[0x1f, 0x8b, 8, 0], "expected a PLUS configuration (XML)"),
-            (b"", "found \"\""),
+            (&[0x1f, 0x8b, 8, 0], "found binary data"),
+            (b"a\0\x01\x02", "found binary data; expected a PLUS configuration (XML)"),
+            (b"", "found an empty file"),
             (b"<P a='\xff'/>", "not UTF-8 from byte 6 on"),
         ] {
             std::fs::write(&path, bytes).expect("file");
@@ -512,6 +567,70 @@ mod tests {
             .err()
             .map_or_else(String::new, |error| error.to_string());
         assert!(!error.contains("expected a PLUS configuration"), "{error}");
+    }
+
+    #[test]
+    fn encodings_of_plus_are_read() {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("a.xml");
+        let text = |encoding: &str| {
+            format!(
+                "<?xml version=\"1.0\" encoding=\"{encoding}\"?>\n<P><ScanConversion TransducerName=\"Mün µ\"/></P>"
+            )
+        };
+        let words = |bytes: fn(u16) -> [u8; 2]| text("UTF-16").encode_utf16().flat_map(bytes).collect::<Vec<u8>>();
+        let latin = |encoding: &str| text(encoding).chars().map(|c| c as u8).collect::<Vec<u8>>();
+        for bytes in [
+            text("UTF-8").into_bytes(),
+            [b"\xef\xbb\xbf", text("UTF-8").as_bytes()].concat(),
+            latin("ISO-8859-1"),
+            latin("iso-8859-1"),
+            words(u16::to_le_bytes),
+            [vec![0xff, 0xfe], words(u16::to_le_bytes)].concat(),
+            [vec![0xfe, 0xff], words(u16::to_be_bytes)].concat(),
+        ] {
+            std::fs::write(&path, &bytes).expect("file");
+            let plus = PlusConfig::read(&path).expect("a configuration");
+            assert_eq!(plus.transducer(), Some("Mün µ"), "{bytes:?}");
+        }
+        std::fs::write(&path, latin("UTF-8")).expect("file");
+        let error = PlusConfig::read(&path).expect_err("no UTF-8").to_string();
+        assert!(error.contains("encoding=\"ISO-8859-1\""), "{error}");
+    }
+
+    #[test]
+    fn what_serves_a_guess_never_refuses() {
+        let parse = |text: &str| PlusConfig::parse(text, Path::new("c.xml")).expect(text);
+        let planes = parse("<V ClipRectangleOrigin='10 20 0' ClipRectangleSize='100 60 1'/>");
+        assert_eq!(planes.guessed_centre_px(None), Some(([60.0, 20.0], "clip rectangle")));
+        assert_eq!(planes.warnings(), [""; 0]);
+        for key in [
+            "ClipRectangleOrigin",
+            "ClipRectangleSize",
+            "NumberOfScanLines",
+            "NumberOfScanlines",
+        ] {
+            let plus = parse(&format!("<V {key}='a b'/>"));
+            let [warning] = plus.warnings() else {
+                panic!("{key}: {:?}", plus.warnings())
+            };
+            assert!(
+                warning.contains(key) && warning.contains("line 1") && warning.ends_with("ignored"),
+                "{warning}"
+            );
+            assert_eq!(
+                (plus.guessed_centre_px(None), plus.probe()),
+                (None, &ProbeSpec::default())
+            );
+        }
+        for key in ["OutputImageSizePixel", "OutputImageSpacingMmPerPixel"] {
+            let plus = parse(&format!("<ScanConversion {key}='1'/>"));
+            assert_eq!(
+                (plus.image_size(), plus.pixel_mm(), plus.warnings().len()),
+                (None, None, 1),
+                "{key}"
+            );
+        }
     }
 
     #[test]

@@ -96,27 +96,104 @@ pub struct Sequence {
     /// Assumptions and warnings, one sentence each.
     pub warnings: Vec<String>,
     pixels: Vec<u8>,
-    stored_size: [usize; 2],
+    stored: Stored,
+}
+
+/// Sizes of the images of a file; zeros where it has none.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Stored {
+    /// Values of a pixel.
+    channels: usize,
+    /// Columns and rows.
+    size: [usize; 2],
+    images: usize,
+    /// Distance between columns and between rows, mm.
+    steps_mm: Option<[f64; 2]>,
+}
+
+impl Stored {
+    /// Reads the axes of a file: values of a pixel, if it has several, then columns, rows and images.
+    fn of(header: &Header, keys: &keys::Keys) -> Result<Self, VolumeError> {
+        let axes = &header.axes[..];
+        // MetaImage has a direction for every axis, whatever its kind.
+        let kind = |axis: usize| keys.kinds.get(axis).filter(|_| keys.kinds.len() == axes.len());
+        let is_colour = |kind: &String| kind.contains("vector") || kind.contains("color");
+        let first_is_spatial = match kind(0) {
+            Some(kind) => matches!(kind.as_str(), "domain" | "space" | "???" | "none"),
+            None => axes.first().is_some_and(|axis| axis.direction.is_some()),
+        };
+        let is_interleaved = axes.len() > 2 && !first_is_spatial;
+        let (channels, rest) = if is_interleaved {
+            (axes[0].size, &axes[1..])
+        } else {
+            (1, axes)
+        };
+        let sizes: Vec<usize> = rest.iter().map(|axis| axis.size).collect();
+        let last_is_colour = axes.len() > 2 && kind(axes.len() - 1).is_some_and(is_colour);
+        let (size, images) = match sizes[..] {
+            _ if !matches!(channels, 1 | 3 | 4) || last_is_colour => {
+                return Err(header.unsupported(
+                    format!(
+                        "a sequence of sizes {} and kinds {}",
+                        header.sizes(),
+                        keys.kinds.join(" ")
+                    ),
+                    "frames have the 3 or 4 colours of a pixel in the first axis, and frames in the last",
+                ));
+            }
+            [width, height] => ([width, height], 1),
+            [width, height, images] | [width, height, images, 1] | [width, height, 1, images] => {
+                ([width, height], images)
+            }
+            _ => {
+                return Err(header.unsupported(
+                    format!("a sequence of sizes {}", header.sizes()),
+                    "frames have two dimensions",
+                ));
+            }
+        };
+        let steps: Vec<f64> = rest
+            .iter()
+            .filter_map(|axis| axis.direction.map(|direction| direction.norm()))
+            .collect();
+        Ok(Self {
+            channels,
+            size,
+            images,
+            steps_mm: steps.first_chunk().copied(),
+        })
+    }
+}
+
+/// Grey level of a colour, by the luma of ITU-R BT.601.
+fn grey([red, green, blue]: [u8; 3]) -> u8 {
+    let [red, green, blue] = [red, green, blue].map(u32::from);
+    ((299 * red + 587 * green + 114 * blue + 500) / 1000) as u8
 }
 
 impl Sequence {
-    /// Reads a sequence with its images: one frame for each image, and for each frame with keys but no image.
+    /// Reads a sequence with its images: one frame for each image, and for each frame with keys but no image. Colours become grey by the luma of
+    /// ITU-R BT.601.
     ///
     /// # Errors
     /// [`VolumeError`] with the file, the place in it, what was found and what was expected.
     pub fn read(path: &Path) -> Result<Self, VolumeError> {
         let mut header = read_header(path)?;
-        let [width, height, images] = stored_size(&header)?;
-        if header.element.is_none() || width == 0 || height == 0 {
+        let stored = Stored::of(&header, &keys::parse(&header.key_values))?;
+        if header.element.is_none() || stored.size.contains(&0) {
             return Self::assemble(header, None);
         }
         // Data are read first: only existing images become frames.
         let pixels = read_data(&mut header)?;
-        let mut sequence = Self::assemble(header, Some(images))?;
-        if pixels.len() == width * height * images {
+        let mut sequence = Self::assemble(header, Some(stored.images))?;
+        if pixels.len() == stored.channels * stored.size[0] * stored.size[1] * stored.images {
             sequence.pixels = pixels;
+            if stored.channels > 1 {
+                let told = "the images are in colour: grey is 0.299 R + 0.587 G + 0.114 B (Rec. 601)";
+                sequence.warnings.push(told.to_owned());
+            }
         } else {
-            let warning = "the images are not of one byte a pixel, as grey images are: they are not read";
+            let warning = "the images are not of one byte a value, as grey and colour images are: they are not read";
             sequence.warnings.push(warning.to_owned());
         }
         Ok(sequence)
@@ -132,10 +209,13 @@ impl Sequence {
 
     /// Assembles the frames; `images` is the number of images found in the data.
     fn assemble(mut header: Header, images: Option<usize>) -> Result<Self, VolumeError> {
-        let [width, height, _] = stored_size(&header)?;
-        let shown = header.element.is_some() && width > 0 && height > 0;
         let keys = keys::parse(&header.key_values);
         let mut warnings = std::mem::take(&mut header.warnings);
+        let stored = Stored::of(&header, &keys).unwrap_or_else(|error| {
+            warnings.push(format!("{error}: its poses alone are read"));
+            Stored::default()
+        });
+        let shown = header.element.is_some() && !stored.size.contains(&0);
         warnings.extend(keys.warnings);
         let count = images.unwrap_or(0);
         let last = keys.frames.keys().next_back().copied();
@@ -178,44 +258,52 @@ impl Sequence {
             ));
         }
         let orientation_known = orientation.unwrap_or_default();
-        let steps: Vec<f64> = header
-            .axes
-            .iter()
-            .filter_map(|axis| axis.direction.map(|direction| direction.norm()))
-            .collect();
+        // 1 by 1 is what a header says where no size is known.
+        let steps_mm = stored.steps_mm.filter(|steps| shown && *steps != [1.0; 2]);
         Ok(Self {
             frames,
-            // 1 by 1 is what a header says where no size is known.
-            spacing_mm: match steps[..] {
-                [x, y, ..] if shown && [x, y] != [1.0; 2] => Some(orientation_known.turned([x, y])),
-                _ => None,
-            },
-            image_size: shown.then(|| orientation_known.turned([width, height])),
+            spacing_mm: steps_mm.map(|steps| orientation_known.turned(steps)),
+            image_size: shown.then(|| orientation_known.turned(stored.size)),
             orientation,
             image_type: keys.image_type,
             missing,
             stray_keys: keys.strays,
             warnings,
             pixels: Vec::new(),
-            stored_size: [width, height],
+            stored,
         })
     }
 
     /// Image of a frame in orientation MF; `None` if the frame is marked invalid or was read without an image.
     pub fn image(&self, frame: usize) -> Option<GreyImage> {
         let [width, height] = self.image_size?;
+        let pixels = match self.colours(frame) {
+            Some(colours) => colours.into_iter().map(grey).collect(),
+            None => self
+                .orientation
+                .unwrap_or_default()
+                .to_mf(self.values(frame)?, self.stored.size),
+        };
+        Some(GreyImage { width, height, pixels })
+    }
+
+    /// Red, green and blue of the pixels of a frame in the order of [`Sequence::image`]; `None` also for grey images.
+    pub fn colours(&self, frame: usize) -> Option<Vec<[u8; 3]>> {
+        let channels = self.stored.channels;
+        let values = self.values(frame).filter(|_| channels > 1)?;
+        let colours: Vec<[u8; 3]> = values
+            .chunks_exact(channels)
+            .map(|pixel| [pixel[0], pixel[1], pixel[2]])
+            .collect();
+        Some(self.orientation.unwrap_or_default().to_mf(&colours, self.stored.size))
+    }
+
+    /// Values of the stored image of a frame, if it is valid.
+    fn values(&self, frame: usize) -> Option<&[u8]> {
+        let [width, height] = self.stored.size;
         let known = self.frames.get(frame)?;
-        let length = width * height;
-        let stored = self
-            .pixels
-            .chunks_exact(length)
-            .nth(frame)
-            .filter(|_| known.image_valid)?;
-        Some(GreyImage {
-            width,
-            height,
-            pixels: self.orientation.unwrap_or_default().to_mf(stored, self.stored_size),
-        })
+        let mut images = self.pixels.chunks_exact((self.stored.channels * width * height).max(1));
+        images.nth(frame).filter(|_| known.image_valid)
     }
 
     /// Transform of a frame from `from` to `to` coordinates, composed of its valid transforms and their inverses along
@@ -225,24 +313,13 @@ impl Sequence {
     }
 }
 
-/// Columns, rows and images of a file.
-fn stored_size(header: &Header) -> Result<[usize; 3], VolumeError> {
-    let sizes: Vec<usize> = header.axes.iter().map(|axis| axis.size).collect();
-    match sizes[..] {
-        [width, height] => Ok([width, height, 1]),
-        [width, height, images] | [width, height, images, 1] => Ok([width, height, images]),
-        _ => Err(header.unsupported(
-            format!("a sequence of sizes {}", header.sizes()),
-            "frames have two dimensions",
-        )),
-    }
-}
-
 /// Composes named transforms from one coordinate system to another; see [`Sequence::transform`].
 pub fn chain(transforms: &BTreeMap<String, TrackedTransform>, from: &str, to: &str) -> Option<Matrix4<f64>> {
     let mut edges: Vec<(&str, &str, Matrix4<f64>)> = Vec::new();
     for (name, transform) in transforms.iter().filter(|(_, transform)| transform.valid) {
-        let (source, target) = keys::ends(name)?;
+        let Some((source, target)) = keys::ends(name) else {
+            continue;
+        };
         edges.push((source, target, transform.matrix));
         if let Some(inverse) = transform.matrix.try_inverse() {
             edges.push((target, source, inverse));
@@ -375,6 +452,100 @@ mod tests {
         assert_eq!(sequence.image(2), None);
         assert_eq!(sequence.image(3), None);
         assert_eq!(Sequence::read_poses(&path).unwrap().image(0), None);
+    }
+
+    /// Two frames of 3 x 2 pixels, in each format that says which axis has the colours.
+    #[test]
+    fn colours_are_told_from_columns() {
+        let keys = "Seq_Frame0000_AToBTransform = 1 0 0 7 0 1 0 0 0 0 1 0 0 0 0 1\nUltrasoundImageOrientation = MF\nUltrasoundImageType = RGB_COLOR";
+        let nrrd = |kinds: &str, sizes: &str, directions: &str| {
+            let keys = keys.replace(" = ", ":=");
+            format!(
+                "NRRD0004\ntype: uint8\ndimension: 4\nsizes: {sizes}\nencoding: raw\nkinds: {kinds}\n{directions}{keys}\n\n"
+            )
+        };
+        let meta = |sizes: &str, more: &str| {
+            let text = header(sizes, &format!("{more}\n{keys}"));
+            let count = sizes.split(' ').count().to_string();
+            text.replace("NDims = 3", &format!("NDims = {count}"))
+                .replace("1 1 1", &["1"; 9][..sizes.split(' ').count()].join(" "))
+        };
+        // Red, green, blue and others; the fourth value is opacity.
+        let colours: Vec<[u8; 4]> = (0..12).map(|n| [20 * n, 255 - 20 * n, 7 * n, 99]).collect();
+        let expected: Vec<u8> = colours
+            .iter()
+            .map(|[r, g, b, _]| (0.299 * f64::from(*r) + 0.587 * f64::from(*g) + 0.114 * f64::from(*b)).round() as u8)
+            .collect();
+        for (text, channels) in [
+            (nrrd("vector domain domain list", "3 3 2 2", ""), 3),
+            (
+                nrrd(
+                    "RGB-color domain domain list",
+                    "3 3 2 2",
+                    "space dimension: 2\nspace directions: none (1,0) (0,1) none\n",
+                ),
+                3,
+            ),
+            (nrrd("RGBA-color domain domain list", "4 3 2 2", ""), 4),
+            (nrrd("list domain domain list", "4 3 2 2", ""), 4),
+            (meta("3 2 2", "ElementNumberOfChannels = 3"), 3),
+            (
+                meta("3 2 2", "ElementNumberOfChannels = 4\nKinds = domain domain list"),
+                4,
+            ),
+            (meta("3 3 2 2", "Kinds = vector domain domain list"), 3),
+        ] {
+            let data: Vec<u8> = colours.iter().flat_map(|colour| &colour[..channels]).copied().collect();
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("a.igs.mha");
+            std::fs::write(&path, [text.as_bytes(), &data].concat()).unwrap();
+            let sequence = Sequence::read(&path).expect(&text);
+            assert_eq!(
+                (sequence.image_size, sequence.frames.len()),
+                (Some([3, 2]), 2),
+                "{text}"
+            );
+            let image = sequence.image(1).expect("an image").pixels;
+            assert_eq!(image, expected[6..], "{text}");
+            assert_eq!(sequence.colours(0).expect("colours")[5], [100, 155, 35]);
+            assert!(
+                sequence.warnings.iter().any(|warning| warning.contains("Rec. 601")),
+                "{:?}",
+                sequence.warnings
+            );
+            let poses = Sequence::read_poses(&path).expect(&text);
+            assert_eq!((poses.frames.len(), poses.image_size), (1, Some([3, 2])), "{text}");
+            assert!(
+                !poses.warnings.iter().any(|warning| warning.contains("colour")),
+                "{:?}",
+                poses.warnings
+            );
+            let info = SequenceInfo::of(&path).expect("a sequence").to_string();
+            assert!(
+                info.contains(&format!("3 x 2 pixels of {channels} colours of 8-bit"))
+                    || info.contains(&format!("{channels} colours of u")),
+                "{info}"
+            );
+        }
+        // What is no colour: its images are refused, its poses are read.
+        for (kinds, sizes) in [
+            ("vector domain domain list", "2 3 2 2"),
+            ("domain domain list RGB-color", "3 2 2 3"),
+            ("list domain domain domain", "5 3 2 2"),
+        ] {
+            let (_folder, path) = write(&nrrd(kinds, sizes, ""), &[0; 60]);
+            let error = Sequence::read(&path).expect_err(kinds).to_string();
+            assert!(
+                error.contains(&kinds.to_lowercase()) && error.contains("3 or 4 colours"),
+                "{error}"
+            );
+            assert_eq!(Sequence::read_poses(&path).expect(kinds).frames.len(), 1);
+            assert!(SequenceInfo::of(&path).is_some_and(|info| info.images.is_none()));
+        }
+        // Three columns are no colours where the kinds say so, or say nothing.
+        let (_folder, path) = write(&meta("3 2 2", "Kinds = domain domain list"), &[0; 12]);
+        let grey = Sequence::read(&path).expect("grey");
+        assert_eq!((grey.image_size, grey.colours(0)), (Some([3, 2]), None));
     }
 
     #[test]

@@ -143,6 +143,87 @@ fn a_recording_gives_a_frame_for_each_valid_pose() {
     assert_eq!(error.key(), Some("motion.sequence.tracker_to_world"));
 }
 
+/// A recording of three poses without pixels, each with the given keys.
+fn poses(keys: &str) -> (tempfile::TempDir, String) {
+    let folder = tempfile::tempdir().expect("folder");
+    let mut text =
+        "ObjectType = Image\nNDims = 3\nDimSize = 120 90 3\nElementSpacing = 1 1 1\nElementType = MET_UCHAR\n"
+            .to_owned();
+    for frame in 0..3 {
+        for line in keys.lines() {
+            text.push_str(&format!(
+                "Seq_Frame000{frame}_{}\n",
+                line.trim().replace("Z", &frame.to_string())
+            ));
+        }
+        text.push_str(&format!("Seq_Frame000{frame}_Timestamp = {frame}\n"));
+    }
+    text.push_str("UltrasoundImageOrientation = MF\nElementDataFile = LOCAL\n");
+    let path = folder.path().join("a.igs.mha");
+    std::fs::write(&path, [text.as_bytes(), &[0; 120 * 90 * 3]].concat()).expect("file");
+    let file = format!("{path:?}");
+    (folder, file)
+}
+
+#[test]
+fn transforms_named_after_nodes_can_be_named() {
+    let (_folder, file) = poses("LinearTransform_3Transform = 1 0 0 5 0 1 0 6 0 0 1 Z 0 0 0 1\nStylus = what");
+    let sequence = |more: &str| small(&format!("[motion.sequence]\nfile = {file}\n{more}"));
+    let scene = resolve(&sequence("transform = \"LinearTransform_3\"")).expect("scene");
+    assert_eq!(
+        (scene.frames(), scene.probe_pose(2, 3).position_mm()),
+        (3, Point3::new(5.0, 6.0, 2.0))
+    );
+    assert!(
+        scene
+            .notes
+            .iter()
+            .any(|note| note.contains("`LinearTransform_3` does not say which frames")),
+        "{:?}",
+        scene.notes
+    );
+    assert!(
+        scene.warnings.iter().any(|warning| warning.contains("ignored: Stylus")),
+        "{:?}",
+        scene.warnings
+    );
+    // One that is not there is refused with the list.
+    let error = fault(&sequence("transform = \"LinearTransform_4\""));
+    assert_eq!(error.key(), Some("motion.sequence.transform"));
+    assert!(fault(&sequence("")).to_string().contains("it has LinearTransform_3"));
+}
+
+#[test]
+fn a_calibration_in_the_frames_is_used_where_none_is_named() {
+    let pose = "ProbeToTrackerTransform = 1 0 0 0 0 1 0 0 0 0 1 Z 0 0 0 1\n";
+    let stored = "ImageToProbeTransform = 0.5 0 0 10 0 0.5 0 20 0 0 0.5 30 0 0 0 1";
+    let position = |keys: &str, more: &str| {
+        let (_folder, file) = poses(&format!("{pose}{keys}"));
+        let scene = resolve(&small(&format!("[motion.sequence]\nfile = {file}\n{more}"))).expect("scene");
+        (
+            scene.probe_pose(1, 3).position_mm(),
+            scene.notes.join("; "),
+            scene.warnings.join("; "),
+        )
+    };
+    let (position_mm, notes, warnings) = position(stored, "array_centre_px = [40, 4]");
+    assert_eq!(position_mm, Point3::new(30.0, 22.0, 31.0));
+    assert!(
+        notes.contains("the calibration is `ImageToProbe`") && !warnings.contains("ImageToProbe"),
+        "{notes} {warnings}"
+    );
+    let (position_mm, _, warnings) = position(stored, "");
+    assert_eq!(position_mm, Point3::new(40.0, 20.0, 31.0));
+    assert!(warnings.contains("guessed at pixel (60, 0)"), "{warnings}");
+    // A named calibration wins, and one that moves is none.
+    let (position_mm, notes, _) = position(stored, "transducer_to_probe = \"1 0 0 1 0 1 0 2 0 0 1 3 0 0 0 1\"");
+    assert_eq!(position_mm, Point3::new(1.0, 2.0, 4.0));
+    assert!(!notes.contains("ImageToProbe"), "{notes}");
+    let (position_mm, _, warnings) = position(&stored.replace("10", "Z0"), "");
+    assert_eq!(position_mm, Point3::new(0.0, 0.0, 1.0));
+    assert!(warnings.contains("not the same in all frames"), "{warnings}");
+}
+
 #[test]
 fn invalid_frames_of_a_recording_are_counted() {
     let Some(file) = data("tracked/SlidingProbeTrackingData.igs.mha") else {

@@ -55,6 +55,8 @@ struct Tags {
     sizes: Option<Vec<usize>>,
     /// `Some(None)` for a file without an image.
     element: Option<Option<Element>>,
+    /// Values of a pixel; 0 where the header does not say.
+    channels: usize,
     spacing: Option<Vec<f64>>,
     element_size: Option<Vec<f64>>,
     origin: Option<Vec<f64>>,
@@ -142,8 +144,10 @@ impl Tags {
             "DimSize" => self.sizes = Some(self.per_axis(field, "sizes, one an axis")?),
             "ElementType" => self.element = Some(element(field)?),
             "ElementNumberOfChannels" => {
-                if field.value != "1" {
-                    return Err(field.unsupported("images of one channel are read"));
+                let expected = "the number of values of a pixel, 1 or more";
+                self.channels = field.exactly(1, expected)?[0];
+                if self.channels == 0 {
+                    return Err(field.malformed(expected));
                 }
             }
             "ElementSpacing" => self.spacing = Some(self.spacings(field)?),
@@ -234,10 +238,14 @@ impl Tags {
         };
         let (spacing, directions) = (self.steps(dimensions), self.cosines(dimensions));
         let unit = self.unit_mm.unwrap_or(1.0);
-        let axes = sizes
-            .iter()
-            .enumerate()
-            .map(|(axis, &size)| {
+        // The values of a pixel lie together: they are the fastest axis.
+        let channels = (self.channels > 1).then_some(Axis {
+            size: self.channels,
+            direction: None,
+        });
+        let axes = channels
+            .into_iter()
+            .chain(sizes.iter().enumerate().map(|(axis, &size)| {
                 let direction = (axis < 3).then(|| {
                     let mut step = Vector3::zeros();
                     for component in 0..dimensions.min(3) {
@@ -249,7 +257,7 @@ impl Tags {
                     step * spacing[axis] * unit
                 });
                 Axis { size, direction }
-            })
+            }))
             .collect();
         let mut origin = Vector3::zeros();
         for (component, stated) in origin.iter_mut().zip(self.origin.iter().flatten()) {

@@ -207,6 +207,7 @@ impl Fields {
             "kinds" => {
                 let spatial = |kind: &str| matches!(kind, "domain" | "space" | "???" | "none");
                 let kinds = field.value.to_ascii_lowercase();
+                self.key_values.push(("Kinds".to_owned(), kinds.clone()));
                 self.domains = Some(kinds.split_whitespace().map(spatial).collect());
             }
             "line skip" | "lineskip" => {

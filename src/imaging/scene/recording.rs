@@ -98,10 +98,25 @@ impl SceneFile {
         let transform = spec.transform.as_deref().unwrap_or("ProbeToTracker");
         let (frames, sequence) = self.frames(KEY, (spec.file.as_deref(), transform, plus), base, notes)?;
         warnings.extend(sequence.warnings);
+        warnings.extend(
+            plus.into_iter()
+                .flat_map(PlusConfig::warnings)
+                .map(|text| format!("{KEY}.plus_config: {text}")),
+        );
+        if ends(transform).is_none() {
+            notes.push(format!(
+                "{KEY}: `{transform}` does not say which frames it joins: taken as from the marker on the probe to the tracker"
+            ));
+        }
         // An image size of a single pixel means that there are no images.
         let stored = sequence.image_size.filter(|size| *size != [1, 1]);
         let configured = plus.and_then(PlusConfig::image_size);
-        let crop = if spec.image_to_probe.is_some() || plus.is_some() {
+        let marker = ends(transform).map_or("Probe", |(from, _)| from);
+        let stored_calibration = match (spec.transducer_to_probe, spec.image_to_probe, plus) {
+            (None, None, None) => stored_calibration(&frames, &sequence.frames, marker, warnings),
+            _ => None,
+        };
+        let crop = if spec.image_to_probe.is_some() || plus.is_some() || stored_calibration.is_some() {
             cropping(&frames, &sequence.frames).map_err(|found| {
                 let expected = "a shift and a scale of columns and rows, valid and the same in all frames";
                 self.wrong_keys("motion.sequence.file", format!("`{CROP}` that {found}"), expected)
@@ -118,9 +133,27 @@ impl SceneFile {
             ));
         }
         let image_size = stored.or(configured);
-        let marker = ends(transform).map_or("Probe", |(from, _)| from);
         let calibrated_size = if crop.is_some() { configured } else { image_size };
-        let calibration = self.calibration(spec, plus, marker, calibrated_size)?;
+        let calibration = match stored_calibration {
+            None => self.calibration(spec, plus, marker, calibrated_size)?,
+            Some(image_to_probe) => {
+                let guess = calibrated_size.map(|[width, _]| [width as f64 / 2.0, 0.0]);
+                let key = "motion.sequence.file";
+                let told = format!("{KEY}: the calibration is `ImageTo{marker}`, which the frames store");
+                match (spec.array_centre_px, guess) {
+                    (Some(_), _) => notes.push(told),
+                    (None, Some([column, row])) => warnings.push(format!(
+                        "{told}; the centre of the array is guessed at pixel ({column}, {row}), the middle of the upper edge: \
+                         state it as `array_centre_px`"
+                    )),
+                    (None, None) => warnings.push(format!("{told}, not used without `array_centre_px`")),
+                }
+                let centre = spec.array_centre_px.or(guess);
+                centre
+                    .map(|centre| Calibration::new(&image_to_probe, centre).at(self, key))
+                    .transpose()?
+            }
+        };
         if let Some(calibration) = &calibration {
             let size = calibrated_size.unwrap_or([640, 480]);
             let on_grid = self.image.is_some_and(|image| image.grid == GridSpec::Recorded);
@@ -177,15 +210,16 @@ impl SceneFile {
         let path = base.join(file);
         let sequence = Sequence::read_poses(&path).at(self, &format!("{key}.file"))?;
         let defined = plus.map_or_else(BTreeMap::new, PlusConfig::definitions);
-        let Some((from, to)) = ends(transform) else {
-            let wrong = InvalidFile::name(transform, "a transform such as `ProbeToTracker`");
-            let (_, help) = known_transforms(&sequence, &defined, transform, ["", ""]);
-            return Err(self.fault(format!("{key}.transform"), wrong).with_help(help));
-        };
         let named = sequence
             .frames
             .iter()
             .any(|frame| frame.transforms.contains_key(transform));
+        // A transform named after its node joins two frames without names.
+        let Some((from, to)) = ends(transform).or(named.then_some((transform, ""))) else {
+            let wrong = InvalidFile::name(transform, "a transform such as `ProbeToTracker`");
+            let (_, help) = known_transforms(&sequence, &defined, transform, ["", ""]);
+            return Err(self.fault(format!("{key}.transform"), wrong).with_help(help));
+        };
         let recorded = |frame: &SequenceFrame| match frame.transforms.get(transform) {
             // An invalid pose stays so, even where other transforms could replace it: the tracker had lost
             // the tool.
@@ -303,6 +337,36 @@ impl SceneFile {
             ..image
         })
     }
+}
+
+/// Transform from pixels to the marker that the frames with a pose store, if it is one and the same.
+fn stored_calibration(
+    frames: &[TrackedFrame],
+    recorded: &[SequenceFrame],
+    marker: &str,
+    warnings: &mut Vec<String>,
+) -> Option<Matrix4<f64>> {
+    /// Pixel at which two calibrations are compared, and distance below which they are the same, mm.
+    const FAR_PX: f64 = 1000.0;
+    const SAME_MM: f64 = 0.1;
+    let name = format!("ImageTo{marker}");
+    let used = recorded
+        .iter()
+        .zip(frames)
+        .filter(|(_, pose)| pose.tool_to_tracker.is_some());
+    let stored: Vec<_> = used
+        .filter_map(|(frame, _)| frame.transforms.get(&name).filter(|known| known.valid))
+        .collect();
+    let first = stored.first()?.matrix;
+    let corner = |matrix: &Matrix4<f64>| matrix * nalgebra::Vector4::new(FAR_PX, FAR_PX, 0.0, 1.0);
+    let is_same = |known: &&TrackedTransform| (corner(&known.matrix) - corner(&first)).norm() <= SAME_MM;
+    if stored.iter().all(is_same) {
+        return Some(first);
+    }
+    warnings.push(format!(
+        "{KEY}: `{name}` is not the same in all frames: not used as the calibration"
+    ));
+    None
 }
 
 /// Crop of the images of a recording, if the frames with a pose have one; otherwise a description of the error.

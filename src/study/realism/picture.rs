@@ -127,19 +127,16 @@ fn png(path: &Path) -> Result<Picture, VolumeError> {
     Ok(Picture::of(image, path.display().to_string(), mm))
 }
 
+/// Whether a pixel has a hue, as Doppler and annotations have.
+fn is_coloured([red, green, blue]: [u8; 3]) -> bool {
+    red.max(green).max(blue) - red.min(green).min(blue) >= COLOURED
+}
+
 impl Picture {
     fn of(image: DynamicImage, name: String, mm: Option<[f64; 2]>) -> Self {
         let mut overlay = Vec::new();
         if image.color().has_color() {
-            let spread = |pixel: &image::Rgb<u8>| {
-                let [r, g, b] = pixel.0;
-                r.max(g).max(b) - r.min(g).min(b)
-            };
-            overlay = image
-                .to_rgb8()
-                .pixels()
-                .map(|pixel| spread(pixel) >= COLOURED)
-                .collect();
+            overlay = image.to_rgb8().pixels().map(|pixel| is_coloured(pixel.0)).collect();
         }
         Self {
             name,
@@ -165,13 +162,14 @@ fn sequence(path: &Path, max_frames: usize) -> Result<Vec<Picture>, VolumeError>
     let expected =
         "frames as .png or .dcm files, folders of them, or image sequences (.mha, .mhd, .nrrd) of grey bytes";
     let sequence = Sequence::read(path)?;
-    if let Some(kind) = sequence.image_type.as_ref().filter(|kind| *kind != "BRIGHTNESS") {
+    let is_picture = |kind: &str| matches!(kind, "BRIGHTNESS" | "RGB_COLOR");
+    if let Some(kind) = sequence.image_type.as_ref().filter(|kind| !is_picture(kind)) {
         let kind_found = format!("images of type {kind}");
         return Err(VolumeError::malformed(
             path,
             At::Header,
             kind_found,
-            "images of type BRIGHTNESS",
+            "images of type BRIGHTNESS or RGB_COLOR",
         ));
     }
     // Frames without a valid image go before the choice, which is then even among those that can be measured.
@@ -193,7 +191,9 @@ fn sequence(path: &Path, max_frames: usize) -> Result<Vec<Picture>, VolumeError>
             width,
             height,
             grey: grey(index)?,
-            overlay: Vec::new(),
+            overlay: sequence
+                .colours(index)
+                .map_or_else(Vec::new, |colours| colours.into_iter().map(is_coloured).collect()),
             mm: sequence.spacing_mm.or_else(|| scale(&sequence, index)),
             neighbour: grey(index + 1).or_else(|| grey(index.checked_sub(1)?)),
         })

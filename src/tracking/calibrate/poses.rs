@@ -93,8 +93,8 @@ impl Poses {
         };
         let tracked: Vec<&String> = names.iter().filter(|name| name.ends_with("ToTracker")).collect();
         let name = match (transform, &tracked[..]) {
-            (Some(name), _) => name,
-            (None, [only]) => only,
+            (Some(name), _) => name.to_owned(),
+            (None, [only]) => (*only).clone(),
             (None, _) => {
                 let text = format!(
                     ": its transforms are {}; expected the name of one (--transform)",
@@ -103,10 +103,20 @@ impl Poses {
                 return Err(TrackingError::file(path, text));
             }
         };
-        let (marker, tracker) = parts(name)?;
+        let name = &name;
+        // A transform named after its node joins two frames without names.
+        let nameless = || names.contains(name).then_some((name.as_str(), "Tracker"));
+        let (marker, tracker) = ends(name).or_else(nameless).map_or_else(|| parts(name), Ok)?;
         let mut poses = Vec::new();
         for frame in &sequence.frames {
-            let matrix = chain(&merged(&frame.transforms, defined), marker, tracker);
+            let matrix = match ends(name) {
+                Some(_) => chain(&merged(&frame.transforms, defined), marker, tracker),
+                None => frame
+                    .transforms
+                    .get(name)
+                    .filter(|known| known.valid)
+                    .map(|known| known.matrix),
+            };
             poses.extend(
                 matrix
                     .and_then(|matrix| matrix::rigid(&matrix).ok())

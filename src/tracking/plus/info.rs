@@ -53,7 +53,7 @@ impl PlusInfo {
     pub fn read(path: &Path) -> Result<Self, TrackingError> {
         let plus = PlusConfig::read(path)?;
         let (size, centre) = (plus.image_size, plus.array_centre_px());
-        let mut warnings: Vec<String> = plus.two_centres().into_iter().collect();
+        let mut warnings: Vec<String> = plus.warnings.iter().cloned().chain(plus.two_centres()).collect();
         let images = plus.transforms.iter().filter(|defined| defined.from == "Image");
         let mut markers = images.map(|defined| defined.to.as_str());
         let marker = markers.clone().find(|to| *to == "Probe");

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::{Orientation, keys, stored_size};
+use super::{Orientation, Stored, keys};
 use insonify_anatomy::volume::read_header;
 
 /// Ratio of an interval between frames to the median above which a frame is missing.
@@ -38,8 +38,11 @@ pub struct ImageInfo {
     pub width: usize,
     /// Rows, as stored.
     pub height: usize,
-    /// Type of a pixel.
+    /// Type of the values of a pixel.
     pub pixel: &'static str,
+    /// Values of a pixel: 1 for grey, 3 or 4 for colour.
+    #[serde(skip_serializing_if = "is_grey")]
+    pub channels: usize,
     /// Directions of columns and rows in PLUS's terms, such as `MF`; `None` if not stated in the file.
     pub orientation: Option<String>,
     /// Meaning of the pixels in PLUS's terms, such as `BRIGHTNESS`; `None` if not stated in the file.
@@ -78,21 +81,29 @@ pub struct TransformInfo {
     pub valid: usize,
 }
 
+fn is_grey(channels: &usize) -> bool {
+    *channels == 1
+}
+
 impl SequenceInfo {
     /// Summarises a file; `None` for a file that is not a sequence: one with neither keys of frames nor an
     /// orientation of ultrasound images, or an unreadable one.
     pub fn of(path: &Path) -> Option<Self> {
         let header = read_header(path).ok()?;
-        let [width, height, images] = stored_size(&header).ok()?;
         let keys = keys::parse(&header.key_values);
         if keys.frames.is_empty() && keys.orientation.is_none() {
             return None;
         }
         let mut warnings = header.warnings.clone();
+        let stored = Stored::of(&header, &keys).unwrap_or_else(|error| {
+            warnings.push(error.to_string());
+            Stored::default()
+        });
+        let [width, height] = stored.size;
         warnings.extend(keys.warnings);
         // A recording of the tracker alone has no pixels: its frames are counted by their keys.
         let element = header.element.filter(|_| width > 0 && height > 0);
-        let images = element.map_or(0, |_| images);
+        let images = element.map_or(0, |_| stored.images);
         let named = keys.frames.len();
         if element.is_some() && named != images {
             warnings.push(format!("{images} images, and {named} frames that carry keys"));
@@ -115,6 +126,7 @@ impl SequenceInfo {
                 width,
                 height,
                 pixel: element.name(),
+                channels: stored.channels,
                 orientation,
                 content: keys.image_type,
                 valid,
@@ -173,9 +185,14 @@ impl fmt::Display for SequenceInfo {
             None => writeln!(f, "images       none: poses alone")?,
             Some(images) => writeln!(
                 f,
-                "images       {} x {} pixels of {}, orientation {}, {}; {} valid",
+                "images       {} x {} pixels of {}{}, orientation {}, {}; {} valid",
                 images.width,
                 images.height,
+                if is_grey(&images.channels) {
+                    String::new()
+                } else {
+                    format!("{} colours of ", images.channels)
+                },
                 images.pixel,
                 images.orientation.as_deref().unwrap_or("not stated"),
                 images.content.as_deref().unwrap_or("content not stated"),

@@ -1,10 +1,11 @@
 //! Parsing of the keys of a PLUS sequence.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Matrix4;
 
 use super::TrackedTransform;
+use insonify_base::text::some_of;
 
 /// Key values of one frame.
 #[derive(Clone, Debug, Default)]
@@ -20,6 +21,8 @@ pub(super) struct Keys {
     pub(super) frames: BTreeMap<usize, Frame>,
     pub(super) orientation: Option<String>,
     pub(super) image_type: Option<String>,
+    /// What each axis of the data is, in lower case.
+    pub(super) kinds: Vec<String>,
     pub(super) strays: usize,
     pub(super) warnings: Vec<String>,
 }
@@ -29,11 +32,13 @@ pub(super) fn parse(key_values: &[(String, String)]) -> Keys {
     let mut keys = Keys::default();
     let mut statuses: Vec<(usize, &str, bool)> = Vec::new();
     let mut unreadable = 0;
+    let mut strays = BTreeSet::new();
     for (key, value) in key_values {
         let value = value.trim();
         match key.to_ascii_lowercase().replace(' ', "").as_str() {
             "ultrasoundimageorientation" => keys.orientation = Some(value.to_owned()),
             "ultrasoundimagetype" => keys.image_type = Some(value.to_owned()),
+            "kinds" => keys.kinds = value.split_whitespace().map(str::to_ascii_lowercase).collect(),
             _ => {}
         }
         let Some((number, what)) = key.strip_prefix("Seq_Frame").and_then(|rest| rest.split_once('_')) else {
@@ -41,6 +46,7 @@ pub(super) fn parse(key_values: &[(String, String)]) -> Keys {
         };
         let Ok(number) = number.parse::<usize>() else {
             keys.strays += 1;
+            strays.insert(key.as_str());
             continue;
         };
         let frame = keys.frames.entry(number).or_default();
@@ -54,12 +60,11 @@ pub(super) fn parse(key_values: &[(String, String)]) -> Keys {
             "ImageStatus" | "Status" => frame.image_valid = Some(ok),
             "UnfilteredTimestamp" | "FrameNumber" => {}
             other => {
-                if let Some(name) = other
-                    .strip_suffix("TransformStatus")
-                    .filter(|name| ends(name).is_some())
-                {
+                // Slicer names transforms after their nodes, such as `LinearTransform_3`.
+                let named = |suffix| other.strip_suffix(suffix).filter(|name| !name.is_empty());
+                if let Some(name) = named("TransformStatus") {
                     statuses.push((number, name, ok));
-                } else if let Some(name) = other.strip_suffix("Transform").filter(|name| ends(name).is_some()) {
+                } else if let Some(name) = named("Transform") {
                     let matrix = matrix(value);
                     unreadable += usize::from(matrix.is_none());
                     let transform = TrackedTransform {
@@ -69,6 +74,7 @@ pub(super) fn parse(key_values: &[(String, String)]) -> Keys {
                     frame.transforms.insert(name.to_owned(), transform);
                 } else {
                     keys.strays += 1;
+                    strays.insert(other);
                 }
             }
         }
@@ -88,8 +94,12 @@ pub(super) fn parse(key_values: &[(String, String)]) -> Keys {
         ));
     }
     if keys.strays > 0 {
-        keys.warnings
-            .push(format!("{} keys of frames are of no known kind: ignored", keys.strays));
+        let strays: Vec<String> = strays.into_iter().map(str::to_owned).collect();
+        keys.warnings.push(format!(
+            "{} keys of frames are of no known kind and ignored: {}",
+            keys.strays,
+            some_of(&strays)
+        ));
     }
     keys
 }
@@ -157,7 +167,7 @@ impl Orientation {
     }
 
     /// Reorders the pixels of a stored image to MF.
-    pub(super) fn to_mf(self, stored: &[u8], size: [usize; 2]) -> Vec<u8> {
+    pub(super) fn to_mf<T: Copy>(self, stored: &[T], size: [usize; 2]) -> Vec<T> {
         if self == Self::default() {
             return stored.to_vec();
         }
@@ -231,6 +241,22 @@ mod tests {
         let keys = parsed(&[("Seq_Frame0000_AToBTransform", "1 2 3"), ("Seq_Framex_Y", "1")]);
         assert_eq!(keys.strays, 1);
         assert_eq!(keys.warnings.len(), 2);
+        assert!(
+            keys.warnings[1].ends_with("ignored: Seq_Framex_Y"),
+            "{:?}",
+            keys.warnings
+        );
+    }
+
+    #[test]
+    fn transforms_may_be_named_after_nodes() {
+        let keys = parsed(&[
+            ("Seq_Frame0000_LinearTransform_3Transform", IDENTITY),
+            ("Seq_Frame0000_LinearTransform_3TransformStatus", "INVALID"),
+            ("Seq_Frame0000_Transform", IDENTITY),
+        ]);
+        assert!(!keys.frames[&0].transforms["LinearTransform_3"].valid);
+        assert_eq!((keys.frames[&0].transforms.len(), keys.strays), (1, 1));
     }
 
     #[test]

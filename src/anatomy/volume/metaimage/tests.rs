@@ -90,7 +90,7 @@ fn broken_tags_name_their_line() {
         ("NDims = 0", "line 5: found NDims \"0\""),
         ("TransformMatrix = 1 0 0 1", "expected 9 numbers"),
         ("ElementType = MET_STRING", "line 5: found ElementType"),
-        ("ElementNumberOfChannels = 3", "images of one channel"),
+        ("ElementNumberOfChannels = 0", "values of a pixel"),
         ("ElementDataFile = slice%03d.raw 9 1 1", "line 5: found ElementDataFile"),
         ("CompressedData = maybe", "expected True or False"),
         ("HeaderSize = -2", "line 5: found HeaderSize"),
