@@ -158,7 +158,7 @@ impl Problem {
         match error {
             LinearError::LooseNodes { .. } | LinearError::FreeParts { .. } => {
                 let help = "`region = \"NAME\"` or `region = NUMBER` in a [[fix]] holds all nodes of a region";
-                let error = error.named(&self.regions.0);
+                let error = error.named(&self.regions.names);
                 self.file.fault(key, error).with_help(Some(help.to_owned()))
             }
             error => self.file.fault(key, error),

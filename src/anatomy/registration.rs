@@ -35,7 +35,9 @@ impl fmt::Display for Registration {
 #[cfg(test)]
 mod tests;
 
-use nalgebra::{DMatrix, DVector, Matrix3, Matrix4, Matrix6, Point3, Rotation3, SVector, Vector3, Vector6};
+use nalgebra::{
+    DMatrix, DVector, Matrix3, Matrix4, Matrix6, Point3, Rotation3, SVector, UnitQuaternion, Vector3, Vector6,
+};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -93,6 +95,15 @@ pub struct Quadratic {
 fn terms(p: &Vector3<f64>) -> SVector<f64, TERMS> {
     let [x, y, z] = [p.x, p.y, p.z];
     SVector::from([1.0, x, y, z, x * x, y * y, z * z, x * y, y * z, z * x])
+}
+
+impl Rigid {
+    /// Angle of the part of the rotation about the long axis of a body (z), degrees.
+    pub fn turn_deg(&self) -> f64 {
+        let rotation = Rotation3::from_matrix_unchecked(self.matrix.0.fixed_view::<3, 3>(0, 0).into_owned());
+        let turn = UnitQuaternion::from_rotation_matrix(&rotation);
+        2.0 * turn.k.abs().atan2(turn.w.abs()).to_degrees()
+    }
 }
 
 impl Quadratic {

@@ -7,6 +7,7 @@ pub mod cache;
 pub mod csv;
 pub mod dicom;
 pub mod document;
+pub mod foreign;
 pub mod machine;
 pub mod matrix;
 pub mod memory;

@@ -13,7 +13,7 @@ use insonify_anatomy::volume::complete::{CompleteOptions, complete};
 use insonify_anatomy::volume::{LabelVolume, save};
 use insonify_base::range::numbers;
 use insonify_mesh::TetMesh;
-use insonify_mesh::file::{MeshFileError, ReadOptions, read_mesh, write_vtu_with};
+use insonify_mesh::file::{MeshFileError, ReadOptions, Unit, read_mesh, write_vtu_with};
 use insonify_tracking::calibrate::poses::Poses;
 use insonify_tracking::sequence::Sequence;
 use insonify_tracking::world::World;
@@ -28,8 +28,8 @@ const TEACHING: &str = "\
 Stage 1 is rigid: by landmarks if given, else from the principal axes; then each surface point is drawn to the skin. Stage 2 adds a quadratic
 deformation. The map leads from the world, the frame of the surface, to the volume.
 
---surface is a table of touched points (.csv with x_mm,y_mm,z_mm), a scan of the mannequin (.stl, .ply), another segmentation, whose skin is
-taken, or a tracked sequence of a stylus (.igs.mha) with --transform and --tip.
+--surface is a table of touched points (.csv with x_mm,y_mm,z_mm; .fcsv or .mrk.json of 3D Slicer), a scan of the mannequin (.stl, .ply, .obj,
+.vtk, .vtp), another segmentation, whose skin is taken, or a tracked sequence of a stylus (.igs.mha) with --transform and --tip.
 
 Examples:
   insonify register ct.nii.gz --surface touched.csv --landmarks marks.csv -o fitted.nrrd --page fit.html
@@ -46,6 +46,8 @@ const ENOUGH: usize = 100;
 const MAX_RMS_MM: f64 = 3.0;
 /// Distance at which a landmark is doubtful, mm.
 const FAR_MM: f64 = 5.0;
+/// Turn about the body's long axis above which the axes of the surface are questioned, degrees.
+const TURNED_DEG: f64 = 120.0;
 /// Least determinant of the Jacobian below which the fit is questioned: people of one build differ by less.
 const MIN_JACOBIAN: f64 = 0.6;
 
@@ -58,16 +60,19 @@ pub(crate) struct Register {
     volume: PathBuf,
     #[command(flatten)]
     names: NamesArg,
-    /// Points of the physical surface: .csv, .stl, .ply, a segmentation, or a tracked sequence of a stylus
+    /// Points of the physical surface: .csv, .fcsv, .mrk.json, .stl, .ply, .obj, .vtk, .vtp, a segmentation, or a tracked sequence of a stylus
     #[arg(long, value_name = "FILE")]
     surface: PathBuf,
     /// Points known on both sides: CSV with
     /// name,volume_x_mm,volume_y_mm,volume_z_mm,surface_x_mm,surface_y_mm,surface_z_mm
     #[arg(long, value_name = "FILE.csv")]
     landmarks: Option<PathBuf>,
-    /// Axes of the surface and of the landmarks' surface_*_mm
-    #[arg(long, value_parser = variants::<World>(), default_value = "lps")]
-    world: World,
+    /// Axes of the surface and of the landmarks' surface_*_mm [default: those that its file states, or lps]
+    #[arg(long, value_parser = variants::<World>())]
+    world: Option<World>,
+    /// Length unit of a surface of triangles
+    #[arg(long, value_parser = variants::<Unit>(), default_value = "mm")]
+    unit: Unit,
     /// Tracked sequence: transform from the stylus to the reference
     #[arg(long, value_name = "NAME", requires = "tip")]
     transform: Option<String>,
@@ -115,9 +120,10 @@ impl Register {
         if let Some(output) = &self.output {
             force.check(&[output.as_path()], &inputs)?;
         }
+        // Before the volume, which takes long to complete.
+        let (surface, world) = self.points()?;
         let volume = self.open(&self.volume)?;
         let skin = skin_of(&volume)?;
-        let surface = self.points()?;
         let mut known = self
             .landmarks
             .as_deref()
@@ -126,10 +132,11 @@ impl Register {
             .unwrap_or_default();
         known
             .iter_mut()
-            .for_each(|landmark| landmark.surface_mm = self.in_lps(&landmark.surface_mm));
+            .for_each(|landmark| landmark.surface_mm = in_lps(world, &landmark.surface_mm));
         let registration = register(&surface, &skin, &corners(&volume), &known)?;
         // Before the volume is resampled, which takes long and is useless under a wrong map.
         doubt(&registration, surface.len());
+        self.doubt_axes(&registration, world);
         let map = &registration.quadratic.map;
         if let Some(output) = &self.output {
             save(&resample(&volume, map)?, output)?;
@@ -160,12 +167,45 @@ impl Register {
         Ok(completed.volume.undivided().clone())
     }
 
-    fn in_lps(&self, point: &Point3<f64>) -> Point3<f64> {
-        self.world.vector((*point).into()).into()
+    fn is_segmentation(&self) -> bool {
+        segmentation::stem(&self.surface).is_some() || self.surface.is_dir()
     }
 
-    /// Points of the surface, LPS, mm.
-    fn points(&self) -> Result<Vec<Point3<f64>>, Error> {
+    /// Questions a fit that turns a body about its long axis, as wrong axes do. Trackers have axes of any direction, segmentations state theirs.
+    fn doubt_axes(&self, registration: &Registration, world: World) {
+        let turn = registration.rigid.turn_deg();
+        if turn > TURNED_DEG && self.tip.is_none() && !self.is_segmentation() && registration.landmarks_mm.is_empty() {
+            terminal::warn(format_args!(
+                "the fit turns the surface by {turn:.0} degrees about the body's long axis, taken as {world}: if its axes are {}, give --world {}",
+                world.other(),
+                world.other().to_string().to_lowercase()
+            ));
+        }
+    }
+
+    /// Axes of a surface: those stated by the user, or by its file.
+    fn axes(&self, is_ras: Option<bool>) -> World {
+        let in_file = is_ras.map(|is_ras| if is_ras { World::Ras } else { World::Lps });
+        let name = self.surface.display();
+        match (self.world, in_file) {
+            (Some(stated), Some(in_file)) if stated != in_file => {
+                terminal::warn(format_args!(
+                    "{name} states its axes as {in_file}, and --world is {stated}, which is taken"
+                ));
+            }
+            (None, Some(World::Ras)) => {
+                terminal::note(format_args!(
+                    "{name} states its axes as RAS: taken so, and those of landmarks, too"
+                ));
+            }
+            _ => {}
+        }
+        self.world.or(in_file).unwrap_or_default()
+    }
+
+    /// Points of the surface, LPS, mm, and its axes.
+    fn points(&self) -> Result<(Vec<Point3<f64>>, World), Error> {
+        let world = self.axes(None);
         if let Some(tip) = self.tip {
             let sequence = Sequence::read_poses(&self.surface)?;
             let poses = Poses::from_sequence(&sequence, &self.surface, self.transform.as_deref(), &Default::default())?;
@@ -179,14 +219,20 @@ impl Register {
                 .poses
                 .iter()
                 .map(|pose| Point3::from(pose.rotation * nalgebra::Vector3::from(tip) + pose.position));
-            return Ok(touched.map(|point| self.in_lps(&point)).collect());
+            return Ok((touched.map(|point| in_lps(world, &point)).collect(), world));
         }
-        if segmentation::stem(&self.surface).is_some() || self.surface.is_dir() {
+        if self.is_segmentation() {
             let skin = skin_of(&self.open(&self.surface)?)?;
-            return Ok(skin.points().to_vec());
+            return Ok((skin.points().to_vec(), world));
         }
-        Ok(read(&self.surface)?.iter().map(|point| self.in_lps(point)).collect())
+        let read = read(&self.surface, self.unit)?;
+        let world = self.axes(read.is_ras);
+        Ok((read.points.iter().map(|point| in_lps(world, point)).collect(), world))
     }
+}
+
+fn in_lps(world: World, point: &Point3<f64>) -> Point3<f64> {
+    world.vector((*point).into()).into()
 }
 
 /// Tells what makes a registration of `count` surface points doubtful.

@@ -4,8 +4,10 @@
 //! A format is a file of this folder with its [`Format`], and a line of `formats!`.
 
 mod error;
+mod surface;
 
 pub use error::MeshFileError;
+pub use surface::{SURFACES, SurfaceFile};
 pub use vtk::{Poly, Values, write_pvd, write_vtp, write_vtu, write_vtu_with};
 
 use std::collections::BTreeMap;
@@ -16,11 +18,14 @@ use serde::{Deserialize, Serialize};
 
 use super::TetMesh;
 use error::{Fault, quote};
+use insonify_base::foreign::{Foreign, Holds};
 use insonify_base::output::place::Written;
 use insonify_base::{memory, read};
 
 /// A file format.
 struct Format {
+    /// Name and endings, for messages.
+    name: &'static str,
     /// How a file starts, for messages.
     start: &'static str,
     /// Reads the tetrahedra; `None` where the contents are not those of such a file.
@@ -70,7 +75,7 @@ pub enum Unit {
 
 impl Unit {
     /// Returns the unit in millimetres.
-    const fn mm(self) -> f64 {
+    pub const fn mm(self) -> f64 {
         match self {
             Unit::Mm => 1.0,
             Unit::Cm => 10.0,
@@ -89,8 +94,8 @@ pub struct ReadOptions<'a> {
     /// [`DISPLACEMENT`] is read if the file has one.
     pub displacement: Option<&'a str>,
     /// Name of the cell array with the region numbers, which must exist. Without a name, the first of `region`, `label`,
-    /// `material`, `medit:ref`, `gmsh:physical` and `CellEntityIds` in the file is read; without any, all regions are 0. In
-    /// a Gmsh file the names are `gmsh:physical` (the first physical group, or the volume where there is none; also the
+    /// `material`, `medit:ref`, `gmsh:physical` and `CellEntityIds` in the file is read, or else the only one of whole numbers;
+    /// without any, all regions are 0. In a Gmsh file the names are `gmsh:physical` (the first physical group, or the volume where there is none; also the
     /// default) and `gmsh:geometrical` (the volume).
     pub region: Option<&'a str>,
     /// Unit of coordinates and displacements.
@@ -108,6 +113,8 @@ pub struct MeshFile {
     pub skipped_cells: usize,
     /// Names of regions, where the file has any (physical groups of Gmsh).
     pub region_names: BTreeMap<i32, String>,
+    /// What could give the regions, where nothing does: the cell arrays of the file.
+    pub region_hint: Option<String>,
     /// Warnings for the user: where regions differ from what might be expected.
     pub warnings: Vec<String>,
 }
@@ -136,7 +143,59 @@ struct Parts {
     displacements: Option<Vec<[f64; 3]>>,
     skipped_cells: usize,
     region_names: BTreeMap<i32, String>,
+    region_hint: Option<String>,
+    /// Whether the title states the axes as RAS (true) or LPS (false).
+    is_ras: Option<bool>,
+    /// Number of tetrahedra that have nodes beside their corners.
+    curved: usize,
     warnings: Vec<String>,
+}
+
+impl Parts {
+    /// Leaves out the nodes that curved tetrahedra have beside their corners.
+    fn straighten(&mut self) {
+        if self.curved == 0 {
+            return;
+        }
+        let mut numbers = vec![None; self.nodes.len()];
+        self.elements
+            .as_flattened()
+            .iter()
+            .for_each(|node| numbers[*node as usize] = Some(0));
+        let kept: Vec<usize> = (0..numbers.len()).filter(|node| numbers[*node].is_some()).collect();
+        (0u32..)
+            .zip(&kept)
+            .for_each(|(number, node)| numbers[*node] = Some(number));
+        for node in self.elements.as_flattened_mut() {
+            *node = numbers[*node as usize].unwrap_or_default();
+        }
+        self.warnings.push(format!(
+            "{} tetrahedra of second or higher order are read by their corners: {} of {} nodes are left out, the others are \
+             numbered in their order",
+            self.curved,
+            self.nodes.len() - kept.len(),
+            self.nodes.len()
+        ));
+        self.nodes = kept.iter().map(|node| self.nodes[*node]).collect();
+        if let Some(all) = &mut self.displacements {
+            *all = kept.iter().map(|node| all[*node]).collect();
+        }
+    }
+}
+
+/// Error for a file of another kind, which names it and what to do with it.
+fn foreign(bytes: &[u8]) -> Option<Fault> {
+    let kind = Foreign::of(bytes)?;
+    let instead = match (kind.name, kind.holds) {
+        ("a TetGen file", _) => "run `tetgen` with -k, which writes .vtk",
+        ("a Medit file", _) => "`gmsh a.mesh -save -format msh41 -o a.msh` converts it",
+        (_, Holds::Mesh) => "`meshio convert a.xdmf a.vtu` (Python: meshio) converts such files",
+        (_, Holds::Surface) => "tetrahedra fill it by Gmsh or TetGen, or make labels of it",
+        (_, Holds::Volume) => "`insonify mesh make` makes a mesh of labels",
+        (_, Holds::Other) => "a mesh of tetrahedra",
+    };
+    let starts: Vec<&str> = FORMATS.iter().map(|format| format.name).collect();
+    Some(Fault::of_file(kind.name, format!("{}: {instead}", starts.join(" or "))))
 }
 
 /// Reads a tetrahedral mesh, with its displacements if there are any.
@@ -156,7 +215,10 @@ pub fn read_mesh(path: &Path, options: &ReadOptions) -> Result<MeshFile, MeshFil
 /// # Errors
 /// As [`read_mesh`].
 pub fn read_mesh_bytes(bytes: &[u8], path: &Path, options: &ReadOptions) -> Result<MeshFile, MeshFileError> {
-    let parts = FORMATS.iter().find_map(|format| (format.read)(bytes, options));
+    let parts = match foreign(bytes) {
+        Some(fault) => Some(Err(fault)),
+        None => FORMATS.iter().find_map(|format| (format.read)(bytes, options)),
+    };
     let parts = parts.unwrap_or_else(|| {
         let starts: Vec<&str> = FORMATS.iter().map(|format| format.start).collect();
         Err(Fault::at(0, quote(&bytes[..bytes.len().min(24)]), starts.join(", or ")))
@@ -166,6 +228,13 @@ pub fn read_mesh_bytes(bytes: &[u8], path: &Path, options: &ReadOptions) -> Resu
         Ok(parts)
     });
     let mut parts = parts.map_err(|fault| fault.locate(bytes, path))?;
+    parts.straighten();
+    if parts.is_ras == Some(true) {
+        let vectors = parts.nodes.iter_mut().chain(parts.displacements.iter_mut().flatten());
+        vectors.for_each(|[x, y, _]| (*x, *y) = (-*x, -*y));
+        let told = "the file states its axes (SPACE=RAS): turned to LPS";
+        parts.warnings.push(told.to_owned());
+    }
     if options.unit != Unit::Mm {
         let vectors = parts.nodes.iter_mut().chain(parts.displacements.iter_mut().flatten());
         vectors.flatten().for_each(|x| *x *= options.unit.mm());
@@ -174,12 +243,14 @@ pub fn read_mesh_bytes(bytes: &[u8], path: &Path, options: &ReadOptions) -> Resu
         path: path.to_owned(),
         source,
     })?;
+    parts.warnings.extend(parts.region_hint.clone());
     parts.warnings.extend(small(&mesh));
     Ok(MeshFile {
         mesh,
         displacements: parts.displacements,
         skipped_cells: parts.skipped_cells,
         region_names: parts.region_names,
+        region_hint: parts.region_hint,
         warnings: parts.warnings,
     })
 }

@@ -257,6 +257,80 @@ fn anatomy_is_registered_and_a_scene_takes_the_registration() {
         .fails(2, &["x, y and z"]);
 }
 
+/// The points of the body as an OBJ file, turned half about its long axis, in some unit.
+fn turned(bench: &Bench, file: &str, title: &str, unit: f64) {
+    let touched = bench.text("touched.csv");
+    let mut text = title.to_owned();
+    for row in touched.lines().skip(1) {
+        let [x, y, z]: [f64; 3] = row
+            .split(',')
+            .map(|x| x.parse().unwrap())
+            .collect::<Vec<_>>()
+            .try_into()
+            .unwrap();
+        let _ = writeln!(
+            text,
+            "v {} {} {}",
+            unit * -(y + 20.0),
+            unit * -(300.0 - x),
+            unit * (z - 5.0)
+        );
+    }
+    bench.write(file, &text);
+}
+
+#[test]
+fn axes_and_units_of_surfaces_are_followed_or_questioned() {
+    let bench = Bench::new();
+    body(&bench);
+    turned(&bench, "plain.obj", "# by hand\n", 1.0);
+    turned(&bench, "ras.obj", "# 3D Slicer output. SPACE=RAS\n", 1.0);
+    turned(&bench, "metres.obj", "# SPACE=RAS\n", 1e-3);
+    let run = |rest: &str| bench.run(&format!("register body.mha --no-complete --surface {rest}"));
+    let doubt = "turns the surface by 180 degrees about the body's long axis, taken as LPS: if its axes are RAS, give --world ras";
+    let plain = run("plain.obj");
+    assert!(plain.stderr.contains(doubt), "{plain:?}");
+    let stated = run("plain.obj --world ras --json");
+    let followed = run("ras.obj --json");
+    assert_eq!(stated.json(), followed.json());
+    assert!(
+        followed.stderr.contains("ras.obj states its axes as RAS"),
+        "{followed:?}"
+    );
+    for quiet in [&stated, &followed] {
+        assert!(
+            !quiet.stderr.contains("warning: the fit turns") && !quiet.stderr.contains("long axis"),
+            "{quiet:?}"
+        );
+    }
+    let contradicted = run("ras.obj --world lps");
+    assert!(
+        contradicted
+            .stderr
+            .contains("states its axes as RAS, and --world is LPS, which is taken"),
+        "{contradicted:?}"
+    );
+    run("metres.obj").fails(2, &["metres.obj", "in metres it is", "`--unit m`"]);
+    let metres = run("metres.obj --unit m --json").json();
+    let (metres, millimetres) = (
+        metres["quadratic"]["rms_mm"].as_f64(),
+        followed.json()["quadratic"]["rms_mm"].as_f64(),
+    );
+    assert!(
+        (metres.unwrap() - millimetres.unwrap()).abs() < 1e-3,
+        "{metres:?} {millimetres:?}"
+    );
+    // Points of 3D Slicer say their axes.
+    let mut points =
+        "# Markups fiducial file version = 5.0\n# CoordinateSystem = RAS\n# columns = id,x,y,z\n".to_owned();
+    for (number, row) in bench.text("ras.obj").lines().skip(1).enumerate() {
+        let _ = writeln!(points, "{number},{}", row[2..].replace(' ', ","));
+    }
+    bench.write("points.fcsv", &points);
+    assert_eq!(run("points.fcsv --json").json(), followed.json());
+    run("few.txt").fails(2, &[".fcsv, .mrk.json or .stl"]);
+}
+
 #[test]
 fn a_texture_is_made_from_a_picture_and_rendered() {
     let bench = Bench::new();

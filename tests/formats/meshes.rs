@@ -3,7 +3,7 @@ use std::path::Path;
 
 use insonify::Blame;
 use insonify_mesh::TetMesh;
-use insonify_mesh::file::{MeshFile, ReadOptions, read_mesh, read_mesh_bytes};
+use insonify_mesh::file::{MeshFile, ReadOptions, SurfaceFile, read_mesh, read_mesh_bytes};
 
 use crate::broken::largest_of;
 use crate::data;
@@ -167,9 +167,10 @@ fn surfaces_are_refused() {
     for name in ["meshes/DERIVED_s0328_liver.stl", "meshes/DERIVED_s0328_liver.obj"] {
         let Some(path) = data(name) else { return };
         let error = read_mesh(&path, &ReadOptions::default()).unwrap_err();
+        let words = error.to_string();
         assert!(
-            error.to_string().contains("$MeshFormat") && !error.is_machine(),
-            "{error}"
+            words.contains(" surface; expected VTK") && words.contains("make labels of it") && !error.is_machine(),
+            "{words}"
         );
     }
 }
@@ -206,4 +207,31 @@ fn damaged_real_meshes_never_panic() {
             read(&bytes);
         }
     }
+}
+
+#[test]
+fn surfaces_have_their_points_triangles_and_axes() {
+    for (name, points, triangles, is_ras) in [
+        ("DERIVED_s0328_liver.stl", 1500, 3000, None),
+        ("DERIVED_s0328_liver.obj", 1500, 3000, None),
+        ("plus_VesselModel_Reference.stl", 48, 92, None),
+        ("plus_GelBlockModel_Reference.stl", 8, 12, None),
+        // 44 polygons of 240 corners, 1107 of 3408.
+        ("plus_needle_20cm.vtk", 160, 240 - 2 * 44, None),
+        ("aigt_NeedleModel.vtk", 651, 3408 - 2 * 1107, Some(true)),
+    ] {
+        let Some(path) = data(&format!("meshes/{name}")) else {
+            return;
+        };
+        let surface = SurfaceFile::read(&path).unwrap_or_else(|error| panic!("{error}"));
+        let found = (surface.points.len(), surface.triangles.len(), surface.is_ras);
+        assert_eq!(found, (points, triangles, is_ras), "{name}");
+    }
+    // The outside of tetrahedra in three regions.
+    let Some(path) = data("meshes/DERIVED_s0328_3organ_tet.vtu") else {
+        return;
+    };
+    let file = read_mesh(&path, &ReadOptions::default()).unwrap();
+    let outside = file.mesh.surface().count();
+    assert_eq!(SurfaceFile::read(&path).unwrap().triangles.len(), outside);
 }

@@ -1,62 +1,227 @@
-//! Points of a physical surface from files: CSV, STL, PLY.
+//! Points of a physical surface from files: CSV, points of 3D Slicer, surfaces of triangles.
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::BufReader;
 use std::path::Path;
 
 use nalgebra::Point3;
-use ply_rs_bw::parser::Parser;
-use ply_rs_bw::ply::{DefaultElement, Property};
+use serde::Deserialize;
 
 use super::Landmark;
 use crate::volume::VolumeError;
 use insonify_base::csv::Csv;
+use insonify_base::matrix::FARTHEST_MM;
 use insonify_base::read;
+use insonify_mesh::file::{SURFACES, SurfaceFile, Unit};
 
-/// Reads the vertices of a surface by the ending of its file: CSV with the columns `x_mm`, `y_mm`, `z_mm`, STL, or PLY (mm).
+/// Lengths between which a surface can be one of a body, mm: an organ of a mouse, a man.
+const LENGTHS_MM: [f64; 2] = [5.0, 5000.0];
+
+/// Points of a surface.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SurfacePoints {
+    /// Positions in the axes of the file, mm.
+    pub points: Vec<Point3<f64>>,
+    /// Whether the file states its axes as RAS (true) or LPS (false).
+    pub is_ras: Option<bool>,
+}
+
+/// Reads the points of a surface by the ending of its file: CSV with the columns `x_mm`, `y_mm`, `z_mm`, points of 3D Slicer (`.fcsv`, `.mrk.json`),
+/// or a surface of triangles, whose coordinates are in the given unit.
 ///
 /// # Errors
-/// [`VolumeError`] if the file cannot be read, or has another ending.
-pub fn read(path: &Path) -> Result<Vec<Point3<f64>>, VolumeError> {
+/// [`VolumeError`] if the file cannot be read, has another ending, or is too small or large for a body.
+pub fn read(path: &Path, unit: Unit) -> Result<SurfacePoints, VolumeError> {
     let wrong = |found: String| VolumeError::new(format!("{}: {found}", path.display()));
-    let ending = path.extension().map(|ending| ending.to_ascii_lowercase());
-    let points: Vec<Point3<f64>> = match ending.as_ref().and_then(|ending| ending.to_str()) {
-        Some("csv") => csv(path)?,
-        Some("stl") => {
-            let mut file = BufReader::new(open(path)?);
-            let mesh = stl_io::read_stl(&mut file).map_err(|error| wrong(format!("no STL surface: {error}")))?;
-            mesh.vertices
-                .iter()
-                .map(|vertex| Point3::from(vertex.0.map(f64::from)))
-                .collect()
+    let ending = path
+        .extension()
+        .map(|ending| ending.to_string_lossy().to_ascii_lowercase());
+    let surface = match ending.as_deref() {
+        Some("csv") => SurfacePoints {
+            points: csv(path)?,
+            is_ras: None,
+        },
+        Some("fcsv") => fcsv(&text(path)?).map_err(wrong)?,
+        Some("json") => markups(&text(path)?).map_err(wrong)?,
+        Some(ending) if SURFACES.contains(&ending) => {
+            let file = SurfaceFile::read(path).map_err(|error| VolumeError::new(error.to_string()))?;
+            plausible(&file, unit).map_err(wrong)?;
+            let in_mm = |point: &[f64; 3]| Point3::from(point.map(|x| x * unit.mm()));
+            SurfacePoints {
+                points: file.points.iter().map(in_mm).collect(),
+                is_ras: file.is_ras,
+            }
         }
-        Some("ply") => {
-            let mut file = BufReader::new(open(path)?);
-            let parser = Parser::<DefaultElement>::new();
-            let ply = parser
-                .read_ply(&mut file)
-                .map_err(|error| wrong(format!("no PLY surface: {error}")))?;
-            let vertices = ply.payload.get("vertex").map(Vec::as_slice).unwrap_or_default();
-            let points: Option<Vec<Point3<f64>>> = vertices.iter().map(vertex).collect();
-            points.ok_or_else(|| wrong("PLY vertices without numbers x, y and z".to_owned()))?
+        _ => {
+            return Err(wrong(format!(
+                "expected a surface as .csv, .fcsv, .mrk.json or .{}",
+                SURFACES.join(", .")
+            )));
         }
-        _ => return Err(wrong("expected a surface as .csv, .stl or .ply".to_owned())),
     };
     // Checked once for all formats: one point that is not finite would spoil every sum of the fit.
-    if points
+    if surface
+        .points
         .iter()
         .flat_map(|point| point.iter())
-        .all(|x| x.abs() <= insonify_base::matrix::FARTHEST_MM)
+        .all(|x| x.abs() <= FARTHEST_MM)
     {
-        Ok(points)
+        Ok(surface)
     } else {
         Err(wrong("a coordinate is not finite or beyond 1e6 mm".to_owned()))
     }
 }
 
-fn open(path: &Path) -> Result<File, VolumeError> {
-    read::open(path).map_err(|source| VolumeError::new(format!("cannot read `{}`: {source}", path.display())))
+/// Refuses a surface whose length is that of no body, with the unit that would make it one.
+fn plausible(file: &SurfaceFile, unit: Unit) -> Result<(), String> {
+    // Few files are in centimetres.
+    const UNITS: [(&str, &str, Unit); 3] = [
+        ("mm", "mm", Unit::Mm),
+        ("metres", "m", Unit::M),
+        ("centimetres", "cm", Unit::Cm),
+    ];
+    let length = file.longest_side();
+    let fitting = UNITS.iter().find(|(_, _, unit)| fits(length * unit.mm()));
+    match (plausible_length(length * unit.mm()), fitting) {
+        (Err(_), Some((name, flag, fitting))) => Err(format!(
+            "{}; in {name} it is {:.4} mm long: state the unit (`--unit {flag}`)",
+            implausible(length * unit.mm()),
+            length * fitting.mm()
+        )),
+        (result, _) => result,
+    }
+}
+
+/// Refuses a length that is that of no body, mm, with the unit that would make it one.
+pub(crate) fn plausible_length(length_mm: f64) -> Result<(), String> {
+    if fits(length_mm) {
+        return Ok(());
+    }
+    // Few files are in centimetres.
+    let units = [("metres", 1000.0), ("centimetres", 10.0), ("micrometres", 0.001)];
+    let fitting = units.iter().find(|(_, mm)| fits(length_mm * mm));
+    let remedy = fitting.map_or_else(String::new, |(name, mm)| {
+        format!("; in {name} it is {:.4} mm long: write it in mm", length_mm * mm)
+    });
+    Err(implausible(length_mm) + &remedy)
+}
+
+fn fits(length_mm: f64) -> bool {
+    (LENGTHS_MM[0]..=LENGTHS_MM[1]).contains(&length_mm)
+}
+
+fn implausible(length_mm: f64) -> String {
+    let [low, high] = LENGTHS_MM;
+    format!("the surface is {length_mm:.4} mm long, expected {low} to {high} mm")
+}
+
+fn text(path: &Path) -> Result<String, VolumeError> {
+    read::text(path, read::TOML)
+        .map_err(|source| VolumeError::new(format!("cannot read `{}`: {source}", path.display())))
+}
+
+/// Reads points of 3D Slicer's older format: `id,x,y,z` and more, axes in a comment.
+fn fcsv(text: &str) -> Result<SurfacePoints, String> {
+    let mut surface = SurfacePoints::default();
+    let mut columns = vec!["id", "x", "y", "z"];
+    for (number, line) in (1..).zip(text.lines()) {
+        if let Some(comment) = line.trim().strip_prefix('#') {
+            let Some((key, value)) = comment.split_once('=') else {
+                continue;
+            };
+            match (key.trim(), value.trim()) {
+                ("CoordinateSystem", stated) => {
+                    surface.is_ras = Some(match stated {
+                        "0" | "RAS" => true,
+                        "1" | "LPS" => false,
+                        _ => {
+                            return Err(format!(
+                                "line {number}: found the coordinate system {stated}, expected RAS or LPS"
+                            ));
+                        }
+                    });
+                }
+                ("columns", names) => columns = names.split(',').map(str::trim).collect(),
+                _ => {}
+            }
+            continue;
+        }
+        if line.trim().is_empty() {
+            continue;
+        }
+        let fields: Vec<&str> = line.split(',').map(str::trim).collect();
+        let number_of = |name: &str| {
+            let column = columns.iter().position(|column| *column == name)?;
+            fields.get(column)?.parse().ok()
+        };
+        let point = number_of("x").zip(number_of("y")).zip(number_of("z"));
+        let ((x, y), z) =
+            point.ok_or_else(|| format!("line {number}: found no numbers x, y and z, expected `id,x,y,z,...`"))?;
+        surface.points.push(Point3::new(x, y, z));
+    }
+    // Files without the comment are of Slicer before 5, which wrote RAS.
+    surface.is_ras = surface.is_ras.or(Some(true));
+    Ok(surface)
+}
+
+/// Points of 3D Slicer's newer format.
+#[derive(Deserialize)]
+struct Markups {
+    markups: Vec<Markup>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+struct Markup {
+    #[serde(default)]
+    coordinate_system: Option<String>,
+    #[serde(default)]
+    coordinate_units: Option<serde_json::Value>,
+    #[serde(default)]
+    control_points: Vec<ControlPoint>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+struct ControlPoint {
+    #[serde(default)]
+    position: Option<[f64; 3]>,
+    #[serde(default)]
+    position_status: Option<String>,
+}
+
+fn markups(text: &str) -> Result<SurfacePoints, String> {
+    const EXPECTED: &str = "expected points of 3D Slicer: `markups` with `controlPoints`";
+    let file: Markups = serde_json::from_str(text).map_err(|error| format!("{error}; {EXPECTED}"))?;
+    let mut surface = SurfacePoints::default();
+    for markup in file.markups {
+        let is_ras = match markup.coordinate_system.as_deref() {
+            Some("RAS" | "0") => true,
+            Some("LPS" | "1") | None => false,
+            Some(other) => return Err(format!("found the coordinate system {other}, expected RAS or LPS")),
+        };
+        let unit = match markup.coordinate_units {
+            Some(serde_json::Value::Array(all)) => all.first().cloned(),
+            unit => unit,
+        };
+        if let Some(unit) = unit.filter(|unit| unit != "mm") {
+            return Err(format!("found coordinates in {unit}, expected mm"));
+        }
+        if surface.is_ras.is_some_and(|other| other != is_ras) {
+            return Err("found lists of points in LPS and in RAS, expected one for all".to_owned());
+        }
+        surface.is_ras = Some(is_ras);
+        let is_defined = |point: &ControlPoint| {
+            point
+                .position_status
+                .as_deref()
+                .is_none_or(|status| status == "defined")
+        };
+        let points = markup.control_points.iter().filter(|point| is_defined(point));
+        surface
+            .points
+            .extend(points.filter_map(|point| point.position.map(Point3::from)));
+    }
+    Ok(surface)
 }
 
 fn csv(path: &Path) -> Result<Vec<Point3<f64>>, VolumeError> {
@@ -65,17 +230,6 @@ fn csv(path: &Path) -> Result<Vec<Point3<f64>>, VolumeError> {
         .rows()
         .map(|row| row.numbers(["x_mm", "y_mm", "z_mm"]).map(Point3::from));
     Ok(points.collect::<Result<_, _>>()?)
-}
-
-fn vertex(element: &DefaultElement) -> Option<Point3<f64>> {
-    let number = |key: &str| match element.get(key)? {
-        Property::Float(x) => Some(f64::from(*x)),
-        Property::Double(x) => Some(*x),
-        Property::Int(x) => Some(f64::from(*x)),
-        Property::Short(x) => Some(f64::from(*x)),
-        _ => None,
-    };
-    Some(Point3::new(number("x")?, number("y")?, number("z")?))
 }
 
 /// Reads landmarks: CSV with the columns `name`, `volume_x_mm`, `volume_y_mm`, `volume_z_mm`, `surface_x_mm`, `surface_y_mm`, `surface_z_mm`.
@@ -101,4 +255,83 @@ pub fn landmarks(path: &Path) -> Result<Vec<Landmark>, VolumeError> {
         });
     }
     Ok(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_of_slicer_have_their_axes() {
+        let head = "# Markups fiducial file version = 5.0\n";
+        let rows = "# columns = id,x,y,z,ow,ox\n0,1.5,-2,3,0,0\n\n1,4,5,6,0,0\n";
+        let points = [Point3::new(1.5, -2.0, 3.0), Point3::new(4.0, 5.0, 6.0)];
+        for (system, is_ras) in [
+            ("# CoordinateSystem = LPS\n", false),
+            ("# CoordinateSystem = 1\n", false),
+            ("# CoordinateSystem = 0\n", true),
+            ("", true),
+        ] {
+            let read = fcsv(&format!("{head}{system}{rows}")).expect(system);
+            assert_eq!((&read.points[..], read.is_ras), (&points[..], Some(is_ras)), "{system}");
+        }
+        let turned = fcsv("# columns = label,z,y,x\nF,3,-2,1.5\n").expect("columns");
+        assert_eq!(turned.points, points[..1]);
+        for (text, words) in [
+            ("# CoordinateSystem = IJK\n", "line 1: found the coordinate system IJK"),
+            ("0,1,two,3\n", "line 1: found no numbers"),
+        ] {
+            assert!(fcsv(text).expect_err(text).contains(words));
+        }
+        let json = |system: &str, units: &str| {
+            format!("{{\"@schema\": \"x\", \"markups\": [{{\"type\": \"Fiducial\", {system} {units} \"controlPoints\": [
+                {{\"id\": \"0\", \"position\": [1.5, -2, 3]}}, {{\"position\": [9, 9, 9], \"positionStatus\": \"undefined\"}},
+                {{\"position\": [4, 5, 6], \"positionStatus\": \"defined\"}}, {{\"id\": \"3\"}}]}}]}}")
+        };
+        for (system, is_ras) in [
+            ("\"coordinateSystem\": \"LPS\",", false),
+            ("\"coordinateSystem\": \"RAS\",", true),
+            ("", false),
+        ] {
+            let read = markups(&json(system, "\"coordinateUnits\": [\"mm\"],")).expect(system);
+            assert_eq!((&read.points[..], read.is_ras), (&points[..], Some(is_ras)), "{system}");
+        }
+        assert!(
+            markups(&json("", "\"coordinateUnits\": \"um\","))
+                .expect_err("unit")
+                .contains("\"um\"")
+        );
+        assert!(markups("{\"other\": 1}").expect_err("json").contains("controlPoints"));
+    }
+
+    #[test]
+    fn a_surface_of_no_body_is_refused_with_its_unit() {
+        let file = |length: f64| SurfaceFile {
+            points: vec![[0.0; 3], [length, 1e-3, 0.0]],
+            ..SurfaceFile::default()
+        };
+        for (length, unit, remedy) in [
+            (
+                0.33,
+                Unit::Mm,
+                "0.3300 mm long, expected 5 to 5000 mm; in metres it is 330.0000 mm long: state the unit (`--unit m`)",
+            ),
+            (
+                330_000.0,
+                Unit::Mm,
+                "in micrometres it is 330.0000 mm long: write it in mm",
+            ),
+            (
+                330.0,
+                Unit::M,
+                "330000.0000 mm long, expected 5 to 5000 mm; in mm it is 330.0000 mm long: state the unit (`--unit mm`)",
+            ),
+        ] {
+            let error = plausible(&file(length), unit).expect_err(remedy);
+            assert!(error.contains(remedy), "{error}");
+        }
+        for (length, unit) in [(6.0, Unit::Mm), (1900.0, Unit::Mm), (0.33, Unit::M), (33.0, Unit::Cm)] {
+            assert_eq!(plausible(&file(length), unit), Ok(()));
+        }
+    }
 }

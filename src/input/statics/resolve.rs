@@ -47,10 +47,15 @@ pub struct Problem {
 
 /// Numbers and names of the regions of a mesh.
 #[derive(Clone, Debug)]
-pub struct Regions(pub(crate) BTreeMap<i32, String>, Names<i32>);
+pub struct Regions {
+    pub(crate) names: BTreeMap<i32, String>,
+    known: Names<i32>,
+    /// What could give the regions, where nothing does.
+    hint: Option<String>,
+}
 
 impl Regions {
-    fn new(mesh: &TetMesh, names: BTreeMap<i32, String>) -> Self {
+    fn new(mesh: &TetMesh, names: BTreeMap<i32, String>, hint: Option<String>) -> Self {
         let mut regions = mesh.regions().to_vec();
         regions.sort_unstable();
         regions.dedup();
@@ -62,12 +67,12 @@ impl Regions {
             )
         };
         let known = Names::new(regions.into_iter().map(name));
-        Regions(names, known)
+        Regions { names, known, hint }
     }
 
     /// Describes a region in a message.
     pub fn called(&self, region: i32) -> String {
-        match self.0.get(&region) {
+        match self.names.get(&region) {
             Some(name) => format!("region {region} \"{name}\""),
             None => format!("region {region}"),
         }
@@ -96,7 +101,7 @@ impl ProblemFile {
         let quality = Quality::of(&mesh, mesh.nodes());
         quality.usable().map_err(|error| self.fault("mesh", error))?;
         warnings.extend(mesh_warnings(&quality));
-        let regions = Regions::new(&mesh, read.region_names);
+        let regions = Regions::new(&mesh, read.region_names, read.region_hint);
         let materials = self.materials(&mesh, &regions)?;
         let mut notes = Vec::new();
         let (fixes, tables) = self.fixes(&mesh, &regions, &mut notes, &mut warnings)?;
@@ -132,8 +137,8 @@ impl ProblemFile {
 
     /// Numbers of the regions that match a name.
     pub(crate) fn regions(&self, key: &str, name: &RegionName, regions: &Regions) -> Result<Vec<i32>, InputError> {
-        regions.1.find(name).map_err(|error| {
-            let help = error.help();
+        regions.known.find(name).map_err(|error| {
+            let help = error.help().or_else(|| regions.hint.clone());
             self.fault(key, error).with_help(help)
         })
     }

@@ -151,12 +151,17 @@ impl Fault {
     }
 }
 
-/// Formats bytes for an error message.
+/// Formats bytes for an error message: text as it is.
 pub(super) fn quote(bytes: &[u8]) -> String {
     const SHOWN: usize = 60;
-    match bytes.get(..SHOWN) {
+    let text = String::from_utf8_lossy(&bytes[..bytes.len().min(SHOWN)]);
+    let is_text = text
+        .chars()
+        .all(|c| c.is_whitespace() || !(c.is_control() || c == char::REPLACEMENT_CHARACTER));
+    match text.trim_end() {
         _ if bytes.is_empty() => "the end of the file".to_owned(),
-        Some(start) => format!("`{}...`", start.escape_ascii()),
-        None => format!("`{}`", bytes.escape_ascii()),
+        _ if !is_text => "binary data".to_owned(),
+        text if bytes.len() > SHOWN => format!("`{text}...`"),
+        text => format!("`{text}`"),
     }
 }

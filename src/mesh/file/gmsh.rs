@@ -36,6 +36,7 @@ enum Version {
 
 /// The format.
 pub(super) const FORMAT: Format = Format {
+    name: "Gmsh (.msh)",
     start: "`$MeshFormat` (Gmsh)",
     read,
     written: &[],
@@ -226,6 +227,9 @@ fn parts(contents: Contents) -> Result<Parts, Fault> {
         regions: elements.regions,
         displacements: None,
         skipped_cells: elements.skipped,
+        region_hint: None,
+        is_ras: None,
+        curved: elements.curved,
         warnings,
     })
 }
@@ -327,9 +331,10 @@ const KINDS: [Kind; 33] = [
 ];
 
 impl Kind {
-    /// Returns the type of a number at `offset`, if meshes can contain it: a linear tetrahedron, or something flat to ignore.
+    /// Returns the type of a number at `offset`, if meshes can contain it: a tetrahedron, or something flat to ignore.
     pub(crate) fn usable(code: i32, offset: usize) -> Result<&'static Kind, Fault> {
-        const EXPECTED: &str = "linear tetrahedra (type 4) as the only elements with a volume";
+        const EXPECTED: &str = "tetrahedra as the only elements with a volume (of Gmsh without `Recombine`; ParaView's filter \
+                                Tetrahedralize cuts others)";
         match KINDS.iter().find(|kind| kind.code == code) {
             None => Err(Fault::at(offset, format!("element type {code}"), EXPECTED)),
             Some(kind) if kind.dimension == 3 && !kind.is_tetrahedron() => Err(Fault::at(
@@ -341,8 +346,14 @@ impl Kind {
         }
     }
 
+    /// Whether it is a tetrahedron, whose corners are the first of its nodes.
     pub(crate) fn is_tetrahedron(&self) -> bool {
-        self.code == 4
+        matches!(self.code, 4 | 11 | 29 | 30 | 31)
+    }
+
+    /// Number of nodes beside the corners of a tetrahedron.
+    pub(crate) fn further_nodes(&self) -> usize {
+        self.nodes - CORNERS
     }
 }
 

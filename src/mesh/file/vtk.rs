@@ -1,4 +1,4 @@
-//! VTK files of unstructured grids, legacy (`.vtk`) and XML (`.vtu`); poly-data (`.vtp`), written only.
+//! VTK files of unstructured grids, legacy (`.vtk`) and XML (`.vtu`), and of poly-data (`.vtk`, `.vtp`).
 //!
 //! Formats as in "VTK File Formats" (Kitware, VTK documentation): legacy versions up to 5.1, ASCII and binary; XML with
 //! ascii, base64 and appended (raw or base64) arrays, uncompressed or compressed by zlib.
@@ -16,6 +16,7 @@ use std::io::Write;
 use std::path::Path;
 
 use super::error::{Fault, MeshFileError, quote};
+use super::surface::{SurfaceFile, stated_axes};
 use super::{Cursor, Format, Parts, ReadOptions};
 use insonify_base::output::atomic;
 use insonify_base::output::place::Written;
@@ -26,6 +27,7 @@ const LEGACY: &[u8] = b"# vtk DataFile";
 
 /// The format.
 pub(super) const FORMAT: Format = Format {
+    name: "VTK (.vtk, .vtu)",
     start: "`# vtk DataFile` (legacy VTK), an XML VTKFile of type UnstructuredGrid",
     read,
     written: &[Written {
@@ -36,14 +38,32 @@ pub(super) const FORMAT: Format = Format {
 
 /// Returns the tetrahedra of a VTK file, or `None` where the contents are not a VTK file.
 fn read(bytes: &[u8], options: &ReadOptions) -> Option<Result<Parts, Fault>> {
-    let grid = if bytes.starts_with(LEGACY) {
-        legacy::parse(bytes)
-    } else if bytes.trim_ascii_start().starts_with(b"<") {
-        xml::parse(bytes, |of_points, name| grid::is_wanted(of_points, name, options))
-    } else {
-        return None;
+    let wanted = |of_points: bool, arrays: &[grid::Array]| {
+        grid::wanted(of_points, arrays, options).into_iter().collect::<Vec<_>>()
     };
+    let grid = parse(bytes, false, wanted)?;
     Some(grid.and_then(|grid| grid.select(options)))
+}
+
+/// Returns the triangles of a VTK file, or `None` where the contents are not a VTK file.
+pub(super) fn surface(bytes: &[u8]) -> Option<Result<SurfaceFile, Fault>> {
+    let grid = parse(bytes, true, |_, _| Vec::new())?;
+    Some(grid.and_then(|grid| grid.triangles()))
+}
+
+/// Reads a file into a grid; with poly-data if surfaces are allowed.
+fn parse(
+    bytes: &[u8],
+    with_surfaces: bool,
+    wanted: impl Fn(bool, &[grid::Array]) -> Vec<usize>,
+) -> Option<Result<grid::Grid, Fault>> {
+    if bytes.starts_with(LEGACY) {
+        Some(legacy::parse(bytes, with_surfaces))
+    } else if bytes.trim_ascii_start().starts_with(b"<") {
+        Some(xml::parse(bytes, with_surfaces, wanted))
+    } else {
+        None
+    }
 }
 
 /// Number type.
@@ -62,6 +82,10 @@ enum Kind {
 }
 
 impl Kind {
+    fn is_whole(self) -> bool {
+        !matches!(self, Kind::F32 | Kind::F64)
+    }
+
     /// Returns the size of a value, bytes.
     pub(crate) fn size(self) -> usize {
         match self {

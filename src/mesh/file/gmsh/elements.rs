@@ -57,6 +57,8 @@ pub(super) struct Elements {
     pub regions: Vec<i32>,
     /// Number of vertices, lines and surfaces.
     pub skipped: usize,
+    /// Number of tetrahedra that have nodes beside their corners.
+    pub curved: usize,
     groups: BTreeSet<i32>,
     volumes: BTreeSet<i32>,
     /// Number of memberships of tetrahedra in groups beyond their first.
@@ -71,6 +73,7 @@ impl Elements {
             corners: Vec::new(),
             regions: Vec::new(),
             skipped: 0,
+            curved: 0,
             groups: BTreeSet::new(),
             volumes: BTreeSet::new(),
             further_groups: 0,

@@ -141,6 +141,8 @@ impl Block {
                 let start = reader.cursor.at;
                 *corner = nodes.index(tag(reader)?, start)?;
             }
+            reader.skip_ints(self.kind.further_nodes())?;
+            elements.curved += usize::from(self.kind.further_nodes() > 0);
             elements.push_first(corners, membership);
         }
         Ok(())

@@ -170,6 +170,8 @@ pub(super) fn elements(
                 let tag_start = reader.cursor.at;
                 *corner = nodes.index(reader.size()?, tag_start)?;
             }
+            reader.skip_sizes(kind.further_nodes())?;
+            elements.curved += usize::from(kind.further_nodes() > 0);
             elements.push(corners, membership);
         }
         elements.further_groups += count * volume.map_or(0, |volume| volume.groups.saturating_sub(1));

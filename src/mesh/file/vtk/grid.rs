@@ -1,14 +1,51 @@
 //! Unstructured grid of a VTK file, and the tetrahedral mesh in it.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-use super::{Fault, Parts, ReadOptions};
+use super::{Fault, Parts, ReadOptions, SurfaceFile};
 use crate::file::DISPLACEMENT;
+use insonify_base::text::some_of;
 
 /// VTK cell type of the linear tetrahedron.
 pub(super) const TETRA: i64 = 10;
-/// VTK cell types of dimension 0 to 2, linear and quadratic: they have no volume.
-const FLAT_TYPES: [i64; 17] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 21, 22, 23, 28, 30, 34, 35];
+/// VTK cell types of the tetrahedra of higher order, whose first points are their corners.
+const CURVED: [i64; 4] = [24, 64, 71, 78];
+/// VTK cell types of the triangle strip and of the polygon.
+pub(super) const STRIP: i64 = 6;
+pub(super) const POLYGON: i64 = 7;
+/// VTK cell types of triangles and of quadrangles of any order, whose first points are their corners.
+const TRIANGLES: [i64; 5] = [5, 22, 34, 69, 76];
+const QUADRANGLES: [i64; 7] = [9, 23, 28, 30, 36, 70, 77];
+/// VTK cell type of a rectangle whose corners come row by row.
+const PIXEL: i64 = 8;
+/// VTK cell types of dimension 0 to 2 of any order: they have no volume.
+const FLAT_TYPES: [i64; 24] = [
+    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 21, 22, 23, 28, 30, 34, 35, 36, 68, 69, 70, 75, 76, 77,
+];
+/// Names of VTK cell types with a volume.
+const NAMES: [(i64, &str); 19] = [
+    (11, "voxel"),
+    (12, "hexahedron"),
+    (13, "wedge"),
+    (14, "pyramid"),
+    (15, "pentagonal prism"),
+    (16, "hexagonal prism"),
+    (25, "second-order hexahedron"),
+    (26, "second-order wedge"),
+    (27, "second-order pyramid"),
+    (29, "second-order hexahedron"),
+    (31, "second-order wedge"),
+    (32, "second-order wedge"),
+    (33, "second-order hexahedron"),
+    (37, "second-order pyramid"),
+    (41, "convex point set"),
+    (42, "polyhedron"),
+    (72, "hexahedron of higher order"),
+    (73, "wedge of higher order"),
+    (74, "pyramid of higher order"),
+];
+/// Largest number of regions of an array that nobody named: more are numbers of cells.
+const MAX_REGIONS: usize = 256;
 /// Names of cell arrays that are accepted as region numbers, in this order.
 const REGION_NAMES: [&str; 6] = [
     "region",
@@ -24,6 +61,8 @@ const REGION_NAMES: [&str; 6] = [
 pub(super) struct Array {
     pub name: String,
     pub components: usize,
+    /// Whether its type has whole numbers only.
+    pub is_whole: bool,
     /// Values; empty if the array is not wanted.
     pub values: Vec<f64>,
 }
@@ -39,20 +78,116 @@ pub(super) struct Grid {
     pub point_arrays: Vec<Array>,
     pub cell_arrays: Vec<Array>,
     pub region_names: BTreeMap<i32, String>,
+    /// Whether the title states the axes as RAS (true) or LPS (false).
+    pub is_ras: Option<bool>,
 }
 
-/// Returns whether [`Grid::select`] uses the values of an array of points or cells.
-pub(super) fn is_wanted(of_points: bool, name: &str, options: &ReadOptions) -> bool {
-    if of_points {
-        name == options.displacement.unwrap_or(DISPLACEMENT)
-    } else {
-        options
-            .region
-            .map_or(REGION_NAMES.contains(&name), |region| region == name)
+/// Index of the array of points or cells of which [`Grid::select`] uses the values: the first of the name.
+pub(super) fn wanted(of_points: bool, arrays: &[Array], options: &ReadOptions) -> Option<usize> {
+    let named = |name: &str| arrays.iter().position(|array| array.name == name);
+    match (of_points, options.region) {
+        (true, _) => named(options.displacement.unwrap_or(DISPLACEMENT)),
+        (false, Some(name)) => named(name),
+        (false, None) => REGION_NAMES
+            .iter()
+            .find_map(|name| named(name))
+            .or_else(|| only_whole(arrays)),
     }
 }
 
+/// Index of the only array of whole numbers, one a cell, that are no numbers of cells or ghosts.
+fn only_whole(arrays: &[Array]) -> Option<usize> {
+    let counts = |name: &str| name.starts_with("vtk") || name.to_ascii_lowercase().ends_with("ids");
+    let is_candidate = |array: &Array| array.is_whole && array.components == 1 && !counts(&array.name);
+    let mut candidates = (0..arrays.len()).filter(|index| is_candidate(&arrays[*index]));
+    candidates.next().filter(|_| candidates.next().is_none())
+}
+
 impl Grid {
+    /// Adds cells of one type, or of the given ones.
+    pub(super) fn append(&mut self, offsets: &[i64], connectivity: Vec<i64>, types: Vec<i64>) {
+        let start = self.connectivity.len() as i64;
+        if self.offsets.is_empty() {
+            self.offsets.push(0);
+        }
+        self.offsets
+            .extend(offsets.iter().skip(1).map(|offset| start.saturating_add(*offset)));
+        self.connectivity.extend(connectivity);
+        self.types.extend(types);
+    }
+
+    /// Triangles of the surfaces, or of the outside of the tetrahedra where there are any.
+    pub(super) fn triangles(&self) -> Result<SurfaceFile, Fault> {
+        let points = self.points.as_chunks::<3>().0.to_vec();
+        let mut surface = SurfaceFile {
+            is_ras: self.is_ras,
+            ..SurfaceFile::default()
+        };
+        if self.offsets.len() != self.types.len() + 1 && !self.types.is_empty() {
+            return Err(Fault::of_file(
+                "cells and cell types in different numbers",
+                "as many types as cells",
+            ));
+        }
+        // Faces by their sorted corners: those of two tetrahedra lie within.
+        let mut faces: BTreeMap<[u32; 3], ([u32; 3], usize)> = BTreeMap::new();
+        for (cell, &kind) in self.types.iter().enumerate() {
+            let corners = self.cell(cell).unwrap_or_default();
+            let corners: Option<Vec<u32>> = corners.iter().map(|corner| u32::try_from(*corner).ok()).collect();
+            let corners = corners.filter(|corners| !corners.is_empty()).ok_or_else(|| {
+                Fault::of_file(
+                    format!("cell {cell} without corners"),
+                    "points of the file for each cell",
+                )
+            })?;
+            let first = |count: usize| &corners[..count.min(corners.len())];
+            match kind {
+                POLYGON => surface.push_polygon(&corners),
+                STRIP => {
+                    for (start, next) in corners.windows(3).enumerate() {
+                        let [a, b, c] = [next[0], next[1], next[2]];
+                        surface
+                            .triangles
+                            .push(if start % 2 == 0 { [a, b, c] } else { [b, a, c] });
+                    }
+                }
+                PIXEL if corners.len() == 4 => {
+                    surface.push_polygon(&[corners[0], corners[1], corners[3], corners[2]]);
+                }
+                _ if TRIANGLES.contains(&kind) => surface.push_polygon(first(3)),
+                _ if QUADRANGLES.contains(&kind) => surface.push_polygon(first(4)),
+                _ if (kind == TETRA || CURVED.contains(&kind)) && corners.len() >= 4 => {
+                    let [a, b, c, d] = [corners[0], corners[1], corners[2], corners[3]];
+                    for face in [[a, c, b], [a, b, d], [b, c, d], [a, d, c]] {
+                        let mut key = face;
+                        key.sort_unstable();
+                        faces.entry(key).or_insert((face, 0)).1 += 1;
+                    }
+                }
+                _ if FLAT_TYPES.contains(&kind) => {}
+                _ => {
+                    let found = format!("cell {cell} is of VTK type {kind}");
+                    return Err(Fault::of_file(found, "triangles, polygons or tetrahedra"));
+                }
+            }
+        }
+        if !faces.is_empty() {
+            // Beside tetrahedra, surfaces are those of their regions.
+            let outside = faces.into_values().filter(|(_, count)| *count == 1);
+            surface.triangles = outside.map(|(face, _)| face).collect();
+            surface.is_outside = true;
+        }
+        surface.points = points;
+        Ok(surface)
+    }
+
+    /// Connectivity of a cell.
+    fn cell(&self, cell: usize) -> Option<&[i64]> {
+        let [start, end] = [cell, cell + 1].map(|cell| self.offsets.get(cell).copied());
+        let (start, end) = (usize::try_from(start?).ok()?, usize::try_from(end?).ok()?);
+        self.connectivity.get(start..end)
+    }
+
     pub(super) fn select(&self, options: &ReadOptions) -> Result<Parts, Fault> {
         let nodes = self.points.as_chunks::<3>().0.to_vec();
         let cells = self.types.len();
@@ -62,7 +197,9 @@ impl Grid {
                 "as many types as cells",
             ));
         }
-        let region = self.region_array(options)?;
+        let mut warnings = Vec::new();
+        let region = self.region_array(options, &mut warnings)?;
+        let mut curved = 0;
         let mut elements = Vec::new();
         let mut regions = Vec::new();
         for (cell, &kind) in self.types.iter().enumerate() {
@@ -70,15 +207,27 @@ impl Grid {
             if FLAT_TYPES.contains(&kind) {
                 continue;
             }
-            if kind != TETRA {
+            let is_curved = CURVED.contains(&kind);
+            if kind != TETRA && !is_curved {
+                let name = NAMES.iter().find(|(known, _)| *known == kind);
+                let name = name.map_or_else(String::new, |(_, name)| format!("a {name}, "));
                 return Err(Fault::of_file(
-                    format!("cell {cell} is of VTK type {kind}"),
-                    "linear tetrahedra (type 10) only",
+                    format!("cell {cell} is {name}VTK type {kind}"),
+                    "tetrahedra as the only cells with a volume (ParaView's filter Tetrahedralize cuts others)",
                 ));
             }
-            elements.push(self.corners(cell, nodes.len())?);
+            curved += usize::from(is_curved);
+            elements.push(self.corners(cell, nodes.len(), is_curved)?);
             regions.push(region.map_or(Ok(0), |array| region_number(array, cell))?);
         }
+        let scalars = self.cell_arrays.iter().filter(|array| array.components == 1);
+        let scalars: Vec<String> = scalars.map(|array| format!("`{}`", array.name)).collect();
+        let region_hint = (region.is_none() && !scalars.is_empty()).then(|| {
+            format!(
+                "cell arrays: {}; all regions are 0: choose with `region_array`",
+                some_of(&scalars)
+            )
+        });
         let displacements = self.displacements(options, nodes.len())?;
         let skipped_cells = cells - elements.len();
         Ok(Parts {
@@ -88,15 +237,17 @@ impl Grid {
             displacements,
             skipped_cells,
             region_names: self.region_names.clone(),
-            warnings: Vec::new(),
+            region_hint,
+            is_ras: self.is_ras,
+            curved,
+            warnings,
         })
     }
 
-    fn corners(&self, cell: usize, nodes: usize) -> Result<[u32; 4], Fault> {
+    fn corners(&self, cell: usize, nodes: usize, is_curved: bool) -> Result<[u32; 4], Fault> {
         let (start, end) = (self.offsets[cell], self.offsets[cell + 1]);
-        let corners = usize::try_from(start).ok().zip(usize::try_from(end).ok());
-        let corners = corners.and_then(|(start, end)| self.connectivity.get(start..end));
-        let Some(&[a, b, c, d]) = corners else {
+        let corners = self.cell(cell).filter(|corners| corners.len() == 4 || is_curved);
+        let Some(&[a, b, c, d, ..]) = corners else {
             let found = format!("tetrahedron in cell {cell} with connectivity {start}..{end}");
             return Err(Fault::of_file(
                 found,
@@ -116,12 +267,27 @@ impl Grid {
         Ok(named)
     }
 
-    fn region_array(&self, options: &ReadOptions) -> Result<Option<&Array>, Fault> {
+    fn region_array(&self, options: &ReadOptions, warnings: &mut Vec<String>) -> Result<Option<&Array>, Fault> {
         let cells = self.types.len();
-        let array = match options.region {
-            Some(name) => Some(named(&self.cell_arrays, name).ok_or_else(|| missing("cell", name, &self.cell_arrays))?),
-            None => REGION_NAMES.iter().find_map(|name| named(&self.cell_arrays, name)),
-        };
+        let array = wanted(false, &self.cell_arrays, options).map(|index| &self.cell_arrays[index]);
+        if let (Some(name), None) = (options.region, array) {
+            return Err(missing("cell", name, &self.cell_arrays));
+        }
+        let is_guess =
+            options.region.is_none() && array.is_some_and(|array| !REGION_NAMES.contains(&array.name.as_str()));
+        let numbers: BTreeSet<i64> = array
+            .map_or(&[][..], |array| &array.values)
+            .iter()
+            .map(|value| *value as i64)
+            .collect();
+        let array = array.filter(|_| !is_guess || numbers.len() <= MAX_REGIONS);
+        match array {
+            Some(array) if is_guess => warnings.push(format!(
+                "the regions are the cell array `{}`, the only one of whole numbers; `region_array` chooses another",
+                array.name
+            )),
+            _ => {}
+        }
         match array {
             Some(array) if array.components != 1 || array.values.len() != cells => Err(Fault::of_file(
                 shape("cell", array),

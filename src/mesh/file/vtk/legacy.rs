@@ -1,18 +1,18 @@
 //! Legacy VTK format, ASCII and binary (big-endian).
 
-use super::grid::{Array, Grid, integers};
-use super::{Cursor, Fault, Kind, quote, word};
+use super::grid::{Array, Grid, POLYGON, STRIP, integers};
+use super::{Cursor, Fault, Kind, quote, stated_axes, word};
 use insonify_base::read;
 
-/// Reads the file into a grid.
-pub(super) fn parse(bytes: &[u8]) -> Result<Grid, Fault> {
+/// Reads the file into a grid; poly-data, too, if surfaces are allowed.
+pub(super) fn parse(bytes: &[u8], with_surfaces: bool) -> Result<Grid, Fault> {
     let mut reader = Reader {
         cursor: Cursor::new(bytes),
         binary: false,
     };
     // The first two lines are the version and a title of any text.
     reader.cursor.line();
-    reader.cursor.line();
+    let is_ras = stated_axes(reader.cursor.line());
     let (start, format) = reader.cursor.word();
     reader.binary = match format.to_ascii_uppercase().as_slice() {
         b"ASCII" => false,
@@ -20,8 +20,12 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Grid, Fault> {
         _ => return Err(Fault::at(start, quote(format), "ASCII or BINARY")),
     };
     reader.keyword("DATASET")?;
-    reader.keyword("UNSTRUCTURED_GRID")?;
-    let mut grid = Grid::default();
+    let is_poly = with_surfaces && reader.is_next("POLYDATA");
+    reader.keyword(if is_poly { "POLYDATA" } else { "UNSTRUCTURED_GRID" })?;
+    let mut grid = Grid {
+        is_ras,
+        ..Grid::default()
+    };
     let mut tuples = None;
     loop {
         let (start, word) = reader.cursor.word();
@@ -35,6 +39,17 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Grid, Fault> {
                 grid.points = reader.numbers(product(start, count, 3)?, kind)?;
             }
             b"CELLS" => cells(&mut reader, &mut grid)?,
+            kind @ (b"VERTICES" | b"LINES" | b"POLYGONS" | b"TRIANGLE_STRIPS") if is_poly => {
+                let mut part = Grid::default();
+                cells(&mut reader, &mut part)?;
+                let code = match kind {
+                    b"POLYGONS" => POLYGON,
+                    b"TRIANGLE_STRIPS" => STRIP,
+                    _ => continue,
+                };
+                let count = part.offsets.len().saturating_sub(1);
+                grid.append(&part.offsets, part.connectivity, vec![code; count]);
+            }
             b"CELL_TYPES" => {
                 let count = reader.cursor.count()?;
                 grid.types = integers(reader.numbers(count, Kind::I32)?);
@@ -110,6 +125,7 @@ fn array(reader: &mut Reader, keyword: &[u8], start: usize, tuples: usize) -> Re
     Ok(Array {
         name,
         components,
+        is_whole: kind.is_whole(),
         values,
     })
 }
@@ -136,6 +152,7 @@ fn attribute(
                 arrays.push(Array {
                     name,
                     components,
+                    is_whole: kind.is_whole(),
                     values,
                 });
                 if reader.is_next("METADATA") {

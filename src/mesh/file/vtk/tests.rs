@@ -26,6 +26,7 @@ pub(super) fn expected() -> MeshFile {
         displacements: Some(displacements),
         skipped_cells: 0,
         region_names: Default::default(),
+        region_hint: None,
         warnings: Vec::new(),
     }
 }

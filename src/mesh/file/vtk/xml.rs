@@ -1,18 +1,23 @@
-//! XML format of VTK for unstructured grids (`.vtu`).
+//! XML format of VTK for unstructured grids (`.vtu`) and poly-data (`.vtp`).
 
 mod data;
 mod packed;
 
 use std::collections::BTreeMap;
 
-use super::grid::{Array, Grid, integers};
+use super::grid::{Array, Grid, POLYGON, STRIP, integers};
 use super::write::REGION_NAMES;
-use super::{Fault, quote};
+use super::{Fault, quote, stated_axes};
 use data::{Appended, Encoding, values};
 use insonify_base::text::unescape;
 
-/// Reads the file into a grid, with the values of those arrays of points (true) or cells (false) that are wanted.
-pub(super) fn parse(bytes: &[u8], wanted: impl Fn(bool, &str) -> bool) -> Result<Grid, Fault> {
+/// Reads the file into a grid, with the values of those arrays of points (true) or cells (false) that are wanted; poly-data, too, if surfaces are
+/// allowed.
+pub(super) fn parse(
+    bytes: &[u8],
+    with_surfaces: bool,
+    wanted: impl Fn(bool, &[Array]) -> Vec<usize>,
+) -> Result<Grid, Fault> {
     let mut scanner = Scanner { bytes, at: 0 };
     let mut file = None;
     let mut piece = Piece::default();
@@ -20,25 +25,46 @@ pub(super) fn parse(bytes: &[u8], wanted: impl Fn(bool, &str) -> bool) -> Result
     let mut counts = None;
     let mut appended = None;
     let mut names = BTreeMap::new();
+    let (mut is_poly, mut space) = (false, None);
     while let Some(tag) = scanner.tag()? {
         if tag.closing {
             sections.pop();
             continue;
         }
         match tag.name.as_str() {
-            "VTKFile" => file = Some(Encoding::of(&tag)?),
+            "VTKFile" => {
+                is_poly = with_surfaces && tag.get("type") == Some("PolyData");
+                file = Some(Encoding::of(
+                    &tag,
+                    if is_poly { "PolyData" } else { "UnstructuredGrid" },
+                )?);
+            }
             "Piece" if counts.is_some() => return Err(Fault::at(tag.at, "a second Piece", "a single Piece")),
-            "Piece" => counts = Some((tag.count("NumberOfPoints")?, tag.count("NumberOfCells")?)),
+            "Piece" if is_poly => {
+                let strips = tag
+                    .get("NumberOfStrips")
+                    .map_or(Ok(0), |_| tag.count("NumberOfStrips"))?;
+                counts = Some((tag.count("NumberOfPoints")?, [tag.count("NumberOfPolys")?, strips]));
+            }
+            "Piece" => counts = Some((tag.count("NumberOfPoints")?, [tag.count("NumberOfCells")?, 0])),
             "DataArray" => {
                 let text = if tag.empty {
                     (scanner.at, &bytes[..0])
                 } else {
                     scanner.text()
                 };
-                piece.add(sections.last().map_or("", String::as_str), tag.clone(), text, &wanted)?;
+                piece.add(sections.last().map_or("", String::as_str), tag.clone(), text)?;
             }
             "Array" if tag.get("Name") == Some(REGION_NAMES) && tag.get("format") == Some("ascii") && !tag.empty => {
                 names = region_names(scanner.text())?;
+            }
+            "Array" if tag.get("Name") == Some("SPACE") => {
+                let text = if tag.empty {
+                    (scanner.at, &bytes[..0])
+                } else {
+                    scanner.text()
+                };
+                space = Some(Raw { tag: tag.clone(), text });
             }
             "AppendedData" => {
                 appended = Some(Appended::of(&tag, &scanner)?);
@@ -51,17 +77,28 @@ pub(super) fn parse(bytes: &[u8], wanted: impl Fn(bool, &str) -> bool) -> Result
             sections.push(tag.name);
         }
     }
+    let is_vtk = file.is_some();
     let (Some(file), Some((points, cells))) = (file, counts) else {
-        return Err(Fault::at(
-            scanner.at,
-            quote(&[]),
+        let found = if is_vtk {
+            "a VTKFile without a Piece"
+        } else {
+            "XML that is no VTKFile"
+        };
+        return Err(Fault::of_file(
+            found,
             "a VTKFile with an UnstructuredGrid and one Piece",
         ));
     };
-    let grid = piece.grid(points, cells, |raw, count| {
-        values(&raw.tag, raw.text, &file, appended.as_ref(), count)
-    })?;
+    let decode = |raw: &Raw, count| values(&raw.tag, raw.text, &file, appended.as_ref(), count);
+    // Three letters and the zero that ends them.
+    let letters = space.and_then(|raw: Raw| {
+        let tag = raw.tag.with("type", "Int8");
+        decode(&Raw { tag, ..raw }, Some(4)).ok()
+    });
+    let letters: Vec<u8> = letters.into_iter().flatten().map(|letter| letter as u8).collect();
+    let grid = piece.grid(points, cells, is_poly, decode, wanted)?;
     Ok(Grid {
+        is_ras: stated_axes(&[b"SPACE=", &letters[..]].concat()),
         region_names: names,
         ..grid
     })
@@ -94,45 +131,41 @@ struct Raw<'a> {
 #[derive(Default)]
 struct Piece<'a> {
     points: Option<Raw<'a>>,
-    connectivity: Option<Raw<'a>>,
-    offsets: Option<Raw<'a>>,
+    /// Of cells or polygons, and of strips.
+    connectivity: [Option<Raw<'a>>; 2],
+    offsets: [Option<Raw<'a>>; 2],
     types: Option<Raw<'a>>,
-    /// Names and components of the arrays of points and of cells, with those that are wanted.
-    point_arrays: Vec<(Array, Option<Raw<'a>>)>,
-    cell_arrays: Vec<(Array, Option<Raw<'a>>)>,
+    /// Arrays of points and of cells, without their values.
+    point_arrays: Vec<(Array, Raw<'a>)>,
+    cell_arrays: Vec<(Array, Raw<'a>)>,
 }
 
 impl<'a> Piece<'a> {
-    fn add(
-        &mut self,
-        section: &str,
-        tag: Tag,
-        text: (usize, &'a [u8]),
-        wanted: impl Fn(bool, &str) -> bool,
-    ) -> Result<(), Fault> {
+    fn add(&mut self, section: &str, tag: Tag, text: (usize, &'a [u8])) -> Result<(), Fault> {
         let name = tag.get("Name").unwrap_or_default();
         let section_data = match (section, name) {
             ("Points", _) => &mut self.points,
-            ("Cells", "connectivity") => &mut self.connectivity,
-            ("Cells", "offsets") => &mut self.offsets,
+            ("Cells" | "Polys", "connectivity") => &mut self.connectivity[0],
+            ("Cells" | "Polys", "offsets") => &mut self.offsets[0],
+            ("Strips", "connectivity") => &mut self.connectivity[1],
+            ("Strips", "offsets") => &mut self.offsets[1],
             ("Cells", "types") => &mut self.types,
             ("PointData" | "CellData", name) if tag.get("type") != Some("String") => {
-                let of_points = section == "PointData";
+                let kind = tag.get("type").unwrap_or_default();
                 let array = Array {
                     name: name.to_owned(),
                     components: tag
                         .get("NumberOfComponents")
                         .map_or(Ok(1), |_| tag.count("NumberOfComponents"))?,
+                    is_whole: kind.starts_with("Int") || kind.starts_with("UInt"),
                     values: Vec::new(),
                 };
-                let arrays = if of_points {
+                let arrays = if section == "PointData" {
                     &mut self.point_arrays
                 } else {
                     &mut self.cell_arrays
                 };
-                // Of several arrays with one name the first counts.
-                let new = wanted(of_points, name) && arrays.iter().all(|(other, _)| other.name != name);
-                arrays.push((array, new.then_some(Raw { tag, text })));
+                arrays.push((array, Raw { tag, text }));
                 return Ok(());
             }
             _ => return Ok(()),
@@ -152,28 +185,37 @@ impl<'a> Piece<'a> {
     fn grid(
         self,
         points: usize,
-        cells: usize,
+        counts: [usize; 2],
+        is_poly: bool,
         decode: impl Fn(&Raw, Option<usize>) -> Result<Vec<f64>, Fault>,
+        wanted: impl Fn(bool, &[Array]) -> Vec<usize>,
     ) -> Result<Grid, Fault> {
         let decode_or_none = |raw: Option<Raw>, count| raw.map_or(Ok(Vec::new()), |raw| decode(&raw, count));
-        let all = |arrays: Vec<(Array, Option<Raw>)>, tuples: usize| -> Result<Vec<Array>, Fault> {
-            let decoded = arrays.into_iter().map(|(array, raw)| {
-                let values = decode_or_none(raw, tuples.checked_mul(array.components))?;
-                Ok(Array { values, ..array })
-            });
-            decoded.collect()
+        let all = |of_points, arrays: Vec<(Array, Raw)>, tuples: usize| -> Result<Vec<Array>, Fault> {
+            let (mut arrays, raws): (Vec<Array>, Vec<Raw>) = arrays.into_iter().unzip();
+            for index in wanted(of_points, &arrays) {
+                let count = tuples.checked_mul(arrays[index].components);
+                arrays[index].values = decode(&raws[index], count)?;
+            }
+            Ok(arrays)
         };
-        let mut offsets = integers(decode_or_none(self.offsets, Some(cells))?);
-        let corners = offsets.last().map_or(Some(0), |last| usize::try_from(*last).ok());
-        offsets.insert(0, 0);
+        let types = (!is_poly).then(|| decode_or_none(self.types, Some(counts[0])).map(integers));
+        let mut grid = Grid::default();
+        let parts = self.offsets.into_iter().zip(self.connectivity).zip(counts);
+        for (((offsets, connectivity), count), (types, kind)) in
+            parts.zip([(types.transpose()?, POLYGON), (None, STRIP)])
+        {
+            let mut offsets = integers(decode_or_none(offsets, Some(count))?);
+            let corners = offsets.last().map_or(Some(0), |last| usize::try_from(*last).ok());
+            offsets.insert(0, 0);
+            let types = types.unwrap_or_else(|| vec![kind; offsets.len() - 1]);
+            grid.append(&offsets, integers(decode_or_none(connectivity, corners)?), types);
+        }
         Ok(Grid {
             points: decode_or_none(self.points, points.checked_mul(3))?,
-            connectivity: integers(decode_or_none(self.connectivity, corners)?),
-            types: integers(decode_or_none(self.types, Some(cells))?),
-            offsets,
-            point_arrays: all(self.point_arrays, points)?,
-            cell_arrays: all(self.cell_arrays, cells)?,
-            region_names: BTreeMap::new(),
+            point_arrays: all(true, self.point_arrays, points)?,
+            cell_arrays: all(false, self.cell_arrays, counts[0].saturating_add(counts[1]))?,
+            ..grid
         })
     }
 }
@@ -194,6 +236,13 @@ impl Tag {
             .iter()
             .find(|(name, _)| name == key)
             .map(|(_, value)| value.as_str())
+    }
+
+    /// The tag with another value of an attribute.
+    fn with(mut self, key: &str, value: &str) -> Tag {
+        self.attributes.retain(|(name, _)| name != key);
+        self.attributes.push((key.to_owned(), value.to_owned()));
+        self
     }
 
     pub(crate) fn count(&self, key: &str) -> Result<usize, Fault> {

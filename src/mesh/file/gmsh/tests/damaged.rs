@@ -62,9 +62,9 @@ fn faults_name_their_line_and_what_they_found() {
             2,
             "\n4 4 3 ",
             "\n4 5 3 ",
-            "a hexahedron (element type 5); expected linear tetrahedra",
+            "a hexahedron (element type 5); expected tetrahedra as the only",
         ),
-        (2, "\n4 4 3 ", "\n4 11 3 ", "a second-order tetrahedron"),
+        (2, "\n4 4 3 ", "\n4 13 3 ", "a second-order prism"),
         (2, "\n4 4 3 ", "\n4 77 3 ", "element type 77"),
         (2, "\n4 4 3 ", "\n4 4 2147483647 ", "2147483647 items"),
         (2, "\n4 4 3 ", "\n4 4 -3 ", "the tag -3"),
@@ -171,6 +171,7 @@ fn files_cut_short_anywhere_are_refused() {
             groups: vec![7, 9],
             partitioned: encoding.version == 4,
             parametric: encoding.version == 4,
+            curved: true,
         });
         let end = b"$EndElements";
         let whole = bytes.windows(end.len()).rposition(|window| window == end).unwrap() + end.len();

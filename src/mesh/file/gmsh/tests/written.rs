@@ -26,7 +26,36 @@ pub(super) struct Model {
     pub parametric: bool,
     /// Whether elements are in parts of the volumes (4.1).
     pub partitioned: bool,
+    /// Whether tetrahedra are of second order.
+    pub curved: bool,
 }
+
+impl Model {
+    fn nodes(&self) -> &'static [(u64, [f64; 3])] {
+        if self.curved { &ALL_NODES } else { &NODES }
+    }
+
+    /// Type of a tetrahedron, and its nodes beside the corners.
+    fn tetrahedron(&self) -> (i32, &'static [u64]) {
+        if self.curved {
+            (11, &[5, 5, 30, 5, 30, 30])
+        } else {
+            (4, &[])
+        }
+    }
+}
+
+/// The nodes, and two beside the corners.
+const ALL_NODES: [(u64, [f64; 3]); 8] = [
+    NODES[0],
+    (5, [0.5, 0.5, 0.5]),
+    NODES[1],
+    NODES[2],
+    NODES[3],
+    (30, [0.25, 0.5, 0.5]),
+    NODES[4],
+    NODES[5],
+];
 
 impl Default for Model {
     fn default() -> Model {
@@ -34,6 +63,7 @@ impl Default for Model {
             groups: vec![7],
             parametric: false,
             partitioned: false,
+            curved: false,
         }
     }
 }
@@ -149,10 +179,10 @@ impl Encoding {
     }
 
     fn version2(self, out: &mut Out, model: &Model) {
-        out.text(&format!("$Nodes\n{}\n", NODES.len()));
-        for (tag, position) in NODES {
-            out.tags(&[tag]);
-            out.floats(&position);
+        out.text(&format!("$Nodes\n{}\n", model.nodes().len()));
+        for (tag, position) in model.nodes() {
+            out.tags(&[*tag]);
+            out.floats(position);
             out.end();
         }
         // An element is written once for every group that contains it.
@@ -162,6 +192,7 @@ impl Encoding {
         });
         let elements: Vec<_> = elements.collect();
         out.text(&format!("\n$EndNodes\n$Elements\n{}\n", FLAT.len() + elements.len()));
+        let (kind, further) = model.tetrahedron();
         let mut tag = 0;
         for (kind, nodes) in FLAT {
             tag += 1;
@@ -173,15 +204,16 @@ impl Encoding {
             out.end();
         }
         if self.binary.is_some() {
-            out.ints(&[4, elements.len() as i32, 3]);
+            out.ints(&[kind, elements.len() as i32, 3]);
         }
         for (group, volume, corners) in elements {
             tag += 1;
             match self.binary {
-                None => out.ints(&[tag, 4, 3, group, volume, 99]),
+                None => out.ints(&[tag, kind, 3, group, volume, 99]),
                 Some(_) => out.ints(&[tag, group, volume, 99]),
             }
             out.tags(corners);
+            out.tags(further);
             out.end();
         }
         out.text("\n$EndElements\n");
@@ -216,9 +248,10 @@ impl Encoding {
             out.text("\n$EndPartitionedEntities\n");
         }
         out.text("$Nodes\n");
-        out.sizes(&[2, NODES.len() as u64, 3, 2_000_000_000]);
+        let nodes = model.nodes();
+        out.sizes(&[2, nodes.len() as u64, 3, 2_000_000_000]);
         out.end();
-        for (dimension, nodes) in [(0, &NODES[..1]), (3, &NODES[1..])] {
+        for (dimension, nodes) in [(0, &nodes[..1]), (3, &nodes[1..])] {
             out.ints(&[dimension, 1 + shift, i32::from(model.parametric)]);
             out.sizes(&[nodes.len() as u64]);
             out.end();
@@ -246,14 +279,16 @@ impl Encoding {
             out.sizes(nodes);
             out.end();
         }
+        let (kind, further) = model.tetrahedron();
         for volume in [1, 2] {
             let elements: Vec<_> = TETRAHEDRA.iter().filter(|element| element.0 == volume).collect();
-            out.ints(&[3, volume + shift, 4]);
+            out.ints(&[3, volume + shift, kind]);
             out.sizes(&[elements.len() as u64]);
             out.end();
             for (_, corners) in elements {
                 out.sizes(&[90]);
                 out.sizes(corners);
+                out.sizes(further);
                 out.end();
             }
         }

@@ -113,15 +113,61 @@ fn faults_name_their_line() {
         (" double\n", " decimal\n", "line 5"),
         ("VECTORS", "ARROWS", "`ARROWS`"),
         ("CELL_TYPES", "CELLTYPES", "`CELLTYPES`"),
-        ("\n10\n", "\n12\n", "VTK type 12"),
+        ("\n10\n", "\n12\n", "a hexahedron, VTK type 12; expected tetrahedra"),
+        ("\n10\n", "\n99\n", "cell 0 is VTK type 99"),
         ("\n4 0 ", "\n4 999 ", "names point 999"),
         ("CELLS ", "CELLS 9", "a matching size"),
     ] {
         let error = fault(from, to);
         assert!(error.contains(says) && error.starts_with("mesh.vtk: "), "{error}");
     }
+    assert!(
+        read(b"\x01\x02\x03")
+            .unwrap_err()
+            .to_string()
+            .contains("found binary data; expected `# vtk")
+    );
     assert!(read(b"solid x").unwrap_err().to_string().contains("`solid x`"));
     assert!(read(b"").unwrap_err().to_string().contains("the end of the file"));
+}
+
+#[test]
+fn regions_are_the_only_whole_array_or_told() {
+    let (mesh, displacements) = sample();
+    let good = ascii(&mesh, &displacements);
+    let cells = mesh.elements().len();
+    let array =
+        |name: &str, kind: &str, values: &str| format!("SCALARS {name} {kind} 1\nLOOKUP_TABLE default\n{values}");
+    let more = |name: &str, kind: &str| array(name, kind, &"1\n".repeat(cells));
+    let with = |name: &str, kind: &str, before: &str| {
+        let text = good.replace("SCALARS region int 1", &format!("{before}SCALARS {name} {kind} 1"));
+        read(text.as_bytes()).unwrap()
+    };
+    let named = with(
+        "labels",
+        "int",
+        &(more("stress", "double") + &more("vtkOriginalCellIds", "vtktypeint64")),
+    );
+    assert_eq!(named.mesh.regions(), mesh.regions());
+    assert!(
+        named.warnings.len() == 1 && named.warnings[0].contains("`labels`"),
+        "{:?}",
+        named.warnings
+    );
+    for (file, arrays) in [
+        (with("labels", "int", &more("organs", "short")), "`organs`, `labels`"),
+        (with("labels", "float", ""), "`labels`"),
+    ] {
+        assert!(file.mesh.regions().iter().all(|region| *region == 0));
+        let hint = file.region_hint.unwrap();
+        assert!(hint.starts_with(&format!("cell arrays: {arrays}; all regions are 0")) && file.warnings == [hint]);
+    }
+    // A number for each of many cells is no region.
+    let many = TetMesh::over_box([0.0; 3], [9.0; 3], 700).unwrap();
+    let numbers = (0..many.elements().len() as i32).collect();
+    let many = TetMesh::new(many.nodes().to_vec(), many.elements().to_vec(), numbers).unwrap();
+    let text = ascii(&many, &vec![[0.0; 3]; many.nodes().len()]).replace("SCALARS region", "SCALARS number");
+    assert!(read(text.as_bytes()).unwrap().region_hint.is_some());
 }
 
 #[test]

@@ -106,7 +106,10 @@ fn named_arrays_keep_their_bits() {
         &[("gradient", Values::Vectors(&gradient))],
     )
     .unwrap();
-    let grid = xml::parse(&std::fs::read(&path).unwrap(), |_, _| true).unwrap();
+    let grid = xml::parse(&std::fs::read(&path).unwrap(), false, |_, arrays| {
+        (0..arrays.len()).collect()
+    })
+    .unwrap();
     let names: Vec<&str> = grid.point_arrays.iter().map(|array| array.name.as_str()).collect();
     assert_eq!(names, ["pressure <kPa> & \"more\"", "ids"]);
     assert_eq!(grid.point_arrays[0].values, pressure);

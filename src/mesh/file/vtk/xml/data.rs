@@ -13,7 +13,7 @@ pub(super) struct Encoding {
 }
 
 impl Encoding {
-    pub(super) fn of(tag: &Tag) -> Result<Encoding, Fault> {
+    pub(super) fn of(tag: &Tag, kind: &str) -> Result<Encoding, Fault> {
         let choose = |key: &str, default: &str, choices: [&str; 2]| {
             let found = tag.get(key).unwrap_or(default);
             match choices.iter().position(|choice| *choice == found) {
@@ -24,9 +24,9 @@ impl Encoding {
                 }
             }
         };
-        if tag.get("type") != Some("UnstructuredGrid") {
+        if tag.get("type") != Some(kind) {
             let found = format!("type=`{}`", tag.get("type").unwrap_or_default());
-            return Err(Fault::at(tag.at, found, "UnstructuredGrid"));
+            return Err(Fault::at(tag.at, found, kind));
         }
         Ok(Encoding {
             big_endian: choose("byte_order", "LittleEndian", ["LittleEndian", "BigEndian"])?,

@@ -142,6 +142,71 @@ fn ascii_vtu_is_read() {
 }
 
 #[test]
+fn regions_are_the_only_whole_array_of_vtu() {
+    let put = |bytes: &[u8]| ("format=\"binary\"".to_owned(), STANDARD.encode(counted(bytes)));
+    let text = vtu("", "", put).replace("Name=\"region\"", "Name=\"labels\"");
+    let broken = text.replace(
+        "<CellData>",
+        "<CellData><DataArray type='Float32' Name='labels' format='lost'>?</DataArray>",
+    );
+    let file = read(text.as_bytes()).unwrap();
+    assert_eq!(file.mesh.regions(), expected().mesh.regions());
+    assert!(file.warnings[0].contains("`labels`"), "{:?}", file.warnings);
+    // An array that is not wanted is not decoded.
+    assert_eq!(read(broken.as_bytes()).unwrap().mesh, file.mesh);
+}
+
+#[test]
+fn tetrahedra_of_second_order_are_read_by_their_corners() {
+    let text = "<VTKFile type='UnstructuredGrid'><UnstructuredGrid><Piece NumberOfPoints='10' NumberOfCells='1'>
+        <Points><DataArray type='Float32' NumberOfComponents='3' format='ascii'>0 0 0 0.5 0 0 0 0.5 0 0 0 0.5 0.5 0.5 0 0.5 0 0.5 0 0.5 0.5
+        1 0 0 0 1 0 0 0 1</DataArray></Points>
+        <Cells><DataArray type='Int32' Name='connectivity' format='ascii'>0 7 8 9 1 4 2 3 5 6</DataArray>
+        <DataArray type='Int32' Name='offsets' format='ascii'>10</DataArray>
+        <DataArray type='UInt8' Name='types' format='ascii'>24</DataArray></Cells>
+        </Piece></UnstructuredGrid></VTKFile>";
+    let file = read(text.as_bytes()).unwrap();
+    assert_eq!(
+        file.mesh.nodes(),
+        [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    );
+    assert!(
+        file.warnings[0].contains("6 of 10 nodes are left out"),
+        "{:?}",
+        file.warnings
+    );
+    let linear = text.replace(">24<", ">10<");
+    assert!(
+        read(linear.as_bytes())
+            .unwrap_err()
+            .to_string()
+            .contains("four entries")
+    );
+    let other = text.replace("VTKFile", "Other");
+    let error = read(other.as_bytes()).unwrap_err().to_string();
+    assert!(error.contains("XML that is no VTKFile"), "{error}");
+}
+
+#[test]
+fn other_formats_are_named() {
+    for (bytes, name, instead) in [
+        (&b"<Xdmf Version=\"3.0\">"[..], "an XDMF file", "meshio convert"),
+        (b"*HEADING\n*NODE\n", "an Abaqus file", "meshio"),
+        (b"480 4 0\n0 90 76 58 151\n", "a TetGen file", "-k"),
+        (b"MeshVersionFormatted 2\n", "a Medit file", "gmsh"),
+        (b"ply\nformat ascii 1.0\n", "a PLY surface", "make labels"),
+        (b"NRRD0004\n", "NRRD labels", "mesh make"),
+    ] {
+        let error = read(bytes).unwrap_err().to_string();
+        assert!(
+            error.contains(&format!("{name}; expected VTK (.vtk, .vtu) or Gmsh (.msh)"))
+                && error.contains(instead),
+            "{error}"
+        );
+    }
+}
+
+#[test]
 fn hostile_headers_set_no_memory_aside() {
     let header = "header_type='UInt64' compressor='vtkZLibDataCompressor'";
     for words in [
