@@ -4,6 +4,7 @@ mod evidence;
 mod folder;
 mod info;
 mod naming;
+mod surfaces;
 mod surround;
 mod table;
 
@@ -70,16 +71,19 @@ pub fn stem(path: &Path) -> Option<String> {
     Some(name[..name.len() - ending.len()].to_owned())
 }
 
-/// Opens a label file, or a folder of binary masks named by their files, and names its labels: by `names`, or else by the
-/// file, by a table beside it (`liver.csv` for `liver.nii.gz`, or `dataset.json` of nnU-Net), by the name of a file that is a single mask, and by the
+/// Opens a label file, a folder of binary masks or of closed surfaces named by their files, or one closed surface, and names its labels: by
+/// `names`, or else by the file, by a table beside it (`liver.csv` for `liver.nii.gz`, or `dataset.json` of nnU-Net), by the name of a file that
+/// is a single mask, and by the
 /// values of a numbering.
 ///
 /// # Errors
 /// [`VolumeError`] as in [`load`], for folders without masks and for masks that are not binary or lie on other
 /// grids.
 pub fn open(path: &Path, naming: &Naming) -> Result<Segmentation, VolumeError> {
-    let is_folder = path.is_dir();
-    let mut segmentation = if is_folder {
+    let surfaces = surfaces::files(path)?;
+    let mut segmentation = if !surfaces.is_empty() {
+        surfaces::read(path, &surfaces)?
+    } else if path.is_dir() {
         folder::read(path)?
     } else {
         load(path)?.into()

@@ -24,7 +24,7 @@ pub struct Foreign {
 }
 
 /// Bytes that [`Foreign::of`] looks at.
-pub const START: usize = 4096;
+const START: usize = 4096;
 
 const fn kind(name: &'static str, holds: Holds, is_start: fn(&[u8]) -> bool) -> Foreign {
     Foreign { name, holds, is_start }
@@ -78,7 +78,7 @@ const KINDS: &[Foreign] = &[
 ];
 
 impl Foreign {
-    /// Kind of a file by its first bytes, [`START`] of them or all.
+    /// Kind of a file by its first bytes, 4096 of them or all.
     pub fn of(start: &[u8]) -> Option<&'static Foreign> {
         let start = &start[..start.len().min(START)];
         KINDS.iter().find(|kind| (kind.is_start)(start))

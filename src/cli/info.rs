@@ -1,4 +1,4 @@
-//! `insonify info`: contents of a label file, a folder of masks, a tracked sequence or a PLUS configuration.
+//! `insonify info`: contents of a label file, a folder of masks or surfaces, a tracked sequence or a PLUS configuration.
 
 use std::path::PathBuf;
 
@@ -12,14 +12,14 @@ use super::input::NamesArg;
 use super::terminal;
 use insonify::Error;
 
-/// Describes a label file, a folder of masks, a tracked sequence or a PLUS configuration
+/// Describes a label file, a folder of masks or surfaces, a tracked sequence or a PLUS configuration
 ///
 /// Size, spacing, orientation, and the labels of a file: names, voxels, millilitres, and the assigned tissue of each
 /// with the evidence (`?` for a guess); of a tracked sequence frames, images, rate, and transforms with their validity;
 /// of a PLUS configuration (.xml) probe, images, calibration and coordinate definitions.
 #[derive(Args)]
 pub(crate) struct Info {
-    #[arg(value_name = "FILE", help = format!("Label file ({}), a folder of binary masks named by their files, or a \
+    #[arg(value_name = "FILE", help = format!("Label file ({}), a folder of binary masks or closed surfaces named by their files, or a \
         tracked sequence or configuration (.xml) of PLUS", format_names("or")))]
     file: PathBuf,
     #[command(flatten)]

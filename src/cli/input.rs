@@ -43,8 +43,8 @@ pub(crate) struct Input {
     /// file alone
     #[arg(value_name = "SCENE.toml")]
     scene: Option<PathBuf>,
-    /// Label file to image, or a folder of binary masks named by their files; with a scene it replaces the scene's
-    /// volume
+    /// Label file to image, or a folder of binary masks or of closed surfaces (.stl, .ply, .obj, .vtk, .vtp) named by their
+    /// files; with a scene it replaces the scene's volume
     #[arg(long, value_name = "FILE")]
     labels: Option<PathBuf>,
     #[command(flatten)]

@@ -342,3 +342,24 @@ fn a_real_body_deformed_is_fitted_back() {
         "{off:?} {registration}"
     );
 }
+
+/// The turn about the long axis, whatever the body is tilted.
+#[test]
+fn a_turn_about_the_long_axis_is_measured() {
+    use std::f64::consts::PI;
+    for (angles, expected) in [
+        ([0.0, 0.0, PI], 180.0),
+        ([0.0, 0.0, -2.5], 143.239),
+        ([0.1, 0.05, 3.1], 177.6),
+        ([0.3, -0.2, 0.5], 28.6),
+        ([PI, 0.0, 0.0], 0.0),
+    ] {
+        let rigid = Rigid {
+            matrix: Rows(Rotation3::from_euler_angles(angles[0], angles[1], angles[2]).to_homogeneous()),
+            rms_mm: 0.0,
+            p95_mm: 0.0,
+        };
+        let turn = rigid.turn_deg();
+        assert!((turn - expected).abs() < 3.0, "{angles:?}: {turn}");
+    }
+}

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use insonify_base::parallel;
-use nalgebra::Point3;
+use nalgebra::{Matrix4, Point3};
 
 use super::{Segmentation, stem};
 use crate::acoustics::Preset;
@@ -22,9 +22,9 @@ const IMAGES: [&str; 2] = ["ct", "mri"];
 const SAME_MM: f64 = 0.01;
 
 /// File of a mask and its stem, the name of the label.
-struct Mask {
-    path: PathBuf,
-    name: String,
+pub(super) struct Mask {
+    pub path: PathBuf,
+    pub name: String,
 }
 
 impl Mask {
@@ -101,11 +101,7 @@ fn file_name(path: &Path) -> String {
 pub(super) fn read(folder: &Path) -> Result<Segmentation, VolumeError> {
     let masks = masks(folder)?;
     let first = masks[0].load()?;
-    let mut union = Union {
-        voxels: vec![0; first.volume.voxels().len()],
-        labels: Vec::new(),
-        overlaps: Overlaps::default(),
-    };
+    let mut union = Union::new(first.volume.size());
     union.add(&masks[0], &first.volume)?;
     for some in masks[1..].chunks(parallel::threads()) {
         let loaded = parallel::map(some, &Mask::load);
@@ -116,11 +112,10 @@ pub(super) fn read(folder: &Path) -> Result<Segmentation, VolumeError> {
         }
     }
     let labels = union.labels.len();
-    let overlaps = union.overlaps.warning("masks", |label| {
-        let label = &union.labels[label];
-        (label.name.clone().unwrap_or_default(), label.voxels)
-    });
-    let volume = union.volume(&first.volume).map_err(|error| error.in_file(folder))?;
+    let overlaps = union.covered("masks");
+    let volume = union
+        .volume(first.volume.size(), *first.volume.index_to_world())
+        .map_err(|error| error.in_file(folder))?;
     let mut segmentation = Segmentation::from(volume);
     segmentation.notes = first.notes;
     segmentation.warnings = first.warnings;
@@ -135,7 +130,7 @@ pub(super) fn read(folder: &Path) -> Result<Segmentation, VolumeError> {
 }
 
 /// Union of masks.
-struct Union {
+pub(super) struct Union {
     voxels: Vec<u8>,
     /// Labels in the order of their masks, without values, with all voxels of the mask.
     labels: Vec<Label>,
@@ -143,7 +138,25 @@ struct Union {
 }
 
 impl Union {
-    fn add(&mut self, mask: &Mask, volume: &LabelVolume) -> Result<(), VolumeError> {
+    /// A union without masks on a grid.
+    pub(super) fn new(size: [usize; 3]) -> Self {
+        Self {
+            voxels: vec![0; size.iter().product()],
+            labels: Vec::new(),
+            overlaps: Overlaps::default(),
+        }
+    }
+
+    /// Tells which labels are covered by others.
+    pub(super) fn covered(&self, kind: &str) -> Option<String> {
+        self.overlaps.warning(kind, |label| {
+            let label = &self.labels[label];
+            (label.name.clone().unwrap_or_default(), label.voxels)
+        })
+    }
+
+    /// Adds a mask; an empty one gives no label.
+    pub(super) fn add(&mut self, mask: &Mask, volume: &LabelVolume) -> Result<(), VolumeError> {
         if let [_, one, two, ..] = volume.labels() {
             let found = format!("values {} and {}", one.value, two.value);
             return Err(no_mask(&mask.path, found));
@@ -177,8 +190,8 @@ impl Union {
         Ok(())
     }
 
-    /// Returns the volume on the grid of `like`, its labels by ascending value.
-    fn volume(mut self, like: &LabelVolume) -> Result<LabelVolume, VolumeError> {
+    /// Returns the volume on a grid, its labels by ascending value.
+    pub(super) fn volume(mut self, size: [usize; 3], index_to_world: Matrix4<f64>) -> Result<LabelVolume, VolumeError> {
         if self.labels.len() > 255 {
             return Err(VolumeError::TooManyLabels(self.labels.len() + 1));
         }
@@ -209,7 +222,7 @@ impl Union {
         for voxel in &mut self.voxels {
             *voxel = new_index[usize::from(*voxel)];
         }
-        LabelVolume::new(like.size(), self.voxels, labels, *like.index_to_world())
+        LabelVolume::new(size, self.voxels, labels, index_to_world)
     }
 }
 

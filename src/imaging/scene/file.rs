@@ -104,7 +104,7 @@ parameters! {
         /// Seed of irregular surfaces, vessels and gas. Default 0.
         #[serde(skip_serializing_if = "Option::is_none")]
         seed: Option<u64>, for Phantom;
-        /// Label file, or folder of binary masks named by their files (formats: `insonify info --help`). NIfTI stores its position in single precision, in steps
+        /// Label file, or folder of binary masks or of closed surfaces named by their files (formats: `insonify info --help`). NIfTI stores its position in single precision, in steps
         /// of 0.008 mm at 1e5 mm.
         #[serde(skip_serializing_if = "Option::is_none")]
         file: Option<PathBuf>;

@@ -199,8 +199,7 @@ fn other_formats_are_named() {
     ] {
         let error = read(bytes).unwrap_err().to_string();
         assert!(
-            error.contains(&format!("{name}; expected VTK (.vtk, .vtu) or Gmsh (.msh)"))
-                && error.contains(instead),
+            error.contains(&format!("{name}; expected VTK (.vtk, .vtu) or Gmsh (.msh)")) && error.contains(instead),
             "{error}"
         );
     }
