@@ -189,6 +189,52 @@ impl Beat {
 
 /// Runs a scenario from start to end. Step times are measured and reported; nothing depends on them.
 ///
+/// ```
+/// use insonify::run::{Moment, Observer, Requests, Step, run};
+/// use insonify::{ScenarioFile, StepError};
+///
+/// /// Counts images and events.
+/// #[derive(Default)]
+/// struct Counts([usize; 2]);
+///
+/// impl Observer for Counts {
+///     type Error = StepError;
+///
+///     fn step(&mut self, step: &Step<'_>) -> Result<(), StepError> {
+///         self.0[1] += step.outcome.events.len();
+///         Ok(())
+///     }
+///
+///     fn frame(&mut self, moment: &Moment<'_>) -> Result<(), StepError> {
+///         assert!(moment.state.needle.is_some(), "a synthesizer renders this state");
+///         self.0[0] += 1;
+///         Ok(())
+///     }
+/// }
+///
+/// let text = r#"
+/// [scene]
+/// volume = { phantom = "two-layer", resolution_mm = 3.0 }
+/// [tissue]
+/// model = "mass-spring"
+/// [[needle.motion.keyframes]]
+/// time_s = 0.0
+/// tip_mm = [8.0, 0.0, -46.0]
+/// direction = [0.0, 0.0, 1.0]
+/// [[needle.motion.keyframes]]
+/// time_s = 0.1
+/// tip_mm = [8.0, 0.0, -26.0]
+/// direction = [0.0, 0.0, 1.0]
+/// "#;
+/// let scenario = ScenarioFile::parse(text, "insert.toml")?.resolve(".".as_ref(), |_| ())?;
+/// let mut model = scenario.model(|_, _| {})?;
+/// let mut counts = Counts::default();
+/// let requests = Requests { frames: true, mesh_s: None };
+/// let summary = run(&scenario, model.as_mut(), requests, &mut counts)?;
+/// assert_eq!((counts.0[1], summary.steps), (summary.events.len(), 100));
+/// assert!(counts.0[0] > 1);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 /// # Errors
 /// Errors of steps, of changes of level, and of the observer.
 pub fn run<O: Observer>(

@@ -23,6 +23,19 @@ pub(crate) use resolve::{Side, side, without_side};
 pub const RIGID_KPA: f64 = 1e6;
 
 /// Acoustic and mechanical properties of a tissue.
+/// ```
+/// use insonify_anatomy::acoustics::{Tissue, presets};
+///
+/// let liver = presets::get("liver").ok_or("no liver")?;
+/// let steatosis = Tissue {
+///     name: "fatty_liver".into(),
+///     echogenicity_db: liver.echogenicity_db + 4.0,
+///     attenuation_db_cm_mhz: 0.9,
+///     ..liver.clone()
+/// };
+/// assert!(!steatosis.is_occluder() && presets::get("bone").is_some_and(Tissue::is_occluder));
+/// # Ok::<(), &str>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Tissue {
@@ -104,6 +117,19 @@ impl Tissue {
 }
 
 /// Tissues of a scene, and the tissue of each label index.
+/// ```
+/// use insonify_anatomy::acoustics::{TissueTable, presets};
+///
+/// let tissue = |name| presets::get(name).cloned().ok_or(name);
+/// let table = TissueTable {
+///     tissues: vec![tissue("background")?, tissue("liver")?, tissue("bone")?],
+///     of_label: vec![0, 2, 1, 2],
+/// };
+/// assert_eq!((&*table.of(2).name, &*table.of(3).name), ("liver", "bone"));
+/// assert_eq!(table.of(200).name, "background");
+/// assert!(table.textures().len() <= table.tissues.len());
+/// # Ok::<(), &str>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct TissueTable {
     /// Tissues; the first is that of label index 0, the background.

@@ -48,6 +48,24 @@ macro_rules! phantoms {
         $(mod $module;)+
 
         /// A built-in phantom.
+        ///
+        /// ```
+        /// use insonify_anatomy::phantom::{Phantom, PhantomOptions, default_pose, make, usual_probe};
+        /// use nalgebra::Point3;
+        ///
+        /// let phantom = Phantom::LiverVein;
+        /// let volume = make(phantom, &PhantomOptions { resolution_mm: Some(2.0), seed: 7 })?;
+        /// assert!(volume.labels().iter().any(|label| label.name.as_deref() == Some("liver")));
+        ///
+        /// // Its probe looks into the tissue.
+        /// let seen = Point3::new(0.0, usual_probe(phantom).depth_mm / 2.0, 0.0);
+        /// let label = volume.label_index_at(&default_pose(phantom).transform_point(&seen));
+        /// assert!(label.is_some_and(|label| label > 0));
+        ///
+        /// let names = Phantom::ALL.iter().map(serde_json::to_string).collect::<Result<Vec<_>, _>>()?;
+        /// assert!(names.contains(&"\"liver-vein\"".into()));
+        /// # Ok::<(), Box<dyn std::error::Error>>(())
+        /// ```
         #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
         #[serde(rename_all = "kebab-case")]
         pub enum Phantom {

@@ -5,6 +5,36 @@ use std::fmt;
 use super::document::InputError;
 
 /// An error that says who is at fault: the user, unless it says otherwise.
+/// ```
+/// use insonify_base::blame::{Blame, Error};
+///
+/// #[derive(Debug, thiserror::Error)]
+/// enum Trial {
+///     #[error("trial {0} is not among the ten")]
+///     Number(usize),
+///     #[error("the device is gone")]
+///     Device,
+/// }
+///
+/// impl Blame for Trial {
+///     fn is_machine(&self) -> bool {
+///         matches!(self, Self::Device)
+///     }
+/// }
+///
+/// fn trial(number: usize) -> Result<usize, Error> {
+///     match number {
+///         0..10 => Ok(number),
+///         10 => Err(Trial::Device.into()),
+///         _ => Err(Trial::Number(number).into()),
+///     }
+/// }
+///
+/// assert_eq!(trial(10).unwrap_err().exit_status(), 1);
+/// let error = trial(12).unwrap_err();
+/// assert_eq!(error.exit_status(), 2);
+/// assert!(matches!(error.downcast_ref(), Some(Trial::Number(12))));
+/// ```
 pub trait Blame: std::error::Error + Send + Sync + 'static {
     /// Whether the machine is at fault rather than the input: an existing file cannot be read, memory is too small, or a device failed.
     fn is_machine(&self) -> bool {

@@ -74,6 +74,18 @@ thread_local! {
 }
 
 /// A device, its queue, and its pending errors. Clones share the device.
+/// ```
+/// use insonify_gpu::{AdapterChoice, Gpu, Needs};
+///
+/// let needs = Needs { storage_binding_bytes: 64 << 20, ..Needs::default() };
+/// // That of the variable `INSONIFY_ADAPTER`, else the best; `AdapterChoice::named` asks for one by its name.
+/// match Gpu::open(&AdapterChoice::from_flag(None), &needs) {
+///     Ok(gpu) => assert!(gpu.limits().max_storage_buffer_binding_size >= 64 << 20),
+///     // Without a GPU the CPU makes the frames.
+///     Err(error) => println!("{error}"),
+/// }
+/// assert!(Gpu::open(&AdapterChoice::named("abacus".into()), &needs).is_err());
+/// ```
 #[derive(Debug, Clone)]
 pub struct Gpu {
     report: Arc<AdapterReport>,

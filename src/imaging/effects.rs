@@ -225,6 +225,21 @@ macro_rules! registry {
     (@stated $name:ident $parameters:ident) => { $name::Table };
     (@effects $([$name:ident: $key:ident $(<$parameters:ident>)? = $doc:literal])+) => {
         /// Effects enabled in a scene, with their parameters. An effect that is `None` is not simulated and costs nothing.
+        ///
+        /// ```
+        /// use insonify_imaging::effects::Effects;
+        /// use insonify_imaging::effects::parameters::{Noise, Shadow};
+        ///
+        /// let mut effects = Effects::usual();
+        /// effects.refraction = None;
+        /// effects.shadow = Some(Shadow { mirror: 0.0, ..Shadow::default() });
+        /// effects.noise = Some(Noise { std_grey: 4.0 });
+        /// effects.validate()?;
+        ///
+        /// effects.noise = Some(Noise { std_grey: -4.0 });
+        /// assert_eq!(effects.validate().unwrap_err().key, "noise.std_grey");
+        /// # Ok::<(), insonify_base::range::OutOfRange>(())
+        /// ```
         #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
         #[serde(deny_unknown_fields, default)]
         pub struct Effects {

@@ -17,6 +17,36 @@ use insonify_tracking::probe::ImageGrid;
 pub const VERSION: u32 = 2;
 
 /// Metadata of one frame. Lengths are millimetres, the world is LPS, matrices act on column vectors.
+/// ```
+/// use insonify_base::matrix::Rows;
+/// use insonify_imaging::scene::SceneFile;
+/// use insonify_imaging::sidecar::{Files, ImagePlace, Sidecar, VERSION};
+/// use insonify_tracking::probe::ImageGrid;
+///
+/// let text = "volume = { phantom = \"two-layer\", resolution_mm = 4.0 }\n";
+/// let scene = SceneFile::parse(text, "scene.toml")?.resolve(".".as_ref())?;
+/// let pose = scene.probe_pose(0, 1);
+/// let grid = ImageGrid::new(320, 240, 0.5, [-79.75, 0.25])?;
+/// let sidecar = Sidecar {
+///     version: VERSION,
+///     frame: 0,
+///     time_s: 0.0,
+///     seed: scene.settings.seed,
+///     files: Files { image: Some("frame.png".into()), ..Files::default() },
+///     image: ImagePlace::new(&grid, &pose),
+///     probe_to_world: Rows(*pose.probe_to_world()),
+///     needle: None,
+///     parameters: Some(serde_json::to_value(&scene.file)?),
+///     parameters_file: None,
+///     warnings: scene.warnings.clone(),
+/// };
+/// let folder = tempfile::tempdir()?;
+/// let path = Sidecar::path_for(&folder.path().join("frame.png"));
+/// sidecar.write(&path)?;
+/// assert_eq!(path.extension(), Some("json".as_ref()));
+/// assert_eq!(serde_json::from_str::<Sidecar>(&std::fs::read_to_string(&path)?)?, sidecar);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Sidecar {

@@ -12,6 +12,27 @@ const SINGULAR: f64 = 1e-9;
 /// Displacement field: a map from reference position (mm) to displacement (mm).
 ///
 /// Directions and axes need not have unit length; they must not be zero.
+/// ```
+/// use insonify_mesh::Displacement;
+///
+/// let squeeze = Displacement::Compression {
+///     fixed_mm: [0.0; 3],
+///     direction: [0.0, 0.0, 1.0],
+///     strain: 0.1,
+///     poisson: 0.5,
+/// };
+/// squeeze.validate()?;
+/// let mut current = Vec::new();
+/// squeeze.displace(&[[0.0; 3], [20.0, 0.0, 40.0]], &mut current);
+/// // A tenth shorter, and wider by half of that.
+/// let [x, _, z] = current[1];
+/// assert_eq!(current[0], [0.0; 3]);
+/// assert!((z - 36.0).abs() < 1e-12 && (x - 21.0).abs() < 1e-12);
+///
+/// let torn = Displacement::Compression { fixed_mm: [0.0; 3], direction: [0.0; 3], strain: 0.1, poisson: 0.5 };
+/// assert_eq!(torn.validate().unwrap_err().key, "direction");
+/// # Ok::<(), insonify_base::range::OutOfRange>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Displacement {

@@ -200,6 +200,29 @@ fn foreign(bytes: &[u8]) -> Option<Fault> {
 
 /// Reads a tetrahedral mesh, with its displacements if there are any.
 ///
+/// ```
+/// use insonify_mesh::TetMesh;
+/// use insonify_mesh::file::{ReadOptions, Unit, read_mesh, read_mesh_bytes, write_vtu};
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("block.vtu");
+/// let mesh = TetMesh::over_box([0.0; 3], [40.0, 30.0, 20.0], 60)?;
+/// let lifted = vec![[0.0, 0.0, 1.5]; mesh.nodes().len()];
+/// write_vtu(&path, &mesh, Some(&lifted))?;
+///
+/// let file = read_mesh(&path, &ReadOptions::default())?;
+/// assert_eq!(file.mesh, mesh);
+/// assert_eq!(file.current()[0][2], mesh.nodes()[0][2] + 1.5);
+///
+/// // The same numbers as metres, from memory.
+/// let in_metres = ReadOptions { unit: Unit::M, ..ReadOptions::default() };
+/// let file = read_mesh_bytes(&std::fs::read(&path)?, &path, &in_metres)?;
+/// assert_eq!(file.mesh.bounds()[1], [40e3, 30e3, 20e3]);
+///
+/// let error = read_mesh_bytes(b"solid block", "block.stl".as_ref(), &in_metres).unwrap_err();
+/// assert!(error.to_string().contains("block.stl"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 /// # Errors
 /// [`MeshFileError`], with the line and byte offset where the contents violate the format.
 pub fn read_mesh(path: &Path, options: &ReadOptions) -> Result<MeshFile, MeshFileError> {

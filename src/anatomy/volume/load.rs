@@ -37,6 +37,23 @@ pub struct ScalarImage {
 
 /// Loads a label volume of any format: see `volume/format.rs`. A two-dimensional image is a volume of one slice, 1 mm thick.
 ///
+/// ```
+/// use insonify_anatomy::volume::load;
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("liver.nrrd");
+/// let header = "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 2 1 1\nspace: left-posterior-superior\n\
+///     space directions: (2,0,0) (0,2,0) (0,0,2)\nspace origin: (10,20,30)\nencoding: ascii\n";
+/// std::fs::write(&path, format!("{header}\n0 5\n"))?;
+/// let loaded = load(&path)?;
+/// assert_eq!((loaded.volume.spacing_mm(), loaded.volume.labels()[1].value), ([2.0; 3], 5));
+///
+/// // One voxel of two.
+/// std::fs::write(&path, format!("{header}\n0\n"))?;
+/// let error = load(&path).unwrap_err();
+/// assert!(error.to_string().contains("liver.nrrd"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 /// # Errors
 /// [`VolumeError`] with the file, the place in it, what was found and what was expected: for files that are unreadable,
 /// of another format or broken, or hold no labels (fractions, more than 256 distinct values, recordings), or span what no body

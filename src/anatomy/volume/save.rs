@@ -12,6 +12,23 @@ const CHUNK: usize = 64 << 10;
 
 /// Saves a label volume in the format that writes files of this ending (see [`written`](super::written)). The write is atomic. NIfTI holds the transform in single precision.
 ///
+/// ```
+/// use insonify_anatomy::volume::{Label, LabelVolume, load, save};
+/// use nalgebra::Matrix4;
+///
+/// let label = |value, name: &str| Label { value, name: Some(name.into()), voxels: 0 };
+/// let labels = vec![label(0, "background"), label(300, "liver")];
+/// let volume = LabelVolume::new([3, 1, 1], vec![0, 1, 1], labels, Matrix4::new_scaling(2.0))?;
+/// let folder = tempfile::tempdir()?;
+/// for name in ["liver.nrrd", "liver.mha", "liver.nii.gz"] {
+///     let path = folder.path().join(name);
+///     save(&volume, &path)?;
+///     let loaded = load(&path)?.volume;
+///     assert_eq!((loaded.voxels(), loaded.labels()[1].value), (volume.voxels(), 300));
+/// }
+/// assert!(save(&volume, &folder.path().join("liver.stl")).is_err());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 /// # Errors
 /// [`VolumeError::Unsupported`] for another extension or a volume that the format cannot hold, [`VolumeError::Write`] if
 /// the file cannot be written.

@@ -25,6 +25,25 @@ use insonify_tracking::world::World;
 pub type Version = document::Version<2>;
 
 /// A scene file. Paths are relative to the folder of the file.
+/// ```
+/// use insonify_anatomy::phantom::Phantom;
+/// use insonify_imaging::scene::SceneFile;
+///
+/// let text = "seed = 3\nvolume = { phantom = \"two-layer\", resolution_mm = 4.0 }\n";
+/// let mut file = SceneFile::parse(text, "scene.toml")?;
+/// file.image.get_or_insert_default().width = 320;
+/// if let Some(volume) = &mut file.volume {
+///     volume.phantom = Some(Phantom::LiverVein);
+/// }
+/// let scene = file.resolve(".".as_ref())?;
+/// assert_eq!((scene.settings.seed, scene.settings.image.width), (3, 320));
+///
+/// // A number out of range is told with its line.
+/// let coarse = SceneFile::parse(&text.replace("4.0", "40.0"), "scene.toml");
+/// let error = coarse.and_then(|file| file.resolve(".".as_ref())).unwrap_err();
+/// assert_eq!(error.location(), Some(("scene.toml", 2)));
+/// # Ok::<(), insonify_base::document::InputError>(())
+/// ```
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SceneFile {

@@ -49,6 +49,47 @@ const BESIDE_MM: f64 = 0.05;
 const HALVINGS: u32 = 6;
 
 /// Model of a straight needle in stiffening tissue, in three dimensions or in a plane (see [`Setup`]).
+/// ```
+/// use std::sync::Arc;
+///
+/// use insonify_mechanics::insertion::nonlinear::{Nonlinear, NonlinearOptions, Setup};
+/// use insonify_mechanics::insertion::{Instruments, Interaction, Model};
+/// use insonify_mechanics::needle::Shaft;
+/// use insonify_mechanics::tissue::law::Stiffening;
+/// use insonify_mechanics::tissue::material::Material;
+/// use insonify_mesh::TetMesh;
+/// use nalgebra::Isometry3;
+///
+/// let mesh = TetMesh::over_box([-15.0, -15.0, 0.0], [15.0, 15.0, 20.0], 200)?;
+/// let law = Stiffening::new(Material::new(3.0, 0.4)?, 0.3, 10.0)?;
+/// let bottom = (0..).zip(mesh.nodes()).filter(|(_, node)| node[2] == 20.0);
+/// let fixed = bottom.flat_map(|(node, _)| [0, 1, 2].map(|axis| (node, axis))).collect();
+/// let shaft = Shaft { length_mm: 60.0, radius_mm: 0.5 };
+/// let tissue = Interaction { cutting_n: 0.01, puncture_n: 0.05, ..Interaction::default() };
+/// let mut model = Nonlinear::new(Setup {
+///     laws: vec![law.into(); mesh.elements().len()],
+///     interactions: mesh.regions().iter().take(1).map(|region| (*region, tissue)).collect(),
+///     mesh: Arc::new(mesh),
+///     fixed,
+///     anatomy: None,
+///     shaft,
+///     viscosity: None,
+///     stress: false,
+///     options: NonlinearOptions::default(),
+/// })?;
+/// let mut largest_n = 0.0_f64;
+/// for step in 0..16 {
+///     let base = Isometry3::translation(0.7, 0.3, 0.5 * f64::from(step) - shaft.length_mm);
+///     let instruments = Instruments { base, probe: None, guide: None, deposit: false };
+///     let outcome = model.step(&instruments, 0.05)?;
+///     assert!(outcome.converged);
+///     largest_n = largest_n.max(outcome.on_hand.force_n.norm());
+/// }
+/// // The surface gave way at 0.05 N, to within the advance in a substep; the tip cuts on with 0.01 N.
+/// assert!(largest_n > 0.05);
+/// assert!((model.outcome().on_hand.force_n.norm() - 0.01).abs() < 1e-4);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct Nonlinear<const D: usize = 3, const N: usize = 4> {
     /// The tissue at rest; of a plane, a slab with its nodes once on each face.

@@ -60,6 +60,42 @@ use network::Network;
 pub const MAX_PARTS: usize = 4096;
 
 /// Mass-spring model of tissue with a needle.
+/// ```
+/// use insonify_mechanics::insertion::spring::{MassSpring, Parameters};
+/// use insonify_mechanics::insertion::{Anatomy, EventKind, Instruments, Interaction, Model};
+/// use insonify_mechanics::needle::{Rigid, Shaft};
+/// use nalgebra::{Isometry3, Point3};
+///
+/// /// Tissue from z = 0 on.
+/// #[derive(Debug)]
+/// struct Below;
+///
+/// impl Anatomy for Below {
+///     fn region(&self, at_rest_mm: &Point3<f64>) -> Option<i32> {
+///         (at_rest_mm.z >= 0.0).then_some(1)
+///     }
+///
+///     fn interaction(&self, _: i32) -> Interaction {
+///         Interaction { friction_n_per_mm: 0.01, cutting_n: 0.2, ..Interaction::default() }
+///     }
+/// }
+///
+/// let parameters = Parameters { length_mm: Some(40.0), ..Parameters::default() };
+/// let shaft = Shaft { length_mm: 100.0, radius_mm: 0.6 };
+/// let mut model = MassSpring::new(parameters, Box::new(Below), Box::new(Rigid::new(shaft, None)?))?;
+/// let mut events = Vec::new();
+/// for step in 0..40 {
+///     let tip_mm = -2.0 + 0.3 * f64::from(step);
+///     let base = Isometry3::translation(0.0, 0.0, tip_mm - shaft.length_mm);
+///     let instruments = Instruments { base, probe: None, guide: None, deposit: false };
+///     let outcome = model.step(&instruments, 0.01)?;
+///     events.extend(outcome.events.iter().map(|event| event.kind));
+/// }
+/// assert_eq!(events[0], EventKind::Skin);
+/// // The tissue pushes the hand back out.
+/// assert!(model.outcome().inserted_mm > 5.0 && model.outcome().on_hand.force_n.z < 0.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct MassSpring {
     /// Parameters and needle as text, to recognise saved states of others. A needle's own text changes with the shape that it was last asked for.

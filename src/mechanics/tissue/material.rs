@@ -7,6 +7,24 @@ use insonify_base::range::OutOfRange;
 use insonify_mesh::TetMesh;
 
 /// Isotropic linear elastic material, valid by construction.
+/// ```
+/// use insonify_mechanics::tissue::material::{Material, Materials};
+///
+/// let liver = Material::new(6.0, 0.45)?;
+/// let [lambda_kpa, mu_kpa] = liver.lame_kpa();
+/// assert!((mu_kpa - 6.0 / 2.9).abs() < 1e-12 && lambda_kpa > mu_kpa);
+///
+/// // By the shear modulus that elastography measures.
+/// let stated = Material::given(None, Some(mu_kpa), 0.45)?;
+/// assert!((stated.young_kpa() - liver.young_kpa()).abs() < 1e-12);
+/// assert_eq!(Material::new(6.0, 0.5).unwrap_err().key, "poisson");
+///
+/// // Region 2 of a mesh is harder than all others.
+/// let materials = Materials::new(Some(liver), &[(2, Material::new(30.0, 0.45)?)])?;
+/// assert_eq!(materials.of(7), Some(&liver));
+/// assert_eq!(materials.of(2).map(Material::young_kpa), Some(30.0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Material {
     young_kpa: f64,
