@@ -17,8 +17,8 @@ use insonify_testing::pages::{Page, invocations, pages, root, sources, texts};
 use insonify_testing::shared;
 use serde_json::Value;
 
-#[path = "../../examples/one_effect/page.rs"]
-mod effects_page;
+#[path = "../../examples/reference_pages/pages/mod.rs"]
+mod reference_pages;
 
 use crate::beam_measure;
 use crate::support::{Bench, Run};
@@ -432,21 +432,19 @@ fn lists_of_choices_are_complete() {
 }
 
 #[test]
-fn the_page_of_effects_is_that_of_the_registry() {
-    let expected = effects_page::page().expect("sources of effects");
-    let found = std::fs::read_to_string(root().join("docs/effects.md")).expect("docs/effects.md");
-    let same = expected
-        .lines()
-        .zip(found.lines())
-        .take_while(|(one, other)| one == other);
-    let line = same.count();
-    let nth = |text: &str| text.lines().nth(line).unwrap_or_default().to_owned();
-    assert!(
-        found == expected,
-        "docs/effects.md:{}: `{}`, expected `{}`: write the page anew by `{}`",
-        line + 1,
-        nth(&found),
-        nth(&expected),
-        effects_page::COMMAND
-    );
+fn reference_pages_are_those_of_the_registries() {
+    for (name, expected) in reference_pages::files().expect("pages of reference") {
+        let found = std::fs::read_to_string(root().join("docs").join(&name)).unwrap_or_default();
+        let lines = expected.lines().zip(found.lines());
+        let line = lines.take_while(|(one, other)| one == other).count();
+        let nth = |text: &str| text.lines().nth(line).unwrap_or_default().to_owned();
+        assert!(
+            found == expected,
+            "docs/{name}:{}: `{}`, expected `{}`: write the pages anew by `{}`",
+            line + 1,
+            nth(&found),
+            nth(&expected),
+            reference_pages::COMMAND
+        );
+    }
 }

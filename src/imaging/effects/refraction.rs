@@ -5,12 +5,12 @@
 //! gradient of `d` across the scanlines deflects the beam (paraxial approximation of geometrical optics: M. Born and E.
 //! Wolf, Principles of Optics, 1999, chapter 3), and its curvature focuses or defocuses it. With scanlines `h(s)`
 //! apart, the factor on the one-way intensity, and so on the amplitude of an echo, is `1 / |1 + sum d''(s) / h(s)^2|`,
-//! at most [`MAX`]. The artefact: M. K. Feldman et al., RadioGraphics 29 (2009) 1179.
+//! at most [`MAX`] (1.4). The artefact: M. K. Feldman et al., RadioGraphics 29 (2009) 1179.
 //!
 //! A beam is wider than a ray. The second difference `d''` is that of averages over half the beam width, linearly
 //! interpolated between them. At a distance `z` below a lens the converging beam of f-number `F` is `z / F` wide at the
 //! lens and averages over it, so that the effect of a lens saturates at `F` beam widths: terms of the sum decay
-//! exponentially with that length ([`F_NUMBER`]).
+//! exponentially with that length, with [`F_NUMBER`] (2.0) for `F`.
 //!
 //! Speeds are derived from impedances, `c` proportional to the root of `Z`: within 2 % from fat (1.38 MRayl, 1450 m/s)
 //! to muscle (1.70 MRayl, 1580 m/s).

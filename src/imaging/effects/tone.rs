@@ -1,6 +1,6 @@
 //! Tone: gain, time-gain compensation and log compression to grey levels.
 //!
-//! An echo of amplitude 1 (the mean power of normal liver) at gain 0 is shown at [`MID_GREY`] of the grey scale, and
+//! An echo of amplitude 1 (the mean power of normal liver) at gain 0 is shown at [`MID_GREY`] (0.42) of the grey scale, and
 //! the dynamic range spans the scale. Automatic gain (`auto_gain`) equalises the level of tissue over depth, and an
 //! S-shaped curve darkens the lower half of the scale and brightens the upper one. Without a tone the grey level is 255
 //! times the amplitude.

@@ -4,9 +4,9 @@
 //!
 //! | location of a sample | position after the map | flag (`w`) |
 //! |---|---|---|
-//! | the deformed mesh | the reference position of the same tissue | [`MAPPED`], or [`FOLDED`] in a fold |
-//! | the reference mesh only | unchanged: its tissue has moved away | [`BACKGROUND`] |
-//! | neither | unchanged | [`OUTSIDE`] |
+//! | the deformed mesh | the reference position of the same tissue | [`MAPPED`] (0), or [`FOLDED`] (2) in a fold |
+//! | the reference mesh only | unchanged: its tissue has moved away | [`BACKGROUND`] (1) |
+//! | neither | unchanged | [`OUTSIDE`] (3) |
 //!
 //! The elements in the slab of the frame ([`crate::synth::slab`]) are rasterised: each tests the samples of its
 //! scanlines between those where its barycentric coordinates change sign, and of the elements that hold a sample the

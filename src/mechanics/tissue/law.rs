@@ -140,6 +140,11 @@ macro_rules! laws {
         })+
 
         impl LawSpec {
+            /// Every law with its usual keys, and its name in files.
+            pub fn examples() -> Vec<(&'static str, Self)> {
+                vec![$(($name, Self::$Law(<$Law as Law>::EXAMPLE)),)+]
+            }
+
             /// Creates the law of a material with these moduli at small strain.
             ///
             /// # Errors
@@ -160,7 +165,8 @@ macro_rules! laws {
             /// # Errors
             /// None for the laws that there are.
             pub fn examples(material: Material) -> Result<Vec<(&'static str, Self)>, OutOfRange> {
-                Ok(vec![$(($name, Self::$Law(<$Law as Law>::new(material, <$Law as Law>::EXAMPLE)?)),)+])
+                let laws = LawSpec::examples().into_iter();
+                laws.map(|(name, spec)| Ok((name, spec.of(material)?))).collect()
             }
 
             /// The material at small strain.

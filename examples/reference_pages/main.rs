@@ -1,20 +1,20 @@
-//! What does each effect do? The same frame with one effect at a time, then with all, as one picture; a picture of a frame
-//! without and with each effect; and the page that shows them.
+//! Pages of reference and their pictures: effects, laws of tissue, kinds of probes.
 //!
-//! The first panel is slicing alone: labels become echoes, shown linearly. The second adds the tone curve, which every
-//! further panel has too, beside the one effect in its caption. What the effects do is that of their examples, which exaggerate.
+//! `effects.png` shows the same frame with one effect at a time, then with all. The first panel is slicing alone: labels
+//! become echoes, shown linearly. The second adds the tone curve, which every further panel has too, beside the one effect
+//! in its caption. What the effects do is that of their examples, which exaggerate.
 //!
-//! `cargo run --release --example one_effect -- docs`
+//! `cargo run --release --example reference_pages -- docs`
 
 mod caption;
-mod page;
+mod pages;
 
 use std::error::Error;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use insonify::imaging::effects::LISTED;
-use insonify::{Backend, Frame, FrameState, SceneFile, write_png};
+use insonify::{Backend, Frame, FrameState, Layer, Scene, SceneFile, write_png};
 use nalgebra::Matrix4;
 
 /// What the examples of effects are added to. The probe is 4 mm off the skin, and grey around the sector shows it.
@@ -36,11 +36,18 @@ const GAP: usize = 4;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let folder = std::env::args_os().nth(1).map_or(".".into(), PathBuf::from);
-    fs::create_dir_all(folder.join("effects"))?;
+    for kind in ["effects", "laws", "probes"] {
+        fs::create_dir_all(folder.join(kind))?;
+    }
     let effects = || LISTED.iter().filter(|effect| !effect.example.is_empty());
     for effect in effects() {
         let others: &[&str] = if effect.name == "tone" { &[] } else { &["tone"] };
         let frames = [frame(others)?, frame(&["tone", effect.name])?];
+        let frames = if effect.name == "contact" {
+            frames.map(|frame| enlarged(&frame))
+        } else {
+            frames
+        };
         write_pair(&folder.join("effects").join(format!("{}.png", effect.name)), &frames)?;
     }
     let all: Vec<&str> = effects().map(|effect| effect.name).collect();
@@ -51,13 +58,23 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     panels.push(("all", frame(&all)?));
     write_panels(&folder.join("effects.png"), &panels)?;
-    fs::write(folder.join("effects.md"), page::page()?)?;
+    write_pair(&folder.join("effects/scan_conversion.png"), &beam_and_frame(&all)?)?;
+    write_panels(&folder.join("effects/truth.png"), &layers(&all)?)?;
+    for (name, text) in pages::files()? {
+        fs::write(folder.join(name), text)?;
+    }
     println!("{}", folder.display());
     Ok(())
 }
 
 /// A frame of the scene with the examples of these effects.
 fn frame(effects: &[&str]) -> Result<Frame, Box<dyn Error>> {
+    let scene = scene(effects)?;
+    Ok(scene.synthesizer(Backend::Cpu)?.render(&state(&scene)?)?.clone())
+}
+
+/// The scene with the examples of these effects.
+fn scene(effects: &[&str]) -> Result<Scene, Box<dyn Error>> {
     let shown = LISTED.iter().filter(|effect| effects.contains(&effect.name));
     // A mesh has no table among the effects.
     let keyed = shown.clone().filter(|effect| effect.example.contains("effects."));
@@ -69,10 +86,67 @@ fn frame(effects: &[&str]) -> Result<Frame, Box<dyn Error>> {
     for effect in shown {
         text += &format!("{}\n", effect.example);
     }
-    let scene = SceneFile::parse(&text, "one_effect")?.resolve(".".as_ref())?;
+    Ok(SceneFile::parse(&text, "reference_pages")?.resolve(".".as_ref())?)
+}
+
+fn state(scene: &Scene) -> Result<FrameState, Box<dyn Error>> {
     let mut state = FrameState::at(Matrix4::identity());
     scene.state(0, 1, &mut state)?;
-    Ok(scene.synthesizer(Backend::Cpu)?.render(&state)?.clone())
+    Ok(state)
+}
+
+/// The middle of the upper half of a frame, twice as large.
+fn enlarged(frame: &Frame) -> Frame {
+    let (width, height) = (frame.width, frame.height);
+    let pixel = |index: usize| {
+        let (column, row) = (index % width, index / width);
+        frame.pixels[row / 2 * width + width / 4 + column / 2]
+    };
+    Frame {
+        pixels: (0..width * height).map(pixel).collect(),
+        ..frame.clone()
+    }
+}
+
+/// Grey levels in beam space, scanlines from left to right, and the frame.
+fn beam_and_frame(effects: &[&str]) -> Result<[Frame; 2], Box<dyn Error>> {
+    let scene = scene(effects)?;
+    let mut synthesizer = scene.synthesizer(Backend::Cpu)?;
+    let frame = synthesizer.render(&state(&scene)?)?.clone();
+    let beam = synthesizer.beam()?;
+    let (width, height) = (frame.width, frame.height);
+    let pixel = |index: usize| {
+        let line = index % width * beam.lines / width;
+        let sample = index / width * beam.samples / height;
+        beam.amplitude[line * beam.samples + sample].round() as u8
+    };
+    let unfolded = Frame {
+        pixels: (0..width * height).map(pixel).collect(),
+        ..frame.clone()
+    };
+    Ok([unfolded, frame])
+}
+
+/// Layers of ground truth of a frame, with their names.
+fn layers(effects: &[&str]) -> Result<Vec<(&'static str, Frame)>, Box<dyn Error>> {
+    let mut scene = scene(effects)?;
+    scene.settings.layers = Layer::ALL.to_vec();
+    let state = state(&scene)?;
+    let frame = scene.synthesizer(Backend::Cpu)?.render(&state)?.clone();
+    let panel = |(layer, values): (Layer, &Vec<u16>)| {
+        let [least, largest] =
+            [values.iter().min(), values.iter().max()].map(|value| value.map_or(0.0, |value| f64::from(*value)));
+        let grey = |value: &u16| (255.0 * (f64::from(*value) - least) / (largest - least).max(1.0)) as u8;
+        let pixels = values.iter().map(grey).collect();
+        (
+            layer.name(),
+            Frame {
+                pixels,
+                ..frame.clone()
+            },
+        )
+    };
+    Ok(Layer::ALL.into_iter().zip(&frame.layers).map(panel).collect())
 }
 
 /// Writes frames with their names.
