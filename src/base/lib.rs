@@ -8,6 +8,7 @@ pub mod csv;
 pub mod dicom;
 pub mod document;
 pub mod foreign;
+pub mod kinds;
 pub mod machine;
 pub mod matrix;
 pub mod memory;

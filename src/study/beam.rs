@@ -8,6 +8,7 @@ pub mod measure;
 
 use super::tradeoff::{Axis, Factor, Figure, Study, Table};
 use insonify_base::machine::Machine;
+use insonify_mechanics::needle::beam::material::Ogden;
 use insonify_mechanics::needle::beam::{
     Base, BeamError, BeamLayer, Compression, FoundationBeam, Material, Problem, Shape, bending_stiffness_nmm2,
 };
@@ -38,18 +39,18 @@ pub struct Tissue {
 pub(crate) const TISSUES: [Tissue; 2] = [
     Tissue {
         name: "PVC",
-        material: Material::Ogden {
+        material: Material::Ogden(Ogden {
             mu_kpa: 12.72,
             alpha: -1.0,
-        },
+        }),
         compression: Compression::UEng,
     },
     Tissue {
         name: "PSM",
-        material: Material::Ogden {
+        material: Material::Ogden(Ogden {
             mu_kpa: 3.63,
             alpha: 8.74,
-        },
+        }),
         compression: Compression::UTru,
     },
 ];

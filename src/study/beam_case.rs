@@ -26,9 +26,10 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use insonify_base::document::{self, InputError, InvalidFile, Source, Version};
-use insonify_base::range::OutOfRange;
+use insonify_base::kinds::KeyedKind;
+use insonify_base::range::{Kind, OutOfRange};
 use insonify_mechanics::needle::beam::inverse::{self, Wanted};
-use insonify_mechanics::needle::beam::spec::{BaseSpec, LayerSpec, MeshSpec, NeedleSpec};
+use insonify_mechanics::needle::beam::spec::{BaseSpec, LayerTable, MeshSpec, NeedleSpec};
 use insonify_mechanics::needle::beam::{
     Base, BeamError, BeamLayer, FoundationBeam, Problem, Shape, bending_stiffness_nmm2,
 };
@@ -52,7 +53,7 @@ pub struct CaseFile {
     pub mesh: MeshSpec,
     /// Tissue layers, starting at the entry.
     #[serde(default)]
-    pub layer: Vec<LayerSpec>,
+    pub layer: Vec<LayerTable>,
     /// Source text, for errors that point into it.
     #[serde(skip)]
     source: Option<Arc<Source>>,
@@ -177,18 +178,14 @@ impl CaseFile {
         if self.layer.is_empty() {
             return Err(self.wrong_keys("layer", "no `[[layer]]`", "at least one"));
         }
-        let layer = |(at, spec): (usize, &LayerSpec)| {
-            let key = |key: &str| format!("layer[{at}].{key}");
-            let material = spec.material().map_err(|(name, too_much)| {
+        let layer = |(index, spec): (usize, &LayerTable)| {
+            let key = |key: &str| format!("layer[{index}].{key}");
+            if let Some(missing) = spec.unstated() {
                 let keys = spec.model.keys().join("` and `");
-                let expected = format!("`{keys}` with `model = \"{}\"`", spec.model.name());
-                let found = if too_much {
-                    format!("`{name}`")
-                } else {
-                    format!("no `{name}`")
-                };
-                self.wrong_keys(key(name), found, expected)
-            })?;
+                let expected = format!("`{keys}` with {}", spec.model.stated_as());
+                return Err(self.wrong_keys(key(missing), format!("no `{missing}`"), expected));
+            }
+            let material = spec.keys().map_err(|error| self.number(key(&error.key), error))?;
             let layer = BeamLayer {
                 thickness_mm: spec.thickness_mm,
                 material,

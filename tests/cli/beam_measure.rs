@@ -1,6 +1,7 @@
 //! `insonify beam measure` and `compare` on synthetic CT: volumes painted from solved needles, with slices of 0.5 mm and markers out of place
 //! by 0.1 mm (stage) and 0.2 mm (container), as Wang et al. 2023 (section III-B) measured theirs: they were built so, the same in all scans.
 
+use insonify_mechanics::needle::beam::material::Ogden;
 use insonify_mechanics::needle::beam::{
     Base, BeamLayer, Compression, FoundationBeam, Material, Problem, Shape, bending_stiffness_nmm2,
 };
@@ -45,10 +46,10 @@ fn needle(displacement_mm: f64) -> Shape {
         inserted_mm: DEPTH_MM,
         layers: vec![BeamLayer {
             thickness_mm: DEPTH_MM,
-            material: Material::Ogden {
+            material: Material::Ogden(Ogden {
                 mu_kpa: 3.63,
                 alpha: 8.74,
-            },
+            }),
             compression: Compression::UTru,
             initial_length_mm: 50.0,
             friction: 0.0,

@@ -126,6 +126,7 @@ fn whatever_a_crate_shows_somebody_else_uses() {
     let registries = [
         ("imaging/effects.rs", "\nregistry! {"),
         ("mechanics/needle.rs", "needle_models! {"),
+        ("mechanics/needle/beam/material.rs", "\nmaterials! {"),
     ];
     let listed = registries.map(|(path, start)| {
         let text = std::fs::read_to_string(root().join("src").join(path)).expect("a source");

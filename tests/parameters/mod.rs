@@ -12,12 +12,14 @@ use insonify::input::{selection::CylinderChoice, statics::ProblemFile, statics::
 use insonify_anatomy::acoustics::TissueOverride;
 use insonify_base::bending::BendingConstraint;
 use insonify_base::document::InputError;
+use insonify_base::kinds::KeyedKind;
 use insonify_base::range::Ranges;
 use insonify_imaging::effects::Effects;
 use insonify_imaging::quality::QualitySpec;
 use insonify_imaging::scene::{ImageSpec, SceneFile, VolumeSpec, deform::DeformSpec, paths};
 use insonify_mechanics::insertion::spring::Parameters;
 use insonify_mechanics::insertion::{Bone, Peak};
+use insonify_mechanics::needle::beam::material::{MooneyRivlin, Ogden, Yeoh};
 use insonify_mechanics::needle::beam::spec;
 use insonify_mechanics::needle::{Bevel, NeedleModel, Shaft};
 use insonify_study::identification;
@@ -212,6 +214,9 @@ fn schemas_of_tables_have_their_ranges() {
     agree::<spec::BaseSpec>(json!({ "control_distance_mm": 20, "displacement_mm": 3 }));
     let layer = json!({ "thickness_mm": 9, "model": "yeoh", "compression": "UTru", "initial_length_mm": 50 });
     agree::<spec::LayerSpec>(layer);
+    agree::<Ogden>(json!({ "mu_kpa": 5, "alpha": 2 }));
+    agree::<Yeoh>(json!({ "c10_kpa": 5, "c20_kpa": 2 }));
+    agree::<MooneyRivlin>(json!({ "c10_kpa": 5, "c01_kpa": 2 }));
 }
 
 /// Checks of every key of a file that is a table, or a list of tables, that a list in place of a table is refused.

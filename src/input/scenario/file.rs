@@ -9,8 +9,8 @@ use serde::de::{Deserializer, MapAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
 use super::instruments::ContactProbeSpec;
+use super::instruments::NeedleTable;
 use super::manipulator::ManipulatorSpec;
-use super::needle_table::NeedleTable;
 use super::plan::PlanSpec;
 use super::reported_points::ReportSpec;
 use super::tissue::TissueSpec;

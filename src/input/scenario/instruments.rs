@@ -8,12 +8,14 @@ use serde::de::{Deserializer, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
 use insonify_base::document::RegionName;
+use insonify_base::kinds::{CommonKeys, KindTable};
 use insonify_base::range::parameters;
 use insonify_imaging::scene::{NeedleFrame, NeedleMotionSpec};
 use insonify_mechanics::needle::NeedleModel;
 
 parameters! {
-    /// Keys of needles of every model.
+    /// The needle. Its motion is that of an undeflected needle: base and direction are what the hand holds.
+    #[schemars(rename = "NeedleTable")]
     pub struct CommonNeedleKeys {
         /// Bending model. Default `rigid`.
         model: NeedleModel;
@@ -39,6 +41,18 @@ parameters! {
         deposit_s: Vec<f64>;
     }
 }
+
+impl CommonKeys for CommonNeedleKeys {
+    type Kind = NeedleModel;
+    const FIELD: &'static str = "model";
+
+    fn kind(&self) -> NeedleModel {
+        self.model
+    }
+}
+
+/// `[needle]`: keys of needles of every model, and those of its model.
+pub type NeedleTable = KindTable<CommonNeedleKeys>;
 
 /// Value of `entry` that searches for an entry in the image plane.
 pub const BESIDE: &str = "beside the probe";

@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion};
 
 use super::file::ScenarioFile;
-use super::needle_table::NeedleTable;
+use super::instruments::NeedleTable;
 use super::plan::{Deposit, Guide};
 use super::resolve::Scenario;
 use insonify_base::document::InputError;

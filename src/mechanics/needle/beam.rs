@@ -38,7 +38,7 @@ pub mod shape;
 pub mod spec;
 mod sweep;
 
-pub use material::{Compression, Material};
+pub use material::{Compression, Material, ModelName};
 pub use newton::FoundationBeam;
 pub use problem::{Base, BeamLayer, Problem, bending_stiffness_nmm2};
 pub use shape::{LayerLoad, Shape};

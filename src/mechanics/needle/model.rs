@@ -66,31 +66,35 @@ macro_rules! needle_models {
             $(#[doc = $doc] $Model($Keys),)+
         }
 
-        impl NeedleModel {
-            /// All models.
-            pub const ALL: &'static [Self] = &[$(Self::$Model),+];
+        impl insonify_base::kinds::KeyedKind for NeedleModel {
+            type Keys = NeedleKeys;
+            const ALL: &'static [Self] = &[$(Self::$Model),+];
 
-            /// Keys that only some models have, this one among them.
-            pub fn keys(self) -> &'static [&'static str] {
+            fn keys(self) -> &'static [&'static str] {
                 match self {
                     $(Self::$Model => <$Keys as insonify_base::range::Ranges>::KEYS,)+
                 }
             }
 
-            /// Schema of the table of these keys.
-            pub fn schema(self, generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
+            fn schema(self, generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
                 match self {
                     $(Self::$Model => <$Keys as schemars::JsonSchema>::json_schema(generator),)+
                 }
             }
 
-            /// Reads these keys.
-            ///
-            /// # Errors
-            /// A key that the model does not have, or a value of another type.
-            pub fn read<'de, D: serde::Deserializer<'de>>(self, keys: D) -> Result<NeedleKeys, D::Error> {
+            fn read<'de, D: serde::Deserializer<'de>>(self, keys: D) -> Result<NeedleKeys, D::Error> {
                 match self {
                     $(Self::$Model => serde::Deserialize::deserialize(keys).map(NeedleKeys::$Model),)+
+                }
+            }
+
+            fn value<'de, D: serde::Deserializer<'de>>(
+                self,
+                key: &'static str,
+                value: D,
+            ) -> Result<insonify_base::kinds::Value, D::Error> {
+                match self {
+                    $(Self::$Model => insonify_base::kinds::typed::<$Keys, D>(key, value),)+
                 }
             }
         }

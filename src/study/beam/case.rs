@@ -7,7 +7,7 @@ use insonify_base::document::InputError;
 use insonify_base::machine::Machine;
 use insonify_base::number::decimal;
 use insonify_mechanics::needle::beam::inverse::Wanted;
-use insonify_mechanics::needle::beam::{BeamError, FoundationBeam, LayerLoad, Material, Problem, Shape};
+use insonify_mechanics::needle::beam::{BeamError, FoundationBeam, LayerLoad, Problem, Shape};
 
 fn study(name: &'static str, title: &'static str, case: &BeamCase, tables: Vec<Table>, figures: Vec<Figure>) -> Study {
     let problem = &case.problem;
@@ -265,9 +265,9 @@ pub fn map(case: &BeamCase, tips_mm: &[f64], rcms_mm: &[f64]) -> Result<Study, I
 /// Relative uncertainty of the tissue, percent.
 #[derive(Clone, Copy, Debug)]
 pub struct Uncertainty {
-    /// Uncertainty of mu, c10, c01 and c20.
+    /// Uncertainty of moduli.
     pub mu_percent: f64,
-    /// Uncertainty of the exponent of Ogden's material.
+    /// Uncertainty of exponents.
     pub alpha_percent: f64,
     /// Uncertainty of the uncompressed length t0.
     pub t0_percent: f64,
@@ -277,23 +277,9 @@ pub struct Uncertainty {
 fn changed(problem: &Problem, layer: Option<usize>, [stiffness, exponent, length]: [f64; 3]) -> Problem {
     let mut changed = problem.clone();
     let layers = changed.layers.iter_mut().enumerate();
-    for (_, layer) in layers.filter(|(at, _)| layer.is_none_or(|layer| layer == *at)) {
+    for (_, layer) in layers.filter(|(index, _)| layer.is_none_or(|chosen| chosen == *index)) {
         layer.initial_length_mm *= length;
-        match &mut layer.material {
-            Material::Ogden { mu_kpa, alpha } => {
-                *mu_kpa *= stiffness;
-                *alpha *= exponent;
-            }
-            Material::NeoHookean { mu_kpa } => *mu_kpa *= stiffness,
-            Material::MooneyRivlin { c10_kpa, c01_kpa } => {
-                *c10_kpa *= stiffness;
-                *c01_kpa *= stiffness;
-            }
-            Material::Yeoh { c10_kpa, c20_kpa } => {
-                *c10_kpa *= stiffness;
-                *c20_kpa *= stiffness;
-            }
-        }
+        layer.material = layer.material.scaled(stiffness, exponent);
     }
     changed
 }

@@ -1,24 +1,25 @@
 //! Needles in tissue that several tests share.
 
+use insonify_mechanics::needle::beam::material::Ogden;
 use insonify_mechanics::needle::beam::{
     Base, BeamLayer, Compression, FoundationBeam, Material, Problem, Shape, bending_stiffness_nmm2,
 };
 
 /// Wang et al.'s phantom and its compression model.
 pub(super) const PVC: (Material, Compression) = (
-    Material::Ogden {
+    Material::Ogden(Ogden {
         mu_kpa: 12.72,
         alpha: -1.0,
-    },
+    }),
     Compression::UEng,
 );
 
 /// Wang et al.'s porcine muscle and its compression model.
 pub(super) const PSM: (Material, Compression) = (
-    Material::Ogden {
+    Material::Ogden(Ogden {
         mu_kpa: 3.63,
         alpha: 8.74,
-    },
+    }),
     Compression::UTru,
 );
 

@@ -1,5 +1,6 @@
 //! Hard cases: a balance or an error that says why, never a number that is none.
 
+use insonify_mechanics::needle::beam::material::{NeoHookean, Ogden};
 use insonify_mechanics::needle::beam::{
     BeamError, BeamLayer, Compression, FoundationBeam, Material, Shape, bending_stiffness_nmm2,
 };
@@ -18,7 +19,7 @@ fn foundations_over_fifteen_decades_converge() {
         for compression in Compression::ALL {
             for alpha in [-1.0, 8.74] {
                 let mu_kpa = 10f64.powi(decade);
-                let layer = layer((Material::Ogden { mu_kpa, alpha }, compression), 60.0);
+                let layer = layer((Material::Ogden(Ogden { mu_kpa, alpha }), compression), 60.0);
                 let needle = problem(20.0, vec![layer]);
                 for motion in [base(15.0, -0.3), base(1e-3, 0.0), free(5.0)] {
                     let shape = solve(&needle, &motion);
@@ -37,7 +38,7 @@ fn foundations_over_fifteen_decades_converge() {
 fn large_exponents_of_either_sign_converge() {
     for alpha in [-200.0, -50.0, -8.0, 0.01, 30.0, 100.0] {
         for compression in Compression::ALL {
-            let layer = layer((Material::Ogden { mu_kpa: 5.0, alpha }, compression), 60.0);
+            let layer = layer((Material::Ogden(Ogden { mu_kpa: 5.0, alpha }), compression), 60.0);
             let needle = problem(20.0, vec![layer]);
             for displacement in [0.5, 15.0, 40.0] {
                 let shape = solve(&needle, &base(displacement, -0.3));
@@ -52,9 +53,9 @@ fn large_exponents_of_either_sign_converge() {
 fn axes_near_and_far_converge_over_fourteen_decades() {
     for decade in -6..=8 {
         for pivot_mm in [1e-3, 40.0, 1e4] {
-            let material = Material::NeoHookean {
+            let material = Material::NeoHookean(NeoHookean {
                 mu_kpa: 10f64.powi(decade),
-            };
+            });
             let mut needle = problem(20.0, vec![layer((material, Compression::UTru), 60.0)]);
             needle.pivot_mm = pivot_mm;
             let shape = solve(&needle, &free(10.0));
@@ -139,7 +140,7 @@ fn a_needle_that_only_touches_the_skin_is_straight() {
 
 #[test]
 fn layers_thinner_than_elements_count() {
-    let stiff = (Material::NeoHookean { mu_kpa: 4000.0 }, Compression::CTru);
+    let stiff = (Material::NeoHookean(NeoHookean { mu_kpa: 4000.0 }), Compression::CTru);
     let layers = |thin| vec![layer(PSM, 20.3), layer(thin, 0.05), layer(PSM, 29.65)];
     let mut needle = problem(20.0, layers(stiff));
     needle.element_mm = 5.0;

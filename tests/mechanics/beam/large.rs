@@ -3,6 +3,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
+use insonify_mechanics::needle::beam::material::Ogden;
 use insonify_mechanics::needle::beam::{BeamLayer, Compression, Material, Problem};
 
 use super::case::{PSM, PVC, base, layer, problem, solve};
@@ -12,7 +13,7 @@ const STEP: f64 = 0.05;
 
 /// dS/dl of Ogden's material, as powers of the compression ratio.
 fn modulus(layer: &BeamLayer, ratio: f64) -> f64 {
-    let Material::Ogden { mu_kpa: m, alpha: a } = layer.material else {
+    let Material::Ogden(Ogden { mu_kpa: m, alpha: a }) = layer.material else {
         panic!("an Ogden material");
     };
     let l = ratio;
@@ -97,10 +98,10 @@ fn compared(problem: &Problem, displacement: f64, slope: f64) -> f64 {
 fn large_compression_agrees_with_another_method() {
     let constrained = (PSM.0, Compression::CTru);
     let steep = (
-        Material::Ogden {
+        Material::Ogden(Ogden {
             mu_kpa: 2.0,
             alpha: -12.0,
-        },
+        }),
         Compression::UTru,
     );
     for tissue in [PVC, PSM, constrained, steep] {

@@ -1,6 +1,7 @@
 //! Wang et al.'s figures.
 
 use insonify_mechanics::needle::beam::Material;
+use insonify_mechanics::needle::beam::material::Ogden;
 
 use super::case::{PSM, PVC, base, free, layer, problem, solve};
 
@@ -45,11 +46,11 @@ fn centres_of_motion_lie_where_table_one_has_them() {
 #[test]
 fn the_rcm_of_figure_five_is_exact() {
     let layers = [2.0, 4.0, 8.0].map(|times| {
-        let (Material::Ogden { mu_kpa, alpha }, compression) = PSM else {
+        let (Material::Ogden(Ogden { mu_kpa, alpha }), compression) = PSM else {
             panic!("an Ogden material")
         };
         let mu_kpa = times * mu_kpa;
-        layer((Material::Ogden { mu_kpa, alpha }, compression), 20.0)
+        layer((Material::Ogden(Ogden { mu_kpa, alpha }), compression), 20.0)
     });
     let shape = solve(&problem(20.0, layers.to_vec()), &base(15.0, -0.4));
     assert_eq!(shape.rcm_mm(), Some(17.5));

@@ -3,13 +3,17 @@
 
 use nalgebra::{SMatrix, SVector};
 
+use insonify_mechanics::needle::beam::material::NeoHookean;
 use insonify_mechanics::needle::beam::{Compression, Material, Problem};
 
 use super::case::{PSM, base, distance, layer, problem, solve};
 
 /// Tissue that no needle compresses noticeably: its modulus is 3 mu throughout.
 fn linear(control_mm: f64, depth_mm: f64, mu_kpa: f64) -> Problem {
-    let mut layer = layer((Material::NeoHookean { mu_kpa }, Compression::UTru), depth_mm);
+    let mut layer = layer(
+        (Material::NeoHookean(NeoHookean { mu_kpa }), Compression::UTru),
+        depth_mm,
+    );
     layer.initial_length_mm = f64::INFINITY;
     problem(control_mm, vec![layer])
 }

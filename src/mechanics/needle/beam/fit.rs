@@ -1,7 +1,6 @@
 //! Least-squares fit of materials to measured stretch and stress (Wang et al. 2023, section III-A).
 //!
-//! Stress is linear in all parameters except Ogden's exponent, which is found by a line search: each exponent has its best
-//! modulus. Where models with similar fits diverge beyond the data, none of them should be trusted there: Wang et al. 2023
+//! Each material has its own fit, from what is here. Where models with similar fits diverge beyond the data, none of them should be trusted there: Wang et al. 2023
 //! reject one for that.
 
 #[cfg(test)]
@@ -9,7 +8,7 @@ mod tests;
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::material::{ALPHA, Compression, Law, Material};
+use super::material::{Compression, Law, Material};
 
 /// Relative difference of stress from which a model counts as diverging from the others.
 pub const PARTED: f64 = 0.1;
@@ -17,9 +16,6 @@ pub const PARTED: f64 = 0.1;
 const LOWEST: f64 = 0.05;
 /// Step of the compression ratio down to [`LOWEST`].
 const STEP: f64 = 0.01;
-/// Largest exponent of Ogden's material that is tried, and the initial spacing of exponents.
-const EXPONENTS: f64 = 60.0;
-const APART: f64 = 0.25;
 
 /// A measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,7 +53,7 @@ pub struct Fit {
     pub compression: Compression,
     /// Least and largest stretch of the data.
     pub range: [f64; 2],
-    /// One fit per model, in the order neo-hookean, mooney-rivlin, yeoh, ogden.
+    /// One fit per model, in the order of `materials!`.
     pub models: Vec<Fitted>,
     /// Models that diverge from the others.
     pub partings: Vec<Parting>,
@@ -105,23 +101,7 @@ impl Fit {
     /// [`FitError`].
     pub fn new(samples: &[Sample], compression: Compression) -> Result<Fit, FitError> {
         check(samples)?;
-        let law = |material| Law::new(&material, compression);
-        let unit = |c10_kpa, c01_kpa| Material::MooneyRivlin { c10_kpa, c01_kpa };
-        let yeoh = |c10_kpa, c20_kpa| Material::Yeoh { c10_kpa, c20_kpa };
-        let [mu_kpa] = single(samples, &law(Material::NeoHookean { mu_kpa: 1.0 }));
-        let mut materials = vec![Material::NeoHookean { mu_kpa }];
-        // Tissue that cannot widen along the needle does not distinguish the two invariants.
-        materials.push(match compression {
-            Compression::CTru => unit(single(samples, &law(unit(1.0, 0.0)))[0], 0.0),
-            _ => {
-                let [a, b] = double(samples, [&law(unit(1.0, 0.0)), &law(unit(0.0, 1.0))]);
-                unit(a, b)
-            }
-        });
-        let [a, b] = double(samples, [&law(yeoh(1.0, 0.0)), &law(yeoh(0.0, 1.0))]);
-        materials.push(yeoh(a, b));
-        materials.push(ogden(samples, compression));
-        let models: Vec<Fitted> = materials
+        let models: Vec<Fitted> = Material::fitted(samples, compression)
             .into_iter()
             .map(|material| judged(samples, material, compression))
             .collect();
@@ -174,18 +154,18 @@ fn check(samples: &[Sample]) -> Result<(), FitError> {
 }
 
 /// Returns the best-fitting factor of a law.
-fn single(samples: &[Sample], law: &Law) -> [f64; 1] {
+pub(super) fn factor(samples: &[Sample], law: &Law) -> f64 {
     let (mut along, mut square) = (0.0, 0.0);
     for sample in samples {
         let stress = law.at(sample.stretch).stress_kpa;
         along += stress * sample.stress_kpa;
         square += stress * stress;
     }
-    [along / square]
+    along / square
 }
 
 /// Returns the best-fitting factors of the sum of two laws.
-fn double(samples: &[Sample], laws: [&Law; 2]) -> [f64; 2] {
+pub(super) fn factors(samples: &[Sample], laws: [&Law; 2]) -> [f64; 2] {
     let (mut matrix, mut right) = (Matrix2::zeros(), Vector2::zeros());
     for sample in samples {
         let stress = Vector2::from(laws.map(|law| law.at(sample.stretch).stress_kpa));
@@ -197,41 +177,12 @@ fn double(samples: &[Sample], laws: [&Law; 2]) -> [f64; 2] {
     let matrix = Matrix2::from_diagonal(&scale) * matrix * Matrix2::from_diagonal(&scale);
     match matrix.lu().solve(&right.component_mul(&scale)) {
         Some(factors) => factors.component_mul(&scale).into(),
-        None => [single(samples, laws[0])[0], 0.0],
+        None => [factor(samples, laws[0]), 0.0],
     }
-}
-
-fn ogden(samples: &[Sample], compression: Compression) -> Material {
-    let best = |alpha: f64| {
-        let unit = Material::Ogden { mu_kpa: 1.0, alpha };
-        let [mu_kpa] = single(samples, &Law::new(&unit, compression));
-        Material::Ogden { mu_kpa, alpha }
-    };
-    let left = |alpha: f64| {
-        let left = remainder(samples, &best(alpha), compression);
-        if left.is_finite() { left } else { f64::INFINITY }
-    };
-    // Exponents around 0 are invalid, though those on either side of it are nearly equivalent.
-    let usable = |alpha: f64| if alpha.abs() < ALPHA[0] { ALPHA[0] } else { alpha };
-    let count = (2.0 * EXPONENTS / APART) as usize;
-    let exponents = (0..=count).map(|at| usable(-EXPONENTS + APART * at as f64));
-    let start = exponents.min_by(|a, b| left(*a).total_cmp(&left(*b))).unwrap_or(1.0);
-    // Golden-section search.
-    let (mut low, mut high) = (start - APART, start + APART);
-    let golden = 0.5 * (5.0f64.sqrt() - 1.0);
-    while high - low > 1e-9 * (1.0 + start.abs()) {
-        let [a, b] = [high - golden * (high - low), low + golden * (high - low)];
-        if left(usable(a)) < left(usable(b)) {
-            high = b;
-        } else {
-            low = a;
-        }
-    }
-    best(usable(0.5 * (low + high)))
 }
 
 /// Returns the sum of squared residuals of a material, kPa^2.
-fn remainder(samples: &[Sample], material: &Material, compression: Compression) -> f64 {
+pub(super) fn residual(samples: &[Sample], material: &Material, compression: Compression) -> f64 {
     let law = Law::new(material, compression);
     let square = |sample: &Sample| (law.at(sample.stretch).stress_kpa - sample.stress_kpa).powi(2);
     samples.iter().map(square).sum()
@@ -241,11 +192,11 @@ fn judged(samples: &[Sample], material: Material, compression: Compression) -> F
     let count = samples.len() as f64;
     let mean = samples.iter().map(|sample| sample.stress_kpa).sum::<f64>() / count;
     let spread: f64 = samples.iter().map(|sample| (sample.stress_kpa - mean).powi(2)).sum();
-    let left = remainder(samples, &material, compression);
+    let squares = residual(samples, &material, compression);
     Fitted {
         material,
-        r_squared: 1.0 - left / spread,
-        rms_kpa: (left / count).sqrt(),
+        r_squared: 1.0 - squares / spread,
+        rms_kpa: (squares / count).sqrt(),
     }
 }
 
@@ -256,7 +207,7 @@ fn partings(models: &[Fitted], compression: Compression, from: f64) -> Vec<Parti
         .collect();
     let mut parted = vec![None; models.len()];
     let steps = ((from - LOWEST) / STEP).max(0.0) as usize;
-    for stretch in (0..=steps).map(|at| from - STEP * at as f64) {
+    for stretch in (0..=steps).map(|index| from - STEP * index as f64) {
         let stresses: Vec<f64> = laws.iter().map(|law| law.at(stretch).stress_kpa).collect();
         let mut sorted = stresses.clone();
         sorted.sort_by(f64::total_cmp);

@@ -117,13 +117,13 @@ pub(super) fn load(bed: &Bed, length: f64, ends: [Vector2<f64>; 2]) -> Option<Lo
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::needle::beam::material::{Compression, Law, Material};
+    use crate::needle::beam::material::{Compression, Law, Material, Ogden};
 
     fn bed() -> Bed {
-        let material = Material::Ogden {
+        let material = Material::Ogden(Ogden {
             mu_kpa: 3.63,
             alpha: 8.74,
-        };
+        });
         Bed {
             law: Law::new(&material, Compression::CTru),
             initial_length_mm: 20.0,

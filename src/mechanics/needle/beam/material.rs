@@ -11,43 +11,173 @@ mod tests;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::spec::LayerSpec;
-use insonify_base::range::{OutOfRange, Ranges, check};
+use super::fit::Sample;
+use insonify_base::document::word;
+use insonify_base::kinds::{self, KeyedKind};
+use insonify_base::range::{Kind, OutOfRange, Ranges};
 
-/// Largest sum of the coefficients of Mooney and Rivlin, kPa.
-const MAX_KPA: f64 = 1e12;
-/// Smallest and largest magnitude of Ogden's exponent.
-pub(super) const ALPHA: [f64; 2] = [1e-3, 1e3];
+/// A material: its keys in files, all numbers, each with a range. Moduli, whose keys end in `_kpa`, scale its stress.
+pub(super) trait Hyperelastic: Ranges + Copy {
+    /// Usual ones, for tests of all materials.
+    #[cfg(test)]
+    const EXAMPLES: &'static [Self];
 
-/// Material of tissue. Moduli in kPa; the shear modulus at rest is `mu`, or `2 (c10 + c01)`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Material {
-    /// W = (2 mu/alpha^2) (l1^alpha + l2^alpha + l3^alpha - 3).
-    Ogden {
-        /// Shear modulus at rest, kPa (0 to 1e12).
-        mu_kpa: f64,
-        /// Exponent, of either sign (1e-3 to 1e3 in magnitude).
-        alpha: f64,
-    },
-    /// W = (mu/2) (I1 - 3).
-    NeoHookean {
-        /// Shear modulus, kPa (0 to 1e12).
-        mu_kpa: f64,
-    },
-    /// W = c10 (I1 - 3) + c01 (I2 - 3).
-    MooneyRivlin {
-        /// First coefficient, kPa; `c10 + c01` is 0 to 1e12.
-        c10_kpa: f64,
-        /// Second coefficient, kPa.
-        c01_kpa: f64,
-    },
-    /// W = c10 (I1 - 3) + c20 (I1 - 3)^2.
-    Yeoh {
-        /// First coefficient, kPa (0 to 1e12).
-        c10_kpa: f64,
-        /// Second coefficient, kPa (-1e12 to 1e12).
-        c20_kpa: f64,
-    },
+    /// Checks what the ranges of single keys do not say.
+    ///
+    /// # Errors
+    /// [`OutOfRange`] with the key of the number.
+    fn check(&self) -> Result<(), OutOfRange> {
+        Ok(())
+    }
+
+    /// The material with its moduli and its exponents, if it has any, multiplied.
+    fn scaled(self, stiffness: f64, exponent: f64) -> Self;
+
+    /// Strain energy at principal stretches, kPa.
+    #[cfg(test)]
+    fn energy_kpa(&self, stretches: [f64; 3]) -> f64;
+
+    /// The true stress as coefficients (kPa) and powers of the compression ratio; `constrained` where tissue cannot widen along the needle.
+    fn true_stress(&self, constrained: bool) -> Vec<(f64, f64)>;
+
+    /// The least-squares fit to samples of a stress.
+    fn fitted(samples: &[Sample], compression: Compression) -> Self;
+}
+
+/// Exponent of the free face: l3 = lambda^-1/2, or lambda^-1 if tissue cannot widen along the needle.
+fn free_exponent(constrained: bool) -> f64 {
+    if constrained { -1.0 } else { -0.5 }
+}
+
+/// Declares the materials in the order of fits: the names of files, each with its module, the type of its keys and its description.
+macro_rules! materials {
+    ($($name:literal $module:ident: $Material:ident = $doc:literal;)+) => {
+        $(mod $module; pub use $module::$Material;)+
+
+        /// Material of tissue. Moduli in kPa.
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        pub enum Material {
+            $(#[doc = $doc] $Material($Material),)+
+        }
+
+        /// Hyperelastic model.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+        pub enum ModelName {
+            $(
+                #[doc = $doc]
+                #[serde(rename = $name)]
+                $Material,
+            )+
+        }
+
+        impl KeyedKind for ModelName {
+            type Keys = Material;
+            const ALL: &'static [Self] = &[$(Self::$Material),+];
+
+            fn keys(self) -> &'static [&'static str] {
+                match self {
+                    $(Self::$Material => $Material::KEYS,)+
+                }
+            }
+
+            fn schema(self, generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
+                match self {
+                    $(Self::$Material => $Material::json_schema(generator),)+
+                }
+            }
+
+            fn read<'de, D: serde::Deserializer<'de>>(self, keys: D) -> Result<Material, D::Error> {
+                match self {
+                    $(Self::$Material => $Material::deserialize(keys).map(Material::$Material),)+
+                }
+            }
+
+            fn value<'de, D: serde::Deserializer<'de>>(self, _: &'static str, value: D) -> Result<kinds::Value, D::Error> {
+                f64::deserialize(value).map(kinds::Value::Float)
+            }
+        }
+
+        impl Material {
+            /// Checks every number against its range.
+            ///
+            /// # Errors
+            /// [`OutOfRange`] with the key of the number.
+            pub fn check(&self) -> Result<(), OutOfRange> {
+                match self {
+                    $(Self::$Material(material) => {
+                        material.check_ranges()?;
+                        material.check()
+                    })+
+                }
+            }
+
+            /// Returns the name of the model in case files.
+            pub fn model(&self) -> &'static str {
+                match self {
+                    $(Self::$Material(_) => $name,)+
+                }
+            }
+
+            /// Returns the parameters with their keys in case files.
+            pub fn parameters(&self) -> Vec<(&'static str, f64)> {
+                match self {
+                    $(Self::$Material(material) => {
+                        let ranges = $Material::RANGES.iter();
+                        ranges.filter_map(|range| Some((range.key, (range.stated)(material)?))).collect()
+                    })+
+                }
+            }
+
+            /// Returns the material with its moduli and its exponents, if it has any, multiplied.
+            pub fn scaled(self, stiffness: f64, exponent: f64) -> Self {
+                match self {
+                    $(Self::$Material(material) => Self::$Material(material.scaled(stiffness, exponent)),)+
+                }
+            }
+
+            fn true_stress(&self, constrained: bool) -> Vec<(f64, f64)> {
+                match self {
+                    $(Self::$Material(material) => material.true_stress(constrained),)+
+                }
+            }
+
+            /// The best fit of each material to samples of a stress.
+            pub(super) fn fitted(samples: &[Sample], compression: Compression) -> Vec<Self> {
+                vec![$(Self::$Material($Material::fitted(samples, compression))),+]
+            }
+
+            #[cfg(test)]
+            pub(super) fn examples() -> Vec<Self> {
+                [$($Material::EXAMPLES.iter().copied().map(Self::$Material).collect::<Vec<_>>()),+].concat()
+            }
+
+            #[cfg(test)]
+            fn energy_kpa(&self, stretches: [f64; 3]) -> f64 {
+                match self {
+                    $(Self::$Material(material) => material.energy_kpa(stretches),)+
+                }
+            }
+        }
+
+        $(impl From<$Material> for Material {
+            fn from(material: $Material) -> Self {
+                Self::$Material(material)
+            }
+        })+
+    };
+}
+
+materials! {
+    "neo-hookean" neo_hookean: NeoHookean = "Neo-Hookean: W = (mu/2) (I1 - 3).";
+    "mooney-rivlin" mooney_rivlin: MooneyRivlin = "Mooney-Rivlin: W = c10 (I1 - 3) + c01 (I2 - 3).";
+    "yeoh" yeoh: Yeoh = "Yeoh: W = c10 (I1 - 3) + c20 (I1 - 3)^2.";
+    "ogden" ogden: Ogden = "Ogden: W = (2 mu/alpha^2) (l1^alpha + l2^alpha + l3^alpha - 3).";
+}
+
+impl Kind for ModelName {
+    fn stated_as(self) -> String {
+        format!("`model = {}`", word(&self))
+    }
 }
 
 /// Constraint of the compressed tissue, and kind of stress.
@@ -71,82 +201,6 @@ impl Compression {
             Compression::UEng => "UEng",
             Compression::UTru => "UTru",
             Compression::CTru => "CTru",
-        }
-    }
-}
-
-impl Material {
-    /// Checks every number against its range.
-    ///
-    /// # Errors
-    /// [`OutOfRange`] with the key of the number.
-    pub fn check(&self) -> Result<(), OutOfRange> {
-        for (key, found) in self.parameters() {
-            LayerSpec::check_number(key, found)?;
-        }
-        match *self {
-            Material::Ogden { alpha, .. } => {
-                let holds = (ALPHA[0]..=ALPHA[1]).contains(&alpha.abs());
-                check("alpha", alpha, holds, "-1000 to -0.001, or 0.001 to 1000")
-            }
-            Material::NeoHookean { .. } => Ok(()),
-            Material::MooneyRivlin { c10_kpa, c01_kpa } => {
-                let holds = (0.0..=MAX_KPA).contains(&(c10_kpa + c01_kpa));
-                let expected = "such that c10_kpa + c01_kpa is 0 to 1e12 kPa";
-                check("c01_kpa", c01_kpa, holds, expected)
-            }
-            Material::Yeoh { c10_kpa, .. } => check("c10_kpa", c10_kpa, c10_kpa >= 0.0, "0 to 1e12 kPa"),
-        }
-    }
-
-    /// Returns the name of the model in case files.
-    pub fn model(&self) -> &'static str {
-        match self {
-            Material::Ogden { .. } => "ogden",
-            Material::NeoHookean { .. } => "neo-hookean",
-            Material::MooneyRivlin { .. } => "mooney-rivlin",
-            Material::Yeoh { .. } => "yeoh",
-        }
-    }
-
-    /// Returns the parameters with their keys in case files.
-    pub fn parameters(&self) -> Vec<(&'static str, f64)> {
-        match *self {
-            Material::Ogden { mu_kpa, alpha } => vec![("mu_kpa", mu_kpa), ("alpha", alpha)],
-            Material::NeoHookean { mu_kpa } => vec![("mu_kpa", mu_kpa)],
-            Material::MooneyRivlin { c10_kpa, c01_kpa } => vec![("c10_kpa", c10_kpa), ("c01_kpa", c01_kpa)],
-            Material::Yeoh { c10_kpa, c20_kpa } => vec![("c10_kpa", c10_kpa), ("c20_kpa", c20_kpa)],
-        }
-    }
-
-    /// Returns the true stress as coefficients (kPa) and powers of the compression ratio, unconstrained or constrained.
-    fn true_stress(&self, constrained: bool) -> Vec<(f64, f64)> {
-        // Exponent of the free face: l3 = lambda^-1/2, or lambda^-1.
-        let free = if constrained { -1.0 } else { -0.5 };
-        let ogden = |mu: f64, alpha: f64| vec![(2.0 * mu / alpha, alpha), (-2.0 * mu / alpha, free * alpha)];
-        match *self {
-            Material::Ogden { mu_kpa, alpha } => ogden(mu_kpa, alpha),
-            Material::NeoHookean { mu_kpa } => ogden(mu_kpa, 2.0),
-            // l1 = 1: both invariants have the same effect.
-            Material::MooneyRivlin { c10_kpa, c01_kpa } if constrained => ogden(2.0 * (c10_kpa + c01_kpa), 2.0),
-            Material::MooneyRivlin { c10_kpa: a, c01_kpa: b } => {
-                vec![(2.0 * a, 2.0), (-2.0 * a, -1.0), (2.0 * b, 1.0), (-2.0 * b, -2.0)]
-            }
-            // 2 (l^2 - l3^2) (c10 + 2 c20 (I1 - 3)), expanded.
-            Material::Yeoh { c10_kpa: a, c20_kpa: b } if constrained => {
-                let [a, b] = [2.0 * a, 4.0 * b];
-                vec![(a - 2.0 * b, 2.0), (2.0 * b - a, -2.0), (b, 4.0), (-b, -4.0)]
-            }
-            Material::Yeoh { c10_kpa: a, c20_kpa: b } => {
-                let [a, b] = [2.0 * a, 4.0 * b];
-                vec![
-                    (b, 4.0),
-                    (a - 3.0 * b, 2.0),
-                    (b, 1.0),
-                    (3.0 * b - a, -1.0),
-                    (-2.0 * b, -2.0),
-                ]
-            }
         }
     }
 }

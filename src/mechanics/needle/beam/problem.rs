@@ -181,11 +181,12 @@ impl Bed {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::needle::beam::material::NeoHookean;
 
     fn layer(thickness_mm: f64) -> BeamLayer {
         BeamLayer {
             thickness_mm,
-            material: Material::NeoHookean { mu_kpa: 5.0 },
+            material: Material::NeoHookean(NeoHookean { mu_kpa: 5.0 }),
             compression: Compression::UEng,
             initial_length_mm: 50.0,
             friction: 0.0,

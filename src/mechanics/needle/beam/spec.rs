@@ -1,9 +1,7 @@
 //! Tables of a case file: needle, base, elements and layers, with the ranges of their numbers.
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
-use super::{Compression, Material};
+use super::{Compression, ModelName};
+use insonify_base::kinds::{CommonKeys, KindTable};
 use insonify_base::range::parameters;
 
 parameters! {
@@ -54,16 +52,6 @@ parameters! {
         thickness_mm: f64, above 0..=1e4 "mm";
         /// Hyperelastic model.
         model: ModelName;
-        /// `ogden` and `neo-hookean`: shear modulus.
-        mu_kpa: Option<f64>, in 0..=1e12 "kPa";
-        /// `ogden`: exponent, of either sign (magnitude 0.001 to 1000).
-        alpha: Option<f64>;
-        /// `mooney-rivlin` and `yeoh` (0 or more): coefficient of I1 - 3.
-        c10_kpa: Option<f64>, in -1e12..=1e12 "kPa";
-        /// `mooney-rivlin`: coefficient of I2 - 3, kPa.
-        c01_kpa: Option<f64>;
-        /// `yeoh`: coefficient of (I1 - 3)^2.
-        c20_kpa: Option<f64>, in -1e12..=1e12 "kPa";
         /// Compression model and stress measure.
         compression: Compression;
         /// Uncompressed length of the tissue beside the needle, mm (above 0); `inf`: it stays linear.
@@ -77,81 +65,14 @@ parameters! {
     }
 }
 
-/// Hyperelastic model.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum ModelName {
-    /// Ogden: W = (2 mu/alpha^2) (l1^alpha + l2^alpha + l3^alpha - 3).
-    Ogden,
-    /// Neo-Hookean: W = (mu/2) (I1 - 3).
-    NeoHookean,
-    /// Mooney-Rivlin: W = c10 (I1 - 3) + c01 (I2 - 3).
-    MooneyRivlin,
-    /// Yeoh: W = c10 (I1 - 3) + c20 (I1 - 3)^2.
-    Yeoh,
-}
+impl CommonKeys for LayerSpec {
+    type Kind = ModelName;
+    const FIELD: &'static str = "model";
 
-impl LayerSpec {
-    /// Returns the material, or the key that is missing (`false`) or superfluous (`true`).
-    pub fn material(&self) -> Result<Material, (&'static str, bool)> {
-        let given = [
-            ("mu_kpa", self.mu_kpa),
-            ("alpha", self.alpha),
-            ("c10_kpa", self.c10_kpa),
-            ("c01_kpa", self.c01_kpa),
-            ("c20_kpa", self.c20_kpa),
-        ];
-        let keys = self.model.keys();
-        // Ignored, a key of another model would leave the layer with a stiffness that its author did not
-        // mean.
-        if let Some((key, _)) = given.iter().find(|(key, value)| value.is_some() && !keys.contains(key)) {
-            return Err((key, true));
-        }
-        let number = |key: &'static str| {
-            let value = given
-                .iter()
-                .find(|(name, _)| *name == key)
-                .and_then(|(_, value)| *value);
-            value.ok_or((key, false))
-        };
-        Ok(match self.model {
-            ModelName::Ogden => Material::Ogden {
-                mu_kpa: number("mu_kpa")?,
-                alpha: number("alpha")?,
-            },
-            ModelName::NeoHookean => Material::NeoHookean {
-                mu_kpa: number("mu_kpa")?,
-            },
-            ModelName::MooneyRivlin => Material::MooneyRivlin {
-                c10_kpa: number("c10_kpa")?,
-                c01_kpa: number("c01_kpa")?,
-            },
-            ModelName::Yeoh => Material::Yeoh {
-                c10_kpa: number("c10_kpa")?,
-                c20_kpa: number("c20_kpa")?,
-            },
-        })
+    fn kind(&self) -> ModelName {
+        self.model
     }
 }
 
-impl ModelName {
-    /// Name in case files.
-    pub fn name(self) -> &'static str {
-        match self {
-            ModelName::Ogden => "ogden",
-            ModelName::NeoHookean => "neo-hookean",
-            ModelName::MooneyRivlin => "mooney-rivlin",
-            ModelName::Yeoh => "yeoh",
-        }
-    }
-
-    /// Keys of the parameters of a model.
-    pub fn keys(self) -> &'static [&'static str] {
-        match self {
-            ModelName::Ogden => &["mu_kpa", "alpha"],
-            ModelName::NeoHookean => &["mu_kpa"],
-            ModelName::MooneyRivlin => &["c10_kpa", "c01_kpa"],
-            ModelName::Yeoh => &["c10_kpa", "c20_kpa"],
-        }
-    }
-}
+/// `[[layer]]`: keys of layers of every model, and those of its model.
+pub type LayerTable = KindTable<LayerSpec>;

@@ -203,17 +203,10 @@ pub(super) fn models_table() -> Result<Table, BeamError> {
 
 /// Returns the parameters to compare: the right ones, wrong moduli, and those of the other tissue.
 fn materials(tissue: &Tissue, other: &Tissue) -> [(&'static str, Material); 4] {
-    let times = |factor: f64| match tissue.material {
-        Material::Ogden { mu_kpa, alpha } => Material::Ogden {
-            mu_kpa: factor * mu_kpa,
-            alpha,
-        },
-        material => material,
-    };
     [
         ("right", tissue.material),
-        ("mu x 0.5", times(0.5)),
-        ("mu x 2", times(2.0)),
+        ("mu x 0.5", tissue.material.scaled(0.5, 1.0)),
+        ("mu x 2", tissue.material.scaled(2.0, 1.0)),
         ("swapped", other.material),
     ]
 }
