@@ -209,7 +209,7 @@ fn what_a_history_says_is_checked() {
         &bench,
         &with("model = \"viscoelastic\"\n", ""),
         13,
-        &["[history] beside", "model = \"linear\""],
+        &["`history` with", "model = \"linear\""],
     );
     let stiff = PROBLEM.replace("poisson = 0.3\n", "poisson = 0.3\nknee_strain = 0.1\n");
     refused(&bench, &stiff, 6, &["knee_strain", "model = \"linear\""]);
@@ -217,7 +217,7 @@ fn what_a_history_says_is_checked() {
         &bench,
         &with("model = \"viscoelastic\"", "model = \"nonlinear\""),
         18,
-        &["[viscosity] beside"],
+        &["`viscosity` with", "expected `model = \"viscoelastic\"`"],
     );
     refused(
         &bench,

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::file::ProblemFile;
 use insonify_base::document::{InputError, InvalidFile, word};
-use insonify_base::range::{Kind, parameters};
+use insonify_base::range::{ByKind, Kind, parameters};
 use insonify_mechanics::tissue::nonlinear::creep::Memory;
 use insonify_mechanics::tissue::nonlinear::{Scheme, Slope, SolverOptions};
 use insonify_mechanics::tissue::viscoelastic::point::Method;
@@ -75,7 +75,7 @@ parameters! {
 }
 
 /// Time course of loads and prescribed displacements.
-#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HistorySpec {
     /// Times, s: the first 0, ascending.
@@ -191,37 +191,12 @@ impl ViscositySpec {
     }
 }
 
-impl Model {
-    /// Name of the scheme as written in a file.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Model::Linear => "linear",
-            Model::Nonlinear => "nonlinear",
-            Model::Viscoelastic => "viscoelastic",
-        }
-    }
-}
-
 impl ProblemFile {
     /// Checks the tables for the model, and their values.
     pub(crate) fn check_course(&self) -> Result<(), InputError> {
-        // A table that the model would not read is refused rather than ignored.
-        let linear = self.model == Model::Linear;
-        let tables = [
-            ("solver", self.solver.is_some(), linear),
-            ("history", self.history.is_some(), linear),
-            ("viscosity", self.viscosity.is_some(), self.model != Model::Viscoelastic),
-        ];
-        for (table, is_given, out_of_place) in tables {
-            if is_given && out_of_place {
-                let found = format!("[{table}] beside `model = \"{}\"`", self.model.name());
-                let expected = if table == "viscosity" {
-                    "`model = \"viscoelastic\"`"
-                } else {
-                    "`model = \"nonlinear\"` or `\"viscoelastic\"`"
-                };
-                return Err(self.wrong_keys(table, found, expected));
-            }
+        if let Some((table, expected)) = self.misplaced(self.model) {
+            let found = format!("`{table}` with {}", self.model.stated_as());
+            return Err(self.wrong_keys(table, found, expected));
         }
         if self.model == Model::Viscoelastic && self.history.is_none() {
             let expected = "a [history] with `time_s`, `factor` and `step_s`";

@@ -4,58 +4,59 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::course::{HistorySpec, Model, SolverSpec, ViscositySpec};
 use crate::input::material::material_table;
 use crate::input::selection::selecting;
 use insonify_base::document::{self, Source, Version};
+use insonify_base::range::parameters;
 use insonify_mesh::file::Unit;
 
-/// A static problem. Nodes are numbered from 0 in the order of the mesh file.
-#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct ProblemFile {
-    /// Version of the format: 1, which is the default.
-    pub version: Option<Version>,
-    /// Tetrahedral mesh, relative to this file: Gmsh or VTK.
-    pub mesh: PathBuf,
-    /// Length unit of the coordinates in the mesh file: `mm`, `cm` or `m`. Default `mm`.
-    #[serde(default)]
-    pub mesh_unit: Unit,
-    /// Name of the mesh's cell array (or physical groups) that numbers the regions. Default: the first of the
-    /// common names.
-    #[serde(alias = "region")]
-    pub region_array: Option<String>,
-    /// Tissue model. Default `linear`.
-    #[serde(default)]
-    pub model: Model,
-    /// Gravitational acceleration, acting on all tissue through its `density_kg_per_m3`, m/s^2, such as `[0, 9.81, 0]` towards the
-    /// back. Default: none.
-    pub gravity_m_per_s2: Option<[f64; 3]>,
-    /// Nodes whose displacements are reported.
-    #[serde(default)]
-    pub report_nodes: Vec<i64>,
-    /// Materials of the regions.
-    #[serde(default)]
-    pub material: Vec<MaterialSpec>,
-    /// Prescribed displacements.
-    #[serde(default)]
-    pub fix: Vec<FixSpec>,
-    /// Forces and pressures.
-    #[serde(default)]
-    pub load: Vec<LoadSpec>,
-    /// Solver of a nonlinear or viscoelastic problem.
-    #[serde(alias = "nonlinear")]
-    pub solver: Option<SolverSpec>,
-    /// Viscosity of viscoelastic tissue.
-    #[serde(alias = "viscoelastic")]
-    pub viscosity: Option<ViscositySpec>,
-    /// Time course of loads and prescribed displacements, for nonlinear and viscoelastic tissue.
-    pub history: Option<HistorySpec>,
-    /// Source text, for errors that point into it.
-    #[serde(skip)]
-    pub source: Option<Arc<Source>>,
+parameters! {
+    /// A static problem. Nodes are numbered from 0 in the order of the mesh file.
+    pub struct ProblemFile with required keys by Model in model {
+        /// Version of the format: 1, which is the default.
+        version: Option<Version>;
+        /// Tetrahedral mesh, relative to this file: Gmsh or VTK.
+        mesh: PathBuf;
+        /// Length unit of the coordinates in the mesh file: `mm`, `cm` or `m`. Default `mm`.
+        #[serde(default)]
+        mesh_unit: Unit;
+        /// Name of the mesh's cell array (or physical groups) that numbers the regions. Default: the first of the
+        /// common names.
+        #[serde(alias = "region")]
+        region_array: Option<String>;
+        /// Tissue model. Default `linear`.
+        #[serde(default)]
+        model: Model;
+        /// Gravitational acceleration, acting on all tissue through its `density_kg_per_m3`, m/s^2, such as `[0, 9.81, 0]` towards the
+        /// back. Default: none.
+        gravity_m_per_s2: Option<[f64; 3]>;
+        /// Nodes whose displacements are reported.
+        #[serde(default)]
+        report_nodes: Vec<i64>;
+        /// Materials of the regions.
+        #[serde(default)]
+        material: Vec<MaterialSpec>;
+        /// Prescribed displacements.
+        #[serde(default)]
+        fix: Vec<FixSpec>;
+        /// Forces and pressures.
+        #[serde(default)]
+        load: Vec<LoadSpec>;
+        /// Solver.
+        #[serde(alias = "nonlinear")]
+        solver: Option<SolverSpec>, for Nonlinear | Viscoelastic;
+        /// Viscosity.
+        #[serde(alias = "viscoelastic")]
+        viscosity: Option<ViscositySpec>, for Viscoelastic;
+        /// Time course of loads and prescribed displacements.
+        history: Option<HistorySpec>, for Nonlinear | Viscoelastic;
+        /// Source text, for errors that point into it.
+        #[serde(skip)]
+        source: Option<Arc<Source>>;
+    }
 }
 
 document::input_file!(ProblemFile, in_ranges);
@@ -73,7 +74,7 @@ material_table! {
 selecting! {
     /// Prescribed displacements of nodes: selected by number, or as the intersection of a box, a cylinder, a region, its surface and the
     /// surface of the mesh.
-    #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
     #[serde(deny_unknown_fields)]
     pub struct FixSpec {
         /// Axes along which the nodes are fixed: `x`, `y`, `z` or several. Default `xyz`.
@@ -94,7 +95,7 @@ fn all_axes() -> String {
 selecting! {
     /// A load on nodes, selected as in `[[fix]]`, or on the surface between them: exactly one of `total_force_n`, `pressure_kpa` and
     /// `node_force_n`.
-    #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+    #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
     #[serde(deny_unknown_fields, default)]
     pub struct LoadSpec {
         /// Total force, spread evenly over the surface faces whose nodes are all selected, N.
