@@ -18,8 +18,8 @@ use std::time::{Duration, Instant};
 
 use super::{BenchOptions, Clock};
 use crate::tradeoff::remesh::subject::generated;
-use crate::tradeoff::remesh::{RemeshOptions, study};
-use crate::tradeoff::{Axis, Factor, Figure, Row, Study, Table};
+use crate::tradeoff::remesh::{self, Kind, RemeshOptions, RemeshRow};
+use crate::tradeoff::{Axis, Choice, Column, Factor, Figure, Study, Table};
 use insonify::Error;
 use insonify_base::document::InputError;
 use insonify_base::machine::Machine;
@@ -29,6 +29,7 @@ use insonify_imaging::effects::{Effects, Stage};
 use insonify_imaging::scene::{Scene, SceneFile};
 use insonify_imaging::synth::tables::{Anatomy, Settings};
 use insonify_imaging::synth::{FrameState, SynthError, Synthesizer};
+use insonify_mechanics::tissue::remesh::Precision;
 
 /// Deformed tissue and a needle.
 const SCENE: &str = r#"
@@ -138,10 +139,15 @@ pub fn compare(
     let solvers = solvers(options)?;
     progress("transfers", 0.6);
     // Only these two have a size and a ratio of both processors; transfers and effects have nothing to cross.
-    let crossing = crossing(&[&passes, &solvers]);
-    let mut tables = vec![passes, crossing];
+    let times = passes
+        .iter()
+        .map(Compared::times)
+        .chain(solvers.iter().map(Compared::times));
+    let mut tables = vec![passes::table(&passes), crossing(&times.collect::<Vec<_>>())];
     tables.extend(passes::transfers(subject, options)?);
-    tables.push(solvers);
+    let title = "Remeshing, single precision: one move with its K^c, transfers included";
+    let of_nodes = choices(Factor::new("nodes", "nodes"));
+    tables.push(Table::of("compare_solvers", title, &of_nodes, &SOLVERS, &solvers));
     progress("effects", 0.65);
     tables.push(effects::effects(subject, options)?);
     tables.push(effects::memory(subject, options)?);
@@ -168,9 +174,8 @@ const CPU_MS: Axis = Axis::log("cpu_ms", "CPU ms", "time on the CPU (median), ms
 const GPU_MS: Axis = Axis::log("gpu_ms", "GPU ms", "time on the GPU (median), ms");
 const RATIO: Axis = Axis::log("ratio", "CPU/GPU", "time on the CPU over time on the GPU");
 
-fn ratio(cpu: Option<f64>, gpu: Option<f64>) -> Option<f64> {
-    cpu.zip(gpu).map(|(cpu, gpu)| cpu / gpu.max(1e-6))
-}
+const GPU: Factor = Factor::new("gpu", "GPU");
+const WHAT: Factor = Factor::new("what", "what");
 
 fn figures() -> Vec<Figure> {
     let stages = [passes::FRAME].into_iter().chain(Stage::ALL.map(Stage::name));
@@ -213,26 +218,66 @@ fn clock_options(synth: &mut Synthesizer, state: &FrameState, patience: Duration
 /// Number of moves per insertion.
 const MOVES: usize = 6;
 
+/// Times of one thing on both processors, where measured.
+struct Compared<T> {
+    /// Name of the GPU.
+    gpu: String,
+    what: String,
+    size: String,
+    cpu_ms: Option<f64>,
+    gpu_ms: Option<f64>,
+    /// What else is known of it.
+    beside: T,
+}
+
+impl<T> Compared<T> {
+    /// Time on the CPU over time on the GPU.
+    fn ratio(&self) -> Option<f64> {
+        Some(self.cpu_ms? / self.gpu_ms?.max(1e-6))
+    }
+
+    /// The same without what else is known.
+    fn times(&self) -> Compared<()> {
+        Compared {
+            gpu: self.gpu.clone(),
+            what: self.what.clone(),
+            size: self.size.clone(),
+            cpu_ms: self.cpu_ms,
+            gpu_ms: self.gpu_ms,
+            beside: (),
+        }
+    }
+}
+
+const fn choices<T>(size: Factor) -> [Choice<Compared<T>>; 3] {
+    [
+        GPU.of(|row: &Compared<T>| row.gpu.clone()),
+        WHAT.of(|row: &Compared<T>| row.what.clone()),
+        size.of(|row: &Compared<T>| row.size.clone()),
+    ]
+}
+
+/// What is known of a solver beside its times.
+struct Solved {
+    dofs: f64,
+    device_ms: Option<f64>,
+}
+
+const SOLVERS: [Column<Compared<Solved>>; 5] = [
+    Axis::log("dofs", "dofs", "free degrees of freedom").of(|row| Some(row.beside.dofs)),
+    CPU_MS.of(|row| row.cpu_ms),
+    GPU_MS.of(|row| row.gpu_ms),
+    Axis::log(
+        "device_ms",
+        "of it computing",
+        "time of the update on the device (median), ms",
+    )
+    .of(|row| row.beside.device_ms),
+    RATIO.of(Compared::ratio),
+];
+
 /// Measures the levels available on both, in single precision; the remeshing study covers errors and the other levels.
-pub fn solvers(options: &CompareOptions) -> Result<Table, Error> {
-    let factors = [
-        Factor::new("gpu", "GPU"),
-        Factor::new("what", "what"),
-        Factor::new("nodes", "nodes"),
-    ];
-    let axes = [
-        Axis::log("dofs", "dofs", "free degrees of freedom"),
-        CPU_MS,
-        GPU_MS,
-        Axis::log(
-            "device_ms",
-            "of it computing",
-            "time of the update on the device (median), ms",
-        ),
-        RATIO,
-    ];
-    let title = "Remeshing, single precision: one move with its K^c, transfers included";
-    let mut table = Table::new("compare_solvers", title, &factors, &axes);
+fn solvers(options: &CompareOptions) -> Result<Vec<Compared<Solved>>, Error> {
     let meshes = options.nodes.iter().map(|&nodes| generated(nodes));
     let meshes = meshes.collect::<Result<Vec<_>, _>>()?;
     let remeshing = RemeshOptions {
@@ -241,103 +286,104 @@ pub fn solvers(options: &CompareOptions) -> Result<Table, Error> {
         patience: 4 * options.patience + Duration::from_millis(200),
         ..RemeshOptions::default()
     };
-    let found = study(&meshes, &options.gpus, &remeshing, &mut |_, _| {})?;
-    let Some(remesh) = found.tables.iter().find(|table| table.key == "remesh") else {
-        return Ok(table);
-    };
-    let choice = |row: &Row, key: &str| {
-        let at = remesh.factors.iter().position(|factor| factor.key == key)?;
-        Some(row.choices[at].clone())
-    };
-    let value = |row: &Row, key: &str| row.values[remesh.axes.iter().position(|axis| axis.key == key)?];
-    // GPUs run these levels in single precision: against rows in f64 the ratio would compare precisions too.
-    let single: Vec<&Row> = remesh
-        .rows
-        .iter()
-        .filter(|row| choice(row, "precision").is_some_and(|precision| precision.contains("32")))
-        .collect();
-    for row in single
-        .iter()
-        .filter(|row| choice(row, "backend").as_deref() == Some("CPU"))
-    {
-        let alike = |other: &&&Row| {
-            ["nodes", "level"]
-                .iter()
-                .all(|key| choice(other, key) == choice(row, key))
+    let rows = remesh::rows(&meshes, &options.gpus, &remeshing)?;
+    let mut compared = Vec::new();
+    for on_cpu in &rows {
+        // GPUs run these levels in single precision: against rows in f64 the ratio would compare precisions too.
+        let Kind::Dense(level, Precision::Single) = &on_cpu.kind else {
+            continue;
         };
-        let on_gpus: Vec<&&Row> = single
-            .iter()
-            .filter(alike)
-            .filter(|other| choice(other, "backend").as_deref() != Some("CPU"))
-            .collect();
-        let names = |gpu: String| {
-            let level = choice(row, "level").unwrap_or_default();
-            vec![
-                gpu,
-                format!("remeshing, level {level}"),
-                choice(row, "nodes").unwrap_or_default(),
-            ]
+        let row = |gpu: String, on_gpu: Option<&RemeshRow>| Compared {
+            gpu,
+            what: format!("remeshing, level {level}"),
+            size: on_cpu.nodes.to_string(),
+            cpu_ms: on_cpu.median_ms(),
+            gpu_ms: on_gpu.and_then(RemeshRow::median_ms),
+            beside: Solved {
+                dofs: on_cpu.dofs(),
+                device_ms: on_gpu.and_then(RemeshRow::device_ms),
+            },
         };
-        let (dofs, cpu) = (value(row, "dofs"), value(row, "median_ms"));
-        for other in &on_gpus {
-            let gpu = value(other, "median_ms");
-            let values = vec![dofs, cpu, gpu, value(other, "device_ms"), ratio(cpu, gpu)];
-            table.push(names(choice(other, "backend").unwrap_or_default()), values, None);
-        }
+        let is_alike = |other: &&RemeshRow| {
+            other.nodes == on_cpu.nodes && matches!(&other.kind, Kind::Device(of, _) if of == level)
+        };
+        let on_gpus = rows.iter().filter(is_alike);
+        let on_gpus: Vec<_> = on_gpus.map(|on_gpu| row(on_gpu.kind.backend(), Some(on_gpu))).collect();
         if on_gpus.is_empty() {
-            table.push(names("none".to_owned()), vec![dofs, cpu, None, None, None], None);
+            compared.push(row("none".to_owned(), None));
         }
+        compared.extend(on_gpus);
     }
-    Ok(table)
+    Ok(compared)
 }
 
-/// Finds, for each GPU and item in the tables (GPU, item, size; with a ratio as the last value), the size from which the ratio stays above
-/// 1, or the largest size at which it does not.
-pub fn crossing(tables: &[&Table]) -> Table {
-    let factors = [
-        Factor::new("gpu", "GPU"),
-        Factor::new("what", "what"),
-        Factor::new("wins", "the GPU wins"),
-    ];
-    let axes = [
-        Axis::log("ratio_smallest", "at smallest", "CPU over GPU at the smallest size"),
-        Axis::log(
-            "ratio_largest",
-            "at largest",
-            "CPU over GPU at the largest size that both did",
-        ),
-    ];
-    let title = "From which size on the GPU wins";
-    let mut table = Table::new("compare_crossing", title, &factors, &axes);
-    let mut seen: Vec<&[String]> = Vec::new();
-    let rows = || tables.iter().flat_map(|table| &table.rows);
-    for row in rows() {
-        let key = &row.choices[..2];
-        if seen.contains(&key) {
+/// From which size on a GPU is faster at something.
+struct Crossing {
+    gpu: String,
+    what: String,
+    /// The size in words.
+    wins: String,
+    /// Ratios at the smallest and the largest size.
+    ratios: [f64; 2],
+}
+
+const CROSSING_CHOICES: [Choice<Crossing>; 3] = [
+    GPU.of(|row| row.gpu.clone()),
+    WHAT.of(|row| row.what.clone()),
+    Factor::new("wins", "the GPU wins").of(|row| row.wins.clone()),
+];
+
+const CROSSING_COLUMNS: [Column<Crossing>; 2] = [
+    Axis::log("ratio_smallest", "at smallest", "CPU over GPU at the smallest size").of(|row| Some(row.ratios[0])),
+    Axis::log(
+        "ratio_largest",
+        "at largest",
+        "CPU over GPU at the largest size that both did",
+    )
+    .of(|row| Some(row.ratios[1])),
+];
+
+/// Finds, for each GPU and item, the size from which the ratio stays above 1, or the largest size at which it does not.
+fn crossing(rows: &[Compared<()>]) -> Table {
+    let mut crossings: Vec<Crossing> = Vec::new();
+    for row in rows {
+        let is_of = |gpu: &str, what: &str| (gpu, what) == (row.gpu.as_str(), row.what.as_str());
+        if crossings.iter().any(|seen| is_of(&seen.gpu, &seen.what)) {
             continue;
         }
-        seen.push(key);
-        let own = rows().filter(|other| other.choices[..2] == *key);
-        let both: Vec<(&Row, f64)> = own
-            .filter_map(|row| Some((row, row.values.last().copied()??)))
+        let alike = rows.iter().filter(|other| is_of(&other.gpu, &other.what));
+        let both: Vec<(&str, f64)> = alike
+            .filter_map(|row| Some((row.size.as_str(), row.ratio()?)))
             .collect();
-        let (Some(first), Some(last)) = (both.first(), both.last()) else {
+        let (Some(&(_, smallest)), Some(&(last, largest))) = (both.first(), both.last()) else {
             continue;
         };
         // After the last size at which the CPU is as fast: times scatter near the crossing, and one lucky
         // measurement of the GPU must not decide.
-        let wins = both.iter().rposition(|(_, ratio)| *ratio <= 1.0).map_or(0, |at| at + 1);
-        let size = |row: &Row| row.choices[2].clone();
-        let words = match both.get(wins) {
-            Some((row, _)) if wins == 0 => format!("from the smallest, {}", size(row)),
-            Some((row, _)) => format!("from {}", size(row)),
-            None => format!("never up to {}", size(last.0)),
+        let first_won = both
+            .iter()
+            .rposition(|(_, ratio)| *ratio <= 1.0)
+            .map_or(0, |lost| lost + 1);
+        let wins = match both.get(first_won) {
+            Some((size, _)) if first_won == 0 => format!("from the smallest, {size}"),
+            Some((size, _)) => format!("from {size}"),
+            None => format!("never up to {last}"),
         };
-        let mut choices = key.to_vec();
-        choices.push(words);
-        table.push(choices, vec![Some(first.1), Some(last.1)], None);
+        crossings.push(Crossing {
+            gpu: row.gpu.clone(),
+            what: row.what.clone(),
+            wins,
+            ratios: [smallest, largest],
+        });
     }
-    table
+    let title = "From which size on the GPU wins";
+    Table::of(
+        "compare_crossing",
+        title,
+        &CROSSING_CHOICES,
+        &CROSSING_COLUMNS,
+        &crossings,
+    )
 }
 
 #[cfg(test)]

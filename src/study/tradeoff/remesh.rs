@@ -29,7 +29,8 @@ use super::gather::Devices;
 use crate::StudyError;
 use crate::stability::Effort;
 pub(crate) use contender::Contender;
-use contender::{Kind, Sources};
+pub(crate) use contender::Kind;
+use contender::Sources;
 use insonify::Error;
 use insonify_base::memory;
 use insonify_gpu::{Gpu, Traffic};
@@ -39,6 +40,7 @@ use insonify_mechanics::tissue::symmetric::Symmetric;
 use insonify_mesh::TetMesh;
 use insonify_mesh::file::{ReadOptions, read_mesh};
 use report::RemeshReport;
+pub(crate) use report::RemeshRow;
 use subject::{Gold, Subject};
 
 /// Number of states of the first insertion in which errors are evaluated.
@@ -238,6 +240,23 @@ pub(crate) fn study(
     options: &RemeshOptions,
     progress: &mut (dyn FnMut(&str, f64) + Send),
 ) -> Result<Study, Error> {
+    Ok(contended(meshes, gpus, options, progress)?.finish())
+}
+
+/// The measurements of a [`study`].
+///
+/// # Errors
+/// As there.
+pub(crate) fn rows(meshes: &[TetMesh], gpus: &[Gpu], options: &RemeshOptions) -> Result<Vec<RemeshRow>, Error> {
+    Ok(contended(meshes, gpus, options, &mut |_, _| {})?.rows)
+}
+
+fn contended(
+    meshes: &[TetMesh],
+    gpus: &[Gpu],
+    options: &RemeshOptions,
+    progress: &mut (dyn FnMut(&str, f64) + Send),
+) -> Result<RemeshReport, Error> {
     for mesh in meshes {
         check_memory(subject::supports(mesh).free(), gpus, memory::available())?;
     }
@@ -255,7 +274,7 @@ pub(crate) fn study(
         study_mesh(subject, gpus, options, &mut report, &mut subject_progress)?;
     }
     progress("done", 1.0);
-    Ok(report.finish())
+    Ok(report)
 }
 
 /// Studies one mesh.

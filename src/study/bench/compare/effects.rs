@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::super::removable;
 use super::{CompareOptions, Factor, Subject};
-use crate::tradeoff::{Axis, Table};
+use crate::tradeoff::{Axis, Choice, Column, Table};
 use insonify::Error;
 use insonify_base::statistics::Spread;
 use insonify_imaging::effects::Effect;
@@ -87,105 +87,110 @@ fn in_turn(one: &mut Ready, other: &mut Ready, patience: Duration) -> Result<[Op
     Ok(times.map(Spread::of))
 }
 
-/// Returns the difference of the median times, first less second, ms.
-fn longer(pair: [Option<Spread>; 2]) -> Option<f64> {
-    let [one, other] = pair.map(|time| time.map(|time| time.median_ms));
-    Some(one? - other?)
+/// A frame without an effect, and one with it alone.
+struct EffectRow {
+    backend: String,
+    what: &'static str,
+    without: Option<Spread>,
+    /// A frame with everything, in turn with one without the effect.
+    whole: [Option<Spread>; 2],
+    /// Slicing and the effect alone, in turn with slicing.
+    alone: [Option<Spread>; 2],
+    without_mb: f64,
+    alone_mb: Option<f64>,
 }
 
-const AXES: [Axis; 9] = [
+fn median(time: Option<Spread>) -> Option<f64> {
+    Some(time?.median_ms)
+}
+
+/// Returns the difference of the median times, first less second, ms.
+fn longer([one, other]: [Option<Spread>; 2]) -> Option<f64> {
+    Some(median(one)? - median(other)?)
+}
+
+const BACKEND: Factor = Factor::new("backend", "backend");
+const EFFECT: Factor = Factor::new("effect", "effect");
+
+const CHOICES: [Choice<EffectRow>; 2] = [
+    BACKEND.of(|row| row.backend.clone()),
+    EFFECT.of(|row| row.what.to_owned()),
+];
+
+const COLUMNS: [Column<EffectRow>; 9] = [
     Axis::log(
         "without_ms",
         "without ms",
         "a frame with everything but it (median), ms",
-    ),
+    )
+    .of(|row| median(row.without)),
     Axis::log(
         "without_p95_ms",
         "p95 ms",
         "a frame with everything but it (95 of 100), ms",
-    ),
+    )
+    .of(|row| Some(row.without?.p95_ms)),
     Axis::log(
         "whole_ms",
         "with ms",
         "a frame with everything, in turn with one without it (median), ms",
-    ),
+    )
+    .of(|row| median(row.whole[0])),
     Axis::linear(
         "saved_ms",
         "saves ms",
         "what leaving it out saves: with less without, ms",
-    ),
-    Axis::log("alone_ms", "alone ms", "slicing and it alone (median), ms"),
+    )
+    .of(|row| longer(row.whole)),
+    Axis::log("alone_ms", "alone ms", "slicing and it alone (median), ms").of(|row| median(row.alone[0])),
     Axis::log(
         "bare_ms",
         "slicing ms",
         "slicing alone, in turn with slicing and it (median), ms",
-    ),
-    Axis::linear("adds_ms", "adds ms", "what it adds to slicing: alone less slicing, ms"),
-    Axis::log("without_mb", "without MB", "working memory with everything but it, MB"),
-    Axis::log("alone_mb", "alone MB", "working memory of slicing and it alone, MB"),
+    )
+    .of(|row| median(row.alone[1])),
+    Axis::linear("adds_ms", "adds ms", "what it adds to slicing: alone less slicing, ms").of(|row| longer(row.alone)),
+    Axis::log("without_mb", "without MB", "working memory with everything but it, MB").of(|row| Some(row.without_mb)),
+    Axis::log("alone_mb", "alone MB", "working memory of slicing and it alone, MB").of(|row| row.alone_mb),
 ];
 
 /// Measures frames with all effects, all but one, only one, and none.
 pub(super) fn effects(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, Error> {
     let settings = subject.sized(options.effects_grid);
-    let factors = [Factor::new("backend", "backend"), Factor::new("effect", "effect")];
-    let title = "Cost of each effect: frame time without it, and with it alone";
-    let mut table = Table::new("compare_effects", title, &factors, &AXES);
+    let mut rows = Vec::new();
     let present = present(subject, &settings)?;
     for (name, backend) in backends(options) {
         let ready = |keep: &dyn Fn(&Effect) -> bool| Ready::new(subject, with(subject, &settings, keep), backend());
         // Both stay for all effects: each is timed afresh in turn with its partner, so that the load of the
         // machine while one effect is measured does not count for another.
         let (mut all, mut none) = (ready(&|_| true)?, ready(&|_| false)?);
-        let [whole, bare] = in_turn(&mut all, &mut none, options.patience)?;
-        let mut push = |what: &str,
-                        time: Option<Spread>,
-                        company: [Option<Spread>; 2],
-                        alone: [Option<Spread>; 2],
-                        mb: [Option<f64>; 2]| {
-            let median = |time: Option<Spread>| time.map(|time| time.median_ms);
-            let values = vec![
-                median(time),
-                time.map(|time| time.p95_ms),
-                median(company[0]),
-                longer(company),
-                median(alone[0]),
-                median(alone[1]),
-                longer(alone),
-                mb[0],
-                mb[1],
-            ];
-            table.push(vec![name.clone(), what.to_owned()], values, None);
+        let [time_of_all, time_of_none] = in_turn(&mut all, &mut none, options.patience)?;
+        let single = |what, without, ready: &Ready| EffectRow {
+            backend: name.clone(),
+            what,
+            without,
+            whole: [None; 2],
+            alone: [None; 2],
+            without_mb: ready.megabytes(),
+            alone_mb: None,
         };
-        push(
-            "(everything)",
-            whole,
-            [None; 2],
-            [None; 2],
-            [Some(all.megabytes()), None],
-        );
+        rows.push(single("(everything)", time_of_all, &all));
         for effect in &present {
             let mut but = ready(&|other| other.name != effect.name)?;
-            let company = in_turn(&mut all, &mut but, options.patience)?;
+            let whole = in_turn(&mut all, &mut but, options.patience)?;
             let mut only = ready(&|other| other.name == effect.name)?;
             let alone = in_turn(&mut only, &mut none, options.patience)?;
-            push(
-                effect.name,
-                company[1],
-                company,
+            rows.push(EffectRow {
+                whole,
                 alone,
-                [Some(but.megabytes()), Some(only.megabytes())],
-            );
+                alone_mb: Some(only.megabytes()),
+                ..single(effect.name, whole[1], &but)
+            });
         }
-        push(
-            "(slicing alone)",
-            bare,
-            [None; 2],
-            [None; 2],
-            [Some(none.megabytes()), None],
-        );
+        rows.push(single("(slicing alone)", time_of_none, &none));
     }
-    Ok(table)
+    let title = "Cost of each effect: frame time without it, and with it alone";
+    Ok(Table::of("compare_effects", title, &CHOICES, &COLUMNS, &rows))
 }
 
 /// Returns the resources that only the passes of one effect bind.
@@ -200,23 +205,50 @@ fn own(plan: &Plan, effect: &str) -> BTreeSet<&'static Buffer> {
     bound(true).difference(&bound(false)).copied().collect()
 }
 
+/// What an effect holds, and what is left of it once it is taken away.
+struct MemoryRow {
+    backend: String,
+    effect: &'static str,
+    bytes: f64,
+    passes: usize,
+    left_bytes: f64,
+    left_passes: usize,
+}
+
+const MEMORY_CHOICES: [Choice<MemoryRow>; 2] = [
+    BACKEND.of(|row| row.backend.clone()),
+    EFFECT.of(|row| row.effect.to_owned()),
+];
+
+const MEMORY_COLUMNS: [Column<MemoryRow>; 4] = [
+    Axis::log("own_bytes", "own bytes", "bytes that nothing else works on").of(|row| Some(row.bytes)),
+    Axis::linear("passes", "passes", "passes").of(|row| Some(row.passes as f64)),
+    Axis::linear("left_bytes", "left, bytes", "bytes left where the scene does without").of(|row| Some(row.left_bytes)),
+    Axis::linear(
+        "left_passes",
+        "left, passes",
+        "passes and pipelines left where the scene does without",
+    )
+    .of(|row| Some(row.left_passes as f64)),
+];
+
+impl MemoryRow {
+    fn flag(&self) -> Option<String> {
+        let Self {
+            left_bytes,
+            left_passes,
+            ..
+        } = self;
+        let is_left = *left_bytes > 0.0 || *left_passes > 0;
+        is_left.then(|| format!("{left_bytes} bytes and {left_passes} passes are left of what the scene does without"))
+    }
+}
+
 /// Counts the bytes, passes and, on a GPU, pipelines that each effect needs, and what remains of them after its removal from a scene, which
 /// must be nothing.
 pub(super) fn memory(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, Error> {
     let settings = subject.sized(options.effects_grid);
-    let factors = [Factor::new("backend", "backend"), Factor::new("effect", "effect")];
-    let axes = [
-        Axis::log("own_bytes", "own bytes", "bytes that nothing else works on"),
-        Axis::linear("passes", "passes", "passes"),
-        Axis::linear("left_bytes", "left, bytes", "bytes left where the scene does without"),
-        Axis::linear(
-            "left_passes",
-            "left, passes",
-            "passes and pipelines left where the scene does without",
-        ),
-    ];
-    let title = "What each effect holds, and what is left of that once it is taken away";
-    let mut table = Table::new("compare_memory", title, &factors, &axes);
+    let mut rows = Vec::new();
     for (name, backend) in backends(options) {
         // Without a curve the tone pass displays amplitudes linearly: it is always present and cannot be removed.
         let present = present(subject, &settings)?
@@ -225,11 +257,11 @@ pub(super) fn memory(subject: &Subject<'_>, options: &CompareOptions) -> Result<
         for effect in present {
             let plan = Plan::new(&Tables::new(subject.anatomy.clone(), settings.clone())?);
             let resources = own(&plan, effect.name);
-            let held = plan
+            let of_effect = plan
                 .resources
                 .iter()
                 .filter(|planned| resources.contains(&planned.resource));
-            let held: u64 = held.map(|planned| planned.bytes).sum();
+            let bytes: u64 = of_effect.map(|planned| planned.bytes).sum();
             let own_passes = plan.passes.iter().filter(|planned| planned.effect == effect.name);
             let own_passes: Vec<&str> = own_passes.map(|planned| planned.pass.name).collect();
             let (anatomy, without) = with(subject, &settings, |other| other.name != effect.name);
@@ -250,20 +282,17 @@ pub(super) fn memory(subject: &Subject<'_>, options: &CompareOptions) -> Result<
             let left = left as f64 + (idle.memory_bytes() as f64 - fresh.memory_bytes() as f64).abs();
             let passes = idle.plan().passes.iter().map(|planned| planned.pass.name);
             let names: Vec<&str> = passes.chain(idle.pipelines()).collect();
-            let left_passes = own_passes.iter().filter(|pass| names.contains(pass)).count();
-            let flag = (left > 0.0 || left_passes > 0)
-                .then(|| format!("{left} bytes and {left_passes} passes are left of what the scene does without"));
-            table.push(
-                vec![name.clone(), effect.name.to_owned()],
-                vec![
-                    Some(held as f64),
-                    Some(own_passes.len() as f64),
-                    Some(left),
-                    Some(left_passes as f64),
-                ],
-                flag,
-            );
+            rows.push(MemoryRow {
+                backend: name.clone(),
+                effect: effect.name,
+                bytes: bytes as f64,
+                passes: own_passes.len(),
+                left_bytes: left,
+                left_passes: own_passes.iter().filter(|pass| names.contains(pass)).count(),
+            });
         }
     }
-    Ok(table)
+    let title = "What each effect holds, and what is left of that once it is taken away";
+    let table = Table::of("compare_memory", title, &MEMORY_CHOICES, &MEMORY_COLUMNS, &rows);
+    Ok(table.flagged(&rows, MemoryRow::flag))
 }

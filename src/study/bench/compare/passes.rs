@@ -1,8 +1,10 @@
 //! Times of passes, and of transfers to and from a GPU.
 
-use super::{CPU_MS, Clock, CompareOptions, Factor, GPU_MS, RATIO, Subject, clock_options, ratio};
+use super::{
+    CPU_MS, Clock, CompareOptions, Compared, Factor, GPU, GPU_MS, RATIO, Subject, WHAT, choices, clock_options,
+};
 use crate::bench::PassSpread;
-use crate::tradeoff::{Axis, Table};
+use crate::tradeoff::{Axis, Choice, Column, Table};
 use insonify::Error;
 use insonify_base::statistics::Spread;
 use insonify_gpu::{Gpu, GpuError, Readback, StorageBuffer};
@@ -12,6 +14,8 @@ use insonify_imaging::plan::Plan;
 use insonify_imaging::synth::slab::Slab;
 use insonify_imaging::synth::tables::Tables;
 use insonify_imaging::synth::{Backend, SynthError, Synthesizer};
+
+const GRID: Factor = Factor::new("grid", "grid");
 
 /// In place of the stage of a pass: the frame as a whole.
 pub(super) const FRAME: &str = "frame";
@@ -100,22 +104,33 @@ fn all_sizes(
     Ok(sizes)
 }
 
-/// Tabulates all sizes: each GPU beside the CPU, or only the CPU if there is no GPU.
-pub(super) fn passes(subject: &Subject<'_>, options: &CompareOptions, notes: &mut Vec<String>) -> Result<Table, Error> {
-    let factors = [
-        Factor::new("gpu", "GPU"),
-        Factor::new("what", "what"),
-        Factor::new("grid", "grid"),
-        Factor::new("stage", "stage"),
-    ];
-    let axes = [
-        Axis::log("samples", "samples", "samples of a frame"),
-        CPU_MS,
-        GPU_MS,
-        RATIO,
-    ];
+/// What is known of a frame or a pass beside its times.
+pub(super) struct Frame {
+    stage: &'static str,
+    samples: f64,
+}
+
+const PASSES: [Column<Compared<Frame>>; 4] = [
+    Axis::log("samples", "samples", "samples of a frame").of(|row| Some(row.beside.samples)),
+    CPU_MS.of(|row| row.cpu_ms),
+    GPU_MS.of(|row| row.gpu_ms),
+    RATIO.of(Compared::ratio),
+];
+
+/// Tabulates frames and passes.
+pub(super) fn table(rows: &[Compared<Frame>]) -> Table {
+    let [gpu, what, grid] = choices(GRID);
+    let stage = Factor::new("stage", "stage").of(|row: &Compared<Frame>| row.beside.stage.to_owned());
     let title = "Frames (wall clock) and passes (timestamps of the GPU), CPU in single precision";
-    let mut table = Table::new("compare_passes", title, &factors, &axes);
+    Table::of("compare_passes", title, &[gpu, what, grid, stage], &PASSES, rows)
+}
+
+/// Measures all sizes: each GPU beside the CPU, or only the CPU if there is no GPU.
+pub(super) fn passes(
+    subject: &Subject<'_>,
+    options: &CompareOptions,
+    notes: &mut Vec<String>,
+) -> Result<Vec<Compared<Frame>>, Error> {
     let cpu = all_sizes(subject, options, "the CPU", || Backend::Cpu, notes)?;
     let mut gpus: Vec<(String, Vec<Option<Times>>)> = Vec::new();
     for gpu in &options.gpus {
@@ -130,6 +145,7 @@ pub(super) fn passes(subject: &Subject<'_>, options: &CompareOptions, notes: &mu
         let times = times.as_ref()?;
         times.iter().find(|(name, ..)| name == what).map(|(_, _, ms)| *ms)
     };
+    let mut rows = Vec::new();
     for (name, sizes) in &gpus {
         let seen = cpu.iter().chain(sizes).flatten();
         let longest = seen.max_by_key(|times| times.len());
@@ -144,20 +160,18 @@ pub(super) fn passes(subject: &Subject<'_>, options: &CompareOptions, notes: &mu
                     continue;
                 }
                 let samples = f64::from(grid[0]) * f64::from(grid[1]);
-                table.push(
-                    vec![
-                        name.clone(),
-                        what.clone(),
-                        format!("{} x {}", grid[0], grid[1]),
-                        stage.to_owned(),
-                    ],
-                    vec![Some(samples), cpu_ms, gpu_ms, ratio(cpu_ms, gpu_ms)],
-                    None,
-                );
+                rows.push(Compared {
+                    gpu: name.clone(),
+                    what: what.clone(),
+                    size: format!("{} x {}", grid[0], grid[1]),
+                    cpu_ms,
+                    gpu_ms,
+                    beside: Frame { stage, samples },
+                });
             }
         }
     }
-    Ok(table)
+    Ok(rows)
 }
 
 /// Number of repetitions of each transfer.
@@ -175,33 +189,43 @@ fn moved_mesh(subject: &Subject<'_>, tables: &Tables) -> Result<u64, Error> {
     Ok(maps.iter().sum::<usize>() as u64)
 }
 
+/// A transfer to or from a GPU.
+struct Transferred {
+    gpu: String,
+    what: &'static str,
+    grid: String,
+    megabytes: f64,
+    ms: Option<f64>,
+}
+
+const TRANSFER_CHOICES: [Choice<Transferred>; 3] = [
+    GPU.of(|row| row.gpu.clone()),
+    WHAT.of(|row| row.what.to_owned()),
+    GRID.of(|row| row.grid.clone()),
+];
+
+const TRANSFER_COLUMNS: [Column<Transferred>; 3] = [
+    Axis::log("megabytes", "MB", "bytes moved, MB").of(|row| Some(row.megabytes)),
+    GPU_MS.of(|row| row.ms),
+    Axis::log("gb_s", "GB/s", "bytes moved a second, GB/s").of(|row| Some(row.megabytes / row.ms?.max(1e-6))),
+];
+
 pub(super) fn transfers(subject: &Subject<'_>, options: &CompareOptions) -> Result<Option<Table>, Error> {
     if options.gpus.is_empty() {
         return Ok(None);
     }
-    let factors = [
-        Factor::new("gpu", "GPU"),
-        Factor::new("what", "what"),
-        Factor::new("grid", "grid"),
-    ];
-    let axes = [
-        Axis::log("megabytes", "MB", "bytes moved, MB"),
-        GPU_MS,
-        Axis::log("gb_s", "GB/s", "bytes moved a second, GB/s"),
-    ];
-    let title = "Transfers of a frame, apart from what is computed (wall clock, waited for)";
-    let mut table = Table::new("compare_transfers", title, &factors, &axes);
+    let mut rows = Vec::new();
     for gpu in &options.gpus {
-        for (at, &grid) in options.grids.iter().enumerate() {
+        for (index, &grid) in options.grids.iter().enumerate() {
             let tables = Tables::new(subject.anatomy.clone(), subject.sized(grid))?;
             let plan = Plan::new(&tables);
             let limit = gpu.limits().max_storage_buffer_binding_size;
-            let mut moves: Vec<(&str, u64, Transfer)> = Vec::new();
+            let mut moves: Vec<(&'static str, u64, Transfer)> = Vec::new();
             // Neither the mesh nor the parameters depend on the grid of samples: one size is enough.
-            if at == 0 && plan.has("warp") {
+            if index == 0 && plan.has("warp") {
                 moves.push(("up: the moved mesh", moved_mesh(subject, &tables)?, upload));
             }
-            if at == 0 {
+            if index == 0 {
                 moves.push(("up: parameters", 256 * plan.passes.len() as u64, upload));
             }
             moves.push(("back: pixels", PIXELS.bytes(&tables), read_back));
@@ -209,20 +233,21 @@ pub(super) fn transfers(subject: &Subject<'_>, options: &CompareOptions) -> Resu
                 if bytes == 0 || bytes > limit {
                     continue;
                 }
-                let ms = transfer(gpu, bytes)?;
-                let megabytes = bytes as f64 * 1e-6;
-                let name = match what {
-                    "back: pixels" => format!("{} x {}", grid[0], grid[1]),
-                    _ => "any".to_owned(),
-                };
-                table.push(
-                    vec![gpu.report().name.clone(), what.to_owned(), name],
-                    vec![Some(megabytes), ms, ms.map(|ms| megabytes / ms.max(1e-6))],
-                    None,
-                );
+                rows.push(Transferred {
+                    gpu: gpu.report().name.clone(),
+                    what,
+                    grid: match what {
+                        "back: pixels" => format!("{} x {}", grid[0], grid[1]),
+                        _ => "any".to_owned(),
+                    },
+                    megabytes: bytes as f64 * 1e-6,
+                    ms: transfer(gpu, bytes)?,
+                });
             }
         }
     }
+    let title = "Transfers of a frame, apart from what is computed (wall clock, waited for)";
+    let table = Table::of("compare_transfers", title, &TRANSFER_CHOICES, &TRANSFER_COLUMNS, &rows);
     Ok(Some(table))
 }
 

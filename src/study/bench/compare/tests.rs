@@ -1,6 +1,5 @@
 use super::*;
 use crate::bench::tests::removable;
-use crate::tradeoff::Table;
 use insonify_imaging::anatomies::two_layers as scene;
 
 fn options() -> CompareOptions {
@@ -87,26 +86,22 @@ fn without_a_gpu_the_part_of_the_cpu_is_there_and_says_so() {
 
 #[test]
 fn the_gpu_wins_from_where_it_stays_ahead() {
-    let factors = [
-        Factor::new("gpu", "GPU"),
-        Factor::new("what", "what"),
-        Factor::new("grid", "grid"),
-    ];
-    let mut table = Table::new("compare_passes", "", &factors, &[RATIO]);
+    let mut rows = Vec::new();
     let mut push = |what: &str, ratios: [Option<f64>; 4]| {
-        for (size, ratio) in ["a", "b", "c", "d"].iter().zip(ratios) {
-            table.push(
-                vec!["g".to_owned(), what.to_owned(), (*size).to_owned()],
-                vec![ratio],
-                None,
-            );
-        }
+        rows.extend(["a", "b", "c", "d"].iter().zip(ratios).map(|(size, ratio)| Compared {
+            gpu: "g".to_owned(),
+            what: what.to_owned(),
+            size: (*size).to_owned(),
+            cpu_ms: ratio,
+            gpu_ms: Some(1.0),
+            beside: (),
+        }));
     };
     push("always", [Some(2.0), Some(3.0), Some(4.0), Some(5.0)]);
     push("at last", [Some(1.5), Some(0.9), Some(1.1), Some(2.0)]);
     push("never", [Some(0.1), Some(0.5), Some(0.9), None]);
     push("unknown", [None; 4]);
-    let found = crossing(&[&table]);
+    let found = crossing(&rows);
     let wins: Vec<&str> = found.rows.iter().map(|row| row.choices[2].as_str()).collect();
     assert_eq!(wins, ["from the smallest, a", "from c", "never up to c"]);
     assert_eq!(found.rows[2].values, [Some(0.1), Some(0.9)]);

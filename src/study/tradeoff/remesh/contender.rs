@@ -157,6 +157,12 @@ impl Kind {
         }
     }
 
+    /// Returns the backend as named in tables.
+    pub(crate) fn backend(&self) -> String {
+        let [_, backend, _] = self.choices();
+        backend
+    }
+
     /// Returns the device used, if any.
     pub(crate) fn gpu(&self) -> Option<&Gpu> {
         match self {

@@ -11,24 +11,23 @@ use insonify_gpu::{Gpu, Traffic};
 use insonify_mechanics::tissue::symmetric::Symmetric;
 
 /// Measurements of a remesher on a mesh.
-struct Contended<T> {
-    nodes: usize,
-    /// Level, backend and precision, as named in tables.
-    kind: [String; 3],
+pub(crate) struct Contended<T> {
+    pub(crate) nodes: usize,
+    pub(crate) kind: Kind,
     measured: T,
 }
 
 const fn choices<T>() -> [Choice<Contended<T>>; 4] {
     [
         Factor::new("nodes", "nodes").of(|row: &Contended<T>| row.nodes.to_string()),
-        Factor::new("level", "level").of(|row: &Contended<T>| row.kind[0].clone()),
-        Factor::new("backend", "backend").of(|row: &Contended<T>| row.kind[1].clone()),
-        Factor::new("precision", "precision").of(|row: &Contended<T>| row.kind[2].clone()),
+        Factor::new("level", "level").of(|row: &Contended<T>| row.kind.choices()[0].clone()),
+        Factor::new("backend", "backend").of(|row: &Contended<T>| row.kind.choices()[1].clone()),
+        Factor::new("precision", "precision").of(|row: &Contended<T>| row.kind.choices()[2].clone()),
     ]
 }
 
 /// Measurements with what they relate to.
-struct Remeshing {
+pub(crate) struct Remeshing {
     dofs: usize,
     measured: Measured,
     /// Bandwidth of a plain copy on the same device, B/s.
@@ -68,12 +67,28 @@ const ERROR_CONDENSED: Axis = Axis::log(
     "relative error of K^c, the compliance at the contacts",
 );
 
-type RemeshRow = Contended<Remeshing>;
+pub(crate) type RemeshRow = Contended<Remeshing>;
+
+impl RemeshRow {
+    /// Free degrees of freedom.
+    pub(crate) fn dofs(&self) -> f64 {
+        self.measured.dofs as f64
+    }
+
+    /// Median time of a remesh with its K^c, ms.
+    pub(crate) fn median_ms(&self) -> Option<f64> {
+        Some(self.measured.time()?.median_ms)
+    }
+
+    /// Median time of the update on the device, ms.
+    pub(crate) fn device_ms(&self) -> Option<f64> {
+        median(self.measured.measured.device_ms.clone())
+    }
+}
 
 const REMESH: [Column<RemeshRow>; 21] = [
-    Axis::log("dofs", "unknowns", "free degrees of freedom").of(|row| Some(row.measured.dofs as f64)),
-    Axis::log("median_ms", "ms", "time of a remesh with its K^c (median), ms")
-        .of(|row| Some(row.measured.time()?.median_ms)),
+    Axis::log("dofs", "unknowns", "free degrees of freedom").of(|row| Some(row.dofs())),
+    Axis::log("median_ms", "ms", "time of a remesh with its K^c (median), ms").of(RemeshRow::median_ms),
     Axis::log(
         "p95_ms",
         "p95 ms",
@@ -92,7 +107,7 @@ const REMESH: [Column<RemeshRow>; 21] = [
         "device ms",
         "time of the update on the device (median), ms",
     )
-    .of(|row| median(row.measured.measured.device_ms.clone())),
+    .of(RemeshRow::device_ms),
     Axis::linear(
         "submissions",
         "submissions",
@@ -171,7 +186,7 @@ const GOLD: &str = "refactorisation of the moved mesh, solutions refined";
 /// Report under construction.
 pub(super) struct RemeshReport {
     study: Study,
-    rows: Vec<RemeshRow>,
+    pub(super) rows: Vec<RemeshRow>,
     copy_cpu: f64,
     copy_gpus: Vec<(String, f64)>,
 }
@@ -243,7 +258,7 @@ impl RemeshReport {
         }
         self.rows.push(Contended {
             nodes: subject.nodes(),
-            kind: kind.choices(),
+            kind: kind.clone(),
             measured: Remeshing {
                 dofs: subject.size(),
                 measured,
