@@ -112,86 +112,85 @@ fn cases(sweep: bool) -> Vec<BevelCase> {
     cells.iter().flat_map(of_mesh).collect()
 }
 
+impl BevelCase {
+    fn name(&self) -> String {
+        let Bevel { r_mm, length_mm } = self.bevel;
+        let cell = cell_name(self.cell_mm);
+        format!("bevel of {length_mm} mm, r = {r_mm} mm, cells of {cell} mm")
+    }
+
+    /// The row of this bevel on the next coarser mesh; a straight needle has nothing to converge to.
+    fn coarser<'a>(&self, rows: &'a [BevelRow]) -> Option<&'a BevelRow> {
+        let mut coarser = rows.iter().rev();
+        coarser.find(|row| row.case.bevel == self.bevel && self.bevel.r_mm > 0.0)
+    }
+
+    /// What is wrong with a deflection, mm. No theory gives the deflection itself, but two bounds hold on every mesh: without an
+    /// offset of the tip the needle goes straight, and a larger offset bends it more.
+    fn flag(&self, deflection_mm: f64, rows: &[BevelRow]) -> Option<String> {
+        if self.bevel.r_mm == 0.0 && deflection_mm.abs() > STRAIGHT_MM {
+            return Some(format!("straight to {STRAIGHT_MM} mm is expected"));
+        }
+        let smaller = rows.iter().rev().find(|row| {
+            let BevelCase { bevel, cell_mm } = row.case;
+            bevel.length_mm == self.bevel.length_mm && cell_mm == self.cell_mm
+        })?;
+        let is_less = deflection_mm <= smaller.deflection_mm;
+        is_less.then(|| "more than with the smaller r is expected".to_owned())
+    }
+}
+
+/// Deflection of the tip, mm.
+fn aside_mm(step: &Step) -> f64 {
+    step.tip_mm.x - 0.5 * EXTENT[0]
+}
+
+/// Warns of a deflection that has not converged with the mesh.
+fn unconverged(row: &BevelRow, coarser: Option<&BevelRow>) -> Option<String> {
+    let change = row.change_percent.filter(|change| change.abs() > CONVERGED_PERCENT)?;
+    let (name, cell) = (row.case.name(), cell_name(coarser?.case.cell_mm));
+    Some(format!(
+        "{name}: not converged with the mesh, {change:+.0} % from cells of {cell} mm"
+    ))
+}
+
 pub(super) fn run(options: &InsertionOptions, study: &mut Study, progress: Progress<'_>) -> Result<(), Error> {
     let cases = cases(options.bevel_sweep);
     let (mut rows, mut trace): (Vec<BevelRow>, Vec<DepthRow>) = (Vec::new(), Vec::new());
     for (index, case) in cases.iter().enumerate() {
-        let Bevel { r_mm, length_mm } = case.bevel;
-        let text = format!(
-            "bevel of {length_mm} mm, r = {r_mm} mm, cells of {} mm",
-            cell_name(case.cell_mm)
-        );
-        progress(&text, index as f64 / cases.len() as f64);
+        progress(&case.name(), index as f64 / cases.len() as f64);
         let steps = insert(case, options.bevel_depth_mm)?;
-        let aside = |step: &Step| step.tip_mm.x - 0.5 * EXTENT[0];
-        let Some(end_mm) = steps.last().map(aside) else {
+        let Some(deflection_mm) = steps.last().map(aside_mm) else {
             continue;
         };
-        let half_mm = steps.get(steps.len() / 2).map(aside);
-        // No theory gives the deflection itself, but two bounds hold on every mesh: without an offset of the
-        // tip the needle goes straight, and a larger offset bends it more.
-        let smaller = rows.iter().rev().find(|row| {
-            let BevelCase { bevel, cell_mm } = row.case;
-            bevel.length_mm == length_mm && cell_mm == case.cell_mm
-        });
-        let flag = match smaller {
-            _ if r_mm == 0.0 && end_mm.abs() > STRAIGHT_MM => Some(format!("straight to {STRAIGHT_MM} mm is expected")),
-            Some(before) if end_mm <= before.deflection_mm => {
-                Some("more than with the smaller r is expected".to_owned())
-            }
-            _ => None,
-        };
-        let coarser = rows.iter().rev().find(|row| row.case.bevel == case.bevel && r_mm > 0.0);
-        let change_percent = coarser.map(|before| 100.0 * (end_mm - before.deflection_mm) / end_mm);
-        if let (Some(change), Some(before)) = (
-            change_percent.filter(|change| change.abs() > CONVERGED_PERCENT),
-            coarser,
-        ) {
-            study.notes.push(format!(
-                "{text}: not converged with the mesh, {change:+.0} % from cells of {} mm",
-                cell_name(before.case.cell_mm)
-            ));
-        }
-        rows.push(BevelRow {
+        let coarser = case.coarser(&rows);
+        let change = |before: &BevelRow| 100.0 * (deflection_mm - before.deflection_mm) / deflection_mm;
+        let row = BevelRow {
             case: *case,
-            deflection_mm: end_mm,
-            half_mm,
-            change_percent,
+            deflection_mm,
+            half_mm: steps.get(steps.len() / 2).map(aside_mm),
+            change_percent: coarser.map(change),
             times: StepTimes::of(&steps),
-            flag,
-        });
+            flag: case.flag(deflection_mm, &rows),
+        };
+        study.notes.extend(unconverged(&row, coarser));
+        rows.push(row);
         trace.extend(steps.iter().enumerate().step_by(4).map(|(step, state)| DepthRow {
-            length_mm,
-            r: r_mm.to_string(),
+            length_mm: case.bevel.length_mm,
+            r: case.bevel.r_mm.to_string(),
             cell_mm: case.cell_mm,
             depth_mm: step as f64 * ADVANCE_MM,
-            deflection_mm: aside(state),
+            deflection_mm: aside_mm(state),
         }));
     }
-    let (length_mm, cell_mm) = (LENGTHS_MM[1], CELLS_MM[0]);
     trace.extend([0.0, options.bevel_depth_mm].map(|depth_mm| DepthRow {
-        length_mm,
+        length_mm: DRAWN.0,
         r: format!("measured: {MEASURED_MM} mm"),
-        cell_mm,
+        cell_mm: DRAWN.1,
         depth_mm,
         deflection_mm: MEASURED_MM,
     }));
-    let axes = ["depth_mm", "deflection_mm"];
-    let figure = |file: &str, title: &str, colour, condition| Figure {
-        only: condition,
-        ..lines(file, title, "bevel-depth", axes, colour)
-    };
-    let length = || ("length_mm", length_mm.to_string());
-    let title = "Bevelled needles in PVC (20 kPa): deflection against depth";
-    let fixed_cell = vec![length(), ("cell_mm", cell_name(cell_mm))];
-    study.figures.push(figure("insertion-bevel", title, "r_mm", fixed_cell));
-    if options.bevel_sweep {
-        let title = "A bevelled needle in PVC, r = 0.6 mm: deflection by the cells of the mesh";
-        let fixed_radius = vec![length(), ("r_mm", FITTED_MM.to_string())];
-        study
-            .figures
-            .push(figure("insertion-bevel-mesh", title, "cell_mm", fixed_radius));
-    }
+    study.figures.extend(figures(options.bevel_sweep));
     let title = format!("Bevels in a block of PVC: deflection at {} mm", options.bevel_depth_mm);
     let columns: Vec<_> = COLUMNS.into_iter().chain([unsettled()]).collect();
     study.tables.extend([
@@ -206,6 +205,30 @@ pub(super) fn run(options: &InsertionOptions, study: &mut Study, progress: Progr
         .unlisted(),
     ]);
     Ok(())
+}
+
+/// Length of the bevel and edge of the cells that are drawn, mm.
+const DRAWN: (f64, f64) = (LENGTHS_MM[1], CELLS_MM[0]);
+
+/// Deflection against depth by r and, in a sweep, by the cells.
+fn figures(sweep: bool) -> Vec<Figure> {
+    let length = ("length_mm", DRAWN.0.to_string());
+    let figure = |file: &str, title: &str, colour, condition| Figure {
+        only: vec![length.clone(), condition],
+        ..lines(file, title, "bevel-depth", ["depth_mm", "deflection_mm"], colour)
+    };
+    let title = "Bevelled needles in PVC (20 kPa): deflection against depth";
+    let by_r = figure("insertion-bevel", title, "r_mm", ("cell_mm", cell_name(DRAWN.1)));
+    let title = "A bevelled needle in PVC, r = 0.6 mm: deflection by the cells of the mesh";
+    let by_cell = || {
+        figure(
+            "insertion-bevel-mesh",
+            title,
+            "cell_mm",
+            ("r_mm", FITTED_MM.to_string()),
+        )
+    };
+    std::iter::once(by_r).chain(sweep.then(by_cell)).collect()
 }
 
 fn insert(case: &BevelCase, depth_mm: f64) -> Result<Vec<Step>, Error> {
