@@ -1,5 +1,5 @@
-//! Static finite elements at the size of a detailed training model: 3,328 nodes, 16,200 tetrahedra, 9,360 free degrees of
-//! freedom. Assembly, ordering and factorisation, and solutions, on one thread.
+//! Static finite elements at the size of a detailed training model: 3,328 nodes, 16,200 tetrahedra, 9,360 free degrees
+//! of freedom. Assembly, ordering and factorisation, and solutions, on one thread.
 
 use std::hint::black_box;
 use std::sync::Arc;
@@ -123,8 +123,8 @@ fn problem(criterion: &mut Criterion) {
     });
 }
 
-/// A plate of 20 x 20 mm that goes to and fro by half a millimetre, 8 mm deep in tissue that stiffens above a relative strain of 0.1:
-/// forces in balance to a millionth.
+/// A plate of 20 x 20 mm that goes to and fro by half a millimetre, 8 mm deep in tissue that stiffens above a relative
+/// strain of 0.1: forces in balance to a millionth.
 fn nonlinear(criterion: &mut Criterion) {
     let block = block();
     let law = Stiffening::new(soft(), 0.1, 20.0).expect("a law");

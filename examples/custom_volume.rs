@@ -1,5 +1,5 @@
-//! How is anatomy imaged that exists only in memory? An array of labels, a table of tissues and a solid texture, all made
-//! here: a cyst and a stone in a gland, under a linear probe.
+//! How is anatomy imaged that exists only in memory? An array of labels, a table of tissues and a solid texture, all
+//! made here: a cyst and a stone in a gland, under a linear probe.
 //!
 //! `cargo run --release --example custom_volume -- cyst.png`
 

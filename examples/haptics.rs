@@ -1,6 +1,7 @@
-//! How do haptic devices drive a brachytherapy needle and a transrectal probe? As in Goksel et al. 2011 (section V-C): the device of the
-//! needle is held across its axis, is given the force along it, and goes through one hole of a template after another without moving
-//! aside; two devices of three axes hold the probe at two points, and are damped. Devices are masses here, and a script is the hand.
+//! How do haptic devices drive a brachytherapy needle and a transrectal probe? As in Goksel et al. 2011 (section V-C):
+//! the device of the needle is held across its axis, is given the force along it, and goes through one hole of a
+//! template after another without moving aside; two devices of three axes hold the probe at two points, and are damped.
+//! Devices are masses here, and a script is the hand.
 //!
 //! `cargo run --release --example haptics`
 

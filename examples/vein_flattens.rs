@@ -1,5 +1,6 @@
-//! What does an ultrasound image show when a needle pushes into the liver? The vein that it is meant for, at rest, pressed flat before
-//! the capsule gives way, pressed flatter before its own wall does, and after: four frames of the scenario `liver-puncture` side by side.
+//! What does an ultrasound image show when a needle pushes into the liver? The vein that it is meant for, at rest,
+//! pressed flat before the capsule gives way, pressed flatter before its own wall does, and after: four frames of the
+//! scenario `liver-puncture` side by side.
 //!
 //! `cargo run --release --example vein_flattens -- docs/vein.png` (a minute)
 

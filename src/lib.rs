@@ -59,7 +59,8 @@
 //!
 //! # Map
 //!
-//! This crate is what a simulator and a renderer need. What it does not have at its root stands in its modules and in the crates below it:
+//! This crate is what a simulator and a renderer need. What it does not have at its root stands in its modules and in
+//! the crates below it:
 //!
 //! | module or crate | contents |
 //! |---|---|
@@ -75,14 +76,14 @@
 //! | [`insonify_imaging`] | scenes, effects, plan, execution on the CPU or the GPU, sequences of frames |
 //! | [`insonify_mechanics`] | tissue, needles, insertions, remeshing |
 //!
-//! Features, on by default: `gpu` renders and remeshes on a GPU through wgpu; `record` has files, plots and pages of insertions. For frames alone,
-//! [`insonify_imaging`] suffices. Studies and the command are crates of their own.
+//! Features, on by default: `gpu` renders and remeshes on a GPU through wgpu; `record` has files, plots and pages of
+//! insertions. For frames alone, [`insonify_imaging`] suffices. Studies and the command are crates of their own.
 //!
 //! # Axes and units
 //!
-//! Lengths are millimetres, angles radians in code and degrees in files, moduli kilopascals. The world is LPS as in DICOM
-//! and ITK. The probe frame has its origin at the centre of the transducer array, x lateral towards the marked side,
-//! y axial into the body, z = x cross y. Images have columns along x and rows along y (PLUS orientation MF).
+//! Lengths are millimetres, angles radians in code and degrees in files, moduli kilopascals. The world is LPS as in
+//! DICOM and ITK. The probe frame has its origin at the centre of the transducer array, x lateral towards the marked
+//! side, y axial into the body, z = x cross y. Images have columns along x and rows along y (PLUS orientation MF).
 
 // The crates below, for what has no name at the root.
 pub use {

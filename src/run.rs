@@ -34,8 +34,9 @@ pub struct Step<'a> {
     pub time_s: f64,
     /// Transform from the base frame of the needle to world.
     pub base: Isometry3<f64>,
-    /// Transform from the frame of the probe in contact (see [`ProbeContact`](insonify_mechanics::insertion::ProbeContact)) to world;
-    /// without one, from that of the imaging probe.
+    /// Transform from the frame of the probe in contact (see
+    /// [`ProbeContact`](insonify_mechanics::insertion::ProbeContact)) to world; without one, from that of the imaging
+    /// probe.
     pub probe: Isometry3<f64>,
     /// Outcome of the step.
     pub outcome: &'a Outcome,
@@ -72,7 +73,8 @@ pub struct Deformed<'a> {
     pub elements: &'a [[u32; 4]],
     /// Deformed tissue with node positions.
     pub tissue: &'a Tissue,
-    /// Von Mises stress of each element, kPa; `None` for masses and springs, and for viscous tissue of which it is not followed.
+    /// Von Mises stress of each element, kPa; `None` for masses and springs, and for viscous tissue of which it is not
+    /// followed.
     pub von_mises_kpa: Option<&'a [f64]>,
     /// Centre line of the needle.
     pub needle: &'a CentreLine,

@@ -10,7 +10,8 @@
 //! [`LateralHold`], and a needle [`TemplateGuided`] by a template whose holes one device visits in turn.
 //!
 //! Frames of reference and signs of forces are stated by [`Forces`], late steps by [`Policy`], saving and replaying by
-//! [`State`](crate::SimulatorState) and [`Recording`](crate::Recording); `insonify insert --replay` repeats a recording of a scenario, to score and to image it.
+//! [`State`](crate::SimulatorState) and [`Recording`](crate::Recording); `insonify insert --replay` repeats a recording
+//! of a scenario, to score and to image it.
 
 mod devices;
 mod forces;

@@ -1,4 +1,5 @@
-//! Studies and what they need of every crate below: the doors of crates, hard cases, static problems, tables of parameters.
+//! Studies and what they need of every crate below: the doors of crates, hard cases, static problems, tables of
+//! parameters.
 
 mod doors;
 mod parameters;

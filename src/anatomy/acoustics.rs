@@ -125,8 +125,8 @@ impl Tissue {
 ///     tissues: vec![tissue("background")?, tissue("liver")?, tissue("bone")?],
 ///     of_label: vec![0, 2, 1, 2],
 /// };
-/// assert_eq!((&*table.of(2).name, &*table.of(3).name), ("liver", "bone"));
-/// assert_eq!(table.of(200).name, "background");
+/// assert_eq!((&*table.tissue(2).name, &*table.tissue(3).name), ("liver", "bone"));
+/// assert_eq!(table.tissue(200).name, "background");
 /// assert!(table.textures().len() <= table.tissues.len());
 /// # Ok::<(), &str>(())
 /// ```
@@ -140,7 +140,7 @@ pub struct TissueTable {
 
 impl TissueTable {
     /// Tissue of a label index; that of the background if the index is past the end.
-    pub fn of(&self, label_index: u8) -> &Tissue {
+    pub fn tissue(&self, label_index: u8) -> &Tissue {
         let tissue = self.of_label.get(usize::from(label_index)).copied().unwrap_or(0);
         &self.tissues[usize::from(tissue)]
     }

@@ -5,14 +5,14 @@ use nalgebra::{Unit, Vector3};
 use crate::range::parameters;
 
 parameters! {
-    /// Keeps the inserted part of a needle near the direction in which it entered, as tissue does, while the sensor at its hub
-    /// follows the hand.
+    /// Keeps the inserted part of a needle near the direction in which it entered, as tissue does, while the sensor at
+    /// its hub follows the hand.
     ///
-    /// The constrained direction is `d_c = w d_e + (1 - w) d_m`, normalised, of the entry direction `d_e` and the measured one
-    /// `d_m`, with `w = max_weight / (1 + exp(-alpha (l - delta)))` of the inserted length `l` (section 2.3 of the training
-    /// system for ultrasound-guided needle insertion that the imaging model follows). Zhu et al. 2007 give 0.9, 60 and 0.12
-    /// without units: they suit a length in metres, so that bending is free at first and constrained from about 120 mm on. Here
-    /// lengths are millimetres: `alpha` is 0.06 per mm, `delta` 120 mm.
+    /// The constrained direction is `d_c = w d_e + (1 - w) d_m`, normalised, of the entry direction `d_e` and the
+    /// measured one `d_m`, with `w = max_weight / (1 + exp(-alpha (l - delta)))` of the inserted length `l` (section
+    /// 2.3 of the training system for ultrasound-guided needle insertion that the imaging model follows). Zhu et al.
+    /// 2007 give 0.9, 60 and 0.12 without units: they suit a length in metres, so that bending is free at first and
+    /// constrained from about 120 mm on. Here lengths are millimetres: `alpha` is 0.06 per mm, `delta` 120 mm.
     #[derive(Copy)]
     pub struct BendingConstraint {
         /// Largest weight of the entry direction.
@@ -30,7 +30,8 @@ impl BendingConstraint {
         self.max_weight / (1.0 + (-self.alpha_per_mm * (inserted_mm - self.delta_mm)).exp())
     }
 
-    /// Returns the constrained direction of the inserted part: the entry direction where the two are opposite and cancel.
+    /// Returns the constrained direction of the inserted part: the entry direction where the two are opposite and
+    /// cancel.
     pub fn direction(
         &self,
         entry: &Unit<Vector3<f64>>,

@@ -36,7 +36,8 @@ use super::document::InputError;
 /// assert!(matches!(error.downcast_ref(), Some(Trial::Number(12))));
 /// ```
 pub trait Blame: std::error::Error + Send + Sync + 'static {
-    /// Whether the machine is at fault rather than the input: an existing file cannot be read, memory is too small, or a device failed.
+    /// Whether the machine is at fault rather than the input: an existing file cannot be read, memory is too small, or
+    /// a device failed.
     fn is_machine(&self) -> bool {
         false
     }

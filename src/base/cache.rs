@@ -70,7 +70,8 @@ pub fn folder() -> Option<PathBuf> {
     variable(FOLDER_VARIABLE).or_else(usual)
 }
 
-/// Lets [`cached`] write files. Only the command calls this: programs that embed the library write nothing to their users' folders.
+/// Lets [`cached`] write files. Only the command calls this: programs that embed the library write nothing to their
+/// users' folders.
 pub fn switch_on() {
     IS_ON.store(true, Ordering::Relaxed);
 }
@@ -79,13 +80,14 @@ thread_local! {
     static IS_BYPASSED: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Lets [`cached`] on this thread make every result anew, as a check that results do not depend on where they were made.
+/// Lets [`cached`] on this thread make every result anew, as a check that results do not depend on where they were
+/// made.
 pub fn bypass() {
     IS_BYPASSED.set(true);
 }
 
-/// The result of `make` (`length` bytes), which the key determines: from memory, else from a file that this very program wrote, else newly made.
-/// Without a readable and writable cache folder only memory is used.
+/// The result of `make` (`length` bytes), which the key determines: from memory, else from a file that this very
+/// program wrote, else newly made. Without a readable and writable cache folder only memory is used.
 pub fn cached(key: &str, length: usize, make: impl FnOnce() -> Vec<u8>) -> Vec<u8> {
     if IS_BYPASSED.get() {
         return make();

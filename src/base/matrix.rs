@@ -8,8 +8,8 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::{Deserializer, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize, Serializer};
 
-/// A 4 x 4 transform on column vectors as written in a file: four rows of four numbers, sixteen numbers row by row, or a
-/// string of sixteen numbers as PLUS writes them. The numbers are not validated: see [`rigid`].
+/// A 4 x 4 transform on column vectors as written in a file: four rows of four numbers, sixteen numbers row by row, or
+/// a string of sixteen numbers as PLUS writes them. The numbers are not validated: see [`rigid`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rows(pub Matrix4<f64>);
 
@@ -20,8 +20,8 @@ const RIGID_TOLERANCE: f64 = 5e-3;
 /// Largest translation of a rigid transform along an axis, mm: a kilometre, so that later products cannot overflow.
 pub const FARTHEST_MM: f64 = 1e6;
 
-/// Returns the rigid transform nearest to a matrix: its 3 x 3 part is replaced by the rotation of its polar decomposition.
-/// An error, which says what is wrong, if that changes an entry by more than 0.005.
+/// Returns the rigid transform nearest to a matrix: its 3 x 3 part is replaced by the rotation of its polar
+/// decomposition. An error, which says what is wrong, if that changes an entry by more than 0.005.
 pub fn rigid(matrix: &Matrix4<f64>) -> Result<Matrix4<f64>, String> {
     for row in 0..4 {
         for column in 0..4 {

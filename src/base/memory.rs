@@ -42,8 +42,8 @@ pub fn check(needed: u64, what: &str) -> Result<(), TooLarge> {
     }
 }
 
-/// Bytes available without swapping: the minimum of what the system, the control groups of this process (versions 1 and 2) and
-/// its limits of address space and data leave. `None` where none of them reports a value; Linux does.
+/// Bytes available without swapping: the minimum of what the system, the control groups of this process (versions 1
+/// and 2) and its limits of address space and data leave. `None` where none of them reports a value; Linux does.
 pub fn available() -> Option<usize> {
     let read = |path| fs::read_to_string(path).unwrap_or_default();
     let process = read("/proc/self/status");
@@ -80,7 +80,8 @@ fn limit_left(limits: &str, limit: &str, process: &str, used: &str) -> Option<u6
     Some(limit_bytes.saturating_sub(kib(process, used)?))
 }
 
-/// File names of a control group's limit, its usage, and the page cache within that usage, which is reclaimed under memory pressure.
+/// File names of a control group's limit, its usage, and the page cache within that usage, which is reclaimed under
+/// memory pressure.
 type GroupFiles = [&'static str; 4];
 const VERSION_1: GroupFiles = [
     "memory.limit_in_bytes",

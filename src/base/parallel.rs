@@ -1,8 +1,8 @@
 //! Loops on all threads of the current pool: the one that [`Pool::install`] runs a function in, or that of the process.
 //!
-//! A loop takes its closure by reference to a trait object, so that it is compiled once for each type of rows, not once for each closure. Rows are
-//! halved from thread to thread as long as others are idle; no loop allocates memory but for the results that it returns. Whatever depends on
-//! the order of rows is in their order, at any number of threads.
+//! A loop takes its closure by reference to a trait object, so that it is compiled once for each type of rows, not once
+//! for each closure. Rows are halved from thread to thread as long as others are idle; no loop allocates memory but for
+//! the results that it returns. Whatever depends on the order of rows is in their order, at any number of threads.
 
 use std::cmp::Ordering;
 use std::collections::LinkedList;
@@ -13,8 +13,8 @@ use std::sync::{Mutex, PoisonError};
 
 use rayon::slice::ParallelSliceMut;
 
-/// What a loop hands out, row by row: items of a slice, runs of items ([`chunks`], [`chunks_mut`]), numbers of a range, and tuples of
-/// such rows, which end with the shortest; `0..` numbers the others.
+/// What a loop hands out, row by row: items of a slice, runs of items ([`chunks`], [`chunks_mut`]), numbers of a range,
+/// and tuples of such rows, which end with the shortest; `0..` numbers the others.
 pub trait Rows: Send + Sized {
     /// What the closure of a loop gets.
     type Row;
@@ -129,6 +129,7 @@ impl<'a, T: Sync> Rows for Chunks<'a, T> {
     }
 
     fn next(&mut self) -> Option<&'a [T]> {
+        // With nothing left an empty run splits off, and would forever.
         let size = self.size.min(self.items.len());
         self.items.split_off(..size).filter(|row| !row.is_empty())
     }
@@ -164,6 +165,7 @@ impl<'a, T: Send> Rows for ChunksMut<'a, T> {
     }
 
     fn next(&mut self) -> Option<&'a mut [T]> {
+        // As in `Chunks`.
         let size = self.size.min(self.items.len());
         self.items.split_off_mut(..size).filter(|row| !row.is_empty())
     }
@@ -263,7 +265,7 @@ pub fn try_for_each<R: Rows, E: Send>(rows: R, work: &(dyn Fn(R::Row) -> Result<
     for_each((0.., rows), &|(index, row)| {
         first.unless_failed(index, || work(row));
     });
-    first.of(())
+    first.unless_any(())
 }
 
 /// Results of `make` for each row.
@@ -298,7 +300,7 @@ pub fn try_map<R: Rows, T: Send, E: Send>(
 ) -> Result<Vec<T>, E> {
     let first = FirstError::default();
     let results = filter_map((0.., rows), &|(index, row)| first.unless_failed(index, || make(row)));
-    first.of(results)
+    first.unless_any(results)
 }
 
 /// Sorts items; those that are equal keep their order.
@@ -316,8 +318,10 @@ pub fn enter<T: Send>(run: impl FnOnce() -> T + Send) -> T {
     once(run, |run| rayon::scope(|_| run()))
 }
 
-/// The result of `run`, which `call` calls once as a trait object: the machinery of threads is compiled once, not for each function.
+/// The result of `run`, which `call` calls once as a trait object: the machinery of threads is compiled once, not for
+/// each function.
 fn once<T: Send>(run: impl FnOnce() -> T + Send, call: impl FnOnce(&mut (dyn FnMut() + Send))) -> T {
+    // A trait object cannot be called by value: the function is taken out by the only call.
     let (mut run, mut result) = (Some(run), None);
     call(&mut || result = run.take().map(|run| run()));
     result.unwrap_or_else(|| unreachable!("the function has been called"))
@@ -342,6 +346,7 @@ impl<E> Default for FirstError<E> {
 impl<E> FirstError<E> {
     /// The result of `work` for a row; `None` if it fails, or one before it has.
     fn unless_failed<T>(&self, row: usize, work: impl FnOnce() -> Result<T, E>) -> Option<T> {
+        // An outdated number costs a row of work, no more: which error is kept is decided under the lock.
         if row > self.row.load(Memory::Relaxed) {
             return None;
         }
@@ -356,7 +361,7 @@ impl<E> FirstError<E> {
         None
     }
 
-    fn of<T>(self, result: T) -> Result<T, E> {
+    fn unless_any<T>(self, result: T) -> Result<T, E> {
         match self.error.into_inner().unwrap_or_else(PoisonError::into_inner) {
             Some(error) => Err(error),
             None => Ok(result),
@@ -366,6 +371,7 @@ impl<E> FirstError<E> {
 
 /// Lists of the pieces of rows, one after another.
 fn collect<R: Rows, T: Send>(rows: R, piece: &(dyn Fn(R) -> Vec<T> + Sync)) -> Vec<T> {
+    // Linked lists join in constant time at every merge; each result is copied once, at the end.
     let lists = |rows: R| LinkedList::from([piece(rows)]);
     let mut lists = divide(rows, &lists, |mut first, mut last| {
         first.append(&mut last);
@@ -399,6 +405,7 @@ fn divide_into<R: Rows, A: Send>(
     if count < 2 || (pieces == 0 && !taken) {
         return piece(rows);
     }
+    // A thread that takes rows was idle, and others may be: these rows are cut for all of them again.
     let least = if taken { threads() } else { 0 };
     let pieces = least.max(pieces / 2);
     let (first, last) = rows.split_at(count / 2);
@@ -415,7 +422,8 @@ fn divide_into<R: Rows, A: Send>(
     }
 }
 
-/// Runs two functions, each told whether another thread has taken it. Not generic, so that the machinery of threads is compiled once.
+/// Runs two functions, each told whether another thread has taken it. Not generic, so that the machinery of threads is
+/// compiled once.
 fn join(first: &mut (dyn FnMut(bool) + Send), last: &mut (dyn FnMut(bool) + Send)) {
     rayon::join_context(|context| first(context.migrated()), |context| last(context.migrated()));
 }

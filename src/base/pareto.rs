@@ -1,6 +1,7 @@
 //! Choice among variants by cost and error.
 
-/// Returns the Pareto front from left to right: the points that no other beats in both coordinates, smaller being better.
+/// Returns the Pareto front from left to right: the points that no other beats in both coordinates, smaller being
+/// better.
 pub fn front(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let finite = |point: &&[f64; 2]| point.iter().all(|x| x.is_finite());
     let mut sorted: Vec<[f64; 2]> = points.iter().filter(finite).copied().collect();
@@ -25,8 +26,9 @@ pub struct Choice<'a, T> {
     pub better: Option<&'a T>,
 }
 
-/// Chooses, by the cost and error that `weigh` returns, the least error within a limit of cost, and the cheaper of two with equal errors;
-/// if none is within the limit, the cheapest. Errors within the factor `same` of one another count as equal for `better`.
+/// Chooses, by the cost and error that `weigh` returns, the least error within a limit of cost, and the cheaper of two
+/// with equal errors; if none is within the limit, the cheapest. Errors within the factor `same` of one another count
+/// as equal for `better`.
 pub fn choose<T>(candidates: &[T], limit: f64, same: f64, weigh: impl Fn(&T) -> [f64; 2]) -> Option<Choice<'_, T>> {
     let [by_cost, by_error] = [0, 1].map(|first: usize| {
         let weigh = &weigh;

@@ -1,8 +1,9 @@
 //! Random numbers as a hash of position and seed: the same input gives the same value on every run, thread count and
 //! backend.
 //!
-//! The mixing steps are those of the PCG output permutation family in three dimensions (M. Jarzynski and M. Olano, "Hash Functions for
-//! GPU Rendering", JCGT 9(3), 2020), on 32-bit integers only, since 64-bit ones are optional on GPUs.
+//! The mixing steps are those of the PCG output permutation family in three dimensions (M. Jarzynski and M. Olano,
+//! "Hash Functions for GPU Rendering", JCGT 9(3), 2020), on 32-bit integers only, since 64-bit ones are optional on
+//! GPUs.
 
 pub mod noise;
 

@@ -161,7 +161,8 @@ pub fn describe_kinds<T: ByKind<Kind = K>, K: Kind + serde::Serialize>(schema: &
     describe_keys(schema, T::KINDS, T::FIELD);
 }
 
-/// Says in the schema of a table to which kinds its keys belong, and refuses them with the other kinds where the table states its kind at `field`.
+/// Says in the schema of a table to which kinds its keys belong, and refuses them with the other kinds where the table
+/// states its kind at `field`.
 pub fn describe_keys<K: Kind + serde::Serialize>(
     schema: &mut schemars::Schema,
     keys: &[(&str, &[K])],
@@ -229,14 +230,16 @@ impl<N: Number> Number for Option<N> {
     }
 }
 
-/// Declares a table of parameters: each with its description, its type, its default after `=` if that is not the default of the type, and its range
-/// with the unit for errors. Range and default thus stand once and reach `Default`, [`Ranges`], the documentation and the JSON schema.
+/// Declares a table of parameters: each with its description, its type, its default after `=` if that is not the
+/// default of the type, and its range with the unit for errors. Range and default thus stand once and reach `Default`,
+/// [`Ranges`], the documentation and the JSON schema.
 ///
-/// A range begins with `in LOW` or, without that number itself, `above LOW`; it ends with `..=HIGH`, with `..HIGH`, which is not in it, or nowhere.
-/// In a table `with required keys`, all keys are required but those that are an `Option` or `#[serde(default)]`, and there is no `Default`.
+/// A range begins with `in LOW` or, without that number itself, `above LOW`; it ends with `..=HIGH`, with `..HIGH`,
+/// which is not in it, or nowhere. In a table `with required keys`, all keys are required but those that are an
+/// `Option` or `#[serde(default)]`, and there is no `Default`.
 ///
-/// In a table `by KIND`, a [`Kind`], a key with `for A | B` before its range belongs to those variants of it only; with `by KIND in FIELD` the table
-/// states its kind itself.
+/// In a table `by KIND`, a [`Kind`], a key with `for A | B` before its range belongs to those variants of it only; with
+/// `by KIND in FIELD` the table states its kind itself.
 ///
 /// ```
 /// use insonify_base::range::{Ranges, parameters};
@@ -264,7 +267,8 @@ macro_rules! parameters {
             $(, above $over:literal $(..=$most:literal)? $(..$under:literal)? $($of:literal)?)?;
         )+
     }) => {
-        // What depends on the options of the table is left to the arms below: a macro cannot choose within one expansion.
+        // What depends on the options of the table is left to the arms below: a macro cannot choose within one
+        // expansion.
         $crate::range::parameters! {
             @table [$($required)?]
             $(#[$meta])*

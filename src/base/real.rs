@@ -14,12 +14,13 @@ pub trait Real: Float + FromPrimitive + NumAssign + Default + Send + Sync + std:
     fn from_signed(value: i32) -> Self;
     /// Truncates towards zero, with saturation.
     fn truncate(self) -> i32;
-    /// Converts a whole number between -2^22 and 2^22, exactly and in vector registers; others give an arbitrary integer.
+    /// Converts a whole number between -2^22 and 2^22, exactly and in vector registers; others give an arbitrary
+    /// integer.
     fn integer(self) -> i32;
     /// Returns the copy of a table in this type.
     fn pick(numbers: &Numbers) -> &[Self];
-    /// Runs a kernel of numbers of this type: in the widest vector registers of the machine where speed counts, which is single
-    /// precision.
+    /// Runs a kernel of numbers of this type: in the widest vector registers of the machine where speed counts, which
+    /// is single precision.
     #[inline(always)]
     fn vectorised<K: Kernel>(kernel: K) -> K::Output {
         kernel.run()

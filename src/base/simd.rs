@@ -29,7 +29,8 @@ pub fn dispatch<K: WithSimd>(kernel: K) -> K::Output {
     Arch::new().dispatch(kernel)
 }
 
-/// Array whose elements are a function of their index. Unlike `std::array::from_fn` it is always inlined, as everything in a kernel must be.
+/// Array whose elements are a function of their index. Unlike `std::array::from_fn` it is always inlined, as everything
+/// in a kernel must be.
 #[inline(always)]
 pub fn array<T: Copy, const N: usize>(value: impl Fn(usize) -> T) -> [T; N] {
     let mut values = [value(0); N];

@@ -47,8 +47,8 @@ pub fn slope(x: &[f64], y: &[f64]) -> f64 {
     above / x.iter().map(|a| (a - mx).powi(2)).sum::<f64>()
 }
 
-/// Returns the full width at half maximum of a correlation, sampled at multiples of `step` from 1 at distance 0; `None` if it stays above
-/// one half.
+/// Returns the full width at half maximum of a correlation, sampled at multiples of `step` from 1 at distance 0; `None`
+/// if it stays above one half.
 pub fn full_width(correlations: &[f64], step: f64) -> Option<f64> {
     let after = correlations.iter().position(|&c| c < 0.5)?;
     let (high, low) = (*correlations.get(after.checked_sub(1)?)?, correlations[after]);
@@ -96,8 +96,8 @@ impl Spread {
     }
 }
 
-/// Histogram of any number of step times in a fixed 24 KiB: bins 1/64 of an octave wide, from 0.1 ns to three hours. Percentiles are
-/// accurate to 0.6 %; the longest time is exact.
+/// Histogram of any number of step times in a fixed 24 KiB: bins 1/64 of an octave wide, from 0.1 ns to three hours.
+/// Percentiles are accurate to 0.6 %; the longest time is exact.
 #[derive(Clone, Debug)]
 pub struct Times {
     counts: Vec<u64>,

@@ -118,8 +118,8 @@ impl Table {
         self.rows.is_empty()
     }
 
-    /// Returns the table as text, its columns separated by `gap`: of the given widths, or as wide as their longest cell where that is 0 or
-    /// not given.
+    /// Returns the table as text, its columns separated by `gap`: of the given widths, or as wide as their longest cell
+    /// where that is 0 or not given.
     pub fn text(&self, gap: &str, widths: &[usize]) -> String {
         let words = |row: &Vec<Cell>| row.iter().map(Cell::words).collect::<Vec<_>>();
         let lines: Vec<Vec<String>> = std::iter::once(&self.head)
@@ -206,7 +206,8 @@ impl Table {
         std::iter::once(&self.head).chain(rows).map(line).collect()
     }
 
-    /// Returns the table in HTML. With `stacked`, its rows become blocks on a narrow screen, with the first cell as heading.
+    /// Returns the table in HTML. With `stacked`, its rows become blocks on a narrow screen, with the first cell as
+    /// heading.
     pub fn html(&self, stacked: bool) -> String {
         let class = if stacked { "stack" } else { "" };
         let head: String = self.head.iter().map(|cell| cell.html("th", "", false)).collect();

@@ -54,7 +54,7 @@ pub(crate) struct Chosen {
 impl Chosen {
     fn of(tables: &Arc<Tables>, backend: Backend, reason: impl Into<String>) -> Result<Self, SynthError> {
         Ok(Self {
-            synth: Synthesizer::of(Arc::clone(tables), backend)?,
+            synth: Synthesizer::from_tables(Arc::clone(tables), backend)?,
             reason: reason.into(),
             warnings: Vec::new(),
         })

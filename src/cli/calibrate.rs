@@ -194,7 +194,7 @@ impl DirectionArgs {
                 let frame = row.count("frame").map_err(TrackingError::from)?;
                 directions.extend(
                     poses
-                        .of(frame)
+                        .get(frame)
                         .map(|pose| nonzero(direction).map(|direction| (pose, direction)))
                         .transpose()?,
                 );

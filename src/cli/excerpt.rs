@@ -21,7 +21,7 @@ const DIM: &str = "2";
 struct Paint(bool);
 
 impl Paint {
-    fn of(self, style: &str, text: &str) -> String {
+    fn styled(self, style: &str, text: &str) -> String {
         if self.0 {
             format!("\x1b[{style}m{text}\x1b[0m")
         } else {
@@ -35,9 +35,9 @@ impl Paint {
 pub(crate) fn drawn(message: &str, help: Option<&str>, excerpt: Option<&Excerpt>, coloured: bool) -> String {
     let paint = Paint(coloured);
     let line = |head: &str, text: &str| format!("{head}{}\n", text.trim_end_matches(' '));
-    let mut out = line(&format!("  {} ", paint.of(RED, "×")), message);
+    let mut out = line(&format!("  {} ", paint.styled(RED, "×")), message);
     out.extend(excerpt.map(|excerpt| framed(excerpt, paint)));
-    out.extend(help.map(|help| line(&paint.of(CYAN, "  help: "), help)));
+    out.extend(help.map(|help| line(&paint.styled(CYAN, "  help: "), help)));
     out
 }
 
@@ -51,17 +51,17 @@ fn framed(excerpt: &Excerpt, paint: Paint) -> String {
     let digits = last_number.to_string().len();
     let margin = " ".repeat(digits + 2);
     let location = format!("{}:{}:{}", excerpt.name, excerpt.line, excerpt.column + 1);
-    let mut out = format!("{margin}╭─[{}]\n", paint.of(CYAN_UNDERLINED, &location));
+    let mut out = format!("{margin}╭─[{}]\n", paint.styled(CYAN_UNDERLINED, &location));
     let mut begin = 0;
     for (number, line) in (excerpt.lines_before + 1..).zip(lines) {
-        let number = paint.of(DIM, &format!("{number:digits$}"));
+        let number = paint.styled(DIM, &format!("{number:digits$}"));
         let text = line.trim_end_matches('\n');
         let _ = writeln!(out, " {number} │ {}", expanded(text).0);
         if (begin..begin + line.len()).contains(&excerpt.span.start) {
             let [start, end] = [excerpt.span.start, excerpt.span.end]
                 .map(|offset| expanded(&text[..text.floor_char_boundary(offset - begin)]).1);
             for mark in marks(start, end, excerpt.span.is_empty()) {
-                let _ = writeln!(out, "{margin}· {}", paint.of(MAGENTA, &mark));
+                let _ = writeln!(out, "{margin}· {}", paint.styled(MAGENTA, &mark));
             }
         }
         begin += line.len();

@@ -70,7 +70,7 @@ impl Info {
             ..ReadOptions::default()
         };
         let file = read_mesh(&self.file, &options)?;
-        let quality = Quality::of(&file.mesh, file.mesh.nodes());
+        let quality = Quality::measure(&file.mesh, file.mesh.nodes());
         let report = MeshReport::new(&self.file, &file, &quality);
         terminal::print(&report, self.json)
     }

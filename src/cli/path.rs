@@ -138,7 +138,7 @@ impl PathArgs {
         chosen.synth.render(&FrameState::at(*pose.probe_to_world()))?;
         let picture = plan.picture(&chosen.synth, &scenario);
         let colours: Vec<[u8; 3]> = (0..anatomy.volume.labels().len())
-            .map(|label| anatomy.tissues.of(label as u8).colour)
+            .map(|label| anatomy.tissues.tissue(label as u8).colour)
             .collect();
         let needle = plan.needle(&scenario);
         let beam = &chosen.synth.tables().grid;

@@ -191,6 +191,6 @@ impl TextureArgs {
             window: region.map(|side| side as usize),
             apex_px: self.apex,
         };
-        Ok(preparation.of(picture, &region)?)
+        Ok(preparation.prepare(picture, &region)?)
     }
 }

@@ -141,8 +141,8 @@ pub fn hardware(adapters: &[AdapterReport]) -> Result<&AdapterReport, String> {
     }
 }
 
-/// Returns the first adapter in the order of [`list`] whose `name (backend)` contains the chosen name, case-insensitive,
-/// or the first one if no name was chosen.
+/// Returns the first adapter in the order of [`list`] whose `name (backend)` contains the chosen name,
+/// case-insensitive, or the first one if no name was chosen.
 pub fn pick(choice: &AdapterChoice) -> Result<wgpu::Adapter, GpuError> {
     let mut adapters = adapters();
     let titles: Vec<String> = adapters.iter().map(|adapter| title(&adapter.get_info())).collect();

@@ -44,8 +44,8 @@ impl StorageBuffer {
         Ok(buffer)
     }
 
-    /// Returns a buffer that contains `data` and is never written again: the one that this call made for the same contents on
-    /// this device, as long as it is in use.
+    /// Returns a buffer that contains `data` and is never written again: the one that this call made for the same
+    /// contents on this device, as long as it is in use.
     pub fn shared(gpu: &Gpu, label: &str, data: &[u8]) -> Result<Self, GpuError> {
         let hash = blake3::hash(data);
         let mut shared = gpu.shared().lock().unwrap_or_else(PoisonError::into_inner);
@@ -136,8 +136,8 @@ pub(super) fn whole_words(bytes: u64) -> u64 {
 
 // Parameters of all passes in one storage buffer, written once per frame.
 //
-// A uniform buffer is avoided: if a uniform decides a branch or ends a loop, software Vulkan (lavapipe of Mesa 22.3) recompiles
-// the pass at every dispatch and keeps the result as long as the device exists.
+// A uniform buffer is avoided: if a uniform decides a branch or ends a loop, software Vulkan (lavapipe of Mesa 22.3)
+// recompiles the pass at every dispatch and keeps the result as long as the device exists.
 
 /// Size of one slot, bytes: the largest `min_storage_buffer_offset_alignment` that WebGPU allows a device to
 /// require.

@@ -18,13 +18,15 @@ const WAIT_TIMEOUT: Duration = Duration::from_secs(60);
 /// Number of storage buffers per stage that a device is opened with where its adapter has them: fused passes bind many.
 const USEFUL_STORAGE_BUFFERS: u32 = 33;
 
-/// Size of storage bindings that a device is opened with where its adapter has it, bytes: the frames of a batch share buffers.
+/// Size of storage bindings that a device is opened with where its adapter has it, bytes: the frames of a batch share
+/// buffers.
 const USEFUL_BINDING_BYTES: u64 = 512 << 20;
 
 /// Device requirements beyond wgpu's default limits; zero means the default.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Needs {
-    /// Largest storage buffer that a pass binds, bytes (default limit 128 MiB, or up to 512 MiB where the adapter has it).
+    /// Largest storage buffer that a pass binds, bytes (default limit 128 MiB, or up to 512 MiB where the adapter has
+    /// it).
     pub storage_binding_bytes: u64,
     /// Largest buffer, bytes (default limit 256 MiB).
     pub buffer_bytes: u64,
@@ -212,8 +214,8 @@ impl Gpu {
         self.faults.take()
     }
 
-    /// Runs `work` and returns the errors that wgpu raised in it; `what` names the work in these errors. Within another scope of the same device it
-    /// only runs `work`: a frame has one scope.
+    /// Runs `work` and returns the errors that wgpu raised in it; `what` names the work in these errors. Within another
+    /// scope of the same device it only runs `work`: a frame has one scope.
     pub fn scoped<T, E: From<GpuError>>(&self, what: &str, work: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
         let outer = SCOPED.replace(self.faults.id());
         if outer == self.faults.id() {

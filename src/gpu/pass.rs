@@ -6,8 +6,9 @@ use super::{Access, Gpu, GpuError, Parameters, StorageBuffer};
 
 /// Source and layout of a pass.
 ///
-/// In its WGSL, `@group(0) @binding(0)` is the parameter block (`var<storage, read>`) of at most [`SLOT_BYTES`] bytes unless [`Pipeline::with_block`] states another size (omitted in a
-/// pass without parameters), and bindings 1, 2, ... are the storage buffers in the order of `storage`.
+/// In its WGSL, `@group(0) @binding(0)` is the parameter block (`var<storage, read>`) of at most [`SLOT_BYTES`] bytes
+/// unless [`Pipeline::with_block`] states another size (omitted in a pass without parameters), and bindings 1, 2, ...
+/// are the storage buffers in the order of `storage`.
 #[derive(Debug, Clone, Copy)]
 pub struct PassSource<'a> {
     /// Name of the pass in errors, timings and graphics debuggers.
@@ -32,8 +33,8 @@ impl Loops {
     /// Nothing: wgpu counts the turns of each loop and ends it after 2^64.
     pub const COUNTED: Self = Self { end: false };
 
-    /// Each ends by itself, so that none is counted. The counter keeps drivers from unrolling loops: without it some passes take half the time
-    /// on a card.
+    /// Each ends by itself, so that none is counted. The counter keeps drivers from unrolling loops: without it some
+    /// passes take half the time on a card.
     ///
     /// # Safety
     /// Every loop of the shader ends, whatever the buffers hold: drivers may take an endless loop for unreachable code.

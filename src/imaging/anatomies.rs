@@ -125,7 +125,7 @@ impl Frame {
 ///
 /// # Panics
 /// If the frame is empty or singular.
-pub fn of(frame: Frame, tissues: &[Acoustics], label: impl Fn([f64; 3]) -> u8) -> Anatomy {
+pub fn anatomy_from(frame: Frame, tissues: &[Acoustics], label: impl Fn([f64; 3]) -> u8) -> Anatomy {
     let [nx, ny, nz] = frame.size;
     let mut voxels = Vec::with_capacity(nx * ny * nz);
     for k in 0..nz {
@@ -164,7 +164,7 @@ pub fn of(frame: Frame, tissues: &[Acoustics], label: impl Fn([f64; 3]) -> u8) -
 
 /// Creates a single tissue that extends far beyond any beam used here.
 pub fn uniform(acoustics: Acoustics) -> Anatomy {
-    of(
+    anatomy_from(
         Frame::around([0.0, 60.0, 0.0], [4, 4, 4], 100.0),
         &[SILENT, acoustics],
         |_| 1,
@@ -173,14 +173,14 @@ pub fn uniform(acoustics: Acoustics) -> Anatomy {
 
 /// Creates slabs perpendicular to y: label `i + 1` starts at `depths[i]` (mm), and label 0 lies above the first.
 pub fn layers(frame: Frame, depths: &[f64], tissues: &[Acoustics]) -> Anatomy {
-    of(frame, tissues, |p| {
+    anatomy_from(frame, tissues, |p| {
         depths.iter().filter(|&&depth| p[1] >= depth).count() as u8
     })
 }
 
 /// Creates a ball of label 2 in a box of label 1.
 pub fn ball(frame: Frame, centre: [f64; 3], radius: f64, tissues: &[Acoustics]) -> Anatomy {
-    of(frame, tissues, |p| {
+    anatomy_from(frame, tissues, |p| {
         let square: f64 = (0..3).map(|axis| (p[axis] - centre[axis]).powi(2)).sum();
         1 + u8::from(square <= radius * radius)
     })
@@ -192,7 +192,7 @@ pub fn ball(frame: Frame, centre: [f64; 3], radius: f64, tissues: &[Acoustics]) 
 /// If the frame is empty or singular.
 pub fn random(frame: Frame, tissues: &[Acoustics], seed: u32) -> Anatomy {
     let to_index = frame.index_to_world.try_inverse().expect("an invertible frame");
-    of(frame, tissues, |p| {
+    anatomy_from(frame, tissues, |p| {
         let index = to_index.transform_point(&p.into());
         let point = [index.x, index.y, index.z].map(|x| x.round() as i32);
         (hash3(point, [seed, 77])[0] >> 8) as u8 % tissues.len() as u8

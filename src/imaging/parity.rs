@@ -194,7 +194,7 @@ pub fn check_lossy(case: &Case, biases: &[Bias]) -> Result<Vec<Comparison>, Synt
     let trail = Trail::of(&mut exact, &case.state)?;
     let mut local = LocalFrame::new(exact.tables().origin);
     local.take(&case.state);
-    let state = local.of(&case.state);
+    let state = local.localized(&case.state);
     let comparisons = biases.iter().map(|&bias| {
         let (plan, tables) = (exact.plan(), exact.tables());
         let twin = lossy::with(bias, || -> Result<Twin, SynthError> {
@@ -243,7 +243,7 @@ fn compare(case: &Case, exact: &mut Synthesizer, trail: &Trail, twin: Twin) -> R
         let step = Step {
             case,
             tables: exact.tables(),
-            state: local.of(&case.state),
+            state: local.localized(&case.state),
             before: index.checked_sub(1).map_or(&empty, |before| &trail.beams[before]),
             after: &trail.beams[index],
             twin: beam,

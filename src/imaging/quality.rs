@@ -32,8 +32,9 @@ parameters! {
         /// Longest time of a frame, ms: picks the scanlines and samples of a probe that states none.
         #[serde(skip_serializing_if = "Option::is_none")]
         frame_ms: Option<f64>, in 0.01..=10000 "ms";
-        /// Longest time of a step of an insertion, ms: picks the level of remeshing, the nodes of a mesh made from the scene, the length of
-        /// links or of a beam's elements, and the thinning of the probe's candidates where a scenario states none.
+        /// Longest time of a step of an insertion, ms: picks the level of remeshing, the nodes of a mesh made from the
+        /// scene, the length of links or of a beam's elements, and the thinning of the probe's candidates where a
+        /// scenario states none.
         #[serde(skip_serializing_if = "Option::is_none")]
         step_ms: Option<f64>, in 0.01..=10000 "ms";
     }

@@ -189,11 +189,11 @@ pub struct Synthesizer {
 impl Synthesizer {
     /// Prepares tables, plan, and the memory or GPU objects that the plan needs, and nothing else.
     pub fn new(anatomy: Anatomy, settings: Settings, backend: Backend) -> Result<Self, SynthError> {
-        Self::of(Arc::new(Tables::new(anatomy, settings)?), backend)
+        Self::from_tables(Arc::new(Tables::new(anatomy, settings)?), backend)
     }
 
     /// A synthesizer with tables that others may share.
-    pub fn of(tables: Arc<Tables>, backend: Backend) -> Result<Self, SynthError> {
+    pub fn from_tables(tables: Arc<Tables>, backend: Backend) -> Result<Self, SynthError> {
         let plan = Plan::new(&tables);
         let executor = backend.executor(&plan, &tables)?;
         let frame = Frame {
@@ -253,7 +253,7 @@ impl Synthesizer {
         make: impl FnOnce(&mut gpu::GpuExecutor, &Plan, &Tables, &FrameState) -> Result<(), SynthError>,
     ) -> Result<(), SynthError> {
         Self::begin(&self.tables, &mut self.local, state, &mut self.frame)?;
-        let state = self.local.of(state);
+        let state = self.local.localized(state);
         match &mut self.executor {
             Executor::Gpu(gpu) => make(gpu, &self.plan, &self.tables, state),
             _ => Ok(()),
@@ -279,7 +279,7 @@ impl Synthesizer {
             check_positions(state.nodes.as_deref(), state.reference.as_deref(), mesh.nodes().len())?;
         }
         local.take(state);
-        let local = local.of(state);
+        let local = local.localized(state);
         frame.left_out = REGISTRY.iter().map(|effect| (effect.left_out)(tables, local)).sum();
         frame.image_to_world = state.probe_to_world * tables.image_grid.image_to_probe();
         (frame.width, frame.height, frame.pixel_mm) = (tables.width(), tables.height(), tables.image_grid.pixel_mm());
@@ -400,7 +400,7 @@ impl Synthesizer {
     /// inspection of a frame and for tests. All passes run if the plan has none of that name.
     pub fn render_until(&mut self, pass: &str, state: &FrameState) -> Result<layers::Beam, SynthError> {
         self.begin_alone(state)?;
-        let state = self.local.of(state);
+        let state = self.local.localized(state);
         let passes = &self.plan.passes;
         let end = passes
             .iter()
@@ -420,7 +420,7 @@ impl Synthesizer {
         self.begin_alone(state)?;
         let mut beams = Vec::with_capacity(self.plan.passes.len());
         for index in 0..self.plan.passes.len() {
-            let (state, passes) = (self.local.of(state), &self.plan.passes[..=index]);
+            let (state, passes) = (self.local.localized(state), &self.plan.passes[..=index]);
             match (&mut self.executor, passes) {
                 (Executor::Cpu(cpu), [.., last]) => cpu.run(std::slice::from_ref(last), &self.tables, state)?,
                 (Executor::CpuF64(cpu), [.., last]) => cpu.run(std::slice::from_ref(last), &self.tables, state)?,

@@ -1,4 +1,5 @@
-//! Material tables: the keys that scenarios and static problems share, the laws that they state, and the table of each region.
+//! Material tables: the keys that scenarios and static problems share, the laws that they state, and the table of each
+//! region.
 
 use std::collections::BTreeMap;
 
@@ -13,8 +14,8 @@ macro_rules! material_table {
         insonify_base::range::parameters! {
             $(#[$meta])*
             pub struct $name $(with $required keys)? by $Kind {
-                /// Region: its name, a part of its name, or its number. Without one, the table applies to all regions without their own
-                /// table.
+                /// Region: its name, a part of its name, or its number. Without one, the table applies to all regions
+                /// without their own table.
                 region: Option<insonify_base::document::RegionName>;
                 /// Young's modulus.
                 young_kpa: Option<f64>, above 0 "kPa";
@@ -22,10 +23,12 @@ macro_rules! material_table {
                 shear_kpa: Option<f64>, above 0 "kPa";
                 /// Poisson's ratio nu.
                 poisson: $poisson, above -1..0.5;
-                /// Law of the tissue, whose moduli at small strain are those above, for example `{ kind = "ogden", alpha = -5 }`; `knee_strain` and
-                /// `stiffening` state the law `knee`. Viscosity needs a law with a secant modulus. Default `linear`.
+                /// Law of the tissue, whose moduli at small strain are those above, for example
+                /// `{ kind = "ogden", alpha = -5 }`; `knee_strain` and `stiffening` state the law `knee`. Viscosity
+                /// needs a law with a secant modulus. Default `linear`.
                 law: Option<insonify_mechanics::tissue::law::LawSpec>, for Nonlinear | Viscoelastic;
-                /// Relative strain above which the tissue stiffens (0 or more); sqrt(3)/2 times a knee in simple shear. Default: no stiffening.
+                /// Relative strain above which the tissue stiffens (0 or more); sqrt(3)/2 times a knee in simple shear.
+                /// Default: no stiffening.
                 knee_strain: Option<f64>, for Nonlinear | Viscoelastic;
                 /// With `knee_strain`: stiffening coefficient, a in E (1 + a (e - knee)^2).
                 stiffening: Option<f64>, for Nonlinear | Viscoelastic, in 0;
@@ -34,7 +37,8 @@ macro_rules! material_table {
         }
 
         impl $name {
-            /// Law that the table states for a material with these moduli at small strain; where tissue `creeps`, one with a secant modulus.
+            /// Law that the table states for a material with these moduli at small strain; where tissue `creeps`, one
+            /// with a secant modulus.
             pub(crate) fn law_of(
                 &self,
                 material: insonify_mechanics::tissue::material::Material,
@@ -60,8 +64,9 @@ pub(crate) struct TableOfRegion {
 }
 
 impl TableOfRegion {
-    /// Assigns the tables of the list at the key `list`, in order, by the names of their regions. `numbers` finds the regions that a name at a
-    /// key means, `called` describes one, and `fault` makes an error of key, what was found and what was expected.
+    /// Assigns the tables of the list at the key `list`, in order, by the names of their regions. `numbers` finds the
+    /// regions that a name at a key means, `called` describes one, and `fault` makes an error of key, what was found
+    /// and what was expected.
     ///
     /// # Errors
     /// A second table for a region, or for all others.
@@ -99,7 +104,8 @@ impl TableOfRegion {
     }
 }
 
-/// Keys of a material table that state its law: `law`, or `knee_strain` with `stiffening`, or neither for linear tissue.
+/// Keys of a material table that state its law: `law`, or `knee_strain` with `stiffening`, or neither for linear
+/// tissue.
 pub(crate) struct LawKeys<'a> {
     pub law: Option<&'a LawSpec>,
     pub knee_strain: Option<f64>,
@@ -119,7 +125,7 @@ impl LawKeys<'_> {
             (None, Some(_), None) => alone("knee_strain", "stiffening"),
             (None, None, Some(_)) => alone("stiffening", "knee_strain"),
             (Some(spec), None, None) => {
-                let law = spec.of(material).map_err(|error| OutOfRange {
+                let law = spec.law(material).map_err(|error| OutOfRange {
                     key: format!("law.{}", error.key),
                     ..error
                 })?;

@@ -49,7 +49,8 @@ pub enum CylinderPart {
 }
 
 impl CylinderChoice {
-    /// Amount by which a point lies beyond the selected part, mm: 0 or less if it is selected. Errors name the odd number.
+    /// Amount by which a point lies beyond the selected part, mm: 0 or less if it is selected. Errors name the odd
+    /// number.
     fn miss_mm(&self, key: &str) -> Result<impl Fn(&[f64; 3]) -> f64 + use<>, SelectionError> {
         let number = |key: String, found: f64, expected| Err(Box::new((key, InvalidFile::number(found, expected))));
         if let Some((name, found, expected)) = self.out_of_range() {
@@ -95,7 +96,8 @@ macro_rules! selecting {
             pub box_mm: Option<[[f64; 3]; 2]>,
             /// All nodes inside or outside of an endless cylinder, or near its wall.
             pub cylinder: Option<$crate::input::selection::CylinderChoice>,
-            /// All nodes on the surface of a region, where it borders on others or on nothing: its name, a part of its name, or its number.
+            /// All nodes on the surface of a region, where it borders on others or on nothing: its name, a part of its
+            /// name, or its number.
             pub surface_of: Option<insonify_base::document::RegionName>,
             /// All nodes of a region: its name, a part of its name, or its number.
             pub region: Option<insonify_base::document::RegionName>,
@@ -122,8 +124,8 @@ macro_rules! selecting {
 }
 pub(crate) use selecting;
 
-/// Node selection of a table: by number, or as the intersection of a box, a cylinder, a region, the surface of a region and that of the
-/// mesh, where given.
+/// Node selection of a table: by number, or as the intersection of a box, a cylinder, a region, the surface of a region
+/// and that of the mesh, where given.
 pub(crate) struct Selection<'a> {
     /// Numbers of nodes, from 0.
     pub nodes: Option<&'a [i64]>,
@@ -146,8 +148,8 @@ pub(crate) struct Selected {
 }
 
 impl Selection<'_> {
-    /// Selects nodes of a mesh; `table` is the key of the table, `numbers` finds the regions that a name at a key means, and `fault` makes
-    /// an error of the file.
+    /// Selects nodes of a mesh; `table` is the key of the table, `numbers` finds the regions that a name at a key
+    /// means, and `fault` makes an error of the file.
     pub(crate) fn select(
         &self,
         table: &str,

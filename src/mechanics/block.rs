@@ -1,6 +1,7 @@
 //! Block of tissue on a table, and the needles that the studies insert into it.
 //!
-//! The block reaches from the origin to its extents (mm). The needle moves along z from the skin at z = 0; the far end is fixed.
+//! The block reaches from the origin to its extents (mm). The needle moves along z from the skin at z = 0; the far end
+//! is fixed.
 
 use nalgebra::{Isometry3, Matrix4, Point3, Translation3, UnitQuaternion, Vector3};
 
@@ -23,8 +24,8 @@ pub const USUAL: Interaction = Interaction {
     critical: false,
 };
 
-/// Bevel of a brachytherapy needle, 10 mm long instead of the default [`BEVEL_MM`](crate::needle::BEVEL_MM): the block is hardly
-/// deeper than the insertions, and the figures of the studies stay comparable.
+/// Bevel of a brachytherapy needle, 10 mm long instead of the default [`BEVEL_MM`](crate::needle::BEVEL_MM): the block
+/// is hardly deeper than the insertions, and the figures of the studies stay comparable.
 pub const BEVEL: Bevel = Bevel {
     r_mm: 0.6,
     length_mm: 10.0,

@@ -1,8 +1,8 @@
 //! Needle insertion models: tissue deformation and forces from the poses of needle and probe.
 //!
-//! A [`Model`] takes the poses of needle and probe step by step and returns forces and the deformed tissue. It is a finite
-//! element model, a mass-spring model, or a model of tissue that stiffens and creeps; all of them return the same outcome
-//! and snapshots.
+//! A [`Model`] takes the poses of needle and probe step by step and returns forces and the deformed tissue. It is a
+//! finite element model, a mass-spring model, or a model of tissue that stiffens and creeps; all of them return the
+//! same outcome and snapshots.
 
 pub mod finite;
 mod imager;
@@ -33,8 +33,8 @@ pub struct Instruments {
     pub base: Isometry3<f64>,
     /// Probe frame to world, if a probe presses.
     pub probe: Option<Isometry3<f64>>,
-    /// A hole that guides the needle, as in a template: a point on its path, mm. It constrains a flexible needle across its
-    /// shaft and lets it slide along it.
+    /// A hole that guides the needle, as in a template: a point on its path, mm. It constrains a flexible needle across
+    /// its shaft and lets it slide along it.
     pub guide: Option<Point3<f64>>,
     /// Whether a seed is left at the tip at the end of this step.
     pub deposit: bool,
@@ -116,7 +116,8 @@ pub struct Snapshot {
 /// Displacements of the nodes, or the forces that determine them.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Field {
-    /// Forces (N) by degree of freedom on the base mesh: one solve with the factor of its stiffness gives the displacements.
+    /// Forces (N) by degree of freedom on the base mesh: one solve with the factor of its stiffness gives the
+    /// displacements.
     BaseForces(Vec<(u32, f64)>),
     /// Displacement of each node, mm.
     Displacement(Vec<[f64; 3]>),
@@ -162,7 +163,8 @@ pub struct Saved(pub serde_json::Value);
 
 /// Model of tissue with a needle in it and optionally a probe.
 ///
-/// [`Finite`](finite::Finite) has an example of its use. A model of one's own, here of tissue beyond z = 0 that does not move:
+/// [`Finite`](finite::Finite) has an example of its use. A model of one's own, here of tissue beyond z = 0 that does
+/// not move:
 ///
 /// ```
 /// use insonify_mechanics::insertion::{Instruments, Model, NodeSolver, Outcome, Saved, Snapshot, StepError, Tissue};
@@ -220,13 +222,13 @@ pub struct Saved(pub serde_json::Value);
 /// # Ok::<(), StepError>(())
 /// ```
 pub trait Model: Send {
-    /// Sets the poses of the instruments before the first step, which then starts from there and skips no element. A needle
-    /// whose tip begins in the tissue is left to the first step, which treats it as pushed in before. Models without an
-    /// implementation, or that have made steps, ignore the call.
+    /// Sets the poses of the instruments before the first step, which then starts from there and skips no element. A
+    /// needle whose tip begins in the tissue is left to the first step, which treats it as pushed in before. Models
+    /// without an implementation, or that have made steps, ignore the call.
     fn start(&mut self, _: &Instruments) {}
 
-    /// Makes one step of `dt_s` seconds to the given poses. However large the motion, no element is skipped; what could not
-    /// be resolved is reported in the outcome.
+    /// Makes one step of `dt_s` seconds to the given poses. However large the motion, no element is skipped; what could
+    /// not be resolved is reported in the outcome.
     ///
     /// # Errors
     /// [`StepError::Input`].
@@ -240,14 +242,15 @@ pub trait Model: Send {
         None
     }
 
-    /// Writes the forces of the tissue on the needle after the last step, base first, the tip last: their sum is the force on the hand
-    /// but for guides (and, of masses and springs, which give those of the last substep, for the mean over a step). A model without an
-    /// implementation has none.
+    /// Writes the forces of the tissue on the needle after the last step, base first, the tip last: their sum is the
+    /// force on the hand but for guides (and, of masses and springs, which give those of the last substep, for the mean
+    /// over a step). A model without an implementation has none.
     fn shaft_loads(&self, into: &mut Vec<ShaftLoad>) {
         into.clear();
     }
 
-    /// Returns the stress of each element, kPa, of a model whose stress does not follow from the displacements alone, if it is followed.
+    /// Returns the stress of each element, kPa, of a model whose stress does not follow from the displacements alone,
+    /// if it is followed.
     fn stress_kpa(&self) -> Option<&[[[f64; 3]; 3]]> {
         None
     }
@@ -258,9 +261,9 @@ pub trait Model: Send {
     /// Returns a converter from snapshots to tissue, for another thread.
     fn imager(&self) -> Box<dyn NodeSolver>;
 
-    /// Changes the remeshing level. The needle settles at the pose of the last step before and after, so that the force jump
-    /// is due to the level alone. The first change to a level that needs a dense inverse takes seconds to minutes: not for a
-    /// haptic loop. Saved states do not contain the level.
+    /// Changes the remeshing level. The needle settles at the pose of the last step before and after, so that the force
+    /// jump is due to the level alone. The first change to a level that needs a dense inverse takes seconds to minutes:
+    /// not for a haptic loop. Saved states do not contain the level.
     ///
     /// # Errors
     /// [`StepError::NoLevel`], [`StepError::Level`]; the level is then unchanged.
@@ -268,8 +271,8 @@ pub trait Model: Send {
         Err(StepError::NoLevel)
     }
 
-    /// Returns the state. Saving may reset accumulated rounding: a model continues from a save exactly as one restored to
-    /// it.
+    /// Returns the state. Saving may reset accumulated rounding: a model continues from a save exactly as one restored
+    /// to it.
     fn save(&mut self) -> Saved;
 
     /// Restores a saved state.

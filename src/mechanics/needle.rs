@@ -1,8 +1,8 @@
 //! Needle models: shape of the shaft under the forces of the tissue.
 //!
-//! Arcs are lengths along the undeformed shaft from its base (0, at the hand) to its tip. The base frame has z along the
-//! undeformed shaft towards the tip and x to the side to which a bevel deflects; the roll of the base turns the bevel, for
-//! torsion is neglected (Goksel et al. 2011, section III-B).
+//! Arcs are lengths along the undeformed shaft from its base (0, at the hand) to its tip. The base frame has z along
+//! the undeformed shaft towards the tip and x to the side to which a bevel deflects; the roll of the base turns the
+//! bevel, for torsion is neglected (Goksel et al. 2011, section III-B).
 
 pub mod beam;
 mod chain;
@@ -67,9 +67,9 @@ pub struct Row {
 
 /// Model of a needle.
 ///
-/// The caller iterates: it requests the shape under the current forces and the flexibility there, solves tissue and needle
-/// together, and repeats with the new forces until nothing moves. A needle keeps only buffers between calls: results depend
-/// on the arguments alone.
+/// The caller iterates: it requests the shape under the current forces and the flexibility there, solves tissue and
+/// needle together, and repeats with the new forces until nothing moves. A needle keeps only buffers between calls:
+/// results depend on the arguments alone.
 ///
 /// ```
 /// use insonify_mechanics::needle::{CentreLine, Flexible, Load, Needle, Shaft, Stiffness};
@@ -101,10 +101,10 @@ pub trait Needle: Send + Debug {
         false
     }
 
-    /// Writes the centre line for a base (base frame to world) and the loads on the shaft. `line` holds the shape of the
-    /// previous call: a model may make one iteration from there, with its stiffness under the loads `about`, towards the
-    /// requested shape, and be called until nothing moves. Without loads the initial content of `line` has no effect.
-    /// `entry` is the point of insertion, if the needle is in the body.
+    /// Writes the centre line for a base (base frame to world) and the loads on the shaft. `line` holds the shape of
+    /// the previous call: a model may make one iteration from there, with its stiffness under the loads `about`,
+    /// towards the requested shape, and be called until nothing moves. Without loads the initial content of `line` has
+    /// no effect. `entry` is the point of insertion, if the needle is in the body.
     fn place(
         &mut self,
         base: &Isometry3<f64>,
@@ -114,11 +114,12 @@ pub trait Needle: Send + Debug {
         line: &mut CentreLine,
     );
 
-    /// Linearises [`place`](Self::place) about the shape in `line` under `loads`, with the base fixed. Adds to `out` (rows x
-    /// rows, column by column, mm/N) the displacement along row i of the shaft under an additional unit force along row j: symmetric, and
-    /// positive semidefinite unless the loads would buckle the unsupported needle. Writes to `drift` the remaining motion of
-    /// the rows under unchanged forces, mm. Returns the number of buckling modes: the negative eigenvalues of the tangent
-    /// stiffness. Nothing is added for a line that this needle did not place. The default is that of a rigid needle: nothing moves.
+    /// Linearises [`place`](Self::place) about the shape in `line` under `loads`, with the base fixed. Adds to `out`
+    /// (rows x rows, column by column, mm/N) the displacement along row i of the shaft under an additional unit force
+    /// along row j: symmetric, and positive semidefinite unless the loads would buckle the unsupported needle. Writes
+    /// to `drift` the remaining motion of the rows under unchanged forces, mm. Returns the number of buckling modes:
+    /// the negative eigenvalues of the tangent stiffness. Nothing is added for a line that this needle did not place.
+    /// The default is that of a rigid needle: nothing moves.
     fn linearise(
         &mut self,
         _line: &CentreLine,
@@ -132,8 +133,8 @@ pub trait Needle: Send + Debug {
     }
 }
 
-/// The shaft of a needle. The default is a brachytherapy needle: 200 mm long, 0.64 mm in radius (the radius from Goksel et
-/// al. 2011, section III-C).
+/// The shaft of a needle. The default is a brachytherapy needle: 200 mm long, 0.64 mm in radius (the radius from Goksel
+/// et al. 2011, section III-C).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shaft {
     /// Length from base to tip, mm (0.1 to 1000).
@@ -163,26 +164,28 @@ impl Shaft {
     }
 }
 
-/// Default length of a bevel, mm: with r = 0.6 mm it deflects the tip by the 10.4 mm of Goksel et al. 2011 (figure 10c) in
-/// PVC of 20 kPa, 140 mm deep, on cells of 10 mm (9.4 mm on cells of 5 mm).
+/// Default length of a bevel, mm: with r = 0.6 mm it deflects the tip by the 10.4 mm of Goksel et al. 2011 (figure 10c)
+/// in PVC of 20 kPa, 140 mm deep, on cells of 10 mm (9.4 mm on cells of 5 mm).
 pub const BEVEL_MM: f64 = 18.0;
 
 parameters! {
     /// The bevel of a needle's tip, as a tilt of the last part of its centre line (Goksel et al. 2011, section III-C).
     ///
-    /// Tissue is cut at the edge of the tip, which lies off the centre line. The cut tissue then slides onto the centre line, so
-    /// it is pulled to one side, away from the edge; its elastic response pushes the needle the other way, towards the edge, and
-    /// a flexible needle follows. The tip is placed `r_mm` off the centre line towards +x of the frame of the last link, which
-    /// is the side to which the needle deflects: roll of the base steers it, for the shaft has no torsion.
+    /// Tissue is cut at the edge of the tip, which lies off the centre line. The cut tissue then slides onto the centre
+    /// line, so it is pulled to one side, away from the edge; its elastic response pushes the needle the other way,
+    /// towards the edge, and a flexible needle follows. The tip is placed `r_mm` off the centre line towards +x of the
+    /// frame of the last link, which is the side to which the needle deflects: roll of the base steers it, for the
+    /// shaft has no torsion.
     ///
-    /// In three dimensions the cut runs around a rim, not through one point, so `r_mm` is not a dimension of the needle but is
-    /// fitted: Goksel et al. 2011 find 0.6 mm for a brachytherapy needle of 0.64 mm radius.
+    /// In three dimensions the cut runs around a rim, not through one point, so `r_mm` is not a dimension of the needle
+    /// but is fitted: Goksel et al. 2011 find 0.6 mm for a brachytherapy needle of 0.64 mm radius.
     #[derive(Copy)]
     #[schemars(rename = "BevelSpec")]
     pub struct Bevel with required keys {
         /// Distance of the tip from the centre line, less than `length_mm`. With 0 the needle has no bevel.
         r_mm: f64, in 0..=5 "mm";
-        /// Length of the tilted part, at most that of the needle. Default 18: fitted to the deflection of 10.4 mm in Goksel et al. 2011, figure 10c.
+        /// Length of the tilted part, at most that of the needle. Default 18: fitted to the deflection of 10.4 mm in
+        /// Goksel et al. 2011, figure 10c.
         #[serde(default = "usual_length")]
         length_mm: f64, above 0 "mm";
     }

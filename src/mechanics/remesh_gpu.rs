@@ -1,15 +1,17 @@
 //! Remeshing levels I to IV with the dense inverse on a GPU; the only module that depends on both mechanics and GPUs.
 //!
-//! [`follow`] creates a [`Remesher`](crate::tissue::remesh::Remesher) like those of [`levels`](crate::tissue::remesh::levels),
-//! with which it shares all but the [`Store`](crate::tissue::remesh::levels::Store); `Adaptation::replace` switches to it during a run,
-//! and with [`maker`] an insertion uses a GPU. The inverse stays on the device. After each change, dK goes up, the columns Y around the moved node
-//! are taken, C = (I + dK G)^-1 dK is computed from their rows G in f64, and K^c comes back, in one submission. The update of all entries is a second
-//! one, for which nobody waits: a pass over the tiles of the lower triangle, which reads and writes each once. At rank 48 that is 24 multiply-adds
-//! per byte moved, about the machine balance of data-centre GPUs. On a device without f64, and where the capacitance matrix is ill-conditioned,
-//! G is read back and C computed on the CPU, which then accepts or refuses it.
+//! [`follow`] creates a [`Remesher`](crate::tissue::remesh::Remesher) like those of
+//! [`levels`](crate::tissue::remesh::levels), with which it shares all but the
+//! [`Store`](crate::tissue::remesh::levels::Store); `Adaptation::replace` switches to it during a run, and with
+//! [`maker`] an insertion uses a GPU. The inverse stays on the device. After each change, dK goes up, the columns Y
+//! around the moved node are taken, C = (I + dK G)^-1 dK is computed from their rows G in f64, and K^c comes back, in
+//! one submission. The update of all entries is a second one, for which nobody waits: a pass over the tiles of the
+//! lower triangle, which reads and writes each once. At rank 48 that is 24 multiply-adds per byte moved, about the
+//! machine balance of data-centre GPUs. On a device without f64, and where the capacitance matrix is ill-conditioned, G
+//! is read back and C computed on the CPU, which then accepts or refuses it.
 //!
-//! The base stays on the device, too, unless memory does not suffice for both: a rebuild is then one update from a fresh upload. All device memory
-//! is freed with the store.
+//! The base stays on the device, too, unless memory does not suffice for both: a rebuild is then one update from a
+//! fresh upload. All device memory is freed with the store.
 //!
 //! | module | contents |
 //! |---|---|
@@ -23,7 +25,7 @@ pub mod tiles;
 
 use std::sync::Arc;
 
-use crate::tissue::dofs::NONE;
+use crate::tissue::dofs::NO_DOF;
 use crate::tissue::remesh::levels::DenseInverseRemesher;
 use crate::tissue::remesh::{AdaptedMesh, Level, Maker, Precision, RemeshError, RemesherOptions, Source, make};
 use crate::tissue::symmetric::Symmetric;
@@ -68,7 +70,8 @@ pub fn follow(
     DenseInverseRemesher::start(mesh, store, level, options)
 }
 
-/// Factory of remeshers of the levels I to IV on `gpu`, in f32. The exact level, which needs no dense inverse, runs on the CPU.
+/// Factory of remeshers of the levels I to IV on `gpu`, in f32. The exact level, which needs no dense inverse, runs on
+/// the CPU.
 pub fn maker(gpu: &Gpu) -> Maker {
     let gpu = gpu.clone();
     Box::new(
@@ -84,8 +87,8 @@ pub fn maker(gpu: &Gpu) -> Maker {
     )
 }
 
-/// Refuses an inverse on a device that shares CPU memory where too little is available: it would be allocated page by page,
-/// and the system would kill the program.
+/// Refuses an inverse on a device that shares CPU memory where too little is available: it would be allocated page by
+/// page, and the system would kill the program.
 fn check_memory(size: usize, name: &str, available: Option<usize>) -> Result<(), String> {
     match available {
         Some(available) if tiles::bytes_of(size) > available as u64 => {
@@ -123,7 +126,7 @@ fn single(source: &Source, level: Level) -> Result<Arc<Symmetric<f32>>, RemeshEr
 
 /// Maximum number of degrees of freedom that one node move can affect.
 fn largest_support(mesh: &AdaptedMesh) -> usize {
-    let free = |node: &u32| mesh.dofs().of(*node).iter().filter(|dof| **dof != NONE).count();
+    let free = |node: &u32| mesh.dofs().of(*node).iter().filter(|dof| **dof != NO_DOF).count();
     let supports = (0..mesh.nodes().len() as u32).map(|node| mesh.neighbours(node).iter().map(free).sum());
     supports.max().unwrap_or(0)
 }

@@ -164,6 +164,7 @@ impl Displacement {
                 check(
                     "poisson",
                     *poisson,
+                    // Outside these bounds an isotropic material would gain energy by being deformed.
                     (-1.0..=0.5).contains(poisson),
                     "between -1 and 0.5",
                 )
@@ -189,6 +190,7 @@ impl Displacement {
                 direction("direction", along)?;
                 direction("normal", normal)?;
                 check("amount", *amount, true, "a finite number")?;
+                // Along its own normal it would be a stretch.
                 match across(normal, along) {
                     Some(_) => Ok(()),
                     None => Err(OutOfRange::new(
@@ -246,6 +248,7 @@ impl Displacement {
                 strain,
                 poisson,
             } => {
+                // Across the compression a free body widens by Poisson's ratio of its strain.
                 let (r, d) = (p - Vector3::from(*fixed_mm), unit(direction)?);
                 let along = d.into_inner() * d.dot(&r);
                 (r - along) * (poisson * strain) - along * *strain
@@ -287,6 +290,7 @@ impl Displacement {
 }
 
 fn unit(direction: &[f64; 3]) -> Option<Unit<Vector3<f64>>> {
+    // Where the square of a length underflows or overflows, the quotient is no unit vector.
     let finite = direction.iter().all(|x| x.is_finite());
     Unit::try_new(Vector3::from(*direction), 0.0).filter(|unit| finite && unit.norm() > 0.5)
 }

@@ -5,29 +5,31 @@ use nalgebra::{Matrix3, Vector3};
 use insonify_base::real::Real;
 use insonify_base::simd::{Pack, array, map};
 
-/// Map from world to barycentric coordinates, sixteen scalars: `[origin, slack]`, `[row 1, clear]`, `[row 2, inverted]`,
-/// `[row 3, 0]`.
+/// Map from world to barycentric coordinates, sixteen scalars: `[origin, slack]`, `[row 1, clear]`,
+/// `[row 2, inverted]`, `[row 3, 0]`.
 ///
-/// With `d = p - origin` (the current position of corner 0), coordinate `i` is `row i . d` and coordinate 0 is 1 minus the
-/// others: near the element `d` is small, so nothing cancels however far from the world's origin it lies. `slack` is the
-/// rounding error of the coordinates, -1 in an element that is never hit; `clear` is the margin beyond which no other
-/// element of an unfolded mesh can contain the point; `inverted` is 1 or 0.
+/// With `d = p - origin` (the current position of corner 0), coordinate `i` is `row i . d` and coordinate 0 is 1 minus
+/// the others: near the element `d` is small, so nothing cancels however far from the world's origin it lies. `slack`
+/// is the rounding error of the coordinates, -1 in an element that is never hit; `clear` is the margin beyond which no
+/// other element of an unfolded mesh can contain the point; `inverted` is 1 or 0.
 pub type Frame<T> = [[T; 4]; 4];
 
-/// Map from world to reference: row `k` holds the gradient of reference coordinate `k` over `d` and the reference corner 0.
+/// Map from world to reference: row `k` holds the gradient of reference coordinate `k` over `d` and the reference
+/// corner 0.
 pub type Carry<T> = [[T; 4]; 3];
 
 /// Bound on the rounding error of a barycentric coordinate, in machine epsilons per (1 + aspect), where aspect is the
-/// element's diameter over its least height. Rounding a row, `d` and the dot product costs at most 5 half epsilons of `|row|
-/// |d|`; coordinate 0 adds up three such errors and its own: below 8. Twice that leaves room for fused or reordered
-/// arithmetic on other backends.
+/// element's diameter over its least height. Rounding a row, `d` and the dot product costs at most 5 half epsilons of
+/// `|row| |d|`; coordinate 0 adds up three such errors and its own: below 8. Twice that leaves room for fused or
+/// reordered arithmetic on other backends.
 const SLACK_EPSILONS: f64 = 16.0;
 /// Bound on the rounding error of the point, in epsilons of its largest coordinate; rounding moves it by at most 0.9: a
 /// point meant to lie on a face belongs to both of its sides, and one on the surface of the mesh is not lost.
 const POINT_EPSILONS: f64 = 2.0;
 /// Slack of elements so thin that the bound above is meaningless.
 const SLACK_MAX: f64 = 1.0 / 64.0;
-/// Bound on how far points that test as inside lie outside an element along an axis, in extents of the element along it: see [`prepare`].
+/// Bound on how far points that test as inside lie outside an element along an axis, in extents of the element along
+/// it: see [`prepare`].
 pub const MAX_REACH: f64 = 6.0 * SLACK_MAX;
 /// Flatness in epsilons of its largest coordinate below which an element has no orientation resolved by the scalar.
 const FLAT_EPSILONS: f64 = 4.0;
@@ -49,7 +51,8 @@ pub enum Kind {
 /// Properties of an element used by the grid and the margins.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Outline<T> {
-    /// Axis-aligned box of all points that can test as inside: low corner, high corner; low above high if it is never hit.
+    /// Axis-aligned box of all points that can test as inside: low corner, high corner; low above high if it is never
+    /// hit.
     pub bounds: [[T; 3]; 2],
     /// Maximum distance from the element of points that test as inside, mm.
     pub reach: T,
@@ -226,8 +229,8 @@ fn greatest<const N: usize, const M: usize>(values: [Pack<N>; M]) -> Pack<N> {
     greatest
 }
 
-/// Sets the margin of a prepared frame, whose `clear` still holds the inverse of the element's least height, from the reach
-/// of the elements around it (mm).
+/// Sets the margin of a prepared frame, whose `clear` still holds the inverse of the element's least height, from the
+/// reach of the elements around it (mm).
 pub(crate) fn set_clear<T: Real>(frame: &mut Frame<T>, reach: T) {
     frame[1][3] = frame[0][3] + reach * frame[1][3];
 }

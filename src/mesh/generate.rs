@@ -1,17 +1,18 @@
 //! Tetrahedral meshes from labelled volumes: conforming, with a region per tissue, graded to a node budget.
 //!
 //! 1. A lattice of near-cubic cells over the box of the tissue, each of six tetrahedra, is refined by bisection
-//!    (`bisection`): always the element with the largest volume that is not its majority tissue, until the requested number
-//!    of nodes belong to tissue (`refine`). The contents of an element are sampled at regular points inside it (`contents`).
-//! 2. Each element gets its majority region, modified by a price on faces between unlike elements and by the volumes of the
-//!    regions, which must be correct (`assign`).
-//! 3. Nodes of interfaces move onto the interfaces of the voxels and the nodes around them follow, as far as every element
-//!    stays sound (`fit`); the contents of the elements are sampled again. This is repeated [`ROUNDS`] times.
+//!    (`bisection`): always the element with the largest volume that is not its majority tissue, until the requested
+//!    number of nodes belong to tissue (`refine`). The contents of an element are sampled at regular points inside it
+//!    (`contents`).
+//! 2. Each element gets its majority region, modified by a price on faces between unlike elements and by the volumes of
+//!    the regions, which must be correct (`assign`).
+//! 3. Nodes of interfaces move onto the interfaces of the voxels and the nodes around them follow, as far as every
+//!    element stays sound (`fit`); the contents of the elements are sampled again. This is repeated [`ROUNDS`] times.
 //! 4. Elements outside the tissue are removed.
 //!
-//! Refinement alone produces three shapes of element, in cubic cells with no dihedral angle below 45 degrees, so the least
-//! angle of the result is the limit of the fit: [`GenerateOptions::min_dihedral_deg`], or that of the refinement where the
-//! cells are far from cubes. No element is inverted, and parts of the mesh that touch do so in faces.
+//! Refinement alone produces three shapes of element, in cubic cells with no dihedral angle below 45 degrees, so the
+//! least angle of the result is the limit of the fit: [`GenerateOptions::min_dihedral_deg`], or that of the refinement
+//! where the cells are far from cubes. No element is inverted, and parts of the mesh that touch do so in faces.
 //!
 //! Along a path elements are finer ([`GenerateOptions::along_path`]): the refinement criterion is divided by the volume
 //! permitted for an element at its distance from the path.
@@ -32,6 +33,7 @@ mod tissue;
 
 use nalgebra::Matrix4;
 
+use super::vector::{cross, dot, minus, norm};
 use super::{InvalidMesh, TetMesh};
 use contents::Sampler;
 use insonify_base::blame::Blame;
@@ -43,8 +45,8 @@ pub const MAX_NODES: usize = 5_000_000;
 
 /// Peak memory per node, bytes: measured at 40,000 nodes.
 const BYTES_A_NODE: usize = 2048;
-/// Upper limit of the requested least dihedral angle, degrees: refinement alone leaves 45 in cubic cells, about 35 in the
-/// flattest, and the fit needs room.
+/// Upper limit of the requested least dihedral angle, degrees: refinement alone leaves 45 in cubic cells, about 35 in
+/// the flattest, and the fit needs room.
 const MAX_DIHEDRAL_DEG: f64 = 30.0;
 /// Number of times that nodes are fitted to the interfaces; the gain of a sixth round is below 1 % of the mislabelled
 /// volume.
@@ -55,9 +57,9 @@ pub const NEAR_MM: f64 = 20.0;
 /// Distance from the path at which elements are twice as long as on it, mm.
 pub(crate) const GRADING_MM: f64 = 10.0;
 
-/// Longest edge of the elements within [`GRADING_MM`] of the path, as far as the nodes suffice, mm; shorter only where all
-/// elements are. It is the length over which tissue takes the force of a needle's tip: a point force indents linear tissue
-/// without limit as elements shrink.
+/// Longest edge of the elements within [`GRADING_MM`] of the path, as far as the nodes suffice, mm; shorter only where
+/// all elements are. It is the length over which tissue takes the force of a needle's tip: a point force indents linear
+/// tissue without limit as elements shrink.
 pub(crate) const PATH_EDGE_MM: f64 = 5.0;
 
 /// Input of the mesh generator: a labelled volume.
@@ -67,8 +69,8 @@ pub struct LabelGrid<'a> {
     pub labels: &'a [u8],
     /// Number of voxels along each axis.
     pub size: [usize; 3],
-    /// Voxel index to world (mm); voxel centres lie at whole indices. Rotations, reflections, shears and any spacing are
-    /// permitted: elements are shaped in the world.
+    /// Voxel index to world (mm); voxel centres lie at whole indices. Rotations, reflections, shears and any spacing
+    /// are permitted: elements are shaped in the world.
     pub index_to_world: Matrix4<f64>,
     /// Labels to mesh, each with the region number of its elements; labels may share one. Every other label is outside.
     pub regions: &'a [(u8, i32)],
@@ -80,7 +82,8 @@ pub struct GenerateOptions<'a> {
     /// Least dihedral angle that moving nodes may cause, degrees (0 to 30; default 12). Smaller follows
     /// interfaces more closely, larger solves better.
     pub min_dihedral_deg: f64,
-    /// Longest edge of a refined element with tissue in it, mm (before nodes are moved); `None` leaves it to the budget.
+    /// Longest edge of a refined element with tissue in it, mm (before nodes are moved); `None` leaves it to the
+    /// budget.
     pub max_edge_mm: Option<f64>,
     /// Segments of the path of a needle, in the world, mm; only their parts in tissue count. Default: none.
     pub path: &'a [[[f64; 3]; 2]],
@@ -124,12 +127,13 @@ pub struct GenerateReport {
     pub parts: usize,
     /// Smallest angle between two faces of an element, degrees.
     pub min_dihedral_deg: f64,
-    /// Largest condition number of an element's Jacobian relative to the regular tetrahedron: 1 is regular (P. M. Knupp,
-    /// "Algebraic mesh quality metrics", SIAM Journal on Scientific Computing 23, 2001, Frobenius norms over 3).
+    /// Largest condition number of an element's Jacobian relative to the regular tetrahedron: 1 is regular (P. M.
+    /// Knupp, "Algebraic mesh quality metrics", SIAM Journal on Scientific Computing 23, 2001, Frobenius norms over 3).
     pub max_jacobian_condition: f64,
     /// Volumes of the regions, in the requested order.
     pub regions: Vec<RegionVolume>,
-    /// Volume that has the wrong region, lies outside the tissue or is missing, as a share of that of the tissue, per cent.
+    /// Volume that has the wrong region, lies outside the tissue or is missing, as a share of that of the tissue, per
+    /// cent.
     pub mislabelled_percent: f64,
     /// Share of mislabelled volume within [`NEAR_MM`] of the path, per cent; `None` where that meets no tissue.
     pub near_mislabelled_percent: Option<f64>,
@@ -237,9 +241,9 @@ impl Blame for GenerateError {
     }
 }
 
-/// Generates a mesh of at most `nodes` nodes from a labelled volume: a few per cent fewer in anatomy, up to 15 % where a
-/// symmetric volume makes many elements change at once, more where tissue is too thin for its elements. `progress` receives
-/// the share that is done, ascending from 0 to 1.
+/// Generates a mesh of at most `nodes` nodes from a labelled volume: a few per cent fewer in anatomy, up to 15 % where
+/// a symmetric volume makes many elements change at once, more where tissue is too thin for its elements. `progress`
+/// receives the share that is done, ascending from 0 to 1.
 ///
 /// The volumes of regions larger than some twenty mean elements are within 1 % of their voxels, unless that would need
 /// elements that are mostly outside; smaller ones as close as their few elements allow.
@@ -320,35 +324,15 @@ fn check(nodes: usize, options: &GenerateOptions) -> Result<(), GenerateError> {
 /// Corners of the face opposite each corner.
 const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]];
 
-fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
-
-fn norm(a: [f64; 3]) -> f64 {
-    dot(a, a).sqrt()
-}
-
 /// Returns six times the signed volume, mm^3.
 fn six_volumes(corners: &[[f64; 3]; 4]) -> f64 {
-    let [a, b, c] = [1, 2, 3].map(|corner: usize| sub(corners[corner], corners[0]));
+    let [a, b, c] = [1, 2, 3].map(|corner: usize| minus(corners[corner], corners[0]));
     dot(a, cross(b, c))
 }
 
 /// Returns the cosine of the smallest dihedral angle: the smaller the better; 1 for a flat element.
 fn sharpest_cosine(corners: &[[f64; 3]; 4]) -> f64 {
-    let [a, b, c] = [1, 2, 3].map(|corner: usize| sub(corners[corner], corners[0]));
+    let [a, b, c] = [1, 2, 3].map(|corner: usize| minus(corners[corner], corners[0]));
     // Normals of the faces opposite corners 1, 2, 3 and 0, all inwards or all outwards.
     let faces = [cross(b, c), cross(c, a), cross(a, b)];
     let last = [0, 1, 2].map(|axis| -(faces[0][axis] + faces[1][axis] + faces[2][axis]));

@@ -1,8 +1,8 @@
 //! Uniform grid over the elements, with the elements whose boxes touch each cell, ascending.
 //!
 //! The cell of a point is a monotone function of its coordinates in the scalar of the locator, and the same function is
-//! applied to the boxes: a point inside a box always finds the element in its cell, regardless of rounding. Cells at the
-//! border extend to infinity, so a few distant nodes do not coarsen the grid for all others.
+//! applied to the boxes: a point inside a box always finds the element in its cell, regardless of rounding. Cells at
+//! the border extend to infinity, so a few distant nodes do not coarsen the grid for all others.
 
 use super::element::{Kind, Outline};
 use insonify_base::real::Real;
@@ -17,7 +17,8 @@ const CELL_CAPACITY_PER_ELEMENT: usize = 4;
 const ENTRIES_PER_ELEMENT: usize = 32;
 /// Number of nodes from which the extent of the grid is estimated.
 const EXTENT_SAMPLES: usize = 1024;
-/// Fraction of the nodes at either end of each axis that the extent excludes; it then widens by `EXTENT_MARGIN` of itself.
+/// Fraction of the nodes at either end of each axis that the extent excludes; it then widens by `EXTENT_MARGIN` of
+/// itself.
 const EXTENT_TAIL: f64 = 0.01;
 const EXTENT_MARGIN: f64 = 0.05;
 
@@ -95,8 +96,8 @@ impl<T: Real> CellGrid<T> {
         })
     }
 
-    /// Returns the elements whose boxes touch the cell of `p`, ascending, and whether one of them is inverted. Empty outside
-    /// the bounds of all boxes.
+    /// Returns the elements whose boxes touch the cell of `p`, ascending, and whether one of them is inverted. Empty
+    /// outside the bounds of all boxes.
     #[inline(always)]
     pub(crate) fn around(&self, p: [T; 3]) -> (&[u32], bool) {
         if (0..3).any(|axis| p[axis] < self.low[axis] || p[axis] > self.high[axis]) {

@@ -1,14 +1,14 @@
 //! Lattice meshes over a box: cells split into six tetrahedra along their main diagonals.
 //!
-//! The split (H. Freudenthal, "Simplizialzerlegungen von beschraenkter Flachheit", 1942; H. W. Kuhn, 1960) is the same in
-//! every cell and matches across cell faces, so the mesh conforms without any bookkeeping.
+//! The split (H. Freudenthal, "Simplizialzerlegungen von beschraenkter Flachheit", 1942; H. W. Kuhn, 1960) is the same
+//! in every cell and matches across cell faces, so the mesh conforms without any bookkeeping.
 
 use nalgebra::{Matrix4, Point3, Vector3};
 
 use super::{InvalidMesh, TetMesh};
 
-/// Orders in which a walk along the cell's edges from its first to its last corner can take the three axes, each with the
-/// sign of the permutation.
+/// Orders in which a walk along the cell's edges from its first to its last corner can take the three axes, each with
+/// the sign of the permutation.
 const WALKS: [([usize; 3], bool); 6] = [
     ([0, 1, 2], true),
     ([0, 2, 1], false),
@@ -19,8 +19,8 @@ const WALKS: [([usize; 3], bool); 6] = [
 ];
 
 impl TetMesh {
-    /// Builds a mesh over the world-aligned box from `min` to `max` (mm) with about `target_nodes` nodes (at least 8), with
-    /// cells as close to cubes as whole numbers of them allow.
+    /// Builds a mesh over the world-aligned box from `min` to `max` (mm) with about `target_nodes` nodes (at least 8),
+    /// with cells as close to cubes as whole numbers of them allow.
     ///
     /// # Errors
     /// [`InvalidMesh::Box`] where the box has no volume or is not finite.
@@ -33,8 +33,8 @@ impl TetMesh {
         TetMesh::over_affine_box(&box_to_world, target_nodes)
     }
 
-    /// Builds a mesh over the image of the unit cube under `box_to_world` (affine, mm) with about `target_nodes` nodes (at
-    /// least 8).
+    /// Builds a mesh over the image of the unit cube under `box_to_world` (affine, mm) with about `target_nodes` nodes
+    /// (at least 8).
     ///
     /// # Errors
     /// [`InvalidMesh::Box`] where the box has no volume or is not finite.
@@ -47,15 +47,15 @@ impl TetMesh {
     /// `box_to_world`.
     ///
     /// # Errors
-    /// [`InvalidMesh::Box`] where the box has no volume or is not finite, [`InvalidMesh::Cells`] for an axis without cells,
-    /// [`InvalidMesh::TooMany`] where the nodes or elements outnumber 32-bit indices.
+    /// [`InvalidMesh::Box`] where the box has no volume or is not finite, [`InvalidMesh::Cells`] for an axis without
+    /// cells, [`InvalidMesh::TooMany`] where the nodes or elements outnumber 32-bit indices.
     pub fn lattice(cells: [usize; 3], box_to_world: &Matrix4<f64>) -> Result<TetMesh, InvalidMesh> {
         over_cells(cells, box_to_world, false)
     }
 
-    /// Builds a mesh as [`TetMesh::lattice`] does, but with each cell the mirror image of its neighbours: the planes between
-    /// cells are planes of symmetry, of which a lattice of equal cells has none, so that motion along them is not deflected
-    /// by the mesh.
+    /// Builds a mesh as [`TetMesh::lattice`] does, but with each cell the mirror image of its neighbours: the planes
+    /// between cells are planes of symmetry, of which a lattice of equal cells has none, so that motion along them is
+    /// not deflected by the mesh.
     ///
     /// # Errors
     /// As [`TetMesh::lattice`].

@@ -10,6 +10,7 @@
 //! | [`locator`] | point location in the reference or the deformed state |
 //! | [`outline`] | triangles of a labelled plane |
 //! | [`quality`] | element shapes, and whether a mesh is usable for computation |
+//! | [`vector`] | arithmetic of vectors |
 //! | [`Face`] | surface faces, with their outward normals |
 
 use insonify_base::blame::Blame;
@@ -25,6 +26,7 @@ pub mod locator;
 pub mod outline;
 pub mod quality;
 mod surface;
+pub mod vector;
 
 pub use displacement::Displacement;
 pub use locator::{Locator, NO_ELEMENT};
@@ -34,8 +36,8 @@ use quality::UnusableMesh;
 
 /// A tetrahedral mesh in its reference (undeformed) state, valid by construction.
 ///
-/// Node order of an element: its signed volume is `(n1 - n0) . ((n2 - n0) x (n3 - n0)) / 6`. A mesh in which every element
-/// with a volume is negative was written with the other convention and is reoriented on construction.
+/// Node order of an element: its signed volume is `(n1 - n0) . ((n2 - n0) x (n3 - n0)) / 6`. A mesh in which every
+/// element with a volume is negative was written with the other convention and is reoriented on construction.
 ///
 /// ```
 /// use insonify_mesh::{Displacement, TetMesh};
@@ -160,7 +162,8 @@ impl Blame for InvalidMesh {}
 impl TetMesh {
     /// Builds a mesh from reference nodes (mm), elements (four node indices each) and one region number per element.
     ///
-    /// Inverted and flat elements are accepted (see [`TetMesh::volumes`]): point location gives a defined result for each.
+    /// Inverted and flat elements are accepted (see [`TetMesh::volumes`]): point location gives a defined result for
+    /// each.
     ///
     /// # Errors
     /// [`InvalidMesh`], with the first offending node, element or face.
@@ -197,13 +200,14 @@ impl TetMesh {
         &self.regions
     }
 
-    /// Returns, for each element and each of its corners, the element across the opposite face, or [`NO_ELEMENT`] at the surface.
+    /// Returns, for each element and each of its corners, the element across the opposite face, or [`NO_ELEMENT`] at
+    /// the surface.
     pub fn neighbours(&self) -> &[[u32; 4]] {
         &self.neighbours
     }
 
-    /// Returns the signed volumes of the elements with the nodes at `nodes` (reference or current), mm^3. Negative means
-    /// inverted.
+    /// Returns the signed volumes of the elements with the nodes at `nodes` (reference or current), mm^3. Negative
+    /// means inverted.
     ///
     /// # Panics
     /// If `nodes` has fewer entries than the mesh has nodes.

@@ -33,7 +33,7 @@ impl Lists {
     }
 
     /// A list.
-    pub fn of(&self, list: u32) -> &[u32] {
+    pub fn get(&self, list: u32) -> &[u32] {
         let list = list as usize;
         &self.items[self.starts[list] as usize..self.starts[list + 1] as usize]
     }

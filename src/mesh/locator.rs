@@ -1,16 +1,16 @@
 //! Point location in a tetrahedral mesh, in its reference or its deformed state.
 //!
-//! A query walks from a starting element towards the point, each time through the face that the point lies farthest beyond,
-//! as the search of Goksel and Salcudean 2009 does from the element of the last frame. Where the walk cannot decide (no
-//! start, the surface in the way, an element that is never hit, a point within rounding of a face, a fold nearby), the list
-//! of the point's grid cell decides: the lowest element that contains the point.
+//! A query walks from a starting element towards the point, each time through the face that the point lies farthest
+//! beyond, as the search of Goksel and Salcudean 2009 does from the element of the last frame. Where the walk cannot
+//! decide (no start, the surface in the way, an element that is never hit, a point within rounding of a face, a fold
+//! nearby), the list of the point's grid cell decides: the lowest element that contains the point.
 //!
 //! # Independence of the start
-//! In an unfolded mesh the answer is a function of the point alone. The walk answers only where the point lies so deep in an
-//! element that no other can contain it, allowing for the rounding of both; everything else is left to the list. In a mesh
-//! with inverted elements, queries in the cells that they touch are always answered from the list. A mesh that overlaps
-//! itself without any inverted element (two separate parts pushed into each other) is not detected: each of the overlapping
-//! elements is a valid answer there.
+//! In an unfolded mesh the answer is a function of the point alone. The walk answers only where the point lies so deep
+//! in an element that no other can contain it, allowing for the rounding of both; everything else is left to the list.
+//! In a mesh with inverted elements, queries in the cells that they touch are always answered from the list. A mesh
+//! that overlaps itself without any inverted element (two separate parts pushed into each other) is not detected: each
+//! of the overlapping elements is a valid answer there.
 
 use crate::{InvalidMesh, check_positions};
 
@@ -23,8 +23,8 @@ use insonify_base::real::Real;
 /// Index that denotes no element.
 pub const NO_ELEMENT: u32 = u32::MAX;
 
-/// Maximum number of elements that a walk visits before the grid takes over. Samples move by a few elements from frame to
-/// frame, and a grid look-up costs about as much as this many steps.
+/// Maximum number of elements that a walk visits before the grid takes over. Samples move by a few elements from frame
+/// to frame, and a grid look-up costs about as much as this many steps.
 const MAX_WALK: u32 = 16;
 
 /// Number of elements that one task of the update prepares.
@@ -116,8 +116,8 @@ impl<T: Real> Locator<T> {
         Ok(self.prepare())
     }
 
-    /// Returns the element that contains `p` (mm), walking from `start` (any element, or [`NO_ELEMENT`] to use the grid at once).
-    /// A `p` that is NaN or infinite lies in no element.
+    /// Returns the element that contains `p` (mm), walking from `start` (any element, or [`NO_ELEMENT`] to use the grid
+    /// at once). A `p` that is NaN or infinite lies in no element.
     pub fn locate(&self, p: [T; 3], start: u32) -> Hit<T> {
         let nowhere = Hit {
             element: NO_ELEMENT,
@@ -137,6 +137,17 @@ impl<T: Real> Locator<T> {
     pub fn to_reference(&self, element: u32, p: [T; 3]) -> [T; 3] {
         let index = element as usize;
         element::carry_to_reference(&self.frames[index], &self.carries[index], p)
+    }
+
+    /// Returns the reference position (mm) of `p`; a point outside the mesh stays. The search starts from `element`,
+    /// which receives the element that contains the point.
+    pub fn carry(&self, p: [T; 3], element: &mut u32) -> [T; 3] {
+        *element = self.locate(p, *element).element;
+        if *element == NO_ELEMENT {
+            p
+        } else {
+            self.to_reference(*element, p)
+        }
     }
 
     /// Returns an answer that does not depend on the start, or `None`.
@@ -197,8 +208,8 @@ impl<T: Real> Locator<T> {
         report
     }
 
-    /// Sets the margins of all elements: a point is clear of all others where it is farther from the faces of its own than
-    /// any element that shares a node with it can reach.
+    /// Sets the margins of all elements: a point is clear of all others where it is farther from the faces of its own
+    /// than any element that shares a node with it can reach.
     fn set_margins(&mut self) {
         self.node_reaches.fill(T::zero());
         for (corners, outline) in self.elements.iter().zip(&self.outlines) {

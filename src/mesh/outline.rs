@@ -1,8 +1,8 @@
 //! Triangles of a labelled plane: outlines of its regions, and a constrained Delaunay triangulation between them.
 //!
-//! Outlines come from marching squares with several labels: the crossings of a grid's edges are located by bisection and joined within
-//! each cell, at the point where more than two labels meet. They are thinned (D. Douglas and T. Peucker, 1973) and triangulated with
-//! refinement (J. Ruppert, 1995) by the crate `spade`.
+//! Outlines come from marching squares with several labels: the crossings of a grid's edges are located by bisection
+//! and joined within each cell, at the point where more than two labels meet. They are thinned (D. Douglas and T.
+//! Peucker, 1973) and triangulated with refinement (J. Ruppert, 1995) by the crate `spade`.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,8 +12,8 @@ use spade::{AngleLimit, ConstrainedDelaunayTriangulation, Point2, RefinementPara
 
 /// Bisections to locate the crossing of a grid's edge, to a thousandth of it.
 const HALVINGS: usize = 10;
-/// Deviation of a thinned outline as a share of the edge length of triangles: a circle whose diameter is five edges loses less than 1 % of
-/// its area.
+/// Deviation of a thinned outline as a share of the edge length of triangles: a circle whose diameter is five edges
+/// loses less than 1 % of its area.
 const THINNED: f64 = 1.0 / 60.0;
 /// Least area of a closed outline, in squared spacings of the grid.
 const SMALLEST: f64 = 4.0;
@@ -31,8 +31,8 @@ pub struct Triangles {
     pub regions: Vec<i32>,
 }
 
-/// Triangulates the regions of a plane within a rectangle (mm). `grid_mm` is the spacing of the samples that find the outlines, `edge_mm`
-/// the edge length of the triangles. Empty where nothing is labelled.
+/// Triangulates the regions of a plane within a rectangle (mm). `grid_mm` is the spacing of the samples that find the
+/// outlines, `edge_mm` the edge length of the triangles. Empty where nothing is labelled.
 pub fn triangulate(
     region: impl Fn([f64; 2]) -> Option<i32> + Sync,
     [low, high]: [[f64; 2]; 2],
@@ -200,8 +200,8 @@ fn crossing(
     from
 }
 
-/// Point of a square cell at which most labels meet: at each bisection the quarter whose corners have most labels is kept. The middle of
-/// the cell where only two alternate.
+/// Point of a square cell at which most labels meet: at each bisection the quarter whose corners have most labels is
+/// kept. The middle of the cell where only two alternate.
 fn junction(region: impl Fn([f64; 2]) -> Option<i32>, mut low: [f64; 2], mut size: f64) -> [f64; 2] {
     let labels = |[x, y]: [f64; 2], size: f64| {
         let corners = [[0.0, 0.0], [size, 0.0], [0.0, size], [size, size]];
@@ -229,7 +229,8 @@ fn area(chain: &[[f64; 2]]) -> f64 {
         .sum()
 }
 
-/// Chain with the fewest of its points from which no other lies farther than `most_mm`; a closed one is first cut at its farthest point.
+/// Chain with the fewest of its points from which no other lies farther than `most_mm`; a closed one is first cut at
+/// its farthest point.
 fn thinned(chain: &[[f64; 2]], most_mm: f64) -> Vec<[f64; 2]> {
     let last = chain.len() - 1;
     let mut kept = vec![false; chain.len()];

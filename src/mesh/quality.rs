@@ -15,8 +15,8 @@ use super::TetMesh;
 use super::element::{self, Kind};
 use crate::InvalidMesh;
 
-/// Limit of the [`jacobian_condition`] of a usable element, `1 / sqrt(f64::EPSILON)`: beyond it an element is so thin that
-/// rounding its corners leaves less than half the digits of its height, and of its stiffness.
+/// Limit of the [`jacobian_condition`] of a usable element, `1 / sqrt(f64::EPSILON)`: beyond it an element is so thin
+/// that rounding its corners leaves less than half the digits of its height, and of its stiffness.
 pub const CONDITION_LIMIT: f64 = 67_108_864.0;
 
 /// Quality of a mesh with its nodes at given positions. Lists contain indices from 0, ascending.
@@ -48,8 +48,8 @@ pub struct Quality {
     pub coincident_nodes: Vec<[u32; 2]>,
     /// Parts connected through common nodes, by first element.
     pub parts: Vec<Part>,
-    /// Number of parts connected through common faces. More than [`Quality::parts`] means that some are attached by a node
-    /// or an edge, as by a hinge.
+    /// Number of parts connected through common faces. More than [`Quality::parts`] means that some are attached by a
+    /// node or an edge, as by a hinge.
     pub face_parts: usize,
     /// Regions by number.
     pub regions: Vec<Region>,
@@ -71,7 +71,7 @@ impl Quality {
     ///
     /// # Panics
     /// If `nodes` has fewer entries than the mesh has nodes.
-    pub fn of(mesh: &TetMesh, nodes: &[[f64; 3]]) -> Quality {
+    pub fn measure(mesh: &TetMesh, nodes: &[[f64; 3]]) -> Quality {
         let nodes = &nodes[..mesh.nodes().len()];
         let mut shapes = Vec::with_capacity(mesh.elements().len());
         let mut of_kind: [Vec<u32>; 3] = Default::default();
@@ -116,7 +116,8 @@ impl Quality {
         self.regions.iter().map(|region| region.volume_ml).sum()
     }
 
-    /// Checks that the mesh is usable for computation: no element is inverted, flat, a sliver, not finite or duplicated.
+    /// Checks that the mesh is usable for computation: no element is inverted, flat, a sliver, not finite or
+    /// duplicated.
     ///
     /// # Errors
     /// [`UnusableMesh`], which names the elements.
@@ -139,8 +140,8 @@ fn regions(mesh: &TetMesh, shapes: &[Shape]) -> Vec<Region> {
     regions.into_values().collect()
 }
 
-/// Distance below which nodes coincide, as a share of the diagonal of their box: far above the rounding of coordinates, even
-/// of those printed with ten digits, and far below any usable element.
+/// Distance below which nodes coincide, as a share of the diagonal of their box: far above the rounding of coordinates,
+/// even of those printed with ten digits, and far below any usable element.
 const COINCIDENT: f64 = 1e-9;
 
 /// Returns the nodes without an element.
@@ -180,7 +181,8 @@ fn coincident(nodes: &[[f64; 3]]) -> Vec<[u32; 2]> {
         };
     }
     let reach = COINCIDENT * diagonal;
-    // In cells twice the reach wide, the neighbours of a point lie in its cell or in the adjacent ones on the nearer sides.
+    // In cells twice the reach wide, the neighbours of a point lie in its cell or in the adjacent ones on the nearer
+    // sides.
     let side = 2.0 * reach;
     let mut cells: HashMap<[i64; 3], Vec<u32>> = HashMap::new();
     let mut pairs = Vec::new();

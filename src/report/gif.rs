@@ -33,8 +33,8 @@ pub struct Preview {
 }
 
 impl Preview {
-    /// Begins a file for grey frames of `width` x `height` pixels (1 or more each, at most 65,535 after downscaling) at intervals
-    /// of `frame_s` seconds (above 0).
+    /// Begins a file for grey frames of `width` x `height` pixels (1 or more each, at most 65,535 after downscaling) at
+    /// intervals of `frame_s` seconds (above 0).
     ///
     /// # Errors
     /// [`OutputError`] if the file cannot be written, or the size is out of range.

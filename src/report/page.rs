@@ -1,5 +1,5 @@
-//! Self-contained HTML pages for reports: one file each, complete without scripts or external resources, legible on a phone and on paper,
-//! in the reader's light or dark theme.
+//! Self-contained HTML pages for reports: one file each, complete without scripts or external resources, legible on a
+//! phone and on paper, in the reader's light or dark theme.
 
 use std::fmt::{Display, Write};
 
@@ -14,7 +14,8 @@ use insonify_base::output::place::GENERATOR;
 use insonify_base::table::Table;
 use insonify_base::text::escape;
 
-/// Style sheet. Plots have dark lines without a background; on a dark page their lightness is inverted and their hue kept.
+/// Style sheet. Plots have dark lines without a background; on a dark page their lightness is inverted and their hue
+/// kept.
 const STYLE: &str = "\
 :root{color-scheme:light dark;--ink:#1b1f23;--soft:#59636e;--paper:#fff;--card:#f5f7f9;--line:#d6dce2;--good:#00694a;--bad:#b3400a}\
 @media(prefers-color-scheme:dark){:root{--ink:#e6e9ec;--soft:#a0abb6;--paper:#14181c;--card:#1e2429;--line:#39424b;--good:#4fd0a5;--bad:#ff9a66}\

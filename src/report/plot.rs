@@ -20,7 +20,8 @@ use insonify_base::output::OutputError;
 pub const SIZE: [u32; 2] = [1000, 600];
 /// Width of the legend beside a plot, pixels.
 const LEGEND: i32 = 210;
-/// Width of a plot for a page and height of its axes, pixels: small enough for legible lettering at the width of a phone.
+/// Width of a plot for a page and height of its axes, pixels: small enough for legible lettering at the width of a
+/// phone.
 const PAGE: [u32; 2] = [460, 330];
 /// Width of the axes of a plot for a page over their height, within their labels.
 const ASPECT: f64 = (460.0 - 86.0) / (330.0 - 64.0);
@@ -156,8 +157,8 @@ pub struct Plot {
     pub series: Vec<Series>,
     /// Meanings of the markers, in the order of [`Marker::nth`]; empty if they have none.
     pub markers: Vec<String>,
-    /// Points to mark as the best choices (see [`front`](insonify_base::pareto::front)), from left to right, as one front per set of competing points. A stepped line
-    /// joins the points of a front if no lines join the series.
+    /// Points to mark as the best choices (see [`front`](insonify_base::pareto::front)), from left to right, as one
+    /// front per set of competing points. A stepped line joins the points of a front if no lines join the series.
     pub front: Vec<Vec<[f64; 2]>>,
     /// True if a unit has the same length along both axes, which are linear then.
     pub equal: bool,

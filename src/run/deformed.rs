@@ -18,8 +18,8 @@ const CORNERS: u32 = 32;
 const POINT_MM: f64 = 1e-9;
 
 impl Scenario {
-    /// Von Mises stress of each element, kPa, in its shape after remeshing; `None` for masses and springs, for a plane, and for
-    /// viscous tissue of which it is not followed.
+    /// Von Mises stress of each element, kPa, in its shape after remeshing; `None` for masses and springs, for a plane,
+    /// and for viscous tissue of which it is not followed.
     pub fn von_mises_kpa(&self, model: &dyn Model, elements: &[[u32; 4]], tissue: &Tissue) -> Option<Vec<f64>> {
         if let Some(stress) = model.stress_kpa() {
             return Some(stress.iter().map(von_mises).collect());
@@ -97,7 +97,11 @@ impl NeedlePoly {
         if needle.arc_mm.len() < 2 {
             return Self::default();
         }
-        needle.poly.points = needle.arc_mm.iter().map(|arc| line.at(*arc).point_mm.into()).collect();
+        needle.poly.points = needle
+            .arc_mm
+            .iter()
+            .map(|arc| line.point_at_arc(*arc).point_mm.into())
+            .collect();
         // First, since VTK counts vertices before lines, and the values of cells are in that order.
         for load in loads.iter().filter(|load| load.length_mm() <= POINT_MM) {
             let nearest = needle
@@ -113,13 +117,13 @@ impl NeedlePoly {
             let spread = loads.iter().filter(|load| load.length_mm() > POINT_MM);
             let loads_here = spread.filter(|load| (load.from_mm..load.to_mm).contains(&middle));
             let density: nalgebra::Vector3<f64> = loads_here.map(|load| load.force_n / load.length_mm()).sum();
-            let along_n_per_mm = line.at(middle).tangent.dot(&density);
+            let along_n_per_mm = line.point_at_arc(middle).tangent.dot(&density);
             needle.poly.lines.push(vec![segment as u32, segment as u32 + 1]);
             needle.force_n.push((density * (ends[1] - ends[0])).into());
             needle.along_n_per_mm.push(along_n_per_mm);
             needle
                 .across_n_per_mm
-                .push((density - line.at(middle).tangent.into_inner() * along_n_per_mm).norm());
+                .push((density - line.point_at_arc(middle).tangent.into_inner() * along_n_per_mm).norm());
         }
         needle
     }

@@ -36,8 +36,8 @@ impl MaterialPoints {
         }
     }
 
-    /// Current position of a point of the reference state, mm; `slot` numbers the points that are followed. A point outside the mesh moves
-    /// with the nearest node.
+    /// Current position of a point of the reference state, mm; `slot` numbers the points that are followed. A point
+    /// outside the mesh moves with the nearest node.
     pub fn point(&mut self, slot: usize, at_rest: &Point3<f64>, elements: &[[u32; 4]], tissue: &Tissue) -> Point3<f64> {
         if self.last_elements.len() <= slot {
             self.last_elements.resize(slot + 1, 0);

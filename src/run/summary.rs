@@ -37,8 +37,8 @@ pub struct Summary {
     pub remeshes: u64,
     /// Number of steps that did not converge.
     pub not_converged: u64,
-    /// Maximum number of inverted elements, evaluated at frames and mesh outputs: tissue was crushed there. `None` without such
-    /// outputs.
+    /// Maximum number of inverted elements, evaluated at frames and mesh outputs: tissue was crushed there. `None`
+    /// without such outputs.
     pub max_inverted_elements: Option<usize>,
     /// Distribution of step times.
     pub step_ms: StepMs,

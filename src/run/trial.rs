@@ -23,8 +23,9 @@ pub struct Trial {
 }
 
 impl Scenario {
-    /// Runs steps of a model made by [`Scenario::model`] from the start until the end of the scenario or until `patience` has elapsed, and counts those that take longer
-    /// than `limit_ms`. `progress` receives the completed fraction, of the steps or of the time, whichever is larger.
+    /// Runs steps of a model made by [`Scenario::model`] from the start until the end of the scenario or until
+    /// `patience` has elapsed, and counts those that take longer than `limit_ms`. `progress` receives the completed
+    /// fraction, of the steps or of the time, whichever is larger.
     ///
     /// # Errors
     /// Errors of a step.

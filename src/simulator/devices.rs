@@ -1,5 +1,5 @@
-//! Support for haptic devices (Goksel et al. 2011, section V-C): a probe driven at two points, damping, and a needle that
-//! goes through the holes of a template while its device stays in one place.
+//! Support for haptic devices (Goksel et al. 2011, section V-C): a probe driven at two points, damping, and a needle
+//! that goes through the holes of a template while its device stays in one place.
 //!
 //! Velocities are differences of positions over a step, so they lag by half a step: see [`Damper::most_ns_per_mm`].
 
@@ -38,8 +38,8 @@ pub struct TwoPoints {
 pub struct PointsPose {
     /// Probe frame to world (see [`ProbeContact`](insonify_mechanics::insertion::ProbeContact)).
     pub pose: Isometry3<f64>,
-    /// Excess of the distance between the points over that on the probe, mm, due to calibration and play of the devices. The
-    /// pose leaves half of it at each point.
+    /// Excess of the distance between the points over that on the probe, mm, due to calibration and play of the
+    /// devices. The pose leaves half of it at each point.
     pub stretch_mm: f64,
 }
 
@@ -60,8 +60,8 @@ impl TwoPoints {
         .map(|()| Self { at_mm })
     }
 
-    /// Returns the pose of a probe from its measured points, mm, world. Two points do not determine the roll about the axis:
-    /// it is that of `last`, carried along by the shortest rotation.
+    /// Returns the pose of a probe from its measured points, mm, world. Two points do not determine the roll about the
+    /// axis: it is that of `last`, carried along by the shortest rotation.
     ///
     /// # Errors
     /// [`SimulatorError`] where the points are less than half as far apart as on the probe.
@@ -80,8 +80,8 @@ impl TwoPoints {
         })
     }
 
-    /// Returns the forces on the points, N, that are equivalent to a wrench on the probe at `pose`, about its origin: see
-    /// [`ProbeContact::split`](insonify_mechanics::insertion::ProbeContact::split).
+    /// Returns the forces on the points, N, that are equivalent to a wrench on the probe at `pose`, about its origin:
+    /// see [`ProbeContact::split`](insonify_mechanics::insertion::ProbeContact::split).
     pub fn split(&self, wrench: &Wrench, pose: &Isometry3<f64>) -> [Vector3<f64>; 2] {
         lever(self.at_mm, wrench, pose)
     }
@@ -122,13 +122,15 @@ impl Damper {
         })
     }
 
-    /// Returns the damping from which a free device of a mass (kg) would become unstable, N s/mm: 2 m/dt, where its position
-    /// is sampled every `dt_s` and the force held until the next sample. With springs and tissue the limit is lower.
+    /// Returns the damping from which a free device of a mass (kg) would become unstable, N s/mm: 2 m/dt, where its
+    /// position is sampled every `dt_s` and the force held until the next sample. With springs and tissue the limit is
+    /// lower.
     pub fn most_ns_per_mm(mass_kg: f64, dt_s: f64) -> f64 {
         2e-3 * mass_kg / dt_s
     }
 
-    /// Returns the force on the device at its current position, `dt_s` after the previous call, N: zero at the first call.
+    /// Returns the force on the device at its current position, `dt_s` after the previous call, N: zero at the first
+    /// call.
     pub fn force(&mut self, place_mm: &Point3<f64>, dt_s: f64) -> Vector3<f64> {
         self.velocity.next(place_mm, dt_s) * -self.c_ns_per_mm
     }
@@ -178,8 +180,8 @@ impl LateralHold {
         })
     }
 
-    /// Returns the force on the device at its current position, `dt_s` after the previous call, towards the line through
-    /// `hole_mm` along `axis`, N: zero where a position is not finite.
+    /// Returns the force on the device at its current position, `dt_s` after the previous call, towards the line
+    /// through `hole_mm` along `axis`, N: zero where a position is not finite.
     pub fn force(
         &mut self,
         place_mm: &Point3<f64>,
@@ -209,8 +211,8 @@ impl LateralHold {
     }
 }
 
-/// A needle that goes through a hole of a template, moved by a device that stays in place: the motion of the device along
-/// its axis and its roll are applied at the chosen hole.
+/// A needle that goes through a hole of a template, moved by a device that stays in place: the motion of the device
+/// along its axis and its roll are applied at the chosen hole.
 ///
 /// ```
 /// use insonify::{HoldOptions, LateralHold, Template, TemplateGuided};
@@ -244,8 +246,8 @@ pub struct TemplateGuided {
 }
 
 impl TemplateGuided {
-    /// Places a needle outside the body, at a hole. `device_mm` is the position of the device's own guide, in its frame of
-    /// axes parallel to the world's, mm: it corresponds to the hole for the virtual needle.
+    /// Places a needle outside the body, at a hole. `device_mm` is the position of the device's own guide, in its frame
+    /// of axes parallel to the world's, mm: it corresponds to the hole for the virtual needle.
     ///
     /// # Errors
     /// [`SimulatorError::Hole`].
@@ -277,8 +279,8 @@ impl TemplateGuided {
         self.hole_mm
     }
 
-    /// Returns the instruments for a device whose base frame is `device` (to its own axes): the needle is on the axis of the
-    /// hole, as far along it as the device is beyond its guide, and rolled about it as the device is.
+    /// Returns the instruments for a device whose base frame is `device` (to its own axes): the needle is on the axis
+    /// of the hole, as far along it as the device is beyond its guide, and rolled about it as the device is.
     pub fn instruments(&self, device: &Isometry3<f64>) -> Instruments {
         let axis = self.template.direction.into_inner();
         let depth = axis.dot(&(device.translation.vector - self.device_mm.coords));

@@ -10,8 +10,8 @@ use insonify_mechanics::insertion::{Instruments, Outcome, Wrench};
 /// Forces on the hands after a step.
 ///
 /// Forces are those of the instruments on the hands, to be rendered by a haptic device without change: as the needle is
-/// pushed into tissue, the hand feels a force out of the body, against the base frame's z axis. Torques are about the origin
-/// of the instrument's own frame.
+/// pushed into tissue, the hand feels a force out of the body, against the base frame's z axis. Torques are about the
+/// origin of the instrument's own frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Forces {
     /// Wrench of the needle on the hand at its base, about the base, world axes.

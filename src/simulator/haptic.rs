@@ -89,7 +89,8 @@ impl Haptic {
         Ok(imaging)
     }
 
-    /// Makes one step of `dt_s` simulated seconds to the given poses, and publishes the state to the image if there is one.
+    /// Makes one step of `dt_s` simulated seconds to the given poses, and publishes the state to the image if there is
+    /// one.
     ///
     /// # Errors
     /// [`StepError`]; then nothing has changed, and the hand keeps its previous forces.
@@ -113,9 +114,9 @@ impl Haptic {
         Ok(shown.forces(instruments, self.options.probe_points, took, overrun))
     }
 
-    /// Changes the remeshing level, and returns the duration of the change and the jump of the force on the hand. It may
-    /// take longer than a step: see [`Model::set_level`]. A recording restarts from the current state, since states and
-    /// inputs do not contain the level.
+    /// Changes the remeshing level, and returns the duration of the change and the jump of the force on the hand. It
+    /// may take longer than a step: see [`Model::set_level`]. A recording restarts from the current state, since states
+    /// and inputs do not contain the level.
     ///
     /// # Errors
     /// [`StepError`]; the level is then unchanged.
@@ -130,8 +131,8 @@ impl Haptic {
         Ok(change)
     }
 
-    /// Returns the outcome of the last step. Its forces are those of the model, which an easing [`Policy`](super::Policy)
-    /// may still be blending.
+    /// Returns the outcome of the last step. Its forces are those of the model, which an easing
+    /// [`Policy`](super::Policy) may still be blending.
     pub fn outcome(&self) -> &Outcome {
         self.model.outcome()
     }
@@ -149,8 +150,8 @@ impl Haptic {
         }
     }
 
-    /// Restores a saved state, and publishes it to the image. The next step returns the forces of the model, without any
-    /// earlier blend. A recording restarts from this state.
+    /// Restores a saved state, and publishes it to the image. The next step returns the forces of the model, without
+    /// any earlier blend. A recording restarts from this state.
     ///
     /// # Errors
     /// [`StepError::Foreign`]; then nothing has changed.

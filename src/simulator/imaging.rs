@@ -3,7 +3,7 @@
 use std::mem;
 use std::sync::Arc;
 
-use nalgebra::{Matrix4, Point3, Vector3, center};
+use nalgebra::{Matrix4, Vector3, center};
 
 use super::SimulatorError;
 use super::haptic::Latest;
@@ -53,9 +53,9 @@ impl Imaging {
         })
     }
 
-    /// Renders the latest state for a pose of the probe (probe frame to world, mm). Frames count up from 0. Where no step
-    /// was made since the last frame, tissue stays as it was imaged then. In the steady state only the model's [`NodeSolver`]
-    /// allocates.
+    /// Renders the latest state for a pose of the probe (probe frame to world, mm). Frames count up from 0. Where no
+    /// step was made since the last frame, tissue stays as it was imaged then. In the steady state only the model's
+    /// [`NodeSolver`] allocates.
     ///
     /// # Errors
     /// [`SynthError`].
@@ -64,8 +64,8 @@ impl Imaging {
         Ok(self.synthesizer.frame())
     }
 
-    /// Renders as [`Imaging::frame`] does, and leaves the frame on the GPU, in [`Synthesizer::texture`] of the synthesizer: the image thread does
-    /// not wait for it.
+    /// Renders as [`Imaging::frame`] does, and leaves the frame on the GPU, in [`Synthesizer::texture`] of the
+    /// synthesizer: the image thread does not wait for it.
     ///
     /// # Errors
     /// [`SynthError`].
@@ -127,8 +127,8 @@ impl Imaging {
         self.latest.state()
     }
 
-    /// Returns the number of inverted elements in the last frame: tissue is crushed there. It is 0 for an image without a
-    /// mesh.
+    /// Returns the number of inverted elements in the last frame: tissue is crushed there. It is 0 for an image without
+    /// a mesh.
     pub fn inverted(&self) -> usize {
         self.tissue.inverted
     }
@@ -139,7 +139,8 @@ impl Imaging {
     }
 }
 
-/// Checks that elements match; nodes are not compared, since a mesh that was written and read differs in their last bits.
+/// Checks that elements match; nodes are not compared, since a mesh that was written and read differs in their last
+/// bits.
 fn same_elements(found: &[[u32; 4]], expected: &[[u32; 4]]) -> Result<(), SimulatorError> {
     if found.len() != expected.len() {
         let (found, expected) = (found.len(), expected.len());
@@ -183,8 +184,8 @@ impl Seeds {
         }
     }
 
-    /// Writes the seeds of a state with the given tissue. A seed points along the needle at the time it was first seen here,
-    /// since only its position is known; one outside the tissue stays at its position in the reference state.
+    /// Writes the seeds of a state with the given tissue. A seed points along the needle at the time it was first seen
+    /// here, since only its position is known; one outside the tissue stays at its position in the reference state.
     pub(super) fn show(&mut self, snapshot: &Snapshot, tissue: &Tissue, into: &mut Vec<NeedleShaft>) {
         let count = snapshot.seeds.len();
         self.elements.resize(count, NO_ELEMENT);
@@ -201,7 +202,8 @@ impl Seeds {
             }
         }
         for (index, (seed, element)) in snapshot.seeds.iter().zip(&mut self.elements).enumerate() {
-            let position = carried(self.locator.as_ref(), seed, element);
+            let locator = self.locator.as_ref();
+            let position = locator.map_or(*seed, |locator| locator.carry((*seed).into(), element).into());
             match into.get_mut(index) {
                 Some(NeedleShaft { nodes, .. }) => {
                     let shift = position - center(&nodes[0], &nodes[1]);
@@ -213,22 +215,14 @@ impl Seeds {
     }
 }
 
-/// Returns the current position of a point of the reference state; the search starts at `element`, which receives the
-/// element found.
-fn carried(locator: Option<&Locator<f64>>, point: &Point3<f64>, element: &mut u32) -> Point3<f64> {
-    let Some(locator) = locator else { return *point };
-    let point = [point.x, point.y, point.z];
-    *element = locator.locate(point, *element).element;
-    match *element {
-        NO_ELEMENT => point.into(),
-        element => locator.to_reference(element, point).into(),
-    }
-}
-
 /// Returns the direction of the needle at its tip.
 fn at_tip(snapshot: &Snapshot) -> Vector3<f64> {
     match snapshot.line.nodes() {
         [] => Vector3::z(),
-        _ => snapshot.line.at(snapshot.line.length_mm()).tangent.into_inner(),
+        _ => snapshot
+            .line
+            .point_at_arc(snapshot.line.length_mm())
+            .tangent
+            .into_inner(),
     }
 }

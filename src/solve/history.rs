@@ -262,7 +262,7 @@ impl Prescription<'_> {
             ..
         } = self.problem;
         let course = file.course();
-        let factor = |of_table: Option<&Vec<f64>>| moment.of(of_table.unwrap_or(&course.factor));
+        let factor = |of_table: Option<&Vec<f64>>| moment.factor(of_table.unwrap_or(&course.factor));
         let mut forces = vec![0.0; self.supports.all()];
         for applied in &loads.forces {
             let factor = factor(applied.table.and_then(|table| file.load[table].factor.as_ref()));

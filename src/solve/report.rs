@@ -20,7 +20,8 @@ pub struct Report {
     pub nodes: usize,
     /// Number of tetrahedra.
     pub elements: usize,
-    /// Normwise backward error of the solution; with a history the largest residual force over the largest force, at the end.
+    /// Normwise backward error of the solution; with a history the largest residual force over the largest force, at
+    /// the end.
     pub residual: f64,
     /// Displacements of the requested nodes, in that order, mm.
     pub displacement_mm: Vec<[f64; 3]>,

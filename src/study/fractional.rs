@@ -28,8 +28,8 @@ fn sine_series(k: f64, w: f64, t: f64) -> f64 {
     t.powf(k) * (0..30).map(term).sum::<f64>()
 }
 
-/// Returns `sin(k pi) / pi` times the integral of `e^(-r x) r^-k / (r^2 + 1)` over r from 0 to infinity. With r = e^v the trapezoidal rule
-/// converges exponentially.
+/// Returns `sin(k pi) / pi` times the integral of `e^(-r x) r^-k / (r^2 + 1)` over r from 0 to infinity. With r = e^v
+/// the trapezoidal rule converges exponentially.
 fn start_of_sine(k: f64, x: f64) -> f64 {
     // Trapezoids of 0.02 in v over -40 to 40, beyond which the integrand is a geometric series or nothing.
     const STEP: f64 = 0.02;

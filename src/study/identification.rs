@@ -1,7 +1,8 @@
-//! Case files for the identification of force parameters and Young's moduli from a measured insertion (Dehghan et al. 2008, section "Parameter
-//! identification method").
+//! Case files for the identification of force parameters and Young's moduli from a measured insertion (Dehghan et al.
+//! 2008, section "Parameter identification method").
 //!
-//! [`CaseFile`] is the file as written; [`CaseFile::resolve`] reads its scenario and checks it. Errors point at the line.
+//! [`CaseFile`] is the file as written; [`CaseFile::resolve`] reads its scenario and checks it. Errors point at the
+//! line.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -24,21 +25,22 @@ pub const EXAMPLE: &str = include_str!("../../assets/identification.toml");
 pub struct CaseFile {
     /// Version of the format: 1, which is the default.
     pub version: Option<Version>,
-    /// Scenario: mesh or volume, fixed nodes, straight line of the needle, probe. The name of one that comes with the program, or the path of
-    /// one (linear finite elements).
+    /// Scenario: mesh or volume, fixed nodes, straight line of the needle, probe. The name of one that comes with the
+    /// program, or the path of one (linear finite elements).
     pub scenario: String,
     /// Measured force.
     pub force: ForceSpec,
     /// Measured displacement of the tissue; required unless every Young's modulus is known.
     pub motion: Option<MotionSpec>,
-    /// Poisson's ratios (0 to below 0.5): an identification for each, with all layers of that ratio. Default: one, with those of the scenario.
+    /// Poisson's ratios (0 to below 0.5): an identification for each, with all layers of that ratio. Default: one, with
+    /// those of the scenario.
     #[serde(default)]
     pub poisson: Vec<f64>,
     /// Quantity that is minimised. Default `points`.
     #[serde(default)]
     pub cost: Cost,
-    /// Weight W of the displacements measured in each region of the force, two regions a layer (0 or more, not all 0). Default 1 while a layer
-    /// is punctured, 4 behind.
+    /// Weight W of the displacements measured in each region of the force, two regions a layer (0 or more, not all 0).
+    /// Default 1 while a layer is punctured, 4 behind.
     pub weights: Option<Vec<f64>>,
     /// Layers whose Young's modulus is known, or where its search starts.
     #[serde(default)]
@@ -54,8 +56,8 @@ document::input_file!(CaseFile);
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ForceSpec {
-    /// CSV file with the columns `tip_mm` (tip depth below the surface at rest) and `force_n` (positive while the needle is
-    /// pushed in); or a table `steps.csv` of `insonify insert`.
+    /// CSV file with the columns `tip_mm` (tip depth below the surface at rest) and `force_n` (positive while the
+    /// needle is pushed in); or a table `steps.csv` of `insonify insert`.
     pub file: PathBuf,
 }
 
@@ -63,11 +65,11 @@ pub struct ForceSpec {
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MotionSpec {
-    /// CSV file: the table of `insonify motion`, or of `insonify rf --truth`; or the columns `tip_mm`, `node` or `x_mm,y_mm,z_mm` (at rest), and
-    /// `ux_mm`, `uy_mm`, `uz_mm` (some of them; empty cells are not measured).
+    /// CSV file: the table of `insonify motion`, or of `insonify rf --truth`; or the columns `tip_mm`, `node` or
+    /// `x_mm,y_mm,z_mm` (at rest), and `ux_mm`, `uy_mm`, `uz_mm` (some of them; empty cells are not measured).
     pub file: PathBuf,
-    /// With frames: CSV file with the columns `frame` and `tip_mm`. Default: frames at the rate of the scenario, during its motion of the
-    /// needle.
+    /// With frames: CSV file with the columns `frame` and `tip_mm`. Default: frames at the rate of the scenario, during
+    /// its motion of the needle.
     pub frames: Option<PathBuf>,
 }
 

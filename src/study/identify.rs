@@ -1,8 +1,9 @@
-//! Force parameters and Young's moduli of tissue layers from the force on a needle and the displacement of the tissue around it in one insertion
-//! (Dehghan et al. 2008, section "Parameter identification method").
+//! Force parameters and Young's moduli of tissue layers from the force on a needle and the displacement of the tissue
+//! around it in one insertion (Dehghan et al. 2008, section "Parameter identification method").
 //!
-//! In an inner loop the force parameters are adjusted until the simulated force has the slopes and widths of the measured one; in an outer loop
-//! Nelder and Mead's method seeks the moduli whose displacements are nearest to the measured ones.
+//! In an inner loop the force parameters are adjusted until the simulated force has the slopes and widths of the
+//! measured one; in an outer loop Nelder and Mead's method seeks the moduli whose displacements are nearest to the
+//! measured ones.
 
 mod data;
 pub(super) mod force;
@@ -141,8 +142,8 @@ pub fn identify(case: IdentificationCase, progress: &(dyn Fn(f64) + Sync)) -> Re
     })
 }
 
-/// Identifies layers with the mesh of `case` from an insertion simulated in that of `made` with the parameters of its scenario: force, and
-/// displacements of `points` along directions, at every twentieth of the depth.
+/// Identifies layers with the mesh of `case` from an insertion simulated in that of `made` with the parameters of its
+/// scenario: force, and displacements of `points` along directions, at every twentieth of the depth.
 ///
 /// # Errors
 /// [`Error`] as [`identify`].
@@ -234,8 +235,8 @@ impl<'a> Search<'a> {
         self.simulator.run(layers, observed)
     }
 
-    /// Adjusts the force parameters until the simulated force has the slopes and widths of the measured one; of all simulations the nearest to
-    /// its model counts. The last one also has the displacements.
+    /// Adjusts the force parameters until the simulated force has the slopes and widths of the measured one; of all
+    /// simulations the nearest to its model counts. The last one also has the displacements.
     fn match_forces(&mut self, layers: &mut Vec<LayerParameters>) -> Result<SimulatedInsertion, Error> {
         let mut best = (f64::INFINITY, layers.clone());
         for _ in 0..MAX_INNER {
@@ -260,8 +261,8 @@ impl<'a> Search<'a> {
     fn adjust(&self, layers: &mut [LayerParameters], simulated: &Piecewise) -> f64 {
         let mut change = 0.0_f64;
         for (index, layer) in layers.iter_mut().enumerate() {
-            // A density adds all but itself to a slope. Ratios of slopes would not settle where the slope of region 3 lacks the peak that
-            // the tip leaves behind in the layer before.
+            // A density adds all but itself to a slope. Ratios of slopes would not settle where the slope of region 3
+            // lacks the peak that the tip leaves behind in the layer before.
             let lack = |region: usize| self.model.slopes_n_per_mm[region] - simulated.slopes_n_per_mm[region];
             let ratio = self.model.width(2 * index) / simulated.width(2 * index).max(MIN_WIDTH_MM);
             for (parameter, new) in [
@@ -296,7 +297,8 @@ impl<'a> Search<'a> {
         Ok(self.conclude(layers, course, sensitivities))
     }
 
-    /// The outer loop: sets the moduli of the `unknown` layers to those whose displacements are nearest to the measured ones.
+    /// The outer loop: sets the moduli of the `unknown` layers to those whose displacements are nearest to the measured
+    /// ones.
     fn seek_moduli(
         &mut self,
         motion: &MeasuredMotion,
@@ -404,7 +406,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Weighted squares of the errors over those of the displacements (Dehghan et al. 2008, equation 1, as its text describes it).
+    /// Weighted squares of the errors over those of the displacements (Dehghan et al. 2008, equation 1, as its text
+    /// describes it).
     fn cost(&self, motion: &MeasuredMotion, course: &SimulatedInsertion) -> f64 {
         let (mut errors, mut sizes) = (0.0, 0.0);
         for ((depth, simulated), measured) in motion.depths_mm.iter().zip(&course.moved_mm).zip(&motion.measured_mm) {

@@ -1,6 +1,7 @@
 //! Explanation of a single pixel, traced from its grey level back to the tissue, for debugging a scene.
 //!
-//! The passes run on the CPU in double precision, up to each pass in turn, and are read at the sample nearest to the pixel.
+//! The passes run on the CPU in double precision, up to each pass in turn, and are read at the sample nearest to the
+//! pixel.
 
 mod report;
 
@@ -201,7 +202,7 @@ fn barycentric(corners: [[f64; 3]; 4], point: [f64; 3]) -> Option<[f64; 4]> {
 fn label_report(tables: &Tables, index: u8, reference: [f64; 3]) -> LabelReport {
     let volume = &tables.anatomy.volume;
     let label = volume.labels().get(usize::from(index));
-    let tissue = tables.anatomy.tissues.of(index);
+    let tissue = tables.anatomy.tissues.tissue(index);
     let position = transform(volume.world_to_index(), reference);
     let nearest = position.map(|x| (x + 0.5).floor());
     let inside = (0..3).all(|axis| nearest[axis] >= 0.0 && nearest[axis] < volume.size()[axis] as f64);
@@ -221,7 +222,7 @@ fn texture_report(tables: &Tables, label: u8, reference: [f64; 3]) -> Option<Tex
     let atlas = tables.effects.texture.as_ref()?;
     let entry = tables.label_rows.get(usize::from(label))?.texture.checked_sub(1)?;
     Some(TextureReport {
-        name: tables.anatomy.tissues.of(label).texture.as_deref()?.to_owned(),
+        name: tables.anatomy.tissues.tissue(label).texture.as_deref()?.to_owned(),
         value: atlas.sample(entry as usize, tables.origin.to_local(reference)),
     })
 }
@@ -251,7 +252,7 @@ fn shadow_report(tables: &Tables, beam: &Beam, line: usize, sample: usize) -> Op
         let label = beam.label.get(start + crossed).copied().unwrap_or(0);
         let loss_units = tables.label_rows.get(usize::from(label)).map_or(0, |row| row.loss);
         add_loss(
-            &tables.anatomy.tissues.of(label).name,
+            &tables.anatomy.tissues.tissue(label).name,
             mm,
             share * f64::from(loss_units) / UNITS_PER_DB,
         );

@@ -1,15 +1,16 @@
 //! Analysis by synthesis: probe and effects estimated from a single real frame, so that rendered frames resemble it.
 //!
-//! The sector's outline gives the probe ([`outline`]). The frame is resampled to scanlines by samples, and the standard deviation of grey
-//! levels, the widths of the autocorrelation and the mean are measured in its most uniform windows over depth. A uniform phantom is
-//! rendered under the same probe, resampled to the same windows and measured in the same way. Parameters are then corrected by the ratios
-//! of these figures until they agree: dynamic range by that of the standard deviations, lengths of the point spread by that of the widths,
-//! and the gain at each depth by the difference of the means. Finally, dark windows are compared with those of a phantom without echoes,
-//! for noise and clutter. Windowing, log compression and blur affect both sides equally.
+//! The sector's outline gives the probe ([`outline`]). The frame is resampled to scanlines by samples, and the standard
+//! deviation of grey levels, the widths of the autocorrelation and the mean are measured in its most uniform windows
+//! over depth. A uniform phantom is rendered under the same probe, resampled to the same windows and measured in the
+//! same way. Parameters are then corrected by the ratios of these figures until they agree: dynamic range by that of
+//! the standard deviations, lengths of the point spread by that of the widths, and the gain at each depth by the
+//! difference of the means. Finally, dark windows are compared with those of a phantom without echoes, for noise and
+//! clutter. Windowing, log compression and blur affect both sides equally.
 //!
-//! Automatic gain is off and the grey-level curve straight: both depend on the content of the frame, and only under a straight curve does a
-//! spread of grey levels give a dynamic range. Compensation is twice the 0.5 dB/cm/MHz of soft tissue plus the frame's departure from it,
-//! so that other tissue keeps its own loss.
+//! Automatic gain is off and the grey-level curve straight: both depend on the content of the frame, and only under a
+//! straight curve does a spread of grey levels give a dynamic range. Compensation is twice the 0.5 dB/cm/MHz of soft
+//! tissue plus the frame's departure from it, so that other tissue keeps its own loss.
 
 mod bench;
 mod correct;
@@ -96,7 +97,8 @@ pub struct WindowMeasurements {
     frame: Picture,
 }
 
-/// Wasserstein-1 distance of grey-level histograms from those of the real frame (mean difference of equal quantiles), grey levels.
+/// Wasserstein-1 distance of grey-level histograms from those of the real frame (mean difference of equal quantiles),
+/// grey levels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct HistogramDistance {
     /// Distance over the windows.
@@ -175,8 +177,8 @@ fn pixel_mm(picture: &Picture, outline: Outline, depth_mm: Option<f64>) -> Resul
     }
 }
 
-/// Estimates probe and effects from a frame with the array at its top. The pixel size is taken from the frame, or from `depth_mm`, the
-/// depth shown by its middle scanline, mm.
+/// Estimates probe and effects from a frame with the array at its top. The pixel size is taken from the frame, or from
+/// `depth_mm`, the depth shown by its middle scanline, mm.
 ///
 /// # Errors
 /// [`VolumeError`] for a frame that is too small, or lacks a sector of lines and arcs, speckle, or a known pixel size.

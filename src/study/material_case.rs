@@ -1,8 +1,8 @@
 //! Case files for material tests: one point of tissue in shear, under a history of stress or strain.
 //!
 //! [`CaseFile`] is the file as written; [`CaseFile::resolve`] checks it; [`MaterialCase::run`] follows the history (see
-//! [`mechanics::tissue::viscoelastic::point`](insonify_mechanics::tissue::viscoelastic::point)). [`rheometer`] puts the material
-//! through the measurements of Kobayashi et al. 2010. Errors point at the line.
+//! [`mechanics::tissue::viscoelastic::point`](insonify_mechanics::tissue::viscoelastic::point)). [`rheometer`] puts the
+//! material through the measurements of Kobayashi et al. 2010. Errors point at the line.
 //!
 //! ```
 //! use insonify_study::material_case::CaseFile;
@@ -61,8 +61,8 @@ parameters! {
         modulus_inf_kpa: Option<f64>, in 0 "kPa";
         /// Zener: relaxation time of the spring-pot in the branch.
         tau_s: Option<f64>, above 0 "s";
-        /// Shear strain at which the material begins to stiffen: 2/sqrt(3) of the relative strain in `solve` and `insert`. Default: no
-        /// stiffening.
+        /// Shear strain at which the material begins to stiffen: 2/sqrt(3) of the relative strain in `solve` and
+        /// `insert`. Default: no stiffening.
         #[serde(alias = "knee_strain")]
         knee_shear: Option<f64>;
         /// Stiffening coefficient a in G0 (1 + a (shear - knee_shear)^2). Requires `knee_shear`.

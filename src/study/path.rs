@@ -1,7 +1,8 @@
-//! Straight needle paths to a target in tissue that deforms: candidates, each simulated and aimed again at the displaced target.
+//! Straight needle paths to a target in tissue that deforms: candidates, each simulated and aimed again at the
+//! displaced target.
 //!
-//! Kobayashi et al. 2010 (sections 1 and 2.1) plan position and orientation of a needle so that it meets a target that tissue carries away, and state no
-//! method; the one used here is that of [`correct`].
+//! Kobayashi et al. 2010 (sections 1 and 2.1) plan position and orientation of a needle so that it meets a target that
+//! tissue carries away, and state no method; the one used here is that of [`correct`].
 
 mod candidates;
 mod correct;
@@ -222,7 +223,8 @@ pub(super) fn liver(nodes: usize, changes: &[(&str, &str)]) -> Result<Scenario, 
     Ok(ScenarioFile::parse(&text, "liver-puncture")?.resolve(Path::new(""), |_| ())?)
 }
 
-/// Distance of the tip from a target at the end of a motion in some tissue, mm; `None` where the needle meets bone before.
+/// Distance of the tip from a target at the end of a motion in some tissue, mm; `None` where the needle meets bone
+/// before.
 ///
 /// # Errors
 /// [`Error`] if the motion cannot be simulated.
@@ -269,7 +271,8 @@ pub(super) fn unknown(scenario: &Scenario, name: &str) -> Error {
     ))
 }
 
-/// Order of lines: simulated before excluded, then by miss (those within the tolerance are equal), clearance (to 1 mm) and peak force.
+/// Order of lines: simulated before excluded, then by miss (those within the tolerance are equal), clearance (to 1 mm)
+/// and peak force.
 fn rank(a: &Candidate, b: &Candidate, tolerance_mm: f64) -> Ordering {
     let Some([a, b]) = a.path.as_ref().zip(b.path.as_ref()).map(|(a, b)| [a, b]) else {
         return a.path.is_none().cmp(&b.path.is_none());

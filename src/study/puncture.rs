@@ -1,10 +1,12 @@
-//! Needle insertion into a slice of liver with a vein: force against travel, and flattening of the vein before its puncture.
+//! Needle insertion into a slice of liver with a vein: force against travel, and flattening of the vein before its
+//! puncture.
 //!
-//! After figures 11 and 12 of Y. Kobayashi et al., "Development of an integrated needle insertion system with image guidance and
-//! deformation simulation", Computerized Medical Imaging and Graphics 34, 2010. For the tissue, Kobayashi et al. 2010 give G = 400 Pa below
-//! a shear of 0.35 (in vitro), order 0.1 and 5 mm/s; they say that tissue in vivo is harder and that E0, e0 and a were fitted by hand to a
-//! measured force, without stating the values. The modulus, a, the thickness of the slice and the forces of the membranes used here are
-//! therefore choices, made for a curve of the shape of figure 12: none is a measurement.
+//! After figures 11 and 12 of Y. Kobayashi et al., "Development of an integrated needle insertion system with image
+//! guidance and deformation simulation", Computerized Medical Imaging and Graphics 34, 2010. For the tissue, Kobayashi
+//! et al. 2010 give G = 400 Pa below a shear of 0.35 (in vitro), order 0.1 and 5 mm/s; they say that tissue in vivo is
+//! harder and that E0, e0 and a were fitted by hand to a measured force, without stating the values. The modulus, a,
+//! the thickness of the slice and the forces of the membranes used here are therefore choices, made for a curve of the
+//! shape of figure 12: none is a measurement.
 
 mod draw;
 pub mod fit;
@@ -187,7 +189,8 @@ fn state(name: &str, liver: &Liver, needle: &Pushing<2, 3>, travel_mm: f64) -> d
     }
 }
 
-/// Creates the slice, and a needle at its surface prepared for the given number of steps; `stress` has a viscous slice follow its stress.
+/// Creates the slice, and a needle at its surface prepared for the given number of steps; `stress` has a viscous slice
+/// follow its stress.
 fn pushing(options: &PunctureOptions, steps: f64, stress: bool) -> Result<(Liver, Pushing<2, 3>), Error> {
     let step = positive("step_mm", options.step_mm)?;
     let speed = positive("speed_mm_per_s", options.speed_mm_per_s)?;

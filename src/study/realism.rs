@@ -1,7 +1,9 @@
-//! Comparison of rendered and real frames: image statistics of both, and their differences in units of the spread among the real frames.
+//! Comparison of rendered and real frames: image statistics of both, and their differences in units of the spread among
+//! the real frames.
 //!
-//! Everything is derived from the frames alone, by the same algorithm for both sides: the sector ([`sector`]), its most uniform windows and
-//! its darkest ones ([`texture`]). Labels are not used. [`MEASURES`] is the only list of what is measured.
+//! Everything is derived from the frames alone, by the same algorithm for both sides: the sector ([`sector`]), its most
+//! uniform windows and its darkest ones ([`texture`]). Labels are not used. [`MEASURES`] is the only list of what is
+//! measured.
 
 mod measures;
 pub mod picture;
@@ -236,8 +238,8 @@ pub struct MeasureComparison {
     pub frames: Option<MeasureSummary>,
     /// Values in the real frames; `None` if no frame has the measure.
     pub real: Option<MeasureSummary>,
-    /// Mean of the rendered frames less that of the real ones, in units of the spread among the real ones (at least the measure's floor);
-    /// `None` if fewer than two real frames have the measure.
+    /// Mean of the rendered frames less that of the real ones, in units of the spread among the real ones (at least the
+    /// measure's floor); `None` if fewer than two real frames have the measure.
     pub difference: Option<f64>,
     /// Verdict on the difference.
     pub verdict: Option<LikenessVerdict>,

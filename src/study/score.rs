@@ -128,8 +128,8 @@ impl Score {
     /// Scores a run from its folder, or from its table of steps.
     ///
     /// # Errors
-    /// [`CsvError`] if the table cannot be read; [`StudyError::Refused`] if the run has no target, or the needle never is in the
-    /// body.
+    /// [`CsvError`] if the table cannot be read; [`StudyError::Refused`] if the run has no target, or the needle never
+    /// is in the body.
     pub fn of(run: &Path) -> Result<Self, Error> {
         let file = if run.is_dir() {
             run.join("steps.csv")

@@ -11,9 +11,10 @@ pub(crate) struct Evaluation {
     pub cost: f64,
 }
 
-/// Searches by the method of Nelder and Mead (1965) with its usual coefficients 1, 2, 1/2 and 1/2, from a simplex with a corner at `start` and one at
-/// a step along each axis. Ends when the standard deviation of the values at the corners is below `tolerance`, after `max_iterations`, or at negative
-/// infinity. A trial value that cannot be compared (NaN) makes the search fail: it returns `start` with an infinite cost.
+/// Searches by the method of Nelder and Mead (1965) with its usual coefficients 1, 2, 1/2 and 1/2, from a simplex with
+/// a corner at `start` and one at a step along each axis. Ends when the standard deviation of the values at the corners
+/// is below `tolerance`, after `max_iterations`, or at negative infinity. A trial value that cannot be compared (NaN)
+/// makes the search fail: it returns `start` with an infinite cost.
 ///
 /// # Errors
 /// Errors of `cost`.

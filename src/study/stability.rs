@@ -1,9 +1,9 @@
 //! Hard cases for the numerics: acceptance criteria, measured figures and verdicts.
 //!
-//! One table serves both the `stability` command, which runs every case at full length, and the tests, which run them quickly. Each
-//! [`Group`] of cases has a file of its own and is registered only in [`GROUPS`]. A case runs on a [`Record`] and adds figures to it; each
-//! figure that the criterion bounds carries its limit. NaN and infinity never pass, even in a figure that is only reported, and an error
-//! that a case does not expect is a failed figure.
+//! One table serves both the `stability` command, which runs every case at full length, and the tests, which run them
+//! quickly. Each [`Group`] of cases has a file of its own and is registered only in [`GROUPS`]. A case runs on a
+//! [`Record`] and adds figures to it; each figure that the criterion bounds carries its limit. NaN and infinity never
+//! pass, even in a figure that is only reported, and an error that a case does not expect is a failed figure.
 //!
 //! | module | contents |
 //! |---|---|
@@ -50,7 +50,8 @@ pub const GROUPS: &[Group] = &[
     planning::GROUP,
 ];
 
-/// Returns the cases whose name or group name contains `part_of_name`, ignoring case, each with its group's name; all cases if `None`.
+/// Returns the cases whose name or group name contains `part_of_name`, ignoring case, each with its group's name; all
+/// cases if `None`.
 pub fn select<'a>(groups: &'a [Group], part_of_name: Option<&str>) -> Vec<(&'a str, &'a HardCase)> {
     let part_of_name = part_of_name.unwrap_or("").to_lowercase();
     let pairs = groups
@@ -65,7 +66,8 @@ pub fn select<'a>(groups: &'a [Group], part_of_name: Option<&str>) -> Vec<(&'a s
         .collect()
 }
 
-/// Runs cases one after another. `progress` receives the name of the current case and the completed fraction of the run, 0 to 1.
+/// Runs cases one after another. `progress` receives the name of the current case and the completed fraction of the
+/// run, 0 to 1.
 pub fn run(cases: &[(&str, &HardCase)], effort: Effort, progress: &mut dyn FnMut(&str, f64)) -> StabilityReport {
     let mut reports = Vec::with_capacity(cases.len());
     for (index, (group, case)) in cases.iter().enumerate() {

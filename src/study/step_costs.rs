@@ -1,9 +1,10 @@
 //! Cost of an insertion step by level, number of nodes, needle discretisation and probe candidates.
 //!
-//! The costs come from the insertion study: the time of steps that remesh (median, the faster of two passes), as those are what a haptic
-//! loop waits for, and the distance of the tip from its position under the finest choice. Levels, needles and candidates are measured on a
-//! small block, since a dense inverse of a large one takes minutes; the cost of more nodes is measured at the exact level on blocks up to
-//! the usual size. The cost of one choice is assumed independent of all others.
+//! The costs come from the insertion study: the time of steps that remesh (median, the faster of two passes), as those
+//! are what a haptic loop waits for, and the distance of the tip from its position under the finest choice. Levels,
+//! needles and candidates are measured on a small block, since a dense inverse of a large one takes minutes; the cost
+//! of more nodes is measured at the exact level on blocks up to the usual size. The cost of one choice is assumed
+//! independent of all others.
 
 use serde::{Deserialize, Serialize};
 
@@ -32,8 +33,8 @@ pub const THINNING: &str = "contact_probe.thinning";
 /// Number of nodes of the small block, and insertion depth, mm.
 const FEW: usize = 500;
 const DEPTH_MM: f64 = 20.0;
-/// Nodes of the largest block, the default of a scenario; an eighth, a quarter and a half of it are compared too. More are not offered, as
-/// a needle that goes deeper than here touches more of them.
+/// Nodes of the largest block, the default of a scenario; an eighth, a quarter and a half of it are compared too. More
+/// are not offered, as a needle that goes deeper than here touches more of them.
 const USUAL: usize = DEFAULT_NODES as usize;
 /// Length of the needle's pieces while other choices are measured, mm: the default of a scenario.
 const USUAL_MM: &str = "10";
@@ -211,8 +212,8 @@ impl StepCosts {
     }
 }
 
-/// Returns the time that a number of nodes adds, ms: linear between the measured numbers (ascending), extrapolated above the last, and zero
-/// below the first.
+/// Returns the time that a number of nodes adds, ms: linear between the measured numbers (ascending), extrapolated
+/// above the last, and zero below the first.
 fn extra_of(sizes: &[(f64, f64)], nodes: u32) -> f64 {
     let nodes = f64::from(nodes);
     let largest = sizes.len().saturating_sub(1);

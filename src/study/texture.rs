@@ -19,7 +19,8 @@ use insonify_base::statistics::full_width;
 
 /// Standard deviation of the trend that counts as gain, share of the smaller side of a region.
 const TREND_SHARE: f64 = 0.25;
-/// Standard deviation of the low-pass of `structure`, speckle cells (full widths at half maximum of the autocorrelation).
+/// Standard deviation of the low-pass of `structure`, speckle cells (full widths at half maximum of the
+/// autocorrelation).
 const LOWPASS_CELLS: f64 = 1.0;
 /// Full width at half maximum of a Gaussian in standard deviations.
 const FWHM: f64 = 2.354_820_045;
@@ -134,12 +135,13 @@ pub struct PreparedExemplar {
 }
 
 impl Preparation {
-    /// Prepares a region of an image: sector regions are resampled to beam space, compression is undone, the slow trend of the gain removed, and of
-    /// `structure` the speckle averaged out.
+    /// Prepares a region of an image: sector regions are resampled to beam space, compression is undone, the slow trend
+    /// of the gain removed, and of `structure` the speckle averaged out.
     ///
     /// # Errors
-    /// [`VolumeError`] if the region leaves the image, holds coloured pixels or a single grey level, or gives too few voxels.
-    pub fn of(&self, picture: &Picture, region: &Region) -> Result<PreparedExemplar, VolumeError> {
+    /// [`VolumeError`] if the region leaves the image, holds coloured pixels or a single grey level, or gives too few
+    /// voxels.
+    pub fn prepare(&self, picture: &Picture, region: &Region) -> Result<PreparedExemplar, VolumeError> {
         let refuse = |text: String| VolumeError::new(format!("{}: {text}", picture.name));
         let cut = cut(picture, region).map_err(refuse)?;
         let corner = [region.window[0] as f64, region.window[1] as f64];
@@ -212,7 +214,8 @@ impl Preparation {
         }
     }
 
-    /// The largest rectangle of angle and depth within a region below an apex, with the width of its pixels at half depth.
+    /// The largest rectangle of angle and depth within a region below an apex, with the width of its pixels at half
+    /// depth.
     fn beam_space(&self, cut: &Image, corner: [f64; 2], apex: [f64; 2]) -> Result<(Image, [f64; 2]), String> {
         let mm = self.pixel_mm;
         // Region relative to the apex, mm: y down.
@@ -223,7 +226,8 @@ impl Preparation {
         if top <= 0.0 {
             return Err(format!("the apex ({}, {}) is not above the region", apex[0], apex[1]));
         }
-        // A side on its own side of the apex binds at the far end, one beyond it at the near end. Angles and depths limit each other: iterated.
+        // A side on its own side of the apex binds at the far end, one beyond it at the near end. Angles and depths
+        // limit each other: iterated.
         let (mut near, mut far, mut least_angle, mut largest_angle) = (top, bottom, 0.0_f64, 0.0_f64);
         for _ in 0..BEAM_STEPS {
             least_angle = (left / if left < 0.0 { far } else { near }).clamp(-1.0, 1.0).asin();
@@ -322,7 +326,8 @@ pub struct TextureFigures {
     pub histogram_db: f64,
     /// Full width at half maximum of the autocorrelation along x, y, z of the solid, mm; null beyond the largest lag.
     pub correlation_mm: [Option<f64>; 3],
-    /// Full width at half maximum of the autocorrelation along x, y, z of the exemplars, mm; null beyond the largest lag.
+    /// Full width at half maximum of the autocorrelation along x, y, z of the exemplars, mm; null beyond the largest
+    /// lag.
     pub exemplar_correlation_mm: [Option<f64>; 3],
     /// Mean step across the seam over that between other neighbours, along x, y, z.
     pub seam: [f64; 3],

@@ -1,12 +1,14 @@
 //! Studies of accuracy against computing time: their common data model.
 //!
-//! A [`Study`] holds [`Table`]s. A row of a table is one variant: its [`Factor`]s identify it (level, backend, precision, size), and for
-//! each [`Axis`] it has a value (time, error, bytes). [`Figure`]s name the axes to plot against each other. A study only measures, and
-//! names the gold standard of each table and the user's [`Goal`]. Advice ([`Table::advice`]) and the best rows ([`Table::best`]) are
-//! derived from the rows; text, JSON, CSV and plots are all made in one place ([`Study::text`] and related methods).
+//! A [`Study`] holds [`Table`]s. A row of a table is one variant: its [`Factor`]s identify it (level, backend,
+//! precision, size), and for each [`Axis`] it has a value (time, error, bytes). [`Figure`]s name the axes to plot
+//! against each other. A study only measures, and names the gold standard of each table and the user's [`Goal`]. Advice
+//! ([`Table::advice`]) and the best rows ([`Table::best`]) are derived from the rows; text, JSON, CSV and plots are all
+//! made in one place ([`Study::text`] and related methods).
 //!
-//! [`STUDIES`] is the only registry of studies: one that is not listed has no row, plot, advice or subcommand anywhere. A study is a file with its
-//! rows, their columns, its options and an `ENTRY`, and a line of `studies!`. [`gather`] runs them in sequence into one [`report`].
+//! [`STUDIES`] is the only registry of studies: one that is not listed has no row, plot, advice or subcommand anywhere.
+//! A study is a file with its rows, their columns, its options and an `ENTRY`, and a line of `studies!`. [`gather`]
+//! runs them in sequence into one [`report`].
 
 mod advice;
 pub mod entry;
@@ -67,7 +69,8 @@ impl Factor {
         Choice { factor: self, text }
     }
 
-    /// Describes a choice in words: a bare number is put into the label, as in "spacing 5 mm" for the label "spacing, mm".
+    /// Describes a choice in words: a bare number is put into the label, as in "spacing 5 mm" for the label "spacing,
+    /// mm".
     pub fn name(&self, choice: &str) -> String {
         match (choice.parse::<f64>(), self.label.rsplit_once(", ")) {
             (Ok(_), Some((what, unit))) => format!("{what} {choice} {unit}"),

@@ -27,8 +27,8 @@ pub fn absent() {
     crate::skip("no GPU adapter");
 }
 
-/// The same adapter opened without optional features and with wgpu's default limits: shaders have no f64, passes cannot be timed, and a binding
-/// holds 128 MiB.
+/// The same adapter opened without optional features and with wgpu's default limits: shaders have no f64, passes cannot
+/// be timed, and a binding holds 128 MiB.
 pub fn gpu_without_features() -> Option<Gpu> {
     gpu_or_skip()?;
     let adapter = adapter::pick(&AdapterChoice::from_flag(None)).unwrap();

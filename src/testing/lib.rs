@@ -1,4 +1,5 @@
-//! What tests of several crates share: a GPU or a visible skip, threads without a cache, the least accurate arithmetic of WGSL.
+//! What tests of several crates share: a GPU or a visible skip, threads without a cache, the least accurate arithmetic
+//! of WGSL.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -20,7 +21,8 @@ pub fn made_on<T: Send>(threads: usize, make: impl FnOnce() -> T + Send) -> T {
     pool.expect("threads").install(make)
 }
 
-/// Says that the test is skipped and why, past the capture of its output. Skips are counted, so that the last one of a binary has their number.
+/// Says that the test is skipped and why, past the capture of its output. Skips are counted, so that the last one of a
+/// binary has their number.
 pub fn skip(why: &str) {
     static SKIPPED: AtomicUsize = AtomicUsize::new(0);
     let number = SKIPPED.fetch_add(1, Ordering::Relaxed) + 1;

@@ -1,6 +1,6 @@
-//! The least accurate single precision that WGSL allows (W3C, WebGPU Shading Language, section "Accuracy of Concrete Floating Point
-//! Expressions"): every operation is off by as much as permitted, subnormal numbers are flushed to zero and products fused into sums at
-//! random. What holds for it and for every choice of directions holds on any GPU.
+//! The least accurate single precision that WGSL allows (W3C, WebGPU Shading Language, section "Accuracy of Concrete
+//! Floating Point Expressions"): every operation is off by as much as permitted, subnormal numbers are flushed to zero
+//! and products fused into sums at random. What holds for it and for every choice of directions holds on any GPU.
 
 use std::cell::Cell;
 use std::cmp::Ordering;

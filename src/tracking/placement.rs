@@ -212,12 +212,12 @@ impl Search<'_> {
         let from_behind = axial.y.min(0.0).abs();
         let size = fan.seen.sqrt() / self.options.depth_mm;
         let depth = fan.depth_mm / self.options.depth_mm;
-        let score = fan.share + visible + 1.5 * size
-            - 0.8 * depth
-            - 6.0 * (1.0 - upright)
-            - 0.7 * from_behind
-            - 0.4 * fan.outside
-            - 0.5 * fan.blocked
+        let score = fan.share + visible + PER_SIZE * size
+            - PER_DEPTH * depth
+            - PER_TILT * (1.0 - upright)
+            - FROM_BEHIND * from_behind
+            - PER_OUTSIDE * fan.outside
+            - PER_BLOCKED * fan.blocked
             - GAP_PER_MM * fan.gap_mm;
         let side = match (axial.x, axial.y) {
             (x, y) if y.abs() >= x.abs() => {
@@ -379,6 +379,22 @@ fn outwards(aims: &[Point3<f64>], widest: i32) -> Vec<(Point3<f64>, Vector3<f64>
         .collect()
 }
 
+// Weights of the score. The unit is the share of the rays that reach the target; its visible part counts as much.
+
+/// Weight of the target's size, the side of the square of its seen area over the imaging depth: of two views without
+/// bone or gas in the way, the larger section.
+const PER_SIZE: f64 = 1.5;
+/// Weight of the depth of the target over the imaging depth: echoes weaken on the way, and beams widen.
+const PER_DEPTH: f64 = 0.8;
+/// Weight of 1 minus the cosine of the angle to the skin's normal: 10 degrees cost a tenth, as a hand tilts a probe
+/// freely so far, 30 degrees most of a full view, as one end of the array lifts off.
+const PER_TILT: f64 = 6.0;
+/// Weight of the direction from behind: a patient lies on the back.
+const FROM_BEHIND: f64 = 0.7;
+/// Weight of the part of the fan outside the volume, where the picture stays black.
+const PER_OUTSIDE: f64 = 0.4;
+/// Weight of the part of the fan behind bone or gas, which shows nothing of the surroundings of the target.
+const PER_BLOCKED: f64 = 0.5;
 /// Score penalty per millimetre of air between array and skin: a convex array on flat skin has about 4 mm, and one with an
 /// end in the air twice that and more.
 const GAP_PER_MM: f64 = 0.06;

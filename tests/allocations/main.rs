@@ -82,14 +82,15 @@ fn a_hundred_frames_allocate_nothing() {
                 synthesizer.render(state).expect("a frame");
             }
         };
-        // Inside a pool a parallel loop lives on the stacks of its threads: after a first round there is nothing to allocate.
+        // Inside a pool a parallel loop lives on the stacks of its threads: after a first round there is nothing to
+        // allocate.
         let (calls, bytes) = pool.install(|| {
             run();
             count(&mut run)
         });
         assert_eq!((calls, bytes), (0, 0), "calls and bytes in {FRAMES} frames");
-        // From outside, each parallel loop goes through the pool's queue, which takes a block for every 63 entries and gives it
-        // back. A frame has at most 32 loops; no byte is kept beyond two blocks.
+        // From outside, each parallel loop goes through the pool's queue, which takes a block for every 63 entries and
+        // gives it back. A frame has at most 32 loops; no byte is kept beyond two blocks.
         run();
         let (calls, bytes) = count(&mut run);
         println!(

@@ -44,7 +44,7 @@ fn lossless() -> Acoustics {
 }
 
 fn box_of(tissue: Acoustics) -> Anatomy {
-    anatomy::of(Frame::around([0.0, 20.0, 0.0], [20; 3], 2.0), &[SILENT, tissue], |_| 1)
+    anatomy::anatomy_from(Frame::around([0.0, 20.0, 0.0], [20; 3], 2.0), &[SILENT, tissue], |_| 1)
 }
 
 fn two_tissues() -> Anatomy {

@@ -59,7 +59,7 @@ fn a_volume_becomes_a_mesh_that_info_and_the_library_accept() {
         assert!(number(&report["error_percent"]).abs() <= 1.0, "{report}");
     }
     let file = read_mesh(&bench.path("block.vtu"), &ReadOptions::default()).expect("a mesh");
-    let quality = Quality::of(&file.mesh, file.mesh.nodes());
+    let quality = Quality::measure(&file.mesh, file.mesh.nodes());
     assert_eq!((quality.usable(), quality.face_parts), (Ok(()), 1));
     // The same bytes once more, with words in place of JSON.
     let table = bench.run("mesh make block.nrrd --nodes 600 --no-complete -o again.vtu");

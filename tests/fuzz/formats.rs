@@ -291,7 +291,7 @@ fn sequence(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
 /// `mesh info`, writing, and a static problem on it.
 fn mesh(path: &Path, bytes: &[u8], dice: &mut Dice) -> Result<(), Error> {
     let file = read_mesh_bytes(bytes, path, &ReadOptions::default())?;
-    let usable = Quality::of(&file.mesh, &file.current()).usable().is_ok();
+    let usable = Quality::measure(&file.mesh, &file.current()).usable().is_ok();
     let (folder, out) = beside(path, "a.vtu");
     write_vtu(&out, &file.mesh, file.displacements.as_deref())?;
     let again = read_mesh(&out, &ReadOptions::default())?;

@@ -1,7 +1,8 @@
-//! Mutated files of every format, through what the commands do with them: each case ends with a result or a message of bounded
-//! length, within seconds, without a panic, and leaves no file where it failed.
+//! Mutated files of every format, through what the commands do with them: each case ends with a result or a message of
+//! bounded length, within seconds, without a panic, and leaves no file where it failed.
 //!
-//! `INSONIFY_FUZZ_CASES` (of each format), `INSONIFY_FUZZ_SEED`, `INSONIFY_FUZZ_FORMAT` and `INSONIFY_FUZZ_FIRST` choose the cases.
+//! `INSONIFY_FUZZ_CASES` (of each format), `INSONIFY_FUZZ_SEED`, `INSONIFY_FUZZ_FORMAT` and `INSONIFY_FUZZ_FIRST`
+//! choose the cases.
 
 mod corpus;
 mod formats;
@@ -156,7 +157,8 @@ fn report(cause: &str) {
     }
 }
 
-/// Ends the process where a case takes too long: of the processor, so that other programs do not count, or of the clock by far.
+/// Ends the process where a case takes too long: of the processor, so that other programs do not count, or of the clock
+/// by far.
 fn watch() {
     let (mut watched, mut from, mut since) = (0, 0.0, Instant::now());
     loop {

@@ -85,7 +85,7 @@ pub(crate) fn above_gas() -> Anatomy {
     if let Some(last) = tissues.last_mut() {
         (last.occlusion_per_mm, last.impedance_mrayl) = (0.9, 0.0004);
     }
-    let anatomy = anatomy::of(Frame::around(CENTRE, [60; 3], 0.8), &tissues, |p| {
+    let anatomy = anatomy::anatomy_from(Frame::around(CENTRE, [60; 3], 0.8), &tissues, |p| {
         let [x, y, z] = std::array::from_fn(|axis| p[axis] - CENTRE[axis]);
         if y > 2.0 + 0.4 * x + 0.1 * z + 0.02 * x * x {
             4
@@ -154,8 +154,8 @@ pub(crate) fn far_away() -> (Anatomy, FrameState) {
     )
 }
 
-/// Random labels under a mesh smaller than the volume, pressed in and swirled: parts of the beam lie in the mesh, outside
-/// it, and where its tissue has moved away.
+/// Random labels under a mesh smaller than the volume, pressed in and swirled: parts of the beam lie in the mesh,
+/// outside it, and where its tissue has moved away.
 pub(crate) fn pressed() -> (Anatomy, FrameState) {
     let [x, y, z] = CENTRE;
     let mut anatomy = random_anatomy();

@@ -59,7 +59,8 @@ const EDITS: &[Edit] = &[
     ("fill", |settings| settings.image.fill = 200),
 ];
 
-/// Edits of a user, each on top of those before: at the console, then each effect taken out of a scene with all of them, and put back.
+/// Edits of a user, each on top of those before: at the console, then each effect taken out of a scene with all of
+/// them, and put back.
 fn edits() -> Vec<(String, Settings)> {
     let (anatomy, mut settings, _) = everything();
     let mut edits = Vec::new();
@@ -105,7 +106,8 @@ fn follow(make: impl Fn() -> Backend) {
     }
 }
 
-/// Every single change of an effect's keys from `effects`: the effect left out, and each key with another value, as JSON.
+/// Every single change of an effect's keys from `effects`: the effect left out, and each key with another value, as
+/// JSON.
 fn changed_keys(effects: &Effects) -> Vec<(String, Vec<Effects>)> {
     let table = serde_json::to_value(effects).expect("effects as JSON");
     let read = |changed: Value| serde_json::from_value::<Effects>(changed).ok();

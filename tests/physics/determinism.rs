@@ -59,8 +59,8 @@ fn pool(threads: usize) -> Pool {
     Pool::new(threads).expect("a pool")
 }
 
-/// States in batches and alone: a probe and tissue that move and rest, nodes of the reference state that remeshing moves and moves back, and nodes that
-/// only the first frame of a batch gives.
+/// States in batches and alone: a probe and tissue that move and rest, nodes of the reference state that remeshing
+/// moves and moves back, and nodes that only the first frame of a batch gives.
 fn rounds(mesh: &TetMesh, at: impl Fn(u64) -> FrameState) -> [Vec<FrameState>; 4] {
     let mut states: Vec<FrameState> = (0..26).map(at).collect();
     for (frame, state) in states.iter_mut().enumerate() {

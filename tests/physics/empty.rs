@@ -34,7 +34,7 @@ fn where_tissue_has_moved_away_there_is_background() {
     // A block of tissue is pressed to half its height: above it the beam meets nothing.
     let frame = Frame::around([0.0, 20.0, 0.0], [60; 3], 1.0);
     let anatomy = anatomy::with_mesh(
-        anatomy::of(frame, &[SILENT, PLAIN], |_| 1),
+        anatomy::anatomy_from(frame, &[SILENT, PLAIN], |_| 1),
         [[-29.0, -9.0, -29.0], [29.0, 49.0, 29.0]],
         200,
     );

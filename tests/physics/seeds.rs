@@ -81,8 +81,8 @@ fn a_seed_is_bright_where_it_is_and_dark_behind() {
                 (amplitude / expected - 1.0).abs() < 0.01,
                 "{name}: {amplitude} at {x} mm, not {expected}"
             );
-            // The mean share along the chord is pi / 4; of a beam of 2 mm the seed takes its diameter. A root in steps of a
-            // sixteenth of the diameter is off by less than 2 %.
+            // The mean share along the chord is pi / 4; of a beam of 2 mm the seed takes its diameter. A root in steps
+            // of a sixteenth of the diameter is off by less than 2 %.
             let below = echo_free(&shaded, x);
             let chord = FRAC_PI_4 * SEED_DIAMETER_MM;
             let loss = if inside {

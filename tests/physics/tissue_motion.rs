@@ -1,5 +1,5 @@
-//! The image moves with the tissue: patches of frames, tracked by correlation, go where the mechanics say, to a tenth of a
-//! pixel, through a deforming mesh whose reference nodes move too.
+//! The image moves with the tissue: patches of frames, tracked by correlation, go where the mechanics say, to a tenth
+//! of a pixel, through a deforming mesh whose reference nodes move too.
 
 use insonify_base::random::{hash3, unit};
 use insonify_imaging::effects::Effects;
@@ -15,10 +15,11 @@ use crate::support::anatomy::{self, Acoustics, PLAIN};
 use crate::support::scene;
 use crate::support::scene::{precisions, synthesizer};
 
-/// Largest difference between what is tracked and what the mechanics say, pixels. The shift that fits best is the mean over
-/// the patch of the displacement, weighted by squared grey gradients. With some 80 independent speckles, or grains of
-/// texture, in the patch these weights shift its centre by a twelfth of its width of 50 pixels (two and a half deviations);
-/// times a strain of 1.5 % that is 0.06 pixels. Interpolation between pixels, four to a speckle, adds a hundredth or two.
+/// Largest difference between what is tracked and what the mechanics say, pixels. The shift that fits best is the mean
+/// over the patch of the displacement, weighted by squared grey gradients. With some 80 independent speckles, or grains
+/// of texture, in the patch these weights shift its centre by a twelfth of its width of 50 pixels (two and a half
+/// deviations); times a strain of 1.5 % that is 0.06 pixels. Interpolation between pixels, four to a speckle, adds a
+/// hundredth or two.
 const TOLERANCE_PIXELS: f64 = 0.1;
 
 /// Half the side of a patch, and the largest shift looked for, pixels.
@@ -190,9 +191,9 @@ fn correlation(before: &Frame, after: &Frame, centre: [i64; 2], shift: [f64; 2])
     (ab - a * b / n) / ((aa - a * a / n) * (bb - b * b / n)).sqrt()
 }
 
-/// Where a patch of `before` is found in `after`, pixels, and how well. A parabola through the correlation at whole pixels is
-/// biased towards them; so it is fitted again and again about the last peak, with correlations between pixels and steps
-/// that halve.
+/// Where a patch of `before` is found in `after`, pixels, and how well. A parabola through the correlation at whole
+/// pixels is biased towards them; so it is fitted again and again about the last peak, with correlations between pixels
+/// and steps that halve.
 fn track(before: &Frame, after: &Frame, centre: [i64; 2]) -> ([f64; 2], f64) {
     let lags = (-REACH..=REACH).flat_map(|y| (-REACH..=REACH).map(move |x| [x as f64, y as f64]));
     let (_, mut shift) = lags

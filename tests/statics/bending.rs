@@ -37,8 +37,8 @@ fn lattices_bend_exactly_at_their_nodes() {
     }
 }
 
-/// Between the nodes the strain is constant in each element: the energy exceeds the exact one, E I k^2 L / 2, by the energy
-/// of what linear interpolation misses of a quadratic, which falls by four as a lattice is halved.
+/// Between the nodes the strain is constant in each element: the energy exceeds the exact one, E I k^2 L / 2, by the
+/// energy of what linear interpolation misses of a quadratic, which falls by four as a lattice is halved.
 #[test]
 fn energy_comes_from_above_with_the_second_order() {
     let poisson = 0.3;

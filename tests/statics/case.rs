@@ -9,9 +9,9 @@ use insonify_mesh::file::{ReadOptions, read_mesh};
 use insonify_study::stability::fixtures::{self, Problem};
 use insonify_study::stability::record;
 
-/// Rounding units of error for each unit of the condition: that of a backward stable solution is a small multiple of one
-/// (N. J. Higham, "Accuracy and Stability of Numerical Algorithms", chapter 7), and the entries of matrix and right-hand
-/// side are themselves sums of some tens of rounded numbers.
+/// Rounding units of error for each unit of the condition: that of a backward stable solution is a small multiple of
+/// one (N. J. Higham, "Accuracy and Stability of Numerical Algorithms", chapter 7), and the entries of matrix and
+/// right-hand side are themselves sums of some tens of rounded numbers.
 const ROUNDING_UNITS: f64 = 100.0;
 
 /// A hash of its arguments in [-1, 1).

@@ -37,7 +37,8 @@ fn work(loads: &[Load], displacement_mm: &[[f64; 3]]) -> f64 {
     loads.iter().map(along).sum()
 }
 
-/// The first load does along the displacement of the second what the second does along that of the first (E. Betti, 1872).
+/// The first load does along the displacement of the second what the second does along that of the first (E. Betti,
+/// 1872).
 #[test]
 fn loads_are_reciprocal() {
     let (one, two) = (loaded(1), loaded(2));

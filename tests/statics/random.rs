@@ -7,7 +7,8 @@ use nalgebra::{DMatrix, DVector};
 use super::case::{Case, distance, material, noise, shaken, with_regions};
 use super::reference;
 
-/// A block of elements of four materials in no order, held at its bottom and at single axes elsewhere, and pulled about.
+/// A block of elements of four materials in no order, held at its bottom and at single axes elsewhere, and pulled
+/// about.
 fn random(seed: u64, poissons: [f64; 4], contrast: f64) -> Case {
     let mesh = shaken([3, 4, 3], [9.0, 10.0, 7.0], 0.15, seed);
     let mesh = with_regions(&mesh, |element, _| (2.0 + 2.0 * noise(seed, 1000 + element)) as i32);

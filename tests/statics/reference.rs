@@ -1,5 +1,5 @@
-//! Stiffness and energy written another way than the solver's: strains in Voigt's order, gradients from the inverse of the
-//! matrix of homogeneous corner coordinates, everything dense.
+//! Stiffness and energy written another way than the solver's: strains in Voigt's order, gradients from the inverse of
+//! the matrix of homogeneous corner coordinates, everything dense.
 
 use insonify_mechanics::tissue::material::Material;
 use insonify_mesh::TetMesh;

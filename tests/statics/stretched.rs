@@ -7,8 +7,8 @@ use super::case::{Case, material, reaction, shaken, with_regions};
 const EXTENT: [f64; 3] = [8.0, 6.0, 12.0];
 const PULL_MM: f64 = 0.6;
 
-/// A block that slides on the planes x = 0, y = 0 and z = 0, its top pulled up: the stress is E e along z everywhere, and
-/// the sides draw in by nu e.
+/// A block that slides on the planes x = 0, y = 0 and z = 0, its top pulled up: the stress is E e along z everywhere,
+/// and the sides draw in by nu e.
 #[test]
 fn a_stretched_block_draws_in() {
     for poisson in [0.45, 0.0, -0.3, 0.499] {

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use image::GrayImage;
 
-/// Asserts that `actual` lies pixel by pixel within `allowed` (lowest and highest grey level). On failure writes `actual`,
-/// `expected` and their difference (amplified) as PNGs.
+/// Asserts that `actual` lies pixel by pixel within `allowed` (lowest and highest grey level). On failure writes
+/// `actual`, `expected` and their difference (amplified) as PNGs.
 pub(crate) fn assert_within(
     name: &str,
     [width, height]: [usize; 2],

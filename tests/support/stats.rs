@@ -7,8 +7,8 @@ pub(crate) fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|x| x * x).sum::<f64>() / values.len() as f64).sqrt()
 }
 
-/// Largest distance between the distribution of a sample and `cumulative` (Kolmogorov and Smirnov), times the root of its
-/// size; above 1.628 in one of a hundred samples.
+/// Largest distance between the distribution of a sample and `cumulative` (Kolmogorov and Smirnov), times the root of
+/// its size; above 1.628 in one of a hundred samples.
 pub(crate) fn kolmogorov_smirnov(mut sample: Vec<f64>, cumulative: impl Fn(f64) -> f64) -> f64 {
     sample.sort_by(f64::total_cmp);
     let n = sample.len() as f64;
@@ -37,8 +37,8 @@ pub(crate) fn full_width(correlations: &[f64], step: f64) -> f64 {
     insonify_base::statistics::full_width(correlations, step).expect("a correlation that falls below one half")
 }
 
-/// Where a correlation peaks between whole lags: the vertex of a parabola through the logarithms of the largest value and
-/// its neighbours, which is exact for a Gaussian peak. `correlations[i]` is that at lag `first + i`.
+/// Where a correlation peaks between whole lags: the vertex of a parabola through the logarithms of the largest value
+/// and its neighbours, which is exact for a Gaussian peak. `correlations[i]` is that at lag `first + i`.
 pub(crate) fn peak(correlations: &[f64], first: i64) -> f64 {
     let best = (1..correlations.len() - 1)
         .max_by(|&a, &b| correlations[a].total_cmp(&correlations[b]))

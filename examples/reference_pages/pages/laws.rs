@@ -22,7 +22,7 @@ pub(super) fn files() -> Result<Vec<(String, String)>, Box<dyn Error>> {
     let (mut files, mut entries) = (Vec::new(), Vec::new());
     let linear = AnyLaw::examples(material)?[0];
     for (name, spec) in LawSpec::examples() {
-        let law = spec.of(material)?;
+        let law = spec.law(material)?;
         entries.push(entry(name, &spec, &law, &schema)?);
         let mut series = vec![Series::line(name, 0, curve(&law))];
         if linear.0 != name {

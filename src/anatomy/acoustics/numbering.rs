@@ -327,7 +327,7 @@ mod tests {
             let (table, warnings) = TissueTable::resolve(&labels, &[], preset).unwrap();
             assert!(warnings.is_empty(), "{warnings:?}");
             for (class, index) in classes.iter().zip(1..) {
-                assert_eq!(table.of(index), class.tissue, "{}: {class:?}", preset.title());
+                assert_eq!(table.tissue(index), class.tissue, "{}: {class:?}", preset.title());
                 assert_eq!(known(&class.name).map(|(tissue, _)| tissue), Some(class.tissue));
             }
             let largest = classes.iter().map(|class| class.value).max().unwrap();

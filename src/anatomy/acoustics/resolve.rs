@@ -159,7 +159,7 @@ impl TissueTable {
     /// let label = |value, name: &str| Label { value, name: Some(name.into()), voxels: 1 };
     /// let labels = [label(0, "background"), label(7, "Right kidney")];
     /// let (table, warnings) = TissueTable::resolve(&labels, &[], Preset::Auto)?;
-    /// assert_eq!(table.of(1).name, "kidney_cortex");
+    /// assert_eq!(table.tissue(1).name, "kidney_cortex");
     /// assert!(warnings.is_empty());
     /// # Ok::<(), insonify_anatomy::acoustics::TissueError>(())
     /// ```

@@ -212,7 +212,7 @@ fn names(segmentation: &Segmentation) -> Vec<(i64, &str)> {
 
 fn tissue(segmentation: &Segmentation, index: u8) -> String {
     let (table, _) = TissueTable::resolve(segmentation.volume.labels(), &[], Preset::Auto).unwrap();
-    table.of(index).name.to_string()
+    table.tissue(index).name.to_string()
 }
 
 #[test]

@@ -81,11 +81,13 @@ pub(super) fn volume(mut header: Header, axis: usize) -> Result<Loaded, VolumeEr
         );
         header.unsupported(found, instead)
     };
+    // Indices of labels are bytes, 0 the background.
     if count > 255 {
         return Err(refused(count as f64, count));
     }
     let voxels = grid.size.iter().product();
     let (order, is_fastest) = (header.data_order(), axis == 0);
+    // A voxel keeps the number of its set of channels: sets are few, and channels may come in either order in one pass.
     let mut sets = Sets::new(header.scale);
     let mut of_voxels = vec![0u32; voxels];
     let mut refusal = None;
@@ -99,6 +101,7 @@ pub(super) fn volume(mut header: Header, axis: usize) -> Result<Loaded, VolumeEr
                 Ok(false) => {}
                 Err(value) => {
                     refusal = Some(refused(value, channel));
+                    // Ends the reading; the refusal takes its place.
                     return Err(VolumeError::new(""));
                 }
             }

@@ -182,6 +182,7 @@ impl Fields {
             }
             "space units" => self.space_units = Units::parse(field),
             "units" => self.units = Units::parse(field),
+            // The definition permits either spelling of some fields, with and without a blank.
             "axis mins" | "axismins" => self.minima = Some(field.numbers("numbers, one an axis")?),
             "axis maxs" | "axismaxs" => self.maxima = Some(field.numbers("numbers, one an axis")?),
             "centers" | "centerings" => {

@@ -16,8 +16,8 @@ use crate::text;
 pub enum RegionName {
     /// Region number: the value of a label.
     Value(i64),
-    /// The name of a label, of a tissue (all labels made of it) or of a mesh's region, or a part of one. Case, spaces, punctuation
-    /// and the order of words do not matter.
+    /// The name of a label, of a tissue (all labels made of it) or of a mesh's region, or a part of one. Case, spaces,
+    /// punctuation and the order of words do not matter.
     Name(String),
 }
 
@@ -113,8 +113,8 @@ impl<K: Copy + Ord> Names<K> {
             RegionName::Value(value) => (Some(*value), String::new()),
             RegionName::Name(name) => (name.trim().parse().ok(), plain(name)),
         };
-        // A number is exact and a complete name nearly so: parts of names are tried only where neither answers, so that "liver" is not also
-        // "liver_vein".
+        // A number is exact and a complete name nearly so: parts of names are tried only where neither answers, so that
+        // "liver" is not also "liver_vein".
         let numbered = self.0.iter().filter(|(_, region, _)| Some(*region) == number);
         let numbered: Vec<_> = numbered.map(|(key, ..)| (*key, "")).collect();
         if !numbered.is_empty() || name.is_empty() {

@@ -7,13 +7,13 @@ use std::path::Path;
 use super::OutputError;
 use super::staged::{self, StagedFile};
 
-/// Writes `path` through `fill`. The bytes go to a temporary file in the same folder, which is renamed only when all of them
-/// are written and, except for files of a [`super::folder::Folder`], synchronised to disk; on failure the temporary file is
-/// removed and an existing file of that name is left unchanged. Symbolic links are followed.
+/// Writes `path` through `fill`. The bytes go to a temporary file in the same folder, which is renamed only when all of
+/// them are written and, except for files of a [`super::folder::Folder`], synchronised to disk; on failure the
+/// temporary file is removed and an existing file of that name is left unchanged. Symbolic links are followed.
 ///
 /// # Errors
-/// [`OutputError`] when the folder, the file or the disk refuses, when `fill` fails, or when `path` names something that
-/// is not a regular file.
+/// [`OutputError`] when the folder, the file or the disk refuses, when `fill` fails, or when `path` names something
+/// that is not a regular file.
 pub fn write(path: &Path, fill: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>) -> Result<(), OutputError> {
     write_whole(path, fill).map_err(|cause| OutputError::write(path, cause))
 }

@@ -1,5 +1,5 @@
-//! Output folders of runs: the files of a run are installed together when it is complete, and replace those of the previous run,
-//! which are listed in a manifest in the folder; files of other origin are kept.
+//! Output folders of runs: the files of a run are installed together when it is complete, and replace those of the
+//! previous run, which are listed in a manifest in the folder; files of other origin are kept.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -25,7 +25,8 @@ struct Manifest {
     files: BTreeSet<String>,
 }
 
-/// Output folder of a run. Until [`Folder::install`] the files are in a hidden subfolder, which is removed if the run fails.
+/// Output folder of a run. Until [`Folder::install`] the files are in a hidden subfolder, which is removed if the run
+/// fails.
 #[derive(Debug)]
 pub struct Folder {
     target: PathBuf,
@@ -43,12 +44,13 @@ pub struct Folder {
 const WRITTEN: [&str; 3] = [".png", ".json", ".vtu"];
 
 impl Folder {
-    /// Creates the folder if it is missing, and checks that a run of `command` can write to it. `names` are files that it will write,
-    /// relative to the folder; one that ends in `_` stands for numbered files with this prefix. `inputs` are files that it reads.
+    /// Creates the folder if it is missing, and checks that a run of `command` can write to it. `names` are files that
+    /// it will write, relative to the folder; one that ends in `_` stands for numbered files with this prefix. `inputs`
+    /// are files that it reads.
     ///
     /// # Errors
-    /// [`OutputError`] if the folder cannot be created; without `force`, if a file of these names exists that no previous run listed,
-    /// or that is an input.
+    /// [`OutputError`] if the folder cannot be created; without `force`, if a file of these names exists that no
+    /// previous run listed, or that is an input.
     pub fn open(
         target: &Path,
         command: &'static str,
@@ -175,8 +177,8 @@ impl Folder {
         }
     }
 
-    /// Moves the files to their final places, removes those of the previous run that are not replaced, and updates the manifest.
-    /// Files of other origin are never removed and, without `force`, never replaced.
+    /// Moves the files to their final places, removes those of the previous run that are not replaced, and updates the
+    /// manifest. Files of other origin are never removed and, without `force`, never replaced.
     ///
     /// # Errors
     /// [`OutputError::Kept`]; the written files are then kept, and the error names their folder.

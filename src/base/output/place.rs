@@ -23,9 +23,9 @@ pub struct Written {
 /// Number of leading bytes compared to identify the kind of an existing file.
 const START: u64 = 512;
 
-/// Checks that files can be written under these names: their folders exist and are writable, they are not folders and, without
-/// `force`, none replaces one of the `inputs` or a file of another kind, where `formats` are kinds beside pages, pictures and tables.
-/// Removes temporary files that killed runs left beside them.
+/// Checks that files can be written under these names: their folders exist and are writable, they are not folders and,
+/// without `force`, none replaces one of the `inputs` or a file of another kind, where `formats` are kinds beside
+/// pages, pictures and tables. Removes temporary files that killed runs left beside them.
 ///
 /// # Errors
 /// [`OutputError`] if a file cannot be written.

@@ -13,8 +13,8 @@ use super::{OutputError, atomic, numbered};
 pub enum Compression {
     /// Deflate at its usual level, for single files.
     Usual,
-    /// The compressor of the crate `fdeflate`, for folders of frames: about 20 times as fast; grey frames are 5 % larger, layers 1.2 to 3 times as
-    /// large.
+    /// The compressor of the crate `fdeflate`, for folders of frames: about 20 times as fast; grey frames are 5 %
+    /// larger, layers 1.2 to 3 times as large.
     Fast,
 }
 
@@ -92,7 +92,8 @@ fn write(
     })
 }
 
-/// Path of frame `frame` of `total` in a numbered folder: `frame_0000.png`, with as many digits as the last one has, at least 4.
+/// Path of frame `frame` of `total` in a numbered folder: `frame_0000.png`, with as many digits as the last one has, at
+/// least 4.
 pub fn frame_path(folder: &Path, frame: usize, total: usize) -> PathBuf {
     folder.join(format!("frame_{}.png", numbered(frame, total)))
 }

@@ -1,5 +1,5 @@
-//! Temporary files and folders: hidden names beside their targets, removed when dropped, when the program is asked to end
-//! ([`abandon`]), and, if it was killed, by the next run.
+//! Temporary files and folders: hidden names beside their targets, removed when dropped, when the program is asked to
+//! end ([`abandon`]), and, if it was killed, by the next run.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
@@ -162,7 +162,8 @@ pub fn abandon() {
     std::mem::forget(live);
 }
 
-/// Removes temporary files of killed runs from a folder: those with this prefix and no lock, whose process no longer exists.
+/// Removes temporary files of killed runs from a folder: those with this prefix and no lock, whose process no longer
+/// exists.
 pub(super) fn clear_leftovers(folder: &Path) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let name = entry.file_name();

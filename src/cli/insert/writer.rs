@@ -244,7 +244,7 @@ impl<'a> Writer<'a> {
         }
         for load in deformed.loads {
             let middle = 0.5 * (load.from_mm + load.to_mm);
-            let tangent = deformed.needle.at(middle).tangent;
+            let tangent = deformed.needle.point_at_arc(middle).tangent;
             let along_n = tangent.dot(&load.force_n);
             let across = (load.force_n - tangent.into_inner() * along_n).norm();
             let density = if load.length_mm() > 0.0 {

@@ -81,7 +81,7 @@ pub(crate) fn overview_of(synth: &Synthesizer, pose: &Pose, needle: Option<&Need
     let tables = synth.tables();
     let anatomy = &tables.anatomy;
     let labels = 0..anatomy.volume.labels().len();
-    let colours: Vec<[u8; 3]> = labels.map(|label| anatomy.tissues.of(label as u8).colour).collect();
+    let colours: Vec<[u8; 3]> = labels.map(|label| anatomy.tissues.tissue(label as u8).colour).collect();
     overview(&anatomy.volume, &colours, pose, &tables.grid, needle)
 }
 
@@ -96,7 +96,7 @@ pub(crate) fn parameters(scene: &Scene, synth: &Synthesizer) -> serde_json::Valu
                 "index": index,
                 "value": label.value,
                 "name": label.name,
-                "tissue": anatomy.tissues.of(index as u8).name,
+                "tissue": anatomy.tissues.tissue(index as u8).name,
             })
         })
         .collect();

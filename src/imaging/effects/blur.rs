@@ -163,7 +163,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
             T::vectorised(Scanline {
                 kernel,
                 input,
-                place: [line, lines],
+                line_and_count: [line, lines],
                 output,
             });
         },
@@ -174,7 +174,8 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
 struct Scanline<'a, T> {
     kernel: &'a LateralKernel,
     input: &'a [T],
-    place: [usize; 2],
+    /// Index of the scanline, and number of scanlines.
+    line_and_count: [usize; 2],
     output: &'a mut [T],
 }
 
@@ -184,7 +185,7 @@ impl<T: Real> Kernel for Scanline<'_, T> {
     #[inline(always)]
     fn run(self) {
         for (block, output) in self.output.chunks_mut(BLOCK).enumerate() {
-            self.kernel.mean(self.input, self.place, block * BLOCK, output);
+            self.kernel.mean(self.input, self.line_and_count, block * BLOCK, output);
         }
     }
 }

@@ -56,7 +56,8 @@ parameters! {
         mirror_db: f64 = 34.0, in -40..=80;
         /// Exponent of the cosine of the angle of incidence.
         directivity: f64 = 4.0, in 0..=64;
-        /// Diffuse fraction of the power of the echo: 0 is smooth; 0.25 has a standard deviation of 3.7 dB along the surface.
+        /// Diffuse fraction of the power of the echo: 0 is smooth; 0.25 has a standard deviation of 3.7 dB along the
+        /// surface.
         roughness: f64 = 0.25, in 0..=1;
     }
 }

@@ -78,8 +78,8 @@ impl LateralKernel {
 pub const BLOCK: usize = 64;
 
 impl LateralKernel {
-    /// Weighted sums of `N` fields across the scanlines around `line` of `lines`, at the [`BLOCK`] samples from `start`
-    /// on, as far as the scanline reaches. `scanline` gives each field's scanline of a number.
+    /// Weighted sums of `N` fields across the scanlines around the one of index `line` among `lines`, at the [`BLOCK`]
+    /// samples from `start` on, as far as the scanline reaches. `scanline` gives each field's scanline of a number.
     #[inline(always)]
     pub(super) fn sums<'a, T: Real, const N: usize>(
         &self,
@@ -110,19 +110,22 @@ impl LateralKernel {
         sums
     }
 
-    /// Weighted mean across the scanlines around `line`, at the samples from `start` on, as many as `output` has (at
-    /// most [`BLOCK`]). `field` is stored scanline by scanline. If the kernel is truncated at the first or last of
-    /// `lines` scanlines, the weights are renormalised.
+    /// Weighted mean across the scanlines around one (its index, and the number of scanlines), at the samples from
+    /// `start` on, as many as `output` has (at most [`BLOCK`]). `field` is stored scanline by scanline. If the kernel
+    /// is truncated at the first or last scanline, the weights are renormalised.
     #[inline(always)]
-    pub(super) fn mean<T: Real>(&self, field: &[T], place: [usize; 2], start: usize, output: &mut [T]) {
+    pub(super) fn mean<T: Real>(&self, field: &[T], line_and_count: [usize; 2], start: usize, output: &mut [T]) {
         let samples = self.samples;
-        let [sum] = self.sums(place, start, |other| [&field[other * samples..][..samples]]);
+        let [sum] = self.sums(line_and_count, start, |other| [&field[other * samples..][..samples]]);
         output.copy_from_slice(&sum[..output.len()]);
-        let across = self.across(place, start);
+        let across = self.across(line_and_count, start);
         if across.clone().count() < 2 * self.widest(start) + 1 {
             let mut norm = [T::zero(); BLOCK];
             for other in across {
-                for (norm, weight) in norm.iter_mut().zip(self.row(other + self.reach - place[0], start)) {
+                for (norm, weight) in norm
+                    .iter_mut()
+                    .zip(self.row(other + self.reach - line_and_count[0], start))
+                {
                     *norm += *weight;
                 }
             }

@@ -119,7 +119,7 @@ pub(crate) fn derive(anatomy: &Anatomy, &(refraction, grid): &Key) -> Result<Der
     let summed = (grid.samples() * reach.max(1)) as f64;
     let units_per_sample = (f64::from(1 << 24) / (2.0 * FURTHEST * summed)).log2().floor().exp2();
     let phase = |label: usize| {
-        let impedance_mrayl = anatomy.tissues.of(label as u8).impedance_mrayl;
+        let impedance_mrayl = anatomy.tissues.tissue(label as u8).impedance_mrayl;
         ((index(impedance_mrayl) - 1.0 + FURTHEST) * units_per_sample).round() as u32
     };
     Ok(Derived {

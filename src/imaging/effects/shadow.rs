@@ -55,18 +55,21 @@ parameters! {
         attenuation: bool = true;
         /// Whether bone, gas and the like occlude.
         occlusion: bool = true;
-        /// Two-way loss in a needle as thick as the beam is wide, dB per mm of it along the beam; proportionally less for a thinner one.
+        /// Two-way loss in a needle as thick as the beam is wide, dB per mm of it along the beam; proportionally less
+        /// for a thinner one.
         needle_db_mm: f64 = 8.0, in 0..=100;
-        /// Full width at half maximum of the beam, mm, which is the softness of shadow edges. With 0, scanlines are independent.
+        /// Full width at half maximum of the beam, mm, which is the softness of shadow edges. With 0, scanlines are
+        /// independent.
         beam_mm: f64 = 3.0, in 0..=20;
-        /// F-number on reception, 0.5 or more: the rate at which the edges of the shadows of bone, gas and needles widen. 4 lies between the 2
-        /// to 3 of scanners near the array and what an aperture of some 25 mm leaves at 15 cm. 0 casts shadows straight down the scanlines.
+        /// F-number on reception, 0.5 or more: the rate at which the edges of the shadows of bone, gas and needles
+        /// widen. 4 lies between the 2 to 3 of scanners near the array and what an aperture of some 25 mm leaves at 15
+        /// cm. 0 casts shadows straight down the scanlines.
         f_number: f64 = 4.0, in 0..=20;
-        /// Amplitude of a repeated echo between the first bone, gas or lung of a scanline and the face of the array relative to the echo, before
-        /// attenuation and for a perfect reflector. 0 disables repeats.
+        /// Amplitude of a repeated echo between the first bone, gas or lung of a scanline and the face of the array
+        /// relative to the echo, before attenuation and for a perfect reflector. 0 disables repeats.
         reverberation: f64 = 0.35, in 0..=1;
-        /// Amplitude of the mirror image beyond gas or lung relative to the echo, before attenuation: two reflections at a slightly rough
-        /// surface. Set by eye. 0 disables mirror images.
+        /// Amplitude of the mirror image beyond gas or lung relative to the echo, before attenuation: two reflections
+        /// at a slightly rough surface. Set by eye. 0 disables mirror images.
         mirror: f64 = 0.5, in 0..=1;
     }
 }
@@ -181,7 +184,7 @@ pub(crate) fn derive(anatomy: &Anatomy, &(shadow, frequency_mhz, grid): &Key) ->
         return Ok(Derived::default());
     };
     let loss = |label: usize| {
-        let tissue = anatomy.tissues.of(label as u8);
+        let tissue = anatomy.tissues.tissue(label as u8);
         units(shadow.db_per_mm(tissue, frequency_mhz) * grid.sample_spacing_mm())
     };
     let aperture = shadow.shifts(grid);

@@ -227,7 +227,7 @@ fn atlas(anatomy: &Anatomy, seed: u64) -> Result<Option<Atlas>, VolumeError> {
 
 /// Atlas entry of a label's tissue plus one; 0 for none.
 pub(crate) fn entry_of(anatomy: &Anatomy, label: u8) -> u32 {
-    let tissue = anatomy.tissues.of(label);
+    let tissue = anatomy.tissues.tissue(label);
     placed(anatomy)
         .iter()
         .position(|placed| placed.name == tissue.name)
@@ -238,7 +238,7 @@ pub(crate) fn entry_of(anatomy: &Anatomy, label: u8) -> u32 {
 fn placed(anatomy: &Anatomy) -> Vec<&Tissue> {
     let mut tissues: Vec<&Tissue> = Vec::new();
     for label in 0..anatomy.volume.labels().len() {
-        let tissue = anatomy.tissues.of(label as u8);
+        let tissue = anatomy.tissues.tissue(label as u8);
         let known = |name: &str| anatomy.textures.contains_key(name) || bank::names().any(|built_in| built_in == name);
         if tissue.texture.as_deref().is_some_and(known) && !tissues.iter().any(|placed| placed.name == tissue.name) {
             tissues.push(tissue);

@@ -193,7 +193,8 @@ impl RfSynthesizer {
         let (grid, locator, spread) = (&self.grid, self.locator.as_ref(), &self.spread);
         let (sample_mm, last) = (self.acquisition.sample_mm(), self.lines() - 1);
         let mut seen: Vec<Scatterer> = parallel::filter_map(&mut self.points[..], &|point| {
-            let point_mm = to_probe.transform_point(&carried(locator, point.at, &mut point.element));
+            let position_mm = locator.map_or(point.at, |locator| locator.carry(point.at, &mut point.element));
+            let point_mm = to_probe.transform_point(&position_mm.into());
             let (line, depth_mm) = grid.to_line_and_depth(point_mm.x, point_mm.y);
             let beyond = point_mm.z / sigma_mm;
             if beyond.abs() > REACH || depth_mm <= 0.0 || depth_mm > grid.depth_mm() + 1.0 {
@@ -223,7 +224,10 @@ impl RfSynthesizer {
 
     /// Position in the current state of a point of the reference state (mm); one outside the mesh stays.
     pub fn carry(&self, reference: &Point3<f64>) -> Point3<f64> {
-        carried(self.locator.as_ref(), (*reference).into(), &mut { NO_ELEMENT })
+        let locator = self.locator.as_ref();
+        locator.map_or(*reference, |locator| {
+            locator.carry((*reference).into(), &mut { NO_ELEMENT }).into()
+        })
     }
 
     /// Reference and current nodes, mm.
@@ -318,7 +322,7 @@ impl RfSynthesizer {
                 return None;
             }
             let label = volume.label_index_at(&Point3::from(position))?;
-            let tissue = tissues.of(label);
+            let tissue = tissues.tissue(label);
             let mut amplitude = 10_f64.powf(tissue.echogenicity_db / 20.0);
             let entry = self.entries[usize::from(label)] as usize;
             if let (Some(atlas), true) = (&self.atlas, entry > 0) {
@@ -370,7 +374,7 @@ impl RfSynthesizer {
     fn db_per_mm(&self, shadow: &Shadow, position: &Point3<f64>) -> f64 {
         let label = self.anatomy.volume.label_index_at(position);
         label.map_or(0.0, |label| {
-            shadow.db_per_mm(self.anatomy.tissues.of(label), self.acquisition.frequency_mhz)
+            shadow.db_per_mm(self.anatomy.tissues.tissue(label), self.acquisition.frequency_mhz)
         })
     }
 
@@ -388,15 +392,5 @@ impl RfSynthesizer {
                     .for_each(|(value, part)| *value += (radius * part) as f32);
             }
         });
-    }
-}
-
-/// Current position of a point of the reference state, whose search starts at `element`.
-fn carried(locator: Option<&Locator<f64>>, position: [f64; 3], element: &mut u32) -> Point3<f64> {
-    let Some(locator) = locator else { return position.into() };
-    *element = locator.locate(position, *element).element;
-    match *element {
-        NO_ELEMENT => position.into(),
-        element => locator.to_reference(element, position).into(),
     }
 }

@@ -15,8 +15,8 @@ use insonify_tracking::world::World;
 parameters! {
     /// Motion of the probe: at most one of `keyframes`, `csv` and `sequence`.
     pub struct MotionSpec {
-        /// Number of frames, spread evenly over the time of the motion. Default: one per valid pose of a tracked sequence or row of a CSV path; 25
-        /// per second of a path through keyframes or of a ramp, at most 1000; else 1.
+        /// Number of frames, spread evenly over the time of the motion. Default: one per valid pose of a tracked
+        /// sequence or row of a CSV path; 25 per second of a path through keyframes or of a ramp, at most 1000; else 1.
         #[serde(skip_serializing_if = "Option::is_none")]
         frames: Option<u32>, in 1..=1000000 "frames";
         /// World axes of keyframes, CSV path or tracked sequence: `lps` (default), or `ras` as in 3D Slicer.
@@ -28,8 +28,8 @@ parameters! {
         /// Timed poses.
         #[serde(skip_serializing_if = "Option::is_none")]
         keyframes: Option<Vec<KeyframeSpec>>;
-        /// CSV file with one timed pose per row: `time_s`, `x_mm`, `y_mm`, `z_mm` and `qw`, `qx`, `qy`, `qz` or `dx`, `dy`,
-        /// `dz` (and `lx`, `ly`, `lz`), or `time_s` and `m00` to `m33`.
+        /// CSV file with one timed pose per row: `time_s`, `x_mm`, `y_mm`, `z_mm` and `qw`, `qx`, `qy`, `qz` or `dx`,
+        /// `dy`, `dz` (and `lx`, `ly`, `lz`), or `time_s` and `m00` to `m33`.
         #[serde(skip_serializing_if = "Option::is_none")]
         csv: Option<PathBuf>;
         /// A tracked sequence.
@@ -74,7 +74,8 @@ pub enum NeedleFrame {
     /// World.
     #[default]
     World,
-    /// Frame of the probe, with which the needle moves: x lateral, to the marked side, y axial, into the body, z = x cross y.
+    /// Frame of the probe, with which the needle moves: x lateral, to the marked side, y axial, into the body, z = x
+    /// cross y.
     Probe,
 }
 
@@ -84,7 +85,8 @@ parameters! {
         /// World axes of the needle and its motion: `lps`, or `ras` as in 3D Slicer. Default: those of `[motion]`.
         #[serde(skip_serializing_if = "Option::is_none")]
         world: Option<World>;
-        /// Frame of the needle and its motion: `world`, or `probe`, in which case it goes where the probe goes. Default `world`.
+        /// Frame of the needle and its motion: `world`, or `probe`, in which case it goes where the probe goes. Default
+        /// `world`.
         #[serde(skip_serializing_if = "Option::is_none")]
         frame: Option<NeedleFrame>;
         /// Tip in the world, mm.
@@ -141,7 +143,8 @@ pub struct NeedleMotionSpec {
     /// Timed tips and directions.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub keyframes: Option<Vec<NeedleKeyframe>>,
-    /// CSV file as for the probe, with the tip in place of the array and the needle's direction in place of the axial one.
+    /// CSV file as for the probe, with the tip in place of the array and the needle's direction in place of the axial
+    /// one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub csv: Option<PathBuf>,
     /// A tracked sequence.

@@ -134,7 +134,7 @@ impl SceneFile {
         let (tissues, name) = (body.tissues, body.name_with_value(label));
         let meaning = Meaning {
             is_body: &|label| !body.is_outside(label),
-            is_bone_or_gas: &|label| tissues.of(label).occlusion_per_mm > 0.0,
+            is_bone_or_gas: &|label| tissues.tissue(label).occlusion_per_mm > 0.0,
         };
         match place(body.volume, &[label], &meaning, &options) {
             Ok(placement) => {
@@ -167,12 +167,12 @@ impl SceneFile {
 impl Body<'_> {
     /// Whether the tissue of a label is as stiff as bone.
     pub fn is_bone(&self, label: u8) -> bool {
-        self.tissues.of(label).young_kpa >= RIGID_KPA
+        self.tissues.tissue(label).young_kpa >= RIGID_KPA
     }
 
     /// Whether a label is the air around the body.
     pub fn is_outside(&self, label: u8) -> bool {
-        matches!(self.tissues.of(label).name.as_ref(), "background" | "air")
+        matches!(self.tissues.tissue(label).name.as_ref(), "background" | "air")
     }
 
     /// Label at a point of the body (world, mm); `None` in air and outside the volume.
@@ -208,7 +208,7 @@ impl Body<'_> {
 
     /// Largest soft organ, or else the largest label from the file itself.
     fn largest_organ(&self) -> Option<u8> {
-        self.largest(|label, _| self.tissues.of(label).soft_organ)
+        self.largest(|label, _| self.tissues.tissue(label).soft_organ)
             .or_else(|| self.largest(|label, entry| entry.voxels > 0 && !self.is_outside(label)))
             .or_else(|| self.largest(|label, _| !self.is_outside(label)))
     }
@@ -235,7 +235,7 @@ impl Body<'_> {
     fn names_of(&self, label: u8, entry: &Label) -> Vec<String> {
         let stated = entry.name.as_deref().into_iter();
         stated
-            .chain([self.tissues.of(label).name.as_ref()])
+            .chain([self.tissues.tissue(label).name.as_ref()])
             .map(plain)
             .collect()
     }
@@ -254,7 +254,7 @@ impl Body<'_> {
         let entry = &self.volume.labels()[usize::from(label)];
         match entry.name {
             Some(_) => self.name(label),
-            None => format!("label {} ({})", entry.value, self.tissues.of(label).name),
+            None => format!("label {} ({})", entry.value, self.tissues.tissue(label).name),
         }
     }
 

@@ -150,7 +150,11 @@ impl Synthesizer {
             for ((state, frame), local) in chunk.iter().zip(&mut frames).zip(&mut locals) {
                 Self::begin(&self.tables, local, state, frame)?;
             }
-            let states: Vec<_> = locals.iter().zip(chunk).map(|(local, state)| local.of(state)).collect();
+            let states: Vec<_> = locals
+                .iter()
+                .zip(chunk)
+                .map(|(local, state)| local.localized(state))
+                .collect();
             if let Executor::Gpu(gpu) = &mut self.executor {
                 let (plan, tables) = (&self.plan, &self.tables);
                 match team {
@@ -206,7 +210,7 @@ impl Synthesizer {
         let (Ok(pool), 1..) = (pool, others) else {
             return Ok(None);
         };
-        let others = (0..others).map(|_| Self::of(Arc::clone(&self.tables), backend.clone()));
+        let others = (0..others).map(|_| Self::from_tables(Arc::clone(&self.tables), backend.clone()));
         let others = others.collect::<Result<Vec<_>, _>>()?;
         Ok(Some(Team {
             pool,

@@ -53,7 +53,7 @@ impl Synthesizer {
         }
         let mut frame = self.spare.pop().unwrap_or_default();
         Self::begin(&self.tables, &mut self.local, state, &mut frame)?;
-        let state = self.local.of(state);
+        let state = self.local.localized(state);
         let ticket = Ticket(self.submitted);
         let (plan, tables) = (&self.plan, &self.tables);
         let submission = match &mut self.executor {

@@ -65,12 +65,13 @@ pub fn numbered(elements: &[u32], mut slots: Vec<u32>) -> Vec<u32> {
     slots
 }
 
-/// Ground-truth layer at the pixels of a frame, for training models: 16 bits a pixel, at the nearest sample, 0 outside the sector.
+/// Ground-truth layer at the pixels of a frame, for training models: 16 bits a pixel, at the nearest sample, 0 outside
+/// the sector.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Layer {
-    /// Label value of the volume: 0 outside the sector and where nothing is labelled; in a completed body 201 fat, 202 soft tissue, 204 skin
-    /// and 205 muscle, or other free values
+    /// Label value of the volume: 0 outside the sector and where nothing is labelled; in a completed body 201 fat, 202
+    /// soft tissue, 204 skin and 205 muscle, or other free values
     LabelValue,
     /// Index of the label in the table of labels, from 0: also valid if values do not fit 16 bits
     LabelIndex,

@@ -173,7 +173,7 @@ impl LocalFrame {
     }
 
     /// Returns the state for the passes: the last one converted.
-    pub(crate) fn of<'a>(&'a self, world: &'a FrameState) -> &'a FrameState {
+    pub(crate) fn localized<'a>(&'a self, world: &'a FrameState) -> &'a FrameState {
         if self.origin.is_world() { world } else { &self.state }
     }
 }

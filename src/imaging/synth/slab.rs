@@ -114,7 +114,7 @@ impl<T: Real> Crossing<T> {
             let first = task * TESTED;
             let of_task = &elements[first..first + kept.len()];
             for (block, corners) in (first / BLOCK..).zip(of_task.chunks(BLOCK)) {
-                if !view.meets(in_probe, blocks.of(block as u32)) {
+                if !view.meets(in_probe, blocks.get(block as u32)) {
                     continue;
                 }
                 for (element, corners) in (block * BLOCK..).zip(corners) {

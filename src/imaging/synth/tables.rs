@@ -259,7 +259,7 @@ impl Tables {
 
     fn rows(&self) -> Vec<LabelRow> {
         let row = |label: usize| {
-            let tissue = self.anatomy.tissues.of(label as u8);
+            let tissue = self.anatomy.tissues.tissue(label as u8);
             let mut row = LabelRow {
                 echo: 10f64.powf(tissue.echogenicity_db / 20.0) as f32,
                 impedance: tissue.impedance_mrayl as f32,

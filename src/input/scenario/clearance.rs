@@ -59,7 +59,7 @@ impl<'a> Surroundings<'a> {
     }
 
     /// Obstacles of a path through `points` (mm) from the skin.
-    pub fn of(&self, points: &[Point3<f64>]) -> Obstacles {
+    pub fn obstacles(&self, points: &[Point3<f64>]) -> Obstacles {
         let course = self.bones.course(points);
         let points_on_path = points.windows(2).flat_map(|pair| {
             let segment = pair[1] - pair[0];
@@ -164,7 +164,7 @@ impl<'a> Bones<'a> {
             }
             if self.body.is_bone(label) {
                 course.bone.get_or_insert((label, *depth));
-            } else if label > 0 && self.body.tissues.of(label).is_occluder() {
+            } else if label > 0 && self.body.tissues.tissue(label).is_occluder() {
                 course.gas.get_or_insert((label, *depth));
             }
             *depth += step;

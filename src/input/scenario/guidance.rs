@@ -10,8 +10,8 @@ use insonify_imaging::effects::thickness::Thickness;
 use insonify_mechanics::insertion::{EventKind, Interaction, Model, NodeSolver, Outcome, Tissue};
 use insonify_tracking::probe::BeamGrid;
 
-/// Two-way loss above which a target counts as hidden, dB: the dynamic range of an image (60 dB) and the loss in average soft tissue
-/// (0.5 dB/cm/MHz) down to 100 mm at 4 MHz, which the gain for depth restores (40 dB).
+/// Two-way loss above which a target counts as hidden, dB: the dynamic range of an image (60 dB) and the loss in
+/// average soft tissue (0.5 dB/cm/MHz) down to 100 mm at 4 MHz, which the gain for depth restores (40 dB).
 const HIDDEN_DB: f64 = 100.0;
 /// Distance between samples of a ray, mm.
 const RAY_MM: f64 = 0.5;
@@ -35,7 +35,8 @@ pub struct Guidance {
     pub target: Option<[Point3<f64>; 2]>,
     /// True if the image shows the target: within the sector and the slice thickness, and not shadowed.
     pub shown: bool,
-    /// Distance of the tip from the nearest critical structure at rest, mm; `None` if there is none within 30 mm of the path.
+    /// Distance of the tip from the nearest critical structure at rest, mm; `None` if there is none within 30 mm of the
+    /// path.
     pub clearance_mm: Option<f64>,
 }
 
@@ -143,7 +144,7 @@ impl<'a> Guide<'a> {
             let point = start + ray * ((step as f64 + 0.5) / steps);
             let label = volume.label_index_at(&point);
             label.map_or(0.0, |label| {
-                shadow.db_per_mm(scene.anatomy.tissues.of(label), scene.settings.probe.frequency_mhz)
+                shadow.db_per_mm(scene.anatomy.tissues.tissue(label), scene.settings.probe.frequency_mhz)
             })
         };
         (0..steps as usize).map(lost).sum::<f64>() * ray.norm() / steps

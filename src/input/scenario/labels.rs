@@ -66,8 +66,8 @@ impl Anatomy for Labels {
     }
 }
 
-/// Warning about tissue on a needle's path that is not meshed. `read`: the mesh is from a file, around which the tissue may be
-/// unknown.
+/// Warning about tissue on a needle's path that is not meshed. `read`: the mesh is from a file, around which the tissue
+/// may be unknown.
 pub(super) fn unmeshed(scene: &Scene, path: &Trajectory, meshed: &dyn Anatomy, read: bool) -> Option<String> {
     let body = scene.body();
     let mut passed: BTreeMap<u8, f64> = BTreeMap::new();

@@ -24,8 +24,8 @@ const LONGEST_S: f64 = 1000.0;
 /// Maximum number of poses of the needle's path.
 const MAX_POSES: usize = 100_000;
 
-/// Needle guide of three degrees of freedom mounted on the probe (Kobayashi et al. 2010, section 2): it holds the needle in the image
-/// plane and makes its motion, whatever states it, within its ranges and the errors of its drive.
+/// Needle guide of three degrees of freedom mounted on the probe (Kobayashi et al. 2010, section 2): it holds the
+/// needle in the image plane and makes its motion, whatever states it, within its ranges and the errors of its drive.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ManipulatorSpec {
@@ -37,7 +37,8 @@ pub struct ManipulatorSpec {
     pub control: Control,
     /// Force sensor at the base of the needle.
     pub sensor: SensorSpec,
-    /// Motion in the degrees of freedom, in place of `needle.motion`, `needle.target` and `plan.needle`; linear between the times.
+    /// Motion in the degrees of freedom, in place of `needle.motion`, `needle.target` and `plan.needle`; linear between
+    /// the times.
     pub keyframes: Vec<PostureKey>,
 }
 

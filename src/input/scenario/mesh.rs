@@ -78,7 +78,7 @@ impl ScenarioFile {
             }
         };
         // Before the solver sees the mesh: here an element of no use is blamed on a key of the file.
-        let quality = Quality::of(&meshed.mesh, meshed.mesh.nodes());
+        let quality = Quality::measure(&meshed.mesh, meshed.mesh.nodes());
         quality.usable().map_err(|error| self.fault("tissue.mesh", error))?;
         Ok(meshed)
     }

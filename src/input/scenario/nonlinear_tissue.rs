@@ -1,4 +1,5 @@
-//! Nonlinear and viscoelastic tissue of a scenario: its tables, the instruments that it excludes, and the model built from it.
+//! Nonlinear and viscoelastic tissue of a scenario: its tables, the instruments that it excludes, and the model built
+//! from it.
 
 use std::sync::Arc;
 

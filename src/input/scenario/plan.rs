@@ -1,4 +1,5 @@
-//! `[plan]` of a scenario: template, needles and targets, and the motion and seeds of the insertions through the template.
+//! `[plan]` of a scenario: template, needles and targets, and the motion and seeds of the insertions through the
+//! template.
 
 use nalgebra::{Point3, Unit};
 use schemars::JsonSchema;
@@ -36,7 +37,8 @@ parameters! {
 parameters! {
     /// A plate with rows and columns of holes, perpendicular to the needles that it guides.
     pub struct TemplateSpec with required keys {
-        /// Hole of the first column and row, in the world (LPS), mm. Depths are measured from here; it lies outside the body.
+        /// Hole of the first column and row, in the world (LPS), mm. Depths are measured from here; it lies outside the
+        /// body.
         origin_mm: [f64; 3];
         /// Direction from column to column; any length.
         x_axis: [f64; 3];
@@ -46,7 +48,8 @@ parameters! {
         direction: Option<[f64; 3]>;
         /// Distance between holes. Default 5 mm.
         spacing_mm: Option<f64>, above 0..=100 "mm";
-        /// Whether the hole constrains the needle laterally; otherwise, the template only defines the needle paths. Default true.
+        /// Whether the hole constrains the needle laterally; otherwise, the template only defines the needle paths.
+        /// Default true.
         holds: Option<bool>;
         /// Names of columns and rows: hole `C2` is that of column `C` and row `2`.
         names: TemplateNames;
@@ -177,7 +180,8 @@ impl ScenarioFile {
         Ok([plan.start_s, plan.speed_mm_s, plan.pause_s])
     }
 
-    /// One insertion, given the length of the needle (mm), the default speed (mm/s), and the pause (s) after each stroke.
+    /// One insertion, given the length of the needle (mm), the default speed (mm/s), and the pause (s) after each
+    /// stroke.
     fn insertion(
         &self,
         template: &Template,

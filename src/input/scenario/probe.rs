@@ -27,8 +27,8 @@ pub struct Contact {
 }
 
 impl Contact {
-    /// Tissue force on the probe, split between the two points that drive it, N, world axes; `None` for a probe without such
-    /// points, zero while the probe is away.
+    /// Tissue force on the probe, split between the two points that drive it, N, world axes; `None` for a probe without
+    /// such points, zero while the probe is away.
     pub fn driven(&self, pose: Option<&Isometry3<f64>>, outcome: &Outcome) -> Option<[Vector3<f64>; 2]> {
         self.probe.driven_at_mm?;
         let pressing = outcome.on_probe.as_ref().zip(pose);
@@ -70,7 +70,8 @@ impl ScenarioFile {
         };
         let poses = scene.probe_path().keys();
         let nominal = rigid(&scene.probe_path().at(scene.probe_path().start_s())) * in_probe;
-        // A node that the probe can reach anywhere along its motion is a candidate: positions of the end along the initial axis.
+        // A node that the probe can reach anywhere along its motion is a candidate: positions of the end along the
+        // initial axis.
         let ends = poses.iter().map(|key| {
             nominal
                 .inverse_transform_point(&(rigid(&key.pose) * in_probe).translation.vector.into())

@@ -14,7 +14,8 @@ use insonify_mechanics::insertion::{Bone, Interaction};
 use insonify_mechanics::tissue::law::AnyLaw;
 use insonify_mechanics::tissue::material::Material;
 
-/// Default bone contact, felt as a stop: the force grows to 20 N within 0.5 mm and stays there, more than haptic devices render.
+/// Default bone contact, felt as a stop: the force grows to 20 N within 0.5 mm and stays there, more than haptic
+/// devices render.
 const BONE: Bone = Bone {
     stiffness_n_per_mm: 40.0,
     penetration_mm: 0.5,
@@ -60,7 +61,7 @@ impl<'a> Regions<'a> {
     }
 
     fn tissue(&self, region: i32) -> Option<&Tissue> {
-        self.label(region).map(|label| self.scene.anatomy.tissues.of(label))
+        self.label(region).map(|label| self.scene.anatomy.tissues.tissue(label))
     }
 
     /// Name of a region.

@@ -34,8 +34,8 @@ pub struct Reported {
     pub at_mm: Point3<f64>,
 }
 
-/// Names of the components of a displacement: world (LPS), then in the image: away from the array along the middle of the image, towards
-/// its marked side, and along its normal.
+/// Names of the components of a displacement: world (LPS), then in the image: away from the array along the middle of
+/// the image, towards its marked side, and along its normal.
 pub const COMPONENTS: [&str; 6] = ["x", "y", "z", "axial", "lateral", "elevational"];
 
 /// Displacements of the reported points at a moment.

@@ -58,8 +58,8 @@ impl Timing {
     }
 }
 
-/// A scenario ready to run: every file read, every number in its range, the mesh made. [`Observer`](crate::Observer) has an
-/// example.
+/// A scenario ready to run: every file read, every number in its range, the mesh made. [`Observer`](crate::Observer)
+/// has an example.
 #[derive(Clone, Debug)]
 pub struct Scenario {
     /// Imaged scene, with the deforming mesh.
@@ -197,7 +197,8 @@ impl Scenario {
         Ok(self)
     }
 
-    /// The scenario with another path of the needle's tip, and of the probe if given, from the start of the needle's to its end.
+    /// The scenario with another path of the needle's tip, and of the probe if given, from the start of the needle's to
+    /// its end.
     pub fn moved(&self, tip: Trajectory, probe: Option<Trajectory>) -> Self {
         let mut moved = self.clone();
         moved.timing.start_s = tip.start_s();
@@ -217,7 +218,7 @@ impl Scenario {
         let anatomy = &self.scene.anatomy;
         let labels = anatomy.volume.labels().iter();
         let label_index = labels.clone().position(|label| label.value == i64::from(region));
-        let tissue = label_index.map(|label_index| anatomy.tissues.of(label_index as u8).name.as_ref());
+        let tissue = label_index.map(|label_index| anatomy.tissues.tissue(label_index as u8).name.as_ref());
         tissue == Some("skin") || self.region_name(region) == "skin"
     }
 
@@ -326,8 +327,8 @@ impl ScenarioFile {
         time_s >= timing.start_s && timing.step_at(time_s) <= timing.steps
     }
 
-    /// Text of the complete scenario, its scene and the base of its paths: equal texts mean equal scenarios, unless other files
-    /// that they name have changed.
+    /// Text of the complete scenario, its scene and the base of its paths: equal texts mean equal scenarios, unless
+    /// other files that they name have changed.
     ///
     /// # Errors
     /// [`InputError`] if a scene cannot be read.

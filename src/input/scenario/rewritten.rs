@@ -1,4 +1,5 @@
-//! The text of a scenario with another path of its needle. Keys that this does not concern stay as the text states them.
+//! The text of a scenario with another path of its needle. Keys that this does not concern stay as the text states
+//! them.
 
 use toml::{Table, Value};
 
@@ -64,7 +65,8 @@ impl ScenarioText {
         Ok(self)
     }
 
-    /// Meshes this part of the volume (mm), unless the text states one itself, and states whether elements are finer along the path.
+    /// Meshes this part of the volume (mm), unless the text states one itself, and states whether elements are finer
+    /// along the path.
     ///
     /// # Errors
     /// The reason if `tissue` is no table.

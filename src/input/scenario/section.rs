@@ -1,4 +1,5 @@
-//! Section of a scenario's tissue by the image plane: triangles in plane strain, as in Kobayashi et al. 2010 (sections 3.2 and 4.2.2).
+//! Section of a scenario's tissue by the image plane: triangles in plane strain, as in Kobayashi et al. 2010 (sections
+//! 3.2 and 4.2.2).
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -51,8 +52,9 @@ impl Scenario {
         }
     }
 
-    /// The scenario with tissue of two dimensions: what the image plane at the start cuts, `thickness_mm` thick and without strain
-    /// across it. Materials, viscosity and fixed places are those of the scenario; linear tissue stays linear.
+    /// The scenario with tissue of two dimensions: what the image plane at the start cuts, `thickness_mm` thick and
+    /// without strain across it. Materials, viscosity and fixed places are those of the scenario; linear tissue stays
+    /// linear.
     ///
     /// # Errors
     /// [`InputError`] for a scenario with parts that a plane cannot have, or without tissue in the plane.
@@ -197,8 +199,8 @@ impl Outline {
         TetMesh::new(nodes, elements, regions)
     }
 
-    /// Fixed nodes and axes of the sheet, from those of the slab: an axis in the plane is held where all axes of the world are that it has a
-    /// part along.
+    /// Fixed nodes and axes of the sheet, from those of the slab: an axis in the plane is held where all axes of the
+    /// world are that it has a part along.
     fn fixed(&self, of_slab: &[(u32, u8)], nodes: usize) -> Vec<(u32, u8)> {
         let mut is_fixed = vec![[false; 3]; nodes];
         for &(node, axis) in of_slab.iter().filter(|(node, _)| (*node as usize) < nodes) {

@@ -23,8 +23,8 @@ parameters! {
     pub struct TissueSpec by TissueModel in model {
         /// Tissue model. Default `finite-element`.
         model: TissueModel;
-        /// Tetrahedral mesh (`.vtu`, `.vtk`, `.msh`; LPS). Its regions are label values of the scene's volume, or have a
-        /// `[[tissue.material]]` each. Default: one made from the scene's volume.
+        /// Tetrahedral mesh (`.vtu`, `.vtk`, `.msh`; LPS). Its regions are label values of the scene's volume, or have
+        /// a `[[tissue.material]]` each. Default: one made from the scene's volume.
         mesh: Option<PathBuf>, for FiniteElement | Nonlinear | Viscoelastic;
         /// Length unit of the coordinates in `mesh`: `mm`, `cm` or `m`. Default `mm`.
         mesh_unit: Unit;
@@ -33,7 +33,8 @@ parameters! {
         region_array: Option<String>, for FiniteElement | Nonlinear | Viscoelastic;
         /// Maximum number of nodes of a mesh made from the scene's volume. Default 3300.
         nodes: Option<u32>, for FiniteElement | Nonlinear | Viscoelastic, in 8..=1000000 "nodes";
-        /// Part of the volume that is meshed, as two opposite corners, mm; `inf` leaves a side open. Default: all of it.
+        /// Part of the volume that is meshed, as two opposite corners, mm; `inf` leaves a side open. Default: all of
+        /// it.
         box_mm: Option<[[f64; 3]; 2]>, for FiniteElement | Nonlinear | Viscoelastic;
         /// Whether the elements of a mesh made from the scene's volume are finer along the needle's path. Default: true
         /// for `finite-element`, false for the other models.
@@ -44,13 +45,13 @@ parameters! {
         level: Option<Level>, for FiniteElement;
         /// Device that stores and updates a dense inverse, at levels I to IV. Default `cpu`.
         device: Option<DeviceName>, for FiniteElement;
-        /// Precision of a dense inverse. Default `f64`, on a GPU `f32`, the only one supported there; the exact level always
-        /// uses `f64`.
+        /// Precision of a dense inverse. Default `f64`, on a GPU `f32`, the only one supported there; the exact level
+        /// always uses `f64`.
         precision: Option<Precision>, for FiniteElement;
         /// Source of the compliance. Default `on-demand` for the exact level, `dense` for all others.
         columns: Option<ColumnsName>, for FiniteElement;
-        /// Minimum distance between nodes on the needle: a node of the mesh is moved to the tip when the tip has left all
-        /// elements around the last such node and is at least this far from it. Default 1.
+        /// Minimum distance between nodes on the needle: a node of the mesh is moved to the tip when the tip has left
+        /// all elements around the last such node and is at least this far from it. Default 1.
         contact_spacing_mm: Option<f64>, for FiniteElement, in 0.1..=100 "mm";
         /// Cylinder of masses and springs.
         cylinder: Option<Parameters>, for MassSpring;
@@ -74,8 +75,8 @@ pub enum TissueModel {
     FiniteElement,
     /// Masses and springs in a cylinder around the path of the needle (Zhu et al. 2007).
     MassSpring,
-    /// Finite elements that stiffen above a knee strain (`knee_strain` and `stiffening` of a material), pushed, punctured and cut by a
-    /// rigid, straight needle (Kobayashi et al. 2010).
+    /// Finite elements that stiffen above a knee strain (`knee_strain` and `stiffening` of a material), pushed,
+    /// punctured and cut by a rigid, straight needle (Kobayashi et al. 2010).
     Nonlinear,
     /// Finite elements as in `nonlinear`, with viscosity of fractional order.
     Viscoelastic,
@@ -87,7 +88,8 @@ impl TissueModel {
         self == Self::FiniteElement
     }
 
-    /// Whether the mesh is of the anatomy, and so has a place at rest: that of masses and springs has one once the needle enters.
+    /// Whether the mesh is of the anatomy, and so has a place at rest: that of masses and springs has one once the
+    /// needle enters.
     pub fn is_meshed(self) -> bool {
         self != Self::MassSpring
     }
@@ -111,7 +113,8 @@ pub enum DeviceName {
     /// CPU.
     #[default]
     Cpu,
-    /// The best GPU adapter, or the one named by `--adapter` or `INSONIFY_ADAPTER`; software Vulkan if there is no other.
+    /// The best GPU adapter, or the one named by `--adapter` or `INSONIFY_ADAPTER`; software Vulkan if there is no
+    /// other.
     Gpu,
 }
 
@@ -151,7 +154,8 @@ material_table! {
 }
 
 selecting! {
-    /// Fixed nodes: by number, or the intersection of a box, a cylinder, a region, its surface and the surface of the mesh.
+    /// Fixed nodes: by number, or the intersection of a box, a cylinder, a region, its surface and the surface of the
+    /// mesh.
     #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
     #[serde(deny_unknown_fields, default)]
     pub struct FixSpec {

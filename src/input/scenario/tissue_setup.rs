@@ -71,8 +71,8 @@ impl TissueSetup {
 }
 
 impl Scenario {
-    /// Builds the model, with tissue at rest and no instrument near. `progress` receives completed and total work of long
-    /// computations.
+    /// Builds the model, with tissue at rest and no instrument near. `progress` receives completed and total work of
+    /// long computations.
     ///
     /// # Errors
     /// [`InputError`] with the offending key.

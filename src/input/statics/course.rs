@@ -110,7 +110,7 @@ pub struct Moment {
 
 impl Moment {
     /// Factor at this moment.
-    pub fn of(&self, factors: &[f64]) -> f64 {
+    pub fn factor(&self, factors: &[f64]) -> f64 {
         let (low, high) = (factors[self.after], factors[self.after + 1]);
         low + self.share * (high - low)
     }

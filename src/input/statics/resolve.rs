@@ -98,7 +98,7 @@ impl ProblemFile {
         let read = read_mesh(&base_dir.join(&self.mesh), &options).map_err(|error| self.fault("mesh", error))?;
         warnings.extend(file_warnings(&self.mesh, &read));
         let mesh = read.mesh;
-        let quality = Quality::of(&mesh, mesh.nodes());
+        let quality = Quality::measure(&mesh, mesh.nodes());
         quality.usable().map_err(|error| self.fault("mesh", error))?;
         warnings.extend(mesh_warnings(&quality));
         let regions = Regions::new(&mesh, read.region_names, read.region_hint);

@@ -1,8 +1,8 @@
-//! Finite element insertion: stick-slip contacts, remeshing at the tip, and a pressing probe (Goksel et al. 2011, sections
-//! III to V).
+//! Finite element insertion: stick-slip contacts, remeshing at the tip, and a pressing probe (Goksel et al. 2011,
+//! sections III to V).
 //!
-//! A step is cut into substeps ([`Finite::travel`]). In each, tissue, contacts and needle settle together (`settle`, with the
-//! system of `joint`), then the tip is followed through the tissue (`path`).
+//! A step is cut into substeps ([`Finite::travel`]). In each, tissue, contacts and needle settle together (`settle`,
+//! with the system of `joint`), then the tip is followed through the tissue (`path`).
 
 mod body;
 mod contact;
@@ -136,8 +136,8 @@ impl Finite {
         setup.build(None, &mut progress)
     }
 
-    /// Builds a model as [`Finite::new`] does, with remeshers from `maker`, here and at every change of level. If one of
-    /// their devices fails, the model continues on the CPU, and the outcome contains an event.
+    /// Builds a model as [`Finite::new`] does, with remeshers from `maker`, here and at every change of level. If one
+    /// of their devices fails, the model continues on the CPU, and the outcome contains an event.
     ///
     /// # Errors
     /// [`InvalidSetup`].
@@ -159,12 +159,14 @@ impl Finite {
         &self.tissue.adaptation
     }
 
-    /// Returns the number of free degrees of freedom around moved nodes (|S|), with which the cost of an exact remesh grows.
+    /// Returns the number of free degrees of freedom around moved nodes (|S|), with which the cost of an exact remesh
+    /// grows.
     pub fn held(&self) -> usize {
         self.tissue.adaptation.mesh().support().count()
     }
 
-    /// Returns the nodes on the needle, base first: node, arc from the base (mm), and force on the tissue (N, world axes).
+    /// Returns the nodes on the needle, base first: node, arc from the base (mm), and force on the tissue (N, world
+    /// axes).
     pub fn contact_forces(&self) -> impl Iterator<Item = (u32, f64, Vector3<f64>)> + '_ {
         let pairs = self.contacts.nodes.iter().zip(&self.contacts.forces);
         pairs.map(|(contact, force)| (contact.node, contact.arc, *force))
@@ -176,9 +178,10 @@ impl Finite {
         contacts.map(|contact| (contact.node, contact.slider.is_stuck()))
     }
 
-    /// Computes in advance the compliance columns that remeshing along a path will read: a path of `length_mm` from `from`
-    /// along `direction` that deviates by up to `aside_mm` in the tissue at rest, because the needle bends or a probe moves
-    /// the tissue. Without a dense inverse, each node on the path otherwise costs some milliseconds when the tip comes near.
+    /// Computes in advance the compliance columns that remeshing along a path will read: a path of `length_mm` from
+    /// `from` along `direction` that deviates by up to `aside_mm` in the tissue at rest, because the needle bends or a
+    /// probe moves the tissue. Without a dense inverse, each node on the path otherwise costs some milliseconds when
+    /// the tip comes near.
     pub fn prefetch(&mut self, from: &Point3<f64>, direction: &Vector3<f64>, length_mm: f64, aside_mm: f64) {
         self.tissue.prefetch(from, direction, length_mm, aside_mm);
     }
@@ -208,8 +211,8 @@ impl Finite {
         self.log.base = Some(*base);
     }
 
-    /// Returns the pose of the base before the first step: a needle that begins in the body has been pushed in along its
-    /// axis.
+    /// Returns the pose of the base before the first step: a needle that begins in the body has been pushed in along
+    /// its axis.
     fn beginning(&mut self, base: &Isometry3<f64>) -> Isometry3<f64> {
         let PlacedNeedle { model, line, .. } = &mut self.needle;
         model.place(base, None, &[], &[], line);
@@ -267,7 +270,7 @@ impl Finite {
         let mut on_hand = Wrench::default();
         let tip = line.tip();
         for (index, force) in contacts.forces.iter().enumerate() {
-            on_hand.add(-force, &line.at(contacts.arcs[index]).point_mm, &about);
+            on_hand.add(-force, &line.point_at_arc(contacts.arcs[index]).point_mm, &about);
         }
         on_hand.add(self.tip.bone_force(line), &tip, &about);
         let mut on_probe = None;

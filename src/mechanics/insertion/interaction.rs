@@ -13,10 +13,11 @@ use insonify_mesh::{Locator, NO_ELEMENT, TetMesh};
 const AROUND_MM: f64 = 0.25;
 
 parameters! {
-    /// Force per length near the tip that some tissues show in place of a cutting force at the tip alone: the three-parameter
-    /// density (peak, width, shaft) of Dehghan et al. 2008, section "Needle shaft force distribution". Beyond `width_mm` from
-    /// the tip it is [`Interaction::friction_n_per_mm`]. Each length of shaft has the parameters of the tissue that surrounds
-    /// it, so that the force is continuous where the tip crosses from one tissue into another.
+    /// Force per length near the tip that some tissues show in place of a cutting force at the tip alone: the
+    /// three-parameter density (peak, width, shaft) of Dehghan et al. 2008, section "Needle shaft force distribution".
+    /// Beyond `width_mm` from the tip it is [`Interaction::friction_n_per_mm`]. Each length of shaft has the parameters
+    /// of the tissue that surrounds it, so that the force is continuous where the tip crosses from one tissue into
+    /// another.
     #[derive(Copy)]
     pub struct Peak with required keys {
         /// Force per length within `width_mm` of the tip while the needle cuts, in place of the friction there.
@@ -27,15 +28,15 @@ parameters! {
 }
 
 parameters! {
-    /// Bone: a penalty force on the tip, against its direction, in proportion to its depth in the bone. The depth of the tip is
-    /// limited to `penetration_mm`: from there on the needle lags behind the hand, and the force stays at its limit,
-    /// `stiffness_n_per_mm` x `penetration_mm`.
+    /// Bone: a penalty force on the tip, against its direction, in proportion to its depth in the bone. The depth of
+    /// the tip is limited to `penetration_mm`: from there on the needle lags behind the hand, and the force stays at
+    /// its limit, `stiffness_n_per_mm` x `penetration_mm`.
     #[derive(Copy)]
     pub struct Bone with required keys {
         /// Force per mm of depth.
         stiffness_n_per_mm: f64, above 0 "N/mm";
-        /// Maximum depth of the tip. At the end of the step in which bone is met, the mass-spring model may exceed it by the advance in one
-        /// substep.
+        /// Maximum depth of the tip. At the end of the step in which bone is met, the mass-spring model may exceed it
+        /// by the advance in one substep.
         penetration_mm: f64, above 0 "mm";
     }
 }
@@ -57,8 +58,8 @@ impl Bone {
         self.stiffness_n_per_mm > 0.0
     }
 
-    /// Returns whether bone lies along `direction` in the tissue at rest, from 0.25 mm behind a point to 0.25 mm beyond the
-    /// largest penetration.
+    /// Returns whether bone lies along `direction` in the tissue at rest, from 0.25 mm behind a point to 0.25 mm beyond
+    /// the largest penetration.
     pub(super) fn is_in_front(&self, anatomy: &dyn Anatomy, at_rest: &Point3<f64>, direction: &Vector3<f64>) -> bool {
         let samples = ((self.penetration_mm + 2.0 * AROUND_MM) / AROUND_MM).ceil() as usize;
         (0..=samples).any(|sample| {
@@ -82,8 +83,8 @@ pub struct Interaction {
     pub static_ratio: f64,
     /// Cutting force at the advancing tip, N (0 or more).
     pub cutting_n: f64,
-    /// Force at the tip that breaks the surface of this tissue, N: where it is more than `cutting_n`, the tip pushes the
-    /// tissue until this force is reached.
+    /// Force at the tip that breaks the surface of this tissue, N: where it is more than `cutting_n`, the tip pushes
+    /// the tissue until this force is reached.
     pub puncture_n: f64,
     /// Force density along the shaft near the advancing tip, in place of the friction there.
     pub peak: Option<Peak>,
@@ -109,8 +110,8 @@ impl Default for Interaction {
 }
 
 impl Interaction {
-    /// Returns the sliding force on a length of shaft in this tissue from `near_mm` to `far_mm` behind the tip, N. Of the
-    /// last `cut_mm` cut by the tip, the part near it has the density of the peak.
+    /// Returns the sliding force on a length of shaft in this tissue from `near_mm` to `far_mm` behind the tip, N. Of
+    /// the last `cut_mm` cut by the tip, the part near it has the density of the peak.
     pub(super) fn shaft_n(&self, [near_mm, far_mm]: [f64; 2], cut_mm: f64) -> f64 {
         let peak = self.peak.map_or([0.0; 2], |peak| {
             let within = (far_mm.min(peak.width_mm).min(cut_mm) - near_mm).max(0.0);
@@ -143,12 +144,13 @@ pub trait Anatomy: Send + Sync + Debug {
     /// Returns the region at a point of the undeformed body (mm), or `None` outside the body.
     fn region(&self, at_rest_mm: &Point3<f64>) -> Option<i32>;
 
-    /// Returns the interaction of a region with a needle. One that fails [`Interaction::check`] is replaced by the default.
+    /// Returns the interaction of a region with a needle. One that fails [`Interaction::check`] is replaced by the
+    /// default.
     fn interaction(&self, region: i32) -> Interaction;
 }
 
-/// Least distance in the tissue at rest between two crossings of a boundary, mm: a tip that wanders along a boundary crosses
-/// it once. Bone and critical regions are entered at once.
+/// Least distance in the tissue at rest between two crossings of a boundary, mm: a tip that wanders along a boundary
+/// crosses it once. Bone and critical regions are entered at once.
 pub(super) const BORDER_MM: f64 = 0.5;
 
 /// Returns the interaction of a region with a needle, the default (no force) outside the body.

@@ -1,19 +1,19 @@
 //! Insertion of a straight needle into tissue that stiffens with strain and may creep: it pushes, punctures and cuts.
 //!
-//! The tissue is that of Y. Kobayashi et al., "Development of an integrated needle insertion system with image guidance and
-//! deformation simulation", Computerized Medical Imaging and Graphics 34, 2010 ([`crate::tissue::nonlinear`]),
-//! over tetrahedra; the needle is that of [`pushing`](super::pushing), and quasi-static. The mesh is not remeshed: the force
+//! The tissue is that of Y. Kobayashi et al., "Development of an integrated needle insertion system with image guidance
+//! and deformation simulation", Computerized Medical Imaging and Graphics 34, 2010 ([`crate::tissue::nonlinear`]), over
+//! tetrahedra; the needle is that of [`pushing`](super::pushing), and quasi-static. The mesh is not remeshed: the force
 //! at the tip acts on the corners of the element around it, so that the displacement of the tissue there depends on the
 //! element size.
 //!
-//! The needle is rigid and moves along its axis while it is in tissue; sideways motion is refused then. Outside it moves
-//! freely, and enters the next time along another line, through intact tissue. The layers along a line follow from the
-//! regions of its elements: each begins with a membrane that bears the `puncture_n` of its region (or `cutting_n`, if that
-//! is more).
+//! The needle is rigid and moves along its axis while it is in tissue; sideways motion is refused then. Outside it
+//! moves freely, and enters the next time along another line, through intact tissue. The layers along a line follow
+//! from the regions of its elements: each begins with a membrane that bears the `puncture_n` of its region (or
+//! `cutting_n`, if that is more).
 //!
-//! A step is cut into substeps, in each of which the tip advances by at most [`NonlinearOptions::part_mm`] in tissue. A substep that
-//! cannot be solved is bisected; where that does not help either, the tissue lags behind until the next step, which is
-//! reported.
+//! A step is cut into substeps, in each of which the tip advances by at most [`NonlinearOptions::part_mm`] in tissue. A
+//! substep that cannot be solved is bisected; where that does not help either, the tissue lags behind until the next
+//! step, which is reported.
 
 mod frame;
 mod needle_line;
@@ -281,7 +281,7 @@ impl<const D: usize, const N: usize> Nonlinear<D, N> {
     /// Sets the wrench on the hand from a force against the direction of insertion, N.
     fn set_force(&mut self, force_n: f64) {
         let mut on_hand = Wrench::default();
-        let (hub, tip) = (self.line.at(0.0), self.line.tip());
+        let (hub, tip) = (self.line.point_at_arc(0.0), self.line.tip());
         on_hand.add(-force_n * hub.tangent.into_inner(), &tip, &hub.point_mm);
         self.outcome.on_hand = on_hand;
     }
@@ -401,8 +401,9 @@ impl<const D: usize, const N: usize> Model for Nonlinear<D, N> {
         if self.line.nodes().is_empty() || self.needle.is_outside() {
             return;
         }
-        let (length, direction) = (self.line.length_mm(), self.line.at(0.0).tangent.into_inner());
-        // The shaft passes a place of the line at the arc that is as far behind the tip. The tip follows the tissue by a step.
+        let (length, direction) = (self.line.length_mm(), self.line.point_at_arc(0.0).tangent.into_inner());
+        // The shaft passes a place of the line at the arc that is as far behind the tip. The tip follows the tissue by
+        // a step.
         let arc = |place_mm: f64| (length + place_mm - self.travel_mm).min(length);
         into.extend(self.needle.shaft().map(|([from, to], force)| ShaftLoad {
             from_mm: arc(from),

@@ -31,8 +31,8 @@ impl Wrench {
 /// Outcome of a step.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Outcome {
-    /// Wrench of the needle on the hand at its base, about the base: as the needle is pushed in, the force points out of the
-    /// body.
+    /// Wrench of the needle on the hand at its base, about the base: as the needle is pushed in, the force points out
+    /// of the body.
     pub on_hand: Wrench,
     /// Wrench of the tissue on the probe, about the probe's origin.
     pub on_probe: Option<Wrench>,
@@ -40,8 +40,9 @@ pub struct Outcome {
     pub tip_mm: Point3<f64>,
     /// Position of the tissue at the tip at rest, mm; `None` outside.
     pub tip_at_rest_mm: Option<Point3<f64>>,
-    /// Distance of the tip from that of the measured needle, mm: straight from its base, bevel included, unloaded. At bone,
-    /// that of a rigid needle counts from where it was stopped; that of a flexible needle grows as the hand moves on.
+    /// Distance of the tip from that of the measured needle, mm: straight from its base, bevel included, unloaded. At
+    /// bone, that of a rigid needle counts from where it was stopped; that of a flexible needle grows as the hand moves
+    /// on.
     pub tip_deflection_mm: f64,
     /// Length of the needle in the tissue, mm: 0 outside.
     pub inserted_mm: f64,
@@ -59,8 +60,8 @@ pub struct Outcome {
     pub iterations: usize,
     /// Whether the last iteration changed less than the tolerance, in every substep.
     pub converged: bool,
-    /// Number of inverted elements found around the needle: tissue is crushed there. [`Tissue`](super::Tissue) counts those
-    /// of the entire mesh.
+    /// Number of inverted elements found around the needle: tissue is crushed there. [`Tissue`](super::Tissue) counts
+    /// those of the entire mesh.
     pub crushed: usize,
     /// Events of the step.
     pub events: Vec<Event>,
@@ -109,8 +110,8 @@ pub enum EventKind {
     Out,
     /// A seed is left at the tip.
     Seed,
-    /// The mesh could not follow the tip: no node could be moved there without spoiling an element. The needle continues
-    /// with the contacts before and after.
+    /// The mesh could not follow the tip: no node could be moved there without spoiling an element. The needle
+    /// continues with the contacts before and after.
     NotRemeshed,
     /// The step has not converged.
     NotConverged,

@@ -16,22 +16,22 @@ pub struct ProbeContact {
     pub length_mm: f64,
     /// Nodes that the probe may touch, known beforehand.
     pub candidates: Vec<u32>,
-    /// Two points on the axis at which the probe is driven, mm behind the end: the force is split between them. `None`: the
-    /// entire force acts at the origin.
+    /// Two points on the axis at which the probe is driven, mm behind the end: the force is split between them. `None`:
+    /// the entire force acts at the origin.
     pub driven_at_mm: Option<[f64; 2]>,
 }
 
 impl ProbeContact {
-    /// Splits the force of the tissue on the probe between its two driving points: linearly along the axis, by the law of
-    /// the lever, so that their sum and their torque across the axis are those of `wrench` (about the origin of the probe at
-    /// `pose`). Returns `None` without driving points.
+    /// Splits the force of the tissue on the probe between its two driving points: linearly along the axis, by the law
+    /// of the lever, so that their sum and their torque across the axis are those of `wrench` (about the origin of the
+    /// probe at `pose`). Returns `None` without driving points.
     pub fn split(&self, wrench: &Wrench, pose: &Isometry3<f64>) -> Option<[Vector3<f64>; 2]> {
         Some(lever(self.driven_at_mm?, wrench, pose))
     }
 
-    /// Keeps every n-th ring of candidates along the axis, from the back to the leading end; with 1, all. A ring is what
-    /// lies within 0.9 of the median distance from a candidate to its nearest neighbour: the planes of a lattice, in other
-    /// meshes slices one node thick. `nodes` are those of the mesh at rest, mm.
+    /// Keeps every n-th ring of candidates along the axis, from the back to the leading end; with 1, all. A ring is
+    /// what lies within 0.9 of the median distance from a candidate to its nearest neighbour: the planes of a lattice,
+    /// in other meshes slices one node thick. `nodes` are those of the mesh at rest, mm.
     pub fn thin(&mut self, nodes: &[[f64; 3]], every: usize) {
         if every <= 1 {
             return;
@@ -52,7 +52,8 @@ impl ProbeContact {
     }
 }
 
-/// Returns a rotation turned by the shortest rotation that brings its z axis to the unit vector `direction`, without roll.
+/// Returns a rotation turned by the shortest rotation that brings its z axis to the unit vector `direction`, without
+/// roll.
 pub fn pointed(rotation: &UnitQuaternion<f64>, direction: &Vector3<f64>) -> UnitQuaternion<f64> {
     let turn = UnitQuaternion::rotation_between(&(rotation * Vector3::z()), direction)
         .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&(rotation * Vector3::x_axis()), std::f64::consts::PI));
@@ -70,8 +71,8 @@ pub fn lever([first, second]: [f64; 2], wrench: &Wrench, pose: &Isometry3<f64>) 
     [across - share + axial * 0.5, share + axial * 0.5]
 }
 
-/// Returns the median distance from a point to its nearest neighbour, mm; infinite for a single point. Points ascend along
-/// z.
+/// Returns the median distance from a point to its nearest neighbour, mm; infinite for a single point. Points ascend
+/// along z.
 fn spacing(places: &[(Point3<f64>, u32)]) -> f64 {
     let nearest = |index: usize| {
         let position = places[index].0;

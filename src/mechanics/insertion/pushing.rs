@@ -1,24 +1,24 @@
 //! Straight needle that pushes, punctures and cuts stiffening tissue.
 //!
 //! Y. Kobayashi et al., "Development of an integrated needle insertion system with image guidance and deformation
-//! simulation", Computerized Medical Imaging and Graphics 34, 2010, section 4.3.2 and figure 12: the force of the tissue is
-//! not constant; the needle first pushes it, with a force that rises faster than its travel, and then punctures abruptly.
-//! Their simulation ends at the first puncture; this one continues.
+//! simulation", Computerized Medical Imaging and Graphics 34, 2010, section 4.3.2 and figure 12: the force of the
+//! tissue is not constant; the needle first pushes it, with a force that rises faster than its travel, and then
+//! punctures abruptly. Their simulation ends at the first puncture; this one continues.
 //!
-//! The needle moves along a straight line through the body, in the reference state too. Along the line there is a list of
-//! [`PathLayer`]s, each behind a membrane. At a membrane the tip *pushes*: the point of the body there is held at the tip. When
-//! the force exceeds the strength of the membrane it is punctured, and the tip *cuts*: it is where the deformed tissue meets
-//! it under the cutting force, and the shaft behind drags the surrounding tissue along by friction per mm of tissue. Then
-//! the next membrane is reached. The model is quasi-static, without inertia.
+//! The needle moves along a straight line through the body, in the reference state too. Along the line there is a list
+//! of [`PathLayer`]s, each behind a membrane. At a membrane the tip *pushes*: the point of the body there is held at
+//! the tip. When the force exceeds the strength of the membrane it is punctured, and the tip *cuts*: it is where the
+//! deformed tissue meets it under the cutting force, and the shaft behind drags the surrounding tissue along by
+//! friction per mm of tissue. Then the next membrane is reached. The model is quasi-static, without inertia.
 //!
 //! A needle that stops or turns back is *held* by its friction: tissue along the shaft moves with it as one, each piece
-//! under its share of the force. When the force reaches the outward friction, the needle slides out through the channel that
-//! it has cut; when it reaches its earlier inward value, cutting continues as before. In the channel there is nothing to
-//! cut. Whether the needle is held is decided at the end of a step, so that a force may exceed its bound by the change in
-//! one step.
+//! under its share of the force. When the force reaches the outward friction, the needle slides out through the channel
+//! that it has cut; when it reaches its earlier inward value, cutting continues as before. In the channel there is
+//! nothing to cut. Whether the needle is held is decided at the end of a step, so that a force may exceed its bound by
+//! the change in one step.
 //!
-//! The position of the tip in the tissue follows from the displacements of the previous step: steps should be small against
-//! the elements.
+//! The position of the tip in the tissue follows from the displacements of the previous step: steps should be small
+//! against the elements.
 
 mod line;
 mod slide;
@@ -74,8 +74,8 @@ pub struct Pushing<const D: usize, const N: usize> {
 }
 
 impl<const D: usize, const N: usize> Pushing<D, N> {
-    /// Builds a needle whose tip is at `entry` (mm, on the surface of the body) and which moves along `direction`, through
-    /// `layers`. Prescribed displacements of the body stay 0.
+    /// Builds a needle whose tip is at `entry` (mm, on the surface of the body) and which moves along `direction`,
+    /// through `layers`. Prescribed displacements of the body stay 0.
     ///
     /// # Errors
     /// [`InvalidSetup`], with the invalid number.
@@ -103,8 +103,8 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         }
     }
 
-    /// Moves the needle to another entry, as [`new`](Self::new) does. The tissue continues from its current state; what was
-    /// cut has healed.
+    /// Moves the needle to another entry, as [`new`](Self::new) does. The tissue continues from its current state; what
+    /// was cut has healed.
     ///
     /// # Errors
     /// [`InvalidSetup`]; the needle is then unchanged.
@@ -147,8 +147,8 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         self.state.depth_mm
     }
 
-    /// Returns the depth of the tissue that is now at the tip, in the reference state, mm. A held needle takes along the mean of the tissue at its
-    /// shaft: the tissue at its tip may pass it, or lag behind.
+    /// Returns the depth of the tissue that is now at the tip, in the reference state, mm. A held needle takes along
+    /// the mean of the tissue at its shaft: the tissue at its tip may pass it, or lag behind.
     pub fn tip_depth_mm(&self) -> f64 {
         match self.state.phase {
             Phase::Held => self.depth_at(self.state.travel_mm, [0.0, self.line.length()]),
@@ -166,7 +166,8 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         self.line.pieces(self.state.depth_mm).count()
     }
 
-    /// Returns the forces of the shaft on the tissue along its direction, N, each between two places, mm beyond the entry.
+    /// Returns the forces of the shaft on the tissue along its direction, N, each between two places, mm beyond the
+    /// entry.
     pub fn shaft(&self) -> impl Iterator<Item = ([f64; 2], f64)> + '_ {
         let depth = self.state.depth_mm;
         let sliding = || frictions(&self.line, &self.layers, depth).map(|(_, force, _)| force);
@@ -248,7 +249,8 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         };
         self.loads.fill(0.0);
         (next.tip_n, next.shaft_n) = (0.0, 0.0);
-        // A needle that tissue holds has static friction, which follows from the motion: its force is that of the contact.
+        // A needle that tissue holds has static friction, which follows from the motion: its force is that of the
+        // contact.
         if next.phase != Phase::Held {
             let sign = if next.outward { -1.0 } else { 1.0 };
             for (point, force, _) in frictions(&self.line, &self.layers, next.depth_mm) {

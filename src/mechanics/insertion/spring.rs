@@ -1,27 +1,27 @@
-//! Mass-spring model of tissue in a cylinder around the needle path: the faster alternative to finite elements, after Zhu
-//! et al. 2007 (section 2.2).
+//! Mass-spring model of tissue in a cylinder around the needle path: the faster alternative to finite elements, after
+//! Zhu et al. 2007 (section 2.2).
 //!
 //! Before the needle breaks the skin there is no mesh but an [`Anatomy`], which gives the regions. The elements of the
-//! cylinder are made with the model and never change; its position is set when the tip enters the body: from the point of
-//! entry along the needle. Until then it lies in front of the tip of the first step, at rest, so that an image made from it
-//! shows the undeformed tissue. Every entry from outside places it again, at rest; after the needle has come out it stays
-//! until then. Its side and its far end are fixed. Tissue is one material throughout; regions differ in their interaction
-//! with the needle. Only bone is met where it lies in the undeformed body: it does not yield.
+//! cylinder are made with the model and never change; its position is set when the tip enters the body: from the point
+//! of entry along the needle. Until then it lies in front of the tip of the first step, at rest, so that an image made
+//! from it shows the undeformed tissue. Every entry from outside places it again, at rest; after the needle has come
+//! out it stays until then. Its side and its far end are fixed. Tissue is one material throughout; regions differ in
+//! their interaction with the needle. Only bone is met where it lies in the undeformed body: it does not yield.
 //!
 //! Nodes on the shaft form a stack; its last node is held at the tip until it is penetrated: when the far face of the
-//! element in front of the tip is within `lambda` circumferences of the tip. Then the corner of that face nearest to the
-//! needle is moved to the tip and becomes the tip node. Withdrawing the needle empties the tip, and nodes that come off the
-//! needle return to their rest positions, last first. The tip pushes its node with at most the tissue's `cutting_n` (`puncture_n` where a
-//! surface is met): a node that needs more slides back along the shaft under that force. With a large `cutting_n`, the rule
-//! of Zhu et al. alone decides.
+//! element in front of the tip is within `lambda` circumferences of the tip. Then the corner of that face nearest to
+//! the needle is moved to the tip and becomes the tip node. Withdrawing the needle empties the tip, and nodes that come
+//! off the needle return to their rest positions, last first. The tip pushes its node with at most the tissue's
+//! `cutting_n` (`puncture_n` where a surface is met): a node that needs more slides back along the shaft under that
+//! force. With a large `cutting_n`, the rule of Zhu et al. alone decides.
 //!
-//! A step is cut into equal substeps: so many that springs and damping are stable ([`MassSpring::explicit_limit_s`]), up to
-//! [`Parameters::most_substeps`], and that in none of them base or tip moves farther than half the range of the penetration
-//! rule, up to [`MAX_PARTS`]. If a substep is still too long for stability, the tissue is simulated for the longest stable
-//! time instead: it then approaches equilibrium more slowly, but reaches the same one. A step that would need more than
-//! `MAX_PARTS` is reported as not converged. In each substep the needle's shape is computed once, from the forces of the
-//! substep before; a flexible needle is then coupled to the tissue by its flexibility (one linear solve), which is as good
-//! as iterated while the needle turns little in a substep.
+//! A step is cut into equal substeps: so many that springs and damping are stable ([`MassSpring::explicit_limit_s`]),
+//! up to [`Parameters::most_substeps`], and that in none of them base or tip moves farther than half the range of the
+//! penetration rule, up to [`MAX_PARTS`]. If a substep is still too long for stability, the tissue is simulated for the
+//! longest stable time instead: it then approaches equilibrium more slowly, but reaches the same one. A step that would
+//! need more than `MAX_PARTS` is reported as not converged. In each substep the needle's shape is computed once, from
+//! the forces of the substep before; a flexible needle is then coupled to the tissue by its flexibility (one linear
+//! solve), which is as good as iterated while the needle turns little in a substep.
 //!
 //! The force on the hand is the mean over the substeps of a step.
 
@@ -98,7 +98,8 @@ pub const MAX_PARTS: usize = 4096;
 /// ```
 #[derive(Debug)]
 pub struct MassSpring {
-    /// Parameters and needle as text, to recognise saved states of others. A needle's own text changes with the shape that it was last asked for.
+    /// Parameters and needle as text, to recognise saved states of others. A needle's own text changes with the shape
+    /// that it was last asked for.
     name: String,
     parameters: Parameters,
     anatomy: Box<dyn Anatomy>,
@@ -181,8 +182,8 @@ impl MassSpring {
         self.body.active
     }
 
-    /// Returns the pose of the base before the first step: a needle that begins in the body has been pushed in along its
-    /// axis.
+    /// Returns the pose of the base before the first step: a needle that begins in the body has been pushed in along
+    /// its axis.
     fn begin(&mut self, base: &Isometry3<f64>) -> Isometry3<f64> {
         self.needle.place(base, None, &[], &[], &mut self.body.line);
         let inside = self.anatomy.region(&self.body.line.tip()).is_some();

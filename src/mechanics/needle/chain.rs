@@ -20,8 +20,8 @@ pub(super) struct Chain {
 }
 
 impl Chain {
-    /// Builds a shaft with joints at rising arcs (mm) within it, with or without one at the base. Bevel and length must be
-    /// valid.
+    /// Builds a shaft with joints at rising arcs (mm) within it, with or without one at the base. Bevel and length must
+    /// be valid.
     pub(super) fn new(length_mm: f64, joints: &[f64], bevel: Option<&Bevel>) -> Self {
         let first_joint = usize::from(joints.first() != Some(&0.0));
         let mut arcs = vec![0.0; first_joint];
@@ -74,8 +74,8 @@ impl Chain {
         turns && line.nodes().len() == self.arcs.len() && arcs.eq(self.arcs.iter().copied())
     }
 
-    /// Places the links one after another. `turn` gives the rotation (axis times angle, world axes) of each joint for the
-    /// direction of the link before it; frames are carried along by these rotations alone.
+    /// Places the links one after another. `turn` gives the rotation (axis times angle, world axes) of each joint for
+    /// the direction of the link before it; frames are carried along by these rotations alone.
     pub(super) fn place(
         &mut self,
         base: &Isometry3<f64>,

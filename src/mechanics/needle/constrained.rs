@@ -31,8 +31,8 @@ impl Keys for ConstrainedKeys {
 }
 
 /// A straight needle whose inserted part is kept near the direction in which it entered (Zhu et al. 2007, section 2.3):
-/// straight from the base to the entry point, then along the constrained direction for the remaining length. Straight along
-/// the base while it is not in the body, or too short to reach the entry point.
+/// straight from the base to the entry point, then along the constrained direction for the remaining length. Straight
+/// along the base while it is not in the body, or too short to reach the entry point.
 #[derive(Clone, Debug)]
 pub struct Constrained {
     shaft: Shaft,

@@ -12,7 +12,8 @@ parameters! {
     pub struct BeamKeys {
         /// Bevelled tip. Without it the needle is symmetric.
         bevel: Option<Bevel>;
-        /// Bending stiffness EI, N mm^2; for `springs` in place of `kappa_nmm_per_deg`. Default for `beam`: 6131, that of the springs.
+        /// Bending stiffness EI, N mm^2, in place of another key of stiffness. Default 6131, that of a brachytherapy
+        /// needle.
         bending_stiffness_nmm2: Option<f64>, above 0..=1e12;
         /// Length of an element, at most that of the needle. Default 5.
         element_mm: Option<f64>, in 0.5..=100 "mm";

@@ -25,16 +25,16 @@ const MAX_PARTS: f64 = 1000.0;
 /// Bending stiffness of a needle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Stiffness {
-    /// Torque per angle of a joint between links of [`LINK_MM`], N mm per degree (1e-6 to 1e12). Joints of links of other
-    /// lengths get the stiffness that gives the needle the same bending stiffness.
+    /// Torque per angle of a joint between links of [`LINK_MM`], N mm per degree (1e-6 to 1e12). Joints of links of
+    /// other lengths get the stiffness that gives the needle the same bending stiffness.
     KappaNmmPerDeg(f64),
     /// Bending stiffness EI of the shaft, N mm^2 (1e-6 to 1e12).
     BendingNmm2(f64),
 }
 
 impl Default for Stiffness {
-    /// Returns the stiffness of a brachytherapy needle: 10.7 N mm per degree (Goksel et al. 2011, section III-B), an EI of
-    /// 6.13e3 N mm^2. That is about a quarter of that of a solid steel rod of the same radius.
+    /// Returns the stiffness of a brachytherapy needle: 10.7 N mm per degree (Goksel et al. 2011, section III-B), an EI
+    /// of 6.13e3 N mm^2. That is about a quarter of that of a solid steel rod of the same radius.
     fn default() -> Self {
         Stiffness::KappaNmmPerDeg(10.7)
     }
@@ -81,9 +81,10 @@ impl Resistance {
     }
 }
 
-/// A needle of rigid links with joints between them, each of which turns by at most 45 degrees. [`Flexible::springs`] and
-/// [`Flexible::beam`] differ in what resists the turns, which Newton's method finds: its tangent stiffness accounts for the
-/// levers following the joints. There is no torsion: frames are carried along the shaft by the turns of the joints alone.
+/// A needle of rigid links with joints between them, each of which turns by at most 45 degrees. [`Flexible::springs`]
+/// and [`Flexible::beam`] differ in what resists the turns, which Newton's method finds: its tangent stiffness accounts
+/// for the levers following the joints. There is no torsion: frames are carried along the shaft by the turns of the
+/// joints alone.
 #[derive(Clone, Debug)]
 pub struct Flexible {
     chain: Chain,
@@ -93,23 +94,23 @@ pub struct Flexible {
 }
 
 impl Flexible {
-    /// Builds a needle of equal links about `link_mm` long (above 0, at most the needle, at most 1000 links), joined by universal
-    /// joints with angular springs (Goksel et al. 2011, section III-B).
+    /// Builds a needle of equal links about `link_mm` long (above 0, at most the needle, at most 1000 links), joined by
+    /// universal joints with angular springs (Goksel et al. 2011, section III-B).
     ///
-    /// Each joint turns by the torque of all forces between it and the tip, without its component along the shaft, over the
-    /// stiffness of its spring: `theta_k = P_k sum (x - x_k) x f / kappa`. There is no torsion: frames are carried along the
-    /// shaft by these rotations alone.
+    /// Each joint turns by the torque of all forces between it and the tip, without its component along the shaft, over
+    /// the stiffness of its spring: `theta_k = P_k sum (x - x_k) x f / kappa`. There is no torsion: frames are carried
+    /// along the shaft by these rotations alone.
     ///
-    /// Goksel et al. 2011 take the levers x - x_k from the previous shape and damp the result: forces along the shaft multiply
-    /// the remaining error by their share of the buckling force, and above it nothing settles. Here the shape is solved by
-    /// Newton's method, whose tangent stiffness accounts for the levers following the joints. It converges to the equation of
-    /// Goksel et al. in a few steps.
+    /// Goksel et al. 2011 take the levers x - x_k from the previous shape and damp the result: forces along the shaft
+    /// multiply the remaining error by their share of the buckling force, and above it nothing settles. Here the shape
+    /// is solved by Newton's method, whose tangent stiffness accounts for the levers following the joints. It converges
+    /// to the equation of Goksel et al. in a few steps.
     ///
-    /// The shaft is cut into equal parts of `h`, with a joint of stiffness EI / h in the middle of each, so that links are `h`
-    /// long except the first and the last, half of it. This is the midpoint rule for the integrals of beam theory: deflections
-    /// differ from those of an Euler-Bernoulli beam by O(h^2), at the tip under a force there by the relative error h^2 / (4
-    /// L^2) (0.06 % for the 20 links of 10 mm of Goksel et al.). Joints between the parts, half as stiff at the base, would be
-    /// the trapezoidal rule: of the same order, with twice the error.
+    /// The shaft is cut into equal parts of `h`, with a joint of stiffness EI / h in the middle of each, so that links
+    /// are `h` long except the first and the last, half of it. This is the midpoint rule for the integrals of beam
+    /// theory: deflections differ from those of an Euler-Bernoulli beam by O(h^2), at the tip under a force there by
+    /// the relative error h^2 / (4 L^2) (0.06 % for the 20 links of 10 mm of Goksel et al.). Joints between the parts,
+    /// half as stiff at the base, would be the trapezoidal rule: of the same order, with twice the error.
     ///
     /// A joint turns by at most 45 degrees.
     ///
@@ -125,17 +126,18 @@ impl Flexible {
 
     /// A needle as an Euler-Bernoulli beam in space: Hermite cubic elements, each in a frame that moves with its chord.
     ///
-    /// An element of length `h` bends by the moments at its ends, `a1 = -(h/6EI) (2 M1 + M2)` and `a2 = (h/6EI) (M1 + 2 M2)`,
-    /// the angles of its ends relative to its chord. Moments follow from the loads beyond, with their levers on the bent shaft.
-    /// So at a node the chords turn by `(h/6EI) (M_before + 4 M + M_beyond)`, at the base by `(h/6EI) (2 M + M_beyond)`: nodes
-    /// lie exactly where beam theory has them for any `h`, as long as forces act at nodes. Between nodes the shaft is its chord,
-    /// on which forces there act: that omits at most `F h^3/(48 EI)`, 0.0004 mm for 1 N and 5 mm. (Springs, whose joints are the
-    /// midpoint rule of the same integrals, are off by `h^2/(4 L^2)` of the deflection.)
+    /// An element of length `h` bends by the moments at its ends, `a1 = -(h/6EI) (2 M1 + M2)` and
+    /// `a2 = (h/6EI) (M1 + 2 M2)`, the angles of its ends relative to its chord. Moments follow from the loads beyond,
+    /// with their levers on the bent shaft. So at a node the chords turn by `(h/6EI) (M_before + 4 M + M_beyond)`, at
+    /// the base by `(h/6EI) (2 M + M_beyond)`: nodes lie exactly where beam theory has them for any `h`, as long as
+    /// forces act at nodes. Between nodes the shaft is its chord, on which forces there act: that omits at most
+    /// `F h^3/(48 EI)`, 0.0004 mm for 1 N and 5 mm. (Springs, whose joints are the midpoint rule of the same integrals,
+    /// are off by `h^2/(4 L^2)` of the deflection.)
     ///
-    /// Rotations of the beam may be large: frames are carried along, levers are those of the bent needle, and lengths are
-    /// preserved. Within an element the chord is as long as the arc, which is off by `a^2/10` of it for ends that turn by `a`; a
-    /// node turns by at most 45 degrees. There is no torsion, as in the other models. For a needle on a hyperelastic foundation
-    /// of its own see [`beam`](super::beam); here tissue acts through the loads.
+    /// Rotations of the beam may be large: frames are carried along, levers are those of the bent needle, and lengths
+    /// are preserved. Within an element the chord is as long as the arc, which is off by `a^2/10` of it for ends that
+    /// turn by `a`; a node turns by at most 45 degrees. There is no torsion, as in the other models. For a needle on a
+    /// hyperelastic foundation of its own see [`beam`](super::beam); here tissue acts through the loads.
     ///
     /// # Errors
     /// [`OutOfRange`].
@@ -181,8 +183,8 @@ fn parts(
     Ok(parts as usize)
 }
 
-/// Returns the inverse of the rotations of the chords by moments at the nodes: `compliance` times 2 and 1 at the base, and
-/// 1, 4, 1 beyond.
+/// Returns the inverse of the rotations of the chords by moments at the nodes: `compliance` times 2 and 1 at the base,
+/// and 1, 4, 1 beyond.
 fn inverse(nodes: usize, compliance: f64) -> Vec<f64> {
     let mut ldl = Ldl::default();
     ldl.start(nodes);

@@ -59,8 +59,8 @@ impl CentreLine {
         debug_assert!(self.nodes.len() >= 2 && self.nodes.windows(2).all(|pair| pair[0].0 < pair[1].0));
     }
 
-    /// Returns the unit direction before a node: of the link before it, or, at the base, that of the first link before the
-    /// rotation of the joint there.
+    /// Returns the unit direction before a node: of the link before it, or, at the base, that of the first link before
+    /// the rotation of the joint there.
     pub(super) fn before(&self, node: usize, turn: &Vector3<f64>) -> Vector3<f64> {
         if node > 0 {
             (self.nodes[node].1 - self.nodes[node - 1].1).normalize()
@@ -80,7 +80,8 @@ impl CentreLine {
         &self.nodes
     }
 
-    /// Returns the rotations of the joints, rad, world axes, base first; empty if the needle that placed the line has none.
+    /// Returns the rotations of the joints, rad, world axes, base first; empty if the needle that placed the line has
+    /// none.
     pub(crate) fn turns(&self) -> &[Vector3<f64>] {
         &self.turns
     }
@@ -104,7 +105,7 @@ impl CentreLine {
     }
 
     /// Returns the point at an arc (mm).
-    pub fn at(&self, arc_mm: f64) -> ShaftPoint {
+    pub fn point_at_arc(&self, arc_mm: f64) -> ShaftPoint {
         let after = self.nodes.partition_point(|node| node.0 <= arc_mm);
         self.on_link(after.clamp(1, self.nodes.len() - 1), arc_mm)
     }
@@ -132,7 +133,8 @@ impl CentreLine {
             .map_or(0.0, |(_, arc)| arc)
     }
 
-    /// Returns the largest distance (mm) between corresponding nodes of two lines; infinite if their node counts differ.
+    /// Returns the largest distance (mm) between corresponding nodes of two lines; infinite if their node counts
+    /// differ.
     pub fn distance(&self, other: &CentreLine) -> f64 {
         if self.nodes.len() != other.nodes.len() {
             return f64::INFINITY;
@@ -171,10 +173,10 @@ mod tests {
             (12.0, [2.0, 0.0, 10.0]),
             (15.0, [5.0, 0.0, 10.0]),
         ] {
-            assert_eq!(line.at(arc).point_mm, Point3::from(point));
+            assert_eq!(line.point_at_arc(arc).point_mm, Point3::from(point));
             assert_eq!(line.nearest(&Point3::from(point)), arc);
         }
-        assert_eq!(line.at(10.0).tangent, Unit::new_unchecked(Vector3::x()));
+        assert_eq!(line.point_at_arc(10.0).tangent, Unit::new_unchecked(Vector3::x()));
         // Off the line, outside the corner.
         assert_eq!(line.nearest(&Point3::new(-1.0, 3.0, 11.0)), 10.0);
         let mut moved = line.clone();

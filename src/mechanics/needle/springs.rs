@@ -15,10 +15,11 @@ parameters! {
     pub struct SpringsKeys {
         /// Bevelled tip. Without it the needle is symmetric.
         bevel: Option<Bevel>;
-        /// Stiffness of a joint between links of 10 mm, N mm per degree. Default 10.7, that of a brachytherapy needle; joint stiffness is
-        /// inversely proportional to the link length.
+        /// Stiffness of a joint between links of 10 mm, N mm per degree. Default 10.7, that of a brachytherapy needle;
+        /// joint stiffness is inversely proportional to the link length.
         kappa_nmm_per_deg: Option<f64>, above 0..=1e12;
-        /// Bending stiffness EI, N mm^2; for `springs` in place of `kappa_nmm_per_deg`. Default for `beam`: 6131, that of the springs.
+        /// Bending stiffness EI, N mm^2, in place of another key of stiffness. Default 6131, that of a brachytherapy
+        /// needle.
         bending_stiffness_nmm2: Option<f64>, above 0..=1e12;
         /// Length of a link, at most that of the needle. Default 10.
         link_mm: Option<f64>, in 0.5..=100 "mm";

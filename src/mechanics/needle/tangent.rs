@@ -1,14 +1,14 @@
 //! Tangent stiffness of a chain of links under forces whose levers follow the joints.
 //!
-//! With theta the turns of all joints, `kappa theta = tau(theta)` at rest, tau_k = sum (x - x_k) x f over the forces beyond
-//! joint k. The levers change as joints turn,
+//! With theta the turns of all joints, `kappa theta = tau(theta)` at rest, tau_k = sum (x - x_k) x f over the forces
+//! beyond joint k. The levers change as joints turn,
 //!
 //! ```text
 //! d tau_j / d theta_k = G_jk = N_max(j,k) - tr(N) I,    N_k = sum (x - x_k) f^T over the forces beyond joint k
 //! ```
 //!
-//! for axes of j, the nearer to the base, and k; transposed for the farther. G is the geometric stiffness: `kappa - G` is
-//! singular where the forces buckle the needle.
+//! for axes of j, the nearer to the base, and k; transposed for the farther. G is the geometric stiffness: `kappa - G`
+//! is singular where the forces buckle the needle.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -58,8 +58,8 @@ pub(super) struct Tangent {
 }
 
 impl Tangent {
-    /// Computes the stiffness for joints of this resistance. Returns the number of modes in which the loads would buckle the
-    /// unsupported needle.
+    /// Computes the stiffness for joints of this resistance. Returns the number of modes in which the loads would
+    /// buckle the unsupported needle.
     pub(super) fn set(&mut self, chain: &Chain, line: &CentreLine, resistance: &Resistance, loads: &[Load]) -> usize {
         sum_up(chain, line, loads, &mut self.beyond);
         self.axes.clear();
@@ -121,7 +121,7 @@ impl Tangent {
         self.moves.clear();
         self.moves.resize(2 * self.axes.len() * width, 0.0);
         for (column, row) in rows.iter().enumerate() {
-            let point = line.at(row.arc_mm).point_mm;
+            let point = line.point_at_arc(row.arc_mm).point_mm;
             let joints = &chain.joints()[..chain.joints_before(row.arc_mm)];
             for (joint, &node) in joints.iter().enumerate() {
                 let moved = (point - nodes[node].1).cross(&row.direction);
@@ -206,7 +206,7 @@ fn sum_up(chain: &Chain, line: &CentreLine, loads: &[Load], sums: &mut Vec<Beyon
     for load in loads {
         if let Some(last_joint) = chain.joints_before(load.arc_mm).checked_sub(1) {
             let force = load.force_n.map(|part| part.clamp(-MAX_FORCE_N, MAX_FORCE_N));
-            let from_base = line.at(load.arc_mm).point_mm - nodes[0].1;
+            let from_base = line.point_at_arc(load.arc_mm).point_mm - nodes[0].1;
             sums[last_joint].force += force;
             sums[last_joint].moments += from_base * force.transpose();
         }

@@ -50,8 +50,8 @@ enum Lead {
 }
 
 impl DeviceStore {
-    /// Uploads `base` to a device in banks of at most `bank_bytes`, and allocates room for updates of rank `rank`. A copy
-    /// for rebuilds stays on the device; where memory does not suffice for both, rebuilds upload the base again.
+    /// Uploads `base` to a device in banks of at most `bank_bytes`, and allocates room for updates of rank `rank`. A
+    /// copy for rebuilds stays on the device; where memory does not suffice for both, rebuilds upload the base again.
     ///
     /// # Errors
     /// [`GpuError`] where the inverse does not fit the device, or the device fails.
@@ -304,9 +304,10 @@ impl DeviceStore {
         self.shared.lists.write(&self.gpu, 0, &values)
     }
 
-    /// Subtracts Y Z^T, Z = Y C, from all entries or from some rows and columns. Returns the reciprocal condition, negative
-    /// below the limit, and the resulting entries at the rows and columns `block`. These are computed and copied before
-    /// the update of all entries, which nobody waits for; it is a submission of its own, as bytes arrive with the end of theirs.
+    /// Subtracts Y Z^T, Z = Y C, from all entries or from some rows and columns. Returns the reciprocal condition,
+    /// negative below the limit, and the resulting entries at the rows and columns `block`. These are computed and
+    /// copied before the update of all entries, which nobody waits for; it is a submission of its own, as bytes arrive
+    /// with the end of theirs.
     fn advance(
         &mut self,
         lead: Lead,

@@ -172,7 +172,8 @@ pub struct Declared {
     pub workgroup: u32,
 }
 
-/// Every loop of these shaders counts towards a bound that does not change within it, or narrows an interval of integers.
+/// Every loop of these shaders counts towards a bound that does not change within it, or narrows an interval of
+/// integers.
 #[allow(unsafe_code, reason = "says that loops end")]
 // SAFETY: as above.
 const LOOPS: Loops = unsafe { Loops::ending() };

@@ -1,7 +1,7 @@
 //! Degrees of freedom: three displacements per node, each free or prescribed.
 
 /// In place of the number of a degree of freedom: it is prescribed.
-pub const NONE: u32 = u32::MAX;
+pub const NO_DOF: u32 = u32::MAX;
 
 /// Numbering of the free displacements in the reduced system, ascending by node, then axis.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -23,12 +23,12 @@ impl Dofs {
         );
         let mut numbers = vec![[0; 3]; nodes];
         for (node, axis) in fixed {
-            numbers[node as usize][axis as usize] = NONE;
+            numbers[node as usize][axis as usize] = NO_DOF;
         }
         let mut free = Vec::with_capacity(3 * nodes);
         for (node, dofs) in numbers.iter_mut().enumerate() {
             for (axis, dof) in dofs.iter_mut().enumerate() {
-                if *dof != NONE {
+                if *dof != NO_DOF {
                     *dof = free.len() as u32;
                     free.push((node as u32, axis as u8));
                 }
@@ -47,7 +47,7 @@ impl Dofs {
         self.free.len()
     }
 
-    /// Numbers of a node's degrees of freedom along x, y and z, [`NONE`] where prescribed.
+    /// Numbers of a node's degrees of freedom along x, y and z, [`NO_DOF`] where prescribed.
     ///
     /// # Panics
     /// If the node is out of range.
@@ -67,7 +67,7 @@ impl Dofs {
     pub fn prescribed(&self) -> impl Iterator<Item = (u32, u8)> + '_ {
         self.numbers.iter().enumerate().flat_map(|(node, dofs)| {
             (0..3u8)
-                .filter(|&axis| dofs[axis as usize] == NONE)
+                .filter(|&axis| dofs[axis as usize] == NO_DOF)
                 .map(move |axis| (node as u32, axis))
         })
     }

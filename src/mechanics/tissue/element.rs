@@ -1,11 +1,12 @@
 //! Stiffness of the linear tetrahedron (constant strain).
 //!
-//! With the gradients g_a of the four barycentric coordinates, the volume V and the Lame parameters lambda and mu, the force
-//! on corner a per displacement of corner b is the 3 x 3 block V (lambda g_a g_b^T + mu g_b g_a^T + mu (g_a . g_b) I)
-//! (O. C. Zienkiewicz and R. L. Taylor, "The Finite Element Method", vol. 1, chapter on three-dimensional stress analysis,
-//! written in Lame parameters).
+//! With the gradients g_a of the four barycentric coordinates, the volume V and the Lame parameters lambda and mu, the
+//! force on corner a per displacement of corner b is the 3 x 3 block V (lambda g_a g_b^T + mu g_b g_a^T + mu (g_a .
+//! g_b) I) (O. C. Zienkiewicz and R. L. Taylor, "The Finite Element Method", vol. 1, chapter on three-dimensional
+//! stress analysis, written in Lame parameters).
 
 use super::material::Material;
+use insonify_mesh::vector::{cross, dot, minus};
 
 /// Force on one node per displacement of another, N/mm; rows are force axes, columns displacement axes.
 pub(crate) type NodeBlock = [[f64; 3]; 3];
@@ -53,22 +54,6 @@ pub(super) struct Shape {
     gradients: [[f64; 3]; 4],
     /// Volume, mm^3.
     volume: f64,
-}
-
-fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 impl Shape {

@@ -92,7 +92,8 @@ pub struct Factor<R = f64> {
     scratch: Scratch,
 }
 
-/// Scalar of a [`Factor`]: `f32` or `f64`. Its functions are those of faer, compiled here and not in every crate that has a factor.
+/// Scalar of a [`Factor`]: `f32` or `f64`. Its functions are those of faer, compiled here and not in every crate that
+/// has a factor.
 pub trait Precision: Real + faer::traits::RealField {
     #[doc(hidden)]
     fn factor(
@@ -130,8 +131,8 @@ macro_rules! precision {
 
 precision!(f32, f64);
 
-/// Pivots of the Cholesky factor of a dense symmetric matrix, of which the lower triangle is read; `None` if it is not positive
-/// definite.
+/// Pivots of the Cholesky factor of a dense symmetric matrix, of which the lower triangle is read; `None` if it is not
+/// positive definite.
 pub fn pivots(matrix: MatRef<'_, f64>) -> Option<Vec<f64>> {
     let factor = matrix.llt(Side::Lower).ok()?;
     let lower = factor.L();

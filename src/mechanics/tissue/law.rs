@@ -1,7 +1,8 @@
 //! Constitutive laws of tissue.
 //!
-//! A law gives the first Piola-Kirchhoff stress and its derivative for a displacement gradient H = du/dX: the deformation gradient is
-//! F = I + H. Laws of small strain take the symmetric part of H. In plane strain the third row and column of H are zero.
+//! A law gives the first Piola-Kirchhoff stress and its derivative for a displacement gradient H = du/dX: the
+//! deformation gradient is F = I + H. Laws of small strain take the symmetric part of H. In plane strain the third row
+//! and column of H are zero.
 
 use nalgebra::{Matrix3, SMatrix};
 use schemars::JsonSchema;
@@ -54,7 +55,8 @@ pub trait Law {
     /// The material at small strain.
     fn at_rest(&self) -> Material;
 
-    /// Strain energy per volume at rest, kPa, if the stress derives from one; NaN where the law is not defined, as for an inverted element.
+    /// Strain energy per volume at rest, kPa, if the stress derives from one; NaN where the law is not defined, as for
+    /// an inverted element.
     fn energy_kpa(&self, _gradient: &Tensor) -> Option<f64> {
         None
     }
@@ -65,7 +67,8 @@ pub trait Law {
     /// Derivative of the stress.
     fn moduli_kpa(&self, gradient: &Tensor) -> Moduli;
 
-    /// The law as a secant modulus times linear elasticity at small strain, if it is one: what a memory of fractional order needs.
+    /// The law as a secant modulus times linear elasticity at small strain, if it is one: what a memory of fractional
+    /// order needs.
     fn as_secant(&self) -> Option<Stiffening> {
         None
     }
@@ -149,7 +152,7 @@ macro_rules! laws {
             ///
             /// # Errors
             /// [`OutOfRange`] for a key that is out of range.
-            pub fn of(&self, material: Material) -> Result<AnyLaw, OutOfRange> {
+            pub fn law(&self, material: Material) -> Result<AnyLaw, OutOfRange> {
                 match self {
                     $(Self::$Law(keys) => {
                         keys.check_ranges()?;
@@ -166,7 +169,7 @@ macro_rules! laws {
             /// None for the laws that there are.
             pub fn examples(material: Material) -> Result<Vec<(&'static str, Self)>, OutOfRange> {
                 let laws = LawSpec::examples().into_iter();
-                laws.map(|(name, spec)| Ok((name, spec.of(material)?))).collect()
+                laws.map(|(name, spec)| Ok((name, spec.law(material)?))).collect()
             }
 
             /// The material at small strain.
@@ -307,7 +310,8 @@ mod tests {
         }
     }
 
-    /// Laws of finite strain are objective: a turned element has the turned stress, P(Q F) = Q P(F). Those of small strain are not.
+    /// Laws of finite strain are objective: a turned element has the turned stress, P(Q F) = Q P(F). Those of small
+    /// strain are not.
     #[test]
     fn laws_of_finite_strain_are_objective() {
         let turn = Rotation3::from_euler_angles(0.9, -0.4, 2.1).into_inner();

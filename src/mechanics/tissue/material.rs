@@ -52,7 +52,8 @@ impl Material {
         Ok(material)
     }
 
-    /// Creates a material from the one given of Young's modulus E and the shear modulus G (above 0, kPa), where `E = 2 (1 + nu) G`.
+    /// Creates a material from the one given of Young's modulus E and the shear modulus G (above 0, kPa), where
+    /// `E = 2 (1 + nu) G`.
     ///
     /// # Errors
     /// [`OutOfRange`] with the parameter that is out of range, or if not exactly one modulus is given.

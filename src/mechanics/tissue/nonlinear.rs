@@ -1,9 +1,9 @@
 //! Strain-stiffening tissue in plane-strain triangles and in tetrahedra: K(U) U = F.
 //!
-//! The law is that of Y. Kobayashi et al., "Development of an integrated needle insertion system with image guidance and
-//! deformation simulation", Computerized Medical Imaging and Graphics 34, 2010, sections 3.1.4 and 3.2: see [`Stiffening`].
-//! One implementation serves both dimensions ([`NonlinearBody`], with [`Sheet`] and [`Solid`] for names). Strains are small, but for laws of finite strain
-//! ([`crate::tissue::law`]).
+//! The law is that of Y. Kobayashi et al., "Development of an integrated needle insertion system with image guidance
+//! and deformation simulation", Computerized Medical Imaging and Graphics 34, 2010, sections 3.1.4 and 3.2: see
+//! [`Stiffening`]. One implementation serves both dimensions ([`NonlinearBody`], with [`Sheet`] and [`Solid`] for
+//! names). Strains are small, but for laws of finite strain ([`crate::tissue::law`]).
 //!
 //! Three schemes solve it, increment by increment ([`Scheme`]):
 //!
@@ -15,9 +15,9 @@
 //! - Newton-Raphson with the consistent tangent, the derivative of E(e_r) included, which converges quadratically: the
 //!   reference for the others.
 //!
-//! The secant law does not follow from an energy: where tissue is compressed as well as sheared its tangent is not symmetric,
-//! and Newton's equations are solved by GMRES, preconditioned with the factor of the tangent's symmetric part.
-//! [`creep`] adds fractional viscosity.
+//! The secant law does not follow from an energy: where tissue is compressed as well as sheared its tangent is not
+//! symmetric, and Newton's equations are solved by GMRES, preconditioned with the factor of the tangent's symmetric
+//! part. [`creep`] adds fractional viscosity.
 
 mod anderson;
 mod body;
@@ -30,7 +30,7 @@ mod simplex;
 mod solver;
 mod tangent;
 
-pub use crate::tissue::dofs::NONE;
+pub use crate::tissue::dofs::NO_DOF;
 pub use crate::tissue::law::Stiffening;
 pub use body::{NonlinearBody, Sheet, Solid};
 pub use invariants::{relative_strain, von_mises};
@@ -169,7 +169,7 @@ impl Blame for NonlinearError {
 /// Numbering of `D` degrees of freedom per node, node by node, and of the free ones among them.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Supports<const D: usize> {
-    /// Number of each degree of freedom among the free ones; [`NONE`] where prescribed.
+    /// Number of each degree of freedom among the free ones; [`NO_DOF`] where prescribed.
     numbers: Vec<u32>,
     free: Vec<u32>,
     prescribed: Vec<u32>,
@@ -189,11 +189,11 @@ impl<const D: usize> Supports<D> {
         let mut numbers = vec![0; D * nodes];
         for (node, axis) in prescribed {
             assert!((axis as usize) < D, "axis {axis} in {D} dimensions");
-            numbers[D * node as usize + axis as usize] = NONE;
+            numbers[D * node as usize + axis as usize] = NO_DOF;
         }
         let (mut free, mut prescribed) = (Vec::with_capacity(numbers.len()), Vec::new());
         for (dof, number) in (0..).zip(&mut numbers) {
-            if *number == NONE {
+            if *number == NO_DOF {
                 prescribed.push(dof);
             } else {
                 *number = free.len() as u32;
@@ -227,7 +227,7 @@ impl<const D: usize> Supports<D> {
         &self.prescribed
     }
 
-    /// Number of a degree of freedom among the free ones, [`NONE`] where it is prescribed.
+    /// Number of a degree of freedom among the free ones, [`NO_DOF`] where it is prescribed.
     ///
     /// # Panics
     /// If `dof` is out of range.

@@ -308,7 +308,7 @@ fn imbalance(dofs: &Dofs, loads: &[[f64; 3]], holding: &[[f64; 3]]) -> f64 {
     for (node, (load, holding)) in (0..).zip(loads.iter().zip(holding)) {
         for (axis, dof) in dofs.of(node).into_iter().enumerate() {
             // At a prescribed displacement, the balancing force is load plus reaction.
-            let force = if dof == super::dofs::NONE {
+            let force = if dof == super::dofs::NO_DOF {
                 holding[axis]
             } else {
                 load[axis]

@@ -119,11 +119,12 @@ pub trait Remesher: Send {
     fn remesh(&mut self, mesh: &AdaptedMesh, change: &Change) -> Result<RemeshReport, RemeshError>;
 
     /// Announces the degrees of freedom (ascending) around which the next change is likely. A level may do part of its
-    /// work early, in [`run_deferred`](Self::run_deferred); whether the change occurs affects the results only by rounding.
+    /// work early, in [`run_deferred`](Self::run_deferred); whether the change occurs affects the results only by
+    /// rounding.
     fn expect(&mut self, _support: &[u32]) {}
 
-    /// Performs one deferred task of earlier changes ([`RemesherOptions::deferred`]), if any. Returns a report where that
-    /// recomputed the compliance, which then has changed by no more than its error was.
+    /// Performs one deferred task of earlier changes ([`RemesherOptions::deferred`]), if any. Returns a report where
+    /// that recomputed the compliance, which then has changed by no more than its error was.
     fn run_deferred(&mut self, _mesh: &AdaptedMesh) -> Option<RemeshReport> {
         None
     }
@@ -177,8 +178,8 @@ pub trait Remesher: Send {
     -> Result<f64, RemeshError>;
 
     /// Computes the forces (degree of freedom, N) that displace the entire mesh through the
-    /// [carrier](Self::force_compliance_into) as `forces` on the contacts do: first those on the contacts in their order, then
-    /// corrections for moved nodes. A degree of freedom may occur twice; its forces then add up.
+    /// [carrier](Self::force_compliance_into) as `forces` on the contacts do: first those on the contacts in their
+    /// order, then corrections for moved nodes. A degree of freedom may occur twice; its forces then add up.
     ///
     /// # Errors
     /// [`RemeshError::Compliance`] where there is not one force per contact.

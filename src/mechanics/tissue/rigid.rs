@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, Vector3};
 
-use super::dofs::{Dofs, NONE};
+use super::dofs::{Dofs, NO_DOF};
 use insonify_mesh::TetMesh;
 pub use motion::Motion;
 use parts::Parts;
@@ -107,7 +107,10 @@ impl FreePart {
 pub fn check(mesh: &TetMesh, dofs: &Dofs) -> Result<(), LinearError> {
     assert_eq!(mesh.nodes().len(), dofs.nodes(), "degrees of freedom of another mesh");
     let parts = Parts::of(mesh);
-    let loose: Vec<u32> = parts.loose_nodes().filter(|&node| dofs.of(node) != [NONE; 3]).collect();
+    let loose: Vec<u32> = parts
+        .loose_nodes()
+        .filter(|&node| dofs.of(node) != [NO_DOF; 3])
+        .collect();
     if !loose.is_empty() {
         return Err(LinearError::LooseNodes { nodes: loose });
     }
@@ -231,7 +234,7 @@ impl Frame {
                     .filter_map(|sharing| group.iter().position(|member| member == sharing))
                     .min();
                 for axis in 0..3 {
-                    if still || dofs.of(node)[axis] == NONE {
+                    if still || dofs.of(node)[axis] == NO_DOF {
                         row(&[(index, 1.0)], node, axis);
                     } else if let Some(next) = next {
                         row(&[(index, 1.0), (next, -1.0)], node, axis);

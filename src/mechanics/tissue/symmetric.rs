@@ -53,8 +53,8 @@ pub(crate) struct Panel<'a, T> {
     /// Number of rows; [`PANEL_ROWS`] in all panels but the last.
     #[cfg(feature = "gpu")]
     pub rows: usize,
-    /// Columns up to the last row. The first row of the panel is value 0 of each; values above the diagonal and beyond `rows` are
-    /// meaningless.
+    /// Columns up to the last row. The first row of the panel is value 0 of each; values above the diagonal and beyond
+    /// `rows` are meaningless.
     pub columns: &'a [Column<T>],
 }
 

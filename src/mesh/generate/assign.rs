@@ -1,12 +1,13 @@
 //! Assignment of elements to regions.
 //!
-//! The energy of a labelling is the volume of mislabelled tissue, plus a price on faces between unlike elements (a Potts
-//! term: no isolated elements), plus the squared errors of the volumes of the regions. It is lowered element by element, in
-//! a fixed order, until nothing changes (J. Besag, "On the statistical analysis of dirty pictures", Journal of the Royal
-//! Statistical Society B 48, 1986); the weight of the volumes then rises until they are met. Where several elements could
-//! correct a volume, the early stages take those that are cheapest.
+//! The energy of a labelling is the volume of mislabelled tissue, plus a price on faces between unlike elements (a
+//! Potts term: no isolated elements), plus the squared errors of the volumes of the regions. It is lowered element by
+//! element, in a fixed order, until nothing changes (J. Besag, "On the statistical analysis of dirty pictures", Journal
+//! of the Royal Statistical Society B 48, 1986); the weight of the volumes then rises until they are met. Where several
+//! elements could correct a volume, the early stages take those that are cheapest.
 //!
-//! An element is never added or removed where that would leave parts of the mesh that touch in a corner or an edge only.
+//! An element is never added or removed where that would leave parts of the mesh that touch in a corner or an edge
+//! only.
 
 use insonify_base::parallel;
 
@@ -14,14 +15,14 @@ use super::draft::Draft;
 use super::sharpest_cosine;
 use super::tissue::{OUTSIDE, Tissue};
 
-/// Price of a face between unlike elements, in cubes of the square root of its area: an isolated regular element costs about
-/// a third of its volume.
+/// Price of a face between unlike elements, in cubes of the square root of its area: an isolated regular element costs
+/// about a third of its volume.
 const FACE_PRICE: f64 = 0.03;
-/// Weight of mistaking tissue for the outside, or the outside for tissue, relative to one tissue for another: the surface of
-/// the body must not become jagged for the sake of a skin thinner than the elements.
+/// Weight of mistaking tissue for the outside, or the outside for tissue, relative to one tissue for another: the
+/// surface of the body must not become jagged for the sake of a skin thinner than the elements.
 const SURFACE: f64 = 3.0;
-/// Maximum bid of the volumes of regions for an element at the surface, per volume, in the stages that most meshes need; see
-/// [`Stage`].
+/// Maximum bid of the volumes of regions for an element at the surface, per volume, in the stages that most meshes
+/// need; see [`Stage`].
 const SURFACE_BID: f64 = 0.5;
 /// Number of stages of [`prefer`].
 const EARLY_STAGES: u32 = 3;
@@ -53,7 +54,7 @@ impl Limits {
     }
 
     /// Returns the largest permitted cosine of a dihedral angle.
-    pub(super) fn of(&self, class: u8) -> f64 {
+    pub(super) fn largest_cosine(&self, class: u8) -> f64 {
         if class == OUTSIDE { self.outside } else { self.kept }
     }
 }
@@ -167,7 +168,8 @@ fn sweep(draft: &mut Draft, stage: &Stage, volumes: &mut [f64]) -> usize {
         };
         draft.classes[index] = class;
         let surface = current == OUTSIDE || class == OUTSIDE;
-        // Parts of the mesh may touch in faces alone: a change after which they touch in a node or an edge is taken back.
+        // Parts of the mesh may touch in faces alone: a change after which they touch in a node or an edge is taken
+        // back.
         if surface && draft.elements[index].iter().any(|&node| draft.fans(node).len() > 1) {
             draft.classes[index] = current;
             continue;
@@ -187,7 +189,7 @@ impl Stage<'_> {
         let current = draft.classes[index];
         let contents = &draft.contents[index];
         let volume = contents.volume;
-        let outside = contents.of(OUTSIDE);
+        let outside = contents.volume_of(OUTSIDE);
         let cost = |class: u8| {
             let unlike = across
                 .iter()
@@ -204,7 +206,7 @@ impl Stage<'_> {
                 .sum();
             let wrong = match class {
                 OUTSIDE => SURFACE * (volume - outside),
-                _ => SURFACE * outside + (volume - outside - contents.of(class)),
+                _ => SURFACE * outside + (volume - outside - contents.volume_of(class)),
             };
             faces + wrong
         };

@@ -9,7 +9,8 @@ use super::refine::{End, Refinement};
 use super::tissue::Tissue;
 use super::{GenerateError, GenerateOptions, Generated, MAX_NODES, ROUNDS, finish, fit, smooth};
 
-/// Nodes of the result for each of the lattice: room for interfaces to be refined twice over while the bulk stays coarse.
+/// Nodes of the result for each of the lattice: room for interfaces to be refined twice over while the bulk stays
+/// coarse.
 const REFINEMENT: f64 = 12.0;
 /// Least width of a cell as a share of the others: thinner tissue lies in a wider cell, with space beside it.
 const NARROWEST: f64 = 0.4;
@@ -24,8 +25,8 @@ const MARGIN: f64 = 0.99;
 const SHORTFALL: f64 = 0.01;
 /// Maximum number of refinements for one target.
 const TRIES: usize = 12;
-/// Maximum target of the refinement, as a multiple of the wanted nodes: where tissue is thinner than the elements, fewer of
-/// them are kept than refinement counts.
+/// Maximum target of the refinement, as a multiple of the wanted nodes: where tissue is thinner than the elements,
+/// fewer of them are kept than refinement counts.
 const OVERSHOOT: usize = 3;
 
 /// Maximum number of nodes tried in search of a budget that works.
@@ -195,8 +196,8 @@ fn refined(
     Ok(best.filter(|draft| draft.kept_nodes() > 0))
 }
 
-/// Returns the error for too few `nodes`, with the least number that works: found by doubling, then bisection while work is
-/// left.
+/// Returns the error for too few `nodes`, with the least number that works: found by doubling, then bisection while
+/// work is left.
 pub(super) fn shortage(
     tissue: &Tissue,
     sampler: &Sampler,

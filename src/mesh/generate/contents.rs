@@ -25,7 +25,7 @@ pub(super) struct Contents {
 
 impl Contents {
     /// Returns the volume of a class in the element, mm^3.
-    pub(super) fn of(&self, class: u8) -> f64 {
+    pub(super) fn volume_of(&self, class: u8) -> f64 {
         self.parts
             .iter()
             .find(|part| part.0 == class)
@@ -34,14 +34,14 @@ impl Contents {
 
     /// Returns the volume of all tissue in the element, mm^3.
     pub(super) fn tissue(&self) -> f64 {
-        self.volume - self.of(OUTSIDE)
+        self.volume - self.volume_of(OUTSIDE)
     }
 
     /// Returns the outside if that is half of the volume or more, else the class with the largest volume; of ties the
     /// lowest.
     pub(super) fn majority(&self) -> u8 {
         let mut best = (OUTSIDE, 0.0);
-        if 2.0 * self.of(OUTSIDE) < self.volume {
+        if 2.0 * self.volume_of(OUTSIDE) < self.volume {
             for &part in self.parts.iter().filter(|part| part.0 != OUTSIDE) {
                 if part.1 > best.1 {
                     best = part;
@@ -53,7 +53,7 @@ impl Contents {
 
     /// Returns the volume that is not of the majority class, mm^3.
     pub(crate) fn impurity(&self) -> f64 {
-        self.volume - self.of(self.majority())
+        self.volume - self.volume_of(self.majority())
     }
 }
 

@@ -5,7 +5,8 @@ use insonify_base::parallel;
 use super::bisection::Bisection;
 use super::contents::{Contents, Sampler};
 use super::tissue::{OUTSIDE, Tissue};
-use super::{FACES, cross, norm, sharpest_cosine, six_volumes, sub};
+use super::{FACES, sharpest_cosine, six_volumes};
+use crate::vector::{cross, minus, norm};
 use crate::{InvalidMesh, NO_ELEMENT, neighbours};
 
 /// Elements that fill a lattice around the tissue, including those outside.
@@ -95,7 +96,7 @@ impl Draft {
     /// Returns the area of the face opposite a corner, mm^2.
     pub(super) fn area(&self, element: u32, opposite: usize) -> f64 {
         let [a, b, c] = self.face(element, opposite).map(|node| self.nodes[node as usize]);
-        0.5 * norm(cross(sub(b, a), sub(c, a)))
+        0.5 * norm(cross(minus(b, a), minus(c, a)))
     }
 
     /// Returns the kept elements around a node, in groups connected through faces at that node.

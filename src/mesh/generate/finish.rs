@@ -32,7 +32,7 @@ pub(super) fn finish(
     if !mesh.volumes(mesh.nodes()).all(|volume| volume > 0.0) {
         return Err(GenerateError::Far);
     }
-    let quality = Quality::of(&mesh, mesh.nodes());
+    let quality = Quality::measure(&mesh, mesh.nodes());
     let report = GenerateReport {
         nodes: mesh.nodes().len(),
         elements: mesh.elements().len(),
@@ -58,7 +58,7 @@ fn volumes(draft: &Draft, tissue: &Tissue) -> Vec<RegionVolume> {
 }
 
 fn mislabelled_percent(draft: &Draft, tissue: &Tissue) -> f64 {
-    let wrong = |(contents, &class): (&super::contents::Contents, &u8)| contents.volume - contents.of(class);
+    let wrong = |(contents, &class): (&super::contents::Contents, &u8)| contents.volume - contents.volume_of(class);
     let wrong: f64 = draft.contents.iter().zip(&draft.classes).map(wrong).sum();
     let all: f64 = tissue.volumes[usize::from(OUTSIDE) + 1..].iter().sum();
     100.0 * wrong / all

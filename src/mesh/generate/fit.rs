@@ -1,9 +1,9 @@
 //! Fit of interface nodes to the interfaces of the voxels.
 //!
-//! Through a point near the node on each face between unlike elements, a line along the face's normal is searched for the
-//! position that separates the two tissues best. The node moves to the least-squares intersection of all these planes,
-//! pulled towards the mean of its neighbours where they leave it free (the quadratic error function of T. Ju, F. Losasso, S.
-//! Schaefer and J. Warren, "Dual contouring of Hermite data", ACM Transactions on Graphics 21, 2002).
+//! Through a point near the node on each face between unlike elements, a line along the face's normal is searched for
+//! the position that separates the two tissues best. The node moves to the least-squares intersection of all these
+//! planes, pulled towards the mean of its neighbours where they leave it free (the quadratic error function of T. Ju,
+//! F. Losasso, S. Schaefer and J. Warren, "Dual contouring of Hermite data", ACM Transactions on Graphics 21, 2002).
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -11,12 +11,12 @@ use super::assign::Limits;
 use super::draft::Draft;
 use super::smooth::shift;
 use super::tissue::{OUTSIDE, Tissue};
-use super::{cross, dot, norm, sub};
+use crate::vector::{cross, dot, minus, norm};
 
 /// Number of points on either side of the face on a search line.
 const STEPS: usize = 16;
-/// Half the length of a search line, in square roots of the area of the face: about a third of an edge. Longer lines find
-/// other interfaces.
+/// Half the length of a search line, in square roots of the area of the face: about a third of an edge. Longer lines
+/// find other interfaces.
 const REACH: f64 = 0.45;
 /// Weight of the mean of the neighbours relative to that of the planes.
 const TETHER: f64 = 0.02;
@@ -47,9 +47,9 @@ fn wanted(draft: &Draft, tissue: &Tissue, node: u32) -> Option<[f64; 3]> {
                 continue;
             }
             let corners = draft.face(element, opposite).map(|n| draft.nodes[n as usize]);
-            let face = cross(sub(corners[1], corners[0]), sub(corners[2], corners[0]));
+            let face = cross(minus(corners[1], corners[0]), minus(corners[2], corners[0]));
             let within = draft.nodes[draft.elements[element as usize][opposite] as usize];
-            let outwards = if dot(face, sub(within, corners[0])) > 0.0 {
+            let outwards = if dot(face, minus(within, corners[0])) > 0.0 {
                 -1.0
             } else {
                 1.0
@@ -95,9 +95,9 @@ fn wanted(draft: &Draft, tissue: &Tissue, node: u32) -> Option<[f64; 3]> {
     }))
 }
 
-/// Finds the position along a line through a point (mm from the point) where the first class gives way to the second: that
-/// with the fewest points of either on the wrong side, of ties the nearest. Towards the outside all tissues are equivalent.
-/// Returns `None` where the line does not meet both.
+/// Finds the position along a line through a point (mm from the point) where the first class gives way to the second:
+/// that with the fewest points of either on the wrong side, of ties the nearest. Towards the outside all tissues are
+/// equivalent. Returns `None` where the line does not meet both.
 fn parting(
     tissue: &Tissue,
     point: &Vector3<f64>,

@@ -50,8 +50,8 @@ impl Path {
         }
     }
 
-    /// Returns the permitted edge length of an element with these corners relative to that on the path: 1 or more; `None`
-    /// where no path grades the mesh.
+    /// Returns the permitted edge length of an element with these corners relative to that on the path: 1 or more;
+    /// `None` where no path grades the mesh.
     pub(crate) fn grade(&self, corners: &[[f64; 3]; 4]) -> Option<f64> {
         let (middle, radius) = ball(corners);
         let away = || (self.distance(&middle) - radius).max(0.0);
@@ -70,8 +70,8 @@ impl Path {
         self.segments.iter().map(to).fold(f64::INFINITY, f64::min)
     }
 
-    /// Returns the volume within [`NEAR_MM`] that has the wrong region, lies outside the tissue or is missing, as a share of
-    /// that of the tissue there, per cent; `None` where there is no tissue.
+    /// Returns the volume within [`NEAR_MM`] that has the wrong region, lies outside the tissue or is missing, as a
+    /// share of that of the tissue there, per cent; `None` where there is no tissue.
     pub(super) fn mislabelled_percent(&self, draft: &Draft, tissue: &Tissue, sampler: &Sampler) -> Option<f64> {
         let (mut wrong, mut all) = (0.0, 0.0);
         for element in 0..draft.elements.len() as u32 {

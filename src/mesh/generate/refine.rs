@@ -7,15 +7,15 @@ use super::bisection::Bisection;
 use super::contents::{Contents, Sampler};
 use super::path::Path;
 use super::tissue::{OUTSIDE, Tissue};
-use super::{norm, sub};
+use crate::vector::{minus, norm};
 
-/// Share of the tissue in an element that counts as impure in any case: pure elements are bisected too once they are some
-/// thirty times as large as those of interfaces, so the bulk is graded and can bend.
+/// Share of the tissue in an element that counts as impure in any case: pure elements are bisected too once they are
+/// some thirty times as large as those of interfaces, so the bulk is graded and can bend.
 const BULK: f64 = 0.01;
 /// Share of tissue that counts as impure on the path: there pure elements are almost as fine as those of interfaces.
 const PATH_BULK: f64 = 0.3;
-/// Maximum number of nodes of all elements per wanted node: where tissue is so thin that hardly an element is mostly tissue,
-/// refinement must end for lack of room.
+/// Maximum number of nodes of all elements per wanted node: where tissue is so thin that hardly an element is mostly
+/// tissue, refinement must end for lack of room.
 const SURROUNDINGS: usize = 8;
 /// Additional nodes that refinement may always make.
 const LATTICE_ROOM: usize = 64;
@@ -161,7 +161,7 @@ impl<'a> Refinement<'a> {
             return 0.0;
         }
         let longest = (0..4)
-            .flat_map(|a| (0..a).map(move |b| norm(sub(corners[a], corners[b]))))
+            .flat_map(|a| (0..a).map(move |b| norm(minus(corners[a], corners[b]))))
             .fold(0.0, f64::max);
         if longest > self.max_edge {
             return OVERLONG + longest;

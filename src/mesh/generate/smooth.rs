@@ -7,8 +7,8 @@ use super::{sharpest_cosine, six_volumes};
 /// Shares of a move that are tried, until one leaves all elements sound.
 const PARTS: [f64; 4] = [1.0, 0.5, 0.25, 0.125];
 
-/// Moves a node towards a position as far as the elements around it allow: none may invert, and none may become sharper than
-/// the limit unless it was that sharp before.
+/// Moves a node towards a position as far as the elements around it allow: none may invert, and none may become sharper
+/// than the limit unless it was that sharp before.
 pub(super) fn shift(draft: &mut Draft, node: u32, to: [f64; 3], limits: &Limits) {
     let from = draft.nodes[node as usize];
     let sharpness = |draft: &Draft, element: u32| sharpest_cosine(&draft.corners(element));
@@ -20,7 +20,7 @@ pub(super) fn shift(draft: &mut Draft, node: u32, to: [f64; 3], limits: &Limits)
     for part in PARTS {
         draft.nodes[node as usize] = [0, 1, 2].map(|axis| from[axis] + part * (to[axis] - from[axis]));
         let sound = draft.star(node).iter().zip(&before).all(|(&element, before)| {
-            let limit = limits.of(draft.classes[element as usize]).max(*before);
+            let limit = limits.largest_cosine(draft.classes[element as usize]).max(*before);
             six_volumes(&draft.corners(element)) > 0.0 && sharpness(draft, element) <= limit
         });
         if sound {

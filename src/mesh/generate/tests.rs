@@ -157,8 +157,8 @@ fn surface(mesh: &TetMesh) -> Vec<[u32; 3]> {
     single.into_iter().map(|(face, _)| face).collect()
 }
 
-/// Asserts that no elements are attached to others by an edge or a corner only, as by a hinge: those around each node are
-/// connected through faces at that node.
+/// Asserts that no elements are attached to others by an edge or a corner only, as by a hinge: those around each node
+/// are connected through faces at that node.
 fn assert_no_hinge(mesh: &TetMesh) {
     let mut stars: Vec<Vec<u32>> = vec![Vec::new(); mesh.nodes().len()];
     for (element, corners) in mesh.elements().iter().enumerate() {

@@ -12,7 +12,8 @@ pub(super) struct Tissue<'a> {
     voxels: &'a [u8],
     size: [usize; 3],
     class_of: [u8; 256],
-    /// Rows of the map from the frame (mm) to voxel indices, offset by half a voxel, so that the floor is the nearest voxel.
+    /// Rows of the map from the frame (mm) to voxel indices, offset by half a voxel, so that the floor is the nearest
+    /// voxel.
     to_index: [[f64; 4]; 3],
     /// Axes of the frame in the world, as columns.
     axes: Matrix3<f64>,
@@ -24,7 +25,8 @@ pub(super) struct Tissue<'a> {
     pub volumes: Vec<f64>,
     /// Volume of a voxel, mm^3.
     pub voxel_mm3: f64,
-    /// Least distance between opposite faces of the block of voxels around the tissue, which is sheared if they are, mm.
+    /// Least distance between opposite faces of the block of voxels around the tissue, which is sheared if they are,
+    /// mm.
     pub thickness: f64,
     /// Region number of each class; 0 for the outside.
     pub regions: Vec<i32>,
@@ -193,8 +195,9 @@ fn classes(grid: &LabelGrid) -> Result<([u8; 256], Vec<i32>), GenerateError> {
     Ok((class_of, regions))
 }
 
-/// Returns a right-handed orthonormal frame whose first axis is the first column's direction and whose second lies in the
-/// plane of the first two (Gram and Schmidt): for a rotation with a scale these are the axes of the volume, up to a sign.
+/// Returns a right-handed orthonormal frame whose first axis is the first column's direction and whose second lies in
+/// the plane of the first two (Gram and Schmidt): for a rotation with a scale these are the axes of the volume, up to a
+/// sign.
 fn orthonormal(linear: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     let first = linear.column(0).try_normalize(0.0)?;
     let second = (linear.column(1) - first * first.dot(&linear.column(1))).try_normalize(0.0)?;

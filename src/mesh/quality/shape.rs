@@ -40,12 +40,14 @@ impl Shape {
     }
 }
 
-/// Returns the condition number of an element: `|J|_F |J^-1|_F / 3`, where J maps the regular tetrahedron onto the one with
-/// these corners (Freitag and Knupp, "Tetrahedral mesh improvement via optimization of the element condition number", Int.
-/// J. Numer. Meth. Engng 53, 2002). 1 for a regular tetrahedron, larger for worse ones, and infinite for an inverted or flat
-/// one or one with a corner that is not finite. It does not depend on size, position, orientation or the order of corners.
+/// Returns the condition number of an element: `|J|_F |J^-1|_F / 3`, where J maps the regular tetrahedron onto the one
+/// with these corners (Freitag and Knupp, "Tetrahedral mesh improvement via optimization of the element condition
+/// number", Int. J. Numer. Meth. Engng 53, 2002). 1 for a regular tetrahedron, larger for worse ones, and infinite for
+/// an inverted or flat one or one with a corner that is not finite. It does not depend on size, position, orientation
+/// or the order of corners.
 ///
-/// Explicitly, `|J|_F^2` is half the sum of the squared edges, and `|J^-1|_F^2` half the sum of the squared inverse heights.
+/// Explicitly, `|J|_F^2` is half the sum of the squared edges, and `|J^-1|_F^2` half the sum of the squared inverse
+/// heights.
 pub fn jacobian_condition(corners: &[[f64; 3]; 4]) -> f64 {
     Scaled::of(corners).map_or(f64::INFINITY, |scaled| scaled.condition())
 }

@@ -17,7 +17,7 @@ fn moved(by: [f64; 3]) -> [[f64; 3]; 4] {
 #[test]
 fn a_sound_mesh_is_usable() {
     let lattice = TetMesh::over_box([0.0; 3], [40.0, 30.0, 20.0], 500).unwrap();
-    let quality = Quality::of(&lattice, lattice.nodes());
+    let quality = Quality::measure(&lattice, lattice.nodes());
     assert_eq!(quality.usable(), Ok(()));
     assert!((quality.volume_ml() - 24.0).abs() < 1e-12, "{}", quality.volume_ml());
     let [part] = quality.parts[..] else {
@@ -47,7 +47,7 @@ fn faults_are_listed_by_element() {
     let elements: Vec<[u32; 4]> = (0..5).map(|n| [4 * n, 4 * n + 1, 4 * n + 2, 4 * n + 3]).collect();
     let reference = mesh(&nodes, &elements);
     nodes[16][1] = f64::NAN;
-    let quality = Quality::of(&reference, &nodes);
+    let quality = Quality::measure(&reference, &nodes);
     assert_eq!(quality.inverted, [1]);
     assert_eq!(quality.flat, [2]);
     assert_eq!(quality.slivers, [3]);
@@ -70,7 +70,10 @@ fn long_lists_are_cut() {
     let elements: Vec<[u32; 4]> = (0..13).map(|n| [4 * n, 4 * n + 1, 4 * n + 2, 4 * n + 3]).collect();
     let reference = mesh(&nodes, &elements);
     let mirrored: Vec<[f64; 3]> = nodes.iter().map(|n| [n[0], n[1], -n[2]]).collect();
-    let error = Quality::of(&reference, &mirrored).usable().unwrap_err().to_string();
+    let error = Quality::measure(&reference, &mirrored)
+        .usable()
+        .unwrap_err()
+        .to_string();
     assert!(
         error.contains("tetrahedra 0, 1, 2, 3, 4, 5, 6, 7, 8, 9 and 3 more are inverted"),
         "{error}"
@@ -83,7 +86,7 @@ fn elements_that_are_there_twice_are_found_in_any_order_of_corners() {
         &[CORNER, moved([5.0; 3])].concat(),
         &[[0, 1, 2, 3], [4, 5, 6, 7], [1, 2, 0, 3]],
     );
-    let quality = Quality::of(&reference, reference.nodes());
+    let quality = Quality::measure(&reference, reference.nodes());
     assert_eq!(quality.duplicates, [[0, 2]]);
     assert!(
         quality
@@ -100,7 +103,7 @@ fn nodes_of_no_element_and_nodes_in_one_place_are_found() {
     nodes.extend([[0.5; 3], [1.0, 0.0, 1e-10], [1.0, 0.0, 1e-7], CORNER[2]]);
     nodes.extend(moved([-3.0, 2.0, 1.0]));
     let reference = mesh(&nodes, &[[0, 1, 2, 3], [8, 9, 10, 11]]);
-    let quality = Quality::of(&reference, reference.nodes());
+    let quality = Quality::measure(&reference, reference.nodes());
     assert_eq!(quality.isolated_nodes, [4, 5, 6, 7]);
     assert_eq!(quality.coincident_nodes, [[1, 5], [2, 7]]);
     assert_eq!(quality.usable(), Ok(()));
@@ -139,7 +142,7 @@ fn parts_on_a_hinge_are_told_from_parts_on_a_face() {
     nodes.extend(moved([9.0; 3]));
     let elements = [[0, 1, 2, 3], [1, 2, 3, 4], [0, 1, 5, 6], [2, 7, 8, 9], [10, 11, 12, 13]];
     let reference = mesh(&nodes, &elements);
-    let quality = Quality::of(&reference, reference.nodes());
+    let quality = Quality::measure(&reference, reference.nodes());
     let parts: Vec<_> = quality.parts.iter().map(|part| (part.first, part.elements)).collect();
     assert_eq!(parts, [(0, 4), (4, 1)]);
     assert_eq!(quality.face_parts, 4);
@@ -152,7 +155,7 @@ fn regions_share_the_volume() {
     let regions: Vec<i32> = (0..count as i32).map(|n| [9, -4][n as usize % 2]).collect();
     let lattice = TetMesh::new(lattice.nodes().to_vec(), lattice.elements().to_vec(), regions).unwrap();
     let current: Vec<[f64; 3]> = lattice.nodes().iter().map(|n| [n[0], 2.0 * n[1], n[2]]).collect();
-    let quality = Quality::of(&lattice, &current);
+    let quality = Quality::measure(&lattice, &current);
     let values: Vec<i32> = quality.regions.iter().map(|region| region.value).collect();
     assert_eq!(values, [-4, 9]);
     assert_eq!(

@@ -11,7 +11,8 @@ const LINE: i32 = 24;
 const GAP: i32 = 12;
 /// Line spacing within a wrapped name, pixels.
 const WRAPPED: i32 = 18;
-/// Characters of a name that fit beside the axes or into half the width of a page, and into its full width: at most 8 pixels each.
+/// Characters of a name that fit beside the axes or into half the width of a page, and into its full width: at most 8
+/// pixels each.
 const HALF: usize = 23;
 const FULL: usize = 52;
 
@@ -19,8 +20,8 @@ const FULL: usize = 52;
 type Key<'a> = (Option<(Marker, RGBAColor)>, &'a str);
 
 impl Plot {
-    /// Draws colours, markers and the front: one below the other beside the axes, or in two columns below them if the names of a part are
-    /// short.
+    /// Draws colours, markers and the front: one below the other beside the axes, or in two columns below them if the
+    /// names of a part are short.
     pub(super) fn legend<'a, DB: DrawingBackend + 'a>(
         &self,
         area: &DrawingArea<DB, Shift>,

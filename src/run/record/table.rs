@@ -20,8 +20,8 @@ const POSE: &str = "probe_x_mm,probe_y_mm,probe_z_mm,probe_qx,probe_qy,probe_qz,
 /// Columns of the tissue force on each of the two points that drive the probe, if it has them.
 const DRIVEN: &str = "driven_1_force_x_n,driven_1_force_y_n,driven_1_force_z_n,\
     driven_2_force_x_n,driven_2_force_y_n,driven_2_force_z_n,";
-/// Columns of a needle guide: commanded and actual posture, lost motion of its slides, and the reading of its force sensor in the base frame of
-/// the needle.
+/// Columns of a needle guide: commanded and actual posture, lost motion of its slides, and the reading of its force
+/// sensor in the base frame of the needle.
 const GUIDE: &str = "command_position_mm,command_posture_deg,command_insertion_mm,\
     guide_position_mm,guide_posture_deg,guide_insertion_mm,lost_1_mm,lost_2_mm,lost_3_mm,\
     sensor_force_x_n,sensor_force_y_n,sensor_force_z_n,sensor_torque_x_nmm,sensor_torque_y_nmm,sensor_torque_z_nmm,";

@@ -181,8 +181,8 @@ fn a_hold_takes_up_a_side_load_and_leaves_the_axis_free() {
     assert!((force + across).norm() < 0.01);
 }
 
-/// After a long lateral offset the force stays within its limit, and vanishes at once on return: the integral has not wound
-/// up.
+/// After a long lateral offset the force stays within its limit, and vanishes at once on return: the integral has not
+/// wound up.
 #[test]
 fn a_hold_pulls_no_harder_than_it_may() {
     let mut hold = LateralHold::new(HOLD).expect("a hold");
@@ -192,7 +192,8 @@ fn a_hold_pulls_no_harder_than_it_may() {
         assert!(pull(40.0).norm() <= HOLD.most_n * (1.0 + 1e-12));
     }
     assert!((pull(40.0) + Vector3::x() * HOLD.most_n).norm() < 1e-12);
-    // On the other side the spring and the integral oppose each other: 5 N at most from before, less 10 N of the spring.
+    // On the other side the spring and the integral oppose each other: 5 N at most from before, less 10 N of the
+    // spring.
     pull(-10.0);
     let force = pull(-10.0);
     assert!(force.x >= HOLD.most_n - 0.2, "{force}");

@@ -1,8 +1,9 @@
-//! Needles measured in CT: motion of the base from markers on a stage and a container, and the shape of the needle (algorithm 1 and
-//! section II-D of Wang et al. 2023).
+//! Needles measured in CT: motion of the base from markers on a stage and a container, and the shape of the needle
+//! (algorithm 1 and section II-D of Wang et al. 2023).
 //!
-//! The frame of the container has its origin in the surface of the tissue, x along the undeflected needle into it, and y along the motion of
-//! the base. The origin of the stage is the base of the needle; at rest its axes are about those of the container.
+//! The frame of the container has its origin in the surface of the tissue, x along the undeflected needle into it, and
+//! y along the motion of the base. The origin of the stage is the base of the needle; at rest its axes are about those
+//! of the container.
 
 use std::path::Path;
 
@@ -39,7 +40,8 @@ impl Design {
     /// Reads a table with the columns `body` (`container` or `stage`), `diameter_mm`, `x_mm`, `y_mm` and `z_mm`.
     ///
     /// # Errors
-    /// [`CsvError`]; also if a body has fewer than four markers or markers of several sizes, or if the bodies have one size.
+    /// [`CsvError`]; also if a body has fewer than four markers or markers of several sizes, or if the bodies have one
+    /// size.
     pub fn read(path: &Path) -> Result<Self, CsvError> {
         let table = Csv::read(path, &COLUMNS, &[])?;
         let (mut centres_mm, mut diameters_mm) = ([Vec::new(), Vec::new()], [0.0; 2]);
@@ -96,7 +98,8 @@ pub struct Scan {
     pub placed: [Placement; 2],
     /// Transform from the stage to the container, mm.
     stage: Isometry3<f64>,
-    /// Centres of the markers of the container in the volume, in the order of the design, mm; `None` for one that is missing.
+    /// Centres of the markers of the container in the volume, in the order of the design, mm; `None` for one that is
+    /// missing.
     container_mm: Vec<Option<Point3<f64>>>,
     /// Centroids of the needle by slice across x, in the frame of the container, mm, along x.
     needle_mm: Vec<Point3<f64>>,
@@ -190,7 +193,8 @@ fn needle(
     }
     let filled = sums.into_iter().filter(|(_, count)| *count > 0);
     let centroids = filled.map(|(sum, count)| Point3::from(sum / count as f64)).collect();
-    // A voxel reaches the threshold from half full on: on average the needle ends half a slice beyond the centre of the last.
+    // A voxel reaches the threshold from half full on: on average the needle ends half a slice beyond the centre of the
+    // last.
     Ok((centroids, last + 0.5 * slice_mm))
 }
 
@@ -224,8 +228,8 @@ pub struct MeasuredNeedle {
     pub shape_mm: Vec<[f64; 2]>,
 }
 
-/// Whether the container has the same pose in two volumes: aligning its markers rigidly reduces their distances by no more than chance
-/// allows (F test, 95 %).
+/// Whether the container has the same pose in two volumes: aligning its markers rigidly reduces their distances by no
+/// more than chance allows (F test, 95 %).
 fn lies_still(rest: &Scan, moved: &Scan) -> bool {
     let pairs = rest.container_mm.iter().zip(&moved.container_mm);
     let (from, to): (Vec<_>, Vec<_>) = pairs.filter_map(|(from, to)| from.zip(*to)).unzip();
@@ -242,8 +246,8 @@ fn lies_still(rest: &Scan, moved: &Scan) -> bool {
     (squares(&Isometry3::identity()) - squares(&pose)) / 6.0 <= F_LIMIT * residual
 }
 
-/// Compares a moved needle with itself at rest. Where the container has the same pose in both volumes, its place at rest counts for both, so that the
-/// errors of its markers cancel in the motion of the base.
+/// Compares a moved needle with itself at rest. Where the container has the same pose in both volumes, its place at
+/// rest counts for both, so that the errors of its markers cancel in the motion of the base.
 ///
 /// # Errors
 /// [`VolumeError`] if base and tip do not lie on either side of the entry.
@@ -302,8 +306,8 @@ pub fn measure(rest: &Scan, moved: &Scan) -> Result<MeasuredNeedle, VolumeError>
     })
 }
 
-/// First crossing of a measured shape with the undeflected needle, mm below the entry; `None` if there is none, or if the needle has not
-/// moved.
+/// First crossing of a measured shape with the undeflected needle, mm below the entry; `None` if there is none, or if
+/// the needle has not moved.
 pub fn crossing(shape_mm: &[[f64; 2]]) -> Option<f64> {
     let largest = shape_mm.iter().fold(0.0, |most: f64, point| most.max(point[1].abs()));
     let inside: Vec<_> = shape_mm
@@ -350,8 +354,8 @@ mod tests {
     use super::*;
     use insonify_base::random::normal;
 
-    /// What a scan without voxels shows of a container at a place, whose markers are off by 0.2 mm (root mean square), and of a base moved along y,
-    /// with markers off by 0.1 mm.
+    /// What a scan without voxels shows of a container at a place, whose markers are off by 0.2 mm (root mean square),
+    /// and of a base moved along y, with markers off by 0.1 mm.
     fn seen(trial: i32, at: &Isometry3<f64>, moved_mm: f64) -> Scan {
         let base = at * Isometry3::translation(-40.0, moved_mm, 0.0);
         let off = |row: usize, mm: f64| {
@@ -383,8 +387,9 @@ mod tests {
         }
     }
 
-    /// By least squares the base of a scan errs by 0.077 mm with the container and by 0.023 mm with the stage (standard deviations): the motion
-    /// between two scans by 0.114 mm, or by 0.032 mm where the container lies still and counts once.
+    /// By least squares the base of a scan errs by 0.077 mm with the container and by 0.023 mm with the stage (standard
+    /// deviations): the motion between two scans by 0.114 mm, or by 0.032 mm where the container lies still and counts
+    /// once.
     #[test]
     fn the_errors_of_a_container_that_lies_still_cancel() {
         const TRIALS: i32 = 60;

@@ -30,8 +30,8 @@ pub fn read(path: &Path) -> Result<Vec<Sample>, CsvError> {
     parse(&bytes, path)
 }
 
-/// Parses points: a header with the columns `stretch` and `stress_kpa` in any order, or no header and these two in this order;
-/// lines that begin with `#` are ignored. `path` is the file name shown in errors.
+/// Parses points: a header with the columns `stretch` and `stress_kpa` in any order, or no header and these two in this
+/// order; lines that begin with `#` are ignored. `path` is the file name shown in errors.
 ///
 /// # Errors
 /// [`CsvError`] if a line is invalid.

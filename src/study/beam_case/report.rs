@@ -50,7 +50,8 @@ pub struct Node {
     pub u: f64,
     /// Slope du/dx.
     pub slope: f64,
-    /// Tissue reaction per length, N/mm, with the sign of the deflection; at the boundary of layers that of the deeper one.
+    /// Tissue reaction per length, N/mm, with the sign of the deflection; at the boundary of layers that of the deeper
+    /// one.
     pub reaction: f64,
 }
 

@@ -1,5 +1,5 @@
-//! Piecewise-linear model of a force over the depth of the needle (Dehghan et al. 2008, Figure 12): for each layer a region in which it is
-//! punctured, and one of normal penetration behind.
+//! Piecewise-linear model of a force over the depth of the needle (Dehghan et al. 2008, Figure 12): for each layer a
+//! region in which it is punctured, and one of normal penetration behind.
 
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
@@ -107,8 +107,9 @@ impl Piecewise {
         Some(model)
     }
 
-    /// Fits slopes and breaks of `regions` regions to points (depth from above 0, mm, rising; force, N): breaks one after another at the best of
-    /// equidistant places, then as [`refined`](Self::refined). `None` if the curve has too few points for this number of regions.
+    /// Fits slopes and breaks of `regions` regions to points (depth from above 0, mm, rising; force, N): breaks one
+    /// after another at the best of equidistant places, then as [`refined`](Self::refined). `None` if the curve has too
+    /// few points for this number of regions.
     pub fn fit(curve: &[[f64; 2]], regions: usize) -> Option<Self> {
         let end = curve.last()?[0];
         let mut best = Self::through(curve, &[])?;
@@ -121,7 +122,8 @@ impl Piecewise {
             });
             tried.min_by(|a, b| a.rms_n.total_cmp(&b.rms_n))
         };
-        // The residual has many minima in the breaks: each is sought over the whole curve before all are refined together.
+        // The residual has many minima in the breaks: each is sought over the whole curve before all are refined
+        // together.
         while best.breaks_mm.len() + 1 < regions {
             best = fitted(&best.breaks_mm)?;
             for _ in 0..MAX_SWEEPS {
@@ -141,7 +143,8 @@ impl Piecewise {
         best.refined(curve)
     }
 
-    /// Fits all breaks together by Nelder and Mead's method, starting from those of `self`; the slopes follow by least squares each time.
+    /// Fits all breaks together by Nelder and Mead's method, starting from those of `self`; the slopes follow by least
+    /// squares each time.
     pub fn refined(&self, curve: &[[f64; 2]]) -> Option<Self> {
         let count = self.breaks_mm.len();
         let start = Self::through(curve, &self.breaks_mm);
@@ -163,7 +166,8 @@ impl Piecewise {
             .min_by(|a, b| a.rms_n.total_cmp(&b.rms_n))
     }
 
-    /// Why the curve does not have these regions, if it does not: a slope that is not positive, or a break that it does not need.
+    /// Why the curve does not have these regions, if it does not: a slope that is not positive, or a break that it does
+    /// not need.
     pub fn doubt(&self, curve: &[[f64; 2]]) -> Option<String> {
         let mm = |[start, end]: [f64; 2]| format!("{start:.1} to {end:.1} mm");
         if let Some(index) = self.slopes_n_per_mm.iter().position(|slope| *slope <= 0.0) {

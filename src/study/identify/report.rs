@@ -190,8 +190,8 @@ impl Identification {
         Plot::new("Measured and simulated force", x, y, series)
     }
 
-    /// Places of the points in the plane of the needle's direction and the direction across in which they are spread most, with the deepest
-    /// needle; only measured components of the displacement.
+    /// Places of the points in the plane of the needle's direction and the direction across in which they are spread
+    /// most, with the deepest needle; only measured components of the displacement.
     fn figure_15(&self, result: &Identified) -> Option<Plot> {
         let motion = self.data.motion.as_ref()?;
         let (simulated, measured) = (result.course.moved_mm.last()?, motion.measured_mm.last()?);

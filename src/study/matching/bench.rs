@@ -17,22 +17,27 @@ use insonify_tracking::probe::{BeamGrid, ImageGrid, Linear, Probe, ProbeShape};
 
 /// Size of a window in scanlines and samples.
 pub(super) const WINDOW: [usize; 2] = [48, 40];
-/// Radius of the array, as a share of the far radius, below which a fan that shows no array counts as starting in one point.
+/// Radius of the array, as a share of the far radius, below which a fan that shows no array counts as starting in one
+/// point.
 const PHASED: f64 = 0.05;
-/// Ratio of rendered to measured scanlines and samples (measured a pixel apart): scan conversion would blur coarser grids.
+/// Ratio of rendered to measured scanlines and samples (measured a pixel apart): scan conversion would blur coarser
+/// grids.
 const FINER: f64 = 1.5;
 /// Maximum number of rendered scanlines and samples.
 const FINEST: [f64; 2] = [1024.0, 2048.0];
-/// Number of phantoms per round, with different speckle: with only as many windows as the frame they would scatter as much.
+/// Number of phantoms per round, with different speckle: with only as many windows as the frame they would scatter as
+/// much.
 const PHANTOMS: u64 = 3;
 /// Number of depths with windows.
 pub(super) const DEPTHS: usize = 5;
 /// Number of windows at each depth.
 pub(super) const WINDOWS: usize = 5;
-/// Accepted mean grey levels of windows: in-vivo frames have a median of 18 to 24, and much of a darker window is black.
+/// Accepted mean grey levels of windows: in-vivo frames have a median of 18 to 24, and much of a darker window is
+/// black.
 const GREY: [f64; 2] = [20.0, 200.0];
-/// Largest unevenness of a uniform window: range of means, plus range of standard deviations, of its quarters, in its own standard
-/// deviations. Quarters of 20 to 30 speckle cells range over 0.7 by chance, steps and layers over 1.5 and more.
+/// Largest unevenness of a uniform window: range of means, plus range of standard deviations, of its quarters, in its
+/// own standard deviations. Quarters of 20 to 30 speckle cells range over 0.7 by chance, steps and layers over 1.5 and
+/// more.
 pub(super) const UNEVEN: f64 = 1.3;
 
 /// A real frame and its measurement grid.
@@ -143,7 +148,8 @@ impl<'a> Bench<'a> {
         (self.grid.samples() / (WINDOW[1] + 8)).clamp(1, DEPTHS)
     }
 
-    /// Resamples a frame to scanlines by samples, with a mask of those inside the sector of the real frame and not under its overlay.
+    /// Resamples a frame to scanlines by samples, with a mask of those inside the sector of the real frame and not
+    /// under its overlay.
     pub(super) fn beam(&self, frame: &Picture) -> (Picture, Vec<bool>) {
         let (lines, samples) = (self.grid.lines(), self.grid.samples());
         let (mut grey, mut inside) = (Vec::with_capacity(lines * samples), Vec::with_capacity(lines * samples));
@@ -269,7 +275,8 @@ impl<'a> Bench<'a> {
     }
 }
 
-/// Returns the range of means, plus the range of standard deviations, of the quarters of a window, in its own standard deviations.
+/// Returns the range of means, plus the range of standard deviations, of the quarters of a window, in its own standard
+/// deviations.
 pub(super) fn unevenness(patch: &Patch) -> f64 {
     let (width, height) = (patch.width / 2, patch.height / 2);
     let quarters = [(0, 0), (width, 0), (0, height), (width, height)];

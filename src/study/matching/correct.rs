@@ -130,7 +130,8 @@ impl Bench<'_> {
             windows,
         };
         findings.fades = dark.estimate(model, findings.bound_db);
-        // Logarithms, sparse echoes and black bias a mean grey against the power: the remainder is corrected with the echo-free phantom.
+        // Logarithms, sparse echoes and black bias a mean grey against the power: the remainder is corrected with the
+        // echo-free phantom.
         for _ in 0..DARK_ROUNDS {
             if dark.windows.iter().all(Vec::is_empty) {
                 break;

@@ -47,7 +47,8 @@ impl Model {
         }
     }
 
-    /// Returns the frequency whose default point spread has this axial length, MHz, limited to the range of clinical probes.
+    /// Returns the frequency whose default point spread has this axial length, MHz, limited to the range of clinical
+    /// probes.
     fn frequency_mhz(&self) -> f64 {
         rounded((point_spread::AXIAL_MM / self.axial_mm).clamp(1.0, 20.0))
     }

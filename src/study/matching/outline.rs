@@ -6,7 +6,8 @@ use std::f64::consts::FRAC_PI_2;
 use nalgebra::{SMatrix, SVector};
 use serde::Serialize;
 
-/// Distance from the picture's edge within which the mask's rim is ignored, pixels: the sector may continue beyond the picture.
+/// Distance from the picture's edge within which the mask's rim is ignored, pixels: the sector may continue beyond the
+/// picture.
 const RIM_PX: usize = 4;
 /// Bin width for the votes of rim points on radii and angles, pixels.
 const BIN_PX: f64 = 3.0;
@@ -16,8 +17,8 @@ const MAX_POINTS: usize = 600;
 const TRIAL_APICES: [usize; 2] = [33, 48];
 /// Largest height of a trial apex above the top of the mask, heights of the mask.
 const MAX_APEX_HEIGHTS: f64 = 6.0;
-/// Distances within which rim points count as on the outline in successive refinements, pixels: from the resolution of the votes down to
-/// that of the mask.
+/// Distances within which rim points count as on the outline in successive refinements, pixels: from the resolution of
+/// the votes down to that of the mask.
 const NEAR_PX: [f64; 8] = [12.0, 8.0, 6.0, 4.0, 3.0, 2.0, 1.5, 1.5];
 /// Least cosine of the angle between the inward direction at a rim point and that of an edge.
 const MIN_COSINE: f64 = 0.75;
@@ -27,8 +28,8 @@ const MIN_SEEN_SHARE: f64 = 0.2;
 const MIN_HALF_ANGLE: f64 = 0.17;
 /// Largest share of the mask that may lie beyond an edge.
 const MAX_BEYOND_SHARE: f64 = 0.05;
-/// Least share of a rectangle that its mask must fill, and the stricter share if its left or right side is neither seen nor cropped by the
-/// picture.
+/// Least share of a rectangle that its mask must fill, and the stricter share if its left or right side is neither seen
+/// nor cropped by the picture.
 const MIN_FILLED_SHARES: [f64; 2] = [0.5, 0.9];
 
 /// Shape of a sector in pixels: pixel centres have integer coordinates, rows run downwards, the array is at the top.
@@ -48,7 +49,8 @@ pub enum Shape {
         apex: [f64; 2],
         /// Radii of the array and of the far edge.
         radii: [f64; 2],
-        /// Angle between the vertical and the last scanline on either side, radians, at most half a right angle short of a half turn.
+        /// Angle between the vertical and the last scanline on either side, radians, at most half a right angle short
+        /// of a half turn.
         half: f64,
     },
 }
@@ -59,7 +61,8 @@ pub struct Outline {
     /// Shape of the sector.
     #[serde(flatten)]
     pub shape: Shape,
-    /// Whether the array, the far edge and the sides were found as edges of the mask; the others are placed at its extent.
+    /// Whether the array, the far edge and the sides were found as edges of the mask; the others are placed at its
+    /// extent.
     pub seen: [bool; 3],
 }
 
@@ -180,7 +183,8 @@ fn polar(apex: [f64; 2], x: f64, y: f64) -> [f64; 2] {
     [(x - apex[0]).hypot(y - apex[1]), (x - apex[0]).atan2(y - apex[1])]
 }
 
-/// Returns the edge that a rim point may lie on, judged by its inward direction: 0 for the array, 1 for the far edge, 2 for a side.
+/// Returns the edge that a rim point may lie on, judged by its inward direction: 0 for the array, 1 for the far edge, 2
+/// for a side.
 fn edge_of(angle: f64, p: RimPoint) -> Option<usize> {
     let (sine, cosine) = angle.sin_cos();
     let (along, across) = (p[2] * sine + p[3] * cosine, p[2] * cosine - p[3] * sine);
@@ -195,7 +199,8 @@ fn distance(fan: FanParameters, edge: usize, p: RimPoint) -> f64 {
     [near - radius, radius - far, radius * (angle.abs() - half)][edge]
 }
 
-/// Returns the nearest edge to a point and its signed distance, if that is less than `max_distance` and the point lies alongside the edge.
+/// Returns the nearest edge to a point and its signed distance, if that is less than `max_distance` and the point lies
+/// alongside the edge.
 fn nearest(fan: FanParameters, p: RimPoint, max_distance: f64) -> Option<(usize, f64)> {
     let [radius, angle] = polar([fan[0], fan[1]], p[0], p[1]);
     let edge = edge_of(angle, p)?;
@@ -271,7 +276,8 @@ fn fan(rim: &[RimPoint], inside: &[[f64; 2]], size: [usize; 2]) -> Option<(Outli
     ))
 }
 
-/// Finds the fan whose radii and angle get the most votes over a lattice of apices (P. V. C. Hough, US patent 3,069,654, 1962).
+/// Finds the fan whose radii and angle get the most votes over a lattice of apices (P. V. C. Hough, US patent
+/// 3,069,654, 1962).
 fn guessed(voters: &[RimPoint]) -> Option<FanParameters> {
     let bound = |axis: usize, extreme: fn(f64, f64) -> f64| voters.iter().map(|p| p[axis]).reduce(extreme);
     let [left, top] = [bound(0, f64::min)?, bound(1, f64::min)?];

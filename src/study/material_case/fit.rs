@@ -1,5 +1,6 @@
-//! Parameters of tissue from measurements of a rheometer, after Kobayashi et al. 2010 (section 3.1): order and modulus of a
-//! spring-pot from storage and loss moduli (figure 7), modulus, knee and stiffening from creep (equations 2 and 3, figure 8).
+//! Parameters of tissue from measurements of a rheometer, after Kobayashi et al. 2010 (section 3.1): order and modulus
+//! of a spring-pot from storage and loss moduli (figure 7), modulus, knee and stiffening from creep (equations 2 and 3,
+//! figure 8).
 
 mod curve;
 mod measured;
@@ -82,9 +83,10 @@ pub struct MaterialFit {
 }
 
 impl MaterialFit {
-    /// Fits measurements. Creep is evaluated with the given order, else with that from the moduli, else with that of the strain in the test of
-    /// the least stress, `gamma ~ t^k`. Equation 2 assumes that the current stiffness divides the integral of the entire load history (`load-integral`); for `rate` the
-    /// parameters are corrected until simulated creep, evaluated in the same way, gives what the measurements give.
+    /// Fits measurements. Creep is evaluated with the given order, else with that from the moduli, else with that of
+    /// the strain in the test of the least stress, `gamma ~ t^k`. Equation 2 assumes that the current stiffness divides
+    /// the integral of the entire load history (`load-integral`); for `rate` the parameters are corrected until
+    /// simulated creep, evaluated in the same way, gives what the measurements give.
     ///
     /// # Errors
     /// The reason, for the user, if the measurements do not determine the parameters.

@@ -1,5 +1,5 @@
-//! Virtual rheometer, after the measurements of Kobayashi et al. 2010 (section 3.1): a sine at many frequencies (figure 7), creep at
-//! many stresses (section 3.1.2), and the stiffness derived from creep against strain (figure 8).
+//! Virtual rheometer, after the measurements of Kobayashi et al. 2010 (section 3.1): a sine at many frequencies (figure
+//! 7), creep at many stresses (section 3.1.2), and the stiffness derived from creep against strain (figure 8).
 
 use std::f64::consts::TAU;
 use std::fmt;
@@ -72,7 +72,8 @@ const CREEP_CURVES: usize = 5;
 const STIFFNESS_STRESSES: usize = 16;
 
 impl MaterialCase {
-    /// Measures the material. Creep depends only on its knee and structure; the sine is as small as in Kobayashi et al. 2010.
+    /// Measures the material. Creep depends only on its knee and structure; the sine is as small as in Kobayashi et
+    /// al. 2010.
     ///
     /// # Errors
     /// [`InputError`] if stress or strain overflows.
@@ -221,7 +222,8 @@ impl Rheometer {
         self.dynamic.iter().map(error).fold(0.0, f64::max)
     }
 
-    /// Tables of moduli and creep as a rheometer exports them, each with the stem of its file: `insonify material fit` reads them.
+    /// Tables of moduli and creep as a rheometer exports them, each with the stem of its file: `insonify material fit`
+    /// reads them.
     pub fn tables(&self) -> [(&'static str, Table); 2] {
         let moduli = self.dynamic.iter().map(|dynamic| {
             let [storage, loss] = dynamic.measured_kpa;

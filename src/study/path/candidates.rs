@@ -1,4 +1,5 @@
-//! Lines to a target: from the places where needles may enter, without those that lead too near to what must not be hit.
+//! Lines to a target: from the places where needles may enter, without those that lead too near to what must not be
+//! hit.
 
 use nalgebra::{Point3, Vector3};
 
@@ -189,7 +190,8 @@ impl<'a> Entries<'a> {
         surface
     }
 
-    /// Directions from entries spread evenly: the nearest to the target first, then each the farthest from those before it.
+    /// Directions from entries spread evenly: the nearest to the target first, then each the farthest from those before
+    /// it.
     fn spread(&self, points: Vec<Point3<f64>>, region_name: &str) -> Result<Vec<Vector3<f64>>, Error> {
         let nearest = points
             .iter()
@@ -246,7 +248,7 @@ impl<'a> Entries<'a> {
                 return Some(UNMESHED);
             }
         }
-        let course = around.of(&[*entry, self.target]);
+        let course = around.obstacles(&[*entry, self.target]);
         let least = self.options.clearance_mm;
         [
             (course.leaves, LEAVES),
@@ -300,7 +302,7 @@ impl<'a> Entries<'a> {
         // Where the needle cut the tissue, in the tissue at rest: that is where the deformed needle lies in it.
         let mut cut = vec![entry];
         cut.extend(path.last.samples.iter().filter_map(|sample| sample.tip_at_rest_mm));
-        let [straight, cut] = [&[entry, self.target][..], &cut].map(|points| around.of(points));
+        let [straight, cut] = [&[entry, self.target][..], &cut].map(|points| around.obstacles(points));
         let least = self.options.clearance_mm;
         if cut.bone_mm < least || cut.bone_mm == 0.0 {
             candidate.excluded = Some(DEFORMED_BONE);

@@ -1,10 +1,11 @@
 //! Correction of a line for the displacement of its target.
 //!
-//! The needle is pivoted about its entry and sent deeper or less deep until its tip meets the target in the deformed tissue. Each run goes on
-//! until the tip passes the target; the remaining distance across the needle turns the line by a damped fixed point, P' = P + c m with the miss
-//! m at P, or, for needles that bend or have a bevel, by a Gauss-Newton step with the derivatives of m by both angles, from two more runs.
-//! Where a surface gives way so that the tip leaps past the target, the needle is drawn back to it. A last run to the end of the motion found
-//! measures the miss, which the same steps, along the needle too, then reduce.
+//! The needle is pivoted about its entry and sent deeper or less deep until its tip meets the target in the deformed
+//! tissue. Each run goes on until the tip passes the target; the remaining distance across the needle turns the line by
+//! a damped fixed point, P' = P + c m with the miss m at P, or, for needles that bend or have a bevel, by a
+//! Gauss-Newton step with the derivatives of m by both angles, from two more runs. Where a surface gives way so that
+//! the tip leaps past the target, the needle is drawn back to it. A last run to the end of the motion found measures
+//! the miss, which the same steps, along the needle too, then reduce.
 
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 use serde::Serialize;
@@ -253,7 +254,8 @@ impl Search<'_> {
         })
     }
 
-    /// Runs to the end of a motion, and moves that by the miss until it is within the tolerance; returns the best motion.
+    /// Runs to the end of a motion, and moves that by the miss until it is within the tolerance; returns the best
+    /// motion.
     fn land(&mut self, start: Course, tolerance_mm: f64) -> Result<(Course, Trial), Error> {
         let mut course = start;
         let mut best: Option<(f64, Course, Trial, Vector3<f64>)> = None;
@@ -321,7 +323,8 @@ struct Met {
     aside: Vector3<f64>,
 }
 
-/// Interpolates between the last two samples, of which the last is the first beyond the target in the direction of travel.
+/// Interpolates between the last two samples, of which the last is the first beyond the target in the direction of
+/// travel.
 fn met(samples: &[Sample], direction: &Vector3<f64>) -> Met {
     let ahead = |sample: &Sample| sample.miss().dot(direction);
     let aside = |sample: &Sample| sample.miss() - direction * ahead(sample);

@@ -25,7 +25,8 @@ fn best(plan: &PathPlan) -> &Corrected {
     plan.best().unwrap().1
 }
 
-/// Stiffer tissue moves less under the same forces of the needle, here 1000 times less: the path is straight and misses nothing.
+/// Stiffer tissue moves less under the same forces of the needle, here 1000 times less: the path is straight and misses
+/// nothing.
 #[test]
 fn stiff_tissue_gives_a_straight_path() {
     let stiff = [
@@ -46,8 +47,8 @@ fn stiff_tissue_gives_a_straight_path() {
     }
 }
 
-/// The middle of the vein, which the needle flattens before it breaks its wall: missed by millimetres, then met, in the solid and in
-/// its section. The same on one thread and on two.
+/// The middle of the vein, which the needle flattens before it breaks its wall: missed by millimetres, then met, in the
+/// solid and in its section. The same on one thread and on two.
 #[test]
 fn the_middle_of_the_vein_is_met() {
     let scenario = liver(&[]);
@@ -118,8 +119,8 @@ impl Observer for Last {
     }
 }
 
-/// Linear homogeneous tissue, its sides held alike, with the needle on the axis of symmetry: the target moves along the needle, and the
-/// correction is one of depth alone.
+/// Linear homogeneous tissue, its sides held alike, with the needle on the axis of symmetry: the target moves along the
+/// needle, and the correction is one of depth alone.
 #[test]
 fn symmetry_leaves_the_direction() {
     let changes = [
@@ -173,7 +174,8 @@ const LINEAR: [(&str, &str); 6] = [
     ("cutting_n = 0.15", "cutting_n = 0.3"),
 ];
 
-/// A needle that bends, and one whose bevel takes it aside by millimetres, are turned until they meet the target; so is one that does both.
+/// A needle that bends, and one whose bevel takes it aside by millimetres, are turned until they meet the target; so is
+/// one that does both.
 #[test]
 fn needles_that_bend_meet_the_target() {
     for (needle, turn_deg) in [

@@ -1,10 +1,10 @@
-//! Fit of the slice's modulus, knee and stiffening to a measured needle force (section 4.2.2 of Kobayashi et al. 2010, which fitted E0, e0
-//! and a by hand).
+//! Fit of the slice's modulus, knee and stiffening to a measured needle force (section 4.2.2 of Kobayashi et al. 2010,
+//! which fitted E0, e0 and a by hand).
 //!
-//! Only the first push is used, until the force drops, as in Kobayashi et al. 2010. All forces of the slice are proportional to the
-//! modulus: it follows from knee and stiffening by linear least squares, and these two are fitted by the Levenberg-Marquardt method,
-//! starting from the options. A curve that stays straight, or bends slowly, does not distinguish the two: the result states how well it
-//! fits, not that no other would.
+//! Only the first push is used, until the force drops, as in Kobayashi et al. 2010. All forces of the slice are
+//! proportional to the modulus: it follows from knee and stiffening by linear least squares, and these two are fitted
+//! by the Levenberg-Marquardt method, starting from the options. A curve that stays straight, or bends slowly, does not
+//! distinguish the two: the result states how well it fits, not that no other would.
 
 use std::path::Path;
 
@@ -63,8 +63,8 @@ pub struct PunctureFit {
     pub iterations: usize,
 }
 
-/// Reads a curve from a CSV file whose header includes the columns `travel_mm` (ascending) and `force_n`, such as the table that `insonify
-/// puncture` writes.
+/// Reads a curve from a CSV file whose header includes the columns `travel_mm` (ascending) and `force_n`, such as the
+/// table that `insonify puncture` writes.
 ///
 /// # Errors
 /// [`CsvError`](insonify_base::csv::CsvError) if the file cannot be read or is malformed.
@@ -81,7 +81,8 @@ pub fn read(path: &Path) -> Result<Vec<ForceSample>, Error> {
     Ok(samples)
 }
 
-/// Fits the slice to a curve, starting from the options' knee and stiffening. `progress` receives the completed fraction.
+/// Fits the slice to a curve, starting from the options' knee and stiffening. `progress` receives the completed
+/// fraction.
 ///
 /// # Errors
 /// [`Error`] for a curve with too few points before the force drops, and if the slice cannot be solved.

@@ -23,8 +23,8 @@ const VEIN_DEPTH_MM: f64 = 26.0;
 /// Semi-axes of the vein, across and along the needle, mm.
 const VEIN_MM: [f64; 2] = [10.0, 6.0];
 
-/// Modulus of blood as a share of the liver's. Blood moves away along the vein, out of the slice: it is soft and does not preserve its
-/// volume. A relative modulus keeps all forces proportional to the liver's.
+/// Modulus of blood as a share of the liver's. Blood moves away along the vein, out of the slice: it is soft and does
+/// not preserve its volume. A relative modulus keeps all forces proportional to the liver's.
 const BLOOD_SHARE: f64 = 0.01;
 /// Relative strain from which blood stiffens: little of the vein's height is left, its walls touch.
 const CLOSED_STRAIN: f64 = 0.7;
@@ -141,8 +141,9 @@ fn radius(p: [f64; 2], centre: [f64; 2]) -> f64 {
     ((p[0] - centre[0]) / VEIN_MM[0]).hypot((p[1] - centre[1]) / VEIN_MM[1])
 }
 
-/// Returns the heights of a column's nodes: evenly spaced from the lower to the upper outline, except for two on the vein's wall where the
-/// column crosses it. Triangles have a vertical edge and a corner in the next column, so none inverts as long as nodes keep their order.
+/// Returns the heights of a column's nodes: evenly spaced from the lower to the upper outline, except for two on the
+/// vein's wall where the column crosses it. Triangles have a vertical edge and a corner in the next column, so none
+/// inverts as long as nodes keep their order.
 fn heights(x: f64, centre: [f64; 2]) -> Vec<f64> {
     let [low, high] = outline(x);
     let row = (high - low) / CELLS[1] as f64;

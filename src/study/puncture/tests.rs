@@ -6,7 +6,8 @@ use insonify_base::range::OutOfRange;
 use insonify_mechanics::insertion::InvalidSetup;
 use insonify_mechanics::tissue::nonlinear::NonlinearError;
 
-/// The needle's force rises faster than linearly up to the capsule, drops, rises, and drops at the vein, which has flattened.
+/// The needle's force rises faster than linearly up to the capsule, drops, rises, and drops at the vein, which has
+/// flattened.
 #[test]
 fn the_curve_has_its_shape() {
     let options = PunctureOptions {

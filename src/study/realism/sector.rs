@@ -1,4 +1,5 @@
-//! Detection of the sector (the part of a frame that shows echoes) and of the array face at its top, from the frame alone.
+//! Detection of the sector (the part of a frame that shows echoes) and of the array face at its top, from the frame
+//! alone.
 
 use super::picture::Picture;
 
@@ -12,14 +13,16 @@ pub const BLACK: f64 = 2.0;
 const PROPOSED: usize = 40;
 /// Distance from the outline within which a column agrees with it, pixels.
 const NEAR_PX: f64 = 1.5;
-/// Second divided difference (half the curvature) up to which an outline counts as straight, 1/pixel: a radius of 1000 pixels.
+/// Second divided difference (half the curvature) up to which an outline counts as straight, 1/pixel: a radius of 1000
+/// pixels.
 const MAX_CURVATURE: f64 = 5e-4;
 /// Largest slope of an array outline at the middle of the sector.
 const MAX_SLOPE: f64 = 0.25;
 
-/// Finds the pixels in the sector: the largest 4-connected region in which grey levels vary (by more than 2 within 5 x 5 pixels, without
-/// coloured overlay), its holes filled, less the 2 pixels that the square adds at its rim. Constant fill and detached text are outside; so
-/// is a constant part of the sector that reaches its rim. Returns `None` if nothing varies.
+/// Finds the pixels in the sector: the largest 4-connected region in which grey levels vary (by more than 2 within 5 x
+/// 5 pixels, without coloured overlay), its holes filled, less the 2 pixels that the square adds at its rim. Constant
+/// fill and detached text are outside; so is a constant part of the sector that reaches its rim. Returns `None` if
+/// nothing varies.
 pub fn sector(picture: &Picture) -> Option<Vec<bool>> {
     let size = [picture.width, picture.height];
     let low = spread(&spread(&picture.grey, size, 1, f64::min), size, picture.width, f64::min);
@@ -98,9 +101,9 @@ pub(super) fn regions(mask: &[bool], width: usize) -> Vec<Vec<usize>> {
     regions
 }
 
-/// Returns the share of the first `depth_mm` below the array that is black or outside the sector. The outline of the array is the line, or
-/// downward-bulging arc, that most upper ends of the sector's columns lie on; only scanlines that meet the sector further down count.
-/// `None` if no outline fits a fifth of the columns.
+/// Returns the share of the first `depth_mm` below the array that is black or outside the sector. The outline of the
+/// array is the line, or downward-bulging arc, that most upper ends of the sector's columns lie on; only scanlines that
+/// meet the sector further down count. `None` if no outline fits a fifth of the columns.
 pub(crate) fn empty_share(picture: &Picture, mask: &[bool], depth_mm: f64) -> Option<f64> {
     let (width, mm) = (picture.width, picture.mm?);
     let column = |x: usize| (0..picture.height).map(move |y| y * width + x);
@@ -225,13 +228,14 @@ const PROFILE_PX: usize = 12;
 pub struct Edge {
     /// Distance along the columns over which the mean profile across the boundary rises from 10 % to 90 %, pixels.
     pub width: f64,
-    /// Mean distance of the boundary in a column from the mean of its neighbours, pixels, a measure of voxel staircases. `None` if no three
-    /// columns are adjacent.
+    /// Mean distance of the boundary in a column from the mean of its neighbours, pixels, a measure of voxel
+    /// staircases. `None` if no three columns are adjacent.
     pub jaggedness: Option<f64>,
 }
 
-/// Measures the far boundary of the dark region with the longest one. Dark means below half the sector's mean after a mean over 3 x 3
-/// pixels; beyond the boundary it must be 1.5 times as bright. `None` if no boundary extends over 16 columns.
+/// Measures the far boundary of the dark region with the longest one. Dark means below half the sector's mean after a
+/// mean over 3 x 3 pixels; beyond the boundary it must be 1.5 times as bright. `None` if no boundary extends over 16
+/// columns.
 pub fn edge(picture: &Picture, mask: &[bool]) -> Option<Edge> {
     let (width, height) = (picture.width, picture.height);
     let limit = dark_limit(picture, mask);

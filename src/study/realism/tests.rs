@@ -93,7 +93,8 @@ fn rayleigh_speckle_has_its_moments_and_widths() {
         .map(|seed| patch(side, side, speckle(side, side, sigma, seed)).texture())
         .collect();
     let average = |measure: &dyn Fn(&Texture) -> f64| mean(&textures.iter().map(measure).collect::<Vec<f64>>());
-    // A speckle cell has 4 pi sigma sigma pixels, so there are 8 * 128^2 / 56 = 2300: the standard error of the first is 0.028.
+    // A speckle cell has 4 pi sigma sigma pixels, so there are 8 * 128^2 / 56 = 2300: the standard error of the first
+    // is 0.028.
     near(
         "SNR before log",
         average(&|g| g.snr_linear),
@@ -103,7 +104,8 @@ fn rayleigh_speckle_has_its_moments_and_widths() {
     near("Nakagami m", average(&|g| g.nakagami), 1.0, 0.06);
     near("log std, dB", average(&|g| g.std) * RANGE_DB / 255.0, 5.57, 0.15);
     near("log skewness", average(&|g| g.skewness), -1.14, 0.1);
-    // The correlation of log intensity is Li2(rho^2) / Li2(1), where rho = exp(-lag^2 / (4 sigma^2)) is that of the field.
+    // The correlation of log intensity is Li2(rho^2) / Li2(1), where rho = exp(-lag^2 / (4 sigma^2)) is that of the
+    // field.
     let li2 = |x: f64| (1..400).map(|k| x.powi(k) / f64::from(k * k)).sum::<f64>();
     let (mut low, mut high) = (0.0, 1.0);
     for _ in 0..60 {
@@ -244,7 +246,8 @@ fn the_sector_is_the_largest_varying_region_without_overlay() {
 
 #[test]
 fn emptiness_below_the_array_is_counted() {
-    // Curved array of 60 mm radius and 60 degrees, 50 mm deep, at 0.5 mm per pixel; left of the given angle the first 4 mm are empty.
+    // Curved array of 60 mm radius and 60 degrees, 50 mm deep, at 0.5 mm per pixel; left of the given angle the first 4
+    // mm are empty.
     let frame = |empty_up_to_deg: f64| {
         picture(240, 140, |x, y| {
             let (dx, dy) = (0.5 * (x as f64 - 120.0), 0.5 * y as f64 + 52.0 - 5.0);
@@ -270,7 +273,8 @@ fn emptiness_below_the_array_is_counted() {
 fn the_far_edge_of_a_dark_region_has_its_width() {
     // In the last case, half the mean of the sector, where the boundary is found, lies above a tenth of the rise.
     for (sigma, beyond, elsewhere) in [(1.5, 120.0, 120.0), (3.0, 120.0, 120.0), (2.0, 240.0, 60.0)] {
-        // Dark from row 60 to the boundary at row 120, which a Gaussian blurs: 10 to 90 % over 2.563 standard deviations.
+        // Dark from row 60 to the boundary at row 120, which a Gaussian blurs: 10 to 90 % over 2.563 standard
+        // deviations.
         let rise = |y: f64| 0.5 * (1.0 + libm::erf((y - 120.0) / (sigma * 2f64.sqrt())));
         let frame = picture(200, 200, |x, y| {
             let dark = (60..150).contains(&y) && (50..150).contains(&x);
@@ -286,7 +290,8 @@ fn the_far_edge_of_a_dark_region_has_its_width() {
         near("10-90 %", edge.width, 2.563 * sigma, 0.1 * 2.563 * sigma);
         assert!(edge.jaggedness.expect("neighbours") < 0.15);
     }
-    // Teeth of one pixel in every other column, of which the mean over 3 x 3 leaves a third, to either side of the mean.
+    // Teeth of one pixel in every other column, of which the mean over 3 x 3 leaves a third, to either side of the
+    // mean.
     let teeth = picture(200, 200, |x, y| {
         if (60..120 + x % 2).contains(&y) && (50..150).contains(&x) {
             20.0 + normal(x, y, 4)[0]

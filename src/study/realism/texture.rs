@@ -57,7 +57,8 @@ pub struct Texture {
     pub snr_log: f64,
     /// Ratio of mean to standard deviation of the echo amplitude at [`RANGE_DB`]; 1.91 in fully developed speckle.
     pub snr_linear: f64,
-    /// Nakagami's m, the squared mean over the variance of the echo intensity at [`RANGE_DB`]; 1 in fully developed speckle.
+    /// Nakagami's m, the squared mean over the variance of the echo intensity at [`RANGE_DB`]; 1 in fully developed
+    /// speckle.
     pub nakagami: f64,
     /// Autocorrelation of the grey levels at lags of 0, 1, 2, ... pixels.
     pub autocorrelation: [Vec<f64>; 2],
@@ -124,8 +125,9 @@ impl Patch {
         products.sum::<f64>() / count as f64 / variance
     }
 
-    /// Returns contrast and correlation of the symmetric co-occurrence matrix (R. M. Haralick et al., IEEE Transactions on Systems, Man,
-    /// and Cybernetics 3 (1973) 610) of pixels `dx` columns and `dy` rows apart, in 32 levels over 6 standard deviations.
+    /// Returns contrast and correlation of the symmetric co-occurrence matrix (R. M. Haralick et al., IEEE Transactions
+    /// on Systems, Man, and Cybernetics 3 (1973) 610) of pixels `dx` columns and `dy` rows apart, in 32 levels over 6
+    /// standard deviations.
     fn co_occurrence(&self, [dx, dy]: [usize; 2]) -> [f64; 2] {
         let (middle, spread) = (mean(&self.values), std(&self.values));
         let level = |pixel: usize| {
@@ -156,7 +158,8 @@ impl Patch {
         let mut rows: Vec<Complex32> = (0..width * height)
             .map(|n| (windowed(n % width, n / width) as f32).into())
             .collect();
-        // Lines of a transform lie one after another in memory: transposed between the two axes, and back when the power is read.
+        // Lines of a transform lie one after another in memory: transposed between the two axes, and back when the
+        // power is read.
         Fft::new(width).forward(&mut rows);
         let mut columns: Vec<Complex32> = (0..width * height)
             .map(|n| rows[n % height * width + n / height])
@@ -225,8 +228,8 @@ impl Patch {
         }
     }
 
-    /// Returns the standard deviation of the means of `across` x `across` equal blocks, a linear trend along depth removed, dB at
-    /// [`RANGE_DB`].
+    /// Returns the standard deviation of the means of `across` x `across` equal blocks, a linear trend along depth
+    /// removed, dB at [`RANGE_DB`].
     pub(crate) fn block_spread_db(&self, across: usize) -> f64 {
         let block = |column: usize, row: usize| {
             let [x, y] = [column * self.width / across, row * self.height / across];
@@ -344,8 +347,9 @@ fn first_separate(
     chosen
 }
 
-/// Selects the most uniform windows of a size in the sector: those whose quarters differ least in mean and in standard deviation, both
-/// added and relative to the mean. Their mean is in `grey`, at most 2 % of them is black or white, and they are half a window apart.
+/// Selects the most uniform windows of a size in the sector: those whose quarters differ least in mean and in standard
+/// deviation, both added and relative to the mean. Their mean is in `grey`, at most 2 % of them is black or white, and
+/// they are half a window apart.
 pub(crate) fn uniform_windows(
     picture: &Picture,
     mask: &[bool],
@@ -362,8 +366,9 @@ pub(crate) fn uniform_windows(
     first_separate(windows.map(chosen_by).collect(), max_windows, are_separate)
 }
 
-/// Selects the darkest windows of a size in the sector that show texture: mean below half that of the sector, standard deviation of at
-/// least one grey level, at most half black, and unevenness (see [`uniform_windows`]) of at most 1. They do not overlap.
+/// Selects the darkest windows of a size in the sector that show texture: mean below half that of the sector, standard
+/// deviation of at least one grey level, at most half black, and unevenness (see [`uniform_windows`]) of at most 1.
+/// They do not overlap.
 pub(crate) fn dark_windows(picture: &Picture, mask: &[bool], size: [usize; 2], max_windows: usize) -> Vec<Window> {
     let limit = dark_limit(picture, mask);
     let fits = |window: &WindowStatistics| {

@@ -31,7 +31,8 @@ const TRIES: usize = 2000;
 const APPROACH_MM: f64 = 10.0;
 /// Largest turn of the probe from its pose in the scenario, degrees: farther, the array would leave the skin.
 const TURN_DEG: f64 = 35.0;
-/// Least angle between the needle and the scanline at the target, degrees: below it a shaft reflects away from the array.
+/// Least angle between the needle and the scanline at the target, degrees: below it a shaft reflects away from the
+/// array.
 const TO_BEAM_DEG: f64 = 30.0;
 /// Share of the image at its sides and its lower end in which no target lies.
 const MARGIN: f64 = 0.1;
@@ -74,7 +75,8 @@ pub struct Task {
     pub critical_mm: Option<f64>,
     /// Reference run: time (s), tip (mm) and direction of the needle.
     pub keyframes: Vec<(f64, [f64; 3], [f64; 3])>,
-    /// Probe of the reference run: centre of the array (mm), axial and lateral directions; the image shows needle and target.
+    /// Probe of the reference run: centre of the array (mm), axial and lateral directions; the image shows needle and
+    /// target.
     pub probe: [[f64; 3]; 3],
 }
 
@@ -102,8 +104,8 @@ impl Conditions {
     /// Finds `count` tasks in the anatomy of a scenario, whose needle enters in the middle of the entry window.
     ///
     /// # Errors
-    /// [`OutOfRange`]; [`StudyError::Refused`] if there is no such organ, if the scenario's needle does not enter the body, or, with the
-    /// reasons, if targets run out.
+    /// [`OutOfRange`]; [`StudyError::Refused`] if there is no such organ, if the scenario's needle does not enter the
+    /// body, or, with the reasons, if targets run out.
     pub fn tasks(&self, scenario: &Scenario, count: usize) -> Result<Vec<Task>, Error> {
         self.check()?;
         let plan = InsertionPlan::of(scenario)?;
@@ -118,7 +120,8 @@ impl Conditions {
             let index = [voxel % width, voxel / width % height, voxel / width / height].map(|index| index as f64);
             volume.index_to_world().transform_point(&Point3::from(index))
         };
-        // A few hundred voxels of the organ and the rim of the entry window bound the box in which distances are computed.
+        // A few hundred voxels of the organ and the rim of the entry window bound the box in which distances are
+        // computed.
         let mut corners = vec![plan.entry];
         corners.extend(
             [1.0, -1.0]
@@ -199,7 +202,7 @@ impl Conditions {
             return Err("the needle is too short");
         }
         let direction = (target - entry) / depth;
-        let obstacles = surroundings.of(&[entry, target]);
+        let obstacles = surroundings.obstacles(&[entry, target]);
         if obstacles.leaves || obstacles.gas {
             return Err("the path leaves the body, or meets gas or lung");
         }
@@ -355,7 +358,8 @@ pub struct GroupStudy {
     pub sessions: Vec<Session>,
 }
 
-/// Lets `people` of each group perform every task once. `progress` receives the number of completed sessions, and of all.
+/// Lets `people` of each group perform every task once. `progress` receives the number of completed sessions, and of
+/// all.
 ///
 /// # Errors
 /// The first error of a session.

@@ -1,4 +1,5 @@
-//! Comparison of groups of people by their metrics: Welch's t test and the Mann-Whitney U test, two-sided, with the correction of Holm.
+//! Comparison of groups of people by their metrics: Welch's t test and the Mann-Whitney U test, two-sided, with the
+//! correction of Holm.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -78,7 +79,8 @@ pub struct Group {
     pub metrics: BTreeMap<&'static str, Spread>,
 }
 
-/// Tests of the difference of one metric between two groups; `None` where a group has fewer than two values or none vary.
+/// Tests of the difference of one metric between two groups; `None` where a group has fewer than two values or none
+/// vary.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Pair {
     /// First group.
@@ -202,8 +204,8 @@ pub(crate) fn welch(a: &[f64], b: &[f64]) -> Option<f64> {
     t.is_finite().then(|| 2.0 * distribution.sf(t))
 }
 
-/// Two-sided p of the Mann-Whitney U test: exact for groups of up to 20 without ties, else by the normal approximation with corrections for
-/// ties and continuity; `None` for an empty group, or if none vary.
+/// Two-sided p of the Mann-Whitney U test: exact for groups of up to 20 without ties, else by the normal approximation
+/// with corrections for ties and continuity; `None` for an empty group, or if none vary.
 pub(crate) fn mann_whitney(a: &[f64], b: &[f64]) -> Option<f64> {
     let (n, m) = (a.len(), b.len());
     if n == 0 || m == 0 {
@@ -241,8 +243,8 @@ pub(crate) fn mann_whitney(a: &[f64], b: &[f64]) -> Option<f64> {
     z.is_finite().then(|| (2.0 * Normal::standard().sf(z)).min(1.0))
 }
 
-/// Probability that U is at least `u`, by counting the arrangements of the ranks (H. B. Mann and D. R. Whitney, Annals of Mathematical
-/// Statistics 18, 1947).
+/// Probability that U is at least `u`, by counting the arrangements of the ranks (H. B. Mann and D. R. Whitney, Annals
+/// of Mathematical Statistics 18, 1947).
 fn above(u: usize, n: usize, m: usize) -> f64 {
     // Number of ways to choose each rank sum, item by item: count[chosen][u].
     let largest = n * m;

@@ -1,9 +1,10 @@
-//! Simulated hands: motions of needle and probe with the errors of people of different skill, for training tasks without trainees.
+//! Simulated hands: motions of needle and probe with the errors of people of different skill, for training tasks
+//! without trainees.
 //!
-//! The needle pivots about its entry: an error of the first aim that is corrected late or not at all, an entry beside the planned one, a depth
-//! that is missed, and physiological tremor of 8 to 12 Hz (R. J. Elble and W. C. Koller, "Tremor", 1990), which turns the needle about the
-//! entry. The image plane is off by a shift and a turn and drifts slowly. The amounts of the groups are choices, made so that the groups
-//! differ; they are not measured.
+//! The needle pivots about its entry: an error of the first aim that is corrected late or not at all, an entry beside
+//! the planned one, a depth that is missed, and physiological tremor of 8 to 12 Hz (R. J. Elble and W. C. Koller,
+//! "Tremor", 1990), which turns the needle about the entry. The image plane is off by a shift and a turn and drifts
+//! slowly. The amounts of the groups are choices, made so that the groups differ; they are not measured.
 
 use std::f64::consts::TAU;
 use std::path::Path;
@@ -206,7 +207,8 @@ impl Hand {
         }
     }
 
-    /// The scenario as performed by this hand: a straight insertion to where the scenario's needle is deepest, a pause, and withdrawal.
+    /// The scenario as performed by this hand: a straight insertion to where the scenario's needle is deepest, a pause,
+    /// and withdrawal.
     ///
     /// # Errors
     /// [`StudyError::Refused`](crate::StudyError::Refused) if the needle's path does not enter the body.
@@ -233,7 +235,8 @@ impl Hand {
             // Corrections are kept on the way out.
             let since_s = (time_s - notice_s).max(0.0);
             let remaining = self.residual + (1.0 - self.residual) * (-since_s / self.correction_s).exp();
-            // The needle pivots about its entry: the shorter the part outside, the farther a shift of the hand turns it.
+            // The needle pivots about its entry: the shorter the part outside, the farther a shift of the hand turns
+            // it.
             let lever_mm = (plan.length_mm - arc).max(MIN_LEVER_MM);
             let shake = [0, 1].map(|axis| self.tremor_mm * tremor[axis](time_s) / lever_mm);
             let direction = (aim + error * remaining + right * shake[0] + up * shake[1]).normalize();

@@ -140,8 +140,8 @@ impl Score {
     }
 }
 
-/// Picture of a run at a time, if its frames were rendered as pictures: the nearest of the frames, which are evenly spaced over `end_s`
-/// seconds.
+/// Picture of a run at a time, if its frames were rendered as pictures: the nearest of the frames, which are evenly
+/// spaced over `end_s` seconds.
 pub fn picture(run: &Path, time_s: f64, end_s: f64) -> Option<GrayImage> {
     let folder = std::fs::read_dir(run.join("frames")).ok()?;
     let mut files: Vec<_> = folder

@@ -75,7 +75,8 @@ fn a_perfect_run_scores_zero() {
 fn offsets_and_angles_are_those_of_the_geometry() {
     let (sin, cos) = 10_f64.to_radians().sin_cos();
     let score = score(&straight(|step, values| {
-        // 3 mm out of the plane and 4 mm within it; the needle 10 degrees out of the plane; the measured tip 2 mm behind.
+        // 3 mm out of the plane and 4 mm within it; the needle 10 degrees out of the plane; the measured tip 2 mm
+        // behind.
         values.get_mut("tip_").unwrap()[0] = 3.0;
         values.get_mut("tip_").unwrap()[1] = 4.0;
         values.insert("tip_d", [sin, 0.0, cos]);
@@ -140,8 +141,9 @@ fn runs_that_cannot_be_scored_are_told() {
     );
 }
 
-/// Permeability of the human chorioamnion at term and at 12 to 26 weeks (M. Hollander and D. A. Wolfe, Nonparametric Statistical Methods,
-/// 1973, p. 69): W = 35; p by scipy 1.10.1, `mannwhitneyu(a, b, method='exact')` and `ttest_ind(a, b, equal_var=False)`.
+/// Permeability of the human chorioamnion at term and at 12 to 26 weeks (M. Hollander and D. A. Wolfe, Nonparametric
+/// Statistical Methods, 1973, p. 69): W = 35; p by scipy 1.10.1, `mannwhitneyu(a, b, method='exact')` and
+/// `ttest_ind(a, b, equal_var=False)`.
 #[test]
 fn tests_agree_with_published_and_computed_values() {
     let term = [0.80, 0.83, 1.89, 1.04, 1.45, 1.38, 1.91, 1.64, 0.73, 1.46];

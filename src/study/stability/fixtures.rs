@@ -15,7 +15,7 @@ use insonify_mechanics::insertion::finite::{Finite, Setup};
 use insonify_mechanics::insertion::spring::{MassSpring, Parameters};
 use insonify_mechanics::insertion::{Anatomy, EventKind, Interaction, Model, Outcome, Snapshot, Tissue};
 use insonify_mechanics::tissue::assembly::Stiffness;
-use insonify_mechanics::tissue::dofs::{Dofs, NONE};
+use insonify_mechanics::tissue::dofs::{Dofs, NO_DOF};
 use insonify_mechanics::tissue::error::LinearError;
 use insonify_mechanics::tissue::factor::Factor;
 use insonify_mechanics::tissue::inverse::invert;
@@ -250,7 +250,7 @@ impl Start {
         let mesh = AdaptedMesh::new(&mesh, &of_poisson.materials.check(&mesh)?, &of_poisson.dofs())?;
         let double: Symmetric<f64> = invert(&Factor::new(mesh.stiffness())?, &mut |_, _| {})?;
         let free: Vec<u32> = (0..mesh.nodes().len() as u32)
-            .filter(|node| !mesh.dofs().of(*node).contains(&NONE))
+            .filter(|node| !mesh.dofs().of(*node).contains(&NO_DOF))
             .collect();
         let contact_nodes = free.iter().step_by(free.len() / 10).take(10);
         let contacts = contact_nodes
@@ -268,12 +268,14 @@ impl Start {
         })
     }
 
-    /// Returns the allowed error of K^-1 for the current mesh: `PROMISED` at the usual condition number, growing in proportion to it.
+    /// Returns the allowed error of K^-1 for the current mesh: `PROMISED` at the usual condition number, growing in
+    /// proportion to it.
     pub fn allowed(&self, state: &Now, backend: &Inverses) -> f64 {
         PROMISED * (state.condition / self.usual_condition).max(1.0) * backend.coarseness()
     }
 
-    /// Returns the `n`th move of a sequence: a node of `nodes` and its target, up to a quarter of a cell from its base along each axis.
+    /// Returns the `n`th move of a sequence: a node of `nodes` and its target, up to a quarter of a cell from its base
+    /// along each axis.
     pub fn nth_move(&self, nodes: &[u32], n: u64) -> (u32, [f64; 3]) {
         let drawn = |index: u64| noise(self.seed, 8 * n + index);
         let position = (0.5 * (drawn(3) + 1.0) * nodes.len() as f64) as usize;
@@ -366,7 +368,8 @@ pub fn lattice(cells: [usize; 3], extent: [f64; 3]) -> Result<TetMesh, Unexpecte
     Ok(TetMesh::lattice(cells, &to_world)?)
 }
 
-/// Creates a lattice whose inner nodes are randomly moved by up to `share` of a cell along each axis; up to 0.15 no element is inverted.
+/// Creates a lattice whose inner nodes are randomly moved by up to `share` of a cell along each axis; up to 0.15 no
+/// element is inverted.
 pub fn shaken(cells: [usize; 3], extent: [f64; 3], share: f64, seed: u64) -> Result<TetMesh, Unexpected> {
     let regular = lattice(cells, extent)?;
     let on_surface = surface(&regular);
@@ -560,8 +563,8 @@ fn dominant(size: usize, apply: impl Fn(&[f64], &mut [f64])) -> f64 {
     value
 }
 
-/// Opens every adapter of the machine and records how many there are. An adapter that cannot be opened is reported but is no failure, as it
-/// renders nothing.
+/// Opens every adapter of the machine and records how many there are. An adapter that cannot be opened is reported but
+/// is no failure, as it renders nothing.
 pub fn gpus(record: &mut Record<'_>) -> Vec<Gpu> {
     let mut opened = Vec::new();
     for adapter in adapter::list() {

@@ -214,7 +214,8 @@ impl Block {
             .count()
     }
 
-    /// Compresses the block between glued plates at once, and again in many increments, by whose forces the plates do work.
+    /// Compresses the block between glued plates at once, and again in many increments, by whose forces the plates do
+    /// work.
     fn press(&self, record: &mut Record<'_>, stretch: f64) -> Result<(), Unexpected> {
         let name = format!("{}, glued, to {stretch}", self.name);
         let plates = self.plates(stretch);
@@ -312,7 +313,8 @@ fn inverted(record: &mut Record<'_>) -> Result<(), Unexpected> {
             },
         );
 
-        // Rigidly turned, tissue of finite strain has no stress; the way there crosses flat elements only at half a turn.
+        // Rigidly turned, tissue of finite strain has no stress; the way there crosses flat elements only at half a
+        // turn.
         let turn = Rotation3::from_euler_angles(0.0, 120f64.to_radians(), 0.0).into_inner() - Tensor::identity();
         let surface = block.surface(&turn);
         let mut solver = block.solver(&surface)?;
@@ -335,7 +337,8 @@ fn inverted(record: &mut Record<'_>) -> Result<(), Unexpected> {
             );
         }
 
-        // The end beyond the opposite wall: the flatter the elements, the fewer digits their stress has, so to the usual tolerance.
+        // The end beyond the opposite wall: the flatter the elements, the fewer digits their stress has, so to the
+        // usual tolerance.
         let walls = block.walls([Some(1.0), Some(1.0), Some(-0.2)]);
         let mut solver = block.solver_to(&walls, SolverOptions::default().tolerance)?;
         let gradient = Tensor::from_diagonal(&[0.0, 0.0, -1.2].into());

@@ -1,4 +1,5 @@
-//! Cases of planned paths, of the driven guide, and of parameters found from measurements: of a needle in CT, of a force over depth, of a base.
+//! Cases of planned paths, of the driven guide, and of parameters found from measurements: of a needle in CT, of a
+//! force over depth, of a base.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -65,7 +66,8 @@ pub(crate) const GROUP: Group = Group {
     ],
 };
 
-/// Distance of the phantom's vein, an infinite elliptic cylinder, from the segment between two points of the image plane, mm.
+/// Distance of the phantom's vein, an infinite elliptic cylinder, from the segment between two points of the image
+/// plane, mm.
 fn vein_mm(from: &Point3<f64>, to: &Point3<f64>) -> f64 {
     let ellipse = (0..720).map(|step| {
         let (sin, cos) = (f64::from(step).to_radians() / 2.0).sin_cos();
@@ -358,9 +360,9 @@ fn markers(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// Expected squared error, mm^2, of a point placed by markers whose own root mean square error is `noise_mm` (J. M. Fitzpatrick, J. B. West and
-/// C. R. Maurer, IEEE Transactions on Medical Imaging 17, 1998): the distances d from the principal axes of the markers count against
-/// those of the markers, f.
+/// Expected squared error, mm^2, of a point placed by markers whose own root mean square error is `noise_mm` (J. M.
+/// Fitzpatrick, J. B. West and C. R. Maurer, IEEE Transactions on Medical Imaging 17, 1998): the distances d from the
+/// principal axes of the markers count against those of the markers, f.
 fn target_error_squared(markers: &[Point3<f64>], target: &Point3<f64>, noise_mm: f64) -> f64 {
     let count = markers.len() as f64;
     let centre = markers.iter().map(|marker| marker.coords).sum::<Vector3<f64>>() / count;

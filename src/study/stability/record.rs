@@ -164,7 +164,8 @@ pub fn largest(values: impl IntoIterator<Item = f64>) -> f64 {
     values.into_iter().fold(0.0, larger)
 }
 
-/// Returns the largest difference relative to the largest magnitude of `expected`; zero for equal values, even if all are zero.
+/// Returns the largest difference relative to the largest magnitude of `expected`; zero for equal values, even if all
+/// are zero.
 pub fn relative(values: &[f64], expected: &[f64]) -> f64 {
     let difference = largest(values.iter().zip(expected).map(|(value, expected)| value - expected));
     if difference == 0.0 && values.len() == expected.len() {

@@ -148,7 +148,8 @@ impl StabilityReport {
         plot.svg_by_row(&rows)
     }
 
-    /// Plots the margin of each figure that has a limit, the decisive one of a case drawn large; and the names of the rows, one per group and case.
+    /// Plots the margin of each figure that has a limit, the decisive one of a case drawn large; and the names of the
+    /// rows, one per group and case.
     pub(super) fn margins(&self) -> (Plot, Vec<String>) {
         let mut rows = Vec::new();
         let [mut holds, mut fails] = ["holds", "fails"].map(|_| [Vec::new(), Vec::new()]);

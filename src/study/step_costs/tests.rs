@@ -9,7 +9,8 @@ fn option(value: &str, extra_ms: f64, error: f64) -> SettingOption {
     }
 }
 
-/// Costs of a small block of 500 nodes whose steps take 0.2 ms, 0.3 with a probe; 1,500 and 3,500 nodes take 0.5 and 2.5 ms more.
+/// Costs of a small block of 500 nodes whose steps take 0.2 ms, 0.3 with a probe; 1,500 and 3,500 nodes take 0.5 and
+/// 2.5 ms more.
 fn made_up() -> StepCosts {
     let setting = |key: &str, options: Vec<SettingOption>| VariedSetting {
         keys: vec![key.to_owned()],

@@ -1,14 +1,15 @@
-//! Solid textures from two-dimensional examples (J. Kopf et al., "Solid texture synthesis from 2D exemplars", ACM Transactions on
-//! Graphics 26(3), 2007).
+//! Solid textures from two-dimensional examples (J. Kopf et al., "Solid texture synthesis from 2D exemplars", ACM
+//! Transactions on Graphics 26(3), 2007).
 //!
-//! Histogram and autocorrelation along each axis are then matched to the exemplars, in turns (after D. J. Heeger and J. R. Bergen, "Pyramid-based
-//! texture analysis/synthesis", SIGGRAPH 1995).
+//! Histogram and autocorrelation along each axis are then matched to the exemplars, in turns (after D. J. Heeger and J.
+//! R. Bergen, "Pyramid-based texture analysis/synthesis", SIGGRAPH 1995).
 //!
-//! Every square neighbourhood in the planes of the solid that have an exemplar is to look like some neighbourhood of it. Two steps alternate on
-//! three resolutions: each neighbourhood finds its match, and each voxel becomes the mean of what all matches around it say, weighted by their
-//! likeness to the power of r - 2 and against values that the solid has too many of. Matches are found by propagation and random search
-//! (C. Barnes et al., "PatchMatch", ACM Transactions on Graphics 28(3), 2009) in place of a tree: neighbours are read from the round before, so
-//! that the result does not depend on the number of threads. The solid is a torus: it repeats without a seam.
+//! Every square neighbourhood in the planes of the solid that have an exemplar is to look like some neighbourhood of
+//! it. Two steps alternate on three resolutions: each neighbourhood finds its match, and each voxel becomes the mean of
+//! what all matches around it say, weighted by their likeness to the power of r - 2 and against values that the solid
+//! has too many of. Matches are found by propagation and random search (C. Barnes et al., "PatchMatch", ACM
+//! Transactions on Graphics 28(3), 2009) in place of a tree: neighbours are read from the round before, so that the
+//! result does not depend on the number of threads. The solid is a torus: it repeats without a seam.
 
 use std::f64::consts::TAU;
 
@@ -21,10 +22,11 @@ use insonify_base::statistics::full_width;
 const SIDE: usize = 8;
 /// Voxels of a neighbourhood.
 const PATCH: usize = SIDE * SIDE;
-/// Exponent r of the distance between neighbourhoods. Kopf et al. take 0.8; steeper weights keep more of the contrast (3.7 for 3.0 of 4 dB of
-/// filtered noise).
+/// Exponent r of the distance between neighbourhoods. Kopf et al. take 0.8; steeper weights keep more of the contrast
+/// (3.7 for 3.0 of 4 dB of filtered noise).
 const EXPONENT: f64 = -1.0;
-/// Least distance that counts, share of the variance of the exemplars: perfect matches in two planes do not outweigh the third.
+/// Least distance that counts, share of the variance of the exemplars: perfect matches in two planes do not outweigh
+/// the third.
 const MIN_DISTANCE_SHARE: f64 = 0.05;
 /// Largest factor by which the rows of an exemplar are stretched.
 const MAX_STRETCH: f64 = 8.0;
@@ -163,7 +165,8 @@ struct Solid<'a> {
 /// Makes a solid of `side`^3 values, x fastest. `progress` receives the completed share.
 ///
 /// # Errors
-/// [`VolumeError`] for an exemplar that is too small or not finite, or a side that is not a multiple of 4 from 32 to 256.
+/// [`VolumeError`] for an exemplar that is too small or not finite, or a side that is not a multiple of 4 from 32
+/// to 256.
 pub fn synthesise(
     exemplars: &Exemplars,
     side: usize,
@@ -221,9 +224,9 @@ pub fn synthesise(
 }
 
 impl Exemplars {
-    /// Exemplars of all planes. Without one of its own the z-y plane takes the first, its rows in reverse, and the x-z plane the first with its
-    /// rows stretched to the correlation length of the columns of the z-y plane: the same exemplar as it is in two planes would be met by a
-    /// solid that only depends on x + z and y.
+    /// Exemplars of all planes. Without one of its own the z-y plane takes the first, its rows in reverse, and the x-z
+    /// plane the first with its rows stretched to the correlation length of the columns of the z-y plane: the same
+    /// exemplar as it is in two planes would be met by a solid that only depends on x + z and y.
     pub fn of(xy: Exemplar, zy: Option<Exemplar>, xz: Option<Exemplar>) -> Self {
         let zy = zy.unwrap_or_else(|| xy.reversed());
         let xz = xz.unwrap_or_else(|| xy.stretched(zy.width(0) / xy.width(1)));
@@ -259,7 +262,8 @@ impl Exemplars {
             for (axis, wanted) in wanted.iter().enumerate() {
                 let present = spectrum(&covariance(values, side, axis, side / 2), side);
                 let strongest = present.iter().copied().fold(0.0, f64::max);
-                // Frequencies that the solid lacks are not raised from nothing, and small steps let histogram and spectra settle together.
+                // Frequencies that the solid lacks are not raised from nothing, and small steps let histogram and
+                // spectra settle together.
                 let gain = wanted.iter().zip(&present).map(|(wanted, present)| {
                     (wanted / present.max(1e-4 * strongest))
                         .sqrt()
@@ -296,7 +300,8 @@ fn covariance(values: &[f32], side: usize, axis: usize, max_lag: usize) -> Vec<f
     parallel::map(0..max_lag + 1, &lag)
 }
 
-/// Power at frequencies from 0 to half of the sampling rate from an even autocovariance up to half of the period, under a Hann taper.
+/// Power at frequencies from 0 to half of the sampling rate from an even autocovariance up to half of the period, under
+/// a Hann taper.
 fn spectrum(covariance: &[f64], side: usize) -> Vec<f64> {
     let half = side / 2;
     let power_at = |frequency: usize| {

@@ -133,7 +133,7 @@ fn compression_and_trend_are_undone() {
         size: [200, 180],
         values: sloped.collect(),
     };
-    let prepared = PREPARATION.of(&picture(&image), &region([200, 180])).unwrap();
+    let prepared = PREPARATION.prepare(&picture(&image), &region([200, 180])).unwrap();
     assert_eq!((prepared.exemplar.size, prepared.voxel_mm), ([200, 180], 0.2));
     let rows = |start: usize| {
         let block = &prepared.exemplar.values[start * 200..(start + 40) * 200];
@@ -169,7 +169,7 @@ fn structure_leaves_out_what_is_as_fine_as_the_speckle() {
         content: Content::Structure,
         ..PREPARATION
     };
-    let prepared = preparation.of(&image, &region([400, 400])).unwrap();
+    let prepared = preparation.prepare(&image, &region([400, 400])).unwrap();
     assert!(
         prepared.cell_mm[0] > prepared.cell_mm[1] && prepared.cell_mm[1] > 0.3,
         "{:?}",
@@ -233,7 +233,7 @@ fn sectors_are_resampled_along_their_scanlines() {
         voxel_mm: Some(0.2),
         ..PREPARATION
     };
-    let prepared = preparation.of(&picture(&rings), &sector).unwrap();
+    let prepared = preparation.prepare(&picture(&rings), &sector).unwrap();
     let [width, height] = prepared.exemplar.size;
     let value = |x: usize, y: usize| prepared.exemplar.values[y * width + x];
     for row in (20..height - 20).step_by(10) {
@@ -246,7 +246,7 @@ fn sectors_are_resampled_along_their_scanlines() {
     };
     assert!(
         preparation
-            .of(&picture(&rings), &below)
+            .prepare(&picture(&rings), &below)
             .unwrap_err()
             .to_string()
             .contains("not above the region")
@@ -257,7 +257,7 @@ fn sectors_are_resampled_along_their_scanlines() {
 fn regions_without_a_texture_are_refused() {
     let image = picture(&noise([200, 200], [2.0, 2.0], 7));
     let refused = |image: &Picture, region: Region, words: &str| {
-        let error = PREPARATION.of(image, &region).map(drop).unwrap_err().to_string();
+        let error = PREPARATION.prepare(image, &region).map(drop).unwrap_err().to_string();
         assert!(error.contains(words) && error.contains("liver.png"), "{error}");
     };
     refused(&image, region([201, 200]), "within the image of 200 x 200");

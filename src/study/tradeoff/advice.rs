@@ -1,8 +1,9 @@
-//! Recommendations from a table: the cheapest variant whose error a user would not notice; and its best rows, the Pareto front.
+//! Recommendations from a table: the cheapest variant whose error a user would not notice; and its best rows, the
+//! Pareto front.
 //!
-//! This module is independent of what a study compares. Rows that differ only in conditions form one variant: it counts with its worst cost
-//! and error (among variants of equal cost the one with the smallest error is taken), and only if it was measured under all conditions that
-//! occur.
+//! This module is independent of what a study compares. Rows that differ only in conditions form one variant: it counts
+//! with its worst cost and error (among variants of equal cost the one with the smallest error is taken), and only if
+//! it was measured under all conditions that occur.
 
 use serde::Serialize;
 
@@ -166,8 +167,9 @@ impl Table {
         self.grouped(self.rows.iter(), &goal.each)
     }
 
-    /// Returns whether each row is among the best: no other row under the same given choices and conditions is as good in cost and error
-    /// and better in one of them. The gold standard takes part with zero error; flagged rows are excluded. Without a goal no row is best.
+    /// Returns whether each row is among the best: no other row under the same given choices and conditions is as good
+    /// in cost and error and better in one of them. The gold standard takes part with zero error; flagged rows are
+    /// excluded. Without a goal no row is best.
     pub fn best(&self) -> Vec<bool> {
         let Some(goal) = &self.goal else {
             return vec![false; self.rows.len()];
@@ -207,7 +209,8 @@ impl Table {
         format!("best: no other row{same} has both less \"{cost}\" and less \"{error}\"")
     }
 
-    /// Returns the Pareto fronts of the best rows among those shown, one for each set of competing rows, from left to right.
+    /// Returns the Pareto fronts of the best rows among those shown, one for each set of competing rows, from left to
+    /// right.
     pub(super) fn fronts(&self, x: &str, y: &str, is_shown: impl Fn(&Row) -> bool) -> Vec<Vec<[f64; 2]>> {
         let Some(goal) = self.goal.as_ref().filter(|goal| [goal.cost, goal.error] == [x, y]) else {
             return Vec::new();

@@ -1,6 +1,7 @@
-//! Beam on a hyperelastic foundation: effect and cost of element length, friction, and material and compression model. The last is the
-//! study of figures 7 and 8 of Wang et al. 2023, in which the truth was measured; here it is a fine solution by this program, so that only
-//! the choice differs. Finally, springs and beam are compared as needle models in insertion.
+//! Beam on a hyperelastic foundation: effect and cost of element length, friction, and material and compression model.
+//! The last is the study of figures 7 and 8 of Wang et al. 2023, in which the truth was measured; here it is a fine
+//! solution by this program, so that only the choice differs. Finally, springs and beam are compared as needle models
+//! in insertion.
 
 mod needles;
 

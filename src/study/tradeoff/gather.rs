@@ -47,8 +47,9 @@ impl Devices {
     }
 }
 
-/// Runs every study of a list and derives the recommendations at a pace. `progress` receives the current task and the completed fraction,
-/// increasing from 0 to 1. A study that fails is listed in the report with its error; the others continue.
+/// Runs every study of a list and derives the recommendations at a pace. `progress` receives the current task and the
+/// completed fraction, increasing from 0 to 1. A study that fails is listed in the report with its error; the others
+/// continue.
 pub fn gather(
     entries: &[&dyn AnyEntry],
     devices: &Devices,

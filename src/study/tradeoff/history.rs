@@ -1,8 +1,9 @@
 //! Quadrature rules of fading memory: cost and error against the exact law, by number of steps.
 //!
-//! A spring-pot creeps under a stress that jumps to 1 at the start and then oscillates about it. Its strain is known in closed form. Every
-//! rule follows the same stress over the same time in the requested number of steps and evaluates the strain at each of them, as a
-//! simulation does; the complete run is timed. Steps are equal, or alternate between two lengths (where a rule supports this).
+//! A spring-pot creeps under a stress that jumps to 1 at the start and then oscillates about it. Its strain is known in
+//! closed form. Every rule follows the same stress over the same time in the requested number of steps and evaluates
+//! the strain at each of them, as a simulation does; the complete run is timed. Steps are equal, or alternate between
+//! two lengths (where a rule supports this).
 
 mod report;
 
@@ -159,7 +160,8 @@ pub(crate) fn study(
     for &steps in &options.steps {
         for lengths in [Lengths::Equal, Lengths::Unequal] {
             let exponentials = EXPONENTIALS.map(|(name, tolerance)| (name, Rule::Exponentials(span(steps, tolerance))));
-            // Gruenwald-Letnikov is defined for equal steps alone, and the full rules recompute all weights at each unequal one.
+            // Gruenwald-Letnikov is defined for equal steps alone, and the full rules recompute all weights at each
+            // unequal one.
             let takes = |rule: &Rule| {
                 let full = !matches!(rule, Rule::Exponentials(_));
                 lengths == Lengths::Equal || *rule != Rule::GruenwaldLetnikov && !(full && steps > MAX_UNEVEN)

@@ -1,7 +1,8 @@
 //! Needle insertions: cost and error of each computational choice.
 //!
-//! Every part drives several models along one insertion and compares what hand and image receive. Steps are computed several times, the
-//! contenders of a part in turn; the time of a step is the minimum, since other load on the machine only adds to it.
+//! Every part drives several models along one insertion and compares what hand and image receive. Steps are computed
+//! several times, the contenders of a part in turn; the time of a step is the minimum, since other load on the machine
+//! only adds to it.
 //!
 //! | module | comparison |
 //! |---|---|
@@ -97,7 +98,8 @@ pub(crate) struct InsertionOptions {
     pub depth_mm: f64,
     /// Insertion depth in the block of PVC, mm (10 to 140, default 140).
     pub bevel_depth_mm: f64,
-    /// Whether bevels of half and one and a half times the default length and finer meshes are compared too (default true).
+    /// Whether bevels of half and one and a half times the default length and finer meshes are compared too (default
+    /// true).
     pub bevel_sweep: bool,
     /// Number of times that every step is computed and timed (default 3).
     pub passes: usize,
@@ -173,6 +175,7 @@ a best choice; one that violates its guarantee is marked WRONG.",
         StudyOption::quick("A small block and short paths"),
     ],
     settings: InsertionOptions::of,
+    // A report runs every study: its times may be those of a single pass, its errors are the same.
     in_report: |effort| InsertionOptions {
         passes: 1,
         ..InsertionOptions::of(effort)
@@ -444,6 +447,8 @@ impl Course {
         let mut traces = vec![Vec::with_capacity(self.steps()); models.len()];
         let count = models.len();
         let runs = (passes * count) as f64;
+        // Models in turn within each pass: a load that comes and goes meets all of them, and the least time of each is
+        // free of it.
         for pass in 0..passes {
             for (index, (model, trace)) in models.iter_mut().zip(&mut traces).enumerate() {
                 progress((pass * count + index) as f64 / runs);
@@ -493,6 +498,7 @@ pub(crate) fn tissue(nodes: usize, needle: Box<dyn Needle>) -> Result<Setup, Err
 /// [`InvalidSetup`](insonify_mechanics::insertion::InvalidSetup) if the setup is invalid.
 pub(crate) fn model(setup: Setup) -> Result<Finite, Error> {
     let mut finite = Finite::new(setup, |_, _| {})?;
+    // A step that reads the base at the first contact of a node would time the reading, not the remeshing.
     finite.prefetch(
         &Point3::new(ENTRY_MM[0], ENTRY_MM[1], 0.0),
         &Vector3::z(),

@@ -1,5 +1,5 @@
-//! Motion from radio-frequency echoes: error and cost by window length, upsampling and use of prior estimates. Echoes are those of a uniform medium
-//! whose motion is known.
+//! Motion from radio-frequency echoes: error and cost by window length, upsampling and use of prior estimates. Echoes
+//! are those of a uniform medium whose motion is known.
 
 mod insertion;
 #[cfg(test)]
@@ -121,8 +121,9 @@ impl Errors {
     }
 }
 
-/// Least axial standard deviation, um, of any estimator of delays between two windows (W. F. Walker and G. E. Trahey, IEEE Transactions on
-/// Ultrasonics, Ferroelectrics and Frequency Control 42, 1995), for echoes whose noise-free correlation is `rho`. Noise counts within the band.
+/// Least axial standard deviation, um, of any estimator of delays between two windows (W. F. Walker and G. E. Trahey,
+/// IEEE Transactions on Ultrasonics, Ferroelectrics and Frequency Control 42, 1995), for echoes whose noise-free
+/// correlation is `rho`. Noise counts within the band.
 fn bound_um(acquisition: &Acquisition, window_mm: f64, rho: f64) -> f64 {
     let (f0, b, t) = (
         acquisition.frequency_mhz,
@@ -134,8 +135,8 @@ fn bound_um(acquisition: &Acquisition, window_mm: f64, rho: f64) -> f64 {
     (1.5 / (f0.powi(3) * PI * PI * t * (b.powi(3) + 12.0 * b)) * spread).sqrt() * SPEED_M_S / 2.0
 }
 
-/// Correlation that a uniform strain leaves between two windows: the mean over the window of the autocorrelation of the pulse,
-/// exp(-t^2 / 4 s^2) cos(2 pi f0 t), at the delays by which the strain moves its parts.
+/// Correlation that a uniform strain leaves between two windows: the mean over the window of the autocorrelation of the
+/// pulse, exp(-t^2 / 4 s^2) cos(2 pi f0 t), at the delays by which the strain moves its parts.
 fn strained_correlation(acquisition: &Acquisition, window_mm: f64, strain: f64) -> f64 {
     const PARTS: usize = 100;
     let part_of_window = |part: usize| {
@@ -185,7 +186,8 @@ const MOTIONS: [(&str, Moved); 3] = [
     ("strained by 2 %", |z| [-0.02 * z, 0.0]),
 ];
 
-/// Median time (ms) of a frame's motion, with motion known from the frame before as in a sequence, and correlations for each window.
+/// Median time (ms) of a frame's motion, with motion known from the frame before as in a sequence, and correlations for
+/// each window.
 fn cost(options: &Options, lines: usize, [earlier, later]: [&[f32]; 2]) -> [Option<f64>; 2] {
     let mut times = Vec::new();
     let mut correlations = None;

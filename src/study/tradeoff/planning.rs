@@ -1,4 +1,5 @@
-//! Path planning and parameter identification: time saved and error added by two-dimensional tissue and by coarse meshes.
+//! Path planning and parameter identification: time saved and error added by two-dimensional tissue and by coarse
+//! meshes.
 
 use std::path::Path;
 use std::time::Instant;
@@ -261,8 +262,8 @@ fn case(nodes: usize) -> Result<(IdentificationCase, Vec<f64>), Error> {
 mod tests {
     use super::*;
 
-    /// The path planned in a mesh meets the target there and misses it in another; the mesh that made a measurement finds its moduli, a coarser one
-    /// others.
+    /// The path planned in a mesh meets the target there and misses it in another; the mesh that made a measurement
+    /// finds its moduli, a coarser one others.
     #[test]
     fn plans_and_moduli_are_those_of_their_mesh() {
         let study = study(Effort::Quick, &mut |_, _| {}).unwrap();

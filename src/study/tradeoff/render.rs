@@ -70,8 +70,8 @@ impl Study {
         figures.collect()
     }
 
-    /// Writes every table as CSV, the study as JSON, every plot as PNG and SVG, and a page of everything into an existing folder. Returns
-    /// the file names in the order written.
+    /// Writes every table as CSV, the study as JSON, every plot as PNG and SVG, and a page of everything into an
+    /// existing folder. Returns the file names in the order written.
     ///
     /// # Errors
     /// [`OutputError`]. Each file is written completely or not at all.
@@ -127,7 +127,8 @@ impl Table {
         (0..self.axes.len()).filter(filled).collect()
     }
 
-    /// Returns the primary axes that have values: cost, error, and those shown beside them; all if the table offers no choice.
+    /// Returns the primary axes that have values: cost, error, and those shown beside them; all if the table offers no
+    /// choice.
     pub(super) fn primary(&self) -> Vec<usize> {
         let filled = self.filled();
         let Some(goal) = &self.goal else { return filled };
@@ -170,7 +171,8 @@ impl Table {
             .join(" ")
     }
 
-    /// Returns the table as text: its gold standard and aligned columns, with a star for best choices and flags at the end of rows.
+    /// Returns the table as text: its gold standard and aligned columns, with a star for best choices and flags at the
+    /// end of rows.
     pub fn text(&self) -> String {
         let filled = self.filled();
         let factors = self.factors.iter().map(|factor| Cell::from(factor.label));

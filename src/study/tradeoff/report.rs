@@ -227,8 +227,8 @@ impl Report {
         table.csv()
     }
 
-    /// Writes `index.html`, `report.md`, `results.json`, `results.csv` and the plots into an existing folder. Returns the file names in the
-    /// order written.
+    /// Writes `index.html`, `report.md`, `results.json`, `results.csv` and the plots into an existing folder. Returns
+    /// the file names in the order written.
     ///
     /// # Errors
     /// [`OutputError`]. Each file is written completely or not at all.

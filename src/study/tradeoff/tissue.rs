@@ -1,11 +1,12 @@
 //! Stiffening and creeping tissue: cost and error of solution schemes and tissue models.
 //!
-//! A plate comes down onto a block and stays. One table compares schemes in elastic tissue with full Newton at a hundredth of their
-//! tolerance: Euler's steps as in Kobayashi et al. 2010, with the consistent tangent, and with the imbalance corrected; modified
-//! Newton-Raphson, plain and accelerated; full Newton. The other compares models with the finest one, viscoelastic tissue by the rate law
-//! in four times as many steps, and each model with itself in four times as many: the error of the model, and the error of its steps. The
-//! third compares schemes and tolerances for each law of [`tissue::law`](insonify_mechanics::tissue::law) with full Newton at a hundredth of
-//! the tightest tolerance.
+//! A plate comes down onto a block and stays. One table compares schemes in elastic tissue with full Newton at a
+//! hundredth of their tolerance: Euler's steps as in Kobayashi et al. 2010, with the consistent tangent, and with the
+//! imbalance corrected; modified Newton-Raphson, plain and accelerated; full Newton. The other compares models with the
+//! finest one, viscoelastic tissue by the rate law in four times as many steps, and each model with itself in four
+//! times as many: the error of the model, and the error of its steps. The third compares schemes and tolerances for
+//! each law of [`tissue::law`](insonify_mechanics::tissue::law) with full Newton at a hundredth of the tightest
+//! tolerance.
 
 mod subject;
 #[cfg(test)]

@@ -160,7 +160,7 @@ type Fit = (Plane, [Vector3<f64>; 2], f64);
 pub fn calibrate(pixels: &[Pixel], poses: &Poses) -> Result<ImageCalibration, TrackingError> {
     let seen: Vec<Seen<'_>> = pixels
         .iter()
-        .filter_map(|pixel| Some((pixel, poses.of(pixel.frame)?)))
+        .filter_map(|pixel| Some((pixel, poses.get(pixel.frame)?)))
         .collect();
     let count = seen.len() as f64;
     let mean = [0, 1].map(|axis| seen.iter().map(|(pixel, _)| pixel.at[axis]).sum::<f64>() / count);
@@ -215,6 +215,7 @@ fn fit(seen: &[Seen<'_>], mean: [f64; 2]) -> Result<Fit, TrackingError> {
     }
     let (mut plane, axes_angle) = affine(seen, mean)?;
     // Gauss-Newton on turn (0-2), pixel sides (3, 4) and centre (5-7). The axes stay perpendicular, which the affine start does not demand.
+    // Three rows for a wire, too: its projection has rank two, so that the way along it costs nothing.
     let rows = 3 * seen.len();
     let mut normal = nalgebra::SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
     let mut squares = 0.0;
@@ -248,6 +249,7 @@ fn fit(seen: &[Seen<'_>], mean: [f64; 2]) -> Result<Fit, TrackingError> {
         let Some(step) = normal.cholesky().map(|factor| factor.solve(&gradient)) else {
             return Err(undetermined());
         };
+        // Turns are composed, not added, so that the axes stay perpendicular. A turn by -step undoes the residual.
         let turn = Rotation3::new(-step.fixed_rows::<3>(0).into_owned());
         plane.axes = turn.matrix() * plane.axes;
         plane.pixel_mm[0] -= step[3];
@@ -257,6 +259,7 @@ fn fit(seen: &[Seen<'_>], mean: [f64; 2]) -> Result<Fit, TrackingError> {
             break;
         }
     }
+    // Squares and normal matrix are those before the last step, which no longer moves anything.
     let variance = squares / (TRUNCATED * (equations - PARAMETERS) as f64);
     let spread = normal
         .try_inverse()

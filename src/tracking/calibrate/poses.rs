@@ -140,7 +140,7 @@ impl Poses {
     }
 
     /// Pose of a frame.
-    pub fn of(&self, frame: usize) -> Option<&MarkerPose> {
+    pub fn get(&self, frame: usize) -> Option<&MarkerPose> {
         let index = self.poses.binary_search_by_key(&frame, |pose| pose.frame);
         index.ok().map(|index| &self.poses[index])
     }

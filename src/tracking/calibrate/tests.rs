@@ -232,7 +232,7 @@ fn pixels_on_wires_and_of_points_give_the_plane_of_the_image() {
     let points: Vec<Pixel> = pixels[..6]
         .iter()
         .map(|pixel| {
-            let pose = poses.of(pixel.frame).unwrap();
+            let pose = poses.get(pixel.frame).unwrap();
             let place = image_to_probe() * Vector4::new(pixel.at[0], pixel.at[1], 0.0, 1.0);
             Pixel {
                 feature: Feature::Point(pose.rotation * place.xyz() + pose.position),

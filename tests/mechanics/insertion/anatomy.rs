@@ -62,8 +62,8 @@ fn surfaces(steps: &[Outcome]) -> Vec<(EventKind, Option<i32>)> {
     found.map(|event| (event.kind, event.region)).collect()
 }
 
-/// A skin of 2 mm, a tenth of the largest element: it is touched and breaks where it lies, at the force that it has, and so does all
-/// behind it, in the same order whatever the mesh.
+/// A skin of 2 mm, a tenth of the largest element: it is touched and breaks where it lies, at the force that it has,
+/// and so does all behind it, in the same order whatever the mesh.
 #[test]
 fn layers_break_where_they_lie_at_any_mesh() {
     use EventKind::{Critical, Puncture, Region, Skin};
@@ -131,8 +131,8 @@ fn skin_beside_the_surface_of_the_mesh_is_felt_where_it_lies() {
     }
 }
 
-/// Dehghan et al. 2008, Fig. 12, in tissue a thousand times stiffer than soft tissue: four regions of constant slope, with
-/// breaks at the widths of the peaks and at the boundary.
+/// Dehghan et al. 2008, Fig. 12, in tissue a thousand times stiffer than soft tissue: four regions of constant slope,
+/// with breaks at the widths of the peaks and at the boundary.
 #[test]
 fn the_three_parameter_force_has_the_four_slopes_of_its_layers() {
     let of = |friction_n_per_mm, density_n_per_mm, width_mm| Interaction {
@@ -167,7 +167,8 @@ fn the_three_parameter_force_has_the_four_slopes_of_its_layers() {
     }
 }
 
-/// Along a path that is cut a needle meets friction alone, up to its end; beside it everything (Dehghan et al. 2008, Fig. 9).
+/// Along a path that is cut a needle meets friction alone, up to its end; beside it everything (Dehghan et al. 2008,
+/// Fig. 9).
 #[test]
 fn a_path_that_is_cut_takes_less_force() {
     let layers = Layers(vec![(0.0, behind(1.0)), (20.0, behind(1.0))]);
@@ -227,8 +228,9 @@ fn bone_stops_a_needle_at_a_limit() {
     assert!(pulled < 0.005 * 31.0, "{pulled} N");
 }
 
-/// A flexible needle does not pass bone either: it bows between hand and bone. The hand then feels the load at which a column of its free
-/// length buckles: clamped at the hand and pinned at the tip at the least, held along the shaft in tissue at the most (Euler).
+/// A flexible needle does not pass bone either: it bows between hand and bone. The hand then feels the load at which a
+/// column of its free length buckles: clamped at the hand and pinned at the tip at the least, held along the shaft in
+/// tissue at the most (Euler).
 #[test]
 fn a_flexible_needle_bows_at_bone() {
     let bone = Interaction {
@@ -345,7 +347,8 @@ fn changes_of_the_mesh_are_not_felt() {
     }
 }
 
-/// A critical structure thinner than the distance between two crossings of a border is told, each time the needle enters it.
+/// A critical structure thinner than the distance between two crossings of a border is told, each time the needle
+/// enters it.
 #[test]
 fn thin_critical_layers_are_told() {
     let wall = Interaction { critical: true, ..FAT };
@@ -423,7 +426,8 @@ fn a_needle_walks_off_bone() {
     assert!((on[19].tip_mm.z - 39.75).abs() < 1e-6 && resistance(&on[19]) < 1.0);
 }
 
-/// A needle that begins in the body has been pushed in along itself: it tells what it has passed and is held along all of its way.
+/// A needle that begins in the body has been pushed in along itself: it tells what it has passed and is held along all
+/// of its way.
 #[test]
 fn a_needle_that_begins_inside_has_come_through_all_before() {
     let wall = Interaction {
@@ -485,7 +489,8 @@ fn a_needle_goes_on_after_a_deep_dent() {
     }
 }
 
-/// A surface that is held has no node to move to the needle: it breaks at its own force all the same, and what is behind it is cut.
+/// A surface that is held has no node to move to the needle: it breaks at its own force all the same, and what is
+/// behind it is cut.
 #[test]
 fn a_held_surface_is_felt() {
     let mesh = block([60.0, 60.0, 80.0], 10.0);

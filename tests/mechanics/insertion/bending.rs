@@ -24,8 +24,8 @@ fn insert(r_mm: f64, stiffness: Stiffness, roll: f64, depth: f64) -> (Vector3<f6
     insert_needle(springs(r_mm, stiffness), roll, depth)
 }
 
-/// Where the tip of a needle is, rolled by an angle, at the end of an insertion through a hole 5 mm before the skin, and how
-/// many steps did not converge.
+/// Where the tip of a needle is, rolled by an angle, at the end of an insertion through a hole 5 mm before the skin,
+/// and how many steps did not converge.
 fn insert_needle(needle: Box<dyn Needle>, roll: f64, depth: f64) -> (Vector3<f64>, usize) {
     let interaction = Interaction {
         puncture_n: 0.0,
@@ -50,8 +50,8 @@ fn insert_needle(needle: Box<dyn Needle>, roll: f64, depth: f64) -> (Vector3<f64
     )
 }
 
-/// A bevel steers: to the side of +x of the base, the more the larger r, further on the deeper; rolled by 180 degrees, to the
-/// other side; without it the needle goes straight.
+/// A bevel steers: to the side of +x of the base, the more the larger r, further on the deeper; rolled by 180 degrees,
+/// to the other side; without it the needle goes straight.
 #[test]
 fn a_bevel_steers() {
     let usual = Stiffness::default();
@@ -76,8 +76,9 @@ fn a_bevel_steers() {
     assert!((turned.x + deep.x).abs() < 0.15 * deep.x, "{deep:?} {turned:?}");
 }
 
-/// A beam and springs of the same EI go the same way. Springs with links of h are off by h^2/(4 L^2) of their deflection under a
-/// force at L, the beam's polyline by h^2/(8 R): both below a hundredth here, and the tissue multiplies neither.
+/// A beam and springs of the same EI go the same way. Springs with links of h are off by h^2/(4 L^2) of their
+/// deflection under a force at L, the beam's polyline by h^2/(8 R): both below a hundredth here, and the tissue
+/// multiplies neither.
 #[test]
 fn a_beam_and_springs_of_the_same_stiffness_go_the_same_way() {
     let shaft = Shaft {
@@ -104,7 +105,8 @@ fn a_beam_and_springs_of_the_same_stiffness_go_the_same_way() {
     }
 }
 
-/// A needle a thousand times stiffer is a rigid one; a thousand times softer, the tissue holds it and it says what it cannot do.
+/// A needle a thousand times stiffer is a rigid one; a thousand times softer, the tissue holds it and it says what it
+/// cannot do.
 #[test]
 fn needles_far_stiffer_and_softer_than_usual() {
     let usual = Stiffness::default().bending_nmm2();
@@ -115,9 +117,10 @@ fn needles_far_stiffer_and_softer_than_usual() {
     assert!(soft.norm() < 30.0, "{soft:?}");
 }
 
-/// The experiment of Goksel et al. 2011 (section VI-A): a brachytherapy needle, 200 mm long, goes 140 mm into a block of PVC
-/// through a template, and its tip comes out 10.4 mm aside, which r = 0.6 mm fits. Goksel et al. 2011 do not give the depth, the modulus or
-/// the length of the bevel's part: with 140 mm, 20 kPa and 0.49, a part of 18 mm makes r = 0.6 mm do that.
+/// The experiment of Goksel et al. 2011 (section VI-A): a brachytherapy needle, 200 mm long, goes 140 mm into a block
+/// of PVC through a template, and its tip comes out 10.4 mm aside, which r = 0.6 mm fits. Goksel et al. 2011 do not
+/// give the depth, the modulus or the length of the bevel's part: with 140 mm, 20 kPa and 0.49, a part of 18 mm makes
+/// r = 0.6 mm do that.
 #[test]
 fn the_deflection_of_the_pvc_experiment() {
     let deflection = |r_mm: f64, depth: f64| {
@@ -150,9 +153,9 @@ fn the_deflection_of_the_pvc_experiment() {
     assert!(deflection(0.6, 70.0) < 0.6 * sweep[1]);
 }
 
-/// A needle that cannot break hard skin bows as a column, clamped in the hand and pinned where it touches: at Euler's load, which
-/// for such a column is EI (4.4934 / L)^2 with tan 4.4934 = 4.4934, and then under little more (the elastica's load rises slowly).
-/// When the skin gives way after all it straightens again.
+/// A needle that cannot break hard skin bows as a column, clamped in the hand and pinned where it touches: at Euler's
+/// load, which for such a column is EI (4.4934 / L)^2 with tan 4.4934 = 4.4934, and then under little more (the
+/// elastica's load rises slowly). When the skin gives way after all it straightens again.
 #[test]
 fn a_needle_that_cannot_enter_bows_at_eulers_load() {
     let stiffness = Stiffness::default();

@@ -5,8 +5,8 @@ use serde_json::json;
 
 use super::support::{USUAL, block, build, events, kinds, on_path, on_table, resistance, setup, tip_at, travel};
 
-/// Once everything slips, the hand feels the friction of the embedded length and the force of cutting; on the way out only the
-/// friction, the other way (Goksel et al. 2011, figures 4 and 13b).
+/// Once everything slips, the hand feels the friction of the embedded length and the force of cutting; on the way out
+/// only the friction, the other way (Goksel et al. 2011, figures 4 and 13b).
 #[test]
 fn the_hand_feels_friction_and_cutting() {
     let mut finite = build(setup(USUAL));
@@ -98,7 +98,7 @@ fn the_image_gets_tissue_that_lies_on_the_needle_and_comes_back() {
     assert!(contacts.len() >= 4);
     for (node, arc, _) in &contacts {
         let place = tissue.current[*node as usize];
-        let shaft = snapshot.line.at(*arc).point_mm;
+        let shaft = snapshot.line.point_at_arc(*arc).point_mm;
         // To the rounding of a solve with the factor: positions of 100 mm, a condition of some 1e4.
         assert!(
             (nalgebra::Point3::from(place) - shaft).norm() < 1e-8,
@@ -227,8 +227,8 @@ fn foreign_states_are_refused_and_nothing_has_changed() {
     assert_eq!(picky.save(), before);
 }
 
-/// A stiff skin is pushed in far and springs back when it breaks, and lets go of nodes near the tip. Each node is made once on the way
-/// in, and comes off once on the way out.
+/// A stiff skin is pushed in far and springs back when it breaks, and lets go of nodes near the tip. Each node is made
+/// once on the way in, and comes off once on the way out.
 #[test]
 fn nodes_are_made_once_and_come_off_once() {
     let mut finite = build(on_table(block([60.0, 60.0, 80.0], 5.0), USUAL));

@@ -39,7 +39,8 @@ fn bony(range: [f64; 2]) -> Finite {
     ))
 }
 
-/// Bone that is the first thing the needle meets stops it at its surface, with the force of its limit, until it is drawn back.
+/// Bone that is the first thing the needle meets stops it at its surface, with the force of its limit, until it is
+/// drawn back.
 #[test]
 fn bone_at_the_surface_stops_the_needle() {
     for step in [0.2, 1.0, 10.0] {

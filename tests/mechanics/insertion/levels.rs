@@ -98,7 +98,8 @@ fn the_level_changes_with_the_needle_in() {
         "{before:?} {after:?}"
     );
 
-    // Level IV leaves what remeshing changes; at the exact level it is there again, as in a model that was always at it.
+    // Level IV leaves what remeshing changes; at the exact level it is there again, as in a model that was always at
+    // it.
     finite.set_level(Level::IV).expect("a level");
     travel(&mut finite, 30.0, 50.0, 0.1);
     let change = finite.set_level(Level::Exact).expect("a level");

@@ -17,8 +17,8 @@ pub(super) fn block(extent: [f64; 3], cell: f64) -> TetMesh {
     block::plain(extent, cell).expect("a lattice")
 }
 
-/// The same, each cell the mirror image of its neighbours: a needle along planes between them is drawn aside by nothing in the
-/// mesh.
+/// The same, each cell the mirror image of its neighbours: a needle along planes between them is drawn aside by nothing
+/// in the mesh.
 pub(super) fn mirrored(extent: [f64; 3], cell: f64) -> TetMesh {
     block::mirrored(extent, cell).expect("a lattice")
 }

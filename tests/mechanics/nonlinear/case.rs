@@ -112,8 +112,9 @@ pub(super) fn at<const D: usize, const N: usize>(body: &NonlinearBody<D, N>, axi
         .collect()
 }
 
-/// A block of `edge` mm whose three lower faces slide in their planes, and the forces on the nodes of its upper x face that make
-/// a uniform pull of 1 kPa there: uniaxial stress, whatever the mesh. Each triangle of the face shares its third out.
+/// A block of `edge` mm whose three lower faces slide in their planes, and the forces on the nodes of its upper x face
+/// that make a uniform pull of 1 kPa there: uniaxial stress, whatever the mesh. Each triangle of the face shares its
+/// third out.
 pub(super) fn pulled(cells: usize, edge: f64, law: impl Copy + Into<AnyLaw>) -> (Arc<Solid>, Held, Vec<f64>) {
     let body = block([cells; 3], edge / cells as f64, 0.2, law);
     let held = (0..3u8).flat_map(|axis| {

@@ -107,8 +107,8 @@ fn above_the_knee_the_load_integral_is_as_by_hand() {
     assert!(strain_of(&creep, 4.0) > 0.2);
 }
 
-/// Order 1 is a dashpot: E(e_r) de/dt = stress, whose time to a strain is the integral of E over stress. And where the laws part:
-/// under a constant load past the knee Kobayashi et al.'s law is the stiffer.
+/// Order 1 is a dashpot: E(e_r) de/dt = stress, whose time to a strain is the integral of E over stress. And where the
+/// laws part: under a constant load past the knee Kobayashi et al.'s law is the stiffer.
 #[test]
 fn above_the_knee_the_rate_is_a_dashpot_at_order_one() {
     let law = law(0.3);
@@ -135,8 +135,8 @@ fn above_the_knee_the_rate_is_a_dashpot_at_order_one() {
     assert!(parted[1] > 1.05 * parted[0], "{parted:?}");
 }
 
-/// A ramp of displacement is held by E t^(1-k) / Gamma(2-k): at k = 0.5, 2 sqrt(t / pi) times E. The trapezoid's deconvolution has
-/// order 2 - k for it.
+/// A ramp of displacement is held by E t^(1-k) / Gamma(2-k): at k = 0.5, 2 sqrt(t / pi) times E. The trapezoid's
+/// deconvolution has order 2 - k for it.
 #[test]
 fn a_driven_ramp_finds_its_reaction() {
     let body = block(

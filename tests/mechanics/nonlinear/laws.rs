@@ -80,8 +80,8 @@ fn modified_newton_takes_few_factors_for_laws_of_finite_strain() {
     }
 }
 
-/// A bar of the Ogden law with free sides, whose volume hardly resists, collapses sideways under a compression to 0.3: its balance is not
-/// stable, and the state stays that of the last increment.
+/// A bar of the Ogden law with free sides, whose volume hardly resists, collapses sideways under a compression to 0.3:
+/// its balance is not stable, and the state stays that of the last increment.
 #[test]
 fn balance_that_is_not_stable_is_refused() {
     let laws = finite(0.45);

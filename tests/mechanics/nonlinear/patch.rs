@@ -1,5 +1,5 @@
-//! Patch tests above the knee: where the boundary is strained uniformly, so is all of an irregular mesh, with the stress of the
-//! law. In floating point to the tolerance of the balance times the condition of the tangent.
+//! Patch tests above the knee: where the boundary is strained uniformly, so is all of an irregular mesh, with the
+//! stress of the law. In floating point to the tolerance of the balance times the condition of the tangent.
 
 use insonify_mechanics::tissue::nonlinear::{NonlinearBody, Scheme, relative_strain};
 use std::sync::Arc;

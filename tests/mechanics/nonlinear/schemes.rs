@@ -19,8 +19,9 @@ fn newton_is_quadratic() {
     }
 }
 
-/// With the factor of the unstrained body an iteration leaves |1 - E_t / E0| of the error of a bar. Its tangent above the knee, at
-/// a strain that a load is chosen for, makes this 0.36; below the rate at which the factor would be renewed.
+/// With the factor of the unstrained body an iteration leaves |1 - E_t / E0| of the error of a bar. Its tangent above
+/// the knee, at a strain that a load is chosen for, makes this 0.36; below the rate at which the factor would be
+/// renewed.
 #[test]
 fn modified_newton_is_linear_at_its_rate() {
     let law = law(0.0);
@@ -45,8 +46,8 @@ fn modified_newton_is_linear_at_its_rate() {
     );
 }
 
-/// What increments before missed is known: equal increments past the knee take about half the iterations of the plain method, and
-/// going back one, elastic as the body is, takes next to none.
+/// What increments before missed is known: equal increments past the knee take about half the iterations of the plain
+/// method, and going back one, elastic as the body is, takes next to none.
 #[test]
 fn increments_alike_take_few_iterations() {
     let body = block([4, 4, 4], 2.0, 0.2, law(0.45));
@@ -73,9 +74,9 @@ fn increments_alike_take_few_iterations() {
     assert!(back.iter().all(|iterations| *iterations <= 2), "{back:?}");
 }
 
-/// In proportional straining Euler's method with Kobayashi et al.'s tangent has order one in the length of the increments; elsewhere it
-/// needs the consistent tangent or the balance put right. With both it is a Newton iteration an increment, whose error is the square
-/// of the increment.
+/// In proportional straining Euler's method with Kobayashi et al.'s tangent has order one in the length of the
+/// increments; elsewhere it needs the consistent tangent or the balance put right. With both it is a Newton iteration
+/// an increment, whose error is the square of the increment.
 #[test]
 fn euler_has_its_order() {
     let soft = |rate| Stiffening::new(Material::new(10.0, 0.3).unwrap(), 0.05, rate).unwrap();
@@ -109,7 +110,8 @@ fn euler_has_its_order() {
     ];
     let schemes = schemes.map(|(slope, corrected, order)| (Scheme::Euler { slope, corrected }, order));
     orders(&body, &fixed, &loads, &schemes);
-    // Kobayashi et al.'s tangent alone stays away, whatever the increments: what it comes to as they vanish, by extrapolation.
+    // Kobayashi et al.'s tangent alone stays away, whatever the increments: what it comes to as they vanish, by
+    // extrapolation.
     let [coarse, fine] = [256, 512].map(|steps| error(&body, &fixed, &loads, paper, steps));
     let drift = 2.0 * fine - coarse;
     assert!(

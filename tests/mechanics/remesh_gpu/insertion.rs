@@ -14,8 +14,9 @@ use insonify_testing::gpu::gpu_or_skip;
 
 /// Steps in, and as many out.
 const WAY: usize = 150;
-/// The farthest that forces in f32 may be from those in f64, over the largest force. Entries of the inverse are rounded to 6e-8 of
-/// themselves; updates and the equations of the needle may make a hundred times as much of that. Forces of two levels are 1e-4 apart.
+/// The farthest that forces in f32 may be from those in f64, over the largest force. Entries of the inverse are rounded
+/// to 6e-8 of themselves; updates and the equations of the needle may make a hundred times as much of that. Forces of
+/// two levels are 1e-4 apart.
 const ALLOWED: f64 = 1e-5;
 /// And those of two implementations in f32 from each other.
 const ALIKE: f64 = 2.0 * ALLOWED;

@@ -1,5 +1,5 @@
-//! Remeshing with the inverse on a GPU: each pass against exact arithmetic and its twin in f32, whole sequences against the
-//! inverse of the moved mesh.
+//! Remeshing with the inverse on a GPU: each pass against exact arithmetic and its twin in f32, whole sequences against
+//! the inverse of the moved mesh.
 
 use std::sync::Arc;
 
@@ -19,8 +19,8 @@ use super::remesh_support::{contacts, error, free_nodes, gold, mesh, noise, nth_
 use insonify_testing::gpu::{gpu_or_skip, gpu_without_features};
 use insonify_testing::lossy::BIASES;
 
-/// Rounding unit of f32. WGSL allows either neighbour of an exact sum or product, twice as much; bounds of worst cases leave room for
-/// that ([`bounds_of_updates_hold_for_the_least_accurate_arithmetic`]).
+/// Rounding unit of f32. WGSL allows either neighbour of an exact sum or product, twice as much; bounds of worst cases
+/// leave room for that ([`bounds_of_updates_hold_for_the_least_accurate_arithmetic`]).
 const UNIT: f64 = 0.5 * f32::EPSILON as f64;
 
 /// gamma_n of Higham, Accuracy and Stability of Numerical Algorithms, section 3.1. Fused sums and products only help.
@@ -50,8 +50,8 @@ struct Exact {
 }
 
 impl Exact {
-    /// Z = Y C has an error of gamma_s |Y| |C| in each entry, Y Z^T one of gamma_s |Y| |Z| beside what Z brings along, and the
-    /// difference rounds once.
+    /// Z = Y C has an error of gamma_s |Y| |C| in each entry, Y Z^T one of gamma_s |Y| |Z| beside what Z brings along,
+    /// and the difference rounds once.
     fn of(a: &Symmetric<f32>, y: &Mat<f64>, c: &Mat<f64>) -> Exact {
         let rank = c.nrows();
         let magnitude = |m: &Mat<f64>| Mat::from_fn(m.nrows(), m.ncols(), |i, j| m[(i, j)].abs());
@@ -387,9 +387,9 @@ fn on_device(gpu: Option<Gpu>, mesh: &AdaptedMesh, level: Level, options: Remesh
     Some(adaptation)
 }
 
-/// How far an inverse in f32 may be from the gold standard after some updates, relative to its largest entry. The base is
-/// rounded to f32 and each update adds about the rounding of one backward stable solution; the condition of the mesh carries it
-/// on, and 8 holds the constants of the inner products.
+/// How far an inverse in f32 may be from the gold standard after some updates, relative to its largest entry. The base
+/// is rounded to f32 and each update adds about the rounding of one backward stable solution; the condition of the mesh
+/// carries it on, and 8 holds the constants of the inner products.
 fn allowed(mesh: &AdaptedMesh, gold: MatRef<'_, f64>, updates: usize) -> f64 {
     8.0 * (updates + 1) as f64 * rounding(mesh, gold) * f64::from(f32::EPSILON) / f64::EPSILON
 }

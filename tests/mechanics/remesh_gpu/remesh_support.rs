@@ -5,7 +5,7 @@ use std::sync::Arc;
 use faer::linalg::solvers::{DenseSolveCore, Llt};
 use faer::{Mat, MatRef, Side};
 use insonify_mechanics::tissue::assembly::Stiffness;
-use insonify_mechanics::tissue::dofs::{Dofs, NONE};
+use insonify_mechanics::tissue::dofs::{Dofs, NO_DOF};
 use insonify_mechanics::tissue::material::Material;
 use insonify_mechanics::tissue::remesh::{AdaptedMesh, Source};
 use insonify_mechanics::tissue::symmetric::Symmetric;
@@ -83,7 +83,7 @@ fn symmetric(matrix: MatRef<'_, f64>) -> Symmetric<f64> {
 /// Nodes without a fixed displacement.
 pub(super) fn free_nodes(mesh: &AdaptedMesh) -> Vec<u32> {
     let nodes = 0..mesh.nodes().len() as u32;
-    nodes.filter(|node| !mesh.dofs().of(*node).contains(&NONE)).collect()
+    nodes.filter(|node| !mesh.dofs().of(*node).contains(&NO_DOF)).collect()
 }
 
 /// A node and where to move it, the `n`th of a sequence: up to 0.25 cells from its base along each axis.
@@ -116,9 +116,9 @@ pub(super) fn error(found: MatRef<'_, f64>, expected: MatRef<'_, f64>) -> f64 {
     (found.to_owned() - expected).norm_max() / expected.norm_max()
 }
 
-/// What two inverses that are each backward stable may differ, relative to the largest entry: twice the rounding unit times
-/// |K|_inf |K^-1|_inf, an upper bound of the condition of the mesh's stiffness now (N. J. Higham, "Accuracy and Stability of
-/// Numerical Algorithms", section 14).
+/// What two inverses that are each backward stable may differ, relative to the largest entry: twice the rounding unit
+/// times `|K|_inf |K^-1|_inf`, an upper bound of the condition of the mesh's stiffness now (N. J. Higham, "Accuracy and
+/// Stability of Numerical Algorithms", section 14).
 pub(super) fn rounding(mesh: &AdaptedMesh, gold: MatRef<'_, f64>) -> f64 {
     let stiffness = mesh.stiffness().at_nodes(mesh.nodes()).unwrap();
     let sums = gold.row_iter().map(|row| row.iter().map(|x| x.abs()).sum::<f64>());

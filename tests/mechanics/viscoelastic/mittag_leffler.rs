@@ -4,8 +4,8 @@ use std::f64::consts::PI;
 
 use libm::{erfc, tgamma};
 
-/// `E_k(-x)` for k in (0, 1] and x from 0 on. With r^k = e^v in its spectrum (F. Mainardi, "Fractional Calculus and Waves in Linear
-/// Viscoelasticity", 2010, appendix E), the trapezoidal rule converges exponentially.
+/// `E_k(-x)` for k in (0, 1] and x from 0 on. With r^k = e^v in its spectrum (F. Mainardi, "Fractional Calculus and
+/// Waves in Linear Viscoelasticity", 2010, appendix E), the trapezoidal rule converges exponentially.
 pub(super) fn mittag_leffler(k: f64, x: f64) -> f64 {
     if k == 1.0 {
         return (-x).exp();

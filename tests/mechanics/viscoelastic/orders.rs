@@ -58,8 +58,9 @@ fn integrals_of_powers_converge_with_the_order_of_the_rule() {
     }
 }
 
-/// The newest step alone makes the rule of Ma and Hori err by h^(1+k): the mean of a step's ends in place of a linear function there and before costs
-/// -zeta(-k) / Gamma(1 + k) of the slope, zeta Riemann's. For k near 1, terms of h^2 hide that at these steps.
+/// The newest step alone makes the rule of Ma and Hori err by h^(1+k): the mean of a step's ends in place of a linear
+/// function there and before costs -zeta(-k) / Gamma(1 + k) of the slope, zeta Riemann's. For k near 1, terms of h^2
+/// hide that at these steps.
 #[test]
 fn the_time_scaled_trapezoid_errs_by_the_step_to_the_power_one_and_k() {
     for (k, zeta) in [(0.1, 0.417_228), (0.5, 0.207_886)] {
@@ -110,8 +111,8 @@ fn linear_functions_are_exact_under_the_linear_rules() {
     }
 }
 
-/// The stress of a spring-pot whose strain jumps to 1 and stays, as a driven displacement has it: the unknown is the new value of
-/// the integral, `1 = w_0 stress + history`. Relative error at time 1.
+/// The stress of a spring-pot whose strain jumps to 1 and stays, as a driven displacement has it: the unknown is the
+/// new value of the integral, `1 = w_0 stress + history`. Relative error at time 1.
 fn driven(rule: &Rule, k: f64, steps: i32, grading: i32) -> f64 {
     let mut integral = rule.start(Operator::Integral(k), &[0.0]).unwrap();
     let time = |at: i32| (f64::from(at) / f64::from(steps)).powi(grading);

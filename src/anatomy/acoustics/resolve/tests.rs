@@ -25,7 +25,7 @@ fn named(names: &[&str]) -> Vec<Label> {
 fn resolved(labels: &[Label], overrides: &[TissueOverride], hint: Preset) -> (Vec<String>, Vec<String>) {
     let (table, warnings) = TissueTable::resolve(labels, overrides, hint).unwrap();
     let names = (1..labels.len())
-        .map(|index| table.of(index as u8).name.to_string())
+        .map(|index| table.tissue(index as u8).name.to_string())
         .collect();
     assert_eq!(table.of_label.len(), labels.len());
     (names, warnings)
@@ -128,11 +128,11 @@ fn overrides_claim_by_value_and_name_and_change_presets_everywhere() {
     ];
     let labels = named(&["liver", "right_lung", "rib_left_2", "spleen"]);
     let (table, warnings) = TissueTable::resolve(&labels, &overrides, Preset::Auto).unwrap();
-    assert_eq!(table.of(1).name, "tumour");
-    assert_eq!(table.of(2).name, "tumour");
-    assert_eq!(table.of(3).echogenicity_db, 30.0);
-    assert_eq!(table.of(4).name, "spleen");
-    assert_eq!(table.of(0).name, "background");
+    assert_eq!(table.tissue(1).name, "tumour");
+    assert_eq!(table.tissue(2).name, "tumour");
+    assert_eq!(table.tissue(3).echogenicity_db, 30.0);
+    assert_eq!(table.tissue(4).name, "spleen");
+    assert_eq!(table.tissue(0).name, "background");
     assert_eq!(table.tissues.len(), 4);
     assert!(
         warnings.len() == 1 && warnings[0].contains("no label 99"),
@@ -166,6 +166,6 @@ fn a_background_can_be_claimed_and_a_missing_index_is_background() {
         ..TissueOverride::default()
     };
     let (table, _) = TissueTable::resolve(&nameless(&[5]), &[bath], Preset::Auto).unwrap();
-    assert_eq!(table.of(0).name, "bath");
-    assert_eq!(table.of(200).name, "bath");
+    assert_eq!(table.tissue(0).name, "bath");
+    assert_eq!(table.tissue(200).name, "bath");
 }

@@ -22,7 +22,7 @@ fn settings(shape: ProbeShape, lines: u32) -> Settings {
 
 /// One bright voxel of 1 mm, over three millimetres of depth, at the middle scanline.
 fn bright_spot() -> Anatomy {
-    anatomy::of(
+    anatomy::anatomy_from(
         Frame::around([0.0, 20.0, 0.0], [61, 41, 5], 1.0),
         &[SILENT, SILENT, PLAIN],
         |p| 1 + u8::from(p[0].abs() < 0.1 && (p[1] - 24.0).abs() < 1.1),

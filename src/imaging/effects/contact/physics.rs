@@ -21,7 +21,7 @@ fn belly(x: f64) -> f64 {
 #[test]
 fn a_belly_touches_a_straight_array_within_reach() {
     let frame = Frame::around([0.0, 45.0, 0.0], [121, 200, 5], 0.5);
-    let body = anatomy::of(frame, &[SILENT, PLAIN], |p| u8::from(p[1] > belly(p[0])));
+    let body = anatomy::anatomy_from(frame, &[SILENT, PLAIN], |p| u8::from(p[1] > belly(p[0])));
     for (name, backend) in precisions() {
         let probe = scene::probe(ProbeShape::Linear(Linear { width_mm: 58.0 }), DEPTH_MM, LINES, SAMPLES);
         let mut settings = scene::settings(probe, scene::bare());
@@ -62,7 +62,7 @@ fn a_belly_touches_a_straight_array_within_reach() {
 #[test]
 fn a_body_goes_on_where_the_volume_is_cut() {
     let frame = Frame::around([0.0, 20.0, 0.0], [41, 41, 5], 1.0);
-    let body = anatomy::of(frame, &[SILENT, PLAIN, PLAIN], |p| match p[0] {
+    let body = anatomy::anatomy_from(frame, &[SILENT, PLAIN, PLAIN], |p| match p[0] {
         x if x < -15.0 => 0,
         x if x < 18.0 => 1,
         _ => 2,
@@ -97,7 +97,7 @@ fn a_body_goes_on_where_the_volume_is_cut() {
 #[test]
 fn the_layer_beyond_marks_what_is_continued() {
     let frame = Frame::around([0.0, 20.0, 0.0], [41, 41, 5], 1.0);
-    let body = anatomy::of(frame, &[SILENT, PLAIN], |_| 1);
+    let body = anatomy::anatomy_from(frame, &[SILENT, PLAIN], |_| 1);
     let probe = scene::probe(ProbeShape::Linear(Linear { width_mm: 60.0 }), 20.0, LINES, 20);
     let mut settings = scene::settings(probe, scene::bare());
     settings.layers = vec![Layer::Beyond, Layer::Sector];

@@ -20,7 +20,7 @@ fn echoes(angle: f64, directivity: f64, backend: Backend) -> Vec<f64> {
         ..SILENT
     };
     let (sin, cos) = angle.to_radians().sin_cos();
-    let anatomy = anatomy::of(
+    let anatomy = anatomy::anatomy_from(
         Frame::around([0.0, 20.0, 0.0], [400, 400, 3], 0.1),
         &[SILENT, tissue(Z[0]), tissue(Z[1])],
         |p| 1 + u8::from(p[0] * sin + (p[1] - 20.0) * cos > OFFSET_MM),
@@ -86,7 +86,7 @@ fn spread(roughness: f64, lines: u32) -> (Vec<Vec<f64>>, f64) {
         impedance_mrayl,
         ..SILENT
     };
-    let anatomy = anatomy::of(
+    let anatomy = anatomy::anatomy_from(
         Frame::around([0.0, 20.0, 0.0], [160, 160, 5], 0.5),
         &[SILENT, tissue(Z[0]), tissue(Z[1])],
         |p| 1 + u8::from(p[1] > 20.0 + OFFSET_MM),

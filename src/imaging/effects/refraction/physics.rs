@@ -20,7 +20,7 @@ fn factors(shape: ProbeShape, lines: u32, beam_mm: f64, backend: Backend) -> Vec
         ..PLAIN
     };
     let frame = Frame::around([0.0, 30.0, 0.0], [500, 800, 3], 0.1);
-    let anatomy = anatomy::of(frame, &[SILENT, tissue(Z[0]), tissue(Z[1])], |p| {
+    let anatomy = anatomy::anatomy_from(frame, &[SILENT, tissue(Z[0]), tissue(Z[1])], |p| {
         1 + u8::from(p[0].hypot(p[1] - 20.0) < RADIUS_MM)
     });
     let mut settings = scene::settings(scene::probe(shape, DEPTH_MM, lines, SAMPLES), scene::bare());

@@ -57,7 +57,7 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
             T::vectorised(Scanline {
                 kernel,
                 through,
-                place: [line, lines],
+                line_and_count: [line, lines],
                 is_opaque: &is_opaque,
                 labels,
                 amplitudes,
@@ -70,7 +70,8 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
 struct Scanline<'a, T> {
     kernel: &'a LateralKernel,
     through: &'a [T],
-    place: [usize; 2],
+    /// Index of the scanline, and number of scanlines.
+    line_and_count: [usize; 2],
     is_opaque: &'a [bool; 256],
     labels: &'a [u8],
     amplitudes: &'a mut [T],
@@ -81,12 +82,12 @@ impl<T: Real> Kernel for Scanline<'_, T> {
 
     #[inline(always)]
     fn run(self) {
-        let on_line = &self.through[self.place[0] * self.amplitudes.len()..];
+        let on_line = &self.through[self.line_and_count[0] * self.amplitudes.len()..];
         let rows = self.labels.chunks(BLOCK).zip(on_line.chunks(BLOCK));
         for (block, (amplitudes, (labels, through))) in self.amplitudes.chunks_mut(BLOCK).zip(rows).enumerate() {
             let mut mean = [T::zero(); BLOCK];
             let mean = &mut mean[..amplitudes.len()];
-            self.kernel.mean(self.through, self.place, block * BLOCK, mean);
+            self.kernel.mean(self.through, self.line_and_count, block * BLOCK, mean);
             for i in 0..amplitudes.len() {
                 let opaque = self.is_opaque[usize::from(labels[i])];
                 let left = if opaque { through[i].min(mean[i]) } else { mean[i] };

@@ -229,7 +229,7 @@ fn above_opaque(angle_deg: f64, reverberation: f64, backend: Backend) -> Beam {
     };
     let frame = Frame::around([0.0, 30.0, 0.0], [400, 700, 3], 0.1);
     let slope = angle_deg.to_radians().tan();
-    let anatomy = anatomy::of(frame, &[SILENT, attenuating(0.5), opaque], |p| {
+    let anatomy = anatomy::anatomy_from(frame, &[SILENT, attenuating(0.5), opaque], |p| {
         1 + u8::from(p[1] > 20.0 + slope * p[0])
     });
     let probe = scene::probe(ProbeShape::Linear(Linear { width_mm: 30.0 }), DEPTH_MM, 61, 1200);
@@ -291,7 +291,7 @@ fn a_ball_above_gas_is_mirrored_in_its_surface() {
             ..PLAIN
         };
         let frame = Frame::around([0.0, 30.0, 0.0], [500, 700, 3], 0.1);
-        let anatomy = anatomy::of(frame, &[SILENT, SILENT, PLAIN, gas], |p| {
+        let anatomy = anatomy::anatomy_from(frame, &[SILENT, SILENT, PLAIN, gas], |p| {
             if p[1] > 30.0 + slope * p[0] {
                 return 3;
             }
@@ -356,7 +356,7 @@ fn a_ball_above_gas_is_mirrored_in_its_surface() {
 /// A plate from y = 10 to 12 mm on the side x > 0, before tissue, on a fine linear array.
 fn half_plane(plate: Acoustics, [beam_mm, f_number]: [f64; 2], backend: Backend) -> Beam {
     let frame = Frame::around([0.0, 20.0, 0.0], [160, 160, 3], 0.25);
-    let anatomy = anatomy::of(frame, &[SILENT, PLAIN, plate], |p| {
+    let anatomy = anatomy::anatomy_from(frame, &[SILENT, PLAIN, plate], |p| {
         1 + u8::from(p[0] > 0.0 && (10.0..12.0).contains(&p[1]))
     });
     let probe = scene::probe(ProbeShape::Linear(Linear { width_mm: 29.75 }), 30.0, 120, 120);

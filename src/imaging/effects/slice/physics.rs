@@ -96,7 +96,7 @@ fn the_area_of_a_sliced_box_converges() {
             let [x, y, z] = jitter(body);
             let half = [8.0 + x, 7.0 + y, 3.0];
             let middle = [2.0 * y, 18.0 + 2.0 * z];
-            let anatomy = anatomy::of(frame(spacing), &[SILENT, PLAIN, PLAIN], |p| {
+            let anatomy = anatomy::anatomy_from(frame(spacing), &[SILENT, PLAIN, PLAIN], |p| {
                 let inside = (p[0] - middle[0]).abs() <= half[0] && (p[1] - middle[1]).abs() <= half[1];
                 1 + u8::from(inside && p[2].abs() <= half[2])
             });
@@ -115,7 +115,7 @@ fn the_area_of_a_sliced_box_converges() {
 /// Departure of a boundary from the straight line that it stands for, from scanline to scanline, rms, mm: a plane that
 /// rises one voxel of 1.5 mm every `run` voxels, read from labels of samples every 0.05 mm.
 fn stairs(boundary: Boundary, run: f64) -> f64 {
-    let anatomy = anatomy::of(
+    let anatomy = anatomy::anatomy_from(
         Frame::around([0.0, 20.0, 0.0], [40, 40, 7], 1.5),
         &[SILENT, PLAIN, PLAIN],
         |p| 1 + u8::from(p[1] > 20.0 + p[0] / run),

@@ -80,7 +80,7 @@ pub(super) fn lateral<T: Real>(view: &View, store: &mut Store<T>) {
         &|(line, output)| {
             T::vectorised(Envelope {
                 input,
-                place: [line * speckle.oversampling, fine_lines],
+                line_and_count: [line * speckle.oversampling, fine_lines],
                 kernel: &speckle.lateral,
                 edge: speckle
                     .edge(line, lines)
@@ -95,7 +95,8 @@ pub(super) fn lateral<T: Real>(view: &View, store: &mut Store<T>) {
 /// rescaled to preserve its power.
 struct Envelope<'a, T> {
     input: &'a [T],
-    place: [usize; 2],
+    /// Index of the scanline, and number of scanlines.
+    line_and_count: [usize; 2],
     kernel: &'a LateralKernel,
     edge: Option<&'a [T]>,
     output: &'a mut [T],
@@ -110,7 +111,7 @@ impl<T: Real> Kernel for Envelope<'_, T> {
         let part = |line: usize| &self.input[line * samples..][..samples];
         for (block, output) in self.output.chunks_mut(BLOCK).enumerate() {
             let parts = |fine: usize| [part(2 * fine), part(2 * fine + 1)];
-            let [re, im] = self.kernel.sums(self.place, block * BLOCK, parts);
+            let [re, im] = self.kernel.sums(self.line_and_count, block * BLOCK, parts);
             for (out, (re, im)) in output.iter_mut().zip(re.iter().zip(&im)) {
                 *out = (*re * *re + *im * *im).sqrt();
             }

@@ -56,7 +56,8 @@ impl SpeckleTables {
         let shortest = spread.axial_mm.min(spread.lateral_mm).min(spread.elevational_mm) / FWHM_PER_SIGMA;
         let lattice_mm = LATTICE_PER_SIGMA * shortest;
         let correlation = |mm: f64| lattice_correlation(mm / lattice_mm);
-        // Remaining width for a kernel after subtracting the variance of the lattice interpolation.
+        // Remaining width for a kernel after subtracting the variance of the lattice interpolation: its triangles of
+        // half-width h have h^2 / 6, and the variances of kernels in a row add.
         let left = |length_mm: f64| {
             let sigma = length_mm / FWHM_PER_SIGMA;
             (sigma * sigma - lattice_mm * lattice_mm / 6.0).max(0.0).sqrt()
@@ -69,6 +70,7 @@ impl SpeckleTables {
         let sample_mm = grid.sample_spacing_mm();
         let requested = left(spread.axial_mm) / sample_mm;
         let axial_sigma = requested.min(MAX_SIGMA);
+        // Three standard deviations from its peak a Gaussian is at 1 %.
         let axial_reach = (3.0 * axial_sigma).ceil() as usize;
         let along = |steps: f64| correlation(steps * sample_mm);
         let axial = unit_power(gaussian(axial_sigma, axial_reach), along);
@@ -79,11 +81,13 @@ impl SpeckleTables {
         let widest = grid
             .lateral_spacing_mm(grid.depth_mm())
             .max(grid.lateral_spacing_mm(0.0));
+        // Scanlines farther apart than the lattice would step over scatterers, which would flicker as the probe moves.
         let oversampling = if grid.lines() == 1 {
             1
         } else {
             ((widest / (COARSEST * lattice_mm)).ceil() as usize).clamp(1, MAX_OVERSAMPLING)
         };
+        // At the apex of a sector all scanlines meet: the least distance keeps widths in scanlines finite.
         let fine_mm =
             |sample: usize| (grid.lateral_spacing_mm(grid.sample_depth_mm(sample)) / oversampling as f64).max(1e-6);
         let sigma = |sample: usize| left(spread.lateral_at(grid.sample_depth_mm(sample))) / fine_mm(sample);
@@ -93,10 +97,13 @@ impl SpeckleTables {
         let fine_lines = (grid.lines() - 1) * oversampling + 1;
         let by_depth: Vec<Vec<f64>> = (0..grid.samples()).map(|sample| lateral.at(sample).collect()).collect();
         let step = step_weight(&axial);
+        // The kernels have unit power for scatterers, whose phases are random. A surface adds up coherently: its gain,
+        // the sum of the weights and not the root of their squares, is undone.
         let specular = by_depth
             .iter()
             .map(|weights| 1.0 / (step * weights.iter().sum::<f64>()))
             .collect();
+        // Both ends of the array are alike: one row of factors serves either side.
         let edge_lines = lateral.reach.div_ceil(oversampling).min(grid.lines().div_ceil(2));
         let edges = parallel::map(0..edge_lines * grid.samples(), &|index| {
             let (line, sample) = (index / grid.samples(), index % grid.samples());

@@ -38,7 +38,7 @@ fn a_slab_beside_the_plane_adds_the_power_of_the_sub_planes_in_it() {
     // Echo only where z > 0.5 mm: of five sub-planes at 0, 2, -2, 4, -4 mm those at 2 and 4 lie in it. Their weights
     // follow the Gaussian profile of 4 mm full width: 2^-1 and 2^-4 against 1 for the central one.
     let frame = Frame::around([0.0, 20.0, 0.0], [61, 61, 21], 1.0);
-    let anatomy = anatomy::of(frame, &[SILENT, SILENT, PLAIN], |p| 1 + u8::from(p[2] > 0.5));
+    let anatomy = anatomy::anatomy_from(frame, &[SILENT, SILENT, PLAIN], |p| 1 + u8::from(p[2] > 0.5));
     let power = (0.5 + 0.0625) / (1.0 + 2.0 * (0.5 + 0.0625));
     for (name, backend) in precisions() {
         let beam = beam_after(&anatomy, &settings(0, 4.0, 5), backend, "thickness", &scene::straight());

@@ -59,7 +59,7 @@ impl GpuExecutor {
                     pipeline
                 }
             };
-            let passes: Vec<&'static Pass> = numbers_of(&fused).map(|at| bound[at].pass).collect();
+            let passes: Vec<&'static Pass> = numbers_of(&fused).map(|pass| bound[pass].pass).collect();
             // Buffers of the beam fit whole; those of pixels may exceed a binding.
             let bands: Cow<[Band]> = if passes.iter().any(|pass| is_per_pixel(pass)) {
                 self.bands.clone().into()
@@ -102,18 +102,18 @@ impl GpuExecutor {
             bytes as u32 / bound.element
         });
         let constants: Vec<u32> = extents.chain(strides).collect();
-        let at = blocks_at + passes * ParamBlock::CAPACITY;
+        let constants_at = blocks_at + passes * ParamBlock::CAPACITY;
         for frame in 0..self.frames {
-            let of_frame = &mut self.uploads.contents[at + frame * block..];
+            let of_frame = &mut self.uploads.contents[constants_at + frame * block..];
             of_frame[..4 * constants.len()].copy_from_slice(bytemuck::cast_slice(&constants));
         }
     }
 
     pub(super) fn make_single(&mut self, plan: &Plan, tables: &Tables) -> Result<(), GpuError> {
         if self.single.is_empty() {
-            let alone = |at| {
+            let alone = |pass| {
                 vec![Sequence {
-                    passes: vec![at],
+                    passes: vec![pass],
                     by_line: false,
                 }]
             };
@@ -124,7 +124,7 @@ impl GpuExecutor {
     }
 
     fn pipeline(&self, bound: &[Bound], fused: &Fused, linked: &Linked) -> Result<Pipeline, GpuError> {
-        let names: Vec<&str> = numbers_of(fused).map(|at| bound[at].pass.name).collect();
+        let names: Vec<&str> = numbers_of(fused).map(|pass| bound[pass].pass.name).collect();
         let storage: Vec<Access> = linked.buffers.iter().map(|bound| bound.access).collect();
         let source = PassSource {
             label: &names.join(" + "),
@@ -152,7 +152,7 @@ impl GpuExecutor {
             let buffer = bound.buffer;
             let per_frame = self.uploads.per_frame.iter().find(|(known, ..)| *known == buffer);
             match per_frame {
-                Some(&(_, at, bytes)) => uploads.part(at as u64, (self.frames * bytes) as u64),
+                Some(&(_, start, bytes)) => uploads.part(start as u64, (self.frames * bytes) as u64),
                 None if buffer.is_packed => uploads.part(0, uploads.bytes()),
                 None => self.buffers[&(buffer, if buffer.is_per_pixel { part } else { 0 })].entire(),
             }

@@ -74,7 +74,7 @@ impl GpuExecutor {
             .map(|planned| bands(&[planned.pass]) * linker::block_bytes(1));
         let fused_at = single_at + self.frames * single.sum::<usize>();
         let fused = plan.fused(self.most_buffers()).into_iter().map(|fused| {
-            let passes: Vec<_> = numbers_of(&fused).map(|at| plan.passes[at].pass).collect();
+            let passes: Vec<_> = numbers_of(&fused).map(|pass| plan.passes[pass].pass).collect();
             bands(&passes) * linker::block_bytes(passes.len())
         });
         let mut end = fused_at + self.frames * fused.sum::<usize>();
@@ -84,11 +84,11 @@ impl GpuExecutor {
             .filter(|planned| planned.resource.per_frame.is_some());
         let (mut longest, mut planned) = (0, 0);
         let place = |resource: &PlannedResource| {
-            let (at, bytes) = (end, resource.bytes as usize);
+            let (start, bytes) = (end, resource.bytes as usize);
             end += (self.frames * bytes).next_multiple_of(ALIGNED);
             longest = longest.max(bytes);
             planned += bytes;
-            (resource.resource, at, bytes)
+            (resource.resource, start, bytes)
         };
         let per_frame = per_frame.map(place).collect();
         let bytes = end + self.frames * elements * OF_DEFORMED;
@@ -151,11 +151,11 @@ impl GpuExecutor {
                     block.copy_from_slice((pass.params)(&view, step.band).slot());
                 }
             }
-            for &(buffer, at, bytes) in &*per_frame {
+            for &(buffer, start, bytes) in &*per_frame {
                 let Some(fill) = buffer.per_frame else { continue };
                 fill(tables, state, &mut self.numbers);
                 let numbers: &[u8] = bytemuck::cast_slice(&self.numbers);
-                contents[at + frame * bytes..][..numbers.len()].copy_from_slice(numbers);
+                contents[start + frame * bytes..][..numbers.len()].copy_from_slice(numbers);
             }
         }
         Ok(())

@@ -3,7 +3,7 @@ use crate::anatomies::{self, Frame, PLAIN, SILENT};
 
 /// A volume of 20 mm about a point.
 fn about(centre: [f64; 3]) -> Arc<LabelVolume> {
-    anatomies::of(Frame::around(centre, [20; 3], 1.0), &[SILENT, PLAIN], |_| 1).volume
+    anatomies::anatomy_from(Frame::around(centre, [20; 3], 1.0), &[SILENT, PLAIN], |_| 1).volume
 }
 
 #[test]
@@ -18,7 +18,7 @@ fn nearby_it_is_the_worlds_own_and_nothing_is_copied() {
         assert!(same(origin.to_local(point)) && same(origin.to_world(point)));
         let (mut local, state) = (LocalFrame::new(origin), FrameState::at(Matrix4::identity()));
         local.take(&state);
-        assert!(std::ptr::eq(local.of(&state), &state));
+        assert!(std::ptr::eq(local.localized(&state), &state));
     }
 }
 
@@ -63,7 +63,7 @@ fn all_of_a_frame_moves_together() {
         ..FrameState::at(Matrix4::new_translation(&Vector3::from(node(9.0))))
     };
     local.take(&world);
-    let seen = local.of(&world);
+    let seen = local.localized(&world);
     assert_eq!((seen.frame, seen.probe_to_world[(0, 3)]), (7, 9.0));
     let needle = seen.needle.as_ref().unwrap();
     assert_eq!(
@@ -80,9 +80,12 @@ fn all_of_a_frame_moves_together() {
     world.needle = None;
     world.seeds.clear();
     local.take(&world);
-    let seen = local.of(&world);
+    let seen = local.localized(&world);
     assert!(seen.nodes.is_none() && seen.needle.is_none() && seen.seeds.is_empty());
     world.nodes = nodes;
     local.take(&world);
-    assert_eq!(local.of(&world).nodes.as_ref().map(|nodes| nodes.as_ptr()), memory);
+    assert_eq!(
+        local.localized(&world).nodes.as_ref().map(|nodes| nodes.as_ptr()),
+        memory
+    );
 }

@@ -88,8 +88,8 @@ fn vein_mm2(synth: &mut Synthesizer, state: &FrameState, vessel: u8) -> f64 {
         .sum()
 }
 
-/// Figures 11 and 12 of Kobayashi et al. 2010: force rises faster than linearly and drops at capsule and wall; the vein flattens
-/// before.
+/// Figures 11 and 12 of Kobayashi et al. 2010: force rises faster than linearly and drops at capsule and wall; the vein
+/// flattens before.
 #[test]
 fn a_needle_pushes_into_the_liver_and_flattens_the_vein() {
     let scenario = resolved(&quick()).unwrap();

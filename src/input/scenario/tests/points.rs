@@ -368,8 +368,8 @@ fn nodes_are_fixed_by_cylinder_and_by_the_surface_of_a_region() {
     }
 }
 
-/// Remeshing moves nodes of interfaces to the tip, but no interface: the inclusion, whose end is a hemisphere of 15 mm about z = -10 mm,
-/// begins on the needle's line where it does at rest, on coarse and fine meshes.
+/// Remeshing moves nodes of interfaces to the tip, but no interface: the inclusion, whose end is a hemisphere of 15 mm
+/// about z = -10 mm, begins on the needle's line where it does at rest, on coarse and fine meshes.
 #[test]
 fn regions_are_met_at_their_depth_at_rest_on_any_mesh() {
     let block = BLOCK

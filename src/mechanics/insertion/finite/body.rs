@@ -49,8 +49,8 @@ impl CutTissue {
     }
 }
 
-/// Channels in the tissue at rest: pushed along one again, a needle cuts nothing until its end (Dehghan et al. 2008, Fig. 9:
-/// the second and third insertions along a path take less force).
+/// Channels in the tissue at rest: pushed along one again, a needle cuts nothing until its end (Dehghan et al. 2008,
+/// Fig. 9: the second and third insertions along a path take less force).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Channel {
     paths: Vec<Vec<Point3<f64>>>,

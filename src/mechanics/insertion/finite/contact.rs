@@ -1,9 +1,9 @@
 //! Contact node on the needle: arc length, stick-slip state, the tissue layers around the shaft, and their friction.
 //!
-//! Each contact carries the length of shaft from itself to the next one, or to the tip (Goksel et al. 2011, equation 3),
-//! with the densities of the layers recorded there (Dehghan et al. 2008), over the current lengths between them on the
-//! shaft: the sum over all contacts is the density over the embedded length in the deformed tissue. The cutting force acts
-//! at the tip.
+//! Each contact carries the length of shaft from itself to the next one, or to the tip (Goksel et al. 2011, equation
+//! 3), with the densities of the layers recorded there (Dehghan et al. 2008), over the current lengths between them on
+//! the shaft: the sum over all contacts is the density over the embedded length in the deformed tissue. The cutting
+//! force acts at the tip.
 
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
@@ -103,8 +103,8 @@ pub(super) fn set_friction_bounds(anatomy: &dyn Anatomy, contacts: &mut [Contact
 pub(super) enum State {
     /// The point keeps its place on the shaft.
     Stuck,
-    /// The point is pushed along the shaft with the maximum force: towards the tip (1.0) while the needle advances, or back
-    /// (-1.0).
+    /// The point is pushed along the shaft with the maximum force: towards the tip (1.0) while the needle advances, or
+    /// back (-1.0).
     Slipping(f64),
 }
 

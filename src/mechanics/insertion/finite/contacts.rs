@@ -78,8 +78,8 @@ impl Contacts {
         self.arcs.extend_from_slice(&self.released);
     }
 
-    /// Makes room for the forces at the tip and on the guide behind those at the nodes; existing ones are kept. The cutting
-    /// force (N) passes between the tip and the node that was made there.
+    /// Makes room for the forces at the tip and on the guide behind those at the nodes; existing ones are kept. The
+    /// cutting force (N) passes between the tip and the node that was made there.
     pub(crate) fn set_others(&mut self, [has_tip, has_guide]: [bool; 2], line: &CentreLine, cutting: impl Fn() -> f64) {
         let [had_tip, had_guide] = self.has_others;
         let index = self.nodes.len();
@@ -87,7 +87,7 @@ impl Contacts {
             let cutting = cutting();
             let mut share = Vector3::zeros();
             if let Some(last) = self.forces[..index].last_mut() {
-                let tangent = line.at(line.length_mm()).tangent;
+                let tangent = line.point_at_arc(line.length_mm()).tangent;
                 share = tangent.into_inner() * tangent.dot(last).clamp(0.0, cutting);
                 *last -= share;
             }
@@ -161,8 +161,8 @@ impl Contacts {
         }
     }
 
-    /// Writes the forces of the tissue on the needle, N: each on the shaft from its node to the next, the last to the arc `end` (mm), and
-    /// that at the tip of `line`.
+    /// Writes the forces of the tissue on the needle, N: each on the shaft from its node to the next, the last to the
+    /// arc `end` (mm), and that at the tip of `line`.
     pub(super) fn shaft_loads(&self, line: &CentreLine, end: f64, cutting: Option<f64>, into: &mut Vec<ShaftLoad>) {
         for (index, contact) in self.nodes.iter().enumerate() {
             // A node may lie beyond the tip until the tissue has caught up.
@@ -181,7 +181,7 @@ impl Contacts {
         }
         if let (Some(cutting), Some(last)) = (cutting, into.last_mut()) {
             // The node at the tip bears the cutting force beside that of its shaft.
-            let tangent = line.at(length).tangent.into_inner();
+            let tangent = line.point_at_arc(length).tangent.into_inner();
             at_tip = tangent * tangent.dot(&last.force_n).clamp(-cutting, 0.0);
             last.force_n -= at_tip;
         }
@@ -219,8 +219,8 @@ impl Contacts {
         largest
     }
 
-    /// Extends the path from the last node to the tip, which has moved in the reference state from `before` to `now`, or
-    /// shortens it.
+    /// Extends the path from the last node to the tip, which has moved in the reference state from `before` to `now`,
+    /// or shortens it.
     pub(crate) fn extend_path(&mut self, body: &CutTissue, length: f64, before: &Point3<f64>, now: &Point3<f64>) {
         let Some(last) = self.nodes.last_mut() else { return };
         let beyond = length - last.arc;

@@ -1,22 +1,22 @@
 //! Coupled contact solve of tissue, probe and needle.
 //!
-//! With F the forces on the tissue and u its displacement under them and the probe (see [`Reduced`]), the needle yields too:
-//! its line moves by d - C (F - F_before), with C its flexibility and d the remaining change of its shape under the previous
-//! forces. Across the shaft a node lies on the line; along it, the node either keeps its place or is pushed with the
-//! available friction:
+//! With F the forces on the tissue and u its displacement under them and the probe (see [`Reduced`]), the needle yields
+//! too: its line moves by d - C (F - F_before), with C its flexibility and d the remaining change of its shape under
+//! the previous forces. Across the shaft a node lies on the line; along it, the node either keeps its place or is
+//! pushed with the available friction:
 //!
 //! ```text
 //! n . (X + u) = n . (x_line + d - C (F - F_before))
 //! ```
 //!
-//! This is one symmetric system for the forces across the shaft and, of nodes that stick, along it. It is positive definite
-//! unless forces along the needle would buckle it: then C is indefinite, and whether tissue supports the needle is seen from
-//! the signs of the factors ([`Solved::signs`]). The cutting force acts on the tissue at the tip, distributed among the
-//! corners of its element by the barycentric coordinates of the tip: a node of its own with one force. Which nodes stick
-//! follows from Coulomb's law with bounds known beforehand: a linear complementarity problem with a positive definite
-//! matrix, hence with one solution. Nodes whose force exceeds a bound slip, and those that would slip in the direction of
-//! their friction stick; if that does not settle, only the lowest such node changes at a time, which must terminate (Murty,
-//! 1974).
+//! This is one symmetric system for the forces across the shaft and, of nodes that stick, along it. It is positive
+//! definite unless forces along the needle would buckle it: then C is indefinite, and whether tissue supports the
+//! needle is seen from the signs of the factors ([`Solved::signs`]). The cutting force acts on the tissue at the tip,
+//! distributed among the corners of its element by the barycentric coordinates of the tip: a node of its own with one
+//! force. Which nodes stick follows from Coulomb's law with bounds known beforehand: a linear complementarity problem
+//! with a positive definite matrix, hence with one solution. Nodes whose force exceeds a bound slip, and those that
+//! would slip in the direction of their friction stick; if that does not settle, only the lowest such node changes at a
+//! time, which must terminate (Murty, 1974).
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -31,8 +31,8 @@ pub(super) const MAX_RELEASED: usize = 4;
 /// Rounds in which all nodes that violate Coulomb's law change at once.
 const ROUNDS_AT_ONCE: usize = 4;
 
-/// System of contact equations: the contacts of the needle, each with three degrees of freedom, then the tissue at the tip,
-/// and last a guide that does not yield. The memory is kept.
+/// System of contact equations: the contacts of the needle, each with three degrees of freedom, then the tissue at the
+/// tip, and last a guide that does not yield. The memory is kept.
 #[derive(Debug, Default)]
 pub(super) struct Joint {
     pub tissue: Reduced,
@@ -76,8 +76,8 @@ pub(super) struct Solved {
     pub rounds: usize,
     /// Whether Coulomb's law holds everywhere.
     pub settled: bool,
-    /// Signs of the last system's factors. With as many negative ones as the tangent stiffness of the needle has, tissue
-    /// supports it; with fewer it buckles.
+    /// Signs of the last system's factors. With as many negative ones as the tangent stiffness of the needle has,
+    /// tissue supports it; with fewer it buckles.
     pub signs: Signs,
 }
 
@@ -88,8 +88,8 @@ fn frame(tangent: &Vector3<f64>) -> Matrix3<f64> {
 }
 
 impl Joint {
-    /// Takes the compliance at the contacts, if it has changed, the tissue at the tip, the guide behind it, if any, and the
-    /// number of released loads behind that.
+    /// Takes the compliance at the contacts, if it has changed, the tissue at the tip, the guide behind it, if any, and
+    /// the number of released loads behind that.
     pub(crate) fn take_compliance(
         &mut self,
         tissue: &Tissue,
@@ -118,11 +118,12 @@ impl Joint {
         self.tissue.yielding() + usize::from(self.guide.is_some()) + self.released
     }
 
-    /// Rotates everything into the directions of the shaft at these arcs (mm): contacts, tip, guide. `forces` are those on
-    /// the tissue under which the line was bent.
+    /// Rotates everything into the directions of the shaft at these arcs (mm): contacts, tip, guide. `forces` are those
+    /// on the tissue under which the line was bent.
     pub(super) fn turn(&mut self, arcs: &[f64], line: &CentreLine, forces: &[Vector3<f64>]) {
         self.frames.clear();
-        self.frames.extend(arcs.iter().map(|arc| frame(&line.at(*arc).tangent)));
+        self.frames
+            .extend(arcs.iter().map(|arc| frame(&line.point_at_arc(*arc).tangent)));
         let n = 3 * self.frames.len();
         self.before.clear();
         for (frame, force) in self.frames.iter().zip(forces) {
@@ -148,9 +149,9 @@ impl Joint {
         &self.frames
     }
 
-    /// Solves for the forces with the line as it lies, sets the states, and returns the outcome. `starts` are the arcs (mm)
-    /// at the beginning of this substep, where nodes that begin to stick are fixed; `yields` is the response of the needle
-    /// in the three directions of each of the [frames](Self::frames).
+    /// Solves for the forces with the line as it lies, sets the states, and returns the outcome. `starts` are the arcs
+    /// (mm) at the beginning of this substep, where nodes that begin to stick are fixed; `yields` is the response of
+    /// the needle in the three directions of each of the [frames](Self::frames).
     pub(super) fn solve(
         &mut self,
         contacts: &mut [Contact],
@@ -172,7 +173,9 @@ impl Joint {
                 .map(|contact| (contact.reference, &mut contact.slider));
             let tip_slider = tip.as_deref_mut().map(|tip| (tip.reference, &mut tip.slider));
             for (index, (reference, slider)) in sliders.chain(tip_slider).enumerate() {
-                let position = line.at(starts.get(index).copied().unwrap_or(line.length_mm())).point_mm;
+                let position = line
+                    .point_at_arc(starts.get(index).copied().unwrap_or(line.length_mm()))
+                    .point_mm;
                 let gap = reference + self.displacement(index) - position;
                 let slip = self.frames[index].column(0).dot(&gap) + self.needle_displacement(3 * index, yields);
                 if let Some(state) = slider.violated(self.forces[3 * index], slip) {
@@ -191,7 +194,8 @@ impl Joint {
         solved
     }
 
-    /// Returns how far the needle yields along a row, by the change of forces and by its drift under unchanged forces, mm.
+    /// Returns how far the needle yields along a row, by the change of forces and by its drift under unchanged forces,
+    /// mm.
     fn needle_displacement(&self, row: usize, yields: Option<&NeedleCompliance>) -> f64 {
         let Some(yields) = yields else { return 0.0 };
         let changes = self
@@ -215,7 +219,7 @@ impl Joint {
         for (index, contact) in contacts.iter().enumerate() {
             let stuck = contact.slider.is_stuck();
             let arc = if stuck { starts[index] } else { contact.arc };
-            let gap = line.at(arc).point_mm - contact.reference - self.tissue.offset(index);
+            let gap = line.point_at_arc(arc).point_mm - contact.reference - self.tissue.offset(index);
             let local = self.frames[index].transpose() * gap;
             if stuck {
                 self.rows.push(3 * index);
@@ -239,7 +243,7 @@ impl Joint {
         }
         if let Some(guide) = self.guide {
             let guide_index = self.tissue.yielding();
-            let gap = line.at(line.nearest(&guide)).point_mm - guide;
+            let gap = line.point_at_arc(line.nearest(&guide)).point_mm - guide;
             let local = self.frames[guide_index].transpose() * gap;
             self.rows.extend([3 * guide_index + 1, 3 * guide_index + 2]);
             self.right.extend([local.y, local.z]);
@@ -287,8 +291,8 @@ impl Joint {
         signs
     }
 
-    /// Returns the force on the tissue at a contact of the needle, or, behind them, at the tip or on the guide, N, world
-    /// axes.
+    /// Returns the force on the tissue at a contact of the needle, or, behind them, at the tip or on the guide, N,
+    /// world axes.
     pub(super) fn force(&self, node: usize) -> Vector3<f64> {
         self.frames[node] * Vector3::from_column_slice(&self.forces[3 * node..3 * node + 3])
     }

@@ -71,7 +71,8 @@ impl Tetrahedron {
         [-(a + b + c), a, b, c]
     }
 
-    /// Returns the distance (mm) at which a ray from inside leaves, and the corner opposite the face that it leaves through.
+    /// Returns the distance (mm) at which a ray from inside leaves, and the corner opposite the face that it leaves
+    /// through.
     pub(super) fn exit(&self, from: &Point3<f64>, direction: &Vector3<f64>) -> Option<(f64, usize)> {
         let (bary, rates) = (self.bary(from), self.rates(direction));
         let leaves = (0..4).filter(|corner| rates[*corner] < 0.0);
@@ -99,7 +100,8 @@ impl Tissue {
         self.search(tip, place.element)
     }
 
-    /// Locates a point in the original mesh; for one in the body but beside the mesh, in the element at the nearest face.
+    /// Locates a point in the original mesh; for one in the body but beside the mesh, in the element at the nearest
+    /// face.
     fn place_at_rest(&self, anatomy: &dyn Anatomy, point: &Point3<f64>, from: u32) -> Option<Place> {
         let hit = self.locator.locate((*point).into(), from);
         if hit.element != NO_ELEMENT {
@@ -146,17 +148,18 @@ impl Tissue {
         })
     }
 
-    /// Locates the tip of a needle, searching from an element. Among inverted elements, which overlap others, returns the
-    /// place nearest to `last` (reference state) along the needle whose tissue is as far along the needle as the tip.
+    /// Locates the tip of a needle, searching from an element. Among inverted elements, which overlap others, returns
+    /// the place nearest to `last` (reference state) along the needle whose tissue is as far along the needle as the
+    /// tip.
     pub(super) fn locate_tip(&mut self, line: &CentreLine, last: Point3<f64>, from: u32) -> Option<Place> {
         let (tip, inverted) = (line.tip(), self.crushed);
         let place = self.search(&tip, from);
         if self.crushed == inverted {
             return place;
         }
-        // Inverted elements overlap: the place found may be far from where the tip has come from. Instead, the tissue along the needle's
-        // way is bracketed where it passes the tip, and bisected.
-        let tangent = line.at(line.length_mm()).tangent.into_inner();
+        // Inverted elements overlap: the place found may be far from where the tip has come from. Instead, the tissue
+        // along the needle's way is bracketed where it passes the tip, and bisected.
+        let tangent = line.point_at_arc(line.length_mm()).tangent.into_inner();
         let gap = |tissue: &mut Tissue, distance_mm: f64| {
             let place = tissue.locate_at_rest(&(last + tangent * distance_mm), from)?;
             let lies = tissue.point_at(&place) + tissue.displacement_at(&place);
@@ -185,9 +188,9 @@ impl Tissue {
     }
 }
 
-/// Steps from an element to the one that contains a point, each time through the face that the point lies farthest beyond,
-/// among those with a neighbour. For a point slightly outside the mesh, returns extrapolated coordinates in the element at
-/// the surface.
+/// Steps from an element to the one that contains a point, each time through the face that the point lies farthest
+/// beyond, among those with a neighbour. For a point slightly outside the mesh, returns extrapolated coordinates in the
+/// element at the surface.
 fn search(
     mesh: &TetMesh,
     point: &Point3<f64>,

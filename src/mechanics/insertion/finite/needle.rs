@@ -53,7 +53,7 @@ impl PlacedNeedle {
 
     /// Returns the end of the centre line.
     pub(super) fn tip(&self) -> ShaftPoint {
-        self.line.at(self.line.length_mm())
+        self.line.point_at_arc(self.line.length_mm())
     }
 
     /// Returns the guide hole, if the needle is flexible.

@@ -11,17 +11,18 @@ use crate::needle::{Entry, ShaftPoint};
 
 /// Distance beyond the tip at which a node is released, mm: rounding must not release one just made at the tip.
 const BEYOND_MM: f64 = 0.05;
-/// Distance beyond the tip at which a node is released while the needle advances, mm: a node made at the tip yields more to
-/// the cutting force than the corners that shared it before, and lies beyond the tip until that has caught up.
+/// Distance beyond the tip at which a node is released while the needle advances, mm: a node made at the tip yields
+/// more to the cutting force than the corners that shared it before, and lies beyond the tip until that has caught up.
 const LOST_MM: f64 = 20.0;
 /// Maximum number of iterations of [`Finite::transfer`].
 const TRANSFERS: usize = 20;
-/// Motion of the tip in the tissue at which [`Finite::transfer`] ends, mm: tissue beside a support is as stiff as 100 N/mm.
+/// Motion of the tip in the tissue at which [`Finite::transfer`] ends, mm: tissue beside a support is as stiff as 100
+/// N/mm.
 const TRANSFERRED_MM: f64 = 1e-5;
 
 impl Finite {
-    /// Releases the nodes from which the tip was withdrawn, after an `advance` (mm) of the base. Returns whether there were
-    /// any.
+    /// Releases the nodes from which the tip was withdrawn, after an `advance` (mm) of the base. Returns whether there
+    /// were any.
     pub(super) fn release(&mut self, advance: f64) -> bool {
         let length = self.needle.line.length_mm() + if advance >= 0.0 { LOST_MM } else { BEYOND_MM };
         let mut released = None;
@@ -69,8 +70,8 @@ impl Finite {
         true
     }
 
-    /// Follows the tip through the tissue after an `advance` (mm) of the base. Returns whether a node was moved to it: only
-    /// while the needle advances, as it would be released again otherwise.
+    /// Follows the tip through the tissue after an `advance` (mm) of the base. Returns whether a node was moved to it:
+    /// only while the needle advances, as it would be released again otherwise.
     pub(super) fn advance(&mut self, advance: f64) -> bool {
         self.tip
             .break_surface(&mut self.contacts, &self.needle.line, &mut self.log);
@@ -148,8 +149,8 @@ impl Finite {
         }
     }
 
-    /// Records that the tip is outside all tissue: without a contact the needle has left the body, unless it has come out on
-    /// another side.
+    /// Records that the tip is outside all tissue: without a contact the needle has left the body, unless it has come
+    /// out on another side.
     fn be_outside(&mut self) {
         self.tip.outside = true;
         self.tip.force.stop_cutting();
@@ -166,8 +167,8 @@ impl Finite {
         self.log.note(EventKind::Out, self.needle.line.tip(), None);
     }
 
-    /// Takes the tip through the skin and makes the first node where the needle crosses it. Returns whether one was made:
-    /// bone met there needs none, and in fixed tissue there may be none to make.
+    /// Takes the tip through the skin and makes the first node where the needle crosses it. Returns whether one was
+    /// made: bone met there needs none, and in fixed tissue there may be none to make.
     fn pierce(&mut self, place: &Place) -> bool {
         let length = self.needle.line.length_mm();
         let ShaftPoint { point_mm: tip, tangent } = self.needle.tip();
@@ -217,7 +218,8 @@ impl Finite {
     }
 
     /// Moves a node of the surface to the entry (reference state), so that the mesh surface moves to the surface of the
-    /// body; if none can be moved there, a node inside to the tip, unless that is in bone. Returns the node and its arc.
+    /// body; if none can be moved there, a node inside to the tip, unless that is in bone. Returns the node and its
+    /// arc.
     fn first_node(&mut self, place: &Place, entry: Point3<f64>, arc: f64, in_bone: bool) -> Option<(u32, f64)> {
         let tissue = &self.tissue;
         let (nodes, limit) = (&self.contacts.nodes, self.options.condition_limit);
@@ -248,8 +250,8 @@ impl Finite {
             .extend_path(&self.body, length, before, &self.tip.reference);
     }
 
-    /// Takes the tip through the regions from its position in the tissue at rest to `place`, or to the first surface that
-    /// stops it: tissue that springs back as a surface breaks comes to rest there.
+    /// Takes the tip through the regions from its position in the tissue at rest to `place`, or to the first surface
+    /// that stops it: tissue that springs back as a surface breaks comes to rest there.
     fn pass(&mut self, before: &Point3<f64>, at_rest: &Point3<f64>, place: Place) -> Place {
         let pieces = ((at_rest - before).norm() / SAMPLE_MM).ceil();
         for piece in 1..pieces as usize {
@@ -305,8 +307,8 @@ impl Finite {
     }
 
     /// Locates tip and last node in the changed mesh under the forces of the previous mesh: a change of the mesh is no
-    /// motion of the needle, so it neither drags tissue nor relieves the hand. The tip comes to lie behind the node, by the
-    /// amount that this yields more to the cutting force than the corners that shared it before.
+    /// motion of the needle, so it neither drags tissue nor relieves the hand. The tip comes to lie behind the node, by
+    /// the amount that this yields more to the cutting force than the corners that shared it before.
     pub(super) fn transfer(&mut self) {
         let front = self.tip.cut_front.unwrap_or(self.tip.reference);
         for _ in 0..TRANSFERS {

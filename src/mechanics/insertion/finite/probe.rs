@@ -6,8 +6,8 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::reduced::ProbeRow;
 use crate::insertion::{ProbeContact, pointed};
 
-/// A probe with its candidate nodes. Nodes beside the cylinder keep their positions across its axis from when the tissue was
-/// at rest, and slide along it without friction.
+/// A probe with its candidate nodes. Nodes beside the cylinder keep their positions across its axis from when the
+/// tissue was at rest, and slide along it without friction.
 #[derive(Debug)]
 pub(super) struct ProbeNodes {
     contact: ProbeContact,

@@ -1,7 +1,7 @@
 //! Reduced tissue compliance at the needle's contacts and at the tip, with the probe eliminated.
 //!
-//! With F the forces on the tissue at the needle's contacts and g the displacements that the probe prescribes along its rows
-//! P,
+//! With F the forces on the tissue at the needle's contacts and g the displacements that the probe prescribes along its
+//! rows P,
 //!
 //! ```text
 //! u = (K_nn - K_nP K_PP^-1 K_Pn) F + K_nP K_PP^-1 g
@@ -59,8 +59,8 @@ pub(super) struct Reduced {
 }
 
 impl Reduced {
-    /// Takes the compliance at the contacts (`probes` of the probe first, then `contacts` of the needle, then others that
-    /// form the tissue at the tip), and eliminates the probe.
+    /// Takes the compliance at the contacts (`probes` of the probe first, then `contacts` of the needle, then others
+    /// that form the tissue at the tip), and eliminates the probe.
     pub(crate) fn condense(&mut self, condensed: MatRef<'_, f64>, probes: usize, contacts: usize, rows: &[ProbeRow]) {
         self.rows.clear();
         self.rows.extend_from_slice(rows);
@@ -205,8 +205,8 @@ impl Reduced {
         Vector3::from_column_slice(&self.offset[3 * node..3 * node + 3])
     }
 
-    /// Returns the forces of the probe on the tissue along its rows, N, given those of the needle at its contacts and at the
-    /// tip.
+    /// Returns the forces of the probe on the tissue along its rows, N, given those of the needle at its contacts and
+    /// at the tip.
     pub(crate) fn probe_forces<'a>(
         &'a self,
         needle: &'a [Vector3<f64>],

@@ -12,7 +12,7 @@ use super::tissue::Tissue;
 use super::{Finite, Tip};
 use crate::insertion::{Saved, StepError};
 use crate::needle::{CentreLine, Entry};
-use crate::tissue::dofs::NONE;
+use crate::tissue::dofs::NO_DOF;
 use crate::tissue::remesh::{Adaptation, RemeshError};
 
 /// Tolerance of the length of a unit vector.
@@ -76,7 +76,7 @@ impl State {
         }
         let needle = self.contacts.iter().map(|contact| contact.node);
         for node in needle.chain(self.tip.state.corners.iter().copied()) {
-            let is_free = (node as usize) < nodes && !mesh.dofs().of(node).contains(&NONE);
+            let is_free = (node as usize) < nodes && !mesh.dofs().of(node).contains(&NO_DOF);
             if !is_free || std::mem::replace(&mut is_taken[node as usize], true) {
                 return Err(foreign(format!(
                     "node {node} is on its needle or at its tip; expected free nodes, each once"
@@ -128,8 +128,8 @@ impl State {
 }
 
 impl Finite {
-    /// Returns the state. Accumulated rounding of the compliance is removed by recomputation, as after a restore; the levels
-    /// II to IV continue from the compliance of the mesh as it is.
+    /// Returns the state. Accumulated rounding of the compliance is removed by recomputation, as after a restore; the
+    /// levels II to IV continue from the compliance of the mesh as it is.
     pub(super) fn save_state(&mut self) -> Saved {
         self.recompute();
         let (log, tissue, needle, contacts) = (&self.log, &self.tissue, &self.needle, &self.contacts);

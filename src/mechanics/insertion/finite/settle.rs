@@ -170,7 +170,8 @@ impl Finite {
         }
     }
 
-    /// Moves the forces towards the last solution and bends a flexible needle under them. Returns the share of the step.
+    /// Moves the forces towards the last solution and bends a flexible needle under them. Returns the share of the
+    /// step.
     fn bend(&mut self, iteration: usize, is_flexible: bool) -> f64 {
         let mut share = if iteration < UNDAMPED {
             1.0

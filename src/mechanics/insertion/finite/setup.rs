@@ -9,7 +9,7 @@ use crate::insertion::interaction::MeshRegions;
 use crate::insertion::{Anatomy, Interaction, InvalidSetup, ProbeContact, validation};
 use crate::needle::{CentreLine, Needle};
 use crate::tissue::columns::Columns;
-use crate::tissue::dofs::{Dofs, NONE};
+use crate::tissue::dofs::{Dofs, NO_DOF};
 use crate::tissue::factor::Factor;
 use crate::tissue::inverse::invert;
 use crate::tissue::material::Material;
@@ -37,8 +37,8 @@ pub struct FiniteOptions {
     pub remesh: crate::tissue::remesh::RemesherOptions,
     /// Number of columns of the base's compliance that are cached where there is no dense inverse (exact level).
     pub columns: usize,
-    /// Whether there is a dense inverse at the exact level too: it is used there if it is in f64, and a change to another
-    /// level does not wait for one.
+    /// Whether there is a dense inverse at the exact level too: it is used there if it is in f64, and a change to
+    /// another level does not wait for one.
     pub dense: bool,
 }
 
@@ -72,8 +72,8 @@ pub struct Setup {
     pub fixed: Vec<(u32, u8)>,
     /// Interactions of the regions of the mesh with the needle; those not listed exert no force.
     pub interactions: Vec<(i32, Interaction)>,
-    /// Regions met by the needle, in place of those of the mesh and of `interactions` (which are checked all the same): the
-    /// mesh then provides only stiffness. Default: the regions of the mesh.
+    /// Regions met by the needle, in place of those of the mesh and of `interactions` (which are checked all the same):
+    /// the mesh then provides only stiffness. Default: the regions of the mesh.
     pub anatomy: Option<Arc<dyn Anatomy>>,
     /// The needle.
     pub needle: Box<dyn Needle>,
@@ -110,7 +110,7 @@ impl Setup {
             let reason = match seen.get_mut(node as usize) {
                 None => "is not in the mesh",
                 Some(true) => "is named twice",
-                Some(_) if dofs.of(node).contains(&NONE) => "is fixed",
+                Some(_) if dofs.of(node).contains(&NO_DOF) => "is fixed",
                 Some(seen) => {
                     *seen = true;
                     continue;
@@ -193,8 +193,8 @@ impl Base {
         self.invert(&mut |_, _| {})
     }
 
-    /// Returns the source of compliance for a level and its precision: the dense inverse, except for the exact level where
-    /// that is in f32 or missing.
+    /// Returns the source of compliance for a level and its precision: the dense inverse, except for the exact level
+    /// where that is in f32 or missing.
     pub(super) fn source(&self, level: Level, options: &FiniteOptions) -> (Source, Precision) {
         let suits = |dense: &&Source| level != Level::Exact || dense.precision() == Precision::Double;
         let columns = || Source::Columns(Columns::new(Arc::clone(&self.factor), options.columns));

@@ -121,8 +121,8 @@ fn what_remeshing_moves_is_foreseen() {
     assert!(foreseen + 2 >= added, "{foreseen} of {added}");
 }
 
-/// A rigid needle that slides through one tissue carries its friction per length all along, its cutting force at the tip, and in all the
-/// force on the hand.
+/// A rigid needle that slides through one tissue carries its friction per length all along, its cutting force at the
+/// tip, and in all the force on the hand.
 #[test]
 fn forces_along_the_needle_are_those_of_the_tissue() {
     let interaction = Interaction {

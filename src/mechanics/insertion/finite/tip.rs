@@ -14,7 +14,6 @@ use super::tissue::Tissue;
 use crate::insertion::interaction::BORDER_MM;
 use crate::insertion::{Bone, EventKind};
 use crate::needle::CentreLine;
-use crate::tissue::dofs::NONE;
 
 /// Distance by which a needle that was moved off bone catches up with the hand in each substep, mm.
 const CATCH_UP_MM: f64 = 0.5;
@@ -53,8 +52,8 @@ pub(super) struct Tip {
     /// Position at which no corner fitted, mm: none is tried again there.
     #[serde(rename = "refused")]
     pub refused_at: Option<Point3<f64>>,
-    /// Whether the tip entered where no node could be made on or near the surface: the tissue is fixed there, and the depth
-    /// counts from the entry.
+    /// Whether the tip entered where no node could be made on or near the surface: the tissue is fixed there, and the
+    /// depth counts from the entry.
     #[serde(rename = "bare")]
     pub entered_without_node: bool,
     bone: Option<Met>,
@@ -158,7 +157,7 @@ impl Met {
 
     /// Returns the depth in bone that the hand demands of the tip, mm.
     fn demanded(&self, line: &CentreLine) -> f64 {
-        let tangent = line.at(line.length_mm()).tangent;
+        let tangent = line.point_at_arc(line.length_mm()).tangent;
         tangent.dot(&(line.tip() - self.at)) + self.behind
     }
 }
@@ -181,7 +180,7 @@ impl Tip {
         let Some(contact) = self.bone.filter(|_| !self.force.is_on_bone()) else {
             return Vector3::zeros();
         };
-        let tangent = line.at(line.length_mm()).tangent;
+        let tangent = line.point_at_arc(line.length_mm()).tangent;
         tangent.into_inner() * -contact.bone.force_n(contact.demanded(line))
     }
 
@@ -189,7 +188,7 @@ impl Tip {
     pub(crate) fn add_to_system(&mut self, contacts: &mut Contacts, tissue: &mut Tissue, body: &CutTissue) {
         let Some(place) = self.new_place.take() else { return };
         let last = contacts.nodes.last();
-        let node = last.map_or(NONE, |last| last.node);
+        let node = last.map(|last| last.node);
         // The force keeps its state of stick or slip wherever it acts next: moving it is no motion of the needle.
         let before = std::mem::take(&mut self.force).into_row().map(|row| row.slider.state);
         let state = before.or(last.map(|last| last.slider.state));
@@ -197,7 +196,7 @@ impl Tip {
         let corners = tissue.mesh.elements()[place.element as usize];
         let share = corners
             .iter()
-            .position(|corner| *corner == node)
+            .position(|corner| Some(*corner) == node)
             .map_or(0.0, |corner| place.bary[corner]);
         if share > AT_NODE {
             self.force = TipForce::Node;
@@ -231,8 +230,8 @@ impl Tip {
         }
     }
 
-    /// Returns the arc length at which the needle in the tissue ends, mm: at the tip, unless that has come out on another
-    /// side.
+    /// Returns the arc length at which the needle in the tissue ends, mm: at the tip, unless that has come out on
+    /// another side.
     pub(crate) fn end_in_tissue(&self, contacts: &Contacts, line: &CentreLine) -> f64 {
         let last = contacts.nodes.last().filter(|_| self.outside);
         last.map_or(line.length_mm(), |last| last.arc + last.path_mm())
@@ -321,9 +320,9 @@ impl Tip {
         }
     }
 
-    /// Records the region that the tip has entered and returns whether its surface stops the tip. Near the last boundary no
-    /// other region is recorded, so that a tip that wanders along a boundary does not cross it repeatedly; bone and critical
-    /// regions always are.
+    /// Records the region that the tip has entered and returns whether its surface stops the tip. Near the last
+    /// boundary no other region is recorded, so that a tip that wanders along a boundary does not cross it repeatedly;
+    /// bone and critical regions always are.
     pub(super) fn cross(
         &mut self,
         body: &CutTissue,
@@ -369,8 +368,8 @@ impl Tip {
         self.meet_bone(&bone, &border_point, region, needle.is_flexible(), log);
     }
 
-    /// Records bone met `at` a point, unless some is already. The shape of a flexible needle is solved with bone as one of
-    /// its contacts.
+    /// Records bone met `at` a point, unless some is already. The shape of a flexible needle is solved with bone as one
+    /// of its contacts.
     pub(crate) fn meet_bone(
         &mut self,
         bone: &Bone,
@@ -399,7 +398,7 @@ impl Tip {
 
     /// Limits the depth of the tip in bone, and drops bone that it has left. Returns whether the base has moved.
     pub(crate) fn limit_depth_in_bone(&mut self, body: &CutTissue, line: &CentreLine) -> bool {
-        let tangent = line.at(line.length_mm()).tangent;
+        let tangent = line.point_at_arc(line.length_mm()).tangent;
         let (is_pinned, reference) = (self.force.is_on_bone(), self.reference);
         let Some(contact) = &mut self.bone else { return false };
         if !contact.bone.holds() {

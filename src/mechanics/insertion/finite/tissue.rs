@@ -11,7 +11,7 @@ use super::probe::ProbeNodes;
 use super::reduced::Reduced;
 use super::tip::Tip;
 use crate::insertion::{Field, Snapshot};
-use crate::tissue::dofs::NONE;
+use crate::tissue::dofs::NO_DOF;
 use crate::tissue::remesh::corner::best_corner;
 use crate::tissue::remesh::{Adaptation, RemeshError};
 use insonify_mesh::{Locator, TetMesh};
@@ -77,7 +77,7 @@ impl Tissue {
 
     /// Returns whether no axis of a node is fixed.
     pub(super) fn is_free(&self, node: u32) -> bool {
-        !self.adaptation.mesh().dofs().of(node).contains(&NONE)
+        !self.adaptation.mesh().dofs().of(node).contains(&NO_DOF)
     }
 
     /// Returns the index of a node in the compliance.
@@ -99,7 +99,8 @@ impl Tissue {
         self.version += 1;
     }
 
-    /// Gathers the forces of a solution by degree of freedom on all contacts: those of the probe, then those of the needle.
+    /// Gathers the forces of a solution by degree of freedom on all contacts: those of the probe, then those of the
+    /// needle.
     pub(super) fn take_forces(&mut self, solved: &Reduced, contacts: &Contacts, tip: &Tip) {
         let forces = &mut self.contact_forces;
         forces.clear();
@@ -159,8 +160,8 @@ impl Tissue {
         moved
     }
 
-    /// Returns the best corner of an element to move to a point of the reference state, or `None` if none fits: one that
-    /// is permitted and on neither needle nor probe, up to a limit of the Jacobian condition.
+    /// Returns the best corner of an element to move to a point of the reference state, or `None` if none fits: one
+    /// that is permitted and on neither needle nor probe, up to a limit of the Jacobian condition.
     pub(super) fn corner(
         &self,
         element: u32,
@@ -202,7 +203,7 @@ impl Tissue {
         let nodes = (0..wanted.len() as u32).filter(|node| wanted[*node as usize]);
         let dofs: Vec<usize> = nodes
             .flat_map(|node| mesh.dofs().of(node))
-            .filter(|dof| *dof != NONE)
+            .filter(|dof| *dof != NO_DOF)
             .map(|dof| dof as usize)
             .collect();
         if let Err(error) = self.adaptation.parts().1.prefetch(&dofs) {
@@ -290,8 +291,8 @@ impl Nearby {
         self.nodes.iter_mut().for_each(|near| near.displacement = None);
     }
 
-    /// Returns the displacement of a node under the carried forces, mm. `contacts` is a counter that changes whenever the
-    /// contacts do.
+    /// Returns the displacement of a node under the carried forces, mm. `contacts` is a counter that changes whenever
+    /// the contacts do.
     pub(crate) fn displacement(
         &mut self,
         adaptation: &mut Adaptation,
@@ -343,7 +344,7 @@ impl Nearby {
         let rows = self.rows[3 * index * columns..].chunks_exact_mut(columns.max(1));
         let dofs = adaptation.mesh().dofs().of(node);
         // Fixed degrees of freedom keep zeros.
-        for (row, dof) in rows.zip(dofs).filter(|(_, dof)| *dof != NONE) {
+        for (row, dof) in rows.zip(dofs).filter(|(_, dof)| *dof != NO_DOF) {
             adaptation.with_fallback(|_, remesher| {
                 let out = MatMut::from_row_major_slice_mut(row, 1, columns);
                 remesher.force_compliance_into(&[dof as usize], &self.columns, out)

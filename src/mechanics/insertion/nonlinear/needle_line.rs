@@ -35,8 +35,8 @@ pub(super) struct NeedleLine {
 }
 
 impl NeedleLine {
-    /// Finds the line of a needle whose tip is at `tip`: into the first part of the body in front of it, or the one that
-    /// contains it.
+    /// Finds the line of a needle whose tip is at `tip`: into the first part of the body in front of it, or the one
+    /// that contains it.
     pub(super) fn find<const D: usize, const N: usize>(
         body: &NonlinearBody<D, N>,
         frame: &Frame<D>,
@@ -101,9 +101,9 @@ impl NeedleLine {
     }
 }
 
-/// Returns the start of each region, mm from the entry, along a line of the given length through the body. Points outside
-/// all regions belong to the region before them, or, at the beginning, to that after them. Regions of the body in front of
-/// the entry that the mesh omits are met at the entry, one after the other.
+/// Returns the start of each region, mm from the entry, along a line of the given length through the body. Points
+/// outside all regions belong to the region before them, or, at the beginning, to that after them. Regions of the body
+/// in front of the entry that the mesh omits are met at the entry, one after the other.
 fn layered(
     anatomy: &dyn Anatomy,
     entry: &Point3<f64>,

@@ -17,7 +17,8 @@ use insonify_mesh::TetMesh;
 /// Options for the subdivision and solution of steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NonlinearOptions {
-    /// Solver of an increment. Default: modified Newton-Raphson to 1e-6 of the largest force, in 400 iterations at most.
+    /// Solver of an increment. Default: modified Newton-Raphson to 1e-6 of the largest force, in 400 iterations at
+    /// most.
     pub solving: SolverOptions,
     /// Maximum advance of the tip through tissue in one substep, mm (above 0). Default 0.5.
     pub part_mm: f64,
@@ -85,8 +86,8 @@ pub struct Setup {
     pub laws: Vec<AnyLaw>,
     /// Nodes and axes (0 to 2) that are fixed.
     pub fixed: Vec<(u32, u8)>,
-    /// Interactions of the regions of the mesh with the needle; those not listed exert no force. `peak` is refused, and bone
-    /// is not met.
+    /// Interactions of the regions of the mesh with the needle; those not listed exert no force. `peak` is refused, and
+    /// bone is not met.
     pub interactions: Vec<(i32, Interaction)>,
     /// Regions met by the needle, in place of those of the mesh; `interactions` are checked all the same.
     pub anatomy: Option<Arc<dyn Anatomy>>,
@@ -94,7 +95,8 @@ pub struct Setup {
     pub shaft: Shaft,
     /// Viscosity of all tissue; `None` for elastic tissue.
     pub viscosity: Option<Viscosity>,
-    /// Whether the stress of viscous tissue is followed: see [`Model::stress_kpa`](crate::insertion::Model::stress_kpa).
+    /// Whether the stress of viscous tissue is followed: see
+    /// [`Model::stress_kpa`](crate::insertion::Model::stress_kpa).
     pub stress: bool,
     /// Options for the subdivision and solution of steps.
     pub options: NonlinearOptions,
@@ -107,8 +109,9 @@ pub struct Plane {
     pub origin: Point3<f64>,
     /// Axes of the sheet in the world, of unit length and square to each other.
     pub axes: [Vector3<f64>; 2],
-    /// Triangles, with their thickness. The mesh of the [`Setup`] is a slab with each node on both faces, all nodes of the first face
-    /// before those of the other; `laws` are those of the triangles, and `fixed` has nodes of the sheet and its two axes.
+    /// Triangles, with their thickness. The mesh of the [`Setup`] is a slab with each node on both faces, all nodes of
+    /// the first face before those of the other; `laws` are those of the triangles, and `fixed` has nodes of the sheet
+    /// and its two axes.
     pub sheet: Arc<Sheet>,
 }
 

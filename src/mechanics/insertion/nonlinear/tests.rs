@@ -185,7 +185,8 @@ fn it_pushes_punctures_stops_and_comes_out() {
                 "{stop:?}"
             ),
         }
-        // On withdrawal it is pulled back, at most by friction along the inserted length, within the change in one step.
+        // On withdrawal it is pulled back, at most by friction along the inserted length, within the change in one
+        // step.
         let friction_n = |outcome: &Outcome| 0.002 * outcome.inserted_mm;
         let outward = &seen.outcomes[60..];
         let pulled = outward
@@ -217,7 +218,8 @@ fn it_pushes_punctures_stops_and_comes_out() {
     }
 }
 
-/// Whatever the needle does, the tissue said to be at its tip is there as the mesh deforms, also while the needle is held and drawn back.
+/// Whatever the needle does, the tissue said to be at its tip is there as the mesh deforms, also while the needle is
+/// held and drawn back.
 #[test]
 fn the_tip_is_where_the_deformed_tissue_has_it() {
     for viscosity in [None, creeping()] {
@@ -241,7 +243,8 @@ fn the_tip_is_where_the_deformed_tissue_has_it() {
     }
 }
 
-/// Fixed at its sides, with the far face free: the tip comes out there, and only friction along the inserted length remains.
+/// Fixed at its sides, with the far face free: the tip comes out there, and only friction along the inserted length
+/// remains.
 #[test]
 fn it_goes_through_and_back() {
     for viscosity in [None, creeping()] {
@@ -437,8 +440,8 @@ fn skin_outside_the_mesh_breaks_and_critical_tissue_is_told() {
     assert_eq!(told(&run(&mut model, &depths)), expected);
 }
 
-/// Forces along the shaft add up to that on the hand, with the friction of a shaft that slides in; the stress that is followed is, without
-/// viscosity, that of the displacements.
+/// Forces along the shaft add up to that on the hand, with the friction of a shaft that slides in; the stress that is
+/// followed is, without viscosity, that of the displacements.
 #[test]
 fn forces_along_the_needle_and_stress_are_known() {
     let viscosity = Some(Viscosity {

@@ -169,7 +169,8 @@ impl<const D: usize> Line<D> {
         self.length
     }
 
-    /// Returns the point at a depth, constrained to a displacement along the line; without weights where there is no body.
+    /// Returns the point at a depth, constrained to a displacement along the line; without weights where there is no
+    /// body.
     pub(super) fn contact<const N: usize>(&self, body: &NonlinearBody<D, N>, depth: f64, place_mm: f64) -> Contact {
         let mut entries = Vec::with_capacity(D * N);
         if let Some((element, _, weights)) = self.find(body, depth) {
@@ -204,7 +205,8 @@ impl<const D: usize> Line<D> {
         self.find(body, depth).map_or(f64::NEG_INFINITY, |(_, least, _)| least)
     }
 
-    /// Finds the element that contains the point, or is nearest to it: that with the largest least barycentric coordinate.
+    /// Finds the element that contains the point, or is nearest to it: that with the largest least barycentric
+    /// coordinate.
     fn find<const N: usize>(&self, body: &NonlinearBody<D, N>, depth: f64) -> Option<(usize, f64, [f64; N])> {
         let point: [f64; D] = std::array::from_fn(|axis| self.entry[axis] + depth * self.direction[axis]);
         let mut best: Option<(usize, f64, [f64; N])> = None;

@@ -137,15 +137,15 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
             .fold([0.0; 2], |[sum, held], (_, force, limit)| [sum + force, held + limit])
     }
 
-    /// Returns the force of the tip in a held needle, as it was when the needle stopped; a needle does not pull with its
-    /// tip.
+    /// Returns the force of the tip in a held needle, as it was when the needle stopped; a needle does not pull with
+    /// its tip.
     fn held_tip(&self, next: &At) -> f64 {
         let pulls = self.state.phase == Phase::Held && self.state.tip_n + self.state.shaft_n <= 0.0;
         if pulls { 0.0 } else { next.held_tip_n.max(0.0) }
     }
 
-    /// Constrains all tissue that the needle holds, as one: the mean of its displacements, weighted by shares of the force,
-    /// moves with the needle, by `moved` mm.
+    /// Constrains all tissue that the needle holds, as one: the mean of its displacements, weighted by shares of the
+    /// force, moves with the needle, by `moved` mm.
     pub(super) fn held(&self, next: &At, moved: f64) -> Contact {
         let tip = self.held_tip(next);
         let [friction, _] = self.friction_n(next.depth_mm);

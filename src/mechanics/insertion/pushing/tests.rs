@@ -7,8 +7,8 @@ use crate::tissue::nonlinear::creep::{Creep, Memory};
 use crate::tissue::nonlinear::{Sheet, Solver, SolverOptions, Stiffening, Supports};
 use crate::tissue::viscoelastic::Rule;
 
-/// Two columns of 1 x 20 mm, 2 mm thick, whose nodes move along y only and in pairs: a bar of E (Poisson's ratio 0). The
-/// needle goes down between them, from the top at y = 20.
+/// Two columns of 1 x 20 mm, 2 mm thick, whose nodes move along y only and in pairs: a bar of E (Poisson's ratio 0).
+/// The needle goes down between them, from the top at y = 20.
 fn bar() -> (Arc<Sheet>, Supports<2>) {
     let rows = 20u32;
     let nodes = (0..=rows)
@@ -91,8 +91,8 @@ fn a_needle_pushes_punctures_and_cuts() {
         );
     }
     // While it cuts, tissue at the tip is at the tip: a bar of 2 x 2 mm and 10 kPa, the tip at s, yields to the cutting
-    // force by (20 - s) / EA times it, and to friction q from 0 to s by q times (20 - s) s / EA. The mesh is not uniform
-    // across: within 5 %.
+    // force by (20 - s) / EA times it, and to friction q from 0 to s by q times (20 - s) s / EA. The mesh is not
+    // uniform across: within 5 %.
     let (travel, cut) = trace[punctures[1] - 1];
     assert!(matches!(cut.phase, Phase::Pushing(1)));
     let (travel, cut) = trace

@@ -65,7 +65,8 @@ impl BoneContact {
         (unloaded_tip(base, length_mm) - self.at).dot(&self.direction)
     }
 
-    /// Continues from the current position where no bone is under the tip any more: the needle catches up with the hand.
+    /// Continues from the current position where no bone is under the tip any more: the needle catches up with the
+    /// hand.
     pub(super) fn leave(&mut self, hand: &Isometry3<f64>, length_mm: f64) {
         if self.bone.holds() {
             self.at += self.direction.into_inner() * self.depth(hand, length_mm).min(self.bone.penetration_mm);

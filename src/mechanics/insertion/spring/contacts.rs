@@ -1,18 +1,18 @@
 //! Stack of shaft nodes, which stay on the needle and slide along it against friction.
 //!
-//! In a step of h a node moves as if the needle were not there; the force between them brings it back to the needle. Across
-//! the shaft its miss is removed entirely. Along the shaft the force is limited by friction: a force F moves a node of mass
-//! m by about F h^2 / m in that step, so that a node which friction can keep in place on the shaft sticks, and any other is
-//! moved back by as much as friction can. This is Coulomb's law at the end of the step, within its bound by construction and
-//! never a source of energy, however long the step.
+//! In a step of h a node moves as if the needle were not there; the force between them brings it back to the needle.
+//! Across the shaft its miss is removed entirely. Along the shaft the force is limited by friction: a force F moves a
+//! node of mass m by about F h^2 / m in that step, so that a node which friction can keep in place on the shaft sticks,
+//! and any other is moved back by as much as friction can. This is Coulomb's law at the end of the step, within its
+//! bound by construction and never a source of energy, however long the step.
 //!
-//! Only forces across the needle bend it: the effect of an axial force on a bent shaft (a column under load) is omitted,
-//! since a long needle with hardly any lateral support would buckle under less than it takes to push it in.
+//! Only forces across the needle bend it: the effect of an axial force on a bent shaft (a column under load) is
+//! omitted, since a long needle with hardly any lateral support would buckle under less than it takes to push it in.
 //!
-//! For a flexible needle, the lateral forces f on it and the deflections that they cause are consistent at the end of the
-//! step: with r the distances by which the nodes would miss the shaft under the previous forces, C the needle's flexibility
-//! and D the diagonal of h^2 / m, (C + D) f = r + C f_before. So a soft needle in stiff tissue is as stable as a
-//! stiff needle in soft tissue.
+//! For a flexible needle, the lateral forces f on it and the deflections that they cause are consistent at the end of
+//! the step: with r the distances by which the nodes would miss the shaft under the previous forces, C the needle's
+//! flexibility and D the diagonal of h^2 / m, (C + D) f = r + C f_before. So a soft needle in stiff tissue is as stable
+//! as a stiff needle in soft tissue.
 
 use nalgebra::{Unit, Vector3};
 use serde::{Deserialize, Serialize};
@@ -102,8 +102,8 @@ impl Contacts {
         }));
     }
 
-    /// Returns sliding and holding force of one contact, N: of the shaft from its node to the next, each length by its own
-    /// region.
+    /// Returns sliding and holding force of one contact, N: of the shaft from its node to the next, each length by its
+    /// own region.
     fn friction(
         &self,
         index: usize,
@@ -130,8 +130,8 @@ impl Contacts {
         forces
     }
 
-    /// Brings the nodes back to the shaft, which lies on `line` under the previous forces. Returns whether the tip node has
-    /// slipped back from the tip.
+    /// Brings the nodes back to the shaft, which lies on `line` under the previous forces. Returns whether the tip node
+    /// has slipped back from the tip.
     pub(super) fn solve(
         &mut self,
         network: &mut Network,
@@ -146,7 +146,7 @@ impl Contacts {
         let mut cut = false;
         for index in 0..self.stack.len() {
             let contact = self.stack[index];
-            let on_shaft = line.at(contact.arc);
+            let on_shaft = line.point_at_arc(contact.arc);
             let miss = network.now(contact.node) - on_shaft.point_mm.coords;
             let along_mm = miss.dot(&on_shaft.tangent);
             let tip = line.length_mm();

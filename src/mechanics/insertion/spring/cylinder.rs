@@ -7,8 +7,8 @@ use insonify_mesh::lists::Lists;
 use insonify_mesh::quality::Quality;
 
 parameters! {
-    /// Masses and springs in a cylinder around the path of the needle (Zhu et al. 2007, section 2.2). Its side and its far end are fixed; its tissue
-    /// is a single material, by default like liver.
+    /// Masses and springs in a cylinder around the path of the needle (Zhu et al. 2007, section 2.2). Its side and its
+    /// far end are fixed; its tissue is a single material, by default like liver.
     #[derive(Copy)]
     #[schemars(rename = "CylinderSpec")]
     pub struct Parameters {
@@ -26,14 +26,15 @@ parameters! {
         length_mm: Option<f64>, in 1e-6..=1e12 "mm";
         /// Number of rings of nodes around the axis.
         rings: usize = 5, in 1..=64;
-        /// Number of nodes of the first ring; ring i has i times as many, so that six give nearly equilateral triangles.
+        /// Number of nodes of the first ring; ring i has i times as many, so that six give nearly equilateral
+        /// triangles.
         sectors: usize = 6, in 3..=12;
         /// Number of layers of elements along the axis. Default: layers as thick as rings are wide.
         layers: Option<usize>, in 2..=1000;
         /// The tip node is penetrated when the far face is nearer than this fraction of its circumference.
         lambda: f64 = 0.05, in 0.005..=0.2;
-        /// Maximum number of substeps of a step for the sake of stability. In a step that would need more, less time is simulated for the tissue:
-        /// it approaches its equilibrium more slowly.
+        /// Maximum number of substeps of a step for the sake of stability. In a step that would need more, less time is
+        /// simulated for the tissue: it approaches its equilibrium more slowly.
         most_substeps: usize = 100, in 1..=4096;
     }
 }
@@ -86,8 +87,9 @@ pub(super) struct Cylinder {
     pub fixed: Vec<bool>,
     /// Number of nodes in the skin, which come first.
     pub skin_nodes: usize,
-    /// Cap before the skin: elements from it to a second disc, one radius before, whose nodes follow those of the mesh in the same order. It
-    /// carries the displacements of images on to rest where the skin of the body is oblique to the needle, and no force.
+    /// Cap before the skin: elements from it to a second disc, one radius before, whose nodes follow those of the mesh
+    /// in the same order. It carries the displacements of images on to rest where the skin of the body is oblique to
+    /// the needle, and no force.
     pub cap: Vec<[u32; 4]>,
     pub least_dihedral_deg: f64,
 }
@@ -136,7 +138,7 @@ impl Cylinder {
         let thin = InvalidSetup::Thin { found_deg: 0.0 };
         let regions = vec![0; elements.len()];
         let mesh = TetMesh::new(nodes, elements, regions).map_err(|_| thin)?;
-        let quality = Quality::of(&mesh, mesh.nodes());
+        let quality = Quality::measure(&mesh, mesh.nodes());
         let found_deg = quality
             .shapes
             .iter()
@@ -164,8 +166,8 @@ fn polar(rings: usize, sectors: usize) -> impl Iterator<Item = (usize, f64)> {
     (0..=rings).flat_map(on_ring)
 }
 
-/// Returns the triangles of a layer: in each sector, between ring i and i + 1, i + 1 based on the outer ring and i on the
-/// inner.
+/// Returns the triangles of a layer: in each sector, between ring i and i + 1, i + 1 based on the outer ring and i on
+/// the inner.
 fn triangles(rings: usize, sectors: usize) -> Vec<[usize; 3]> {
     let node = |ring: usize, index: usize| match ring {
         0 => 0,

@@ -81,9 +81,9 @@ pub(super) struct FarFace {
 }
 
 impl FarFace {
-    /// Finds the far face for a tip that moves along `direction` (of unit length). `tip_node` is the corner that is the last
-    /// node of the shaft, if one is: its opposite is the far face. Returns `None` for a flat element, or if the needle moves
-    /// away from that face.
+    /// Finds the far face for a tip that moves along `direction` (of unit length). `tip_node` is the corner that is the
+    /// last node of the shaft, if one is: its opposite is the far face. Returns `None` for a flat element, or if the
+    /// needle moves away from that face.
     pub(super) fn of(
         corners: &[Vector3<f64>; 4],
         tip: &Vector3<f64>,

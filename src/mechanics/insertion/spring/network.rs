@@ -1,19 +1,21 @@
 //! Masses and springs on the edges of the cylinder.
 //!
 //! A spring has the stiffness k = sum of E V / L^2 over the tetrahedra that share its edge (A. Van Gelder, "Approximate
-//! simulation of elastic membranes by triangulated spring meshes", J. Graphics Tools 3, 1998, extended to three dimensions).
-//! Where edge directions are evenly distributed this is an isotropic solid of Young's modulus E and, as in all networks of
-//! central forces, Poisson's ratio 1/4: the energy density under a strain e is E / 2 times the sum over a tetrahedron's six
-//! edges t of (t . e t)^2, whose mean over directions is that of a solid whose Lame parameters are both 0.4 E.
+//! simulation of elastic membranes by triangulated spring meshes", J. Graphics Tools 3, 1998, extended to three
+//! dimensions). Where edge directions are evenly distributed this is an isotropic solid of Young's modulus E and, as in
+//! all networks of central forces, Poisson's ratio 1/4: the energy density under a strain e is E / 2 times the sum over
+//! a tetrahedron's six edges t of (t . e t)^2, whose mean over directions is that of a solid whose Lame parameters are
+//! both 0.4 E.
 //!
-//! A spring responds to the displacements of its ends along its direction at rest, as the finite elements of this crate do:
-//! the stiffness changes only where nodes are moved, so that the stable step is known, energy is a quadratic form, and the
-//! only equilibrium without a load is the rest position. A node has a quarter of the mass of each of its elements.
+//! A spring responds to the displacements of its ends along its direction at rest, as the finite elements of this crate
+//! do: the stiffness changes only where nodes are moved, so that the stable step is known, energy is a quadratic form,
+//! and the only equilibrium without a load is the rest position. A node has a quarter of the mass of each of its
+//! elements.
 //!
-//! The time integration is symplectic Euler: velocities from the previous forces, positions from the new velocities. With
-//! the mode of highest frequency w, w^2 being bounded by L, and with springs damped by b times their stiffness, it is stable
-//! for L (h^2 / 4 + b h / 2) < 1 (from the roots of its characteristic polynomial); undamped, h < 2 / w. Damping by mass is
-//! integrated exactly, as if the force were constant in a step, and does not change that bound.
+//! The time integration is symplectic Euler: velocities from the previous forces, positions from the new velocities.
+//! With the mode of highest frequency w, w^2 being bounded by L, and with springs damped by b times their stiffness, it
+//! is stable for L (h^2 / 4 + b h / 2) < 1 (from the roots of its characteristic polynomial); undamped, h < 2 / w.
+//! Damping by mass is integrated exactly, as if the force were constant in a step, and does not change that bound.
 
 use std::sync::Arc;
 
@@ -72,8 +74,8 @@ pub(super) struct Network {
     spring: Vec<Vector3<f64>>,
     /// Bound of each node's rows of M^-1 K, 1/s^2.
     bound: Vec<f64>,
-    /// Longest stable step with every node at its original position, s. The mass of a node that is moved nearer to another is increased
-    /// as a step of this length requires (see [`Network::moving_mass`]).
+    /// Longest stable step with every node at its original position, s. The mass of a node that is moved nearer to
+    /// another is increased as a step of this length requires (see [`Network::moving_mass`]).
     pub limit_s: f64,
 }
 
@@ -133,12 +135,12 @@ impl Network {
         (0..self.mass.len() as u32).for_each(|node| self.measure_bound(node));
     }
 
-    /// Computes masses, springs and bounds that depend on one node. Values that depend on no moved node are reproduced bit
-    /// for bit.
+    /// Computes masses, springs and bounds that depend on one node. Values that depend on no moved node are reproduced
+    /// bit for bit.
     fn measure_about(&mut self, node: u32) {
-        let around = self.topology.elements_of_node.of(node).len();
+        let around = self.topology.elements_of_node.get(node).len();
         for index in 0..around {
-            let element = self.topology.elements_of_node.of(node)[index] as usize;
+            let element = self.topology.elements_of_node.get(node)[index] as usize;
             self.elements[element]
                 .into_iter()
                 .for_each(|corner| self.measure_mass(corner));
@@ -147,7 +149,7 @@ impl Network {
                 .for_each(|edge| self.measure_spring(edge));
         }
         for index in 0..around {
-            let element = self.topology.elements_of_node.of(node)[index] as usize;
+            let element = self.topology.elements_of_node.get(node)[index] as usize;
             self.elements[element]
                 .into_iter()
                 .for_each(|corner| self.measure_bound(corner));
@@ -155,7 +157,7 @@ impl Network {
     }
 
     fn measure_mass(&mut self, node: u32) {
-        let around = self.topology.elements_of_node.of(node).iter();
+        let around = self.topology.elements_of_node.get(node).iter();
         let volume: f64 = around.map(|&element| geometry::volume(&self.at_rest(element))).sum();
         self.mass[node as usize] = 0.25 * self.density * volume;
     }
@@ -163,7 +165,7 @@ impl Network {
     fn measure_spring(&mut self, edge: u32) {
         let [a, b] = self.topology.edges[edge as usize];
         let direction = self.reference[b as usize] - self.reference[a as usize];
-        let around = self.topology.elements_of_edge.of(edge).iter();
+        let around = self.topology.elements_of_edge.get(edge).iter();
         let volume: f64 = around.map(|&element| geometry::volume(&self.at_rest(element))).sum();
         let squared = direction.norm_squared();
         let stiffness = self.young * volume / squared;
@@ -174,7 +176,7 @@ impl Network {
     fn measure_bound(&mut self, node: u32) {
         let mut rows = [Vector3::zeros(); 3];
         let mut others = Vector3::zeros();
-        for &edge in self.topology.edges_of_node.of(node) {
+        for &edge in self.topology.edges_of_node.get(node) {
             let spring = self.spring[edge as usize];
             for (axis, row) in rows.iter_mut().enumerate() {
                 *row += spring * spring[axis];
@@ -200,8 +202,8 @@ impl Network {
         SAFETY * 4.0 / (b * bound + root * (b * b * bound + 4.0).sqrt())
     }
 
-    /// Returns the mass with which a node moves in a step of h: its own, or the mass that makes the step stable if that is
-    /// larger.
+    /// Returns the mass with which a node moves in a step of h: its own, or the mass that makes the step stable if that
+    /// is larger.
     pub(crate) fn moving_mass(&self, node: u32, h: f64) -> f64 {
         let node = node as usize;
         let h = h / SAFETY;
@@ -304,11 +306,12 @@ impl Network {
 
     /// Returns the elements around a node.
     pub(super) fn around(&self, node: u32) -> &[u32] {
-        self.topology.elements_of_node.of(node)
+        self.topology.elements_of_node.get(node)
     }
 
-    /// Finds the element that contains a point now, and the point's coordinates there. Steps from `start` from element to element; where
-    /// that fails (at the surface, or in a fold), takes the element that misses the point least, if it contains it.
+    /// Finds the element that contains a point now, and the point's coordinates there. Steps from `start` from element
+    /// to element; where that fails (at the surface, or in a fold), takes the element that misses the point least, if
+    /// it contains it.
     pub(super) fn locate(&self, point: &Vector3<f64>, start: u32) -> Option<(u32, [f64; 4])> {
         let mut element = start;
         for _ in 0..LONGEST_SEARCH {
@@ -374,8 +377,8 @@ impl Network {
         true
     }
 
-    /// Returns a node to its original position, with the displacement of the tissue there. The nodes moved after it must be
-    /// back already.
+    /// Returns a node to its original position, with the displacement of the tissue there. The nodes moved after it
+    /// must be back already.
     pub(super) fn restore(&mut self, node: u32) {
         let original = self.original[node as usize];
         if self.reference[node as usize] == original {

@@ -1,4 +1,5 @@
-//! Saved states of the mass-spring model. JSON keeps every bit of a number, so that a round trip through text changes nothing.
+//! Saved states of the mass-spring model. JSON keeps every bit of a number, so that a round trip through text changes
+//! nothing.
 
 use nalgebra::{Isometry3, Vector3};
 use serde::{Deserialize, Serialize};

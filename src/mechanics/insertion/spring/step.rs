@@ -38,7 +38,7 @@ impl MassSpring {
     }
 
     pub(super) fn tip(&self) -> ShaftPoint {
-        self.body.line.at(self.body.line.length_mm())
+        self.body.line.point_at_arc(self.body.line.length_mm())
     }
 
     /// Places the needle by hand, bone and the previous forces. Returns its advance along its axis.
@@ -112,7 +112,8 @@ impl MassSpring {
         }
     }
 
-    /// Releases the nodes that have come off the needle: it is withdrawn, or the tissue that it dragged along springs back.
+    /// Releases the nodes that have come off the needle: it is withdrawn, or the tissue that it dragged along springs
+    /// back.
     fn release(&mut self) {
         if self.body.tip_node != TipNode::Empty {
             return;
@@ -145,7 +146,7 @@ impl MassSpring {
     fn add_force_on_hand(&mut self, hand: &Isometry3<f64>) {
         let about = Point3::from(hand.translation.vector);
         for contact in &self.contacts.stack {
-            let point = self.body.line.at(contact.arc).point_mm;
+            let point = self.body.line.point_at_arc(contact.arc).point_mm;
             self.outcome.on_hand.add(contact.force, &point, &about);
         }
         if let Some(bone_contact) = &self.body.bone_contact {

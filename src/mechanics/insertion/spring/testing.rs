@@ -147,7 +147,8 @@ pub(super) fn tip_at(x: f64, y: f64, z: f64) -> Instruments {
     }
 }
 
-/// Moves the tip along z from one depth to another at a speed (mm/s) in steps of `dt_s`, passing each outcome to `tell`.
+/// Moves the tip along z from one depth to another at a speed (mm/s) in steps of `dt_s`, passing each outcome to
+/// `tell`.
 pub(super) fn drive(
     model: &mut MassSpring,
     [from, to]: [f64; 2],

@@ -1,4 +1,5 @@
-//! Inverse problem: base motion for a given tip or centre of motion, within limits of compression (Wang et al. 2023, section III-E).
+//! Inverse problem: base motion for a given tip or centre of motion, within limits of compression (Wang et al. 2023,
+//! section III-E).
 
 use std::f64::consts::PI;
 
@@ -18,15 +19,16 @@ const STEPS: usize = 60;
 const HALVINGS: usize = 12;
 /// Increment for finite differences: mm, and mm at the needle's tip.
 const NUDGE_MM: f64 = 1e-4;
-/// Number of ratios of slope and displacement tried for the least compression, and of steps of the golden section between the best.
+/// Number of ratios of slope and displacement tried for the least compression, and of steps of the golden section
+/// between the best.
 const RATIOS: usize = 60;
 const SECTIONS: usize = 40;
 
 /// Goal of the base motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Wanted {
-    /// Deflection of the tip, with the base turning with its displacement about a remote centre of motion at a depth below
-    /// the base.
+    /// Deflection of the tip, with the base turning with its displacement about a remote centre of motion at a depth
+    /// below the base.
     TipAbout {
         /// Deflection of the tip, mm.
         tip_mm: f64,
@@ -38,8 +40,8 @@ pub enum Wanted {
         /// Deflection of the tip, mm.
         tip_mm: f64,
     },
-    /// Deflection of the tip with the least compression of the tissue: that motion of the base, about any centre, for which the largest
-    /// share that a layer has of its limit (of its whole length, without one) is least.
+    /// Deflection of the tip with the least compression of the tissue: that motion of the base, about any centre, for
+    /// which the largest share that a layer has of its limit (of its whole length, without one) is least.
     TipLeast {
         /// Deflection of the tip, mm.
         tip_mm: f64,
@@ -149,12 +151,12 @@ fn strain_share(beam: &FoundationBeam, shape: &Shape) -> f64 {
     shares.fold(0.0, f64::max)
 }
 
-/// Moves the tip by the motion of the base that compresses the tissue least: displacement and slope times length are in the ratio of
-/// cosine and sine of an angle, which is scanned and then refined by golden sections.
+/// Moves the tip by the motion of the base that compresses the tissue least: displacement and slope times length are in
+/// the ratio of cosine and sine of an angle, which is scanned and then refined by golden sections.
 fn least_compressing(beam: &mut FoundationBeam, tip_mm: f64) -> Result<(Base, Shape), BeamError> {
     let [distance, inserted] = [beam.problem().control_distance_mm, beam.problem().inserted_mm];
     let length = (distance + inserted).max(1.0);
-    let mut at = |angle: f64| {
+    let mut solve_at = |angle: f64| {
         let base = |c: &[f64]| Base {
             displacement_mm: c[0] * angle.cos(),
             slope: Some(c[0] * angle.sin() / length),
@@ -167,10 +169,10 @@ fn least_compressing(beam: &mut FoundationBeam, tip_mm: f64) -> Result<(Base, Sh
     };
     // Half a turn covers all ratios: opposite angles differ only in the sign of the solution.
     let width = PI / RATIOS as f64;
-    let mut best = (0.0, at(0.0));
+    let mut best = (0.0, solve_at(0.0));
     for step in 1..RATIOS {
         let angle = step as f64 * width;
-        let solution = at(angle);
+        let solution = solve_at(angle);
         if share(&solution) < share(&best.1) {
             best = (angle, solution);
         }
@@ -178,16 +180,16 @@ fn least_compressing(beam: &mut FoundationBeam, tip_mm: f64) -> Result<(Base, Sh
     let golden = 0.5 * (5.0f64.sqrt() - 1.0);
     let (mut low, mut high) = (best.0 - width, best.0 + width);
     let (mut near, mut far) = (high - golden * (high - low), low + golden * (high - low));
-    let (mut at_near, mut at_far) = (at(near), at(far));
+    let (mut at_near, mut at_far) = (solve_at(near), solve_at(far));
     for _ in 0..SECTIONS {
         if share(&at_near) < share(&at_far) {
             (high, far) = (far, near);
             near = high - golden * (high - low);
-            at_far = std::mem::replace(&mut at_near, at(near));
+            at_far = std::mem::replace(&mut at_near, solve_at(near));
         } else {
             (low, near) = (near, far);
             far = low + golden * (high - low);
-            at_near = std::mem::replace(&mut at_far, at(far));
+            at_near = std::mem::replace(&mut at_far, solve_at(far));
         }
     }
     // With several minima between its neighbours, golden sections may end above the best of the scan.
@@ -206,8 +208,8 @@ fn first(solution: (Base, Shape), wanted_mm: f64) -> Result<(Base, Shape), BeamE
     }
 }
 
-/// Solves for the parameters of the base motion by Newton's method with finite differences, from rest; goals are positions
-/// and deflections, mm.
+/// Solves for the parameters of the base motion by Newton's method with finite differences, from rest; goals are
+/// positions and deflections, mm.
 fn seek(
     beam: &mut FoundationBeam,
     goals: &[(f64, f64)],
@@ -215,30 +217,33 @@ fn seek(
     nudges: &[f64],
 ) -> Result<(Base, Shape), BeamError> {
     let count = nudges.len();
-    let miss = |beam: &mut FoundationBeam, at: &DVector<f64>| -> Result<(DVector<f64>, Shape), BeamError> {
-        let shape = beam.solve(&base(at.as_slice()))?;
-        let off = goals.iter().map(|(place, deflection)| shape.at(*place)[0] - deflection);
-        Ok((DVector::from_iterator(count, off), shape))
+    let error_at = |beam: &mut FoundationBeam, parameters: &DVector<f64>| -> Result<(DVector<f64>, Shape), BeamError> {
+        let shape = beam.solve(&base(parameters.as_slice()))?;
+        let errors = goals
+            .iter()
+            .map(|(x_mm, deflection_mm)| shape.at(*x_mm)[0] - deflection_mm);
+        Ok((DVector::from_iterator(count, errors), shape))
     };
-    let mut at = DVector::zeros(count);
-    let (mut off, mut shape) = miss(beam, &at)?;
+    let mut parameters = DVector::zeros(count);
+    let (mut error, mut shape) = error_at(beam, &parameters)?;
     for _ in 0..STEPS {
-        if off.amax() <= TOLERANCE_MM {
-            return Ok((base(at.as_slice()), shape));
+        if error.amax() <= TOLERANCE_MM {
+            return Ok((base(parameters.as_slice()), shape));
         }
+        // Central differences: the beam's equations have no derivatives by the motion of the base at hand.
         let mut slopes = DMatrix::zeros(count, count);
         for (j, nudge) in nudges.iter().enumerate() {
-            let mut side = |sign: f64| {
-                let mut beside = at.clone();
-                beside[j] += sign * nudge;
-                miss(beam, &beside).map(|(off, _)| off)
+            let mut error_beside = |sign: f64| {
+                let mut nudged = parameters.clone();
+                nudged[j] += sign * nudge;
+                error_at(beam, &nudged).map(|(error, _)| error)
             };
-            let column = (side(1.0)? - side(-1.0)?) / (2.0 * nudge);
+            let column = (error_beside(1.0)? - error_beside(-1.0)?) / (2.0 * nudge);
             slopes.set_column(j, &column);
         }
         let Some(step) = slopes
             .lu()
-            .solve(&off)
+            .solve(&error)
             .filter(|step| step.iter().all(|x| x.is_finite()))
         else {
             break;
@@ -246,13 +251,13 @@ fn seek(
         // Far from the goal a full step may overshoot, or find no equilibrium of the beam.
         let mut part = 1.0;
         let better = (0..HALVINGS).find_map(|_| {
-            let next = &at - &step * part;
+            let next = &parameters - &step * part;
             part /= 2.0;
-            let (next_off, next_shape) = miss(beam, &next).ok()?;
-            (next_off.amax() < off.amax()).then_some((next, next_off, next_shape))
+            let (next_error, next_shape) = error_at(beam, &next).ok()?;
+            (next_error.amax() < error.amax()).then_some((next, next_error, next_shape))
         });
         let Some(better) = better else { break };
-        (at, off, shape) = better;
+        (parameters, error, shape) = better;
     }
-    Err(BeamError::NoMotion { miss_mm: off.amax() })
+    Err(BeamError::NoMotion { miss_mm: error.amax() })
 }

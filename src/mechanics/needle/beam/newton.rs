@@ -34,8 +34,8 @@ struct State {
     loads: Vec<Load>,
 }
 
-/// A needle in tissue, divided into elements and ready to be moved. Solutions depend only on the given motion; buffers are
-/// kept.
+/// A needle in tissue, divided into elements and ready to be moved. Solutions depend only on the given motion; buffers
+/// are kept.
 #[derive(Clone, Debug)]
 pub struct FoundationBeam {
     problem: Problem,
@@ -163,9 +163,9 @@ impl FoundationBeam {
         Err(None)
     }
 
-    /// Moves along a Newton step as far as it improves the solution: the next step with the same stiffness must be shorter
-    /// (the natural monotonicity test; P. Deuflhard, "Newton Methods for Nonlinear Problems", section 3.3). The remaining
-    /// motion of the base counts as part of that step.
+    /// Moves along a Newton step as far as it improves the solution: the next step with the same stiffness must be
+    /// shorter (the natural monotonicity test; P. Deuflhard, "Newton Methods for Nonlinear Problems", section 3.3). The
+    /// remaining motion of the base counts as part of that step.
     fn search(&mut self, push: &Push, goal: &Vector2<f64>) -> Result<(), Option<Crush>> {
         let (mut part, mut crush) = (1.0, None);
         while part >= SHORTEST {

@@ -20,10 +20,11 @@ pub struct Point {
     pub u_mm: f64,
     /// Slope du/dx.
     pub slope: f64,
-    /// Reaction of the tissue per length of needle, F, N/mm: it has the sign of the deflection and pushes the needle back.
-    /// At layer boundaries, that of the deeper layer; 0 outside the tissue.
+    /// Reaction of the tissue per length of needle, F, N/mm: it has the sign of the deflection and pushes the needle
+    /// back. At layer boundaries, that of the deeper layer; 0 outside the tissue.
     pub reaction_n_per_mm: f64,
-    /// Compression ratio of the tissue (1: not compressed). At layer boundaries, that of the deeper layer; 1 outside the tissue.
+    /// Compression ratio of the tissue (1: not compressed). At layer boundaries, that of the deeper layer; 1 outside
+    /// the tissue.
     pub ratio: f64,
 }
 
@@ -68,8 +69,8 @@ pub struct Shape {
 }
 
 impl Shape {
-    /// Builds a shape; `forces` act on the tissue of each element, `sums` are force and moment at the base and the energy, `effort`
-    /// residual and iterations.
+    /// Builds a shape; `forces` act on the tissue of each element, `sums` are force and moment at the base and the
+    /// energy, `effort` residual and iterations.
     pub(super) fn new(
         division: &Division,
         beds: &[Bed],
@@ -113,16 +114,16 @@ impl Shape {
         self.points.last().map_or(0.0, |point| point.u_mm)
     }
 
-    /// Returns the remote centre of motion: the intersection of the tangent at the base with the undeflected needle, as a
-    /// depth from the entry (mm, negative before it). `None` for a base that has not turned.
+    /// Returns the remote centre of motion: the intersection of the tangent at the base with the undeflected needle, as
+    /// a depth from the entry (mm, negative before it). `None` for a base that has not turned.
     pub fn rcm_mm(&self) -> Option<f64> {
         let base = self.points.first()?;
         let rcm = base.x_mm - base.u_mm / base.slope;
         (base.slope != 0.0).then_some(rcm)
     }
 
-    /// Returns the centre of motion: the smallest depth from the entry (mm) at which the needle is not deflected. `None` if
-    /// there is none, or if it is undeflected everywhere.
+    /// Returns the centre of motion: the smallest depth from the entry (mm) at which the needle is not deflected.
+    /// `None` if there is none, or if it is undeflected everywhere.
     pub fn com_mm(&self) -> Option<f64> {
         let inside = &self.points[self.entry..];
         if inside.iter().all(|point| point.u_mm == 0.0) {

@@ -1,20 +1,20 @@
 //! Linear equations of a Newton step, solved in two sweeps.
 //!
-//! Nodes have deflection and slope, q = (u, s). An element is bent by the slopes at its ends relative to its chord, a = (a1,
-//! a2); with its length h the far node follows from the near one as `q2 = T q1 + G a`:
+//! Nodes have deflection and slope, q = (u, s). An element is bent by the slopes at its ends relative to its chord, a =
+//! (a1, a2); with its length h the far node follows from the near one as `q2 = T q1 + G a`:
 //!
 //! ```text
 //! T = [1 h]   G = [-h 0]   bending moments  B a,  B = (E I/h) [4 2]
 //!     [0 1]       [-1 1]                                      [2 4]
 //! ```
 //!
-//! These are the Hermite elements, in variables that are small where bending is: the state of the beam is its base and `a`,
-//! to which corrections are added, so rounding does not grow with the cube of the number of elements, as it does where
-//! bending is a difference of deflections. Balance is `B a + G' p = 0` for each element, with `p` the force and the moment
-//! on its far node from everything beyond. From the tip to the base, `p` is written as a linear function of the change of
-//! the near node, element by element; from the base to the tip the changes follow. Nothing is subtracted that exceeds the
-//! result by more than the ratio of the foundation's stiffness to that of an element, so weak tissue and free bases do no
-//! harm.
+//! These are the Hermite elements, in variables that are small where bending is: the state of the beam is its base and
+//! `a`, to which corrections are added, so rounding does not grow with the cube of the number of elements, as it does
+//! where bending is a difference of deflections. Balance is `B a + G' p = 0` for each element, with `p` the force and
+//! the moment on its far node from everything beyond. From the tip to the base, `p` is written as a linear function of
+//! the change of the near node, element by element; from the base to the tip the changes follow. Nothing is subtracted
+//! that exceeds the result by more than the ratio of the foundation's stiffness to that of an element, so weak tissue
+//! and free bases do no harm.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -126,8 +126,8 @@ impl Sweep {
         beyond.iter().all(|x| x.is_finite()).then_some(())
     }
 
-    /// Returns the change that balances the state with these angles and loads, with the factored stiffness, or `None` if the
-    /// slope of the base is undetermined.
+    /// Returns the change that balances the state with these angles and loads, with the factored stiffness, or `None`
+    /// if the slope of the base is undetermined.
     pub(super) fn solve(
         &mut self,
         elements: &[Element],

@@ -72,8 +72,8 @@ fn buckling_n() -> f64 {
     PI * PI * Stiffness::default().bending_nmm2() / (4.0 * LENGTH * LENGTH)
 }
 
-/// Exact about the straight needle, also under an axial load near buckling; about a bent one up to the interaction of finite
-/// rotations: the square of the bend.
+/// Exact about the straight needle, also under an axial load near buckling; about a bent one up to the interaction of
+/// finite rotations: the square of the bend.
 #[test]
 fn linearisation_is_what_forces_move() {
     for (bend, along, tolerance) in [(0.0, 0.0, 1e-6), (0.0, 0.8 * buckling_n(), 1e-6), (0.04, 0.04, 0.02)] {
@@ -105,7 +105,7 @@ fn linearisation_is_what_forces_move() {
                 };
                 let [plus, minus] = [step, -step].map(&mut moved);
                 for (i, row) in rows.iter().enumerate() {
-                    let difference = plus.at(row.arc_mm).point_mm - minus.at(row.arc_mm).point_mm;
+                    let difference = plus.point_at_arc(row.arc_mm).point_mm - minus.point_at_arc(row.arc_mm).point_mm;
                     let expected = difference.dot(&row.direction) / (2.0 * step);
                     let error = (flexibility[(i, j)] - expected).abs();
                     assert!(
@@ -119,8 +119,9 @@ fn linearisation_is_what_forces_move() {
     }
 }
 
-/// The free needle has as many buckling modes as Euler loads, (2 n - 1)^2 times the first, lie below the axial load, each in two planes. Links
-/// of 10 mm buckle a little earlier; cubics over elements of 10 mm find the loads to a thousandth.
+/// The free needle has as many buckling modes as Euler loads, (2 n - 1)^2 times the first, lie below the axial load,
+/// each in two planes. Links of 10 mm buckle a little earlier; cubics over elements of 10 mm find the loads to a
+/// thousandth.
 #[test]
 fn ways_to_buckle_are_counted() {
     let of_springs = [(-20.0, 0), (0.98, 0), (1.02, 2), (8.8, 2), (9.2, 4), (26.0, 6)];

@@ -4,7 +4,7 @@ use crate::tissue::error::LinearError;
 use faer::sparse::SymbolicSparseColMat;
 use insonify_mesh::lists::Lists;
 
-use crate::tissue::dofs::{Dofs, NONE};
+use crate::tissue::dofs::{Dofs, NO_DOF};
 
 /// Pairs of an element's corners, in the order of [`Pattern::places`].
 pub(crate) const PAIRS: [(usize, usize); 10] = [
@@ -50,9 +50,9 @@ impl Pattern {
         let mut rows = Vec::with_capacity(8 * nodes);
         let mut places = vec![[0; 10]; elements.len()];
         // Last column in which each node occurred, and its block there.
-        let mut last_column = vec![(NONE, 0); nodes];
+        let mut last_column = vec![(NO_DOF, 0); nodes];
         for column in 0..nodes as u32 {
-            let around = corners.of(column);
+            let around = corners.get(column);
             let start = rows.len();
             starts.push(start as u32);
             rows.push(column);
@@ -113,12 +113,12 @@ impl Pattern {
                 .of(node)
                 .into_iter()
                 .enumerate()
-                .filter(|(_, column)| *column != NONE)
+                .filter(|(_, column)| *column != NO_DOF)
             {
                 for block in span.clone() {
                     for (i, row) in dofs.of(self.rows[block]).into_iter().enumerate() {
                         // Numbers ascend with node and axis: this omits entries above the diagonal.
-                        if row != NONE && row >= column {
+                        if row != NO_DOF && row >= column {
                             entry(row, column, block, (i, j));
                         }
                     }

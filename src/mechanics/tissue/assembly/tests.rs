@@ -2,7 +2,7 @@ use crate::tissue::error::LinearError;
 use nalgebra::DMatrix;
 
 use super::*;
-use crate::tissue::dofs::NONE;
+use crate::tissue::dofs::NO_DOF;
 use crate::tissue::element::{ElementStiffness, element_stiffness};
 
 impl Stiffness {
@@ -89,7 +89,7 @@ fn products_are_those_of_the_dense_matrix() {
     let rows = (0..dofs.nodes() as u32).flat_map(|node| dofs.of(node).map(|dof| (node, dof)));
     let free_rows: Vec<usize> = rows
         .enumerate()
-        .filter(|(_, (_, dof))| *dof != NONE)
+        .filter(|(_, (_, dof))| *dof != NO_DOF)
         .map(|(row, _)| row)
         .collect();
     let sum = |row: &usize| {

@@ -18,8 +18,8 @@ fn columns_and_entries_are_those_of_the_dense_inverse() {
     let size = columns.size();
     let mut expected = vec![0.0; size];
     let residual = sampled_residual(&block.stiffness, &mut columns, &[0, 7, size - 1]).expect("columns");
-    // Both solve the same factor: they differ by the rounding of a triangular solve, n eps |K| |x| in the residual, times
-    // the norm of the inverse, which the sum of its largest column estimates.
+    // Both solve the same factor: they differ by the rounding of a triangular solve, n eps |K| |x| in the residual,
+    // times the norm of the inverse, which the sum of its largest column estimates.
     let norm: f64 = (0..size).map(|j| dense.get(j, j)).sum();
     let bound = size as f64 * f64::EPSILON * block.stiffness.norm_inf() * norm * norm;
     for dof in [0, 7, size - 1] {

@@ -4,8 +4,8 @@ use super::*;
 fn free_degrees_are_numbered_by_node_and_axis() {
     let dofs = Dofs::new(3, [(1, 0), (1, 2), (0, 1), (1, 0)]);
     assert_eq!((dofs.nodes(), dofs.free()), (3, 6));
-    assert_eq!(dofs.of(0), [0, NONE, 1]);
-    assert_eq!(dofs.of(1), [NONE, 2, NONE]);
+    assert_eq!(dofs.of(0), [0, NO_DOF, 1]);
+    assert_eq!(dofs.of(1), [NO_DOF, 2, NO_DOF]);
     assert_eq!(dofs.of(2), [3, 4, 5]);
     for dof in 0..6 {
         let (node, axis) = dofs.node_of(dof);

@@ -10,7 +10,8 @@ parameters! {
     /// Keys of the law.
     #[derive(Copy)]
     pub struct KneeKeys with required keys {
-        /// Relative strain, 0 or more, above which the tissue stiffens. In simple shear the relative strain is 0.866 of the shear.
+        /// Relative strain, 0 or more, above which the tissue stiffens. In simple shear the relative strain is 0.866 of
+        /// the shear.
         knee_strain: f64;
         /// Stiffening coefficient, a in E (1 + a (e - knee)^2).
         stiffening: f64, in 0;
@@ -83,7 +84,8 @@ impl Stiffening {
     }
 }
 
-/// Stress and its derivative, kPa; no energy, as the pressure changes with the shear but not the shear stress with the volume.
+/// Stress and its derivative, kPa; no energy, as the pressure changes with the shear but not the shear stress with the
+/// volume.
 impl Law for Stiffening {
     type Keys = KneeKeys;
 

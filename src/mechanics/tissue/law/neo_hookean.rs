@@ -4,8 +4,9 @@ use super::{Deformation, Law, Moduli, NoKeys, Tensor};
 use crate::tissue::material::Material;
 use insonify_base::range::OutOfRange;
 
-/// Compressible neo-Hookean tissue (J. Bonet and R. D. Wood, "Nonlinear Continuum Mechanics for Finite Element Analysis", 2nd edition, 2008,
-/// section 6.4.3): `W = mu / 2 (tr C - 3) - mu ln J + lambda / 2 (ln J)^2`, so that `P = mu (F - F^-T) + lambda ln J F^-T`.
+/// Compressible neo-Hookean tissue (J. Bonet and R. D. Wood, "Nonlinear Continuum Mechanics for Finite Element
+/// Analysis", 2nd edition, 2008, section 6.4.3): `W = mu / 2 (tr C - 3) - mu ln J + lambda / 2 (ln J)^2`, so that
+/// `P = mu (F - F^-T) + lambda ln J F^-T`.
 ///
 /// The derivative of `ln J` is `F^-T`, and that of `F^-T_ij` by `F_kl` is `-F^-T_il F^-T_kj`; therefore
 /// `dP_ij/dF_kl = mu I_ik I_jl + (mu - lambda ln J) F^-T_il F^-T_kj + lambda F^-T_ij F^-T_kl`.

@@ -10,23 +10,23 @@ parameters! {
     /// Keys of the law.
     #[derive(Copy)]
     pub struct OgdenKeys with required keys {
-        /// Exponent of the stretches, at least 0.001 away from 0: 2 is neo-Hookean at constant volume; negative ones are stiffer in compression than in tension, as
-        /// brain and liver are.
+        /// Exponent of the stretches, at least 0.001 away from 0: 2 is neo-Hookean at constant volume; negative ones
+        /// are stiffer in compression than in tension, as brain and liver are.
         alpha: f64, in -50..=50;
     }
 }
 
-/// Compressible Ogden tissue of one term (R. W. Ogden, "Large deformation isotropic elasticity", Proceedings of the Royal Society A 328, 1972;
-/// G. A. Holzapfel, "Nonlinear Solid Mechanics", 2000, sections 6.5 and 6.6):
-/// `W = 2 mu / alpha^2 (p_1 + p_2 + p_3 - 3) + K / 2 (J - 1)^2` with the powers `p_i = (J^(-1/3) l_i)^alpha` of the principal stretches at constant
-/// volume.
+/// Compressible Ogden tissue of one term (R. W. Ogden, "Large deformation isotropic elasticity", Proceedings of the
+/// Royal Society A 328, 1972; G. A. Holzapfel, "Nonlinear Solid Mechanics", 2000, sections 6.5 and 6.6):
+/// `W = 2 mu / alpha^2 (p_1 + p_2 + p_3 - 3) + K / 2 (J - 1)^2` with the powers `p_i = (J^(-1/3) l_i)^alpha` of the
+/// principal stretches at constant volume.
 ///
 /// With `F = sum_i l_i n_i N_i^T`, the stress is `P = sum_i b_i / l_i n_i N_i^T`, where
-/// `b_i = l_i dW/dl_i = 2 mu / alpha (p_i - m) + K J (J - 1)` and `m` is the mean of the powers. Its derivative follows from
-/// `l_k db_i/dl_k = 2 mu (p_i I_ik - (p_i + p_k - m) / 3) + K J (2 J - 1)` and the rotation of the directions: with the second Piola-Kirchhoff
-/// stress `S = sum_a s_a N_a N_a^T`, `s_a = b_a / l_a^2`, and `g_a = F N_a`, the derivative `dP_ij/dF_kl` is `I_ik S_jl`, and the sum over all `a` and
-/// `b` of `ds_a/dl_b / l_b g_ai N_aj g_bk N_bl`, and over those that differ of
-/// `(s_b - s_a) / (l_b^2 - l_a^2) g_ai N_bj (g_ak N_bl + g_bk N_al)`.
+/// `b_i = l_i dW/dl_i = 2 mu / alpha (p_i - m) + K J (J - 1)` and `m` is the mean of the powers. Its derivative follows
+/// from `l_k db_i/dl_k = 2 mu (p_i I_ik - (p_i + p_k - m) / 3) + K J (2 J - 1)` and the rotation of the directions:
+/// with the second Piola-Kirchhoff stress `S = sum_a s_a N_a N_a^T`, `s_a = b_a / l_a^2`, and `g_a = F N_a`, the
+/// derivative `dP_ij/dF_kl` is `I_ik S_jl`, and the sum over all `a` and `b` of `ds_a/dl_b / l_b g_ai N_aj g_bk N_bl`,
+/// and over those that differ of `(s_b - s_a) / (l_b^2 - l_a^2) g_ai N_bj (g_ak N_bl + g_bk N_al)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ogden {
     material: Material,
@@ -39,7 +39,8 @@ const LEAST_ALPHA: f64 = 1e-3;
 /// Relative difference of squared stretches below which they count as equal.
 const EQUAL: f64 = 1e-6;
 
-/// Principal stretches with their directions, and along each the second Piola-Kirchhoff stress with its derivatives by the stretches, kPa.
+/// Principal stretches with their directions, and along each the second Piola-Kirchhoff stress with its derivatives by
+/// the stretches, kPa.
 struct Principal {
     stretches: [f64; 3],
     directions: Tensor,

@@ -102,7 +102,8 @@ impl Anderson {
     }
 }
 
-fn dot(a: &[f64], b: &[f64]) -> f64 {
+/// Scalar product of vectors of degrees of freedom.
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 

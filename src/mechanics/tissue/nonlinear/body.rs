@@ -3,11 +3,12 @@
 use nalgebra::DMatrix;
 
 use super::invariants::{relative_strain, von_mises};
-use super::simplex::{Simplex, dot, orientation};
+use super::simplex::{Simplex, orientation};
 use super::tangent::Kind;
 use crate::tissue::law::{AnyLaw, Stiffening, Tensor};
 use crate::tissue::nonlinear::NonlinearError;
 use insonify_mesh::TetMesh;
+use insonify_mesh::vector::dot;
 
 /// Newtons per square millimetre in one kilopascal.
 const NEWTON_PER_MM2: f64 = 1e-3;
@@ -114,8 +115,9 @@ impl Sheet {
 }
 
 impl Sheet {
-    /// Returns the von Mises stress of each triangle, kPa, from displacements (mm) and the stress in the plane. The stress across the plane of a
-    /// secant law is Poisson's ratio times the sum of the two normal stresses, at any secant modulus and rate.
+    /// Returns the von Mises stress of each triangle, kPa, from displacements (mm) and the stress in the plane. The
+    /// stress across the plane of a secant law is Poisson's ratio times the sum of the two normal stresses, at any
+    /// secant modulus and rate.
     ///
     /// # Panics
     /// If there is not one entry per degree of freedom.
@@ -146,7 +148,8 @@ impl Solid {
 }
 
 impl<const D: usize, const N: usize> NonlinearBody<D, N> {
-    /// Creates a body from nodes (mm), elements and one of `laws` per element, times a thickness: mm in plane strain, 1 in three dimensions.
+    /// Creates a body from nodes (mm), elements and one of `laws` per element, times a thickness: mm in plane strain, 1
+    /// in three dimensions.
     ///
     /// # Errors
     /// [`NonlinearError`] for unusable elements, or a wrong number of `laws`.
@@ -324,9 +327,9 @@ impl<const D: usize, const N: usize> NonlinearBody<D, N> {
         self.elements.iter().zip(&self.cells).map(strain).collect()
     }
 
-    /// Returns the Cauchy stress of each element, kPa; of a secant law E(e_r) of the strain under `displacement` times D epsilon(`strained`).
-    /// For an elastic body `strained` equals `displacement`; for a viscous one it holds the rates (see
-    /// [`super::creep`]).
+    /// Returns the Cauchy stress of each element, kPa; of a secant law E(e_r) of the strain under `displacement` times
+    /// D epsilon(`strained`). For an elastic body `strained` equals `displacement`; for a viscous one it holds the
+    /// rates (see [`super::creep`]).
     ///
     /// # Panics
     /// If there is not one entry per degree of freedom.
@@ -348,7 +351,8 @@ impl<const D: usize, const N: usize> NonlinearBody<D, N> {
         self.elements.iter().zip(&self.cells).map(stress).collect()
     }
 
-    /// Rounding of the forces of elements whose law has no secant, N: of a turned body without stress they are nothing else.
+    /// Rounding of the forces of elements whose law has no secant, N: of a turned body without stress they are nothing
+    /// else.
     pub(super) fn rounding_n(&self) -> f64 {
         let finite = self
             .cells
@@ -366,7 +370,8 @@ impl<const D: usize, const N: usize> NonlinearBody<D, N> {
         ROUNDINGS * f64::EPSILON * unit_forces.fold(0.0, f64::max)
     }
 
-    /// Largest change of an entry of the displacement gradient in elements whose law has no secant, for a change of displacement.
+    /// Largest change of an entry of the displacement gradient in elements whose law has no secant, for a change of
+    /// displacement.
     pub(super) fn largest_finite_change(&self, change: &[f64]) -> f64 {
         let elements = self.elements.iter().zip(&self.cells);
         let finite = elements.filter(|(_, cell)| matches!(cell.law, CellLaw::Finite { .. }));

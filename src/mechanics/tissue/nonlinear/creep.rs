@@ -61,7 +61,8 @@ impl<const D: usize, const N: usize> Creep<D, N> {
     /// may jump there. Prescribed displacements cannot jump: the force would be unbounded.
     ///
     /// # Errors
-    /// [`NonlinearError`] for a displaced body, a law without a secant, an invalid order or rule, or a wrong number of loads.
+    /// [`NonlinearError`] for a displaced body, a law without a secant, an invalid order or rule, or a wrong number of
+    /// loads.
     pub fn new(
         mut solver: Solver<D, N>,
         memory: Memory,

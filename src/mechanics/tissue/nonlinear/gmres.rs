@@ -5,6 +5,8 @@
 //! Cholesky factor of its symmetric part, it needs few iterations. The preconditioned directions are kept, so that a
 //! factor in single precision, which is not exactly linear, converges as far as one in double.
 
+use super::anderson::dot;
+
 /// Largest number of directions; any remaining error is left to the next outer iteration.
 const MAX: usize = 40;
 
@@ -46,6 +48,7 @@ impl Gmres {
             room(&mut self.basis, used + 1, rhs.len());
             room(&mut self.preconditioned, used, rhs.len());
             let preconditioned = &mut self.preconditioned[used];
+            // Preconditioned on the right, the residual is that of the system itself, and so is its tolerance.
             preconditioned.copy_from_slice(&self.basis[used]);
             precondition(preconditioned);
             let (old, new) = self.basis.split_at_mut(used + 1);
@@ -55,7 +58,8 @@ impl Gmres {
                 self.columns.push(vec![0.0; MAX + 1]);
             }
             let column = &mut self.columns[used];
-            // One direction at a time, from what the ones before have left: all at once would lose their independence to rounding.
+            // One direction at a time, from what the ones before have left: all at once would lose their independence
+            // to rounding.
             for (entry, direction) in column.iter_mut().zip(old.iter()) {
                 *entry = dot(next, direction);
                 let share = *entry;
@@ -69,6 +73,7 @@ impl Gmres {
                     c * column[index + 1] - s * column[index],
                 );
             }
+            // The rotation that clears the entry below the diagonal passes its sine on to the residual.
             let length = column[used].hypot(left);
             if length == 0.0 || !length.is_finite() {
                 break;
@@ -79,17 +84,20 @@ impl Gmres {
             right[used + 1] = -s * right[used];
             right[used] *= c;
             used += 1;
+            // Without a part left, the directions hold the solution: there is no next one.
             if right[used].abs() <= tolerance * norm || left == 0.0 {
                 break;
             }
             next.iter_mut().for_each(|w| *w /= left);
         }
+        // Back substitution in the triangular factor, only now: no step needs the shares of the directions.
         for index in (0..used).rev() {
             right[index] /= self.columns[index][index];
             for above in 0..index {
                 right[above] -= self.columns[index][above] * right[index];
             }
         }
+        // The preconditioned directions themselves, not A^-1 applied once to their sum: each application may differ.
         rhs.fill(0.0);
         for (share, direction) in right[..used].iter().zip(&self.preconditioned) {
             rhs.iter_mut().zip(direction).for_each(|(x, v)| *x += share * v);
@@ -103,8 +111,4 @@ fn room(vectors: &mut Vec<Vec<f64>>, index: usize, length: usize) {
         vectors.push(Vec::new());
     }
     vectors[index].resize(length, 0.0);
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

@@ -1,6 +1,7 @@
 //! Invariants of stress and strain.
 
-/// Returns the von Mises stress, sqrt(3/2 s : s) with s the deviator: the stress in uniaxial tension, sqrt(3) times that in simple shear.
+/// Returns the von Mises stress, sqrt(3/2 s : s) with s the deviator: the stress in uniaxial tension, sqrt(3) times
+/// that in simple shear.
 pub fn von_mises(stress: &[[f64; 3]; 3]) -> f64 {
     let [[xx, xy, xz], [_, yy, yz], [_, _, zz]] = *stress;
     let differences = (xx - yy).powi(2) + (yy - zz).powi(2) + (zz - xx).powi(2);

@@ -1,6 +1,7 @@
 //! Constant-strain simplices: the triangle in plane strain and the tetrahedron.
 
 use crate::tissue::element::{DegenerateElement, FLATTEST};
+use insonify_mesh::vector::{dot, minus, norm};
 
 /// Gradients and measure of a simplex with `N` = `D` + 1 corners.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,7 +31,7 @@ impl<const D: usize, const N: usize> Simplex<D, N> {
             })
         });
         let longest = (0..N).flat_map(|a| (0..a).map(move |b| (a, b)));
-        let longest = longest.map(|(a, b)| length(minus(corners[a], corners[b])));
+        let longest = longest.map(|(a, b)| norm(minus(corners[a], corners[b])));
         let longest = longest.fold(0.0, |a: f64, b| if b.is_nan() { b } else { a.max(b) });
         if !(longest.is_finite() && measure.is_finite()) {
             let reach = |corner: &[f64; D]| {
@@ -45,7 +46,7 @@ impl<const D: usize, const N: usize> Simplex<D, N> {
             return Err(DegenerateElement::NotFinite { corner });
         }
         // A corner's height is the reciprocal length of its gradient.
-        let steepest = gradients.iter().map(|gradient| length(*gradient)).fold(0.0, f64::max);
+        let steepest = gradients.iter().map(|gradient| norm(*gradient)).fold(0.0, f64::max);
         let height = if determinant == 0.0 {
             0.0
         } else {
@@ -99,20 +100,6 @@ impl<const D: usize, const N: usize> Simplex<D, N> {
 /// Returns the determinant of the edges from the first corner: positive where the corners keep their order.
 pub(super) fn orientation<const D: usize, const N: usize>(corners: &[[f64; D]; N]) -> f64 {
     inverse(std::array::from_fn(|i| minus(corners[i + 1], corners[0]))).1
-}
-
-#[inline]
-fn minus<const D: usize>(a: [f64; D], b: [f64; D]) -> [f64; D] {
-    std::array::from_fn(|axis| a[axis] - b[axis])
-}
-
-#[inline]
-pub(super) fn dot<const D: usize>(a: [f64; D], b: [f64; D]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
-}
-
-fn length<const D: usize>(a: [f64; D]) -> f64 {
-    dot(a, a).sqrt()
 }
 
 /// Returns inverse and determinant by Gauss-Jordan elimination with row pivoting; the determinant of a singular matrix

@@ -3,9 +3,9 @@
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 
 use super::body::{Moduli, NonlinearBody, Responses};
-use super::simplex::dot;
-use super::{NONE, Supports};
+use super::{NO_DOF, Supports};
 use crate::tissue::factor::Symmetric;
+use insonify_mesh::vector::dot;
 
 /// Kind of tangent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,7 +22,7 @@ pub(super) struct Tangent<const D: usize> {
     pattern: SymbolicSparseColMat<u32>,
     values: Vec<f64>,
     /// Entry that each pair of degrees of freedom of each element adds to, column by column of the element's lower
-    /// triangle; [`NONE`] where one is prescribed.
+    /// triangle; [`NO_DOF`] where one is prescribed.
     places: Vec<u32>,
     free: Vec<u32>,
 }
@@ -58,7 +58,7 @@ impl<const D: usize> Tangent<D> {
         let mut places = Vec::with_capacity(elements.len() * (D * N * (D * N + 1)) / 2);
         for corners in elements {
             each_pair(corners, supports, |pair| {
-                places.push(pair.map_or(NONE, |(row, column)| {
+                places.push(pair.map_or(NO_DOF, |(row, column)| {
                     let first_entry = starts[column as usize];
                     let span = &rows[first_entry as usize..starts[column as usize + 1] as usize];
                     first_entry + span.partition_point(|listed| *listed < row) as u32
@@ -116,7 +116,7 @@ impl<const D: usize> Tangent<D> {
                                 entry += 0.5 * (rise[a][i] * normal[b][j] + normal[a][i] * rise[b][j]);
                             }
                             if let Some(&destination) = places.next()
-                                && destination != NONE
+                                && destination != NO_DOF
                             {
                                 self.values[destination as usize] += entry;
                             }
@@ -146,7 +146,7 @@ fn each_pair<const D: usize, const N: usize>(
             for b in a..N {
                 for j in if a == b { i } else { 0 }..D {
                     let (row, column) = (number(a, i), number(b, j));
-                    let free = row != NONE && column != NONE;
+                    let free = row != NO_DOF && column != NO_DOF;
                     visit(free.then(|| (row.max(column), row.min(column))));
                 }
             }

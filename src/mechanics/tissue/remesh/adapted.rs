@@ -14,7 +14,7 @@ use faer::Mat;
 
 use super::difference::Difference;
 use crate::tissue::assembly::Stiffness;
-use crate::tissue::dofs::{Dofs, NONE};
+use crate::tissue::dofs::{Dofs, NO_DOF};
 use crate::tissue::element::Shape;
 use crate::tissue::error::LinearError;
 use crate::tissue::material::Material;
@@ -142,7 +142,9 @@ impl AdaptedMesh {
     /// Free degrees of freedom of all touched nodes, ascending.
     pub fn support(&self) -> impl Iterator<Item = u32> + '_ {
         let touched = (0..self.touched.len() as u32).filter(|node| self.is_touched(*node));
-        touched.flat_map(|node| self.dofs().of(node)).filter(|dof| *dof != NONE)
+        touched
+            .flat_map(|node| self.dofs().of(node))
+            .filter(|dof| *dof != NO_DOF)
     }
 
     /// Free degrees of freedom of `node` and its neighbours, ascending: those affected by a move of it.
@@ -151,7 +153,7 @@ impl AdaptedMesh {
     /// If the node does not exist.
     pub(crate) fn support_of(&self, node: u32) -> impl Iterator<Item = u32> + '_ {
         let dofs = self.neighbours(node).iter().flat_map(|node| self.dofs().of(*node));
-        dofs.filter(|dof| *dof != NONE)
+        dofs.filter(|dof| *dof != NO_DOF)
     }
 
     /// Elements around a node, with its place in each.
@@ -208,7 +210,7 @@ impl Around {
             neighbours.clear();
             neighbours.extend(
                 corners
-                    .of(node)
+                    .get(node)
                     .iter()
                     .flat_map(|corner| elements[*corner as usize / 4]),
             );
@@ -224,12 +226,12 @@ impl Around {
 
     /// Nodes of the elements of `node`, including itself, ascending.
     pub(crate) fn neighbours(&self, node: u32) -> &[u32] {
-        self.neighbours.of(node)
+        self.neighbours.get(node)
     }
 
     /// Elements of a node, with its place in each.
     pub(crate) fn elements(&self, node: u32) -> impl Iterator<Item = (u32, usize)> + '_ {
-        let corners = self.corners.of(node).iter();
+        let corners = self.corners.get(node).iter();
         corners.map(|corner| (corner / 4, *corner as usize % 4))
     }
 }

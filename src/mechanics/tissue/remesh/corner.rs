@@ -1,7 +1,7 @@
 //! Choice of the element corner to move to the needle tip.
 
 use super::adapted::AdaptedMesh;
-use crate::tissue::dofs::NONE;
+use crate::tissue::dofs::NO_DOF;
 use crate::tissue::remesh::RemeshError;
 
 /// Corner chosen to be moved.
@@ -59,7 +59,7 @@ fn try_node(
     tip: [f64; 3],
     is_taken: &impl Fn(u32) -> bool,
 ) -> Result<Corner, RemeshError> {
-    if mesh.dofs().of(node).contains(&NONE) {
+    if mesh.dofs().of(node).contains(&NO_DOF) {
         return Err(RemeshError::Fixed { node });
     }
     if is_taken(node) {

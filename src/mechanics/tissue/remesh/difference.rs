@@ -1,7 +1,7 @@
 //! Stiffness of the current mesh minus that of the base.
 
 use super::adapted::AdaptedMesh;
-use crate::tissue::dofs::{Dofs, NONE};
+use crate::tissue::dofs::{Dofs, NO_DOF};
 use crate::tissue::element::{NodeBlock, Shape};
 
 /// K(now) - K(base) over the nodes touched by moves, N/mm: one 3 x 3 block per pair of them that shares an element, and
@@ -50,11 +50,11 @@ impl Difference {
         let rows = self.dofs.iter().zip(self.starts.windows(2));
         rows.flat_map(move |(rows, span)| {
             let span = span[0] as usize..span[1] as usize;
-            (0..3).filter(|i| rows[*i] != NONE).flat_map(move |i| {
+            (0..3).filter(|i| rows[*i] != NO_DOF).flat_map(move |i| {
                 span.clone().flat_map(move |block| {
                     let columns = self.dofs[self.columns[block] as usize];
                     (0..3)
-                        .filter(move |j| columns[*j] != NONE)
+                        .filter(move |j| columns[*j] != NO_DOF)
                         .map(move |j| (rows[i], columns[j], self.blocks[block][i][j]))
                 })
             })
@@ -74,7 +74,7 @@ impl Difference {
     /// Infinity norm (largest absolute row sum), N/mm.
     pub fn norm_inf(&self) -> f64 {
         let mut largest = 0.0f64;
-        let (mut sum, mut current_row) = (0.0, NONE);
+        let (mut sum, mut current_row) = (0.0, NO_DOF);
         for (row, _, value) in self.entries() {
             if row != current_row {
                 (sum, current_row) = (0.0, row);
@@ -124,8 +124,8 @@ impl Difference {
         // In ascending order, so that the columns of a row are too: `block_at` searches them by halves.
         self.nodes.sort_unstable();
         self.nodes.dedup();
-        self.places.resize(mesh.nodes().len(), NONE);
-        self.places.fill(NONE);
+        self.places.resize(mesh.nodes().len(), NO_DOF);
+        self.places.fill(NO_DOF);
         let dofs: &Dofs = mesh.dofs();
         self.dofs.clear();
         for (index, &node) in self.nodes.iter().enumerate() {
@@ -140,7 +140,7 @@ impl Difference {
                 .neighbours(node)
                 .iter()
                 .map(|neighbour| self.places[*neighbour as usize]);
-            self.columns.extend(places.filter(|place| *place != NONE));
+            self.columns.extend(places.filter(|place| *place != NO_DOF));
             self.starts.push(self.columns.len() as u32);
         }
         self.blocks.clear();

@@ -1,7 +1,7 @@
 //! Exact condensed remeshing: exact compliance at the contacts from an unmodified base inverse.
 //!
-//! Let S be the degrees of freedom around all nodes away from their base, dK the change of the stiffness on S since the base,
-//! computed from scratch, and G = K0^-1[S, S]. The matrix inversion lemma gives
+//! Let S be the degrees of freedom around all nodes away from their base, dK the change of the stiffness on S since the
+//! base, computed from scratch, and G = K0^-1[S, S]. The matrix inversion lemma gives
 //!
 //! ```text
 //! K^-1[a, b] = K0^-1[a, b] - K0^-1[a, S] C K0^-1[S, b],    C = (I + dK G)^-1 dK     (symmetric)

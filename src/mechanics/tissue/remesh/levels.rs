@@ -36,7 +36,7 @@ use super::{
     Level, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, RemesherOptions, SampleSchedule, check_step,
 };
 use crate::tissue::compliance::{check_distinct, check_dofs, check_shape};
-use crate::tissue::dofs::NONE;
+use crate::tissue::dofs::NO_DOF;
 use crate::tissue::symmetric::Symmetric;
 use error_monitor::suits;
 use inverse::Inverse;
@@ -65,8 +65,8 @@ impl<T: Entry> Levels<T> {
     /// which is not modified.
     ///
     /// # Errors
-    /// [`RemeshError`] where the inverse does not match the mesh, the level is none of these, the precision does not suffice
-    /// for the materials, or the mesh is too far from its base.
+    /// [`RemeshError`] where the inverse does not match the mesh, the level is none of these, the precision does not
+    /// suffice for the materials, or the mesh is too far from its base.
     pub fn new(
         mesh: &AdaptedMesh,
         base: Arc<Symmetric<T>>,
@@ -138,7 +138,7 @@ fn rows_of(level: Level, mesh: &AdaptedMesh, change: &Change) -> Option<Vec<usiz
     match level {
         Level::II => Some(change.support.iter().map(|dof| *dof as usize).collect()),
         Level::III => {
-            let free_dofs = mesh.dofs().of(change.node).into_iter().filter(|dof| *dof != NONE);
+            let free_dofs = mesh.dofs().of(change.node).into_iter().filter(|dof| *dof != NO_DOF);
             Some(free_dofs.map(|dof| dof as usize).collect())
         }
         Level::I | Level::IV | Level::Exact => None,
@@ -182,6 +182,7 @@ impl<S: Store> Remesher for DenseInverseRemesher<S> {
         check_step(self.step, mesh, change)?;
         let rank = change.support.len();
         let (condition, bytes_moved) = match self.level {
+            // The inverse stays as it is: nothing is factored that could be singular.
             Level::IV => (1.0, 0),
             level => {
                 let limit = self.options.reciprocal_limit;
@@ -197,10 +198,12 @@ impl<S: Store> Remesher for DenseInverseRemesher<S> {
                     None => self.inverse.store.bytes(),
                     Some(rows) => self.inverse.columns_bytes(rows.len()),
                 };
+                // What is updated is read and written, columns of the inverse are read besides.
                 (condition, 2 * touched + self.inverse.columns_bytes(rank))
             }
         };
         self.step += 1;
+        // The other levels leave entries of the inverse as they were, which only a rebuild can mend.
         self.stale |= self.level != Level::I;
         let mut report = RemeshReport {
             level: self.level,

@@ -7,7 +7,7 @@ use faer::{Mat, Side};
 
 use super::adapted::AdaptedMesh;
 use crate::tissue::assembly::Stiffness;
-use crate::tissue::dofs::NONE;
+use crate::tissue::dofs::NO_DOF;
 use crate::tissue::symmetric::Symmetric;
 use crate::tissue::testing::{Block, value};
 
@@ -20,7 +20,7 @@ pub(super) fn adapted(poisson: f64) -> AdaptedMesh {
 /// Nodes without a fixed displacement.
 pub(super) fn free_nodes(mesh: &AdaptedMesh) -> Vec<u32> {
     let nodes = 0..mesh.nodes().len() as u32;
-    nodes.filter(|node| !mesh.dofs().of(*node).contains(&NONE)).collect()
+    nodes.filter(|node| !mesh.dofs().of(*node).contains(&NO_DOF)).collect()
 }
 
 /// Free nodes whose neighbours are all free, near the middle.
@@ -89,7 +89,7 @@ pub(super) fn rounding(mesh: &AdaptedMesh, gold: &Mat<f64>) -> f64 {
 /// Free degrees of freedom of nodes.
 pub(crate) fn dofs_of(mesh: &AdaptedMesh, nodes: &[u32]) -> Vec<usize> {
     let dofs = nodes.iter().flat_map(|node| mesh.dofs().of(*node));
-    dofs.filter(|dof| *dof != NONE).map(|dof| dof as usize).collect()
+    dofs.filter(|dof| *dof != NO_DOF).map(|dof| dof as usize).collect()
 }
 
 /// Extracts the entries at rows and columns.

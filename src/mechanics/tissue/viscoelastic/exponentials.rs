@@ -93,7 +93,7 @@ impl Exponentials {
             return;
         }
         step.step_s = step_s;
-        let step_weights = self.moments.of(0.0, step_s);
+        let step_weights = self.moments.weights(0.0, step_s);
         step.step_weights = [step_weights.start, step_weights.end];
         for (index, rate) in self.rates.iter().enumerate() {
             let z = rate * step_s;

@@ -49,7 +49,7 @@ impl Lags {
             };
         }
         for lag in self.starts.len() + 1..=count {
-            let ends = moments.of((lag - 1) as f64 * step_s, step_s);
+            let ends = moments.weights((lag - 1) as f64 * step_s, step_s);
             if let Some(start) = self.starts.last() {
                 self.inner.push(start + ends.end);
             }
@@ -84,12 +84,12 @@ impl Full {
     fn weigh(&mut self, step_s: f64) -> f64 {
         self.uneven.clear();
         self.uneven.resize(self.steps.len() + 1, 0.0);
-        let newest = self.moments.of(0.0, step_s);
+        let newest = self.moments.weights(0.0, step_s);
         let mut near = step_s;
         let mut start = newest.start;
         for index in (0..self.steps.len()).rev() {
             let step = self.steps[index];
-            let ends = self.moments.of(near, step);
+            let ends = self.moments.weights(near, step);
             near += step;
             self.uneven[index + 1] = start + ends.end;
             start = ends.start;

@@ -7,7 +7,8 @@ use super::kernel::of_jump;
 /// Integral of order nu, or for negative nu derivative of order -nu, of the function minus its initial value, plus that
 /// of the initial value exactly. (Otherwise a jump at the start would cost accuracy at all times.)
 ///
-/// `h^nu * sum over j of (nu)_j / j! * F_(n-j)`, with the rising factorial: I. Podlubny, "Fractional Differential Equations", 1999.
+/// `h^nu * sum over j of (nu)_j / j! * F_(n-j)`, with the rising factorial: I. Podlubny, "Fractional Differential
+/// Equations", 1999.
 #[derive(Clone, Debug)]
 pub(super) struct GruenwaldLetnikov {
     components: usize,

@@ -27,7 +27,8 @@ pub trait History: Debug + Send + Sync {
     /// Commits a step of `step_s` seconds, at whose end the function has this value.
     ///
     /// # Errors
-    /// [`HistoryError`] as of [`predict`](History::predict), and for a value that is not finite. The history is then unchanged.
+    /// [`HistoryError`] as of [`predict`](History::predict), and for a value that is not finite. The history is then
+    /// unchanged.
     fn commit(&mut self, step_s: f64, value: &[f64]) -> Result<(), HistoryError>;
 
     /// Returns the complete state as numbers; later results depend on nothing else. Only an integral under
@@ -40,8 +41,8 @@ pub trait History: Debug + Send + Sync {
     /// give the same bits.
     ///
     /// # Errors
-    /// [`HistoryError::Remembered`] for numbers that do not fit such a history, and wherever a history cannot be saved. The
-    /// history is then unchanged.
+    /// [`HistoryError::Remembered`] for numbers that do not fit such a history, and wherever a history cannot be saved.
+    /// The history is then unchanged.
     fn recall(&mut self, remembered: &[f64]) -> Result<(), HistoryError> {
         Err(HistoryError::Remembered {
             found: remembered.len(),
@@ -85,12 +86,13 @@ pub enum Rule {
     /// Product rectangle: constant over a step, with the value at its end. Order 1. Costs O(n) per step. The derivative
     /// is the inverse of the integral.
     Rectangle,
-    /// Time-scaled trapezoid: constant over a step, with the mean of the values at both ends, so that the integral is the ordinary
-    /// trapezoidal sum over steps of `((t_n - t_(j-1))^k - (t_n - t_j)^k) / Gamma(1 + k)`: the sampling time scaling of C. Ma and Y. Hori,
-    /// "The time-scaled trapezoidal integration rule for discrete fractional order controllers", Nonlinear Dynamics 38 (2004)
-    /// 171-180, which Kobayashi et al. 2010 apply to loads (section 3.2.1). Order 1 + k for the integral; the derivative is that of
-    /// [`Trapezoid`](Rule::Trapezoid). Costs O(n) per step. As its new value counts by half, an unknown integrand that is solved for
-    /// step by step, as the reaction at a prescribed displacement is, alternates about the solution without decay.
+    /// Time-scaled trapezoid: constant over a step, with the mean of the values at both ends, so that the integral is
+    /// the ordinary trapezoidal sum over steps of `((t_n - t_(j-1))^k - (t_n - t_j)^k) / Gamma(1 + k)`: the sampling
+    /// time scaling of C. Ma and Y. Hori, "The time-scaled trapezoidal integration rule for discrete fractional order
+    /// controllers", Nonlinear Dynamics 38 (2004) 171-180, which Kobayashi et al. 2010 apply to loads (section 3.2.1).
+    /// Order 1 + k for the integral; the derivative is that of [`Trapezoid`](Rule::Trapezoid). Costs O(n) per step. As
+    /// its new value counts by half, an unknown integrand that is solved for step by step, as the reaction at a
+    /// prescribed displacement is, alternates about the solution without decay.
     TimeScaledTrapezoid,
     /// Product trapezoid: linear over a step. Order 2 for the integral, 2 - k for the derivative (L1 rule); exact for
     /// piecewise linear functions. Costs O(n) per step.

@@ -53,7 +53,7 @@ impl Moments {
 
     /// Returns the weights of an interval of length `step` that ended `near` ago (0: the newest one). Its start is not
     /// a parameter, as subtracting the length from it would lose a short `near` before a long step.
-    pub(super) fn of(&self, near: f64, step: f64) -> Ends {
+    pub(super) fn weights(&self, near: f64, step: f64) -> Ends {
         let k = self.order;
         if k == 0.0 {
             // Only the newest value counts.

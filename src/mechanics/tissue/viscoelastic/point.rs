@@ -1,11 +1,12 @@
 //! Material point in simple shear: stress from strain, or strain from stress.
 //!
-//! A linear [`Rheology`] relates shear strain and shear stress through its memory. A [`Knee`] stiffens it at large strain,
-//! after the creep tests of Kobayashi et al. 2010 (figure 8, equation 3), by one of the two laws of the [module
+//! A linear [`Rheology`] relates shear strain and shear stress through its memory. A [`Knee`] stiffens it at large
+//! strain, after the creep tests of Kobayashi et al. 2010 (figure 8, equation 3), by one of the two laws of the [module
 //! above](super) ([`Structure`]). With `s` the stiffness at a strain relative to that below the knee, and `B` the
 //! operator of the linear body on a history of strain:
 //!
-//! - `rate`: `tau(t) = s(gamma(t)) * (B gamma)(t)`, which for a spring-pot is Kobayashi et al.'s `G(gamma) d^k gamma / dt^k = tau`;
+//! - `rate`: `tau(t) = s(gamma(t)) * (B gamma)(t)`, which for a spring-pot is Kobayashi et al.'s
+//!   `G(gamma) d^k gamma / dt^k = tau`;
 //! - `load-integral`: `tau(t) = (B (s(gamma) gamma))(t)`, for a spring-pot `G(gamma) gamma = I^k tau`.
 //!
 //! In simple shear the relative strain of a structure is `e_r = sqrt(3)/2 gamma`: a knee at gamma0 is one at `sqrt(3)/2

@@ -30,8 +30,8 @@ fn along(volume: &Volume, path: &[[[f64; 3]; 2]], along_path: bool, nodes: usize
     generated
 }
 
-/// Mean edge of the elements whose centroid lies within a range of distances from the path, mm: that of a cell six times as
-/// large.
+/// Mean edge of the elements whose centroid lies within a range of distances from the path, mm: that of a cell six
+/// times as large.
 fn edge(generated: &Generated, from: f64, to: f64) -> f64 {
     let mesh = &generated.mesh;
     let within = |corners: &[u32; 4]| {
@@ -85,8 +85,8 @@ fn elements_on_the_path_are_no_finer_than_they_should_be() {
         let volumes = mesh.volumes(mesh.nodes()).fold(f64::INFINITY, f64::min);
         (6.0 * volumes).cbrt()
     });
-    // An edge is halved in three steps, from above the target length to above half of it; cells of edge a have diagonals of
-    // 1.7 a.
+    // An edge is halved in three steps, from above the target length to above half of it; cells of edge a have
+    // diagonals of 1.7 a.
     assert!(
         shortest.iter().all(|edge| *edge > PATH_EDGE_MM / 4.0),
         "{shortest:?} mm"

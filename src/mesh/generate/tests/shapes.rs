@@ -25,8 +25,8 @@ fn a_block_is_filled_exactly() {
     for nodes in [8, 30, 200, 1500] {
         let volume = Volume::new([20, 12, 9], [1.0, 1.5, 2.0], |_| 3);
         let generated = volume.mesh(nodes);
-        // Nodes of the surface stay in the faces of the block, so volume and area are exact to rounding, and a crack along a
-        // hanging node would add to the area.
+        // Nodes of the surface stay in the faces of the block, so volume and area are exact to rounding, and a crack
+        // along a hanging node would add to the area.
         assert!(off(&generated, 30) < 1e-9, "{:?}", generated.report);
         let area = area(&generated.mesh);
         assert!(

@@ -128,8 +128,8 @@ proptest! {
                 (0..4).map(|c| weights[c] / sum * nodes[corners[c] as usize][axis]).sum::<f64>() as f32
             });
             let hit = located.locate(p, NO_ELEMENT);
-            // Rounding p can carry it out of the mesh only through the surface, and rounding the nodes can invert an element
-            // only when it is thinner than the rounding.
+            // Rounding p can carry it out of the mesh only through the surface, and rounding the nodes can invert an
+            // element only when it is thinner than the rounding.
             if report.inverted == 0 {
                 prop_assert_eq!(from_all_starts(&located, p, query), hit);
             }

@@ -42,7 +42,8 @@ fn the_regular_tetrahedron_is_the_best() {
 #[test]
 fn the_corner_of_a_cube_is_known() {
     let shape = Shape::of(&CORNER);
-    // With W the regular edges: |W|^2 = 3 and |W^-1|^2 = 9/2, so sqrt(3 * 9/2) / 3 = sqrt(3/2). Angles: 90 and atan sqrt 2.
+    // With W the regular edges: |W|^2 = 3 and |W^-1|^2 = 9/2, so sqrt(3 * 9/2) / 3 = sqrt(3/2). Angles: 90 and atan
+    // sqrt 2.
     assert!(close(shape.condition, 1.5f64.sqrt()), "{shape:?}");
     assert!(close(shape.volume_mm3, 1.0 / 6.0));
     assert!(
@@ -55,8 +56,8 @@ fn the_corner_of_a_cube_is_known() {
 #[test]
 fn thin_ones_grow_with_the_inverse_of_their_height() {
     // A cap over an equilateral base with its tip at height h over the centre: squared edges 3 + 3 (1/3 + h^2), squared
-    // inverse heights 1/h^2 + 3 (1/h^2 + 12) / 9, as its sides are planes at distance h / sqrt(1 + 12 h^2) from the opposite
-    // corners times 3.
+    // inverse heights 1/h^2 + 3 (1/h^2 + 12) / 9, as its sides are planes at distance h / sqrt(1 + 12 h^2) from the
+    // opposite corners times 3.
     for exponent in 0..9 {
         let height = 0.1f64.powi(exponent);
         let mut corners = regular();
@@ -153,8 +154,8 @@ proptest! {
 
     #[test]
     fn the_angles_at_the_faces_hold_gaddums_bounds(corners in corners()) {
-        // J. W. Gaddum, "The sums of the dihedral and trihedral angles in a tetrahedron", 1952: between 360 and 540 degrees
-        // over the six edges, so the least is below 90 and the greatest above 60.
+        // J. W. Gaddum, "The sums of the dihedral and trihedral angles in a tetrahedron", 1952: between 360 and 540
+        // degrees over the six edges, so the least is below 90 and the greatest above 60.
         let shape = Shape::of(&corners);
         prop_assert!(shape.min_dihedral_deg < 90.0 && shape.max_dihedral_deg > 60.0);
     }

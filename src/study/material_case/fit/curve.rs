@@ -96,8 +96,8 @@ impl StiffeningCurve {
         if counts { curve.refined(points) } else { flat }
     }
 
-    /// Best curve in strain, by Gauss-Newton steps from this one: a measured strain that errs falsifies both coordinates of its modulus, and
-    /// a fit of moduli alone would find too little stiffening.
+    /// Best curve in strain, by Gauss-Newton steps from this one: a measured strain that errs falsifies both
+    /// coordinates of its modulus, and a fit of moduli alone would find too little stiffening.
     fn refined(self, points: &[[f64; 2]]) -> StiffeningCurve {
         let (mut best, mut log_square) = (self, self.log_square(points));
         for _ in 0..ROUNDS {

@@ -54,8 +54,8 @@ impl Measurements {
     /// Adds the measurements in a CSV file. Its header says what they are; other columns are ignored.
     ///
     /// # Errors
-    /// [`CsvError`] with the line, for missing columns, numbers that are missing or out of range, times that do not rise within a test, and a
-    /// strain that does not rise.
+    /// [`CsvError`] with the line, for missing columns, numbers that are missing or out of range, times that do not
+    /// rise within a test, and a strain that does not rise.
     pub fn add(&mut self, path: &Path) -> Result<(), CsvError> {
         let table = Csv::open(path, &[])?;
         let column = |units: Units<'static>| units.iter().copied().find(|(name, _)| table.has(name));

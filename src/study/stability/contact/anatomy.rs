@@ -118,7 +118,8 @@ fn count(outcome: &Outcome, kind: EventKind) -> usize {
     outcome.events.iter().filter(|event| event.kind == kind).count()
 }
 
-/// Tests that a layer of a tenth of an element punctures at its own position and force, wherever it lies in the element.
+/// Tests that a layer of a tenth of an element punctures at its own position and force, wherever it lies in the
+/// element.
 pub(crate) fn thin_layer(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let places = [11.0, 13.3, 15.7, 18.1, 19.6];
     let (mut place_off, mut force_off, mut missed) = (0.0, 0.0, 0);
@@ -303,7 +304,8 @@ fn of_bone() -> Interaction {
     }
 }
 
-/// Creates a finite-element model with bone from a depth on (mm), fixed at its nodes so that its surface stays in place.
+/// Creates a finite-element model with bone from a depth on (mm), fixed at its nodes so that its surface stays in
+/// place.
 fn finite_to_bone(surface: f64) -> Result<Box<dyn Model>, Unexpected> {
     let plain = block::plain(EXTENT, CELL_MM)?;
     let (nodes, elements) = (plain.nodes().to_vec(), plain.elements().to_vec());

@@ -24,8 +24,8 @@ const ADVANCE_MM: f64 = 0.5;
 const SWING_MM: f64 = 0.2;
 /// Steps per period of it.
 const SWING_STEPS: usize = 10;
-/// Force difference allowed, N: the response of a dissipative system to periodic motion is periodic, to the tolerance of the iterations
-/// (1e-5 mm) through stiffnesses below 100 N/mm.
+/// Force difference allowed, N: the response of a dissipative system to periodic motion is periodic, to the tolerance
+/// of the iterations (1e-5 mm) through stiffnesses below 100 N/mm.
 const SAME_N: f64 = 1e-3;
 
 /// Inserts the needle, then oscillates it.
@@ -126,13 +126,15 @@ pub(crate) fn bent_far(record: &mut Record<'_>) -> Result<(), Unexpected> {
             watch.see(finite.step(&instruments, STEP_S)?);
             finite.snapshot(&mut snapshot);
             let line = &snapshot.line;
-            let [base, tip] = [0.0, line.length_mm() - block::BEVEL.length_mm - 1.0].map(|arc| line.at(arc).tangent);
+            let [base, tip] =
+                [0.0, line.length_mm() - block::BEVEL.length_mm - 1.0].map(|arc| line.point_at_arc(arc).tangent);
             bent = bent.max(base.angle(&tip).to_degrees());
         }
         let name = format!("needle x {needle}, tissue {young_kpa} kPa");
         travel(&mut finite, [DEPTH_MM, -60.0], 0.25, |outcome| watch.see(outcome))?;
         watch.write(record, &name);
-        // The hand turns by 60 degrees; a soft shaft bows between hand and skin, and its buried part may tilt the other way.
+        // The hand turns by 60 degrees; a soft shaft bows between hand and skin, and its buried part may tilt the other
+        // way.
         record.report(format!("bend, degrees, {name}"), bent);
         record.zero(
             format!("force left, N, {name}"),
@@ -249,13 +251,13 @@ const AWAY_MM: [f64; 3] = [1e5, -1e5, 1e5];
 const GRID_MM: f64 = 1.0 / (1 << 20) as f64;
 /// Half the spacing of doubles between 2^16 and 2^17 mm: the rounding error of one position.
 const ROUNDING_MM: f64 = 1.0 / (1u64 << 37) as f64;
-/// Maximum number of roundings of a position in one iteration or substep: the base, the twenty links of a needle, the nearest point of a
-/// line, the addition of the displacement.
+/// Maximum number of roundings of a position in one iteration or substep: the base, the twenty links of a needle, the
+/// nearest point of a line, the addition of the displacement.
 const ROUNDINGS: f64 = 32.0;
 /// Upper limit of the stiffness of tissue or needle across a contact, N/mm (as in [`stiffness`](super::stiffness)).
 const STIFFEST_N_PER_MM: f64 = 100.0;
-/// Start and end depth of the insertion far away, mm: with its advance no step reaches a node, a face or a multiple of a spacing, so that
-/// rounding decides nothing.
+/// Start and end depth of the insertion far away, mm: with its advance no step reaches a node, a face or a multiple of
+/// a spacing, so that rounding decides nothing.
 const AWAY_FROM_TO_MM: [f64; 2] = [-1.3125, 38.0];
 /// Its advance per step, mm.
 const AWAY_ADVANCE_MM: f64 = 0.375;
@@ -364,7 +366,8 @@ fn pressed(mm: f64, offset: &Vector3<f64>) -> Isometry3<f64> {
     Isometry3::from(Translation3::from(Vector3::new(30.0, mm - 10.0, 70.0) + offset))
 }
 
-/// Places an oblique needle with its undeformed tip at a depth, and a probe that presses the more the deeper the needle.
+/// Places an oblique needle with its undeformed tip at a depth, and a probe that presses the more the deeper the
+/// needle.
 fn instruments(depth: f64, probe: bool, offset: &Vector3<f64>) -> Instruments {
     let turn = UnitQuaternion::from_euler_angles(-0.13, 0.09, 0.4);
     let axis = turn * Vector3::z();

@@ -15,12 +15,13 @@ use insonify_mechanics::insertion::{Interaction, Model, Outcome};
 const DEPTH_MM: f64 = 40.0;
 /// Amplitudes of the reversal, mm: contacts stick throughout, slip partly, slip everywhere, and detach.
 const SWINGS_MM: [f64; 4] = [0.01, 0.3, 1.0, 8.0];
-/// Relative excess allowed of forces over their bound: friction over 1e-5 mm, the tolerance of the iterations, relative to the cutting
-/// force.
+/// Relative excess allowed of forces over their bound: friction over 1e-5 mm, the tolerance of the iterations, relative
+/// to the cutting force.
 const BOUND: f64 = 4e-7;
 /// Deficit allowed in dissipation, N mm: the slip that counts as rest, 1e-9 mm, under the largest force here, 2 N.
 const IDLE_NMM: f64 = 2e-9;
-/// Force change allowed between steps at rest, N: the tolerance of the iterations, 1e-5 mm, through stiffnesses of some N/mm.
+/// Force change allowed between steps at rest, N: the tolerance of the iterations, 1e-5 mm, through stiffnesses of some
+/// N/mm.
 const STILL_N: f64 = 1e-4;
 /// Number of steps at rest.
 const REST: usize = 20;
@@ -196,12 +197,12 @@ pub(super) fn switches(record: &mut Record<'_>) -> Result<(), Unexpected> {
 const BELT_DEPTH_MM: f64 = 6.0;
 /// Withdrawal speed, mm/s.
 const SPEED: f64 = 1.0;
-/// Relative friction error from iteration: positions on the shaft are solved to 1e-5 mm, and friction acts on the length beyond them, here
-/// at least 3 mm.
+/// Relative friction error from iteration: positions on the shaft are solved to 1e-5 mm, and friction acts on the
+/// length beyond them, here at least 3 mm.
 const ITERATED: f64 = 1e-5 / 3.0;
 
-/// Tests the stick-slip period. While the node sticks, the force rises by k v per second, from Fd after a slip to Fs at the next. Both are
-/// friction over the length of shaft beyond the node, which a slip shortens.
+/// Tests the stick-slip period. While the node sticks, the force rises by k v per second, from Fd after a slip to Fs at
+/// the next. Both are friction over the length of shaft beyond the node, which a slip shortens.
 pub(super) fn period(record: &mut Record<'_>) -> Result<(), Unexpected> {
     const RATIO: f64 = 1.5;
     let density = 0.005;

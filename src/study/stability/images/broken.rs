@@ -58,8 +58,8 @@ fn nearest(mesh: &TetMesh, p: [f64; 3]) -> usize {
         .map_or(0, |(node, _)| node)
 }
 
-/// Returns the defective states: a node pushed through its neighbours, a node moved into the opposite face, one block inside the other,
-/// nodes that are not finite.
+/// Returns the defective states: a node pushed through its neighbours, a node moved into the opposite face, one block
+/// inside the other, nodes that are not finite.
 fn states(mesh: &TetMesh) -> Vec<Broken> {
     let inner_node = nearest(mesh, [-7.0, 20.0, 0.0]);
     let broken_by = |what, change: &dyn Fn(&mut Vec<[f64; 3]>)| {

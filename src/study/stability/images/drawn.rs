@@ -220,7 +220,8 @@ fn deformed(draw: &mut Draw, anatomy: Anatomy, centre: [f64; 3], state: &mut Fra
     }
 }
 
-/// Draws the effects of a scene, and their parameters from the ranges that the JSON schema states. What an effect does not accept is drawn again.
+/// Draws the effects of a scene, and their parameters from the ranges that the JSON schema states. What an effect does
+/// not accept is drawn again.
 fn effects(draw: &mut Draw) -> Effects {
     let schema = schemars::schema_for!(Effects).to_value();
     let mut drawn = Map::new();
@@ -271,7 +272,8 @@ fn parameters(draw: &mut Draw, schema: &Value, table: &Value) -> Value {
     drawn.into()
 }
 
-/// Draws a number: an end of its range, or one between its default, or the low end without one, and an end, more often near the default.
+/// Draws a number: an end of its range, or one between its default, or the low end without one, and an end, more often
+/// near the default.
 fn number(draw: &mut Draw, described: &Value) -> f64 {
     let figure = |name: &str| described[name].as_f64();
     let (low, high) = (figure("minimum").unwrap_or(0.0), figure("maximum").unwrap_or(1.0));

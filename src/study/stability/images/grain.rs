@@ -40,7 +40,8 @@ pub(super) fn any(record: &mut Record<'_>) -> Result<(), Unexpected> {
     noise(record, &gpus)
 }
 
-/// Tests the ratio of mean to standard deviation of samples three correlation lengths apart, in the first and last frames of a sweep.
+/// Tests the ratio of mean to standard deviation of samples three correlation lengths apart, in the first and last
+/// frames of a sweep.
 fn speckle(record: &mut Record<'_>, gpus: &[Gpu]) -> Result<(), Unexpected> {
     let speckle = Speckle {
         axial_mm: Some(0.8),
@@ -92,8 +93,8 @@ fn speckle(record: &mut Record<'_>, gpus: &[Gpu]) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// Returns the deviation of the ratio of mean to standard deviation from that of a Rayleigh distribution, sqrt(pi / (4 - pi)), in standard
-/// errors; by the delta method the estimated ratio has the variance 1.85 / n.
+/// Returns the deviation of the ratio of mean to standard deviation from that of a Rayleigh distribution, sqrt(pi /
+/// (4 - pi)), in standard errors; by the delta method the estimated ratio has the variance 1.85 / n.
 fn rayleigh(synth: &mut Synthesizer, first_frame: u64, fields: u64) -> Result<f64, Unexpected> {
     // Three lengths apart, intensities are correlated by 1e-11 or less.
     let (line_step, sample_step) = (12, 12);

@@ -75,8 +75,9 @@ fn attenuated(record: &mut Record<'_>, synth: &mut Synthesizer, db_cm: f64) -> R
         format!("{db_cm} dB/cm, {backend}: echoes below 0 or above 1"),
         negative as f64,
     );
-    // The loss of each sample is rounded to half a unit, half of its own loss to another; then the capped sum and the rounding of
-    // single precision: units stored and multiplied, the exponential at up to 3 + 2 |x| ULP, and its square.
+    // The loss of each sample is rounded to half a unit, half of its own loss to another; then the capped sum and the
+    // rounding of single precision: units stored and multiplied, the exponential at up to 3 + 2 |x| ULP, and its
+    // square.
     let sample_cm = DEPTH_MM / f64::from(LONG_SAMPLES) / 10.0;
     let two_way = |sample: usize| (2.0 * db_cm * (sample as f64 + 0.5) * sample_cm).min(2047.0);
     let error = lines().flat_map(|line| line.iter().enumerate()).map(|(sample, echo)| {
@@ -121,13 +122,13 @@ const SAMPLES: u32 = 96;
 const WIDTH_MM: f64 = 40.0;
 /// Distance between scanlines, mm.
 const LINE_MM: f64 = WIDTH_MM / (LINES as f64 - 1.0);
-/// Relative rounding error of a sum of as many terms as the widest kernel, each weight stored and multiplied, and of a division for
-/// truncated kernels.
+/// Relative rounding error of a sum of as many terms as the widest kernel, each weight stored and multiplied, and of a
+/// division for truncated kernels.
 const BLUR_ROUNDING: f64 = (1.5 + 2.0 * (2 * MAX_REACH + 1) as f64 + 2.5) / 8_388_608.0;
 
 /// Creates a slab of tissue in silence that only the middle scanline meets.
 fn impulse() -> insonify_imaging::synth::tables::Anatomy {
-    anatomies::of(
+    anatomies::anatomy_from(
         Frame::around([0.0; 3], [81, 3, 3], 0.5).stretched([1.0, 400.0, 400.0]),
         &[SILENT, PLAIN],
         |p| u8::from(p[0].abs() < 0.25),
@@ -154,8 +155,8 @@ fn across(beam: &Beam) -> Vec<f64> {
 
 /// Tests kernel and energy at a width of one scanline.
 fn one_scanline(record: &mut Record<'_>, shape: ProbeShape, gpus: &[Gpu]) -> Result<(), Unexpected> {
-    // Full width at half maximum of one scanline: the kernel is a Gaussian of that width at whole scanlines, truncated at three standard
-    // deviations rounded up to whole scanlines, with sum 1.
+    // Full width at half maximum of one scanline: the kernel is a Gaussian of that width at whole scanlines, truncated
+    // at three standard deviations rounded up to whole scanlines, with sum 1.
     let sigma = 1.0 / FWHM_PER_SIGMA;
     let reach = (3.0 * sigma).ceil() as i32;
     let weight = |distance: i32| {
@@ -224,7 +225,8 @@ pub(crate) fn any_blur(record: &mut Record<'_>) -> Result<(), Unexpected> {
     record.done(0.25);
     one_scanline(record, shape, &gpus)?;
     record.done(0.5);
-    // Wider than the sector: 20 mm across 5 mm, in a linear probe and in a narrow fan. A constant stays constant at the edges.
+    // Wider than the sector: 20 mm across 5 mm, in a linear probe and in a narrow fan. A constant stays constant at the
+    // edges.
     let narrow = [
         ProbeShape::Linear(Linear { width_mm: 5.0 }),
         ProbeShape::Phased(Phased { angle_deg: 10.0 }),
@@ -271,8 +273,8 @@ fn ladder(low: f64, high: f64) -> Anatomy {
     )
 }
 
-/// Rounding allowance for a decrease in grey level, of 255: two logarithms (2^-21 each in WGSL), constants and sum; with the narrowest
-/// range, 10 dB, an octave is 0.6 of the scale.
+/// Rounding allowance for a decrease in grey level, of 255: two logarithms (2^-21 each in WGSL), constants and sum;
+/// with the narrowest range, 10 dB, an octave is 0.6 of the scale.
 const ROUNDING: f64 = 255.0 * 2.0 * (0.7 / 2_097_152.0 + 8.0 / 8_388_608.0);
 
 /// Tests that tones out of range are refused.
@@ -325,7 +327,8 @@ fn refused_tones(record: &mut Record<'_>, anatomy: &Anatomy) {
 /// Tests ladders from silence past denormal numbers to far above white, and in steps of a few roundings around 0 dB.
 pub(super) fn ends(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let gpus = gpus(record);
-    // Amplitudes from 1e-50 (zero in single precision) past 1e-45 (its smallest denormal) to 1e10, from 1 to 1.03, and from 1 to 1 + 1e-5.
+    // Amplitudes from 1e-50 (zero in single precision) past 1e-45 (its smallest denormal) to 1e10, from 1 to 1.03, and
+    // from 1 to 1 + 1e-5.
     let ladders = [ladder(-1000.0, 200.0), ladder(0.0, 0.25), ladder(0.0, 8.7e-5)];
     let flat = |db: f64| vec![[0.0, db], [1000.0, db]];
     let tones = [

@@ -28,7 +28,8 @@ fn voxels(seed: u64) -> Anatomy {
     )
 }
 
-/// Returns poses whose plane lies exactly between two layers of voxels across z, x and, seen from the side, y. Quarter turns are exact.
+/// Returns poses whose plane lies exactly between two layers of voxels across z, x and, seen from the side, y. Quarter
+/// turns are exact.
 fn poses() -> [FrameState; 3] {
     let quarter = |axis: Vector3<f64>| {
         Rotation3::from_scaled_axis(axis * std::f64::consts::FRAC_PI_2)
@@ -44,8 +45,9 @@ fn poses() -> [FrameState; 3] {
     .map(FrameState::at)
 }
 
-/// Tests linear probes: with 33 scanlines over 24 mm every position is a sum of few powers of two, exact in either precision; with 25
-/// scanlines, 1 mm apart, samples lie on faces, edges and corners, and with 49, half a millimetre apart, many do.
+/// Tests linear probes: with 33 scanlines over 24 mm every position is a sum of few powers of two, exact in either
+/// precision; with 25 scanlines, 1 mm apart, samples lie on faces, edges and corners, and with 49, half a millimetre
+/// apart, many do.
 pub(super) fn on_faces(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let gpus = gpus(record);
     let anatomy = voxels(record.seed());
@@ -154,7 +156,7 @@ fn anatomy(situation: &Place) -> Anatomy {
     let tissue = |echo_db| Acoustics { echo_db, ..PLAIN };
     let frame = Frame::around(situation.centre, [48; 3], situation.voxel_mm).oblique();
     let to_index = frame.index_to_world.try_inverse().unwrap_or_else(Matrix4::identity);
-    anatomies::of(frame, &[SILENT, tissue(0.0), tissue(6.0)], |p| {
+    anatomies::anatomy_from(frame, &[SILENT, tissue(0.0), tissue(6.0)], |p| {
         let index = to_index.transform_point(&p.into());
         1 + (index.y.round().rem_euclid(2.0)) as u8
     })
@@ -168,7 +170,8 @@ fn pose(situation: &Place) -> FrameState {
     FrameState::at(centre * turn * to_middle)
 }
 
-/// Computes sample positions and labels from pose and volume in double precision, independently of passes and local origin.
+/// Computes sample positions and labels from pose and volume in double precision, independently of passes and local
+/// origin.
 fn truth(tables: &Tables, state: &FrameState) -> Vec<(Point3<f64>, u8)> {
     let samples = (0..tables.lines()).flat_map(|line| (0..tables.samples()).map(move |sample| (line, sample)));
     samples
@@ -186,7 +189,8 @@ fn worst(tables: &Tables, exact: &[(Point3<f64>, u8)], beam: &Beam) -> [f64; 2] 
         difference.norm() / tables.sample_mm()
     };
     let places = largest(exact.iter().zip(&beam.position).map(error));
-    // Longest run of differing labels: a boundary may be shifted by a few samples along the scanline; bands would be many samples thick.
+    // Longest run of differing labels: a boundary may be shifted by a few samples along the scanline; bands would be
+    // many samples thick.
     let samples = beam.samples;
     let mut bands = 0usize;
     for (exact, labels) in exact.chunks(samples).zip(beam.label.chunks(samples)) {
@@ -245,7 +249,8 @@ const METRES: [[f64; 3]; 4] = [
 /// Offset that is not in whole metres, mm.
 const ANYWHERE: [f64; 3] = [-57_512.3, 60_345.6, -55_987.1];
 
-/// Grid of all scene coordinates, mm, on which moving a scene causes no rounding: double-precision numbers of 1e5 are 2^-36 apart.
+/// Grid of all scene coordinates, mm, on which moving a scene causes no rounding: double-precision numbers of 1e5 are
+/// 2^-36 apart.
 const GRID_MM: f64 = 1.0 / (1 << 20) as f64;
 
 /// Tolerance for offsets in double precision at 1e5 mm after a few products and sums, mm.

@@ -3,7 +3,7 @@
 use crate::stability::fixtures::{BACKENDS, Now, Problem, Start, bits, state, two_parts};
 use crate::stability::record::{Record, Unexpected};
 use insonify_base::real::Real;
-use insonify_mechanics::tissue::dofs::NONE;
+use insonify_mechanics::tissue::dofs::NO_DOF;
 use insonify_mechanics::tissue::element::DegenerateElement;
 use insonify_mechanics::tissue::material::Material;
 use insonify_mechanics::tissue::remesh::corner::best_corner;
@@ -100,7 +100,8 @@ pub(crate) fn overlapping(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// Returns the point at `height` times the corner's own height above the opposite face of an element, for the corner at `corner_index`.
+/// Returns the point at `height` times the corner's own height above the opposite face of an element, for the corner at
+/// `corner_index`.
 fn above_face(mesh: &AdaptedMesh, element: u32, corner_index: usize, height: f64) -> [f64; 3] {
     let weight = |corner| {
         if corner == corner_index {
@@ -112,8 +113,8 @@ fn above_face(mesh: &AdaptedMesh, element: u32, corner_index: usize, height: f64
     mesh.point(element, std::array::from_fn(weight))
 }
 
-/// Finds an element without fixed nodes and the index of a corner that can be moved almost onto the opposite face without inverting any
-/// other element.
+/// Finds an element without fixed nodes and the index of a corner that can be moved almost onto the opposite face
+/// without inverting any other element.
 fn flattenable(start: &Start, height: f64) -> Result<(u32, usize), Unexpected> {
     let mesh = start.mesh.clone().with_condition_limit(f64::INFINITY);
     let places = (0..mesh.elements().len() as u32).flat_map(|element| (0..4).map(move |corner| (element, corner)));
@@ -213,7 +214,8 @@ pub(crate) fn near_singular(record: &mut Record<'_>) -> Result<(), Unexpected> {
             let mut refusals = 0;
             for height in [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8] {
                 let mut adaptation = backend.follow(&start, level, RemesherOptions::default())?;
-                // Other nodes stay away from their base, so that moving back is an update too, not a return to the base.
+                // Other nodes stay away from their base, so that moving back is an update too, not a return to the
+                // base.
                 start.go(&mut adaptation, &others, 0..4, |_, _| Ok(()))?;
                 let before = state(&adaptation);
                 let subject = format!("height {height:.0e}, level {level}, {}", backend.name);
@@ -274,8 +276,8 @@ pub(crate) fn near_singular(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// Locates a point by walks from every element and with a fresh locator; records how many answers differ from the first, and returns that
-/// first answer.
+/// Locates a point by walks from every element and with a fresh locator; records how many answers differ from the
+/// first, and returns that first answer.
 fn elements_named<T: Real>(record: &mut Record<'_>, problem: &Problem, subject: &str, p: [f64; 3]) -> u32 {
     let locator = Locator::<T>::new(&problem.mesh);
     let point = p.map(T::of);
@@ -301,7 +303,7 @@ pub(super) fn places(record: &mut Record<'_>) -> Result<(), Unexpected> {
         &two_parts.materials.check(&two_parts.mesh)?,
         &two_parts.dofs(),
     )?;
-    let is_free = |corners: &[u32; 4]| corners.iter().all(|node| !mesh.dofs().of(*node).contains(&NONE));
+    let is_free = |corners: &[u32; 4]| corners.iter().all(|node| !mesh.dofs().of(*node).contains(&NO_DOF));
     let free = (0..).zip(mesh.elements()).find(|(_, corners)| is_free(corners));
     let (element, corners) = free.ok_or_else(|| Unexpected::new("no element without a fixed node"))?;
     let places = [
@@ -362,7 +364,7 @@ pub(super) fn places(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let fixed_element = (0..).zip(start.mesh.elements()).find_map(|(element, corners)| {
         let fixed_node = corners
             .iter()
-            .find(|node| start.mesh.dofs().of(**node).contains(&NONE))?;
+            .find(|node| start.mesh.dofs().of(**node).contains(&NO_DOF))?;
         Some((element, *fixed_node))
     });
     let (element, fixed_node) = fixed_element.ok_or_else(|| Unexpected::new("no fixed node"))?;

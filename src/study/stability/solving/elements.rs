@@ -17,9 +17,9 @@ use insonify_mechanics::tissue::symmetric::Symmetric;
 use insonify_mesh::TetMesh;
 use insonify_mesh::quality::jacobian_condition;
 
-/// Rounding units of error per unit of the condition number: a backward stable solution has a small multiple of one (N. J. Higham,
-/// "Accuracy and Stability of Numerical Algorithms", chapter 7), and the entries of matrix and right-hand side are themselves sums of some
-/// tens of rounded numbers.
+/// Rounding units of error per unit of the condition number: a backward stable solution has a small multiple of one (N.
+/// J. Higham, "Accuracy and Stability of Numerical Algorithms", chapter 7), and the entries of matrix and right-hand
+/// side are themselves sums of some tens of rounded numbers.
 pub(super) const ROUNDING_UNITS: f64 = 100.0;
 
 fn worst_condition(mesh: &TetMesh) -> f64 {
@@ -60,8 +60,9 @@ pub(super) fn patch(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// Creates a lattice with an inner vertex moved to `height` times its height above the opposite face of one of its elements, and returns
-/// that element too. The star of a vertex of a regular lattice is convex, so no element is inverted.
+/// Creates a lattice with an inner vertex moved to `height` times its height above the opposite face of one of its
+/// elements, and returns that element too. The star of a vertex of a regular lattice is convex, so no element is
+/// inverted.
 fn sliver(height: f64) -> Result<(TetMesh, usize), Unexpected> {
     let mesh = lattice([4, 4, 4], [10.0; 3])?;
     let on_surface = surface(&mesh);
@@ -177,8 +178,8 @@ pub(crate) fn rigid_motions(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// Waves with amplitudes normal to their wave vectors, so that volume is preserved everywhere: the exact solution and its body force are
-/// the same at any Poisson's ratio, and growth of the error is locking.
+/// Waves with amplitudes normal to their wave vectors, so that volume is preserved everywhere: the exact solution and
+/// its body force are the same at any Poisson's ratio, and growth of the error is locking.
 const KEEPING_VOLUME: [Wave; 3] = [
     Wave {
         amplitude: [0.3, 0.0, 0.5],
@@ -197,7 +198,8 @@ const KEEPING_VOLUME: [Wave; 3] = [
     },
 ];
 
-/// Tests near incompressibility, where linear tetrahedra lock: the solver must not make it worse, and the report must not hide it.
+/// Tests near incompressibility, where linear tetrahedra lock: the solver must not make it worse, and the report must
+/// not hide it.
 pub(crate) fn near_incompressible(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let cells = record.effort().pick(6, 12);
     for fine in [cells, 3 * cells / 2] {
@@ -313,7 +315,8 @@ fn asymmetry_of_columns(factor: &Factor) -> f64 {
     difference / largest(block.iter().flatten().copied())
 }
 
-/// Stretches two layers, each half of a bar without lateral contraction (nu = 0): displacements add as for springs in series.
+/// Stretches two layers, each half of a bar without lateral contraction (nu = 0): displacements add as for springs in
+/// series.
 fn bar(record: &mut Record<'_>, young_kpa: [f64; 2]) -> Result<(), Unexpected> {
     const EXTENT: [f64; 3] = [8.0, 6.0, 12.0];
     const PULL_MM: f64 = 0.6;

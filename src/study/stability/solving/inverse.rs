@@ -102,7 +102,8 @@ fn scaled_stiffness(problem: &Problem, factor: f64) -> Result<Vec<f64>, Unexpect
     Ok(stiffer.solve()?.displacement_mm.as_flattened().to_vec())
 }
 
-/// Scales by powers of four, for which lengths, volumes and the square roots of pivots scale without rounding, and by other factors.
+/// Scales by powers of four, for which lengths, volumes and the square roots of pivots scale without rounding, and by
+/// other factors.
 pub(crate) fn powers_of_four(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let problem = Problem::block(record, 0.45)?;
     let exact = problem.solve()?.displacement_mm;

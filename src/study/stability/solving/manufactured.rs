@@ -100,8 +100,8 @@ fn gauss() -> [(f64, f64); 4] {
     ]
 }
 
-/// Returns barycentric points and weights on a tetrahedron of unit volume: Gauss's points on a cube collapsed onto it. Exact for
-/// polynomials of degree five, as the collapse takes two from seven.
+/// Returns barycentric points and weights on a tetrahedron of unit volume: Gauss's points on a cube collapsed onto it.
+/// Exact for polynomials of degree five, as the collapse takes two from seven.
 pub(super) fn quadrature() -> Vec<([f64; 4], f64)> {
     let mut points = Vec::new();
     for (a, wa) in gauss() {
@@ -118,7 +118,8 @@ pub(super) fn quadrature() -> Vec<([f64; 4], f64)> {
     points
 }
 
-/// Calls `visit` with each element's corners, and the position, barycentric coordinates and weight (mm^3) of its quadrature points.
+/// Calls `visit` with each element's corners, and the position, barycentric coordinates and weight (mm^3) of its
+/// quadrature points.
 fn integrate(mesh: &TetMesh, mut visit: impl FnMut(&[u32; 4], [f64; 3], &[f64; 4], f64)) {
     let points = quadrature();
     for (corners, volume) in mesh.elements().iter().zip(mesh.volumes(mesh.nodes())) {

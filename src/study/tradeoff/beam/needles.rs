@@ -66,7 +66,7 @@ pub(super) fn table() -> Result<Table, OutOfRange> {
         for (model, mut needle) in models {
             let line = bent(&mut *needle);
             let distances = (0..=200).map(|arc| {
-                let [point, exact] = [&line, &truth].map(|line| line.at(f64::from(arc)).point_mm);
+                let [point, exact] = [&line, &truth].map(|line| line.point_at_arc(f64::from(arc)).point_mm);
                 (point - exact).norm()
             });
             rows.push(NeedleRow {

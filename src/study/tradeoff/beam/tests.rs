@@ -51,7 +51,8 @@ fn choices_are_measured_against_the_fine_needle() {
         let [left_out, kept] = [0, 1].map(|at| value(term, &pair[at], "error_mm"));
         assert!(kept < 1e-2 * left_out, "{left_out} {kept}");
     }
-    // The right model has only its element error, any other more, and swapped parameters err the more the deeper the needle is.
+    // The right model has only its element error, any other more, and swapped parameters err the more the deeper the
+    // needle is.
     let right = |row: &&Row| {
         row.choices[2] == "right" && [["PVC", "UEng"], ["PSM", "UTru"]].contains(&[&row.choices[0], &row.choices[1]])
     };

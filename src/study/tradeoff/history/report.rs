@@ -60,7 +60,8 @@ impl HistoryReport {
         }
     }
 
-    /// Adds a row. The error of a sum of exponentials may exceed that of the trapezoid before it by no more than its tolerance.
+    /// Adds a row. The error of a sum of exponentials may exceed that of the trapezoid before it by no more than its
+    /// tolerance.
     pub(super) fn push(&mut self, contender: Contender, measured: Measured) {
         let mut before = self.rows.iter().rev();
         let trapezoid = before.find(|row| row.contender.rule == Rule::Trapezoid);

@@ -30,7 +30,8 @@ pub(crate) fn grains(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<
     Ok(vec![textures(options)?, sampling::lookups(), models(options)?])
 }
 
-/// Compares frames with trilinear textures and without textures. Look-up methods in isolation are in [`sampling::lookups`].
+/// Compares frames with trilinear textures and without textures. Look-up methods in isolation are in
+/// [`sampling::lookups`].
 fn textures(options: &ImageOptions) -> Result<Table, Error> {
     let subject = Subject::new(options.voxel_mm)?;
     let structure = without_grain(subject.grid(coarsened(options, [256, 512])));
@@ -193,7 +194,8 @@ fn models(options: &ImageOptions) -> Result<Table, Error> {
         let length_error_mm = (look.axial_mm - axial_mm)
             .abs()
             .max((look.lateral_mm - lateral_mm).abs());
-        // Some 900 speckle cells determine the standard deviation to 5 % or better; logarithms narrow the correlation by a tenth.
+        // Some 900 speckle cells determine the standard deviation to 5 % or better; logarithms narrow the correlation
+        // by a tenth.
         let deviates = developed && (std_error_grey > 0.15 * expected || length_error_mm > 0.3 * lateral_mm);
         rows.push(GrainRow {
             model,

@@ -40,7 +40,7 @@ fn anatomy(voxel_mm: f64) -> Anatomy {
     let across = (46.0 / voxel_mm).ceil() as usize;
     let size = [across, across, (12.0 / voxel_mm).ceil() as usize];
     let frame = Frame::around([0.0, 20.0, 0.0], size, voxel_mm);
-    anatomies::of(frame, &[SILENT, tissue(0.0), tissue(8.0), tissue(-15.0)], label)
+    anatomies::anatomy_from(frame, &[SILENT, tissue(0.0), tissue(8.0), tissue(-15.0)], label)
 }
 
 fn settings(boundary: Boundary, [lines, samples]: [u32; 2]) -> Settings {
@@ -59,8 +59,9 @@ fn settings(boundary: Boundary, [lines, samples]: [u32; 2]) -> Settings {
     Settings::new(probe, [480; 2], effects)
 }
 
-/// Returns the mean distance of the sliced boundaries from the closed form, mm: the area of wrong labels divided by the length of all
-/// boundaries. The length is counted along the grid's two axes, which averages 4/pi of the true length over all directions.
+/// Returns the mean distance of the sliced boundaries from the closed form, mm: the area of wrong labels divided by the
+/// length of all boundaries. The length is counted along the grid's two axes, which averages 4/pi of the true length
+/// over all directions.
 fn boundary_mm(synth: &mut Synthesizer, state: &FrameState) -> Result<f64, Error> {
     let beam = synth.render_until("slice", state)?;
     let tables = synth.tables();
@@ -164,7 +165,8 @@ pub(super) fn name([lines, samples]: [u32; 2]) -> String {
 /// Name of a comparison, and the change of settings that isolates its content.
 type Content = (&'static str, fn(Settings) -> Settings);
 
-/// Contents to compare: structure alone, and everything in a frame except receiver noise, which is random for each sample of a grid.
+/// Contents to compare: structure alone, and everything in a frame except receiver noise, which is random for each
+/// sample of a grid.
 const CONTENTS: [Content; 2] = [("structure", without_grain), ("every usual effect", silent)];
 
 /// Note on the receiver.
@@ -273,7 +275,8 @@ const ON_BACKEND: [Choice<OnBackend>; 2] = [
     BACKEND.of(|row| row.variant.1.clone()),
 ];
 
-/// Compares double precision, single precision and each GPU on the same scene, at the default scene's grid and one below it.
+/// Compares double precision, single precision and each GPU on the same scene, at the default scene's grid and one
+/// below it.
 pub(super) fn backends(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, Error> {
     let subject = Subject::new(options.voxel_mm)?;
     let mut rows: Vec<OnBackend> = Vec::new();

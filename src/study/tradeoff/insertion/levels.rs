@@ -23,8 +23,8 @@ const DENSE: usize = 3;
 const EVERY: usize = 2;
 /// Number of points in a trace per level.
 const POINTS: usize = 400;
-/// Force difference allowed between level I and the exact condensed level, which solve the same equations: shapes are iterated until
-/// nothing moves by more than 1e-5 mm, through stiffnesses of needle and tissue below 100 N/mm.
+/// Force difference allowed between level I and the exact condensed level, which solve the same equations: shapes are
+/// iterated until nothing moves by more than 1e-5 mm, through stiffnesses of needle and tissue below 100 N/mm.
 const SAME_N: f64 = 1e-3;
 
 /// Measurements at a level, with a probe or without.
@@ -128,7 +128,8 @@ const TRACE: [Column<AtLevel<Moment>>; 6] = [
     Axis::log("step_ms", "ms", "time of a step (longest of some), ms").of(|row| Some(row.measured.step_ms)),
 ];
 
-/// Extent and quartiles of the time of steps that remesh, beside the median and the longest (Goksel et al. 2011, figure 15).
+/// Extent and quartiles of the time of steps that remesh, beside the median and the longest (Goksel et al. 2011, figure
+/// 15).
 const QUARTILES: [Column<AtLevel<Inserted>>; 3] = [
     Axis::log(
         "remesh_min_ms",
@@ -328,7 +329,8 @@ fn differences(course: &Course, reference: &[Step], compared: &[Step]) -> [f64; 
     ]
 }
 
-/// Longest time of every few steps, and the state after them, with the difference from the gold standard if it is another.
+/// Longest time of every few steps, and the state after them, with the difference from the gold standard if it is
+/// another.
 fn along<'a>(
     course: &'a Course,
     gold: &'a [Step],

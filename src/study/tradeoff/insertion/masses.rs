@@ -1,7 +1,9 @@
-//! Masses and springs against finite elements: the same cylinder of tissue, supports, nodes and insertion of a rigid needle.
+//! Masses and springs against finite elements: the same cylinder of tissue, supports, nodes and insertion of a rigid
+//! needle.
 //!
-//! Springs have no Poisson's ratio: a network without preferred directions behaves as a material of ratio 1/4. Finite elements are
-//! therefore included with that ratio too, which separates the error of the model from that of the material.
+//! Springs have no Poisson's ratio: a network without preferred directions behaves as a material of ratio 1/4. Finite
+//! elements are therefore included with that ratio too, which separates the error of the model from that of the
+//! material.
 
 use nalgebra::{Point3, Vector3};
 
@@ -38,8 +40,8 @@ struct Named {
     spacing_mm: String,
 }
 
-/// Differences from the gold standard: displacements with the needle inserted (root mean square, % and largest, mm) and half-way back, %, and
-/// forces at the base, N.
+/// Differences from the gold standard: displacements with the needle inserted (root mean square, % and largest, mm) and
+/// half-way back, %, and forces at the base, N.
 struct Differences {
     tissue_percent: f64,
     tissue_mm: f64,

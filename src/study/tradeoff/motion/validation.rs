@@ -1,5 +1,5 @@
-//! Validation of estimated motion after Dehghan et al. 2008 ("TDPE validation"): their figures 6, 8 and 9 and table I, in this program's numbers,
-//! and the accuracy under shifts and strains beside the bound of Walker and Trahey.
+//! Validation of estimated motion after Dehghan et al. 2008 ("TDPE validation"): their figures 6, 8 and 9 and table I,
+//! in this program's numbers, and the accuracy under shifts and strains beside the bound of Walker and Trahey.
 
 use std::f64::consts::TAU;
 
@@ -84,7 +84,8 @@ impl Course {
         (self.options, self.lines, self.depths) = (options, lines, options.centres_mm(samples));
     }
 
-    /// Adds a frame: estimates and true axial and lateral motion (um) of the windows, line by line. Windows that do not correlate are left out.
+    /// Adds a frame: estimates and true axial and lateral motion (um) of the windows, line by line. Windows that do not
+    /// correlate are left out.
     pub fn push(&mut self, motion: &str, time: f64, estimates: &[Estimate], truth: &[[f64; 2]]) {
         let fallback = self.options.fallback;
         let kept = || estimates.iter().zip(truth).filter(|(it, _)| it.correlation >= fallback);

@@ -12,7 +12,8 @@ const fn factor(key: &'static str) -> Factor {
     Factor { key, label: key }
 }
 
-/// Returns variants by name with their error; the 95th percentile is twice the time, and twice that again under the larger load.
+/// Returns variants by name with their error; the 95th percentile is twice the time, and twice that again under the
+/// larger load.
 fn table(rows: &[(&str, &str, f64, f64)]) -> Table {
     let goal = Goal::new("ms", "error", (5.0, "nobody sees it")).choosing("grid");
     let mut table = Table::new("ways", "Ways", &FACTORS, &AXES)

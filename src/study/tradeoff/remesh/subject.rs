@@ -11,7 +11,7 @@ use crate::stability::record::largest;
 use insonify::Error;
 use insonify_base::random::{hash3, seed_words, unit};
 use insonify_mechanics::tissue::assembly::Stiffness;
-use insonify_mechanics::tissue::dofs::{Dofs, NONE};
+use insonify_mechanics::tissue::dofs::{Dofs, NO_DOF};
 use insonify_mechanics::tissue::factor::Factor;
 use insonify_mechanics::tissue::material::Material;
 use insonify_mechanics::tissue::remesh::corner::best_corner;
@@ -26,8 +26,8 @@ const CONTACTS: usize = 20;
 pub(crate) const MIN_MOVES: usize = 3;
 /// Share of the extent along z whose nodes are fixed.
 const FIXED: f64 = 0.02;
-/// Extent share and least node share for a mesh with fewer fixed nodes, such as a round organ: supported by a few nodes it would rotate
-/// almost freely, and its compliance would be that of the supports.
+/// Extent share and least node share for a mesh with fewer fixed nodes, such as a round organ: supported by a few nodes
+/// it would rotate almost freely, and its compliance would be that of the supports.
 const FIXED_OF_ROUND: f64 = 0.1;
 const MIN_FIXED: f64 = 0.03;
 /// Entry and final tip position of the needle, as shares of the mesh's bounding box.
@@ -71,8 +71,8 @@ pub(crate) fn generated(nodes: usize) -> Result<TetMesh, InvalidMesh> {
     )
 }
 
-/// Returns the degrees of freedom of a mesh with its lowest nodes along z fixed: those in the lowest 2 % of its height or, if these are
-/// less than 3 % of all nodes, those in the lowest 10 % and at least 3 % of all.
+/// Returns the degrees of freedom of a mesh with its lowest nodes along z fixed: those in the lowest 2 % of its height
+/// or, if these are less than 3 % of all nodes, those in the lowest 10 % and at least 3 % of all.
 pub(crate) fn supports(mesh: &TetMesh) -> Dofs {
     let mut heights: Vec<f64> = mesh.nodes().iter().map(|node| node[2]).collect();
     heights.sort_by(f64::total_cmp);
@@ -103,8 +103,8 @@ fn point_in_extents(mesh: &TetMesh, share: [f64; 3]) -> [f64; 3] {
 }
 
 impl Subject {
-    /// Fixes the lowest nodes along z, assigns one material, and determines the corners moved by a needle that goes down through the
-    /// middle.
+    /// Fixes the lowest nodes along z, assigns one material, and determines the corners moved by a needle that goes
+    /// down through the middle.
     ///
     /// # Errors
     /// [`Error`] if the mesh is unsuitable or its stiffness cannot be factorised.
@@ -154,7 +154,7 @@ impl Subject {
 
     /// Returns the mean number of degrees of freedom around a moved node (s).
     pub(crate) fn rank(&self) -> f64 {
-        let free = |node: &u32| self.mesh.dofs().of(*node).iter().filter(|dof| **dof != NONE).count();
+        let free = |node: &u32| self.mesh.dofs().of(*node).iter().filter(|dof| **dof != NO_DOF).count();
         let ranks = self
             .track
             .iter()
@@ -165,7 +165,8 @@ impl Subject {
     /// Makes the change that follows `done` changes: the next inward move, or the undoing of the last one.
     ///
     /// # Errors
-    /// [`RemeshError`](insonify_mechanics::tissue::remesh::RemeshError), which would indicate a fault of the mesh, as all moves have been tried before.
+    /// [`RemeshError`](insonify_mechanics::tissue::remesh::RemeshError), which would indicate a fault of the mesh, as
+    /// all moves have been tried before.
     pub(crate) fn step(&self, mesh: &mut AdaptedMesh, done: usize) -> Result<Change, Error> {
         let (length, position) = (self.track.len(), done % (2 * self.track.len()));
         let moves = mesh.moves().len();
@@ -192,7 +193,7 @@ fn nearest_free(mesh: &AdaptedMesh, point: [f64; 3], count: usize) -> Result<Vec
         (0..3).map(|axis| (position[axis] - point[axis]).powi(2)).sum()
     };
     let mut free: Vec<u32> = (0..mesh.nodes().len() as u32)
-        .filter(|node| !mesh.dofs().of(*node).contains(&NONE))
+        .filter(|node| !mesh.dofs().of(*node).contains(&NO_DOF))
         .collect();
     if free.len() < 2 * count {
         return Err(StudyError::refused(format!(
@@ -345,8 +346,8 @@ impl Gold {
         !self.samples.is_empty()
     }
 
-    /// Returns the relative errors of sampled columns of K^-1, of K^c and of displacements; the relative residual; and the largest error of
-    /// displacements with the load scaled to a resultant of one newton, mm.
+    /// Returns the relative errors of sampled columns of K^-1, of K^c and of displacements; the relative residual; and
+    /// the largest error of displacements with the load scaled to a resultant of one newton, mm.
     ///
     /// # Errors
     /// [`Error`] if the contender fails.
@@ -367,8 +368,8 @@ impl Gold {
         ])
     }
 
-    /// Returns the largest |K X e - e| / (|K| |X e|) over the samples, in infinity norms (J. L. Rigal and J. Gaches, "On the compatibility
-    /// of a given solution with the data of a linear system", Journal of the ACM 14, 1967).
+    /// Returns the largest |K X e - e| / (|K| |X e|) over the samples, in infinity norms (J. L. Rigal and J. Gaches,
+    /// "On the compatibility of a given solution with the data of a linear system", Journal of the ACM 14, 1967).
     fn residual(&self, columns: MatRef<'_, f64>) -> f64 {
         let mut product = vec![0.0; columns.nrows()];
         let mut worst = 0.0f64;

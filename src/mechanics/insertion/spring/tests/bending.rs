@@ -17,15 +17,16 @@ fn with_beam(young_kpa: f64, ei: f64) -> MassSpring {
 /// Returns the largest distance of the nodes from the shaft, mm.
 fn gap(springs: &MassSpring) -> f64 {
     let distances = springs.contacts.stack.iter().map(|contact| {
-        let on_shaft = springs.body.line.at(contact.arc);
+        let on_shaft = springs.body.line.point_at_arc(contact.arc);
         let miss = springs.network.now(contact.node) - on_shaft.point_mm.coords;
         (miss - on_shaft.tangent.into_inner() * on_shaft.tangent.dot(&miss)).norm()
     });
     distances.fold(0.0, f64::max)
 }
 
-/// Inserted 50 mm and moved 3 mm aside at the base: needle and tissue come to rest together, where the needle bends just so
-/// that tissue exerts the forces that bend it. A needle stiff relative to the tissue moves it, a soft one stays.
+/// Inserted 50 mm and moved 3 mm aside at the base: needle and tissue come to rest together, where the needle bends
+/// just so that tissue exerts the forces that bend it. A needle stiff relative to the tissue moves it, a soft one
+/// stays.
 #[test]
 fn needle_and_tissue_find_each_other() {
     let mut tips = Vec::new();
@@ -63,8 +64,8 @@ fn needle_and_tissue_find_each_other() {
     assert!(usual < in_soft && in_soft < stiff, "{tips:?}");
 }
 
-/// The static shape computed independently: with the displacement of the tissue at the nodes given, the force on each node
-/// from the springs alone bends the beam to where the nodes are.
+/// The static shape computed independently: with the displacement of the tissue at the nodes given, the force on each
+/// node from the springs alone bends the beam to where the nodes are.
 #[test]
 fn forces_of_springs_bend_the_needle() {
     let mut springs = with_beam(10.0, 6e3);
@@ -76,7 +77,7 @@ fn forces_of_springs_bend_the_needle() {
     for contact in &springs.contacts.stack {
         let mut position = Vector3::new(3.3, 0.2, 0.0);
         for loaded in &springs.contacts.stack {
-            let tangent = springs.body.line.at(loaded.arc).tangent;
+            let tangent = springs.body.line.point_at_arc(loaded.arc).tangent;
             let force = springs.network.force[loaded.node as usize];
             // Only the component across the shaft bends it.
             let force = force - tangent.into_inner() * tangent.dot(&force);
@@ -89,7 +90,8 @@ fn forces_of_springs_bend_the_needle() {
     }
 }
 
-/// Needles a thousand times stiffer and softer in tissue of 0.1 kPa to 1 MPa, shaken at the base at every step: bounded.
+/// Needles a thousand times stiffer and softer in tissue of 0.1 kPa to 1 MPa, shaken at the base at every step:
+/// bounded.
 #[test]
 fn shaken_needles_do_not_run_away() {
     for young_kpa in [0.1, 10.0, 1e3] {

@@ -24,7 +24,8 @@ fn in_and_out() {
     drive(&mut springs, [75.0, 74.0], 40.0, 1e-3, |_| {});
     let mut before = springs.outcome.inserted_mm;
     drive(&mut springs, [74.0, 20.0], 40.0, 1e-3, |outcome| {
-        // On withdrawal the entire shaft slides, and nothing is cut: friction along the inserted length before the step.
+        // On withdrawal the entire shaft slides, and nothing is cut: friction along the inserted length before the
+        // step.
         let bound = 0.01 * before;
         before = outcome.inserted_mm;
         assert!(outcome.on_hand.force_n.z <= bound + 1e-9);

@@ -46,7 +46,8 @@ fn the_skin_breaks_at_its_force() {
     assert!(-springs.outcome.on_hand.force_n.z <= 0.1 + 1e-12);
 }
 
-/// Two layers: the boundary is met where it is in the reference state, and the friction of each acts where its nodes lie.
+/// Two layers: the boundary is met where it is in the reference state, and the friction of each acts where its nodes
+/// lie.
 #[test]
 fn layers_have_their_friction() {
     let sliding = |friction_n_per_mm| Interaction {
@@ -89,8 +90,9 @@ fn layers_have_their_friction() {
     assert!(springs.outcome.on_hand.force_n.z > 0.4);
 }
 
-/// Bone at 1 and at 10 mm a step: it is met where it lies in the body at rest, however the springs are pushed; the depth of
-/// the tip is limited, the force is that of this depth, and everything is as before when the needle has been withdrawn.
+/// Bone at 1 and at 10 mm a step: it is met where it lies in the body at rest, however the springs are pushed; the
+/// depth of the tip is limited, the force is that of this depth, and everything is as before when the needle has been
+/// withdrawn.
 #[test]
 fn bone_stops_the_tip() {
     let bone = Interaction {

@@ -141,8 +141,8 @@ fn rest_stays_at_rest_to_the_bit() {
     assert_eq!(network.energy(), 0.0);
 }
 
-/// Springs act in pairs: for any displacements, the sums of their forces and torques on all nodes, the fixed ones included,
-/// vanish.
+/// Springs act in pairs: for any displacements, the sums of their forces and torques on all nodes, the fixed ones
+/// included, vanish.
 #[test]
 fn forces_balance() {
     let mut network = network(&small());
@@ -181,8 +181,8 @@ fn dynamic_matrix(network: &mut Network) -> (Vec<usize>, DMatrix<f64>) {
     (free, matrix)
 }
 
-/// Each eigenmode follows the symplectic Euler solution of an oscillator: x_n = x_0 (cos nt - tan(t/2) sin nt) with cos t =
-/// 1 - (h w)^2 / 2; and no frequency is beyond the limit.
+/// Each eigenmode follows the symplectic Euler solution of an oscillator: x_n = x_0 (cos nt - tan(t/2) sin nt) with cos
+/// t = 1 - (h w)^2 / 2; and no frequency is beyond the limit.
 #[test]
 fn free_vibrations_have_their_frequency() {
     let parameters = Parameters {
@@ -225,8 +225,8 @@ fn free_vibrations_have_their_frequency() {
     }
 }
 
-/// Undamped at the limit itself: v M v + u K u - h v K u is constant, so energy stays within (1 + a) / (1 - a) times the
-/// first, a being half the step times the highest frequency.
+/// Undamped at the limit itself: v M v + u K u - h v K u is constant, so energy stays within (1 + a) / (1 - a) times
+/// the first, a being half the step times the highest frequency.
 #[test]
 fn undamped_energy_stays_bounded() {
     let mut network = network(&small());

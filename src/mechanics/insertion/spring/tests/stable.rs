@@ -133,7 +133,7 @@ fn another_direction() {
         springs.step(&instruments, 1e-2).unwrap();
         for contact in &springs.contacts.stack {
             let position = springs.network.now(contact.node);
-            let on_shaft = springs.body.line.at(contact.arc).point_mm.coords;
+            let on_shaft = springs.body.line.point_at_arc(contact.arc).point_mm.coords;
             assert!((on_shaft - position).norm() < 1e-9);
         }
     }

@@ -4,8 +4,8 @@ fn needle(element_mm: f64, bevel: Option<Bevel>) -> Flexible {
     Flexible::beam(Shaft::default(), Stiffness::default(), element_mm, bevel).expect("needle")
 }
 
-/// Nodes lie on the closed form of the cantilever under forces at nodes, with elements of any length: Hermite cubics contain
-/// it.
+/// Nodes lie on the closed form of the cantilever under forces at nodes, with elements of any length: Hermite cubics
+/// contain it.
 #[test]
 fn a_cantilever_bends_as_the_closed_form() {
     let stiffness = Stiffness::default().bending_nmm2();
@@ -22,7 +22,7 @@ fn a_cantilever_bends_as_the_closed_form() {
                 &[load(loaded_mm, [0.0, force, 0.0])],
                 &mut line,
             );
-            let deflection_mm = line.at(seen).point_mm.y;
+            let deflection_mm = line.point_at_arc(seen).point_mm.y;
             assert!(
                 (deflection_mm - beam).abs() < 1e-8 * beam,
                 "{element} {loaded_mm} {seen}: {deflection_mm} {beam}"
@@ -45,7 +45,7 @@ fn forces_between_nodes_converge() {
             &[load(arc_mm, [force, 0.0, 0.0])],
             &mut line,
         );
-        (line.at(arc_mm).point_mm.x - beam).abs()
+        (line.point_at_arc(arc_mm).point_mm.x - beam).abs()
     };
     // The polyline cuts the curve by at most h^2/8 of the curvature, and the force acts on the chord: h^3/(48 EI).
     for element in [20.0f64, 10.0, 4.0] {
@@ -56,8 +56,8 @@ fn forces_between_nodes_converge() {
     assert!(error(4.0) < 0.1 * error(20.0));
 }
 
-/// The elastica: a dead force across the tip of a cantilever, P L^2/EI = 1, 2 and 5 (K. E. Bisshopp and D. C. Drucker, "Large
-/// deflection of cantilever beams", 1945: tip deflections over the length of 0.30172, 0.49346 and 0.71379).
+/// The elastica: a dead force across the tip of a cantilever, P L^2/EI = 1, 2 and 5 (K. E. Bisshopp and D. C. Drucker,
+/// "Large deflection of cantilever beams", 1945: tip deflections over the length of 0.30172, 0.49346 and 0.71379).
 #[test]
 fn large_rotations_follow_the_elastica() {
     let stiffness = Stiffness::default().bending_nmm2();
@@ -72,7 +72,8 @@ fn large_rotations_follow_the_elastica() {
             line.tip().x / LENGTH
         };
         let [coarse, fine] = [10.0, 2.0].map(deflection);
-        // The published values have five digits; elements of 2 mm turn by 0.05 rad at most, (0.05)^2/10 of which is 2e-4 of that part.
+        // The published values have five digits; elements of 2 mm turn by 0.05 rad at most, (0.05)^2/10 of which is
+        // 2e-4 of that part.
         assert!((fine - expected).abs() < 1e-4, "{factor}: {fine} {expected}");
         assert!((coarse - expected).abs() < 2.5e-3, "{factor}: {coarse} {expected}");
     }

@@ -34,7 +34,7 @@ fn a_cantilever_bends_as_the_beam() {
             let (mut needle, mut line) = (needle(link, None), CentreLine::default());
             let loads = [load(loaded_mm, [0.0, force, 0.0])];
             settle(&mut needle, &Isometry3::identity(), &loads, &mut line);
-            let deflection_mm = line.at(seen).point_mm.y;
+            let deflection_mm = line.point_at_arc(seen).point_mm.y;
             assert!(
                 (deflection_mm - (beam - correction)).abs() < 1e-7 * beam,
                 "{link} {loaded_mm} {seen}: {deflection_mm} {beam}"
@@ -66,7 +66,7 @@ fn link_lengths_and_both_ways_to_give_stiffness_agree() {
     let mut single = Flexible::springs(shaft, Stiffness::default(), 10.0, None).expect("needle");
     let loads = [load(10.0, [degree, 0.0, 0.0])];
     single.place(&Isometry3::identity(), None, &loads, &loads, &mut lines[0]);
-    let tilt = lines[0].at(10.0).tangent.x.asin().to_degrees();
+    let tilt = lines[0].point_at_arc(10.0).tangent.x.asin().to_degrees();
     assert!((tilt - 1.0).abs() < 1e-12, "{tilt}");
 }
 
@@ -84,7 +84,7 @@ fn drift_is_what_the_shape_still_moves() {
     let before = line.clone();
     settle(&mut needle, &base, &heavy, &mut line);
     for (row, drift) in rows.iter().zip(&drift) {
-        let moved = line.at(row.arc_mm).point_mm - before.at(row.arc_mm).point_mm;
+        let moved = line.point_at_arc(row.arc_mm).point_mm - before.point_at_arc(row.arc_mm).point_mm;
         let error = (moved.dot(&row.direction) - drift).abs();
         assert!(error < 0.02 * line.distance(&before), "{}: {moved} {drift}", row.arc_mm);
     }
@@ -120,8 +120,8 @@ fn flexibility_is_symmetric_and_positive_semidefinite() {
 #[test]
 fn there_is_no_torsion() {
     let (mut needle, base) = (needle(10.0, Some(BEVEL)), slanted());
-    // It bends in two planes. A force at the tip, off the centre line, has a torque along the shaft; forces elsewhere have
-    // none at rest, since torsion is constant along a round rod.
+    // It bends in two planes. A force at the tip, off the centre line, has a torque along the shaft; forces elsewhere
+    // have none at rest, since torsion is constant along a round rod.
     let loads = |arc_mm| [load(arc_mm, [0.2, -0.1, 0.05]), load(90.0, [-0.4, 0.9, 0.3])];
     let mut offset = |roll, loads: [Load; 2]| {
         let rolled = base * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll);
@@ -187,7 +187,7 @@ fn a_bevel_tilts_the_last_part() {
         length_mm: 33.0,
     }));
     for &(arc, point) in plain.nodes() {
-        assert!((faint.at(arc).point_mm - point).norm() < 1e-7);
+        assert!((faint.point_at_arc(arc).point_mm - point).norm() < 1e-7);
     }
     // Within the last link, from a joint on, over several links, all of it.
     for (length_mm, nodes) in [(4.0, 23), (5.0, 22), (33.0, 23), (200.0, 22)] {
@@ -195,7 +195,7 @@ fn a_bevel_tilts_the_last_part() {
         let (mut needle, mut line) = (needle(10.0, Some(bevel)), CentreLine::default());
         needle.place(&Isometry3::identity(), None, &[], &[], &mut line);
         assert_eq!(line.nodes().len(), nodes);
-        let start = line.at(LENGTH - length_mm).point_mm;
+        let start = line.point_at_arc(LENGTH - length_mm).point_mm;
         assert!((start - Point3::new(0.0, 0.0, LENGTH - length_mm)).norm() < 1e-12);
         assert!((line.tip().x - 0.6).abs() < 1e-12 && line.tip().y == 0.0);
         assert!(((line.tip() - start).norm() - length_mm).abs() < 1e-12);

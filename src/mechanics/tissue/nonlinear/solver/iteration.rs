@@ -5,7 +5,8 @@ use super::super::tangent::Kind;
 use super::linear::Equations;
 use super::{Contact, Solver, State, Target};
 
-/// Largest change of a displacement gradient that an increment of tissue of finite strain may propose at first; beyond, it is made in parts.
+/// Largest change of a displacement gradient that an increment of tissue of finite strain may propose at first; beyond,
+/// it is made in parts.
 const FARTHEST: f64 = 0.4;
 
 impl<const D: usize, const N: usize> Solver<D, N> {
@@ -45,7 +46,8 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             }
             self.change[dof_count] = force;
         }
-        // The first proposal tells how far the increment goes: from farther away, iterations may end in another equilibrium.
+        // The first proposal tells how far the increment goes: from farther away, iterations may end in another
+        // equilibrium.
         let is_first = self.progress.iterations == 1 && !self.body.has_secants();
         if is_first && self.body.largest_finite_change(&self.change) > FARTHEST {
             return Err(self.not_converged(self.progress.residual()));

@@ -101,7 +101,8 @@ impl<const D: usize> Linear<D> {
         body.linearise(&mut self.responses);
         self.matrix.fill(body, &self.responses, kind);
         match factor(&mut self.factor, &self.matrix) {
-            // Far from balance the symmetric part need not be positive definite; the scalar tangent of secant laws always is.
+            // Far from balance the symmetric part need not be positive definite; the scalar tangent of secant laws
+            // always is.
             Err(error) if (kind == Kind::Consistent || !body.has_secants()) && !is_memory(&error) => {
                 (self.kind, self.is_definite) = (Kind::Scalar, false);
                 body.make_definite(&mut self.responses);

@@ -1,5 +1,6 @@
-//! Increments in parts, where iterations do not converge on the whole: laws of finite strain have no stress in inverted elements, and
-//! a body may have several equilibria under the same loads, of which the one that the state leads to is sought.
+//! Increments in parts, where iterations do not converge on the whole: laws of finite strain have no stress in inverted
+//! elements, and a body may have several equilibria under the same loads, of which the one that the state leads to is
+//! sought.
 
 use super::super::NonlinearError;
 use super::{Contact, Scheme, Solver, Target};
@@ -21,8 +22,8 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         iterates && diverged && !self.body.has_secants()
     }
 
-    /// Advances from the start of the increment by Newton's method, in parts that are halved where iterations fail and doubled where
-    /// they converge.
+    /// Advances from the start of the increment by Newton's method, in parts that are halved where iterations fail and
+    /// doubled where they converge.
     pub(super) fn advance_in_parts(&mut self, target: &Target<'_>) -> Result<(), NonlinearError> {
         let max_iterations = self.options.iterations;
         self.options.iterations = max_iterations.min(ITERATIONS);

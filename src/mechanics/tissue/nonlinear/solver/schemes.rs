@@ -162,8 +162,8 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             self.change(target);
             let mut next = self.residual(target);
             if !pending {
-                // Full steps of tissue of finite strain that hardly changes its volume unbalance forces at first, and come out ahead of
-                // short ones.
+                // Full steps of tissue of finite strain that hardly changes its volume unbalance forces at first, and
+                // come out ahead of short ones.
                 let tolerates = !self.body.has_secants() && tolerated < TOLERATED && !next.is_nan();
                 if !tolerates {
                     next = self.backtrack(target, residual, next);

@@ -1,6 +1,6 @@
 //! Target of an increment.
 
-use super::super::{NONE, NonlinearError, Supports};
+use super::super::{NO_DOF, NonlinearError, Supports};
 
 /// Target of an increment: all values at its end.
 #[derive(Clone, Copy, Debug)]
@@ -43,7 +43,7 @@ impl Contact {
     pub(super) fn add_free<const D: usize>(&self, force: f64, supports: &Supports<D>, free: &mut [f64]) {
         for &(dof, weight) in &self.weights {
             let number = supports.number(dof as usize);
-            if number != NONE {
+            if number != NO_DOF {
                 free[number as usize] += force * weight;
             }
         }
@@ -51,7 +51,7 @@ impl Contact {
 
     pub(super) fn along_free<const D: usize>(&self, supports: &Supports<D>, free: &[f64]) -> f64 {
         let share = |&(dof, weight): &(u32, f64)| match supports.number(dof as usize) {
-            NONE => 0.0,
+            NO_DOF => 0.0,
             number => weight * free[number as usize],
         };
         self.weights.iter().map(share).sum()

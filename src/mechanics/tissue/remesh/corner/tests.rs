@@ -63,7 +63,7 @@ fn without_a_usable_corner_it_says_what_is_wrong_with_each() {
     );
 
     let fixed = (0..mesh.nodes().len() as u32)
-        .find(|node| mesh.dofs().of(*node).contains(&NONE))
+        .find(|node| mesh.dofs().of(*node).contains(&NO_DOF))
         .expect("the floor");
     let (element, _) = mesh.elements_around(fixed).next().expect("an element");
     let tip = mesh.nodes()[fixed as usize];

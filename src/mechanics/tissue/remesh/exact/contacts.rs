@@ -68,7 +68,7 @@ impl Contacts {
         let with_new = source.entries(dofs, &new_dofs)?;
         let coupling = source.entries(support.dofs(), &new_dofs)?;
 
-        // Contacts in this prefix keep their places.
+        // Contacts in this prefix keep their places, as most do from step to step: nothing of theirs is copied.
         let prefix = before
             .iter()
             .enumerate()
@@ -88,9 +88,10 @@ impl Contacts {
         }
         let mut b = support.b.shape(len, dofs.len());
         b.rb_mut().subcols_mut(prefix, dofs.len() - prefix).copy_from(columns);
-        // B^T C B at the new columns.
+        // By the matrix inversion lemma K^-1[c, c] is K0^-1[c, c] - B^T C B; all but the new columns of it are known.
         let mut cb = Mat::zeros(len, new.len());
         product(cb.as_mut(), Accum::Replace, support.c.get(), coupling.as_ref(), 1.0);
+        // Part of the last update may not be in C yet.
         work.add_left(coupling.as_ref(), cb.as_mut(), 1.0);
         let mut correction = Mat::zeros(dofs.len(), new.len());
         product(

@@ -4,7 +4,6 @@ use crate::tissue::error::LinearError;
 use faer::prelude::{Reborrow, ReborrowMut};
 
 use crate::tissue::compliance::Compliance;
-use crate::tissue::dofs::NONE;
 use crate::tissue::remesh::adapted::AdaptedMesh;
 use crate::tissue::remesh::growable::{Growable, symmetrise};
 
@@ -14,11 +13,14 @@ pub(super) const HELD_ROOM: usize = 768;
 pub(super) const CONTACTS_ROOM: usize = 192;
 pub(super) const CHANGE_ROOM: usize = 96;
 
+/// In place of the place of a degree of freedom that is not in S.
+const ABSENT: u32 = u32::MAX;
+
 /// Set S with its matrices, in the order in which members were added; the last takes the place of a removed one.
 #[derive(Debug)]
 pub(super) struct Support {
     dofs: Vec<usize>,
-    /// Place in `dofs` of each degree of freedom of the mesh.
+    /// Place in `dofs` of each degree of freedom of the mesh, or [`ABSENT`].
     places: Vec<u32>,
     /// G = K0^-1[S, S].
     pub g: Growable,
@@ -34,7 +36,7 @@ impl Support {
         let room = size.min(HELD_ROOM);
         Support {
             dofs: Vec::new(),
-            places: vec![NONE; size],
+            places: vec![ABSENT; size],
             g: Growable::with_room(room, room),
             c: Growable::with_room(room, room),
             b: Growable::with_room(room, CONTACTS_ROOM),
@@ -68,7 +70,7 @@ impl Support {
         contacts: &[usize],
     ) -> Result<(), LinearError> {
         let old = self.len();
-        let missing = support.iter().filter(|dof| self.places[**dof as usize] == NONE);
+        let missing = support.iter().filter(|dof| self.places[**dof as usize] == ABSENT);
         self.dofs.extend(missing.map(|dof| *dof as usize));
         let len = self.len();
         if len == old {
@@ -108,7 +110,7 @@ impl Support {
     /// Removes the members after the first `len`.
     pub(super) fn truncate(&mut self, len: usize) {
         for &dof in &self.dofs[len..] {
-            self.places[dof] = NONE;
+            self.places[dof] = ABSENT;
         }
         self.dofs.truncate(len);
         let contacts = self.b.get().ncols();
@@ -139,7 +141,7 @@ impl Support {
             matrix.take_column(index);
         }
         self.b.take_row(index);
-        self.places[dof] = NONE;
+        self.places[dof] = ABSENT;
         self.dofs.swap_remove(index);
         if let Some(&moved) = self.dofs.get(index) {
             self.places[moved] = index as u32;

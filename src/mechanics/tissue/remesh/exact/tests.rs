@@ -2,7 +2,7 @@ use std::sync::Arc;
 
 use super::*;
 use crate::tissue::columns::Columns;
-use crate::tissue::dofs::NONE;
+use crate::tissue::dofs::NO_DOF;
 use crate::tissue::error::LinearError;
 use crate::tissue::factor::Factor;
 use crate::tissue::remesh::testing::{
@@ -278,7 +278,7 @@ fn nodes_beside_the_fixed_floor_move_too() {
     let is_beside = |node: &&u32| {
         mesh.neighbours(**node)
             .iter()
-            .any(|neighbour| mesh.dofs().of(*neighbour) == [NONE; 3])
+            .any(|neighbour| mesh.dofs().of(*neighbour) == [NO_DOF; 3])
     };
     let beside = *free.iter().find(is_beside).expect("a node beside the floor");
     let mut exact = exact(&mesh, &[beside], RemesherOptions::default());
@@ -303,8 +303,9 @@ fn columns_on_demand_serve_as_a_dense_inverse_does() {
     }
 }
 
-/// One step of refinement in f64 multiplies the error by at most |I - X K|, which for an inverse X in f32 is the rounding unit of f32 times
-/// the condition of K (N. J. Higham, "Accuracy and Stability of Numerical Algorithms", section 12).
+/// One step of refinement in f64 multiplies the error by at most |I - X K|, which for an inverse X in f32 is the
+/// rounding unit of f32 times the condition of K (N. J. Higham, "Accuracy and Stability of Numerical Algorithms",
+/// section 12).
 #[test]
 fn a_refined_displacement_regains_what_single_precision_loses() {
     let mut mesh = adapted(0.45);

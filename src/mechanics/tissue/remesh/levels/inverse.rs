@@ -35,8 +35,8 @@ impl<S: Store> Inverse<S> {
     }
 
     /// Subtracts Y C Y^T from all entries, or from those of some rows and columns. Returns the reciprocal condition of
-    /// I + dK G, and the entries at the rows and columns `block`; the condition as an inner error where it is below `limit`,
-    /// and then nothing changes.
+    /// I + dK G, and the entries at the rows and columns `block`; the condition as an inner error where it is below
+    /// `limit`, and then nothing changes.
     pub(super) fn update(
         &mut self,
         change: &Change,

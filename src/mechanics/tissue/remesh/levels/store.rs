@@ -49,9 +49,10 @@ pub trait Store: Send {
     /// [`RemeshError`].
     fn update(&mut self, c: MatRef<'_, f64>, rows: Option<&[usize]>, block: &[usize]) -> Result<Mat<f64>, RemeshError>;
 
-    /// Does for a change of the stiffness at some rows and columns what [`take`](Self::take) and [`update`](Self::update)
-    /// do with C = (I + dK G)^-1 dK, in one go; returns the reciprocal condition of I + dK G, too. `None` where the store
-    /// does not solve for C or the reciprocal condition is below `limit`; nothing has changed then.
+    /// Does for a change of the stiffness at some rows and columns what [`take`](Self::take) and
+    /// [`update`](Self::update) do with C = (I + dK G)^-1 dK, in one go; returns the reciprocal condition of I + dK G,
+    /// too. `None` where the store does not solve for C or the reciprocal condition is below `limit`; nothing has
+    /// changed then.
     ///
     /// # Errors
     /// [`RemeshError`].

@@ -25,8 +25,8 @@ fn moments_are_those_of_quadrature() {
     for k in [0.1, 0.5, 0.9, 1.0] {
         for (lag, step) in [(1.0, 1.0), (2.0, 1.0), (3.0, 0.9), (4.5, 0.9), (1e3, 1.0), (7e-5, 1e-6)] {
             let [start, end] = by_quadrature(k, lag, step);
-            let linear = Moments::new(Basis::Linear, k).of(lag - step, step);
-            let constant = Moments::new(Basis::Constant, k).of(lag - step, step);
+            let linear = Moments::new(Basis::Linear, k).weights(lag - step, step);
+            let constant = Moments::new(Basis::Constant, k).weights(lag - step, step);
             // The quadrature itself is inaccurate where its integrand has a kink, at the newest interval.
             let bound = 1e-6 * (start + end);
             assert!(
@@ -61,7 +61,7 @@ fn halves_make_up_the_whole_at_any_lag() {
         let (linear, constant) = (Moments::new(Basis::Linear, k), Moments::new(Basis::Constant, k));
         for exponent in 0..15 {
             let lag = 10f64.powi(exponent);
-            let (ends, whole) = (linear.of(lag - 1.0, 1.0), constant.of(lag - 1.0, 1.0).end);
+            let (ends, whole) = (linear.weights(lag - 1.0, 1.0), constant.weights(lag - 1.0, 1.0).end);
             assert!(ends.start > 0.0 && ends.end > 0.0);
             assert!(((ends.start + ends.end) / whole - 1.0).abs() < 1e-14, "{k} {lag}");
             // Far away the kernel is flat: both ends have equal weight.
@@ -76,9 +76,9 @@ fn halves_make_up_the_whole_at_any_lag() {
 #[test]
 fn limits_of_the_order() {
     let spring = Moments::new(Basis::Linear, 0.0);
-    assert_eq!(spring.of(0.0, 0.3), Ends { start: 0.0, end: 1.0 });
-    assert_eq!(spring.of(0.4, 0.3), Ends { start: 0.0, end: 0.0 });
-    let dashpot = Moments::new(Basis::Linear, 1.0).of(4.75, 0.25);
+    assert_eq!(spring.weights(0.0, 0.3), Ends { start: 0.0, end: 1.0 });
+    assert_eq!(spring.weights(0.4, 0.3), Ends { start: 0.0, end: 0.0 });
+    let dashpot = Moments::new(Basis::Linear, 1.0).weights(4.75, 0.25);
     assert!((dashpot.start - 0.125).abs() < 1e-16 && (dashpot.end - 0.125).abs() < 1e-16);
     assert_eq!(of_jump(-1.0, 3.0), 0.0);
     assert!((of_jump(1.0, 3.0) - 3.0).abs() < 1e-15 && of_jump(0.0, 3.0) == 1.0);
@@ -91,10 +91,10 @@ fn a_short_lag_before_a_long_step_counts() {
         let (near, step) = (1e-9, 1e3);
         let (linear, constant) = (Moments::new(Basis::Linear, k), Moments::new(Basis::Constant, k));
         let expected = inverse_gamma(1.0 + k) * (f64::powf(near + step, k) - near.powf(k));
-        assert!((constant.of(near, step).end / expected - 1.0).abs() < 1e-13, "{k}");
-        let ends = linear.of(near, step);
+        assert!((constant.weights(near, step).end / expected - 1.0).abs() < 1e-13, "{k}");
+        let ends = linear.weights(near, step);
         assert!(((ends.start + ends.end) / expected - 1.0).abs() < 1e-12, "{k}");
-        let newest = linear.of(0.0, step);
+        let newest = linear.weights(0.0, step);
         assert!((ends.start / newest.start - 1.0).abs() < 1e-10, "{k}");
     }
 }
