@@ -100,19 +100,29 @@ impl<C: CommonKeys> KindTable<C> {
         self.of_kinds.insert(key.to_owned(), number.into());
     }
 
+    /// Checks that every stated key of a kind is one of this kind.
+    ///
+    /// # Errors
+    /// [`OutOfRange`] for a key of another kind.
+    pub fn check_kind(&self) -> Result<(), OutOfRange> {
+        let kind = self.kind();
+        match self.of_kinds.keys().find(|key| !kind.keys().contains(&key.as_str())) {
+            Some(key) => {
+                let found = format!("`{key}` with {}", kind.stated_as());
+                Err(OutOfRange::new(key, found, either(&with::<C::Kind>(key))))
+            }
+            None => Ok(()),
+        }
+    }
+
     /// Keys of the kind.
     ///
     /// # Errors
     /// [`OutOfRange`] for a key of another kind.
     pub fn keys(&self) -> Result<<C::Kind as KeyedKind>::Keys, OutOfRange> {
-        let kind = self.kind();
-        let misplaced = self.of_kinds.keys().find(|key| !kind.keys().contains(&key.as_str()));
-        if let Some(key) = misplaced {
-            let found = format!("`{key}` with {}", kind.stated_as());
-            return Err(OutOfRange::new(key, found, either(&with::<C::Kind>(key))));
-        }
+        self.check_kind()?;
         // Each value was read as its type when the file was.
-        let keys = kind.read(Value::Table(self.of_kinds.clone()));
+        let keys = self.kind().read(Value::Table(self.of_kinds.clone()));
         keys.map_err(|error| OutOfRange::new(C::FIELD, error.message(), format!("keys of its {}", C::FIELD)))
     }
 }

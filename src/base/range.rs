@@ -163,7 +163,7 @@ pub fn describe_kinds<T: ByKind<Kind = K>, K: Kind + serde::Serialize>(schema: &
 
 /// Says in the schema of a table to which kinds its keys belong, and refuses them with the other kinds where the table
 /// states its kind at `field`.
-pub fn describe_keys<K: Kind + serde::Serialize>(
+pub(crate) fn describe_keys<K: Kind + serde::Serialize>(
     schema: &mut schemars::Schema,
     keys: &[(&str, &[K])],
     field: Option<&str>,

@@ -180,6 +180,7 @@ impl CaseFile {
         }
         let layer = |(index, spec): (usize, &LayerTable)| {
             let key = |key: &str| format!("layer[{index}].{key}");
+            spec.check_kind().map_err(|error| self.number(key(&error.key), error))?;
             if let Some(missing) = spec.unstated() {
                 let keys = spec.model.keys().join("` and `");
                 let expected = format!("`{keys}` with {}", spec.model.stated_as());

@@ -123,7 +123,7 @@ fn control_characters_of_files_are_escaped_outside_json() {
     }
     bench.write("table.msh", "$MeshFormat\n\u{1b}[2Jerror: forged\n");
     bench.write("points.csv", "stretch,stress_kpa\n1.1,\u{1b}[31m\n");
-    bench.run("mesh info table.msh").fails(2, &["\\x1b[2J"]);
+    bench.run("mesh info table.msh").fails(2, &["binary data"]);
     for command in ["mesh info table.msh", "beam fit points.csv"] {
         harmless(&bench.run(command));
     }

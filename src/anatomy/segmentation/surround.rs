@@ -75,7 +75,11 @@ impl Segmentation {
                 && present.iter().all(encloses)
         };
         let nameless: Vec<usize> = self.nameless(naming).collect();
-        if let Some(label) = nameless.into_iter().find(is_body) {
+        if let Some(label) = nameless
+            .into_iter()
+            .filter(|label| present.contains(label))
+            .find(is_body)
+        {
             let Label { value, .. } = self.volume.labels()[label];
             let ml = extents.labels[label].ml;
             self.notes.push(format!(

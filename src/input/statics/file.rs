@@ -48,11 +48,11 @@ parameters! {
         /// Solver.
         #[serde(alias = "nonlinear")]
         solver: Option<SolverSpec>, for Nonlinear | Viscoelastic;
+        /// Time course of loads and prescribed displacements.
+        history: Option<HistorySpec>, for Nonlinear | Viscoelastic;
         /// Viscosity.
         #[serde(alias = "viscoelastic")]
         viscosity: Option<ViscositySpec>, for Viscoelastic;
-        /// Time course of loads and prescribed displacements.
-        history: Option<HistorySpec>, for Nonlinear | Viscoelastic;
         /// Source text, for errors that point into it.
         #[serde(skip)]
         source: Option<Arc<Source>>;

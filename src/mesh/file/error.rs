@@ -151,10 +151,16 @@ impl Fault {
     }
 }
 
-/// Formats bytes for an error message: text as it is.
+/// Formats bytes for an error message: text as it is, other bytes as "binary data".
 pub(super) fn quote(bytes: &[u8]) -> String {
     const SHOWN: usize = 60;
-    let text = String::from_utf8_lossy(&bytes[..bytes.len().min(SHOWN)]);
+    let shown = &bytes[..bytes.len().min(SHOWN)];
+    // A character that the cut splits is no sign of binary data.
+    let text = match std::str::from_utf8(shown) {
+        Err(error) if error.error_len().is_none() => &shown[..error.valid_up_to()],
+        _ => shown,
+    };
+    let text = String::from_utf8_lossy(text);
     let is_text = text
         .chars()
         .all(|c| c.is_whitespace() || !(c.is_control() || c == char::REPLACEMENT_CHARACTER));

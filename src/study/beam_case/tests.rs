@@ -52,7 +52,7 @@ fn what_is_wrong_is_shown_with_its_line() {
         ),
         ("element_mm = 1.0", "element_mm = 0.0", "element_mm", "above 0"),
         ("alpha = 8.74", "alpha = 0.0", "alpha", "0.001 to 1000"),
-        ("mu_kpa = 3.63", "c10_kpa = 3.63", "mu_kpa", "`mu_kpa` and `alpha`"),
+        ("mu_kpa = 3.63", "c10_kpa = 3.63", "mu_kpa", "model = \"yeoh\""),
         (
             "compression = \"UTru\"",
             "compression = \"UTrue\"",
