@@ -117,7 +117,7 @@ pub enum Policy {
 
 /// Steps and images of one model, on one or two threads.
 ///
-/// The [crate](crate) has an example on one thread. On two, for a scenario:
+/// The [crate] has an example on one thread. On two, for a scenario:
 ///
 /// ```
 /// use insonify::{Backend, ScenarioFile, Simulator, SimulatorOptions};
