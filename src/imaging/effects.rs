@@ -37,7 +37,7 @@ pub enum Wanted {
     No(String),
 }
 
-/// What every frame has, as a word on what needs a pass.
+/// Name, in reports on what needs a pass, of what all frames have in common.
 pub(crate) const EVERY_FRAME: &str = "every frame";
 
 /// Part of a frame. Its effects run before those of the next.
@@ -95,7 +95,7 @@ pub struct Effect {
     pub extra_bytes: fn(settings: &Settings, samples: u64) -> u64,
     /// Takes it out of a scene; `None` if every frame needs it.
     pub remove: Option<fn(&mut Anatomy, &mut Settings)>,
-    /// What needs a pass of it, if that is not the effect itself.
+    /// Name of what needs a pass of it, if that is not the effect itself.
     pub needed_by: fn(&Tables, &Pass) -> Option<&'static str>,
 }
 
@@ -133,14 +133,15 @@ pub(crate) trait Setting: Default {
     /// Its form in a scene file.
     type Stated;
 
-    /// Its value where a file states it so, and how it came there, unless every frame needs it: see [`table::resolved`].
+    /// Its value in a scene, and its origin unless every frame needs it: see [`table::resolved`].
     fn resolved(
+        effect: &'static str,
         stated: Option<&Self::Stated>,
         listed: Option<bool>,
         excluding: bool,
-    ) -> Result<(Self, Option<Origin>), bool>;
+    ) -> Result<(Self, Option<Origin>), Contradiction>;
 
-    /// What a file states for this value.
+    /// Form of this value in a scene file; `None` if the file need not state it.
     fn stated(&self) -> Option<Self::Stated>;
 
     /// Its value among the usual effects.
@@ -159,11 +160,12 @@ impl<P: Parameters + Clone> Setting for Option<P> {
     type Stated = Stated<P>;
 
     fn resolved(
+        effect: &'static str,
         stated: Option<&Stated<P>>,
         listed: Option<bool>,
         excluding: bool,
-    ) -> Result<(Self, Option<Origin>), bool> {
-        let (parameters, origin) = table::resolved(stated, listed, excluding)?;
+    ) -> Result<(Self, Option<Origin>), Contradiction> {
+        let (parameters, origin) = table::resolved(effect, stated, listed, excluding)?;
         Ok((parameters, Some(origin)))
     }
 
@@ -224,7 +226,8 @@ macro_rules! registry {
     (@stated $name:ident Option<$parameters:ident>) => { Stated<$parameters> };
     (@stated $name:ident $parameters:ident) => { $name::Table };
     (@effects $([$name:ident: $key:ident $(<$parameters:ident>)? = $doc:literal])+) => {
-        /// Effects enabled in a scene, with their parameters. An effect that is `None` is not simulated and costs nothing.
+        /// Effects enabled in a scene, with their parameters. An effect that is `None` is not simulated and costs
+        /// nothing.
         ///
         /// ```
         /// use insonify_imaging::effects::Effects;
@@ -258,8 +261,8 @@ macro_rules! registry {
         #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
         #[serde(deny_unknown_fields, default)]
         pub struct EffectsTable {
-            /// Exactly these effects, besides what every frame needs. Default: the usual ones and those named, and with `version = 1` those
-            /// that have a table.
+            /// Exactly these effects, besides what every frame needs. Default: the usual ones and those named, and
+            /// with `version = 1` those that have a table.
             #[serde(skip_serializing_if = "Option::is_none")]
             pub only: Option<Vec<EffectName>>,
             $(
@@ -270,7 +273,8 @@ macro_rules! registry {
         }
 
         impl EffectsTable {
-            /// Effects that the table calls for, and how they came there; with `excluding` those that it does not name are off.
+            /// Effects that the table calls for, and their origins; with `excluding` those that it does not name are
+            /// off.
             ///
             /// # Errors
             /// An effect that it both calls for and leaves out.
@@ -280,9 +284,12 @@ macro_rules! registry {
                     $($name: {
                         let effect = stringify!($name);
                         let listed = self.only.as_ref().map(|only| only.contains(&EffectName::$name));
-                        let (setting, origin) =
-                            <$key $(<$parameters>)? as Setting>::resolved(self.$name.as_ref(), listed, excluding)
-                                .map_err(|is_listed| Contradiction { effect, is_listed })?;
+                        let (setting, origin) = <$key $(<$parameters>)? as Setting>::resolved(
+                            effect,
+                            self.$name.as_ref(),
+                            listed,
+                            excluding,
+                        )?;
                         origins.extend(origin.map(|origin| (effect, origin)));
                         setting
                     },)+

@@ -22,7 +22,7 @@ pub struct PlannedPass {
     pub pass: &'static Pass,
     /// Name of the effect that the pass belongs to.
     pub effect: &'static str,
-    /// What needs it, if that is not the effect.
+    /// Name of what needs it, if that is not the effect.
     pub needed_by: Option<&'static str>,
     /// Why the scene calls for it.
     pub reason: String,
@@ -178,8 +178,8 @@ impl Plan {
             .collect()
     }
 
-    /// The plan as plain data, for JSON. `origins` are those of the effects in the scene ([`Scene::origins`](crate::scene::Scene::origins)), empty for
-    /// settings made in code.
+    /// The plan as plain data, for JSON. `origins` are those of the effects in the scene
+    /// ([`Scene::origins`](crate::scene::Scene::origins)), empty for settings made in code.
     pub fn report(&self, origins: &Origins) -> PlanReport {
         let named = |planned: &PlannedPass| NamedPass {
             name: planned.pass.name,
@@ -222,7 +222,7 @@ pub struct NamedPass {
     pub name: &'static str,
     /// Name of the effect that the pass belongs to.
     pub effect: &'static str,
-    /// How it came into the scene: `usual`, `named`, or `needed by` something else.
+    /// Origin: `usual`, `named`, or `needed by` something else.
     pub origin: String,
     /// Why the scene calls for it.
     pub reason: String,

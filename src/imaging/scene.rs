@@ -117,7 +117,7 @@ pub struct Scene {
     pub quality: QualitySpec,
     /// Whether the scene leaves the numbers of scanlines and samples open.
     pub open_grid: [bool; 2],
-    /// How effects came into the scene, or why they stayed out of it.
+    /// Origins of the effects in the scene, and the reasons why it does not have the others.
     pub origins: Origins,
     /// Assumptions made, for the user.
     pub notes: Vec<String>,

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use insonify_imaging::effects::table::Origin;
 use insonify_imaging::effects::{Effect, Effects, EffectsTable, LISTED};
-use insonify_imaging::plan::Plan;
+use insonify_imaging::plan::{Plan, PlanReport};
 use insonify_imaging::scene::Scene;
 use insonify_imaging::synth::tables::Tables;
 use serde_json::Value;
@@ -59,6 +59,12 @@ fn plan(scene: &Scene) -> Plan {
 fn contents(plan: &Plan) -> (Vec<&'static str>, Value) {
     let passes = plan.passes.iter().map(|planned| planned.pass.name).collect();
     (passes, serde_json::to_value(&plan.resources).expect("JSON"))
+}
+
+/// Reason for which a plan leaves an effect out.
+fn reason<'a>(report: &'a PlanReport, effect: &str) -> Option<&'a str> {
+    let omitted = report.without.iter().find(|omitted| omitted.name == effect);
+    omitted.map(|omitted| &*omitted.reason)
 }
 
 /// An effect that is `false`, and one that `only` does not list: the same plan, buffers and bytes.
@@ -120,16 +126,9 @@ fn a_list_of_nothing_leaves_what_every_frame_needs() {
     for pass in &report.passes {
         assert_eq!(pass.origin, "needed by every frame", "{}", pass.name);
     }
-    let reason = |name: &str| {
-        report
-            .without
-            .iter()
-            .find(|omitted| omitted.name == name)
-            .map(|omitted| &*omitted.reason)
-    };
-    assert_eq!(reason("speckle"), Some("not in `only`"));
+    assert_eq!(reason(&report, "speckle"), Some("not in `only`"));
     assert_eq!(
-        reason("warp"),
+        reason(&report, "warp"),
         Some("no tissue model deforms: world and reference state are the same")
     );
 }
@@ -171,7 +170,7 @@ fn naming_excludes_in_version_1() {
     assert_eq!(scene("version = 1", "[effects]").settings.effects, Effects::default());
 }
 
-/// What a file without a version would have left out is told, and so are the keys that leave it out.
+/// A file without a version is told the effects that it would have left out, and the keys that leave them out.
 #[test]
 fn a_file_without_a_version_is_told_what_changed() {
     let told = |scene: &Scene| -> Option<String> {
@@ -200,8 +199,9 @@ fn a_file_without_a_version_is_told_what_changed() {
         "effects.noise = true",
     ] {
         assert_eq!(told(&scene("", newer)), None, "{newer}");
-        assert_eq!(told(&scene("version = 2", "[effects.tone]")), None);
-        assert_eq!(told(&scene("version = 1", "[effects.tone]")), None);
+    }
+    for version in ["version = 1", "version = 2"] {
+        assert_eq!(told(&scene(version, "[effects.tone]")), None, "{version}");
     }
     // All named, and the continuation, too: nothing has changed.
     let all: Vec<String> = effects()
@@ -254,15 +254,8 @@ fn plans_say_where_effects_come_from() {
     assert_eq!(origin("needle"), "usual");
     assert_eq!(origin("speckle_scatter"), "named");
     assert_eq!(origin("speckle_specular"), "needed by interface");
-    let reason = |name: &str| {
-        report
-            .without
-            .iter()
-            .find(|omitted| omitted.name == name)
-            .map(|omitted| &*omitted.reason)
-    };
-    assert_eq!(reason("blur"), Some("left out by `blur = false`"));
-    assert_eq!(reason("noise"), Some("not usual; name it to have it"));
+    assert_eq!(reason(&report, "blur"), Some("left out by `blur = false`"));
+    assert_eq!(reason(&report, "noise"), Some("not usual; name it to have it"));
     assert!(report.to_string().contains("usual: "), "{report}");
 }
 
@@ -280,7 +273,7 @@ fn linear_grey_levels_are_told() {
     assert!(!told("version = 2", "[effects.speckle]"));
 }
 
-/// What a scene leaves open of its probe is that of the usual probe.
+/// Keys that a scene leaves open of its probe are those of the usual probe.
 #[test]
 fn a_probe_is_the_usual_one_but_for_what_is_stated() {
     for phantom in ["abdomen", "prostate", "two-layer"] {

@@ -24,7 +24,7 @@ use serde::{Deserialize, Serialize};
 use super::buffers::{AMPLITUDE, LABEL, LABEL_ROWS, POSITION, VOXELS};
 use super::common::rows;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, bound, reference};
-use super::table::Origin;
+use super::table::{Contradiction, Origin};
 use super::{
     Effect, Setting, Stage,
     Wanted::{self, Yes},
@@ -53,7 +53,8 @@ pub struct Table {
     /// Rule for the label near a boundary. Default `smooth`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub boundary: Option<Boundary>,
-    /// Continuation of the body beyond the faces of the volume that cut it. Default `continue`; `void` with `version = 1` and any `[effects]`.
+    /// Continuation of the body beyond the faces of the volume that cut it. Default `continue`; `void` with
+    /// `version = 1` and any `[effects]`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub beyond: Option<Beyond>,
 }
@@ -61,7 +62,12 @@ pub struct Table {
 impl Setting for Slice {
     type Stated = Table;
 
-    fn resolved(stated: Option<&Table>, _: Option<bool>, excluding: bool) -> Result<(Self, Option<Origin>), bool> {
+    fn resolved(
+        _: &'static str,
+        stated: Option<&Table>,
+        _: Option<bool>,
+        excluding: bool,
+    ) -> Result<(Self, Option<Origin>), Contradiction> {
         let stated = stated.copied().unwrap_or_default();
         let open = if excluding { Self::default() } else { Self::usual() };
         let slice = Self {

@@ -49,20 +49,21 @@ use insonify_base::range::parameters;
 use insonify_tracking::probe::BeamGrid;
 
 parameters! {
-    /// Fully developed speckle. Lengths are full widths at half maximum of the autocorrelation of the echo intensity, as
-    /// measured on a frame. Defaults depend on the probe ([`super::point_spread`]).
+    /// Fully developed speckle. Lengths are full widths at half maximum of the autocorrelation of the echo intensity,
+    /// as measured on a frame. Defaults depend on the probe ([`super::point_spread`]).
     pub struct Speckle {
         /// Axial length, mm. Default: 2.8 mm over the frequency in MHz.
         axial_mm: Option<f64>, in 0.05..=10;
-        /// Lateral length at the focus, mm. Default: 5.25 mm over the frequency in MHz, and for phased probes at least the diffraction limit of an
-        /// aperture of 20 mm.
+        /// Lateral length at the focus, mm. Default: 5.25 mm over the frequency in MHz, and for phased probes at least
+        /// the diffraction limit of an aperture of 20 mm.
         lateral_mm: Option<f64>, in 0.05..=20;
-        /// Elevational length, mm. Default: 6.3 mm over the frequency in MHz. Limited to 4 times the shortest of the three lengths.
+        /// Elevational length, mm. Default: 6.3 mm over the frequency in MHz. Limited to 4 times the shortest of the
+        /// three lengths.
         elevational_mm: Option<f64>, in 0.05..=20;
         /// Depth of the lateral focus, mm. Default: half the imaging depth.
         focus_mm: Option<f64>, in 0..=1000;
-        /// Distance from the focus at which the lateral length has grown by sqrt 2, mm: the Rayleigh length of a Gaussian beam. Default: 175 mm over
-        /// the frequency in MHz.
+        /// Distance from the focus at which the lateral length has grown by sqrt 2, mm: the Rayleigh length of a
+        /// Gaussian beam. Default: 175 mm over the frequency in MHz.
         focal_zone_mm: Option<f64>, in 1..=10000;
     }
 }
@@ -82,12 +83,8 @@ pub(crate) const EFFECT: Effect = Effect {
         (Some(_), true) => vec![&GATHER_WARPED, &ADD_SPECULAR, &AXIAL, &LATERAL],
     },
     needed_by: |tables, pass| {
-        let specular = if needle::present(tables) { "needle" } else { "interface" };
-        let specular = if tables.settings.effects.interface.is_some() {
-            "interface"
-        } else {
-            specular
-        };
+        let has_surfaces = tables.settings.effects.interface.is_some();
+        let specular = if has_surfaces { "interface" } else { "needle" };
         (pass.name == ADD_SPECULAR.name).then_some(specular)
     },
     buffers: &[&SCATTER, &SCATTER_AXIAL, &AXIAL_KERNEL, &LATERAL_KERNEL],

@@ -45,10 +45,10 @@ impl<'de, P: Deserialize<'de>> Deserialize<'de> for Stated<P> {
     }
 }
 
-/// How an effect came into a scene, or why it stayed out of it.
+/// Origin of an effect of a scene, or the reason why the scene does not have it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Origin {
-    /// It is one of the usual effects.
+    /// One of the usual effects.
     Usual,
     /// The scene names it.
     Named,
@@ -56,13 +56,18 @@ pub enum Origin {
     Off,
     /// `only` does not list it.
     Unlisted,
-    /// It is not one of the usual effects, and the scene does not name it.
+    /// Not one of the usual effects, and not named by the scene.
     Unusual,
     /// A scene of version 1 names others.
     Unnamed,
 }
 
 impl Origin {
+    /// Whether the effect is in the scene.
+    pub(crate) fn is_on(self) -> bool {
+        matches!(self, Self::Usual | Self::Named)
+    }
+
     /// Reason why an effect is not in a scene; `None` if it is.
     pub(crate) fn absence(self, effect: &str) -> Option<String> {
         match self {
@@ -75,28 +80,33 @@ impl Origin {
     }
 }
 
-/// How effects came into a scene, by name. Effects of settings made in code, which are not here, count as named.
+/// Origins of the effects of a scene, by name. Effects of settings made in code, which are not here, count as named.
 pub type Origins = BTreeMap<&'static str, Origin>;
 
-/// An effect that a scene file both calls for and leaves out.
+/// Error of an effect that a scene file both calls for and leaves out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Contradiction {
     /// Name of the effect.
     pub effect: &'static str,
-    /// Whether `only` lists it, and it is `false`; otherwise `only` does not, and it is named.
+    /// `true` if `only` lists it and it is `false`; `false` if `only` does not list it and it is named.
     pub is_listed: bool,
 }
 
-/// Whether a scene has an effect that it states so, and is in `only` or not, if there is that list; `Err` with the latter if they contradict each
-/// other. With `excluding` an effect that is not stated is off.
+/// Parameters of an effect in a scene, if it has it, and their origin. `listed` says whether `only`, if the scene has
+/// it, lists the effect; with `excluding` an effect that is not stated is off.
+///
+/// # Errors
+/// [`Contradiction`] between what is stated and `only`.
 pub(super) fn resolved<P: super::Parameters + Clone>(
+    effect: &'static str,
     stated: Option<&Stated<P>>,
     listed: Option<bool>,
     excluding: bool,
-) -> Result<(Option<P>, Origin), bool> {
+) -> Result<(Option<P>, Origin), Contradiction> {
+    let contradiction = |is_listed| Err(Contradiction { effect, is_listed });
     match (stated, listed) {
-        (Some(Stated::Switch(false)), Some(true)) => Err(true),
-        (Some(Stated::Switch(true) | Stated::With(_)), Some(false)) => Err(false),
+        (Some(Stated::Switch(false)), Some(true)) => contradiction(true),
+        (Some(Stated::Switch(true) | Stated::With(_)), Some(false)) => contradiction(false),
         (Some(Stated::With(parameters)), _) => Ok((Some(parameters.clone()), Origin::Named)),
         (Some(Stated::Switch(true)), _) | (None, Some(true)) => Ok((Some(P::default()), Origin::Named)),
         (Some(Stated::Switch(false)), _) => Ok((None, Origin::Off)),
@@ -108,8 +118,8 @@ pub(super) fn resolved<P: super::Parameters + Clone>(
 }
 
 impl EffectsTable {
-    /// What changed with version 2 for a table without a version: effects that it left out before, and the keys that leave them out now. `None` if
-    /// nothing did, or the table cannot be older.
+    /// Note about the change with version 2 for a table without a version: effects that it left out before, and the
+    /// keys that leave them out now. `None` if nothing changes, or the table cannot be older.
     pub(crate) fn formerly(&self) -> Option<String> {
         let keys = serde_json::to_value(self).ok()?;
         let is_newer = |value: &serde_json::Value| value.is_boolean();
@@ -118,8 +128,8 @@ impl EffectsTable {
         }
         let [(_, now), (_, before)] = [self.resolve(false).ok()?, self.resolve(true).ok()?];
         let having = |origins: &Origins| -> Vec<&'static str> {
-            let is_on = origins.iter().filter(|(name, origin)| origin.absence(name).is_none());
-            is_on.map(|(name, _)| *name).collect()
+            let on = origins.iter().filter(|(_, origin)| origin.is_on());
+            on.map(|(name, _)| *name).collect()
         };
         let kept = having(&before);
         let added: Vec<&str> = having(&now).into_iter().filter(|name| !kept.contains(name)).collect();

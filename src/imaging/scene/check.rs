@@ -2,8 +2,8 @@
 
 use super::At;
 use super::file::{SceneFile, VolumeSpec};
+use crate::effects::Effects;
 use crate::effects::table::{Contradiction, Origin, Origins};
-use crate::effects::{Effects, EffectsTable};
 use crate::synth::tables::ImageSize;
 use insonify_anatomy::phantom::{self, Phantom};
 use insonify_base::document::InputError;
@@ -69,7 +69,8 @@ impl SceneFile {
         })
     }
 
-    /// The probe of a table. Open keys are those of the usual probe of its kind, without a kind of the phantom, unless it `is_whole`.
+    /// The probe of a table. Keys that it leaves open are those of the usual probe of its kind or, if it states no
+    /// kind, of the phantom; a table that `is_whole` is taken as it is.
     fn probe(
         &self,
         table: Option<ProbeSpec>,
@@ -100,22 +101,19 @@ impl SceneFile {
         })
     }
 
-    /// Effects that the scene calls for, and how they came there.
+    /// Effects that the scene calls for, and their origins.
     fn called_for(&self, notes: &mut Vec<String>) -> Result<(Effects, Origins), InputError> {
-        let Some(table) = &self.effects else {
-            return EffectsTable::default()
-                .resolve(false)
-                .map_err(|it| self.contradiction(it));
-        };
-        let excluding = self.version.is_some_and(|version| version.number() == 1);
-        let (effects, origins) = table.resolve(excluding).map_err(|it| self.contradiction(it))?;
-        if self.version.is_none() {
+        let table = self.effects.clone().unwrap_or_default();
+        // Without `[effects]` a scene of any version has the usual ones.
+        let is_stated = self.effects.is_some();
+        let excluding = is_stated && self.version.is_some_and(|version| version.number() == 1);
+        let (effects, origins) = table.resolve(excluding).map_err(|error| self.contradiction(error))?;
+        if is_stated && self.version.is_none() {
             notes.extend(table.formerly());
         }
         // A picture without log compression looks like a fault; who says `tone = false` means it.
         let is_left_out = matches!(origins.get("tone"), Some(Origin::Unlisted | Origin::Unnamed));
-        let others = origins.iter().any(|(name, origin)| origin.absence(name).is_none());
-        if is_left_out && others {
+        if is_left_out && origins.values().any(|origin| origin.is_on()) {
             notes.push(
                 "the log compression of `tone` is off, as `[effects]` names others: grey levels are linear in amplitude".to_owned(),
             );
