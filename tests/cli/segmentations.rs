@@ -180,7 +180,7 @@ fn overlapping_segments_are_told_and_a_covered_target_is_not_proposed() {
         2,
         &[
             "liver: 100 % covered by lesion",
-            "a label with voxels, which it has not, such as lesion",
+            "the label \"liver\" has no voxels; expected a label such as lesion",
         ],
     );
     assert!(!run.stderr.contains("did you mean"), "{run:?}");

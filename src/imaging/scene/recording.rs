@@ -146,7 +146,10 @@ impl SceneFile {
                         "{told}; the centre of the array is guessed at pixel ({column}, {row}), the middle of the upper edge: \
                          state it as `array_centre_px`"
                     )),
-                    (None, None) => warnings.push(format!("{told}, not used without `array_centre_px`")),
+                    (None, None) => warnings.push(format!(
+                        "{KEY}: `ImageTo{marker}`, which the frames store, is not used as the calibration: state \
+                         `array_centre_px`"
+                    )),
                 }
                 let centre = spec.array_centre_px.or(guess);
                 centre

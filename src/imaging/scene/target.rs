@@ -79,14 +79,14 @@ impl SceneFile {
         let mut like: Vec<String> = of_file.map(name).collect();
         like.sort_by(|a, b| strsim::jaro_winkler(b, target).total_cmp(&strsim::jaro_winkler(a, target)));
         let labels = some_of(&like);
-        let kind = if is_empty {
-            "a label with voxels, which it has not,"
-        } else {
-            "a label"
-        };
         let expected =
-            format!("{kind} such as {labels}, a part of its name, or its value; `insonify info FILE` lists them");
-        let error = self.fault("pose.target", InvalidFile::name(target, &expected));
+            format!("a label such as {labels}, a part of its name, or its value; `insonify info FILE` lists them");
+        let wrong = if is_empty {
+            InvalidFile::Unknown(format!("the label \"{target}\" has no voxels; expected {expected}"))
+        } else {
+            InvalidFile::name(target, &expected)
+        };
+        let error = self.fault("pose.target", wrong);
         let help: Vec<String> = meant.into_iter().chain(warnings.iter().cloned()).collect();
         error.with_help((!help.is_empty()).then(|| clipped(&help.join("; "), MESSAGE)))
     }
