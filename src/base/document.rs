@@ -107,8 +107,8 @@ impl Blame for InvalidFile {
     }
 }
 
-/// Implements reading, parsing and errors at keys for the type of an input file, which keeps its text in `source`; with the name `in_ranges`, also
-/// that check.
+/// Implements reading, parsing and errors at keys for the type of an input file, which keeps its text in `source`; with
+/// the name `in_ranges`, also that check.
 #[macro_export]
 macro_rules! input_file {
     ($file:ty $(, $in_ranges:ident)?) => {
@@ -232,7 +232,7 @@ fn long_key(text: &str) -> Option<std::ops::Range<usize>> {
     None
 }
 
-fn unreadable<T: JsonSchema>(source: &Arc<Source>, Mismatch { message, span }: Mismatch) -> InputError {
+fn unreadable<T: JsonSchema + 'static>(source: &Arc<Source>, Mismatch { message, span }: Mismatch) -> InputError {
     // An empty span at the start is no place: the whole file lacks something.
     let span = span.filter(|span| !span.is_empty() || span.start > 0);
     if message == "recursion limit" {
@@ -259,7 +259,8 @@ fn unreadable<T: JsonSchema>(source: &Arc<Source>, Mismatch { message, span }: M
         .with_help(help)
 }
 
-/// A table as TOML. A trait object: each type that files have is compiled for one serialiser, not for the four that TOML has.
+/// A table as TOML. A trait object: each type that files have is compiled for one serialiser, not for the four that
+/// TOML has.
 ///
 /// # Errors
 /// Whatever TOML has no form for.
@@ -267,7 +268,8 @@ pub fn to_toml(table: &dyn erased_serde::Serialize) -> Result<String, toml::ser:
     toml::to_string(table)
 }
 
-/// The first of some keys that a table of a file states. The keys are optional ones or lists; an empty list counts as not stated.
+/// The first of some keys that a table of a file states. The keys are optional ones or lists; an empty list counts as
+/// not stated.
 pub fn stated<'a>(table: &dyn erased_serde::Serialize, keys: &[&'a str]) -> Option<&'a str> {
     let table = toml::Table::try_from(table).ok()?;
     let is_empty = |value: &toml::Value| value.as_array().is_some_and(Vec::is_empty);
@@ -280,7 +282,8 @@ pub fn word(value: &dyn erased_serde::Serialize) -> String {
     serde_json::to_string(value).unwrap_or_default()
 }
 
-/// A message of serde without the terms of Rust. Only its first and last words are replaced, never text quoted from the file.
+/// A message of serde without the terms of Rust. Only its first and last words are replaced, never text quoted from the
+/// file.
 fn without_rust(message: &str) -> String {
     let mut text = message.to_owned();
     for (rust, plain) in [
@@ -416,8 +419,8 @@ impl Source {
         innermost
     }
 
-    /// Position of a key in the table that an error points at; a tagged table is pointed at as a unit, by its header or its
-    /// braces.
+    /// Position of a key in the table that an error points at; a tagged table is pointed at as a unit, by its header or
+    /// its braces.
     fn find_key(&self, table: &Range<usize>, name: &str) -> Option<Range<usize>> {
         fn search(value: &Spanned<DeValue<'_>>, table: &Range<usize>, name: &str) -> Option<Range<usize>> {
             match value.get_ref() {

@@ -1,7 +1,11 @@
-//! Flat tables: keys that all kinds have, one of which states the kind, and the keys of that kind. Kinds are declared in registries.
+//! Flat tables: keys that all kinds have, one of which states the kind, and the keys of that kind.
 //!
-//! Keys are read one by one as the file states them, so that an error of any is on its own line; those of kinds are kept apart until all are
-//! read, for the kind may be stated last.
+//! For kinds that are declared in registries, such as laws of tissue and needle models: each declares its keys in its
+//! own file. Where the kinds are few and fixed, and each key is a field of one struct, the table is
+//! [`ByKind`](crate::range::ByKind).
+//!
+//! Keys are read one by one as the file states them, so that an error of any is on its own line; those of kinds are
+//! kept apart until all are read, for the kind may be stated last.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -86,8 +90,8 @@ impl<C> DerefMut for KindTable<C> {
 impl<C: CommonKeys> KindTable<C> {
     /// The first key that the kind has and the table does not state.
     pub fn unstated(&self) -> Option<&'static str> {
-        let keys = self.kind().keys().iter().copied();
-        keys.into_iter().find(|key| self.leaves_open(key))
+        let mut keys = self.kind().keys().iter().copied();
+        keys.find(|key| self.leaves_open(key))
     }
 
     /// Whether a key of the kind could be stated and is not.

@@ -124,7 +124,9 @@ pub trait Kind: Copy + PartialEq + 'static {
     fn stated_as(self) -> String;
 }
 
-/// A table with keys that belong to some kinds only; [`parameters!`] implements it.
+/// A table with keys that belong to some kinds only; [`parameters!`] implements it. For kinds that are few and fixed:
+/// the fields of the struct are the keys of all of them. Where each kind of a registry declares its own keys, the table
+/// is a [`KindTable`](crate::kinds::KindTable).
 pub trait ByKind: erased_serde::Serialize {
     /// Kinds of the table.
     type Kind: Kind;

@@ -1,4 +1,5 @@
-//! Lists in place of tables: serde reads them by the order of the fields, so that another order would give a file another meaning.
+//! Lists in place of tables: serde reads them by the order of the fields, so that another order would give a file
+//! another meaning.
 
 use std::any::TypeId;
 use std::collections::BTreeMap;
@@ -45,7 +46,7 @@ pub(super) fn in_place_of_table<T: JsonSchema + 'static>(file: &Spanned<DeValue<
 }
 
 /// The schema of a type, made once.
-fn schema_of<T: JsonSchema + 'static>() -> Arc<Value> {
+pub(super) fn schema_of<T: JsonSchema + 'static>() -> Arc<Value> {
     static SCHEMAS: Mutex<BTreeMap<TypeId, Arc<Value>>> = Mutex::new(BTreeMap::new());
     let mut schemas = SCHEMAS.lock().unwrap_or_else(PoisonError::into_inner);
     let schema = schemas.entry(TypeId::of::<T>());

@@ -1,7 +1,9 @@
 //! Suggestions for misspelt words and misplaced keys of a file.
 
-use schemars::{JsonSchema, SchemaGenerator};
+use schemars::JsonSchema;
 use serde_json::Value;
+
+use super::lists::schema_of;
 
 /// Minimum similarity (Jaro-Winkler, 0 to 1) at which a word is suggested: letters swapped, one wrong or an ending left
 /// out.
@@ -56,8 +58,8 @@ pub(super) fn for_key(key: &str, known: &[String], home: impl FnOnce() -> Option
 }
 
 /// Lists the tables of a file of type `T` that have a key of that name.
-pub(super) fn home_of<T: JsonSchema>(key: &str) -> Option<String> {
-    let schema = SchemaGenerator::default().into_root_schema_for::<T>().to_value();
+pub(super) fn home_of<T: JsonSchema + 'static>(key: &str) -> Option<String> {
+    let schema = schema_of::<T>();
     let mut tables = Vec::new();
     collect(&schema, &schema, [""; 2], key, 0, &mut tables);
     (!tables.is_empty()).then(|| format!("`{key}` belongs in {}", tables.join(" or ")))
@@ -94,8 +96,8 @@ fn collect(
             Some(items) => (items, format!("[[{inner}]]")),
             None => (property, format!("[{inner}]")),
         };
-        // An optional table is `anyOf` the table and null, also one that may be `true` or `false`, and a table of a named type a `$ref`: keys
-        // lie behind all of them.
+        // An optional table is `anyOf` the table and null, also one that may be `true` or `false`, and a table of a
+        // named type a `$ref`: keys lie behind all of them.
         for option in options(item) {
             let reference = option.get("$ref").and_then(Value::as_str);
             let target = reference.and_then(|reference| schema.pointer(reference.strip_prefix('#')?));
