@@ -9,7 +9,7 @@
 //! use insonify::{Backend, SceneFile};
 //!
 //! let text = r#"
-//! version = 1
+//! version = 2
 //! volume = { phantom = "abdomen", resolution_mm = 4.0 }
 //! image = { width = 320, height = 240 }
 //! "#;
@@ -29,7 +29,7 @@
 //! use insonify::{Backend, ScenarioFile, Simulator, SimulatorOptions};
 //!
 //! let text = r#"
-//! version = 1
+//! version = 2
 //! [scene]
 //! volume = { phantom = "two-layer", resolution_mm = 3.0 }
 //! image = { width = 160, height = 120 }

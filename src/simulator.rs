@@ -123,7 +123,7 @@ pub enum Policy {
 /// use insonify::{Backend, ScenarioFile, Simulator, SimulatorOptions};
 ///
 /// # let text = r#"
-/// # version = 1
+/// # version = 2
 /// # [scene]
 /// # volume = { phantom = "two-layer", resolution_mm = 3.0 }
 /// # image = { width = 160, height = 120 }

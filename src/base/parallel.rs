@@ -13,8 +13,8 @@ use std::sync::{Mutex, PoisonError};
 
 use rayon::slice::ParallelSliceMut;
 
-/// What a loop hands out, row by row: items of a slice, runs of items ([`chunks`], [`chunks_mut`]), numbers of a range,
-/// and tuples of such rows, which end with the shortest; `0..` numbers the others.
+/// Rows that a loop hands out one by one: items of a slice, runs of items ([`chunks`], [`chunks_mut`]), numbers of a
+/// range, and tuples of such rows, which end with the shortest; `0..` numbers the others.
 pub trait Rows: Send + Sized {
     /// What the closure of a loop gets.
     type Row;

@@ -273,9 +273,9 @@ fn imports(text: &str, prefix: &str, word: &str) -> bool {
     lists.into_iter().any(|list| words(list).any(|found| found == word))
 }
 
-/// Holds what can be read off the text: paths (`effects::NAME`, `super::NAME` beside the effects, lists of imports) and keys (`effects.NAME`).
-/// Names as text, such as those of passes in reports, are not found. Studies, which measure single effects, are exempt, but not their ladder of
-/// removals.
+/// Holds what can be read off the text: paths (`effects::NAME`, `super::NAME` beside the effects, lists of imports) and
+/// keys (`effects.NAME`). Names as text, such as those of passes in reports, are not found. Studies, which measure
+/// single effects, are exempt, but not their ladder of removals.
 #[test]
 fn an_effect_is_named_in_its_own_files_and_the_registry_alone() {
     let mut found = Vec::new();

@@ -17,7 +17,8 @@ use crate::support::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};
 use crate::support::gpu::{backend, gpu_or_skip};
 use crate::support::scene;
 
-/// A scene, and the passes that its plan must hold beyond those that every frame needs; `None` if it must hold all that effects list.
+/// A scene, and the passes that its plan must hold beyond those that every frame needs; `None` if it must hold all that
+/// effects list.
 pub(super) struct Scene {
     pub name: &'static str,
     pub anatomy: Anatomy,

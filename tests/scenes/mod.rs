@@ -1,5 +1,5 @@
-//! What users write, from text to a frame: the scenes that come with the crate, every kind of scene file, and every kind of
-//! mistake in one.
+//! What users write, from text to a frame: the scenes that come with the crate, every kind of scene file, and every
+//! kind of mistake in one.
 
 mod broken;
 mod effects;

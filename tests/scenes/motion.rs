@@ -278,7 +278,8 @@ const CONFIG: &str = "<PlusConfiguration><ScanConversion TransducerName='L12' Tr
     ImagingDepthMm='25' TransducerCenterPixel='20 2' NumberOfScanLines='50'/><CoordinateDefinitions>\
     <Transform From='Image' To='Probe' Matrix='1 0.05 0 0 0 1 0 0 0 0 1 0 0 0 0 1'/></CoordinateDefinitions></PlusConfiguration>";
 
-/// The scene of a recording of that, with more keys of its tables; of a cube in a corner of the axes for a stated probe.
+/// The scene of a recording of that, with more keys of its tables; of a cube in a corner of the axes for a stated
+/// probe.
 fn recorded(motion: &str, sequence: &str, more: &str) -> Result<insonify_imaging::scene::Scene, InputError> {
     recorded_as([TRACKED, CONFIG], motion, sequence, more)
 }

@@ -1,7 +1,7 @@
 //! Typed values from parsed TOML.
 //!
-//! The deserialiser of the crate `toml` hands tables to a type in three forms (tables, values with spans, dates), so that each type is compiled
-//! three times. This one has tables alone.
+//! The deserialiser of the crate `toml` hands tables to a type in three forms (tables, values with spans, dates), so
+//! that each type is compiled three times. This one has tables alone.
 
 use std::fmt;
 use std::ops::Range;

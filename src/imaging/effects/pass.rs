@@ -87,7 +87,7 @@ pub struct Band {
     pub rows: u32,
 }
 
-/// What a pass does with a buffer, and where: at its own sample or pixel, on its own scanline or row of pixels, or
+/// Use of a buffer by a pass, and its place: at its own sample or pixel, on its own scanline or row of pixels, or
 /// anywhere. Passes are fused by it ([`crate::fusion`]). Where nothing in a frame writes a buffer, it does not matter
 /// where it is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -113,7 +113,7 @@ impl Use {
     }
 }
 
-/// What the invocations of a pass stand for: a shader gets them by `global_invocation_id`, in groups of 64 along x, or,
+/// Domain of the invocations of a pass: a shader gets them by `global_invocation_id`, in groups of 64 along x, or,
 /// where a workgroup shares a scanline, 256 of them by `local_invocation_index` and `workgroup_id`.
 #[derive(Clone, Copy)]
 pub enum Grid {

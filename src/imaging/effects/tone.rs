@@ -1,7 +1,7 @@
 //! Tone: gain, time-gain compensation and log compression to grey levels.
 //!
-//! An echo of amplitude 1 (the mean power of normal liver) at gain 0 is shown at [`MID_GREY`] (0.42) of the grey scale, and
-//! the dynamic range spans the scale. Automatic gain (`auto_gain`) equalises the level of tissue over depth, and an
+//! An echo of amplitude 1 (the mean power of normal liver) at gain 0 is shown at [`MID_GREY`] (0.42) of the grey scale,
+//! and the dynamic range spans the scale. Automatic gain (`auto_gain`) equalises the level of tissue over depth, and an
 //! S-shaped curve darkens the lower half of the scale and brightens the upper one. Without a tone the grey level is 255
 //! times the amplitude.
 //!
@@ -68,13 +68,14 @@ parameters! {
     pub struct Tone {
         /// Overall gain, dB.
         gain_db: f64 = 0.0, in -60..=60;
-        /// Time-gain compensation, dB per cm of depth; without it, compensation matches the attenuation of average soft tissue if the scene
-        /// simulates attenuation, down to where the receiver's noise would show.
+        /// Time-gain compensation, dB per cm of depth; without it, compensation matches the attenuation of average soft
+        /// tissue if the scene simulates attenuation, down to where the receiver's noise would show.
         tgc_db_cm: Option<f64>, in -20..=20;
-        /// Further time-gain compensation: points `[depth_mm, dB]` in ascending depth (0 to 1000, and -100 to 100), linear between, constant
-        /// outside.
+        /// Further time-gain compensation: points `[depth_mm, dB]` in ascending depth (0 to 1000, and -100 to 100),
+        /// linear between, constant outside.
         tgc_points: Vec<[f64; 2]>;
-        /// Fraction of the deviation of tissue from its usual level that automatic gain removes at each depth, frame by frame.
+        /// Fraction of the deviation of tissue from its usual level that automatic gain removes at each depth, frame by
+        /// frame.
         auto_gain: f64 = 0.8, in 0..=1;
         /// Displayed dynamic range, dB.
         dynamic_range_db: f64 = 60.0, in 10..=120;

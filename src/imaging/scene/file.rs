@@ -47,7 +47,8 @@ pub type Version = document::Version<2>;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SceneFile {
-    /// Version of the format: 1 or 2, which is the default. With 1, `[effects]` leaves out all effects that it does not name.
+    /// Version of the format: 1 or 2, which is the default. With 1, `[effects]` leaves out all effects that it does not
+    /// name.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub version: Option<Version>,
     /// Seed of all random numbers of a frame: speckle, noise, solid textures. Default 0.
@@ -111,8 +112,9 @@ impl SceneFile {
 }
 
 parameters! {
-    /// Imaged volume: one of `phantom` and `file`, or the abdomen phantom. It may lie anywhere in the world, with probe, needle and deformation in the
-    /// same coordinates: if a coordinate of its centre exceeds 4096 mm, synthesis uses a local origin at the nearest whole metres.
+    /// Imaged volume: one of `phantom` and `file`, or the abdomen phantom. It may lie anywhere in the world, with
+    /// probe, needle and deformation in the same coordinates: if a coordinate of its centre exceeds 4096 mm, synthesis
+    /// uses a local origin at the nearest whole metres.
     pub struct VolumeSpec by VolumeKind {
         /// A volume generated from code.
         #[serde(skip_serializing_if = "Option::is_none")]
@@ -123,13 +125,14 @@ parameters! {
         /// Seed of irregular surfaces, vessels and gas. Default 0.
         #[serde(skip_serializing_if = "Option::is_none")]
         seed: Option<u64>, for Phantom;
-        /// Label file, or folder of binary masks or of closed surfaces named by their files (formats: `insonify info --help`). NIfTI stores its position in single precision, in steps
-        /// of 0.008 mm at 1e5 mm.
+        /// Label file, or folder of binary masks or of closed surfaces named by their files (formats:
+        /// `insonify info --help`). NIfTI stores its position in single precision, in steps of 0.008 mm at 1e5 mm.
         #[serde(skip_serializing_if = "Option::is_none")]
         file: Option<PathBuf>;
         /// Table of label names: CSV with columns `value` and `name`, a colour table of 3D Slicer or FreeSurfer, label
-        /// descriptions of ITK-SNAP, `dataset.json` of nnU-Net. Default: for labels without names, the file of the same stem
-        /// that ends in .csv, .tsv or .ctbl, or `dataset.json` beside it or, if the folder is `labelsTr` or the like, above it.
+        /// descriptions of ITK-SNAP, `dataset.json` of nnU-Net. Default: for labels without names, the file of the same
+        /// stem that ends in .csv, .tsv or .ctbl, or `dataset.json` beside it or, if the folder is `labelsTr` or the
+        /// like, above it.
         #[serde(skip_serializing_if = "Option::is_none")]
         names: Option<PathBuf>, for File | Ct;
         /// Treatment of unlabelled voxels. Default `auto`: a body is closed around the labelled anatomy unless the
@@ -140,12 +143,13 @@ parameters! {
         #[serde(skip_serializing_if = "Option::is_none")]
         registration: Option<PathBuf>, for File | Ct;
         /// CT that the labels were made from, in Hounsfield units. Unlabelled voxels in the body are then gas, fat,
-        /// muscle, soft tissue or bone by their grey value, gas in the bowel is gas, and contrast-enhanced vessels of the liver are drawn.
+        /// muscle, soft tissue or bone by their grey value, gas in the bowel is gas, and contrast-enhanced vessels of
+        /// the liver are drawn.
         #[serde(skip_serializing_if = "Option::is_none")]
         ct: Option<PathBuf>, for File | Ct;
-        /// Whether structures are drawn into organs that are labelled in one piece: veins of liver and spleen, sinus and pyramids of kidneys,
-        /// chambers of the heart, fat around the kidneys and in soft tissue. They are imaged only; meshes and needles use the undivided organs. Default
-        /// true.
+        /// Whether structures are drawn into organs that are labelled in one piece: veins of liver and spleen, sinus
+        /// and pyramids of kidneys, chambers of the heart, fat around the kidneys and in soft tissue. They are imaged
+        /// only; meshes and needles use the undivided organs. Default true.
         #[serde(skip_serializing_if = "Option::is_none")]
         structures: Option<bool>, for File | Ct;
         /// Thickness of the muscle that `auto` adds under the fat. Default 8.

@@ -66,7 +66,7 @@ pub(crate) struct GpuExecutor {
     numbers: Vec<f32>,
     /// Ground truth of a frame.
     layers: Vec<u32>,
-    /// Of the passes one by one, and of a frame.
+    /// Timers of the passes one by one, and of a frame.
     timers: Option<[Timer; 2]>,
     times: Vec<PassTime>,
     frame_ms: Option<f64>,

@@ -128,8 +128,8 @@ pub(super) fn rays<T: Real>(view: &View, store: &mut Store<T>) {
                 continue;
             };
             let first = line * samples + run.start;
-            for (element, (label, out)) in labels[first..].iter().zip(out).enumerate() {
-                let shade = |units: T| (mask[first + element][1] * units).to_u32().unwrap_or(0);
+            for (offset, (label, out)) in labels[first..].iter().zip(out).enumerate() {
+                let shade = |units: T| (mask[first + offset][1] * units).to_u32().unwrap_or(0);
                 let sample_loss = loss[usize::from(*label)] + needle.map_or(0, shade);
                 if sample_loss == 0 {
                     *out = left;

@@ -1,4 +1,4 @@
-//! What frames upload: parameters, buffers filled before every frame, and the maps of the elements in their slabs.
+//! Uploads of frames: parameters, buffers filled before every frame, and the maps of the elements in their slabs.
 
 use super::GpuExecutor;
 use super::steps::{is_per_pixel, numbers_of};
