@@ -30,7 +30,7 @@ The case file names the needle, how its base is moved, and layers of tissue from
   element_mm = 1.0
   [[layer]]
   thickness_mm = 60.0
-  model = \"ogden\"              # mu_kpa, alpha; also neo-hookean, mooney-rivlin, yeoh
+  model = \"ogden\"              # its keys: mu_kpa, alpha; other models: insonify beam --example
   mu_kpa = 3.63
   alpha = 8.74
   compression = \"UTru\"         # or UEng, CTru

@@ -1,5 +1,7 @@
 //! Tables of files: the JSON schema accepts what the program accepts.
 
+use std::collections::BTreeMap;
+
 use insonify::input::scenario;
 use insonify::input::scenario::ScenarioFile;
 use insonify::input::scenario::instruments::{CommonNeedleKeys, ContactProbeSpec};
@@ -19,8 +21,8 @@ use insonify_imaging::quality::QualitySpec;
 use insonify_imaging::scene::{ImageSpec, SceneFile, VolumeSpec, deform::DeformSpec, paths};
 use insonify_mechanics::insertion::spring::Parameters;
 use insonify_mechanics::insertion::{Bone, Peak};
-use insonify_mechanics::needle::beam::material::{MooneyRivlin, Ogden, Yeoh};
-use insonify_mechanics::needle::beam::spec;
+use insonify_mechanics::needle::beam::material::{MooneyRivlin, NeoHookean, Ogden, Yeoh};
+use insonify_mechanics::needle::beam::{ModelName, spec};
 use insonify_mechanics::needle::{Bevel, NeedleModel, Shaft};
 use insonify_study::identification;
 use insonify_study::material_case::CaseFile;
@@ -173,6 +175,25 @@ fn schemas_say_what_models_of_needles_accept() {
     assert!(ranges > 5, "{ranges}");
 }
 
+/// Checks that keys of one name in several kinds have one schema: a table describes each key once.
+fn share_schemas<K: KeyedKind>() {
+    let mut shared: BTreeMap<&str, Value> = BTreeMap::new();
+    for kind in K::ALL {
+        let schema = kind.schema(&mut SchemaGenerator::default()).to_value();
+        for key in kind.keys() {
+            let described = &schema["properties"][*key];
+            let other = shared.entry(*key).or_insert_with(|| described.clone());
+            assert_eq!(other, described, "{key} of {}", json!(kind));
+        }
+    }
+}
+
+#[test]
+fn keys_of_several_kinds_have_one_schema() {
+    share_schemas::<ModelName>();
+    share_schemas::<NeedleModel>();
+}
+
 #[test]
 fn schemas_of_tables_have_their_ranges() {
     agree::<QualitySpec>(json!({}));
@@ -214,6 +235,7 @@ fn schemas_of_tables_have_their_ranges() {
     agree::<spec::BaseSpec>(json!({ "control_distance_mm": 20, "displacement_mm": 3 }));
     let layer = json!({ "thickness_mm": 9, "model": "yeoh", "compression": "UTru", "initial_length_mm": 50 });
     agree::<spec::LayerSpec>(layer);
+    agree::<NeoHookean>(json!({ "mu_kpa": 5 }));
     agree::<Ogden>(json!({ "mu_kpa": 5, "alpha": 2 }));
     agree::<Yeoh>(json!({ "c10_kpa": 5, "c20_kpa": 2 }));
     agree::<MooneyRivlin>(json!({ "c10_kpa": 5, "c01_kpa": 2 }));

@@ -17,6 +17,8 @@ use insonify_base::kinds::{self, KeyedKind};
 use insonify_base::range::{Kind, OutOfRange, Ranges};
 
 /// A material: its keys in files, all numbers, each with a range. Moduli, whose keys end in `_kpa`, scale its stress.
+/// A key that several materials have has the same text and range in all: one schema describes it. What a range does not
+/// say is for [`Self::check`].
 pub(super) trait Hyperelastic: Ranges + Copy {
     /// Usual ones, for tests of all materials.
     #[cfg(test)]
@@ -37,7 +39,8 @@ pub(super) trait Hyperelastic: Ranges + Copy {
     #[cfg(test)]
     fn energy_kpa(&self, stretches: [f64; 3]) -> f64;
 
-    /// The true stress as coefficients (kPa) and powers of the compression ratio; `constrained` where tissue cannot widen along the needle.
+    /// The true stress as coefficients (kPa) and powers of the compression ratio; `constrained` where tissue cannot
+    /// widen along the needle.
     fn true_stress(&self, constrained: bool) -> Vec<(f64, f64)>;
 
     /// The least-squares fit to samples of a stress.
@@ -49,7 +52,8 @@ fn free_exponent(constrained: bool) -> f64 {
     if constrained { -1.0 } else { -0.5 }
 }
 
-/// Declares the materials in the order of fits: the names of files, each with its module, the type of its keys and its description.
+/// Declares the materials in the order of fits: the names of files, each with its module, the type of its keys and its
+/// description.
 macro_rules! materials {
     ($($name:literal $module:ident: $Material:ident = $doc:literal;)+) => {
         $(mod $module; pub use $module::$Material;)+

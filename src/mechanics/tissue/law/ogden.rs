@@ -4,7 +4,7 @@ use nalgebra::SymmetricEigen;
 
 use super::{Deformation, Law, Moduli, Tensor};
 use crate::tissue::material::Material;
-use insonify_base::range::{OutOfRange, parameters};
+use insonify_base::range::{OutOfRange, Ranges, parameters};
 
 parameters! {
     /// Keys of the law.
@@ -96,6 +96,7 @@ impl Law for Ogden {
     const EXAMPLE: OgdenKeys = OgdenKeys { alpha: -5.0 };
 
     fn new(material: Material, keys: OgdenKeys) -> Result<Self, OutOfRange> {
+        keys.check_ranges()?;
         let alpha = keys.alpha;
         if alpha.abs() < LEAST_ALPHA {
             Err(OutOfRange::new(

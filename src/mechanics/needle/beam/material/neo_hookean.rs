@@ -9,7 +9,7 @@ parameters! {
     /// W = (mu/2) (I1 - 3).
     #[derive(Copy)]
     pub struct NeoHookean with required keys {
-        /// Shear modulus.
+        /// Shear modulus at rest.
         mu_kpa: f64, in 0..=1e12 "kPa";
     }
 }

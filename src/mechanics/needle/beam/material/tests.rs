@@ -74,7 +74,8 @@ fn at_rest_all_materials_of_a_shear_modulus_are_alike() {
         for (compression, times) in Compression::ALL.into_iter().zip([3.0, 3.0, 4.0]) {
             let at_rest = Law::new(&material, compression).at(1.0);
             assert!(at_rest.stress_kpa.abs() < 1e-13 * mu, "{material:?}");
-            // The energy's fourth-order term is 1e-8 times the square of Ogden's exponent; rounding of its sums gives 1e-15 / e^2.
+            // The energy's fourth-order term is 1e-8 times the square of Ogden's exponent; rounding of its sums gives
+            // 1e-15 / e^2.
             assert!(
                 (at_rest.tangent_kpa - times * mu).abs() < 1e-5 * mu,
                 "{material:?} {compression:?}"
@@ -129,6 +130,13 @@ fn numbers_out_of_range_are_refused_by_name() {
                 c20_kpa: f64::NAN,
             }),
             "c20_kpa",
+        ),
+        (
+            Material::Yeoh(Yeoh {
+                c10_kpa: -1.0,
+                c20_kpa: 1.0,
+            }),
+            "c10_kpa",
         ),
     ] {
         assert_eq!(material.check().unwrap_err().key, key);

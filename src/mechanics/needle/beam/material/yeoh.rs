@@ -2,14 +2,14 @@
 
 use super::{Compression, Hyperelastic, Law};
 use crate::needle::beam::fit::{Sample, factors};
-use insonify_base::range::parameters;
+use insonify_base::range::{OutOfRange, check, parameters};
 
 parameters! {
     /// W = c10 (I1 - 3) + c20 (I1 - 3)^2; the shear modulus at rest is 2 c10.
     #[derive(Copy)]
     pub struct Yeoh with required keys {
-        /// Coefficient of I1 - 3.
-        c10_kpa: f64, in 0..=1e12 "kPa";
+        /// Coefficient of I1 - 3; for `yeoh` 0 or more.
+        c10_kpa: f64, in -1e12..=1e12 "kPa";
         /// Coefficient of (I1 - 3)^2.
         c20_kpa: f64, in -1e12..=1e12 "kPa";
     }
@@ -21,6 +21,10 @@ impl Hyperelastic for Yeoh {
         c10_kpa: 3.0,
         c20_kpa: 0.8,
     }];
+
+    fn check(&self) -> Result<(), OutOfRange> {
+        check("c10_kpa", self.c10_kpa, self.c10_kpa >= 0.0, "0 to 1e12 kPa")
+    }
 
     fn scaled(self, stiffness: f64, _exponent: f64) -> Self {
         let [c10_kpa, c20_kpa] = [self.c10_kpa, self.c20_kpa].map(|modulus| modulus * stiffness);
