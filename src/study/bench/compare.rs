@@ -139,11 +139,8 @@ pub fn compare(
     let solvers = solvers(options)?;
     progress("transfers", 0.6);
     // Only these two have a size and a ratio of both processors; transfers and effects have nothing to cross.
-    let times = passes
-        .iter()
-        .map(Compared::times)
-        .chain(solvers.iter().map(Compared::times));
-    let mut tables = vec![passes::table(&passes), crossing(&times.collect::<Vec<_>>())];
+    let ratios: Vec<_> = ratios(&passes).chain(ratios(&solvers)).collect();
+    let mut tables = vec![passes::table(&passes), crossing(&ratios)];
     tables.extend(passes::transfers(subject, options)?);
     let title = "Remeshing, single precision: one move with its K^c, transfers included";
     let of_nodes = choices(Factor::new("nodes", "nodes"));
@@ -226,7 +223,7 @@ struct Compared<T> {
     size: String,
     cpu_ms: Option<f64>,
     gpu_ms: Option<f64>,
-    /// What else is known of it.
+    /// Further columns.
     beside: T,
 }
 
@@ -235,18 +232,15 @@ impl<T> Compared<T> {
     fn ratio(&self) -> Option<f64> {
         Some(self.cpu_ms? / self.gpu_ms?.max(1e-6))
     }
+}
 
-    /// The same without what else is known.
-    fn times(&self) -> Compared<()> {
-        Compared {
-            gpu: self.gpu.clone(),
-            what: self.what.clone(),
-            size: self.size.clone(),
-            cpu_ms: self.cpu_ms,
-            gpu_ms: self.gpu_ms,
-            beside: (),
-        }
-    }
+/// GPU, item and size, and the ratio of the times.
+type Ratio<'a> = ([&'a str; 3], f64);
+
+/// Ratios of all that was measured on both processors.
+fn ratios<T>(rows: &[Compared<T>]) -> impl Iterator<Item = Ratio<'_>> {
+    rows.iter()
+        .filter_map(|row| Some(([row.gpu.as_str(), row.what.as_str(), row.size.as_str()], row.ratio()?)))
 }
 
 const fn choices<T>(size: Factor) -> [Choice<Compared<T>>; 3] {
@@ -257,7 +251,7 @@ const fn choices<T>(size: Factor) -> [Choice<Compared<T>>; 3] {
     ]
 }
 
-/// What is known of a solver beside its times.
+/// Columns of a solver beside its times.
 struct Solved {
     dofs: f64,
     device_ms: Option<f64>,
@@ -317,7 +311,7 @@ fn solvers(options: &CompareOptions) -> Result<Vec<Compared<Solved>>, Error> {
     Ok(compared)
 }
 
-/// From which size on a GPU is faster at something.
+/// Size from which on a GPU is faster at an item.
 struct Crossing {
     gpu: String,
     what: String,
@@ -344,34 +338,29 @@ const CROSSING_COLUMNS: [Column<Crossing>; 2] = [
 ];
 
 /// Finds, for each GPU and item, the size from which the ratio stays above 1, or the largest size at which it does not.
-fn crossing(rows: &[Compared<()>]) -> Table {
+fn crossing(ratios: &[Ratio<'_>]) -> Table {
     let mut crossings: Vec<Crossing> = Vec::new();
-    for row in rows {
-        let is_of = |gpu: &str, what: &str| (gpu, what) == (row.gpu.as_str(), row.what.as_str());
-        if crossings.iter().any(|seen| is_of(&seen.gpu, &seen.what)) {
+    for &([gpu, what, _], smallest) in ratios {
+        if crossings.iter().any(|seen| seen.gpu == gpu && seen.what == what) {
             continue;
         }
-        let alike = rows.iter().filter(|other| is_of(&other.gpu, &other.what));
-        let both: Vec<(&str, f64)> = alike
-            .filter_map(|row| Some((row.size.as_str(), row.ratio()?)))
-            .collect();
-        let (Some(&(_, smallest)), Some(&(last, largest))) = (both.first(), both.last()) else {
-            continue;
-        };
+        let alike = ratios.iter().filter(|(names, _)| names[..2] == [gpu, what]);
+        let sizes: Vec<(&str, f64)> = alike.map(|&([_, _, size], ratio)| (size, ratio)).collect();
+        let (largest_size, largest) = sizes[sizes.len() - 1];
         // After the last size at which the CPU is as fast: times scatter near the crossing, and one lucky
         // measurement of the GPU must not decide.
-        let first_won = both
+        let first_won = sizes
             .iter()
             .rposition(|(_, ratio)| *ratio <= 1.0)
             .map_or(0, |lost| lost + 1);
-        let wins = match both.get(first_won) {
+        let wins = match sizes.get(first_won) {
             Some((size, _)) if first_won == 0 => format!("from the smallest, {size}"),
             Some((size, _)) => format!("from {size}"),
-            None => format!("never up to {last}"),
+            None => format!("never up to {largest_size}"),
         };
         crossings.push(Crossing {
-            gpu: row.gpu.clone(),
-            what: row.what.clone(),
+            gpu: gpu.to_owned(),
+            what: what.to_owned(),
             wins,
             ratios: [smallest, largest],
         });

@@ -39,7 +39,7 @@ pub struct BatchRates {
     pub png_fps: Option<f64>,
 }
 
-/// What a frame costs on a GPU besides the work of its passes, means over frames.
+/// Costs of a frame on a GPU besides the work of its passes, means over frames.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Exchange {
     /// Time from the state of a frame to its submission, on the CPU.

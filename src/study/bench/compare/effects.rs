@@ -193,8 +193,8 @@ pub(super) fn effects(subject: &Subject<'_>, options: &CompareOptions) -> Result
     Ok(Table::of("compare_effects", title, &CHOICES, &COLUMNS, &rows))
 }
 
-/// Returns the resources that only the passes of one effect bind.
-fn own(plan: &Plan, effect: &str) -> BTreeSet<&'static Buffer> {
+/// Returns the buffers that only the passes of one effect bind.
+fn exclusive_buffers(plan: &Plan, effect: &str) -> BTreeSet<&'static Buffer> {
     let bound = |of: bool| -> BTreeSet<&'static Buffer> {
         let passes = plan.passes.iter().filter(|planned| (planned.effect == effect) == of);
         passes
@@ -205,7 +205,7 @@ fn own(plan: &Plan, effect: &str) -> BTreeSet<&'static Buffer> {
     bound(true).difference(&bound(false)).copied().collect()
 }
 
-/// What an effect holds, and what is left of it once it is taken away.
+/// Buffers and passes of an effect, and those left once it is taken away.
 struct MemoryRow {
     backend: String,
     effect: &'static str,
@@ -249,14 +249,13 @@ impl MemoryRow {
 pub(super) fn memory(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, Error> {
     let settings = subject.sized(options.effects_grid);
     let mut rows = Vec::new();
+    let plan = Plan::new(&Tables::new(subject.anatomy.clone(), settings.clone())?);
+    // Without a curve the tone pass displays amplitudes linearly: it is always present and cannot be removed.
+    let mut effects = present(subject, &settings)?;
+    effects.retain(|effect| effect.name != "tone");
     for (name, backend) in backends(options) {
-        // Without a curve the tone pass displays amplitudes linearly: it is always present and cannot be removed.
-        let present = present(subject, &settings)?
-            .into_iter()
-            .filter(|effect| effect.name != "tone");
-        for effect in present {
-            let plan = Plan::new(&Tables::new(subject.anatomy.clone(), settings.clone())?);
-            let resources = own(&plan, effect.name);
+        for effect in &effects {
+            let resources = exclusive_buffers(&plan, effect.name);
             let of_effect = plan
                 .resources
                 .iter()

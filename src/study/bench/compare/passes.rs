@@ -104,7 +104,7 @@ fn all_sizes(
     Ok(sizes)
 }
 
-/// What is known of a frame or a pass beside its times.
+/// Columns of a frame or a pass beside its times.
 pub(super) struct Frame {
     stage: &'static str,
     samples: f64,

@@ -63,7 +63,7 @@ fn without_a_gpu_the_part_of_the_cpu_is_there_and_says_so() {
     );
     // Saved and added times are differences of two neighbouring columns.
     for row in &rows[1..rows.len() - 1] {
-        let [without, whole, saved, alone, bare, adds] = [0, 2, 3, 4, 5, 6].map(|at| row.values[at].unwrap());
+        let [without, whole, saved, alone, bare, adds] = [0, 2, 3, 4, 5, 6].map(|column| row.values[column].unwrap());
         assert_eq!([whole - without, alone - bare], [saved, adds], "{row:?}");
     }
     let page = study.page().unwrap();
@@ -101,7 +101,7 @@ fn the_gpu_wins_from_where_it_stays_ahead() {
     push("at last", [Some(1.5), Some(0.9), Some(1.1), Some(2.0)]);
     push("never", [Some(0.1), Some(0.5), Some(0.9), None]);
     push("unknown", [None; 4]);
-    let found = crossing(&rows);
+    let found = crossing(&ratios(&rows).collect::<Vec<_>>());
     let wins: Vec<&str> = found.rows.iter().map(|row| row.choices[2].as_str()).collect();
     assert_eq!(wins, ["from the smallest, a", "from c", "never up to c"]);
     assert_eq!(found.rows[2].values, [Some(0.1), Some(0.9)]);
