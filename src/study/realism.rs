@@ -231,7 +231,7 @@ pub enum LikenessVerdict {
 /// Measure on both sides.
 #[derive(Clone, Debug, Serialize)]
 pub struct MeasureComparison {
-    /// What is measured.
+    /// Measured quantity.
     #[serde(flatten)]
     pub measure: &'static Measure,
     /// Values in the rendered frames; `None` if no frame has the measure.

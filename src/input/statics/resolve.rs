@@ -50,7 +50,7 @@ pub struct Problem {
 pub struct Regions {
     pub(crate) names: BTreeMap<i32, String>,
     known: Names<i32>,
-    /// What could give the regions, where nothing does.
+    /// Means by which the file could name regions, where nothing names any.
     hint: Option<String>,
 }
 

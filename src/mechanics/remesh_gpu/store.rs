@@ -38,7 +38,7 @@ pub struct DeviceStore {
     update_ms: Option<f64>,
 }
 
-/// What precedes Z = Y C in an update.
+/// Step before Z = Y C in an update.
 #[derive(Clone, Copy)]
 enum Lead {
     /// Nothing: Y and C are there.

@@ -1,9 +1,9 @@
 //! Stiffness of the linear tetrahedron (constant strain).
 //!
 //! With the gradients g_a of the four barycentric coordinates, the volume V and the Lame parameters lambda and mu, the
-//! force on corner a per displacement of corner b is the 3 x 3 block V (lambda g_a g_b^T + mu g_b g_a^T + mu (g_a .
-//! g_b) I) (O. C. Zienkiewicz and R. L. Taylor, "The Finite Element Method", vol. 1, chapter on three-dimensional
-//! stress analysis, written in Lame parameters).
+//! force on corner a per displacement of corner b is the 3 x 3 block
+//! `V (lambda g_a g_b^T + mu g_b g_a^T + mu (g_a . g_b) I)` (O. C. Zienkiewicz and R. L. Taylor, "The Finite Element
+//! Method", vol. 1, chapter on three-dimensional stress analysis, written in Lame parameters).
 
 use super::material::Material;
 use insonify_mesh::vector::{cross, dot, minus};

@@ -7,6 +7,7 @@ use insonify_base::range::OutOfRange;
 use insonify_mesh::TetMesh;
 
 /// Isotropic linear elastic material, valid by construction.
+///
 /// ```
 /// use insonify_mechanics::tissue::material::{Material, Materials};
 ///

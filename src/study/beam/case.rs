@@ -147,7 +147,7 @@ pub fn compression(case: &BeamCase) -> Result<Study, InputError> {
             decimal(load.least_at_mm, 2)
         ));
     }
-    let [force, moment] = [shape.base_force_n, shape.base_moment_nmm].map(|it| decimal(it, 4));
+    let [force, moment] = [shape.base_force_n, shape.base_moment_nmm].map(|value| decimal(value, 4));
     study
         .notes
         .push(format!("force and moment at the base: {force} N, {moment} N mm"));
@@ -316,16 +316,16 @@ pub fn sensitivity(case: &BeamCase, by: &Uncertainty) -> Result<Study, InputErro
     let count = case.problem.layers.len();
     let alone = (0..count).map(Some).filter(|_| count > 1);
     for layer in std::iter::once(None).chain(alone) {
-        for (at, name) in ["mu", "alpha", "t0"].into_iter().enumerate() {
+        for (parameter, name) in ["mu", "alpha", "t0"].into_iter().enumerate() {
             // The case itself once, for the plots.
             let given = layer.is_none().then_some(0.0);
             for share in [Some(-1.0), Some(-0.5), given, Some(0.5), Some(1.0)]
                 .into_iter()
                 .flatten()
             {
-                let percent = share * percents[at];
+                let percent = share * percents[parameter];
                 let mut scale = [1.0; 3];
-                scale[at] += percent / 100.0;
+                scale[parameter] += percent / 100.0;
                 let label = layer.map_or("all".to_owned(), |layer| (layer + 1).to_string());
                 let (values, flag) = match solve(&changed(&case.problem, layer, scale)) {
                     Ok(shape) => (row(percent, &shape, &nominal), None),
@@ -387,25 +387,25 @@ fn ranges(nominal: &Shape, percents: [f64; 3], solve: impl Fn([f64; 3]) -> Optio
     let mut table = Table::new("ranges", title, &[Factor::new("quantity", "quantity")], &axes);
     // Outcomes need not be monotonic: the given values are combined too, not the extremes alone.
     let shapes: Vec<Option<Shape>> = (0..27)
-        .map(|at| {
-            let level = |axis: u32| f64::from(at / 3i32.pow(axis) % 3 - 1);
-            solve([0, 1, 2].map(|axis| 1.0 + level(axis) * percents[axis as usize] / 100.0))
+        .map(|combination| {
+            let level = |parameter: u32| f64::from(combination / 3i32.pow(parameter) % 3 - 1);
+            solve([0, 1, 2].map(|parameter| 1.0 + level(parameter) * percents[parameter as usize] / 100.0))
         })
         .collect();
     let with_ratio = |shape: &Shape| [outcomes(shape).as_slice(), &[Some(shape.least_ratio)]].concat();
     let names = ["tip, mm", "COM, mm", "RCM, mm", "least compression ratio"];
-    for (at, name) in names.into_iter().enumerate() {
+    for (quantity, name) in names.into_iter().enumerate() {
         let values: Vec<f64> = shapes
             .iter()
             .flatten()
-            .filter_map(|shape| with_ratio(shape)[at])
+            .filter_map(|shape| with_ratio(shape)[quantity])
             .collect();
         let least = values.iter().copied().reduce(f64::min);
         let most = values.iter().copied().reduce(f64::max);
         let width = least.zip(most).map(|(least, most)| most - least);
         table.push(
             vec![name.to_owned()],
-            vec![with_ratio(nominal)[at], least, most, width],
+            vec![with_ratio(nominal)[quantity], least, most, width],
             None,
         );
     }

@@ -219,8 +219,8 @@ fn centres(cases: &Table) -> Table {
     for (key, rows) in groups(cases, key) {
         let middle = |key: &str| {
             Some(column(cases, &rows, key))
-                .filter(|it| !it.is_empty())
-                .map(|it| mean(&it))
+                .filter(|values| !values.is_empty())
+                .map(|values| mean(&values))
         };
         let means = axes[1..].iter().map(|axis| middle(axis.key));
         let values = std::iter::once(Some(rows.len() as f64)).chain(means).collect();
@@ -239,8 +239,8 @@ fn distribution(cases: &Table) -> Table {
     let mut table = Table::trace("distribution", "Distribution of the error of the tip", &factors, &axes);
     for (key, rows) in groups(cases, |row| row.choices[1..].to_vec()) {
         let errors = column(cases, &rows, "tip_error_mm");
-        for (at, error) in errors.iter().enumerate() {
-            let share = (at + 1) as f64 / errors.len() as f64;
+        for (index, error) in errors.iter().enumerate() {
+            let share = (index + 1) as f64 / errors.len() as f64;
             table.push(key.clone(), vec![Some(*error), Some(share)], None);
         }
     }

@@ -113,14 +113,15 @@ pub struct Scan {
 /// [`VolumeError`] if markers do not match the design, or there is no needle.
 pub fn scan(image: &ScalarImage, design: &Design, thresholds: &Thresholds) -> Result<Scan, VolumeError> {
     let bodies = markers::bodies(image, thresholds.marker)?;
-    let place = |at: usize| {
-        let [size, other_size] = [design.diameters_mm[at], design.diameters_mm[1 - at]];
-        let off = |body: &BrightBody, of: f64| (body.diameter_mm / of).ln().abs();
-        let alike =
-            |body: &&BrightBody| off(body, size) < MAX_SIZE_RATIO.ln() && off(body, size) < off(body, other_size);
-        let centres: Vec<_> = bodies.iter().filter(alike).map(|body| body.centre_mm).collect();
-        let named = |error| VolumeError::new(format!("markers of the {}: {error}", BODIES[at]));
-        let placed = markers::place(&design.centres_mm[at], &centres).map_err(named)?;
+    let place = |body: usize| {
+        let [size, other_size] = [design.diameters_mm[body], design.diameters_mm[1 - body]];
+        let off = |bright: &BrightBody, of: f64| (bright.diameter_mm / of).ln().abs();
+        let alike = |bright: &&BrightBody| {
+            off(bright, size) < MAX_SIZE_RATIO.ln() && off(bright, size) < off(bright, other_size)
+        };
+        let centres: Vec<_> = bodies.iter().filter(alike).map(|bright| bright.centre_mm).collect();
+        let named = |error| VolumeError::new(format!("markers of the {}: {error}", BODIES[body]));
+        let placed = markers::place(&design.centres_mm[body], &centres).map_err(named)?;
         let matched = placed
             .matched
             .iter()
@@ -177,7 +178,7 @@ fn needle(
     // Slices as thick as the voxels are along x.
     let along = to_container.inverse() * nalgebra::Vector3::x();
     let axis = |axis: usize| image.index_to_world.fixed_view::<3, 1>(0, axis).into_owned();
-    let share = |at: &usize| axis(*at).normalize().dot(&along).abs();
+    let share = |index: &usize| axis(*index).normalize().dot(&along).abs();
     let nearest = [0, 1, 2]
         .into_iter()
         .max_by(|a, b| share(a).total_cmp(&share(b)))
@@ -234,7 +235,7 @@ fn lies_still(rest: &Scan, moved: &Scan) -> bool {
     let pairs = rest.container_mm.iter().zip(&moved.container_mm);
     let (from, to): (Vec<_>, Vec<_>) = pairs.filter_map(|(from, to)| from.zip(*to)).unzip();
     let count = from.len();
-    let same: Vec<(usize, usize)> = (0..count).map(|at| (at, at)).collect();
+    let same: Vec<(usize, usize)> = (0..count).map(|marker| (marker, marker)).collect();
     let Some(pose) = markers::fitted(&from, &to, &same).filter(|_| count > 2) else {
         return false;
     };
@@ -298,8 +299,8 @@ pub fn measure(rest: &Scan, moved: &Scan) -> Result<MeasuredNeedle, VolumeError>
         tip_mm,
         rcm_mm: turned.then(|| -control_distance_mm - shift.y / slope_of_base),
         com_mm: crossing(&shape_mm),
-        markers_rms_mm: [0, 1].map(|at| moved.placed[at].rms_mm),
-        markers: [0, 1].map(|at| moved.placed[at].count()),
+        markers_rms_mm: [0, 1].map(|body| moved.placed[body].rms_mm),
+        markers: [0, 1].map(|body| moved.placed[body].count()),
         rest_slope,
         rest_rms_mm,
         shape_mm,
@@ -354,10 +355,10 @@ mod tests {
     use super::*;
     use insonify_base::random::normal;
 
-    /// What a scan without voxels shows of a container at a place, whose markers are off by 0.2 mm (root mean square),
-    /// and of a base moved along y, with markers off by 0.1 mm.
-    fn seen(trial: i32, at: &Isometry3<f64>, moved_mm: f64) -> Scan {
-        let base = at * Isometry3::translation(-40.0, moved_mm, 0.0);
+    /// A scan without voxels of a container in a pose, whose markers are off by 0.2 mm (root mean square), and of a base
+    /// moved along y, with markers off by 0.1 mm.
+    fn seen(trial: i32, pose: &Isometry3<f64>, moved_mm: f64) -> Scan {
+        let base = pose * Isometry3::translation(-40.0, moved_mm, 0.0);
         let off = |row: usize, mm: f64| {
             Vector3::from_fn(|axis, _| mm / 3f64.sqrt() * normal([trial, row as i32, axis as i32], [5, 6]))
         };
@@ -367,13 +368,13 @@ mod tests {
         };
         let [container, stage] = [&SYNTHETIC_CONTAINER_MM[..], &SYNTHETIC_STAGE_MM[..]]
             .map(|design| design.iter().copied().map(Point3::from).collect::<Vec<_>>());
-        let seen = [observed(&container, at, 0, 0.2), observed(&stage, &base, 100, 0.1)];
+        let seen = [observed(&container, pose, 0, 0.2), observed(&stage, &base, 100, 0.1)];
         let placed = [
             markers::place(&container, &seen[0]).unwrap(),
             markers::place(&stage, &seen[1]).unwrap(),
         ];
         let to_container = placed[0].pose.inverse();
-        let line = (-45..=60).map(|x| to_container * at * Point3::new(f64::from(x), 0.0, 0.0));
+        let line = (-45..=60).map(|x| to_container * pose * Point3::new(f64::from(x), 0.0, 0.0));
         Scan {
             stage: to_container * placed[1].pose,
             container_mm: placed[0]

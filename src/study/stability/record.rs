@@ -10,7 +10,7 @@ use insonify_base::random::{hash3, seed_words};
 /// Measured figure.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Measure {
-    /// What is measured, in words.
+    /// Measured quantity, in words.
     pub what: String,
     /// Value; NaN and infinity are serialised as text.
     #[serde(serialize_with = "number")]

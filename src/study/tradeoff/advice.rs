@@ -51,7 +51,7 @@ pub struct Goal {
 /// Recommendation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Advice {
-    /// What is chosen.
+    /// Choice, in words.
     pub choosing: String,
     /// Fixed choices that the recommendation applies to; empty if there are none.
     pub given: String,

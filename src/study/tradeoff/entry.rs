@@ -55,7 +55,7 @@ pub enum Backends {
     Single(&'static str),
 }
 
-/// What a study runs with.
+/// Devices and receivers that a study runs with.
 pub struct Context<'a> {
     /// Devices to measure.
     pub devices: &'a Devices,
@@ -96,7 +96,7 @@ pub struct Flag {
     pub choices: Option<fn() -> Schema>,
 }
 
-/// How an option changes settings.
+/// Change of settings by an option.
 enum Set<S> {
     Switch(fn(&mut S)),
     Number(fn(&mut S) -> &mut f64),
@@ -263,7 +263,7 @@ pub trait AnyEntry: Sync {
     /// Checks a value of an option.
     ///
     /// # Errors
-    /// What is expected.
+    /// The expected value, in words.
     fn check(&self, name: &str, value: &str) -> Result<(), String>;
 
     /// Runs the study by itself with the values of options; those of a switch are none.

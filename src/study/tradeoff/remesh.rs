@@ -246,7 +246,7 @@ pub(crate) fn study(
 /// The measurements of a [`study`].
 ///
 /// # Errors
-/// As there.
+/// Those of [`study`].
 pub(crate) fn rows(meshes: &[TetMesh], gpus: &[Gpu], options: &RemeshOptions) -> Result<Vec<RemeshRow>, Error> {
     Ok(contended(meshes, gpus, options, &mut |_, _| {})?.rows)
 }

@@ -36,7 +36,7 @@ const FAT: Interaction = Interaction {
     critical: false,
 };
 
-/// What a surface that breaks at so many newtons makes of fat.
+/// Interaction with fat behind a surface that breaks at so many newtons.
 fn behind(puncture_n: f64) -> Interaction {
     Interaction { puncture_n, ..FAT }
 }

@@ -19,13 +19,13 @@ fn springs(r_mm: f64, stiffness: Stiffness) -> Box<dyn Needle> {
     Box::new(Flexible::springs(shaft, stiffness, 10.0, Some(bevel)).expect("a needle"))
 }
 
-/// Where the tip of a needle of springs is, rolled by an angle (see [`insert_needle`]).
+/// Position of the tip of a needle of springs, rolled by an angle (see [`insert_needle`]).
 fn insert(r_mm: f64, stiffness: Stiffness, roll: f64, depth: f64) -> (Vector3<f64>, usize) {
     insert_needle(springs(r_mm, stiffness), roll, depth)
 }
 
-/// Where the tip of a needle is, rolled by an angle, at the end of an insertion through a hole 5 mm before the skin,
-/// and how many steps did not converge.
+/// Position of the tip of a needle, rolled by an angle, at the end of an insertion through a hole 5 mm before the skin,
+/// and the number of steps that did not converge.
 fn insert_needle(needle: Box<dyn Needle>, roll: f64, depth: f64) -> (Vector3<f64>, usize) {
     let interaction = Interaction {
         puncture_n: 0.0,

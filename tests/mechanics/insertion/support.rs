@@ -59,7 +59,7 @@ pub(super) fn tip_at(tip: [f64; 3]) -> Instruments {
     }
 }
 
-/// Where the needle goes in: no plane of the lattice runs through it.
+/// Point of entry: no plane of the lattice runs through it.
 pub(super) const ASIDE: [f64; 2] = [31.3, 28.9];
 
 /// One step to a depth.
@@ -78,7 +78,7 @@ pub(super) fn travel(finite: &mut Finite, from: f64, to: f64, step: f64) -> Vec<
         .collect()
 }
 
-/// What happened in some steps.
+/// Events of some steps.
 pub(super) fn events(outcomes: &[Outcome]) -> Vec<Event> {
     outcomes
         .iter()

@@ -75,7 +75,7 @@ pub(super) fn options(scheme: Scheme) -> SolverOptions {
     }
 }
 
-/// What is held: (node, axis, displacement).
+/// Prescribed displacements: (node, axis, displacement).
 pub(super) type Held = Vec<(u32, u8, f64)>;
 
 /// A solver with its supports and how far they are driven.

@@ -1,4 +1,4 @@
-//! How fast the schemes come to the solution.
+//! Convergence of the schemes.
 
 use insonify_mechanics::tissue::nonlinear::{Scheme, Slope, SolverOptions, Stiffening};
 
@@ -46,8 +46,8 @@ fn modified_newton_is_linear_at_its_rate() {
     );
 }
 
-/// What increments before missed is known: equal increments past the knee take about half the iterations of the plain
-/// method, and going back one, elastic as the body is, takes next to none.
+/// An increment is predicted from the error of the one before: equal increments past the knee take about half the
+/// iterations of the plain method, and going back one, elastic as the body is, takes next to none.
 #[test]
 fn increments_alike_take_few_iterations() {
     let body = block([4, 4, 4], 2.0, 0.2, law(0.45));

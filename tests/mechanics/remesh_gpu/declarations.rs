@@ -1,4 +1,4 @@
-//! What naga reads in the shader of remeshing against what its passes declare.
+//! Declarations of the passes of remeshing against what naga reads in their shader.
 
 use std::collections::BTreeMap;
 use std::mem::offset_of;

@@ -387,7 +387,7 @@ fn on_device(gpu: Option<Gpu>, mesh: &AdaptedMesh, level: Level, options: Remesh
     Some(adaptation)
 }
 
-/// How far an inverse in f32 may be from the gold standard after some updates, relative to its largest entry. The base
+/// Bound on the error of an inverse in f32 after some updates, relative to the gold standard's largest entry. The base
 /// is rounded to f32 and each update adds about the rounding of one backward stable solution; the condition of the mesh
 /// carries it on, and 8 holds the constants of the inner products.
 fn allowed(mesh: &AdaptedMesh, gold: MatRef<'_, f64>, updates: usize) -> f64 {

@@ -116,7 +116,7 @@ pub(super) fn error(found: MatRef<'_, f64>, expected: MatRef<'_, f64>) -> f64 {
     (found.to_owned() - expected).norm_max() / expected.norm_max()
 }
 
-/// What two inverses that are each backward stable may differ, relative to the largest entry: twice the rounding unit
+/// Bound on the difference of two backward stable inverses, relative to the largest entry: twice the rounding unit
 /// times `|K|_inf |K^-1|_inf`, an upper bound of the condition of the mesh's stiffness now (N. J. Higham, "Accuracy and
 /// Stability of Numerical Algorithms", section 14).
 pub(super) fn rounding(mesh: &AdaptedMesh, gold: MatRef<'_, f64>) -> f64 {

@@ -9,7 +9,7 @@ const SPAN: Span = Span {
     tolerance: 1e-12,
 };
 
-/// What is made of `t^p` at time 1, in so many steps, equal for a grading of 1.
+/// Operator applied to `t^p`, at time 1, in so many steps, equal for a grading of 1.
 fn of_power(rule: &Rule, operator: Operator, p: i32, steps: i32, grading: i32) -> f64 {
     let mut history = rule.start(operator, &[0f64.powi(p)]).unwrap();
     let time = |at: i32| (f64::from(at) / f64::from(steps)).powi(grading);

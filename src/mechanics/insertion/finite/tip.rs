@@ -59,7 +59,7 @@ pub(super) struct Tip {
     bone: Option<Met>,
 }
 
-/// Where the force at the tip acts.
+/// Place at which the force at the tip acts.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(from = "SavedForce", into = "SavedForce")]
 pub(super) enum TipForce {

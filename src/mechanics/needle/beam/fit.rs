@@ -1,7 +1,7 @@
 //! Least-squares fit of materials to measured stretch and stress (Wang et al. 2023, section III-A).
 //!
-//! Each material has its own fit, from what is here. Where models with similar fits diverge beyond the data, none of them should be trusted there: Wang et al. 2023
-//! reject one for that.
+//! Each material has its own fit, made of `factor`, `factors` and `residual`. Where models with similar fits
+//! diverge beyond the data, none of them should be trusted there: Wang et al. 2023 reject one for that.
 
 #[cfg(test)]
 mod tests;
@@ -53,7 +53,7 @@ pub struct Fit {
     pub compression: Compression,
     /// Least and largest stretch of the data.
     pub range: [f64; 2],
-    /// One fit per model, in the order of `materials!`.
+    /// One fit per model, in the order of [`ModelName`](super::ModelName).
     pub models: Vec<Fitted>,
     /// Models that diverge from the others.
     pub partings: Vec<Parting>,

@@ -230,7 +230,7 @@ fn seek(
         if error.amax() <= TOLERANCE_MM {
             return Ok((base(parameters.as_slice()), shape));
         }
-        // Central differences: the beam's equations have no derivatives by the motion of the base at hand.
+        // By central differences: a solution of the beam does not come with its derivatives by the motion of the base.
         let mut slopes = DMatrix::zeros(count, count);
         for (j, nudge) in nudges.iter().enumerate() {
             let mut error_beside = |sign: f64| {

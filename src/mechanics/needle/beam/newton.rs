@@ -60,8 +60,8 @@ impl FoundationBeam {
         problem.layers.iter().try_for_each(|layer| layer.check())?;
         problem.check()?;
         let division = Division::new(problem);
-        let elements = (0..division.layers.len()).map(|at| Element {
-            length: division.length_mm(at),
+        let elements = (0..division.layers.len()).map(|index| Element {
+            length: division.length_mm(index),
             bending: problem.bending_nmm2,
         });
         let beds: Vec<Bed> = problem.layers.iter().map(Bed::new).collect();
@@ -256,12 +256,14 @@ fn follow(division: &Division, elements: &[Element], beds: &[Bed], state: &mut S
     let mut near = state.nodes[0];
     state.nodes.truncate(1);
     state.loads.clear();
-    for (at, (element, angles)) in elements.iter().zip(&state.angles).enumerate() {
+    for (index, (element, angles)) in elements.iter().zip(&state.angles).enumerate() {
         let far = element.far(&near, angles);
         state.nodes.push(far);
-        let load = match division.layers[at] {
+        let load = match division.layers[index] {
             None => Load::ZERO,
-            Some(layer) => foundation::load(&beds[layer], element.length, [near, far]).ok_or(Crush { element: at })?,
+            Some(layer) => {
+                foundation::load(&beds[layer], element.length, [near, far]).ok_or(Crush { element: index })?
+            }
         };
         state.loads.push(load);
         near = far;

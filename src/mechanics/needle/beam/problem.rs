@@ -126,15 +126,15 @@ impl Division {
         division.add(0.0, None, problem.element_mm);
         division.entry = division.layers.len();
         let mut depth = 0.0;
-        for (at, layer) in problem.layers.iter().enumerate() {
+        for (index, layer) in problem.layers.iter().enumerate() {
             depth += layer.thickness_mm;
-            let last = at + 1 == problem.layers.len();
+            let last = index + 1 == problem.layers.len();
             let end = if last {
                 problem.inserted_mm
             } else {
                 depth.min(problem.inserted_mm)
             };
-            division.add(end, Some(at), problem.element_mm);
+            division.add(end, Some(index), problem.element_mm);
         }
         division
     }

@@ -18,10 +18,11 @@ parameters! {
     }
 }
 
-/// Secant law of small strain, `P = E(e_r) D e` with the strain `e = (H + H^T) / 2`, the elasticity `D` of a unit modulus at the material's
-/// Poisson's ratio, and `E(e_r) = E0` up to the knee `e0`, `E0 (1 + a (e_r - e0)^2)` above (Y. Kobayashi et al., "Development of an integrated
-/// needle insertion system with image guidance and deformation simulation", Computerized Medical Imaging and Graphics
-/// 34, 2010, equations 7, 8 and 11). The relative strain is `e_r = sqrt(3 / 2 d : d)` with the deviator `d` of `e`.
+/// Secant law of small strain, `P = E(e_r) D e` with the strain `e = (H + H^T) / 2`, the elasticity `D` of a unit
+/// modulus at the material's Poisson's ratio, and `E(e_r) = E0` up to the knee `e0`, `E0 (1 + a (e_r - e0)^2)` above
+/// (Y. Kobayashi et al., "Development of an integrated needle insertion system with image guidance and deformation
+/// simulation", Computerized Medical Imaging and Graphics 34, 2010, equations 7, 8 and 11). The relative
+/// strain is `e_r = sqrt(3 / 2 d : d)` with the deviator `d` of `e`.
 ///
 /// The derivative is `dP = E(e_r) D de + 3 / 2 E'(e_r) / e_r (d : de) D e`.
 #[derive(Clone, Copy, Debug, PartialEq)]

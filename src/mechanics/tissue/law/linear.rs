@@ -4,8 +4,8 @@ use super::{Law, Moduli, NoKeys, Stiffening, Tensor};
 use crate::tissue::material::Material;
 use insonify_base::range::OutOfRange;
 
-/// Linear, isotropic elasticity at small strain: `W = lambda / 2 (tr e)^2 + mu e : e` and `P = lambda tr(e) I + 2 mu e` with the strain
-/// `e = (H + H^T) / 2`. A turned element counts as strained.
+/// Linear, isotropic elasticity at small strain: `W = lambda / 2 (tr e)^2 + mu e : e` and `P = lambda tr(e) I + 2 mu e`
+/// with the strain `e = (H + H^T) / 2`. A turned element counts as strained.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Linear(Material);
 

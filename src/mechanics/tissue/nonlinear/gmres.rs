@@ -48,7 +48,7 @@ impl Gmres {
             room(&mut self.basis, used + 1, rhs.len());
             room(&mut self.preconditioned, used, rhs.len());
             let preconditioned = &mut self.preconditioned[used];
-            // Preconditioned on the right, the residual is that of the system itself, and so is its tolerance.
+            // Preconditioning on the right leaves the residual that of A x = b, which the tolerance is about.
             preconditioned.copy_from_slice(&self.basis[used]);
             precondition(preconditioned);
             let (old, new) = self.basis.split_at_mut(used + 1);
@@ -97,7 +97,8 @@ impl Gmres {
                 right[above] -= self.columns[index][above] * right[index];
             }
         }
-        // The preconditioned directions themselves, not A^-1 applied once to their sum: each application may differ.
+        // A sum of the directions as they were preconditioned, not the preconditioner of their sum: it is not exactly
+        // linear.
         rhs.fill(0.0);
         for (share, direction) in right[..used].iter().zip(&self.preconditioned) {
             rhs.iter_mut().zip(direction).for_each(|(x, v)| *x += share * v);

@@ -90,7 +90,7 @@ fn boundary_mm(synth: &mut Synthesizer, state: &FrameState) -> Result<f64, Error
     Ok(mislabelled as f64 * line_mm * sample_mm / length)
 }
 
-/// How labels are found at boundaries.
+/// Accuracy of labels at a boundary.
 struct Labelled {
     boundary: &'static str,
     voxel_mm: f64,

@@ -93,10 +93,11 @@ const DEPTH_COLUMNS: [Column<DepthRow>; 2] = [
 ];
 
 fn cell_name(cell_mm: f64) -> String {
-    format!("{}", (10.0 * cell_mm).round() / 10.0)
+    ((10.0 * cell_mm).round() / 10.0).to_string()
 }
 
-/// Returns every r of every length on every mesh, finer meshes last; without `sweep` only the default length on the coarsest mesh.
+/// Returns every r of every length on every mesh, finer meshes last; without `sweep` only the default length on the
+/// coarsest mesh.
 fn cases(sweep: bool) -> Vec<BevelCase> {
     let (lengths, cells) = if sweep {
         (&LENGTHS_MM[..], &CELLS_MM[..])
@@ -125,8 +126,8 @@ impl BevelCase {
         coarser.find(|row| row.case.bevel == self.bevel && self.bevel.r_mm > 0.0)
     }
 
-    /// What is wrong with a deflection, mm. No theory gives the deflection itself, but two bounds hold on every mesh: without an
-    /// offset of the tip the needle goes straight, and a larger offset bends it more.
+    /// Fault of a deflection, mm, beside the rows before. No theory gives the deflection itself, but two bounds hold on
+    /// every mesh: without an offset of the tip the needle goes straight, and a larger offset bends it more.
     fn flag(&self, deflection_mm: f64, rows: &[BevelRow]) -> Option<String> {
         if self.bevel.r_mm == 0.0 && deflection_mm.abs() > STRAIGHT_MM {
             return Some(format!("straight to {STRAIGHT_MM} mm is expected"));

@@ -5,11 +5,11 @@ use insonify_base::kinds::KeyedKind;
 
 fn samples(material: Material, compression: Compression, lowest: f64) -> Vec<Sample> {
     let law = Law::new(&material, compression);
-    let stretch = |at: i32| lowest + (1.0 - lowest) * f64::from(at) / 20.0;
-    (0..=20)
-        .map(|at| Sample {
-            stretch: stretch(at),
-            stress_kpa: law.at(stretch(at)).stress_kpa,
+    let stretches = (0..=20).map(|index: i32| lowest + (1.0 - lowest) * f64::from(index) / 20.0);
+    stretches
+        .map(|stretch| Sample {
+            stretch,
+            stress_kpa: law.at(stretch).stress_kpa,
         })
         .collect()
 }
@@ -48,8 +48,8 @@ fn fits_are_the_best_of_their_model() {
         Compression::UTru,
         0.6,
     );
-    for (at, sample) in data.iter_mut().enumerate() {
-        sample.stress_kpa *= 1.0 + 0.05 * (at as f64 * 2.3).sin();
+    for (index, sample) in data.iter_mut().enumerate() {
+        sample.stress_kpa *= 1.0 + 0.05 * (index as f64 * 2.3).sin();
     }
     let fit = Fit::new(&data, Compression::UTru).expect("a fit");
     for model in &fit.models {

@@ -68,7 +68,7 @@ impl Contacts {
         let with_new = source.entries(dofs, &new_dofs)?;
         let coupling = source.entries(support.dofs(), &new_dofs)?;
 
-        // Contacts in this prefix keep their places, as most do from step to step: nothing of theirs is copied.
+        // Contacts in this prefix keep their places, as most do from step to step: of B, their columns are not moved.
         let prefix = before
             .iter()
             .enumerate()

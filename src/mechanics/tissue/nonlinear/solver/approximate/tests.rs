@@ -45,7 +45,7 @@ impl Symmetric for Chain {
     }
 }
 
-/// Returns the error for all nodes displaced by `by`, when the links carry no force.
+/// Returns the relative error for all nodes displaced alike, when the links carry no force.
 fn alike(chain: &Chain, factor: &mut Approximate, ground: f64, displacement: f64) -> f64 {
     let mut forces = vec![ground * displacement; LINKS];
     let mut check = vec![0.0; LINKS];
