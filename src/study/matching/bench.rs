@@ -281,9 +281,9 @@ pub(super) fn unevenness(patch: &Patch) -> f64 {
     let (width, height) = (patch.width / 2, patch.height / 2);
     let quarters = [(0, 0), (width, 0), (0, height), (width, height)];
     let values = quarters.map(|(x, y)| Patch::of(&patch.values, patch.width, Window { x, y, width, height }).values);
-    let range = |extreme: fn(&[f64]) -> f64| {
-        let extremes = values.each_ref().map(|values| extreme(values));
-        extremes.iter().fold(f64::MIN, |a, b| a.max(*b)) - extremes.iter().fold(f64::MAX, |a, b| a.min(*b))
+    let range = |statistic: fn(&[f64]) -> f64| {
+        let statistics = values.each_ref().map(|values| statistic(values));
+        statistics.iter().fold(f64::MIN, |a, b| a.max(*b)) - statistics.iter().fold(f64::MAX, |a, b| a.min(*b))
     };
     (range(mean) + range(std)) / std(&patch.values)
 }
