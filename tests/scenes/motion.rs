@@ -212,9 +212,21 @@ fn a_calibration_in_the_frames_is_used_where_none_is_named() {
         notes.contains("the calibration is `ImageToProbe`") && !warnings.contains("ImageToProbe"),
         "{notes} {warnings}"
     );
-    let (position_mm, _, warnings) = position(stored, "");
-    assert_eq!(position_mm, Point3::new(40.0, 20.0, 31.0));
-    assert!(warnings.contains("guessed at pixel (60, 0)"), "{warnings}");
+    // Without a centre of the array a guess is offered, not used.
+    let (_folder, file) = poses(&format!("{pose}{stored}"));
+    let error = fault(&small(&format!("[motion.sequence]\nfile = {file}\n")));
+    assert_eq!(error.key(), Some("motion.sequence.file"));
+    assert!(
+        error.to_string().contains("`ImageToProbe`, without `array_centre_px`"),
+        "{error}"
+    );
+    assert!(
+        error
+            .help()
+            .is_some_and(|help| help.contains("`array_centre_px = [60, 0]`: a guess")),
+        "{:?}",
+        error.help()
+    );
     // A named calibration wins, and one that moves is none.
     let (position_mm, notes, _) = position(stored, "transducer_to_probe = \"1 0 0 1 0 1 0 2 0 0 1 3 0 0 0 1\"");
     assert_eq!(position_mm, Point3::new(1.0, 2.0, 4.0));

@@ -137,24 +137,20 @@ impl SceneFile {
         let calibration = match stored_calibration {
             None => self.calibration(spec, plus, marker, calibrated_size)?,
             Some(image_to_probe) => {
-                let guess = calibrated_size.map(|[width, _]| [width as f64 / 2.0, 0.0]);
                 let key = "motion.sequence.file";
-                let told = format!("{KEY}: the calibration is `ImageTo{marker}`, which the frames store");
-                match (spec.array_centre_px, guess) {
-                    (Some(_), _) => notes.push(told),
-                    (None, Some([column, row])) => warnings.push(format!(
-                        "{told}; the centre of the array is guessed at pixel ({column}, {row}), the middle of the upper edge: \
-                         state it as `array_centre_px`"
-                    )),
-                    (None, None) => warnings.push(format!(
-                        "{KEY}: `ImageTo{marker}`, which the frames store, is not used as the calibration: state \
-                         `array_centre_px`"
-                    )),
-                }
-                let centre = spec.array_centre_px.or(guess);
-                centre
-                    .map(|centre| Calibration::new(&image_to_probe, centre).at(self, key))
-                    .transpose()?
+                let Some(centre) = spec.array_centre_px else {
+                    let guess = calibrated_size.map(|[width, _]| [width as f64 / 2.0, 0.0]);
+                    let found =
+                        format!("frames that store the calibration `ImageTo{marker}`, without `array_centre_px`");
+                    let expected = "the pixel (column, row) at the centre of the array, or `transducer_to_probe` in place of the \
+                                    stored calibration";
+                    let help = guess.map(|guess| offered_centre(guess, "images"));
+                    return Err(self.wrong_keys(key, found, expected).with_help(help));
+                };
+                notes.push(format!(
+                    "{KEY}: the calibration is `ImageTo{marker}`, which the frames store"
+                ));
+                Some(Calibration::new(&image_to_probe, centre).at(self, key)?)
             }
         };
         if let Some(calibration) = &calibration {
@@ -280,14 +276,8 @@ impl SceneFile {
             let key = "motion.sequence.plus_config";
             let image_to_probe = plus.transform("Image", marker).at(self, key)?;
             let Some(centre) = spec.array_centre_px.or_else(|| plus.array_centre_px()) else {
-                // The guess is offered, never used: a wrong centre shifts every pose, and nothing else would
-                // show it.
-                let help = plus.guessed_centre_px(image_size).map(|([column, row], grounds)| {
-                    format!(
-                        "for a straight array along the upper edge of the {grounds}, `array_centre_px = [{column}, {row}]`: a \
-                         guess, to be checked against an image"
-                    )
-                });
+                let guess = plus.guessed_centre_px(image_size);
+                let help = guess.map(|(centre_px, grounds)| offered_centre(centre_px, grounds));
                 let found = "no `TransducerCenterPixel` in the configuration";
                 return Err(self
                     .wrong_keys(key, found, "`array_centre_px` beside it")
@@ -340,6 +330,15 @@ impl SceneFile {
             ..image
         })
     }
+}
+
+/// Offer of a guessed centre of the array. It is never used unasked: a wrong centre shifts every pose, and nothing else
+/// would show it.
+fn offered_centre([column, row]: [f64; 2], grounds: &str) -> String {
+    format!(
+        "for a straight array along the upper edge of the {grounds}, `array_centre_px = [{column}, {row}]`: a guess, to be \
+         checked against an image"
+    )
 }
 
 /// Transform from pixels to the marker that the frames with a pose store, if it is one and the same.
