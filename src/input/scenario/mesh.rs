@@ -30,6 +30,8 @@ const SMALL_PART: f64 = 0.02;
 pub(crate) struct Meshed {
     pub mesh: TetMesh,
     pub names: BTreeMap<i32, String>,
+    /// Cell arrays of the file that could give the regions, where nothing does.
+    pub region_hint: Option<String>,
 }
 
 impl ScenarioFile {
@@ -64,6 +66,7 @@ impl ScenarioFile {
                 Meshed {
                     mesh: read.mesh,
                     names: read.region_names,
+                    region_hint: read.region_hint,
                 }
             }
             None => {
@@ -74,6 +77,7 @@ impl ScenarioFile {
                 Meshed {
                     mesh: self.generated(scene, path, progress, notes)?,
                     names: BTreeMap::new(),
+                    region_hint: None,
                 }
             }
         };

@@ -27,6 +27,8 @@ pub(crate) struct Regions<'a> {
     scene: &'a Scene,
     /// Region names from a mesh file.
     named: &'a BTreeMap<i32, String>,
+    /// Help for a region that is not there.
+    hint: Option<&'a str>,
 }
 
 /// Properties of a region.
@@ -41,7 +43,17 @@ pub(crate) struct Region {
 
 impl<'a> Regions<'a> {
     pub(crate) fn new(file: &'a ScenarioFile, scene: &'a Scene, named: &'a BTreeMap<i32, String>) -> Self {
-        Self { file, scene, named }
+        Self {
+            file,
+            scene,
+            named,
+            hint: None,
+        }
+    }
+
+    /// Sets the help for a region that is not there: the cell arrays of a mesh file that could give the regions.
+    pub(crate) fn with_hint(self, hint: Option<&'a str>) -> Self {
+        Self { hint, ..self }
     }
 
     /// Volume whose labels are the regions.
@@ -80,7 +92,7 @@ impl<'a> Regions<'a> {
         let of_mesh = of_mesh.map(|(region, name)| (*region, i64::from(*region), vec![name.clone()]));
         let known = Names::new(of_labels.chain(of_mesh));
         known.find(name).map_err(|error| {
-            let help = error.help();
+            let help = error.help().or_else(|| self.hint.map(str::to_owned));
             self.file.fault(key, error).with_help(help)
         })
     }
@@ -131,6 +143,7 @@ impl<'a> Regions<'a> {
                 let found = format!("no `{key}` for region {region}, which is no label of the scene");
                 self.file
                     .wrong_keys(&table, found, "a `[[tissue.material]]` that states it")
+                    .with_help(self.hint.map(str::to_owned))
             })
         };
         // Beside a stated shear modulus, Young's modulus of the tissue would be one too many.

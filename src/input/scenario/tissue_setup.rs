@@ -287,7 +287,7 @@ impl ScenarioFile {
             notes,
             warnings,
         )?;
-        let regions = Regions::new(self, insertion.scene, &meshed.names);
+        let regions = Regions::new(self, insertion.scene, &meshed.names).with_hint(meshed.region_hint.as_deref());
         let mut present = meshed.mesh.regions().to_vec();
         if self.tissue.mesh.is_none() {
             // A needle also meets labels too thin for an element.

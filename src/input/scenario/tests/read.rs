@@ -138,6 +138,25 @@ fn faults_point_at_their_line_and_say_what_is_expected() {
 }
 
 #[test]
+fn a_region_that_is_not_there_lists_the_arrays_of_the_mesh() {
+    let folder = tempfile::tempdir().expect("folder");
+    let array = |name: &str| format!("SCALARS {name} int 1\nLOOKUP_TABLE default\n3\n");
+    let mesh = "# vtk DataFile Version 4.2\nx\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 4 float\n\
+                0 0 0 40 0 0 0 40 0 0 0 40\nCELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n10\nCELL_DATA 1\n";
+    let mesh = format!("{mesh}{}{}", array("organ"), array("part"));
+    std::fs::write(folder.path().join("a.vtk"), mesh).expect("file");
+    let text = BLOCK.replace("nodes = 250", "mesh = \"a.vtk\"");
+    let text = text.replace("\"phantom_inclusion\"", "77");
+    let file = ScenarioFile::parse(&text, "block.toml").expect("a scenario");
+    let error = file.resolve(folder.path(), |_| {}).map(drop).expect_err("no region 77");
+    let help = error.help().unwrap_or_default();
+    assert!(
+        help.contains("cell arrays: `organ`, `part`; all regions are 0: choose with `region_array`"),
+        "{error} {help}"
+    );
+}
+
+#[test]
 fn scenes_are_named_or_refused() {
     let needle = BLOCK.replace("[scene.image]", "[scene.needle]\ntip_mm = [0, 0, 0]\n[scene.image]");
     let error = resolved(&needle).map(drop).expect_err("a needle of its own");
