@@ -98,11 +98,20 @@ fn terms(p: &Vector3<f64>) -> SVector<f64, TERMS> {
 }
 
 impl Rigid {
+    fn rotation(&self) -> UnitQuaternion<f64> {
+        let rotation = Rotation3::from_matrix_unchecked(self.matrix.0.fixed_view::<3, 3>(0, 0).into_owned());
+        UnitQuaternion::from_rotation_matrix(&rotation)
+    }
+
+    /// Angle of the rotation, degrees.
+    pub fn angle_deg(&self) -> f64 {
+        self.rotation().angle().to_degrees()
+    }
+
     /// Angle of the part of the rotation about the long axis of a body (z), degrees.
     pub fn turn_deg(&self) -> f64 {
-        let rotation = Rotation3::from_matrix_unchecked(self.matrix.0.fixed_view::<3, 3>(0, 0).into_owned());
-        let turn = UnitQuaternion::from_rotation_matrix(&rotation);
-        2.0 * turn.k.abs().atan2(turn.w.abs()).to_degrees()
+        let rotation = self.rotation();
+        2.0 * rotation.k.abs().atan2(rotation.w.abs()).to_degrees()
     }
 }
 

@@ -13,7 +13,7 @@ use insonify_anatomy::volume::complete::{CompleteOptions, complete};
 use insonify_anatomy::volume::{LabelVolume, save};
 use insonify_base::range::numbers;
 use insonify_mesh::TetMesh;
-use insonify_mesh::file::{MeshFileError, ReadOptions, Unit, read_mesh, write_vtu_with};
+use insonify_mesh::file::{MeshFileError, ReadOptions, SURFACES, Unit, read_mesh, write_vtu_with};
 use insonify_tracking::calibrate::poses::Poses;
 use insonify_tracking::sequence::Sequence;
 use insonify_tracking::world::World;
@@ -46,7 +46,7 @@ const ENOUGH: usize = 100;
 const MAX_RMS_MM: f64 = 3.0;
 /// Distance at which a landmark is doubtful, mm.
 const FAR_MM: f64 = 5.0;
-/// Turn about the body's long axis above which the axes of the surface are questioned, degrees.
+/// Rotation above which the axes of the surface, or the start of the fit, are questioned, degrees.
 const TURNED_DEG: f64 = 120.0;
 /// Least determinant of the Jacobian below which the fit is questioned: people of one build differ by less.
 const MIN_JACOBIAN: f64 = 0.6;
@@ -70,7 +70,7 @@ pub(crate) struct Register {
     /// Axes of the surface and of the landmarks' surface_*_mm [default: those that its file states, or lps]
     #[arg(long, value_parser = variants::<World>())]
     world: Option<World>,
-    /// Length unit of a surface of triangles
+    /// Length unit of a surface of triangles; points are in mm
     #[arg(long, value_parser = variants::<Unit>(), default_value = "mm")]
     unit: Unit,
     /// Tracked sequence: transform from the stylus to the reference
@@ -171,14 +171,28 @@ impl Register {
         segmentation::stem(&self.surface).is_some() || self.surface.is_dir()
     }
 
-    /// Questions a fit that turns a body about its long axis, as wrong axes do. Trackers have axes of any direction, segmentations state theirs.
+    fn has_triangles(&self) -> bool {
+        let ending = self.surface.extension().unwrap_or_default().to_ascii_lowercase();
+        self.tip.is_none() && !self.is_segmentation() && SURFACES.iter().any(|known| ending == *known)
+    }
+
+    /// Questions a fit that turns a body about its long axis, as wrong axes do, or upside down. Trackers have axes of any
+    /// direction, segmentations state theirs.
     fn doubt_axes(&self, registration: &Registration, world: World) {
-        let turn = registration.rigid.turn_deg();
-        if turn > TURNED_DEG && self.tip.is_none() && !self.is_segmentation() && registration.landmarks_mm.is_empty() {
+        if self.tip.is_some() || self.is_segmentation() || !registration.landmarks_mm.is_empty() {
+            return;
+        }
+        let [turn, angle] = [registration.rigid.turn_deg(), registration.rigid.angle_deg()];
+        if turn > TURNED_DEG {
             terminal::warn(format_args!(
                 "the fit turns the surface by {turn:.0} degrees about the body's long axis, taken as {world}: if its axes are {}, give --world {}",
                 world.other(),
                 world.other().to_string().to_lowercase()
+            ));
+        } else if angle > TURNED_DEG {
+            terminal::warn(format_args!(
+                "the fit turns the surface by {angle:.0} degrees, taken as {world}: head and feet may be exchanged; look at \
+                 the page, and give --landmarks"
             ));
         }
     }
@@ -205,6 +219,10 @@ impl Register {
 
     /// Points of the surface, LPS, mm, and its axes.
     fn points(&self) -> Result<(Vec<Point3<f64>>, World), Error> {
+        if self.unit != Unit::Mm && !self.has_triangles() {
+            let expected = "leave it out: points and recordings are in mm, and segmentations state their unit";
+            return Err(usage("--unit without a surface of triangles", expected));
+        }
         let world = self.axes(None);
         if let Some(tip) = self.tip {
             let sequence = Sequence::read_poses(&self.surface)?;

@@ -244,6 +244,10 @@ fn anatomy_is_registered_and_a_scene_takes_the_registration() {
     bench
         .run("register body.mha --no-complete --surface few.csv")
         .fails(2, &["1 surface points; expected at least 30"]);
+    bench.write("metres.csv", "x_mm,y_mm,z_mm\n0,0,0\n0.33,0,0\n");
+    bench
+        .run("register body.mha --no-complete --surface metres.csv")
+        .fails(2, &["in metres it is 330.0000 mm long: write it in mm"]);
     bench.write("solid.stl", "no triangles");
     bench
         .run("register body.mha --no-complete --surface solid.stl")
@@ -327,6 +331,7 @@ fn axes_and_units_of_surfaces_are_followed_or_questioned() {
         let _ = writeln!(points, "{number},{}", row[2..].replace(' ', ","));
     }
     bench.write("points.fcsv", &points);
+    run("points.fcsv --unit m").fails(2, &["--unit without a surface of triangles"]);
     assert_eq!(run("points.fcsv --json").json(), followed.json());
     run("few.txt").fails(2, &[".fcsv, .mrk.json or .stl"]);
 }

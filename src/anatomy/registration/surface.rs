@@ -44,7 +44,7 @@ pub fn read(path: &Path, unit: Unit) -> Result<SurfacePoints, VolumeError> {
         Some("json") => markups(&text(path)?).map_err(wrong)?,
         Some(ending) if SURFACES.contains(&ending) => {
             let file = SurfaceFile::read(path).map_err(|error| VolumeError::new(error.to_string()))?;
-            plausible(&file, unit).map_err(wrong)?;
+            plausible(file.longest_side(), Some(unit)).map_err(wrong)?;
             let in_mm = |point: &[f64; 3]| Point3::from(point.map(|x| x * unit.mm()));
             SurfacePoints {
                 points: file.points.iter().map(in_mm).collect(),
@@ -59,59 +59,44 @@ pub fn read(path: &Path, unit: Unit) -> Result<SurfacePoints, VolumeError> {
         }
     };
     // Checked once for all formats: one point that is not finite would spoil every sum of the fit.
-    if surface
-        .points
-        .iter()
-        .flat_map(|point| point.iter())
-        .all(|x| x.abs() <= FARTHEST_MM)
-    {
-        Ok(surface)
-    } else {
-        Err(wrong("a coordinate is not finite or beyond 1e6 mm".to_owned()))
+    let mut coordinates = surface.points.iter().flat_map(|point| point.iter());
+    if !coordinates.all(|x| x.abs() <= FARTHEST_MM) {
+        return Err(wrong("a coordinate is not finite or beyond 1e6 mm".to_owned()));
     }
+    // Points, too, may be in metres. One alone has no length.
+    if surface.points.len() > 1 {
+        let [low, high] = super::bounds(surface.points.iter().copied());
+        let longest_mm = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
+        plausible(longest_mm, None).map_err(wrong)?;
+    }
+    Ok(surface)
 }
 
-/// Refuses a surface whose length is that of no body, with the unit that would make it one.
-fn plausible(file: &SurfaceFile, unit: Unit) -> Result<(), String> {
+/// Refuses a surface whose length, in its own unit, is that of no body, and names the unit that would make it one. `unit` is
+/// that of the user; `None` where nobody can state one: mm.
+pub(crate) fn plausible(length: f64, unit: Option<Unit>) -> Result<(), String> {
     // Few files are in centimetres.
-    const UNITS: [(&str, &str, Unit); 3] = [
-        ("mm", "mm", Unit::Mm),
-        ("metres", "m", Unit::M),
-        ("centimetres", "cm", Unit::Cm),
+    const UNITS: [(&str, f64, Option<&str>); 4] = [
+        ("mm", 1.0, Some("mm")),
+        ("metres", 1000.0, Some("m")),
+        ("centimetres", 10.0, Some("cm")),
+        ("micrometres", 0.001, None),
     ];
-    let length = file.longest_side();
-    let fitting = UNITS.iter().find(|(_, _, unit)| fits(length * unit.mm()));
-    match (plausible_length(length * unit.mm()), fitting) {
-        (Err(_), Some((name, flag, fitting))) => Err(format!(
-            "{}; in {name} it is {:.4} mm long: state the unit (`--unit {flag}`)",
-            implausible(length * unit.mm()),
-            length * fitting.mm()
-        )),
-        (result, _) => result,
-    }
-}
-
-/// Refuses a length that is that of no body, mm, with the unit that would make it one.
-pub(crate) fn plausible_length(length_mm: f64) -> Result<(), String> {
+    let fits = |length_mm: f64| (LENGTHS_MM[0]..=LENGTHS_MM[1]).contains(&length_mm);
+    let length_mm = length * unit.unwrap_or_default().mm();
     if fits(length_mm) {
         return Ok(());
     }
-    // Few files are in centimetres.
-    let units = [("metres", 1000.0), ("centimetres", 10.0), ("micrometres", 0.001)];
-    let fitting = units.iter().find(|(_, mm)| fits(length_mm * mm));
-    let remedy = fitting.map_or_else(String::new, |(name, mm)| {
-        format!("; in {name} it is {:.4} mm long: write it in mm", length_mm * mm)
-    });
-    Err(implausible(length_mm) + &remedy)
-}
-
-fn fits(length_mm: f64) -> bool {
-    (LENGTHS_MM[0]..=LENGTHS_MM[1]).contains(&length_mm)
-}
-
-fn implausible(length_mm: f64) -> String {
     let [low, high] = LENGTHS_MM;
-    format!("the surface is {length_mm:.4} mm long, expected {low} to {high} mm")
+    let found = format!("the surface is {length_mm:.4} mm long, expected {low} to {high} mm");
+    let fitting = UNITS.into_iter().find(|(_, mm, _)| fits(length * mm));
+    Err(fitting.map_or(found.clone(), |(name, mm, flag)| {
+        let remedy = match flag.filter(|_| unit.is_some()) {
+            Some(flag) => format!("state the unit (`--unit {flag}`)"),
+            None => "write it in mm".to_owned(),
+        };
+        format!("{found}; in {name} it is {:.4} mm long: {remedy}", length * mm)
+    }))
 }
 
 fn text(path: &Path) -> Result<String, VolumeError> {
@@ -306,10 +291,6 @@ mod tests {
 
     #[test]
     fn a_surface_of_no_body_is_refused_with_its_unit() {
-        let file = |length: f64| SurfaceFile {
-            points: vec![[0.0; 3], [length, 1e-3, 0.0]],
-            ..SurfaceFile::default()
-        };
         for (length, unit, remedy) in [
             (
                 0.33,
@@ -327,11 +308,16 @@ mod tests {
                 "330000.0000 mm long, expected 5 to 5000 mm; in mm it is 330.0000 mm long: state the unit (`--unit mm`)",
             ),
         ] {
-            let error = plausible(&file(length), unit).expect_err(remedy);
+            let error = plausible(length, Some(unit)).expect_err(remedy);
             assert!(error.contains(remedy), "{error}");
         }
         for (length, unit) in [(6.0, Unit::Mm), (1900.0, Unit::Mm), (0.33, Unit::M), (33.0, Unit::Cm)] {
-            assert_eq!(plausible(&file(length), unit), Ok(()));
+            assert_eq!(plausible(length, Some(unit)), Ok(()));
         }
+        let error = plausible(0.33, None).expect_err("metres");
+        assert!(
+            error.ends_with("in metres it is 330.0000 mm long: write it in mm"),
+            "{error}"
+        );
     }
 }

@@ -343,23 +343,24 @@ fn a_real_body_deformed_is_fitted_back() {
     );
 }
 
-/// The turn about the long axis, whatever the body is tilted.
+/// The turn about the long axis, however the body is tilted, and the whole rotation.
 #[test]
 fn a_turn_about_the_long_axis_is_measured() {
     use std::f64::consts::PI;
-    for (angles, expected) in [
-        ([0.0, 0.0, PI], 180.0),
-        ([0.0, 0.0, -2.5], 143.239),
-        ([0.1, 0.05, 3.1], 177.6),
-        ([0.3, -0.2, 0.5], 28.6),
-        ([PI, 0.0, 0.0], 0.0),
+    for (angles, turn_deg, angle_deg) in [
+        ([0.0, 0.0, PI], 180.0, 180.0),
+        ([0.0, 0.0, -2.5], 143.239, 143.239),
+        ([0.1, 0.05, 3.1], 177.474, 177.477),
+        ([0.3, -0.2, 0.5], 30.385, 36.553),
+        ([3.0, 0.0, 0.0], 0.0, 171.887),
     ] {
         let rigid = Rigid {
             matrix: Rows(Rotation3::from_euler_angles(angles[0], angles[1], angles[2]).to_homogeneous()),
             rms_mm: 0.0,
             p95_mm: 0.0,
         };
-        let turn = rigid.turn_deg();
-        assert!((turn - expected).abs() < 3.0, "{angles:?}: {turn}");
+        for (found, expected) in [(rigid.turn_deg(), turn_deg), (rigid.angle_deg(), angle_deg)] {
+            assert!((found - expected).abs() < 0.001, "{angles:?}: {found}");
+        }
     }
 }

@@ -9,7 +9,7 @@ use nalgebra::{Matrix4, Vector3};
 
 use super::Segmentation;
 use super::folder::{Mask, Union};
-use crate::registration::surface::plausible_length;
+use crate::registration::surface::plausible;
 use crate::volume::complete::is_body;
 use crate::volume::{At, Label, LabelVolume, VolumeError};
 use insonify_base::text::some_of;
@@ -154,7 +154,7 @@ pub(super) fn read(path: &Path, files: &[PathBuf]) -> Result<Segmentation, Volum
     }
     let bounds = crate::registration::bounds(solids.iter().flat_map(|(_, solid)| solid.points().copied()));
     let longest = (0..3).map(|axis| bounds[1][axis] - bounds[0][axis]).fold(0.0, f64::max);
-    plausible_length(longest).map_err(|found| VolumeError::new(format!("{}: {found}", path.display())))?;
+    plausible(longest, None).map_err(|found| VolumeError::new(format!("{}: {found}", path.display())))?;
     let grid = Cubes::around(bounds, solids.iter().any(|(mask, _)| is_body(&mask.name)));
     let (mut union, mut thin) = (Union::new(grid.size), Vec::new());
     for (mask, solid) in &solids {
