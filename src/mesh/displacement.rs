@@ -12,6 +12,7 @@ const SINGULAR: f64 = 1e-9;
 /// Displacement field: a map from reference position (mm) to displacement (mm).
 ///
 /// Directions and axes need not have unit length; they must not be zero.
+///
 /// ```
 /// use insonify_mesh::Displacement;
 ///

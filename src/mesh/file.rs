@@ -113,7 +113,7 @@ pub struct MeshFile {
     pub skipped_cells: usize,
     /// Names of regions, where the file has any (physical groups of Gmsh).
     pub region_names: BTreeMap<i32, String>,
-    /// What could give the regions, where nothing does: the cell arrays of the file.
+    /// Cell arrays of the file that could give the regions, where nothing does.
     pub region_hint: Option<String>,
     /// Warnings for the user: where regions differ from what might be expected.
     pub warnings: Vec<String>,
@@ -144,7 +144,7 @@ struct Parts {
     skipped_cells: usize,
     region_names: BTreeMap<i32, String>,
     region_hint: Option<String>,
-    /// Whether the title states the axes as RAS (true) or LPS (false).
+    /// Axes stated by the title: RAS (true) or LPS (false).
     is_ras: Option<bool>,
     /// Number of tetrahedra that have nodes beside their corners.
     curved: usize,
@@ -157,18 +157,7 @@ impl Parts {
         if self.curved == 0 {
             return;
         }
-        let mut numbers = vec![None; self.nodes.len()];
-        self.elements
-            .as_flattened()
-            .iter()
-            .for_each(|node| numbers[*node as usize] = Some(0));
-        let kept: Vec<usize> = (0..numbers.len()).filter(|node| numbers[*node].is_some()).collect();
-        (0u32..)
-            .zip(&kept)
-            .for_each(|(number, node)| numbers[*node] = Some(number));
-        for node in self.elements.as_flattened_mut() {
-            *node = numbers[*node as usize].unwrap_or_default();
-        }
+        let kept = renumber(self.elements.as_flattened_mut(), self.nodes.len());
         self.warnings.push(format!(
             "{} tetrahedra of second or higher order are read by their corners: {} of {} nodes are left out, the others are \
              numbered in their order",
@@ -183,6 +172,20 @@ impl Parts {
     }
 }
 
+/// Numbers nodes anew without gaps, in their order; returns the old number of each. All are below `count`.
+fn renumber(nodes: &mut [u32], count: usize) -> Vec<usize> {
+    let mut numbers = vec![None; count];
+    nodes.iter().for_each(|node| numbers[*node as usize] = Some(0));
+    let kept: Vec<usize> = (0..count).filter(|node| numbers[*node].is_some()).collect();
+    (0u32..)
+        .zip(&kept)
+        .for_each(|(number, node)| numbers[*node] = Some(number));
+    for node in nodes {
+        *node = numbers[*node as usize].unwrap_or_default();
+    }
+    kept
+}
+
 /// Error for a file of another kind, which names it and what to do with it.
 fn foreign(bytes: &[u8]) -> Option<Fault> {
     let kind = Foreign::of(bytes)?;
@@ -194,8 +197,8 @@ fn foreign(bytes: &[u8]) -> Option<Fault> {
         (_, Holds::Volume) => "`insonify mesh make` makes a mesh of labels",
         (_, Holds::Other) => "a mesh of tetrahedra",
     };
-    let starts: Vec<&str> = FORMATS.iter().map(|format| format.name).collect();
-    Some(Fault::of_file(kind.name, format!("{}: {instead}", starts.join(" or "))))
+    let names: Vec<&str> = FORMATS.iter().map(|format| format.name).collect();
+    Some(Fault::of_file(kind.name, format!("{}: {instead}", names.join(" or "))))
 }
 
 /// Reads a tetrahedral mesh, with its displacements if there are any.
@@ -223,6 +226,7 @@ fn foreign(bytes: &[u8]) -> Option<Fault> {
 /// assert!(error.to_string().contains("block.stl"));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
+///
 /// # Errors
 /// [`MeshFileError`], with the line and byte offset where the contents violate the format.
 pub fn read_mesh(path: &Path, options: &ReadOptions) -> Result<MeshFile, MeshFileError> {

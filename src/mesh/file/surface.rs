@@ -7,7 +7,7 @@ use ply_rs_bw::parser::Parser;
 use ply_rs_bw::ply::{DefaultElement, Property};
 
 use super::error::{Fault, MeshFileError, quote};
-use super::{Cursor, vtk};
+use super::{Cursor, renumber, vtk};
 use insonify_base::foreign::Foreign;
 use insonify_base::matrix::FARTHEST_MM;
 use insonify_base::read;
@@ -22,9 +22,9 @@ pub struct SurfaceFile {
     pub points: Vec<[f64; 3]>,
     /// Corners of each triangle.
     pub triangles: Vec<[u32; 3]>,
-    /// Whether the file states its axes as RAS (true) or LPS (false), as 3D Slicer writes it.
+    /// Axes stated by the file, as 3D Slicer does: RAS (true) or LPS (false).
     pub is_ras: Option<bool>,
-    /// Whether it is the outside of tetrahedra.
+    /// Whether the triangles are the outer faces of tetrahedra.
     pub is_outside: bool,
 }
 
@@ -78,7 +78,7 @@ impl SurfaceFile {
                         format!("points from 0 to {}", surface.points.len() - 1),
                     ))
                 }
-                None => Ok(surface),
+                None => Ok(surface.without_inner_points()),
             },
         }
     }
@@ -93,6 +93,15 @@ impl SurfaceFile {
             high - low
         };
         [0, 1, 2].map(side).into_iter().fold(0.0, f64::max)
+    }
+
+    /// The surface without the points that lie within its tetrahedra.
+    fn without_inner_points(mut self) -> Self {
+        if self.is_outside {
+            let kept = renumber(self.triangles.as_flattened_mut(), self.points.len());
+            self.points = kept.iter().map(|point| self.points[*point]).collect();
+        }
+        self
     }
 
     /// Adds a polygon as triangles about its first corner.
@@ -253,7 +262,10 @@ fn obj(bytes: &[u8]) -> Result<SurfaceFile, Fault> {
                     // Numbers start at 1; negative ones count from the last vertex so far.
                     let number = number.and_then(|number| match number {
                         1.. => usize::try_from(number - 1).ok(),
-                        _ => surface.points.len().checked_sub(usize::try_from(-number).ok()?),
+                        _ => surface
+                            .points
+                            .len()
+                            .checked_sub(usize::try_from(number.unsigned_abs()).ok()?),
                     });
                     let number = number.filter(|number| *number < surface.points.len());
                     let expected = format!("the number of one of the {} vertices before it", surface.points.len());

@@ -48,7 +48,6 @@ fn files(title: &str) -> Vec<(&'static str, Vec<u8>)> {
     let head = format!("# vtk DataFile Version 4.2\n{title}\nASCII\nDATASET");
     let vtk = format!("POINTS 4 double\n{}", lines("", points()));
     let cells = lines("3 ", faces());
-    let codes = numbers(&[title.as_bytes(), &[0]].concat());
     let array = |kind: &str, name: &str, more: &str, values: String| {
         format!("<DataArray type='{kind}' Name='{name}' {more} format='ascii'>{values}</DataArray>\n")
     };
@@ -69,7 +68,6 @@ fn files(title: &str) -> Vec<(&'static str, Vec<u8>)> {
             numbers(&[&title.as_bytes()[title.len() - 3..], &[0]].concat())
         )
     });
-    let _ = codes;
     vec![
         ("stl", ascii_stl(title).into_bytes()),
         ("stl", format!(" \r\n{}", ascii_stl(title).replace('\n', "\r\n")).into_bytes()),
@@ -131,6 +129,11 @@ fn polygons_and_strips_become_triangles() {
     // Of tetrahedra the faces that belong to one alone.
     let grid = "# vtk DataFile Version 4.2\nx\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 float\n0 0 0 1 0 0 0 1 0 0 0 1 1 1 1\nCELLS 2 10\n4 0 1 2 3\n4 1 2 3 4\nCELL_TYPES 2\n10 10\n";
     assert_eq!(SurfaceFile::parse(grid.as_bytes(), "vtk").unwrap().triangles.len(), 6);
+    // A point within them is none of the surface.
+    let grid = "# vtk DataFile Version 4.2\nx\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 float\n1 1 1 0 0 0 9 0 0 0 9 0 0 0 9\nCELLS 4 20\n4 0 2 3 4\n4 0 1 3 4\n4 0 1 2 4\n4 0 1 2 3\nCELL_TYPES 4\n10 10 10 10\n";
+    let outside = SurfaceFile::parse(grid.as_bytes(), "vtk").unwrap();
+    assert_eq!((outside.triangles.len(), outside.points.len()), (4, 4));
+    assert!(!outside.points.contains(&[1.0; 3]), "{:?}", outside.points);
 }
 
 #[test]
@@ -160,6 +163,11 @@ fn faults_say_where_they_are() {
         (b"short".to_vec(), "stl", "5 bytes with a count of 0"),
         (b"v 0 0\nf 1 2 3\n".to_vec(), "obj", "found `f`; expected a coordinate"),
         (b"v 0 0 0\nf 1 2 3\n".to_vec(), "obj", "line 2"),
+        (
+            b"v 0 0 0\nf 1 1 -9223372036854775808\n".to_vec(),
+            "obj",
+            "the number of one of the 1 vertices",
+        ),
         (b"v 0 0 nan\n".to_vec(), "obj", "point 0 at [0.0, 0.0, NaN]"),
         (b"# nothing\n".to_vec(), "obj", "no point; expected a surface"),
         (

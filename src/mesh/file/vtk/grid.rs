@@ -61,7 +61,7 @@ const REGION_NAMES: [&str; 6] = [
 pub(super) struct Array {
     pub name: String,
     pub components: usize,
-    /// Whether its type has whole numbers only.
+    /// Whether its type is one of whole numbers.
     pub is_whole: bool,
     /// Values; empty if the array is not wanted.
     pub values: Vec<f64>,
@@ -78,7 +78,7 @@ pub(super) struct Grid {
     pub point_arrays: Vec<Array>,
     pub cell_arrays: Vec<Array>,
     pub region_names: BTreeMap<i32, String>,
-    /// Whether the title states the axes as RAS (true) or LPS (false).
+    /// Axes stated by the title: RAS (true) or LPS (false).
     pub is_ras: Option<bool>,
 }
 
@@ -275,18 +275,13 @@ impl Grid {
         }
         let is_guess =
             options.region.is_none() && array.is_some_and(|array| !REGION_NAMES.contains(&array.name.as_str()));
-        let numbers: BTreeSet<i64> = array
-            .map_or(&[][..], |array| &array.values)
-            .iter()
-            .map(|value| *value as i64)
-            .collect();
-        let array = array.filter(|_| !is_guess || numbers.len() <= MAX_REGIONS);
-        match array {
-            Some(array) if is_guess => warnings.push(format!(
+        // A guess that does not serve is left out: it never refuses a file.
+        let array = array.filter(|array| !is_guess || may_be_regions(array, cells));
+        if let Some(array) = array.filter(|_| is_guess) {
+            warnings.push(format!(
                 "the regions are the cell array `{}`, the only one of whole numbers; `region_array` chooses another",
                 array.name
-            )),
-            _ => {}
+            ));
         }
         match array {
             Some(array) if array.components != 1 || array.values.len() != cells => Err(Fault::of_file(
@@ -340,6 +335,13 @@ fn shape(owner: &str, array: &Array) -> String {
         array.components,
         array.values.len()
     )
+}
+
+/// Whether an array that nobody named can be the regions: a number of 32 bits for each cell, and not one of its own.
+fn may_be_regions(array: &Array, cells: usize) -> bool {
+    let is_number = |value: &f64| value.fract() == 0.0 && (f64::from(i32::MIN)..=f64::from(i32::MAX)).contains(value);
+    let numbers: BTreeSet<i64> = array.values.iter().map(|value| *value as i64).collect();
+    array.values.len() == cells && array.values.iter().all(is_number) && numbers.len() <= MAX_REGIONS
 }
 
 fn region_number(array: &Array, cell: usize) -> Result<i32, Fault> {

@@ -131,7 +131,7 @@ struct Raw<'a> {
 #[derive(Default)]
 struct Piece<'a> {
     points: Option<Raw<'a>>,
-    /// Of cells or polygons, and of strips.
+    /// Corners of cells or polygons, and of strips.
     connectivity: [Option<Raw<'a>>; 2],
     offsets: [Option<Raw<'a>>; 2],
     types: Option<Raw<'a>>,

@@ -162,6 +162,11 @@ fn regions_are_the_only_whole_array_or_told() {
         let hint = file.region_hint.unwrap();
         assert!(hint.starts_with(&format!("cell arrays: {arrays}; all regions are 0")) && file.warnings == [hint]);
     }
+    // Numbers of more than 32 bits are no regions.
+    let wide = array("hash", "vtktypeint64", &"5000000000\n".repeat(cells));
+    let start = good.find("SCALARS region").unwrap();
+    let file = read(format!("{}{wide}", &good[..start]).as_bytes()).unwrap();
+    assert!(file.region_hint.is_some_and(|hint| hint.contains("`hash`")));
     // A number for each of many cells is no region.
     let many = TetMesh::over_box([0.0; 3], [9.0; 3], 700).unwrap();
     let numbers = (0..many.elements().len() as i32).collect();
