@@ -349,7 +349,7 @@ fn write_rows(file: &mut impl Write, frame: usize, estimates: &[Estimate], depth
     Ok(())
 }
 
-/// What a sequence shows besides the rows of its table.
+/// Statistics of a sequence, and the frame for its pictures.
 #[derive(Default)]
 struct Summary {
     /// Sum of the correlations of all windows.

@@ -132,12 +132,13 @@ impl Stored {
         let last_is_colour = axes.len() > 2 && kind(axes.len() - 1).is_some_and(is_colour);
         let (size, images) = match sizes[..] {
             _ if !matches!(channels, 1 | 3 | 4) || last_is_colour => {
+                let kinds = if keys.kinds.is_empty() {
+                    String::new()
+                } else {
+                    format!(" and kinds {}", keys.kinds.join(" "))
+                };
                 return Err(header.unsupported(
-                    format!(
-                        "a sequence of sizes {} and kinds {}",
-                        header.sizes(),
-                        keys.kinds.join(" ")
-                    ),
+                    format!("a sequence of sizes {}{kinds}", header.sizes()),
                     "frames have the 3 or 4 colours of a pixel in the first axis, and frames in the last",
                 ));
             }

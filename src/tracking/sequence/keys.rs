@@ -21,7 +21,7 @@ pub(super) struct Keys {
     pub(super) frames: BTreeMap<usize, Frame>,
     pub(super) orientation: Option<String>,
     pub(super) image_type: Option<String>,
-    /// What each axis of the data is, in lower case.
+    /// Kinds of the axes of the data, in lower case.
     pub(super) kinds: Vec<String>,
     pub(super) strays: usize,
     pub(super) warnings: Vec<String>,
