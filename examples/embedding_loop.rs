@@ -1,7 +1,7 @@
-//! How does a simulator drive the synthesizer? It owns the motion: each step it writes the probe's pose, the needle and the
-//! mesh nodes into one state that it keeps, and renders. In the steady state nothing is allocated. With tickets a GPU works on up
-//! to three frames while the simulator takes its next steps. And what do frames take whose states are all known in advance, as
-//! those of a training set? They go in a batch.
+//! How does a simulator drive the synthesizer? It owns the motion: each step it writes the probe's pose, the needle and
+//! the mesh nodes into one state that it keeps, and renders. In the steady state nothing is allocated. With tickets a
+//! GPU works on up to three frames while the simulator takes its next steps. And what do frames take whose states are
+//! all known in advance, as those of a training set? They go in a batch.
 //!
 //! `cargo run --release --example embedding_loop -- 200 [cpu | gpu]`
 
@@ -12,7 +12,7 @@ use std::time::Instant;
 use insonify::{Backend, Displacement, FrameState, SceneFile, SynthError, Synthesizer, TetMesh};
 use nalgebra::{Matrix4, Point3, Rotation3, Translation3, Vector3};
 
-/// What is imaged and how; the motion is the simulator's.
+/// The scene without its motion, which is the simulator's.
 const SCENE: &str = r#"
 volume = { phantom = "abdomen", resolution_mm = 2.0 }
 needle = { tip_mm = [-52.3, -20.2, -25.1], entry_mm = [-32.0, -79.6, -7.1] }
@@ -84,7 +84,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("median {median:.2} ms, {:.0} frames a second", 1e3 / median);
     println!("95 of 100 frames within {:.2} ms", times[95 * (frames - 1) / 100]);
 
-    // In flight: while a GPU works on frames, the states of the next ones are filled. A frame is taken when three are under way.
+    // In flight: while a GPU works on frames, the states of the next ones are filled. A frame is taken when three are
+    // under way.
     let start = Instant::now();
     let mut in_flight = VecDeque::with_capacity(3);
     for frame in 0..frames {

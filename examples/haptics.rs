@@ -18,7 +18,7 @@ const DT_S: f64 = 1e-3;
 const DURATION_S: f64 = 3.0;
 /// The block, mm: skin at z = 0, the probe below the face y = 0.
 const BLOCK_MM: [f64; 3] = [60.0, 60.0, 80.0];
-/// Where the devices hold the probe, mm behind its end, and its pose at rest.
+/// Points at which the devices hold the probe, mm behind its end, and its pose at rest.
 const HELD_AT_MM: [f64; 2] = [90.0, 150.0];
 const PROBE_MM: [f64; 3] = [30.0, -10.0, 75.0];
 /// Stiffness (N/mm) and damping (N s/mm) of the hand's grip.
@@ -121,13 +121,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// How far beyond the template the hand wants the tip, mm: in, out, and in again.
+/// Depth of the tip beyond the template that the hand wants, mm: in, out, and in again.
 fn depth_mm(time_s: f64) -> f64 {
     let swing = |from: f64, to: f64| (((time_s - from) / (to - from)).clamp(0.0, 1.0) * std::f64::consts::PI).sin();
     45.0 * swing(0.0, 2.0) + 30.0 * swing(2.2, 3.8)
 }
 
-/// How far the hand wants the probe up against the tissue, mm: from 0.8 s on, 3 mm in half a second.
+/// Way of the probe up against the tissue that the hand wants, mm: from 0.8 s on, 3 mm in half a second.
 fn lift_mm(time_s: f64) -> f64 {
     3.0 * ((time_s - 0.8) / 0.5).clamp(0.0, 1.0)
 }

@@ -47,7 +47,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// What any host does to see its textures.
+/// Read-back of a texture, as any host does it.
 fn read_back(device: &wgpu::Device, queue: &wgpu::Queue, texture: &wgpu::Texture) -> Result<Vec<u8>, Box<dyn Error>> {
     let stride = row_stride(texture.width());
     let buffer = device.create_buffer(&wgpu::BufferDescriptor {

@@ -1,6 +1,6 @@
-//! How does a training simulator drive tissue, needle and images? Steps run on a haptic thread at 1 kHz, frames on another
-//! thread of the latest whole state; neither waits for the other. A needle with a bevel goes into a block and comes out
-//! again; rate and jitter of both threads are printed.
+//! How does a training simulator drive tissue, needle and images? Steps run on a haptic thread at 1 kHz, frames on
+//! another thread of the latest whole state; neither waits for the other. A needle with a bevel goes into a block and
+//! comes out again; rate and jitter of both threads are printed.
 //!
 //! `cargo run --release --example insertion_loop -- 10` (seconds; 10 if left out)
 
@@ -17,7 +17,7 @@ use insonify::{
 };
 use nalgebra::{Isometry3, Matrix4, Point3, Vector3};
 
-/// What is imaged and how. The block is 90 x 80 x 90 mm around the origin; the probe looks along -z from one face, and the
+/// The scene. The block is 90 x 80 x 90 mm around the origin; the probe looks along -z from one face, and the
 /// needle comes along z through the opposite one. The needle here only asks for its effect: where it is, the steps say.
 const SCENE: &str = r#"
 volume = { phantom = "two-layer", resolution_mm = 1.0 }
@@ -29,7 +29,7 @@ const SHAFT: Shaft = Shaft {
     length_mm: 200.0,
     radius_mm: 0.64,
 };
-/// Where the needle enters, mm, and how far beyond.
+/// Point where the needle enters, mm, and its depth beyond.
 const ENTRY_MM: [f64; 3] = [8.0, 0.0, -45.0];
 const DEPTH_MM: f64 = 60.0;
 

@@ -1,5 +1,5 @@
-//! What does it cost to turn a knob while imaging? Settings change between frames, and only what depends on them is made
-//! anew.
+//! What does it cost to turn a knob while imaging? Settings change between frames, and only what depends on them is
+//! made anew.
 //!
 //! `cargo run --release --example live_settings`
 

@@ -1,5 +1,5 @@
-//! What happens when the driver resets the GPU in the middle of a session? The frame fails with an error that says so, and
-//! a new device picks up where the old one was.
+//! What happens when the driver resets the GPU in the middle of a session? The frame fails with an error that says so,
+//! and a new device picks up where the old one was.
 //!
 //! `cargo run --release --example lost_device`
 

@@ -1,8 +1,8 @@
 //! Pages of reference and their pictures: effects, laws of tissue, kinds of probes.
 //!
-//! `effects.png` shows the same frame with one effect at a time, then with all. The first panel is slicing alone: labels
-//! become echoes, shown linearly. The second adds the tone curve, which every further panel has too, beside the one effect
-//! in its caption. What the effects do is that of their examples, which exaggerate.
+//! `effects.png` shows the same frame with one effect at a time, then with all. The first panel is slicing alone:
+//! labels become echoes, shown linearly. The second adds the tone curve, which every further panel has too, beside the
+//! one effect in its caption. What the effects do is that of their examples, which exaggerate.
 //!
 //! `cargo run --release --example reference_pages -- docs`
 
@@ -17,7 +17,8 @@ use insonify::imaging::effects::LISTED;
 use insonify::{Backend, Frame, FrameState, Layer, Scene, SceneFile, write_png};
 use nalgebra::Matrix4;
 
-/// What the examples of effects are added to. The probe is 4 mm off the skin, and grey around the sector shows it.
+/// The scene to which the examples of effects are added. The probe is 4 mm off the skin, and grey around the sector
+/// shows it.
 const SCENE: &str = r#"
 seed = 11
 volume = { phantom = "abdomen", resolution_mm = 2.0 }

@@ -1,6 +1,7 @@
-//! Does memory stay flat in long runs? Frames with every effect, a mesh that moves and a needle on each backend of this machine,
-//! then steps of an insertion with all that `insonify insert` keeps of them. The resident memory (Linux) is printed at equal
-//! intervals; a run whose memory grows faster than the limits below after its first tenth ends with status 1.
+//! Does memory stay flat in long runs? Frames with every effect, a mesh that moves and a needle on each backend of this
+//! machine, then steps of an insertion with all that `insonify insert` keeps of them. The resident memory (Linux) is
+//! printed at equal intervals; a run whose memory grows faster than the limits below after its first tenth ends with
+//! status 1.
 //!
 //! `cargo run --release --example soak -- 20000 10000000` (frames of each backend and steps; these if left out)
 

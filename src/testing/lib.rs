@@ -1,4 +1,4 @@
-//! What tests of several crates share: a GPU or a visible skip, threads without a cache, the least accurate arithmetic
+//! Shared by tests of several crates: a GPU or a visible skip, threads without a cache, the least accurate arithmetic
 //! of WGSL.
 
 use std::io::Write;

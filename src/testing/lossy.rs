@@ -42,7 +42,7 @@ pub const BIASES: [Bias; 3] = [Bias::Random(1), Bias::TowardZero, Bias::AwayFrom
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Lossy {
     value: f32,
-    /// What rounding took from a product: a sum may use the product unrounded.
+    /// Rounding error of a product: a sum may use the product unrounded.
     rest: f32,
 }
 
@@ -72,7 +72,7 @@ impl Draw {
         self.0 >> at & 1 == 1
     }
 
-    /// Whether the result lies above the exact one.
+    /// True if the result lies above the exact one.
     fn is_up(&self, exact: f64) -> bool {
         match BIAS.get() {
             Bias::Random(_) => self.bit(0),

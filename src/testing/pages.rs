@@ -1,4 +1,5 @@
-//! README.md and the pages of `docs/`: the commands, named blocks and file tables that they show, and the commands that sources mention.
+//! README.md and the pages of `docs/`: the commands, named blocks and file tables that they show, and the commands that
+//! sources mention.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -118,7 +119,8 @@ impl Page {
         })
     }
 
-    /// Spans in backticks outside fenced blocks, each with the number of the line where it ends. In sources a span ends with its line.
+    /// Spans in backticks outside fenced blocks, each with the number of the line where it ends. In sources a span ends
+    /// with its line.
     #[must_use]
     pub fn spans(&self) -> Vec<(usize, String)> {
         let mut spans = Vec::new();
@@ -179,7 +181,8 @@ pub fn texts() -> Vec<Page> {
 }
 
 impl Page {
-    /// Its passages: paragraphs and rows of tables, or a line of a file with the comments that go on below it, each with the number of its first line.
+    /// Its passages: paragraphs and rows of tables, or a line of a file with the comments that go on below it, each
+    /// with the number of its first line.
     fn passages(&self) -> Vec<(usize, String)> {
         let mut passages: Vec<(usize, String)> = Vec::new();
         let mut goes_on = false;
@@ -198,8 +201,8 @@ impl Page {
         passages
     }
 
-    /// Passages that quote most of these names but not all: lists that lack one. Fewer than three names make no list, and one that refers to
-    /// `insonify schema`, or is the `only` of a scene, may leave names out.
+    /// Passages that quote most of these names but not all: lists that lack one. Fewer than three names make no list,
+    /// and one that refers to `insonify schema`, or is the `only` of a scene, may leave names out.
     #[must_use]
     pub fn incomplete(&self, names: &[String]) -> Vec<String> {
         let lists = self.passages().into_iter().filter_map(|(line, text)| {

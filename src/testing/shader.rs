@@ -1,4 +1,4 @@
-//! What a shader declares, as naga reads it.
+//! Declarations of a shader, as naga reads them.
 
 use std::collections::BTreeMap;
 

@@ -1,8 +1,9 @@
 //! The commands, tables and links of README.md and the pages of `docs/`.
 //!
-//! The commands of a page run in order in a folder of its own. A file that they name is made by a command before, is a block of the page after a
-//! line that ends in its name and a colon, or is one that a reader brings (`bring`). Nothing is run for a NAME in capitals. What is [`SLOW`], and
-//! what reads its output, runs by `.ci/more docs`; here its files are looked for. The unit tests of the command parse all commands.
+//! The commands of a page run in order in a folder of its own. A file that they name is made by a command before, is a
+//! block of the page after a line that ends in its name and a colon, or is one that a reader brings (`bring`). Nothing
+//! is run for a NAME in capitals. What is [`SLOW`], and what reads its output, runs by `.ci/more docs`; here its files
+//! are looked for. The unit tests of the command parse all commands.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -23,7 +24,8 @@ mod reference_pages;
 use crate::beam_measure;
 use crate::support::{Bench, Run};
 
-/// Commands that take more than two seconds of processor time in `dev`: a subcommand, and words that the command must have.
+/// Commands that take more than two seconds of processor time in `dev`: a subcommand, and words that the command must
+/// have.
 const SLOW: [&str; 19] = [
     "tradeoff",
     "stability",
@@ -58,7 +60,7 @@ const WRITTEN: [&str; 8] = [
     "--rheometer",
 ];
 
-/// What a reader brings, from the real data.
+/// Files that a reader brings, from the real data.
 const REAL: [(&str, &str); 11] = [
     ("labels.nii.gz", "volumes/ts_example_seg_full.nii.gz"),
     ("recording.igs.mha", "tracked/BoneUltrasound_L14.igs.mha"),

@@ -12,9 +12,10 @@ pub(super) fn page() -> io::Result<String> {
     let schema = schemars::schema_for!(EffectsTable).to_value();
     let entries: io::Result<Vec<Entry>> = LISTED.iter().map(|effect| entry(effect, &schema)).collect();
     let lead = folded(
-        "What each effect adds to a frame, the keys by which a scene calls for it, and a frame without them, on the left, and \
-         with them. Pictures show one effect beside the tone curve, by the keys above them, which exaggerate; here is each, \
-         and then all of them together.",
+        "What each effect does, its keys, and a frame without it, on the left, and with it. The usual effects act in every \
+         scene whose frames they can change; [guide.md](guide.md#one-effect-at-a-time) says which they are. Pictures show one \
+         effect beside the tone curve, by the keys above them, some of which exaggerate; here is each, and then all of them \
+         together.",
     );
     let lead = format!("{lead}\n![Each effect alone, then all together](effects.png)\n");
     Ok(page_of("Effects", &lead, ["effect", "what it does"], &entries?))
@@ -50,14 +51,16 @@ fn entry(effect: &Effect, schema: &Value) -> io::Result<Entry> {
     })
 }
 
-/// What the picture of an effect shows, if it has one.
+/// Caption of the picture of an effect, if it has one.
 fn caption(effect: &Effect) -> Option<&'static str> {
     match effect.name {
         "scan_conversion" => Some("Beam space, a scanline in each column, and the frame made from it"),
         "truth" => Some("The layers of a frame, each from its least value in black to its largest in white"),
-        "contact" => Some("The upper part of a frame without these keys, with a gap under the array, and with them"),
+        "contact" => Some("The upper part of a frame without the effect, with a gap under the array, and with it"),
+        // Every frame has it.
+        "slice" => Some("A frame with smooth boundaries, and with these keys"),
         _ if effect.example.is_empty() => None,
-        _ => Some("A frame without these keys, and with them"),
+        _ => Some("A frame without the effect, and with these keys"),
     }
 }
 

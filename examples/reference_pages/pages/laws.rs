@@ -28,11 +28,11 @@ pub(super) fn files() -> Result<Vec<(String, String)>, Box<dyn Error>> {
         if linear.0 != name {
             series.push(Series::line(linear.0, 6, curve(&linear.1)));
         }
-        let axes = ["stretch - 1", "nominal stress (kPa)"].map(Axis::linear);
+        let axes = ["engineering strain", "nominal stress (kPa)"].map(Axis::linear);
         let [x, y] = axes;
         files.push((
             format!("laws/{name}.svg"),
-            Plot::new(format!("A bar of {name} tissue"), x, y, series).svg()?,
+            Plot::new(format!("Uniaxial stress, law {name}"), x, y, series).svg()?,
         ));
     }
     let lead = folded(&format!(
@@ -76,7 +76,7 @@ fn entry(name: &'static str, spec: &LawSpec, law: &AnyLaw, schema: &Value) -> Re
         "\n```toml\n[[material]]\nyoung_kpa = {:?}\npoisson = {:?}\nlaw = {{ kind = \"{name}\"{stated} }}\n```\n",
         MATERIAL[0], MATERIAL[1]
     );
-    section += &format!("\n![Stress of a bar against its elongation](laws/{name}.svg)\n");
+    section += &format!("\n![Nominal stress of a bar against its engineering strain](laws/{name}.svg)\n");
     if !keys.is_empty() {
         section += &source.key_table(&keys, schema);
     }

@@ -1,4 +1,4 @@
-//! Pages of reference: what the docs of sources, the registries and the schemas of files say of each thing of a kind.
+//! Pages of reference, from the docs of sources, the registries and the schemas of files.
 
 mod effects;
 mod laws;
@@ -11,7 +11,7 @@ use std::io;
 use insonify_testing::pages::root;
 use serde_json::{Map, Value};
 
-/// What writes the pages and their pictures.
+/// The command that writes the pages and their pictures.
 pub(crate) const COMMAND: &str = "cargo run --release --example reference_pages -- docs";
 
 /// Length of a line of text.

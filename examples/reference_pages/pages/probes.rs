@@ -33,7 +33,8 @@ pub(super) fn files() -> Result<Vec<(String, String)>, Box<dyn Error>> {
     let lead = folded(&format!(
         "Kinds of transducers: `[probe]` of a scene. `depth_mm` is the length of every scanline, `frequency_mhz` the centre frequency, by \
          default that of the kind, `lines` and `samples` the number of scanlines and of samples along each. Drawings show {LINES} scanlines of \
-         the probes of the examples, the array in bold; x, towards the marked side, points to the right and y, into the body, down.",
+         the probes of the examples, the array in bold; x, towards the marked side, points to the right and y, into the body, down. \
+         Those of a full circle overlap opposite to y, so that the frame has no seam there.",
     ));
     let text = page("Kinds of probes", &lead, ["kind", "what it is"], &entries);
     files.insert(0, ("probes.md".to_owned(), text));
