@@ -1,6 +1,7 @@
 //! Segmentations: a label file or a folder of masks, with labels named by the file, a table, file names or label values.
 
 mod evidence;
+mod extent;
 mod folder;
 mod info;
 mod naming;
@@ -12,7 +13,7 @@ use std::path::{Path, PathBuf};
 
 use crate::acoustics::{Preset, known};
 use crate::volume::{self, Label, LabelVolume, Loaded, VolumeError, load};
-use evidence::Extents;
+use extent::Extents;
 pub use info::{LabelInfo, SegmentationInfo};
 pub use table::Names;
 

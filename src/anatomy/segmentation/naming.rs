@@ -1,6 +1,7 @@
 //! Naming of labels by their values, and doubts about names.
 
-use super::evidence::{Extents, Fit};
+use super::evidence::Fit;
+use super::extent::Extents;
 use super::{Naming, Segmentation};
 use crate::acoustics::{Preset, known, numbering};
 use crate::volume::complete::has_body_values;

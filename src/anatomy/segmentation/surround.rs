@@ -1,6 +1,6 @@
 //! Labels that are no organs: a background that is not 0, and a body.
 
-use super::evidence::Extents;
+use super::extent::Extents;
 use super::{Naming, Segmentation};
 use crate::acoustics::Preset;
 use crate::volume::complete::has_body_values;

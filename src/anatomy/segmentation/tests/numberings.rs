@@ -1,0 +1,279 @@
+//! Labels that are named by their values.
+
+use super::*;
+
+#[test]
+fn every_numbering_is_recognised_by_a_torso() {
+    for &numbering in Preset::NUMBERINGS {
+        let read = named("a.nrrd", &numbered(numbering));
+        let thin = matches!(numbering, Preset::Lits | Preset::LungVessels | Preset::LiverVessels);
+        assert_eq!(
+            preset(&read) == Some(numbering),
+            !thin,
+            "{numbering:?}: {:?}",
+            read.warnings
+        );
+        if !thin {
+            assert!(read.warnings.is_empty(), "{numbering:?}: {:?}", read.warnings);
+            for label in &read.volume.labels()[1..] {
+                assert_eq!(label.name.as_deref(), numbering.organ(label.value), "{numbering:?}");
+            }
+        }
+    }
+    let btcv = named("a.nrrd", &numbered(Preset::Btcv));
+    assert!(
+        btcv.notes[0].contains("the numbers of BTCV: by those of TotalSegmentator, label 5 (liver) has"),
+        "{:?}",
+        btcv.notes
+    );
+}
+
+/// A volume with names of TotalSegmentator in the values of a numbering, without names. A class has all labels that it comprises.
+fn recoded(volume: &LabelVolume, numbering: Preset) -> LabelVolume {
+    let comprises = |class: &str, organ: &str| {
+        let lung = class
+            .strip_prefix("lung_")
+            .filter(|side| ["left", "right"].contains(side));
+        organ == class
+            || organ.strip_prefix(class).is_some_and(|rest| rest.starts_with('_'))
+            || lung.is_some_and(|side| organ.starts_with("lung_") && organ.ends_with(side))
+    };
+    let classes = numbering.classes();
+    let of_label: Vec<u8> = volume
+        .labels()
+        .iter()
+        .map(|label| {
+            let name = label.name.as_deref().unwrap_or_default();
+            let class = classes.iter().position(|class| comprises(&class.name, name));
+            class.map_or(0, |class| class as u8 + 1)
+        })
+        .collect();
+    let voxels = volume
+        .voxels()
+        .iter()
+        .map(|&voxel| of_label[usize::from(voxel)])
+        .collect();
+    let counts = |class: usize| {
+        let labels = volume.labels().iter().zip(&of_label);
+        labels
+            .filter(|(_, of)| usize::from(**of) == class + 1)
+            .map(|(label, _)| label.voxels as usize)
+            .sum()
+    };
+    let labels: Vec<(i64, usize)> = classes
+        .iter()
+        .enumerate()
+        .map(|(class, of)| (of.value, counts(class)))
+        .collect();
+    moved(
+        self::volume(volume.size(), voxels, &labels, 1.0),
+        *volume.index_to_world(),
+    )
+}
+
+#[test]
+fn real_anatomy_is_recognised_in_every_numbering() {
+    let Some(path) = insonify_testing::shared("volumes/ts_example_seg_full.nii.gz") else {
+        return;
+    };
+    let real = load(&path).unwrap().volume;
+    for &numbering in Preset::NUMBERINGS {
+        let mut read = Segmentation::from(recoded(&real, numbering));
+        let extents = Extents::of(&read.volume);
+        read.read_values(&Naming::default(), None, &extents);
+        let thin = matches!(numbering, Preset::Lits | Preset::LungVessels | Preset::LiverVessels);
+        assert_eq!(
+            preset(&read) == Some(numbering),
+            !thin,
+            "{numbering:?}: {:?}",
+            read.warnings
+        );
+        assert_eq!(read.warnings.is_empty(), !thin, "{numbering:?}: {:?}", read.warnings);
+    }
+}
+
+#[test]
+fn total_mr_is_not_read_as_total() {
+    let mr = [
+        (5, "liver"),
+        (2, "kidney_right"),
+        (19, "vertebrae"),
+        (23, "aorta"),
+        (24, "inferior_vena_cava"),
+    ];
+    let read = named("a.nrrd", &torso(&mr));
+    assert_eq!(preset(&read), Some(Preset::TotalMr), "{:?}", read.warnings);
+    assert!(
+        read.notes[0].contains("label 23 (kidney_cyst_left) is 203 mm from head to feet, expected at most 180 mm"),
+        "{:?}",
+        read.notes
+    );
+    // Near misses: a cyst, and values that mean the same in both.
+    let cyst = [
+        (5, "liver"),
+        (1, "spleen"),
+        (2, "kidney_right"),
+        (3, "kidney_left"),
+        (23, "gallbladder"),
+    ];
+    let mut same = torso(&cyst);
+    assert_eq!(preset(&named("a.nrrd", &same)), Some(Preset::TotalSegmentator));
+    same = torso(&cyst[..4]);
+    let read = named("a.nrrd", &same);
+    assert_eq!(
+        (preset(&read), read.warnings.len()),
+        (Some(Preset::TotalSegmentator), 0),
+        "{read:?}"
+    );
+}
+
+#[test]
+fn what_another_numbering_explains_as_well_is_soft_tissue() {
+    // The lobe of a lung, or an entire one, or a pancreas: each as small.
+    let labels = [
+        (1, "spleen"),
+        (2, "kidney_right"),
+        (3, "kidney_left"),
+        (5, "liver"),
+        (18, "duodenum"),
+    ];
+    let read = named("a.nrrd", &torso(&labels));
+    assert_eq!(names(&read)[4], (18, "-"), "{:?}", read.warnings);
+    assert_eq!(
+        (names(&read)[3], tissue(&read, 5).as_str()),
+        ((5, "liver"), "soft_tissue")
+    );
+    let warning = &read.warnings[0];
+    assert!(
+        warning.contains("those of TotalSegmentator total_mr") && warning.contains("18 small_bowel or sacrum"),
+        "{warning}"
+    );
+    // The file's name decides.
+    let read = named("case3_total_mr.nrrd", &torso(&labels));
+    assert_eq!(
+        (names(&read)[4], read.warnings.len()),
+        ((18, "sacrum"), 0),
+        "{:?}",
+        read.warnings
+    );
+    assert!(
+        read.notes[0].contains("which the file's name states"),
+        "{:?}",
+        read.notes
+    );
+}
+
+#[test]
+fn a_value_or_two_are_no_numbering() {
+    let vessels = torso(&[(1, "aorta"), (2, "inferior_vena_cava")]);
+    let read = named("a.nrrd", &vessels);
+    assert_eq!(names(&read), [(1, "-"), (2, "-")], "{:?}", read.warnings);
+    assert_eq!(
+        (tissue(&read, 1).as_str(), tissue(&read, 2).as_str()),
+        ("soft_tissue", "soft_tissue")
+    );
+    assert!(
+        read.warnings[0].contains("on weak evidence") && read.warnings[0].contains("all stay"),
+        "{read:?}"
+    );
+    let read = named("lung_vessels.nii.gz", &vessels);
+    assert_eq!(
+        names(&read),
+        [(1, "lung_vessels"), (2, "lung_trachea_bronchia")],
+        "{read:?}"
+    );
+    assert_eq!(
+        (tissue(&read, 1).as_str(), tissue(&read, 2).as_str()),
+        ("vessel", "gas")
+    );
+    let lits = numbered(Preset::Lits);
+    let read = named("segmentation-7.nii", &lits);
+    assert_eq!(names(&read), [(1, "-"), (2, "-")], "{:?}", read.warnings);
+    let told =
+        "2 labels without names may have the numbers of LiTS (1 liver, 2 liver_tumor) on weak evidence; all stay";
+    assert!(read.warnings[0].starts_with(told), "{:?}", read.warnings);
+    let read = named("lits_7.nii", &lits);
+    assert_eq!(
+        (names(&read)[1], read.warnings.len()),
+        ((2, "liver_tumor"), 0),
+        "{read:?}"
+    );
+}
+
+#[test]
+fn values_that_totalsegmentator_does_not_have_are_read_only_as_a_whole_body() {
+    let read = |volume: LabelVolume, preset: Preset| {
+        let mut segmentation = Segmentation::from(volume);
+        let extents = Extents::of(&segmentation.volume);
+        let naming = Naming {
+            preset,
+            ..Naming::default()
+        };
+        segmentation.read_values(&naming, None, &extents);
+        segmentation
+    };
+    // A right kidney under a value of this program's own bodies, which TotalSegmentator does not have.
+    let strange = torso(&[
+        (1, "spleen"),
+        (3, "kidney_left"),
+        (5, "liver"),
+        (6, "stomach"),
+        (200, "kidney_right"),
+    ]);
+    for preset in [Preset::Auto, Preset::TotalSegmentator] {
+        let segmentation = read(strange.clone(), preset);
+        assert_eq!(
+            (names(&segmentation)[2], names(&segmentation)[4]),
+            ((5, "liver"), (200, "-"))
+        );
+        assert_eq!(segmentation.warnings, ["TotalSegmentator has no label 200 (185.22 ml)"]);
+        let info = SegmentationInfo::new(&segmentation, Path::new("a.nrrd"));
+        let label = &info.labels[5];
+        assert_eq!(
+            (label.tissue.as_str(), label.from.as_str()),
+            ("soft_tissue", "fallback")
+        );
+    }
+    for few in [&[(5, 1178), (200, 150)][..], &[(200, 150)]] {
+        let segmentation = read(organs(few), Preset::Auto);
+        assert!(
+            names(&segmentation).iter().all(|(_, name)| *name == "-"),
+            "{:?}",
+            names(&segmentation)
+        );
+        assert_eq!(segmentation.warnings, ["TotalSegmentator has no label 200 (150.00 ml)"]);
+    }
+    let body = [
+        (1, 200),
+        (3, 160),
+        (5, 1178),
+        (201, 900),
+        (202, 900),
+        (204, 200),
+        (205, 300),
+    ];
+    let segmentation = read(organs(&body), Preset::Auto);
+    let expected = [(201, "fat"), (202, "soft_tissue"), (204, "skin"), (205, "muscle")];
+    assert_eq!(names(&segmentation)[3..], expected);
+    assert!(segmentation.warnings.is_empty(), "{:?}", segmentation.warnings);
+}
+
+#[test]
+fn weak_evidence_warns_and_names_nothing() {
+    let folder = Folder::new();
+    let small = opened(&folder.save("scan.nrrd", &organs(&[(6, 1178), (5, 13)])));
+    assert_eq!(names(&small), [(5, "-"), (6, "-")]);
+    assert!(
+        small.warnings[0].contains("may have the numbers of BTCV (5 esophagus, 6 liver) on weak evidence; all stay without a name, as soft tissue: name"),
+        "{:?}",
+        small.warnings
+    );
+    let claimed = Naming {
+        claimed: &[5, 6],
+        ..Naming::default()
+    };
+    assert_eq!(
+        names(&open(&folder.path("scan.nrrd"), &claimed).unwrap()),
+        [(5, "-"), (6, "-")]
+    );
+}
