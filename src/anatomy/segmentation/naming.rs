@@ -4,6 +4,7 @@ use super::evidence::Fit;
 use super::extent::Extents;
 use super::{Naming, Segmentation};
 use crate::acoustics::{Preset, known, numbering};
+use crate::volume::LabelVolume;
 use crate::volume::complete::has_body_values;
 use insonify_base::text::some_of;
 
@@ -115,71 +116,18 @@ impl Segmentation {
             is_sure && rivals.iter().all(agrees)
         };
         let (certain, doubtful): (Vec<usize>, Vec<usize>) = nameless.iter().partition(|label| is_certain(label));
-        let count = match nameless.len() {
-            1 => "1 label without a name".to_owned(),
-            n => format!("{n} labels without names"),
+        let verdict = Verdict {
+            volume: &self.volume,
+            best,
+            rivals: &rivals,
+            usual: readings.first().filter(|usual| usual.preset != best.preset),
+            certain: &certain,
+            doubtful: &doubtful,
         };
-        let verb = match (certain.len(), nameless.len()) {
-            (0, _) => "may have",
-            (_, 1) => "is read by",
-            _ => "are read by",
-        };
-        let by = format!("{count} {verb} the numbers of {}", best.preset.title());
-        let shown = |label: usize, name: &str| format!("{} {name}", self.volume.labels()[label].value);
         if is_sure && doubtful.is_empty() {
-            let usual = readings.first().filter(|usual| usual.preset != best.preset);
-            let odd = usual.map(|usual| usual.fit.odd.as_slice());
-            let why = match (usual, odd) {
-                (Some(usual), Some(odd)) if !odd.is_empty() => {
-                    let examples: Vec<&str> = odd.iter().take(EXAMPLES).map(|(_, odd)| odd.as_str()).collect();
-                    let more = match odd.len() - examples.len() {
-                        0 => String::new(),
-                        n => format!(" and {n} more"),
-                    };
-                    format!(": by those of {}, {}{more}", usual.preset.title(), examples.join(", "))
-                }
-                (Some(_), _) if best.is_stated => ", which the file's name states".to_owned(),
-                (Some(usual), _) => format!(": they fit better than those of {}", usual.preset.title()),
-                _ => String::new(),
-            };
-            self.notes.push(format!("{by}{why}"));
+            self.notes.push(verdict.note());
         } else {
-            let names: Vec<String> = best.names.iter().map(|(label, name)| shown(*label, name)).collect();
-            let more = if names.len() > FEW { ", ..." } else { "" };
-            let names = names[..names.len().min(FEW)].join(", ");
-            let unnamed: Vec<String> = doubtful
-                .iter()
-                .map(|&label| {
-                    let mut meanings: Vec<&str> = Vec::new();
-                    for reading in std::iter::once(best).chain(rivals.iter().copied()) {
-                        let name = reading.name(label).unwrap_or_default();
-                        if !meanings.contains(&name) {
-                            meanings.push(name);
-                        }
-                    }
-                    shown(label, &meanings.join(" or "))
-                })
-                .collect();
-            let titles: Vec<String> = rivals.iter().map(|rival| rival.preset.title().to_owned()).collect();
-            let mut text = format!("{by} ({names}{more})");
-            if !is_sure {
-                text.push_str(" on weak evidence");
-            }
-            if !titles.is_empty() {
-                text.push_str(&format!("; those of {} fit as well", some_of(&titles)));
-            }
-            if !unnamed.is_empty() {
-                let kept = if certain.is_empty() {
-                    "all stay"
-                } else {
-                    "in doubt stay"
-                };
-                text.push_str(&format!("; {kept} without a name, as soft tissue"));
-                if !rivals.is_empty() {
-                    text.push_str(&format!(": {}", some_of(&unnamed)));
-                }
-            }
-            self.warnings.push(format!("{text}: {REMEDY}"));
+            self.warnings.push(verdict.warning(is_sure));
         }
         let preset = best.preset;
         self.read_as(preset, &certain, &strange);
@@ -238,4 +186,100 @@ impl Segmentation {
 /// The reading with the higher score, or of equal ones the first.
 fn better<'a>(best: &'a Reading, next: &'a Reading) -> &'a Reading {
     if next.fit.score > best.fit.score { next } else { best }
+}
+
+/// The numbering that labels without names are read by, with what speaks for and against it.
+struct Verdict<'a> {
+    volume: &'a LabelVolume,
+    best: &'a Reading,
+    /// Readings that fit as well and give other names.
+    rivals: &'a [&'a Reading],
+    /// Reading by the most common numbering, unless it is the best.
+    usual: Option<&'a Reading>,
+    /// Labels that are named, and those that stay without a name.
+    certain: &'a [usize],
+    doubtful: &'a [usize],
+}
+
+impl Verdict<'_> {
+    fn reads_by(&self) -> String {
+        let nameless = self.certain.len() + self.doubtful.len();
+        let count = match nameless {
+            1 => "1 label without a name".to_owned(),
+            n => format!("{n} labels without names"),
+        };
+        let verb = match (self.certain.len(), nameless) {
+            (0, _) => "may have",
+            (_, 1) => "is read by",
+            _ => "are read by",
+        };
+        format!("{count} {verb} the numbers of {}", self.best.preset.title())
+    }
+
+    /// Note about labels that are all named, with the reason if the numbering is not the usual one.
+    fn note(&self) -> String {
+        let by = self.reads_by();
+        let Some(usual) = self.usual else {
+            return by;
+        };
+        let (odd, title) = (&usual.fit.odd, usual.preset.title());
+        if !odd.is_empty() {
+            let examples: Vec<&str> = odd.iter().take(EXAMPLES).map(|(_, odd)| odd.as_str()).collect();
+            let more = match odd.len() - examples.len() {
+                0 => String::new(),
+                n => format!(" and {n} more"),
+            };
+            format!("{by}: by those of {title}, {}{more}", examples.join(", "))
+        } else if self.best.is_stated {
+            format!("{by}, which the file's name states")
+        } else {
+            format!("{by}: they fit better than those of {title}")
+        }
+    }
+
+    /// Warning about labels of which some or all stay without a name.
+    fn warning(&self, is_sure: bool) -> String {
+        let Self { best, rivals, .. } = self;
+        let shown = |label: usize, name: &str| format!("{} {name}", self.volume.labels()[label].value);
+        let names: Vec<String> = best.names.iter().map(|(label, name)| shown(*label, name)).collect();
+        let more = if names.len() > FEW { ", ..." } else { "" };
+        let names = names[..names.len().min(FEW)].join(", ");
+        let mut text = format!("{} ({names}{more})", self.reads_by());
+        if !is_sure {
+            text.push_str(" on weak evidence");
+        }
+        if !rivals.is_empty() {
+            let titles: Vec<String> = rivals.iter().map(|rival| rival.preset.title().to_owned()).collect();
+            text.push_str(&format!("; those of {} fit as well", some_of(&titles)));
+        }
+        if !self.doubtful.is_empty() {
+            let kept = if self.certain.is_empty() {
+                "all stay"
+            } else {
+                "in doubt stay"
+            };
+            text.push_str(&format!("; {kept} without a name, as soft tissue"));
+        }
+        if !self.doubtful.is_empty() && !rivals.is_empty() {
+            let unnamed: Vec<String> = self
+                .doubtful
+                .iter()
+                .map(|&label| shown(label, &self.meanings(label).join(" or ")))
+                .collect();
+            text.push_str(&format!(": {}", some_of(&unnamed)));
+        }
+        format!("{text}: {REMEDY}")
+    }
+
+    /// Names that the best numbering and its rivals give a label.
+    fn meanings(&self, label: usize) -> Vec<&str> {
+        let mut meanings: Vec<&str> = Vec::new();
+        for reading in std::iter::once(self.best).chain(self.rivals.iter().copied()) {
+            let name = reading.name(label).unwrap_or_default();
+            if !meanings.contains(&name) {
+                meanings.push(name);
+            }
+        }
+        meanings
+    }
 }
