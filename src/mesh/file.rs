@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 use super::TetMesh;
 use error::{Fault, quote};
-use insonify_base::foreign::{Foreign, Holds};
+use insonify_base::foreign::Foreign;
 use insonify_base::output::place::Written;
 use insonify_base::{memory, read};
 
@@ -189,14 +189,7 @@ fn renumber(nodes: &mut [u32], count: usize) -> Vec<usize> {
 /// Error for a file of another kind, which names it and what to do with it.
 fn foreign(bytes: &[u8]) -> Option<Fault> {
     let kind = Foreign::of(bytes)?;
-    let instead = match (kind.name, kind.holds) {
-        ("a TetGen file", _) => "run `tetgen` with -k, which writes .vtk",
-        ("a Medit file", _) => "`gmsh a.mesh -save -format msh41 -o a.msh` converts it",
-        (_, Holds::Mesh) => "`meshio convert a.xdmf a.vtu` (Python: meshio) converts such files",
-        (_, Holds::Surface) => "tetrahedra fill it by Gmsh or TetGen, or make labels of it",
-        (_, Holds::Volume) => "`insonify mesh make` makes a mesh of labels",
-        (_, Holds::Other) => "a mesh of tetrahedra",
-    };
+    let instead = kind.mesh?;
     let names: Vec<&str> = FORMATS.iter().map(|format| format.name).collect();
     Some(Fault::of_file(kind.name, format!("{}: {instead}", names.join(" or "))))
 }
@@ -247,8 +240,8 @@ pub fn read_mesh_bytes(bytes: &[u8], path: &Path, options: &ReadOptions) -> Resu
         None => FORMATS.iter().find_map(|format| (format.read)(bytes, options)),
     };
     let parts = parts.unwrap_or_else(|| {
-        let starts: Vec<&str> = FORMATS.iter().map(|format| format.start).collect();
-        Err(Fault::at(0, quote(&bytes[..bytes.len().min(24)]), starts.join(", or ")))
+        let names: Vec<&str> = FORMATS.iter().map(|format| format.start).collect();
+        Err(Fault::at(0, quote(&bytes[..bytes.len().min(24)]), names.join(", or ")))
     });
     let parts = parts.and_then(|parts| {
         memory::check(BYTES_PER_ELEMENT * parts.elements.len() as u64, "a mesh")?;

@@ -169,7 +169,7 @@ fn surfaces_are_refused() {
         let error = read_mesh(&path, &ReadOptions::default()).unwrap_err();
         let words = error.to_string();
         assert!(
-            words.contains(" surface; expected VTK") && words.contains("make labels of it") && !error.is_machine(),
+            words.contains(" surface; expected VTK") && words.contains("mesh make") && !error.is_machine(),
             "{words}"
         );
     }

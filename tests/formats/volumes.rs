@@ -264,9 +264,9 @@ fn other_formats_are_named() {
             "textures/gdcm-US-ALOKA-16.dcm",
             "an ultrasound image in DICOM is not supported",
         ),
-        ("meshes/aigt_NeedleModel.vtk", "a surface (VTK) is not supported"),
-        ("meshes/plus_Needle_20cm.stl", "a surface (STL) is not supported"),
-        ("meshes/DERIVED_s0328_liver.obj", "a surface (OBJ) is not supported"),
+        ("meshes/aigt_NeedleModel.vtk", "a VTK surface is not supported"),
+        ("meshes/plus_Needle_20cm.stl", "an STL surface is not supported"),
+        ("meshes/DERIVED_s0328_liver.obj", "an OBJ surface is not supported"),
         (
             "meshes/DERIVED_s0328_3organ_tet.vtu",
             "a mesh is not supported; give a volume of labels",

@@ -45,7 +45,9 @@ impl SurfaceFile {
     }
 
     fn parse(bytes: &[u8], ending: &str) -> Result<Self, Fault> {
-        let kind = Foreign::of(bytes).map(|kind| kind.name);
+        let kind = Foreign::of(bytes)
+            .filter(|kind| kind.mesh.is_some())
+            .map(|kind| kind.name);
         let surface = match (kind, ending) {
             (Some("an STL surface"), _) => stl(bytes),
             (Some("a PLY surface"), _) => ply(bytes),

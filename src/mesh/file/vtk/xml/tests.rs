@@ -194,7 +194,7 @@ fn other_formats_are_named() {
         (b"*HEADING\n*NODE\n", "an Abaqus file", "meshio"),
         (b"480 4 0\n0 90 76 58 151\n", "a TetGen file", "-k"),
         (b"MeshVersionFormatted 2\n", "a Medit file", "gmsh"),
-        (b"ply\nformat ascii 1.0\n", "a PLY surface", "make labels"),
+        (b"ply\nformat ascii 1.0\n", "a PLY surface", "mesh make"),
         (b"NRRD0004\n", "NRRD labels", "mesh make"),
     ] {
         let error = read(bytes).unwrap_err().to_string();
