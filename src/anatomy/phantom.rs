@@ -19,7 +19,7 @@ const RESOLUTION_RANGE_MM: [f64; 2] = [0.3, 5.0];
 /// Maximum number of voxels of a phantom: one byte each, so 256 MiB.
 pub(crate) const MAX_VOXELS: usize = 256 << 20;
 
-/// What a phantom's file declares.
+/// Declaration of a phantom, one in each of their files.
 struct Facts {
     /// Voxel edge by default, mm.
     voxel_mm: f64,

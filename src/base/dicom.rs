@@ -27,7 +27,7 @@ const END_OF_SEQUENCE: u16 = 0xe0dd;
 /// Group of pixel data.
 const PIXELS: u16 = 0x7fe0;
 
-/// How a data set is encoded.
+/// Encoding of a data set.
 #[derive(Clone, Copy)]
 struct Syntax {
     explicit: bool,

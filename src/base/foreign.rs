@@ -25,7 +25,7 @@ enum Mark {
     At(usize, &'static [u8]),
     /// Anywhere in the first bytes.
     Within(&'static [u8]),
-    /// As a function has them.
+    /// Recognised by a function.
     Is(fn(&[u8]) -> bool),
 }
 use Mark::{At, Is, Within};

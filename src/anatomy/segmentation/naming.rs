@@ -23,7 +23,7 @@ const FEW: usize = 4;
 /// Number of faults of the usual numbering that tell why another was chosen.
 const EXAMPLES: usize = 3;
 
-/// What to do about labels without names.
+/// Remedy for labels without names.
 const REMEDY: &str = "name the labels with --names FILE or volume.names, choose another volume.preset, or write [[tissue]] with name and \
                       labels = [VALUE, ...]";
 

@@ -83,7 +83,9 @@ pub(super) fn volume(mut header: Header, axis: usize) -> Result<Loaded, VolumeEr
     };
     // Indices of labels are bytes, 0 the background.
     if count > 255 {
-        return Err(refused(count as f64, count));
+        let found = format!("axis {axis} with {count} entries");
+        let instead = "up to 255 masks in one axis are read as labels: save fewer of them, or one volume of labels";
+        return Err(header.unsupported(found, instead));
     }
     let voxels = grid.size.iter().product();
     let (order, is_fastest) = (header.data_order(), axis == 0);

@@ -11,7 +11,7 @@ use insonify_base::read;
 /// Number of files of a folder that are looked at.
 const FILES: usize = 100;
 
-/// Why a file with these first bytes is no volume.
+/// Refusal of a file with these first bytes.
 pub(super) fn refusal(path: &Path, start: &[u8]) -> VolumeError {
     kind(path, start).unwrap_or_else(|| {
         let text = String::from_utf8_lossy(start);
@@ -30,7 +30,7 @@ pub(super) fn refusal(path: &Path, start: &[u8]) -> VolumeError {
     })
 }
 
-/// Why a gzipped file with these first bytes, unpacked, is no volume.
+/// Refusal of a gzipped file with these first bytes, unpacked.
 pub(super) fn unpacked(path: &Path, start: &[u8]) -> VolumeError {
     if let Some(format) = FORMATS.iter().find(|format| (format.recognises)(start)) {
         let found = format!("a gzipped {} file", format.name);

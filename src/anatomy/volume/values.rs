@@ -58,7 +58,7 @@ impl Values {
         Ok(nearest as i64)
     }
 
-    /// What was done with numbers that are no whole ones, one sentence each.
+    /// Notes on numbers that are no whole ones, one sentence each.
     pub(super) fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         let (rounding, value) = self.rounding;

@@ -9,7 +9,7 @@ pub(super) struct Order {
     /// World axis, and whether positions ascend along it.
     axis: usize,
     ascends: bool,
-    /// What the first of two organs does if they are exchanged, and what the file is then.
+    /// Words for the place of the first of two organs that are exchanged, and for the file then.
     pub is_exchanged: &'static str,
     pub file_is: &'static str,
     /// Rank of an organ in the order.
