@@ -42,7 +42,7 @@ pub(super) fn names(field: &Field) -> Result<Vec<String>, VolumeError> {
         .and_then(|numbers| numbers.get(2))
         .copied()
         .unwrap_or(1);
-    let steps = last.checked_sub(first).and_then(|span| span.checked_div(step));
+    let steps = last.checked_sub(*first).and_then(|span| span.checked_div(step));
     let steps = steps.and_then(|steps| usize::try_from(steps).ok());
     let count = steps.ok_or_else(|| field.malformed(expected))?.saturating_add(1);
     check(field.path, At::Line(field.line), count)?;
