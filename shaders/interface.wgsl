@@ -1,4 +1,9 @@
 // Specular echoes where the label changes along a scanline. Twin of src/imaging/effects/interface.rs.
+#import label_row
+#import power
+#import scatterer
+#import voxels
+
 struct Params {
     world_to_index: array<vec4<f32>, 3>,
     size: vec3<u32>,

@@ -1,4 +1,7 @@
 // Echo of needle and seeds in the thickened scan plane. Twin of src/imaging/effects/needle.rs.
+#import power
+#import scatterer
+
 struct Params {
     samples: u32,
     sample_mm: f32,

@@ -1,4 +1,6 @@
 // Additive Gaussian noise on grey levels. Twin of src/imaging/effects/noise.rs.
+#import hash
+
 struct Params {
     seed: vec2<u32>,
     width: u32,

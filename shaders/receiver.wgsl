@@ -1,4 +1,6 @@
 // Electronic noise and acoustic clutter. Twin of src/imaging/effects/receiver.rs.
+#import hash
+
 struct Params {
     seed: vec2<u32>,
     samples: u32,

@@ -1,5 +1,7 @@
 // Cumulative phase per half beam width, and focusing by its curvature per scanline: one workgroup each, parallel prefix sums.
 // Twin of src/imaging/effects/refraction.rs.
+#import label_row
+
 struct Params {
     lines: u32,
     samples: u32,

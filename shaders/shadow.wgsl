@@ -1,6 +1,9 @@
 // Loss down each scanline: one workgroup a scanline, a parallel prefix sum in saturating fixed point; down each ray of the aperture
 // likewise, and the mean over the rays. Then the mean over the beam of what that lets through. Twin of src/imaging/effects/shadow.rs,
 // src/imaging/effects/shadow/aperture.rs, penumbra.rs and reverberation.rs.
+#import label_row
+#import prefix_sum
+
 struct Params {
     lines: u32,
     samples: u32,

@@ -1,4 +1,7 @@
 // Label and constant echo of every sample. Twin of src/imaging/effects/slice.rs.
+#import label_row
+#import voxels
+
 struct Params {
     world_to_index: array<vec4<f32>, 3>,
     size: vec3<u32>,

@@ -1,4 +1,6 @@
 // Speckle: scatterers of the reference state, then the point spread in the beam frame. Twin of src/imaging/effects/speckle.rs.
+#import scatterer
+
 const NONE: u32 = 0xffffffffu;
 
 struct Params {

@@ -1,4 +1,7 @@
 // Echo amplitude of the tissue's solid texture. Twin of src/imaging/effects/texture.rs.
+#import label_row
+#import texture
+
 struct Params {
     lines: u32,
     samples: u32,

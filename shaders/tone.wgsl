@@ -1,5 +1,7 @@
 // Gain and log compression to grey levels, and the automatic gain of each band of depth. Twin of src/imaging/effects/tone.rs and
 // src/imaging/effects/tone/auto_gain.rs.
+#import power
+
 struct Params {
     samples: u32,
     lines: u32,

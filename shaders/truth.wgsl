@@ -1,4 +1,6 @@
 // Ground truth at each sample. Twin of src/imaging/effects/truth.rs.
+#import prefix_sum
+
 struct Params {
     probe_to_world: array<vec4<f32>, 3>,
     world_to_index: array<vec4<f32>, 3>,

@@ -1,4 +1,6 @@
-// Complex values of unit mean power on a lattice. Needs hash.wgsl.
+#import hash
+
+// Complex values of unit mean power on a lattice.
 fn centred(words: vec2<u32>) -> vec2<f32> {
     return vec2<f32>(vec2<i32>(words >> vec2<u32>(16u)) - 32768) + 0.5;
 }

@@ -13,7 +13,7 @@ use insonify_study::calibration::Sheet;
 use insonify_tracking::TrackingError;
 use insonify_tracking::calibrate::points::{Feature, ImageCalibration, Pixel, calibrate, follow};
 use insonify_tracking::calibrate::poses::Poses;
-use insonify_tracking::calibrate::{between, held, pivot, spin};
+use insonify_tracking::calibrate::{direction_between, held_direction, pivot, spin};
 use insonify_tracking::plus::PlusConfig;
 use insonify_tracking::sequence::{Sequence, TrackedTransform};
 
@@ -182,10 +182,10 @@ impl DirectionArgs {
         let poses = self.motion.poses()?;
         let direction = if let Some(hub) = &self.hub {
             let hub = self.motion.poses_in(hub, self.motion.config()?.as_ref())?;
-            between(&pivot(&hub)?, &pivot(&poses)?)?
+            direction_between(&pivot(&hub)?, &pivot(&poses)?)?
         } else if let Some(along) = self.along {
             let direction = nonzero(along)?;
-            held(&poses.poses.iter().map(|pose| (pose, direction)).collect::<Vec<_>>())?
+            held_direction(&poses.poses.iter().map(|pose| (pose, direction)).collect::<Vec<_>>())?
         } else if let Some(file) = &self.directions {
             let table = Csv::read(file, &["frame", "dx", "dy", "dz"], &[]).map_err(TrackingError::from)?;
             let mut directions = Vec::new();
@@ -199,7 +199,7 @@ impl DirectionArgs {
                         .transpose()?,
                 );
             }
-            held(&directions)?
+            held_direction(&directions)?
         } else {
             let expected = "give --along, --directions or --hub";
             return Err(usage("no direction is known", expected));

@@ -10,6 +10,8 @@
 
 pub mod buffers;
 pub mod common;
+#[cfg(feature = "gpu")]
+mod imports;
 pub mod lateral;
 pub mod pass;
 pub mod point_spread;

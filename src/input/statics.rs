@@ -131,7 +131,7 @@ impl ProblemFile {
 
     fn law(&self, table: &str, spec: &MaterialSpec) -> Result<AnyLaw, InputError> {
         let fault = |error: OutOfRange| self.fault(format!("{table}.{}", error.key), error);
-        let material = Material::given(spec.young_kpa, spec.shear_kpa, spec.poisson).map_err(fault)?;
+        let material = Material::from_modulus(spec.young_kpa, spec.shear_kpa, spec.poisson).map_err(fault)?;
         self.in_ranges(table, spec)?;
         self.of_kind(table, spec, self.model)?;
         spec.law_of(material, self.model == Model::Viscoelastic).map_err(fault)

@@ -233,7 +233,7 @@ fn fit_pivot(
 ///
 /// # Errors
 /// [`TrackingError`] if there is no pose, or if the directions contradict one another by more than 20 degrees.
-pub fn held(poses: &[(&MarkerPose, Vector3<f64>)]) -> Result<Direction, TrackingError> {
+pub fn held_direction(poses: &[(&MarkerPose, Vector3<f64>)]) -> Result<Direction, TrackingError> {
     let sum: Vector3<f64> = poses
         .iter()
         .map(|(pose, along)| pose.rotation.transpose() * along.normalize())
@@ -260,7 +260,7 @@ pub fn held(poses: &[(&MarkerPose, Vector3<f64>)]) -> Result<Direction, Tracking
 ///
 /// # Errors
 /// [`TrackingError`] if the points are too close for their accuracy.
-pub fn between(hub: &Pivot, tip: &Pivot) -> Result<Direction, TrackingError> {
+pub fn direction_between(hub: &Pivot, tip: &Pivot) -> Result<Direction, TrackingError> {
     let [from, to] = [hub, tip].map(|pivot| Vector3::from(pivot.point_mm));
     let distance_mm = (to - from).norm();
     let variance = |pivot: &Pivot| Vector3::from(pivot.std_mm).norm_squared() / 3.0;

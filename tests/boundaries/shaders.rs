@@ -32,11 +32,12 @@ pub(super) fn passes() -> Vec<&'static Pass> {
 
 /// A parsed and validated shader.
 pub(super) fn parse(pass: &Pass) -> (Module, ModuleInfo) {
-    let module = naga::front::wgsl::parse_str(pass.shader)
-        .unwrap_or_else(|error| panic!("{}: {}", pass.name, error.emit_to_string(pass.shader)));
+    let source = pass.source();
+    let module = naga::front::wgsl::parse_str(&source)
+        .unwrap_or_else(|error| panic!("{}: {}", pass.name, error.emit_to_string(&source)));
     let info = Validator::new(ValidationFlags::all(), Capabilities::empty())
         .validate(&module)
-        .unwrap_or_else(|error| panic!("{}: {}", pass.name, error.emit_to_string(pass.shader)));
+        .unwrap_or_else(|error| panic!("{}: {}", pass.name, error.emit_to_string(&source)));
     (module, info)
 }
 

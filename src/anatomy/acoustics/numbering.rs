@@ -245,6 +245,18 @@ mod tests {
     }
 
     #[test]
+    fn the_page_of_files_names_all_numberings() {
+        let page = insonify_testing::pages::root().join("docs/files.md");
+        let text = std::fs::read_to_string(page).unwrap();
+        let labels = text.split("\n## Labels\n").nth(1).unwrap();
+        for preset in Preset::NUMBERINGS {
+            for word in preset.title().split(' ') {
+                assert!(labels.contains(word), "docs/files.md lacks {word}");
+            }
+        }
+    }
+
+    #[test]
     fn a_fault_in_a_file_is_reported_with_file_and_line() {
         let fault = |text| {
             rows("assets/labels/a.csv", text, CLASS, Class::from_row)

@@ -9,7 +9,7 @@ use crate::volume::complete::has_body_values;
 use insonify_base::text::some_of;
 
 /// Number of labels with evidence for their organ from which a numbering is accepted without a warning.
-const ENOUGH: usize = 3;
+pub(super) const ENOUGH: usize = 3;
 
 /// Difference of scores below which a numbering fits as well as another.
 const MARGIN: f64 = 1.0;

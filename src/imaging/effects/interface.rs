@@ -107,14 +107,7 @@ const BEFORE_SPECKLE: Pass = interface_pass(
 const fn interface_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Use)]) -> Pass {
     Pass {
         name: "interface",
-        shader: concat!(
-            include_str!("../../../shaders/common/hash.wgsl"),
-            include_str!("../../../shaders/common/scatterer.wgsl"),
-            include_str!("../../../shaders/common/label_row.wgsl"),
-            include_str!("../../../shaders/common/voxels.wgsl"),
-            include_str!("../../../shaders/common/power.wgsl"),
-            include_str!("../../../shaders/interface.wgsl")
-        ),
+        shader: include_str!("../../../shaders/interface.wgsl"),
         entry,
         bindings,
         params,

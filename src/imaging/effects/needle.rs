@@ -124,12 +124,7 @@ const BEFORE_SPECKLE: Pass = needle_pass(
 const fn needle_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Use)]) -> Pass {
     Pass {
         name: "needle",
-        shader: concat!(
-            include_str!("../../../shaders/common/hash.wgsl"),
-            include_str!("../../../shaders/common/scatterer.wgsl"),
-            include_str!("../../../shaders/common/power.wgsl"),
-            include_str!("../../../shaders/needle.wgsl")
-        ),
+        shader: include_str!("../../../shaders/needle.wgsl"),
         entry,
         bindings,
         params,

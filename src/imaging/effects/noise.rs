@@ -55,10 +55,7 @@ pub(crate) const EFFECT: Effect = Effect {
 
 static PASSES: &[Pass] = &[Pass {
     name: "noise",
-    shader: concat!(
-        include_str!("../../../shaders/common/hash.wgsl"),
-        include_str!("../../../shaders/noise.wgsl")
-    ),
+    shader: include_str!("../../../shaders/noise.wgsl"),
     entry: "main",
     bindings: &[(&SCAN_MAP, Read), (&IMAGE, WriteOwn)],
     params,

@@ -160,7 +160,7 @@ impl Grid {
 pub struct Pass {
     /// Name, unique over all effects.
     pub name: &'static str,
-    /// WGSL source, common parts included.
+    /// WGSL source, in which lines `#import NAME` stand for parts that shaders share.
     pub shader: &'static str,
     /// Entry point in the source.
     pub entry: &'static str,
@@ -180,6 +180,14 @@ pub struct Pass {
         expect(dead_code, reason = "bounds are part of the analysis")
     )]
     pub(crate) bound: Bound,
+}
+
+#[cfg(feature = "gpu")]
+impl Pass {
+    /// WGSL source with its imports.
+    pub fn source(&self) -> String {
+        super::imports::with_imports(self.shader)
+    }
 }
 
 #[cfg(any(test, feature = "analysis"))]

@@ -161,10 +161,7 @@ static CLUTTER: Buffer = Buffer::new(280, "Clutter", 4, beam).derived(|_, derive
 
 static PASSES: &[Pass] = &[Pass {
     name: "receiver",
-    shader: concat!(
-        include_str!("../../../shaders/common/hash.wgsl"),
-        include_str!("../../../shaders/receiver.wgsl")
-    ),
+    shader: include_str!("../../../shaders/receiver.wgsl"),
     entry: "main",
     bindings: &[(&LABEL, ReadOwn), (&CLUTTER, Read), (&AMPLITUDE, WriteOwn)],
     params,

@@ -169,10 +169,7 @@ static PASSES: &[Pass] = &[
     },
 ];
 
-const SHADER: &str = concat!(
-    include_str!("../../../shaders/common/label_row.wgsl"),
-    include_str!("../../../shaders/refraction.wgsl")
-);
+const SHADER: &str = include_str!("../../../shaders/refraction.wgsl");
 
 fn wanted(tables: &Tables) -> Wanted {
     if tables.settings.effects.refraction.is_none() {

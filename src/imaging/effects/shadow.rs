@@ -229,11 +229,7 @@ columns! {
     }
 }
 
-const SHADER: &str = concat!(
-    include_str!("../../../shaders/common/label_row.wgsl"),
-    include_str!("../../../shaders/common/prefix_sum.wgsl"),
-    include_str!("../../../shaders/shadow.wgsl")
-);
+const SHADER: &str = include_str!("../../../shaders/shadow.wgsl");
 
 const TISSUE: Pass = loss_pass(
     "tissue",

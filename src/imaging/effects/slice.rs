@@ -132,11 +132,7 @@ pub(crate) const EFFECT: Effect = Effect {
 
 static PASSES: &[Pass] = &[Pass {
     name: "slice",
-    shader: concat!(
-        include_str!("../../../shaders/common/label_row.wgsl"),
-        include_str!("../../../shaders/common/voxels.wgsl"),
-        include_str!("../../../shaders/slice.wgsl")
-    ),
+    shader: include_str!("../../../shaders/slice.wgsl"),
     entry: "main",
     bindings: &[
         (&POSITION, ReadOwn),

@@ -158,11 +158,7 @@ columns! {
     }
 }
 
-const SHADER: &str = concat!(
-    include_str!("../../../shaders/common/hash.wgsl"),
-    include_str!("../../../shaders/common/scatterer.wgsl"),
-    include_str!("../../../shaders/speckle.wgsl")
-);
+const SHADER: &str = include_str!("../../../shaders/speckle.wgsl");
 
 /// Whether the scene has echoes of surfaces or needles.
 fn has_specular(tables: &Tables) -> bool {

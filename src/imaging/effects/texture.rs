@@ -103,11 +103,7 @@ fn voxels(derived: &EffectTables) -> &[f32] {
 
 static PASSES: &[Pass] = &[Pass {
     name: "texture",
-    shader: concat!(
-        include_str!("../../../shaders/common/label_row.wgsl"),
-        include_str!("../../../shaders/common/texture.wgsl"),
-        include_str!("../../../shaders/texture.wgsl")
-    ),
+    shader: include_str!("../../../shaders/texture.wgsl"),
     entry: "main",
     bindings: &[
         (&POSITION, ReadOwn),

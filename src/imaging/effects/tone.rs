@@ -255,10 +255,7 @@ const AUTOMATIC: Pass = pass(
 const fn pass(name: &'static str, entry: &'static str, bindings: &'static [(&'static Buffer, Use)]) -> Pass {
     Pass {
         name,
-        shader: concat!(
-            include_str!("../../../shaders/common/power.wgsl"),
-            include_str!("../../../shaders/tone.wgsl")
-        ),
+        shader: include_str!("../../../shaders/tone.wgsl"),
         entry,
         bindings,
         params,

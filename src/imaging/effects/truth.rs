@@ -161,10 +161,7 @@ const fn pass(
 ) -> Pass {
     Pass {
         name,
-        shader: concat!(
-            include_str!("../../../shaders/common/prefix_sum.wgsl"),
-            include_str!("../../../shaders/truth.wgsl")
-        ),
+        shader: include_str!("../../../shaders/truth.wgsl"),
         entry,
         bindings,
         params,

@@ -362,7 +362,7 @@ impl Tracker {
                 near.select_nth_unstable_by(half, |a, b| a[axis].total_cmp(&b[axis])).1[axis]
             });
             self.take(&mut search, line, number);
-            let (peak, correlation) = search.climb(median.map(|shift| shift.round() as isize));
+            let (peak, correlation) = search.peak_nearby(median.map(|shift| shift.round() as isize));
             let refined = search.refined(peak);
             *window = if differ(&refined.shift, &median) {
                 Match {
@@ -413,7 +413,7 @@ impl Tracker {
             self.take(&mut search, line, number);
             let last_shift = self.last[index].map(|moved| moved.map(|moved| moved.round() as isize));
             let mut best = match prior.or(last_shift) {
-                Some(start) if self.options.prior => search.climb(start),
+                Some(start) if self.options.prior => search.peak_nearby(start),
                 _ => ([0; 2], OUTSIDE),
             };
             if best.1 < self.options.fallback {
@@ -431,6 +431,17 @@ impl Tracker {
         }
         search.count
     }
+}
+
+/// Peak of the correlation along a line.
+#[derive(Clone, Copy)]
+struct LinePeak {
+    /// Sample and line of the highest correlation.
+    sample: [isize; 2],
+    correlation: f64,
+    /// Place of the peak between samples, from that sample on, and its height.
+    offset: f64,
+    height: f64,
 }
 
 /// Correlation of a window of the reference with places of the current frame.
@@ -509,7 +520,7 @@ impl Search<'_> {
     }
 
     /// Highest correlation within a narrow reach along the line.
-    fn climb(&mut self, [down, aside]: [isize; 2]) -> ([isize; 2], f64) {
+    fn peak_nearby(&mut self, [down, aside]: [isize; 2]) -> ([isize; 2], f64) {
         const REACH: isize = NARROW as isize;
         let correlations: [f64; 2 * NARROW + 1] = self.row([down - REACH, aside]);
         let mut best = ([down, aside], correlations[NARROW]);
@@ -537,14 +548,19 @@ impl Search<'_> {
         best
     }
 
-    /// Peak along the line through a place: its offset, height and the sample below it.
-    fn along(&mut self, mut start: [isize; 2]) -> (f64, f64, [isize; 2], f64) {
+    /// Climbs along the line of a sample to the next peak.
+    fn climb_line(&mut self, mut start: [isize; 2]) -> LinePeak {
         let mut three: [f64; 3] = self.row([start[0] - 1, start[1]]);
         loop {
             let [before, middle, after] = three;
             if before.max(after) <= middle {
                 let (offset, height) = cosine_peak(three);
-                return (offset, height, start, middle);
+                return LinePeak {
+                    sample: start,
+                    correlation: middle,
+                    offset,
+                    height,
+                };
             }
             let step = if before > after { -1 } else { 1 };
             start[0] += step;
@@ -559,25 +575,24 @@ impl Search<'_> {
 
     /// Motion between samples and lines, from the peak above a place, and the correlation at the nearest sample.
     fn refined(&mut self, start: [isize; 2]) -> Match {
-        let (mut down, mut height, mut peak, mut correlation) = self.along(start);
+        let mut peak = self.climb_line(start);
         loop {
-            let beside = [-1, 1].map(|aside| self.along([peak[0], peak[1] + aside]));
-            let higher = beside
-                .iter()
-                .max_by(|a, b| a.1.total_cmp(&b.1))
-                .filter(|candidate| candidate.1 > height);
-            match higher {
-                Some(candidate) => {
-                    (down, height, peak, correlation) = (candidate.0, candidate.1, candidate.2, candidate.3)
-                }
-                None => {
-                    let (aside, _) = cosine_peak([beside[0].1, height, beside[1].1]);
-                    return Match {
-                        shift: [peak[0] as f64 + down, peak[1] as f64 + aside],
-                        correlation,
-                    };
-                }
+            let [down, line] = peak.sample;
+            let beside = [-1, 1].map(|aside| self.climb_line([down, line + aside]));
+            let highest = if beside[0].height > beside[1].height {
+                &beside[0]
+            } else {
+                &beside[1]
+            };
+            if highest.height > peak.height {
+                peak = *highest;
+                continue;
             }
+            let (aside, _) = cosine_peak([beside[0].height, peak.height, beside[1].height]);
+            return Match {
+                shift: [down as f64 + peak.offset, line as f64 + aside],
+                correlation: peak.correlation,
+            };
         }
     }
 }

@@ -19,7 +19,7 @@ use insonify_base::random::{hash3, seed_words, unit};
 use insonify_gpu::adapter::{self, hardware};
 use insonify_gpu::{AdapterChoice, Gpu, Needs};
 use insonify_mesh::locator::{Locator, NO_ELEMENT};
-use insonify_tracking::probe::{BeamGrid, Site};
+use insonify_tracking::probe::BeamGrid;
 
 /// Full width at half maximum of a Gaussian in standard deviations.
 const FWHM: f64 = 2.354_820_045;
@@ -85,14 +85,14 @@ impl RfSynthesizer {
     /// [`SynthError`] for a probe or an acquisition out of range.
     pub fn new(anatomy: Anatomy, settings: Settings, acquisition: Acquisition) -> Result<Self, SynthError> {
         acquisition.validate()?;
-        if settings.probe.shape.kind().site() == Site::Lumen {
+        let grid = BeamGrid::new(&settings.probe).map_err(SynthError::from)?;
+        if grid.has_overlap() {
             let kind = settings.probe.shape.kind();
             let text = format!(
                 "echoes of a {kind} probe, whose scanlines overlap, are not synthesised; expected another kind"
             );
             return Err(insonify_tracking::TrackingError::at("kind", text).into());
         }
-        let grid = BeamGrid::new(&settings.probe).map_err(SynthError::from)?;
         let speckle = settings.effects.speckle.clone().unwrap_or_default();
         let atlas = match settings.effects.texture {
             Some(_) => texture::derive(&anatomy, &texture::key(&settings, &grid))?,

@@ -57,7 +57,8 @@ pub fn link(passes: &[Bound], fused: &Fused) -> Linked {
         // Passes since the last barrier, by their place.
         let mut unordered: Vec<(usize, usize)> = Vec::new();
         for &number in &sequence.passes {
-            let items = items(passes[number].pass.shader);
+            let source = passes[number].pass.source();
+            let items = items(&source);
             let position = calls.len();
             let mut call = linker.entry(&mut Unit {
                 position,

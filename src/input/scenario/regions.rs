@@ -119,7 +119,7 @@ impl<'a> Regions<'a> {
         self.file.in_ranges(&format!("{table}.peak"), spec.peak.as_ref())?;
         self.file.in_ranges(&format!("{table}.bone"), spec.bone.as_ref())?;
         let young = spec.young_kpa.or(spec.shear_kpa.is_none().then_some(1.0));
-        let material = Material::given(young, spec.shear_kpa, spec.poisson.unwrap_or(0.0));
+        let material = Material::from_modulus(young, spec.shear_kpa, spec.poisson.unwrap_or(0.0));
         let material = material.map_err(|error| self.file.fault(format!("{table}.{}", error.key), error))?;
         self.law(table, spec, material)?;
         self.file.in_ranges(table, spec)
@@ -152,7 +152,7 @@ impl<'a> Regions<'a> {
             None => Some(number(spec.young_kpa, |tissue| tissue.young_kpa, "young_kpa")?),
         };
         let poisson = number(spec.poisson, |tissue| tissue.poisson, "poisson")?;
-        let material = Material::given(young, spec.shear_kpa, poisson)
+        let material = Material::from_modulus(young, spec.shear_kpa, poisson)
             .map_err(|error| self.file.fault(format!("{table}.{}", error.key), error))?;
         let rigid = spec.rigid.unwrap_or(material.young_kpa() >= RIGID_KPA);
         let usual = Interaction {

@@ -161,7 +161,7 @@ impl Finite {
 
     /// Returns the number of free degrees of freedom around moved nodes (|S|), with which the cost of an exact remesh
     /// grows.
-    pub fn held(&self) -> usize {
+    pub fn support_size(&self) -> usize {
         self.tissue.adaptation.mesh().support().count()
     }
 

@@ -208,12 +208,12 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
             .along(self.structure.displacement())
     }
 
-    /// Returns the state of the needle and of the body, as [`Structure::put_state`] does.
+    /// Returns the state of the needle and of the body, as [`Structure::export_state`] does.
     ///
     /// # Errors
     /// [`NonlinearError`] where the stiffness cannot be factored.
-    pub(super) fn put_state(&mut self) -> Result<(At, [Vec<f64>; 2]), NonlinearError> {
-        Ok((self.state, self.structure.put_state()?))
+    pub(super) fn export_state(&mut self) -> Result<(At, [Vec<f64>; 2]), NonlinearError> {
+        Ok((self.state, self.structure.export_state()?))
     }
 
     /// Returns the state of the needle.
@@ -230,8 +230,8 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     ///
     /// # Errors
     /// [`NonlinearError`] for numbers that do not fit the body.
-    pub(super) fn take_state(&mut self, state: At, body_state: [&[f64]; 2]) -> Result<(), NonlinearError> {
-        self.structure.take_state(body_state)?;
+    pub(super) fn import_state(&mut self, state: At, body_state: [&[f64]; 2]) -> Result<(), NonlinearError> {
+        self.structure.import_state(body_state)?;
         self.state = state;
         Ok(())
     }

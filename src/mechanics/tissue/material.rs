@@ -16,7 +16,7 @@ use insonify_mesh::TetMesh;
 /// assert!((mu_kpa - 6.0 / 2.9).abs() < 1e-12 && lambda_kpa > mu_kpa);
 ///
 /// // By the shear modulus that elastography measures.
-/// let stated = Material::given(None, Some(mu_kpa), 0.45)?;
+/// let stated = Material::from_modulus(None, Some(mu_kpa), 0.45)?;
 /// assert!((stated.young_kpa() - liver.young_kpa()).abs() < 1e-12);
 /// assert_eq!(Material::new(6.0, 0.5).unwrap_err().key, "poisson");
 ///
@@ -58,7 +58,7 @@ impl Material {
     ///
     /// # Errors
     /// [`OutOfRange`] with the parameter that is out of range, or if not exactly one modulus is given.
-    pub fn given(young_kpa: Option<f64>, shear_kpa: Option<f64>, poisson: f64) -> Result<Material, OutOfRange> {
+    pub fn from_modulus(young_kpa: Option<f64>, shear_kpa: Option<f64>, poisson: f64) -> Result<Material, OutOfRange> {
         match (young_kpa, shear_kpa) {
             (Some(young), None) => Material::new(young, poisson),
             (None, Some(shear)) => {

@@ -277,14 +277,14 @@ impl<const D: usize, const N: usize> Structure<D, N> {
     }
 
     /// Exports the state as numbers, with the history of a viscous body. Cached data are recomputed, so that this body
-    /// continues as one that [imports](Self::take_state) the state.
+    /// continues as one that [imports](Self::import_state) the state.
     ///
     /// # Errors
     /// [`NonlinearError`] where the stiffness cannot be factored.
-    pub(crate) fn put_state(&mut self) -> Result<[Vec<f64>; 2], NonlinearError> {
+    pub(crate) fn export_state(&mut self) -> Result<[Vec<f64>; 2], NonlinearError> {
         match self {
-            Structure::Elastic(solver) => Ok([solver.put_state(false)?, Vec::new()]),
-            Structure::Viscous(creep) => creep.put_state(),
+            Structure::Elastic(solver) => Ok([solver.export_state(false)?, Vec::new()]),
+            Structure::Viscous(creep) => creep.export_state(),
         }
     }
 
@@ -292,10 +292,10 @@ impl<const D: usize, const N: usize> Structure<D, N> {
     ///
     /// # Errors
     /// [`NonlinearError`] for numbers that do not fit such a body.
-    pub(crate) fn take_state(&mut self, state: [&[f64]; 2]) -> Result<(), NonlinearError> {
+    pub(crate) fn import_state(&mut self, state: [&[f64]; 2]) -> Result<(), NonlinearError> {
         match self {
-            Structure::Elastic(solver) => Ok(solver.take_state(state[0], false)?),
-            Structure::Viscous(creep) => creep.take_state(state),
+            Structure::Elastic(solver) => Ok(solver.import_state(state[0], false)?),
+            Structure::Viscous(creep) => creep.import_state(state),
         }
     }
 

@@ -283,7 +283,7 @@ pub struct RemeshReport {
     /// Number of rows of the change (s).
     pub rank: usize,
     /// Number of rows in which the stiffness differs from that of the base (|S|), where the level tracks them; else 0.
-    pub held: usize,
+    pub support_size: usize,
     /// Estimated reciprocal condition of I + dK G; 1 where nothing was solved.
     pub reciprocal_condition: f64,
     /// Sampled residual, where taken (see [`Remesher::residual`]): at levels I to III for

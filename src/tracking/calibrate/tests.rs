@@ -128,11 +128,11 @@ fn a_direction_is_found_from_known_ones_from_two_pivots_and_from_a_spin() {
         .iter()
         .map(|pose| (pose, pose.rotation * truth * 3.0))
         .collect();
-    let direction = held(&given).unwrap();
+    let direction = held_direction(&given).unwrap();
     assert!((Vector3::from(direction.direction) - truth).norm() < 1e-12 && direction.rms_deg < 1e-5);
     let contrary: Vec<_> = poses.poses.iter().map(|pose| (pose, Vector3::x())).collect();
     assert!(
-        held(&contrary)
+        held_direction(&contrary)
             .unwrap_err()
             .to_string()
             .contains("degrees RMS; expected at most 20")
@@ -143,13 +143,13 @@ fn a_direction_is_found_from_known_ones_from_two_pivots_and_from_a_spin() {
         point_mm: (Vector3::from(TIP) - 100.0 * truth).into(),
         ..tip.clone()
     };
-    let direction = between(&hub, &tip).unwrap();
+    let direction = direction_between(&hub, &tip).unwrap();
     let angle = Vector3::from(direction.direction).angle(&truth).to_degrees();
     assert!(
         angle < 3.0 * direction.rms_deg && direction.rms_deg < 0.2,
         "{direction:?}"
     );
-    assert!(between(&tip, &tip).is_err());
+    assert!(direction_between(&tip, &tip).is_err());
 
     let axis = nalgebra::Unit::new_normalize(truth);
     let mut normal = Normal(8, 0);

@@ -99,6 +99,11 @@ impl BeamGrid {
         self.depth
     }
 
+    /// Whether the first and last scanlines overlap, as those of a full circle do.
+    pub fn has_overlap(&self) -> bool {
+        matches!(self.layout, Layout::Fan { half, .. } if half > PI)
+    }
+
     /// Distance between neighbouring samples, mm.
     pub fn sample_spacing_mm(&self) -> f64 {
         self.depth / self.samples as f64

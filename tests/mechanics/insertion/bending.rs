@@ -217,6 +217,6 @@ fn steps_given_up_on_the_way_out_leave_no_loads() {
     }
     assert!(given_up > 10 && most >= 4, "{given_up} {most}");
     let outcome = go(&mut finite, -20.0);
-    assert_eq!((outcome.contacts, finite.held()), (0, 0));
+    assert_eq!((outcome.contacts, finite.support_size()), (0, 0));
     assert_eq!(outcome.on_hand.force_n.norm(), 0.0);
 }

@@ -123,7 +123,7 @@ fn the_image_gets_tissue_that_lies_on_the_needle_and_comes_back() {
     finite.snapshot(&mut snapshot);
     imager.tissue(&snapshot, &mut tissue);
     assert_eq!((&tissue.reference, &tissue.current), (&rest, &rest));
-    assert_eq!(finite.held(), 0);
+    assert_eq!(finite.support_size(), 0);
 }
 
 /// dt is of no matter to tissue without inertia or memory.

@@ -146,6 +146,6 @@ fn through_and_through() {
     );
     let out = travel(&mut finite, 60.0, -20.0, 0.25);
     out.iter().for_each(assert_finite);
-    assert_eq!((finite.held(), out_of(&out)), (0, 1));
+    assert_eq!((finite.support_size(), out_of(&out)), (0, 1));
     assert_eq!(out.last().map(|it| it.on_hand.force_n.norm()), Some(0.0));
 }

@@ -127,7 +127,7 @@ fn held_tissue_before_soft_tissue() {
     assert_eq!(kinds(&outward).last(), Some(&EventKind::Out));
     let last = outward.last().expect("steps");
     assert_eq!(
-        (last.on_hand.force_n.norm(), last.inserted_mm, finite.held()),
+        (last.on_hand.force_n.norm(), last.inserted_mm, finite.support_size()),
         (0.0, 0.0, 0)
     );
 }

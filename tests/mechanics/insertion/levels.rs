@@ -75,7 +75,7 @@ fn the_level_changes_with_the_needle_in() {
     };
     let mut finite = new();
     travel(&mut finite, 0.0, 30.0, 0.1);
-    assert!(finite.held() > 0);
+    assert!(finite.support_size() > 0);
     // A step acts on the tip where the one before has found it: held in place, they come to rest.
     let before = [0; 10].map(|_| go(&mut finite, 30.0).on_hand)[9];
     assert!(before.force_n.norm() > 0.5, "{before:?}");

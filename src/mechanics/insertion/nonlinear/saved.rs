@@ -30,7 +30,7 @@ struct State {
 
 impl<const D: usize, const N: usize> Nonlinear<D, N> {
     pub(super) fn save_state(&mut self) -> Saved {
-        let (at, body) = match self.needle.put_state() {
+        let (at, body) = match self.needle.export_state() {
             Ok(state) => state,
             Err(error) => unreachable!("a scalar tangent that was factored before can be again: {error}"),
         };
@@ -63,7 +63,7 @@ impl<const D: usize, const N: usize> Nonlinear<D, N> {
         let (axis, at) = (std::mem::replace(&mut self.axis, state.axis), self.needle.at());
         self.take_axis();
         let [body, past] = &state.body;
-        if let Err(error) = self.needle.take_state(state.at, [body, past]) {
+        if let Err(error) = self.needle.import_state(state.at, [body, past]) {
             self.axis = axis;
             self.take_axis();
             self.needle.put_at(at);

@@ -45,8 +45,8 @@ enum CellLaw {
         law: AnyLaw,
         /// Volume, N mm for each kPa.
         weight: f64,
-        /// Place of its gradient and moduli in [`Responses`].
-        at: u32,
+        /// Index of its gradient and moduli in [`Responses`].
+        index: u32,
     },
 }
 
@@ -71,7 +71,7 @@ impl<const D: usize> Responses<D> {
     pub(super) fn moduli_of<const N: usize>(&self, cell: &Cell<D, N>) -> Option<&Moduli<D>> {
         match cell.law {
             CellLaw::Secant(_) => None,
-            CellLaw::Finite { at, .. } => Some(&self.moduli[at as usize]),
+            CellLaw::Finite { index, .. } => Some(&self.moduli[index as usize]),
         }
     }
 
@@ -200,7 +200,7 @@ impl<const D: usize, const N: usize> NonlinearBody<D, N> {
                     CellLaw::Finite {
                         law: *law,
                         weight,
-                        at: finite - 1,
+                        index: finite - 1,
                     }
                 }
             };
@@ -258,15 +258,17 @@ impl<const D: usize, const N: usize> NonlinearBody<D, N> {
         moduli.clear();
         moduli.extend(self.cells.iter().filter_map(|cell| match cell.law {
             CellLaw::Secant(_) => None,
-            CellLaw::Finite { law, weight, at } => Some(moduli_at(&law, &embedded(&gradients[at as usize]), weight)),
+            CellLaw::Finite { law, weight, index } => {
+                Some(moduli_at(&law, &embedded(&gradients[index as usize]), weight))
+            }
         }));
     }
 
     /// Makes the moduli positive definite, with the magnitudes of their eigenvalues.
     pub(super) fn make_definite(&self, responses: &mut Responses<D>) {
         for cell in &self.cells {
-            if let CellLaw::Finite { at, .. } = cell.law {
-                make_definite(&mut responses.moduli[at as usize], LEAST_STIFFNESS * cell.mu);
+            if let CellLaw::Finite { index, .. } = cell.law {
+                make_definite(&mut responses.moduli[index as usize], LEAST_STIFFNESS * cell.mu);
             }
         }
     }
@@ -392,9 +394,9 @@ impl<const D: usize, const N: usize> NonlinearBody<D, N> {
             let moved = corners.map(|node| vector(u, node));
             let secant_law = match cell.law {
                 CellLaw::Secant(law) => law,
-                CellLaw::Finite { law, weight, at } => {
+                CellLaw::Finite { law, weight, index } => {
                     let gradient = cell.shape.gradient(&moved);
-                    gradients[at as usize] = gradient;
+                    gradients[index as usize] = gradient;
                     let stress = law.stress_kpa(&embedded(&gradient)) * weight;
                     let stress = std::array::from_fn(|i| std::array::from_fn(|j| stress[(i, j)]));
                     add(forces, corners, &cell.shape.divergence(&stress));

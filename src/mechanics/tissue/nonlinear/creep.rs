@@ -148,13 +148,13 @@ impl<const D: usize, const N: usize> Creep<D, N> {
         &self.solver
     }
 
-    /// Exports the state as numbers, with the history, for a body of the same kind to [import](Self::take_state).
+    /// Exports the state as numbers, with the history, for a body of the same kind to [import](Self::import_state).
     /// Cached data are recomputed, so that both bodies continue identically.
     ///
     /// # Errors
     /// [`NonlinearError`] where the stiffness cannot be factored.
-    pub(crate) fn put_state(&mut self) -> Result<[Vec<f64>; 2], NonlinearError> {
-        let state = self.solver.put_state(self.memory == Memory::Rate)?;
+    pub(crate) fn export_state(&mut self) -> Result<[Vec<f64>; 2], NonlinearError> {
+        let state = self.solver.export_state(self.memory == Memory::Rate)?;
         Ok([state, self.history.remembered()])
     }
 
@@ -163,10 +163,10 @@ impl<const D: usize, const N: usize> Creep<D, N> {
     ///
     /// # Errors
     /// [`NonlinearError`] for numbers that do not fit such a body.
-    pub(crate) fn take_state(&mut self, [state, past]: [&[f64]; 2]) -> Result<(), NonlinearError> {
+    pub(crate) fn import_state(&mut self, [state, past]: [&[f64]; 2]) -> Result<(), NonlinearError> {
         let before = self.history.clone();
         self.history.recall(past)?;
-        if let Err(error) = self.solver.take_state(state, self.memory == Memory::Rate) {
+        if let Err(error) = self.solver.import_state(state, self.memory == Memory::Rate) {
             self.history = before;
             return Err(error);
         }

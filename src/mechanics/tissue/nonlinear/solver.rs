@@ -208,12 +208,12 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         Ok(&self.progress)
     }
 
-    /// Exports the state as numbers for a solver of the same body to [import](Self::take_state). The factor is
+    /// Exports the state as numbers for a solver of the same body to [import](Self::import_state). The factor is
     /// recomputed, so that both continue identically; `offset` is whether increments have offsets.
     ///
     /// # Errors
     /// [`NonlinearError::Factor`] where the tangent cannot be factored.
-    pub(super) fn put_state(&mut self, offset: bool) -> Result<Vec<f64>, NonlinearError> {
+    pub(super) fn export_state(&mut self, offset: bool) -> Result<Vec<f64>, NonlinearError> {
         self.renew(offset)?;
         let parts = [&self.state.displacement, &self.offset, &self.applied].map(|part| &part[..]);
         Ok([&parts.concat()[..], &[self.state.contact, self.peak]].concat())
@@ -223,7 +223,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
     ///
     /// # Errors
     /// [`NonlinearError`] for numbers that do not fit such a body.
-    pub(super) fn take_state(&mut self, state: &[f64], offset: bool) -> Result<(), NonlinearError> {
+    pub(super) fn import_state(&mut self, state: &[f64], offset: bool) -> Result<(), NonlinearError> {
         let dof_count = self.supports.all();
         target::list("numbers of a state", state, 3 * dof_count + 2)?;
         self.state.displacement.copy_from_slice(&state[..dof_count]);

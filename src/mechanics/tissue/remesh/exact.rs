@@ -136,7 +136,7 @@ impl Exact {
         RemeshReport {
             level: Level::Exact,
             rank,
-            held: support,
+            support_size: support,
             reciprocal_condition,
             residual: None,
             rebuilt,

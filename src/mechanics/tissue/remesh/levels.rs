@@ -208,7 +208,7 @@ impl<S: Store> Remesher for DenseInverseRemesher<S> {
         let mut report = RemeshReport {
             level: self.level,
             rank,
-            held: 0,
+            support_size: 0,
             reciprocal_condition: condition,
             residual: None,
             rebuilt: None,
@@ -328,7 +328,7 @@ impl<S: Store> DenseInverseRemesher<S> {
         RemeshReport {
             level: self.level,
             rank,
-            held: 0,
+            support_size: 0,
             reciprocal_condition: condition,
             residual: None,
             rebuilt: Some(reason),

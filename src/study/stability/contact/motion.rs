@@ -277,7 +277,10 @@ pub(super) fn many(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let mut finite = build(tissue(USUAL)?)?;
     let rest_nodes = finite.mesh().nodes().to_vec();
     repeat(record, &mut finite, cycles, "finite elements", 0.0)?;
-    record.zero("degrees of freedom still held, finite elements", finite.held() as f64);
+    record.zero(
+        "degrees of freedom still held, finite elements",
+        finite.support_size() as f64,
+    );
     let nodes_after = image(&mut finite).reference;
     record.zero(
         "nodes not back, finite elements",

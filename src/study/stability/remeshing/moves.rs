@@ -21,7 +21,7 @@ pub(crate) fn out_and_back(record: &mut Record<'_>) -> Result<(), Unexpected> {
             let (before, mut changed, mut rows_left) = (bits(&exact), 0, 0);
             for n in 0..rounds {
                 start.go(&mut exact, &start.free, n..n + 1, |exact, _| {
-                    rows_left += exact.undo()?.map_or(1, |report| report.held);
+                    rows_left += exact.undo()?.map_or(1, |report| report.support_size);
                     Ok(())
                 })?;
                 changed += usize::from(bits(&exact) != before);

@@ -154,8 +154,11 @@ fn undo_and_restore_bring_the_exact_level_back_to_the_base() {
     let (expected, bound) = expected(&adaptation);
     assert!(error(&adaptation.remesher().condensed().to_owned(), &expected) <= bound);
     let report = adaptation.restore(inner[1]).expect("home");
-    assert_eq!(report.held, 3 * adaptation.mesh().neighbours(inner[0]).len());
-    assert_eq!(adaptation.undo().expect("back").map(|report| report.held), Some(0));
+    assert_eq!(report.support_size, 3 * adaptation.mesh().neighbours(inner[0]).len());
+    assert_eq!(
+        adaptation.undo().expect("back").map(|report| report.support_size),
+        Some(0)
+    );
     assert_eq!(adaptation.undo(), Ok(None));
     assert_eq!(adaptation.remesher().condensed(), before.as_ref());
 }

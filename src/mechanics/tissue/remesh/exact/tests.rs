@@ -53,7 +53,7 @@ fn each_move_is_followed_and_s_is_what_is_touched() {
         let mut support: Vec<u32> = exact.support_dofs().iter().map(|dof| *dof as u32).collect();
         support.sort_unstable();
         assert_eq!(support, mesh.support().collect::<Vec<_>>());
-        assert_eq!(report.held, support.len());
+        assert_eq!(report.support_size, support.len());
         assert_eq!(report.rebuilt, None);
         check(&mesh, &mut exact);
     }

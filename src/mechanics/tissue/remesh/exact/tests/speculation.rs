@@ -30,7 +30,7 @@ fn a_change_that_was_expected_is_that_of_one_that_was_not() {
             expect(&mesh, &mut exact, node, tends);
             check(&mesh, &mut exact);
             let report = go(&mut mesh, &mut exact, node, salt as u32);
-            assert_eq!(report.held, mesh.support().count());
+            assert_eq!(report.support_size, mesh.support().count());
             assert_eq!(report.rebuilt, None);
             check(&mesh, &mut exact);
         }
@@ -75,7 +75,7 @@ fn what_was_expected_and_did_not_come_leaves_nothing() {
     assert!(exact.support_dofs().len() > mesh.support().count());
     // Another change arrives.
     let report = go(&mut mesh, &mut exact, inner[1], 2);
-    assert_eq!(report.held, mesh.support().count());
+    assert_eq!(report.support_size, mesh.support().count());
     check(&mesh, &mut exact);
     // Something else is expected, contacts are set, everything is recomputed, and all moves are undone.
     expect(&mesh, &mut exact, inner[2], 3);
