@@ -63,8 +63,8 @@ impl Fields {
 }
 
 impl Problem {
-    /// Solves the problem, with final strain and stress if `fields` is set: for viscoelastic tissue with a memory of loads they
-    /// need a history of their own.
+    /// Solves the problem, with final strain and stress if `fields` is set: for viscoelastic tissue with a memory of
+    /// loads they need a history of their own.
     ///
     /// # Errors
     /// [`InputError`] with the offending key.

@@ -21,7 +21,8 @@
 //! loops of its shader together: a pass that loops longer belongs in several dispatches.
 //!
 //! ```no_run
-//! use insonify_gpu::{Access, AdapterChoice, Dispatch, Gpu, Loops, Needs, PassSource, Pipeline, Readback, StorageBuffer, Parameters};
+//! use insonify_gpu::{Access, AdapterChoice, Dispatch, Gpu, Loops, Needs, Parameters, PassSource, Pipeline};
+//! use insonify_gpu::{Readback, StorageBuffer};
 //!
 //! let gpu = Gpu::open(&AdapterChoice::from_flag(None), &Needs::default())?;
 //! let values = StorageBuffer::upload(&gpu, "values", &[1_u32, 2, 3])?;

@@ -170,6 +170,7 @@ impl Frame {
             let world = bounded(volume.index_to_world().transform_point(&Point3::from(index)));
             (low, high) = (low.inf(&world), high.sup(&world));
         }
+        // A probe far off would shrink the volume to a dot: the frame reaches one volume's size beyond it at most.
         let room = (high - low).amax().max(1e-3);
         let (lower, upper) = (low.add_scalar(-room), high.add_scalar(room));
         let behind = pose

@@ -1,5 +1,5 @@
-//! Tetrahedral mesh files. The format is recognised from the contents; coordinates are millimetres unless another [`Unit`]
-//! is given.
+//! Tetrahedral mesh files. The format is recognised from the contents; coordinates are millimetres unless another
+//! [`Unit`] is given.
 //!
 //! A format is a file of this folder with its [`Format`], and a line of `formats!`.
 
@@ -90,13 +90,13 @@ const METRES: f64 = 1.0;
 /// Names of the arrays to read, and the unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ReadOptions<'a> {
-    /// Name of the point array with the displacements (mm, three components), which must exist. Without a name, the array
-    /// [`DISPLACEMENT`] is read if the file has one.
+    /// Name of the point array with the displacements (mm, three components), which must exist. Without a name, the
+    /// array [`DISPLACEMENT`] is read if the file has one.
     pub displacement: Option<&'a str>,
-    /// Name of the cell array with the region numbers, which must exist. Without a name, the first of `region`, `label`,
-    /// `material`, `medit:ref`, `gmsh:physical` and `CellEntityIds` in the file is read, or else the only one of whole numbers;
-    /// without any, all regions are 0. In a Gmsh file the names are `gmsh:physical` (the first physical group, or the volume where there is none; also the
-    /// default) and `gmsh:geometrical` (the volume).
+    /// Name of the cell array with the region numbers, which must exist. Without a name, the first of `region`,
+    /// `label`, `material`, `medit:ref`, `gmsh:physical` and `CellEntityIds` in the file is read, or else the only one
+    /// of whole numbers; without any, all regions are 0. In a Gmsh file the names are `gmsh:physical` (the first
+    /// physical group, or the volume where there is none; also the default) and `gmsh:geometrical` (the volume).
     pub region: Option<&'a str>,
     /// Unit of coordinates and displacements.
     pub unit: Unit,

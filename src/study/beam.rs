@@ -1,12 +1,12 @@
-//! Table I of Wang et al. 2023: remote centres of motion (RCM) and centres of motion (COM) of a 1 mm steel needle in a phantom and in
-//! porcine muscle, beside the values computed here. [`case`] studies a user's own needle, [`measure`] finds needles in CT, and [`compare`]
-//! holds them against computed ones.
+//! Table I of Wang et al. 2023: remote centres of motion (RCM) and centres of motion (COM) of a 1 mm steel needle in a
+//! phantom and in porcine muscle, beside the values computed here. [`case`] studies a user's own needle, [`measure`]
+//! finds needles in CT, and [`compare`] holds them against computed ones.
 
 pub mod case;
 pub mod compare;
 pub mod measure;
 
-use super::tradeoff::{Axis, Factor, Figure, Study, Table};
+use super::tradeoff::{Axis, Choice, Column, Factor, Figure, Study, Table};
 use insonify_base::machine::Machine;
 use insonify_mechanics::needle::beam::material::Ogden;
 use insonify_mechanics::needle::beam::{
@@ -15,7 +15,8 @@ use insonify_mechanics::needle::beam::{
 
 /// Length of the tissue before compression, mm. An assumption: Wang et al. 2023 do not state it.
 pub(crate) const INITIAL_LENGTH_MM: f64 = 50.0;
-/// Displacements of the base, mm. Wang et al.'s stage also moves as far to the other side, which gives the same centres.
+/// Displacements of the base, mm. Wang et al.'s stage also moves as far to the other side, which gives the same
+/// centres.
 pub(crate) const DISPLACEMENTS_MM: [f64; 6] = [2.5, 5.0, 7.5, 10.0, 12.5, 15.0];
 /// Inserted depths, mm.
 pub(crate) const DEPTHS_MM: [f64; 3] = [20.0, 40.0, 60.0];
@@ -55,7 +56,8 @@ pub(crate) const TISSUES: [Tissue; 2] = [
     },
 ];
 
-/// Published RCM measured, COM measured and COM simulated, mm below the entry, indexed by tissue, control distance and inserted depth.
+/// Published RCM measured, COM measured and COM simulated, mm below the entry, indexed by tissue, control distance and
+/// inserted depth.
 const PUBLISHED: [[[[f64; 3]; 3]; 2]; 2] = [
     [
         [[9.7, 10.3, 11.3], [10.9, 24.3, 21.3], [9.0, 31.1, 25.9]],
@@ -66,6 +68,51 @@ const PUBLISHED: [[[[f64; 3]; 3]; 2]; 2] = [
         [[11.9, 10.6, 11.8], [20.6, 25.7, 23.1], [22.6, 38.5, 33.8]],
     ],
 ];
+
+/// A needle of the published table; centres of motion in mm below the entry.
+#[derive(Clone, Copy)]
+struct PublishedNeedle {
+    tissue: Tissue,
+    control_distance_mm: f64,
+    inserted_mm: f64,
+    rcm_mm: f64,
+    com_measured_mm: f64,
+    com_simulated_mm: f64,
+}
+
+impl PublishedNeedle {
+    /// Needles in the order of the table.
+    fn all() -> impl Iterator<Item = Self> {
+        let of_depths = |tissue, control_distance_mm, by_depth: [[f64; 3]; 3]| {
+            let depths = DEPTHS_MM.into_iter().zip(by_depth);
+            depths.map(move |(inserted_mm, [rcm_mm, com_measured_mm, com_simulated_mm])| Self {
+                tissue,
+                control_distance_mm,
+                inserted_mm,
+                rcm_mm,
+                com_measured_mm,
+                com_simulated_mm,
+            })
+        };
+        TISSUES
+            .into_iter()
+            .zip(PUBLISHED)
+            .flat_map(move |(tissue, by_control)| {
+                let controls = CONTROLS_MM.into_iter().zip(by_control);
+                controls.flat_map(move |(control, by_depth)| of_depths(tissue, control, by_depth))
+            })
+    }
+
+    fn problem(&self) -> Problem {
+        problem(
+            self.tissue.material,
+            self.tissue.compression,
+            self.control_distance_mm,
+            self.inserted_mm,
+            ELEMENT_MM,
+        )
+    }
+}
 
 /// Returns the beam problem of Wang et al.'s needle in one layer of tissue.
 pub fn problem(
@@ -92,13 +139,13 @@ pub fn problem(
     }
 }
 
-/// Reproduces the table: the COM of a base driven with the published mean RCM, and the RCM of a base that is free to rotate; also on axes
-/// behind the base (`arms_mm`).
+/// Reproduces the table: the COM of a base driven with the published mean RCM, and the RCM of a base that is free to
+/// rotate; also on axes behind the base (`arms_mm`).
 ///
 /// # Errors
 /// [`BeamError`] if a needle shape cannot be solved.
 pub fn table_one(arms_mm: &[f64]) -> Result<Study, BeamError> {
-    let (table, depends) = centres_table()?;
+    let (table, largest_change_mm) = centres_table()?;
     Ok(Study {
         name: "beam-table-one",
         title: "Table 1 of Wang et al. 2023",
@@ -121,7 +168,7 @@ pub fn table_one(arms_mm: &[f64]) -> Result<Study, BeamError> {
             .collect::<Result<_, _>>()?,
         figures: vec![table_one_figure()],
         notes: vec![
-            format!("with tissue of 30 mm, or linear tissue, no COM here moves by more than {depends:.1} mm"),
+            format!("with tissue of 30 mm, or linear tissue, no COM here moves by more than {largest_change_mm:.1} mm"),
             "the table cannot tell models apart: any foundation of 3 mu to 4 mu comes as near".to_owned(),
             "a free base turns about the measured RCM in muscle within 2.7 mm, in the phantom not: there it is deeper"
                 .to_owned(),
@@ -129,102 +176,121 @@ pub fn table_one(arms_mm: &[f64]) -> Result<Study, BeamError> {
     })
 }
 
-/// The table, and the largest change of a COM (mm) with other initial lengths of the tissue.
-fn centres_table() -> Result<(Table, f64), BeamError> {
-    let factors = [
-        Factor::new("tissue", "tissue"),
-        Factor::new("control_distance_mm", "base before entry"),
-        Factor::new("inserted_mm", "depth"),
-    ];
-    let axes = [
-        Axis::linear("inserted", "l", "inserted depth, mm"),
-        Axis::linear("rcm_published_mm", "RCM published", "RCM as measured, mm"),
-        Axis::linear("rcm_natural_mm", "RCM free", "RCM of a free base, mm"),
-        Axis::linear("com_measured_mm", "COM measured", "COM as measured, mm"),
-        Axis::linear(
-            "com_published_mm",
-            "COM published",
-            "COM as simulated by Wang et al. 2023, mm",
-        ),
-        Axis::linear("com_mm", "COM here", "COM, mm"),
-        Axis::linear(
-            "difference_mm",
-            "difference",
-            "COM here less COM of Wang et al. 2023, mm",
-        ),
-    ];
-    let mut table = Table::new(
-        "table-one",
-        "Table I: centres of motion, mm below the entry",
-        &factors,
-        &axes,
-    );
-    let mut depends: f64 = 0.0;
-    for (tissue, published) in TISSUES.iter().zip(PUBLISHED) {
-        for (control, published) in CONTROLS_MM.into_iter().zip(published) {
-            for (depth, [rcm, measured, simulated]) in DEPTHS_MM.into_iter().zip(published) {
-                let of = |initial_length_mm: f64| {
-                    let mut problem = problem(tissue.material, tissue.compression, control, depth, ELEMENT_MM);
-                    problem.layers[0].initial_length_mm = initial_length_mm;
-                    centres(&problem, rcm)
-                };
-                let [com, natural] = of(INITIAL_LENGTH_MM)?;
-                // The initial length is an assumption: how far results hang on it becomes a note.
-                for other in [30.0, f64::INFINITY] {
-                    depends = depends.max((of(other)?[0] - com).abs());
-                }
-                let choices = [tissue.name.to_owned(), format!("{control} mm"), format!("{depth} mm")];
-                let values = [depth, rcm, natural, measured, simulated, com, com - simulated];
-                table.push(choices.to_vec(), values.map(Some).to_vec(), None);
-            }
-        }
-    }
-    Ok((table, depends))
+/// A needle of the table with the centres of motion computed here, mm below the entry.
+struct CentresRow {
+    needle: PublishedNeedle,
+    com_mm: f64,
+    rcm_free_mm: f64,
 }
 
-/// RCM of a base that turns freely about an axis behind it, as Wang et al.'s rotary stage does (section II-C; they state no distance).
+const CENTRES_CHOICES: [Choice<CentresRow>; 3] = [
+    Factor::new("tissue", "tissue").of(|row| row.needle.tissue.name.to_owned()),
+    Factor::new("control_distance_mm", "base before entry").of(|row| format!("{} mm", row.needle.control_distance_mm)),
+    Factor::new("inserted_mm", "depth").of(|row| format!("{} mm", row.needle.inserted_mm)),
+];
+
+const CENTRES: [Column<CentresRow>; 7] = [
+    Axis::linear("inserted", "l", "inserted depth, mm").of(|row| Some(row.needle.inserted_mm)),
+    Axis::linear("rcm_published_mm", "RCM published", "RCM as measured, mm").of(|row| Some(row.needle.rcm_mm)),
+    Axis::linear("rcm_natural_mm", "RCM free", "RCM of a free base, mm").of(|row| Some(row.rcm_free_mm)),
+    Axis::linear("com_measured_mm", "COM measured", "COM as measured, mm").of(|row| Some(row.needle.com_measured_mm)),
+    Axis::linear(
+        "com_published_mm",
+        "COM published",
+        "COM as simulated by Wang et al. 2023, mm",
+    )
+    .of(|row| Some(row.needle.com_simulated_mm)),
+    Axis::linear("com_mm", "COM here", "COM, mm").of(|row| Some(row.com_mm)),
+    Axis::linear(
+        "difference_mm",
+        "difference",
+        "COM here less COM of Wang et al. 2023, mm",
+    )
+    .of(|row| Some(row.com_mm - row.needle.com_simulated_mm)),
+];
+
+/// The table, and the largest change of a COM (mm) with other initial lengths of the tissue.
+fn centres_table() -> Result<(Table, f64), BeamError> {
+    let mut rows = Vec::new();
+    let mut largest_change_mm: f64 = 0.0;
+    for needle in PublishedNeedle::all() {
+        let centres_at = |initial_length_mm: f64| {
+            let mut problem = needle.problem();
+            problem.layers[0].initial_length_mm = initial_length_mm;
+            centres(&problem, needle.rcm_mm)
+        };
+        let [com_mm, rcm_free_mm] = centres_at(INITIAL_LENGTH_MM)?;
+        // The initial length is an assumption: how far results hang on it becomes a note.
+        for other in [30.0, f64::INFINITY] {
+            largest_change_mm = largest_change_mm.max((centres_at(other)?[0] - com_mm).abs());
+        }
+        rows.push(CentresRow {
+            needle,
+            com_mm,
+            rcm_free_mm,
+        });
+    }
+    let title = "Table I: centres of motion, mm below the entry";
+    let table = Table::of("table-one", title, &CENTRES_CHOICES, &CENTRES, &rows);
+    Ok((table, largest_change_mm))
+}
+
+/// A needle of the table whose free base turns about an axis behind it.
+struct AxisRow {
+    needle: PublishedNeedle,
+    /// Distance of the axis behind the base, mm.
+    arm_mm: f64,
+    /// RCM, mm below the entry.
+    rcm_mm: f64,
+    /// Displacement of the base over that of the axis.
+    base_share: f64,
+}
+
+const AXIS_CHOICES: [Choice<AxisRow>; 4] = [
+    Factor::new("tissue", "tissue").of(|row| row.needle.tissue.name.to_owned()),
+    Factor::new("control_distance_mm", "base before entry").of(|row| format!("{} mm", row.needle.control_distance_mm)),
+    Factor::new("inserted_mm", "depth").of(|row| format!("{} mm", row.needle.inserted_mm)),
+    Factor::new("pivot_mm", "axis behind base").of(|row| format!("{} mm", row.arm_mm)),
+];
+
+const AXIS: [Column<AxisRow>; 3] = [
+    Axis::linear("rcm_published_mm", "RCM published", "RCM as measured, mm").of(|row| Some(row.needle.rcm_mm)),
+    Axis::linear("rcm_mm", "RCM here", "RCM, mm").of(|row| Some(row.rcm_mm)),
+    Axis::linear(
+        "base_share",
+        "base/axis",
+        "displacement of the base over that of the axis",
+    )
+    .of(|row| Some(row.base_share)),
+];
+
+/// RCM of a base that turns freely about an axis behind it, as Wang et al.'s rotary stage does (section II-C; they
+/// state no distance).
 fn axis_table(arms_mm: &[f64]) -> Result<Table, BeamError> {
-    let factors = [
-        Factor::new("tissue", "tissue"),
-        Factor::new("control_distance_mm", "base before entry"),
-        Factor::new("inserted_mm", "depth"),
-        Factor::new("pivot_mm", "axis behind base"),
-    ];
-    let axes = [
-        Axis::linear("rcm_published_mm", "RCM published", "RCM as measured, mm"),
-        Axis::linear("rcm_mm", "RCM here", "RCM, mm"),
-        Axis::linear(
-            "base_share",
-            "base/axis",
-            "displacement of the base over that of the axis",
-        ),
-    ];
-    let title = "RCM of a free base whose axis lies behind it, mm below the entry";
-    let mut table = Table::new("axis", title, &factors, &axes);
-    for (tissue, published) in TISSUES.iter().zip(PUBLISHED) {
-        for (control, published) in CONTROLS_MM.into_iter().zip(published) {
-            for (depth, [published, ..]) in DEPTHS_MM.into_iter().zip(published) {
-                for arm in arms_mm {
-                    let mut problem = problem(tissue.material, tissue.compression, control, depth, ELEMENT_MM);
-                    problem.pivot_mm = *arm;
-                    let mut beam = FoundationBeam::new(&problem)?;
-                    // The published RCM is a mean over these displacements: in
-                    // nonlinear tissue each of them gives another.
-                    let (mut rcm, mut share) = (0.0, 0.0);
-                    for displacement_mm in DISPLACEMENTS_MM {
-                        let slope = None;
-                        let shape = beam.solve(&Base { displacement_mm, slope })?;
-                        rcm += shape.rcm_mm().unwrap_or(f64::NAN) / DISPLACEMENTS_MM.len() as f64;
-                        share += shape.points[0].u_mm / displacement_mm / DISPLACEMENTS_MM.len() as f64;
-                    }
-                    let lengths = [control, depth, *arm].map(|mm| format!("{mm} mm"));
-                    let choices = [&[tissue.name.to_owned()][..], &lengths[..]].concat();
-                    table.push(choices, [published, rcm, share].map(Some).to_vec(), None);
-                }
+    let mut rows = Vec::new();
+    for needle in PublishedNeedle::all() {
+        for &arm_mm in arms_mm {
+            let mut problem = needle.problem();
+            problem.pivot_mm = arm_mm;
+            let mut beam = FoundationBeam::new(&problem)?;
+            // The published RCM is a mean over these displacements: in nonlinear tissue each of them gives another.
+            let (mut rcm_mm, mut base_share) = (0.0, 0.0);
+            for displacement_mm in DISPLACEMENTS_MM {
+                let slope = None;
+                let shape = beam.solve(&Base { displacement_mm, slope })?;
+                rcm_mm += shape.rcm_mm().unwrap_or(f64::NAN) / DISPLACEMENTS_MM.len() as f64;
+                base_share += shape.points[0].u_mm / displacement_mm / DISPLACEMENTS_MM.len() as f64;
             }
+            rows.push(AxisRow {
+                needle,
+                arm_mm,
+                rcm_mm,
+                base_share,
+            });
         }
     }
-    Ok(table)
+    let title = "RCM of a free base whose axis lies behind it, mm below the entry";
+    Ok(Table::of("axis", title, &AXIS_CHOICES, &AXIS, &rows))
 }
 
 fn table_one_figure() -> Figure {

@@ -1,8 +1,8 @@
 //! Case files for a needle whose base is moved: needle, base, elements and tissue layers in one TOML file.
 //!
 //! [`CaseFile`] is the file as written; [`CaseFile::resolve`] checks it; [`BeamCase::solve`] bends the needle (see
-//! [`mechanics::needle::beam`](insonify_mechanics::needle::beam)) and [`BeamCase::find`] finds the base motion for what is wanted.
-//! Errors point at the line. [`points`] reads measured stretch and stress.
+//! [`mechanics::needle::beam`](insonify_mechanics::needle::beam)) and [`BeamCase::find`] finds the base motion for what
+//! is wanted. Errors point at the line. [`points`] reads measured stretch and stress.
 //!
 //! ```
 //! use insonify_study::beam_case::{self, CaseFile};
@@ -37,8 +37,8 @@ use insonify_mechanics::needle::beam::{
 /// Example case file with every key.
 pub const EXAMPLE: &str = include_str!("../../assets/beam.toml");
 
-/// A needle in layers of tissue whose base is moved sideways. It lies along x, from the base (before 0) through the entry (0) to
-/// the tip; u is its lateral deflection.
+/// A needle in layers of tissue whose base is moved sideways. It lies along x, from the base (before 0) through the
+/// entry (0) to the tip; u is its lateral deflection.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CaseFile {
@@ -69,7 +69,8 @@ pub struct BeamCase {
     pub problem: Problem,
     /// Motion of the base.
     pub base: Base,
-    /// Measured shape: position along the undeflected needle and deflection, mm, from base to tip; empty if not measured.
+    /// Measured shape: position along the undeflected needle and deflection, mm, from base to tip; empty if not
+    /// measured.
     pub measured_mm: Vec<[f64; 2]>,
 }
 
@@ -216,8 +217,8 @@ impl BeamCase {
         self.beam()?.solve(&self.base).map_err(|error| self.blame(error))
     }
 
-    /// Discretisation error: largest difference (mm) between `shape` and that with elements of half the length. `None` if the
-    /// latter cannot be computed.
+    /// Discretisation error: largest difference (mm) between `shape` and that with elements of half the length. `None`
+    /// if the latter cannot be computed.
     pub fn element_error_mm(&self, shape: &Shape) -> Option<f64> {
         let mut finer = self.problem.clone();
         finer.element_mm /= 2.0;
@@ -237,7 +238,8 @@ impl BeamCase {
         inverse::find(&mut self.beam()?, wanted).map_err(|error| self.blame(error))
     }
 
-    /// Finds the base motion for a wanted result, and the resulting shape, even if a layer is compressed beyond its limit.
+    /// Finds the base motion for a wanted result, and the resulting shape, even if a layer is compressed beyond its
+    /// limit.
     ///
     /// # Errors
     /// [`InputError`] if there is none.
@@ -245,8 +247,8 @@ impl BeamCase {
         inverse::reach(&mut self.beam()?, wanted).map_err(|error| self.blame(error))
     }
 
-    /// Text of this case with a measured base motion, its lengths (control distance and inserted depth, mm) and the measured shape in place of
-    /// its own. The last layer is made as thick as the needle needs.
+    /// Text of this case with a measured base motion, its lengths (control distance and inserted depth, mm) and the
+    /// measured shape in place of its own. The last layer is made as thick as the needle needs.
     ///
     /// # Errors
     /// [`InputError`] if the result is no valid case.

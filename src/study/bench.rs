@@ -1,9 +1,11 @@
 //! Benchmarks: cost of a frame on a backend, pass by pass, and its fall as effects are removed.
 //!
-//! Frames are timed by wall clock with pass timing off, as in a simulator. Passes are timed on separate frames, on the GPU by timestamps
-//! where the device offers them. Timestamps of neighbouring passes may overlap, so pass times need not add up to the frame time.
+//! Frames are timed by wall clock with pass timing off, as in a simulator. Passes are timed on separate frames, on the
+//! GPU by timestamps where the device offers them. Timestamps of neighbouring passes may overlap, so pass times need
+//! not add up to the frame time.
 //!
-//! [`compare`] compares GPU and CPU over image sizes, and measures the cost of each effect alone and combined with the others.
+//! [`compare`] compares GPU and CPU over image sizes, and measures the cost of each effect alone and combined with the
+//! others.
 
 pub mod compare;
 mod report;
@@ -28,7 +30,8 @@ pub use report::{BackendReport, BatchRates, BenchReport, Exchange, PassSpread, R
 pub struct BenchOptions {
     /// Frames per measurement, 1 or more.
     pub frames: usize,
-    /// Frames rendered and discarded before each measurement, while caches fill, clocks rise and drivers finish compiling.
+    /// Frames rendered and discarded before each measurement, while caches fill, clocks rise and drivers finish
+    /// compiling.
     pub warm_up: usize,
     /// Time after which a measurement ends early, provided that it has [`MIN_FRAMES`] frames.
     pub patience: Duration,
@@ -249,7 +252,8 @@ impl Clock<'_> {
     }
 }
 
-/// Effects that can be taken out of a scene, and what takes them, in the order of removal: from the last of the list to the first.
+/// Effects that can be taken out of a scene, and what takes them, in the order of removal: from the last of the list to
+/// the first.
 fn removable() -> impl Iterator<Item = (&'static Effect, fn(&mut Anatomy, &mut Settings))> {
     let listed = LISTED.iter().copied().rev();
     listed.filter_map(|effect| Some((effect, effect.remove?)))

@@ -298,6 +298,7 @@ impl CaseFile {
             if crossed.last().is_some_and(|layer| layer.0 == region) {
                 continue;
             }
+            // A sliver between two regions is due to the voxels: it belongs to the next.
             if crossed.last().is_some_and(|layer| depth - layer.1 < MIN_LAYER_MM) {
                 crossed.pop();
             }

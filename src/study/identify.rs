@@ -420,6 +420,8 @@ impl<'a> Search<'a> {
                 Cost::Points => pairs().fold([0.0; 2], |[error, size], (simulated, measured)| {
                     [error + (simulated - measured).powi(2), size + measured * measured]
                 }),
+                // Means first, then squares: errors of single points cancel, and only the motion of the depth as a
+                // whole counts.
                 Cost::Mean => {
                     let count = pairs().count().max(1) as f64;
                     let mean = pairs().fold([0.0; 2], |[error, size], (simulated, measured)| {

@@ -5,7 +5,7 @@
 //! | [`mod@bench`] | render times per frame and per pass, and with effects removed one by one |
 //! | [`mod@identify`] | parameters of tissue layers from a measured insertion |
 //! | [`mod@inspect`] | explanation of a single pixel |
-//! | [`beam_case`], [`identification`], [`material_case`] | case files of needles, measured insertions and material tests |
+//! | [`beam_case`], [`identification`], [`material_case`] | case files of needles, insertions and material tests |
 //! | [`calibration`], [`registration`] | reports of both |
 //! | [`beam`] | published centres of motion of a needle in tissue, reproduced |
 //! | [`tradeoff`] | accuracy against computing time |

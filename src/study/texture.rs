@@ -99,6 +99,7 @@ impl Image {
                 .map(|offset| (-0.5 * (offset as f64 / sigma[axis]).powi(2)).exp())
                 .collect();
             let (n, stride) = (self.size[axis] as isize, if axis == 0 { 1 } else { self.size[0] });
+            // A Gaussian is separable: one axis after the other.
             let before = image.values.clone();
             for (index, value) in image.values.iter_mut().enumerate() {
                 let position = (index / stride % n as usize) as isize;

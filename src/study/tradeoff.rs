@@ -241,7 +241,7 @@ pub struct Study {
 
 impl Table {
     /// Creates a table without rows.
-    pub fn new(key: &'static str, title: impl Into<String>, factors: &[Factor], axes: &[Axis]) -> Self {
+    fn new(key: &'static str, title: impl Into<String>, factors: &[Factor], axes: &[Axis]) -> Self {
         Table {
             key,
             title: title.into(),
@@ -252,11 +252,6 @@ impl Table {
             rows: Vec::new(),
             listed: true,
         }
-    }
-
-    /// Creates a table of a long trace, which the text report omits.
-    pub fn trace(key: &'static str, title: impl Into<String>, factors: &[Factor], axes: &[Axis]) -> Self {
-        Table::new(key, title, factors, axes).unlisted()
     }
 
     /// Creates a table of typed rows.
@@ -325,7 +320,7 @@ impl Table {
     ///
     /// # Panics
     /// If the numbers of choices and factors, or of values and axes, differ: a programming error.
-    pub fn push(&mut self, choices: Vec<String>, values: Vec<Option<f64>>, flag: Option<String>) {
+    fn push(&mut self, choices: Vec<String>, values: Vec<Option<f64>>, flag: Option<String>) {
         assert_eq!(
             (choices.len(), values.len()),
             (self.factors.len(), self.axes.len()),

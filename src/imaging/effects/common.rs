@@ -46,6 +46,7 @@ pub fn scatterers<T: Real, const N: usize>(p: &[[T; N]; 3], seed: [u32; 2]) -> (
             scale[i] /= f * f + g * g;
         }
     }
+    // The first round of the hash depends on one axis only: its six results serve all eight corners.
     let (mut re, mut im) = ([T::zero(); N], [T::zero(); N]);
     for corner in 0..8 {
         let [x, y, z] = [corner & 1, corner >> 1 & 1, corner >> 2];

@@ -199,6 +199,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
         let step = matrix.map(|row| (row[0] * dx + row[1] * dy) * T::of(f64::from(*gap)));
         for (i, position) in positions.iter_mut().enumerate() {
             let s = (T::from_signed(i as i32) + T::of(0.5)) * sample_mm;
+            // The square ends with slope 0, so that speckle is not stretched abruptly at the fade.
             let left = (T::one() - s * per_fade).max(T::zero());
             let share = left * left;
             for axis in 0..3 {

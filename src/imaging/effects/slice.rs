@@ -481,6 +481,7 @@ impl<'a, T: Real> LabelReader<'a, T> {
             }
             cell.kind[corner] = known as u8;
         }
+        // A cubic B-spline reaches one voxel beyond the cell on each side: four by four by four.
         let columns = self.offsets::<4>(0, cell.base[0] - 1, 1);
         let rows = self.offsets::<4>(1, cell.base[1] - 1, 1);
         let slabs = self.offsets::<4>(2, cell.base[2] - 1, 1);
@@ -489,6 +490,7 @@ impl<'a, T: Real> LabelReader<'a, T> {
             *row = self.row(&columns, rows[number % 4] + slabs[number / 4]);
         }
         let around = around.as_flattened();
+        // As masks, for all samples of the cell: the sums of weights are then products without a branch.
         for group in 0..cell.count.div_ceil(TOGETHER) {
             let kinds: [u8; TOGETHER] = array(|member| cell.kinds[group * TOGETHER + member]);
             let members = cell.members[group].as_flattened_mut();

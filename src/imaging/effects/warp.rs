@@ -232,6 +232,7 @@ fn candidates<T: Real>(frame: &Frame<T>, ends: [[f64; 4]; 2], positions: &[[T; 4
 /// the share of the way from the first sample to the last that lies behind a sample; samples are in ascending order,
 /// but not evenly spaced (`contact` shifts them).
 fn samples_between(ends: [[f64; 4]; 2], allowed: f64, samples: usize, along: impl Fn(usize) -> f64) -> Range<usize> {
+    // Clipping by the four faces, in shares of the way, as Y.-D. Liang and B. A. Barsky (1984) clip lines.
     let (mut from, mut to) = (0.0f64, 1.0f64);
     for corner in 0..4 {
         let [a, b] = ends.map(|end| end[corner] + allowed);
@@ -246,6 +247,7 @@ fn samples_between(ends: [[f64; 4]; 2], allowed: f64, samples: usize, along: imp
         return 0..0;
     }
     let last = samples - 1;
+    // A guess as if samples were evenly spaced, then corrected: they nearly are, so that the loops take a step or two.
     let mut start = (from * last as f64) as usize;
     while start > 0 && along(start) >= from {
         start -= 1;

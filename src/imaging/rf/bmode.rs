@@ -50,6 +50,7 @@ pub fn scan_converted(grey: &[f32], beam: &BeamGrid, image: &ImageGrid, fill: u8
     };
     let averaged: Vec<f32> = (0..lines * rows).map(mean).collect();
     let scale = rows as f32 / beam.samples() as f32;
+    // Positions count samples of the beam's grid, averages cover `wide` echoes each: both are centred on half samples.
     let value = |[line, sample]: [f32; 2]| {
         let sample = (sample + 0.5) * scale - 0.5;
         let neighbours = |position: f32, count: usize| {

@@ -136,6 +136,7 @@ impl Device {
     /// [`GpuError`] where the device fails or the scatterers exceed its limits.
     pub fn echoes(&mut self, scatterers: &[Scatterer]) -> Result<Vec<f32>, GpuError> {
         let binned = Binned::new(scatterers, &self.params);
+        // Software Vulkan ends long loops (see `ROUNDS`): samples of more scatterers take further dispatches.
         let dispatches = binned.most.div_ceil(ROUNDS).max(1) as u32;
         self.make_room((binned.scatterers.len() * size_of::<Packed>()) as u64, dispatches)?;
         self.scatterers.write(&self.gpu, 0, &binned.scatterers)?;

@@ -230,6 +230,7 @@ impl Tracker {
         let wide = samples * options.upsampling;
         let (window, starts) = options.layout(samples);
         let values = upsampled(frame, samples, options.upsampling);
+        // The half period is counted in the echoes themselves: attenuation lowers their frequency below the probe's.
         let turns = |line: &[f32]| {
             line.windows(2)
                 .filter(|pair| (pair[0] < 0.0) != (pair[1] < 0.0))
@@ -490,6 +491,8 @@ impl Search<'_> {
         let length = self.template.values.len();
         let (start, line) = (self.origin[0] + down, self.origin[1] + aside);
         correlations.fill(OUTSIDE);
+        // Shifts that would lead out of the line stay `OUTSIDE`; those left are consecutive, for the products in vector
+        // registers.
         let first = (-start).max(0);
         let count = (correlations.len() as isize).min((self.samples - length) as isize + 1 - start) - first;
         if count <= 0 || !(0..self.lines).contains(&line) {
@@ -513,6 +516,7 @@ impl Search<'_> {
                 (out[1], out[2]) = (over(sums), over(squares));
             }
         }
+        // The template has no mean, so that the product needs no mean of the echoes; their norm does.
         for (correlation, [product, sum, square]) in correlations.iter_mut().zip(&self.sums) {
             let norm = (square - sum * sum / length as f64).max(0.0).sqrt() * self.template.norm;
             *correlation = if norm > 0.0 { product / norm } else { 0.0 };

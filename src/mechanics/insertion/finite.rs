@@ -329,6 +329,7 @@ impl Finite {
         let start = Instant::now();
         self.base.prepare(level)?;
         let from = self.tissue.adaptation.remesher().level();
+        // Settled before and after, so that the jump of the force is that of the level, not of a step left unfinished.
         let before = self.settle_again();
         let adaptation = &mut self.tissue.adaptation;
         let condensed = adaptation.remesher().condensed().to_owned();

@@ -19,8 +19,8 @@ pub struct State {
     pub model: Saved,
 }
 
-/// A state, and the inputs of the steps from there on: enough to repeat them, bit for bit, also when written to a file and
-/// read back (as JSON, which preserves every bit of a number).
+/// A state, and the inputs of the steps from there on: enough to repeat them, bit for bit, also when written to a file
+/// and read back (as JSON, which preserves every bit of a number).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Recording {
@@ -37,8 +37,8 @@ fn keyed<'de, D: Deserializer<'de>>(table: D) -> Result<State, D::Error> {
 
 /// Inputs of a step.
 ///
-/// In a file it has `dt_s`, `base`, and where they are used `probe`, `guide_mm`, `deposit` and `view`; a pose has `position_mm` and
-/// `quaternion_xyzw`, a unit quaternion.
+/// In a file it has `dt_s`, `base`, and where they are used `probe`, `guide_mm`, `deposit` and `view`; a pose has
+/// `position_mm` and `quaternion_xyzw`, a unit quaternion.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Table<Written>", into = "Written")]
 pub struct Input {

@@ -292,6 +292,8 @@ impl Model for MassSpring {
         self.outcome.remeshes = 0;
         self.outcome.converged = enough;
         self.outcome.events.clear();
+        // Explicit integration is stable up to the network's limit only: where that would take more parts than allowed,
+        // the tissue is slower than time, and forces stay finite.
         let h = (dt_s / parts as f64).min(self.network.limit_s);
         let mut before = start;
         for part in 1..=parts {

@@ -1,17 +1,17 @@
-//! Euler-Bernoulli beam on a hyperelastic foundation: a needle in tissue whose base is moved sideways (Wang et al. 2023,
-//! sections II-A and III).
+//! Euler-Bernoulli beam on a hyperelastic foundation: a needle in tissue whose base is moved sideways (Wang et al.
+//! 2023, sections II-A and III).
 //!
-//! The needle lies along x: its base at `-control_distance_mm`, the point of entry at 0, its tip at the inserted depth. Its
-//! deflection u (mm, across the needle) obeys
+//! The needle lies along x: its base at `-control_distance_mm`, the point of entry at 0, its tip at the inserted depth.
+//! Its deflection u (mm, across the needle) obeys
 //!
 //! ```text
 //! E I u'''' = -F,    F = k(lambda) u {1 - gamma sin^2(atan u')},    k = dS/d lambda,    lambda = (t0 - |u|)/t0
 //! ```
 //!
-//! with displacement and slope prescribed at the base, or displacement alone (the base then turns freely, without moment),
-//! and neither moment nor force at the tip. F is zero outside the tissue, k the tangent modulus of the layer's material in
-//! compression, t0 the initial length of the tissue, gamma the friction of the layer. The equation of Wang et al. has F
-//! without a sign; here F points along u, so that it pushes the needle back.
+//! with displacement and slope prescribed at the base, or displacement alone (the base then turns freely, without
+//! moment), and neither moment nor force at the tip. F is zero outside the tissue, k the tangent modulus of the layer's
+//! material in compression, t0 the initial length of the tissue, gamma the friction of the layer. The equation of Wang
+//! et al. has F without a sign; here F points along u, so that it pushes the needle back.
 //!
 //! | file | contents |
 //! |---|---|

@@ -30,6 +30,7 @@ impl Chain {
         let mut joint_nodes: Vec<usize> = (first_joint..first_joint + joints.len()).collect();
         let tilt = bevel.filter(|bevel| bevel.r_mm > 0.0).map(|bevel| {
             let start = length_mm - bevel.length_mm;
+            // A joint where the bevel begins serves as its node: links of almost no length would be ill-conditioned.
             let near = arcs.iter().position(|arc| (arc - start).abs() < APART_MM);
             let start_node = near.unwrap_or_else(|| {
                 let index = arcs.partition_point(|&arc| arc < start);

@@ -3,7 +3,8 @@
 use super::{Needle, Shaft};
 use insonify_base::range::OutOfRange;
 
-/// Keys of a model of needles in files, and what is built from them. Keys of the same name in several models have the same type and text.
+/// Keys of a model of needles in files, and what is built from them. Keys of the same name in several models have the
+/// same type and text.
 pub(super) trait Keys {
     /// Length and diameter of a needle that states none, mm. `None`: those of any needle.
     fn usual_mm(&self) -> Option<[f64; 2]> {

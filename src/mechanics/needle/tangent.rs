@@ -73,6 +73,8 @@ impl Tangent {
             for (b, axis) in axes.iter().enumerate() {
                 let turned = geometric * axis;
                 for (near, others) in self.axes[..far].iter().enumerate() {
+                    // Of two joints the farther gives the geometric stiffness, N_max(j, k): only forces beyond both
+                    // turn with both.
                     let resisted = axis * resistance.entry(far, near, count) - turned;
                     for (a, row_axis) in others.iter().enumerate() {
                         *self.stiffness.entry(2 * far + b, 2 * near + a) = row_axis.dot(&resisted);

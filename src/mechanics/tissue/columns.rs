@@ -113,6 +113,7 @@ impl Columns {
         }
         self.make_room(missing.len());
         let size = self.factor.size();
+        // By blocks: a factor is read from memory once for all right-hand sides of a solve.
         for block in missing.chunks(BLOCK) {
             let mut solutions = Mat::<f64>::zeros(size, block.len());
             for (k, &dof) in block.iter().enumerate() {

@@ -290,6 +290,8 @@ impl<T: Scalar> Symmetric<T> {
         let mut y = vec![T::of(0.0); panel_rows(panels.end - 1, self.size)[1]];
         for panel in panels {
             let [first_row, end] = panel_rows(panel, self.size);
+            // Each entry left of the diagonal is read once and used twice, as itself and mirrored: the product is bound
+            // by memory.
             let mut x_of_rows = Column([T::of(0.0); PANEL_ROWS]);
             x_of_rows.0[..end - first_row].copy_from_slice(&x[first_row..end]);
             let mut rows = Column([T::of(0.0); PANEL_ROWS]);

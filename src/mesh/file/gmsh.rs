@@ -2,11 +2,11 @@
 //!
 //! Formats as in the "MSH file format" chapters of the Gmsh reference manual (C. Geuzaine, J.-F. Remacle). Nodes are
 //! numbered in the order of their tags, elements in file order. Vertices, lines and surfaces are counted and ignored;
-//! sections other than `$PhysicalNames`, `$Entities`, `$PartitionedEntities`, `$Nodes` and `$Elements` are skipped. Written
-//! here because the crate `mshio` reads neither version 2.2 nor the names of physical groups.
+//! sections other than `$PhysicalNames`, `$Entities`, `$PartitionedEntities`, `$Nodes` and `$Elements` are skipped.
+//! Written here because the crate `mshio` reads neither version 2.2 nor the names of physical groups.
 //!
-//! The region of an element is the first physical group of its volume, whose name is kept, or the volume's own number where
-//! it is in none.
+//! The region of an element is the first physical group of its volume, whose name is kept, or the volume's own number
+//! where it is in none.
 
 mod elements;
 mod names;

@@ -1,12 +1,13 @@
-//! Studies of a user's own needle: compression of the tissue, remote centres of motion (RCM) for wanted corrections of the tip, and what
-//! uncertain tissue does.
+//! Studies of a user's own needle: compression of the tissue, remote centres of motion (RCM) for wanted corrections of
+//! the tip, and what uncertain tissue does.
 
 use crate::beam_case::BeamCase;
-use crate::tradeoff::{Axis, Factor, Figure, Study, Table};
+use crate::tradeoff::{Axis, Choice, Column, Factor, Figure, Study, Table};
 use insonify_base::document::InputError;
 use insonify_base::machine::Machine;
 use insonify_base::number::decimal;
 use insonify_mechanics::needle::beam::inverse::Wanted;
+use insonify_mechanics::needle::beam::shape::Point;
 use insonify_mechanics::needle::beam::{BeamError, FoundationBeam, LayerLoad, Problem, Shape};
 
 fn study(name: &'static str, title: &'static str, case: &BeamCase, tables: Vec<Table>, figures: Vec<Figure>) -> Study {
@@ -58,61 +59,72 @@ fn weakest(shape: &Shape) -> Option<&LayerLoad> {
         .min_by(|a, b| a.least_ratio.total_cmp(&b.least_ratio))
 }
 
-/// Axes of the layers of [`compression`].
-const LAYERS: [Axis; 7] = [
-    Axis::linear("from_mm", "from mm", "depth, mm"),
-    Axis::linear("to_mm", "to mm", "depth, mm"),
-    Axis::linear("least_ratio", "least ratio", "least compression ratio"),
-    Axis::linear("least_at_mm", "at mm", "depth of the least ratio, mm"),
-    Axis::linear("limit_ratio", "limit", "limit of the compression ratio"),
-    Axis::linear("most_n_per_mm", "most N/mm", "largest force per length, N/mm"),
-    Axis::linear("force_n", "force N", "force on the layer, N"),
+/// A layer of tissue along the needle.
+struct LayerRow {
+    load: LayerLoad,
+    /// Limit of the compression ratio; 0 without one.
+    limit_ratio: f64,
+}
+
+const LAYER: Factor = Factor::new("layer", "layer");
+
+const LAYERS: [Column<LayerRow>; 7] = [
+    Axis::linear("from_mm", "from mm", "depth, mm").of(|row| Some(row.load.depths_mm[0])),
+    Axis::linear("to_mm", "to mm", "depth, mm").of(|row| Some(row.load.depths_mm[1])),
+    Axis::linear("least_ratio", "least ratio", "least compression ratio").of(|row| Some(row.load.least_ratio)),
+    Axis::linear("least_at_mm", "at mm", "depth of the least ratio, mm").of(|row| Some(row.load.least_at_mm)),
+    Axis::linear("limit_ratio", "limit", "limit of the compression ratio")
+        .of(|row| Some(row.limit_ratio).filter(|limit| *limit > 0.0)),
+    Axis::linear("most_n_per_mm", "most N/mm", "largest force per length, N/mm").of(|row| Some(row.load.most_n_per_mm)),
+    Axis::linear("force_n", "force N", "force on the layer, N").of(|row| Some(row.load.force_n)),
 ];
 
-/// Axes over depth of [`compression`].
-const DEPTH: [Axis; 5] = [
-    Axis::linear("x_mm", "x mm", "depth, mm"),
-    Axis::linear("u_mm", "u mm", "deflection, mm"),
-    Axis::linear("ratio", "ratio", "compression ratio"),
-    PERCENT,
-    Axis::linear("reaction_n_per_mm", "N/mm", "force of the needle on the tissue, N/mm"),
+/// A point of the needle in a layer of tissue.
+struct DepthRow {
+    layer: usize,
+    point: Point,
+}
+
+const DEPTH: [Column<DepthRow>; 5] = [
+    Axis::linear("x_mm", "x mm", "depth, mm").of(|row| Some(row.point.x_mm)),
+    Axis::linear("u_mm", "u mm", "deflection, mm").of(|row| Some(row.point.u_mm)),
+    Axis::linear("ratio", "ratio", "compression ratio").of(|row| Some(row.point.ratio)),
+    PERCENT.of(|row| Some(percent(row.point.ratio))),
+    Axis::linear("reaction_n_per_mm", "N/mm", "force of the needle on the tissue, N/mm")
+        .of(|row| Some(row.point.reaction_n_per_mm)),
 ];
+
+/// Layers count from 1 for users.
+fn layer_name(layer: usize) -> String {
+    (layer + 1).to_string()
+}
 
 fn compression_tables(case: &BeamCase, shape: &Shape) -> Vec<Table> {
-    let title = "Layers of tissue: compression ratio (length over uncompressed length) and force of the needle";
-    let mut layers = Table::new("layers", title, &[Factor::new("layer", "layer")], &LAYERS);
-    let mut depth = Table::trace(
-        "depth",
-        "Compression over depth",
-        &[Factor::new("layer", "layer")],
-        &DEPTH,
-    );
+    let (mut layers, mut depths) = (Vec::new(), Vec::new());
     for load in &shape.layers {
-        let (name, [from, to]) = ((load.layer + 1).to_string(), load.depths_mm);
-        let limit = case.problem.layers[load.layer].least_ratio;
-        let values = [from, to, load.least_ratio, load.least_at_mm].map(Some);
-        let rest = [
-            (limit > 0.0).then_some(limit),
-            Some(load.most_n_per_mm),
-            Some(load.force_n),
-        ];
-        let over = (load.least_ratio < limit).then(|| "beyond its limit".to_owned());
-        layers.push(vec![name.clone()], [&values[..], &rest[..]].concat(), over);
         // A point between two layers belongs to the deeper one, the tip to the last.
+        let [from, to] = load.depths_mm;
         let last = load.layer + 1 == shape.layers.len();
         let inside = |x: f64| x >= from && (x < to || last);
-        for point in shape.points.iter().filter(|point| inside(point.x_mm)) {
-            let values = [
-                point.x_mm,
-                point.u_mm,
-                point.ratio,
-                percent(point.ratio),
-                point.reaction_n_per_mm,
-            ];
-            depth.push(vec![name.clone()], values.map(Some).to_vec(), None);
-        }
+        let points = shape.points.iter().filter(|point| inside(point.x_mm));
+        depths.extend(points.map(|&point| DepthRow {
+            layer: load.layer,
+            point,
+        }));
+        layers.push(LayerRow {
+            load: *load,
+            limit_ratio: case.problem.layers[load.layer].least_ratio,
+        });
     }
-    vec![layers, depth]
+    let title = "Layers of tissue: compression ratio (length over uncompressed length) and force of the needle";
+    let of_layer = LAYER.of(|row: &LayerRow| layer_name(row.load.layer));
+    let of_point = LAYER.of(|row: &DepthRow| layer_name(row.layer));
+    vec![
+        Table::of("layers", title, &[of_layer], &LAYERS, &layers).flagged(&layers, |row| {
+            (row.load.least_ratio < row.limit_ratio).then(|| "beyond its limit".to_owned())
+        }),
+        Table::of("depth", "Compression over depth", &[of_point], &DEPTH, &depths).unlisted(),
+    ]
 }
 
 /// Computes the compression of the tissue and the forces on it, by layer and over depth.
@@ -154,36 +166,52 @@ pub fn compression(case: &BeamCase) -> Result<Study, InputError> {
     Ok(study)
 }
 
-/// Axes of [`map`].
-const MAP: [Axis; 10] = [
-    Axis::linear("tip_mm", "tip mm", "deflection of the tip, mm"),
-    Axis::linear("rcm_mm", "RCM mm", "RCM, mm below the entry"),
-    Axis::linear("displacement_mm", "base mm", "displacement of the base, mm"),
-    Axis::linear("slope", "slope", "slope of the base"),
-    Axis::linear("com_mm", "COM mm", "COM, mm below the entry"),
-    Axis::linear("least_ratio", "least ratio", "least compression ratio"),
-    PERCENT,
-    Axis::linear("least_at_mm", "at mm", "depth of the largest compression, mm"),
-    Axis::linear("base_force_n", "force N", "force at the base, N"),
-    Axis::linear("base_moment_nmm", "moment N mm", "moment at the base, N mm"),
+/// A motion of the base that brings the tip to its wanted place.
+struct MotionRow {
+    tip_mm: f64,
+    base: &'static str,
+    /// RCM asked for, mm below the entry.
+    wanted_rcm_mm: Option<f64>,
+    /// Limits in words and shape of the needle, or why it has none.
+    reached: Result<(String, Shape), String>,
+}
+
+impl MotionRow {
+    fn of_shape(&self, value: impl Fn(&Shape) -> Option<f64>) -> Option<f64> {
+        value(&self.reached.as_ref().ok()?.1)
+    }
+}
+
+const MAP_CHOICES: [Choice<MotionRow>; 3] = [
+    Factor::new("tip", "wanted tip, mm").of(|row| row.tip_mm.to_string()),
+    Factor::new("base", "base").of(|row| row.base.to_owned()),
+    Factor::new("limits", "limits").of(|row| match &row.reached {
+        Ok((limits, _)) => limits.clone(),
+        Err(_) => "-".to_owned(),
+    }),
 ];
 
-/// Values of [`MAP`] for a shape.
-fn motion(tip_mm: f64, shape: &Shape) -> Vec<Option<f64>> {
-    let base = &shape.points[0];
-    vec![
-        Some(tip_mm),
-        shape.rcm_mm(),
-        Some(base.u_mm),
-        Some(base.slope),
-        shape.com_mm(),
-        Some(shape.least_ratio),
-        Some(percent(shape.least_ratio)),
-        weakest(shape).map(|load| load.least_at_mm),
-        Some(shape.base_force_n),
-        Some(shape.base_moment_nmm),
-    ]
-}
+// A motion that does not exist keeps its row with what was asked for, so that the edge of the reach is seen.
+const MAP: [Column<MotionRow>; 10] = [
+    Axis::linear("tip_mm", "tip mm", "deflection of the tip, mm").of(|row| Some(row.tip_mm)),
+    Axis::linear("rcm_mm", "RCM mm", "RCM, mm below the entry").of(|row| match &row.reached {
+        Ok((_, shape)) => shape.rcm_mm(),
+        Err(_) => row.wanted_rcm_mm,
+    }),
+    Axis::linear("displacement_mm", "base mm", "displacement of the base, mm")
+        .of(|row| row.of_shape(|shape| Some(shape.points[0].u_mm))),
+    Axis::linear("slope", "slope", "slope of the base").of(|row| row.of_shape(|shape| Some(shape.points[0].slope))),
+    Axis::linear("com_mm", "COM mm", "COM, mm below the entry").of(|row| row.of_shape(Shape::com_mm)),
+    Axis::linear("least_ratio", "least ratio", "least compression ratio")
+        .of(|row| row.of_shape(|shape| Some(shape.least_ratio))),
+    PERCENT.of(|row| row.of_shape(|shape| Some(percent(shape.least_ratio)))),
+    Axis::linear("least_at_mm", "at mm", "depth of the largest compression, mm")
+        .of(|row| row.of_shape(|shape| weakest(shape).map(|load| load.least_at_mm))),
+    Axis::linear("base_force_n", "force N", "force at the base, N")
+        .of(|row| row.of_shape(|shape| Some(shape.base_force_n))),
+    Axis::linear("base_moment_nmm", "moment N mm", "moment at the base, N mm")
+        .of(|row| row.of_shape(|shape| Some(shape.base_moment_nmm))),
+];
 
 /// Which layers a shape compresses beyond their limits, in words.
 fn limits(case: &BeamCase, shape: &Shape) -> String {
@@ -198,44 +226,36 @@ fn limits(case: &BeamCase, shape: &Shape) -> String {
     }
 }
 
-/// Computes the motion of the base that brings the tip to each wanted place, about each RCM (mm below the entry), of a base that turns
-/// freely, and with the least compression.
+/// Computes the motion of the base that brings the tip to each wanted place, about each RCM (mm below the entry), of a
+/// base that turns freely, and with the least compression.
 ///
 /// # Errors
 /// [`InputError`] if the needle cannot be computed at all; motions that do not exist are flagged rows.
 pub fn map(case: &BeamCase, tips_mm: &[f64], rcms_mm: &[f64]) -> Result<Study, InputError> {
-    let factors = [
-        Factor::new("tip", "wanted tip, mm"),
-        Factor::new("base", "base"),
-        Factor::new("limits", "limits"),
-    ];
-    let title = "Motions of the base that bring the tip to its wanted place";
-    let mut table = Table::new("map", title, &factors, &MAP);
+    let mut rows = Vec::new();
     for &tip_mm in tips_mm {
         let about = rcms_mm
             .iter()
-            .map(|&rcm_mm| ("about", Wanted::TipAbout { tip_mm, rcm_mm }));
+            .map(|&rcm_mm| ("about", Some(rcm_mm), Wanted::TipAbout { tip_mm, rcm_mm }));
         let others = [
-            ("turns freely", Wanted::TipFree { tip_mm }),
-            ("least compression", Wanted::TipLeast { tip_mm }),
+            ("turns freely", None, Wanted::TipFree { tip_mm }),
+            ("least compression", None, Wanted::TipLeast { tip_mm }),
         ];
-        for (base, wanted) in about.chain(others) {
-            let (limits, values, flag) = match case.reach(&wanted) {
-                Ok((_, shape)) => (limits(case, &shape), motion(tip_mm, &shape), None),
-                Err(error) => {
-                    // A motion that does not exist keeps its row with what was asked for,
-                    // so that the edge of the reach is seen.
-                    let mut values = vec![None; MAP.len()];
-                    values[0] = Some(tip_mm);
-                    if let Wanted::TipAbout { rcm_mm, .. } = wanted {
-                        values[1] = Some(rcm_mm);
-                    }
-                    ("-".to_owned(), values, Some(error.cause().to_string()))
-                }
-            };
-            table.push(vec![tip_mm.to_string(), base.to_owned(), limits], values, flag);
+        for (base, wanted_rcm_mm, wanted) in about.chain(others) {
+            let reached = case.reach(&wanted);
+            rows.push(MotionRow {
+                tip_mm,
+                base,
+                wanted_rcm_mm,
+                reached: reached
+                    .map(|(_, shape)| (limits(case, &shape), shape))
+                    .map_err(|error| error.cause().to_string()),
+            });
         }
     }
+    let title = "Motions of the base that bring the tip to its wanted place";
+    let table =
+        Table::of("map", title, &MAP_CHOICES, &MAP, &rows).flagged(&rows, |row| row.reached.as_ref().err().cloned());
     let about = |file: &'static str, title: &str, y: &'static str| Figure {
         only: vec![("base", "about".to_owned())],
         ..Figure::new(file, title, "map", ["rcm_mm", y], "tip")
@@ -284,57 +304,93 @@ fn changed(problem: &Problem, layer: Option<usize>, [stiffness, exponent, length
     changed
 }
 
-/// Quantities of [`sensitivity`], with their changes.
-const OUTCOMES: [Axis; 8] = [
-    Axis::linear("percent", "change %", "change, %"),
-    Axis::linear("tip_mm", "tip mm", "deflection of the tip, mm"),
-    Axis::linear("tip_change_mm", "change mm", "change of the tip, mm"),
-    Axis::linear("com_mm", "COM mm", "COM, mm below the entry"),
-    Axis::linear("com_change_mm", "change mm", "change of the COM, mm"),
-    Axis::linear("rcm_mm", "RCM mm", "RCM, mm below the entry"),
-    Axis::linear("rcm_change_mm", "change mm", "change of the RCM, mm"),
-    Axis::linear("least_ratio", "least ratio", "least compression ratio"),
-];
+/// Tip, COM and RCM (mm) and least compression ratio of a shape.
+type Outcomes = [Option<f64>; 4];
 
-/// Tip, COM and RCM of a shape, mm.
-fn outcomes(shape: &Shape) -> [Option<f64>; 3] {
-    [Some(shape.tip_mm()), shape.com_mm(), shape.rcm_mm()]
+fn outcomes(shape: &Shape) -> Outcomes {
+    [
+        Some(shape.tip_mm()),
+        shape.com_mm(),
+        shape.rcm_mm(),
+        Some(shape.least_ratio),
+    ]
 }
 
-/// Computes what uncertain tissue does to tip, COM and RCM for the motion of the base in the case: each parameter of all layers and of
-/// each alone, and the range over all combinations of the parameters at their low, given and high values.
+/// Tissue with one parameter changed.
+struct ChangedRow {
+    parameter: &'static str,
+    /// Index of the changed layer; `None` for all.
+    layer: Option<usize>,
+    /// Change of the parameter, percent.
+    percent: f64,
+    given: Outcomes,
+    /// Outcomes with the change, or why the needle has no shape.
+    changed: Result<Outcomes, String>,
+}
+
+impl ChangedRow {
+    fn outcome(&self, quantity: usize) -> Option<f64> {
+        self.changed.as_ref().ok()?[quantity]
+    }
+
+    fn change(&self, quantity: usize) -> Option<f64> {
+        Some(self.outcome(quantity)? - self.given[quantity]?)
+    }
+}
+
+const CHANGED_CHOICES: [Choice<ChangedRow>; 2] = [
+    Factor::new("parameter", "parameter").of(|row| row.parameter.to_owned()),
+    LAYER.of(|row| row.layer.map_or("all".to_owned(), layer_name)),
+];
+
+const CHANGED: [Column<ChangedRow>; 8] = [
+    Axis::linear("percent", "change %", "change, %").of(|row| Some(row.percent)),
+    Axis::linear("tip_mm", "tip mm", "deflection of the tip, mm").of(|row| row.outcome(0)),
+    Axis::linear("tip_change_mm", "change mm", "change of the tip, mm").of(|row| row.change(0)),
+    Axis::linear("com_mm", "COM mm", "COM, mm below the entry").of(|row| row.outcome(1)),
+    Axis::linear("com_change_mm", "change mm", "change of the COM, mm").of(|row| row.change(1)),
+    Axis::linear("rcm_mm", "RCM mm", "RCM, mm below the entry").of(|row| row.outcome(2)),
+    Axis::linear("rcm_change_mm", "change mm", "change of the RCM, mm").of(|row| row.change(2)),
+    Axis::linear("least_ratio", "least ratio", "least compression ratio").of(|row| row.outcome(3)),
+];
+
+/// Computes what uncertain tissue does to tip, COM and RCM for the motion of the base in the case: each parameter of
+/// all layers and of each alone, and the range over all combinations of the parameters at their low, given and high
+/// values.
 ///
 /// # Errors
 /// [`InputError`] if the case itself has no shape; changed tissue without one gives flagged rows.
 pub fn sensitivity(case: &BeamCase, by: &Uncertainty) -> Result<Study, InputError> {
     let nominal = case.solve()?;
     let solve = |problem: &Problem| -> Result<Shape, BeamError> { FoundationBeam::new(problem)?.solve(&case.base) };
-    let factors = [Factor::new("parameter", "parameter"), Factor::new("layer", "layer")];
-    let title = "One parameter changed at a time";
-    let mut table = Table::new("sensitivity", title, &factors, &OUTCOMES);
+    let given = outcomes(&nominal);
+    let mut rows = Vec::new();
     let percents = [by.mu_percent, by.alpha_percent, by.t0_percent];
     let count = case.problem.layers.len();
     let alone = (0..count).map(Some).filter(|_| count > 1);
     for layer in std::iter::once(None).chain(alone) {
         for (parameter, name) in ["mu", "alpha", "t0"].into_iter().enumerate() {
             // The case itself once, for the plots.
-            let given = layer.is_none().then_some(0.0);
-            for share in [Some(-1.0), Some(-0.5), given, Some(0.5), Some(1.0)]
-                .into_iter()
-                .flatten()
-            {
+            let unchanged = layer.is_none().then_some(0.0);
+            let shares = [Some(-1.0), Some(-0.5), unchanged, Some(0.5), Some(1.0)];
+            for share in shares.into_iter().flatten() {
                 let percent = share * percents[parameter];
                 let mut scale = [1.0; 3];
                 scale[parameter] += percent / 100.0;
-                let label = layer.map_or("all".to_owned(), |layer| (layer + 1).to_string());
-                let (values, flag) = match solve(&changed(&case.problem, layer, scale)) {
-                    Ok(shape) => (row(percent, &shape, &nominal), None),
-                    Err(error) => ([&[Some(percent)][..], &[None; 7]].concat(), Some(error.to_string())),
-                };
-                table.push(vec![name.to_owned(), label], values, flag);
+                let changed = solve(&changed(&case.problem, layer, scale));
+                rows.push(ChangedRow {
+                    parameter: name,
+                    layer,
+                    percent,
+                    given,
+                    changed: changed.map(|shape| outcomes(&shape)).map_err(|error| error.to_string()),
+                });
             }
         }
     }
+    let title = "One parameter changed at a time";
+    let table = Table::of("sensitivity", title, &CHANGED_CHOICES, &CHANGED, &rows)
+        .flagged(&rows, |row| row.changed.as_ref().err().cloned());
     let figure = |file: &'static str, title: &str, y: &'static str| Figure {
         only: vec![("layer", "all".to_owned())],
         ..Figure::new(file, title, "sensitivity", ["percent", y], "parameter")
@@ -343,8 +399,9 @@ pub fn sensitivity(case: &BeamCase, by: &Uncertainty) -> Result<Study, InputErro
         figure("beam-sensitivity-tip", "Uncertain tissue: the tip", "tip_change_mm"),
         figure("beam-sensitivity-com", "Uncertain tissue: the COM", "com_change_mm"),
     ];
-    let (ranges, failed) = ranges(&nominal, percents, |scale| {
-        solve(&changed(&case.problem, None, scale)).ok()
+    let (ranges, failed) = ranges(given, percents, |scale| {
+        let shape = solve(&changed(&case.problem, None, scale)).ok()?;
+        Some(outcomes(&shape))
     });
     let mut study = study(
         "beam-sensitivity",
@@ -366,48 +423,45 @@ pub fn sensitivity(case: &BeamCase, by: &Uncertainty) -> Result<Study, InputErro
     Ok(study)
 }
 
-fn row(percent: f64, shape: &Shape, nominal: &Shape) -> Vec<Option<f64>> {
-    let mut values = vec![Some(percent)];
-    for (value, given) in outcomes(shape).into_iter().zip(outcomes(nominal)) {
-        values.extend([value, value.zip(given).map(|(value, given)| value - given)]);
-    }
-    values.push(Some(shape.least_ratio));
-    values
+/// Range of an outcome.
+struct RangeRow {
+    quantity: &'static str,
+    given: Option<f64>,
+    least: Option<f64>,
+    most: Option<f64>,
 }
 
+const RANGES: [Column<RangeRow>; 4] = [
+    Axis::linear("given", "as given", "as given").of(|row| row.given),
+    Axis::linear("least", "least", "least").of(|row| row.least),
+    Axis::linear("most", "most", "most").of(|row| row.most),
+    Axis::linear("width", "range", "range").of(|row| Some(row.most? - row.least?)),
+];
+
 /// Ranges over all combinations of low, given and high values, and the number of combinations without a shape.
-fn ranges(nominal: &Shape, percents: [f64; 3], solve: impl Fn([f64; 3]) -> Option<Shape>) -> (Table, usize) {
-    let axes = [
-        Axis::linear("given", "as given", "as given"),
-        Axis::linear("least", "least", "least"),
-        Axis::linear("most", "most", "most"),
-        Axis::linear("width", "range", "range"),
-    ];
-    let title = "All parameters together: ranges over low, given and high values of each";
-    let mut table = Table::new("ranges", title, &[Factor::new("quantity", "quantity")], &axes);
+fn ranges(given: Outcomes, percents: [f64; 3], solve: impl Fn([f64; 3]) -> Option<Outcomes>) -> (Table, usize) {
     // Outcomes need not be monotonic: the given values are combined too, not the extremes alone.
-    let shapes: Vec<Option<Shape>> = (0..27)
+    let combinations: Vec<Option<Outcomes>> = (0..27)
         .map(|combination| {
             let level = |parameter: u32| f64::from(combination / 3i32.pow(parameter) % 3 - 1);
             solve([0, 1, 2].map(|parameter| 1.0 + level(parameter) * percents[parameter as usize] / 100.0))
         })
         .collect();
-    let with_ratio = |shape: &Shape| [outcomes(shape).as_slice(), &[Some(shape.least_ratio)]].concat();
     let names = ["tip, mm", "COM, mm", "RCM, mm", "least compression ratio"];
-    for (quantity, name) in names.into_iter().enumerate() {
-        let values: Vec<f64> = shapes
-            .iter()
-            .flatten()
-            .filter_map(|shape| with_ratio(shape)[quantity])
-            .collect();
-        let least = values.iter().copied().reduce(f64::min);
-        let most = values.iter().copied().reduce(f64::max);
-        let width = least.zip(most).map(|(least, most)| most - least);
-        table.push(
-            vec![name.to_owned()],
-            vec![with_ratio(nominal)[quantity], least, most, width],
-            None,
-        );
-    }
-    (table, shapes.iter().filter(|shape| shape.is_none()).count())
+    let rows: Vec<RangeRow> = std::iter::zip(names, given)
+        .enumerate()
+        .map(|(index, (quantity, given))| {
+            let values = || combinations.iter().flatten().filter_map(|outcomes| outcomes[index]);
+            RangeRow {
+                quantity,
+                given,
+                least: values().reduce(f64::min),
+                most: values().reduce(f64::max),
+            }
+        })
+        .collect();
+    let title = "All parameters together: ranges over low, given and high values of each";
+    let choices = [Factor::new("quantity", "quantity").of(|row: &RangeRow| row.quantity.to_owned())];
+    let failed = combinations.iter().filter(|outcomes| outcomes.is_none()).count();
+    (Table::of("ranges", title, &choices, &RANGES, &rows), failed)
 }

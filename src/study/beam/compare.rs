@@ -2,28 +2,72 @@
 
 use super::measure::crossing;
 use crate::beam_case::BeamCase;
-use crate::tradeoff::{Axis, Factor, Figure, Study, Table};
+use crate::tradeoff::{Axis, Choice, Column, Factor, Figure, Study, Table};
 use insonify_base::machine::Machine;
 use insonify_base::statistics::{mean, percentile, std};
-use insonify_mechanics::needle::beam::{Base, BeamError, BeamLayer, FoundationBeam, Problem, Shape};
+use insonify_mechanics::needle::beam::{Base, BeamError, BeamLayer, FoundationBeam, Problem};
 
 /// Inserted depths are grouped to multiples of this, mm.
 const DEPTH_GROUP_MM: f64 = 10.0;
 /// Control distances are grouped to multiples of this, mm.
 const CONTROL_GROUP_MM: f64 = 10.0;
 
-/// Axes of the cases.
-const CASES: [Axis; 10] = [
-    Axis::linear("control_distance_mm", "s mm", "base before the entry, mm"),
-    Axis::linear("inserted_mm", "l mm", "inserted depth, mm"),
-    Axis::linear("displacement_mm", "base mm", "displacement of the base, mm"),
-    Axis::linear("rcm_mm", "RCM mm", "RCM as measured, mm below the entry"),
-    Axis::linear("rcm_free_mm", "RCM free", "RCM of a free base, mm below the entry"),
-    Axis::linear("com_measured_mm", "COM meas.", "COM as measured, mm below the entry"),
-    Axis::linear("com_mm", "COM mm", "COM, mm below the entry"),
-    Axis::linear("tip_mm", "tip mm", "deflection of the tip as measured, mm"),
-    Axis::linear("tip_error_mm", "tip error", "error of the tip, mm"),
-    Axis::linear("shape_rms_mm", "shape RMS", "RMS error of the shape, mm"),
+/// A measured needle and the computed one with a tissue.
+struct CaseRow {
+    case: String,
+    tissue: String,
+    /// Inserted depth and control distance, rounded to their groups, mm.
+    depth_mm: f64,
+    control_mm: f64,
+    /// Figures, or why the needle has no shape.
+    compared: Result<Compared, String>,
+}
+
+/// Figures of a measured and a computed needle, mm; centres of motion below the entry.
+struct Compared {
+    control_distance_mm: f64,
+    inserted_mm: f64,
+    displacement_mm: f64,
+    rcm_mm: Option<f64>,
+    rcm_free_mm: Option<f64>,
+    com_measured_mm: Option<f64>,
+    com_mm: Option<f64>,
+    tip_mm: Option<f64>,
+    tip_error_mm: Option<f64>,
+    shape_rms_mm: f64,
+}
+
+impl CaseRow {
+    fn value(&self, value: impl Fn(&Compared) -> Option<f64>) -> Option<f64> {
+        self.compared.as_ref().ok().and_then(value)
+    }
+}
+
+const CHOICES: [Choice<CaseRow>; 3] = [
+    Factor::new("case", "case").of(|row| row.case.clone()),
+    TISSUE.of(|row| row.tissue.clone()),
+    DEPTH.of(|row| row.depth_mm.to_string()),
+];
+const TISSUE: Factor = Factor::new("tissue", "tissue");
+const DEPTH: Factor = Factor::new("depth", "depth, mm");
+
+const CASES: [Column<CaseRow>; 10] = [
+    Axis::linear("control_distance_mm", "s mm", "base before the entry, mm")
+        .of(|row| row.value(|needle| Some(needle.control_distance_mm))),
+    Axis::linear("inserted_mm", "l mm", "inserted depth, mm").of(|row| row.value(|needle| Some(needle.inserted_mm))),
+    Axis::linear("displacement_mm", "base mm", "displacement of the base, mm")
+        .of(|row| row.value(|needle| Some(needle.displacement_mm))),
+    Axis::linear("rcm_mm", "RCM mm", "RCM as measured, mm below the entry").of(|row| row.value(|needle| needle.rcm_mm)),
+    Axis::linear("rcm_free_mm", "RCM free", "RCM of a free base, mm below the entry")
+        .of(|row| row.value(|needle| needle.rcm_free_mm)),
+    Axis::linear("com_measured_mm", "COM meas.", "COM as measured, mm below the entry")
+        .of(|row| row.value(|needle| needle.com_measured_mm)),
+    Axis::linear("com_mm", "COM mm", "COM, mm below the entry").of(|row| row.value(|needle| needle.com_mm)),
+    Axis::linear("tip_mm", "tip mm", "deflection of the tip as measured, mm")
+        .of(|row| row.value(|needle| needle.tip_mm)),
+    Axis::linear("tip_error_mm", "tip error", "error of the tip, mm").of(|row| row.value(|needle| needle.tip_error_mm)),
+    Axis::linear("shape_rms_mm", "shape RMS", "RMS error of the shape, mm")
+        .of(|row| row.value(|needle| Some(needle.shape_rms_mm))),
 ];
 
 /// Layers of another case, the last as thick as the needle needs.
@@ -36,8 +80,8 @@ fn reaching(layers: &[BeamLayer], inserted_mm: f64) -> Vec<BeamLayer> {
     layers
 }
 
-/// Values of [`CASES`] for the layers of a tissue.
-fn compared(case: &BeamCase, problem: &Problem) -> Result<Vec<Option<f64>>, BeamError> {
+/// Compares a measured needle with that computed in the layers of a tissue.
+fn compared(case: &BeamCase, problem: &Problem) -> Result<Compared, BeamError> {
     let mut beam = FoundationBeam::new(problem)?;
     let shape = beam.solve(&case.base)?;
     let moved = crossing(&case.measured_mm).is_some();
@@ -45,36 +89,35 @@ fn compared(case: &BeamCase, problem: &Problem) -> Result<Vec<Option<f64>>, Beam
         slope: None,
         ..case.base
     };
-    let natural = beam.solve(&free).ok().and_then(|shape| shape.rcm_mm());
+    let rcm_free_mm = beam.solve(&free).ok().and_then(|shape| shape.rcm_mm());
     let deviation = |point: &[f64; 2]| point[1] - shape.at(point[0].min(problem.inserted_mm))[0];
     let squares: Vec<f64> = case.measured_mm.iter().map(|point| deviation(point).powi(2)).collect();
     let tip = case.measured_mm.last();
-    Ok(vec![
-        Some(problem.control_distance_mm),
-        Some(problem.inserted_mm),
-        Some(case.base.displacement_mm),
-        shape.rcm_mm().filter(|_| moved),
-        natural,
-        crossing(&case.measured_mm),
-        Shape::com_mm(&shape).filter(|_| moved),
-        tip.map(|point| point[1]),
-        tip.map(|point| deviation(point).abs()),
-        Some(mean(&squares).sqrt()),
-    ])
+    Ok(Compared {
+        control_distance_mm: problem.control_distance_mm,
+        inserted_mm: problem.inserted_mm,
+        displacement_mm: case.base.displacement_mm,
+        rcm_mm: shape.rcm_mm().filter(|_| moved),
+        rcm_free_mm,
+        com_measured_mm: crossing(&case.measured_mm),
+        com_mm: shape.com_mm().filter(|_| moved),
+        tip_mm: tip.map(|point| point[1]),
+        tip_error_mm: tip.map(|point| deviation(point).abs()),
+        shape_rms_mm: mean(&squares).sqrt(),
+    })
+}
+
+/// The nearest multiple of a step. Hardly two needles are alike: without rounding every group would have one needle.
+fn rounded(mm: f64, step_mm: f64) -> f64 {
+    (mm / step_mm).round() * step_mm
 }
 
 /// Compares measured needles with computed ones: each case with its own tissue, and with that of other cases.
 ///
 /// Cases have a measured shape; `tissues` lend their layers.
 pub fn compare(cases: &[(String, BeamCase)], tissues: &[(String, BeamCase)]) -> Study {
-    let factors = [
-        Factor::new("case", "case"),
-        Factor::new("tissue", "tissue"),
-        Factor::new("depth", "depth, mm"),
-    ];
-    let title = "Measured needles against computed ones";
-    let mut table = Table::new("cases", title, &factors, &CASES);
-    for (name, case) in cases {
+    let mut rows = Vec::new();
+    for (case_name, case) in cases {
         let with_its_tissue = std::iter::once(("own".to_owned(), case.problem.clone()));
         let with_other_tissues = tissues.iter().map(|(name, other)| {
             let mut problem = case.problem.clone();
@@ -82,16 +125,18 @@ pub fn compare(cases: &[(String, BeamCase)], tissues: &[(String, BeamCase)]) -> 
             (name.clone(), problem)
         });
         for (tissue, problem) in with_its_tissue.chain(with_other_tissues) {
-            // Hardly two measured needles are equally deep: without rounding
-            // every group would have one needle.
-            let depth = (problem.inserted_mm / DEPTH_GROUP_MM).round() * DEPTH_GROUP_MM;
-            let choices = vec![name.clone(), tissue, depth.to_string()];
-            match compared(case, &problem) {
-                Ok(values) => table.push(choices, values, None),
-                Err(error) => table.push(choices, vec![None; CASES.len()], Some(error.to_string())),
-            }
+            rows.push(CaseRow {
+                case: case_name.clone(),
+                tissue,
+                depth_mm: rounded(problem.inserted_mm, DEPTH_GROUP_MM),
+                control_mm: rounded(problem.control_distance_mm, CONTROL_GROUP_MM),
+                compared: compared(case, &problem).map_err(|error| error.to_string()),
+            });
         }
     }
+    let title = "Measured needles against computed ones";
+    let table =
+        Table::of("cases", title, &CHOICES, &CASES, &rows).flagged(&rows, |row| row.compared.as_ref().err().cloned());
     Study {
         name: "beam-compare",
         title: "Measured and computed needles",
@@ -107,7 +152,7 @@ pub fn compare(cases: &[(String, BeamCase)], tissues: &[(String, BeamCase)]) -> 
             ),
         ],
         machine: Machine::here(),
-        tables: vec![errors(&table), centres(&table), distribution(&table), table],
+        tables: vec![errors(&rows), centres(&rows), distribution(&rows), table],
         figures: figures(),
         notes: Vec::new(),
     }
@@ -145,13 +190,10 @@ fn figures() -> Vec<Figure> {
     ]
 }
 
-/// Rows by tissue and another key, in the order of their first rows.
-fn groups<'a>(
-    table: &'a Table,
-    key: impl Fn(&'a crate::tradeoff::Row) -> Vec<String>,
-) -> Vec<(Vec<String>, Vec<&'a crate::tradeoff::Row>)> {
-    let mut groups: Vec<(Vec<String>, Vec<_>)> = Vec::new();
-    for row in table.rows.iter().filter(|row| row.flag.is_none()) {
+/// Computed needles by a key, in the order of their first rows.
+fn groups<K: PartialEq>(rows: &[CaseRow], key: impl Fn(&CaseRow) -> K) -> Vec<(K, Vec<&CaseRow>)> {
+    let mut groups: Vec<(K, Vec<&CaseRow>)> = Vec::new();
+    for row in rows.iter().filter(|row| row.compared.is_ok()) {
         let key = key(row);
         match groups.iter_mut().find(|group| group.0 == key) {
             Some(group) => group.1.push(row),
@@ -161,88 +203,140 @@ fn groups<'a>(
     groups
 }
 
-/// Numbers on an axis, ascending.
-fn column(table: &Table, rows: &[&crate::tradeoff::Row], key: &str) -> Vec<f64> {
-    let mut values: Vec<f64> = rows.iter().filter_map(|row| table.value(row, key)).collect();
+/// Values of some rows, ascending.
+fn ascending(rows: &[&CaseRow], value: impl Fn(&Compared) -> Option<f64>) -> Vec<f64> {
+    let mut values: Vec<f64> = rows.iter().filter_map(|row| row.value(&value)).collect();
     values.sort_by(f64::total_cmp);
     values
 }
 
-/// Errors by tissue and depth, and over all depths (figures 7 and 8).
-fn errors(cases: &Table) -> Table {
-    let axes = [
-        Axis::linear("count", "needles", "needles"),
-        Axis::linear("mean_mm", "mean", "mean error of the tip, mm"),
-        Axis::linear("median_mm", "median", "median error of the tip, mm"),
-        Axis::linear("max_mm", "max", "largest error of the tip, mm"),
-        Axis::linear("variance_mm2", "variance", "variance of the error of the tip, mm^2"),
-        Axis::linear("shape_rms_mm", "shape RMS", "mean RMS error of the shape, mm"),
-    ];
-    let factors = [Factor::new("tissue", "tissue"), Factor::new("depth", "depth, mm")];
-    let mut table = Table::new("errors", "Errors of the tip, mm", &factors, &axes);
-    let all = groups(cases, |row| vec![row.choices[1].clone(), "all".to_owned()]);
-    for (key, rows) in groups(cases, |row| row.choices[1..].to_vec()).into_iter().chain(all) {
-        let errors = column(cases, &rows, "tip_error_mm");
-        let values = vec![
-            Some(errors.len() as f64),
-            Some(mean(&errors)),
-            percentile(&errors, 0.5),
-            errors.last().copied(),
-            (errors.len() > 1).then(|| std(&errors).powi(2)),
-            Some(mean(&column(cases, &rows, "shape_rms_mm"))),
-        ];
-        table.push(key, values, None);
-    }
-    table
+/// Needles in a tissue, as deep as each other (of all depths: `None`).
+struct ErrorsRow {
+    tissue: String,
+    depth_mm: Option<f64>,
+    /// Errors of the tip, ascending, mm.
+    tip_errors_mm: Vec<f64>,
+    /// Mean RMS error of the shape, mm.
+    shape_rms_mm: f64,
 }
+
+const ERRORS_CHOICES: [Choice<ErrorsRow>; 2] = [
+    TISSUE.of(|row| row.tissue.clone()),
+    DEPTH.of(|row| row.depth_mm.map_or("all".to_owned(), |depth| depth.to_string())),
+];
+
+const ERRORS: [Column<ErrorsRow>; 6] = [
+    Axis::linear("count", "needles", "needles").of(|row| Some(row.tip_errors_mm.len() as f64)),
+    Axis::linear("mean_mm", "mean", "mean error of the tip, mm").of(|row| Some(mean(&row.tip_errors_mm))),
+    Axis::linear("median_mm", "median", "median error of the tip, mm").of(|row| percentile(&row.tip_errors_mm, 0.5)),
+    Axis::linear("max_mm", "max", "largest error of the tip, mm").of(|row| row.tip_errors_mm.last().copied()),
+    Axis::linear("variance_mm2", "variance", "variance of the error of the tip, mm^2")
+        .of(|row| (row.tip_errors_mm.len() > 1).then(|| std(&row.tip_errors_mm).powi(2))),
+    Axis::linear("shape_rms_mm", "shape RMS", "mean RMS error of the shape, mm").of(|row| Some(row.shape_rms_mm)),
+];
+
+/// Errors by tissue and depth, and over all depths (figures 7 and 8).
+fn errors(cases: &[CaseRow]) -> Table {
+    let by_depth = groups(cases, |row| (row.tissue.clone(), Some(row.depth_mm)));
+    let all = groups(cases, |row| (row.tissue.clone(), None));
+    let rows: Vec<ErrorsRow> = by_depth
+        .into_iter()
+        .chain(all)
+        .map(|((tissue, depth_mm), needles)| ErrorsRow {
+            tissue,
+            depth_mm,
+            tip_errors_mm: ascending(&needles, |needle| needle.tip_error_mm),
+            shape_rms_mm: mean(&ascending(&needles, |needle| Some(needle.shape_rms_mm))),
+        })
+        .collect();
+    Table::of("errors", "Errors of the tip, mm", &ERRORS_CHOICES, &ERRORS, &rows)
+}
+
+/// Mean centres of motion of needles in a tissue, mm below the entry.
+struct CentresRow {
+    tissue: String,
+    control_mm: f64,
+    depth_mm: f64,
+    count: usize,
+    rcm_mm: Option<f64>,
+    rcm_free_mm: Option<f64>,
+    com_measured_mm: Option<f64>,
+    com_mm: Option<f64>,
+}
+
+const CENTRES_CHOICES: [Choice<CentresRow>; 3] = [
+    TISSUE.of(|row| row.tissue.clone()),
+    Factor::new("control", "base before entry, mm").of(|row| row.control_mm.to_string()),
+    DEPTH.of(|row| row.depth_mm.to_string()),
+];
+
+const CENTRES: [Column<CentresRow>; 5] = [
+    Axis::linear("count", "needles", "needles").of(|row| Some(row.count as f64)),
+    Axis::linear("rcm_mm", "RCM", "RCM as measured, mm").of(|row| row.rcm_mm),
+    Axis::linear("rcm_free_mm", "RCM free", "RCM of a free base, mm").of(|row| row.rcm_free_mm),
+    Axis::linear("com_measured_mm", "COM measured", "COM as measured, mm").of(|row| row.com_measured_mm),
+    Axis::linear("com_mm", "COM here", "COM, mm").of(|row| row.com_mm),
+];
 
 /// Mean centres of motion by tissue, distance of the base and depth (Table I).
-fn centres(cases: &Table) -> Table {
-    let axes = [
-        Axis::linear("count", "needles", "needles"),
-        Axis::linear("rcm_mm", "RCM", "RCM as measured, mm"),
-        Axis::linear("rcm_free_mm", "RCM free", "RCM of a free base, mm"),
-        Axis::linear("com_measured_mm", "COM measured", "COM as measured, mm"),
-        Axis::linear("com_mm", "COM here", "COM, mm"),
-    ];
-    let factors = [
-        Factor::new("tissue", "tissue"),
-        Factor::new("control", "base before entry, mm"),
-        Factor::new("depth", "depth, mm"),
-    ];
-    let mut table = Table::new("centres", "Mean centres of motion, mm below the entry", &factors, &axes);
-    let key = |row: &crate::tradeoff::Row| {
-        let control = cases.value(row, "control_distance_mm").unwrap_or(f64::NAN);
-        let control = (control / CONTROL_GROUP_MM).round() * CONTROL_GROUP_MM;
-        vec![row.choices[1].clone(), control.to_string(), row.choices[2].clone()]
-    };
-    for (key, rows) in groups(cases, key) {
-        let middle = |key: &str| {
-            Some(column(cases, &rows, key))
-                .filter(|values| !values.is_empty())
-                .map(|values| mean(&values))
-        };
-        let means = axes[1..].iter().map(|axis| middle(axis.key));
-        let values = std::iter::once(Some(rows.len() as f64)).chain(means).collect();
-        table.push(key, values, None);
-    }
-    table
+fn centres(cases: &[CaseRow]) -> Table {
+    let groups = groups(cases, |row| (row.tissue.clone(), row.control_mm, row.depth_mm));
+    let rows: Vec<CentresRow> = groups
+        .into_iter()
+        .map(|((tissue, control_mm, depth_mm), needles)| {
+            let mean_of = |value: fn(&Compared) -> Option<f64>| {
+                let values = ascending(&needles, value);
+                (!values.is_empty()).then(|| mean(&values))
+            };
+            CentresRow {
+                tissue,
+                control_mm,
+                depth_mm,
+                count: needles.len(),
+                rcm_mm: mean_of(|needle| needle.rcm_mm),
+                rcm_free_mm: mean_of(|needle| needle.rcm_free_mm),
+                com_measured_mm: mean_of(|needle| needle.com_measured_mm),
+                com_mm: mean_of(|needle| needle.com_mm),
+            }
+        })
+        .collect();
+    let title = "Mean centres of motion, mm below the entry";
+    Table::of("centres", title, &CENTRES_CHOICES, &CENTRES, &rows)
 }
 
+/// A needle among those in its tissue and as deep.
+struct ShareRow {
+    tissue: String,
+    depth_mm: f64,
+    tip_error_mm: f64,
+    /// Share of the needles whose tip errs by at most as much.
+    share: f64,
+}
+
+const SHARES_CHOICES: [Choice<ShareRow>; 2] = [
+    TISSUE.of(|row| row.tissue.clone()),
+    DEPTH.of(|row| row.depth_mm.to_string()),
+];
+
+const SHARES: [Column<ShareRow>; 2] = [
+    Axis::linear("tip_error_mm", "error mm", "error of the tip, mm").of(|row| Some(row.tip_error_mm)),
+    Axis::linear("share", "share", "share of the needles").of(|row| Some(row.share)),
+];
+
 /// Share of the needles whose tip errs by at most this distance.
-fn distribution(cases: &Table) -> Table {
-    let axes = [
-        Axis::linear("tip_error_mm", "error mm", "error of the tip, mm"),
-        Axis::linear("share", "share", "share of the needles"),
-    ];
-    let factors = [Factor::new("tissue", "tissue"), Factor::new("depth", "depth, mm")];
-    let mut table = Table::trace("distribution", "Distribution of the error of the tip", &factors, &axes);
-    for (key, rows) in groups(cases, |row| row.choices[1..].to_vec()) {
-        let errors = column(cases, &rows, "tip_error_mm");
-        for (index, error) in errors.iter().enumerate() {
-            let share = (index + 1) as f64 / errors.len() as f64;
-            table.push(key.clone(), vec![Some(*error), Some(share)], None);
+fn distribution(cases: &[CaseRow]) -> Table {
+    let mut rows = Vec::new();
+    for ((tissue, depth_mm), needles) in groups(cases, |row| (row.tissue.clone(), row.depth_mm)) {
+        let errors = ascending(&needles, |needle| needle.tip_error_mm);
+        for (index, &tip_error_mm) in errors.iter().enumerate() {
+            rows.push(ShareRow {
+                tissue: tissue.clone(),
+                depth_mm,
+                tip_error_mm,
+                share: (index + 1) as f64 / errors.len() as f64,
+            });
         }
     }
-    table
+    let title = "Distribution of the error of the tip";
+    Table::of("distribution", title, &SHARES_CHOICES, &SHARES, &rows).unlisted()
 }

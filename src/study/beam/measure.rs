@@ -113,9 +113,9 @@ pub struct Scan {
 /// [`VolumeError`] if markers do not match the design, or there is no needle.
 pub fn scan(image: &ScalarImage, design: &Design, thresholds: &Thresholds) -> Result<Scan, VolumeError> {
     let bodies = markers::bodies(image, thresholds.marker)?;
-    let place = |body: usize| {
+    let placement = |body: usize| {
         let [size, other_size] = [design.diameters_mm[body], design.diameters_mm[1 - body]];
-        let off = |bright: &BrightBody, of: f64| (bright.diameter_mm / of).ln().abs();
+        let off = |bright: &BrightBody, size_mm: f64| (bright.diameter_mm / size_mm).ln().abs();
         let alike = |bright: &&BrightBody| {
             off(bright, size) < MAX_SIZE_RATIO.ln() && off(bright, size) < off(bright, other_size)
         };
@@ -129,7 +129,7 @@ pub fn scan(image: &ScalarImage, design: &Design, thresholds: &Thresholds) -> Re
             .collect();
         Ok::<(Placement, Vec<Option<Point3<f64>>>), VolumeError>((placed, matched))
     };
-    let [(container, container_mm), (stage, _)] = [place(0)?, place(1)?];
+    let [(container, container_mm), (stage, _)] = [placement(0)?, placement(1)?];
     let placed = [container, stage];
     let to_container = placed[0].pose.inverse();
     let bright = if thresholds.needle == thresholds.marker {
@@ -355,15 +355,15 @@ mod tests {
     use super::*;
     use insonify_base::random::normal;
 
-    /// A scan without voxels of a container in a pose, whose markers are off by 0.2 mm (root mean square), and of a base
-    /// moved along y, with markers off by 0.1 mm.
+    /// A scan without voxels of a container in a pose, whose markers are off by 0.2 mm (root mean square), and of a
+    /// base moved along y, with markers off by 0.1 mm.
     fn seen(trial: i32, pose: &Isometry3<f64>, moved_mm: f64) -> Scan {
         let base = pose * Isometry3::translation(-40.0, moved_mm, 0.0);
         let off = |row: usize, mm: f64| {
             Vector3::from_fn(|axis, _| mm / 3f64.sqrt() * normal([trial, row as i32, axis as i32], [5, 6]))
         };
         let observed = |design: &[Point3<f64>], pose: &Isometry3<f64>, first: usize, mm: f64| -> Vec<Point3<f64>> {
-            let marker = |(row, place): (usize, &Point3<f64>)| pose * place + off(first + row, mm);
+            let marker = |(row, centre): (usize, &Point3<f64>)| pose * centre + off(first + row, mm);
             design.iter().enumerate().map(marker).collect()
         };
         let [container, stage] = [&SYNTHETIC_CONTAINER_MM[..], &SYNTHETIC_STAGE_MM[..]]
@@ -394,11 +394,11 @@ mod tests {
     #[test]
     fn the_errors_of_a_container_that_lies_still_cancel() {
         const TRIALS: i32 = 60;
-        let place = Isometry3::new(Vector3::new(20.0, -130.0, 700.0), Vector3::new(0.3, -1.2, 0.4));
-        let elsewhere = Isometry3::translation(0.0, 5.0, -3.0) * place;
-        for (second, expected) in [(place, 0.0325), (elsewhere, 0.114)] {
+        let pose = Isometry3::new(Vector3::new(20.0, -130.0, 700.0), Vector3::new(0.3, -1.2, 0.4));
+        let elsewhere = Isometry3::translation(0.0, 5.0, -3.0) * pose;
+        for (second, expected) in [(pose, 0.0325), (elsewhere, 0.114)] {
             let error = |trial: i32| {
-                let [rest, moved] = [seen(2 * trial, &place, 0.0), seen(2 * trial + 1, &second, 7.5)];
+                let [rest, moved] = [seen(2 * trial, &pose, 0.0), seen(2 * trial + 1, &second, 7.5)];
                 measure(&rest, &moved).unwrap().displacement_mm - 7.5
             };
             let squares: Vec<f64> = (0..TRIALS).map(|trial| error(trial).powi(2)).collect();

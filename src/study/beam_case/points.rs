@@ -48,7 +48,7 @@ pub fn parse(text: &[u8], path: &Path) -> Result<Vec<Sample>, CsvError> {
         .trim(csv::Trim::All)
         .comment(Some(b'#'))
         .from_reader(text);
-    let (mut samples, mut places) = (Vec::new(), None);
+    let (mut samples, mut columns) = (Vec::new(), None);
     for record in reader.records() {
         let record = record.map_err(|error| {
             let line = error.position().map_or(1, csv::Position::line);
@@ -60,12 +60,12 @@ pub fn parse(text: &[u8], path: &Path) -> Result<Vec<Sample>, CsvError> {
             return Err(wrong(line, found, "two, `stretch` and `stress_kpa`"));
         }
         // The first record names the columns, or already has numbers.
-        let Some(at) = places else {
-            let place = |name: &str| record.iter().position(|cell| cell.eq_ignore_ascii_case(name));
-            match COLUMNS.map(place) {
-                [Some(stretch), Some(stress)] => places = Some([stretch, stress]),
+        let Some(columns) = columns else {
+            let column = |name: &str| record.iter().position(|cell| cell.eq_ignore_ascii_case(name));
+            match COLUMNS.map(column) {
+                [Some(stretch), Some(stress)] => columns = Some([stretch, stress]),
                 _ if record.iter().all(|cell| cell.parse::<f64>().is_ok()) => {
-                    places = Some([0, 1]);
+                    columns = Some([0, 1]);
                     samples.push(sample(&record, [0, 1]).map_err(|(found, expected)| wrong(line, found, expected))?);
                 }
                 _ => {
@@ -75,17 +75,17 @@ pub fn parse(text: &[u8], path: &Path) -> Result<Vec<Sample>, CsvError> {
             }
             continue;
         };
-        samples.push(sample(&record, at).map_err(|(found, expected)| wrong(line, found, expected))?);
+        samples.push(sample(&record, columns).map_err(|(found, expected)| wrong(line, found, expected))?);
     }
     Ok(samples)
 }
 
-fn sample(record: &csv::StringRecord, at: [usize; 2]) -> Result<Sample, (String, &'static str)> {
-    let number = |at: usize| {
-        let number = record[at].parse::<f64>().ok().filter(|number| number.is_finite());
-        number.ok_or_else(|| (format!("`{}`", &record[at]), "a finite number"))
+fn sample(record: &csv::StringRecord, columns: [usize; 2]) -> Result<Sample, (String, &'static str)> {
+    let number = |column: usize| {
+        let number = record[column].parse::<f64>().ok().filter(|number| number.is_finite());
+        number.ok_or_else(|| (format!("`{}`", &record[column]), "a finite number"))
     };
-    let [stretch, stress_kpa] = [number(at[0])?, number(at[1])?];
+    let [stretch, stress_kpa] = [number(columns[0])?, number(columns[1])?];
     if !(STRETCH_RANGE[0]..=STRETCH_RANGE[1]).contains(&stretch) {
         return Err((
             format!("stretch {stretch}"),

@@ -88,7 +88,7 @@ impl fmt::Display for BeamReport {
         writeln!(f, "tip          {} mm", decimal(self.tip_mm, 6))?;
         writeln!(f, "RCM          {} (where the base points)", depth(self.rcm_mm))?;
         writeln!(f, "COM          {} (where the needle pivots)", depth(self.com_mm))?;
-        let [force, moment] = self.base_load.map(|it| decimal(it, 6));
+        let [force, moment] = self.base_load.map(|load| decimal(load, 6));
         writeln!(f, "base         {force} N, {moment} N mm")?;
         writeln!(f, "compression  to {:.4} of the tissue's length", self.least_ratio)?;
         for load in &self.layers {
@@ -99,8 +99,8 @@ impl fmt::Display for BeamReport {
                 "{name:<12} {from} to {to} mm: to {:.4} of its length",
                 load.least_ratio
             )?;
-            let [at, most] = [decimal(load.least_at_mm, 1), decimal(load.most_n_per_mm, 4)];
-            writeln!(f, " at {at} mm, at most {most} N/mm, {force} N in all")?;
+            let [depth, most] = [decimal(load.least_at_mm, 1), decimal(load.most_n_per_mm, 4)];
+            writeln!(f, " at {depth} mm, at most {most} N/mm, {force} N in all")?;
         }
         writeln!(
             f,
@@ -111,7 +111,7 @@ impl fmt::Display for BeamReport {
         let last = self.shape.len().saturating_sub(1);
         let every = last.div_ceil(ROWS).max(1);
         let shown = self.shape.iter().enumerate();
-        let shown = shown.filter(|(at, _)| at % every == 0 || *at == last);
+        let shown = shown.filter(|(index, _)| index % every == 0 || *index == last);
         let rows = shown.map(|(_, Node { x, u, slope, reaction })| {
             [(*x, 3), (*u, 6), (*slope, 6), (*reaction, 6)].map(|(value, digits)| decimal(value, digits))
         });
@@ -128,12 +128,12 @@ pub fn plot(case: &BeamCase, shape: &Shape) -> Plot {
         let (from, length) = (pair[0], pair[1] - pair[0]);
         (1..=FINE).map(move |part| from + length * part as f64 / FINE as f64)
     };
-    let places = nodes
+    let positions = nodes
         .first()
         .copied()
         .into_iter()
         .chain(nodes.windows(2).flat_map(between));
-    let needle: Vec<[f64; 2]> = places.map(|x| [x, shape.at(x)[0]]).collect();
+    let needle: Vec<[f64; 2]> = positions.map(|x| [x, shape.at(x)[0]]).collect();
     let deflections = || needle.iter().map(|point| point[1]);
     let low = deflections().fold(0.0, f64::min);
     let high = deflections().fold(0.0, f64::max);

@@ -2,7 +2,7 @@
 //!
 //! | table | contents |
 //! |---|---|
-//! | `compare_passes` | times of frames and passes on the CPU (single precision) and on a GPU, by size, and their ratio |
+//! | `compare_passes` | times of frames and passes on the CPU (single precision) and on a GPU, by size |
 //! | `compare_crossing` | size from which the GPU is faster, for each frame, pass and solver |
 //! | `compare_transfers` | transfers to and from the device, without computation |
 //! | `compare_solvers` | remeshing levels on the CPU and on a GPU, by size of the mesh |
@@ -57,7 +57,8 @@ pub fn scene() -> Result<Scene, InputError> {
 /// Sizes and durations of a comparison.
 #[derive(Debug)]
 pub struct CompareOptions {
-    /// Grids of scanlines by samples, ascending. The picture has 2.5 columns per scanline and an aspect ratio of 4 to 3.
+    /// Grids of scanlines by samples, ascending. The picture has 2.5 columns per scanline and an aspect ratio of 4
+    /// to 3.
     pub grids: Vec<[u32; 2]>,
     /// Grid used for the removal of effects.
     pub effects_grid: [u32; 2],

@@ -178,6 +178,7 @@ impl Piecewise {
             ));
         }
         let largest = curve.iter().map(|point| point[1].abs()).fold(0.0, f64::max);
+        // Of two perfect fits one may be better by any factor, by rounding alone.
         let floor = (NEGLIGIBLE_SHARE * largest).powi(2);
         for (index, break_mm) in self.breaks_mm.iter().enumerate() {
             let mut fewer = self.breaks_mm.clone();

@@ -166,6 +166,7 @@ impl<'a> Bench<'a> {
             let pixel = y as usize * frame.width + x as usize;
             let row = |pixel: usize| frame.grey[pixel] * (1.0 - across) + frame.grey[pixel + 1] * across;
             grey.push(row(pixel) * (1.0 - below) + row(pixel + frame.width) * below);
+            // All four pixels that the sample was made of: one of them under the overlay would tint it.
             let corners = [pixel, pixel + 1, pixel + frame.width, pixel + frame.width + 1];
             let hidden = |pixel: &usize| self.picture.overlay.get(*pixel).copied().unwrap_or(false);
             inside.push(corners.iter().all(|&pixel| self.mask[pixel]) && !corners.iter().any(hidden));

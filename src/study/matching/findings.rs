@@ -11,14 +11,14 @@ use insonify_base::statistics::{median, std};
 use insonify_imaging::scene::{ImageSpec, SceneFile, Version, VolumeSpec};
 use insonify_tracking::probe::ProbeSpec;
 
-/// Scatter of the windows' standard deviation above which they hold more than one tissue or no speckle; in fully developed speckle it is
-/// 0.06.
+/// Scatter of the windows' standard deviation above which they hold more than one tissue or no speckle; in fully
+/// developed speckle it is 0.06.
 const MAX_SCATTER: f64 = 0.15;
 /// Least widening of the beam at both ends of the windows for its focus to count as seen.
 const MIN_WIDENING: f64 = 1.1;
 
-/// Returns the standard deviation of the logarithm of a figure over the real windows, relative to those of the phantom at their depth: a
-/// ratio of windows scatters like the parameter that it corrects. `None` for fewer than two windows.
+/// Returns the standard deviation of the logarithm of a figure over the real windows, relative to those of the phantom
+/// at their depth: a ratio of windows scatters like the parameter that it corrects. `None` for fewer than two windows.
 fn scatter(
     real: &WindowMeasurements,
     phantom: &WindowMeasurements,

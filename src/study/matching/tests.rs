@@ -131,8 +131,8 @@ fn gain_at(result: &Match, depth_mm: f64) -> f64 {
     tone.gain_at_db(depth_mm, 0.0, None)
 }
 
-/// Returns the relative errors of dynamic range, axial length and lateral length, and the error of the gain in dB; the last two are the
-/// worst of three depths.
+/// Returns the relative errors of dynamic range, axial length and lateral length, and the error of the gain in dB; the
+/// last two are the worst of three depths.
 fn errors(case: &Known, result: &Match) -> [f64; 4] {
     let depths = [0.2, 0.5, 0.8].map(|share| share * case.depth_mm);
     let worst = |error: &dyn Fn(f64) -> f64| {
@@ -247,7 +247,8 @@ fn known_settings_are_found_again() {
     }
 }
 
-/// A different blur biases the estimated range and lengths through its effect on the texture: they are the least certain results.
+/// A different blur biases the estimated range and lengths through its effect on the texture: they are the least
+/// certain results.
 #[test]
 fn an_unknown_blur_shifts_range_and_lengths() {
     let case = Known {

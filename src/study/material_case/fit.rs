@@ -126,6 +126,8 @@ fn dynamic(points: &[Modulus], warnings: &mut Vec<String>) -> Result<SpringPotFi
     // About the mean frequency, order and level are independent.
     let middle = mean(&x);
     let spread: f64 = x.iter().map(|x| (x - middle).powi(2)).sum();
+    // Both moduli of a spring-pot grow as the frequency to the power of its order: two lines with one slope, k, and two
+    // levels.
     let slope = |y: &[f64]| x.iter().zip(y).map(|(x, y)| (x - middle) * y).sum::<f64>() / spread;
     let slopes = [slope(&storage), slope(&loss)];
     let k = 0.5 * (slopes[0] + slopes[1]);

@@ -182,6 +182,7 @@ impl Search<'_> {
             if best.0 <= 0.5 * tolerance_mm {
                 break;
             }
+            // Derivatives hardly change within the few degrees that a line turns, and cost two runs: once.
             let gain = match gain {
                 Some(gain) => gain,
                 None => *gain.insert(self.gain(&course, &meeting)?),
@@ -268,12 +269,15 @@ impl Search<'_> {
             if best.as_ref().is_none_or(|(least, ..)| miss.norm() < *least) {
                 best = Some((miss.norm(), course, trial, miss));
             } else {
+                // No better: again from the best motion so far, by less of its miss.
                 damping *= DAMPED;
             }
             let Some((least, start, _, miss)) = &best else { break };
             if *least <= tolerance_mm {
                 break;
             }
+            // A miss aside turns the line, one ahead changes its depth: neither affects the other much, so that one run
+            // corrects both.
             let ahead = miss.dot(&start.along);
             let tip = start.entry + start.along * (start.depth_mm - start.back_mm);
             let aim = tip + (miss - start.along * ahead) * damping;

@@ -106,6 +106,7 @@ pub fn fit(
             best.derivative(options, &samples, parameters, 1)?,
         ];
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        // Damped as by K. Levenberg (1944) and D. W. Marquardt (1963): by the diagonal, so that units do not matter.
         let normal = Matrix2::from_fn(|row, column| dot(&columns[row], &columns[column]));
         let slope = Vector2::from_fn(|row, _| dot(&columns[row], &best.residuals));
         let before = best.square();

@@ -40,9 +40,10 @@ pub struct Picture {
     pub neighbour: Option<Vec<f64>>,
 }
 
-/// Reads frames from PNG files, folders of PNG and DICOM files (without the layers that this program writes beside its frames), and DICOM files
-/// and image sequences, of which up to `per_sequence` evenly spaced frames are taken. The pixel size comes from the sidecar of a PNG file or from
-/// the sequence (its spacing, or the scale of its transform from `Image`; of DICOM its calibrated regions), otherwise from `mm_per_pixel`.
+/// Reads frames from PNG files, folders of PNG and DICOM files (without the layers that this program writes beside its
+/// frames), and DICOM files and image sequences, of which up to `per_sequence` evenly spaced frames are taken. The
+/// pixel size comes from the sidecar of a PNG file or from the sequence (its spacing, or the scale of its transform
+/// from `Image`; of DICOM its calibrated regions), otherwise from `mm_per_pixel`.
 ///
 /// # Errors
 /// [`VolumeError`] with the file, the content found and the content expected.
@@ -201,7 +202,8 @@ fn sequence(path: &Path, max_frames: usize) -> Result<Vec<Picture>, VolumeError>
     Ok(pictures.collect())
 }
 
-/// Returns the scale of a frame's transform from pixels to millimetres; `None` if it is missing, or 1 as for an unknown size.
+/// Returns the scale of a frame's transform from pixels to millimetres; `None` if it is missing, or 1 as for an unknown
+/// size.
 fn scale(sequence: &Sequence, frame: usize) -> Option<[f64; 2]> {
     let transforms = sequence.frames.get(frame)?.transforms.iter();
     let from_pixels =

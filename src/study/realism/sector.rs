@@ -193,6 +193,9 @@ impl ArrayOutline {
                     let Some(outline) = outline.filter(level) else {
                         continue;
                     };
+                    // Points far off count nothing, however far, as in RANSAC (M. A. Fischler and R. C. Bolles, 1981),
+                    // and near ones by how near. Triples are not drawn but all of a few points: the same outline every
+                    // time.
                     let agreement = |p: &[f64; 2]| {
                         let distance = outline.at(p[0]).map_or(NEAR_PX, |[y, _]| y - p[1]);
                         (1.0 - (distance / NEAR_PX).powi(2)).max(0.0)
@@ -259,6 +262,8 @@ pub fn edge(picture: &Picture, mask: &[bool]) -> Option<Edge> {
             let row = lowest.entry(pixel % width).or_insert(pixel);
             *row = pixel.max(*row);
         }
+        // A column counts only if it is dark before the boundary and bright beyond it for some pixels: the lowest pixel
+        // of a region may be its speckle, or the sector's rim.
         let clear = |&pixel: &usize| {
             let (above, below) = (pixel.checked_sub(PROFILE_PX * width), pixel + PROFILE_PX * width);
             let Some(above) = above.filter(|_| below < mask.len()) else {
@@ -293,6 +298,8 @@ pub fn edge(picture: &Picture, mask: &[bool]) -> Option<Edge> {
     let between = |row: usize, level: f64| row as f64 + (level - profile[row]) / (profile[row + 1] - profile[row]);
     let end = (PROFILE_PX - 4..2 * PROFILE_PX).find(|&n| profile[n + 1] >= level(0.9))?;
     let start = (0..=end).rev().find(|&n| profile[n] <= level(0.1))?;
+    // Where grey levels cross the limit, between pixels: else an oblique straight edge would be as jagged as the pixel
+    // grid.
     let row = |&pixel: &usize| {
         let (dark, bright) = (smooth(pixel), smooth(pixel + width));
         (pixel / width) as f64 + (limit - dark) / (bright - dark)

@@ -200,6 +200,7 @@ impl Patch {
     pub(crate) fn texture(&self) -> Texture {
         let even = self.detrended();
         let (middle, spread) = (mean(&even.values), std(&even.values));
+        // Grey levels are logarithms: statistics of Rayleigh and Nakagami are those of the amplitude.
         let amplitude: Vec<f64> = even
             .values
             .iter()

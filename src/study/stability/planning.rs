@@ -177,6 +177,7 @@ fn dead_band(record: &mut Record<'_>) -> Result<(), Unexpected> {
                     };
                     let driven = follow(&guide, &drive, Control::ClosedLoop, 0.0, &commands)?;
                     let lag = |step: usize| driven[step].posture.insertion_mm - commands[step].insertion_mm;
+                    // The ends of both rests, when the controller has had time to settle.
                     rest_mm = largest([rest_mm].into_iter().chain((5800..6000).chain(9000..9500).map(lag)));
                     let whole_lag = largest((0..commands.len()).map(lag));
                     let [push, pull] = drive.lost_mm(load_n).map(|mm| mm * drive.reduction());

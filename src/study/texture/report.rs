@@ -149,6 +149,7 @@ impl SolidTexture {
         let (n, exemplar) = (self.side, &self.exemplars.xy);
         let [width, height] = exemplar.size;
         let length = n.min(width).min(height);
+        // Lines of equal length in all, as a spectrum depends on it; of the many of the solid some 256 do.
         let solid = |axis: usize| {
             let stride = n.pow(axis as u32);
             let line = |line_index: usize| {

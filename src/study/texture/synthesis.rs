@@ -497,6 +497,8 @@ impl<'a> Solid<'a> {
             let surplus = (present[bin] / wanted[bin].max(1e-4) - 1.0).max(0.0);
             bin_weights[bin] = 1.0 / (1.0 + surplus);
         }
+        // A voxel lies in as many neighbourhoods of each plane as they have pixels: steps back from it lead to their
+        // corners.
         let values: Vec<f32> = parallel::map(0..self.values.len(), &|voxel| {
             let (mut sum, mut total) = (0.0_f32, 0.0_f32);
             for plane in 0..3 {

@@ -146,14 +146,14 @@ pub(super) fn elements_table() -> Result<Table, BeamError> {
     ];
     let mut rows = Vec::new();
     for (case, material, compression, initial_length_mm) in cases {
-        let of = |element_mm: f64| {
+        let problem_of = |element_mm: f64| {
             let mut problem = problem(material, compression, 20.0, 60.0, element_mm);
             problem.layers[0].initial_length_mm = initial_length_mm;
             problem
         };
-        let truth = solve(&of(FINE_MM), &base)?;
+        let truth = solve(&problem_of(FINE_MM), &base)?;
         for element_mm in ELEMENTS_MM {
-            let mut beam = FoundationBeam::new(&of(element_mm))?;
+            let mut beam = FoundationBeam::new(&problem_of(element_mm))?;
             let shape = beam.solve(&base)?;
             rows.push(ElementRow {
                 case,
@@ -287,14 +287,14 @@ pub(super) fn term() -> Result<Table, BeamError> {
                     displacement_mm: 15.0,
                     slope: Some(slope),
                 };
-                let of = |element_mm: f64, friction: f64| {
+                let problem_of = |element_mm: f64, friction: f64| {
                     let mut needle = problem(tissue.material, tissue.compression, 20.0, 60.0, element_mm);
                     needle.layers[0].friction = friction;
                     needle
                 };
-                let truth = solve(&of(FINE_MM, friction), &base)?;
+                let truth = solve(&problem_of(FINE_MM, friction), &base)?;
                 for (term, gamma) in [("left out", 0.0), ("kept", friction)] {
-                    let mut beam = FoundationBeam::new(&of(ELEMENT_MM, gamma))?;
+                    let mut beam = FoundationBeam::new(&problem_of(ELEMENT_MM, gamma))?;
                     let shape = beam.solve(&base)?;
                     rows.push(TermRow {
                         friction,

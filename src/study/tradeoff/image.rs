@@ -9,11 +9,11 @@
 //! | `image_sampling` | samples along a shadow, scanlines across a blur | the finest grid |
 //! | `image_texture` | solid texture (trilinear), constant echo | trilinear in double precision |
 //! | `image_lookup` | nearest voxel, trilinear look-up of a texture in isolation | trilinear in double precision |
-//! | `image_grain` | no grain, additive noise, fully developed speckle | Rayleigh statistics, requested correlation lengths |
+//! | `image_grain` | no grain, additive noise, developed speckle | Rayleigh statistics, requested correlation lengths |
 //! | `image_location` | walk, grid, exhaustive search for the element of a sample | exhaustive search |
 //!
-//! Grey levels are compared in the scan-converted picture, inside the sector. A variant that is uniformly brighter or darker than its
-//! standard, or further from it than a coarser variant, is not a valid approximation and is flagged.
+//! Grey levels are compared in the scan-converted picture, inside the sector. A variant that is uniformly brighter or
+//! darker than its standard, or further from it than a coarser variant, is not a valid approximation and is flagged.
 
 mod grain;
 mod labels;
@@ -38,8 +38,8 @@ use insonify_imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 /// Options of the study.
 #[derive(Clone, Debug)]
 pub(crate) struct ImageOptions {
-    /// Grids of scanlines by samples, from the coarsest to the finest (two or more). The finest is the gold standard and not one of the
-    /// choices.
+    /// Grids of scanlines by samples, from the coarsest to the finest (two or more). The finest is the gold standard
+    /// and not one of the choices.
     pub grids: Vec<[u32; 2]>,
     /// Edge of the phantom's voxels, mm.
     pub voxel_mm: f64,
@@ -402,8 +402,8 @@ impl Difference {
         }
     }
 
-    /// Describes an offset, which a valid approximation does not have: a mean difference above one grey level plus half the root mean
-    /// square.
+    /// Describes an offset, which a valid approximation does not have: a mean difference above one grey level plus half
+    /// the root mean square.
     pub(crate) fn offset(&self) -> Option<String> {
         (self.bias.abs() > 1.0 + 0.5 * self.rms).then(|| {
             format!(
@@ -413,8 +413,8 @@ impl Difference {
         })
     }
 
-    /// Describes an offset (see [`Difference::offset`]), or a refinement whose error exceeds that of the coarser level by more than a tenth and
-    /// rounding.
+    /// Describes an offset (see [`Difference::offset`]), or a refinement whose error exceeds that of the coarser level
+    /// by more than a tenth and rounding.
     pub(crate) fn flag(&self, coarser: Option<&Difference>) -> Option<String> {
         let worse = coarser.filter(|coarser| self.rms > 1.1 * coarser.rms + 0.3);
         self.offset().or_else(|| {

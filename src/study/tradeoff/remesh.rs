@@ -1,14 +1,15 @@
 //! Remeshing levels: cost and error on one or more meshes.
 //!
-//! A needle enters the mesh along a line. Wherever it enters an element, a corner of that element is moved to its tip; then it is withdrawn
-//! and the moves are undone, repeatedly. Every contender follows the same moves, is timed at each of them including a read of its K^c, and
-//! is compared with a gold standard that is factorised from the moved mesh and solved with iterative refinement in the same run: K^c,
-//! sampled columns of K^-1 and the displacements under a fixed load in some states of the first insertion, of which the worst counts, and
-//! K^c again after increasing numbers of updates.
+//! A needle enters the mesh along a line. Wherever it enters an element, a corner of that element is moved to its tip;
+//! then it is withdrawn and the moves are undone, repeatedly. Every contender follows the same moves, is timed at each
+//! of them including a read of its K^c, and is compared with a gold standard that is factorised from the moved mesh and
+//! solved with iterative refinement in the same run: K^c, sampled columns of K^-1 and the displacements under a fixed
+//! load in some states of the first insertion, of which the worst counts, and K^c again after increasing numbers of
+//! updates.
 //!
-//! Guarantees are checked: a contender that claims to be exact up to rounding must keep the relative residual |K X e - e| / (|K| |X e|) and
-//! the errors of K^-1, K^c and displacements below the limits at which the levels rebuild themselves (see
-//! [`RemesherOptions`](insonify_mechanics::tissue::remesh::RemesherOptions)), or its row is flagged.
+//! Guarantees are checked: a contender that claims to be exact up to rounding must keep the relative residual |K X e -
+//! e| / (|K| |X e|) and the errors of K^-1, K^c and displacements below the limits at which the levels rebuild
+//! themselves (see [`RemesherOptions`](insonify_mechanics::tissue::remesh::RemesherOptions)), or its row is flagged.
 //!
 //! | module | contents |
 //! |---|---|
@@ -220,8 +221,9 @@ pub(crate) struct Measured {
     pub traffic: Vec<Traffic>,
     /// Number of updates that recomputed everything.
     pub rebuilds: usize,
-    /// Worst errors of one insertion: relative errors of sampled columns of K^-1, of K^c and of displacements, in Frobenius and 2-norms;
-    /// the relative residual of the sampled columns; the largest error of displacements per newton of load, mm.
+    /// Worst errors of one insertion: relative errors of sampled columns of K^-1, of K^c and of displacements, in
+    /// Frobenius and 2-norms; the relative residual of the sampled columns; the largest error of displacements per
+    /// newton of load, mm.
     pub errors: Option<[f64; 5]>,
     /// Numbers of updates, each with the error of K^c after them.
     pub drift: Vec<(usize, f64)>,
@@ -229,8 +231,8 @@ pub(crate) struct Measured {
     pub flag: Option<String>,
 }
 
-/// Studies the meshes, in any order. `gpus` are measured in addition to the CPU. `progress` receives the current task and the completed
-/// fraction, increasing from 0 to 1.
+/// Studies the meshes, in any order. `gpus` are measured in addition to the CPU. `progress` receives the current task
+/// and the completed fraction, increasing from 0 to 1.
 ///
 /// # Errors
 /// [`Error`]; memory is checked before any large allocation.
@@ -343,8 +345,8 @@ impl Truth {
     }
 }
 
-/// Returns whether all errors are evaluated after an update: in [`STATES`] states of the first insertion, the last of them with the needle
-/// fully inserted.
+/// Returns whether all errors are evaluated after an update: in [`STATES`] states of the first insertion, the last of
+/// them with the needle fully inserted.
 fn is_sampled(update: usize, inserted: usize) -> bool {
     update <= inserted && update * STATES / inserted > (update - 1) * STATES / inserted
 }

@@ -112,6 +112,7 @@ fn cosine_off(
         std::array::from_fn(|row| (0..3).map(|c| matrix[(row, c)] * position[c]).sum::<f64>() + matrix[(row, 3)])
     };
     let (from, to) = (index(before), index(after));
+    // At a face of the volume rounding decides whether there is a voxel beyond it: the cosine may be anything.
     let near_face = (0..3).any(|axis| {
         let shifted = to[axis] + 0.5;
         let reach = ends[1][axis] + 2.0 * WITHIN;
@@ -144,6 +145,7 @@ fn cosine_off(
         long_off += (offs[0][axis] + offs[1][axis] + ULP * (before[axis].abs() + after[axis].abs())).powi(2);
     }
     let (steep, steep_off, long, long_off) = (steep.sqrt(), steep_off.sqrt(), long.sqrt(), long_off.sqrt());
+    // The cosine is a quotient: where its divisor errs by more than a quarter, the expansion below does not hold.
     let relative = steep_off / steep + long_off / long;
     if relative.is_nan() || relative > 0.25 {
         return 1.0;

@@ -42,6 +42,8 @@ pub(super) fn table(grid: &BeamGrid, spread: &PointSpread, seed: u64, power: imp
         .collect();
     let share = |sample: usize| (TO_A_CELL / (width(&axial) * width(&across[sample]))).min(1.0);
     let shares: Vec<f64> = (0..samples).map(share).collect();
+    // The kernel is separable: along each scanline first, where it is the same at all depths, then across, where it
+    // widens with depth.
     let scanlines: Vec<Vec<Complex>> = parallel::map(0..lines, &|line| {
         let echoes: Vec<Complex> = (0..samples)
             .map(|sample| echo([line as i32, sample as i32], shares[sample], seed))

@@ -74,6 +74,7 @@ fn through(step: &Step, slack: &Slack) -> Vec<[f64; 2]> {
     }
     let opaque = opaque_units(step.tables.sample_mm());
     let shifts = &step.tables.effects.shadow.aperture;
+    // By ray of the aperture: opaque tissue and the needle shade the rays that meet them, not the whole aperture.
     let of_rays: Vec<[f64; 2]> = (0..RAYS * lines)
         .flat_map(|row| {
             let (ray, element) = (row / lines, row % lines);

@@ -122,6 +122,7 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
     for_each((0.., scanlines), &|(line, amplitudes)| {
         amplitudes.copy_from_slice(&above[line * samples..][..samples]);
         let top = mirror.tops[line] as usize;
+        // The first opaque sample may be bone, too, which is no mirror here.
         if top >= samples || !is_gas(labels[line * samples + top]) {
             return;
         }
@@ -130,6 +131,7 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
         for (sample, amplitude) in amplitudes.iter_mut().enumerate().skip(top) {
             let [from_line, from, longer] = mirror.place(line, slope, sample);
             let image = share * (rate * longer).exp2() * mirror.echo(above, [from_line, from]);
+            // Powers add: the phases of echo and mirror image are unrelated.
             *amplitude = (*amplitude * *amplitude + image * image).sqrt();
         }
     });

@@ -37,6 +37,8 @@ pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
             let line = fine / speckle.oversampling;
             let part = T::of((fine % speckle.oversampling) as f64 / speckle.oversampling as f64);
             let next = (line + 1).min(lines - 1);
+            // Amplitudes and elements change abruptly with the label: they are those of the nearer scanline, not
+            // interpolated.
             let nearest = (line
                 + usize::from(
                     2 * (fine % speckle.oversampling) >= speckle.oversampling && fine % speckle.oversampling > 0,

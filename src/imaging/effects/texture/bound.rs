@@ -27,6 +27,8 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
         .map_or(0.0, |texture| texture.strength);
     for index in 0..step.after.amplitude.len() {
         let [x, y, z, _] = step.after.position[index];
+        // Two parts: another label, if rounding of the position has chosen one, counts in full; the same label differs
+        // by the texture between the two positions.
         let row = |label: u8| step.tables.label_rows[usize::from(label)];
         let predicted = |label: u8| {
             let factor = match row(label).texture {

@@ -72,6 +72,8 @@ pub(super) fn set_friction_bounds(anatomy: &dyn Anatomy, contacts: &mut [Contact
         let contact = &mut contacts[index];
         let length = (end - contact.arc).max(0.0);
         let path = contact.path_mm();
+        // Layers are lengths of the path in the tissue at rest; the needle between two contacts is longer or shorter,
+        // and friction is per length of it.
         let undivided = [CrossedLayer {
             region: contact.region,
             length,

@@ -84,6 +84,8 @@ impl Contacts {
         let [had_tip, had_guide] = self.has_others;
         let index = self.nodes.len();
         if has_tip && !had_tip {
+            // Until now the last node carried the cutting force, too: that part moves to the tip, at most all of what
+            // pushes ahead.
             let cutting = cutting();
             let mut share = Vector3::zeros();
             if let Some(last) = self.forces[..index].last_mut() {

@@ -81,6 +81,7 @@ pub(super) fn next_corner(
         let corners = mesh.elements()[element as usize];
         let tetrahedron = Tetrahedron::new(&corners.map(|node| Point3::from(mesh.nodes()[node as usize])))?;
         let (through, face) = tetrahedron.exit(&point, &forward)?;
+        // As `wants_node` decides: one spacing behind the last node, outside the elements around it.
         if !corners.contains(&last.node) && travel + through >= spacing {
             let target = point + forward * (spacing - travel).max(0.0);
             return tissue.corner(element, target, &contacts.nodes, options.condition_limit, |_| true);

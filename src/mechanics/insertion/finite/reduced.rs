@@ -64,6 +64,7 @@ impl Reduced {
     pub(crate) fn condense(&mut self, condensed: MatRef<'_, f64>, probes: usize, contacts: usize, rows: &[ProbeRow]) {
         self.rows.clear();
         self.rows.extend_from_slice(rows);
+        // K_PP is factored once for all displacements that the probe prescribes along these rows.
         self.probe.start(rows.len());
         for (j, column) in rows.iter().enumerate() {
             for (i, row) in rows.iter().enumerate().skip(j) {
@@ -98,6 +99,8 @@ impl Reduced {
         self.clear_rest();
         self.has_tip = tip.is_some();
         let Some(tip) = tip else { return };
+        // The tip is no node: its displacement is the mean of the nodes around it by their shares, and a force on it is
+        // divided among them by the same, so that the compliance stays symmetric.
         let (room, tip_start) = (self.room(), 3 * self.contacts);
         let shares = || tip.shares.iter().filter(|(_, share)| *share != 0.0);
         for axis in 0..3 {
@@ -122,6 +125,7 @@ impl Reduced {
             }
         }
         self.eliminate(tip_start, tip_start + 3);
+        // Bone yields apart from the tissue: it adds to the compliance of the tip alone.
         for column in tip_start..tip_start + 3 {
             self.compliance[column * room + column] += tip.compliance_mm_per_n;
         }
@@ -161,6 +165,7 @@ impl Reduced {
             answer: &self.answer,
             compliance: &mut self.compliance,
         });
+        // `Subtract` computes above the diagonal only.
         for column in first..end {
             for row in 0..column {
                 self.compliance[row * room + column] = self.compliance[column * room + row];

@@ -114,6 +114,7 @@ impl Tissue {
         let needle = contacts.forces.iter().take(contacts.nodes.len());
         forces.extend(needle.flat_map(|force| [force.x, force.y, force.z]));
         forces.resize(forces.len() + 3 * tip.corners.len(), 0.0);
+        // The force at the tip acts on the nodes around it, by the shares that gave its compliance.
         if let (Some(row), [true, _]) = (tip.force.row(), contacts.has_others) {
             let force = contacts.forces[contacts.nodes.len()];
             for (node, share) in row.shares.into_iter().filter(|(_, share)| *share != 0.0) {
@@ -187,6 +188,8 @@ impl Tissue {
         let mesh = self.adaptation.mesh();
         let mut wanted = vec![false; mesh.nodes().len()];
         for corners in mesh.elements() {
+            // Spheres around the elements are enough: a column too many costs a solve, one too few a wait at the step
+            // that needs it.
             let places = corners.map(|node| Point3::from(mesh.nodes()[node as usize]));
             let middle =
                 Point3::from((places[0].coords + places[1].coords + places[2].coords + places[3].coords) / 4.0);
@@ -194,6 +197,8 @@ impl Tissue {
             let distance_mm = (middle - from).dot(&direction).clamp(0.0, length_mm);
             if (middle - (from + direction * distance_mm)).norm() <= size + aside_mm {
                 for corner in corners {
+                    // A remesh changes the stiffness of all elements around the node that it moves, and so of their
+                    // nodes.
                     mesh.neighbours(*corner)
                         .iter()
                         .for_each(|node| wanted[*node as usize] = true);

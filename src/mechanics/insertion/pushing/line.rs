@@ -95,6 +95,8 @@ pub fn crossings<const D: usize, const N: usize>(
     let beyond: [f64; D] = std::array::from_fn(|axis| origin[axis] + direction[axis]);
     let crossing = |element: u32| {
         let (mut from_mm, mut to_mm) = (f64::NEG_INFINITY, f64::INFINITY);
+        // Barycentric coordinates are linear along the line, and the line is inside where all are positive: each bounds
+        // it on one side. `BESIDE` admits lines along a face.
         let [here, there] = [origin, &beyond].map(|point| body.barycentric(element as usize, point));
         for (here, there) in here.iter().zip(&there) {
             let (inside, slope) = (here + BESIDE, there - here);

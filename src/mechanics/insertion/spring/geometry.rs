@@ -100,6 +100,7 @@ impl FarFace {
                 f64::INFINITY
             }
         };
+        // At a corner the tip lies on three faces, and rounding would choose one of them.
         let opposite = match tip_node {
             Some(corner) => corner,
             None => least(&std::array::from_fn(distance)).0,

@@ -142,6 +142,7 @@ fn check(samples: &[Sample]) -> Result<(), FitError> {
     if stretches.len() < 3 {
         return Err(FitError::TooFew { found: stretches.len() });
     }
+    // By the work of all samples: noise may give the stress next to rest either sign.
     let work: f64 = samples
         .iter()
         .map(|sample| (sample.stretch - 1.0) * sample.stress_kpa)
@@ -205,6 +206,8 @@ fn partings(models: &[Fitted], compression: Compression, from: f64) -> Vec<Parti
         .iter()
         .map(|model| Law::new(&model.material, compression))
         .collect();
+    // From the data downwards, so that the first difference seen is the highest. The median stands for the models that
+    // agree: no one of them is known to be right.
     let mut parted = vec![None; models.len()];
     let steps = ((from - LOWEST) / STEP).max(0.0) as usize;
     for stretch in (0..=steps).map(|index| from - STEP * index as f64) {

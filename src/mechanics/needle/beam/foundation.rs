@@ -74,8 +74,8 @@ impl Load {
 }
 
 /// Returns the four Hermite cubics and their slopes at a share of an element of a given length.
-pub(super) fn cubics(length: f64, at: f64) -> (Vector4<f64>, Vector4<f64>) {
-    let (s, h) = (at, length);
+pub(super) fn cubics(length: f64, share: f64) -> (Vector4<f64>, Vector4<f64>) {
+    let (s, h) = (share, length);
     let values = [
         1.0 - s * s * (3.0 - 2.0 * s),
         h * s * (1.0 - s) * (1.0 - s),
@@ -95,9 +95,11 @@ pub(super) fn load(bed: &Bed, length: f64, ends: [Vector2<f64>; 2]) -> Option<Lo
         return None;
     }
     let ends = Vector4::new(ends[0].x, ends[0].y, ends[1].x, ends[1].y);
+    // The virtual work of the reaction on each cubic; force and stiffness share the points of the rule, so that
+    // Newton's method converges quadratically however coarse it is.
     let (mut force, mut stiffness) = (Vector4::zeros(), Matrix4::zeros());
-    for (at, weight) in GAUSS {
-        let (values, slopes) = cubics(length, at);
+    for (share, weight) in GAUSS {
+        let (values, slopes) = cubics(length, share);
         let here = reaction(bed, values.dot(&ends), slopes.dot(&ends))?;
         let width = weight * length;
         force += values * (width * here.force);
@@ -135,22 +137,23 @@ mod tests {
     fn stiffness_is_the_slope_of_the_load() {
         let (bed, length) = (bed(), 1.3);
         for ends in [[9.0, -0.4, 8.4, -0.5], [-12.0, 0.3, -11.5, 0.35]] {
-            let at = |ends: &[f64; 4]| {
+            let load_of = |ends: &[f64; 4]| {
                 let [a, b, c, d] = *ends;
                 load(&bed, length, [Vector2::new(a, b), Vector2::new(c, d)]).expect("a load")
             };
-            let here = at(&ends);
+            let here = load_of(&ends);
             for j in 0..4 {
                 let step = 1e-5;
                 let [mut more, mut less] = [ends, ends];
                 more[j] += step;
                 less[j] -= step;
-                let [more, less] = [at(&more), at(&less)];
+                let [more, less] = [load_of(&more), load_of(&less)];
                 for i in 0..4 {
                     let expected = (more.force[i / 2][i % 2] - less.force[i / 2][i % 2]) / (2.0 * step);
-                    let found = here.stiffness[i / 2][j / 2][(i % 2, j % 2)];
-                    // Central differences: 1e-10/6 of third derivatives of 30 N/mm^3, and rounding of 1e-13 N over the step.
-                    assert!((found - expected).abs() < 1e-7, "{i} {j}: {found} {expected}");
+                    let stiffness = here.stiffness[i / 2][j / 2][(i % 2, j % 2)];
+                    // Central differences: 1e-10/6 of third derivatives of 30 N/mm^3, and rounding of 1e-13 N over the
+                    // step.
+                    assert!((stiffness - expected).abs() < 1e-7, "{i} {j}: {stiffness} {expected}");
                 }
             }
         }

@@ -177,6 +177,8 @@ fn least_compressing(beam: &mut FoundationBeam, tip_mm: f64) -> Result<(Base, Sh
             best = (angle, solution);
         }
     }
+    // The largest share has kinks where another layer takes over as the most compressed: golden sections ask for no
+    // derivative.
     let golden = 0.5 * (5.0f64.sqrt() - 1.0);
     let (mut low, mut high) = (best.0 - width, best.0 + width);
     let (mut near, mut far) = (high - golden * (high - low), low + golden * (high - low));

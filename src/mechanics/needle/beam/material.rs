@@ -1,9 +1,9 @@
 //! Hyperelastic, incompressible materials in compression (Wang et al. 2023, equations 1 to 3 and 7 to 9).
 //!
-//! In each of these models, stress is a sum of powers of the compression ratio, so that stress, tangent modulus and its rate
-//! follow exactly from one list of terms. With the principal stretches `l1`, `l2 = lambda`, `l3` and the free face along 3,
-//! a material `W(I1, I2)` has the true stress `2 (l2^2 - l3^2) (W_1 + l1^2 W_2)`; Ogden's has `(2 mu/alpha) (l2^alpha -
-//! l3^alpha)`.
+//! In each of these models, stress is a sum of powers of the compression ratio, so that stress, tangent modulus and its
+//! rate follow exactly from one list of terms. With the principal stretches `l1`, `l2 = lambda`, `l3` and the free face
+//! along 3, a material `W(I1, I2)` has the true stress `2 (l2^2 - l3^2) (W_1 + l1^2 W_2)`; Ogden's has
+//! `(2 mu/alpha) (l2^alpha - l3^alpha)`.
 
 #[cfg(test)]
 mod tests;

@@ -97,6 +97,7 @@ impl FoundationBeam {
             return Err(BeamError::Unheld);
         }
         self.rest();
+        // The whole motion at once; load steps only where Newton's method does not follow, as near crushed tissue.
         let (mut share, mut step, mut iterations) = (0.0, 1.0, 0);
         while share < 1.0 {
             let goal = if share + step >= 1.0 { 1.0 } else { share + step };
@@ -107,6 +108,7 @@ impl FoundationBeam {
                     step *= 2.0;
                 }
                 Err(crush) => {
+                    // By four, since success doubles: the next two steps then end short of the motion that failed.
                     step /= 4.0;
                     if step < SHORTEST {
                         return Err(self.failed(crush, share, iterations));
@@ -135,6 +137,7 @@ impl FoundationBeam {
         let goal = Vector2::new(base.displacement_mm, base.slope.unwrap_or(0.0)) * share;
         for _ in 0..STEPS {
             let mut by = goal - Vector2::new(self.state.driven, self.state.nodes[0].y);
+            // The slope of a base that turns freely is an unknown, not a goal.
             if arm.is_some() {
                 by.y = 0.0;
             }
@@ -145,6 +148,7 @@ impl FoundationBeam {
             *iterations += 1;
             let State { loads, angles, .. } = &self.state;
             let push = Push { by, arm };
+            // The base moves within the same Newton step: elements bend with it from the first step on.
             let solved = self.sweep.factor(&self.elements, loads).and_then(|()| {
                 let (sweep, change) = (&mut self.sweep, &mut self.change);
                 sweep.solve(&self.elements, loads, angles, &push, change)
@@ -173,6 +177,7 @@ impl FoundationBeam {
             let (state, change) = (&mut self.trial, &self.change);
             state.nodes[0].y += change.base.y * part;
             state.driven += push.by.x * part;
+            // A whole step ends at the goal to the last bit: `reach` compares with it exactly.
             if part == 1.0 {
                 state.driven = goal.x;
                 state.nodes[0].y = if push.arm.is_some() { state.nodes[0].y } else { goal.y };
@@ -181,7 +186,7 @@ impl FoundationBeam {
             let changes = state.angles.iter_mut().zip(&change.angles);
             changes.for_each(|(angles, by)| *angles += by * part);
             match follow(&self.division, &self.elements, &self.beds, state) {
-                Err(found) => crush = Some(found),
+                Err(crushed) => crush = Some(crushed),
                 Ok(()) => {
                     crush = None;
                     let push = Push {

@@ -9,8 +9,8 @@ use insonify_base::range::{OutOfRange, Ranges, check};
 /// Maximum number of elements of a needle.
 const MAX_ELEMENTS: f64 = 1e5;
 
-/// Returns the bending stiffness EI of a solid round rod, N mm^2, from Young's modulus (GPa) and diameter (mm). That of a tube is the
-/// difference of two rods.
+/// Returns the bending stiffness EI of a solid round rod, N mm^2, from Young's modulus (GPa) and diameter (mm). That of
+/// a tube is the difference of two rods.
 pub fn bending_stiffness_nmm2(young_gpa: f64, diameter_mm: f64) -> f64 {
     1e3 * young_gpa * PI * diameter_mm.powi(4) / 64.0
 }
@@ -48,8 +48,8 @@ pub struct Problem {
     pub bending_nmm2: f64,
     /// Distance from the base to the point of entry, mm (0 to 1e4).
     pub control_distance_mm: f64,
-    /// Distance from the base back to the axis about which it turns freely, mm (0 to 1e4): the rotary stage of Wang et al. 2023. A rigid
-    /// arm joins the two. A prescribed slope has no use for it.
+    /// Distance from the base back to the axis about which it turns freely, mm (0 to 1e4): the rotary stage of Wang et
+    /// al. 2023. A rigid arm joins the two. A prescribed slope has no use for it.
     pub pivot_mm: f64,
     /// Depth of the tip, mm (0 to the sum of the layers).
     pub inserted_mm: f64,
@@ -214,9 +214,9 @@ mod tests {
             );
         }
         assert!((0..division.layers.len()).all(|element| division.length_mm(element) <= 1.0 + 1e-9));
-        let of = |depth: f64| division.layers[division.nodes.partition_point(|node| *node <= depth) - 1];
+        let layer_at = |depth: f64| division.layers[division.nodes.partition_point(|node| *node <= depth) - 1];
         assert_eq!(
-            [of(-1.0), of(1.0), of(2.6), of(4.0), of(7.0)],
+            [-1.0, 1.0, 2.6, 4.0, 7.0].map(layer_at),
             [None, Some(0), Some(1), Some(2), Some(3)]
         );
     }

@@ -79,12 +79,12 @@ impl Shape {
         sums: [f64; 3],
         effort: (f64, usize),
     ) -> Self {
-        let points = nodes.iter().enumerate().map(|(at, node)| {
-            let [before, after] = [at.checked_sub(1), Some(at)].map(|element| *division.layers.get(element?)?);
+        let points = nodes.iter().enumerate().map(|(index, node)| {
+            let [before, after] = [index.checked_sub(1), Some(index)].map(|element| *division.layers.get(element?)?);
             let bed = after.or(before).map(|layer| &beds[layer]);
             let reaction = bed.and_then(|bed| foundation::reaction(bed, node.x, node.y));
             Point {
-                x_mm: division.nodes[at],
+                x_mm: division.nodes[index],
                 u_mm: node.x,
                 slope: node.y,
                 reaction_n_per_mm: reaction.map_or(0.0, |reaction| reaction.force),
@@ -171,6 +171,7 @@ fn layer_loads(division: &Division, beds: &[Bed], nodes: &[Vector2<f64>], forces
         let Some(load) = loads.last_mut() else { continue };
         load.depths_mm[1] = division.nodes[element + 1];
         load.force_n += forces[element];
+        // Both ends of each element: where layers meet, a node counts with the tissue of either.
         for node in [element, element + 1] {
             let (bed, q) = (&beds[layer], &nodes[node]);
             let ratio = foundation::ratio(bed, q.x);
@@ -199,23 +200,28 @@ fn first_zero(near: &Point, far: &Point) -> Option<f64> {
     let (a, end) = (near.slope * length, far.slope * length);
     let (b, c) = (3.0 * chord - 2.0 * a - end, a + end - 2.0 * chord);
     let root = (b * b - 3.0 * a * c).max(0.0).sqrt();
-    let mut places = [
+    // Where it turns, by the roots of u', or of its linear part if c is 0; bisection between them cannot miss the first
+    // zero.
+    let mut shares = [
         0.0,
         (-b - root) / (3.0 * c),
         (-b + root) / (3.0 * c),
         -a / (2.0 * b),
         1.0,
     ]
-    .map(|place| if (0.0..=1.0).contains(&place) { place } else { 1.0 });
-    places.sort_by(f64::total_cmp);
-    let at = |share: f64| between(near, far, from + share * length)[0];
-    let crossed = |pair: &&[f64]| pair[0] < pair[1] && (at(pair[1]) == 0.0 || at(pair[0]) * at(pair[1]) < 0.0);
-    let pair = places.windows(2).find(crossed)?;
+    .map(|share| if (0.0..=1.0).contains(&share) { share } else { 1.0 });
+    shares.sort_by(f64::total_cmp);
+    let deflection = |share: f64| between(near, far, from + share * length)[0];
+    let crossed = |pair: &&[f64]| {
+        let [near, far] = [pair[0], pair[1]].map(deflection);
+        pair[0] < pair[1] && (far == 0.0 || near * far < 0.0)
+    };
+    let pair = shares.windows(2).find(crossed)?;
     let (mut low, mut high) = (pair[0], pair[1]);
-    let sign = at(low);
+    let sign = deflection(low);
     for _ in 0..HALVINGS {
         let middle = 0.5 * (low + high);
-        if at(middle) * sign > 0.0 {
+        if deflection(middle) * sign > 0.0 {
             low = middle;
         } else {
             high = middle;
@@ -242,9 +248,9 @@ mod tests {
 
     #[test]
     fn zeros_are_found_within_elements() {
-        let near = |found: Option<f64>, expected: f64| {
-            let found = found.expect("a zero");
-            assert!((found - expected).abs() < 1e-14 * 8.0, "{found} {expected}");
+        let near = |zero: Option<f64>, expected: f64| {
+            let zero = zero.expect("a zero");
+            assert!((zero - expected).abs() < 1e-14 * 8.0, "{zero} {expected}");
         };
         // A line, and cubics (x - 3.5)(x - 4.5) and (x - 3.25)(x - 4)(x - 4.5), of whose zeros the first counts.
         near(zero([1.0, -3.0], [-2.0, -2.0]), 3.5);

@@ -17,8 +17,8 @@ parameters! {
         bending_stiffness_nmm2: Option<f64>, in 1e-6..=1e12 "N mm^2";
         /// Depth of the tip, mm (0 to the sum of the layers). Default: that sum.
         inserted_mm: Option<f64>;
-        /// Measured shape: pairs of position along the undeflected needle and deflection, mm, from base to tip (`insonify beam measure`).
-        /// It is drawn, and compared with the computed shape (`insonify beam compare`).
+        /// Measured shape: pairs of position along the undeflected needle and deflection, mm, from base to tip
+        /// (`insonify beam measure`). It is drawn, and compared with the computed shape (`insonify beam compare`).
         measured_mm: Option<Vec<[f64; 2]>>;
     }
 }
@@ -59,7 +59,8 @@ parameters! {
         /// Friction between needle and tissue. Default 0.
         #[serde(default)]
         friction: f64, in 0..=1;
-        /// Compression ratio (length over uncompressed length) below which `insonify beam inverse` rejects a motion of the base. Default 0: no limit.
+        /// Compression ratio (length over uncompressed length) below which `insonify beam inverse` rejects a motion of
+        /// the base. Default 0: no limit.
         #[serde(default)]
         min_compression_ratio: f64, in 0..1;
     }

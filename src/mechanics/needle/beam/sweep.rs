@@ -106,6 +106,8 @@ impl Sweep {
     /// Factors the stiffness of all elements. Returns `None` if they have no stable equilibrium.
     pub(super) fn factor(&mut self, elements: &[Element], loads: &[Load]) -> Option<()> {
         self.gains.clear();
+        // `beyond` is P, the change of force and moment on a node by its own, due to everything beyond it: none at the
+        // tip. Eliminating `a` from the balance of each element makes that of its near node.
         let mut beyond = Matrix2::zeros();
         for (element, load) in elements.iter().zip(loads).rev() {
             let [[near, mixed], [back, far]] = load.stiffness;
@@ -136,6 +138,7 @@ impl Sweep {
         push: &Push,
         change: &mut Change,
     ) -> Option<()> {
+        // From the tip: forces beyond each node, as if it stayed, and the bending that balances them.
         let mut beyond = Vector2::zeros();
         self.steps.clear();
         let all = elements.iter().zip(loads).zip(angles).zip(&self.gains).rev();
@@ -156,6 +159,7 @@ impl Sweep {
         if !(node.x.is_finite() && node.y.is_finite()) {
             return None;
         }
+        // From the base, whose change is now known: each node moves the next.
         change.base = node;
         change.angles.clear();
         change.largest = node.x.abs();

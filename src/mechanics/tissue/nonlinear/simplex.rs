@@ -108,6 +108,7 @@ fn inverse<const D: usize>(mut a: [[f64; D]; D]) -> ([[f64; D]; D], f64) {
     let mut b: [[f64; D]; D] = std::array::from_fn(|i| std::array::from_fn(|j| if i == j { 1.0 } else { 0.0 }));
     let mut determinant = 1.0;
     for k in 0..D {
+        // Edges may lie along an axis, with zeros on the diagonal.
         let pivot = (k..D).fold(
             k,
             |best, row| if a[row][k].abs() > a[best][k].abs() { row } else { best },

@@ -112,6 +112,8 @@ impl<const D: usize> Tangent<D> {
                             if let Some(moduli) = moduli {
                                 entry = contraction(moduli, [i, j], [&ga, &gb]);
                             }
+                            // A modulus that depends on the strain adds the product of its rise and the stress: no
+                            // symmetric matrix, of which the symmetric part allows a Cholesky factor.
                             if stiffens {
                                 entry += 0.5 * (rise[a][i] * normal[b][j] + normal[a][i] * rise[b][j]);
                             }

@@ -7,9 +7,9 @@
 //! | level | entries updated | resulting K^c |
 //! |---|---|---|
 //! | I | all | that of the current mesh, up to accumulated rounding |
-//! | II | rows and columns in P | correct where a contact was moved or is a neighbour, as far as Y was correct; old elsewhere |
-//! | III | rows and columns of the node | correct where the node itself is a contact, as far as Y was correct; old elsewhere |
-//! | IV | none | that of the last current state: forces and displacements at the node's new place are taken for those at its old one |
+//! | II | rows and columns in P | correct, if Y was, where a contact was moved or is a neighbour; old elsewhere |
+//! | III | rows and columns of the node | correct, if Y was, where the node itself is a contact; old elsewhere |
+//! | IV | none | that of the last current state: the node counts as if at its old place |
 //!
 //! After level I, an inverse updated at level II or III is correct in the updated rows: exactly after one change, and
 //! up to the influence of the entries not updated after more. It may lose definiteness, so K^c is checked by a Cholesky

@@ -41,6 +41,7 @@ pub(crate) fn simplest(columns: DMatrix<f64>, centre: Vector3<f64>, size: f64) -
         else {
             break;
         };
+        // What rounding left of a column without a pivot would show as a motion in the rows below.
         if rows[(pivot, column)].abs() < NOTHING {
             rows.column_mut(column).rows_range_mut(rank..).fill(0.0);
             continue;

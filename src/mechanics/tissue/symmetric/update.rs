@@ -205,6 +205,7 @@ fn tiles<T: Scalar, S: Simd, const COLUMNS: usize>(
 ) {
     let depth = size_of::<T::Vector<S>>() / size_of::<T>() * DEPTH;
     for tile in 0..PANEL_ROWS / depth {
+        // The sums stay in registers for all of Y, so that the matrix is read and written once.
         let mut sums = [[T::splat(simd, T::of(0.0)); DEPTH]; COLUMNS];
         for (y, z) in y.iter().zip(z) {
             let y = &T::vectors::<S>(&y.0).as_chunks::<DEPTH>().0[tile];

@@ -91,8 +91,8 @@ impl Elements {
         };
     }
 
-    /// Adds a tetrahedron as [`Elements::push`] does, for files that repeat it for each of its groups: the first is kept.
-    /// One repeated in the same group is a fault of the mesh and is kept too.
+    /// Adds a tetrahedron as [`Elements::push`] does, for files that repeat it for each of its groups: the first is
+    /// kept. One repeated in the same group is a fault of the mesh and is kept too.
     pub(crate) fn push_first(&mut self, corners: [u32; CORNERS], membership: Membership) {
         if *self.first_groups.entry(corners).or_insert(membership.group) == membership.group {
             self.push(corners, membership);

@@ -44,8 +44,8 @@ const INT: Item = Item {
 };
 const INT_PAIR: Item = Item { ints: 2, ..INT };
 
-/// Reads the counts of points, curves, surfaces and volumes, and the entities. `volume` reads what follows a tag and returns
-/// the volume of the geometry to which the entity belongs.
+/// Reads the counts of points, curves, surfaces and volumes, and the entities. `volume` reads what follows a tag and
+/// returns the volume of the geometry to which the entity belongs.
 fn each_entity(
     reader: &mut Reader,
     volumes: &mut Volumes,

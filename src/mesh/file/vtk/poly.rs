@@ -20,8 +20,8 @@ pub struct Poly {
     pub polygons: Vec<Vec<u32>>,
 }
 
-/// Writes a `.vtp` file, atomically, with named arrays: `point_arrays` have an entry for each point, `cell_arrays` for each cell, vertices
-/// before lines before polygons.
+/// Writes a `.vtp` file, atomically, with named arrays: `point_arrays` have an entry for each point, `cell_arrays` for
+/// each cell, vertices before lines before polygons.
 ///
 /// # Errors
 /// [`MeshFileError::Array`] where an array has the wrong length, no name or a name in use; [`MeshFileError::Write`].

@@ -1,7 +1,7 @@
 //! Writer of XML VTK files (`.vtu`): a mesh with its regions, displacements and any other arrays.
 //!
-//! Arrays are inline, base64 over zlib blocks. Raw appended data would be faster to write, but produces a file that is not
-//! XML and that several readers reject; inline arrays are read by ParaView, VTK, meshio and vtkio, and compression
+//! Arrays are inline, base64 over zlib blocks. Raw appended data would be faster to write, but produces a file that is
+//! not XML and that several readers reject; inline arrays are read by ParaView, VTK, meshio and vtkio, and compression
 //! compensates for the third that base64 adds.
 
 use std::collections::BTreeMap;
@@ -55,8 +55,9 @@ impl Values<'_> {
     }
 }
 
-/// Writes a mesh as a `.vtu` file, atomically: reference nodes, tetrahedra, the cell array [`REGION`] and, if given, the
-/// point array [`DISPLACEMENT`](super::super::DISPLACEMENT) (mm, one vector per node). [`read_mesh`](super::super::read_mesh) restores the same bits.
+/// Writes a mesh as a `.vtu` file, atomically: reference nodes, tetrahedra, the cell array [`REGION`] and, if given,
+/// the point array [`DISPLACEMENT`](super::super::DISPLACEMENT) (mm, one vector per node).
+/// [`read_mesh`](super::super::read_mesh) restores the same bits.
 ///
 /// # Errors
 /// As [`write_vtu_with`].
@@ -65,8 +66,8 @@ pub fn write_vtu(path: &Path, mesh: &TetMesh, displacements: Option<&[[f64; 3]]>
     write_vtu_with(path, mesh, &BTreeMap::new(), displacements.as_slice(), &[])
 }
 
-/// Writes a mesh as [`write_vtu`] does, with names of regions and any named arrays: `point_arrays` have an entry for each
-/// node, `cell_arrays` for each element.
+/// Writes a mesh as [`write_vtu`] does, with names of regions and any named arrays: `point_arrays` have an entry for
+/// each node, `cell_arrays` for each element.
 ///
 /// # Errors
 /// [`MeshFileError::Array`] where an array has the wrong length, no name or a name in use; [`MeshFileError::Write`].
@@ -178,8 +179,8 @@ pub(super) fn bytes<T, const N: usize>(values: impl Iterator<Item = T>, each: im
     values.flat_map(each).collect()
 }
 
-/// Writes one array: in base64 the number of blocks, their size, that of the last where it differs, and their compressed
-/// sizes; then, in a separate base64 string, the blocks.
+/// Writes one array: in base64 the number of blocks, their size, that of the last where it differs, and their
+/// compressed sizes; then, in a separate base64 string, the blocks.
 pub(super) fn array(out: &mut impl Write, kind: &str, name: &str, components: usize, data: Vec<u8>) -> io::Result<()> {
     let mut packed = Vec::new();
     let mut header = [data.len().div_ceil(BLOCK), BLOCK, data.len() % BLOCK].to_vec();
@@ -191,7 +192,8 @@ pub(super) fn array(out: &mut impl Write, kind: &str, name: &str, components: us
         header.push(packed.len() - start);
     }
     let header = bytes(header.into_iter(), |word| (word as u64).to_le_bytes());
-    // One component is the default, and readers distinguish a list of numbers from a matrix of one column by its absence.
+    // One component is the default, and readers distinguish a list of numbers from a matrix of one column by its
+    // absence.
     let components = match components {
         1 => String::new(),
         6 => (0..)

@@ -11,8 +11,8 @@ use super::{Fault, quote, stated_axes};
 use data::{Appended, Encoding, values};
 use insonify_base::text::unescape;
 
-/// Reads the file into a grid, with the values of those arrays of points (true) or cells (false) that are wanted; poly-data, too, if surfaces are
-/// allowed.
+/// Reads the file into a grid, with the values of those arrays of points (true) or cells (false) that are wanted;
+/// poly-data, too, if surfaces are allowed.
 pub(super) fn parse(
     bytes: &[u8],
     with_surfaces: bool,
@@ -104,8 +104,8 @@ pub(super) fn parse(
     })
 }
 
-/// Parses names of regions from strings such as `5 liver`, given as character codes that end in 0; strings without a number
-/// are skipped.
+/// Parses names of regions from strings such as `5 liver`, given as character codes that end in 0; strings without a
+/// number are skipped.
 fn region_names((at, text): (usize, &[u8])) -> Result<BTreeMap<i32, String>, Fault> {
     let mut codes = Vec::new();
     for word in text.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()) {

@@ -77,7 +77,8 @@ impl Ready {
     }
 }
 
-/// Renders frames of two scenes alternately, so that other load on the machine affects both equally, for twice `patience` in total.
+/// Renders frames of two scenes alternately, so that other load on the machine affects both equally, for twice
+/// `patience` in total.
 fn in_turn(one: &mut Ready, other: &mut Ready, patience: Duration) -> Result<[Option<Spread>; 2], Error> {
     let (start, mut times) = (Instant::now(), [Vec::new(), Vec::new()]);
     while times[0].len() < MIN || (times[0].len() < MAX && start.elapsed() < 2 * patience) {
@@ -244,8 +245,8 @@ impl MemoryRow {
     }
 }
 
-/// Counts the bytes, passes and, on a GPU, pipelines that each effect needs, and what remains of them after its removal from a scene, which
-/// must be nothing.
+/// Counts the bytes, passes and, on a GPU, pipelines that each effect needs, and what remains of them after its removal
+/// from a scene, which must be nothing.
 pub(super) fn memory(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, Error> {
     let settings = subject.sized(options.effects_grid);
     let mut rows = Vec::new();

@@ -68,7 +68,8 @@ fn at_size(subject: &Subject<'_>, options: &CompareOptions, grid: [u32; 2], back
     Ok(times)
 }
 
-/// Measures the sizes in ascending order; `None` for those after a frame that took too long or did not fit on the device.
+/// Measures the sizes in ascending order; `None` for those after a frame that took too long or did not fit on the
+/// device.
 fn all_sizes(
     subject: &Subject<'_>,
     options: &CompareOptions,
@@ -177,7 +178,8 @@ pub(super) fn passes(
 /// Number of repetitions of each transfer.
 const TIMES: usize = 7;
 
-/// Bytes sent for a frame in which the mesh moves and the probe does not: the maps of the deformed elements in the slab.
+/// Bytes sent for a frame in which the mesh moves and the probe does not: the maps of the deformed elements in the
+/// slab.
 fn moved_mesh(subject: &Subject<'_>, tables: &Tables) -> Result<u64, Error> {
     let Some(mesh) = &tables.mesh else { return Ok(0) };
     let mut slab = Slab::<f32>::new(mesh);

@@ -1,5 +1,5 @@
-//! Frames of DICOM files: native, RLE and JPEG pixels, colour palettes (PS3.3 C.7.9), and the pixel size from the calibrated regions
-//! (PS3.3 C.8.5.5) or the pixel spacing.
+//! Frames of DICOM files: native, RLE and JPEG pixels, colour palettes (PS3.3 C.7.9), and the pixel size from the
+//! calibrated regions (PS3.3 C.8.5.5) or the pixel spacing.
 
 #[cfg(test)]
 mod tests;
@@ -195,7 +195,8 @@ fn entries(object: &InMemDicomObject, [descriptor, plain, segmented]: [Tag; 3]) 
     (!levels.is_empty()).then_some((first_word as u16, levels))
 }
 
-/// Entries of a segmented palette: discrete (0) and linear (1) segments (PS3.3 C.7.9.2); `None` for others, and for more than `max_entries`.
+/// Entries of a segmented palette: discrete (0) and linear (1) segments (PS3.3 C.7.9.2); `None` for others, and for
+/// more than `max_entries`.
 fn expanded(words: &[u16], max_entries: usize) -> Option<Vec<u16>> {
     let mut levels: Vec<u16> = Vec::new();
     let mut words = words.iter().copied();

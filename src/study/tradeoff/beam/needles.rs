@@ -15,8 +15,8 @@ use insonify_mechanics::needle::{CentreLine, Flexible, Load, Needle, Row, Shaft,
 const LENGTHS_MM: [f64; 5] = [20.0, 10.0, 5.0, 2.0, 1.0];
 /// Element length of the reference needle, mm.
 const FINE_NEEDLE_MM: f64 = 0.25;
-/// Number of contacts along the inserted half of the needle. Each pushes as tissue does: in one direction near the entry, in the opposite
-/// one at the tip.
+/// Number of contacts along the inserted half of the needle. Each pushes as tissue does: in one direction near the
+/// entry, in the opposite one at the tip.
 const CONTACTS: usize = 20;
 /// Number of timed calls.
 const REPEATS: usize = 41;
@@ -89,8 +89,8 @@ pub(super) fn table() -> Result<Table, OutOfRange> {
 }
 
 fn loads() -> Vec<Load> {
-    let load = |at: usize| {
-        let share = at as f64 / (CONTACTS - 1) as f64;
+    let load = |contact: usize| {
+        let share = contact as f64 / (CONTACTS - 1) as f64;
         Load {
             arc_mm: 100.0 + 100.0 * share,
             force_n: Vector3::new(0.05 - 0.08 * share, 0.002, -0.002),

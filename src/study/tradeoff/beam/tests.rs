@@ -48,7 +48,7 @@ fn choices_are_measured_against_the_fine_needle() {
     }
     // With the friction term only the element error remains; without it, the effect of friction.
     for pair in term.rows.chunks(2) {
-        let [left_out, kept] = [0, 1].map(|at| value(term, &pair[at], "error_mm"));
+        let [left_out, kept] = [0, 1].map(|index| value(term, &pair[index], "error_mm"));
         assert!(kept < 1e-2 * left_out, "{left_out} {kept}");
     }
     // The right model has only its element error, any other more, and swapped parameters err the more the deeper the

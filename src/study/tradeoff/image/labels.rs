@@ -77,6 +77,7 @@ fn boundary_mm(synth: &mut Synthesizer, state: &FrameState) -> Result<f64, Error
             label([p.x, p.y, p.z])
         })
         .collect();
+    // A boundary off by a distance mislabels an area of that width: no boundary has to be traced.
     let mislabelled = exact.iter().zip(&beam.label).filter(|(a, b)| a != b).count();
     let vertical = exact
         .chunks(beam.samples)

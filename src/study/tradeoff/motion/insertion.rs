@@ -1,9 +1,9 @@
-//! Motion around a needle in the two-layer phantom, as in figure 9 of Dehghan et al. 2008: the probe at the back, the needle along the beam and
-//! 5 mm out of the image plane.
+//! Motion around a needle in the two-layer phantom, as in figure 9 of Dehghan et al. 2008: the probe at the back, the
+//! needle along the beam and 5 mm out of the image plane.
 
 use super::validation::Course;
 use crate::stability::Effort;
-use crate::tradeoff::{Axis, Factor, Figure, Table};
+use crate::tradeoff::{Axis, Choice, Column, Factor, Figure, Table};
 use insonify::Error;
 use insonify::input::scenario::ScenarioFile;
 use insonify::run::{Moment, Observer, Requests, Step, run};
@@ -80,6 +80,23 @@ fn scenario(effort: Effort) -> String {
     text
 }
 
+/// The needle at a frame.
+struct NeedleRow {
+    time_s: f64,
+    /// Length in the tissue, mm.
+    inserted_mm: f64,
+    /// Force on the needle, N.
+    force_n: f64,
+}
+
+const CHOICES: [Choice<NeedleRow>; 1] = [Factor::new("part", "part").of(|_| "needle".to_owned())];
+
+const COLUMNS: [Column<NeedleRow>; 3] = [
+    Axis::linear("time_s", "time s", "time, s").of(|row| Some(row.time_s)),
+    Axis::linear("inserted_mm", "inserted mm", "length in the tissue, mm").of(|row| Some(row.inserted_mm)),
+    Axis::linear("force_n", "force N", "force on the needle, N").of(|row| Some(row.force_n)),
+];
+
 struct Watch<'a> {
     course: &'a mut Course,
     synthesizer: RfSynthesizer,
@@ -87,7 +104,7 @@ struct Watch<'a> {
     options: Options,
     followed: Vec<Followed>,
     scene: &'a insonify_imaging::scene::Scene,
-    needle: Table,
+    needle: Vec<NeedleRow>,
     /// Depth of the tip (mm) and force on the hand (N) in the last step.
     last: [f64; 2],
     frames: f64,
@@ -109,9 +126,12 @@ impl Observer for Watch<'_> {
     fn frame(&mut self, moment: &Moment<'_>) -> Result<(), Error> {
         let echoes = self.synthesizer.render(moment.state)?;
         let pose = &moment.state.probe_to_world;
-        let [depth, force] = self.last.map(Some);
-        self.needle
-            .push(vec!["needle".to_owned()], vec![Some(moment.time_s), depth, force], None);
+        let [inserted_mm, force_n] = self.last;
+        self.needle.push(NeedleRow {
+            time_s: moment.time_s,
+            inserted_mm,
+            force_n,
+        });
         (self.progress)(moment.number as f64 / self.frames);
         let Some(tracker) = &mut self.tracker else {
             let depths = self.options.centres_mm(self.synthesizer.samples());
@@ -140,19 +160,13 @@ pub(super) fn run_into(effort: Effort, course: &mut Course, progress: &mut dyn F
     let synthesizer = RfSynthesizer::new(scene.anatomy.clone(), scene.settings.clone(), acquisition)?;
     let options = Options::new(acquisition.sampling_mhz, medium::PITCH_MM);
     course.over(options, synthesizer.lines(), synthesizer.samples());
-    let axes = [
-        Axis::linear("time_s", "time s", "time, s"),
-        Axis::linear("inserted_mm", "inserted mm", "length in the tissue, mm"),
-        Axis::linear("force_n", "force N", "force on the needle, N"),
-    ];
-    let part_factor = Factor::new("part", "part");
     let mut watch = Watch {
         course,
         tracker: None,
         options,
         followed: Vec::new(),
         scene,
-        needle: Table::trace("needle", "Figure 9 a, b: the needle", &[part_factor], &axes),
+        needle: Vec::new(),
         last: [0.0; 2],
         frames: scenario.timing.moments(scenario.timing.frame_s) as f64,
         synthesizer,
@@ -166,7 +180,8 @@ pub(super) fn run_into(effort: Effort, course: &mut Course, progress: &mut dyn F
     run(&scenario, model.as_mut(), requests, &mut watch)?;
     let switches = watch.tracker.map_or(0, |tracker| tracker.switches);
     watch.course.end(NAME, switches);
-    Ok(watch.needle)
+    let title = "Figure 9 a, b: the needle";
+    Ok(Table::of("needle", title, &CHOICES, &COLUMNS, &watch.needle).unlisted())
 }
 
 /// Figures of the needle.

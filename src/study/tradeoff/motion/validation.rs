@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use super::{Errors, MOTIONS, Moved, about, bound_um, field, insertion, medium, strained_correlation};
 use crate::stability::Effort;
 use crate::tradeoff::gather::Progress;
-use crate::tradeoff::{Axis, Factor, Figure, Study, Table};
+use crate::tradeoff::{Axis, Choice, Column, Factor, Figure, Study, Table};
 use insonify::Error;
 use insonify_base::machine::Machine;
 use insonify_base::statistics::{mean, std};
@@ -18,8 +18,49 @@ const FRAMES_PER_S: f64 = 20.0;
 
 const TRUTH: [&str; 2] = ["true", "estimated"];
 
+/// Errors of the axial motion of a sequence.
+#[derive(Default)]
+struct ErrorsRow {
+    motion: String,
+    /// Largest mean error and largest standard deviation of a frame, um.
+    worst_um: [f64; 2],
+    /// Mean error of the last frame, um.
+    drift_um: f64,
+    /// Changes of the reference.
+    switches: usize,
+    frames: usize,
+}
+
 const MOTION: Factor = Factor::new("motion", "motion");
-const SOURCE: Factor = Factor::new("source", "source");
+
+const ERRORS_CHOICES: [Choice<ErrorsRow>; 1] = [MOTION.of(|row| row.motion.clone())];
+
+const ERRORS: [Column<ErrorsRow>; 5] = [
+    Axis::linear("mean_error_um", "mean um", "largest mean error of a frame, um").of(|row| Some(row.worst_um[0])),
+    Axis::linear("sd_um", "SD um", "largest standard deviation of a frame, um").of(|row| Some(row.worst_um[1])),
+    Axis::linear("drift_um", "drift um", "mean error of the last frame, um").of(|row| Some(row.drift_um)),
+    Axis::linear("switches", "references", "changes of the reference").of(|row| Some(row.switches as f64)),
+    Axis::linear("frames", "frames", "frames").of(|row| Some(row.frames as f64)),
+];
+
+/// True or estimated motion of something at a time.
+struct CourseRow {
+    /// What moves: the medium under a motion, a place or a side of the image.
+    name: String,
+    source: &'static str,
+    time: f64,
+    moved_mm: Option<f64>,
+}
+
+/// Rows of the true and of the estimated motion, um.
+fn both(name: &str, time: f64, um: [Option<f64>; 2]) -> impl Iterator<Item = CourseRow> {
+    std::iter::zip(TRUTH, um).map(move |(source, um)| CourseRow {
+        name: name.to_owned(),
+        source,
+        time,
+        moved_mm: um.map(|um| um * 1e-3),
+    })
+}
 
 /// Estimates of a sequence beside its true motion: the summary of table I and the courses of figures 8 and 9.
 pub struct Course {
@@ -27,55 +68,35 @@ pub struct Course {
     lines: usize,
     /// Depths of the windows, mm.
     depths: Vec<f64>,
-    table: Table,
-    means: Table,
-    places: Table,
-    sides: Table,
-    worst: [f64; 2],
-    last: f64,
-    frames: usize,
+    /// Horizontal axis of the courses.
+    time: Axis,
+    errors: Vec<ErrorsRow>,
+    means: Vec<CourseRow>,
+    places: Vec<CourseRow>,
+    sides: Vec<CourseRow>,
+    /// Errors of the sequence under way.
+    current: ErrorsRow,
 }
 
 /// Places in the image whose courses are drawn, along the middle line.
 const PLACES: usize = 6;
 
+const PLACES_TITLE: &str = "Figure 9 c: axial motion of places on the middle line";
+const SIDES_TITLE: &str = "Figure 9 d: lateral motion of the halves of the image";
+
 impl Course {
     /// Prepares the tables of sequences with these settings; `time` is the horizontal axis of the courses.
     pub fn new(options: Options, lines: usize, samples: usize, time: Axis) -> Self {
-        let of = |key, title: &str, factor, axes: &[Axis]| Table::trace(key, title, &[factor, SOURCE], axes);
-        let place = Factor::new("place", "depth, mm");
-        let side = Factor::new("side", "half of the image");
-        let axes = [
-            Axis::linear("mean_error_um", "mean um", "largest mean error of a frame, um"),
-            Axis::linear("sd_um", "SD um", "largest standard deviation of a frame, um"),
-            Axis::linear("drift_um", "drift um", "mean error of the last frame, um"),
-            Axis::linear("switches", "references", "changes of the reference"),
-            Axis::linear("frames", "frames", "frames"),
-        ];
-        let moved = Axis::linear("axial_mm", "axial mm", "mean axial motion, mm");
-        let axial = Axis::linear("axial_mm", "axial mm", "axial motion, mm");
-        let lateral = Axis::linear("lateral_mm", "lateral mm", "mean lateral motion, mm");
         Self {
             depths: options.centres_mm(samples),
             options,
             lines,
-            table: Table::new("errors", "Table I: errors of axial motion", &[MOTION], &axes),
-            means: of("courses", "Figure 8: motion of the medium", MOTION, &[time, moved]),
-            places: of(
-                "places",
-                "Figure 9 c: axial motion of places on the middle line",
-                place,
-                &[time, axial],
-            ),
-            sides: of(
-                "sides",
-                "Figure 9 d: lateral motion of the halves of the image",
-                side,
-                &[time, lateral],
-            ),
-            worst: [0.0; 2],
-            last: 0.0,
-            frames: 0,
+            time,
+            errors: Vec::new(),
+            means: Vec::new(),
+            places: Vec::new(),
+            sides: Vec::new(),
+            current: ErrorsRow::default(),
         }
     }
 
@@ -88,106 +109,124 @@ impl Course {
     /// correlate are left out.
     pub fn push(&mut self, motion: &str, time: f64, estimates: &[Estimate], truth: &[[f64; 2]]) {
         let fallback = self.options.fallback;
-        let kept = || estimates.iter().zip(truth).filter(|(it, _)| it.correlation >= fallback);
-        let errors: Vec<f64> = kept().map(|(it, truth)| it.axial_um - truth[0]).collect();
+        let kept = || {
+            let pairs = estimates.iter().zip(truth);
+            pairs.filter(|(estimate, _)| estimate.correlation >= fallback)
+        };
+        let errors: Vec<f64> = kept().map(|(estimate, truth)| estimate.axial_um - truth[0]).collect();
         if errors.is_empty() {
             return;
         }
         let (error, spread) = (mean(&errors), std(&errors));
-        self.worst = [self.worst[0].max(error.abs()), self.worst[1].max(spread)];
-        self.last = error;
-        self.frames += 1;
+        let worst = &mut self.current.worst_um;
+        *worst = [worst[0].max(error.abs()), worst[1].max(spread)];
+        self.current.drift_um = error;
+        self.current.frames += 1;
         let true_um = mean(&kept().map(|(_, truth)| truth[0]).collect::<Vec<_>>());
-        for (source, um) in TRUTH.iter().zip([true_um, true_um + error]) {
-            let choices = vec![motion.to_owned(), (*source).to_owned()];
-            self.means.push(choices, vec![Some(time), Some(um * 1e-3)], None);
-        }
+        let um = [true_um, true_um + error].map(Some);
+        self.means.extend(both(motion, time, um));
     }
 
     /// Adds the courses of places and of the halves of the image at a frame.
     pub fn push_places(&mut self, time: f64, estimates: &[Estimate], truth: &[[f64; 2]]) {
         let (count, fallback) = (self.options.windows, self.options.fallback);
-        for at in 0..PLACES.min(count) {
-            let window = (2 * at + 1) * count / (2 * PLACES);
+        for place in 0..PLACES.min(count) {
+            let window = (2 * place + 1) * count / (2 * PLACES);
             let index = self.lines / 2 * count + window;
             let name = format!("{:.0}", self.depths[window]);
             let estimated = (estimates[index].correlation >= fallback).then_some(estimates[index].axial_um);
-            for (source, um) in TRUTH.iter().zip([Some(truth[index][0]), estimated]) {
-                let values = vec![Some(time), um.map(|um| um * 1e-3)];
-                self.places.push(vec![name.clone(), (*source).to_owned()], values, None);
-            }
+            self.places
+                .extend(both(&name, time, [Some(truth[index][0]), estimated]));
         }
         let half = self.lines / 2 * count;
         for (name, range) in [("unmarked", 0..half), ("marked", half..estimates.len())] {
             let pairs = estimates[range.clone()].iter().zip(&truth[range]);
-            let kept: Vec<_> = pairs.filter(|(it, _)| it.correlation >= fallback).collect();
+            let kept: Vec<_> = pairs.filter(|(estimate, _)| estimate.correlation >= fallback).collect();
             if kept.is_empty() {
                 continue;
             }
             let true_um = mean(&kept.iter().map(|(_, truth)| truth[1]).collect::<Vec<_>>());
-            let estimated_um = mean(&kept.iter().map(|(it, _)| it.lateral_um).collect::<Vec<_>>());
-            for (source, um) in TRUTH.iter().zip([true_um, estimated_um]) {
-                let values = vec![Some(time), Some(um * 1e-3)];
-                self.sides
-                    .push(vec![name.to_owned(), (*source).to_owned()], values, None);
-            }
+            let estimated_um = mean(&kept.iter().map(|(estimate, _)| estimate.lateral_um).collect::<Vec<_>>());
+            self.sides.extend(both(name, time, [true_um, estimated_um].map(Some)));
         }
     }
 
     /// Ends a sequence: its row of table I.
     pub fn end(&mut self, motion: &str, switches: usize) {
-        let values = [
-            self.worst[0],
-            self.worst[1],
-            self.last,
-            switches as f64,
-            self.frames as f64,
-        ];
-        self.table
-            .push(vec![motion.to_owned()], values.map(Some).to_vec(), None);
-        (self.worst, self.last, self.frames) = ([0.0; 2], 0.0, 0);
+        self.errors.push(ErrorsRow {
+            motion: motion.to_owned(),
+            switches,
+            ..std::mem::take(&mut self.current)
+        });
     }
 
-    fn figures(&self, time: &'static str) -> Vec<Figure> {
-        let course = |file: String, title: String, table, y, colour: &'static str| Figure {
+    fn figures(&self) -> Vec<Figure> {
+        let course = |file: String, title: &str, table, y, colour: &'static str| Figure {
             marker: vec!["source"],
-            ..Figure::new(file, title, table, [time, y], colour)
+            ..Figure::new(file, title, table, [self.time.key, y], colour)
         };
-        let mut motions: Vec<&String> = self.means.rows.iter().map(|row| &row.choices[0]).collect();
+        let mut motions: Vec<&String> = self.means.iter().map(|row| &row.name).collect();
         motions.dedup();
-        let means = motions.iter().enumerate().map(|(at, motion)| Figure {
+        let means = motions.iter().enumerate().map(|(index, motion)| Figure {
             only: vec![("motion", (*motion).clone())],
             ..course(
-                format!("figure-8-{}", at + 1),
-                format!("Figure 8: {motion}"),
+                format!("figure-8-{}", index + 1),
+                &format!("Figure 8: {motion}"),
                 "courses",
                 "axial_mm",
                 "source",
             )
         });
         let mut figures: Vec<Figure> = means.collect();
-        let places =
-            |file: &str, table: &Table, y, colour| course(file.to_owned(), table.title.clone(), table.key, y, colour);
-        figures.push(places("figure-9c", &self.places, "axial_mm", "place"));
-        figures.push(places("figure-9d", &self.sides, "lateral_mm", "side"));
+        figures.push(course(
+            "figure-9c".to_owned(),
+            PLACES_TITLE,
+            "places",
+            "axial_mm",
+            "place",
+        ));
+        figures.push(course(
+            "figure-9d".to_owned(),
+            SIDES_TITLE,
+            "sides",
+            "lateral_mm",
+            "side",
+        ));
         figures
     }
 
     /// Study of all that was added, and of the line of a frame (figure 6).
     pub fn study(self, line: &[f32], about: Vec<(&'static str, String)>) -> Study {
-        let time = self.means.axes[0].key;
-        let figures = [vec![line_figure()], self.figures(time)].concat();
+        let figures = [vec![line_figure()], self.figures()].concat();
+        let course = |key: &'static str, title: &str, factor: Factor, axis: Axis, rows: &[CourseRow]| {
+            let choices = [
+                factor.of(|row: &CourseRow| row.name.clone()),
+                Factor::new("source", "source").of(|row| row.source.to_owned()),
+            ];
+            let columns = [
+                self.time.of(|row: &CourseRow| Some(row.time)),
+                axis.of(|row| row.moved_mm),
+            ];
+            Table::of(key, title, &choices, &columns, rows).unlisted()
+        };
+        let moved = Axis::linear("axial_mm", "axial mm", "mean axial motion, mm");
+        let axial = Axis::linear("axial_mm", "axial mm", "axial motion, mm");
+        let lateral = Axis::linear("lateral_mm", "lateral mm", "mean lateral motion, mm");
+        let place = Factor::new("place", "depth, mm");
+        let side = Factor::new("side", "half of the image");
+        let errors_title = "Table I: errors of axial motion";
+        let means_title = "Figure 8: motion of the medium";
         Study {
             name: "motion-validation",
             title: "Motion from echoes against the truth",
             about,
             machine: Machine::here(),
             tables: vec![
-                self.table,
+                Table::of("errors", errors_title, &ERRORS_CHOICES, &ERRORS, &self.errors),
                 line_table(&self.options, line),
-                self.means,
-                self.places,
-                self.sides,
+                course("courses", means_title, MOTION, moved, &self.means),
+                course("places", PLACES_TITLE, place, axial, &self.places),
+                course("sides", SIDES_TITLE, side, lateral, &self.sides),
             ],
             figures,
             notes: Vec::new(),
@@ -195,20 +234,29 @@ impl Course {
     }
 }
 
+/// A sample of a line of echoes, or of a window of it.
+struct LineRow {
+    part: String,
+    depth_mm: f64,
+    /// Share of the largest value.
+    value: f64,
+}
+
+const LINE_CHOICES: [Choice<LineRow>; 1] = [Factor::new("part", "part").of(|row| row.part.clone())];
+
+const LINE: [Column<LineRow>; 2] = [
+    Axis::linear("depth_mm", "depth mm", "depth, mm").of(|row| Some(row.depth_mm)),
+    Axis::linear("value", "value", "share of the largest value; windows are drawn lower").of(|row| Some(row.value)),
+];
+
 /// Figure 6: a portion of a line, and three windows of it.
 fn line_table(options: &Options, line: &[f32]) -> Table {
-    let part = Factor::new("part", "part");
-    let axes = [
-        Axis::linear("depth_mm", "depth mm", "depth, mm"),
-        Axis::linear("value", "value", "share of the largest value; windows are drawn lower"),
-    ];
-    let mut table = Table::trace("line", "Figure 6: a line of echoes and three windows", &[part], &axes);
     let depths = options.centres_mm(line.len());
     let sample_mm = options.speed_m_s * 1e-3 / (2.0 * options.sampling_mhz);
-    let at = |mm: f64| ((mm / sample_mm).round().max(0.0) as usize).min(line.len());
-    let around = |centre: f64| at(centre - options.window_mm / 2.0)..at(centre + options.window_mm / 2.0);
+    let sample = |mm: f64| ((mm / sample_mm).round().max(0.0) as usize).min(line.len());
+    let around = |centre: f64| sample(centre - options.window_mm / 2.0)..sample(centre + options.window_mm / 2.0);
     let three = 0..depths.len().min(3);
-    let portion = 0..at(depths[three.end - 1] + options.window_mm);
+    let portion = 0..sample(depths[three.end - 1] + options.window_mm);
     let most = line[portion.clone()]
         .iter()
         .fold(0.0_f32, |most, value| most.max(value.abs()));
@@ -216,13 +264,16 @@ fn line_table(options: &Options, line: &[f32]) -> Table {
         let name = format!("window {window}");
         (name, around(depths[window]), 2.0 * (window + 1) as f64)
     });
-    for (name, samples, lower) in std::iter::once(("line".to_owned(), portion, 0.0)).chain(parts) {
-        for at in samples {
-            let value = f64::from(line[at] / most.max(f32::MIN_POSITIVE)) - lower;
-            table.push(vec![name.clone()], vec![Some(at as f64 * sample_mm), Some(value)], None);
-        }
+    let mut rows = Vec::new();
+    for (part, samples, lower) in std::iter::once(("line".to_owned(), portion, 0.0)).chain(parts) {
+        rows.extend(samples.map(|sample| LineRow {
+            part: part.clone(),
+            depth_mm: sample as f64 * sample_mm,
+            value: f64::from(line[sample] / most.max(f32::MIN_POSITIVE)) - lower,
+        }));
     }
-    table
+    let title = "Figure 6: a line of echoes and three windows";
+    Table::of("line", title, &LINE_CHOICES, &LINE, &rows).unlisted()
 }
 
 fn line_figure() -> Figure {
@@ -248,49 +299,57 @@ const MEDIA: [(&str, Moved); 6] = [
     ("strained by 0.2 %", |z| [-0.002 * z, 0.0]),
 ];
 
+/// A medium after a shift or strain.
+struct MediumRow {
+    motion: &'static str,
+    errors: Errors,
+    /// Least axial standard deviation of any estimator, um.
+    bound_um: f64,
+    /// Correlations of a frame.
+    correlations: u64,
+}
+
+const MEDIA_CHOICES: [Choice<MediumRow>; 1] = [MOTION.of(|row| row.motion.to_owned())];
+
+const MEDIA_COLUMNS: [Column<MediumRow>; 9] = [
+    Axis::linear("bias_um", "bias um", "axial bias, um").of(|row| Some(row.errors.axial[0])),
+    Axis::linear("sd_um", "SD um", "axial standard deviation, um").of(|row| Some(row.errors.axial[1])),
+    Axis::linear("bound_um", "bound um", "least axial standard deviation, um").of(|row| Some(row.bound_um)),
+    Axis::linear("lateral_bias_um", "lateral bias um", "lateral bias, um").of(|row| Some(row.errors.lateral[0])),
+    Axis::linear("lateral_sd_um", "lateral SD um", "lateral standard deviation, um")
+        .of(|row| Some(row.errors.lateral[1])),
+    Axis::linear("correlation", "correlation", "mean correlation at the nearest sample")
+        .of(|row| Some(row.errors.correlation)),
+    Axis::linear("trusted", "correlate", "share of windows that correlate").of(|row| Some(row.errors.trusted)),
+    Axis::linear("wrong", "wrong", "share of these at a wrong place").of(|row| Some(row.errors.wrong)),
+    Axis::linear("correlations", "correlations", "correlations of a frame").of(|row| Some(row.correlations as f64)),
+];
+
 /// Accuracy under shifts and strains.
 fn media(effort: Effort, progress: Progress<'_>) -> Table {
     let (medium, options) = medium(effort);
-    let axes = [
-        Axis::linear("bias_um", "bias um", "axial bias, um"),
-        Axis::linear("sd_um", "SD um", "axial standard deviation, um"),
-        Axis::linear("bound_um", "bound um", "least axial standard deviation, um"),
-        Axis::linear("lateral_bias_um", "lateral bias um", "lateral bias, um"),
-        Axis::linear("lateral_sd_um", "lateral SD um", "lateral standard deviation, um"),
-        Axis::linear("correlation", "correlation", "mean correlation at the nearest sample"),
-        Axis::linear("trusted", "correlate", "share of windows that correlate"),
-        Axis::linear("wrong", "wrong", "share of these at a wrong place"),
-        Axis::linear("correlations", "correlations", "correlations of a frame"),
-    ];
-    let title = format!(
-        "Shifts and strains: {} lines with {} windows",
-        medium.lines, options.windows
-    );
-    let mut table = Table::new("media", title, &[MOTION], &axes);
+    let mut rows = Vec::new();
     let first = medium.frame(0, |_| [0.0; 2]);
-    for (at, (name, moved)) in MEDIA.iter().chain(&MOTIONS).enumerate() {
-        progress(name, 0.3 * at as f64 / (MEDIA.len() + MOTIONS.len()) as f64);
+    for (index, &(motion, moved)) in MEDIA.iter().chain(&MOTIONS).enumerate() {
+        progress(motion, 0.3 * index as f64 / (MEDIA.len() + MOTIONS.len()) as f64);
         let mut tracker = Tracker::new(options, medium.lines, &first);
         let estimates = tracker.next(&medium.frame(1, moved));
-        let errors = Errors::of(&options, &medium, &estimates, moved);
         // Motions are linear in depth, so that 1 mm gives the strain. It decorrelates windows even without
         // noise, and no estimator can be better than this correlation allows.
         let strain = moved(1.0)[0] - moved(0.0)[0];
         let rho = strained_correlation(&medium.acquisition, options.window_mm, strain);
-        let values = [
-            errors.axial[0],
-            errors.axial[1],
-            bound_um(&medium.acquisition, options.window_mm, rho),
-            errors.lateral[0],
-            errors.lateral[1],
-            errors.correlation,
-            errors.trusted,
-            errors.wrong,
-            tracker.correlations as f64,
-        ];
-        table.push(vec![(*name).to_owned()], values.map(Some).to_vec(), None);
+        rows.push(MediumRow {
+            motion,
+            errors: Errors::of(&options, &medium, &estimates, moved),
+            bound_um: bound_um(&medium.acquisition, options.window_mm, rho),
+            correlations: tracker.correlations,
+        });
     }
-    table
+    let title = format!(
+        "Shifts and strains: {} lines with {} windows",
+        medium.lines, options.windows
+    );
+    Table::of("media", title, &MEDIA_CHOICES, &MEDIA_COLUMNS, &rows)
 }
 
 /// A medium that swings once: amplitude from end to end, frequency, and what swings.
@@ -335,7 +394,7 @@ const SWINGS: [Swing; 6] = [
 
 fn swing(swing: &Swing, course: &mut Course, medium: &Medium, options: Options, progress: &mut dyn FnMut(f64)) {
     let frames = (FRAMES_PER_S / swing.hz).round() as i32;
-    let share = |at: i32| 0.5 - 0.5 * (TAU * f64::from(at) / f64::from(frames)).cos();
+    let share = |frame: i32| 0.5 - 0.5 * (TAU * f64::from(frame) / f64::from(frames)).cos();
     let centres = options.centres_mm(medium.samples);
     let length_mm = medium.samples as f64 * medium.acquisition.sample_mm();
     // The outer lines see beyond the array, and the tissue of the last windows leaves the image.
@@ -345,15 +404,15 @@ fn swing(swing: &Swing, course: &mut Course, medium: &Medium, options: Options, 
         (super::EDGE..medium.lines - super::EDGE).contains(&line) && stays
     };
     let mut tracker = Tracker::new(options, medium.lines, &medium.frame(0, |_| [0.0; 2]));
-    for at in 1..=frames {
-        progress(f64::from(at) / f64::from(frames));
-        let moved = |z: f64| (swing.most)(z).map(|mm| mm * share(at));
-        let estimates = tracker.next(&medium.frame(at, moved));
+    for frame in 1..=frames {
+        progress(f64::from(frame) / f64::from(frames));
+        let moved = |z: f64| (swing.most)(z).map(|mm| mm * share(frame));
+        let estimates = tracker.next(&medium.frame(frame, moved));
         let pairs = estimates.iter().enumerate().filter(|(index, _)| of_interest(*index));
         let (estimates, truth): (Vec<Estimate>, Vec<[f64; 2]>) = pairs
-            .map(|(index, it)| (*it, moved(centres[index % options.windows]).map(|mm| mm * 1e3)))
+            .map(|(index, estimate)| (*estimate, moved(centres[index % options.windows]).map(|mm| mm * 1e3)))
             .unzip();
-        course.push(swing.name, f64::from(at) / FRAMES_PER_S, &estimates, &truth);
+        course.push(swing.name, f64::from(frame) / FRAMES_PER_S, &estimates, &truth);
     }
     course.end(swing.name, tracker.switches);
 }
@@ -368,15 +427,15 @@ pub fn study(effort: Effort, progress: Progress<'_>) -> Result<Study, Error> {
     let (small, options) = field(effort.pick([24, 1000, 32], [48, 1600, 50]));
     let mut course = Course::new(options, small.lines, small.samples, time);
     let swings = &SWINGS[effort.pick(4, 0)..];
-    for (at, it) in swings.iter().enumerate() {
-        let begun = 0.3 + 0.3 * at as f64 / swings.len() as f64;
+    for (index, swung) in swings.iter().enumerate() {
+        let begun = 0.3 + 0.3 * index as f64 / swings.len() as f64;
         // Tissue that comes into the image, and goes out of it.
         let medium = Medium {
-            before_mm: 1.0 + (it.most)(0.0)[0],
+            before_mm: 1.0 + (swung.most)(0.0)[0],
             ..small
         };
-        swing(it, &mut course, &medium, options, &mut |share| {
-            progress(it.name, begun + 0.3 * share / swings.len() as f64);
+        swing(swung, &mut course, &medium, options, &mut |share| {
+            progress(swung.name, begun + 0.3 * share / swings.len() as f64);
         });
     }
     let needle = insertion::run_into(effort, &mut course, &mut |share| {

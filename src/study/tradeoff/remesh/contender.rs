@@ -28,7 +28,8 @@ pub(crate) struct Step {
     pub rebuilt: bool,
 }
 
-/// Describes how measurements break what a contender promises, if they do: values are finite and, of an exact one, within its limit.
+/// Describes how measurements break what a contender promises, if they do: values are finite and, of an exact one,
+/// within its limit.
 pub(crate) fn broken(limit: Option<f64>, measured: &Measured) -> Option<String> {
     // The error in mm follows from the others.
     const KINDS: [&str; 4] = ["K^-1", "K^c", "displacements", "relative residual"];

@@ -37,7 +37,7 @@ fn study(error_of_wrong: f64) -> Study {
         );
     }
     mark_gold(&mut table, "exact");
-    let mut trace = Table::trace("trace", "Along the way", &FACTORS, &AXES);
+    let mut trace = Table::new("trace", "Along the way", &FACTORS, &AXES).unlisted();
     for step in 1..10 {
         trace.push(
             vec!["exact".to_owned()],

@@ -19,18 +19,18 @@ fn what_made_the_data_is_found() {
     for material in Material::examples() {
         for compression in [Compression::UEng, Compression::UTru] {
             let fit = Fit::new(&samples(material, compression, 0.5), compression).expect("a fit");
-            let found = fit
+            let fitted = fit
                 .models
                 .iter()
                 .find(|model| model.material.model() == material.model());
-            let found = found.expect("its model");
-            assert!(found.r_squared > 1.0 - 1e-12, "{found:?}");
-            let pairs = material.parameters().into_iter().zip(found.material.parameters());
-            for ((key, expected), (_, found)) in pairs {
+            let fitted = fitted.expect("its model");
+            assert!(fitted.r_squared > 1.0 - 1e-12, "{fitted:?}");
+            let pairs = material.parameters().into_iter().zip(fitted.material.parameters());
+            for ((key, expected), (_, value)) in pairs {
                 // The golden section ends at 1e-9; the sum of squares is flat there to the root of rounding, 1e-8.
                 assert!(
-                    (found - expected).abs() < 1e-5 * expected.abs(),
-                    "{key}: {found} {expected}"
+                    (value - expected).abs() < 1e-5 * expected.abs(),
+                    "{key}: {value} {expected}"
                 );
             }
         }

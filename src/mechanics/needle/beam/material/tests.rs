@@ -26,11 +26,11 @@ fn stress_is_the_slope_of_the_energy() {
                     _ => engineering * ratio,
                 };
                 // Second-order differences: (step^2/6) W''' is 1e-10 of W' / ratio^2 times a few powers of alpha.
-                let found = law.at(ratio).stress_kpa;
+                let stress = law.at(ratio).stress_kpa;
                 let near = 1e-6 * expected.abs();
                 assert!(
-                    (found - expected).abs() < near,
-                    "{material:?} {compression:?} {ratio}: {found} {expected}"
+                    (stress - expected).abs() < near,
+                    "{material:?} {compression:?} {ratio}: {stress} {expected}"
                 );
             }
         }
@@ -46,16 +46,17 @@ fn moduli_are_the_slopes_of_stress() {
                 let step = 1e-5 * ratio;
                 let [more, less] = [law.at(ratio + step), law.at(ratio - step)];
                 let here = law.at(ratio);
-                let of = |part: fn(&Response) -> f64| (part(&more) - part(&less)) / (2.0 * step);
-                // The same tolerance; rounding of differences adds 1e-11 of the largest term, which may cancel in the sum.
-                for (found, expected) in [
-                    (here.tangent_kpa, of(|r| r.stress_kpa)),
-                    (here.rate_kpa, of(|r| r.tangent_kpa)),
+                let slope_of = |part: fn(&Response) -> f64| (part(&more) - part(&less)) / (2.0 * step);
+                // The same tolerance; rounding of differences adds 1e-11 of the largest term, which may cancel in the
+                // sum.
+                for (modulus, expected) in [
+                    (here.tangent_kpa, slope_of(|r| r.stress_kpa)),
+                    (here.rate_kpa, slope_of(|r| r.tangent_kpa)),
                 ] {
-                    let near = 1e-6 * found.abs() + 1e-7 * here.tangent_kpa.abs();
+                    let near = 1e-6 * modulus.abs() + 1e-7 * here.tangent_kpa.abs();
                     assert!(
-                        (found - expected).abs() < near,
-                        "{material:?} {compression:?} {ratio}: {found} {expected}"
+                        (modulus - expected).abs() < near,
+                        "{material:?} {compression:?} {ratio}: {modulus} {expected}"
                     );
                 }
             }
@@ -63,14 +64,14 @@ fn moduli_are_the_slopes_of_stress() {
     }
 }
 
-/// At rest the tangent modulus is 3 mu, or 4 mu where tissue cannot widen along the needle, mu being that of shear: a stretch by e
-/// along one axis and the inverse along another has the energy 2 mu e^2.
+/// At rest the tangent modulus is 3 mu, or 4 mu where tissue cannot widen along the needle, mu being that of shear: a
+/// stretch by e along one axis and the inverse along another has the energy 2 mu e^2.
 #[test]
 fn at_rest_all_materials_of_a_shear_modulus_are_alike() {
     for material in Material::examples() {
         let secant = |strain: f64| material.energy_kpa([1.0, strain.exp(), (-strain).exp()]) / (2.0 * strain.powi(2));
-        // The error of second order drops out of two strains; that of fourth is below 1e-9 for Ogden's exponent of 8.74,
-        // rounding some 1e-10.
+        // The error of second order drops out of two strains; that of fourth is below 1e-9 for Ogden's exponent of
+        // 8.74, rounding some 1e-10.
         let mu = (4.0 * secant(1.5e-3) - secant(3e-3)) / 3.0;
         for (compression, times) in Compression::ALL.into_iter().zip([3.0, 3.0, 4.0]) {
             let at_rest = Law::new(&material, compression).at(1.0);
@@ -94,8 +95,8 @@ fn ogden_is_as_published() {
         2.0 * mu / alpha * (l.powf(alpha) - l.powf(-alpha)),
     ];
     for (compression, expected) in Compression::ALL.into_iter().zip(expected) {
-        let found = Law::new(&material, compression).at(l).stress_kpa;
-        assert!((found - expected).abs() < 1e-13 * expected.abs(), "{compression:?}");
+        let stress = Law::new(&material, compression).at(l).stress_kpa;
+        assert!((stress - expected).abs() < 1e-13 * expected.abs(), "{compression:?}");
     }
 }
 

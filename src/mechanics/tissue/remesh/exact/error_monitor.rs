@@ -68,6 +68,8 @@ impl Exact {
         let (mut e, products) = columns.rb_mut().split_at_col_mut(1);
         let (mut ge, products) = products.split_at_col_mut(1);
         let (mut y, mut gy) = products.split_at_col_mut(1);
+        // One vector of random signs: it costs products with vectors, where the norm of the whole defect would cost one
+        // of matrices.
         fill_with_signs(e.rb_mut(), self.step);
         product(ge.rb_mut(), Accum::Replace, g, e.rb(), 1.0);
         product(y.rb_mut(), Accum::Replace, c, ge.rb(), 1.0);
@@ -79,6 +81,7 @@ impl Exact {
             defect[(support.place(row), 0)] -= value * (ge[(place, 0)] - gy[(place, 0)]);
         }
         let residual = largest(defect.rb());
+        // Relative to the terms, whose rounding is unavoidable, not to their sum.
         let size = difference.norm_inf() * (largest(ge.rb()) + largest(gy.rb())) + largest(y.rb());
         [residual, relative(residual, size)]
     }
