@@ -190,6 +190,7 @@ impl<R: Precision> Factor<R> {
             size: self.size(),
             bytes: length.checked_mul(size_of::<R>()),
         };
+        // Into spare memory: a matrix that is not positive definite leaves the factor as it was.
         if self.spare.len() != length {
             let needed = length.saturating_mul(size_of::<R>());
             if insonify_base::memory::available().is_some_and(|available| needed > available) {

@@ -89,6 +89,7 @@ impl Rule {
             }
             (Rule::TimeScaledTrapezoid, Operator::Integral(k)) => Box::new(Full::new(Basis::Mean, k, initial)),
             (Rule::Trapezoid, Operator::Integral(k)) => Box::new(Full::new(Basis::Linear, k, initial)),
+            // The derivative of order k is the integral of order 1 - k of the slopes, which are constant over a step.
             (Rule::Trapezoid | Rule::TimeScaledTrapezoid, Operator::Derivative(k)) => {
                 let inner = Full::new(Basis::Constant, 1.0 - k, &zero);
                 Box::new(Slopes::new(k, initial, Box::new(inner)))

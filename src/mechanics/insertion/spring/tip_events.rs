@@ -57,6 +57,7 @@ impl MassSpring {
         self.body.element = element;
         let corners = self.network.elements[element as usize];
         let in_skin = corners.into_iter().filter(|&node| (node as usize) < self.skin_nodes);
+        // An array, as steps do not allocate.
         let mut candidates: [Option<u32>; 4] = [None; 4];
         candidates
             .iter_mut()

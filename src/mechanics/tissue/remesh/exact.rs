@@ -196,6 +196,8 @@ impl Remesher for Exact {
             }
         };
         self.step += 1;
+        // Rows that are back at their base leave C, which must be complete for that: S stays as small as what the
+        // needle has moved.
         if self.support.releases(mesh, &change.support) {
             self.complete();
             self.support.release(mesh, &change.support);

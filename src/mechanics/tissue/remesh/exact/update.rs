@@ -15,7 +15,7 @@ use crate::tissue::remesh::lu::{Lu, capacitance};
 #[derive(Default)]
 pub(super) struct Work {
     /// Places of P in S.
-    pub at: Vec<usize>,
+    pub places: Vec<usize>,
     /// G[S, P], also for an expected change.
     pub g_sp: Growable,
     /// H = K^-1[P, P].
@@ -72,7 +72,7 @@ impl Work {
             dw,
             next,
             lu,
-            at: _,
+            places: _,
             left: _,
         } = self;
         let matrices = [g_sp, v, vd, columns, across, turned, h, d, w, dw, next];
@@ -87,13 +87,14 @@ impl Exact {
     pub(super) fn update(&mut self, change: &Change, done: usize) -> Result<f64, f64> {
         let Exact { support, work, .. } = self;
         let (len, rank) = (support.len(), change.support.len());
-        work.at.clear();
-        work.at.extend(change.support.iter().map(|dof| support.place(*dof)));
+        work.places.clear();
+        work.places.extend(change.support.iter().map(|dof| support.place(*dof)));
         let mut g_sp = work.g_sp.shape(len, rank);
-        for (column, &place) in work.at.iter().enumerate().skip(done) {
+        for (column, &place) in work.places.iter().enumerate().skip(done) {
             g_sp.rb_mut().col_mut(column).copy_from(support.g.get().col(place));
         }
         let g_sp = g_sp.rb();
+        // V and H of the module's equations; columns that a prediction of this move has computed are kept.
         let mut x = work.v.shape(len, rank);
         let to_do = x.rb_mut().subcols_mut(done, rank - done);
         product(
@@ -104,26 +105,28 @@ impl Exact {
             1.0,
         );
         let mut h = work.h.shape(rank, rank);
-        pick_rows(h.rb_mut(), g_sp, &work.at);
+        pick_rows(h.rb_mut(), g_sp, &work.places);
         product(h.rb_mut(), Accum::Add, g_sp.transpose(), x.rb(), -1.0);
         symmetrise(h.rb_mut());
         let mut d = work.d.shape(rank, rank);
+        // det K' = det K det(I + d H): this matrix is singular where the stiffness of the changed mesh is.
         let condition = capacitance(&mut work.lu, change.stiffness.as_ref(), h.rb(), d.rb_mut());
         if condition < self.options.reciprocal_limit {
             return Err(condition);
         }
         let d = d.rb();
 
+        // K^c needs W only: it is current before C is, whose last product is the largest and can wait for idle time.
         let b = support.b.get();
         let mut w = work.w.shape(rank, b.ncols());
-        pick_rows(w.rb_mut(), b, &work.at);
+        pick_rows(w.rb_mut(), b, &work.places);
         product(w.rb_mut(), Accum::Add, x.rb().transpose(), b, -1.0);
         let mut dw = work.dw.shape(rank, b.ncols());
         product(dw.rb_mut(), Accum::Replace, d, w.rb(), 1.0);
         symmetric_product(self.contacts.condensed.get_mut(), w.rb().transpose(), dw.rb(), -1.0);
 
         // x becomes -V; the sign cancels in V D V^T.
-        for (column, &place) in work.at.iter().enumerate() {
+        for (column, &place) in work.places.iter().enumerate() {
             x[(place, column)] -= 1.0;
         }
         work.left = true;
