@@ -89,11 +89,11 @@ impl Csv {
     /// # Errors
     /// The errors of [`Csv::read`].
     pub fn open(path: &Path, required: &[&str]) -> Result<Self, CsvError> {
-        let bytes = read::bytes(path, read::CSV).map_err(|cause| CsvError::Read {
+        let text = read::text(path, read::CSV).map_err(|cause| CsvError::Read {
             path: path.to_owned(),
             cause,
         })?;
-        Self::parse(path, &bytes, required)
+        Self::parse(path, text.as_bytes(), required)
     }
 
     /// Reads a table from memory as [`Csv::open`] does; `path` is used only in errors.

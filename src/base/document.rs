@@ -25,6 +25,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use crate::blame::Blame;
+use crate::foreign::Foreign;
 use crate::read;
 use renamed::now;
 use typed::Mismatch;
@@ -39,14 +40,6 @@ pub enum InvalidFile {
         path: PathBuf,
         /// Error of the operating system.
         cause: io::Error,
-    },
-    /// The file is not UTF-8 text.
-    #[error("{}: byte {byte} is not UTF-8 text", path.display())]
-    NotText {
-        /// Path of the file.
-        path: PathBuf,
-        /// Offset of the first byte that is not UTF-8, from 0.
-        byte: usize,
     },
     /// The text is not TOML, or a value has the wrong type.
     #[error("{0}")]
@@ -195,13 +188,22 @@ pub fn bundled(files: &[(&'static str, &'static str)], path: &Path) -> Option<(&
 
 /// Reads the text of a file.
 pub fn read(path: &Path) -> Result<String, InputError> {
-    let bytes = read::bytes(path, read::TOML);
-    let path = || path.to_owned();
-    let bytes = bytes.map_err(|cause| InputError::new(InvalidFile::Read { path: path(), cause }))?;
-    String::from_utf8(bytes).map_err(|error| {
-        let byte = error.utf8_error().valid_up_to();
-        InputError::new(InvalidFile::NotText { path: path(), byte })
-    })
+    let other = |text: &str| {
+        // No table of TOML begins so.
+        let kind = match text.trim_start().as_bytes().first()? {
+            b'<' => Foreign::of(text.as_bytes()).map_or("an XML file", |kind| kind.name),
+            b'{' => "a JSON file",
+            _ => return None,
+        };
+        let found = format!("found {kind}; expected a TOML file");
+        Some(io::Error::new(io::ErrorKind::InvalidInput, found))
+    };
+    read::text(path, read::TOML)
+        .and_then(|text| other(&text).map_or(Ok(text), Err))
+        .map_err(|cause| {
+            let path = path.to_owned();
+            InputError::new(InvalidFile::Read { path, cause })
+        })
 }
 
 /// Parses a text and keeps it for errors that point into it; `name` is the file name shown in them.

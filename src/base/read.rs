@@ -4,6 +4,7 @@ use std::fs::{self, File, FileType};
 use std::io::{self, Read};
 use std::path::Path;
 
+use crate::foreign::Foreign;
 use crate::memory::{self, TooLarge};
 
 /// A kind of file that is read into memory at once.
@@ -63,6 +64,8 @@ enum Refused {
     TooLong { found: u64, kind: Kind },
     #[error("found a loop of symbolic links; expected a file")]
     Loop,
+    #[error("found {0}; expected text in UTF-8")]
+    NoText(String),
 }
 
 impl From<Refused> for io::Error {
@@ -108,10 +111,29 @@ pub fn bytes(path: &Path, kind: Kind) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Reads a file as [`bytes`] does, as UTF-8 text.
+/// Reads a file as [`bytes`] does, as UTF-8 text without zeros.
 pub fn text(path: &Path, kind: Kind) -> io::Result<String> {
-    let utf8 = |bytes| String::from_utf8(bytes).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error));
-    bytes(path, kind).and_then(utf8)
+    match String::from_utf8(bytes(path, kind)?) {
+        Ok(text) if !text.contains('\0') => Ok(text),
+        Ok(text) => Err(no_text(text.as_bytes(), text.len())),
+        Err(error) => Err(no_text(error.as_bytes(), error.utf8_error().valid_up_to())),
+    }
+}
+
+/// Refusal of a file that is not UTF-8 from a byte on, or has zeros, by what it is.
+fn no_text(bytes: &[u8], valid: usize) -> io::Error {
+    let is_control = |byte: &u8| byte.is_ascii_control() && !byte.is_ascii_whitespace();
+    let found = if matches!(bytes, [0xff, 0xfe, ..] | [0xfe, 0xff, ..]) {
+        "text in UTF-16".to_owned()
+    } else if let Some(kind) = Foreign::of(bytes) {
+        kind.name.to_owned()
+    } else if bytes.iter().any(is_control) {
+        "binary data".to_owned()
+    } else {
+        let line = 1 + bytes[..valid].iter().filter(|byte| **byte == b'\n').count();
+        format!("a character of another encoding in line {line}")
+    };
+    Refused::NoText(found).into()
 }
 
 /// Allocates capacity for exactly `count` values, which are part of `what`, after checking the available memory.
@@ -207,6 +229,27 @@ mod tests {
                 assert!(!is_machine(&error), "{name}: {error}");
             }
         }
+    }
+
+    #[test]
+    fn what_is_no_text_is_named_and_not_shown() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file");
+        for (bytes, found) in [
+            (&b"a,b\n1,M\xfcller\n"[..], "a character of another encoding in line 2"),
+            (b"\xff\xfea\0", "text in UTF-16"),
+            (b"\x89PNG\r\n\x1a\n\xff", "a picture (PNG)"),
+            (b"PK\x03\x04\0", "a zip archive"),
+            (b"\x01\xff\xfe", "binary data"),
+            (b"a,b\n\0\0", "binary data"),
+        ] {
+            fs::write(&path, bytes).unwrap();
+            let error = text(&path, CSV).unwrap_err();
+            assert_eq!(error.to_string(), format!("found {found}; expected text in UTF-8"));
+            assert!(!is_machine(&error));
+        }
+        fs::write(&path, "a,b\r\n1,Müller\t\x0c\n").unwrap();
+        assert!(text(&path, CSV).is_ok());
     }
 
     #[test]

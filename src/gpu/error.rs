@@ -38,7 +38,7 @@ pub enum GpuError {
     },
 
     /// A requirement exceeds a limit of the device.
-    #[error("{what} needs {limit} of at least {needed}, this device has {available}")]
+    #[error("{what} needs {limit} of at least {needed}, this device has {available}{}", way_on(limit, *needed, *available))]
     Limit {
         /// What exceeds the limit.
         what: String,
@@ -112,6 +112,20 @@ pub enum GpuError {
         /// Message of the driver.
         message: String,
     },
+}
+
+/// What to do about an exceeded limit; nothing is known where it is none of bytes.
+fn way_on(limit: &str, needed: u64, available: u64) -> String {
+    if !["max_storage_buffer_binding_size", "max_buffer_size"].contains(&limit) {
+        return String::new();
+    }
+    let coarser = (needed as f64 / available as f64).cbrt();
+    // Rounded up, so that it fits.
+    let coarser = (coarser * 100.0).ceil() / 100.0;
+    format!(
+        ": compute on the CPU (`--backend cpu`), which has no such limit, or, if it is a volume that is too large, resample it to voxels \
+         {coarser} times as long"
+    )
 }
 
 impl Blame for GpuError {

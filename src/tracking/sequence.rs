@@ -222,10 +222,12 @@ impl Sequence {
         let last = keys.frames.keys().next_back().copied();
         // Numbers beyond the images cannot be theirs: only the order is known then.
         let fits = last.is_none_or(|last| last < count);
-        if images.is_some() && !fits {
-            let named = keys.frames.len();
+        // As many as the images, counted from 1.
+        let is_from_one = keys.frames.len() == count && last == Some(count) && !keys.frames.contains_key(&0);
+        if images.is_some() && !fits && !is_from_one {
+            let (named, last) = (keys.frames.len(), last.unwrap_or(0));
             warnings.push(format!(
-                "{named} frames are named, up to number {last:?}, for {count} images: taken in order"
+                "{named} frames are named, up to number {last}, for {count} images: taken in order"
             ));
         }
         let mut named: BTreeMap<usize, keys::Frame> = if fits {
@@ -560,8 +562,54 @@ mod tests {
             sequence
                 .warnings
                 .iter()
-                .any(|warning| warning.contains("taken in order"))
+                .any(|warning| warning == "2 frames are named, up to number 20, for 2 images: taken in order")
         );
+    }
+
+    /// Line ends, numbers of frames and states as programs write them.
+    #[test]
+    fn recordings_of_many_programs_are_the_same() {
+        let recording = |line_end: &str, first: usize, digits: usize, orientation: &str| {
+            let mut keys = format!("UltrasoundImageOrientation = {orientation}\nUltrasoundImageType = BRIGHTNESS");
+            for index in 0..3 {
+                let frame = format!("\nSeq_Frame{:0digits$}", first + index);
+                let status = ["OK", "TOOL_MISSING", "OK"][index];
+                keys += &format!("{frame}_AToBTransform = 1 0 0 {index} 0 1 0 0 0 0 1 0 0 0 0 1");
+                keys += &format!("{frame}_AToBTransformStatus = {status}");
+                keys += &format!("{frame}_Timestamp = {index}.5{frame}_ImageStatus = OK");
+            }
+            let (_folder, path) = write(&header("2 1 3", &keys).replace('\n', line_end), &[1, 2, 3, 4, 5, 6]);
+            Sequence::read(&path).unwrap()
+        };
+        let plain = recording("\n", 0, 4, "MFA");
+        assert!(plain.warnings.is_empty(), "{:?}", plain.warnings);
+        assert_eq!(plain.transform(1, "A", "B"), None);
+        for (line_end, first, digits, orientation) in [
+            ("\r\n", 0, 4, "MFA"),
+            ("\n", 1, 4, "MFA"),
+            ("\n", 0, 10, "MFA"),
+            ("\r\n", 1, 1, "MF"),
+            ("\n", 0, 4, "??"),
+        ] {
+            let other = recording(line_end, first, digits, orientation);
+            let case = format!("{line_end:?} {first} {digits} {orientation}");
+            assert_eq!(other.frames.len(), 3, "{case}");
+            for frame in 0..3 {
+                assert_eq!(other.frames[frame].timestamp, plain.frames[frame].timestamp, "{case}");
+                assert_eq!(
+                    other.transform(frame, "A", "B"),
+                    plain.transform(frame, "A", "B"),
+                    "{case}"
+                );
+                assert_eq!(other.image(frame), plain.image(frame), "{case}");
+            }
+            let doubts = usize::from(orientation == "??");
+            assert_eq!(other.warnings.len(), doubts, "{case}: {:?}", other.warnings);
+        }
+        // Turned, and as sure.
+        let turned = recording("\n", 0, 4, "UN");
+        assert_eq!(turned.image(0).unwrap().pixels, [2, 1]);
+        assert!(turned.warnings.is_empty(), "{:?}", turned.warnings);
     }
 
     #[test]

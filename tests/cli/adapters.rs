@@ -39,9 +39,10 @@ fn a_scene_over_the_limits_names_the_limit() {
         .replace("samples = 64", "samples = 16384")
         .replace("lines = 32", &format!("lines = {lines}"));
     bench.write("large.toml", &format!("{large}[effects]\nonly = []\n"));
-    bench
-        .run("render large.toml --backend gpu")
-        .fails(1, &["max_storage_buffer_binding_size", &limit.to_string()]);
+    bench.run("render large.toml --backend gpu").fails(
+        1,
+        &["max_storage_buffer_binding_size", &limit.to_string(), "--backend cpu"],
+    );
     assert!(!bench.path("frame.png").exists());
     let auto = bench.run("render large.toml --json").json();
     assert_eq!(auto["backend"], "cpu");

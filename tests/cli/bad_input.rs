@@ -63,7 +63,18 @@ fn wrong_files_are_status_2_and_named() {
     bench.run("inspect scene.toml --at -1,3").fails(2, &["-1,3", "320,240"]);
     bench.write("binary.toml", "version = 1\n");
     std::fs::write(bench.path("binary.toml"), b"version = 1\n\xff\xfe").unwrap();
-    bench.run("plan binary.toml").fails(2, &["binary.toml", "byte 12"]);
+    bench.run("plan binary.toml").fails(2, &["binary.toml", "line 2"]);
+    bench.write(
+        "plus.xml",
+        "<PlusConfiguration version=\"2.9\">\n</PlusConfiguration>\n",
+    );
+    bench
+        .run("plan plus.xml")
+        .fails(2, &["plus.xml", "found a configuration of PLUS; expected a TOML file"]);
+    bench.write("scene.json", "{\"version\": 2}\n");
+    bench
+        .run("plan scene.json")
+        .fails(2, &["found a JSON file; expected a TOML file"]);
 }
 
 /// Two megabytes that unpack to the two gigabytes that their header calls for.

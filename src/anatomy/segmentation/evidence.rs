@@ -120,8 +120,8 @@ pub(super) struct Fit {
 }
 
 impl Fit {
-    /// Weighs names of labels.
-    pub(super) fn of(labels: &[Label], extents: &Extents, names: &[(usize, String)]) -> Self {
+    /// Weighs names of labels. `slant` is the tangent of the angle by which the body may be turned about its long axis.
+    pub(super) fn of(labels: &[Label], extents: &Extents, names: &[(usize, String)], slant: f64) -> Self {
         let mut fit = Self::default();
         let named: Vec<Named> = names.iter().map(Named::new).collect();
         let shown = |named: &Named| format!("label {} ({})", labels[named.label].value, named.name);
@@ -139,7 +139,7 @@ impl Fit {
             let (mut kept, mut broken) = (0, Vec::new());
             for first in present.clone() {
                 for second in present.clone() {
-                    match order.holds(first, second, extents, scale) {
+                    match order.holds(first, second, extents, scale, slant) {
                         Some(true) => kept += 1,
                         Some(false) => {
                             let text = format!("{} {} {}", shown(first), order.is_exchanged, shown(second));

@@ -17,6 +17,9 @@ const MARGIN: f64 = 1.0;
 /// Score of a numbering that the file's name states.
 const STATED: f64 = 3.0;
 
+/// Tangent of the angle by which a body may be turned about its long axis before its orientation is questioned: 27 degrees.
+const SLANT: f64 = 0.5;
+
 /// Number of names that show how a numbering reads labels.
 const FEW: usize = 4;
 
@@ -67,7 +70,7 @@ impl Segmentation {
         let reading = |&preset: &Preset| {
             let organ = |&index: &usize| Some((index, self.organ(preset, index)?.to_owned()));
             let names: Vec<_> = nameless.iter().map(organ).collect::<Option<_>>()?;
-            let mut fit = Fit::of(self.volume.labels(), extents, &names);
+            let mut fit = Fit::of(self.volume.labels(), extents, &names, 0.0);
             let is_stated = stem.is_some_and(|stem| preset.is_stated_by(stem));
             fit.score += if is_stated { STATED } else { 0.0 };
             Some(Reading {
@@ -170,7 +173,7 @@ impl Segmentation {
             .collect();
         let Fit {
             odd, turned, scaled, ..
-        } = Fit::of(self.volume.labels(), extents, &names);
+        } = Fit::of(self.volume.labels(), extents, &names, SLANT);
         let remedy = match self.by_value {
             Some(_) => "name the labels with --names FILE, or choose another volume.preset",
             None => "check names, voxel spacing and orientation",

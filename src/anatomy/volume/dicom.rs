@@ -51,7 +51,8 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Loaded, VolumeError> {
     let without = |what: &str| {
         malformed(
             format!("no {what}"),
-            "a segmentation whose frames have a segment and a place",
+            "a segmentation whose frames have a segment and a place: export it anew, with the image that it was drawn on (3D Slicer, or \
+             itkimage2segimage of dcmqi)",
         )
     };
     let integer = |tag: Tag| object.get(tag).and_then(|element| element.to_int::<u32>().ok());
@@ -108,7 +109,7 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Loaded, VolumeError> {
     let stack = Stack::new(&frames, normal, stated).ok_or_else(|| {
         malformed(
             "slices at uneven distances".to_owned(),
-            "slices of one distance, along one line",
+            "slices of one distance, along one line (3D Slicer resamples them: save as .seg.nrrd)",
         )
     })?;
     let pixels = rows * columns;

@@ -32,6 +32,14 @@ pub(super) fn refusal(path: &Path, start: &[u8]) -> VolumeError {
 
 /// Refusal of a gzipped file with these first bytes, unpacked.
 pub(super) fn unpacked(path: &Path, start: &[u8]) -> VolumeError {
+    if start.starts_with(b"\x1f\x8b") {
+        return VolumeError::unsupported(
+            path,
+            At::Byte(0),
+            "a file that is gzipped twice",
+            "unpack it once with gunzip",
+        );
+    }
     if let Some(format) = FORMATS.iter().find(|format| (format.recognises)(start)) {
         let found = format!("a gzipped {} file", format.name);
         let instead = "unpack it with gunzip: of files that are gzipped as a whole, NIfTI is read";
@@ -173,6 +181,11 @@ mod tests {
         let message = unpacked(Path::new("a.nrrd.gz"), b"NRRD0004\n").to_string();
         assert!(
             message.contains("a gzipped NRRD file is not supported; unpack it"),
+            "{message}"
+        );
+        let message = unpacked(Path::new("a.nii.gz"), b"\x1f\x8b\x08\0").to_string();
+        assert!(
+            message.contains("a file that is gzipped twice is not supported; unpack it once"),
             "{message}"
         );
         assert!(

@@ -241,6 +241,42 @@ mod tests {
     }
 
     #[test]
+    fn a_header_and_its_image_are_one_volume_packed_or_not_whichever_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        let volume = load(&{
+            let mut bytes = format!("NRRD0004\n{CUBE}\nencoding: raw\n\n").into_bytes();
+            bytes.extend([0, 1, 1, 0, 0, 2, 2, 0, 3, 3, 3, 3]);
+            fs::write(path("a.nrrd"), bytes).unwrap();
+            path("a.nrrd")
+        });
+        let volume = volume.unwrap().volume;
+        crate::volume::save(&volume, &path("a.nii")).unwrap();
+        let mut header = fs::read(path("a.nii")).unwrap();
+        let image = header.split_off(header.len() - volume.voxels().len());
+        header.truncate(348);
+        header[108..112].fill(0);
+        header[344..348].copy_from_slice(b"ni1\0");
+        fs::write(path("pair.hdr"), &header).unwrap();
+        fs::write(path("pair.img"), &image).unwrap();
+        fs::write(path("packed.hdr.gz"), gzipped(&header)).unwrap();
+        fs::write(path("packed.img.gz"), gzipped(&image)).unwrap();
+        for name in ["pair.hdr", "pair.img", "packed.hdr.gz", "packed.img.gz"] {
+            let loaded = load(&path(name)).unwrap();
+            assert_eq!(loaded.volume.voxels(), volume.voxels(), "{name}");
+            assert_eq!(loaded.volume.index_to_world(), volume.index_to_world(), "{name}");
+        }
+        // An image alone says what is missing.
+        fs::remove_file(path("packed.hdr.gz")).unwrap();
+        let message = refused(&path("packed.img.gz"));
+        assert!(
+            message.contains("packed.img.gz") && message.contains("header"),
+            "{message}"
+        );
+        assert!(!message.contains("\\0"), "{message}");
+    }
+
+    #[test]
     fn recordings_and_sequences_are_no_labels() {
         let folder = tempfile::tempdir().unwrap();
         let put = |name: &str, header: &str| -> PathBuf {

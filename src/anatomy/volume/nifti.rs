@@ -252,7 +252,7 @@ fn element(path: &Path, raw: &Fields) -> Result<Element, VolumeError> {
                 _ => "unknown",
             };
             let found = format!("datatype {code} ({known})");
-            let instead = "integers of 8 to 64 bits, float32 and float64 are read";
+            let instead = "labels are integers of 8 to 64 bits, float32 or float64: save the segmentation so";
             let byte = At::Byte(raw.layout.datatype as u64);
             return Err(VolumeError::unsupported(path, byte, found, instead));
         }

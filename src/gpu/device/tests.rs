@@ -188,3 +188,23 @@ fn a_host_keeps_its_handlers_and_its_loss_shows_at_the_read_back() {
         "our errors are not the host's: {host_saw:?}"
     );
 }
+
+#[test]
+fn an_exceeded_limit_says_what_to_do() {
+    let message = |limit: &'static str| {
+        let error = GpuError::Limit {
+            what: "a device".into(),
+            limit,
+            needed: 560 * 560 * 560,
+            available: 1 << 27,
+        };
+        error.to_string()
+    };
+    let bytes = message("max_storage_buffer_binding_size");
+    assert!(
+        bytes.contains("at least 175616000, this device has 134217728: compute on the CPU (`--backend cpu`)")
+            && bytes.ends_with("resample it to voxels 1.1 times as long"),
+        "{bytes}"
+    );
+    assert!(message("max_storage_buffers_per_shader_stage").ends_with("134217728"));
+}

@@ -319,7 +319,11 @@ impl SceneFile {
         let has_own_size = stated == [fitted.width, fitted.height] || stated.map(|side| side as usize) == size;
         if !has_own_size || spec.margin != fitted.margin {
             let found = "`grid = \"recorded\"` with `width`, `height` or `margin`";
-            return Err(self.wrong_keys("image", found, "the grid alone: the recording has its own size"));
+            return Err(self.wrong_keys(
+                "image",
+                found,
+                "the grid alone, without `--size`: the recording has its own size",
+            ));
         }
         let placed = calibration.grid(size).at(self, "image.grid")?;
         let [width, height] = size;

@@ -74,7 +74,7 @@ fn sections(bytes: &[u8], regions: Regions) -> Result<Contents, Fault> {
                 return Err(Fault::at(
                     start,
                     "nodes with parameters",
-                    "$Nodes, as Gmsh writes by default",
+                    "$Nodes, as Gmsh writes with `Mesh.SaveParametric = 0`",
                 ));
             }
             // Their layout depends on the version and on the type of the file, which only $MeshFormat tells.

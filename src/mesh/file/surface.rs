@@ -295,7 +295,25 @@ fn obj(bytes: &[u8]) -> Result<SurfaceFile, Fault> {
     Ok(surface)
 }
 
+/// Refuses a header with a line that none has: messages of the parser are meant for programmers.
+fn check_ply_header(bytes: &[u8]) -> Result<(), Fault> {
+    const WORDS: [&[u8]; 6] = [b"ply", b"format", b"comment", b"obj_info", b"element", b"property"];
+    let mut cursor = Cursor::new(bytes);
+    loop {
+        let (start, word) = cursor.word();
+        let expected = "a line of a PLY header in UTF-8, such as `element vertex 8`, up to `end_header`";
+        if word == b"end_header" {
+            return Ok(());
+        } else if !WORDS.contains(&word) {
+            return Err(Fault::at(start, quote(word), expected));
+        } else if std::str::from_utf8(cursor.line()).is_err() {
+            return Err(Fault::at(start, "bytes that are no text", expected));
+        }
+    }
+}
+
 fn ply(bytes: &[u8]) -> Result<SurfaceFile, Fault> {
+    check_ply_header(bytes)?;
     let wrong = |found: String| Fault::of_file(found, "a PLY surface");
     let ply = Parser::<DefaultElement>::new()
         .read_ply(&mut &bytes[..])

@@ -23,11 +23,11 @@ const MAX_STRESS_KPA: f64 = 1e9;
 /// # Errors
 /// [`CsvError`] as in [`parse`], or if the file cannot be read.
 pub fn read(path: &Path) -> Result<Vec<Sample>, CsvError> {
-    let bytes = read::bytes(path, read::CSV).map_err(|cause| CsvError::Read {
+    let text = read::text(path, read::CSV).map_err(|cause| CsvError::Read {
         path: path.to_owned(),
         cause,
     })?;
-    parse(&bytes, path)
+    parse(text.as_bytes(), path)
 }
 
 /// Parses points: a header with the columns `stretch` and `stress_kpa` in any order, or no header and these two in this

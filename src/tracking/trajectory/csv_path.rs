@@ -45,8 +45,8 @@ impl Trajectory {
     /// or a probe-to-world matrix `m00` to `m33`. World coordinates are mm in the axes of `world`. Without a hint each row is
     /// reached by the smallest rotation from the previous one. Lines that start with `#` are comments.
     pub fn from_csv(path: &Path, world: World, interpolation: Interpolation) -> Result<Self, TrackingError> {
-        let bytes = read::bytes(path, read::CSV).map_err(|source| TrackingError::read(path, source))?;
-        Self::from_csv_reader(&bytes[..], path, world, interpolation)
+        let text = read::text(path, read::CSV).map_err(|source| TrackingError::read(path, source))?;
+        Self::from_csv_reader(text.as_bytes(), path, world, interpolation)
     }
 
     /// Reads a path as [`Trajectory::from_csv`] does, from any source; `path` is the file name shown in errors.
@@ -204,7 +204,6 @@ fn table_error(path: &Path, error: csv::Error) -> TrackingError {
         csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
             format!("{len} cells; expected {expected_len}, as in the header")
         }
-        csv::ErrorKind::Utf8 { err, .. } => format!("cell {} is not UTF-8 text", err.field() + 1),
         _ => error.to_string(),
     };
     match error.into_kind() {

@@ -88,8 +88,16 @@ fn head_to_feet(organ: &str, _: Option<Side>) -> Option<f64> {
 }
 
 impl Order {
-    /// Whether two organs lie in this order; `None` if there is none, or they lie too close.
-    pub(super) fn holds(&self, first: &Named, second: &Named, extents: &Extents, scale: f64) -> Option<bool> {
+    /// Whether two organs lie in this order; `None` if there is none, or they lie too close. `slant` is the tangent of the angle by which the
+    /// body may be turned about its long axis.
+    pub(super) fn holds(
+        &self,
+        first: &Named,
+        second: &Named,
+        extents: &Extents,
+        scale: f64,
+        slant: f64,
+    ) -> Option<bool> {
         let (least, margin_mm, ranks) = match (first.vertebra, second.vertebra) {
             (Some(a), Some(b)) if self.axis == 2 => (1.0, 10.0, [a, b]),
             _ => {
@@ -105,12 +113,18 @@ impl Order {
         if ranks[1] - ranks[0] < least {
             return None;
         }
-        let along = |named: &Named| extents.labels[named.label].middle_mm[self.axis];
-        let apart = (along(second) - along(first)) * if self.ascends { 1.0 } else { -1.0 };
+        let middle = |named: &Named| extents.labels[named.label].middle_mm;
+        let between = middle(second) - middle(first);
+        let apart = between[self.axis] * if self.ascends { 1.0 } else { -1.0 };
         if apart > 0.0 {
-            Some(true)
-        } else {
-            (apart < -margin_mm * scale).then_some(false)
+            return Some(true);
         }
+        // In a turned body one of two organs that lie far apart in the other horizontal direction moves past the other.
+        let beside = if self.axis == 2 {
+            0.0
+        } else {
+            between[1 - self.axis].abs()
+        };
+        (apart < -(margin_mm * scale).max(slant * beside)).then_some(false)
     }
 }

@@ -151,3 +151,28 @@ fn sides_that_are_exchanged_are_questioned() {
         "{doubt}"
     );
 }
+
+#[test]
+fn a_body_turned_about_its_long_axis_is_in_order() {
+    let organs = numbered(Preset::TotalSegmentator);
+    let to_world = |turn_deg: f64, shear: f64, mirror: f64| {
+        let turn = Matrix4::new_rotation([0.0, 0.0, turn_deg.to_radians()].into());
+        let mut sheared = Matrix4::new_nonuniform_scaling(&[mirror, 1.0, 1.0].into());
+        sheared[(1, 2)] = shear;
+        turn * sheared * organs.index_to_world()
+    };
+    for (turn_deg, shear) in [(25.0, 0.0), (-25.0, 0.0), (20.0, 0.1), (-20.0, -0.1)] {
+        let read = named("a.nrrd", &moved(organs.clone(), to_world(turn_deg, shear, 1.0)));
+        let doubts: Vec<&String> = read.warnings.iter().filter(|line| !line.contains("sheared")).collect();
+        assert!(doubts.is_empty(), "{turn_deg} {shear}: {doubts:?}");
+        let mirrored = named("a.nrrd", &moved(organs.clone(), to_world(turn_deg, shear, -1.0)));
+        assert!(
+            mirrored
+                .warnings
+                .iter()
+                .any(|warning| warning.starts_with("the file is mirrored: ")),
+            "{turn_deg} {shear}: {:?}",
+            mirrored.warnings
+        );
+    }
+}

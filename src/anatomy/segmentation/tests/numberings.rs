@@ -277,3 +277,30 @@ fn weak_evidence_warns_and_names_nothing() {
         [(5, "-"), (6, "-")]
     );
 }
+
+#[test]
+fn grey_levels_as_labels_stay_without_names() {
+    // CHAOS numbers the organs of its MR images by grey levels.
+    let levels = [
+        (63, "liver"),
+        (126, "kidney_right"),
+        (189, "kidney_left"),
+        (252, "spleen"),
+    ];
+    let read = named("a.nrrd", &torso(&levels));
+    assert_eq!(names(&read), [(63, "-"), (126, "-"), (189, "-"), (252, "-")]);
+    assert!((1..=4).all(|index| tissue(&read, index) == "soft_tissue"));
+    assert!(
+        read.warnings.iter().any(|warning| warning.contains("252")),
+        "{:?}",
+        read.warnings
+    );
+    // One label of a data set of kidneys, whose file says nothing.
+    let read = named("kits.nii.gz", &torso(&[(1, "kidney")]));
+    assert_eq!(names(&read), [(1, "-")]);
+    assert!(
+        read.warnings[0].contains("\"kits\" names no tissue: name the file after it"),
+        "{:?}",
+        read.warnings
+    );
+}

@@ -164,6 +164,12 @@ fn what_is_not_stated_or_does_not_fit_is_refused() {
             object.remove_element(change);
         }));
         assert!(message.contains(expected), "{message}");
+        if expected.starts_with("no ") {
+            assert!(
+                message.contains("export it anew, with the image that it was drawn on"),
+                "{message}"
+            );
+        }
     }
     let uneven = [(1, "0\\0\\0", 1), (1, "0\\0\\4", 1), (1, "0\\0\\9.5", 1)];
     assert!(refused(&file(&uneven, |_| ())).contains("slices at uneven distances"));

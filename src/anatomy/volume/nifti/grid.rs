@@ -25,7 +25,8 @@ pub(super) fn axes(
         _ => 1.0,
     };
     let affine = if raw.sform_code > 0 {
-        let affine = Matrix3x4::from_fn(|row, column| raw.srow[row][column]);
+        let mut affine = Matrix3x4::from_fn(|row, column| raw.srow[row][column]);
+        warnings.extend(take_missing_scale(raw, &sizes, &mut affine, mm));
         warnings.extend(contradiction(raw, &sizes, &affine, mm));
         affine
     } else {
@@ -120,29 +121,70 @@ fn qform(raw: &Fields, spacing: [f64; 3]) -> Matrix3x4<f64> {
     })
 }
 
-/// Warning where the sform contradicts the voxel sizes, or else the qform by more than a voxel at a corner.
-fn contradiction(raw: &Fields, sizes: &[usize], sform: &Matrix3x4<f64>, mm: f64) -> Option<String> {
+/// Whether a number differs from another by more than rounding in single precision does.
+fn differs(number: f64, other: f64) -> bool {
+    (number / other - 1.0).abs() > SAME_STEP
+}
+
+/// Whether pixdim states the voxel size of an axis. Of one voxel neither it nor the sform says anything.
+fn states_size(raw: &Fields, sizes: &[usize], axis: usize) -> bool {
+    let size = raw.pixdim[axis + 1];
+    sizes[axis] > 1 && size > 0.0 && size.is_finite()
+}
+
+/// Words for the voxels of the sform and those of pixdim, if they differ.
+fn two_sizes(raw: &Fields, sizes: &[usize], sform: &Matrix3x4<f64>, mm: f64) -> Option<String> {
     let axes = 0..sizes.len().min(3);
     let step = |axis: usize| sform.column(axis).norm();
     let size = |axis: usize| raw.pixdim[axis + 1];
-    // Of an axis of one voxel neither says anything.
-    let told = |axis: &usize| sizes[*axis] > 1 && size(*axis) > 0.0 && size(*axis).is_finite();
-    if axes
-        .clone()
-        .filter(told)
-        .any(|axis| (step(axis) / size(axis) - 1.0).abs() > SAME_STEP)
-    {
-        let list = |value: &dyn Fn(usize) -> f64| {
-            let values: Vec<String> = axes.clone().map(|axis| short(value(axis) * mm)).collect();
-            values.join(" x ")
-        };
+    let list = |value: &dyn Fn(usize) -> f64| {
+        let values: Vec<String> = axes.clone().map(|axis| short(value(axis) * mm)).collect();
+        values.join(" x ")
+    };
+    axes.clone()
+        .any(|axis| states_size(raw, sizes, axis) && differs(step(axis), size(axis)))
+        .then(|| {
+            format!(
+                "the sform has voxels of {} mm, pixdim says {} mm",
+                list(&step),
+                list(&size)
+            )
+        })
+}
+
+/// Scales the axes of an sform whose steps are all 1 by the voxel sizes: some programs write directions alone, and those that are made
+/// with ITK read voxel sizes from pixdim. Returns a warning.
+fn take_missing_scale(raw: &Fields, sizes: &[usize], sform: &mut Matrix3x4<f64>, mm: f64) -> Option<String> {
+    let text = two_sizes(raw, sizes, sform, mm)?;
+    let axes = 0..sizes.len().min(3);
+    let is_bare =
+        |axis: usize| sizes[axis] == 1 || (states_size(raw, sizes, axis) && !differs(sform.column(axis).norm(), 1.0));
+    if !axes.clone().all(is_bare) {
+        return None;
+    }
+    for axis in axes.filter(|axis| states_size(raw, sizes, *axis)) {
+        sform.column_mut(axis).scale_mut(raw.pixdim[axis + 1]);
+    }
+    Some(format!(
+        "{text}: the sform has directions alone, and the voxel sizes of pixdim are used"
+    ))
+}
+
+/// Warning where the sform contradicts the voxel sizes, or else the qform by more than a voxel at a corner.
+fn contradiction(raw: &Fields, sizes: &[usize], sform: &Matrix3x4<f64>, mm: f64) -> Option<String> {
+    if let Some(text) = two_sizes(raw, sizes, sform, mm) {
         return Some(format!(
-            "the sform has voxels of {} mm, pixdim says {} mm: the sform is used; if organs have a wrong size, mend the sform",
-            list(&step),
-            list(&size)
+            "{text}: the sform is used; if organs have a wrong size, mend the sform"
         ));
     }
-    if raw.qform_code <= 0 || !axes.clone().all(|axis| told(&axis) || sizes[axis] == 1) {
+    let axes = 0..sizes.len().min(3);
+    let step = |axis: usize| sform.column(axis).norm();
+    let size = |axis: usize| raw.pixdim[axis + 1];
+    if raw.qform_code <= 0
+        || !axes
+            .clone()
+            .all(|axis| states_size(raw, sizes, axis) || sizes[axis] == 1)
+    {
         return None;
     }
     let spacing = [0, 1, 2].map(|axis| if size(axis) > 0.0 { size(axis) } else { 1.0 });

@@ -27,7 +27,12 @@ fn with(at: usize, data: &[u8]) -> Vec<u8> {
 
 #[test]
 fn voxel_sizes_alone_give_ras_axes_turned_to_lps() {
-    let grid = read(&sample()).unwrap().grid().unwrap();
+    let header = read(&sample()).unwrap();
+    let grid = header.grid().unwrap();
+    assert_eq!(
+        header.warnings,
+        ["no sform and no qform: placed by its voxel sizes alone, taken as RAS"]
+    );
     assert_eq!(grid.size, [2, 3, 4]);
     assert_eq!(grid.index_to_world.diagonal().as_slice(), [-1.5, -2.0, 2.5, 1.0]);
 }
@@ -170,24 +175,29 @@ fn nifti_2_is_read_in_both_byte_orders() {
     assert!(message.contains("byte 4: found magic"), "{message}");
 }
 
-/// A header with voxels of 7 mm and an sform whose steps are the given ones, and its warnings.
-fn warned(steps: [f32; 3], change: impl Fn(&mut Vec<u8>)) -> Vec<String> {
+/// A header with voxels of 7 mm and an sform whose steps are the given ones, changed.
+fn changed(steps: [f32; 3], change: impl Fn(&mut Vec<u8>)) -> Vec<u8> {
     let mut bytes = with(254, &1i16.to_le_bytes());
     for axis in 0..3 {
         bytes[80 + 4 * axis..][..4].copy_from_slice(&7f32.to_le_bytes());
         bytes[280 + 20 * axis..][..4].copy_from_slice(&steps[axis].to_le_bytes());
     }
     change(&mut bytes);
-    read(&bytes).unwrap().warnings
+    bytes
+}
+
+/// Warnings about [`changed`].
+fn warned(steps: [f32; 3], change: impl Fn(&mut Vec<u8>)) -> Vec<String> {
+    read(&changed(steps, change)).unwrap().warnings
 }
 
 #[test]
 fn an_sform_that_contradicts_the_voxel_sizes_is_told() {
-    let told = warned([1.0; 3], |_| ());
+    let told = warned([1.0, 1.0, 2.0], |_| ());
     assert_eq!(
         told,
         [
-            "the sform has voxels of 1 x 1 x 1 mm, pixdim says 7 x 7 x 7 mm: the sform is used; if organs have a wrong size, mend the sform"
+            "the sform has voxels of 1 x 1 x 2 mm, pixdim says 7 x 7 x 7 mm: the sform is used; if organs have a wrong size, mend the sform"
         ]
     );
     assert!(warned([7.0, 7.0, 6.9], |_| ())[0].contains("7 x 7 x 6.9 mm"));
@@ -236,4 +246,90 @@ fn a_qform_at_another_place_is_told_from_one_voxel_on() {
         turned[0].contains("voxel (1, 2, ") && turned[0].contains("apart"),
         "{turned:?}"
     );
+}
+
+#[test]
+fn an_sform_of_directions_alone_takes_the_voxel_sizes() {
+    let grid = |steps: [f32; 3], qform_x_mm: f32| {
+        let bytes = changed(steps, |bytes| {
+            bytes[252..254].copy_from_slice(&1i16.to_le_bytes());
+            bytes[268..272].copy_from_slice(&qform_x_mm.to_le_bytes());
+        });
+        let header = read(&bytes).unwrap();
+        (header.grid().unwrap().index_to_world, header.warnings)
+    };
+    let (world, told) = grid([1.0; 3], 0.0);
+    assert_eq!(world.diagonal().xyz().as_slice(), [-7.0, -7.0, 7.0]);
+    assert_eq!(
+        told,
+        [
+            "the sform has voxels of 1 x 1 x 1 mm, pixdim says 7 x 7 x 7 mm: the sform has directions alone, and the voxel sizes of \
+             pixdim are used"
+        ]
+    );
+    // A qform at another place is still told, and other steps are voxel sizes.
+    assert!(grid([1.0; 3], 20.0).1[1].starts_with("sform and qform differ"));
+    assert_eq!(
+        grid([1.0, 1.0, 2.0], 0.0).0.diagonal().xyz().as_slice(),
+        [-1.0, -1.0, 2.0]
+    );
+}
+
+#[test]
+fn slices_and_images_of_two_axes_lie_in_space() {
+    // One slice, whose size along the third axis may be 0 or anything, and an image of two axes.
+    for (change, step) in [
+        (&[(46, 1i16)][..], 2.5),
+        (&[(46, 1), (88, 0), (90, 0)], 1.0),
+        (&[(40, 2)], 1.0),
+        (&[(40, 5), (48, 1), (50, 1)], 2.5),
+    ] {
+        let mut bytes = sample();
+        for (start, value) in change {
+            bytes[*start..start + 2].copy_from_slice(&value.to_le_bytes());
+        }
+        let grid = read(&bytes).unwrap().grid().unwrap();
+        assert_eq!(
+            grid.index_to_world.diagonal().as_slice(),
+            [-1.5, -2.0, step, 1.0],
+            "{change:?}"
+        );
+    }
+    // A slice whose sform leaves its own direction empty.
+    let mut bytes = changed([7.0, 7.0, 0.0], |_| ());
+    bytes[46..48].copy_from_slice(&1i16.to_le_bytes());
+    let grid = read(&bytes).unwrap().grid().unwrap();
+    assert_eq!(grid.index_to_world.diagonal().as_slice(), [-7.0, -7.0, 1.0, 1.0]);
+}
+
+#[test]
+fn every_type_is_known_and_others_are_named() {
+    for (code, element) in [
+        (2, Element::U8),
+        (4, Element::I16),
+        (8, Element::I32),
+        (16, Element::F32),
+        (64, Element::F64),
+        (256, Element::I8),
+        (512, Element::U16),
+        (768, Element::U32),
+        (1024, Element::I64),
+        (1280, Element::U64),
+    ] {
+        assert_eq!(read(&with(70, &i16::to_le_bytes(code))).unwrap().element, Some(element));
+    }
+    for (code, name) in [
+        (1, "one bit"),
+        (32, "complex numbers"),
+        (128, "RGB colours"),
+        (2304, "RGBA colours"),
+    ] {
+        let message = read(&with(70, &i16::to_le_bytes(code))).map(drop).unwrap_err();
+        assert!(
+            message.contains(&format!(
+                "datatype {code} ({name}) is not supported; labels are integers"
+            )),
+            "{message}"
+        );
+    }
 }

@@ -283,3 +283,24 @@ fn data_in_several_files_have_their_names() {
         assert!(message.contains(expected), "{message}");
     }
 }
+
+#[test]
+fn lines_of_metaimage_are_told_and_change_nothing() {
+    let plain =
+        "space: LPS\nspace directions: (7,0,0) (0,7,0) (0,0,7)\nspace origin: (-1,-2,-3)\nkinds: domain domain domain";
+    let header = and(plain).unwrap();
+    let mixed = and(&format!(
+        "{plain}\nAnatomicalOrientation: LPI\nCenterOfRotation: 0 0 0\nTransformMatrix: 0 1 0 1 0 0 0 0 1"
+    ))
+    .unwrap();
+    assert_eq!(
+        mixed.grid().unwrap().index_to_world,
+        header.grid().unwrap().index_to_world
+    );
+    assert_eq!(mixed.warnings.len(), header.warnings.len() + 3, "{:?}", mixed.warnings);
+    let last = mixed.warnings.last().unwrap();
+    assert!(
+        last.contains("line 12: unknown field \"transformmatrix\" ignored"),
+        "{last}"
+    );
+}

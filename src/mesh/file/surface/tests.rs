@@ -176,6 +176,18 @@ fn faults_say_where_they_are() {
             "ply",
             "no point",
         ),
+        (
+            b"ply\nformat ascii 1.0\nelements vertex 3\n".to_vec(),
+            "ply",
+            "line 3 (byte 21): found `elements`; expected a line of a PLY header",
+        ),
+        (
+            b"ply\ncomment \xe9\nend_header\n".to_vec(),
+            "ply",
+            "line 2 (byte 4): found bytes that are no text",
+        ),
+        (vec![0; 60], "ply", "found binary data; expected a line of a PLY header"),
+        (b"ply\n".to_vec(), "ply", "found the end of the file"),
         (b"NRRD0004\n".to_vec(), "stl", "NRRD labels; expected a surface"),
         (
             b"\x00\x01\x02\x03".to_vec(),

@@ -39,7 +39,13 @@ pub(super) fn parse(
                     if is_poly { "PolyData" } else { "UnstructuredGrid" },
                 )?);
             }
-            "Piece" if counts.is_some() => return Err(Fault::at(tag.at, "a second Piece", "a single Piece")),
+            "Piece" if counts.is_some() => {
+                return Err(Fault::at(
+                    tag.at,
+                    "a second Piece",
+                    "a single Piece, as ParaView's Save Data writes it",
+                ));
+            }
             "Piece" if is_poly => {
                 let strips = tag
                     .get("NumberOfStrips")

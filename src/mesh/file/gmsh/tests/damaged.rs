@@ -138,7 +138,7 @@ fn other_orders_and_versions_are_refused() {
         ),
         (
             "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$ParametricNodes\n",
-            "nodes with parameters",
+            "nodes with parameters; expected $Nodes, as Gmsh writes with `Mesh.SaveParametric = 0`",
         ),
         (
             "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n0\n$EndNodes\n$Elements\n0\n$EndElements\n",

@@ -14,13 +14,14 @@ pub(super) struct Encoding {
 
 impl Encoding {
     pub(super) fn of(tag: &Tag, kind: &str) -> Result<Encoding, Fault> {
-        let choose = |key: &str, default: &str, choices: [&str; 2]| {
+        let choose = |key: &str, default: &str, choices: [&str; 2], remedy: &str| {
             let found = tag.get(key).unwrap_or(default);
             match choices.iter().position(|choice| *choice == found) {
                 Some(index) => Ok(index == 1),
                 None => {
                     let choices = choices.map(|choice| if choice.is_empty() { "none" } else { choice });
-                    Err(Fault::at(tag.at, format!("{key}=`{found}`"), choices.join(" or ")))
+                    let expected = format!("{}{remedy}", choices.join(" or "));
+                    Err(Fault::at(tag.at, format!("{key}=`{found}`"), expected))
                 }
             }
         };
@@ -29,9 +30,14 @@ impl Encoding {
             return Err(Fault::at(tag.at, found, kind));
         }
         Ok(Encoding {
-            big_endian: choose("byte_order", "LittleEndian", ["LittleEndian", "BigEndian"])?,
-            wide_header: choose("header_type", "UInt32", ["UInt32", "UInt64"])?,
-            zlib: choose("compressor", "", ["", "vtkZLibDataCompressor"])?,
+            big_endian: choose("byte_order", "LittleEndian", ["LittleEndian", "BigEndian"], "")?,
+            wide_header: choose("header_type", "UInt32", ["UInt32", "UInt64"], "")?,
+            zlib: choose(
+                "compressor",
+                "",
+                ["", "vtkZLibDataCompressor"],
+                " (a choice of Save Data in ParaView)",
+            )?,
         })
     }
 

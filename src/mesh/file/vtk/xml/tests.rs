@@ -221,3 +221,27 @@ fn hostile_headers_set_no_memory_aside() {
         assert!(read(text.as_bytes()).is_err());
     }
 }
+
+#[test]
+fn other_compressors_and_pieces_are_refused_with_the_way_on() {
+    let put = |bytes: &[u8]| ("format=\"binary\"".to_owned(), STANDARD.encode(counted(bytes)));
+    let plain = vtu("", "", put);
+    let (start, end) = plain.split_once("</Piece>").unwrap();
+    let piece = &start[start.rfind("<Piece").unwrap()..];
+    let two = format!("{start}</Piece>{piece}</Piece>{end}");
+    let packed = |name: &str| vtu(&format!("compressor='{name}'"), "", put);
+    for (text, words) in [
+        (
+            packed("vtkLZ4DataCompressor"),
+            "found compressor=`vtkLZ4DataCompressor`; expected none or vtkZLibDataCompressor (a choice of Save Data",
+        ),
+        (packed("vtkLZMADataCompressor"), "vtkLZMADataCompressor"),
+        (
+            two,
+            "found a second Piece; expected a single Piece, as ParaView's Save Data writes it",
+        ),
+    ] {
+        let error = read(text.as_bytes()).unwrap_err().to_string();
+        assert!(error.contains(words), "{error}");
+    }
+}
