@@ -34,6 +34,12 @@ pub(crate) enum Failure {
         /// Number of further failed studies.
         more: usize,
     },
+    /// The time limit is over.
+    #[error("the time limit of {0} s is over")]
+    OverTime(f64),
+    /// A thread cannot be started.
+    #[error("a thread cannot be started: {0}")]
+    Thread(io::Error),
     /// Standard output is full, or closed other than by a reader that stopped reading.
     #[error("standard output cannot be written: {0}")]
     Output(io::Error),
@@ -53,6 +59,9 @@ impl Blame for Failure {
     fn help(&self) -> Option<&str> {
         match self {
             Self::Usage { help, .. } => Some(help),
+            Self::OverTime(_) => {
+                Some("nothing unfinished is left; give more time (--time-limit-s), or the run less to do")
+            }
             _ => None,
         }
     }

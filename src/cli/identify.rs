@@ -1,5 +1,6 @@
 //! `insonify identify`: parameters of tissue layers from a measured insertion.
 
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -66,7 +67,12 @@ impl Identify {
             file.resolve(base, &mut |done| share(f64::from(done)))
         })?;
         case.scenario.warnings.iter().for_each(terminal::warn);
-        let identified = terminal::with_bar("simulating insertions", |share| identify(case, share))?;
+        let identified = terminal::with_bar("simulating insertions", |share| {
+            identify(case, &|done| {
+                share(done);
+                ControlFlow::Continue(())
+            })
+        })?;
         for parameters in &identified.results {
             parameters.notes.iter().for_each(terminal::warn);
         }

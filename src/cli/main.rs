@@ -87,7 +87,7 @@ Examples:
   insonify stability --quick                       hard numerical cases, and whether they pass
   insonify render --help                           every option of a command, with examples
 
-Exit status: 0 success; 2 invalid arguments, files or scenes; 1 a failure of the machine.
+Exit status: 0 success; 2 invalid arguments, files or scenes; 1 a failure of the machine; 124 --time-limit-s is over.
 Environment: INSONIFY_ADAPTER names the GPU adapter where --adapter does not; INSONIFY_CACHE is the folder for phantoms and
 textures made before, and for measured costs (`insonify doctor` says which it is).";
 
@@ -98,6 +98,9 @@ struct Cli {
     /// Print results and errors only: no notes, warnings or progress
     #[arg(short, long, global = true)]
     quiet: bool,
+    /// End after this time with status 124: unfinished output is removed
+    #[arg(long, global = true, value_name = "S", value_parser = seconds)]
+    time_limit_s: Option<f64>,
     #[command(subcommand)]
     command: Command,
 }
@@ -167,9 +170,40 @@ impl Cli {
         if let Err(cause) = watch() {
             terminal::warn(format_args!("an interrupt would leave temporary files behind: {cause}"));
         }
+        if let Some(limit_s) = self.time_limit_s {
+            end_after(limit_s).map_err(failure::Failure::Thread)?;
+        }
         insonify_base::cache::switch_on();
         self.command.run()
     }
+}
+
+/// Status of a run that its time limit ends, as of `timeout` of the shell.
+const OVER_TIME: i32 = 124;
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds = insonify_base::number::parsed(text).filter(|seconds| (1e-3..=1e9).contains(seconds));
+    seconds.ok_or_else(|| "expected 0.001 to 1e9 seconds".to_owned())
+}
+
+/// Ends the program when the time is over, whatever it is doing, after removing unfinished output as an interrupt does.
+fn end_after(limit_s: f64) -> io::Result<()> {
+    let thread = std::thread::Builder::new().name("time limit".to_owned());
+    thread.spawn(move || {
+        std::thread::sleep(std::time::Duration::from_secs_f64(limit_s));
+        insonify_base::output::abandon();
+        terminal::report(&failure::Failure::OverTime(limit_s).into());
+        end(OVER_TIME)
+    })?;
+    Ok(())
+}
+
+/// Ends the process at once: other threads are at work, and what they use must not be torn down under them.
+fn end(status: i32) -> ! {
+    #[cfg(unix)]
+    signal_hook::low_level::exit(status);
+    #[cfg(not(unix))]
+    std::process::exit(status)
 }
 
 /// Keeps Mesa's device selection layer, loaded by every adapter query, from printing an error where there is no
@@ -211,15 +245,15 @@ pub fn watch() -> io::Result<()> {
     use std::thread;
 
     use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
+    use signal_hook::flag;
     use signal_hook::iterator::Signals;
-    use signal_hook::{flag, low_level};
 
     flag::register(SIGXFSZ, Arc::default())?;
     let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP])?;
     thread::Builder::new().name("signals".to_owned()).spawn(move || {
         if let Some(signal) = signals.forever().next() {
             insonify_base::output::abandon();
-            low_level::exit(128 + signal);
+            end(128 + signal);
         }
     })?;
     Ok(())

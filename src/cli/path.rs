@@ -1,5 +1,6 @@
 //! `insonify path`: needle paths to a target that allow for the deformation of tissue.
 
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
@@ -114,7 +115,8 @@ impl PathArgs {
         let scenario = resolve(&file, &base)?;
         let plan = terminal::with_bar("simulating lines", |share| {
             plan(&scenario, &self.options(), &|done, count| {
-                share(done as f64 / count.max(1) as f64)
+                share(done as f64 / count.max(1) as f64);
+                ControlFlow::Continue(())
             })
         })?;
         let written = plan

@@ -1,5 +1,6 @@
 //! `insonify puncture`: needle insertion into a slice of liver with a vein.
 
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -123,7 +124,10 @@ impl Puncture {
         let count = variants.len() as f64;
         let runs = terminal::with_bar("", |progress| {
             let runs = variants.into_iter().enumerate().map(|(index, (name, options))| {
-                let run = puncture(&options, &mut |share| progress((index as f64 + share) / count));
+                let run = puncture(&options, &mut |share| {
+                    progress((index as f64 + share) / count);
+                    ControlFlow::Continue(())
+                });
                 run.map(|run| (name, run))
             });
             runs.collect::<Result<Vec<_>, _>>()
@@ -150,7 +154,12 @@ impl Puncture {
 
     fn fitted(&self, path: &Path, options: &PunctureOptions) -> Result<PunctureFit, Error> {
         let samples = fit::read(path)?;
-        terminal::with_bar("fitting", |share| fit::fit(options, &samples, &mut |done| share(done)))
+        terminal::with_bar("fitting", |share| {
+            fit::fit(options, &samples, &mut |done| {
+                share(done);
+                ControlFlow::Continue(())
+            })
+        })
     }
 }
 

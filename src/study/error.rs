@@ -1,5 +1,7 @@
 //! Errors of studies.
 
+use std::ops::ControlFlow;
+
 use insonify::Error;
 use insonify_base::blame::Blame;
 use insonify_mechanics::tissue::nonlinear::NonlinearError;
@@ -31,9 +33,20 @@ pub enum StudyError {
         /// Solver error.
         cause: NonlinearError,
     },
+    /// The progress callback has said stop.
+    #[error("stopped before the end")]
+    Stopped,
 }
 
 impl StudyError {
+    /// Goes on, or ends with [`StudyError::Stopped`], as a progress callback says.
+    pub(crate) fn unless_stopped(flow: ControlFlow<()>) -> Result<(), Error> {
+        if flow.is_break() {
+            return Err(Self::Stopped.into());
+        }
+        Ok(())
+    }
+
     /// Error of a request that cannot be met, with the reason.
     pub(crate) fn refused(reason: impl Into<String>) -> Error {
         Self::Refused(reason.into()).into()

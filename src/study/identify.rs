@@ -12,11 +12,13 @@ mod simulate;
 #[cfg(test)]
 mod tests;
 
+use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 
+use crate::StudyError;
 use crate::identification::{Cost, Crossed, IdentificationCase};
 use crate::search::nelder_mead;
 use data::{MeasuredMotion, Measurements, thinned};
@@ -119,18 +121,22 @@ pub struct Sensitivity {
     pub cost_ratio: f64,
 }
 
-/// Identifies the parameters of a case. `progress` receives an estimate of the completed fraction.
+/// Identifies the parameters of a case. `progress` receives an estimate of the completed fraction after each simulation, and may
+/// say stop.
 ///
 /// # Errors
 /// [`Error`] for tables that cannot be used, and for parameters with which no insertion can be simulated.
-pub fn identify(case: IdentificationCase, progress: &(dyn Fn(f64) + Sync)) -> Result<Identification, Error> {
+pub fn identify(
+    case: IdentificationCase,
+    progress: &(dyn Fn(f64) -> ControlFlow<()> + Sync),
+) -> Result<Identification, Error> {
     let data = Measurements::read(&case)?;
     let model = data.model(&case)?;
     let runs = AtomicUsize::new(0);
     let expected = (EXPECTED_RUNS * case.poisson.len()) as f64;
     let count_run = || {
         let done = runs.fetch_add(1, Ordering::Relaxed) as f64;
-        progress(done / (done + 0.5 * expected).max(expected));
+        StudyError::unless_stopped(progress(done / (done + 0.5 * expected).max(expected)))
     };
     let identify = |poisson: &Option<f64>| Search::new(&case, &data, &model, *poisson, &count_run).find();
     let results = parallel::try_map(&case.poisson[..], &identify)?;
@@ -179,7 +185,7 @@ pub(super) fn identify_simulated(
         motion: Some(motion),
     };
     let model = data.model(case)?;
-    Search::new(case, &data, &model, None, &|| ()).find()
+    Search::new(case, &data, &model, None, &|| Ok(())).find()
 }
 
 struct Search<'a> {
@@ -189,7 +195,7 @@ struct Search<'a> {
     poisson: Option<f64>,
     simulator: Simulator<'a>,
     weights: Vec<f64>,
-    on_run: &'a (dyn Fn() + Sync),
+    on_run: &'a (dyn Fn() -> Result<(), Error> + Sync),
     notes: Vec<String>,
 }
 
@@ -199,7 +205,7 @@ impl<'a> Search<'a> {
         data: &'a Measurements,
         model: &'a Piecewise,
         poisson: Option<f64>,
-        on_run: &'a (dyn Fn() + Sync),
+        on_run: &'a (dyn Fn() -> Result<(), Error> + Sync),
     ) -> Self {
         Self {
             case,
@@ -231,7 +237,7 @@ impl<'a> Search<'a> {
     }
 
     fn simulate(&mut self, layers: &[LayerParameters], observed: bool) -> Result<SimulatedInsertion, Error> {
-        (self.on_run)();
+        (self.on_run)()?;
         self.simulator.run(layers, observed)
     }
 

@@ -13,6 +13,7 @@ mod tests;
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering as Memory};
 
@@ -145,14 +146,14 @@ impl PathOptions {
     }
 }
 
-/// Plans paths to a target. `progress` receives the number of completed lines, and of all.
+/// Plans paths to a target. `progress` receives the number of completed lines, and of all, and may say stop.
 ///
 /// # Errors
 /// [`Error`] for options out of range, a target in bone or outside, and if no line fulfils the conditions.
 pub fn plan(
     scenario: &Scenario,
     options: &PathOptions,
-    progress: &(dyn Fn(usize, usize) + Sync),
+    progress: &(dyn Fn(usize, usize) -> ControlFlow<()> + Sync),
 ) -> Result<PathPlan, Error> {
     options.check()?;
     scenario.check_path_independent()?;
@@ -175,10 +176,10 @@ pub fn plan(
     let entries = Entries::new(scenario, target, options)?;
     let lines = entries.lines()?;
     let (done, count) = (AtomicUsize::new(0), lines.len());
-    progress(0, count);
+    StudyError::unless_stopped(progress(0, count))?;
     let mut lines: Vec<Candidate> = parallel::try_map((0.., &lines[..]), &|(index, line)| {
         let candidate = entries.simulated(index + 1, line, &tissue);
-        progress(done.fetch_add(1, Memory::Relaxed) + 1, count);
+        StudyError::unless_stopped(progress(done.fetch_add(1, Memory::Relaxed) + 1, count))?;
         candidate
     })?;
     lines.sort_by(|a, b| rank(a, b, options.tolerance_mm).then(a.number.cmp(&b.number)));

@@ -12,6 +12,8 @@ mod draw;
 pub mod fit;
 mod liver;
 
+use std::ops::ControlFlow;
+
 use serde::Serialize;
 
 use crate::StudyError;
@@ -110,11 +112,14 @@ pub struct Puncture {
 /// Names of the punctures that are drawn.
 const NAMES: [&str; 3] = ["capsule", "near-wall", "far-wall"];
 
-/// Simulates the insertion. `progress` receives the completed fraction, 0 to 1.
+/// Simulates the insertion. `progress` receives the completed fraction, 0 to 1, after each step, and may say stop.
 ///
 /// # Errors
 /// [`Error`] if an option is out of range or a step cannot be solved.
-pub fn puncture(options: &PunctureOptions, progress: &mut dyn FnMut(f64)) -> Result<Puncture, Error> {
+pub fn puncture(
+    options: &PunctureOptions,
+    progress: &mut dyn FnMut(f64) -> ControlFlow<()>,
+) -> Result<Puncture, Error> {
     let step = positive("step_mm", options.step_mm)?;
     let speed = positive("speed_mm_per_s", options.speed_mm_per_s)?;
     let steps = (TRAVEL_MM / step).ceil();
@@ -153,7 +158,7 @@ pub fn puncture(options: &PunctureOptions, progress: &mut dyn FnMut(f64)) -> Res
             vein_mm: far_wall + lower - near_wall - upper,
             punctured: pushed.punctured,
         });
-        progress(count as f64 / steps);
+        StudyError::unless_stopped(progress(count as f64 / steps))?;
         if pushed.phase == Phase::Free {
             break;
         }

@@ -29,6 +29,7 @@ mod segmentations;
 mod solve;
 mod stability;
 mod support;
+mod time_limit;
 mod tissue;
 mod tradeoff;
 mod training;

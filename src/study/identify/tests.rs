@@ -1,6 +1,7 @@
 //! Parameters that made an insertion return from its force and displacements.
 
 use std::fmt::Write as _;
+use std::ops::ControlFlow;
 use std::path::Path;
 
 use nalgebra::Point3;
@@ -113,7 +114,7 @@ fn identified_case(folder: &Path, scenario: &str, extra: &str) -> Identification
         .unwrap()
         .resolve(folder, &mut |_| {})
         .unwrap();
-    identify(case, &|_| {}).unwrap()
+    identify(case, &|_| ControlFlow::Continue(())).unwrap()
 }
 
 /// Asserts that the forces returned within 2 %.

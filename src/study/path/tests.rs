@@ -38,7 +38,7 @@ fn stiff_tissue_gives_a_straight_path() {
             section_mm,
             ..options([-24.0, -24.0], 1)
         };
-        let plan = plan(&liver(&stiff), &options, &|_, _| ()).unwrap();
+        let plan = plan(&liver(&stiff), &options, &|_, _| ControlFlow::Continue(())).unwrap();
         let path = best(&plan);
         assert!(
             path.miss_before_mm < 0.05 && path.runs == 1 && path.turn_deg == 0.0,
@@ -59,7 +59,7 @@ fn the_middle_of_the_vein_is_met() {
         };
         let plan_on = |threads: usize| {
             let pool = insonify_base::parallel::Pool::new(threads).unwrap();
-            pool.install(|| plan(&scenario, &options, &|_, _| ()).unwrap())
+            pool.install(|| plan(&scenario, &options, &|_, _| ControlFlow::Continue(())).unwrap())
         };
         let two_threads = plan_on(2);
         let path = best(&two_threads);
@@ -150,7 +150,7 @@ fn symmetry_leaves_the_direction() {
         section_mm: Some(20.0),
         ..options([0.0, 0.0], 1)
     };
-    let plan = plan(&scenario, &options, &|_, _| ()).unwrap();
+    let plan = plan(&scenario, &options, &|_, _| ControlFlow::Continue(())).unwrap();
     let path = best(&plan);
     let [along_mm, aside_mm] = path.displacement_mm;
     assert!(path.miss_before_mm > 0.2 && path.miss_mm < 0.1, "{path:?}");
@@ -190,7 +190,7 @@ fn needles_that_bend_meet_the_target() {
             clearance_mm: 0.0,
             ..options([-24.0, -24.0], 1)
         };
-        let plan = plan(&liver(&changes), &options, &|_, _| ()).unwrap();
+        let plan = plan(&liver(&changes), &options, &|_, _| ControlFlow::Continue(())).unwrap();
         let path = best(&plan);
         assert!(
             path.miss_before_mm > 1.0 && path.miss_mm < 0.1 && path.turn_deg > turn_deg,
@@ -212,7 +212,11 @@ fn targets_and_lines_that_cannot_be_are_refused() {
         "young_kpa = 0.02\npoisson = 0.0",
         "critical = true\nyoung_kpa = 0.02\npoisson = 0.0",
     )]);
-    let refused = |options: PathOptions| plan(&scenario, &options, &|_, _| ()).unwrap_err().to_string();
+    let refused = |options: PathOptions| {
+        plan(&scenario, &options, &|_, _| ControlFlow::Continue(()))
+            .unwrap_err()
+            .to_string()
+    };
     let aimed_at = |target: [f64; 3]| PathOptions {
         target: Goal::At(target),
         ..options([-60.0, 60.0], 3)
@@ -241,4 +245,12 @@ fn targets_and_lines_that_cannot_be_are_refused() {
         ..aimed_at([-30.0, 30.0, 4.0])
     };
     assert!(refused(section).contains("4.0 mm beside the image plane"));
+}
+
+#[test]
+fn the_callback_stops_before_the_first_line() {
+    let stopped = plan(&liver(&LINEAR), &options([-30.0, 30.0], 4), &|_, _| {
+        ControlFlow::Break(())
+    });
+    assert_eq!(stopped.unwrap_err().to_string(), "stopped before the end");
 }

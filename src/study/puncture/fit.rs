@@ -6,6 +6,7 @@
 //! by the Levenberg-Marquardt method, starting from the options. A curve that stays straight, or bends slowly, does not
 //! distinguish the two: the result states how well it fits, not that no other would.
 
+use std::ops::ControlFlow;
 use std::path::Path;
 
 use nalgebra::{Matrix2, Vector2};
@@ -82,14 +83,14 @@ pub fn read(path: &Path) -> Result<Vec<ForceSample>, Error> {
 }
 
 /// Fits the slice to a curve, starting from the options' knee and stiffening. `progress` receives the completed
-/// fraction.
+/// fraction before each iteration, and may say stop.
 ///
 /// # Errors
 /// [`Error`] for a curve with too few points before the force drops, and if the slice cannot be solved.
 pub fn fit(
     options: &PunctureOptions,
     samples: &[ForceSample],
-    progress: &mut dyn FnMut(f64),
+    progress: &mut dyn FnMut(f64) -> ControlFlow<()>,
 ) -> Result<PunctureFit, Error> {
     let samples = first_push(samples)?;
     // The stiffening ranges over decades: its logarithm is fitted.
@@ -99,7 +100,7 @@ pub fn fit(
     let mut iterations = 0;
     let forces: f64 = samples.iter().map(|sample| sample.force_n * sample.force_n).sum();
     while iterations < MAX_ITERATIONS && best.square() > NEGLIGIBLE * forces {
-        progress(iterations as f64 / MAX_ITERATIONS as f64);
+        StudyError::unless_stopped(progress(iterations as f64 / MAX_ITERATIONS as f64))?;
         iterations += 1;
         let columns = [
             best.derivative(options, &samples, parameters, 0)?,
@@ -134,7 +135,7 @@ pub fn fit(
             break;
         }
     }
-    progress(1.0);
+    StudyError::unless_stopped(progress(1.0))?;
     let count = samples.len() as f64;
     let mean = samples.iter().map(|sample| sample.force_n).sum::<f64>() / count;
     let spread: f64 = samples.iter().map(|sample| (sample.force_n - mean).powi(2)).sum();

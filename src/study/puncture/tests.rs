@@ -14,7 +14,7 @@ fn the_curve_has_its_shape() {
         step_mm: 0.4,
         ..PunctureOptions::default()
     };
-    let run = puncture(&options, &mut |_| {}).unwrap();
+    let run = puncture(&options, &mut |_| ControlFlow::Continue(())).unwrap();
     let punctures: Vec<usize> = (0..run.rows.len())
         .filter(|row| run.rows[*row].punctured.is_some())
         .collect();
@@ -40,7 +40,7 @@ fn the_curve_has_its_shape() {
 #[test]
 fn what_makes_no_curve_is_refused() {
     let default = PunctureOptions::default();
-    let refused = |options: PunctureOptions| puncture(&options, &mut |_| {}).unwrap_err();
+    let refused = |options: PunctureOptions| puncture(&options, &mut |_| ControlFlow::Continue(())).unwrap_err();
     assert!(matches!(
         refused(PunctureOptions {
             step_mm: 0.0,
@@ -97,4 +97,20 @@ fn what_makes_no_curve_is_refused() {
         refused(PunctureOptions { order: 1.5, ..default }).downcast_ref(),
         Some(StudyError::Travel { .. })
     ));
+}
+
+#[test]
+fn the_callback_stops_the_needle() {
+    let mut steps = 0;
+    let stopped = puncture(&PunctureOptions::default(), &mut |share| {
+        steps += 1;
+        if share > 0.02 {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    });
+    let error = stopped.unwrap_err().to_string();
+    assert_eq!(error, "stopped before the end");
+    assert!(steps < 20, "{steps}");
 }

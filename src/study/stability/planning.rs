@@ -1,6 +1,8 @@
 //! Cases of planned paths, of the driven guide, and of parameters found from measurements: of a needle in CT, of a
 //! force over depth, of a base.
 
+use std::ops::ControlFlow;
+
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::record::{Record, Unexpected, largest};
@@ -106,9 +108,13 @@ fn beside_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
         ("all lines through bone", options([-4.0, 45.0, 0.0], 0.0), "bone"),
     ] {
         let expected = |error: &Error| error.to_string().contains(reason);
-        record.refused(name, plan(&scenario, &options, &|_, _| ()), expected);
+        record.refused(
+            name,
+            plan(&scenario, &options, &|_, _| ControlFlow::Continue(())),
+            expected,
+        );
     }
-    let planned = plan(&scenario, &grazing, &|_, _| ())?;
+    let planned = plan(&scenario, &grazing, &|_, _| ControlFlow::Continue(()))?;
     let (mut errors, mut simulated, mut excluded) = (Vec::new(), 0, 0);
     let (mut too_near, mut far, mut late) = (0, 0, 0);
     for line in &planned.lines {

@@ -1,6 +1,7 @@
 //! Path planning and parameter identification: time saved and error added by two-dimensional tissue and by coarse
 //! meshes.
 
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::Instant;
 
@@ -133,7 +134,7 @@ fn paths(effort: Effort, progress: &mut dyn FnMut(&str, f64)) -> Result<Table, E
             section_mm,
         };
         let start = Instant::now();
-        let plan = plan(&scenario, &options, &|_, _| ())?;
+        let plan = plan(&scenario, &options, &|_, _| ControlFlow::Continue(()))?;
         let seconds = start.elapsed().as_secs_f64();
         let Some((_, path)) = plan.best() else { continue };
         rows.push(PlanRow {

@@ -13,7 +13,7 @@ fn simulated_curve() -> (PunctureOptions, Vec<ForceSample>) {
         capsule_n: 0.6,
         ..PunctureOptions::default()
     };
-    let rows = puncture(&options, &mut |_| {}).unwrap().rows;
+    let rows = puncture(&options, &mut |_| ControlFlow::Continue(())).unwrap().rows;
     let sample = |row: &crate::puncture::PunctureStep| ForceSample {
         travel_mm: row.travel_mm,
         force_n: row.force_n,
@@ -31,7 +31,7 @@ fn numbers_that_made_a_curve_are_found_again() {
         stiffening: 30.0,
         ..options
     };
-    let fitted = fit(&start, &samples, &mut |_| {}).unwrap();
+    let fitted = fit(&start, &samples, &mut |_| ControlFlow::Continue(())).unwrap();
     assert!(
         fitted.samples.len() < samples.len() && fitted.r_squared > 0.9999,
         "{fitted:?}"
@@ -79,6 +79,8 @@ fn curves_are_read_and_refused() {
             .contains("none.csv")
     );
     let (options, samples) = simulated_curve();
-    let error = fit(&options, &samples[..3], &mut |_| {}).unwrap_err().to_string();
+    let error = fit(&options, &samples[..3], &mut |_| ControlFlow::Continue(()))
+        .unwrap_err()
+        .to_string();
     assert!(error.starts_with("the curve: found "), "{error}");
 }
