@@ -20,6 +20,9 @@ pub use table::Names;
 /// Name of the description of a data set of nnU-Net.
 const DATA_SET: &str = "dataset.json";
 
+/// Key of the resolution in scenes.
+const RESOLUTION: &str = "resolution_mm";
+
 /// Sources of label names.
 #[derive(Clone, Debug, Default)]
 pub struct Naming<'a> {
@@ -81,9 +84,23 @@ pub fn stem(path: &Path) -> Option<String> {
 /// [`VolumeError`] as in [`load`], for folders without masks and for masks that are not binary or lie on other
 /// grids.
 pub fn open(path: &Path, naming: &Naming) -> Result<Segmentation, VolumeError> {
+    open_on(path, naming, None)
+}
+
+/// Opens labels as [`open`] does; closed surfaces become labels on a grid of cubes of `resolution_mm`.
+///
+/// # Errors
+/// Those of [`open`], and for a resolution of a file that has a grid, or of more voxels than memory holds.
+pub fn open_on(path: &Path, naming: &Naming, resolution_mm: Option<f64>) -> Result<Segmentation, VolumeError> {
     let surfaces = surfaces::files(path)?;
     let mut segmentation = if !surfaces.is_empty() {
-        surfaces::read(path, &surfaces)?
+        surfaces::read(path, &surfaces, resolution_mm)?
+    } else if let Some(resolution_mm) = resolution_mm {
+        let text = format!(
+            "resolution {resolution_mm} mm of {}; expected none: labels keep the grid of their file, closed surfaces have none",
+            path.display()
+        );
+        return Err(VolumeError::option(RESOLUTION, text));
     } else if path.is_dir() {
         folder::read(path)?
     } else {

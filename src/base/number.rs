@@ -3,6 +3,14 @@
 /// Fraction of a linear axis below which a tick is the rounding error of zero.
 pub const ZERO: f64 = 1e-9;
 
+/// Largest number that a text file may state, in any unit: products of several stay finite.
+pub const LARGEST: f64 = 1e30;
+
+/// Parses a number of a text file; `None` unless it is finite and at most [`LARGEST`] in size.
+pub fn parsed(text: &str) -> Option<f64> {
+    text.parse().ok().filter(|number: &f64| number.abs() <= LARGEST)
+}
+
 /// Returns the number of decimals that three significant digits take, at most `limit`.
 fn decimals(value: f64, limit: f64) -> usize {
     (2.0 - value.abs().log10().floor()).clamp(0.0, limit) as usize
@@ -77,6 +85,16 @@ pub fn decimal(value: f64, digits: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_of_files_are_finite_and_not_too_large() {
+        for (text, number) in [("1e30", Some(1e30)), ("-2.5", Some(-2.5)), ("0", Some(0.0))] {
+            assert_eq!(parsed(text), number);
+        }
+        for text in ["inf", "-inf", "nan", "1e999", "1.1e30", "-1e308", "", "1,5", " 1"] {
+            assert_eq!(parsed(text), None, "{text}");
+        }
+    }
 
     #[test]
     fn ticks_are_short() {

@@ -197,8 +197,8 @@ impl Register {
         }
     }
 
-    /// Axes of a surface: those stated by the user, or by its file.
-    fn axes(&self, is_ras: Option<bool>) -> World {
+    /// Axes of a surface: those stated by the user, or by its file, or RAS where that is the guess for its kind.
+    fn axes(&self, is_ras: Option<bool>, guessed_ras: bool) -> World {
         let in_file = is_ras.map(|is_ras| if is_ras { World::Ras } else { World::Lps });
         let name = self.surface.display();
         match (self.world, in_file) {
@@ -212,6 +212,13 @@ impl Register {
                     "{name} states its axes as RAS: taken so, and those of landmarks, too"
                 ));
             }
+            (None, None) if guessed_ras => {
+                terminal::note(format_args!(
+                    "{name} does not state its axes: guessed as RAS, which 3D Slicer before 5 wrote, and those of landmarks, too; \
+                     give --world lps if they are LPS"
+                ));
+                return World::Ras;
+            }
             _ => {}
         }
         self.world.or(in_file).unwrap_or_default()
@@ -223,7 +230,7 @@ impl Register {
             let expected = "leave it out: points and recordings are in mm, and segmentations state their unit";
             return Err(usage("--unit without a surface of triangles", expected));
         }
-        let world = self.axes(None);
+        let world = self.axes(None, false);
         if let Some(tip) = self.tip {
             let sequence = Sequence::read_poses(&self.surface)?;
             let poses = Poses::from_sequence(&sequence, &self.surface, self.transform.as_deref(), &Default::default())?;
@@ -244,7 +251,7 @@ impl Register {
             return Ok((skin.points().to_vec(), world));
         }
         let read = read(&self.surface, self.unit)?;
-        let world = self.axes(read.is_ras);
+        let world = self.axes(read.is_ras, read.guessed_ras);
         Ok((read.points.iter().map(|point| in_lps(world, point)).collect(), world))
     }
 }

@@ -10,6 +10,7 @@ use super::Landmark;
 use crate::volume::VolumeError;
 use insonify_base::csv::Csv;
 use insonify_base::matrix::FARTHEST_MM;
+use insonify_base::number;
 use insonify_base::read;
 use insonify_mesh::file::{SURFACES, SurfaceFile, Unit};
 
@@ -23,6 +24,8 @@ pub struct SurfacePoints {
     pub points: Vec<Point3<f64>>,
     /// Whether the file states its axes as RAS (true) or LPS (false).
     pub is_ras: Option<bool>,
+    /// Whether a file that states none is taken as RAS, by its kind.
+    pub guessed_ras: bool,
 }
 
 /// Reads the points of a surface by the ending of its file: CSV with the columns `x_mm`, `y_mm`, `z_mm`, points of 3D Slicer (`.fcsv`, `.mrk.json`),
@@ -38,7 +41,7 @@ pub fn read(path: &Path, unit: Unit) -> Result<SurfacePoints, VolumeError> {
     let surface = match ending.as_deref() {
         Some("csv") => SurfacePoints {
             points: csv(path)?,
-            is_ras: None,
+            ..SurfacePoints::default()
         },
         Some("fcsv") => fcsv(&text(path)?).map_err(wrong)?,
         Some("json") => markups(&text(path)?).map_err(wrong)?,
@@ -49,6 +52,7 @@ pub fn read(path: &Path, unit: Unit) -> Result<SurfacePoints, VolumeError> {
             SurfacePoints {
                 points: file.points.iter().map(in_mm).collect(),
                 is_ras: file.is_ras,
+                guessed_ras: false,
             }
         }
         _ => {
@@ -136,7 +140,7 @@ fn fcsv(text: &str) -> Result<SurfacePoints, String> {
         let fields: Vec<&str> = line.split(',').map(str::trim).collect();
         let number_of = |name: &str| {
             let column = columns.iter().position(|column| *column == name)?;
-            fields.get(column)?.parse().ok()
+            number::parsed(fields.get(column)?)
         };
         let point = number_of("x").zip(number_of("y")).zip(number_of("z"));
         let ((x, y), z) =
@@ -144,7 +148,7 @@ fn fcsv(text: &str) -> Result<SurfacePoints, String> {
         surface.points.push(Point3::new(x, y, z));
     }
     // Files without the comment are of Slicer before 5, which wrote RAS.
-    surface.is_ras = surface.is_ras.or(Some(true));
+    surface.guessed_ras = surface.is_ras.is_none();
     Ok(surface)
 }
 
@@ -178,10 +182,12 @@ fn markups(text: &str) -> Result<SurfacePoints, String> {
     const EXPECTED: &str = "expected points of 3D Slicer: `markups` with `controlPoints`";
     let file: Markups = serde_json::from_str(text).map_err(|error| format!("{error}; {EXPECTED}"))?;
     let mut surface = SurfacePoints::default();
+    let mut axes = None;
     for markup in file.markups {
         let is_ras = match markup.coordinate_system.as_deref() {
-            Some("RAS" | "0") => true,
-            Some("LPS" | "1") | None => false,
+            Some("RAS" | "0") => Some(true),
+            Some("LPS" | "1") => Some(false),
+            None => None,
             Some(other) => return Err(format!("found the coordinate system {other}, expected RAS or LPS")),
         };
         let unit = match markup.coordinate_units {
@@ -191,10 +197,13 @@ fn markups(text: &str) -> Result<SurfacePoints, String> {
         if let Some(unit) = unit.filter(|unit| unit != "mm") {
             return Err(format!("found coordinates in {unit}, expected mm"));
         }
-        if surface.is_ras.is_some_and(|other| other != is_ras) {
+        // Without a statement they are LPS, as such files are.
+        let is_other = |other: bool| other != is_ras.unwrap_or(false);
+        if axes.is_some_and(is_other) {
             return Err("found lists of points in LPS and in RAS, expected one for all".to_owned());
         }
-        surface.is_ras = Some(is_ras);
+        axes = Some(is_ras.unwrap_or(false));
+        surface.is_ras = surface.is_ras.or(is_ras);
         let is_defined = |point: &ControlPoint| {
             point
                 .position_status
@@ -252,19 +261,21 @@ mod tests {
         let rows = "# columns = id,x,y,z,ow,ox\n0,1.5,-2,3,0,0\n\n1,4,5,6,0,0\n";
         let points = [Point3::new(1.5, -2.0, 3.0), Point3::new(4.0, 5.0, 6.0)];
         for (system, is_ras) in [
-            ("# CoordinateSystem = LPS\n", false),
-            ("# CoordinateSystem = 1\n", false),
-            ("# CoordinateSystem = 0\n", true),
-            ("", true),
+            ("# CoordinateSystem = LPS\n", Some(false)),
+            ("# CoordinateSystem = 1\n", Some(false)),
+            ("# CoordinateSystem = 0\n", Some(true)),
+            ("", None),
         ] {
             let read = fcsv(&format!("{head}{system}{rows}")).expect(system);
-            assert_eq!((&read.points[..], read.is_ras), (&points[..], Some(is_ras)), "{system}");
+            assert_eq!((&read.points[..], read.is_ras), (&points[..], is_ras), "{system}");
+            assert_eq!(read.guessed_ras, is_ras.is_none(), "{system}");
         }
         let turned = fcsv("# columns = label,z,y,x\nF,3,-2,1.5\n").expect("columns");
         assert_eq!(turned.points, points[..1]);
         for (text, words) in [
             ("# CoordinateSystem = IJK\n", "line 1: found the coordinate system IJK"),
             ("0,1,two,3\n", "line 1: found no numbers"),
+            ("0,1,inf,3\n", "line 1: found no numbers"),
         ] {
             assert!(fcsv(text).expect_err(text).contains(words));
         }
@@ -274,12 +285,13 @@ mod tests {
                 {{\"position\": [4, 5, 6], \"positionStatus\": \"defined\"}}, {{\"id\": \"3\"}}]}}]}}")
         };
         for (system, is_ras) in [
-            ("\"coordinateSystem\": \"LPS\",", false),
-            ("\"coordinateSystem\": \"RAS\",", true),
-            ("", false),
+            ("\"coordinateSystem\": \"LPS\",", Some(false)),
+            ("\"coordinateSystem\": \"RAS\",", Some(true)),
+            ("", None),
         ] {
             let read = markups(&json(system, "\"coordinateUnits\": [\"mm\"],")).expect(system);
-            assert_eq!((&read.points[..], read.is_ras), (&points[..], Some(is_ras)), "{system}");
+            assert_eq!((&read.points[..], read.is_ras), (&points[..], is_ras), "{system}");
+            assert!(!read.guessed_ras);
         }
         assert!(
             markups(&json("", "\"coordinateUnits\": \"um\","))

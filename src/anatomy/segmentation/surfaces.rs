@@ -12,12 +12,14 @@ use super::folder::{Mask, Union};
 use crate::registration::surface::plausible;
 use crate::volume::complete::is_body;
 use crate::volume::{At, Label, LabelVolume, VolumeError};
+use insonify_base::memory;
 use insonify_base::text::some_of;
 use insonify_mesh::file::{SURFACES, SurfaceFile};
 use solid::Solid;
 
-/// Largest number of voxels of a grid.
+/// Largest number of voxels of a grid, and of one whose voxels are stated.
 const MOST_VOXELS: f64 = 16e6;
+const MOST_STATED: f64 = 256e6;
 /// Voxels along the longest side of small surfaces, and the largest voxel unless there would be too many, mm.
 const VOXELS_ALONG: f64 = 256.0;
 const LARGEST_MM: f64 = 1.0;
@@ -66,8 +68,8 @@ struct Cubes {
 }
 
 impl Cubes {
-    /// Grid around a box, its centres at multiples of the voxel.
-    fn around([low, high]: [[f64; 3]; 2], has_body: bool) -> Self {
+    /// Grid around a box, its centres at multiples of the voxel, which is chosen unless it is stated.
+    fn around([low, high]: [[f64; 3]; 2], has_body: bool, stated_mm: Option<f64>) -> Result<Self, VolumeError> {
         let sides = [0, 1, 2].map(|axis| high[axis] - low[axis]);
         let longest = sides.into_iter().fold(0.0, f64::max);
         let count = |voxel_mm: f64, rim_mm: f64| {
@@ -83,15 +85,22 @@ impl Cubes {
         }
         // A tenth of the leading digit is a number that can be told.
         let digit = 10f64.powf(voxel_mm.log10().floor() - 1.0);
-        let voxel_mm = (voxel_mm / digit).ceil() * digit;
+        let voxel_mm = stated_mm.unwrap_or((voxel_mm / digit).ceil() * digit);
         let rim_mm = rim(voxel_mm);
+        let voxels = count(voxel_mm, rim_mm);
+        if voxels > MOST_STATED {
+            let text = format!(
+                "{voxels:.1e} voxels of {voxel_mm} mm; expected at most {MOST_STATED:.1e}: a coarser resolution"
+            );
+            return Err(VolumeError::option(super::RESOLUTION, text));
+        }
         let first = low.map(|low| ((low - rim_mm) / voxel_mm).floor());
         let last = high.map(|high| ((high + rim_mm) / voxel_mm).ceil());
-        Self {
+        Ok(Self {
             first_mm: Vector3::from(first) * voxel_mm,
             voxel_mm,
             size: [0, 1, 2].map(|axis| (last[axis] - first[axis]) as usize + 1),
-        }
+        })
     }
 
     fn index_to_world(&self) -> Matrix4<f64> {
@@ -116,7 +125,7 @@ impl Cubes {
 }
 
 /// Reads closed surfaces as one volume; where they overlap, the smaller ones lie above the larger.
-pub(super) fn read(path: &Path, files: &[PathBuf]) -> Result<Segmentation, VolumeError> {
+pub(super) fn read(path: &Path, files: &[PathBuf], resolution_mm: Option<f64>) -> Result<Segmentation, VolumeError> {
     let mut solids = Vec::new();
     let (mut nameless, mut turned) = (Vec::new(), Vec::new());
     for file in files {
@@ -155,7 +164,11 @@ pub(super) fn read(path: &Path, files: &[PathBuf]) -> Result<Segmentation, Volum
     let bounds = crate::registration::bounds(solids.iter().flat_map(|(_, solid)| solid.points().copied()));
     let longest = (0..3).map(|axis| bounds[1][axis] - bounds[0][axis]).fold(0.0, f64::max);
     plausible(longest, None).map_err(|found| VolumeError::new(format!("{}: {found}", path.display())))?;
-    let grid = Cubes::around(bounds, solids.iter().any(|(mask, _)| is_body(&mask.name)));
+    let has_body = solids.iter().any(|(mask, _)| is_body(&mask.name));
+    let grid = Cubes::around(bounds, has_body, resolution_mm)?;
+    // The mask of a solid, its copy as a volume, and the union of all.
+    let needed = 3 * grid.size.iter().product::<usize>() as u64;
+    memory::check(needed, "a grid of closed surfaces").map_err(|cause| VolumeError::read(path, cause.into()))?;
     let (mut union, mut thin) = (Union::new(grid.size), Vec::new());
     for (mask, solid) in &solids {
         let volume = grid.mask(solid, &mask.name)?;
@@ -170,10 +183,15 @@ pub(super) fn read(path: &Path, files: &[PathBuf]) -> Result<Segmentation, Volum
     let mut segmentation = Segmentation::from(volume.map_err(|error| error.in_file(path))?);
     let [x, y, z] = grid.size;
     let mut note = format!(
-        "{}: {} closed surfaces are labels on a grid of {} mm ({x} x {y} x {z} voxels), named by their files",
+        "{}: {} closed surfaces are labels on a grid of {} mm ({x} x {y} x {z} voxels{}), named by their files",
         path.display(),
         files.len(),
-        round(grid.voxel_mm)
+        round(grid.voxel_mm),
+        if resolution_mm.is_none() {
+            "; `volume.resolution_mm` states another"
+        } else {
+            ""
+        }
     );
     if !turned.is_empty() {
         note.push_str(&format!("; turned from RAS, as they state: {}", some_of(&turned)));

@@ -19,7 +19,7 @@ use crate::synth::tables::{Anatomy, ImageSize, Settings};
 use insonify_anatomy::acoustics::{TissueError, TissueTable, bank};
 use insonify_anatomy::phantom::{self, Phantom, PhantomOptions};
 use insonify_anatomy::registration::{Quadratic, resample};
-use insonify_anatomy::segmentation::{Names, Naming, open};
+use insonify_anatomy::segmentation::{Names, Naming, open_on};
 use insonify_anatomy::volume::complete::{CompleteOptions, complete, with_ct};
 use insonify_anatomy::volume::texture::{SolidTexture, TextureOptions};
 use insonify_anatomy::volume::{LabelVolume, VolumeError, load_scalar, structures};
@@ -205,7 +205,8 @@ impl SceneFile {
             preset: spec.preset.unwrap_or_default(),
             claimed: &claimed,
         };
-        let opened = open(&path, &naming).at(self, "volume.file")?;
+        let fault = |error: VolumeError| self.fault(format!("volume.{}", error.key().unwrap_or("file")), error);
+        let opened = open_on(&path, &naming, spec.resolution_mm).map_err(fault)?;
         notes.extend(opened.notes);
         warnings.extend(opened.warnings);
         let usual = CompleteOptions::default();
@@ -215,7 +216,6 @@ impl SceneFile {
             fat_mm: spec.fat_mm.unwrap_or(usual.fat_mm),
             skin_mm: spec.skin_mm.unwrap_or(usual.skin_mm),
         };
-        let fault = |error: VolumeError| self.fault(format!("volume.{}", error.key().unwrap_or("file")), error);
         let completed = match &spec.ct {
             Some(ct) => with_ct(
                 &opened.volume,

@@ -264,3 +264,36 @@ fn organs_of_a_body_have_their_volumes() {
     let values: Vec<i64> = segmentation.volume.labels().iter().map(|label| label.value).collect();
     assert_eq!(values, [0, 2, 4, 5], "the classes of TotalSegmentator");
 }
+
+#[test]
+fn the_grid_may_be_stated() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("ball.obj");
+    Shape::ball(40.0).write(&path, "SPACE=LPS");
+    let open = |path: &Path, mm: f64| super::super::open_on(path, &Default::default(), Some(mm));
+    for mm in [2.0, 0.7] {
+        let opened = open(&path, mm).unwrap();
+        let spacing = opened.volume.spacing_mm();
+        assert!(spacing.iter().all(|side| (side - mm).abs() < 1e-9), "{spacing:?}");
+        let (ball, _) = labels(&opened.volume)["ball"];
+        assert!((ball / Shape::ball(40.0).measures()[0] - 1.0).abs() < 0.02, "{ball}");
+        assert!(
+            opened.notes[0].contains(&format!("on a grid of {mm} mm")),
+            "{:?}",
+            opened.notes
+        );
+        assert!(!opened.notes[0].contains("resolution_mm"));
+    }
+    assert!(opened(&path).notes[0].contains("`volume.resolution_mm` states another"));
+    let error = open(&path, 0.05).unwrap_err();
+    assert_eq!(error.key(), Some("resolution_mm"));
+    assert!(error.to_string().contains("expected at most 2.6e8"), "{error}");
+    // Labels have a grid.
+    let labels = folder.path().join("a.nrrd");
+    crate::volume::save(&opened(&path).volume, &labels).unwrap();
+    let error = open(&labels, 1.0).unwrap_err();
+    assert!(
+        error.key() == Some("resolution_mm") && error.to_string().contains("a.nrrd"),
+        "{error}"
+    );
+}
