@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use csv::StringRecord;
 
 use crate::blame::Blame;
+use crate::number::{self, LARGEST};
 use crate::read;
 use crate::text::{clipped, head};
 
@@ -175,13 +176,15 @@ impl<'a> Row<'a> {
         index.and_then(|index| self.record.get(index)).unwrap_or_default()
     }
 
-    /// Finite number in a column.
+    /// Finite number in a column, as [`number::parsed`] takes it.
     ///
     /// # Errors
     /// [`CsvError::Line`] for anything else.
     pub fn number(self, column: &str) -> Result<f64, CsvError> {
-        let number = self.text(column).parse().ok().filter(|number: &f64| number.is_finite());
-        number.ok_or_else(|| self.wrong(column, "a finite number"))
+        number::parsed(self.text(column)).ok_or_else(|| match self.text(column).parse::<f64>() {
+            Ok(number) if number.is_finite() => self.wrong(column, format!("a number of at most {LARGEST:e}")),
+            _ => self.wrong(column, "a finite number"),
+        })
     }
 
     /// Finite numbers in several columns.

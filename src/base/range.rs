@@ -4,6 +4,7 @@ use std::fmt;
 
 use crate::blame::Blame;
 use crate::document::stated;
+use crate::number;
 
 /// A parameter outside its range.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -32,10 +33,7 @@ impl OutOfRange {
 
 /// Parses finite numbers separated by commas.
 pub fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
-    let listed: Option<Vec<f64>> = text
-        .split(',')
-        .map(|part| part.trim().parse().ok().filter(|number: &f64| number.is_finite()))
-        .collect();
+    let listed: Option<Vec<f64>> = text.split(',').map(|part| number::parsed(part.trim())).collect();
     let numbers = listed.and_then(|listed| listed.try_into().ok());
     numbers.ok_or_else(|| format!("expected {N} finite numbers separated by commas"))
 }

@@ -282,7 +282,11 @@ impl QualityReport {
         ] {
             writeln!(f, "\n{what:<32}  {:>10}", "elements")?;
             for bin in counts.iter().filter(|bin| bin.count > 0) {
-                let range = format!("{} to {}", bin.low, bin.high);
+                let range = if bin.high.is_finite() {
+                    format!("{} to {}", bin.low, bin.high)
+                } else {
+                    format!("{} and more", bin.low)
+                };
                 writeln!(f, "{range:>32}  {:>10}", bin.count)?;
             }
         }
@@ -294,6 +298,7 @@ impl QualityReport {
 fn number(value: f64) -> String {
     match value.abs() {
         0.0 => "0".to_owned(),
+        f64::INFINITY => "infinite".to_owned(),
         size if (0.01..10_000.0).contains(&size) => format!("{value:.3}"),
         _ => format!("{value:.2e}"),
     }

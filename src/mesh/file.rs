@@ -19,6 +19,7 @@ use serde::{Deserialize, Serialize};
 use super::TetMesh;
 use error::{Fault, quote};
 use insonify_base::foreign::Foreign;
+use insonify_base::matrix::FARTHEST_MM;
 use insonify_base::output::place::Written;
 use insonify_base::{memory, read};
 
@@ -152,6 +153,24 @@ struct Parts {
 }
 
 impl Parts {
+    /// Refuses nodes that lie too far for their products to be finite, and displacements that are not finite or as far. Nodes
+    /// that are not finite are for [`TetMesh::new`] to refuse.
+    fn check_size(&self) -> Result<(), Fault> {
+        let is_within = |vector: &[f64; 3]| vector.iter().all(|x| x.abs() <= FARTHEST_MM);
+        let is_finite = |vector: &[f64; 3]| vector.iter().all(|x| x.is_finite());
+        let far = self.nodes.iter().position(|node| is_finite(node) && !is_within(node));
+        let moved = self.displacements.iter().flatten().position(|by| !is_within(by));
+        let (what, number, vector) = match (far, moved, &self.displacements) {
+            (Some(node), _, _) => ("node", node, self.nodes[node]),
+            (None, Some(node), Some(all)) => ("displacement of node", node, all[node]),
+            _ => return Ok(()),
+        };
+        Err(Fault::of_file(
+            format!("{what} {number}: {vector:?} mm"),
+            format!("finite numbers up to {FARTHEST_MM:e} mm"),
+        ))
+    }
+
     /// Leaves out the nodes that curved tetrahedra have beside their corners.
     fn straighten(&mut self) {
         if self.curved == 0 {
@@ -259,6 +278,7 @@ pub fn read_mesh_bytes(bytes: &[u8], path: &Path, options: &ReadOptions) -> Resu
         let vectors = parts.nodes.iter_mut().chain(parts.displacements.iter_mut().flatten());
         vectors.flatten().for_each(|x| *x *= options.unit.mm());
     }
+    parts.check_size().map_err(|fault| fault.locate(bytes, path))?;
     let mesh = TetMesh::new(parts.nodes, parts.elements, parts.regions).map_err(|source| MeshFileError::Mesh {
         path: path.to_owned(),
         source,

@@ -164,10 +164,23 @@ fn what_is_no_mesh_is_status_2_and_named() {
             vec!["tetrahedron 0", "node 2 twice"],
         ),
         ("\n8 40 10 0", "\n8 40 nan 0", vec!["line 18", "NaN", "node 8"]),
+        (
+            "\n8 40 10 0",
+            "\n8 40 1e200 0",
+            vec!["bad.msh", "node 7", "up to 1e6 mm"],
+        ),
     ] {
         assert!(MESH.contains(from), "{from}");
         bench.write("bad.msh", &MESH.replace(from, to));
         bench.run("mesh info bad.msh").fails(2, &words);
     }
+    // An inverted tetrahedron has no condition, and no figure that is none.
+    bench.write("inverted.msh", &MESH.replace("2 4 2 1 1 1 2 3 4", "2 4 2 1 1 1 2 4 3"));
+    let run = bench.run("mesh info inverted.msh");
+    assert!(
+        !run.text().contains("inf ") && !run.text().contains("inf\n") && !run.text().contains("NaN"),
+        "{run:?}"
+    );
+    assert!(run.text().contains("infinite"), "{run:?}");
     bench.run("mesh info --help").text();
 }

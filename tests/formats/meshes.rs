@@ -235,3 +235,22 @@ fn surfaces_have_their_points_triangles_and_axes() {
     let outside = file.mesh.surface().count();
     assert_eq!(SurfaceFile::read(&path).unwrap().triangles.len(), outside);
 }
+
+#[test]
+fn displacements_are_finite() {
+    let vtk = |x: &str| {
+        format!(
+            "# vtk DataFile Version 3.0\nx\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 4 float\n0 0 0 10 0 0 0 10 0 0 0 10\n\
+             CELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n10\nPOINT_DATA 4\nVECTORS displacement float\n0 0 0 0 {x} 0 0 0 0 0 0 0\n"
+        )
+    };
+    let read = |x: &str| read_mesh_bytes(vtk(x).as_bytes(), Path::new("a.vtk"), &ReadOptions::default());
+    assert!(read("0.5").is_ok());
+    for bad in ["nan", "inf", "1e7"] {
+        let error = read(bad).expect_err(bad).to_string();
+        assert!(
+            error.contains("displacement of node 1") && error.contains("a.vtk"),
+            "{error}"
+        );
+    }
+}

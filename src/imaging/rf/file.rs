@@ -6,6 +6,7 @@ use std::path::Path;
 use super::SPEED_M_S;
 use insonify_anatomy::volume::header::Header;
 use insonify_anatomy::volume::{At, VolumeError, numbers, read_header};
+use insonify_base::{memory, number};
 use insonify_tracking::sequence::Sequence;
 
 /// Names of the fields in which this program states sampling rate (MHz), distance between lines (mm), radius of the
@@ -125,7 +126,7 @@ fn step_mm(header: &Header, axis: usize) -> f64 {
 fn stated(header: &Header, layout: &Layout, baseband: bool, notes: &mut Vec<String>) -> [Option<f64>; 4] {
     let mut stated = FIELDS.map(|name| {
         let (_, value) = header.key_values.iter().find(|(key, _)| key == name)?;
-        value.trim().parse().ok().filter(|value: &f64| value.is_finite())
+        number::parsed(value.trim())
     });
     let [columns, rows] = [0, 1].map(|axis| step_mm(header, axis));
     if [columns, rows] == [1.0; 2] {
@@ -191,6 +192,9 @@ impl Echoes {
             return Err(wrong(format!("{lines} lines of {samples} samples"), expected));
         }
         let values = numbers(&mut header)?;
+        // The numbers again in the order of the lines, and a frame in between.
+        let needed = size_of_val(&values[..]) + size[0] * size[1] * size_of::<f32>();
+        memory::check(needed as u64, "echoes").map_err(|cause| VolumeError::read(path, cause.into()))?;
         let frames = values.chunks_exact(size[0] * size[1]).map(|frame| {
             let frame = layout.ordered(frame);
             if by_rows { interleaved(&frame, samples) } else { frame }

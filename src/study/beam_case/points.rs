@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use insonify_base::csv::CsvError;
+use insonify_base::number;
 use insonify_base::read;
 use insonify_base::text::clipped;
 use insonify_mechanics::needle::beam::fit::Sample;
@@ -82,8 +83,7 @@ pub fn parse(text: &[u8], path: &Path) -> Result<Vec<Sample>, CsvError> {
 
 fn sample(record: &csv::StringRecord, columns: [usize; 2]) -> Result<Sample, (String, &'static str)> {
     let number = |column: usize| {
-        let number = record[column].parse::<f64>().ok().filter(|number| number.is_finite());
-        number.ok_or_else(|| (format!("`{}`", &record[column]), "a finite number"))
+        number::parsed(&record[column]).ok_or_else(|| (format!("`{}`", &record[column]), "a finite number"))
     };
     let [stretch, stress_kpa] = [number(columns[0])?, number(columns[1])?];
     if !(STRETCH_RANGE[0]..=STRETCH_RANGE[1]).contains(&stretch) {

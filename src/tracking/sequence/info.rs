@@ -221,11 +221,12 @@ impl fmt::Display for TimeInfo {
         let (start, end) = (self.start_s, self.end_s);
         writeln!(f, "time         {start:.3} to {end:.3} s ({:.3} s)", end - start)?;
         if let (Some(median), Some(longest)) = (self.median_interval_s, self.longest_interval_s) {
-            let rate = if median > 0.0 { 1.0 / median } else { f64::NAN };
-            write!(
-                f,
-                "rate         {rate:.2} frames a second (median interval {median:.3} s); "
-            )?;
+            let rate = if median > 0.0 {
+                format!("{:.2} frames a second", 1.0 / median)
+            } else {
+                "unknown".to_owned()
+            };
+            write!(f, "rate         {rate} (median interval {median:.3} s); ")?;
             writeln!(
                 f,
                 "{} gaps above {GAP} medians, longest interval {longest:.3} s",
@@ -251,6 +252,11 @@ mod tests {
         assert!((time.longest_interval_s.unwrap() - 0.3).abs() < 1e-9);
         assert_eq!((time.gaps, time.not_after), (1, 1));
         assert_eq!(TimeInfo::of(std::iter::empty()), None);
+        let equal = TimeInfo::of([0.0; 3].into_iter()).unwrap().to_string();
+        assert!(
+            equal.contains("rate         unknown (median interval 0.000 s)") && !equal.contains("NaN"),
+            "{equal}"
+        );
         let single = TimeInfo::of(std::iter::once(2.0)).unwrap();
         assert_eq!((single.median_interval_s, single.gaps), (None, 0));
     }

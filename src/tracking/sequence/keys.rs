@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::Matrix4;
 
 use super::TrackedTransform;
+use insonify_base::number;
 use insonify_base::text::some_of;
 
 /// Key values of one frame.
@@ -52,9 +53,9 @@ pub(super) fn parse(key_values: &[(String, String)]) -> Keys {
         let frame = keys.frames.entry(number).or_default();
         let ok = value.eq_ignore_ascii_case("ok");
         match what {
-            "Timestamp" => match value.parse::<f64>() {
-                Ok(seconds) if seconds.is_finite() => frame.timestamp = Some(seconds),
-                _ => unreadable += 1,
+            "Timestamp" => match number::parsed(value) {
+                Some(seconds) => frame.timestamp = Some(seconds),
+                None => unreadable += 1,
             },
             // NRRD sequences of PLUS shorten the key.
             "ImageStatus" | "Status" => frame.image_valid = Some(ok),

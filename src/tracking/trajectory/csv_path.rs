@@ -9,6 +9,7 @@ use super::{Interpolation, Key, Trajectory, check_time};
 use crate::TrackingError;
 use crate::pose::Pose;
 use crate::world::World;
+use insonify_base::number;
 use insonify_base::read;
 use insonify_base::text::head;
 
@@ -155,14 +156,11 @@ impl Columns {
         let number = |column: &'static str| {
             let entry = self.columns.iter().find(|(name, _)| *name == column);
             let cell = entry.and_then(|&(_, index)| record.get(index)).unwrap_or_default();
-            match cell.parse::<f64>() {
-                Ok(number) if number.is_finite() => Ok(number),
-                _ => {
-                    let cell = head(cell, FOUND);
-                    let text = format!(", line {line}, column `{column}`: found `{cell}`; expected a finite number");
-                    Err(TrackingError::file(path, text))
-                }
-            }
+            number::parsed(cell).ok_or_else(|| {
+                let cell = head(cell, FOUND);
+                let text = format!(", line {line}, column `{column}`: found `{cell}`; expected a finite number");
+                TrackingError::file(path, text)
+            })
         };
         let three = |names: [&'static str; 3]| -> Result<[f64; 3], TrackingError> {
             Ok([number(names[0])?, number(names[1])?, number(names[2])?])

@@ -222,6 +222,10 @@ impl StiffeningCurve {
             warnings.push(format!(
                 "no strain below the knee of {knee:.3} was measured: the modulus is extrapolated from strains from {above:.3} on"
             ));
+        } else if above.is_infinite() {
+            warnings.push(format!(
+                "no strain above the knee of {knee:.3} was measured: the stiffening is extrapolated from strains up to {below:.3}"
+            ));
         } else if above > MAX_GAP_RATIO * below {
             warnings.push(format!(
                 "the knee of {knee:.3} lies in a gap: no strain was measured between {below:.3} and {above:.3}"
