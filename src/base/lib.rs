@@ -2,6 +2,7 @@
 
 pub mod bending;
 pub mod blame;
+pub mod border;
 pub mod cache;
 
 pub mod csv;

@@ -14,7 +14,7 @@ use super::TrackingError;
 use super::probe::{ProbeKind, ProbeSpec};
 use super::sequence::{TrackedTransform, ends};
 use insonify_base::matrix::Rows;
-use insonify_base::{read, text};
+use insonify_base::{border, number, read, text};
 
 pub use info::{CalibrationInfo, PlusInfo};
 
@@ -80,7 +80,8 @@ impl PlusConfig {
 
     /// Parses a configuration as [`PlusConfig::read`] does, from text; `path` is the file name shown in errors.
     pub fn parse(text: &str, path: &Path) -> Result<Self, TrackingError> {
-        let document = Document::parse(text)
+        let document = border::guarded(|| Document::parse(text))
+            .map_err(|panicked| TrackingError::file(path, format!(": found {panicked}; expected XML")))?
             .map_err(|error| xml_error(path, error.pos(), &format!("not well-formed XML: {error}")))?;
         let root = Element {
             document: &document,
@@ -272,9 +273,8 @@ impl<'a> Element<'a> {
         let Some(text) = self.node.attribute(key) else {
             return Ok(None);
         };
-        let numbers: Result<Vec<f64>, _> = text.split_whitespace().map(str::parse).collect();
-        let numbers = numbers.ok().and_then(|numbers| <[f64; N]>::try_from(numbers).ok());
-        match numbers.filter(|numbers| numbers.iter().all(|x| x.is_finite())) {
+        let numbers: Option<Vec<f64>> = text.split_whitespace().map(number::parsed).collect();
+        match numbers.and_then(|numbers| <[f64; N]>::try_from(numbers).ok()) {
             Some(numbers) => Ok(Some(numbers)),
             None => Err(self.fault(format!("`{key}` is `{text}`; expected {expected}"))),
         }

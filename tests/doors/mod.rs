@@ -176,3 +176,43 @@ fn whatever_a_crate_shows_somebody_else_uses() {
         unused.len()
     );
 }
+
+/// Calls of decoders of other crates that take memory by what a file states.
+const DECODERS: [&str; 9] = [
+    "GzDecoder::new(",
+    "ZlibDecoder::new(",
+    "DeflateDecoder::new(",
+    "BzDecoder::new(",
+    "reader.decode()",
+    "OpenFileOptions::new()",
+    "decode_pixel_data_frame(",
+    "read_ply(",
+    "Document::parse(",
+];
+
+/// A decoder stands behind the border: its call is given to `insonify_base::border` in the same line, or the function that calls it is.
+#[test]
+fn decoders_of_others_are_called_behind_the_border() {
+    // The function below is handed over whole.
+    let handed_over = ["decode_pixel_data_frame("];
+    let mut found = BTreeSet::new();
+    for path in sources(&root().join("src")) {
+        for line in code(&path, false).lines() {
+            for decoder in DECODERS.iter().filter(|decoder| line.contains(*decoder)) {
+                let is_behind = line.contains("border::") || line.contains("Guarded(") || handed_over.contains(decoder);
+                assert!(is_behind, "{}: {line}", path.display());
+                found.insert(*decoder);
+            }
+        }
+    }
+    assert_eq!(found.len(), DECODERS.len(), "{found:?}");
+    let dicom = code(&root().join("src/study/realism/picture/dicom.rs"), false);
+    assert!(dicom.contains("border::guarded(|| frame(&object"));
+    // Whole formats of `image` are opened in one place.
+    for word in ["image::open(", "load_from_memory", "PngDecoder", "JpegDecoder"] {
+        let others = sources(&root().join("src"))
+            .into_iter()
+            .filter(|path| code(path, false).contains(word));
+        assert_eq!(others.collect::<Vec<_>>(), Vec::<PathBuf>::new(), "{word}");
+    }
+}

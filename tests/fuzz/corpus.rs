@@ -375,3 +375,143 @@ pub(crate) fn beside(folder: &Path) {
         std::fs::write(folder.join(name), bytes).expect("written");
     }
 }
+
+/// A grey JPEG image of 8 x 8 pixels of one level.
+fn jpeg() -> Vec<u8> {
+    let mut bytes = b"\xff\xd8\xff\xdb\0\x43\0".to_vec();
+    bytes.extend([1; 64]);
+    bytes.extend(b"\xff\xc0\0\x0b\x08\0\x08\0\x08\x01\x01\x11\0");
+    // One code of one bit: no difference of the mean; the end of the block.
+    for table in [0x00, 0x10] {
+        bytes.extend([0xff, 0xc4, 0, 20, table, 1]);
+        bytes.extend([0; 16]);
+    }
+    bytes.extend(b"\xff\xda\0\x08\x01\x01\0\0\x3f\0\x3f\xff\xd9");
+    bytes
+}
+
+/// A DICOM file of two frames of 8 x 8 pixels in a transfer syntax, its pixels as they are, by RLE or as JPEG.
+pub(crate) fn dicom(syntax: &str) -> Vec<u8> {
+    let element = |tag: [u16; 2], kind: &[u8; 2], value: &[u8]| {
+        let tag = tag.map(u16::to_le_bytes).concat();
+        let length = (value.len() as u16).to_le_bytes();
+        [&tag[..], kind, &length, value].concat()
+    };
+    let long = |tag: [u16; 2], kind: &[u8; 2], length: u32, value: &[u8]| {
+        let tag = tag.map(u16::to_le_bytes).concat();
+        [&tag[..], kind, &[0; 2], &length.to_le_bytes(), value].concat()
+    };
+    let item = |value: &[u8]| [&[0xfe, 0xff, 0, 0xe0], &(value.len() as u32).to_le_bytes()[..], value].concat();
+    let number = |tag: [u16; 2], number: u16| element(tag, b"US", &number.to_le_bytes());
+    let even = |text: &str| format!("{text}{}", if text.len() % 2 == 1 { "\0" } else { "" }).into_bytes();
+    let meta = [
+        element([2, 2], b"UI", b"1.2.840.10008.5.1.4.1.1.6.1\0"),
+        element([2, 3], b"UI", b"2.25"),
+        element([2, 0x10], b"UI", &even(syntax)),
+    ]
+    .concat();
+    let mut rle = [1u32, 64].map(u32::to_le_bytes).concat();
+    rle.resize(64, 0);
+    rle.extend([193, 40]);
+    let fragment = match syntax.rsplit('.').next() {
+        Some("5") => Some(rle),
+        Some("50") => Some(jpeg()),
+        _ => None,
+    };
+    let pixels = match fragment {
+        None => long([0x7fe0, 0x10], b"OB", 128, &[40; 128]),
+        Some(fragment) => {
+            let end = [0xfe, 0xff, 0xdd, 0xe0, 0, 0, 0, 0];
+            let items = [item(&[]), item(&fragment), item(&fragment), end.to_vec()].concat();
+            long([0x7fe0, 0x10], b"OB", u32::MAX, &items)
+        }
+    };
+    [
+        vec![0; 128],
+        b"DICM".to_vec(),
+        element([2, 0], b"UL", &(meta.len() as u32).to_le_bytes()),
+        meta,
+        number([0x28, 2], 1),
+        element([0x28, 4], b"CS", b"MONOCHROME2 "),
+        element([0x28, 8], b"IS", b"2 "),
+        number([0x28, 0x10], 8),
+        number([0x28, 0x11], 8),
+        element([0x28, 0x30], b"DS", b"0.3\\0.3 "),
+        number([0x28, 0x100], 8),
+        number([0x28, 0x101], 8),
+        number([0x28, 0x102], 7),
+        number([0x28, 0x103], 0),
+        pixels,
+    ]
+    .concat()
+}
+
+/// A picture by its file: grey, coloured, or with a palette.
+pub(crate) fn png(palette: bool) -> Vec<u8> {
+    let chunk = |kind: &[u8; 4], data: &[u8]| {
+        let named = [&kind[..], data].concat();
+        let mut check = flate2::Crc::new();
+        check.update(&named);
+        [
+            &(data.len() as u32).to_be_bytes()[..],
+            &named,
+            &check.sum().to_be_bytes(),
+        ]
+        .concat()
+    };
+    let mut packer = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::fast());
+    let colour = if palette { 3 } else { 0 };
+    std::io::Write::write_all(&mut packer, &[0, 1, 2, 3, 4, 0, 2, 1, 4, 3]).expect("memory");
+    let parts = [
+        chunk(b"IHDR", &[0, 0, 0, 4, 0, 0, 0, 2, 8, colour, 0, 0, 0]),
+        chunk(b"PLTE", &[9; 15]),
+        chunk(b"IDAT", &packer.finish().expect("memory")),
+        chunk(b"IEND", &[]),
+    ];
+    [&b"\x89PNG\r\n\x1a\n"[..], &parts.concat()].concat()
+}
+
+/// A tetrahedron as PLY, its numbers as text or binary.
+pub(crate) fn ply(text: bool) -> Vec<u8> {
+    let kind = if text { "ascii" } else { "binary_little_endian" };
+    let mut bytes = format!(
+        "ply\nformat {kind} 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 4\n\
+         property list uchar int vertex_indices\nend_header\n"
+    )
+    .into_bytes();
+    for point in [[0.0f32, 0.0, 0.0], [90.0, 0.0, 0.0], [0.0, 80.0, 0.0], [0.0, 0.0, 70.0]] {
+        if text {
+            bytes.extend(point.map(|x| format!("{x} ")).concat().into_bytes());
+            bytes.push(b'\n');
+        } else {
+            bytes.extend(point.map(f32::to_le_bytes).concat());
+        }
+    }
+    for face in [[0i32, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]] {
+        if text {
+            bytes.extend(format!("3 {} {} {}\n", face[0], face[1], face[2]).into_bytes());
+        } else {
+            bytes.push(3);
+            bytes.extend(face.map(i32::to_le_bytes).concat());
+        }
+    }
+    bytes
+}
+
+pub(crate) const STL: &str = "solid a\n facet normal 0 0 1\n  outer loop\n   vertex 0 0 0\n   vertex 90 0 0\n   vertex 0 80 0\n  endloop\n endfacet\n\
+    endsolid a\n";
+pub(crate) const OBJ: &str = "v 0 0 0\nv 90 0 0\nv 0 80 0\nv 0 0 70\nf 1 3 2\nf 1 2 4\nf 2/1 3/1 4/1\nf -4 -1 -2\n";
+pub(crate) const MODULI: &str =
+    "frequency_rad_s,storage_kpa,loss_kpa\n0.1,0.31,0.05\n1,0.39,0.062\n10,0.49,0.078\n100,0.62,0.098\n";
+pub(crate) const CREEP: &str =
+    "stress_kpa,time_s,strain\n0.05,1,0.1\n0.05,10,0.13\n0.05,100,0.16\n0.2,1,0.38\n0.2,10,0.47\n0.2,100,0.55\n";
+pub(crate) const SESSIONS: &str = "group,person,session,m1,m2,m3,m4,m5,m6,m7,m8,m9,m10\na,p,1,1,2,3,4,5,6,7,8,9,10\na,q,1,1.5,2,3,4,5,6,7,8,9,11\n\
+    b,r,1,2,2.5,3,4,5,6,7,8,9,10\nb,s,1,2,2,3.5,4,5,6,7,8,9,10\n";
+
+/// Echoes of two frames of two lines of 16 samples.
+pub(crate) fn echoes() -> Vec<u8> {
+    let head = "ObjectType = Image\nNDims = 3\nDimSize = 16 2 2\nElementSpacing = 0.02 0.3 1\nUltrasoundImageType = RF_REAL\n\
+                UltrasoundImageOrientation = FM\nRfSamplingMHz = 40\nRfPitchMm = 0.3\nElementType = MET_SHORT\nElementDataFile = LOCAL\n";
+    let samples = (0..64i32).flat_map(|n| ((n * 997 % 251 - 125) as i16).to_le_bytes());
+    head.bytes().chain(samples).collect()
+}

@@ -16,14 +16,21 @@ use insonify_imaging::effects::Effects;
 use insonify_imaging::effects::table::Stated;
 use insonify_imaging::quality::cache::Cache;
 use insonify_imaging::quality::{Costs, pick};
+use insonify_imaging::rf::bmode::{envelope, grey, white};
+use insonify_imaging::rf::file::Echoes;
 use insonify_imaging::scene::{self, ImageSpec, SceneFile};
 use insonify_imaging::synth::{Backend, FrameState, Synthesizer};
 use insonify_mechanics::needle::beam::{Compression, fit};
-use insonify_mesh::file::{ReadOptions, read_mesh, read_mesh_bytes, write_vtu};
+use insonify_mesh::file::{ReadOptions, SurfaceFile, read_mesh, read_mesh_bytes, write_vtu};
 use insonify_mesh::generate::{GenerateOptions, LabelGrid, generate};
 use insonify_mesh::quality::Quality;
 use insonify_study::beam_case::{self, points};
-use insonify_study::material_case;
+use insonify_study::material_case::{
+    self,
+    fit::{MaterialFit, Measurements},
+};
+use insonify_study::realism::picture;
+use insonify_study::score::groups;
 use insonify_tracking::calibration::Calibration;
 use insonify_tracking::plus::PlusConfig;
 use insonify_tracking::sequence::Sequence;
@@ -216,6 +223,37 @@ pub(crate) fn all(folder: &Path) -> Vec<Format> {
             poses,
         ),
         of("points", "case.csv", false, text(&[corpus::POINTS]), stretches),
+        of(
+            "dicom",
+            "case.dcm",
+            true,
+            vec![
+                corpus::dicom("1.2.840.10008.1.2.1"),
+                corpus::dicom("1.2.840.10008.1.2.5"),
+                corpus::dicom("1.2.840.10008.1.2.4.50"),
+            ],
+            pictures,
+        ),
+        of(
+            "png",
+            "case.png",
+            true,
+            vec![corpus::png(true), corpus::png(false)],
+            pictures,
+        ),
+        of("ply", "case.ply", false, vec![corpus::ply(true)], surface),
+        of("ply-binary", "case.ply", true, vec![corpus::ply(false)], surface),
+        of("stl", "case.stl", false, text(&[corpus::STL]), surface),
+        of("obj", "case.obj", false, text(&[corpus::OBJ]), surface),
+        of(
+            "moduli",
+            "case.csv",
+            false,
+            text(&[corpus::MODULI, corpus::CREEP]),
+            measured,
+        ),
+        of("sessions", "case.csv", false, text(&[corpus::SESSIONS]), sessions),
+        of("echoes", "case.igs.mha", false, vec![corpus::echoes()], echoes),
         of("names", "case.csv", false, text(&corpus::NAMES_OF_LABELS), names),
         of("plus-xml", "case.xml", false, text(&[corpus::XML]), calibration),
         of("costs", "case.json", false, text(&[corpus::COSTS]), costs),
@@ -291,7 +329,8 @@ fn sequence(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
 /// `mesh info`, writing, and a static problem on it.
 fn mesh(path: &Path, bytes: &[u8], dice: &mut Dice) -> Result<(), Error> {
     let file = read_mesh_bytes(bytes, path, &ReadOptions::default())?;
-    let usable = Quality::measure(&file.mesh, &file.current()).usable().is_ok();
+    let quality = Quality::measure(&file.mesh, &file.current());
+    let usable = quality.usable().is_ok();
     let (folder, out) = beside(path, "a.vtu");
     write_vtu(&out, &file.mesh, file.displacements.as_deref())?;
     let again = read_mesh(&out, &ReadOptions::default())?;
@@ -462,6 +501,52 @@ fn costs(path: &Path, bytes: &[u8], _: &mut Dice) -> Result<(), Error> {
         }
     }
     Ok(())
+}
+
+/// `realism` on two frames.
+fn pictures(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
+    Ok(picture::read(&[path.to_owned()], 2, None).map(drop)?)
+}
+
+fn surface(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
+    let surface = SurfaceFile::read(path)?;
+    assert!(surface.longest_side().is_finite());
+    Ok(())
+}
+
+/// `material fit`.
+fn measured(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
+    let mut measured = Measurements::default();
+    measured.add(path)?;
+    if let Ok(fit) = MaterialFit::new(&measured, None, Default::default()) {
+        finite(&fit.to_string());
+        fit.warnings.iter().for_each(|warning| finite(warning));
+    }
+    Ok(())
+}
+
+/// `score --groups`.
+fn sessions(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
+    finite(&groups::compare(&groups::read(path)?).to_string());
+    Ok(())
+}
+
+/// `rf --bmode` of the first frame.
+fn echoes(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
+    let echoes = Echoes::read(path)?;
+    let envelope = envelope(&echoes, 0);
+    assert!(
+        grey(&envelope, white(&envelope), 60.0)
+            .iter()
+            .all(|grey| grey.is_finite())
+    );
+    Ok(())
+}
+
+/// Checks that a text states no number that is none.
+fn finite(text: &str) {
+    let mut words = text.split(|c: char| !c.is_alphanumeric());
+    assert!(!words.any(|word| word == "NaN" || word == "inf"), "{text}");
 }
 
 /// Checks the message of an error.

@@ -1,5 +1,5 @@
 //! Mutated files of every format, through what the commands do with them: each case ends with a result or a message of
-//! bounded length, within seconds, without a panic, and leaves no file where it failed.
+//! bounded length, within seconds and a limit of memory, without a panic, and leaves no file where it failed.
 //!
 //! `INSONIFY_FUZZ_CASES` (of each format), `INSONIFY_FUZZ_SEED`, `INSONIFY_FUZZ_FORMAT` and `INSONIFY_FUZZ_FIRST`
 //! choose the cases.
@@ -8,13 +8,14 @@ mod corpus;
 mod formats;
 mod mutate;
 
+use std::alloc::{GlobalAlloc, Layout, System};
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use formats::Format;
@@ -24,6 +25,8 @@ use mutate::Dice;
 const CASES: u64 = 400;
 /// Longest case, s.
 const PATIENCE_S: f64 = 10.0;
+/// Most memory of a case, bytes: twice what a decoder may take.
+const MOST: usize = 2 << 30;
 /// Failures of one cause that are shown.
 const SHOWN: usize = 2;
 
@@ -33,6 +36,45 @@ static RUNNING: Mutex<Option<(String, PathBuf, Vec<u8>)>> = Mutex::new(None);
 static CASE: AtomicU64 = AtomicU64::new(0);
 /// What the last panic said, and where.
 static PANIC: Mutex<String> = Mutex::new(String::new());
+
+/// Counts the memory that is taken, and its peak since the last case.
+struct Counted;
+
+static TAKEN: AtomicUsize = AtomicUsize::new(0);
+static PEAK: AtomicUsize = AtomicUsize::new(0);
+
+fn take(bytes: usize) {
+    let taken = TAKEN.fetch_add(bytes, Ordering::Relaxed) + bytes;
+    PEAK.fetch_max(taken, Ordering::Relaxed);
+}
+
+// SAFETY: every call goes unchanged to the system allocator; pages of zeros count though they are not touched.
+#[allow(unsafe_code, reason = "an allocator cannot be watched without implementing one")]
+unsafe impl GlobalAlloc for Counted {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        take(layout.size());
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        take(layout.size());
+        unsafe { System.alloc_zeroed(layout) }
+    }
+
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        take(size);
+        TAKEN.fetch_sub(layout.size(), Ordering::Relaxed);
+        unsafe { System.realloc(pointer, layout, size) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        TAKEN.fetch_sub(layout.size(), Ordering::Relaxed);
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counted = Counted;
 
 /// A number from the environment.
 fn number(name: &str, default: u64) -> u64 {
@@ -113,12 +155,18 @@ fn run(format: &Format, folder: &Path, seed: u64, case: u64) -> Result<bool, Str
         .expect("a folder that can be written");
     let entries = || std::fs::read_dir(folder).map_or(0, Iterator::count);
     let before = entries();
+    let start = TAKEN.load(Ordering::Relaxed);
+    PEAK.store(start, Ordering::Relaxed);
     let outcome = catch_unwind(AssertUnwindSafe(|| (format.run)(&path, &bytes, &mut dice)));
     let names = |entry: std::io::Result<std::fs::DirEntry>| entry.map(|entry| entry.file_name().into_encoded_bytes());
     let written: Vec<Vec<u8>> = std::fs::read_dir(&out).into_iter().flatten().flat_map(names).collect();
     let stray = entries() != before || written.iter().any(|name| name.starts_with(b"."));
     let _ = std::fs::remove_dir_all(&out);
     CASE.store(0, Ordering::Relaxed);
+    let taken = PEAK.load(Ordering::Relaxed).saturating_sub(start);
+    if taken > MOST {
+        return Err(format!("{}: {} MiB are taken", format.name, taken >> 20));
+    }
     match outcome.map_err(|_| PANIC.lock().unwrap().clone())? {
         Ok(()) if !stray => Ok(true),
         Err(error) if !stray && written.is_empty() => told(error).and_then(|()| match case {

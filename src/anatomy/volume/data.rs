@@ -10,6 +10,7 @@ use flate2::bufread::{GzDecoder, ZlibDecoder};
 use super::element::Element;
 use super::error::{At, VolumeError, quoted};
 use super::header::{Encoding, Header, Skip};
+use insonify_base::border::{EXPANSION, Guarded};
 use insonify_base::memory::TooLarge;
 use insonify_base::read;
 
@@ -45,8 +46,8 @@ pub(crate) fn read_into<V>(header: &mut Header, group: usize, push: Push<V>) -> 
     }
     let capacity = match header.data.encoding {
         Encoding::Raw | Encoding::Text => total,
-        // Maximum expansion per byte: "An Explanation of the Deflate Algorithm" (zlib) and twice the run length of blocks of bzip2.
-        Encoding::Gzip | Encoding::Zlib => total.min(stored.saturating_mul(1032) as usize),
+        Encoding::Gzip | Encoding::Zlib => total.min(stored.saturating_mul(EXPANSION) as usize),
+        // Twice the run length of blocks.
         Encoding::Bzip2 => total.min(stored.saturating_mul(1 << 21) as usize),
     };
     let what = format!("an image of {}", header.sizes());
@@ -308,9 +309,9 @@ fn unpack<V>(
     let encoding = header.data.encoding;
     loop {
         let drained = match encoding {
-            Encoding::Bzip2 => sink.drain(BzDecoder::new(&mut reader)),
-            Encoding::Zlib => sink.drain(ZlibDecoder::new(&mut reader)),
-            _ => sink.drain(GzDecoder::new(&mut reader)),
+            Encoding::Bzip2 => sink.drain(Guarded(BzDecoder::new(&mut reader))),
+            Encoding::Zlib => sink.drain(Guarded(ZlibDecoder::new(&mut reader))),
+            _ => sink.drain(Guarded(GzDecoder::new(&mut reader))),
         };
         let offset = reader.stream_position().unwrap_or(begin);
         if let Err(cause) = drained {

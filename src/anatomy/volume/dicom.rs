@@ -6,7 +6,7 @@ use std::path::Path;
 
 use dicom_dictionary_std::tags;
 use dicom_object::{InMemDicomObject, OpenFileOptions, Tag};
-use insonify_base::{dicom, read};
+use insonify_base::{border, dicom, read};
 use nalgebra::{Matrix4, Vector3};
 
 use super::channels::{Sets, flattened};
@@ -40,14 +40,11 @@ pub(super) fn load(path: &Path) -> Result<Loaded, VolumeError> {
 }
 
 fn parse(path: &Path, bytes: &[u8]) -> Result<Loaded, VolumeError> {
-    dicom::check_lengths(bytes).map_err(|error| {
-        let found = format!("an element of {} bytes", error.length);
-        VolumeError::malformed(path, At::Byte(error.offset as u64), found, "one that ends in the file")
-    })?;
+    dicom::check(bytes)
+        .map_err(|fault| VolumeError::malformed(path, At::Byte(fault.offset as u64), fault.found, fault.expected))?;
     let malformed = |found: String, expected: &str| VolumeError::malformed(path, At::Header, found, expected);
-    let object = OpenFileOptions::new()
-        .from_reader(Cursor::new(bytes))
-        .map_err(|cause| malformed(cause.to_string(), "a DICOM segmentation"))?;
+    let object = border::decoded(|| OpenFileOptions::new().from_reader(Cursor::new(bytes)))
+        .map_err(|fault| malformed(fault, "a DICOM segmentation"))?;
     let without = |what: &str| {
         malformed(
             format!("no {what}"),

@@ -19,6 +19,7 @@ use super::foreign;
 use super::format::Format;
 use super::header::{DataPlace, Encoding, Header, Skip};
 use fields::{Fields, LAYOUTS, Layout};
+use insonify_base::border::Guarded;
 use insonify_base::output::place::Written;
 use insonify_base::read;
 
@@ -78,7 +79,7 @@ fn read_header(path: &Path) -> Result<Header, VolumeError> {
     let mut file = BufReader::new(read::open(path).map_err(|cause| VolumeError::read(path, cause))?);
     let start = file.fill_buf().map_err(|cause| VolumeError::read(path, cause))?;
     if start.starts_with(GZIP) {
-        let mut unpacked = GzDecoder::new(file);
+        let mut unpacked = Guarded(GzDecoder::new(file));
         parse(path, &mut unpacked, Encoding::Gzip).map_err(|error| blame_gzip(path, unpacked, error))
     } else {
         parse(path, file, Encoding::Raw)
@@ -86,7 +87,7 @@ fn read_header(path: &Path) -> Result<Header, VolumeError> {
 }
 
 /// Attributes a header error to broken compression, if the checksum at its end fails.
-fn blame_gzip(path: &Path, mut unpacked: GzDecoder<BufReader<File>>, error: VolumeError) -> VolumeError {
+fn blame_gzip(path: &Path, mut unpacked: Guarded<GzDecoder<BufReader<File>>>, error: VolumeError) -> VolumeError {
     let broken = match &error {
         VolumeError::Read { cause, .. } if data::is_corrupt_data(cause) => Some(cause.to_string()),
         _ => io::copy(&mut (&mut unpacked).take(data::MAX_EXCESS), &mut io::sink())
@@ -97,7 +98,7 @@ fn blame_gzip(path: &Path, mut unpacked: GzDecoder<BufReader<File>>, error: Volu
     let Some(cause) = broken else {
         return error;
     };
-    let offset = unpacked.get_mut().stream_position().unwrap_or(0);
+    let offset = unpacked.0.get_mut().stream_position().unwrap_or(0);
     let found = format!("broken compressed data ({cause})");
     VolumeError::malformed(path, At::Byte(offset), found, "gzip data that unpack to a NIfTI file")
 }

@@ -14,6 +14,7 @@ use crate::synth::tables::{Anatomy, Settings};
 use crate::synth::{Backend, FrameState, SynthError};
 use insonify_base::blame::Blame;
 use insonify_base::matrix::inverse_rigid;
+use insonify_base::memory;
 use insonify_base::parallel::{self, chunks_mut, for_each};
 use insonify_base::random::{hash3, seed_words, unit};
 use insonify_gpu::adapter::{self, hardware};
@@ -29,6 +30,8 @@ const REACH: f64 = 3.0;
 const MARGIN_MM: f64 = 2.0;
 /// Interval of the losses along a line, mm.
 const LOSS_MM: f64 = 0.5;
+/// Bytes of a sample of a frame: of both precisions, with noise, and written.
+const BYTES_A_SAMPLE: usize = 24;
 /// Streams of random numbers beside that of positions.
 const AMPLITUDES: u64 = 0x5ca7;
 const NOISE: u64 = 0x201e;
@@ -100,6 +103,10 @@ impl RfSynthesizer {
         };
         let nodes = anatomy.mesh.as_ref().map_or(Vec::new(), |mesh| mesh.nodes().to_vec());
         let labels = anatomy.volume.labels().len();
+        // The acquisition sets the sampling of echoes, not the probe's number of samples.
+        let samples = (grid.depth_mm() / acquisition.sample_mm()).round() as usize;
+        let what = format!("echoes of {} lines x {samples} samples", grid.lines());
+        memory::check((BYTES_A_SAMPLE * grid.lines() * samples) as u64, &what)?;
         Ok(Self {
             entries: (0..labels)
                 .map(|label| texture::entry_of(&anatomy, label as u8))
@@ -109,8 +116,7 @@ impl RfSynthesizer {
             locator: anatomy.mesh.as_ref().map(|mesh| Locator::new(mesh)),
             reference: nodes.clone(),
             current: nodes,
-            // The acquisition sets the sampling of echoes, not the probe's number of samples.
-            samples: (grid.depth_mm() / acquisition.sample_mm()).round() as usize,
+            samples,
             region: None,
             points: Vec::new(),
             means: Means::Single,
@@ -181,7 +187,7 @@ impl RfSynthesizer {
     /// [`SynthError`] if the state has another number of nodes than the mesh.
     pub fn render(&mut self, state: &FrameState) -> Result<Vec<f32>, SynthError> {
         self.set(state)?;
-        self.cover(&state.probe_to_world);
+        self.cover(&state.probe_to_world)?;
         let to_probe = inverse_rigid(&state.probe_to_world);
         let losses = self.losses(&state.probe_to_world);
         let steps = losses.len() / self.lines();
@@ -250,7 +256,7 @@ impl RfSynthesizer {
     }
 
     /// Recreates the scatterers when the image or the tissue has moved out of their region.
-    fn cover(&mut self, probe_to_world: &Matrix4<f64>) {
+    fn cover(&mut self, probe_to_world: &Matrix4<f64>) -> Result<(), SynthError> {
         let moved = |(a, b): (&[f64; 3], &[f64; 3])| (Point3::from(*a) - Point3::from(*b)).norm();
         let strain = self.reference.iter().zip(&self.current).map(moved).fold(0.0, f64::max);
         let corners = self.corners(0.0);
@@ -265,14 +271,23 @@ impl RfSynthesizer {
             .as_ref()
             .is_some_and(|region| strain + shift <= region.margin_mm)
         {
-            return;
+            return Ok(());
         }
         let region = Region {
             probe_to_world: *probe_to_world,
             margin_mm: 1.5 * strain + MARGIN_MM,
         };
+        let corners = self.corners(region.margin_mm);
+        let box_mm3: f64 = (corners[7] - corners[0]).iter().product();
+        let volume = &self.anatomy.volume;
+        let volume_mm3 = volume.voxels().len() as f64 * volume.voxel_mm3();
+        let count = box_mm3.min(volume_mm3) * self.acquisition.per_cell / self.cell_mm3();
+        // Slices of points, all of them, and what is seen of them.
+        let each = 2 * size_of::<Point>() + size_of::<Scatterer>();
+        memory::check((count * each as f64) as u64, &format!("{count:.1e} scatterers"))?;
         self.points = self.scatter(&region);
         self.region = Some(region);
+        Ok(())
     }
 
     /// Corners of the box of the image and its slab, grown by a margin, probe frame, mm.

@@ -8,6 +8,7 @@ use ply_rs_bw::ply::{DefaultElement, Property};
 
 use super::error::{Fault, MeshFileError, quote};
 use super::{Cursor, renumber, vtk};
+use insonify_base::border;
 use insonify_base::foreign::Foreign;
 use insonify_base::matrix::FARTHEST_MM;
 use insonify_base::read;
@@ -315,9 +316,19 @@ fn check_ply_header(bytes: &[u8]) -> Result<(), Fault> {
 fn ply(bytes: &[u8]) -> Result<SurfaceFile, Fault> {
     check_ply_header(bytes)?;
     let wrong = |found: String| Fault::of_file(found, "a PLY surface");
-    let ply = Parser::<DefaultElement>::new()
-        .read_ply(&mut &bytes[..])
-        .map_err(|error| wrong(error.to_string()))?;
+    // An element may have no properties, and then takes memory without a byte of the file.
+    let header = bytes
+        .split(|byte| *byte == b'\n')
+        .take_while(|line| !line.starts_with(b"end_header"));
+    let promised = header.filter_map(|line| {
+        let line = std::str::from_utf8(line).ok()?.trim().strip_prefix("element")?;
+        line.split_whitespace().nth(1)?.parse::<usize>().ok()
+    });
+    let promised = promised.fold(0, usize::saturating_add);
+    if promised > bytes.len() {
+        return Err(wrong(format!("{promised} elements in {} bytes", bytes.len())));
+    }
+    let ply = border::decoded(|| Parser::<DefaultElement>::new().read_ply(&mut &bytes[..])).map_err(wrong)?;
     let elements = |name: &str| ply.payload.get(name).map(Vec::as_slice).unwrap_or_default();
     let points: Option<Vec<[f64; 3]>> = elements("vertex").iter().map(vertex).collect();
     let mut surface = SurfaceFile {

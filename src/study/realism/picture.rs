@@ -1,6 +1,8 @@
 //! Input frames from PNG and DICOM files, folders of them, and image sequences.
 
 mod dicom;
+#[cfg(test)]
+mod tests;
 
 use std::fs;
 use std::io::Cursor;
@@ -9,7 +11,7 @@ use std::path::{Path, PathBuf};
 use image::{DynamicImage, ImageFormat, ImageReader, Limits};
 
 use insonify_anatomy::volume::{At, VolumeError};
-use insonify_base::read;
+use insonify_base::{border, read};
 use insonify_imaging::sidecar::Sidecar;
 use insonify_imaging::synth::layers::Layer;
 use insonify_tracking::sequence::Sequence;
@@ -116,16 +118,54 @@ fn folder(path: &Path) -> Result<Vec<PathBuf>, VolumeError> {
 }
 
 fn png(path: &Path) -> Result<Picture, VolumeError> {
+    let mm = pixel_mm(&Sidecar::path_for(path)).map(|mm| [mm; 2]);
+    Ok(Picture::of(decoded_png(path)?, path.display().to_string(), mm))
+}
+
+/// Decodes a PNG file of at most [`MAX_SIDE_PX`] columns and rows.
+pub(crate) fn decoded_png(path: &Path) -> Result<DynamicImage, VolumeError> {
     let bytes = read::bytes(path, read::PNG).map_err(|cause| VolumeError::read(path, cause))?;
+    let refuse = |fault: String| VolumeError::malformed(path, At::Pixels, fault, "a PNG file, grey or RGB");
+    let promised = png_bytes(&bytes).map_err(refuse)?;
+    border::check(promised, bytes.len() as u64, "a picture").map_err(|cause| VolumeError::read(path, cause))?;
     let mut reader = ImageReader::with_format(Cursor::new(bytes), ImageFormat::Png);
     let mut limits = Limits::default();
     (limits.max_image_width, limits.max_image_height) = (Some(MAX_SIDE_PX), Some(MAX_SIDE_PX));
     reader.limits(limits);
-    let image = reader
-        .decode()
-        .map_err(|cause| VolumeError::malformed(path, At::Pixels, cause.to_string(), "a PNG file, grey or RGB"))?;
-    let mm = pixel_mm(&Sidecar::path_for(path)).map(|mm| [mm; 2]);
-    Ok(Picture::of(image, path.display().to_string(), mm))
+    border::decoded(|| reader.decode()).map_err(refuse)
+}
+
+/// Bytes of the rows of a PNG file by its header; the error says what a decoder must not be given. What is not a header is for
+/// the decoder to refuse.
+fn png_bytes(file: &[u8]) -> Result<u64, String> {
+    let mut promised = 0;
+    let mut rest = file.get(8..).unwrap_or_default();
+    while let Some((head, after)) = rest.split_first_chunk::<8>() {
+        let [a, b, c, d, kind @ ..] = *head;
+        let length = u32::from_be_bytes([a, b, c, d]) as usize;
+        let Some(data) = after.get(..length) else { break };
+        match (&kind, data) {
+            (b"IHDR", [w0, w1, w2, w3, h0, h1, h2, h3, depth, colour, ..]) => {
+                let [width, height] = [[*w0, *w1, *w2, *w3], [*h0, *h1, *h2, *h3]].map(u32::from_be_bytes);
+                let channels = match colour {
+                    2 => 3,
+                    4 => 2,
+                    6 => 4,
+                    _ => 1,
+                };
+                let row = (u64::from(width) * channels * u64::from(*depth)).div_ceil(8);
+                promised = row.saturating_mul(u64::from(height));
+            }
+            (b"PLTE", _) if length == 0 || length > 768 || !length.is_multiple_of(3) => {
+                return Err(format!("a palette of {length} bytes, which is not 1 to 256 colours"));
+            }
+            (b"IDAT", _) => break,
+            _ => {}
+        }
+        // The checksum follows.
+        rest = after.get(length + 4..).unwrap_or_default();
+    }
+    Ok(promised)
 }
 
 /// Whether a pixel has a hue, as Doppler and annotations have.

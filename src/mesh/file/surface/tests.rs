@@ -199,3 +199,14 @@ fn faults_say_where_they_are() {
         assert!(error.contains(words), "{error}");
     }
 }
+
+#[test]
+fn elements_without_properties_ask_for_no_memory() {
+    let text = "ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\nend_header\n";
+    let fault = SurfaceFile::parse(text.as_bytes(), "ply").expect_err("a promise");
+    let error = fault.locate(text.as_bytes(), Path::new("skin.ply")).to_string();
+    assert!(
+        error.contains("skin.ply") && error.contains("4000000000 elements in 76 bytes"),
+        "{error}"
+    );
+}

@@ -1,6 +1,7 @@
 //! Frames of DICOM files: native, RLE and JPEG pixels, colour palettes (PS3.3 C.7.9), and the pixel size from the
 //! calibrated regions (PS3.3 C.8.5.5) or the pixel spacing.
 
+mod layout;
 #[cfg(test)]
 mod tests;
 
@@ -14,9 +15,10 @@ use dicom_pixeldata::{
 };
 use image::{DynamicImage, GrayImage, RgbImage};
 
-use super::{MAX_SIDE_PX, Picture};
+use super::Picture;
 use insonify_anatomy::volume::{At, VolumeError};
-use insonify_base::{dicom, read};
+use insonify_base::{border, dicom, read};
+use layout::Layout;
 
 /// Physical units of a region's pixels: centimetres (PS3.3 C.8.5.5.1.15).
 const CENTIMETRES: u16 = 3;
@@ -42,24 +44,23 @@ const PALETTES: [[Tag; 3]; 3] = [
 /// Reads up to `max_frames` evenly spaced frames.
 pub(super) fn read(path: &Path, max_frames: usize) -> Result<Vec<Picture>, VolumeError> {
     let bytes = read::bytes(path, read::DICOM).map_err(|cause| VolumeError::read(path, cause))?;
-    dicom::check_lengths(&bytes).map_err(|error| {
-        let found = format!("an element of {} bytes", error.length);
-        VolumeError::malformed(path, At::Byte(error.offset as u64), found, "one that ends in the file")
-    })?;
-    let object = OpenFileOptions::new()
-        .from_reader(Cursor::new(bytes))
-        .map_err(|cause| VolumeError::malformed(path, At::Header, cause.to_string(), "a DICOM file with images"))?;
+    dicom::check(&bytes)
+        .map_err(|fault| VolumeError::malformed(path, At::Byte(fault.offset as u64), fault.found, fault.expected))?;
+    let object = border::decoded(|| OpenFileOptions::new().from_reader(Cursor::new(bytes)))
+        .map_err(|fault| VolumeError::malformed(path, At::Header, fault, "a DICOM file with images"))?;
     let refuse = |fault: String| {
         let expected = "grey, RGB, YBR or palette images; others can be converted to PNG with dcmj2pnm of DCMTK";
         VolumeError::malformed(path, At::Pixels, fault, expected)
     };
-    // Checked before anything is decoded: a header may promise pictures that no memory holds.
-    let [rows, columns] = [tags::ROWS, tags::COLUMNS].map(|tag| number(&object, tag).unwrap_or(0.0));
-    if !(1.0..=f64::from(MAX_SIDE_PX)).contains(&rows.min(columns)) || rows.max(columns) > f64::from(MAX_SIDE_PX) {
-        return Err(refuse(format!("images of {columns} x {rows} pixels")));
-    }
-    let frames = number(&object, tags::NUMBER_OF_FRAMES).map_or(1, |count| (count as usize).max(1));
-    let grey = |index: usize| frame(&object, index as u32).map(|image| Picture::of(image, String::new(), None));
+    let layout = Layout::new(&object).map_err(refuse)?;
+    let frames = layout.frames;
+    let frame_bytes = layout.bytes as u64;
+    border::check(frame_bytes, layout.stored as u64, "a frame").map_err(|cause| VolumeError::read(path, cause))?;
+    let grey = |index: usize| {
+        let image = border::guarded(|| frame(&object, index as u32));
+        let image = image.map_err(|panicked| format!("frame {index} with {panicked}"))??;
+        Ok(Picture::of(image, String::new(), None))
+    };
     let mm = pixel_mm(&object);
     let pictures = super::spread(frames, max_frames).map(|index| {
         let picture = grey(index).map_err(refuse)?;

@@ -7,10 +7,8 @@ use base64::engine::general_purpose::STANDARD;
 
 use super::Fault;
 use super::data::Encoding;
+use insonify_base::border::{EXPANSION, Guarded};
 use insonify_base::read;
-
-/// Maximum compression ratio of zlib: a block that claims more has a broken or hostile header.
-const ZLIB_RATIO: usize = 1032;
 
 /// Encoded bytes.
 #[derive(Clone, Copy)]
@@ -106,7 +104,7 @@ impl<'a> Packed<'a> {
         let unpacked = (0..count).map(|block| if block + 1 == count { last } else { full });
         let blocks: Vec<_> = header[3..].iter().copied().zip(unpacked).collect();
         for (block, &(size, unpacked)) in blocks.iter().enumerate() {
-            if unpacked > size.saturating_mul(ZLIB_RATIO) {
+            if unpacked > size.saturating_mul(EXPANSION as usize) {
                 let found = format!("block {block} of {size} bytes claiming {unpacked}");
                 return Err(Fault::at(start, found, "a zlib block"));
             }
@@ -133,7 +131,7 @@ impl<'a> Packed<'a> {
         for (block, &(size, expected)) in blocks.iter().enumerate() {
             let (data, tail) = rest.split_at(size);
             let before = out.len();
-            let inflated = flate2::read::ZlibDecoder::new(data)
+            let inflated = Guarded(flate2::read::ZlibDecoder::new(data))
                 .take(expected as u64 + 1)
                 .read_to_end(&mut out);
             if let Err(error) = inflated {

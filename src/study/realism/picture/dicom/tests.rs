@@ -1,4 +1,4 @@
-use dicom_core::value::DataSetSequence;
+use dicom_core::value::{DataSetSequence, PixelFragmentSequence};
 use dicom_core::{DataElement, PrimitiveValue, VR};
 use dicom_object::FileMetaTableBuilder;
 
@@ -10,6 +10,10 @@ fn put(object: &mut InMemDicomObject, tag: Tag, vr: VR, value: impl Into<Primiti
 
 /// A file of `frames` of 8-bit pixels, 4 columns by 2 rows each.
 fn file(kind: &str, frames: &[[u8; 8]], change: impl Fn(&mut InMemDicomObject)) -> Vec<u8> {
+    file_in("1.2.840.10008.1.2.1", kind, frames, change)
+}
+
+fn file_in(syntax: &str, kind: &str, frames: &[[u8; 8]], change: impl Fn(&mut InMemDicomObject)) -> Vec<u8> {
     let mut object = InMemDicomObject::new_empty();
     for (tag, number) in [
         (tags::ROWS, 2_u16),
@@ -27,7 +31,7 @@ fn file(kind: &str, frames: &[[u8; 8]], change: impl Fn(&mut InMemDicomObject)) 
     put(&mut object, tags::PIXEL_DATA, VR::OB, frames.concat());
     change(&mut object);
     let meta = FileMetaTableBuilder::new()
-        .transfer_syntax("1.2.840.10008.1.2.1")
+        .transfer_syntax(syntax)
         .media_storage_sop_class_uid("1.2.840.10008.5.1.4.1.1.6.1")
         .media_storage_sop_instance_uid("2.25.1");
     let mut bytes = Vec::new();
@@ -178,4 +182,129 @@ fn broken_files_are_refused() {
     });
     let error = pictures(&wide, 1).unwrap_err().to_string();
     assert!(error.contains("images of 9000 x 2 pixels"), "{error}");
+}
+
+/// A file of one packed frame.
+fn packed(syntax: &str, fragment: &[u8]) -> Vec<u8> {
+    file_in(syntax, "MONOCHROME2", &[[0; 8]], |object| {
+        let fragments = PixelFragmentSequence::new(Vec::new(), vec![fragment.to_vec()]);
+        object.put(DataElement::new(tags::PIXEL_DATA, VR::OB, fragments));
+    })
+}
+
+/// A fragment of RLE with one segment.
+fn rle(segments: u32, segment: &[u8]) -> Vec<u8> {
+    let mut fragment = segments.to_le_bytes().to_vec();
+    fragment.extend(64u32.to_le_bytes());
+    fragment.resize(64, 0);
+    [&fragment, segment].concat()
+}
+
+const RLE: &str = "1.2.840.10008.1.2.5";
+const JPEG: &str = "1.2.840.10008.1.2.4.50";
+
+#[test]
+fn runs_are_unpacked_where_they_fill_the_frame() {
+    // Six of one level, then two of their own, and a byte that pads.
+    for pad in [&[][..], &[0]] {
+        let segment = [&[251, 9, 1, 70, 80][..], pad].concat();
+        let decoded = pictures(&packed(RLE, &rle(1, &segment)), 1).unwrap();
+        assert_eq!(decoded[0].grey, [9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 70.0, 80.0]);
+    }
+}
+
+/// A grey JPEG image of 8 x 8 pixels of one level: unit steps, one code of one bit in both tables.
+fn jpeg() -> Vec<u8> {
+    let table = |kind: u8| [&[0xff, 0xc4, 0, 20, kind, 1][..], &[0; 16]].concat();
+    [
+        &[0xff, 0xd8, 0xff, 0xdb, 0, 67, 0][..],
+        &[1; 64],
+        &[0xff, 0xc0, 0, 11, 8, 0, 8, 0, 8, 1, 1, 0x11, 0],
+        &table(0),
+        &table(0x10),
+        &[0xff, 0xda, 0, 8, 1, 1, 0, 0, 63, 0, 0x3f, 0xff, 0xd9],
+    ]
+    .concat()
+}
+
+#[test]
+fn jpeg_images_of_the_sizes_of_the_file_are_decoded() {
+    let of = |rows: u16| {
+        file_in(JPEG, "MONOCHROME2", &[[0; 8]], |object| {
+            put(object, tags::ROWS, VR::US, rows);
+            put(object, tags::COLUMNS, VR::US, 8_u16);
+            let fragments = PixelFragmentSequence::new(Vec::new(), vec![jpeg()]);
+            object.put(DataElement::new(tags::PIXEL_DATA, VR::OB, fragments));
+        })
+    };
+    assert_eq!(pictures(&of(8), 1).unwrap()[0].grey, [128.0; 64]);
+    let error = pictures(&of(4), 1).unwrap_err().to_string();
+    assert!(
+        error.contains("a JPEG image of 8 x 8 pixels with 1 samples of 8 bits"),
+        "{error}"
+    );
+}
+
+#[test]
+fn what_a_decoder_would_fail_on_is_refused_before_it() {
+    let long = rle(1, &[129, 9].repeat(500));
+    let frame_of = |rows: u16, columns: u16, samples: u8| {
+        let [rows, columns] = [rows, columns].map(u16::to_be_bytes);
+        let sizes = [8, rows[0], rows[1], columns[0], columns[1], samples];
+        [
+            &[0xff, 0xd8, 0xff, 0xe0, 0, 4, 1, 1, 0xff, 0xc0, 0, 11][..],
+            &sizes,
+            &[1, 0x11, 0],
+        ]
+        .concat()
+    };
+    for (bytes, says) in [
+        // A count of segments that asks for 15 GB.
+        (
+            packed(RLE, &rle(0xe0ff_d8ff, &[7; 8])),
+            "3774863615 segments of RLE where 1 are needed",
+        ),
+        (packed(RLE, &[1, 0, 0, 0]), "0 segments of RLE"),
+        (packed(RLE, &rle(1, &[251, 9])), "6 bytes in segment 0 for 8 pixels"),
+        (packed(RLE, &rle(1, &[251])), "0 bytes in segment 0 for 8 pixels"),
+        (packed(RLE, &long), "64000 bytes in segment 0 for 8 pixels"),
+        (
+            packed(JPEG, &frame_of(60_000, 60_000, 3)),
+            "a JPEG image of 60000 x 60000 pixels with 3 samples",
+        ),
+        (packed(JPEG, &frame_of(3, 4, 1)), "a JPEG image of 4 x 3 pixels"),
+        (packed(JPEG, &frame_of(2, 4, 1)[..8]), "a JPEG image without sizes"),
+        (packed(JPEG, b"\xff\xd8nothing"), "a JPEG image without sizes"),
+        (
+            packed("1.2.840.10008.1.2.8.1", b"deflated"),
+            "pixels in transfer syntax 1.2.840.10008.1.2.8.1",
+        ),
+        (
+            file("MONOCHROME2", &[[9; 8]], |object| {
+                put(object, tags::BITS_STORED, VR::US, 0_u16)
+            }),
+            "pixels of 0 bits in 8",
+        ),
+        (
+            file("MONOCHROME2", &[[9; 8]], |object| {
+                put(object, tags::HIGH_BIT, VR::US, 8_u16)
+            }),
+            "a highest bit 8 of 8",
+        ),
+        (
+            file("MONOCHROME2", &[[9; 8]], |object| {
+                put(object, tags::SAMPLES_PER_PIXEL, VR::US, 2_u16)
+            }),
+            "2 samples a pixel",
+        ),
+        (
+            file("MONOCHROME2", &[[9; 8]], |object| {
+                put(object, tags::NUMBER_OF_FRAMES, VR::IS, "2000000000")
+            }),
+            "2000000000 frames of 8 bytes, and 8 bytes of pixels",
+        ),
+    ] {
+        let error = pictures(&bytes, 1).unwrap_err().to_string();
+        assert!(error.contains(says) && error.contains("us.dcm"), "{error}");
+    }
 }
