@@ -3,7 +3,7 @@
 use clap::{Args, CommandFactory};
 use clap_complete::Shell;
 
-use super::{Cli, Command, groups, terminal};
+use super::{Cli, Command, groups, limited, terminal};
 use insonify::Error;
 
 /// Prints the completion script of a shell
@@ -19,7 +19,7 @@ pub(crate) struct Completions {
 impl Completions {
     pub(crate) fn run(&self) -> Result<(), Error> {
         let mut script = Vec::new();
-        let mut command = groups::prefixed(Cli::command(), Command::GROUPS);
+        let mut command = limited(groups::prefixed(Cli::command(), Command::GROUPS));
         clap_complete::generate(self.shell, &mut command, "insonify", &mut script);
         terminal::emit(&String::from_utf8_lossy(&script))
     }

@@ -98,9 +98,9 @@ struct Cli {
     /// Print results and errors only: no notes, warnings or progress
     #[arg(short, long, global = true)]
     quiet: bool,
-    /// End after this time with status 124: unfinished output is removed
-    #[arg(long, global = true, value_name = "S", value_parser = seconds)]
-    time_limit_s: Option<f64>,
+    /// Time after which the program ends, s.
+    #[arg(skip)]
+    end_after_s: Option<f64>,
     #[command(subcommand)]
     command: Command,
 }
@@ -153,13 +153,17 @@ commands! {
 impl Cli {
     /// The command with its subcommands in groups.
     fn grouped() -> clap::Command {
-        groups::grouped(Self::command(), Command::GROUPS)
+        limited(groups::grouped(Self::command(), Command::GROUPS))
     }
 
     /// Parses the arguments of the process.
     fn from_arguments() -> Result<Self, clap::Error> {
         let matches = Self::grouped().try_get_matches()?;
-        Self::from_arg_matches(&matches).map_err(|error| error.format(&mut Self::grouped()))
+        let cli = Self::from_arg_matches(&matches).map_err(|error| error.format(&mut Self::grouped()))?;
+        Ok(Self {
+            end_after_s: limit_of(&matches),
+            ..cli
+        })
     }
 
     /// Runs the subcommand.
@@ -170,12 +174,38 @@ impl Cli {
         if let Err(cause) = watch() {
             terminal::warn(format_args!("an interrupt would leave temporary files behind: {cause}"));
         }
-        if let Some(limit_s) = self.time_limit_s {
+        if let Some(limit_s) = self.end_after_s {
             end_after(limit_s).map_err(failure::Failure::Thread)?;
         }
         insonify_base::cache::switch_on();
         self.command.run()
     }
+}
+
+/// Name of the time limit in matches.
+const END_AFTER: &str = "end_after_s";
+
+/// Adds `--time-limit-s` to a command and its subcommands, but for those that measure within one of their own.
+fn limited(command: clap::Command) -> clap::Command {
+    const LONG: &str = "time-limit-s";
+    let has_own = command
+        .get_arguments()
+        .any(|argument| argument.get_long() == Some(LONG));
+    let limit = (!has_own).then(|| {
+        clap::Arg::new(END_AFTER)
+            .long(LONG)
+            .value_name("S")
+            .value_parser(seconds)
+            .help("End after this time with status 124: unfinished output is removed")
+    });
+    command.args(limit).mut_subcommands(limited)
+}
+
+/// The time limit that was given, s.
+fn limit_of(matches: &clap::ArgMatches) -> Option<f64> {
+    let here = matches.try_get_one(END_AFTER).ok().flatten().copied();
+    let below = matches.subcommand().and_then(|(_, matches)| limit_of(matches));
+    below.or(here)
 }
 
 /// Status of a run that its time limit ends, as of `timeout` of the shell.

@@ -34,9 +34,17 @@ fn long_work_ends_with_its_time_and_leaves_nothing() {
         "tradeoff beam -o out",
         "rf long.toml --frames 10000 -o out.igs.mha",
         "render long.toml --frames 10000 -o out.igs.mha",
+        // These have a limit of their own.
+        "--time-limit-s 0.4 bench long.toml",
+        "--time-limit-s 0.4 tradeoff image -o out",
     ] {
         let start = Instant::now();
-        let run = bench.run(&format!("{arguments} --time-limit-s 0.4"));
+        let limit = if arguments.starts_with("--") {
+            ""
+        } else {
+            "--time-limit-s 0.4"
+        };
+        let run = bench.run(&format!("{arguments} {limit}"));
         run.fails(124, &["the time limit of 0.4 s is over", "--time-limit-s"]);
         assert!(start.elapsed().as_secs_f64() < 0.4 + LATE_S, "{run:?}");
         assert_eq!(bench.files("."), before, "{arguments}");
