@@ -77,6 +77,59 @@ fn wrong_files_are_status_2_and_named() {
         .fails(2, &["found a JSON file; expected a TOML file"]);
 }
 
+/// Whatever a file is given as, it is told what it is, and none of its bytes are shown.
+#[test]
+fn binary_files_are_named_and_not_shown() {
+    let bench = Bench::new();
+    bench.run("phantom two-layer -o labels.nrrd --resolution-mm 8").text();
+    let files: [(&str, &[u8], &str); 4] = [
+        ("picture", b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\xff\xfe", "picture (PNG)"),
+        ("archive", b"PK\x03\x04\x14\0\0\0\x08\0\xe9", "zip archive"),
+        ("zeros", &[0; 600], ""),
+        ("noise", b"\x01\xfe\x02\xff\x03\x80\x1b[2Jx,y\n\xc3\x28", ""),
+    ];
+    for (file, bytes, kind) in files {
+        for (command, ending) in [
+            ("info FILE", ""),
+            ("info FILE", ".nii.gz"),
+            ("info FILE", ".nrrd"),
+            ("info FILE", ".ply"),
+            ("info labels.nrrd --names FILE", ".csv"),
+            ("info labels.nrrd --names FILE", ".json"),
+            ("mesh info FILE", ".msh"),
+            ("mesh info FILE", ".vtu"),
+            ("register labels.nrrd --fit f.toml --surface FILE", ".csv"),
+            ("register labels.nrrd --fit f.toml --surface FILE", ".fcsv"),
+            ("register labels.nrrd --fit f.toml --surface FILE", ".mrk.json"),
+            ("register labels.nrrd --fit f.toml --surface FILE", ".obj"),
+            ("plan FILE", ".toml"),
+            ("solve FILE", ".toml"),
+            ("calibrate pivot FILE", ".csv"),
+            ("score --groups FILE", ".csv"),
+        ] {
+            let name = format!("{file}{ending}");
+            std::fs::write(bench.path(&name), bytes).unwrap();
+            let run = bench.run(&command.replace("FILE", &name));
+            run.fails(2, &[&name]);
+            let shown = [
+                "\\0",
+                "\\x",
+                "\\u{",
+                "\u{fffd}",
+                "utf-8 sequence",
+                "valid UTF-8",
+                "ParseError",
+            ];
+            assert!(!shown.iter().any(|bytes| run.stderr.contains(bytes)), "{run:?}");
+            // Formats with an ending of their own may say what they miss.
+            let is_text = [".csv", ".json", ".fcsv", ".toml"]
+                .iter()
+                .any(|text| ending.ends_with(text));
+            assert!(!is_text || run.stderr.contains(kind), "{run:?}");
+        }
+    }
+}
+
 /// Two megabytes that unpack to the two gigabytes that their header calls for.
 #[cfg(target_os = "linux")]
 #[test]
