@@ -17,11 +17,15 @@ pub struct Rows(pub Matrix4<f64>);
 /// (`Prostate10_tracker` of PlusLibData: 3e-4), rounded ones to a few 1e-3.
 const RIGID_TOLERANCE: f64 = 5e-3;
 
+/// Error of the products of a rotation's columns that is left as it is: that of rounding.
+const ROUNDING: f64 = 1e-14;
+
 /// Largest translation of a rigid transform along an axis, mm: a kilometre, so that later products cannot overflow.
 pub const FARTHEST_MM: f64 = 1e6;
 
 /// Returns the rigid transform nearest to a matrix: its 3 x 3 part is replaced by the rotation of its polar
-/// decomposition. An error, which says what is wrong, if that changes an entry by more than 0.005.
+/// decomposition, unless it is a rotation to within rounding. An error, which says what is wrong, if that changes an
+/// entry by more than 0.005. Poses in files and in calls are checked by this function. It allocates only for an error.
 pub fn rigid(matrix: &Matrix4<f64>) -> Result<Matrix4<f64>, String> {
     for row in 0..4 {
         for column in 0..4 {
@@ -40,7 +44,13 @@ pub fn rigid(matrix: &Matrix4<f64>) -> Result<Matrix4<f64>, String> {
         .zip(expected)
         .any(|(entry, expected)| (entry - expected).abs() > 1e-6)
     {
-        return Err(format!("the last row is {last:?}; expected [0, 0, 0, 1]"));
+        let last_column = [0, 1, 2, 3].map(|row| matrix[(row, 3)]);
+        let hint = if last_column == expected {
+            ": is the matrix transposed (row-major?), its translation in the last row"
+        } else {
+            ""
+        };
+        return Err(format!("the last row is {last:?}; expected [0, 0, 0, 1]{hint}"));
     }
     let position = Vector3::from([0, 1, 2].map(|row| matrix[(row, 3)]));
     if position.amax() > FARTHEST_MM {
@@ -57,6 +67,9 @@ pub fn rigid(matrix: &Matrix4<f64>) -> Result<Matrix4<f64>, String> {
 }
 
 fn nearest_rotation(axes: &Matrix3<f64>) -> Result<Matrix3<f64>, String> {
+    if (axes.transpose() * axes - Matrix3::identity()).amax() <= ROUNDING && axes.determinant() > 0.0 {
+        return Ok(*axes);
+    }
     let deviates = |deviation: f64| {
         format!(
             "the axes are off a rotation by {deviation:.2e}; expected at most 5e-3 (is there a scale or a shear in it?)"
@@ -246,6 +259,11 @@ mod tests {
         refused(&with(3, 0, 0.1), "the last row is");
         refused(&with(0, 3, 2e6), "farther than 1e6 mm");
         refused(&(turn.scale(0.085)), "the last row is");
+        let shifted = with(1, 3, 40.0).transpose();
+        refused(
+            &shifted,
+            "[0.0, 40.0, 0.0, 1.0]; expected [0, 0, 0, 1]: is the matrix transposed (row-major?)",
+        );
         refused(&Matrix4::zeros(), "the last row is");
         let scaled = Matrix4::new_nonuniform_scaling(&Vector3::new(1.0, 0.9, 1.0)) * turn;
         refused(&scaled, "off a rotation by");

@@ -193,7 +193,7 @@ pub fn check_lossy(case: &Case, biases: &[Bias]) -> Result<Vec<Comparison>, Synt
     let mut exact = case.exact()?;
     let trail = Trail::of(&mut exact, &case.state)?;
     let mut local = LocalFrame::new(exact.tables().origin);
-    local.take(&case.state);
+    local.take(&case.state).map_err(SynthError::Pose)?;
     let state = local.localized(&case.state);
     let comparisons = biases.iter().map(|&bias| {
         let (plan, tables) = (exact.plan(), exact.tables());
@@ -229,7 +229,7 @@ struct Twin {
 
 fn compare(case: &Case, exact: &mut Synthesizer, trail: &Trail, twin: Twin) -> Result<Comparison, SynthError> {
     let mut local = LocalFrame::new(exact.tables().origin);
-    local.take(&case.state);
+    local.take(&case.state).map_err(SynthError::Pose)?;
     let empty = Beam::default();
     let mut slack = Slack::default();
     if twin.trail.names() != trail.names() {

@@ -28,8 +28,8 @@ pub use local_origin::LocalOrigin;
 use nalgebra::{Matrix4, Point3, Vector3};
 use tables::{Anatomy, Settings, Tables};
 
-use crate::effects::REGISTRY;
 use crate::effects::buffers::Buffer;
+use crate::effects::{REGISTRY, needle};
 use crate::plan::Plan;
 use insonify_anatomy::volume::VolumeError;
 use insonify_base::blame::Blame;
@@ -63,9 +63,9 @@ pub enum SynthError {
     /// The limit of frames in flight is reached; take one before submitting another.
     #[error("{IN_FLIGHT} frames are in flight; take one before submitting another")]
     Busy,
-    /// The pose is singular or has numbers that are not finite.
-    #[error("the probe pose is not a finite, invertible transform")]
-    Pose,
+    /// The probe's pose is not rigid; says what is wrong with the matrix.
+    #[error("the probe's pose, a matrix on column vectors in mm: {0}")]
+    Pose(String),
 }
 
 impl Blame for SynthError {
@@ -202,6 +202,7 @@ impl Synthesizer {
             pixels: vec![0; tables.width() * tables.height()],
             image_to_world: Matrix4::identity(),
             pixel_mm: tables.image_grid.pixel_mm(),
+            needle: None,
             left_out: 0,
             layers: Vec::new(),
         };
@@ -219,6 +220,10 @@ impl Synthesizer {
     }
 
     /// Renders one frame. In the steady state it allocates nothing. Frames in flight are dropped.
+    ///
+    /// # Errors
+    /// [`SynthError::Pose`] for a pose that a scene file would not be allowed either, [`SynthError::Nodes`], and errors
+    /// of a GPU. The first frame with a needle or seeds may also give those of [`Self::set`].
     pub fn render(&mut self, state: &FrameState) -> Result<&Frame, SynthError> {
         self.drop_in_flight();
         let ticket = self.submit(state)?;
@@ -252,6 +257,7 @@ impl Synthesizer {
         state: &FrameState,
         make: impl FnOnce(&mut gpu::GpuExecutor, &Plan, &Tables, &FrameState) -> Result<(), SynthError>,
     ) -> Result<(), SynthError> {
+        self.admit(std::slice::from_ref(state))?;
         Self::begin(&self.tables, &mut self.local, state, &mut self.frame)?;
         let state = self.local.localized(state);
         match &mut self.executor {
@@ -272,16 +278,14 @@ impl Synthesizer {
 
     /// Checks a state and takes it over, and prepares the frame for it.
     fn begin(tables: &Tables, local: &mut LocalFrame, state: &FrameState, frame: &mut Frame) -> Result<(), SynthError> {
-        if !state.probe_to_world.iter().all(|x| x.is_finite()) || state.probe_to_world.try_inverse().is_none() {
-            return Err(SynthError::Pose);
-        }
         if let Some(mesh) = &tables.mesh {
             check_positions(state.nodes.as_deref(), state.reference.as_deref(), mesh.nodes().len())?;
         }
-        local.take(state);
+        let probe_to_world = local.take(state).map_err(SynthError::Pose)?;
         let local = local.localized(state);
+        frame.needle = needle::view(tables, local);
         frame.left_out = REGISTRY.iter().map(|effect| (effect.left_out)(tables, local)).sum();
-        frame.image_to_world = state.probe_to_world * tables.image_grid.image_to_probe();
+        frame.image_to_world = probe_to_world * tables.image_grid.image_to_probe();
         (frame.width, frame.height, frame.pixel_mm) = (tables.width(), tables.height(), tables.image_grid.pixel_mm());
         frame.pixels.resize(frame.width * frame.height, 0);
         Ok(())
@@ -292,6 +296,10 @@ impl Synthesizer {
     /// are dropped.
     pub fn set(&mut self, settings: Settings) -> Result<Vec<&'static Buffer>, SynthError> {
         self.drop_in_flight();
+        self.change(settings)
+    }
+
+    fn change(&mut self, settings: Settings) -> Result<Vec<&'static Buffer>, SynthError> {
         // Without a team nobody shares the tables, and nothing is copied here.
         self.team = None;
         let previous = self.tables.settings.clone();
@@ -308,6 +316,19 @@ impl Synthesizer {
         }
         self.frame.pixel_mm = self.tables.image_grid.pixel_mm();
         Ok(changed)
+    }
+
+    /// Has the pass of needle and seeds made for the first of these states that has one. Frames in flight stay.
+    fn admit(&mut self, states: &[FrameState]) -> Result<(), SynthError> {
+        let settings = &self.tables.settings;
+        let is_called_for = |state: &FrameState| state.needle.is_some() || !state.seeds.is_empty();
+        if settings.has_needle || settings.effects.needle.is_none() || !states.iter().any(is_called_for) {
+            return Ok(());
+        }
+        let mut settings = settings.clone();
+        settings.has_needle = true;
+        self.finish_in_flight()?;
+        self.change(settings).map(drop)
     }
 
     fn fit(&mut self, changed: &[&'static Buffer]) -> Result<(), SynthError> {
@@ -393,6 +414,7 @@ impl Synthesizer {
 
     fn begin_alone(&mut self, state: &FrameState) -> Result<(), SynthError> {
         self.drop_in_flight();
+        self.admit(std::slice::from_ref(state))?;
         Self::begin(&self.tables, &mut self.local, state, &mut Frame::default())
     }
 
@@ -497,9 +519,13 @@ impl NeedleShaft {
 pub struct FrameState {
     /// Frame number; it seeds the additive noise.
     pub frame: u64,
-    /// Transform from the probe frame to the world, mm.
+    /// Transform from the probe frame to the world, on column vectors, mm: rigid. Rotations with errors of up to 5e-3
+    /// per entry are orthonormalised, as those of files are, others refused with [`SynthError::Pose`].
     pub probe_to_world: Matrix4<f64>,
-    /// Needle of this frame, if any.
+    /// Needle of this frame, if any. Giving one is calling for it: its pass is made at the first frame with a needle or
+    /// seeds, where the settings have not announced them ([`tables::Settings::has_needle`]). Without
+    /// [`Effects::needle`](crate::effects::Effects::needle), as in a scene with `needle = false`, it is not drawn;
+    /// [`Frame::needle`] says so.
     pub needle: Option<NeedleShaft>,
     /// Seeds in the tissue, and other shafts beside the needle: shown as the needle is, with or without one. Of those
     /// that meet the scan plane the first are shown, up to 256 segments with the needle's; [`Frame::left_out`] counts
@@ -526,19 +552,36 @@ impl FrameState {
     }
 }
 
-/// A rendered frame.
+/// What a frame shows of its needle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum NeedleView {
+    /// A part of it lies in the imaged sector.
+    Inside,
+    /// None of it does, as it is beside the scan plane or beyond the edges of the sector.
+    Outside {
+        /// Distance of its centre line from the sector, mm, to within a millimetre; infinite without a segment of
+        /// finite nodes.
+        distance_mm: f64,
+    },
+    /// The settings have no [`Effects::needle`](crate::effects::Effects::needle): it is not drawn.
+    Excluded,
+}
+
+/// A rendered frame: an image in grey levels, where it lies in the world, and what is shown in it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Frame {
     /// Columns.
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Grey levels, row by row from the top.
+    /// Grey levels (0 to 255), `height` rows of `width`, from the top.
     pub pixels: Vec<u8>,
-    /// Transform from pixels (column, row, 0) to the world, mm.
+    /// Transform from pixels (column, row, 0) to the world (LPS), mm.
     pub image_to_world: Matrix4<f64>,
     /// Pixel size, mm.
     pub pixel_mm: f64,
+    /// What is seen of the needle given to this frame; `None` if none was given.
+    pub needle: Option<NeedleView>,
     /// Number of segments of needle and seeds not shown because there are too many.
     pub left_out: usize,
     /// Images of the ground-truth layers asked for ([`tables::Settings::layers`]), in that order.

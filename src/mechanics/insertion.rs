@@ -24,9 +24,9 @@ pub use interaction::{Anatomy, Bone, Interaction, MeshRegions, Peak};
 pub use outcome::{Event, EventKind, Outcome, Wrench};
 pub use probe::{ProbeContact, lever, pointed};
 pub use recording::{Input, Recording, State};
-pub use validation::InvalidSetup;
+pub use validation::{InvalidSetup, check_pose};
 
-/// Poses of the instruments at one step.
+/// Poses of the instruments at one step: rigid, checked as those of files are (rotations to within 5e-3 per entry).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Instruments {
     /// Base frame of the needle to world (see [`needle`](super::needle)).
@@ -52,6 +52,14 @@ pub enum StepError {
         found: f64,
         /// Permitted values.
         expected: &'static str,
+    },
+    /// A pose that is not rigid, of a quaternion that is not of length 1, or too far away.
+    #[error("in a step, {what}: {reason}")]
+    Pose {
+        /// Name of the pose.
+        what: &'static str,
+        /// What is wrong with it.
+        reason: String,
     },
     /// A saved state of another model.
     #[error("the saved state is of another model: {0}")]
@@ -178,7 +186,8 @@ pub struct Saved(pub serde_json::Value);
 /// }
 ///
 /// impl Model for Friction {
-///     fn step(&mut self, instruments: &Instruments, _dt_s: f64) -> Result<&Outcome, StepError> {
+///     fn step(&mut self, instruments: &Instruments, dt_s: f64) -> Result<&Outcome, StepError> {
+///         instruments.check(dt_s)?;
 ///         self.base = instruments.base;
 ///         self.outcome.tip_mm = self.base * Point3::new(0.0, 0.0, 100.0);
 ///         self.outcome.inserted_mm = self.outcome.tip_mm.z.max(0.0);
@@ -217,7 +226,7 @@ pub struct Saved(pub serde_json::Value);
 ///
 /// let mut model = Friction::default();
 /// let base = Isometry3::translation(0.0, 0.0, -60.0);
-/// let outcome = model.step(&Instruments { base, probe: None, guide: None, deposit: false }, 1e-3)?;
+/// let outcome = model.step(&Instruments::new(base), 1e-3)?;
 /// assert_eq!((outcome.inserted_mm, outcome.on_hand.force_n.z), (40.0, -0.8));
 /// # Ok::<(), StepError>(())
 /// ```
@@ -231,7 +240,7 @@ pub trait Model: Send {
     /// not be resolved is reported in the outcome.
     ///
     /// # Errors
-    /// [`StepError::Input`].
+    /// [`StepError::Input`], [`StepError::Pose`].
     fn step(&mut self, instruments: &Instruments, dt_s: f64) -> Result<&Outcome, StepError>;
 
     /// Returns the last outcome.

@@ -10,7 +10,7 @@ use super::imaging::Imaging;
 use super::{Options, SimulatorError};
 use insonify_imaging::synth::Synthesizer;
 use insonify_mechanics::insertion::{
-    Input, Instruments, LevelChange, Model, Outcome, Recording, Snapshot, State, StepError,
+    Input, Instruments, LevelChange, Model, Outcome, Recording, Snapshot, State, StepError, check_pose,
 };
 use insonify_mechanics::tissue::remesh::Level;
 
@@ -40,7 +40,7 @@ use insonify_mechanics::tissue::remesh::Level;
 /// for step in 0..60 {
 ///     // In a simulator, the pose that a device measures.
 ///     let base = Isometry3::translation(0.0, 0.0, 0.4 * f64::from(step) - 201.0);
-///     let forces = haptic.step(&Instruments { base, probe: None, guide: None, deposit: false }, 1e-3)?;
+///     let forces = haptic.step(&Instruments::new(base), 1e-3)?;
 ///     rendered.push(forces.axial_n());
 /// }
 /// assert!(rendered[59] < -0.1, "{} N", rendered[59]);
@@ -177,8 +177,13 @@ impl Haptic {
     }
 
     /// Sets the pose of the imaging probe (probe frame to world) that is recorded with later steps: a score needs it.
-    pub fn record_view(&mut self, probe_to_world: Isometry3<f64>) {
+    ///
+    /// # Errors
+    /// [`StepError`] if it is not rigid; it is then unchanged.
+    pub fn record_view(&mut self, probe_to_world: Isometry3<f64>) -> Result<(), StepError> {
+        check_pose("the pose of the view", &probe_to_world)?;
         self.view = Some(probe_to_world);
+        Ok(())
     }
 
     /// Ends a recording and returns it.

@@ -35,7 +35,7 @@ const EDITS: &[Edit] = &[
     ("size", |settings| {
         (settings.image.width, settings.image.height) = (90, 33)
     }),
-    ("no needle", |settings| settings.has_needle = false),
+    ("no needle", |settings| settings.effects.needle = None),
     ("thin", |settings| settings.effects.thickness = None),
     ("fewer lines", |settings| settings.probe.lines = 17),
     ("blur again", |settings| {
@@ -44,7 +44,10 @@ const EDITS: &[Edit] = &[
     ("no speckle", |settings| settings.effects.speckle = None),
     ("seed", |settings| settings.seed = 99),
     ("frequency", |settings| settings.probe.frequency_mhz = 3.0),
-    ("needle again", |settings| settings.has_needle = true),
+    ("needle again", |settings| {
+        settings.effects.needle = Some(Default::default())
+    }),
+    ("needle unannounced", |settings| settings.has_needle = false),
     ("no shadow", |settings| settings.effects.shadow = None),
     ("no receiver", |settings| settings.effects.receiver = None),
     ("nearest", |settings| {

@@ -148,7 +148,7 @@ fn a_batch_ends_with_the_first_error() {
         let mut seen = Vec::new();
         let result = synth.render_batch(states, |at, _| {
             seen.push(at);
-            if at == stop { Err(SynthError::Pose) } else { Ok(()) }
+            if at == stop { Err(SynthError::Busy) } else { Ok(()) }
         });
         (seen, result.is_err())
     };

@@ -178,15 +178,16 @@ fn needle_and_seed_shade_by_their_own_diameters() {
 }
 
 #[test]
-fn a_scene_without_needles_shows_no_seeds_and_pays_nothing() {
+fn a_scene_that_excludes_needles_shows_no_seeds_and_pays_nothing() {
     for (name, backend) in precisions() {
         let mut settings = settings();
-        settings.has_needle = false;
+        settings.effects.needle = None;
         let mut synthesizer = synthesizer(&anatomy::uniform(PLAIN), &settings, backend);
         assert!(!synthesizer.plan().has("needle"), "{name}");
         let empty = synthesizer.render(&scene::straight()).expect("a frame").clone();
         let state = with((0..300).map(|_| seed(0.0, 15.0)).collect());
         assert_eq!(synthesizer.render(&state).expect("a frame"), &empty, "{name}");
+        assert!(!synthesizer.plan().has("needle"), "{name}");
     }
 }
 

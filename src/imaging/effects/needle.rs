@@ -37,7 +37,7 @@ use insonify_base::random::seed_words;
 use insonify_base::range::parameters;
 use insonify_base::real::Real;
 
-pub(crate) use segments::MAX_SEGMENTS;
+pub(crate) use segments::{MAX_SEGMENTS, view};
 pub use segments::{Segment, left_out, segments};
 pub use shaft::Shaft;
 

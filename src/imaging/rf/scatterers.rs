@@ -13,7 +13,7 @@ use crate::effects::texture;
 use crate::synth::tables::{Anatomy, Settings};
 use crate::synth::{Backend, FrameState, SynthError};
 use insonify_base::blame::Blame;
-use insonify_base::matrix::inverse_rigid;
+use insonify_base::matrix::{inverse_rigid, rigid};
 use insonify_base::memory;
 use insonify_base::parallel::{self, chunks_mut, for_each};
 use insonify_base::random::{hash3, seed_words, unit};
@@ -184,12 +184,13 @@ impl RfSynthesizer {
     /// Echoes of a frame, line by line, in units of the RMS of normal liver at the focus without attenuation.
     ///
     /// # Errors
-    /// [`SynthError`] if the state has another number of nodes than the mesh.
+    /// [`SynthError`] if the pose is not rigid, or the state has another number of nodes than the mesh.
     pub fn render(&mut self, state: &FrameState) -> Result<Vec<f32>, SynthError> {
+        let probe_to_world = rigid(&state.probe_to_world).map_err(SynthError::Pose)?;
         self.set(state)?;
-        self.cover(&state.probe_to_world)?;
-        let to_probe = inverse_rigid(&state.probe_to_world);
-        let losses = self.losses(&state.probe_to_world);
+        self.cover(&probe_to_world)?;
+        let to_probe = inverse_rigid(&probe_to_world);
+        let losses = self.losses(&probe_to_world);
         let steps = losses.len() / self.lines();
         // Independent scatterers add in power: the mean square is their density times the energy of one.
         let sigma_mm = self.spread.elevational_mm / FWHM;

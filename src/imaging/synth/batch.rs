@@ -58,6 +58,7 @@ impl Synthesizer {
         states: &[FrameState],
         mut sink: impl FnMut(usize, &Frame) -> Result<(), E>,
     ) -> Result<(), E> {
+        self.admit(states)?;
         if let Executor::Gpu(_) = &self.executor {
             return self.batch_on_gpu(states, &mut |index, synth, _| sink(index, &synth.frame));
         }
@@ -76,6 +77,7 @@ impl Synthesizer {
         take: impl Fn(usize, &Self, f64) -> Result<T, SynthError> + Sync,
         mut sink: impl FnMut(usize, T) -> Result<(), E>,
     ) -> Result<(), E> {
+        self.admit(states)?;
         if let Executor::Gpu(_) = &self.executor {
             return self.batch_on_gpu(states, &mut |index, synth, ms| sink(index, take(index, synth, ms)?));
         }

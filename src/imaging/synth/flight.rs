@@ -51,6 +51,7 @@ impl Synthesizer {
         if self.in_flight.len() == IN_FLIGHT {
             return Err(SynthError::Busy);
         }
+        self.admit(std::slice::from_ref(state))?;
         let mut frame = self.spare.pop().unwrap_or_default();
         Self::begin(&self.tables, &mut self.local, state, &mut frame)?;
         let state = self.local.localized(state);
@@ -80,7 +81,7 @@ impl Synthesizer {
             return Ok(None);
         };
         let ticket = oldest.ticket;
-        if let Executor::Gpu(gpu) = &self.executor
+        if let (Executor::Gpu(gpu), Some(_)) = (&self.executor, &oldest.submission)
             && !gpu.is_ready(place_of(ticket))?
         {
             return Ok(None);
@@ -96,15 +97,7 @@ impl Synthesizer {
                 self.recycle(flight);
                 continue;
             }
-            if let (Executor::Gpu(gpu), Some(submission)) = (&mut self.executor, flight.submission.take()) {
-                let plan_and_tables = (&self.plan, &*self.tables);
-                gpu.take(
-                    plan_and_tables,
-                    submission,
-                    place_of(ticket),
-                    std::slice::from_mut(&mut flight.frame),
-                )?;
-            }
+            self.finish(&mut flight)?;
             std::mem::swap(&mut self.frame, &mut flight.frame);
             self.spare.push(flight.frame);
             break;
@@ -112,8 +105,32 @@ impl Synthesizer {
         Ok(&self.frame)
     }
 
+    /// Waits for the pixels of a frame.
+    fn finish(&mut self, flight: &mut Flight) -> Result<(), SynthError> {
+        if let (Executor::Gpu(gpu), Some(submission)) = (&mut self.executor, flight.submission.take()) {
+            let (plan_and_tables, frames) = ((&self.plan, &*self.tables), std::slice::from_mut(&mut flight.frame));
+            gpu.take(plan_and_tables, submission, place_of(flight.ticket), frames)?;
+        }
+        Ok(())
+    }
+
+    /// Waits for the pixels of all frames in flight, which can be taken later.
+    pub(super) fn finish_in_flight(&mut self) -> Result<(), SynthError> {
+        for _ in 0..self.in_flight.len() {
+            let Some(mut flight) = self.in_flight.pop_front() else {
+                break;
+            };
+            if let Err(error) = self.finish(&mut flight) {
+                self.spare.push(flight.frame);
+                return Err(error);
+            }
+            self.in_flight.push_back(flight);
+        }
+        Ok(())
+    }
+
     fn recycle(&mut self, flight: Flight) {
-        if let Executor::Gpu(gpu) = &self.executor {
+        if let (Executor::Gpu(gpu), Some(_)) = (&self.executor, &flight.submission) {
             gpu.release(place_of(flight.ticket));
         }
         self.spare.push(flight.frame);

@@ -30,6 +30,7 @@ use nalgebra::{Matrix4, Point3, Vector3};
 use super::layers::Beam;
 use super::{FrameState, NeedleShaft};
 use insonify_anatomy::volume::{LabelVolume, VolumeError};
+use insonify_base::matrix::rigid;
 use insonify_mesh::TetMesh;
 
 /// Largest coordinate of a volume's centre without translation, mm. Below it, single precision resolves 2^-12 mm:
@@ -135,6 +136,8 @@ fn place(beam: &mut Beam, moved: impl Fn([f64; 3]) -> [f64; 3]) {
 #[derive(Debug)]
 pub(crate) struct LocalFrame {
     origin: LocalOrigin,
+    /// Whether the last state was converted; otherwise it is used as it is.
+    is_converted: bool,
     state: FrameState,
     nodes: Vec<[f64; 3]>,
     reference: Vec<[f64; 3]>,
@@ -144,21 +147,25 @@ impl LocalFrame {
     pub(crate) fn new(origin: LocalOrigin) -> Self {
         Self {
             origin,
+            is_converted: false,
             state: FrameState::at(Matrix4::identity()),
             nodes: Vec::new(),
             reference: Vec::new(),
         }
     }
 
-    /// Converts the state of the next frame. At the world's origin there is nothing to do.
-    pub(crate) fn take(&mut self, world: &FrameState) {
+    /// Converts the state of the next frame and returns its pose in the world, which is rigid; an error says what is
+    /// wrong with it. At the world's origin there is nothing to do but for the rounding of a pose.
+    pub(crate) fn take(&mut self, world: &FrameState) -> Result<Matrix4<f64>, String> {
         let origin = self.origin;
-        if origin.is_world() {
-            return;
+        let probe_to_world = rigid(&world.probe_to_world)?;
+        self.is_converted = !origin.is_world() || probe_to_world != world.probe_to_world;
+        if !self.is_converted {
+            return Ok(probe_to_world);
         }
         let local = &mut self.state;
         local.frame = world.frame;
-        local.probe_to_world = origin.pose(&world.probe_to_world);
+        local.probe_to_world = origin.pose(&probe_to_world);
         match (&world.needle, &mut local.needle) {
             (Some(world), Some(local)) => origin.shaft(world, local),
             (Some(world), local) => origin.shaft(world, local.insert(nothing())),
@@ -170,11 +177,12 @@ impl LocalFrame {
         }
         origin.nodes(world.nodes.as_deref(), &mut local.nodes, &mut self.nodes);
         origin.nodes(world.reference.as_deref(), &mut local.reference, &mut self.reference);
+        Ok(probe_to_world)
     }
 
     /// Returns the state for the passes: the last one converted.
     pub(crate) fn localized<'a>(&'a self, world: &'a FrameState) -> &'a FrameState {
-        if self.origin.is_world() { world } else { &self.state }
+        if self.is_converted { &self.state } else { world }
     }
 }
 

@@ -58,7 +58,8 @@ pub struct Settings {
     pub image: ImageSize,
     /// Effects and their parameters.
     pub effects: Effects,
-    /// Whether frames may contain a needle or seeds; without it neither is shown.
+    /// Whether memory and passes for needle and seeds are made at once. Otherwise the first frame with one has them made
+    /// and sets this.
     pub has_needle: bool,
     /// Ground-truth layers of each frame ([`super::Frame::layers`]), each once.
     pub layers: Vec<Layer>,

@@ -73,8 +73,202 @@ fn frames_that_nobody_takes_are_dropped() {
         let ticket = synth.submit(&states[0]).unwrap();
         assert_eq!(synth.take(ticket).unwrap().width, 2 * expected[0].width);
         let singular = FrameState::at(Matrix4::zeros());
-        assert!(matches!(synth.submit(&singular), Err(SynthError::Pose)));
+        assert!(matches!(synth.submit(&singular), Err(SynthError::Pose(_))));
     }
+}
+
+/// What files are refused for.
+#[test]
+fn poses_that_are_not_rigid_are_refused() {
+    for backend in backends() {
+        let (mut synth, states) = scene(backend);
+        let good = states[1].clone();
+        let before = synth.render(&good).unwrap().clone();
+        let mut refused = |change: fn(&mut Matrix4<f64>), reason: &str| {
+            let mut state = good.clone();
+            change(&mut state.probe_to_world);
+            let batch = [good.clone(), state.clone()];
+            let batch = synth.render_batch(&batch, |_, _| Ok::<_, SynthError>(()));
+            for error in [synth.render(&state).map(drop), synth.submit(&state).map(drop), batch] {
+                let text = error.expect_err(reason).to_string();
+                assert!(text.starts_with("the probe's pose") && text.contains(reason), "{text}");
+            }
+        };
+        refused(|pose| pose.fixed_view_mut::<3, 3>(0, 0).scale_mut(1.5), "scale");
+        refused(|pose| pose.fixed_view_mut::<3, 4>(0, 0).scale_mut(0.1), "scale");
+        refused(|pose| pose.column_mut(0).neg_mut(), "left-handed");
+        refused(|pose| pose[(0, 1)] += 0.02, "off a rotation");
+        refused(|pose| pose[(1, 3)] = f64::NAN, "row 1, column 3 is NaN");
+        let transposed = |pose: &mut Matrix4<f64>| {
+            pose[(0, 3)] += 5.0;
+            *pose = pose.transpose();
+        };
+        refused(transposed, "row-major?");
+        // The noise of a tracker is not, and is taken out.
+        let mut noisy = good.clone();
+        noisy.probe_to_world[(0, 1)] += 2e-3;
+        let rigid = insonify_tracking::pose::Pose::from_matrix(&noisy.probe_to_world).unwrap();
+        let expected = synth.render(&FrameState {
+            probe_to_world: *rigid.probe_to_world(),
+            ..good.clone()
+        });
+        let expected = expected.unwrap().clone();
+        assert_eq!(synth.render(&noisy).unwrap(), &expected);
+        assert!(expected.image_to_world != before.image_to_world);
+        assert_eq!(synth.render(&good).unwrap(), &before);
+    }
+}
+
+/// A scene without a needle, states of which those from `first` on have one in the plane, and the frames of a scene
+/// made for needles.
+fn needles(backend: Backend, first: usize) -> (Synthesizer, Vec<FrameState>, Vec<Frame>) {
+    let (anatomy, mut settings, state) = anatomies::two_layers();
+    settings.effects.needle = Some(Default::default());
+    settings.has_needle = true;
+    // What differs from frame to frame.
+    (settings.effects.receiver, settings.effects.noise) = (None, None);
+    let states: Vec<FrameState> = (0..6)
+        .map(|frame| {
+            let mut state = FrameState { frame, ..state.clone() };
+            let [tip, hub] = [[2.0, 15.0, 0.0], [-8.0, 3.0, 0.0]].map(Point3::from);
+            let shaft = [hub, tip].map(|node| state.probe_to_world.transform_point(&node));
+            state.needle = (frame as usize >= first).then(|| NeedleShaft {
+                nodes: shaft.to_vec(),
+                diameter_mm: 1.2,
+            });
+            state
+        })
+        .collect();
+    let mut announced = Synthesizer::new(anatomy.clone(), settings.clone(), backend.clone()).unwrap();
+    let frames = states.iter().map(|state| announced.render(state).unwrap().clone());
+    let frames = frames.collect();
+    settings.has_needle = false;
+    (Synthesizer::new(anatomy, settings, backend).unwrap(), states, frames)
+}
+
+#[test]
+fn a_needle_is_drawn_from_the_first_frame_that_has_one() {
+    for backend in backends() {
+        let (mut synth, states, expected) = needles(backend.clone(), 2);
+        assert_ne!(expected[1].pixels, expected[2].pixels);
+        let bytes = synth.memory_bytes();
+        for (index, (state, expected)) in states.iter().zip(&expected).enumerate() {
+            assert_eq!(synth.render(state).unwrap(), expected, "frame {index}");
+            assert_eq!(synth.plan().has("needle"), index >= 2);
+            assert_eq!(synth.memory_bytes() > bytes, index >= 2);
+            let view = (index >= 2).then_some(NeedleView::Inside);
+            assert_eq!(synth.frame().needle, view);
+        }
+        // In a batch, and seeds alone.
+        let (mut synth, mut states, expected) = needles(backend, 4);
+        let mut frames = Vec::new();
+        let sink = |_: usize, frame: &Frame| Ok::<_, SynthError>(frames.push(frame.clone()));
+        synth.render_batch(&states, sink).unwrap();
+        assert!(frames == expected);
+        states[5].seeds = states[5].needle.take().into_iter().collect();
+        let mut settings = synth.settings().clone();
+        settings.has_needle = false;
+        synth.set(settings).unwrap();
+        assert!(!synth.plan().has("needle"));
+        let with_seeds = synth.render(&states[5]).unwrap().clone();
+        assert_ne!(with_seeds.pixels, expected[0].pixels);
+        assert!(synth.plan().has("needle") && with_seeds.needle.is_none());
+    }
+}
+
+#[test]
+fn frames_in_flight_outlast_the_first_needle() {
+    for backend in backends() {
+        let (mut synth, states, expected) = needles(backend, 2);
+        let tickets: Vec<Ticket> = states[..3].iter().map(|state| synth.submit(state).unwrap()).collect();
+        assert!(matches!(synth.submit(&states[3]), Err(SynthError::Busy)));
+        let (first, frame) = synth
+            .try_take()
+            .unwrap()
+            .expect("finished before the needle's pass was made");
+        assert_eq!((first, frame), (tickets[0], &expected[0]));
+        for index in [1, 2] {
+            assert_eq!(synth.take(tickets[index]).unwrap(), &expected[index], "frame {index}");
+        }
+        let ticket = synth.submit(&states[3]).unwrap();
+        assert_eq!(synth.take(ticket).unwrap(), &expected[3]);
+    }
+}
+
+#[test]
+fn the_pass_of_a_needle_is_made_once() {
+    let Some(gpu) = insonify_testing::gpu::gpu_or_skip() else {
+        return;
+    };
+    let (mut synth, states, _) = needles(Backend::Gpu(Box::new(gpu.clone())), 1);
+    let mut sent = |state: &FrameState| {
+        let before = gpu.traffic();
+        synth.render(state).unwrap();
+        (gpu.traffic() - before).bytes_up
+    };
+    let [first, without, second, third] = [&states[1], &states[0], &states[2], &states[3]].map(&mut sent);
+    assert!(
+        first > second && second == third && without <= second,
+        "{first} {without} {second} {third}"
+    );
+}
+
+#[test]
+fn frames_tell_what_is_seen_of_the_needle() {
+    let (mut synth, mut states, expected) = needles(Backend::Cpu, 1);
+    let to_world = states[1].probe_to_world;
+    let depth = synth.settings().probe.depth_mm;
+    let view = |synth: &mut Synthesizer, state: &mut FrameState, nodes: [[f64; 3]; 2]| {
+        let shaft = nodes.map(|node| to_world.transform_point(&Point3::from(node)));
+        state.needle.as_mut().unwrap().nodes = shaft.to_vec();
+        synth.render(state).unwrap().needle
+    };
+    let cases = [
+        // In the plane, through it, and within its thickness.
+        ([[-8.0, 3.0, 0.0], [2.0, 15.0, 0.0]], None),
+        ([[0.0, 10.0, -70.0], [0.0, 11.0, 100.0]], None),
+        ([[0.0, 5.0, 0.5], [0.0, 11.0, 0.5]], None),
+        // Beside it, below the image, and through the plane aside of the image.
+        ([[0.0, 5.0, 8.0], [0.0, 11.0, 8.0]], Some(8.0)),
+        ([[0.0, 5.0, -3.0], [0.0, 11.0, -60.0]], Some(3.0)),
+        ([[0.0, depth + 30.0, 0.0], [1.0, depth + 7.0, 0.0]], Some(7.0)),
+        ([[200.0, 10.0, -10.0], [200.0, 10.0, 10.0]], Some(f64::NAN)),
+    ];
+    for (nodes, outside) in cases {
+        match (view(&mut synth, &mut states[1], nodes), outside) {
+            (Some(NeedleView::Inside), None) => {}
+            (Some(NeedleView::Outside { distance_mm }), Some(mm)) if mm.is_nan() => {
+                assert!((150.0..200.0).contains(&distance_mm), "{distance_mm}")
+            }
+            (Some(NeedleView::Outside { distance_mm }), Some(mm)) => {
+                assert!((distance_mm - mm).abs() < 0.51, "{nodes:?}: {distance_mm}")
+            }
+            (found, _) => panic!("{nodes:?}: {found:?}"),
+        }
+        // What is outside changes no pixel.
+        assert_eq!(
+            synth.frame().pixels == expected[0].pixels,
+            outside.is_some(),
+            "{nodes:?}"
+        );
+    }
+    let nowhere = view(&mut synth, &mut states[1], [[f64::NAN; 3]; 2]);
+    assert_eq!(
+        nowhere,
+        Some(NeedleView::Outside {
+            distance_mm: f64::INFINITY
+        })
+    );
+    // A scene that excludes needles says so, and does not draw them.
+    let mut settings = synth.settings().clone();
+    (settings.effects.needle, settings.has_needle) = (None, false);
+    synth.set(settings).unwrap();
+    let excluded = synth.render(&states[2]).unwrap();
+    assert_eq!(
+        (excluded.needle, &excluded.pixels),
+        (Some(NeedleView::Excluded), &expected[0].pixels)
+    );
+    assert!(!synth.plan().has("needle"));
 }
 
 #[test]
@@ -217,7 +411,7 @@ fn after_a_batch_with_an_invalid_state_the_mesh_is_sent_again() {
     // Two frames a submission, of which the second is invalid.
     let mut states = vec![deformed; 6];
     states[1] = FrameState::at(Matrix4::zeros());
-    assert!(matches!(batch(&mut synth, &states), Err(SynthError::Pose)));
+    assert!(matches!(batch(&mut synth, &states), Err(SynthError::Pose(_))));
     // Without nodes the mesh stays where it is.
     assert!(synth.render(&state).unwrap().pixels == expected);
 }

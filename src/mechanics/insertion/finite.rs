@@ -28,7 +28,7 @@ use std::time::Instant;
 use nalgebra::{Isometry3, Point3, Translation3, Unit, Vector3};
 
 use super::imager::MeshImager;
-use super::validation::{finite, numbers};
+use super::validation::{BASE, check_pose};
 use super::{
     Event, EventKind, Instruments, InvalidSetup, LevelChange, Model, NodeSolver, Outcome, Saved, ShaftLoad, Snapshot,
     StepError, Wrench,
@@ -371,27 +371,14 @@ fn farthest(from: &Isometry3<f64>, to: &Isometry3<f64>, length: f64) -> f64 {
 impl Model for Finite {
     fn start(&mut self, instruments: &Instruments) {
         let tip = instruments.base * Point3::new(0.0, 0.0, self.needle.length_mm());
-        let is_new = self.log.steps == 0 && numbers(&instruments.base).all(f64::is_finite);
+        let is_new = self.log.steps == 0 && check_pose(BASE, &instruments.base).is_ok();
         if is_new && self.body.anatomy.region(&tip).is_none() {
             self.log.base = Some(instruments.base);
         }
     }
 
     fn step(&mut self, instruments: &Instruments, dt_s: f64) -> Result<&Outcome, StepError> {
-        finite("the pose of the needle's base", numbers(&instruments.base))?;
-        if let Some(probe) = &instruments.probe {
-            finite("the pose of the probe", numbers(probe))?;
-        }
-        if let Some(guide) = &instruments.guide {
-            finite("the guide", guide.iter().copied())?;
-        }
-        if !(dt_s.is_finite() && dt_s > 0.0) {
-            return Err(StepError::Input {
-                what: "the time",
-                found: dt_s,
-                expected: "a finite number of seconds above 0",
-            });
-        }
+        instruments.check(dt_s)?;
         self.log.steps += 1;
         self.log.time_s += dt_s;
         let was_crushed = self.tissue.crushed > 0;

@@ -29,7 +29,6 @@ use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use super::imager::MeshImager;
 use super::interaction::interaction;
 use super::pushing::{Phase, Pushing};
-use super::validation::finite;
 use super::{
     Anatomy, Event, EventKind, Field, Instruments, Model, NodeSolver, Outcome, Saved, ShaftLoad, Snapshot, StepError,
     Wrench,
@@ -328,16 +327,7 @@ impl<const D: usize, const N: usize> Nonlinear<D, N> {
 impl<const D: usize, const N: usize> Model for Nonlinear<D, N> {
     fn step(&mut self, instruments: &Instruments, dt_s: f64) -> Result<&Outcome, StepError> {
         let base = &instruments.base;
-        finite("the time", [dt_s])?;
-        if dt_s <= 0.0 {
-            return Err(StepError::Input {
-                what: "the time",
-                found: dt_s,
-                expected: "a finite number of seconds above 0",
-            });
-        }
-        let numbers = base.translation.vector.iter().chain(base.rotation.coords.iter());
-        finite("the pose of the needle's base", numbers.copied())?;
+        instruments.check(dt_s)?;
         let travel_mm = self.on_line(base)?;
         self.steps += 1;
         self.time_s += dt_s;

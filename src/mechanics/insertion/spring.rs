@@ -272,14 +272,14 @@ impl Model for MassSpring {
     fn start(&mut self, instruments: &Instruments) {
         let base = &instruments.base;
         let tip = unloaded_tip(base, self.needle.length_mm());
-        let is_new = self.body.base.is_none() && check(instruments, 1.0).is_ok();
+        let is_new = self.body.base.is_none() && instruments.check(1.0).is_ok();
         if is_new && self.anatomy.region(&tip).is_none() {
             self.body.base = Some(self.begin(base));
         }
     }
 
     fn step(&mut self, instruments: &Instruments, dt_s: f64) -> Result<&Outcome, StepError> {
-        check(instruments, dt_s)?;
+        instruments.check(dt_s)?;
         let end = instruments.base;
         let start = match self.body.base {
             Some(base) => base,
@@ -388,18 +388,5 @@ impl Model for MassSpring {
 
     fn restore(&mut self, saved: &Saved) -> Result<(), StepError> {
         self.take_saved(saved)
-    }
-}
-
-fn check(instruments: &Instruments, dt_s: f64) -> Result<(), StepError> {
-    let error = |what, found, expected| Err(StepError::Input { what, found, expected });
-    if !(dt_s.is_finite() && dt_s > 0.0) {
-        return error("the time", dt_s, "a finite number above 0");
-    }
-    let pose = &instruments.base;
-    let numbers = pose.translation.vector.iter().chain(pose.rotation.coords.iter());
-    match numbers.copied().find(|number| !number.is_finite()) {
-        Some(found) => error("the needle's base", found, "finite numbers"),
-        None => Ok(()),
     }
 }

@@ -1,13 +1,14 @@
 //! Validation of the setup and of the step inputs of insertion models.
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Matrix4, Rotation3, UnitQuaternion};
 
 use super::spring::{MAX_NODES, MIN_DIHEDRAL_DEG};
-use super::{Interaction, StepError};
+use super::{Instruments, Interaction, StepError};
 use crate::tissue::error::LinearError;
 use crate::tissue::nonlinear::NonlinearError;
 use crate::tissue::remesh::RemeshError;
 use insonify_base::blame::Blame;
+use insonify_base::matrix;
 use insonify_base::range::OutOfRange;
 
 /// Reason why a model on a mesh cannot be set up.
@@ -140,7 +141,7 @@ pub(super) fn above_zero(values: &[(&'static str, f64)]) -> Result<(), InvalidSe
 }
 
 /// Checks that the values of a step are finite.
-pub(super) fn finite(what: &'static str, values: impl IntoIterator<Item = f64>) -> Result<(), StepError> {
+fn finite(what: &'static str, values: impl IntoIterator<Item = f64>) -> Result<(), StepError> {
     match values.into_iter().find(|value| !value.is_finite()) {
         None => Ok(()),
         Some(found) => Err(StepError::Input {
@@ -151,7 +152,65 @@ pub(super) fn finite(what: &'static str, values: impl IntoIterator<Item = f64>) 
     }
 }
 
-/// Returns all numbers of a pose.
-pub(super) fn numbers(pose: &Isometry3<f64>) -> impl Iterator<Item = f64> {
-    pose.to_homogeneous().data.0.into_iter().flatten()
+/// Checks a pose, which an error calls `what`, as matrices in files are checked.
+///
+/// # Errors
+/// [`StepError::Input`] and [`StepError::Pose`].
+pub fn check_pose(what: &'static str, pose: &Isometry3<f64>) -> Result<(), StepError> {
+    let numbers = pose.translation.vector.iter().chain(pose.rotation.coords.iter());
+    finite(what, numbers.copied())?;
+    let rigid = matrix::rigid(&pose.to_homogeneous());
+    rigid.map(drop).map_err(|reason| StepError::Pose { what, reason })
 }
+
+impl Instruments {
+    /// A needle alone, by its base frame to world.
+    pub fn new(base: Isometry3<f64>) -> Self {
+        Self {
+            base,
+            probe: None,
+            guide: None,
+            deposit: false,
+        }
+    }
+
+    /// A needle alone, by the matrix from its base frame to the world, on column vectors, mm. Rotations with errors of
+    /// up to 5e-3 per entry are orthonormalised.
+    ///
+    /// # Errors
+    /// [`StepError::Pose`], which says what is wrong with the matrix: a scale, a mirror, a transposition.
+    pub fn from_matrix(base_to_world: &Matrix4<f64>) -> Result<Self, StepError> {
+        let rigid = matrix::rigid(base_to_world).map_err(|reason| StepError::Pose { what: BASE, reason })?;
+        let axes = Rotation3::from_matrix_unchecked(rigid.fixed_view::<3, 3>(0, 0).into_owned());
+        let position = rigid.fixed_view::<3, 1>(0, 3).into_owned();
+        Ok(Self::new(Isometry3::from_parts(
+            position.into(),
+            UnitQuaternion::from_rotation_matrix(&axes),
+        )))
+    }
+
+    /// Checks the inputs of a step, as every model of this crate does.
+    ///
+    /// # Errors
+    /// [`StepError::Input`] and [`StepError::Pose`].
+    pub fn check(&self, dt_s: f64) -> Result<(), StepError> {
+        check_pose(BASE, &self.base)?;
+        if let Some(probe) = &self.probe {
+            check_pose("the pose of the probe", probe)?;
+        }
+        if let Some(guide) = &self.guide {
+            finite("the guide", guide.iter().copied())?;
+        }
+        if dt_s.is_finite() && dt_s > 0.0 {
+            return Ok(());
+        }
+        Err(StepError::Input {
+            what: "the time",
+            found: dt_s,
+            expected: "a finite number of seconds above 0",
+        })
+    }
+}
+
+/// The needle's base in errors.
+pub(super) const BASE: &str = "the pose of the needle's base";

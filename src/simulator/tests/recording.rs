@@ -124,7 +124,7 @@ direction = [0, 0, 1]
         let share = f64::from(step) / 80.0;
         let view = Isometry3::new(Vector3::new(0.0, 60.0 * share, -45.0), Vector3::x() * share);
         let base = Isometry3::new(Vector3::new(2.0, 1.0, -150.0 + 40.0 * share), Vector3::zeros());
-        haptic.record_view(view);
+        haptic.record_view(view).expect("rigid");
         let instruments = Instruments { base, ..instruments(0) };
         haptic.step(&instruments, 0.01).expect("a step");
         forces_made.push((haptic.outcome().clone(), view * Point3::origin(), view * Vector3::z()));

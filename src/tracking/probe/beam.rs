@@ -177,6 +177,19 @@ impl BeamGrid {
         ((across + 1.0) / 2.0 * self.gaps(), along)
     }
 
+    /// Distance of a point of the probe's plane from the sector, mm; 0 within it.
+    pub fn distance_mm(&self, x: f64, y: f64) -> f64 {
+        if self.to_beam(x, y).is_some() {
+            return 0.0;
+        }
+        // The nearest point lies on the scanline through the point, or on that at the edge.
+        let ray = self.ray_across(self.across_and_along(x, y).0.clamp(-1.0, 1.0));
+        let [x, y] = [x - ray.origin[0], y - ray.origin[1]];
+        let [towards_x, towards_y] = ray.direction;
+        let along = (x * towards_x + y * towards_y).clamp(0.0, self.depth);
+        (x - along * towards_x).hypot(y - along * towards_y)
+    }
+
     fn across_and_along(&self, x: f64, y: f64) -> (f64, f64) {
         match self.layout {
             Layout::Parallel { width } => (2.0 * x / width, y),

@@ -2,6 +2,7 @@
 
 use insonify_mechanics::insertion::{EventKind, Instruments, Interaction, Model, Outcome, StepError};
 use insonify_mesh::TetMesh;
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use super::support::{USUAL, assert_finite, block, build, events, on_table, resistance, setup, tip_at, travel};
 
@@ -110,7 +111,55 @@ fn steps_with_numbers_that_are_none_are_refused() {
         let refused = finite.step(&instruments, dt).map(drop);
         assert!(matches!(refused, Err(StepError::Input { .. })), "{refused:?}");
     }
+    // A rotation of which a host has kept the scale, and a place beyond a kilometre.
+    let (mut scaled, mut distant) = (good, good);
+    let quaternion = good.base.rotation.into_inner() * 1.01;
+    scaled.base.rotation = UnitQuaternion::new_unchecked(quaternion);
+    distant.base.translation.vector.x = 1.1e6;
+    let probe = Instruments {
+        probe: Some(scaled.base),
+        ..good
+    };
+    for (instruments, reason) in [
+        (
+            scaled,
+            "the pose of the needle's base: the axes are off a rotation by 2.01e-2",
+        ),
+        (distant, "farther than 1e6 mm"),
+        (probe, "the pose of the probe: the axes are off"),
+    ] {
+        let refused = finite.step(&instruments, 1e-3).map(drop).expect_err(reason);
+        assert!(matches!(refused, StepError::Pose { .. }), "{refused}");
+        assert!(refused.to_string().contains(reason), "{refused}");
+    }
     assert_eq!(finite.save(), before);
+}
+
+/// A matrix of a host is checked as one of a file is.
+#[test]
+fn needles_by_matrix_are_checked() {
+    let base = tip_at([31.3, 28.9, 21.0]).base * Isometry3::rotation(Vector3::new(0.1, -0.4, 1.0));
+    let good = base.to_homogeneous();
+    let taken = Instruments::from_matrix(&good).expect("rigid");
+    assert!((taken.base.to_homogeneous() - good).amax() < 1e-12 && taken.probe.is_none());
+    let mut noisy = good;
+    noisy[(0, 1)] += 3e-3;
+    assert!(Instruments::from_matrix(&noisy).is_ok());
+    noisy[(0, 1)] += 9e-3;
+    let mirror = nalgebra::Matrix4::new_nonuniform_scaling(&Vector3::new(-1.0, 1.0, 1.0));
+    let scale = nalgebra::Matrix4::new_scaling(0.1);
+    for (matrix, reason) in [
+        (noisy, "off a rotation"),
+        (mirror * good, "left-handed"),
+        (scale * good, "a scale"),
+        (good.transpose(), "row-major?"),
+    ] {
+        let refused = Instruments::from_matrix(&matrix).expect_err(reason).to_string();
+        assert!(
+            refused.contains("the needle's base: ") && refused.contains(reason),
+            "{refused}"
+        );
+    }
 }
 
 /// The needle leaves the block on its far side and comes back.

@@ -3,8 +3,9 @@
 use nalgebra::Point3;
 
 use super::present;
-use crate::synth::FrameState;
 use crate::synth::tables::Tables;
+use crate::synth::{FrameState, NeedleView};
+use insonify_base::matrix::inverse_rigid;
 use insonify_tracking::needle::MAX_NODES;
 
 /// Start and end of a straight segment in the probe frame (mm), followed by its radius and by the thickness of the
@@ -29,6 +30,47 @@ pub fn left_out(tables: &Tables, state: &FrameState) -> usize {
     }
     let hidden = state.needle.as_ref().map_or(0, |needle| first_shown(&needle.nodes));
     hidden + crossing(tables, state).count().saturating_sub(MAX_SEGMENTS)
+}
+
+/// Distance between points of a shaft at which the distance from the sector is computed, mm.
+const STEP_MM: f64 = 1.0;
+/// Maximum number of steps along a segment.
+const MAX_STEPS: f64 = 1e3;
+
+/// What a frame shows of its needle: `None` if it has none.
+pub(crate) fn view(tables: &Tables, state: &FrameState) -> Option<NeedleView> {
+    let needle = state.needle.as_ref()?;
+    let Some(echo) = &tables.settings.effects.needle else {
+        return Some(NeedleView::Excluded);
+    };
+    let world_to_probe = inverse_rigid(&state.probe_to_world);
+    let thickness_mm = echo.thickness_mm.unwrap_or(needle.diameter_mm);
+    let mut distance_mm = f64::INFINITY;
+    for pair in needle.nodes[first_shown(&needle.nodes)..].windows(2) {
+        let [start, end] = [pair[0], pair[1]].map(|node| world_to_probe.transform_point(&node));
+        // Of a segment that meets the plane, the part that does.
+        let is_met = segment([start, end], needle.diameter_mm, thickness_mm).is_some();
+        let reach = (needle.diameter_mm + thickness_mm) / 2.0;
+        let across = |z: f64| (z - start.z) / (end.z - start.z);
+        let [from, to] = if is_met && start.z != end.z {
+            let [a, b] = [across(-reach), across(reach)];
+            [a.min(b).max(0.0), a.max(b).min(1.0)]
+        } else {
+            [0.0, 1.0]
+        };
+        let steps = ((end - start).norm() * (to - from) / STEP_MM)
+            .ceil()
+            .clamp(1.0, MAX_STEPS);
+        for step in 0..=steps as usize {
+            let point = start + (end - start) * (from + (to - from) * step as f64 / steps);
+            let aside = tables.grid.distance_mm(point.x, point.y);
+            if is_met && aside == 0.0 {
+                return Some(NeedleView::Inside);
+            }
+            distance_mm = distance_mm.min(aside.hypot(point.z));
+        }
+    }
+    Some(NeedleView::Outside { distance_mm })
 }
 
 /// Index of the first node shown of a needle with too many nodes.

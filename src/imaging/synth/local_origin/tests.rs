@@ -17,7 +17,7 @@ fn nearby_it_is_the_worlds_own_and_nothing_is_copied() {
         let same = |a: [f64; 3]| a.map(f64::to_bits) == point.map(f64::to_bits);
         assert!(same(origin.to_local(point)) && same(origin.to_world(point)));
         let (mut local, state) = (LocalFrame::new(origin), FrameState::at(Matrix4::identity()));
-        local.take(&state);
+        local.take(&state).unwrap();
         assert!(std::ptr::eq(local.localized(&state), &state));
     }
 }
@@ -62,7 +62,7 @@ fn all_of_a_frame_moves_together() {
         reference: Some(vec![node(0.125)]),
         ..FrameState::at(Matrix4::new_translation(&Vector3::from(node(9.0))))
     };
-    local.take(&world);
+    local.take(&world).unwrap();
     let seen = local.localized(&world);
     assert_eq!((seen.frame, seen.probe_to_world[(0, 3)]), (7, 9.0));
     let needle = seen.needle.as_ref().unwrap();
@@ -79,13 +79,28 @@ fn all_of_a_frame_moves_together() {
     let nodes = world.nodes.take();
     world.needle = None;
     world.seeds.clear();
-    local.take(&world);
+    local.take(&world).unwrap();
     let seen = local.localized(&world);
     assert!(seen.nodes.is_none() && seen.needle.is_none() && seen.seeds.is_empty());
     world.nodes = nodes;
-    local.take(&world);
+    local.take(&world).unwrap();
     assert_eq!(
         local.localized(&world).nodes.as_ref().map(|nodes| nodes.as_ptr()),
         memory
     );
+}
+
+#[test]
+fn a_pose_with_the_noise_of_a_tracker_is_rounded_to_a_rigid_one() {
+    for centre in [[0.0; 3], [1e5, 0.0, 0.0]] {
+        let mut local = LocalFrame::new(LocalOrigin::of(&about(centre)));
+        let mut world = FrameState::at(Matrix4::new_translation(&Vector3::new(centre[0] + 9.0, 2.0, 3.0)));
+        world.probe_to_world[(0, 1)] = 3e-3;
+        world.frame = 5;
+        let rigid = local.take(&world).unwrap();
+        assert!((rigid[(0, 1)] - 1.5e-3).abs() < 1e-5 && (rigid[(1, 0)] + 1.5e-3).abs() < 1e-5);
+        let seen = local.localized(&world);
+        assert_eq!(seen.probe_to_world[(0, 1)], rigid[(0, 1)]);
+        assert_eq!((seen.frame, seen.probe_to_world[(0, 3)]), (5, 9.0));
+    }
 }

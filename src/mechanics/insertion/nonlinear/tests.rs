@@ -330,6 +330,10 @@ fn sideways_moves_are_refused_in_tissue_and_taken_outside() {
     assert!((found - 1.0).abs() < 1e-9);
     assert_eq!(model.outcome(), &before);
     assert!(model.step(&at(X, f64::NAN), 0.05).is_err());
+    let mut scaled = at(X, 5.6);
+    let quaternion = scaled.base.rotation.into_inner() * 1.1;
+    scaled.base.rotation = nalgebra::UnitQuaternion::new_unchecked(quaternion);
+    assert!(matches!(model.step(&scaled, 0.05), Err(StepError::Pose { .. })));
     model.step(&at(X, -3.0), 0.05).unwrap();
     assert_eq!(model.outcome().inserted_mm, 0.0);
     // Along another line the tissue is intact.

@@ -267,6 +267,12 @@ fn an_oblique_entry_does_not_tear_the_image() {
     assert!(largest > 0.2, "the tissue did not move: {largest}");
 }
 
+/// A pose whose quaternion has length 2.
+fn doubled(pose: &Isometry3<f64>) -> Isometry3<f64> {
+    let quaternion = pose.rotation.into_inner() * 2.0;
+    Isometry3::from_parts(pose.translation, UnitQuaternion::new_unchecked(quaternion))
+}
+
 #[test]
 fn steps_that_cannot_be_made_are_refused() {
     let mut springs = model(coarse(), Layers::one(soft()));
@@ -278,8 +284,11 @@ fn steps_that_cannot_be_made_are_refused() {
     }
     let nowhere = tip_at(f64::NAN, 0.0, 0.0);
     assert!(matches!(springs.step(&nowhere, 1e-3), Err(StepError::Input { .. })));
+    let turn = Isometry3::rotation(Vector3::x() * 0.3);
+    let scaled = Instruments::new(tip_at(0.0, 0.0, -5.0).base * doubled(&turn));
+    assert!(matches!(springs.step(&scaled, 1e-3), Err(StepError::Pose { .. })));
     // Farther than can be resolved: reported, not hidden.
-    springs.step(&tip_at(0.0, 0.0, -1e6), 1e-3).unwrap();
+    springs.step(&tip_at(0.0, 0.0, -9e5), 1e-3).unwrap();
     let outcome = springs.step(&tip_at(0.0, 0.0, -5.0), 1e-3).unwrap();
     assert!(!outcome.converged && outcome.substeps == MAX_PARTS);
     assert_eq!(
