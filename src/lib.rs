@@ -57,7 +57,27 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! # Map
+//! # What is where
+//!
+//! | for | at the root |
+//! |---|---|
+//! | scenes | [`SceneFile`], [`Scene`], [`DEFAULT_SCENE`], [`Plan`], [`Sidecar`] |
+//! | frames | [`Synthesizer`], [`FrameState`], [`NeedleShaft`], [`Frame`], [`NeedleView`], [`Backend`], [`Ticket`], [`PassTime`], [`SynthError`] |
+//! | settings of frames | [`Settings`], [`ImageSize`], [`Effects`] with the parameters of each effect, [`Layer`], [`Probe`], [`ProbeShape`], [`probe`] |
+//! | what frames show | [`Anatomy`], [`LabelVolume`], [`Label`], [`Tissue`], [`TissueTable`], [`builtin_tissue`], [`SolidTexture`], [`Phantom`], [`PhantomOptions`], [`make_phantom`], [`Tables`], [`Buffer`] |
+//! | GPUs | [`Gpu`], [`AdapterChoice`], [`AdapterReport`], [`Needs`], [`row_stride`], [`GpuError`] |
+//! | simulators | [`Simulator`], [`Haptic`], [`Imaging`], [`SimulatorOptions`], [`Policy`], [`Forces`], [`SimulatorState`], [`Recording`], [`RecordedInput`], [`SimulatorError`] |
+//! | haptic devices | [`TwoPoints`], [`PointsPose`], [`Damper`], [`LateralHold`], [`HoldOptions`], [`TemplateGuided`], [`Template`], [`UnknownHole`] |
+//! | models of insertions | [`Model`], [`Instruments`], [`Outcome`], [`Wrench`], [`Event`], [`EventKind`], [`StepError`], [`Saved`], [`ShaftLoad`], [`LevelChange`] |
+//! | images of models | [`NodeSolver`], [`Snapshot`], [`Field`], [`MovedTissue`] |
+//! | tissue models | [`Finite`], [`FiniteOptions`], [`Setup`], [`Level`], [`Precision`]; [`MassSpring`], [`MassSpringParameters`]; [`Nonlinear`], [`NonlinearSetup`]; [`Material`], [`Interaction`], [`Peak`], [`Bone`], [`InsertionAnatomy`], [`MeshRegions`], [`ProbeContact`], [`InvalidSetup`] |
+//! | needles | [`Needle`], [`Rigid`], [`Flexible`], [`Shaft`], [`Stiffness`], [`Bevel`], [`BEVEL_MM`], [`LINK_MM`], [`CentreLine`], [`Load`], [`Entry`], [`Row`] |
+//! | scenarios | [`ScenarioFile`], [`Scenario`], [`SCENARIOS`], [`run_scenario`], [`Observer`], [`Requests`], [`Step`], [`Moment`], [`Deformed`], [`Summary`], [`Record`] |
+//! | meshes, poses and paths | [`TetMesh`], [`Displacement`], [`Pose`], [`Trajectory`], [`Sequence`] |
+//! | files | [`load_volume`], [`save_volume`], [`read_mesh`], [`write_png`], [`SequenceWriter`], [`FrameInfo`] |
+//! | errors | [`Error`], [`Blame`], [`InputError`], [`OutputError`], [`OutOfRange`], [`VolumeError`], [`InvalidMesh`], [`TrackingError`] |
+//!
+//! # Modules
 //!
 //! This crate is what a simulator and a renderer need. What it does not have at its root stands in its modules and in
 //! the crates below it:
@@ -79,6 +99,26 @@
 //! Features, on by default: `gpu` renders and remeshes on a GPU through wgpu; `record` has files, plots and pages of
 //! insertions. For frames alone, [`insonify_imaging`] suffices. Studies and the command are crates of their own.
 //!
+//! # Threads
+//!
+//! Loops run on the threads of rayon's pool, one a core unless the environment variable `RAYON_NUM_THREADS` states
+//! their number. Frames and steps that are to leave cores free run in a pool of their own; results do not depend on the
+//! number of threads:
+//!
+//! ```
+//! use insonify::base::parallel::Pool;
+//! use insonify::{Backend, DEFAULT_SCENE, SceneFile};
+//!
+//! let scene = SceneFile::parse(DEFAULT_SCENE, "scene")?.resolve(".".as_ref())?;
+//! let mut synthesizer = scene.synthesizer(Backend::Cpu)?;
+//! let pool = Pool::new(2)?;
+//! for state in scene.states(1) {
+//!     let frame = pool.install(|| synthesizer.render(&state))?;
+//!     assert!(frame.needle.is_none());
+//! }
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
 //! # Axes and units
 //!
 //! Lengths are millimetres, angles radians in code and degrees in files, moduli kilopascals. The world is LPS as in
@@ -99,33 +139,40 @@ pub mod solve;
 pub use input::scenario::{EXAMPLES as SCENARIOS, Scenario, ScenarioFile};
 pub use insonify_anatomy::acoustics::presets::get as builtin_tissue;
 pub use insonify_anatomy::acoustics::{Tissue, TissueTable};
-pub use insonify_anatomy::phantom::Phantom;
+pub use insonify_anatomy::phantom::{Phantom, PhantomOptions, make as make_phantom};
 pub use insonify_anatomy::volume::texture::SolidTexture;
 pub use insonify_anatomy::volume::{Label, LabelVolume, VolumeError, load as load_volume, save as save_volume};
 pub use insonify_base::blame::{Blame, Error};
 pub use insonify_base::document::InputError;
 pub use insonify_base::output::OutputError;
 pub use insonify_base::output::png::write_grey as write_png;
+pub use insonify_base::range::OutOfRange;
 #[cfg(feature = "gpu")]
 pub use insonify_gpu::row_stride;
-pub use insonify_gpu::{AdapterChoice, Gpu, GpuError};
+pub use insonify_gpu::{AdapterChoice, AdapterReport, Gpu, GpuError, Needs};
 pub use insonify_imaging::effects::Effects;
+pub use insonify_imaging::effects::buffers::Buffer;
 pub use insonify_imaging::effects::parameters::*;
 pub use insonify_imaging::plan::Plan;
 pub use insonify_imaging::scene::{DEFAULT as DEFAULT_SCENE, Scene, SceneFile};
 pub use insonify_imaging::sequence::{FrameInfo, SequenceWriter};
 pub use insonify_imaging::sidecar::Sidecar;
 pub use insonify_imaging::synth::layers::Layer;
-pub use insonify_imaging::synth::tables::{Anatomy, ImageSize, Settings};
-pub use insonify_imaging::synth::{Backend, Frame, FrameState, NeedleShaft, SynthError, Synthesizer, Ticket};
-pub use insonify_mechanics::insertion::finite::{Finite, FiniteOptions, Setup};
-pub use insonify_mechanics::insertion::nonlinear::{Nonlinear, Setup as NonlinearSetup};
-pub use insonify_mechanics::insertion::spring::{MassSpring, Parameters as MassSpringParameters};
-pub use insonify_mechanics::insertion::{
-    Event, EventKind, Input as RecordedInput, Instruments, Interaction, MeshRegions, Model, Outcome, ProbeContact,
-    Recording, State as SimulatorState, StepError,
+pub use insonify_imaging::synth::tables::{Anatomy, ImageSize, Settings, Tables};
+pub use insonify_imaging::synth::{
+    Backend, Frame, FrameState, NeedleShaft, NeedleView, PassTime, SynthError, Synthesizer, Ticket,
 };
-pub use insonify_mechanics::needle::{BEVEL_MM, Bevel, Flexible, LINK_MM, Needle, Rigid, Shaft, Stiffness};
+pub use insonify_mechanics::insertion::finite::{Finite, FiniteOptions, Setup};
+pub use insonify_mechanics::insertion::nonlinear::{Nonlinear, NonlinearSetup};
+pub use insonify_mechanics::insertion::spring::{MassSpring, MassSpringParameters};
+pub use insonify_mechanics::insertion::{
+    Anatomy as InsertionAnatomy, Bone, Event, EventKind, Field, Instruments, Interaction, InvalidSetup, LevelChange,
+    MeshRegions, Model, NodeSolver, Outcome, Peak, ProbeContact, RecordedInput, Recording, Saved, ShaftLoad,
+    SimulatorState, Snapshot, StepError, Tissue as MovedTissue, Wrench,
+};
+pub use insonify_mechanics::needle::{
+    BEVEL_MM, Bevel, CentreLine, Entry, Flexible, LINK_MM, Load, Needle, Rigid, Row, Shaft, Stiffness,
+};
 pub use insonify_mechanics::tissue::material::Material;
 pub use insonify_mechanics::tissue::remesh::{Level, Precision};
 pub use insonify_mesh::file::read_mesh;
@@ -134,12 +181,13 @@ pub use insonify_tracking::TrackingError;
 pub use insonify_tracking::pose::Pose;
 pub use insonify_tracking::probe::{self, Probe, ProbeShape};
 pub use insonify_tracking::sequence::Sequence;
-pub use insonify_tracking::template::Template;
+pub use insonify_tracking::template::{Template, UnknownHole};
+pub use insonify_tracking::trajectory::Trajectory;
 #[cfg(feature = "record")]
 pub use run::record::Record;
 pub use run::summary::Summary;
 pub use run::{Deformed, Moment, Observer, Requests, Step, run as run_scenario};
 pub use simulator::{
-    Damper, Forces, Haptic, HoldOptions, Imaging, LateralHold, Options as SimulatorOptions, PointsPose, Policy,
-    Simulator, SimulatorError, TemplateGuided, TwoPoints,
+    Damper, Forces, Haptic, HoldOptions, Imaging, LateralHold, PointsPose, Policy, Simulator, SimulatorError,
+    SimulatorOptions, TemplateGuided, TwoPoints,
 };

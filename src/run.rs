@@ -106,7 +106,7 @@ pub struct Deformed<'a> {
 /// }
 ///
 /// let text = r#"
-/// version = 1
+/// version = 2
 /// [scene]
 /// volume = { phantom = "two-layer", resolution_mm = 3.0 }
 /// image = { width = 160, height = 120 }

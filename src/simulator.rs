@@ -10,8 +10,99 @@
 //! [`LateralHold`], and a needle [`TemplateGuided`] by a template whose holes one device visits in turn.
 //!
 //! Frames of reference and signs of forces are stated by [`Forces`], late steps by [`Policy`], saving and replaying by
-//! [`State`](crate::SimulatorState) and [`Recording`](crate::Recording); `insonify insert --replay` repeats a recording
+//! [`SimulatorState`](crate::SimulatorState) and [`Recording`](crate::Recording); `insonify insert --replay` repeats a recording
 //! of a scenario, to score and to image it.
+
+//!
+//! Models and needles can be written outside of this crate. A needle of one's own in a model of it, and a model of one's
+//! own, of tissue beyond z = 0 that does not move:
+//!
+//! ```
+//! use insonify::{
+//!     CentreLine, Entry, Haptic, Instruments, Interaction, Load, MassSpring, MassSpringParameters, MeshRegions, Model,
+//!     MovedTissue, Needle, NodeSolver, Outcome, Saved, SimulatorOptions, Snapshot, StepError, TetMesh,
+//! };
+//! use nalgebra::{Isometry3, Point3, Vector3};
+//!
+//! /// A stiff needle, bent once by 5 mm.
+//! #[derive(Debug)]
+//! struct Bent;
+//!
+//! impl Needle for Bent {
+//!     fn length_mm(&self) -> f64 {
+//!         200.0
+//!     }
+//!     fn radius_mm(&self) -> f64 {
+//!         0.6
+//!     }
+//!     fn place(&mut self, base: &Isometry3<f64>, _: Option<&Entry>, _: &[Load], _: &[Load], line: &mut CentreLine) {
+//!         let nodes = [[0.0, 0.0, 0.0], [5.0, 0.0, 100.0], [0.0, 0.0, 200.0]];
+//!         line.set(nodes.map(|node| (node[2], base * Point3::from(node))));
+//!     }
+//! }
+//!
+//! /// A needle of 100 mm, held by 0.02 N a millimetre.
+//! #[derive(Default)]
+//! struct Friction {
+//!     base: Isometry3<f64>,
+//!     outcome: Outcome,
+//! }
+//!
+//! impl Model for Friction {
+//!     fn step(&mut self, instruments: &Instruments, dt_s: f64) -> Result<&Outcome, StepError> {
+//!         instruments.check(dt_s)?;
+//!         self.base = instruments.base;
+//!         self.outcome.tip_mm = self.base * Point3::new(0.0, 0.0, 100.0);
+//!         self.outcome.inserted_mm = self.outcome.tip_mm.z.max(0.0);
+//!         self.outcome.on_hand.force_n = self.base * Vector3::z() * (-0.02 * self.outcome.inserted_mm);
+//!         Ok(&self.outcome)
+//!     }
+//!     fn outcome(&self) -> &Outcome {
+//!         &self.outcome
+//!     }
+//!     fn snapshot(&mut self, into: &mut Snapshot) {
+//!         let shaft = [0.0, 100.0].map(|arc_mm| (arc_mm, self.base * Point3::new(0.0, 0.0, arc_mm)));
+//!         into.line.set(shaft);
+//!     }
+//!     fn imager(&self) -> Box<dyn NodeSolver> {
+//!         Box::new(Rest)
+//!     }
+//!     fn save(&mut self) -> Saved {
+//!         Saved(serde_json::json!([self.base, self.outcome]))
+//!     }
+//!     fn restore(&mut self, saved: &Saved) -> Result<(), StepError> {
+//!         let read = serde_json::from_value(saved.0.clone());
+//!         (self.base, self.outcome) = read.map_err(|error| StepError::Foreign(error.to_string()))?;
+//!         Ok(())
+//!     }
+//! }
+//!
+//! /// No mesh.
+//! struct Rest;
+//!
+//! impl NodeSolver for Rest {
+//!     fn elements(&self) -> &[[u32; 4]] {
+//!         &[]
+//!     }
+//!     fn tissue(&mut self, _: &Snapshot, _: &mut MovedTissue) {}
+//! }
+//!
+//! let mesh = TetMesh::over_box([-30.0, -30.0, 0.0], [30.0, 30.0, 60.0], 64)?.into();
+//! let tissue = Interaction { friction_n_per_mm: 0.02, cutting_n: 0.5, puncture_n: 1.0, ..Interaction::default() };
+//! let regions = MeshRegions::new(&mesh, &[(0, tissue)]);
+//! let parameters = MassSpringParameters { length_mm: Some(50.0), ..MassSpringParameters::default() };
+//! let springs = MassSpring::new(parameters, Box::new(regions), Box::new(Bent))?;
+//!
+//! for (model, length_mm) in [(Box::new(springs) as Box<dyn Model>, 200.0), (Box::new(Friction::default()), 100.0)] {
+//!     let mut haptic = Haptic::new(model, SimulatorOptions::default());
+//!     for step in 0..60 {
+//!         let base = Isometry3::translation(0.0, 0.0, 0.4 * f64::from(step) - length_mm - 1.0);
+//!         haptic.step(&Instruments::new(base), 1e-3)?;
+//!     }
+//!     assert!((haptic.outcome().tip_mm.z - 22.6).abs() < 0.1 && haptic.outcome().on_hand.force_n.z < -0.1);
+//! }
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod devices;
 mod forces;
@@ -59,8 +150,8 @@ pub enum SimulatorError {
         inserted_mm: f64,
     },
     /// There is no such hole.
-    #[error("the hole is \"{}\"; expected {}", .0.found, .0.expected)]
-    Hole(UnknownHole),
+    #[error(transparent)]
+    Hole(#[from] UnknownHole),
 }
 
 impl Blame for SimulatorError {}
@@ -78,7 +169,7 @@ impl SimulatorError {
 
 /// Time budget of a step, and the policy for steps that exceed it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Options {
+pub struct SimulatorOptions {
     /// Time budget of a step, including the hand-over to the image. Default 1 ms.
     pub budget: Duration,
     /// Forces returned by a step that exceeds the budget. Default [`Policy::Finish`].
@@ -87,7 +178,7 @@ pub struct Options {
     pub probe_points: Option<TwoPoints>,
 }
 
-impl Default for Options {
+impl Default for SimulatorOptions {
     fn default() -> Self {
         Self {
             budget: Duration::from_millis(1),
@@ -161,7 +252,8 @@ pub struct Simulator {
 
 impl Simulator {
     /// Joins a model and its imaging. `synthesizer` has the mesh of the model, in the same order, if moving tissue is
-    /// to be visible, and the needle effect if the needle is to be visible, whose diameter is `needle_diameter_mm`.
+    /// to be visible. The needle, whose diameter is `needle_diameter_mm`, is drawn unless its settings leave out
+    /// [`Effects::needle`](crate::Effects); each [`Frame::needle`] says what is seen of it.
     ///
     /// # Errors
     /// [`SimulatorError`].
@@ -169,7 +261,7 @@ impl Simulator {
         model: Box<dyn Model>,
         synthesizer: Synthesizer,
         needle_diameter_mm: f64,
-        options: Options,
+        options: SimulatorOptions,
     ) -> Result<Self, SimulatorError> {
         let mut haptic = Haptic::new(model, options);
         let imaging = haptic.imaged(synthesizer, needle_diameter_mm)?;
@@ -180,7 +272,7 @@ impl Simulator {
     ///
     /// # Errors
     /// The errors of [`Scenario::model`], [`Synthesizer::new`] and [`Simulator::new`].
-    pub fn of_scenario(scenario: &Scenario, backend: Backend, options: Options) -> Result<Self, Error> {
+    pub fn of_scenario(scenario: &Scenario, backend: Backend, options: SimulatorOptions) -> Result<Self, Error> {
         let synthesizer = scenario.scene.synthesizer(backend)?;
         let model = scenario.model(|_, _| {})?;
         Ok(Self::new(model, synthesizer, scenario.needle.diameter_mm, options)?)

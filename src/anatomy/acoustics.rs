@@ -23,6 +23,7 @@ pub(crate) use resolve::{Side, side, without_side};
 pub const RIGID_KPA: f64 = 1e6;
 
 /// Acoustic and mechanical properties of a tissue.
+///
 /// ```
 /// use insonify_anatomy::acoustics::{Tissue, presets};
 ///
@@ -116,7 +117,9 @@ impl Tissue {
     }
 }
 
-/// Tissues of a scene, and the tissue of each label index.
+/// Acoustic and mechanical properties of the tissues of a scene, and for each label index (0 to 255, background 0) the
+/// number of its tissue.
+///
 /// ```
 /// use insonify_anatomy::acoustics::{TissueTable, presets};
 ///

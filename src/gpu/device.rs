@@ -75,7 +75,9 @@ thread_local! {
     static SCOPED: Cell<usize> = const { Cell::new(0) };
 }
 
-/// A device, its queue, and its pending errors. Clones share the device.
+/// A wgpu device, opened here or lent by a host, with its queue, its limits and its pending errors. Clones share the
+/// device.
+///
 /// ```
 /// use insonify_gpu::{AdapterChoice, Gpu, Needs};
 ///

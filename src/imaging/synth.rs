@@ -78,7 +78,8 @@ impl Blame for SynthError {
     }
 }
 
-/// Rendering backend.
+/// Processor that computes frames: the CPU, in single or in double precision, or a GPU. All run the same passes; the
+/// GPU and the CPU in single precision agree but for rounding.
 #[derive(Clone)]
 pub enum Backend {
     /// CPU reference in single precision, matching the GPU.

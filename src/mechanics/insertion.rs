@@ -23,7 +23,7 @@ use insonify_base::blame::Blame;
 pub use interaction::{Anatomy, Bone, Interaction, MeshRegions, Peak};
 pub use outcome::{Event, EventKind, Outcome, Wrench};
 pub use probe::{ProbeContact, lever, pointed};
-pub use recording::{Input, Recording, State};
+pub use recording::{RecordedInput, Recording, SimulatorState};
 pub use validation::{InvalidSetup, check_pose};
 
 /// Poses of the instruments at one step: rigid, checked as those of files are (rotations to within 5e-3 per entry).

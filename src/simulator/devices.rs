@@ -253,7 +253,7 @@ impl TemplateGuided {
     /// [`SimulatorError::Hole`].
     pub fn new(template: Template, hole: &str, device_mm: Point3<f64>) -> Result<Self, SimulatorError> {
         Ok(Self {
-            hole_mm: template.hole(hole).map_err(SimulatorError::Hole)?,
+            hole_mm: template.hole(hole)?,
             template,
             device_mm,
         })
@@ -264,7 +264,7 @@ impl TemplateGuided {
     /// # Errors
     /// [`SimulatorError`]; the hole is then unchanged.
     pub fn choose(&mut self, hole: &str, outcome: &Outcome) -> Result<(), SimulatorError> {
-        let hole_mm = self.template.hole(hole).map_err(SimulatorError::Hole)?;
+        let hole_mm = self.template.hole(hole)?;
         let inserted_mm = outcome.inserted_mm;
         // A needle that dents the skin is not in yet.
         if inserted_mm > 0.0 || outcome.contacts > 0 {

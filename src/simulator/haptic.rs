@@ -7,10 +7,10 @@ use nalgebra::Isometry3;
 
 use super::forces::{Easing, Forces, Wrenches};
 use super::imaging::Imaging;
-use super::{Options, SimulatorError};
+use super::{SimulatorError, SimulatorOptions};
 use insonify_imaging::synth::Synthesizer;
 use insonify_mechanics::insertion::{
-    Input, Instruments, LevelChange, Model, Outcome, Recording, Snapshot, State, StepError, check_pose,
+    Instruments, LevelChange, Model, Outcome, RecordedInput, Recording, SimulatorState, Snapshot, StepError, check_pose,
 };
 use insonify_mechanics::tissue::remesh::Level;
 
@@ -54,7 +54,7 @@ use insonify_mechanics::tissue::remesh::Level;
 /// ```
 pub struct Haptic {
     model: Box<dyn Model>,
-    options: Options,
+    options: SimulatorOptions,
     time_s: f64,
     easing: Easing,
     publisher: Option<Publisher>,
@@ -64,7 +64,7 @@ pub struct Haptic {
 
 impl Haptic {
     /// Takes a model that is not imaged.
-    pub fn new(model: Box<dyn Model>, options: Options) -> Self {
+    pub fn new(model: Box<dyn Model>, options: SimulatorOptions) -> Self {
         Self {
             model,
             options,
@@ -99,7 +99,7 @@ impl Haptic {
         let computed = Wrenches::of(self.model.step(instruments, dt_s)?);
         self.time_s += dt_s;
         if let Some(recording) = &mut self.recording {
-            recording.inputs.push(Input {
+            recording.inputs.push(RecordedInput {
                 instruments: *instruments,
                 dt_s,
                 view: self.view,
@@ -142,9 +142,11 @@ impl Haptic {
         self.time_s
     }
 
-    /// Returns the state: after a restore, the same steps give the same outcomes, bit for bit.
-    pub fn save(&mut self) -> State {
-        State {
+    /// Returns the state: after a restore, the same steps give the same outcomes, bit for bit. Saving may change the
+    /// last bits of later steps of this model, too, as it goes on as one restored to the state does ([`Model::save`]):
+    /// runs that are compared bit for bit save, and [record](Self::record), at the same steps.
+    pub fn save(&mut self) -> SimulatorState {
+        SimulatorState {
             time_s: self.time_s,
             model: self.model.save(),
         }
@@ -155,7 +157,7 @@ impl Haptic {
     ///
     /// # Errors
     /// [`StepError::Foreign`]; then nothing has changed.
-    pub fn restore(&mut self, state: &State) -> Result<(), StepError> {
+    pub fn restore(&mut self, state: &SimulatorState) -> Result<(), StepError> {
         self.model.restore(&state.model)?;
         self.time_s = state.time_s;
         self.easing = Easing::default();
@@ -168,7 +170,7 @@ impl Haptic {
         Ok(())
     }
 
-    /// Starts recording the inputs of steps, in place of any previous recording.
+    /// Starts recording the inputs of steps, in place of any previous recording. It begins with a [save](Self::save).
     pub fn record(&mut self) {
         self.recording = Some(Recording {
             start: self.save(),

@@ -54,8 +54,8 @@ impl Imaging {
     }
 
     /// Renders the latest state for a pose of the probe (probe frame to world, mm). Frames count up from 0. Where no
-    /// step was made since the last frame, tissue stays as it was imaged then. In the steady state only the model's
-    /// [`NodeSolver`] allocates.
+    /// step was made since the last frame, tissue stays as it was imaged then. In the steady state the
+    /// synthesizer allocates nothing, and a [`NodeSolver`] what its solution needs.
     ///
     /// # Errors
     /// [`SynthError`].

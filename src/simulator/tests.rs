@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-use super::{Options, Policy};
+use super::{Policy, SimulatorOptions};
 use insonify_mechanics::insertion::{
     Field, Instruments, LevelChange, Model, NodeSolver, Outcome, Saved, Snapshot, StepError, Tissue,
 };
@@ -155,8 +155,8 @@ fn instruments(step: usize) -> Instruments {
     }
 }
 
-fn patient() -> Options {
-    Options {
+fn patient() -> SimulatorOptions {
+    SimulatorOptions {
         budget: Duration::from_secs(60),
         policy: Policy::Finish,
         probe_points: None,

@@ -2,6 +2,7 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 
+use insonify_base::blame::Blame;
 use insonify_base::document::nearest;
 
 /// A plate with rows and columns of holes, perpendicular to the needles that it guides.
@@ -37,7 +38,8 @@ pub struct Template {
 }
 
 /// A hole name that the template does not have.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the hole is \"{found}\"; expected {expected}")]
 pub struct UnknownHole {
     /// Name given.
     pub found: String,
@@ -46,6 +48,8 @@ pub struct UnknownHole {
     /// A hole with a similar name.
     pub meant: Option<String>,
 }
+
+impl Blame for UnknownHole {}
 
 impl Template {
     /// Centre of a hole by its name: that of its column followed by that of its row.

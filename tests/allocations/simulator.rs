@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use insonify::simulator::{Options, Simulator};
+use insonify::simulator::{Simulator, SimulatorOptions};
 use insonify_imaging::synth::Synthesizer;
 use insonify_mechanics::insertion::{
     Field, Instruments, Model, NodeSolver, Outcome, Saved, Snapshot, StepError, Tissue,
@@ -85,7 +85,7 @@ pub(crate) fn rounds(synthesizer: Synthesizer, probe_to_world: Matrix4<f64>, fra
         outcome: Outcome::default(),
         steps: 0,
     };
-    let simulator = Simulator::new(Box::new(model), synthesizer, 1.2, Options::default());
+    let simulator = Simulator::new(Box::new(model), synthesizer, 1.2, SimulatorOptions::default());
     let (mut haptic, mut imaging) = simulator.expect("a simulator").split();
     let instruments = Instruments {
         base: Isometry3::identity(),

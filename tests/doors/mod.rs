@@ -116,6 +116,39 @@ fn written_by_macros(text: &str) -> impl Iterator<Item = &str> {
     paths.filter_map(|path| path.trim_end_matches(':').rsplit("::").next())
 }
 
+/// Names that `insonify` re-exports, but for globs.
+fn at_the_root(lib: &str) -> impl Iterator<Item = &str> {
+    let statements = lib.split("\npub use ").skip(1);
+    let lists = statements.map(|rest| rest.split_once(';').map_or("", |(list, _)| list));
+    let names = lists.flat_map(|list| match list.split_once('{') {
+        Some((_, names)) => names.trim_end_matches('}').split(',').collect(),
+        None => vec![list],
+    });
+    let names = names.map(|name| name.trim().rsplit([' ', ':']).next().unwrap_or_default());
+    names.filter(|name| !name.is_empty() && !["*", "self"].contains(name))
+}
+
+#[test]
+fn the_page_of_the_root_lists_its_names() {
+    let lib = std::fs::read_to_string(root().join("src/lib.rs")).expect("the root");
+    let page: String = lib.lines().filter(|line| line.starts_with("//! |")).collect();
+    let crates = ["anatomy", "base", "gpu", "imaging", "mechanics", "mesh", "tracking"];
+    let names = at_the_root(&lib).filter(|name| !crates.contains(name));
+    let unlisted: Vec<&str> = names.filter(|name| !page.contains(&format!("[`{name}`]"))).collect();
+    assert!(unlisted.is_empty(), "not on the page of the crate: {unlisted:?}");
+    // Whatever stands there may be imported by that name.
+    for hidden in [
+        "Wrench",
+        "Snapshot",
+        "Needs",
+        "UnknownHole",
+        "MovedTissue",
+        "InsertionAnatomy",
+    ] {
+        assert!(at_the_root(&lib).any(|name| name == hidden), "{hidden}");
+    }
+}
+
 /// A name counts as used if it stands anywhere in another crate, in a test, a benchmark or an example, or in the declaration of another name at
 /// the same door, as the types of its arguments do.
 #[test]

@@ -19,7 +19,7 @@ use insonify_base::range::Ranges;
 use insonify_imaging::effects::Effects;
 use insonify_imaging::quality::QualitySpec;
 use insonify_imaging::scene::{ImageSpec, SceneFile, VolumeSpec, deform::DeformSpec, paths};
-use insonify_mechanics::insertion::spring::Parameters;
+use insonify_mechanics::insertion::spring::MassSpringParameters;
 use insonify_mechanics::insertion::{Bone, Peak};
 use insonify_mechanics::needle::beam::material::{MooneyRivlin, NeoHookean, Ogden, Yeoh};
 use insonify_mechanics::needle::beam::{ModelName, spec};
@@ -212,7 +212,7 @@ fn schemas_of_tables_have_their_ranges() {
     agree::<RunSpec>(json!({}));
     agree::<TissueSpec>(json!({}));
     agree::<SensorSpec>(json!({}));
-    agree::<Parameters>(json!({}));
+    agree::<MassSpringParameters>(json!({}));
     agree::<CommonNeedleKeys>(json!({}));
     agree::<StepSolverSpec>(json!({}));
     agree::<TissueViscositySpec>(json!({}));
@@ -277,7 +277,9 @@ fn lists_in_place_of_tables_are_refused() {
         "needle.motion.keyframes = [[0.0, [0, 0, 0]]]",
     ] {
         let error = SceneFile::parse(text, "a").expect_err(text);
-        assert!(error.to_string().contains("found a list"), "{text}: {error}");
+        let key = text.split(" = ").next().unwrap_or_default();
+        let named = format!("`{key}`: found a list, expected a table");
+        assert!(error.to_string().contains(&named), "{text}: {error}");
     }
     for text in [
         "scene.volume = [\"abdomen\"]",
@@ -285,6 +287,12 @@ fn lists_in_place_of_tables_are_refused() {
     ] {
         let error = ScenarioFile::parse(text, "a").expect_err(text);
         assert!(error.to_string().contains("found a list"), "{text}: {error}");
+    }
+    // Under old names, too.
+    for key in ["nonlinear", "viscoelastic"] {
+        let error = ProblemFile::parse(&format!("{key} = [1]"), "a").expect_err(key);
+        let named = format!("`{key}`: found a list, expected a table");
+        assert!(error.to_string().contains(&named), "{error}");
     }
 }
 

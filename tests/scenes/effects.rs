@@ -192,6 +192,13 @@ fn a_file_without_a_version_is_told_what_changed() {
             assert!(note.contains(&name), "{name}: {note}");
         }
     }
+    // Keys of a table that is there stand in it.
+    let table = "[effects.slice]\nboundary = \"nearest\"";
+    let note = told(&scene("", table)).expect("a note");
+    assert!(note.contains("`beyond = \"void\"` under `effects.slice`"), "{note}");
+    let only = note.split('`').find(|part| part.starts_with("only = ")).expect("only");
+    let now = scene("version = 2", &format!("[effects]\n{only}\n{table}\nbeyond = \"void\""));
+    assert_eq!(now.settings, scene("version = 1", table).settings, "{note}");
     for newer in [
         "",
         "effects.only = [\"tone\"]",

@@ -287,7 +287,7 @@ mod tests {
         }
     }
 
-    /// Of two markers of the design beside the only one found the nearer has it.
+    /// If two markers of the design are beside the only one found, the nearer has it.
     #[test]
     fn a_marker_is_matched_once() {
         let mut design = design();

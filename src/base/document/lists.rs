@@ -16,6 +16,8 @@ use serde_json::Value;
 use toml::Spanned;
 use toml::de::DeValue;
 
+use super::renamed::now;
+
 /// A table of a format other than TOML, and no list.
 #[derive(Clone, Copy, Debug, Serialize)]
 #[serde(transparent)]
@@ -39,10 +41,14 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for Table<T> {
     }
 }
 
-/// Place of the first list where the type of a file has a table and no list.
-pub(super) fn in_place_of_table<T: JsonSchema + 'static>(file: &Spanned<DeValue<'_>>) -> Option<Range<usize>> {
+/// Place of the first list where the type of a file has a table and no list, and its key.
+pub(super) fn in_place_of_table<T: JsonSchema + 'static>(
+    file: &Spanned<DeValue<'_>>,
+) -> Option<(Range<usize>, String)> {
     let schema = schema_of::<T>();
-    find(file, &alternatives(&schema, [&*schema]), &schema)
+    let (span, mut keys) = find(file, "", &alternatives(&schema, [&*schema]), &schema)?;
+    keys.reverse();
+    Some((span, keys.join(".")))
 }
 
 /// The schema of a type, made once.
@@ -76,25 +82,36 @@ fn admits(node: &Value, kind: &str) -> bool {
     }
 }
 
-fn find(value: &Spanned<DeValue<'_>>, schemas: &[&Value], root: &Value) -> Option<Range<usize>> {
+/// The list below a value of a table or list that is called `name`, and its keys, innermost first.
+fn find<'a>(
+    value: &'a Spanned<DeValue<'_>>,
+    name: &str,
+    schemas: &[&Value],
+    root: &Value,
+) -> Option<(Range<usize>, Vec<&'a str>)> {
     match value.get_ref() {
         DeValue::Array(items) => {
             let admit = |kind| schemas.iter().any(|node| admits(node, kind));
             if admit("object") && !admit("array") {
-                return Some(value.span());
+                return Some((value.span(), Vec::new()));
             }
             let schemas = alternatives(root, schemas.iter().filter_map(|node| node.get("items")));
-            items.iter().find_map(|item| find(item, &schemas, root))
+            items.iter().find_map(|item| find(item, name, &schemas, root))
         }
         DeValue::Table(table) => table.iter().find_map(|(key, value)| {
             if !matches!(value.get_ref(), DeValue::Array(_) | DeValue::Table(_)) {
                 return None;
             }
+            let key: &str = key.get_ref();
+            // Schemas have the new names only.
+            let new = now(name, key).unwrap_or(key);
             let keyed = schemas.iter().filter_map(|node| {
-                let stated = node.get("properties").and_then(|keys| keys.get(&**key.get_ref()));
+                let stated = node.get("properties").and_then(|keys| keys.get(new));
                 stated.or_else(|| node.get("additionalProperties"))
             });
-            find(value, &alternatives(root, keyed), root)
+            let (span, mut keys) = find(value, new, &alternatives(root, keyed), root)?;
+            keys.push(key);
+            Some((span, keys))
         }),
         _ => None,
     }

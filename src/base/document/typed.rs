@@ -54,9 +54,9 @@ pub(super) fn read<T: DeserializeOwned + JsonSchema + 'static>(text: &str) -> Re
     let file = parsed(text)?;
     match in_place_of_table::<T>(&file) {
         None => T::deserialize(Value(file)),
-        list => Err(Mismatch {
-            message: "invalid type: sequence, expected a map".to_owned(),
-            span: list,
+        Some((span, key)) => Err(Mismatch {
+            message: format!("`{key}`: found a list, expected a table"),
+            span: Some(span),
         }),
     }
 }

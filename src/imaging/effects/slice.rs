@@ -287,7 +287,7 @@ struct Cell<T> {
     kinds: [u8; 8],
     count: usize,
     kind: [u8; 8],
-    /// Of each of the 64 voxels around, row by row along x: 1 for the distinct label that it has, 0 for the others.
+    /// For each of the 64 voxels around, row by row along x: 1 for the distinct label that it has, 0 for the others.
     members: [[[[T; TOGETHER]; 4]; 16]; 8 / TOGETHER],
 }
 

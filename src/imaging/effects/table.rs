@@ -133,25 +133,26 @@ impl EffectsTable {
         };
         let kept = having(&before);
         let added: Vec<&str> = having(&now).into_iter().filter(|name| !kept.contains(name)).collect();
-        let mut changes = Vec::new();
+        let (mut acting, mut keys) = (added.clone(), Vec::new());
         if !added.is_empty() {
             let only: Vec<String> = kept.iter().map(|name| format!("\"{name}\"")).collect();
-            changes.push(format!("`only = [{}]`", only.join(", ")));
+            keys.push(format!("`only = [{}]` under `effects`", only.join(", ")));
         }
-        let mut without = added.join(", ");
-        if self.slice.is_none_or(|slice| slice.beyond.is_none()) {
-            changes.push(format!(
-                "`slice.beyond = {}`",
-                insonify_base::document::word(&Beyond::Void)
-            ));
-            without.push_str(if added.is_empty() { "labels" } else { ", and labels" });
-            without.push_str(" beyond the volume");
+        let void = insonify_base::document::word(&Beyond::Void);
+        let beyond = match &self.slice {
+            None => Some(format!("`slice.beyond = {void}` under `effects`")),
+            // A table that is there takes keys only in its place.
+            Some(slice) => (slice.beyond.is_none()).then(|| format!("`beyond = {void}` under `effects.slice`")),
+        };
+        if let Some(beyond) = beyond {
+            acting.push("labels beyond the volume");
+            keys.push(beyond);
         }
-        (!changes.is_empty()).then(|| {
+        (!keys.is_empty()).then(|| {
             format!(
-                "`[effects]` leaves the usual effects as they are. For the frame of version 1, without {without}, state {} under \
-                 [effects]; `version = 2` ends this note",
-                changes.join(" and ")
+                "beside what `effects` names act {}; for the frame of version 1 write {}; `version = 2` ends this note",
+                acting.join(", "),
+                keys.join(" and ")
             )
         })
     }

@@ -9,7 +9,7 @@ use insonify_base::simd::{Kernel, vectorised};
 /// Transforms of lines of one length.
 pub struct Lines {
     samples: usize,
-    /// Of the next power of two.
+    /// Transform of the next power of two of samples.
     fft: Fft,
 }
 

@@ -142,11 +142,10 @@ impl SceneFile {
     /// it.
     pub(super) fn volume(&self) -> Result<&VolumeSpec, InputError> {
         const EXPECTED: &str = "exactly one of `phantom = \"abdomen\"` (or another) and `file = \"labels.nii.gz\"`";
-        let Some(volume) = &self.volume else {
-            return Err(self.wrong_keys("volume", "no `[volume]`", EXPECTED));
-        };
-        let kind = volume.kind().ok_or_else(|| {
-            let found = match volume.phantom {
+        let volume = self.volume.as_ref();
+        let with_kind = volume.and_then(|volume| Some((volume, volume.kind()?)));
+        let (volume, kind) = with_kind.ok_or_else(|| {
+            let found = match volume.and_then(|volume| volume.phantom) {
                 Some(_) => "both `phantom` and `file`",
                 None => "neither `phantom` nor `file`",
             };

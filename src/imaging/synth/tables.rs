@@ -18,7 +18,8 @@ use insonify_base::memory;
 use insonify_mesh::TetMesh;
 use insonify_tracking::probe::{BeamGrid, ImageGrid, OUTSIDE, Probe, scan_map};
 
-/// Imaged anatomy in the world: fixed for the life of a synthesizer.
+/// What frames show: labelled voxels, the tissue of each label, textures, and a mesh that moves them; all in the world
+/// (LPS, mm). Fixed for the life of a synthesizer.
 #[derive(Clone, Debug)]
 pub struct Anatomy {
     /// Labelled volume, with unlabelled tissue completed.

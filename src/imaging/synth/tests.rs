@@ -162,7 +162,10 @@ fn a_needle_is_drawn_from_the_first_frame_that_has_one() {
         // In a batch, and seeds alone.
         let (mut synth, mut states, expected) = needles(backend, 4);
         let mut frames = Vec::new();
-        let sink = |_: usize, frame: &Frame| Ok::<_, SynthError>(frames.push(frame.clone()));
+        let sink = |_: usize, frame: &Frame| {
+            frames.push(frame.clone());
+            Ok::<_, SynthError>(())
+        };
         synth.render_batch(&states, sink).unwrap();
         assert!(frames == expected);
         states[5].seeds = states[5].needle.take().into_iter().collect();

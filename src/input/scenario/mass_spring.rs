@@ -9,7 +9,7 @@ use super::regions::Regions;
 use super::resolve::Scenario;
 use super::tissue_setup::{Insertion, ResolvedTissue, TissueSetup};
 use insonify_base::document::InputError;
-use insonify_mechanics::insertion::spring::{MassSpring, Parameters};
+use insonify_mechanics::insertion::spring::{MassSpring, MassSpringParameters};
 use insonify_mechanics::insertion::{InvalidSetup, Model, Snapshot, Tissue};
 use insonify_mechanics::needle::{Needle, Rigid, Shaft};
 use insonify_mesh::TetMesh;
@@ -41,7 +41,7 @@ impl ScenarioFile {
     }
 
     /// Parameters of the cylinder, which reaches beyond the path unless its length is stated.
-    fn cylinder_parameters(&self, path: &Trajectory) -> Result<Parameters, InputError> {
+    fn cylinder_parameters(&self, path: &Trajectory) -> Result<MassSpringParameters, InputError> {
         let mut parameters = self.tissue.cylinder.unwrap_or_default();
         let keys = path.keys();
         let travel = keys
@@ -63,7 +63,7 @@ impl ScenarioFile {
     }
 
     /// Mesh of the cylinder. Its place is set when the needle enters.
-    fn cylinder_mesh(&self, parameters: Parameters, labels: &Labels) -> Result<TetMesh, InputError> {
+    fn cylinder_mesh(&self, parameters: MassSpringParameters, labels: &Labels) -> Result<TetMesh, InputError> {
         let needle = Rigid::new(Shaft::default(), None).map_err(|error| self.fault("needle", error))?;
         let mut model = MassSpring::new(parameters, Box::new(labels.clone()), Box::new(needle))
             .map_err(|error| self.spring_fault(error))?;
@@ -78,7 +78,7 @@ impl ScenarioFile {
 
 /// Builds the model of a cylinder.
 pub(super) fn model(
-    parameters: Parameters,
+    parameters: MassSpringParameters,
     scenario: &Scenario,
     needle: Box<dyn Needle>,
 ) -> Result<Box<dyn Model>, InputError> {

@@ -13,7 +13,7 @@ use crate::input::statics::SchemeName;
 use insonify_base::document::InputError;
 use insonify_base::range::parameters;
 use insonify_mechanics::insertion::nonlinear::{
-    Nonlinear, NonlinearOptions, Plane, Setup, Viscosity, in_body, obstacle,
+    Nonlinear, NonlinearOptions, NonlinearSetup, Plane, Viscosity, in_body, obstacle,
 };
 use insonify_mechanics::insertion::{InvalidSetup, Model};
 use insonify_mechanics::needle::NeedleModel;
@@ -72,7 +72,7 @@ pub struct NonlinearTissue {
 impl NonlinearTissue {
     /// Builds the model, of a solid or of a plane.
     pub(super) fn model(&self, scenario: &Scenario, plane: Option<&Plane>) -> Result<Box<dyn Model>, InputError> {
-        let setup = Setup {
+        let setup = NonlinearSetup {
             mesh: Arc::clone(&scenario.mesh),
             laws: self.laws.clone(),
             fixed: self.fixed.clone(),

@@ -18,7 +18,7 @@ use super::tissue_setup::{Insertion, TissueSetup};
 use insonify_base::document::InputError;
 use insonify_imaging::quality::QualitySpec;
 use insonify_imaging::scene::Scene;
-use insonify_mechanics::insertion::{Anatomy, Input, Instruments, Interaction, Recording, Saved};
+use insonify_mechanics::insertion::{Anatomy, Instruments, Interaction, RecordedInput, Recording, Saved};
 use insonify_mesh::TetMesh;
 use insonify_tracking::needle::NeedlePath;
 use insonify_tracking::trajectory::Trajectory;
@@ -160,7 +160,7 @@ impl Scenario {
         keys.iter().map(|key| key.pose.position_mm()).chain(recorded).collect()
     }
 
-    fn replayed_at(&self, step: u64) -> Option<&Input> {
+    fn replayed_at(&self, step: u64) -> Option<&RecordedInput> {
         let inputs = &self.replayed.as_ref()?.inputs;
         inputs.get((step.max(1) - 1) as usize)
     }

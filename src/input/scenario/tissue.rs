@@ -10,7 +10,7 @@ use crate::input::material::material_table;
 use crate::input::selection::selecting;
 use insonify_base::document::{RegionName, word};
 use insonify_base::range::{Kind, parameters};
-use insonify_mechanics::insertion::spring::Parameters;
+use insonify_mechanics::insertion::spring::MassSpringParameters;
 use insonify_mechanics::insertion::{Bone, Interaction, Peak};
 use insonify_mechanics::tissue::remesh::{Level, Precision};
 use insonify_mesh::file::Unit;
@@ -54,7 +54,7 @@ parameters! {
         /// all elements around the last such node and is at least this far from it. Default 1.
         contact_spacing_mm: Option<f64>, for FiniteElement, in 0.1..=100 "mm";
         /// Cylinder of masses and springs.
-        cylinder: Option<Parameters>, for MassSpring;
+        cylinder: Option<MassSpringParameters>, for MassSpring;
         /// Solver for the steps.
         solver: Option<StepSolverSpec>, for Nonlinear | Viscoelastic;
         /// Viscosity.

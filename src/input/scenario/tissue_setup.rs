@@ -17,7 +17,7 @@ use super::section::PlaneSection;
 use super::tissue::TissueModel;
 use insonify_base::document::InputError;
 use insonify_imaging::scene::Scene;
-use insonify_mechanics::insertion::spring::Parameters;
+use insonify_mechanics::insertion::spring::MassSpringParameters;
 use insonify_mechanics::insertion::{Anatomy, Interaction, MeshRegions, Model};
 use insonify_mechanics::tissue::law::{AnyLaw, Stiffening};
 use insonify_mechanics::tissue::material::Material;
@@ -34,7 +34,7 @@ pub enum TissueSetup {
     /// Linear finite elements, remeshed at the tip of the needle.
     FiniteElement(Box<FiniteElement>),
     /// Masses and springs in a cylinder along the path: the interactions are those of the labels around it.
-    MassSpring(Parameters),
+    MassSpring(MassSpringParameters),
     /// Nonlinear or viscoelastic finite elements.
     Nonlinear(NonlinearTissue),
     /// A section by the image plane in place of the solid.

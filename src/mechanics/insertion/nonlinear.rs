@@ -39,7 +39,7 @@ use frame::Frame;
 use insonify_mesh::TetMesh;
 use needle_line::NeedleLine;
 pub use needle_line::{in_body, obstacle};
-pub use setup::{NonlinearOptions, Plane, Setup, Viscosity};
+pub use setup::{NonlinearOptions, NonlinearSetup, Plane, Viscosity};
 
 /// Maximum distance of a needle from its line of insertion, mm: rounding of poses, and hands that are nearly still.
 const BESIDE_MM: f64 = 0.05;
@@ -47,11 +47,11 @@ const BESIDE_MM: f64 = 0.05;
 /// Maximum number of bisections of a substep that cannot be solved.
 const HALVINGS: u32 = 6;
 
-/// Model of a straight needle in stiffening tissue, in three dimensions or in a plane (see [`Setup`]).
+/// Model of a straight needle in stiffening tissue, in three dimensions or in a plane (see [`NonlinearSetup`]).
 /// ```
 /// use std::sync::Arc;
 ///
-/// use insonify_mechanics::insertion::nonlinear::{Nonlinear, NonlinearOptions, Setup};
+/// use insonify_mechanics::insertion::nonlinear::{Nonlinear, NonlinearOptions, NonlinearSetup};
 /// use insonify_mechanics::insertion::{Instruments, Interaction, Model};
 /// use insonify_mechanics::needle::Shaft;
 /// use insonify_mechanics::tissue::law::Stiffening;
@@ -65,7 +65,7 @@ const HALVINGS: u32 = 6;
 /// let fixed = bottom.flat_map(|(node, _)| [0, 1, 2].map(|axis| (node, axis))).collect();
 /// let shaft = Shaft { length_mm: 60.0, radius_mm: 0.5 };
 /// let tissue = Interaction { cutting_n: 0.01, puncture_n: 0.05, ..Interaction::default() };
-/// let mut model = Nonlinear::new(Setup {
+/// let mut model = Nonlinear::new(NonlinearSetup {
 ///     laws: vec![law.into(); mesh.elements().len()],
 ///     interactions: mesh.regions().iter().take(1).map(|region| (*region, tissue)).collect(),
 ///     mesh: Arc::new(mesh),

@@ -12,7 +12,7 @@ const UNIT_TOLERANCE: f64 = 1e-9;
 /// Everything that later steps depend on except the instruments and the remeshing level, which belongs to the model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct State {
+pub struct SimulatorState {
     /// Simulated time, s.
     pub time_s: f64,
     /// State of the model.
@@ -26,12 +26,12 @@ pub struct State {
 pub struct Recording {
     /// State before the first step.
     #[serde(deserialize_with = "keyed")]
-    pub start: State,
+    pub start: SimulatorState,
     /// Inputs of each step.
-    pub inputs: Vec<Input>,
+    pub inputs: Vec<RecordedInput>,
 }
 
-fn keyed<'de, D: Deserializer<'de>>(table: D) -> Result<State, D::Error> {
+fn keyed<'de, D: Deserializer<'de>>(table: D) -> Result<SimulatorState, D::Error> {
     Table::deserialize(table).map(|Table(state)| state)
 }
 
@@ -41,7 +41,7 @@ fn keyed<'de, D: Deserializer<'de>>(table: D) -> Result<State, D::Error> {
 /// `position_mm` and `quaternion_xyzw`, a unit quaternion.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Table<Written>", into = "Written")]
-pub struct Input {
+pub struct RecordedInput {
     /// Poses of needle and probe.
     pub instruments: Instruments,
     /// Time step, s.
@@ -97,13 +97,13 @@ impl Pose {
     }
 }
 
-impl From<Input> for Written {
+impl From<RecordedInput> for Written {
     fn from(
-        Input {
+        RecordedInput {
             instruments,
             dt_s,
             view,
-        }: Input,
+        }: RecordedInput,
     ) -> Self {
         let Instruments {
             base,
@@ -122,7 +122,7 @@ impl From<Input> for Written {
     }
 }
 
-impl TryFrom<Table<Written>> for Input {
+impl TryFrom<Table<Written>> for RecordedInput {
     type Error = String;
 
     fn try_from(Table(written): Table<Written>) -> Result<Self, String> {

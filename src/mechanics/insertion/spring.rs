@@ -16,7 +16,7 @@
 //! force. With a large `cutting_n`, the rule of Zhu et al. alone decides.
 //!
 //! A step is cut into equal substeps: so many that springs and damping are stable ([`MassSpring::explicit_limit_s`]),
-//! up to [`Parameters::most_substeps`], and that in none of them base or tip moves farther than half the range of the
+//! up to [`MassSpringParameters::most_substeps`], and that in none of them base or tip moves farther than half the range of the
 //! penetration rule, up to [`MAX_PARTS`]. If a substep is still too long for stability, the tissue is simulated for the
 //! longest stable time instead: it then approaches equilibrium more slowly, but reaches the same one. A step that would
 //! need more than `MAX_PARTS` is reported as not converged. In each substep the needle's shape is computed once, from
@@ -53,7 +53,7 @@ use body::{NeedleState, unloaded_tip};
 use contacts::Contacts;
 use cylinder::Cylinder;
 pub(crate) use cylinder::MIN_DIHEDRAL_DEG;
-pub use cylinder::{MAX_NODES, Parameters};
+pub use cylinder::{MAX_NODES, MassSpringParameters};
 use network::Network;
 
 /// Maximum number of substeps.
@@ -61,7 +61,7 @@ pub const MAX_PARTS: usize = 4096;
 
 /// Mass-spring model of tissue with a needle.
 /// ```
-/// use insonify_mechanics::insertion::spring::{MassSpring, Parameters};
+/// use insonify_mechanics::insertion::spring::{MassSpring, MassSpringParameters};
 /// use insonify_mechanics::insertion::{Anatomy, EventKind, Instruments, Interaction, Model};
 /// use insonify_mechanics::needle::{Rigid, Shaft};
 /// use nalgebra::{Isometry3, Point3};
@@ -80,7 +80,7 @@ pub const MAX_PARTS: usize = 4096;
 ///     }
 /// }
 ///
-/// let parameters = Parameters { length_mm: Some(40.0), ..Parameters::default() };
+/// let parameters = MassSpringParameters { length_mm: Some(40.0), ..MassSpringParameters::default() };
 /// let shaft = Shaft { length_mm: 100.0, radius_mm: 0.6 };
 /// let mut model = MassSpring::new(parameters, Box::new(Below), Box::new(Rigid::new(shaft, None)?))?;
 /// let mut events = Vec::new();
@@ -101,7 +101,7 @@ pub struct MassSpring {
     /// Parameters and needle as text, to recognise saved states of others. A needle's own text changes with the shape
     /// that it was last asked for.
     name: String,
-    parameters: Parameters,
+    parameters: MassSpringParameters,
     anatomy: Box<dyn Anatomy>,
     needle: Box<dyn Needle>,
     network: Network,
@@ -127,7 +127,7 @@ impl MassSpring {
     /// # Errors
     /// [`InvalidSetup`].
     pub fn new(
-        parameters: Parameters,
+        parameters: MassSpringParameters,
         anatomy: Box<dyn Anatomy>,
         needle: Box<dyn Needle>,
     ) -> Result<MassSpring, InvalidSetup> {
@@ -137,7 +137,9 @@ impl MassSpring {
         let network = Network::new(cylinder, &parameters);
         let capacity = 4 * parameters.layers();
         Ok(MassSpring {
-            name: format!("mass-spring, version 2, {parameters:?}, {needle:?}"),
+            // By the name of the type in states that were saved before.
+            name: format!("mass-spring, version 2, {parameters:?}, {needle:?}")
+                .replace("MassSpringParameters", "Parameters"),
             spacing_mm: network.shortest_edge_mm(),
             parameters,
             anatomy,

@@ -134,6 +134,7 @@ mod tests {
             height: 480,
             image_to_world: Matrix4::identity(),
             pixel_mm: 0.3,
+            needle: None,
             left_out: 0,
             layers: Vec::new(),
         };

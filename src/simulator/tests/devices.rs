@@ -2,7 +2,9 @@
 
 use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 
-use crate::simulator::{Damper, Haptic, HoldOptions, LateralHold, Options, SimulatorError, TemplateGuided, TwoPoints};
+use crate::simulator::{
+    Damper, Haptic, HoldOptions, LateralHold, SimulatorError, SimulatorOptions, TemplateGuided, TwoPoints,
+};
 use insonify_mechanics::insertion::{Outcome, Wrench};
 use insonify_tracking::template::Template;
 
@@ -72,7 +74,7 @@ fn forces_on_the_points_are_those_on_the_probe() {
         let torque = axis.cross(&forces[0]) * -at_mm[0] + axis.cross(&forces[1]) * -at_mm[1];
         assert!((torque - wrench.torque_nmm).norm() < 1e-10, "{torque}");
         // A step returns the same.
-        let options = Options {
+        let options = SimulatorOptions {
             probe_points: Some(points),
             ..patient()
         };

@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::{Fake, instruments, patient};
 use crate::simulator::forces::{Easing, Wrenches};
-use crate::simulator::{Haptic, Options, Policy};
+use crate::simulator::{Haptic, Policy, SimulatorOptions};
 use insonify_mechanics::insertion::{Instruments, Outcome, Wrench};
 
 #[test]
@@ -36,10 +36,10 @@ fn forces_are_on_the_hand_in_both_frames() {
 fn a_late_step_says_so_and_eases() {
     let slow = Duration::from_millis(4);
     let late = |policy| {
-        let options = Options {
+        let options = SimulatorOptions {
             budget: Duration::from_millis(1),
             policy,
-            ..Options::default()
+            ..SimulatorOptions::default()
         };
         let model = Fake {
             slow,

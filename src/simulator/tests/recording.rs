@@ -6,7 +6,7 @@ use super::{Fake, instruments, patient};
 use crate::input::scenario::ScenarioFile;
 use crate::run::{Observer, Requests, Step, run};
 use crate::simulator::{Forces, Haptic};
-use insonify_mechanics::insertion::{Input, Instruments, Outcome, Recording, Saved, State, StepError};
+use insonify_mechanics::insertion::{Instruments, Outcome, RecordedInput, Recording, Saved, SimulatorState, StepError};
 use insonify_mechanics::tissue::remesh::Level;
 
 #[test]
@@ -50,7 +50,7 @@ fn going_back_begins_a_recording_anew() {
     haptic.step(&instruments(3), 1e-3).expect("step");
     let recording = haptic.take_recording().expect("recording");
     assert_eq!((recording.start, recording.inputs.len()), (state.clone(), 1));
-    let foreign = State {
+    let foreign = SimulatorState {
         model: Saved(serde_json::json!("of another")),
         ..state
     };
@@ -133,7 +133,7 @@ direction = [0, 0, 1]
     let text = serde_json::to_string(&recording).expect("text");
     let recording: Recording = serde_json::from_str(&text).expect("a recording");
     let slow = Recording {
-        inputs: vec![Input {
+        inputs: vec![RecordedInput {
             dt_s: 0.02,
             ..recording.inputs[0]
         }],
@@ -155,7 +155,7 @@ direction = [0, 0, 1]
 #[test]
 fn inputs_that_are_none_are_refused() {
     let good = r#"{"dt_s": 0.001, "base": {"position_mm": [1, 2, 3], "quaternion_xyzw": [0, 0.6, 0, 0.8]}}"#;
-    let input: Input = serde_json::from_str(good).expect("input");
+    let input: RecordedInput = serde_json::from_str(good).expect("input");
     assert_eq!(input.instruments.base.translation.vector, Vector3::new(1.0, 2.0, 3.0));
     assert!(input.instruments.probe.is_none() && !input.instruments.deposit);
     for (written, replacement, said) in [
@@ -169,7 +169,7 @@ fn inputs_that_are_none_are_refused() {
         ),
         (good, "[0.001]", "invalid type: sequence, expected a table"),
     ] {
-        let error = serde_json::from_str::<Input>(&good.replace(written, replacement)).expect_err(replacement);
+        let error = serde_json::from_str::<RecordedInput>(&good.replace(written, replacement)).expect_err(replacement);
         assert!(error.to_string().contains(said), "{error}");
     }
 }

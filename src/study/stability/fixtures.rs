@@ -12,7 +12,7 @@ use insonify_imaging::synth::tables::{self, Settings};
 use insonify_imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 use insonify_mechanics::block;
 use insonify_mechanics::insertion::finite::{Finite, Setup};
-use insonify_mechanics::insertion::spring::{MassSpring, Parameters};
+use insonify_mechanics::insertion::spring::{MassSpring, MassSpringParameters};
 use insonify_mechanics::insertion::{Anatomy, EventKind, Interaction, Model, Outcome, Snapshot, Tissue};
 use insonify_mechanics::tissue::assembly::Stiffness;
 use insonify_mechanics::tissue::dofs::{Dofs, NO_DOF};
@@ -73,17 +73,17 @@ impl Anatomy for Layers {
 }
 
 /// Returns parameters for a cylinder of 20 mm about a path of 100 mm, with nodes every 6.7 mm and a rigid needle.
-pub fn coarse() -> Parameters {
-    Parameters {
+pub fn coarse() -> MassSpringParameters {
+    MassSpringParameters {
         radius_mm: 20.0,
         rings: 3,
         layers: Some(15),
-        ..Parameters::default()
+        ..MassSpringParameters::default()
     }
 }
 
 /// Creates the mass-spring model of a uniform tissue.
-pub fn springs(parameters: Parameters, interaction: Interaction) -> Result<MassSpring, Unexpected> {
+pub fn springs(parameters: MassSpringParameters, interaction: Interaction) -> Result<MassSpring, Unexpected> {
     let layers = Layers {
         border: f64::INFINITY,
         interactions: [interaction; 2],

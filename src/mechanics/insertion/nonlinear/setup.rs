@@ -79,7 +79,7 @@ pub struct Viscosity {
 
 /// Tissue and needle.
 #[derive(Clone, Debug)]
-pub struct Setup {
+pub struct NonlinearSetup {
     /// The tissue at rest, mm.
     pub mesh: Arc<TetMesh>,
     /// Material law of each element.
@@ -109,7 +109,7 @@ pub struct Plane {
     pub origin: Point3<f64>,
     /// Axes of the sheet in the world, of unit length and square to each other.
     pub axes: [Vector3<f64>; 2],
-    /// Triangles, with their thickness. The mesh of the [`Setup`] is a slab with each node on both faces, all nodes of
+    /// Triangles, with their thickness. The mesh of the [`NonlinearSetup`] is a slab with each node on both faces, all nodes of
     /// the first face before those of the other; `laws` are those of the triangles, and `fixed` has nodes of the sheet
     /// and its two axes.
     pub sheet: Arc<Sheet>,
@@ -120,7 +120,7 @@ impl Nonlinear {
     ///
     /// # Errors
     /// [`InvalidSetup`].
-    pub fn new(setup: Setup) -> Result<Nonlinear, InvalidSetup> {
+    pub fn new(setup: NonlinearSetup) -> Result<Nonlinear, InvalidSetup> {
         validation::fixed(&setup.fixed, setup.mesh.nodes().len())?;
         let body = Arc::new(Solid::tetrahedra(&setup.mesh, &setup.laws)?);
         Self::of(setup, body, Frame::world())
@@ -132,7 +132,7 @@ impl Nonlinear<2, 3> {
     ///
     /// # Errors
     /// [`InvalidSetup`].
-    pub fn of_plane(setup: Setup, plane: &Plane) -> Result<Self, InvalidSetup> {
+    pub fn of_plane(setup: NonlinearSetup, plane: &Plane) -> Result<Self, InvalidSetup> {
         let frame = Frame {
             origin: plane.origin,
             axes: plane.axes,
@@ -142,7 +142,7 @@ impl Nonlinear<2, 3> {
 }
 
 impl<const D: usize, const N: usize> Nonlinear<D, N> {
-    fn of(setup: Setup, body: Arc<NonlinearBody<D, N>>, frame: Frame<D>) -> Result<Self, InvalidSetup> {
+    fn of(setup: NonlinearSetup, body: Arc<NonlinearBody<D, N>>, frame: Frame<D>) -> Result<Self, InvalidSetup> {
         let options = setup.options;
         let nodes = body.nodes().len();
         validation::interactions(&setup.interactions)?;

@@ -13,7 +13,7 @@ use crate::tissue::nonlinear::{NonlinearError, Solid, Stiffening};
 const EDGE_MM: [f64; 3] = [30.0, 30.0, 24.0];
 
 /// Regions 1, 2 and 1 again along z, with their interactions.
-fn setup(viscosity: Option<Viscosity>) -> Setup {
+fn setup(viscosity: Option<Viscosity>) -> NonlinearSetup {
     let mesh = TetMesh::over_box([0.0; 3], EDGE_MM, 500).unwrap();
     let elements = mesh.elements().to_vec();
     let middle = |corners: &[u32; 4]| corners.map(|node| mesh.nodes()[node as usize][2]).iter().sum::<f64>() / 4.0;
@@ -43,7 +43,7 @@ fn setup(viscosity: Option<Viscosity>) -> Setup {
         puncture_n: 0.04,
         ..Interaction::default()
     };
-    Setup {
+    NonlinearSetup {
         mesh: Arc::new(mesh),
         laws,
         fixed,
@@ -348,7 +348,7 @@ fn sideways_moves_are_refused_in_tissue_and_taken_outside() {
 /// Invalid inputs are named.
 #[test]
 fn setups_are_checked() {
-    let refused = |spoil: fn(&mut Setup)| {
+    let refused = |spoil: fn(&mut NonlinearSetup)| {
         let mut setup = setup(creeping());
         spoil(&mut setup);
         Nonlinear::new(setup).map(drop).unwrap_err()
@@ -452,7 +452,7 @@ fn forces_along_the_needle_and_stress_are_known() {
         order: 0.0,
         memory: Memory::LoadIntegral,
     });
-    let followed = Setup {
+    let followed = NonlinearSetup {
         stress: true,
         ..setup(viscosity)
     };

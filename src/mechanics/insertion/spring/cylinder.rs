@@ -11,7 +11,7 @@ parameters! {
     /// far end are fixed; its tissue is a single material, by default like liver.
     #[derive(Copy)]
     #[schemars(rename = "CylinderSpec")]
-    pub struct Parameters {
+    pub struct MassSpringParameters {
         /// Young's modulus.
         young_kpa: f64 = 10.0, in 1e-6..=1e12 "kPa";
         /// Density.
@@ -44,7 +44,7 @@ pub(crate) const MIN_DIHEDRAL_DEG: f64 = 5.0;
 /// Maximum number of nodes of a cylinder.
 pub const MAX_NODES: usize = 200_000;
 
-impl Parameters {
+impl MassSpringParameters {
     /// Checks every number against its range.
     ///
     /// # Errors
@@ -95,7 +95,7 @@ pub(super) struct Cylinder {
 }
 
 impl Cylinder {
-    pub(super) fn new(parameters: &Parameters) -> Result<Cylinder, InvalidSetup> {
+    pub(super) fn new(parameters: &MassSpringParameters) -> Result<Cylinder, InvalidSetup> {
         parameters.check()?;
         let layers = parameters.layers();
         let disc = parameters.nodes_of_layer();

@@ -21,7 +21,7 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::cylinder::{Cylinder, Parameters, Topology};
+use super::cylinder::{Cylinder, MassSpringParameters, Topology};
 use super::geometry::{self, Simplex};
 use insonify_mesh::NO_ELEMENT;
 
@@ -81,7 +81,7 @@ pub(super) struct Network {
 
 impl Network {
     /// Builds a network at rest, in the frame of the cylinder.
-    pub(super) fn new(cylinder: Cylinder, parameters: &Parameters) -> Network {
+    pub(super) fn new(cylinder: Cylinder, parameters: &MassSpringParameters) -> Network {
         let in_cylinder: Vec<Vector3<f64>> = cylinder.mesh.nodes().iter().map(|&node| node.into()).collect();
         let count = in_cylinder.len();
         let topology = Topology::new(count, cylinder.mesh.elements());

@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Point3, Translation3};
 
-use super::{Anatomy, MassSpring, Parameters};
+use super::{Anatomy, MassSpring, MassSpringParameters};
 use crate::insertion::{Instruments, Interaction, Model, Outcome};
 use crate::needle::{CentreLine, Entry, Load, Needle, Row};
 
@@ -123,17 +123,17 @@ pub(super) fn soft() -> Interaction {
 }
 
 /// Returns a coarse cylinder: 20 mm around a path of 100 mm, nodes every 6.7 mm.
-pub(super) fn coarse() -> Parameters {
-    Parameters {
+pub(super) fn coarse() -> MassSpringParameters {
+    MassSpringParameters {
         radius_mm: 20.0,
         rings: 3,
         layers: Some(15),
-        ..Parameters::default()
+        ..MassSpringParameters::default()
     }
 }
 
 /// Returns a model with a needle of 150 mm.
-pub(super) fn model(parameters: Parameters, anatomy: Layers) -> MassSpring {
+pub(super) fn model(parameters: MassSpringParameters, anatomy: Layers) -> MassSpring {
     MassSpring::new(parameters, Box::new(anatomy), Box::new(Stiff(150.0))).unwrap()
 }
 

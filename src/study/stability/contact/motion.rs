@@ -8,7 +8,7 @@ use crate::stability::fixtures::{
 use crate::stability::record::{Record, Unexpected, largest};
 use insonify_mechanics::block::{self, USUAL, tip_at};
 use insonify_mechanics::insertion::finite::Finite;
-use insonify_mechanics::insertion::spring::{MassSpring, Parameters};
+use insonify_mechanics::insertion::spring::{MassSpring, MassSpringParameters};
 use insonify_mechanics::insertion::{Interaction, Model, Outcome};
 
 /// Depth of the needle, mm.
@@ -357,12 +357,12 @@ const STEPPED_DEPTH_MM: f64 = 40.0;
 
 /// Inserts and withdraws at time steps of 1e-5 to 0.1 s, at speeds that take some hundred steps each.
 pub(crate) fn any_length(record: &mut Record<'_>) -> Result<(), Unexpected> {
-    let default_kpa = Parameters::default().young_kpa;
+    let default_kpa = MassSpringParameters::default().young_kpa;
     let steps: usize = record.effort().pick(20, 400);
     for (index, young_kpa) in [default_kpa, 1e4 * default_kpa].into_iter().enumerate() {
         for (dt_index, dt) in [1e-5, 1e-4, 1e-3, 1e-2, 0.1].into_iter().enumerate() {
             record.done(0.5 * index as f64 + 0.1 * dt_index as f64);
-            let parameters = Parameters { young_kpa, ..coarse() };
+            let parameters = MassSpringParameters { young_kpa, ..coarse() };
             let mut model = springs(parameters, USUAL)?;
             let limit = model.explicit_limit_s();
             let name = format!("dt = {dt:.0e} s, {young_kpa:e} kPa");

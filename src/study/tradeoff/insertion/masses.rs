@@ -14,7 +14,7 @@ use crate::tradeoff::{Axis, Choice, Column, FORCE_N, Factor, Goal, Study, Table}
 use insonify::Error;
 use insonify_mechanics::block;
 use insonify_mechanics::insertion::finite::{Finite, FiniteOptions, Setup};
-use insonify_mechanics::insertion::spring::{MassSpring, Parameters};
+use insonify_mechanics::insertion::spring::{MassSpring, MassSpringParameters};
 use insonify_mechanics::insertion::{Anatomy, Interaction, Model, NodeSolver, Snapshot, Tissue};
 use insonify_mechanics::tissue::material::Material;
 use insonify_mechanics::tissue::remesh::{Level, Precision};
@@ -206,20 +206,20 @@ fn recommendation(rows: &[MassRow]) -> Option<String> {
     ))
 }
 
-fn parameters([rings, layers]: [usize; 2]) -> Parameters {
-    Parameters {
+fn parameters([rings, layers]: [usize; 2]) -> MassSpringParameters {
+    MassSpringParameters {
         rings,
         layers: Some(layers),
-        ..Parameters::default()
+        ..MassSpringParameters::default()
     }
 }
 
-fn mass_spring(parameters: Parameters) -> Result<MassSpring, Error> {
+fn mass_spring(parameters: MassSpringParameters) -> Result<MassSpring, Error> {
     Ok(MassSpring::new(parameters, Box::new(HalfSpace), block::rigid()?)?)
 }
 
 /// Returns the cylinder of the mass-spring model as placed when the needle reaches the skin, without the cap before it.
-fn cylinder(parameters: Parameters) -> Result<TetMesh, Error> {
+fn cylinder(parameters: MassSpringParameters) -> Result<TetMesh, Error> {
     let capped = capped(parameters)?;
     let count = parameters.nodes();
     let elements = capped.elements().iter().copied();
@@ -231,7 +231,7 @@ fn cylinder(parameters: Parameters) -> Result<TetMesh, Error> {
 }
 
 /// Returns the cylinder with its cap, as it is imaged.
-fn capped(parameters: Parameters) -> Result<TetMesh, Error> {
+fn capped(parameters: MassSpringParameters) -> Result<TetMesh, Error> {
     let mut model = mass_spring(parameters)?;
     model.step(&block::tip_at([0.0; 3]), super::STEP_S)?;
     let (mut snapshot, mut tissue) = (Snapshot::default(), Tissue::default());
@@ -243,7 +243,7 @@ fn capped(parameters: Parameters) -> Result<TetMesh, Error> {
     Ok(TetMesh::new(tissue.reference, elements, regions)?)
 }
 
-fn named(model: &'static str, poisson: impl ToString, parameters: &Parameters) -> Named {
+fn named(model: &'static str, poisson: impl ToString, parameters: &MassSpringParameters) -> Named {
     let spacing = parameters.length_mm() / parameters.layers() as f64;
     Named {
         model,

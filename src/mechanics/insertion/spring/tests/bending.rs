@@ -8,7 +8,7 @@ use crate::insertion::Interaction;
 
 /// A needle a thousand times softer than usual cannot be pushed against friction: tissue then has none.
 fn with_beam(young_kpa: f64, ei: f64) -> MassSpring {
-    let parameters = Parameters { young_kpa, ..coarse() };
+    let parameters = MassSpringParameters { young_kpa, ..coarse() };
     let needle = Box::new(Beam { length_mm: 150.0, ei });
     let tissue = if ei < 100.0 { Interaction::default() } else { soft() };
     MassSpring::new(parameters, Box::new(Layers::one(tissue)), needle).unwrap()

@@ -27,7 +27,7 @@ fn the_skin_breaks_at_its_force() {
         cutting_n: 0.1,
         ..Interaction::default()
     };
-    let mut springs = model(Parameters::default(), Layers::one(skin));
+    let mut springs = model(MassSpringParameters::default(), Layers::one(skin));
     let mut largest_n = 0.0f64;
     let mut broken = None;
     drive(&mut springs, [-1.0, 8.0], 10.0, 1e-3, |outcome| {
@@ -58,7 +58,7 @@ fn layers_have_their_friction() {
         starts_mm: vec![0.0, 25.0],
         interactions: vec![sliding(0.002), sliding(0.02)],
     };
-    let mut springs = model(Parameters::default(), layers);
+    let mut springs = model(MassSpringParameters::default(), layers);
     let seen = events(&mut springs, [-1.0, 60.0], 20.0);
     let kinds: Vec<_> = seen.iter().map(|event| (event.0, event.2)).collect();
     assert_eq!(
@@ -308,7 +308,7 @@ fn a_border_is_crossed_once() {
         starts_mm: vec![0.0, 25.0],
         interactions: vec![breaking(0.0), breaking(0.1)],
     };
-    let mut springs = model(Parameters::default(), layers);
+    let mut springs = model(MassSpringParameters::default(), layers);
     let mut seen = events(&mut springs, [-1.0, 25.2], 20.0);
     for _ in 0..4 {
         seen.extend(events(&mut springs, [25.2, 24.9], 20.0));
@@ -328,7 +328,7 @@ fn a_thin_critical_layer_is_told() {
         starts_mm: vec![0.0, 20.0, 20.3, 20.45],
         interactions: [false, false, true, false].map(critical_layer).to_vec(),
     };
-    let seen = events(&mut model(Parameters::default(), layers), [-1.0, 25.0], 20.0);
+    let seen = events(&mut model(MassSpringParameters::default(), layers), [-1.0, 25.0], 20.0);
     let told = seen.iter().filter(|event| event.0 == EventKind::Critical).count();
     assert_eq!(told, 1, "{seen:?}");
 }

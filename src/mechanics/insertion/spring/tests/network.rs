@@ -8,19 +8,19 @@ use super::super::testing::*;
 use super::super::*;
 use crate::insertion::InvalidSetup;
 
-fn small() -> Parameters {
-    Parameters {
+fn small() -> MassSpringParameters {
+    MassSpringParameters {
         radius_mm: 10.0,
         length_mm: Some(20.0),
         rings: 2,
         layers: Some(4),
         damping_per_s: 0.0,
         spring_damping_s: 0.0,
-        ..Parameters::default()
+        ..MassSpringParameters::default()
     }
 }
 
-fn network(parameters: &Parameters) -> Network {
+fn network(parameters: &MassSpringParameters) -> Network {
     Network::new(Cylinder::new(parameters).unwrap(), parameters)
 }
 
@@ -48,13 +48,13 @@ fn shake(network: &mut Network) {
 #[test]
 fn the_cylinder_is_whole() {
     for (rings, sectors, layers) in [(1, 3, 2), (1, 12, 2), (2, 5, 3), (5, 6, 20)] {
-        let parameters = Parameters {
+        let parameters = MassSpringParameters {
             rings,
             sectors,
             layers: Some(layers),
             radius_mm: 5.0 * rings as f64,
             length_mm: Some(5.0 * layers as f64),
-            ..Parameters::default()
+            ..MassSpringParameters::default()
         };
         let cylinder = Cylinder::new(&parameters).unwrap();
         assert_eq!(cylinder.mesh.nodes().len(), parameters.nodes());
@@ -75,18 +75,23 @@ fn the_cylinder_is_whole() {
             .count();
         assert_eq!(outside, 2 * sectors * rings * rings + 2 * sectors * rings * layers);
     }
-    assert!(Cylinder::new(&Parameters::default()).unwrap().least_dihedral_deg > 35.0);
-    let thin = Cylinder::new(&Parameters {
+    assert!(
+        Cylinder::new(&MassSpringParameters::default())
+            .unwrap()
+            .least_dihedral_deg
+            > 35.0
+    );
+    let thin = Cylinder::new(&MassSpringParameters {
         length_mm: Some(2000.0),
         layers: Some(20),
-        ..Parameters::default()
+        ..MassSpringParameters::default()
     });
     assert!(matches!(thin, Err(InvalidSetup::Thin { .. })));
 }
 
 #[test]
 fn numbers_out_of_range_are_named() {
-    type Spoil = fn(&mut Parameters);
+    type Spoil = fn(&mut MassSpringParameters);
     let spoils: [(&str, Spoil); 11] = [
         ("young_kpa", |parameters| parameters.young_kpa = 0.0),
         ("density_kg_per_m3", |parameters| {
@@ -104,19 +109,19 @@ fn numbers_out_of_range_are_named() {
         ("lambda", |parameters| parameters.lambda = 0.3),
         ("most_substeps", |parameters| parameters.most_substeps = 0),
     ];
-    assert_eq!(Parameters::default().check(), Ok(()));
+    assert_eq!(MassSpringParameters::default().check(), Ok(()));
     for (expected, spoil) in spoils {
-        let mut parameters = Parameters::default();
+        let mut parameters = MassSpringParameters::default();
         spoil(&mut parameters);
         let Err(error) = parameters.check() else {
             panic!("{expected}");
         };
         assert!(matches!(error, InvalidSetup::Number(error) if error.key == expected));
     }
-    let large = Parameters {
+    let large = MassSpringParameters {
         rings: 64,
         layers: Some(1000),
-        ..Parameters::default()
+        ..MassSpringParameters::default()
     };
     assert!(matches!(large.check(), Err(InvalidSetup::Large { .. })));
 }
@@ -185,7 +190,7 @@ fn dynamic_matrix(network: &mut Network) -> (Vec<usize>, DMatrix<f64>) {
 /// t = 1 - (h w)^2 / 2; and no frequency is beyond the limit.
 #[test]
 fn free_vibrations_have_their_frequency() {
-    let parameters = Parameters {
+    let parameters = MassSpringParameters {
         rings: 1,
         layers: Some(3),
         length_mm: Some(24.0),
@@ -252,7 +257,7 @@ fn undamped_energy_stays_bounded() {
 #[test]
 fn damped_energy_never_grows() {
     for (damping_per_s, spring_damping_s) in [(200.0, 0.0), (0.0, 1e-4), (200.0, 1e-4), (20.0, 1e-2), (2e4, 0.0)] {
-        let mut network = network(&Parameters {
+        let mut network = network(&MassSpringParameters {
             damping_per_s,
             spring_damping_s,
             ..small()
@@ -301,14 +306,14 @@ fn beyond_twice_the_limit_it_bursts() {
 /// parameters 0.4 E).
 #[test]
 fn drawn_out_it_shows_its_modulus() {
-    let parameters = Parameters {
+    let parameters = MassSpringParameters {
         radius_mm: 10.0,
         length_mm: Some(80.0),
         rings: 2,
         layers: Some(16),
         damping_per_s: 100.0,
         spring_damping_s: 0.0,
-        ..Parameters::default()
+        ..MassSpringParameters::default()
     };
     let mut cylinder = Cylinder::new(&parameters).unwrap();
     for (fixed, node) in cylinder.fixed.iter_mut().zip(cylinder.mesh.nodes()) {

@@ -88,7 +88,7 @@ fn replay_is_exact() {
     }
     // A state of another model, or a truncated one, changes nothing.
     let before = springs.save();
-    let mut foreign = model(Parameters::default(), Layers::one(soft()));
+    let mut foreign = model(MassSpringParameters::default(), Layers::one(soft()));
     assert!(matches!(springs.restore(&foreign.save()), Err(StepError::Foreign(_))));
     let mut short = before.clone();
     short.0.as_object_mut().unwrap().remove("velocity");
