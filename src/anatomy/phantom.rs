@@ -137,7 +137,7 @@ pub struct PhantomOptions {
 /// ```
 ///
 /// # Errors
-/// A resolution outside its range, or a volume past [`MAX_VOXELS`].
+/// A resolution outside its range, or a volume past `MAX_VOXELS`.
 pub fn make(kind: Phantom, options: &PhantomOptions) -> Result<LabelVolume, VolumeError> {
     let facts = kind.facts();
     let resolution_mm = options.resolution_mm.unwrap_or(facts.voxel_mm);

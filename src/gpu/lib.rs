@@ -12,7 +12,7 @@
 //! | [`readback`] | [`Readback`]: bytes back to the CPU through one persistent staging buffer |
 //! | [`traffic`] | [`Traffic`]: counts of submissions, waits and bytes |
 //! | [`timing`] | [`Timer`]: GPU time of each pass, where timestamps are supported |
-//! | [`texture_out`] | [`TextureOut`]: a grey frame left on the GPU |
+//! | `texture_out` | [`TextureOut`]: a grey frame left on the GPU |
 //!
 //! Objects are created once and reused; a frame in the steady state writes its parameters, records, submits and reads
 //! back. Nothing here panics on a device error: wgpu's error scopes and its device-lost callback become [`GpuError`]s.

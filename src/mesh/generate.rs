@@ -87,8 +87,8 @@ pub struct GenerateOptions<'a> {
     pub max_edge_mm: Option<f64>,
     /// Segments of the path of a needle, in the world, mm; only their parts in tissue count. Default: none.
     pub path: &'a [[[f64; 3]; 2]],
-    /// Whether elements are finer along the path: down to [`PATH_EDGE_MM`] near it, and growing by as much for each
-    /// [`GRADING_MM`] away from it. Default: false.
+    /// Whether elements are finer along the path: down to `PATH_EDGE_MM` near it, and growing by as much for each
+    /// `GRADING_MM` away from it. Default: false.
     pub along_path: bool,
 }
 

@@ -33,7 +33,7 @@ pub struct BenchOptions {
     /// Frames rendered and discarded before each measurement, while caches fill, clocks rise and drivers finish
     /// compiling.
     pub warm_up: usize,
-    /// Time after which a measurement ends early, provided that it has [`MIN_FRAMES`] frames.
+    /// Time after which a measurement ends early, provided that it has `MIN_FRAMES` frames.
     pub patience: Duration,
 }
 

@@ -2,7 +2,7 @@
 //! displaced target.
 //!
 //! Kobayashi et al. 2010 (sections 1 and 2.1) plan position and orientation of a needle so that it meets a target that
-//! tissue carries away, and state no method; the one used here is that of [`correct`].
+//! tissue carries away, and state no method; the one used here is that of `correct`.
 
 mod candidates;
 mod correct;

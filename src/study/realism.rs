@@ -2,7 +2,7 @@
 //! the real frames.
 //!
 //! Everything is derived from the frames alone, by the same algorithm for both sides: the sector ([`sector`]), its most
-//! uniform windows and its darkest ones ([`texture`]). Labels are not used. [`MEASURES`] is the only list of what is
+//! uniform windows and its darkest ones ([`texture`]). Labels are not used. `MEASURES` is the only list of what is
 //! measured.
 
 mod measures;

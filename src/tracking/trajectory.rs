@@ -169,7 +169,7 @@ impl Trajectory {
     }
 
     /// The trajectory of poses in a frame that moves itself: at each time the pose of `carrier` times this one. A carrier that moves is
-    /// followed in steps of a millisecond, or in [`MAX_CARRIED`] steps if those are longer.
+    /// followed in steps of a millisecond, or in `MAX_CARRIED` steps if those are longer.
     ///
     /// # Errors
     /// [`TrackingError`] for poses beyond the range of positions.

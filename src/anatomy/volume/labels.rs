@@ -47,7 +47,7 @@ struct Flattened {
 enum Unfit {
     /// A number that is not a label, in the next voxel.
     Fraction(Fraction),
-    /// More than [`MAX_COUNTED`] distinct stacks.
+    /// More than `MAX_COUNTED` distinct stacks.
     TooMany,
 }
 

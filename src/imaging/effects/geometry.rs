@@ -1,5 +1,5 @@
 //! Geometry: world position of each sample of each scanline, relative to the local origin,
-//! which is that of the world unless the volume lies far from it ([`crate::synth::local_origin`]).
+//! which is that of the world unless the volume lies far from it ([`crate::synth::LocalOrigin`]).
 //!
 //! Rays are computed once in double precision from the probe's shape; a frame only applies the probe's pose. With the
 //! `thickness` effect the same rays are repeated on parallel sub-planes; sub-plane 0 is always the central one.

@@ -5,7 +5,7 @@
 //! Ultrasound, 2007, section 1.8). `theta` is the angle of incidence in the tissue at rest, relative to the normal of
 //! the labels' boundary in three dimensions; the exponent represents the aperture of the probe and the roughness of the
 //! surface: 4 fits the ridge of bone in 3,740 columns of frames of a linear probe from 0 to 75 degrees. `m` is a
-//! complex number of unit mean power, smooth over [`ROUGHNESS_MM`] (6.0 mm) and anchored in the tissue: a constant part
+//! complex number of unit mean power, smooth over `ROUGHNESS_MM` (6.0 mm) and anchored in the tissue: a constant part
 //! and a diffuse one (Beckmann and Spizzichino, The Scattering of Electromagnetic Waves from Rough Surfaces, 1963),
 //! whose amplitude is Rice distributed.
 //!

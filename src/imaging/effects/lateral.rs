@@ -43,7 +43,7 @@ pub(crate) fn narrowed(key: &str, share: f64, finer: &str) -> Option<String> {
 }
 
 impl LateralKernel {
-    /// Gaussians with a standard deviation of `sigma_lines(sample)` scanlines ([`MAX_SIGMA`] at most), truncated at
+    /// Gaussians with a standard deviation of `sigma_lines(sample)` scanlines (`MAX_SIGMA` at most), truncated at
     /// three of the widest or at four of their own, whose sum is `total(sample, weights that sum to 1)`.
     pub fn gaussian(samples: usize, sigma_lines: impl Fn(usize) -> f64, total: impl Fn(usize, &[f64]) -> f64) -> Self {
         let requested = (0..samples).map(&sigma_lines).fold(0.0, f64::max);

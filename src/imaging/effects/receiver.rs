@@ -324,7 +324,7 @@ fn power([re, im]: [i32; 2]) -> i32 {
     re * re + im * im
 }
 
-/// Power of the noise drawn for a sample, of mean [`DRAW_MEAN`].
+/// Power of the noise drawn for a sample, of mean `DRAW_MEAN`.
 pub fn draw(line: usize, sample: usize, frame: u64, seed: u64) -> i32 {
     let [low, high] = seed_words(seed);
     let numbers = ReceiverParams {

@@ -1,7 +1,7 @@
 //! Speckle: fully developed, anchored in the tissue.
 //!
 //! Space is filled with a cubic lattice of scatterers in the tissue's *reference* state, starting at the local origin
-//! ([`crate::synth::local_origin`]), each a complex random number from a hash of its lattice point. A sample
+//! ([`crate::synth::LocalOrigin`]), each a complex random number from a hash of its lattice point. A sample
 //! interpolates the eight around its reference position, weighted by its echo amplitude; the point spread of the probe
 //! is then applied in the beam frame as a separable convolution: across the plane (sub-planes of the same sample),
 //! along the beam, and across scanlines with a width that follows the focus. The envelope is the modulus. Sums of

@@ -1,7 +1,7 @@
 //! Texture: echo amplitude of a tissue's solid texture (Zhu et al. 2007, section 2.1), by trilinear interpolation.
 //!
 //! Texture coordinates are the reference position, rotated and scaled for the tissue, so that textures move with the
-//! tissue; like all positions in passes they are relative to the local origin ([`crate::synth::local_origin`]). A
+//! tissue; like all positions in passes they are relative to the local origin ([`crate::synth::LocalOrigin`]). A
 //! texture multiplies the tissue's mean echo; its own mean square is 1.
 //!
 //! ```toml

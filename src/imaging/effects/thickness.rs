@@ -56,7 +56,7 @@ impl Thickness {
         2.0 * self.width_mm / f64::from(self.planes - 1)
     }
 
-    /// Power weights of the sub-planes, in the order of [`plane_step`]; they sum to 1.
+    /// Power weights of the sub-planes, in the order of `plane_step`; they sum to 1.
     pub fn weights(&self) -> impl Iterator<Item = f64> + use<> {
         let (plane_mm, width_mm) = (self.plane_mm(), self.width_mm);
         let planes = 0..self.planes as usize;

@@ -121,7 +121,7 @@ impl Tone {
     }
 
     /// Gain at a depth, dB. `attenuation_db_cm` is the attenuation that the default compensation matches; it then ends
-    /// where noise of `noise_db` would be shown at [`NOISE_GREY`].
+    /// where noise of `noise_db` would be shown at `NOISE_GREY`.
     pub fn gain_at_db(&self, depth_mm: f64, attenuation_db_cm: f64, noise_db: Option<f64>) -> f64 {
         let compensation = self.tgc_db_cm.map_or_else(
             || {

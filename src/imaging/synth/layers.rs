@@ -18,7 +18,7 @@ pub struct Beam {
     /// Number of samples along a scanline.
     pub samples: usize,
     /// Reference position in the world, mm, and the warp's flag. Passes compute it in single precision relative to the
-    /// local origin ([`super::local_origin`]), and it is converted to the world in double precision: at 1e5 mm it is as
+    /// local origin ([`LocalOrigin`](super::LocalOrigin)), and it is converted to the world in double precision: at 1e5 mm it is as
     /// accurate as near the origin.
     pub position: Vec<[f64; 4]>,
     /// Mesh element that contains the sample; `u32::MAX` for none.

@@ -11,8 +11,8 @@
 //!   local, f64 and f32:                └──► Tables, plan, passes ─────────────┘
 //! ```
 //!
-//! **Choice.** If no coordinate of the volume's centre exceeds [`FAR_MM`], it is the world's origin: nothing is
-//! translated, and results are bit-identical. Otherwise it is the whole number of metres ([`STEP_MM`]) nearest to the
+//! **Choice.** If no coordinate of the volume's centre exceeds `FAR_MM`, it is the world's origin: nothing is
+//! translated, and results are bit-identical. Otherwise it is the whole number of metres (`STEP_MM`) nearest to the
 //! centre along each axis. It depends on the volume alone, so it is the same in all frames, on all backends, and for
 //! all settings.
 //!

@@ -20,15 +20,15 @@ pub struct Store<T> {
     pub element: Vec<u32>,
     /// Elements of the mesh in the slab of the frame.
     pub slab: Option<Slab<T>>,
-    /// Data of [`LABEL`], one byte each.
+    /// Data of `LABEL`, one byte each.
     pub label: Vec<u8>,
     /// Data of [`AMPLITUDE`].
     pub amplitude: Vec<T>,
-    /// Data of [`AMPLITUDE_NEXT`].
+    /// Data of `AMPLITUDE_NEXT`.
     pub amplitude_next: Vec<T>,
-    /// Data of [`SPECULAR`].
+    /// Data of `SPECULAR`.
     pub specular: Vec<[T; 2]>,
-    /// Data of [`NEEDLE_MASK`].
+    /// Data of `NEEDLE_MASK`.
     pub needle_mask: Vec<[T; 2]>,
     /// Data of [`LOSS`].
     pub loss: Vec<u32>,

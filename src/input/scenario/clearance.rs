@@ -26,7 +26,7 @@ pub struct Course {
     pub bone: Option<At>,
     /// First gas or lung on the path.
     pub gas: Option<At>,
-    /// Nearest bone within [`LOOKED_MM`].
+    /// Nearest bone within `LOOKED_MM`.
     pub nearest: Option<At>,
 }
 

@@ -1,7 +1,7 @@
 //! Finite element insertion: stick-slip contacts, remeshing at the tip, and a pressing probe (Goksel et al. 2011,
 //! sections III to V).
 //!
-//! A step is cut into substeps ([`Finite::travel`]). In each, tissue, contacts and needle settle together (`settle`,
+//! A step is cut into substeps (`travel`). In each, tissue, contacts and needle settle together (`settle`,
 //! with the system of `joint`), then the tip is followed through the tissue (`path`).
 
 mod body;

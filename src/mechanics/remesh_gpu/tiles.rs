@@ -123,7 +123,7 @@ fn pack(panel: &Panel<'_, f32>, values: &mut Vec<f32>) {
 
 // Compute passes of `shaders/remesh.wgsl` and `shaders/remesh_capacitance.wgsl`.
 
-/// WGSL source of all passes but [`CAPACITANCE`].
+/// WGSL source of all passes but `CAPACITANCE`.
 pub const SHADER: &str = include_str!("../../../shaders/remesh.wgsl");
 /// WGSL source of all passes, for devices with f64.
 pub const SHADER_F64: &str = concat!(

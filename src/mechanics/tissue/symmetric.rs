@@ -1,7 +1,7 @@
 //! Dense symmetric matrix in row panels: half the memory of a full one, and exactly symmetric, as an entry is stored
 //! once.
 //!
-//! Panel p holds the rows from p [`PANEL_ROWS`] on and the columns up to its last row, column by column. A pass down a
+//! Panel p holds the rows from p `PANEL_ROWS` on and the columns up to its last row, column by column. A pass down a
 //! panel is then one stream through memory, whose bandwidth limits the rank-s update of remeshing. Every panel is a
 //! separate allocation, as GPU buffers are limited in size.
 //!
@@ -50,7 +50,7 @@ pub struct Symmetric<T> {
 #[cfg(feature = "gpu")]
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Panel<'a, T> {
-    /// Number of rows; [`PANEL_ROWS`] in all panels but the last.
+    /// Number of rows; `PANEL_ROWS` in all panels but the last.
     #[cfg(feature = "gpu")]
     pub rows: usize,
     /// Columns up to the last row. The first row of the panel is value 0 of each; values above the diagonal and beyond

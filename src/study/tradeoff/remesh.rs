@@ -13,8 +13,8 @@
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`subject`] | mesh, supports, contacts and moves; reference solutions |
-//! | [`contender`] | update methods; memory bandwidth of this machine |
+//! | `subject` | mesh, supports, contacts and moves; reference solutions |
+//! | `contender` | update methods; memory bandwidth of this machine |
 
 pub(crate) mod contender;
 mod report;

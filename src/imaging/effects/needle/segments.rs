@@ -17,7 +17,7 @@ pub type Segment<T> = [[T; 4]; 3];
 pub(crate) const MAX_SEGMENTS: usize = 256;
 
 /// Segments of needle and seeds that meet the scan plane, for the CPU and for upload. For a needle of more than 64
-/// segments those towards the tip, then those of the seeds in their order, up to [`MAX_SEGMENTS`]. Segments that are
+/// segments those towards the tip, then those of the seeds in their order, up to `MAX_SEGMENTS`. Segments that are
 /// not finite or have no thickness are skipped.
 pub fn segments(tables: &Tables, state: &FrameState) -> impl Iterator<Item = Segment<f64>> {
     crossing(tables, state).take(MAX_SEGMENTS)

@@ -5,13 +5,13 @@
 //! of bands the gain is interpolated linearly. (Zones of depth and the mean of what is tissue in them: US patent
 //! 5,579,768, 1996; masks of what is tissue: R. Moshavegh et al., Proc. SPIE 9419 (2015) 941904.)
 //!
-//! The level is a weighted mean of amplitudes: the weight is 0 below [`ZERO_WEIGHT`], so that fluid and shadows do not
-//! count and are not amplified, rises to 1 at [`FULL_WEIGHT`], and amplitudes above [`MAX`] are clamped. A prior of
+//! The level is a weighted mean of amplitudes: the weight is 0 below `ZERO_WEIGHT`, so that fluid and shadows do not
+//! count and are not amplified, rises to 1 at `FULL_WEIGHT`, and amplitudes above [`MAX`] are clamped. A prior of
 //! usual tissue replaces missing echoes, so that the gain never exceeds 12.6 dB. Weight times amplitude is a continuous
 //! function of the amplitude with a slope of at most 2.5, and the divisor is never near 0: a small error of the echoes
 //! causes a small one of the gain, which a percentile of a histogram does not guarantee.
 //!
-//! Noise is never amplified above [`super::NOISE_GREY`].
+//! Noise is never amplified above `NOISE_GREY`.
 
 use std::ops::Range;
 
@@ -47,7 +47,7 @@ pub struct AutoGain {
     pub scale: f64,
     /// Fraction of the deviation that is removed.
     pub share: f64,
-    /// Gain at which noise is shown at [`NOISE_GREY`], octaves; large if there is no noise.
+    /// Gain at which noise is shown at `NOISE_GREY`, octaves; large if there is no noise.
     pub ceiling: f64,
 }
 

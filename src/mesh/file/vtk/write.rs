@@ -55,7 +55,7 @@ impl Values<'_> {
     }
 }
 
-/// Writes a mesh as a `.vtu` file, atomically: reference nodes, tetrahedra, the cell array [`REGION`] and, if given,
+/// Writes a mesh as a `.vtu` file, atomically: reference nodes, tetrahedra, the cell array `REGION` and, if given,
 /// the point array [`DISPLACEMENT`](super::super::DISPLACEMENT) (mm, one vector per node).
 /// [`read_mesh`](super::super::read_mesh) restores the same bits.
 ///
