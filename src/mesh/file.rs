@@ -1,7 +1,7 @@
 //! Tetrahedral mesh files. The format is recognised from the contents; coordinates are millimetres unless another
 //! [`Unit`] is given.
 //!
-//! A format is a file of this folder with its [`Format`], and a line of `formats!`.
+//! A format is a file of this folder with its `Format`, and a line of `formats!`.
 
 mod error;
 mod surface;

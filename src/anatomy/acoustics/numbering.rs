@@ -139,7 +139,7 @@ impl Preset {
     }
 
     /// Organ of a label value; `None` for a value that the preset does not know. TotalSegmentator is taken to have the labels of
-    /// [`body`].
+    /// `body`.
     pub fn organ(self, value: i64) -> Option<&'static str> {
         let body = match self {
             Self::TotalSegmentator => body(),

@@ -63,7 +63,7 @@ static GAPS: Buffer = Buffer::new(10, "Gaps", 4, |tables| tables.lines() * table
 columns! {
     /// Vectors of the contact.
     pub struct Columns {
-        /// Data of [`GAPS`], and as much again to smooth them.
+        /// Data of `GAPS`, and as much again to smooth them.
         gaps: [f32; |tables| 2 * tables.lines() * tables.planes()] = 0.0, GAPS;
     }
 }

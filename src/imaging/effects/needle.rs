@@ -92,7 +92,7 @@ static NEEDLE: Buffer =
 columns! {
     /// Vectors of the needle.
     pub struct Columns {
-        /// Data of [`NEEDLE`].
+        /// Data of `NEEDLE`.
         segments: [Segment<f64>; |_| MAX_SEGMENTS] = [[0.0; 4]; 3], NEEDLE;
     }
 }

@@ -139,7 +139,7 @@ fn phases_of_beam(tables: &Tables) -> usize {
 columns! {
     /// Vectors of refraction.
     pub struct Columns<T> {
-        /// Data of [`PHASES`].
+        /// Data of `PHASES`.
         phases: [T; phases_of_beam] = T::zero(), PHASES;
     }
 }

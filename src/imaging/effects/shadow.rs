@@ -222,9 +222,9 @@ fn rays_of_beam(tables: &Tables) -> usize {
 columns! {
     /// Vectors of the shadow.
     pub struct Columns<T> {
-        /// Data of [`THROUGH`].
+        /// Data of `THROUGH`.
         through: [T; rays_of_beam] = T::zero(), THROUGH;
-        /// Data of [`REFLECTORS`].
+        /// Data of `REFLECTORS`.
         reflectors: [u32; Tables::lines] = 0, REFLECTORS;
     }
 }

@@ -151,9 +151,9 @@ fn fine_samples(tables: &Tables) -> usize {
 columns! {
     /// Vectors of the speckle.
     pub struct Columns<T> {
-        /// Data of [`SCATTER`]: for each fine scanline its real parts, then its imaginary parts.
+        /// Data of `SCATTER`: for each fine scanline its real parts, then its imaginary parts.
         scatter: [T; |tables| 2 * fine_samples(tables)] = T::zero(), SCATTER;
-        /// Data of [`SCATTER_AXIAL`]: for each fine scanline its real parts, then its imaginary parts.
+        /// Data of `SCATTER_AXIAL`: for each fine scanline its real parts, then its imaginary parts.
         scatter_axial: [T; |tables| 2 * fine_samples(tables)] = T::zero(), SCATTER_AXIAL;
     }
 }

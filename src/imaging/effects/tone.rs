@@ -228,7 +228,7 @@ static AUTO_GAIN: Buffer = Buffer::new(300, "AutoGain", 4, |_| BANDS);
 columns! {
     /// Vectors of the tone.
     pub struct Columns<T> {
-        /// Data of [`AUTO_GAIN`], interpolated from the bands to each sample depth.
+        /// Data of `AUTO_GAIN`, interpolated from the bands to each sample depth.
         auto_gain: [T; Tables::samples] = T::zero(), AUTO_GAIN;
     }
 }

@@ -64,7 +64,7 @@ pub struct Advice {
 }
 
 impl Goal {
-    /// Creates a goal: the cheapest variant within a tolerance given with its reason, such as [`SHIFT_MM`].
+    /// Creates a goal: the cheapest variant within a tolerance given with its reason, such as `SHIFT_MM`.
     pub fn new(cost: &'static str, error: &'static str, (limit, reason): (f64, &'static str)) -> Self {
         Goal {
             cost,
