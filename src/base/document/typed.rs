@@ -291,19 +291,16 @@ mod tests {
 
     #[test]
     fn a_list_in_place_of_a_table_is_refused_at_its_place() {
-        for (text, place) in [
-            ("inner = []", 8..10),
-            ("inner = [3.0]", 8..13),
-            ("law = [\"neo\", 3.0]", 6..18),
-            ("laws = [[\"neo\", 3.0]]", 8..20),
-            ("[named]\na = [2.0]", 12..17),
+        for (text, key, place) in [
+            ("inner = []", "inner", 8..10),
+            ("inner = [3.0]", "inner", 8..13),
+            ("law = [\"neo\", 3.0]", "law", 6..18),
+            ("laws = [[\"neo\", 3.0]]", "laws", 8..20),
+            ("[named]\na = [2.0]", "named.a", 12..17),
         ] {
             let refused = read::<Holder>(text).expect_err(text);
-            assert_eq!(
-                (&*refused.message, refused.span),
-                ("invalid type: sequence, expected a map", Some(place)),
-                "{text}"
-            );
+            let message = format!("`{key}`: found a list, expected a table");
+            assert_eq!((refused.message, refused.span), (message, Some(place)), "{text}");
         }
         for text in [
             "inner = { rate = 3.0 }",
