@@ -172,6 +172,11 @@ const NAMED: &[(&str, &[&str], &str)] = &[
         &["needle", "shadow"],
         "their layers have passes where the scene calls for them",
     ),
+    (
+        "imaging/synth.rs",
+        &["needle"],
+        "a needle in the state of a frame calls for its pass, and the frame tells what is seen of it",
+    ),
     ("imaging/synth/cpu.rs", &["truth"], "returns the layers with the frame"),
     (
         "imaging/synth/gpu/readback.rs",
