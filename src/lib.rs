@@ -143,7 +143,7 @@ pub use insonify_anatomy::phantom::{Phantom, PhantomOptions, make as make_phanto
 pub use insonify_anatomy::volume::texture::SolidTexture;
 pub use insonify_anatomy::volume::{Label, LabelVolume, VolumeError, load as load_volume, save as save_volume};
 pub use insonify_base::blame::{Blame, Error};
-pub use insonify_base::document::InputError;
+pub use insonify_base::document::{InputError, Setting};
 pub use insonify_base::output::OutputError;
 pub use insonify_base::output::png::write_grey as write_png;
 pub use insonify_base::range::OutOfRange;

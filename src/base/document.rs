@@ -4,30 +4,30 @@ mod fault;
 mod lists;
 mod region;
 mod renamed;
+mod setting;
+mod source;
 mod suggest;
 mod typed;
 
 pub use fault::{Excerpt, InputError};
 pub use lists::Table;
 pub use region::{Names, NoRegion, RegionName, plain};
+pub use setting::Setting;
+pub use source::Source;
 pub use suggest::nearest;
 
 use std::borrow::Cow;
 use std::io;
-use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::{DeserializeOwned, Deserializer, Error};
 use serde::{Deserialize, Serialize, Serializer};
-use toml::Spanned;
-use toml::de::{DeTable, DeValue};
 
 use crate::blame::Blame;
 use crate::foreign::Foreign;
 use crate::read;
-use renamed::now;
 use typed::Mismatch;
 
 /// Error in the text of a file, its keys or its numbers.
@@ -119,7 +119,20 @@ macro_rules! input_file {
             /// # Errors
             /// A syntax error, an unknown key or a value of the wrong type, with its line.
             pub fn parse(text: &str, name: &str) -> Result<Self, $crate::document::InputError> {
-                let (mut file, source): (Self, _) = $crate::document::parse(text, name)?;
+                Self::parse_with(text, name, &[])
+            }
+
+            /// Parses the text of a file in which these keys are set. With an empty name there is no file: the
+            /// settings are all.
+            ///
+            /// # Errors
+            /// Those of [`parse`](Self::parse); one of a setting names its option in place of a line.
+            pub fn parse_with(
+                text: &str,
+                name: &str,
+                settings: &[$crate::document::Setting],
+            ) -> Result<Self, $crate::document::InputError> {
+                let (mut file, source): (Self, _) = $crate::document::parse(text, name, settings)?;
                 file.source = Some(source);
                 Ok(file)
             }
@@ -206,15 +219,20 @@ pub fn read(path: &Path) -> Result<String, InputError> {
         })
 }
 
-/// Parses a text and keeps it for errors that point into it; `name` is the file name shown in them.
+/// Parses a text in which some keys are set, and keeps both for errors that point into them; `name` is the file name
+/// shown in errors.
 pub fn parse<T: DeserializeOwned + JsonSchema + 'static>(
     text: &str,
     name: &str,
+    settings: &[Setting],
 ) -> Result<(T, Arc<Source>), InputError> {
-    let source = Arc::new(Source::new(name, text));
-    match typed::read(text) {
+    let source = Arc::new(Source::new(name, text, settings));
+    match typed::read(&source) {
         Ok(parsed) => Ok((parsed, source)),
-        Err(error) => Err(unreadable::<T>(&source, error)),
+        Err(mut error) => {
+            error.span = source.culprit::<T>(settings).or(error.span);
+            Err(unreadable::<T>(&source, error))
+        }
     }
 }
 
@@ -362,101 +380,9 @@ impl<const NEWEST: i64> JsonSchema for Version<NEWEST> {
     }
 }
 
-/// Text of a file and its name in errors.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Source {
-    /// Name of the file as shown in errors.
-    name: String,
-    /// Complete text of the file.
-    pub text: String,
-}
-
-impl Source {
-    fn new(name: &str, text: &str) -> Self {
-        Self {
-            name: name.to_owned(),
-            text: text.to_owned(),
-        }
-    }
-
-    /// Line that contains a byte, from 1.
-    pub fn line(&self, byte: usize) -> usize {
-        let before = &self.text.as_bytes()[..byte.min(self.text.len())];
-        1 + before.iter().filter(|&&b| b == b'\n').count()
-    }
-
-    /// Line of the value at a key path, from 1, if it is written.
-    pub fn line_of(&self, path: &str) -> Option<usize> {
-        self.find(path).map(|span| self.line(span.start))
-    }
-
-    /// Position of the value at a key path such as `tissue[2].young_kpa`; if it is not written, that of the innermost
-    /// table around it.
-    fn find(&self, path: &str) -> Option<Range<usize>> {
-        let root = DeTable::parse(&self.text).ok()?;
-        let (mut table, mut list, mut innermost, mut name) = (Some(root.get_ref()), None, None, "");
-        for step in path.split(['.', '[', ']']).filter(|step| !step.is_empty()) {
-            let number = step.parse::<usize>().ok();
-            // A list may be written as a single table.
-            if table.is_some() && number == Some(0) {
-                continue;
-            }
-            let value: Option<&Spanned<DeValue<'_>>> = match (table, list) {
-                (Some(table), _) => table
-                    .iter()
-                    .find(|(key, _)| key.get_ref() == step || now(name, key.get_ref()) == Some(step))
-                    .map(|(_, value)| value),
-                (None, Some(list)) => number.and_then(|index| <[_]>::get(list, index)),
-                (None, None) => None,
-            };
-            let Some(value) = value else { break };
-            // The name of a list is that of its tables, by which their keys may have been renamed.
-            if number.is_none() {
-                name = step;
-            }
-            innermost = Some(value.span());
-            table = value.get_ref().as_table();
-            list = value.get_ref().as_array().map(|list| &list[..]);
-        }
-        innermost
-    }
-
-    /// Position of a key in the table that an error points at; a tagged table is pointed at as a unit, by its header or
-    /// its braces.
-    fn find_key(&self, table: &Range<usize>, name: &str) -> Option<Range<usize>> {
-        fn search(value: &Spanned<DeValue<'_>>, table: &Range<usize>, name: &str) -> Option<Range<usize>> {
-            match value.get_ref() {
-                DeValue::Table(inner) if value.span() == *table => {
-                    inner.keys().find(|key| key.get_ref() == name).map(Spanned::span)
-                }
-                DeValue::Table(inner) => inner.values().find_map(|value| search(value, table, name)),
-                DeValue::Array(list) => list.iter().find_map(|value| search(value, table, name)),
-                _ => None,
-            }
-        }
-        let root = DeTable::parse(&self.text).ok()?;
-        root.get_ref().values().find_map(|value| search(value, table, name))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    const TEXT: &str = "seed = 4\n[effects.tone]\ngain_db = 3 # loud\ntgc_points = [[0, 1], [2, 30]]\n\n[[tissue]]\nname = \"a\"\n[[tissue]]\nname = \"b\"\n";
-
-    fn shown(path: &str) -> Option<&'static str> {
-        Source::new("x", TEXT).find(path).map(|span| &TEXT[span])
-    }
-
-    #[test]
-    fn paths_lead_to_values() {
-        assert_eq!(shown("seed"), Some("4"));
-        assert_eq!(shown("effects.tone.gain_db"), Some("3"));
-        assert_eq!(shown("effects.tone.tgc_points[1][1]"), Some("30"));
-        assert_eq!(shown("tissue[1].name"), Some("\"b\""));
-        assert_eq!(shown("nothing"), None);
-    }
 
     #[test]
     fn messages_name_what_a_file_may_contain() {
@@ -490,12 +416,5 @@ mod tests {
         ] {
             assert_eq!(without_rust(serde), plain);
         }
-    }
-
-    #[test]
-    fn a_key_that_is_not_written_leads_to_its_table() {
-        assert_eq!(shown("effects.tone.gamma"), Some("[effects.tone]"));
-        assert_eq!(shown("tissue[0].young_kpa"), Some("[[tissue]]"));
-        assert_eq!(shown("effects.tone.gain_db.deeper"), Some("3"));
     }
 }

@@ -5,13 +5,15 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use insonify_anatomy::segmentation::{Names, Naming, stem};
 use insonify_anatomy::volume::VolumeError;
+use insonify_base::document::Setting;
 use insonify_imaging::quality::Picked;
-use insonify_imaging::scene::{self, PoseTable, Scene, SceneFile, VolumeSpec};
+use insonify_imaging::scene::{self, Scene, SceneFile, Version};
 
 use super::backend::BackendArgs;
 use super::failure::{Error, usage};
 use super::output::inputs;
 use super::quality::QualityArgs;
+use super::settings::{self, Settings};
 use super::terminal::{note, warn};
 
 /// Largest width and height of a frame, pixels.
@@ -47,6 +49,10 @@ pub(crate) struct Input {
     /// files; with a scene it replaces the scene's volume
     #[arg(long, value_name = "FILE")]
     labels: Option<PathBuf>,
+    /// CT that the labels were made from: unlabelled voxels of the body are gas, fat, muscle, soft tissue or bone by their
+    /// grey value
+    #[arg(long, value_name = "FILE")]
+    ct: Option<PathBuf>,
     #[command(flatten)]
     names: NamesArg,
     /// Place the probe on the skin over this organ: a label or tissue name, or a part of one
@@ -56,22 +62,35 @@ pub(crate) struct Input {
     #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<[u32; 2]>,
     #[command(flatten)]
+    settings: Settings,
+    #[command(flatten)]
     quality: QualityArgs,
 }
+
+/// Keys of a volume that belong to one that `--labels` replaces.
+const REPLACED: [&str; 4] = ["names", "phantom", "resolution_mm", "seed"];
 
 impl Input {
     /// Whether no input is specified, so that the command may choose.
     pub(crate) fn is_default(&self) -> bool {
         self.scene.is_none()
             && self.labels.is_none()
+            && self.ct.is_none()
             && self.names.names.is_none()
             && self.target.is_none()
             && self.size.is_none()
+            && self.settings.is_empty()
+    }
+
+    /// Folder of the paths in the scene.
+    fn folder(&self) -> &Path {
+        self.scene.as_deref().and_then(Path::parent).unwrap_or(Path::new(""))
     }
 
     fn load(&self) -> Result<Scene, Error> {
-        let mut file = match (&self.scene, &self.labels) {
-            (Some(scene), _) if scene.is_dir() || stem(scene).is_some() => {
+        let settings = self.set()?;
+        let file = match &self.scene {
+            Some(scene) if scene.is_dir() || stem(scene).is_some() => {
                 let name = scene.display();
                 let kind = if scene.is_dir() { "a folder" } else { "an image file" };
                 return Err(usage(
@@ -79,19 +98,27 @@ impl Input {
                     format!("labels are given with --labels {name}"),
                 ));
             }
-            (Some(scene), _) => scene::read_or_bundled(scene)?,
-            (None, Some(labels)) => SceneFile::for_labels(labels),
-            (None, None) => SceneFile::parse(scene::DEFAULT, "the default scene")?,
+            Some(scene) => scene::read_or_bundled(scene, &settings)?,
+            None if self.labels.is_some() => SceneFile::parse_with("", "", &settings)?,
+            None => SceneFile::parse_with(scene::DEFAULT, "the default scene", &settings)?,
         };
-        self.amend(&mut file);
-        let base = self.scene.as_deref().and_then(Path::parent).unwrap_or(Path::new(""));
-        Ok(file.resolve(base)?)
+        if self.target.is_some() && file.states("motion") {
+            warn("the motion of the scene is left out: --target places the probe, which stays there");
+        }
+        self.settings.check(&file)?;
+        Ok(file.resolve(self.folder())?)
     }
 
     /// Lists the files that the command reads.
     pub(crate) fn files(&self) -> Vec<PathBuf> {
         let mut files = self.scene.as_deref().map_or_else(Vec::new, inputs);
-        files.extend(self.labels.iter().chain(&self.names.names).cloned());
+        files.extend(
+            [&self.labels, &self.ct, &self.names.names]
+                .into_iter()
+                .flatten()
+                .cloned(),
+        );
+        files.extend(settings::files(&self.settings.of_scene(), self.folder()));
         files
     }
 
@@ -105,42 +132,37 @@ impl Input {
         Ok((scene, picked))
     }
 
-    fn amend(&self, file: &mut SceneFile) {
+    /// What the options change in the scene, those that name a key last.
+    fn set(&self) -> Result<Vec<Setting>, Error> {
+        let mut set = Vec::new();
         if let Some(labels) = &self.labels {
-            let volume = file.volume.take().unwrap_or_default();
-            file.volume = Some(VolumeSpec {
-                file: Some(here(labels)),
-                names: None,
-                phantom: None,
-                resolution_mm: None,
-                seed: None,
-                ..volume
-            });
-        }
-        if let Some(names) = &self.names.names {
-            file.volume.get_or_insert_default().names = Some(here(names));
-        }
-        if let Some(target) = &self.target {
-            let plane = file.pose.take().and_then(|pose| pose.plane);
-            file.pose = Some(PoseTable {
-                target: Some(target.clone()),
-                plane,
-                ..PoseTable::default()
-            });
-            if file.motion.take().is_some() {
-                warn("the motion of the scene is left out: --target places the probe, which stays there");
+            set.extend(REPLACED.map(|key| Setting::removal(&format!("volume.{key}"), &[])));
+            set.push(settings::path("volume.file", &here(labels))?);
+            if self.scene.is_none() {
+                set.push(Setting::new("version", Version::NEWEST.number()));
             }
         }
-        if let Some([width, height]) = self.size {
-            let mut image = file.image.unwrap_or_default();
-            (image.width, image.height) = (width, height);
-            file.image = Some(image);
+        for (key, path) in [("volume.ct", &self.ct), ("volume.names", &self.names.names)] {
+            if let Some(path) = path {
+                set.push(settings::path(key, &here(path))?);
+            }
         }
+        if let Some(target) = &self.target {
+            set.push(Setting::removal("motion", &[]));
+            set.push(Setting::removal("pose", &["plane"]));
+            set.push(Setting::new("pose.target", target.as_str()));
+        }
+        if let Some([width, height]) = self.size {
+            set.push(Setting::new("image.width", width));
+            set.push(Setting::new("image.height", height));
+        }
+        set.extend(self.settings.of_scene());
+        Ok(set)
     }
 }
 
 /// A path relative to the working directory, not to the scene's folder.
-fn here(path: &Path) -> PathBuf {
+pub(crate) fn here(path: &Path) -> PathBuf {
     std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
 }
 

@@ -9,9 +9,10 @@ use clap::{Args, ValueEnum};
 use insonify::Summary;
 use insonify::input::scenario::{self, Scenario, ScenarioFile};
 use insonify::run::{Requests, run};
-use insonify_base::document::Table;
+use insonify_base::document::{self, Setting, Table};
 use insonify_base::read;
 use insonify_imaging::quality::Picked;
+use insonify_imaging::scene::Version;
 use insonify_imaging::synth::FrameState;
 use insonify_mechanics::insertion::Recording;
 use insonify_study::score::hands::{HANDS, hand};
@@ -19,9 +20,11 @@ use serde::Serialize;
 
 use super::backend::BackendArgs;
 use super::failure::{Error, usage};
+use super::input::here;
 use super::output::{Force, inputs};
 use super::quality::QualityArgs;
 use super::render::extras::Extras;
+use super::settings::{self, Settings};
 use super::terminal;
 use super::variants::ranged;
 use writer::{FILES, Writer};
@@ -46,10 +49,11 @@ A scenario file names a scene (the anatomy and the pose or motion of the probe) 
   direction = [0.0, 0.0, 1.0]
 
 Examples:
-  insonify insert --labels ct.nii.gz --target kidney_right -o out   a label file alone: probe and path are chosen, and printed
+  insonify insert --labels labels.nii.gz --target kidney_right -o out   a label file alone: probe and path are chosen, and printed
   insonify insert liver-biopsy -o out               a scenario that comes with the program
   insonify insert --example segmentation-biopsy > my.toml   as a file; this one needs the path of your label file in `file`
   insonify insert --reference                       every key with its unit, range and default
+  insonify insert my.toml -o out --set needle.bevel.r_mm=0.4 --set scene.effects.blur=false   keys changed for one run
   insonify insert my.toml -o out --images           numbered pictures in out/frames
   insonify insert my.toml -o out --images=mha       an image sequence with the pose of each image, out/frames.mha
   insonify insert my.toml -o out --images --layers label-value,needle --sidecar --overview
@@ -81,6 +85,12 @@ pub(crate) struct Insert {
     /// back
     #[arg(long, value_name = "NAME", requires = "labels")]
     target: Option<String>,
+    /// CT that the labels were made from: unlabelled voxels of the body are gas, fat, muscle, soft tissue or bone by their
+    /// grey value
+    #[arg(long, value_name = "FILE")]
+    ct: Option<PathBuf>,
+    #[command(flatten)]
+    settings: Settings,
     /// Print a built-in scenario
     #[arg(long, value_name = "NAME", value_parser = names(), exclusive = true)]
     example: Option<String>,
@@ -138,6 +148,9 @@ pub(crate) enum Images {
 #[derive(Serialize)]
 struct InsertReport<'a> {
     scenario: String,
+    /// Keys that options set in it, as lines of TOML.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    set: Vec<String>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     quality: Vec<Picked>,
     #[serde(flatten)]
@@ -154,7 +167,8 @@ impl Insert {
         };
         self.backend.check()?;
         let mut read = inputs(path);
-        read.extend(self.replay.clone());
+        read.extend(self.replay.iter().chain(&self.ct).cloned());
+        read.extend(settings::files(&self.settings.of_scenario(), self.folder(path)));
         let folder = self.force.folder(output, "insert", FILES, &read)?;
         let (mut scenario, picked) = self.scenario(path)?;
         let mut picked: Vec<Picked> = picked.into_iter().collect();
@@ -195,6 +209,7 @@ impl Insert {
         summary.warnings.extend(writer.warnings());
         let report = InsertReport {
             scenario: name.clone(),
+            set: self.set()?.iter().map(Setting::line).collect(),
             quality: picked,
             summary: &summary,
         };
@@ -226,13 +241,39 @@ impl Insert {
         self.images.or(implied).or(uncompressed.then_some(Images::Mha))
     }
 
+    /// Folder of the paths in the scenario.
+    fn folder<'a>(&self, path: &'a Path) -> &'a Path {
+        let folder = path.parent().filter(|_| self.labels.is_none());
+        folder.unwrap_or(Path::new(""))
+    }
+
+    /// Keys that the options set.
+    fn set(&self) -> Result<Vec<Setting>, Error> {
+        let mut set = Vec::new();
+        if let Some(labels) = &self.labels {
+            set.push(Setting::new("version", Version::NEWEST.number()));
+            set.push(settings::path("scene.volume.file", labels)?);
+            set.extend(
+                self.target
+                    .as_deref()
+                    .map(|target| Setting::new("needle.target", target)),
+            );
+        }
+        if let Some(ct) = &self.ct {
+            set.push(settings::path("scene.volume.ct", &here(ct))?);
+        }
+        set.extend(self.settings.of_scenario());
+        Ok(set)
+    }
+
     /// Returns the scenario as written, or the one for a label file.
     fn file(&self, path: &Path) -> Result<ScenarioFile, Error> {
-        if let Some(target) = &self.target {
-            return Ok(ScenarioFile::for_labels(path, target));
+        let set = self.set()?;
+        if self.labels.is_some() {
+            return Ok(ScenarioFile::parse_with("", "", &set)?);
         }
         Ok(match scenario::bundled(path) {
-            Some((name, text)) => ScenarioFile::parse(text, name)?,
+            Some((name, text)) => ScenarioFile::parse_with(text, name, &set)?,
             None if path.extension().is_none() && !path.exists() => {
                 let known: Vec<&str> = scenario::EXAMPLES.iter().map(|(name, _)| *name).collect();
                 let found = format!(
@@ -241,20 +282,18 @@ impl Insert {
                 );
                 return Err(usage(found, format!("name a file, or one of {}", known.join(", "))));
             }
-            None => ScenarioFile::read(path)?,
+            None => ScenarioFile::parse_with(&document::read(path)?, &path.display().to_string(), &set)?,
         })
     }
 
     /// Reads the scenario and all files that it names, and prints notes and warnings.
     fn scenario(&self, path: &Path) -> Result<(Scenario, Option<Picked>), Error> {
         let mut file = self.file(path)?;
-        let folder = match self.labels {
-            Some(_) => Path::new(""),
-            None => path.parent().unwrap_or(Path::new("")),
-        };
+        let folder = self.folder(path);
         file.adapter = Some(self.backend.choice());
         let picked = self.quality.steps(&mut file, folder)?;
         let scenario = resolve(&file, folder)?;
+        self.settings.check(&scenario.scene.file)?;
         for (index, line) in scenario.notes.iter().flat_map(|note| note.lines().enumerate()) {
             match index {
                 0 => terminal::note(line),

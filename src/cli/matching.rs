@@ -3,12 +3,14 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use insonify_imaging::scene::SceneFile;
 use insonify_study::matching::fit;
 use insonify_study::realism::picture;
 
 use super::failure::{Error, usage};
 use super::output::{self, Force};
 use super::realism::pixel;
+use super::settings::Settings;
 use super::terminal;
 use super::variants::ranged;
 
@@ -20,10 +22,12 @@ Parameters that the frame does not determine are listed with the reason; in the 
 The array must be at the top: turn other frames upside down. Crop frames with more than one sector. Depth scales in the picture are not read:
 the size of a pixel comes from --mm-per-pixel or --depth-mm, else from the sidecar beside the frame, or from the sequence.
 
-The output is a scene of the abdomen phantom: put your own [volume] and [pose] in. Automatic gain is off, the grey curve straight.
+The output is a scene of the abdomen phantom: put your own [volume] and [pose] in, or set their keys with --set. What is set replaces
+what was estimated. Automatic gain is off, the grey curve straight.
 
 Examples:
   insonify match liver.png --depth-mm 160 -o matched.toml --page matched.html
+  insonify match liver.png --depth-mm 160 --set 'volume={file=\"labels.nii.gz\"}' --set pose.target=liver -o matched.toml
   insonify render matched.toml -o ours.png
   insonify realism ours.png --against liver.png
   insonify match clip.igs.mha --json | jq '.figures[] | {key, value, spread}'
@@ -46,6 +50,8 @@ pub(crate) struct Match {
     /// Seed of the phantom's speckle
     #[arg(long, value_name = "N", default_value = "0")]
     seed: u64,
+    #[command(flatten)]
+    settings: Settings,
     /// Write the scene to a file, and print the measures instead of it
     #[arg(short, long, value_name = "FILE.toml")]
     output: Option<PathBuf>,
@@ -70,11 +76,15 @@ impl Match {
                 "name a single frame: only one frame can be matched",
             ));
         }
+        let settings = self.settings.of_scene();
+        // Before the match, which takes long.
+        SceneFile::parse_with("", "", &settings)?;
         let mut frames = picture::read(&inputs, 1, None)?;
         // A file without frames has been refused.
         let mut frame = frames.swap_remove(0);
         frame.mm = self.mm_per_pixel.map(|mm| [mm; 2]).or(frame.mm);
-        let matched = fit(&frame, self.depth_mm, self.seed)?;
+        let mut matched = fit(&frame, self.depth_mm, self.seed)?;
+        matched.set(&settings)?;
         output::requested(&self.page, || matched.page())?;
         output::requested(&self.output, || Ok::<_, Error>(matched.scene.clone()))?;
         match (self.json, &self.output) {

@@ -32,9 +32,9 @@ deformation. The map leads from the world, the frame of the surface, to the volu
 .vtk, .vtp), another segmentation, whose skin is taken, or a tracked sequence of a stylus (.igs.mha) with --transform and --tip.
 
 Examples:
-  insonify register ct.nii.gz --surface touched.csv --landmarks marks.csv -o fitted.nrrd --page fit.html
-  insonify register ct.nii.gz --surface mannequin.stl --world ras --fit fit.toml
-  insonify register ct.nii.gz --surface stylus.igs.mha --transform StylusToReference --tip 0.1,-2.3,148.2 --fit fit.toml
+  insonify register labels.nii.gz --surface touched.csv --landmarks marks.csv -o fitted.nrrd --page fit.html
+  insonify register labels.nii.gz --surface mannequin.stl --world ras --fit fit.toml
+  insonify register labels.nii.gz --surface stylus.igs.mha --transform StylusToReference --tip 0.1,-2.3,148.2 --fit fit.toml
 A scene that says `volume.registration = \"fit.toml\"` beside its file applies the registration when it is loaded.";
 
 /// Share of the skin below which a start without landmarks is questioned.

@@ -347,7 +347,7 @@ impl EchoSource {
         let source = match scenario::bundled(path) {
             Some((name, text)) => Self::Scenario(Box::new(ScenarioFile::parse(text, name)?.resolve(base, |_| {})?)),
             None if is_scenario => Self::Scenario(Box::new(ScenarioFile::read(path)?.resolve(base, |_| {})?)),
-            None => Self::Scene(Box::new(scene::read_or_bundled(path)?.resolve(base)?)),
+            None => Self::Scene(Box::new(scene::read_or_bundled(path, &[])?.resolve(base)?)),
         };
         let scene = source.scene();
         scene.notes.iter().for_each(terminal::note);

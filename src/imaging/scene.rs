@@ -40,7 +40,7 @@ use crate::synth::tables::{Anatomy, Settings};
 use crate::synth::{Backend, FrameState, NeedleShaft, SynthError, Synthesizer};
 use deform::Deformation;
 use insonify_base::blame::Blame;
-use insonify_base::document::{InputError, InvalidFile};
+use insonify_base::document::{self, InputError, InvalidFile, Setting};
 use insonify_tracking::needle::{NeedlePath, NeedlePose};
 use insonify_tracking::pose::Pose;
 use insonify_tracking::sequence::SequenceFrame;
@@ -60,11 +60,11 @@ pub const EXAMPLES: &[(&str, &str)] = &[
     ("sweep", include_str!("../../assets/sweep.toml")),
 ];
 
-/// Reads a scene file, or the built-in scene of that name where there is no such file.
-pub fn read_or_bundled(path: &Path) -> Result<SceneFile, InputError> {
-    match insonify_base::document::bundled(EXAMPLES, path) {
-        Some((name, text)) => SceneFile::parse(text, name),
-        None => SceneFile::read(path),
+/// Reads a scene file in which these keys are set, or the built-in scene of that name where there is no such file.
+pub fn read_or_bundled(path: &Path, settings: &[Setting]) -> Result<SceneFile, InputError> {
+    match document::bundled(EXAMPLES, path) {
+        Some((name, text)) => SceneFile::parse_with(text, name, settings),
+        None => SceneFile::parse_with(&document::read(path)?, &path.display().to_string(), settings),
     }
 }
 

@@ -200,7 +200,8 @@ impl ScenarioFile {
     /// Converts an error of the scene, which lies in its own file or inline in this one.
     fn of_scene(&self, mut error: InputError, is_inline: bool) -> InputError {
         let key = error.key().map(str::to_owned);
-        if is_inline && key.as_deref() == Some("volume.file") && self.source.is_some() {
+        let is_written = self.source.as_ref().is_some_and(|source| source.is_file());
+        if is_inline && key.as_deref() == Some("volume.file") && is_written {
             let help = "the key `file` under [scene.volume] names the label file: put the path of your own there";
             error = error.with_help(Some(help.to_owned()));
         }

@@ -26,6 +26,7 @@ mod reports;
 mod rf;
 mod seeds;
 mod segmentations;
+mod settings;
 mod solve;
 mod stability;
 mod support;

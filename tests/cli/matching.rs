@@ -1,6 +1,8 @@
 //! Probe and effects from a real frame.
 
 use image::{GrayImage, Luma, Rgb, RgbImage};
+use insonify::SceneFile;
+use serde_json::json;
 
 use crate::support::Bench;
 
@@ -45,8 +47,24 @@ fn a_scene_is_written_that_can_be_rendered() {
     let page = bench.text("page.html");
     assert!(page.contains("Autocorrelation across") && page.ends_with("</body></html>\n"));
     bench.run("render matched.toml --backend cpu -o ours.png").text();
-    let report = bench.run("match real.png --json --depth-mm 80").json();
-    assert_eq!(report["scene"].as_str().map(|it| it.contains("width_mm")), Some(true));
+    let set = "--set probe.frequency_mhz=5.5 --set volume.resolution_mm=2 --gain-db -7";
+    let report = bench.run(&format!("match real.png --json --depth-mm 80 {set}")).json();
+    let scene: SceneFile = toml::from_str(report["scene"].as_str().expect("a scene")).expect("TOML");
+    let [probe, volume, effects] = [
+        serde_json::to_value(&scene.probe),
+        serde_json::to_value(&scene.volume),
+        serde_json::to_value(&scene.effects),
+    ]
+    .map(|table| table.expect("JSON"));
+    assert_eq!(
+        (&probe["frequency_mhz"], &probe["depth_mm"]),
+        (&json!(5.5), &json!(80.0))
+    );
+    assert_eq!(volume["resolution_mm"], json!(2.0));
+    assert_eq!(effects["tone"]["gain_db"], json!(-7.0));
+    bench
+        .run("match real.png --set efects.tone.gain_db=1")
+        .fails(2, &["unknown key `efects` (--set efects.tone.gain_db=1)"]);
     // Twice the depth, twice the width.
     let width = report["figures"][0]["value"].as_f64().expect("a width");
     assert!((width / 76.0 - 1.0).abs() < 0.03, "{width}");

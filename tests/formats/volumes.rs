@@ -183,7 +183,7 @@ fn grey_images_are_told_from_labels() {
     ] {
         refused(
             name,
-            "HU), expected labels: give its segmentation; `volume.ct` of a scene takes the CT",
+            "HU), expected labels: give its segmentation; `--ct`, or `volume.ct` of a scene, takes the CT",
         );
     }
     refused(

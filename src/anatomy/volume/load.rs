@@ -108,7 +108,7 @@ fn grey(path: &Path, error: VolumeError) -> VolumeError {
         return error;
     }
     let found = format!("a CT ({low} to {high} HU)");
-    let expected = "labels: give its segmentation; `volume.ct` of a scene takes the CT";
+    let expected = "labels: give its segmentation; `--ct`, or `volume.ct` of a scene, takes the CT";
     VolumeError::malformed(path, At::Voxels, found, expected)
 }
 

@@ -4,7 +4,7 @@ use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 
-use super::Source;
+use super::{Setting, Source};
 use crate::blame::Blame;
 use crate::text::{MESSAGE, clipped, head, printable, tail};
 
@@ -18,7 +18,7 @@ pub struct InputError(Box<Inner>);
 struct Inner {
     cause: Box<dyn Blame>,
     key: Option<String>,
-    /// Name of the file.
+    /// Name of the file, or the option that sets the key.
     file: Option<String>,
     /// Position of the key in the file.
     place: Option<Excerpt>,
@@ -55,8 +55,11 @@ impl InputError {
     }
 
     pub(crate) fn in_text(mut self, source: &Arc<Source>, span: Option<Range<usize>>) -> Self {
-        self.0.file = Some(source.name.clone());
-        self.0.place = span.map(|span| Excerpt::new(source, &span));
+        let setting = span.as_ref().and_then(|span| source.setting_at(span.start));
+        let name = setting.map_or(source.name.as_str(), Setting::option);
+        self.0.file = (!name.is_empty()).then(|| name.to_owned());
+        let in_file = span.filter(|_| setting.is_none() && source.is_file());
+        self.0.place = in_file.map(|span| Excerpt::new(source, &span));
         self
     }
 

@@ -34,16 +34,16 @@ impl Source {
     /// Notes about keys under old names, in the order of the text.
     pub fn renamed(&self) -> Vec<String> {
         let mut old_keys = Vec::new();
-        if let Ok(root) = DeTable::parse(&self.text) {
-            collect("", root.get_ref(), &mut old_keys);
+        if let Ok(root) = self.document() {
+            within("", &root, &mut old_keys);
         }
         old_keys.sort_unstable();
         let note = |(offset, old, new): (usize, String, &str)| {
-            format!(
-                "{}, line {}: `{old}` is now called `{new}`",
-                self.name,
-                self.line(offset)
-            )
+            let place = match self.setting_at(offset) {
+                Some(setting) => setting.option().to_owned(),
+                None => format!("{}, line {}", self.name, self.line(offset)),
+            };
+            format!("{place}: `{old}` is now called `{new}`")
         };
         old_keys.into_iter().map(note).collect()
     }
@@ -83,7 +83,7 @@ mod tests {
             "p.toml, line 8: `viscoelastic` is now called `viscosity`",
             "p.toml, line 9: `law` is now called `memory`",
         ];
-        let source = Source::new("p.toml", text);
+        let source = Source::new("p.toml", text, &[]);
         assert_eq!(source.renamed(), expected);
         assert_eq!(
             source.find("viscosity.memory").map(|span| &text[span]),

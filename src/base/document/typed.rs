@@ -15,6 +15,7 @@ use serde::de::{
 use toml::Spanned;
 use toml::de::{DeFloat, DeInteger, DeString, DeTable, DeValue};
 
+use super::Source;
 use super::lists::in_place_of_table;
 
 /// What a text says against TOML or the type that it is read as, and where: bytes of the text.
@@ -49,9 +50,9 @@ impl de::Error for Mismatch {
     }
 }
 
-/// Reads a text as a type.
-pub(super) fn read<T: DeserializeOwned + JsonSchema + 'static>(text: &str) -> Result<T, Mismatch> {
-    let file = parsed(text)?;
+/// Reads a text and its settings as a type.
+pub(super) fn read<T: DeserializeOwned + JsonSchema + 'static>(source: &Source) -> Result<T, Mismatch> {
+    let file = source.document()?;
     match in_place_of_table::<T>(&file) {
         None => T::deserialize(Value(file)),
         Some((span, key)) => Err(Mismatch {
@@ -61,7 +62,7 @@ pub(super) fn read<T: DeserializeOwned + JsonSchema + 'static>(text: &str) -> Re
     }
 }
 
-fn parsed(text: &str) -> Result<Spanned<DeValue<'_>>, Mismatch> {
+pub(super) fn parsed(text: &str) -> Result<Spanned<DeValue<'_>>, Mismatch> {
     let root = DeTable::parse(text).map_err(|error| Mismatch {
         message: error.message().to_owned(),
         span: error.span(),
@@ -248,6 +249,10 @@ mod tests {
     use serde::Deserialize;
 
     use super::*;
+
+    fn read<T: DeserializeOwned + JsonSchema + 'static>(text: &str) -> Result<T, Mismatch> {
+        super::read(&Source::new("x", text, &[]))
+    }
 
     #[derive(Debug, Deserialize, JsonSchema, PartialEq)]
     #[serde(rename_all = "kebab-case")]

@@ -22,9 +22,9 @@ use crate::variants::variants;
 
 const EXAMPLES: &str = "\
 Examples:
-  insonify mesh make ct.nii.gz --nodes 3300 -o body.vtu          the body completed around the organs, one region a label
-  insonify mesh make ct.nii.gz --nodes 1000 --labels 5 -o liver.vtu
-  insonify mesh make ct.nii.gz --nodes 10000 --no-complete -o organs.vtu --json
+  insonify mesh make labels.nii.gz --nodes 3300 -o body.vtu          the body completed around the organs, one region a label
+  insonify mesh make labels.nii.gz --nodes 1000 --labels 5 -o liver.vtu
+  insonify mesh make labels.nii.gz --nodes 10000 --no-complete -o organs.vtu --json
   insonify mesh make --phantom abdomen --nodes 3300 -o abdomen.vtu
 
 Regions carry the label values of the volume in the cell array `region`, their names in the field array `region_names`.

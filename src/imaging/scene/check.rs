@@ -104,8 +104,8 @@ impl SceneFile {
     /// Effects that the scene calls for, and their origins.
     fn called_for(&self, notes: &mut Vec<String>) -> Result<(Effects, Origins), InputError> {
         let table = self.effects.clone().unwrap_or_default();
-        // Without `[effects]` a scene of any version has the usual ones.
-        let is_stated = self.effects.is_some();
+        // Without `[effects]` a scene of any version has the usual ones: keys that are only set change those alone.
+        let is_stated = self.effects.is_some() && self.source.as_ref().is_none_or(|source| source.states("effects"));
         let excluding = is_stated && self.version.is_some_and(|version| version.number() == 1);
         let (effects, origins) = table.resolve(excluding).map_err(|error| self.contradiction(error))?;
         if is_stated && self.version.is_none() {

@@ -97,6 +97,11 @@ pub struct SceneFile {
 document::input_file!(SceneFile, in_ranges);
 
 impl SceneFile {
+    /// Whether the text of the file has a key such as `motion`, whatever is set in it.
+    pub fn states(&self, path: &str) -> bool {
+        self.source.as_ref().is_some_and(|source| source.states(path))
+    }
+
     /// Default scene for a label file or folder of masks: the body completed, tissues by name or value, the probe on
     /// the skin over the largest soft organ, the usual effects.
     pub fn for_labels(path: &Path) -> Self {

@@ -8,7 +8,7 @@ use super::clearance::{Bones, Course};
 use super::file::{ScenarioFile, SceneSource};
 use super::instruments::{BESIDE, EntrySpec};
 use super::needle::NeedleSettings;
-use insonify_base::document::{InputError, Names, NoRegion, RegionName};
+use insonify_base::document::{InputError, Names, NoRegion, RegionName, Setting};
 use insonify_imaging::scene::{Body, NeedleKeyframe, Scene};
 use insonify_tracking::placement::aims;
 use insonify_tracking::pose::Pose;
@@ -118,20 +118,37 @@ impl ScenarioFile {
     pub(crate) fn aimed_in_words(&self, aim: &Aim, pace: [f64; 3]) -> [String; 2] {
         let file = self.boxed(aim);
         let mut lines = String::new();
-        // A scenario without source text was made from a label file.
-        if let (None, Some(SceneSource::Inline(scene))) = (&self.source, &self.scene)
+        // A scenario without a file was made from options: here it is in full, and its keys are dotted.
+        let is_file = self.source.as_ref().is_some_and(|source| source.is_file());
+        let mut keys = ["[tissue]\nbox_mm", "[needle.motion]\nkeyframes"];
+        if let (false, Some(SceneSource::Inline(scene))) = (is_file, &self.scene)
             && let Some(path) = scene.volume.as_ref().and_then(|volume| volume.file.as_ref())
         {
-            let path = toml::Value::String(path.display().to_string());
-            lines += &format!(
-                "version = 2\n[scene.volume]\nfile = {path}\n[scene.pose]\ntarget = \"{}\"\n",
-                aim.name
-            );
+            keys = ["tissue.box_mm", "needle.motion.keyframes"];
+            let stated = [
+                Setting::new("version", 2),
+                Setting::new("scene.volume.file", path.display().to_string()),
+                Setting::new("scene.pose.target", aim.name.as_str()),
+            ];
+            let told = [
+                "version",
+                "scene.volume.file",
+                "scene.pose.target",
+                keys[0],
+                "needle.target",
+                "needle.entry",
+            ];
+            let set = self.source.iter().flat_map(|source| source.settings());
+            let set = set.filter(|setting| told.iter().all(|key| !setting.concerns(key)));
+            stated
+                .iter()
+                .chain(set)
+                .for_each(|setting| lines += &(setting.line() + "\n"));
         }
         if let Some(corners) = file.tissue.box_mm {
-            lines += &format!("[tissue]\nbox_mm = {corners:?}\n");
+            lines += &format!("{} = {corners:?}\n", keys[0]);
         }
-        lines += "[needle.motion]\nkeyframes = [\n";
+        lines += &format!("{} = [\n", keys[1]);
         for key in aim.keyframes(pace) {
             let (time_s, tip, direction) = (key.time_s, key.tip_mm, key.direction);
             lines += &format!("  {{ time_s = {time_s:?}, tip_mm = {tip:?}, direction = {direction:?} }},\n");

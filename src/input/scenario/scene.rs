@@ -1,13 +1,14 @@
 //! Scene of a scenario: located, resolved, and equipped with the needle.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use super::aim::Aim;
 use super::file::{ScenarioFile, SceneSource};
 use super::needle::{Moving, NeedleSettings};
-use insonify_base::document::{InputError, InvalidFile, nearest};
+use insonify_base::document::{self, InputError, InvalidFile, Setting, Source, nearest};
 use insonify_imaging::effects::table::Origin;
-use insonify_imaging::scene::{EXAMPLES, PoseTable, Scene, SceneFile};
+use insonify_imaging::scene::{EXAMPLES, PoseTable, Scene, SceneFile, Version};
 
 impl ScenarioFile {
     /// Returns the scene with its needle, the motion of the needle, and its aim if the target is given by name.
@@ -55,6 +56,11 @@ impl ScenarioFile {
             Some(SceneSource::Inline(file)) => {
                 let mut scene = (**file).clone();
                 scene.version = scene.version.or(self.version);
+                // Effects that are only set leave out no others, in any version.
+                let is_written = |source: &Arc<Source>| source.states("scene.effects");
+                if scene.effects.is_some() && !self.source.as_ref().is_none_or(is_written) {
+                    scene.version = Some(Version::NEWEST);
+                }
                 (scene, base.to_owned(), true)
             }
             Some(SceneSource::Named(name)) => {
@@ -90,8 +96,10 @@ impl ScenarioFile {
     }
 
     fn named_scene(&self, name: &str, base: &Path) -> Result<(SceneFile, PathBuf), InputError> {
+        let settings = self.source.iter().flat_map(|source| source.settings());
+        let settings: Vec<Setting> = settings.filter_map(Setting::within_scene).collect();
         if let Some((_, text)) = EXAMPLES.iter().find(|(known, _)| *known == name) {
-            let file = SceneFile::parse(text, name).map_err(|error| self.of_scene(error, false))?;
+            let file = SceneFile::parse_with(text, name, &settings).map_err(|error| self.of_scene(error, false))?;
             return Ok((file, base.to_owned()));
         }
         let path = base.join(name);
@@ -102,11 +110,9 @@ impl ScenarioFile {
             return Err(self.fault("scene", InvalidFile::name(name, &expected)).with_help(help));
         }
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-        let file = SceneFile::read(&path).map_err(|error| match error.location() {
-            Some(_) => self.of_scene(error, false),
-            // A missing scene file is an error of the scenario file.
-            None => error.at_key("scene", self.source.as_ref()),
-        })?;
-        Ok((file, folder))
+        // A missing scene file is an error of the scenario file.
+        let text = document::read(&path).map_err(|error| error.at_key("scene", self.source.as_ref()))?;
+        let file = SceneFile::parse_with(&text, &path.display().to_string(), &settings);
+        Ok((file.map_err(|error| self.of_scene(error, false))?, folder))
     }
 }

@@ -4,7 +4,7 @@ use std::fmt;
 
 use super::{HistogramDistance, Match, WindowMeasurements};
 use crate::realism::report::{named, small};
-use insonify_base::document::to_toml;
+use insonify_base::document::{InputError, Setting, to_toml};
 use insonify_base::number::fixed;
 use insonify_base::output::OutputError;
 use insonify_base::table::{Cell, Table};
@@ -56,6 +56,17 @@ impl Match {
         }
         // Serialising tables of numbers and names cannot fail.
         written + "\n" + &to_toml(scene).unwrap_or_default()
+    }
+
+    /// Sets keys of the scene, in place of what was estimated.
+    ///
+    /// # Errors
+    /// A key that scenes do not have, or a value of the wrong type.
+    pub fn set(&mut self, settings: &[Setting]) -> Result<(), InputError> {
+        if !settings.is_empty() {
+            self.scene = self.written(&SceneFile::parse_with(&self.scene, "", settings)?);
+        }
+        Ok(())
     }
 
     /// Returns the match as one self-contained HTML document.
