@@ -15,6 +15,7 @@ use crate::acoustics::{Preset, known};
 use crate::volume::{self, Label, LabelVolume, Loaded, VolumeError, load};
 use extent::Extents;
 pub use info::{LabelInfo, SegmentationInfo};
+use insonify_base::note::Notes;
 pub use table::Names;
 
 /// Name of the description of a data set of nnU-Net.
@@ -42,7 +43,7 @@ pub struct Segmentation {
     /// Numbering by which labels were named, and the values of these labels.
     pub by_value: Option<(Preset, Vec<i64>)>,
     /// Sources of the names, one sentence each.
-    pub notes: Vec<String>,
+    pub notes: Notes,
     /// Warnings, one sentence each.
     pub warnings: Vec<String>,
 }
@@ -52,7 +53,7 @@ impl From<LabelVolume> for Segmentation {
         Self {
             volume,
             by_value: None,
-            notes: Vec::new(),
+            notes: Notes::default(),
             warnings: Vec::new(),
         }
     }

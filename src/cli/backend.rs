@@ -7,6 +7,7 @@ use std::sync::Arc;
 use clap::{Args, ValueEnum};
 use insonify_base::blame::Blame;
 use insonify_base::machine::Machine;
+use insonify_base::stage::{self, Extent};
 use insonify_gpu::adapter::{self, AdapterReport, hardware};
 use insonify_gpu::{AdapterChoice, Gpu, Needs};
 use insonify_imaging::quality::cache::Cache;
@@ -95,6 +96,7 @@ impl BackendArgs {
         several: Option<&FrameState>,
     ) -> Result<Chosen, Error> {
         self.check()?;
+        let _stage = stage::enter("preparing the effects", Extent::Unknown);
         let tables = Arc::new(Tables::new(anatomy, settings)?);
         let choice = self.choice();
         let mut chosen = match (self.backend, &choice.name) {

@@ -219,7 +219,7 @@ impl Study {
                 .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
             tasks.push((name.replace([',', '"', '\n'], " "), scenario));
         }
-        let outcome = terminal::with_bar("sessions", |share| {
+        let outcome = terminal::with_share("sessions", |share| {
             study(&tasks, usize::from(self.people), self.seed, &|done, count| {
                 share(done as f64 / count.max(1) as f64);
             })

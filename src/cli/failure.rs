@@ -40,6 +40,9 @@ pub(crate) enum Failure {
     /// A thread cannot be started.
     #[error("a thread cannot be started: {0}")]
     Thread(io::Error),
+    /// No frame would show anything of the volume; the warnings of the scene say why.
+    #[error("nothing is rendered: {0}")]
+    Blind(String),
     /// Standard output is full, or closed other than by a reader that stopped reading.
     #[error("standard output cannot be written: {0}")]
     Output(io::Error),

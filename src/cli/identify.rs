@@ -63,11 +63,11 @@ impl Identify {
             .folder(target, "identify", &["index.html"], &output::inputs(path))?;
         let base = path.parent().unwrap_or(Path::new(""));
         let file = CaseFile::read(path)?;
-        let case = terminal::with_bar("making the mesh", |share| {
+        let case = terminal::with_share("making the mesh", |share| {
             file.resolve(base, &mut |done| share(f64::from(done)))
         })?;
         case.scenario.warnings.iter().for_each(terminal::warn);
-        let identified = terminal::with_bar("simulating insertions", |share| {
+        let identified = terminal::with_share("simulating insertions", |share| {
             identify(case, &|done| {
                 share(done);
                 ControlFlow::Continue(())

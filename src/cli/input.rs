@@ -10,11 +10,11 @@ use insonify_imaging::quality::Picked;
 use insonify_imaging::scene::{self, Scene, SceneFile, Version};
 
 use super::backend::BackendArgs;
-use super::failure::{Error, usage};
+use super::failure::{Error, Failure, usage};
 use super::output::inputs;
 use super::quality::QualityArgs;
 use super::settings::{self, Settings};
-use super::terminal::{note, warn};
+use super::terminal::{self, warn};
 
 /// Largest width and height of a frame, pixels.
 const LARGEST_SIDE: u32 = 16_384;
@@ -87,7 +87,8 @@ impl Input {
         self.scene.as_deref().and_then(Path::parent).unwrap_or(Path::new(""))
     }
 
-    fn load(&self) -> Result<Scene, Error> {
+    /// Reads the scene's file, with what the options change in it.
+    fn read(&self) -> Result<SceneFile, Error> {
         let settings = self.set()?;
         let file = match &self.scene {
             Some(scene) if scene.is_dir() || stem(scene).is_some() => {
@@ -106,7 +107,7 @@ impl Input {
             warn("the motion of the scene is left out: --target places the probe, which stays there");
         }
         self.settings.check(&file)?;
-        Ok(file.resolve(self.folder())?)
+        Ok(file)
     }
 
     /// Lists the files that the command reads.
@@ -125,8 +126,31 @@ impl Input {
     /// Reads the scene and all files that it names, and prints notes and warnings. If the scene states a time
     /// budget for a frame, its open settings are picked for the backend and returned as the second value.
     pub(crate) fn scene(&self, backend: &BackendArgs) -> Result<(Scene, Option<Picked>), Error> {
-        let mut scene = self.load()?;
-        scene.notes.iter().for_each(note);
+        self.told(self.read()?.resolve(self.folder())?, backend)
+    }
+
+    /// Reads the scene as [`scene`](Self::scene) does, after a check of its file, and refuses one of which no frame shows
+    /// anything of the volume.
+    pub(crate) fn visible_scene(
+        &self,
+        backend: &BackendArgs,
+        check: impl FnOnce(&SceneFile, &Path) -> Result<(), Error>,
+    ) -> Result<(Scene, Option<Picked>), Error> {
+        let (file, folder) = (self.read()?, self.folder());
+        check(&file, folder)?;
+        let scene = file.resolve(folder)?;
+        match scene.blind() {
+            Some(reason) => {
+                terminal::notes(&scene.notes);
+                Err(Failure::Blind(reason.to_owned()).into())
+            }
+            None => self.told(scene, backend),
+        }
+    }
+
+    /// Prints notes and warnings, and picks open settings.
+    fn told(&self, mut scene: Scene, backend: &BackendArgs) -> Result<(Scene, Option<Picked>), Error> {
+        terminal::notes(&scene.notes);
         scene.warnings.iter().for_each(warn);
         let picked = self.quality.frames(&mut scene, backend)?;
         Ok((scene, picked))

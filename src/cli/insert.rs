@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 
 use clap::builder::PossibleValuesParser;
 use clap::{Args, ValueEnum};
-use insonify::Summary;
 use insonify::input::scenario::{self, Scenario, ScenarioFile};
 use insonify::run::{Requests, run};
+use insonify::{Model, Summary};
 use insonify_base::document::{self, Setting, Table};
 use insonify_base::read;
 use insonify_imaging::quality::Picked;
@@ -190,9 +190,7 @@ impl Insert {
         if self.vtu.is_some() {
             scenario.follow_stress();
         }
-        let mut model = terminal::with_bar("preparing the model", |share| {
-            scenario.model(|done, count| share(done as f64 / count.max(1) as f64))
-        })?;
+        let mut model = prepared(&scenario)?;
         let mut writer = Writer::new(&scenario, folder.path(), requests)?;
         if requests.frames {
             self.extras.check(&scenario.scene)?;
@@ -294,12 +292,7 @@ impl Insert {
         let picked = self.quality.steps(&mut file, folder)?;
         let scenario = resolve(&file, folder)?;
         self.settings.check(&scenario.scene.file)?;
-        for (index, line) in scenario.notes.iter().flat_map(|note| note.lines().enumerate()) {
-            match index {
-                0 => terminal::note(line),
-                _ => terminal::say(line),
-            }
-        }
+        terminal::notes(&scenario.notes);
         scenario.warnings.iter().for_each(terminal::warn);
         if scenario.quality.step_ms.is_none() && scenario.scene.quality.step_ms.is_some() {
             terminal::warn("quality.step_ms of the scene's own file is ignored: state it in the scenario");
@@ -308,9 +301,16 @@ impl Insert {
     }
 }
 
-/// Resolves a scenario under a progress bar.
+/// Makes the model of a scenario, showing progress.
+pub(crate) fn prepared(scenario: &Scenario) -> Result<Box<dyn Model>, Error> {
+    Ok(terminal::with_share("preparing the model", |share| {
+        scenario.model(|done, count| share(done as f64 / count.max(1) as f64))
+    })?)
+}
+
+/// Resolves a scenario, showing progress.
 pub(crate) fn resolve(file: &ScenarioFile, folder: &Path) -> Result<Scenario, Error> {
-    Ok(terminal::with_bar("making the mesh", |progress| {
+    Ok(terminal::with_share("making the mesh", |progress| {
         file.resolve(folder, |share| progress(f64::from(share)))
     })?)
 }

@@ -103,6 +103,9 @@ struct Cli {
     /// Time after which the program ends, s.
     #[arg(skip)]
     end_after_s: Option<f64>,
+    /// Print notes with their details
+    #[arg(short, long, global = true, conflicts_with = "quiet")]
+    verbose: bool,
     #[command(subcommand)]
     command: Command,
 }
@@ -158,21 +161,33 @@ impl Cli {
         limited(groups::grouped(Self::command(), Command::GROUPS))
     }
 
-    /// Parses the arguments of the process.
-    fn from_arguments() -> Result<Self, clap::Error> {
+    /// Parses the arguments of the process; the second value is the name of the subcommand.
+    fn from_arguments() -> Result<(Self, String), clap::Error> {
         let matches = Self::grouped().try_get_matches()?;
+        let mut name = Vec::new();
+        let mut matched = &matches;
+        while let Some((command, arguments)) = matched.subcommand() {
+            name.push(command);
+            matched = arguments;
+        }
+        let name = name.join(" ");
         let cli = Self::from_arg_matches(&matches).map_err(|error| error.format(&mut Self::grouped()))?;
-        Ok(Self {
+        let cli = Self {
             end_after_s: limit_of(&matches),
             ..cli
-        })
+        };
+        Ok((cli, name))
     }
 
-    /// Runs the subcommand.
-    fn run(self) -> Result<(), Error> {
+    /// Runs the subcommand of this name.
+    fn run(self, name: &str) -> Result<(), Error> {
         if self.quiet {
             terminal::quieten();
         }
+        if self.verbose {
+            terminal::explain();
+        }
+        let _progress = terminal::watched(name);
         if let Err(cause) = watch() {
             terminal::warn(format_args!("an interrupt would leave temporary files behind: {cause}"));
         }
@@ -251,7 +266,7 @@ fn quiet_mesa() {
 fn main() -> ExitCode {
     quiet_mesa();
     let result = match Cli::from_arguments() {
-        Ok(cli) => cli.run(),
+        Ok((cli, name)) => cli.run(&name),
         Err(error) => {
             // A closed terminal must not cause a failure.
             let _ = error.print();

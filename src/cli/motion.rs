@@ -164,7 +164,7 @@ impl Motion {
         }
         let depths = options.centres_mm(echoes.samples);
         let mut tracker = Tracker::new(options, echoes.lines, &echoes.frames[0]);
-        let bar = terminal::progress(echoes.frames.len() - 1);
+        let stage = terminal::frames("tracking motion", echoes.frames.len() - 1);
         let mut summary = Summary::default();
         atomic::write(&self.output, |file| {
             writeln!(file, "frame,line,window,depth_mm,axial_um,lateral_um,correlation")?;
@@ -173,11 +173,11 @@ impl Motion {
                 write_rows(file, frame, &estimates, &depths)?;
                 let truth = truth.as_ref().map(|truth| truth[frame].as_slice());
                 summary.add(frame, estimates, truth, self.frame);
-                bar.inc(1);
+                stage.frame();
             }
             Ok(())
         })?;
-        bar.finish_and_clear();
+        drop(stage);
         for (path, strain) in [(&self.displacement, false), (&self.strain, true)] {
             if let Some(path) = path {
                 let picture = self.picture(&echoes, &depths, &summary.shown, strain)?;
@@ -204,7 +204,7 @@ impl Motion {
     fn echoes(&self) -> Result<(Echoes, Options), Error> {
         let path = self.input.as_deref().unwrap_or(Path::new(""));
         let echoes = Echoes::read(path)?;
-        echoes.notes.iter().for_each(terminal::note);
+        terminal::notes(&echoes.notes);
         let options = self.options(path, &echoes)?;
         Ok((echoes, options))
     }

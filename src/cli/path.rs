@@ -113,7 +113,7 @@ impl PathArgs {
         }
         file.adapter = Some(self.backend.choice());
         let scenario = resolve(&file, &base)?;
-        let plan = terminal::with_bar("simulating lines", |share| {
+        let plan = terminal::with_share("simulating lines", |share| {
             plan(&scenario, &self.options(), &|done, count| {
                 share(done as f64 / count.max(1) as f64);
                 ControlFlow::Continue(())

@@ -122,7 +122,7 @@ impl Puncture {
             ));
         }
         let count = variants.len() as f64;
-        let runs = terminal::with_bar("", |progress| {
+        let runs = terminal::with_share("simulating punctures", |progress| {
             let runs = variants.into_iter().enumerate().map(|(index, (name, options))| {
                 let run = puncture(&options, &mut |share| {
                     progress((index as f64 + share) / count);
@@ -154,7 +154,7 @@ impl Puncture {
 
     fn fitted(&self, path: &Path, options: &PunctureOptions) -> Result<PunctureFit, Error> {
         let samples = fit::read(path)?;
-        terminal::with_bar("fitting", |share| {
+        terminal::with_share("fitting", |share| {
             fit::fit(options, &samples, &mut |done| {
                 share(done);
                 ControlFlow::Continue(())

@@ -11,7 +11,9 @@ use insonify_anatomy::registration::{Quadratic, Registration, corners, register,
 use insonify_anatomy::segmentation;
 use insonify_anatomy::volume::complete::{CompleteOptions, complete};
 use insonify_anatomy::volume::{LabelVolume, save};
+use insonify_base::note::Note;
 use insonify_base::range::numbers;
+use insonify_base::stage;
 use insonify_mesh::TetMesh;
 use insonify_mesh::file::{MeshFileError, ReadOptions, SURFACES, Unit, read_mesh, write_vtu_with};
 use insonify_tracking::calibrate::poses::Poses;
@@ -133,13 +135,13 @@ impl Register {
         known
             .iter_mut()
             .for_each(|landmark| landmark.surface_mm = in_lps(world, &landmark.surface_mm));
-        let registration = register(&surface, &skin, &corners(&volume), &known)?;
+        let registration = stage::during("registering", || register(&surface, &skin, &corners(&volume), &known))?;
         // Before the volume is resampled, which takes long and is useless under a wrong map.
         doubt(&registration, surface.len());
         self.doubt_axes(&registration, world);
         let map = &registration.quadratic.map;
         if let Some(output) = &self.output {
-            save(&resample(&volume, map)?, output)?;
+            save(&stage::during("warping the labels", || resample(&volume, map))?, output)?;
         }
         output::requested(&self.fit, || Ok::<_, Error>(map.toml()))?;
         if let (Some(mesh), Some(output)) = (&self.mesh, &self.mesh_output) {
@@ -153,16 +155,14 @@ impl Register {
     fn open(&self, path: &Path) -> Result<LabelVolume, Error> {
         let opened = segmentation::open(path, &self.names.naming()?)?;
         let name = path.display();
-        opened
-            .notes
-            .iter()
-            .for_each(|note| terminal::note(format_args!("{name}: {note}")));
+        let about_file = |note: &Note| terminal::notes(&[note.about(&name)]);
+        opened.notes.iter().for_each(about_file);
         opened.warnings.iter().for_each(terminal::warn);
         if self.no_complete {
             return Ok(opened.volume);
         }
         let completed = complete(&opened.volume, &CompleteOptions::default())?;
-        terminal::note(format_args!("{name}: {}", completed.note));
+        about_file(&completed.note);
         completed.warning.iter().for_each(terminal::warn);
         Ok(completed.volume.undivided().clone())
     }

@@ -20,8 +20,9 @@ use super::output::Force;
 use super::terminal;
 use super::variants::ranged;
 use insonify::Error;
+use insonify_base::note::Notes;
 use insonify_imaging::quality::Picked;
-use insonify_imaging::scene::Scene;
+use insonify_imaging::scene::{Scene, SceneFile};
 use insonify_imaging::synth::{FrameState, PassTime, Synthesizer};
 
 const EXAMPLES: &str = "\
@@ -88,7 +89,7 @@ struct RenderReport {
     passes: Vec<PassReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
     quality: Option<Picked>,
-    notes: Vec<String>,
+    notes: Notes,
     warnings: Vec<String>,
 }
 
@@ -111,7 +112,12 @@ impl Render {
         if let Some(file) = self.output.as_deref().filter(|path| Target::is_file(path)) {
             self.force.check(&[file], &self.input.files())?;
         }
-        let (mut scene, picked) = self.input.scene(&self.backend)?;
+        // A picture is refused for several frames before the body is completed, which takes long.
+        let fits = |file: &SceneFile, folder: &Path| {
+            let count = self.frames.or_else(|| file.frame_count(folder));
+            count.map_or(Ok(()), |count| Target::choose(self.output.as_deref(), count).map(drop))
+        };
+        let (mut scene, picked) = self.input.visible_scene(&self.backend, fits)?;
         scene.settings.layers = self.extras.layers();
         if let Some(path) = &self.save_labels {
             self.force.check(&[path], &self.input.files())?;
@@ -154,7 +160,7 @@ impl Render {
         let mut passes = Passes::default();
         let mut oddities = FrameWarnings::default();
         let mut frames = Vec::with_capacity(count);
-        let bar = terminal::progress(count);
+        let stage = terminal::frames("rendering", count);
         let start = Instant::now();
         let mut states = scene.states(count);
         let size = BATCH.max(4 * insonify_base::parallel::threads());
@@ -182,12 +188,12 @@ impl Render {
                 passes.add(&times);
                 oddities.add(first_number + index, odd);
                 frames.push(FrameReport { path, ms });
-                bar.inc(1);
+                stage.frame();
                 Ok::<_, Error>(())
             })?;
         }
         output.finish()?;
-        bar.finish_and_clear();
+        drop(stage);
         let frames_per_second = count as f64 / start.elapsed().as_secs_f64();
         if let (true, Some(_), Some(state)) = (self.json, synth.gpu(), scene.states(count).next()) {
             synth.time_passes(true)?;

@@ -13,6 +13,7 @@ use insonify::run::{Moment, Observer, Requests, Step, run};
 use insonify_base::output::atomic::folder_of;
 use insonify_base::output::staged::StagedFile;
 use insonify_base::output::{OutputError, png};
+use insonify_base::stage::Stage;
 use insonify_imaging::rf::bmode::{RANGE_DB, envelope, grey, scan_converted, white};
 use insonify_imaging::rf::file::{Echoes, FIELDS};
 use insonify_imaging::rf::motion::Options;
@@ -26,6 +27,7 @@ use insonify_tracking::probe::{BeamGrid, ImageGrid, Linear, Probe, ProbeShape};
 
 use super::backend::{BackendArgs, BackendName};
 use super::failure::{Error, usage};
+use super::insert::{prepared, resolve};
 use super::output::{Force, inputs};
 use super::render::frame_count;
 use super::terminal;
@@ -183,7 +185,7 @@ impl Rf {
             return Err(usage(format!("--range-db {}", self.range_db), "give 10 to 200 dB"));
         }
         let echoes = Echoes::read(input)?;
-        echoes.notes.iter().for_each(terminal::note);
+        terminal::notes(&echoes.notes);
         if self.frame >= echoes.frames.len() {
             let found = format!("--frame {} of {} frames", self.frame, echoes.frames.len());
             return Err(usage(found, "frames count from 0"));
@@ -205,7 +207,7 @@ impl Rf {
     }
 
     fn synthesise(&self) -> Result<(), Error> {
-        let source = EchoSource::open(self.input.as_deref())?;
+        let source = EchoSource::open(self.input.as_deref(), self.frames)?;
         let scene = source.scene();
         let probe = &scene.settings.probe;
         let acquisition = self.acquisition(probe);
@@ -231,16 +233,16 @@ impl Rf {
             EchoSource::Scene(scene) => self.frames.unwrap_or_else(|| scene.frames()),
             EchoSource::Scenario(scenario) => scenario.timing.moments(scenario.timing.frame_s) as usize,
         };
-        let bar = terminal::progress(count);
+        let stage = terminal::frames("making echoes", count);
         match &source {
             EchoSource::Scene(scene) => {
                 for (index, state) in scene.states(count).enumerate() {
                     recorder.push(scene, &state, scene.time_s(index, count))?;
-                    bar.inc(1);
+                    stage.frame();
                 }
             }
             EchoSource::Scenario(scenario) => {
-                let mut model = scenario.model(|_, _| {})?;
+                let mut model = prepared(scenario)?;
                 let requests = Requests {
                     frames: true,
                     mesh_s: None,
@@ -248,12 +250,12 @@ impl Rf {
                 let mut frames = Frames {
                     recorder: &mut recorder,
                     scene: &scenario.scene,
-                    bar: &bar,
+                    stage: &stage,
                 };
                 run(scenario, model.as_mut(), requests, &mut frames)?;
             }
         }
-        bar.finish_and_clear();
+        drop(stage);
         let report = recorder.finish()?;
         self.tell(&report)
     }
@@ -336,7 +338,7 @@ enum EchoSource {
 }
 
 impl EchoSource {
-    fn open(path: Option<&Path>) -> Result<Self, Error> {
+    fn open(path: Option<&Path>, frames: Option<usize>) -> Result<Self, Error> {
         let Some(path) = path else {
             let scene = SceneFile::parse(scene::DEFAULT, "the default scene")?.resolve(Path::new(""))?;
             return Ok(Self::Scene(Box::new(scene)));
@@ -344,14 +346,31 @@ impl EchoSource {
         let base = path.parent().unwrap_or(Path::new(""));
         let table: Option<toml::Table> = std::fs::read_to_string(path).ok().and_then(|text| text.parse().ok());
         let is_scenario = table.is_some_and(|table| table.contains_key("scene"));
-        let source = match scenario::bundled(path) {
-            Some((name, text)) => Self::Scenario(Box::new(ScenarioFile::parse(text, name)?.resolve(base, |_| {})?)),
-            None if is_scenario => Self::Scenario(Box::new(ScenarioFile::read(path)?.resolve(base, |_| {})?)),
-            None => Self::Scene(Box::new(scene::read_or_bundled(path, &[])?.resolve(base)?)),
+        let scenario = match scenario::bundled(path) {
+            Some((name, text)) => Some(ScenarioFile::parse(text, name)?),
+            None if is_scenario => Some(ScenarioFile::read(path)?),
+            None => None,
         };
-        let scene = source.scene();
-        scene.notes.iter().for_each(terminal::note);
-        scene.warnings.iter().for_each(terminal::warn);
+        let (source, notes, warnings) = match (scenario, frames) {
+            (Some(_), Some(frames)) => {
+                return Err(usage(
+                    format!("--frames {frames} of a scenario, which states its frames"),
+                    "state `frame_rate_hz` under [run] instead",
+                ));
+            }
+            (Some(file), None) => {
+                let scenario = resolve(&file, base)?;
+                let (notes, warnings) = (scenario.notes.clone(), scenario.warnings.clone());
+                (Self::Scenario(Box::new(scenario)), notes, warnings)
+            }
+            (None, _) => {
+                let scene = scene::read_or_bundled(path, &[])?.resolve(base)?;
+                let (notes, warnings) = (scene.notes.clone(), scene.warnings.clone());
+                (Self::Scene(Box::new(scene)), notes, warnings)
+            }
+        };
+        terminal::notes(&notes);
+        warnings.iter().for_each(terminal::warn);
         Ok(source)
     }
 
@@ -530,7 +549,7 @@ impl Recorder {
 struct Frames<'a> {
     recorder: &'a mut Recorder,
     scene: &'a Scene,
-    bar: &'a indicatif::ProgressBar,
+    stage: &'a Stage,
 }
 
 impl Observer for Frames<'_> {
@@ -542,7 +561,7 @@ impl Observer for Frames<'_> {
 
     fn frame(&mut self, moment: &Moment<'_>) -> Result<(), Error> {
         self.recorder.push(self.scene, moment.state, moment.time_s)?;
-        self.bar.inc(1);
+        self.stage.frame();
         Ok(())
     }
 }

@@ -96,7 +96,7 @@ impl Solve {
             let found = "--history of a case without one: `model = \"linear\"`".to_owned();
             return Err(usage(found, "leave it out, or give the case a model with a [history]"));
         }
-        problem.notes.iter().for_each(terminal::note);
+        terminal::notes(&problem.notes);
         problem.warnings.iter().for_each(terminal::warn);
         let solved = problem.solve(self.output.is_some())?;
         if let (Some(output), Some(fields)) = (&self.output, &solved.fields) {

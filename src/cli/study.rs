@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use insonify_base::output::folder::Folder;
+use insonify_base::stage::{self, Extent};
 use insonify_study::tradeoff::Study;
 
 use super::output::Force;
@@ -28,13 +29,11 @@ pub(crate) type Progress<'a> = &'a mut (dyn FnMut(&str, f64) + Send);
 
 /// Shows a progress bar while `run` is running.
 pub(crate) fn watched<T>(run: impl FnOnce(Progress<'_>) -> T) -> T {
-    let bar = terminal::share();
-    let result = run(&mut |what, share| {
-        bar.set_message(what.to_owned());
-        bar.set_position((share * terminal::SHARES as f64) as u64);
-    });
-    bar.finish_and_clear();
-    result
+    let stage = stage::enter("preparing", Extent::Share(0.0));
+    run(&mut |what, share| {
+        stage.rename(what);
+        stage.share(share);
+    })
 }
 
 impl Printed {

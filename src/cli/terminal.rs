@@ -1,24 +1,29 @@
 //! Terminal output: results on standard output, everything else on standard error.
 
+mod progress;
+
 use std::borrow::Cow;
 use std::env;
-use std::fmt::{self, Display};
+use std::fmt::Display;
 use std::io::{self, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 use insonify_base::document::InputError;
+use insonify_base::note::Note;
+use insonify_base::stage::{self, Extent, Stage};
 use insonify_base::text::{MESSAGE, clipped, printable};
 use serde::Serialize;
 
 use super::excerpt::drawn;
 use super::failure::{Error, Failure};
+use progress::Shown;
+use progress::aside;
 
 /// Writes a result to standard output. A reader that stops reading causes no failure.
 pub(crate) fn emit(text: &str) -> Result<(), Error> {
     let mut out = io::stdout().lock();
     let line_end = if text.ends_with('\n') { "" } else { "\n" };
-    match write!(out, "{}{line_end}", printable(text)).and_then(|()| out.flush()) {
+    match aside(|| write!(out, "{}{line_end}", printable(text)).and_then(|()| out.flush())) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(Failure::Output(error).into()),
         _ => Ok(()),
     }
@@ -56,13 +61,26 @@ pub(crate) fn emit_json(value: &impl Serialize) -> Result<(), Error> {
 /// Set by `--quiet`: only results and errors are printed.
 static QUIET: AtomicBool = AtomicBool::new(false);
 
+/// Set by `--verbose`: notes are printed with their details.
+static VERBOSE: AtomicBool = AtomicBool::new(false);
+
 /// Suppresses all output except results and errors.
 pub(crate) fn quieten() {
     QUIET.store(true, Ordering::Relaxed);
 }
 
+/// Adds the details of notes.
+pub(crate) fn explain() {
+    VERBOSE.store(true, Ordering::Relaxed);
+}
+
 fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
+}
+
+/// Shows the progress of a command from now on, unless quiet.
+pub(crate) fn watched(command: &str) -> Option<Shown> {
+    (!is_quiet()).then(|| progress::show(command))
 }
 
 /// Writes to standard error unless quiet; a closed stream causes no failure.
@@ -70,7 +88,9 @@ pub(crate) fn say(text: impl Display) {
     if is_quiet() {
         return;
     }
-    let _ = writeln!(io::stderr().lock(), "{}", printable(&text.to_string()));
+    aside(|| {
+        let _ = writeln!(io::stderr().lock(), "{}", printable(&text.to_string()));
+    });
 }
 
 /// Prints a warning on one line.
@@ -83,6 +103,17 @@ pub(crate) fn note(text: impl Display) {
     say(clipped(&format!("note: {text}"), MESSAGE));
 }
 
+/// Prints notes, one line each, and their details if they are asked for.
+pub(crate) fn notes(notes: &[Note]) {
+    for described in notes {
+        note(described.head());
+        let details = described.details().filter(|_| VERBOSE.load(Ordering::Relaxed));
+        for line in details.into_iter().flat_map(str::lines) {
+            say(clipped(&format!("  {line}"), MESSAGE));
+        }
+    }
+}
+
 /// Prints a failure with the lines of the file concerned.
 pub(crate) fn report(error: &Error) {
     let message = clipped(&error.to_string(), MESSAGE);
@@ -90,7 +121,9 @@ pub(crate) fn report(error: &Error) {
     let excerpt = error.input().and_then(InputError::excerpt);
     let text = drawn(&message, help.as_deref(), excerpt, has_colours());
     // Not through `say`: the colours are intended.
-    let _ = writeln!(io::stderr().lock(), "{text}");
+    aside(|| {
+        let _ = writeln!(io::stderr().lock(), "{text}");
+    });
 }
 
 /// Whether standard error is a terminal that shows colours and the user allows them (<https://no-color.org>).
@@ -99,47 +132,13 @@ fn has_colours() -> bool {
     io::stderr().is_terminal() && !refused && env::var_os("TERM").is_none_or(|name| name != "dumb")
 }
 
-/// Number of steps of the bar created by [`share`].
-pub(crate) const SHARES: u64 = 1000;
-
-/// Progress bar of a single task; hidden where standard error is not a terminal, and on request.
-pub(crate) fn share() -> ProgressBar {
-    if is_quiet() {
-        return ProgressBar::hidden();
-    }
-    styled(ProgressBar::new(SHARES), "{bar:40} {percent} %, {eta} left  {msg}")
+/// Does work that reports the completed fraction.
+pub(crate) fn with_share<T>(name: &str, work: impl FnOnce(&(dyn Fn(f64) + Sync)) -> T) -> T {
+    let stage = stage::enter(name, Extent::Share(0.0));
+    work(&|share| stage.share(share))
 }
 
-/// Shows a progress bar with a message during `work`, which reports the completed fraction.
-pub(crate) fn with_bar<T>(message: &'static str, work: impl FnOnce(&(dyn Fn(f64) + Sync)) -> T) -> T {
-    let bar = share();
-    bar.set_message(message);
-    let result = work(&|share| bar.set_position((share * SHARES as f64) as u64));
-    bar.finish_and_clear();
-    result
-}
-
-/// Progress bar over the frames of a run; hidden where standard error is not a terminal, for a single frame, and on
-/// request.
-pub(crate) fn progress(frames: usize) -> ProgressBar {
-    if is_quiet() || frames < 2 {
-        return ProgressBar::hidden();
-    }
-    // Hides itself where standard error is not a terminal.
-    styled(
-        ProgressBar::new(frames as u64),
-        "{bar:40} {pos}/{len} frames, {rate} a second, {eta} left",
-    )
-}
-
-/// Steps a second, as a whole number.
-fn rate(state: &ProgressState, text: &mut dyn fmt::Write) {
-    let _ = write!(text, "{:.0}", state.per_sec());
-}
-
-fn styled(bar: ProgressBar, template: &str) -> ProgressBar {
-    match ProgressStyle::with_template(template) {
-        Ok(style) => bar.with_style(style.with_key("rate", rate)),
-        Err(_) => bar,
-    }
+/// Begins the frames of a run.
+pub(crate) fn frames(name: &str, count: usize) -> Stage {
+    stage::enter(name, Extent::Frames(0, count as u64))
 }

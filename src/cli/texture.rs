@@ -120,7 +120,7 @@ impl TextureArgs {
         );
         let exemplar = |prepared: PreparedExemplar| prepared.exemplar;
         let exemplars = Exemplars::of(first.exemplar.clone(), zy.map(exemplar), xz.map(exemplar));
-        let solid = terminal::with_bar("synthesis", |share| {
+        let solid = terminal::with_share("synthesis", |share| {
             make(&first, exemplars, self.size, self.seed, &mut |done| share(done))
         })?;
         let extent_mm = solid.side as f64 * solid.voxel_mm;

@@ -18,6 +18,7 @@
 
 mod check;
 pub mod deform;
+mod doubts;
 mod file;
 mod motion;
 pub mod paths;
@@ -41,6 +42,7 @@ use crate::synth::{Backend, FrameState, NeedleShaft, SynthError, Synthesizer};
 use deform::Deformation;
 use insonify_base::blame::Blame;
 use insonify_base::document::{self, InputError, InvalidFile, Setting};
+use insonify_base::note::Notes;
 use insonify_tracking::needle::{NeedlePath, NeedlePose};
 use insonify_tracking::pose::Pose;
 use insonify_tracking::sequence::SequenceFrame;
@@ -120,7 +122,7 @@ pub struct Scene {
     /// Origins of the effects in the scene, and the reasons why it does not have the others.
     pub origins: Origins,
     /// Assumptions made, for the user.
-    pub notes: Vec<String>,
+    pub notes: Notes,
     /// Suspicious settings, for the user.
     pub warnings: Vec<String>,
     /// The scene file with probe, image, effects and a constant pose filled in.
@@ -130,6 +132,8 @@ pub struct Scene {
     needle: Option<Needle>,
     deformation: Option<Deformation>,
     timeline: Timeline,
+    /// Warning about poses that see nothing of the volume.
+    blind: Option<String>,
 }
 
 impl Scene {

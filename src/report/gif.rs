@@ -1,4 +1,4 @@
-//! Animated GIF previews, small enough for a page or a message.
+//! Animated GIFs of frames: at their own size, or as previews small enough for a page or a message.
 
 use std::borrow::Cow;
 use std::fs::File;
@@ -8,18 +8,23 @@ use std::path::{Path, PathBuf};
 use gif::{Encoder, EncodingError, Repeat};
 
 use insonify_base::output::OutputError;
+use insonify_base::output::atomic::folder_of;
+use insonify_base::output::staged::StagedFile;
 
 /// Largest width, pixels: pictures are downscaled by an integer to fit.
 const WIDEST: usize = 426;
 /// Minimum interval between pictures, s: half the frames of a typical run, and as fast as most programs show them.
 const MIN_S: f64 = 0.08;
-/// Number of grey levels: fewer are smaller, and the steps are invisible on speckle.
+/// Number of grey levels of a preview: fewer are smaller, and the steps are invisible on speckle.
 const GREYS: usize = 64;
 
-/// Writer of an animated GIF. It repeats for ever.
-pub struct Preview {
+/// Writer of an animated GIF. It repeats for ever, and appears under its name when [`finish`](Gif::finish) returns.
+pub struct Gif {
     path: PathBuf,
+    staged: StagedFile,
     encoder: Encoder<BufWriter<File>>,
+    /// Number of grey levels.
+    greys: usize,
     /// Columns and rows of the input frames.
     size: [usize; 2],
     /// Downscaling factor along each side.
@@ -32,15 +37,37 @@ pub struct Preview {
     shown: Vec<u8>,
 }
 
-impl Preview {
-    /// Begins a file for grey frames of `width` x `height` pixels (1 or more each, at most 65,535 after downscaling) at
-    /// intervals of `frame_s` seconds (above 0).
+impl Gif {
+    /// Begins a file for grey frames of `width` x `height` pixels (1 to 65,535 each) at intervals of `frame_s` seconds
+    /// (above 0), all of them at their own size. Programs show 50 a second at most.
     ///
     /// # Errors
     /// [`OutputError`] if the file cannot be written, or the size is out of range.
-    pub fn create(path: &Path, width: usize, height: usize, frame_s: f64) -> Result<Preview, OutputError> {
+    pub fn create(path: &Path, width: usize, height: usize, frame_s: f64) -> Result<Self, OutputError> {
+        let delay = (100.0 * frame_s).round().clamp(2.0, 6000.0) as u16;
+        Self::begun(path, [width, height], 1, 256, (1, delay))
+    }
+
+    /// Begins a preview of such frames: downscaled, with fewer grey levels and frames.
+    ///
+    /// # Errors
+    /// The errors of [`create`](Self::create); sizes may be larger by the downscaling.
+    pub fn preview(path: &Path, width: usize, height: usize, frame_s: f64) -> Result<Self, OutputError> {
+        let every = (MIN_S / frame_s - 1e-6).ceil().clamp(1.0, 1e6);
+        let delay = (100.0 * frame_s * every).round().clamp(1.0, 6000.0) as u16;
         let cell = width.div_ceil(WIDEST).max(1);
+        Self::begun(path, [width, height], cell, GREYS, (every as usize, delay))
+    }
+
+    fn begun(
+        path: &Path,
+        size: [usize; 2],
+        cell: usize,
+        greys: usize,
+        (every, delay): (usize, u16),
+    ) -> Result<Self, OutputError> {
         let side = |pixels: usize| u16::try_from(pixels / cell).ok().filter(|side| *side > 0);
+        let [width, height] = size;
         let (Some(columns), Some(rows)) = (side(width), side(height)) else {
             let cause = format!("{width} x {height} pixels make no animated picture");
             return Err(OutputError::write(
@@ -49,21 +76,23 @@ impl Preview {
             ));
         };
         let wrong = |cause| OutputError::write(path, cause);
-        let file = BufWriter::new(File::create(path).map_err(wrong)?);
-        let grey = |level: usize| [(level * 255 / (GREYS - 1)) as u8; 3];
-        let palette: Vec<u8> = (0..GREYS).flat_map(grey).collect();
+        let staged = StagedFile::within(folder_of(path)).map_err(wrong)?;
+        let file = BufWriter::new(staged.file.as_file().try_clone().map_err(wrong)?);
+        let grey = |level: usize| [(level * 255 / (greys - 1)) as u8; 3];
+        let palette: Vec<u8> = (0..greys).flat_map(grey).collect();
         let mut encoder = Encoder::new(file, columns, rows, &palette).map_err(|error| wrong(system(error)))?;
         encoder
             .set_repeat(Repeat::Infinite)
             .map_err(|error| wrong(system(error)))?;
-        let every = (MIN_S / frame_s - 1e-6).ceil().clamp(1.0, 1e6);
-        Ok(Preview {
+        Ok(Self {
             path: path.to_owned(),
+            staged,
             encoder,
-            size: [width, height],
+            greys,
+            size,
             cell,
-            every: every as usize,
-            delay: (100.0 * frame_s * every).round().clamp(1.0, 6000.0) as u16,
+            every,
+            delay,
             seen: 0,
             shown: Vec::with_capacity(usize::from(columns) * usize::from(rows)),
         })
@@ -97,7 +126,8 @@ impl Preview {
                     .sum();
                 // The grey level nearest to the mean.
                 let white = 255 * cell * cell;
-                self.shown.push(((2 * sum * (GREYS - 1) + white) / (2 * white)) as u8);
+                self.shown
+                    .push(((2 * sum * (self.greys - 1) + white) / (2 * white)) as u8);
             }
         }
         let frame = gif::Frame {
@@ -120,7 +150,8 @@ impl Preview {
         let path = self.path;
         let wrong = |cause| OutputError::write(&path, cause);
         let mut file = self.encoder.into_inner().map_err(|error| wrong(system(error)))?;
-        file.flush().map_err(wrong)
+        file.flush().map_err(wrong)?;
+        self.staged.persist(&path).map_err(wrong)
     }
 }
 
@@ -141,7 +172,7 @@ mod tests {
     fn a_preview_is_small_and_as_long_as_the_frames() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.gif");
-        let mut preview = Preview::create(&path, 900, 30, 0.04).unwrap();
+        let mut preview = Gif::preview(&path, 900, 30, 0.04).unwrap();
         for frame in 0..5u8 {
             // A step from dark to bright in the middle of a cell.
             let pixels: Vec<u8> = (0..900 * 30)
@@ -181,10 +212,32 @@ mod tests {
     }
 
     #[test]
+    fn frames_at_their_own_size_keep_their_grey_levels() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("b.gif");
+        let pixels: Vec<u8> = (0..512).map(|index| (index % 256) as u8).collect();
+        let mut film = Gif::create(&path, 512, 1, 0.001).unwrap();
+        (0..3).for_each(|_| film.push(&pixels).unwrap());
+        assert!(!path.exists(), "not before it is whole");
+        film.finish().unwrap();
+        let mut options = gif::DecodeOptions::new();
+        options.set_color_output(gif::ColorOutput::RGBA);
+        let mut decoder = options.read_info(File::open(&path).unwrap()).unwrap();
+        let mut frames = 0;
+        while let Some(frame) = decoder.read_next_frame().unwrap() {
+            assert_eq!((frame.delay, frame.width), (2, 512));
+            let grey: Vec<u8> = frame.buffer.chunks(4).map(|pixel| pixel[0]).collect();
+            assert_eq!(grey, pixels);
+            frames += 1;
+        }
+        assert_eq!(frames, 3);
+    }
+
+    #[test]
     fn what_cannot_be_written_is_told() {
         let folder = tempfile::tempdir().unwrap();
-        assert!(Preview::create(&folder.path().join("none/a.gif"), 8, 8, 0.04).is_err());
-        let refused = Preview::create(&folder.path().join("a.gif"), 0, 8, 0.04).err().unwrap();
+        assert!(Gif::preview(&folder.path().join("none/a.gif"), 8, 8, 0.04).is_err());
+        let refused = Gif::preview(&folder.path().join("a.gif"), 0, 8, 0.04).err().unwrap();
         assert!(refused.to_string().contains("0 x 8"), "{refused}");
     }
 }

@@ -27,6 +27,7 @@ use super::realism::texture::Texture;
 use bench::{Bench, WINDOW};
 use insonify::Error;
 use insonify_anatomy::volume::{At, VolumeError};
+use insonify_base::stage::{self, Extent};
 use insonify_imaging::anatomies::PLAIN;
 use insonify_imaging::effects::Effects;
 use model::Model;
@@ -200,6 +201,7 @@ pub fn fit(picture: &Picture, depth_mm: Option<f64>, seed: u64) -> Result<Match,
         return Err(refuse(picture, wrong, &expected).into());
     }
     let real = bench.measure(vec![picture.clone()]);
+    let stage = stage::enter("matching", Extent::Share(0.0));
     let mut model = Model::start(&bench.probe);
     let default = bench.measure(bench.phantoms(bench.probe, &Effects::usual(), PLAIN)?);
     let phantom = |model: &Model| -> Result<WindowMeasurements, Error> {
@@ -210,7 +212,9 @@ pub fn fit(picture: &Picture, depth_mm: Option<f64>, seed: u64) -> Result<Match,
         let rendered = phantom(&model)?;
         residual = bench.correct(&mut model, &real, &rendered);
         rounds += 1;
+        stage.share(rounds as f64 / (ROUNDS + 2) as f64);
     }
+    stage.share(ROUNDS as f64 / (ROUNDS + 2) as f64);
     let dark = bench.darkness(&mut model)?;
     // Noise and clutter add to the windows too.
     let rendered = phantom(&model)?;

@@ -7,6 +7,7 @@
 
 mod lumen;
 
+use insonify_base::note::Note;
 use insonify_base::parallel;
 use nalgebra::{Matrix4, Point3, Vector3};
 
@@ -86,7 +87,7 @@ pub struct Placement {
     /// Score of this position; larger is better, comparable within one target only.
     pub score: f64,
     /// Description of the choice, for the user.
-    pub note: String,
+    pub note: Note,
 }
 
 /// Places a probe on the skin over the labels `target` (indices), from the front or the side where possible; one whose [`Site`] is a lumen in the
@@ -151,6 +152,35 @@ pub fn place(
              body (unlabelled = \"auto\") or give the probe's pose",
         )
     })
+}
+
+/// Greatest depth, up to `limit_mm`, at which a ray of a field meets the label `target` (index) before one that `is_hiding`
+/// all behind it, mm.
+pub fn deepest_mm(
+    volume: &LabelVolume,
+    target: u8,
+    is_hiding: &dyn Fn(u8) -> bool,
+    probe_to_world: &Matrix4<f64>,
+    (grid, limit_mm): (&BeamGrid, f64),
+) -> Option<f64> {
+    let mut deepest: Option<f64> = None;
+    let stride = (grid.lines() / RAYS).max(1);
+    for ray in grid.rays().iter().step_by(stride) {
+        let start = probe_to_world.transform_point(&Point3::new(ray.origin[0], ray.origin[1], 0.0));
+        let direction = probe_to_world.transform_vector(&Vector3::new(ray.direction[0], ray.direction[1], 0.0));
+        let mut depth = 0.5 * STEP_MM;
+        while depth < limit_mm {
+            if let Some(label) = volume.label_index_at(&(start + direction * depth)) {
+                if label == target {
+                    deepest = Some(deepest.map_or(depth, |before| before.max(depth)));
+                } else if is_hiding(label) {
+                    break;
+                }
+            }
+            depth += STEP_MM;
+        }
+    }
+    deepest
 }
 
 /// A placement that may be chosen.
@@ -230,29 +260,32 @@ impl Search<'_> {
             (x, _) if x > 0.0 => "right side",
             _ => "left side",
         };
-        let cut = if fan.beyond > 0.0 {
-            format!(
+        let mut head = format!(
+            "from the {side}, {:.0} mm deep, {:.0} % of the rays reach the target",
+            fan.depth_mm,
+            100.0 * fan.share
+        );
+        let hidden_percent = 100.0 * (1.0 - visible);
+        if hidden_percent >= 0.5 {
+            head.push_str(&format!(
+                "; {hidden_percent:.0} % of it in view lies behind bone or gas"
+            ));
+        }
+        if fan.beyond > 0.0 {
+            head.push_str(&format!(
                 "; {:.0} % of the array lies past a face of the volume that cuts the body",
                 100.0 * fan.beyond
-            )
-        } else {
-            String::new()
-        };
+            ));
+        }
         let placement = Placement {
             probe_to_world: pose,
             rays_on_target: fan.share,
             visible,
             target_depth_mm: fan.depth_mm,
             score,
-            note: format!(
-                "probe on the skin at ({:.0}, {:.0}, {:.0}) mm, from the {side}: {:.0} % of the rays reach the target, \
-                 {:.0} mm deep; {:.0} % of it in view lies behind bone or gas{cut}",
-                skin.x,
-                skin.y,
-                skin.z,
-                100.0 * fan.share,
-                fan.depth_mm,
-                100.0 * (1.0 - visible),
+            note: Note::new(
+                head,
+                format_args!("probe on the skin at ({:.0}, {:.0}, {:.0}) mm", skin.x, skin.y, skin.z),
             ),
         };
         Some(Candidate {

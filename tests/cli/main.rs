@@ -18,6 +18,7 @@ mod matching;
 mod material;
 mod mesh_make;
 mod meshes;
+mod notes;
 mod outputs;
 mod path;
 mod quality;

@@ -175,7 +175,7 @@ fn naming_excludes_in_version_1() {
 fn a_file_without_a_version_is_told_what_changed() {
     let told = |scene: &Scene| -> Option<String> {
         let note = scene.notes.iter().find(|note| note.contains("the frame of version 1"));
-        note.cloned()
+        note.map(ToString::to_string)
     };
     for effect in effects() {
         let table = format!("{} = {{}}", effect.name);

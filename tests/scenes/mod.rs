@@ -2,6 +2,7 @@
 //! kind of mistake in one.
 
 mod broken;
+mod doubts;
 mod effects;
 mod errors;
 mod examples;

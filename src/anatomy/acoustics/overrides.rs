@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 
+use super::RIGID_KPA;
 use super::{Tissue, presets};
 use insonify_base::blame::Blame;
 use insonify_base::range::{Ranges, parameters};
@@ -197,6 +198,25 @@ impl TissueOverride {
             }
             (_, checked) => checked.map(|()| tissue),
         }
+    }
+}
+
+/// Attenuation above which one is doubted, dB/cm/MHz: of soft tissue, and of what is taken for bone, cartilage or gas.
+const STRONG: [f64; 2] = [3.0, 20.0];
+
+impl TissueOverride {
+    /// Doubt about a stated attenuation that is not of the kind of tissue which it changes.
+    pub(super) fn doubt(&self, tissue: &Tissue) -> Option<String> {
+        let stated = self.attenuation_db_cm_mhz?;
+        let base = presets::get(self.like.as_deref().unwrap_or(&self.name)).unwrap_or_else(super::resolve::fallback);
+        let is_hard = base.attenuation_db_cm_mhz > STRONG[0] || tissue.is_occluder() || tissue.young_kpa >= RIGID_KPA;
+        let most = STRONG[usize::from(is_hard)];
+        (stated > most).then(|| {
+            format!(
+                "tissue \"{}\": attenuation_db_cm_mhz = {stated} lets little sound through: tissue like {} has {}, and at most {most}",
+                self.name, base.name, base.attenuation_db_cm_mhz
+            )
+        })
     }
 }
 

@@ -180,6 +180,12 @@ impl TissueTable {
         }
         let claims = claims(labels, overrides)?;
         let mut warnings = unmatched_claims(labels, overrides);
+        warnings.extend(
+            overrides
+                .iter()
+                .zip(&custom)
+                .filter_map(|(stated, tissue)| stated.doubt(tissue)),
+        );
 
         let mut table = Self {
             tissues: Vec::new(),

@@ -8,6 +8,7 @@ use serde::Serialize;
 use super::Segmentation;
 use crate::acoustics::{Origin, Preset, TissueTable, fallback, known, presets};
 use crate::volume::LabelVolume;
+use insonify_base::note::Notes;
 use insonify_base::text::{self, column};
 
 /// Name of the background in listings.
@@ -30,7 +31,7 @@ pub struct SegmentationInfo {
     /// Labels by ascending value after the background.
     pub labels: Vec<LabelInfo>,
     /// Sources of the names.
-    pub notes: Vec<String>,
+    pub notes: Notes,
     /// Assumptions and warnings of the reader.
     pub warnings: Vec<String>,
 }
@@ -171,7 +172,7 @@ impl fmt::Display for SegmentationInfo {
                 label.from
             )?;
         }
-        for note in &self.notes {
+        for note in self.notes.iter() {
             writeln!(f, "note: {}", text::clipped(note, text::MESSAGE))?;
         }
         for warning in &self.warnings {

@@ -1,5 +1,6 @@
 //! Label volumes with one mask a label: the channels of an axis that is no direction of space.
 
+use insonify_base::note::Notes;
 use std::collections::HashMap;
 
 use super::data;
@@ -129,10 +130,11 @@ pub(super) fn volume(mut header: Header, axis: usize) -> Result<Loaded, VolumeEr
     } else {
         ""
     };
-    let mut notes = vec![format!(
+    let mut notes = Notes::default();
+    notes.push(format!(
         "{count} masks in axis {axis} are read as labels 1 to {}{background}",
         names.len()
-    )];
+    ));
     notes.extend(sets.values.notes());
     let volume = LabelVolume::new(grid.size, labelled.voxels, labelled.labels, grid.index_to_world)
         .map_err(|error| error.in_file(&header.path))?;

@@ -8,6 +8,7 @@
 mod ct;
 mod outline;
 
+use insonify_base::note::Note;
 use nalgebra::Point3;
 
 use super::{Label, LabelVolume, VolumeError};
@@ -136,7 +137,7 @@ pub struct Completed {
     #[cfg_attr(not(test), allow(dead_code, reason = "numbers for tests; the note tells them"))]
     pub filled: Filled,
     /// Assumptions made, for the user.
-    pub note: String,
+    pub note: Note,
     /// Warning about a body that was closed around fewer than 8 organs without bone or trunk.
     pub warning: Option<String>,
 }
@@ -177,7 +178,7 @@ pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Compl
     let unchanged = |note: &str| Completed {
         volume: volume.clone(),
         filled: Filled::default(),
-        note: note.to_owned(),
+        note: note.into(),
         warning: None,
     };
     match options.mode {
@@ -291,8 +292,12 @@ fn note(
     filled: &Filled,
     outline: &Outline,
     body: &[u8; 5],
-) -> String {
-    let mut note = format!(
+) -> Note {
+    let mut head = format!(
+        "the body was closed around the labels, under {} mm of muscle, {} mm of fat and {skin_mm:.1} mm of skin",
+        options.muscle_mm, options.fat_mm,
+    );
+    let mut details = format!(
         "unlabelled voxels: gaps of up to {} mm between the labels, and {WALL_MM} mm around them, were filled with soft tissue \
          ({} voxels) and some {} mm of muscle at its edge ({} voxels), all under some {} mm of fat ({} voxels) and {skin_mm:.1} mm of skin \
          ({} voxels); outside the skin voxels stay empty: sound passes them without echo or loss, as gel",
@@ -304,15 +309,16 @@ fn note(
         filled.fat,
         filled.skin,
     );
-    note.push_str(&unusual_values(volume.labels(), body));
+    details.push_str(&unusual_values(volume.labels(), body));
     let faces = cut_faces(volume, outline.slice_axis(), body[4]);
     if !faces.is_empty() {
-        note.push_str(&format!(
+        head.push_str("; cut without skin at the volume's edge");
+        details.push_str(&format!(
             "; the body reaches the edge of the volume ({}), where it is cut without skin",
             faces.join(", ")
         ));
     }
-    note
+    Note::new(head, details)
 }
 
 /// Warning if the labels of a file, fewer than [`ENOUGH_ORGANS`] organs and no bone, are not surrounded by a trunk.
@@ -367,7 +373,7 @@ fn everywhere(volume: &LabelVolume) -> Result<Completed, VolumeError> {
             soft_tissue,
             ..Filled::default()
         },
-        note: format!("unlabelled voxels are soft tissue, as asked ({soft_tissue} voxels){values}"),
+        note: format!("unlabelled voxels are soft tissue, as asked ({soft_tissue} voxels){values}").into(),
         warning: None,
     })
 }

@@ -381,7 +381,10 @@ mod tests {
         let loaded = volume(cube([5, 1, 1], Element::F64), &numbers).unwrap();
         assert_eq!(values(&loaded), [(0, 3), (2, 2)]);
         let expected = "values are rounded to whole numbers, by at most 1.0e-4 (1.9999 to 2)";
-        assert_eq!(loaded.notes, [expected, "3 voxels are NaN: taken as unlabelled"]);
+        assert_eq!(
+            loaded.notes.join("\n"),
+            [expected, "3 voxels are NaN: taken as unlabelled"].join("\n")
+        );
         let mut scaled = cube([2, 1, 1], Element::U8);
         scaled.scale = Scale::new("scl_slope", 63.0 / 255.0, 0.0);
         let message = volume(scaled, &[255, 121]).unwrap_err().to_string();

@@ -10,6 +10,7 @@ use super::element::{Sample, with_sample};
 use super::error::{At, VolumeError};
 use super::header::Header;
 use super::{FORMATS, LabelVolume, channels, data, extent, foreign, format, labels};
+use insonify_base::note::Notes;
 
 /// A label volume with the warnings of the reader.
 #[derive(Clone, Debug)]
@@ -17,7 +18,7 @@ pub struct Loaded {
     /// Loaded volume.
     pub volume: LabelVolume,
     /// What was read otherwise than as it stands, one sentence each.
-    pub notes: Vec<String>,
+    pub notes: Notes,
     /// Assumptions and warnings, one sentence each.
     pub warnings: Vec<String>,
 }
@@ -79,6 +80,13 @@ fn refuse_sequence(header: &Header) -> Result<(), VolumeError> {
     if frames {
         let instead = "`insonify info` tells what is in it, `[motion.sequence]` of a scene moves the probe by it; labels are a volume";
         return Err(header.unsupported("a recording of tracked frames", instead));
+    }
+    let kind = header.key_values.iter().find(|(key, _)| key == "UltrasoundImageType");
+    if let Some((key, kind)) = kind {
+        let found = format!("an ultrasound image ({key} = {kind})");
+        let instead =
+            "give labels; `insonify realism` and `match` compare frames with it, `insonify rf --bmode` shows echoes";
+        return Err(header.unsupported(found, instead));
     }
     let name = header.path.to_string_lossy().to_ascii_lowercase();
     let stem = name.rsplit_once('.').map_or("", |(stem, _)| stem);

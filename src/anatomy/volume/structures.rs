@@ -12,6 +12,7 @@
 pub mod organ;
 mod vessels;
 
+use insonify_base::note::Note;
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::{Label, LabelVolume, VolumeError};
@@ -47,7 +48,7 @@ pub struct Structured {
     /// file had none.
     pub volume: LabelVolume,
     /// Note about the structures drawn; `None` if there are none.
-    pub note: Option<String>,
+    pub note: Option<Note>,
 }
 
 /// Voxels and labels of the volume being drawn.
@@ -87,9 +88,9 @@ pub fn add(volume: &LabelVolume) -> Result<Structured, VolumeError> {
     structured.set_undivided(volume.undivided().clone());
     Ok(Structured {
         volume: structured,
-        note: Some(format!(
-            "drawn into organs that are labelled in one piece: {}; `structures = false` under [volume] leaves them as they are",
-            notes.join(", ")
+        note: Some(Note::new(
+            "structures were drawn into organs labelled in one piece; `structures = false` under [volume] leaves them out",
+            format_args!("drawn: {}", notes.join(", ")),
         )),
     })
 }

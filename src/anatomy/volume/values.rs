@@ -1,6 +1,7 @@
 //! Label values of image numbers.
 
 use super::element::{Sample, Scale};
+use insonify_base::note::Notes;
 
 /// Deviation from a whole number up to which a value is rounded: resampling and scaling in single precision stay below, and
 /// grey levels do not.
@@ -59,8 +60,8 @@ impl Values {
     }
 
     /// Notes on numbers that are no whole ones, one sentence each.
-    pub(super) fn notes(&self) -> Vec<String> {
-        let mut notes = Vec::new();
+    pub(super) fn notes(&self) -> Notes {
+        let mut notes = Notes::default();
         let (rounding, value) = self.rounding;
         if rounding > 0.0 {
             notes.push(format!(

@@ -5,7 +5,6 @@ use std::fs::{self, File};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use indicatif::ProgressBar;
 use insonify::Summary;
 use insonify::input::scenario::Scenario;
 use insonify::input::scenario::reported_points::Displaced;
@@ -13,9 +12,10 @@ use insonify::run::deformed::{NeedlePoly, seeds_poly};
 use insonify::run::record::Record;
 use insonify::run::{Deformed, Moment, Observer, Requests, Step};
 use insonify_base::output::{OutputError, numbered, png};
+use insonify_base::stage::{self, Extent, Stage};
 use insonify_mesh::TetMesh;
 use insonify_mesh::file::{DISPLACEMENT, MeshFileError, Poly, Values, write_pvd, write_vtp, write_vtu_with};
-use insonify_report::gif::Preview;
+use insonify_report::gif::Gif;
 use insonify_report::plot::SIZE;
 use serde::Serialize;
 
@@ -63,7 +63,7 @@ pub(super) struct Writer<'a> {
     /// Table of forces along the needle, if meshes are written.
     forces: String,
     record: Record,
-    bar: ProgressBar,
+    stage: Stage,
     frames: Option<Rendering<'a>>,
     /// Number of expected meshes.
     mesh_count: usize,
@@ -75,7 +75,7 @@ pub(super) struct Writer<'a> {
 struct Rendering<'a> {
     chosen: Chosen,
     output: Option<Output<'a>>,
-    preview: Option<Preview>,
+    preview: Option<Gif>,
 }
 
 impl<'a> Writer<'a> {
@@ -99,7 +99,7 @@ impl<'a> Writer<'a> {
             points,
             forces: String::new(),
             record,
-            bar: terminal::share(),
+            stage: stage::enter("inserting the needle", Extent::Share(0.0)),
             frames: None,
             mesh_count: requests
                 .mesh_s
@@ -125,7 +125,7 @@ impl<'a> Writer<'a> {
         let count = scenario.timing.moments(scenario.timing.frame_s) as usize;
         let output = target.map(|target| Output::open(target, extras, &scenario.scene, count));
         let path = self.folder.join("preview.gif");
-        let preview = preview.then(|| Preview::create(&path, size.width, size.height, self.scenario.timing.frame_s));
+        let preview = preview.then(|| Gif::preview(&path, size.width, size.height, self.scenario.timing.frame_s));
         self.frames = Some(Rendering {
             chosen,
             output: output.transpose()?,
@@ -144,7 +144,7 @@ impl<'a> Writer<'a> {
 
     /// Finishes the table and writes plots, page and summary.
     pub(super) fn finish(mut self, title: &str, summary: &Summary, report: &impl Serialize) -> Result<(), Error> {
-        self.bar.finish_and_clear();
+        self.stage.rename("writing plots and pages");
         let path = self.folder.join("steps.csv");
         self.steps.flush().map_err(|cause| OutputError::write(&path, cause))?;
         if let Some(points) = &mut self.points {
@@ -153,7 +153,7 @@ impl<'a> Writer<'a> {
         }
         if let Some(frames) = self.frames {
             frames.output.map_or(Ok(()), Output::finish)?;
-            frames.preview.map_or(Ok(()), Preview::finish)?;
+            frames.preview.map_or(Ok(()), Gif::finish)?;
         }
         for (name, files) in &self.series {
             write_pvd(&self.folder.join("mesh").join(format!("{name}.pvd")), files)?;
@@ -266,8 +266,7 @@ impl Observer for Writer<'_> {
         self.record
             .step(step, &mut self.steps)
             .map_err(|cause| OutputError::write(&self.folder.join("steps.csv"), cause))?;
-        self.bar
-            .set_position(terminal::SHARES * step.number / self.scenario.timing.steps);
+        self.stage.share(step.number as f64 / self.scenario.timing.steps as f64);
         Ok(())
     }
 

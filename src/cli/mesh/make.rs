@@ -9,6 +9,8 @@ use insonify_anatomy::phantom::{self, Phantom, PhantomOptions};
 use insonify_anatomy::segmentation::{self, Segmentation};
 use insonify_anatomy::volume::complete::{CompleteOptions, complete};
 use insonify_anatomy::volume::{Label, LabelVolume};
+use insonify_base::note::Notes;
+use insonify_base::stage;
 use insonify_base::text::column;
 use insonify_mesh::file::write_vtu_with;
 use insonify_mesh::generate::{GenerateOptions, GenerateReport, LabelGrid, generate};
@@ -94,7 +96,7 @@ struct MakeReport {
     mislabelled_percent: f64,
     regions: Vec<RegionReport>,
     seconds: f64,
-    notes: Vec<String>,
+    notes: Notes,
     warnings: Vec<String>,
 }
 
@@ -122,14 +124,14 @@ impl Make {
         if self.phantom.is_some() {
             notes.push("the phantom is meshed as it is, outside left out".to_owned());
         } else if self.labels.is_empty() && !self.no_complete {
-            let completed = complete(&volume, &CompleteOptions::default())?;
+            let completed = stage::during("completing the body", || complete(&volume, &CompleteOptions::default()))?;
             volume = completed.volume.undivided().clone();
             notes.push(completed.note);
             warnings.extend(completed.warning);
         } else {
             notes.push("unlabelled voxels are outside, as asked: nothing was filled".to_owned());
         }
-        notes.iter().for_each(terminal::note);
+        terminal::notes(&notes);
         let regions = self.regions(&volume)?;
         let grid = LabelGrid {
             labels: volume.voxels(),
@@ -143,7 +145,7 @@ impl Make {
             ..GenerateOptions::default()
         };
         let start = Instant::now();
-        let generated = terminal::with_bar("", |progress| {
+        let generated = terminal::with_share("making the mesh", |progress| {
             generate(&grid, self.nodes, &options, |share| progress(f64::from(share)))
         })?;
         let seconds = start.elapsed().as_secs_f64();
@@ -159,7 +161,10 @@ impl Make {
     /// Returns the volume to mesh.
     fn segmentation(&self) -> Result<Segmentation, Error> {
         match (self.phantom, &self.volume) {
-            (None, Some(file)) => Ok(segmentation::open(file, &self.names.naming()?)?),
+            (None, Some(file)) => {
+                let naming = self.names.naming()?;
+                Ok(stage::during("reading labels", || segmentation::open(file, &naming))?)
+            }
             (phantom, _) => Ok(phantom::make(phantom.unwrap_or_default(), &PhantomOptions::default())?.into()),
         }
     }
@@ -225,7 +230,7 @@ impl MakeReport {
         generated: &GenerateReport,
         labels: &[Label],
         seconds: f64,
-        notes: Vec<String>,
+        notes: Notes,
         warnings: &mut Vec<String>,
     ) -> Self {
         let name = |value: i64| {

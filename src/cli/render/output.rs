@@ -20,6 +20,7 @@ use insonify_imaging::sequence::{FrameInfo, SequenceWriter, transforms};
 use insonify_imaging::sidecar::{self, Files, ImagePlace, LayerFile, NeedlePlace, Sidecar};
 use insonify_imaging::synth::layers::Layer;
 use insonify_imaging::synth::{FrameState, Synthesizer};
+use insonify_report::gif::Gif;
 use insonify_tracking::needle::{MAX_NODES, NeedlePose};
 use insonify_tracking::pose::Pose;
 
@@ -29,6 +30,9 @@ use crate::failure::{Error, usage};
 
 /// File of the parameters shared by many frames.
 pub(crate) const PARAMETERS: &str = "parameters.json";
+
+/// Interval of frames in a film of a scene without time, s.
+const USUAL_FRAME_S: f64 = 0.04;
 
 /// Largest number of threads that write pictures.
 const MAX_WRITERS: usize = 16;
@@ -50,9 +54,31 @@ pub(crate) struct Output<'a> {
     shared: AtomicBool,
 }
 
-/// A sequence and the thread that writes it; `None` once it is finished.
+/// A file of many frames.
+enum Film {
+    Sequence(SequenceWriter),
+    Gif(Gif),
+}
+
+impl Film {
+    fn push(&mut self, pixels: &[u8], info: &FrameInfo<'_>) -> Result<(), OutputError> {
+        match self {
+            Self::Sequence(writer) => writer.push(pixels, info),
+            Self::Gif(writer) => writer.push(pixels),
+        }
+    }
+
+    fn finish(self) -> Result<(), OutputError> {
+        match self {
+            Self::Sequence(writer) => writer.finish(),
+            Self::Gif(writer) => writer.finish(),
+        }
+    }
+}
+
+/// A film and the thread that writes it; `None` once it is finished.
 struct Stream {
-    writer: Arc<Mutex<Option<SequenceWriter>>>,
+    writer: Arc<Mutex<Option<Film>>>,
     queue: Queue,
 }
 
@@ -81,7 +107,20 @@ pub(crate) struct Shot<'a> {
 impl<'a> Output<'a> {
     /// Creates the folder for numbered files, and starts the sequences if frames go to one.
     pub(crate) fn open(target: Target, extras: &Extras, scene: &'a Scene, frames: usize) -> Result<Self, Error> {
-        if let (Target::Sequence(path, _), true) = (&target, extras.overlay) {
+        let is_gif = matches!(&target, Target::Sequence(path, _) if is_gif(path));
+        let layers = extras.layers();
+        if is_gif && (extras.uncompressed || !layers.is_empty()) {
+            let option = if extras.uncompressed {
+                "--uncompressed"
+            } else {
+                "--layers"
+            };
+            return Err(usage(
+                format!("{option} is not for animated pictures (.gif)"),
+                "write .mha, .nrrd or .npy, or leave it out",
+            ));
+        }
+        if let (Target::Sequence(path, _), true) = (&target, extras.overlay && !is_gif) {
             return Err(usage(
                 format!(
                     "--overlay draws into pictures, and {} is an image sequence",
@@ -97,7 +136,6 @@ impl<'a> Output<'a> {
             ));
         }
         let size = scene.settings.image;
-        let layers = extras.layers();
         let folder = match &target {
             Target::Folder(folder) => Some(folder),
             Target::Sequence(_, folder) if extras.sidecar || extras.overview => Some(folder),
@@ -107,7 +145,16 @@ impl<'a> Output<'a> {
             fs::create_dir_all(folder).map_err(|cause| OutputError::write(folder, cause))?;
         }
         let mut sequences = Vec::new();
-        if let Target::Sequence(path, _) = &target {
+        let mut films = Vec::new();
+        if let (Target::Sequence(path, _), true) = (&target, is_gif) {
+            let span_s = scene.time_s(frames.saturating_sub(1), frames) - scene.time_s(0, frames);
+            let frame_s = if span_s > 0.0 {
+                span_s / (frames - 1) as f64
+            } else {
+                USUAL_FRAME_S
+            };
+            films.push(Film::Gif(Gif::create(path, size.width, size.height, frame_s)?));
+        } else if let Target::Sequence(path, _) = &target {
             sequences.push(SequenceWriter::create(path, size.width, size.height)?);
             for layer in &layers {
                 let path = png::layer_path(path, layer.name());
@@ -115,17 +162,21 @@ impl<'a> Output<'a> {
             }
         }
         let synthetic = format!("insonify {} seed {}", insonify_base::VERSION, scene.settings.seed);
-        let stream = |mut writer: SequenceWriter| {
+        let described = |mut writer: SequenceWriter| {
             if extras.uncompressed {
                 writer = writer.uncompressed()?;
             }
             writer.field("WorldAxes", &scene.motion_world().to_string());
             writer.field("Simulated", &synthetic);
-            // One thread a sequence, as its frames are appended in order.
-            Ok::<_, OutputError>(Stream {
-                writer: Arc::new(Mutex::new(Some(writer))),
-                queue: Queue::new(1),
-            })
+            Ok::<_, OutputError>(Film::Sequence(writer))
+        };
+        for sequence in sequences {
+            films.push(described(sequence)?);
+        }
+        // One thread a film, as its frames are appended in order.
+        let stream = |film: Film| Stream {
+            writer: Arc::new(Mutex::new(Some(film))),
+            queue: Queue::new(1),
         };
         // Many frames are compressed less, and on threads, so that rendering does not wait for the writing.
         let (compression, writers) = match &target {
@@ -143,7 +194,7 @@ impl<'a> Output<'a> {
             frames,
             compression,
             pictures: Queue::new(writers),
-            sequences: sequences.into_iter().map(stream).collect::<Result<_, _>>()?,
+            sequences: films.into_iter().map(stream).collect(),
             shared: AtomicBool::new(false),
         })
     }
@@ -304,7 +355,7 @@ impl<'a> Output<'a> {
     pub(crate) fn finish(self) -> Result<(), Error> {
         self.pictures.finish()?;
         for Stream { writer, queue } in self.sequences.into_iter().rev() {
-            let end = move || lock(&writer).take().map_or(Ok(()), SequenceWriter::finish);
+            let end = move || lock(&writer).take().map_or(Ok(()), Film::finish);
             queue.put(Box::new(end))?;
             queue.finish()?;
         }
@@ -316,6 +367,12 @@ impl Taken {
     fn put(&mut self, job: impl FnOnce() -> Result<(), OutputError> + Send + 'static) {
         self.pictures.push(Box::new(job));
     }
+}
+
+/// Whether a path is that of an animated picture.
+fn is_gif(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|ending| ending.eq_ignore_ascii_case("gif"))
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {

@@ -13,8 +13,8 @@ use insonify_imaging::sidecar::Sidecar;
 use insonify_imaging::synth::layers::Layer;
 
 /// Extensions of unsupported pictures and films, which are not taken for folders.
-const OTHERS: [&str; 14] = [
-    "avi", "bmp", "dcm", "gif", "gz", "jpeg", "jpg", "mhd", "mkv", "mov", "mp4", "tif", "tiff", "webm",
+const OTHERS: [&str; 13] = [
+    "avi", "bmp", "dcm", "gz", "jpeg", "jpg", "mhd", "mkv", "mov", "mp4", "tif", "tiff", "webm",
 ];
 
 /// Destination of frames.
@@ -24,7 +24,7 @@ pub(crate) enum Target {
     File(PathBuf),
     /// A folder of numbered PNGs.
     Folder(PathBuf),
-    /// An image sequence with the transforms of each frame, and a folder for companion files of single frames.
+    /// An image sequence with the transforms of each frame, or an animated GIF, and a folder for companion files of single frames.
     Sequence(PathBuf, PathBuf),
 }
 
@@ -46,11 +46,11 @@ impl Target {
             .map(|ending| ending.to_string_lossy().to_ascii_lowercase());
         let shown = path.display();
         match ending.as_deref() {
-            Some("mha" | "nrrd" | "npy") => Ok(Self::Sequence(path.to_owned(), path.with_extension(""))),
+            Some("mha" | "nrrd" | "npy" | "gif") => Ok(Self::Sequence(path.to_owned(), path.with_extension(""))),
             _ if path.is_dir() || ends_in_separator(path) => Ok(Self::Folder(path.to_owned())),
             Some("png") if frames > 1 => Err(usage(
                 format!("-o {shown} is one picture, and there are {frames} frames"),
-                "name a folder, or an image sequence that ends in .mha, .nrrd or .npy",
+                "name a folder, a film that ends in .gif, or an image sequence that ends in .mha, .nrrd or .npy",
             )),
             _ if frames > 1 && !ending.as_deref().is_some_and(|ending| OTHERS.contains(&ending)) => {
                 Ok(Self::Folder(path.to_owned()))
@@ -58,7 +58,7 @@ impl Target {
             Some("png") | None => Ok(Self::File(path.to_owned())),
             Some(extension) => Err(usage(
                 format!("-o {shown}: pictures that end in .{extension} are not written"),
-                "name a file that ends in .png, .mha, .nrrd or .npy, or a folder that exists",
+                "name a file that ends in .png, .gif, .mha, .nrrd or .npy, or a folder that exists",
             )),
         }
     }
@@ -67,7 +67,11 @@ impl Target {
     pub(crate) fn is_file(path: &Path) -> bool {
         let ending = path.extension().map(OsStr::to_ascii_lowercase);
         !path.is_dir()
-            && ending.is_some_and(|ending| ["png", "mha", "nrrd", "npy"].iter().any(|known| ending == *known))
+            && ending.is_some_and(|ending| {
+                ["png", "gif", "mha", "nrrd", "npy"]
+                    .iter()
+                    .any(|known| ending == *known)
+            })
     }
 
     /// Requested path.

@@ -73,7 +73,13 @@ pub(crate) const EFFECT: Effect = Effect {
     warnings: |tables| {
         let kernel = tables.effects.blur.as_ref();
         let share = kernel.map_or(1.0, |kernel| kernel.least_share);
-        narrowed("effects.blur.width_mm", share, "scanlines")
+        let settings = &tables.settings;
+        let is_stated = settings
+            .effects
+            .blur
+            .as_ref()
+            .is_some_and(|blur| blur.width_mm.is_some());
+        narrowed("effects.blur.width_mm", is_stated, share, "scanlines", &settings.probe)
             .into_iter()
             .collect()
     },

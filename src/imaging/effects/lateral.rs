@@ -4,6 +4,7 @@
 //! sample depth, so that a kernel follows arcs of constant depth about the probe's virtual apex.
 
 use insonify_base::real::{Numbers, Real};
+use insonify_tracking::probe::Probe;
 
 /// Weights across scanlines, one set per sample depth. Tap `t` applies to the scanline at offset `t - reach`.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -31,9 +32,12 @@ pub(crate) const MAX_SIGMA: f64 = MAX_REACH as f64 / 3.0;
 /// there a Gaussian is below -69 dB of its peak.
 const FARTHEST: f64 = 4.0;
 
-/// Warning about a length whose kernel would reach too far, given the share of it that comes out.
-pub(crate) fn narrowed(key: &str, share: f64, finer: &str) -> Option<String> {
-    (share < 0.99).then(|| {
+/// Warning about a length whose kernel would reach too far, given the share of it that comes out. The usual length on the
+/// usual grid is not doubted, though it is wider than a sector at its apex.
+pub(crate) fn narrowed(key: &str, is_stated: bool, share: f64, finer: &str, probe: &Probe) -> Option<String> {
+    let usual = probe.shape.kind().usual();
+    let is_usual = !is_stated && probe.lines <= usual.lines && probe.samples <= usual.samples;
+    (share < 0.99 && !is_usual).then(|| {
         format!(
             "{key} is {:.0} % of the requested value where the grid is finest: a kernel reaches at most {MAX_REACH} {finer} to \
              each side; reduce their number under [probe]",

@@ -92,8 +92,25 @@ pub(crate) const EFFECT: Effect = Effect {
         let Some(speckle) = &tables.effects.speckle else {
             return Vec::new();
         };
-        let axial = narrowed("effects.speckle.axial_mm", speckle.axial_share, "samples");
-        let lateral = narrowed("effects.speckle.lateral_mm", speckle.lateral.least_share, "scanlines");
+        let stated = tables.settings.effects.speckle.as_ref();
+        let [axial, lateral] = [
+            (
+                "axial_mm",
+                stated.and_then(|stated| stated.axial_mm),
+                speckle.axial_share,
+                "samples",
+            ),
+            (
+                "lateral_mm",
+                stated.and_then(|stated| stated.lateral_mm),
+                speckle.lateral.least_share,
+                "scanlines",
+            ),
+        ]
+        .map(|(key, length, share, finer)| {
+            let key = format!("effects.speckle.{key}");
+            narrowed(&key, length.is_some(), share, finer, &tables.settings.probe)
+        });
         axial.into_iter().chain(lateral).collect()
     },
     remove: Some(|_, settings| settings.effects.speckle = None),

@@ -6,6 +6,7 @@ use std::path::Path;
 use super::SPEED_M_S;
 use insonify_anatomy::volume::header::Header;
 use insonify_anatomy::volume::{At, VolumeError, numbers, read_header};
+use insonify_base::note::Notes;
 use insonify_base::{memory, number};
 use insonify_tracking::sequence::Sequence;
 
@@ -29,7 +30,7 @@ pub struct Echoes {
     /// Values of [`FIELDS`] that the file states.
     pub stated: [Option<f64>; 4],
     /// Assumptions, one sentence each.
-    pub notes: Vec<String>,
+    pub notes: Notes,
 }
 
 /// Order of the values of a file's frames.
@@ -86,7 +87,7 @@ impl Layout {
 
     /// Layout by the orientation that a header states, in letters of PLUS: columns and rows run far from or near to the
     /// transducer (F, N), towards the marked or the unmarked side (M, U); without one by the spacing, and a note.
-    fn of(header: &Header, [width, height]: [usize; 2], by_rows: bool, notes: &mut Vec<String>) -> Self {
+    fn of(header: &Header, [width, height]: [usize; 2], by_rows: bool, notes: &mut Notes) -> Self {
         let named = |key: &str| key.to_ascii_lowercase().replace(' ', "") == "ultrasoundimageorientation";
         let unit = header.key_values.iter().find(|(key, _)| named(key));
         let letters = unit.map_or_else(String::new, |(_, value)| value.trim().to_ascii_uppercase());
@@ -123,7 +124,7 @@ fn step_mm(header: &Header, axis: usize) -> f64 {
 }
 
 /// Values of [`FIELDS`] that a header states, or that follow from its spacing.
-fn stated(header: &Header, layout: &Layout, baseband: bool, notes: &mut Vec<String>) -> [Option<f64>; 4] {
+fn stated(header: &Header, layout: &Layout, baseband: bool, notes: &mut Notes) -> [Option<f64>; 4] {
     let mut stated = FIELDS.map(|name| {
         let (_, value) = header.key_values.iter().find(|(key, _)| key == name)?;
         number::parsed(value.trim())
@@ -175,7 +176,7 @@ impl Echoes {
         if header.element.is_none() || sizes.contains(&0) {
             return Err(wrong(format!("sizes {}", header.sizes()), "frames with samples"));
         }
-        let mut notes = Vec::new();
+        let mut notes = Notes::default();
         let layout = Layout::of(&header, size, by_rows, &mut notes);
         let stated = stated(&header, &layout, baseband, &mut notes);
         if kind.is_none() {

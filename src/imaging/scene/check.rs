@@ -1,12 +1,14 @@
 //! Validation of a scene file that requires no other file.
 
 use super::At;
+use super::doubts;
 use super::file::{SceneFile, VolumeSpec};
 use crate::effects::Effects;
 use crate::effects::table::{Contradiction, Origin, Origins};
 use crate::synth::tables::ImageSize;
 use insonify_anatomy::phantom::{self, Phantom};
 use insonify_base::document::InputError;
+use insonify_base::note::Notes;
 use insonify_tracking::TrackingError;
 use insonify_tracking::plus::PlusConfig;
 use insonify_tracking::probe::{BeamGrid, ImageGrid, Probe, ProbeKind, ProbeSpec, Sampling};
@@ -16,6 +18,8 @@ pub(super) struct Framing {
     pub probe: Probe,
     /// Whether the numbers of scanlines and samples are left open.
     pub open_grid: [bool; 2],
+    /// Whether the depth is left open, over a volume of any depth.
+    pub open_depth: bool,
     pub grid: BeamGrid,
     pub image: ImageSize,
     pub effects: Effects,
@@ -28,7 +32,7 @@ impl SceneFile {
     pub(super) fn framing(
         &self,
         plus: Option<&PlusConfig>,
-        notes: &mut Vec<String>,
+        notes: &mut Notes,
         warnings: &mut Vec<String>,
     ) -> Result<Framing, InputError> {
         self.in_ranges("quality", self.quality.as_ref())?;
@@ -41,6 +45,7 @@ impl SceneFile {
         // What a recording has been made with is not guessed.
         let is_recorded = plus.is_some_and(|plus| plus.probe().kind.is_some());
         let probe = self.probe(table, volume.phantom, is_recorded, notes)?;
+        warnings.extend(doubts::of_probe(&probe));
         let grid = BeamGrid::new(&probe).at(self, "probe")?;
         let image = self.image.unwrap_or_default();
         let image = ImageSize {
@@ -62,6 +67,7 @@ impl SceneFile {
         Ok(Framing {
             probe,
             open_grid: [stated.lines.is_none(), stated.samples.is_none()],
+            open_depth: stated.depth_mm.is_none() && volume.phantom.is_none(),
             grid,
             image,
             effects,
@@ -76,7 +82,7 @@ impl SceneFile {
         table: Option<ProbeSpec>,
         phantom: Option<Phantom>,
         is_whole: bool,
-        notes: &mut Vec<String>,
+        notes: &mut Notes,
     ) -> Result<Probe, InputError> {
         let invalid = |error: TrackingError| self.fault(format!("probe.{}", error.key().unwrap_or_default()), error);
         let usual = usual_probe(phantom).map_err(invalid)?;
@@ -102,7 +108,7 @@ impl SceneFile {
     }
 
     /// Effects that the scene calls for, and their origins.
-    fn called_for(&self, notes: &mut Vec<String>) -> Result<(Effects, Origins), InputError> {
+    fn called_for(&self, notes: &mut Notes) -> Result<(Effects, Origins), InputError> {
         let table = self.effects.clone().unwrap_or_default();
         // Without `[effects]` a scene of any version has the usual ones: keys that are only set change those alone.
         let is_stated = self.effects.is_some() && self.source.as_ref().is_none_or(|source| source.states("effects"));

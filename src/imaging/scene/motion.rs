@@ -9,6 +9,7 @@ use super::file::SceneFile;
 use super::paths::{MotionSpec, NeedleFrame, NeedleKeyframe, NeedleMotionSpec, NeedleTable};
 use super::recording::{Recording, left_out};
 use insonify_base::document::{InputError, InvalidFile};
+use insonify_base::note::Notes;
 use insonify_tracking::TrackingError;
 use insonify_tracking::needle::{DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM, NeedlePath, NeedlePose};
 use insonify_tracking::plus::PlusConfig;
@@ -37,7 +38,7 @@ impl SceneFile {
         &self,
         base: &Path,
         plus: Option<&PlusConfig>,
-        notes: &mut Vec<String>,
+        notes: &mut Notes,
         warnings: &mut Vec<String>,
     ) -> Result<Option<ProbePath>, InputError> {
         let Some(motion) = &self.motion else { return Ok(None) };
@@ -96,7 +97,7 @@ impl SceneFile {
         &self,
         base: &Path,
         plus: Option<&PlusConfig>,
-        notes: &mut Vec<String>,
+        notes: &mut Notes,
         warnings: &mut Vec<String>,
     ) -> Result<Option<Needle>, InputError> {
         let Some(table) = &self.needle else { return Ok(None) };
@@ -191,7 +192,7 @@ impl SceneFile {
         motion: &NeedleMotionSpec,
         world: World,
         (base, plus): (&Path, Option<&PlusConfig>),
-        notes: &mut Vec<String>,
+        notes: &mut Notes,
         warnings: &mut Vec<String>,
     ) -> Result<(Trajectory, bool), InputError> {
         let interpolation = motion.interpolation.unwrap_or_default();

@@ -11,6 +11,7 @@ use super::paths::SequenceSpec;
 use crate::synth::tables::ImageSize;
 use insonify_base::document::{InputError, InvalidFile, nearest};
 use insonify_base::matrix::Rows;
+use insonify_base::note::Notes;
 use insonify_tracking::calibration::Calibration;
 use insonify_tracking::plus::PlusConfig;
 use insonify_tracking::probe::{GridSpec, ImageSpec, ProbeSpec};
@@ -52,7 +53,7 @@ impl SceneFile {
     pub(super) fn probe_table(
         &self,
         plus: Option<&PlusConfig>,
-        notes: &mut Vec<String>,
+        notes: &mut Notes,
         warnings: &mut Vec<String>,
     ) -> Option<ProbeSpec> {
         let recorded = plus.map(|plus| (plus.probe(), plus.transducer().unwrap_or("a transducer without a name")));
@@ -92,7 +93,7 @@ impl SceneFile {
         spec: &SequenceSpec,
         base: &Path,
         plus: Option<&PlusConfig>,
-        notes: &mut Vec<String>,
+        notes: &mut Notes,
         warnings: &mut Vec<String>,
     ) -> Result<(Vec<TrackedFrame>, Recording), InputError> {
         let transform = spec.transform.as_deref().unwrap_or("ProbeToTracker");
@@ -201,7 +202,7 @@ impl SceneFile {
         key: &str,
         (file, transform, plus): (Option<&Path>, &str, Option<&PlusConfig>),
         base: &Path,
-        notes: &mut Vec<String>,
+        notes: &mut Notes,
     ) -> Result<(Vec<TrackedFrame>, Sequence), InputError> {
         let Some(file) = file else {
             return Err(self.wrong_keys(key, "no `file`", "the path of a tracked sequence"));

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Matrix4, Point3, Vector3};
 
 use super::check::Framing;
 use super::deform::Deformation;
@@ -14,7 +14,6 @@ use super::paths::MotionSpec;
 use super::recording::{CROP, Recording};
 use super::target::Body;
 use super::{At, Scene, Timeline};
-use crate::effects::Effects;
 use crate::synth::tables::{Anatomy, ImageSize, Settings};
 use insonify_anatomy::acoustics::{TissueError, TissueTable, bank};
 use insonify_anatomy::phantom::{self, Phantom, PhantomOptions};
@@ -25,7 +24,9 @@ use insonify_anatomy::volume::texture::{SolidTexture, TextureOptions};
 use insonify_anatomy::volume::{LabelVolume, VolumeError, load_scalar, structures};
 use insonify_base::document::{InputError, InvalidFile, nearest};
 use insonify_base::matrix::Rows;
+use insonify_base::note::Notes;
 use insonify_base::range::ByKind;
+use insonify_base::stage;
 use insonify_tracking::pose::Pose;
 use insonify_tracking::probe::{BeamGrid, ProbeSpec, Ray};
 use insonify_tracking::trajectory::Trajectory;
@@ -38,7 +39,7 @@ impl SceneFile {
     /// # Errors
     /// [`InputError`] with the key and its place in the file.
     pub fn resolve(&self, base_dir: &Path) -> Result<Scene, InputError> {
-        let mut notes: Vec<String> = self.source.iter().flat_map(|source| source.renamed()).collect();
+        let mut notes: Notes = self.source.iter().flat_map(|source| source.renamed()).collect();
         match self.with_usual_volume(&mut notes) {
             Some(file) => file.resolved(base_dir, notes),
             None => self.resolved(base_dir, notes),
@@ -46,7 +47,7 @@ impl SceneFile {
     }
 
     /// The file with the usual volume, if it names none. `None` if it does, or has keys that belong to another volume.
-    fn with_usual_volume(&self, notes: &mut Vec<String>) -> Option<Self> {
+    fn with_usual_volume(&self, notes: &mut Notes) -> Option<Self> {
         let mut volume = self.volume.clone().unwrap_or_default();
         let is_open = volume.phantom.is_none() && volume.file.is_none();
         if !is_open || volume.misplaced(VolumeKind::Phantom).is_some() {
@@ -60,10 +61,10 @@ impl SceneFile {
         })
     }
 
-    fn resolved(&self, base_dir: &Path, mut notes: Vec<String>) -> Result<Scene, InputError> {
+    fn resolved(&self, base_dir: &Path, mut notes: Notes) -> Result<Scene, InputError> {
         let mut warnings = Vec::new();
         let plus = self.plus_config(base_dir)?;
-        let framing = self.framing(plus.as_ref(), &mut notes, &mut warnings)?;
+        let mut framing = self.framing(plus.as_ref(), &mut notes, &mut warnings)?;
         let path = self.probe_path(base_dir, plus.as_ref(), &mut notes, &mut warnings)?;
         if path.is_some() && self.pose.is_some() {
             let found = "both `[pose]` and a path in `[motion]`";
@@ -74,14 +75,16 @@ impl SceneFile {
         self.check_texture_names(&textures)?;
 
         // Only now, as reading takes long: contradictions in the file have been refused.
-        let volume = self.load_volume(base_dir, &mut notes, &mut warnings)?;
+        // What is the same in each run of a file is told last.
+        let mut of_volume = Notes::default();
+        let volume = self.load_volume(base_dir, &mut of_volume, &mut warnings)?;
         let preset = self.volume()?.preset.unwrap_or_default();
         let (tissues, assumed) = TissueTable::resolve(volume.labels(), &self.tissue, preset)
             .map_err(|error| self.fault(self.tissue_key(&error), error))?;
         warnings.extend(assumed);
         let deformation = self.deformation(&volume, base_dir)?;
 
-        let mut file = self.filled(&framing);
+        let mut pose_of_file = self.pose.clone();
         let (probe, recorded, mut tracked) = match path {
             Some(path) => (path.trajectory, path.recorded, path.recording),
             None => {
@@ -89,13 +92,20 @@ impl SceneFile {
                     volume: &volume,
                     tissues: &tissues,
                 };
-                let pose = self.fixed_pose(&body, &framing.probe, &mut notes, &mut warnings)?;
-                file.pose = Some(PoseTable {
+                let pose = stage::during("placing the probe", || {
+                    self.fixed_pose(&body, &framing.probe, &mut notes, &mut warnings)
+                })?;
+                self.deepen(&body, &pose, &mut framing, &mut notes)?;
+                pose_of_file = Some(PoseTable {
                     matrix: Some(Rows(*pose.probe_to_world())),
                     ..PoseTable::default()
                 });
                 (Trajectory::fixed(pose), false, None)
             }
+        };
+        let mut file = Self {
+            pose: pose_of_file,
+            ..self.filled(&framing)
         };
         let needle = self.in_world(needle, &probe)?;
         let image = self.on_grid(framing.image, tracked.as_ref())?;
@@ -109,12 +119,11 @@ impl SceneFile {
             warnings
                 .extend(contact.and_then(|contact| without_contact(&volume, &framing.grid, &probe, contact.reach_mm)));
         }
-        warnings.extend(blind);
+        warnings.extend(blind.clone());
+        notes.extend(of_volume);
 
         let timeline = self.timeline(&probe, recorded, needle.as_ref(), deformation.as_ref());
-        warnings.extend(unseen(&probe, needle.as_ref(), &timeline, &framing.effects));
-
-        Ok(Scene {
+        let mut scene = Scene {
             anatomy: Anatomy {
                 volume: Arc::new(volume),
                 tissues: Arc::new(tissues),
@@ -140,7 +149,24 @@ impl SceneFile {
             needle,
             deformation,
             timeline,
-        })
+            blind,
+        };
+        scene.warnings.extend(scene.unseen_needle());
+        Ok(scene)
+    }
+
+    /// Number of frames, read without the volume; `None` if it depends on more, or the file has faults.
+    pub fn frame_count(&self, base_dir: &Path) -> Option<usize> {
+        let (mut notes, mut warnings) = (Notes::default(), Vec::new());
+        let plus = self.plus_config(base_dir).ok()?;
+        let path = self
+            .probe_path(base_dir, plus.as_ref(), &mut notes, &mut warnings)
+            .ok()?;
+        let needle = self.needle(base_dir, plus.as_ref(), &mut notes, &mut warnings).ok()?;
+        let still = Trajectory::fixed(Pose::from_matrix(&Matrix4::identity()).ok()?);
+        let (probe, recorded) = path.map_or((still, false), |path| (path.trajectory, path.recorded));
+        let timeline = self.timeline(&probe, recorded, needle.as_ref(), None);
+        self.deform.is_none().then(|| timeline.frames())
     }
 
     /// Times of frames; `recorded` tells whether each pose of the probe's path is a frame of its own.
@@ -186,7 +212,7 @@ impl SceneFile {
     fn load_volume(
         &self,
         base: &Path,
-        notes: &mut Vec<String>,
+        notes: &mut Notes,
         warnings: &mut Vec<String>,
     ) -> Result<LabelVolume, InputError> {
         let spec = self.volume()?;
@@ -195,7 +221,8 @@ impl SceneFile {
                 resolution_mm: spec.resolution_mm,
                 seed: spec.seed.unwrap_or_default(),
             };
-            return phantom::make(kind, &options).at(self, "volume.resolution_mm");
+            return stage::during("making the phantom", || phantom::make(kind, &options))
+                .at(self, "volume.resolution_mm");
         }
         let path = base.join(spec.file.as_deref().unwrap_or(Path::new("")));
         let table = spec.names.as_ref().map(|names| Names::read(&base.join(names)));
@@ -206,7 +233,7 @@ impl SceneFile {
             claimed: &claimed,
         };
         let fault = |error: VolumeError| self.fault(format!("volume.{}", error.key().unwrap_or("file")), error);
-        let opened = open_on(&path, &naming, spec.resolution_mm).map_err(fault)?;
+        let opened = stage::during("reading labels", || open_on(&path, &naming, spec.resolution_mm)).map_err(fault)?;
         notes.extend(opened.notes);
         warnings.extend(opened.warnings);
         let usual = CompleteOptions::default();
@@ -216,14 +243,15 @@ impl SceneFile {
             fat_mm: spec.fat_mm.unwrap_or(usual.fat_mm),
             skin_mm: spec.skin_mm.unwrap_or(usual.skin_mm),
         };
-        let completed = match &spec.ct {
-            Some(ct) => with_ct(
-                &opened.volume,
-                &load_scalar(&base.join(ct)).at(self, "volume.ct")?,
-                &options,
-            ),
+        let ct = spec
+            .ct
+            .as_ref()
+            .map(|ct| load_scalar(&base.join(ct)).at(self, "volume.ct"));
+        let ct = ct.transpose()?;
+        let completed = stage::during("completing the body", || match &ct {
+            Some(ct) => with_ct(&opened.volume, ct, &options),
             None => complete(&opened.volume, &options),
-        }
+        })
         .map_err(fault)?;
         notes.push(completed.note);
         // Warned of only where the mode is the default: who states it has chosen.
@@ -232,7 +260,7 @@ impl SceneFile {
         }
         let mut volume = completed.volume;
         if spec.structures.unwrap_or(true) {
-            let structured = structures::add(&volume).map_err(fault)?;
+            let structured = stage::during("drawing structures", || structures::add(&volume)).map_err(fault)?;
             notes.extend(structured.note);
             volume = structured.volume;
         }
@@ -240,7 +268,7 @@ impl SceneFile {
         match &spec.registration {
             Some(path) => {
                 let map = Quadratic::read(&base.join(path)).at(self, "volume.registration")?;
-                resample(&volume, &map).at(self, "volume.registration")
+                stage::during("warping the labels", || resample(&volume, &map)).at(self, "volume.registration")
             }
             None => Ok(volume),
         }
@@ -371,7 +399,7 @@ fn outside(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, stated: Opt
     let black = blind(World::Lps);
     let mut warning = match (black, poses) {
         (0, _) => return None,
-        (1, 1) => "the probe sees nothing of the volume: the frame will be black".to_owned(),
+        (1, 1) => "the probe sees nothing of the volume".to_owned(),
         _ => format!("the probe sees nothing of the volume in {black} of {poses} poses"),
     };
     let first = path.keys().iter().find(|key| !sees(volume, grid, &key.pose))?;
@@ -425,35 +453,6 @@ fn beside_volume(volume: &LabelVolume, pose: &Pose, world: World) -> String {
     )
 }
 
-/// Warning about a recorded needle that is too far from the scan plane to be shown in any frame.
-fn unseen(probe: &Trajectory, needle: Option<&Needle>, timeline: &Timeline, effects: &Effects) -> Option<String> {
-    let Some(Needle::Moving { path, recorded: true }) = needle else {
-        return None;
-    };
-    let frames = timeline.frames();
-    let (mut nearest, mut reach) = (f64::INFINITY, 0.0);
-    for frame in 0..frames {
-        let time_s = timeline.time_s(frame, frames);
-        let shaft = path.at(time_s).transformed(&probe.at(time_s).world_to_probe());
-        let gaps = shaft.segments_mm().map(|[a, b]| {
-            if a.z * b.z <= 0.0 {
-                0.0
-            } else {
-                a.z.abs().min(b.z.abs())
-            }
-        });
-        nearest = gaps.fold(nearest, f64::min);
-        let plane_mm = effects.needle.as_ref().and_then(|echo| echo.thickness_mm);
-        reach = (shaft.diameter_mm() + plane_mm.unwrap_or(shaft.diameter_mm())) / 2.0;
-    }
-    (nearest > reach).then(|| {
-        format!(
-            "the needle is in none of {frames} frames nearer than {nearest:.1} mm to the imaging plane: it is not seen. Do its path \
-             and that of the probe lead to the same world?"
-        )
-    })
-}
-
 /// Number of scanlines and of depths sampled by [`sees`]: a volume missed between them is smaller than a few beam
 /// widths.
 const LOOKS: usize = 24;
@@ -485,7 +484,7 @@ fn without_contact(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, rea
     })
 }
 
-fn sees(volume: &LabelVolume, grid: &BeamGrid, pose: &Pose) -> bool {
+pub(super) fn sees(volume: &LabelVolume, grid: &BeamGrid, pose: &Pose) -> bool {
     let step = (grid.lines() / LOOKS).max(1);
     let depth_mm = grid.samples() as f64 * grid.sample_spacing_mm();
     grid.rays().iter().step_by(step).any(|ray| {

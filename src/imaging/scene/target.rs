@@ -2,16 +2,22 @@
 
 use nalgebra::{Point3, Vector3};
 
+use super::At;
+use super::check::Framing;
 use super::file::SceneFile;
 use insonify_anatomy::acoustics::{RIGID_KPA, TissueTable};
 use insonify_anatomy::phantom;
 use insonify_anatomy::volume::{Label, LabelVolume};
 use insonify_base::document::{InputError, InvalidFile, Names, RegionName, nearest, plain};
 use insonify_base::matrix::Rows;
+use insonify_base::note::Notes;
 use insonify_base::text::{MESSAGE, clipped, some_of};
-use insonify_tracking::placement::{Meaning, PlacementOptions, place};
+use insonify_tracking::placement::{Meaning, PlacementOptions, deepest_mm, place};
 use insonify_tracking::pose::{Pose, PoseSpec};
-use insonify_tracking::probe::{Probe, Site};
+use insonify_tracking::probe::{BeamGrid, Probe, Site};
+
+/// Largest depth that is chosen for a target, over the usual one.
+const DEEPEST: f64 = 1.6;
 
 /// Labels of the body and their tissues.
 pub struct Body<'a> {
@@ -27,7 +33,7 @@ impl SceneFile {
         &self,
         body: &Body<'_>,
         probe: &Probe,
-        notes: &mut Vec<String>,
+        notes: &mut Notes,
         warnings: &mut Vec<String>,
     ) -> Result<Pose, InputError> {
         let table = self.pose.clone().unwrap_or_default();
@@ -67,6 +73,47 @@ impl SceneFile {
         turned.pose(None).map_err(invalid)
     }
 
+    /// Deepens an image whose depth is left open so that all of a stated target is in it, as far as bone and gas let it be
+    /// seen, and notes so; of a stated depth it notes what is cut off.
+    pub(super) fn deepen(
+        &self,
+        body: &Body<'_>,
+        pose: &Pose,
+        framing: &mut Framing,
+        notes: &mut Notes,
+    ) -> Result<(), InputError> {
+        let target = self.pose.as_ref().and_then(|pose| pose.target.as_ref());
+        let label = target.and_then(|target| body.named(target));
+        let Some(label) = label.filter(|_| framing.probe.shape.kind().site() == Site::Skin) else {
+            return Ok(());
+        };
+        let probe = &mut framing.probe;
+        let before_mm = probe.depth_mm;
+        let most_mm = DEEPEST * before_mm;
+        let is_hiding = |label: u8| body.tissues.tissue(label).occlusion_per_mm > 0.0;
+        let field = (&framing.grid, most_mm);
+        let reached_mm = deepest_mm(body.volume, label, &is_hiding, pose.probe_to_world(), field).unwrap_or(0.0);
+        if reached_mm < before_mm {
+            return Ok(());
+        }
+        let name = body.name(label);
+        if framing.open_depth {
+            probe.depth_mm = (10.0 * (reached_mm / 10.0).ceil() + 10.0).min(most_mm);
+            framing.grid = BeamGrid::new(probe).at(self, "probe")?;
+            notes.push(format!(
+                "the image is {:.0} mm deep, so that it holds {name} ({before_mm} mm would cut it off)",
+                probe.depth_mm
+            ));
+        }
+        if probe.depth_mm <= reached_mm + 1.0 || !framing.open_depth {
+            notes.push(format!(
+                "{name} is cut off by the lower edge: it goes on below the depth of {} mm",
+                probe.depth_mm
+            ));
+        }
+        Ok(())
+    }
+
     /// Error about a target that matches no label, with the most similar labels and the warnings about labels.
     fn no_target(&self, target: &str, body: &Body<'_>, warnings: &[String]) -> InputError {
         let entries = body.entries().into_iter();
@@ -95,7 +142,7 @@ impl SceneFile {
         &self,
         body: &Body<'_>,
         probe: &Probe,
-        notes: &mut Vec<String>,
+        notes: &mut Notes,
         warnings: &mut Vec<String>,
     ) -> Result<Pose, InputError> {
         let table = self.pose.clone().unwrap_or_default();
@@ -143,7 +190,7 @@ impl SceneFile {
                 } else {
                     "over"
                 };
-                notes.push(format!("placed {position} {name}: {}", placement.note));
+                notes.push(placement.note.about(format_args!("placed {position} {name}")));
                 Pose::from_matrix(&placement.probe_to_world).map_err(|error| self.fault("pose", error))
             }
             // Inside the body there is no place to fall back to; on the skin a picture from the front of the volume is

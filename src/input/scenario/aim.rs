@@ -2,6 +2,7 @@
 
 pub mod place;
 
+use insonify_base::note::Note;
 use nalgebra::{Point3, Vector3};
 
 use super::clearance::{Bones, Course};
@@ -39,7 +40,7 @@ pub struct Aim {
     start: Point3<f64>,
     direction: Vector3<f64>,
     /// Description of the choice, for the user.
-    note: String,
+    note: Note,
     /// Warnings, for the user.
     pub warnings: Vec<String>,
 }
@@ -91,18 +92,23 @@ impl ScenarioFile {
             format!(", {offset:.0} mm from the {side} end of the array,")
         });
         let point = |point: &Point3<f64>| format!("({:.1}, {:.1}, {:.1}) mm", point.x, point.y, point.z);
-        let note = format!(
-            "needle: from the skin at {}{side_in_words} {:.0} mm deep to {} in {name}, {}, at {:.0} degrees to the beam; on the way {}",
-            point(&chosen.entry),
-            chosen.depth_mm,
-            point(&tip),
-            if in_view {
-                "its innermost point in view"
-            } else {
-                "its middle"
-            },
-            direction.angle(&pose.axial()).to_degrees(),
-            chosen.course.layers_in_words(&body)
+        let aimed_at = if in_view {
+            "its innermost point in view"
+        } else {
+            "its middle"
+        };
+        let note = Note::new(
+            format_args!(
+                "needle: {:.0} mm deep{side_in_words} to {aimed_at} of {name}, at {:.0} degrees to the beam",
+                chosen.depth_mm,
+                direction.angle(&pose.axial()).to_degrees(),
+            ),
+            format_args!(
+                "from the skin at {} to {}; on the way {}",
+                point(&chosen.entry),
+                point(&tip),
+                chosen.course.layers_in_words(&body)
+            ),
         );
         Ok(Aim {
             name,
@@ -115,7 +121,7 @@ impl ScenarioFile {
     }
 
     /// Describes the choice in words, and as the equivalent lines of a scenario.
-    pub(crate) fn aimed_in_words(&self, aim: &Aim, pace: [f64; 3]) -> [String; 2] {
+    pub(crate) fn aimed_in_words(&self, aim: &Aim, pace: [f64; 3]) -> [Note; 2] {
         let file = self.boxed(aim);
         let mut lines = String::new();
         // A scenario without a file was made from options: here it is in full, and its keys are dotted.
@@ -153,8 +159,13 @@ impl ScenarioFile {
             let (time_s, tip, direction) = (key.time_s, key.tip_mm, key.direction);
             lines += &format!("  {{ time_s = {time_s:?}, tip_mm = {tip:?}, direction = {direction:?} }},\n");
         }
-        let lines = format!("as lines of a scenario:\n{lines}]");
-        [aim.note.clone(), lines]
+        [
+            aim.note.clone(),
+            Note::new(
+                "the needle's way can be stated as lines of a scenario",
+                format_args!("as lines of a scenario:\n{lines}]"),
+            ),
+        ]
     }
 
     /// Returns the scenario with the mesh restricted to a box around the path, unless it states a box.

@@ -4,6 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::guidance::Critical;
 use super::resolve::Scenario;
+use insonify_base::note::Notes;
 use insonify_imaging::scene::{Body, Scene};
 use insonify_tracking::trajectory::Trajectory;
 
@@ -191,7 +192,7 @@ impl Course {
 }
 
 /// Reports the clearance of the needle tip's path from bone, and warns of bone, gas and lung on it.
-pub fn tell(scene: &Scene, tip: &Trajectory, notes: &mut Vec<String>, warnings: &mut Vec<String>) {
+pub fn tell(scene: &Scene, tip: &Trajectory, notes: &mut Notes, warnings: &mut Vec<String>) {
     let mut points: Vec<Point3<f64>> = Vec::new();
     for key in tip.keys() {
         let tip = key.pose.position_mm();

@@ -9,6 +9,7 @@ use super::resolve::{Scenario, Timing};
 use super::tissue::{ColumnsName, DeviceName};
 use super::tissue_setup::{Insertion, ResolvedTissue, TissueSetup};
 use insonify_base::document::InputError;
+use insonify_base::note::Notes;
 use insonify_gpu::{AdapterChoice, Gpu, Needs};
 use insonify_mechanics::insertion::finite::{Finite, FiniteOptions, Setup};
 use insonify_mechanics::insertion::{InvalidSetup, Model};
@@ -110,7 +111,7 @@ impl ScenarioFile {
         &self,
         insertion: &Insertion<'_>,
         progress: &mut dyn FnMut(f32),
-        notes: &mut Vec<String>,
+        notes: &mut Notes,
         warnings: &mut Vec<String>,
     ) -> Result<ResolvedTissue, InputError> {
         let remeshing = self.remeshing()?;

@@ -12,6 +12,7 @@ use super::{mesh_note, path_pieces, tissue_box};
 use crate::input::selection::{Selected, SelectionError, axes, ordered};
 use insonify_anatomy::volume::LabelVolume;
 use insonify_base::document::{InputError, RegionName, stated};
+use insonify_base::note::Notes;
 use insonify_imaging::scene::Scene;
 use insonify_mechanics::tissue::dofs::Dofs;
 use insonify_mechanics::tissue::error::LinearError;
@@ -42,7 +43,7 @@ impl ScenarioFile {
         base: &Path,
         path: &Trajectory,
         progress: &mut dyn FnMut(f32),
-        notes: &mut Vec<String>,
+        notes: &mut Notes,
         warnings: &mut Vec<String>,
     ) -> Result<Meshed, InputError> {
         let spec = &self.tissue;
@@ -92,7 +93,7 @@ impl ScenarioFile {
         scene: &Scene,
         path: &Trajectory,
         progress: &mut dyn FnMut(f32),
-        notes: &mut Vec<String>,
+        notes: &mut Notes,
     ) -> Result<TetMesh, InputError> {
         let nodes = self.tissue.nodes.unwrap_or(DEFAULT_NODES);
         // Vessels drawn into organs are only imaged; the mesh has the organs as they were before.
@@ -191,7 +192,7 @@ impl ScenarioFile {
         mesh: &TetMesh,
         names: &Regions<'_>,
         properties: &BTreeMap<i32, Region>,
-        notes: &mut Vec<String>,
+        notes: &mut Notes,
         warnings: &mut Vec<String>,
     ) -> Result<Vec<(u32, u8)>, InputError> {
         let mut fixed = vec![[false; 3]; mesh.nodes().len()];

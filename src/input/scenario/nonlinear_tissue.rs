@@ -11,6 +11,7 @@ use super::tissue::TissueModel;
 use super::tissue_setup::{Deforming, Insertion, ResolvedTissue, TissueSetup};
 use crate::input::statics::SchemeName;
 use insonify_base::document::InputError;
+use insonify_base::note::Notes;
 use insonify_base::range::parameters;
 use insonify_mechanics::insertion::nonlinear::{
     Nonlinear, NonlinearOptions, NonlinearSetup, Plane, Viscosity, in_body, obstacle,
@@ -97,7 +98,7 @@ impl ScenarioFile {
         &self,
         insertion: &Insertion<'_>,
         progress: &mut dyn FnMut(f32),
-        notes: &mut Vec<String>,
+        notes: &mut Notes,
         warnings: &mut Vec<String>,
     ) -> Result<ResolvedTissue, InputError> {
         let meshed = self.deforming(insertion, progress, notes, warnings)?;

@@ -16,6 +16,7 @@ use super::probe::rigid;
 use super::reported_points::Reported;
 use super::tissue_setup::{Insertion, TissueSetup};
 use insonify_base::document::InputError;
+use insonify_base::note::Notes;
 use insonify_imaging::quality::QualitySpec;
 use insonify_imaging::scene::Scene;
 use insonify_mechanics::insertion::{Anatomy, Instruments, Interaction, RecordedInput, Recording, Saved};
@@ -91,7 +92,7 @@ pub struct Scenario {
     /// Time budgets of steps and frames; empty where the scenario states none.
     pub quality: QualitySpec,
     /// Assumptions made, for the user.
-    pub notes: Vec<String>,
+    pub notes: Notes,
     /// Suspicious settings, for the user.
     pub warnings: Vec<String>,
     /// Planned motion of the needle.

@@ -33,6 +33,7 @@ impl ScenarioFile {
                 let mut scene = scene.with_needle(moving.needle.clone()).map_err(of_scene)?;
                 scene.notes.extend(self.aimed_in_words(&aim, pace));
                 scene.warnings.extend(aim.warnings.iter().cloned());
+                scene.warnings.extend(scene.unseen_needle());
                 (scene, moving, Some(aim))
             }
         };

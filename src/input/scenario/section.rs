@@ -82,7 +82,7 @@ impl Scenario {
         present.dedup();
         let properties = regions.properties(&present)?;
         let laws: Vec<AnyLaw> = flat.regions.iter().map(|region| properties[region].law).collect();
-        let (mut notes, mut warnings) = (Vec::new(), Vec::new());
+        let (mut notes, mut warnings) = (Default::default(), Vec::new());
         let clamped = self
             .file
             .fixed(&slab, &regions, &properties, &mut notes, &mut warnings)?;

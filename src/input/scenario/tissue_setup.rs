@@ -16,6 +16,7 @@ use super::resolve::{Scenario, Timing};
 use super::section::PlaneSection;
 use super::tissue::TissueModel;
 use insonify_base::document::InputError;
+use insonify_base::note::Notes;
 use insonify_imaging::scene::Scene;
 use insonify_mechanics::insertion::spring::MassSpringParameters;
 use insonify_mechanics::insertion::{Anatomy, Interaction, MeshRegions, Model};
@@ -259,7 +260,7 @@ impl ScenarioFile {
         &self,
         insertion: &Insertion<'_>,
         progress: &mut dyn FnMut(f32),
-        notes: &mut Vec<String>,
+        notes: &mut Notes,
         warnings: &mut Vec<String>,
     ) -> Result<ResolvedTissue, InputError> {
         match self.tissue.model {
@@ -276,7 +277,7 @@ impl ScenarioFile {
         &self,
         insertion: &Insertion<'_>,
         progress: &mut dyn FnMut(f32),
-        notes: &mut Vec<String>,
+        notes: &mut Notes,
         warnings: &mut Vec<String>,
     ) -> Result<Deforming, InputError> {
         let meshed = self.mesh(

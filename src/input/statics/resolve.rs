@@ -9,6 +9,7 @@ use super::file::ProblemFile;
 use super::loads::Loads;
 use crate::input::selection::{AXES, Selected, Selection, axes, numbered};
 use insonify_base::document::{InputError, Names, RegionName};
+use insonify_base::note::Notes;
 use insonify_mechanics::tissue::problem::Fix;
 use insonify_mechanics::tissue::viscoelastic::point::Method;
 use insonify_mesh::TetMesh;
@@ -38,7 +39,7 @@ pub struct Problem {
     /// Nodes whose displacements are reported, in the order requested.
     pub report_nodes: Vec<u32>,
     /// Numbers of nodes held by each `[[fix]]`, for the user.
-    pub notes: Vec<String>,
+    pub notes: Notes,
     /// Warnings about a solvable problem.
     pub warnings: Vec<String>,
     /// Duration of reading the files, s.
@@ -103,7 +104,7 @@ impl ProblemFile {
         warnings.extend(mesh_warnings(&quality));
         let regions = Regions::new(&mesh, read.region_names, read.region_hint);
         let materials = self.materials(&mesh, &regions)?;
-        let mut notes = Vec::new();
+        let mut notes = Notes::default();
         let (fixes, tables) = self.fixes(&mesh, &regions, &mut notes, &mut warnings)?;
         let loads = self.loads(&mesh, &regions, &materials)?;
         let unloaded = loads.forces.iter().all(|applied| applied.load.force_n == [0.0; 3]);
@@ -160,7 +161,7 @@ impl ProblemFile {
         &self,
         mesh: &TetMesh,
         regions: &Regions,
-        notes: &mut Vec<String>,
+        notes: &mut Notes,
         warnings: &mut Vec<String>,
     ) -> Result<(Vec<Fix>, Vec<usize>), InputError> {
         let (mut fixes, mut tables) = (Vec::new(), Vec::new());

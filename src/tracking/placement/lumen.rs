@@ -79,7 +79,7 @@ pub(super) fn place(
         visible: 1.0,
         target_depth_mm: 0.0,
         score: radius_mm,
-        note,
+        note: note.into(),
     })
 }
 

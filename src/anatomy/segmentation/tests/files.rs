@@ -35,7 +35,11 @@ fn real_files_say_what_they_said() {
         };
         let folder = path.parent().unwrap().display().to_string();
         let info = SegmentationInfo::new(&opened(&path), &path);
-        let said = info.notes.iter().chain(&info.warnings);
+        let said = info
+            .notes
+            .iter()
+            .map(|note| &**note)
+            .chain(info.warnings.iter().map(String::as_str));
         let said: Vec<String> = said.map(|line| line.replace(&folder, "FOLDER")).collect();
         assert_eq!(said, lines, "{file}");
     }

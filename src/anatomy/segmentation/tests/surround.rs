@@ -57,7 +57,12 @@ fn a_background_that_is_not_0_is_guessed_and_told() {
         );
         assert_eq!(read.volume.labels()[0].voxels, plain.volume.labels()[0].voxels);
         let told = format!("label {value} (14.9 l) surrounds all others and is taken as unlabelled");
-        assert_eq!((&read.notes[0], read.warnings.len()), (&told, 0), "{:?}", read.warnings);
+        assert_eq!(
+            (&*read.notes[0], read.warnings.len()),
+            (told.as_str(), 0),
+            "{:?}",
+            read.warnings
+        );
     }
     // Near misses: another value, and 255 that does not surround.
     assert!(

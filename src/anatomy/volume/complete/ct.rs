@@ -3,6 +3,7 @@
 //! The body is the region denser than gas that is connected with the labels, without the table. Unlabelled voxels in it are classified by their grey
 //! values, smoothed over three voxels. The classes correspond to the values of [`numbering::body`](crate::acoustics::numbering::body).
 
+use insonify_base::note::Note;
 use insonify_base::parallel::{chunks_mut, for_each};
 use nalgebra::Point3;
 
@@ -120,10 +121,12 @@ pub fn with_ct(volume: &LabelVolume, ct: &ScalarImage, options: &CompleteOptions
     let mut counts = [0u64; 256];
     changed.for_each(|(new, _)| counts[usize::from(*new)] += 1);
     let filled = filled(class, &counts);
-    let mut note = note(&labels, class, &counts, reach);
-    if bright.is_some() && !has_vessels {
-        note.push_str("; the liver shows no vessels");
-    }
+    let head = if bright.is_some() && !has_vessels {
+        "unlabelled voxels were filled by the CT; the liver shows no vessels"
+    } else {
+        "unlabelled voxels were filled by the CT"
+    };
+    let note = note(&labels, class, &counts, reach, head);
     Ok(Completed {
         volume: LabelVolume::new(size, voxels, labels, *volume.index_to_world())?,
         filled,
@@ -164,7 +167,7 @@ fn median(volume: &LabelVolume, grey: &[f32], wanted: &dyn Fn(u8) -> bool) -> Op
 }
 
 /// Note about a body that was filled by a CT, with the voxels of each class.
-fn note(labels: &[Label], class: [u8; 8], counts: &[u64; 256], reach: f64) -> String {
+fn note(labels: &[Label], class: [u8; 8], counts: &[u64; 256], reach: f64, head: &str) -> Note {
     let counted: Vec<String> = CLASSES
         .iter()
         .zip(class)
@@ -177,14 +180,15 @@ fn note(labels: &[Label], class: [u8; 8], counts: &[u64; 256], reach: f64) -> St
             )
         })
         .collect();
-    format!(
-        "filled by the CT, below {} HU as gas, to {} as fat, to {} as muscle near the outline of the labels and soft tissue elsewhere, above as \
+    let details = format!(
+        "below {} HU as gas, to {} as fat, to {} as muscle near the outline of the labels and soft tissue elsewhere, above as \
          bone, the outermost {reach:.1} mm as skin; voxels: {}",
         LIMITS_HU[0],
         LIMITS_HU[1],
         LIMITS_HU[2],
         counted.join(", ")
-    )
+    );
+    Note::new(head, details)
 }
 
 /// Grey values of voxels, smoothed over three of them; air where there is no CT.

@@ -8,6 +8,7 @@ use crate::input::scenario::Scenario;
 use crate::input::scenario::reported_points::{Displaced, Extremes, Points};
 use crate::run::record::Record;
 use crate::run::{Deformed, Observer, Requests, Step, run};
+use insonify_base::note::Note;
 use insonify_mechanics::insertion::{EventKind, Model, StepError, Tissue};
 
 /// The block with an oblique probe that turns on the way, and two points.
@@ -291,7 +292,7 @@ fn nodes_are_fixed_by_cylinder_and_by_the_surface_of_a_region() {
         );
         assert!(low < start && high > end, "axis {axis}: {low} to {high}");
     }
-    let counted = |note: &&String| note.starts_with("tissue.fix[1] fixes ") && note.ends_with(" nodes");
+    let counted = |note: &&Note| note.starts_with("tissue.fix[1] fixes ") && note.ends_with(" nodes");
     assert_eq!(scenario.notes.iter().filter(counted).count(), 1, "{:?}", scenario.notes);
 
     let (scenario, inside) = held_nodes(&with_fix(&hole("part = \"inside\"")));
