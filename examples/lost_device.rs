@@ -23,7 +23,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let gpu = synth.gpu().ok_or("the adapter is a GPU")?.clone();
     println!("device on {}", gpu.report().name);
-    let state = scene.states(1).next().ok_or("a scene has a frame")?;
+    let state = scene.states(1).next().ok_or("a scene has a frame")??;
     let before = synth.render(&state)?.clone();
     println!("a frame of {} x {} pixels", before.width, before.height);
 

@@ -5,7 +5,7 @@ struct Params {
     probe_to_world: array<vec4<f32>, 3>,
     world_to_index: array<vec4<f32>, 3>,
     // Place of each layer among those asked for.
-    places: array<vec4<u32>, 2>,
+    places: array<vec4<u32>, 3>,
     size: vec3<u32>,
     sample_mm: f32,
     lines: u32,
@@ -29,6 +29,7 @@ const DISPLACEMENT = 4u;
 const DEPTH = 5u;
 const NEEDLE = 6u;
 const LOSS = 7u;
+const ORGAN = 8u;
 
 fn put(layer: u32, line: u32, sample: u32, value: u32) {
     let place = params.places[layer >> 2u][layer & 3u];
@@ -43,6 +44,13 @@ fn rounded(value: f32) -> u32 {
 fn label_value(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x < params.samples {
         put(LABEL_VALUE, id.y, id.x, values[labels[id.y * params.samples + id.x]]);
+    }
+}
+
+@compute @workgroup_size(64)
+fn organ(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x < params.samples {
+        put(ORGAN, id.y, id.x, values[labels[id.y * params.samples + id.x]]);
     }
 }
 

@@ -17,7 +17,7 @@
 //! let mut synthesizer = scene.synthesizer(Backend::Cpu)?;
 //! for state in scene.states(1) {
 //!     // A state has the poses of probe and needle, and the positions of mesh nodes.
-//!     let frame = synthesizer.render(&state)?;
+//!     let frame = synthesizer.render(&state?)?;
 //!     assert_eq!((frame.width, frame.height, frame.pixels.len()), (320, 240, 320 * 240));
 //! }
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -158,7 +158,7 @@ pub use insonify_imaging::scene::{DEFAULT as DEFAULT_SCENE, Scene, SceneFile};
 pub use insonify_imaging::sequence::{FrameInfo, SequenceWriter};
 pub use insonify_imaging::sidecar::Sidecar;
 pub use insonify_imaging::synth::layers::Layer;
-pub use insonify_imaging::synth::tables::{Anatomy, ImageSize, Settings, Tables};
+pub use insonify_imaging::synth::tables::{Anatomy, FrameSettings, ImageSize, Settings, Tables};
 pub use insonify_imaging::synth::{
     Backend, Frame, FrameState, NeedleShaft, NeedleView, PassTime, SynthError, Synthesizer, Ticket,
 };

@@ -18,6 +18,7 @@ pub mod header;
 mod labels;
 mod load;
 mod names;
+mod organs;
 pub(crate) mod overlap;
 mod save;
 mod several;
@@ -82,6 +83,8 @@ pub struct LabelVolume {
     labels: Vec<Label>,
     /// Whether any voxel has each label.
     occurs: Vec<bool>,
+    /// What labels were drawn into; empty if nothing was drawn.
+    drawn_into: Vec<Option<i64>>,
     /// The volume before structures were drawn into its organs, if there are any.
     undivided: Option<Arc<Self>>,
     index_to_world: Matrix4<f64>,
@@ -126,6 +129,7 @@ impl LabelVolume {
             size,
             voxels: Arc::new(voxels),
             undivided: None,
+            drawn_into: Vec::new(),
             labels,
             occurs,
             world_to_index: inverse(&index_to_world)?,

@@ -11,7 +11,6 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use super::output::atomic;
-use super::read;
 
 /// Environment variable that overrides the cache folder.
 const FOLDER_VARIABLE: &str = "INSONIFY_CACHE";
@@ -130,7 +129,7 @@ fn path(folder: &Path, key: &str) -> Option<PathBuf> {
 
 /// Contents of a file whose length and checksum are right.
 fn get(path: &Path, length: usize) -> Option<Vec<u8>> {
-    let mut file = read::open(path).ok()?;
+    let mut file = path.is_file().then(|| fs::File::open(path).ok()).flatten()?;
     if file.metadata().ok()?.len() != (SUM + length) as u64 {
         return None;
     }

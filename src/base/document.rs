@@ -14,7 +14,7 @@ pub use lists::Table;
 pub use region::{Names, NoRegion, RegionName, plain};
 pub use setting::Setting;
 pub use source::Source;
-pub use suggest::nearest;
+pub use suggest::{nearest, paths};
 
 use std::borrow::Cow;
 use std::io;

@@ -1,8 +1,10 @@
 //! Opening and reading of files: regular files only, each within the limit of its kind and the memory.
 
+use std::collections::BTreeSet;
 use std::fs::{self, File, FileType};
 use std::io::{self, Read};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use crate::foreign::Foreign;
 use crate::memory::{self, TooLarge};
@@ -74,11 +76,31 @@ impl From<Refused> for io::Error {
     }
 }
 
+/// Files opened since [`record`].
+static OPENED: Mutex<Option<BTreeSet<PathBuf>>> = Mutex::new(None);
+
+fn opened() -> MutexGuard<'static, Option<BTreeSet<PathBuf>>> {
+    OPENED.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Notes from here on which files this process opens.
+pub fn record() {
+    opened().get_or_insert_default();
+}
+
+/// The regular files opened since [`record`], in the order of their paths.
+pub fn recorded() -> Vec<PathBuf> {
+    opened().iter().flatten().cloned().collect()
+}
+
 /// Opens a regular file, following symbolic links. Anything else is refused at once: a pipe or a device may never
 /// end.
 pub fn open(path: &Path) -> io::Result<File> {
     let kind = metadata(path)?.file_type();
     if kind.is_file() {
+        if let Some(opened) = &mut *opened() {
+            opened.insert(path.to_owned());
+        }
         File::open(path)
     } else {
         Err(Refused::Irregular(name_of(kind)).into())

@@ -79,7 +79,7 @@ impl Bench {
         }
         let (scene, _) = self.input.scene(&self.backend)?;
         let count = scene.frames().min(self.frames);
-        let states: Vec<FrameState> = scene.states(count).collect();
+        let states: Vec<FrameState> = scene.states(count).collect::<Result<_, _>>()?;
         let options = BenchOptions {
             frames: self.frames,
             patience: Duration::from_secs_f64(self.time_limit_s),

@@ -69,6 +69,20 @@ impl Force {
         Ok(Folder::open(target, command, names, inputs, self.force)?)
     }
 
+    /// Checks a folder for the files of a run, which [`Folder::begin`] begins.
+    pub(crate) fn folder_to_begin(
+        self,
+        target: &Path,
+        command: &'static str,
+        names: &[&str],
+        inputs: &[PathBuf],
+    ) -> Result<Folder, Error> {
+        if target.as_os_str().is_empty() {
+            return Err(usage("-o names no folder", "name a folder"));
+        }
+        Ok(Folder::check_only(target, command, names, inputs, self.force)?)
+    }
+
     /// Opens a folder if one is requested.
     pub(crate) fn requested_folder(
         self,

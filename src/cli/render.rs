@@ -2,6 +2,7 @@
 
 mod coverage;
 pub(crate) mod extras;
+mod manifest;
 pub(crate) mod output;
 pub(crate) mod target;
 
@@ -10,8 +11,10 @@ use std::time::Instant;
 
 use clap::Args;
 use extras::Extras;
+use nalgebra::Matrix4;
 use output::{Output, Shot};
 use serde::Serialize;
+use serde_json::json;
 use target::{Place, Target};
 
 use super::backend::{BackendArgs, Chosen};
@@ -19,8 +22,10 @@ use super::input::Input;
 use super::output::Force;
 use super::terminal;
 use super::variants::ranged;
+use crate::failure::usage;
 use insonify::Error;
 use insonify_base::note::Notes;
+use insonify_base::read;
 use insonify_imaging::quality::Picked;
 use insonify_imaging::scene::{Scene, SceneFile};
 use insonify_imaging::synth::{FrameState, PassTime, Synthesizer};
@@ -36,14 +41,19 @@ Examples:
                                                        ground truth beside the frame, for training
   insonify render set.toml --layers label-value -o set.npy
                                                        arrays for NumPy, set.npy and set_label-value.npy: frames, rows, columns
+  insonify render set.toml --frames 500 --layers organ --sidecar -o frames --resume
+                                                       500 frames with the parameters that [randomise] draws; if the run
+                                                       is cut off, the same command goes on
 
 Layers are 16-bit pictures beside the frame, or beside an image sequence sequences like it: label-value (values of the label file, 0
 outside the sector; of a completed body 201 fat, 202 soft tissue, 204 skin, 205 and 212 muscle, structures of organs 206 to 211 and 213,
-or the values stated in a note if the file already uses these; `structures = false` under [volume] leaves organs undivided),
+or the values stated in a note if the file already uses these; `structures = false` under [volume] leaves organs undivided), organ
+(values of the label file before anything was drawn: the kidney with its sinus, 0 where the body was completed),
 label-index (places in the sidecar's table of labels), sector (1 inside), displacement (0.01 mm), depth (tissue passed along the beam,
 0.1 mm), needle (share of the scan plane's thickness, 1/255), loss (two-way, 0.01 dB; 0 outside the sector, 65535 for 655.35 dB and more).
-Frames appear in a folder when all are complete, with insonify.json, which lists them; the next run into it replaces the files listed. Its
-pictures are compressed for speed: about 5 % larger than a single frame.png, layers up to three times.
+Frames appear in a folder when all are complete, with insonify.json, which lists the files, and manifest.csv and manifest.jsonl, which say
+what each frame shows; the next run into it replaces the files listed. Its pictures are compressed for speed: about 5 % larger than a
+single frame.png, layers up to three times.
 Companion files of a sequence's frames are in a folder of its name; parameters common to many sidecars are in parameters.json.";
 
 /// Renders frames: one to a PNG file, many to a folder or an image sequence
@@ -61,6 +71,10 @@ pub(crate) struct Render {
     /// Number of frames of the scene's motion [default: that of the scene]
     #[arg(long, value_name = "N", value_parser = frame_count)]
     frames: Option<usize>,
+    /// Go on with a run into this folder that was cut off: frames that are whole are kept, the others made. Where there is
+    /// none it begins, and if it is cut off, its frames stay for the next
+    #[arg(long)]
+    resume: bool,
     #[command(flatten)]
     extras: Extras,
     /// Write the labels as imaged, with the body completed: .nii, .nii.gz, .nrrd, .seg.nrrd or .mha
@@ -84,6 +98,9 @@ struct RenderReport {
     width: usize,
     height: usize,
     frames: Vec<FrameReport>,
+    /// Frames of a run that was cut off.
+    #[serde(skip_serializing_if = "is_zero")]
+    kept: usize,
     /// Frames rendered and written in a second.
     frames_per_second: f64,
     passes: Vec<PassReport>,
@@ -99,6 +116,10 @@ struct FrameReport {
     ms: f64,
 }
 
+fn is_zero(count: &usize) -> bool {
+    *count == 0
+}
+
 /// Mean time of a pass over the frames; `None` if the device has no timestamps.
 #[derive(Serialize)]
 struct PassReport {
@@ -109,6 +130,7 @@ struct PassReport {
 impl Render {
     pub(crate) fn run(&self) -> Result<(), Error> {
         self.backend.check()?;
+        read::record();
         if let Some(file) = self.output.as_deref().filter(|path| Target::is_file(path)) {
             self.force.check(&[file], &self.input.files())?;
         }
@@ -126,12 +148,41 @@ impl Render {
         let count = self.frames.unwrap_or_else(|| scene.frames());
         self.extras.check(&scene)?;
         let target = Target::choose(self.output.as_deref(), count)?;
-        let place = Place::open(target, &self.extras, self.force, &self.input.files())?;
+        if let (true, Target::File(path) | Target::Sequence(path, _)) = (self.resume, &target) {
+            return Err(usage(
+                format!(
+                    "--resume keeps frames in files of their own, and {} is one file",
+                    path.display()
+                ),
+                "name a folder, or leave out --resume",
+            ));
+        }
+        let mut place = Place::open(target, &self.extras, self.force, &self.input.files())?;
         place.left().iter().for_each(terminal::warn);
-        let output = Output::open(place.inner.clone(), &self.extras, &scene, count)?;
-        let several = scene.states(count).next().filter(|_| count > 1);
+        let several = scene.states(count).next().filter(|_| count > 1).transpose()?;
         let (anatomy, settings) = (scene.anatomy.clone(), scene.settings.clone());
         let mut chosen = self.backend.synthesizer(anatomy, settings, several.as_ref())?;
+        let provenance = manifest::provenance(&chosen)?;
+        let run = json!({
+            "made_by": provenance,
+            "scene": scene.file,
+            "options": {
+                "frames": count,
+                "layers": scene.settings.layers,
+                "sidecar": self.extras.sidecar,
+                "overview": self.extras.overview,
+                "overlay": self.extras.overlay,
+            },
+        });
+        if !place.begin(run, self.resume)? {
+            terminal::say(format_args!("all {count} frames are in {}", place.path().display()));
+            if self.json {
+                terminal::emit_json(&json!({ "frames": [], "kept": count }))?;
+            }
+            return Ok(());
+        }
+        let output = Output::open(place.inner.clone(), &self.extras, &scene, count)?;
+        let output = output.made_by(provenance, &chosen.synth)?;
         chosen.tell();
         chosen.warnings.iter().for_each(terminal::warn);
         let mut report = self.frames(&scene, &mut chosen, output, &place, count)?;
@@ -157,22 +208,34 @@ impl Render {
         synth.time_passes(self.json && synth.gpu().is_none())?;
         // For a constant pose the scene has already warned.
         let outside_was_reported = scene.probe_path().keys().len() == 1;
+        let shared_warnings = synth.plan().warnings.clone();
         let mut passes = Passes::default();
         let mut oddities = FrameWarnings::default();
-        let mut frames = Vec::with_capacity(count);
-        let stage = terminal::frames("rendering", count);
+        let numbers: Vec<usize> = (0..count).filter(|number| !output.has(*number)).collect();
+        if numbers.len() < count {
+            terminal::say(format_args!(
+                "{} of {count} frames are whole and stay; the others are made",
+                count - numbers.len()
+            ));
+        }
+        let mut frames = Vec::with_capacity(numbers.len());
+        let stage = terminal::frames("rendering", numbers.len());
         let start = Instant::now();
-        let mut states = scene.states(count);
         let size = BATCH.max(4 * insonify_base::parallel::threads());
-        loop {
-            let first_number = frames.len();
-            let batch: Vec<FrameState> = states.by_ref().take(size).collect();
-            if batch.is_empty() {
-                break;
-            }
+        for numbers in numbers.chunks(size) {
+            let state = |number: &usize| {
+                let mut state = FrameState::at(Matrix4::identity());
+                scene.state(*number, count, &mut state).map(|()| state)
+            };
+            let batch: Vec<FrameState> = numbers.iter().map(state).collect::<Result<_, _>>()?;
             let take = |index: usize, synth: &Synthesizer, ms: f64| {
-                let odd = coverage::warnings(synth.tables(), &batch[index].probe_to_world, outside_was_reported);
-                let number = first_number + index;
+                let mut odd = coverage::warnings(synth.tables(), &batch[index].probe_to_world, outside_was_reported);
+                if let Some(own) = &batch[index].settings {
+                    let of_plan = synth.plan().warnings.iter();
+                    odd.extend(of_plan.filter(|warning| !shared_warnings.contains(warning)).cloned());
+                    odd.extend(own.warnings.iter().cloned());
+                }
+                let number = numbers[index];
                 let shot = Shot {
                     number,
                     time_s: scene.time_s(number, count),
@@ -186,7 +249,7 @@ impl Render {
             synth.batch(&batch, take, |index, (frame, odd, times, ms)| {
                 let path = place.of(&output.write(frame?)?).to_string_lossy().into_owned();
                 passes.add(&times);
-                oddities.add(first_number + index, odd);
+                oddities.add(numbers[index], odd);
                 frames.push(FrameReport { path, ms });
                 stage.frame();
                 Ok::<_, Error>(())
@@ -194,10 +257,10 @@ impl Render {
         }
         output.finish()?;
         drop(stage);
-        let frames_per_second = count as f64 / start.elapsed().as_secs_f64();
+        let frames_per_second = frames.len() as f64 / start.elapsed().as_secs_f64();
         if let (true, Some(_), Some(state)) = (self.json, synth.gpu(), scene.states(count).next()) {
             synth.time_passes(true)?;
-            synth.render(&state)?;
+            synth.render(&state?)?;
             passes.add(synth.pass_times());
         }
 
@@ -214,6 +277,7 @@ impl Render {
             reason: chosen.reason.clone(),
             width: chosen.synth.frame().width,
             height: chosen.synth.frame().height,
+            kept: count - frames.len(),
             frames,
             frames_per_second,
             passes,
@@ -227,7 +291,7 @@ impl Render {
 
 /// Note about frames that show the same pose.
 fn repeated(scene: &Scene, count: usize) -> Option<String> {
-    let still = count > 1 && scene.time_s(0, count) == scene.time_s(count - 1, count);
+    let still = count > 1 && !scene.varies() && scene.time_s(0, count) == scene.time_s(count - 1, count);
     still.then(|| {
         format!(
             "nothing moves in this scene: all {count} frames show the same pose, and only the noise of the receiver differs; \
@@ -246,7 +310,7 @@ impl RenderReport {
         } = self;
         let total: f64 = self.frames.iter().map(|frame| frame.ms).sum();
         let mean = total / self.frames.len().max(1) as f64;
-        match self.frames.len() {
+        match self.frames.len() + self.kept {
             1 => format!(
                 "wrote {}: {width}x{height} pixels, rendered in {mean:.1} ms",
                 path.display()

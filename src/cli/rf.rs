@@ -220,6 +220,14 @@ impl Rf {
             return Err(usage(format!("--window-mm {}", self.window_mm), expected));
         }
         self.backend.check()?;
+        if let EchoSource::Scene(scene) = &source
+            && scene.varies()
+        {
+            return Err(usage(
+                "parameters by frame: echoes are those of one acquisition",
+                "leave out [randomise] and columns beside the poses; `insonify render` has them",
+            ));
+        }
         let synthesizer = RfSynthesizer::new(scene.anatomy.clone(), scene.settings.clone(), acquisition)?;
         // An adapter that is named is wanted in any case: only without a name does `auto` choose.
         let synthesizer = synthesizer.on(match self.backend.backend {
@@ -237,7 +245,7 @@ impl Rf {
         match &source {
             EchoSource::Scene(scene) => {
                 for (index, state) in scene.states(count).enumerate() {
-                    recorder.push(scene, &state, scene.time_s(index, count))?;
+                    recorder.push(scene, &state?, scene.time_s(index, count))?;
                     stage.frame();
                 }
             }

@@ -199,8 +199,8 @@ impl<P: Parameters + Clone> Setting for Option<P> {
 /// Declares the effects. A line holds the name; the key of a scene, with its type, a type of its parameters and a
 /// description; the tables; and the vectors on the CPU.
 ///
-/// Tables are made by `derive(&Anatomy, &Key)`. The function sees no settings but those in the key, which
-/// `key(&Settings, &BeamGrid)` takes, so that tables are derived again whenever they may differ.
+/// Tables are made by `derive(&Anatomy, &Key)`. The function uses no settings and tissues but those in the key, which
+/// `key(&TissueTable, &Settings, &BeamGrid)` takes, so that tables are derived again whenever they may differ.
 macro_rules! registry {
     ($(
         $name:ident $(: $key:ident $(<$parameters:ident>)? $(with $other:ident)? = $doc:literal)?
@@ -347,22 +347,21 @@ macro_rules! registry {
             /// Derives all tables.
             pub fn new(anatomy: &Anatomy, settings: &Settings, grid: &BeamGrid) -> Result<Self, SynthError> {
                 Ok(Self {
-                    $($name: $name::derive(anatomy, &$name::key(settings, grid))?,)+
+                    $($name: $name::derive(anatomy, &$name::key(&anatomy.tissues, settings, grid))?,)+
                 })
             }
 
-            /// Derives the tables whose key differs from that of `old` settings, and returns their effects; unchanged
-            /// on an error.
+            /// Derives the tables whose key differs from that of `old` settings and tissues, and returns their effects;
+            /// unchanged on an error.
             pub fn set(
                 &mut self,
-                anatomy: &Anatomy,
-                old: (&Settings, &BeamGrid),
-                new: (&Settings, &BeamGrid),
+                old: (&Anatomy, &Settings, &BeamGrid),
+                new: (&Anatomy, &Settings, &BeamGrid),
             ) -> Result<Vec<&'static Effect>, SynthError> {
                 $(
-                    let key = $name::key(new.0, new.1);
-                    let differs = $name::key(old.0, old.1) != key;
-                    let $name = differs.then(|| $name::derive(anatomy, &key)).transpose()?;
+                    let key = $name::key(&new.0.tissues, new.1, new.2);
+                    let differs = $name::key(&old.0.tissues, old.1, old.2) != key;
+                    let $name = differs.then(|| $name::derive(new.0, &key)).transpose()?;
                 )+
                 let mut derived = Vec::new();
                 $(

@@ -25,13 +25,16 @@ pub mod paths;
 mod recording;
 mod resolve;
 mod target;
+mod vary;
 
 pub use file::{PoseTable, SceneFile, TextureSpec, Version, VolumeKind, VolumeSpec};
 pub use insonify_tracking::probe::ImageSpec;
 pub use paths::{NeedleFrame, NeedleKeyframe, NeedleMotionSpec, NeedleTable};
 pub use target::Body;
+pub use vary::{Parameters, Randomise};
 
 use std::path::Path;
+use std::sync::Arc;
 
 use nalgebra::{Matrix4, Point3};
 
@@ -49,6 +52,7 @@ use insonify_tracking::sequence::SequenceFrame;
 use insonify_tracking::trajectory::Trajectory;
 use insonify_tracking::world::World;
 use motion::Needle;
+use vary::Variation;
 
 /// Default scene, with every key explained.
 pub const DEFAULT: &str = include_str!("../../assets/default.toml");
@@ -134,6 +138,9 @@ pub struct Scene {
     timeline: Timeline,
     /// Warning about poses that see nothing of the volume.
     blind: Option<String>,
+    variation: Option<Arc<Variation>>,
+    /// What the probe is placed over, if the scene file names it.
+    pub target: Option<String>,
 }
 
 impl Scene {
@@ -221,17 +228,35 @@ impl Scene {
             let wrong = format!("frame {frame} of {frames}; frames count from 0");
             return Err(InputError::new(InvalidFile::Unknown(wrong)));
         }
-        self.fill(frame, frames, into);
-        Ok(())
+        self.fill(frame, frames, into)
     }
 
-    /// States of so many frames, in order; [`frames`](Self::frames) are what the scene asks for.
-    pub fn states(&self, frames: usize) -> impl ExactSizeIterator<Item = FrameState> + '_ {
+    /// States of so many frames, in order; [`frames`](Self::frames) are what the scene asks for. Errors are those of
+    /// parameters that the scene states by frame.
+    pub fn states(&self, frames: usize) -> impl ExactSizeIterator<Item = Result<FrameState, InputError>> + '_ {
         (0..frames).map(move |frame| {
             let mut state = FrameState::at(Matrix4::identity());
-            self.fill(frame, frames, &mut state);
-            state
+            self.fill(frame, frames, &mut state)?;
+            Ok(state)
         })
+    }
+
+    /// Whether frames have parameters of their own: by columns beside the poses of the probe, or by `[randomise]`.
+    pub fn varies(&self) -> bool {
+        self.variation.is_some()
+    }
+
+    /// Parameters of frame `frame` of `frames` alone, by the path of their keys. A scene that states these values makes
+    /// the same frame.
+    ///
+    /// # Errors
+    /// A table of parameters with another number of rows.
+    pub fn parameters(&self, frame: usize, frames: usize) -> Result<Parameters, InputError> {
+        let variation = self.variation.as_ref();
+        variation.map_or_else(
+            || Ok(Parameters::new()),
+            |variation| variation.parameters(frame, frames),
+        )
     }
 
     /// Prepares the synthesis of the scene's frames.
@@ -242,7 +267,7 @@ impl Scene {
         Synthesizer::new(self.anatomy.clone(), self.settings.clone(), backend)
     }
 
-    fn fill(&self, frame: usize, frames: usize, into: &mut FrameState) {
+    fn fill(&self, frame: usize, frames: usize, into: &mut FrameState) -> Result<(), InputError> {
         let time_s = self.time_s(frame, frames);
         into.frame = frame as u64;
         into.probe_to_world = *self.probe.at(time_s).probe_to_world();
@@ -260,6 +285,22 @@ impl Scene {
                 deformation.nodes_at(time_s, into.nodes.get_or_insert_default());
             }
         }
+        into.settings = None;
+        if let Some(variation) = &self.variation {
+            let parameters = variation.parameters(frame, frames)?;
+            let shared = (&self.settings, &self.anatomy.tissues);
+            let check = |file: &SceneFile| file.check_texture_names(&self.anatomy.textures);
+            let (settings, pose) = variation
+                .frame(&parameters, &self.anatomy.volume, shared, check)
+                .map_err(|error| vary::of_frame(error, frame, &parameters))?;
+            // A scene of its own: noise is that of its first frame.
+            into.frame = 0;
+            into.settings = Some(Arc::new(settings));
+            if let Some(pose) = pose {
+                into.probe_to_world = *pose.probe_to_world();
+            }
+        }
+        Ok(())
     }
 }
 

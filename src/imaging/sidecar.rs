@@ -1,5 +1,6 @@
 //! JSON sidecar of a frame with its parameters and geometry: ground truth for training models.
 
+use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -32,6 +33,7 @@ pub const VERSION: u32 = 2;
 ///     frame: 0,
 ///     time_s: 0.0,
 ///     seed: scene.settings.seed,
+///     frame_parameters: scene.parameters(0, 1)?,
 ///     files: Files { image: Some("frame.png".into()), ..Files::default() },
 ///     image: ImagePlace::new(&grid, &pose),
 ///     probe_to_world: Rows(*pose.probe_to_world()),
@@ -39,6 +41,7 @@ pub const VERSION: u32 = 2;
 ///     parameters: Some(serde_json::to_value(&scene.file)?),
 ///     parameters_file: None,
 ///     warnings: scene.warnings.clone(),
+///     made_by: None,
 /// };
 /// let folder = tempfile::tempdir()?;
 /// let path = Sidecar::path_for(&folder.path().join("frame.png"));
@@ -58,6 +61,9 @@ pub struct Sidecar {
     pub time_s: f64,
     /// Seed of all random numbers of the frame.
     pub seed: u64,
+    /// Parameters of this frame alone, by the path of their keys in the scene: those of its row or drawn.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub frame_parameters: BTreeMap<String, serde_json::Value>,
     /// Files of the picture and layers.
     pub files: Files,
     /// Geometry of the pixels.
@@ -75,6 +81,39 @@ pub struct Sidecar {
     pub parameters_file: Option<String>,
     /// Warnings about the frame.
     pub warnings: Vec<String>,
+    /// What made the frame.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub made_by: Option<Provenance>,
+}
+
+/// Program, backend and inputs of a run.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Provenance {
+    /// Name of the program.
+    pub program: String,
+    /// Its version.
+    pub version: String,
+    /// Commit of its sources, where the build knows it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub commit: Option<String>,
+    /// Backend: `cpu`, `cpu-f64` or `gpu`.
+    pub backend: String,
+    /// Adapter of a GPU.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub adapter: Option<String>,
+    /// Files that were read.
+    pub inputs: Vec<InputFile>,
+}
+
+/// A file that a run read.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct InputFile {
+    /// Path as it was opened.
+    pub path: String,
+    /// BLAKE3 hash of its contents, hexadecimal.
+    pub blake3: String,
 }
 
 /// Names of a frame's files, relative to the sidecar.
@@ -95,7 +134,7 @@ pub struct Files {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LayerFile {
-    /// Name of the layer: `label-value`, `label-index`, `sector`, `displacement`, `depth`, `needle`, `loss`.
+    /// Name of the layer: `label-value`, `label-index`, `sector`, `displacement`, `depth`, `needle`, `loss`, `organ`.
     pub name: String,
     /// Path of its file: a picture, or a sequence with one image per frame.
     pub path: String,
@@ -206,6 +245,7 @@ mod tests {
             frame: 7,
             time_s: 0.7,
             seed: u64::MAX,
+            frame_parameters: [("effects.tone.gain_db".to_owned(), 3.5.into())].into(),
             files: Files {
                 image: Some("frame_0007.png".into()),
                 layers: vec![LayerFile {
@@ -220,6 +260,17 @@ mod tests {
             parameters: Some(serde_json::json!({ "speckle": { "axial_mm": 0.4 } })),
             parameters_file: None,
             warnings: vec!["the probe is outside the volume".into()],
+            made_by: Some(Provenance {
+                program: "insonify".into(),
+                version: "0.1.0".into(),
+                commit: None,
+                backend: "cpu".into(),
+                adapter: None,
+                inputs: vec![InputFile {
+                    path: "labels.nii.gz".into(),
+                    blake3: "af13".into(),
+                }],
+            }),
         }
     }
 

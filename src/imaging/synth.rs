@@ -26,11 +26,12 @@ pub use flight::Ticket;
 use local_origin::LocalFrame;
 pub use local_origin::LocalOrigin;
 use nalgebra::{Matrix4, Point3, Vector3};
-use tables::{Anatomy, Settings, Tables};
+use tables::{Anatomy, FrameSettings, Settings, Tables};
 
 use crate::effects::buffers::Buffer;
 use crate::effects::{REGISTRY, needle};
 use crate::plan::Plan;
+use insonify_anatomy::acoustics::TissueTable;
 use insonify_anatomy::volume::VolumeError;
 use insonify_base::blame::Blame;
 use insonify_base::memory::TooLarge;
@@ -258,6 +259,7 @@ impl Synthesizer {
         state: &FrameState,
         make: impl FnOnce(&mut gpu::GpuExecutor, &Plan, &Tables, &FrameState) -> Result<(), SynthError>,
     ) -> Result<(), SynthError> {
+        self.take_settings(state)?;
         self.admit(std::slice::from_ref(state))?;
         Self::begin(&self.tables, &mut self.local, state, &mut self.frame)?;
         let state = self.local.localized(state);
@@ -303,10 +305,32 @@ impl Synthesizer {
     fn change(&mut self, settings: Settings) -> Result<Vec<&'static Buffer>, SynthError> {
         // Without a team nobody shares the tables, and nothing is copied here.
         self.team = None;
-        let previous = self.tables.settings.clone();
-        let changed = Arc::make_mut(&mut self.tables).set(settings)?;
+        let tissues = Arc::clone(&self.tables.anatomy.tissues);
+        self.set_with_tissues(settings, &tissues)
+    }
+
+    /// Takes over the settings of a state that has some.
+    fn take_settings(&mut self, state: &FrameState) -> Result<(), SynthError> {
+        let Some(own) = &state.settings else { return Ok(()) };
+        let mut settings = own.settings.clone();
+        // What a needle has called for stays.
+        settings.has_needle |= self.tables.settings.has_needle;
+        if self.tables.settings == settings && Arc::ptr_eq(&self.tables.anatomy.tissues, &own.tissues) {
+            return Ok(());
+        }
+        self.drop_in_flight();
+        self.set_with_tissues(settings, &own.tissues).map(drop)
+    }
+
+    fn set_with_tissues(
+        &mut self,
+        settings: Settings,
+        tissues: &Arc<TissueTable>,
+    ) -> Result<Vec<&'static Buffer>, SynthError> {
+        let previous = (self.tables.settings.clone(), Arc::clone(&self.tables.anatomy.tissues));
+        let changed = Arc::make_mut(&mut self.tables).set_with_tissues(settings, tissues)?;
         if let Err(refused) = self.fit(&changed) {
-            let changed = Arc::make_mut(&mut self.tables).set(previous)?;
+            let changed = Arc::make_mut(&mut self.tables).set_with_tissues(previous.0, &previous.1)?;
             self.fit(&changed)?;
             return Err(refused);
         }
@@ -415,6 +439,7 @@ impl Synthesizer {
 
     fn begin_alone(&mut self, state: &FrameState) -> Result<(), SynthError> {
         self.drop_in_flight();
+        self.take_settings(state)?;
         self.admit(std::slice::from_ref(state))?;
         Self::begin(&self.tables, &mut self.local, state, &mut Frame::default())
     }
@@ -537,6 +562,9 @@ pub struct FrameState {
     /// Reference positions of the mesh nodes, mm, which remeshing moves; `None` keeps those of the last frame
     /// (initially those of the mesh). Labels, textures and speckle are looked up there.
     pub reference: Option<Vec<[f64; 3]>>,
+    /// Settings and tissues from this frame on, as [`Synthesizer::set`] changes them; `None` keeps those of the last
+    /// frame.
+    pub settings: Option<Arc<FrameSettings>>,
 }
 
 impl FrameState {
@@ -549,6 +577,7 @@ impl FrameState {
             seeds: Vec::new(),
             nodes: None,
             reference: None,
+            settings: None,
         }
     }
 }

@@ -3,6 +3,7 @@
 mod csv_path;
 mod tracked;
 
+pub use csv_path::ParameterColumn;
 pub use tracked::{SkipReason, Skipped, TrackedFrame};
 
 use nalgebra::{Point3, Vector3};

@@ -174,7 +174,7 @@ fn dispatches_of_a_very_wide_probe_are_within_the_limits_of_any_device() {
     "#;
     let scene = SceneFile::parse(text, "wide.toml").expect("a scene");
     let scene = scene.resolve(".".as_ref()).expect("a scene");
-    let state = scene.states(1).next().expect("a state");
+    let state = scene.states(1).next().expect("a state").expect("a state");
     let settings = scene.settings.clone();
     let mut cpu = Synthesizer::new(scene.anatomy.clone(), settings.clone(), Backend::Cpu).expect("a synthesizer");
     let mut device = Synthesizer::new(scene.anatomy, settings, backend(gpu)).expect("a synthesizer");

@@ -139,7 +139,7 @@ fn frames_and_plans_of_scenes_and_phantoms_are_as_they_were() {
     for (name, text, planned) in SCENES.map(of_scene).into_iter().chain(PHANTOMS.map(of_phantom)) {
         let scene = SceneFile::parse(&text, &name).expect("a scene").resolve(".".as_ref());
         let scene = scene.expect("a scene");
-        let state = scene.states(1).next().expect("a first frame");
+        let state = scene.states(1).next().expect("a first frame").expect("a state");
         if planned {
             let tables = Tables::new(scene.anatomy.clone(), scene.settings.clone()).expect("tables");
             let mut plan = Plan::new(&tables).report(&scene.origins);

@@ -25,6 +25,7 @@ mod quality;
 mod realism;
 mod reports;
 mod rf;
+mod runs;
 mod seeds;
 mod segmentations;
 mod settings;

@@ -36,9 +36,10 @@ fn a_folder_has_the_frames_of_one_run() {
     assert_eq!(bench.files("out").len(), 7);
     assert!(mine.iter().chain(&five).all(|file| bench.files("out").contains(file)));
     let list = bench.read::<Value>("out/insonify.json");
+    let manifest = ["manifest.csv", "manifest.jsonl"].map(str::to_owned);
     assert_eq!(
         (&list["command"], &list["files"]),
-        (&"render".into(), &five.clone().into())
+        (&"render".into(), &[&five[..], &manifest].concat().into())
     );
 
     // A frame that no list names is somebody's.

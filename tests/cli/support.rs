@@ -58,13 +58,15 @@ impl Bench {
         serde_json::from_str(&self.text(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
     }
 
-    /// Names of the files there but for the list that runs keep of them and what they keep in the cache, sorted.
+    /// Names of the files there but for the lists that runs keep of them and what they keep in the cache, sorted.
     pub(crate) fn files(&self, folder: &str) -> Vec<String> {
         let entries = std::fs::read_dir(self.path(folder)).expect("a folder");
         let mut names: Vec<String> = entries
             .map(|entry| entry.expect("an entry").file_name().to_string_lossy().into_owned())
             .collect();
-        names.retain(|name| !["insonify.json", "cache", "made"].contains(&name.as_str()));
+        names.retain(|name| {
+            !["insonify.json", "cache", "made"].contains(&name.as_str()) && !name.starts_with("manifest.")
+        });
         names.sort();
         names
     }

@@ -1,6 +1,7 @@
 //! Live changes: only what depends on a change is rebuilt, and the result is that of a synthesizer made anew.
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use insonify_gpu::Gpu;
 use insonify_imaging::effects::pass::Band;
@@ -8,8 +9,8 @@ use insonify_imaging::effects::slice::Boundary;
 use insonify_imaging::effects::tone::Tone;
 use insonify_imaging::effects::{Effects, LISTED};
 use insonify_imaging::plan::Plan;
-use insonify_imaging::synth::tables::{Anatomy, Settings, Tables};
-use insonify_imaging::synth::{Backend, Synthesizer};
+use insonify_imaging::synth::tables::{Anatomy, FrameSettings, Settings, Tables};
+use insonify_imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 
 use serde_json::{Value, json};
 
@@ -231,6 +232,77 @@ fn edits_give_the_frames_of_a_fresh_synthesizer_on_the_gpu() {
         return;
     };
     follow(|| backend(gpu.clone()));
+}
+
+/// States with settings and tissues of their own, one by one and in a batch.
+fn follow_states(make: impl Fn() -> Backend) {
+    let (anatomy, settings, _) = everything();
+    let mut others = (*anatomy.tissues).clone();
+    for tissue in &mut others.tissues {
+        tissue.attenuation_db_cm_mhz *= 0.5;
+        tissue.echogenicity_db += 3.0;
+        tissue.impedance_mrayl *= 1.05;
+        tissue.texture_scale = 1.5;
+    }
+    let tissues = [Arc::clone(&anatomy.tissues), Arc::new(others)];
+    let state = |(index, (_, settings)): (usize, (String, Settings))| FrameState {
+        settings: Some(Arc::new(FrameSettings {
+            settings,
+            tissues: Arc::clone(&tissues[index % 2]),
+            warnings: Vec::new(),
+        })),
+        ..frame_of(&anatomy, index as u64)
+    };
+    let states: Vec<FrameState> = edits().into_iter().take(EDITS.len()).enumerate().map(state).collect();
+    let fresh = |state: &FrameState| {
+        let own = state.settings.as_ref().expect("settings");
+        let anatomy = Anatomy {
+            tissues: Arc::clone(&own.tissues),
+            ..anatomy.clone()
+        };
+        let plain = FrameState {
+            settings: None,
+            ..state.clone()
+        };
+        synthesizer(&anatomy, &own.settings, make())
+            .render(&plain)
+            .expect("a frame")
+            .clone()
+    };
+    let expected: Vec<_> = states.iter().map(fresh).collect();
+    let mut one_by_one = synthesizer(&anatomy, &settings, make());
+    for (index, (state, expected)) in states.iter().zip(&expected).enumerate() {
+        let found = one_by_one.render(state).expect("a frame");
+        assert!(found == expected, "after {} the frame is another", EDITS[index].0);
+    }
+    let mut together = synthesizer(&anatomy, &settings, make());
+    let mut found = Vec::new();
+    together
+        .render_batch(&states, |_, frame| {
+            found.push(frame.clone());
+            Ok::<_, SynthError>(())
+        })
+        .expect("a batch");
+    assert!(found == expected, "in a batch frames are others");
+    // Afterwards it is as after the last of them.
+    let last = FrameState {
+        settings: None,
+        ..states[states.len() - 1].clone()
+    };
+    assert!(Some(together.render(&last).expect("a frame")) == expected.last());
+}
+
+#[test]
+fn states_with_settings_of_their_own_are_frames_of_fresh_synthesizers_on_the_cpu() {
+    follow_states(|| Backend::Cpu);
+}
+
+#[test]
+fn states_with_settings_of_their_own_are_frames_of_fresh_synthesizers_on_the_gpu() {
+    let Some(gpu): Option<Gpu> = gpu_or_skip() else {
+        return;
+    };
+    follow_states(|| backend(gpu.clone()));
 }
 
 #[test]

@@ -54,7 +54,8 @@ pub fn resample(volume: &LabelVolume, map: &Quadratic) -> Result<LabelVolume, Vo
     let mut index_to_world = Matrix4::new_scaling(step);
     let origin = Vector3::from(low).add_scalar(step / 2.0);
     index_to_world.fixed_view_mut::<3, 1>(0, 3).copy_from(&origin);
-    let mut resampled = LabelVolume::new(size, voxels, volume.labels().to_vec(), index_to_world)?;
+    let resampled = LabelVolume::new(size, voxels, volume.labels().to_vec(), index_to_world)?;
+    let mut resampled = resampled.with_organs_of(volume);
     if !std::ptr::eq(volume.undivided(), volume) {
         resampled.set_undivided(resample(volume.undivided(), map)?);
     }

@@ -65,6 +65,37 @@ pub(super) fn home_of<T: JsonSchema + 'static>(key: &str) -> Option<String> {
     (!tables.is_empty()).then(|| format!("`{key}` belongs in {}", tables.join(" or ")))
 }
 
+/// Paths of all keys of a file of type `T`, tables included; those of a table in a list follow `name[]`.
+pub fn paths<T: JsonSchema + 'static>() -> Vec<String> {
+    let schema = schema_of::<T>();
+    let mut paths = Vec::new();
+    let mut open = vec![(String::new(), &*schema, 0)];
+    while let Some((path, part, depth)) = open.pop() {
+        for option in options(part) {
+            let reference = option.get("$ref").and_then(Value::as_str);
+            let table = reference.and_then(|reference| schema.pointer(reference.strip_prefix('#')?));
+            let table = table.unwrap_or(option);
+            if let (Some(items), true) = (table.get("items"), depth < DEEPEST) {
+                open.push((format!("{path}[]"), items, depth));
+            }
+            for (name, property) in table.get("properties").and_then(Value::as_object).into_iter().flatten() {
+                let inner = if path.is_empty() {
+                    name.clone()
+                } else {
+                    format!("{path}.{name}")
+                };
+                paths.push(inner.clone());
+                if depth < DEEPEST {
+                    open.push((inner, property, depth + 1));
+                }
+            }
+        }
+    }
+    paths.sort_unstable();
+    paths.dedup();
+    paths
+}
+
 /// Maximum depth of nested tables.
 const DEEPEST: usize = 3;
 

@@ -63,6 +63,14 @@ pub enum OutputError {
         /// Path of the file.
         path: PathBuf,
     },
+    /// A run that was cut off, or a finished one, that another run cannot go on with.
+    #[error("{}: --resume: the run there has {text}; name another folder, or leave out --resume", path.display())]
+    OtherRun {
+        /// Path of the folder.
+        path: PathBuf,
+        /// What differs.
+        text: String,
+    },
     /// Two outputs of one run with the same path.
     #[error("{}: two outputs have this name; name another place for one of them", path.display())]
     Twice {

@@ -7,11 +7,13 @@ use std::io::{self, Write};
 use std::path::{Component, Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
-use super::OutputError;
 use super::error::without_temporary_name;
+use super::{OutputError, atomic};
 
 use super::staged::{self, Live, StagedFolder};
+use crate::text::head;
 
 /// File name of the manifest in the folder.
 pub const MANIFEST: &str = "insonify.json";
@@ -22,8 +24,14 @@ struct Manifest {
     program: String,
     version: String,
     command: String,
+    /// Description of the run.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    run: Option<Value>,
     files: BTreeSet<String>,
 }
+
+/// File name, in the folder of a run that is not complete, of its description.
+const RUN: &str = "insonify-run.json";
 
 /// Output folder of a run. Until [`Folder::install`] the files are in a hidden subfolder, which is removed if the run
 /// fails.
@@ -34,6 +42,10 @@ pub struct Folder {
     force: bool,
     /// Files of the previous run, relative to the folder.
     before: BTreeSet<String>,
+    /// Description of the previous run.
+    run_before: Option<Value>,
+    /// Description of this run.
+    run: Option<Value>,
     /// Hidden subfolder; `None` after installation.
     staged: Option<StagedFolder>,
     /// Set if the folder was created for this run: it is removed if the run fails.
@@ -52,6 +64,23 @@ impl Folder {
     /// [`OutputError`] if the folder cannot be created; without `force`, if a file of these names exists that no
     /// previous run listed, or that is an input.
     pub fn open(
+        target: &Path,
+        command: &'static str,
+        names: &[&str],
+        inputs: &[PathBuf],
+        force: bool,
+    ) -> Result<Self, OutputError> {
+        let mut folder = Self::check_only(target, command, names, inputs, force)?;
+        staged::clear_leftovers(target);
+        folder.stage(StagedFolder::within)?;
+        Ok(folder)
+    }
+
+    /// Makes the checks of [`Folder::open`]; files can be written after [`Folder::begin`].
+    ///
+    /// # Errors
+    /// Those of [`Folder::open`].
+    pub fn check_only(
         target: &Path,
         command: &'static str,
         names: &[&str],
@@ -81,22 +110,69 @@ impl Folder {
             command,
             force,
             before: BTreeSet::new(),
+            run_before: None,
+            run: None,
             staged: None,
             created,
         };
-        staged::clear_leftovers(target);
         folder.before = folder.listed()?;
         if !force {
             folder.check(names, inputs)?;
         }
+        Ok(folder)
+    }
+
+    fn stage(&mut self, make: impl FnOnce(&Path) -> io::Result<StagedFolder>) -> Result<(), OutputError> {
         // In the folder itself: files from another file system are copied, not renamed, and may stay
         // incomplete.
-        let staged = StagedFolder::within(target).map_err(|cause| OutputError::Folder {
-            path: target.to_owned(),
+        let staged = make(&self.target).map_err(|cause| OutputError::Folder {
+            path: self.target.clone(),
             cause: without_temporary_name(cause),
         })?;
-        folder.staged = Some(staged);
-        Ok(folder)
+        self.staged = Some(staged);
+        Ok(())
+    }
+
+    /// Begins a run with a description, by which another can go on with it. With `resume` files of such a run that was
+    /// cut off are in [`Folder::path`], and those of this one stay if it is cut off. Returns `false` if the folder has
+    /// all files of a finished run with this description, so that there is nothing to do.
+    ///
+    /// # Errors
+    /// [`OutputError::OtherRun`] if the run to go on with has another description.
+    pub fn begin(&mut self, run: Value, resume: bool) -> Result<bool, OutputError> {
+        let other = |text| OutputError::OtherRun {
+            path: self.target.clone(),
+            text,
+        };
+        let mut left = None;
+        if resume {
+            for folder in staged::leftovers(&self.target) {
+                let text = fs::read_to_string(folder.join(RUN)).ok();
+                let Some(found) = text.and_then(|text| serde_json::from_str(&text).ok()) else {
+                    continue;
+                };
+                differences(&found, &run).map_or(Ok(()), |text| Err(other(text)))?;
+                left = Some(folder);
+                break;
+            }
+            let finished = self.run_before.as_ref().filter(|_| left.is_none());
+            if let Some(found) = finished {
+                differences(found, &run).map_or(Ok(()), |text| Err(other(text)))?;
+                if self.before.iter().all(|name| self.target.join(name).is_file()) {
+                    return Ok(false);
+                }
+            }
+        }
+        match left {
+            Some(left) => self.stage(|_| StagedFolder::taken_over(&left))?,
+            None if resume => self.stage(StagedFolder::lasting_within)?,
+            None => self.stage(StagedFolder::within)?,
+        }
+        staged::clear_leftovers(&self.target);
+        let path = self.path().join(RUN);
+        atomic::write(&path, |file| Ok(serde_json::to_writer(file, &run)?))?;
+        self.run = Some(run);
+        Ok(true)
     }
 
     /// Folder to write to.
@@ -113,7 +189,7 @@ impl Folder {
     }
 
     /// Files of the previous run from the manifest. Names that lead out of the folder are ignored.
-    fn listed(&self) -> Result<BTreeSet<String>, OutputError> {
+    fn listed(&mut self) -> Result<BTreeSet<String>, OutputError> {
         let path = self.target.join(MANIFEST);
         let text = match fs::read_to_string(&path) {
             Ok(text) => text,
@@ -128,6 +204,7 @@ impl Folder {
             Err(_) if self.force => return Ok(BTreeSet::new()),
             Err(_) => return Err(OutputError::Taken { path }),
         };
+        self.run_before = manifest.run;
         let root = fs::canonicalize(&self.target).map_err(|cause| OutputError::write(&self.target, cause))?;
         let within = |name: &String| {
             let plain = Path::new(name)
@@ -188,14 +265,21 @@ impl Folder {
         };
         self.created = None;
         let mut moved = 0;
+        let _ = fs::remove_file(staged.path().join(RUN));
         let result = files_in(staged.path())
             .map_err(|cause| OutputError::write(&self.target, cause))
             .and_then(|files| self.move_all(staged.path(), &files, &mut moved));
-        result.map_err(|cause| OutputError::Kept {
-            path: staged.keep(),
-            moved,
-            cause: Box::new(cause),
-        })
+        match result {
+            Ok(()) => {
+                staged.remove();
+                Ok(())
+            }
+            Err(cause) => Err(OutputError::Kept {
+                path: staged.keep(),
+                moved,
+                cause: Box::new(cause),
+            }),
+        }
     }
 
     fn move_all(&self, from: &Path, files: &BTreeSet<String>, moved: &mut usize) -> Result<(), OutputError> {
@@ -239,6 +323,7 @@ impl Folder {
             program: "insonify".to_owned(),
             version: crate::VERSION.to_owned(),
             command: self.command.to_owned(),
+            run: self.run.clone(),
             files,
         };
         let [from, to] = [staged, &self.target].map(|folder| folder.join(MANIFEST));
@@ -256,11 +341,58 @@ impl Folder {
 
 impl Drop for Folder {
     fn drop(&mut self) {
+        // Without a frame there is nothing to go on with.
+        let is_empty = |staged: &StagedFolder| files_in(staged.path()).is_ok_and(|files| files.len() <= 1);
+        if let Some(staged) = self.staged.take_if(|staged| is_empty(staged)) {
+            staged.remove();
+        }
         drop(self.staged.take());
         if self.created.is_some() {
             // Only if empty: anything else in it does not belong to this run.
             let _ = fs::remove_dir(&self.target);
         }
+    }
+}
+
+/// Longest text of differences.
+const MOST_SHOWN: usize = 3;
+
+/// What differs between the descriptions of two runs, as "KEY A, not B"; `None` if nothing does.
+fn differences(found: &Value, wanted: &Value) -> Option<String> {
+    let mut all = Vec::new();
+    let mut open = vec![(String::new(), found, wanted)];
+    while let Some((path, found, wanted)) = open.pop() {
+        let inner = |key: &str| {
+            if path.is_empty() {
+                key.to_owned()
+            } else {
+                format!("{path}.{key}")
+            }
+        };
+        match (found, wanted) {
+            (Value::Object(a), Value::Object(b)) => {
+                let keys: BTreeSet<&String> = a.keys().chain(b.keys()).collect();
+                let pair = |key: &&String| (inner(key), &found[key.as_str()], &wanted[key.as_str()]);
+                open.extend(keys.iter().rev().map(pair));
+            }
+            (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
+                let pairs = a.iter().zip(b).enumerate().rev();
+                open.extend(pairs.map(|(index, (a, b))| (format!("{path}[{index}]"), a, b)));
+            }
+            _ if found == wanted => {}
+            _ => {
+                let [found, wanted] = [found, wanted].map(|value| head(&value.to_string(), 60));
+                all.push(format!("{path} {found}, not {wanted}"));
+            }
+        }
+    }
+    let more = all.len().saturating_sub(MOST_SHOWN);
+    all.truncate(MOST_SHOWN);
+    let text = all.join("; ");
+    match (more, text.is_empty()) {
+        (_, true) => None,
+        (0, _) => Some(text),
+        _ => Some(format!("{text}; and {more} more")),
     }
 }
 

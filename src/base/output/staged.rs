@@ -85,9 +85,10 @@ impl StagedFile {
 /// A temporary folder.
 #[derive(Debug)]
 pub(super) struct StagedFolder {
-    folder: TempDir,
+    path: PathBuf,
+    /// Removes the folder when dropped; `None` for one that stays for a run that goes on with it.
+    temporary: Option<(TempDir, Live)>,
     _lock: Option<File>,
-    _live: Live,
 }
 
 impl StagedFolder {
@@ -95,27 +96,72 @@ impl StagedFolder {
     pub(super) fn within(folder: &Path) -> io::Result<Self> {
         let mut live = hold();
         let folder = tempfile::Builder::new().prefix(&prefix()).tempdir_in(folder)?;
-        let lock = File::open(folder.path()).ok().filter(|file| file.try_lock().is_ok());
         Ok(Self {
-            _live: Live::enter(&mut live, folder.path()),
-            folder,
+            path: folder.path().to_owned(),
+            _lock: locked(folder.path()),
+            temporary: Some({
+                let live = Live::enter(&mut live, folder.path());
+                (folder, live)
+            }),
+        })
+    }
+
+    /// Creates a folder within another that stays where the run does not end: files in it are whole.
+    pub(super) fn lasting_within(folder: &Path) -> io::Result<Self> {
+        let _held = hold();
+        let path = tempfile::Builder::new().prefix(&prefix()).tempdir_in(folder)?.keep();
+        let lock = locked(&path);
+        Ok(Self {
+            path,
+            temporary: None,
             _lock: lock,
         })
     }
 
+    /// Takes over the folder of a run that was cut off, which then stays as [`StagedFolder::lasting_within`] does.
+    pub(super) fn taken_over(left: &Path) -> io::Result<Self> {
+        let parent = left.parent().unwrap_or(Path::new("."));
+        let folder = Self::lasting_within(parent)?;
+        let _held = hold();
+        fs::remove_dir(&folder.path)?;
+        fs::rename(left, &folder.path)?;
+        for entry in fs::read_dir(&folder.path)?.flatten() {
+            // Half-written files of the run.
+            if is_named(Path::new(&entry.file_name())) {
+                fs::remove_file(entry.path())?;
+            }
+        }
+        Ok(Self {
+            _lock: locked(&folder.path),
+            ..folder
+        })
+    }
+
     pub(super) fn path(&self) -> &Path {
-        self.folder.path()
+        &self.path
+    }
+
+    /// Removes the folder, which is empty.
+    pub(super) fn remove(self) {
+        if self.temporary.is_none() {
+            let _held = hold();
+            let _ = fs::remove_dir_all(&self.path);
+        }
     }
 
     /// Keeps the folder under a name that no later run removes.
     pub(super) fn keep(self) -> PathBuf {
-        let hidden = self.folder.keep();
+        let hidden = self.temporary.map_or(self.path, |(folder, _live)| folder.keep());
         let shown = hidden.with_file_name(format!("insonify-not-installed-{}", process::id()));
         match fs::rename(&hidden, &shown) {
             Ok(()) => shown,
             Err(_) => hidden,
         }
     }
+}
+
+fn locked(folder: &Path) -> Option<File> {
+    File::open(folder).ok().filter(|file| file.try_lock().is_ok())
 }
 
 fn prefix() -> String {
@@ -165,6 +211,19 @@ pub fn abandon() {
 /// Removes temporary files of killed runs from a folder: those with this prefix and no lock, whose process no longer
 /// exists.
 pub(super) fn clear_leftovers(folder: &Path) {
+    for path in leftovers(folder) {
+        // Failure to remove them is harmless.
+        let _ = if path.is_dir() {
+            fs::remove_dir_all(&path)
+        } else {
+            fs::remove_file(&path)
+        };
+    }
+}
+
+/// Temporary files and folders of killed runs in a folder, in the order of their names.
+pub(super) fn leftovers(folder: &Path) -> Vec<PathBuf> {
+    let mut left = Vec::new();
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let name = entry.file_name();
         let Some(owner) = name.to_str().and_then(|name| name.strip_prefix(PREFIX)) else {
@@ -180,13 +239,10 @@ pub(super) fn clear_leftovers(folder: &Path) {
         if alive || kind.is_symlink() || !File::open(&path).is_ok_and(|file| file.try_lock().is_ok()) {
             continue;
         }
-        // Failure to remove them is harmless.
-        let _ = if kind.is_dir() {
-            fs::remove_dir_all(&path)
-        } else {
-            fs::remove_file(&path)
-        };
+        left.push(path);
     }
+    left.sort();
+    left
 }
 
 #[cfg(test)]

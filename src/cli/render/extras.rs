@@ -63,10 +63,15 @@ impl Extras {
                  as it had before, are the layer `label-index`",
             );
         }
-        match Layer::unfit(scene.anatomy.volume.labels()) {
-            Some(label) if self.layers().contains(&Layer::LabelValue) => Err(usage(
+        let of_values = |layer: &Layer| matches!(layer, Layer::LabelValue | Layer::Organ);
+        match (
+            Layer::unfit(scene.anatomy.volume.labels()),
+            self.layers().into_iter().find(of_values),
+        ) {
+            (Some(label), Some(layer)) => Err(usage(
                 format!(
-                    "--layers label-value: label {} does not fit 16 bits without sign",
+                    "--layers {}: label {} does not fit 16 bits without sign",
+                    layer.name(),
                     label.value
                 ),
                 "ask for the layer label-index: places in the table of labels, which the sidecar has",
@@ -89,15 +94,23 @@ pub(crate) fn overview_of(synth: &Synthesizer, pose: &Pose, needle: Option<&Need
 pub(crate) fn parameters(scene: &Scene, synth: &Synthesizer) -> serde_json::Value {
     let settings = synth.settings();
     let anatomy = &synth.tables().anatomy;
-    let labels = anatomy.volume.labels().iter().enumerate();
+    let volume = &anatomy.volume;
+    let labels = volume.labels().iter().enumerate();
     let labels: Vec<_> = labels
         .map(|(index, label)| {
-            json!({
+            let mut row = json!({
                 "index": index,
                 "value": label.value,
                 "name": label.name,
                 "tissue": anatomy.tissues.tissue(index as u8).name,
-            })
+            });
+            if let Some(organ) = volume.drawn_into(index) {
+                row["part_of"] = organ.into();
+            }
+            if let Some(side) = volume.side(index) {
+                row["side"] = side.into();
+            }
+            row
         })
         .collect();
     json!({

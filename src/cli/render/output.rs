@@ -1,5 +1,6 @@
 //! Writing of frames with their requested companion files.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::io::Write;
 use std::num::NonZero;
@@ -17,7 +18,7 @@ use insonify_base::output::{OutputError, atomic};
 use insonify_imaging::overlay;
 use insonify_imaging::scene::Scene;
 use insonify_imaging::sequence::{FrameInfo, SequenceWriter, transforms};
-use insonify_imaging::sidecar::{self, Files, ImagePlace, LayerFile, NeedlePlace, Sidecar};
+use insonify_imaging::sidecar::{self, Files, ImagePlace, LayerFile, NeedlePlace, Provenance, Sidecar};
 use insonify_imaging::synth::layers::Layer;
 use insonify_imaging::synth::{FrameState, Synthesizer};
 use insonify_report::gif::Gif;
@@ -25,6 +26,7 @@ use insonify_tracking::needle::{MAX_NODES, NeedlePose};
 use insonify_tracking::pose::Pose;
 
 use super::extras::{self, Extras};
+use super::manifest::{Manifest, Row};
 use super::target::{Target, name_of};
 use crate::failure::{Error, usage};
 
@@ -52,6 +54,9 @@ pub(crate) struct Output<'a> {
     sequences: Vec<Stream>,
     /// Whether the shared parameters have been written.
     shared: AtomicBool,
+    provenance: Option<Provenance>,
+    /// Rows of the frames, if the run has a manifest.
+    manifest: Mutex<Option<Manifest>>,
 }
 
 /// A file of many frames.
@@ -85,6 +90,7 @@ struct Stream {
 /// All that is to be written of a frame.
 pub(crate) struct Taken {
     path: PathBuf,
+    row: Row,
     /// Parts of the sequences, in their order.
     parts: Vec<Job>,
     pictures: Vec<Job>,
@@ -196,7 +202,47 @@ impl<'a> Output<'a> {
             pictures: Queue::new(writers),
             sequences: films.into_iter().map(stream).collect(),
             shared: AtomicBool::new(false),
+            provenance: None,
+            manifest: Mutex::new(None),
         })
+    }
+
+    /// The same for frames of the synthesizer `chosen`, whose sidecars say what made them and, in a folder, whose
+    /// manifest lists them.
+    pub(crate) fn made_by(mut self, provenance: Provenance, synth: &Synthesizer) -> Result<Self, Error> {
+        let folder = match &self.target {
+            Target::Folder(folder) => Some(folder),
+            Target::Sequence(_, folder) => Some(folder).filter(|_| self.extras.sidecar || self.extras.overview),
+            Target::File(_) => None,
+        };
+        if let Some(folder) = folder {
+            self.manifest = Mutex::new(Some(Manifest::open(folder, provenance.clone())?));
+            // Now, as frames may have settings of their own.
+            if self.extras.sidecar {
+                self.share(synth, &self.target.picture(0, self.frames))?;
+            }
+        }
+        self.provenance = Some(provenance);
+        Ok(self)
+    }
+
+    /// Whether a run that was cut off has made a frame.
+    pub(crate) fn has(&self, frame: usize) -> bool {
+        lock(&self.manifest)
+            .as_ref()
+            .is_some_and(|manifest| manifest.has(frame))
+    }
+
+    /// Writes the parameters that frames share, once.
+    fn share(&self, synth: &Synthesizer, picture: &Path) -> Result<(), OutputError> {
+        if self.shared.swap(true, Ordering::Relaxed) {
+            return Ok(());
+        }
+        let parameters = extras::parameters(self.scene, synth);
+        let path = picture.with_file_name(PARAMETERS);
+        self.pictures.put(Box::new(move || {
+            atomic::write(&path, |file| writeln!(file, "{parameters:#}"))
+        }))
     }
 
     /// Takes what is to be written of the last frame of a synthesizer, on any thread.
@@ -208,12 +254,17 @@ impl<'a> Output<'a> {
             overlay::draw(&mut pixels, synth.tables());
         }
         let layers = frame.layers.clone();
+        let mut files = BTreeMap::from([("image".to_owned(), name_of(&picture))]);
+        if !self.sequences.is_empty() {
+            files.clear();
+        }
         let mut taken = Taken {
             path: picture.clone(),
+            row: self.row(synth, shot, files)?,
             parts: Vec::new(),
             pictures: Vec::new(),
         };
-        let names = if self.sequences.is_empty() {
+        let names: Vec<String> = if self.sequences.is_empty() {
             let (compression, size) = (self.compression, [frame.width, frame.height]);
             let path = picture.clone();
             taken.put(move || png::write_grey_with(compression, &path, size, &pixels));
@@ -231,10 +282,30 @@ impl<'a> Output<'a> {
             let paths = self.layers.iter().map(path);
             paths.map(|path| format!("../{}", name_of(&path))).collect()
         };
+        if self.sequences.is_empty() {
+            let layers = self.layers.iter().map(|layer| layer.name().to_owned());
+            taken.row.files.extend(layers.zip(names.iter().cloned()));
+        }
         if self.extras.overview || self.extras.sidecar {
             self.take_companions(synth, shot, &picture, names, &mut taken)?;
         }
         Ok(taken)
+    }
+
+    fn row(&self, synth: &Synthesizer, shot: &Shot<'_>, files: BTreeMap<String, String>) -> Result<Row, Error> {
+        // As in the sidecar.
+        let stated = shot.state.probe_to_world;
+        let pose = Pose::from_matrix(&stated).map_or(stated, |pose| *pose.probe_to_world());
+        Ok(Row {
+            frame: shot.number,
+            files,
+            time_s: shot.time_s,
+            probe_to_world: Rows(pose),
+            target: self.scene.target.clone(),
+            seed: synth.settings().seed,
+            frame_parameters: self.scene.parameters(shot.number, self.frames)?,
+            warnings: shot.warnings.to_vec(),
+        })
     }
 
     /// Frame and layers as parts of the sequences.
@@ -286,19 +357,19 @@ impl<'a> Output<'a> {
         let needle = needle(shot.state);
         if self.extras.overview {
             let path = png::layer_path(picture, "overview");
+            taken.row.files.insert("overview".to_owned(), name_of(&path));
             let image = extras::overview_of(synth, &pose, needle.as_ref());
             let (width, height) = (image.width() as usize, image.height() as usize);
             taken.put(move || png::write_rgb(&path, width, height, image.as_raw()));
         }
         if self.extras.sidecar {
             let single = matches!(self.target, Target::File(_));
-            if !single && !self.shared.swap(true, Ordering::Relaxed) {
-                let parameters = extras::parameters(self.scene, synth);
-                let path = picture.with_file_name(PARAMETERS);
-                taken.put(move || atomic::write(&path, |file| writeln!(file, "{parameters:#}")));
+            if !single {
+                self.share(synth, picture)?;
             }
-            let sidecar = self.sidecar(synth, shot, (&pose, needle.as_ref()), picture, layers);
+            let sidecar = self.sidecar(synth, shot, (&pose, needle.as_ref()), picture, layers)?;
             let path = Sidecar::path_for(picture);
+            taken.row.files.insert("sidecar".to_owned(), name_of(&path));
             taken.put(move || sidecar.write(&path));
         }
         Ok(())
@@ -311,7 +382,7 @@ impl<'a> Output<'a> {
         (pose, needle): (&Pose, Option<&NeedlePose>),
         picture: &Path,
         layers: Vec<String>,
-    ) -> Sidecar {
+    ) -> Result<Sidecar, Error> {
         let grid = &synth.tables().image_grid;
         // Parameters are those of all frames: beside more than one picture they are written once, in a file.
         let single = matches!(self.target, Target::File(_));
@@ -319,11 +390,12 @@ impl<'a> Output<'a> {
             name: layer.name().to_owned(),
             path,
         });
-        Sidecar {
+        Ok(Sidecar {
             version: sidecar::VERSION,
             frame: shot.number,
             time_s: shot.time_s,
             seed: synth.settings().seed,
+            frame_parameters: self.scene.parameters(shot.number, self.frames)?,
             files: Files {
                 image: self.sequences.is_empty().then(|| name_of(picture)),
                 layers: layers.collect(),
@@ -338,7 +410,8 @@ impl<'a> Output<'a> {
             parameters: single.then(|| extras::parameters(self.scene, synth)),
             parameters_file: (!single).then(|| PARAMETERS.to_owned()),
             warnings: self.scene.warnings.iter().chain(shot.warnings).cloned().collect(),
-        }
+            made_by: self.provenance.clone(),
+        })
     }
 
     /// Hands a frame to the threads that write; returns its path. Frames of sequences are written in the order of the
@@ -348,12 +421,16 @@ impl<'a> Output<'a> {
             stream.queue.put(part)?;
         }
         taken.pictures.into_iter().try_for_each(|job| self.pictures.put(job))?;
+        if let Some(manifest) = &mut *lock(&self.manifest) {
+            manifest.add(taken.row)?;
+        }
         Ok(taken.path)
     }
 
     /// Waits until all files are written, and finishes the sequences, that of the frames last.
     pub(crate) fn finish(self) -> Result<(), Error> {
         self.pictures.finish()?;
+        lock(&self.manifest).take().map_or(Ok(()), Manifest::finish)?;
         for Stream { writer, queue } in self.sequences.into_iter().rev() {
             let end = move || lock(&writer).take().map_or(Ok(()), Film::finish);
             queue.put(Box::new(end))?;

@@ -3,7 +3,10 @@
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
+use serde_json::Value;
+
 use super::extras::Extras;
+use super::manifest::MANIFESTS;
 use super::output::PARAMETERS;
 use crate::failure::{Error, usage};
 use crate::output::Force;
@@ -137,7 +140,8 @@ impl Place {
         for layer in layers_beside {
             sort(png::layer_path(&path, layer.name()), layers.contains(layer));
         }
-        let folder = |folder: &Path| force.folder(folder, "render", &["frame_", PARAMETERS], inputs);
+        let names = ["frame_", PARAMETERS, MANIFESTS[0], MANIFESTS[1]];
+        let folder = |folder: &Path| force.folder_to_begin(folder, "render", &names, inputs);
         let folder = match &target {
             Target::File(file) => {
                 sort(png::layer_path(file, "overview"), extras.overview);
@@ -155,17 +159,26 @@ impl Place {
             let files: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
             force.check(&files, inputs)?;
         }
-        let inner = match (target, &folder) {
-            (Target::Folder(_), Some(folder)) => Target::Folder(folder.path().to_owned()),
-            (Target::Sequence(file, _), Some(folder)) => Target::Sequence(file, folder.path().to_owned()),
-            (target, _) => target,
-        };
         Ok(Self {
             path,
-            inner,
+            inner: target,
             folder,
             left,
         })
+    }
+
+    /// Begins the run of a description; with `resume` it goes on with one that was cut off, as [`Folder::begin`] does.
+    /// Returns `false` if all frames are there.
+    pub(crate) fn begin(&mut self, run: Value, resume: bool) -> Result<bool, Error> {
+        let Some(folder) = &mut self.folder else {
+            return Ok(true);
+        };
+        let begins = folder.begin(run, resume)?;
+        match &mut self.inner {
+            Target::Folder(inner) | Target::Sequence(_, inner) => folder.path().clone_into(inner),
+            Target::File(_) => {}
+        }
+        Ok(begins)
     }
 
     /// Warnings about old files that remain beside the new ones and seem to belong to them.
@@ -179,6 +192,11 @@ impl Place {
         self.folder
             .as_ref()
             .map_or(file.to_owned(), |folder| folder.place(file))
+    }
+
+    /// Requested path.
+    pub(crate) fn path(&self) -> &Path {
+        &self.path
     }
 
     /// Moves the frames to the requested path and returns it.

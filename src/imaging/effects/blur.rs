@@ -26,6 +26,7 @@ use super::{
 use crate::synth::SynthError;
 use crate::synth::store::Store;
 use crate::synth::tables::{Anatomy, Settings, Tables};
+use insonify_anatomy::acoustics::TissueTable;
 use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::range::parameters;
 use insonify_base::real::Real;
@@ -94,7 +95,7 @@ pub(crate) type Derived = Option<LateralKernel>;
 pub(crate) type Key<'a> = (Option<&'a Blur>, f64, &'a BeamGrid);
 
 /// Takes parameters, frequency (MHz) and grid.
-pub(crate) fn key<'a>(settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
+pub(crate) fn key<'a>(_: &TissueTable, settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
     (settings.effects.blur.as_ref(), settings.probe.frequency_mhz, grid)
 }
 

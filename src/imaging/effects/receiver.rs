@@ -39,6 +39,7 @@ use super::{
 use crate::synth::SynthError;
 use crate::synth::store::Store;
 use crate::synth::tables::{Anatomy, Settings, Tables};
+use insonify_anatomy::acoustics::TissueTable;
 use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::random::{hash3, pcg3d, seed_words};
 use insonify_base::range::parameters;
@@ -138,7 +139,7 @@ pub(crate) struct Key<'a> {
 }
 
 /// Takes parameters, the point spread, which is stated with the speckle, attenuation, frequency, seed and grid.
-pub(crate) fn key<'a>(settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
+pub(crate) fn key<'a>(_: &TissueTable, settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
     let speckle = settings.effects.speckle.clone().unwrap_or_default();
     Key {
         receiver: settings.effects.receiver.as_ref(),

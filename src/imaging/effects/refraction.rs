@@ -36,6 +36,7 @@ use super::{
 use crate::synth::SynthError;
 use crate::synth::store::Store;
 use crate::synth::tables::{Anatomy, Settings, Tables};
+use insonify_anatomy::acoustics::TissueTable;
 use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::range::parameters;
 use insonify_base::real::Real;
@@ -101,15 +102,15 @@ pub struct Derived {
 }
 
 /// Settings on which the tables depend.
-pub(crate) type Key<'a> = (Option<&'a Refraction>, &'a BeamGrid);
+pub(crate) type Key<'a> = (Option<&'a Refraction>, &'a BeamGrid, &'a TissueTable);
 
-/// Takes parameters and grid.
-pub(crate) fn key<'a>(settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
-    (settings.effects.refraction.as_ref(), grid)
+/// Takes parameters, grid and tissues.
+pub(crate) fn key<'a>(tissues: &'a TissueTable, settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
+    (settings.effects.refraction.as_ref(), grid, tissues)
 }
 
 /// Fits half a beam width to the grid, and computes the phases.
-pub(crate) fn derive(anatomy: &Anatomy, &(refraction, grid): &Key) -> Result<Derived, SynthError> {
+pub(crate) fn derive(anatomy: &Anatomy, &(refraction, grid, tissues): &Key) -> Result<Derived, SynthError> {
     let Some(refraction) = refraction else {
         return Ok(Derived::default());
     };
@@ -119,7 +120,7 @@ pub(crate) fn derive(anatomy: &Anatomy, &(refraction, grid): &Key) -> Result<Der
     let summed = (grid.samples() * reach.max(1)) as f64;
     let units_per_sample = (f64::from(1 << 24) / (2.0 * FURTHEST * summed)).log2().floor().exp2();
     let phase = |label: usize| {
-        let impedance_mrayl = anatomy.tissues.tissue(label as u8).impedance_mrayl;
+        let impedance_mrayl = tissues.tissue(label as u8).impedance_mrayl;
         ((index(impedance_mrayl) - 1.0 + FURTHEST) * units_per_sample).round() as u32
     };
     Ok(Derived {

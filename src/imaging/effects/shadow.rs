@@ -37,7 +37,7 @@ use super::{
 use crate::synth::SynthError;
 use crate::synth::store::Store;
 use crate::synth::tables::{Anatomy, Settings, Tables};
-use insonify_anatomy::acoustics::Tissue;
+use insonify_anatomy::acoustics::{Tissue, TissueTable};
 use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::range::{check, parameters};
 use insonify_base::real::Real;
@@ -171,20 +171,21 @@ pub struct Derived {
 }
 
 /// Settings on which the tables depend.
-pub(crate) type Key<'a> = (Option<&'a Shadow>, f64, &'a BeamGrid);
+pub(crate) type Key<'a> = (Option<&'a Shadow>, f64, &'a BeamGrid, &'a TissueTable);
 
-/// Takes parameters, frequency (MHz) and grid.
-pub(crate) fn key<'a>(settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
-    (settings.effects.shadow.as_ref(), settings.probe.frequency_mhz, grid)
+/// Takes parameters, frequency (MHz), grid and tissues.
+pub(crate) fn key<'a>(tissues: &'a TissueTable, settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
+    let frequency_mhz = settings.probe.frequency_mhz;
+    (settings.effects.shadow.as_ref(), frequency_mhz, grid, tissues)
 }
 
 /// Makes losses, kernel and aperture.
-pub(crate) fn derive(anatomy: &Anatomy, &(shadow, frequency_mhz, grid): &Key) -> Result<Derived, SynthError> {
+pub(crate) fn derive(anatomy: &Anatomy, &(shadow, frequency_mhz, grid, tissues): &Key) -> Result<Derived, SynthError> {
     let Some(shadow) = shadow else {
         return Ok(Derived::default());
     };
     let loss = |label: usize| {
-        let tissue = anatomy.tissues.tissue(label as u8);
+        let tissue = tissues.tissue(label as u8);
         units(shadow.db_per_mm(tissue, frequency_mhz) * grid.sample_spacing_mm())
     };
     let aperture = shadow.shifts(grid);

@@ -44,6 +44,7 @@ use super::{
 };
 use crate::synth::SynthError;
 use crate::synth::tables::{Anatomy, Settings, Tables};
+use insonify_anatomy::acoustics::TissueTable;
 use insonify_base::random::seed_words;
 use insonify_base::range::parameters;
 use insonify_tracking::probe::BeamGrid;
@@ -124,7 +125,7 @@ pub(crate) type Derived = Option<SpeckleTables>;
 pub(crate) type Key<'a> = (Option<PointSpread>, &'a BeamGrid);
 
 /// Takes point spread and grid.
-pub(crate) fn key<'a>(settings: &Settings, grid: &'a BeamGrid) -> Key<'a> {
+pub(crate) fn key<'a>(_: &TissueTable, settings: &Settings, grid: &'a BeamGrid) -> Key<'a> {
     let speckle = settings.effects.speckle.as_ref();
     (speckle.map(|speckle| PointSpread::new(speckle, &settings.probe)), grid)
 }

@@ -25,7 +25,7 @@ use super::{
 use crate::synth::SynthError;
 use crate::synth::store::Store;
 use crate::synth::tables::{Anatomy, Settings, Tables};
-use insonify_anatomy::acoustics::{Tissue, bank};
+use insonify_anatomy::acoustics::{Tissue, TissueTable, bank};
 use insonify_anatomy::volume::VolumeError;
 use insonify_anatomy::volume::texture::{Atlas, AtlasEntry, Placement, SolidTexture};
 use insonify_base::parallel::{chunks, chunks_mut, for_each};
@@ -65,16 +65,27 @@ pub(crate) type Derived = Option<Atlas>;
 
 /// Settings on which the atlas depends.
 #[derive(PartialEq)]
-pub(crate) struct Key {
+pub(crate) struct Key<'a> {
     is_on: bool,
     seed: u64,
+    /// Tissue of each label.
+    of_label: &'a [u8],
+    /// Per tissue: its name, and that, scale and direction of its texture.
+    textures: Vec<(&'a str, Option<&'a str>, f64, Option<[f64; 3]>)>,
 }
 
-/// Takes the seed of the built-in textures, and whether there is the effect.
-pub(crate) fn key(settings: &Settings, _: &BeamGrid) -> Key {
+/// Takes the seed of the built-in textures, which is the lower half of the scene's, whether there is the effect, and
+/// which tissue has which texture.
+pub(crate) fn key<'a>(tissues: &'a TissueTable, settings: &Settings, _: &BeamGrid) -> Key<'a> {
+    let placed = |tissue: &'a Tissue| {
+        let texture = tissue.texture.as_deref();
+        (&*tissue.name, texture, tissue.texture_scale, tissue.texture_direction)
+    };
     Key {
         is_on: settings.effects.texture.is_some(),
-        seed: settings.seed,
+        seed: settings.seed & u64::from(u32::MAX),
+        of_label: &tissues.of_label,
+        textures: tissues.tissues.iter().map(placed).collect(),
     }
 }
 

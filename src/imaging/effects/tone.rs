@@ -35,6 +35,7 @@ use crate::synth::SynthError;
 use crate::synth::store::Store;
 use crate::synth::tables::{Anatomy, Settings, Tables};
 use auto_gain::{AutoGain, BANDS};
+use insonify_anatomy::acoustics::TissueTable;
 use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::range::{check, parameters, within};
 use insonify_base::real::{Numbers, Real};
@@ -192,7 +193,7 @@ pub(crate) struct Key<'a> {
 }
 
 /// Takes parameters, the attenuation to compensate for, noise and grid.
-pub(crate) fn key<'a>(settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
+pub(crate) fn key<'a>(_: &TissueTable, settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
     let receiver = settings.effects.receiver.as_ref();
     Key {
         tone: settings.effects.tone.as_ref(),

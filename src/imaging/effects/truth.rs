@@ -21,7 +21,7 @@ use super::{
 use crate::synth::layers::{Layer, world_position};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
-use insonify_anatomy::volume::Label;
+use insonify_anatomy::volume::LabelVolume;
 use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::real::Real;
 
@@ -38,7 +38,7 @@ pub(crate) const EFFECT: Effect = Effect {
             .filter_map(|&layer| pass_of(layer, tables))
             .collect()
     },
-    buffers: &[&LAYERS, &LABEL_VALUES],
+    buffers: &[&LAYERS, &LABEL_VALUES, &ORGAN_VALUES],
     remove: Some(|_, settings| settings.layers.clear()),
     needed_by: |_, _| Some("the layers"),
     ..Effect::PLAIN
@@ -68,6 +68,7 @@ fn pass_of(layer: Layer, tables: &Tables) -> Option<&'static Pass> {
         Layer::Depth => Some(&DEPTH),
         Layer::Needle => called_for(&needle::EFFECT).then_some(&NEEDLE),
         Layer::Loss => called_for(&shadow::EFFECT).then_some(&LOSS_DOWN),
+        Layer::Organ => Some(&ORGAN),
     }
 }
 
@@ -77,20 +78,21 @@ pub static LAYERS: Buffer = Buffer::new(340, "Layers", 4, |tables| {
 });
 
 /// Per label index: its value in the label file, at most 65,535 (`u32`).
-static LABEL_VALUES: Buffer =
-    Buffer::new(350, "LabelValues", 4, |tables| tables.volume.labels().len()).derived(|anatomy, _| {
-        bytes_of(
-            &anatomy
-                .volume
-                .labels()
-                .iter()
-                .map(|label| u32::from(value(label)))
-                .collect::<Vec<_>>(),
-        )
-    });
+static LABEL_VALUES: Buffer = Buffer::new(350, "LabelValues", 4, |tables| tables.volume.labels().len())
+    .derived(|anatomy, _| values_of(&anatomy.volume, |volume, index| volume.labels()[index].value));
 
-fn value(label: &Label) -> u16 {
-    u16::try_from(label.value).unwrap_or(u16::MAX)
+/// Per label index: the value in the label file of what it was drawn into, or its own, at most 65,535 (`u32`).
+static ORGAN_VALUES: Buffer = Buffer::new(360, "OrganValues", 4, |tables| tables.volume.labels().len())
+    .derived(|anatomy, _| values_of(&anatomy.volume, LabelVolume::organ));
+
+fn values_of(volume: &LabelVolume, value_of: fn(&LabelVolume, usize) -> i64) -> Vec<u8> {
+    let indices = 0..volume.labels().len();
+    let values: Vec<u32> = indices.map(|index| word(value_of(volume, index)).into()).collect();
+    bytes_of(&values)
+}
+
+fn word(value: i64) -> u16 {
+    u16::try_from(value).unwrap_or(u16::MAX)
 }
 
 columns! {
@@ -106,6 +108,13 @@ const VALUE: Pass = pass(
     "label_value",
     const { &[(&LAYERS, WriteOwn), (&LABEL, ReadOwn), (&LABEL_VALUES, Read)] },
     reference!(label_values),
+);
+
+const ORGAN: Pass = pass(
+    "truth_organ",
+    "organ",
+    const { &[(&LAYERS, WriteOwn), (&LABEL, ReadOwn), (&ORGAN_VALUES, Read)] },
+    reference!(organs),
 );
 
 const INDEX: Pass = pass(
@@ -180,7 +189,7 @@ block! {
         /// First three rows of the transform from the world to voxels.
         world_to_index: [Vec4; 3],
         /// Place of each layer among those asked for.
-        places: [u32; 8],
+        places: [u32; 12],
         /// Voxels along each axis.
         size: [u32; 3],
         /// Distance between samples, mm.
@@ -204,7 +213,7 @@ fn params(view: &View, _: Band) -> ParamBlock {
     ParamBlock::of(&TruthParams {
         probe_to_world: rows::<f32>(&view.state.probe_to_world).map(Vec4::from),
         world_to_index: rows::<f32>(tables.volume.world_to_index()).map(Vec4::from),
-        places: Layer::ALL.map(|layer| place(layer, tables) as u32),
+        places: std::array::from_fn(|index| Layer::ALL.get(index).map_or(0, |layer| place(*layer, tables) as u32)),
         size: tables.volume.size().map(|n| n as u32),
         sample_mm: tables.sample_mm() as f32,
         lines: tables.lines() as u32,
@@ -246,7 +255,14 @@ fn fixed(value: f64) -> u16 {
 fn label_values<T: Real>(view: &View, store: &mut Store<T>) {
     let labels = view.tables.volume.labels();
     fill_each(Layer::LabelValue, view, store, |store, index| {
-        value(&labels[usize::from(store.label[index])])
+        word(labels[usize::from(store.label[index])].value)
+    });
+}
+
+fn organs<T: Real>(view: &View, store: &mut Store<T>) {
+    let volume = &view.tables.volume;
+    fill_each(Layer::Organ, view, store, |store, index| {
+        word(volume.organ(store.label[index].into()))
     });
 }
 

@@ -98,7 +98,7 @@ impl RfSynthesizer {
         }
         let speckle = settings.effects.speckle.clone().unwrap_or_default();
         let atlas = match settings.effects.texture {
-            Some(_) => texture::derive(&anatomy, &texture::key(&settings, &grid))?,
+            Some(_) => texture::derive(&anatomy, &texture::key(&anatomy.tissues, &settings, &grid))?,
             None => None,
         };
         let nodes = anatomy.mesh.as_ref().map_or(Vec::new(), |mesh| mesh.nodes().to_vec());

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::deform::DeformSpec;
 use super::paths::{MotionSpec, NeedleTable};
+use super::vary::Randomise;
 use crate::effects::EffectsTable;
 use crate::quality::QualitySpec;
 use insonify_anatomy::acoustics::{Preset, TissueOverride};
@@ -51,7 +52,7 @@ pub struct SceneFile {
     /// name.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub version: Option<Version>,
-    /// Seed of all random numbers of a frame: speckle, noise, solid textures. Default 0.
+    /// Seed of all random numbers of a frame: speckle, noise and, by its lower 32 bits, solid textures. Default 0.
     #[serde(default)]
     pub seed: u64,
     /// Time budgets of frames and steps of an insertion: settings left open are chosen by their measured cost on this
@@ -89,6 +90,9 @@ pub struct SceneFile {
     /// Changes of the usual effects.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub effects: Option<EffectsTable>,
+    /// Ranges that parameters of frames are drawn from: each frame is then a scene of its own, with a seed of its own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub randomise: Option<Randomise>,
     /// Source text, for errors that point into it.
     #[serde(skip)]
     pub(super) source: Option<Arc<Source>>,

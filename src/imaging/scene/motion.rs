@@ -14,7 +14,7 @@ use insonify_tracking::TrackingError;
 use insonify_tracking::needle::{DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM, NeedlePath, NeedlePose};
 use insonify_tracking::plus::PlusConfig;
 use insonify_tracking::pose::Pose;
-use insonify_tracking::trajectory::{Interpolation, Trajectory};
+use insonify_tracking::trajectory::{Interpolation, ParameterColumn, Trajectory};
 use insonify_tracking::world::World;
 
 /// A probe path, whether its poses are frames of their own, as in a recording, and its tracked sequence.
@@ -23,6 +23,8 @@ pub(super) struct ProbePath {
     pub trajectory: Trajectory,
     pub recorded: bool,
     pub recording: Option<Recording>,
+    /// Columns of parameters beside the poses.
+    pub columns: Vec<ParameterColumn>,
 }
 
 /// A needle at rest or moving.
@@ -60,11 +62,14 @@ impl SceneFile {
             (Some(keyframes), None, None) => Trajectory::from_keyframes(keyframes, world, interpolation)
                 .map_err(|error| self.fault(keyframe_key("motion", &error), error))?,
             (None, Some(csv), None) => {
-                let trajectory = Trajectory::from_csv(&base.join(csv), world, interpolation).at(self, "motion.csv")?;
+                let known = |name: &str| self.parameter(name).map(drop);
+                let table = Trajectory::from_csv_with(&base.join(csv), world, interpolation, &known);
+                let (trajectory, columns) = table.at(self, "motion.csv")?;
                 return Ok(Some(ProbePath {
                     trajectory,
                     recorded: true,
                     recording: None,
+                    columns,
                 }));
             }
             (None, None, Some(spec)) => {
@@ -78,6 +83,7 @@ impl SceneFile {
                     trajectory,
                     recorded: true,
                     recording: Some(recording),
+                    columns: Vec::new(),
                 }));
             }
             _ => {
@@ -89,6 +95,7 @@ impl SceneFile {
             trajectory: keyframed,
             recorded: false,
             recording: None,
+            columns: Vec::new(),
         }))
     }
 

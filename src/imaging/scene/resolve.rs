@@ -70,6 +70,8 @@ impl SceneFile {
             let found = "both `[pose]` and a path in `[motion]`";
             return Err(self.wrong_keys("pose", found, "one of them"));
         }
+        let columns = path.as_ref().map_or(&[][..], |path| &path.columns);
+        let variation = self.variation(columns, plus.clone(), path.is_none())?;
         let needle = self.needle(base_dir, plus.as_ref(), &mut notes, &mut warnings)?;
         let textures = self.textures(base_dir)?;
         self.check_texture_names(&textures)?;
@@ -149,6 +151,8 @@ impl SceneFile {
             needle,
             deformation,
             timeline,
+            variation: variation.map(Arc::new),
+            target: self.pose.as_ref().and_then(|pose| pose.target.clone()),
             blind,
         };
         scene.warnings.extend(scene.unseen_needle());
@@ -264,6 +268,8 @@ impl SceneFile {
             notes.extend(structured.note);
             volume = structured.volume;
         }
+        let (volume, merged) = volume.by_organ(&opened.volume).map_err(fault)?;
+        warnings.extend(merged);
         // Last, so that completed tissue and drawn structures deform with the labels.
         match &spec.registration {
             Some(path) => {
@@ -347,7 +353,7 @@ impl SceneFile {
         })
     }
 
-    fn check_texture_names(&self, textures: &BTreeMap<String, Arc<SolidTexture>>) -> Result<(), InputError> {
+    pub(super) fn check_texture_names(&self, textures: &BTreeMap<String, Arc<SolidTexture>>) -> Result<(), InputError> {
         let mut known: Vec<&str> = bank::names().collect();
         known.extend(textures.keys().map(String::as_str).chain(["none"]));
         for (index, tissue) in self.tissue.iter().enumerate() {

@@ -41,7 +41,7 @@ impl Synthesizer {
     /// let text = "volume = { phantom = \"abdomen\", resolution_mm = 5 }";
     /// let scene = SceneFile::parse(text, "scene.toml")?.resolve(".".as_ref())?;
     /// let mut synth = scene.synthesizer(Backend::Cpu)?;
-    /// let states: Vec<_> = scene.states(4).collect();
+    /// let states: Vec<_> = scene.states(4).collect::<Result<_, _>>()?;
     /// let mut stack = Vec::new();
     /// synth.render_batch(&states, |index, frame| {
     ///     assert_eq!(stack.len(), index * frame.pixels.len());
@@ -59,7 +59,7 @@ impl Synthesizer {
         mut sink: impl FnMut(usize, &Frame) -> Result<(), E>,
     ) -> Result<(), E> {
         self.admit(states)?;
-        if let Executor::Gpu(_) = &self.executor {
+        if self.shares_submissions(states) {
             return self.batch_on_gpu(states, &mut |index, synth, _| sink(index, &synth.frame));
         }
         self.batch(
@@ -78,7 +78,7 @@ impl Synthesizer {
         mut sink: impl FnMut(usize, T) -> Result<(), E>,
     ) -> Result<(), E> {
         self.admit(states)?;
-        if let Executor::Gpu(_) = &self.executor {
+        if self.shares_submissions(states) {
             return self.batch_on_gpu(states, &mut |index, synth, ms| sink(index, take(index, synth, ms)?));
         }
         let Some(mut team) = self.team(states.len())? else {
@@ -89,12 +89,22 @@ impl Synthesizer {
             return Ok(());
         };
         let result = team.run(self, states, &take, &mut sink);
-        self.team = Some(team);
+        // Threads that took over settings of their frames no longer share the tables.
+        self.team = Some(team).filter(|_| !has_settings(states));
         result
     }
 }
 
+fn has_settings(states: &[FrameState]) -> bool {
+    states.iter().any(|state| state.settings.is_some())
+}
+
 impl Synthesizer {
+    /// Whether submissions have several frames: on a GPU, for states that leave the settings as they are.
+    fn shares_submissions(&self, states: &[FrameState]) -> bool {
+        matches!(self.executor, Executor::Gpu(_)) && !has_settings(states)
+    }
+
     /// Renders a batch in submissions of several frames, of which several are in flight, and calls `each` with the time
     /// since the frame before, ms.
     fn batch_on_gpu<E: From<SynthError>>(
@@ -239,10 +249,15 @@ impl Synthesizer {
         let (state, before) = (&states[index], &states[(index + 1).saturating_sub(stride)..index]);
         let nodes = before.iter().rev().find_map(|state| state.nodes.as_ref());
         let reference = before.iter().rev().find_map(|state| state.reference.as_ref());
-        if (state.nodes.is_none() && nodes.is_some()) || (state.reference.is_none() && reference.is_some()) {
+        let settings = before.iter().rev().find_map(|state| state.settings.as_ref());
+        if (state.nodes.is_none() && nodes.is_some())
+            || (state.reference.is_none() && reference.is_some())
+            || (state.settings.is_none() && settings.is_some())
+        {
             let mut whole = state.clone();
             whole.nodes = whole.nodes.or(nodes.cloned());
             whole.reference = whole.reference.or(reference.cloned());
+            whole.settings = whole.settings.or(settings.cloned());
             self.render(&whole)?;
         } else {
             self.render(state)?;
@@ -301,6 +316,8 @@ impl Team {
         // The last frame is the owner's.
         if let Some(last) = ((states.len() - 1) % count).checked_sub(1) {
             let last = &mut self.others[last];
+            mem::swap(&mut first.tables, &mut last.tables);
+            mem::swap(&mut first.plan, &mut last.plan);
             mem::swap(&mut first.executor, &mut last.executor);
             mem::swap(&mut first.local, &mut last.local);
             mem::swap(&mut first.frame, &mut last.frame);

@@ -34,7 +34,7 @@ impl Synthesizer {
     /// let scene = SceneFile::parse(text, "scene.toml")?.resolve(".".as_ref())?;
     /// let mut synth = scene.synthesizer(Backend::Auto)?;
     /// for state in scene.states(4) {
-    ///     let ticket = synth.submit(&state)?;
+    ///     let ticket = synth.submit(&state?)?;
     ///     // Here the host steps its simulation; then it takes the frame, waiting only if it has not come by then.
     ///     let frame = match synth.try_take()? {
     ///         Some((_, frame)) => frame,
@@ -46,11 +46,13 @@ impl Synthesizer {
     /// ```
     ///
     /// # Errors
-    /// [`SynthError::Busy`] if three frames are in flight, and those of [`Self::render`].
+    /// [`SynthError::Busy`] if three frames are in flight, and those of [`Self::render`]. A state that changes the
+    /// settings drops the frames in flight.
     pub fn submit(&mut self, state: &FrameState) -> Result<Ticket, SynthError> {
         if self.in_flight.len() == IN_FLIGHT {
             return Err(SynthError::Busy);
         }
+        self.take_settings(state)?;
         self.admit(std::slice::from_ref(state))?;
         let mut frame = self.spare.pop().unwrap_or_default();
         Self::begin(&self.tables, &mut self.local, state, &mut frame)?;

@@ -87,11 +87,14 @@ pub enum Layer {
     Needle,
     /// Two-way loss down to the pixel, hundredths of a decibel
     Loss,
+    /// Label value of the file before anything was drawn: that of the organ for its vessels and other structures, 0 where
+    /// the body was completed
+    Organ,
 }
 
 impl Layer {
     /// Every layer.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::LabelValue,
         Self::LabelIndex,
         Self::Sector,
@@ -100,6 +103,7 @@ impl Layer {
         Self::Depth,
         Self::Needle,
         Self::Loss,
+        Self::Organ,
     ];
 
     /// Name used in file names.
@@ -113,10 +117,11 @@ impl Layer {
             Self::Depth => "depth",
             Self::Needle => "needle",
             Self::Loss => "loss",
+            Self::Organ => "organ",
         }
     }
 
-    /// First label whose value does not fit the 16 bits of [`Layer::LabelValue`].
+    /// First label whose value does not fit the 16 bits of [`Layer::LabelValue`] and [`Layer::Organ`].
     pub fn unfit(labels: &[Label]) -> Option<&Label> {
         labels.iter().find(|label| u16::try_from(label.value).is_err())
     }

@@ -19,7 +19,8 @@ use insonify_mesh::TetMesh;
 use insonify_tracking::probe::{BeamGrid, ImageGrid, OUTSIDE, Probe, scan_map};
 
 /// What frames show: labelled voxels, the tissue of each label, textures, and a mesh that moves them; all in the world
-/// (LPS, mm). Fixed for the life of a synthesizer.
+/// (LPS, mm). Fixed for the life of a synthesizer, but for the tissues
+/// ([`FrameSettings`]).
 #[derive(Clone, Debug)]
 pub struct Anatomy {
     /// Labelled volume, with unlabelled tissue completed.
@@ -90,6 +91,17 @@ impl Settings {
         let thickness = &self.effects.thickness;
         thickness.as_ref().map_or(1, |thickness| thickness.planes as usize)
     }
+}
+
+/// Settings of a single frame, and its tissues.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameSettings {
+    /// Imaging settings.
+    pub settings: Settings,
+    /// Tissues of the anatomy's labels.
+    pub tissues: Arc<TissueTable>,
+    /// Suspicious settings, for the user.
+    pub warnings: Vec<String>,
 }
 
 /// Imaging properties of one label.
@@ -176,6 +188,16 @@ impl Tables {
     /// Changes the settings and returns the buffers whose contents changed. Nothing else is recomputed; on an error the
     /// tables are unchanged.
     pub fn set(&mut self, settings: Settings) -> Result<Vec<&'static Buffer>, SynthError> {
+        let tissues = Arc::clone(&self.anatomy.tissues);
+        self.set_with_tissues(settings, &tissues)
+    }
+
+    /// Changes settings and tissues as [`Tables::set`] does.
+    pub(crate) fn set_with_tissues(
+        &mut self,
+        settings: Settings,
+        tissues: &Arc<TissueTable>,
+    ) -> Result<Vec<&'static Buffer>, SynthError> {
         // What can fail, before anything is changed.
         settings.effects.validate()?;
         let probe = self.settings.probe != settings.probe;
@@ -186,9 +208,18 @@ impl Tables {
         };
         let image_grid = image_grid(&grid, &settings.image)?;
         check_memory(&grid, &settings)?;
+        let retissue = !Arc::ptr_eq(tissues, &self.anatomy.tissues);
+        let retissued = retissue.then(|| Anatomy {
+            tissues: Arc::clone(tissues),
+            ..self.anatomy.clone()
+        });
+        let anatomy = retissued.as_ref().unwrap_or(&self.anatomy);
         let derived = self
             .effects
-            .set(&self.anatomy, (&self.settings, &self.grid), (&settings, &grid))?;
+            .set((&self.anatomy, &self.settings, &self.grid), (anatomy, &settings, &grid))?;
+        if let Some(anatomy) = retissued {
+            self.anatomy = anatomy;
+        }
         let remap = probe || image_grid != self.image_grid;
         self.settings = settings;
         self.grid = grid;
@@ -207,7 +238,7 @@ impl Tables {
             changed.extend(effect.buffers.iter().filter(|buffer| buffer.contents.is_some()));
             relabel |= effect.label_row.is_some();
         }
-        if relabel {
+        if relabel || retissue {
             self.label_rows = self.rows();
             changed.push(&LABEL_ROWS);
         }

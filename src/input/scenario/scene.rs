@@ -37,6 +37,14 @@ impl ScenarioFile {
                 (scene, moving, Some(aim))
             }
         };
+        if scene.varies() {
+            let found = "a scene with parameters by frame: frames of an insertion share theirs";
+            return Err(self.wrong_keys(
+                "scene",
+                found,
+                "a scene without [randomise] and columns beside its poses",
+            ));
+        }
         // With version 1, an inserted needle is shown even if the scene does not name it.
         if scene.origins.get("needle") == Some(&Origin::Unnamed) {
             scene.settings.effects.needle.get_or_insert_default();

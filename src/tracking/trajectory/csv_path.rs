@@ -38,6 +38,17 @@ struct Columns {
     orientation: Orientation,
     /// Name and index of each used column.
     columns: Vec<(&'static str, usize)>,
+    /// Those of parameters.
+    parameters: Vec<(String, usize)>,
+}
+
+/// A column of a table of poses that states a parameter of each row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ParameterColumn {
+    /// Name in the header.
+    pub name: String,
+    /// Cells, with their lines in the file.
+    pub cells: Vec<(u64, String)>,
 }
 
 impl Trajectory {
@@ -46,23 +57,42 @@ impl Trajectory {
     /// or a probe-to-world matrix `m00` to `m33`. World coordinates are mm in the axes of `world`. Without a hint each row is
     /// reached by the smallest rotation from the previous one. Lines that start with `#` are comments.
     pub fn from_csv(path: &Path, world: World, interpolation: Interpolation) -> Result<Self, TrackingError> {
-        let text = read::text(path, read::CSV).map_err(|source| TrackingError::read(path, source))?;
-        Self::from_csv_reader(text.as_bytes(), path, world, interpolation)
+        let unknown = |_: &str| Err(String::new());
+        Self::from_csv_with(path, world, interpolation, &unknown).map(|(path, _)| path)
     }
 
-    /// Reads a path as [`Trajectory::from_csv`] does, from any source; `path` is the file name shown in errors.
+    /// Reads a path as [`Trajectory::from_csv`] does, and beside it the columns that name a `parameter`: of other names
+    /// the error says why they are none.
+    pub fn from_csv_with(
+        path: &Path,
+        world: World,
+        interpolation: Interpolation,
+        parameter: &dyn Fn(&str) -> Result<(), String>,
+    ) -> Result<(Self, Vec<ParameterColumn>), TrackingError> {
+        let text = read::text(path, read::CSV).map_err(|source| TrackingError::read(path, source))?;
+        Self::from_csv_reader(text.as_bytes(), path, world, interpolation, parameter)
+    }
+
+    /// Reads a path as [`Trajectory::from_csv_with`] does, from any source; `path` is the file name shown in errors.
     fn from_csv_reader(
         source: impl Read,
         path: &Path,
         world: World,
         interpolation: Interpolation,
-    ) -> Result<Self, TrackingError> {
+        parameter: &dyn Fn(&str) -> Result<(), String>,
+    ) -> Result<(Self, Vec<ParameterColumn>), TrackingError> {
         let mut reader = csv::ReaderBuilder::new()
             .trim(csv::Trim::All)
             .comment(Some(b'#'))
             .from_reader(source);
-        let columns = Columns::from_header(reader.headers().map_err(|error| table_error(path, error))?, path)?;
+        let header = reader.headers().map_err(|error| table_error(path, error))?;
+        let columns = Columns::from_header(header, path, parameter)?;
         let mut keys: Vec<Key> = Vec::new();
+        let named = |(name, _): &(String, usize)| ParameterColumn {
+            name: name.clone(),
+            cells: Vec::new(),
+        };
+        let mut parameters: Vec<ParameterColumn> = columns.parameters.iter().map(named).collect();
         for (row, record) in reader.records().enumerate() {
             let record = record.map_err(|error| table_error(path, error))?;
             let line = record.position().map_or(0, csv::Position::line);
@@ -79,23 +109,32 @@ impl Trajectory {
                 pose,
                 source: row,
             });
+            for (column, (_, index)) in parameters.iter_mut().zip(&columns.parameters) {
+                let cell = record.get(*index).unwrap_or_default();
+                column.cells.push((line, cell.to_owned()));
+            }
         }
         if keys.is_empty() {
             let text = ", line 1: no rows after the header; expected at least one pose";
             return Err(TrackingError::file(path, text));
         }
-        Ok(Self {
+        let path = Self {
             keys,
             interpolation,
             skipped: Vec::new(),
             repeated: 0,
-        })
+        };
+        Ok((path, parameters))
     }
 }
 
 impl Columns {
-    fn from_header(header: &csv::StringRecord, path: &Path) -> Result<Self, TrackingError> {
-        let problem = |column: &str, problem| {
+    fn from_header(
+        header: &csv::StringRecord,
+        path: &Path,
+        parameter: &dyn Fn(&str) -> Result<(), String>,
+    ) -> Result<Self, TrackingError> {
+        let problem = |column: &str, problem: &str| {
             let column = head(column, FOUND);
             TrackingError::file(
                 path,
@@ -111,9 +150,15 @@ impl Columns {
                 .chain(&MATRIX)
         };
         let mut columns: Vec<(&'static str, usize)> = Vec::new();
+        let mut parameters: Vec<(String, usize)> = Vec::new();
         for (column, name) in header.iter().enumerate() {
             let Some(&name) = known().find(|known| **known == name) else {
-                return Err(problem(name, "unknown"));
+                if parameters.iter().any(|(other, _)| other == name) {
+                    return Err(problem(name, "given twice"));
+                }
+                parameter(name).map_err(|why| problem(name, &format!("unknown{why}")))?;
+                parameters.push((name.to_owned(), column));
+                continue;
             };
             if columns.iter().any(|&(other, _)| other == name) {
                 return Err(problem(name, "given twice"));
@@ -141,7 +186,11 @@ impl Columns {
         }
         match columns.iter().find(|(name, _)| !needed.contains(name)) {
             Some((name, _)) => Err(problem(name, "one too many for this way to give a pose")),
-            None => Ok(Self { orientation, columns }),
+            None => Ok(Self {
+                orientation,
+                columns,
+                parameters,
+            }),
         }
     }
 
@@ -223,7 +272,44 @@ mod tests {
             Path::new("path.csv"),
             World::Lps,
             Interpolation::Linear,
+            &|_| Err(String::new()),
         )
+        .map(|(path, _)| path)
+    }
+
+    #[test]
+    fn columns_beside_a_pose_are_parameters_of_its_row() {
+        let text =
+            "gain_db,time_s,x_mm,y_mm,z_mm,dx,dy,dz,curve\n# louder\n3,0,0,0,0,0,1,0,linear\n-1.5,1,0,0,0,0,1,0,\n";
+        let known = |name: &str| match name {
+            "gain_db" | "curve" => Ok(()),
+            _ => Err("; did you mean `gain_db`?".to_owned()),
+        };
+        let read = |text: &str| {
+            Trajectory::from_csv_reader(
+                text.as_bytes(),
+                Path::new("path.csv"),
+                World::Lps,
+                Interpolation::Linear,
+                &known,
+            )
+        };
+        let (path, columns) = read(text).expect(text);
+        assert_eq!((path.keys().len(), columns.len()), (2, 2));
+        assert_eq!(columns[0].cells, [(3, "3".to_owned()), (4, "-1.5".to_owned())]);
+        assert_eq!((&*columns[1].name, &*columns[1].cells[1].1), ("curve", ""));
+        for (header, words) in [
+            ("gain_db,gain_db", "column `gain_db` is given twice"),
+            (
+                "gian_db",
+                "column `gian_db` is unknown; did you mean `gain_db`?; expected time_s",
+            ),
+        ] {
+            let error = read(&text.replacen("gain_db", header, 1))
+                .expect_err(header)
+                .to_string();
+            assert!(error.contains(words), "{error}");
+        }
     }
 
     #[test]
@@ -241,9 +327,11 @@ mod tests {
             assert!(difference.amax() < 1e-12, "{difference}");
         }
         for text in texts {
-            let path = Trajectory::from_csv_reader(text.as_bytes(), Path::new("x"), World::Ras, Interpolation::Linear);
+            let (world, none) = (World::Ras, |_: &str| Err(String::new()));
+            let path =
+                Trajectory::from_csv_reader(text.as_bytes(), Path::new("x"), world, Interpolation::Linear, &none);
             let turned = poses[2].keys()[0].pose.in_lps(World::Ras);
-            let difference = path.expect(text).keys()[0].pose.probe_to_world() - turned.probe_to_world();
+            let difference = path.expect(text).0.keys()[0].pose.probe_to_world() - turned.probe_to_world();
             assert!(difference.amax() < 1e-12, "{difference}");
         }
     }

@@ -103,6 +103,7 @@ fn lists_that_are_not_ours_and_names_that_lead_out_are_not_followed() {
         program: "insonify".into(),
         version: String::new(),
         command: String::new(),
+        run: None,
         files: ["../precious", absolute.to_str().unwrap(), "link/precious"]
             .map(str::to_owned)
             .into(),
