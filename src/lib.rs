@@ -113,6 +113,7 @@
 //! let mut synthesizer = scene.synthesizer(Backend::Cpu)?;
 //! let pool = Pool::new(2)?;
 //! for state in scene.states(1) {
+//!     let state = state?;
 //!     let frame = pool.install(|| synthesizer.render(&state))?;
 //!     assert!(frame.needle.is_none());
 //! }
