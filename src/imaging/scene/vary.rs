@@ -18,6 +18,7 @@ use insonify_anatomy::acoustics::{TissueOverride, TissueTable, presets};
 use insonify_anatomy::volume::LabelVolume;
 use insonify_base::blame::Blame;
 use insonify_base::document::{self, InputError, InvalidFile, nearest};
+use insonify_base::note::Notes;
 use insonify_base::random::{hash3, seed_words};
 use insonify_base::text::head;
 use insonify_tracking::TrackingError;
@@ -348,7 +349,7 @@ impl SceneFile {
         for (index, value) in extremes.iter().enumerate() {
             let alone = Parameters::from([(path.clone(), value.clone())]);
             let checked = variation.with(&alone).and_then(|file| {
-                file.framing(variation.plus.as_ref(), &mut Vec::new(), &mut Vec::new())?;
+                file.framing(variation.plus.as_ref(), &mut Notes::default(), &mut Vec::new())?;
                 for tissue in &file.tissue {
                     tissue.apply().map_err(InputError::new)?;
                 }
@@ -507,7 +508,7 @@ impl Variation {
         check: impl FnOnce(&SceneFile) -> Result<(), InputError>,
     ) -> Result<(FrameSettings, Option<Pose>), InputError> {
         let file = self.with(parameters)?;
-        let framing = file.framing(self.plus.as_ref(), &mut Vec::new(), &mut Vec::new())?;
+        let framing = file.framing(self.plus.as_ref(), &mut Notes::default(), &mut Vec::new())?;
         check(&file)?;
         let mut warnings = Vec::new();
         let retissued = parameters.keys().any(|path| path.starts_with("tissue."));
@@ -572,7 +573,7 @@ impl Variation {
             _ => {}
         }
         let mut doubts = Vec::new();
-        let pose = file.fixed_pose(body, probe, &mut Vec::new(), &mut doubts)?;
+        let pose = file.fixed_pose(body, probe, &mut Notes::default(), &mut doubts)?;
         // A doubtful place is told of every frame.
         *last = by.filter(|_| doubts.is_empty()).map(|by| (by, pose));
         warnings.append(&mut doubts);
