@@ -10,6 +10,7 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
+use super::check::Framing;
 use super::file::{PoseTable, SceneFile};
 use super::target::Body;
 use crate::effects::EffectsTable;
@@ -210,8 +211,8 @@ pub(super) struct Variation {
     rows: Option<usize>,
     /// Whether the probe stands still, placed by the scene.
     is_placed: bool,
-    /// The last pose of a probe, and what it was placed by.
-    placed: Arc<Mutex<Option<(String, Pose)>>>,
+    /// What a probe was last placed by, its pose, and the depth chosen for its target.
+    placed: Arc<Mutex<Option<(String, Pose, f64)>>>,
 }
 
 impl SceneFile {
@@ -508,7 +509,7 @@ impl Variation {
         check: impl FnOnce(&SceneFile) -> Result<(), InputError>,
     ) -> Result<(FrameSettings, Option<Pose>), InputError> {
         let file = self.with(parameters)?;
-        let framing = file.framing(self.plus.as_ref(), &mut Notes::default(), &mut Vec::new())?;
+        let mut framing = file.framing(self.plus.as_ref(), &mut Notes::default(), &mut Vec::new())?;
         check(&file)?;
         let mut warnings = Vec::new();
         let retissued = parameters.keys().any(|path| path.starts_with("tissue."));
@@ -533,7 +534,7 @@ impl Variation {
                 volume,
                 tissues: &tissues,
             };
-            Some(self.pose(&file, &body, &framing.probe, retissued, &mut warnings)?)
+            Some(self.pose(&file, &body, &mut framing, retissued, &mut warnings)?)
         } else {
             None
         };
@@ -559,23 +560,30 @@ impl Variation {
         &self,
         file: &SceneFile,
         body: &Body<'_>,
-        probe: &insonify_tracking::probe::Probe,
+        framing: &mut Framing,
         retissued: bool,
         warnings: &mut Vec<String>,
     ) -> Result<Pose, InputError> {
         let by = (!retissued).then(|| {
-            let shape = (probe.shape.kind(), probe.shape.numbers());
-            document::word(&(&file.pose, shape, probe.depth_mm))
+            let shape = (framing.probe.shape.kind(), framing.probe.shape.numbers());
+            document::word(&(&file.pose, shape, framing.probe.depth_mm, framing.open_depth))
         });
         let mut last = self.placed.lock().unwrap_or_else(PoisonError::into_inner);
         match (&*last, &by) {
-            (Some((known, pose)), Some(by)) if known == by => return Ok(*pose),
+            (Some((known, pose, depth_mm)), Some(by)) if known == by => {
+                framing.probe.depth_mm = *depth_mm;
+                return Ok(*pose);
+            }
             _ => {}
         }
-        let mut doubts = Vec::new();
-        let pose = file.fixed_pose(body, probe, &mut Notes::default(), &mut doubts)?;
+        let (mut notes, mut doubts) = (Notes::default(), Vec::new());
+        let pose = file.fixed_pose(body, &framing.probe, &mut notes, &mut doubts)?;
+        if framing.open_depth {
+            file.deepen(body, &pose, framing, &mut notes)?;
+        }
         // A doubtful place is told of every frame.
-        *last = by.filter(|_| doubts.is_empty()).map(|by| (by, pose));
+        let by = by.filter(|_| doubts.is_empty());
+        *last = by.map(|by| (by, pose, framing.probe.depth_mm));
         warnings.append(&mut doubts);
         Ok(pose)
     }
