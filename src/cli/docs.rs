@@ -7,7 +7,7 @@ use insonify_testing::pages::{Page, invocations, pages, sources, texts};
 use super::Cli;
 
 /// Error of the arguments of a command line, if there is one.
-fn fault(words: &[&str]) -> Option<clap::Error> {
+fn fault(words: &[String]) -> Option<clap::Error> {
     let error = Cli::try_parse_from(words).err()?;
     (error.kind() != ErrorKind::DisplayHelp).then_some(error)
 }

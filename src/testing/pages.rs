@@ -228,7 +228,7 @@ impl Page {
 
 /// The invocations of `insonify` in a line of shell commands, as words, without what the shell takes.
 #[must_use]
-pub fn invocations(line: &str) -> Vec<Vec<&str>> {
+pub fn invocations(line: &str) -> Vec<Vec<String>> {
     line.split(['|', ';', '&'])
         .map(|command| command.split('>').next().unwrap_or(command).trim())
         .filter_map(|command| {
@@ -236,7 +236,11 @@ pub fn invocations(line: &str) -> Vec<Vec<&str>> {
                 let rest = command.strip_prefix("insonify")?;
                 rest.strip_prefix(' ').or_else(|| rest.is_empty().then_some(rest))
             })?;
-            Some(std::iter::once("insonify").chain(command.split_whitespace()).collect())
+            Some(
+                std::iter::once("insonify".to_owned())
+                    .chain(shlex::Shlex::new(command))
+                    .collect(),
+            )
         })
         .collect()
 }

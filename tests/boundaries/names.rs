@@ -249,9 +249,24 @@ const NAMED: &[(&str, &[&str], &str)] = &[
     ("input/scenario/scene.rs", &["needle"], "an insertion shows its needle"),
     (
         "imaging/scene/resolve.rs",
-        &["contact", "needle"],
-        "tells of gaps under the array and of needles beside the plane",
+        &["contact"],
+        "tells of gaps under the array",
     ),
+    (
+        "imaging/scene/doubts.rs",
+        &["needle"],
+        "tells of needles beside the plane",
+    ),
+    ("imaging/scene/vary.rs", &["tone"], "an example of a key"),
+    ("base/document/setting.rs", &["tone"], "an example of a key"),
+    (
+        "cli/settings.rs",
+        &["blur", "tone"],
+        "examples of keys, and that of `--gain-db`",
+    ),
+    ("cli/insert.rs", &["blur"], "an example of a key"),
+    ("cli/main.rs", &["blur"], "an example of a key"),
+    ("cli/render.rs", &["blur"], "an example of a key"),
 ];
 
 /// The source without comments and unit tests.

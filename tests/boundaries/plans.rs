@@ -197,6 +197,7 @@ pub(super) fn scenes() -> Vec<Scene> {
                 "truth_depth",
                 "truth_needle",
                 "truth_loss",
+                "truth_organ",
             ],
         ),
         scene(

@@ -81,7 +81,7 @@ fn wrong_files_are_status_2_and_named() {
 #[test]
 fn binary_files_are_named_and_not_shown() {
     let bench = Bench::new();
-    bench.run("phantom two-layer -o labels.nrrd --resolution-mm 8").text();
+    bench.run("phantom two-layer -o labels.nrrd --resolution-mm 5").text();
     let files: [(&str, &[u8], &str); 4] = [
         ("picture", b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\xff\xfe", "picture (PNG)"),
         ("archive", b"PK\x03\x04\x14\0\0\0\x08\0\xe9", "zip archive"),

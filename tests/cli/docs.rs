@@ -61,8 +61,9 @@ const WRITTEN: [&str; 8] = [
 ];
 
 /// Files that a reader brings, from the real data.
-const REAL: [(&str, &str); 11] = [
+const REAL: [(&str, &str); 12] = [
     ("labels.nii.gz", "volumes/ts_example_seg_full.nii.gz"),
+    ("ct.nii.gz", "volumes/ts_example_ct.nii.gz"),
     ("recording.igs.mha", "tracked/BoneUltrasound_L14.igs.mha"),
     ("config.xml", "config/BoneUltrasound_L14_config.xml"),
     ("phantom.seg.nrrd", "volumes/Segmentation.seg.nrrd"),
@@ -100,7 +101,7 @@ fn is_file(word: &str) -> bool {
         word.chars()
             .all(|letter| letter.is_ascii_digit() || ".,-e".contains(letter))
     };
-    word.contains(['.', '/']) && !word.starts_with('-') && !number(word)
+    word.contains(['.', '/']) && !word.starts_with('-') && !word.contains('=') && !number(word)
 }
 
 /// Whether a word stands for one of the reader's choice.

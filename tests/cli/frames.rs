@@ -337,21 +337,14 @@ fn a_single_pixel_and_a_single_scanline_are_frames() {
 }
 
 #[test]
-fn a_probe_outside_the_volume_gives_a_black_frame_and_a_warning() {
+fn a_probe_outside_the_volume_is_status_1_and_leaves_no_frame() {
     let bench = Bench::new();
     let away = "[pose]\nposition_mm = [0, 900, 0]\ndirection = [0, 1, 0]\n";
     bench.write("away.toml", &format!("{SCENE}{away}"));
     let run = bench.run("render away.toml --backend cpu --json --sidecar");
-    let warnings = run.json()["warnings"].clone();
-    let [warning] = warnings.as_array().unwrap().as_slice() else {
-        panic!("one warning: {run:?}");
-    };
-    let warning = warning.as_str().unwrap();
-    assert!(warning.contains("nothing of the volume"), "{run:?}");
-    assert_eq!(run.stderr.matches(warning).count(), 1, "{run:?}");
-    assert!(grey(&bench.path("frame.png")).1.iter().all(|&grey| grey == 0));
-    let sidecar: Sidecar = bench.read("frame.json");
-    assert_eq!(sidecar.warnings, [warning]);
+    assert_eq!(run.status, Some(1), "{run:?}");
+    assert_eq!(run.stderr.matches("sees nothing of the volume").count(), 1, "{run:?}");
+    assert!(!bench.path("frame.png").exists() && !bench.path("frame.json").exists());
 }
 
 #[test]

@@ -355,7 +355,12 @@ mod tests {
                 "unknown key `tonne` (--set tonne.gain_db=1)",
                 Some("did you mean `tone`?"),
             ),
-            ("", "tone=[1]", "found a list, expected a table (--set tone=[1])", None),
+            (
+                "",
+                "tone=[1]",
+                "`tone`: found a list, expected a table (--set tone=[1])",
+                None,
+            ),
             (
                 "",
                 "tissue.1.gain_db=1",

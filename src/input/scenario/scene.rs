@@ -33,10 +33,14 @@ impl ScenarioFile {
                 let mut scene = scene.with_needle(moving.needle.clone()).map_err(of_scene)?;
                 scene.notes.extend(self.aimed_in_words(&aim, pace));
                 scene.warnings.extend(aim.warnings.iter().cloned());
-                scene.warnings.extend(scene.unseen_needle());
                 (scene, moving, Some(aim))
             }
         };
+        // A needle beside the image is common where its motion is the subject.
+        if let Some(doubt) = scene.unseen_needle() {
+            scene.warnings.retain(|warning| *warning != doubt);
+            scene.notes.push(doubt);
+        }
         if scene.varies() {
             let found = "a scene with parameters by frame: frames of an insertion share theirs";
             return Err(self.wrong_keys(

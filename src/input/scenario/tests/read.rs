@@ -15,7 +15,7 @@ fn faults_point_at_their_line_and_say_what_is_expected() {
         ("dt_ms = 10", "dt_ms = 0", 3, "0.01 to 100 ms"),
         ("dt_ms = 10", "dt_s = 10", 3, "unknown key `dt_s`"),
         ("phantom = \"two-layer\"", "phantom = \"two\"", 5, "unknown value `two`"),
-        ("resolution_mm = 5", "resolution_mm = 99", 6, "expected 0.3 to 5 mm"),
+        ("resolution_mm = 5", "resolution_mm = 99", 6, "expected 0.01 to 5 mm"),
         ("nodes = 250", "nodes = 2", 11, "8 to 1000000"),
         ("nodes = 250", "nodes = 250\nlevel = \"V\"", 12, "unknown value `V`"),
         (
