@@ -206,7 +206,7 @@ fn elements_without_properties_ask_for_no_memory() {
     let fault = SurfaceFile::parse(text.as_bytes(), "ply").expect_err("a promise");
     let error = fault.locate(text.as_bytes(), Path::new("skin.ply")).to_string();
     assert!(
-        error.contains("skin.ply") && error.contains("4000000000 elements in 76 bytes"),
+        error.contains("skin.ply") && error.contains("4000000000 elements in 73 bytes"),
         "{error}"
     );
 }

@@ -70,14 +70,14 @@ fn moduli_are_the_slopes_of_stress() {
 fn at_rest_all_materials_of_a_shear_modulus_are_alike() {
     for material in Material::examples() {
         let secant = |strain: f64| material.energy_kpa([1.0, strain.exp(), (-strain).exp()]) / (2.0 * strain.powi(2));
-        // The error of second order drops out of two strains; that of fourth is below 1e-9 for Ogden's exponent of
-        // 8.74, rounding some 1e-10.
+        // The error of second order drops out of two strains; that of fourth is below 1e-8 for an exponent of 20,
+        // rounding some 1e-10.
         let mu = (4.0 * secant(1.5e-3) - secant(3e-3)) / 3.0;
         for (compression, times) in Compression::ALL.into_iter().zip([3.0, 3.0, 4.0]) {
             let at_rest = Law::new(&material, compression).at(1.0);
             assert!(at_rest.stress_kpa.abs() < 1e-13 * mu, "{material:?}");
             assert!(
-                (at_rest.tangent_kpa - times * mu).abs() < 1e-8 * mu,
+                (at_rest.tangent_kpa - times * mu).abs() < 1e-7 * mu,
                 "{material:?} {compression:?}"
             );
         }
