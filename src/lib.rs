@@ -62,7 +62,7 @@
 //! | for | at the root |
 //! |---|---|
 //! | scenes | [`SceneFile`], [`Setting`], [`Scene`], [`DEFAULT_SCENE`], [`Plan`], [`Sidecar`] |
-//! | frames | [`Synthesizer`], [`FrameState`], [`NeedleShaft`], [`Frame`], [`NeedleView`], [`Backend`], [`Ticket`], [`PassTime`], [`SynthError`] |
+//! | frames | [`Synthesizer`], [`FrameState`], [`FrameSettings`], [`NeedleShaft`], [`Frame`], [`NeedleView`], [`Backend`], [`Ticket`], [`PassTime`], [`SynthError`] |
 //! | settings of frames | [`Settings`], [`ImageSize`], [`Effects`] with the parameters of each effect, [`Layer`], [`Probe`], [`ProbeShape`], [`probe`] |
 //! | what frames show | [`Anatomy`], [`LabelVolume`], [`Label`], [`Tissue`], [`TissueTable`], [`builtin_tissue`], [`SolidTexture`], [`Phantom`], [`PhantomOptions`], [`make_phantom`], [`Tables`], [`Buffer`] |
 //! | GPUs | [`Gpu`], [`AdapterChoice`], [`AdapterReport`], [`Needs`], [`row_stride`], [`GpuError`] |
