@@ -279,8 +279,7 @@ mod tests {
 
     #[test]
     fn columns_beside_a_pose_are_parameters_of_its_row() {
-        let text =
-            "gain_db,time_s,x_mm,y_mm,z_mm,dx,dy,dz,curve\n# louder\n3,0,0,0,0,0,1,0,linear\n-1.5,1,0,0,0,0,1,0,\n";
+        let text = "gain_db,time_s,x_mm,y_mm,z_mm,dx,dy,dz,curve\n3,0,0,0,0,0,1,0,linear\n-1.5,1,0,0,0,0,1,0,\n";
         let known = |name: &str| match name {
             "gain_db" | "curve" => Ok(()),
             _ => Err("; did you mean `gain_db`?".to_owned()),
@@ -296,7 +295,7 @@ mod tests {
         };
         let (path, columns) = read(text).expect(text);
         assert_eq!((path.keys().len(), columns.len()), (2, 2));
-        assert_eq!(columns[0].cells, [(3, "3".to_owned()), (4, "-1.5".to_owned())]);
+        assert_eq!(columns[0].cells, [(2, "3".to_owned()), (3, "-1.5".to_owned())]);
         assert_eq!((&*columns[1].name, &*columns[1].cells[1].1), ("curve", ""));
         for (header, words) in [
             ("gain_db,gain_db", "column `gain_db` is given twice"),
