@@ -83,7 +83,7 @@ pub struct LabelVolume {
     labels: Vec<Label>,
     /// Whether any voxel has each label.
     occurs: Vec<bool>,
-    /// What labels were drawn into; empty if nothing was drawn.
+    /// Organs that labels were drawn into; empty if nothing was drawn.
     drawn_into: Vec<Option<i64>>,
     /// The volume before structures were drawn into its organs, if there are any.
     undivided: Option<Arc<Self>>,

@@ -7,14 +7,14 @@ use flate2::read::DeflateDecoder;
 use crate::border::{EXPANSION, Guarded, MOST};
 use crate::read;
 
-/// What a decoder must not be given.
+/// Refusal of pixels that a decoder must not be given.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Fault {
     /// Offset of the element in the file.
     pub offset: usize,
-    /// What it states.
+    /// Statement of the file.
     pub found: String,
-    /// What it should state.
+    /// Statement that would be right.
     pub expected: &'static str,
 }
 

@@ -12,18 +12,18 @@ pub struct Stage(u64);
 #[derive(Clone, Debug)]
 pub struct State {
     number: u64,
-    /// What is done.
+    /// Name of the work.
     pub name: String,
     /// When it began.
     pub begun: Instant,
-    /// How far it is.
+    /// Its progress.
     pub extent: Extent,
 }
 
-/// How far some work is.
+/// Progress of some work.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Extent {
-    /// It is not known.
+    /// Unknown.
     Unknown,
     /// Fraction done, 0 to 1.
     Share(f64),

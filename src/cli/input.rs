@@ -156,7 +156,7 @@ impl Input {
         Ok((scene, picked))
     }
 
-    /// What the options change in the scene, those that name a key last.
+    /// Settings of the scene by options, those that name a key last.
     fn set(&self) -> Result<Vec<Setting>, Error> {
         let mut set = Vec::new();
         if let Some(labels) = &self.labels {

@@ -63,9 +63,7 @@ impl Force {
         names: &[&str],
         inputs: &[PathBuf],
     ) -> Result<Folder, Error> {
-        if target.as_os_str().is_empty() {
-            return Err(usage("-o names no folder", "name a folder"));
-        }
+        check_named(target)?;
         Ok(Folder::open(target, command, names, inputs, self.force)?)
     }
 
@@ -77,9 +75,7 @@ impl Force {
         names: &[&str],
         inputs: &[PathBuf],
     ) -> Result<Folder, Error> {
-        if target.as_os_str().is_empty() {
-            return Err(usage("-o names no folder", "name a folder"));
-        }
+        check_named(target)?;
         Ok(Folder::check_only(target, command, names, inputs, self.force)?)
     }
 
@@ -152,4 +148,12 @@ pub(crate) fn requested<E: Into<Error>>(
 ) -> Result<(), Error> {
     let file = file.as_ref();
     file.map_or(Ok(()), |file| text(file, &content().map_err(Into::into)?))
+}
+
+/// Refuses an empty name of a folder.
+fn check_named(target: &Path) -> Result<(), Error> {
+    if target.as_os_str().is_empty() {
+        return Err(usage("-o names no folder", "name a folder"));
+    }
+    Ok(())
 }

@@ -114,7 +114,7 @@ pub enum GpuError {
     },
 }
 
-/// What to do about an exceeded limit; nothing is known where it is none of bytes.
+/// Remedy for an exceeded limit of bytes; empty for other limits.
 fn way_on(limit: &str, needed: u64, available: u64) -> String {
     if !["max_storage_buffer_binding_size", "max_buffer_size"].contains(&limit) {
         return String::new();

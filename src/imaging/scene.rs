@@ -139,7 +139,7 @@ pub struct Scene {
     /// Warning about poses that see nothing of the volume.
     blind: Option<String>,
     variation: Option<Arc<Variation>>,
-    /// What the probe is placed over, if the scene file names it.
+    /// Target that the probe is placed over, if the scene file names one.
     pub target: Option<String>,
 }
 

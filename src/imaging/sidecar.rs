@@ -81,7 +81,7 @@ pub struct Sidecar {
     pub parameters_file: Option<String>,
     /// Warnings about the frame.
     pub warnings: Vec<String>,
-    /// What made the frame.
+    /// Program, backend and input files that made the frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub made_by: Option<Provenance>,
 }

@@ -582,7 +582,7 @@ impl FrameState {
     }
 }
 
-/// What a frame shows of its needle.
+/// View of a needle in a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NeedleView {
     /// A part of it lies in the imaged sector.
@@ -610,7 +610,7 @@ pub struct Frame {
     pub image_to_world: Matrix4<f64>,
     /// Pixel size, mm.
     pub pixel_mm: f64,
-    /// What is seen of the needle given to this frame; `None` if none was given.
+    /// View of the needle given to this frame; `None` if none was given.
     pub needle: Option<NeedleView>,
     /// Number of segments of needle and seeds not shown because there are too many.
     pub left_out: usize,

@@ -58,7 +58,7 @@ pub enum StepError {
     Pose {
         /// Name of the pose.
         what: &'static str,
-        /// What is wrong with it.
+        /// Its fault.
         reason: String,
     },
     /// A saved state of another model.

@@ -1,4 +1,4 @@
-//! What labels that are not of the file were drawn into: vessels and other structures of organs, gas that a CT shows,
+//! Organs behind labels that are not of the file: vessels and other structures of organs, gas that a CT shows,
 //! the body that completion closes.
 
 use super::{LabelVolume, VolumeError};

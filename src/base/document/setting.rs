@@ -30,7 +30,7 @@ impl Setting {
     /// name as the place.
     ///
     /// # Errors
-    /// What is wrong with it, for the user.
+    /// The fault, for the user.
     pub fn parse(assignment: &str, option: &str) -> Result<Self, String> {
         const EXPECTED: &str = "expected KEY=VALUE, such as effects.tone.gain_db=6";
         let (key, value) = assignment.split_once('=').ok_or(EXPECTED)?;

@@ -68,7 +68,7 @@ pub enum OutputError {
     OtherRun {
         /// Path of the folder.
         path: PathBuf,
-        /// What differs.
+        /// The difference.
         text: String,
     },
     /// Two outputs of one run with the same path.

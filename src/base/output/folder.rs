@@ -357,7 +357,7 @@ impl Drop for Folder {
 /// Longest text of differences.
 const MOST_SHOWN: usize = 3;
 
-/// What differs between the descriptions of two runs, as "KEY A, not B"; `None` if nothing does.
+/// Difference between the descriptions of two runs, as "KEY A, not B"; `None` if nothing does.
 fn differences(found: &Value, wanted: &Value) -> Option<String> {
     let mut all = Vec::new();
     let mut open = vec![(String::new(), found, wanted)];

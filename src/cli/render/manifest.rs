@@ -21,7 +21,7 @@ const ROWS: &str = "insonify-rows.jsonl";
 /// Names of the manifest.
 pub(crate) const MANIFESTS: [&str; 2] = ["manifest.jsonl", "manifest.csv"];
 
-/// What a frame shows, and its files.
+/// Contents of a frame, and its files.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Row {
     /// Frame number, from 0.
@@ -32,7 +32,7 @@ pub(crate) struct Row {
     pub time_s: f64,
     /// Transform from the probe frame to the world, mm.
     pub probe_to_world: Rows,
-    /// What the probe was placed over, if the scene names it.
+    /// Target that the probe was placed over, if the scene names one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub target: Option<String>,
     /// Seed of all random numbers.
@@ -159,7 +159,7 @@ fn cell(text: &str) -> String {
     }
 }
 
-/// What made the frames: program, backend, and the files that have been read since [`read::record`].
+/// Origin of the frames: program, backend, and the files that have been read since [`read::record`].
 pub(crate) fn provenance(chosen: &Chosen) -> Result<Provenance, OutputError> {
     let inputs = read::recorded().into_iter().map(|path| {
         let hash = hash(&path).map_err(|cause| OutputError::write(&path, cause))?;

@@ -90,7 +90,7 @@ fn tick(pace: &Pace, stop: &Receiver<()>, mut show: impl FnMut(&State)) {
     }
 }
 
-/// What is done, how far it is, and the time left.
+/// Name of the work, its progress, and the time left.
 fn line(state: &State) -> String {
     told(state, state.begun.elapsed())
 }

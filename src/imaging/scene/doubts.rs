@@ -47,7 +47,7 @@ pub(super) fn of_probe(probe: &Probe) -> Vec<String> {
 }
 
 impl Scene {
-    /// Why no frame shows anything of the volume; `None` if one does.
+    /// Reason why no frame shows anything of the volume; `None` if one does.
     pub fn blind(&self) -> Option<&str> {
         let reason = self.blind.as_deref()?;
         let grid = BeamGrid::new(&self.settings.probe).ok()?;

@@ -120,7 +120,7 @@ enum Range {
 }
 
 impl Range {
-    /// What is wrong with it, and what is expected.
+    /// Its fault, and what is expected.
     fn fault(&self) -> Option<(String, &'static str)> {
         let pair = |[low, high]: [f64; 2]| format!("{low} and {high}");
         match self {
@@ -178,7 +178,7 @@ fn drawn(seed: u64, key: &str, frame: u64) -> u64 {
     (u64::from(high) << 32 | u64::from(low)) >> (64 - BITS)
 }
 
-/// Where the values of a parameter come from.
+/// Origin of the values of a parameter.
 #[derive(Clone, Debug)]
 enum Source {
     /// One a row of the table of poses.
@@ -211,7 +211,7 @@ pub(super) struct Variation {
     rows: Option<usize>,
     /// Whether the probe stands still, placed by the scene.
     is_placed: bool,
-    /// What a probe was last placed by, its pose, and the depth chosen for its target.
+    /// Keys by which the probe was last placed, its pose, and the depth chosen for its target.
     placed: Arc<Mutex<Option<(String, Pose, f64)>>>,
 }
 
@@ -219,7 +219,7 @@ impl SceneFile {
     /// Path of the key that a name means: a path, or its last parts.
     ///
     /// # Errors
-    /// Why there is none.
+    /// Reason why there is none.
     pub(super) fn parameter(&self, name: &str) -> Result<String, String> {
         let paths = document::paths::<OfFrames>();
         let paths: Vec<&str> = paths

@@ -18,7 +18,7 @@ use insonify_base::memory;
 use insonify_mesh::TetMesh;
 use insonify_tracking::probe::{BeamGrid, ImageGrid, OUTSIDE, Probe, scan_map};
 
-/// What frames show: labelled voxels, the tissue of each label, textures, and a mesh that moves them; all in the world
+/// Contents of frames: labelled voxels, the tissue of each label, textures, and a mesh that moves them; all in the world
 /// (LPS, mm). Fixed for the life of a synthesizer, but for the tissues
 /// ([`FrameSettings`]).
 #[derive(Clone, Debug)]

@@ -77,7 +77,7 @@ fn frames_that_nobody_takes_are_dropped() {
     }
 }
 
-/// What files are refused for.
+/// Faults for which files are refused.
 #[test]
 fn poses_that_are_not_rigid_are_refused() {
     for backend in backends() {

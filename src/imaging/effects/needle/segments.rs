@@ -37,7 +37,7 @@ const STEP_MM: f64 = 1.0;
 /// Maximum number of steps along a segment.
 const MAX_STEPS: f64 = 1e3;
 
-/// What a frame shows of its needle: `None` if it has none.
+/// View of the needle in a frame; `None` if it has none.
 pub(crate) fn view(tables: &Tables, state: &FrameState) -> Option<NeedleView> {
     let needle = state.needle.as_ref()?;
     let Some(echo) = &tables.settings.effects.needle else {

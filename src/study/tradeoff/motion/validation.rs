@@ -45,7 +45,7 @@ const ERRORS: [Column<ErrorsRow>; 5] = [
 
 /// True or estimated motion of something at a time.
 struct CourseRow {
-    /// What moves: the medium under a motion, a place or a side of the image.
+    /// Moving part: the medium under a motion, a place or a side of the image.
     name: String,
     source: &'static str,
     time: f64,

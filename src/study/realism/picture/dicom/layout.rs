@@ -1,4 +1,4 @@
-//! What the header of a DICOM file says of its pixels, held against the pixels before any are decoded.
+//! Layout of pixels by the header of a DICOM file, checked against the pixels before any are decoded.
 
 use dicom_dictionary_std::tags;
 use dicom_object::{DefaultDicomObject, InMemDicomObject, Tag};
@@ -112,7 +112,7 @@ impl Layout {
 }
 
 impl Size {
-    /// What is wrong with a fragment of RLE, which is one frame (PS3.5 G): its segments must unpack to a byte of each pixel.
+    /// Fault of a fragment of RLE, which is one frame (PS3.5 G): its segments must unpack to a byte of each pixel.
     fn rle_fault(&self, fragment: &[u8]) -> Option<String> {
         let word = |index: usize| {
             let bytes = fragment.get(4 * index..)?.first_chunk()?;
@@ -141,7 +141,7 @@ impl Size {
         None
     }
 
-    /// What is wrong with a fragment that begins a JPEG image: its own header must state the same sizes.
+    /// Fault of a fragment that begins a JPEG image: its own header must state the same sizes.
     fn jpeg_fault(&self, fragment: &[u8]) -> Option<String> {
         let Some(mut rest) = fragment.strip_prefix(&[0xff, 0xd8]) else {
             // It goes on with an image that another one began.
