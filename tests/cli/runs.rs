@@ -1,6 +1,6 @@
 //! Runs of many frames: parameters by frame, manifests, and runs that are cut off.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::fs;
 use std::path::Path;
@@ -426,6 +426,33 @@ fn kidneys(bench: &Bench) {
     );
     fs::write(bench.path("kidneys.nrrd"), [head.as_bytes(), &voxels].concat()).expect("written");
     bench.write("kidneys.csv", "value,name\n2,kidney_right\n3,kidney_left\n");
+}
+
+#[test]
+fn the_target_of_a_frame_is_the_one_drawn_for_it() {
+    let bench = Bench::new();
+    kidneys(&bench);
+    bench.write(
+        "drawn.toml",
+        "[volume]\nfile = \"kidneys.nrrd\"\n[image]\nwidth = 40\nheight = 30\n\
+         [probe]\nkind = \"linear\"\nlines = 16\nsamples = 32\n[pose]\ntarget = \"kidney_right\"\n\
+         [randomise]\nseed = 7\npose.target = { choice = [\"kidney_left\", \"kidney_right\"] }\n",
+    );
+    bench.run("render drawn.toml --backend cpu --frames 6 -o drawn").text();
+    let lines = bench.text("drawn/manifest.jsonl");
+    let mut table = csv::Reader::from_path(bench.path("drawn/manifest.csv")).expect("a table");
+    let rows = table.deserialize().map(|row| row.expect("a row"));
+    let mut targets = BTreeSet::new();
+    for (line, row) in lines.lines().skip(1).zip(rows) {
+        let (line, row): (Value, BTreeMap<String, String>) = (serde_json::from_str(line).expect("JSON"), row);
+        assert_eq!(line["target"], line["frame_parameters"]["pose.target"]);
+        assert_eq!(line["target"], row["target"].as_str());
+        // The right kidney lies at x < 0 (LPS).
+        let is_right = line["probe_to_world"][0][3].as_f64().expect("x") < 0.0;
+        assert_eq!(is_right, line["target"] == "kidney_right", "{line}");
+        targets.insert(row["target"].clone());
+    }
+    assert_eq!(targets.len(), 2, "{lines}");
 }
 
 #[test]

@@ -114,7 +114,7 @@ impl Manifest {
             .rows
             .values()
             .flat_map(|row| row.frame_parameters.keys().map(String::as_str))
-            .filter(|path| *path != "seed")
+            .filter(|path| !["seed", "pose.target"].contains(path))
             .collect();
         let pose = (0..16).map(|entry| format!("m{}{}", entry / 4, entry % 4));
         let mut head = vec!["frame".to_owned(), "time_s".to_owned()];

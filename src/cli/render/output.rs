@@ -296,14 +296,16 @@ impl<'a> Output<'a> {
         // As in the sidecar.
         let stated = shot.state.probe_to_world;
         let pose = Pose::from_matrix(&stated).map_or(stated, |pose| *pose.probe_to_world());
+        let frame_parameters = self.scene.parameters(shot.number, self.frames)?;
+        let drawn_target = frame_parameters.get("pose.target").and_then(serde_json::Value::as_str);
         Ok(Row {
             frame: shot.number,
             files,
             time_s: shot.time_s,
             probe_to_world: Rows(pose),
-            target: self.scene.target.clone(),
+            target: drawn_target.map(str::to_owned).or_else(|| self.scene.target.clone()),
             seed: synth.settings().seed,
-            frame_parameters: self.scene.parameters(shot.number, self.frames)?,
+            frame_parameters,
             warnings: shot.warnings.to_vec(),
         })
     }
