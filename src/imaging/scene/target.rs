@@ -90,9 +90,15 @@ impl SceneFile {
         let probe = &mut framing.probe;
         let before_mm = probe.depth_mm;
         let most_mm = DEEPEST * before_mm;
-        let is_hiding = |label: u8| body.tissues.tissue(label).occlusion_per_mm > 0.0;
         let field = (&framing.grid, most_mm);
-        let reached_mm = deepest_mm(body.volume, label, &is_hiding, pose.probe_to_world(), field).unwrap_or(0.0);
+        let reached_mm = deepest_mm(
+            body.volume,
+            label,
+            &|label| body.hides(label),
+            pose.probe_to_world(),
+            field,
+        )
+        .unwrap_or(0.0);
         if reached_mm < before_mm {
             return Ok(());
         }
@@ -178,10 +184,10 @@ impl SceneFile {
             shape: probe.shape,
             depth_mm: probe.depth_mm,
         };
-        let (tissues, name) = (body.tissues, body.name_with_value(label));
+        let name = body.name_with_value(label);
         let meaning = Meaning {
             is_body: &|label| !body.is_outside(label),
-            is_bone_or_gas: &|label| tissues.tissue(label).occlusion_per_mm > 0.0,
+            is_bone_or_gas: &|label| body.hides(label),
         };
         match place(body.volume, &[label], &meaning, &options) {
             Ok(placement) => {
@@ -215,6 +221,17 @@ impl Body<'_> {
     /// Whether the tissue of a label is as stiff as bone.
     pub fn is_bone(&self, label: u8) -> bool {
         self.tissues.tissue(label).young_kpa >= RIGID_KPA
+    }
+
+    /// Whether the tissue of a label hides what lies behind it, as bone and gas do.
+    fn hides(&self, label: u8) -> bool {
+        self.tissues.tissue(label).occlusion_per_mm > 0.0
+    }
+
+    /// Properties of each label's tissue on which the place of a probe depends, besides names.
+    pub fn placing(&self) -> Vec<[bool; 2]> {
+        let property = |label: u8| [self.hides(label), self.tissues.tissue(label).soft_organ];
+        (0..=u8::MAX).take(self.volume.labels().len()).map(property).collect()
     }
 
     /// Whether a label is the air around the body.

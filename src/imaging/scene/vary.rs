@@ -52,6 +52,9 @@ const SHARED: [&str; 6] = [
     "tissue[].label_names",
 ];
 
+/// Largest number of places of a probe that are kept.
+const MAX_PLACED: usize = 1000;
+
 /// The list of tissues, as a path has it.
 const TISSUE: &str = "tissue[].";
 
@@ -211,8 +214,8 @@ pub(super) struct Variation {
     rows: Option<usize>,
     /// Whether the probe stands still, placed by the scene.
     is_placed: bool,
-    /// Keys by which the probe was last placed, its pose, and the depth chosen for its target.
-    placed: Arc<Mutex<Option<(String, Pose, f64)>>>,
+    /// Poses of the probe by what each was placed by, and the depths chosen for its target.
+    placed: Arc<Mutex<BTreeMap<String, (Pose, f64)>>>,
 }
 
 impl SceneFile {
@@ -534,7 +537,7 @@ impl Variation {
                 volume,
                 tissues: &tissues,
             };
-            Some(self.pose(&file, &body, &mut framing, retissued, &mut warnings)?)
+            Some(self.pose(&file, &body, &mut framing, &mut warnings)?)
         } else {
             None
         };
@@ -561,20 +564,15 @@ impl Variation {
         file: &SceneFile,
         body: &Body<'_>,
         framing: &mut Framing,
-        retissued: bool,
         warnings: &mut Vec<String>,
     ) -> Result<Pose, InputError> {
-        let by = (!retissued).then(|| {
-            let shape = (framing.probe.shape.kind(), framing.probe.shape.numbers());
-            document::word(&(&file.pose, shape, framing.probe.depth_mm, framing.open_depth))
-        });
-        let mut last = self.placed.lock().unwrap_or_else(PoisonError::into_inner);
-        match (&*last, &by) {
-            (Some((known, pose, depth_mm)), Some(by)) if known == by => {
-                framing.probe.depth_mm = *depth_mm;
-                return Ok(*pose);
-            }
-            _ => {}
+        let shape = (framing.probe.shape.kind(), framing.probe.shape.numbers());
+        let depth = (framing.probe.depth_mm, framing.open_depth);
+        let by = document::word(&(&file.pose, shape, depth, body.placing()));
+        let mut placed = self.placed.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((pose, depth_mm)) = placed.get(&by) {
+            framing.probe.depth_mm = *depth_mm;
+            return Ok(*pose);
         }
         let (mut notes, mut doubts) = (Notes::default(), Vec::new());
         let pose = file.fixed_pose(body, &framing.probe, &mut notes, &mut doubts)?;
@@ -582,8 +580,12 @@ impl Variation {
             file.deepen(body, &pose, framing, &mut notes)?;
         }
         // A doubtful place is told of every frame.
-        let by = by.filter(|_| doubts.is_empty());
-        *last = by.map(|by| (by, pose, framing.probe.depth_mm));
+        if doubts.is_empty() {
+            if placed.len() >= MAX_PLACED {
+                placed.clear();
+            }
+            placed.insert(by, (pose, framing.probe.depth_mm));
+        }
         warnings.append(&mut doubts);
         Ok(pose)
     }
