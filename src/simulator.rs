@@ -10,12 +10,12 @@
 //! [`LateralHold`], and a needle [`TemplateGuided`] by a template whose holes one device visits in turn.
 //!
 //! Frames of reference and signs of forces are stated by [`Forces`], late steps by [`Policy`], saving and replaying by
-//! [`SimulatorState`](crate::SimulatorState) and [`Recording`](crate::Recording); `insonify insert --replay` repeats a recording
-//! of a scenario, to score and to image it.
+//! [`SimulatorState`](crate::SimulatorState) and [`Recording`](crate::Recording); `insonify insert --replay` repeats a
+//! recording of a scenario, to score and to image it.
 
 //!
-//! Models and needles can be written outside of this crate. A needle of one's own in a model of it, and a model of one's
-//! own, of tissue beyond z = 0 that does not move:
+//! Models and needles can be written outside of this crate. A needle of one's own in a model of it, and a model of
+//! one's own, of tissue beyond z = 0 that does not move:
 //!
 //! ```
 //! use insonify::{

@@ -1,7 +1,7 @@
 //! Tissue table: the tissue of each label, shared by imaging and mechanics.
 //!
-//! [`presets`] holds built-in tissues, [`TissueTable::resolve`] finds the tissue of each label of a volume, and [`bank`]
-//! generates the solid textures that tissues name.
+//! [`presets`] holds built-in tissues, [`TissueTable::resolve`] finds the tissue of each label of a volume, and
+//! [`bank`] generates the solid textures that tissues name.
 
 use std::borrow::Cow;
 
@@ -49,10 +49,10 @@ pub struct Tissue {
     /// Factor on the lengths in the texture (0.05 to 20): 2 makes every structure twice as large.
     #[serde(default = "unscaled")]
     pub texture_scale: f64,
-    /// Direction in the world (LPS, any non-zero length) along which the texture's first axis lies: along the fibres of muscle,
-    /// across the layers of fat, fascia and skin. The second axis, which the lamellae of muscle face, is then as close to
-    /// antero-posterior as possible, apart from a small roll. Without a direction the texture has a fixed oblique orientation, so
-    /// that its period does not show in planes along the world's axes.
+    /// Direction in the world (LPS, any non-zero length) along which the texture's first axis lies: along the fibres of
+    /// muscle, across the layers of fat, fascia and skin. The second axis, which the lamellae of muscle face, is then
+    /// as close to antero-posterior as possible, apart from a small roll. Without a direction the texture has a fixed
+    /// oblique orientation, so that its period does not show in planes along the world's axes.
     #[serde(default)]
     pub texture_direction: Option<[f64; 3]>,
     /// Mean echo amplitude, dB relative to normal liver parenchyma (-100 to 60).
@@ -63,8 +63,9 @@ pub struct Tissue {
     pub occlusion_per_mm: f64,
     /// Characteristic acoustic impedance, MRayl (0.0001 to 10).
     pub impedance_mrayl: f64,
-    /// Reflection coefficient of the capsule or wall around the tissue (0 to 1), used where the impedance mismatch reflects less.
-    /// Neighbours that both have one share it: the difference remains, so that a lesion in a liver has none and a vessel there a wall.
+    /// Reflection coefficient of the capsule or wall around the tissue (0 to 1), used where the impedance mismatch
+    /// reflects less. Neighbours that both have one share it: the difference remains, so that a lesion in a liver has
+    /// none and a vessel there a wall.
     #[serde(default)]
     pub capsule: f64,
     /// Young's modulus, kPa (0.001 to 1e8).

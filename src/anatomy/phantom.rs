@@ -1,7 +1,7 @@
 //! Labelled volumes generated from code: anatomy built from smooth solids, byte-identical for the same seed.
 //!
-//! World coordinates are LPS millimetres with the origin inside the body. Label 0 is the outside; the other labels carry
-//! the names of their tissues, so that a tissue table needs no mapping.
+//! World coordinates are LPS millimetres with the origin inside the body. Label 0 is the outside; the other labels
+//! carry the names of their tissues, so that a tissue table needs no mapping.
 
 mod geometry;
 mod paint;
@@ -94,8 +94,8 @@ macro_rules! phantoms {
 }
 
 phantoms! {
-    /// Right upper and middle abdomen of a slim adult: liver with vessels and a lesion, gallbladder, right kidney, ribs,
-    /// bowel with gas. 240 x 200 x 228 mm, 1 mm voxels by default.
+    /// Right upper and middle abdomen of a slim adult: liver with vessels and a lesion, gallbladder, right kidney,
+    /// ribs, bowel with gas. 240 x 200 x 228 mm, 1 mm voxels by default.
     #[default]
     abdomen: Abdomen;
     /// Male pelvis around the prostate, with a rectum that holds a transrectal probe in gel. 110 x 110 x 120 mm, 0.6 mm
@@ -103,8 +103,8 @@ phantoms! {
     prostate: Prostate;
     /// Lumbar spine L2 to L5 with the muscles behind it. 160 x 130 x 170 mm, 0.8 mm voxels by default.
     spine: Spine;
-    /// The inclusion phantom of Dehghan et al. 2008: a harder inclusion in a softer block, with a hole for a probe. 90 x 80 x 90 mm,
-    /// 0.5 mm voxels by default.
+    /// The inclusion phantom of Dehghan et al. 2008: a harder inclusion in a softer block, with a hole for a probe. 90
+    /// x 80 x 90 mm, 0.5 mm voxels by default.
     two_layer: TwoLayer;
     /// An exposed liver, its inferior vena cava across the image, after the experiment of Kobayashi et al. 2010. 110 x
     /// 74 x 48 mm, 0.5 mm voxels by default.

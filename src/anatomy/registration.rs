@@ -1,8 +1,9 @@
-//! Registration of a label volume to a physical surface: a rigid and then a quadratic map from the world, the surface's frame, to the
-//! volume's (Zhu et al. 2007, section 2.1, fit CT to a mannequin so).
+//! Registration of a label volume to a physical surface: a rigid and then a quadratic map from the world, the surface's
+//! frame, to the volume's (Zhu et al. 2007, section 2.1, fit CT to a mannequin so).
 //!
-//! Both stages minimise the distances of mapped surface points from the skin of the volume along its normals (Y. Chen and G. Medioni,
-//! Image and Vision Computing 10, 1992). The map leads from the world to the volume, so that slicing needs no inverse.
+//! Both stages minimise the distances of mapped surface points from the skin of the volume along its normals (Y. Chen
+//! and G. Medioni, Image and Vision Computing 10, 1992). The map leads from the world to the volume, so that slicing
+//! needs no inverse.
 
 pub mod markers;
 mod resample;
@@ -62,7 +63,8 @@ const SETTLED_MM: f64 = 0.001;
 const TRIAL_STEPS: usize = 15;
 /// Expected size of the coefficients beyond the rigid map, mm: the displacement of a point on the surface of the body.
 const BEND_MM: f64 = 5.0;
-/// Limit of Tukey's biweight, standard deviations (P. W. Holland and R. E. Welsch, Communications in Statistics 6, 1977).
+/// Limit of Tukey's biweight, standard deviations (P. W. Holland and R. E. Welsch, Communications in Statistics 6,
+/// 1977).
 const BIWEIGHT: f64 = 4.685;
 /// Least standard deviation of residuals, mm, far below that of any tracker.
 const MIN_SPREAD_MM: f64 = 1e-4;
@@ -155,8 +157,8 @@ impl Quadratic {
         jacobian / self.scale_mm
     }
 
-    /// Point of the world that maps to a point of the volume, mm, by Newton's method from the inverse of the linear part; `None` if it does
-    /// not converge.
+    /// Point of the world that maps to a point of the volume, mm, by Newton's method from the inverse of the linear
+    /// part; `None` if it does not converge.
     pub fn inverse(&self, volume: &Point3<f64>) -> Option<Point3<f64>> {
         let centre = Point3::from(self.centre_mm);
         let offset = volume - Point3::from(self.coefficients.map(|row| row[0]));
@@ -187,7 +189,8 @@ impl Quadratic {
         }
     }
 
-    /// Least determinant of the Jacobian, 1 for a rigid map, over a box of the volume; an error with the place where it is not positive.
+    /// Least determinant of the Jacobian, 1 for a rigid map, over a box of the volume; an error with the place where it
+    /// is not positive.
     ///
     /// # Errors
     /// [`VolumeError`] with a point of the world at which the map folds.
@@ -262,7 +265,8 @@ pub struct Fitted {
     /// Map from the world to the volume.
     #[serde(flatten)]
     pub map: Quadratic,
-    /// Root mean square distance of surface points that are no outliers from the skin, for the degrees of freedom of the map, mm.
+    /// Root mean square distance of surface points that are no outliers from the skin, for the degrees of freedom of
+    /// the map, mm.
     pub rms_mm: f64,
     /// Distance below which 95 % of all surface points lie, mm.
     pub p95_mm: f64,
@@ -293,7 +297,8 @@ pub struct Registration {
     pub quadratic: Fitted,
     /// Share of the skin within 10 mm of a surface point, after the quadratic stage.
     pub covered: f64,
-    /// Number of surface points beyond the end of the skin, such as the legs in a scan of a body that is cut at the hip; not used.
+    /// Number of surface points beyond the end of the skin, such as the legs in a scan of a body that is cut at the
+    /// hip; not used.
     pub beyond: usize,
     /// Distances of the landmarks.
     pub landmarks_mm: Vec<LandmarkError>,
@@ -492,8 +497,8 @@ fn rigid(surface: &[Point3<f64>], skin: &Skin, start: Matrix4<f64>, steps: usize
     (matrix, error)
 }
 
-/// Robust point-to-plane fit of the quadratic map, its second order and its strain held back by what is expected of bodies, the less the smaller the
-/// residuals. Also the degrees of freedom that the prior leaves it.
+/// Robust point-to-plane fit of the quadratic map, its second order and its strain held back by what is expected of
+/// bodies, the less the smaller the residuals. Also the degrees of freedom that the prior leaves it.
 fn quadratic(surface: &[Point3<f64>], skin: &Skin, rigid: &Matrix4<f64>) -> (Quadratic, f64) {
     let n = surface.len() as f64;
     let centre = Point3::from(surface.iter().map(|point| point.coords).sum::<Vector3<f64>>() / n);

@@ -1,4 +1,5 @@
-//! Segmentations: a label file or a folder of masks, with labels named by the file, a table, file names or label values.
+//! Segmentations: a label file or a folder of masks, with labels named by the file, a table, file names or label
+//! values.
 
 mod evidence;
 mod extent;
@@ -76,10 +77,9 @@ pub fn stem(path: &Path) -> Option<String> {
     Some(name[..name.len() - ending.len()].to_owned())
 }
 
-/// Opens a label file, a folder of binary masks or of closed surfaces named by their files, or one closed surface, and names its labels: by
-/// `names`, or else by the file, by a table beside it (`liver.csv` for `liver.nii.gz`, or `dataset.json` of nnU-Net), by the name of a file that
-/// is a single mask, and by the
-/// values of a numbering.
+/// Opens a label file, a folder of binary masks or of closed surfaces named by their files, or one closed surface, and
+/// names its labels: by `names`, or else by the file, by a table beside it (`liver.csv` for `liver.nii.gz`, or
+/// `dataset.json` of nnU-Net), by the name of a file that is a single mask, and by the values of a numbering.
 ///
 /// # Errors
 /// [`VolumeError`] as in [`load`], for folders without masks and for masks that are not binary or lie on other
@@ -159,8 +159,8 @@ impl Segmentation {
         }
     }
 
-    /// Takes the names from the first table beside a label file, and returns whether there is one: an unreadable table belongs to something
-    /// else, and so does a data set that names no label of the file.
+    /// Takes the names from the first table beside a label file, and returns whether there is one: an unreadable table
+    /// belongs to something else, and so does a data set that names no label of the file.
     fn take_names_beside(&mut self, path: &Path) -> bool {
         for table in tables_beside(path) {
             match Names::read(&table) {
@@ -204,8 +204,8 @@ impl Segmentation {
     }
 }
 
-/// Tables that may name the labels of a file: of its stem, and those of nnU-Net's data set, whose labels lie in folders such as
-/// `labelsTr`.
+/// Tables that may name the labels of a file: of its stem, and those of nnU-Net's data set, whose labels lie in folders
+/// such as `labelsTr`.
 fn tables_beside(path: &Path) -> impl Iterator<Item = PathBuf> {
     let beside = |name: String| path.with_file_name(name);
     let stem = stem(path).unwrap_or_default();

@@ -92,8 +92,8 @@ pub struct LabelVolume {
 }
 
 impl LabelVolume {
-    /// Makes a volume of `size` voxels (x fastest) whose bytes index `labels`; `index_to_world` maps voxel indices to LPS
-    /// millimetres. `labels[0]` must be the background with value 0.
+    /// Makes a volume of `size` voxels (x fastest) whose bytes index `labels`; `index_to_world` maps voxel indices to
+    /// LPS millimetres. `labels[0]` must be the background with value 0.
     pub fn new(
         size: [usize; 3],
         voxels: Vec<u8>,
@@ -176,8 +176,8 @@ impl LabelVolume {
         self.occurs.get(label_index).is_some_and(|&occurs| occurs)
     }
 
-    /// Returns the volume with undivided organs, before structures such as vessels were drawn into them; itself if there are none. Meshes and
-    /// needles use only this one.
+    /// Returns the volume with undivided organs, before structures such as vessels were drawn into them; itself if
+    /// there are none. Meshes and needles use only this one.
     pub fn undivided(&self) -> &Self {
         self.undivided.as_deref().unwrap_or(self)
     }
@@ -243,9 +243,10 @@ impl LabelVolume {
         Some(self.voxels[self.offset(voxel)])
     }
 
-    /// Label of a point (world, mm) by the weights of cubic B-splines on its 64 nearest voxels: 0 if labels that are not `wanted` have
-    /// half of the weight, otherwise the label with the largest weight, the lowest of equals. Its boundaries are smooth where those of
-    /// the nearest voxels are stairs, and a layer of one voxel has no holes. `None` outside the volume.
+    /// Label of a point (world, mm) by the weights of cubic B-splines on its 64 nearest voxels: 0 if labels that are
+    /// not `wanted` have half of the weight, otherwise the label with the largest weight, the lowest of equals. Its
+    /// boundaries are smooth where those of the nearest voxels are stairs, and a layer of one voxel has no holes.
+    /// `None` outside the volume.
     pub fn smoothed_label_at(&self, world: &Point3<f64>, wanted: impl Fn(u8) -> bool) -> Option<u8> {
         let index = self.world_to_index.transform_point(world);
         let mut taps = [[(0, 0.0); 4]; 3];

@@ -1,5 +1,5 @@
-//! The border to decoders of other crates: what a header promises is held against its file and the memory before they are
-//! called, and a panic in them is an error.
+//! The border to decoders of other crates: what a header promises is held against its file and the memory before they
+//! are called, and a panic in them is an error.
 
 use std::any::Any;
 use std::cell::Cell;
@@ -10,8 +10,8 @@ use std::sync::Once;
 
 use crate::memory;
 
-/// Largest number of bytes that one byte of compressed data stands for: that of deflate (zlib, "An Explanation of the Deflate
-/// Algorithm"). Pictures as JPEG and RLE stay below it.
+/// Largest number of bytes that one byte of compressed data stands for: that of deflate (zlib, "An Explanation of the
+/// Deflate Algorithm"). Pictures as JPEG and RLE stay below it.
 pub const EXPANSION: u64 = 1032;
 
 /// Memory that one decoded picture or data set may take, bytes.
@@ -33,8 +33,8 @@ impl From<Panicked> for io::Error {
     }
 }
 
-/// Runs a decoder of another crate; a panic in it is an error, and prints nothing. The first call installs a panic hook that is
-/// silent within decoders and otherwise calls the hook before it.
+/// Runs a decoder of another crate; a panic in it is an error, and prints nothing. The first call installs a panic hook
+/// that is silent within decoders and otherwise calls the hook before it.
 ///
 /// # Errors
 /// [`Panicked`]; where panics abort the process, it ends as it would without this.
@@ -83,11 +83,12 @@ impl<R: Read> Read for Guarded<R> {
     }
 }
 
-/// Checks what a header promises before a decoder takes memory by it: `promised` bytes from `stored` compressed ones. `what`
-/// names them.
+/// Checks what a header promises before a decoder takes memory by it: `promised` bytes from `stored` compressed ones.
+/// `what` names them.
 ///
 /// # Errors
-/// Invalid data if they cannot come from so few bytes or exceed [`MOST`]; out of memory if they exceed what is available.
+/// Invalid data if they cannot come from so few bytes or exceed [`MOST`]; out of memory if they exceed what is
+/// available.
 pub fn check(promised: u64, stored: u64, what: &str) -> io::Result<()> {
     let most = stored.saturating_mul(EXPANSION).min(MOST);
     if promised > most {

@@ -52,8 +52,8 @@ struct Syntax {
     big_endian: bool,
 }
 
-/// Checks that no element of a file is longer than the rest of it, that sequences lie in each other only so deep, and that a
-/// deflated data set stays within the limit of memory.
+/// Checks that no element of a file is longer than the rest of it, that sequences lie in each other only so deep, and
+/// that a deflated data set stays within the limit of memory.
 ///
 /// # Errors
 /// The first fault.

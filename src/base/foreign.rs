@@ -1,5 +1,5 @@
-//! Files of other kinds than the one expected, told by how they start or how their names end: messages name the kind and what to do, not
-//! its bytes. A kind is a line of `KINDS`.
+//! Files of other kinds than the one expected, told by how they start or how their names end: messages name the kind
+//! and what to do, not its bytes. A kind is a line of `KINDS`.
 
 use std::path::Path;
 

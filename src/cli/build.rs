@@ -1,4 +1,5 @@
-//! Commit of the sources: from `INSONIFY_COMMIT` or, for release builds, from the repository around them if there is one.
+//! Commit of the sources: from `INSONIFY_COMMIT` or, for release builds, from the repository around them if there is
+//! one.
 
 use std::path::{Path, PathBuf};
 use std::{env, fs};

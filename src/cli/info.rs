@@ -1,4 +1,5 @@
-//! `insonify info`: contents of a label file, a folder of masks or surfaces, a tracked sequence or a PLUS configuration.
+//! `insonify info`: contents of a label file, a folder of masks or surfaces, a tracked sequence or a PLUS
+//! configuration.
 
 use std::path::PathBuf;
 

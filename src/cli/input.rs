@@ -22,9 +22,9 @@ const LARGEST_SIDE: u32 = 16_384;
 /// Argument for a table of label names.
 #[derive(Args)]
 pub(crate) struct NamesArg {
-    /// Table of label names: CSV with columns `value` and `name`, a colour table of 3D Slicer or FreeSurfer, label descriptions of
-    /// ITK-SNAP, dataset.json of nnU-Net [default: for labels without names, the file of the same stem that ends in .csv, .tsv
-    /// or .ctbl, or dataset.json beside it]
+    /// Table of label names: CSV with columns `value` and `name`, a colour table of 3D Slicer or FreeSurfer, label
+    /// descriptions of ITK-SNAP, dataset.json of nnU-Net [default: for labels without names, the file of the same stem
+    /// that ends in .csv, .tsv or .ctbl, or dataset.json beside it]
     #[arg(long, value_name = "FILE")]
     names: Option<PathBuf>,
 }
@@ -45,12 +45,12 @@ pub(crate) struct Input {
     /// file alone
     #[arg(value_name = "SCENE.toml")]
     scene: Option<PathBuf>,
-    /// Label file to image, or a folder of binary masks or of closed surfaces (.stl, .ply, .obj, .vtk, .vtp) named by their
-    /// files; with a scene it replaces the scene's volume
+    /// Label file to image, or a folder of binary masks or of closed surfaces (.stl, .ply, .obj, .vtk, .vtp) named by
+    /// their files; with a scene it replaces the scene's volume
     #[arg(long, value_name = "FILE")]
     labels: Option<PathBuf>,
-    /// CT that the labels were made from: unlabelled voxels of the body are gas, fat, muscle, soft tissue or bone by their
-    /// grey value
+    /// CT that the labels were made from: unlabelled voxels of the body are gas, fat, muscle, soft tissue or bone by
+    /// their grey value
     #[arg(long, value_name = "FILE")]
     ct: Option<PathBuf>,
     #[command(flatten)]
@@ -129,8 +129,8 @@ impl Input {
         self.told(self.read()?.resolve(self.folder())?, backend)
     }
 
-    /// Reads the scene as [`scene`](Self::scene) does, after a check of its file, and refuses one of which no frame shows
-    /// anything of the volume.
+    /// Reads the scene as [`scene`](Self::scene) does, after a check of its file, and refuses one of which no frame
+    /// shows anything of the volume.
     pub(crate) fn visible_scene(
         &self,
         backend: &BackendArgs,

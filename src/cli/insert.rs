@@ -85,8 +85,8 @@ pub(crate) struct Insert {
     /// back
     #[arg(long, value_name = "NAME", requires = "labels")]
     target: Option<String>,
-    /// CT that the labels were made from: unlabelled voxels of the body are gas, fat, muscle, soft tissue or bone by their
-    /// grey value
+    /// CT that the labels were made from: unlabelled voxels of the body are gas, fat, muscle, soft tissue or bone by
+    /// their grey value
     #[arg(long, value_name = "FILE")]
     ct: Option<PathBuf>,
     #[command(flatten)]

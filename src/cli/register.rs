@@ -62,7 +62,8 @@ pub(crate) struct Register {
     volume: PathBuf,
     #[command(flatten)]
     names: NamesArg,
-    /// Points of the physical surface: .csv, .fcsv, .mrk.json, .stl, .ply, .obj, .vtk, .vtp, a segmentation, or a tracked sequence of a stylus
+    /// Points of the physical surface: .csv, .fcsv, .mrk.json, .stl, .ply, .obj, .vtk, .vtp, a segmentation, or a
+    /// tracked sequence of a stylus
     #[arg(long, value_name = "FILE")]
     surface: PathBuf,
     /// Points known on both sides: CSV with
@@ -176,8 +177,8 @@ impl Register {
         self.tip.is_none() && !self.is_segmentation() && SURFACES.iter().any(|known| ending == *known)
     }
 
-    /// Questions a fit that turns a body about its long axis, as wrong axes do, or upside down. Trackers have axes of any
-    /// direction, segmentations state theirs.
+    /// Questions a fit that turns a body about its long axis, as wrong axes do, or upside down. Trackers have axes of
+    /// any direction, segmentations state theirs.
     fn doubt_axes(&self, registration: &Registration, world: World) {
         if self.tip.is_some() || self.is_segmentation() || !registration.landmarks_mm.is_empty() {
             return;

@@ -71,8 +71,8 @@ pub(crate) struct Render {
     /// Number of frames of the scene's motion [default: that of the scene]
     #[arg(long, value_name = "N", value_parser = frame_count)]
     frames: Option<usize>,
-    /// Go on with a run into this folder that was cut off: frames that are whole are kept, the others made. Where there is
-    /// none it begins, and if it is cut off, its frames stay for the next
+    /// Go on with a run into this folder that was cut off: frames that are whole are kept, the others made. Where there
+    /// is none it begins, and if it is cut off, its frames stay for the next
     #[arg(long)]
     resume: bool,
     #[command(flatten)]

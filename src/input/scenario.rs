@@ -1,7 +1,7 @@
 //! Scenario files for needle insertions: scene, deformable tissue, needle and probe in one TOML file.
 //!
-//! [`ScenarioFile`] is the file as written; [`ScenarioFile::resolve`] loads what it names, makes the mesh and checks every
-//! number; [`run`](crate::run::run) moves needle and probe through it, step by step. Errors point at the line.
+//! [`ScenarioFile`] is the file as written; [`ScenarioFile::resolve`] loads what it names, makes the mesh and checks
+//! every number; [`run`](crate::run::run) moves needle and probe through it, step by step. Errors point at the line.
 //!
 //! ```
 //! use insonify::ScenarioFile;

@@ -153,8 +153,8 @@ struct Parts {
 }
 
 impl Parts {
-    /// Refuses nodes that lie too far for their products to be finite, and displacements that are not finite or as far. Nodes
-    /// that are not finite are for [`TetMesh::new`] to refuse.
+    /// Refuses nodes that lie too far for their products to be finite, and displacements that are not finite or as far.
+    /// Nodes that are not finite are for [`TetMesh::new`] to refuse.
     fn check_size(&self) -> Result<(), Fault> {
         let is_within = |vector: &[f64; 3]| vector.iter().all(|x| x.abs() <= FARTHEST_MM);
         let is_finite = |vector: &[f64; 3]| vector.iter().all(|x| x.is_finite());

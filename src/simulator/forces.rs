@@ -20,8 +20,8 @@ pub struct Forces {
     pub hand_base: Wrench,
     /// Wrench of the tissue on the probe, about the probe's origin, world axes; `None` if no probe presses.
     pub probe_world: Option<Wrench>,
-    /// Forces at each of the points of [`SimulatorOptions::probe_points`](super::SimulatorOptions::probe_points) that are equivalent to
-    /// `probe_world`, N, world axes; `None` without points or if no probe presses.
+    /// Forces at each of the points of [`SimulatorOptions::probe_points`](super::SimulatorOptions::probe_points) that
+    /// are equivalent to `probe_world`, N, world axes; `None` without points or if no probe presses.
     pub probe_points: Option<[Vector3<f64>; 2]>,
     /// Duration of the step.
     pub took: Duration,

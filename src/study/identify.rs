@@ -121,8 +121,8 @@ pub struct Sensitivity {
     pub cost_ratio: f64,
 }
 
-/// Identifies the parameters of a case. `progress` receives an estimate of the completed fraction after each simulation, and may
-/// say stop.
+/// Identifies the parameters of a case. `progress` receives an estimate of the completed fraction after each
+/// simulation, and may say stop.
 ///
 /// # Errors
 /// [`Error`] for tables that cannot be used, and for parameters with which no insertion can be simulated.

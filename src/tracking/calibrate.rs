@@ -1,8 +1,8 @@
-//! Calibration of tracked instruments by least squares: the point that a marker's motion leaves fixed, directions in the marker's frame,
-//! and the plane of an image ([`points`]).
+//! Calibration of tracked instruments by least squares: the point that a marker's motion leaves fixed, directions in
+//! the marker's frame, and the plane of an image ([`points`]).
 //!
-//! Rotations R and positions t take the marker's frame to the tracker's. A tip p that rests at c fulfils R p + t = c in every pose (Z. Yaniv,
-//! "Which pivot calibration?", Proc. SPIE 9415, 2015, algebraic one-step method).
+//! Rotations R and positions t take the marker's frame to the tracker's. A tip p that rests at c fulfils R p + t = c in
+//! every pose (Z. Yaniv, "Which pivot calibration?", Proc. SPIE 9415, 2015, algebraic one-step method).
 
 pub mod points;
 pub mod poses;
@@ -16,12 +16,13 @@ use super::TrackingError;
 use insonify_base::statistics::median;
 use poses::{MarkerPose, Poses};
 
-/// Deviation from the median above which a residual counts as an outlier, standard deviations as estimated from the median absolute
-/// deviation: beyond 3 of the noise for norms of three-dimensional errors.
+/// Deviation from the median above which a residual counts as an outlier, standard deviations as estimated from the
+/// median absolute deviation: beyond 3 of the noise for norms of three-dimensional errors.
 const OUTLIER: f64 = 2.5;
 /// Standard deviations per median absolute deviation of normally distributed values.
 const PER_MAD: f64 = 1.4826;
-/// Variance of normally distributed errors that the limit for outliers leaves of the whole: 0.953 in three directions, 0.927 in two.
+/// Variance of normally distributed errors that the limit for outliers leaves of the whole: 0.953 in three directions,
+/// 0.927 in two.
 const TRUNCATED: f64 = 0.94;
 /// Least spread of residuals, mm: that of rounding in files.
 const ROUNDING: f64 = 1e-6;
@@ -78,8 +79,8 @@ pub struct Pivot {
 pub struct Direction {
     /// Unit vector.
     pub direction: [f64; 3],
-    /// Root mean square of the angles between the direction in each pose and the given or mean one, degrees; from two pivots the standard
-    /// deviation of the direction.
+    /// Root mean square of the angles between the direction in each pose and the given or mean one, degrees; from two
+    /// pivots the standard deviation of the direction.
     pub rms_deg: f64,
     /// Number of used poses.
     pub used: usize,
@@ -228,8 +229,8 @@ fn fit_pivot(
     Ok(((point, pivot, std), all.iter().map(distance_mm).collect()))
 }
 
-/// Finds the direction of the marker's frame that is held along known directions of the tracker's frame: the maximum of the mean
-/// cosine.
+/// Finds the direction of the marker's frame that is held along known directions of the tracker's frame: the maximum of
+/// the mean cosine.
 ///
 /// # Errors
 /// [`TrackingError`] if there is no pose, or if the directions contradict one another by more than 20 degrees.
@@ -278,8 +279,9 @@ pub fn direction_between(hub: &Pivot, tip: &Pivot) -> Result<Direction, Tracking
     })
 }
 
-/// Finds the axis about which an instrument is turned in place: the direction d with the least change between poses, the smallest
-/// eigenvector of the sum of (I - Ri' Rj)' (I - Ri' Rj) over all pairs. Its sense is that of `toward`, a vector of the marker's frame.
+/// Finds the axis about which an instrument is turned in place: the direction d with the least change between poses,
+/// the smallest eigenvector of the sum of (I - Ri' Rj)' (I - Ri' Rj) over all pairs. Its sense is that of `toward`, a
+/// vector of the marker's frame.
 ///
 /// # Errors
 /// [`TrackingError`] if the instrument turns by too little, or about no single axis.

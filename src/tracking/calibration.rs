@@ -1,10 +1,10 @@
 //! Spatial calibration: from calibrated images to the simulated transducer.
 //!
-//! Trackers report the pose of a marker fixed to the probe, which PLUS calls `Probe`. A spatial calibration gives the `Image`
-//! frame (pixels) in that frame, as `ImageToProbe`. The probe frame of insonify is PLUS's `Transducer`: the origin at the
-//! centre of the array, x towards the marked side, y into the body, mm. In an image of orientation MF its axes run along the
-//! columns and the rows, so a calibration and the pixel of the array's centre give the transducer in the marker's frame
-//! ([`Calibration`]).
+//! Trackers report the pose of a marker fixed to the probe, which PLUS calls `Probe`. A spatial calibration gives the
+//! `Image` frame (pixels) in that frame, as `ImageToProbe`. The probe frame of insonify is PLUS's `Transducer`: the
+//! origin at the centre of the array, x towards the marked side, y into the body, mm. In an image of orientation MF its
+//! axes run along the columns and the rows, so a calibration and the pixel of the array's centre give the transducer in
+//! the marker's frame ([`Calibration`]).
 
 use nalgebra::{Matrix4, Vector3, Vector4};
 
@@ -12,8 +12,8 @@ use super::TrackingError;
 use super::probe::ImageGrid;
 use insonify_base::matrix;
 
-/// Largest deviation of image axes from perpendicular, rad: the worst calibration among the configurations of PlusLibData
-/// (`SpinePhantomFreehandReconstructionOnly`) is off by 0.05.
+/// Largest deviation of image axes from perpendicular, rad: the worst calibration among the configurations of
+/// PlusLibData (`SpinePhantomFreehandReconstructionOnly`) is off by 0.05.
 const SKEW: f64 = 0.1;
 
 /// Relative difference of pixel sizes above which a warning is given.
@@ -36,9 +36,9 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Creates a calibration from an image-to-probe matrix (MF orientation, pixels to mm) and the pixel (column, row) of the
-    /// centre of the array. The transducer's axes are the image's, orthogonalised symmetrically. The third column of the
-    /// matrix is not used, since a planar calibration does not measure it.
+    /// Creates a calibration from an image-to-probe matrix (MF orientation, pixels to mm) and the pixel (column, row)
+    /// of the centre of the array. The transducer's axes are the image's, orthogonalised symmetrically. The third
+    /// column of the matrix is not used, since a planar calibration does not measure it.
     pub fn new(image_to_probe: &Matrix4<f64>, array_centre_px: [f64; 2]) -> Result<Self, TrackingError> {
         let wrong = |text: String| TrackingError::new(format!("image-to-probe calibration: {text}"));
         if !array_centre_px.iter().all(|x| x.is_finite()) {
@@ -63,7 +63,8 @@ impl Calibration {
             let text = format!("the image axes are {angle:.2} degrees off square; expected at most {limit:.2}");
             return Err(wrong(text));
         }
-        // Sum and difference of unit vectors are perpendicular whatever the angle between these: halves of them are the nearest square axes.
+        // Sum and difference of unit vectors are perpendicular whatever the angle between these: halves of them are the
+        // nearest square axes.
         let [sum, difference] = [axes[0] + axes[1], axes[0] - axes[1]].map(|v| v.normalize());
         let (x, y) = ((sum + difference).normalize(), (sum - difference).normalize());
         let z = x.cross(&y);
@@ -139,8 +140,8 @@ impl Calibration {
         })
     }
 
-    /// Warning if the image axes are so far from perpendicular that orthogonalising them moves a pixel of an image of this
-    /// size by half a pixel or more.
+    /// Warning if the image axes are so far from perpendicular that orthogonalising them moves a pixel of an image of
+    /// this size by half a pixel or more.
     pub fn skew_warning(&self, size: [usize; 2]) -> Option<String> {
         let (farthest, pixels) = self.moved(size)?;
         let [columns, rows, planes] = self.lengths_mm;

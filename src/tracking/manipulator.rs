@@ -1,12 +1,13 @@
 //! Probe-mounted needle guide of three degrees of freedom, after Kobayashi et al. 2010 (section 2.3, figures 4 to 6).
 //!
-//! Three slides move it. Slide I carries the pivot of the needle along the lateral axis of the probe; slide II runs on the same rail and
-//! turns the needle about the pivot through a slider-crank (a rod from the slide to a crank fixed to the needle's holder); slide III
-//! moves the needle along itself. I and II together are horizontal positioning (A), II alone is posture (B), III is insertion (C). The
-//! needle stays in the image plane, and its pose is one in the frame of the probe: the guide goes where the probe goes.
+//! Three slides move it. Slide I carries the pivot of the needle along the lateral axis of the probe; slide II runs on
+//! the same rail and turns the needle about the pivot through a slider-crank (a rod from the slide to a crank fixed to
+//! the needle's holder); slide III moves the needle along itself. I and II together are horizontal positioning (A), II
+//! alone is posture (B), III is insertion (C). The needle stays in the image plane, and its pose is one in the frame of
+//! the probe: the guide goes where the probe goes.
 //!
-//! With the crank of length r at the angle t from the axial direction of its frame, the rail at the height h above the pivot, a rod of length l,
-//! and the distance d of slide II from the pivot along the rail:
+//! With the crank of length r at the angle t from the axial direction of its frame, the rail at the height h above the
+//! pivot, a rod of length l, and the distance d of slide II from the pivot along the rail:
 //!
 //! ```text
 //! (d - r sin t)^2 + (h - r cos t)^2 = l^2
@@ -30,8 +31,8 @@ pub(crate) const POSITION_MM: [f64; 2] = [-20.0, 20.0];
 pub(crate) const POSTURE_DEG: [f64; 2] = [-30.0, 30.0];
 /// Range of insertion, mm (section 2.3).
 pub(crate) const INSERTION_MM: [f64; 2] = [0.0, 60.0];
-/// Least sine of the angle between crank and rod, and least cosine of that between rod and rail: nearer to a dead point the slide no longer
-/// moves the needle surely, or the needle the slide.
+/// Least sine of the angle between crank and rod, and least cosine of that between rod and rail: nearer to a dead point
+/// the slide no longer moves the needle surely, or the needle the slide.
 pub const MIN: f64 = 0.1;
 /// Distance of the needle from the image plane that counts as in it, mm, and slope against it.
 const IN_PLANE: [f64; 2] = [0.05, 1e-3];
@@ -39,17 +40,19 @@ const IN_PLANE: [f64; 2] = [0.05, 1e-3];
 const ROUNDING: f64 = 1e-9;
 
 parameters! {
-    /// Dimensions of the guide. Kobayashi et al. 2010 give none but the ranges and the outer size of 80 x 90 x 44 mm: the defaults are choices
-    /// that fit into it.
+    /// Dimensions of the guide. Kobayashi et al. 2010 give none but the ranges and the outer size of 80 x 90 x 44 mm:
+    /// the defaults are choices that fit into it.
     #[derive(Copy)]
     pub struct Guide {
         /// Lateral position of the pivot in the middle of its travel, in the frame of the probe, mm.
         side_mm: f64 = 40.0, in -200..=200;
         /// Distance of the pivot behind the centre of the array, mm.
         behind_mm: f64 = 13.0, in -100..=200;
-        /// Angle of the needle in the middle of its range to the axial direction of the probe, positive towards the marked side, degrees.
+        /// Angle of the needle in the middle of its range to the axial direction of the probe, positive towards the
+        /// marked side, degrees.
         tilt_deg: f64 = -30.0, in -50..=50;
-        /// Distance of the tip of the withdrawn needle from the pivot, mm. By default the tip is then level with the array.
+        /// Distance of the tip of the withdrawn needle from the pivot, mm. By default the tip is then level with the
+        /// array.
         standoff_mm: f64 = 15.0, in 0..=200;
         /// Length of the crank, mm.
         crank_mm: f64 = 20.0, in 1..=100;
@@ -60,7 +63,8 @@ parameters! {
     }
 }
 
-/// Position of the guide in its three degrees of freedom, each from the middle of its range (A, B) or from the withdrawn needle (C).
+/// Position of the guide in its three degrees of freedom, each from the middle of its range (A, B) or from the
+/// withdrawn needle (C).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Posture {
@@ -72,8 +76,8 @@ pub struct Posture {
     pub insertion_mm: f64,
 }
 
-/// Straight needle in the image plane: its tip in the frame of the probe (lateral, axial), mm, and its angle to the axial
-/// direction, positive towards the marked side, degrees.
+/// Straight needle in the image plane: its tip in the frame of the probe (lateral, axial), mm, and its angle to the
+/// axial direction, positive towards the marked side, degrees.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct InPlane {
     /// Tip, mm.
@@ -105,7 +109,8 @@ impl Guide {
         Ok(())
     }
 
-    /// Distance of slide II from the pivot along the rail at an angle of the crank (rad), mm; `None` if the rod is too short.
+    /// Distance of slide II from the pivot along the rail at an angle of the crank (rad), mm; `None` if the rod is too
+    /// short.
     fn reach(&self, angle: f64) -> Option<f64> {
         let (sin, cos) = angle.sin_cos();
         let below = self.rail_mm - self.crank_mm * cos;
@@ -113,8 +118,8 @@ impl Guide {
         (square >= 0.0).then(|| self.crank_mm * sin + square.sqrt())
     }
 
-    /// Sine of the angle between crank and rod, and cosine of that between rod and rail, at an angle of the crank (rad): 0 at a dead
-    /// point for the slide, and for the crank.
+    /// Sine of the angle between crank and rod, and cosine of that between rod and rail, at an angle of the crank
+    /// (rad): 0 at a dead point for the slide, and for the crank.
     fn transmission(&self, angle: f64) -> Option<[f64; 2]> {
         let d = self.reach(angle)?;
         let (sin, cos) = angle.sin_cos();
@@ -145,7 +150,8 @@ impl Guide {
     /// Posture for places of the slides, mm.
     ///
     /// # Errors
-    /// [`TrackingError`] for slides between which the slider-crank does not close, and for a degree of freedom out of its range.
+    /// [`TrackingError`] for slides between which the slider-crank does not close, and for a degree of freedom out of
+    /// its range.
     pub fn posture(&self, slides: [f64; 3]) -> Result<Posture, TrackingError> {
         let posture = self.at(slides)?;
         posture.check()?;
@@ -211,7 +217,8 @@ impl Guide {
         Ok(posture)
     }
 
-    /// Range of the angles (degrees, as in [`InPlane`]) at which the tip reaches a point of the image plane; `None` for a point out of reach.
+    /// Range of the angles (degrees, as in [`InPlane`]) at which the tip reaches a point of the image plane; `None` for
+    /// a point out of reach.
     pub fn angles_deg(&self, [x, y]: [f64; 2]) -> Option<[f64; 2]> {
         let below = y + self.behind_mm;
         let [shortest, longest] = INSERTION_MM.map(|mm| self.standoff_mm + mm);
@@ -301,7 +308,8 @@ impl InPlane {
         })
     }
 
-    /// Pose of the tip in the frame of the probe: its axial direction that of the needle, its lateral one in the image plane.
+    /// Pose of the tip in the frame of the probe: its axial direction that of the needle, its lateral one in the image
+    /// plane.
     ///
     /// # Errors
     /// [`TrackingError`] for numbers that are not finite.

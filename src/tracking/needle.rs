@@ -21,7 +21,8 @@ pub const MAX_NODES: usize = 65;
 /// Largest coordinate of a needle, mm.
 const FARTHEST_MM: f64 = insonify_base::matrix::FARTHEST_MM;
 
-/// A needle in the world (LPS, mm): a shaft as a polyline from hub to tip, and a diameter. Always finite, of positive length.
+/// A needle in the world (LPS, mm): a shaft as a polyline from hub to tip, and a diameter. Always finite, of positive
+/// length.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NeedlePose {
     nodes: Vec<Point3<f64>>,
@@ -150,7 +151,8 @@ parameters! {
         nodes_mm: Option<Vec<[f64; 3]>>;
         /// Length of a straight shaft. Default 150; not with `nodes_mm`.
         length_mm: Option<f64>, in 0.1..=1000;
-        /// Diameter, from finer than the finest hypodermic (34 G, 0.18 mm) to wider than a biopsy cannula. Default 1.27 (18 gauge).
+        /// Diameter, from finer than the finest hypodermic (34 G, 0.18 mm) to wider than a biopsy cannula. Default 1.27
+        /// (18 gauge).
         diameter_mm: Option<f64>, in 0.05..=10;
     }
 }

@@ -32,8 +32,8 @@ const NORMAL_MM: f64 = 10.0;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ScanPlane {
-    /// Across the body: from in front and behind, image columns run towards the patient's left; from the patient's right
-    /// side, towards the front.
+    /// Across the body: from in front and behind, image columns run towards the patient's left; from the patient's
+    /// right side, towards the front.
     #[default]
     Transverse,
     /// Along the body: image columns run towards the feet.
@@ -90,8 +90,8 @@ pub struct Placement {
     pub note: Note,
 }
 
-/// Places a probe on the skin over the labels `target` (indices), from the front or the side where possible; one whose [`Site`] is a lumen in the
-/// middle of the target, across its axis.
+/// Places a probe on the skin over the labels `target` (indices), from the front or the side where possible; one whose
+/// [`Site`] is a lumen in the middle of the target, across its axis.
 ///
 /// # Errors
 /// [`TrackingError`]: no such voxels, no skin in reach, a depth that is not positive, or a lumen that is too narrow.
@@ -154,8 +154,8 @@ pub fn place(
     })
 }
 
-/// Greatest depth, up to `limit_mm`, at which a ray of a field meets the label `target` (index) before one that `is_hiding`
-/// all behind it, mm.
+/// Greatest depth, up to `limit_mm`, at which a ray of a field meets the label `target` (index) before one that
+/// `is_hiding` all behind it, mm.
 pub fn deepest_mm(
     volume: &LabelVolume,
     target: u8,
@@ -428,8 +428,8 @@ const FROM_BEHIND: f64 = 0.7;
 const PER_OUTSIDE: f64 = 0.4;
 /// Weight of the part of the fan behind bone or gas, which shows nothing of the surroundings of the target.
 const PER_BLOCKED: f64 = 0.5;
-/// Score penalty per millimetre of air between array and skin: a convex array on flat skin has about 4 mm, and one with an
-/// end in the air twice that and more.
+/// Score penalty per millimetre of air between array and skin: a convex array on flat skin has about 4 mm, and one with
+/// an end in the air twice that and more.
 const GAP_PER_MM: f64 = 0.06;
 
 /// Result of casting a fan of rays.
@@ -471,7 +471,8 @@ fn pose(origin: Point3<f64>, axial: Vector3<f64>, plane: ScanPlane) -> Matrix4<f
     )
 }
 
-/// Points of the target to aim at: the voxel nearest to its centre, then voxels spread through it. `None` without voxels.
+/// Points of the target to aim at: the voxel nearest to its centre, then voxels spread through it. `None` without
+/// voxels.
 pub fn aims(volume: &LabelVolume, target: &[u8]) -> Option<Vec<Point3<f64>>> {
     let [nx, ny, _] = volume.size();
     let voxels: Vec<usize> = volume

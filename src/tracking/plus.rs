@@ -58,8 +58,8 @@ pub struct PlusConfig {
 }
 
 impl PlusConfig {
-    /// Reads a configuration: the `Transform` elements under `CoordinateDefinitions`, the first `ScanConversion`, and the first
-    /// `TransducerCenterPixel`, `NumberOfScanLines` and `ClipRectangleOrigin` anywhere in the file.
+    /// Reads a configuration: the `Transform` elements under `CoordinateDefinitions`, the first `ScanConversion`, and
+    /// the first `TransducerCenterPixel`, `NumberOfScanLines` and `ClipRectangleOrigin` anywhere in the file.
     pub fn read(path: &Path) -> Result<Self, TrackingError> {
         let no_xml = |contents: String| {
             TrackingError::file(path, format!(": found {contents}; expected a PLUS configuration (XML)"))

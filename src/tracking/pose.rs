@@ -6,12 +6,12 @@ use super::error::TrackingError;
 use super::world::World;
 use insonify_base::matrix::{self, Rows};
 
-/// Smallest sine of the angle between the axial direction and a lateral hint: below it (a twentieth of a degree) the hint
-/// is ambiguous.
+/// Smallest sine of the angle between the axial direction and a lateral hint: below it (a twentieth of a degree) the
+/// hint is ambiguous.
 const PARALLEL_SINE: f64 = 1e-3;
 
-/// Position and orientation of a probe: its frame (x lateral towards the marked side, y axial into the body, z = x cross y)
-/// in the world. Always finite and a proper rotation.
+/// Position and orientation of a probe: its frame (x lateral towards the marked side, y axial into the body, z = x
+/// cross y) in the world. Always finite and a proper rotation.
 ///
 /// ```
 /// use insonify_tracking::pose::Pose;
@@ -35,8 +35,8 @@ impl Pose {
         }
     }
 
-    /// Creates a pose from a probe-to-world matrix on column vectors, mm. Rotations with errors of up to 5e-3 per entry,
-    /// as trackers send them, are orthonormalised.
+    /// Creates a pose from a probe-to-world matrix on column vectors, mm. Rotations with errors of up to 5e-3 per
+    /// entry, as trackers send them, are orthonormalised.
     pub fn from_matrix(probe_to_world: &Matrix4<f64>) -> Result<Self, TrackingError> {
         Self::of_matrix(probe_to_world).map_err(|text| TrackingError::at("matrix", format!("pose matrix: {text}")))
     }
@@ -47,9 +47,9 @@ impl Pose {
         Ok(Self { probe_to_world })
     }
 
-    /// Creates a pose from the centre of the array (mm), the axial direction and a lateral hint, which is orthogonalised to
-    /// the axial direction. The lengths of the vectors are arbitrary. Without a hint the marked side points to the patient's
-    /// left (+x), or to the feet (-z) if the axial direction is within 45 degrees of x.
+    /// Creates a pose from the centre of the array (mm), the axial direction and a lateral hint, which is
+    /// orthogonalised to the axial direction. The lengths of the vectors are arbitrary. Without a hint the marked side
+    /// points to the patient's left (+x), or to the feet (-z) if the axial direction is within 45 degrees of x.
     pub fn from_direction(
         position_mm: Point3<f64>,
         direction: Vector3<f64>,
@@ -103,8 +103,8 @@ impl Pose {
         Ok(Self { probe_to_world })
     }
 
-    /// Returns the pose moved to `position_mm` and rotated by the smallest angle to the axial direction `direction`: this
-    /// keeps the marked side steady along a path that states only directions.
+    /// Returns the pose moved to `position_mm` and rotated by the smallest angle to the axial direction `direction`:
+    /// this keeps the marked side steady along a path that states only directions.
     pub fn turned_to(&self, position_mm: Point3<f64>, direction: Vector3<f64>) -> Result<Self, TrackingError> {
         let axial = unit("pose", "direction", direction)?;
         let turn = Rotation3::rotation_between(&self.axial(), &axial)
@@ -112,8 +112,8 @@ impl Pose {
         Self::from_axes(position_mm, &(turn.matrix() * self.axes()))
     }
 
-    /// Returns the pose rotated about its own axes, in this order: `rotate` about the axial one, `rock` in its plane (about
-    /// z), `tilt` out of its plane (about x). Radians.
+    /// Returns the pose rotated about its own axes, in this order: `rotate` about the axial one, `rock` in its plane
+    /// (about z), `tilt` out of its plane (about x). Radians.
     pub fn turned(&self, rotate: f64, rock: f64, tilt: f64) -> Self {
         let turn = Rotation3::from_axis_angle(&Vector3::y_axis(), rotate)
             * Rotation3::from_axis_angle(&Vector3::z_axis(), rock)
@@ -212,8 +212,9 @@ macro_rules! pose_table {
             /// Axial direction of the probe in the world; any length.
             #[serde(default, skip_serializing_if = "Option::is_none")]
             pub direction: Option<[f64; 3]>,
-            /// Approximate direction of the marked side in the world; any length, orthogonalised to `direction`. Default: carried on from the previous
-            /// keyframe by the smallest rotation; without one the patient's left, or the feet if the probe points along the left-right axis.
+            /// Approximate direction of the marked side in the world; any length, orthogonalised to `direction`.
+            /// Default: carried on from the previous keyframe by the smallest rotation; without one the patient's left,
+            /// or the feet if the probe points along the left-right axis.
             #[serde(default, skip_serializing_if = "Option::is_none")]
             pub lateral: Option<[f64; 3]>,
             /// Rotation about the axial direction, degrees. Default 0.

@@ -1,7 +1,7 @@
 //! Probe geometry: origin and direction of each scanline in the probe frame.
 //!
-//! The probe frame has its origin at the centre of the transducer array, x lateral towards the marked side, y axial into
-//! the body, z = x cross y. Sample `i` of a scanline lies `(i + 0.5) * depth / samples` millimetres along it.
+//! The probe frame has its origin at the centre of the transducer array, x lateral towards the marked side, y axial
+//! into the body, z = x cross y. Sample `i` of a scanline lies `(i + 0.5) * depth / samples` millimetres along it.
 
 mod beam;
 mod image_grid;
@@ -64,8 +64,8 @@ impl ProbeKind {
         self.facts().name
     }
 
-    /// A centre frequency common for the kind, MHz: low for deep abdominal and cardiac probes, high for surface probes and those inside the
-    /// body.
+    /// A centre frequency common for the kind, MHz: low for deep abdominal and cardiac probes, high for surface probes
+    /// and those inside the body.
     pub fn usual_frequency_mhz(self) -> f64 {
         self.facts().usual_mhz
     }
@@ -86,8 +86,8 @@ impl ProbeKind {
         self.facts().site
     }
 
-    /// Length of a flat array that all scanlines share, mm: its diffraction widens the beam in proportion to depth. `None` where the active
-    /// elements move with the scanline.
+    /// Length of a flat array that all scanlines share, mm: its diffraction widens the beam in proportion to depth.
+    /// `None` where the active elements move with the scanline.
     pub fn shared_aperture_mm(self) -> Option<f64> {
         self.facts().shared_aperture_mm
     }
@@ -121,8 +121,8 @@ impl ProbeShape {
 }
 
 impl Probe {
-    /// Creates a probe of a shape (or of a kind's table, such as [`Linear`]) with imaging depth `depth_mm`, the kind's usual frequency and the default grid of 256
-    /// scanlines by 512 samples.
+    /// Creates a probe of a shape (or of a kind's table, such as [`Linear`]) with imaging depth `depth_mm`, the kind's
+    /// usual frequency and the default grid of 256 scanlines by 512 samples.
     pub fn new(shape: impl Into<ProbeShape>, depth_mm: f64) -> Result<Self, TrackingError> {
         let shape = shape.into();
         let probe = Self {
@@ -148,8 +148,8 @@ impl Probe {
         }
     }
 
-    /// Checks every number against its documented range. One scanline and one sample are allowed; a sector without angle
-    /// or depth is not.
+    /// Checks every number against its documented range. One scanline and one sample are allowed; a sector without
+    /// angle or depth is not.
     pub fn validate(&self) -> Result<(), TrackingError> {
         self.shape.check()?;
         in_ranges("probe", &ProbeSpec::from(*self).sampling)

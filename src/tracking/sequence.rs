@@ -1,6 +1,6 @@
-//! Tracked ultrasound sequences as PLUS writes them: `.igs.mha`, `.igs.mhd` with `.raw`, `.igs.nrrd`. Each frame has one
-//! image and a set of named transforms, under keys such as `Seq_Frame0007_ProbeToTrackerTransform` (Lasso et al. 2014,
-//! "PLUS: open-source toolkit for ultrasound-guided intervention systems", and IGSIO's sequence files).
+//! Tracked ultrasound sequences as PLUS writes them: `.igs.mha`, `.igs.mhd` with `.raw`, `.igs.nrrd`. Each frame has
+//! one image and a set of named transforms, under keys such as `Seq_Frame0007_ProbeToTrackerTransform` (Lasso et al.
+//! 2014, "PLUS: open-source toolkit for ultrasound-guided intervention systems", and IGSIO's sequence files).
 
 use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;
@@ -82,8 +82,8 @@ pub struct Sequence {
     pub frames: Vec<SequenceFrame>,
     /// Columns and rows of the images in orientation MF; `None` if the file has no images.
     pub image_size: Option<[usize; 2]>,
-    /// Distance between columns and between rows in orientation MF, mm; `None` if the file states 1 x 1, which PLUS and this
-    /// program write regardless of the spacing.
+    /// Distance between columns and between rows in orientation MF, mm; `None` if the file states 1 x 1, which PLUS and
+    /// this program write regardless of the spacing.
     pub spacing_mm: Option<[f64; 2]>,
     /// Orientation of the stored images; `None` if not stated in the file.
     pub orientation: Option<Orientation>,
@@ -173,8 +173,8 @@ fn grey([red, green, blue]: [u8; 3]) -> u8 {
 }
 
 impl Sequence {
-    /// Reads a sequence with its images: one frame for each image, and for each frame with keys but no image. Colours become grey by the luma of
-    /// ITU-R BT.601.
+    /// Reads a sequence with its images: one frame for each image, and for each frame with keys but no image. Colours
+    /// become grey by the luma of ITU-R BT.601.
     ///
     /// # Errors
     /// [`VolumeError`] with the file, the place in it, what was found and what was expected.

@@ -154,7 +154,8 @@ impl Trajectory {
         Pose::from_rotation(Point3::from(position), &rotation).unwrap_or(a.pose)
     }
 
-    /// Cubic Hermite curve between keys `before` and `before + 1` whose tangents are the slopes between their neighbours.
+    /// Cubic Hermite curve between keys `before` and `before + 1` whose tangents are the slopes between their
+    /// neighbours.
     fn spline(&self, before: usize, share: f64) -> Vector3<f64> {
         let point = |key: usize| self.keys[key].pose.position_mm().coords;
         let slope = |key: usize| {
@@ -169,8 +170,8 @@ impl Trajectory {
             + slope(before + 1) * (span * (s3 - s2))
     }
 
-    /// The trajectory of poses in a frame that moves itself: at each time the pose of `carrier` times this one. A carrier that moves is
-    /// followed in steps of a millisecond, or in `MAX_CARRIED` steps if those are longer.
+    /// The trajectory of poses in a frame that moves itself: at each time the pose of `carrier` times this one. A
+    /// carrier that moves is followed in steps of a millisecond, or in `MAX_CARRIED` steps if those are longer.
     ///
     /// # Errors
     /// [`TrackingError`] for poses beyond the range of positions.
@@ -204,8 +205,8 @@ impl Trajectory {
         &self.skipped
     }
 
-    /// Number of frames of a tracked sequence whose pose equals the previous one bit for bit: a tool at rest, or a stalled
-    /// tracker.
+    /// Number of frames of a tracked sequence whose pose equals the previous one bit for bit: a tool at rest, or a
+    /// stalled tracker.
     pub fn repeated(&self) -> usize {
         self.repeated
     }

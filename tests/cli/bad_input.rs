@@ -1,5 +1,5 @@
-//! Wrong arguments, files and scenes end with status 2; what the machine cannot do, with 1. Nothing panics, and nothing is
-//! left half written.
+//! Wrong arguments, files and scenes end with status 2; what the machine cannot do, with 1. Nothing panics, and nothing
+//! is left half written.
 
 use std::process::{Command, Stdio};
 

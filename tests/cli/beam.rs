@@ -1,5 +1,5 @@
-//! `insonify beam`: what it prints and draws, and that whatever is wrong with a case or with points ends with status 2, the line,
-//! and nothing written.
+//! `insonify beam`: what it prints and draws, and that whatever is wrong with a case or with points ends with status 2,
+//! the line, and nothing written.
 
 use insonify::input::scenario::EXAMPLES;
 use serde_json::Value;

@@ -1,5 +1,6 @@
-//! `insonify beam measure` and `compare` on synthetic CT: volumes painted from solved needles, with slices of 0.5 mm and markers out of place
-//! by 0.1 mm (stage) and 0.2 mm (container), as Wang et al. 2023 (section III-B) measured theirs: they were built so, the same in all scans.
+//! `insonify beam measure` and `compare` on synthetic CT: volumes painted from solved needles, with slices of 0.5 mm
+//! and markers out of place by 0.1 mm (stage) and 0.2 mm (container), as Wang et al. 2023 (section III-B) measured
+//! theirs: they were built so, the same in all scans.
 
 use insonify_mechanics::needle::beam::material::Ogden;
 use insonify_mechanics::needle::beam::{
@@ -92,7 +93,8 @@ struct Ct {
 }
 
 impl Ct {
-    /// Paints needle and markers, out of place by the numbers of a seed; `left_out` counts markers of container and stage.
+    /// Paints needle and markers, out of place by the numbers of a seed; `left_out` counts markers of container and
+    /// stage.
     fn of(shape: &Shape, left_out: &[usize], seed: u64) -> Self {
         let mut noise = Normal(seed);
         // The container lies askew in the scanner, the needle along its axis but for a few degrees.
@@ -189,8 +191,8 @@ impl Ct {
     }
 }
 
-/// Puts a volume or the design of its markers, by the name that the docs give it, into a folder if it is to be read. False if they have no such
-/// name.
+/// Puts a volume or the design of its markers, by the name that the docs give it, into a folder if it is to be read.
+/// False if they have no such name.
 pub(crate) fn bring(bench: &Bench, name: &str, is_read: bool) -> bool {
     if name == "design.csv" {
         bench.write(name, &design());
@@ -260,7 +262,8 @@ fn needles_are_measured_in_ct_and_compared() {
         near("slope", base.slope, 0.005);
         near("tip_mm", shape.tip_mm(), 0.25);
         near("control_distance_mm", CONTROL_MM, 0.2);
-        // Half a slice (0.25), the slant of voxels across the end, and three deviations of the container along x, 0.2 / sqrt(3 x 12).
+        // Half a slice (0.25), the slant of voxels across the end, and three deviations of the container along x, 0.2 /
+        // sqrt(3 x 12).
         near("inserted_mm", DEPTH_MM, 0.4);
         near("com_mm", Shape::com_mm(&shape).expect("a COM"), 1.0);
         near("rcm_mm", shape.rcm_mm().expect("an RCM"), 2.5);
@@ -275,7 +278,8 @@ fn needles_are_measured_in_ct_and_compared() {
         for pair in pairs {
             let [x, u] = [0, 1].map(|i| pair[i].as_float().expect("a number"));
             let expected = shape.at(x.min(DEPTH_MM))[0];
-            // A slice of the needle has about three voxels: half a voxel (0.25), and three deviations of the container at the base (0.077).
+            // A slice of the needle has about three voxels: half a voxel (0.25), and three deviations of the container
+            // at the base (0.077).
             assert!((u - expected).abs() < 0.5, "{at}: {x} {u} {expected}");
         }
         let bent = bench.run(&format!("beam cases/moved_{at}.toml --json")).json();

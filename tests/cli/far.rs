@@ -1,5 +1,5 @@
-//! Scenes far from the origin of the world: their frames are those of the same scene at the origin, and all that is told of them is
-//! in the world.
+//! Scenes far from the origin of the world: their frames are those of the same scene at the origin, and all that is
+//! told of them is in the world.
 
 use insonify_anatomy::phantom::{Phantom, PhantomOptions, make};
 use insonify_anatomy::volume::save;
@@ -145,7 +145,8 @@ fn a_pixel_far_away_is_explained_in_the_world() {
     for key in ["element", "nodes", "place"] {
         assert_eq!(near_sample["mesh"][key], far_sample["mesh"][key], "{key}");
     }
-    // The texture is looked up at the place in single precision rows of the atlas: 1e-9 mm more or less change it by as much.
+    // The texture is looked up at the place in single precision rows of the atlas: 1e-9 mm more or less change it by as
+    // much.
     let texture = [near_sample, far_sample].map(|sample| sample["texture"]["value"].as_f64().expect("a texture"));
     assert!((texture[0] - texture[1]).abs() < 1e-6, "{texture:?}");
     assert!(

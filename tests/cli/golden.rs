@@ -1,7 +1,8 @@
 //! Golden record: frames, plans, insertions, solved cases and error texts, as they were (`golden/record.txt`).
 //!
-//! `INSONIFY_GOLDEN=write cargo test --test cli golden` rewrites the record. `INSONIFY_GOLDEN=exact` also compares the hashes of frames, which
-//! depend on the instruction set; without it frames are compared by the mean grey level of 4 x 4 blocks. Numbers may differ by a part in a thousand.
+//! `INSONIFY_GOLDEN=write cargo test --test cli golden` rewrites the record. `INSONIFY_GOLDEN=exact` also compares the
+//! hashes of frames, which depend on the instruction set; without it frames are compared by the mean grey level of 4 x
+//! 4 blocks. Numbers may differ by a part in a thousand.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;

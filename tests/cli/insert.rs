@@ -1,5 +1,5 @@
-//! `insonify insert`: what it prints and writes, and that whatever is wrong with a scenario ends with status 2, the line, and
-//! nothing written.
+//! `insonify insert`: what it prints and writes, and that whatever is wrong with a scenario ends with status 2, the
+//! line, and nothing written.
 
 use std::fs;
 

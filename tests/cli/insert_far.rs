@@ -13,8 +13,8 @@ const FAR: [f64; 3] = [-57_000.0, 1e5, 3_000.0];
 const AXES: [&str; 3] = ["x", "y", "z"];
 /// Half the distance of doubles between 2^16 and 2^17 mm: what a place of 1e5 mm is off for having been rounded once.
 const ROUNDING_MM: f64 = 1.0 / (1u64 << 37) as f64;
-/// How often a place is rounded, at most, in an iteration of a step or a part of it, and what tissue and needle resist with at most,
-/// N/mm: as the stability report has it for insertions moved far away.
+/// How often a place is rounded, at most, in an iteration of a step or a part of it, and what tissue and needle resist
+/// with at most, N/mm: as the stability report has it for insertions moved far away.
 const ROUNDINGS: f64 = 32.0;
 const STIFFEST_N_PER_MM: f64 = 100.0;
 

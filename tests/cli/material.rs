@@ -1,4 +1,5 @@
-//! `insonify material`: what it prints and writes, and that a wrong case ends with status 2, its line, and nothing written.
+//! `insonify material`: what it prints and writes, and that a wrong case ends with status 2, its line, and nothing
+//! written.
 
 use crate::support::Bench;
 

@@ -115,7 +115,8 @@ fn regions_are_taken_from_the_named_array() {
 #[test]
 fn bad_elements_are_told_but_can_be_looked_at() {
     let bench = Bench::new();
-    // Tetrahedron 1 is turned inside out, 2 lies in a plane, and two nodes are added: one of no tetrahedron, at another's place.
+    // Tetrahedron 1 is turned inside out, 2 lies in a plane, and two nodes are added: one of no tetrahedron, at
+    // another's place.
     let text = MESH
         .replace("3 4 2 1 1 2 3 4 5", "3 4 2 1 1 2 4 3 5")
         .replace("9 40 0 10", "9 50 10 0");

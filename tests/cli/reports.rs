@@ -21,7 +21,8 @@ fn plans_list_passes_with_reasons() {
     }
     assert_eq!(bare["passes"][0]["origin"], "needed by every frame");
     assert!(bare["passes"][0]["reason"].is_string() && bare["without"][0]["reason"].is_string());
-    // Four numbers of four bytes for each of 64 samples on 32 scanlines; a byte for each of 48 x 40 pixels, in rows of 256.
+    // Four numbers of four bytes for each of 64 samples on 32 scanlines; a byte for each of 48 x 40 pixels, in rows of
+    // 256.
     let buffers = bare["resources"].as_array().expect("a list");
     let bytes = |name: &str| {
         buffers
@@ -151,7 +152,8 @@ fn a_pixel_is_explained() {
             "{value}, not {expected}: {report}"
         );
     };
-    // 64 samples down to 60 mm, each in the middle of its length; sound of 9 MHz goes there and back through 0.5 dB/cm/MHz.
+    // 64 samples down to 60 mm, each in the middle of its length; sound of 9 MHz goes there and back through 0.5
+    // dB/cm/MHz.
     let depth_mm = (number(&sample["sample"]) + 0.5) * 60.0 / 64.0;
     near(number(&sample["depth_mm"]), depth_mm);
     let loss_db = 2.0 * 0.5 * 9.0 * depth_mm / 10.0;

@@ -135,8 +135,8 @@ fn names_come_from_a_table_and_are_shown() {
         .fails(2, &words);
 }
 
-/// A segmentation of 3D Slicer in two layers of 8 x 8 x 8 voxels of 10 mm: a liver in the first, and a segment of this name and extent
-/// along the first axis over it.
+/// A segmentation of 3D Slicer in two layers of 8 x 8 x 8 voxels of 10 mm: a liver in the first, and a segment of this
+/// name and extent along the first axis over it.
 fn overlapping(name: &str, over: std::ops::Range<usize>) -> String {
     let segment = |number: usize, name: &str| {
         format!("Segment{number}_Name:={name}\nSegment{number}_LabelValue:=1\nSegment{number}_Layer:={number}\n")

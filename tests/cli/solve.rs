@@ -1,5 +1,5 @@
-//! `insonify solve`: what it prints and writes, and that whatever is wrong with a problem or its mesh ends with status 2, the
-//! line, and nothing written.
+//! `insonify solve`: what it prints and writes, and that whatever is wrong with a problem or its mesh ends with status
+//! 2, the line, and nothing written.
 
 use std::path::PathBuf;
 
@@ -426,7 +426,8 @@ fn data(name: &str) -> Option<PathBuf> {
     insonify_testing::shared(&format!("meshes/{name}"))
 }
 
-/// Liver, kidney and gallbladder of their own materials, held from behind and pressed on: the same answer from every format.
+/// Liver, kidney and gallbladder of their own materials, held from behind and pressed on: the same answer from every
+/// format.
 #[test]
 fn real_organs_deform_alike_from_every_format() {
     let names = ["DERIVED_s0328_3organ_tet.vtu", "DERIVED_s0328_3organ_tet_v41_ascii.msh"];

@@ -71,8 +71,8 @@ impl Bench {
         names
     }
 
-    /// The command with space-separated arguments, ready to run. Each test has its own cache folder; phantoms and textures in it are shared by all
-    /// tests.
+    /// The command with space-separated arguments, ready to run. Each test has its own cache folder; phantoms and
+    /// textures in it are shared by all tests.
     pub(crate) fn command(&self, arguments: &str) -> Command {
         let mut command = self.program(env!("CARGO_BIN_EXE_insonify"));
         command.args(arguments.split_whitespace());

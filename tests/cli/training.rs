@@ -136,7 +136,8 @@ fn tasks_are_made_and_studied() {
     assert!(!bench.path("x").exists());
 }
 
-/// Surface points of a body of 120 x 90 x 200 mm with a bump, turned by a quarter about z and shifted, and its labels as a MetaImage.
+/// Surface points of a body of 120 x 90 x 200 mm with a bump, turned by a quarter about z and shifted, and its labels
+/// as a MetaImage.
 fn body(bench: &Bench) {
     let size = [70, 60, 110];
     let inside = |at: [f64; 3]| {

@@ -68,8 +68,8 @@ fn declared(line: &str) -> Option<&str> {
     is_item.then(|| words(rest).next().unwrap_or_default())
 }
 
-/// Declarations at a door, each on one line: signatures, fields, and enumerations and traits whole. Methods of types that the root re-exports belong to
-/// embedders.
+/// Declarations at a door, each on one line: signatures, fields, and enumerations and traits whole. Methods of types
+/// that the root re-exports belong to embedders.
 fn declarations(text: &str, exported: &BTreeSet<&str>) -> Vec<String> {
     let mut declarations: Vec<String> = Vec::new();
     let mut is_exported = false;
@@ -149,8 +149,8 @@ fn the_page_of_the_root_lists_its_names() {
     }
 }
 
-/// A name counts as used if it stands anywhere in another crate, in a test, a benchmark or an example, or in the declaration of another name at
-/// the same door, as the types of its arguments do.
+/// A name counts as used if it stands anywhere in another crate, in a test, a benchmark or an example, or in the
+/// declaration of another name at the same door, as the types of its arguments do.
 #[test]
 fn whatever_a_crate_shows_somebody_else_uses() {
     let lib = std::fs::read_to_string(root().join("src/lib.rs")).expect("the root");
@@ -223,7 +223,8 @@ const DECODERS: [&str; 9] = [
     "Document::parse(",
 ];
 
-/// A decoder stands behind the border: its call is given to `insonify_base::border` in the same line, or the function that calls it is.
+/// A decoder stands behind the border: its call is given to `insonify_base::border` in the same line, or the function
+/// that calls it is.
 #[test]
 fn decoders_of_others_are_called_behind_the_border() {
     // The function below is handed over whole.

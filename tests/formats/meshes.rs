@@ -178,8 +178,8 @@ fn surfaces_are_refused() {
 /// Every file cut short and with bytes changed, at many places: an error or a mesh, and no more memory than it fills.
 #[test]
 fn damaged_real_meshes_never_panic() {
-    // A number of two characters becomes eight bytes, in a vector that may double; twice that for what goes with it. Zlib may
-    // truly unpack to more, but not in these files.
+    // A number of two characters becomes eight bytes, in a vector that may double; twice that for what goes with it.
+    // Zlib may truly unpack to more, but not in these files.
     const PER_BYTE: usize = 16;
     for name in THREE_ORGANS.into_iter().chain(["meshes/fenris_sphere_tet4_593.msh"]) {
         let Some(path) = data(name) else { return };

@@ -46,8 +46,8 @@ fn resolved<'a>(schema: &'a Value, node: &'a Value) -> &'a Value {
     }
 }
 
-/// Checks the keys of a table of a schema against what is accepted: the default, both ends of the range, nothing just outside. Returns how many have a
-/// range; numbers without one, whose range depends on other keys, do not count.
+/// Checks the keys of a table of a schema against what is accepted: the default, both ends of the range, nothing just
+/// outside. Returns how many have a range; numbers without one, whose range depends on other keys, do not count.
 fn assert_true(table: &Value, accepts: impl Fn(&str, Value) -> Result<(), String>) -> usize {
     let mut ranges = 0;
     for (key, described) in table["properties"].as_object().expect("keys") {

@@ -1,8 +1,8 @@
 //! Bank of solid textures: structure larger than speckle, generated from a name and a seed.
 //!
 //! Each texture is a field of decibels on a periodic grid, built from smoothed hashed noise (`field`), cells (`cells`)
-//! and strands (`strands`). Lattice coordinates wrap before they are hashed, so the period is exact. Speckle is not part
-//! of a texture: correlation lengths are about a millimetre and above, except for strands and septa.
+//! and strands (`strands`). Lattice coordinates wrap before they are hashed, so the period is exact. Speckle is not
+//! part of a texture: correlation lengths are about a millimetre and above, except for strands and septa.
 //!
 //! A new texture requires a row in `RECIPES`.
 

@@ -1,7 +1,7 @@
 //! Numberings of labels: the organ that a label value stands for in a public data set, and its tissue.
 //!
-//! A numbering is a file of `assets/labels` with the columns value, name and tissue, and a line of `numberings!`. An organ that
-//! TotalSegmentator has too has its name there. A side is a word of the name, left or right.
+//! A numbering is a file of `assets/labels` with the columns value, name and tissue, and a line of `numberings!`. An
+//! organ that TotalSegmentator has too has its name there. A side is a word of the name, left or right.
 
 use std::path::Path;
 use std::sync::LazyLock;
@@ -60,8 +60,8 @@ macro_rules! numberings {
         #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
         #[serde(rename_all = "snake_case")]
         pub enum Preset {
-            /// By name, as a tissue, a class of a numbering or a word such as "rib"; for unnamed labels by value, in the numbering
-            /// that fits the volumes of the labels.
+            /// By name, as a tissue, a class of a numbering or a word such as "rib"; for unnamed labels by value, in
+            /// the numbering that fits the volumes of the labels.
             #[default]
             Auto,
             $(
@@ -138,8 +138,8 @@ impl Preset {
             && (words.contains(&format!("_{stem}_")) || words.contains(&format!("_{}_", stem.replace('_', ""))))
     }
 
-    /// Organ of a label value; `None` for a value that the preset does not know. TotalSegmentator is taken to have the labels of
-    /// `body`.
+    /// Organ of a label value; `None` for a value that the preset does not know. TotalSegmentator is taken to have the
+    /// labels of `body`.
     pub fn organ(self, value: i64) -> Option<&'static str> {
         let body = match self {
             Self::TotalSegmentator => body(),

@@ -47,7 +47,8 @@ parameters! {
         /// Characteristic acoustic impedance.
         #[serde(skip_serializing_if = "Option::is_none")]
         impedance_mrayl: Option<f64>, in 0.0001..=10 "MRayl";
-        /// Reflection coefficient of the capsule or wall around it; neighbours that both have one reflect by the difference.
+        /// Reflection coefficient of the capsule or wall around it; neighbours that both have one reflect by the
+        /// difference.
         #[serde(skip_serializing_if = "Option::is_none")]
         capsule: Option<f64>, in 0..=1;
         /// Young's modulus.

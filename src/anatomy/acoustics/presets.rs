@@ -7,11 +7,13 @@
 //!   R. L. Johnston and F. Dunn, JASA 64 (1978) 423; M. O. Culjat et al., Ultrasound Med. Biol. 36 (2010) 861, table 1;
 //!   the IT'IS Foundation's tissue database, acoustic properties.
 //! - Echogenicity: order and spacing after the backscatter coefficients in Szabo, appendix B, and Duck, section 4.4
-//!   (blood some 25 dB and more below liver, fat and connective tissue above, muscle below across its fibres), rounded to
-//!   the appearance of B-mode frames. Fluids are near the floor of a 60 dB display: what is visible in them is clutter.
-//! - Capsules and walls: no measurement available; 0.06 gives some 10 dB above liver at perpendicular incidence, as the capsules of liver and kidney
-//!   show in clinical frames. A vessel in an organ has half of that, between the walls of portal branches, which have twice as much, and of hepatic
-//!   veins, which have none. The middle one of the flat muscles carries the fasciae between them.
+//!   (blood some 25 dB and more below liver, fat and connective tissue above, muscle below across its fibres), rounded
+//!   to the appearance of B-mode frames. Fluids are near the floor of a 60 dB display: what is visible in them is
+//!   clutter.
+//! - Capsules and walls: no measurement available; 0.06 gives some 10 dB above liver at perpendicular incidence, as the
+//!   capsules of liver and kidney show in clinical frames. A vessel in an organ has half of that, between the walls of
+//!   portal branches, which have twice as much, and of hepatic veins, which have none. The middle one of the flat
+//!   muscles carries the fasciae between them.
 //! - Stiffness: T. A. Krouskop et al., Ultrasonic Imaging 20 (1998) 260 (prostate); P. N. T. Wells and H.-D. Liang, J.
 //!   R. Soc. Interface 8 (2011) 1521 (soft organs, fat, muscle); Duck, chapter 5 (bone, cartilage, ligament, skin).
 //!   Poisson's ratio represents near incompressibility: 0.49 for solid tissue, 0.495 for fluids, 0.3 for bone.
@@ -47,9 +49,9 @@ const PARASPINAL_FIBRES: [f64; 3] = [0.12, 0.1, 0.99];
 /// Reflection coefficient of a capsule or a vessel's wall.
 const CAPSULE: f64 = 0.06;
 
-/// Creates a tissue: colour `0xRRGGBB`, texture ("" for none), acoustics (echo in dB, attenuation in dB/cm/MHz, occlusion
-/// per mm, impedance in MRayl), mechanics (Young's modulus in kPa, Poisson's ratio, needle friction in N/mm, cutting
-/// force in N).
+/// Creates a tissue: colour `0xRRGGBB`, texture ("" for none), acoustics (echo in dB, attenuation in dB/cm/MHz,
+/// occlusion per mm, impedance in MRayl), mechanics (Young's modulus in kPa, Poisson's ratio, needle friction in N/mm,
+/// cutting force in N).
 const fn row(
     name: &'static str,
     colour: u32,

@@ -146,9 +146,10 @@ fn claims(labels: &[Label], overrides: &[TissueOverride]) -> Result<Vec<Option<u
 impl TissueTable {
     /// Assigns a tissue to each of `labels` (by label index; the first is the background).
     ///
-    /// In this order: an override that claims the label by value or name; an override or preset of the same name; a class of a numbering of that
-    /// name (case, spaces and side are ignored); a word such as "rib"; else soft tissue, with a warning. `hint` restricts this, except for the labels
-    /// appended by completion. An override named as a preset changes that preset wherever it is used. Unnamed labels have been named before by
+    /// In this order: an override that claims the label by value or name; an override or preset of the same name; a
+    /// class of a numbering of that name (case, spaces and side are ignored); a word such as "rib"; else soft tissue,
+    /// with a warning. `hint` restricts this, except for the labels appended by completion. An override named as a
+    /// preset changes that preset wherever it is used. Unnamed labels have been named before by
     /// [`segmentation::open`](crate::segmentation::open).
     ///
     /// Returns the table and the warnings: the assumptions, and which key of the scene overrides them.

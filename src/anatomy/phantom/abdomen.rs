@@ -54,8 +54,8 @@ const PROBE_RADIUS_MM: f64 = 60.0;
 /// Indentation of the skin by that probe, mm.
 const PRESSED_MM: f64 = 11.0;
 
-/// Imaged from right subcostal and oblique to the sagittal plane, feet on the right of the image: liver with its vessels, gallbladder and
-/// right kidney, a rib's shadow at the left edge. The skin bears the dent of this probe.
+/// Imaged from right subcostal and oblique to the sagittal plane, feet on the right of the image: liver with its
+/// vessels, gallbladder and right kidney, a rib's shadow at the left edge. The skin bears the dent of this probe.
 pub(super) const PHANTOM: Facts = Facts {
     voxel_mm: 1.0,
     make,

@@ -1,8 +1,9 @@
-//! Exposed liver with its inferior vena cava across the image, after the in-vivo experiment of Kobayashi et al. 2010 (section
-//! 4.2.1): the needle enters beside the probe through the capsule and reaches the vein.
+//! Exposed liver with its inferior vena cava across the image, after the in-vivo experiment of Kobayashi et al. 2010
+//! (section 4.2.1): the needle enters beside the probe through the capsule and reaches the vein.
 //!
-//! Kobayashi et al. 2010 state no lengths; a cava of 22 x 13 mm, its centre 28 mm below the capsule, is that of a pig or a slim adult. The
-//! capsule is the plane y = 0; the region above it, where the rim of a curved probe does not reach the liver, is background, as of saline.
+//! Kobayashi et al. 2010 state no lengths; a cava of 22 x 13 mm, its centre 28 mm below the capsule, is that of a pig
+//! or a slim adult. The capsule is the plane y = 0; the region above it, where the rim of a curved probe does not reach
+//! the liver, is background, as of saline.
 
 use nalgebra::Matrix4;
 

@@ -67,8 +67,8 @@ impl<B: Fn(&Point) -> u8 + Sync> Painting<B> {
         }
     }
 
-    /// Paints a box of the world at a resolution. `table` lists value and name of each label, values 1, 2, 3, ...; `key` is that of the
-    /// painting in the cache.
+    /// Paints a box of the world at a resolution. `table` lists value and name of each label, values 1, 2, 3, ...;
+    /// `key` is that of the painting in the cache.
     pub(super) fn volume(
         &self,
         world: &Bounds,
@@ -217,7 +217,8 @@ impl Dent {
         }
     }
 
-    /// Box that holds the deformed positions of every point of a box: displacements are along the axis of the probe, by at most the depth.
+    /// Box that holds the deformed positions of every point of a box: displacements are along the axis of the probe, by
+    /// at most the depth.
     pub(super) fn displaced(&self, bounds: &Bounds) -> Bounds {
         let deepest = self.axial * self.depth_mm;
         let swept = Bounds {

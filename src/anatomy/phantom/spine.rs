@@ -1,4 +1,5 @@
-//! The lumbar spine from L2 to L5 with the back behind it. The origin lies in front of the canal, midway between L3 and L4.
+//! The lumbar spine from L2 to L5 with the back behind it. The origin lies in front of the canal, midway between L3 and
+//! L4.
 
 use labels as l;
 use nalgebra::Matrix4;

@@ -121,8 +121,8 @@ fn organs_have_the_size_of_real_ones() {
                 ("ligament", 6.0, 40.0),
             ],
         ),
-        // Sphere and cylinder of radius 15 mm and length 20 mm (28.27 ml), and 25 mm of a cylinder of radius 6 mm (2.83 ml
-        // and a little where its end is hollow).
+        // Sphere and cylinder of radius 15 mm and length 20 mm (28.27 ml), and 25 mm of a cylinder of radius 6 mm (2.83
+        // ml and a little where its end is hollow).
         (Phantom::TwoLayer, &[("phantom_inclusion", 31.0, 31.3)]),
         // A cylinder of half axes 11 and 6.5 mm, 48 mm long.
         (Phantom::LiverVein, &[("vessel", 10.70, 10.86)]),

@@ -1,9 +1,9 @@
-//! Two-layer phantom of Dehghan et al. 2008 ("Phantom design"): a harder inclusion, a cylinder with a hemisphere at each end,
-//! joined to the base by another cylinder, in a softer block of PVC with a hole that represents the rectum.
+//! Two-layer phantom of Dehghan et al. 2008 ("Phantom design"): a harder inclusion, a cylinder with a hemisphere at
+//! each end, joined to the base by another cylinder, in a softer block of PVC with a hole that represents the rectum.
 //!
-//! Dehghan et al. 2008 give the shape, but no lengths; those here make the inclusion as large as a prostate and the block deep
-//! enough for Dehghan et al.'s imaging depth of 75 mm. Rheometry gave 30 to 36 kPa for the inclusion ("Discussion"). The needle
-//! enters at the lower (inferior) face along +z; the base is the anterior face.
+//! Dehghan et al. 2008 give the shape, but no lengths; those here make the inclusion as large as a prostate and the
+//! block deep enough for Dehghan et al.'s imaging depth of 75 mm. Rheometry gave 30 to 36 kPa for the inclusion
+//! ("Discussion"). The needle enters at the lower (inferior) face along +z; the base is the anterior face.
 
 use nalgebra::Matrix4;
 

@@ -1,7 +1,7 @@
 //! Branching vessels grown inside an organ: each branch steers away from the surface and from other branches.
 //!
-//! Radii at a fork follow Murray's law, r0^3 = r1^3 + r2^3 (C. D. Murray, "The physiological principle of minimum work",
-//! PNAS 12, 1926).
+//! Radii at a fork follow Murray's law, r0^3 = r1^3 + r2^3 (C. D. Murray, "The physiological principle of minimum
+//! work", PNAS 12, 1926).
 
 use super::geometry::{Point, Shape, Tube, frame};
 use insonify_base::random::noise::choice;

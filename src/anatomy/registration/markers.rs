@@ -1,8 +1,10 @@
-//! Markers in a volume of grey values: bright bodies by threshold, and their registration to a design of which some may be missing.
+//! Markers in a volume of grey values: bright bodies by threshold, and their registration to a design of which some may
+//! be missing.
 //!
-//! Wang et al. 2023 (section II-D) repeat the iterative closest point method from random rotations until markers and design match one to
-//! one. Here every triangle of markers is tried on every triangle of the design with the same sides, so that the result does not depend on
-//! chance: the rigid transform (Kabsch) that brings most markers within a tolerance wins.
+//! Wang et al. 2023 (section II-D) repeat the iterative closest point method from random rotations until markers and
+//! design match one to one. Here every triangle of markers is tried on every triangle of the design with the same
+//! sides, so that the result does not depend on chance: the rigid transform (Kabsch) that brings most markers within a
+//! tolerance wins.
 
 use nalgebra::{Isometry3, Matrix4, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
@@ -49,7 +51,8 @@ impl Placement {
     }
 }
 
-/// Finds the connected sets of voxels (by faces, edges and corners) of at least a grey value, in the order of their first voxels.
+/// Finds the connected sets of voxels (by faces, edges and corners) of at least a grey value, in the order of their
+/// first voxels.
 ///
 /// # Errors
 /// [`VolumeError`] if so much is bright that the threshold lies within the tissue.
@@ -108,8 +111,8 @@ pub fn bodies(image: &ScalarImage, threshold: f32) -> Result<Vec<BrightBody>, Vo
 /// Registers a design (mm) to the markers found (world, mm). Markers may be missing, and others found.
 ///
 /// # Errors
-/// [`VolumeError`] if fewer than four markers, or not more than half of the design, match one to one, or if the design fits in more than one
-/// way.
+/// [`VolumeError`] if fewer than four markers, or not more than half of the design, match one to one, or if the design
+/// fits in more than one way.
 pub fn place(design: &[Point3<f64>], markers: &[Point3<f64>]) -> Result<Placement, VolumeError> {
     let needed = MIN_MATCHED.max(design.len() / 2 + 1);
     let few = |count: usize| {

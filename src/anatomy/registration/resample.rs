@@ -15,8 +15,8 @@ const FACE: usize = 20;
 /// Maximum number of voxels of a resampled volume.
 const MAX: f64 = 2e9;
 
-/// Volume in the world: the map of a registration applied to all labels, each voxel by the majority of eight points. Voxels are cubes of the same
-/// volume as before.
+/// Volume in the world: the map of a registration applied to all labels, each voxel by the majority of eight points.
+/// Voxels are cubes of the same volume as before.
 ///
 /// # Errors
 /// [`VolumeError`] if the map cannot be inverted at a corner, or the result is too large.

@@ -33,8 +33,8 @@ impl Skin {
         Self { points, normals, tree }
     }
 
-    /// Finds the border between the body and what is outside it, where both lie in the volume: cavities and cut faces are left out. The
-    /// share of body in blocks of voxels is interpolated, so that the surface is smooth.
+    /// Finds the border between the body and what is outside it, where both lie in the volume: cavities and cut faces
+    /// are left out. The share of body in blocks of voxels is interpolated, so that the surface is smooth.
     ///
     /// # Errors
     /// [`VolumeError`] if there is no such border.
@@ -156,13 +156,15 @@ pub(crate) struct Foot {
     pub normal: Vector3<f64>,
     /// Distance along the normal, mm: positive outside.
     pub height_mm: f64,
-    /// True beyond the end of the skin, such as a cut through the body: the point lies more than 10 mm aside of the normal.
+    /// True beyond the end of the skin, such as a cut through the body: the point lies more than 10 mm aside of the
+    /// normal.
     pub beyond: bool,
     distance_mm: f64,
 }
 
 impl Foot {
-    /// Distance from the skin, mm: along the normal, which points between samples of the skin do not change, or in space beyond its end.
+    /// Distance from the skin, mm: along the normal, which points between samples of the skin do not change, or in
+    /// space beyond its end.
     pub(crate) fn distance_mm(&self) -> f64 {
         if self.beyond {
             self.distance_mm

@@ -28,8 +28,8 @@ pub struct SurfacePoints {
     pub guessed_ras: bool,
 }
 
-/// Reads the points of a surface by the ending of its file: CSV with the columns `x_mm`, `y_mm`, `z_mm`, points of 3D Slicer (`.fcsv`, `.mrk.json`),
-/// or a surface of triangles, whose coordinates are in the given unit.
+/// Reads the points of a surface by the ending of its file: CSV with the columns `x_mm`, `y_mm`, `z_mm`, points of 3D
+/// Slicer (`.fcsv`, `.mrk.json`), or a surface of triangles, whose coordinates are in the given unit.
 ///
 /// # Errors
 /// [`VolumeError`] if the file cannot be read, has another ending, or is too small or large for a body.
@@ -76,8 +76,8 @@ pub fn read(path: &Path, unit: Unit) -> Result<SurfacePoints, VolumeError> {
     Ok(surface)
 }
 
-/// Refuses a surface whose length, in its own unit, is that of no body, and names the unit that would make it one. `unit` is
-/// that of the user; `None` where nobody can state one: mm.
+/// Refuses a surface whose length, in its own unit, is that of no body, and names the unit that would make it one.
+/// `unit` is that of the user; `None` where nobody can state one: mm.
 pub(crate) fn plausible(length: f64, unit: Option<Unit>) -> Result<(), String> {
     // Few files are in centimetres.
     const UNITS: [(&str, f64, Option<&str>); 4] = [
@@ -226,7 +226,8 @@ fn csv(path: &Path) -> Result<Vec<Point3<f64>>, VolumeError> {
     Ok(points.collect::<Result<_, _>>()?)
 }
 
-/// Reads landmarks: CSV with the columns `name`, `volume_x_mm`, `volume_y_mm`, `volume_z_mm`, `surface_x_mm`, `surface_y_mm`, `surface_z_mm`.
+/// Reads landmarks: CSV with the columns `name`, `volume_x_mm`, `volume_y_mm`, `volume_z_mm`, `surface_x_mm`,
+/// `surface_y_mm`, `surface_z_mm`.
 ///
 /// # Errors
 /// [`VolumeError`] with the line, what was found and what was expected.

@@ -66,11 +66,13 @@ impl Named {
     }
 }
 
-/// Least number of organs that show a factor on all lengths, and the largest logarithm of a volume between the extremes of such organs.
+/// Least number of organs that show a factor on all lengths, and the largest logarithm of a volume between the extremes
+/// of such organs.
 const SCALED_ORGANS: usize = 3;
 const SCALED_SPREAD: f64 = 3.0;
 
-/// Factor by which lengths are too large, if most organs have implausible volumes and all are off by about the same factor; otherwise 1.
+/// Factor by which lengths are too large, if most organs have implausible volumes and all are off by about the same
+/// factor; otherwise 1.
 fn scale<'a>(named: impl Iterator<Item = &'a Named>, extents: &Extents) -> f64 {
     let (mut logarithms, mut odd) = (Vec::new(), 0);
     for named in named {

@@ -17,7 +17,8 @@ const MARGIN: f64 = 1.0;
 /// Score of a numbering that the file's name states.
 const STATED: f64 = 3.0;
 
-/// Tangent of the angle by which a body may be turned about its long axis before its orientation is questioned: 27 degrees.
+/// Tangent of the angle by which a body may be turned about its long axis before its orientation is questioned: 27
+/// degrees.
 const SLANT: f64 = 0.5;
 
 /// Number of names that show how a numbering reads labels.
@@ -56,7 +57,8 @@ impl Reading {
 }
 
 impl Segmentation {
-    /// Organ of a label by its value. Body values, which TotalSegmentator does not have, count only in a file that has a body.
+    /// Organ of a label by its value. Body values, which TotalSegmentator does not have, count only in a file that has
+    /// a body.
     fn organ(&self, preset: Preset, index: usize) -> Option<&'static str> {
         let value = self.volume.labels()[index].value;
         let of_body = numbering::body().iter().any(|class| class.value == value);
@@ -83,8 +85,9 @@ impl Segmentation {
         Preset::NUMBERINGS.iter().filter_map(reading).collect()
     }
 
-    /// Names the unnamed labels by their values, in the numbering that fits best. Without enough evidence they stay without a name, as do those
-    /// of which as good a numbering makes another tissue. `stem` is the file's name without its ending.
+    /// Names the unnamed labels by their values, in the numbering that fits best. Without enough evidence they stay
+    /// without a name, as do those of which as good a numbering makes another tissue. `stem` is the file's name without
+    /// its ending.
     pub(super) fn read_values(&mut self, naming: &Naming, stem: Option<&str>, extents: &Extents) {
         let all: Vec<usize> = self.nameless(naming).collect();
         if naming.preset != Preset::Auto {

@@ -11,7 +11,8 @@ const BACKGROUNDS: [i64; 2] = [-1, 255];
 
 /// Name of a body.
 const BODY: &str = "body";
-/// Volume from which a label through all slices may be a body, and from which a single one is, ml: no organ is as large.
+/// Volume from which a label through all slices may be a body, and from which a single one is, ml: no organ is as
+/// large.
 const BODY_ML: [f64; 2] = [3000.0, 11000.0];
 /// Least fraction of its box that a body fills.
 const BODY_FILL: f64 = 0.5;

@@ -1,4 +1,5 @@
-//! Tables of label names: CSV, colour tables of 3D Slicer and FreeSurfer, label descriptions of ITK-SNAP, data sets of nnU-Net.
+//! Tables of label names: CSV, colour tables of 3D Slicer and FreeSurfer, label descriptions of ITK-SNAP, data sets of
+//! nnU-Net.
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
@@ -9,7 +10,8 @@ use serde_json::Value;
 use crate::volume::{At, VolumeError};
 use insonify_base::read;
 
-/// Accepted headers of the value and name columns, without capitals, blanks and punctuation; the first one present counts.
+/// Accepted headers of the value and name columns, without capitals, blanks and punctuation; the first one present
+/// counts.
 const VALUES: [&str; 5] = ["value", "labelvalue", "index", "id", "label"];
 const NAMES: [&str; 4] = ["name", "labelname", "structure", "label"];
 
@@ -21,8 +23,9 @@ pub struct Names {
 }
 
 impl Names {
-    /// Reads a table: CSV with columns such as `value` (or `label`) and `name`, or these two without a header; a colour table of 3D Slicer (number,
-    /// name and colour per line) or FreeSurfer; label descriptions of ITK-SNAP; `dataset.json` of nnU-Net.
+    /// Reads a table: CSV with columns such as `value` (or `label`) and `name`, or these two without a header; a colour
+    /// table of 3D Slicer (number, name and colour per line) or FreeSurfer; label descriptions of ITK-SNAP;
+    /// `dataset.json` of nnU-Net.
     ///
     /// # Errors
     /// [`VolumeError`] with the line, for tables of other formats, values that are not integers, and values with two
@@ -81,7 +84,8 @@ impl Names {
         }
     }
 
-    /// Parses lines of a number, a name and a colour, or of a number, a colour and a name in quotes. Names may have blanks.
+    /// Parses lines of a number, a name and a colour, or of a number, a colour and a name in quotes. Names may have
+    /// blanks.
     fn read_colours(&mut self, text: &str) -> Result<(), VolumeError> {
         let rows: Vec<(usize, &str)> = (1..)
             .zip(text.lines().map(str::trim))
@@ -106,8 +110,8 @@ impl Names {
         Ok(())
     }
 
-    /// Parses the `labels` of a data set of nnU-Net: names with values, or values with names. A name may have several values, as a region
-    /// does; a value then has the name of the smallest one.
+    /// Parses the `labels` of a data set of nnU-Net: names with values, or values with names. A name may have several
+    /// values, as a region does; a value then has the name of the smallest one.
     fn read_json(&mut self, text: &str) -> Result<(), VolumeError> {
         const EXPECTED: &str = "`labels` with a value or a list of values for each name, or a name for each value, as nnU-Net's dataset.json \
                                 has it";

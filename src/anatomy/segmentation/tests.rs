@@ -59,8 +59,8 @@ const TORSO: [(&str, [f64; 3], [f64; 3]); 19] = [
     ("liver_tumor", [-80.0, -20.0, 50.0], [12.0, 12.0, 12.0]),
 ];
 
-/// A torso of 48 x 36 x 30 voxels of 7 mm with unnamed labels: of these values, each of the organs whose names begin with that of the
-/// value, without a side in it on both.
+/// A torso of 48 x 36 x 30 voxels of 7 mm with unnamed labels: of these values, each of the organs whose names begin
+/// with that of the value, without a side in it on both.
 fn torso(labels: &[(i64, &str)]) -> LabelVolume {
     let (size, spacing) = ([48, 36, 30], 7.0);
     let origin = size.map(|n| -0.5 * spacing * (n as f64 - 1.0));

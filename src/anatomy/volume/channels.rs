@@ -59,8 +59,8 @@ impl Sets {
     }
 }
 
-/// Index of the only axis with several entries that is no direction of space, if it is the fastest or slowest of them and no
-/// segments of 3D Slicer say what its entries are.
+/// Index of the only axis with several entries that is no direction of space, if it is the fastest or slowest of them
+/// and no segments of 3D Slicer say what its entries are.
 pub(super) fn axis(header: &Header) -> Option<usize> {
     let long = |axis: &Axis| axis.size > 1 && axis.direction.is_none();
     let index = header.axes.iter().position(long)?;
@@ -154,8 +154,8 @@ pub(super) struct Flattened {
     pub(super) warning: Option<String>,
 }
 
-/// Whether the first channel is a background: it has the first corner, which a body seldom reaches, and half of the voxels, and
-/// shares none with others.
+/// Whether the first channel is a background: it has the first corner, which a body seldom reaches, and half of the
+/// voxels, and shares none with others.
 fn has_background(of_voxels: &[u32], sets: &[Vec<usize>]) -> bool {
     let first = |set: &&u32| sets[**set as usize].contains(&0);
     let alone = |set: &u32| sets[*set as usize] == [0];
@@ -163,7 +163,8 @@ fn has_background(of_voxels: &[u32], sets: &[Vec<usize>]) -> bool {
     of_voxels.first().is_some_and(alone) && 2 * voxels >= of_voxels.len() && of_voxels.iter().filter(first).all(alone)
 }
 
-/// One label for each channel, by its name if it has one; a body lies below organs, and a larger mask below a smaller one.
+/// One label for each channel, by its name if it has one; a body lies below organs, and a larger mask below a smaller
+/// one.
 pub(super) fn flattened(of_voxels: &[u32], sets: &[Vec<usize>], names: &[Option<String>]) -> Flattened {
     let mut voxels_of = vec![0u64; sets.len()];
     for &set in of_voxels {

@@ -1,9 +1,10 @@
 //! Completion of the body around segmented organs.
 //!
-//! On a grid of about [`GRID_MM`] the gaps between the labels are closed, first within each slice, then in all directions, and the outline is
-//! smoothed. The unlabelled voxels inside it become soft tissue, with the muscle of the body wall, a layer of fat and a skin around them. Few
-//! organs without bones do not form a trunk; [`Completed::warning`] then says so. If the CT is available, unlabelled voxels are classified by
-//! its grey values ([`with_ct`]).
+//! On a grid of about [`GRID_MM`] the gaps between the labels are closed, first within each slice, then in all
+//! directions, and the outline is smoothed. The unlabelled voxels inside it become soft tissue, with the muscle of the
+//! body wall, a layer of fat and a skin around them. Few organs without bones do not form a trunk;
+//! [`Completed::warning`] then says so. If the CT is available, unlabelled voxels are classified by its grey values
+//! ([`with_ct`]).
 
 mod ct;
 mod outline;
@@ -32,12 +33,12 @@ const THICKEST_MM: f64 = 100.0;
 
 /// Names of the appended labels.
 const LAYERS: [&str; 5] = ["soft_tissue", "muscle", "muscle_internal", "fat", "skin"];
-/// Irregularity of muscle and fat: the largest relative deviation of their thickness, and the length over which it varies, mm. Set by eye;
-/// the skin stays where an even layer would put it.
+/// Irregularity of muscle and fat: the largest relative deviation of their thickness, and the length over which it
+/// varies, mm. Set by eye; the skin stays where an even layer would put it.
 const UNEVEN: f64 = 0.35;
 const UNEVEN_MM: f64 = 40.0;
-/// Depths below the fat at which the middle one of three flat muscles begins and ends, as fractions of the thickness: external oblique,
-/// internal oblique and transversus measure about 40, 25 and 35 % here.
+/// Depths below the fat at which the middle one of three flat muscles begins and ends, as fractions of the thickness:
+/// external oblique, internal oblique and transversus measure about 40, 25 and 35 % here.
 const MIDDLE_MUSCLE: [f64; 2] = [0.4, 0.65];
 /// Number of organs from which a body is closed around labels without bones and without a warning.
 const ENOUGH_ORGANS: usize = 8;
@@ -130,8 +131,8 @@ pub struct Filled {
 /// A completed volume, with the changes made.
 #[derive(Clone, Debug)]
 pub struct Completed {
-    /// Completed volume. Appended labels are named `soft_tissue`, `muscle`, `fat` and `skin`; their `voxels` stay 0, since the file had
-    /// none.
+    /// Completed volume. Appended labels are named `soft_tissue`, `muscle`, `fat` and `skin`; their `voxels` stay 0,
+    /// since the file had none.
     pub volume: LabelVolume,
     /// Numbers of filled voxels.
     #[cfg_attr(not(test), allow(dead_code, reason = "numbers for tests; the note tells them"))]
@@ -145,14 +146,15 @@ pub struct Completed {
 /// Minimum extent of a volume along an axis for closing a body around it, mm.
 const SMALLEST_MM: f64 = 0.5;
 
-/// Whether a volume has an explicit body: labels named skin, fat or body, or the values that `--save-labels` gives them.
+/// Whether a volume has an explicit body: labels named skin, fat or body, or the values that `--save-labels` gives
+/// them.
 pub(crate) fn has_body(volume: &LabelVolume) -> bool {
     let mut names = volume.labels().iter().skip(1).filter_map(|label| label.name.as_deref());
     names.any(is_body) || has_body_values(volume)
 }
 
-/// Whether unnamed labels form a body by their values: 201, 202 and 204 (fat, soft tissue and skin), which together have a third
-/// of the labelled voxels. Otherwise these values have another meaning.
+/// Whether unnamed labels form a body by their values: 201, 202 and 204 (fat, soft tissue and skin), which together
+/// have a third of the labelled voxels. Otherwise these values have another meaning.
 pub(crate) fn has_body_values(volume: &LabelVolume) -> bool {
     let voxels = |value: i64| {
         let is_unnamed = |label: &&Label| label.value == value && label.name.is_none() && label.voxels > 0;

@@ -26,8 +26,8 @@ const MAX_WORD: u64 = 1024;
 /// Number of bytes decompressed at a time.
 const CHUNK: usize = 64 << 10;
 
-/// Reads the numbers of an image into values, one for each `group` of bytes. `push` appends those of a slice of complete
-/// groups; numbers have the byte order of [`Header::data_order`].
+/// Reads the numbers of an image into values, one for each `group` of bytes. `push` appends those of a slice of
+/// complete groups; numbers have the byte order of [`Header::data_order`].
 pub(crate) fn read_into<V>(header: &mut Header, group: usize, push: Push<V>) -> Result<Vec<V>, VolumeError> {
     let (_, total) = header.extent()?;
     let files = std::mem::take(&mut header.data.more);
@@ -89,8 +89,8 @@ pub fn read(header: &mut Header) -> Result<Vec<u8>, VolumeError> {
 /// Appends the values of a slice of bytes.
 pub(super) type Push<'a, V> = &'a mut dyn FnMut(&[u8], &mut Vec<V>) -> Result<(), VolumeError>;
 
-/// Opens the data file after the lines to skip, and returns its position and remaining length; an error if these cannot hold
-/// `expected` bytes.
+/// Opens the data file after the lines to skip, and returns its position and remaining length; an error if these cannot
+/// hold `expected` bytes.
 fn open(header: &Header, expected: usize) -> Result<(BufReader<File>, u64, u64), VolumeError> {
     let fail = |cause| header.unreadable(cause);
     let source = &header.data;

@@ -216,8 +216,8 @@ struct Stack {
 }
 
 impl Stack {
-    /// The stack of all positions; `None` if they do not lie at equal distances on a line. Distances stated in the file, the best
-    /// first, count where one slice is all there is.
+    /// The stack of all positions; `None` if they do not lie at equal distances on a line. Distances stated in the
+    /// file, the best first, count where one slice is all there is.
     fn new(frames: &[Frame], normal: Vector3<f64>, stated: [Option<f64>; 2]) -> Option<Self> {
         let normal = normal.try_normalize(0.0)?;
         let depth = |frame: &Frame| frame.position.dot(&normal);

@@ -216,7 +216,8 @@ impl Blame for VolumeError {
     }
 }
 
-/// Text of a file as shown in an error: quoted and truncated to a readable length; bytes that are no text are not shown.
+/// Text of a file as shown in an error: quoted and truncated to a readable length; bytes that are no text are not
+/// shown.
 pub(super) fn quoted(text: &str) -> String {
     const SHOWN: usize = 60;
     if !is_text(text) {

@@ -2,8 +2,8 @@
 
 use super::{LabelVolume, VolumeError};
 
-/// Extents of labelled bodies and of parts of them, mm. No patient is beyond the upper end, and nothing that ultrasound resolves
-/// below the lower.
+/// Extents of labelled bodies and of parts of them, mm. No patient is beyond the upper end, and nothing that ultrasound
+/// resolves below the lower.
 const BODIES_MM: [f64; 2] = [1.0, 5000.0];
 
 /// Extents that a torso or an organ has, mm, by which a unit is proposed.

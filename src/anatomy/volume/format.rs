@@ -54,7 +54,8 @@ pub(crate) fn ending(name: &str) -> Option<&'static str> {
         .max_by_key(|ending| ending.len())
 }
 
-/// The format of a file that holds data alone, by its extension, and the path of the header beside it; either may be gzipped.
+/// The format of a file that holds data alone, by its extension, and the path of the header beside it; either may be
+/// gzipped.
 pub(crate) fn header_beside(path: &Path) -> Option<(&'static Format, PathBuf)> {
     let is_gzipped = path
         .extension()

@@ -183,8 +183,8 @@ impl Stacks {
     }
 }
 
-/// Reads the label volume of an image. If the first axis holds the layers of a segmentation, they are flattened: a body lies
-/// below organs, and a larger segment below a smaller one.
+/// Reads the label volume of an image. If the first axis holds the layers of a segmentation, they are flattened: a body
+/// lies below organs, and a larger segment below a smaller one.
 pub(super) fn volume(header: Header) -> Result<Loaded, VolumeError> {
     volume_from(header, DataFile)
 }
@@ -255,8 +255,8 @@ fn volume_from(mut header: Header, source: impl Source) -> Result<Loaded, Volume
 /// Number of labels from which a file may be a grey image.
 const MANY_LABELS: usize = 32;
 
-/// Fraction of neighbouring voxels with different labels from which a file is considered a grey image: segmentations, which
-/// consist of bodies many voxels across, stay far below it.
+/// Fraction of neighbouring voxels with different labels from which a file is considered a grey image: segmentations,
+/// which consist of bodies many voxels across, stay far below it.
 const MIXED: f64 = 0.5;
 
 /// Warning if values vary from voxel to voxel as grey levels do.
@@ -426,7 +426,8 @@ mod tests {
         assert!(!warned(&few));
     }
 
-    /// Reads segments of a row of voxels, each with its name, value and layer. Bytes have one number a layer for each voxel.
+    /// Reads segments of a row of voxels, each with its name, value and layer. Bytes have one number a layer for each
+    /// voxel.
     fn segments(layers: usize, segments: &[(&str, i64, usize)], numbers: &[i16]) -> Loaded {
         let mut layered = cube([numbers.len() / layers, 1, 1], Element::I16);
         layered.axes.insert(

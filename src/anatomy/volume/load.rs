@@ -36,7 +36,8 @@ pub struct ScalarImage {
     pub data: Vec<f32>,
 }
 
-/// Loads a label volume of any format: see `volume/format.rs`. A two-dimensional image is a volume of one slice, 1 mm thick.
+/// Loads a label volume of any format: see `volume/format.rs`. A two-dimensional image is a volume of one slice, 1 mm
+/// thick.
 ///
 /// ```
 /// use insonify_anatomy::volume::load;
@@ -57,8 +58,8 @@ pub struct ScalarImage {
 /// ```
 /// # Errors
 /// [`VolumeError`] with the file, the place in it, what was found and what was expected: for files that are unreadable,
-/// of another format or broken, or hold no labels (fractions, more than 256 distinct values, recordings), or span what no body
-/// does.
+/// of another format or broken, or hold no labels (fractions, more than 256 distinct values, recordings), or span what
+/// no body does.
 pub fn load(path: &Path) -> Result<Loaded, VolumeError> {
     #[cfg(feature = "dicom")]
     if dicom::recognises(&foreign::start_of(path)?) {
@@ -123,7 +124,8 @@ fn grey(path: &Path, error: VolumeError) -> VolumeError {
 /// Loads a grey volume from the formats of [`load`], any element type.
 ///
 /// # Errors
-/// The errors of [`load`], and for values that are not finite; fractions and any number of distinct values are accepted.
+/// The errors of [`load`], and for values that are not finite; fractions and any number of distinct values are
+/// accepted.
 pub fn load_scalar(path: &Path) -> Result<ScalarImage, VolumeError> {
     let mut header = read_header(path)?;
     let grid = header.grid()?;

@@ -325,8 +325,9 @@ impl Tags {
         })
     }
 
-    /// Direction cosines of the axes. AnatomicalOrientation repeats them, and many writers get it wrong: it counts only where
-    /// there are none. Its letters name the sides at which the axes start (`MET_ORIENTATION`), so that RAI is LPS.
+    /// Direction cosines of the axes. AnatomicalOrientation repeats them, and many writers get it wrong: it counts only
+    /// where there are none. Its letters name the sides at which the axes start (`MET_ORIENTATION`), so that RAI is
+    /// LPS.
     fn cosines(&mut self, dimensions: usize) -> Option<Vec<f64>> {
         let (None, Some(letters), 3) = (&self.directions, self.orientation, dimensions) else {
             return self.directions.take();

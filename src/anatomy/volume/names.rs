@@ -1,5 +1,5 @@
-//! Names of labels in files: as user-defined keys `LabelName_<value>`, as segments of 3D Slicer, as groups of MITK, and as a table in
-//! XML.
+//! Names of labels in files: as user-defined keys `LabelName_<value>`, as segments of 3D Slicer, as groups of MITK, and
+//! as a table in XML.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -33,8 +33,8 @@ pub(super) struct Segment {
     pub layer: usize,
 }
 
-/// Parses the segments among the keys of a file by layer and value, those of 3D Slicer in file order. If two share both, the
-/// first counts.
+/// Parses the segments among the keys of a file by layer and value, those of 3D Slicer in file order. If two share
+/// both, the first counts.
 pub(super) fn segments(key_values: &[(String, String)]) -> BTreeMap<(usize, i64), Option<String>> {
     let mut by_number: BTreeMap<usize, Segment> = BTreeMap::new();
     for (key, value) in key_values {
@@ -61,7 +61,8 @@ pub(super) fn segments(key_values: &[(String, String)]) -> BTreeMap<(usize, i64)
     by_place
 }
 
-/// Key of the groups of labels in a segmentation of MITK, as JSON: a list with one entry a layer, each with its `labels`.
+/// Key of the groups of labels in a segmentation of MITK, as JSON: a list with one entry a layer, each with its
+/// `labels`.
 const GROUPS: &str = "org.mitk.multilabel.segmentation.labelgroups";
 
 /// Beginning of the key of one label in older segmentations of MITK, as XML; the layer and a count follow.

@@ -1,5 +1,5 @@
-//! NIfTI-1 and NIfTI-2: `.nii` and `.hdr` with `.img`, plain or gzipped. World coordinates are RAS in the file and converted to
-//! LPS.
+//! NIfTI-1 and NIfTI-2: `.nii` and `.hdr` with `.img`, plain or gzipped. World coordinates are RAS in the file and
+//! converted to LPS.
 
 mod fields;
 mod grid;

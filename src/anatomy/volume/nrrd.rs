@@ -387,8 +387,8 @@ impl Fields {
         Ok((axes, origin))
     }
 
-    /// Position of the first sample and step of an axis without direction ("axis mins", "axis maxs", "centerings"), in its
-    /// unit. Samples are the centres of cells unless the file says that they are nodes.
+    /// Position of the first sample and step of an axis without direction ("axis mins", "axis maxs", "centerings"), in
+    /// its unit. Samples are the centres of cells unless the file says that they are nodes.
     fn line(&self, path: &Path, axis: usize, size: usize) -> Result<(f64, f64), VolumeError> {
         let end = |ends: &Option<Vec<f64>>| ends.as_ref().map(|ends| ends[axis]).filter(|end| end.is_finite());
         let is_node = self.nodes.as_ref().and_then(|nodes| nodes.get(axis)) == Some(&true);
@@ -471,8 +471,8 @@ impl Units {
         }
     }
 
-    /// Millimetres of the unit of an axis, that of the last one where fewer are stated; `None` if there is none. One that is no
-    /// length is told once and taken as a millimetre.
+    /// Millimetres of the unit of an axis, that of the last one where fewer are stated; `None` if there is none. One
+    /// that is no length is told once and taken as a millimetre.
     fn millimetres(&self, axis: usize, doubts: &mut Vec<String>) -> Option<f64> {
         let name = self.names.get(axis).or(self.names.last())?;
         let known = unit::millimetres(name);
@@ -496,8 +496,8 @@ pub(crate) struct Space {
 }
 
 impl Space {
-    /// Parses a `space` field: three directions by name or letter, or one of the spaces without anatomy, which are taken
-    /// as LPS with a warning. A trailing `-time` or `T` adds a dimension.
+    /// Parses a `space` field: three directions by name or letter, or one of the spaces without anatomy, which are
+    /// taken as LPS with a warning. A trailing `-time` or `T` adds a dimension.
     pub(super) fn parse(field: &Field, warnings: &mut Vec<String>) -> Result<Self, VolumeError> {
         let name = field.value.to_ascii_lowercase();
         let (name, timed) = match name.strip_suffix("-time") {

@@ -34,7 +34,8 @@ impl LabelVolume {
     }
 
     /// The volume, which was drawn from `file`, with a label of its own for each organ that a label was drawn into: of
-    /// the same value and name, so that label values stay what they are. Second, a warning if 256 labels do not suffice.
+    /// the same value and name, so that label values stay what they are. Second, a warning if 256 labels do not
+    /// suffice.
     ///
     /// # Errors
     /// Those of [`LabelVolume::new`].

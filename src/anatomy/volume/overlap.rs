@@ -21,8 +21,8 @@ impl Overlaps {
         *self.0.entry(below).or_default().entry(above).or_default() += voxels;
     }
 
-    /// Warning that names the labels covered by others, the most covered first. `label` gives a label's name and the voxels that it
-    /// claims in the file.
+    /// Warning that names the labels covered by others, the most covered first. `label` gives a label's name and the
+    /// voxels that it claims in the file.
     pub(crate) fn warning(&self, kind: &str, label: impl Fn(usize) -> (String, u64)) -> Option<String> {
         let mut covered: Vec<(f64, String)> = Vec::new();
         for (below, above) in &self.0 {

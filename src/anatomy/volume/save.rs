@@ -10,7 +10,8 @@ use super::{FORMATS, LabelVolume, format};
 /// Number of voxels encoded at a time.
 const CHUNK: usize = 64 << 10;
 
-/// Saves a label volume in the format that writes files of this ending (see [`written`](super::written)). The write is atomic. NIfTI holds the transform in single precision.
+/// Saves a label volume in the format that writes files of this ending (see [`written`](super::written)). The write is
+/// atomic. NIfTI holds the transform in single precision.
 ///
 /// ```
 /// use insonify_anatomy::volume::{Label, LabelVolume, load, save};
@@ -30,8 +31,8 @@ const CHUNK: usize = 64 << 10;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 /// # Errors
-/// [`VolumeError::Unsupported`] for another extension or a volume that the format cannot hold, [`VolumeError::Write`] if
-/// the file cannot be written.
+/// [`VolumeError::Unsupported`] for another extension or a volume that the format cannot hold, [`VolumeError::Write`]
+/// if the file cannot be written.
 pub fn save(volume: &LabelVolume, path: &Path) -> Result<(), VolumeError> {
     let name = path.to_string_lossy().to_ascii_lowercase();
     let writes = |format: &&&format::Format| format.written.iter().any(|written| name.ends_with(written.ending));

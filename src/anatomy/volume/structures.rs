@@ -1,13 +1,14 @@
 //! Synthetic structures within organs that a segmentation labels as one piece, and within soft tissue filled by
 //! completion.
 //!
-//! Livers and spleens get the trees of the vessels that enter them (`vessels`), kidneys a sinus and pyramids, a heart without chambers four
-//! chambers, and soft tissue fat around the kidneys and patches of fat and muscle. Everything is drawn voxel by voxel: structures narrower
-//! than about two voxels are left out. Structures that the file labels itself are not drawn. [`LabelVolume::undivided`] returns the organs
-//! without structures.
+//! Livers and spleens get the trees of the vessels that enter them (`vessels`), kidneys a sinus and pyramids, a heart
+//! without chambers four chambers, and soft tissue fat around the kidneys and patches of fat and muscle. Everything is
+//! drawn voxel by voxel: structures narrower than about two voxels are left out. Structures that the file labels itself
+//! are not drawn. [`LabelVolume::undivided`] returns the organs without structures.
 //!
-//! Sources: kidney, W. C. O'Neill, Am. J. Kidney Dis. 35 (2000) 1021 (parenchyma of 15 to 20 mm); heart, R. M. Lang et al., J. Am. Soc. Echocardiogr.
-//! 28 (2015) 1 (walls of 6 to 10 mm). Patches, the proportion of pyramids and fat around kidneys are set by eye.
+//! Sources: kidney, W. C. O'Neill, Am. J. Kidney Dis. 35 (2000) 1021 (parenchyma of 15 to 20 mm); heart, R. M. Lang et
+//! al., J. Am. Soc. Echocardiogr. 28 (2015) 1 (walls of 6 to 10 mm). Patches, the proportion of pyramids and fat around
+//! kidneys are set by eye.
 
 pub mod organ;
 mod vessels;
@@ -22,7 +23,8 @@ use insonify_base::random::noise::Noise;
 use organ::Organ;
 use vessels::{Root, Tree};
 
-/// Depths below the surface of a kidney at which pyramids and the sinus begin, mm, and the largest ratio of the latter to the greatest depth.
+/// Depths below the surface of a kidney at which pyramids and the sinus begin, mm, and the largest ratio of the latter
+/// to the greatest depth.
 const KIDNEY_MM: [f64; 2] = [7.0, 15.0];
 const SINUS_SHARE: f64 = 0.65;
 /// Width of a pyramid, mm, and the noise threshold for pyramids: three fifths of the volume.
@@ -32,7 +34,8 @@ const PYRAMIDS_ABOVE: f64 = -0.1;
 const HEART_MM: f64 = 10.0;
 const SEPTUM_MM: f64 = 9.0;
 const VALVES_MM: f64 = 3.0;
-/// Distance of the plane of the valves from the centre of a heart towards its base, relative to its extent along its axis.
+/// Distance of the plane of the valves from the centre of a heart towards its base, relative to its extent along its
+/// axis.
 const VALVES_AT: f64 = 0.1;
 /// Thickness of the fat around kidneys and adrenal glands, mm.
 const RENAL_FAT_MM: f64 = 8.0;
@@ -136,8 +139,8 @@ impl Drawing<'_> {
             .transform_point(&Point3::from(voxel.map(|index| index as f64)))
     }
 
-    /// Relabels voxels of an organ: `structure` returns the label at a depth, mm, and a position in the world, mm, if it is inside a
-    /// structure.
+    /// Relabels voxels of an organ: `structure` returns the label at a depth, mm, and a position in the world, mm, if
+    /// it is inside a structure.
     fn relabel(&mut self, organ: &Organ, structure: impl Fn(f64, &Point3<f64>) -> Option<u8>) -> usize {
         let mut drawn = 0;
         for (voxel, depth) in organ.voxels() {
@@ -249,8 +252,8 @@ impl Drawing<'_> {
         name.is_some_and(|name| name.to_lowercase().contains(word))
     }
 
-    /// Draws the chambers of a heart with a single label: the part deeper than its walls, except a septum along its axis and a plane of valves
-    /// across it.
+    /// Draws the chambers of a heart with a single label: the part deeper than its walls, except a septum along its
+    /// axis and a plane of valves across it.
     fn heart(&mut self) {
         let hearts = self.of_tissue("heart");
         let [heart] = hearts[..] else { return };
@@ -270,8 +273,8 @@ impl Drawing<'_> {
         middle /= count;
         let axes = (spread / count - middle * middle.transpose()).symmetric_eigen();
         let longest = axes.eigenvalues.imax();
-        // The apex points to the left, anteriorly and inferiorly; the right heart lies anterior and to the right of the left
-        // one (LPS).
+        // The apex points to the left, anteriorly and inferiorly; the right heart lies anterior and to the right of the
+        // left one (LPS).
         let axis = axes.eigenvectors.column(longest).into_owned();
         let axis = axis * axis.dot(&Vector3::new(1.0, -1.0, -1.0)).signum();
         let across = Vector3::new(1.0, 1.0, 0.0);

@@ -119,7 +119,8 @@ fn check_frame(size: [usize; 3], spacing_mm: [f64; 3], found: usize) -> Result<(
     Ok(())
 }
 
-/// Periodic trilinear interpolation at fractional voxel indices, axis by axis, in the order of the shader's `sample_texture`.
+/// Periodic trilinear interpolation at fractional voxel indices, axis by axis, in the order of the shader's
+/// `sample_texture`.
 #[inline(always)]
 fn trilinear<T: Real, const N: usize>(data: &[f32], size: [u32; 3], index: &[[T; N]; 3]) -> [T; N] {
     let mut sides = [[[0u32; N]; 2]; 3];
@@ -238,7 +239,8 @@ impl Atlas {
         Ok(atlas)
     }
 
-    /// Multiplier of texture `entry` at a position, mm, relative to its voxel (0, 0, 0). `entry` must be below the number of entries.
+    /// Multiplier of texture `entry` at a position, mm, relative to its voxel (0, 0, 0). `entry` must be below the
+    /// number of entries.
     #[inline]
     pub fn sample<T: Real>(&self, entry: usize, position_mm: [T; 3]) -> T {
         let AtlasEntry { to_voxel, size, offset } = self.entries[entry];

@@ -3,8 +3,8 @@
 use super::element::{Sample, Scale};
 use insonify_base::note::Notes;
 
-/// Deviation from a whole number up to which a value is rounded: resampling and scaling in single precision stay below, and
-/// grey levels do not.
+/// Deviation from a whole number up to which a value is rounded: resampling and scaling in single precision stay below,
+/// and grey levels do not.
 const NEAR: f64 = 1e-3;
 
 /// Magnitude beyond which doubles skip whole numbers.

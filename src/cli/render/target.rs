@@ -27,7 +27,8 @@ pub(crate) enum Target {
     File(PathBuf),
     /// A folder of numbered PNGs.
     Folder(PathBuf),
-    /// An image sequence with the transforms of each frame, or an animated GIF, and a folder for companion files of single frames.
+    /// An image sequence with the transforms of each frame, or an animated GIF, and a folder for companion files of
+    /// single frames.
     Sequence(PathBuf, PathBuf),
 }
 

@@ -32,8 +32,8 @@ pub(crate) const MAX_SIGMA: f64 = MAX_REACH as f64 / 3.0;
 /// there a Gaussian is below -69 dB of its peak.
 const FARTHEST: f64 = 4.0;
 
-/// Warning about a length whose kernel would reach too far, given the share of it that comes out. The usual length on the
-/// usual grid is not doubted, though it is wider than a sector at its apex.
+/// Warning about a length whose kernel would reach too far, given the share of it that comes out. The usual length on
+/// the usual grid is not doubted, though it is wider than a sector at its apex.
 pub(crate) fn narrowed(key: &str, is_stated: bool, share: f64, finer: &str, probe: &Probe) -> Option<String> {
     let usual = probe.shape.kind().usual();
     let is_usual = !is_stated && probe.lines <= usual.lines && probe.samples <= usual.samples;

@@ -128,7 +128,8 @@ parameters! {
         /// A volume generated from code.
         #[serde(skip_serializing_if = "Option::is_none")]
         phantom: Option<Phantom>;
-        /// Voxel edge of a phantom, 0.3 mm or more, or of closed surfaces. Default: the phantom's own; of surfaces at most 1 mm.
+        /// Voxel edge of a phantom, 0.3 mm or more, or of closed surfaces. Default: the phantom's own; of surfaces at
+        /// most 1 mm.
         #[serde(skip_serializing_if = "Option::is_none")]
         resolution_mm: Option<f64>, for Phantom | File | Ct, in 0.01..=5 "mm";
         /// Seed of irregular surfaces, vessels and gas. Default 0.

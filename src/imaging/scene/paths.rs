@@ -29,8 +29,8 @@ parameters! {
         #[serde(skip_serializing_if = "Option::is_none")]
         keyframes: Option<Vec<KeyframeSpec>>;
         /// CSV file with one timed pose per row: `time_s`, `x_mm`, `y_mm`, `z_mm` and `qw`, `qx`, `qy`, `qz` or `dx`,
-        /// `dy`, `dz` (and `lx`, `ly`, `lz`), or `time_s` and `m00` to `m33`. Other columns state parameters of the frames
-        /// by key: `gain_db`, `probe.depth_mm`, `liver.echogenicity_db`.
+        /// `dy`, `dz` (and `lx`, `ly`, `lz`), or `time_s` and `m00` to `m33`. Other columns state parameters of the
+        /// frames by key: `gain_db`, `probe.depth_mm`, `liver.echogenicity_db`.
         #[serde(skip_serializing_if = "Option::is_none")]
         csv: Option<PathBuf>;
         /// A tracked sequence.

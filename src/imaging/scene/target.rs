@@ -73,8 +73,8 @@ impl SceneFile {
         turned.pose(None).map_err(invalid)
     }
 
-    /// Deepens an image whose depth is left open so that all of a stated target is in it, as far as bone and gas let it be
-    /// seen, and notes so; of a stated depth it notes what is cut off.
+    /// Deepens an image whose depth is left open so that all of a stated target is in it, as far as bone and gas let it
+    /// be seen, and notes so; of a stated depth it notes what is cut off.
     pub(super) fn deepen(
         &self,
         body: &Body<'_>,

@@ -188,8 +188,8 @@ enum Source {
     Column(Vec<Value>),
     /// A range, drawn from with a seed.
     Range(Range, u64),
-    /// A seed of each frame, drawn with a seed: the upper half. The lower one stays, and with it the solid textures, which
-    /// take as long to make as many frames.
+    /// A seed of each frame, drawn with a seed: the upper half. The lower one stays, and with it the solid textures,
+    /// which take as long to make as many frames.
     Seeds(u64),
 }
 

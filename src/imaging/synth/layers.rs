@@ -18,8 +18,8 @@ pub struct Beam {
     /// Number of samples along a scanline.
     pub samples: usize,
     /// Reference position in the world, mm, and the warp's flag. Passes compute it in single precision relative to the
-    /// local origin ([`LocalOrigin`](super::LocalOrigin)), and it is converted to the world in double precision: at 1e5 mm it is as
-    /// accurate as near the origin.
+    /// local origin ([`LocalOrigin`](super::LocalOrigin)), and it is converted to the world in double precision: at 1e5
+    /// mm it is as accurate as near the origin.
     pub position: Vec<[f64; 4]>,
     /// Mesh element that contains the sample; `u32::MAX` for none.
     pub element: Vec<u32>,
@@ -87,8 +87,8 @@ pub enum Layer {
     Needle,
     /// Two-way loss down to the pixel, hundredths of a decibel
     Loss,
-    /// Label value of the file before anything was drawn: that of the organ for its vessels and other structures, 0 where
-    /// the body was completed
+    /// Label value of the file before anything was drawn: that of the organ for its vessels and other structures, 0
+    /// where the body was completed
     Organ,
 }
 

@@ -18,9 +18,8 @@ use insonify_base::memory;
 use insonify_mesh::TetMesh;
 use insonify_tracking::probe::{BeamGrid, ImageGrid, OUTSIDE, Probe, scan_map};
 
-/// Contents of frames: labelled voxels, the tissue of each label, textures, and a mesh that moves them; all in the world
-/// (LPS, mm). Fixed for the life of a synthesizer, but for the tissues
-/// ([`FrameSettings`]).
+/// Contents of frames: labelled voxels, the tissue of each label, textures, and a mesh that moves them; all in the
+/// world (LPS, mm). Fixed for the life of a synthesizer, but for the tissues ([`FrameSettings`]).
 #[derive(Clone, Debug)]
 pub struct Anatomy {
     /// Labelled volume, with unlabelled tissue completed.
@@ -60,8 +59,8 @@ pub struct Settings {
     pub image: ImageSize,
     /// Effects and their parameters.
     pub effects: Effects,
-    /// Whether memory and passes for needle and seeds are made at once. Otherwise the first frame with one has them made
-    /// and sets this.
+    /// Whether memory and passes for needle and seeds are made at once. Otherwise the first frame with one has them
+    /// made and sets this.
     pub has_needle: bool,
     /// Ground-truth layers of each frame ([`super::Frame::layers`]), each once.
     pub layers: Vec<Layer>,

@@ -255,9 +255,9 @@ impl ScenarioFile {
         })
     }
 
-    /// Returns an entry in the image plane beside the array: the nearest to it from which a straight path to the target keeps
-    /// [`CLEAR_MM`] from bone and meets no gas or lung; among equally near ones, that with the shorter path. If all paths meet gas
-    /// or lung, they are allowed to.
+    /// Returns an entry in the image plane beside the array: the nearest to it from which a straight path to the target
+    /// keeps [`CLEAR_MM`] from bone and meets no gas or lung; among equally near ones, that with the shorter path. If
+    /// all paths meet gas or lung, they are allowed to.
     fn beside(
         &self,
         scene: &Scene,
@@ -367,8 +367,8 @@ impl Aim {
     }
 }
 
-/// Innermost point of a label in the image, or else in the volume, to 0.01 mm, and whether it is in the image; `None` for a label without
-/// voxels.
+/// Innermost point of a label in the image, or else in the volume, to 0.01 mm, and whether it is in the image; `None`
+/// for a label without voxels.
 pub fn middle(scene: &Scene, pose: &Pose, label: u8) -> Option<(Point3<f64>, bool)> {
     let in_view = innermost(scene, pose, label);
     let anywhere = || aims(&scene.anatomy.volume, &[label]).and_then(|aims| aims.first().copied());

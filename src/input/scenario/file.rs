@@ -21,15 +21,15 @@ use insonify_imaging::quality::QualitySpec;
 use insonify_imaging::scene::{SceneFile, Version};
 use insonify_mechanics::tissue::remesh::Level;
 
-/// A needle insertion: scene, deformable tissue, and the motion of needle and probe. Paths are relative to the folder of the
-/// file.
+/// A needle insertion: scene, deformable tissue, and the motion of needle and probe. Paths are relative to the folder
+/// of the file.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ScenarioFile {
     /// Version of the format: 1 or 2, which is the default, as of scenes; `[scene]` has that of the scenario.
     pub version: Option<Version>,
-    /// Imaged scene and pose or motion of the probe: the name of a scene that comes with the program, the path of a scene
-    /// file, or a scene as a table. It has no needle and no deformation of its own: the scenario provides both.
+    /// Imaged scene and pose or motion of the probe: the name of a scene that comes with the program, the path of a
+    /// scene file, or a scene as a table. It has no needle and no deformation of its own: the scenario provides both.
     #[schemars(required)]
     pub scene: Option<SceneSource>,
     /// Time budgets of steps and frames: settings left open are chosen by their measured cost on this machine.
@@ -127,6 +127,7 @@ pub struct ChangeSpec {
     /// Time of the change, s, on the clock of the motions and within the run: it takes effect before the step that
     /// reaches this time.
     pub at_s: f64,
-    /// New level. One that needs the first dense inverse of the run computes it then, unless `tissue.columns` is `dense`.
+    /// New level. One that needs the first dense inverse of the run computes it then, unless `tissue.columns` is
+    /// `dense`.
     pub level: Level,
 }

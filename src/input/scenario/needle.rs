@@ -46,8 +46,8 @@ impl NeedleSettings {
         }
     }
 
-    /// Transform from the base frame of the undeflected needle to world, for a pose of its tip whose axial direction is that of
-    /// the needle.
+    /// Transform from the base frame of the undeflected needle to world, for a pose of its tip whose axial direction is
+    /// that of the needle.
     pub fn base(&self, tip: &Pose) -> Isometry3<f64> {
         let (along, side) = (tip.axial().into_inner(), tip.lateral().into_inner());
         let axes = Matrix3::from_columns(&[side, along.cross(&side), along]);
@@ -136,7 +136,8 @@ impl ScenarioFile {
         self.manipulator.as_ref().is_some_and(|spec| !spec.keyframes.is_empty())
     }
 
-    /// Returns the needle of the scene, the seeds to deposit and the guiding holes; `aimed` is the motion of an aimed needle.
+    /// Returns the needle of the scene, the seeds to deposit and the guiding holes; `aimed` is the motion of an aimed
+    /// needle.
     pub(crate) fn moving(
         &self,
         needle: &NeedleSettings,

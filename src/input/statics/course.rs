@@ -80,7 +80,8 @@ parameters! {
 pub struct HistorySpec {
     /// Times, s: the first 0, ascending.
     pub time_s: Vec<f64>,
-    /// Factors on every load and displacement at these times, linear between. A `[[load]]` or `[[fix]]` may have its own.
+    /// Factors on every load and displacement at these times, linear between. A `[[load]]` or `[[fix]]` may have its
+    /// own.
     pub factor: Vec<f64>,
     /// Longest time step, s (above 0).
     pub step_s: f64,

@@ -30,8 +30,8 @@ parameters! {
         /// Tissue model. Default `linear`.
         #[serde(default)]
         model: Model;
-        /// Gravitational acceleration, acting on all tissue through its `density_kg_per_m3`, m/s^2, such as `[0, 9.81, 0]` towards the
-        /// back. Default: none.
+        /// Gravitational acceleration, acting on all tissue through its `density_kg_per_m3`, m/s^2, such as `[0, 9.81,
+        /// 0]` towards the back. Default: none.
         gravity_m_per_s2: Option<[f64; 3]>;
         /// Nodes whose displacements are reported.
         #[serde(default)]
@@ -72,8 +72,8 @@ material_table! {
 }
 
 selecting! {
-    /// Prescribed displacements of nodes: selected by number, or as the intersection of a box, a cylinder, a region, its surface and the
-    /// surface of the mesh.
+    /// Prescribed displacements of nodes: selected by number, or as the intersection of a box, a cylinder, a region,
+    /// its surface and the surface of the mesh.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
     #[serde(deny_unknown_fields)]
     pub struct FixSpec {
@@ -93,8 +93,8 @@ fn all_axes() -> String {
 }
 
 selecting! {
-    /// A load on nodes, selected as in `[[fix]]`, or on the surface between them: exactly one of `total_force_n`, `pressure_kpa` and
-    /// `node_force_n`.
+    /// A load on nodes, selected as in `[[fix]]`, or on the surface between them: exactly one of `total_force_n`,
+    /// `pressure_kpa` and `node_force_n`.
     #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
     #[serde(deny_unknown_fields, default)]
     pub struct LoadSpec {

@@ -16,12 +16,12 @@
 //! force. With a large `cutting_n`, the rule of Zhu et al. alone decides.
 //!
 //! A step is cut into equal substeps: so many that springs and damping are stable ([`MassSpring::explicit_limit_s`]),
-//! up to [`MassSpringParameters::most_substeps`], and that in none of them base or tip moves farther than half the range of the
-//! penetration rule, up to [`MAX_PARTS`]. If a substep is still too long for stability, the tissue is simulated for the
-//! longest stable time instead: it then approaches equilibrium more slowly, but reaches the same one. A step that would
-//! need more than `MAX_PARTS` is reported as not converged. In each substep the needle's shape is computed once, from
-//! the forces of the substep before; a flexible needle is then coupled to the tissue by its flexibility (one linear
-//! solve), which is as good as iterated while the needle turns little in a substep.
+//! up to [`MassSpringParameters::most_substeps`], and that in none of them base or tip moves farther than half the
+//! range of the penetration rule, up to [`MAX_PARTS`]. If a substep is still too long for stability, the tissue is
+//! simulated for the longest stable time instead: it then approaches equilibrium more slowly, but reaches the same one.
+//! A step that would need more than `MAX_PARTS` is reported as not converged. In each substep the needle's shape is
+//! computed once, from the forces of the substep before; a flexible needle is then coupled to the tissue by its
+//! flexibility (one linear solve), which is as good as iterated while the needle turns little in a substep.
 //!
 //! The force on the hand is the mean over the substeps of a step.
 

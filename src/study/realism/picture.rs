@@ -135,8 +135,8 @@ pub(crate) fn decoded_png(path: &Path) -> Result<DynamicImage, VolumeError> {
     border::decoded(|| reader.decode()).map_err(refuse)
 }
 
-/// Bytes of the rows of a PNG file by its header; the error says what a decoder must not be given. What is not a header is for
-/// the decoder to refuse.
+/// Bytes of the rows of a PNG file by its header; the error says what a decoder must not be given. What is not a header
+/// is for the decoder to refuse.
 fn png_bytes(file: &[u8]) -> Result<u64, String> {
     let mut promised = 0;
     let mut rest = file.get(8..).unwrap_or_default();

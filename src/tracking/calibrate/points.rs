@@ -1,8 +1,9 @@
 //! Calibration of an image to the marker on the probe, from pixels of known points and wires.
 //!
-//! A pixel (u, v) lies at a point of the tracker's frame, or on a straight wire in it; its distance from there is the residual. The
-//! image is a plane with two pixel sizes: eight parameters, fitted by the Gauss-Newton method from the affine solution. Wires in the
-//! shape of an N need no other treatment (N. Pagoulatos et al., Ultrasound in Medicine & Biology 27, 2001, intersect them first).
+//! A pixel (u, v) lies at a point of the tracker's frame, or on a straight wire in it; its distance from there is the
+//! residual. The image is a plane with two pixel sizes: eight parameters, fitted by the Gauss-Newton method from the
+//! affine solution. Wires in the shape of an N need no other treatment (N. Pagoulatos et al., Ultrasound in Medicine &
+//! Biology 27, 2001, intersect them first).
 
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix4, Rotation3, SVector, Vector3};
 use serde::Serialize;
@@ -22,7 +23,8 @@ const DETERMINED: f64 = 1e-4;
 const STEPS: usize = 50;
 /// Relative change that ends them.
 const SETTLED: f64 = 1e-12;
-/// Radius about the predicted pixel in which a wire's echo is sought, and about the brightest pixel over which its centre is taken, mm.
+/// Radius about the predicted pixel in which a wire's echo is sought, and about the brightest pixel over which its
+/// centre is taken, mm.
 const SEARCH_MM: f64 = 2.5;
 const ECHO_MM: f64 = 2.0;
 /// Least grey level of an echo, a quarter of the range.
@@ -150,7 +152,8 @@ impl Plane {
 /// A pixel with the pose of its frame.
 type Seen<'a> = (&'a Pixel, &'a MarkerPose);
 
-/// Result of one fit: the plane, the standard deviations of rotation and position, and the angle of the affine axes, rad.
+/// Result of one fit: the plane, the standard deviations of rotation and position, and the angle of the affine axes,
+/// rad.
 type Fit = (Plane, [Vector3<f64>; 2], f64);
 
 /// Calibrates an image from pixels, leaving out outliers.
@@ -164,7 +167,8 @@ pub fn calibrate(pixels: &[Pixel], poses: &Poses) -> Result<ImageCalibration, Tr
         .collect();
     let count = seen.len() as f64;
     let mean = [0, 1].map(|axis| seen.iter().map(|(pixel, _)| pixel.at[axis]).sum::<f64>() / count);
-    // About their mean the pixels separate the turn of the plane from its shift, and both deviations hold where the pixels lie.
+    // About their mean the pixels separate the turn of the plane from its shift, and both deviations hold where the
+    // pixels lie.
     let fit_of_kept = trimmed(seen.len(), |used| {
         let kept: Vec<Seen<'_>> = seen
             .iter()
@@ -214,8 +218,9 @@ fn fit(seen: &[Seen<'_>], mean: [f64; 2]) -> Result<Fit, TrackingError> {
         )));
     }
     let (mut plane, axes_angle) = affine(seen, mean)?;
-    // Gauss-Newton on turn (0-2), pixel sides (3, 4) and centre (5-7). The axes stay perpendicular, which the affine start does not demand.
-    // Three rows for a wire, too: its projection has rank two, so that the way along it costs nothing.
+    // Gauss-Newton on turn (0-2), pixel sides (3, 4) and centre (5-7). The axes stay perpendicular, which the affine
+    // start does not demand. Three rows for a wire, too: its projection has rank two, so that the way along it costs
+    // nothing.
     let rows = 3 * seen.len();
     let mut normal = nalgebra::SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
     let mut squares = 0.0;
@@ -381,8 +386,8 @@ fn echo(image: &GreyImage, near: [f64; 2], pixel_mm: [f64; 2]) -> Option<[f64; 2
     Some([sums[1] / sums[0], sums[2] / sums[0]])
 }
 
-/// Follows features through the images of a sequence: each is searched for near the pixel that the current calibration predicts,
-/// and the calibration is refitted, a few times.
+/// Follows features through the images of a sequence: each is searched for near the pixel that the current calibration
+/// predicts, and the calibration is refitted, a few times.
 ///
 /// # Errors
 /// The errors of [`calibrate`].

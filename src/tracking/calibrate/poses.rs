@@ -48,8 +48,8 @@ pub struct Poses {
 }
 
 impl Poses {
-    /// Reads poses from a CSV file as a path of the probe: `time_s` with `m00` to `m33` (row major, mm), or with a position and a quaternion
-    /// or direction.
+    /// Reads poses from a CSV file as a path of the probe: `time_s` with `m00` to `m33` (row major, mm), or with a
+    /// position and a quaternion or direction.
     ///
     /// # Errors
     /// [`TrackingError`] with the line, what was found and what was expected.
@@ -65,8 +65,8 @@ impl Poses {
         })
     }
 
-    /// Poses of a sequence that was read from `path`: the named transform, composed of those of each frame and `defined` ones where need be.
-    /// Without a name the only transform to the tracker is taken.
+    /// Poses of a sequence that was read from `path`: the named transform, composed of those of each frame and
+    /// `defined` ones where need be. Without a name the only transform to the tracker is taken.
     ///
     /// # Errors
     /// [`TrackingError`] if the sequence has no such transform, or several of which none is named.

@@ -28,8 +28,8 @@ impl Normal {
 const TIP: [f64; 3] = [12.0, -3.0, 148.0];
 const REST: [f64; 3] = [-40.0, 25.0, -900.0];
 
-/// Poses that turn about a resting tip, with noise of the tip's position, mm; `turns` are the standard deviations of the rotation about
-/// the axes, rad.
+/// Poses that turn about a resting tip, with noise of the tip's position, mm; `turns` are the standard deviations of
+/// the rotation about the axes, rad.
 fn resting(n: usize, turns: [f64; 3], noise_mm: f64, seed: i32) -> Poses {
     let mut normal = Normal(seed, 0);
     let poses = (0..n).map(|frame| {

@@ -1,12 +1,14 @@
-//! Drive of a slide by a flexible rack, after Kobayashi et al. 2010 (section 2.2, figures 2 and 3): a motor with an input pinion pushes and
-//! pulls a flexible rack in a guide tube; the rack turns an output pinion on a ball screw, whose flange is the slide.
+//! Drive of a slide by a flexible rack, after Kobayashi et al. 2010 (section 2.2, figures 2 and 3): a motor with an
+//! input pinion pushes and pulls a flexible rack in a guide tube; the rack turns an output pinion on a ball screw,
+//! whose flange is the slide.
 //!
-//! The rack has a dead band (clearance of teeth and tube, buckling) and a stiffness. With the travel u of the input and v of the output, the rack
-//! transmits `k (|u - v| - b/2)`, and the output moves while that exceeds what resists: friction of the tube and the load through the
-//! screw. The lost motion u - v is therefore `b/2 + R/k` while pushing and as much the other way while pulling. The screw is
-//! self-locking: an output at rest stays where it is whatever the load. An encoder on the screw measures the output, and a PI controller
-//! at 1 kHz with the commanded speed fed forward sets the speed of the motor, which follows without delay. Kobayashi et al. 2010 give none
-//! of the numbers: the defaults are choices.
+//! The rack has a dead band (clearance of teeth and tube, buckling) and a stiffness. With the travel u of the input and
+//! v of the output, the rack transmits `k (|u - v| - b/2)`, and the output moves while that exceeds what resists:
+//! friction of the tube and the load through the screw. The lost motion u - v is therefore `b/2 + R/k` while pushing
+//! and as much the other way while pulling. The screw is self-locking: an output at rest stays where it is whatever the
+//! load. An encoder on the screw measures the output, and a PI controller at 1 kHz with the commanded speed fed forward
+//! sets the speed of the motor, which follows without delay. Kobayashi et al. 2010 give none of the numbers: the
+//! defaults are choices.
 
 use std::f64::consts::TAU;
 
@@ -132,7 +134,8 @@ pub struct Driven {
     pub lost_mm: [f64; 3],
 }
 
-/// Follows commanded postures, one per [`PERIOD_S`] from `start_s` on; the guide is at the first of them at rest, in the middle of the dead bands.
+/// Follows commanded postures, one per [`PERIOD_S`] from `start_s` on; the guide is at the first of them at rest, in
+/// the middle of the dead bands.
 ///
 /// # Errors
 /// [`TrackingError`] for a posture out of range.

@@ -260,8 +260,9 @@ fn the_closed_loop_holds_the_tip_and_the_open_loop_loses_the_lost_motion() {
     };
     drive.check().unwrap();
     let closed = driven(&drive, Control::ClosedLoop);
-    // At the end of every rest, and while the needle advances. A slide that is to turn back rests until the motor, at the gain times the error,
-    // has crossed the band: 0.56 mm / (100/s x 1 s) = 0.006 mm, twice that as the integral unwinds; the tip, 55 mm from the pivot, moves 4 mm a mm.
+    // At the end of every rest, and while the needle advances. A slide that is to turn back rests until the motor, at
+    // the gain times the error, has crossed the band: 0.56 mm / (100/s x 1 s) = 0.006 mm, twice that as the integral
+    // unwinds; the tip, 55 mm from the pivot, moves 4 mm a mm.
     for second in [2.99, 5.99, 14.99, 17.99] {
         let at = &closed[(second / PERIOD_S) as usize];
         assert!(off(at) < 0.05, "{second}: {at:?}");

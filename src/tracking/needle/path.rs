@@ -12,8 +12,8 @@ use crate::trajectory::{Interpolation, TrackedFrame, Trajectory};
 
 /// A moving needle: the path of its tip, whose frame has the y axis along the needle, and its constant properties.
 ///
-/// CSV paths and keyframes are those of [`Trajectory`] with the tip in place of the array's centre and the needle's direction
-/// in place of the axial one.
+/// CSV paths and keyframes are those of [`Trajectory`] with the tip in place of the array's centre and the needle's
+/// direction in place of the axial one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NeedlePath {
     tip: Trajectory,
@@ -124,9 +124,9 @@ impl NeedlePath {
 }
 
 impl NeedlePose {
-    /// This straight measured pose, bent where it enters the body at `entry_mm`: from the hub to the entry point, then along the
-    /// constrained direction for the remaining length. A needle too short to reach the entry point, or with its hub on it, is left as
-    /// measured.
+    /// This straight measured pose, bent where it enters the body at `entry_mm`: from the hub to the entry point, then
+    /// along the constrained direction for the remaining length. A needle too short to reach the entry point, or with
+    /// its hub on it, is left as measured.
     pub fn constrained(
         &self,
         constraint: &BendingConstraint,

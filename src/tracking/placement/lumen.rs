@@ -11,8 +11,8 @@ use crate::probe::{BeamGrid, Probe};
 /// Radius of the part of the target that gives its axis, in radii of the lumen.
 const ALONG: f64 = 3.0;
 
-/// Places a probe where the target is widest, its axis along it; image rows run towards the back as far as the axis allows, columns towards
-/// the patient's left.
+/// Places a probe where the target is widest, its axis along it; image rows run towards the back as far as the axis
+/// allows, columns towards the patient's left.
 pub(super) fn place(
     volume: &LabelVolume,
     target: &[u8],

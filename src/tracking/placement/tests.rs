@@ -149,7 +149,8 @@ fn the_probe_never_stands_on_a_face_that_cuts_the_body() {
 
 #[test]
 fn the_array_does_not_reach_past_a_face_that_cuts_the_body() {
-    // The right half of the body, which ends at x = 0: above the ball, beside the face, the array would stand half on nothing.
+    // The right half of the body, which ends at x = 0: above the ball, beside the face, the array would stand half on
+    // nothing.
     let ball = Vector3::new(-16.0, -55.0, 5.0);
     let whole = cylinder(ball, |_| false, BOX);
     let [nx, ny, nz] = whole.size();

@@ -1,7 +1,7 @@
 //! Encodings of XML text.
 
-/// Text of an XML file in the encodings that PLUS's parser reads: UTF-8, UTF-16, and ISO-8859-1 or ASCII where its first
-/// line says so. The error tells what was found instead.
+/// Text of an XML file in the encodings that PLUS's parser reads: UTF-8, UTF-16, and ISO-8859-1 or ASCII where its
+/// first line says so. The error tells what was found instead.
 pub(super) fn decoded(bytes: &[u8]) -> Result<String, String> {
     let utf16 = |bytes: &[u8], word: fn([u8; 2]) -> u16| {
         let words: Vec<u16> = bytes.as_chunks().0.iter().map(|pair| word(*pair)).collect();

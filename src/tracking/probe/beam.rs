@@ -29,9 +29,9 @@ const EDGE: f64 = 1e-12;
 
 /// Scanlines of a probe and the samples along them.
 ///
-/// Coordinates in beam space are continuous: line `i` and sample `j` have integer coordinates, so line coordinates run over
-/// `0..=lines - 1` and sample coordinates over `-0.5..=samples - 0.5`. A probe of one scanline has line coordinate 0
-/// throughout its sector.
+/// Coordinates in beam space are continuous: line `i` and sample `j` have integer coordinates, so line coordinates run
+/// over `0..=lines - 1` and sample coordinates over `-0.5..=samples - 0.5`. A probe of one scanline has line coordinate
+/// 0 throughout its sector.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BeamGrid {
     layout: Layout,
@@ -132,7 +132,8 @@ impl BeamGrid {
         }
     }
 
-    /// Distance between neighbouring scanlines at a depth, mm, along the arc for a fan; the full width for a single one.
+    /// Distance between neighbouring scanlines at a depth, mm, along the arc for a fan; the full width for a single
+    /// one.
     pub fn lateral_spacing_mm(&self, depth_mm: f64) -> f64 {
         match self.layout {
             Layout::Parallel { width } => width / self.gaps(),

@@ -11,8 +11,9 @@ use crate::error::{TrackingError, in_range};
 /// Value in [`scan_map`] for a pixel outside the sector. Inside it the line coordinate is never negative.
 pub const OUTSIDE: [f32; 2] = [-1.0, -1.0];
 
-/// Pixels of a frame in the probe's plane: columns towards the marked side (x), rows away from the transducer (y), which is
-/// PLUS's orientation MF. Integer coordinates are pixel centres. Pixels are square, except those of a calibrated recording.
+/// Pixels of a frame in the probe's plane: columns towards the marked side (x), rows away from the transducer (y),
+/// which is PLUS's orientation MF. Integer coordinates are pixel centres. Pixels are square, except those of a
+/// calibrated recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImageGrid {
     width: usize,
@@ -23,8 +24,8 @@ pub struct ImageGrid {
 }
 
 impl ImageGrid {
-    /// Creates a grid of `width` by `height` pixels of size `pixel_mm` whose pixel (0, 0) is centred at `origin_mm` in the
-    /// probe's plane.
+    /// Creates a grid of `width` by `height` pixels of size `pixel_mm` whose pixel (0, 0) is centred at `origin_mm` in
+    /// the probe's plane.
     pub fn new(width: usize, height: usize, pixel_mm: f64, origin_mm: [f64; 2]) -> Result<Self, TrackingError> {
         Self::skewed(width, height, [[pixel_mm, 0.0], [0.0, pixel_mm]], origin_mm)
     }
@@ -54,8 +55,8 @@ impl ImageGrid {
         Ok(grid)
     }
 
-    /// Creates the largest view of the complete sector: centred laterally, its near edge at the top as on scanners, with
-    /// a `margin` (fraction of the width and of the height) on each side.
+    /// Creates the largest view of the complete sector: centred laterally, its near edge at the top as on scanners,
+    /// with a `margin` (fraction of the width and of the height) on each side.
     pub fn fit(beam: &BeamGrid, width: usize, height: usize, margin: f64) -> Result<Self, TrackingError> {
         in_range::<ImageSpec>("image", "margin", margin)?;
         let Bounds { min, max } = beam.bounds_mm();
@@ -103,8 +104,8 @@ impl ImageGrid {
         [x * row[1] - y * row[0], y * column[0] - x * column[1]].map(|share| share / self.area_mm2())
     }
 
-    /// Transform from the image frame (pixels) to the probe frame (mm), PLUS's `ImageToTransducer`: including spacing, with
-    /// the third axis scaled like the others so that the matrix is invertible.
+    /// Transform from the image frame (pixels) to the probe frame (mm), PLUS's `ImageToTransducer`: including spacing,
+    /// with the third axis scaled like the others so that the matrix is invertible.
     pub fn image_to_probe(&self) -> Matrix4<f64> {
         let mut matrix = Matrix4::identity();
         for (column, vector) in [(0, self.steps_mm[0]), (1, self.steps_mm[1]), (3, self.origin_mm)] {
@@ -116,8 +117,8 @@ impl ImageGrid {
     }
 }
 
-/// Computes the (line, sample) coordinates shown by each pixel of some rows, row by row; [`OUTSIDE`] if a pixel's centre
-/// lies outside the sector. Rows outside the image are omitted. Computed in double precision.
+/// Computes the (line, sample) coordinates shown by each pixel of some rows, row by row; [`OUTSIDE`] if a pixel's
+/// centre lies outside the sector. Rows outside the image are omitted. Computed in double precision.
 ///
 /// A complete 8192 x 8192 image takes 512 MiB: process it in bands of rows.
 pub fn scan_map(beam: &BeamGrid, image: &ImageGrid, rows: Range<usize>) -> Vec<[f32; 2]> {

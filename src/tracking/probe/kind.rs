@@ -34,11 +34,13 @@ pub(super) enum Layout {
     },
 }
 
-/// Angle on either side of half a turn by which the scanlines of a full circle overlap, radians: what spreads from scanline to scanline, as
-/// speckle and blur do, meets itself without a seam. Acoustic clutter, drawn scanline by scanline, has one.
+/// Angle on either side of half a turn by which the scanlines of a full circle overlap, radians: what spreads from
+/// scanline to scanline, as speckle and blur do, meets itself without a seam. Acoustic clutter, drawn scanline by
+/// scanline, has one.
 pub(super) const OVERLAP: f64 = 0.05 * PI;
 
-/// A kind of probe: a table of numbers, each with a range, its scanlines, and the properties in which kinds differ elsewhere.
+/// A kind of probe: a table of numbers, each with a range, its scanlines, and the properties in which kinds differ
+/// elsewhere.
 pub(super) trait Kind: Ranges + Copy + Serialize + DeserializeOwned + schemars::JsonSchema {
     /// Name in files.
     const NAME: &'static str;
@@ -99,7 +101,8 @@ pub(super) fn numbers<K: Kind>(kind: &K) -> Numbers {
         .collect()
 }
 
-/// Declares the kinds of probes, each with its module: the types of shapes and of kinds, and what follows from [`Kind`].
+/// Declares the kinds of probes, each with its module: the types of shapes and of kinds, and what follows from
+/// [`Kind`].
 macro_rules! kinds {
     ($($module:ident: $Kind:ident;)+) => {
         $(mod $module; pub use $module::$Kind;)+

@@ -7,7 +7,8 @@ use insonify_base::range::parameters;
 use super::kind::{Kind, Layout, OVERLAP, Site};
 
 parameters! {
-    /// A full circle around the probe's axis (z): catheters in vessels (IVUS), radial probes in airways and the oesophagus (EBUS, EUS).
+    /// A full circle around the probe's axis (z): catheters in vessels (IVUS), radial probes in airways and the
+    /// oesophagus (EBUS, EUS).
     #[derive(Copy)]
     pub struct Radial with required keys {
         /// Radius of the probe, mm.

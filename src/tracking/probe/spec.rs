@@ -66,8 +66,8 @@ parameters! {
     /// Keys of every kind of probe.
     #[derive(Copy)]
     pub struct Sampling {
-        /// Length of every scanline, mm. Default: that of the PLUS configuration of a recording, or of the usual probe of the kind, or,
-        /// without a kind, of the volume.
+        /// Length of every scanline, mm. Default: that of the PLUS configuration of a recording, or of the usual probe
+        /// of the kind, or, without a kind, of the volume.
         #[serde(skip_serializing_if = "Option::is_none")]
         depth_mm: Option<f64>, in 0.1..=1000;
         /// Centre frequency, MHz. Default: that of the kind.

@@ -52,10 +52,11 @@ pub struct ParameterColumn {
 }
 
 impl Trajectory {
-    /// Reads a path from a CSV file with a header row. Columns, in any order: `time_s`, then either `x_mm`, `y_mm`, `z_mm`
-    /// with a quaternion `qw`, `qx`, `qy`, `qz` or an axial direction `dx`, `dy`, `dz` (and a lateral hint `lx`, `ly`, `lz`),
-    /// or a probe-to-world matrix `m00` to `m33`. World coordinates are mm in the axes of `world`. Without a hint each row is
-    /// reached by the smallest rotation from the previous one. Lines that start with `#` are comments.
+    /// Reads a path from a CSV file with a header row. Columns, in any order: `time_s`, then either `x_mm`, `y_mm`,
+    /// `z_mm` with a quaternion `qw`, `qx`, `qy`, `qz` or an axial direction `dx`, `dy`, `dz` (and a lateral hint `lx`,
+    /// `ly`, `lz`), or a probe-to-world matrix `m00` to `m33`. World coordinates are mm in the axes of `world`. Without
+    /// a hint each row is reached by the smallest rotation from the previous one. Lines that start with `#` are
+    /// comments.
     pub fn from_csv(path: &Path, world: World, interpolation: Interpolation) -> Result<Self, TrackingError> {
         let unknown = |_: &str| Err(String::new());
         Self::from_csv_with(path, world, interpolation, &unknown).map(|(path, _)| path)

@@ -59,8 +59,8 @@ impl Trajectory {
     /// Path of a transducer from recorded frames: probe to world = `tracker_to_world` x tool to tracker x
     /// `transducer_to_tool`, each on column vectors in mm and rigid (see
     /// [`Calibration`](crate::calibration::Calibration) for the last). Frames without a valid pose are skipped
-    /// and counted; a sequence without any valid pose is an error. If no frame has a time stamp, frames are a tenth of a
-    /// second apart.
+    /// and counted; a sequence without any valid pose is an error. If no frame has a time stamp, frames are a tenth of
+    /// a second apart.
     pub fn from_tracked(
         frames: &[TrackedFrame],
         transducer_to_tool: &Matrix4<f64>,

@@ -48,7 +48,8 @@ fn large_exponents_of_either_sign_converge() {
     }
 }
 
-/// A base that turns about an axis, near or far behind it. Tissue of 1e9 kPa and an arm of 10 m leave 4e-4 of the moment to rounding.
+/// A base that turns about an axis, near or far behind it. Tissue of 1e9 kPa and an arm of 10 m leave 4e-4 of the
+/// moment to rounding.
 #[test]
 fn axes_near_and_far_converge_over_fourteen_decades() {
     for decade in -6..=8 {

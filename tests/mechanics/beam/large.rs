@@ -1,5 +1,6 @@
-//! Large compression against another method: the differential equation integrated from the tip to the base by the classical
-//! Runge-Kutta method, deflection and slope of the tip sought so that the base is where it should be. Moduli are written out here.
+//! Large compression against another method: the differential equation integrated from the tip to the base by the
+//! classical Runge-Kutta method, deflection and slope of the tip sought so that the base is where it should be. Moduli
+//! are written out here.
 
 use nalgebra::{Matrix2, Vector2};
 

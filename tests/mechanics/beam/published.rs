@@ -14,9 +14,9 @@ const TABLE: [(bool, f64, [f64; 3], [f64; 3]); 4] = [
 ];
 const DEPTHS: [f64; 3] = [20.0, 40.0, 60.0];
 
-/// Driven with the published mean RCM, the centre of motion lies where Wang et al.'s simulation has it, within 1.2 mm in muscle and
-/// 2.6 mm in the phantom. Wang et al.'s COM is a mean over motions from -15 to 15 mm, its RCM is rounded to 0.1 mm and a mean too; tissue is
-/// 50 mm long here, which it does not say.
+/// Driven with the published mean RCM, the centre of motion lies where Wang et al.'s simulation has it, within 1.2 mm
+/// in muscle and 2.6 mm in the phantom. Wang et al.'s COM is a mean over motions from -15 to 15 mm, its RCM is rounded
+/// to 0.1 mm and a mean too; tissue is 50 mm long here, which it does not say.
 #[test]
 fn centres_of_motion_lie_where_table_one_has_them() {
     for (muscle, control, rcms, coms) in TABLE {
@@ -56,9 +56,9 @@ fn the_rcm_of_figure_five_is_exact() {
     assert_eq!(shape.rcm_mm(), Some(17.5));
 }
 
-/// The rotary axis of Wang et al.'s stage lies behind the base (section II-C). Natural RCM at 60 mm for a translation of 7.5 mm and arms of 0,
-/// 40 and 80 mm, by another solver (plain Hermite elements of 2 mm with deflections as unknowns), which the free base of this one meets
-/// within 0.2 mm.
+/// The rotary axis of Wang et al.'s stage lies behind the base (section II-C). Natural RCM at 60 mm for a translation
+/// of 7.5 mm and arms of 0, 40 and 80 mm, by another solver (plain Hermite elements of 2 mm with deflections as
+/// unknowns), which the free base of this one meets within 0.2 mm.
 #[test]
 fn an_axis_behind_the_base_moves_the_natural_rcm() {
     let expected = [

@@ -1,5 +1,5 @@
-//! A linear foundation has a closed form (M. Hetenyi, "Beams on Elastic Foundation"): within it the deflection is a sum of
-//! `exp(-b y) cos(b y)` and `exp(-b y) sin(b y)` from either end, with `4 b^4 = k/EI`; before it a cubic.
+//! A linear foundation has a closed form (M. Hetenyi, "Beams on Elastic Foundation"): within it the deflection is a sum
+//! of `exp(-b y) cos(b y)` and `exp(-b y) sin(b y)` from either end, with `4 b^4 = k/EI`; before it a cubic.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -22,8 +22,8 @@ fn linear(control_mm: f64, depth_mm: f64, mu_kpa: f64) -> Problem {
 fn exact(problem: &Problem, mu_kpa: f64, displacement: f64, slope: f64) -> impl Fn(f64) -> f64 + use<> {
     let (s, l) = (problem.control_distance_mm, problem.inserted_mm);
     let b = (3e-3 * mu_kpa / (4.0 * problem.bending_nmm2)).powf(0.25);
-    // The n-th derivatives by y of the two functions, of the second as the derivative of the first: each derivative turns the
-    // phase by 3/4 of pi and multiplies by sqrt(2) b.
+    // The n-th derivatives by y of the two functions, of the second as the derivative of the first: each derivative
+    // turns the phase by 3/4 of pi and multiplies by sqrt(2) b.
     let wave = move |y: f64, n: usize| {
         let size = (2.0f64.sqrt() * b).powi(n as i32) * (-b * y).exp();
         let phase = b * y + 0.75 * std::f64::consts::PI * n as f64;
@@ -75,7 +75,8 @@ fn a_linear_foundation_bends_the_needle_as_the_closed_form() {
         for (displacement, slope) in [(15.0, -0.4), (2.0, 0.0), (0.0, 0.3), (-4.0, 0.1)] {
             let shape = solve(&needle, &base(displacement, slope));
             let exact = exact(&needle, mu, displacement, slope);
-            // Hermite cubics are right at their nodes to (b h)^4/720 of the deflection: b h is 0.08 of the stiffest here.
+            // Hermite cubics are right at their nodes to (b h)^4/720 of the deflection: b h is 0.08 of the stiffest
+            // here.
             let bound = 1e-6 * (displacement.abs() + slope.abs() * (control + depth));
             assert!(
                 distance(&shape, &exact) < bound,
@@ -109,8 +110,8 @@ fn the_error_falls_with_the_fourth_power_of_the_length_of_elements() {
     }
 }
 
-/// Elements of a thousandth of the needle's length: rounding does not show, as it would with deflections as unknowns, whose
-/// condition grows with the fourth power of the number of elements.
+/// Elements of a thousandth of the needle's length: rounding does not show, as it would with deflections as unknowns,
+/// whose condition grows with the fourth power of the number of elements.
 #[test]
 fn short_elements_are_as_exact_as_long_ones() {
     let (mu, mut needle) = (3.63, linear(40.0, 60.0, 3.63));

@@ -196,8 +196,8 @@ impl Cells {
         }
     }
 
-    /// The two points nearest to `position` (mm), of those of its box and the 26 around it: squared distance, difference, both in boxes,
-    /// and the number of the cell.
+    /// The two points nearest to `position` (mm), of those of its box and the 26 around it: squared distance,
+    /// difference, both in boxes, and the number of the cell.
     fn nearest(&self, position: [f32; 3]) -> [(f32, [f32; 3], f32); 2] {
         let scaled = [0, 1, 2].map(|axis| position[axis] / self.box_mm[axis]);
         let sides = [0, 1, 2].map(|axis| self.sides(axis, scaled[axis]));

@@ -10,8 +10,8 @@ const SKIN_MM: f64 = 2.0;
 const MUSCLE_MM: f64 = 11.0;
 /// Distance between neighbouring ribs along the body axis, mm.
 const RIB_STEP_MM: f64 = 26.0;
-/// Lower border of the rib cage: angle from the back (degrees) and height (mm). The 10th rib falls from the spine to the
-/// flank, and the costal arch climbs from there to the sternum.
+/// Lower border of the rib cage: angle from the back (degrees) and height (mm). The 10th rib falls from the spine to
+/// the flank, and the costal arch climbs from there to the sternum.
 const COSTAL_MARGIN: [[f64; 2]; 10] = [
     [0.0, 52.0],
     [30.0, 40.0],

@@ -14,7 +14,8 @@ pub(super) struct Order {
     pub file_is: &'static str,
     /// Rank of an organ in the order.
     rank: fn(&str, Option<Side>) -> Option<f64>,
-    /// Least difference of two ranks that counts, and by how much the two may seem exchanged, mm; both are less for two of a kind.
+    /// Least difference of two ranks that counts, and by how much the two may seem exchanged, mm; both are less for two
+    /// of a kind.
     least: f64,
     margin_mm: f64,
 }
@@ -88,8 +89,8 @@ fn head_to_feet(organ: &str, _: Option<Side>) -> Option<f64> {
 }
 
 impl Order {
-    /// Whether two organs lie in this order; `None` if there is none, or they lie too close. `slant` is the tangent of the angle by which the
-    /// body may be turned about its long axis.
+    /// Whether two organs lie in this order; `None` if there is none, or they lie too close. `slant` is the tangent of
+    /// the angle by which the body may be turned about its long axis.
     pub(super) fn holds(
         &self,
         first: &Named,

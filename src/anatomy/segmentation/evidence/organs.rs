@@ -11,9 +11,9 @@ pub(super) struct Organ {
     pub tallest_mm: f64,
 }
 
-/// An organ by the mass of a newborn's and of an adult man's, g (ICRP Publication 89, 2002, table 2.8; one of a pair; hollow organs with
-/// their contents). Plausible are a third of the first to six times the second: empty organs and large spleens are within them. Tissue
-/// weighs about 1 g/ml.
+/// An organ by the mass of a newborn's and of an adult man's, g (ICRP Publication 89, 2002, table 2.8; one of a pair;
+/// hollow organs with their contents). Plausible are a third of the first to six times the second: empty organs and
+/// large spleens are within them. Tissue weighs about 1 g/ml.
 const fn solid(name: &'static str, newborn: f64, adult_ml: f64, tallest_mm: f64) -> Organ {
     Organ {
         name,

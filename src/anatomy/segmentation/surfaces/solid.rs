@@ -73,9 +73,9 @@ impl Solid {
         self.points.iter()
     }
 
-    /// Whether the centre of each voxel of a grid (x fastest) lies inside: 1 where a ray along x from outside has crossed the surface an odd
-    /// number of times. A centre on the surface belongs to the side of larger coordinates, so that solids that touch neither overlap nor
-    /// leave a gap.
+    /// Whether the centre of each voxel of a grid (x fastest) lies inside: 1 where a ray along x from outside has
+    /// crossed the surface an odd number of times. A centre on the surface belongs to the side of larger coordinates,
+    /// so that solids that touch neither overlap nor leave a gap.
     pub(super) fn voxels(&self, first_mm: &Vector3<f64>, voxel_mm: f64, size: [usize; 3]) -> Vec<u8> {
         let points: Vec<Point3<f64>> = self.points.iter().map(|point| (point - first_mm) / voxel_mm).collect();
         let levels: Vec<[f64; 2]> = self
@@ -112,8 +112,8 @@ impl Solid {
     }
 }
 
-/// Point on an edge at a level of z. The edge runs from the lower number to the higher, so that the triangles on both of its sides have the same
-/// point to the last bit.
+/// Point on an edge at a level of z. The edge runs from the lower number to the higher, so that the triangles on both
+/// of its sides have the same point to the last bit.
 fn at_level(points: &[Point3<f64>], [a, b]: [usize; 2], level: f64) -> [f64; 2] {
     let (a, b) = (points[a.min(b)], points[a.max(b)]);
     let share = (level - a.z) / (b.z - a.z);

@@ -28,7 +28,8 @@ fn every_numbering_is_recognised_by_a_torso() {
     );
 }
 
-/// A volume with names of TotalSegmentator in the values of a numbering, without names. A class has all labels that it comprises.
+/// A volume with names of TotalSegmentator in the values of a numbering, without names. A class has all labels that it
+/// comprises.
 fn recoded(volume: &LabelVolume, numbering: Preset) -> LabelVolume {
     let comprises = |class: &str, organ: &str| {
         let lung = class

@@ -1,7 +1,8 @@
 //! Completion of a segmentation by its source CT.
 //!
-//! The body is the region denser than gas that is connected with the labels, without the table. Unlabelled voxels in it are classified by their grey
-//! values, smoothed over three voxels. The classes correspond to the values of [`numbering::body`](crate::acoustics::numbering::body).
+//! The body is the region denser than gas that is connected with the labels, without the table. Unlabelled voxels in it
+//! are classified by their grey values, smoothed over three voxels. The classes correspond to the values of
+//! [`numbering::body`](crate::acoustics::numbering::body).
 
 use insonify_base::note::Note;
 use insonify_base::parallel::{chunks_mut, for_each};
@@ -18,8 +19,8 @@ const LIMITS_HU: [f32; 3] = [-300.0, -30.0, 150.0];
 const OPENING_MM: f64 = 4.0;
 /// Distance from the outline around the labels within which soft tissue is muscle of the wall, mm.
 const WALL_MM: f64 = 20.0;
-/// Contrast of vessels in a liver, HU above its median, and the range of their fraction of the liver: less is noise, more cannot be
-/// vessels.
+/// Contrast of vessels in a liver, HU above its median, and the range of their fraction of the liver: less is noise,
+/// more cannot be vessels.
 const VESSELS_HU: f32 = 40.0;
 const VESSELS_SHARE: [f64; 2] = [0.003, 0.2];
 /// Median of solid organs, HU: from unenhanced fatty livers to arterial kidneys.
@@ -39,8 +40,9 @@ const CLASSES: [&str; 8] = [
     "hepatic_vein",
 ];
 
-/// Completes a segmentation by its CT: unlabelled voxels of the body become gas, fat, muscle, soft tissue or bone by their grey values, the outermost
-/// [`CompleteOptions::skin_mm`] skin; gas in labels of bowel becomes gas, and voxels much brighter than the rest of a liver become its vessels.
+/// Completes a segmentation by its CT: unlabelled voxels of the body become gas, fat, muscle, soft tissue or bone by
+/// their grey values, the outermost [`CompleteOptions::skin_mm`] skin; gas in labels of bowel becomes gas, and voxels
+/// much brighter than the rest of a liver become its vessels.
 ///
 /// # Errors
 /// [`VolumeError`] if the CT does not cover the labels, a thickness is out of range, or 256 labels do not
@@ -252,8 +254,8 @@ fn nearest(volume: &LabelVolume, ct: &ScalarImage) -> Vec<f32> {
     grey
 }
 
-/// Voxels outside the body: a flood fill from the sides of the box, after a morphological opening that removes table and
-/// sheets.
+/// Voxels outside the body: a flood fill from the sides of the box, after a morphological opening that removes table
+/// and sheets.
 fn outside(volume: &LabelVolume, grey: &[f32]) -> Vec<bool> {
     let (size, spacing) = (volume.size(), volume.spacing_mm());
     let axes = [0, 1, 2];

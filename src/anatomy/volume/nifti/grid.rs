@@ -152,8 +152,8 @@ fn two_sizes(raw: &Fields, sizes: &[usize], sform: &Matrix3x4<f64>, mm: f64) -> 
         })
 }
 
-/// Scales the axes of an sform whose steps are all 1 by the voxel sizes: some programs write directions alone, and those that are made
-/// with ITK read voxel sizes from pixdim. Returns a warning.
+/// Scales the axes of an sform whose steps are all 1 by the voxel sizes: some programs write directions alone, and
+/// those that are made with ITK read voxel sizes from pixdim. Returns a warning.
 fn take_missing_scale(raw: &Fields, sizes: &[usize], sform: &mut Matrix3x4<f64>, mm: f64) -> Option<String> {
     let text = two_sizes(raw, sizes, sform, mm)?;
     let axes = 0..sizes.len().min(3);

@@ -143,7 +143,8 @@ mod tests {
         }
     }
 
-    /// Hues a golden section of the circle apart: the brightest and the darkest channel are those of full saturation, and neighbours differ.
+    /// Hues a golden section of the circle apart: the brightest and the darkest channel are those of full saturation,
+    /// and neighbours differ.
     #[test]
     fn colours_of_segments_are_hues_that_differ() {
         assert_eq!(colour(0), [0.9, 0.9 - 0.6, 0.9 - 0.6]);

@@ -6,8 +6,8 @@ use crate::volume::distance::Grid;
 /// Labelled voxels in their bounding box.
 pub(crate) struct Organ {
     low: [usize; 3],
-    /// Distance from the centre of a voxel to that of the nearest one outside the organ, mm; 0 outside. Faces of the volume that cut an organ
-    /// do not count as its surface.
+    /// Distance from the centre of a voxel to that of the nearest one outside the organ, mm; 0 outside. Faces of the
+    /// volume that cut an organ do not count as its surface.
     depth_mm: Grid,
 }
 

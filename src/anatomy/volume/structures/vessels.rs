@@ -1,8 +1,9 @@
 //! Synthetic vessel trees in an organ, grown from its contact with a labelled vessel.
 //!
-//! Terminals fill the organ at even distances and join the tree one by one, each where the length of the new branch plus `BALANCE` times the
-//! path back to the root is least (H. Cuntz et al., "One rule to grow them all", PLoS Comput. Biol. 6(8), 2010). Radii follow Murray's law, r0^3 =
-//! r1^3 + r2^3 (C. D. Murray, PNAS 12, 1926); the trunk of a liver of 1.5 l reaches `WIDEST_MM` (portal veins measure 10 to 13 mm across).
+//! Terminals fill the organ at even distances and join the tree one by one, each where the length of the new branch
+//! plus `BALANCE` times the path back to the root is least (H. Cuntz et al., "One rule to grow them all", PLoS Comput.
+//! Biol. 6(8), 2010). Radii follow Murray's law, r0^3 = r1^3 + r2^3 (C. D. Murray, PNAS 12, 1926); the trunk of a liver
+//! of 1.5 l reaches `WIDEST_MM` (portal veins measure 10 to 13 mm across).
 
 use nalgebra::{Point3, Vector3};
 

@@ -109,9 +109,9 @@ pub struct Plane {
     pub origin: Point3<f64>,
     /// Axes of the sheet in the world, of unit length and square to each other.
     pub axes: [Vector3<f64>; 2],
-    /// Triangles, with their thickness. The mesh of the [`NonlinearSetup`] is a slab with each node on both faces, all nodes of
-    /// the first face before those of the other; `laws` are those of the triangles, and `fixed` has nodes of the sheet
-    /// and its two axes.
+    /// Triangles, with their thickness. The mesh of the [`NonlinearSetup`] is a slab with each node on both faces, all
+    /// nodes of the first face before those of the other; `laws` are those of the triangles, and `fixed` has nodes of
+    /// the sheet and its two axes.
     pub sheet: Arc<Sheet>,
 }
 

@@ -109,8 +109,8 @@ fn a_ct_that_lies_elsewhere_is_refused_and_a_doubtful_one_questioned() {
     assert!(warning.contains("median of 1100 in the CT"), "{warning}");
 }
 
-/// The body of the example of TotalSegmentator, whose unlabelled voxels were classified elsewhere by the same limits without
-/// smoothing.
+/// The body of the example of TotalSegmentator, whose unlabelled voxels were classified elsewhere by the same limits
+/// without smoothing.
 #[test]
 fn a_real_ct_gives_the_classes_that_its_voxels_were_given_elsewhere() {
     let Some(labels) = nifti("ts_example_seg_full.nii.gz") else {
