@@ -25,6 +25,7 @@ use super::variants::ranged;
 use crate::failure::usage;
 use insonify::Error;
 use insonify_base::note::Notes;
+use insonify_base::parallel;
 use insonify_base::read;
 use insonify_imaging::quality::Picked;
 use insonify_imaging::scene::{Scene, SceneFile};
@@ -221,13 +222,13 @@ impl Render {
         let mut frames = Vec::with_capacity(numbers.len());
         let stage = terminal::frames("rendering", numbers.len());
         let start = Instant::now();
-        let size = BATCH.max(4 * insonify_base::parallel::threads());
+        let size = BATCH.max(4 * parallel::threads());
         for numbers in numbers.chunks(size) {
             let state = |number: &usize| {
                 let mut state = FrameState::at(Matrix4::identity());
                 scene.state(*number, count, &mut state).map(|()| state)
             };
-            let batch: Vec<FrameState> = numbers.iter().map(state).collect::<Result<_, _>>()?;
+            let batch: Vec<FrameState> = parallel::try_map(parallel::tasks(numbers), &state)?;
             let take = |index: usize, synth: &Synthesizer, ms: f64| {
                 let mut odd = coverage::warnings(synth.tables(), &batch[index].probe_to_world, outside_was_reported);
                 if let Some(own) = &batch[index].settings {

@@ -569,10 +569,12 @@ impl Variation {
         let shape = (framing.probe.shape.kind(), framing.probe.shape.numbers());
         let depth = (framing.probe.depth_mm, framing.open_depth);
         let by = document::word(&(&file.pose, shape, depth, body.placing()));
-        let mut placed = self.placed.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((pose, depth_mm)) = placed.get(&by) {
-            framing.probe.depth_mm = *depth_mm;
-            return Ok(*pose);
+        // Not locked while a probe is placed: frames are set up side by side.
+        let placed = || self.placed.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = placed().get(&by).copied();
+        if let Some((pose, depth_mm)) = known {
+            framing.probe.depth_mm = depth_mm;
+            return Ok(pose);
         }
         let (mut notes, mut doubts) = (Notes::default(), Vec::new());
         let pose = file.fixed_pose(body, &framing.probe, &mut notes, &mut doubts)?;
@@ -581,6 +583,7 @@ impl Variation {
         }
         // A doubtful place is told of every frame.
         if doubts.is_empty() {
+            let mut placed = placed();
             if placed.len() >= MAX_PLACED {
                 placed.clear();
             }

@@ -81,7 +81,7 @@ impl Synthesizer {
         if self.shares_submissions(states) {
             return self.batch_on_gpu(states, &mut |index, synth, ms| sink(index, take(index, synth, ms)?));
         }
-        let Some(mut team) = self.team(states.len())? else {
+        let Some(mut team) = self.team(states)? else {
             for index in 0..states.len() {
                 let ms = self.timed(states, index, 1)?;
                 sink(index, take(index, self, ms)?)?;
@@ -89,8 +89,7 @@ impl Synthesizer {
             return Ok(());
         };
         let result = team.run(self, states, &take, &mut sink);
-        // Threads that took over settings of their frames no longer share the tables.
-        self.team = Some(team).filter(|_| !has_settings(states));
+        self.team = Some(team);
         result
     }
 }
@@ -196,22 +195,24 @@ impl Synthesizer {
 
     /// Threads for a batch on the CPU; `None` where frames are rendered in turn: on a GPU, on one thread, for so few
     /// frames that most threads would have none, and where memory suffices for one frame at a time.
-    fn team(&mut self, frames: usize) -> Result<Option<Team>, SynthError> {
+    fn team(&mut self, states: &[FrameState]) -> Result<Option<Team>, SynthError> {
         let threads = parallel::threads();
-        let useful = threads.min(frames);
+        let useful = threads.min(states.len());
         let backend = match &self.executor {
             Executor::Cpu(_) => Backend::Cpu,
             Executor::CpuF64(_) => Backend::CpuF64,
             Executor::Gpu(_) => return Ok(None),
         };
-        if useful < 2 || 2 * frames < threads {
+        if useful < 2 || 2 * states.len() < threads {
             return Ok(None);
         }
-        if let Some(team) = self
-            .team
-            .take()
-            .filter(|team| (useful..=threads).contains(&team.threads))
-        {
+        // Threads that took over settings of their frames do not share the tables until frames have settings again.
+        let is_ready = |team: &Team| {
+            let is_at = |other: &Self| Arc::ptr_eq(&other.tables, &self.tables);
+            (useful..=threads).contains(&team.threads)
+                && (states[0].settings.is_some() || team.others.iter().all(is_at))
+        };
+        if let Some(team) = self.team.take().filter(is_ready) {
             return Ok(Some(team));
         }
         let each = self.bytes_of_another();
