@@ -29,6 +29,15 @@ impl fmt::Display for Registration {
                 landmark.name, landmark.rigid_mm, landmark.quadratic_mm
             )?;
         }
+        if let Some(worst) = self.worst_target() {
+            let mean = self.targets_mm.iter().map(|target| target.expected_mm).sum::<f64>();
+            let mean = mean / self.targets_mm.len() as f64;
+            writeln!(
+                f,
+                "expected error of organs: {mean:.2} mm on average, {:.2} mm at most ({})",
+                worst.expected_mm, worst.name
+            )?;
+        }
         Ok(())
     }
 }
@@ -63,6 +72,14 @@ const SETTLED_MM: f64 = 0.001;
 const TRIAL_STEPS: usize = 15;
 /// Expected size of the coefficients beyond the rigid map, mm: the displacement of a point on the surface of the body.
 const BEND_MM: f64 = 5.0;
+/// Distance within which distances of surface points from the skin are taken to err alike, mm: about that of one rib, or
+/// one fold of skin, from the next.
+const ALIKE_MM: f64 = 30.0;
+/// Multiple of their accuracy from which landmarks pull no harder (P. J. Huber, Annals of Mathematical Statistics 35,
+/// 1964).
+const HUBER: f64 = 3.0;
+/// Default accuracy of landmarks, mm: of a tracked stylus on a mark of the skin.
+pub const LANDMARK_MM: f64 = 1.0;
 /// Limit of Tukey's biweight, standard deviations (P. W. Holland and R. E. Welsch, Communications in Statistics 6,
 /// 1977).
 const BIWEIGHT: f64 = 4.685;
@@ -281,8 +298,17 @@ pub struct LandmarkError {
     pub name: String,
     /// After the rigid stage, mm.
     pub rigid_mm: f64,
-    /// After the quadratic stage, which does not use landmarks, mm.
+    /// After the quadratic stage, mm.
     pub quadratic_mm: f64,
+}
+
+/// Accuracy of a registration at a point of the volume.
+#[derive(Clone, Debug, Serialize)]
+pub struct TargetError {
+    /// Name of what lies there.
+    pub name: String,
+    /// Expected distance (root mean square) between where the map puts the point and where it is, mm.
+    pub expected_mm: f64,
 }
 
 /// Distance from a surface point within which skin counts as covered, mm.
@@ -302,12 +328,32 @@ pub struct Registration {
     pub beyond: usize,
     /// Distances of the landmarks.
     pub landmarks_mm: Vec<LandmarkError>,
+    /// Expected errors of the targets.
+    pub targets_mm: Vec<TargetError>,
     /// Surface points in the volume's frame after the quadratic stage, with their distances from the skin, mm.
     #[serde(skip)]
     pub mapped: Vec<(Point3<f64>, f64)>,
 }
 
-/// Registers surface points (world, mm) to the skin of a volume with the given corners.
+impl Registration {
+    /// The target whose expected error is largest.
+    pub fn worst_target(&self) -> Option<&TargetError> {
+        let order = |a: &&TargetError, b: &&TargetError| a.expected_mm.total_cmp(&b.expected_mm);
+        self.targets_mm.iter().max_by(order)
+    }
+}
+
+/// Points that are known on both sides.
+#[derive(Clone, Copy, Debug)]
+pub struct Known<'a> {
+    /// Pairs of points.
+    pub landmarks: &'a [Landmark],
+    /// Standard deviation of each coordinate of a pair's distance, mm (above 0).
+    pub accuracy_mm: f64,
+}
+
+/// Registers surface points (world, mm) to the skin of a volume with the given corners. Expected errors are told for
+/// `targets`, named points of the volume.
 ///
 /// # Errors
 /// [`VolumeError`] for too few points or landmarks, or where the quadratic map folds the volume.
@@ -315,8 +361,10 @@ pub fn register(
     surface: &[Point3<f64>],
     skin: &Skin,
     corners: &[Point3<f64>],
-    landmarks: &[Landmark],
+    known: Known<'_>,
+    targets: &[(String, Point3<f64>)],
 ) -> Result<Registration, VolumeError> {
+    let landmarks = known.landmarks;
     if surface.len() < MIN_POINTS {
         let text = format!(
             "{} surface points; expected at least {MIN_POINTS}, spread over the surface",
@@ -339,7 +387,8 @@ pub fn register(
         .map(|start| rigid(&thinned, skin, start, TRIAL_STEPS));
     let best = trials.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(matrix, _)| matrix);
     let (matrix, _) = rigid(&thinned, skin, best.unwrap_or_else(Matrix4::identity), RIGID_STEPS);
-    let (map, free) = quadratic(&thinned, skin, &matrix);
+    let fit = quadratic(&thinned, skin, &matrix, known);
+    let map = &fit.map;
     let jacobian_min = map.least_jacobian(corners, &matrix)?;
     let distances = |points: &mut dyn Iterator<Item = Point3<f64>>| -> Vec<f64> {
         points.map(|point| skin.foot(&point).distance_mm()).collect()
@@ -355,7 +404,16 @@ pub fn register(
     let ([rigid_rms, rigid_p95], [rms_mm, p95_mm]) = (spread(&rigidly), spread(&finally));
     let count = thinned.len() as f64;
     // The map was fitted to these points: their distances are too small by the degrees of freedom it took.
-    let rms_mm = rms_mm * (count / (count - free).max(1.0)).sqrt();
+    let rms_mm = rms_mm * (count / (count - fit.free).max(1.0)).sqrt();
+    let targets_mm = targets.iter().map(|(name, target)| {
+        let world = map.inverse(target);
+        let world = world.unwrap_or_else(|| insonify_base::matrix::inverse_rigid(&matrix).transform_point(target));
+        TargetError {
+            name: name.clone(),
+            expected_mm: fit.expected_mm(&world),
+        }
+    });
+    let targets_mm = targets_mm.collect();
     Ok(Registration {
         rigid: Rigid {
             matrix: Rows(matrix),
@@ -365,8 +423,9 @@ pub fn register(
         covered: skin.covered(&mapped, COVERED_MM),
         beyond: mapped.iter().filter(|point| skin.foot(point).beyond).count(),
         landmarks_mm: landmarks_mm.collect(),
+        targets_mm,
         quadratic: Fitted {
-            map,
+            map: fit.map,
             rms_mm,
             p95_mm,
             jacobian_min,
@@ -497,16 +556,84 @@ fn rigid(surface: &[Point3<f64>], skin: &Skin, start: Matrix4<f64>, steps: usize
     (matrix, error)
 }
 
+/// A fitted quadratic map.
+struct QuadraticFit {
+    map: Quadratic,
+    /// Degrees of freedom that the prior leaves it.
+    free: f64,
+    /// Covariance of the coefficients, mm2.
+    covariance: DMatrix<f64>,
+}
+
+impl QuadraticFit {
+    /// Standard deviation of where a point of the world is mapped to, in space, mm.
+    fn expected_mm(&self, world: &Point3<f64>) -> f64 {
+        let q = terms(&self.map.scaled(world));
+        let variance = |axis: usize| {
+            let block = self.covariance.fixed_view::<TERMS, TERMS>(axis * TERMS, axis * TERMS);
+            q.dot(&(block * q))
+        };
+        (0..3).map(variance).sum::<f64>().max(0.0).sqrt()
+    }
+}
+
+/// Normal equations of the quadratic map: the square matrix and the right side.
+#[derive(Clone)]
+struct NormalEquations(DMatrix<f64>, DVector<f64>);
+
+impl NormalEquations {
+    fn zeros() -> Self {
+        Self(DMatrix::zeros(3 * TERMS, 3 * TERMS), DVector::zeros(3 * TERMS))
+    }
+
+    /// Adds the distance of a point, with terms `q`, along a direction.
+    fn add(&mut self, q: &SVector<f64, TERMS>, direction: &Vector3<f64>, distance_mm: f64, weight: f64) {
+        let mut row = SVector::<f64, { 3 * TERMS }>::zeros();
+        for axis in 0..3 {
+            row.fixed_rows_mut::<TERMS>(axis * TERMS)
+                .copy_from(&(q * direction[axis]));
+        }
+        self.0.ger(weight, &row, &row, 1.0);
+        self.1.axpy(-weight * distance_mm, &row, 1.0);
+    }
+
+    /// Pulls a map towards a rigid one. Shifts are free.
+    fn hold(&mut self, map: &Quadratic, rigid: &Quadratic, stiffness: f64) {
+        for (axis, (row, start)) in map.coefficients.iter().zip(&rigid.coefficients).enumerate() {
+            for term in 0..TERMS {
+                let weight = if term == 0 { 1e-9 } else { stiffness };
+                let unknown = axis * TERMS + term;
+                self.0[(unknown, unknown)] += weight;
+                self.1[unknown] -= weight * (row[term] - start[term]);
+            }
+        }
+    }
+}
+
+/// Number of points for each cube of [`ALIKE_MM`] that has some: as many tell what one would, as far as the skin
+/// deviates from a quadratic map.
+fn alike(surface: &[Point3<f64>]) -> f64 {
+    let cube = |point: &Point3<f64>| point.coords.map(|mm| (mm / ALIKE_MM).floor() as i64);
+    let cubes: std::collections::BTreeSet<[i64; 3]> = surface.iter().map(|point| cube(point).into()).collect();
+    surface.len() as f64 / cubes.len().max(1) as f64
+}
+
 /// Robust point-to-plane fit of the quadratic map, its second order and its strain held back by what is expected of
-/// bodies, the less the smaller the residuals. Also the degrees of freedom that the prior leaves it.
-fn quadratic(surface: &[Point3<f64>], skin: &Skin, rigid: &Matrix4<f64>) -> (Quadratic, f64) {
+/// bodies, the less the smaller the residuals. Landmarks count as points in space with their accuracy.
+fn quadratic(surface: &[Point3<f64>], skin: &Skin, rigid: &Matrix4<f64>, known: Known<'_>) -> QuadraticFit {
     let n = surface.len() as f64;
     let centre = Point3::from(surface.iter().map(|point| point.coords).sum::<Vector3<f64>>() / n);
     let radius = surface.iter().map(|point| (point - centre).norm()).fold(1.0, f64::max);
     let start = Quadratic::rigid(rigid, centre, radius);
-    let mut map = start.clone();
-    let (mut stiffness, mut free) = (n, 0.0);
+    let alike = alike(surface);
+    let mut fit = QuadraticFit {
+        map: start.clone(),
+        free: 0.0,
+        covariance: DMatrix::identity(3 * TERMS, 3 * TERMS) * BEND_MM.powi(2),
+    };
+    let mut stiffness = n;
     for _ in 0..QUADRATIC_STEPS {
+        let map = &fit.map;
         let pairs: Vec<_> = surface
             .iter()
             .map(|point| (terms(&map.scaled(point)), skin.foot(&map.map(point))))
@@ -519,36 +646,31 @@ fn quadratic(surface: &[Point3<f64>], skin: &Skin, rigid: &Matrix4<f64>) -> (Qua
         }
         // Of n points, n - free remain to estimate the noise.
         let n = sizes.len() as f64;
-        let sigma = scale(&sizes) * (n / (n - free).max(1.0)).sqrt();
-        let (mut normal, mut right) = (
-            DMatrix::<f64>::zeros(3 * TERMS, 3 * TERMS),
-            DVector::<f64>::zeros(3 * TERMS),
-        );
-        let mut row = DVector::<f64>::zeros(3 * TERMS);
+        let sigma = scale(&sizes) * (n / (n - fit.free).max(1.0)).sqrt();
+        let mut of_surface = NormalEquations::zeros();
         for (q, foot) in &pairs {
-            let (n, height) = (foot.normal, foot.height_mm);
-            let weight = 1.0 - (height / (BIWEIGHT * sigma)).powi(2);
-            if weight <= 0.0 {
-                continue;
+            let weight = 1.0 - (foot.height_mm / (BIWEIGHT * sigma)).powi(2);
+            if weight > 0.0 {
+                of_surface.add(q, &foot.normal, foot.height_mm, weight * weight);
             }
+        }
+        // Points that err alike would outweigh any landmark by their number.
+        let accuracy = alike * (sigma / known.accuracy_mm).powi(2);
+        let mut of_landmarks = NormalEquations::zeros();
+        for landmark in known.landmarks {
+            let q = terms(&map.scaled(&landmark.surface_mm));
+            let offset = map.map(&landmark.surface_mm) - landmark.volume_mm;
+            let weight = accuracy * (HUBER * known.accuracy_mm / offset.norm()).min(1.0);
             for axis in 0..3 {
-                row.fixed_rows_mut::<TERMS>(axis * TERMS).copy_from(&(q * n[axis]));
+                of_landmarks.add(&q, &Vector3::ith(axis, 1.0), offset[axis], weight);
             }
-            normal.ger(weight * weight, &row, &row, 1.0);
-            right.axpy(-weight * weight * height, &row, 1.0);
         }
         // The map starts stiff and is freed by halves, so that early feet, which are far off, cannot bend it.
         let prior = (sigma / BEND_MM).powi(2);
         stiffness = (stiffness / 2.0).max(prior);
-        for axis in 0..3 {
-            for term in 0..TERMS {
-                // Shifts are free.
-                let weight = if term == 0 { 1e-9 } else { stiffness };
-                let unknown = axis * TERMS + term;
-                normal[(unknown, unknown)] += weight;
-                right[unknown] -= weight * (map.coefficients[axis][term] - start.coefficients[axis][term]);
-            }
-        }
+        let mut all = NormalEquations(&of_surface.0 + &of_landmarks.0, &of_surface.1 + &of_landmarks.1);
+        all.hold(map, &start, stiffness);
+        let NormalEquations(normal, right) = all;
         let Some(factor) = normal.cholesky() else { break };
         let step = factor.solve(&right);
         // Degrees of freedom that the prior leaves: the trace of the influence matrix.
@@ -560,15 +682,20 @@ fn quadratic(surface: &[Point3<f64>], skin: &Skin, rigid: &Matrix4<f64>) -> (Qua
                 stiffness * inverse[(unknown, unknown)]
             }
         };
-        free = (0..3 * TERMS).map(|unknown| 1.0 - bound(unknown)).sum();
-        for axis in 0..3 {
-            for term in 0..TERMS {
-                map.coefficients[axis][term] += step[axis * TERMS + term];
+        fit.free = (0..3 * TERMS).map(|unknown| 1.0 - bound(unknown)).sum();
+        for (axis, row) in fit.map.coefficients.iter_mut().enumerate() {
+            for (term, coefficient) in row.iter_mut().enumerate() {
+                *coefficient += step[axis * TERMS + term];
             }
+        }
+        let mut precision = NormalEquations((of_surface.0 + of_landmarks.0) / alike, right);
+        precision.hold(&start, &start, prior);
+        if let Some(factor) = precision.0.cholesky() {
+            fit.covariance = factor.inverse() * sigma.powi(2);
         }
         if step.norm() < SETTLED_MM && stiffness <= prior {
             break;
         }
     }
-    (map, free)
+    fit
 }

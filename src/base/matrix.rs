@@ -23,10 +23,8 @@ const ROUNDING: f64 = 1e-14;
 /// Largest translation of a rigid transform along an axis, mm: a kilometre, so that later products cannot overflow.
 pub const FARTHEST_MM: f64 = 1e6;
 
-/// Returns the rigid transform nearest to a matrix: its 3 x 3 part is replaced by the rotation of its polar
-/// decomposition, unless it is a rotation to within rounding. An error, which says what is wrong, if that changes an
-/// entry by more than 0.005. Poses in files and in calls are checked by this function. It allocates only for an error.
-pub fn rigid(matrix: &Matrix4<f64>) -> Result<Matrix4<f64>, String> {
+/// Checks that a matrix is an affine transform: finite, with the last row 0, 0, 0, 1. The error says what is wrong.
+pub fn affine(matrix: &Matrix4<f64>) -> Result<(), String> {
     for row in 0..4 {
         for column in 0..4 {
             let entry = matrix[(row, column)];
@@ -52,6 +50,14 @@ pub fn rigid(matrix: &Matrix4<f64>) -> Result<Matrix4<f64>, String> {
         };
         return Err(format!("the last row is {last:?}; expected [0, 0, 0, 1]{hint}"));
     }
+    Ok(())
+}
+
+/// Returns the rigid transform nearest to a matrix: its 3 x 3 part is replaced by the rotation of its polar
+/// decomposition, unless it is a rotation to within rounding. An error, which says what is wrong, if that changes an
+/// entry by more than 0.005. Poses in files and in calls are checked by this function. It allocates only for an error.
+pub fn rigid(matrix: &Matrix4<f64>) -> Result<Matrix4<f64>, String> {
+    affine(matrix)?;
     let position = Vector3::from([0, 1, 2].map(|row| matrix[(row, 3)]));
     if position.amax() > FARTHEST_MM {
         let position = <[f64; 3]>::from(position);

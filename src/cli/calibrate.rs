@@ -280,9 +280,15 @@ impl PointsArgs {
         let config = self.motion.config()?;
         let file = &self.motion.file;
         let follows = self.follow || self.pixels.is_none();
-        if follows && (is_csv(file) || config.as_ref().is_none_or(|config| config.wires().is_empty())) {
+        let has_wires = config.as_ref().is_some_and(|config| !config.wires().is_empty());
+        if follows && (is_csv(file) || !has_wires) {
+            let missing = if has_wires {
+                "a table of poses has no images"
+            } else {
+                "--plus-config with the wires of a phantom is missing"
+            };
             return Err(usage(
-                "no pixels are given, and they cannot be found: images or wires are missing",
+                format!("no pixels are given, and wires cannot be found: {missing}"),
                 "give --pixels, or a sequence with images and the phantom's definition in --plus-config",
             ));
         }
@@ -326,18 +332,29 @@ impl PointsArgs {
                 a.angle(&b).to_degrees()
             };
             let distance_mm = (matrix.transform_point(&pixel) - known.transform_point(&pixel)).norm();
-            terminal::note(format_args!(
-                "the configuration's own ImageTo{} differs by {distance_mm:.2} mm in the middle of the pixels, rows \
-                 by {:.1} and columns by {:.1} degrees",
+            let text = format!(
+                "the configuration's own ImageTo{} differs by {distance_mm:.2} mm in the middle of the pixels, rows by {:.1} and \
+                 columns by {:.1} degrees",
                 poses.marker,
                 angle(0),
                 angle(1)
-            ));
+            );
+            if angle(0).max(angle(1)) > FAR_DEG || distance_mm > FAR_MM {
+                terminal::warn(format_args!(
+                    "{text}: is the phantom that of the configuration, and did the marker stay where it was?"
+                ));
+            } else {
+                terminal::note(text);
+            }
         }
         self.output
             .write(&calibration, &Sheet::image(&calibration, &poses.marker, centre))
     }
 }
+
+/// Differences from the calibration of a configuration that are questioned, degrees and mm.
+const FAR_DEG: f64 = 5.0;
+const FAR_MM: f64 = 3.0;
 
 /// Frame of the marker on the phantom in configurations of PLUS.
 const PHANTOM_MARKER: &str = "Reference";

@@ -27,6 +27,10 @@ pub(crate) struct Force {
 }
 
 impl Force {
+    pub(crate) fn is_given(self) -> bool {
+        self.force
+    }
+
     /// Refuses output files that cannot be written, before the computation; `inputs` are files that the run reads.
     pub(crate) fn check(self, files: &[&Path], inputs: &[PathBuf]) -> Result<(), Error> {
         let formats: Vec<_> = volume::written().chain(insonify_mesh::file::written()).collect();

@@ -3,14 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 use insonify_anatomy::registration::skin::Skin;
 use insonify_anatomy::registration::surface::{landmarks, read};
-use insonify_anatomy::registration::{Quadratic, Registration, corners, register, resample};
+use insonify_anatomy::registration::{Known, LANDMARK_MM, Quadratic, Registration, corners, register, resample};
 use insonify_anatomy::segmentation;
 use insonify_anatomy::volume::complete::{CompleteOptions, complete};
-use insonify_anatomy::volume::{LabelVolume, save};
+use insonify_anatomy::volume::{Label, LabelVolume, save};
 use insonify_base::note::Note;
 use insonify_base::range::numbers;
 use insonify_base::stage;
@@ -24,11 +24,12 @@ use super::failure::{Error, usage};
 use super::input::NamesArg;
 use super::output::{self, Force};
 use super::terminal;
-use super::variants::variants;
+use super::variants::{ranged, variants};
 
 const TEACHING: &str = "\
 Stage 1 is rigid: by landmarks if given, else from the principal axes; then each surface point is drawn to the skin. Stage 2 adds a quadratic
-deformation. The map leads from the world, the frame of the surface, to the volume.
+deformation, which also meets the landmarks within --landmark-mm. The map leads from the world, the frame of the surface, to the volume.
+The report has the error that is expected at each organ. A fit that stays more than 3 mm (RMS) from the skin is refused without --force.
 
 --surface is a table of touched points (.csv with x_mm,y_mm,z_mm; .fcsv or .mrk.json of 3D Slicer), a scan of the mannequin (.stl, .ply, .obj,
 .vtk, .vtp), another segmentation, whose skin is taken, or a tracked sequence of a stylus (.igs.mha) with --transform and --tip.
@@ -70,6 +71,9 @@ pub(crate) struct Register {
     /// name,volume_x_mm,volume_y_mm,volume_z_mm,surface_x_mm,surface_y_mm,surface_z_mm
     #[arg(long, value_name = "FILE.csv")]
     landmarks: Option<PathBuf>,
+    /// Accuracy of the landmarks: standard deviation of each coordinate
+    #[arg(long, value_name = "MM", default_value_t = LANDMARK_MM, value_parser = |text: &str| ranged(text, 0.01..=100.0, "a length in mm from 0.01 to 100"), requires = "landmarks")]
+    landmark_mm: f64,
     /// Axes of the surface and of the landmarks' surface_*_mm [default: those that its file states, or lps]
     #[arg(long, value_parser = variants::<World>())]
     world: Option<World>,
@@ -102,7 +106,8 @@ pub(crate) struct Register {
     page: Option<PathBuf>,
     #[command(flatten)]
     force: Force,
-    /// Print JSON: `rigid`, `quadratic`, `covered` (share of the skin near surface points), `beyond`, `landmarks_mm`
+    /// Print JSON: `rigid`, `quadratic`, `covered` (share of the skin near surface points), `beyond`, `landmarks_mm`,
+    /// `targets_mm` (error expected at each organ)
     #[arg(long)]
     json: bool,
 }
@@ -125,7 +130,7 @@ impl Register {
         }
         // Before the volume, which takes long to complete.
         let (surface, world) = self.points()?;
-        let volume = self.open(&self.volume)?;
+        let (volume, labels) = self.open(&self.volume)?;
         let skin = skin_of(&volume)?;
         let mut known = self
             .landmarks
@@ -136,9 +141,16 @@ impl Register {
         known
             .iter_mut()
             .for_each(|landmark| landmark.surface_mm = in_lps(world, &landmark.surface_mm));
-        let registration = stage::during("registering", || register(&surface, &skin, &corners(&volume), &known))?;
+        let known = Known {
+            landmarks: &known,
+            accuracy_mm: self.landmark_mm,
+        };
+        let targets = centres(&volume, labels);
+        let registration = stage::during("registering", || {
+            register(&surface, &skin, &corners(&volume), known, &targets)
+        })?;
         // Before the volume is resampled, which takes long and is useless under a wrong map.
-        doubt(&registration, surface.len());
+        doubt(&registration, surface.len(), self.force)?;
         self.doubt_axes(&registration, world);
         let map = &registration.quadratic.map;
         if let Some(output) = &self.output {
@@ -152,20 +164,21 @@ impl Register {
         terminal::print(&registration, self.json)
     }
 
-    /// Reads a label volume, and closes the body around it unless told not to.
-    fn open(&self, path: &Path) -> Result<LabelVolume, Error> {
+    /// Reads a label volume, and closes the body around it unless told not to. Also the number of labels of the file.
+    fn open(&self, path: &Path) -> Result<(LabelVolume, usize), Error> {
         let opened = segmentation::open(path, &self.names.naming()?)?;
         let name = path.display();
         let about_file = |note: &Note| terminal::notes(&[note.about(&name)]);
         opened.notes.iter().for_each(about_file);
         opened.warnings.iter().for_each(terminal::warn);
+        let labels = opened.volume.labels().len();
         if self.no_complete {
-            return Ok(opened.volume);
+            return Ok((opened.volume, labels));
         }
         let completed = complete(&opened.volume, &CompleteOptions::default())?;
         about_file(&completed.note);
         completed.warning.iter().for_each(terminal::warn);
-        Ok(completed.volume.undivided().clone())
+        Ok((completed.volume.undivided().clone(), labels))
     }
 
     fn is_segmentation(&self) -> bool {
@@ -244,11 +257,11 @@ impl Register {
             let touched = poses
                 .poses
                 .iter()
-                .map(|pose| Point3::from(pose.rotation * nalgebra::Vector3::from(tip) + pose.position));
+                .map(|pose| Point3::from(pose.rotation * Vector3::from(tip) + pose.position));
             return Ok((touched.map(|point| in_lps(world, &point)).collect(), world));
         }
         if self.is_segmentation() {
-            let skin = skin_of(&self.open(&self.surface)?)?;
+            let skin = skin_of(&self.open(&self.surface)?.0)?;
             return Ok((skin.points().to_vec(), world));
         }
         let read = read(&self.surface, self.unit)?;
@@ -261,8 +274,27 @@ fn in_lps(world: World, point: &Point3<f64>) -> Point3<f64> {
     world.vector((*point).into()).into()
 }
 
-/// Tells what makes a registration of `count` surface points doubtful.
-fn doubt(registration: &Registration, count: usize) {
+/// Names and centres of the first labels of a volume, but label 0, mm.
+fn centres(volume: &LabelVolume, labels: usize) -> Vec<(String, Point3<f64>)> {
+    let mut sums = vec![(Vector3::zeros(), 0.0); volume.labels().len()];
+    let [columns, rows, _] = volume.size();
+    for (offset, label) in volume.voxels().iter().enumerate() {
+        let voxel = [offset % columns, offset / columns % rows, offset / columns / rows];
+        let (sum, count) = &mut sums[usize::from(*label)];
+        *sum += Vector3::from(voxel.map(|index| index as f64));
+        *count += 1.0;
+    }
+    let labels = volume.labels()[..labels].iter().zip(sums).skip(1);
+    let centre = |(label, (sum, count)): (&Label, (Vector3<f64>, f64))| {
+        let centre = volume.index_to_world().transform_point(&Point3::from(sum / count));
+        let name = label.name.clone().unwrap_or_else(|| format!("label {}", label.value));
+        (count > 0.0).then_some((name, centre))
+    };
+    labels.filter_map(centre).collect()
+}
+
+/// Tells what makes a registration of `count` surface points doubtful, and refuses it if it is wrong.
+fn doubt(registration: &Registration, count: usize, force: Force) -> Result<(), Error> {
     // A part of the skin resembles others, so that its shape alone may lead the start to the wrong place.
     if registration.covered < MIN_COVERED && registration.landmarks_mm.is_empty() {
         terminal::warn(format_args!(
@@ -282,10 +314,21 @@ fn doubt(registration: &Registration, count: usize) {
             count
         ));
     }
-    if registration.quadratic.rms_mm > MAX_RMS_MM {
+    let rms_mm = registration.quadratic.rms_mm;
+    if rms_mm > MAX_RMS_MM {
+        let text = format!("the surface remains {rms_mm:.1} mm (RMS) from the skin: a different body, or a poor start");
+        if !force.is_given() {
+            let help = format!(
+                "give --landmarks, or --world; expected at most {MAX_RMS_MM} mm; --force writes this fit, whose --page shows it"
+            );
+            return Err(usage(text, help));
+        }
+        terminal::warn(format_args!("{text}; look at the page, and give --landmarks"));
+    }
+    if let Some(worst) = registration.worst_target().filter(|worst| worst.expected_mm > FAR_MM) {
         terminal::warn(format_args!(
-            "the surface remains {:.1} mm (RMS) from the skin: a different body, or a poor start; look at the page, and give --landmarks",
-            registration.quadratic.rms_mm
+            "{} is known to {:.1} mm only: touch more points on its side of the body, or give landmarks near it",
+            worst.name, worst.expected_mm
         ));
     }
     for landmark in registration
@@ -304,6 +347,7 @@ fn doubt(registration: &Registration, count: usize) {
             registration.quadratic.jacobian_min
         ));
     }
+    Ok(())
 }
 
 fn skin_of(volume: &LabelVolume) -> Result<Skin, Error> {

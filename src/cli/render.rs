@@ -65,7 +65,8 @@ pub(crate) struct Render {
     input: Input,
     #[command(flatten)]
     backend: BackendArgs,
-    /// A PNG file for one frame, a folder for many, an image sequence (.mha, .nrrd), or an array (.npy)
+    /// A PNG file for one frame, a folder for many, an image sequence (.mha, .nrrd), an array (.npy) or an animation
+    /// (.gif)
     /// [default: frame.png or frames]
     #[arg(short, long, value_name = "PATH")]
     output: Option<PathBuf>,

@@ -109,7 +109,7 @@ impl<'a> Sheet<'a> {
             figures: vec![
                 row(&format!("direction in `{marker}`"), three(calibration.direction, 5)),
                 row("deviation RMS, degrees", format!("{:.4}", calibration.rms_deg)),
-                row("poses", calibration.used.to_string()),
+                row("poses", count(calibration.used, calibration.trimmed, 0)),
             ],
             scene: format!(
                 "# with a `tip_to_marker` that does not rotate, as `calibrate pivot` gives it:\n\

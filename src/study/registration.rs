@@ -61,6 +61,12 @@ pub fn page(registration: &Registration, skin: &Skin) -> Result<String, OutputEr
         });
         page.table(&Table::new(head).with(rows));
     }
+    if !registration.targets_mm.is_empty() {
+        let head = [Cell::from("organ"), Cell::number("expected error, mm")];
+        let rows = registration.targets_mm.iter();
+        let rows = rows.map(|target| [Cell::from(target.name.as_str()), number(target.expected_mm)]);
+        page.table(&Table::new(head).with(rows));
+    }
     page.wide_figure(
         &views(registration, skin),
         "Skin of the volume (grey) and surface points by distance: below 1 mm green, 2 mm yellow, 5 mm orange, above red. \

@@ -84,6 +84,8 @@ pub struct Direction {
     pub rms_deg: f64,
     /// Number of used poses.
     pub used: usize,
+    /// Number of poses left out as outliers.
+    pub trimmed: usize,
     /// Residuals of all poses.
     #[serde(skip)]
     pub residuals: Vec<Residual>,
@@ -115,6 +117,20 @@ impl<T> Trimmed<T> {
 
     fn count(&self) -> usize {
         self.used.iter().filter(|used| **used).count()
+    }
+
+    fn of_directions(&self, direction: Vector3<f64>, frame: impl Fn(usize) -> usize) -> Direction {
+        let residuals = self.residuals(frame).into_iter().map(|residual| Residual {
+            value: residual.value.to_degrees(),
+            ..residual
+        });
+        Direction {
+            direction: direction.into(),
+            rms_deg: self.rms().to_degrees(),
+            used: self.count(),
+            trimmed: self.used.len() - self.count(),
+            residuals: residuals.collect(),
+        }
     }
 
     fn residuals(&self, frame: impl Fn(usize) -> usize) -> Vec<Residual> {
@@ -188,12 +204,7 @@ fn fit_pivot(
     all: &[MarkerPose],
     used: &[bool],
 ) -> Result<((Vector3<f64>, Vector3<f64>, Vector3<f64>), Vec<f64>), TrackingError> {
-    let kept: Vec<&MarkerPose> = all
-        .iter()
-        .zip(used)
-        .filter(|(_, used)| **used)
-        .map(|(pose, _)| pose)
-        .collect();
+    let kept: Vec<&MarkerPose> = kept(all, used).collect();
     let n = kept.len();
     let rotation = kept.iter().map(|pose| pose.rotation).sum::<Matrix3<f64>>() / n as f64;
     let position = kept.iter().map(|pose| pose.position).sum::<Vector3<f64>>() / n as f64;
@@ -229,23 +240,26 @@ fn fit_pivot(
     Ok(((point, pivot, std), all.iter().map(distance_mm).collect()))
 }
 
-/// Finds the direction of the marker's frame that is held along known directions of the tracker's frame: the maximum of
-/// the mean cosine.
+/// The items that are used.
+fn kept<'a, T>(all: &'a [T], used: &'a [bool]) -> impl Iterator<Item = &'a T> {
+    all.iter().zip(used).filter(|(_, used)| **used).map(|(item, _)| item)
+}
+
+/// Finds the direction of the marker's frame that is held along known directions of the tracker's frame, the maximum of
+/// the mean cosine, leaving out outliers.
 ///
 /// # Errors
 /// [`TrackingError`] if there is no pose, or if the directions contradict one another by more than 20 degrees.
 pub fn held_direction(poses: &[(&MarkerPose, Vector3<f64>)]) -> Result<Direction, TrackingError> {
-    let sum: Vector3<f64> = poses
-        .iter()
-        .map(|(pose, along)| pose.rotation.transpose() * along.normalize())
-        .sum();
-    let Some(direction) = sum.try_normalize(1e-9) else {
-        return Err(TrackingError::new("the poses and directions leave no mean direction"));
-    };
-    let angles = poses
-        .iter()
-        .map(|(pose, along)| (pose, (pose.rotation * direction).angle(along)));
-    let direction = by_angles(direction, angles.map(|(pose, angle)| (pose.frame, angle)));
+    let fit = trimmed(poses.len(), |used| {
+        let along = kept(poses, used).map(|(pose, along)| pose.rotation.transpose() * along.normalize());
+        let Some(direction) = along.sum::<Vector3<f64>>().try_normalize(1e-9) else {
+            return Err(TrackingError::new("the poses and directions leave no mean direction"));
+        };
+        let angle = |(pose, along): &(&MarkerPose, Vector3<f64>)| (pose.rotation * direction).angle(along);
+        Ok((direction, poses.iter().map(angle).collect()))
+    })?;
+    let direction = fit.of_directions(fit.fitted, |index| poses[index].0.frame);
     if direction.rms_deg > DIRECTION_DEG {
         Err(TrackingError::new(format!(
             "the direction differs from those given by {:.1} degrees RMS; expected at most {DIRECTION_DEG}: are they in the \
@@ -275,60 +289,46 @@ pub fn direction_between(hub: &Pivot, tip: &Pivot) -> Result<Direction, Tracking
         direction: ((to - from) / distance_mm).into(),
         rms_deg,
         used: hub.used + tip.used,
+        trimmed: hub.trimmed + tip.trimmed,
         residuals: Vec::new(),
     })
 }
 
-/// Finds the axis about which an instrument is turned in place: the direction d with the least change between poses,
-/// the smallest eigenvector of the sum of (I - Ri' Rj)' (I - Ri' Rj) over all pairs. Its sense is that of `toward`, a
-/// vector of the marker's frame.
+/// Finds the axis about which an instrument is turned in place, leaving out outliers: the direction d with the least
+/// change between poses, the smallest eigenvector of the sum of (I - Ri' Rj)' (I - Ri' Rj) over all pairs. Its sense is
+/// that of `toward`, a vector of the marker's frame.
 ///
 /// # Errors
 /// [`TrackingError`] if the instrument turns by too little, or about no single axis.
 pub fn spin(poses: &Poses, toward: &Vector3<f64>) -> Result<Direction, TrackingError> {
     let all = &poses.poses;
-    let n = all.len().max(1) as f64;
-    // The sum over pairs is 2 (n^2 I - S' S) with S the sum of the rotations.
-    let mean = all.iter().map(|pose| pose.rotation).sum::<Matrix3<f64>>() / n;
-    let eigen = (Matrix3::identity() - mean.transpose() * mean).symmetric_eigen();
-    let mut order = [0, 1, 2];
-    order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
-    let turn_deg = eigen.eigenvalues[order[1]].max(0.0).sqrt().to_degrees();
+    // The axis, and how far poses turn across and wobble about it, degrees RMS.
+    let fit = trimmed(all.len(), |used| {
+        let n = used.iter().filter(|used| **used).count().max(1) as f64;
+        // The sum over pairs is 2 (n^2 I - S' S) with S the sum of the rotations.
+        let mean = kept(all, used).map(|pose| pose.rotation).sum::<Matrix3<f64>>() / n;
+        let eigen = (Matrix3::identity() - mean.transpose() * mean).symmetric_eigen();
+        let mut order = [0, 1, 2];
+        order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
+        let [wobble_deg, turn_deg] = [0, 1].map(|at| eigen.eigenvalues[order[at]].max(0.0).sqrt().to_degrees());
+        let axis: Vector3<f64> = eigen.eigenvectors.column(order[0]).into_owned();
+        let axis = if axis.dot(toward) < 0.0 { -axis } else { axis };
+        let middle = (mean * axis).normalize();
+        let angles = all.iter().map(|pose| (pose.rotation * axis).angle(&middle));
+        Ok(((axis, wobble_deg, turn_deg), angles.collect()))
+    })?;
+    let (axis, wobble_deg, turn_deg) = fit.fitted;
     if turn_deg < SPIN_DEG {
         return Err(TrackingError::new(format!(
             "the instrument turns by {turn_deg:.1} degrees (RMS over {} poses) about its axis; expected at least {SPIN_DEG}",
-            all.len()
+            fit.count()
         )));
     }
-    let wobble_deg = eigen.eigenvalues[order[0]].max(0.0).sqrt().to_degrees();
     if wobble_deg > WOBBLE_DEG {
         return Err(TrackingError::new(format!(
             "no axis stays in place: the nearest one to it wobbles by {wobble_deg:.1} degrees (RMS); expected at most {WOBBLE_DEG}: \
              turn the instrument about itself in place"
         )));
     }
-    let axis: Vector3<f64> = eigen.eigenvectors.column(order[0]).into_owned();
-    let axis = if axis.dot(toward) < 0.0 { -axis } else { axis };
-    let middle = (mean * axis).normalize();
-    let angles = all
-        .iter()
-        .map(|pose| (pose.frame, (pose.rotation * axis).angle(&middle)));
-    Ok(by_angles(axis, angles))
-}
-
-fn by_angles(direction: Vector3<f64>, angles: impl Iterator<Item = (usize, f64)>) -> Direction {
-    let residuals: Vec<Residual> = angles
-        .map(|(frame, angle)| Residual {
-            frame,
-            value: angle.to_degrees(),
-            used: true,
-        })
-        .collect();
-    let squares: f64 = residuals.iter().map(|r| r.value * r.value).sum();
-    Direction {
-        direction: direction.into(),
-        rms_deg: (squares / residuals.len() as f64).sqrt(),
-        used: residuals.len(),
-        residuals,
-    }
+    Ok(fit.of_directions(axis, |index| all[index].frame))
 }

@@ -46,6 +46,7 @@ impl Calibration {
                 "transducer centre pixel {array_centre_px:?}; expected finite numbers"
             )));
         }
+        matrix::affine(image_to_probe).map_err(wrong)?;
         let column = |axis| image_to_probe.fixed_view::<3, 1>(0, axis).into_owned();
         let lengths_mm = [0, 1, 2].map(|axis| column(axis).norm());
         let mut axes = [Vector3::zeros(); 2];

@@ -278,3 +278,39 @@ fn errors_are_as_they_were() {
     }
     record.check("error");
 }
+
+/// What is said of the real files, so that no change adds to it unseen.
+#[test]
+fn notes_of_real_files_are_as_they_were() {
+    let (bench, mut record) = (Bench::new(), Record::default());
+    for (folder, command) in [
+        ("volumes", "info"),
+        ("formats", "info"),
+        ("formats/pynrrd", "info"),
+        ("tracked", "info"),
+        ("textures", "info"),
+        ("rf", "info"),
+        ("config", "info"),
+        ("meshes", "mesh info"),
+    ] {
+        let Some(path) = insonify_testing::shared(folder) else {
+            return;
+        };
+        let entries = std::fs::read_dir(&path)
+            .expect("a folder")
+            .map(|entry| entry.expect("an entry").path());
+        for file in entries.filter(|path| path.is_file()) {
+            let run = bench.run(&format!("{command} {}", file.display()));
+            let told = [run.stdout, run.stderr]
+                .concat()
+                .replace(&format!("{}/", path.display()), "");
+            let kinds = ["note: ", "warning: ", "error: "];
+            let lines = told
+                .lines()
+                .filter(|line| kinds.iter().any(|kind| line.starts_with(kind)));
+            let name = file.file_name().expect("a name").to_string_lossy();
+            record.put(format!("notes {folder}/{name}"), lines.collect::<Vec<_>>().join("\n"));
+        }
+    }
+    record.check("notes");
+}

@@ -222,6 +222,13 @@ fn anatomy_is_registered_and_a_scene_takes_the_registration() {
             .all(|it| it["quadratic_mm"].as_f64().unwrap() < 1.0),
         "{json}"
     );
+    let targets = json["targets_mm"].as_array().expect("targets");
+    let near = |target: &serde_json::Value| {
+        target["expected_mm"]
+            .as_f64()
+            .is_some_and(|mm| (0.01..2.0).contains(&mm))
+    };
+    assert!(!targets.is_empty() && targets.iter().all(near), "{json}");
     assert!(bench.text("fit.html").contains("<circle"));
     let info = bench.run("info fitted.nrrd --json").json();
     assert!(info.to_string().contains("\"value\":1"), "{info}");
@@ -241,6 +248,21 @@ fn anatomy_is_registered_and_a_scene_takes_the_registration() {
     bench
         .run("register body.mha --no-complete --surface body.txt")
         .fails(2, &["body.txt"]);
+    let rough = bench.text("touched.csv");
+    let rough = rough.lines().enumerate().map(|(row, line)| {
+        let (rest, z) = line.rsplit_once(',').expect("columns");
+        z.parse::<f64>()
+            .map_or(line.to_owned(), |z| format!("{rest},{}", z + 40.0 * (row as f64).sin()))
+    });
+    bench.write("rough.csv", &rough.collect::<Vec<_>>().join("\n"));
+    let run = "register body.mha --no-complete --surface rough.csv --fit rough.toml";
+    bench
+        .run(run)
+        .fails(2, &["remains", "mm (RMS) from the skin", "--force"]);
+    assert!(!bench.path("rough.toml").exists());
+    let forced = bench.run(&format!("{run} --force"));
+    assert!(forced.stderr.contains("warning: the surface remains"), "{forced:?}");
+    assert!(bench.path("rough.toml").exists());
     bench.write("few.csv", "x_mm,y_mm,z_mm\n0,0,0\n");
     bench
         .run("register body.mha --no-complete --surface few.csv")

@@ -92,6 +92,22 @@ fn box_of_body() -> Vec<Point3<f64>> {
         .collect()
 }
 
+fn known(landmarks: &[Landmark]) -> Known<'_> {
+    Known {
+        landmarks,
+        accuracy_mm: LANDMARK_MM,
+    }
+}
+
+/// A point of the world and where a map puts it.
+fn landmark(map: &Quadratic, world: &Point3<f64>) -> Landmark {
+    Landmark {
+        name: format!("{world:.0}"),
+        volume_mm: map.map(world),
+        surface_mm: *world,
+    }
+}
+
 /// Mean and largest distance between two maps.
 fn apart(a: &Quadratic, b: &Quadratic, world: &[Point3<f64>]) -> [f64; 2] {
     let off: Vec<f64> = world.iter().map(|at| (a.map(at) - b.map(at)).norm()).collect();
@@ -105,7 +121,7 @@ fn apart(a: &Quadratic, b: &Quadratic, world: &[Point3<f64>]) -> [f64; 2] {
 fn a_known_quadratic_is_found_again() {
     let (skin, map) = (skin(), truth(10.0));
     let world = touched(&map, 3000, 0.0, 0.0, |_| true);
-    let registration = register(&world, &skin, &box_of_body(), &[]).unwrap();
+    let registration = register(&world, &skin, &box_of_body(), known(&[]), &[]).unwrap();
     let off = apart(&registration.quadratic.map, &map, &world);
     assert!(off[0] < 0.05, "{off:?} {registration}");
     assert!(
@@ -131,7 +147,7 @@ fn noise_outliers_and_a_missing_back_are_borne() {
             surface_mm,
         });
     }
-    let registration = register(&world, &skin, &box_of_body(), &marks).unwrap();
+    let registration = register(&world, &skin, &box_of_body(), known(&marks), &[]).unwrap();
     let off = apart(&registration.quadratic.map, &map, &clean);
     assert!(off[0] < 0.5, "{off:?} {registration}");
     assert!(
@@ -146,7 +162,7 @@ fn few_points_do_not_bend_the_map_after_their_noise() {
     let clean = touched(&map, 500, 0.0, 0.0, |_| true);
     for count in [40, 60] {
         let world = touched(&map, count, 1.0, 0.0, |_| true);
-        let registration = register(&world, &skin, &box_of_body(), &[]).unwrap();
+        let registration = register(&world, &skin, &box_of_body(), known(&[]), &[]).unwrap();
         let rigid = Quadratic::rigid(&registration.rigid.matrix.0, Point3::origin(), 1.0);
         let [rigid, bent] = [&rigid, &registration.quadratic.map].map(|fitted| apart(fitted, &map, &clean)[0]);
         // The noise is told, not what is left of it after the map has followed it.
@@ -179,7 +195,7 @@ fn what_lies_beyond_the_end_of_the_skin_is_not_used() {
             surface_mm: *at,
         })
         .collect();
-    let registration = register(&world, &skin, &box_of_body(), &marks).unwrap();
+    let registration = register(&world, &skin, &box_of_body(), known(&marks), &[]).unwrap();
     let beyond = world.iter().filter(|at| map.map(at).z > 75.0).count();
     assert!(
         registration.beyond as f64 > 0.9 * beyond as f64 && beyond > 300,
@@ -226,7 +242,7 @@ fn what_cannot_be_registered_is_refused() {
     };
     let world = touched(&map, 40, 0.0, 0.0, |_| true);
     refused(
-        register(&world[..20], &skin, &box_of_body(), &[]),
+        register(&world[..20], &skin, &box_of_body(), known(&[]), &[]),
         "20 surface points; expected at least 30",
     );
     let mark = |x: f64| Landmark {
@@ -235,7 +251,13 @@ fn what_cannot_be_registered_is_refused() {
         surface_mm: Point3::new(x, 0.0, 0.0),
     };
     refused(
-        register(&world, &skin, &box_of_body(), &[mark(0.0), mark(50.0), mark(90.0)]),
+        register(
+            &world,
+            &skin,
+            &box_of_body(),
+            known(&[mark(0.0), mark(50.0), mark(90.0)]),
+            &[],
+        ),
         "3 landmarks; expected at least 3 that do not lie on a line",
     );
     let mut folded = truth(10.0);
@@ -328,7 +350,7 @@ fn a_real_body_deformed_is_fitted_back() {
             map.inverse(at).unwrap() + noise
         })
         .collect();
-    let registration = register(&surface, &skin, &corners(&completed), &[]).unwrap();
+    let registration = register(&surface, &skin, &corners(&completed), known(&[]), &[]).unwrap();
     // Points within the body, none of which took part.
     let inside: Vec<Point3<f64>> = skin
         .points()
@@ -363,4 +385,74 @@ fn a_turn_about_the_long_axis_is_measured() {
             assert!((found - expected).abs() < 0.001, "{angles:?}: {found}");
         }
     }
+}
+
+/// A map drawn from what the fit expects of bodies.
+fn drawn(seed: i32) -> Quadratic {
+    let mut map = truth(0.0);
+    for (axis, row) in map.coefficients.iter_mut().enumerate() {
+        for (term, coefficient) in row.iter_mut().enumerate().skip(1) {
+            *coefficient += BEND_MM * normal(100 * seed + term as i32, 70 + axis as i32);
+        }
+    }
+    map
+}
+
+/// Over drawn maps, of which only the front is touched, errors within the body over their expected sizes have a root
+/// mean square near 1; none is told where all is touched to be as large.
+#[test]
+fn expected_errors_are_those_that_happen() {
+    let skin = skin();
+    let inside: Vec<Point3<f64>> = (0..40)
+        .map(|item| Point3::from(on_body(item, 3).0.coords * 0.6))
+        .collect();
+    let named: Vec<(String, Point3<f64>)> = inside.iter().map(|point| (String::new(), *point)).collect();
+    let (mut ratio, mut expected) = (Vec::new(), [0.0; 2]);
+    for seed in 1..9 {
+        let map = drawn(seed);
+        for (index, front) in [-20.0, 300.0].into_iter().enumerate() {
+            let world = touched(&map, 3000, 0.5, 0.0, |point| point.y < front);
+            let marks: Vec<Landmark> = world.iter().step_by(400).map(|point| landmark(&map, point)).collect();
+            let registration = register(&world, &skin, &box_of_body(), known(&marks), &named).unwrap();
+            for (target, point) in registration.targets_mm.iter().zip(&inside) {
+                let world = map.inverse(point).unwrap();
+                let error = (registration.quadratic.map.map(&world) - point).norm();
+                ratio.push((error / target.expected_mm).powi(2));
+                expected[index] += target.expected_mm / (8 * inside.len()) as f64;
+            }
+        }
+    }
+    let ratio = (ratio.iter().sum::<f64>() / ratio.len() as f64).sqrt();
+    println!("{ratio} {expected:?}");
+    assert!((0.5..1.5).contains(&ratio), "{ratio}");
+    assert!(expected[0] > 2.0 * expected[1] && expected[1] < 1.0, "{expected:?}");
+}
+
+/// Landmarks that the skin alone would leave 5 mm away are met as far as they are accurate; a wrong one bends the map
+/// by less than its distance.
+#[test]
+fn landmarks_are_met_within_their_accuracy() {
+    let (skin, map) = (skin(), truth(14.0));
+    let world = touched(&map, 3000, 0.5, 0.0, |point| point.y < -20.0);
+    let back = touched(&map, 2000, 0.0, 0.0, |point| point.y > 40.0);
+    let mut marks: Vec<Landmark> = world
+        .iter()
+        .chain(&back)
+        .step_by(300)
+        .map(|point| landmark(&map, point))
+        .collect();
+    let farthest = |marks: &[Landmark], accuracy_mm: f64| {
+        let known = Known {
+            landmarks: marks,
+            accuracy_mm,
+        };
+        let registration = register(&world, &skin, &box_of_body(), known, &[]).unwrap();
+        let far = registration.landmarks_mm.iter().map(|landmark| landmark.quadratic_mm);
+        println!("{registration}");
+        far.fold(0.0, f64::max)
+    };
+    let [loose, met] = [1000.0, 1.0].map(|accuracy_mm| farthest(&marks, accuracy_mm));
+    assert!(loose > 5.0 && met < 1.5, "{loose} {met}");
+    marks[0].volume_mm.x += 30.0;
+    assert!(farthest(&marks, 1.0) > 20.0);
 }

@@ -52,63 +52,13 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Loaded, VolumeError> {
              itkimage2segimage of dcmqi)",
         )
     };
-    let integer = |tag: Tag| object.get(tag).and_then(|element| element.to_int::<u32>().ok());
-    let size = |tag: Tag, name: &str| {
-        let size = integer(tag).filter(|size| (1..=1 << 15).contains(size));
-        size.map(|size| size as usize).ok_or_else(|| without(name))
-    };
-    let (rows, columns) = (size(tags::ROWS, "Rows")?, size(tags::COLUMNS, "Columns")?);
     let segments = segments(&object);
-    let groups = items(&object, tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE);
-    let shared = items(&object, tags::SHARED_FUNCTIONAL_GROUPS_SEQUENCE).first();
-    let first = groups
-        .first()
-        .ok_or_else(|| without("PerFrameFunctionalGroupsSequence"))?;
-    // What all frames have in common may stand in the shared group or in each one.
-    let common = |sequence: Tag, tag: Tag| {
-        [shared, Some(first)]
-            .into_iter()
-            .flatten()
-            .find_map(|group| numbers(group, sequence, tag))
-    };
-    let Some([rx, ry, rz, cx, cy, cz]) = array(common(
-        tags::PLANE_ORIENTATION_SEQUENCE,
-        tags::IMAGE_ORIENTATION_PATIENT,
-    )) else {
-        return Err(without("ImageOrientationPatient"));
-    };
-    let Some([between_rows, between_columns]) = array(common(tags::PIXEL_MEASURES_SEQUENCE, tags::PIXEL_SPACING))
-    else {
-        return Err(without("PixelSpacing"));
-    };
-    let (along_row, down_column) = (Vector3::new(rx, ry, rz), Vector3::new(cx, cy, cz));
-    let frames: Option<Vec<Frame>> = groups
-        .iter()
-        .map(|group| {
-            let in_shared = |sequence: Tag, tag: Tag| {
-                numbers(group, sequence, tag).or_else(|| shared.and_then(|shared| numbers(shared, sequence, tag)))
-            };
-            let [segment] = array(in_shared(
-                tags::SEGMENT_IDENTIFICATION_SEQUENCE,
-                tags::REFERENCED_SEGMENT_NUMBER,
-            ))?;
-            let [x, y, z] = array(in_shared(tags::PLANE_POSITION_SEQUENCE, tags::IMAGE_POSITION_PATIENT))?;
-            Some(Frame {
-                segment: segment as u16,
-                position: Vector3::new(x, y, z),
-            })
-        })
-        .collect();
-    let frames = frames.ok_or_else(|| without("ReferencedSegmentNumber or ImagePositionPatient in a frame"))?;
-    let stated = [tags::SPACING_BETWEEN_SLICES, tags::SLICE_THICKNESS];
-    let stated = stated.map(|tag| common(tags::PIXEL_MEASURES_SEQUENCE, tag).and_then(|all| all.first().copied()));
-    let normal = along_row.cross(&down_column);
-    let stack = Stack::new(&frames, normal, stated).ok_or_else(|| {
-        malformed(
-            "slices at uneven distances".to_owned(),
-            "slices of one distance, along one line (3D Slicer resamples them: save as .seg.nrrd)",
-        )
-    })?;
+    let Geometry {
+        size: [columns, rows],
+        steps,
+        frames,
+        stack,
+    } = Geometry::new(&object, &without, &malformed)?;
     let pixels = rows * columns;
     let mask = Mask::new(&object, frames.len() * pixels).map_err(|found| {
         VolumeError::unsupported(
@@ -149,8 +99,7 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Loaded, VolumeError> {
         label.value = i64::from(*number);
     }
     let mut world = Matrix4::identity();
-    let steps = [along_row * between_columns, down_column * between_rows, stack.step];
-    for (column, vector) in steps.into_iter().chain([stack.origin]).enumerate() {
+    for (column, vector) in steps.into_iter().chain([stack.step, stack.origin]).enumerate() {
         world.fixed_view_mut::<3, 1>(0, column).copy_from(&vector);
     }
     let warnings = labelled.warning.into_iter().collect();
@@ -162,6 +111,87 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Loaded, VolumeError> {
         notes: mask.note().into_iter().collect(),
         warnings,
     })
+}
+
+/// Where the images of the segments lie.
+struct Geometry {
+    /// Columns and rows.
+    size: [usize; 2],
+    /// From a column to the next, and from a row to the next, mm (LPS).
+    steps: [Vector3<f64>; 2],
+    frames: Vec<Frame>,
+    stack: Stack,
+}
+
+impl Geometry {
+    fn new(
+        object: &InMemDicomObject,
+        without: &dyn Fn(&str) -> VolumeError,
+        malformed: &dyn Fn(String, &str) -> VolumeError,
+    ) -> Result<Self, VolumeError> {
+        let integer = |tag: Tag| object.get(tag).and_then(|element| element.to_int::<u32>().ok());
+        let size = |tag: Tag, name: &str| {
+            let size = integer(tag).filter(|size| (1..=1 << 15).contains(size));
+            size.map(|size| size as usize).ok_or_else(|| without(name))
+        };
+        let (rows, columns) = (size(tags::ROWS, "Rows")?, size(tags::COLUMNS, "Columns")?);
+        let groups = items(object, tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE);
+        let shared = items(object, tags::SHARED_FUNCTIONAL_GROUPS_SEQUENCE).first();
+        let first = groups
+            .first()
+            .ok_or_else(|| without("PerFrameFunctionalGroupsSequence"))?;
+        // What all frames have in common may stand in the shared group or in each one.
+        let common = |sequence: Tag, tag: Tag| {
+            [shared, Some(first)]
+                .into_iter()
+                .flatten()
+                .find_map(|group| numbers(group, sequence, tag))
+        };
+        let Some([rx, ry, rz, cx, cy, cz]) = array(common(
+            tags::PLANE_ORIENTATION_SEQUENCE,
+            tags::IMAGE_ORIENTATION_PATIENT,
+        )) else {
+            return Err(without("ImageOrientationPatient"));
+        };
+        let Some([between_rows, between_columns]) = array(common(tags::PIXEL_MEASURES_SEQUENCE, tags::PIXEL_SPACING))
+        else {
+            return Err(without("PixelSpacing"));
+        };
+        let (along_row, down_column) = (Vector3::new(rx, ry, rz), Vector3::new(cx, cy, cz));
+        let frames: Option<Vec<Frame>> = groups
+            .iter()
+            .map(|group| {
+                let in_shared = |sequence: Tag, tag: Tag| {
+                    numbers(group, sequence, tag).or_else(|| shared.and_then(|shared| numbers(shared, sequence, tag)))
+                };
+                let [segment] = array(in_shared(
+                    tags::SEGMENT_IDENTIFICATION_SEQUENCE,
+                    tags::REFERENCED_SEGMENT_NUMBER,
+                ))?;
+                let [x, y, z] = array(in_shared(tags::PLANE_POSITION_SEQUENCE, tags::IMAGE_POSITION_PATIENT))?;
+                Some(Frame {
+                    segment: segment as u16,
+                    position: Vector3::new(x, y, z),
+                })
+            })
+            .collect();
+        let frames = frames.ok_or_else(|| without("ReferencedSegmentNumber or ImagePositionPatient in a frame"))?;
+        let stated = [tags::SPACING_BETWEEN_SLICES, tags::SLICE_THICKNESS];
+        let stated = stated.map(|tag| common(tags::PIXEL_MEASURES_SEQUENCE, tag).and_then(|all| all.first().copied()));
+        let normal = along_row.cross(&down_column);
+        let stack = Stack::new(&frames, normal, stated).ok_or_else(|| {
+            malformed(
+                "slices at uneven distances".to_owned(),
+                "slices of one distance, along one line (3D Slicer resamples them: save as .seg.nrrd)",
+            )
+        })?;
+        Ok(Self {
+            size: [columns, rows],
+            steps: [along_row * between_columns, down_column * between_rows],
+            frames,
+            stack,
+        })
+    }
 }
 
 /// Items of a sequence; none if it is not there.

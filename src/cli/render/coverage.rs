@@ -1,5 +1,6 @@
 //! Warnings about the position of the scan plane in the volume.
 
+use insonify_imaging::effects::slice::Beyond;
 use insonify_imaging::synth::layers::world_position;
 use insonify_imaging::synth::tables::Tables;
 use insonify_tracking::probe::Site;
@@ -64,8 +65,14 @@ pub(super) fn warnings(tables: &Tables, probe_to_world: &Matrix4<f64>, outside_w
         ));
     }
     if beyond as f64 > BEYOND * samples as f64 {
+        let shown = match tables.settings.effects.slice.beyond {
+            Beyond::Void => "stays black",
+            Beyond::Continue => {
+                "is invented, as in a mirror (layer `beyond`; `effects.slice.beyond = \"void\"` leaves it black)"
+            }
+        };
         warnings.push(format!(
-            "more than {:.0} % of the field of view behind the skin lies outside the volume and stays black",
+            "more than {:.0} % of the field of view behind the skin lies outside the volume and {shown}",
             100.0 * BEYOND
         ));
     }

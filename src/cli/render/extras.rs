@@ -31,7 +31,7 @@ pub(crate) struct Extras {
     #[arg(long)]
     pub overview: bool,
     /// Draw a depth scale, a grey bar, the probe's mark and the focus into the pictures, for human readers
-    #[arg(long, conflicts_with = "layers")]
+    #[arg(long)]
     pub overlay: bool,
     /// Write image sequences (.mha, .nrrd) without compression: faster, and larger
     #[arg(long)]
@@ -62,6 +62,12 @@ impl Extras {
                 "note: the layer `labels` is now `label-value`, with the values of the label file; places in the table of labels, \
                  as it had before, are the layer `label-index`",
             );
+        }
+        if self.overlay && !self.names.is_empty() {
+            return Err(usage(
+                "--overlay with --layers: scale and marks are drawn over the pixels that the layers describe",
+                "make the frames for human readers in a run of their own",
+            ));
         }
         let of_values = |layer: &Layer| matches!(layer, Layer::LabelValue | Layer::Organ);
         match (

@@ -5,10 +5,15 @@ use nalgebra::Point3;
 use super::Scene;
 use super::motion::Needle;
 use super::resolve::sees;
+use super::target::Body;
+use crate::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
 use insonify_tracking::probe::{BeamGrid, Probe, Ray};
 
 /// Field of view below which the angle may be in radians, degrees.
 const NARROW_DEG: f64 = 5.0;
+/// Loss of an echo, there and back, beyond which no scanner shows it, dB: the dynamic range of a receiver with focusing
+/// and averaging.
+const SILENT_DB: f64 = 130.0;
 /// Length, over the usual one of the kind, up to which it may be in centimetres.
 const OF_USUAL: f64 = 0.13;
 
@@ -35,6 +40,14 @@ pub(super) fn of_probe(probe: &Probe) -> Vec<String> {
     if !small.is_empty() {
         doubts.push(format!("{}: in cm? Usual for a {kind} probe is {} mm", all(0), all(1)));
     }
+    let lost_db = 2.0 * SOFT_TISSUE_DB_CM_MHZ * probe.frequency_mhz * probe.depth_mm / 10.0;
+    if lost_db > SILENT_DB {
+        let [mhz, depth_mm] = [probe.frequency_mhz, probe.depth_mm];
+        doubts.push(format!(
+            "at {mhz} MHz soft tissue takes {lost_db:.0} dB from an echo of {depth_mm} mm: below {:.0} mm there is nothing but noise",
+            depth_mm * SILENT_DB / lost_db
+        ));
+    }
     for (key, angle) in probe.shape.numbers() {
         if key.ends_with("_deg") && angle < NARROW_DEG {
             doubts.push(format!(
@@ -52,7 +65,11 @@ impl Scene {
         let reason = self.blind.as_deref()?;
         let grid = BeamGrid::new(&self.settings.probe).ok()?;
         let frames = self.frames();
-        let shows = |frame| sees(&self.anatomy.volume, &grid, &self.probe_pose(frame, frames));
+        let body = Body {
+            volume: &self.anatomy.volume,
+            tissues: &self.anatomy.tissues,
+        };
+        let shows = |frame| sees(&body, &grid, &self.probe_pose(frame, frames));
         (!(0..frames).any(shows)).then_some(reason)
     }
 
@@ -63,9 +80,18 @@ impl Scene {
         let field = Field::of(&grid);
         let frames = self.frames();
         let mut nearest = f64::INFINITY;
-        for frame in 0..frames {
-            let shaft = self.needle_pose(frame, frames)?;
-            let shaft = shaft.transformed(&self.probe_pose(frame, frames).world_to_probe());
+        // At the ends of its strokes, too: an insertion sets its own times of frames.
+        let keys = match needle {
+            Needle::Still(_) => &[],
+            Needle::Moving { path, .. } => path.tip().keys(),
+        };
+        let times = (0..frames).map(|frame| self.time_s(frame, frames));
+        for time_s in times.chain(keys.iter().map(|key| key.time_s)) {
+            let shaft = match needle {
+                Needle::Still(pose) => pose.clone(),
+                Needle::Moving { path, .. } => path.at(time_s),
+            };
+            let shaft = shaft.transformed(&self.probe.at(time_s).world_to_probe());
             nearest = shaft.segments_mm().map(|ends| field.gap(&ends)).fold(nearest, f64::min);
             let echo = self.settings.effects.needle.as_ref();
             let thickness_mm = echo.and_then(|echo| echo.thickness_mm);

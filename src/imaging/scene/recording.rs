@@ -155,28 +155,7 @@ impl SceneFile {
             }
         };
         if let Some(calibration) = &calibration {
-            let size = calibrated_size.unwrap_or([640, 480]);
-            let on_grid = self.image.is_some_and(|image| image.grid == GridSpec::Recorded);
-            let (skewed, still) = if on_grid {
-                (None, calibration.skew_note(size))
-            } else {
-                (calibration.skew_warning(size), None)
-            };
-            notes.extend(still.map(|text| format!("{KEY}: {text}")));
-            let other = plus
-                .and_then(PlusConfig::pixel_mm)
-                .and_then(|stated| calibration.other_pixels(stated));
-            let far = calibrated_size.and_then(|size| calibration.far_centre(size));
-            let twice = match spec.array_centre_px {
-                Some(_) => None,
-                None => plus.and_then(PlusConfig::two_centres),
-            };
-            warnings.extend(
-                [skewed, other, far, twice]
-                    .into_iter()
-                    .flatten()
-                    .map(|text| format!("{KEY}: {text}")),
-            );
+            self.doubts_of_calibration(calibration, (spec, plus), calibrated_size, notes, warnings);
         }
         notes.extend(crop.map(|crop| {
             let [column, row] = [0, 1].map(|axis| 0.0 - crop[(axis, 3)] / crop[(axis, axis)]);
@@ -194,6 +173,39 @@ impl SceneFile {
             image_size,
         };
         Ok((frames, recording))
+    }
+
+    /// Tells what looks wrong about the calibration of images of this size.
+    fn doubts_of_calibration(
+        &self,
+        calibration: &Calibration,
+        (spec, plus): (&SequenceSpec, Option<&PlusConfig>),
+        calibrated_size: Option<[usize; 2]>,
+        notes: &mut Notes,
+        warnings: &mut Vec<String>,
+    ) {
+        let size = calibrated_size.unwrap_or([640, 480]);
+        let on_grid = self.image.is_some_and(|image| image.grid == GridSpec::Recorded);
+        let (skewed, still) = if on_grid {
+            (None, calibration.skew_note(size))
+        } else {
+            (calibration.skew_warning(size), None)
+        };
+        notes.extend(still.map(|text| format!("{KEY}: {text}")));
+        let other = plus
+            .and_then(PlusConfig::pixel_mm)
+            .and_then(|stated| calibration.other_pixels(stated));
+        let far = calibrated_size.and_then(|size| calibration.far_centre(size));
+        let twice = match spec.array_centre_px {
+            Some(_) => None,
+            None => plus.and_then(PlusConfig::two_centres),
+        };
+        warnings.extend(
+            [skewed, other, far, twice]
+                .into_iter()
+                .flatten()
+                .map(|text| format!("{KEY}: {text}")),
+        );
     }
 
     /// Recorded poses of one transform in a sequence, composed with transforms of a configuration where needed.
@@ -275,7 +287,13 @@ impl SceneFile {
         }
         if let Some(plus) = plus {
             let key = "motion.sequence.plus_config";
-            let image_to_probe = plus.transform("Image", marker).at(self, key)?;
+            let unknown = |error: InputError| {
+                let transform = spec.transform.as_deref().unwrap_or("ProbeToTracker");
+                let help =
+                    format!("`transform = \"{transform}\"` takes {marker} for the marker on the probe: is it another?");
+                error.with_help(Some(help))
+            };
+            let image_to_probe = plus.transform("Image", marker).at(self, key).map_err(unknown)?;
             let Some(centre) = spec.array_centre_px.or_else(|| plus.array_centre_px()) else {
                 let guess = plus.guessed_centre_px(image_size);
                 let help = guess.map(|(centre_px, grounds)| offered_centre(centre_px, grounds));

@@ -114,7 +114,11 @@ impl SceneFile {
         settle(&image, &mut file, tracked.as_mut());
         // Beside the volume there is nothing to touch, and which axes were assumed matters less than that nothing is
         // seen.
-        let blind = outside(&volume, &framing.grid, &probe, self.stated_world());
+        let body = Body {
+            volume: &volume,
+            tissues: &tissues,
+        };
+        let blind = outside(&body, &framing.grid, &probe, self.stated_world());
         if blind.is_none() {
             notes.extend(self.assumed_worlds());
             let contact = framing.effects.contact.as_ref();
@@ -396,10 +400,10 @@ fn settle(image: &ImageSize, file: &mut SceneFile, recording: Option<&mut Record
 
 /// Warning about poses of a path that show nothing of the volume. If the other reading of the axes of `stated` (a table
 /// and its axes) shows more, it says what to change.
-fn outside(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, stated: Option<(&str, World)>) -> Option<String> {
+fn outside(body: &Body<'_>, grid: &BeamGrid, path: &Trajectory, stated: Option<(&str, World)>) -> Option<String> {
     let poses = path.keys().len();
     let blind = |turn: World| {
-        let unseen = |pose: &Pose| !sees(volume, grid, &pose.in_lps(turn));
+        let unseen = |pose: &Pose| !sees(body, grid, &pose.in_lps(turn));
         path.keys().iter().filter(|key| unseen(&key.pose)).count()
     };
     let black = blind(World::Lps);
@@ -408,14 +412,14 @@ fn outside(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, stated: Opt
         (1, 1) => "the probe sees nothing of the volume".to_owned(),
         _ => format!("the probe sees nothing of the volume in {black} of {poses} poses"),
     };
-    let first = path.keys().iter().find(|key| !sees(volume, grid, &key.pose))?;
+    let first = path.keys().iter().find(|key| !sees(body, grid, &key.pose))?;
     let axes = stated.map_or(World::Lps, |(_, world)| world);
     warning.push_str(if poses == 1 {
         ". The"
     } else {
         ". In the first of them the"
     });
-    warning.push_str(&beside_volume(volume, &first.pose, axes));
+    warning.push_str(&beside_volume(body.volume, &first.pose, axes));
     if let Some((table, world)) = stated {
         // The turn between RAS and LPS undoes itself: applied to poses already read, it gives the other
         // reading, whichever was stated.
@@ -454,13 +458,15 @@ fn beside_volume(volume: &LabelVolume, pose: &Pose, world: World) -> String {
         let [x, y, z] = point.map(|along| along.round() as i64);
         format!("({x}, {y}, {z})")
     });
-    format!(
-        " centre of the array is at {centre} mm and the volume spans {low} to {high} mm ({world}): {distance:.0} mm apart"
-    )
+    let apart = if distance > 0.0 {
+        format!("{distance:.0} mm apart")
+    } else {
+        "within it, and only air lies before it".to_owned()
+    };
+    format!(" centre of the array is at {centre} mm and the volume spans {low} to {high} mm ({world}): {apart}")
 }
 
-/// Number of scanlines and of depths sampled by [`sees`]: a volume missed between them is smaller than a few beam
-/// widths.
+/// Number of scanlines and of depths at which [`sees`] looks first.
 const LOOKS: usize = 24;
 
 /// Percentage of the array without contact above which a warning is given.
@@ -490,15 +496,19 @@ fn without_contact(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, rea
     })
 }
 
-pub(super) fn sees(volume: &LabelVolume, grid: &BeamGrid, pose: &Pose) -> bool {
-    let step = (grid.lines() / LOOKS).max(1);
-    let depth_mm = grid.samples() as f64 * grid.sample_spacing_mm();
-    grid.rays().iter().step_by(step).any(|ray| {
-        (0..LOOKS).any(|look| {
-            let depth = (look as f64 + 0.5) / LOOKS as f64 * depth_mm;
-            let [x, y] = [0, 1].map(|axis| ray.origin[axis] + depth * ray.direction[axis]);
-            let point = pose.probe_to_world().transform_point(&Point3::new(x, y, 0.0));
-            volume.label_index_at(&point).is_some()
+/// Whether a scanline meets anything but the air around the body.
+pub(super) fn sees(body: &Body<'_>, grid: &BeamGrid, pose: &Pose) -> bool {
+    let meets = |line_step: usize, looks: usize| {
+        let depth_mm = grid.samples() as f64 * grid.sample_spacing_mm();
+        grid.rays().iter().step_by(line_step).any(|ray| {
+            (0..looks).any(|look| {
+                let depth = (look as f64 + 0.5) / looks as f64 * depth_mm;
+                let [x, y] = [0, 1].map(|axis| ray.origin[axis] + depth * ray.direction[axis]);
+                let point = pose.probe_to_world().transform_point(&Point3::new(x, y, 0.0));
+                body.label_at(&point).is_some()
+            })
         })
-    })
+    };
+    // What is smaller than the distance of looks is looked for in all samples.
+    meets((grid.lines() / LOOKS).max(1), LOOKS) || meets(1, grid.samples())
 }

@@ -5,11 +5,13 @@
 //! affine solution. Wires in the shape of an N need no other treatment (N. Pagoulatos et al., Ultrasound in Medicine &
 //! Biology 27, 2001, intersect them first).
 
+use std::collections::BTreeMap;
+
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix4, Rotation3, SVector, Vector3};
 use serde::Serialize;
 
 use super::poses::{MarkerPose, Poses};
-use super::{Residual, TRUNCATED, trimmed};
+use super::{Residual, TRUNCATED, kept, trimmed};
 use crate::TrackingError;
 use crate::plus::Wire;
 use crate::sequence::{GreyImage, Sequence};
@@ -170,12 +172,7 @@ pub fn calibrate(pixels: &[Pixel], poses: &Poses) -> Result<ImageCalibration, Tr
     // About their mean the pixels separate the turn of the plane from its shift, and both deviations hold where the
     // pixels lie.
     let fit_of_kept = trimmed(seen.len(), |used| {
-        let kept: Vec<Seen<'_>> = seen
-            .iter()
-            .zip(used)
-            .filter(|(_, used)| **used)
-            .map(|(observation, _)| *observation)
-            .collect();
+        let kept: Vec<Seen<'_>> = kept(&seen, used).copied().collect();
         let fit = fit(&kept, mean)?;
         let distance_mm = |observation: &Seen<'_>| residual(observation, &fit.0, mean).norm();
         Ok((fit, seen.iter().map(distance_mm).collect()))
@@ -224,6 +221,8 @@ fn fit(seen: &[Seen<'_>], mean: [f64; 2]) -> Result<Fit, TrackingError> {
     let rows = 3 * seen.len();
     let mut normal = nalgebra::SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
     let mut squares = 0.0;
+    // Gradients of the pixels of each frame.
+    let mut gradients = BTreeMap::<usize, SVector<f64, PARAMETERS>>::new();
     for _ in 0..STEPS {
         let mut jacobian = DMatrix::<f64>::zeros(rows, PARAMETERS);
         let mut right = DVector::zeros(rows);
@@ -248,6 +247,11 @@ fn fit(seen: &[Seen<'_>], mean: [f64; 2]) -> Result<Fit, TrackingError> {
                 .copy_from(&residual(observation, &plane, mean));
         }
         squares = right.norm_squared();
+        gradients.clear();
+        for (index, (pixel, _)) in seen.iter().enumerate() {
+            let gradient = jacobian.rows(3 * index, 3).tr_mul(&right.rows(3 * index, 3));
+            *gradients.entry(pixel.frame).or_default() += gradient.fixed_rows::<PARAMETERS>(0);
+        }
         normal.copy_from(&(jacobian.transpose() * &jacobian));
         let gradient: SVector<f64, PARAMETERS> =
             (jacobian.transpose() * right).fixed_rows::<PARAMETERS>(0).into_owned();
@@ -265,12 +269,17 @@ fn fit(seen: &[Seen<'_>], mean: [f64; 2]) -> Result<Fit, TrackingError> {
         }
     }
     // Squares and normal matrix are those before the last step, which no longer moves anything.
+    let inverse = normal.try_inverse().ok_or_else(undetermined)?;
     let variance = squares / (TRUNCATED * (equations - PARAMETERS) as f64);
-    let spread = normal
-        .try_inverse()
-        .ok_or_else(undetermined)?
-        .diagonal()
-        .map(|v| (variance * v).sqrt());
+    let independent = inverse.diagonal() * variance;
+    // Pixels of one frame share the error of its pose: the sandwich of the sums by frame (K.-Y. Liang and S. L. Zeger,
+    // Biometrika 73, 1986). Of few frames it is too small.
+    let frames = gradients.len() as f64;
+    let sums: nalgebra::SMatrix<f64, PARAMETERS, PARAMETERS> =
+        gradients.values().map(|sum| sum * sum.transpose()).sum();
+    let few = frames / (frames - PARAMETERS as f64 / 2.0).max(1.0);
+    let by_frame = (inverse * sums * inverse).diagonal() * (few / TRUNCATED);
+    let spread = independent.zip_map(&by_frame, |one, other| one.max(other).sqrt());
     let part = |from| spread.fixed_rows::<3>(from).into_owned();
     Ok((plane, [part(0), part(5)], axes_angle))
 }

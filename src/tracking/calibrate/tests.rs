@@ -312,3 +312,59 @@ fn a_motion_about_no_single_axis_is_no_spin() {
         .to_string();
     assert!(error.contains("no axis stays in place"), "{error}");
 }
+
+/// An axis and a held direction are found although a tenth of the poses is 15 degrees off.
+#[test]
+fn outliers_of_directions_are_left_out() {
+    let truth = Vector3::new(0.2, -0.1, 1.0).normalize();
+    let axis = nalgebra::Unit::new_normalize(truth);
+    let mut normal = Normal(9, 0);
+    let turned = (0..120).map(|frame| {
+        let off = if frame % 10 == 3 {
+            Vector3::new(0.26, 0.0, 0.0)
+        } else {
+            Vector3::zeros()
+        };
+        let rotation =
+            Rotation3::new(normal.vector(0.01) + off) * Rotation3::from_axis_angle(&axis, 0.05 * frame as f64);
+        MarkerPose {
+            frame,
+            rotation: *rotation.matrix(),
+            position: Vector3::zeros(),
+        }
+    });
+    let poses = named(turned.collect());
+    let along: Vec<_> = poses.poses.iter().map(|pose| (pose, truth)).collect();
+    for direction in [spin(&poses, &Vector3::z()), held_direction(&along)].map(Result::unwrap) {
+        let angle = Vector3::from(direction.direction).angle(&truth).to_degrees();
+        assert!(
+            angle < 0.3 && (12..=20).contains(&direction.trimmed),
+            "{angle} {direction:?}"
+        );
+        assert_eq!(direction.used + direction.trimmed, 120);
+    }
+}
+
+/// Errors over their stated deviations, where all pixels of a frame share the error of its pose.
+#[test]
+fn deviations_of_an_image_hold_under_errors_of_poses() {
+    let (pixels, exact) = wires(60, 0.5);
+    let (mut squares, mut trials) = (0.0, 0.0);
+    for seed in 0..40 {
+        let mut normal = Normal(100 + seed, 0);
+        let poses = exact.poses.iter().map(|pose| MarkerPose {
+            frame: pose.frame,
+            rotation: Rotation3::new(normal.vector(0.002)).matrix() * pose.rotation,
+            position: pose.position + normal.vector(0.3),
+        });
+        let calibration = calibrate(&pixels, &named(poses.collect())).unwrap();
+        let [column, row] = calibration.mean_px;
+        let off = (calibration.image_to_probe.0 - image_to_probe()) * Vector4::new(column, row, 0.0, 1.0);
+        for axis in 0..3 {
+            squares += (off[axis] / calibration.std_mm[axis]).powi(2);
+            trials += 1.0;
+        }
+    }
+    let ratio = f64::sqrt(squares / trials);
+    assert!((0.8..1.25).contains(&ratio), "{ratio}");
+}

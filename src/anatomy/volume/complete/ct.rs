@@ -4,6 +4,8 @@
 //! are classified by their grey values, smoothed over three voxels. The classes correspond to the values of
 //! [`numbering::body`](crate::acoustics::numbering::body).
 
+use std::ops::RangeInclusive;
+
 use insonify_base::note::Note;
 use insonify_base::parallel::{chunks_mut, for_each};
 use nalgebra::Point3;
@@ -23,8 +25,11 @@ const WALL_MM: f64 = 20.0;
 /// more cannot be vessels.
 const VESSELS_HU: f32 = 40.0;
 const VESSELS_SHARE: [f64; 2] = [0.003, 0.2];
-/// Median of solid organs, HU: from unenhanced fatty livers to arterial kidneys.
-const ORGANS_HU: std::ops::RangeInclusive<f32> = -30.0..=300.0;
+/// Medians by which a CT is known to be that of its labels, HU: of solid organs from unenhanced fatty livers to arterial
+/// kidneys, of lungs up to consolidated ones, of bones from osteoporotic vertebrae on.
+const ORGANS_HU: RangeInclusive<f32> = -30.0..=300.0;
+const LUNGS_HU: RangeInclusive<f32> = -1100.0..=-300.0;
+const BONES_HU: RangeInclusive<f32> = 50.0..=2000.0;
 /// Minimum fraction of the labelled voxels that lie in the CT.
 const COVERED: f64 = 0.98;
 
@@ -64,10 +69,31 @@ pub fn with_ct(volume: &LabelVolume, ct: &ScalarImage, options: &CompleteOptions
     };
     let is_organ = |label: u8| tissues[usize::from(label)].is_some_and(|tissue| tissue.soft_organ);
     let median = |wanted: &dyn Fn(u8) -> bool| median(volume, &smooth, wanted);
-    let doubt = median(&is_organ).filter(|hu| !ORGANS_HU.contains(hu));
-    let warning = doubt.map(|hu| {
-        format!("the solid organs have a median of {hu:.0} in the CT, not -30 to 300 HU: is it the CT of these labels, in Hounsfield units?")
+    let lungs = |label: u8| is_tissue(label, &["lung"]);
+    let bones = |label: u8| is_tissue(label, &["bone"]);
+    let expected: [(&str, &dyn Fn(u8) -> bool, _); 3] = [
+        ("solid organs", &is_organ, ORGANS_HU),
+        ("lungs", &lungs, LUNGS_HU),
+        ("bones", &bones, BONES_HU),
+    ];
+    let wrong = expected.iter().filter_map(|(what, wanted, range)| {
+        let hu = median(wanted).filter(|hu| !range.contains(hu))?;
+        let [low, high] = [range.start(), range.end()];
+        Some(format!(
+            "the {what} have a median of {hu:.0} in the CT, not {low} to {high} HU"
+        ))
     });
+    let wrong: Vec<String> = wrong.collect();
+    let text = wrong.join(", ");
+    // One may be ill; two are another place or another patient.
+    let warning = match wrong.len() {
+        0 => None,
+        1 => Some(format!("{text}: is it the CT of these labels, in Hounsfield units?")),
+        _ => {
+            let text = format!("{text}; expected the CT that was segmented, in Hounsfield units");
+            return Err(VolumeError::option("ct", text));
+        }
+    };
 
     let mut labels = volume.labels().to_vec();
     let class = CLASSES.map(|name| label(&mut labels, name));

@@ -44,19 +44,48 @@ pub(super) fn table(grid: &BeamGrid, spread: &PointSpread, seed: u64, power: imp
     let shares: Vec<f64> = (0..samples).map(share).collect();
     // The kernel is separable: along each scanline first, where it is the same at all depths, then across, where it
     // widens with depth.
+    let norms = norms(&axial, samples);
     let scanlines: Vec<Vec<Complex>> = parallel::map(0..lines, &|line| {
-        let echoes: Vec<Complex> = (0..samples)
-            .map(|sample| echo([line as i32, sample as i32], shares[sample], seed))
-            .collect();
-        (0..samples)
-            .map(|sample| convolved(&axial, sample, samples, |index| echoes[index]))
-            .collect()
+        let mut scanline = vec![[0.0; 2]; samples];
+        let reach = axial.len() / 2;
+        for (sample, share) in shares.iter().enumerate() {
+            let Some([re, im]) = echo([line as i32, sample as i32], *share, seed) else {
+                continue;
+            };
+            let reached = sample.saturating_sub(reach)..=(sample + reach).min(samples - 1);
+            for (index, sum) in reached.clone().zip(&mut scanline[reached]) {
+                let weight = axial[sample + reach - index];
+                *sum = [sum[0] + weight * re, sum[1] + weight * im];
+            }
+        }
+        for (sum, norm) in scanline.iter_mut().zip(&norms) {
+            *sum = sum.map(|part| part / norm);
+        }
+        scanline
     });
+    // By the distance in scanlines, 0 beyond the kernel of a depth: loops along a scanline then have no branches.
+    let reach = across.iter().map(|kernel| kernel.len() / 2).max().unwrap_or(0);
+    let weights: Vec<Vec<f64>> = (0..=2 * reach)
+        .map(|offset| {
+            let weight = |kernel: &Vec<f64>| {
+                let index = (offset + kernel.len() / 2).checked_sub(reach)?;
+                kernel.get(index).copied()
+            };
+            across.iter().map(|kernel| weight(kernel).unwrap_or(0.0)).collect()
+        })
+        .collect();
     let mut clutter = vec![0.0; lines * samples];
     for_each((0.., chunks_mut(&mut clutter, samples)), &|(line, clutter)| {
-        for (sample, power) in clutter.iter_mut().enumerate() {
-            let [re, im] = convolved(&across[sample], line, lines, |index| scanlines[index][sample]);
-            *power = (means[sample] * (re * re + im * im)) as f32;
+        let mut sums = vec![[0.0; 3]; samples];
+        for other in line.saturating_sub(reach)..=(line + reach).min(lines - 1) {
+            let weights = &weights[other + reach - line];
+            for ((sum, weight), [re, im]) in sums.iter_mut().zip(weights).zip(&scanlines[other]) {
+                *sum = [sum[0] + weight * re, sum[1] + weight * im, sum[2] + weight * weight];
+            }
+        }
+        for ((clutter, [re, im, power]), mean) in clutter.iter_mut().zip(sums).zip(&means) {
+            let [re, im] = [re, im].map(|part| part / power.sqrt());
+            *clutter = (mean * (re * re + im * im)) as f32;
         }
     });
     clutter
@@ -78,27 +107,25 @@ fn width(kernel: &[f64]) -> f64 {
     (FWHM_PER_SIGMA * variance.sum::<f64>().sqrt()).max(1.0)
 }
 
-/// Convolution at index `index` of `count`, of unit power for independent values of unit power.
-fn convolved(kernel: &[f64], index: usize, count: usize, value: impl Fn(usize) -> Complex) -> Complex {
+/// Divisors with which a convolution of `count` independent values of unit power has unit power, at the ends, too.
+fn norms(kernel: &[f64], count: usize) -> Vec<f64> {
     let reach = kernel.len() / 2;
-    let (mut sum, mut power) = ([0.0; 2], 0.0);
-    for other in index.saturating_sub(reach)..=(index + reach).min(count - 1) {
-        let weight = kernel[other + reach - index];
-        let [re, im] = value(other);
-        (sum[0], sum[1]) = (sum[0] + weight * re, sum[1] + weight * im);
-        power += weight * weight;
-    }
-    sum.map(|part| part / power.sqrt())
+    let norm = |index: usize| {
+        let others = index.saturating_sub(reach)..=(index + reach).min(count - 1);
+        let power = others.fold(0.0, |power, other| power + kernel[other + reach - index].powi(2));
+        power.sqrt()
+    };
+    (0..count).map(norm).collect()
 }
 
 /// An echo of mean power 1 that is present with probability `share`.
-fn echo([line, sample]: [i32; 2], share: f64, seed: [u32; 2]) -> Complex {
+fn echo([line, sample]: [i32; 2], share: f64, seed: [u32; 2]) -> Option<Complex> {
     let [drawn, phase, _] = hash3([line, sample, 0], seed).map(|word| f64::from(word) / 2f64.powi(32));
     if drawn >= share {
-        return [0.0; 2];
+        return None;
     }
     let (sine, cosine) = (TAU * phase).sin_cos();
-    [cosine, sine].map(|part| part / share.sqrt())
+    Some([cosine, sine].map(|part| part / share.sqrt()))
 }
 
 /// Log-normal factor on the power at each sample depth, of mean 1.

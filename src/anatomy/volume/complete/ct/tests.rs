@@ -107,6 +107,40 @@ fn a_ct_that_lies_elsewhere_is_refused_and_a_doubtful_one_questioned() {
         .warning
         .unwrap();
     assert!(warning.contains("median of 1100 in the CT"), "{warning}");
+    let (labels, mut ct) = trunk();
+    ct.data.iter_mut().for_each(|hu| *hu = -hu.abs());
+    let error = with_ct(&labels, &ct, &CompleteOptions::default())
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("solid organs") && error.contains("the bones have a median of -"),
+        "{error}"
+    );
+}
+
+/// Two scans of one patient whose grids coincide: that of the liver has not the CT of the pelvis.
+#[test]
+fn the_ct_of_another_region_is_refused() {
+    let Some(labels) = nifti("ts_example_seg.nii.gz") else {
+        return;
+    };
+    let of = |name: &str| {
+        let path = insonify_testing::shared(&format!("volumes/{name}")).unwrap();
+        with_ct(
+            &labels,
+            &crate::volume::load_scalar(&path).unwrap(),
+            &CompleteOptions::default(),
+        )
+    };
+    let error = of("ts_example_ct.nii.gz").unwrap_err().to_string();
+    assert!(
+        error.contains("the lungs have a median of") && error.contains("the bones have"),
+        "{error}"
+    );
+    let own = of("ts_example_ct_sm.nii.gz").unwrap();
+    assert_eq!(own.warning, None);
+    let labels_as_ct = of("ts_example_seg.nii.gz").unwrap_err().to_string();
+    assert!(labels_as_ct.contains("the lungs have a median of"), "{labels_as_ct}");
 }
 
 /// The body of the example of TotalSegmentator, whose unlabelled voxels were classified elsewhere by the same limits
