@@ -57,14 +57,26 @@ impl Blame for CsvError {
 pub struct Csv {
     path: PathBuf,
     header: StringRecord,
-    records: Vec<StringRecord>,
+    /// Records with their lines.
+    records: Vec<(u64, StringRecord)>,
 }
 
 /// Row of a table.
 #[derive(Clone, Copy)]
 pub struct Row<'a> {
     table: &'a Csv,
+    line: u64,
     record: &'a StringRecord,
+}
+
+/// Line, from 1, of a record in a text that begins at a position of the reader: that of comments, blank lines and the
+/// rest of a line end before it.
+pub fn line(text: &[u8], position: Option<&csv::Position>) -> u64 {
+    let Some(position) = position else { return 1 };
+    let rest = text.get(position.byte() as usize..).unwrap_or_default();
+    let lines = rest.split(|byte| *byte == b'\n').map(<[u8]>::trim_ascii);
+    let before = lines.take_while(|line| line.is_empty() || line.starts_with(b"#"));
+    position.line() + before.count() as u64
 }
 
 impl Csv {
@@ -111,7 +123,7 @@ impl Csv {
             header: StringRecord::new(),
             records: Vec::new(),
         };
-        table.header = reader.headers().map_err(|error| table.torn(error))?.clone();
+        table.header = reader.headers().map_err(|error| table.torn(bytes, error))?.clone();
         for (index, name) in table.header.iter().enumerate() {
             if table.header.iter().take(index).any(|other| other == name) {
                 let found = format!("the column `{}` twice", head(name, QUOTED));
@@ -124,8 +136,8 @@ impl Csv {
             return Err(table.wrong(1, found, expected(required, &[])));
         }
         for record in reader.records() {
-            let record = record.map_err(|error| table.torn(error))?;
-            table.records.push(record);
+            let record = record.map_err(|error| table.torn(bytes, error))?;
+            table.records.push((line(bytes, record.position()), record));
         }
         if table.records.is_empty() {
             Err(table.wrong(1, "no rows after the header".to_owned(), "at least one"))
@@ -141,7 +153,11 @@ impl Csv {
 
     /// Rows in the order of the file.
     pub fn rows(&self) -> impl ExactSizeIterator<Item = Row<'_>> {
-        self.records.iter().map(|record| Row { table: self, record })
+        self.records.iter().map(|(line, record)| Row {
+            table: self,
+            line: *line,
+            record,
+        })
     }
 
     fn wrong(&self, line: u64, found: String, expected: impl Into<String>) -> CsvError {
@@ -153,8 +169,8 @@ impl Csv {
         }
     }
 
-    fn torn(&self, error: csv::Error) -> CsvError {
-        let line = error.position().map_or(1, csv::Position::line);
+    fn torn(&self, bytes: &[u8], error: csv::Error) -> CsvError {
+        let line = line(bytes, error.position());
         match error.kind() {
             csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
                 let expected = format!("{expected_len}, as in the header");
@@ -210,18 +226,16 @@ impl<'a> Row<'a> {
 
     /// Error for numbers of the row that do not go together.
     pub fn refused(self, text: impl std::fmt::Display) -> CsvError {
-        let line = self.record.position().map_or(1, csv::Position::line);
         CsvError::Contents {
             path: self.table.path.clone(),
-            text: format!("line {line}: {text}"),
+            text: format!("line {}: {text}", self.line),
         }
     }
 
     /// Error for the cell of a column.
     pub fn wrong(self, column: &str, expected: impl Into<String>) -> CsvError {
-        let line = self.record.position().map_or(1, csv::Position::line);
         let found = format!("`{}` in column `{column}`", head(self.text(column), QUOTED));
-        self.table.wrong(line, found, expected)
+        self.table.wrong(self.line, found, expected)
     }
 }
 

@@ -52,8 +52,8 @@ or the values stated in a note if the file already uses these; `structures = fal
 (values of the label file before anything was drawn: the kidney with its sinus, 0 where the body was completed),
 label-index (places in the sidecar's table of labels), sector (1 inside), displacement (0.01 mm), depth (tissue passed along the beam,
 0.1 mm), needle (share of the scan plane's thickness, 1/255), loss (two-way, 0.01 dB; 0 outside the sector, 65535 for 655.35 dB and more).
-Frames appear in a folder when all are complete, with insonify.json, which lists the files, and manifest.csv and manifest.jsonl, which say
-what each frame shows; the next run into it replaces the files listed. Its pictures are compressed for speed: about 5 % larger than a
+Frames appear in a folder when all are complete, with insonify.json, which lists the files, and manifest.csv and manifest.jsonl, with pose,
+parameters, target and doubts of each frame; the next run into it replaces the files listed. Its pictures are compressed for speed: about 5 % larger than a
 single frame.png, layers up to three times.
 Companion files of a sequence's frames are in a folder of its name; parameters common to many sidecars are in parameters.json.";
 
@@ -149,6 +149,13 @@ impl Render {
         }
         let count = self.frames.unwrap_or_else(|| scene.frames());
         self.extras.check(&scene)?;
+        let poses = scene.probe_path().keys().len();
+        let is_table = scene.file.motion.as_ref().is_some_and(|motion| motion.csv.is_some());
+        if is_table && poses > 1 && count != poses {
+            terminal::note(format_args!(
+                "{count} frames for {poses} poses: theirs lie between them, at even times; without --frames each pose is a frame"
+            ));
+        }
         let target = Target::choose(self.output.as_deref(), count)?;
         if let (true, Target::File(path) | Target::Sequence(path, _)) = (self.resume, &target) {
             return Err(usage(
@@ -266,7 +273,7 @@ impl Render {
             passes.add(synth.pass_times());
         }
 
-        let mut of_frames = oddities.summary(count);
+        let mut of_frames = oddities.summary(numbers.len());
         of_frames.extend(repeated(scene, count));
         of_frames.iter().for_each(terminal::warn);
         let mut warnings = scene.warnings.clone();

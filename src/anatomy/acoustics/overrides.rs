@@ -207,7 +207,7 @@ const STRONG: [f64; 2] = [3.0, 20.0];
 
 impl TissueOverride {
     /// Doubt about a stated attenuation that is not of the kind of tissue which it changes.
-    pub(super) fn doubt(&self, tissue: &Tissue) -> Option<String> {
+    pub fn doubt(&self, tissue: &Tissue) -> Option<String> {
         let stated = self.attenuation_db_cm_mhz?;
         let base = presets::get(self.like.as_deref().unwrap_or(&self.name)).unwrap_or_else(super::resolve::fallback);
         let is_hard = base.attenuation_db_cm_mhz > STRONG[0] || tissue.is_occluder() || tissue.young_kpa >= RIGID_KPA;

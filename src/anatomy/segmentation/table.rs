@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 
 use crate::volume::{At, VolumeError};
+use insonify_base::csv::line;
 use insonify_base::read;
 
 /// Accepted headers of the value and name columns, without capitals, blanks and punctuation; the first one present
@@ -160,16 +161,14 @@ impl Names {
         };
         // Comma last: names hold commas more often than tabs or semicolons.
         let delimiter = ['\t', ';'].into_iter().find(|c| first.contains(*c)).unwrap_or(',');
+        let text = text.trim_start_matches('\u{feff}').as_bytes();
         let mut reader = csv::ReaderBuilder::new()
             .trim(csv::Trim::All)
             .has_headers(has_header)
             .comment(Some(b'#'))
             .delimiter(delimiter as u8)
-            .from_reader(text.trim_start_matches('\u{feff}').as_bytes());
-        let broken = |error: csv::Error| {
-            let line = error.position().map_or(1, csv::Position::line);
-            fail(line, error.to_string(), "a CSV table")
-        };
+            .from_reader(text);
+        let broken = |error: csv::Error| fail(line(text, error.position()), error.to_string(), "a CSV table");
         let headers: Vec<String> = reader.headers().map_err(broken)?.iter().map(plain).collect();
         let column = |wanted: &[&str], not: Option<usize>| {
             let position =
@@ -189,8 +188,7 @@ impl Names {
         };
         let rows: Vec<_> = reader.records().collect::<Result<_, _>>().map_err(broken)?;
         for row in rows {
-            let line = row.position().map_or(1, csv::Position::line) as usize;
-            self.add(line, &row[value], &row[name])?;
+            self.add(line(text, row.position()) as usize, &row[value], &row[name])?;
         }
         Ok(())
     }

@@ -1,6 +1,6 @@
 //! Resolution of a scene file to a renderable scene.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -84,6 +84,12 @@ impl SceneFile {
         let (tissues, assumed) = TissueTable::resolve(volume.labels(), &self.tissue, preset)
             .map_err(|error| self.fault(self.tissue_key(&error), error))?;
         warnings.extend(assumed);
+        if let Some(variation) = &variation {
+            let new = variation.doubts.iter().filter(|doubt| !warnings.contains(doubt));
+            let new: BTreeSet<String> = new.cloned().collect();
+            warnings.extend(new);
+            warnings.extend(variation.absent_tissues(&volume, &tissues));
+        }
         let deformation = self.deformation(&volume, base_dir)?;
 
         let mut pose_of_file = self.pose.clone();
@@ -420,7 +426,24 @@ fn outside(body: &Body<'_>, grid: &BeamGrid, path: &Trajectory, stated: Option<(
         ". In the first of them the"
     });
     warning.push_str(&beside_volume(body.volume, &first.pose, axes));
-    if let Some((table, world)) = stated {
+    // Lengths in other units come first: axes would then be guessed from nothing.
+    let seen_times = |factor: f64| {
+        let seen = |pose: &Pose| {
+            let mut matrix = *pose.probe_to_world();
+            matrix.fixed_view_mut::<3, 1>(0, 3).scale_mut(factor);
+            Pose::from_matrix(&matrix).is_ok_and(|pose| sees(body, grid, &pose))
+        };
+        path.keys().iter().filter(|key| seen(&key.pose)).count()
+    };
+    let units = [("m", 1000.0), ("cm", 10.0)].map(|(unit, factor)| (unit, seen_times(factor)));
+    if let Some((unit, seen)) = units.into_iter().max_by_key(|(_, seen)| *seen)
+        && seen > poses - black
+        && seen > poses / 2
+    {
+        warning.push_str(&format!(
+            ". Are the positions in {unit}? In mm as expected it would see the volume in {seen}"
+        ));
+    } else if let Some((table, world)) = stated {
         // The turn between RAS and LPS undoes itself: applied to poses already read, it gives the other
         // reading, whichever was stated.
         let (other, seen) = (world.other(), poses - blind(World::Ras));

@@ -156,7 +156,11 @@ impl SceneFile {
             Some(target) => {
                 let label = body.named(target);
                 let label = label.ok_or_else(|| self.no_target(target, body, warnings))?;
-                let names: Vec<String> = body.matching(target).iter().map(|label| body.name(*label)).collect();
+                let matching = body.matching(target);
+                let of_file = matching
+                    .iter()
+                    .filter(|label| body.volume.drawn_into(usize::from(**label)).is_none());
+                let names: Vec<String> = of_file.map(|label| body.name(*label)).collect();
                 if names.len() > 1 {
                     let found = some_of(&names);
                     notes.push(format!("the target \"{target}\" is the largest of {found}"));

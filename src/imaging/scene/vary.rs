@@ -214,6 +214,8 @@ pub(super) struct Variation {
     rows: Option<usize>,
     /// Whether the probe stands still, placed by the scene.
     is_placed: bool,
+    /// Doubts about values that frames may have.
+    pub doubts: Vec<String>,
     /// Poses of the probe by what each was placed by, and the depths chosen for its target.
     placed: Arc<Mutex<BTreeMap<String, (Pose, f64)>>>,
 }
@@ -305,6 +307,7 @@ impl SceneFile {
             plus,
             rows: columns.first().map(|column| column.cells.len()),
             is_placed,
+            doubts: Vec::new(),
             placed: Arc::default(),
         };
         for column in columns {
@@ -350,17 +353,20 @@ impl SceneFile {
         if variation.parameters.iter().any(|other| other.path == *path) {
             return Err(fault(0, format!("`{path}` twice; expected one column or range of it")));
         }
+        let mut doubts = Vec::new();
         for (index, value) in extremes.iter().enumerate() {
             let alone = Parameters::from([(path.clone(), value.clone())]);
             let checked = variation.with(&alone).and_then(|file| {
-                file.framing(variation.plus.as_ref(), &mut Notes::default(), &mut Vec::new())?;
+                file.framing(variation.plus.as_ref(), &mut Notes::default(), &mut doubts)?;
                 for tissue in &file.tissue {
-                    tissue.apply().map_err(InputError::new)?;
+                    let changed = tissue.apply().map_err(InputError::new)?;
+                    doubts.extend(tissue.doubt(&changed));
                 }
                 Ok(())
             });
             checked.map_err(|error| fault(index, error.cause().to_string()))?;
         }
+        variation.doubts.append(&mut doubts);
         variation.parameters.push(parameter);
         Ok(())
     }
@@ -473,6 +479,25 @@ impl Variation {
             .iter()
             .map(|parameter| (parameter.path.clone(), value(parameter)))
             .collect())
+    }
+
+    /// Warnings about parameters of tissues that the volume does not have.
+    pub(super) fn absent_tissues(&self, volume: &LabelVolume, tissues: &TissueTable) -> Vec<String> {
+        let name = |parameter: &Parameter| {
+            parameter
+                .path
+                .strip_prefix("tissue.")?
+                .split_once('.')
+                .map(|(name, _)| name.to_owned())
+        };
+        let is_there = |name: &str| {
+            let labels = (0..=u8::MAX).take(volume.labels().len());
+            labels.into_iter().any(|label| tissues.tissue(label).name == name)
+        };
+        let names = self.parameters.iter().filter_map(name).filter(|name| !is_there(name));
+        names
+            .map(|name| format!("parameters of the tissue \"{name}\" change nothing: no label of the volume is of it"))
+            .collect()
     }
 
     /// The scene's file with values of parameters in place of its own.

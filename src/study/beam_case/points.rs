@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use insonify_base::csv::CsvError;
+use insonify_base::csv::{CsvError, line as line_of};
 use insonify_base::number;
 use insonify_base::read;
 use insonify_base::text::clipped;
@@ -52,10 +52,10 @@ pub fn parse(text: &[u8], path: &Path) -> Result<Vec<Sample>, CsvError> {
     let (mut samples, mut columns) = (Vec::new(), None);
     for record in reader.records() {
         let record = record.map_err(|error| {
-            let line = error.position().map_or(1, csv::Position::line);
+            let line = line_of(text, error.position());
             wrong(line, error.to_string(), "two numbers, separated by a comma")
         })?;
-        let line = record.position().map_or(1, csv::Position::line);
+        let line = line_of(text, record.position());
         if record.len() != COLUMNS.len() {
             let found = format!("{} columns", record.len());
             return Err(wrong(line, found, "two, `stretch` and `stress_kpa`"));

@@ -1,6 +1,5 @@
 //! Paths in CSV files: one timed pose per row.
 
-use std::io::Read;
 use std::path::Path;
 
 use nalgebra::{Matrix4, Vector3};
@@ -9,6 +8,7 @@ use super::{Interpolation, Key, Trajectory, check_time};
 use crate::TrackingError;
 use crate::pose::Pose;
 use crate::world::World;
+use insonify_base::csv::line;
 use insonify_base::number;
 use insonify_base::read;
 use insonify_base::text::head;
@@ -76,7 +76,7 @@ impl Trajectory {
 
     /// Reads a path as [`Trajectory::from_csv_with`] does, from any source; `path` is the file name shown in errors.
     fn from_csv_reader(
-        source: impl Read,
+        source: &[u8],
         path: &Path,
         world: World,
         interpolation: Interpolation,
@@ -86,7 +86,7 @@ impl Trajectory {
             .trim(csv::Trim::All)
             .comment(Some(b'#'))
             .from_reader(source);
-        let header = reader.headers().map_err(|error| table_error(path, error))?;
+        let header = reader.headers().map_err(|error| table_error(path, source, error))?;
         let columns = Columns::from_header(header, path, parameter)?;
         let mut keys: Vec<Key> = Vec::new();
         let named = |(name, _): &(String, usize)| ParameterColumn {
@@ -95,8 +95,8 @@ impl Trajectory {
         };
         let mut parameters: Vec<ParameterColumn> = columns.parameters.iter().map(named).collect();
         for (row, record) in reader.records().enumerate() {
-            let record = record.map_err(|error| table_error(path, error))?;
-            let line = record.position().map_or(0, csv::Position::line);
+            let record = record.map_err(|error| table_error(path, source, error))?;
+            let line = line(source, record.position());
             let previous = keys.last();
             let (time_s, pose) = columns.read(&record, line, path, world, previous.map(|key| &key.pose))?;
             if check_time(row, time_s, previous.map(|key| key.time_s)).is_err() {
@@ -246,8 +246,8 @@ impl Columns {
     }
 }
 
-fn table_error(path: &Path, error: csv::Error) -> TrackingError {
-    let line = error.position().map_or(1, csv::Position::line);
+fn table_error(path: &Path, source: &[u8], error: csv::Error) -> TrackingError {
+    let line = line(source, error.position());
     let fault = match error.kind() {
         csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
             format!("{len} cells; expected {expected_len}, as in the header")
@@ -280,7 +280,7 @@ mod tests {
 
     #[test]
     fn columns_beside_a_pose_are_parameters_of_its_row() {
-        let text = "gain_db,time_s,x_mm,y_mm,z_mm,dx,dy,dz,curve\n3,0,0,0,0,0,1,0,linear\n-1.5,1,0,0,0,0,1,0,\n";
+        let text = "gain_db,time_s,x_mm,y_mm,z_mm,dx,dy,dz,curve\r\n# louder\n3,0,0,0,0,0,1,0,linear\r\n\r\n-1.5,1,0,0,0,0,1,0,\n";
         let known = |name: &str| match name {
             "gain_db" | "curve" => Ok(()),
             _ => Err("; did you mean `gain_db`?".to_owned()),
@@ -296,7 +296,7 @@ mod tests {
         };
         let (path, columns) = read(text).expect(text);
         assert_eq!((path.keys().len(), columns.len()), (2, 2));
-        assert_eq!(columns[0].cells, [(2, "3".to_owned()), (3, "-1.5".to_owned())]);
+        assert_eq!(columns[0].cells, [(3, "3".to_owned()), (5, "-1.5".to_owned())]);
         assert_eq!((&*columns[1].name, &*columns[1].cells[1].1), ("curve", ""));
         for (header, words) in [
             ("gain_db,gain_db", "column `gain_db` is given twice"),
