@@ -14,12 +14,12 @@ impl fmt::Display for Registration {
         let (rigid, quadratic) = (&self.rigid, &self.quadratic);
         writeln!(
             f,
-            "rigid:     RMS {:.2} mm, 95 % below {:.2} mm",
+            "rigid:     RMS {:.2} mm without outliers, 95 % of all below {:.2} mm",
             rigid.rms_mm, rigid.p95_mm
         )?;
         writeln!(
             f,
-            "quadratic: RMS {:.2} mm, 95 % below {:.2} mm, least Jacobian {:.2}",
+            "quadratic: RMS {:.2} mm without outliers, 95 % of all below {:.2} mm, least Jacobian {:.2}",
             quadratic.rms_mm, quadratic.p95_mm, quadratic.jacobian_min
         )?;
         for landmark in &self.landmarks_mm {

@@ -45,7 +45,9 @@ impl SceneFile {
         // What a recording has been made with is not guessed.
         let is_recorded = plus.is_some_and(|plus| plus.probe().kind.is_some());
         let probe = self.probe(table, volume.phantom, is_recorded, notes)?;
-        warnings.extend(doubts::of_probe(&probe));
+        if !is_recorded {
+            warnings.extend(doubts::of_probe(&probe));
+        }
         let grid = BeamGrid::new(&probe).at(self, "probe")?;
         let image = self.image.unwrap_or_default();
         let image = ImageSize {
