@@ -9,7 +9,7 @@ use insonify_base::output::png;
 use insonify_base::range::numbers;
 use insonify_imaging::overview::overview;
 use insonify_imaging::synth::FrameState;
-use insonify_study::path::{Entry, FILES, Goal, PathOptions, plan};
+use insonify_study::path::{Entry, FILES, Goal, PathOptions, plan, resolved};
 
 use super::backend::BackendArgs;
 use super::exercise::{relocated, source};
@@ -20,13 +20,15 @@ use super::terminal;
 
 const EXAMPLES: &str = "\
 Lines through the target are tried: in the image plane at angles to the beam, or from the skin. A line is excluded that comes too near
-to bone or critical structures, at rest or as the tissue deforms, meets gas or hits the probe. The others are simulated with the
-scenario's own model, each aimed at the displaced target, until the tip reaches it. Paths are ranked by miss, clearance and force.
+to bone or critical structures, at rest or as the tissue deforms, meets gas, hits the probe, or is beyond the ranges of the scenario's guide
+([manipulator]). The others are simulated with the scenario's own model, each aimed at the displaced target, until the tip reaches it.
+Paths are ranked by miss, clearance and force.
 
 Examples:
   insonify path liver-puncture --target vessel -o plan                the middle of the vein, at 12 angles in the image plane
   insonify path liver-puncture --target -4,28,0 --model 2d -o plan    the same in a section by the image plane, which is quicker
   insonify path liver-puncture --target vessel --angles=-45,-10 --candidates 8 -o plan
+  insonify path liver-puncture --target-px 262,292 --entry-px 355,90 -o plan     target and entry clicked in the image
   insonify path my.toml --target lesion --entry -60,-120,-40,20,-60,40 -o plan   entries on the skin within a box, two corners in mm (LPS)
   insonify path my.toml --target lesion --entry skin_abdomen -o plan             entries on a label of the skin
   insonify insert plan/scenario.toml -o out --images                  the best path, step by step
@@ -46,8 +48,16 @@ pub(crate) struct PathArgs {
     scenario: PathBuf,
     /// Target: a point in the anatomy at rest (LPS), mm, or the name of a target of the scenario's plan, a label or a
     /// tissue
-    #[arg(long, value_name = "X,Y,Z|NAME", allow_hyphen_values = true)]
-    target: String,
+    #[arg(
+        long,
+        value_name = "X,Y,Z|NAME",
+        allow_hyphen_values = true,
+        required_unless_present = "target_px"
+    )]
+    target: Option<String>,
+    /// Target: a pixel of the image at the start, as column and row counted from 0 at the upper left
+    #[arg(long, value_name = "COLUMN,ROW", value_parser = numbers::<2>, conflicts_with = "target")]
+    target_px: Option<[f64; 2]>,
     /// Entries of the needle: `plane` (in the image plane), a box as two corners in mm, or a label or tissue of the
     /// skin
     #[arg(
@@ -57,10 +67,13 @@ pub(crate) struct PathArgs {
         allow_hyphen_values = true
     )]
     entry: String,
+    /// Entry: the needle goes through this pixel of the image at the start
+    #[arg(long, value_name = "COLUMN,ROW", value_parser = numbers::<2>, conflicts_with_all = ["entry", "angles"])]
+    entry_px: Option<[f64; 2]>,
     /// With --entry plane: least and largest angle to the beam's axis, degrees, positive where the needle goes towards
-    /// the marked side
-    #[arg(long, value_name = "MIN,MAX", default_value = "-60,60", value_parser = numbers::<2>, allow_hyphen_values = true)]
-    angles: [f64; 2],
+    /// the marked side [default: -60,60, or those at which the scenario's guide reaches the target]
+    #[arg(long, value_name = "MIN,MAX", value_parser = numbers::<2>, allow_hyphen_values = true)]
+    angles: Option<[f64; 2]>,
     /// Number of lines to try
     #[arg(long, value_name = "N", default_value_t = 12)]
     candidates: usize,
@@ -70,6 +83,9 @@ pub(crate) struct PathArgs {
     /// Distance of the tip from the target at which it counts as reached, mm
     #[arg(long, value_name = "MM", default_value_t = 0.1)]
     tolerance_mm: f64,
+    /// Speed of the needle, mm/s [default: that of the scenario's first inward stroke]
+    #[arg(long, value_name = "MM_S")]
+    speed_mm_s: Option<f64>,
     /// Tissue model: the scenario's three-dimensional one, or its section by the image plane in plane strain
     #[arg(long, value_enum, default_value = "scenario")]
     model: ModelName,
@@ -83,7 +99,7 @@ pub(crate) struct PathArgs {
     force: Force,
     #[command(flatten)]
     backend: BackendArgs,
-    /// Print the plan as one JSON object: `target_mm`, `lines` (the best first), `excluded`, `warnings`, ...
+    /// Print the plan as one JSON object: `target_mm`, `lines` (the best first), `excluded`, `notes`, `warnings`, ...
     #[arg(long)]
     json: bool,
 }
@@ -107,12 +123,10 @@ impl PathArgs {
         let (text, base) = source(&self.scenario)?;
         let mut file = ScenarioFile::parse(&text, &self.scenario.display().to_string())?;
         if file.tissue.mesh.is_none() && file.tissue.model.is_finer_along_path() {
-            // A mesh that is finer along one path would favour it.
-            file.tissue.along_path = Some(false);
             terminal::note("all lines share a mesh that is not finer along a path (`tissue.along_path = false`)");
         }
         file.adapter = Some(self.backend.choice());
-        let scenario = resolve(&file, &base)?;
+        let scenario = resolved(file, |file| resolve(file, &base))?;
         let plan = terminal::with_share("simulating lines", |share| {
             plan(&scenario, &self.options(), &|done, count| {
                 share(done as f64 / count.max(1) as f64);
@@ -153,6 +167,7 @@ impl PathArgs {
         let json = terminal::pretty(&plan)?;
         output::text(&path_of("summary.json"), &format!("{json}\n"))?;
         folder.install()?;
+        plan.notes.iter().for_each(terminal::note);
         plan.warnings.iter().for_each(terminal::warn);
         if self.json {
             return terminal::emit_json(&plan);
@@ -165,16 +180,21 @@ impl PathArgs {
 
     fn options(&self) -> PathOptions {
         PathOptions {
-            target: numbers::<3>(&self.target).map_or_else(|_| Goal::Named(self.target.clone()), Goal::At),
-            entry: match (self.entry.as_str(), numbers::<6>(&self.entry)) {
-                ("plane", _) => Entry::Plane(self.angles),
-                (_, Ok([a, b, c, d, e, f])) => Entry::Box([[a, b, c], [d, e, f]]),
-                (name, Err(_)) => Entry::Named(name.to_owned()),
+            target: match (self.target_px, self.target.as_deref().unwrap_or_default()) {
+                (Some(at_px), _) => Goal::Pixel(at_px),
+                (None, target) => numbers::<3>(target).map_or_else(|_| Goal::Named(target.to_owned()), Goal::At),
+            },
+            entry: match (self.entry_px, self.entry.as_str(), numbers::<6>(&self.entry)) {
+                (Some(at_px), ..) => Entry::Pixel(at_px),
+                (None, "plane", _) => Entry::Plane(self.angles),
+                (None, _, Ok([a, b, c, d, e, f])) => Entry::Box([[a, b, c], [d, e, f]]),
+                (None, name, Err(_)) => Entry::Named(name.to_owned()),
             },
             lines: self.candidates,
             clearance_mm: self.clearance_mm,
             tolerance_mm: self.tolerance_mm,
             section_mm: (self.model == ModelName::Section).then_some(self.thickness_mm),
+            speed_mm_s: self.speed_mm_s,
         }
     }
 }

@@ -6,6 +6,7 @@
 
 mod candidates;
 mod correct;
+mod guide;
 mod insertion;
 mod report;
 #[cfg(test)]
@@ -32,13 +33,21 @@ use insonify::input::scenario::{EXAMPLES, Scenario, ScenarioFile};
 use insonify_base::parallel;
 use insonify_base::range::check;
 use insonify_base::text::some_of;
+use insonify_imaging::sidecar::image_to_world;
+use insonify_tracking::manipulator::Posture;
+use insonify_tracking::trajectory::Trajectory;
 pub use report::FILES;
+
+/// Speed of a needle whose scenario states none, mm/s: that of Kobayashi et al. 2010.
+const USUAL_MM_S: f64 = 5.0;
 
 /// Target of the needle.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Goal {
     /// A point in the anatomy at rest (LPS), mm.
     At([f64; 3]),
+    /// Column and row of a pixel of the image at the start.
+    Pixel([f64; 2]),
     /// A target of the scenario's plan, or a label or tissue, whose innermost point in the image counts.
     Named(String),
 }
@@ -46,8 +55,11 @@ pub enum Goal {
 /// Domain of entries.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Entry {
-    /// In the image plane, at angles to the beam's axis from the first to the last, degrees.
-    Plane([f64; 2]),
+    /// In the image plane, at angles to the beam's axis from the first to the last, degrees; `None` for those at which the
+    /// guide reaches the target, or without one -60 to 60.
+    Plane(Option<[f64; 2]>),
+    /// In the image plane, on the line through a pixel (column and row) of the image at the start.
+    Pixel([f64; 2]),
     /// On the skin within a box (LPS), as two opposite corners, mm.
     Box([[f64; 3]; 2]),
     /// On the skin where it is of this label or tissue.
@@ -69,6 +81,8 @@ pub struct PathOptions {
     pub tolerance_mm: f64,
     /// Thickness of the section by the image plane in which the needle goes, mm; `None` for the scenario's own tissue.
     pub section_mm: Option<f64>,
+    /// Speed of the needle, mm/s (above 0 to 1000); `None` for that of the scenario's first inward stroke.
+    pub speed_mm_s: Option<f64>,
 }
 
 /// A line to the target, with its result or the reason of its exclusion.
@@ -80,6 +94,9 @@ pub struct Candidate {
     pub angle_deg: f64,
     /// Entry on the skin, mm; `None` where the line has none.
     pub entry_mm: Option<[f64; 3]>,
+    /// Whether the volume ends at the entry.
+    #[serde(skip)]
+    pub at_end: bool,
     /// Distance from the entry to the target at rest, mm.
     pub depth_mm: Option<f64>,
     /// Reason of its exclusion; `None` for a line that was simulated.
@@ -87,6 +104,10 @@ pub struct Candidate {
     /// Direction of the needle before any correction.
     #[serde(skip)]
     pub along: Vector3<f64>,
+    /// Posture of the guide with the tip at the end of the path, or at the target at rest for an excluded line; absent
+    /// without a guide, or for a line out of its plane.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub guide: Option<Posture>,
     /// Result of the simulations.
     #[serde(flatten)]
     pub path: Option<Corrected>,
@@ -113,6 +134,8 @@ pub struct PathPlan {
     pub excluded: BTreeMap<&'static str, usize>,
     /// All lines: the simulated ones first, the best of them first.
     pub lines: Vec<Candidate>,
+    /// Assumptions made, for the user.
+    pub notes: Vec<String>,
     /// Warnings for the user.
     pub warnings: Vec<String>,
 }
@@ -138,12 +161,33 @@ impl PathOptions {
                 "0.1 to 500",
             )?;
         }
-        if let Entry::Plane([low, high]) = self.entry {
+        if let Some(speed) = self.speed_mm_s {
+            check("speed_mm_s", speed, speed > 0.0 && speed <= 1000.0, "above 0 to 1000")?;
+        }
+        if let Entry::Plane(Some([low, high])) = self.entry {
             let ascending = -85.0 <= low && low <= high && high <= 85.0;
             check("angles", low, ascending, "two ascending angles from -85 to 85")?;
         }
         Ok(())
     }
+}
+
+/// Resolves a scenario file for plans: its mesh is not finer along one path, which that would favour, and its own motion
+/// may be beyond its guide.
+///
+/// # Errors
+/// Those of `resolve`.
+pub fn resolved<E>(
+    mut file: ScenarioFile,
+    resolve: impl FnOnce(&ScenarioFile) -> Result<Scenario, E>,
+) -> Result<Scenario, E> {
+    if file.tissue.mesh.is_none() && file.tissue.model.is_finer_along_path() {
+        file.tissue.along_path = Some(false);
+    }
+    let guide = file.manipulator.take_if(|spec| spec.keyframes.is_empty());
+    let mut scenario = resolve(&file)?;
+    scenario.file.manipulator = guide.or(scenario.file.manipulator);
+    Ok(scenario)
 }
 
 /// Plans paths to a target. `progress` receives the number of completed lines, and of all, and may say stop.
@@ -157,7 +201,20 @@ pub fn plan(
 ) -> Result<PathPlan, Error> {
     options.check()?;
     scenario.check_path_independent()?;
+    if scenario.file.manipulator.is_some() {
+        scenario.file.guide()?;
+    }
     let (name, target) = goal(scenario, &options.target)?;
+    let mut notes = Vec::new();
+    let speed_mm_s = options
+        .speed_mm_s
+        .or_else(|| insertion::speed_mm_s(scenario))
+        .unwrap_or_else(|| {
+            notes.push(format!(
+                "the scenario's needle has no inward stroke: speed {USUAL_MM_S} mm/s (`--speed-mm-s`)"
+            ));
+            USUAL_MM_S
+        });
     candidates::permitted(scenario, &name, &target)?;
     let section = options
         .section_mm
@@ -173,7 +230,12 @@ pub fn plan(
     tissue.deposits.clear();
     tissue.keep_level();
     tissue.targets.clear();
-    let entries = Entries::new(scenario, target, options)?;
+    if scenario.scene.probe_path().keys().len() > 1 {
+        notes.push("the probe stays where it is at the start".to_owned());
+        let pose = scenario.scene.probe_path().at(scenario.timing.start_s);
+        tissue.scene.move_probe(Trajectory::fixed(pose));
+    }
+    let entries = Entries::new(scenario, target, options, speed_mm_s)?;
     let lines = entries.lines()?;
     let (done, count) = (AtomicUsize::new(0), lines.len());
     StudyError::unless_stopped(progress(0, count))?;
@@ -183,30 +245,46 @@ pub fn plan(
         candidate
     })?;
     lines.sort_by(|a, b| rank(a, b, options.tolerance_mm).then(a.number.cmp(&b.number)));
-    let mut excluded: BTreeMap<&'static str, usize> = BTreeMap::new();
-    for reason in lines.iter().filter_map(|line| line.excluded) {
-        *excluded.entry(reason).or_default() += 1;
-    }
+    let reasons = guide::reasons(&lines);
+    let told = |with: fn(&(&'static str, usize, String)) -> bool| {
+        let reasons = reasons.iter().filter(|reason| with(reason));
+        let words = reasons.map(|(reason, number, taken)| format!("{number} {reason}{taken}"));
+        words.collect::<Vec<_>>().join("; ")
+    };
     if lines.iter().all(|line| line.excluded.is_some()) {
-        let mut reasons: Vec<_> = excluded.into_iter().collect();
-        reasons.sort_by_key(|(_, number)| std::cmp::Reverse(*number));
-        let reasons = reasons.iter().map(|(reason, number)| format!("{number} {reason}"));
-        return Err(no_path(&name, count, &reasons.collect::<Vec<_>>().join("; ")));
+        return Err(no_path(&name, count, &told(|_| true)));
+    }
+    let by_guide = told(|(.., taken)| !taken.is_empty());
+    if !by_guide.is_empty() {
+        notes.push(format!("of {count} lines {by_guide}"));
+    }
+    let at_end = lines.iter().filter(|line| line.at_end).count();
+    if at_end > 0 {
+        notes.push(format!(
+            "tissue reaches the end of the volume on {at_end} of {count} lines: that end is a surface there"
+        ));
     }
     let mut warnings = Vec::new();
     if let Some(path) = lines[0].path.as_ref() {
         warnings.extend(path.warnings(options.tolerance_mm));
+    }
+    if lines[0].at_end && lines.iter().any(|line| line.entry_mm.is_some() && !line.at_end) {
+        warnings.push("the best path enters at the end of the volume: the skin may lie beyond it".to_owned());
     }
     Ok(PathPlan {
         target: name,
         target_mm: target.into(),
         model: if options.section_mm.is_some() { "2d" } else { "scenario" },
         thickness_mm: options.section_mm,
-        speed_mm_s: insertion::speed_mm_s(scenario),
+        speed_mm_s,
         least_clearance_mm: options.clearance_mm,
         tolerance_mm: options.tolerance_mm,
-        excluded,
+        excluded: reasons
+            .into_iter()
+            .map(|(reason, number, _)| (reason, number))
+            .collect(),
         lines,
+        notes,
         warnings,
     })
 }
@@ -242,6 +320,7 @@ pub(super) fn miss_mm(scenario: &Scenario, course: &Course, target: &Point3<f64>
 fn goal(scenario: &Scenario, goal: &Goal) -> Result<(String, Point3<f64>), Error> {
     let name = match goal {
         Goal::At(point) => return Ok(("the target".to_owned(), (*point).into())),
+        Goal::Pixel(at_px) => return Ok(("the target".to_owned(), pixel(scenario, *at_px)?)),
         Goal::Named(name) => name,
     };
     if let Some(target) = scenario.targets.iter().find(|target| target.name == *name) {
@@ -252,6 +331,23 @@ fn goal(scenario: &Scenario, goal: &Goal) -> Result<(String, Point3<f64>), Error
     let pose = scenario.scene.probe_path().at(scenario.timing.start_s);
     let (centre, _) = middle(&scenario.scene, &pose, label).ok_or_else(|| unknown(scenario, name))?;
     Ok((body.name(label), centre))
+}
+
+/// Point of the image plane at the start that a pixel (column and row) shows, to 0.01 mm.
+fn pixel(scenario: &Scenario, [column, row]: [f64; 2]) -> Result<Point3<f64>, Error> {
+    let grid = scenario.scene.settings.image_grid()?;
+    let is_in = |pixel: f64, count: usize| (-0.5..count as f64 - 0.5).contains(&pixel);
+    if !(is_in(column, grid.width()) && is_in(row, grid.height())) {
+        return Err(StudyError::refused(format!(
+            "pixel ({column}, {row}) is not in the image; expected a column and a row of {} x {} pixels, counted from 0 at the upper left",
+            grid.width(),
+            grid.height()
+        )));
+    }
+    let pose = scenario.scene.probe_path().at(scenario.timing.start_s);
+    let to_world = image_to_world(&grid, &pose);
+    let point = to_world.transform_point(&Point3::new(column, row, 0.0));
+    Ok(point.map(|x| (x * 100.0).round() / 100.0))
 }
 
 /// Error if no line to a target is left of those tried.

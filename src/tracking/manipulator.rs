@@ -26,11 +26,11 @@ use super::pose::Pose;
 use insonify_base::range::parameters;
 
 /// Range of horizontal positioning about its middle, mm: a travel of 40 mm (section 2.3).
-pub(crate) const POSITION_MM: [f64; 2] = [-20.0, 20.0];
+pub const POSITION_MM: [f64; 2] = [-20.0, 20.0];
 /// Range of posture about its middle, degrees (section 2.3).
-pub(crate) const POSTURE_DEG: [f64; 2] = [-30.0, 30.0];
+pub const POSTURE_DEG: [f64; 2] = [-30.0, 30.0];
 /// Range of insertion, mm (section 2.3).
-pub(crate) const INSERTION_MM: [f64; 2] = [0.0, 60.0];
+pub const INSERTION_MM: [f64; 2] = [0.0, 60.0];
 /// Least sine of the angle between crank and rod, and least cosine of that between rod and rail: nearer to a dead point
 /// the slide no longer moves the needle surely, or the needle the slide.
 pub const MIN: f64 = 0.1;
@@ -205,16 +205,21 @@ impl Guide {
     /// # Errors
     /// [`TrackingError`] that names the degree of freedom out of its range.
     pub fn reaching(&self, needle: &InPlane) -> Result<Posture, TrackingError> {
+        let posture = self.placing(needle);
+        posture.check()?;
+        Ok(posture)
+    }
+
+    /// Posture that places the needle, whatever the ranges.
+    pub fn placing(&self, needle: &InPlane) -> Posture {
         let [x, y] = needle.tip_mm;
         let below = y + self.behind_mm;
         let angle = needle.angle_deg.to_radians();
-        let posture = Posture {
+        Posture {
             position_mm: x - below * angle.tan() - self.side_mm,
             posture_deg: needle.angle_deg - self.tilt_deg,
             insertion_mm: below / angle.cos() - self.standoff_mm,
-        };
-        posture.check()?;
-        Ok(posture)
+        }
     }
 
     /// Range of the angles (degrees, as in [`InPlane`]) at which the tip reaches a point of the image plane; `None` for

@@ -85,6 +85,14 @@ impl Settings {
         }
     }
 
+    /// Pixels of the frame in the plane of the probe.
+    ///
+    /// # Errors
+    /// [`SynthError`] for a probe or a frame that cannot be.
+    pub fn image_grid(&self) -> Result<ImageGrid, SynthError> {
+        image_grid(&BeamGrid::new(&self.probe)?, &self.image)
+    }
+
     /// Number of elevational sub-planes.
     fn planes(&self) -> usize {
         let thickness = &self.effects.thickness;

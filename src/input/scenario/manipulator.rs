@@ -1,12 +1,14 @@
 //! `[manipulator]` of a scenario: a needle guide mounted on the probe, its drive, and its force sensor.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use nalgebra::Vector3;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::file::ScenarioFile;
+use super::resolve::Scenario;
 use insonify_base::document::InputError;
 use insonify_base::random::{normal, seed_words};
 use insonify_base::range::parameters;
@@ -138,6 +140,23 @@ impl GuideMotion {
     }
 }
 
+impl Scenario {
+    /// The scenario with another path of the needle's tip, from its start to its end, as the guide on the probe makes it
+    /// if there is one.
+    ///
+    /// # Errors
+    /// [`InputError`] for a path beyond the ranges of the guide.
+    pub fn commanded(&self, tip: Trajectory) -> Result<Self, InputError> {
+        let (file, probe) = (&self.file, self.scene.probe_path());
+        let spec = file.manipulator.as_ref();
+        let guided = spec.map(|spec| file.along(spec, &tip, probe)).transpose()?;
+        let mut commanded = self.moved(tip, None);
+        commanded.path = file.through_guide(commanded.path, guided.as_ref(), probe)?;
+        commanded.manipulator = guided.map(Arc::new);
+        Ok(commanded)
+    }
+}
+
 impl ScenarioFile {
     /// The scene, and the motion of the guide, without tissue and mesh.
     ///
@@ -182,10 +201,30 @@ impl ScenarioFile {
         };
         self.check_guide(spec)?;
         let keys = &spec.keyframes;
-        let span = match (keys.first(), keys.last()) {
-            (Some(first), Some(last)) => [first.time_s, last.time_s],
-            _ => [tip.start_s(), tip.end_s()],
-        };
+        match (keys.first(), keys.last()) {
+            (Some(first), Some(last)) => {
+                self.driven(spec, [first.time_s, last.time_s], &|time_s| Ok(between(keys, time_s)))
+            }
+            _ => self.along(spec, tip, probe),
+        }
+        .map(Some)
+    }
+
+    /// Motion of the guide for a path of the tip in the world.
+    fn along(&self, spec: &ManipulatorSpec, tip: &Trajectory, probe: &Trajectory) -> Result<GuideMotion, InputError> {
+        self.driven(spec, [tip.start_s(), tip.end_s()], &|time_s| {
+            let in_probe = probe.at(time_s).world_to_probe() * tip.at(time_s).probe_to_world();
+            spec.guide.reaching(&InPlane::of(&Pose::from_matrix(&in_probe)?)?)
+        })
+    }
+
+    /// Motion of the guide for postures over a span of time, s.
+    fn driven(
+        &self,
+        spec: &ManipulatorSpec,
+        span: [f64; 2],
+        command: &dyn Fn(f64) -> Result<Posture, TrackingError>,
+    ) -> Result<GuideMotion, InputError> {
         let motion_key = self.motion_key()?;
         if span[1] - span[0] > LONGEST_S {
             let found = format!("a motion of {} s", span[1] - span[0]);
@@ -200,25 +239,19 @@ impl ScenarioFile {
             .map(|period| {
                 // The last period ends after the motion, unless this is a whole number of them.
                 let time = (span[0] + period as f64 * PERIOD_S).min(span[1]);
-                if !keys.is_empty() {
-                    return Ok(between(keys, time));
-                }
-                let in_probe = probe.at(time).world_to_probe() * tip.at(time).probe_to_world();
-                let needle = Pose::from_matrix(&in_probe).and_then(|pose| InPlane::of(&pose));
-                let posture = needle.and_then(|needle| spec.guide.reaching(&needle));
-                posture.map_err(|error| {
+                command(time).map_err(|error| {
                     let text = format!("at {time:.3} s the guide would have to hold {error}");
                     self.fault(motion_key, TrackingError::new(text))
                 })
             })
             .collect();
         let driven = follow(&spec.guide, &spec.drive, spec.control, span[0], &commands?);
-        Ok(Some(GuideMotion {
+        Ok(GuideMotion {
             guide: spec.guide,
             sensor: spec.sensor,
             drive: spec.drive,
             driven: driven.map_err(|error| self.fault("manipulator", error))?,
-        }))
+        })
     }
 
     /// The needle on the path that the guide makes of the planned one.

@@ -13,6 +13,7 @@ use super::manipulator::GuideMotion;
 use super::needle::{Moving, NeedleSettings};
 use super::plan::{Deposit, Guide, Target};
 use super::probe::rigid;
+use super::regions::Regions;
 use super::reported_points::Reported;
 use super::tissue_setup::{Insertion, TissueSetup};
 use insonify_base::document::InputError;
@@ -145,6 +146,15 @@ impl Scenario {
         let corners = self.file.tissue.box_mm?;
         let corner = |pick: fn(f64, f64) -> f64| [0, 1, 2].map(|axis| pick(corners[0][axis], corners[1][axis]));
         Some([corner(f64::min), corner(f64::max)])
+    }
+
+    /// Regions that are left out of the mesh (`tissue.outside`).
+    ///
+    /// # Errors
+    /// [`InputError`] for a name that no region has.
+    pub fn left_out(&self) -> Result<Vec<i32>, InputError> {
+        self.file
+            .outside(&Regions::new(&self.file, &self.scene, &BTreeMap::new()))
     }
 
     /// Whether elements are finer along the needle's path, as the file states it.

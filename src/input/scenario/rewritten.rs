@@ -27,12 +27,16 @@ impl ScenarioText {
     /// The reason if `needle`, `run` or `plan` is no table.
     pub fn with_needle_path(mut self, keyframes: &[NeedleKeyframe], target: &TargetSpec) -> Result<Self, String> {
         let needle = self.table("needle")?;
-        for mover in ["target", "entry", "deposit_s"] {
+        // The keyframes are in the world, whatever those before were in.
+        for mover in ["target", "entry", "deposit_s", "frame"] {
             needle.remove(mover);
         }
         let mut motion = Table::new();
         motion.insert("keyframes".to_owned(), value(&keyframes)?);
         needle.insert("motion".to_owned(), motion.into());
+        if let Some(Value::Table(guide)) = self.0.get_mut("manipulator") {
+            guide.remove("keyframes");
+        }
         // Each motion has its own length.
         self.table("run")?.remove("duration_s");
         let plan = self.table("plan")?;

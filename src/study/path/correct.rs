@@ -11,7 +11,8 @@ use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 use serde::Serialize;
 
 use super::candidates::DEFORMED_BONE;
-use super::insertion::{Course, Sample, Trial, Until, look_mm};
+use super::guide;
+use super::insertion::{Course, Sample, Trial, Until};
 use insonify::Error;
 use insonify::input::scenario::Scenario;
 use insonify_mechanics::needle::across;
@@ -39,8 +40,10 @@ pub struct Corrected {
     pub back_mm: f64,
     /// Distance of the tip from the target when the needle is sent to where the target is at rest, mm.
     pub miss_before_mm: f64,
-    /// Distance of the tip from the target at the end of the corrected path, mm.
+    /// Distance of the tip from the target at the end of the corrected path, in the deformed tissue, mm.
     pub miss_mm: f64,
+    /// The same in the tissue at rest, mm, as `insert` states it: it differs where elements are inverted.
+    pub miss_at_rest_mm: f64,
     /// Displacement of the target at that end, along the needle and across it, mm.
     pub displacement_mm: [f64; 2],
     /// Turn of the line by the correction, degrees.
@@ -74,6 +77,13 @@ impl Corrected {
                 self.miss_mm, self.runs
             ));
         }
+        if (self.miss_at_rest_mm - self.miss_mm).abs() > tolerance_mm {
+            warnings.push(format!(
+                "the best path ends {:.2} mm from the target in the deformed tissue and {:.2} mm in the tissue at rest, as `insert` states it: \
+                 where tissue is crushed they part",
+                self.miss_mm, self.miss_at_rest_mm
+            ));
+        }
         if self.last.not_converged > 0 {
             warnings.push(format!(
                 "{} steps of the best path did not converge: its figures are approximate",
@@ -101,30 +111,40 @@ struct Meeting {
 struct Search<'a> {
     scenario: &'a Scenario,
     target: Point3<f64>,
-    entry: Point3<f64>,
     runs: usize,
 }
 
-/// Corrects the line from `entry` to `target`; the inner error is the reason why it is excluded.
+/// End of a search without a path.
+pub(super) enum Fault {
+    /// Reason to exclude the line.
+    Excluded(&'static str),
+    Failed(Error),
+}
+
+impl From<Error> for Fault {
+    fn from(error: Error) -> Self {
+        Fault::Failed(error)
+    }
+}
+
+/// Corrects a straight course to `target`.
 pub(super) fn correct(
     scenario: &Scenario,
-    entry: Point3<f64>,
+    straight: Course,
     target: Point3<f64>,
     tolerance_mm: f64,
-) -> Result<Result<Corrected, &'static str>, Error> {
+) -> Result<Corrected, Fault> {
     let mut search = Search {
         scenario,
         target,
-        entry,
         runs: 0,
     };
-    let straight = Course::to(entry, &target);
     let uncorrected = search.run(&straight, Until::End)?;
     if uncorrected.bone {
-        return Ok(Err(DEFORMED_BONE));
+        return Err(Fault::Excluded(DEFORMED_BONE));
     }
     let Some(miss_before_mm) = uncorrected.samples.last().map(|sample| sample.miss().norm()) else {
-        return Ok(Err("the simulation has no step"));
+        return Err(Fault::Excluded("the simulation has no step"));
     };
     let (mut course, mut latest, mut miss_mm) = (straight, uncorrected.clone(), miss_before_mm);
     if miss_mm > tolerance_mm {
@@ -140,19 +160,23 @@ pub(super) fn correct(
         }
     }
     if latest.bone {
-        return Ok(Err(DEFORMED_BONE));
+        return Err(Fault::Excluded(DEFORMED_BONE));
     }
+    let Some(at_rest) = latest.samples.last().and_then(|sample| sample.tip_at_rest_mm) else {
+        return Err(Fault::Excluded("the simulated tip ends outside the tissue"));
+    };
     let displacement = latest
         .samples
         .last()
         .map_or(Vector3::zeros(), |sample| sample.target - target);
     let forward = displacement.dot(&course.along);
-    Ok(Ok(Corrected {
+    Ok(Corrected {
         direction: course.along.into(),
         insertion_mm: course.depth_mm,
         back_mm: course.back_mm,
         miss_before_mm,
         miss_mm,
+        miss_at_rest_mm: (target - at_rest).norm(),
         displacement_mm: [forward, (displacement - course.along * forward).norm()],
         turn_deg: course.along.angle(&straight.along).to_degrees(),
         max_force_n: latest.max_force_n,
@@ -162,17 +186,20 @@ pub(super) fn correct(
         course,
         first: uncorrected,
         last: latest,
-    }))
+    })
 }
 
 impl Search<'_> {
-    fn run(&mut self, course: &Course, until: Until) -> Result<Trial, Error> {
+    fn run(&mut self, course: &Course, until: Until) -> Result<Trial, Fault> {
+        if let Some(reason) = guide::beyond(self.scenario, course) {
+            return Err(Fault::Excluded(reason));
+        }
         self.runs += 1;
-        course.run(self.scenario, &self.target, until)
+        Ok(course.run(self.scenario, &self.target, until)?)
     }
 
     /// Turns the line until the tip meets the target on its way.
-    fn line(&mut self, straight: Course, tolerance_mm: f64) -> Result<Course, Error> {
+    fn line(&mut self, straight: Course, tolerance_mm: f64) -> Result<Course, Fault> {
         let mut course = straight;
         let mut meeting = self.meeting(&course)?;
         let mut best = (meeting.aside.norm(), course.at(&meeting));
@@ -188,11 +215,10 @@ impl Search<'_> {
                 None => *gain.insert(self.gain(&course, &meeting)?),
             };
             let start = best.1;
-            let tip = start.entry + start.along * (start.depth_mm - start.back_mm);
-            let aim = tip + step(&gain, &straight.along, &meeting.aside) * damping;
+            let aim = start.end() + step(&gain, &straight.along, &meeting.aside) * damping;
             course = Course {
                 depth_mm: start.depth_mm,
-                ..Course::to(self.entry, &aim)
+                ..start.aimed(&aim)
             };
             let next = self.meeting(&course)?;
             let aside_mm = next.aside.norm();
@@ -207,15 +233,15 @@ impl Search<'_> {
     }
 
     /// Derivatives of the miss across the needle by the aim: those of a rigid needle, or from two runs.
-    fn gain(&mut self, course: &Course, meeting: &Meeting) -> Result<Matrix2<f64>, Error> {
+    fn gain(&mut self, course: &Course, meeting: &Meeting) -> Result<Matrix2<f64>, Fault> {
         if self.scenario.needle.is_straight() {
             return Ok(-Matrix2::identity());
         }
         let axes = across(&course.along);
-        let tip = course.entry + course.along * (meeting.depth_mm - meeting.back_mm);
+        let tip = course.at_depth(meeting.depth_mm - meeting.back_mm);
         let mut columns = [Vector2::zeros(); 2];
         for (column, axis) in columns.iter_mut().zip(axes) {
-            let shifted = Course::to(self.entry, &(tip + axis * SHIFT_MM));
+            let shifted = course.aimed(&(tip + axis * SHIFT_MM));
             let change = (self.meeting(&shifted)?.aside - meeting.aside) / SHIFT_MM;
             *column = Vector2::from(axes.map(|axis| axis.dot(&change)));
         }
@@ -223,15 +249,16 @@ impl Search<'_> {
     }
 
     /// Runs along a line until the tip meets the target, drawn back to it if it leapt past it.
-    fn meeting(&mut self, course: &Course) -> Result<Meeting, Error> {
+    fn meeting(&mut self, course: &Course) -> Result<Meeting, Fault> {
+        let reach_mm = guide::reach_mm(self.scenario, course);
         let beyond = Course {
-            depth_mm: (self.target - self.entry).norm() + BEYOND_MM,
+            depth_mm: ((self.target - course.entry).norm() + BEYOND_MM).min(reach_mm),
             back_mm: 0.0,
             ..*course
         };
         let trial = self.run(&beyond, Until::Passed)?;
         let passed = met(&trial.samples, &course.along);
-        let leap_mm = LEAP * look_mm(self.scenario);
+        let leap_mm = LEAP * course.look_mm(self.scenario);
         let leapt = passed.advance_mm > leap_mm && passed.ahead_mm < 0.0;
         if !leapt {
             return Ok(Meeting {
@@ -242,7 +269,7 @@ impl Search<'_> {
         }
         let there_and_back = Course {
             // Where the surface gives way, a little farther, so that it does so again.
-            depth_mm: passed.end_mm + leap_mm,
+            depth_mm: (passed.end_mm + leap_mm).min(reach_mm),
             back_mm: BEYOND_MM,
             ..*course
         };
@@ -257,7 +284,7 @@ impl Search<'_> {
 
     /// Runs to the end of a motion, and moves that by the miss until it is within the tolerance; returns the best
     /// motion.
-    fn land(&mut self, start: Course, tolerance_mm: f64) -> Result<(Course, Trial), Error> {
+    fn land(&mut self, start: Course, tolerance_mm: f64) -> Result<(Course, Trial), Fault> {
         let mut course = start;
         let mut best: Option<(f64, Course, Trial, Vector3<f64>)> = None;
         let mut damping = 1.0;
@@ -279,12 +306,11 @@ impl Search<'_> {
             // A miss aside turns the line, one ahead changes its depth: neither affects the other much, so that one run
             // corrects both.
             let ahead = miss.dot(&start.along);
-            let tip = start.entry + start.along * (start.depth_mm - start.back_mm);
-            let aim = tip + (miss - start.along * ahead) * damping;
+            let aim = start.end() + (miss - start.along * ahead) * damping;
             course = Course {
                 depth_mm: start.depth_mm,
                 back_mm: start.back_mm,
-                ..Course::to(self.entry, &aim)
+                ..start.aimed(&aim)
             };
             if start.back_mm > 0.0 {
                 course.back_mm = (start.back_mm - damping * ahead).max(0.0)

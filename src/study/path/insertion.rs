@@ -2,6 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
+use super::guide;
 use insonify::Error;
 use insonify::input::scenario::Scenario;
 use insonify::run::material_points::MaterialPoints;
@@ -11,8 +12,12 @@ use insonify_mechanics::insertion::{EventKind, StepError};
 use insonify_tracking::needle::NeedlePath;
 use insonify_tracking::trajectory::Interpolation;
 
-/// Distance of the tip from the entry at the start, mm.
+/// Distance of the tip from the entry at the start, mm, but for a needle in a guide.
 pub(super) const APPROACH_MM: f64 = 10.0;
+/// Rest at the end of the motion, s: the miss counts at its end, when drives and viscous tissue have settled.
+const REST_S: f64 = 0.5;
+/// Least length of a stroke whose speed counts, mm, and of its component along the needle, as a share.
+const STROKE: (f64, f64) = (1.0, 0.7);
 /// Travel between two looks at the tissue, mm, where steps are shorter.
 const LOOK_MM: f64 = 0.1;
 /// Places and directions are rounded to this, as they are written.
@@ -31,6 +36,8 @@ pub struct Course {
     pub depth_mm: f64,
     /// Way back from there, mm.
     pub back_mm: f64,
+    /// Speed, mm/s.
+    pub speed_mm_s: f64,
 }
 
 /// When a simulation ends.
@@ -85,52 +92,77 @@ pub struct Trial {
     pub bone: bool,
 }
 
-/// Greatest speed of the scenario's needle, mm/s.
-pub(super) fn speed_mm_s(scenario: &Scenario) -> f64 {
-    let keys = scenario.needle_tip().keys();
-    let speed = |pair: &[insonify_tracking::trajectory::Key]| {
-        let travel_mm = (pair[1].pose.position_mm() - pair[0].pose.position_mm()).norm();
-        travel_mm / (pair[1].time_s - pair[0].time_s)
-    };
-    let fastest = keys
-        .windows(2)
-        .map(speed)
-        .filter(|speed| speed.is_finite())
-        .fold(0.0, f64::max);
-    if fastest > 0.0 { fastest } else { 5.0 }
-}
-
-/// Number of steps between two looks at the tissue.
-fn stride(scenario: &Scenario) -> f64 {
-    (LOOK_MM / (speed_mm_s(scenario) * scenario.timing.dt_s))
-        .round()
-        .max(1.0)
-}
-
-/// Travel between two looks at the tissue, mm.
-pub(super) fn look_mm(scenario: &Scenario) -> f64 {
-    stride(scenario) * scenario.timing.dt_s * speed_mm_s(scenario)
+/// Mean speed of the first inward stroke of the scenario's needle, as it is commanded, mm/s; `None` without one.
+pub(super) fn speed_mm_s(scenario: &Scenario) -> Option<f64> {
+    // The path of the scene is the commanded one: that of the scenario has the transients of a guide's drive.
+    let keys = scenario.scene.needle_path()?.tip().keys();
+    let (mut travel_mm, mut seconds) = (0.0, 0.0);
+    for pair in keys.windows(2) {
+        let travel = pair[1].pose.position_mm() - pair[0].pose.position_mm();
+        let forward_mm = travel.dot(&pair[0].pose.axial());
+        if forward_mm > STROKE.1 * travel.norm() {
+            travel_mm += forward_mm;
+            seconds += pair[1].time_s - pair[0].time_s;
+        } else if travel_mm >= STROKE.0 {
+            break;
+        } else {
+            (travel_mm, seconds) = (0.0, 0.0);
+        }
+    }
+    Some(travel_mm / seconds).filter(|speed| travel_mm >= STROKE.0 && speed.is_finite())
 }
 
 impl Course {
-    /// The straight course to a point, mm.
-    pub fn to(entry: Point3<f64>, aim: &Point3<f64>) -> Self {
+    /// The straight course from an entry to a point, mm, at a speed, mm/s.
+    pub fn to(entry: Point3<f64>, aim: &Point3<f64>, speed_mm_s: f64) -> Self {
         let to_aim = aim - entry;
         Self {
             entry,
             along: to_aim.normalize(),
             depth_mm: to_aim.norm(),
             back_mm: 0.0,
+            speed_mm_s,
         }
     }
 
-    /// Keyframes of the course at the scenario's speed, or slightly slower, so that each stroke takes whole steps.
+    /// The straight course from the same entry to another point, mm.
+    pub(super) fn aimed(&self, aim: &Point3<f64>) -> Self {
+        Self::to(self.entry, aim, self.speed_mm_s)
+    }
+
+    /// The tip at the end, mm.
+    pub fn end(&self) -> Point3<f64> {
+        self.at_depth(self.depth_mm - self.back_mm)
+    }
+
+    /// The tip at a distance beyond the entry, mm.
+    pub(super) fn at_depth(&self, depth_mm: f64) -> Point3<f64> {
+        self.entry + self.along * depth_mm
+    }
+
+    /// Number of steps between two looks at the tissue.
+    fn stride(&self, scenario: &Scenario) -> f64 {
+        (LOOK_MM / (self.speed_mm_s * scenario.timing.dt_s)).round().max(1.0)
+    }
+
+    /// Travel between two looks at the tissue, mm.
+    pub(super) fn look_mm(&self, scenario: &Scenario) -> f64 {
+        self.stride(scenario) * scenario.timing.dt_s * self.speed_mm_s
+    }
+
+    /// Distance of the tip from the entry at the start, mm.
+    pub(super) fn approach_mm(&self, scenario: &Scenario) -> f64 {
+        guide::withdrawn_mm(scenario, self).unwrap_or(APPROACH_MM)
+    }
+
+    /// Keyframes of the course at its speed, or slightly slower, so that each stroke takes whole steps, and of a rest at
+    /// its end.
     pub fn keys(&self, scenario: &Scenario) -> Vec<NeedleKeyframe> {
-        let every_s = stride(scenario) * scenario.timing.dt_s;
-        let speed = speed_mm_s(scenario);
+        let every_s = self.stride(scenario) * scenario.timing.dt_s;
+        let approach_mm = self.approach_mm(scenario);
         let round = |value: f64, per_unit: f64| (value * per_unit).round() / per_unit + 0.0;
         let direction = <[f64; 3]>::from(self.along).map(|x| round(x, ROUNDED[1]));
-        let tip = |mm: f64| <[f64; 3]>::from(self.entry + self.along * mm).map(|x| round(x, ROUNDED[0]));
+        let tip = |mm: f64| <[f64; 3]>::from(self.at_depth(mm)).map(|x| round(x, ROUNDED[0]));
         let mut time_s = scenario.needle_tip().start_s();
         let key = |time_s, mm| NeedleKeyframe {
             time_s,
@@ -138,30 +170,32 @@ impl Course {
             direction,
             roll_deg: None,
         };
-        let mut keys = vec![key(time_s, -APPROACH_MM)];
+        let mut keys = vec![key(time_s, -approach_mm)];
+        let end_mm = self.depth_mm - self.back_mm;
         let strokes = [
-            (self.depth_mm + APPROACH_MM, self.depth_mm),
-            (self.back_mm, self.depth_mm - self.back_mm),
+            ((self.depth_mm + approach_mm) / self.speed_mm_s, self.depth_mm),
+            (self.back_mm / self.speed_mm_s, end_mm),
+            (REST_S, end_mm),
         ];
-        for (length, depth_mm) in strokes.into_iter().filter(|(length, _)| *length > 0.0) {
-            time_s += (length / speed / every_s - WHOLE).ceil().max(1.0) * every_s;
+        for (seconds, depth_mm) in strokes.into_iter().filter(|(seconds, _)| *seconds > 0.0) {
+            time_s += (seconds / every_s - WHOLE).ceil().max(1.0) * every_s;
             keys.push(key(round(time_s, ROUNDED[1]), depth_mm));
         }
         keys
     }
 
-    /// Simulates the course.
+    /// Simulates the course, by the guide of the scenario if it has one.
     pub(super) fn run(&self, scenario: &Scenario, target: &Point3<f64>, until: Until) -> Result<Trial, Error> {
         let keys = self.keys(scenario);
         let keys: Vec<(f64, Point3<f64>, Vector3<f64>)> = keys
             .into_iter()
             .map(|key| (key.time_s, key.tip_mm.into(), key.direction.into()))
             .collect();
-        let scenario_on = scenario.moved(NeedlePath::tip_trajectory(&keys, Interpolation::Linear)?, None);
+        let scenario_on = scenario.commanded(NeedlePath::tip_trajectory(&keys, Interpolation::Linear)?)?;
         let mut model = scenario_on.model(|_, _| ())?;
         let requests = Requests {
             frames: false,
-            mesh_s: Some(stride(scenario) * scenario.timing.dt_s),
+            mesh_s: Some(self.stride(scenario) * scenario.timing.dt_s),
         };
         let mut watch = Watch {
             course: self,

@@ -12,7 +12,6 @@ use insonify_base::number::fixed;
 use insonify_base::output::OutputError;
 use insonify_base::table::{Cell, Table};
 use insonify_imaging::overlay;
-use insonify_imaging::scene::NeedleKeyframe;
 use insonify_imaging::synth::Synthesizer;
 use insonify_report::page::Page;
 use insonify_report::plot::{Axis, Marker, Plot, Series};
@@ -35,8 +34,6 @@ pub const FILES: &[&str] = &[
 const COLOURS: [[u8; 3]; 3] = [[64, 220, 120], [90, 215, 255], [170, 110, 90]];
 /// Length of a drawn line that has no entry, mm.
 const DRAWN_MM: f64 = 60.0;
-/// Pause at the end of the written scenario, s.
-const PAUSE_S: f64 = 0.5;
 
 impl PathPlan {
     /// The best path.
@@ -54,13 +51,19 @@ impl PathPlan {
             let [x, y, z] = entry.map(|x| format!("{x:.1}"));
             format!(" from ({x}, {y}, {z}) mm")
         });
+        let by_guide = line.guide.map_or(String::new(), |guide| {
+            format!(
+                ", guide at {:.2} mm, {:.2} degrees and {:.2} mm (position, posture, insertion)",
+                guide.position_mm, guide.posture_deg, guide.insertion_mm
+            )
+        });
         let drawn_back = if path.back_mm > 0.0 {
             format!(" and {:.1} mm back", path.back_mm)
         } else {
             String::new()
         };
         format!(
-            "best of {} lines: {:.1} degrees to the beam{entry}, {:.1} mm deep{drawn_back}; misses {} by {:.2} mm, uncorrected by {:.2} mm; force up \
+            "best of {} lines: {:.1} degrees to the beam{entry}, {:.1} mm deep{drawn_back}{by_guide}; misses {} by {:.2} mm, uncorrected by {:.2} mm; force up \
              to {:.2} N, clearance {} mm",
             self.lines.len(),
             line.angle_deg,
@@ -117,8 +120,13 @@ impl PathPlan {
     /// All lines as comma-separated values, in the order of their ranks.
     pub fn csv(&self) -> String {
         let mut text = "line,angle_deg,entry_x_mm,entry_y_mm,entry_z_mm,direction_x,direction_y,direction_z,depth_mm,back_mm,turn_deg,\
-                        miss_before_mm,miss_mm,target_along_mm,target_aside_mm,clearance_mm,max_force_n,punctures,runs,excluded\n"
+                        miss_before_mm,miss_mm,target_along_mm,target_aside_mm,clearance_mm,max_force_n,punctures,runs,"
             .to_owned();
+        let is_guided = self.lines.iter().any(|line| line.guide.is_some());
+        if is_guided {
+            text += "guide_position_mm,guide_posture_deg,guide_insertion_mm,";
+        }
+        text += "excluded\n";
         for line in &self.lines {
             let list = |values: [f64; 3]| values.map(|x| x.to_string()).join(",");
             let entry = line.entry_mm.map_or(",,".to_owned(), list);
@@ -139,8 +147,13 @@ impl PathPlan {
             });
             let runs = line.path.as_ref().map_or(String::new(), |path| path.runs.to_string());
             let (number, angle, excluded) = (line.number, line.angle_deg, line.excluded.unwrap_or_default());
+            let guide = match &line.guide {
+                _ if !is_guided => String::new(),
+                None => ",".repeat(3),
+                Some(guide) => list([guide.position_mm, guide.posture_deg, guide.insertion_mm]) + ",",
+            };
             text += &format!(
-                "{number},{angle},{entry},{},{result},{runs},{excluded}\n",
+                "{number},{angle},{entry},{},{result},{runs},{guide}{excluded}\n",
                 list(direction)
             );
         }
@@ -227,10 +240,7 @@ impl PathPlan {
         let target = Point3::from(self.target_mm);
         let lines = self.lines.iter().enumerate().rev().map(|(rank, line)| {
             let (tip, direction) = match &line.path {
-                Some(path) => (
-                    path.course.entry + path.course.along * (path.insertion_mm - path.back_mm),
-                    path.course.along,
-                ),
+                Some(path) => (path.course.end(), path.course.along),
                 None => (target, line.along),
             };
             let from = line.entry_mm.map_or(target - direction * DRAWN_MM, |entry| {
@@ -251,9 +261,14 @@ impl PathPlan {
     /// The needle at the end of the best path.
     pub fn needle(&self, scenario: &Scenario) -> Option<NeedlePose> {
         let (_, path) = self.best()?;
-        let tip = path.course.entry + path.course.along * (path.insertion_mm - path.back_mm);
         let needle = &scenario.needle;
-        NeedlePose::straight(tip, path.course.along, needle.length_mm, needle.diameter_mm).ok()
+        NeedlePose::straight(
+            path.course.end(),
+            path.course.along,
+            needle.length_mm,
+            needle.diameter_mm,
+        )
+        .ok()
     }
 
     /// Self-contained page.
@@ -322,20 +337,21 @@ impl PathPlan {
         let Some((_, path)) = self.best() else {
             return Err("no path was found".to_owned());
         };
-        let mut keyframes = path.course.keys(scenario);
-        if let Some(end) = keyframes.last().copied() {
-            let time_s = end.time_s + PAUSE_S;
-            keyframes.push(NeedleKeyframe { time_s, ..end });
-        }
+        let keyframes = path.course.keys(scenario);
         let target = TargetSpec {
             name: self.target.clone(),
             at_mm: self.target_mm,
             radius_mm: 0.0,
         };
-        let text = ScenarioText::parse(base)?
+        let mut text = ScenarioText::parse(base)?
             .with_needle_path(&keyframes, &target)?
-            .with_mesh(scenario.meshed_mm(), scenario.along_path())?
-            .text()?;
+            .with_mesh(scenario.meshed_mm(), scenario.along_path())?;
+        if scenario.scene.probe_path().keys().len() > 1 {
+            let pose = scenario.scene.probe_path().at(scenario.timing.start_s);
+            let [direction, lateral] = [pose.axial(), pose.lateral()].map(|axis| axis.into_inner().into());
+            text = text.with_probe([pose.position_mm().into(), direction, lateral])?;
+        }
+        let text = text.text()?;
         Ok(format!(
             "# A path planned by `insonify path`: {}.\n\n{text}",
             self.text()

@@ -2,7 +2,8 @@
 
 use super::*;
 use insonify::input::scenario::reported_points::Displaced;
-use insonify::run::{Observer, Requests, Step, run};
+use insonify::run::material_points::MaterialPoints;
+use insonify::run::{Deformed, Observer, Requests, Step, run};
 use insonify_mechanics::insertion::StepError;
 
 /// The scenario `liver-puncture` with a coarse mesh and other changes.
@@ -13,11 +14,12 @@ fn liver(changes: &[(&str, &str)]) -> Scenario {
 fn options(angles: [f64; 2], lines: usize) -> PathOptions {
     PathOptions {
         target: Goal::Named("vessel".to_owned()),
-        entry: Entry::Plane(angles),
+        entry: Entry::Plane(Some(angles)),
         lines,
         clearance_mm: 3.0,
         tolerance_mm: 0.1,
         section_mm: None,
+        speed_mm_s: None,
     }
 }
 
@@ -253,4 +255,286 @@ fn the_callback_stops_before_the_first_line() {
         ControlFlow::Break(())
     });
     assert_eq!(stopped.unwrap_err().to_string(), "stopped before the end");
+}
+
+/// A shipped scenario to plan in: a target in its image plane by its distance along the array and depth, mm, and the
+/// angle of the line to the beam, degrees.
+struct Shipped {
+    name: &'static str,
+    target_mm: [f64; 2],
+    angle_deg: f64,
+}
+
+/// All that have a path; of the others the reasons are tested below.
+const SHIPPED: [Shipped; 5] = [
+    Shipped {
+        name: "liver-biopsy",
+        target_mm: [20.0, 40.0],
+        angle_deg: -45.0,
+    },
+    Shipped {
+        name: "liver-puncture",
+        target_mm: [6.0, 28.0],
+        angle_deg: -30.0,
+    },
+    Shipped {
+        name: "spine-injection",
+        target_mm: [-22.0, 21.0],
+        angle_deg: 50.0,
+    },
+    Shipped {
+        name: "segmentation-biopsy",
+        target_mm: [20.0, 40.0],
+        angle_deg: -45.0,
+    },
+    Shipped {
+        name: "two-layer-insertion",
+        target_mm: [0.0, 30.0],
+        angle_deg: -45.0,
+    },
+];
+
+/// Text of a shipped scenario, and what it resolves to for plans. Some have to be coarse to be quick.
+fn shipped(name: &str, guide: &str, coarse: bool) -> (String, Scenario) {
+    let text = EXAMPLES.iter().find(|(known, _)| *known == name).unwrap().1;
+    // Anybody's labels are the phantom's here.
+    let mut text = text.replace("file = \"your-labels.nii.gz\"", "phantom = \"abdomen\"") + guide;
+    if coarse {
+        for (from, to) in [
+            ("nodes = 3300", "nodes = 1000"),
+            ("dt_ms = 1.0", "dt_ms = 20.0"),
+            ("dt_ms = 40.0", "dt_ms = 80.0"),
+        ] {
+            text = text.replace(from, to);
+        }
+    }
+    let file = ScenarioFile::parse(&text, name).unwrap();
+    let scenario = resolved(file, |file| file.resolve(Path::new(""), |_| ())).unwrap();
+    (text, scenario)
+}
+
+/// Plans a line in a shipped scenario, with and without a guide that holds it, and repeats it by `insert`.
+fn planned_and_inserted(shipped_scenario: &Shipped, coarse: bool) {
+    let Shipped {
+        name,
+        target_mm: [lateral_mm, depth_mm],
+        angle_deg,
+    } = shipped_scenario;
+    let behind_mm = 13.0;
+    let side_mm = lateral_mm - (depth_mm + behind_mm) * angle_deg.to_radians().tan();
+    let guide = format!(
+        "\n[manipulator.guide]\nside_mm = {side_mm:?}\nbehind_mm = {behind_mm:?}\ntilt_deg = {angle_deg:?}\nstandoff_mm = 16.0\n"
+    );
+    for guide in ["", guide.as_str()] {
+        let (text, scenario) = shipped(name, guide, coarse);
+        let pose = scenario.scene.probe_path().at(scenario.timing.start_s);
+        let target = pose.position_mm() + pose.lateral().scale(*lateral_mm) + pose.axial().scale(*depth_mm);
+        let options = PathOptions {
+            target: Goal::At(target.map(|x| (100.0 * x).round() / 100.0).into()),
+            clearance_mm: 0.0,
+            ..options([*angle_deg; 2], 1)
+        };
+        let plan = plan(&scenario, &options, &|_, _| ControlFlow::Continue(()))
+            .unwrap_or_else(|error| panic!("{name}{guide}: {error}"));
+        let (line, path) = plan.best().unwrap();
+        assert!(path.miss_mm <= options.tolerance_mm, "{name}{guide}: {}", path.miss_mm);
+        assert_eq!(line.guide.is_some(), !guide.is_empty());
+        let text = plan.scenario(&text, &scenario).unwrap();
+        let file = ScenarioFile::parse(&text, "plan.toml").unwrap();
+        let inserted = file.resolve(Path::new(""), |_| ()).unwrap();
+        let mut model = inserted.model(|_, _| ()).unwrap();
+        let mut watch = Inserted {
+            scenario: &inserted,
+            course: &path.course,
+            target: plan.target_mm.into(),
+            carried: MaterialPoints::default(),
+            end: None,
+            in_tissue: 0,
+        };
+        let requests = Requests {
+            mesh_s: Some(0.1),
+            ..Requests::default()
+        };
+        let summary = run(&inserted, model.as_mut(), requests, &mut watch).unwrap();
+        let bound_mm = options.tolerance_mm + 0.1;
+        let miss_mm = watch.end.map_or(f64::NAN, |(tip, target)| (target - tip).norm());
+        let at_rest_mm = summary.targets[0].nearest_tip_mm;
+        assert!(
+            miss_mm <= bound_mm && at_rest_mm <= bound_mm,
+            "{name}{guide}: {miss_mm} {at_rest_mm} mm"
+        );
+        assert_eq!(
+            watch.in_tissue, 0,
+            "{name}{guide}: the shaft is in tissue before the entry"
+        );
+    }
+}
+
+/// What becomes of tip, target and shaft.
+struct Inserted<'a> {
+    scenario: &'a Scenario,
+    course: &'a Course,
+    target: Point3<f64>,
+    carried: MaterialPoints,
+    /// Tip and target, mm, when they were last looked at.
+    end: Option<(Point3<f64>, Point3<f64>)>,
+    /// Number of points of the shaft before the entry in tissue.
+    in_tissue: usize,
+}
+
+impl Observer for Inserted<'_> {
+    type Error = StepError;
+
+    fn step(&mut self, _: &Step<'_>) -> Result<(), StepError> {
+        Ok(())
+    }
+
+    fn mesh(&mut self, deformed: &Deformed<'_>) -> Result<(), StepError> {
+        // Voxels have steps of this size beside the entry.
+        const BESIDE_MM: f64 = 2.0;
+        let body = self.scenario.scene.body();
+        let nodes: Vec<_> = deformed.needle.nodes().iter().map(|(_, point)| *point).collect();
+        for pair in nodes.windows(2) {
+            let steps = (pair[1] - pair[0]).norm().ceil();
+            let points = (0..=steps as usize).map(|step| pair[0] + (pair[1] - pair[0]) * (step as f64 / steps));
+            let before = points.filter(|point| (point - self.course.entry).dot(&self.course.along) < -BESIDE_MM);
+            self.in_tissue += before.filter(|point| body.label_at(point).is_some()).count();
+        }
+        let target = self.carried.point(0, &self.target, deformed.elements, deformed.tissue);
+        self.end = nodes.last().map(|tip| (*tip, target));
+        Ok(())
+    }
+}
+
+/// A path is what `insert` makes of it, with a guide and without.
+#[test]
+fn shipped_scenarios_are_inserted_as_planned() {
+    SHIPPED.iter().for_each(|scenario| planned_and_inserted(scenario, true));
+}
+
+#[test]
+#[ignore = "minutes: `.ci/more plans`"]
+fn shipped_scenarios_are_inserted_as_planned_at_their_own_size() {
+    SHIPPED
+        .iter()
+        .for_each(|scenario| planned_and_inserted(scenario, false));
+}
+
+/// Through the skin of the perineum, beside the image plane, a guide holds no needle; masses and springs lie along one
+/// path.
+#[test]
+fn scenarios_without_a_path_say_why() {
+    let outside = PathOptions {
+        target: Goal::Named("lesion".to_owned()),
+        entry: Entry::Box([[-40.0, -30.0, -70.0], [10.0, 30.0, -30.0]]),
+        ..options([0.0, 0.0], 2)
+    };
+    let refused = |name: &str, guide: &str| {
+        let (_, scenario) = shipped(name, guide, true);
+        let plan = plan(&scenario, &outside, &|_, _| ControlFlow::Continue(()));
+        plan.unwrap_err().to_string()
+    };
+    let message = refused("prostate-brachytherapy", "\n[manipulator]\n");
+    assert!(message.contains("2 leaves the image plane"), "{message}");
+    let message = refused("liver-training", "");
+    assert!(message.contains("masses and springs"), "{message}");
+}
+
+/// The axis that keeps a guide from a line is named with what it would take, and the speed is that of the command: not
+/// that of the drive, which leaves its dead band, nor that of the way out.
+#[test]
+fn ranges_of_the_guide_exclude_lines() {
+    let guided = "standoff_mm = 8.0\n[needle]\n";
+    let guide = |side_mm: f64| format!("[manipulator.guide]\nside_mm = {side_mm:?}\n{guided}");
+    let planned = |side_mm: f64, angles: [f64; 2], lines: usize| {
+        let (_, mut scenario) = shipped("liver-puncture", "", true);
+        let text = guide(side_mm);
+        let file = ScenarioFile::parse(&text, "guide.toml").unwrap();
+        scenario.file.manipulator = file.manipulator;
+        let options = PathOptions {
+            section_mm: Some(20.0),
+            ..options(angles, lines)
+        };
+        plan(&scenario, &options, &|_, _| ControlFlow::Continue(()))
+    };
+    let plan = planned(14.0, [-50.0, -30.0], 3).unwrap();
+    assert!((plan.speed_mm_s - 5.0).abs() < 1e-3, "{}", plan.speed_mm_s);
+    let beyond = "beyond the guide's horizontal positioning (A)";
+    assert_eq!(plan.excluded, BTreeMap::from([(beyond, 2)]));
+    let note = &plan.notes[0];
+    assert!(
+        note.contains("2 beyond") && note.contains("of -20 to 20 mm: 27.4 to 41.8"),
+        "{note}"
+    );
+    let csv = plan.csv();
+    let head = csv.lines().next().unwrap();
+    assert!(
+        head.ends_with("guide_position_mm,guide_posture_deg,guide_insertion_mm,excluded"),
+        "{head}"
+    );
+    let columns = head.split(',').count();
+    assert!(csv.lines().all(|row| row.split(',').count() == columns), "{csv}");
+    for (side_mm, angle, reason) in [
+        (14.0, 10.0, "beyond the guide's posture (B)"),
+        (20.0, -30.0, "withdrawn needle"),
+    ] {
+        let error = planned(side_mm, [angle; 2], 1).unwrap_err().to_string();
+        assert!(error.contains(reason), "{error}");
+    }
+    let (_, scenario) = shipped("two-layer-insertion", "", true);
+    assert!((insertion::speed_mm_s(&scenario).unwrap() - 1.5).abs() < 1e-6);
+}
+
+/// The hollow cylinder through the phantom of two layers is open at the ends of the volume, and still no skin.
+#[test]
+fn a_needle_does_not_begin_in_a_cavity() {
+    let (_, scenario) = shipped("two-layer-insertion", "", true);
+    let options = PathOptions {
+        target: Goal::At([0.0, 0.0, 0.0]),
+        entry: Entry::Named("phantom_top".to_owned()),
+        ..options([0.0, 0.0], 8)
+    };
+    let entries = Entries::new(&scenario, Point3::origin(), &options, 1.5).unwrap();
+    let lines = entries.lines().unwrap();
+    assert_eq!(lines.len(), 8);
+    for line in &lines {
+        let entry = line.entry_mm().unwrap();
+        let farthest = entry.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+        assert!(farthest > 38.0, "{entry:?}");
+    }
+    // Along -y, from within the hollow.
+    let inner = PathOptions {
+        entry: Entry::Box([[-1.0, 15.0, -1.0], [1.0, 18.0, 1.0]]),
+        ..options
+    };
+    let error = plan(&scenario, &inner, &|_, _| ControlFlow::Continue(())).unwrap_err();
+    assert!(error.to_string().contains("no skin"), "{error}");
+}
+
+/// A pixel is the point that it shows.
+#[test]
+fn pixels_name_points_of_the_image() {
+    let scenario = liver(&[]);
+    let grid = scenario.scene.settings.image_grid().unwrap();
+    let pose = scenario.scene.probe_path().at(0.0);
+    let shown = |point: [f64; 3]| {
+        let in_probe = pose.world_to_probe().transform_point(&point.into());
+        grid.to_pixel(in_probe.x, in_probe.y)
+    };
+    let ([target, entry], at) = ([[-4.0, 28.0, 0.0], [10.0, 0.0, 0.0]], |point| Goal::Pixel(shown(point)));
+    let (_, found) = goal(&scenario, &at(target)).unwrap();
+    assert!((found - Point3::from(target)).norm() < 0.01, "{found}");
+    let options = PathOptions {
+        entry: Entry::Pixel(shown(entry)),
+        ..options([0.0, 0.0], 5)
+    };
+    let entries = Entries::new(&scenario, target.into(), &options, 5.0).unwrap();
+    let lines = entries.lines().unwrap();
+    let [x, ..] = lines[0].entry_mm().unwrap();
+    assert!(lines.len() == 1 && (x - entry[0]).abs() < 0.3, "{x}");
+    let error = goal(&scenario, &Goal::Pixel([-5.0, 3.0])).unwrap_err();
+    assert!(
+        error.to_string().contains("pixel (-5, 3) is not in the image"),
+        "{error}"
+    );
 }

@@ -89,11 +89,12 @@ fn beside_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let scenario = liver(250, &[("[scene.volume]\nphantom = \"liver-vein\"\n", bone)])?;
     let options = |target: [f64; 3], clearance_mm: f64| PathOptions {
         target: Goal::At(target),
-        entry: Entry::Plane([-20.0, 4.0]),
+        entry: Entry::Plane(Some([-20.0, 4.0])),
         lines: record.effort().pick(4, 9),
         clearance_mm,
         tolerance_mm: 0.1,
         section_mm: Some(20.0),
+        speed_mm_s: None,
     };
     let target = [10.0, 38.0, 0.0];
     let clearance_mm = 5.0;

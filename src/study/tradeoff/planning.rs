@@ -127,11 +127,12 @@ fn paths(effort: Effort, progress: &mut dyn FnMut(&str, f64)) -> Result<Table, E
         let scenario = nodes.map_or_else(|| Ok(reference.clone()), |nodes| liver(nodes, &[]))?;
         let options = PathOptions {
             target: Target::Named("vessel".to_owned()),
-            entry: Entries::Plane([ANGLE_DEG; 2]),
+            entry: Entries::Plane(Some([ANGLE_DEG; 2])),
             lines: 1,
             clearance_mm: 0.0,
             tolerance_mm: 0.1,
             section_mm,
+            speed_mm_s: None,
         };
         let start = Instant::now();
         let plan = plan(&scenario, &options, &|_, _| ControlFlow::Continue(()))?;
