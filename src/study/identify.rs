@@ -48,12 +48,19 @@ const MIN_DENSITY_N_PER_MM: f64 = 1e-6;
 const MIN_WIDTH_MM: f64 = 0.1;
 /// Residual of the force in the inner loop, as a share of the largest force, above which it is reported.
 const MISFIT: f64 = 0.05;
+/// The same over the residual of the piecewise model, above which the measured force has what no parameter makes, and its
+/// least size as a share of the largest force.
+const WORSE: (f64, f64) = (3.0, 0.01);
+/// Offset of a load cell that is told, as a share of the largest force.
+const OFFSET: f64 = 2e-3;
 /// Expected number of simulations of an identification, for the progress.
 const EXPECTED_RUNS: usize = 150;
 
 /// Identifications of one measured insertion.
 #[derive(Clone, Debug, Serialize)]
 pub struct Identification {
+    /// Offset of the load cell, the mean force before the tissue, which is taken off, N; `None` without such a force.
+    pub offset_n: Option<f64>,
     /// Piecewise-linear model of the measured force.
     pub force_model: Piecewise,
     /// Result for each Poisson's ratio.
@@ -141,6 +148,7 @@ pub fn identify(
     let identify = |poisson: &Option<f64>| Search::new(&case, &data, &model, *poisson, &count_run).find();
     let results = parallel::try_map(&case.poisson[..], &identify)?;
     Ok(Identification {
+        offset_n: data.offset_n,
         force_model: model,
         results,
         data,
@@ -182,6 +190,7 @@ pub(super) fn identify_simulated(
     motion.measured_mm = course.moved_mm;
     let data = Measurements {
         force: thinned(&course.force),
+        offset_n: Some(0.0),
         motion: Some(motion),
     };
     let model = data.model(case)?;
@@ -196,6 +205,8 @@ struct Search<'a> {
     simulator: Simulator<'a>,
     weights: Vec<f64>,
     on_run: &'a (dyn Fn() -> Result<(), Error> + Sync),
+    /// Largest relative change of a force parameter in the last pass of the inner loop.
+    last_change: f64,
     notes: Vec<String>,
 }
 
@@ -215,6 +226,7 @@ impl<'a> Search<'a> {
             simulator: Simulator::new(case, data.motion.as_ref(), model.end_mm),
             weights: case.weights(),
             on_run,
+            last_change: 0.0,
             notes: Vec::new(),
         }
     }
@@ -255,7 +267,8 @@ impl<'a> Search<'a> {
             let Some(simulated) = self.model.refined(&thinned(&course.force)) else {
                 break;
             };
-            if self.adjust(layers, &simulated) < SETTLED {
+            self.last_change = self.adjust(layers, &simulated);
+            if self.last_change < SETTLED {
                 break;
             }
         }
@@ -380,6 +393,29 @@ impl<'a> Search<'a> {
             self.notes.push(format!(
                 "the simulated force differs from the measured one by {:.1} % of its largest value (root mean square): this law of force does not fit",
                 100.0 * force.rms_n / largest
+            ));
+        }
+        match self.data.offset_n {
+            None => self.notes.push(
+                "no force before the tissue (5 rows, 1 mm and more): an offset of the load cell is not known, and would change widths and densities"
+                    .to_owned(),
+            ),
+            Some(offset) if offset.abs() > OFFSET * largest => self.notes.push(format!(
+                "the load cell reads {offset:.4} N before the tissue: this offset was taken off"
+            )),
+            Some(_) => {}
+        }
+        if force.rms_n > (WORSE.0 * self.model.rms_n).max(WORSE.1 * largest) {
+            self.notes.push(format!(
+                "the simulated force is off by {:.3} N, the piecewise model of the measured one by {:.3} N (root mean square): an offset, a drift or \
+                 a shift of depth would do that",
+                force.rms_n, self.model.rms_n
+            ));
+        }
+        if self.last_change >= SETTLED {
+            self.notes.push(format!(
+                "the force parameters did not settle: the last of {MAX_INNER} simulations changed one by {:.1} %",
+                100.0 * self.last_change
             ));
         }
         // A neighbour that costs no more shows that the search ended somewhere else than at a minimum.

@@ -19,6 +19,10 @@ const RETREAT_MM: f64 = 0.5;
 const MAX_POINTS: usize = 300;
 /// Largest distance between neighbouring forces as a share of the curve.
 const MAX_GAP_SHARE: f64 = 0.05;
+/// Distance of the tip before the tissue from which on the force is that of the load cell alone, mm, and fewest rows of
+/// it.
+const BEFORE_MM: f64 = 1.0;
+const MIN_BEFORE: usize = 5;
 /// Most depths at which displacements are compared.
 const MAX_DEPTHS: usize = 40;
 /// Correlation below which a window is not used.
@@ -31,8 +35,10 @@ const MIN_CORRELATED_SHARE: f64 = 0.5;
 /// Measurements of the first push of a needle.
 #[derive(Clone, Debug)]
 pub(super) struct Measurements {
-    /// Depth of the tip (mm, rising) and force (N).
+    /// Depth of the tip (mm, rising) and force less its offset (N).
     pub force: Vec<[f64; 2]>,
+    /// Offset of the load cell, N; `None` without a force before the tissue.
+    pub offset_n: Option<f64>,
     /// Measured displacements.
     pub motion: Option<MeasuredMotion>,
 }
@@ -78,7 +84,7 @@ impl Measurements {
     /// # Errors
     /// [`Error`] with the table and what it lacks.
     pub(super) fn read(case: &IdentificationCase) -> Result<Self, Error> {
-        let force = forces(case)?;
+        let (force, offset_n) = forces(case)?;
         let end = force.last().map_or(0.0, |row| row[0]);
         if let Some(layer) = case.layers.iter().find(|layer| layer.begins_mm >= end) {
             let text = format!(
@@ -91,7 +97,11 @@ impl Measurements {
             None => None,
             Some(spec) => Some(MeasuredMotion::read(case, &spec.file, spec.frames.as_deref(), end)?),
         };
-        Ok(Self { force, motion })
+        Ok(Self {
+            force,
+            offset_n,
+            motion,
+        })
     }
 
     /// Piecewise-linear model of the force, two regions a layer.
@@ -118,7 +128,15 @@ impl Measurements {
     }
 }
 
-fn forces(case: &IdentificationCase) -> Result<Vec<[f64; 2]>, Error> {
+/// Mean force of the rows before the tip first enters the tissue, N.
+fn offset_n(rows: &[[f64; 2]]) -> Option<f64> {
+    let approach = rows.iter().take_while(|row| row[0] <= 0.0);
+    let before: Vec<f64> = approach.filter(|row| row[0] <= -BEFORE_MM).map(|row| row[1]).collect();
+    (before.len() >= MIN_BEFORE).then(|| before.iter().sum::<f64>() / before.len() as f64)
+}
+
+/// The curve of the first push less the offset of the load cell, and that offset.
+fn forces(case: &IdentificationCase) -> Result<(Vec<[f64; 2]>, Option<f64>), Error> {
     let path = &case.force;
     let table = Csv::open(path, &[])?;
     let tip = ["measured_tip_x_mm", "measured_tip_y_mm", "measured_tip_z_mm"];
@@ -138,7 +156,11 @@ fn forces(case: &IdentificationCase) -> Result<Vec<[f64; 2]>, Error> {
         });
     }
     let depths: Vec<f64> = rows.iter().map(|row| row[0]).collect();
-    let push: Vec<[f64; 2]> = first_push(&depths).into_iter().map(|index| rows[index]).collect();
+    let offset_n = offset_n(&rows);
+    let push: Vec<[f64; 2]> = first_push(&depths)
+        .into_iter()
+        .map(|index| [rows[index][0], rows[index][1] - offset_n.unwrap_or(0.0)])
+        .collect();
     let Some(end) = push.last().map(|row| row[0]) else {
         return Err(unusable(
             path,
@@ -168,7 +190,7 @@ fn forces(case: &IdentificationCase) -> Result<Vec<[f64; 2]>, Error> {
         let text = "found a force that is not positive at the deepest point; expected one that is positive while the needle is pushed in";
         return Err(unusable(path, text.to_owned()));
     }
-    Ok(thinned(&push))
+    Ok((thinned(&push), offset_n))
 }
 
 /// Means of neighbouring points, at most 300.

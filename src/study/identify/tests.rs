@@ -287,3 +287,47 @@ fn measurements_that_cannot_be_used_are_told() {
     }
     assert!(unknown(&head.replace("phantom.toml", "two-layer-insertio")).contains("two-layer-insertion"));
 }
+
+/// A load cell that reads 50 mN at rest, with 20 mN of noise: the offset is taken off and told, and parameters return;
+/// without the rows before the tissue, its absence is told.
+#[test]
+fn an_offset_of_the_load_cell_is_taken_off() {
+    const OFFSET_N: f64 = 0.05;
+    let folder = tempfile::tempdir().unwrap();
+    write(folder.path(), PHANTOM);
+    let known_layers = "[[layer]]\nregion = \"top\"\nknown = true\n[[layer]]\nregion = \"inclusion\"\nknown = true\n";
+    let path = folder.path().join("force.csv");
+    let exact = std::fs::read_to_string(&path).unwrap();
+    let seed = insonify_base::random::seed_words(5);
+    let measured: String = exact
+        .lines()
+        .enumerate()
+        .map(|(row, line)| match line.split_once(',') {
+            Some((depth, force)) if row > 0 => {
+                let noise = 0.02 * insonify_base::random::normal([row as i32, 0, 0], seed);
+                format!("{depth},{}\n", force.parse::<f64>().unwrap() + OFFSET_N + noise)
+            }
+            _ => format!("{line}\n"),
+        })
+        .collect();
+    std::fs::write(&path, &measured).unwrap();
+    let identified = identified_case(folder.path(), PHANTOM, known_layers);
+    let offset_n = identified.offset_n.unwrap();
+    assert!((offset_n - OFFSET_N).abs() < 0.01, "{offset_n}");
+    let result = &identified.results[0];
+    assert!(result.notes[0].contains("this offset was taken off"), "{:?}", result.notes);
+    for (layer, [peak, shaft, width]) in result.layers.iter().zip([[0.06, 0.015, 6.0], [0.11, 0.03, 8.0]]) {
+        let off = |value: f64, exact: f64| (value / exact - 1.0).abs();
+        assert!(off(layer.width_mm, width) < 0.1, "{layer:?}");
+        assert!(
+            off(layer.peak_n_per_mm, peak) < 0.15 && off(layer.shaft_n_per_mm, shaft) < 0.15,
+            "{layer:?}"
+        );
+    }
+    let in_tissue: Vec<&str> = measured.lines().filter(|line| !line.starts_with('-')).collect();
+    std::fs::write(&path, in_tissue.join("\n")).unwrap();
+    let unknown = identified_case(folder.path(), PHANTOM, known_layers);
+    assert_eq!(unknown.offset_n, None);
+    let notes = &unknown.results[0].notes;
+    assert!(notes[0].contains("an offset of the load cell is not known"), "{notes:?}");
+}

@@ -218,7 +218,7 @@ impl Search<'_> {
             let aim = start.end() + step(&gain, &straight.along, &meeting.aside) * damping;
             course = Course {
                 depth_mm: start.depth_mm,
-                ..start.aimed(&aim)
+                ..start.aimed(&guide::aim(self.scenario, aim))
             };
             let next = self.meeting(&course)?;
             let aside_mm = next.aside.norm();
@@ -234,7 +234,8 @@ impl Search<'_> {
 
     /// Derivatives of the miss across the needle by the aim: those of a rigid needle, or from two runs.
     fn gain(&mut self, course: &Course, meeting: &Meeting) -> Result<Matrix2<f64>, Fault> {
-        if self.scenario.needle.is_straight() {
+        // A guide turns the needle in its plane alone: shifts out of it, for derivatives, are beyond it.
+        if self.scenario.needle.is_straight() || guide::holds(self.scenario) {
             return Ok(-Matrix2::identity());
         }
         let axes = across(&course.along);
@@ -310,7 +311,7 @@ impl Search<'_> {
             course = Course {
                 depth_mm: start.depth_mm,
                 back_mm: start.back_mm,
-                ..start.aimed(&aim)
+                ..start.aimed(&guide::aim(self.scenario, aim))
             };
             if start.back_mm > 0.0 {
                 course.back_mm = (start.back_mm - damping * ahead).max(0.0)

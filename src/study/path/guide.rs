@@ -62,6 +62,22 @@ fn in_plane(scenario: &Scenario, course: &Course, depth_mm: f64) -> Result<InPla
     InPlane::of(&Pose::from_matrix(&(probe.world_to_probe() * tip.probe_to_world()))?)
 }
 
+/// An aim as near as the guide comes to it: in the image plane.
+pub(super) fn aim(scenario: &Scenario, aim: Point3<f64>) -> Point3<f64> {
+    if guide(scenario).is_none() {
+        return aim;
+    }
+    let probe = scenario.scene.probe_path().at(scenario.timing.start_s);
+    let mut in_probe = probe.world_to_probe().transform_point(&aim);
+    in_probe.z = 0.0;
+    probe.probe_to_world().transform_point(&in_probe)
+}
+
+/// Whether the scenario has a guide.
+pub(super) fn holds(scenario: &Scenario) -> bool {
+    guide(scenario).is_some()
+}
+
 /// Posture of the guide with the tip at a distance beyond the entry of a course, mm, whatever its ranges; `None` without
 /// a guide, or for a needle out of its plane.
 pub(super) fn posture(scenario: &Scenario, course: &Course, depth_mm: f64) -> Option<Posture> {

@@ -21,6 +21,10 @@ use insonify_base::csv::Csv;
 const MIN_POINTS: usize = 4;
 /// Fraction of the largest force so far at which the force counts as dropped: a membrane is punctured.
 const DROP: f64 = 0.8;
+/// Least drop in standard deviations of the noise: the largest force so far has some of it, too.
+const CLEAR: f64 = 8.0;
+/// Standard deviation of normal noise over the median of its magnitude.
+const OF_MEDIAN: f64 = 1.4826;
 /// Maximum number of iterations.
 const MAX_ITERATIONS: usize = 20;
 /// Relative change of the squared residual that ends the iterations.
@@ -155,13 +159,28 @@ pub fn fit(
     })
 }
 
+/// Standard deviation of the noise of a force, N: from the median of second differences, which a smooth curve and a few
+/// punctures leave alone.
+fn noise_n(samples: &[ForceSample]) -> f64 {
+    let bends = samples.windows(3).map(|part| {
+        let [before, here, after] = [0, 1, 2].map(|index| part[index].force_n);
+        (before - 2.0 * here + after).abs()
+    });
+    let mut bends: Vec<f64> = bends.collect();
+    bends.sort_by(f64::total_cmp);
+    let median = bends.get(bends.len() / 2).copied().unwrap_or(0.0);
+    // The coefficients 1, -2 and 1 add the variance of the noise six times.
+    OF_MEDIAN * median / 6f64.sqrt()
+}
+
 /// Returns the points before the force drops.
 fn first_push(samples: &[ForceSample]) -> Result<Vec<ForceSample>, Error> {
     let mut largest = (0, 0.0);
+    let noise_n = noise_n(samples);
     for (index, sample) in samples.iter().enumerate() {
         if sample.force_n >= largest.1 {
             largest = (index, sample.force_n);
-        } else if sample.force_n < DROP * largest.1 {
+        } else if sample.force_n < DROP * largest.1 && largest.1 - sample.force_n > CLEAR * noise_n {
             break;
         }
     }

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::puncture::puncture;
+use insonify_base::random::{normal, seed_words};
 
 fn simulated_curve() -> (PunctureOptions, Vec<ForceSample>) {
     let options = PunctureOptions {
@@ -83,4 +84,32 @@ fn curves_are_read_and_refused() {
         .unwrap_err()
         .to_string();
     assert!(error.starts_with("the curve: found "), "{error}");
+}
+
+/// A force of 0.6 N that rises with the square of the travel, drops by three quarters at 16 mm and rises again, with the
+/// noise of a load cell: what is used ends at the puncture, not where noise drops by a fifth of next to nothing.
+#[test]
+fn noise_is_no_puncture() {
+    for noise_n in [0.0, 1e-3, 3e-3, 2e-2] {
+        let force = |travel: f64| {
+            let since = travel - 16.0;
+            if since <= 0.0 {
+                0.6 * (travel / 16.0).powi(2)
+            } else {
+                0.15 + 0.05 * since
+            }
+        };
+        let sample = |index: i32| {
+            let travel_mm = 0.05 * f64::from(index);
+            let noise = noise_n * normal([index, 0, 0], seed_words(7));
+            ForceSample {
+                travel_mm,
+                force_n: force(travel_mm) + noise,
+            }
+        };
+        let samples: Vec<ForceSample> = (0..500).map(sample).collect();
+        let pushed = first_push(&samples).unwrap();
+        let end_mm = pushed[pushed.len() - 1].travel_mm;
+        assert!((15.0..16.01).contains(&end_mm), "{noise_n}: {end_mm}");
+    }
 }
