@@ -315,7 +315,11 @@ fn an_offset_of_the_load_cell_is_taken_off() {
     let offset_n = identified.offset_n.unwrap();
     assert!((offset_n - OFFSET_N).abs() < 0.01, "{offset_n}");
     let result = &identified.results[0];
-    assert!(result.notes[0].contains("this offset was taken off"), "{:?}", result.notes);
+    assert!(
+        result.notes[0].contains("this offset was taken off"),
+        "{:?}",
+        result.notes
+    );
     for (layer, [peak, shaft, width]) in result.layers.iter().zip([[0.06, 0.015, 6.0], [0.11, 0.03, 8.0]]) {
         let off = |value: f64, exact: f64| (value / exact - 1.0).abs();
         assert!(off(layer.width_mm, width) < 0.1, "{layer:?}");
@@ -329,5 +333,8 @@ fn an_offset_of_the_load_cell_is_taken_off() {
     let unknown = identified_case(folder.path(), PHANTOM, known_layers);
     assert_eq!(unknown.offset_n, None);
     let notes = &unknown.results[0].notes;
-    assert!(notes[0].contains("an offset of the load cell is not known"), "{notes:?}");
+    assert!(
+        notes[0].contains("an offset of the load cell is not known"),
+        "{notes:?}"
+    );
 }
