@@ -48,8 +48,8 @@ const MIN_DENSITY_N_PER_MM: f64 = 1e-6;
 const MIN_WIDTH_MM: f64 = 0.1;
 /// Residual of the force in the inner loop, as a share of the largest force, above which it is reported.
 const MISFIT: f64 = 0.05;
-/// The same over the residual of the piecewise model, above which the measured force has what no parameter makes, and its
-/// least size as a share of the largest force.
+/// The same over the residual of the piecewise model, above which the measured force has what no parameter makes, and
+/// its least size as a share of the largest force.
 const WORSE: (f64, f64) = (3.0, 0.01);
 /// Offset of a load cell that is told, as a share of the largest force.
 const OFFSET: f64 = 2e-3;

@@ -55,8 +55,8 @@ pub enum Goal {
 /// Domain of entries.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Entry {
-    /// In the image plane, at angles to the beam's axis from the first to the last, degrees; `None` for those at which the
-    /// guide reaches the target, or without one -60 to 60.
+    /// In the image plane, at angles to the beam's axis from the first to the last, degrees; `None` for those at which
+    /// the guide reaches the target, or without one -60 to 60.
     Plane(Option<[f64; 2]>),
     /// In the image plane, on the line through a pixel (column and row) of the image at the start.
     Pixel([f64; 2]),
@@ -172,8 +172,8 @@ impl PathOptions {
     }
 }
 
-/// Resolves a scenario file for plans: its mesh is not finer along one path, which that would favour, and its own motion
-/// may be beyond its guide.
+/// Resolves a scenario file for plans: its mesh is not finer along one path, which that would favour, and its own
+/// motion may be beyond its guide.
 ///
 /// # Errors
 /// Those of `resolve`.

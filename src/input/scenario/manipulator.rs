@@ -141,8 +141,8 @@ impl GuideMotion {
 }
 
 impl Scenario {
-    /// The scenario with another path of the needle's tip, from its start to its end, as the guide on the probe makes it
-    /// if there is one.
+    /// The scenario with another path of the needle's tip, from its start to its end, as the guide on the probe makes
+    /// it if there is one.
     ///
     /// # Errors
     /// [`InputError`] for a path beyond the ranges of the guide.

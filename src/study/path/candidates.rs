@@ -148,8 +148,8 @@ pub(super) struct Entries<'a> {
     speed_mm_s: f64,
     /// Whether a needle meets the tissue of each label.
     is_tissue: Vec<bool>,
-    /// Of both faces of the volume on each axis, the voxels whose air reaches the rim of the face: what they open to is the
-    /// outside, and not a cavity that the volume cuts.
+    /// Of both faces of the volume on each axis, the voxels whose air reaches the rim of the face: what they open to is
+    /// the outside, and not a cavity that the volume cuts.
     open: [[Vec<bool>; 2]; 3],
     pub target: Point3<f64>,
 }
@@ -228,8 +228,8 @@ impl<'a> Entries<'a> {
         Ok(directions.into_iter().map(line).collect())
     }
 
-    /// Voxels of the body beside air, or at the end of the volume, for which `wanted` holds, within the needle's reach and
-    /// free of tissue behind a needle that enters there, mm.
+    /// Voxels of the body beside air, or at the end of the volume, for which `wanted` holds, within the needle's reach
+    /// and free of tissue behind a needle that enters there, mm.
     fn surface(&self, wanted: impl Fn(u8, &Point3<f64>) -> bool) -> Vec<Point3<f64>> {
         let volume = self.body.volume;
         let size = volume.size();
@@ -283,16 +283,16 @@ impl<'a> Entries<'a> {
         Some(self.is_tissue[usize::from(label)])
     }
 
-    /// Reason why a straight course does not enter by the skin, by what lies behind its entry up to the needle's base at the
-    /// start.
+    /// Reason why a straight course does not enter by the skin, by what lies behind its entry up to the needle's base
+    /// at the start.
     fn no_skin_behind(&self, course: &Course) -> Option<&'static str> {
         let behind_mm = self.scenario.needle.length_mm + course.approach_mm(self.scenario);
         let behind = (1..=(behind_mm / SKIN_MM) as usize).map(|step| course.at_depth(-(step as f64) * SKIN_MM));
         self.no_skin(behind, |point| self.meets_tissue(point))
     }
 
-    /// Reason why points outwards from an entry do not lie outside the body; `meets` says whether there is tissue, `None`
-    /// beyond the volume.
+    /// Reason why points outwards from an entry do not lie outside the body; `meets` says whether there is tissue,
+    /// `None` beyond the volume.
     fn no_skin(
         &self,
         behind: impl Iterator<Item = Point3<f64>>,

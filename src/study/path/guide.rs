@@ -78,8 +78,8 @@ pub(super) fn holds(scenario: &Scenario) -> bool {
     guide(scenario).is_some()
 }
 
-/// Posture of the guide with the tip at a distance beyond the entry of a course, mm, whatever its ranges; `None` without
-/// a guide, or for a needle out of its plane.
+/// Posture of the guide with the tip at a distance beyond the entry of a course, mm, whatever its ranges; `None`
+/// without a guide, or for a needle out of its plane.
 pub(super) fn posture(scenario: &Scenario, course: &Course, depth_mm: f64) -> Option<Posture> {
     Some(guide(scenario)?.placing(&in_plane(scenario, course, depth_mm).ok()?))
 }
@@ -127,8 +127,8 @@ pub(super) fn angles_deg(scenario: &Scenario, target: &Point3<f64>) -> Option<[f
     Some([low + inward, high - inward])
 }
 
-/// The reasons of excluded lines with their numbers, the most frequent first; those of a guide with the coordinates that
-/// it would take.
+/// The reasons of excluded lines with their numbers, the most frequent first; those of a guide with the coordinates
+/// that it would take.
 pub(super) fn reasons(lines: &[Candidate]) -> Vec<(&'static str, usize, String)> {
     let mut counted: Vec<(&'static str, usize, String)> = Vec::new();
     for reason in lines.iter().filter_map(|line| line.excluded) {

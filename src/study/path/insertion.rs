@@ -131,7 +131,7 @@ impl Course {
     }
 
     /// The tip at the end, mm.
-    pub fn end(&self) -> Point3<f64> {
+    pub(super) fn end(&self) -> Point3<f64> {
         self.at_depth(self.depth_mm - self.back_mm)
     }
 
@@ -155,8 +155,8 @@ impl Course {
         guide::withdrawn_mm(scenario, self).unwrap_or(APPROACH_MM)
     }
 
-    /// Keyframes of the course at its speed, or slightly slower, so that each stroke takes whole steps, and of a rest at
-    /// its end.
+    /// Keyframes of the course at its speed, or slightly slower, so that each stroke takes whole steps, and of a rest
+    /// at its end.
     pub fn keys(&self, scenario: &Scenario) -> Vec<NeedleKeyframe> {
         let every_s = self.stride(scenario) * scenario.timing.dt_s;
         let approach_mm = self.approach_mm(scenario);

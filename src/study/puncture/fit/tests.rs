@@ -86,8 +86,8 @@ fn curves_are_read_and_refused() {
     assert!(error.starts_with("the curve: found "), "{error}");
 }
 
-/// A force of 0.6 N that rises with the square of the travel, drops by three quarters at 16 mm and rises again, with the
-/// noise of a load cell: what is used ends at the puncture, not where noise drops by a fifth of next to nothing.
+/// A force of 0.6 N that rises with the square of the travel, drops by three quarters at 16 mm and rises again, with
+/// the noise of a load cell: what is used ends at the puncture, not where noise drops by a fifth of next to nothing.
 #[test]
 fn noise_is_no_puncture() {
     for noise_n in [0.0, 1e-3, 3e-3, 2e-2] {
