@@ -397,7 +397,7 @@ impl<'a> Search<'a> {
         }
         match self.data.offset_n {
             None => self.notes.push(
-                "no force before the tissue (5 rows, 1 mm and more): an offset of the load cell is not known, and would change widths and densities"
+                "no force before the tissue (5 rows, 0.5 mm and more): an offset of the load cell is not known, and would change widths and densities"
                     .to_owned(),
             ),
             Some(offset) if offset.abs() > OFFSET * largest => self.notes.push(format!(

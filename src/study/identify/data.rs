@@ -21,7 +21,7 @@ const MAX_POINTS: usize = 300;
 const MAX_GAP_SHARE: f64 = 0.05;
 /// Distance of the tip before the tissue from which on the force is that of the load cell alone, mm, and fewest rows of
 /// it.
-const BEFORE_MM: f64 = 1.0;
+const BEFORE_MM: f64 = 0.5;
 const MIN_BEFORE: usize = 5;
 /// Most depths at which displacements are compared.
 const MAX_DEPTHS: usize = 40;

@@ -294,7 +294,8 @@ fn measurements_that_cannot_be_used_are_told() {
 fn an_offset_of_the_load_cell_is_taken_off() {
     const OFFSET_N: f64 = 0.05;
     let folder = tempfile::tempdir().unwrap();
-    write(folder.path(), PHANTOM);
+    let scenario = &PHANTOM.replace("dt_ms = 100", "dt_ms = 50");
+    write(folder.path(), scenario);
     let known_layers = "[[layer]]\nregion = \"top\"\nknown = true\n[[layer]]\nregion = \"inclusion\"\nknown = true\n";
     let path = folder.path().join("force.csv");
     let exact = std::fs::read_to_string(&path).unwrap();
@@ -311,7 +312,7 @@ fn an_offset_of_the_load_cell_is_taken_off() {
         })
         .collect();
     std::fs::write(&path, &measured).unwrap();
-    let identified = identified_case(folder.path(), PHANTOM, known_layers);
+    let identified = identified_case(folder.path(), scenario, known_layers);
     let offset_n = identified.offset_n.unwrap();
     assert!((offset_n - OFFSET_N).abs() < 0.01, "{offset_n}");
     let result = &identified.results[0];
@@ -330,7 +331,7 @@ fn an_offset_of_the_load_cell_is_taken_off() {
     }
     let in_tissue: Vec<&str> = measured.lines().filter(|line| !line.starts_with('-')).collect();
     std::fs::write(&path, in_tissue.join("\n")).unwrap();
-    let unknown = identified_case(folder.path(), PHANTOM, known_layers);
+    let unknown = identified_case(folder.path(), scenario, known_layers);
     assert_eq!(unknown.offset_n, None);
     let notes = &unknown.results[0].notes;
     assert!(

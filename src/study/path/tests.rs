@@ -453,20 +453,16 @@ fn scenarios_without_a_path_say_why() {
 /// that of the drive, which leaves its dead band, nor that of the way out.
 #[test]
 fn ranges_of_the_guide_exclude_lines() {
-    let guided = "standoff_mm = 8.0\n[needle]\n";
-    let guide = |side_mm: f64| format!("[manipulator.guide]\nside_mm = {side_mm:?}\n{guided}");
-    let planned = |side_mm: f64, angles: [f64; 2], lines: usize| {
-        let (_, mut scenario) = shipped("liver-puncture", "", true);
-        let text = guide(side_mm);
-        let file = ScenarioFile::parse(&text, "guide.toml").unwrap();
-        scenario.file.manipulator = file.manipulator;
+    let planned = |standoff_mm: f64, angles: [f64; 2], lines: usize| {
+        let guide = format!("\n[manipulator.guide]\nside_mm = 14.0\nstandoff_mm = {standoff_mm:?}\n");
+        let (_, scenario) = shipped("liver-puncture", &guide, true);
         let options = PathOptions {
             section_mm: Some(20.0),
             ..options(angles, lines)
         };
         plan(&scenario, &options, &|_, _| ControlFlow::Continue(()))
     };
-    let plan = planned(14.0, [-50.0, -30.0], 3).unwrap();
+    let plan = planned(8.0, [-50.0, -30.0], 3).unwrap();
     assert!((plan.speed_mm_s - 5.0).abs() < 1e-3, "{}", plan.speed_mm_s);
     let beyond = "beyond the guide's horizontal positioning (A)";
     assert_eq!(plan.excluded, BTreeMap::from([(beyond, 2)]));
@@ -483,11 +479,11 @@ fn ranges_of_the_guide_exclude_lines() {
     );
     let columns = head.split(',').count();
     assert!(csv.lines().all(|row| row.split(',').count() == columns), "{csv}");
-    for (side_mm, angle, reason) in [
-        (14.0, 10.0, "beyond the guide's posture (B)"),
-        (20.0, -30.0, "withdrawn needle"),
+    for (standoff_mm, angle, reason) in [
+        (8.0, 10.0, "beyond the guide's posture (B)"),
+        (16.0, -30.0, "withdrawn needle"),
     ] {
-        let error = planned(side_mm, [angle; 2], 1).unwrap_err().to_string();
+        let error = planned(standoff_mm, [angle; 2], 1).unwrap_err().to_string();
         assert!(error.contains(reason), "{error}");
     }
     let (_, scenario) = shipped("two-layer-insertion", "", true);
@@ -505,9 +501,10 @@ fn a_needle_does_not_begin_in_a_cavity() {
     };
     let entries = Entries::new(&scenario, Point3::origin(), &options, 1.5).unwrap();
     let lines = entries.lines().unwrap();
-    assert_eq!(lines.len(), 8);
-    for line in &lines {
-        let entry = line.entry_mm().unwrap();
+    // Behind the hollow there is tissue before an entry.
+    let entries_mm: Vec<_> = lines.iter().filter_map(|line| line.entry_mm()).collect();
+    assert!(lines.len() == 8 && entries_mm.len() >= 5, "{entries_mm:?}");
+    for entry in entries_mm {
         let farthest = entry.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
         assert!(farthest > 38.0, "{entry:?}");
     }
