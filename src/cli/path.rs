@@ -28,7 +28,7 @@ Examples:
   insonify path liver-puncture --target vessel -o plan                the middle of the vein, at 12 angles in the image plane
   insonify path liver-puncture --target -4,28,0 --model 2d -o plan    the same in a section by the image plane, which is quicker
   insonify path liver-puncture --target vessel --angles=-45,-10 --candidates 8 -o plan
-  insonify path liver-puncture --target-px 262,292 --entry-px 355,90 -o plan     target and entry clicked in the image
+  insonify path liver-puncture --target-px 360,208 --entry-px 440,80 -o plan     target and entry clicked in the image
   insonify path my.toml --target lesion --entry -60,-120,-40,20,-60,40 -o plan   entries on the skin within a box, two corners in mm (LPS)
   insonify path my.toml --target lesion --entry skin_abdomen -o plan             entries on a label of the skin
   insonify insert plan/scenario.toml -o out --images                  the best path, step by step
