@@ -7,7 +7,7 @@ use super::Step;
 use crate::input::scenario::Scenario;
 use crate::input::scenario::reported_points::{Displaced, Extremes};
 use insonify_base::statistics::Times;
-use insonify_mechanics::insertion::{Event, EventKind, LevelChange, Snapshot, Tissue};
+use insonify_mechanics::insertion::{EventKind, LevelChange, Snapshot, Tissue};
 
 /// Maximum number of events kept: a run that never converges reports one per step.
 const MAX_EVENTS: usize = 10_000;
@@ -178,6 +178,8 @@ pub struct Tally<'a> {
     summary: Summary,
     /// Indices of the seeds taken by the model, among all seeds.
     taken_seeds: Vec<usize>,
+    /// Whether the tip is in a critical structure.
+    in_critical: bool,
     unheard: u64,
 }
 
@@ -210,6 +212,7 @@ impl<'a> Tally<'a> {
             remesh_ms: Times::default(),
             summary,
             taken_seeds: Vec::new(),
+            in_critical: false,
             unheard: 0,
         }
     }
@@ -244,15 +247,12 @@ impl<'a> Tally<'a> {
             });
             critical.clearance_mm = critical.clearance_mm.min(clearance);
         }
-        let entered = |event: &&Event| event.kind == EventKind::Critical;
-        let entries = outcome.events.iter().filter(entered).count();
-        if entries > 0 {
-            let none = CriticalMet {
-                entries: 0,
-                clearance_mm: 0.0,
-            };
-            summary.critical.get_or_insert(none).entries += entries;
+        // As `score` counts: from outside into one, however many regions are critical there.
+        let is_inside = outcome.inserted_mm > 0.0 && step.guidance.clearance_mm == Some(0.0);
+        if let Some(critical) = &mut summary.critical {
+            critical.entries += usize::from(is_inside && !self.in_critical);
         }
+        self.in_critical = is_inside;
         self.seed(step);
         for event in &outcome.events {
             if self.summary.events.len() == MAX_EVENTS {

@@ -35,8 +35,8 @@ pub struct Guidance {
     pub target: Option<[Point3<f64>; 2]>,
     /// True if the image shows the target: within the sector and the slice thickness, and not shadowed.
     pub shown: bool,
-    /// Distance of the tip from the nearest critical structure at rest, mm; `None` if there is none within 30 mm of the
-    /// path.
+    /// Distance of the tip from the nearest critical structure at rest, mm, 0 in a step that enters one; `None` if there
+    /// is none within 30 mm of the path.
     pub clearance_mm: Option<f64>,
 }
 
@@ -100,6 +100,9 @@ impl<'a> Guide<'a> {
         }
         let direction = base.rotation * Vector3::z();
         let tip = outcome.tip_at_rest_mm;
+        // A step may be longer than a vessel is wide.
+        let entered = outcome.events.iter().any(|event| event.kind == EventKind::Critical);
+        let clearance_mm = tip.and_then(|tip| self.critical.as_ref()?.distance(&tip));
         Guidance {
             direction: model
                 .tip_direction()
@@ -110,7 +113,7 @@ impl<'a> Guide<'a> {
             entry: self.entry,
             target: self.target,
             shown: self.target.is_some_and(|target| self.shows(&target, probe)),
-            clearance_mm: tip.and_then(|tip| self.critical.as_ref()?.distance(&tip)),
+            clearance_mm: if entered { Some(0.0) } else { clearance_mm },
         }
     }
 

@@ -13,7 +13,9 @@
 //! the needle is moved to the tip and becomes the tip node. Withdrawing the needle empties the tip, and nodes that come
 //! off the needle return to their rest positions, last first. The tip pushes its node with at most the tissue's
 //! `cutting_n` (`puncture_n` where a surface is met): a node that needs more slides back along the shaft under that
-//! force. With a large `cutting_n`, the rule of Zhu et al. alone decides.
+//! force. A surface with a `puncture_n` breaks at that force alone, any other as the rule of Zhu et al. has it, or at
+//! `cutting_n`; with a large `cutting_n` the rule alone decides. Regions are met one by one along the way of the tip in
+//! the tissue at rest.
 //!
 //! A step is cut into equal substeps: so many that springs and damping are stable ([`MassSpring::explicit_limit_s`]),
 //! up to [`MassSpringParameters::most_substeps`], and that in none of them base or tip moves farther than half the

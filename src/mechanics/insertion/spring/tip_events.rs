@@ -14,6 +14,10 @@ use crate::needle::{Entry, ShaftPoint};
 
 /// Bisections of a step to locate the tip at a surface: 0.4 mm become 1e-12 mm.
 const HALVINGS: usize = 40;
+/// Distance between samples of the regions along the way of the tip, mm.
+const SAMPLE_MM: f64 = 0.25;
+/// Maximum number of samples in a substep.
+const MAX_SAMPLES: f64 = 400.0;
 /// Distance in front of the tip of the point that determines the element it enters, as a share of the node spacing.
 const IN_FRONT: f64 = 1e-6;
 
@@ -86,7 +90,7 @@ impl MassSpring {
         self.body.active = true;
         self.body.breaking = true;
         self.body.region = Some(region);
-        self.body.crossed = point.coords;
+        (self.body.crossed, self.body.at_rest) = (point.coords, point.coords);
         self.push(node, Some(region));
         self.contacts.remember(&self.network);
         self.event(EventKind::Skin, *point, Some(region));
@@ -130,7 +134,7 @@ impl MassSpring {
         let coordinates = simplex.coordinates(&point);
         let reference = self.network.to_reference(element, &coordinates);
         if !in_bone {
-            self.meet(&(reference - point));
+            self.meet(&reference);
         }
         if travel <= STILL_MM {
             return;
@@ -149,9 +153,13 @@ impl MassSpring {
             return;
         }
         let holds = at_tip && self.body.tip_node == TipNode::Held;
-        // A surface drags its tissue along until its puncture force is reached.
         if holds && self.body.breaking {
-            return;
+            // A surface with a puncture force drags its tissue along until that is reached, any other is penetrated as
+            // the elements are.
+            if interaction(self.anatomy.as_ref(), self.body.region).puncture_n > 0.0 {
+                return;
+            }
+            self.broken();
         }
         if holds {
             // Penetrated. The tissue gets this substep to draw the node back along the shaft before the next is taken.
@@ -179,14 +187,27 @@ impl MassSpring {
         }
     }
 
-    /// Updates the region of the tip; `back` leads from a point at the tip to its position in the reference state.
-    fn meet(&mut self, back: &Vector3<f64>) {
+    /// Takes the tip through the regions to a new position in the reference state, which jumps by millimetres as a node
+    /// is penetrated, or to the first surface that stops it.
+    fn meet(&mut self, reference: &Vector3<f64>) {
         if self.body.breaking && self.body.tip_node == TipNode::Held {
             return;
         }
+        let before = self.body.at_rest;
+        let pieces = ((reference - before).norm() / SAMPLE_MM).ceil().clamp(1.0, MAX_SAMPLES);
+        for piece in 1..=pieces as usize {
+            self.body.at_rest = before + (reference - before) * (piece as f64 / pieces);
+            self.meet_at(&self.body.at_rest.into());
+            if self.body.breaking && self.body.tip_node == TipNode::Held {
+                return;
+            }
+        }
+    }
+
+    /// Updates the region of the tip at a position in the reference state.
+    fn meet_at(&mut self, reference: &Point3<f64>) {
         let tip = self.tip().point_mm;
-        let reference = tip + back;
-        let region = self.anatomy.region(&reference);
+        let region = self.anatomy.region(reference);
         let interaction = interaction(self.anatomy.as_ref(), region);
         let near = (reference.coords - self.body.crossed).norm() < BORDER_MM && !interaction.critical;
         // Bone does not move with the springs.

@@ -332,3 +332,33 @@ fn a_thin_critical_layer_is_told() {
     let told = seen.iter().filter(|event| event.0 == EventKind::Critical).count();
     assert_eq!(told, 1, "{seen:?}");
 }
+
+/// Five layers of 1 to 10 mm are met in order on the way in, the surface by the rule of the elements alone, although the
+/// tip jumps by millimetres at each node.
+#[test]
+fn layers_are_met_one_by_one_from_the_surface_on() {
+    let tough = |critical| Interaction {
+        cutting_n: 1000.0,
+        critical,
+        ..Interaction::default()
+    };
+    let layers = Layers {
+        starts_mm: vec![0.0, 2.0, 12.0, 13.0, 23.0],
+        interactions: [false, false, true, false, false].map(tough).to_vec(),
+    };
+    let mut model = model(MassSpringParameters::default(), layers);
+    let mut seen = Vec::new();
+    let mut depth_mm = 0.0;
+    drive(&mut model, [-1.0, 45.0], 20.0, 1e-3, |outcome| {
+        for event in &outcome.events {
+            seen.push((event.kind, event.region));
+            if event.kind == EventKind::Puncture {
+                depth_mm = outcome.tip_mm.z;
+            }
+        }
+    });
+    assert!(0.0 < depth_mm && depth_mm < 15.0, "broken at {depth_mm} mm");
+    let entered = |kind| seen.iter().filter(move |event| event.0 == kind).map(|event| event.1);
+    assert_eq!(entered(EventKind::Region).collect::<Vec<_>>(), [1, 2, 3, 4].map(Some));
+    assert_eq!(entered(EventKind::Critical).collect::<Vec<_>>(), [Some(2)]);
+}
