@@ -27,17 +27,19 @@ use picture::Shown;
 
 const EXAMPLES: &str = "\
 Each window of the first frame is sought in the others by normalised cross-correlation: in a narrow search about the estimate of the window above,
-and in a wide one where the correlation falls below 0.8. Where the mean correlation of a frame falls below 0.95, it becomes the new reference, and
-motion adds up. The table has a row for each window of each frame after the first:
-  frame,line,window,depth_mm,axial_um,lateral_um,correlation
+and in a wide one where the correlation falls below --fallback. Where its correlation falls below --switch, the echoes of that window in that frame
+become its reference, and motion adds up. A window that is lost moves with its neighbours until its echoes are found again. The table has a row for
+each window of each frame after the first:
+  frame,line,window,depth_mm,axial_um,lateral_um,correlation,least_correlation
+least_correlation: the least from the first frame to this one; below --fallback a window is lost, and its motion a guess.
 Indices count from 0; depth_mm: window centre in the first frame. Motion since then: axial away from the probe, lateral to the marked side.
 
 Examples:
-  insonify rf liver-biopsy -o rf.igs.mha --truth truth.csv
+  insonify rf two-layer-insertion -o rf.igs.mha --truth truth.csv
   insonify motion rf.igs.mha -o u.csv --truth truth.csv            errors against the truth
   insonify motion --validate -o study                              accuracy on media and an insertion of known motion, with plots
   insonify motion rf.igs.mha --truth truth.csv --validate -o study  the same plots of a sequence
-  insonify motion rf.igs.mha -o u.csv --strain strain.png          axial strain in colour over the B-mode, where tissue moved most
+  insonify motion rf.igs.mha -o u.csv --strain strain.png          axial strain in colour over the B-mode, where it is largest
   insonify motion rf.mha -o u.csv --sampling-mhz 40 --pitch-mm 0.15
 
 docs/motion.md has the model, its accuracy and its cost.";
@@ -72,6 +74,12 @@ pub(crate) struct Motion {
     /// Reach of the wide search along a line
     #[arg(long, value_name = "MM", default_value_t = 0.8)]
     wide_mm: f64,
+    /// Correlation below which the wide search is made, and a window that it does not find is lost
+    #[arg(long, value_name = "SHARE", default_value_t = 0.8)]
+    fallback: f64,
+    /// Correlation below which the echoes of a window become its new reference
+    #[arg(long, value_name = "SHARE", default_value_t = 0.98)]
+    switch: f64,
     /// Search widely for every window, as a comparison
     #[arg(long)]
     exhaustive: bool,
@@ -91,14 +99,15 @@ pub(crate) struct Motion {
     /// Write the axial motion of a frame in colour over its B-mode
     #[arg(long, value_name = "FILE.png")]
     displacement: Option<PathBuf>,
-    /// Frame of the pictures, from 1 [default: that of the largest mean motion before windows are lost]
+    /// Frame of the pictures, from 1 [default: that of the largest mean motion, or of the largest strain, before windows
+    /// are lost]
     #[arg(long, value_name = "N", conflicts_with = "validate")]
     frame: Option<usize>,
     #[command(flatten)]
     force: Force,
-    /// Print JSON: `frames`, `lines`, `windows`, `correlation` (mean), `trusted` (share of windows above 0.8),
-    /// `correlations` (count), `references`, `lost` (frames in which a fifth of the windows stop correlating), and with
-    /// --truth `errors`
+    /// Print JSON: `frames`, `lines`, `windows`, `correlation` (mean), `trusted` (share of windows that are
+    /// not lost), `correlations` (count), `references` (changes of a window's reference, mean), `lost` (frames in which a
+    /// fifth of the windows are lost), and with --truth `errors`
     #[arg(long)]
     json: bool,
 }
@@ -110,20 +119,20 @@ struct MotionReport {
     windows: usize,
     /// Mean correlation of the windows.
     correlation: f64,
-    /// Share of the windows whose correlation is at least 0.8.
+    /// Share of the windows that are not lost.
     trusted: f64,
     /// Number of correlations computed.
     correlations: u64,
-    /// Number of changes of the reference.
-    references: usize,
-    /// Frames in which the share of windows that correlate falls to less than [`KEPT`] of that of the best frame
+    /// Changes of the reference of a window, in the mean.
+    references: f64,
+    /// Frames in which the share of windows that are not lost falls to less than [`KEPT`] of that of the best frame
     /// before.
     lost: Vec<usize>,
     #[serde(skip_serializing_if = "Option::is_none")]
     errors: Option<Errors>,
 }
 
-/// Errors of windows whose correlation is at least 0.8, um.
+/// Errors of windows that are not lost, um.
 #[derive(Serialize)]
 struct Errors {
     windows: usize,
@@ -141,9 +150,7 @@ struct Spread {
     worst_sd_um: f64,
 }
 
-/// Correlation below which an estimate is not compared with the truth.
-const TRUSTED: f64 = 0.8;
-/// Share of the windows that correlate which must be left from one frame to the next: below it tissue moved further
+/// Share of the windows that are not lost which must be left from one frame to the next: below it tissue moved further
 /// than the search reaches.
 const KEPT: f64 = 0.8;
 
@@ -165,22 +172,26 @@ impl Motion {
         let depths = options.centres_mm(echoes.samples);
         let mut tracker = Tracker::new(options, echoes.lines, &echoes.frames[0]);
         let stage = terminal::frames("tracking motion", echoes.frames.len() - 1);
-        let mut summary = Summary::default();
+        let mut summary = Summary::new(self, options.fallback);
         atomic::write(&self.output, |file| {
-            writeln!(file, "frame,line,window,depth_mm,axial_um,lateral_um,correlation")?;
+            writeln!(
+                file,
+                "frame,line,window,depth_mm,axial_um,lateral_um,correlation,least_correlation"
+            )?;
             for (frame, values) in echoes.frames.iter().enumerate().skip(1) {
                 let estimates = tracker.next(values);
                 write_rows(file, frame, &estimates, &depths)?;
                 let truth = truth.as_ref().map(|truth| truth[frame].as_slice());
-                summary.add(frame, estimates, truth, self.frame);
+                summary.add(frame, estimates, truth, &depths);
                 stage.frame();
             }
             Ok(())
         })?;
         drop(stage);
-        for (path, strain) in [(&self.displacement, false), (&self.strain, true)] {
-            if let Some(path) = path {
-                let picture = self.picture(&echoes, &depths, &summary.shown, strain)?;
+        let shown = [(&self.displacement, &summary.moved), (&self.strain, &summary.strained)];
+        for (path, shown) in shown {
+            if let (Some(path), Some(shown)) = (path, shown) {
+                let picture = self.picture(&echoes, &depths, shown)?;
                 png::write_rgb(path, picture.width() as usize, picture.height() as usize, &picture)?;
             }
         }
@@ -193,7 +204,7 @@ impl Motion {
             correlation: summary.correlation / (frames as f64 * count),
             trusted: summary.trusted / frames as f64,
             correlations: tracker.correlations,
-            references: tracker.switches,
+            references: tracker.references(),
             lost: summary.losses.frames.clone(),
             errors: truth.is_some().then(|| summary.tally.errors()),
         };
@@ -238,7 +249,7 @@ impl Motion {
                 course.push(name, frame as f64, &estimates, truth);
                 course.push_places(frame as f64, &estimates, truth);
             }
-            course.end(name, tracker.switches);
+            course.end(name, tracker.references());
             let line = &echoes.frames[0][echoes.lines / 2 * echoes.samples..][..echoes.samples];
             let about = [self.input.as_deref(), self.truth.as_deref()].into_iter().flatten();
             let about = ["echoes", "truth"]
@@ -277,11 +288,17 @@ impl Motion {
             );
         };
         let length_mm = echoes.samples as f64 * self.speed_m_s * 1e-3 / (2.0 * sampling_mhz);
+        let line_angle = match (self.geometry.pitch_mm, angle) {
+            (None, Some((_, angle))) => angle.to_radians() / (echoes.lines.max(2) - 1) as f64,
+            _ => 0.0,
+        };
         for (name, value, greatest) in [
             ("--sampling-mhz", sampling_mhz, 1000.0),
             ("--speed-m-s", self.speed_m_s, 10_000.0),
             ("--window-mm", self.window_mm, length_mm / 2.0),
             ("--wide-mm", self.wide_mm, length_mm),
+            ("--fallback", self.fallback, 1.0),
+            ("--switch", self.switch, 1.0),
         ] {
             if !(value > 0.0 && value <= greatest) {
                 return wrong(
@@ -296,7 +313,9 @@ impl Motion {
             windows: usize::from(self.windows),
             upsampling: usize::from(self.upsampling),
             wide_mm: self.wide_mm,
-            fallback: TRUSTED,
+            fallback: self.fallback,
+            switch: self.switch,
+            line_angle,
             prior: !self.exhaustive,
             ..Options::new(sampling_mhz, pitch_mm)
         })
@@ -342,49 +361,82 @@ fn write_rows(file: &mut impl Write, frame: usize, estimates: &[Estimate], depth
         let (line, window) = (index / depths_mm.len(), index % depths_mm.len());
         writeln!(
             file,
-            "{frame},{line},{window},{:.4},{:.3},{:.3},{:.5}",
-            depths_mm[window], estimate.axial_um, estimate.lateral_um, estimate.correlation
+            "{frame},{line},{window},{:.4},{:.3},{:.3},{:.5},{:.5}",
+            depths_mm[window], estimate.axial_um, estimate.lateral_um, estimate.correlation, estimate.least_correlation
         )?;
     }
     Ok(())
 }
 
-/// Statistics of a sequence, and the frame for its pictures.
-#[derive(Default)]
+/// Statistics of a sequence, and the frames for its pictures.
 struct Summary {
+    /// Correlation below which a window is lost.
+    fallback: f64,
+    /// Frame of the pictures, if it is asked for.
+    requested: Option<usize>,
+    /// Pictures of motion and of strain that are wanted.
+    wanted: [bool; 2],
     /// Sum of the correlations of all windows.
     correlation: f64,
-    /// Sum over the frames of the share of windows that correlate.
+    /// Sum over the frames of the share of windows that are not lost.
     trusted: f64,
     losses: Losses,
-    shown: Shown,
+    moved: Option<Shown>,
+    strained: Option<Shown>,
     tally: Tally,
 }
 
 impl Summary {
+    fn new(options: &Motion, fallback: f64) -> Self {
+        Self {
+            fallback,
+            requested: options.frame,
+            wanted: [options.displacement.is_some(), options.strain.is_some()],
+            correlation: 0.0,
+            trusted: 0.0,
+            losses: Losses::default(),
+            moved: None,
+            strained: None,
+            tally: Tally::default(),
+        }
+    }
+
     /// Takes the estimates of a frame, and its true motion if it is known. Shown is the requested frame, or else the
-    /// one that moves most.
-    fn add(&mut self, frame: usize, estimates: Vec<Estimate>, truth: Option<&[[f64; 2]]>, requested: Option<usize>) {
+    /// one that moves or is strained most.
+    fn add(&mut self, frame: usize, estimates: Vec<Estimate>, truth: Option<&[[f64; 2]]>, depths: &[f64]) {
+        let fallback = self.fallback;
         for estimate in &estimates {
             self.correlation += estimate.correlation;
         }
-        let trusted = || estimates.iter().filter(|estimate| estimate.correlation >= TRUSTED);
-        let count = estimates.len() as f64;
-        let share = trusted().count() as f64 / count;
-        let mean_um = trusted().map(|estimate| estimate.axial_um.abs()).sum::<f64>() / (share * count).max(1.0);
+        let trusted = estimates.iter().filter(|estimate| estimate.is_trusted(fallback));
+        let share = trusted.count() as f64 / estimates.len() as f64;
         self.trusted += share;
         self.losses.see(frame, share);
         if let Some(truth) = truth {
-            self.tally.add(&estimates, truth);
+            self.tally.add(&estimates, truth, fallback);
         }
-        // Once windows are lost, large motions are likely false matches: such a frame is not picked for the picture.
-        let moved_most = self.shown.frame == 0 || self.losses.frames.is_empty() && mean_um > self.shown.mean_um;
-        if requested.map_or(moved_most, |requested| requested == frame) {
-            self.shown = Shown {
-                frame,
-                mean_um,
-                estimates,
+        let [moved, strained] = self.wanted;
+        let pictures = [
+            (
+                moved,
+                &mut self.moved,
+                Shown::motion as fn(_, &[Estimate], &[f64], _) -> Shown,
+            ),
+            (strained, &mut self.strained, Shown::strain),
+        ];
+        for (_, shown, new) in pictures.into_iter().filter(|(wanted, ..)| *wanted) {
+            // Once windows are lost, large motions are likely false matches: such a frame is not picked for the picture.
+            let is_next = match (self.requested, &*shown) {
+                (Some(requested), _) => requested == frame,
+                (None, Some(_)) => self.losses.frames.is_empty(),
+                (None, None) => true,
             };
+            if is_next {
+                let candidate = new(frame, &estimates, depths, fallback);
+                if shown.as_ref().is_none_or(|shown| candidate.size() > shown.size()) {
+                    *shown = Some(candidate);
+                }
+            }
         }
     }
 }
@@ -422,8 +474,8 @@ impl Losses {
         };
         Some(format!(
             "frame {first}: only {after:.0} % of the windows correlate, {before:.0} % before{others}. Tissue moved \
-             further than the search reaches ({wide_mm} mm): motion against the first frame is unreliable from there \
-             on, whatever the correlation; record more frames a second"
+             further than the search reaches ({wide_mm} mm), or tore: windows that are lost stay so until their echoes are \
+             found again (least_correlation); record more frames a second"
         ))
     }
 }
@@ -436,12 +488,12 @@ struct Tally {
 }
 
 impl Tally {
-    fn add(&mut self, estimates: &[Estimate], truth: &[[f64; 2]]) {
+    fn add(&mut self, estimates: &[Estimate], truth: &[[f64; 2]], fallback: f64) {
         let trusted = || {
             estimates
                 .iter()
                 .zip(truth)
-                .filter(|(estimate, _)| estimate.correlation >= TRUSTED)
+                .filter(|(estimate, _)| estimate.is_trusted(fallback))
         };
         let n = trusted().count().max(1) as f64;
         let moments = |error: fn(&Estimate, &[f64; 2]) -> f64| {
@@ -486,8 +538,8 @@ impl Tally {
 impl MotionReport {
     fn text(&self) -> String {
         let mut text = format!(
-            "{} frames of {} lines with {} windows: mean correlation {:.4}, {:.1} % of the windows correlate (0.8), \
-             {} changes of the reference, {:.1} correlations a window",
+            "{} frames of {} lines with {} windows: mean correlation {:.4}, {:.1} % of the windows are not lost, \
+             {:.2} changes of a window's reference, {:.1} correlations a window",
             self.frames,
             self.lines,
             self.windows,
@@ -511,6 +563,41 @@ impl MotionReport {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The picture of motion shows the frame that moved most, that of strain the one that is strained most.
+    #[test]
+    fn pictures_show_the_largest_motion_and_the_largest_strain() {
+        let depths: Vec<f64> = (0..20).map(f64::from).collect();
+        let frame = |moved: fn(f64) -> f64| -> Vec<Estimate> {
+            let estimate = |depth: &f64| Estimate {
+                axial_um: moved(*depth),
+                correlation: 1.0,
+                least_correlation: 1.0,
+                ..Estimate::default()
+            };
+            depths.iter().map(estimate).collect()
+        };
+        let shown = |requested| {
+            let mut summary = Summary {
+                fallback: 0.8,
+                requested,
+                wanted: [true; 2],
+                correlation: 0.0,
+                trusted: 0.0,
+                losses: Losses::default(),
+                moved: None,
+                strained: None,
+                tally: Tally::default(),
+            };
+            let frames: [fn(f64) -> f64; 3] = [|_| 10.0, |_| 500.0, |depth| 10.0 * depth];
+            for (number, moved) in frames.into_iter().enumerate() {
+                summary.add(number + 1, frame(moved), None, &depths);
+            }
+            [summary.moved, summary.strained].map(|shown| shown.expect("a frame").frame)
+        };
+        assert_eq!(shown(None), [2, 3]);
+        assert_eq!(shown(Some(1)), [1, 1]);
+    }
 
     #[test]
     fn frames_that_lose_their_windows_are_told() {

@@ -34,6 +34,8 @@ use super::terminal;
 
 /// Counts of the RMS of normal liver at the focus: echoes 30 dB above it fit into 16 bits.
 const COUNTS: f64 = 1000.0;
+/// Largest gain over depth: far beyond the loss of tissue, 0.5 to 1 dB/cm/MHz each way.
+const MAX_TGC_DB_CM: f64 = 30.0;
 
 const EXAMPLES: &str = "\
 Scatterers are fixed to the tissue at rest and move with its mesh, so that the phase of the echoes follows the motion. The pulse has a
@@ -42,9 +44,10 @@ lines, depth and centre frequency those of the probe. Other effects do not act o
 
 Examples:
   insonify rf scene.toml -o rf.igs.mha --frames 20                 echoes of a scene, 16 bits, as PLUS reads them (RF_REAL)
-  insonify rf liver-biopsy -o rf.igs.mha --truth truth.csv         of a scenario at its frame rate, with the true motion
+  insonify rf two-layer-insertion -o rf.igs.mha --truth truth.csv  of a scenario at its frame rate, with the true motion
   insonify rf rf.igs.mha --bmode -o frame.png                      the first frame as B-mode
   insonify rf mouse.mha --bmode -o frame.png --pitch-mm 0.1        of a scanner's linear array
+  insonify rf rf.igs.mha --bmode -o frame.png --tgc-db-cm 5        with gain over depth
   insonify rf bk.igs.mhd --bmode -o frame.png --depth-mm 80 --radius-mm 10 --angle-deg 150
   insonify motion rf.igs.mha -o u.csv                              motion of the tissue
 
@@ -109,6 +112,9 @@ pub(crate) struct Rf {
     /// With --bmode: decibels from black to white
     #[arg(long, value_name = "DB", default_value_t = 60.0, requires = "bmode")]
     range_db: f64,
+    /// With --bmode: gain over depth (time gain compensation), dB/cm
+    #[arg(long, value_name = "DB_CM", default_value_t = 0.0, requires = "bmode")]
+    tgc_db_cm: f64,
     #[command(flatten)]
     force: Force,
     /// Print JSON: `lines`, `samples`, `frames`, `sampling_mhz`, `saturated`
@@ -128,18 +134,23 @@ pub(crate) struct Geometry {
     /// Curved array: field of view
     #[arg(long, value_name = "DEG", requires = "radius_mm")]
     pub angle_deg: Option<f64>,
-    /// Length of the lines [default: from the sampling rate and 1540 m/s]
+    /// Length of the lines [default: from the sampling rate and the speed of sound, 1540 m/s]
     #[arg(long, value_name = "MM")]
     pub depth_mm: Option<f64>,
 }
 
 impl Geometry {
     /// Probe of echoes; `None` if neither the file nor the options tell its shape and depth.
-    pub(crate) fn probe(&self, echoes: &Echoes, sampling_mhz: Option<f64>) -> Result<Option<Probe>, Error> {
+    pub(crate) fn probe(
+        &self,
+        echoes: &Echoes,
+        sampling_mhz: Option<f64>,
+        speed_m_s: f64,
+    ) -> Result<Option<Probe>, Error> {
         let sampled = sampling_mhz.or(echoes.stated[0]);
         let depth = self
             .depth_mm
-            .or(sampled.map(|mhz| echoes.samples as f64 * SPEED_M_S * 1e-3 / (2.0 * mhz)));
+            .or(sampled.map(|mhz| echoes.samples as f64 * speed_m_s * 1e-3 / (2.0 * mhz)));
         let curved = self
             .radius_mm
             .zip(self.angle_deg)
@@ -184,6 +195,10 @@ impl Rf {
         if !RANGE_DB.contains(&self.range_db) {
             return Err(usage(format!("--range-db {}", self.range_db), "give 10 to 200 dB"));
         }
+        if !(0.0..=MAX_TGC_DB_CM).contains(&self.tgc_db_cm) {
+            let expected = format!("give 0 to {MAX_TGC_DB_CM} dB/cm");
+            return Err(usage(format!("--tgc-db-cm {}", self.tgc_db_cm), expected));
+        }
         let echoes = Echoes::read(input)?;
         terminal::notes(&echoes.notes);
         if self.frame >= echoes.frames.len() {
@@ -193,8 +208,9 @@ impl Rf {
         let picture = picture(
             &echoes,
             self.frame,
-            self.geometry.probe(&echoes, self.sampling_mhz)?,
+            self.geometry.probe(&echoes, self.sampling_mhz, SPEED_M_S)?,
             self.range_db,
+            self.tgc_db_cm,
         )?;
         let (width, height) = (picture.width() as usize, picture.height() as usize);
         png::write_grey(&self.output, width, height, &picture)?;
@@ -305,8 +321,26 @@ impl Rf {
 }
 
 /// B-mode picture of a frame; in beam space if the geometry is unknown.
-pub(crate) fn picture(echoes: &Echoes, frame: usize, probe: Option<Probe>, range_db: f64) -> Result<GrayImage, Error> {
-    let envelope = envelope(echoes, frame);
+fn picture(
+    echoes: &Echoes,
+    frame: usize,
+    probe: Option<Probe>,
+    range_db: f64,
+    tgc_db_cm: f64,
+) -> Result<GrayImage, Error> {
+    let mut envelope = envelope(echoes, frame);
+    if tgc_db_cm > 0.0 {
+        let Some(probe) = &probe else {
+            let expected = "give --pitch-mm, or --radius-mm and --angle-deg, and --sampling-mhz or --depth-mm";
+            return Err(usage("--tgc-db-cm needs the geometry of the lines", expected));
+        };
+        let per_sample_db = tgc_db_cm * probe.depth_mm / 10.0 / echoes.samples as f64;
+        for line in envelope.chunks_mut(echoes.samples) {
+            for (sample, value) in line.iter_mut().enumerate() {
+                *value *= 10_f64.powf(per_sample_db * sample as f64 / 20.0) as f32;
+            }
+        }
+    }
     let grey = grey(&envelope, white(&envelope), range_db);
     let Some(probe) = probe else {
         terminal::note(

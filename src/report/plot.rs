@@ -88,14 +88,16 @@ impl Axis {
                 0.999 * 10_f64.powf(down)..1.001 * 10_f64.powf(up)
             };
         }
-        // An axis of non-negative values starts at zero.
-        let start = if low >= 0.0 { 0.0 } else { low };
+        // An axis of non-negative values starts at zero, unless they would fill a corner of it.
+        let in_a_corner = high > low && high - low < 0.25 * high;
+        let from_zero = low >= 0.0 && !in_a_corner;
+        let start = if from_zero { 0.0 } else { low };
         let margin = if high > start {
             0.06 * (high - start)
         } else {
             0.5 * high.abs().max(1.0)
         };
-        let start = if low >= 0.0 { 0.0 } else { low - margin };
+        let start = if from_zero { 0.0 } else { low - margin };
         start..high + margin
     }
 }

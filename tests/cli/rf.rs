@@ -77,7 +77,9 @@ fn motion_of_a_deforming_mesh_is_found_in_its_echoes() {
         .map(|field| field.parse().expect("a number"))
         .collect();
     assert!((last[4] + 10.0 * last[3]).abs() < 0.6, "{last:?}");
-    assert_eq!(bench.text("u.csv").lines().count(), 1 + 2 * 48 * 40);
+    let table = bench.text("u.csv");
+    assert_eq!(table.lines().count(), 1 + 2 * 48 * 40);
+    assert!(table.starts_with("frame,line,window,depth_mm,axial_um,lateral_um,correlation,least_correlation\n"));
     assert!(bench.text("nodes.csv").lines().count() > 3 * 300);
     for name in ["strain.png", "u.png"] {
         let picture = image::open(bench.path(name)).expect("a picture").into_rgb8();
@@ -114,6 +116,81 @@ fn motion_of_a_deforming_mesh_is_found_in_its_echoes() {
     let mean =
         frame.pixels().map(|pixel| f64::from(pixel.0[0])).sum::<f64>() / f64::from(frame.width() * frame.height());
     assert!((90.0..220.0).contains(&mean) && frame.height() == 640, "{mean}");
+}
+
+/// A curved array that is shifted along itself: its lines are further apart in the depth.
+#[test]
+fn lateral_motion_under_a_curved_array_is_that_of_the_tissue() {
+    let bench = Bench::new();
+    let (still, _) = COMPRESSED.split_once("[deform]").expect("a mesh");
+    let still = still.replace(
+        "kind = \"linear\"\nwidth_mm = 7.0",
+        "kind = \"curvilinear\"\nradius_mm = 20\nangle_deg = 20",
+    );
+    let key = |time_s: f64, x: f64| {
+        format!(
+            "[[motion.keyframes]]\ntime_s = {time_s}\nposition_mm = [{x}, 0, 45]\ndirection = [0, 0, -1]\nlateral = [1, 0, 0]\n"
+        )
+    };
+    let moves = format!("[motion]\nframes = 2\n{}{}", key(0.0, 0.0), key(0.2, 0.3));
+    bench.write("scene.toml", &(still + &moves));
+    bench
+        .run("rf scene.toml -o rf.igs.mha --truth truth.csv --windows 40")
+        .text();
+    bench
+        .run("motion rf.igs.mha -o u.csv --truth truth.csv --windows 40")
+        .text();
+    let column = |file: &str, frame: &str| -> Vec<f64> {
+        let table = bench.text(file);
+        let rows = table.lines().filter(|row| row.starts_with(frame));
+        rows.map(|row| row.split(',').nth(5).expect("a column").parse().expect("a number"))
+            .collect()
+    };
+    let (found, truth) = (column("u.csv", "1,"), column("truth.csv", "1,"));
+    assert_eq!(found.len(), truth.len());
+    for half in [0..20, 20..40] {
+        let of_half = |index: &usize| half.contains(&(index % 40)) && (6 * 40..42 * 40).contains(index);
+        let indices: Vec<usize> = (0..found.len()).filter(of_half).collect();
+        let mean = |values: &[f64]| indices.iter().map(|index| values[*index]).sum::<f64>() / indices.len() as f64;
+        let ratio = mean(&found) / mean(&truth);
+        assert!((ratio - 1.0).abs() < 0.05, "windows {half:?}: {ratio} of the motion");
+    }
+}
+
+/// Lines sampled at a rate are shorter where sound is slower, and so are pictures; gain brightens the depth.
+#[test]
+fn pictures_follow_the_speed_of_sound_and_the_gain_over_depth() {
+    let bench = Bench::new();
+    bench.write("scene.toml", COMPRESSED);
+    bench.run("rf scene.toml -o rf.igs.mha --frames 2").text();
+    let picture = |name: &str| image::open(bench.path(name)).expect("a picture").into_luma8();
+    for (speed, depth_mm) in [(1540.0, 30.0), (1450.0, 30.0 * 1450.0 / 1540.0)] {
+        bench
+            .run(&format!(
+                "motion rf.igs.mha -o u.csv --displacement u.png --speed-m-s {speed} --windows 30 --force"
+            ))
+            .text();
+        let width = f64::from(picture("u.png").width());
+        assert!(
+            (width - 640.0 * 7.0 / depth_mm).abs() < 2.0,
+            "{speed} m/s: {width} pixels"
+        );
+    }
+    let brightness = |gain: &str| {
+        bench
+            .run(&format!("rf rf.igs.mha --bmode -o frame.png --force {gain}"))
+            .text();
+        let frame = picture("frame.png");
+        let mean = |rows: std::ops::Range<u32>| {
+            let values = rows.flat_map(|y| (0..frame.width()).map(move |x| (x, y)));
+            let values: Vec<f64> = values.map(|(x, y)| f64::from(frame.get_pixel(x, y).0[0])).collect();
+            values.iter().sum::<f64>() / values.len() as f64
+        };
+        mean(560..620) - mean(20..80)
+    };
+    // 2.5 cm further down, 10 dB/cm are 25 of 60 dB: 106 of 255 levels.
+    let gained = brightness("--tgc-db-cm 10") - brightness("");
+    assert!((70.0..125.0).contains(&gained), "{gained} levels");
 }
 
 #[test]
@@ -179,6 +256,7 @@ fn bad_echoes_and_options_are_refused() {
         ("rf scene.toml --bmode -o f.png", &["scene.toml"]),
         ("rf one.igs.mha --bmode -o f.png --frame 1", &["--frame 1 of 1 frames"]),
         ("rf one.igs.mha --bmode -o f.png --range-db 5", &["10 to 200 dB"]),
+        ("rf one.igs.mha --bmode -o f.png --tgc-db-cm=-3", &["--tgc-db-cm"]),
         ("motion one.igs.mha -o u.csv", &["one frame", "two frames or more"]),
         ("motion nowhere.mha -o u.csv", &["nowhere.mha"]),
         ("motion -o u.csv", &["RF"]),
@@ -194,6 +272,9 @@ fn bad_echoes_and_options_are_refused() {
     bench
         .run("motion two.igs.mha -o u.csv --window-mm 0")
         .fails(2, &["--window-mm 0"]);
+    bench
+        .run("motion two.igs.mha -o u.csv --switch 1.1")
+        .fails(2, &["--switch 1.1"]);
     bench
         .run("motion two.igs.mha --validate -o study")
         .fails(2, &["--truth"]);

@@ -2,7 +2,7 @@
 
 use image::{Rgb, RgbImage};
 
-use super::{Motion, TRUSTED};
+use super::Motion;
 use crate::failure::{Error, usage};
 use crate::rf::laid_out;
 use crate::terminal;
@@ -17,58 +17,72 @@ const SLOPE: usize = 9;
 /// Opacity of colours over the B-mode.
 const OPACITY: f64 = 0.55;
 
-/// Estimates of the frame whose picture is drawn.
-#[derive(Default)]
+/// Motion (um) or strain (%) of the windows of a frame, of which a picture is drawn; NaN where they are lost.
 pub(super) struct Shown {
-    pub frame: usize,
-    /// Mean magnitude of the axial motion of windows that correlate, um.
-    pub mean_um: f64,
-    pub estimates: Vec<Estimate>,
+    pub(super) frame: usize,
+    strain: bool,
+    values: Vec<f64>,
+}
+
+impl Shown {
+    pub(super) fn motion(frame: usize, estimates: &[Estimate], _: &[f64], fallback: f64) -> Self {
+        let value = |estimate: &Estimate| {
+            if estimate.is_trusted(fallback) {
+                estimate.axial_um
+            } else {
+                f64::NAN
+            }
+        };
+        Self {
+            frame,
+            strain: false,
+            values: estimates.iter().map(value).collect(),
+        }
+    }
+
+    pub(super) fn strain(frame: usize, estimates: &[Estimate], depths: &[f64], fallback: f64) -> Self {
+        let lines = estimates.chunks(depths.len());
+        Self {
+            frame,
+            strain: true,
+            values: lines.flat_map(|line| slopes(depths, line, fallback)).collect(),
+        }
+    }
+
+    /// Largest magnitude but for 2 % that false matches may have; 0 without values.
+    pub(super) fn size(&self) -> f64 {
+        let values = self.values.iter().filter(|value| !value.is_nan());
+        let mut sizes: Vec<f64> = values.map(|value| value.abs()).collect();
+        sizes.sort_by(f64::total_cmp);
+        sizes.get(sizes.len() * 98 / 100).copied().unwrap_or(0.0)
+    }
 }
 
 impl Motion {
-    pub(super) fn picture(
-        &self,
-        echoes: &Echoes,
-        depths: &[f64],
-        shown: &Shown,
-        strain: bool,
-    ) -> Result<RgbImage, Error> {
-        let Some(probe) = self.geometry.probe(echoes, self.sampling_mhz)? else {
+    pub(super) fn picture(&self, echoes: &Echoes, depths: &[f64], shown: &Shown) -> Result<RgbImage, Error> {
+        let probe = self.geometry.probe(echoes, self.sampling_mhz, self.speed_m_s)?;
+        let Some(probe) = probe else {
             let expected = "give --sampling-mhz and --pitch-mm, or --radius-mm and --angle-deg";
             return Err(usage("a picture needs the geometry of the lines", expected));
         };
         let (beam, image) = laid_out(&probe)?;
-        let (frame, estimates) = (shown.frame, &shown.estimates);
+        let Shown {
+            frame,
+            strain,
+            ref values,
+        } = *shown;
         let envelope = envelope(echoes, frame);
         let below = scan_converted(&grey(&envelope, white(&envelope), 60.0), &beam, &image, 0);
-        let count = usize::from(self.windows);
-        let values: Vec<f64> = if strain {
-            estimates.chunks(count).flat_map(|line| slopes(depths, line)).collect()
-        } else {
-            estimates
-                .iter()
-                .map(|estimate| {
-                    if estimate.correlation >= TRUSTED {
-                        estimate.axial_um
-                    } else {
-                        f64::NAN
-                    }
-                })
-                .collect()
-        };
-        let shown = values.iter().filter(|value| !value.is_nan());
-        let mut sizes: Vec<f64> = shown.map(|value| value.abs()).collect();
-        if sizes.is_empty() {
+        let count = depths.len();
+        if values.iter().all(|value| value.is_nan()) {
             return Err(usage(
                 format!("no window of frame {frame} correlates"),
                 "leave out --strain and --displacement; the tissue moves too far between frames, or the echoes are noise",
             ));
         }
-        sizes.sort_by(f64::total_cmp);
-        // Of the largest, 2 % saturate: one false match would otherwise pale all other colours. The bound
-        // keeps the scale above 0 in tissue at rest.
-        let largest = rounded(sizes[sizes.len() * 98 / 100].max(1e-12));
+        // The largest saturate: one false match would otherwise pale all other colours. The bound keeps the scale above
+        // 0 in tissue at rest.
+        let largest = rounded(shown.size().max(1e-12));
         let unit = if strain { "%" } else { "um" };
         terminal::note(format_args!(
             "frame {frame}: colours from {} {unit} ({}, blue) to {largest} {unit} ({}, red)",
@@ -77,14 +91,14 @@ impl Motion {
             if strain { "stretched" } else { "away" }
         ));
         let ends = [depths[0], depths[count - 1]];
-        let mut picture = coloured(&below, &beam, &image, &values, ends, largest);
+        let mut picture = coloured(&below, &beam, &image, values, ends, largest);
         colour_bar(&mut picture, largest, unit);
         Ok(picture)
     }
 }
 
-/// Axial strain along a line, %: slopes over some windows; NaN where a window does not correlate.
-fn slopes(depths: &[f64], line: &[Estimate]) -> Vec<f64> {
+/// Axial strain along a line, %: slopes over some windows; NaN where a window is lost.
+fn slopes(depths: &[f64], line: &[Estimate], fallback: f64) -> Vec<f64> {
     let slope = |index: usize| {
         let start = index.saturating_sub(SLOPE / 2);
         let end = (index + SLOPE / 2 + 1).min(line.len());
@@ -92,10 +106,10 @@ fn slopes(depths: &[f64], line: &[Estimate]) -> Vec<f64> {
             depths[start..end]
                 .iter()
                 .zip(&line[start..end])
-                .filter(|(_, estimate)| estimate.correlation >= TRUSTED)
+                .filter(|(_, estimate)| estimate.is_trusted(fallback))
         };
         let n = trusted().count() as f64;
-        if line[index].correlation < TRUSTED || n < 3.0 {
+        if !line[index].is_trusted(fallback) || n < 3.0 {
             return f64::NAN;
         }
         let x = trusted().map(|(depth, _)| depth).sum::<f64>() / n;

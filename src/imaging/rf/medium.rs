@@ -51,8 +51,13 @@ impl Medium {
         }
     }
 
-    /// Scatterers of the medium displaced by a function of depth (mm away from the array, and towards the marked side).
+    /// Scatterers of the medium displaced (mm away from the array, and towards the marked side) by a function of depth.
     pub fn scatterers(&self, moved: impl Fn(f64) -> [f64; 2] + Sync) -> Vec<Scatterer> {
+        self.displaced(|z, _| moved(z))
+    }
+
+    /// Scatterers displaced by a function of depth and of the distance from the first line, mm.
+    fn displaced(&self, moved: impl Fn(f64, f64) -> [f64; 2] + Sync) -> Vec<Scatterer> {
         let sample_mm = self.acquisition.sample_mm();
         let length_mm = self.samples as f64 * sample_mm + self.before_mm + 1.0;
         let lines = self.lines as f64 + 2.0 * ASIDE;
@@ -62,7 +67,7 @@ impl Medium {
             let z = random(item, 1) * length_mm - self.before_mm;
             let line = random(item, 2) * lines - ASIDE;
             let beyond = (random(item, 3) - 0.5) * 3.2 / ELEVATIONAL_MM;
-            let [axial, lateral] = moved(z);
+            let [axial, lateral] = moved(z, line * PITCH_MM);
             Scatterer {
                 line: (line + lateral / PITCH_MM) as f32,
                 sample: (z + axial) / sample_mm,
@@ -75,7 +80,13 @@ impl Medium {
 
     /// Echoes of the medium displaced by a function of depth, with the noise of a number.
     pub fn frame(&self, noise: i32, moved: impl Fn(f64) -> [f64; 2] + Sync) -> Vec<f32> {
-        let mut scatterers = self.scatterers(moved);
+        self.frame_in_plane(noise, |z, _| moved(z))
+    }
+
+    /// Echoes of the medium displaced by a function of depth and of the distance from the first line, mm, with the
+    /// noise of a number.
+    pub fn frame_in_plane(&self, noise: i32, moved: impl Fn(f64, f64) -> [f64; 2] + Sync) -> Vec<f32> {
+        let mut scatterers = self.displaced(moved);
         let mut samples: Vec<f32> = echoes(
             &mut scatterers,
             &Pulse::new(&self.acquisition),

@@ -234,7 +234,7 @@ fn motion_adds_up_over_changes_of_the_reference() {
     for step in 1..=6 {
         last = tracker.next(&frame(step, strained(f64::from(step) / 6.0)));
     }
-    assert!((1..6).contains(&tracker.switches), "{}", tracker.switches);
+    assert!((1.0..6.0).contains(&tracker.references()), "{}", tracker.references());
     let centres = options().centres_mm(SAMPLES);
     let off = last
         .iter()
@@ -245,6 +245,104 @@ fn motion_adds_up_over_changes_of_the_reference() {
     let n = near.len() as f64;
     let sd = (near.iter().map(|off| off * off).sum::<f64>() / n).sqrt();
     assert!(n > 0.95 * last.len() as f64 && sd < 8.0, "{sd} um of {n} windows");
+}
+
+/// Tissue beside a needle: a tenth of the image is strained and sheared by up to 30 %, 1.5 % in each frame, and the rest
+/// stays.
+#[test]
+fn windows_in_a_dent_are_right_or_reported_as_lost() {
+    const LINES: usize = 100;
+    let medium = Medium::new(LINES, 2078);
+    let options = Options::new(40.0, PITCH_MM);
+    let centres = options.centres_mm(medium.samples);
+    let middle = [20.0, 49.5 * PITCH_MM];
+    let dented = |frame: i32, [z, x]: [f64; 2]| {
+        let square = (z - middle[0]).powi(2) + (x - middle[1]).powi(2);
+        0.05 * f64::from(frame) * (-square / 8.0).exp()
+    };
+    let frame = |number: i32| medium.frame_in_plane(number, |z, x| [dented(number, [z, x]), 0.0]);
+    let mut tracker = Tracker::new(options, LINES, &frame(0));
+    for number in 1..=20 {
+        let found = tracker.next(&frame(number));
+        let near = found.iter().enumerate().filter_map(|(index, estimate)| {
+            let place = [
+                centres[index % options.windows],
+                (index / options.windows) as f64 * PITCH_MM,
+            ];
+            let is_near = (place[0] - middle[0]).abs() < 4.0 && (place[1] - middle[1]).abs() < 3.0;
+            is_near.then(|| (estimate, estimate.axial_um - 1e3 * dented(number, place)))
+        });
+        let near: Vec<_> = near.collect();
+        let trusted = near
+            .iter()
+            .filter(|(estimate, _)| estimate.is_trusted(options.fallback));
+        let errors: Vec<f64> = trusted.map(|(_, error)| *error).collect();
+        let share = errors.len() as f64 / near.len() as f64;
+        let bias = insonify_base::statistics::mean(&errors);
+        let spread = insonify_base::statistics::std(&errors);
+        let largest = errors.iter().fold(0.0_f64, |largest, error| largest.max(error.abs()));
+        assert!(
+            spread < 5.0 && bias.abs() < 1.0 && largest < 50.0,
+            "frame {number}: bias {bias} um, SD {spread} um, largest {largest} um"
+        );
+        assert!(share > 0.9, "frame {number}: {share} not lost");
+    }
+    assert!((1.0..4.0).contains(&tracker.references()), "{}", tracker.references());
+}
+
+/// A window whose echoes are exchanged is lost, and found again with its motion when they return.
+#[test]
+fn a_lost_window_keeps_its_reference_until_it_is_found() {
+    let moved = |frame: i32| move |_: f64| [0.04 * f64::from(frame), 0.0];
+    let elsewhere = Medium::new(LINES, SAMPLES).frame(9, |z| [7.3, 3.0 + 0.1 * z]);
+    let options = options();
+    let centres = options.centres_mm(SAMPLES);
+    let mut tracker = Tracker::new(options, LINES, &frame(0, moved(0)));
+    for number in 1..=6 {
+        let mut echoes = frame(number, moved(number));
+        let exchanged = (2..=4).contains(&number);
+        if exchanged {
+            // 6 mm of depth across the image.
+            for (line, other) in echoes.chunks_mut(SAMPLES).zip(elsewhere.chunks(SAMPLES)) {
+                line[600..912].copy_from_slice(&other[600..912]);
+            }
+        }
+        let found = tracker.next(&echoes);
+        let inside = found.iter().enumerate().filter(|(index, _)| {
+            let sample = centres[index % options.windows] / acquisition().sample_mm();
+            (660.0..852.0).contains(&sample)
+        });
+        let (mut trusted, mut wrong, mut all) = (0, 0, 0);
+        for (_, estimate) in inside {
+            all += 1;
+            if estimate.is_trusted(options.fallback) {
+                trusted += 1;
+                wrong += usize::from((estimate.axial_um - 40.0 * f64::from(number)).abs() > 5.0);
+            }
+        }
+        let expected = if exchanged { 0..=all / 50 } else { all * 2 / 3..=all };
+        assert!(expected.contains(&trusted), "frame {number}: {trusted} of {all}");
+        assert!(exchanged || wrong == 0, "frame {number}: {wrong} wrong");
+    }
+}
+
+#[test]
+fn lateral_motion_grows_with_the_distance_between_diverging_lines() {
+    let first = frame(0, |_| [0.0; 2]);
+    let second = frame(1, |_| [0.0, 0.2]);
+    let lateral = |line_angle: f64| {
+        let options = Options {
+            line_angle,
+            ..options()
+        };
+        Tracker::new(options, LINES, &first).next(&second)
+    };
+    let angle = 0.01;
+    let centres = options().centres_mm(SAMPLES);
+    for (index, (parallel, fan)) in lateral(0.0).iter().zip(&lateral(angle)).enumerate() {
+        let expected = parallel.lateral_um * (1.0 + angle * centres[index % options().windows] / PITCH_MM);
+        assert!((fan.lateral_um - expected).abs() < 1e-6 && fan.axial_um == parallel.axial_um);
+    }
 }
 
 /// Rounding unit of single precision.

@@ -330,6 +330,9 @@ fn windows(
     let mut cells: BTreeMap<[i64; 2], usize> = BTreeMap::new();
     // Windows of each cell in a frame: displacements of those that correlate, and the number of all.
     let mut by_cell: BTreeMap<(usize, usize), (Vec<f64>, usize)> = BTreeMap::new();
+    let correlation = ["least_correlation", "correlation"]
+        .into_iter()
+        .find(|name| table.has(name));
     for row in table.rows() {
         let (frame, line) = (row.count("frame")?, row.count("line")?);
         let [depth, axial] = row.numbers(["depth_mm", "axial_um"])?;
@@ -350,7 +353,7 @@ fn windows(
         });
         let (values, count) = by_cell.entry((frame, cell)).or_default();
         *count += 1;
-        let correlates = !table.has("correlation") || row.number("correlation")? >= MIN_CORRELATION;
+        let correlates = correlation.map_or(Ok(true), |name| row.number(name).map(|value| value >= MIN_CORRELATION))?;
         if correlates {
             values.push(1e-3 * axial);
         }

@@ -12,7 +12,7 @@ pub(crate) const GROUP: Group = Group {
     cases: &[
         HardCase {
             name: "echoes without signal",
-            criterion: "zeros, constants, noise alone: no window correlates, and the reference stays; tissue that jumps out of reach: at most a tenth \
+            criterion: "zeros, constants, noise alone: no window correlates, and references stay; tissue that jumps out of reach: at most a tenth \
                         correlate by chance; everything finite",
             covers: &["cpu f32"],
             seed: 121,
@@ -44,10 +44,7 @@ fn options() -> Options {
 const TRUSTED: f64 = 0.8;
 
 fn share(estimates: &[Estimate]) -> f64 {
-    let trusted = estimates
-        .iter()
-        .filter(|estimate| estimate.correlation >= TRUSTED)
-        .count();
+    let trusted = estimates.iter().filter(|estimate| estimate.is_trusted(TRUSTED)).count();
     trusted as f64 / estimates.len() as f64
 }
 
@@ -90,7 +87,7 @@ fn none(record: &mut Record<'_>) -> Result<(), Unexpected> {
         // The reach of the search, and of its refinement, is far below a metre.
         record.under(format!("{name}: largest number"), magnitude(&estimates), 1e6);
         if !jumps {
-            record.zero(format!("{name}: changes of the reference"), tracker.switches as f64);
+            record.zero(format!("{name}: changes of the reference"), tracker.references());
         }
     }
     Ok(())
@@ -132,7 +129,7 @@ fn damaged(record: &mut Record<'_>) -> Result<(), Unexpected> {
             .enumerate()
             .filter(|(index, _)| index % count + 1 < count);
         // Only windows that correlate promise a motion; others are not to be used, and may be anywhere.
-        let trusted = on_lines.filter(|(_, estimate)| estimate.correlation >= TRUSTED);
+        let trusted = on_lines.filter(|(_, estimate)| estimate.is_trusted(TRUSTED));
         let errors: Vec<f64> = trusted
             .map(|(_, estimate)| estimate.axial_um - 1e3 * MOVED_MM)
             .collect();
@@ -148,7 +145,7 @@ fn damaged(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 .chunks(count)
                 .step_by(5)
                 .flatten()
-                .filter(|estimate| estimate.correlation >= TRUSTED);
+                .filter(|estimate| estimate.is_trusted(TRUSTED));
             record.zero("windows of constant lines that correlate", stuck.count() as f64);
         }
     }

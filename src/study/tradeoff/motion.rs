@@ -93,7 +93,7 @@ impl Errors {
             .collect();
         let trusted: Vec<_> = inside
             .iter()
-            .filter(|(estimate, _)| estimate.correlation >= options.fallback)
+            .filter(|(estimate, _)| estimate.is_trusted(options.fallback))
             .collect();
         let errors_of = |axis: usize| -> Vec<f64> {
             let error = |estimate: &Estimate, depth: f64| {

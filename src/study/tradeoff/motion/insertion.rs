@@ -178,7 +178,7 @@ pub(super) fn run_into(effort: Effort, course: &mut Course, progress: &mut dyn F
         mesh_s: None,
     };
     run(&scenario, model.as_mut(), requests, &mut watch)?;
-    let switches = watch.tracker.map_or(0, |tracker| tracker.switches);
+    let switches = watch.tracker.map_or(0.0, |tracker| tracker.references());
     watch.course.end(NAME, switches);
     let title = "Figure 9 a, b: the needle";
     Ok(Table::of("needle", title, &CHOICES, &COLUMNS, &watch.needle).unlisted())
