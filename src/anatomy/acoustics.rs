@@ -149,6 +149,36 @@ impl TissueTable {
         &self.tissues[usize::from(tissue)]
     }
 
+    /// Checks numbers, indices and names of textures; `textures` are those beside the bank.
+    ///
+    /// # Errors
+    /// [`TissueError`] with the tissue, what was found and what was expected.
+    pub fn check<'a>(&self, textures: impl IntoIterator<Item = &'a str>) -> Result<(), TissueError> {
+        let count = self.tissues.len();
+        if count == 0 {
+            return Err(TissueError::Table(
+                "no tissues; expected at least that of the background".to_owned(),
+            ));
+        }
+        if let Some(label) = self.of_label.iter().position(|tissue| usize::from(*tissue) >= count) {
+            let tissue = self.of_label[label];
+            let wrong = format!("label index {label} has tissue {tissue} of {count}; expected one below {count}");
+            return Err(TissueError::Table(wrong));
+        }
+        for tissue in &self.tissues {
+            overrides::check(tissue, &tissue.name)?;
+        }
+        let mut known: Vec<&str> = bank::names().collect();
+        known.extend(textures);
+        match self.textures().into_iter().find(|name| !known.contains(name)) {
+            Some(name) => Err(TissueError::Table(format!(
+                "no texture is called \"{name}\"; expected one of {}",
+                known.join(", ")
+            ))),
+            None => Ok(()),
+        }
+    }
+
     /// Names of the bank textures that the tissues use, each once, in the order of the tissues.
     pub fn textures(&self) -> Vec<&str> {
         let mut names: Vec<&str> = Vec::new();

@@ -30,6 +30,7 @@ mod values;
 
 use std::sync::Arc;
 
+use insonify_base::matrix::affine;
 use nalgebra::{Matrix4, Point3, Vector3};
 
 pub use data::read as read_data;
@@ -125,6 +126,8 @@ impl LabelVolume {
             };
             *occurs = true;
         }
+        let world_to_index = inverse(&index_to_world)?;
+        affine(&index_to_world).map_err(|why| VolumeError::new(format!("the index-to-world transform: {why}")))?;
         Ok(Self {
             size,
             voxels: Arc::new(voxels),
@@ -132,7 +135,7 @@ impl LabelVolume {
             drawn_into: Vec::new(),
             labels,
             occurs,
-            world_to_index: inverse(&index_to_world)?,
+            world_to_index,
             index_to_world,
         })
     }

@@ -31,7 +31,7 @@ use tables::{Anatomy, FrameSettings, Settings, Tables};
 use crate::effects::buffers::Buffer;
 use crate::effects::{REGISTRY, needle};
 use crate::plan::Plan;
-use insonify_anatomy::acoustics::TissueTable;
+use insonify_anatomy::acoustics::{TissueError, TissueTable};
 use insonify_anatomy::volume::VolumeError;
 use insonify_base::blame::Blame;
 use insonify_base::memory::TooLarge;
@@ -52,6 +52,12 @@ pub enum SynthError {
     /// The volume cannot be placed about its local origin, or the tissues name more textures than an atlas holds.
     #[error(transparent)]
     Volume(#[from] VolumeError),
+    /// The tissues do not fit the labels or the textures, or a number of theirs is out of range.
+    #[error(transparent)]
+    Tissue(#[from] TissueError),
+    /// The diameter of a needle, mm, is negative or not finite.
+    #[error("the needle has a diameter of {0} mm; expected 0 or more")]
+    Needle(f64),
     /// A GPU operation failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
@@ -283,6 +289,11 @@ impl Synthesizer {
     fn begin(tables: &Tables, local: &mut LocalFrame, state: &FrameState, frame: &mut Frame) -> Result<(), SynthError> {
         if let Some(mesh) = &tables.mesh {
             check_positions(state.nodes.as_deref(), state.reference.as_deref(), mesh.nodes().len())?;
+        }
+        if let Some(needle) = &state.needle
+            && !(0.0..f64::INFINITY).contains(&needle.diameter_mm)
+        {
+            return Err(SynthError::Needle(needle.diameter_mm));
         }
         let probe_to_world = local.take(state).map_err(SynthError::Pose)?;
         let local = local.localized(state);

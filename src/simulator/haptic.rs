@@ -158,6 +158,9 @@ impl Haptic {
     /// # Errors
     /// [`StepError::Foreign`]; then nothing has changed.
     pub fn restore(&mut self, state: &SimulatorState) -> Result<(), StepError> {
+        if !state.time_s.is_finite() {
+            return Err(StepError::Foreign(format!("its time is {}", state.time_s)));
+        }
         self.model.restore(&state.model)?;
         self.time_s = state.time_s;
         self.easing = Easing::default();

@@ -64,6 +64,17 @@ impl Imaging {
         Ok(self.synthesizer.frame())
     }
 
+    /// Number of the next frame, by which the receiver's noise is drawn.
+    pub fn next_frame(&self) -> u64 {
+        self.state.frame
+    }
+
+    /// Sets the number of the next frame: after a model is restored, frames of the same numbers are those of before,
+    /// bit for bit.
+    pub fn set_next_frame(&mut self, frame: u64) {
+        self.state.frame = frame;
+    }
+
     /// Renders as [`Imaging::frame`] does, and leaves the frame on the GPU, in [`Synthesizer::texture`] of the
     /// synthesizer: the image thread does not wait for it.
     ///

@@ -87,6 +87,9 @@ pub enum TissueError {
         /// Expected range.
         expected: String,
     },
+    /// A table of tissues does not fit itself or its textures.
+    #[error("the table of tissues: {0}")]
+    Table(String),
     /// A tissue has no name.
     #[error("tissue {position} (counted from 1): name is empty, expected a name such as \"liver\"")]
     Unnamed {
@@ -127,7 +130,7 @@ impl TissueError {
         match self {
             Self::Range { tissue, .. } | Self::UnknownBase { tissue, .. } => Some(tissue),
             Self::Duplicate(name) | Self::ClaimedTwice { second: name, .. } => Some(name),
-            Self::Unnamed { .. } => None,
+            Self::Unnamed { .. } | Self::Table(_) => None,
         }
     }
 
@@ -137,6 +140,7 @@ impl TissueError {
             Self::Range { key, .. } => key,
             Self::UnknownBase { .. } => "like",
             Self::Duplicate(_) | Self::Unnamed { .. } => "name",
+            Self::Table(_) => "tissue",
             Self::ClaimedTwice { .. } => "labels",
         }
     }

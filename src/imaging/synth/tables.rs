@@ -171,6 +171,7 @@ impl Tables {
     /// Derives all tables.
     pub fn new(anatomy: Anatomy, settings: Settings) -> Result<Self, SynthError> {
         settings.effects.validate()?;
+        anatomy.tissues.check(anatomy.textures.keys().map(String::as_str))?;
         let grid = BeamGrid::new(&settings.probe)?;
         let image_grid = image_grid(&grid, &settings.image)?;
         check_memory(&grid, &settings)?;
@@ -216,6 +217,9 @@ impl Tables {
         let image_grid = image_grid(&grid, &settings.image)?;
         check_memory(&grid, &settings)?;
         let retissue = !Arc::ptr_eq(tissues, &self.anatomy.tissues);
+        if retissue {
+            tissues.check(self.anatomy.textures.keys().map(String::as_str))?;
+        }
         let retissued = retissue.then(|| Anatomy {
             tissues: Arc::clone(tissues),
             ..self.anatomy.clone()

@@ -455,3 +455,45 @@ fn synthesizers_on_one_device_share_the_volume() {
     assert!(sent >= volume_bytes, "{sent}");
     assert!(*again.render(&state).unwrap() == expected);
 }
+
+/// What a host states is checked as a file is: no panic, and no frame that looks right.
+#[test]
+fn wrong_tables_and_states_of_a_host_are_refused() {
+    let (anatomy, settings, state) = anatomies::two_layers();
+    let refused = |change: &dyn Fn(&mut TissueTable), words: &str| {
+        let mut tissues = (*anatomy.tissues).clone();
+        change(&mut tissues);
+        let anatomy = Anatomy {
+            tissues: Arc::new(tissues),
+            ..anatomy.clone()
+        };
+        let error = Synthesizer::new(anatomy, settings.clone(), Backend::Cpu).err();
+        let error = error.expect(words).to_string();
+        assert!(error.contains(words), "{error}");
+    };
+    refused(&|table| table.tissues.clear(), "no tissues");
+    refused(&|table| table.of_label[1] = 77, "label index 1 has tissue 77");
+    refused(
+        &|table| table.tissues[1].attenuation_db_cm_mhz = f64::NAN,
+        "attenuation_db_cm_mhz = NaN",
+    );
+    refused(&|table| table.tissues[1].impedance_mrayl = -1.0, "impedance_mrayl = -1");
+    refused(
+        &|table| table.tissues[1].texture = Some("marble".into()),
+        "no texture is called \"marble\"",
+    );
+
+    let mut synth = Synthesizer::new(anatomy, settings, Backend::Cpu).unwrap();
+    for diameter_mm in [-1.0, f64::NAN] {
+        let mut state = state.clone();
+        let nodes = vec![Point3::origin(), Point3::new(0.0, 0.0, 20.0)];
+        state.needle = Some(NeedleShaft { nodes, diameter_mm });
+        assert!(matches!(synth.render(&state), Err(SynthError::Needle(_))));
+    }
+    if let Some(mesh) = synth.tables().anatomy.mesh.clone() {
+        let mut state = state.clone();
+        state.nodes = Some(vec![[f64::NAN; 3]; mesh.nodes().len()]);
+        let error = synth.render(&state).expect_err("positions").to_string();
+        assert!(error.contains("position of node 0 is not finite"), "{error}");
+    }
+}
