@@ -118,6 +118,9 @@ impl Tissue {
     }
 }
 
+/// Echogenicity of tissue without echo, dB: the lowest of a file.
+const SILENT_DB: f64 = -100.0;
+
 /// Acoustic and mechanical properties of the tissues of a scene, and for each label index (0 to 255, background 0) the
 /// number of its tissue.
 ///
@@ -166,7 +169,17 @@ impl TissueTable {
             return Err(TissueError::Table(wrong));
         }
         for tissue in &self.tissues {
-            overrides::check(tissue, &tissue.name)?;
+            // Any level below the range is silence.
+            let echogenicity_db = if tissue.echogenicity_db < SILENT_DB {
+                SILENT_DB
+            } else {
+                tissue.echogenicity_db
+            };
+            let tissue = Tissue {
+                echogenicity_db,
+                ..tissue.clone()
+            };
+            overrides::check(&tissue, &tissue.name)?;
         }
         let mut known: Vec<&str> = bank::names().collect();
         known.extend(textures);

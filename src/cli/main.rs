@@ -89,7 +89,7 @@ Examples:
   insonify stability --quick                       hard numerical cases, and whether they pass
   insonify render --help                           every option of a command, with examples
 
-Exit status: 0 success; 2 invalid arguments, files or scenes; 1 a failure of the machine, or poses that see nothing; 124 --time-limit-s is over.
+Exit status: 0 success; 2 invalid arguments, files or scenes; 1 a failure of the machine, or nothing in view; 124 --time-limit-s is over.
 Environment: INSONIFY_ADAPTER names the GPU adapter where --adapter does not; INSONIFY_CACHE is the folder for phantoms and
 textures made before, and for measured costs (`insonify doctor` says which it is).";
 

@@ -155,14 +155,6 @@ pub enum InvalidMesh {
         /// Number of nodes of the mesh.
         expected: usize,
     },
-    /// A node position is not finite.
-    #[error("the {state} position of node {node} is not finite")]
-    NotFinite {
-        /// `current` or `reference`.
-        state: &'static str,
-        /// The node.
-        node: usize,
-    },
 }
 
 impl Blame for InvalidMesh {}
@@ -301,10 +293,6 @@ pub fn check_positions(
     for (state, positions) in [("current", current), ("reference", reference)] {
         if let Some(found) = positions.map(<[_]>::len).filter(|&found| found != expected) {
             return Err(InvalidMesh::Positions { state, found, expected });
-        }
-        let is_number = |position: &[f64; 3]| position.iter().all(|mm| mm.is_finite());
-        if let Some(node) = positions.and_then(|positions| positions.iter().position(|position| !is_number(position))) {
-            return Err(InvalidMesh::NotFinite { state, node });
         }
     }
     Ok(())

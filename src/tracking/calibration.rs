@@ -46,7 +46,6 @@ impl Calibration {
                 "transducer centre pixel {array_centre_px:?}; expected finite numbers"
             )));
         }
-        matrix::affine(image_to_probe).map_err(wrong)?;
         let column = |axis| image_to_probe.fixed_view::<3, 1>(0, axis).into_owned();
         let lengths_mm = [0, 1, 2].map(|axis| column(axis).norm());
         let mut axes = [Vector3::zeros(); 2];
@@ -64,6 +63,7 @@ impl Calibration {
             let text = format!("the image axes are {angle:.2} degrees off square; expected at most {limit:.2}");
             return Err(wrong(text));
         }
+        matrix::affine(image_to_probe).map_err(wrong)?;
         // Sum and difference of unit vectors are perpendicular whatever the angle between these: halves of them are the
         // nearest square axes.
         let [sum, difference] = [axes[0] + axes[1], axes[0] - axes[1]].map(|v| v.normalize());
@@ -281,6 +281,8 @@ mod tests {
         skewed[(0, 1)] = 0.05;
         refused(&skewed, centre, "26.57 degrees off square; expected at most 5.73");
         let fine = Matrix4::new_scaling(0.1);
+        let transposed = Matrix4::new_translation(&Vector3::new(12.7, 50.8, -0.5)).transpose() * fine;
+        refused(&transposed, centre, "is the matrix transposed");
         refused(&fine, [f64::NAN, 0.0], "transducer centre pixel");
         refused(&fine, [1e9, 0.0], "farther than 1e6 mm");
     }

@@ -158,6 +158,11 @@ fn every_shader_belongs_to_an_effect_to_remeshing_or_to_echoes_or_is_shared() {
 /// Places besides its own files, the registry, bounds and tests where an effect may be named, and why.
 const NAMED: &[(&str, &[&str], &str)] = &[
     (
+        "cli/render/coverage.rs",
+        &["slice"],
+        "a field of view beyond the volume is black or invented, by the slice",
+    ),
+    (
         "imaging/rf/scatterers.rs",
         &["shadow", "speckle", "texture"],
         "echoes have the beam widths, losses and textures of the scene's effects",

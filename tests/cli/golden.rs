@@ -304,7 +304,7 @@ fn notes_of_real_files_are_as_they_were() {
             let told = [run.stdout, run.stderr]
                 .concat()
                 .replace(&format!("{}/", path.display()), "");
-            let kinds = ["note: ", "warning: ", "error: "];
+            let kinds = ["note: ", "warning: ", "  × "];
             let lines = told
                 .lines()
                 .filter(|line| kinds.iter().any(|kind| line.starts_with(kind)));

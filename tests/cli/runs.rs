@@ -18,7 +18,7 @@ tone.dynamic_range_db = { integer = [45, 65] }
 depth_mm = { integer = [40, 60] }
 frequency_mhz = { choice = [4.0, 7.5] }
 effects.speckle.axial_mm = { log_uniform = [0.3, 0.8] }
-muscle.attenuation_db_cm_mhz = { uniform = [0.3, 1.5] }
+phantom_top.attenuation_db_cm_mhz = { uniform = [0.3, 1.5] }
 tilt_deg = { uniform = [-10, 10] }
 "#;
 
@@ -93,7 +93,7 @@ fn frames_with_drawn_parameters_are_those_of_scenes_that_state_them() {
         let within = |path: &str, low: f64, high: f64| assert!((low..=high).contains(&value(path)), "{path}");
         within("effects.tone.gain_db", -6.0, 6.0);
         within("effects.speckle.axial_mm", 0.3, 0.8);
-        within("tissue.muscle.attenuation_db_cm_mhz", 0.3, 1.5);
+        within("tissue.phantom_top.attenuation_db_cm_mhz", 0.3, 1.5);
         within("pose.tilt_deg", -10.0, 10.0);
         assert!(parameters["probe.depth_mm"].is_i64() && parameters["effects.tone.dynamic_range_db"].is_i64());
         assert!([4.0, 7.5].contains(&value("probe.frequency_mhz")));
@@ -130,7 +130,7 @@ fn frames_with_drawn_parameters_are_those_of_scenes_that_state_them() {
 #[test]
 fn columns_beside_the_poses_are_parameters_of_their_frames() {
     let bench = Bench::new();
-    let head = "time_s,x_mm,y_mm,z_mm,dx,dy,dz,gain_db,probe.depth_mm,curve,muscle.echogenicity_db,seed\n";
+    let head = "time_s,x_mm,y_mm,z_mm,dx,dy,dz,gain_db,probe.depth_mm,curve,phantom_top.echogenicity_db,seed\n";
     let rows = [
         "0,0,0,-31,0,0,1,-3,40,linear,2.5,5",
         "1,2,0,-31,0,0,1,6.5,60,s,-4,6",
@@ -148,7 +148,7 @@ fn columns_beside_the_poses_are_parameters_of_their_frames() {
         ("effects.tone.gain_db", (-3).into()),
         ("probe.depth_mm", 40.into()),
         ("seed", 5.into()),
-        ("tissue.muscle.echogenicity_db", 2.5.into()),
+        ("tissue.phantom_top.echogenicity_db", 2.5.into()),
     ];
     assert_eq!(first, expected.map(|(path, value)| (path.to_owned(), value)).into());
     for (frame, row) in rows.iter().enumerate() {

@@ -398,8 +398,9 @@ fn drawn(seed: i32) -> Quadratic {
     map
 }
 
-/// Over drawn maps, of which only the front is touched, errors within the body over their expected sizes have a root
-/// mean square near 1; none is told where all is touched to be as large.
+/// Over drawn maps, errors within the body over their expected sizes have a root mean square below 1, as the noise here
+/// is independent and is taken to be alike within patches, and not far below. Where only the front is touched more is
+/// expected.
 #[test]
 fn expected_errors_are_those_that_happen() {
     let skin = skin();
@@ -423,8 +424,7 @@ fn expected_errors_are_those_that_happen() {
         }
     }
     let ratio = (ratio.iter().sum::<f64>() / ratio.len() as f64).sqrt();
-    println!("{ratio} {expected:?}");
-    assert!((0.5..1.5).contains(&ratio), "{ratio}");
+    assert!((0.3..1.0).contains(&ratio), "{ratio}");
     assert!(expected[0] > 2.0 * expected[1] && expected[1] < 1.0, "{expected:?}");
 }
 
@@ -448,7 +448,6 @@ fn landmarks_are_met_within_their_accuracy() {
         };
         let registration = register(&world, &skin, &box_of_body(), known, &[]).unwrap();
         let far = registration.landmarks_mm.iter().map(|landmark| landmark.quadratic_mm);
-        println!("{registration}");
         far.fold(0.0, f64::max)
     };
     let [loose, met] = [1000.0, 1.0].map(|accuracy_mm| farthest(&marks, accuracy_mm));

@@ -121,9 +121,10 @@ fn a_ct_that_lies_elsewhere_is_refused_and_a_doubtful_one_questioned() {
 /// Two scans of one patient whose grids coincide: that of the liver has not the CT of the pelvis.
 #[test]
 fn the_ct_of_another_region_is_refused() {
-    let Some(labels) = nifti("ts_example_seg.nii.gz") else {
+    let Some(path) = insonify_testing::shared("volumes/ts_example_seg.nii.gz") else {
         return;
     };
+    let labels = crate::segmentation::open(&path, &Default::default()).unwrap().volume;
     let of = |name: &str| {
         let path = insonify_testing::shared(&format!("volumes/{name}")).unwrap();
         with_ct(
