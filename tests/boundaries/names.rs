@@ -163,6 +163,11 @@ const NAMED: &[(&str, &[&str], &str)] = &[
         "a field of view beyond the volume is black or invented, by the slice",
     ),
     (
+        "imaging/scene/doubts.rs",
+        &["shadow"],
+        "frames deeper than sound carries by the mean loss in soft tissue are doubted",
+    ),
+    (
         "imaging/rf/scatterers.rs",
         &["shadow", "speckle", "texture"],
         "echoes have the beam widths, losses and textures of the scene's effects",
