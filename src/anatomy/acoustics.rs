@@ -118,9 +118,6 @@ impl Tissue {
     }
 }
 
-/// Echogenicity of tissue without echo, dB: the lowest of a file.
-const SILENT_DB: f64 = -100.0;
-
 /// Acoustic and mechanical properties of the tissues of a scene, and for each label index (0 to 255, background 0) the
 /// number of its tissue.
 ///
@@ -152,7 +149,8 @@ impl TissueTable {
         &self.tissues[usize::from(tissue)]
     }
 
-    /// Checks numbers, indices and names of textures; `textures` are those beside the bank.
+    /// Checks that acoustic numbers are possible (a file has narrower ranges), indices, and names of textures;
+    /// `textures` are those beside the bank.
     ///
     /// # Errors
     /// [`TissueError`] with the tissue, what was found and what was expected.
@@ -169,17 +167,28 @@ impl TissueTable {
             return Err(TissueError::Table(wrong));
         }
         for tissue in &self.tissues {
-            // Any level below the range is silence.
-            let echogenicity_db = if tissue.echogenicity_db < SILENT_DB {
-                SILENT_DB
-            } else {
-                tissue.echogenicity_db
-            };
-            let tissue = Tissue {
-                echogenicity_db,
-                ..tissue.clone()
-            };
-            overrides::check(&tissue, &tissue.name)?;
+            let numbers = [
+                ("attenuation_db_cm_mhz", tissue.attenuation_db_cm_mhz, 0.0, "0 or more"),
+                ("occlusion_per_mm", tissue.occlusion_per_mm, 0.0, "0 or more"),
+                (
+                    "impedance_mrayl",
+                    tissue.impedance_mrayl,
+                    f64::MIN_POSITIVE,
+                    "more than 0",
+                ),
+                // Of a tissue without echo it is below any number.
+                ("echogenicity_db", tissue.echogenicity_db, f64::NEG_INFINITY, "a number"),
+            ];
+            for (key, number, least, expected) in numbers {
+                if !(least..f64::INFINITY).contains(&number) {
+                    return Err(TissueError::Range {
+                        tissue: tissue.name.to_string(),
+                        key,
+                        found: number.to_string(),
+                        expected: expected.to_owned(),
+                    });
+                }
+            }
         }
         let mut known: Vec<&str> = bank::names().collect();
         known.extend(textures);
