@@ -2,11 +2,13 @@
 //! (R. Zahiri-Azar and S. E. Salcudean, "Motion estimation in ultrasound images using time domain cross correlation
 //! with prior estimates", IEEE Transactions on Biomedical Engineering 53, 2006).
 
-use super::signal::upsampled;
-use nalgebra::{Matrix6, Vector6};
+mod search;
+mod strain;
 
+use super::signal::upsampled;
 use insonify_base::parallel::{self, chunks, chunks_mut, for_each};
-use insonify_base::simd::{Lanes, Simd, WithSimd, dispatch};
+use search::{Frame, Match, OUTSIDE, Search};
+use strain::{Bend, FIT, Fit, beam_variance, beside, fitted};
 
 /// Settings of the estimator.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,9 +38,6 @@ pub struct Options {
     /// True if searches start from the estimates of neighbours; otherwise every search is wide.
     pub prior: bool,
 }
-
-/// Reach of the narrow search about the prior, samples after upsampling.
-const NARROW: usize = 2;
 
 impl Options {
     /// Windows of 1 mm, 120 a line, twofold upsampling.
@@ -84,18 +83,6 @@ impl Options {
     }
 }
 
-/// Where a window lies in a frame.
-#[derive(Clone, Copy, Default)]
-struct Match {
-    /// Motion since the first frame, samples and lines.
-    moved: [f64; 2],
-    /// At the nearest sample, and at the peak between samples.
-    correlation: f64,
-    height: f64,
-    /// Line of the nearest sample.
-    line: isize,
-}
-
 /// Neighbours of a window in lines and windows, whose median motion it is compared with: some beam widths aside, as
 /// windows on lines within a beam width have the same echoes and err together.
 const ASIDE: [isize; 9] = [-16, -8, -4, -2, 0, 2, 4, 8, 16];
@@ -116,18 +103,11 @@ const DROP: f64 = 0.1;
 const MOST_BESIDE: f64 = 0.25;
 /// Number of neighbours of a window.
 const NEIGHBOURS: usize = ASIDE.len() * ALONG.len();
-/// Neighbours on either side, in lines and windows, over which the motion is fitted.
-const FIT: [isize; 2] = [5, 3];
 /// Least length of tissue along a line for which the fit is believed, as a share of that in the first frame.
 const LEAST_LENGTH: f64 = 0.5;
-/// Fewest windows of a fit, half of all: fewer may lie to one side.
-const FEWEST: usize = 38;
 
 /// Share of the energy of a window without its mean, below which it is constant but for rounding.
 const FLAT: f64 = 1e-9;
-
-/// Correlation of places outside the frame.
-const OUTSIDE: f64 = -2.0;
 
 /// Estimate of a window.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -148,18 +128,6 @@ impl Estimate {
         self.least_correlation >= fallback
     }
 }
-
-/// Lines of a frame after upsampling.
-struct Frame {
-    values: Vec<f32>,
-    /// Running sums of the values and of their squares: where every search is wide they cost less than sums over each
-    /// window.
-    sums: Option<[Vec<f64>; 2]>,
-}
-
-/// Derivatives of the axial motion (samples) along a line (samples) and across lines: two first, and three second ones
-/// (along, mixed, across).
-type Bend = [f64; 5];
 
 /// Echoes with which a window is compared, those of the first frame or of a later one.
 #[derive(Clone, Copy)]
@@ -209,127 +177,6 @@ pub struct Tracker {
     switches: usize,
 }
 
-impl Frame {
-    fn new(values: Vec<f32>, samples: usize, summed: bool) -> Self {
-        let running = |each: fn(f64) -> f64| {
-            let mut sums = vec![0.0; values.len() / samples * (samples + 1)];
-            let rows = (chunks_mut(&mut sums, samples + 1), chunks(&values, samples));
-            for_each(rows, &|(sums, row)| {
-                for (sample, value) in row.iter().enumerate() {
-                    sums[sample + 1] = sums[sample] + each(f64::from(*value));
-                }
-            });
-            sums
-        };
-        let sums = summed.then(|| [running(|value| value), running(|value| value * value)]);
-        Self { values, sums }
-    }
-}
-
-/// Sums over a window at consecutive places: of the products with the template, and with `moments` of the values and of
-/// their squares.
-struct Products<'a> {
-    window: &'a [f32],
-    values: &'a [f32],
-    moments: bool,
-    sums: &'a mut [[f64; 3]],
-}
-
-impl WithSimd for Products<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let length = self.window.len();
-        let window = f32::vectors::<S>(self.window);
-        let zero = f32::splat(simd, 0.0);
-        let one = f32::splat(simd, 1.0);
-        let whole = size_of_val(window) / size_of::<f32>();
-        for (lag, out) in self.sums.iter_mut().enumerate() {
-            let values = &self.values[lag..lag + length];
-            let mut sums = [zero; 3];
-            for (a, b) in window.iter().zip(f32::vectors::<S>(values)) {
-                sums[0] = f32::multiply_add(simd, *a, *b, sums[0]);
-                if self.moments {
-                    sums[1] = f32::multiply_add(simd, *b, one, sums[1]);
-                    sums[2] = f32::multiply_add(simd, *b, *b, sums[2]);
-                }
-            }
-            for (total, sum) in out.iter_mut().zip(sums) {
-                *total = f64::from(f32::total(simd, sum));
-            }
-            for (a, b) in self.window[whole..].iter().zip(&values[whole..]) {
-                out[0] += f64::from(a * b);
-                out[1] += f64::from(*b);
-                out[2] += f64::from(b * b);
-            }
-        }
-    }
-}
-
-/// Peak between samples of a cosine through three values (I. Cespedes et al., Ultrasonic Imaging 17, 1995): its offset
-/// in samples and height.
-fn cosine_peak([before, at, after]: [f64; 3]) -> (f64, f64) {
-    let ratio = (before + after) / (2.0 * at);
-    if !(at > 0.0 && before.min(after) > OUTSIDE && ratio.abs() < 1.0 && at >= before.max(after)) {
-        return (0.0, at);
-    }
-    let omega = ratio.acos();
-    let theta = ((before - after) / (2.0 * at * omega.sin())).atan();
-    (-theta / omega, at / theta.cos())
-}
-
-/// Variance of the energy of a beam across lines, lines squared, from the correlations of neighbouring lines and of the
-/// next but one: those of a Gaussian beam are exp(-n^2 / 8 v), and white noise lowers both alike.
-fn beam_variance(values: &[f32], samples: usize) -> f64 {
-    let correlation = |apart: usize| {
-        let later = &values[(apart * samples).min(values.len())..];
-        let products = values.iter().zip(later).map(|(a, b)| f64::from(*a) * f64::from(*b));
-        products.sum::<f64>() / later.len() as f64
-    };
-    let ratio = correlation(1) / correlation(2);
-    // Beams wider than the fit are beyond its reach.
-    let widest = (FIT[0] * FIT[0]) as f64;
-    if ratio > 1.0 {
-        (3.0 / (8.0 * ratio.ln())).min(widest)
-    } else {
-        0.0
-    }
-}
-
-/// Terms of a fit at a distance in windows and lines: a constant, and those of the derivatives.
-fn terms(along: isize, aside: isize) -> Vector6<f64> {
-    let (x, y) = (along as f64, aside as f64);
-    Vector6::new(1.0, x, y, 0.5 * x * x, x * y, 0.5 * y * y)
-}
-
-/// Neighbours of a fit, in lines and windows from its middle.
-fn fitted() -> impl Iterator<Item = (isize, isize)> {
-    (-FIT[0]..=FIT[0]).flat_map(|aside| (-FIT[1]..=FIT[1]).map(move |along| (aside, along)))
-}
-
-/// Share of neighbours at some distances in the derivatives of their motion; `None` if these do not follow from it.
-fn shares(neighbours: &[(isize, isize)], spacing: f64) -> Option<Vec<Bend>> {
-    let normal = neighbours.iter().fold(Matrix6::zeros(), |sum, (aside, along)| {
-        let terms = terms(*along, *aside);
-        sum + terms * terms.transpose()
-    });
-    let factor = normal.cholesky()?;
-    let share = |(aside, along): &(isize, isize)| {
-        let [_, z, x, zz, zx, xx] = factor.solve(&terms(*along, *aside)).into();
-        [z / spacing, x, zz / (spacing * spacing), zx / spacing, xx]
-    };
-    Some(neighbours.iter().map(share).collect())
-}
-
-/// Motion beside the centre of a window, on the average over its echoes.
-fn beside(bend: &Bend, moments: &[f64; 5]) -> f64 {
-    bend.iter()
-        .zip(moments)
-        .map(|(derivative, moment)| derivative * moment)
-        .sum()
-}
-
 impl Tracker {
     /// Starts at the first frame: `lines` lines of equal length, one after the other.
     pub fn new(options: Options, lines: usize, frame: &[f32]) -> Self {
@@ -370,8 +217,7 @@ impl Tracker {
             correlations: 0,
             switches: 0,
         };
-        let neighbours: Vec<_> = fitted().collect();
-        tracker.weights = shares(&neighbours, tracker.spacing()).unwrap_or_default();
+        tracker.weights = Fit::shares(tracker.spacing());
         tracker.renew(&values, |_, _| Some(first));
         tracker
     }
@@ -494,8 +340,12 @@ impl Tracker {
         correlations += counts.into_iter().sum::<u64>();
         self.correlations += correlations;
         let this = &*self;
-        // Where the motion about a window is not known, it counts as unchanged since the reference.
-        let bend = |index: usize| this.bend(index, &matches).unwrap_or(this.references[index].bend);
+        // Where the motion about a window is not known, it counts as unchanged since the reference: so does it without
+        // a prior, as windows that follow another period would spoil the fit.
+        let bend = |index: usize| {
+            let fitted = prior.then(|| this.bend(index, &matches)).flatten();
+            fitted.unwrap_or(this.references[index].bend)
+        };
         let bends = parallel::map(0..matches.len(), &bend);
         let largest = MOST_BESIDE * self.half_period;
         for ((found, reference), bend) in matches.iter_mut().zip(&self.references).zip(&bends) {
@@ -603,42 +453,32 @@ impl Tracker {
     /// few.
     fn bend(&self, index: usize, matches: &[Match]) -> Option<Bend> {
         let middle = matches[index].moved[0];
-        let mut bend = [0.0; 5];
-        let mut add = |found: &Match, weights: &Bend| {
-            let moved = found.moved[0] - middle;
-            bend.iter_mut()
-                .zip(weights)
-                .for_each(|(sum, weight)| *sum += weight * moved);
-        };
         let (count, [aside, along]) = (self.options.windows, FIT.map(|reach| reach as usize));
         let (line, window) = (index / count, index % count);
         let rows = |line: usize| &matches[line * count + window - along..][..2 * along + 1];
         let is_inner = (aside..self.lines.saturating_sub(aside)).contains(&line)
             && (along..count.saturating_sub(along)).contains(&window);
         if is_inner && (line - aside..=line + aside).all(|line| rows(line).iter().all(|found| self.correlates(found))) {
-            for (line, weights) in (line - aside..).zip(self.weights.chunks(2 * along + 1)) {
-                rows(line)
-                    .iter()
-                    .zip(weights)
-                    .for_each(|(found, weights)| add(found, weights));
+            let mut bend = [0.0; 5];
+            let windows = (line - aside..=line + aside).flat_map(rows);
+            for (found, share) in windows.zip(&self.weights) {
+                let moved = found.moved[0] - middle;
+                bend.iter_mut()
+                    .zip(share)
+                    .for_each(|(sum, share)| *sum += share * moved);
             }
             return Some(bend);
         }
-        let neighbour = |(aside, along): (isize, isize)| {
-            let line = line.checked_add_signed(aside).filter(|line| *line < self.lines)?;
-            let window = window.checked_add_signed(along).filter(|window| *window < count)?;
-            let found = &matches[line * count + window];
-            self.correlates(found).then_some(((aside, along), found))
-        };
-        let (distances, found): (Vec<_>, Vec<_>) = fitted().filter_map(neighbour).unzip();
-        if distances.len() < FEWEST {
-            return None;
+        let mut fit = Fit::new();
+        for (aside, along) in fitted() {
+            let line = line.checked_add_signed(aside).filter(|line| *line < self.lines);
+            let window = window.checked_add_signed(along).filter(|window| *window < count);
+            let found = line.zip(window).map(|(line, window)| &matches[line * count + window]);
+            if let Some(found) = found.filter(|found| self.correlates(found)) {
+                fit.add((aside, along), found.moved[0] - middle);
+            }
         }
-        let weights = shares(&distances, self.spacing())?;
-        for (found, weights) in found.into_iter().zip(&weights) {
-            add(found, weights);
-        }
-        Some(bend)
+        fit.bend(self.spacing())
     }
 
     /// Distance between windows along a line, samples.
@@ -809,153 +649,4 @@ fn sum(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
 
 fn difference(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
     [a[0] - b[0], a[1] - b[1]]
-}
-
-/// Peak of the correlation along a line.
-#[derive(Clone, Copy)]
-struct LinePeak {
-    /// Sample and line of the highest correlation.
-    sample: [isize; 2],
-    correlation: f64,
-    /// Place of the peak between samples, from that sample on, and its height.
-    offset: f64,
-    height: f64,
-}
-
-/// Correlation of the reference of a window with places of the current frame.
-struct Search<'a> {
-    frame: &'a Frame,
-    samples: usize,
-    lines: isize,
-    /// Reference of the window, its mean removed, and its norm.
-    template: &'a [f32],
-    norm: f64,
-    /// First sample and line of the reference.
-    origin: [isize; 2],
-    sums: Vec<[f64; 3]>,
-    count: u64,
-}
-
-impl Search<'_> {
-    /// Correlations at `N` consecutive shifts along a line, the first of which is given; [`OUTSIDE`] outside the frame.
-    fn row<const N: usize>(&mut self, [down, aside]: [isize; 2]) -> [f64; N] {
-        let mut correlations = [OUTSIDE; N];
-        self.fill([down, aside], &mut correlations);
-        correlations
-    }
-
-    fn fill(&mut self, [down, aside]: [isize; 2], correlations: &mut [f64]) {
-        let length = self.template.len();
-        let (start, line) = (self.origin[0] + down, self.origin[1] + aside);
-        correlations.fill(OUTSIDE);
-        // Shifts that would lead out of the line stay `OUTSIDE`; those left are consecutive, for the products in vector
-        // registers.
-        let first = (-start).max(0);
-        let count = (correlations.len() as isize).min((self.samples - length) as isize + 1 - start) - first;
-        if count <= 0 || !(0..self.lines).contains(&line) {
-            return;
-        }
-        let correlations = &mut correlations[first as usize..(first + count) as usize];
-        let (start, line) = ((start + first) as usize, line as usize);
-        self.count += correlations.len() as u64;
-        self.sums.resize(correlations.len(), [0.0; 3]);
-        let from = line * self.samples + start;
-        dispatch(Products {
-            window: self.template,
-            values: &self.frame.values[from..from + length + correlations.len() - 1],
-            moments: self.frame.sums.is_none(),
-            sums: &mut self.sums,
-        });
-        if let Some([sums, squares]) = &self.frame.sums {
-            let from = from + line;
-            for (lag, out) in self.sums.iter_mut().enumerate() {
-                let over = |sums: &[f64]| sums[from + lag + length] - sums[from + lag];
-                (out[1], out[2]) = (over(sums), over(squares));
-            }
-        }
-        // The template has no mean, so that the product needs no mean of the echoes; their norm does.
-        for (correlation, [product, sum, square]) in correlations.iter_mut().zip(&self.sums) {
-            let norm = (square - sum * sum / length as f64).max(0.0).sqrt() * self.norm;
-            *correlation = if norm > 0.0 { product / norm } else { 0.0 };
-        }
-    }
-
-    /// Highest correlation within a narrow reach along the line.
-    fn peak_nearby(&mut self, [down, aside]: [isize; 2]) -> ([isize; 2], f64) {
-        const REACH: isize = NARROW as isize;
-        let correlations: [f64; 2 * NARROW + 1] = self.row([down - REACH, aside]);
-        let mut best = ([down, aside], correlations[NARROW]);
-        for (step, value) in (-REACH..).zip(correlations) {
-            if value > best.1 {
-                best = ([down + step, aside], value);
-            }
-        }
-        best
-    }
-
-    /// Highest correlation within a reach along and across lines.
-    fn all(&mut self, start: [isize; 2], reach: [isize; 2]) -> ([isize; 2], f64) {
-        let mut best = (start, OUTSIDE);
-        let mut correlations = vec![OUTSIDE; 2 * reach[0] as usize + 1];
-        for aside in -reach[1]..=reach[1] {
-            let first = [start[0] - reach[0], start[1] + aside];
-            self.fill(first, &mut correlations);
-            for (step, value) in (0..).zip(&correlations) {
-                if *value > best.1 {
-                    best = ([first[0] + step, first[1]], *value);
-                }
-            }
-        }
-        best
-    }
-
-    /// Climbs along the line of a sample to the next peak.
-    fn climb_line(&mut self, mut start: [isize; 2]) -> LinePeak {
-        let mut three: [f64; 3] = self.row([start[0] - 1, start[1]]);
-        loop {
-            let [before, middle, after] = three;
-            if before.max(after) <= middle {
-                let (offset, height) = cosine_peak(three);
-                return LinePeak {
-                    sample: start,
-                    correlation: middle,
-                    offset,
-                    height,
-                };
-            }
-            let step = if before > after { -1 } else { 1 };
-            start[0] += step;
-            let [next] = self.row([start[0] + step, start[1]]);
-            three = if step < 0 {
-                [next, before, middle]
-            } else {
-                [middle, after, next]
-            };
-        }
-    }
-
-    /// Motion between samples and lines, from the peak above a place, and the correlation at the nearest sample.
-    fn refined(&mut self, start: [isize; 2]) -> Match {
-        let mut peak = self.climb_line(start);
-        loop {
-            let [down, line] = peak.sample;
-            let beside = [-1, 1].map(|aside| self.climb_line([down, line + aside]));
-            let highest = if beside[0].height > beside[1].height {
-                &beside[0]
-            } else {
-                &beside[1]
-            };
-            if highest.height > peak.height {
-                peak = *highest;
-                continue;
-            }
-            let (aside, _) = cosine_peak([beside[0].height, peak.height, beside[1].height]);
-            return Match {
-                moved: [down as f64 + peak.offset, line as f64 + aside],
-                correlation: peak.correlation,
-                height: peak.height,
-                line: self.origin[1] + line,
-            };
-        }
-    }
 }
