@@ -369,6 +369,7 @@ fn write_rows(file: &mut impl Write, frame: usize, estimates: &[Estimate], depth
 }
 
 /// Statistics of a sequence, and the frames for its pictures.
+#[derive(Default)]
 struct Summary {
     /// Correlation below which a window is lost.
     fallback: f64,
@@ -392,12 +393,7 @@ impl Summary {
             fallback,
             requested: options.frame,
             wanted: [options.displacement.is_some(), options.strain.is_some()],
-            correlation: 0.0,
-            trusted: 0.0,
-            losses: Losses::default(),
-            moved: None,
-            strained: None,
-            tally: Tally::default(),
+            ..Self::default()
         }
     }
 
@@ -582,12 +578,7 @@ mod tests {
                 fallback: 0.8,
                 requested,
                 wanted: [true; 2],
-                correlation: 0.0,
-                trusted: 0.0,
-                losses: Losses::default(),
-                moved: None,
-                strained: None,
-                tally: Tally::default(),
+                ..Summary::default()
             };
             let frames: [fn(f64) -> f64; 3] = [|_| 10.0, |_| 500.0, |depth| 10.0 * depth];
             for (number, moved) in frames.into_iter().enumerate() {

@@ -279,7 +279,7 @@ fn errors_are_as_they_were() {
     record.check("error");
 }
 
-/// What is said of the real files, so that no change adds to it unseen.
+/// Notes, warnings and refusals of the real files, so that no change adds to them unseen.
 #[test]
 fn notes_of_real_files_are_as_they_were() {
     let (bench, mut record) = (Bench::new(), Record::default());

@@ -26,7 +26,10 @@ fn a_segmentation_of_a_patient_takes_a_needle() {
         "ready.toml",
         &quick.replace("your-labels.nii.gz", &segmentation.display().to_string()),
     );
-    let summary = bench.run("insert ready.toml -o out --json -q").json();
+    let run = bench.run("insert ready.toml -o out --json");
+    // The needle begins outside of the image, and goes through it.
+    assert!(!run.stderr.contains("never meets the scan plane"), "{run:?}");
+    let summary = run.json();
     assert!(summary["max_base_force_n"].as_f64().expect("a force") > 0.5);
     assert!(summary["remeshes"].as_u64().expect("a count") > 5);
     let events = summary["events"].as_array().expect("a list");

@@ -53,6 +53,30 @@ fn what_is_seldom_meant_is_doubted_and_what_is_near_is_not() {
             attenuation("bone", 19.0),
         ),
         (
+            "[probe]\nfrequency_mhz = 50".to_owned(),
+            &[
+                "soft tissue takes 750 dB from an echo of 150 mm",
+                "at 50 MHz",
+                "below 26 mm",
+            ],
+            "[probe]\nfrequency_mhz = 8".to_owned(),
+        ),
+        (
+            "[randomise]\ndepth_mm = { uniform = [10, 60] }".to_owned(),
+            &["probe.depth_mm = 10: in cm?"],
+            "[randomise]\ndepth_mm = { uniform = [30, 60] }".to_owned(),
+        ),
+        (
+            "[randomise]\nliver.attenuation_db_cm_mhz = { uniform = [0.4, 45] }".to_owned(),
+            &["\"liver\": attenuation_db_cm_mhz = 45"],
+            "[randomise]\nliver.attenuation_db_cm_mhz = { uniform = [0.4, 2.9] }".to_owned(),
+        ),
+        (
+            "[randomise]\nheart.attenuation_db_cm_mhz = { uniform = [0.4, 0.6] }".to_owned(),
+            &["change nothing: no label of the volume is of it", "\"heart\""],
+            "[randomise]\nliver.attenuation_db_cm_mhz = { uniform = [0.4, 0.6] }".to_owned(),
+        ),
+        (
             needle(0.0, 8.0),
             &["the needle never meets the scan plane: it stays 8.0 mm"],
             needle(0.0, 0.2),
@@ -118,6 +142,19 @@ fn a_scene_is_blind_only_if_no_frame_shows_the_volume() {
     let across = motion([-3000.0, 3000.0]);
     assert_eq!(across.blind(), None);
     assert_eq!(motion([0.0, 4000.0]).blind(), None);
+    // In a corner of the volume, away from the body and towards it.
+    let in_corner = |direction: &str| {
+        let pose = format!("[pose]\nposition_mm = [-110, -90, 100]\ndirection = {direction}\n");
+        resolve(&small(&format!("[probe]\ndepth_mm = 60\n{pose}"))).expect("a scene")
+    };
+    let away = in_corner("[-1, -1, 0]");
+    assert!(
+        away.blind()
+            .is_some_and(|reason| reason.contains("only air lies before it")),
+        "{:?}",
+        away.warnings
+    );
+    assert_eq!(in_corner("[1, 1, 0]").blind(), None);
 }
 
 #[test]

@@ -358,6 +358,30 @@ fn poses_in_ras_are_turned_and_offered() {
     assert!(says(&nowhere.warnings, &["sees nothing"]) && !says(&nowhere.warnings, &["RAS"]));
 }
 
+/// Before a body far from the origin, poses in metres or centimetres are told by the unit in which they would see it.
+#[test]
+fn poses_in_other_units_are_questioned_as_such() {
+    let folder = tempfile::tempdir().expect("folder");
+    let header = "ObjectType = Image\nNDims = 3\nDimSize = 20 20 20\nElementSpacing = 5 5 5\nOffset = 300 200 -50\nElementType = \
+                  MET_UCHAR\nElementDataFile = LOCAL\n";
+    std::fs::write(folder.path().join("cube.mha"), [header.as_bytes(), &[1; 8000]].concat()).expect("file");
+    let warnings = |per_mm: f64| {
+        let [x, y] = [350.0, 190.0].map(|mm| mm * per_mm);
+        let text = format!(
+            "version = 2\n[volume]\nfile = \"cube.mha\"\nunlabelled = \"air\"\n[probe]\nkind = \"linear\"\ndepth_mm = 40\n\
+             [pose]\nposition_mm = [{x}, {y}, 0]\ndirection = [0, 1, 0]\n"
+        );
+        let scene = super::support::parse(&text).and_then(|file| file.resolve(folder.path()));
+        scene.expect("a scene").warnings
+    };
+    for (per_mm, words) in [(1e-3, "Are the positions in m?"), (0.1, "Are the positions in cm?")] {
+        let told = warnings(per_mm);
+        assert!(says(&told, &["sees nothing", words]), "{told:?}");
+    }
+    assert!(!says(&warnings(1.0), &["sees nothing"]));
+    assert!(!says(&warnings(0.5), &["Are the positions"]));
+}
+
 #[test]
 fn poses_and_needles_take_either_world() {
     let pair = |lps: &str, ras: &str| {

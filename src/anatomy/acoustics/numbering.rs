@@ -316,7 +316,16 @@ mod tests {
         ] {
             assert!(!tissue(name).soft_organ, "{name}");
         }
-        for name in ["rib_left_1", "vertebrae_L5", "trachea", "skull", "hip_right"] {
+        for name in [
+            "rib_left_1",
+            "vertebrae_L5",
+            "trachea",
+            "skull",
+            "hip_right",
+            "gallstone",
+            "kidney stone 2",
+            "Calcifications",
+        ] {
             assert!(tissue(name).is_occluder(), "{name}");
         }
     }

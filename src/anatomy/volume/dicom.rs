@@ -113,7 +113,7 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Loaded, VolumeError> {
     })
 }
 
-/// Where the images of the segments lie.
+/// Geometry of the images of the segments.
 struct Geometry {
     /// Columns and rows.
     size: [usize; 2],

@@ -31,7 +31,8 @@ impl Synthesizer {
     ///
     /// On the CPU each thread renders frames of its own, which saves the waits between passes of a frame that is shared
     /// by all. The threads belong to the synthesizer, as many as the caller's pool has, or fewer where memory does not
-    /// suffice; they share its tables, and last until it is dropped or its settings change. On a GPU a submission has
+    /// suffice; they share its tables but for frames with settings of their own, and last until it is dropped or its
+    /// settings change. On a GPU a submission has
     /// several frames, whose meshes are cut on such threads, and three submissions are in flight.
     ///
     /// ```
@@ -206,7 +207,7 @@ impl Synthesizer {
         if useful < 2 || 2 * states.len() < threads {
             return Ok(None);
         }
-        // Threads that took over settings of their frames do not share the tables until frames have settings again.
+        // Threads whose frames had settings have tables of their own, which fit only frames with settings again.
         let is_ready = |team: &Team| {
             let is_at = |other: &Self| Arc::ptr_eq(&other.tables, &self.tables);
             (useful..=threads).contains(&team.threads)

@@ -1,6 +1,7 @@
 use super::*;
 use crate::anatomies;
 use insonify_anatomy::phantom::{Phantom, PhantomOptions, make};
+use insonify_anatomy::volume::LabelVolume;
 use insonify_mesh::TetMesh;
 
 /// The CPU, and the GPU of the tests, if there is one.
@@ -456,7 +457,55 @@ fn synthesizers_on_one_device_share_the_volume() {
     assert!(*again.render(&state).unwrap() == expected);
 }
 
-/// What a host states is checked as a file is: no panic, and no frame that looks right.
+/// Frames with settings of their own leave no trace in the threads of a batch: frames after them have those of the
+/// last, and so have batches.
+#[test]
+fn batches_with_and_without_settings_are_frames_one_by_one() {
+    let (anatomy, settings, state) = anatomies::two_layers();
+    let own = |gain_db: f64| {
+        let mut settings = settings.clone();
+        settings.effects.tone.get_or_insert_default().gain_db += gain_db;
+        Some(Arc::new(FrameSettings {
+            settings,
+            tissues: Arc::clone(&anatomy.tissues),
+            warnings: Vec::new(),
+        }))
+    };
+    let plain = |frame| FrameState { frame, ..state.clone() };
+    let with = |frame, gain_db| FrameState {
+        settings: own(gain_db),
+        ..plain(frame)
+    };
+    let rounds = [
+        vec![plain(0), plain(1), plain(2), plain(3)],
+        vec![with(4, 6.0), with(5, -6.0), with(6, 3.0), with(7, 9.0), with(8, -3.0)],
+        vec![plain(9), plain(10), plain(11), plain(12)],
+        vec![with(13, -9.0), plain(14), plain(15), with(16, 6.0)],
+        vec![with(17, 1.0), with(18, 2.0), with(19, 3.0), with(20, 4.0)],
+    ];
+    let new = || Synthesizer::new(anatomy.clone(), settings.clone(), Backend::Cpu).unwrap();
+    let mut single = new();
+    let expected: Vec<_> = rounds
+        .iter()
+        .flatten()
+        .map(|state| single.render(state).unwrap().pixels.clone())
+        .collect();
+    for threads in [1, 2, 3] {
+        let pool = insonify_base::parallel::Pool::new(threads).unwrap();
+        let frames: Vec<_> = pool.install(|| {
+            let mut synth = new();
+            let all = rounds.iter().map(|states| batch(&mut synth, states).unwrap());
+            all.flatten().collect()
+        });
+        let differ = frames
+            .iter()
+            .zip(&expected)
+            .position(|(frame, expected)| frame != expected);
+        assert_eq!((differ, frames.len()), (None, expected.len()), "{threads} threads");
+    }
+}
+
+/// Tables and states of a host are checked as files are: no panic, and no frame that looks right.
 #[test]
 fn wrong_tables_and_states_of_a_host_are_refused() {
     let (anatomy, settings, state) = anatomies::two_layers();
@@ -471,6 +520,15 @@ fn wrong_tables_and_states_of_a_host_are_refused() {
         let error = error.expect(words).to_string();
         assert!(error.contains(words), "{error}");
     };
+    let labels = anatomy.volume.labels().to_vec();
+    let volume = |matrix| LabelVolume::new([1; 3], vec![0], labels.clone(), matrix);
+    let transposed = Matrix4::new_translation(&Vector3::new(10.0, 20.0, 30.0)).transpose();
+    let error = volume(transposed)
+        .err()
+        .map(|error| error.to_string())
+        .unwrap_or_default();
+    assert!(error.contains("is the matrix transposed"), "{error}");
+    assert!(volume(Matrix4::new_scaling(0.5)).is_ok() && volume(Matrix4::identity() * 2.0).is_err());
     refused(&|table| table.tissues.clear(), "no tissues");
     refused(&|table| table.of_label[1] = 77, "label index 1 has tissue 77");
     refused(

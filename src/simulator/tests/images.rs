@@ -36,6 +36,22 @@ fn scene(meshed: bool) -> (Synthesizer, Matrix4<f64>, Option<Arc<TetMesh>>) {
     (synthesizer, pose, mesh)
 }
 
+/// The noise of the receiver is drawn by the number of the frame.
+#[test]
+fn frames_of_one_number_are_the_same() {
+    let (mut synthesizer, pose, _) = scene(false);
+    let mut settings = synthesizer.settings().clone();
+    settings.effects.receiver = Some(Default::default());
+    synthesizer.set(settings).expect("settings");
+    let mut haptic = Haptic::new(Box::new(Fake::default()), patient());
+    let mut imaging = haptic.imaged(synthesizer, 1.27).expect("imaging");
+    let frames = [0, 1, 2].map(|_| imaging.frame(&pose).expect("a frame").pixels.clone());
+    assert!(frames[0] != frames[1] && imaging.next_frame() == 3);
+    imaging.set_next_frame(1);
+    assert!(imaging.frame(&pose).expect("a frame").pixels == frames[1]);
+    assert_eq!(imaging.next_frame(), 2);
+}
+
 #[test]
 fn without_an_image_no_state_is_asked_for() {
     let model = Fake::default();

@@ -148,8 +148,8 @@ pub(super) struct Entries<'a> {
     speed_mm_s: f64,
     /// Whether a needle meets the tissue of each label.
     is_tissue: Vec<bool>,
-    /// Of both faces of the volume on each axis, the voxels whose air reaches the rim of the face: what they open to is
-    /// the outside, and not a cavity that the volume cuts.
+    /// Voxels of both faces of the volume on each axis whose air reaches the rim of the face: it is that around the body,
+    /// not that of a cavity which the volume cuts.
     open: [[Vec<bool>; 2]; 3],
     pub target: Point3<f64>,
 }

@@ -379,7 +379,7 @@ fn planned_and_inserted(shipped_scenario: &Shipped, coarse: bool) {
     }
 }
 
-/// What becomes of tip, target and shaft.
+/// Tip, target and shaft of an insertion.
 struct Inserted<'a> {
     scenario: &'a Scenario,
     course: &'a Course,

@@ -37,7 +37,6 @@ pub(super) struct NeedleState {
     /// Position of the last crossing of a boundary, in the reference state, mm.
     pub crossed: Vector3<f64>,
     /// Position of the tip in the reference state, mm.
-    #[serde(default)]
     pub at_rest: Vector3<f64>,
     /// Element in which the tip was last found.
     pub element: u32,
