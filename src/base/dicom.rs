@@ -167,10 +167,7 @@ fn walk(file: &[u8], start: usize, mut in_meta: bool, mut syntax: Syntax) -> Res
             in_fragments |= group == PIXELS;
             continue;
         }
-        if is_item && !in_fragments || !is_item && holds_items {
-            continue;
-        }
-        in_fragments &= length > 0 || element != END_OF_SEQUENCE;
+        // Sequences, too: decoders take what holds items for bytes where its kind is not `SQ`.
         if length as usize > rest.len() {
             return Err(Fault {
                 offset,
@@ -178,6 +175,10 @@ fn walk(file: &[u8], start: usize, mut in_meta: bool, mut syntax: Syntax) -> Res
                 expected: "one that ends in the file",
             });
         }
+        if is_item && !in_fragments || !is_item && holds_items {
+            continue;
+        }
+        in_fragments &= length > 0 || element != END_OF_SEQUENCE;
         let value = &rest[..length as usize];
         position += length as usize;
         if in_meta && head[..4] == [2, 0, 0x10, 0] {
@@ -240,10 +241,13 @@ mod tests {
             ]
             .concat()
         };
+        // What begins as a sequence does, of no known kind: decoders take it for bytes.
+        let unknown = |stated: u32| element([0xe0, 0x7f, 0x10, 0], b"O\0", stated, &item(6, &[7; 6]));
         for (sound, broken, offset) in [
             (pixels(6), pixels(0x4000_0000), 10),
             (nested(2), nested(3), 20),
             (packed(4), packed(0x7000_0000), 20),
+            (unknown(14), unknown(0xffff_ffbf), 0),
         ] {
             assert_eq!(check(&file(EXPLICIT, &sound)), Ok(()));
             let error = check(&file(EXPLICIT, &broken)).expect_err("too long");
