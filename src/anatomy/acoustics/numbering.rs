@@ -88,8 +88,8 @@ macro_rules! numberings {
                 }
             }
 
-            /// Name of the file of the numbering, without its ending; empty for a preset without one.
-            fn stem(self) -> &'static str {
+            /// Name of the numbering in scenes, and of its file without the ending; empty for a preset without one.
+            pub(crate) fn stem(self) -> &'static str {
                 match self {
                     $(Self::$Name => &$file[..$file.len() - ".csv".len()],)+
                     Self::Auto | Self::Phantom | Self::None => "",
@@ -119,6 +119,10 @@ numberings! {
     TotalV1 = "TotalSegmentator v1" in "total_v1.csv";
     Word = "WORD" in "word.csv";
     AbdomenAtlas = "AbdomenAtlas" in "abdomen_atlas.csv";
+    Chaos = "CHAOS" in "chaos.csv";
+    Learn2reg = "Learn2Reg MR-CT" in "learn2reg.csv";
+    CtOrg = "CT-ORG" in "ct_org.csv";
+    Synapse = "TransUNet" in "synapse.csv";
     Lits = "LiTS" in "lits.csv";
     LungVessels = "TotalSegmentator lung_vessels" in "lung_vessels.csv";
     LiverVessels = "TotalSegmentator liver_vessels" in "liver_vessels.csv";
@@ -238,7 +242,10 @@ mod tests {
             assert!(!table.is_empty());
             for (index, class) in table.iter().enumerate() {
                 assert!(class.value > 0, "{class:?}");
-                let same = |other: &&Class| other.value == class.value || other.name == class.name;
+                // CHAOS has two values for each organ.
+                let has_other_values = table.iter().any(|class| class.value == 252);
+                let same =
+                    |other: &&Class| other.value == class.value || (other.name == class.name && !has_other_values);
                 assert_eq!(table[..index].iter().find(same), None, "also {class:?}");
             }
         }

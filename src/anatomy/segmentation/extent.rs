@@ -1,6 +1,6 @@
 //! Extents of labels: volume, height, place, and whether the edge of the scan cuts them.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 use crate::volume::LabelVolume;
 
@@ -20,15 +20,23 @@ pub(super) struct Extent {
 /// Extents of the labels of a volume.
 pub(super) struct Extents {
     pub labels: Vec<Extent>,
+    /// Number of voxels along each index axis, and its direction.
+    pub size: [usize; 3],
+    pub directions: [Vector3<f64>; 3],
     /// Height of the scan, mm.
     scan_mm: f64,
 }
 
 impl Extents {
     pub(super) fn of(volume: &LabelVolume) -> Self {
+        Self::turned(volume, &Matrix3::identity())
+    }
+
+    /// Extents in other axes than those of the file.
+    pub(super) fn turned(volume: &LabelVolume, turn: &Matrix3<f64>) -> Self {
         let count = volume.labels().len();
         let [nx, ny, _] = volume.size();
-        let to_world = volume.index_to_world();
+        let to_world = turn.to_homogeneous() * volume.index_to_world();
         let axis = |axis: usize| to_world.fixed_view::<3, 1>(0, axis).into_owned();
         let up = [0, 1, 2].map(|index| axis(index).z);
         let height = |index: [usize; 3]| -> f64 { (0..3).map(|axis| up[axis] * index[axis] as f64).sum() };
@@ -73,6 +81,8 @@ impl Extents {
         });
         Self {
             labels: labels.collect(),
+            size: volume.size(),
+            directions: [0, 1, 2].map(|index| axis(index).normalize()),
             scan_mm: high - low,
         }
     }

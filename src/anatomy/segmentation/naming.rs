@@ -1,6 +1,6 @@
 //! Naming of labels by their values, and doubts about names.
 
-use super::evidence::Fit;
+use super::evidence::{Fit, Frame};
 use super::extent::Extents;
 use super::{Naming, Segmentation};
 use crate::acoustics::{Preset, known, numbering};
@@ -14,8 +14,20 @@ pub(super) const ENOUGH: usize = 3;
 /// Difference of scores below which a numbering fits as well as another.
 const MARGIN: f64 = 1.0;
 
-/// Score of a numbering that the file's name states.
+/// Score of a numbering that the file's name states, and of each label that a numbering does not have.
 const STATED: f64 = 3.0;
+const UNKNOWN: f64 = -2.0;
+
+/// Ratio of labels that a numbering has to others from which it is considered.
+const KNOWN: usize = 3;
+
+/// Ratio of labels with evidence to contradicted ones from which a numbering is accepted, and from which even the
+/// contradicted ones keep their names: organs vary.
+const ACCEPTED: usize = 3;
+const CERTAIN: usize = 8;
+
+/// Largest number of numberings that have all values of a file at which these values are evidence.
+const RARE: usize = 3;
 
 /// Tangent of the angle by which a body may be turned about its long axis before its orientation is questioned: 27
 /// degrees.
@@ -24,22 +36,20 @@ const SLANT: f64 = 0.5;
 /// Number of names that show how a numbering reads labels.
 const FEW: usize = 4;
 
-/// Number of faults of the usual numbering that tell why another was chosen.
+/// Number of faults that tell what speaks against a numbering.
 const EXAMPLES: usize = 3;
-
-/// Remedy for labels without names.
-const REMEDY: &str = "name the labels with --names FILE or volume.names, choose another volume.preset, or write [[tissue]] with name and \
-                      labels = [VALUE, ...]";
 
 /// Whether a value is common in masks and thus carries no information.
 pub(super) fn is_mask(value: i64) -> bool {
     matches!(value, 1 | 255)
 }
 
-/// A numbering that knows all labels without names.
+/// Labels without names as a numbering has them.
 struct Reading {
     preset: Preset,
     names: Vec<(usize, String)>,
+    /// Labels that the numbering does not have.
+    unknown: Vec<usize>,
     fit: Fit,
     /// Whether the file's name states the numbering.
     is_stated: bool,
@@ -47,12 +57,58 @@ struct Reading {
 
 impl Reading {
     fn is_sure(&self) -> bool {
-        self.is_stated || (self.fit.sound.len() >= ENOUGH && 3 * self.fit.odd.len() < self.fit.sound.len())
+        let odd = self.odd().len();
+        if self.is_stated {
+            return 2 * odd < self.names.len();
+        }
+        self.fit.sound.len() >= ENOUGH && ACCEPTED * odd < self.fit.sound.len() && !self.fit.is_scattered
+    }
+
+    /// Labels that contradict their names.
+    fn odd(&self) -> Vec<usize> {
+        let odd = self.fit.odd.iter().chain(&self.fit.elsewhere);
+        let mut labels: Vec<usize> = odd.map(|(label, _)| *label).collect();
+        labels.sort_unstable();
+        labels.dedup();
+        labels
+    }
+
+    /// What speaks against the names.
+    fn against(&self) -> impl Iterator<Item = &str> {
+        let odd = self.fit.odd.iter().chain(&self.fit.elsewhere);
+        odd.map(|(_, text)| text.as_str())
     }
 
     fn name(&self, label: usize) -> Option<&str> {
         let mut names = self.names.iter();
         names.find(|(index, _)| *index == label).map(|(_, name)| name.as_str())
+    }
+
+    fn tissue(&self, label: usize) -> Option<&str> {
+        self.name(label).and_then(known).map(|(tissue, _)| tissue.name.as_ref())
+    }
+
+    /// Labels that this best of the readings names: of a sure one, those on which its rivals agree and that do not
+    /// contradict their names; otherwise, of values that few numberings have, those with evidence on which all agree
+    /// that nothing contradicts.
+    fn certain(&self, readings: &[Self], rivals: &[&Self]) -> Vec<usize> {
+        let labels = self.names.iter().map(|(label, _)| *label);
+        let agree = |label: usize, others: &[&Self]| {
+            let tissue = self.tissue(label);
+            others.iter().all(|other| other.tissue(label) == tissue)
+        };
+        let odd = self.odd();
+        if self.is_sure() {
+            let keeps_odd = self.fit.sound.len() >= CERTAIN * odd.len();
+            return labels
+                .filter(|&label| agree(label, rivals) && (keeps_odd || !odd.contains(&label)))
+                .collect();
+        }
+        let believable: Vec<&Self> = readings.iter().filter(|reading| reading.odd().is_empty()).collect();
+        let is_evident = odd.is_empty() && readings.len() <= RARE && self.fit.sound.len() >= 2;
+        labels
+            .filter(|&label| is_evident && self.fit.sound.contains(&label) && agree(label, &believable))
+            .collect()
     }
 }
 
@@ -67,17 +123,25 @@ impl Segmentation {
             .filter(|_| !of_body || has_body_values(&self.volume))
     }
 
-    /// Readings of labels by the numberings that know all of them, the most common first.
+    /// Readings of labels by the numberings that have all of them, or enough, the most common first.
     fn readings(&self, nameless: &[usize], stem: Option<&str>, extents: &Extents) -> Vec<Reading> {
         let reading = |&preset: &Preset| {
+            let (known, unknown): (Vec<usize>, Vec<usize>) =
+                nameless.iter().partition(|index| self.organ(preset, **index).is_some());
             let organ = |&index: &usize| Some((index, self.organ(preset, index)?.to_owned()));
-            let names: Vec<_> = nameless.iter().map(organ).collect::<Option<_>>()?;
-            let mut fit = Fit::of(self.volume.labels(), extents, &names, 0.0);
+            let names: Vec<_> = known.iter().filter_map(organ).collect();
+            // Files of TotalSegmentator are those that others add labels to.
+            let knows_enough = names.len() >= KNOWN * unknown.len() || preset == Preset::TotalSegmentator;
+            if names.is_empty() || !knows_enough {
+                return None;
+            }
+            let mut fit = Fit::of(&self.volume, extents, &names, Frame::Body);
             let is_stated = stem.is_some_and(|stem| preset.is_stated_by(stem));
-            fit.score += if is_stated { STATED } else { 0.0 };
+            fit.score += if is_stated { STATED } else { 0.0 } + UNKNOWN * unknown.len() as f64;
             Some(Reading {
                 preset,
                 names,
+                unknown,
                 fit,
                 is_stated,
             })
@@ -86,57 +150,58 @@ impl Segmentation {
     }
 
     /// Names the unnamed labels by their values, in the numbering that fits best. Without enough evidence they stay
-    /// without a name, as do those of which as good a numbering makes another tissue. `stem` is the file's name without
-    /// its ending.
+    /// without a name, as do those of which as good a numbering makes another tissue, and those that contradict their
+    /// names. `stem` is the file's name without its ending.
     pub(super) fn read_values(&mut self, naming: &Naming, stem: Option<&str>, extents: &Extents) {
-        let all: Vec<usize> = self.nameless(naming).collect();
+        let nameless: Vec<usize> = self.nameless(naming).collect();
         if naming.preset != Preset::Auto {
-            return self.read_as(naming.preset, &all, &[]);
+            return self.read_as(naming.preset, &nameless, &[]);
         }
         // Values unknown to every numbering do not prevent naming the others, if these give plausible organs.
-        let numbered = |index: &usize| self.organ(Preset::TotalSegmentator, *index).is_some();
-        let (nameless, strange): (Vec<usize>, Vec<usize>) = all.iter().partition(|index| numbered(index));
+        let usual = Preset::TotalSegmentator;
+        let is_strange = |index: &usize| self.organ(usual, *index).is_none();
+        let strange: Vec<usize> = nameless.iter().copied().filter(is_strange).collect();
         let only_mask = self.volume.labels().len() == 2 && is_mask(self.volume.labels()[1].value);
         if only_mask {
             return;
         }
         let readings = self.readings(&nameless, stem, extents);
-        let first = readings.first();
-        let Some(best) = first
+        let Some(best) = readings
+            .first()
             .map(|first| readings.iter().fold(first, better))
-            .filter(|_| !nameless.is_empty())
+            .filter(|best| strange.is_empty() || best.is_sure())
         else {
-            return self.read_as(Preset::TotalSegmentator, &[], &strange);
+            return self.read_as(usual, &[], &strange);
         };
-        let is_sure = best.is_sure();
-        if !strange.is_empty() && !is_sure {
-            return self.read_as(Preset::TotalSegmentator, &[], &strange);
-        }
         let rivals: Vec<&Reading> = readings
             .iter()
             .filter(|rival| rival.names != best.names && rival.fit.score > best.fit.score - MARGIN)
             .collect();
-        let tissue = |name: &str| known(name).map(|(tissue, _)| &tissue.name);
-        let is_certain = |&label: &usize| {
-            let agrees = |rival: &&Reading| rival.name(label).and_then(tissue) == best.name(label).and_then(tissue);
-            is_sure && rivals.iter().all(agrees)
-        };
-        let (certain, doubtful): (Vec<usize>, Vec<usize>) = nameless.iter().partition(|label| is_certain(label));
+        let certain = best.certain(&readings, &rivals);
+        let is_certain = |label: &usize| certain.contains(label) || best.unknown.contains(label);
+        let doubtful: Vec<usize> = nameless.iter().copied().filter(|label| !is_certain(label)).collect();
         let verdict = Verdict {
             volume: &self.volume,
             best,
             rivals: &rivals,
-            usual: readings.first().filter(|usual| usual.preset != best.preset),
+            usual: readings
+                .iter()
+                .find(|reading| reading.preset == usual && best.preset != usual),
             certain: &certain,
             doubtful: &doubtful,
         };
-        if is_sure && doubtful.is_empty() {
+        if best.is_sure() && doubtful.is_empty() {
             self.notes.push(verdict.note());
         } else {
-            self.warnings.push(verdict.warning(is_sure));
+            self.warnings.push(verdict.warning());
         }
         let preset = best.preset;
-        self.read_as(preset, &certain, &strange);
+        let unknown = if certain.is_empty() {
+            Vec::new()
+        } else {
+            best.unknown.clone()
+        };
+        self.read_as(preset, &certain, &unknown);
     }
 
     /// Names labels by the values of a numbering, with a warning about unknown values.
@@ -176,7 +241,7 @@ impl Segmentation {
             .collect();
         let Fit {
             odd, turned, scaled, ..
-        } = Fit::of(self.volume.labels(), extents, &names, SLANT);
+        } = Fit::of(&self.volume, extents, &names, Frame::File { slant: SLANT });
         let remedy = match self.by_value {
             Some(_) => "name the labels with --names FILE, or choose another volume.preset",
             None => "check names, voxel spacing and orientation",
@@ -192,6 +257,17 @@ impl Segmentation {
 /// The reading with the higher score, or of equal ones the first.
 fn better<'a>(best: &'a Reading, next: &'a Reading) -> &'a Reading {
     if next.fit.score > best.fit.score { next } else { best }
+}
+
+/// The first descriptions and the number of the others; `None` if there is none.
+fn examples<'a>(descriptions: impl Iterator<Item = &'a str>) -> Option<String> {
+    let descriptions: Vec<&str> = descriptions.collect();
+    let first = &descriptions[..descriptions.len().min(EXAMPLES)];
+    let more = match descriptions.len() - first.len() {
+        0 => String::new(),
+        n => format!(" and {n} more"),
+    };
+    (!first.is_empty()).then(|| format!("{}{more}", first.join(", ")))
 }
 
 /// The numbering that labels without names are read by, with what speaks for and against it.
@@ -228,14 +304,9 @@ impl Verdict<'_> {
         let Some(usual) = self.usual else {
             return by;
         };
-        let (odd, title) = (&usual.fit.odd, usual.preset.title());
-        if !odd.is_empty() {
-            let examples: Vec<&str> = odd.iter().take(EXAMPLES).map(|(_, odd)| odd.as_str()).collect();
-            let more = match odd.len() - examples.len() {
-                0 => String::new(),
-                n => format!(" and {n} more"),
-            };
-            format!("{by}: by those of {title}, {}{more}", examples.join(", "))
+        let title = usual.preset.title();
+        if let Some(against) = examples(usual.against()) {
+            format!("{by}: by those of {title}, {against}")
         } else if self.best.is_stated {
             format!("{by}, which the file's name states")
         } else {
@@ -244,8 +315,9 @@ impl Verdict<'_> {
     }
 
     /// Warning about labels of which some or all stay without a name.
-    fn warning(&self, is_sure: bool) -> String {
+    fn warning(&self) -> String {
         let Self { best, rivals, .. } = self;
+        let is_sure = best.is_sure();
         let shown = |label: usize, name: &str| format!("{} {name}", self.volume.labels()[label].value);
         let names: Vec<String> = best.names.iter().map(|(label, name)| shown(*label, name)).collect();
         let more = if names.len() > FEW { ", ..." } else { "" };
@@ -253,6 +325,11 @@ impl Verdict<'_> {
         let mut text = format!("{} ({names}{more})", self.reads_by());
         if !is_sure {
             text.push_str(" on weak evidence");
+        }
+        if let Some(against) = examples(best.against()) {
+            text.push_str(&format!("; against them, {against}"));
+        } else if best.fit.is_scattered {
+            text.push_str("; they do not lie as these organs do");
         }
         if !rivals.is_empty() {
             let titles: Vec<String> = rivals.iter().map(|rival| rival.preset.title().to_owned()).collect();
@@ -274,7 +351,11 @@ impl Verdict<'_> {
                 .collect();
             text.push_str(&format!(": {}", some_of(&unnamed)));
         }
-        format!("{text}: {REMEDY}")
+        format!(
+            "{text}: state volume.preset = \"{}\" if that is right, name the labels with --names FILE or volume.names, or write \
+             [[tissue]] with name and labels = [VALUE, ...]",
+            best.preset.stem()
+        )
     }
 
     /// Names that the best numbering and its rivals give a label.

@@ -1,6 +1,7 @@
 //! Segmentations of few voxels, and what they say.
 
 mod doubts;
+mod evidence;
 mod files;
 mod numberings;
 mod surround;
@@ -59,30 +60,41 @@ const TORSO: [(&str, [f64; 3], [f64; 3]); 19] = [
     ("liver_tumor", [-80.0, -20.0, 50.0], [12.0, 12.0, 12.0]),
 ];
 
-/// A torso of 48 x 36 x 30 voxels of 7 mm with unnamed labels: of these values, each of the organs whose names begin
-/// with that of the value, without a side in it on both.
+/// A torso with unnamed labels: of these values, each of the organs whose names begin with that of the value, without a
+/// side in it on both.
 fn torso(labels: &[(i64, &str)]) -> LabelVolume {
+    let label = |organ: &str| {
+        let of = |name: &str| organ.starts_with(name) && (name != "liver" || organ == "liver");
+        labels.iter().position(|(_, name)| of(name))
+    };
+    let organs: Vec<_> = TORSO
+        .iter()
+        .filter_map(|(organ, centre, half)| Some((label(organ)?, *centre, *half)))
+        .collect();
+    let values: Vec<i64> = labels.iter().map(|(value, _)| *value).collect();
+    boxes(&values, &organs)
+}
+
+/// 48 x 36 x 30 voxels of 7 mm with unnamed labels of these values, and boxes of labels by centre (LPS) and half the
+/// edges, mm; later ones lie above earlier ones.
+fn boxes(values: &[i64], organs: &[(usize, [f64; 3], [f64; 3])]) -> LabelVolume {
     let (size, spacing) = ([48, 36, 30], 7.0);
     let origin = size.map(|n| -0.5 * spacing * (n as f64 - 1.0));
     let mut voxels = vec![0; size.iter().product()];
-    for (organ, centre, half) in &TORSO {
-        let of = |name: &str| organ.starts_with(name) && (name != "liver" || *organ == "liver");
-        let Some(label) = labels.iter().position(|(_, name)| of(name)) else {
-            continue;
-        };
+    for (label, centre, half) in organs {
         for (offset, voxel) in voxels.iter_mut().enumerate() {
             let index = [offset % size[0], offset / size[0] % size[1], offset / size[0] / size[1]];
             let inside = |axis: usize| (origin[axis] + spacing * index[axis] as f64 - centre[axis]).abs() < half[axis];
             if (0..3).all(inside) {
-                *voxel = label as u8 + 1;
+                *voxel = *label as u8 + 1;
             }
         }
     }
     let count = |label: usize| voxels.iter().filter(|voxel| usize::from(**voxel) == label + 1).count();
-    let labels: Vec<(i64, usize)> = labels
+    let labels: Vec<(i64, usize)> = values
         .iter()
-        .zip(0..)
-        .map(|((value, _), label)| (*value, count(label)))
+        .enumerate()
+        .map(|(label, value)| (*value, count(label)))
         .collect();
     let to_world = Matrix4::new_translation(&origin.into()) * Matrix4::new_scaling(spacing);
     moved(volume(size, voxels, &labels, 1.0), to_world)

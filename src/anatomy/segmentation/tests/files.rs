@@ -21,10 +21,10 @@ fn real_files_say_what_they_said() {
         (
             "dcmqi_liver_spine_seg.nrrd",
             &[
-                "2 labels without names may have the numbers of FLARE21 (1 liver, 2 kidney) on weak evidence; those of FLARE22, WORD, LiTS, \
-                 TotalSegmentator lung_vessels, TotalSegmentator liver_vessels fit as well; all stay without a name, as soft tissue: 1 liver or \
-                 lung_vessels or liver_vessels, 2 kidney or kidney_right or spleen or liver_tumor or lung_trachea_bronchia: name the labels \
-                 with --names FILE or volume.names, choose another volume.preset, or write [[tissue]] with name and labels = [VALUE, ...]",
+                "2 labels without names may have the numbers of LiTS (1 liver, 2 liver_tumor) on weak evidence; those of FLARE21, FLARE22, CHAOS, \
+                 CT-ORG, TotalSegmentator liver_vessels fit as well; all stay without a name, as soft tissue: 1 liver or liver_vessels, 2 \
+                 liver_tumor or kidney or kidney_right or urinary_bladder: state volume.preset = \"lits\" if that is right, name the \
+                 labels with --names FILE or volume.names, or write [[tissue]] with name and labels = [VALUE, ...]",
                 "no tissue known for labels 1, 2; taken as soft_tissue; to choose, name the labels with --names FILE or volume.names, or write \
                  [[tissue]] with name and labels = [VALUE, ...]",
             ],

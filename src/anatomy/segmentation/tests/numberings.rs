@@ -5,8 +5,10 @@ use super::*;
 #[test]
 fn every_numbering_is_recognised_by_a_torso() {
     for &numbering in Preset::NUMBERINGS {
-        let read = named("a.nrrd", &numbered(numbering));
-        let thin = numbering.classes().len() < naming::ENOUGH;
+        let organs = numbered(numbering);
+        let read = named("a.nrrd", &organs);
+        let present = (1..organs.labels().len()).filter(|label| organs.holds(*label)).count();
+        let thin = present <= naming::ENOUGH;
         assert_eq!(
             preset(&read) == Some(numbering),
             !thin,
@@ -130,33 +132,35 @@ fn total_mr_is_not_read_as_total() {
 
 #[test]
 fn what_another_numbering_explains_as_well_is_soft_tissue() {
-    // The lobe of a lung, or an entire one, or a pancreas: each as small.
-    let labels = [
-        (1, "spleen"),
-        (2, "kidney_right"),
-        (3, "kidney_left"),
-        (5, "liver"),
-        (18, "duodenum"),
+    // Between a liver and a stomach, in place and volume.
+    let organs = [
+        (0, [95.0, 40.0, 45.0], [20.0, 35.0, 40.0]),
+        (1, [-60.0, 58.0, -25.0], [21.0, 21.0, 52.0]),
+        (2, [60.0, 55.0, -10.0], [21.0, 21.0, 52.0]),
+        (3, [4.0, -18.0, 38.0], [47.0, 47.0, 47.0]),
     ];
-    let read = named("a.nrrd", &torso(&labels));
-    assert_eq!(names(&read)[4], (18, "-"), "{:?}", read.warnings);
-    assert_eq!(
-        (names(&read)[3], tissue(&read, 5).as_str()),
-        ((5, "liver"), "soft_tissue")
-    );
+    let volume = boxes(&[1, 2, 3, 6], &organs);
+    let read = named("a.nrrd", &volume);
+    assert_eq!(names(&read)[2..], [(3, "kidney_left"), (6, "-")], "{:?}", read.warnings);
+    assert_eq!(tissue(&read, 4), "soft_tissue");
     let warning = &read.warnings[0];
     assert!(
-        warning.contains("those of TotalSegmentator total_mr") && warning.contains("18 small_bowel or sacrum"),
+        warning.contains(" fit as well; in doubt stay without a name, as soft tissue: 6 ")
+            && warning.contains("liver")
+            && warning.contains("stomach"),
         "{warning}"
     );
     // The file's name decides.
-    let read = named("case3_total_mr.nrrd", &torso(&labels));
-    assert_eq!(
-        (names(&read)[4], read.warnings.len()),
-        ((18, "sacrum"), 0),
-        "{:?}",
-        read.warnings
-    );
+    for (name, organ) in [("case3_amos.nrrd", "liver"), ("total_mr.nrrd", "stomach")] {
+        let read = named(name, &volume);
+        assert_eq!(
+            (names(&read)[3], read.warnings.len()),
+            ((6, organ), 0),
+            "{:?}",
+            read.warnings
+        );
+    }
+    let read = named("case3_amos.nrrd", &volume);
     assert!(
         read.notes[0].contains("which the file's name states"),
         "{:?}",
@@ -245,15 +249,15 @@ fn values_that_totalsegmentator_does_not_have_are_read_only_as_a_whole_body() {
         assert_eq!(segmentation.warnings, ["TotalSegmentator has no label 200 (150.00 ml)"]);
     }
     let body = [
-        (1, 200),
-        (3, 160),
-        (5, 1178),
-        (201, 900),
-        (202, 900),
-        (204, 200),
-        (205, 300),
+        (1, "spleen"),
+        (3, "kidney_left"),
+        (5, "liver"),
+        (201, "colon"),
+        (202, "vertebrae"),
+        (204, "stomach"),
+        (205, "duodenum"),
     ];
-    let segmentation = read(organs(&body), Preset::Auto);
+    let segmentation = read(torso(&body), Preset::Auto);
     let expected = [(201, "fat"), (202, "soft_tissue"), (204, "skin"), (205, "muscle")];
     assert_eq!(names(&segmentation)[3..], expected);
     assert!(segmentation.warnings.is_empty(), "{:?}", segmentation.warnings);
@@ -262,10 +266,11 @@ fn values_that_totalsegmentator_does_not_have_are_read_only_as_a_whole_body() {
 #[test]
 fn weak_evidence_warns_and_names_nothing() {
     let folder = Folder::new();
-    let small = opened(&folder.save("scan.nrrd", &organs(&[(6, 1178), (5, 13)])));
+    let small = opened(&folder.save("scan.nrrd", &organs(&[(6, 1178), (5, 30)])));
     assert_eq!(names(&small), [(5, "-"), (6, "-")]);
     assert!(
-        small.warnings[0].contains("may have the numbers of BTCV (5 esophagus, 6 liver) on weak evidence; all stay without a name, as soft tissue: name"),
+        small.warnings[0]
+            .contains("on weak evidence; those of BTCV, AMOS fit as well; all stay without a name, as soft tissue: 5 "),
         "{:?}",
         small.warnings
     );
@@ -281,18 +286,26 @@ fn weak_evidence_warns_and_names_nothing() {
 
 #[test]
 fn grey_levels_as_labels_stay_without_names() {
-    // CHAOS numbers the organs of its MR images by grey levels.
     let levels = [
         (63, "liver"),
         (126, "kidney_right"),
-        (189, "kidney_left"),
-        (252, "spleen"),
+        (190, "kidney_left"),
+        (254, "spleen"),
     ];
     let read = named("a.nrrd", &torso(&levels));
-    assert_eq!(names(&read), [(63, "-"), (126, "-"), (189, "-"), (252, "-")]);
+    assert_eq!(names(&read), [(63, "-"), (126, "-"), (190, "-"), (254, "-")]);
     assert!((1..=4).all(|index| tissue(&read, index) == "soft_tissue"));
     assert!(
-        read.warnings.iter().any(|warning| warning.contains("252")),
+        read.warnings.iter().any(|warning| warning.contains("254")),
+        "{:?}",
+        read.warnings
+    );
+    // Near miss: CHAOS numbers the organs of its MR images by grey levels.
+    let chaos = levels.map(|(value, name)| (value / 63 * 63, name));
+    let read = named("a.nrrd", &torso(&chaos));
+    assert_eq!(
+        (preset(&read), read.warnings.len()),
+        (Some(Preset::Chaos), 0),
         "{:?}",
         read.warnings
     );
