@@ -34,6 +34,8 @@ pub struct Naming<'a> {
     pub preset: Preset,
     /// Values of labels that need no name.
     pub claimed: &'a [i64],
+    /// Names of labels that keep them.
+    pub claimed_names: &'a [String],
 }
 
 /// A label volume with named labels.
@@ -121,8 +123,9 @@ pub fn open_on(path: &Path, naming: &Naming, resolution_mm: Option<f64>) -> Resu
     segmentation.name_mask(stem.as_deref());
     let extents = Extents::of(&segmentation.volume);
     // Values missing from a table belong to its own numbering.
-    if !by_table || naming.preset != Preset::Auto {
-        segmentation.name_body(naming, &extents);
+    let has_table = by_table && naming.preset == Preset::Auto;
+    segmentation.name_body(naming, &extents, has_table);
+    if !has_table {
         segmentation
             .warnings
             .extend(segmentation.nameless_mask(stem.as_deref(), naming));

@@ -2,9 +2,10 @@
 
 use super::extent::Extents;
 use super::{Naming, Segmentation};
-use crate::acoustics::Preset;
-use crate::volume::complete::has_body_values;
+use crate::acoustics::{Preset, fallback, known};
+use crate::volume::complete::{has_body_values, is_body};
 use crate::volume::{Label, LabelVolume, VolumeError};
+use insonify_base::document::plain;
 
 /// Values that files use for the background in place of 0, or for what is not to be looked at.
 const BACKGROUNDS: [i64; 2] = [-1, 255];
@@ -48,8 +49,9 @@ impl Segmentation {
         Ok(())
     }
 
-    /// Names a label without a name that is as large as a body and encloses all others.
-    pub(super) fn name_body(&mut self, naming: &Naming, extents: &Extents) {
+    /// Names a label that is as large as a body and encloses all others: one without a name, or of a name that is that of
+    /// no organ, or of the skin, which is filled.
+    pub(super) fn name_body(&mut self, naming: &Naming, extents: &Extents, has_table: bool) {
         if naming.preset != Preset::Auto || has_body_values(&self.volume) {
             return;
         }
@@ -60,7 +62,7 @@ impl Segmentation {
         let present: Vec<usize> = (1..volume.labels().len())
             .filter(|label| volume.holds(*label))
             .collect();
-        let is_body = |&label: &usize| {
+        let encloses_all = |&label: &usize| {
             let extent = &extents.labels[label];
             let sides = extent.voxels.map(|[first, last]| last + 1 - first);
             let fill = volume.labels()[label].voxels as f64 / sides.iter().product::<usize>() as f64;
@@ -69,27 +71,50 @@ impl Segmentation {
                 let other = &extents.labels[*other].voxels;
                 (0..3).all(|axis| extent.voxels[axis][0] <= other[axis][0] && other[axis][1] <= extent.voxels[axis][1])
             };
-            let is_large = (through && extent.ml >= BODY_ML[0]) || (present.len() == 1 && extent.ml >= BODY_ML[1]);
+            let is_named = volume.labels()[label].name.is_some();
+            let is_large = if present.len() == 1 {
+                extent.ml >= BODY_ML[1] || (through && extent.ml >= BODY_ML[0])
+            } else {
+                (through || is_named) && extent.ml >= BODY_ML[0]
+            };
             is_large
                 && surrounding(volume).map(usize::from) != Some(label)
                 && fill >= BODY_FILL
                 && present.iter().all(encloses)
         };
-        let nameless: Vec<usize> = self.nameless(naming).collect();
-        if let Some(label) = nameless
-            .into_iter()
-            .filter(|label| present.contains(label))
-            .find(is_body)
-        {
-            let Label { value, .. } = self.volume.labels()[label];
-            let ml = extents.labels[label].ml;
-            self.notes.push(format!(
-                "label {value} is taken for the body: {:.1} l that enclose all other labels",
-                ml / 1000.0
-            ));
-            self.volume.name(label, BODY.to_owned());
-        }
+        let may_be_body = |&label: &usize| {
+            let Label { value, name, .. } = &volume.labels()[label];
+            match name {
+                None => !has_table && !naming.claimed.contains(value),
+                Some(name) => !naming.claimed_names.contains(name) && !naming.claimed.contains(value) && is_vague(name),
+            }
+        };
+        let labels = || present.iter().copied();
+        let has_body = labels().any(|label| {
+            let name = volume.labels()[label].name.as_deref();
+            name.is_some_and(|name| is_body(name) && !is_vague(name))
+        });
+        let Some(label) = labels().filter(may_be_body).find(encloses_all).filter(|_| !has_body) else {
+            return;
+        };
+        let Label { value, name, .. } = &self.volume.labels()[label];
+        let shown = match name {
+            Some(name) => format!("label {value} ({name})"),
+            None => format!("label {value}"),
+        };
+        let ml = extents.labels[label].ml;
+        self.notes.push(format!(
+            "{shown} is taken for the body: {:.1} l that enclose all other labels",
+            ml / 1000.0
+        ));
+        self.volume.name(label, BODY.to_owned());
     }
+}
+
+/// Whether a name is that of no organ, or of the skin, whose inside files often have with it.
+fn is_vague(name: &str) -> bool {
+    plain(name) != BODY
+        && known(name).is_none_or(|(tissue, _)| ["skin", &fallback().name].contains(&tissue.name.as_ref()))
 }
 
 /// Label of all corners of a volume.

@@ -241,10 +241,16 @@ impl SceneFile {
         let path = base.join(spec.file.as_deref().unwrap_or(Path::new("")));
         let table = spec.names.as_ref().map(|names| Names::read(&base.join(names)));
         let claimed: Vec<i64> = self.tissue.iter().flat_map(|tissue| tissue.labels.clone()).collect();
+        let claimed_names: Vec<String> = self
+            .tissue
+            .iter()
+            .flat_map(|tissue| tissue.label_names.clone())
+            .collect();
         let naming = Naming {
             names: table.transpose().at(self, "volume.names")?,
             preset: spec.preset.unwrap_or_default(),
             claimed: &claimed,
+            claimed_names: &claimed_names,
         };
         let fault = |error: VolumeError| self.fault(format!("volume.{}", error.key().unwrap_or("file")), error);
         let opened = stage::during("reading labels", || open_on(&path, &naming, spec.resolution_mm)).map_err(fault)?;

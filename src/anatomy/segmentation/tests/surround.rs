@@ -74,3 +74,67 @@ fn a_background_that_is_not_0_is_guessed_and_told() {
     let inner = named("a.nrrd", &torso(&[(1, "liver"), (255, "spleen")]));
     assert_eq!(inner.volume.labels().len(), 3);
 }
+
+#[test]
+fn what_encloses_all_other_labels_is_the_body_whatever_its_name() {
+    let folder = Folder::new();
+    let size = [40, 30, 20];
+    let at = |offset: usize| [offset % size[0], offset / size[0] % size[1], offset / size[0] / size[1]];
+    let radius = |[x, y, _]: [usize; 3]| (x as f64 - 20.0).hypot(y as f64 - 15.0);
+    let masks = |name: &str, inside: &dyn Fn([usize; 3]) -> bool| {
+        let path = folder.path(name);
+        fs::create_dir(&path).unwrap();
+        let mask = |file: &str, inside: &dyn Fn([usize; 3]) -> bool| {
+            let voxels: Vec<u8> = (0..size.iter().product())
+                .map(|offset| u8::from(inside(at(offset))))
+                .collect();
+            let count = voxels.iter().filter(|voxel| **voxel > 0).count();
+            save(&volume(size, voxels, &[(1, count)], 10.0), &path.join(file)).unwrap();
+        };
+        mask(&format!("{name}.nii"), inside);
+        mask("liver.nii", &|place @ [_, _, z]| {
+            radius(place) < 6.0 && (5..15).contains(&z)
+        });
+        opened(&path)
+    };
+    let filled = |place: [usize; 3]| radius(place) < 14.0;
+    for name in ["External", "Haut", "Body_contour", "skin", "outline"] {
+        let read = masks(name, &filled);
+        let is_body = |label: &Label| label.name.as_deref() == Some("body");
+        assert!(read.volume.labels().iter().any(is_body), "{name}: {:?}", names(&read));
+        let told = format!("({name}) is taken for the body: ");
+        assert!(
+            read.notes.iter().any(|note| note.contains(&told)),
+            "{name}: {:?}",
+            read.notes
+        );
+        let completed = complete(&read.volume, &CompleteOptions::default()).unwrap();
+        assert!(
+            completed.note.contains("nothing was filled"),
+            "{name}: {}",
+            completed.note
+        );
+    }
+    // Near misses: a shell, what encloses not all, and an organ.
+    let shell = |place: [usize; 3]| (12.5..14.0).contains(&radius(place));
+    let beside = |place: [usize; 3]| filled(place) && place[0] < 20;
+    for (name, inside) in [
+        ("Skin", &shell as &dyn Fn([usize; 3]) -> bool),
+        ("Couch", &beside),
+        ("fat", &filled),
+    ] {
+        let read = masks(name, inside);
+        assert!(
+            names(&read).iter().any(|(_, kept)| *kept == name),
+            "{name}: {:?}",
+            names(&read)
+        );
+    }
+    let path = folder.path("External");
+    let naming = Naming {
+        claimed_names: &["External".to_owned()],
+        ..Naming::default()
+    };
+    let claimed = open(&path, &naming).unwrap();
+    assert!(names(&claimed).iter().any(|(_, name)| *name == "External"));
+}
